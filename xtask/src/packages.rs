@@ -18,8 +18,6 @@ const LIBRARIES: [&str; 3] = ["armwire", "armwire-bridge", "armwire-sim"];
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// What each package must have besides its sources.
 const FILES: [&str; 3] = ["README.md", "LICENSE-MIT", "LICENSE-APACHE"];
-/// The pages of the repository that tests of `armwire-cli` read, in the folder around the package.
-const PAGES: [&str; 3] = ["README.md", "docs/can.md", "docs/update.md"];
 
 /// Packages the crates, tests each from its `.crate` file, and builds and runs the examples of their READMEs with these
 /// alone.
@@ -65,10 +63,6 @@ fn test(crates: &Path) -> Result<()> {
     );
     fs::write(crates.join("Cargo.toml"), workspace)?;
     fs::copy(root().join("Cargo.lock"), crates.join("Cargo.lock"))?;
-    fs::create_dir_all(crates.join("docs"))?;
-    for page in PAGES {
-        fs::copy(root().join(page), crates.join(page))?;
-    }
     run(&mut in_folder("test --quiet --features armwire/async", crates)?)
 }
 

@@ -3,15 +3,14 @@
 use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
 use armwire_sim::pty::Pty;
-use crc::{CRC_32_JAMCRC, Crc};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
-use crate::common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
+use crate::common::dfu::{image, tools, update};
+use crate::common::{PROGRAM, failure, finish, run, start, success, usage};
 
 /// The configuration from the factory, as it is shown.
 const FACTORY: &str = "\
@@ -303,58 +302,6 @@ fn what_has_no_control_port_is_told() {
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
     let text = usage(&["info", &board.port, "--control", "tcp:localhost"]);
     assert!(text.contains("'localhost' has no port"), "{text}");
-}
-
-/// A firmware for a board of this name, as a DfuSe file.
-fn image(board: &str) -> Vec<u8> {
-    let mut program = vec![0; 256];
-    program[..8].copy_from_slice(&[0, 0, 2, 0x20, 0xA1, 1, 0, 8]);
-    let mut elements = 0x0800_0000_u32.to_le_bytes().to_vec();
-    elements.extend(256_u32.to_le_bytes());
-    elements.extend(program);
-    let mut name = board.as_bytes().to_vec();
-    name.resize(255, 0);
-    let mut file = b"DfuSe\x01".to_vec();
-    file.extend((285 + elements.len() as u32).to_le_bytes());
-    file.extend(b"\x01Target\x00\x01\0\0\0");
-    file.extend(name);
-    file.extend((elements.len() as u32).to_le_bytes());
-    file.extend(1_u32.to_le_bytes());
-    file.extend(elements);
-    file.extend(b"\xFF\xFF\x11\xDF\x83\x04\x1A\x01UFD\x10");
-    file.extend(Crc::<u32>::new(&CRC_32_JAMCRC).checksum(&file).to_le_bytes());
-    file
-}
-
-/// A folder with a `dfu-util` that sees a boot loader while that file is there, and writes down what it is told to do.
-fn tools(name: &str, boot_loader: &Path, exit: i32) -> std::path::PathBuf {
-    let folder = free_path(name);
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir(&folder).unwrap();
-    let (boot_loader, log) = (boot_loader.display(), folder.join("log"));
-    let script = format!(
-        "#!/bin/sh\n\
-         case \"$*\" in\n\
-         --list) [ ! -e {boot_loader} ] || echo 'Found DFU: [0483:df11] ver=2200' ;;\n\
-         *:leave) echo \"$*\" >> {log}; rm {boot_loader}; exit 74 ;;\n\
-         *) echo \"$*\" >> {log}; exit {exit} ;;\n\
-         esac\n",
-        log = log.display()
-    );
-    fs::write(folder.join("dfu-util"), script).unwrap();
-    fs::set_permissions(folder.join("dfu-util"), Permissions::from_mode(0o755)).unwrap();
-    folder
-}
-
-/// Updates the board with this image, with the programs of that folder and `rm`.
-fn update(board: &Board, image: &Path, folder: &Path) -> Output {
-    let path = format!("{}:/bin:/usr/bin", folder.display());
-    finish(start(
-        Command::new(PROGRAM)
-            .args(["update", &board.control])
-            .arg(image)
-            .env("PATH", path),
-    ))
 }
 
 #[test]

@@ -17,7 +17,6 @@ mod list;
 mod monitor;
 mod motion;
 mod pty;
-mod readme;
 mod sim_xarm;
 mod tcp;
 mod versions;

@@ -2,6 +2,7 @@
 
 pub(crate) mod adapter;
 pub(crate) mod board;
+pub(crate) mod dfu;
 pub(crate) mod terminal;
 
 use std::fs;

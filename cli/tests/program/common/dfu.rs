@@ -1,0 +1,64 @@
+//! Updates of an adapter: a firmware to write, and a `dfu-util` that writes nothing.
+
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use crc::{CRC_32_JAMCRC, Crc};
+
+use super::board::Board;
+use super::{PROGRAM, finish, free_path, start};
+
+/// A firmware for a board of this name, as a DfuSe file.
+pub(crate) fn image(board: &str) -> Vec<u8> {
+    let mut program = vec![0; 256];
+    program[..8].copy_from_slice(&[0, 0, 2, 0x20, 0xA1, 1, 0, 8]);
+    let mut elements = 0x0800_0000_u32.to_le_bytes().to_vec();
+    elements.extend(256_u32.to_le_bytes());
+    elements.extend(program);
+    let mut name = board.as_bytes().to_vec();
+    name.resize(255, 0);
+    let mut file = b"DfuSe\x01".to_vec();
+    file.extend((285 + elements.len() as u32).to_le_bytes());
+    file.extend(b"\x01Target\x00\x01\0\0\0");
+    file.extend(name);
+    file.extend((elements.len() as u32).to_le_bytes());
+    file.extend(1_u32.to_le_bytes());
+    file.extend(elements);
+    file.extend(b"\xFF\xFF\x11\xDF\x83\x04\x1A\x01UFD\x10");
+    file.extend(Crc::<u32>::new(&CRC_32_JAMCRC).checksum(&file).to_le_bytes());
+    file
+}
+
+/// A folder with a `dfu-util` that sees a boot loader while that file is there, and writes down what it is told to do.
+pub(crate) fn tools(name: &str, boot_loader: &Path, exit: i32) -> PathBuf {
+    let folder = free_path(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir(&folder).unwrap();
+    let (boot_loader, log) = (boot_loader.display(), folder.join("log"));
+    let script = format!(
+        "#!/bin/sh\n\
+         case \"$*\" in\n\
+         --list) [ ! -e {boot_loader} ] || echo 'Found DFU: [0483:df11] ver=2200' ;;\n\
+         *:leave) echo \"$*\" >> {log}; rm {boot_loader}; exit 74 ;;\n\
+         *) echo \"$*\" >> {log}; exit {exit} ;;\n\
+         esac\n",
+        log = log.display()
+    );
+    fs::write(folder.join("dfu-util"), script).unwrap();
+    fs::set_permissions(folder.join("dfu-util"), Permissions::from_mode(0o755)).unwrap();
+    folder
+}
+
+/// Updates the board with this image in that folder, with the programs of that folder and `rm`.
+pub(crate) fn update(board: &Board, image: &Path, folder: &Path) -> Output {
+    let path = format!("{}:/bin:/usr/bin", folder.display());
+    finish(start(
+        Command::new(PROGRAM)
+            .args(["update", &board.control])
+            .arg(image)
+            .current_dir(folder)
+            .env("PATH", path),
+    ))
+}
