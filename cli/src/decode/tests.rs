@@ -1,6 +1,6 @@
 //! Recordings and logs, decoded whole and in pieces.
 
-use std::io;
+use std::io::{self, Write};
 
 use armwire::ling::legacy::{Firmware, JointState, Legacy, Response, SERVOS};
 use armwire::messages::Messages;
@@ -155,4 +155,59 @@ fn the_older_generation_is_told_behind_noise() {
         lines.last().unwrap(),
         &format!("bytes: {}, frames: 3, noise bytes: 1500", 1500 + 3 * n)
     );
+}
+
+/// Somewhere for entries to go without being kept.
+struct Nowhere;
+
+impl Output for Nowhere {
+    fn entry(&self, entry: fmt::Arguments<'_>) -> io::Result<()> {
+        write!(io::sink(), "{entry}")
+    }
+}
+
+#[test]
+fn memory_does_not_grow_with_a_recording() {
+    /// In bytes: the buffers of input, bytes and window are half of it.
+    const MAX_MEMORY: u64 = 512 * 1024;
+    const TOTAL: usize = 1024 * 1024;
+    let state = [0, 9, 0, 2, 0, 3, 13, 0x10, 4];
+    let heartbeat = [0, 0, 0, 1, 0, 2, 0, 0];
+    let longest = [&[0, 1, 0, 2, 1, 0, 1, 0x10][..], &[b'x'; 254]].concat();
+    let stopped = [0xF2, 0x2F, 0xAA, 0xED];
+    let hardware = *b"\xF1\x1F\x0CAlpha1_V2.0h\xED";
+    let joints = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+    let damaged = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF];
+    for (arm, from, stream) in [
+        (ArmKind::Xarm, Speaker::Arm, [&state[..], &longest].concat()),
+        (ArmKind::Xarm, Speaker::Host, heartbeat.to_vec()),
+        (
+            ArmKind::Alpha1,
+            Speaker::Arm,
+            [&stopped[..], &hardware, &[0; 44]].concat(),
+        ),
+        (ArmKind::Alpha1, Speaker::Host, vec![0xF3, 0x3F, 60]),
+        (ArmKind::Alpha1, Speaker::Arm, vec![0]),
+        (ArmKind::Alpha1, Speaker::Arm, vec![0x11]),
+        (ArmKind::Alpha1, Speaker::Arm, vec![0xF1]),
+        (
+            ArmKind::Ling,
+            Speaker::Host,
+            [&joints[..], &damaged, &[0x11; 3]].concat(),
+        ),
+        (ArmKind::Ling, Speaker::Host, vec![0xAA]),
+    ] {
+        let recording = stream.repeat(TOTAL / stream.len());
+        let measured = allocation_counter::measure(|| {
+            let source = Box::new(Pieces(&recording, usize::MAX));
+            let input = Input::new("log".to_owned(), source, &Nowhere);
+            decode_input(input, &Nowhere, Some(Format::Raw), arm, Some(from)).unwrap();
+        });
+        let memory = measured.bytes_max;
+        assert!(
+            memory < MAX_MEMORY,
+            "{arm:?} with {:02X?}: {memory} bytes",
+            &stream[..1]
+        );
+    }
 }
