@@ -42,6 +42,7 @@ pub struct Start {
 /// An event of the UART.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum UartEvent {
     /// The line has been idle for one byte time: received bytes become due. Pass the bytes that arrived before to
     /// [`uart_received`](Bridge::uart_received) first.
@@ -56,6 +57,7 @@ pub enum UartEvent {
 /// An event of the USB device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum UsbEvent {
     /// The bus was reset, by a new host or the same one. Queued bytes for the last host are dropped and counted as
     /// unheard. Queued bytes from it still go out: they were accepted.
@@ -75,6 +77,7 @@ pub enum UsbEvent {
 /// An event of the CAN controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum CanEvent {
     /// Number of handed-over frames that the controller still holds. It sends them in the order of arrival.
     Waiting(u8),

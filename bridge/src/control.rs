@@ -49,6 +49,7 @@ pub struct FromHost {
 
 /// A host's requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Request {
     /// Identifies the adapter. Answered by [`Reply::Identity`].
     Identify,
@@ -172,6 +173,7 @@ pub struct Stamp(pub u64);
 /// The adapter's answers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "one at a time, and no heap to put it on")]
+#[non_exhaustive]
 pub enum Reply {
     /// The request was executed.
     Done,
@@ -214,6 +216,7 @@ pub struct LineState {
 
 /// The exclusive user of the line to the arm. Polls and CAN are [refused](Refusal::LineHeld) meanwhile.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum LineHolder {
     /// No holder: all initiators take turns.
     #[default]
@@ -226,6 +229,7 @@ pub enum LineHolder {
 
 /// The reason for a failed request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Failure {
     /// The configuration could not be written to flash.
     Flash,
@@ -274,6 +278,7 @@ pub struct ArmIdentity {
 
 /// An event for subscribers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Event {
     /// The arm sent a frame.
     Frame {
@@ -330,6 +335,7 @@ impl Initiator {
 /// The reason for a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Refusal {
     /// The queue is full.
     QueueFull,

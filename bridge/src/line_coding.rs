@@ -83,6 +83,7 @@ pub enum StopBits {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Refused {
     /// A baud rate outside [`MIN_BAUD`] to [`MAX_BAUD`].
     Baud(u32),

@@ -20,6 +20,7 @@ pub(crate) fn describe(line: &LineState) -> Option<String> {
             rate(waiting)
         ),
         (LineHolder::Nobody, _) => return None,
+        (other, _) => format!("{coding}, held by {other:?}: {refused}"),
     })
 }
 

@@ -103,6 +103,7 @@ fn timed_out(sends: &u8, f: &mut fmt::Formatter<'_>) -> fmt::Result {
 /// Counts of received frames and bytes other than answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Counters {
     /// Bytes that were not part of a frame.
     pub noise_bytes: u32,

@@ -344,13 +344,9 @@ fn the_answer_to_a_dropped_call_satisfies_no_other() {
     assert!(run_for(&world, Duration::from_micros(50), arm.read_joints()).is_none());
     let state = run(&world, arm.read_joints()).unwrap();
     assert_eq!(state.joints, [2002; 6], "the answer to the second request");
-    assert_eq!(
-        arm.counters(),
-        Counters {
-            late: 1,
-            ..Counters::default()
-        }
-    );
+    let mut expected = Counters::default();
+    expected.late = 1;
+    assert_eq!(arm.counters(), expected);
 }
 
 #[test]

@@ -53,6 +53,7 @@ impl Rates {
 
 /// How often each fault has happened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Injected {
     /// Bytes that did not arrive.
     pub dropped: u64,

@@ -22,6 +22,7 @@ pub trait SerialDevice {
 
 /// What a device has heard, since it was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Counters {
     /// Bytes.
     pub bytes: u64,

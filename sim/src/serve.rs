@@ -14,6 +14,7 @@ const NOTICE: Duration = Duration::from_millis(100);
 
 /// What went over a pty.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Served {
     /// Bytes from clients to the device.
     pub received: u64,

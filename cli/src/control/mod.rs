@@ -172,6 +172,7 @@ fn why(failure: Failure) -> String {
             format!("not saved: so many saves would wear the flash out; the next may come in {wait_s} s")
         }
         Failure::SupplyLow => "not saved: the adapter's 3.3 V supply is below 2.9 V, too low to write flash".to_owned(),
+        other => format!("refused: {other:?}"),
     }
 }
 

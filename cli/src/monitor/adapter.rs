@@ -111,5 +111,6 @@ fn told(event: &Event) -> Option<String> {
         Event::Refused { initiator, reason } => format!("a request of {initiator} was refused: {reason}"),
         Event::BusOff { off: true } => "the adapter has left the CAN bus, for there are too many errors".to_owned(),
         Event::BusOff { off: false } => "the adapter is back on the CAN bus".to_owned(),
+        other => format!("{other:?}"),
     })
 }

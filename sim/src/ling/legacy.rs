@@ -39,6 +39,7 @@ impl Default for Config {
 
 /// What an arm of the older generation has heard and said, since it was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Counters {
     /// Bytes it was sent. It should be sent none.
     pub bytes: u64,

@@ -245,6 +245,7 @@ pub struct Malformed {
 
 /// What is wrong with a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Cause {
     /// No line begins like that.
     Unknown,

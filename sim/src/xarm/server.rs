@@ -80,6 +80,7 @@ pub enum Port {
 
 /// What happens to a server's clients, as it happens.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum Notice {
     /// A client connected.
     Connected(SocketAddr, Port),
@@ -131,6 +132,7 @@ impl fmt::Display for Notice {
 
 /// What was served.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Served {
     /// Clients that connected, to either port.
     pub clients: u64,
