@@ -258,6 +258,7 @@ fn values(u: &mut Unstructured<'_>) -> Result<()> {
                 Refused::DataBits(_) => "data bits",
                 Refused::Parity(_) => "parity",
                 Refused::StopBits(_) => "stop bits",
+                other => panic!("a new reason has no word here: {other}"),
             };
             assert!(refused.to_string().contains(what));
         }
