@@ -49,7 +49,6 @@ pub struct FromHost {
 
 /// A host's requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[non_exhaustive]
 pub enum Request {
     /// Identifies the adapter. Answered by [`Reply::Identity`].
     Identify,
