@@ -105,6 +105,7 @@ impl Release {
         self.add_c_library()?;
         self.add_licences()?;
         self.add_bills_of_materials()?;
+        self.add_origin()?;
         check_paths(&folder)?;
         add_checksums(&folder)?;
         self.pack()
@@ -177,7 +178,11 @@ impl Release {
             ))?;
             run(about.arg(folder.join(format!("{program}.txt"))).arg("about.hbs"))?;
         }
-        Ok(())
+        // Rust's own libraries have theirs with the compiler.
+        copy(
+            &sysroot()?.join("share/doc/rust/COPYRIGHT-library.html"),
+            &folder.join("rust-libraries.html"),
+        )
     }
 
     /// The crates that the programs are made of, as CycloneDX.
@@ -219,6 +224,15 @@ impl Release {
         ]
     }
 
+    /// The commit and the compiler, for whoever makes the release again.
+    fn add_origin(&self) -> Result<()> {
+        let compiler = output(rustc().arg("-vV"))?;
+        write(
+            &self.folder().join("BUILD"),
+            &format!("commit: {}\n{compiler}", self.commit),
+        )
+    }
+
     fn pack(&self) -> Result<()> {
         let archive = self.archive(&self.dist);
         let mut tar = Command::new("tar");
@@ -240,8 +254,7 @@ impl Release {
 
     /// Has a command, or a cargo that it starts, build in [`Self::build_dir`] and write no path and no time of this machine.
     fn reproducible<'a>(&self, command: &'a mut Command) -> Result<&'a mut Command> {
-        let sysroot = output(rustc().args(["--print", "sysroot"]))?;
-        let library = Path::new(sysroot.trim()).join("lib/rustlib/src/rust");
+        let library = sysroot()?.join("lib/rustlib/src/rust");
         let build_dir = self.build_dir();
         // The last that fits is taken.
         let flags = [
@@ -283,14 +296,18 @@ impl Release {
 
 /// No file names a folder of this machine.
 fn check_paths(folder: &Path) -> Result<()> {
-    let sysroot = output(rustc().args(["--print", "sysroot"]))?;
     let mut grep = Command::new("grep");
     grep.args(["--recursive", "--text", "--files-with-matches", "--fixed-strings"]);
-    for path in [root(), &*cargo_home()?, Path::new(sysroot.trim())] {
+    for path in [root(), &*cargo_home()?, &*sysroot()?] {
         grep.arg("-e").arg(path);
     }
     // 1: it finds nothing.
     run_to(&[1], grep.arg(folder)).context("the files above name folders of this machine")
+}
+
+/// The folder of the compiler.
+fn sysroot() -> Result<PathBuf> {
+    Ok(output(rustc().args(["--print", "sysroot"]))?.trim_end().into())
 }
 
 fn cargo_home() -> Result<PathBuf> {
