@@ -18,7 +18,7 @@ pub(crate) struct Place {
     /// device (hid:VID:PID or hid:NAME where there are several). For xarm the host, such as 192.168.1.10 or
     /// 192.168.1.10:502.
     pub(crate) port: String,
-    /// Which arm it is.
+    /// Kind of arm.
     #[arg(long, value_enum, default_value_t)]
     pub(crate) arm: ArmKind,
     #[command(flatten)]
@@ -64,8 +64,7 @@ impl Place {
 #[derive(Args)]
 pub(crate) struct ArmPort {
     /// The arm's serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or
-    /// slcan:PORT@BITRATE/NODE, an adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux; or, for
-    /// an alpha1 that is a HID device, hid: (hid:VID:PID or hid:NAME where there are several).
+    /// slcan:PORT@BITRATE/NODE, an adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux.
     port: Port,
     #[command(flatten)]
     baud: Baud,
@@ -80,8 +79,8 @@ impl ArmPort {
 /// The baud rate of a serial port.
 #[derive(Args)]
 pub(crate) struct Baud {
-    /// Baud rate of the serial port; 1000000 for ling and 115200 for alpha1 unless you say otherwise; a ling arm of the
-    /// older generation may need 921600.
+    /// Baud rate of the serial port. Default: 1000000 for ling, 115200 for alpha1. A ling arm of the older generation may
+    /// need 921600.
     #[arg(long)]
     pub(crate) baud: Option<NonZeroU32>,
 }

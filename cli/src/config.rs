@@ -26,21 +26,21 @@ pub(crate) struct Configure {
 /// What is done. Each prints the configuration that is in force then.
 #[derive(Clone, Subcommand)]
 enum Action {
-    /// Print the configuration in force, as `set` takes it. This is done unless you say otherwise.
+    /// Print the configuration in force, as `set` takes it (default).
     Show,
-    /// Change settings, until the next start of the adapter unless they are saved.
+    /// Change settings. Unless saved, they last until the next start of the adapter.
     #[command(after_help = help())]
     Set {
-        /// Such as poll=200 or can.node=3; `armwire config help set` lists them.
+        /// Settings, such as poll=200 can.node=3.
         #[arg(required = true, value_name = "KEY=VALUE", value_parser = setting)]
         settings: Vec<Setting>,
-        /// Keep the whole configuration for later starts, too.
+        /// Save the whole configuration for later starts.
         #[arg(long)]
         save: bool,
     },
-    /// Keep the configuration in force for later starts, too.
+    /// Save the configuration in force for later starts.
     Save,
-    /// Forget what was saved, and be as from the factory.
+    /// Erase the saved configuration and return to that from the factory.
     Reset,
 }
 
@@ -59,37 +59,37 @@ struct Key {
 static KEYS: [Key; 11] = [
     Key {
         name: "arm",
-        help: "what hangs on the UART",
+        help: "kind of arm on the UART",
         values: "ling, alpha1, alpha1-servo or raw",
         field: |config| Field::Arm(&mut config.arm),
     },
     Key {
         name: "poll",
-        help: "how often the adapter asks the arm by itself",
+        help: "rate of the adapter's own polls",
         values: "off, fastest, or a rate in hertz, 1 to 1000",
         field: |config| Field::Poll(&mut config.poll),
     },
     Key {
         name: "can.node",
-        help: "which of the adapters on the bus this one is",
+        help: "number of this adapter on the bus",
         values: "a node id, 0 to 15",
         field: |config| Field::Node(&mut config.can.node),
     },
     Key {
         name: "can.bit-rate",
-        help: "the bit rate of the bus",
+        help: "bit rate of the bus",
         values: "a number of bits per second: 125000, 250000, 500000 or 1000000",
         field: |config| Field::Long(&mut config.can.bit_rate),
     },
     Key {
         name: "can.data-bit-rate",
-        help: "CAN FD, on boards that have it, and the bit rate of its data phase",
+        help: "CAN FD, on boards that have it: bit rate of its data phase",
         values: "off, or a number of bits per second: 1000000, 2000000, 4000000, 5000000",
         field: |config| Field::DataBitRate(&mut config.can.data_bit_rate),
     },
     Key {
         name: "can.telemetry-hz",
-        help: "how often the arm's newest state goes out in cyclic frames",
+        help: "rate of cyclic frames with the arm's newest state",
         values: "a rate in hertz, 0 for never, up to 1000",
         field: |config| Field::Short(&mut config.can.telemetry_hz),
     },
@@ -101,25 +101,25 @@ static KEYS: [Key; 11] = [
     },
     Key {
         name: "can.command-timeout-ms",
-        help: "after how long a stream of commands counts as ended",
+        help: "silence that ends a stream of commands",
         values: "a time in milliseconds, 1 to 10000",
         field: |config| Field::Short(&mut config.can.command_timeout_ms),
     },
     Key {
         name: "can.unsolicited",
-        help: "whether what the arm says unasked goes out on CAN",
+        help: "whether the arm's unsolicited frames go out on CAN",
         values: "on or off",
         field: |config| Field::Switch(&mut config.can.unsolicited),
     },
     Key {
         name: "silence.after-ms",
-        help: "after how long a host that streamed motion counts as silent",
+        help: "pause after which a host that streamed motion counts as silent",
         values: "a time in milliseconds, 0 for never, up to 65535",
         field: |config| Field::Short(&mut config.host_timeout.after_ms),
     },
     Key {
         name: "silence.torque-off",
-        help: "whether the torque is switched off then, so that the arm may fall",
+        help: "whether the torque goes off then, so that the arm may fall",
         values: "on or off",
         field: |config| Field::Switch(&mut config.host_timeout.torque_off),
     },

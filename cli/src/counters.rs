@@ -16,10 +16,10 @@ const BAR: u64 = 40;
 pub(crate) struct Counters {
     #[command(flatten)]
     adapter: AdapterPort,
-    /// Only counters that are not zero, and only latencies that were measured.
+    /// Print only counters that are not zero and latencies that were measured.
     #[arg(long, conflicts_with = "json")]
     brief: bool,
-    /// As one JSON object.
+    /// Print one JSON object.
     #[arg(long)]
     json: bool,
 }

@@ -42,6 +42,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
+use terminal_size::Width;
 
 pub use args::ArmKind;
 pub use decode::{Speaker, decode};
@@ -86,21 +87,21 @@ enum Command {
     Decode(decode::Decode),
     /// Show or change an adapter's configuration.
     Config(config::Configure),
-    /// Show all that an adapter has counted, and how long things took.
+    /// Show an adapter's counters and latencies.
     Counters(counters::Counters),
     /// Hold the line to the arm for USB alone, until Ctrl-C: no polls, no CAN, no torque-off. For updates of the arm's own
     /// firmware.
     Hold(hold::Hold),
-    /// Give an adapter another firmware, over USB with dfu-util.
+    /// Update an adapter's firmware, over USB with dfu-util.
     Update(update::Update),
     /// Print the completions of a shell, for its start file.
     Completions {
-        /// Which shell.
+        /// Shell.
         shell: Shell,
     },
     /// Write the manual pages into a folder.
     Man {
-        /// The folder, which has to be there.
+        /// Existing folder.
         folder: PathBuf,
     },
 }
@@ -125,10 +126,13 @@ pub fn main() -> ExitCode {
 
 /// The commands, with a help as wide as the terminal, or 80 columns where its width is unknown.
 fn command() -> clap::Command {
+    /// On a narrower terminal a second column would have a word in each line.
+    const TWO_COLUMNS: u16 = 60;
     let command = Cli::command();
     match terminal_size::terminal_size() {
+        Some((Width(width), _)) => command.next_line_help(width < TWO_COLUMNS),
         None if std::env::var_os("COLUMNS").is_none() => command.term_width(80),
-        _ => command,
+        None => command,
     }
 }
 

@@ -18,9 +18,10 @@ use crate::{available, config, hid, legacy};
 /// The arguments of `armwire list`.
 #[derive(Args)]
 pub(crate) struct List {
-    /// Ports to list, too, and to ask for their arm, such as that of a virtual arm.
+    /// Further ports to list and to ask for their arm, such as that of a virtual arm.
     ports: Vec<String>,
-    /// Ask on every serial port and HID device which arm is there. What is no arm gets requests, too; without this only adapters get them.
+    /// Ask every serial port and HID device for its arm. Devices that are no arm get requests too. Without this option only
+    /// adapters do.
     #[arg(long)]
     ask: bool,
     /// Print a JSON array with an object for each port.

@@ -41,7 +41,7 @@ pub(crate) struct MoveArm {
     /// stands still for 1 s: it may hold something.
     #[arg(long)]
     wait: bool,
-    /// How long to wait at most. The arm moves on after that, too.
+    /// Longest wait. The arm goes on moving after it.
     #[arg(long, value_name = "SECONDS", requires = "wait", default_value = "30", value_parser = seconds)]
     timeout: Duration,
 }
@@ -51,7 +51,7 @@ pub(crate) struct MoveArm {
 pub(crate) struct SetTorque {
     #[command(flatten)]
     arm: ArmPort,
-    /// Whether the arm holds its position.
+    /// With torque on the arm holds its position.
     #[arg(value_parser = PossibleValuesParser::new(["on", "off"]).map(torque))]
     torque: Torque,
     #[command(flatten)]

@@ -28,13 +28,13 @@ pub(crate) enum Ask {
     Act(Act),
     /// Connect or disconnect the servo offset tool. While it is connected, Bluetooth may not be used.
     OffsetTool {
-        /// What the tool does.
+        /// New state of the tool.
         #[arg(value_parser = PossibleValuesParser::new(["connect", "disconnect"]).map(tool))]
         tool: OffsetTool,
     },
-    /// Say what the robot is on USB from now on.
+    /// Set the robot's type of USB device.
     UsbType {
-        /// A disk, and the robot no longer speaks this protocol then; a serial port (vcp); or a HID device.
+        /// Disk, which no longer speaks this protocol; serial port (vcp); or HID device.
         #[arg(value_parser = PossibleValuesParser::new(["disk", "vcp", "hid"]).map(usb_type))]
         kind: UsbType,
     },
@@ -52,14 +52,14 @@ pub(crate) enum Ask {
 /// One frame of an action.
 #[derive(Args)]
 pub(crate) struct Act {
-    /// Where servos 1 to 20 go, in degrees from 0 to 240, such as 90,90,-,45: the third, and those after the fourth,
-    /// are left as they are.
+    /// Goals of servos 1 to 20, in degrees from 0 to 240, such as 90,90,-,45: the third, and those after the fourth, are
+    /// left as they are.
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = angles)]
     angles: Angles,
-    /// In how many seconds they get there, 0 to 5.1.
+    /// Time that they take, in seconds, 0 to 5.1.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
     time: MoveTime,
-    /// After how many seconds the robot takes the next frame, 0 to 1310.7.
+    /// Time until the robot takes the next frame, in seconds, 0 to 1310.7.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = interval)]
     interval: Interval,
 }
@@ -96,17 +96,20 @@ pub(crate) struct To {
 /// One request to a servo.
 #[derive(Subcommand)]
 pub(crate) enum Servo {
-    /// Move.
+    /// Move a servo.
+    #[command(
+        override_usage = "armwire call alpha1 <PORT> servo move --time <SECONDS>\n       --lock <SECONDS> <ID> <DEGREES>"
+    )]
     Move {
         #[command(flatten)]
         to: To,
-        /// Where to, in degrees from 0 to 240.
+        /// Goal in degrees, 0 to 240.
         #[arg(value_name = "DEGREES", allow_negative_numbers = true, value_parser = angle)]
         angle: Angle,
-        /// In how many seconds it gets there, 0 to 5.1.
+        /// Time that it takes, in seconds, 0 to 5.1.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
         time: MoveTime,
-        /// The completion time, which the servos' manual also calls lock time, in seconds, 0 to 1310.7.
+        /// Completion time, also called lock time, in seconds, 0 to 1310.7.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = completion_time)]
         lock: Interval,
     },

@@ -15,17 +15,17 @@ pub(crate) enum Ask {
     ReadInfo,
     /// Make the present pose the zero position, without asking. The arm switches its torque off: hold it.
     SetZero,
-    /// Tell the arm which gripper it has.
+    /// Set the stroke of the arm's gripper.
     SetStroke {
-        /// The gripper's stroke in millimetres.
+        /// Stroke in millimetres.
         #[arg(value_parser = PossibleValuesParser::new(["50", "75", "100"]).map(stroke))]
         stroke: Stroke,
     },
-    /// Read which gripper the arm thinks it has.
+    /// Read the gripper's stroke that is set in the arm.
     ReadStroke,
     /// Switch the torque, without asking. With torque off the arm falls: hold it.
     SetTorque {
-        /// Whether the arm holds its position.
+        /// With torque on the arm holds its position.
         #[arg(value_parser = PossibleValuesParser::new(["on", "off"]).map(torque))]
         torque: Torque,
     },
@@ -54,16 +54,16 @@ pub(crate) enum Ask {
 /// Where to move, and how fast.
 #[derive(Args)]
 pub(crate) struct Target {
-    /// Where joints 1 to 6 go, in degrees, such as 0,10,-20,0,0,45.
+    /// Goals of joints 1 to 6, in degrees, such as 0,10,-20,0,0,45.
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = positions)]
     joints: [Position; JOINTS],
-    /// How fast, in degrees per second: one number for all joints, or six.
+    /// Speed in degrees per second: one number for all joints, or six.
     #[arg(long, value_name = "DEGREES/S", allow_hyphen_values = true, value_parser = speeds)]
     speed: [Speed; JOINTS],
-    /// How far the gripper opens, in percent of its stroke.
+    /// Opening of the gripper, in percent of its stroke.
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = opening)]
     gripper: Opening,
-    /// How fast the gripper opens or closes, in ticks per second.
+    /// Speed of the gripper, in ticks per second.
     #[arg(long, value_name = "TICKS/S", default_value_t = 1000, value_parser = clap::value_parser!(u16).range(1..))]
     gripper_speed: u16,
 }

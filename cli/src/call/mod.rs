@@ -35,6 +35,9 @@ enum ToArm {
     /// Ask a UFACTORY xArm.
     Xarm(xarm::OnHost),
     /// Ask a UBTECH Alpha1, or its servos.
+    #[command(
+        after_help = "A robot that is a HID device: hid: for PORT, or hid:VID:PID or hid:NAME where there are several."
+    )]
     Alpha1(OnPort<alpha1::Ask>),
 }
 

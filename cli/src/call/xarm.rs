@@ -43,9 +43,9 @@ enum Ask {
     Shutdown,
     /// Restart the arm's control box.
     Reboot,
-    /// Say that we are there.
+    /// Send a heartbeat.
     Heartbeat,
-    /// Ask any other register, whatever it does: 42, say, reads joint positions, and 23 moves.
+    /// Make a request of any other register, whatever it does: 42 reads joint positions, 23 moves the arm.
     Raw {
         /// The register, 0 to 255.
         #[arg(allow_negative_numbers = true)]

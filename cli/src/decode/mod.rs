@@ -41,11 +41,11 @@ pub(crate) struct Decode {
     /// Format of the recording. Without it, the format is told from the recording's beginning.
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// Which arm it is.
+    /// Kind of arm.
     #[arg(long, value_enum, default_value_t)]
     arm: ArmKind,
-    /// Whose bytes they are. Frames of ling tell. Those of xarm and alpha1 do not: they are the arm's unless you say
-    /// otherwise; what a servo of alpha1 answers would take its request to tell, and is shown as it is.
+    /// Sender of the bytes. Frames of ling tell it. Frames of xarm and alpha1 do not: without this option they are the
+    /// arm's. The meaning of a servo's answer depends on the request, so it is shown as it is.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
 }
@@ -53,7 +53,7 @@ pub(crate) struct Decode {
 /// Who says something.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Speaker {
-    /// What controls the arm.
+    /// The program that controls the arm.
     Host,
     /// The arm.
     Arm,

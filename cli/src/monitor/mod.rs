@@ -40,7 +40,7 @@ pub(crate) struct Monitor {
     /// Readings per second.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rate: u32,
-    /// Stop after so many readings.
+    /// Stop after this many readings.
     #[arg(long)]
     count: Option<u64>,
     /// Comma-separated values with a line of names, units included, in front; nothing where a value is missing.

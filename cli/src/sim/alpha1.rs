@@ -23,10 +23,10 @@ pub(crate) struct Alpha1Sim {
     /// Firmware version, 10 characters.
     #[arg(long, value_name = "TEXT", value_parser = parse_firmware)]
     firmware: Option<[u8; 10]>,
-    /// From the end of a request to the start of its answer, in microseconds.
+    /// Time from the end of a request to the start of its answer, in microseconds.
     #[arg(long, value_name = "N", default_value_t = 1_000)]
     turnaround_us: u64,
-    /// How long a pause inside a request may be, in milliseconds: after it the half request is dropped.
+    /// Longest pause inside a request, in milliseconds. After it the incomplete request is dropped.
     #[arg(long, value_name = "N", default_value_t = 100)]
     idle_ms: u32,
     /// Fill each answer up with zeros to USB HID reports of 64 bytes. Requests may be filled up in any case.
@@ -39,10 +39,10 @@ pub(crate) struct Alpha1Sim {
 pub(crate) struct Alpha1ServoSim {
     #[command(flatten)]
     line: LineArgs,
-    /// The ids of the servos, 1 to 240, such as '1-16' or '1,2,7'.
+    /// Ids of the servos, 1 to 240, such as '1-16' or '1,2,7'.
     #[arg(long, default_value = "1-16")]
     ids: Ids,
-    /// From the end of a request to the start of its answer, in microseconds.
+    /// Time from the end of a request to the start of its answer, in microseconds.
     #[arg(long, value_name = "N", default_value_t = 200)]
     turnaround_us: u64,
     /// Give every byte back at once, as a single wire does.

@@ -18,18 +18,18 @@ use crate::output::say;
 /// Where a device is, and what its line does to bytes: the arguments that all devices on a serial line have.
 #[derive(Args)]
 pub(super) struct LineArgs {
-    /// Where programs find it: a symbolic link that is made, and removed at the end. PATH.lock tells others that it is
-    /// in use. Without it the system picks a name.
+    /// Symbolic link to the pty, removed at the end. PATH.lock marks it as in use. Without this option the system picks
+    /// a name.
     #[arg(long, value_name = "PATH")]
     pty: Option<PathBuf>,
     /// Faults on the line, in bytes per million: one number for every kind, or such as 'drop=100,corrupt=5000'; kinds
     /// are drop, corrupt, duplicate, delay, noise.
     #[arg(long, value_name = "FAULTS", default_value = "0")]
     faults: FaultRates,
-    /// Which bytes meet them.
+    /// Direction of the bytes that meet faults.
     #[arg(long, value_enum, default_value_t = FaultsOn::Both)]
     faults_on: FaultsOn,
-    /// The same seed makes the same faults.
+    /// Seed of the faults: the same seed gives the same faults.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 }

@@ -28,7 +28,7 @@ pub(crate) struct LingSim {
     /// Gripper stroke in millimetres.
     #[arg(long, default_value = "50", value_parser = PossibleValuesParser::new(["50", "75", "100"]).map(stroke))]
     stroke: Stroke,
-    /// From the end of a request to the start of its answer, in microseconds.
+    /// Time from the end of a request to the start of its answer, in microseconds.
     #[arg(long, value_name = "N", default_value_t = 200)]
     turnaround_us: u64,
     /// Give every byte back at once, as a half-duplex adapter does.

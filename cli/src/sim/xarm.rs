@@ -18,20 +18,20 @@ const REPORT_PORT: u16 = 30002;
 /// The arguments of `armwire sim xarm`.
 #[derive(Args)]
 pub(crate) struct XArmSim {
-    /// Where it takes requests. Port 0 is any that is free.
+    /// Address for requests. Port 0 is any free port.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:502", value_parser = parse_address)]
     listen: SocketAddr,
-    /// Where it sends reports, five a second. Without it: port 30002 beside the other.
+    /// Address for reports, five a second. Without this option: port 30002 at the address for requests.
     #[arg(long, value_name = "ADDRESS:PORT", value_parser = parse_address)]
     report_listen: Option<SocketAddr>,
     /// Send no reports.
     #[arg(long, conflicts_with = "report_listen")]
     no_report: bool,
-    /// Take addresses that others than this machine can reach. The protocol knows no password: whoever reaches the arm
-    /// moves it, reboots it and shuts it down.
+    /// Allow addresses that other machines can reach. The protocol has no password: whoever reaches the arm moves it,
+    /// reboots it and shuts it down.
     #[arg(long)]
     allow_remote: bool,
-    /// How many joints it has: 5, 6 or 7.
+    /// Number of joints: 5, 6 or 7.
     #[arg(long, value_name = "N", default_value = "6", value_parser = parse_model)]
     axes: Model,
     /// Serial number of the arm, such as XI120204201B02. The vendor's SDK needs the four digits.
@@ -40,10 +40,10 @@ pub(crate) struct XArmSim {
     /// Serial number of its control box.
     #[arg(long, value_name = "TEXT")]
     box_serial: Option<String>,
-    /// An error to start with, by its number in the vendor's list.
+    /// Initial error, by its number in the vendor's list.
     #[arg(long, value_name = "CODE", default_value_t = 0)]
     error: u8,
-    /// A warning to start with, by its number in the vendor's list.
+    /// Initial warning, by its number in the vendor's list.
     #[arg(long, value_name = "CODE", default_value_t = 0)]
     warning: u8,
 }

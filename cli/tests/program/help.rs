@@ -6,39 +6,58 @@ use std::process::Command;
 use crate::common::terminal::Terminal;
 use crate::common::{PROGRAM, free_path, success};
 
-const COMMANDS: [&[&str]; 22] = [
-    &[],
-    &["sim"],
-    &["sim", "ling"],
-    &["sim", "xarm"],
-    &["sim", "alpha1"],
-    &["sim", "alpha1-servo"],
-    &["info"],
-    &["list"],
-    &["monitor"],
-    &["move"],
-    &["torque"],
-    &["set-zero"],
-    &["call"],
-    &["call", "ling", "move"],
-    &["call", "xarm", "raw"],
-    &["call", "alpha1", "act"],
-    &["decode"],
-    &["config"],
-    &["config", "set"],
-    &["counters"],
-    &["hold"],
-    &["update"],
-];
+/// All commands and their subcommands, by the words that are typed for them, with the help of each.
+fn screens(command: &[String], screens: &mut Vec<(Vec<String>, String)>) {
+    let words: Vec<_> = command.iter().map(String::as_str).collect();
+    let help = success(&[&words[..], &["--help"]].concat());
+    let list = help.lines().skip_while(|line| *line != "Commands:").skip(1);
+    // What goes on in further lines is further to the right.
+    let names = list.take_while(|line| !line.is_empty()).filter_map(|line| {
+        let name = line.strip_prefix("  ")?.split(' ').next()?;
+        (!name.is_empty() && name != "help").then(|| name.to_owned())
+    });
+    let names: Vec<_> = names.collect();
+    screens.push((command.to_owned(), help));
+    for name in names {
+        self::screens(&[command, &[name]].concat(), screens);
+    }
+}
+
+fn all_screens() -> Vec<(Vec<String>, String)> {
+    let mut all = Vec::new();
+    screens(&[], &mut all);
+    assert!(all.len() > 50, "{} screens", all.len());
+    all
+}
 
 #[test]
 fn help_is_80_columns_wide_without_a_terminal() {
-    for command in COMMANDS {
-        for option in ["-h", "--help"] {
-            let help = success(&[command, &[option]].concat());
-            let wide = help.lines().find(|line| line.chars().count() > 80);
-            assert_eq!(wide, None, "{command:?} {option}");
-        }
+    for (command, long) in all_screens() {
+        let words: Vec<_> = command.iter().map(String::as_str).collect();
+        let short = success(&[&words[..], &["-h"]].concat());
+        let mut lines = long.lines().chain(short.lines());
+        let wide = lines.find(|line| line.chars().count() > 80);
+        assert_eq!(wide, None, "{command:?}");
+    }
+}
+
+#[test]
+fn help_is_one_column_on_a_narrow_terminal() {
+    const COLUMNS: u16 = 30;
+    for (command, _) in all_screens() {
+        let words: Vec<_> = command.iter().map(String::as_str).collect();
+        let mut terminal = Terminal::new(COLUMNS, 6);
+        let child = terminal.start(&[&words[..], &["-h"]].concat());
+        assert!(terminal.finish(child).status.success());
+        let help = without_colours(&terminal.seen);
+        let is_word = |line: &str| !line.trim().contains(' ');
+        // The usage is to be typed, and a terminal breaks it anywhere.
+        let is_usage = |line: &str| line.starts_with("Usage: ") || line.starts_with("       ") && line.contains('<');
+        let is_option = |line: &str| line.trim_start().starts_with("--") && !line.trim().contains("  ");
+        let wide = help.lines().map(str::trim_end).find(|line| {
+            line.chars().count() > COLUMNS.into() && !is_word(line) && !is_usage(line) && !is_option(line)
+        });
+        assert_eq!(wide, None, "{command:?}");
     }
 }
 
