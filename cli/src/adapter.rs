@@ -57,7 +57,11 @@ impl AdapterPort {
 }
 
 /// What an adapter is.
-pub(crate) fn identify(control: &mut ControlLink) -> Result<Identity, Error> {
+///
+/// # Errors
+///
+/// Those of the control port.
+pub fn identify(control: &mut ControlLink) -> Result<Identity, Error> {
     match control.call(Request::Identify)? {
         Reply::Identity(identity) => Ok(identity),
         reply => Err(odd(control, &reply)),
@@ -91,7 +95,11 @@ pub(crate) fn describe(identity: &Identity) -> String {
 }
 
 /// All counters of an adapter by their names, in the order in which they are declared.
-pub(crate) fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> {
+///
+/// # Errors
+///
+/// Those of the control port.
+pub fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> {
     match control.call(Request::GetCounters)? {
         Reply::Counters(counters) => match serde_json::to_value(counters) {
             Ok(Value::Object(counters)) => Ok(counters),

@@ -185,6 +185,16 @@ struct Setting {
     value: String,
 }
 
+/// Changes a configuration as `text` says, such as `poll=200`: the settings of `armwire config PORT set`.
+///
+/// # Errors
+///
+/// There is no such setting, or no such value, in words.
+pub fn set(config: &mut Config, text: &str) -> Result<(), String> {
+    let Setting { key, value } = setting(text)?;
+    key.set(config, &value)
+}
+
 fn setting(text: &str) -> Result<Setting, String> {
     let (name, value) = text.split_once('=').ok_or("it has no =, as poll=200 has")?;
     let key = KEYS.iter().find(|key| key.name == name).ok_or_else(|| {
@@ -264,7 +274,11 @@ impl Configure {
 }
 
 /// The configuration in force.
-pub(crate) fn get(control: &mut ControlLink) -> Result<Config, Error> {
+///
+/// # Errors
+///
+/// Those of the control port.
+pub fn get(control: &mut ControlLink) -> Result<Config, Error> {
     match control.call(Request::GetConfig)? {
         Reply::Config(config) => Ok(config),
         reply => Err(adapter::odd(control, &reply)),
@@ -272,7 +286,7 @@ pub(crate) fn get(control: &mut ControlLink) -> Result<Config, Error> {
 }
 
 /// A configuration as a JSON object.
-pub(crate) fn object(config: &Config) -> Value {
+pub fn object(config: &Config) -> Value {
     let settings = KEYS.iter().map(|key| (key.name.to_owned(), key.get(*config)));
     Value::Object(settings.collect())
 }

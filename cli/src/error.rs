@@ -1,5 +1,6 @@
 //! Why a command fails, in one line that says what to do.
 
+use std::error;
 use std::fmt::Display;
 use std::io;
 
@@ -7,15 +8,31 @@ use armwire::framing::Reason;
 use armwire::ling::legacy::OlderGeneration;
 use armwire_bridge::control::VERSION;
 
+use crate::received::Missing;
+
 /// Why a command fails.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum Error {
+#[allow(
+    missing_docs,
+    reason = "`name` is what the user calls the port, `reason` is in words"
+)]
+#[non_exhaustive]
+pub enum Error {
     /// The arguments do not go together.
     #[error("{0}")]
     Usage(String),
     /// Something fails at a port, a host or a file, for a reason that only its user has to know.
     #[error("{name}: {reason}")]
     At { name: String, reason: String },
+    /// The arm or the adapter does not do what it is asked.
+    #[error("{name}: {reason}")]
+    Refused { name: String, reason: String },
+    /// What arrives is no message of this arm, or none that can be accepted.
+    #[error("{name}: {reason}")]
+    Unacceptable { name: String, reason: String },
+    /// The program that waits wants no answer any more, for this reason of its own.
+    #[error("{0}")]
+    Interrupted(Box<dyn error::Error + Send + Sync>),
     /// The user does not want it.
     #[error("not done")]
     Declined,
@@ -30,7 +47,12 @@ pub(crate) enum Error {
     Legacy { name: String, legacy: OlderGeneration },
     /// The arm did not answer, though perhaps bytes came.
     #[error("{name}: {cause}")]
-    NoAnswer { name: String, cause: String, bytes: usize },
+    NoAnswer {
+        name: String,
+        cause: String,
+        missing: Missing,
+        bytes: usize,
+    },
     /// There is no adapter with a control port there.
     #[error(
         "{name}: this is not the port of an armwire adapter, which has a control port beside it (of a virtual board: \
@@ -67,6 +89,14 @@ impl Error {
             format!("the port is gone ({error}): was it unplugged?"),
         );
         Self::Lost { name, reason }
+    }
+
+    /// An arm or an adapter at `name` that does not do what it is asked.
+    pub(crate) fn refused(name: &str, reason: impl Display) -> Self {
+        Self::Refused {
+            name: name.to_owned(),
+            reason: reason.to_string(),
+        }
     }
 
     /// An error at `name`.

@@ -26,7 +26,7 @@ struct Listened {
 /// # Errors
 ///
 /// [`Error::Legacy`], now and from every later call, when the arm is one of the older generation.
-pub(crate) fn open(connection: &Connection) -> Result<Link<Ling>, Error> {
+pub fn open(connection: &Connection) -> Result<Link<Ling>, Error> {
     let (line, config) = connection.line::<Ling>()?;
     let line = Listened::new(line, Instant::now())?;
     Ok(Link::new(Box::new(line), config))
@@ -81,8 +81,8 @@ impl Line for Listened {
 
 #[cfg(test)]
 mod tests {
-    use std::cell::Cell;
-    use std::rc::Rc;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     use armwire::ling::Request;
 
@@ -97,7 +97,7 @@ mod tests {
 
     /// An arm that talks without end, once it was sent so many bytes.
     struct Talker {
-        sent: Rc<Cell<usize>>,
+        sent: Arc<AtomicUsize>,
         silent_until: usize,
     }
 
@@ -107,7 +107,7 @@ mod tests {
         }
 
         fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
-            if self.sent.get() < self.silent_until {
+            if self.sent.load(Ordering::Relaxed) < self.silent_until {
                 std::thread::sleep(wait);
                 return Ok(0);
             }
@@ -116,7 +116,7 @@ mod tests {
         }
 
         fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            self.sent.set(self.sent.get() + bytes.len());
+            self.sent.fetch_add(bytes.len(), Ordering::Relaxed);
             Ok(bytes.len())
         }
 
@@ -129,24 +129,24 @@ mod tests {
     fn legacy_arm_is_sent_nothing() {
         let now = Instant::now();
         for begun in [now, now.checked_sub(LISTEN).unwrap()] {
-            let sent = Rc::new(Cell::new(0));
+            let sent = Arc::new(AtomicUsize::new(0));
             let line = Talker {
-                sent: Rc::clone(&sent),
+                sent: Arc::clone(&sent),
                 silent_until: 0,
             };
             assert!(matches!(
                 Listened::new(Box::new(line), begun),
                 Err(Error::Legacy { .. })
             ));
-            assert_eq!(sent.get(), 0);
+            assert_eq!(sent.load(Ordering::Relaxed), 0);
         }
     }
 
     #[test]
     fn late_legacy_arm_is_sent_nothing_more() {
-        let sent = Rc::new(Cell::new(0));
+        let sent = Arc::new(AtomicUsize::new(0));
         let line = Talker {
-            sent: Rc::clone(&sent),
+            sent: Arc::clone(&sent),
             silent_until: 1,
         };
         let line = Listened::new(Box::new(line), Instant::now()).unwrap();
@@ -156,7 +156,7 @@ mod tests {
                 link.call(&Request::ReadJoints, drop),
                 Err(Error::Legacy { .. })
             ));
-            assert_eq!(sent.get(), 7);
+            assert_eq!(sent.load(Ordering::Relaxed), 7);
         }
     }
 }

@@ -35,6 +35,7 @@ mod sim;
 mod tcp;
 mod update;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -46,6 +47,20 @@ use terminal_size::Width;
 
 pub use args::ArmKind;
 pub use decode::{Speaker, decode};
+
+/// Ports, calls that wait, and errors that say what to do: what the commands are made of, for other programs.
+pub mod host {
+    pub use crate::adapter::{counters, identify};
+    pub use crate::config::{get as config, object as config_object, set as change_config};
+    pub use crate::control::ControlLink;
+    pub use crate::describe::{Arm, Fact};
+    pub use crate::error::Error;
+    pub use crate::legacy::open as open_ling;
+    pub use crate::link::{Came, Interrupt, Line, Link, Names};
+    pub use crate::port::{Connection, Port};
+    pub use crate::received::Missing;
+    pub use crate::tcp::Host;
+}
 
 use error::Error;
 use output::complain;
@@ -108,18 +123,27 @@ enum Command {
 
 /// Does what the command line says.
 pub fn main() -> ExitCode {
+    match run_from(&std::env::args_os().collect::<Vec<_>>()) {
+        true => ExitCode::SUCCESS,
+        false => ExitCode::FAILURE,
+    }
+}
+
+/// Does what these words say, of which the first is the program's name. Returns whether it was done; what is wrong, it has
+/// told by then. Exits where the words are no command, or ask for help.
+pub fn run_from(args: &[OsString]) -> bool {
     let parsed = command()
-        .try_get_matches()
+        .try_get_matches_from(args)
         .and_then(|matches| Cli::from_arg_matches(&matches));
-    let cli = parsed.unwrap_or_else(|error| with_names(error).exit());
+    let cli = parsed.unwrap_or_else(|error| with_names(error, args).exit());
     match run(&cli.command) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => true,
         // Who no longer reads what we print has had enough.
-        Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => true,
         Err(Error::Usage(text)) => command().error(ErrorKind::ValueValidation, text).exit(),
         Err(error) => {
             complain(&error);
-            ExitCode::FAILURE
+            false
         }
     }
 }
@@ -138,7 +162,7 @@ fn command() -> clap::Command {
 
 /// The error with the names there are, where a request or the like was expected: behind a port clap takes a wrong one
 /// for an argument too many.
-fn with_names(error: clap::Error) -> clap::Error {
+fn with_names(error: clap::Error, args: &[OsString]) -> clap::Error {
     let wrong = match (error.kind(), error.get(ContextKind::InvalidArg)) {
         (ErrorKind::UnknownArgument, Some(ContextValue::String(wrong))) if !wrong.starts_with('-') => wrong,
         _ => return error,
@@ -146,9 +170,9 @@ fn with_names(error: clap::Error) -> clap::Error {
     let mut cli = command();
     cli.build();
     let mut command = &mut cli;
-    for arg in std::env::args_os().skip(1) {
-        if command.find_subcommand(&arg).is_some() {
-            command = command.find_subcommand_mut(&arg).expect("it was found");
+    for arg in args.iter().skip(1) {
+        if command.find_subcommand(arg).is_some() {
+            command = command.find_subcommand_mut(arg).expect("it was found");
         }
     }
     let names: Vec<_> = command.get_subcommands().map(clap::Command::get_name).collect();

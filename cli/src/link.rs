@@ -1,5 +1,6 @@
 //! A blocking call at a time over a line: the one place with a clock.
 
+use std::error;
 use std::io::{self, ErrorKind};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -18,8 +19,11 @@ const KEPT: usize = 256;
 /// More bytes than a port keeps for its reader: whoever has read so many reads what is being said now.
 const BUFFERED: usize = 65_536;
 
+/// How long a line is waited for at most before a program that waits is asked whether it wants to go on.
+const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
+
 /// What carries the bytes.
-pub(crate) trait Line {
+pub trait Line: Send {
     /// What the user calls it.
     fn name(&self) -> &str;
 
@@ -36,17 +40,24 @@ pub(crate) trait Line {
 
 /// What an arm is called, and what the other arm that may be on such a line is.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Names {
-    pub(crate) arm: &'static str,
-    pub(crate) other: &'static str,
+pub struct Names {
+    /// What the arm is called, with its article.
+    pub arm: &'static str,
+    /// The other arm that may be on such a line, and what a user types for it.
+    pub other: &'static str,
 }
 
 /// What came instead of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Came {
+pub enum Came {
+    /// Nothing.
     Nothing,
+    /// Bytes, but not the answer.
     Garbage,
 }
+
+/// Whether a program that waits wants to go on: an error if not.
+pub type Interrupt = fn() -> Result<(), Box<dyn error::Error + Send + Sync>>;
 
 /// Whether reading or writing failed only because it would have to wait.
 pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
@@ -57,35 +68,49 @@ pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
 }
 
 /// An open line with a client on it.
-pub(crate) struct Link<P: Arm> {
+pub struct Link<P: Arm> {
     line: Box<dyn Line>,
     client: Client<P, BUFFER>,
     /// Bytes that were read and not taken by the client yet.
     unread: Vec<u8>,
     start: Instant,
+    stale_window: Duration,
+    interrupt: Option<Interrupt>,
     dropped: usize,
     checksums: usize,
 }
 
 impl<P: Arm> Link<P> {
-    pub(crate) fn new(line: Box<dyn Line>, config: Config) -> Self {
+    /// A client on this line, whose timing is `config`.
+    pub fn new(line: Box<dyn Line>, config: Config) -> Self {
         Self {
             line,
             client: Client::new(P::default(), config),
             unread: Vec::new(),
             start: Instant::now(),
+            stale_window: Duration::from_micros(config.stale_window.as_micros()),
+            interrupt: None,
             dropped: 0,
             checksums: 0,
         }
     }
 
     /// The protocol, to change what the next requests are like.
-    pub(crate) fn messages_mut(&mut self) -> &mut P {
+    pub fn messages_mut(&mut self) -> &mut P {
         self.client.messages_mut()
     }
 
+    /// Makes calls ask this at least every 100 ms while they wait. Its error ends the call, as [`Error::Interrupted`].
+    pub fn set_interrupt(&mut self, interrupt: Interrupt) {
+        self.interrupt = Some(interrupt);
+    }
+
     /// Makes one call and returns what `take` makes of the answer, if the request gets one.
-    pub(crate) fn call<T>(
+    ///
+    /// # Errors
+    ///
+    /// [`Error`]: the line fails, or there is no answer that can be accepted.
+    pub fn call<T>(
         &mut self,
         request: &P::Request<'_>,
         take: impl FnOnce(P::Response<'_>) -> T,
@@ -117,7 +142,8 @@ impl<P: Arm> Link<P> {
                         Event::Sent => return Ok(None),
                         Event::Unacceptable(error) => {
                             let reason = format!("the arm's answer cannot be accepted: {error}");
-                            return Err(Error::at(self.line.name(), reason));
+                            let name = self.line.name().to_owned();
+                            return Err(Error::Unacceptable { name, reason });
                         }
                         Event::TimedOut { sends } => {
                             received.sends = sends;
@@ -130,9 +156,11 @@ impl<P: Arm> Link<P> {
                                  control port?",
                                 P::NAME
                             );
-                            return Err(Error::at(self.line.name(), reason));
+                            let name = self.line.name().to_owned();
+                            return Err(Error::Unacceptable { name, reason });
                         }
-                        Event::Late(_) | Event::Unsolicited(_) => received.frames += 1,
+                        Event::Late(_) => received.late += 1,
+                        Event::Unsolicited(_) => received.frames += 1,
                         Event::Unknown { error, .. } => {
                             received.unknown.get_or_insert_with(|| error.to_string());
                         }
@@ -176,6 +204,28 @@ impl<P: Arm> Link<P> {
         Ok((n > 0).then_some(received))
     }
 
+    /// Whether an answer to a call that timed out comes in the time in which it may still come.
+    ///
+    /// # Errors
+    ///
+    /// Those of the line.
+    pub fn comes_late(&mut self) -> Result<bool, Error> {
+        let until = Instant::now() + self.stale_window;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            let n = self.receive(left, None)?;
+            let now = self.now();
+            while let Output::Event(event) = self.client.poll(now) {
+                if let Event::Late(_) = event {
+                    return Ok(true);
+                }
+            }
+            if n == 0 && left.is_zero() {
+                return Ok(false);
+            }
+        }
+    }
+
     /// Transmits the rest of a request whose call failed.
     fn finish(&mut self) -> Result<(), Error> {
         while !self.client.is_idle() {
@@ -199,22 +249,22 @@ impl<P: Arm> Link<P> {
     }
 
     /// Bytes that belonged to no frame, so far.
-    pub(crate) fn dropped(&self) -> usize {
+    pub fn dropped(&self) -> usize {
         self.dropped
     }
 
     /// Frames with a wrong checksum, so far.
-    pub(crate) fn checksums(&self) -> usize {
+    pub fn checksums(&self) -> usize {
         self.checksums
     }
 
     /// What the user calls the line.
-    pub(crate) fn name(&self) -> &str {
+    pub fn name(&self) -> &str {
         self.line.name()
     }
 
     /// Time since the line was opened.
-    pub(crate) fn now(&self) -> time::Instant {
+    pub fn now(&self) -> time::Instant {
         time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 
@@ -226,7 +276,16 @@ impl<P: Arm> Link<P> {
     fn receive(&mut self, wait: Duration, received: Option<&mut Received>) -> Result<usize, Error> {
         if self.unread.is_empty() {
             let mut buf = [0; 256];
-            let n = self.line.read(&mut buf, wait)?;
+            let n = match self.interrupt {
+                None => self.line.read(&mut buf, wait)?,
+                Some(interrupt) => {
+                    let n = self.line.read(&mut buf, wait.min(INTERRUPT_PERIOD))?;
+                    if n == 0 && !wait.is_zero() {
+                        interrupt().map_err(Error::Interrupted)?;
+                    }
+                    n
+                }
+            };
             self.unread.extend(&buf[..n]);
             if let Some(received) = received {
                 received.count += n;
@@ -256,6 +315,7 @@ impl<P: Arm> Link<P> {
         Error::NoAnswer {
             name: self.line.name().to_owned(),
             cause: received.cause(P::NAME, &hints),
+            missing: received.missing(),
             bytes: received.count,
         }
     }
@@ -273,9 +333,8 @@ fn is_begun<P: Arm>(request: &P::Request<'_>, bytes: &[u8]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::cell::RefCell;
     use std::collections::VecDeque;
-    use std::rc::Rc;
+    use std::sync::{Arc, Mutex};
 
     use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
     use armwire::messages::Messages;
@@ -302,8 +361,8 @@ mod tests {
     }
 
     impl Answering {
-        fn new(answer: fn(u16) -> Vec<u8>) -> Rc<RefCell<Self>> {
-            Rc::new(RefCell::new(Self {
+        fn new(answer: fn(u16) -> Vec<u8>) -> Arc<Mutex<Self>> {
+            Arc::new(Mutex::new(Self {
                 answer,
                 said: VecDeque::new(),
                 asked: 0,
@@ -311,19 +370,19 @@ mod tests {
         }
     }
 
-    impl Line for Rc<RefCell<Answering>> {
+    impl Line for Arc<Mutex<Answering>> {
         fn name(&self) -> &str {
             "fake"
         }
 
         fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let said = self.borrow_mut().said.pop_front().unwrap_or_default();
+            let said = self.lock().unwrap().said.pop_front().unwrap_or_default();
             buf[..said.len()].copy_from_slice(&said);
             Ok(said.len())
         }
 
         fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            let arm = &mut *self.borrow_mut();
+            let arm = &mut *self.lock().unwrap();
             arm.asked += 1;
             arm.said.push_back((arm.answer)(arm.asked));
             Ok(bytes.len())
@@ -349,26 +408,26 @@ mod tests {
     #[test]
     fn unacceptable_answer_ends_the_call_with_its_reason() {
         let arm = Answering::new(unknown_stroke);
-        let mut link = Link::<Ling>::new(Box::new(Rc::clone(&arm)), Ling::CONFIG);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
         let error = link.call(&Request::ReadStroke, drop).unwrap_err();
         assert_eq!(
             error.to_string(),
             "fake: the arm's answer cannot be accepted: command 04 function 0E: gripper stroke type is 3, must be 0..=2 \
              (data byte 0)"
         );
-        assert_eq!(arm.borrow().asked, 1);
+        assert_eq!(arm.lock().unwrap().asked, 1);
     }
 
     #[test]
     fn stale_answer_is_not_taken_for_the_next() {
         let arm = Answering::new(joints);
-        let mut link = Link::<Ling>::new(Box::new(Rc::clone(&arm)), Ling::CONFIG);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
         for _ in 0..3 {
-            arm.borrow_mut().said.push_back(joints(4000));
+            arm.lock().unwrap().said.push_back(joints(4000));
             let Ok(Some(Response::Joints(state))) = link.call(&Request::ReadJoints, |response| response) else {
                 panic!("no answer");
             };
-            assert_eq!(state.joints, [arm.borrow().asked; 6]);
+            assert_eq!(state.joints, [arm.lock().unwrap().asked; 6]);
         }
     }
 }

@@ -30,17 +30,26 @@ const SLCAN_BAUD: u32 = 115_200;
 
 /// A port, as it is typed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Port {
+#[non_exhaustive]
+pub enum Port {
     /// A serial port of the system, such as `/dev/ttyACM0` or `COM3`, or a pty.
     Serial(String),
     /// `tcp:HOST:PORT`: a server of a serial port.
     Tcp(Host),
     /// `can:IFACE[/NODE]`: an adapter on a CAN bus of Linux.
-    Can { interface: String, node: Node },
+    Can {
+        /// The interface, such as `can0`.
+        interface: String,
+        /// The adapter's node id.
+        node: Node,
+    },
     /// `slcan:PORT[@BITRATE][/NODE]`: an adapter on the bus of a CAN adapter that speaks SLCAN.
     Slcan {
+        /// The serial port of the CAN adapter.
         port: String,
+        /// The bit rate of the bus.
         bit_rate: BitRate,
+        /// The adapter's node id.
         node: Node,
     },
     /// `hid:`, `hid:VID:PID` or `hid:NAME`: an Alpha1 that is a HID device on USB.
@@ -142,7 +151,11 @@ impl fmt::Display for Port {
 
 impl Port {
     /// What is typed where only a control port can stand: a path alone is that of one.
-    pub(crate) fn of_control(text: &str) -> Result<Self, String> {
+    ///
+    /// # Errors
+    ///
+    /// A reason in words.
+    pub fn of_control(text: &str) -> Result<Self, String> {
         Ok(match text.parse()? {
             Self::Serial(port) => Self::Control(port),
             other => other,
@@ -151,7 +164,11 @@ impl Port {
 
     /// Reaches for what is there; a serial port is opened only when its arm is asked for. `baud` is that of the serial
     /// port, of this computer's that is.
-    pub(crate) fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Error> {
+    ///
+    /// # Errors
+    ///
+    /// It cannot be opened.
+    pub fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Error> {
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
             return Err(Error::Usage(format!("{self} is no serial port, which has a --baud")));
         }
@@ -169,7 +186,7 @@ impl Port {
 }
 
 /// A port that was reached.
-pub(crate) struct Connection {
+pub struct Connection {
     port: Port,
     baud: Option<NonZeroU32>,
     /// Of a port on CAN.
@@ -188,7 +205,11 @@ impl Connection {
     }
 
     /// The arm there.
-    pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
+    ///
+    /// # Errors
+    ///
+    /// The line cannot be opened.
+    pub fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
         let (line, config) = self.line::<P>()?;
         Ok(Link::new(line, config))
     }
@@ -230,7 +251,11 @@ impl Connection {
     }
 
     /// The control port of the adapter there. On CAN it is on the same bus as the arm.
-    pub(crate) fn control(&self) -> Result<ControlLink, Error> {
+    ///
+    /// # Errors
+    ///
+    /// There is none, or it cannot be opened.
+    pub fn control(&self) -> Result<ControlLink, Error> {
         match &self.port {
             Port::Serial(port) => ControlLink::on_usb(port),
             Port::Control(port) => ControlLink::on_port(port),

@@ -2,6 +2,24 @@
 
 use crate::hex;
 
+/// Why an answer is missing, as far as what came tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Missing {
+    /// Nothing came.
+    Silent,
+    /// Answers arrive damaged.
+    Damaged,
+    /// An answer arrived, but after its time.
+    Late,
+    /// The arm answers with a message that the protocol does not have.
+    Unknown,
+    /// Frames of the arm arrive, but not the answer.
+    Elsewhere,
+    /// Bytes arrive, but no frame of this arm.
+    Foreign,
+}
+
 /// What was received instead of an answer.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Received {
@@ -15,6 +33,8 @@ pub(crate) struct Received {
     pub(crate) count: usize,
     /// Good frames from an arm, though not the answer.
     pub(crate) frames: usize,
+    /// Answers that came after their time.
+    pub(crate) late: usize,
     /// The first good frame that is no message of the protocol.
     pub(crate) unknown: Option<String>,
     /// Requests of our own that came back.
@@ -26,38 +46,61 @@ pub(crate) struct Received {
 }
 
 impl Received {
-    /// Why there is no answer, as far as what came tells; `hints` are the line's.
+    /// Why there is no answer.
+    pub(crate) fn missing(&self) -> Missing {
+        match self {
+            Self { count: 0, late: 0, .. } => Missing::Silent,
+            // A frame whose checksum happens to be good proves nothing where others are damaged.
+            Self {
+                unknown: Some(_),
+                checksums: 0,
+                ..
+            } => Missing::Unknown,
+            Self {
+                late: 1..,
+                checksums: 0,
+                ..
+            } => Missing::Late,
+            Self { checksums: 1.., .. } | Self { begun: true, .. } => Missing::Damaged,
+            Self { frames: 1.., .. } => Missing::Elsewhere,
+            _ => Missing::Foreign,
+        }
+    }
+
+    /// Why there is no answer, in words; `hints` are the line's.
     pub(crate) fn cause(&self, arm: &str, hints: &str) -> String {
         let (millis, count, checksums) = (self.millis, self.count, self.checksums);
         let times = match self.sends {
             1 => "once".to_owned(),
             sends => format!("{sends} times"),
         };
-        if count == 0 {
-            return format!("no answer in {millis} ms, asked {times}: {hints}");
-        }
-        // A frame whose checksum happens to be good proves nothing where others are damaged.
-        if let Some(error) = &self.unknown
-            && checksums == 0
-        {
-            return format!("the arm answers with {error}: does its firmware refuse the request, or not know it?");
-        }
-        if checksums > 0 || self.begun {
-            return format!(
+        match (self.missing(), &self.unknown) {
+            (Missing::Silent, _) => format!("no answer in {millis} ms, asked {times}: {hints}"),
+            (Missing::Unknown, Some(error)) => {
+                format!("the arm answers with {error}: does its firmware refuse the request, or not know it?")
+            }
+            (Missing::Late, _) => {
+                format!("the answer came too late, asked {times} in {millis} ms: is the arm or the line overloaded?")
+            }
+            (Missing::Damaged, _) => format!(
                 "the answers arrive damaged ({count} bytes, wrong checksums: {checksums}): check cable, ground and power"
-            );
+            ),
+            (Missing::Elsewhere, _) => {
+                format!("frames arrive, but not the answer, asked for {times}: does another program talk to the arm?")
+            }
+            (Missing::Unknown, None) | (Missing::Foreign, _) => self.foreign(arm, hints),
         }
-        if self.frames > 0 {
-            return format!(
-                "frames arrive, but not the answer, asked for {times}: does another program talk to the arm?"
-            );
-        }
+    }
+
+    /// Bytes without a frame of this arm, in words.
+    fn foreign(&self, arm: &str, hints: &str) -> String {
         let first = hex::show(&self.bytes[..self.bytes.len().min(16)]);
         if self.echoes > 0 {
             return format!(
                 "only our own requests come back: is the arm powered, and are RX and TX not joined? (first bytes: {first})"
             );
         }
+        let count = self.count;
         format!("{count} bytes arrive, but no frame of {arm}: {hints} (first bytes: {first})")
     }
 }
@@ -104,6 +147,10 @@ mod tests {
             },
             Received {
                 frames: 1,
+                ..received(&[1])
+            },
+            Received {
+                late: 1,
                 ..received(&[1])
             },
         ];

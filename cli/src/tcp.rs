@@ -23,7 +23,7 @@ const LEAST: Duration = Duration::from_millis(1);
 
 /// A host and a port on it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Host {
+pub struct Host {
     host: String,
     port: u16,
 }
@@ -80,7 +80,11 @@ pub(crate) struct Tcp {
 
 impl Link<XArm> {
     /// Connects to an xArm.
-    pub(crate) fn connect(host: &Host) -> Result<Self, Error> {
+    ///
+    /// # Errors
+    ///
+    /// The host cannot be connected to.
+    pub fn connect(host: &Host) -> Result<Self, Error> {
         Ok(Self::new(Box::new(Tcp::connect(host, false)?), XArm::CONFIG))
     }
 }

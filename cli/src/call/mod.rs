@@ -80,6 +80,6 @@ fn call<P: Arm>(mut link: Link<P>, request: &P::Request<'_>, json: bool) -> Resu
         )),
         Some(Ok(facts)) if json => print_json(&object(&facts).into()),
         Some(Ok(facts)) => say(line(&facts)),
-        Some(Err(what)) => Err(Error::at(link.name(), what)),
+        Some(Err(what)) => Err(Error::refused(link.name(), what)),
     }
 }

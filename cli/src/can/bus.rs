@@ -7,7 +7,7 @@ use armwire_bridge::can::Frame;
 use crate::error::Error;
 
 /// What this computer has of a CAN bus.
-pub(crate) trait Bus {
+pub(crate) trait Bus: Send {
     /// What the user calls it.
     fn name(&self) -> &str;
 

@@ -5,9 +5,8 @@ mod slcan;
 #[cfg(target_os = "linux")]
 mod socket;
 
-use std::cell::RefCell;
 use std::collections::VecDeque;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use armwire_bridge::can::{Frame, Function, Id, Node};
@@ -49,7 +48,7 @@ pub(crate) fn open_slcan(serial: Serial, bit_rate: BitRate) -> Result<SharedBus,
 
 /// A bus with several channels on it: what one of them hears for another waits there.
 #[derive(Clone)]
-pub(crate) struct SharedBus(Rc<RefCell<Switch>>);
+pub(crate) struct SharedBus(Arc<Mutex<Switch>>);
 
 struct Switch {
     bus: Box<dyn Bus>,
@@ -60,16 +59,21 @@ impl SharedBus {
     fn new(bus: impl Bus + 'static) -> Self {
         let bus = Box::new(bus);
         let inboxes = Vec::new();
-        Self(Rc::new(RefCell::new(Switch { bus, inboxes })))
+        Self(Arc::new(Mutex::new(Switch { bus, inboxes })))
+    }
+
+    /// The bus, for one channel at a time.
+    fn lock(&self) -> MutexGuard<'_, Switch> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn send(&self, frame: &Frame) -> Result<(), Error> {
-        self.0.borrow_mut().bus.send(frame)
+        self.lock().bus.send(frame)
     }
 
     /// The next frame with this identifier, waiting so long for it.
     fn receive(&self, id: Id, wait: Duration) -> Result<Option<Frame>, Error> {
-        let Switch { bus, inboxes } = &mut *self.0.borrow_mut();
+        let Switch { bus, inboxes } = &mut *self.lock();
         let until = Instant::now() + wait;
         loop {
             let inbox = inboxes.iter_mut().find(|(of, _)| *of == id);
@@ -92,7 +96,7 @@ impl SharedBus {
 
     /// What to ask oneself when an adapter does not answer, after `first`.
     fn hints(&self, first: &str, node: Node) -> String {
-        let bus = &mut self.0.borrow_mut().bus;
+        let bus = &mut self.lock().bus;
         let trouble = bus.trouble();
         let trouble = trouble.map_or_else(String::new, |trouble| format!("the CAN adapter tells of {trouble}: "));
         let (node, hint) = (node.get(), bus.hint());
@@ -136,7 +140,7 @@ impl Lost {
 impl Channel {
     /// A channel that sends on `tx` and hears on `rx`.
     pub(crate) fn new(bus: &SharedBus, tx: Id, rx: Id) -> Self {
-        bus.0.borrow_mut().inboxes.push((rx, VecDeque::new()));
+        bus.lock().inboxes.push((rx, VecDeque::new()));
         // An adapter with CAN FD takes classic frames too, and one without them takes no others.
         let config = isotp::Config::new(isotp::Link::Classic, tx);
         Self {

@@ -13,6 +13,7 @@ use armwire_bridge::control::{
 use crate::can::CanLine;
 use crate::error::Error;
 use crate::link::Line;
+use crate::received::Missing;
 use crate::serial::Serial;
 
 /// How long an adapter may take for an answer: to write its flash, or to ask an arm that is silent.
@@ -21,7 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 const BAUD: u32 = 115_200;
 
 /// The control port of one adapter.
-pub(crate) struct ControlLink {
+pub struct ControlLink {
     way: Way,
     sequence: u8,
     /// Whether the adapter tells of anything.
@@ -82,7 +83,7 @@ impl ControlLink {
     }
 
     /// What the user calls it.
-    pub(crate) fn name(&self) -> &str {
+    pub fn name(&self) -> &str {
         match &self.way {
             Way::Stream(stream) => stream.line.name(),
             Way::Can(line) => line.name(),
@@ -90,7 +91,11 @@ impl ControlLink {
     }
 
     /// Makes a request and returns the answer, which is none of those that say that it was not done.
-    pub(crate) fn call(&mut self, request: Request) -> Result<Reply, Error> {
+    ///
+    /// # Errors
+    ///
+    /// [`Error`]: the port fails, or the adapter does not answer or refuses.
+    pub fn call(&mut self, request: Request) -> Result<Reply, Error> {
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
         self.way.send(&FromHost { sequence, request })?;
@@ -111,8 +116,12 @@ impl ControlLink {
                 Some(Err(error)) => return Err(self.malformed(error)),
                 None if left.is_zero() => {
                     let (millis, hints) = (PATIENCE.as_millis(), self.way.hints());
-                    let reason = format!("the adapter does not answer in {millis} ms: {hints}");
-                    return Err(Error::at(self.name(), reason));
+                    return Err(Error::NoAnswer {
+                        name: self.name().to_owned(),
+                        cause: format!("the adapter does not answer in {millis} ms: {hints}"),
+                        missing: Missing::Silent,
+                        bytes: 0,
+                    });
                 }
                 None => {}
             }
@@ -121,7 +130,11 @@ impl ControlLink {
 
     /// The next thing that the adapter tells of unasked, waiting so long for it. It has to be
     /// [subscribed](Request::Subscribe) to.
-    pub(crate) fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
+    ///
+    /// # Errors
+    ///
+    /// [`Error`]: the port fails, or what comes cannot be read.
+    pub fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
         let until = Instant::now() + wait;
         loop {
             if let Some(event) = self.events.pop_front() {
@@ -144,8 +157,8 @@ impl ControlLink {
                 name: self.name().to_owned(),
                 version,
             }),
-            Reply::BadConfig(error) => Err(Error::at(self.name(), format!("rejected: {error}"))),
-            Reply::Failed(failure) => Err(Error::at(self.name(), why(failure))),
+            Reply::BadConfig(error) => Err(Error::refused(self.name(), format_args!("rejected: {error}"))),
+            Reply::Failed(failure) => Err(Error::refused(self.name(), why(failure))),
             reply => Ok(reply),
         }
     }

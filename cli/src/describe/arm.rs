@@ -6,7 +6,7 @@ use armwire::messages::Messages;
 use super::fact::{Fact, line};
 
 /// A protocol, and what the command line says of it.
-pub(crate) trait Arm: Messages + Default {
+pub trait Arm: Messages + Default {
     /// What the arm is called, with its article.
     const NAME: &'static str;
 

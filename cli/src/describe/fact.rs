@@ -8,7 +8,7 @@ use crate::printable::escaped;
 
 /// One thing that a message says, such as where the joints are.
 #[derive(Clone, Debug)]
-pub(crate) struct Fact {
+pub struct Fact {
     /// What people call it, such as `joints`.
     pub(crate) name: String,
     /// In words that a terminal may show, such as `+45.00° -10.00°`.

@@ -7,5 +7,6 @@ pub(crate) mod legacy;
 mod ling;
 pub(crate) mod xarm;
 
-pub(crate) use arm::Arm;
-pub(crate) use fact::{Fact, line, number, object};
+pub use arm::Arm;
+pub use fact::Fact;
+pub(crate) use fact::{line, number, object};

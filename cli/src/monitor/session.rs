@@ -197,7 +197,7 @@ impl<'a> Session<'a> {
             }
             Ok(News::Nothing) => Ok(Step::Nothing),
             // The line may be noisy. And once it has answered, the arm may be switched off and on again.
-            Err(Error::NoAnswer { name, cause, bytes })
+            Err(Error::NoAnswer { name, cause, bytes, .. })
                 if bytes > 0 || self.model.answered > 0 || now < time::Instant::ZERO + SILENCE =>
             {
                 self.has_heard |= bytes > 0;
