@@ -1,0 +1,30 @@
+"""Robot arms from Python: Ling / Alicia-D, UFACTORY xArm, UBTECH Alpha1.
+
+    with armwire.Ling("/dev/ttyACM0") as arm:
+        print(arm.read_joints_deg())
+
+Units are in the names. `armwire.aio` has the same classes for asyncio, `armwire.sim` virtual arms, `armwire.errors` the
+exceptions, `armwire.compat` the calls of a vendor's SDK, and `armwire.plot` figures.
+"""
+
+from . import errors
+from ._alpha1 import Alpha1
+from ._ling import JointState, LineErrors, Ling, LingInfo, MotionStatus
+from ._xarm import Answer, XArm, XArmSerials, XArmState, XArmVersion
+from .errors import ArmwireError
+
+__all__ = [
+    "Alpha1",
+    "Answer",
+    "ArmwireError",
+    "JointState",
+    "LineErrors",
+    "Ling",
+    "LingInfo",
+    "MotionStatus",
+    "XArm",
+    "XArmSerials",
+    "XArmState",
+    "XArmVersion",
+    "errors",
+]

@@ -1,0 +1,120 @@
+"""A UBTECH Alpha1, and its servos."""
+
+from collections.abc import Mapping
+from typing import Literal
+
+from . import _armwire
+from ._open import Open
+from ._units import count
+
+# Servos that an action has room for. An Alpha1 has 16.
+SERVOS = 20
+
+
+class Alpha1(Open):
+    """An Alpha1 on a port, or the bus of its servos.
+
+    Calls wait 250 ms for an answer; reads of the robot are repeated twice in three times that. Other threads run
+    meanwhile, and may use the same object: calls take turns. Ctrl-C ends a call. Calls raise the exceptions of
+    `armwire.errors`; where the robot or a servo reports failure, for which it gives no reason, `RefusedError`.
+
+    Args:
+        port: A serial port such as `/dev/ttyACM0`; `tcp:HOST:PORT`.
+        baud: The serial port's rate; 115200 unless given.
+
+    Raises:
+        PortError: The port cannot be opened.
+    """
+
+    def __init__(self, port: str, *, baud: int | None = None) -> None:
+        self._port = _armwire.Alpha1Port(port, baud)
+        super().__init__(port, self._port)
+
+    def read_hardware_version(self) -> bytes:
+        """Read the hardware version. Its alphabet is not documented."""
+        return self._port.read_hardware_version()
+
+    def read_firmware_version(self) -> str:
+        """Read the firmware version, year first, such as 2016010100; 2015121519 is the first with this protocol."""
+        return self._port.read_firmware_version().decode("ascii", "backslashreplace")
+
+    def read_running_servos(self) -> tuple[int, ...]:
+        """Read which servos run, by number from 1. One that does not run can be turned by hand."""
+        return tuple(self._port.read_running_servos())
+
+    def act(self, angles_deg: Mapping[int, int], *, time_s: float, interval_s: float) -> None:
+        """Move servos together.
+
+        Args:
+            angles_deg: Whole degrees, 0 to 240, by servo, 1 to 20. Others stay as they are.
+            time_s: How long the servos take, to 5.1 s, in steps of 20 ms.
+            interval_s: From the end of this to the next that the robot takes, to 1310.7 s.
+        """
+        angles: list[int | None] = [None] * SERVOS
+        for servo, degrees in angles_deg.items():
+            if not 1 <= servo <= SERVOS:
+                raise ValueError(f"servo is {servo}, must be 1 to {SERVOS}")
+            angles[servo - 1] = count("servo angle in degrees", degrees, 240)
+        self._port.act(angles, time_s, interval_s)
+
+    def play(self, name: str | bytes) -> None:
+        """Play the action of this name. A name of another alphabet is given as bytes; they may be GBK."""
+        self._port.play(name.encode() if isinstance(name, str) else name)
+
+    def stop(self) -> None:
+        """Stop the action that is played."""
+        self._port.stop()
+
+    def set_offset_tool(self, connected: bool) -> None:
+        """Connect or disconnect the servo offset tool. While it is connected, Bluetooth may not be used."""
+        self._port.set_offset_tool(connected)
+
+    def set_usb_type(self, usb: Literal["disk", "serial", "hid"]) -> None:
+        """Say what the robot is on USB from now on. The port may close over it. As a disk it no longer takes requests."""
+        self._port.set_usb_type(usb)
+
+    def move_servo(self, servo: int, angle_deg: int, *, time_s: float, lock_s: float) -> None:
+        """Move a servo, 1 to 240, or all: 0.
+
+        Args:
+            servo: The servo's id. The acknowledgement of one is waited for; all servos give none.
+            angle_deg: Whole degrees, 0 to 240.
+            time_s: How long it takes, to 5.1 s.
+            lock_s: The completion time, to 1310.7 s.
+        """
+        angle = count("servo angle in degrees", angle_deg, 240)
+        self._port.move_servo(_id(servo), angle, time_s, lock_s)
+
+    def release_servo(self, servo: int) -> None:
+        """Switch the motor of a servo, or of all (0), off: what it holds up falls."""
+        self._port.release_servo(_id(servo))
+
+    def set_servo_led(self, servo: int, led: int) -> None:
+        """Switch the light of a servo, or of all (0): 0 or 1, whose meanings the sources contradict each other on."""
+        self._port.set_servo_led(_id(servo), count("light", led, 255))
+
+    def read_servo_angles_deg(self, servo: int) -> tuple[int, int]:
+        """Read target and actual angle. The servo switches its motor off to answer: what it holds up falls."""
+        return self._port.read_servo_angles(_id(servo))
+
+    def change_servo_id(self, servo: int, to: int) -> None:
+        """Give a servo another id, 1 to 240."""
+        self._port.change_servo_id(_id(servo), _id(to))
+
+    def set_servo_offset_thirds_deg(self, servo: int, thirds: int) -> None:
+        """Set a servo's zero offset in thirds of a degree, -90 to 90."""
+        if not -90 <= thirds <= 90:
+            raise ValueError(f"servo offset is {thirds} thirds of a degree, must be -90 to 90")
+        self._port.set_servo_offset(_id(servo), thirds)
+
+    def read_servo_offset_thirds_deg(self, servo: int) -> int:
+        """Read a servo's zero offset in thirds of a degree."""
+        return self._port.read_servo_offset(_id(servo))
+
+    def read_servo_version(self, servo: int) -> bytes:
+        """Read the version of a servo's firmware, four bytes whose meaning is not documented."""
+        return self._port.read_servo_version(_id(servo))
+
+
+def _id(servo: int) -> int:
+    return count("servo id", servo, 240)

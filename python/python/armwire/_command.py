@@ -1,0 +1,14 @@
+"""The `armwire` command."""
+
+import signal
+import sys
+
+from . import _armwire
+
+
+def main() -> None:
+    """Run the command with the program's arguments."""
+    # Python's own handler only takes a note, which nobody would look at.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    done = _armwire.run(["armwire", *sys.argv[1:]])
+    sys.exit(0 if done else 1)

@@ -1,0 +1,277 @@
+"""A Ling arm (Alicia-D): follower or leader."""
+
+import time
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _armwire
+from ._open import Open
+from ._units import DEG_PER_TICK, MAX_TICKS, RAD_PER_TICK, Floats, angles, count, position_ticks, speed_ticks
+from .errors import RefusedError, UnacceptableError
+
+MAX_GRIPPER = 1000
+# How near a joint is when it has arrived: 3 ticks, 0.26°.
+NEAR_TICKS = 3
+# How long an arm may take to switch its torque.
+OBEYS_S = 0.5
+# How often an arm is asked while something is waited for.
+PERIOD_S = 0.02
+
+
+class MotionStatus(IntEnum):
+    """What an arm is doing. A value that the document does not name is kept as a plain number."""
+
+    IDLE = 0x00
+    LOCKED = 0x01
+    SYNCING = 0x10
+    SYNC_LOCKED = 0x11
+    OVERHEATING = 0xE1
+    OVERHEAT_PROTECTION = 0xE2
+
+
+_STATUSES = {int(status): status for status in MotionStatus}
+
+
+@dataclass(frozen=True)
+class LingInfo:
+    """What an arm says that it is."""
+
+    serial: str
+    kind: Literal["leader", "follower"] | None
+    """From the serial number; `None` if that does not tell."""
+    hardware: str
+    """Such as `v1.10`."""
+    firmware: str
+    """Such as `v6.10`, which the vendor's software writes as 6.1.0."""
+
+
+@dataclass(frozen=True)
+class JointState:
+    """Where an arm is, in the counts that it sent.
+
+    An arm may send counts that no position has. They are kept, and the properties raise `UnacceptableError` for them.
+    """
+
+    ticks: tuple[int, ...]
+    """Of joints 1 to 6: 4096 a turn, 2048 at zero. Positions are 0 to 4095."""
+    gripper: int
+    """As sent. Positions are 0 to 1000."""
+    status: MotionStatus | int
+    """What the arm is doing."""
+
+    @property
+    def joints_deg(self) -> Floats:
+        """Angles of joints 1 to 6 in degrees, exact."""
+        return angles(self._checked_ticks(), DEG_PER_TICK)
+
+    @property
+    def joints_rad(self) -> Floats:
+        """Angles of joints 1 to 6 in radians."""
+        return angles(self._checked_ticks(), RAD_PER_TICK)
+
+    @property
+    def gripper_permille(self) -> int:
+        """The gripper: 0 is closed, 1000 is open."""
+        if self.gripper > MAX_GRIPPER:
+            raise UnacceptableError(f"the gripper is at {self.gripper} thousandths, must be 0 to {MAX_GRIPPER}")
+        return self.gripper
+
+    @property
+    def is_holding(self) -> bool | None:
+        """Whether the torque is on; `None` if the status does not tell."""
+        if self.status in (MotionStatus.LOCKED, MotionStatus.SYNC_LOCKED):
+            return True
+        if self.status in (MotionStatus.IDLE, MotionStatus.OVERHEAT_PROTECTION):
+            return False
+        return None
+
+    def _checked_ticks(self) -> tuple[int, ...]:
+        for joint, ticks in enumerate(self.ticks, start=1):
+            if ticks > MAX_TICKS:
+                raise UnacceptableError(f"joint {joint} is at {ticks} ticks, must be 0 to {MAX_TICKS}")
+        return self.ticks
+
+
+@dataclass(frozen=True)
+class LineErrors:
+    """Damage on the line since the port was opened."""
+
+    noise_bytes: int
+    """Bytes that belonged to no frame."""
+    checksum_errors: int
+    """Frames with a wrong checksum."""
+
+
+def joint_state(counts: tuple[tuple[int, ...], int, int]) -> JointState:
+    """The state in these counts."""
+    ticks, gripper, status = counts
+    return JointState(tuple(ticks), gripper, _STATUSES.get(status, status))
+
+
+class Ling(Open):
+    """A Ling arm (Alicia-D) on a port.
+
+    Calls wait for the answer, 160 ms at most for an arm that is silent; reads are repeated twice in that time. Other
+    threads run meanwhile, and may use the same object: calls take turns. Ctrl-C ends a call.
+
+    Calls raise the exceptions of `armwire.errors`.
+
+    Args:
+        port: A serial port such as `/dev/ttyACM0` or `COM3`; `tcp:HOST:PORT`; `can:IFACE/NODE`;
+            `slcan:PORT@BITRATE/NODE`. As the `armwire` command takes them.
+        baud: The serial port's rate; 1000000 unless given.
+
+    Raises:
+        PortError: The port cannot be opened.
+        OlderArmError: The arm is of the older generation.
+    """
+
+    def __init__(self, port: str, *, baud: int | None = None) -> None:
+        self._port = _armwire.LingPort(port, baud)
+        super().__init__(port, self._port)
+
+    def read_info(self) -> LingInfo:
+        """Read serial number and versions."""
+        serial, kind, hardware, firmware = self._port.read_info()
+        return LingInfo(serial, kind, _version(hardware), _version(firmware))
+
+    def read_joints(self) -> JointState:
+        """Read joints, gripper and motion status at once, as counts that convert."""
+        return joint_state(self._port.read_joints())
+
+    def read_joints_deg(self) -> Floats:
+        """Read the angles of joints 1 to 6 in degrees."""
+        return self.read_joints().joints_deg
+
+    def read_joints_rad(self) -> Floats:
+        """Read the angles of joints 1 to 6 in radians."""
+        return self.read_joints().joints_rad
+
+    def read_gripper_permille(self) -> int:
+        """Read the gripper: 0 is closed, 1000 is open."""
+        return self.read_joints().gripper_permille
+
+    def read_temperatures_celsius(self) -> NDArray[np.int64]:
+        """Read the temperature of every servo: 10 of a follower, 6 of a leader."""
+        return np.array(self._port.read_temperatures(), dtype=np.int64)
+
+    def read_velocities_deg_s(self) -> Floats:
+        """Read the speed of every servo, without its direction, in degrees per second.
+
+        A follower has 10 servos: joints 1 to 3 have two each.
+        """
+        return np.array(self._port.read_velocities(), dtype=np.float64) * DEG_PER_TICK
+
+    def read_velocities_rad_s(self) -> Floats:
+        """Read the speed of every servo, without its direction, in radians per second."""
+        return np.array(self._port.read_velocities(), dtype=np.float64) * RAD_PER_TICK
+
+    def read_stroke_mm(self) -> int:
+        """Read the stroke of the gripper that the arm is set to: 50, 75 or 100 mm."""
+        return self._port.read_stroke()
+
+    def self_check(self) -> tuple[int, ...]:
+        """Check every servo.
+
+        Returns:
+            The ids of servos, from 1, that are not normal; of a leader, 7 to 10 do not count.
+        """
+        servos = len(self._port.read_temperatures())
+        normal = self._port.self_check()
+        return tuple(servo for servo in range(1, servos + 1) if not normal >> (servo - 1) & 1)
+
+    def move_deg(
+        self, joints: ArrayLike, *, gripper_permille: int, speed_deg_s: ArrayLike, gripper_ticks_s: int = 1000
+    ) -> None:
+        """Start to move to these angles. The arm moves at once: keep clear of it.
+
+        The arm confirms nothing. With its torque off it does not move.
+
+        Args:
+            joints: Angles of joints 1 to 6 in degrees, -180 to 179.912.
+            gripper_permille: The gripper, 0 closed to 1000 open. It moves in the same request.
+            speed_deg_s: Degrees per second, up to 439.453: one number, or six.
+            gripper_ticks_s: The gripper's speed; the vendor's software sends 5500.
+
+        Raises:
+            ValueError: A value is out of range; nothing is sent.
+        """
+        ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
+        speeds = speed_ticks(speed_deg_s, DEG_PER_TICK, "degrees/s")
+        self._move(ticks, speeds, gripper_permille, gripper_ticks_s)
+
+    def move_rad(
+        self, joints: ArrayLike, *, gripper_permille: int, speed_rad_s: ArrayLike, gripper_ticks_s: int = 1000
+    ) -> None:
+        """Start to move to these angles, in radians, -3.14159 to 3.14006, up to 7.66990 rad/s. See `move_deg`."""
+        ticks = position_ticks(joints, RAD_PER_TICK, "rad")
+        speeds = speed_ticks(speed_rad_s, RAD_PER_TICK, "rad/s")
+        self._move(ticks, speeds, gripper_permille, gripper_ticks_s)
+
+    def wait_until_at_deg(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> JointState:
+        """Read until every joint is within 3 ticks (0.26°) of these angles.
+
+        Returns:
+            The state then.
+
+        Raises:
+            TimeoutError: A joint is not there in time; the text names it. The arm may still move.
+        """
+        goals = position_ticks(joints, DEG_PER_TICK, "degrees")
+        until = time.monotonic() + timeout_s
+        while True:
+            state = self.read_joints()
+            off = [abs(goal - tick) for goal, tick in zip(goals, state.ticks, strict=True)]
+            if max(off) <= NEAR_TICKS:
+                return state
+            if time.monotonic() >= until:
+                worst = max(range(len(off)), key=off.__getitem__)
+                raise TimeoutError(
+                    f"{self.port}: after {timeout_s:g} s joint {worst + 1} is {off[worst] * DEG_PER_TICK:.2f}° off"
+                )
+            time.sleep(PERIOD_S)
+
+    def set_torque(self, on: bool) -> None:
+        """Switch the torque, and read back that it is so. With torque off the arm falls: hold it.
+
+        Raises:
+            RefusedError: The status says otherwise after half a second.
+        """
+        self._port.set_torque(on)
+        until = time.monotonic() + OBEYS_S
+        while True:
+            state = self.read_joints()
+            if state.is_holding in (on, None):
+                return
+            if time.monotonic() >= until:
+                wanted = "on" if on else "off"
+                raise RefusedError(f"{self.port}: torque {wanted} was sent, but the status is {state.status!r}")
+            time.sleep(PERIOD_S)
+
+    def set_zero(self) -> None:
+        """Make the present pose the zero position. The arm switches its torque off and falls: hold it."""
+        self._port.set_zero()
+
+    def set_stroke_mm(self, stroke: int) -> None:
+        """Tell the arm which gripper it has: 50, 75 or 100 mm."""
+        self._port.set_stroke(count("stroke in mm", stroke, 255))
+
+    def set_temperature_limit_celsius(self, limit: int) -> None:
+        """Set the temperature at which the arm protects itself, 0 to 255 °C but for 254; 85 from the factory."""
+        self._port.set_temperature_limit(count("temperature limit in °C", limit, 255))
+
+    def line_errors(self) -> LineErrors:
+        """Return what was damaged on the line so far."""
+        return LineErrors(*self._port.line_errors())
+
+    def _move(self, ticks: list[int], speeds: list[int], gripper: int, gripper_speed: int) -> None:
+        gripper = count("gripper in thousandths", gripper, MAX_GRIPPER)
+        self._port.move_to(ticks, speeds, gripper, count("gripper speed in ticks/s", gripper_speed, 0xFFFF))
+
+
+def _version(number: int) -> str:
+    return f"v{number // 100}.{number % 100:02}"

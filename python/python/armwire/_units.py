@@ -1,0 +1,76 @@
+"""Counts on the wire and units in programs: degrees, radians, thousandths.
+
+A joint has 4096 ticks a turn, 2048 at zero. A tick is 45/512 degrees, which floating-point numbers hold exactly.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+JOINTS = 6
+TICKS_PER_TURN = 4096
+ZERO = 2048
+MAX_TICKS = 4095
+MAX_TICKS_PER_S = 5000
+DEG_PER_TICK = 360 / TICKS_PER_TURN
+RAD_PER_TICK = 2 * np.pi / TICKS_PER_TURN
+# What arithmetic may be off, in ticks, at the ends of a range.
+SLACK = 1e-6
+
+
+def angles(ticks: Sequence[int], unit_per_tick: float) -> Floats:
+    """Joint angles, zero at the zero position."""
+    return (np.array(ticks, dtype=np.float64) - ZERO) * unit_per_tick
+
+
+def position_ticks(joints: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
+    """The nearest positions to six angles.
+
+    Raises:
+        ValueError: There are not six, or one is out of range or no number.
+    """
+    values = _six(joints, "joint angles")
+    return _ticks("angle", values, values / unit_per_tick + ZERO, 0, MAX_TICKS, ZERO, unit_per_tick, unit)
+
+
+def speed_ticks(speed: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
+    """The nearest speeds to one for all joints, or to six.
+
+    Raises:
+        ValueError: One is out of range, or rounds to zero, which no document explains.
+    """
+    given = np.asarray(speed, dtype=np.float64)
+    values = np.full(JOINTS, given) if given.ndim == 0 else _six(given, "joint speeds")
+    return _ticks("speed", values, values / unit_per_tick, 1, MAX_TICKS_PER_S, 0, unit_per_tick, unit)
+
+
+def _six(values: ArrayLike, what: str) -> Floats:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != (JOINTS,):
+        raise ValueError(f"there are {JOINTS} {what}, not an array of shape {array.shape}")
+    return array
+
+
+def _ticks(
+    what: str, values: Floats, ticks: Floats, least: int, most: int, zero: int, unit_per_tick: float, unit: str
+) -> list[int]:
+    for joint, (value, tick) in enumerate(zip(values.tolist(), ticks.tolist(), strict=True), start=1):
+        # Not a number is out of any range.
+        if not least - SLACK <= tick <= most + SLACK:
+            low, high = (least - zero) * unit_per_tick, (most - zero) * unit_per_tick
+            raise ValueError(f"{what} of joint {joint} is {value:g} {unit}, must be {low:.6g} to {high:.6g}")
+    return [int(tick) for tick in np.rint(ticks)]
+
+
+def count(what: str, value: int, most: int) -> int:
+    """A whole number from 0 to `most`.
+
+    Raises:
+        ValueError: It is out of that range.
+    """
+    if not 0 <= value <= most:
+        raise ValueError(f"{what} is {value}, must be 0 to {most}")
+    return int(value)

@@ -1,0 +1,151 @@
+"""A UFACTORY xArm."""
+
+import struct
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Generic, Literal, TypeVar
+
+import numpy as np
+
+from . import _armwire
+from ._open import Open
+from ._units import Floats, count
+from .errors import UnacceptableError
+
+# The register of joint positions, which the public document does not have: seven little-endian numbers in radians,
+# as the vendor's package reads them.
+POSITIONS = 42
+MAX_JOINTS = 7
+
+T = TypeVar("T")
+
+
+class XArmState(IntFlag):
+    """What an arm says of itself with every answer. A warning or an error does not make the answer wrong."""
+
+    OK = 0
+    INVALID = 0x08
+    """The request was refused, or failed: a `RefusedError`."""
+    NOT_READY = 0x10
+    """Not ready to move."""
+    WARNING = 0x20
+    ERROR = 0x40
+
+
+@dataclass(frozen=True)
+class Answer(Generic[T]):
+    """What was asked for, and how the arm is."""
+
+    value: T
+    state: XArmState
+
+
+@dataclass(frozen=True)
+class XArmVersion:
+    """The kind of an arm and its software."""
+
+    text: str
+    """As the arm sent it, with what is not printable escaped."""
+    axes: int | None
+    """`None`, as the following, if the text does not say what a version says."""
+    type: int | None
+    arm: str | None
+    control_box: str | None
+    firmware: str | None
+
+
+@dataclass(frozen=True)
+class XArmSerials:
+    """Serial numbers; `None` where one is not printable."""
+
+    arm: str | None
+    control_box: str | None
+
+
+class XArm(Open):
+    """An xArm on a host.
+
+    Calls wait 100 ms for an answer; register 4 and those without a type of their own 10 s. Other threads run meanwhile,
+    and may use the same object: calls take turns. Ctrl-C ends a call. Calls raise the exceptions of `armwire.errors`.
+
+    Args:
+        host: Such as `192.168.1.10` or `192.168.1.10:502`.
+        supervised: Use protocol id 3, as the vendor's package does with firmware 1.8.6 and later, instead of 2.
+
+    Raises:
+        PortError: The host cannot be connected to.
+    """
+
+    def __init__(self, host: str, *, supervised: bool = False) -> None:
+        self._port = _armwire.XArmPort(host, supervised)
+        super().__init__(host, self._port)
+
+    def read_version(self) -> Answer[XArmVersion]:
+        """Read axes, type and versions."""
+        state, (text, version) = self._port.read_version()
+        axes, kind, arm, control_box, firmware = version or (None,) * 5
+        return _answer(state, XArmVersion(text, axes, kind, arm, control_box, firmware))
+
+    def read_serials(self) -> Answer[XArmSerials]:
+        """Read the serial numbers of the arm and of its control box."""
+        state, serials = self._port.read_serials()
+        return _answer(state, XArmSerials(*serials))
+
+    def read_torque_source(self) -> Answer[Literal["torque", "current"]]:
+        """Read whether joint torque or servo current is reported."""
+        return _answer(*self._port.read_torque_source())
+
+    def read_rotation_radius_mm(self, joint: int) -> Answer[float]:
+        """Read the radius of rotation of a joint, 1 to 7, relative to the tool.
+
+        Raises:
+            UnacceptableError: The arm's number is no radius: not 0 to 100 m.
+        """
+        state, radius = self._port.read_rotation_radius(count("joint", joint, 255))
+        if not 0 <= radius <= 100_000:
+            raise UnacceptableError(f"{self.port}: rotation radius is {radius:g} mm, must be 0 to 100000")
+        return _answer(state, radius)
+
+    def read_joints_rad(self) -> Answer[Floats]:
+        """Read the joints' angles in radians: seven numbers, of which an arm with fewer axes uses the first.
+
+        Register 42, which the public document does not have.
+        """
+        state, params = self._port.raw(POSITIONS, b"")
+        if len(params) != 4 * MAX_JOINTS:
+            raise UnacceptableError(f"{self.port}: register {POSITIONS} has {len(params)} bytes, must be 28")
+        return _answer(state, np.array(struct.unpack("<7f", params), dtype=np.float64))
+
+    def read_joints_deg(self) -> Answer[Floats]:
+        """Read the joints' angles in degrees. See `read_joints_rad`."""
+        answer = self.read_joints_rad()
+        return Answer(np.degrees(answer.value), answer.state)
+
+    def reload_dynamics(self) -> Answer[None]:
+        """Reload the friction parameters."""
+        return _answer(*self._port.reload_dynamics())
+
+    def shut_down(self) -> Answer[None]:
+        """Shut the control box down. It comes back when it is switched on by hand."""
+        return _answer(*self._port.shut_down())
+
+    def reboot(self) -> Answer[None]:
+        """Restart the control box."""
+        return _answer(*self._port.reboot())
+
+    def heartbeat(self) -> None:
+        """Say that the host is there. The arm does not answer."""
+        self._port.heartbeat()
+
+    def raw(self, register: int, params: bytes = b"") -> Answer[bytes]:
+        """Ask any other register, whatever it does: 42 reads joint positions, 23 moves.
+
+        Args:
+            register: 0 to 255, without 1, 2, 4, 5, 6 and 10, which have methods.
+            params: At most 252 bytes.
+        """
+        return _answer(*self._port.raw(count("register", register, 255), params))
+
+
+def _answer(state: int, value: T) -> Answer[T]:
+    return Answer(value, XArmState(state))

@@ -1,0 +1,173 @@
+//! An adapter's control port.
+
+use std::time::{Duration, Instant};
+
+use armwire_bridge::config::Config;
+use armwire_bridge::control::{Event, Histogram, Identity, Latencies, Reply, Request, Stamp, Subscription};
+use armwire_cli::host::{self, ControlLink, Error, Port};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use serde_json::{Value, json};
+
+use crate::error::value_error;
+use crate::session::{Session, check_signals};
+
+/// How long is listened before signals are looked at.
+const LISTEN: Duration = Duration::from_millis(50);
+
+/// The stamp in microseconds, the initiator, the frame's bytes, the event in JSON.
+type Heard<'py> = (u64, Option<String>, Option<Bound<'py, PyBytes>>, Option<String>);
+
+/// The control port of an adapter.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct AdapterPort(Session<ControlLink>);
+
+#[pymethods]
+impl AdapterPort {
+    #[new]
+    fn new(py: Python<'_>, port: &str) -> PyResult<Self> {
+        let port: Port = port.parse().map_err(value_error)?;
+        Session::open(py, || port.connect(None)?.control()).map(Self)
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.0.close(py);
+    }
+
+    /// Board, serial number, firmware, commit, whether it has CAN FD.
+    fn identify(&self, py: Python<'_>) -> PyResult<(String, String, String, String, bool)> {
+        let Identity {
+            board,
+            serial,
+            firmware,
+            commit,
+            can_fd,
+            ..
+        } = self.0.with(py, host::identify)?;
+        let [board, serial, firmware, commit] = [
+            board.to_string(),
+            serial.to_string(),
+            firmware.to_string(),
+            commit.to_string(),
+        ];
+        Ok((board, serial, firmware, commit, can_fd))
+    }
+
+    /// In JSON.
+    fn read_config(&self, py: Python<'_>) -> PyResult<String> {
+        let config = self.0.with(py, host::config)?;
+        Ok(host::config_object(&config).to_string())
+    }
+
+    /// Settings such as `poll=200`.
+    #[allow(clippy::needless_pass_by_value, reason = "as PyO3 gives it")]
+    fn change_config(&self, py: Python<'_>, settings: Vec<String>) -> PyResult<()> {
+        // What is no setting is told before the adapter is asked.
+        for setting in &settings {
+            host::change_config(&mut Config::default(), setting).map_err(value_error)?;
+        }
+        self.0.with(py, |control| {
+            let mut config = host::config(control)?;
+            for setting in &settings {
+                host::change_config(&mut config, setting).map_err(Error::Usage)?;
+            }
+            control.call(Request::SetConfig(config)).map(drop)
+        })
+    }
+
+    fn save_config(&self, py: Python<'_>) -> PyResult<()> {
+        self.tell(py, Request::SaveConfig)
+    }
+
+    fn reset_config(&self, py: Python<'_>) -> PyResult<()> {
+        self.tell(py, Request::ResetConfig)
+    }
+
+    /// In JSON.
+    fn read_counters(&self, py: Python<'_>) -> PyResult<String> {
+        let counters = self.0.with(py, host::counters)?;
+        Ok(Value::Object(counters).to_string())
+    }
+
+    /// In JSON: the counts of each bucket, which ends at 2, 4, 8, … µs.
+    fn read_latencies(&self, py: Python<'_>) -> PyResult<String> {
+        let latencies = self.0.with(py, |control| match control.call(Request::GetLatencies)? {
+            Reply::Latencies(latencies) => Ok(latencies),
+            reply => Err(odd(control, &reply)),
+        })?;
+        let Latencies { answer, turn, poll } = latencies;
+        let counts = |histogram: Histogram| histogram.counts.to_vec();
+        Ok(json!({ "answer": counts(answer), "turn": counts(turn), "poll": counts(poll) }).to_string())
+    }
+
+    fn end_stream(&self, py: Python<'_>) -> PyResult<()> {
+        self.tell(py, Request::EndStream)
+    }
+
+    fn restart(&self, py: Python<'_>) -> PyResult<()> {
+        self.tell(py, Request::Restart)
+    }
+
+    /// Makes the adapter tell of the arm's frames and its own events, or of nothing.
+    fn subscribe(&self, py: Python<'_>, frames: bool, events: bool) -> PyResult<()> {
+        self.tell(py, Request::Subscribe(Subscription { frames, events }))
+    }
+
+    /// The next frame or event in this time: its stamp in microseconds, its initiator, the frame's bytes or the event in
+    /// JSON.
+    fn hear<'py>(&self, py: Python<'py>, timeout_s: f64) -> PyResult<Option<Heard<'py>>> {
+        let timeout = Duration::try_from_secs_f64(timeout_s).map_err(value_error)?;
+        let heard = self.0.with(py, |control| hear(control, timeout))?;
+        Ok(heard.map(|(Stamp(at), event)| match event {
+            Event::Frame { initiator, bytes } => {
+                let initiator = initiator.map(|initiator| initiator.to_string());
+                (at, initiator, Some(PyBytes::new(py, &bytes)), None)
+            }
+            event => (at, None, None, Some(told(&event).to_string())),
+        }))
+    }
+}
+
+impl AdapterPort {
+    fn tell(&self, py: Python<'_>, request: Request) -> PyResult<()> {
+        self.0.with(py, |control| control.call(request).map(drop))
+    }
+}
+
+fn hear(control: &mut ControlLink, timeout: Duration) -> Result<Option<(Stamp, Event)>, Error> {
+    let until = Instant::now() + timeout;
+    loop {
+        let left = until.saturating_duration_since(Instant::now());
+        let heard = control.hear(left.min(LISTEN))?;
+        if heard.is_some() || left.is_zero() {
+            return Ok(heard);
+        }
+        check_signals().map_err(Error::Interrupted)?;
+    }
+}
+
+/// What an adapter does by itself, for programs.
+fn told(event: &Event) -> Value {
+    match event {
+        Event::Frame { .. } => Value::Null,
+        Event::HostSilent {
+            initiator,
+            dropped,
+            torque_off,
+        } => json!({
+            "event": "host_silent", "initiator": initiator.to_string(), "dropped": dropped, "torque_off": torque_off
+        }),
+        Event::Refused { initiator, reason } => {
+            json!({ "event": "refused", "initiator": initiator.to_string(), "reason": reason.to_string() })
+        }
+        Event::BusOff { off } => json!({ "event": "bus_off", "off": off }),
+    }
+}
+
+/// An answer, though to another question than was asked.
+fn odd(control: &ControlLink, reply: &Reply) -> Error {
+    Error::Unacceptable {
+        name: control.name().to_owned(),
+        reason: format!("the adapter answers what it was not asked: {reply:?}"),
+    }
+}

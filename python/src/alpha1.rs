@@ -1,0 +1,229 @@
+//! An Alpha1, or its servos, on a port.
+
+use std::num::NonZeroU32;
+use std::time::Duration;
+
+use armwire::alpha1::{
+    Action, Address, Alpha1, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, Response, SERVOS, ServoId,
+    ServoRequest, ServoResponse, Text, UsbType,
+};
+use armwire_cli::host::{Link, Port};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::error::value_error;
+use crate::session::{Session, ask, interruptible, tell};
+
+/// An Alpha1, or its servos, on a port. Servo 0 is all of them.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct Alpha1Port(Session<Link<Alpha1>>);
+
+#[pymethods]
+impl Alpha1Port {
+    #[new]
+    fn new(py: Python<'_>, port: &str, baud: Option<NonZeroU32>) -> PyResult<Self> {
+        let port: Port = port.parse().map_err(value_error)?;
+        let open = || Ok(interruptible(port.connect(baud)?.arm()?));
+        Session::open(py, open).map(Self)
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.0.close(py);
+    }
+
+    fn read_hardware_version<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let version = self.ask(py, Request::ReadHardwareVersion, |response| match response {
+            Response::HardwareVersion(version) => Some(version.as_bytes().to_vec()),
+            _ => None,
+        })?;
+        Ok(PyBytes::new(py, &version))
+    }
+
+    fn read_firmware_version<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let version = self.ask(py, Request::ReadFirmwareVersion, |response| match response {
+            Response::FirmwareVersion(version) => Some(version.text),
+            _ => None,
+        })?;
+        Ok(PyBytes::new(py, &version))
+    }
+
+    /// The numbers of the servos that run.
+    fn read_running_servos(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
+        self.ask(py, Request::ReadServoStates, |response| match response {
+            Response::ServoStates(states) => Some(states.running().map(u16::from).collect()),
+            _ => None,
+        })
+    }
+
+    /// Angles in degrees, `None` to leave a servo as it is; times in seconds.
+    fn act(&self, py: Python<'_>, angles: [Option<u8>; SERVOS], time_s: f64, interval_s: f64) -> PyResult<()> {
+        let mut action = Action {
+            angles: [None; SERVOS],
+            time: move_time(time_s)?,
+            interval: interval(interval_s)?,
+        };
+        for (place, degrees) in action.angles.iter_mut().zip(angles) {
+            *place = degrees.map(Angle::new).transpose().map_err(value_error)?;
+        }
+        self.ask(py, Request::Act(action), done)
+    }
+
+    fn play(&self, py: Python<'_>, name: &[u8]) -> PyResult<()> {
+        let name = Text::new(name).map_err(value_error)?;
+        self.ask(py, Request::Play(name), done)
+    }
+
+    fn stop(&self, py: Python<'_>) -> PyResult<()> {
+        self.ask(py, Request::Stop, done)
+    }
+
+    fn set_offset_tool(&self, py: Python<'_>, connected: bool) -> PyResult<()> {
+        let tool = if connected {
+            OffsetTool::Connect
+        } else {
+            OffsetTool::Disconnect
+        };
+        self.ask(py, Request::SetOffsetTool(tool), done)
+    }
+
+    /// `disk`, `serial` or `hid`.
+    fn set_usb_type(&self, py: Python<'_>, usb: &str) -> PyResult<()> {
+        let usb = match usb {
+            "disk" => UsbType::Disk,
+            "serial" => UsbType::SerialPort,
+            "hid" => UsbType::Hid,
+            _ => return Err(value_error(format_args!("'{usb}' is none of disk, serial, hid"))),
+        };
+        self.ask(py, Request::SetUsbType(usb), done)
+    }
+
+    fn move_servo(&self, py: Python<'_>, servo: u8, degrees: u8, time_s: f64, lock_s: f64) -> PyResult<()> {
+        let request = ServoRequest::Move {
+            to: address(servo)?,
+            angle: Angle::new(degrees).map_err(value_error)?,
+            time: move_time(time_s)?,
+            lock: interval(lock_s)?,
+        };
+        self.tell_servo(py, request)
+    }
+
+    fn release_servo(&self, py: Python<'_>, servo: u8) -> PyResult<()> {
+        self.tell_servo(py, ServoRequest::Release(address(servo)?))
+    }
+
+    fn set_servo_led(&self, py: Python<'_>, servo: u8, led: u8) -> PyResult<()> {
+        let request = ServoRequest::SetLed {
+            to: address(servo)?,
+            led: Led(led),
+        };
+        self.tell_servo(py, request)
+    }
+
+    /// Target and actual angle, in degrees.
+    fn read_servo_angles(&self, py: Python<'_>, servo: u8) -> PyResult<(u16, u16)> {
+        self.ask_servo(py, ServoRequest::ReadAngles(id(servo)?), |response| match response {
+            ServoResponse::Angles { target, actual, .. } => Some((target, actual)),
+            _ => None,
+        })
+    }
+
+    fn change_servo_id(&self, py: Python<'_>, servo: u8, to: u8) -> PyResult<()> {
+        let request = ServoRequest::ChangeId {
+            from: id(servo)?,
+            to: id(to)?,
+        };
+        self.ask_servo(py, request, |response| {
+            matches!(response, ServoResponse::IdChanged { .. }).then_some(())
+        })
+    }
+
+    /// In thirds of a degree.
+    fn set_servo_offset(&self, py: Python<'_>, servo: u8, thirds: i16) -> PyResult<()> {
+        let offset = Offset::new(thirds).map_err(value_error)?;
+        self.ask_servo(py, ServoRequest::SetOffset(id(servo)?, offset), |response| {
+            matches!(response, ServoResponse::OffsetSet { .. }).then_some(())
+        })
+    }
+
+    /// In thirds of a degree.
+    fn read_servo_offset(&self, py: Python<'_>, servo: u8) -> PyResult<i16> {
+        self.ask_servo(py, ServoRequest::ReadOffset(id(servo)?), |response| match response {
+            ServoResponse::Offset { thirds, .. } => Some(thirds),
+            _ => None,
+        })
+    }
+
+    fn read_servo_version<'py>(&self, py: Python<'py>, servo: u8) -> PyResult<Bound<'py, PyBytes>> {
+        let request = ServoRequest::ReadVersion(id(servo)?);
+        let version = self.ask_servo(py, request, |response| match response {
+            ServoResponse::Version { version, .. } => Some(version),
+            _ => None,
+        })?;
+        Ok(PyBytes::new(py, &version))
+    }
+}
+
+impl Alpha1Port {
+    fn ask<T: Send>(
+        &self,
+        py: Python<'_>,
+        request: Request<'_>,
+        take: impl FnOnce(Response<'_>) -> Option<T> + Send,
+    ) -> PyResult<T> {
+        self.0.with(py, |link| ask(link, &request, take))
+    }
+
+    fn ask_servo<T: Send>(
+        &self,
+        py: Python<'_>,
+        request: ServoRequest,
+        take: impl FnOnce(ServoResponse) -> Option<T> + Send,
+    ) -> PyResult<T> {
+        self.ask(py, Request::Servo(request), |response| match response {
+            Response::Servo(response) => take(response),
+            _ => None,
+        })
+    }
+
+    /// Makes a request that one servo acknowledges and all servos do not.
+    fn tell_servo(&self, py: Python<'_>, request: ServoRequest) -> PyResult<()> {
+        self.0.with(py, |link| tell(link, &Request::Servo(request)))
+    }
+}
+
+/// A response that has nothing to say but its outcome, which is looked at before.
+fn done(response: Response<'_>) -> Option<()> {
+    let is_done = matches!(
+        response,
+        Response::Stopped(_)
+            | Response::Acted(_)
+            | Response::OffsetTool(_)
+            | Response::UsbType(_)
+            | Response::Playing(_)
+    );
+    is_done.then_some(())
+}
+
+fn id(servo: u8) -> PyResult<ServoId> {
+    ServoId::new(servo).map_err(value_error)
+}
+
+fn address(servo: u8) -> PyResult<Address> {
+    match servo {
+        0 => Ok(Address::All),
+        servo => id(servo).map(Address::One),
+    }
+}
+
+fn move_time(seconds: f64) -> PyResult<MoveTime> {
+    MoveTime::from_duration(duration(seconds)?).map_err(value_error)
+}
+
+fn interval(seconds: f64) -> PyResult<Interval> {
+    Interval::from_duration(duration(seconds)?).map_err(value_error)
+}
+
+fn duration(seconds: f64) -> PyResult<Duration> {
+    let wrong = |_| value_error(format_args!("{seconds} s is no time that can be waited"));
+    Duration::try_from_secs_f64(seconds).map_err(wrong)
+}

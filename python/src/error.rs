@@ -1,0 +1,61 @@
+//! Errors as the exceptions of `armwire.errors`.
+
+use std::fmt::Display;
+
+use armwire_cli::host::{Error, Missing};
+use pyo3::PyErr;
+use pyo3::exceptions::PyValueError;
+
+mod exceptions {
+    #![allow(missing_docs, reason = "they are documented where they are defined, in Python")]
+
+    pyo3::import_exception!(armwire.errors, AbsentError);
+    pyo3::import_exception!(armwire.errors, ClosedError);
+    pyo3::import_exception!(armwire.errors, DamagedError);
+    pyo3::import_exception!(armwire.errors, LateError);
+    pyo3::import_exception!(armwire.errors, OlderArmError);
+    pyo3::import_exception!(armwire.errors, PortError);
+    pyo3::import_exception!(armwire.errors, PortLostError);
+    pyo3::import_exception!(armwire.errors, RefusedError);
+    pyo3::import_exception!(armwire.errors, UnacceptableError);
+    pyo3::import_exception!(armwire.errors, WrongArmError);
+}
+
+use exceptions::{
+    AbsentError, ClosedError, DamagedError, LateError, OlderArmError, PortError, PortLostError, RefusedError,
+    UnacceptableError, WrongArmError,
+};
+
+/// The exception that tells of an error.
+pub(crate) fn raised(error: Error) -> PyErr {
+    let text = error.to_string();
+    match error {
+        Error::Interrupted(reason) => match reason.downcast::<PyErr>() {
+            Ok(exception) => *exception,
+            Err(reason) => PyValueError::new_err(reason.to_string()),
+        },
+        Error::Usage(_) => PyValueError::new_err(text),
+        Error::NoAnswer { missing, .. } => match missing {
+            Missing::Damaged => DamagedError::new_err(text),
+            Missing::Late => LateError::new_err(text),
+            Missing::Unknown => RefusedError::new_err(text),
+            Missing::Elsewhere | Missing::Foreign => WrongArmError::new_err(text),
+            _ => AbsentError::new_err(text),
+        },
+        Error::Legacy { .. } => OlderArmError::new_err(text),
+        Error::Lost { .. } | Error::Stuck { .. } => PortLostError::new_err(text),
+        Error::Refused { .. } | Error::Unsupported { .. } => RefusedError::new_err(text),
+        Error::Unacceptable { .. } => UnacceptableError::new_err(text),
+        _ => PortError::new_err(text),
+    }
+}
+
+/// A value that the caller may not give.
+pub(crate) fn value_error(error: impl Display) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// The arm or the adapter was closed before.
+pub(crate) fn closed() -> PyErr {
+    ClosedError::new_err("it is closed")
+}

@@ -1,0 +1,31 @@
+//! The extension module of the Python package `armwire`: ports with an arm or an adapter, and virtual arms.
+//!
+//! It has the calls as they are on the wire, in counts. The Python sources around it give them names, units and types.
+
+mod adapter;
+mod alpha1;
+mod command;
+mod error;
+mod ling;
+mod session;
+#[cfg(unix)]
+mod sim;
+mod xarm;
+
+/// Ports with an arm or an adapter, and virtual arms.
+#[pyo3::pymodule]
+mod _armwire {
+    #[pymodule_export]
+    use super::adapter::AdapterPort;
+    #[pymodule_export]
+    use super::alpha1::Alpha1Port;
+    #[pymodule_export]
+    use super::command::run;
+    #[pymodule_export]
+    use super::ling::{LingPort, ling_joints};
+    #[cfg(unix)]
+    #[pymodule_export]
+    use super::sim::{VirtualAlpha1, VirtualAlpha1Servos, VirtualLing, VirtualOlderLing, VirtualXArm};
+    #[pymodule_export]
+    use super::xarm::XArmPort;
+}

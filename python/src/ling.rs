@@ -1,0 +1,168 @@
+//! A Ling arm on a port, in counts as they are on the wire.
+
+use std::num::NonZeroU32;
+
+use armwire::ling::{
+    GripperSpeed, JOINTS, JointState, Kind, Ling, Move, Opening, Position, Request, Response, Speed, Stroke,
+    TemperatureLimit, Torque,
+};
+use armwire::messages::Messages;
+use armwire_cli::host::{Error, Link, Port, open_ling};
+use pyo3::prelude::*;
+
+use crate::error::value_error;
+use crate::session::{Session, ask, interruptible, tell};
+
+/// Joint ticks, gripper in thousandths, motion status.
+type Joints = ([u16; JOINTS], u16, u8);
+
+/// A Ling arm on a port.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct LingPort(Session<Link<Ling>>);
+
+#[pymethods]
+impl LingPort {
+    #[new]
+    fn new(py: Python<'_>, port: &str, baud: Option<NonZeroU32>) -> PyResult<Self> {
+        let port: Port = port.parse().map_err(value_error)?;
+        let open = || Ok(interruptible(open_ling(&port.connect(baud)?)?));
+        Session::open(py, open).map(Self)
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.0.close(py);
+    }
+
+    /// Serial number, `leader`, `follower` or nothing, hardware version, firmware version.
+    fn read_info(&self, py: Python<'_>) -> PyResult<(String, Option<&'static str>, u32, u32)> {
+        let info = self.ask(py, Request::ReadInfo, |response| match response {
+            Response::Info(info) => Some(info),
+            _ => None,
+        })?;
+        let kind = info.serial.kind().map(|kind| match kind {
+            Kind::Leader => "leader",
+            Kind::Follower => "follower",
+        });
+        Ok((info.serial.to_string(), kind, info.hardware.0, info.firmware.0))
+    }
+
+    fn read_joints(&self, py: Python<'_>) -> PyResult<Joints> {
+        self.ask(py, Request::ReadJoints, joints)
+    }
+
+    /// Of each servo, in °C.
+    fn read_temperatures(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
+        self.ask(py, Request::ReadTemperatures, |response| match response {
+            Response::Temperatures(celsius) => Some(celsius.as_slice().iter().map(|&celsius| celsius.into()).collect()),
+            _ => None,
+        })
+    }
+
+    /// Of each servo, in ticks per second.
+    fn read_velocities(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
+        self.ask(py, Request::ReadVelocities, |response| match response {
+            Response::Velocities(ticks) => Some(ticks.as_slice().to_vec()),
+            _ => None,
+        })
+    }
+
+    /// In millimetres.
+    fn read_stroke(&self, py: Python<'_>) -> PyResult<u8> {
+        self.ask(py, Request::ReadStroke, |response| match response {
+            Response::Stroke(stroke) => Some(stroke.millimetres()),
+            _ => None,
+        })
+    }
+
+    /// A bit for each servo, servo 1 lowest, 1 for normal.
+    fn self_check(&self, py: Python<'_>) -> PyResult<u16> {
+        self.ask(py, Request::SelfCheck, |response| match response {
+            Response::SelfCheck(check) => Some(check.0),
+            _ => None,
+        })
+    }
+
+    /// Positions in ticks, speeds in ticks per second, gripper in thousandths, its speed in ticks per second.
+    fn move_to(
+        &self,
+        py: Python<'_>,
+        positions: [u16; JOINTS],
+        speeds: [u16; JOINTS],
+        gripper: u16,
+        gripper_speed: u16,
+    ) -> PyResult<()> {
+        let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
+        for (joint, (position, speed)) in joints.iter_mut().zip(positions.into_iter().zip(speeds)) {
+            *joint = (
+                Position::new(position).map_err(value_error)?,
+                Speed::new(speed).map_err(value_error)?,
+            );
+        }
+        let opening = Opening::new(gripper).map_err(value_error)?;
+        let gripper = (opening, GripperSpeed(gripper_speed));
+        self.tell(py, Request::Move(Move { joints, gripper }))
+    }
+
+    fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<()> {
+        self.tell(py, Request::SetTorque(if on { Torque::On } else { Torque::Off }))
+    }
+
+    fn set_zero(&self, py: Python<'_>) -> PyResult<()> {
+        self.tell(py, Request::SetZero)
+    }
+
+    /// In millimetres.
+    fn set_stroke(&self, py: Python<'_>, millimetres: u8) -> PyResult<()> {
+        let mut strokes = [Stroke::Mm50, Stroke::Mm75, Stroke::Mm100].into_iter();
+        let stroke = strokes.find(|stroke| stroke.millimetres() == millimetres);
+        let wrong = || {
+            value_error(format_args!(
+                "gripper stroke is {millimetres} mm, must be 50, 75 or 100"
+            ))
+        };
+        self.tell(py, Request::SetStroke(stroke.ok_or_else(wrong)?))
+    }
+
+    /// In °C.
+    fn set_temperature_limit(&self, py: Python<'_>, celsius: u8) -> PyResult<()> {
+        let limit = TemperatureLimit::new(celsius).map_err(value_error)?;
+        self.tell(py, Request::SetTemperatureLimit(limit))
+    }
+
+    /// Bytes that belonged to no frame, and frames with a wrong checksum, since the port was opened.
+    fn line_errors(&self, py: Python<'_>) -> PyResult<(usize, usize)> {
+        self.0.with(py, |link| Ok((link.dropped(), link.checksums())))
+    }
+}
+
+impl LingPort {
+    fn ask<T: Send>(
+        &self,
+        py: Python<'_>,
+        request: Request,
+        take: impl FnOnce(Response) -> Option<T> + Send,
+    ) -> PyResult<T> {
+        self.0.with(py, |link| ask(link, &request, take))
+    }
+
+    fn tell(&self, py: Python<'_>, request: Request) -> PyResult<()> {
+        self.0.with(py, |link| -> Result<(), Error> { tell(link, &request) })
+    }
+}
+
+fn joints(response: Response) -> Option<Joints> {
+    match response {
+        Response::Joints(JointState {
+            joints,
+            gripper,
+            status,
+        }) => Some((joints, gripper, status.into())),
+        _ => None,
+    }
+}
+
+/// What a frame tells of the joints, if it is that answer.
+#[pyfunction]
+pub(crate) fn ling_joints(frame: &[u8]) -> Option<Joints> {
+    joints(Ling.parse_response(frame, ()).ok()?)
+}

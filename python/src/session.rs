@@ -1,0 +1,95 @@
+//! What is open on a port, for any thread of Python: calls wait without the interpreter's lock, and Ctrl-C ends them.
+
+use std::error::Error as StdError;
+use std::sync::{Mutex, PoisonError};
+
+use armwire_cli::host::{Arm, Error, Link, Missing};
+use pyo3::prelude::*;
+
+use crate::error::{closed, raised};
+
+/// What is open, one call at a time, until it is closed.
+pub(crate) struct Session<T>(Mutex<Option<T>>);
+
+impl<T: Send> Session<T> {
+    /// What `open` opens.
+    pub(crate) fn open(py: Python<'_>, open: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<Self> {
+        let opened = py.detach(open).map_err(raised)?;
+        Ok(Self(Mutex::new(Some(opened))))
+    }
+
+    /// What `act` returns. Other threads of Python run meanwhile.
+    pub(crate) fn with<R: Send>(
+        &self,
+        py: Python<'_>,
+        act: impl FnOnce(&mut T) -> Result<R, Error> + Send,
+    ) -> PyResult<R> {
+        let acted = py.detach(|| {
+            let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            open.as_mut().map(act)
+        });
+        acted.ok_or_else(closed)?.map_err(raised)
+    }
+
+    /// Closes it, once the call that is under way is done.
+    pub(crate) fn close(&self, py: Python<'_>) {
+        py.detach(|| drop(self.0.lock().unwrap_or_else(PoisonError::into_inner).take()));
+    }
+}
+
+/// A link to an arm whose calls Ctrl-C ends.
+pub(crate) fn interruptible<P: Arm>(mut link: Link<P>) -> Link<P> {
+    link.set_interrupt(check_signals);
+    link
+}
+
+/// The exception of a signal, such as `KeyboardInterrupt`, if there is one.
+pub(crate) fn check_signals() -> Result<(), Box<dyn StdError + Send + Sync>> {
+    Python::attach(|py| py.check_signals()).map_err(Into::into)
+}
+
+/// Makes a request that is not answered.
+pub(crate) fn tell<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>) -> Result<(), Error> {
+    link.call(request, |_| ()).map(drop)
+}
+
+/// Makes a request and returns what `take` makes of its answer.
+pub(crate) fn ask<P: Arm, T>(
+    link: &mut Link<P>,
+    request: &P::Request<'_>,
+    take: impl FnOnce(P::Response<'_>) -> Option<T>,
+) -> Result<T, Error> {
+    let answer = link.call(request, |response| match P::refusal(&response) {
+        None => Ok(take(response)),
+        Some(what) => Err(what),
+    });
+    let name = || link.name().to_owned();
+    match answer {
+        Ok(Some(Ok(Some(value)))) => Ok(value),
+        Ok(Some(Err(reason))) => Err(Error::Refused { name: name(), reason }),
+        Ok(Some(Ok(None)) | None) => Err(Error::Unacceptable {
+            name: name(),
+            reason: "the arm answers another request".to_owned(),
+        }),
+        Err(Error::NoAnswer {
+            name,
+            missing: Missing::Silent,
+            cause,
+            bytes,
+        }) => Err(match link.comes_late()? {
+            true => Error::NoAnswer {
+                name,
+                missing: Missing::Late,
+                cause: "the answer came too late: is the arm or the line overloaded?".to_owned(),
+                bytes,
+            },
+            false => Error::NoAnswer {
+                name,
+                missing: Missing::Silent,
+                cause,
+                bytes,
+            },
+        }),
+        Err(error) => Err(error),
+    }
+}

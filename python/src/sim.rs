@@ -1,0 +1,308 @@
+//! Virtual arms, each served by a thread of its own.
+
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+
+use armwire::alpha1::ServoId;
+use armwire::ling::{JOINTS, Opening, Position};
+use armwire::time::{Duration, Instant};
+use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
+use armwire_sim::faults::{Injected, Line, Rates};
+use armwire_sim::ling::legacy::{self, LegacyArm};
+use armwire_sim::ling::{self, LingArm};
+use armwire_sim::pty::Pty;
+use armwire_sim::serial::SerialDevice;
+use armwire_sim::serve::serve;
+use armwire_sim::xarm::{Config as XArmConfig, Model, Server, VirtualXArm as XArm};
+use pyo3::exceptions::PyOSError;
+use pyo3::prelude::*;
+
+use crate::error::value_error;
+
+/// A thread that serves a virtual arm until it is stopped.
+struct Service {
+    stop: Arc<AtomicBool>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl Service {
+    fn start(serve: impl FnOnce(&AtomicBool) + Send + 'static) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = Mutex::new(Some(thread::spawn(move || serve(&stopped))));
+        Self { stop, thread }
+    }
+
+    /// Ends the thread: the port is gone then.
+    fn stop(&self, py: Python<'_>) {
+        self.stop.store(true, Ordering::Relaxed);
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        py.detach(|| thread.map(JoinHandle::join));
+    }
+}
+
+/// It is not left behind when Python has no use for it any more. The thread notices by itself.
+impl Drop for Service {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+/// A device behind a line with faults, for the thread that serves it and for tests.
+struct Shared<D>(Arc<Mutex<Line<D>>>);
+
+impl<D> Shared<D> {
+    fn lock(&self) -> MutexGuard<'_, Line<D>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<D: SerialDevice> SerialDevice for Shared<D> {
+    fn receive(&mut self, now: Instant, byte: u8) {
+        self.lock().receive(now, byte);
+    }
+
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
+        self.lock().transmit(now)
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.lock().poll_timeout()
+    }
+}
+
+/// A virtual device on a pseudo-terminal.
+struct OnPty<D> {
+    device: Shared<D>,
+    service: Service,
+    port: String,
+}
+
+impl<D: SerialDevice + Send + 'static> OnPty<D> {
+    fn start(device: D, seed: u64) -> PyResult<Self> {
+        let pty = Pty::open(None).map_err(PyOSError::new_err)?;
+        let port = pty.path().display().to_string();
+        let line = Arc::new(Mutex::new(Line::new(device, Rates::NONE, Rates::NONE, seed)));
+        let mut served = Shared(Arc::clone(&line));
+        // A pty fails only when it is closed, which ends it all the same.
+        let service = Service::start(move |stop| drop(serve(&mut served, &pty, stop)));
+        let device = Shared(line);
+        Ok(Self { device, service, port })
+    }
+
+    /// Faults in parts per million bytes, of requests and answers.
+    fn set_faults(&self, faults: Faults) {
+        let (drop, corrupt, duplicate, delay, noise) = faults;
+        let rates = Rates {
+            drop,
+            corrupt,
+            duplicate,
+            delay,
+            noise,
+            ..Rates::NONE
+        };
+        self.device.lock().set_rates(rates, rates);
+    }
+
+    /// How often each fault has happened, both ways.
+    fn injected(&self) -> [u64; 5] {
+        let line = self.device.lock();
+        let counts = |injected: Injected| {
+            [
+                injected.dropped,
+                injected.corrupted,
+                injected.duplicated,
+                injected.delayed,
+                injected.noise,
+            ]
+        };
+        let (to, from) = (counts(line.injected_to_device()), counts(line.injected_from_device()));
+        std::array::from_fn(|fault| to[fault] + from[fault])
+    }
+}
+
+/// Dropped, corrupted, duplicated, delayed bytes and noise, in parts per million.
+type Faults = (u32, u32, u32, u32, u32);
+
+/// A virtual Ling arm.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualLing(OnPty<LingArm>);
+
+#[pymethods]
+impl VirtualLing {
+    #[new]
+    fn new(leader: bool, turnaround_us: u64, seed: u64) -> PyResult<Self> {
+        let base = if leader {
+            ling::Config::leader()
+        } else {
+            ling::Config::follower()
+        };
+        let turnaround = Duration::from_micros(turnaround_us);
+        OnPty::start(LingArm::new(ling::Config { turnaround, ..base }), seed).map(Self)
+    }
+
+    #[getter]
+    fn port(&self) -> &str {
+        &self.0.port
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.0.service.stop(py);
+    }
+
+    /// Joint ticks, gripper in thousandths, motion status, as they are without asking by the line.
+    fn joints(&self) -> ([u16; JOINTS], u16, u8) {
+        let line = self.0.device.lock();
+        let arm = line.device();
+        (arm.joints(), arm.gripper(), arm.status().into())
+    }
+
+    /// Moves joint 0 to 5 by hand, to ticks. Returns whether it gave way.
+    fn push_joint(&self, joint: usize, ticks: u16) -> PyResult<bool> {
+        let position = Position::new(ticks).map_err(value_error)?;
+        Ok(self.0.device.lock().device_mut().push_joint(joint, position))
+    }
+
+    /// Moves the gripper by hand, to thousandths. Returns whether it gave way.
+    fn push_gripper(&self, per_mille: u16) -> PyResult<bool> {
+        let opening = Opening::new(per_mille).map_err(value_error)?;
+        Ok(self.0.device.lock().device_mut().push_gripper(opening))
+    }
+
+    fn set_faulty(&self, servo: u8, faulty: bool) {
+        self.0.device.lock().device_mut().set_faulty(servo, faulty);
+    }
+
+    fn set_faults(&self, faults: Faults) {
+        self.0.set_faults(faults);
+    }
+
+    fn injected(&self) -> [u64; 5] {
+        self.0.injected()
+    }
+
+    /// How many requests it has heard, obeyed or not.
+    fn requests(&self) -> u64 {
+        self.0.device.lock().device().counters().requests
+    }
+}
+
+/// A virtual Ling arm of the older generation.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualOlderLing(OnPty<LegacyArm>);
+
+#[pymethods]
+impl VirtualOlderLing {
+    #[new]
+    fn new() -> PyResult<Self> {
+        OnPty::start(LegacyArm::new(legacy::Config::default()), 1).map(Self)
+    }
+
+    #[getter]
+    fn port(&self) -> &str {
+        &self.0.port
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.0.service.stop(py);
+    }
+}
+
+/// A virtual Alpha1.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualAlpha1(OnPty<Alpha1Robot>);
+
+#[pymethods]
+impl VirtualAlpha1 {
+    #[new]
+    fn new() -> PyResult<Self> {
+        OnPty::start(Alpha1Robot::new(RobotConfig::default()), 1).map(Self)
+    }
+
+    #[getter]
+    fn port(&self) -> &str {
+        &self.0.port
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.0.service.stop(py);
+    }
+
+    fn set_faults(&self, faults: Faults) {
+        self.0.set_faults(faults);
+    }
+
+    /// The action that it plays.
+    fn playing(&self) -> Option<&'static str> {
+        self.0.device.lock().device().playing()
+    }
+}
+
+/// The servos of a virtual Alpha1 on a bus of their own.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualAlpha1Servos(OnPty<ServoBus>);
+
+#[pymethods]
+impl VirtualAlpha1Servos {
+    #[new]
+    fn new(ids: Vec<u16>) -> PyResult<Self> {
+        let id = |id: u16| ServoId::new(id.try_into().unwrap_or(u8::MAX)).map_err(value_error);
+        let ids = ids.into_iter().map(id).collect::<PyResult<_>>()?;
+        let config = BusConfig {
+            ids,
+            ..BusConfig::default()
+        };
+        OnPty::start(ServoBus::new(config), 1).map(Self)
+    }
+
+    #[getter]
+    fn port(&self) -> &str {
+        &self.0.port
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.0.service.stop(py);
+    }
+
+    fn set_faults(&self, faults: Faults) {
+        self.0.set_faults(faults);
+    }
+}
+
+/// A virtual xArm on a TCP port of this machine.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualXArm {
+    service: Service,
+    address: SocketAddr,
+}
+
+#[pymethods]
+impl VirtualXArm {
+    #[new]
+    fn new(axes: u8) -> PyResult<Self> {
+        let model = match axes {
+            5 => Model::XArm5,
+            6 => Model::XArm6,
+            7 => Model::XArm7,
+            _ => return Err(value_error(format_args!("an xArm has 5, 6 or 7 axes, not {axes}"))),
+        };
+        let any = SocketAddr::from(([127, 0, 0, 1], 0));
+        let server = Server::bind(any, None).map_err(|error| PyOSError::new_err(error.to_string()))?;
+        let address = server.control_address();
+        let mut arm = XArm::new(XArmConfig::new(model));
+        // The system refuses to accept only where it is out of resources, which ends it.
+        let service = Service::start(move |stop| drop(server.serve(&mut arm, stop, &mut |_| ())));
+        Ok(Self { service, address })
+    }
+
+    #[getter]
+    fn port(&self) -> String {
+        self.address.to_string()
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.service.stop(py);
+    }
+}

@@ -1,0 +1,132 @@
+//! An xArm on a host.
+
+use armwire::xarm::{
+    Joint, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, TorqueSource, VersionText, XArm,
+};
+use armwire_cli::host::{Host, Link};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::error::value_error;
+use crate::session::{Session, ask, interruptible, tell};
+
+/// The arm's state, and what was asked for.
+type Answer<T> = (u8, T);
+/// Axes, type, arm, control box and firmware.
+type Version = (u8, u8, String, String, String);
+/// Of the arm and of its control box.
+type Serials = (Option<String>, Option<String>);
+
+/// An xArm on a host. Each answer comes with the arm's state, as a byte.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct XArmPort(Session<Link<XArm>>);
+
+#[pymethods]
+impl XArmPort {
+    #[new]
+    fn new(py: Python<'_>, host: &str, supervised: bool) -> PyResult<Self> {
+        let host: Host = host.parse().map_err(value_error)?;
+        let open = || {
+            let mut link = interruptible(Link::connect(&host)?);
+            if supervised {
+                link.messages_mut().protocol = ProtocolId::Supervised;
+            }
+            Ok(link)
+        };
+        Session::open(py, open).map(Self)
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.0.close(py);
+    }
+
+    /// As the arm says it, with what is not printable escaped; and axes, type, arm, control box and firmware, if it says
+    /// these.
+    fn read_version(&self, py: Python<'_>) -> PyResult<Answer<(String, Option<Version>)>> {
+        self.ask(py, Request::ReadVersion, |reply| match reply {
+            Reply::Version(text) => Some((text.to_string(), version(text))),
+            _ => None,
+        })
+    }
+
+    fn read_serials(&self, py: Python<'_>) -> PyResult<Answer<Serials>> {
+        self.ask(py, Request::ReadSerials, |reply| match reply {
+            Reply::Serials(text) => Some(serials(text)),
+            _ => None,
+        })
+    }
+
+    fn reload_dynamics(&self, py: Python<'_>) -> PyResult<Answer<()>> {
+        self.ask(py, Request::ReloadDynamics, done)
+    }
+
+    /// `torque` or `current`.
+    fn read_torque_source(&self, py: Python<'_>) -> PyResult<Answer<&'static str>> {
+        self.ask(py, Request::ReadTorqueSource, |reply| match reply {
+            Reply::TorqueSource(TorqueSource::Torque) => Some("torque"),
+            Reply::TorqueSource(TorqueSource::Current) => Some("current"),
+            _ => None,
+        })
+    }
+
+    /// In millimetres, as the arm says it.
+    fn read_rotation_radius(&self, py: Python<'_>, joint: u8) -> PyResult<Answer<f32>> {
+        let joint = Joint::new(joint).map_err(value_error)?;
+        self.ask(py, Request::ReadRotationRadius(joint), |reply| match reply {
+            Reply::RotationRadius(RotationRadius { millimetres }) => Some(millimetres),
+            _ => None,
+        })
+    }
+
+    fn shut_down(&self, py: Python<'_>) -> PyResult<Answer<()>> {
+        self.ask(py, Request::Shutdown, done)
+    }
+
+    fn reboot(&self, py: Python<'_>) -> PyResult<Answer<()>> {
+        self.ask(py, Request::Reboot, done)
+    }
+
+    fn heartbeat(&self, py: Python<'_>) -> PyResult<()> {
+        self.0.with(py, |link| tell(link, &Request::Heartbeat))
+    }
+
+    /// Any other register and its parameters.
+    fn raw<'py>(&self, py: Python<'py>, register: u8, params: &[u8]) -> PyResult<Answer<Bound<'py, PyBytes>>> {
+        let raw = Raw::new(register, params).map_err(value_error)?;
+        let (state, params) = self.ask(py, Request::Raw(raw), |reply| match reply {
+            Reply::Raw(raw) => Some(raw.params().to_vec()),
+            _ => None,
+        })?;
+        Ok((state, PyBytes::new(py, &params)))
+    }
+}
+
+impl XArmPort {
+    fn ask<T: Send>(
+        &self,
+        py: Python<'_>,
+        request: Request<'_>,
+        take: impl FnOnce(Reply<'_>) -> Option<T> + Send,
+    ) -> PyResult<Answer<T>> {
+        let take = |response: Response<'_>| match response {
+            Response::Reply { state, reply } => Some((state.0, take(reply)?)),
+            _ => None,
+        };
+        self.0.with(py, |link| ask(link, &request, take))
+    }
+}
+
+fn version(text: VersionText<'_>) -> Option<Version> {
+    let version = text.version().ok()?;
+    let [arm, control_box, firmware] = [version.arm, version.control_box, version.firmware].map(str::to_owned);
+    Some((version.axes, version.kind, arm, control_box, firmware))
+}
+
+fn serials(text: SerialsText<'_>) -> Serials {
+    (text.arm().map(str::to_owned), text.control_box().map(str::to_owned))
+}
+
+/// The answer of a register that has nothing to say but that it is done.
+fn done(reply: Reply<'_>) -> Option<()> {
+    matches!(reply, Reply::Empty(_) | Reply::SystemControl(_)).then_some(())
+}

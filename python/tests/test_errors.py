@@ -1,0 +1,137 @@
+import os
+import pty
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from zlib import crc32
+
+import pytest
+
+import armwire
+from armwire import errors, sim
+
+
+@contextmanager
+def peer(answer: bytes) -> Iterator[str]:
+    """A serial port whose other end gives each request this answer."""
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+
+    def serve() -> None:
+        try:
+            while os.read(ours, 100):
+                os.write(ours, answer)
+        except OSError:
+            pass
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield os.ttyname(theirs)
+    finally:
+        os.close(theirs)
+        thread.join()
+        os.close(ours)
+
+
+def frame(body: str) -> bytes:
+    """A Ling frame with a good checksum."""
+    data = bytes.fromhex(body)
+    return b"\xaa" + data + bytes([crc32(data) & 0xFF, 0xFF])
+
+
+def read(port: str) -> None:
+    with armwire.Ling(port) as arm:
+        arm.read_joints()
+
+
+def test_missing_port_is_a_port_error() -> None:
+    with pytest.raises(errors.PortError, match="/dev/no-such-port: no such port"):
+        armwire.Ling("/dev/no-such-port")
+
+
+def test_port_in_use_is_a_port_error(virtual: sim.VirtualLing, arm: armwire.Ling) -> None:
+    with pytest.raises(errors.PortError, match="in use by another program"):
+        armwire.Ling(virtual.port)
+
+
+def test_wrong_port_text_is_a_value_error() -> None:
+    with pytest.raises(ValueError, match="names no port"):
+        armwire.Ling("can:")
+
+
+def test_silence_is_absent() -> None:
+    with peer(b"") as port, pytest.raises(errors.AbsentError, match="is the arm powered"):
+        read(port)
+
+
+def test_wrong_checksum_is_damaged() -> None:
+    damaged = bytes.fromhex("AA06000F00080008000800080008000800000170FF")
+    with peer(damaged) as port, pytest.raises(errors.DamagedError, match="check cable"):
+        read(port)
+
+
+def test_answer_after_its_time_is_late() -> None:
+    with (
+        sim.ling(turnaround_us=350_000) as virtual,
+        armwire.Ling(virtual.port) as arm,
+        pytest.raises(errors.LateError, match="too late"),
+    ):
+        arm.read_info()
+
+
+def test_late_answer_is_not_taken_for_the_next() -> None:
+    with sim.ling(turnaround_us=350_000) as virtual, armwire.Ling(virtual.port) as arm:
+        with pytest.raises(errors.LateError):
+            arm.read_stroke_mm()
+        with pytest.raises(errors.NoAnswerError):
+            arm.read_info()
+
+
+def test_other_bytes_are_the_wrong_arm() -> None:
+    with peer(b"hello, world") as port, pytest.raises(errors.WrongArmError, match="no frame of a Ling arm"):
+        read(port)
+
+
+def test_echo_alone_is_the_wrong_arm() -> None:
+    with peer(bytes.fromhex("AA060001FE9AFF")) as port, pytest.raises(errors.WrongArmError, match="our own requests"):
+        read(port)
+
+
+def test_unknown_answer_is_refused() -> None:
+    with peer(frame("EE000100")) as port, pytest.raises(errors.RefusedError, match="command EE"):
+        read(port)
+
+
+def test_answer_outside_the_protocol_is_unacceptable() -> None:
+    with (
+        peer(frame("040E0103")) as port,
+        armwire.Ling(port) as arm,
+        pytest.raises(errors.UnacceptableError, match="gripper stroke type is 3"),
+    ):
+        arm.read_stroke_mm()
+
+
+def test_older_arm_is_told_and_sent_nothing() -> None:
+    with sim.older_ling() as virtual, pytest.raises(errors.OlderArmError, match="older generation"):
+        armwire.Ling(virtual.port)
+
+
+def test_refusals_of_other_arms_are_refused() -> None:
+    with sim.xarm() as virtual, armwire.XArm(virtual.port) as arm, pytest.raises(errors.RefusedError):
+        arm.raw(99)
+    with sim.alpha1() as robot, armwire.Alpha1(robot.port) as arm1, pytest.raises(errors.RefusedError):
+        arm1.play("no such action")
+
+
+def test_host_without_an_arm_is_a_port_error() -> None:
+    with pytest.raises(errors.PortError, match="nothing listens there"):
+        armwire.XArm("127.0.0.1:1")
+
+
+def test_every_exception_is_an_armwire_error() -> None:
+    for name in errors.__all__:
+        assert issubclass(getattr(errors, name), armwire.ArmwireError)
+    assert issubclass(errors.AbsentError, TimeoutError)
+    assert issubclass(errors.PortLostError, OSError)

@@ -1,0 +1,191 @@
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import armwire
+from armwire import MotionStatus, sim
+
+TARGET = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
+# Half a tick in degrees: the most by which a position is off its angle.
+HALF_TICK = 45 / 1024
+
+
+def go(arm: armwire.Ling, joints: object, gripper: int = 500) -> armwire.JointState:
+    arm.move_deg(joints, gripper_permille=gripper, speed_deg_s=400, gripper_ticks_s=5500)  # type: ignore[arg-type]
+    return arm.wait_until_at_deg(joints, timeout_s=5)  # type: ignore[arg-type]
+
+
+def test_info_tells_serial_kind_and_versions(arm: armwire.Ling) -> None:
+    assert arm.read_info() == armwire.LingInfo("ADFS251205123456", "follower", "v1.10", "v6.10")
+
+
+def test_fresh_arm_is_at_zero_and_locked(arm: armwire.Ling) -> None:
+    state = arm.read_joints()
+    assert state == armwire.JointState((2048,) * 6, 0, MotionStatus.LOCKED)
+    assert state.is_holding is True
+    assert arm.read_gripper_permille() == 0
+
+
+def test_move_reaches_angles_in_degrees_and_radians(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+    go(arm, TARGET)
+    time.sleep(0.2)
+    assert virtual.joints().ticks == (2162, 1820, 2389, 2048, 2560, 1024)
+    np.testing.assert_allclose(arm.read_joints_deg(), TARGET, atol=HALF_TICK)
+    np.testing.assert_allclose(arm.read_joints_rad(), np.radians(TARGET), atol=np.radians(HALF_TICK))
+    arm.move_rad(np.radians([0, 90, -90, 0, 0, 0]), gripper_permille=1000, speed_rad_s=[7] * 6)
+    arm.wait_until_at_deg([0, 90, -90, 0, 0, 0], timeout_s=5)
+
+
+def test_degrees_of_every_position_survive_both_ways() -> None:
+    from armwire._units import DEG_PER_TICK, RAD_PER_TICK, angles, position_ticks
+
+    for unit_per_tick in (DEG_PER_TICK, RAD_PER_TICK):
+        for ticks in range(0, 4096, 6):
+            six = [min(ticks + joint, 4095) for joint in range(6)]
+            assert position_ticks(angles(six, unit_per_tick), unit_per_tick, "") == six
+
+
+@pytest.mark.parametrize(
+    ("joints", "kwargs", "text"),
+    [
+        ([200, 0, 0, 0, 0, 0], {}, "angle of joint 1 is 200 degrees, must be -180 to 179.912"),
+        ([0, 0, float("nan"), 0, 0, 0], {}, "angle of joint 3 is nan degrees"),
+        ([0] * 5, {}, r"there are 6 joint angles, not an array of shape \(5,\)"),
+        ([0] * 6, {"speed_deg_s": 0}, "speed of joint 1 is 0 degrees/s, must be 0.0878906 to 439.453"),
+        ([0] * 6, {"speed_deg_s": [1, 1, 1, 1, 1, 440]}, "speed of joint 6 is 440"),
+        ([0] * 6, {"gripper_permille": 1001}, "gripper in thousandths is 1001, must be 0 to 1000"),
+        ([0] * 6, {"gripper_permille": -1}, "gripper in thousandths is -1"),
+        ([0] * 6, {"gripper_ticks_s": 70000}, "gripper speed in ticks/s is 70000"),
+    ],
+)
+def test_wrong_value_is_told_and_nothing_sent(
+    arm: armwire.Ling, virtual: sim.VirtualLing, joints: list[float], kwargs: dict[str, object], text: str
+) -> None:
+    arguments: dict[str, object] = {"gripper_permille": 0, "speed_deg_s": 100} | kwargs
+    with pytest.raises(ValueError, match=text):
+        arm.move_deg(joints, **arguments)  # type: ignore[arg-type]
+    assert virtual.requests() == 0
+
+
+def test_follower_has_ten_servos_and_leader_six(arm: armwire.Ling) -> None:
+    assert arm.read_temperatures_celsius().tolist() == [25] * 10
+    assert arm.read_velocities_deg_s().tolist() == [0] * 10
+    with sim.ling(leader=True) as virtual, armwire.Ling(virtual.port) as leader:
+        assert leader.read_temperatures_celsius().tolist() == [25] * 6
+        assert leader.read_info().kind == "leader"
+        assert leader.self_check() == ()
+
+
+def test_velocities_show_motion_in_both_units(arm: armwire.Ling) -> None:
+    arm.move_deg([90, 0, 0, 0, 0, 0], gripper_permille=0, speed_deg_s=90)
+    time.sleep(0.5)
+    degrees, radians = arm.read_velocities_deg_s(), arm.read_velocities_rad_s()
+    assert degrees.max() == pytest.approx(90, abs=0.1)
+    assert radians.max() == pytest.approx(np.radians(90), abs=0.01)
+
+
+def test_self_check_names_faulty_servos(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+    virtual.set_faulty(3)
+    virtual.set_faulty(10)
+    assert arm.self_check() == (3, 10)
+
+
+def test_torque_off_releases_the_arm(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+    assert not virtual.push_joints_deg(TARGET)
+    arm.set_torque(False)
+    assert virtual.push_joints_deg(TARGET)
+    np.testing.assert_allclose(arm.read_joints_deg(), TARGET, atol=HALF_TICK)
+    arm.set_torque(True)
+    assert arm.read_joints().status is MotionStatus.LOCKED
+
+
+def test_leader_is_moved_by_hand() -> None:
+    with sim.ling(leader=True) as virtual, armwire.Ling(virtual.port) as leader:
+        assert virtual.push_joints_deg(TARGET)
+        assert virtual.push_gripper_permille(321)
+        assert leader.read_gripper_permille() == 321
+        np.testing.assert_allclose(leader.read_joints_deg(), TARGET, atol=HALF_TICK)
+
+
+def test_zero_makes_the_pose_zero(arm: armwire.Ling) -> None:
+    go(arm, TARGET)
+    arm.set_zero()
+    state = arm.read_joints()
+    np.testing.assert_allclose(state.joints_deg, 0, atol=3 * 45 / 512)
+    assert state.status is MotionStatus.IDLE
+
+
+@pytest.mark.parametrize("stroke", [50, 75, 100])
+def test_stroke_is_set_and_read(arm: armwire.Ling, stroke: int) -> None:
+    arm.set_stroke_mm(stroke)
+    assert arm.read_stroke_mm() == stroke
+
+
+def test_wrong_stroke_and_limit_are_told(arm: armwire.Ling) -> None:
+    with pytest.raises(ValueError, match="gripper stroke is 60 mm, must be 50, 75 or 100"):
+        arm.set_stroke_mm(60)
+    with pytest.raises(ValueError, match="254"):
+        arm.set_temperature_limit_celsius(254)
+    with pytest.raises(ValueError, match="must be 0 to 255"):
+        arm.set_temperature_limit_celsius(256)
+
+
+def test_low_temperature_limit_shows_as_overheating(arm: armwire.Ling) -> None:
+    arm.set_temperature_limit_celsius(20)
+    assert arm.read_joints().status in (MotionStatus.OVERHEATING, MotionStatus.OVERHEAT_PROTECTION)
+
+
+def test_target_not_reached_names_the_joint(arm: armwire.Ling) -> None:
+    with pytest.raises(TimeoutError, match=r"after 0.1 s joint 2 is 20.04° off"):
+        arm.wait_until_at_deg([0, -20, 0, 0, 0, 0], timeout_s=0.1)
+
+
+def test_counts_that_no_position_has_are_kept() -> None:
+    # The example of the vendor's document has such a gripper.
+    state = armwire.JointState((2050, 2043, 2043, 2050, 2042, 4096), 2051, MotionStatus.IDLE)
+    with pytest.raises(armwire.errors.UnacceptableError, match="joint 6 is at 4096 ticks"):
+        _ = state.joints_deg
+    with pytest.raises(armwire.errors.UnacceptableError, match="2051 thousandths"):
+        _ = state.gripper_permille
+
+
+def test_threads_share_an_arm(arm: armwire.Ling) -> None:
+    failures: list[BaseException] = []
+
+    def read() -> None:
+        try:
+            for _ in range(50):
+                assert arm.read_joints().ticks == (2048,) * 6
+        except BaseException as failure:  # noqa: BLE001
+            failures.append(failure)
+
+    threads = [threading.Thread(target=read) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failures == []
+
+
+def test_python_runs_while_an_arm_is_waited_for() -> None:
+    with sim.ling(turnaround_us=200_000) as virtual, armwire.Ling(virtual.port) as arm:
+        thread = threading.Thread(target=arm.read_joints)
+        thread.start()
+        turns = 0
+        while thread.is_alive():
+            time.sleep(0.001)
+            turns += 1
+    assert turns > 50
+
+
+def test_closed_arm_says_so_and_closes_twice(virtual: sim.VirtualLing) -> None:
+    arm = armwire.Ling(virtual.port)
+    arm.close()
+    arm.close()
+    with pytest.raises(armwire.errors.ClosedError):
+        arm.read_joints()
+    # The port is free again.
+    with armwire.Ling(virtual.port) as again:
+        again.read_info()
