@@ -56,8 +56,8 @@ impl XArmPort {
         })
     }
 
-    fn reload_dynamics(&self, py: Python<'_>) -> PyResult<Answer<()>> {
-        self.ask(py, Request::ReloadDynamics, done)
+    fn reload_dynamics(&self, py: Python<'_>) -> PyResult<u8> {
+        Ok(self.ask(py, Request::ReloadDynamics, done)?.0)
     }
 
     /// `torque` or `current`.
@@ -78,12 +78,12 @@ impl XArmPort {
         })
     }
 
-    fn shut_down(&self, py: Python<'_>) -> PyResult<Answer<()>> {
-        self.ask(py, Request::Shutdown, done)
+    fn shut_down(&self, py: Python<'_>) -> PyResult<u8> {
+        Ok(self.ask(py, Request::Shutdown, done)?.0)
     }
 
-    fn reboot(&self, py: Python<'_>) -> PyResult<Answer<()>> {
-        self.ask(py, Request::Reboot, done)
+    fn reboot(&self, py: Python<'_>) -> PyResult<u8> {
+        Ok(self.ask(py, Request::Reboot, done)?.0)
     }
 
     fn heartbeat(&self, py: Python<'_>) -> PyResult<()> {

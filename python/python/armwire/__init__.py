@@ -8,20 +8,25 @@ exceptions, `armwire.compat` the calls of a vendor's SDK, and `armwire.plot` fig
 """
 
 from . import errors
+from ._adapter import Adapter, AdapterIdentity, JointRecording, Telemetry
 from ._alpha1 import Alpha1
 from ._ling import JointState, LineErrors, Ling, LingInfo, MotionStatus
 from ._xarm import Answer, XArm, XArmSerials, XArmState, XArmVersion
 from .errors import ArmwireError
 
 __all__ = [
+    "Adapter",
+    "AdapterIdentity",
     "Alpha1",
     "Answer",
     "ArmwireError",
+    "JointRecording",
     "JointState",
     "LineErrors",
     "Ling",
     "LingInfo",
     "MotionStatus",
+    "Telemetry",
     "XArm",
     "XArmSerials",
     "XArmState",

@@ -181,8 +181,12 @@ class Ling(Open):
             The ids of servos, from 1, that are not normal; of a leader, 7 to 10 do not count.
         """
         servos = len(self._port.read_temperatures())
-        normal = self._port.self_check()
+        normal = self.self_check_mask()
         return tuple(servo for servo in range(1, servos + 1) if not normal >> (servo - 1) & 1)
+
+    def self_check_mask(self) -> int:
+        """Check every servo: a bit for each, servo 1 lowest, 1 for normal. A leader has servos 1 to 6 only."""
+        return self._port.self_check()
 
     def move_deg(
         self, joints: ArrayLike, *, gripper_permille: int, speed_deg_s: ArrayLike, gripper_ticks_s: int = 1000

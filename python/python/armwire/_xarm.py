@@ -123,15 +123,15 @@ class XArm(Open):
 
     def reload_dynamics(self) -> Answer[None]:
         """Reload the friction parameters."""
-        return _answer(*self._port.reload_dynamics())
+        return _answer(self._port.reload_dynamics(), None)
 
     def shut_down(self) -> Answer[None]:
         """Shut the control box down. It comes back when it is switched on by hand."""
-        return _answer(*self._port.shut_down())
+        return _answer(self._port.shut_down(), None)
 
     def reboot(self) -> Answer[None]:
         """Restart the control box."""
-        return _answer(*self._port.reboot())
+        return _answer(self._port.reboot(), None)
 
     def heartbeat(self) -> None:
         """Say that the host is there. The arm does not answer."""

@@ -1,0 +1,100 @@
+"""Reads the joints of one virtual arm with this package and with the vendor's SDK, in turns, and compares both.
+
+Usage: beside_sdk.py ARMWIRE FOLDER
+
+ARMWIRE is the `armwire` command, which serves the arm in a process of its own; FOLDER is `host-tests/vendor`, which knows how
+to start the serial layer of the SDK. Exits with an error where a goal is missed.
+"""
+
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+import armwire
+
+# Of each, in turns.
+ROUNDS = 5
+READS = 500
+# What is promised: so many times the reads per second, and so small a part of the CPU time a read.
+MIN_SPEED = 3.0
+MAX_CPU = 1 / 5
+
+
+@dataclass
+class Measured:
+    """A round."""
+
+    reads_per_s: float
+    cpu_us: float
+
+
+def measure(read: Callable[[], object]) -> Measured:
+    """A round of reads."""
+    cpu, begun = cpu_s(), time.perf_counter()
+    for _ in range(READS):
+        read()
+    return Measured(READS / (time.perf_counter() - begun), (cpu_s() - cpu) / READS * 1e6)
+
+
+def cpu_s() -> float:
+    """The CPU time of all threads of this process so far."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
+def ours(port: str) -> Measured:
+    """A round with this package, as a program reads joints."""
+    with armwire.Ling(port) as arm:
+        return measure(arm.read_joints_rad)
+
+
+def vendors(driver: Any) -> Measured:
+    """A round with the SDK, as its own API reads joints."""
+    if not driver.connect():
+        sys.exit("the SDK does not connect")
+
+    def read() -> object:
+        if not driver.acquire_info("joint_gripper", wait=True):
+            sys.exit("the SDK got no answer")
+        return driver.data_parser.get_info("joint")
+
+    try:
+        return measure(read)
+    finally:
+        driver.disconnect()
+
+
+def main(command: str, folder: str) -> None:
+    """Both in turns, and the comparison."""
+    sys.path.insert(0, folder)
+    from sdk import servo_driver  # type: ignore[import-not-found]
+
+    server = subprocess.Popen([command, "sim", "ling"], stdout=subprocess.PIPE, text=True)
+    try:
+        assert server.stdout is not None
+        port = server.stdout.readline().split(" is at ")[1].split(";")[0]
+        driver, _ = servo_driver(port)
+        rounds = [(vendors(driver), ours(port)) for _ in range(ROUNDS)]
+    finally:
+        server.terminate()
+        server.wait()
+    speed = [[each.reads_per_s for each in side] for side in zip(*rounds, strict=True)]
+    cpu = [[each.cpu_us for each in side] for side in zip(*rounds, strict=True)]
+    print(f"median of {ROUNDS} rounds of {READS} reads each, in turns, on one virtual arm:")
+    print(f"  alicia_d_sdk 6.1.0  {median(speed[0]):6.0f} reads/s  {median(cpu[0]):5.0f} µs of CPU a read")
+    print(f"  armwire             {median(speed[1]):6.0f} reads/s  {median(cpu[1]):5.0f} µs of CPU a read")
+    faster, part = median(speed[1]) / median(speed[0]), median(cpu[1]) / median(cpu[0])
+    print(f"  {faster:.1f} times the reads (goal {MIN_SPEED:g}), 1/{1 / part:.1f} of the CPU (goal 1/{1 / MAX_CPU:g})")
+    if faster < MIN_SPEED or part > MAX_CPU:
+        sys.exit("FAILED: a goal is missed")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    main(*sys.argv[1:])

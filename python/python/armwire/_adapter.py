@@ -1,0 +1,201 @@
+"""An armwire adapter: its configuration, what it counts, and what it hears from the arm, with the time of each frame."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from . import _armwire
+from ._ling import JointState, joint_state
+from ._open import Open
+from ._units import DEG_PER_TICK, RAD_PER_TICK, ZERO
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterable, Mapping
+
+    from numpy.typing import NDArray
+
+    from ._units import Floats
+
+# How long is listened at once, in seconds: what else is to be done is looked at then.
+LISTEN_S = 0.2
+
+
+@dataclass(frozen=True)
+class AdapterIdentity:
+    """What an adapter is."""
+
+    board: str
+    """Such as `stm32f405`."""
+    serial: str
+    firmware: str
+    commit: str
+    """The commit of its firmware, with `+` behind it if files were changed; empty if not known."""
+    can_fd: bool
+    """Whether its CAN is CAN FD."""
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """A frame of the arm, or an event of the adapter."""
+
+    stamp_us: int
+    """The adapter's clock when the frame's last byte was in, in microseconds since the adapter started."""
+    initiator: str | None
+    """Who had asked for the frame: `usb`, `can`, `poll`, `command`, `adapter`; `None` if nobody, and of an event."""
+    frame: bytes
+    """As on the wire; empty of an event."""
+    event: Mapping[str, object] | None
+    """What the adapter did by itself, such as `{"event": "host_silent", …}`; `None` of a frame."""
+
+    @property
+    def joints(self) -> JointState | None:
+        """What a Ling arm's frame tells of the joints; `None` of another frame, and of an event."""
+        counts = _armwire.ling_joints(self.frame)
+        return None if counts is None else joint_state(counts)
+
+
+@dataclass(frozen=True)
+class JointRecording:
+    """Joints over time, as arrays with an entry for each reading."""
+
+    stamp_us: NDArray[np.uint64]
+    """The adapter's clock, in microseconds since it started."""
+    ticks: NDArray[np.uint16]
+    """Of six joints, as the arm sent them: 4096 a turn, 2048 at zero."""
+    gripper_permille: NDArray[np.uint16]
+    """As the arm sent it: 0 is closed, 1000 is open."""
+    status: NDArray[np.uint8]
+    """As in `MotionStatus`."""
+
+    @classmethod
+    def of(cls, telemetry: Iterable[Telemetry]) -> JointRecording:
+        """The readings of joints in telemetry."""
+        readings = [(each.stamp_us, state) for each in telemetry if (state := each.joints) is not None]
+        return cls(
+            np.array([stamp for stamp, _ in readings], dtype=np.uint64),
+            np.array([state.ticks for _, state in readings], dtype=np.uint16).reshape(-1, 6),
+            np.array([state.gripper for _, state in readings], dtype=np.uint16),
+            np.array([int(state.status) for _, state in readings], dtype=np.uint8),
+        )
+
+    @property
+    def time_s(self) -> Floats:
+        """Seconds since the first reading."""
+        first = self.stamp_us[:1]
+        return (self.stamp_us - (first[0] if first.size else np.uint64(0))).astype(np.float64) / 1e6
+
+    @property
+    def joints_deg(self) -> Floats:
+        """Angles in degrees, six a reading."""
+        return (self.ticks.astype(np.float64) - ZERO) * DEG_PER_TICK
+
+    @property
+    def joints_rad(self) -> Floats:
+        """Angles in radians, six a reading."""
+        return (self.ticks.astype(np.float64) - ZERO) * RAD_PER_TICK
+
+
+class Adapter(Open):
+    """The control port of an adapter. The arm's own port stays free for `Ling` meanwhile.
+
+    Calls wait 3 s for the adapter, and raise the exceptions of `armwire.errors`.
+
+    Args:
+        port: The adapter's serial port, such as `/dev/ttyACM0`, beside which its control port is found; `can:IFACE/NODE`;
+            `slcan:PORT@BITRATE/NODE`; `control:PORT` of a virtual board.
+
+    Raises:
+        PortError: There is no adapter, or its control port cannot be opened.
+    """
+
+    def __init__(self, port: str) -> None:
+        self._port = _armwire.AdapterPort(port)
+        super().__init__(port, self._port)
+
+    def identify(self) -> AdapterIdentity:
+        """Read what the adapter is."""
+        return AdapterIdentity(*self._port.identify())
+
+    def read_config(self) -> dict[str, object]:
+        """Read the configuration in force, by the keys of `armwire config`."""
+        return cast("dict[str, object]", json.loads(self._port.read_config()))
+
+    def set_config(self, settings: Mapping[str, object], *, save: bool = False) -> None:
+        """Change settings until the adapter's next start.
+
+        Args:
+            settings: Such as `{"poll": 200, "can.telemetry-hz": 100}`; `armwire config help set` lists all.
+            save: Keep the whole configuration for later starts, too.
+
+        Raises:
+            ValueError: There is no such setting or value.
+            RefusedError: The adapter cannot be like that.
+        """
+        words = {True: "on", False: "off"}
+        self._port.change_config(
+            [f"{key}={words[value] if isinstance(value, bool) else value}" for key, value in settings.items()]
+        )
+        if save:
+            self.save_config()
+
+    def save_config(self) -> None:
+        """Keep the configuration in force for later starts, too."""
+        self._port.save_config()
+
+    def reset_config(self) -> None:
+        """Forget what was saved, and be as from the factory."""
+        self._port.reset_config()
+
+    def read_counters(self) -> dict[str, int]:
+        """Read all that the adapter has counted since its start, by name."""
+        return cast("dict[str, int]", json.loads(self._port.read_counters()))
+
+    def read_latencies(self) -> dict[str, NDArray[np.int64]]:
+        """Read how long things took at the adapter, as histograms.
+
+        Returns:
+            `answer`, from a request's last byte to its answer's last byte; `turn`, from a request's arrival to its first
+            byte on the line; `poll`, from a poll's slot to its first byte on the line. Each has 16 counts, of durations
+            shorter than 2, 4, 8, … 32768 µs; the last is of all longer ones.
+        """
+        latencies = cast("dict[str, list[int]]", json.loads(self._port.read_latencies()))
+        return {name: np.array(counts, dtype=np.int64) for name, counts in latencies.items()}
+
+    def end_stream(self) -> None:
+        """End the stream of motion of this port's host without switching the torque off."""
+        self._port.end_stream()
+
+    def restart(self) -> None:
+        """Restart the adapter."""
+        self._port.restart()
+
+    def telemetry(self, *, duration_s: float | None = None, events: bool = False) -> Generator[Telemetry, None, None]:
+        """Iterate over what the adapter hears from the arm, whoever asked: its own poll, USB, CAN.
+
+        The adapter polls if it is configured to: `set_config({"poll": 200})`. What the adapter could not keep until it
+        was read is dropped there, and counted.
+
+        Args:
+            duration_s: How long to listen; until the iteration is left unless given.
+            events: Also iterate over what the adapter does by itself.
+        """
+        until = None if duration_s is None else time.monotonic() + duration_s
+        self._port.subscribe(True, events)
+        try:
+            while (left := LISTEN_S if until is None else until - time.monotonic()) > 0:
+                heard = self._port.hear(min(left, LISTEN_S))
+                if heard is not None:
+                    stamp, initiator, frame, event = heard
+                    happened = None if event is None else cast("dict[str, object]", json.loads(event))
+                    yield Telemetry(stamp, initiator, frame or b"", happened)
+        finally:
+            self._port.subscribe(False, False)
+
+    def record_joints(self, duration_s: float) -> JointRecording:
+        """Listen to a Ling arm's joints for this time. See `telemetry`."""
+        return JointRecording.of(self.telemetry(duration_s=duration_s))

@@ -1,0 +1,191 @@
+"""The same classes for asyncio.
+
+    async with await armwire.aio.Ling.open("/dev/ttyACM0") as arm:
+        print(await arm.read_joints_deg())
+
+Each object has a thread of its own that makes its calls in turn. A cancelled call that has begun is finished there: the arm
+is never left with half a request, and the next call waits for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar
+
+from . import _adapter, _alpha1, _ling, _xarm
+from ._open import Open
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable, Coroutine
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+__all__ = ["Adapter", "Alpha1", "Ling", "XArm"]
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Blocking = TypeVar("Blocking", bound=Open)
+
+
+class _Async(Generic[Blocking]):
+    """An object whose calls are made by a thread of its own."""
+
+    def __init__(self, blocking: Blocking, thread: ThreadPoolExecutor) -> None:
+        self._blocking = blocking
+        self._thread = thread
+
+    @property
+    def port(self) -> str:
+        """The port, as it was given."""
+        return self._blocking.port
+
+    async def _run(self, call: Callable[[], T]) -> T:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, call)
+
+    async def close(self) -> None:
+        """Close it, once the call that is under way is done."""
+        await self._run(self._blocking.close)
+        self._thread.shutdown(wait=False)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    def __repr__(self) -> str:
+        return f"aio.{self._blocking!r}"
+
+
+async def _open(make: Callable[[], Blocking]) -> tuple[Blocking, ThreadPoolExecutor]:
+    thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="armwire")
+    try:
+        return await asyncio.get_running_loop().run_in_executor(thread, make), thread
+    except BaseException:
+        thread.shutdown(wait=False)
+        raise
+
+
+def _call(
+    method: Callable[Concatenate[Blocking, P], T],
+) -> Callable[Concatenate[_Async[Blocking], P], Coroutine[Any, Any, T]]:
+    """The method, called by the thread."""
+
+    @functools.wraps(method)
+    async def call(self: _Async[Blocking], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return await self._run(lambda: method(self._blocking, *args, **kwargs))
+
+    return call
+
+
+class Ling(_Async[_ling.Ling]):
+    """`armwire.Ling` for asyncio."""
+
+    @classmethod
+    async def open(cls, port: str, *, baud: int | None = None) -> Self:
+        """Open the port; see `armwire.Ling`."""
+        return cls(*await _open(lambda: _ling.Ling(port, baud=baud)))
+
+    read_info = _call(_ling.Ling.read_info)
+    read_joints = _call(_ling.Ling.read_joints)
+    read_joints_deg = _call(_ling.Ling.read_joints_deg)
+    read_joints_rad = _call(_ling.Ling.read_joints_rad)
+    read_gripper_permille = _call(_ling.Ling.read_gripper_permille)
+    read_temperatures_celsius = _call(_ling.Ling.read_temperatures_celsius)
+    read_velocities_deg_s = _call(_ling.Ling.read_velocities_deg_s)
+    read_velocities_rad_s = _call(_ling.Ling.read_velocities_rad_s)
+    read_stroke_mm = _call(_ling.Ling.read_stroke_mm)
+    self_check = _call(_ling.Ling.self_check)
+    self_check_mask = _call(_ling.Ling.self_check_mask)
+    move_deg = _call(_ling.Ling.move_deg)
+    move_rad = _call(_ling.Ling.move_rad)
+    wait_until_at_deg = _call(_ling.Ling.wait_until_at_deg)
+    set_torque = _call(_ling.Ling.set_torque)
+    set_zero = _call(_ling.Ling.set_zero)
+    set_stroke_mm = _call(_ling.Ling.set_stroke_mm)
+    set_temperature_limit_celsius = _call(_ling.Ling.set_temperature_limit_celsius)
+    line_errors = _call(_ling.Ling.line_errors)
+
+
+class XArm(_Async[_xarm.XArm]):
+    """`armwire.XArm` for asyncio."""
+
+    @classmethod
+    async def open(cls, host: str, *, supervised: bool = False) -> Self:
+        """Connect to the host; see `armwire.XArm`."""
+        return cls(*await _open(lambda: _xarm.XArm(host, supervised=supervised)))
+
+    read_version = _call(_xarm.XArm.read_version)
+    read_serials = _call(_xarm.XArm.read_serials)
+    read_torque_source = _call(_xarm.XArm.read_torque_source)
+    read_rotation_radius_mm = _call(_xarm.XArm.read_rotation_radius_mm)
+    read_joints_rad = _call(_xarm.XArm.read_joints_rad)
+    read_joints_deg = _call(_xarm.XArm.read_joints_deg)
+    reload_dynamics = _call(_xarm.XArm.reload_dynamics)
+    shut_down = _call(_xarm.XArm.shut_down)
+    reboot = _call(_xarm.XArm.reboot)
+    heartbeat = _call(_xarm.XArm.heartbeat)
+    raw = _call(_xarm.XArm.raw)
+
+
+class Alpha1(_Async[_alpha1.Alpha1]):
+    """`armwire.Alpha1` for asyncio."""
+
+    @classmethod
+    async def open(cls, port: str, *, baud: int | None = None) -> Self:
+        """Open the port; see `armwire.Alpha1`."""
+        return cls(*await _open(lambda: _alpha1.Alpha1(port, baud=baud)))
+
+    read_hardware_version = _call(_alpha1.Alpha1.read_hardware_version)
+    read_firmware_version = _call(_alpha1.Alpha1.read_firmware_version)
+    read_running_servos = _call(_alpha1.Alpha1.read_running_servos)
+    act = _call(_alpha1.Alpha1.act)
+    play = _call(_alpha1.Alpha1.play)
+    stop = _call(_alpha1.Alpha1.stop)
+    set_offset_tool = _call(_alpha1.Alpha1.set_offset_tool)
+    set_usb_type = _call(_alpha1.Alpha1.set_usb_type)
+    move_servo = _call(_alpha1.Alpha1.move_servo)
+    release_servo = _call(_alpha1.Alpha1.release_servo)
+    set_servo_led = _call(_alpha1.Alpha1.set_servo_led)
+    read_servo_angles_deg = _call(_alpha1.Alpha1.read_servo_angles_deg)
+    change_servo_id = _call(_alpha1.Alpha1.change_servo_id)
+    set_servo_offset_thirds_deg = _call(_alpha1.Alpha1.set_servo_offset_thirds_deg)
+    read_servo_offset_thirds_deg = _call(_alpha1.Alpha1.read_servo_offset_thirds_deg)
+    read_servo_version = _call(_alpha1.Alpha1.read_servo_version)
+
+
+class Adapter(_Async[_adapter.Adapter]):
+    """`armwire.Adapter` for asyncio."""
+
+    @classmethod
+    async def open(cls, port: str) -> Self:
+        """Open the control port; see `armwire.Adapter`."""
+        return cls(*await _open(lambda: _adapter.Adapter(port)))
+
+    identify = _call(_adapter.Adapter.identify)
+    read_config = _call(_adapter.Adapter.read_config)
+    set_config = _call(_adapter.Adapter.set_config)
+    save_config = _call(_adapter.Adapter.save_config)
+    reset_config = _call(_adapter.Adapter.reset_config)
+    read_counters = _call(_adapter.Adapter.read_counters)
+    read_latencies = _call(_adapter.Adapter.read_latencies)
+    end_stream = _call(_adapter.Adapter.end_stream)
+    restart = _call(_adapter.Adapter.restart)
+    record_joints = _call(_adapter.Adapter.record_joints)
+
+    async def telemetry(
+        self, *, duration_s: float | None = None, events: bool = False
+    ) -> AsyncIterator[_adapter.Telemetry]:
+        """Iterate over what the adapter hears from the arm; see `armwire.Adapter.telemetry`."""
+        iterator = self._blocking.telemetry(duration_s=duration_s, events=events)
+        try:
+            while (heard := await self._run(lambda: next(iterator, None))) is not None:
+                yield heard
+        finally:
+            # It unsubscribes.
+            await self._run(iterator.close)

@@ -1,0 +1,1 @@
+"""The calls of vendors' SDKs, made by this package."""

@@ -1,0 +1,80 @@
+import time
+from collections.abc import Iterator
+
+import pytest
+
+import armwire
+from armwire import errors, sim
+
+
+@pytest.fixture
+def robot() -> Iterator[armwire.Alpha1]:
+    with sim.alpha1() as virtual, armwire.Alpha1(virtual.port) as robot:
+        yield robot
+
+
+@pytest.fixture
+def servos() -> Iterator[armwire.Alpha1]:
+    with sim.alpha1_servos([1, 2, 16]) as virtual, armwire.Alpha1(virtual.port) as servos:
+        yield servos
+
+
+def test_versions_are_read(robot: armwire.Alpha1) -> None:
+    assert robot.read_hardware_version() == b"Alpha1_V2.0"
+    assert robot.read_firmware_version() == "2015121519"
+
+
+def test_action_moves_servos(robot: armwire.Alpha1) -> None:
+    robot.act({1: 100, 16: 80}, time_s=0.1, interval_s=0.2)
+    assert robot.read_running_servos() == tuple(range(1, 17))
+
+
+def test_play_and_stop() -> None:
+    with sim.alpha1() as virtual, armwire.Alpha1(virtual.port) as robot:
+        robot.play("wave")
+        assert virtual.playing() == "wave"
+        robot.stop()
+        assert virtual.playing() is None
+
+
+def test_settings_are_taken(robot: armwire.Alpha1) -> None:
+    robot.set_offset_tool(True)
+    robot.set_offset_tool(False)
+    robot.set_usb_type("serial")
+
+
+def test_servo_moves_and_tells_its_angle(servos: armwire.Alpha1) -> None:
+    servos.move_servo(2, 120, time_s=0.1, lock_s=0.1)
+    time.sleep(0.3)
+    assert servos.read_servo_angles_deg(2) == (120, 120)
+    servos.move_servo(0, 90, time_s=0.1, lock_s=0.1)
+    servos.set_servo_led(1, 0)
+    servos.release_servo(0)
+
+
+def test_servo_settings_are_read_back(servos: armwire.Alpha1) -> None:
+    servos.set_servo_offset_thirds_deg(1, -9)
+    assert servos.read_servo_offset_thirds_deg(1) == -9
+    servos.change_servo_id(1, 5)
+    assert len(servos.read_servo_version(5)) == 4
+    with pytest.raises(errors.AbsentError):
+        servos.read_servo_version(1)
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda robot: robot.act({21: 0}, time_s=0, interval_s=0), "servo is 21, must be 1 to 20"),
+        (lambda robot: robot.act({1: 241}, time_s=0, interval_s=0), "is 241, must be 0 to 240"),
+        (lambda robot: robot.act({1: 0}, time_s=6, interval_s=0), r"move time is 6 s, must be 0..=5.1"),
+        (lambda robot: robot.act({1: 0}, time_s=0, interval_s=-1), "-1 s is no time"),
+        (lambda robot: robot.play("x" * 255), "text length is 255 bytes"),
+        (lambda robot: robot.set_usb_type("tape"), "'tape' is none of disk, serial, hid"),
+        (lambda robot: robot.move_servo(241, 0, time_s=0, lock_s=0), "servo id is 241"),
+        (lambda robot: robot.read_servo_angles_deg(0), "servo id is 0, must be 1"),
+        (lambda robot: robot.set_servo_offset_thirds_deg(1, 91), "servo offset is 91"),
+    ],
+)
+def test_wrong_value_is_told(robot: armwire.Alpha1, call: object, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        call(robot)  # type: ignore[operator]

@@ -1,0 +1,110 @@
+"""Through the firmware image that ships, on a virtual board, by each of its ports."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import armwire
+from armwire import errors
+
+
+@pytest.mark.parametrize("port", ["arm", "slcan:bus"])
+def test_every_call_passes_the_adapter(board: Path, port: str) -> None:
+    kind, _, name = port.rpartition(":")
+    with armwire.Ling(f"{kind}:{board / name}" if kind else str(board / name)) as arm:
+        assert arm.read_info().serial == "ADFS251205123456"
+        arm.set_torque(True)
+        target = [10, -20, 30, 0, 45, -90] if port == "arm" else [0, 0, 0, 0, 0, 0]
+        arm.move_deg(target, gripper_permille=500, speed_deg_s=200)
+        state = arm.wait_until_at_deg(target, timeout_s=10)
+        np.testing.assert_allclose(state.joints_deg, target, atol=0.3)
+        assert arm.read_temperatures_celsius().shape == (10,)
+        assert arm.read_velocities_deg_s().shape == (10,)
+        arm.set_stroke_mm(100)
+        assert arm.read_stroke_mm() == 100
+        assert arm.self_check() == ()
+        arm.set_temperature_limit_celsius(85)
+        arm.set_zero()
+        assert np.abs(arm.read_joints_deg()).max() < 0.3
+        assert arm.line_errors() == armwire.LineErrors(0, 0)
+
+
+def test_adapter_tells_what_it_is(board: Path) -> None:
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter:
+        assert adapter.identify().board == "stm32f405"
+        config = adapter.read_config()
+        assert config["arm"] == "ling"
+        counters = adapter.read_counters()
+        assert all(isinstance(count, int) for count in counters.values())
+        assert set(adapter.read_latencies()) == {"answer", "turn", "poll"}
+        adapter.end_stream()
+
+
+def test_adapter_is_configured_and_refuses(board: Path) -> None:
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter:
+        adapter.set_config({"poll": 100, "can.telemetry-hz": 10, "can.commands": False})
+        assert adapter.read_config()["poll"] == 100
+        with pytest.raises(ValueError, match="there is no setting 'pole'"):
+            adapter.set_config({"pole": 1})
+        with pytest.raises(ValueError, match="'x' is not off, fastest"):
+            adapter.set_config({"poll": "x"})
+        with pytest.raises(errors.RefusedError, match="rejected"):
+            adapter.set_config({"poll": 2000})
+        adapter.save_config()
+        adapter.reset_config()
+        assert adapter.read_config()["poll"] == "off"
+
+
+def test_telemetry_has_the_adapters_stamps(board: Path) -> None:
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter:
+        adapter.set_config({"poll": 100})
+        seen = []
+        for telemetry in adapter.telemetry():
+            seen.append(telemetry)
+            if len(seen) == 50:
+                break
+        adapter.set_config({"poll": "off"})
+    assert all(each.initiator == "poll" and each.joints is not None for each in seen)
+    periods = np.diff([each.stamp_us for each in seen])
+    # By the adapter's clock the poll is regular, whatever this computer does meanwhile.
+    np.testing.assert_allclose(periods, 10_000, atol=20)
+
+
+def test_recording_has_arrays_while_a_program_moves(board: Path) -> None:
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter, armwire.Ling(str(board / "arm")) as arm:
+        adapter.set_config({"poll": 100})
+        arm.set_torque(True)
+        arm.move_deg([20] * 6, gripper_permille=0, speed_deg_s=50)
+        recording = adapter.record_joints(1.0)
+        adapter.set_config({"poll": "off"})
+    count = len(recording.stamp_us)
+    assert count > 30
+    assert recording.joints_deg.shape == recording.joints_rad.shape == (count, 6)
+    assert recording.gripper_permille.shape == recording.status.shape == (count,)
+    assert (np.diff(recording.joints_deg[:, 0]) >= 0).all()
+    assert recording.time_s[-1] > 0.3
+
+
+def test_telemetry_by_asyncio(board: Path) -> None:
+    import asyncio
+
+    from armwire import aio
+
+    async def run() -> list[armwire.Telemetry]:
+        async with await aio.Adapter.open(f"control:{board / 'control'}") as adapter:
+            await adapter.set_config({"poll": 100})
+            heard = [each async for each in adapter.telemetry(duration_s=0.5)]
+            await adapter.set_config({"poll": "off"})
+            return heard
+
+    begun = time.monotonic()
+    heard = asyncio.run(run())
+    assert len(heard) > 10
+    assert time.monotonic() - begun < 5
+
+
+def test_serial_port_without_a_control_port_is_told(board: Path) -> None:
+    with pytest.raises(errors.PortError, match="not the port of an armwire adapter"):
+        armwire.Adapter(str(board / "arm"))
