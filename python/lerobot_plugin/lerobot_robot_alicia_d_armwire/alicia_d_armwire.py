@@ -1,0 +1,235 @@
+"""A follower arm for LeRobot."""
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import armwire
+from lerobot.cameras import make_cameras_from_configs
+from lerobot.robots import Robot
+from lerobot.robots.utils import ensure_safe_goal_position
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+from .config_alicia_d_armwire import AliciaDArmwireConfig
+from .pose import CALIBRATION, FEATURES, GRIPPER, JOINTS, pose
+
+logger = logging.getLogger(__name__)
+
+# Where joints and gripper can be sent. What a policy asks for beyond is cut, and what was sent is returned.
+MIN_DEG, MAX_DEG = -180.0, 179.912
+MAX_GRIPPER = 1000.0
+
+
+class AliciaDArmwire(Robot):
+    """A follower arm. Stops where it is when actions stop coming."""
+
+    config_class = AliciaDArmwireConfig
+    name = "alicia_d_armwire"
+
+    def __init__(self, config: AliciaDArmwireConfig) -> None:
+        super().__init__(config)
+        self.config = config
+        self.cameras = make_cameras_from_configs(config.cameras)
+        self._arm: armwire.Ling | None = None
+        self._watch: _Watch | None = None
+
+    @cached_property
+    def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
+        """Joints, gripper, and the images of the cameras."""
+        cameras = self.config.cameras.items()
+        return {**FEATURES, **{name: (camera.height, camera.width, 3) for name, camera in cameras}}
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        """Joints and gripper."""
+        return dict(FEATURES)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the arm and all cameras are open."""
+        return self._arm is not None and all(camera.is_connected for camera in self.cameras.values())
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the port and switch the torque on: the arm holds its pose.
+
+        Raises:
+            DeviceNotConnectedError: The arm cannot be opened or does not answer; the text says why.
+        """
+        if self._arm is not None:
+            raise DeviceAlreadyConnectedError(f"{self} is already connected.")
+        try:
+            self._arm = armwire.Ling(self.config.port, baud=self.config.baud)
+            info = self._arm.read_info()
+            if info.kind == "leader":
+                raise armwire.errors.WrongArmError(f"{self.config.port}: {info.serial} is a leader, not a follower")
+            for camera in self.cameras.values():
+                camera.connect()
+            self.configure()
+        except armwire.ArmwireError as error:
+            self._close()
+            raise DeviceNotConnectedError(str(error)) from error
+        except BaseException:
+            self._close()
+            raise
+        logger.info("%s connected: %s, firmware %s", self, info.serial, info.firmware)
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Always: the zero position is in the arm."""
+        return True
+
+    def calibrate(self) -> None:
+        """Say how an arm gets its zero position. Nothing is done."""
+        logger.info(CALIBRATION)
+
+    def configure(self) -> None:
+        """Switch the torque on."""
+        self._connected().set_torque(True)
+
+    def get_observation(self) -> dict[str, Any]:
+        """Read the pose and the images.
+
+        Raises:
+            DeviceNotConnectedError: The arm does not answer; the text says why.
+        """
+        arm = self._connected()
+        try:
+            observation: dict[str, Any] = pose(arm.read_joints())
+        except armwire.ArmwireError as error:
+            raise DeviceNotConnectedError(str(error)) from error
+        for name, camera in self.cameras.items():
+            observation[name] = camera.read_latest()
+        return observation
+
+    def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
+        """Start to move to a pose.
+
+        Returns:
+            The pose that was sent: cut to where the arm can go, and to `max_relative_target`.
+
+        Raises:
+            ValueError: A joint or the gripper is missing or no number; nothing is sent.
+            DeviceNotConnectedError: The arm cannot be sent it; the text says why.
+        """
+        arm = self._connected()
+        goal = _checked(action)
+        try:
+            goal = self._limited(arm, goal)
+            self._move(arm, goal)
+        except armwire.ArmwireError as error:
+            raise DeviceNotConnectedError(str(error)) from error
+        if self._watch is None and self.config.action_timeout_s > 0:
+            self._watch = _Watch(self.config.action_timeout_s, self._stop)
+        if self._watch is not None:
+            self._watch.feed()
+        return {f"{name}.pos": value for name, value in goal.items()}
+
+    def disconnect(self) -> None:
+        """Close the arm and the cameras. The arm stops, and holds its pose unless its torque is to go off."""
+        arm = self._connected()
+        try:
+            if self._watch is not None:
+                self._watch.end()
+                self._stop()
+            if self.config.disable_torque_on_disconnect:
+                arm.set_torque(False)
+        except armwire.ArmwireError as error:
+            logger.warning("%s was not stopped: %s", self, error)
+        finally:
+            self._close()
+        logger.info("%s disconnected.", self)
+
+    def _connected(self) -> armwire.Ling:
+        if self._arm is None:
+            raise DeviceNotConnectedError(f"{self} is not connected. Run `.connect()` first.")
+        return self._arm
+
+    def _close(self) -> None:
+        if self._watch is not None:
+            self._watch.end()
+            self._watch = None
+        if self._arm is not None:
+            self._arm.close()
+            self._arm = None
+        for camera in self.cameras.values():
+            if camera.is_connected:
+                camera.disconnect()
+
+    def _limited(self, arm: armwire.Ling, goal: dict[str, float]) -> dict[str, float]:
+        """The goal, no farther from where the joints are than is configured."""
+        limit = self.config.max_relative_target
+        if limit is None:
+            return goal
+        limits = limit if isinstance(limit, dict) else dict.fromkeys(JOINTS, float(limit))
+        present = pose(arm.read_joints())
+        pairs = {name: (goal[name], present[f"{name}.pos"]) for name in limits}
+        return {**goal, **ensure_safe_goal_position(pairs, limits)}
+
+    def _move(self, arm: armwire.Ling, goal: dict[str, float]) -> None:
+        arm.move_deg(
+            [goal[name] for name in JOINTS],
+            gripper_permille=round(goal[GRIPPER]),
+            speed_deg_s=self.config.speed_deg_s,
+            gripper_ticks_s=self.config.gripper_ticks_s,
+        )
+
+    def _stop(self) -> None:
+        """Move to where the arm is."""
+        if (arm := self._arm) is None:
+            return
+        here = pose(arm.read_joints())
+        self._move(arm, {name: here[f"{name}.pos"] for name in (*JOINTS, GRIPPER)})
+
+
+class _Watch:
+    """A thread that calls once when nothing feeds it in time, and again after it was fed again."""
+
+    def __init__(self, timeout_s: float, stop: Callable[[], None]) -> None:
+        self._timeout_s = timeout_s
+        self._stop = stop
+        self._changed = threading.Condition()
+        self._due: float | None = None
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="action watch", daemon=True)
+        self._thread.start()
+
+    def feed(self) -> None:
+        with self._changed:
+            self._due = time.monotonic() + self._timeout_s
+            self._changed.notify()
+
+    def end(self) -> None:
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        with self._changed:
+            while not self._ended:
+                left = None if self._due is None else self._due - time.monotonic()
+                if left is None or left > 0:
+                    self._changed.wait(left)
+                    continue
+                self._due = None
+                logger.warning("no action for %g s: the arm is stopped", self._timeout_s)
+                try:
+                    self._stop()
+                except armwire.ArmwireError as error:
+                    logger.warning("the arm was not stopped: %s", error)
+
+
+def _checked(action: dict[str, Any]) -> dict[str, float]:
+    """The goal by name, cut to where the arm can go."""
+    goal: dict[str, float] = {}
+    for name in (*JOINTS, GRIPPER):
+        value = float(action[f"{name}.pos"]) if f"{name}.pos" in action else math.nan
+        if not math.isfinite(value):
+            raise ValueError(f"{name}.pos of the action is {action.get(f'{name}.pos', 'missing')}, must be a number")
+        low, high = (0.0, MAX_GRIPPER) if name == GRIPPER else (MIN_DEG, MAX_DEG)
+        goal[name] = min(max(value, low), high)
+    return goal

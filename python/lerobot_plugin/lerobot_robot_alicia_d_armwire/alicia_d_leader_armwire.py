@@ -1,0 +1,99 @@
+"""A leader arm for LeRobot."""
+
+import logging
+from functools import cached_property
+from typing import Any
+
+import armwire
+from lerobot.teleoperators import Teleoperator
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+from .config_alicia_d_leader_armwire import AliciaDLeaderArmwireConfig
+from .pose import CALIBRATION, FEATURES, pose
+
+logger = logging.getLogger(__name__)
+
+
+class AliciaDLeaderArmwire(Teleoperator):
+    """A leader arm, moved by hand."""
+
+    config_class = AliciaDLeaderArmwireConfig
+    name = "alicia_d_leader_armwire"
+
+    def __init__(self, config: AliciaDLeaderArmwireConfig) -> None:
+        super().__init__(config)
+        self.config = config
+        self._arm: armwire.Ling | None = None
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        """Joints and gripper."""
+        return dict(FEATURES)
+
+    @cached_property
+    def feedback_features(self) -> dict[str, type]:
+        """None: the arm takes no feedback."""
+        return {}
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the arm is open."""
+        return self._arm is not None
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the port. The torque stays as it is.
+
+        Raises:
+            DeviceNotConnectedError: The arm cannot be opened or does not answer; the text says why.
+        """
+        if self._arm is not None:
+            raise DeviceAlreadyConnectedError(f"{self} is already connected.")
+        try:
+            arm = armwire.Ling(self.config.port, baud=self.config.baud)
+        except armwire.ArmwireError as error:
+            raise DeviceNotConnectedError(str(error)) from error
+        try:
+            info = arm.read_info()
+        except armwire.ArmwireError as error:
+            arm.close()
+            raise DeviceNotConnectedError(str(error)) from error
+        self._arm = arm
+        logger.info("%s connected: %s, firmware %s", self, info.serial, info.firmware)
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Always: the zero position is in the arm."""
+        return True
+
+    def calibrate(self) -> None:
+        """Say how an arm gets its zero position. Nothing is done."""
+        logger.info(CALIBRATION)
+
+    def configure(self) -> None:
+        """Nothing is configured."""
+
+    def get_action(self) -> dict[str, Any]:
+        """Read the pose.
+
+        Raises:
+            DeviceNotConnectedError: The arm does not answer; the text says why.
+        """
+        arm = self._connected()
+        try:
+            return pose(arm.read_joints())
+        except armwire.ArmwireError as error:
+            raise DeviceNotConnectedError(str(error)) from error
+
+    def send_feedback(self, feedback: dict[str, Any]) -> None:
+        """Nothing is done: the arm takes no feedback."""
+
+    def disconnect(self) -> None:
+        """Close the port."""
+        self._connected().close()
+        self._arm = None
+        logger.info("%s disconnected.", self)
+
+    def _connected(self) -> armwire.Ling:
+        if self._arm is None:
+            raise DeviceNotConnectedError(f"{self} is not connected. Run `.connect()` first.")
+        return self._arm

@@ -1,0 +1,18 @@
+"""A pose as LeRobot has it: by name, joints in degrees, the gripper from 0 (closed) to 1000 (open)."""
+
+import armwire
+
+JOINTS = tuple(f"joint{number}" for number in range(1, 7))
+GRIPPER = "gripper"
+FEATURES: dict[str, type] = {f"{name}.pos": float for name in (*JOINTS, GRIPPER)}
+
+CALIBRATION = (
+    "Alicia-D arms keep their zero position in their servos, from the factory, so there is nothing to calibrate here. "
+    "To make the present pose zero, for good: `armwire set-zero PORT`. Leader and follower need the same zero pose."
+)
+
+
+def pose(state: armwire.JointState) -> dict[str, float]:
+    """The pose in what an arm says."""
+    values = [*state.joints_deg.tolist(), float(state.gripper_permille)]
+    return dict(zip(FEATURES, values, strict=True))

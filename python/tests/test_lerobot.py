@@ -1,0 +1,209 @@
+"""The plugin by LeRobot's interface: LeRobot itself where it is installed, what its documentation says otherwise."""
+
+import importlib
+import importlib.util
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from armwire import MotionStatus, sim
+
+HERE = Path(__file__).parent
+if importlib.util.find_spec("lerobot") is None:
+    sys.path.insert(0, str(HERE / "lerobot_stand_in"))
+sys.path.insert(0, str(HERE.parent / "lerobot_plugin"))
+
+plugin: Any = importlib.import_module("lerobot_robot_alicia_d_armwire")
+errors: Any = importlib.import_module("lerobot.utils.errors")
+
+NAMES = [*(f"joint{joint}.pos" for joint in range(1, 7)), "gripper.pos"]
+POSE = dict(zip(NAMES, [10.0, -20.0, 30.0, 0.0, 45.0, -90.0, 500.0], strict=True))
+# Half a tick.
+CLOSE = 0.05
+
+
+def follower(port: str, tmp_path: Path, **options: Any) -> Any:
+    config = plugin.AliciaDArmwireConfig(id="test", calibration_dir=tmp_path, port=port, speed_deg_s=400, **options)
+    return plugin.AliciaDArmwire(config)
+
+
+def leader(port: str, tmp_path: Path) -> Any:
+    return plugin.AliciaDLeaderArmwire(
+        plugin.AliciaDLeaderArmwireConfig(id="test", calibration_dir=tmp_path, port=port)
+    )
+
+
+@pytest.fixture
+def robot(virtual: sim.VirtualLing, tmp_path: Path) -> Iterator[Any]:
+    robot = follower(virtual.port, tmp_path, action_timeout_s=0)
+    robot.connect()
+    yield robot
+    if robot.is_connected:
+        robot.disconnect()
+
+
+def wait_until(holds: Any) -> None:
+    deadline = time.monotonic() + 10
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def is_at(observation: dict[str, float], pose: dict[str, float]) -> bool:
+    return all(abs(observation[name] - value) <= (2 if name == "gripper.pos" else CLOSE) for name, value in pose.items())
+
+
+def test_plugin_has_the_names_that_lerobot_looks_for(tmp_path: Path) -> None:
+    from lerobot.robots import Robot, RobotConfig
+    from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
+
+    robot, teleoperator = follower("/dev/none", tmp_path), leader("/dev/none", tmp_path)
+    assert isinstance(robot, Robot)
+    assert isinstance(robot.config, RobotConfig)
+    assert isinstance(teleoperator, Teleoperator)
+    assert isinstance(teleoperator.config, TeleoperatorConfig)
+    assert robot.config.type == robot.name == "alicia_d_armwire"
+    assert teleoperator.config.type == teleoperator.name == "alicia_d_leader_armwire"
+    for device in (robot, teleoperator):
+        # The device's class is found by the name of its configuration, in the package or in a module of that name.
+        assert type(device.config).__name__ == type(device).__name__ + "Config"
+        assert type(device.config).__module__ == f"lerobot_robot_alicia_d_armwire.config_{device.name}"
+        assert device.config_class is type(device.config)
+
+
+def test_features_are_known_without_a_connection(tmp_path: Path) -> None:
+    robot, teleoperator = follower("/dev/none", tmp_path), leader("/dev/none", tmp_path)
+    assert list(robot.action_features) == list(robot.observation_features) == NAMES
+    assert list(teleoperator.action_features) == NAMES
+    assert teleoperator.feedback_features == {}
+    assert not robot.is_connected
+    assert not teleoperator.is_connected
+    for call in (robot.get_observation, lambda: robot.send_action(POSE), robot.disconnect, teleoperator.get_action):
+        with pytest.raises(errors.DeviceNotConnectedError, match="is not connected"):
+            call()
+
+
+def test_action_moves_and_is_observed_in_degrees(robot: Any) -> None:
+    assert robot.send_action(POSE) == POSE
+    wait_until(lambda: is_at(robot.get_observation(), POSE))
+    assert set(robot.get_observation()) == set(robot.observation_features)
+
+
+def test_action_beyond_the_arm_is_cut_and_returned(robot: Any) -> None:
+    sent = robot.send_action({**POSE, "joint1.pos": 400.0, "joint2.pos": -400.0, "gripper.pos": 1200.0})
+    assert (sent["joint1.pos"], sent["joint2.pos"], sent["gripper.pos"]) == (179.912, -180.0, 1000.0)
+
+
+@pytest.mark.parametrize("wrong", [{"joint3.pos": float("nan")}, {"gripper.pos": float("inf")}])
+def test_action_that_is_no_number_is_not_sent(robot: Any, virtual: sim.VirtualLing, wrong: dict[str, float]) -> None:
+    before = virtual.requests()
+    with pytest.raises(ValueError, match="must be a number"):
+        robot.send_action({**POSE, **wrong})
+    with pytest.raises(ValueError, match=r"joint1.pos of the action is missing"):
+        robot.send_action({"gripper.pos": 1.0})
+    assert virtual.requests() == before
+
+
+@pytest.mark.parametrize("limit", [5.0, {f"joint{joint}": 5.0 for joint in range(1, 7)}])
+def test_relative_target_is_limited(virtual: sim.VirtualLing, tmp_path: Path, limit: Any) -> None:
+    robot = follower(virtual.port, tmp_path, max_relative_target=limit, action_timeout_s=0)
+    robot.connect()
+    sent = robot.send_action(POSE)
+    assert [sent[name] for name in NAMES] == [5.0, -5.0, 5.0, 0.0, 5.0, -5.0, 500.0]
+    robot.disconnect()
+
+
+def test_stale_action_stops_the_arm(virtual: sim.VirtualLing, tmp_path: Path) -> None:
+    robot = follower(virtual.port, tmp_path, action_timeout_s=0.1)
+    robot.config.speed_deg_s = 50
+    robot.connect()
+    robot.send_action({**POSE, "joint1.pos": 170.0})
+    time.sleep(0.6)
+    stopped = robot.get_observation()["joint1.pos"]
+    assert 1 < stopped < 60
+    time.sleep(0.3)
+    assert robot.get_observation()["joint1.pos"] == pytest.approx(stopped, abs=CLOSE * 2)
+    # It moves again with the next actions.
+    for _ in range(20):
+        robot.send_action({**POSE, "joint1.pos": 170.0})
+        time.sleep(0.02)
+    assert robot.get_observation()["joint1.pos"] > stopped + 5
+    robot.disconnect()
+
+
+@pytest.mark.parametrize("torque_off", [False, True])
+def test_disconnect_stops_and_keeps_the_torque_if_told(
+    virtual: sim.VirtualLing, tmp_path: Path, torque_off: bool
+) -> None:
+    robot = follower(virtual.port, tmp_path, disable_torque_on_disconnect=torque_off)
+    robot.connect()
+    with pytest.raises(errors.DeviceAlreadyConnectedError):
+        robot.connect()
+    robot.send_action(POSE)
+    robot.disconnect()
+    assert not robot.is_connected
+    assert virtual.joints().status == (MotionStatus.IDLE if torque_off else MotionStatus.LOCKED)
+
+
+def test_unplugged_arm_is_a_clear_error(virtual: sim.VirtualLing, tmp_path: Path) -> None:
+    robot = follower(virtual.port, tmp_path, action_timeout_s=0.05)
+    robot.connect()
+    robot.send_action(POSE)
+    virtual.close()
+    with pytest.raises(errors.DeviceNotConnectedError, match="was it unplugged"):
+        robot.get_observation()
+    with pytest.raises(errors.DeviceNotConnectedError, match="was it unplugged"):
+        robot.send_action(POSE)
+    time.sleep(0.2)
+    robot.disconnect()
+    assert not robot.is_connected
+
+
+def test_arm_that_cannot_be_used_is_a_clear_error(tmp_path: Path) -> None:
+    for make in (follower, leader):
+        with pytest.raises(errors.DeviceNotConnectedError, match="no such port"):
+            make("/dev/no-such-port", tmp_path).connect()
+    with (
+        sim.ling(leader=True) as virtual,
+        pytest.raises(errors.DeviceNotConnectedError, match="is a leader, not a follower"),
+    ):
+        follower(virtual.port, tmp_path).connect()
+    with sim.older_ling() as older, pytest.raises(errors.DeviceNotConnectedError, match="older generation"):
+        leader(older.port, tmp_path).connect()
+
+
+@pytest.mark.parametrize("options", [{"speed_deg_s": 0}, {"speed_deg_s": 500}, {"action_timeout_s": -1}])
+def test_wrong_configuration_is_told(options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(options))):
+        plugin.AliciaDArmwireConfig(port="/dev/none", **options)
+
+
+def test_calibration_is_explained_and_changes_nothing(
+    robot: Any, virtual: sim.VirtualLing, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert robot.is_calibrated
+    before = virtual.requests()
+    with caplog.at_level("INFO"):
+        robot.calibrate()
+    assert "armwire set-zero PORT" in caplog.text
+    assert virtual.requests() == before
+
+
+def test_leader_that_moves_leads_the_follower(robot: Any, tmp_path: Path) -> None:
+    with sim.ling(leader=True) as hand:
+        teleoperator = leader(hand.port, tmp_path)
+        teleoperator.connect()
+        for step in range(40):
+            hand.push_joints_deg([step, -step, step / 2, 0, 0, 0])
+            hand.push_gripper_permille(10 * step)
+            action = teleoperator.get_action()
+            robot.send_action(action)
+            time.sleep(0.01)
+        assert is_at(action, {"joint1.pos": 39, "joint2.pos": -39, "gripper.pos": 390})
+        wait_until(lambda: is_at(robot.get_observation(), action))
+        teleoperator.send_feedback({})
+        teleoperator.disconnect()
