@@ -36,12 +36,14 @@ mod tcp;
 mod update;
 
 use std::ffi::OsString;
+#[cfg(feature = "shell")]
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+#[cfg(feature = "shell")]
 use clap_complete::Shell;
 use terminal_size::Width;
 
@@ -110,11 +112,13 @@ enum Command {
     /// Update an adapter's firmware, over USB with dfu-util.
     Update(update::Update),
     /// Print the completions of a shell, for its start file.
+    #[cfg(feature = "shell")]
     Completions {
         /// Shell.
         shell: Shell,
     },
     /// Write the manual pages into a folder.
+    #[cfg(feature = "shell")]
     Man {
         /// Existing folder.
         folder: PathBuf,
@@ -199,11 +203,13 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Counters(counters) => counters.run(),
         Command::Hold(hold) => hold.run(stop_on_ctrl_c()?),
         Command::Update(update) => update.run(),
+        #[cfg(feature = "shell")]
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "armwire", &mut script);
             output::print(&String::from_utf8_lossy(&script))
         }
+        #[cfg(feature = "shell")]
         Command::Man { folder } => clap_mangen::generate_to(Cli::command(), folder)
             .map_err(|error| Error::at(&folder.display().to_string(), error)),
     }

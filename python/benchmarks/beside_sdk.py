@@ -2,8 +2,8 @@
 
 Usage: beside_sdk.py ARMWIRE FOLDER
 
-ARMWIRE is the `armwire` command, which serves the arm in a process of its own; FOLDER is `host-tests/vendor`, which knows how
-to start the serial layer of the SDK. Exits with an error where a goal is missed.
+ARMWIRE is the `armwire` command, which serves the arm in a process of its own; FOLDER is `host-tests/vendor`, which
+knows how to start the serial layer of the SDK. Exits with an error where a goal is missed.
 """
 
 import resource

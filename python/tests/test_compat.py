@@ -92,13 +92,11 @@ def test_port_has_to_be_given() -> None:
 
 def test_every_call_of_the_sdk_is_there_or_says_why(robot: SynriaRobotAPI) -> None:
     # The public calls of `SynriaRobotAPI` in alicia_d_sdk 6.1.0.
-    calls = (
-        "connect disconnect is_connected get_robot_state get_pose set_home set_robot_state set_pose plan_joint_trajectory "
-        "plan_cartesian_trajectory solve_ik_for_trajectory torque_control zero_calibration print_state"
-    ).split()
-    for call in calls:
+    calls = ["connect", "disconnect", "is_connected", "get_robot_state", "set_home", "set_robot_state"]
+    for call in [*calls, "torque_control", "zero_calibration", "print_state"]:
         assert callable(getattr(robot, call)), call
-    for call in ("get_pose", "set_pose", "plan_joint_trajectory", "plan_cartesian_trajectory", "solve_ik_for_trajectory"):
+    planning = ["plan_joint_trajectory", "plan_cartesian_trajectory", "solve_ik_for_trajectory"]
+    for call in ["get_pose", "set_pose", *planning]:
         with pytest.raises(NotImplementedError, match="RoboCore"):
             getattr(robot, call)()
 

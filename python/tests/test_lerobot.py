@@ -19,6 +19,8 @@ sys.path.insert(0, str(HERE.parent / "lerobot_plugin"))
 
 plugin: Any = importlib.import_module("lerobot_robot_alicia_d_armwire")
 errors: Any = importlib.import_module("lerobot.utils.errors")
+robots: Any = importlib.import_module("lerobot.robots")
+teleoperators: Any = importlib.import_module("lerobot.teleoperators")
 
 NAMES = [*(f"joint{joint}.pos" for joint in range(1, 7)), "gripper.pos"]
 POSE = dict(zip(NAMES, [10.0, -20.0, 30.0, 0.0, 45.0, -90.0, 500.0], strict=True))
@@ -54,18 +56,16 @@ def wait_until(holds: Any) -> None:
 
 
 def is_at(observation: dict[str, float], pose: dict[str, float]) -> bool:
-    return all(abs(observation[name] - value) <= (2 if name == "gripper.pos" else CLOSE) for name, value in pose.items())
+    close = {name: 2 if name == "gripper.pos" else CLOSE for name in pose}
+    return all(abs(observation[name] - value) <= close[name] for name, value in pose.items())
 
 
 def test_plugin_has_the_names_that_lerobot_looks_for(tmp_path: Path) -> None:
-    from lerobot.robots import Robot, RobotConfig
-    from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
-
     robot, teleoperator = follower("/dev/none", tmp_path), leader("/dev/none", tmp_path)
-    assert isinstance(robot, Robot)
-    assert isinstance(robot.config, RobotConfig)
-    assert isinstance(teleoperator, Teleoperator)
-    assert isinstance(teleoperator.config, TeleoperatorConfig)
+    assert isinstance(robot, robots.Robot)
+    assert isinstance(robot.config, robots.RobotConfig)
+    assert isinstance(teleoperator, teleoperators.Teleoperator)
+    assert isinstance(teleoperator.config, teleoperators.TeleoperatorConfig)
     assert robot.config.type == robot.name == "alicia_d_armwire"
     assert teleoperator.config.type == teleoperator.name == "alicia_d_leader_armwire"
     for device in (robot, teleoperator):

@@ -158,7 +158,7 @@ def test_threads_share_an_arm(arm: armwire.Ling) -> None:
         try:
             for _ in range(50):
                 assert arm.read_joints().ticks == (2048,) * 6
-        except BaseException as failure:  # noqa: BLE001
+        except BaseException as failure:
             failures.append(failure)
 
     threads = [threading.Thread(target=read) for _ in range(4)]

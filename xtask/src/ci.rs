@@ -13,8 +13,8 @@ use crate::steps::Steps;
 use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
 use crate::{
-    c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, packages, performance, readme,
-    semver, vendor,
+    c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, packages, performance, python,
+    readme, semver, vendor,
 };
 
 /// Everything but the firmware.
@@ -117,6 +117,7 @@ pub(crate) fn run() -> Result<()> {
             .into_iter()
             .try_for_each(|image| campaign::run_on(&image.path, &campaign::Options::runs(CAMPAIGN_RUNS)))
     })?;
+    ci.step("package for Python", || python::run_all(&Default::default()))?;
     ci.step("CAN software", vendor::can::drive)?;
     ci.step("vendors' SDKs", || {
         vendor::sdk::drive_xarm()?;

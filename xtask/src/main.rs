@@ -23,6 +23,7 @@ mod packages;
 mod performance;
 mod process;
 mod program;
+mod python;
 mod readme;
 mod semver;
 mod soak;
@@ -53,6 +54,10 @@ enum Command {
     Ci,
     /// Check the C library: header, tests, sizes and packages
     C(c_library::Options),
+    /// Check the package for Python: types, wheel, tests, speed
+    Python(python::Options),
+    /// Drive virtual arms with LeRobot, which takes 5 GB
+    Lerobot,
     /// Drive virtual arms with CAN software and the vendors' SDKs
     Vendor(vendor::Options),
     /// Inject faults around the firmware image
@@ -102,6 +107,8 @@ impl Command {
             Self::Runner(runner) => flash::run_program(&runner),
             Self::Ci => ci::run(),
             Self::C(options) => c_library::run_all(&options),
+            Self::Python(options) => python::run_all(&options),
+            Self::Lerobot => python::run_lerobot(),
             Self::Vendor(options) => vendor::run(&options),
             Self::Campaign(options) => campaign::run(&options),
             Self::Performance(options) => performance::run(&options),

@@ -8,11 +8,12 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-import armwire
 from lerobot.cameras import make_cameras_from_configs
 from lerobot.robots import Robot
 from lerobot.robots.utils import ensure_safe_goal_position
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+import armwire
 
 from .config_alicia_d_armwire import AliciaDArmwireConfig
 from .pose import CALIBRATION, FEATURES, GRIPPER, JOINTS, pose

@@ -4,9 +4,10 @@ import logging
 from functools import cached_property
 from typing import Any
 
-import armwire
 from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+import armwire
 
 from .config_alicia_d_leader_armwire import AliciaDLeaderArmwireConfig
 from .pose import CALIBRATION, FEATURES, pose

@@ -20,8 +20,9 @@ class AliciaDArmwireConfig(RobotConfig):
     gripper_ticks_s: int = 5500
     """How fast the gripper moves."""
     max_relative_target: float | dict[str, float] | None = None
-    """By how many degrees at most an action may be away from where the joints are; farther ones are cut to it. One number for
-    all joints, or by name, `joint1` to `joint6`. It costs a read for each action."""
+    """By how many degrees at most an action may be away from where the joints are; farther ones are cut to it.
+
+    One number for all joints, or by name, `joint1` to `joint6`. It costs a read for each action."""
     action_timeout_s: float = 0.5
     """After how long without a further action the arm is stopped where it is. 0 for never."""
     disable_torque_on_disconnect: bool = False

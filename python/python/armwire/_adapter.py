@@ -1,4 +1,4 @@
-"""An armwire adapter: its configuration, what it counts, and what it hears from the arm, with the time of each frame."""
+"""An armwire adapter: its configuration, what it counts, and what it hears from the arm, with times."""
 
 from __future__ import annotations
 
@@ -86,8 +86,8 @@ class JointRecording:
     @property
     def time_s(self) -> Floats:
         """Seconds since the first reading."""
-        first = self.stamp_us[:1]
-        return (self.stamp_us - (first[0] if first.size else np.uint64(0))).astype(np.float64) / 1e6
+        seconds = self.stamp_us.astype(np.float64) / 1e6
+        return seconds - (float(seconds[0]) if seconds.size else 0.0)
 
     @property
     def joints_deg(self) -> Floats:
@@ -106,8 +106,8 @@ class Adapter(Open):
     Calls wait 3 s for the adapter, and raise the exceptions of `armwire.errors`.
 
     Args:
-        port: The adapter's serial port, such as `/dev/ttyACM0`, beside which its control port is found; `can:IFACE/NODE`;
-            `slcan:PORT@BITRATE/NODE`; `control:PORT` of a virtual board.
+        port: The adapter's serial port, such as `/dev/ttyACM0`, beside which its control port is found;
+            `can:IFACE/NODE`; `slcan:PORT@BITRATE/NODE`; `control:PORT` of a virtual board.
 
     Raises:
         PortError: There is no adapter, or its control port cannot be opened.
@@ -159,9 +159,9 @@ class Adapter(Open):
         """Read how long things took at the adapter, as histograms.
 
         Returns:
-            `answer`, from a request's last byte to its answer's last byte; `turn`, from a request's arrival to its first
-            byte on the line; `poll`, from a poll's slot to its first byte on the line. Each has 16 counts, of durations
-            shorter than 2, 4, 8, … 32768 µs; the last is of all longer ones.
+            `answer`, from a request's last byte to its answer's last byte; `turn`, from a request's arrival to its
+            first byte on the line; `poll`, from a poll's slot to its first byte on the line. Each has 16 counts, of
+            durations shorter than 2, 4, 8, … 32768 µs; the last is of all longer ones.
         """
         latencies = cast("dict[str, list[int]]", json.loads(self._port.read_latencies()))
         return {name: np.array(counts, dtype=np.int64) for name, counts in latencies.items()}

@@ -70,7 +70,7 @@ class Alpha1(Open):
         self._port.set_offset_tool(connected)
 
     def set_usb_type(self, usb: Literal["disk", "serial", "hid"]) -> None:
-        """Say what the robot is on USB from now on. The port may close over it. As a disk it no longer takes requests."""
+        """Say what the robot is on USB from now on. The port may close over it. A disk takes no requests."""
         self._port.set_usb_type(usb)
 
     def move_servo(self, servo: int, angle_deg: int, *, time_s: float, lock_s: float) -> None:

@@ -3,8 +3,8 @@
     async with await armwire.aio.Ling.open("/dev/ttyACM0") as arm:
         print(await arm.read_joints_deg())
 
-Each object has a thread of its own that makes its calls in turn. A cancelled call that has begun is finished there: the arm
-is never left with half a request, and the next call waits for it.
+Each object has a thread of its own that makes its calls in turn. A cancelled call that has begun is finished there: the
+arm is never left with half a request, and the next call waits for it.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ def joints(time_s: ArrayLike, joints_deg: ArrayLike, gripper_permille: ArrayLike
 
     times, angles = np.asarray(time_s, dtype=np.float64), np.asarray(joints_deg, dtype=np.float64)
     if angles.shape != (times.size, JOINTS):
-        raise ValueError(f"there are {times.size} times and joints of shape {angles.shape}, not ({times.size}, {JOINTS})")
+        raise ValueError(f"joints have shape {angles.shape}, must have ({times.size}, {JOINTS}) for {times.size} times")
     figure = Figure(figsize=(9, 5), layout="constrained")
     if gripper_permille is None:
         upper = figure.subplots()

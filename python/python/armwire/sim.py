@@ -5,8 +5,8 @@ Each is a context manager with a `port` that the class of its arm takes::
     with armwire.sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
         arm.move_deg([10, -20, 0, 0, 0, 45], gripper_permille=500, speed_deg_s=100)
 
-They run in threads of their own, in real time, without Python's lock. A virtual arm does what the document of the real one
-says; nothing here has met a real arm.
+They run in threads of their own, in real time, without Python's lock. A virtual arm does what the document of the real
+one says; nothing here has met a real arm.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ pub(crate) mod can;
 pub(crate) mod differential;
 mod python;
 pub(crate) mod sdk;
-mod served;
+pub(crate) mod served;
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};

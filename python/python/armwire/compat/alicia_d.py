@@ -2,27 +2,28 @@
 
     from armwire.compat.alicia_d import create_robot  # instead of alicia_d_sdk
 
-=======================================  ====================================================================================
-Call of the SDK                          Here
-=======================================  ====================================================================================
-`create_robot(port, …)`                  Same. `port` has to be given: none is searched for. Arguments about models and
-                                         backends are accepted and ignored.
-`connect`, `disconnect`, `is_connected`  Same.
-`get_robot_state(info_type, timeout)`    Same values. `timeout` is ignored: a read takes 306 ms at most. `gripper_type` is
-                                         always read from the arm, and knows 75 mm.
-`set_robot_state(…)`                     Same. A value out of range is a `ValueError`, where the SDK sends the nearest.
-`set_home(…)`                            Same.
-`torque_control("on" | "off")`           Same, and read back.
-`zero_calibration()`                     Same, with its two questions.
-`print_state(…)`                         Same, without the pose.
-`get_pose`, `set_pose`                   `NotImplementedError`: kinematics are RoboCore's; give it the joints.
-`plan_…`, `solve_ik_for_trajectory`      `NotImplementedError`: so is planning.
-`robot.servo_driver`, `data_parser`      Not there: use `robot.arm`, an `armwire.Ling`.
-=======================================  ====================================================================================
+======================================  ===============================================================================
+Call of the SDK                         Here
+======================================  ===============================================================================
+`create_robot(port, …)`                 Same. `port` has to be given: none is searched for. Arguments about models and
+                                        backends are accepted and ignored.
+`connect`, `disconnect`,                Same.
+`is_connected`
+`get_robot_state(info_type, timeout)`   Same values. `timeout` is ignored: a read takes half a second at most.
+                                        `gripper_type` is always read from the arm, and knows 75 mm.
+`set_robot_state(…)`                    Same. A value out of range is a `ValueError`; the SDK sends the nearest.
+`set_home(…)`                           Same.
+`torque_control("on" | "off")`          Same, and read back.
+`zero_calibration()`                    Same, with its two questions.
+`print_state(…)`                        Same, without the pose.
+`get_pose`, `set_pose`                  `NotImplementedError`: kinematics are RoboCore's; give it the joints.
+`plan_…`, `solve_ik_for_trajectory`     `NotImplementedError`: so is planning.
+`robot.servo_driver`, `data_parser`     Not there: use `robot.arm`, an `armwire.Ling`.
+======================================  ===============================================================================
 
-Where the SDK raises a plain `Exception`, this raises those of `armwire.errors`, which say what is wrong. Differences in numbers:
-angles are rounded to the nearest position, where the SDK rounds towards -180°; speeds are not rounded to multiples of 50 ticks/s;
-velocities are not cut at 5000 ticks/s; the velocity of the SDK is in degrees per second, and so is it here.
+Where the SDK raises a plain `Exception`, this raises those of `armwire.errors`, which say what is wrong. Angles are
+rounded to the nearest position, where the SDK rounds towards -180°; speeds are not rounded to multiples of 50 ticks/s;
+velocities are not cut at 5000 ticks/s.
 """
 
 from __future__ import annotations
@@ -169,9 +170,7 @@ class SynriaRobotAPI:
 
     def set_home(self, speed_deg_s: ArrayLike = 10, gripper_speed_deg_s: float | None = 483.4) -> None:
         """Move to zero with the gripper open, and wait."""
-        self.set_robot_state(
-            [0.0] * JOINTS, 1000, speed_deg_s=speed_deg_s, gripper_speed_deg_s=gripper_speed_deg_s
-        )
+        self.set_robot_state([0.0] * JOINTS, 1000, speed_deg_s=speed_deg_s, gripper_speed_deg_s=gripper_speed_deg_s)
 
     def torque_control(self, command: str, timeout: float = 1.0) -> bool:
         """Switch the torque `on` or `off`, and read it back."""
@@ -182,7 +181,7 @@ class SynriaRobotAPI:
 
     def zero_calibration(self) -> bool:
         """Ask twice, switch the torque off in between, and make the pose then the zero position."""
-        input("The zero position from the factory will be lost, and the arm will fall: hold it. Enter goes on, Ctrl-C ends.")
+        input("The factory's zero position will be lost, and the arm will fall: hold it. Enter goes on, Ctrl-C ends.")
         self.arm.set_torque(False)
         input("Move the arm to its zero position by hand, then press Enter.")
         self.arm.set_zero()

@@ -1,0 +1,16 @@
+"""Moves a Ling arm and prints where it is. Usage: move.py PORT. The arm moves at once: keep clear of it."""
+
+import sys
+
+import armwire
+
+TARGET_DEG = [0, 10, -20, 0, 0, 45]
+
+with armwire.Ling(sys.argv[1]) as arm:
+    print(arm.read_info())
+    arm.set_torque(True)
+    arm.move_deg(TARGET_DEG, gripper_permille=500, speed_deg_s=60)
+    state = arm.wait_until_at_deg(TARGET_DEG)
+    print("joints in degrees:", state.joints_deg.round(2), "gripper:", state.gripper_permille)
+    print("temperatures in °C:", arm.read_temperatures_celsius())
+    print("servos that are not normal:", arm.self_check())

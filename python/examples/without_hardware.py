@@ -1,0 +1,34 @@
+"""A test of a program of one's own, without hardware: `pytest without_hardware.py`."""
+
+import numpy as np
+import pytest
+
+import armwire
+from armwire import sim
+
+
+def wave(arm: armwire.Ling) -> None:
+    """The program that is tested."""
+    for angle in (20, -20, 0):
+        arm.move_deg([0, 0, 0, 0, angle, 0], gripper_permille=0, speed_deg_s=200)
+        arm.wait_until_at_deg([0, 0, 0, 0, angle, 0])
+
+
+def test_wave_ends_where_it_began() -> None:
+    with sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
+        wave(arm)
+        np.testing.assert_allclose(virtual.joints().joints_deg, 0, atol=0.3)
+
+
+def test_wave_on_a_noisy_line_ends_where_it_began() -> None:
+    with sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
+        virtual.set_faults(sim.Faults(noise=1000))
+        wave(arm)
+        np.testing.assert_allclose(virtual.joints().joints_deg, 0, atol=0.3)
+
+
+def test_wave_tells_that_the_arm_was_unplugged() -> None:
+    with sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
+        virtual.close()
+        with pytest.raises(armwire.errors.PortLostError):
+            wave(arm)

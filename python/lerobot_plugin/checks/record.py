@@ -1,0 +1,200 @@
+"""Teleoperates and records with LeRobot's own programs on virtual arms whose leader moves, and checks what came of it.
+
+Usage: record.py FOLDER
+
+FOLDER is for the data set. LeRobot, armwire and the plugin are installed. `cargo xtask lerobot` does all that.
+"""
+
+import math
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armwire import sim
+
+FPS = 30
+# How the leader moves: each joint to and fro by so many degrees, and the gripper, in so many seconds.
+AMPLITUDE_DEG = np.array([30.0, 20.0, 25.0, 10.0, 15.0, 40.0])
+GRIPPER, GRIPPER_AMPLITUDE = 500, 400
+PERIOD_S = 4.0
+# The fastest joint, 40° to and fro in 4 s.
+FASTEST_DEG_S = 40 * 2 * math.pi / PERIOD_S
+# What is promised of the follower: while the leader moves, no farther behind than this, but where the computer
+# stalls; and this near once it is still.
+BEHIND_S = 0.15
+PERCENT = 95
+STILL_DEG = 0.2
+# What is recorded is a pose that the arm had: half a tick, and what its way between two samples is no straight line.
+RECORDED_DEG = 0.5
+ROBOT = ["--robot.type=alicia_d_armwire", "--robot.id=follower", "--robot.speed_deg_s=200"]
+TELEOP = ["--teleop.type=alicia_d_leader_armwire", "--teleop.id=leader"]
+
+
+Poses = NDArray[np.float64]
+
+
+class Hand:
+    """A thread that moves a leader, and notes where both arms are."""
+
+    def __init__(self, leader: sim.VirtualLing, follower: sim.VirtualLing) -> None:
+        self.leader, self.follower = leader, follower
+        self.moving = True
+        self.ended = False
+        self.samples: list[tuple[float, Poses, Poses]] = []
+        self.thread = threading.Thread(target=self._run)
+        self.thread.start()
+
+    def _run(self) -> None:
+        begun = time.monotonic()
+        while not self.ended:
+            phase = (time.monotonic() - begun) * 2 * math.pi / PERIOD_S
+            if self.moving:
+                self.leader.push_joints_deg(AMPLITUDE_DEG * math.sin(phase))
+                self.leader.push_gripper_permille(round(GRIPPER + GRIPPER_AMPLITUDE * math.sin(phase)))
+            poses = [np.append(arm.joints().joints_deg, arm.joints().gripper) for arm in (self.leader, self.follower)]
+            self.samples.append((time.monotonic(), poses[0], poses[1]))
+            time.sleep(0.005)
+
+    def end(self) -> tuple[Poses, Poses, Poses]:
+        """Ends it, and returns times and poses of the leader and the follower."""
+        self.ended = True
+        self.thread.join()
+        times, leader, follower = zip(*self.samples, strict=True)
+        return np.array(times), np.array(leader), np.array(follower)
+
+
+@contextmanager
+def arms() -> Iterator[tuple[Hand, list[str]]]:
+    """A leader that moves, a follower, and the arguments that name them."""
+    with sim.ling(leader=True) as leader, sim.ling() as follower:
+        hand = Hand(leader, follower)
+        try:
+            yield hand, [*ROBOT, f"--robot.port={follower.port}", *TELEOP, f"--teleop.port={leader.port}"]
+        finally:
+            hand.ended = True
+
+
+def run(program: str, *arguments: str) -> None:
+    """Runs a program of LeRobot beside our own Python."""
+    command = [str(Path(sys.executable).parent / program), *arguments]
+    print("$", program, *arguments, flush=True)
+    subprocess.run(command, check=True, timeout=300)
+
+
+def expect(what: str, holds: bool | np.bool) -> None:
+    """Prints what holds; ends the program if it does not."""
+    if not holds:
+        sys.exit(f"FAILED: {what}")
+    print(f"ok: {what}", flush=True)
+
+
+def teleoperate() -> None:
+    """The follower follows a leader that moves, then holds still."""
+    with arms() as (hand, ports):
+        thread = threading.Thread(target=run, args=("lerobot-teleoperate", *ports, f"--fps={FPS}", "--teleop_time_s=8"))
+        thread.start()
+        while thread.is_alive() and not follows(hand):
+            time.sleep(0.05)
+        time.sleep(5)
+        hand.moving = False
+        time.sleep(1)
+        settled = len(hand.samples) - 1
+        thread.join()
+        times, leader, follower = hand.end()
+    moved = np.ptp(leader[:, :6], axis=0)
+    expect(f"the leader moved by {moved.round(1).tolist()} degrees", bool((moved > 1.9 * AMPLITUDE_DEG).all()))
+    begun = int(np.argmax(np.abs(follower[:, :6]).max(axis=1) > 1))
+    # From half a second after the follower began until the leader stood still.
+    window = (times > times[begun] + 0.5) & (times < times[settled] - 1.1)
+    expect(f"the follower followed for {np.ptp(times[window]):.1f} s", np.ptp(times[window]) > 3)
+    error = np.abs(follower[window, :6] - leader[window, :6]).max(axis=1)
+    median, most = np.median(error), np.percentile(error, PERCENT)
+    limit = FASTEST_DEG_S * BEHIND_S
+    expect(
+        f"its farthest joint was {median:.2f}° behind in the median, {most:.2f}° or less {PERCENT} % of the time, of "
+        f"{limit:.1f}° at {FASTEST_DEG_S:.0f}°/s",
+        bool(most <= limit),
+    )
+    still = np.abs(follower[settled, :6] - leader[settled, :6]).max()
+    expect(f"it was {still:.2f}° off once the leader stood still", bool(still <= STILL_DEG))
+    gripper = abs(follower[settled, 6] - leader[settled, 6])
+    expect(f"its gripper was {gripper:.0f} of 1000 off", bool(gripper <= 5))
+
+
+def between(poses: Poses) -> Poses:
+    """The poses, and twenty between each two."""
+    parts = np.linspace(0, 1, 20, endpoint=False)[:, None, None]
+    return np.concatenate(poses[:-1] + parts * np.diff(poses, axis=0))
+
+
+def follows(hand: Hand) -> bool:
+    """Whether the follower has begun to move."""
+    return bool(np.abs(hand.follower.joints().joints_deg).max() > 1)
+
+
+def record(folder: Path) -> None:
+    """One episode, read back."""
+    from lerobot.datasets import LeRobotDataset
+
+    root = folder / "armwire_wave"
+    if root.exists():
+        shutil.rmtree(root)
+    with arms() as (hand, ports):
+        run(
+            "lerobot-record",
+            *ports,
+            "--dataset.repo_id=armwire/wave",
+            f"--dataset.root={root}",
+            f"--dataset.fps={FPS}",
+            "--dataset.num_episodes=1",
+            "--dataset.episode_time_s=5",
+            "--dataset.reset_time_s=0",
+            "--dataset.single_task=wave",
+            "--dataset.video=false",
+            "--dataset.push_to_hub=false",
+            "--play_sounds=false",
+        )
+        _, leader, follower = hand.end()
+    dataset = LeRobotDataset("armwire/wave", root=root)
+    names = [*(f"joint{joint}.pos" for joint in range(1, 7)), "gripper.pos"]
+    expect(
+        f"{dataset.num_episodes} episode of {dataset.num_frames} frames at {dataset.fps} Hz is read back",
+        dataset.num_episodes == 1 and dataset.fps == FPS and dataset.num_frames > 3 * FPS,
+    )
+    for feature in ("action", "observation.state"):
+        expect(f"{feature} has {names}", dataset.features[feature]["names"] == names)
+    table = dataset.hf_dataset.with_format("numpy")
+    actions, states = np.stack(table["action"]), np.stack(table["observation.state"])
+    ranges = np.ptp(actions[:, :6], axis=0)
+    expect(f"actions span {ranges.round(1).tolist()} degrees", bool((ranges > 1.8 * AMPLITUDE_DEG).all()))
+    expect(
+        f"the gripper spans {actions[:, 6].min():.0f} to {actions[:, 6].max():.0f} of 1000",
+        bool(actions[:, 6].min() < GRIPPER - 300 and actions[:, 6].max() > GRIPPER + 300),
+    )
+    for what, values, truth in (("action", actions, leader), ("state", states, follower)):
+        way = between(truth[:, :6])
+        off = [np.abs(way - value[:6]).max(axis=1).min() for value in values]
+        expect(f"each {what} is a pose that the arm had, within {max(off):.2f}°", max(off) <= RECORDED_DEG)
+    behind = np.percentile(np.abs(states[FPS:, :6] - actions[FPS:, :6]).max(axis=1), PERCENT)
+    limit = FASTEST_DEG_S * (BEHIND_S + 1 / FPS)
+    expect(f"states are {behind:.2f}° or less behind actions {PERCENT} % of the time, of {limit:.1f}°", behind <= limit)
+
+
+def main(folder: str) -> None:
+    """All checks."""
+    teleoperate()
+    record(Path(folder))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    main(sys.argv[1])

@@ -1,0 +1,88 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import armwire
+from armwire import MotionStatus, sim
+
+pytest.importorskip("matplotlib")
+from armwire import plot
+
+
+def monitored(port: str, count: int) -> str:
+    program = "from armwire._command import main; main()"
+    command = [sys.executable, "-c", program, "monitor", port, "--csv", f"--count={count}"]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout
+
+
+def test_csv_of_the_command_is_read_and_drawn(virtual: sim.VirtualLing, tmp_path: Path) -> None:
+    with armwire.Ling(virtual.port) as arm:
+        arm.move_deg([90, -45, 0, 0, 0, 10], gripper_permille=1000, speed_deg_s=100)
+    (tmp_path / "motion.csv").write_text(monitored(virtual.port, 10))
+    readings = plot.read_csv(tmp_path / "motion.csv")
+    assert readings.joints_deg.shape == (10, 6)
+    assert (np.diff(readings.time_s) > 0).all()
+    assert (np.diff(readings.joints_deg[:, 0]) >= 0).all()
+    assert readings.joints_deg[-1, 0] > readings.joints_deg[0, 0]
+    assert readings.gripper_permille.max() <= 1000
+    for option, name in ((), "joints.png"), (("--latencies",), "latencies.svg"):
+        figure = tmp_path / name
+        command = [sys.executable, "-m", "armwire.plot", str(tmp_path / "motion.csv"), "--save", str(figure), *option]
+        subprocess.run(command, check=True, timeout=60)
+        assert figure.stat().st_size > 1000
+
+
+def test_other_csv_is_told(tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    other.write_text("a,b\n1,2\n")
+    with pytest.raises(ValueError, match="no column time_s: is it of `armwire monitor --csv`"):
+        plot.read_csv(other)
+    header = "time_s," + ",".join(f"joint_{joint}_rad" for joint in range(1, 7)) + ",gripper_percent\n"
+    other.write_text(header + "0,0,0,0,0,0,0,0\n0,x,0,0,0,0,0,0\n")
+    with pytest.raises(ValueError, match="line 3: could not convert"):
+        plot.read_csv(other)
+
+
+def test_figure_has_a_line_for_each_joint_with_its_values() -> None:
+    angles = np.arange(60).reshape(10, 6)
+    figure = plot.joints(np.arange(10), angles, np.full(10, 500))
+    upper, lower = figure.axes
+    for joint, line in enumerate(upper.get_lines()):
+        assert line.get_label() == f"joint {joint + 1}"
+        np.testing.assert_array_equal(line.get_ydata(), angles[:, joint])
+    np.testing.assert_array_equal(lower.get_lines()[0].get_ydata(), np.full(10, 500))
+    assert (upper.get_ylabel(), lower.get_xlabel()) == ("angle in degrees", "time in seconds")
+    with pytest.raises(ValueError, match="joints have shape"):
+        plot.joints([0, 1], angles)
+
+
+def test_recording_is_drawn_by_its_own_clock() -> None:
+    frame = bytes.fromhex("AA06000F0008000800080008000800080000016FFF")
+    telemetry = [armwire.Telemetry(stamp, "poll", frame, None) for stamp in (5_000_000, 5_010_000)]
+    telemetry.insert(1, armwire.Telemetry(5_005_000, None, b"", {"event": "bus_off", "off": True}))
+    recorded = armwire.JointRecording.of(telemetry)
+    assert recorded.status.tolist() == [MotionStatus.LOCKED] * 2
+    np.testing.assert_array_equal(recorded.joints_rad, np.zeros((2, 6)))
+    (line, *_) = plot.recording(recorded).axes[0].get_lines()
+    np.testing.assert_allclose(line.get_xdata(), [0, 0.01])
+    assert armwire.JointRecording.of([]).joints_deg.shape == (0, 6)
+    assert armwire.JointRecording.of([]).time_s.shape == (0,)
+
+
+def test_latencies_mark_median_and_99th_percentile() -> None:
+    figure = plot.latencies(np.arange(1, 101), title="reads")
+    labels = [line.get_label() for line in figure.axes[0].get_lines()]
+    assert labels == ["50 %: 50 µs", "99 %: 99 µs"]
+    with pytest.raises(ValueError, match="there are no durations"):
+        plot.latencies([])
+
+
+def test_histogram_of_an_adapter_has_its_counts() -> None:
+    counts = np.arange(16)
+    (stairs,) = plot.adapter_latencies(counts, title="answer").axes[0].patches
+    values, edges, _ = stairs.get_data()  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(values, counts)
+    assert (edges[0], edges[-1]) == (1, 65536)
