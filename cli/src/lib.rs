@@ -57,6 +57,7 @@ pub mod host {
     pub use crate::control::ControlLink;
     pub use crate::describe::{Arm, Fact};
     pub use crate::error::Error;
+    pub use crate::hid::Selector;
     pub use crate::legacy::open as open_ling;
     pub use crate::link::{Came, Interrupt, Line, Link, Names};
     pub use crate::port::{Connection, Port};

@@ -161,6 +161,7 @@ fn told(event: &Event) -> Value {
             json!({ "event": "refused", "initiator": initiator.to_string(), "reason": reason.to_string() })
         }
         Event::BusOff { off } => json!({ "event": "bus_off", "off": off }),
+        other => json!({ "event": "other", "debug": format!("{other:?}") }),
     }
 }
 

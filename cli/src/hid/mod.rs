@@ -20,7 +20,7 @@ const ALPHA1: (u16, u16) = (0x0483, 0x5750);
 
 /// Which HID device, as it is typed behind `hid:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Selector {
+pub enum Selector {
     /// Nothing: the only one with the ids of an Alpha1.
     Alpha1,
     /// `VID:PID`, in hexadecimal: the only one with these ids.
@@ -127,7 +127,7 @@ fn choose(selector: &Selector, devices: &[Named]) -> Result<usize, String> {
 }
 
 /// What carries reports.
-trait Reports {
+trait Reports: Send {
     /// Reads a report, waiting so long for it; 0 when none came.
     fn read(&mut self, report: &mut [u8; REPORT], wait: Duration) -> Result<usize, Failure>;
 
