@@ -218,7 +218,7 @@ fn silent_clients_do_not_lock_others_out() {
     let [control, report] = arm.addresses()[..] else {
         panic!("{}", arm.line)
     };
-    let silent: Vec<_> = (0..64).map(|_| connect(control)).collect();
+    let silent: Vec<_> = (0..64).map(|_| (connect(control), connect(report))).collect();
     assert_answers(&connect(control));
     let mut first = [0; 495];
     connect(report).read_exact(&mut first).unwrap();

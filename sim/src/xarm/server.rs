@@ -28,8 +28,8 @@ mod tests;
 const NOTICE: Duration = Duration::from_millis(100);
 /// From one report to the next.
 const REPORT_PERIOD: Duration = Duration::from_millis(200);
-/// How many clients of one port there may be. A further one takes the place of a client that has requested nothing yet,
-/// or is sent away.
+/// How many clients of one port there may be. A further one takes the place of the oldest that has requested nothing, or
+/// is sent away. Nobody requests anything on the report port.
 const MAX_CLIENTS: usize = 32;
 /// A client without a request for this long is sent away, as is one that takes no reports. An idle program of
 /// the vendor's SDK makes one every 30 s.
@@ -86,7 +86,8 @@ pub enum Notice {
     Connected(SocketAddr, Port),
     /// There are too many clients, so another was sent away.
     TooMany(SocketAddr),
-    /// A client had requested nothing when another needed its place, so its connection is closed.
+    /// A client had requested nothing when another needed its place, so its connection is closed. So it is with the oldest
+    /// one of the report port, where there are no requests.
     Displaced(SocketAddr),
     /// A client requested nothing, or took no reports, for 5 minutes, so its connection is closed.
     Idle(SocketAddr),
@@ -110,10 +111,7 @@ impl fmt::Display for Notice {
             Self::Connected(peer, Port::Control) => write!(f, "{peer}: connected"),
             Self::Connected(peer, Port::Report) => write!(f, "{peer}: connected for reports"),
             Self::TooMany(peer) => write!(f, "{peer}: sent away, there are {MAX_CLIENTS} clients already"),
-            Self::Displaced(peer) => write!(
-                f,
-                "{peer}: connection closed, no request yet, and another needs its place"
-            ),
+            Self::Displaced(peer) => write!(f, "{peer}: connection closed, silent, and another needs its place"),
             Self::Idle(peer) => write!(f, "{peer}: connection closed, idle for {} minutes", IDLE.as_secs() / 60),
             Self::NotAccepting(error) => write!(f, "cannot accept clients, they have to wait: {error}"),
             Self::Gone(peer) => write!(f, "{peer}: gone"),
@@ -189,7 +187,7 @@ impl Server {
     /// is left out. What cannot be a frame ends that client's connection and no other.
     ///
     /// Each port has places for 32 clients. If all are taken, a further client takes that of the oldest one without any
-    /// request so far, or is sent away. A client without a request for 5 minutes is sent away too, as is one that takes
+    /// request so far, or is sent away; on the report port it takes that of the oldest one. A client without a request for 5 minutes is sent away too, as is one that takes
     /// no reports for so long. Clients that the system does not accept, such as for want of file descriptors, wait.
     ///
     /// # Errors
@@ -283,7 +281,7 @@ impl Service<'_> {
         }
     }
 
-    /// Whether there is a place for a further client of a port, if need be that of one without any request so far.
+    /// Whether there is a place for a further client of a port, if need be that of the oldest one without any request.
     fn has_place(&mut self, port: Port) -> bool {
         let there = self.clients.iter_mut();
         let mut there: Vec<_> = there
@@ -293,7 +291,8 @@ impl Service<'_> {
             return true;
         }
         // The oldest is first.
-        let Some(silent) = there.iter_mut().find(|client| client.last_active.is_none()) else {
+        let has_requested = |client: &&mut &mut Client| port == Port::Control && client.last_active.is_some();
+        let Some(silent) = there.iter_mut().find(|client| !has_requested(client)) else {
             return false;
         };
         silent.dismiss();

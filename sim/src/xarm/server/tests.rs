@@ -276,11 +276,21 @@ fn oldest_client_without_request_gives_its_place() {
         assert_eq!(read_to_end(&clients[1]), []);
         drop(further);
     });
-    let expected = [
-        "connection closed, no request yet, and another needs its place",
-        "connected",
-    ];
+    let expected = ["connection closed, silent, and another needs its place", "connected"];
     assert_eq!(notices[MAX_CLIENTS..], expected);
+}
+
+#[test]
+fn oldest_client_of_reports_gives_its_place() {
+    with_places(|places| {
+        let now = Instant::now();
+        let clients: Vec<_> = (0..MAX_CLIENTS).map(|_| places.connect(Port::Report, now)).collect();
+        places.service.report();
+        places.service.converse();
+        let further = places.connect(Port::Report, now);
+        assert_eq!(places.leaving(), [0]);
+        drop((clients, further));
+    });
 }
 
 #[test]
