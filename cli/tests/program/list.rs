@@ -10,7 +10,14 @@ fn list_tells_the_arms_on_ports() {
     let alpha1 = Arm::start("alpha1", "list-alpha1", &[]);
     let silent = Pty::open(None).unwrap();
     let silent = silent.path().to_str().unwrap();
-    let out = success(&["list", &ling.port, &alpha1.port, silent, "/dev/no-such-port"]);
+    let out = success(&[
+        "list",
+        &ling.port,
+        &alpha1.port,
+        silent,
+        "/dev/no-such-port",
+        "hid:/dev/no-such-hidraw",
+    ]);
     for line in [
         format!(
             "{}  arm: Ling follower, serial: ADFS990101000001, hardware: v1.10, firmware: v6.10",
@@ -23,6 +30,10 @@ fn list_tells_the_arms_on_ports() {
     }
     assert!(
         out.contains("/dev/no-such-port  error: /dev/no-such-port: no such port"),
+        "{out}"
+    );
+    assert!(
+        out.contains("hid:/dev/no-such-hidraw  error: hid:/dev/no-such-hidraw: no such HID device"),
         "{out}"
     );
 }
