@@ -106,3 +106,36 @@ impl From<HidError> for Failure {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn devices_of_this_computer_are_listed() {
+        assert!(list().is_ok());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn device_is_named_by_its_file() {
+        let id = DeviceId::DevPath("/sys/devices/virtual/misc/uhid/0003:0483:5750.0001/hidraw/hidraw3".into());
+        assert_eq!(name(&id), "/dev/hidraw3");
+    }
+
+    #[test]
+    fn failures_are_told_apart() {
+        let failure = |kind: ErrorKind| Failure::from(HidError::from(io::Error::from(kind)));
+        assert!(matches!(Failure::from(HidError::Disconnected), Failure::Gone));
+        assert!(matches!(failure(ErrorKind::NotFound), Failure::Gone));
+        assert!(matches!(failure(ErrorKind::PermissionDenied), Failure::Denied));
+        assert!(matches!(failure(ErrorKind::Unsupported), Failure::Other(_)));
+    }
+
+    #[test]
+    fn wait_for_a_report_ends() {
+        let never = future::pending::<Result<(), HidError>>();
+        assert!(matches!(within(Duration::ZERO, never), Ok(None)));
+        assert!(matches!(within(Duration::ZERO, async { Ok(5) }), Ok(Some(5))));
+    }
+}
