@@ -1,10 +1,11 @@
 //! `cargo xtask packages`: the crates as they would be published, tested and used from their `.crate` files.
 
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 
 use crate::cargo::{cargo, target_dir};
 use crate::process::run;
@@ -19,8 +20,11 @@ const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// What each package must have besides its sources.
 const FILES: [&str; 3] = ["README.md", "LICENSE-MIT", "LICENSE-APACHE"];
 
-/// Packages the crates, tests each from its `.crate` file, and builds and runs the examples of their READMEs with these
-/// alone.
+/// The page with a program for a PC.
+const PC: &str = "docs/pc.md";
+
+/// Packages the crates, tests each from its `.crate` file, builds and runs the examples of their READMEs with these alone,
+/// and has the program in [`PC`] move a virtual arm.
 ///
 /// # Errors
 ///
@@ -35,7 +39,8 @@ pub(crate) fn check() -> Result<()> {
     test(&crates)?;
     LIBRARIES
         .into_iter()
-        .try_for_each(|library| run_readme(library, &folder))
+        .try_for_each(|library| run_readme(library, &folder))?;
+    move_virtual_arm(&folder)
 }
 
 /// Packages the crates and unpacks them into this folder.
@@ -78,6 +83,26 @@ fn run_readme(package: &str, folder: &Path) -> Result<()> {
         if is_program { "run --quiet" } else { "check --quiet" },
         &user,
     )?)
+}
+
+/// Builds the program in [`PC`] as a new user would, and has it move a virtual arm of the packaged command.
+fn move_virtual_arm(folder: &Path) -> Result<()> {
+    println!("{PC}: its program and a virtual arm");
+    let (crates, user) = (folder.join("crates"), folder.join("pc-user"));
+    readme::make_package(&fs::read_to_string(root().join(PC))?, &user, &patch(&crates))?;
+    run(&mut in_folder("build --quiet --package armwire-cli", &crates)?)?;
+    run(&mut in_folder("build --quiet", &user)?)?;
+    let (arm, programs) = (folder.join("arm"), folder.join("target/debug"));
+    let mut sim = Command::new(programs.join("armwire"));
+    sim.args(["sim", "ling", "--pty"]).arg(&arm).stdout(Stdio::piped());
+    let mut sim = sim.spawn().context("cannot run the packaged command")?;
+    // It says where the arm is once it is there.
+    let said = sim.stdout.take().context("the command has no output")?;
+    BufReader::new(said).read_line(&mut String::new())?;
+    let moved = run(Command::new(programs.join("readme")).arg(arm));
+    sim.kill()?;
+    sim.wait()?;
+    moved
 }
 
 /// The section of a manifest that has the unpacked crates stand for those of the registry.
