@@ -35,6 +35,11 @@ pub(crate) struct Options {
     check: bool,
 }
 
+impl Options {
+    /// The release is made twice.
+    pub(crate) const CHECK: Self = Self { check: true };
+}
+
 /// Makes the release as a folder and an archive of it.
 ///
 /// # Errors

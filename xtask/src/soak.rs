@@ -7,7 +7,7 @@ use crate::board::Board;
 use crate::cargo::cargo;
 use crate::process;
 use crate::steps::Steps;
-use crate::{campaign, features, fuzz, image, mutants};
+use crate::{campaign, dist, features, fuzz, image, mutants};
 
 #[derive(Args)]
 pub(crate) struct Options {
@@ -24,6 +24,8 @@ enum Part {
     Adapter,
     /// Clippy and tests with every set of features
     Features,
+    /// A release, made twice in two folders, byte for byte the same
+    Release,
     /// Each fuzz target for 30 minutes, with inputs that no other run tries
     Fuzz,
     /// 10 000 runs of the fault campaign
@@ -61,6 +63,7 @@ impl Part {
             Self::Streams => process::run(cargo(test).arg("reference").env("ARMWIRE_STREAMS", "300000")),
             Self::Adapter => process::run(cargo(test).arg("adapter_runs").env("ARMWIRE_RUNS", "1000000")),
             Self::Features => features::every_set(),
+            Self::Release => dist::run_all(&dist::Options::CHECK),
             Self::Fuzz => fuzz::run(&fuzz::Options::new(1800, 0)),
             Self::Campaign => campaign::run(&campaign::Options::runs(10_000)),
             Self::Endurance => endurance(),
