@@ -29,6 +29,7 @@ mod output;
 mod port;
 mod printable;
 mod received;
+pub mod selftest;
 mod serial;
 #[cfg(unix)]
 mod sim;

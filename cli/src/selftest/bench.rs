@@ -1,0 +1,449 @@
+//! The adapter on the bench: its serial port with the jumper, and its control port.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use armwire::ling::READ_JOINTS;
+use armwire_bridge::config::{ArmKind, Can, Config, HostTimeout, Poll};
+use armwire_bridge::control::{
+    Event, FromAdapter, FromHost, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request as ControlRequest, Stamp, Subscription,
+    encode_cobs,
+};
+use armwire_bridge::{Counters, LineCoding};
+
+use super::report::Trouble;
+use super::usb::{Payload, Pipe, Request, Usb};
+
+/// Requests of CDC (PSTN 1.2, 6.3), to the serial port's first interface.
+const SET_LINE_CODING: u8 = 0x20;
+const GET_LINE_CODING: u8 = 0x21;
+const SET_CONTROL_LINE_STATE: u8 = 0x22;
+const DTR_AND_RTS: u16 = 3;
+
+/// How long an adapter may take for an answer on its control port: it may write flash meanwhile.
+const ANSWER: Duration = Duration::from_secs(3);
+/// How long a line coding may take to come into effect: 100 ms, and what USB adds.
+const RATE: Duration = Duration::from_millis(500);
+/// How long no byte may come back while some are due.
+const STALL: Duration = Duration::from_millis(500);
+/// How long the line must be quiet for nothing more to come.
+const QUIET: Duration = Duration::from_millis(20);
+/// How long what is left of bytes that were sent may come.
+const DRAIN: Duration = Duration::from_secs(1);
+/// Bytes under way at a time at most, fewer than the adapter keeps for a host that is slow to read.
+const WINDOW: usize = 512;
+/// Bytes handed over at a time.
+const CHUNK: usize = 192;
+
+/// A frame that goes round the jumper. A Ling arm would tell its joints, and do nothing.
+pub(super) const FRAME: [u8; 7] = READ_JOINTS;
+
+/// The adapter on the bench.
+pub(super) struct Bench<'u> {
+    pub(super) usb: &'u mut dyn Usb,
+    reader: Reader<MAX_MESSAGE>,
+    sequence: u8,
+    events: VecDeque<(Stamp, Event)>,
+}
+
+impl<'u> Bench<'u> {
+    pub(super) fn new(usb: &'u mut dyn Usb) -> Self {
+        Self {
+            usb,
+            reader: Reader::new(),
+            sequence: 0,
+            events: VecDeque::new(),
+        }
+    }
+
+    // ---- The control port ----
+
+    /// Makes a request on the control port, and returns the reply.
+    pub(super) fn call(&mut self, request: ControlRequest) -> Result<Reply, Trouble> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let message = FromHost {
+            sequence: self.sequence,
+            request,
+        };
+        // The zero in front ends what an earlier program may have begun.
+        let mut bytes = [0; 1 + MAX_COBS];
+        let len = encode_cobs(&message, &mut bytes[1..]).expect("room for any message");
+        self.usb.send(Pipe::Control, &bytes[..1 + len])?;
+        let until = self.usb.now() + ANSWER;
+        loop {
+            let left = until.saturating_sub(self.usb.now());
+            if let Some(reply) = self.receive_control(left)? {
+                return Ok(reply);
+            }
+            if left.is_zero() {
+                let text = format!(
+                    "no reply to {request:?} on the control port in {} ms",
+                    ANSWER.as_millis()
+                );
+                return Err(Trouble::Failed(text));
+            }
+        }
+    }
+
+    /// Makes a request that is only done or not.
+    pub(super) fn order(&mut self, request: ControlRequest) -> Result<(), Trouble> {
+        match self.call(request)? {
+            Reply::Done => Ok(()),
+            reply => Err(odd(&request, &reply)),
+        }
+    }
+
+    /// The next event, after a wait of this time at most.
+    pub(super) fn next_event(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Trouble> {
+        let until = self.usb.now() + wait;
+        loop {
+            if let Some(event) = self.events.pop_front() {
+                return Ok(Some(event));
+            }
+            let left = until.saturating_sub(self.usb.now());
+            self.receive_control(left)?;
+            if left.is_zero() && self.events.is_empty() {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Forgets the events so far.
+    pub(super) fn forget_events(&mut self) {
+        self.events.clear();
+    }
+
+    /// Receives from the control port. Events are kept; the reply to the last request is returned.
+    fn receive_control(&mut self, wait: Duration) -> Result<Option<Reply>, Trouble> {
+        let bytes = self.usb.receive(Pipe::Control, wait)?;
+        let mut rest = &bytes[..];
+        let mut answer = None;
+        while !rest.is_empty() {
+            rest = self.reader.push(rest);
+            match self.reader.next() {
+                Some(Ok(FromAdapter::Reply { sequence, reply })) if sequence == self.sequence => answer = Some(reply),
+                // To a request that was given up.
+                Some(Ok(FromAdapter::Reply { .. })) | None => {}
+                Some(Ok(FromAdapter::Event { at, event })) => self.events.push_back((at, event)),
+                Some(Err(error)) => {
+                    let text = format!("the adapter's message on the control port cannot be read: {error}");
+                    return Err(Trouble::Failed(text));
+                }
+            }
+        }
+        Ok(answer)
+    }
+
+    /// The configuration in force.
+    pub(super) fn config(&mut self) -> Result<Config, Trouble> {
+        match self.call(ControlRequest::GetConfig)? {
+            Reply::Config(config) => Ok(config),
+            reply => Err(odd(&ControlRequest::GetConfig, &reply)),
+        }
+    }
+
+    /// What the adapter has counted.
+    pub(super) fn counters(&mut self) -> Result<Counters, Trouble> {
+        let bytes = self.usb.control(&read_counters())?;
+        let error = |error| Trouble::Failed(format!("the adapter's counters cannot be read: {error}"));
+        Counters::from_bytes(&bytes).map_err(error)
+    }
+
+    /// Lets the adapter start again, and opens it.
+    pub(super) fn restart(&mut self) -> Result<(), Trouble> {
+        self.order(ControlRequest::Restart)?;
+        self.usb.reopen()?;
+        self.forget_session();
+        Ok(())
+    }
+
+    // ---- The serial port ----
+
+    /// Brings the adapter into the state in which each check begins: nothing goes out by itself, and the serial port is
+    /// open at a Ling arm's rate, with nothing left to read.
+    pub(super) fn open(&mut self) -> Result<(), Trouble> {
+        let config = quiet(&self.config()?);
+        self.order(ControlRequest::Subscribe(Subscription::default()))?;
+        self.order(ControlRequest::SetConfig(config))?;
+        self.raise_dtr()?;
+        self.set_line(LineCoding::LING)?;
+        self.drain()?;
+        self.forget_events();
+        Ok(())
+    }
+
+    /// Raises DTR and RTS.
+    fn raise_dtr(&mut self) -> Result<(), Trouble> {
+        let request = Request {
+            kind: 0x21,
+            request: SET_CONTROL_LINE_STATE,
+            value: DTR_AND_RTS,
+            index: 0,
+            payload: Payload::Write(&[]),
+        };
+        self.usb.control(&request)?;
+        Ok(())
+    }
+
+    /// Sets the line coding of the serial port, and waits until it is in effect.
+    pub(super) fn set_line(&mut self, coding: LineCoding) -> Result<(), Trouble> {
+        self.usb.control(&set_line_coding(&coding.to_cdc()))?;
+        let until = self.usb.now() + RATE;
+        loop {
+            let line = match self.call(ControlRequest::GetLine)? {
+                Reply::Line(line) => line,
+                reply => return Err(odd(&ControlRequest::GetLine, &reply)),
+            };
+            if line.coding == coding && line.waiting.is_none() {
+                return Ok(());
+            }
+            if self.usb.now() > until {
+                let text = format!("{coding:?} was set and the line is at {:?}", line.coding);
+                return Err(Trouble::Failed(text));
+            }
+            self.usb.sleep(Duration::from_millis(5))?;
+        }
+    }
+
+    /// The line coding that the serial port tells.
+    pub(super) fn line_coding(&mut self) -> Result<LineCoding, Trouble> {
+        let bytes = self.usb.control(&get_line_coding())?;
+        let coding = bytes.clone().try_into().ok().map(LineCoding::from_cdc);
+        match coding {
+            Some(Ok(coding)) => Ok(coding),
+            _ => Err(Trouble::Failed(format!("GET_LINE_CODING read {bytes:02X?}"))),
+        }
+    }
+
+    /// Reads until nothing more comes, and returns the number of bytes that did.
+    pub(super) fn drain(&mut self) -> Result<usize, Trouble> {
+        let until = self.usb.now() + DRAIN;
+        let mut count = 0;
+        loop {
+            match self.usb.receive(Pipe::Port, QUIET)?.len() {
+                0 => return Ok(count),
+                more => count += more,
+            }
+            if self.usb.now() > until {
+                let text =
+                    "bytes come without end though none are sent: take the arm off, and put a jumper from PA2 to PA3";
+                return Err(Trouble::Failed(text.to_owned()));
+            }
+        }
+    }
+
+    /// Sends bytes, expects exactly these back, and returns how long that took.
+    pub(super) fn echo(&mut self, bytes: &[u8]) -> Result<Duration, Trouble> {
+        let begun = self.usb.now();
+        self.echo_with(bytes, |_| Ok(()))?;
+        let took = self.usb.now() - begun;
+        match self.drain()? {
+            0 => Ok(took),
+            more => Err(Trouble::Failed(format!(
+                "{more} bytes more than the {} sent came back",
+                bytes.len()
+            ))),
+        }
+    }
+
+    /// Sends bytes, expects these back, and calls `meanwhile` again and again until they are.
+    pub(super) fn echo_with(
+        &mut self,
+        bytes: &[u8],
+        mut meanwhile: impl FnMut(&mut Self) -> Result<(), Trouble>,
+    ) -> Result<(), Trouble> {
+        let (mut sent, mut came) = (0, 0);
+        let mut moved = self.usb.now();
+        while came < bytes.len() {
+            if sent < bytes.len() && sent - came < WINDOW {
+                let end = bytes.len().min(sent + CHUNK);
+                self.usb.send(Pipe::Port, &bytes[sent..end])?;
+                sent = end;
+            }
+            let more = self.usb.receive(Pipe::Port, QUIET)?;
+            compare(bytes, came, &more)?;
+            came += more.len();
+            match more.is_empty() {
+                false => moved = self.usb.now(),
+                true if self.usb.now() > moved + STALL => {
+                    let text = format!("{came} of {} bytes came back", bytes.len());
+                    return Err(Trouble::Failed(text));
+                }
+                true => {}
+            }
+            meanwhile(self)?;
+        }
+        Ok(())
+    }
+
+    /// Expects bytes that were sent to come back.
+    pub(super) fn expect_back(&mut self, sent: &[u8]) -> Result<(), Trouble> {
+        let mut came = 0;
+        while came < sent.len() {
+            let more = self.usb.receive(Pipe::Port, STALL)?;
+            compare(sent, came, &more)?;
+            came += more.len();
+            if more.is_empty() {
+                return Err(Trouble::Failed(format!("{came} of {} bytes came back", sent.len())));
+            }
+        }
+        Ok(())
+    }
+
+    /// Forgets what was under way on the control port: the adapter was reset.
+    pub(super) fn forget_session(&mut self) {
+        self.reader = Reader::new();
+        self.events.clear();
+    }
+}
+
+/// Compares what came with what was sent, from the byte `at` on.
+pub(super) fn compare(sent: &[u8], at: usize, came: &[u8]) -> Result<(), Trouble> {
+    let failed = |text| Err(Trouble::Failed(text));
+    let expected = sent.get(at..).unwrap_or_default();
+    if came.len() > expected.len() {
+        return failed(format!("more bytes than the {} sent came back", sent.len()));
+    }
+    match came.iter().zip(expected).position(|(came, sent)| came != sent) {
+        Some(place) => failed(format!(
+            "byte {} of {}: {:#04x} was sent and {:#04x} came back",
+            at + place,
+            sent.len(),
+            expected[place],
+            came[place]
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Bytes without a pattern, other ones for each seed. None can begin a frame of an arm, should one be there after all:
+/// those of Ling begin with AA, those of Alpha1 and its servos with EF and above.
+pub(super) fn payload(seed: u64, len: usize) -> Vec<u8> {
+    // Steele and Vigna's SplitMix64.
+    let mut state = seed;
+    let bytes = std::iter::repeat_with(move || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 56) as u8
+    });
+    bytes.filter(|&byte| byte != 0xAA && byte < 0xEF).take(len).collect()
+}
+
+/// The configuration in which the adapter sends nothing by itself.
+pub(super) fn quiet(config: &Config) -> Config {
+    Config {
+        arm: ArmKind::Ling,
+        poll: Poll::Off,
+        can: Can {
+            telemetry_hz: 0,
+            commands: false,
+            unsolicited: false,
+            ..config.can
+        },
+        host_timeout: HostTimeout {
+            after_ms: 0,
+            torque_off: false,
+        },
+    }
+}
+
+/// The errors on the line and the bytes lost between two readings of the counters, in words; `None` if there are none.
+pub(super) fn losses(before: &Counters, after: &Counters) -> Option<String> {
+    let counts = [
+        ("framing errors", before.framing_errors, after.framing_errors),
+        ("parity errors", before.parity_errors, after.parity_errors),
+        ("noise errors", before.noise_errors, after.noise_errors),
+        ("overruns", before.overrun_errors, after.overrun_errors),
+        ("overruns of the ring", before.ring_overruns, after.ring_overruns),
+        ("bytes dropped", before.dropped_bytes, after.dropped_bytes),
+        ("bytes unheard", before.unheard_bytes, after.unheard_bytes),
+        ("bytes refused", before.refused_bytes, after.refused_bytes),
+        (
+            "bytes refused at another rate",
+            before.refused_rate_bytes,
+            after.refused_rate_bytes,
+        ),
+    ];
+    let words: Vec<_> = counts
+        .into_iter()
+        .filter(|(_, before, after)| before != after)
+        .map(|(name, before, after)| format!("{} {name}", after.wrapping_sub(before)))
+        .collect();
+    (!words.is_empty()).then(|| words.join(", "))
+}
+
+/// An answer that does not fit the request.
+pub(super) fn odd(request: &ControlRequest, reply: &Reply) -> Trouble {
+    Trouble::Failed(format!("{request:?} was answered by {reply:?}"))
+}
+
+pub(super) fn get_line_coding() -> Request<'static> {
+    Request {
+        kind: 0xA1,
+        request: GET_LINE_CODING,
+        value: 0,
+        index: 0,
+        payload: Payload::Read(7),
+    }
+}
+
+pub(super) fn set_line_coding(coding: &[u8]) -> Request<'_> {
+    Request {
+        kind: 0x21,
+        request: SET_LINE_CODING,
+        value: 0,
+        index: 0,
+        payload: Payload::Write(coding),
+    }
+}
+
+pub(super) fn read_counters() -> Request<'static> {
+    let (kind, request) = Counters::READ_REQUEST;
+    Request {
+        kind,
+        request,
+        value: 0,
+        index: 0,
+        payload: Payload::Read(Counters::MAX_LEN as u16),
+    }
+}
+
+/// A failure that tells where in a check it was. What cannot be tried stays that.
+pub(super) fn at(place: impl std::fmt::Display) -> impl FnOnce(Trouble) -> Trouble {
+    move |trouble| match trouble {
+        Trouble::Failed(text) => Trouble::Failed(format!("{place}: {text}")),
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn payload_begins_no_frame_of_an_arm() {
+        let bytes = payload(7, 10_000);
+        assert_eq!(bytes.len(), 10_000);
+        assert!(bytes.iter().all(|&byte| byte != 0xAA && byte < 0xEF));
+        assert_ne!(bytes[..100], payload(8, 100));
+    }
+
+    #[test]
+    fn first_wrong_byte_is_told() {
+        assert_eq!(compare(b"abcd", 1, b"bc"), Ok(()));
+        let error = |at, came: &[u8]| compare(b"abcd", at, came).unwrap_err().to_string();
+        assert_eq!(error(1, b"bx"), "byte 2 of 4: 0x63 was sent and 0x78 came back");
+        assert_eq!(error(3, b"de"), "more bytes than the 4 sent came back");
+    }
+
+    #[test]
+    fn each_count_of_a_loss_is_told() {
+        let before = Counters::default();
+        let mut after = before;
+        assert_eq!(losses(&before, &after), None);
+        (after.parity_errors, after.dropped_bytes) = (2, 7);
+        assert_eq!(losses(&before, &after).unwrap(), "2 parity errors, 7 bytes dropped");
+    }
+}

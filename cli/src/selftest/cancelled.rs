@@ -1,0 +1,63 @@
+//! Cancelled control transfers: the adapter answers the next one, whatever stage the one before was in.
+
+use std::time::Duration;
+
+use armwire_bridge::LineCoding;
+use serde_json::json;
+
+use super::bench::{Bench, at, get_line_coding, payload, read_counters, set_line_coding};
+use super::report::{Passed, Trouble};
+use super::{Checked, Plan};
+
+/// How long the adapter may take to be ready again.
+const READY: Duration = Duration::from_millis(100);
+/// The latest that a transfer is cancelled, in microseconds: later it is over.
+const LATEST: u32 = 400;
+/// After so many requests bytes go round.
+const BETWEEN_ECHOES: u32 = 10;
+
+/// Cancels reads and writes at many moments.
+pub(super) fn requests(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    let coding = LineCoding::LING.to_cdc();
+    let mut cancelled = 0_u32;
+    for nth in 0..plan.cancels {
+        let after = Duration::from_micros((nth * LATEST / plan.cancels).into());
+        let request = match nth % 3 {
+            0 => get_line_coding(),
+            1 => set_line_coding(&coding),
+            _ => read_counters(),
+        };
+        let name = ["GET_LINE_CODING", "SET_LINE_CODING", "a read of the counters"][nth as usize % 3];
+        let was_over = bench.usb.cancel(&request, after)?;
+        cancelled += u32::from(!was_over);
+        answers(bench, nth).map_err(at(format_args!("{name} cancelled after {} µs", after.as_micros())))?;
+    }
+    if cancelled == 0 {
+        return Err(Trouble::NotTried(format!(
+            "each of {} transfers was over before this host cancelled it",
+            plan.cancels
+        )));
+    }
+    let text = format!("{cancelled} cancelled, the next one answered each time");
+    let figures = [("requests", json!(plan.cancels)), ("cancelled", json!(cancelled))];
+    Ok(Passed::new(text, figures))
+}
+
+fn answers(bench: &mut Bench<'_>, nth: u32) -> Result<(), Trouble> {
+    let begun = bench.usb.now();
+    let told = bench.line_coding()?;
+    let took = bench.usb.now() - begun;
+    if told != LineCoding::LING {
+        return Err(Trouble::Failed(format!("the line coding is {told:?}")));
+    }
+    if took > READY {
+        return Err(Trouble::Failed(format!(
+            "the next request was answered after {} ms",
+            took.as_millis()
+        )));
+    }
+    if nth.is_multiple_of(BETWEEN_ECHOES) {
+        bench.echo(&payload(nth.into(), 100))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,65 @@
+//! Echo: what goes out comes back, at four rates and with each parity.
+
+use std::time::Duration;
+
+use armwire_bridge::{LineCoding, Parity, StopBits};
+use serde_json::json;
+
+use super::bench::{Bench, at, losses, payload};
+use super::report::{Passed, Trouble};
+use super::{Checked, Plan};
+
+/// The slowest that a program is likely to use, two between, and the fastest that the adapter has.
+const RATES: [u32; 4] = [115_200, 500_000, 1_000_000, 2_000_000];
+const PARITIES: [Parity; 3] = [Parity::None, Parity::Odd, Parity::Even];
+/// The last bytes of a host wait at the adapter before they go out, and the clocks differ: this share of the time on the
+/// line, in percent, is the least.
+const LEAST_TIME: u32 = 97;
+/// What the host and USB may add to the time on the line.
+const SLACK: Duration = Duration::from_millis(200);
+
+/// Bytes go round at each rate and parity. They take the time that they have on a line of that rate.
+pub(super) fn at_all_rates(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    for (baud, parity) in RATES.iter().flat_map(|&baud| PARITIES.map(|parity| (baud, parity))) {
+        let coding = LineCoding {
+            baud,
+            parity,
+            stop_bits: StopBits::One,
+        };
+        let seed = u64::from(baud) + parity as u64;
+        at_rate(bench, coding, &payload(seed, plan.echo_bytes))
+            .map_err(at(format_args!("{baud} baud, {parity:?} parity")))?;
+    }
+    let text = format!(
+        "{} bytes each at {} baud with no, odd and even parity",
+        plan.echo_bytes,
+        RATES.map(|baud| baud.to_string()).join(", ")
+    );
+    Ok(Passed::new(
+        text,
+        [("rates_baud", json!(RATES)), ("bytes", json!(plan.echo_bytes))],
+    ))
+}
+
+fn at_rate(bench: &mut Bench<'_>, coding: LineCoding, bytes: &[u8]) -> Result<(), Trouble> {
+    bench.set_line(coding)?;
+    let told = bench.line_coding()?;
+    if told != coding {
+        return Err(Trouble::Failed(format!("GET_LINE_CODING tells {told:?}")));
+    }
+    let before = bench.counters()?;
+    let took = bench.echo(bytes)?;
+    if let Some(losses) = losses(&before, &bench.counters()?) {
+        return Err(Trouble::Failed(losses));
+    }
+    let line = Duration::from_micros(coding.micros(bytes.len()));
+    if took < line * LEAST_TIME / 100 || took > 2 * line + SLACK {
+        return Err(Trouble::Failed(format!(
+            "{} bytes took {} µs, and {} µs on such a line",
+            bytes.len(),
+            took.as_micros(),
+            line.as_micros()
+        )));
+    }
+    Ok(())
+}

@@ -1,0 +1,82 @@
+//! A sweep of gaps: whatever lies between two writes, no byte waits for the next, and a frame is one only in one piece.
+
+use std::time::Duration;
+
+use serde_json::json;
+
+use super::bench::{Bench, FRAME, at, payload};
+use super::report::{Passed, Trouble};
+use super::stamps::{go_round, subscribe};
+use super::usb::Pipe;
+use super::{Checked, Plan};
+
+/// The gaps, in microseconds: from none to more than the adapter waits for the rest of a request.
+const GAPS: [u64; 8] = [0, 50, 200, 1_000, 2_000, 5_000, 20_000, 50_000];
+/// The lengths of writes that are no frame: around that of a packet, too.
+const LENGTHS: [usize; 7] = [1, 2, 6, 7, 63, 64, 65];
+/// Frames with each gap.
+const FRAMES: u32 = 10;
+/// A gap that no host closes: half a frame and the other half are two.
+const CUT: Duration = Duration::from_millis(10);
+
+/// Sweeps the gaps.
+pub(super) fn sweep(bench: &mut Bench<'_>, _: &Plan) -> Checked {
+    subscribe(bench)?;
+    for gap in GAPS {
+        one_gap(bench, Duration::from_micros(gap)).map_err(at(format_args!("a gap of {gap} µs")))?;
+    }
+    for place in 1..FRAME.len() {
+        cut(bench, place).map_err(at(format_args!("a frame cut after {place} bytes")))?;
+    }
+    let text = format!(
+        "{} gaps up to {} ms, no byte held back, no frame cut or joined",
+        GAPS.len(),
+        GAPS[7] / 1_000
+    );
+    Ok(Passed::new(text, [("gaps_us", json!(GAPS))]))
+}
+
+/// Frames, and bytes that are none, with a gap behind each.
+fn one_gap(bench: &mut Bench<'_>, gap: Duration) -> Result<(), Trouble> {
+    let before = bench.counters()?;
+    for _ in 0..FRAMES {
+        go_round(bench, 1)?;
+        bench.usb.sleep(gap)?;
+    }
+    for (nth, length) in LENGTHS.into_iter().enumerate() {
+        let bytes = payload(nth as u64, length);
+        bench.usb.send(Pipe::Port, &bytes)?;
+        bench.expect_back(&bytes).map_err(at(format_args!("{length} bytes")))?;
+        bench.usb.sleep(gap)?;
+    }
+    let after = bench.counters()?;
+    let noise = LENGTHS.iter().sum::<usize>() as u32;
+    let counted = (after.frames - before.frames, after.noise_bytes - before.noise_bytes);
+    match counted == (FRAMES, noise) {
+        true => Ok(()),
+        false => Err(Trouble::Failed(format!(
+            "{FRAMES} frames and {noise} bytes that are none went out, {} and {} were counted",
+            counted.0, counted.1
+        ))),
+    }
+}
+
+/// A frame in two pieces, with an idle line between them, is no frame.
+fn cut(bench: &mut Bench<'_>, place: usize) -> Result<(), Trouble> {
+    let before = bench.counters()?;
+    let (first, second) = FRAME.split_at(place);
+    for piece in [first, second] {
+        bench.usb.send(Pipe::Port, piece)?;
+        bench.expect_back(piece)?;
+        bench.usb.sleep(CUT)?;
+    }
+    let after = bench.counters()?;
+    let counted = (after.frames - before.frames, after.noise_bytes - before.noise_bytes);
+    match counted == (0, FRAME.len() as u32) {
+        true => Ok(()),
+        false => Err(Trouble::Failed(format!(
+            "{} frames and {} bytes that are none were counted",
+            counted.0, counted.1
+        ))),
+    }
+}

@@ -1,0 +1,130 @@
+//! The results of the checks, for people and for programs.
+
+use serde_json::{Map, Value, json};
+
+use super::usb::UsbError;
+
+/// The result of a check that passed.
+#[derive(Clone, Debug, Default)]
+pub struct Passed {
+    /// The result in words.
+    pub text: String,
+    /// The figures in it, by their names. A name ends with the unit.
+    pub figures: Map<String, Value>,
+}
+
+impl Passed {
+    /// A result in words, with its figures.
+    pub(super) fn new<const N: usize>(text: String, figures: [(&str, Value); N]) -> Self {
+        let figures = figures.map(|(name, value)| (name.to_owned(), value));
+        Self {
+            text,
+            figures: figures.into_iter().collect(),
+        }
+    }
+}
+
+/// Why a check did not pass.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Trouble {
+    /// The adapter, or the wiring, is not as it should be.
+    #[error("{0}")]
+    Failed(String),
+    /// The check cannot be made here.
+    #[error("{0}")]
+    NotTried(String),
+}
+
+impl From<UsbError> for Trouble {
+    fn from(error: UsbError) -> Self {
+        match error {
+            UsbError::Unsupported(reason) => Self::NotTried(reason),
+            error => Self::Failed(error.to_string()),
+        }
+    }
+}
+
+/// A check, and its result.
+#[derive(Clone, Debug)]
+pub struct Check {
+    /// The name.
+    pub name: &'static str,
+    /// The result.
+    pub result: Result<Passed, Trouble>,
+}
+
+impl Check {
+    /// The result in a word: `ok`, `FAILED` or `not tried`.
+    const fn verdict(&self) -> &'static str {
+        match &self.result {
+            Ok(_) => "ok",
+            Err(Trouble::Failed(_)) => "FAILED",
+            Err(Trouble::NotTried(_)) => "not tried",
+        }
+    }
+
+    /// Whether the adapter, or the wiring, is not as it should be.
+    pub const fn has_failed(&self) -> bool {
+        matches!(self.result, Err(Trouble::Failed(_)))
+    }
+
+    /// The check in a line.
+    pub fn line(&self) -> String {
+        let text = match &self.result {
+            Ok(passed) => passed.text.clone(),
+            Err(trouble) => trouble.to_string(),
+        };
+        format!("{:<16}{:<11}{text}", self.name, self.verdict())
+    }
+
+    /// The check as an object: its name, its result, the text, and the figures.
+    pub fn json(&self) -> Value {
+        let (result, text) = match &self.result {
+            Ok(passed) => ("passed", passed.text.clone()),
+            Err(Trouble::Failed(text)) => ("failed", text.clone()),
+            Err(Trouble::NotTried(text)) => ("not tried", text.clone()),
+        };
+        let mut object = Map::new();
+        object.insert("check".to_owned(), json!(self.name));
+        object.insert("result".to_owned(), json!(result));
+        object.insert("text".to_owned(), json!(text));
+        if let Ok(passed) = &self.result {
+            object.extend(passed.figures.clone());
+        }
+        Value::Object(object)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(result: Result<Passed, Trouble>) -> Check {
+        Check { name: "echo", result }
+    }
+
+    #[test]
+    fn untried_check_is_never_ok() {
+        let check = check(Err(UsbError::Unsupported("no suspend here".to_owned()).into()));
+        assert!(!check.has_failed());
+        assert_eq!(check.line(), "echo            not tried  no suspend here");
+        assert_eq!(check.json()["result"], "not tried");
+    }
+
+    #[test]
+    fn failed_transfer_fails_the_check() {
+        let check = check(Err(UsbError::TimedOut.into()));
+        assert!(check.has_failed());
+        assert_eq!(check.json()["result"], "failed");
+    }
+
+    #[test]
+    fn figures_stand_beside_the_text() {
+        let passed = Passed::new("4 rates".to_owned(), [("bytes", json!(400))]);
+        let object = check(Ok(passed)).json();
+        assert_eq!(
+            object,
+            json!({ "check": "echo", "result": "passed", "text": "4 rates", "bytes": 400 })
+        );
+    }
+}

@@ -1,0 +1,73 @@
+//! Resets of the bus in full flow, and suspend: the adapter comes back, and the bytes that follow are right.
+
+use std::time::Duration;
+
+use serde_json::json;
+
+use super::bench::{Bench, at, compare, payload};
+use super::report::{Passed, Trouble};
+use super::usb::Pipe;
+use super::{Checked, Plan};
+
+/// Bytes that are under way when the bus is reset, and those that must have come back before.
+const FLOW: usize = 3_000;
+const CAME: usize = 400;
+/// Bytes that go round afterwards.
+const AFTER: usize = 600;
+/// How long no byte may come back.
+const STALL: Duration = Duration::from_millis(500);
+/// How long the bus is suspended: a device has 3 ms to see it.
+const SUSPENDED: Duration = Duration::from_millis(100);
+
+/// Resets the bus while bytes go both ways.
+pub(super) fn in_full_flow(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    let before = bench.counters()?.usb_resets;
+    for nth in 0..plan.resets {
+        reset(bench, nth.into()).map_err(at(format_args!("reset {nth}")))?;
+    }
+    let counted = bench.counters()?.usb_resets.wrapping_sub(before);
+    if counted < plan.resets {
+        return Err(Trouble::Failed(format!(
+            "{} resets, {counted} seen by the adapter",
+            plan.resets
+        )));
+    }
+    let text = format!("{} in full flow, every byte right afterwards", plan.resets);
+    Ok(Passed::new(text, [("resets", json!(plan.resets))]))
+}
+
+fn reset(bench: &mut Bench<'_>, nth: u64) -> Result<(), Trouble> {
+    let sent = payload(nth, FLOW);
+    bench.usb.send(Pipe::Port, &sent)?;
+    let mut came = 0;
+    // A little further each time, so that another byte is under way.
+    while came < CAME + 13 * nth as usize {
+        let more = bench.usb.receive(Pipe::Port, STALL)?;
+        compare(&sent, came, &more)?;
+        came += more.len();
+        if more.is_empty() {
+            return Err(Trouble::Failed(format!("{came} of {FLOW} bytes came back before it")));
+        }
+    }
+    bench.usb.reset()?;
+    bench.forget_session();
+    bench.open()?;
+    bench.echo(&payload(!nth, AFTER))?;
+    Ok(())
+}
+
+/// Suspends the bus, and resumes it.
+pub(super) fn suspend(bench: &mut Bench<'_>, _: &Plan) -> Checked {
+    let before = bench.counters()?.usb_suspends;
+    bench.usb.suspend(SUSPENDED)?;
+    let counted = bench.counters()?.usb_suspends.wrapping_sub(before);
+    if counted == 0 {
+        return Err(Trouble::Failed(
+            "the adapter did not see that the bus was suspended".to_owned(),
+        ));
+    }
+    bench.open()?;
+    bench.echo(&payload(3, AFTER))?;
+    let text = format!("{} ms, every byte right afterwards", SUSPENDED.as_millis());
+    Ok(Passed::new(text, []))
+}

@@ -1,0 +1,95 @@
+//! Saves to flash under load: no byte is lost meanwhile, and what was saved is there after a restart.
+
+use armwire_bridge::config::{Config, HostTimeout};
+use armwire_bridge::control::{Failure, Reply, Request};
+use serde_json::json;
+
+use super::bench::{Bench, at, losses, odd, payload, quiet};
+use super::report::{Passed, Trouble};
+use super::{Checked, Plan};
+
+/// Bytes that go round around each save.
+const BYTES: usize = 2_000;
+/// A time-out without torque-off that each save has another of, in milliseconds: nothing comes of it.
+const TIMEOUT_MS: u16 = 60_000;
+
+/// Saves other configurations while bytes go round, and then the one that was saved before.
+pub(super) fn under_load(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    // What is saved is what an adapter has when it starts.
+    bench.restart()?;
+    let saved = bench.config()?;
+    bench.open()?;
+    let result = save_all(bench, &saved, plan);
+    let restored = restore(bench, &saved).map_err(at("the configuration of before is not in flash"));
+    result?;
+    restored?;
+    let text = format!(
+        "{} under load, none cost a byte, the last was there after a restart",
+        plan.saves
+    );
+    Ok(Passed::new(text, [("saves", json!(plan.saves))]))
+}
+
+fn save_all(bench: &mut Bench<'_>, saved: &Config, plan: &Plan) -> Result<(), Trouble> {
+    let mut config = *saved;
+    for nth in 0..plan.saves {
+        config = other(saved, nth);
+        save_one(bench, &config, nth).map_err(at(format_args!("save {nth}")))?;
+    }
+    bench.restart()?;
+    let found = bench.config()?;
+    if plan.saves > 0 && found != config {
+        return Err(Trouble::Failed(
+            "after a restart the configuration is not the last one saved".to_owned(),
+        ));
+    }
+    bench.open()
+}
+
+/// A configuration that has not been saved just before.
+fn other(saved: &Config, nth: u32) -> Config {
+    Config {
+        host_timeout: HostTimeout {
+            after_ms: TIMEOUT_MS + (nth % 100) as u16,
+            torque_off: false,
+        },
+        ..quiet(saved)
+    }
+}
+
+fn save_one(bench: &mut Bench<'_>, config: &Config, nth: u32) -> Result<(), Trouble> {
+    bench.order(Request::SetConfig(*config))?;
+    let before = bench.counters()?;
+    let mut is_saved = false;
+    bench.echo_with(&payload(nth.into(), BYTES), |bench| {
+        match std::mem::replace(&mut is_saved, true) {
+            true => Ok(()),
+            false => save(bench),
+        }
+    })?;
+    let after = bench.counters()?;
+    match losses(&before, &after) {
+        Some(losses) => Err(Trouble::Failed(losses)),
+        None if after.config_saves == before.config_saves => Err(Trouble::Failed("nothing was written".to_owned())),
+        None => Ok(()),
+    }
+}
+
+fn save(bench: &mut Bench<'_>) -> Result<(), Trouble> {
+    match bench.call(Request::SaveConfig)? {
+        Reply::Done => Ok(()),
+        Reply::Failed(Failure::TooManySaves { wait_s }) => Err(Trouble::NotTried(format!(
+            "the adapter has saved so often that it saves no more for {wait_s} s"
+        ))),
+        reply => Err(odd(&Request::SaveConfig, &reply)),
+    }
+}
+
+/// Saves the configuration of before.
+fn restore(bench: &mut Bench<'_>, saved: &Config) -> Result<(), Trouble> {
+    if *saved == Config::default() {
+        return bench.order(Request::ResetConfig);
+    }
+    bench.order(Request::SetConfig(*saved))?;
+    save(bench)
+}

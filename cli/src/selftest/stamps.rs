@@ -1,0 +1,168 @@
+//! Stamps and the clock that they are made by: each frame's stamp lies where the host's clock says, and the crystal's error.
+
+use std::time::Duration;
+
+use armwire_bridge::LineCoding;
+use armwire_bridge::control::{Event, Request, Stamp, Subscription};
+use serde_json::json;
+
+use super::bench::{Bench, FRAME, at};
+use super::report::{Passed, Trouble};
+use super::usb::Pipe;
+use super::{Checked, Plan};
+
+/// Frames that go round in one go: the adapter keeps 16 to tell of.
+const BATCH: u32 = 8;
+/// How long a frame may take to come back, and the event that tells of it.
+const STALL: Duration = Duration::from_millis(500);
+/// Frames at each end of the comparison of the clocks. The fastest counts.
+const PINGS: u32 = 40;
+/// The most that the two clocks may differ, in parts per million. Crystals of such boards are within 50, a host's within 50.
+const MAX_PPM: f64 = 100.0;
+/// Stamps are in whole microseconds.
+const ROUNDING: f64 = 1.0;
+/// How much later than the frame's end a stamp may be that is not counted as late, in microseconds: another interrupt may
+/// run before the UART's. The worst that was measured is 5 (docs/performance.md).
+const MAX_LATE: f64 = 10.0;
+
+/// Frames that went round, and their stamps. All times are in microseconds, of the host's clock but for the stamps.
+pub(super) struct Round {
+    /// The first of the frames was handed over at this time.
+    begun: f64,
+    /// The stamps, by the adapter's clock.
+    stamps: Vec<f64>,
+    /// The event of the last of the frames had come at this time.
+    ended: f64,
+}
+
+impl Round {
+    /// The least and the most that the adapter's clock is ahead of the host's, in microseconds.
+    fn ahead(&self) -> (f64, f64) {
+        let first = self.stamps.first().copied().unwrap_or_default();
+        let last = self.stamps.last().copied().unwrap_or_default();
+        (
+            last - MAX_LATE - self.ended,
+            first + ROUNDING - self.begun - line_time(),
+        )
+    }
+}
+
+/// The stamps of many frames: in order, no closer than frames can be, and within what the host's clock leaves.
+pub(super) fn plausible(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    subscribe(bench)?;
+    let before = bench.counters()?;
+    let mut anchor: Option<(f64, (f64, f64))> = None;
+    let (mut last, mut count, mut closest) = (f64::NEG_INFINITY, 0, f64::INFINITY);
+    while count < plan.stamps {
+        let round = go_round(bench, BATCH.min(plan.stamps - count)).map_err(at(format_args!("frame {count}")))?;
+        for &stamp in &round.stamps {
+            closest = closest.min(stamp - last);
+            if closest < line_time() - MAX_LATE {
+                let text = format!(
+                    "frame {count}: its stamp is {closest} µs after the one before, and it takes {} µs",
+                    line_time()
+                );
+                return Err(Trouble::Failed(text));
+            }
+            (last, count) = (stamp, count + 1);
+        }
+        let (since, (least, most)) = *anchor.get_or_insert((round.begun, round.ahead()));
+        let drift = (round.ended - since) * 2.0 * MAX_PPM / 1e6;
+        let now = round.ahead();
+        if now.0 > most + drift || now.1 < least - drift {
+            let text = format!(
+                "frame {count}: the stamps are {:.0} to {:.0} µs ahead of this computer's clock, and were {least:.0} to {most:.0}",
+                now.0, now.1
+            );
+            return Err(Trouble::Failed(text));
+        }
+    }
+    let after = bench.counters()?;
+    let late = after.late_stamps.wrapping_sub(before.late_stamps);
+    let text = format!("{count} in order and where this computer's clock has them, {late} late");
+    let figures = [
+        ("stamps", json!(count)),
+        ("late", json!(late)),
+        ("closest_us", json!(closest)),
+    ];
+    Ok(Passed::new(text, figures))
+}
+
+/// The crystal's error: how the adapter's clock goes, compared with the host's.
+pub(super) fn crystal(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    subscribe(bench)?;
+    let begin = best_ping(bench)?;
+    bench.usb.sleep(plan.crystal)?;
+    let end = best_ping(bench)?;
+    let (first, second) = (begin.ahead(), end.ahead());
+    let elapsed = end.begun - begin.begun;
+    let ppm = |difference| difference / elapsed * 1e6;
+    let (least, most) = (ppm(second.0 - first.1), ppm(second.1 - first.0));
+    let (error, uncertainty) = ((least + most) / 2.0, (most - least) / 2.0);
+    let text = format!(
+        "{error:+.0} ± {uncertainty:.0} ppm against this computer's clock, in {:.0} s",
+        elapsed / 1e6
+    );
+    if error.abs() - uncertainty > MAX_PPM {
+        return Err(Trouble::Failed(format!("{text}: more than {MAX_PPM:.0} ppm")));
+    }
+    if uncertainty > MAX_PPM {
+        return Err(Trouble::NotTried(format!("{text}: this host is too slow to tell more")));
+    }
+    Ok(Passed::new(
+        text,
+        [("error_ppm", json!(error)), ("uncertainty_ppm", json!(uncertainty))],
+    ))
+}
+
+/// The frame whose stamp is known best.
+fn best_ping(bench: &mut Bench<'_>) -> Result<Round, Trouble> {
+    let mut best = go_round(bench, 1)?;
+    for _ in 1..PINGS {
+        let round = go_round(bench, 1)?;
+        if round.ended - round.begun < best.ended - best.begun {
+            best = round;
+        }
+    }
+    Ok(best)
+}
+
+/// Asks to be told of every frame.
+pub(super) fn subscribe(bench: &mut Bench<'_>) -> Result<(), Trouble> {
+    bench.order(Request::Subscribe(Subscription {
+        frames: true,
+        events: false,
+    }))
+}
+
+/// Sends frames back to back, and expects them and their events.
+pub(super) fn go_round(bench: &mut Bench<'_>, frames: u32) -> Result<Round, Trouble> {
+    let begun = micros(bench.usb.now());
+    let sent = FRAME.repeat(frames as usize);
+    bench.usb.send(Pipe::Port, &sent)?;
+    let mut stamps = Vec::new();
+    for nth in 0..frames {
+        stamps.push(stamp(bench)?.ok_or_else(|| Trouble::Failed(format!("{nth} of {frames} frames were told of")))?);
+    }
+    let ended = micros(bench.usb.now());
+    bench.expect_back(&sent)?;
+    Ok(Round { begun, stamps, ended })
+}
+
+/// The stamp of the next frame, which must be the one that was sent.
+fn stamp(bench: &mut Bench<'_>) -> Result<Option<f64>, Trouble> {
+    match bench.next_event(STALL)? {
+        Some((Stamp(at), Event::Frame { bytes, .. })) if bytes == FRAME => Ok(Some(at as f64)),
+        Some((_, event)) => Err(Trouble::Failed(format!("the adapter told of {event:?}"))),
+        None => Ok(None),
+    }
+}
+
+/// How long a frame takes on the line, in microseconds.
+fn line_time() -> f64 {
+    LineCoding::LING.micros(FRAME.len()) as f64
+}
+
+fn micros(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e6
+}

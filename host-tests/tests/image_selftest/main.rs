@@ -1,0 +1,300 @@
+//! `armwire selftest` on the virtual board: an adapter passes, and each check fails where its fault is.
+
+mod board;
+
+use std::cell::Cell;
+use std::time::Duration;
+
+use armwire_bridge::config::{Config as AdapterConfig, Poll};
+use armwire_bridge::control::{Reply, Request};
+use armwire_cli::selftest::{Check, Plan, Trouble, UsbError, run};
+use armwire_host_tests::image::{Control, path};
+use armwire_sim::ling::LingArm;
+use armwire_virtual_board::line::Fault as ByteFault;
+use armwire_virtual_board::{Chip, Config, Crystal, VirtualBoard};
+
+use board::{BoardUsb, Fault, Jumper, Suspend};
+
+/// Bytes that go round before the first check that needs the jumper, and within the first bytes of each.
+const BEHIND_JUMPER: usize = 90;
+
+/// A board that runs the image, with this on its UART.
+fn start(jumper: Jumper) -> VirtualBoard<Jumper> {
+    VirtualBoard::start(Config::new(path(), jumper)).unwrap()
+}
+
+/// Makes the checks of a plan.
+fn checks_of(usb: &mut BoardUsb<'_>, plan: &Plan) -> Vec<Check> {
+    run(usb, plan, &|| false, &mut |check| println!("{}", check.line()))
+}
+
+/// A plan with some checks, and not much of them.
+fn only(names: &[&str]) -> Plan {
+    Plan {
+        echo_bytes: 500,
+        stamps: 200,
+        cancels: 30,
+        resets: 2,
+        saves: 2,
+        crystal: Duration::from_secs(5),
+        only: names.iter().map(|&name| name.to_owned()).collect(),
+    }
+}
+
+fn result<'c>(checks: &'c [Check], name: &str) -> &'c Check {
+    checks.iter().find(|check| check.name == name).expect(name)
+}
+
+/// Why a check failed.
+fn failure(checks: &[Check], name: &str) -> String {
+    match &result(checks, name).result {
+        Err(Trouble::Failed(text)) => text.clone(),
+        other => panic!("{name}: {other:?}"),
+    }
+}
+
+/// Why a check was not tried.
+fn reason(checks: &[Check], name: &str) -> String {
+    match &result(checks, name).result {
+        Err(Trouble::NotTried(text)) => text.clone(),
+        other => panic!("{name}: {other:?}"),
+    }
+}
+
+/// Expects that nothing failed but this.
+fn expect_only_failure(checks: &[Check], name: &str) {
+    let failed: Vec<_> = checks
+        .iter()
+        .filter(|check| check.has_failed())
+        .map(|check| check.name)
+        .collect();
+    assert_eq!(failed, [name]);
+}
+
+/// Makes one check on a board and its host with a fault, and returns why it failed.
+fn failure_with(name: &str, fault: impl FnOnce(&mut BoardUsb<'_>)) -> String {
+    let mut board = start(Jumper::default());
+    let mut usb = BoardUsb::new(&mut board);
+    fault(&mut usb);
+    let checks = checks_of(&mut usb, &only(&[name]));
+    expect_only_failure(&checks, name);
+    failure(&checks, name)
+}
+
+#[test]
+fn adapter_with_a_jumper_passes() {
+    let mut board = start(Jumper::default());
+    let checks = checks_of(&mut BoardUsb::new(&mut board), &Plan::default());
+    let not_ok: Vec<_> = checks.iter().filter(|check| check.result.is_err()).collect();
+    assert!(not_ok.is_empty(), "{not_ok:?}");
+    assert_eq!(checks.len(), 13);
+    board.report().unwrap().check().unwrap();
+}
+
+#[test]
+fn missing_jumper_is_told_and_nothing_else_tried() {
+    let mut board = start(Jumper::with(Fault::OutAfter(0)));
+    let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["echo", "saves"]));
+    expect_only_failure(&checks, "jumper");
+    assert!(failure(&checks, "jumper").starts_with("nothing comes back"));
+    assert_eq!(reason(&checks, "echo"), "there is no jumper");
+    assert_eq!(reason(&checks, "saves"), "there is no jumper");
+}
+
+#[test]
+fn arm_in_the_jumpers_place_is_refused_and_stays() {
+    for fault in [Fault::OutAfter(0), Fault::None] {
+        let mut jumper = Jumper::beside(LingArm::new(armwire_sim::ling::Config::follower()));
+        jumper.fault = fault;
+        let mut board = start(jumper);
+        let checks = checks_of(&mut BoardUsb::new(&mut board), &Plan::default());
+        expect_only_failure(&checks, "jumper");
+        assert!(failure(&checks, "jumper").contains("is it a Ling arm?"), "{fault:?}");
+        let heard = board.with_arm(Jumper::take_heard);
+        assert_eq!(heard, armwire::ling::READ_INFO, "{fault:?}");
+    }
+}
+
+#[test]
+fn bytes_that_nobody_sent_are_told() {
+    let mut board = start(Jumper::default());
+    board.with_arm(|jumper| jumper.talks = true);
+    let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["echo"]));
+    assert!(failure(&checks, "jumper").contains("though none are sent"));
+    assert!(board.with_arm(Jumper::take_heard).is_empty());
+}
+
+#[test]
+fn jumper_that_comes_off_ends_the_run() {
+    let mut board = start(Jumper::with(Fault::OutAfter(1_000)));
+    let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["echo", "halts", "saves"]));
+    expect_only_failure(&checks, "echo");
+    assert!(failure(&checks, "echo").contains("bytes came back"));
+    assert_eq!(reason(&checks, "halts"), "the jumper, or the adapter, is gone");
+    assert_eq!(reason(&checks, "saves"), "the jumper, or the adapter, is gone");
+}
+
+#[test]
+fn flipped_bit_fails_each_check_with_bytes() {
+    let names = [
+        "echo",
+        "halts",
+        "reconfiguration",
+        "cancels",
+        "resets",
+        "stamps",
+        "gaps",
+        "crystal",
+        "saves",
+        "suspend",
+    ];
+    for name in names {
+        let mut board = start(Jumper::with(Fault::FlipAfter(BEHIND_JUMPER)));
+        let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&[name]));
+        expect_only_failure(&checks, name);
+    }
+}
+
+#[test]
+fn noise_on_the_line_fails_the_echo() {
+    let text = failure_with("echo", |usb| {
+        usb.board.uart().plan_fault(BEHIND_JUMPER as u64, ByteFault::Noise)
+    });
+    assert_eq!(text, "115200 baud, None parity: 1 noise errors");
+}
+
+#[test]
+fn changed_descriptor_is_told() {
+    for (change, place) in [
+        (0x0101_u16, "vendor and product"),
+        (0x0200, "interface associations"),
+        (0x0301, "manufacturer"),
+    ] {
+        let mut board = start(Jumper::default());
+        let mut usb = BoardUsb::new(&mut board);
+        usb.answers = match change {
+            0x0101 => |request, answer| Ok(flipped(request.value == 0x0100, 8, answer)),
+            0x0200 => |request, answer| Ok(flipped(request.value == 0x0200, 14, answer)),
+            _ => |request, answer| Ok(flipped(request.value == 0x0301, 2, answer)),
+        };
+        let checks = checks_of(&mut usb, &only(&["suspend"]));
+        expect_only_failure(&checks, "descriptors");
+        let text = failure(&checks, "descriptors");
+        assert!(text.contains(place), "{text}");
+    }
+}
+
+/// An answer with a bit flipped in one of its bytes.
+fn flipped(is_it: bool, place: usize, mut answer: Vec<u8>) -> Vec<u8> {
+    if let Some(byte) = answer.get_mut(place).filter(|_| is_it) {
+        *byte ^= 1;
+    }
+    answer
+}
+
+#[test]
+fn stall_after_a_cancelled_request_is_told() {
+    let text = failure_with("cancels", |usb| {
+        usb.answers = |request, answer| match request.request {
+            0x21 => Err(UsbError::Stalled),
+            _ => Ok(answer),
+        };
+    });
+    assert!(text.contains("the adapter stalled"), "{text}");
+}
+
+#[test]
+fn toggles_that_differ_are_told() {
+    for name in ["halts", "reconfiguration"] {
+        let text = failure_with(name, |usb| usb.keeps_toggles = true);
+        assert!(
+            text.contains("came back") || text.contains("no reply"),
+            "{name}: {text}"
+        );
+    }
+}
+
+#[test]
+fn clocks_that_differ_are_told() {
+    for (name, clock, told) in [
+        ("echo", 900, "took"),
+        ("stamps", 900, "ahead"),
+        ("crystal", 999, "more than 100 ppm"),
+    ] {
+        let text = failure_with(name, |usb| usb.clock = clock);
+        assert!(text.contains(told), "{name}: {text}");
+    }
+}
+
+#[test]
+fn crystal_of_another_frequency_is_told() {
+    let crystal = Crystal::new(8_002_000);
+    let mut board = VirtualBoard::start(Config {
+        crystal,
+        ..Config::new(path(), Jumper::default())
+    })
+    .unwrap();
+    let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["crystal"]));
+    let text = failure(&checks, "crystal");
+    assert!(text.starts_with("+250 ±"), "{text}");
+}
+
+#[test]
+fn suspend_that_did_not_come_is_told() {
+    let text = failure_with("suspend", |usb| usb.suspend = Suspend::Pretended);
+    assert_eq!(text, "the adapter did not see that the bus was suspended");
+}
+
+#[test]
+fn suspend_that_a_host_cannot_do_is_not_tried() {
+    let mut board = start(Jumper::default());
+    let mut usb = BoardUsb::new(&mut board);
+    usb.suspend = Suspend::Unsupported;
+    let checks = checks_of(&mut usb, &only(&["suspend"]));
+    assert_eq!(reason(&checks, "suspend"), "no suspend here");
+}
+
+#[test]
+fn flash_that_takes_nothing_is_told() {
+    // The STM32G431 saves at each supply at which it runs.
+    if Chip::of_image(&path()).unwrap() != Chip::Stm32f405 {
+        return;
+    }
+    let text = failure_with("saves", |usb| usb.board.set_supply(2_500));
+    assert!(text.contains("SupplyLow"), "{text}");
+}
+
+#[test]
+fn configuration_is_as_before() {
+    let mut board = start(Jumper::default());
+    BoardUsb::new(&mut board);
+    let mut control = Control::open(&mut board);
+    let saved = AdapterConfig {
+        poll: Poll::Hertz(200),
+        ..AdapterConfig::default()
+    };
+    control.order(&mut board, Request::SetConfig(saved));
+    control.order(&mut board, Request::SaveConfig);
+    let in_force = AdapterConfig {
+        poll: Poll::Hertz(100),
+        ..AdapterConfig::default()
+    };
+    control.order(&mut board, Request::SetConfig(in_force));
+
+    // It is stopped behind its first check.
+    let checks = Cell::new(0);
+    let stopped = || checks.replace(checks.get() + 1) > 0;
+    let checks = run(
+        &mut BoardUsb::new(&mut board),
+        &only(&["saves", "suspend"]),
+        &stopped,
+        &mut |_| {},
+    );
+    assert!(result(&checks, "saves").result.is_ok());
+    assert_eq!(reason(&checks, "suspend"), "stopped");
+    let mut control = Control::open(&mut board);
+    assert_eq!(control.call(&mut board, Request::GetConfig), Reply::Config(in_force));
+    board.power_cycle().unwrap();
+    let mut control = Control::open(&mut board);
+    assert_eq!(control.call(&mut board, Request::GetConfig), Reply::Config(saved));
+}
