@@ -111,6 +111,9 @@ enum Command {
     /// Hold the line to the arm for USB alone, until Ctrl-C: no polls, no CAN, no torque-off. For updates of the arm's own
     /// firmware.
     Hold(hold::Hold),
+    /// Test an adapter board with a jumper from PA2 to PA3 in place of the arm. Takes two minutes.
+    #[cfg(target_os = "linux")]
+    Selftest(selftest::command::Selftest),
     /// Update an adapter's firmware, over USB with dfu-util.
     Update(update::Update),
     /// Print the completions of a shell, for its start file.
@@ -204,6 +207,8 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Config(config) => config.run(),
         Command::Counters(counters) => counters.run(),
         Command::Hold(hold) => hold.run(stop_on_ctrl_c()?),
+        #[cfg(target_os = "linux")]
+        Command::Selftest(selftest) => selftest.run(stop_on_ctrl_c()?),
         Command::Update(update) => update.run(),
         #[cfg(feature = "shell")]
         Command::Completions { shell } => {

@@ -44,7 +44,7 @@ impl UsbLine {
 }
 
 /// The adapter that has this serial port.
-fn find(port: &str) -> Result<DeviceInfo, Error> {
+pub(crate) fn find(port: &str) -> Result<DeviceInfo, Error> {
     let name = port.to_owned();
     // Elsewhere nothing tells whose a port is.
     let serial = serial_number_of(port);
@@ -150,7 +150,7 @@ impl Line for UsbLine {
 }
 
 /// Why the control port cannot be used.
-fn not_opened(name: String, error: &nusb::Error) -> Error {
+pub(crate) fn not_opened(name: String, error: &nusb::Error) -> Error {
     let reason = match error.kind() {
         nusb::ErrorKind::PermissionDenied if cfg!(target_os = "linux") => {
             let (vendor, product) = VENDOR_AND_PRODUCT;

@@ -20,11 +20,15 @@
 
 mod bench;
 mod cancelled;
+#[cfg(target_os = "linux")]
+pub(crate) mod command;
 mod descriptors;
 mod echo;
 mod endpoints;
 mod gaps;
 mod jumper;
+#[cfg(target_os = "linux")]
+mod linux;
 mod report;
 mod resets;
 mod saves;
@@ -92,6 +96,11 @@ const CHECKS: [(&str, CheckFn); 10] = [
     ("saves", saves::under_load),
     ("suspend", resets::suspend),
 ];
+
+/// The names of the checks that need the jumper, in their order.
+pub fn names() -> [&'static str; 10] {
+    CHECKS.map(|(name, _)| name)
+}
 
 /// Makes the checks, tells of each as it ends, and returns all. Once `stopped` says so, the rest is not tried.
 ///

@@ -102,13 +102,6 @@ pub trait Usb {
     /// [`UsbError::Gone`], and as the host fails.
     fn send(&mut self, pipe: Pipe, bytes: &[u8]) -> Result<(), UsbError>;
 
-    /// The number of bytes that were handed over and have not gone.
-    ///
-    /// # Errors
-    ///
-    /// As what was handed over failed.
-    fn unsent(&mut self, pipe: Pipe) -> Result<usize, UsbError>;
-
     /// What came from the adapter, after a wait of this time at most for the first byte. Nothing when none came.
     ///
     /// # Errors

@@ -17,6 +17,8 @@ mod list;
 mod monitor;
 mod motion;
 mod pty;
+#[cfg(target_os = "linux")]
+mod selftest;
 mod sim_xarm;
 mod tcp;
 mod versions;

@@ -183,14 +183,6 @@ impl Usb for BoardUsb<'_> {
         sent.map_err(error)
     }
 
-    fn unsent(&mut self, pipe: Pipe) -> Result<usize, UsbError> {
-        let usb = self.board().usb();
-        Ok(match pipe {
-            Pipe::Port => usb.unsent(),
-            Pipe::Control => usb.vendor().unsent(),
-        })
-    }
-
     fn receive(&mut self, pipe: Pipe, wait: Duration) -> Result<Vec<u8>, UsbError> {
         let unread = |board: &mut VirtualBoard<Jumper>| match pipe {
             Pipe::Port => board.usb().unread(),

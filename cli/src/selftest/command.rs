@@ -1,0 +1,74 @@
+//! `armwire selftest PORT` on the command line.
+
+use std::io::ErrorKind;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::linux::LinuxUsb;
+use super::{Check, Plan, names, run};
+use crate::confirm::Confirm;
+use crate::control::usb;
+use crate::error::Error;
+use crate::output::{print_json, say};
+use crate::serial::not_opened;
+
+/// What the user is asked before anything goes out.
+const DANGER: &str = "The arm must be off the adapter, and a jumper must join PA2 and PA3. The adapter starts again, and its \
+                      flash is written.";
+
+/// The arguments of `armwire selftest`.
+#[derive(Args)]
+pub(crate) struct Selftest {
+    /// The adapter's serial port, such as /dev/ttyACM0. No program may have it open.
+    port: String,
+    /// Only these of the checks that need the jumper, with commas between them.
+    #[arg(long, value_name = "CHECKS", value_delimiter = ',', value_parser = names())]
+    only: Vec<String>,
+    #[command(flatten)]
+    confirm: Confirm,
+    /// Print one JSON object at the end.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Selftest {
+    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
+        let plan = Plan {
+            only: self.only.clone(),
+            ..Plan::default()
+        };
+        let checks = self.check(&plan, stop)?;
+        let failed = checks.iter().filter(|check| check.has_failed()).count();
+        if self.json {
+            let list: Vec<_> = checks.iter().map(Check::json).collect();
+            let result = if failed == 0 { "passed" } else { "failed" };
+            print_json(&json!({ "port": self.port, "result": result, "checks": Value::from(list) }))?;
+        }
+        let reason = match failed {
+            0 if stop.load(Ordering::Relaxed) => "stopped before the last check".to_owned(),
+            0 => return Ok(()),
+            _ => format!("{failed} of {} checks failed", checks.len()),
+        };
+        Err(Error::at(&self.port, reason))
+    }
+
+    fn check(&self, plan: &Plan, stop: &AtomicBool) -> Result<Vec<Check>, Error> {
+        if !Path::new(&self.port).exists() {
+            return Err(not_opened(&self.port, &ErrorKind::NotFound.into()));
+        }
+        let info = usb::find(&self.port)?;
+        self.confirm.ask(DANGER)?;
+        let mut adapter = LinuxUsb::open(&info).map_err(|error| usb::not_opened(self.port.clone(), &error))?;
+        let mut told = Ok(());
+        let stopped = || stop.load(Ordering::Relaxed);
+        let checks = run(&mut adapter, plan, &stopped, &mut |check| {
+            if !self.json && told.is_ok() {
+                told = say(check.line());
+            }
+        });
+        told.map(|()| checks)
+    }
+}
