@@ -46,6 +46,10 @@ impl Selftest {
             let list: Vec<_> = checks.iter().map(Check::json).collect();
             let result = if failed == 0 { "passed" } else { "failed" };
             print_json(&json!({ "port": self.port, "result": result, "checks": Value::from(list) }))?;
+        } else {
+            let passed = checks.iter().filter(|check| check.result.is_ok()).count();
+            let untried = checks.len() - passed - failed;
+            say(format_args!("{passed} passed, {failed} failed, {untried} not tried"))?;
         }
         let reason = match failed {
             0 if stop.load(Ordering::Relaxed) => "stopped before the last check".to_owned(),

@@ -7,12 +7,11 @@ use std::time::Duration;
 use armwire_bridge::Instant;
 use armwire_cli::selftest::{Direction, Payload, Pipe, Usb, UsbError, UsbRequest};
 use armwire_host_tests::image::MEGABAUD;
-use armwire_sim::ling::LingArm;
 use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::usb::Direction as Way;
 use armwire_virtual_board::usb::cdc::{LineCoding, Port};
 use armwire_virtual_board::usb::host::{Request, TransferError};
-use armwire_virtual_board::{Error, Nanos, VirtualBoard};
+use armwire_virtual_board::{Arm, Error, Nanos, VirtualBoard};
 
 /// How long a bus reset, and the adapter's start, may take.
 const RESET: Nanos = Nanos::from_millis(20);
@@ -34,7 +33,7 @@ pub(crate) enum Fault {
 pub(crate) struct Jumper {
     pub(crate) fault: Fault,
     /// An arm that is on the line, too.
-    arm: Option<LingArm>,
+    arm: Option<Box<dyn Arm>>,
     /// A byte comes without end.
     pub(crate) talks: bool,
     passed: usize,
@@ -50,9 +49,9 @@ impl Jumper {
         }
     }
 
-    pub(crate) fn beside(arm: LingArm) -> Self {
+    pub(crate) fn beside(arm: impl Arm) -> Self {
         Self {
-            arm: Some(arm),
+            arm: Some(Box::new(arm)),
             ..Self::default()
         }
     }
@@ -84,7 +83,7 @@ impl SerialDevice for Jumper {
 
     fn poll_timeout(&self) -> Option<Instant> {
         match self.bytes.is_empty() && !self.talks {
-            true => self.arm.as_ref().and_then(SerialDevice::poll_timeout),
+            true => self.arm.as_ref().and_then(|arm| arm.poll_timeout()),
             false => Some(Instant::ZERO),
         }
     }

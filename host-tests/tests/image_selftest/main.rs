@@ -5,11 +5,16 @@ mod board;
 use std::cell::Cell;
 use std::time::Duration;
 
+use armwire::alpha1::READ_FIRMWARE_VERSION;
+use armwire::ling::READ_INFO;
+use armwire_bridge::Counters;
 use armwire_bridge::config::{Config as AdapterConfig, Poll};
 use armwire_bridge::control::{Reply, Request};
 use armwire_cli::selftest::{Check, Plan, Trouble, UsbError, run};
 use armwire_host_tests::image::{Control, path};
-use armwire_sim::ling::LingArm;
+use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
+use armwire_sim::ling::legacy::{self, LegacyArm};
+use armwire_sim::ling::{self, LingArm};
 use armwire_virtual_board::line::Fault as ByteFault;
 use armwire_virtual_board::{Chip, Config, Crystal, VirtualBoard};
 
@@ -102,17 +107,27 @@ fn missing_jumper_is_told_and_nothing_else_tried() {
 }
 
 #[test]
-fn arm_in_the_jumpers_place_is_refused_and_stays() {
+fn arm_in_the_jumpers_place_is_refused() {
+    let requests = [&READ_INFO[..], &READ_FIRMWARE_VERSION].concat();
     for fault in [Fault::OutAfter(0), Fault::None] {
-        let mut jumper = Jumper::beside(LingArm::new(armwire_sim::ling::Config::follower()));
-        jumper.fault = fault;
-        let mut board = start(jumper);
-        let checks = checks_of(&mut BoardUsb::new(&mut board), &Plan::default());
-        expect_only_failure(&checks, "jumper");
-        assert!(failure(&checks, "jumper").contains("is it a Ling arm?"), "{fault:?}");
-        let heard = board.with_arm(Jumper::take_heard);
-        assert_eq!(heard, armwire::ling::READ_INFO, "{fault:?}");
+        let ling = Jumper::beside(LingArm::new(ling::Config::follower()));
+        refused(ling, fault, "is it a Ling arm?", &READ_INFO);
     }
+    let alpha1 = Jumper::beside(Alpha1Robot::new(RobotConfig::default()));
+    refused(alpha1, Fault::None, "is it an Alpha1?", &requests);
+    let older = Jumper::beside(LegacyArm::new(legacy::Config::default()));
+    refused(older, Fault::None, "though none", &[]);
+}
+
+/// Expects that nothing else is tried on a line with an arm, and that the arm gets these bytes alone.
+fn refused(mut jumper: Jumper, fault: Fault, told: &str, heard: &[u8]) {
+    jumper.fault = fault;
+    let mut board = start(jumper);
+    let checks = checks_of(&mut BoardUsb::new(&mut board), &Plan::default());
+    expect_only_failure(&checks, "jumper");
+    let text = failure(&checks, "jumper");
+    assert!(text.contains(told), "{text}");
+    assert_eq!(board.with_arm(Jumper::take_heard), heard, "{told}");
 }
 
 #[test]
@@ -201,6 +216,24 @@ fn stall_after_a_cancelled_request_is_told() {
         };
     });
     assert!(text.contains("the adapter stalled"), "{text}");
+}
+
+#[test]
+fn counts_that_stand_still_are_told() {
+    for (name, told) in [
+        ("resets", "0 seen by the adapter"),
+        ("gaps", "0 and 0 were counted"),
+        ("saves", "nothing was written"),
+        ("suspend", "did not see"),
+    ] {
+        let text = failure_with(name, |usb| {
+            usb.answers = |request, answer| match (request.kind, request.request) == Counters::READ_REQUEST {
+                true => Ok(vec![0; answer.len()]),
+                false => Ok(answer),
+            };
+        });
+        assert!(text.contains(told), "{name}: {text}");
+    }
 }
 
 #[test]
