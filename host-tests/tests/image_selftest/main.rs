@@ -11,12 +11,12 @@ use armwire_bridge::Counters;
 use armwire_bridge::config::{Config as AdapterConfig, Poll};
 use armwire_bridge::control::{Reply, Request};
 use armwire_cli::selftest::{Check, Plan, Trouble, UsbError, run};
-use armwire_host_tests::image::{Control, path};
+use armwire_host_tests::image::{Control, facts, path};
 use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
 use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{self, LingArm};
 use armwire_virtual_board::line::Fault as ByteFault;
-use armwire_virtual_board::{Chip, Config, Crystal, VirtualBoard};
+use armwire_virtual_board::{Chip, Config, Crystal, Timing, VirtualBoard};
 
 use board::{BoardUsb, Fault, Jumper, Suspend};
 
@@ -330,4 +330,23 @@ fn configuration_is_as_before() {
     board.power_cycle().unwrap();
     let mut control = Control::open(&mut board);
     assert_eq!(control.call(&mut board, Request::GetConfig), Reply::Config(saved));
+}
+
+#[test]
+fn save_that_erases_costs_no_byte() {
+    // Pages without room, which a save has to erase.
+    let chip = Chip::of_image(&path()).unwrap();
+    let mut flash = vec![0xFF; chip.flash_size()];
+    flash[facts(chip).config_flash].fill(0);
+    for timing in [Timing::Typical, Timing::Worst] {
+        let config = Config {
+            flash: Some(flash.clone()),
+            timing,
+            ..Config::new(path(), Jumper::default())
+        };
+        let mut board = VirtualBoard::start(config).unwrap();
+        let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["saves"]));
+        assert!(result(&checks, "saves").result.is_ok());
+        assert_eq!(board.erases().len(), 1);
+    }
 }
