@@ -51,34 +51,15 @@ impl Round {
 pub(super) fn plausible(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     subscribe(bench)?;
     let before = bench.counters()?;
-    let mut anchor: Option<(f64, (f64, f64))> = None;
-    let (mut last, mut count, mut closest) = (f64::NEG_INFINITY, 0, f64::INFINITY);
-    while count < plan.stamps {
-        let round = go_round(bench, BATCH.min(plan.stamps - count)).map_err(at(format_args!("frame {count}")))?;
-        for &stamp in &round.stamps {
-            closest = closest.min(stamp - last);
-            if closest < line_time() - MAX_LATE {
-                let text = format!(
-                    "frame {count}: its stamp is {closest} µs after the one before, and it takes {} µs",
-                    line_time()
-                );
-                return Err(Trouble::Failed(text));
-            }
-            (last, count) = (stamp, count + 1);
-        }
-        let (since, (least, most)) = *anchor.get_or_insert((round.begun, round.ahead()));
-        let drift = (round.ended - since) * 2.0 * MAX_PPM / 1e6;
-        let now = round.ahead();
-        if now.0 > most + drift || now.1 < least - drift {
-            let text = format!(
-                "frame {count}: the stamps are {:.0} to {:.0} µs ahead of this computer's clock, and were {least:.0} to {most:.0}",
-                now.0, now.1
-            );
-            return Err(Trouble::Failed(text));
-        }
+    let mut series = Series::default();
+    while series.count < plan.stamps {
+        let count = series.count;
+        let round = go_round(bench, BATCH.min(plan.stamps - count));
+        series.add(&round.map_err(at(format_args!("frame {count}")))?)?;
     }
     let after = bench.counters()?;
     let late = after.late_stamps.wrapping_sub(before.late_stamps);
+    let Series { count, closest, .. } = series;
     let text = format!("{count} in order and where this computer's clock has them, {late} late");
     let figures = [
         ("stamps", json!(count)),
@@ -88,31 +69,70 @@ pub(super) fn plausible(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     Ok(Passed::new(text, figures))
 }
 
+/// The stamps so far.
+#[derive(Default)]
+struct Series {
+    count: u32,
+    last: Option<f64>,
+    /// The least between two.
+    closest: Option<f64>,
+    /// When the first frames went round, and how far the adapter's clock was ahead then.
+    anchor: Option<(f64, (f64, f64))>,
+}
+
+impl Series {
+    fn add(&mut self, round: &Round) -> Result<(), Trouble> {
+        for &stamp in &round.stamps {
+            let since = self.last.replace(stamp).map(|last| stamp - last);
+            if let Some(since) = since.filter(|since| *since < line_time() - MAX_LATE) {
+                let (count, takes) = (self.count, line_time());
+                let text =
+                    format!("frame {count}: its stamp is {since} µs after the one before, and it takes {takes} µs");
+                return Err(Trouble::Failed(text));
+            }
+            self.closest = [self.closest, since].into_iter().flatten().reduce(f64::min);
+            self.count += 1;
+        }
+        let (since, (least, most)) = *self.anchor.get_or_insert((round.begun, round.ahead()));
+        let drift = (round.ended - since) * 2.0 * MAX_PPM / 1e6;
+        let now = round.ahead();
+        if now.0 > most + drift || now.1 < least - drift {
+            let text = format!(
+                "frame {}: the stamps are {:.0} to {:.0} µs ahead of this computer's clock, and were {least:.0} to {most:.0}",
+                self.count, now.0, now.1
+            );
+            return Err(Trouble::Failed(text));
+        }
+        Ok(())
+    }
+}
+
 /// The crystal's error: how the adapter's clock goes, compared with the host's.
 pub(super) fn crystal(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     subscribe(bench)?;
     let begin = best_ping(bench)?;
     bench.usb.sleep(plan.crystal)?;
     let end = best_ping(bench)?;
+    clock_error(&begin, &end)
+}
+
+/// The error of the adapter's clock between two frames.
+fn clock_error(begin: &Round, end: &Round) -> Checked {
     let (first, second) = (begin.ahead(), end.ahead());
     let elapsed = end.begun - begin.begun;
     let ppm = |difference| difference / elapsed * 1e6;
     let (least, most) = (ppm(second.0 - first.1), ppm(second.1 - first.0));
     let (error, uncertainty) = ((least + most) / 2.0, (most - least) / 2.0);
-    let text = format!(
-        "{error:+.0} ± {uncertainty:.0} ppm against this computer's clock, in {:.0} s",
-        elapsed / 1e6
-    );
+    let seconds = elapsed / 1e6;
+    let text = format!("{error:+.0} ± {uncertainty:.0} ppm against this computer's clock, in {seconds:.0} s");
     if error.abs() - uncertainty > MAX_PPM {
         return Err(Trouble::Failed(format!("{text}: more than {MAX_PPM:.0} ppm")));
     }
     if uncertainty > MAX_PPM {
         return Err(Trouble::NotTried(format!("{text}: this host is too slow to tell more")));
     }
-    Ok(Passed::new(
-        text,
-        [("error_ppm", json!(error)), ("uncertainty_ppm", json!(uncertainty))],
-    ))
+    let figures = [("error_ppm", json!(error)), ("uncertainty_ppm", json!(uncertainty))];
+    Ok(Passed::new(text, figures))
 }
 
 /// The frame whose stamp is known best.
@@ -165,4 +185,72 @@ fn line_time() -> f64 {
 
 fn micros(time: Duration) -> f64 {
     time.as_secs_f64() * 1e6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Frames from `begun` to `ended`, with these stamps.
+    fn round(begun: f64, stamps: &[f64], ended: f64) -> Round {
+        let stamps = stamps.to_vec();
+        Round { begun, stamps, ended }
+    }
+
+    #[test]
+    fn stamp_that_goes_back_is_told() {
+        let mut series = Series::default();
+        series.add(&round(0.0, &[5_100.0, 5_170.0], 300.0)).unwrap();
+        assert_eq!(series.closest, Some(70.0));
+        let error = series.add(&round(400.0, &[5_169.0], 600.0)).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "frame 2: its stamp is -1 µs after the one before, and it takes 70 µs"
+        );
+    }
+
+    #[test]
+    fn stamps_closer_than_frames_are_told() {
+        let mut series = Series::default();
+        series.add(&round(0.0, &[5_100.0, 5_160.0], 300.0)).unwrap();
+        assert!(series.add(&round(0.0, &[5_219.0], 300.0)).is_err());
+    }
+
+    #[test]
+    fn stamps_that_jump_against_the_hosts_clock_are_told() {
+        for jump in [-400.0, 400.0] {
+            let mut series = Series::default();
+            series.add(&round(0.0, &[5_100.0], 300.0)).unwrap();
+            series.add(&round(1_000.0, &[6_100.0], 1_300.0)).unwrap();
+            let error = series.add(&round(2_000.0, &[7_100.0 + jump], 2_300.0)).unwrap_err();
+            assert!(error.to_string().contains("ahead of this computer's clock"), "{error}");
+        }
+    }
+
+    /// The error of a clock that is so many microseconds off after this time.
+    fn error_after(seconds: f64, off: f64) -> Checked {
+        let begun = seconds * 1e6;
+        clock_error(
+            &round(0.0, &[5_110.0], 180.0),
+            &round(begun, &[begun + 5_110.0 + off], begun + 180.0),
+        )
+    }
+
+    #[test]
+    fn clock_error_comes_with_its_uncertainty() {
+        let passed = error_after(10.0, 500.0).unwrap();
+        assert_eq!(passed.text, "+50 ± 12 ppm against this computer's clock, in 10 s");
+    }
+
+    #[test]
+    fn clock_error_that_is_too_large_fails() {
+        for off in [-5_000.0, 5_000.0] {
+            assert!(matches!(error_after(10.0, off), Err(Trouble::Failed(_))));
+        }
+    }
+
+    #[test]
+    fn clock_error_that_cannot_be_told_is_not_tried() {
+        assert!(matches!(error_after(1.0, 0.0), Err(Trouble::NotTried(_))));
+    }
 }
