@@ -241,8 +241,8 @@ impl Bulks {
         }
     }
 
-    /// Selects the only setting again.
-    fn set_setting(mut self) -> Result<Self, UsbError> {
+    /// Selects the only setting again, and returns whether that succeeded with the interface.
+    fn set_setting(mut self) -> Result<(Self, Result<(), nusb::Error>), UsbError> {
         self.end_writes();
         self.end_reads();
         let Self {
@@ -252,8 +252,9 @@ impl Bulks {
             interface,
         } = self;
         drop((input, output));
-        interface.set_alt_setting(0).wait().map_err(host)?;
-        Self::open_with(interface, unread).map_err(host)
+        let result = interface.set_alt_setting(0).wait();
+        let bulks = Self::open_with(interface, unread).map_err(host)?;
+        Ok((bulks, result))
     }
 
     fn close(mut self) {
@@ -310,9 +311,9 @@ impl Usb for LinuxUsb {
 
     fn set_interface(&mut self) -> Result<(), UsbError> {
         let adapter = self.adapter.take().ok_or(UsbError::Gone)?;
-        let port = adapter.port.set_setting()?;
+        let (port, result) = adapter.port.set_setting()?;
         self.adapter = Some(Adapter { port, ..adapter });
-        Ok(())
+        result.map_err(host)
     }
 
     fn set_configuration(&mut self) -> Result<(), UsbError> {
@@ -321,16 +322,17 @@ impl Usb for LinuxUsb {
         let numbers = interfaces.map(Interface::interface_number);
         // The system refuses while any interface is claimed.
         let device = adapter.close();
-        device.set_configuration(1).wait().map_err(host)?;
+        let result = device.set_configuration(1).wait();
         self.adapter = Some(Adapter::claim(device, numbers).map_err(host)?);
-        Ok(())
+        result.map_err(host)
     }
 
     fn reset(&mut self) -> Result<(), UsbError> {
         let device = self.close().ok_or(UsbError::Gone)?;
-        device.reset().wait().map_err(host)?;
+        let result = device.reset().wait();
         drop(device);
-        self.find()
+        self.find()?;
+        result.map_err(host)
     }
 
     fn reopen(&mut self) -> Result<(), UsbError> {

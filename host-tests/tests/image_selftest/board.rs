@@ -5,8 +5,9 @@ use std::mem;
 use std::time::Duration;
 
 use armwire_bridge::Instant;
+use armwire_bridge::control::Request::ResetConfig;
 use armwire_cli::selftest::{Direction, Payload, Pipe, Usb, UsbError, UsbRequest};
-use armwire_host_tests::image::MEGABAUD;
+use armwire_host_tests::image::{Control, MEGABAUD};
 use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::usb::Direction as Way;
 use armwire_virtual_board::usb::cdc::{LineCoding, Port};
@@ -98,6 +99,8 @@ pub(crate) struct BoardUsb<'b> {
     pub(crate) clock: u32,
     /// The host tells the adapter to put its data toggles back, and keeps its own.
     pub(crate) keeps_toggles: bool,
+    /// The adapter forgets what was saved when it starts again.
+    pub(crate) forgets: bool,
     /// Whether the host can suspend the bus, and does.
     pub(crate) suspend: Suspend,
 }
@@ -119,6 +122,7 @@ impl<'b> BoardUsb<'b> {
             answers: |_, answer| Ok(answer),
             clock: 1_000,
             keeps_toggles: false,
+            forgets: false,
             suspend: Suspend::Yes,
         };
         usb.open().unwrap();
@@ -241,7 +245,11 @@ impl Usb for BoardUsb<'_> {
     fn reopen(&mut self) -> Result<(), UsbError> {
         let gone = self.board().run_until(START, |board| !board.usb().connected());
         gone.map_err(error)?;
-        self.open()
+        self.open()?;
+        if self.forgets {
+            Control::open(self.board).order(self.board, ResetConfig);
+        }
+        Ok(())
     }
 
     fn suspend(&mut self, span: Duration) -> Result<(), UsbError> {

@@ -298,6 +298,12 @@ fn flash_that_takes_nothing_is_told() {
 }
 
 #[test]
+fn save_that_is_forgotten_is_told() {
+    let text = failure_with("saves", |usb| usb.forgets = true);
+    assert_eq!(text, "after a restart the configuration is not the last one saved");
+}
+
+#[test]
 fn configuration_is_as_before() {
     let mut board = start(Jumper::default());
     BoardUsb::new(&mut board);
