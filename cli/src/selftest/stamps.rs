@@ -21,9 +21,9 @@ const PINGS: u32 = 40;
 const MAX_PPM: f64 = 100.0;
 /// Stamps are in whole microseconds.
 const ROUNDING: f64 = 1.0;
-/// How much later than the frame's end a stamp may be that is not counted as late, in microseconds: another interrupt may
-/// run before the UART's. The worst that was measured is 5 (docs/performance.md).
-const MAX_LATE: f64 = 10.0;
+/// How much later than the frame's end a stamp may be, in microseconds: another interrupt may run before the UART's. On the
+/// virtual board, by the core's own timing, 8 is the worst of a run.
+const MAX_LATE: f64 = 20.0;
 
 /// Frames that went round, and their stamps. All times are in microseconds, of the host's clock but for the stamps.
 pub(super) struct Round {
@@ -212,8 +212,8 @@ mod tests {
     #[test]
     fn stamps_closer_than_frames_are_told() {
         let mut series = Series::default();
-        series.add(&round(0.0, &[5_100.0, 5_160.0], 300.0)).unwrap();
-        assert!(series.add(&round(0.0, &[5_219.0], 300.0)).is_err());
+        series.add(&round(0.0, &[5_100.0, 5_150.0], 300.0)).unwrap();
+        assert!(series.add(&round(0.0, &[5_199.0], 300.0)).is_err());
     }
 
     #[test]
@@ -239,7 +239,7 @@ mod tests {
     #[test]
     fn clock_error_comes_with_its_uncertainty() {
         let passed = error_after(10.0, 500.0).unwrap();
-        assert_eq!(passed.text, "+50 ± 12 ppm against this computer's clock, in 10 s");
+        assert_eq!(passed.text, "+50 ± 13 ppm against this computer's clock, in 10 s");
     }
 
     #[test]

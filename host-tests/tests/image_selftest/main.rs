@@ -86,14 +86,30 @@ fn failure_with(name: &str, fault: impl FnOnce(&mut BoardUsb<'_>)) -> String {
     failure(&checks, name)
 }
 
-#[test]
-fn adapter_with_a_jumper_passes() {
-    let mut board = start(Jumper::default());
+/// Expects each check to pass on a board of this kind.
+fn passes(exact_cycles: bool, timing: Timing) {
+    let config = Config {
+        exact_cycles,
+        timing,
+        ..Config::new(path(), Jumper::default())
+    };
+    let mut board = VirtualBoard::start(config).unwrap();
     let checks = checks_of(&mut BoardUsb::new(&mut board), &Plan::default());
     let not_ok: Vec<_> = checks.iter().filter(|check| check.result.is_err()).collect();
     assert!(not_ok.is_empty(), "{not_ok:?}");
     assert_eq!(checks.len(), 13);
     board.report().unwrap().check().unwrap();
+}
+
+#[test]
+fn adapter_with_a_jumper_passes() {
+    passes(false, Timing::Typical);
+}
+
+/// As slow as a real one.
+#[test]
+fn adapter_of_exact_cycles_passes() {
+    passes(true, Timing::Worst);
 }
 
 #[test]
