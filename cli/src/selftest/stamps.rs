@@ -123,8 +123,9 @@ fn clock_error(begin: &Round, end: &Round) -> Checked {
     let ppm = |difference| difference / elapsed * 1e6;
     let (least, most) = (ppm(second.0 - first.1), ppm(second.1 - first.0));
     let (error, uncertainty) = ((least + most) / 2.0, (most - least) / 2.0);
-    let seconds = elapsed / 1e6;
-    let text = format!("{error:+.0} ± {uncertainty:.0} ppm against this computer's clock, in {seconds:.0} s");
+    // Negative zero becomes zero.
+    let (rounded, seconds) = (error.round() + 0.0, elapsed / 1e6);
+    let text = format!("{rounded:+.0} ± {uncertainty:.0} ppm against this computer's clock, in {seconds:.0} s");
     if error.abs() - uncertainty > MAX_PPM {
         return Err(Trouble::Failed(format!("{text}: more than {MAX_PPM:.0} ppm")));
     }

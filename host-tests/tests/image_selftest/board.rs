@@ -97,6 +97,8 @@ pub(crate) struct BoardUsb<'b> {
     pub(crate) answers: fn(&UsbRequest<'_>, Vec<u8>) -> Result<Vec<u8>, UsbError>,
     /// The rate of the host's clock, in parts per thousand.
     pub(crate) clock: u32,
+    /// What the system adds to each operation.
+    pub(crate) latency: Duration,
     /// The host tells the adapter to put its data toggles back, and keeps its own.
     pub(crate) keeps_toggles: bool,
     /// The adapter forgets what was saved when it starts again.
@@ -121,6 +123,7 @@ impl<'b> BoardUsb<'b> {
             board,
             answers: |_, answer| Ok(answer),
             clock: 1_000,
+            latency: Duration::ZERO,
             keeps_toggles: false,
             forgets: false,
             suspend: Suspend::Yes,
@@ -191,11 +194,13 @@ impl Usb for BoardUsb<'_> {
             Pipe::Port => board.usb().unread(),
             Pipe::Control => board.usb().vendor().unread(),
         };
+        let latency = nanos(self.latency);
         let board = self.board();
         match board.run_until(nanos(wait), |board| unread(board) > 0) {
             Ok(_) | Err(Error::TimedOut { .. }) => {}
             Err(failure) => return Err(error(failure)),
         }
+        board.run_for(latency).map_err(error)?;
         Ok(match pipe {
             Pipe::Port => board.usb().read(),
             Pipe::Control => board.usb().vendor().read(),

@@ -16,7 +16,7 @@ use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
 use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{self, LingArm};
 use armwire_virtual_board::line::Fault as ByteFault;
-use armwire_virtual_board::{Chip, Config, Crystal, Timing, VirtualBoard};
+use armwire_virtual_board::{Chip, Config, Crystal, Nanos, Timing, VirtualBoard};
 
 use board::{BoardUsb, Fault, Jumper, Suspend};
 
@@ -110,6 +110,20 @@ fn adapter_with_a_jumper_passes() {
 #[test]
 fn adapter_of_exact_cycles_passes() {
     passes(true, Timing::Worst);
+}
+
+/// A busy computer, whose host controller comes back once in a frame.
+#[test]
+fn adapter_on_a_slow_host_passes() {
+    let mut board = start(Jumper::default());
+    let mut usb = BoardUsb::new(&mut board);
+    usb.latency = Duration::from_millis(3);
+    usb.board.usb().set_poll_interval(Nanos::from_millis(1));
+    let checks = checks_of(&mut usb, &only(&[]));
+    let failed: Vec<_> = checks.iter().filter(|check| check.has_failed()).collect();
+    assert!(failed.is_empty(), "{failed:?}");
+    // In five seconds it can tell no more.
+    assert!(reason(&checks, "crystal").contains("too slow to tell"));
 }
 
 #[test]
