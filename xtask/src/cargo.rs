@@ -32,14 +32,18 @@ pub(crate) fn cargo(words: &str) -> Command {
 pub(crate) fn cargo_at(program: impl AsRef<OsStr>, words: &str) -> Command {
     let mut cargo = Command::new(program);
     cargo.args(words.split_whitespace()).current_dir(root());
-    // `cargo run` set them for our own package. Build scripts would see them change and run again.
+    forget_our_package(&mut cargo);
+    cargo
+}
+
+/// Removes what `cargo run` set for our own package. Build scripts would see it change and run again.
+pub(crate) fn forget_our_package(command: &mut Command) {
     for (name, _) in env::vars_os() {
         let name = name.to_string_lossy();
         if name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_") {
-            cargo.env_remove(&*name);
+            command.env_remove(&*name);
         }
     }
-    cargo
 }
 
 /// `cargo <words>`, where the first word names one of [`TOOLS`]. Installs it if it is missing.

@@ -8,7 +8,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::cargo::{cargo, target_dir};
+use crate::cargo::{cargo, forget_our_package, target_dir};
 use crate::process::{output, run};
 use crate::vendor::served::ServedBoard;
 use crate::workspace::root;
@@ -155,6 +155,7 @@ impl Environment {
 
     fn python(&self) -> Command {
         let mut python = Command::new(self.dir.join("bin/python"));
+        forget_our_package(&mut python);
         // Nothing is to be written beside the sources.
         python.arg("-B");
         python
@@ -170,6 +171,7 @@ impl Environment {
             env::join_paths([bin].into_iter().chain(env::split_paths(&path)))?,
         );
         tool.env("VIRTUAL_ENV", &self.dir).current_dir(python_dir());
+        forget_our_package(&mut tool);
         Ok(tool)
     }
 

@@ -115,8 +115,8 @@ def joint_state(counts: tuple[tuple[int, ...], int, int]) -> JointState:
 class Ling(Open):
     """A Ling arm (Alicia-D) on a port.
 
-    Calls wait for the answer, 160 ms at most for an arm that is silent; reads are repeated twice in that time. Other
-    threads run meanwhile, and may use the same object: calls take turns. Ctrl-C ends a call.
+    Calls wait for the answer. Reads are repeated twice, and fail after 0.4 s where an arm is silent. Other threads run
+    meanwhile, and may use the same object: calls take turns. Ctrl-C ends a call.
 
     Calls raise the exceptions of `armwire.errors`.
 
