@@ -1,5 +1,8 @@
+import select
+import socket
 import threading
 import time
+import tty
 
 import numpy as np
 import pytest
@@ -178,6 +181,31 @@ def test_python_runs_while_an_arm_is_waited_for() -> None:
             time.sleep(0.001)
             turns += 1
     assert turns > 50
+
+
+def test_arm_is_reached_by_tcp(virtual: sim.VirtualLing) -> None:
+    # A server of the arm's serial port, for one client.
+    with socket.create_server(("127.0.0.1", 0)) as server, open(virtual.port, "r+b", buffering=0) as serial:
+        tty.setraw(serial)
+
+        def serve() -> None:
+            client, _ = server.accept()
+            with client:
+                while True:
+                    ready, _, _ = select.select([client, serial], [], [])
+                    if client in ready:
+                        if not (request := client.recv(100)):
+                            return
+                        serial.write(request)
+                    if serial in ready:
+                        client.sendall(serial.read(100))
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        with armwire.Ling(f"tcp:127.0.0.1:{server.getsockname()[1]}") as arm:
+            assert arm.read_info().kind == "follower"
+            assert arm.read_joints().ticks == (2048,) * 6
+        thread.join()
 
 
 def test_closed_arm_says_so_and_closes_twice(virtual: sim.VirtualLing) -> None:

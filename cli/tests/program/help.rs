@@ -1,10 +1,7 @@
-//! Help, completions and manual pages.
+//! Help.
 
-use std::fs::{self, File};
-use std::process::Command;
-
+use crate::common::success;
 use crate::common::terminal::Terminal;
-use crate::common::{PROGRAM, free_path, success};
 
 /// All commands and their subcommands, by the words that are typed for them, with the help of each.
 fn screens(command: &[String], screens: &mut Vec<(Vec<String>, String)>) {
@@ -88,32 +85,4 @@ fn help_is_as_wide_as_the_terminal() {
             .find(|line| line.trim_end().chars().count() > columns.into());
         assert_eq!(wide, None);
     }
-}
-
-#[test]
-fn each_shell_has_completions() {
-    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
-        // A script is longer than a pipe.
-        let path = free_path(shell);
-        let mut command = Command::new(PROGRAM);
-        let command = command
-            .args(["completions", shell])
-            .stdout(File::create(&path).unwrap());
-        assert!(command.status().unwrap().success());
-        let script = fs::read_to_string(&path).unwrap();
-        fs::remove_file(path).unwrap();
-        assert!(script.contains("armwire") && script.contains("set-zero"), "{shell}");
-    }
-}
-
-#[test]
-fn each_command_has_a_manual_page() {
-    let folder = free_path("man");
-    fs::create_dir(&folder).unwrap();
-    success(&["man", folder.to_str().unwrap()]);
-    for page in ["armwire.1", "armwire-info.1", "armwire-call-ling-move.1"] {
-        let text = fs::read_to_string(folder.join(page)).unwrap();
-        assert!(text.contains(".SH NAME"), "{page}");
-    }
-    fs::remove_dir_all(folder).unwrap();
 }

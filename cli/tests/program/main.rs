@@ -19,6 +19,8 @@ mod motion;
 mod pty;
 #[cfg(target_os = "linux")]
 mod selftest;
+#[cfg(feature = "shell")]
+mod shell;
 mod sim_xarm;
 mod tcp;
 mod versions;
