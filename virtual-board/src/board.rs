@@ -1,4 +1,4 @@
-//! The board as a program uses it.
+//! The board's API.
 
 mod can;
 mod usb;
@@ -36,21 +36,21 @@ use crate::usb::vendor::Vendor;
 pub use self::can::Can;
 pub use self::usb::{Pipe, Usb};
 
-/// How often a waiting program looks even if nothing happens on the USB wire.
+/// Polling period of a waiting program without events on the USB wire.
 const GLANCE: Nanos = Nanos::from_millis(1);
 
 /// The symbol of the firmware's log, if it has one.
 const RTT: &str = "_SEGGER_RTT";
 
-/// How long a power cycle leaves the board without power.
+/// Duration without power in a power cycle.
 const POWER_OFF: Nanos = Nanos::from_millis(10);
 
-/// What a virtual board is made of.
+/// The parts of a virtual board.
 #[derive(Clone, Debug)]
 pub struct Config<A> {
     /// The firmware: an ELF file.
     pub image: PathBuf,
-    /// The chip. `None` is the one that the image is for, which the length of its vector table tells.
+    /// The chip. `None`: the image's chip, from the length of its vector table.
     pub chip: Option<Chip>,
     /// The arm on the UART.
     pub arm: A,
@@ -58,32 +58,32 @@ pub struct Config<A> {
     pub arm_baud: u32,
     /// The crystal.
     pub crystal: Crystal,
-    /// The frequency of the part's internal oscillator in hertz, nominally 16 MHz. The STM32F405's is up to 8 % slower and
-    /// 4.5 % faster (DS8626, 5.3.9).
+    /// The frequency of the chip's internal oscillator in hertz, nominally 16 MHz. That of the STM32F405 is −8 % to
+    /// +4.5 % off (DS8626, 5.3.9).
     pub internal_hz: u32,
-    /// The part's DBGMCU_IDCODE: its revision (RM0090, 38.6.1).
+    /// The chip's DBGMCU_IDCODE: its revision (RM0090, 38.6.1).
     pub idcode: u32,
-    /// The part's unique id.
+    /// The chip's unique id.
     pub unique_id: [u8; 12],
-    /// Which bytes meet faults, where rates say how many do, what a power cut leaves in the flash, and the times that
-    /// [`timing`](Self::timing) draws.
+    /// The seed of the fault positions at given rates, of the flash content after a loss of power, and of the times
+    /// drawn by [`timing`](Self::timing).
     pub seed: u64,
-    /// How long flash operations take, and the steps of the STM32F405's USB controller.
+    /// Duration of flash operations, and of the steps of the STM32F405's USB controller.
     pub timing: Timing,
-    /// What the flash holds where the image has nothing, all [its bytes](Chip::flash_size): what [`VirtualBoard::flash`] of an
-    /// earlier board gave. `None` is erased.
+    /// The flash content outside the image, with all [bytes](Chip::flash_size): that of [`VirtualBoard::flash`] of an
+    /// earlier board. `None` is erased.
     pub flash: Option<Vec<u8>>,
-    /// After how many flash operations, each a sector erased or a word programmed, the power goes in the middle of the
-    /// next one.
+    /// Number of flash operations (a sector erased or a word programmed) after which the power fails in the middle of
+    /// the next.
     pub power_cut_after: Option<u32>,
-    /// What a DMA stream does that is enabled again.
+    /// Behaviour of a DMA stream that is enabled again.
     pub reenabled: Reenabled,
-    /// The virtual time that a cycle takes, in percent of the clock's. More than 100 is a slower core beside the same
-    /// peripherals, to see what firmware does that has too little time.
+    /// The virtual duration of a cycle, in percent of the clock's. More than 100 simulates a slower core with the same
+    /// peripherals, to test firmware with too little time.
     pub instruction_cost: NonZeroU32,
-    /// Whether an instruction takes the cycles that it takes a Cortex-M4 with the chip's flash, rather than one.
+    /// True for the cycles of a Cortex-M4 with the chip's flash, false for one cycle per instruction.
     pub exact_cycles: bool,
-    /// The TCP port on which gdb may attach, on this machine only.
+    /// The TCP port for gdb, on this machine only.
     pub gdb: Option<u16>,
 }
 
@@ -111,7 +111,7 @@ impl<A> Config<A> {
     }
 }
 
-/// Why a board does not do what was asked.
+/// Errors of a board.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -120,66 +120,66 @@ pub enum Error {
     Image {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
-    /// A port for gdb cannot be had.
+    /// The port for gdb is not available.
     #[error("cannot listen on {address}: {error}")]
     Listen {
-        /// Where.
+        /// The address.
         address: String,
-        /// Why not.
+        /// The error.
         error: io::Error,
     },
-    /// The run ended by itself.
+    /// The run ended unexpectedly.
     #[error("the virtual board stopped: {0}")]
     Ended(String),
-    /// The firmware is broken.
+    /// The firmware crashed.
     #[error("the firmware crashed at {at}: {crash}")]
     Crashed {
-        /// How.
+        /// The cause.
         crash: Crash,
-        /// When.
+        /// The time.
         at: Nanos,
     },
-    /// The power was cut in the middle of a flash operation.
+    /// The power failed in the middle of a flash operation.
     #[error("the power was cut at {at}, in flash operation {operation}")]
     PowerCut {
-        /// When.
+        /// The time.
         at: Nanos,
-        /// Which operation, from 1.
+        /// The number of the operation, from 1.
         operation: u32,
     },
-    /// There is neither memory nor a register at an address that was to be read or written.
+    /// There is neither memory nor a register at an address.
     #[error("nothing at {address:#010x}")]
     Nothing {
         /// The address.
         address: u64,
     },
-    /// The contents for the flash do not fit it.
+    /// The flash content has the wrong size.
     #[error("{got} bytes for the flash, which has {size}")]
     FlashSize {
-        /// How many there were.
+        /// The size given, in bytes.
         got: usize,
-        /// How many the flash has.
+        /// The size of the flash, in bytes.
         size: usize,
     },
-    /// The image is for no chip that the board can have.
+    /// The image is for no supported chip.
     #[error("no chip has {interrupts} interrupts, as the image's vector table")]
     UnknownChip {
         /// Interrupts in the image's vector table.
         interrupts: u64,
     },
-    /// What the program waited for did not happen in time.
+    /// The awaited event did not occur in time.
     #[error("it did not happen within {limit}")]
     TimedOut {
-        /// How long the program wanted to wait.
+        /// The time limit.
         limit: Nanos,
     },
     /// No device pulled D+ up.
     #[error("no USB device appeared within {limit}")]
     NoDevice {
-        /// How long the host waited.
+        /// The time limit.
         limit: Nanos,
     },
     /// The device could not be enumerated.
@@ -188,12 +188,12 @@ pub enum Error {
     /// A request failed.
     #[error("USB request: {0}")]
     Transfer(#[from] TransferError),
-    /// The device has no such serial port.
+    /// The device does not have this serial port.
     #[error("the device has {count} serial ports, not number {nth}")]
     NoPort {
-        /// Which was asked for, from 0.
+        /// The requested port, from 0.
         nth: usize,
-        /// How many there are.
+        /// The number of ports.
         count: usize,
     },
     /// The device has no vendor-specific interface with a pair of bulk endpoints.
@@ -202,20 +202,20 @@ pub enum Error {
     /// The interface is not open.
     #[error("the interface of the device is not open")]
     NotOpen,
-    /// The node knows no FD frames, or only listens.
+    /// The node does not support FD frames, or is listen-only.
     #[error("the CAN node cannot send this frame: it knows no FD frames, or only listens")]
     FdFrame,
-    /// The pty that stands in for the serial port fails.
+    /// The pty for the serial port failed.
     #[error("pty: {0}")]
     Serve(io::Error),
-    /// The run did what it should not.
+    /// The run has violations.
     #[error(transparent)]
     Violations(#[from] Violations),
 }
 
-/// A board that runs a firmware image in virtual time, which passes only while a call runs it.
+/// A board that runs a firmware image in virtual time. Time advances only in calls that run the board.
 ///
-/// Everything is deterministic: the same calls on the same image give the same bytes at the same nanoseconds.
+/// Everything is deterministic: the same calls with the same image give the same bytes at the same nanoseconds.
 #[derive(Debug)]
 pub struct VirtualBoard<A: Arm> {
     line: SharedLine<A>,
@@ -226,7 +226,7 @@ pub struct VirtualBoard<A: Arm> {
     chip: Chip,
     engine: Box<dyn Engine>,
     interrupt: Arc<AtomicBool>,
-    /// Where gdb may attach.
+    /// The address for gdb.
     gdb: Option<SocketAddr>,
     now: Nanos,
     instructions: u64,
@@ -235,19 +235,19 @@ pub struct VirtualBoard<A: Arm> {
     in_boot_loader: bool,
     crashes: Vec<Violation>,
     symbols: BTreeMap<String, u64>,
-    /// The device, as long as the host's [`epoch`](Host::epoch) is this.
+    /// The device, valid for this [`epoch`](Host::epoch) of the host.
     device: Option<(u64, Enumerated)>,
-    /// What the program has open on the device.
+    /// The program's open interfaces of the device.
     port: Option<Port>,
     vendor: Option<Vendor>,
 }
 
 impl<A: Arm> VirtualBoard<A> {
-    /// Powers the board up: the image is in its flash, and nothing has run yet. The USB cable is not in.
+    /// Powers the board up with the image in its flash. No instruction has run yet. The USB cable is unplugged.
     ///
     /// # Errors
     ///
-    /// When the image cannot be run, or a TCP port cannot be had.
+    /// If the image cannot be run, or a TCP port is not available.
     pub fn start(config: Config<A>) -> Result<Self, Error> {
         let image = Image::read(&config.image)?;
         Self::start_image(image, config)
@@ -319,7 +319,7 @@ impl<A: Arm> VirtualBoard<A> {
         self.chip
     }
 
-    /// How much virtual time has passed since power-on.
+    /// The virtual time since power-on.
     pub fn now(&self) -> Nanos {
         self.now
     }
@@ -329,7 +329,7 @@ impl<A: Arm> VirtualBoard<A> {
         self.busy
     }
 
-    /// How many instructions the core has executed since power-on. It executes none while it sleeps.
+    /// Number of instructions executed since power-on. The core executes none while it sleeps.
     pub fn instructions(&self) -> u64 {
         self.instructions
     }
@@ -338,7 +338,7 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// # Errors
     ///
-    /// [`Error::Crashed`] if the firmware crashes meanwhile, at that instant; it can be run on.
+    /// [`Error::Crashed`] if the firmware crashes, at that instant; the board can continue to run.
     pub fn run_for(&mut self, span: impl Into<Nanos>) -> Result<(), Error> {
         let until = self.now + span.into();
         while self.now < until {
@@ -347,13 +347,13 @@ impl<A: Arm> VirtualBoard<A> {
         Ok(())
     }
 
-    /// Runs until `done` says so, and returns how long that took. It is asked at once, after every packet, connection and
-    /// reset on the USB wire, after every frame on the CAN bus, at the start of the boot
-    /// loader, and every millisecond.
+    /// Runs until `done` returns true, and returns the duration. `done` is called at once, after every packet,
+    /// connection and reset on the USB wire, after every frame on the CAN bus, at the start of the boot loader, and
+    /// every millisecond.
     ///
     /// # Errors
     ///
-    /// [`Error::TimedOut`] if it does not come to that within `limit`, [`Error::Crashed`] as for
+    /// [`Error::TimedOut`] if `done` does not return true within `limit`, [`Error::Crashed`] as for
     /// [`run_for`](Self::run_for).
     pub fn run_until(
         &mut self,
@@ -371,9 +371,9 @@ impl<A: Arm> VirtualBoard<A> {
         Ok(self.now.since(start))
     }
 
-    /// Runs until the nodes on the CAN bus have [received](Can::unread) something from the board that was not read yet, for
-    /// `limit` at most, and returns whether they have. It looks after every frame on the bus, and nothing else stops the
-    /// board: where much happens, this is faster than [`run_until`](Self::run_until).
+    /// Runs until the nodes on the CAN bus have [unread frames](Can::unread) from the board, for at most `limit`.
+    /// Returns true if they have. The check follows every frame on the bus, and nothing else stops the board: with much
+    /// traffic this is faster than [`run_until`](Self::run_until).
     ///
     /// # Errors
     ///
@@ -410,56 +410,56 @@ impl<A: Arm> VirtualBoard<A> {
         })
     }
 
-    /// A flag that ends the run once it is set, even while a debugger holds the processor.
+    /// A flag that ends the run when set, even while a debugger halts the processor.
     pub(crate) fn interrupt(&self) -> Arc<AtomicBool> {
         self.interrupt.clone()
     }
 
-    /// Where gdb may attach, if it may.
+    /// The address for gdb, if enabled.
     pub(crate) fn gdb(&self) -> Option<SocketAddr> {
         self.gdb
     }
 
-    /// Gives the arm to `use_it`, while time stands still.
+    /// Calls `use_it` with the arm. Time does not advance.
     pub fn with_arm<R>(&mut self, use_it: impl FnOnce(&mut A) -> R) -> R {
         use_it(lock(&self.line).arm_mut())
     }
 
-    /// Whether the firmware started the boot loader in the part's ROM, and no reset came since. What stands in its place
-    /// does nothing.
+    /// Returns true if the firmware has started the ROM boot loader since the last reset. The boot loader is a stub
+    /// without function.
     pub fn is_in_boot_loader(&self) -> bool {
         self.in_boot_loader
     }
 
-    /// What the flash holds, all [its bytes](Chip::flash_size).
+    /// The flash content, with all [bytes](Chip::flash_size).
     pub fn flash(&self) -> Vec<u8> {
         lock(&self.flash).bytes().to_vec()
     }
 
-    /// How many flash operations were started: sectors erased and words programmed.
+    /// Number of flash operations started: sectors erased and words programmed.
     pub fn flash_operations(&self) -> u32 {
         lock(&self.flash).operations()
     }
 
-    /// Lets `operations` more flash operations end, and cuts the power in the middle of the next one: the call that runs
-    /// the board then fails with [`Error::PowerCut`].
+    /// Completes `operations` more flash operations, and cuts the power in the middle of the next one: the call that
+    /// runs the board then fails with [`Error::PowerCut`].
     pub fn cut_power_after(&mut self, operations: u32) {
         lock(&self.flash).cut_after(Some(operations));
     }
 
-    /// When each erase of a sector began and ended.
+    /// Start and end of each sector erase.
     pub fn erases(&self) -> Vec<(Nanos, Nanos)> {
         lock(&self.flash).erases.clone()
     }
 
-    /// Sets the supply's voltage, 3300 mV at first. On the STM32F405 a flash operation below 2.7 V fails and is a
-    /// [violation](crate::report::Violation::Forbidden), and the voltage detector sees it; nothing else is affected.
+    /// Sets the supply voltage, initially 3300 mV. On the STM32F405 a flash operation below 2.7 V fails and is a
+    /// [violation](crate::report::Violation::Forbidden), and the voltage detector reacts; nothing else is affected.
     pub fn set_supply(&mut self, millivolts: u32) {
         lock(&self.flash).millivolts = millivolts;
     }
 
-    /// Takes the board's power away, if it still has it, and gives it back 10 ms later. The flash keeps what it held,
-    /// and so does the memory, which a real board's may or may not. The arm and the cables stay as they are.
+    /// Switches the board's power off, if it is on, and on again 10 ms later. The flash keeps its content, and so does
+    /// the RAM, which a real board may lose. The arm and the cables stay unchanged.
     ///
     /// # Errors
     ///
@@ -475,7 +475,7 @@ impl<A: Arm> VirtualBoard<A> {
         Ok(())
     }
 
-    /// Puts another crystal on the board. One that runs goes on as it was until it is switched off.
+    /// Replaces the crystal. A running crystal stays as it was until it is switched off.
     pub fn set_crystal(&mut self, crystal: Crystal) {
         lock(&self.oscillator).crystal = crystal;
     }
@@ -495,18 +495,18 @@ impl<A: Arm> VirtualBoard<A> {
         Usb { board: self }
     }
 
-    /// Where the image has the symbol whose mangled name contains `part`. `None` if there is none, or more than one.
+    /// The address of the symbol whose mangled name contains `part`. `None` unless there is exactly one.
     pub fn symbol(&self, part: &str) -> Option<u64> {
         let mut found = self.symbols.iter().filter(|(name, _)| name.contains(part));
         let (_, &address) = found.next()?;
         found.next().is_none().then_some(address)
     }
 
-    /// Writes a word to memory or to a register, as a debugger does while time stands still.
+    /// Writes a word to memory or a register, as a debugger does. Time does not advance.
     ///
     /// # Errors
     ///
-    /// [`Error::Nothing`] if there is nothing at `address`.
+    /// [`Error::Nothing`] if `address` has neither.
     pub fn write_word(&mut self, address: u64, value: u32) -> Result<(), Error> {
         if self.engine.write(address, value)? {
             Ok(())
@@ -515,31 +515,31 @@ impl<A: Arm> VirtualBoard<A> {
         }
     }
 
-    /// Reads a word of memory or of a register, as a debugger does while time stands still: nothing is changed by it.
+    /// Reads a word of memory or a register without side effects, as a debugger does. Time does not advance.
     ///
     /// # Errors
     ///
-    /// [`Error::Nothing`] if there is nothing at `address`.
+    /// [`Error::Nothing`] if `address` has neither.
     pub fn read_word(&mut self, address: u64) -> Result<u32, Error> {
         self.engine.read(address)?.ok_or(Error::Nothing { address })
     }
 
-    /// How often the core came to each instruction since this was last asked, by its address. The first time nothing was
-    /// counted, and the count begins; the board is slower from then on.
+    /// Number of executions of each instruction since the last call, by address. The first call returns none and starts
+    /// the count; the board is slower from then on.
     ///
     /// # Errors
     ///
-    /// There is none so far.
+    /// None so far.
     pub fn profile(&mut self) -> Result<BTreeMap<u64, u64>, Error> {
         self.engine.profile()
     }
 
-    /// Lets the core stand still, as one does that is stuck with its interrupts masked, until the next reset or until it
-    /// is [let go](Self::let_core_go). All else in the part goes on.
+    /// Stops the core, as if it were stuck with interrupts masked, until the next reset or
+    /// [`let_core_go`](Self::let_core_go). The peripherals continue.
     ///
     /// # Errors
     ///
-    /// There is none so far.
+    /// None so far.
     pub fn hold_core(&mut self) -> Result<(), Error> {
         self.engine.hold(true)
     }
@@ -548,39 +548,39 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// # Errors
     ///
-    /// There is none so far.
+    /// None so far.
     pub fn let_core_go(&mut self) -> Result<(), Error> {
         self.engine.hold(false)
     }
 
-    /// What the firmware logged over RTT since this was last asked, for an image that has it.
+    /// The firmware's RTT log since the last call, if the image has one.
     pub fn log(&mut self) -> Vec<u8> {
         self.engine.log()
     }
 
-    /// What the run has met so far.
+    /// The report of the run so far.
     ///
     /// # Errors
     ///
-    /// There is none so far.
+    /// None so far.
     pub fn report(&mut self) -> Result<Report, Error> {
         let mut report = self.engine.report()?;
         report.violations.extend(self.crashes.iter().cloned());
         Ok(report)
     }
 
-    /// Fails if the firmware did anything that is not modelled and not on the [allow-list](crate::report::ALLOWED), or
-    /// crashed.
+    /// Fails if the firmware crashed, or did anything that is neither modelled nor on the
+    /// [allow-list](crate::report::ALLOWED).
     ///
     /// # Errors
     ///
-    /// [`Error::Violations`] with all of it.
+    /// [`Error::Violations`] with all violations.
     pub fn check(&mut self) -> Result<(), Error> {
         Ok(self.report()?.check()?)
     }
 
-    /// A digest of every access to a peripheral, every event in the chip, and every byte on the wires, with their
-    /// instants. Two runs with equal digests were the same.
+    /// A hash of every access to a peripheral, every event in the chip, and every byte on the wires, with their
+    /// instants. Runs with equal hashes are equal.
     pub fn trace_hash(&self) -> u64 {
         let mut trace = self.trace;
         for byte in lock(&self.line).bytes() {
@@ -628,52 +628,52 @@ pub struct Uart<'a, A> {
 }
 
 impl<A: Arm> Uart<'_, A> {
-    /// Every byte since the beginning, in the order in which they ended.
+    /// Every byte since the beginning, in the order of their ends.
     pub fn bytes(&self) -> Vec<LineByte> {
         lock(self.line).bytes().to_vec()
     }
 
-    /// The number of bytes that the core read before the DMA did, so that they are in no buffer.
+    /// Number of bytes that the core read before the DMA did. They are in no buffer.
     pub fn taken(&self) -> u32 {
         lock(self.line).taken()
     }
 
-    /// Forgets the bytes so far.
+    /// Clears the record of bytes.
     pub fn forget_bytes(&self) {
         lock(self.line).forget_bytes();
     }
 
-    /// The rate at which the board's UART runs, in bits per second.
+    /// The rate of the board's UART, in bits per second.
     pub fn baud(&self) -> Option<u64> {
         lock(self.line).board_baud()
     }
 
-    /// Whether the board's UART uses one wire both ways (30.3.10).
+    /// Returns true if the board's UART uses one wire for both directions (30.3.10).
     pub fn is_half_duplex(&self) -> bool {
         lock(self.line).is_half_duplex()
     }
 
-    /// Sets the rate of the arm's own UART, in bits per second. An arm that is more than 5 % off is not understood.
+    /// Sets the rate of the arm's own UART, in bits per second. Bytes at a rate more than 5 % off are garbled.
     pub fn set_arm_baud(&self, baud: u32) {
         lock(self.line).set_arm_baud(baud);
     }
 
-    /// What the board's UART puts around the bits of a byte.
+    /// The format of the board's UART.
     pub fn format(&self) -> Format {
         lock(self.line).board_format()
     }
 
-    /// Sets what the arm's own UART puts around the bits of a byte.
+    /// Sets the format of the arm's own UART.
     pub fn set_arm_format(&self, format: Format) {
         lock(self.line).set_arm_format(format);
     }
 
-    /// Sets how often bytes from the arm meet faults.
+    /// Sets the fault rates of bytes from the arm.
     pub fn set_fault_rates(&self, rates: FaultRates) {
         lock(self.line).set_fault_rates(rates);
     }
 
-    /// Lets the byte that the arm sends after `after` others meet a fault.
+    /// Plans a fault for the byte after `after` others from the arm.
     pub fn plan_fault(&self, after: u64, fault: Fault) {
         lock(self.line).plan_fault(after, fault);
     }

@@ -1,4 +1,4 @@
-//! The chips that the board can have.
+//! The chips of the board.
 
 use std::fmt;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::board::Error;
 use crate::image::Image;
 
-/// A chip that the firmware has an image for.
+/// A chip with a firmware image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Chip {
     /// The STM32F405RG.
@@ -15,11 +15,11 @@ pub enum Chip {
     Stm32g431,
 }
 
-/// The vectors of the core itself.
+/// Number of vectors of the core itself.
 const CORE_VECTORS: u64 = 16;
 
 impl Chip {
-    /// Bytes of the flash.
+    /// Size of the flash in bytes.
     pub const fn flash_size(self) -> usize {
         match self {
             Self::Stm32f405 => 1 << 20,
@@ -27,7 +27,7 @@ impl Chip {
         }
     }
 
-    /// Interrupts in the vector table (RM0090, table 62; RM0440, table 97).
+    /// Number of interrupts in the vector table (RM0090, table 62; RM0440, table 97).
     const fn interrupts(self) -> u64 {
         match self {
             Self::Stm32f405 => 82,
@@ -35,7 +35,7 @@ impl Chip {
         }
     }
 
-    /// The chip that an image is for, an ELF file.
+    /// The chip of an image, an ELF file.
     ///
     /// # Errors
     ///
@@ -44,12 +44,12 @@ impl Chip {
         Self::of(&Image::read(path)?)
     }
 
-    /// The chip that an image is for: each has another number of interrupts in its vector table. The STM32F405, if the image
-    /// has no section with one.
+    /// The chip of an image, by the number of interrupts in its vector table. The STM32F405 if the image has no such
+    /// section.
     ///
     /// # Errors
     ///
-    /// [`Error::UnknownChip`] if no chip has that number.
+    /// [`Error::UnknownChip`] for any other number.
     pub(crate) fn of(image: &Image) -> Result<Self, Error> {
         let vectors = image.vector_table().map(|bytes| bytes / 4);
         let Some(interrupts) = vectors.map(|vectors| vectors.saturating_sub(CORE_VECTORS)) else {
@@ -62,7 +62,7 @@ impl Chip {
     }
 }
 
-/// As the firmware calls its boards.
+/// The firmware's names of its boards.
 impl fmt::Display for Chip {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

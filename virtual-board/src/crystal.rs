@@ -1,14 +1,14 @@
-//! The crystal at the part's OSC_IN and OSC_OUT, and the part's own oscillator.
+//! The crystal at the chip's OSC_IN and OSC_OUT, and the chip's own oscillator.
 
 use crate::time::Nanos;
 
-/// A crystal as the part sees it. It keeps its frequency once it runs.
+/// A crystal, as seen by the chip. It keeps its frequency while it runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Crystal {
     /// Its frequency, in hertz.
     pub hertz: u32,
-    /// The time from when it is switched on until the part calls it ready (RM0090, 7.3.1, HSERDY). `None`: it does not
-    /// oscillate, or there is none.
+    /// The time from switching on to the ready flag (RM0090, 7.3.1, HSERDY). `None`: it does not oscillate, or there is
+    /// none.
     pub startup: Option<Nanos>,
 }
 
@@ -33,16 +33,16 @@ impl Crystal {
 /// The internal oscillator's nominal frequency, in hertz (RM0090, 7.2.2; RM0440, 7.2.2).
 pub(crate) const INTERNAL_HZ: u32 = 16_000_000;
 
-/// What the crystal does, as the clock controller, the timer that measures it and whoever runs the board share it.
+/// The state of the crystal, shared by the clock controller, the timer that measures it and the board's owner.
 #[derive(Debug)]
 pub(crate) struct Oscillator {
     pub(crate) crystal: Crystal,
     /// The frequency of the internal oscillator, in hertz.
     pub(crate) internal_hz: u32,
-    /// Its edges, divided for the real-time clock and for TIM11 (RM0090, 7.3.3, RTCPRE). `None` while it does not run, or
-    /// nothing divides it.
+    /// Its divided clock for the real-time clock and TIM11 (RM0090, 7.3.3, RTCPRE). `None` while it does not run, or
+    /// without a divider.
     pub(crate) divided: Option<Divided>,
-    /// Whether the core runs from the internal oscillator.
+    /// True if the core runs from the internal oscillator.
     pub(crate) core_is_internal: bool,
 }
 
@@ -57,10 +57,10 @@ impl Oscillator {
     }
 }
 
-/// The crystal's clock, divided.
+/// The crystal's divided clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Divided {
-    /// When it began.
+    /// The start of the clock.
     pub(crate) since: Nanos,
     pub(crate) hertz: u32,
     pub(crate) divider: u32,

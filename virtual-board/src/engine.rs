@@ -1,4 +1,4 @@
-//! A machine, whatever its chip.
+//! A machine, independent of its chip.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -8,34 +8,34 @@ use crate::report::{Crash, Report};
 use crate::time::Nanos;
 use crate::trace::Trace;
 
-/// What lets a run stop early.
+/// The events that stop a run early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Watched {
     Nothing,
-    /// Whatever happens on the USB wire, the end of a frame on the CAN bus, the start of the boot loader.
+    /// Any event on the USB wire, the end of a frame on the CAN bus, the start of the boot loader.
     Everything,
     /// The nodes on the CAN bus have received something from the board.
     Heard,
 }
 
-/// What happened that a program may wait for.
+/// Events that a program may wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct News {
-    /// Something on the USB wire, or a frame ended on the CAN bus.
+    /// An event on the USB wire, or the end of a frame on the CAN bus.
     pub(crate) any: bool,
-    /// A frame ended on the CAN bus, and nodes have some of the board's that were not read.
+    /// A frame ended on the CAN bus, and nodes have unread frames of the board.
     pub(crate) heard: bool,
     /// The power was cut in the middle of a flash operation.
     pub(crate) cut: bool,
 }
 
-/// Where a run stopped.
+/// The state in which a run stopped.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stopped {
     pub(crate) at: Nanos,
     /// Instructions since power-on.
     pub(crate) instructions: u64,
-    /// The time in which the core executed them.
+    /// Time in which the core executed them.
     pub(crate) busy: Nanos,
     pub(crate) trace: Trace,
     /// The firmware has just crashed.
@@ -43,26 +43,26 @@ pub(crate) struct Stopped {
     pub(crate) in_boot_loader: bool,
 }
 
-/// A machine, whatever its chip. Virtual time passes in [`run`](Self::run) only.
+/// A machine, independent of its chip. Virtual time advances only in [`run`](Self::run).
 pub(crate) trait Engine: Debug + Send {
-    /// Runs until this instant, or until what is watched for happens, or until the firmware crashes.
+    /// Runs until this instant, a watched event, or a crash of the firmware.
     fn run(&mut self, until: Nanos, watched: Watched) -> Result<Stopped, Error>;
 
-    /// What the run has met so far.
+    /// The report of the run so far.
     fn report(&mut self) -> Result<Report, Error>;
 
-    /// How often the core came to each instruction since this was last asked. The first time, it begins to count.
+    /// Number of executions of each instruction since the last call. The first call starts the count.
     fn profile(&mut self) -> Result<BTreeMap<u64, u64>, Error>;
 
-    /// Reads a word of memory or of a register, as a debugger does. `None` if there is nothing at the address.
+    /// Reads a word of memory or of a register, as a debugger does. `None` for a hole.
     fn read(&mut self, address: u64) -> Result<Option<u32>, Error>;
 
-    /// Writes a word to memory or to a register, as a debugger does. Whether there is anything at the address.
+    /// Writes a word to memory or to a register, as a debugger does. Returns false for a hole.
     fn write(&mut self, address: u64, value: u32) -> Result<bool, Error>;
 
-    /// Lets the core stand still until the next reset, or lets it go.
+    /// Stops the core until the next reset, or releases it.
     fn hold(&mut self, held: bool) -> Result<(), Error>;
 
-    /// What the firmware logged over RTT since this was last asked.
+    /// The firmware's RTT log since the last call.
     fn log(&mut self) -> Vec<u8>;
 }

@@ -1,4 +1,4 @@
-//! What the board's flash holds, and what happens to it without power.
+//! The content of the board's flash, and the effects of a loss of power.
 
 use crate::board::Error;
 use crate::image::Image;
@@ -6,35 +6,35 @@ use crate::soc::chance::draw;
 use crate::time::Nanos;
 use crate::timing::Clock;
 
-/// Where the flash is (RM0090, 3.4).
+/// The address of the flash (RM0090, 3.4).
 pub(crate) const BASE: u64 = 0x0800_0000;
 
-/// How many bytes the flash of the STM32F405RG has.
+/// The flash size of the STM32F405RG, in bytes.
 pub(crate) const SIZE: usize = 1 << 20;
 
-/// The board's rail, in millivolts.
+/// The nominal supply voltage, in millivolts.
 pub(crate) const SUPPLY_MV: u32 = 3_300;
 
-/// What every byte of an erased sector reads.
+/// The value of an erased byte.
 pub(crate) const ERASED: u8 = 0xFF;
 
-/// The flash's bytes, as the part and whoever runs the board share them.
+/// The flash content, shared by the chip and the board's owner.
 #[derive(Debug)]
 pub(crate) struct Flash {
     bytes: Vec<u8>,
-    /// How many operations were started.
+    /// Number of operations started.
     operations: u32,
-    /// How many more end before one is interrupted.
+    /// Number of operations before one is interrupted.
     left: Option<u32>,
-    /// When the power was cut.
+    /// Time of the loss of power.
     pub(crate) cut: Option<Nanos>,
-    /// What the program wants done to the supply.
+    /// The program's request for the supply.
     pub(crate) supply: Option<bool>,
-    /// The supply's voltage, in millivolts.
+    /// The supply voltage, in millivolts.
     pub(crate) millivolts: u32,
-    /// How long operations take.
+    /// Duration of operations.
     pub(crate) clock: Clock,
-    /// Each sector that was erased: when that began and ended.
+    /// Start and end of each sector erase.
     pub(crate) erases: Vec<(Nanos, Nanos)>,
     seed: u64,
 }
@@ -58,7 +58,7 @@ impl Flash {
         &self.bytes
     }
 
-    /// How many operations were started.
+    /// Number of operations started.
     pub(crate) fn operations(&self) -> u32 {
         self.operations
     }
@@ -67,7 +67,7 @@ impl Flash {
         self.left = operations;
     }
 
-    /// An operation that lasts at least `shortest` starts. Returns when the power goes within it, if it does.
+    /// Starts an operation that lasts at least `shortest`. Returns the time of a loss of power within it, if any.
     pub(crate) fn start(&mut self, shortest: Nanos) -> Option<Nanos> {
         self.operations += 1;
         match &mut self.left {
@@ -95,13 +95,13 @@ impl Flash {
         }
     }
 
-    /// Bits that decide how far an interrupted operation got with `word`.
+    /// Random bits for the progress of an interrupted operation on `word`.
     pub(crate) fn chance(&self, word: usize) -> u64 {
         draw(self.seed ^ u64::from(self.operations), "interrupted", word as u64)
     }
 }
 
-/// What the flash holds, all `size` bytes of it, with `image` in it and `contents` around it.
+/// The flash content, `size` bytes, with `image` in it and `contents` around it.
 pub(crate) fn around(image: &Image, contents: Option<Vec<u8>>, size: usize) -> Result<Vec<u8>, Error> {
     let mut bytes = contents.unwrap_or_else(|| vec![ERASED; size]);
     if bytes.len() != size {
@@ -116,12 +116,12 @@ pub(crate) fn around(image: &Image, contents: Option<Vec<u8>>, size: usize) -> R
     Ok(bytes)
 }
 
-/// What is left of `old` if the programming of `new` is interrupted: some of the bits that it clears are clear.
+/// The result of an interrupted programming of `new` over `old`: some of the bits that it clears are clear.
 pub(crate) fn programmed_in_part(old: u64, new: u64, chance: u64) -> u64 {
     old & (new | chance)
 }
 
-/// What is left of `old` if its erasing is interrupted: some of the bits that it sets are set.
+/// The result of an interrupted erase of `old`: some of the bits that it sets are set.
 pub(crate) fn erased_in_part(old: u64, chance: u64) -> u64 {
     match chance % 4 {
         0 => old,

@@ -1,4 +1,4 @@
-//! Images of firmware: ELF files for the core.
+//! Firmware images: ELF files for the core.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -27,7 +27,7 @@ impl Image {
     ///
     /// # Errors
     ///
-    /// [`Error::Image`] if it cannot be read, or is no ELF file for an Arm core of 32 bits.
+    /// [`Error::Image`] if it cannot be read, or is no ELF file for a 32-bit Arm core.
     pub(crate) fn read(path: &Path) -> Result<Self, Error> {
         let failed = |reason: String| Error::Image {
             path: path.to_owned(),
@@ -71,22 +71,22 @@ impl Image {
         }
     }
 
-    /// What is loaded, and where.
+    /// The loaded segments, with their addresses.
     pub(crate) fn segments(&self) -> impl Iterator<Item = (u64, &[u8])> {
         self.segments.iter().map(|(address, bytes)| (*address, &bytes[..]))
     }
 
-    /// The symbols, each function's with the address of its first instruction.
+    /// The symbols. A function has the address of its first instruction.
     pub(crate) fn symbols(&self) -> &BTreeMap<String, u64> {
         &self.symbols
     }
 
-    /// Bytes of the vector table, if there is a section with it.
+    /// Size of the vector table in bytes, if there is such a section.
     pub(crate) fn vector_table(&self) -> Option<u64> {
         self.vector_table
     }
 
-    /// Where the firmware is when it is broken.
+    /// Addresses that are reached only in a crash.
     pub(crate) fn crashes(&self) -> BTreeMap<u32, Crash> {
         let crash = |(name, address): (&String, &u64)| Some((u32::try_from(*address).ok()?, crash_of(name)?));
         self.symbols.iter().filter_map(crash).collect()

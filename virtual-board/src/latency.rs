@@ -1,27 +1,27 @@
-//! What the adapter adds: from the last stop bit on the arm's line to the packet at the host.
+//! The adapter's latency: from the last stop bit on the arm's line to the packet at the host.
 //!
-//! The adapter passes bytes untouched, so the n-th byte from the arm is the n-th byte in the host. That is checked.
+//! The adapter passes bytes unchanged: the n-th byte from the arm is the n-th byte in the host. This is checked.
 
 use crate::line::{Direction, LineByte, Outcome};
 use crate::time::Nanos;
 use crate::usb;
 use crate::usb::host::Packet;
 
-/// A burst of bytes from the arm, and what became of its last byte.
+/// A burst of bytes from the arm, with the times of its last byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Burst {
-    /// How many bytes it had.
+    /// Number of bytes.
     pub bytes: usize,
-    /// When its last stop bit ended.
+    /// End of its last stop bit.
     pub last_stop: Nanos,
-    /// When the firmware had made the packet with its last byte ready to be sent.
+    /// Time at which the firmware had the packet with its last byte ready.
     pub armed: Nanos,
-    /// When that packet was in the host.
+    /// Arrival of that packet in the host.
     pub arrived: Nanos,
 }
 
 impl Burst {
-    /// From the last stop bit to the packet that is ready.
+    /// From the last stop bit to the ready packet.
     pub const fn to_armed(&self) -> Nanos {
         self.armed.since(self.last_stop)
     }
@@ -32,15 +32,15 @@ impl Burst {
     }
 }
 
-/// The records do not belong together: a byte from the arm is not the byte at its place in the host.
+/// The records do not match: a byte from the arm differs from the byte at its place in the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("byte {place} from the arm was {sent:#04x}, in the host it is {received:02x?}")]
 pub struct Mismatch {
-    /// Its place, from 0.
+    /// Its index, from 0.
     pub place: usize,
-    /// What the arm sent.
+    /// The byte sent by the arm.
     pub sent: u8,
-    /// What the host received, if anything.
+    /// The byte received by the host, if any.
     pub received: Option<u8>,
 }
 
@@ -49,7 +49,7 @@ pub struct Mismatch {
 ///
 /// # Errors
 ///
-/// [`Mismatch`] at the first byte that did not get through as it was sent.
+/// [`Mismatch`] at the first byte that was not received as sent.
 pub fn bursts(line: &[LineByte], packets: &[Packet], pause: Nanos) -> Result<Vec<Burst>, Mismatch> {
     let mut received = packets
         .iter()

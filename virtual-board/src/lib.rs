@@ -1,5 +1,5 @@
-//! A virtual board: the shipped firmware image, unmodified, on a modelled STM32F405RG or STM32G431CB with a USB host and an
-//! arm at its edges.
+//! A virtual board: the shipped firmware image, unmodified, on a model of the STM32F405RG or STM32G431CB with a USB
+//! host and an arm.
 //!
 //! ```no_run
 //! use armwire_bridge::Duration;
@@ -18,14 +18,15 @@
 //! # Ok::<(), armwire_virtual_board::Error>(())
 //! ```
 //!
-//! [`core`] is a Cortex-M4 and knows no chip; `soc` has what every chip is made of; `mcu` has the STM32F405
-//! and the STM32G431, one file a peripheral, register by register. The USB host is in [`usb`], the other nodes on the CAN bus
-//! in [`can`], the serial [line](mod@line) to the arm. Section numbers without a name are those of RM0090, the reference
-//! manual of the STM32F405. `docs/virtual-board.md` says which test holds which behaviour, and what none of it shows.
+//! [`core`] is a Cortex-M4, independent of the chip; `soc` has the common parts of all chips; `mcu` has the STM32F405
+//! and the STM32G431, one file per peripheral, register by register. [`usb`] has the USB host, [`can`] the other nodes
+//! on the CAN bus, and [line](mod@line) the serial line to the arm. Section numbers without a name are those of RM0090,
+//! the reference manual of the STM32F405. `docs/virtual-board.md` lists the modelled behaviour with its tests, and the
+//! limits.
 //!
-//! Time is virtual: an instruction takes a cycle, sleep jumps to the next event, and two runs give the same
-//! [trace](VirtualBoard::trace_hash). With one cycle for an instruction, latencies are lower bounds;
-//! [`Config::exact_cycles`] counts as a Cortex-M4 does.
+//! Time is virtual: an instruction takes a cycle, sleep jumps to the next event, and runs are reproducible by their
+//! [trace](VirtualBoard::trace_hash). With one cycle per instruction, latencies are lower bounds;
+//! [`Config::exact_cycles`] counts the cycles of a Cortex-M4.
 #![forbid(unsafe_code)]
 
 mod board;

@@ -1,10 +1,10 @@
 //! The serial line between the board's UART and the arm: time, faults, and a record of every byte.
 //!
-//! The board's side of a byte is timed by the board's UART. This is the wire and the arm's own UART: when the two run at
-//! different rates, each samples the other's bits where it believes them to be, and gets what a real one would get.
+//! The board's UART determines the timing of the board's bytes. This file is the wire and the arm's own UART: if the
+//! two have different rates, each samples the other's bits at its own times, and gets the same result as real hardware.
 //!
-//! In half-duplex mode (RM0090, 30.3.10) one wire carries both ways: the board's receiver hears the board's own bytes, and
-//! bytes that overlap collide. Both arrive wrong, the board's own with a framing error.
+//! In half-duplex mode (RM0090, 30.3.10) one wire is used for both directions: the board's receiver gets the board's
+//! own bytes, and overlapping bytes collide. Both are then garbled, the board's own with a framing error.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -17,33 +17,33 @@ use crate::shared::Shared;
 use crate::soc::chance::draw;
 use crate::time::Nanos;
 
-/// An arm that can hang on a board's UART: any serial device that can go to another thread.
+/// An arm for a board's UART: any serial device that can move to another thread.
 pub trait Arm: SerialDevice + Send + Debug + 'static {}
 
 impl<A: SerialDevice + Send + Debug + 'static> Arm for A {}
 
-/// The line, as the part and whoever runs the board share it.
+/// The line, shared by the chip and the board's owner.
 pub(crate) type SharedLine<A> = Shared<Line<A>>;
 
-/// The same with any arm: the board is compiled once, with this crate, and not for each.
+/// The same for any arm: the board is compiled once, with this crate, and not for each arm.
 pub(crate) type AnyLine = SharedLine<dyn Arm>;
 
-/// What is wrong with a byte on the way from the arm to the board.
+/// A fault of a byte from the arm to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// No stop bit where one belongs, and wrong data.
+    /// A missing stop bit, and wrong data.
     Framing,
-    /// The board's samples of a bit disagree; the majority is right.
+    /// The board's samples of a bit differ; the majority is right.
     Noise,
-    /// The parity bit is wrong. A line without one carries the byte as it is.
+    /// A wrong parity bit. Without parity the byte is unaffected.
     Parity,
     /// The line is low for the whole byte.
     Break,
-    /// The board's DMA comes too late for the byte before it, if that ended just now: this one is lost.
+    /// The board's DMA is late for the previous byte, if that ended just now: this byte is lost.
     Overrun,
 }
 
-/// How often bytes meet each fault, in parts per million, on the way from the arm to the board.
+/// Rates of each fault for bytes from the arm to the board, in parts per million.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultRates {
     /// [`Fault::Framing`].
@@ -59,26 +59,26 @@ pub struct FaultRates {
 /// The parity bit of a byte.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Parity {
-    /// There is none.
+    /// No parity bit.
     #[default]
     None,
-    /// The ones of the data and the parity bit are even in number.
+    /// Even number of ones in data and parity bit.
     Even,
-    /// They are odd in number.
+    /// Odd number of ones.
     Odd,
 }
 
-/// What one side puts around the eight data bits of a byte. The default is no parity and one stop bit.
+/// The format of one side's bytes, with eight data bits. The default is no parity and one stop bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Format {
     /// The parity bit.
     pub parity: Parity,
-    /// Two stop bits rather than one.
+    /// True for two stop bits, false for one.
     pub two_stop_bits: bool,
 }
 
 impl Format {
-    /// How many bits a byte has, 10 to 12.
+    /// Number of bits of a byte on the line, 10 to 12.
     pub const fn bits(self) -> u64 {
         10 + !matches!(self.parity, Parity::None) as u64 + self.two_stop_bits as u64
     }
@@ -94,7 +94,7 @@ impl Format {
     }
 }
 
-/// Which way a byte went.
+/// The direction of a byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// From the board to the arm.
@@ -103,16 +103,16 @@ pub enum Direction {
     ToBoard,
 }
 
-/// What became of a byte.
+/// The outcome of a byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// It arrived as it was sent.
+    /// It arrived as sent.
     Arrived,
-    /// It met a fault.
+    /// It had a fault.
     Faulty(Fault),
-    /// The two ends run at different rates: something else arrived.
+    /// The two ends have different rates: another byte arrived.
     Garbled,
-    /// The other side sent at the same time, on the one wire of half-duplex mode: something else arrived.
+    /// The other side sent at the same time, on the one wire of half-duplex mode: another byte arrived.
     Collided,
     /// The receiver was off, or busy with an earlier byte.
     Lost,
@@ -121,17 +121,17 @@ pub enum Outcome {
 /// A byte that crossed the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LineByte {
-    /// When its stop bit ended.
+    /// End of its stop bit.
     pub at: Nanos,
-    /// Which way it went.
+    /// Its direction.
     pub direction: Direction,
-    /// What was sent.
+    /// The byte sent.
     pub sent: u8,
-    /// What became of it.
+    /// Its outcome.
     pub outcome: Outcome,
 }
 
-/// How a byte arrives at the board's UART.
+/// The arrival of a byte at the board's UART.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Arrival {
     pub(crate) value: u8,
@@ -140,7 +140,7 @@ pub(crate) struct Arrival {
     pub(crate) noise: bool,
 }
 
-/// A byte on its way to the board.
+/// A byte in flight to the board.
 #[derive(Clone, Copy, Debug)]
 struct Flight {
     sent: u8,
@@ -153,59 +153,59 @@ struct Flight {
 struct Own {
     sent: u8,
     starts: Nanos,
-    /// The board's receiver takes it, too.
+    /// True if the board's receiver gets it, too.
     heard: bool,
     collided: bool,
 }
 
-/// Who drives the board's pin that sends.
+/// The driver of the board's TX pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Pin {
-    /// It is an output that is high, or an input: the line idles.
+    /// An output that is high, or an input: the line is idle.
     Free,
-    /// It is an output that is low.
+    /// An output that is low.
     Low,
     /// The UART, if it transmits.
     Uart,
 }
 
-/// What a pin that sends and is low says of the firmware.
+/// The violation for a TX pin that is low.
 pub(crate) const LOW: &str =
     "8.3.7, 30.3.2: nothing drives PA2, or it is low, and the arm may take that for a start bit";
 
-/// The line, and the arm at the end of it.
+/// The line, and its arm.
 #[derive(Debug)]
 pub(crate) struct Line<A: ?Sized> {
-    /// One bit at the arm's own rate and at the board's, in picoseconds. The board's is 0 while its UART has none.
+    /// Bit time at the arm's rate and at the board's, in picoseconds. The board's is 0 without a rate.
     arm_bit: u64,
     board_bit: u64,
     arm_format: Format,
     board_format: Format,
-    /// From when on the arm may send.
+    /// The earliest start of the arm's next byte.
     free: Nanos,
     flight: Option<Flight>,
     half_duplex: bool,
     /// Bytes that the core read before the DMA did.
     taken: u32,
-    /// The board's pin that sends, and whether its UART drives it.
+    /// The board's TX pin, and true if its UART drives it.
     pin: Pin,
     transmits: bool,
-    /// The byte that the board is sending, in half-duplex mode.
+    /// The board's byte in transmission, in half-duplex mode.
     own: Option<Own>,
-    /// What the board's receiver has of its own last byte collided.
+    /// True if the board's own last byte has collided.
     spoiled: bool,
-    /// When the last byte of the arm that collided ends.
+    /// End of the arm's last collided byte.
     jammed: Nanos,
     rates: FaultRates,
     seed: u64,
-    /// How many bytes the arm has sent.
+    /// Number of bytes sent by the arm.
     count: u64,
-    /// Faults for single bytes, by their place in `count`.
+    /// Planned faults of single bytes, by their index in `count`.
     planned: BTreeMap<u64, Fault>,
-    /// Keeps the board's DMA from serving its UART.
+    /// Stops the board's DMA for its UART.
     starve: Arc<AtomicBool>,
     bytes: Vec<LineByte>,
-    /// Last, so that a line with some arm is one with any.
+    /// This field is last: a line with a given arm then coerces to one with any arm.
     arm: A,
 }
 
@@ -250,7 +250,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         self.taken = 0;
     }
 
-    /// The core read a byte that the DMA was to read.
+    /// The core read a byte before the DMA did.
     pub(crate) fn take_byte(&mut self) {
         self.taken += 1;
     }
@@ -275,7 +275,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         self.board_format
     }
 
-    /// How long a byte of the arm's lasts, and one of the board's.
+    /// Duration of a byte of the arm, and of the board.
     fn arm_byte(&self) -> Nanos {
         Nanos(self.arm_format.bits() * self.arm_bit / 1_000)
     }
@@ -284,7 +284,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         Nanos(self.board_format.bits() * self.board_bit / 1_000)
     }
 
-    /// Sets what one bit of the board's UART lasts, in picoseconds; 0 while it does not run.
+    /// Sets the bit time of the board's UART, in picoseconds; 0 while it does not run.
     pub(crate) fn set_board_bit(&mut self, picoseconds: u64) {
         self.board_bit = picoseconds;
     }
@@ -298,32 +298,32 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         self.rates = rates;
     }
 
-    /// Plans a fault for the byte that the arm sends after `after` others.
+    /// Plans a fault for the arm's byte after `after` others.
     pub(crate) fn plan_fault(&mut self, after: u64, fault: Fault) {
         self.planned.insert(self.count + after, fault);
     }
 
-    /// When the arm next wants to send, if it knows.
+    /// The time at which the arm next sends, if known.
     pub(crate) fn due(&self) -> Option<Nanos> {
         Some(Nanos::from(self.arm.poll_timeout()?).max(self.free))
     }
 
-    /// Sets who drives the board's pin that sends.
+    /// Sets the driver of the board's TX pin.
     pub(crate) fn set_pin(&mut self, pin: Pin) {
         self.pin = pin;
     }
 
-    /// Whether the board's UART and its transmitter are enabled.
+    /// Sets whether the board's UART and its transmitter are enabled.
     pub(crate) fn set_transmits(&mut self, transmits: bool) {
         self.transmits = transmits;
     }
 
-    /// Whether the arm may see the line low though the board sends nothing.
+    /// Returns true if the arm may see the line low without a byte from the board.
     pub(crate) fn is_pin_low(&self) -> bool {
         self.pin == Pin::Low || self.pin == Pin::Uart && !self.transmits
     }
 
-    /// Whether one wire carries both ways.
+    /// Sets half-duplex mode.
     pub(crate) fn set_half_duplex(&mut self, half_duplex: bool) {
         self.half_duplex = half_duplex;
         if !half_duplex {
@@ -350,7 +350,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         });
     }
 
-    /// What the arm says while the board sends collides, in half-duplex mode.
+    /// The arm's bytes during a transmission of the board collide, in half-duplex mode.
     pub(crate) fn jam(&mut self, now: Nanos) {
         let byte = self.arm_byte();
         while let Some(own) = &mut self.own
@@ -366,7 +366,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         }
     }
 
-    /// Whether what the board is receiving has collided.
+    /// Returns true if the byte that the board receives has collided.
     pub(crate) fn is_jammed(&self) -> bool {
         let arriving = self.flight.is_some_and(|flight| flight.outcome == Outcome::Collided);
         arriving || self.spoiled || self.own.is_some_and(|own| own.collided && own.heard)
@@ -396,13 +396,13 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         self.arm.receive(now.instant(), value);
     }
 
-    /// The board's receiver is free: what was on its way has arrived, and the next byte may start.
+    /// The board's receiver is free: the byte in flight has arrived, and the next may start.
     pub(crate) fn board_receives(&mut self, now: Nanos) -> Option<Arrival> {
         let follows = self.land(now);
         self.starve.store(false, Ordering::Relaxed);
         self.spoiled = false;
         if let Some(own) = &mut self.own {
-            // On one wire, it is busy with what the board sends. A byte whose start bit it missed is none.
+            // On one wire, it is busy with the board's own byte. A byte whose start bit was missed is not received.
             let starts = !own.heard && now.since(own.starts).0 <= self.board_bit / 2_000;
             own.heard |= starts;
             return starts.then_some(Arrival {
@@ -427,7 +427,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
             _ => true,
         }) {
             outcome = Outcome::Faulty(fault);
-            // The byte before this one waits in the UART until this one is in, too.
+            // The previous byte waits in the UART until this one is in, too.
             self.starve.store(fault == Fault::Overrun, Ordering::Relaxed);
             arrival = Arrival {
                 value: match fault {
@@ -444,14 +444,14 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         let ends = now + self.board_byte();
         self.flight = Some(Flight { sent, ends, outcome });
         if outcome == Outcome::Garbled {
-            // What a faster arm sends meanwhile, the receiver takes for part of the same byte.
+            // The receiver reads the bits of a faster arm as part of the same byte.
             self.free = now + self.arm_byte();
             while self.free < ends && self.lose(self.free) {}
         }
         Some(arrival)
     }
 
-    /// The board's receiver is off: what the arm sends goes nowhere.
+    /// The board's receiver is off: the arm's bytes are lost.
     pub(crate) fn nobody_receives(&mut self, now: Nanos) {
         self.starve.store(false, Ordering::Relaxed);
         if let Some(flight) = self.flight.take() {
@@ -463,7 +463,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         }
     }
 
-    /// Sends one byte to nobody at `at`. Returns whether there was one.
+    /// Sends one byte without a receiver at `at`. Returns false if there was none.
     fn lose(&mut self, at: Nanos) -> bool {
         let Some(sent) = self.arm.transmit(at.instant()) else {
             return false;
@@ -474,12 +474,12 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         true
     }
 
-    /// Records the byte that was on its way. Returns whether it arrived just now.
+    /// Records the byte in flight. Returns true if it arrived just now.
     fn land(&mut self, now: Nanos) -> bool {
         let Some(flight) = self.flight.take() else {
             return false;
         };
-        // The UART ends the byte by its own clock; the reckoning here is off by rounding only.
+        // The UART ends the byte by its own clock; this time differs only by rounding.
         let on_time = now.0.abs_diff(flight.ends.0) <= 2;
         let (at, outcome) = if on_time {
             (now, flight.outcome)
@@ -499,7 +499,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         });
     }
 
-    /// The fault that the `nth` byte from the arm meets.
+    /// The fault of the `nth` byte from the arm.
     fn fault(&self, nth: u64) -> Option<Fault> {
         let drawn = |(name, rate, fault): (&str, u32, Fault)| {
             (draw(self.seed, name, nth) % 1_000_000 < rate.into()).then_some(fault)
@@ -526,16 +526,16 @@ fn bit(baud: u64) -> u64 {
 }
 
 impl Arrival {
-    /// Whether it is what was sent, and nothing seems wrong with it.
+    /// Returns true if the byte arrived as sent, without an error.
     fn is_clean(self, sent: u8) -> bool {
         self.value == sent && !self.framing && !self.parity
     }
 }
 
-/// What a receiver makes of a byte. Of both sides: what a bit lasts, in picoseconds, and the format.
+/// The reception of a byte. Each side has a bit time in picoseconds and a format.
 ///
-/// It samples the middle of each bit, counted from the falling edge of the start bit; after its last bit the line is
-/// high.
+/// The receiver samples the middle of each bit, counted from the falling edge of the start bit; after the last bit the
+/// line is high.
 fn sample(byte: u8, (sender, sent): (u64, Format), (receiver, expected): (u64, Format)) -> Arrival {
     let mut arrival = Arrival {
         value: byte,
@@ -567,7 +567,7 @@ mod tests {
 
     use super::*;
 
-    /// Sends what it is given, at once, and keeps what it hears.
+    /// Sends the given bytes at once, and keeps received ones.
     #[derive(Debug, Default)]
     struct Talker {
         says: VecDeque<u8>,
@@ -600,7 +600,7 @@ mod tests {
         line
     }
 
-    /// Lets the board's receiver take bytes as fast as it can.
+    /// Lets the board's receiver take bytes at full speed.
     fn receive_all(line: &mut Line<Talker>) -> Vec<Arrival> {
         (0..)
             .map_while(|nth| line.board_receives(Nanos(nth * 10 * line.board_bit / 1_000)))

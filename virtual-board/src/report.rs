@@ -1,21 +1,21 @@
-//! What a run has met that it should not have: accesses to what is not modelled, crashes, resets.
+//! The report of a run: violations, crashes, resets.
 
 use std::fmt;
 
 use crate::time::Nanos;
 
-/// How the firmware showed that it is broken.
+/// The kind of a crash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Crash {
     /// A panic.
     Panic,
     /// A hard fault.
     HardFault,
-    /// An exception or interrupt that the firmware has no handler for.
+    /// An exception or interrupt without a handler.
     UnexpectedException,
-    /// A fault that no handler can be called for: the core is locked up.
+    /// A fault for which no handler can be called: the core is locked up.
     Lockup,
-    /// The core has no model of what the firmware needs of it.
+    /// The firmware uses an unmodelled feature of the core.
     Unmodelled,
 }
 
@@ -31,8 +31,8 @@ impl fmt::Display for Crash {
     }
 }
 
-/// The crash that a function of this name stands for. Only the whole name counts for handlers: the linker may give others
-/// that contain it, such as an unused `_HardFault`, the address of a function that runs.
+/// The crash that a function of this name stands for. The whole name must match for handlers: the linker may give other
+/// symbols that contain it, for example an unused `_HardFault`, the address of a function that runs.
 pub(crate) fn crash_of(name: &str) -> Option<Crash> {
     match name {
         "HardFault" => Some(Crash::HardFault),
@@ -42,34 +42,34 @@ pub(crate) fn crash_of(name: &str) -> Option<Crash> {
     }
 }
 
-/// Something that should not have happened.
+/// A violation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Violation {
-    /// An access to an address where there is nothing.
+    /// An access to a hole in the memory map.
     Unmapped {
         /// The address.
         address: u64,
-        /// The instruction that made the first such access.
+        /// The first instruction with this access.
         program_counter: u64,
     },
-    /// An access to a register whose peripheral has no model: it kept what was written, and did nothing.
+    /// An access to a register of a peripheral without a model. The register stored writes, without further effect.
     Unimplemented {
         /// The peripheral.
         instance: &'static str,
         /// The register.
         register: &'static str,
-        /// The instruction that made the first such access.
+        /// The first instruction with this access.
         program_counter: u64,
-        /// How often it was read.
+        /// Number of reads.
         reads: u64,
-        /// How often it was written.
+        /// Number of writes.
         writes: u64,
     },
-    /// An access that a peripheral refused, as one whose clock is off does.
+    /// An access that a peripheral refused, for example because its clock is off.
     Refused {
         /// The address.
         address: u64,
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// A state of a peripheral that the manual forbids.
@@ -78,14 +78,14 @@ pub enum Violation {
         instance: &'static str,
         /// The register.
         register: &'static str,
-        /// What is forbidden, and where the manual says so.
+        /// The forbidden state, and the section of the manual.
         reason: &'static str,
     },
     /// The firmware crashed.
     Crashed {
-        /// How.
+        /// The kind.
         crash: Crash,
-        /// When.
+        /// The time.
         at: Nanos,
     },
 }
@@ -123,7 +123,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// What makes a run fail: everything that is not on the [allow-list](ALLOWED).
+/// The violations that fail a run: all that are not on the [allow-list](ALLOWED).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Violations(pub Vec<Violation>);
 
@@ -136,41 +136,41 @@ impl fmt::Display for Violations {
 
 impl std::error::Error for Violations {}
 
-/// Why the part started over.
+/// The cause of a restart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// The firmware asked for it.
+    /// A request of the firmware.
     Software,
     /// The independent watchdog was not fed.
     Watchdog,
-    /// The power came back.
+    /// Power-on.
     Power,
 }
 
-/// A restart of the part.
+/// A restart of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Restart {
-    /// When.
+    /// The time.
     pub at: Nanos,
-    /// Why.
+    /// The cause.
     pub cause: Cause,
 }
 
-/// What a run has met.
+/// The report of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Report {
-    /// Everything that is not modelled or not allowed, the [allow-list](ALLOWED) not yet taken away.
+    /// All violations, including those on the [allow-list](ALLOWED).
     pub violations: Vec<Violation>,
-    /// Every restart of the part, in order.
+    /// Every restart of the chip, in order.
     pub restarts: Vec<Restart>,
 }
 
 impl Report {
-    /// What is not on the allow-list.
+    /// The violations that are not on the allow-list.
     ///
     /// # Errors
     ///
-    /// When there is anything.
+    /// If there are any.
     pub fn check(&self) -> Result<(), Violations> {
         let bad: Vec<Violation> = self
             .violations
@@ -191,18 +191,18 @@ fn allowed(found: &Violation) -> bool {
     }
 }
 
-/// A register that has no model and that the firmware may use all the same.
+/// A register without a model that the firmware may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Allowed {
     /// The peripheral.
     pub instance: &'static str,
     /// The register.
     pub register: &'static str,
-    /// Why nothing is lost.
+    /// The reason why this is harmless.
     pub reason: &'static str,
 }
 
-/// The allow-list. Everything else that has no model fails a run.
+/// The allow-list. Any other register without a model fails a run.
 pub const ALLOWED: [Allowed; 2] = [
     Allowed {
         instance: "PWR",

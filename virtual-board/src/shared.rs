@@ -1,11 +1,12 @@
-//! Things at the board's edges, which the chip and the program share. A board may go to another thread, hence the lock.
+//! State at the board's connectors, shared by the chip and the program. A board may move to another thread, hence the
+//! lock.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A thing at the board's edge.
+/// Shared state.
 pub(crate) type Shared<T> = Arc<Mutex<T>>;
 
-/// Gives the thing to use.
+/// Locks the state.
 pub(crate) fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

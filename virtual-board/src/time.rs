@@ -1,11 +1,11 @@
-//! Virtual time, to the nanosecond.
+//! Virtual time, with a resolution of a nanosecond.
 
 use std::fmt;
 use std::ops::Add;
 
 use armwire_bridge::{Duration, Instant};
 
-/// Nanoseconds of virtual time: an instant since power-on, or a span between two.
+/// Nanoseconds of virtual time: an instant since power-on, or a duration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Nanos(pub u64);
 
@@ -20,7 +20,7 @@ impl Nanos {
         Instant::from_micros(self.0 / 1_000)
     }
 
-    /// The span from `earlier` to `self`, or zero if `earlier` is later.
+    /// The duration from `earlier` to `self`, or zero if `earlier` is later.
     pub const fn since(self, earlier: Self) -> Self {
         Self(self.0.saturating_sub(earlier.0))
     }

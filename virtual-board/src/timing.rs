@@ -1,26 +1,26 @@
-//! How long the part takes where its manual and data sheet give no single time.
+//! Durations for which the manual and the data sheet give no single value.
 
 use crate::soc::chance::draw;
 use crate::time::Nanos;
 
-/// How long the part takes for what may take shorter or longer: flash operations and the USB controller's own steps.
+/// The choice of variable durations: flash operations and the USB controller's internal steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Timing {
-    /// The typical time.
+    /// The typical duration.
     #[default]
     Typical,
-    /// A time from the typical to the longest, drawn from the [seed](crate::Config::seed).
+    /// A duration between typical and maximum, drawn from the [seed](crate::Config::seed).
     Drawn,
-    /// The longest time.
+    /// The maximum duration.
     Worst,
 }
 
-/// What draws times.
+/// The source of durations.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Clock {
     pub(crate) timing: Timing,
     pub(crate) seed: u64,
-    /// How many were drawn.
+    /// Number of drawn durations.
     drawn: u64,
 }
 
@@ -29,7 +29,7 @@ impl Clock {
         Self { timing, seed, drawn: 0 }
     }
 
-    /// How long `what` takes this time.
+    /// The duration of `what` this time.
     pub(crate) fn span(&mut self, what: &'static str, typical: Nanos, worst: Nanos) -> Nanos {
         match self.timing {
             Timing::Typical => typical,

@@ -1,6 +1,7 @@
-//! A digest of everything that happened in a run.
+//! A hash of all events in a run.
 
-/// FNV-1a, 64 bits, for bytes, and the like for words: not secret, only sensitive to every bit and to their order.
+/// 64-bit FNV-1a for bytes, and a similar hash for words: not cryptographic, but sensitive to every bit and to the
+/// order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Trace(u64);
 
@@ -13,9 +14,10 @@ impl Default for Trace {
 }
 
 impl Trace {
-    /// Adds a word. There are four for each access of the core, and a step for each byte would be noticed.
+    /// Adds a word. Each access of the core adds four, and a step for each byte would be too slow.
     pub(crate) fn add(&mut self, value: u64) {
-        // Multiplication moves nothing down: without the turn, two words whose highest bits change would look the same.
+        // Multiplication only moves bits up: without the rotation, two words that differ in their highest bits would
+        // have the same hash.
         self.0 = (self.0.rotate_left(32) ^ value).wrapping_mul(PRIME);
     }
 

@@ -1,4 +1,4 @@
-//! A virtual CAN bus between programs that speak SLCAN, classic and FD.
+//! A virtual CAN bus, classic and FD, between programs with SLCAN.
 #![forbid(unsafe_code)]
 
 use std::path::PathBuf;
@@ -9,10 +9,10 @@ use clap::Parser;
 
 /// Serves a virtual CAN bus with an SLCAN adapter at each PATH, until Ctrl-C.
 ///
-/// The adapters know CAN FD. python-can opens them with the interface `slcan`.
+/// The adapters support CAN FD. python-can opens them with the interface `slcan`.
 #[derive(Parser)]
 struct Args {
-    /// Where each adapter's pty gets a symbolic link.
+    /// The symbolic link to each adapter's pty.
     #[arg(value_name = "PATH", required = true, num_args = 1..=16)]
     adapters: Vec<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! The CAN bus as a program uses it.
+//! The API of the CAN bus.
 
 use std::sync::Mutex;
 
@@ -12,62 +12,60 @@ use crate::shared::lock;
 
 /// The CAN bus and the other nodes on it.
 ///
-/// Nobody is on it until nodes are [attached](Can::attach). What is changed here takes effect when the board next runs.
+/// The bus is empty until nodes are [attached](Can::attach). Changes take effect when the board next runs.
 #[derive(Debug)]
 pub struct Can<'a> {
     pub(crate) bus: &'a Mutex<Bus>,
 }
 
 impl Can<'_> {
-    /// Puts nodes on the bus that know classic frames, run at `rate` bits per second and acknowledge what they
-    /// understand.
+    /// Attaches classic nodes at `rate` bits per second, which acknowledge the frames that they receive.
     pub fn attach(&self, rate: u32) {
         lock(self.bus).attach(rate);
     }
 
-    /// Puts nodes of this kind on the bus, in the place of those that were attached before.
+    /// Attaches nodes of this kind, in place of the nodes attached before.
     pub fn attach_as(&self, config: NodeConfig) {
         lock(self.bus).attach_as(config);
     }
 
-    /// Takes the attached nodes off the bus: they acknowledge nothing any more, and what they wanted to send is gone.
+    /// Detaches the attached nodes: they no longer acknowledge, and their pending frames are dropped.
     pub fn detach(&self) {
         lock(self.bus).detach();
     }
 
-    /// Puts `node` on the bus as a node of its own, with its own configuration, error counters and received frames. It
-    /// takes part after 11 recessive bits. A node of this number that has joined before is replaced.
+    /// Adds `node` to the bus as a separate node, with its own configuration, error counters and received frames. It
+    /// takes part after 11 recessive bits. It replaces a joined node of the same number.
     pub fn join(&self, node: u8, config: NodeConfig) {
         lock(self.bus).join(node, config);
     }
 
-    /// Takes a node off the bus that joined. What it wanted to send and what it received is gone.
+    /// Removes a joined node. Its pending and received frames are dropped.
     pub fn leave(&self, node: u8) {
         lock(self.bus).leave(node);
     }
 
-    /// The transmit and the receive error counter of a node that joined, and its state. `None` for any other node.
+    /// The transmit and receive error counters of a joined node, and its state. `None` for any other node.
     pub fn errors(&self, node: u8) -> Option<(u32, u32, ErrorState)> {
         lock(self.bus).errors(node)
     }
 
-    /// Whether there are attached nodes.
+    /// Returns true if there are attached nodes.
     pub fn is_attached(&self) -> bool {
         lock(self.bus).is_attached()
     }
 
-    /// Queues a frame of node 0. It goes when the bus is free and no lower identifier wants it, and again until it got
-    /// through.
+    /// Queues a frame of node 0. It is sent when it wins arbitration, and retransmitted until it succeeds.
     ///
     /// # Errors
     ///
-    /// [`Error::FdFrame`] for an FD frame of a node that knows none.
+    /// [`Error::FdFrame`] for an FD frame of a classic node.
     pub fn send(&self, frame: &Frame) -> Result<(), Error> {
         self.send_from(0, frame)
     }
 
-    /// Queues a frame of `node`: a node that joined, or else one of the attached. Each node has a queue of its own; the
-    /// fronts of the queues arbitrate. An FD frame switches the bit rate.
+    /// Queues a frame of `node`: a joined node, or else one of the attached. Each node has its own queue; the first
+    /// frames of the queues arbitrate. An FD frame switches the bit rate.
     ///
     /// # Errors
     ///
@@ -90,34 +88,34 @@ impl Can<'_> {
         Ok(())
     }
 
-    /// How many frames of the nodes have not gone yet.
+    /// Number of frames of the nodes that were not sent yet.
     pub fn unsent(&self) -> usize {
         lock(self.bus).unsent()
     }
 
-    /// How many frames of `node` have not gone yet.
+    /// Number of frames of `node` that were not sent yet.
     pub fn unsent_by(&self, node: u8) -> usize {
         lock(self.bus).unsent_by(node)
     }
 
-    /// Takes the frames that the attached nodes received from the board, but remote frames and those with 29-bit
+    /// Takes the frames that the attached nodes received from the board, except remote frames and those with 29-bit
     /// identifiers.
     pub fn read(&self) -> Vec<Frame> {
         let heard = lock(self.bus).take_heard();
         heard.iter().filter_map(wire::Frame::to_adapter).collect()
     }
 
-    /// Takes the frames that a node received which joined, whoever sent them.
+    /// Takes the frames that a joined node received, of any sender.
     pub fn read_by(&self, node: u8) -> Vec<wire::Frame> {
         lock(self.bus).take_heard_by(node)
     }
 
-    /// How many frames the nodes received that were not read yet.
+    /// Number of received frames of the nodes that were not read yet.
     pub fn unread(&self) -> usize {
         lock(self.bus).unread()
     }
 
-    /// Every frame since the beginning, in the order in which they ended, once for each attempt.
+    /// Every frame since the beginning, in the order of their ends, once for each attempt.
     pub fn frames(&self) -> Vec<BusFrame> {
         let public = |record: &Record| BusFrame {
             requested: record.requested,
@@ -131,23 +129,22 @@ impl Can<'_> {
         lock(self.bus).records().iter().map(public).collect()
     }
 
-    /// Forgets the frames so far.
+    /// Clears the record of frames.
     pub fn forget_frames(&self) {
         lock(self.bus).forget_records();
     }
 
-    /// Lets a node destroy the next `count` frames of the board with an error flag, each attempt counted.
+    /// Destroys the next `count` frames of the board with an error flag of a node, counting each attempt.
     pub fn destroy_next(&self, count: u32) {
         lock(self.bus).destroy(count);
     }
 
-    /// Whether the attached nodes acknowledge the frames of others. They do until told otherwise.
+    /// Sets whether the attached nodes acknowledge the frames of others. They do by default.
     pub fn set_acknowledging(&self, acknowledging: bool) {
         lock(self.bus).set_acknowledging(acknowledging);
     }
 
-    /// Shorts the bus: it is recessive whoever sends, until [released](Self::release). A controller that sends goes to
-    /// bus-off.
+    /// Shorts the bus: it stays recessive until [released](Self::release). A controller that sends goes bus-off.
     pub fn short(&self) {
         lock(self.bus).set_shorted(true);
     }
@@ -157,13 +154,13 @@ impl Can<'_> {
         lock(self.bus).set_shorted(false);
     }
 
-    /// Keeps the board's controller from its initialization mode, as one whose bus or clock does not let it end what it does:
-    /// INAK does not come (RM0090, 32.4.1). `false` ends that.
+    /// Keeps the board's controller out of its initialization mode, as a bus or clock fault can: INAK is not set
+    /// (RM0090, 32.4.1). `false` ends that.
     pub fn keep_from_initialization(&self, keep: bool) {
         lock(self.bus).keep_from_initialization(keep);
     }
 
-    /// Lets another attached node send `frame` again and again, whenever it wins the bus. `None` ends it.
+    /// Makes another attached node send `frame` repeatedly, whenever it wins arbitration. `None` ends it.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! The board with programs of a few instructions. The real image is tested elsewhere.
+//! The board with small programs. The real image is tested elsewhere.
 
 mod trace;
 
@@ -9,7 +9,7 @@ use super::*;
 use crate::can::{BusFrame, ErrorState, NodeConfig, Outcome, Sender};
 use crate::report::{Cause, Restart};
 
-/// Nobody on the UART.
+/// A UART without an arm.
 #[derive(Debug, Default)]
 pub(crate) struct Nobody;
 
@@ -67,7 +67,7 @@ fn board_with(
     VirtualBoard::start_image(image, change(Config::new("test", Nobody))).unwrap()
 }
 
-/// A board that goes into its boot loader.
+/// A board that enters its boot loader.
 pub(crate) fn board_into_boot_loader() -> VirtualBoard<Nobody> {
     // Twenty instructions, then ldr r0, =the boot loader's reset vector; ldr r0, [r0]; bx r0.
     let mut code = vec![NOP; 20];
@@ -128,9 +128,9 @@ fn a_watchdog_that_is_not_fed_restarts_the_part() {
 
 #[test]
 fn an_access_to_nothing_fails_the_check() {
-    // UART7 is the F427's.
+    // UART7 belongs to the F427.
     let mut board = board(&[ldr(0, 1), load(1, 0), HANG, NOP], &[0x4000_7800]);
-    // There is no handler for the bus fault, or for what follows from that.
+    // The bus fault has no handler, nor has the resulting fault.
     let crashed = board.run_for(Duration::from_micros(10));
     assert!(
         matches!(
@@ -176,7 +176,7 @@ fn the_unique_id_and_the_flash_size_are_where_the_manual_says() {
     assert_eq!(board.read_word(0x1FFF_7A10).unwrap(), 0x0403_0201);
     assert_eq!(board.read_word(0x1FFF_7A14).unwrap(), 0x0807_0605);
     assert_eq!(board.read_word(0x1FFF_7A18).unwrap(), 0x0C0B_0A09);
-    // The half word at 0x1FFF_7A22: 1024 KiB. The one before it is not known.
+    // The half word at 0x1FFF_7A22: 1024 KiB. The one before it is unknown.
     let code = [ldr(0, 1), 0x8801, HANG, NOP];
     let mut board = board_with(&code, &[0x1FFF_7A22], |config| config);
     board.run_for(Duration::from_micros(10)).unwrap();
@@ -216,7 +216,7 @@ fn instructions_are_counted_and_a_core_that_sleeps_executes_none() {
     let mut board = board(&[NOP, NOP, NOP, WFI, HANG, NOP], &[]);
     board.run_for(Nanos::from_millis(1)).unwrap();
     assert_eq!(board.instructions(), 4);
-    // Adds for ever: at two cycles each, 8 000 in a millisecond of 16 000 cycles.
+    // An endless addition: at two cycles each, 8 000 in a millisecond of 16 000 cycles.
     let mut board = board_with(&[ADD, BACK], &[], |config| Config {
         instruction_cost: NonZeroU32::new(200).unwrap(),
         ..config
@@ -227,7 +227,7 @@ fn instructions_are_counted_and_a_core_that_sleeps_executes_none() {
 
 #[test]
 fn a_profile_has_every_instruction_since_the_last_one() {
-    // Adds for ever.
+    // An endless addition.
     let mut board = board(&[ADD, BACK], &[]);
     assert!(board.profile().unwrap().is_empty());
     for _ in 0..2 {
@@ -265,7 +265,7 @@ fn a_wait_ends_with_the_frame_on_the_can_bus() {
     assert_ne!(board.trace_hash(), without);
     board.can().forget_frames();
     assert!(board.can().frames().is_empty());
-    // The nodes do not hear each other here: the next frame is no news for them.
+    // The nodes do not receive each other's frames here: the next frame adds no unread one.
     board.can().send(&frame).unwrap();
     let start = board.now();
     assert!(!board.run_until_heard(Nanos::from_millis(1)).unwrap());
@@ -322,7 +322,7 @@ fn an_image_that_is_not_there_or_not_for_this_core_is_refused() {
     assert!(VirtualBoard::start(Config::new(native, Nobody)).is_err());
 }
 
-/// Code that makes these stores one after the other and then does nothing, and its literals.
+/// Code that makes these stores in order and then idles, and its literals.
 fn stores(stores: &[(u32, u32)]) -> (Vec<u16>, Vec<u32>) {
     let length = (3 * stores.len() + 1).next_multiple_of(2);
     let mut code = Vec::new();
@@ -487,7 +487,7 @@ fn firmware_that_jumps_to_the_boot_loader_is_seen_there_until_a_reset() {
     let took = board
         .run_until(Duration::from_micros(10), |board| board.is_in_boot_loader())
         .unwrap();
-    // 23 cycles of 16 MHz, and a look each millisecond.
+    // 23 cycles of 16 MHz, and a check every millisecond.
     assert!(took < Duration::from_micros(3).into(), "{took}");
     board.run_for(Nanos::from_millis(1)).unwrap();
     assert!(board.is_in_boot_loader());
@@ -520,9 +520,9 @@ fn an_interface_that_is_not_open_takes_and_has_nothing() {
     }
 }
 
-/// What two interrupts of these priorities reach, the second of which the first one's handler sets pending.
+/// The addresses reached by two interrupts of these priorities. The first one's handler sets the second pending.
 ///
-/// The first handler then stores to USART2, the second one to CAN1, whose clocks are off; each hangs then.
+/// The first handler then stores to USART2, the second one to CAN1, whose clocks are off; each then hangs.
 fn preemption(first: u32, second: u32) -> Vec<u64> {
     const FIRST: (u32, u32) = (0x4000_4400, 0);
     const SECOND: (u32, u32) = (0x4000_6400, 0);
@@ -561,7 +561,7 @@ fn a_more_urgent_interrupt_preempts_a_handler_and_one_as_urgent_waits() {
     assert_eq!(preemption(0x20, 0x10), [0x4000_6400]);
     assert_eq!(preemption(0x10, 0x10), [0x4000_4400]);
     assert_eq!(preemption(0x10, 0x20), [0x4000_4400]);
-    // Priorities have the four high bits alone (12.1).
+    // Priorities have only the four high bits (12.1).
     assert_eq!(preemption(0x1F, 0x10), [0x4000_4400]);
 }
 
@@ -572,12 +572,12 @@ fn a_held_core_stands_still_until_it_is_let_go_or_reset() {
     board.hold_core().unwrap();
     board.run_for(Nanos::from_millis(600)).unwrap();
     board.let_core_go().unwrap();
-    // Only now the watchdog is started; it bites after 512 ms, held core or not.
+    // The watchdog is started only now; it resets the chip after 512 ms, with the core held or not.
     board.run_for(Nanos::from_millis(10)).unwrap();
     board.hold_core().unwrap();
     board.run_for(Nanos::from_millis(490)).unwrap();
     assert_eq!(board.report().unwrap().restarts, []);
-    // After that the core runs, starts the watchdog again, and is bitten again.
+    // The core then runs, starts the watchdog again, and is reset again.
     board.run_for(Nanos::from_millis(600)).unwrap();
     let restarts = board.report().unwrap().restarts;
     let causes: Vec<Cause> = restarts.iter().map(|restart| restart.cause).collect();
@@ -591,7 +591,7 @@ fn a_word_is_written_to_memory_and_to_registers_and_nowhere_else() {
     let mut board = board(&code, &[0x2000_0100, 0x4000_3000]);
     board.write_word(0x2000_0100, 0xCCCC).unwrap();
     board.run_for(Nanos::from_millis(400)).unwrap();
-    // The firmware found the word that starts the watchdog; this one feeds it.
+    // The firmware has read the word that starts the watchdog; this one feeds it.
     board.write_word(0x4000_3000, 0xAAAA).unwrap();
     board.run_for(Nanos::from_millis(400)).unwrap();
     assert_eq!(board.report().unwrap().restarts, []);

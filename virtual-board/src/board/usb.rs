@@ -1,4 +1,4 @@
-//! The USB host as a program uses it.
+//! The API of the USB host.
 
 use std::sync::Mutex;
 
@@ -13,10 +13,10 @@ use crate::usb::enumerate::{self, Enumerated};
 use crate::usb::host::{Host, Packet, Request, TransferError};
 use crate::usb::vendor::Vendor;
 
-/// How long a control transfer may take: a device that needs longer is broken (USB 2.0, 9.2.6.1).
+/// Time limit of a control transfer, by the standard (USB 2.0, 9.2.6.1).
 const CONTROL_LIMIT: Nanos = Nanos::from_millis(5_000);
 
-/// How long a device may take from power to its pull-up.
+/// Time limit from power to the pull-up.
 const CONNECT_LIMIT: Nanos = Nanos::from_millis(2_000);
 
 /// The address that the host gives the device.
@@ -32,26 +32,26 @@ const SET_CONFIGURATION: u8 = 9;
 const SET_INTERFACE: u8 = 11;
 const ENDPOINT_HALT: u16 = 0;
 
-/// The USB host and the serial port that it has open.
+/// The USB host and its open serial port.
 #[derive(Debug)]
 pub struct Usb<'a, A: Arm> {
     pub(super) board: &'a mut VirtualBoard<A>,
 }
 
 impl<A: Arm> Usb<'_, A> {
-    /// Puts the cable in.
+    /// Plugs the cable in.
     pub fn attach(&mut self) {
         self.host(|host| host.set_cable(true));
     }
 
-    /// Pulls the cable out. What is open on it closes.
+    /// Unplugs the cable. Open interfaces close.
     pub fn detach(&mut self) {
         self.host(|host| host.set_cable(false));
         self.board.device = None;
         self.board.close();
     }
 
-    /// Whether a device is there.
+    /// Returns true if a device is connected.
     pub fn connected(&self) -> bool {
         self.host(|host| host.connected())
     }
@@ -60,7 +60,7 @@ impl<A: Arm> Usb<'_, A> {
     ///
     /// # Errors
     ///
-    /// [`Error::NoDevice`], or as the device fails to answer.
+    /// [`Error::NoDevice`], or the device's failure.
     pub fn enumerate(&mut self) -> Result<&Enumerated, Error> {
         self.board.close();
         let appeared = self
@@ -82,18 +82,18 @@ impl<A: Arm> Usb<'_, A> {
         Ok(&self.board.device.insert((epoch, device?)).1)
     }
 
-    /// Opens the device's serial port number `nth`, from 0, as a program does: at `coding`, with DTR and RTS on. The
-    /// device is enumerated first if it was not yet.
+    /// Opens the device's serial port number `nth`, from 0, as a program does: with `coding`, DTR and RTS on. An
+    /// unconfigured device is enumerated first.
     ///
     /// # Errors
     ///
-    /// As for [`enumerate`](Self::enumerate), and when there is no such port.
+    /// As for [`enumerate`](Self::enumerate), and if there is no such port.
     pub fn open(&mut self, nth: usize, coding: LineCoding) -> Result<(), Error> {
         self.open_without_dtr(nth, coding)?;
         self.set_control_lines(true, true)
     }
 
-    /// Opens a port as [`open`](Self::open) does, and leaves DTR and RTS as they are.
+    /// Opens a port as [`open`](Self::open) does, but leaves DTR and RTS unchanged.
     ///
     /// # Errors
     ///
@@ -114,12 +114,12 @@ impl<A: Arm> Usb<'_, A> {
         self.set_line_coding(coding)
     }
 
-    /// Opens the device's vendor-specific interface, beside its serial port. The device is enumerated first if it was not
-    /// yet.
+    /// Opens the device's vendor-specific interface, besides its serial port. An unconfigured device is enumerated
+    /// first.
     ///
     /// # Errors
     ///
-    /// As for [`enumerate`](Self::enumerate), and when there is no such interface.
+    /// As for [`enumerate`](Self::enumerate), and if there is no such interface.
     pub fn open_vendor(&mut self) -> Result<(), Error> {
         if self.device().is_none() {
             self.enumerate()?;
@@ -131,7 +131,7 @@ impl<A: Arm> Usb<'_, A> {
         Ok(())
     }
 
-    /// Lets the host serve endpoints, those that it does not serve yet.
+    /// Makes the host serve additional endpoints.
     fn use_endpoints(&self, endpoints: impl IntoIterator<Item = Endpoint>) {
         self.host(|host| {
             for endpoint in endpoints {
@@ -142,14 +142,14 @@ impl<A: Arm> Usb<'_, A> {
         });
     }
 
-    /// The device, once it was enumerated and while it stays connected.
+    /// The enumerated device, while it stays connected.
     pub fn device(&self) -> Option<&Enumerated> {
         let epoch = self.host(|host| host.epoch());
         let (enumerated, device) = self.board.device.as_ref()?;
         (*enumerated == epoch).then_some(device)
     }
 
-    /// Whether a serial port is open: the device has not gone since.
+    /// Returns true while a serial port is open and the device is connected.
     pub fn is_open(&self) -> bool {
         self.serial().is_open()
     }
@@ -158,18 +158,17 @@ impl<A: Arm> Usb<'_, A> {
     ///
     /// # Errors
     ///
-    /// As the transfer ends.
+    /// The transfer's error.
     pub fn control(&mut self, request: Request) -> Result<Vec<u8>, Error> {
         let packet = self.device().map_or(64, |device| device.device.packet);
         Ok(self.board.control(ADDRESS, packet, request)??)
     }
 
-    /// Begins a control transfer with the device and gives it up after `span`, in whatever stage it is then. Returns
-    /// whether it was over before.
+    /// Starts a control transfer and abandons it after `span`, in any stage. Returns true if it completed before.
     ///
     /// # Errors
     ///
-    /// As the run fails.
+    /// The error of the run.
     pub fn abandon(&mut self, request: Request, span: impl Into<Nanos>) -> Result<bool, Error> {
         let packet = self.device().map_or(64, |device| device.device.packet);
         self.host(|host| host.start_control(ADDRESS, packet, request));
@@ -180,11 +179,11 @@ impl<A: Arm> Usb<'_, A> {
         }))
     }
 
-    /// Halts a direction of the open port, as a test of a device does (USB 2.0, 9.4.9).
+    /// Halts one direction of the open port, as a device test does (USB 2.0, 9.4.9).
     ///
     /// # Errors
     ///
-    /// [`Error::NotOpen`], or as the request ends.
+    /// [`Error::NotOpen`], or the error of the request.
     pub fn set_halt(&mut self, direction: Direction) -> Result<(), Error> {
         let endpoint = self.port_endpoint(direction)?;
         let request = Request::write(
@@ -197,11 +196,11 @@ impl<A: Arm> Usb<'_, A> {
         self.control(request).map(|_| ())
     }
 
-    /// Clears the halt of a direction of the open port, and takes it to be at DATA0 then (USB 2.0, 9.4.5).
+    /// Clears the halt of one direction of the open port, and resets the host's data toggle to DATA0 (USB 2.0, 9.4.5).
     ///
     /// # Errors
     ///
-    /// [`Error::NotOpen`], or as the request ends.
+    /// [`Error::NotOpen`], or the error of the request.
     pub fn clear_halt(&mut self, direction: Direction) -> Result<(), Error> {
         let endpoint = self.port_endpoint(direction)?;
         let request = Request::write(
@@ -214,12 +213,12 @@ impl<A: Arm> Usb<'_, A> {
         self.control_anew(&[endpoint], request)
     }
 
-    /// Chooses the first setting of the open port's data interface again, and takes its endpoints to be at DATA0 then
-    /// (USB 2.0, 9.4.10).
+    /// Selects the first alternate setting of the open port's data interface again, and resets the host's data toggles
+    /// to DATA0 (USB 2.0, 9.4.10).
     ///
     /// # Errors
     ///
-    /// [`Error::NotOpen`], or as the request ends.
+    /// [`Error::NotOpen`], or the error of the request.
     pub fn set_interface(&mut self) -> Result<(), Error> {
         let endpoints = [self.port_endpoint(Direction::Out)?, self.port_endpoint(Direction::In)?];
         let interface = self.port()?.data.into();
@@ -229,12 +228,12 @@ impl<A: Arm> Usb<'_, A> {
         )
     }
 
-    /// Chooses a configuration, 0 for none, while the device has one, and takes all endpoints to be at DATA0 then (USB
-    /// 2.0, 9.1.1.5, 9.4.7).
+    /// Selects a configuration, 0 for none, and resets the host's data toggles of all endpoints to DATA0 (USB 2.0,
+    /// 9.1.1.5, 9.4.7).
     ///
     /// # Errors
     ///
-    /// As the request ends.
+    /// The error of the request.
     pub fn set_configuration(&mut self, value: u8) -> Result<(), Error> {
         let endpoints = self.host(|host| host.open_endpoints());
         self.control_anew(
@@ -243,13 +242,13 @@ impl<A: Arm> Usb<'_, A> {
         )
     }
 
-    /// Whether the next packet of a direction of the open port is DATA1, as the host counts.
+    /// The host's data toggle of one direction of the open port: true for DATA1.
     pub fn toggle(&self, direction: Direction) -> Option<bool> {
         let (endpoint, direction) = self.port_endpoint(direction).ok()?;
         self.host(|host| host.toggle(endpoint, direction))
     }
 
-    /// Runs a control transfer that puts endpoints back to DATA0. No packet of theirs is on the wire meanwhile.
+    /// Runs a control transfer that resets endpoints to DATA0, while none of their packets is on the wire.
     fn control_anew(&mut self, endpoints: &[(u8, Direction)], request: Request) -> Result<(), Error> {
         let each = |host: &Mutex<Host>, act: fn(&mut Host, u8, Direction)| {
             for &(endpoint, direction) in endpoints {
@@ -275,17 +274,17 @@ impl<A: Arm> Usb<'_, A> {
     ///
     /// # Errors
     ///
-    /// [`Error::NotOpen`], or as the request ends.
+    /// [`Error::NotOpen`], or the error of the request.
     pub fn set_line_coding(&mut self, coding: LineCoding) -> Result<(), Error> {
         let request = self.port()?.set_line_coding(coding);
         self.control(request).map(|_| ())
     }
 
-    /// Asks the open port for its line coding, `None` if it answers with something else.
+    /// Reads the line coding of the open port. `None` for an invalid answer.
     ///
     /// # Errors
     ///
-    /// [`Error::NotOpen`], or as the request ends.
+    /// [`Error::NotOpen`], or the error of the request.
     pub fn line_coding(&mut self) -> Result<Option<LineCoding>, Error> {
         let request = self.port()?.get_line_coding();
         Ok(LineCoding::decode(&self.control(request)?))
@@ -295,7 +294,7 @@ impl<A: Arm> Usb<'_, A> {
     ///
     /// # Errors
     ///
-    /// [`Error::NotOpen`], or as the request ends.
+    /// [`Error::NotOpen`], or the error of the request.
     pub fn set_control_lines(&mut self, dtr: bool, rts: bool) -> Result<(), Error> {
         let request = self.port()?.set_control_lines(dtr, rts);
         self.control(request).map(|_| ())
@@ -318,7 +317,7 @@ impl<A: Arm> Usb<'_, A> {
         }
     }
 
-    /// Queues bytes for the open port, in packets as large as it takes. They go while the board runs.
+    /// Queues bytes for the open port, in packets of its maximum size. They are sent while the board runs.
     ///
     /// # Errors
     ///
@@ -327,32 +326,32 @@ impl<A: Arm> Usb<'_, A> {
         self.serial().write(bytes)
     }
 
-    /// How many bytes are queued for the open port and have not gone yet.
+    /// Number of bytes queued for the open port that were not sent yet.
     pub fn unsent(&self) -> usize {
         self.serial().unsent()
     }
 
-    /// Takes the bytes that came from the open port.
+    /// Takes the bytes received from the open port.
     pub fn read(&mut self) -> Vec<u8> {
         self.serial().read()
     }
 
-    /// How many bytes came from the open port and were not read yet.
+    /// Number of bytes received from the open port that were not read yet.
     pub fn unread(&self) -> usize {
         self.serial().unread()
     }
 
-    /// Whether the host asks the open port for bytes. It stops when a program does not read for long.
+    /// Enables IN transfers of the open port. A host disables them if a program does not read.
     pub fn set_reading(&mut self, reading: bool) {
         self.serial().set_reading(reading);
     }
 
-    /// Lets the next `count` data transactions with the open port end in a NAK, whatever the device would say.
+    /// Ends the next `count` data transactions of the open port with a NAK, independent of the device.
     pub fn inject_naks(&mut self, direction: Direction, count: u32) {
         self.serial().inject_naks(direction, count);
     }
 
-    /// Resets the bus, as a host does that lost its way. What is open on it closes.
+    /// Resets the bus, as a host does to recover. Open interfaces close.
     pub fn reset_bus(&mut self) {
         self.host(Host::reset);
         self.board.device = None;
@@ -369,17 +368,17 @@ impl<A: Arm> Usb<'_, A> {
         self.host(Host::resume);
     }
 
-    /// Sets how often an endpoint that has nothing to say is asked again, [`Host::poll_interval`].
+    /// Sets the polling interval of idle endpoints, [`Host::poll_interval`].
     pub fn set_poll_interval(&mut self, interval: impl Into<Nanos>) {
         self.host(|host| host.poll_interval = interval.into());
     }
 
-    /// Every data packet since the beginning, on any endpoint but 0, in order.
+    /// Every data packet since the beginning, except on endpoint 0, in order.
     pub fn packets(&self) -> Vec<Packet> {
         self.host(|host| host.packets().to_vec())
     }
 
-    /// Forgets the packets so far.
+    /// Clears the record of packets.
     pub fn forget_packets(&mut self) {
         self.host(Host::forget_packets);
     }
@@ -417,7 +416,7 @@ impl<A: Arm> VirtualBoard<A> {
     }
 }
 
-/// An endpoint as a request names it (USB 2.0, 9.3.4).
+/// The endpoint address in a request (USB 2.0, 9.3.4).
 fn address_of((endpoint, direction): (u8, Direction)) -> u16 {
     let direction = match direction {
         Direction::Out => 0,
@@ -426,22 +425,22 @@ fn address_of((endpoint, direction): (u8, Direction)) -> u16 {
     direction | u16::from(endpoint)
 }
 
-/// The bytes of one of the device's interfaces, both ways. One that is not open takes none and has none.
+/// The bytes of one of the device's interfaces, in both directions. A closed interface accepts none and has none.
 #[derive(Clone, Copy, Debug)]
 pub struct Pipe<'a> {
     host: &'a Mutex<Host>,
-    /// Where bytes go, and where they come from.
+    /// The OUT and the IN endpoint.
     endpoints: Option<(Endpoint, Endpoint)>,
 }
 
 impl Pipe<'_> {
-    /// Whether it is open: opened, and the device has not gone since.
+    /// Returns true while it is open and the device is connected.
     pub fn is_open(&self) -> bool {
         self.with(|host, (output, _)| host.is_open(output.number, Direction::Out))
             .unwrap_or(false)
     }
 
-    /// Queues bytes, in packets as large as the interface takes. They go while the board runs.
+    /// Queues bytes, in packets of the interface's maximum size. They are sent while the board runs.
     ///
     /// # Errors
     ///
@@ -455,28 +454,28 @@ impl Pipe<'_> {
         }
     }
 
-    /// How many bytes are queued and have not gone yet.
+    /// Number of queued bytes that were not sent yet.
     pub fn unsent(&self) -> usize {
         self.with(|host, (output, _)| host.unsent(output.number)).unwrap_or(0)
     }
 
-    /// Takes the bytes that came.
+    /// Takes the received bytes.
     pub fn read(&self) -> Vec<u8> {
         self.with(|host, (_, input)| host.read(input.number))
             .unwrap_or_default()
     }
 
-    /// How many bytes came and were not read yet.
+    /// Number of received bytes that were not read yet.
     pub fn unread(&self) -> usize {
         self.with(|host, (_, input)| host.unread(input.number)).unwrap_or(0)
     }
 
-    /// Whether the host asks for bytes. It stops when a program does not read for long.
+    /// Enables IN transfers. A host disables them if a program does not read.
     pub fn set_reading(&self, reading: bool) {
         self.with(|host, (_, input)| host.set_reading(input.number, reading));
     }
 
-    /// Lets the next `count` data transactions end in a NAK, whatever the device would say.
+    /// Ends the next `count` data transactions with a NAK, independent of the device.
     pub fn inject_naks(&self, direction: Direction, count: u32) {
         self.with(|host, (output, input)| {
             let endpoint = match direction {
@@ -493,7 +492,7 @@ impl Pipe<'_> {
     }
 }
 
-/// The wire as enumeration wants it. If the run fails, so does every transfer from then on.
+/// The bus for enumeration. If the run fails, so does every later transfer.
 struct Wire<'a, A: Arm> {
     board: &'a mut VirtualBoard<A>,
     failed: Option<Error>,
@@ -509,7 +508,7 @@ impl<A: Arm> enumerate::Bus for Wire<'_, A> {
     fn reset(&mut self) {
         if self.failed.is_none() {
             lock(&self.board.host).reset();
-            // The reset lasts, then frames pass.
+            // The reset ends, then frames follow.
             let over = self.board.run_until(CONTROL_LIMIT, |board| lock(&board.host).running());
             self.failed = over.err();
         }

@@ -5,7 +5,7 @@ use armwire_sim::can::Frame;
 use super::{Capability, Controller, ErrorState, Fault};
 use crate::time::Nanos;
 
-/// In the place of the board's controller: it hears nothing and says nothing.
+/// A placeholder for the board's controller that neither receives nor sends.
 pub(crate) struct Absent;
 
 impl Controller for Absent {

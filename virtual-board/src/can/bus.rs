@@ -1,21 +1,20 @@
-//! The wire: who has it, what becomes of each frame, and when (ISO 11898-1).
+//! The wire: arbitration, the outcome of each frame, and its timing (ISO 11898-1).
 //!
-//! It keeps no clock. [`Bus::poll`] does what is due and says when it wants to be called again; whoever owns the
-//! controller calls it then, and after every change in the controller too.
+//! It has no clock. [`Bus::poll`] executes the due events and returns the time of its next call. The owner of the
+//! controller also calls it after every change in the controller.
 //!
-//! | What | When |
+//! | Event | Time |
 //! |---|---|
-//! | Arbitration: frames that are ready when the bus becomes free | at the start of frame |
-//! | A frame is valid for who receives it | at the last but one bit of its end of frame |
-//! | A frame is valid for who sends it | at the end of its end of frame |
-//! | No acknowledge, a node's error flag, nominal rates that do not fit | at the acknowledge slot |
-//! | An FD frame meets a node that knows classic ones only, data rates that do not fit | at the CRC delimiter |
+//! | Arbitration: all frames that are ready when the bus becomes free | at the start of frame |
+//! | A frame is valid for its receivers | at the last but one bit of its end of frame |
+//! | A frame is valid for its sender | at the end of its end of frame |
+//! | No acknowledge, a node's error flag, incompatible nominal rates | at the acknowledge slot |
+//! | An FD frame at a classic node, incompatible data rates | at the CRC delimiter |
 //! | A shorted bus | at the first bit, then at every bit of an active error flag |
 //! | The end of a frame with an error | six bits of error flag and eight of delimiter later |
-//! | The next frame | three bits later, eight more for a sender that is error passive |
+//! | The next frame | three bits later, eight more for an error passive sender |
 //!
-//! Left out: two frames that no bit of their arbitration fields tells apart (the board's goes first), and overload
-//! frames.
+//! Not modelled: two frames with identical arbitration fields (the board's goes first), and overload frames.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -26,13 +25,13 @@ use super::wait::Wait;
 use super::{BusError, Controller, ErrorState, Fault, Outcome, Sender, span};
 use crate::time::Nanos;
 
-/// How many times 11 recessive bits bring a node back from bus-off (ISO 11898-1).
+/// Number of times 11 recessive bits for a recovery from bus-off (ISO 11898-1).
 const RECOVERY: u32 = 128;
 
 /// A frame that was on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Record {
-    /// When the board's controller was asked to send it.
+    /// Time of the request to the board's controller.
     pub(crate) requested: Option<Nanos>,
     pub(crate) start: Nanos,
     pub(crate) end: Nanos,
@@ -48,37 +47,37 @@ struct Flight {
     frame: Frame,
     requested: Option<Nanos>,
     start: Nanos,
-    /// Its sender's bits.
+    /// The bit times of its sender.
     times: BitTimes,
-    /// How the attached nodes meet it, if there are any.
+    /// Reception by the attached nodes, if there are any.
     attached: Option<Reception>,
-    /// How each joined node meets it that takes part.
+    /// Reception by each joined node that takes part.
     joined: Vec<(u8, Reception)>,
     phase: Phase,
 }
 
 impl Flight {
-    /// When its first `bits` bits are over.
+    /// The end of its first `bits` bits.
     fn after(&self, bits: u32) -> Nanos {
         self.start + Nanos(self.frame.picoseconds(bits, self.times).div_ceil(1_000))
     }
 }
 
-/// What happens next to it, and when.
+/// The next event of a frame, and its time.
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    /// Who receives it has it.
+    /// The frame is valid for its receivers.
     Valid(Nanos),
-    /// There is an error in it.
+    /// An error occurs in the frame.
     Fault(Nanos, Trouble),
-    /// It is over.
+    /// The frame ends.
     Close(Nanos, Outcome),
 }
 
-/// What goes wrong with a frame.
+/// An error in a frame.
 #[derive(Clone, Copy, Debug)]
 struct Trouble {
-    /// The error to its sender.
+    /// The error as seen by the sender.
     error: BusError,
     in_data_phase: bool,
     outcome: Outcome,
@@ -101,7 +100,7 @@ impl Trouble {
         }
     }
 
-    /// The error to a node that meets the frame so. `None` if it does not mind.
+    /// The error as seen by a node with this reception. `None` if it sees none.
     fn to_receiver(self, reception: Reception) -> Option<Fault> {
         let fails = match reception {
             Reception::Ignores => return None,
@@ -123,34 +122,34 @@ impl Trouble {
     }
 }
 
-/// A frame that another node wants to send.
+/// A pending frame of another node.
 struct Offer {
     sender: Sender,
     frame: Frame,
     times: BitTimes,
-    /// From when on its node may send.
+    /// The earliest start of its transmission.
     from: Nanos,
 }
 
 /// The bus, and the nodes on it.
 #[derive(Debug, Default)]
 pub(crate) struct Bus {
-    /// What the attached nodes are, while there are any.
+    /// The configuration of the attached nodes, if there are any.
     attached: Option<NodeConfig>,
-    /// Whether they leave the frames of others unacknowledged.
+    /// True if they do not acknowledge the frames of others.
     deaf: bool,
     shorted: bool,
-    /// Whether the board's controller does not get to its initialization mode.
+    /// True while the board's controller is kept out of initialization mode.
     keeps_from_initialization: bool,
-    /// How many more of the board's frames a node destroys.
+    /// Number of the board's next frames that a node destroys.
     failing: u32,
     joined: BTreeMap<u8, Node>,
-    /// What each node wants to send.
+    /// The queue of each node.
     queues: BTreeMap<u8, VecDeque<Frame>>,
     flood: Option<Frame>,
-    /// What the attached nodes received from the board.
+    /// Frames from the board that the attached nodes received.
     heard: VecDeque<Frame>,
-    /// From when on a frame may begin, and one of the board's.
+    /// The earliest start of a frame, and of a frame of the board.
     free: Nanos,
     free_for_board: Nanos,
     flight: Option<Flight>,
@@ -158,19 +157,19 @@ pub(crate) struct Bus {
     progress: bool,
 }
 
-/// What a program does with the bus. It takes effect at the next [`poll`](Bus::poll).
+/// The program's interface. Changes take effect at the next [`poll`](Bus::poll).
 impl Bus {
-    /// Puts nodes of `rate` bits per second on the bus that know classic frames only.
+    /// Attaches classic nodes at `rate` bits per second.
     pub(crate) fn attach(&mut self, rate: u32) {
         self.attach_as(NodeConfig::classic(rate));
     }
 
-    /// Puts nodes of this kind on the bus.
+    /// Attaches nodes of this kind.
     pub(crate) fn attach_as(&mut self, config: NodeConfig) {
         self.attached = Some(config);
     }
 
-    /// Takes the attached nodes off the bus. What they wanted to send is gone.
+    /// Detaches the attached nodes. Their pending frames are dropped.
     pub(crate) fn detach(&mut self) {
         self.attached = None;
         self.queues.retain(|node, _| self.joined.contains_key(node));
@@ -181,26 +180,26 @@ impl Bus {
         self.attached.is_some()
     }
 
-    /// Puts a node on the bus that is not one of the attached ones. It takes part after 11 recessive bits.
+    /// Adds a separate node. It takes part after 11 recessive bits.
     pub(crate) fn join(&mut self, node: u8, config: NodeConfig) {
         let since = self.flight.is_none().then_some(self.free);
         self.joined.insert(node, Node::new(config, since));
     }
 
-    /// Takes a node that joined off the bus. What it wanted to send and what it received is gone.
+    /// Removes a joined node. Its pending and received frames are dropped.
     pub(crate) fn leave(&mut self, node: u8) {
         if self.joined.remove(&node).is_some() {
             self.queues.remove(&node);
         }
     }
 
-    /// The transmit and the receive error counter of a node that joined, and its state.
+    /// The transmit and receive error counters of a joined node, and its state.
     pub(crate) fn errors(&self, node: u8) -> Option<(u32, u32, ErrorState)> {
         let Node { confinement, .. } = self.joined.get(&node)?;
         Some((confinement.transmit(), confinement.receive(), confinement.state()))
     }
 
-    /// Takes what a node that joined received.
+    /// Takes the frames that a joined node received.
     pub(crate) fn take_heard_by(&mut self, node: u8) -> Vec<Frame> {
         let node = self.joined.get_mut(&node);
         node.map_or_else(Vec::new, |node| node.heard.drain(..).collect())
@@ -230,7 +229,7 @@ impl Bus {
         self.flood = frame;
     }
 
-    /// Whether `node` knows such frames and may send.
+    /// Returns true if `node` supports this kind of frame and may send.
     pub(crate) fn can_send(&self, node: u8, frame: &Frame) -> bool {
         match self.joined.get(&node) {
             Some(node) => node.config.sends(frame),
@@ -238,7 +237,8 @@ impl Bus {
         }
     }
 
-    /// Whether the attached nodes know such frames and may send. While there are none: whether the frame is classic.
+    /// Returns true if the attached nodes support this kind of frame and may send; without nodes, if the frame is
+    /// classic.
     pub(crate) fn attached_can_send(&self, frame: &Frame) -> bool {
         self.attached.map_or(frame.fd.is_none(), |config| config.sends(frame))
     }
@@ -248,22 +248,22 @@ impl Bus {
         self.queues.entry(node).or_default().push_back(frame);
     }
 
-    /// How many frames of the nodes wait, the one on the bus included.
+    /// Number of pending frames of the nodes, including the one on the bus.
     pub(crate) fn unsent(&self) -> usize {
         self.queues.values().map(VecDeque::len).sum()
     }
 
-    /// How many frames of `node` wait, the one on the bus included.
+    /// Number of pending frames of `node`, including the one on the bus.
     pub(crate) fn unsent_by(&self, node: u8) -> usize {
         self.queues.get(&node).map_or(0, VecDeque::len)
     }
 
-    /// Takes what the attached nodes received from the board.
+    /// Takes the frames that the attached nodes received from the board.
     pub(crate) fn take_heard(&mut self) -> Vec<Frame> {
         self.heard.drain(..).collect()
     }
 
-    /// How many frames the nodes received that were not taken yet.
+    /// Number of received frames of the nodes that were not taken yet.
     pub(crate) fn unread(&self) -> usize {
         self.heard.len() + self.joined.values().map(|node| node.heard.len()).sum::<usize>()
     }
@@ -276,15 +276,15 @@ impl Bus {
         self.records.clear();
     }
 
-    /// Whether a frame ended since this was last asked.
+    /// Returns true if a frame ended since the last call.
     pub(crate) fn take_progress(&mut self) -> bool {
         std::mem::take(&mut self.progress)
     }
 }
 
-/// What happens on the wire.
+/// Events on the wire.
 impl Bus {
-    /// Does what is due by `now`. Returns when it wants to be called again at the latest.
+    /// Executes the events due by `now`. Returns the latest time of the next call.
     pub(crate) fn poll(&mut self, now: Nanos, controller: &mut dyn Controller) -> Option<Nanos> {
         self.sense(now, controller);
         loop {
@@ -315,7 +315,7 @@ impl Bus {
         }
     }
 
-    /// A frame does not survive that its sender goes, nor a short.
+    /// Aborts a frame whose sender is gone, or on a shorted bus.
     fn sense(&mut self, now: Nanos, controller: &mut dyn Controller) {
         let Some(Flight { sender, phase, .. }) = &self.flight else {
             return;
@@ -337,12 +337,12 @@ impl Bus {
         }
     }
 
-    /// What a node is: one that joined, or one of the attached.
+    /// The configuration of a node: joined, or one of the attached.
     fn config(&self, node: u8) -> Option<NodeConfig> {
         self.joined.get(&node).map(|node| node.config).or(self.attached)
     }
 
-    /// Each frame that a node would send if the bus were free.
+    /// The frame that each node would send on a free bus.
     fn offers(&self) -> impl Iterator<Item = Offer> {
         let flood = self.flood.iter().filter_map(|frame| {
             self.attached.filter(|config| config.sends(frame)).map(|config| Offer {
@@ -375,7 +375,7 @@ impl Bus {
         queued.chain(flood).filter(|_| !self.shorted)
     }
 
-    /// When the next frame begins.
+    /// The start of the next frame.
     fn next_start(&self, now: Nanos, controller: &dyn Controller) -> Option<Nanos> {
         let board = controller.offer().map(|_| self.free_for_board.max(self.free));
         let nodes = self.offers().map(|offer| offer.from).min();
@@ -422,7 +422,7 @@ impl Bus {
         self.flight = Some(flight);
     }
 
-    /// What becomes of a frame that begins.
+    /// The outcome of a frame that begins.
     fn destiny(&mut self, flight: &Flight, controller: &dyn Controller) -> Phase {
         let slot = flight.after(flight.frame.bits_through_acknowledge());
         let is_board = flight.sender == Sender::Board;
@@ -473,7 +473,7 @@ impl Bus {
         }
     }
 
-    /// Whether the attached nodes only listen.
+    /// Returns true if the attached nodes are listen-only.
     fn is_silent(&self) -> bool {
         self.attached.is_some_and(|config| config.is_silent)
     }
@@ -488,7 +488,7 @@ impl Bus {
             }
             Phase::Fault(at, trouble) => {
                 self.fail(&flight, trouble, controller);
-                // An active error flag that a short swallows is an error at each of its bits.
+                // An active error flag on a shorted bus is an error at each of its bits.
                 let swallowed = trouble.outcome == Outcome::Shorted
                     && self.shorted
                     && controller.sends()
@@ -505,8 +505,8 @@ impl Bus {
         }
     }
 
-    /// The frame is valid for those that receive it. To a node that does not understand it and may not destroy it, it is
-    /// an error of its own.
+    /// The frame is valid for its receivers. A node that cannot decode it and may not destroy it has an error of its
+    /// own.
     fn hand_over(&mut self, flight: &Flight, controller: &mut dyn Controller) {
         let error = Trouble::new(BusError::Stuff, Outcome::Garbled);
         if flight.sender == Sender::Board {
@@ -537,7 +537,7 @@ impl Bus {
         }
     }
 
-    /// Everybody sees the error in the frame.
+    /// All nodes see the error in the frame.
     fn fail(&mut self, flight: &Flight, trouble: Trouble, controller: &mut dyn Controller) {
         if flight.sender != Sender::Board {
             let fault = trouble.to_receiver(meets(controller, flight));
@@ -604,7 +604,7 @@ impl Bus {
     }
 }
 
-/// How the board's controller meets a frame.
+/// The reception of a frame by the board's controller.
 fn meets(controller: &dyn Controller, flight: &Flight) -> Reception {
     reception(&flight.frame, flight.times, controller.bit(), controller.capability())
 }

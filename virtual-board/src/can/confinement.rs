@@ -1,14 +1,14 @@
-//! Fault confinement (RM0090, 32.7.6; ISO 11898-1): the two error counters and what they mean.
+//! Fault confinement (RM0090, 32.7.6; ISO 11898-1): the two error counters and the states.
 
 use super::{BusError, ErrorState, Fault};
 
-/// From where on the bus is heavily disturbed, and the controller says so.
+/// The warning limit.
 const WARNING: u16 = 96;
-/// The highest count of a controller that is error active.
+/// The highest count of an error active controller.
 const ACTIVE: u16 = 127;
-/// What the transmit counter of a controller that is on the bus holds at most.
+/// The maximum of the transmit counter of a controller on the bus.
 const MOST: u16 = 255;
-/// What a frame received well makes of a receive counter above [`RECOVERS`] (32.9.2 ESR).
+/// The new value of a receive counter above [`RECOVERS`] after a valid frame (32.9.2 ESR).
 const RECOVERED: u16 = 120;
 const RECOVERS: u16 = 128;
 
@@ -47,7 +47,7 @@ impl Confinement {
         u32::from(self.receive)
     }
 
-    /// A frame of its own failed. A missing acknowledge does not count any more once it is error passive.
+    /// A frame of its own failed. A missing acknowledge does not count in error passive.
     pub(crate) fn transmit_error(&mut self, error: BusError) {
         if error == BusError::Acknowledge && self.state() == ErrorState::Passive {
             return;
@@ -56,14 +56,14 @@ impl Confinement {
         self.bus_off = self.transmit > MOST;
     }
 
-    /// Another's frame failed here: one more, and eight more if the others answer its error flag with theirs.
+    /// A received frame failed: adds one, and eight more if the other nodes respond to its error flag.
     pub(crate) fn receive_error(&mut self) {
         let more = if self.state() == ErrorState::Active { 9 } else { 1 };
         self.receive = (self.receive + more).min(MOST);
     }
 
-    /// The same, or one more if a third node destroyed the frame: its error flag is an error here, and nobody answers
-    /// this node's.
+    /// The same, but adds one if a third node destroyed the frame: its error flag is an error here, and no node
+    /// responds to this node's flag.
     pub(crate) fn receive_fault(&mut self, fault: Fault) {
         if fault.is_own {
             self.receive_error();
@@ -83,7 +83,7 @@ impl Confinement {
         };
     }
 
-    /// It is back on the bus.
+    /// The node has recovered from bus-off.
     pub(crate) fn recover(&mut self) {
         *self = Self::default();
     }

@@ -1,12 +1,11 @@
 //! The CAN bus at the board's edge: other nodes, faults, and a record of every frame.
 //!
-//! `bus` is the wire and the nodes on it. It drives any `Controller`; nothing here knows a register or an emulator.
-//! Whole frames cross it, classic or FD, each as long as its bits with the stuff bits that they really have
-//! ([`armwire_sim::can`]).
+//! `bus` is the wire and the nodes on it. It drives any `Controller`, independent of registers and emulator. It carries
+//! whole frames, classic or FD, with their exact number of bits including stuff bits ([`armwire_sim::can`]).
 //!
-//! There are two kinds of other nodes. The attached nodes are one party of any size with one [`NodeConfig`]: they
-//! acknowledge each other, so that a frame of theirs passes even if the board does not listen, and they are never error
-//! passive. A joined node is one node with its own configuration, error counters and received frames.
+//! There are two kinds of other nodes. The attached nodes are a group of any size with one [`NodeConfig`]: they
+//! acknowledge each other, even if the board does not listen, and they are never error passive. A joined node is a
+//! single node with its own configuration, error counters and received frames.
 
 #[cfg(any(test, unix))]
 pub(crate) mod absent;
@@ -24,7 +23,7 @@ pub use node::NodeConfig;
 
 use crate::time::Nanos;
 
-/// Who sent a frame.
+/// The sender of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Sender {
     /// The board.
@@ -35,43 +34,43 @@ pub enum Sender {
     Flood,
 }
 
-/// What became of a frame.
+/// The outcome of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outcome {
-    /// It was acknowledged: everybody else on the bus has it.
+    /// Acknowledged: all other nodes have received it.
     Sent,
-    /// Nobody acknowledged it.
+    /// No node acknowledged it.
     Unacknowledged,
     /// A node destroyed it with an error flag.
     Destroyed,
-    /// A node did not understand it: its rates are others, or it knows no FD frames. The frame ended in an error.
+    /// A node could not decode it, because of other rates or missing FD support. The frame ended in an error.
     Garbled,
     /// The bus was shorted.
     Shorted,
-    /// Its sender went away in the middle of it.
+    /// Its sender left the bus.
     Cut,
 }
 
 /// A frame that was on the bus, once for each attempt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusFrame {
-    /// When the firmware had asked its controller to send it. `None` for a frame of another node.
+    /// Time of the firmware's request to its controller. `None` for a frame of another node.
     pub requested: Option<Nanos>,
-    /// When its start of frame began.
+    /// Beginning of its start of frame.
     pub start: Nanos,
-    /// When its end of frame, or the error frame that destroyed it, ended.
+    /// End of its end of frame, or of the error frame that destroyed it.
     pub end: Nanos,
-    /// Who sent it.
+    /// Its sender.
     pub sender: Sender,
     /// The frame. `None` for a remote frame or one with a 29-bit identifier.
     pub frame: Option<Frame>,
-    /// The frame with all that the bus carries: 29-bit identifiers, remote frames, and the flags of FD frames.
+    /// The complete frame: 29-bit identifiers, remote frames, and the flags of FD frames.
     pub on_the_wire: wire::Frame,
-    /// What became of it.
+    /// Its outcome.
     pub outcome: Outcome,
 }
 
-/// What a controller finds wrong on the bus, by the codes of its last-error field (32.9.2 ESR; an FDCAN has the same).
+/// Bus errors of a controller, by the codes of its last-error field (32.9.2 ESR; the same in an FDCAN).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum BusError {
     Stuff = 1,
@@ -82,73 +81,73 @@ pub(crate) enum BusError {
     DominantBit = 5,
 }
 
-/// An error in a frame, as a controller finds it.
+/// An error in a frame, as seen by a controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fault {
     pub(crate) error: BusError,
-    /// Whether it is in the data phase of a frame that switches the bit rate.
+    /// True for an error in the data phase of a frame that switches the bit rate.
     pub(crate) in_data_phase: bool,
-    /// Whether the controller found it itself. Otherwise it saw the error flag of a node that did.
+    /// True if the controller detected it. Otherwise it saw another node's error flag.
     pub(crate) is_own: bool,
 }
 
-/// How much a node may still say (ISO 11898-1, fault confinement).
+/// The error state of a node (ISO 11898-1, fault confinement).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorState {
-    /// It destroys a frame that it finds wrong.
+    /// Error active: it destroys invalid frames.
     Active,
-    /// It destroys nothing, and waits longer before it sends.
+    /// Error passive: it destroys nothing, and waits longer before it sends.
     Passive,
-    /// It takes no part in the bus.
+    /// Bus-off: it takes no part in the bus.
     BusOff,
 }
 
-/// Which frames a node knows (ISO 11898-1: the three implementations).
+/// The frames that a node supports (ISO 11898-1: the three implementations).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Capability {
     /// Classic frames. An FD frame is an error to it.
     Classic,
     /// Classic frames. It neither receives nor disturbs an FD frame.
     FdTolerant,
-    /// Classic and FD frames, with bits of so many picoseconds in the data phase.
+    /// Classic and FD frames, with this bit time in picoseconds in the data phase.
     Fd {
         /// One bit of the data phase.
         data_bit: u64,
     },
 }
 
-/// A controller as the bus sees it.
+/// A controller, as seen by the bus.
 ///
-/// Every call happens at its instant on the bus, in order.
+/// Calls are made at their instant on the bus, in order.
 pub(crate) trait Controller {
-    /// One of its nominal bits in picoseconds, 0 while it has no clock.
+    /// Its nominal bit time in picoseconds, 0 without a clock.
     fn bit(&self) -> u64;
 
-    /// Which frames it knows, as it is configured now.
+    /// The frames that it supports in its present configuration.
     fn capability(&self) -> Capability;
 
-    /// Whether it hears the bus. Never in bus-off.
+    /// Returns true if it receives. Never in bus-off.
     fn listens(&self) -> bool;
 
-    /// Whether it drives the bus: it acknowledges, and destroys what it finds wrong while it is error active.
+    /// Returns true if it drives the bus: it acknowledges, and destroys invalid frames while it is error active.
     fn drives(&self) -> bool;
 
-    /// How much it may say.
+    /// Its error state.
     fn state(&self) -> ErrorState;
 
-    /// The frame that it would send now. An FD frame only if its capability is FD.
+    /// The frame that it would send now. An FD frame only with FD capability.
     fn offer(&self) -> Option<wire::Frame>;
 
-    /// When the frame that it sends was requested.
+    /// The time of the request for the frame that it sends.
     fn requested(&self) -> Option<Nanos>;
 
-    /// Whether its frame is on the bus.
+    /// Returns true while its frame is on the bus.
     fn sends(&self) -> bool;
 
-    /// A frame begins: the one that it offered if `own`.
+    /// A frame begins, its own offered frame if `own`.
     fn begin(&mut self, own: bool);
 
-    /// The frame that it offered began together with one that has the bus now.
+    /// Its offered frame lost arbitration.
     fn lose(&mut self);
 
     /// A frame of another node is valid.
@@ -160,13 +159,13 @@ pub(crate) trait Controller {
     /// There is an error in its own frame.
     fn transmit_error(&mut self, fault: Fault);
 
-    /// The frame is over, and the next may begin at `free`. `sent` says whether it was its own and everybody has it.
+    /// The frame has ended, and the next may begin at `free`. `sent` is true for a successful frame of its own.
     fn end(&mut self, sent: bool, free: Nanos);
 
-    /// When something happens within it, whatever the bus does.
+    /// The time of its next internal event.
     fn due(&self) -> Option<Nanos>;
 
-    /// What is due within it happens.
+    /// Executes its due internal events.
     fn tick(&mut self);
 }
 

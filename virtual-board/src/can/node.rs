@@ -1,4 +1,4 @@
-//! The other nodes on the bus, and how each of them meets a frame.
+//! The other nodes on the bus, and their reception of frames.
 
 use std::collections::VecDeque;
 
@@ -9,13 +9,13 @@ use super::wait::Wait;
 use super::{Capability, ErrorState};
 use crate::time::Nanos;
 
-/// How far two rates may differ and still understand each other, in parts per thousand. Oscillators may each be off by
-/// 1.58 % at best (ISO 11898-1).
+/// Maximum difference of compatible rates, in parts per thousand. Oscillators may each be off by 1.58 % at best (ISO
+/// 11898-1).
 const TOLERANCE: u64 = 10;
 
-/// What a node is: its rates, and which frames it knows (ISO 11898-1).
+/// The configuration of a node: its rates, and the frames that it supports (ISO 11898-1).
 ///
-/// Rates are in bits per second. A rate of 0 is taken for 1.
+/// Rates are in bits per second. A rate of 0 counts as 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeConfig {
     pub(super) bit: u64,
@@ -24,7 +24,7 @@ pub struct NodeConfig {
 }
 
 impl NodeConfig {
-    /// A node that knows classic frames only. While it is error active it destroys FD frames with error frames.
+    /// A classic node. While it is error active it destroys FD frames with error frames.
     pub fn classic(rate: u32) -> Self {
         Self {
             bit: BitTimes::new(rate, rate).nominal,
@@ -33,7 +33,7 @@ impl NodeConfig {
         }
     }
 
-    /// A node that knows classic frames, and neither receives, acknowledges nor disturbs FD frames.
+    /// A classic node that neither receives, acknowledges nor disturbs FD frames.
     pub fn fd_tolerant(rate: u32) -> Self {
         Self {
             capability: Capability::FdTolerant,
@@ -41,7 +41,7 @@ impl NodeConfig {
         }
     }
 
-    /// A node that knows classic and FD frames, with `data_rate` in the data phase of FD frames that switch the bit rate.
+    /// A node for classic and FD frames, with `data_rate` in the data phase of FD frames that switch the bit rate.
     pub fn fd(rate: u32, data_rate: u32) -> Self {
         let data_bit = BitTimes::new(rate, data_rate).data;
         Self {
@@ -50,7 +50,7 @@ impl NodeConfig {
         }
     }
 
-    /// The same node, but it only listens: it sends no frame, no acknowledge and no error flag.
+    /// The same node as listen-only: it sends no frame, no acknowledge and no error flag.
     #[must_use]
     pub fn silent(self) -> Self {
         Self {
@@ -59,7 +59,7 @@ impl NodeConfig {
         }
     }
 
-    /// Whether it can send the frame.
+    /// Returns true if it can send the frame.
     pub(crate) fn sends(&self, frame: &Frame) -> bool {
         !self.is_silent && (frame.fd.is_none() || matches!(self.capability, Capability::Fd { .. }))
     }
@@ -73,7 +73,7 @@ impl NodeConfig {
     }
 }
 
-/// The bits of a node that has no data phase of its own are nominal ones.
+/// A node without a data phase of its own uses nominal bits.
 pub(super) fn times(bit: u64, capability: Capability) -> BitTimes {
     let data = match capability {
         Capability::Fd { data_bit } => data_bit,
@@ -82,22 +82,22 @@ pub(super) fn times(bit: u64, capability: Capability) -> BitTimes {
     BitTimes { nominal: bit, data }
 }
 
-/// How a node meets another's frame.
+/// A node's reception of another's frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Reception {
     /// It receives the frame and acknowledges it.
     Follows,
     /// It waits for the end of the frame.
     Ignores,
-    /// It finds an error after so many bits.
+    /// It detects an error after this many bits.
     Fails(u32),
 }
 
-/// How a node meets the frame of a sender with these bits.
+/// The reception by a node of a frame from a sender with these bit times.
 ///
-/// A node with another nominal rate finds its error at the acknowledge slot. One that cannot follow the data phase or
-/// the format of an FD frame finds it at the CRC delimiter. On a real bus both may find it earlier: these are the latest
-/// instants.
+/// A node with another nominal rate detects its error at the acknowledge slot. One that cannot decode the data phase or
+/// the format of an FD frame detects it at the CRC delimiter. On a real bus both may detect it earlier: these are the
+/// latest instants.
 pub(super) fn reception(frame: &Frame, sender: BitTimes, bit: u64, capability: Capability) -> Reception {
     if !fit(sender.nominal, bit) {
         return Reception::Fails(frame.bits_through_acknowledge());
@@ -112,7 +112,7 @@ pub(super) fn reception(frame: &Frame, sender: BitTimes, bit: u64, capability: C
     }
 }
 
-/// Whether bits of `a` and `b` picoseconds understand each other.
+/// Returns true if bit times of `a` and `b` picoseconds are compatible.
 fn fit(a: u64, b: u64) -> bool {
     a.abs_diff(b) * 1_000 <= TOLERANCE * a.max(b)
 }
@@ -122,9 +122,9 @@ fn fit(a: u64, b: u64) -> bool {
 pub(super) struct Node {
     pub(super) config: NodeConfig,
     pub(super) confinement: Confinement,
-    /// Until it takes part in the bus.
+    /// The wait before it takes part in the bus.
     pub(super) wait: Option<Wait>,
-    /// From when on it may send.
+    /// The earliest start of its transmissions.
     pub(super) free: Nanos,
     pub(super) heard: VecDeque<Frame>,
 }
@@ -145,17 +145,17 @@ impl Node {
         self.wait.is_none()
     }
 
-    /// Whether it destroys what it finds wrong.
+    /// Returns true if it destroys invalid frames.
     pub(super) fn destroys(&self) -> bool {
         !self.config.is_silent && self.confinement.state() == ErrorState::Active
     }
 
-    /// When its wait is over.
+    /// The end of its wait.
     pub(super) fn due(&self) -> Option<Nanos> {
         self.wait?.due(self.config.bit)
     }
 
-    /// Its wait is over.
+    /// Its wait has ended.
     pub(super) fn waited(&mut self) {
         self.wait = None;
         if self.confinement.state() == ErrorState::BusOff {

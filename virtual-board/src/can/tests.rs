@@ -1,4 +1,4 @@
-//! The bus with classic, FD tolerant and FD nodes, and with a controller that knows FD frames.
+//! The bus with classic, FD tolerant and FD nodes, and with an FD controller.
 
 use std::collections::VecDeque;
 
@@ -39,7 +39,7 @@ struct Bench<C> {
 }
 
 impl Bench<Absent> {
-    /// Nodes 0, 1, ... have joined, and there is no board.
+    /// A bus with joined nodes 0, 1, ... and no board.
     fn of(nodes: &[NodeConfig]) -> Self {
         Bench::with(Absent, nodes)
     }
@@ -142,7 +142,7 @@ fn a_classic_node_destroys_fd_frames_until_it_is_error_passive() {
     let mut expected = vec![Outcome::Garbled; 15];
     expected.push(Outcome::Sent);
     assert_eq!(bench.outcomes(), expected);
-    // Nine for each frame that it destroyed, one for that which it could not.
+    // Nine for each frame that it destroyed, one for the frame that it could not.
     assert_eq!(bench.errors(2), (0, 136, ErrorState::Passive));
     assert_eq!(bench.errors(0), (119, 0, ErrorState::Active));
     assert_eq!(bench.errors(1), (0, 14, ErrorState::Active));
@@ -230,7 +230,7 @@ fn data_rate_errors_end_in_bus_off_and_heal_after_128_times_11_bits() {
     bench.bus.attach_as(FD());
     bench.run_frames(33);
     let healed = &bench.bus.records()[32];
-    // The eleven bits with which the last frame ends count.
+    // The eleven bits at the end of the last frame count.
     assert_eq!(healed.start.since(off), Nanos((3 + 127 * 11) * BIT.0));
     assert_eq!((healed.outcome, healed.frame), (Outcome::Sent, fd(0x123, &[])));
     assert_eq!(bench.errors(0), (0, 0, ErrorState::Active));
@@ -281,7 +281,7 @@ fn a_sender_that_leaves_in_mid_frame_cuts_it() {
     assert!(bench.bus.take_heard_by(1).is_empty());
 }
 
-/// A controller that knows FD frames, and what it was told.
+/// An FD controller, with a record of its calls.
 struct Device {
     data_bit: u64,
     queue: VecDeque<Frame>,

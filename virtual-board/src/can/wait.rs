@@ -1,5 +1,4 @@
-//! How a node joins the bus, or comes back from bus-off (ISO 11898-1): it waits for 11 recessive bits in a row, so many
-//! times.
+//! The wait of a node that joins the bus or recovers from bus-off (ISO 11898-1): a number of times 11 recessive bits.
 
 use armwire_sim::can::BUS_IDLE_BITS;
 
@@ -10,12 +9,12 @@ use crate::time::Nanos;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wait {
     left: u32,
-    /// Since when the bus is recessive, unless there is a frame on it.
+    /// The start of the recessive state, unless a frame is on the bus.
     since: Option<Nanos>,
 }
 
 impl Wait {
-    /// For `times` times 11 bits, on a bus that is recessive `since` then.
+    /// A wait for `times` times 11 bits, on a bus that is recessive `since` then.
     pub(crate) fn new(times: u32, since: Option<Nanos>) -> Self {
         Self { left: times, since }
     }
@@ -29,8 +28,8 @@ impl Wait {
         }
     }
 
-    /// A frame is over, and the next may begin at `free`. The 11 recessive bits that end every frame are over then, and
-    /// count, unless the wait began after that frame.
+    /// A frame has ended, and the next may begin at `free`. The 11 recessive bits at the end of every frame have then
+    /// passed and count, unless the wait began after that frame.
     pub(crate) fn end(&mut self, free: Nanos) {
         if self.since.is_none() {
             self.left = self.left.saturating_sub(1);
@@ -38,7 +37,7 @@ impl Wait {
         }
     }
 
-    /// When it is over, if no other frame comes. `None` while there is a frame, or without a clock.
+    /// The end of the wait, if no other frame comes. `None` during a frame, or without a clock.
     pub(crate) fn due(&self, bit: u64) -> Option<Nanos> {
         let since = self.since.filter(|_| bit > 0)?;
         Some(since + span(self.left * BUS_IDLE_BITS, bit))

@@ -1,6 +1,7 @@
-//! Loads, stores and fetches: alignment, protection, and where an address leads (ARM DDI 0403E, A3.2, B3.1, B2.3).
+//! Loads, stores and fetches: alignment, protection, and address decoding (ARM DDI 0403E, A3.2, B3.1, B2.3).
 //!
-//! Aligned accesses to RAM, and loads from flash without wait states, take the short way. All bus errors are precise: the write buffer is not modelled.
+//! Aligned accesses to RAM, and loads from flash without wait states, take a fast path. All bus errors are precise: the
+//! write buffer is not modelled.
 
 use super::bus::{Access, Bus, Purpose};
 use super::fault::{Fault, Trap};
@@ -28,7 +29,7 @@ impl Cpu {
         self.load_elsewhere(bus, address, width(BYTES), self.is_privileged())
     }
 
-    /// Stores a byte, halfword or word: the lowest of the value.
+    /// Stores a byte, halfword or word, from the lowest bits of the value.
     #[inline(always)]
     pub(super) fn store<const BYTES: usize>(
         &mut self,
@@ -48,7 +49,7 @@ impl Cpu {
         self.store_elsewhere(bus, address, value, width(BYTES), self.is_privileged())
     }
 
-    /// Loads two or more words, which have to be aligned.
+    /// A load of an instruction with two or more words, which must be aligned.
     #[inline(always)]
     pub(super) fn load_aligned(&mut self, bus: &mut dyn Bus, address: u32) -> Result<u32, Trap> {
         if !address.is_multiple_of(4) {
@@ -57,7 +58,7 @@ impl Cpu {
         self.load::<4>(bus, address)
     }
 
-    /// Stores two or more words, which have to be aligned.
+    /// A store of an instruction with two or more words, which must be aligned.
     #[inline(always)]
     pub(super) fn store_aligned(&mut self, bus: &mut dyn Bus, address: u32, value: u32) -> Result<(), Trap> {
         if !address.is_multiple_of(4) {
@@ -107,7 +108,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// Faults an access that is not aligned, if it has to be (A3.2.1, CCR.UNALIGN_TRP). Counts its extra cycles.
+    /// Faults an unaligned access where alignment is required (A3.2.1, CCR.UNALIGN_TRP). Counts its extra cycles.
     fn check_unaligned(&mut self, address: u32, width: Width) -> Result<(), Fault> {
         let is_device = matches!(address >> 29, 2 | 5 | 6 | 7);
         if self.scb.ccr & ccr::UNALIGN_TRP != 0 || is_device {
@@ -184,7 +185,7 @@ impl Cpu {
         written.map_err(|_| Fault::DataBus(address).into())
     }
 
-    /// Whether an unprivileged write to the Software Trigger Interrupt Register is permitted (B3.2.26).
+    /// Returns true if an unprivileged write to the Software Trigger Interrupt Register is permitted (B3.2.26).
     fn may_pend_unprivileged(&self, address: u32) -> bool {
         self.scb.ccr & ccr::USERSETMPEND != 0 && address == 0xe000_ef00
     }
@@ -218,7 +219,7 @@ impl Cpu {
         }
     }
 
-    /// The address and the bit there that a bit-band alias stands for (Cortex-M4 TRM, 3.7).
+    /// The address and bit of a bit-band alias (Cortex-M4 TRM, 3.7).
     fn bit_band(&self, address: u32, width: Width) -> Option<(u32, u32)> {
         if !self.config.bit_band || !matches!(address >> 24, 0x22 | 0x23 | 0x42 | 0x43) {
             return None;
@@ -228,7 +229,7 @@ impl Cpu {
         Some(((address & 0xf000_0000) + number / bits * width.bytes(), number % bits))
     }
 
-    /// Counts the cycles that the fetch of an instruction from flash waits.
+    /// Counts the wait cycles of an instruction fetch from flash.
     #[inline(always)]
     pub(super) fn wait_for_fetch(&mut self, pc: u32, length: u8) {
         let offset = pc.wrapping_sub(self.memory.flash.base());
@@ -308,7 +309,7 @@ impl Cpu {
         }
     }
 
-    /// SDIV and UDIV: counts the cycles that depend on the operands, and takes the trap if it is on (A7.7.127).
+    /// SDIV and UDIV: counts the cycles that depend on the operands, and takes the trap if enabled (A7.7.127).
     #[inline(always)]
     pub(super) fn begin_division(&mut self, dividend: u32, divisor: u32) -> Result<(), Trap> {
         if divisor == 0 && self.scb.ccr & ccr::DIV_0_TRP != 0 {

@@ -2,7 +2,7 @@
 
 use super::op::{Alu, Shift, ShiftKind};
 
-/// The condition flags of the APSR, kept as the values they follow from.
+/// The condition flags of the APSR, stored as the values that determine them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Flags {
     /// Bit 31 is N.
@@ -14,7 +14,7 @@ pub(super) struct Flags {
     pub(super) v: u32,
 }
 
-/// For each condition, a bit for each value of NZCV: whether it holds (A7.3).
+/// For each condition, a mask of the NZCV values for which it holds (A7.3).
 const CONDITIONS: [u16; 16] = conditions();
 
 const fn conditions() -> [u16; 16] {
@@ -54,14 +54,14 @@ impl Flags {
         self.n >> 31 << 3 | u32::from(self.z == 0) << 2 | u32::from(self.c) << 1 | self.v >> 31
     }
 
-    /// Sets N and Z as this result has them.
+    /// Sets N and Z for this result.
     #[inline(always)]
     pub(super) fn set_nz(&mut self, result: u32) {
         self.n = result;
         self.z = result;
     }
 
-    /// Whether a condition holds.
+    /// Returns true if a condition holds.
     #[inline(always)]
     pub(super) fn holds(self, condition: u8) -> bool {
         CONDITIONS[usize::from(condition & 15)] >> self.nzcv() & 1 != 0
@@ -78,7 +78,7 @@ impl Flags {
         result
     }
 
-    /// A data-processing operation. `carry` is what its second operand leaves in the carry flag.
+    /// A data-processing operation. `carry` is the carry flag after its second operand.
     #[inline(always)]
     pub(super) fn alu(&mut self, alu: Alu, a: u32, b: u32, carry: bool, set: bool) -> u32 {
         let old = *self;
@@ -126,7 +126,7 @@ pub(super) fn shift_c(value: u32, kind: ShiftKind, amount: u32, carry: bool) -> 
             (wide as u32, wide >> 32 & 1 != 0)
         }
         ShiftKind::Lsr => {
-            // One bit more below: the last one shifted out.
+            // One bit more at the bottom: the last one shifted out.
             let wide = (u64::from(value) << 1).checked_shr(amount).unwrap_or(0);
             ((wide >> 1) as u32, wide & 1 != 0)
         }
@@ -142,14 +142,14 @@ pub(super) fn shift_c(value: u32, kind: ShiftKind, amount: u32, carry: bool) -> 
     }
 }
 
-/// SignedSatQ(): the value limited to a signed integer of so many bits, and whether it was limited.
+/// SignedSatQ(): the value limited to a signed integer of `bits` bits, and true if it was limited.
 pub(super) fn saturate_signed(value: i64, bits: u8) -> (i32, bool) {
     let limit = 1_i64 << (bits - 1);
     let result = value.clamp(-limit, limit - 1);
     (result as i32, result != value)
 }
 
-/// UnsignedSatQ(): the value limited to an unsigned integer of so many bits, and whether it was limited.
+/// UnsignedSatQ(): the value limited to an unsigned integer of `bits` bits, and true if it was limited.
 pub(super) fn saturate_unsigned(value: i64, bits: u8) -> (u32, bool) {
     let result = value.clamp(0, (1 << bits) - 1);
     (result as u32, result != value)

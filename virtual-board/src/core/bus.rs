@@ -1,4 +1,4 @@
-//! The core's connection to everything that is not plain memory.
+//! The core's connection to everything except plain memory.
 //!
 //! Flash and RAM are in [`Memory`], which the core owns and accesses directly. Every other address
 //! reaches the chip through [`Bus`]: peripherals, system memory, aliases, holes. The core keeps the System Control Space
@@ -6,7 +6,7 @@
 
 use super::memory::{Memory, Width};
 
-/// What a transfer is for.
+/// The purpose of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// A load or store.
@@ -28,19 +28,19 @@ pub struct Access {
     pub cycle: u64,
     /// The address of the instruction.
     pub pc: u32,
-    /// What the transfer is for.
+    /// The purpose of the transfer.
     pub purpose: Purpose,
-    /// Whether the core is privileged.
+    /// True if the core is privileged.
     pub privileged: bool,
 }
 
-/// The bus answered with an error: nothing is at the address, or not for this transfer. The core takes a BusFault.
+/// A bus error: no device at the address, or no support for this transfer. The core takes a BusFault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusError;
 
-/// What the chip is to the core.
+/// The chip, as seen by the core.
 ///
-/// Every event up to [`Access::cycle`] has been processed when the core asks: [`Core::run`](super::Core::run) executes no
+/// Every event up to [`Access::cycle`] has been processed before the call: [`Core::run`](super::Core::run) executes no
 /// instruction that begins at or after its deadline.
 pub trait Bus {
     /// Reads from an address outside flash and RAM. The value's upper bits beyond the width are ignored.
@@ -49,13 +49,12 @@ pub trait Bus {
     /// Writes to an address outside RAM. Writes to flash come here, too. The value's upper bits beyond the width are 0.
     fn write(&mut self, access: Access, value: u32, memory: &mut Memory) -> Result<(), BusError>;
 
-    /// Whether the last transfer changed something that the board has to deal with before the next instruction: the level
-    /// of an interrupt line, the time of the next event, a reset. The core asks after each transfer, and stops with
-    /// [`Stop::Attention`](super::Stop::Attention).
+    /// Returns true if the last transfer changed something that the board must handle before the next instruction: the
+    /// level of an interrupt line, the time of the next event, a reset. The core checks after each transfer, and stops
+    /// with [`Stop::Attention`](super::Stop::Attention).
     fn needs_attention(&self) -> bool;
 
-    /// Cycles that a transfer takes longer than one to memory without wait states. Counted by
-    /// [`Timing::CortexM4`](super::Timing::CortexM4) only.
+    /// Wait states of a transfer. Counted by [`Timing::CortexM4`](super::Timing::CortexM4) only.
     fn wait_cycles(&self, _access: Access) -> u32 {
         0
     }

@@ -1,7 +1,7 @@
-//! Decoded instructions, as they wait to be executed.
+//! Decoded instructions.
 //!
-//! They are kept in runs: one after another in the order of their addresses, whatever their lengths. The core finds the
-//! first one of a run by its address, and the next ones without.
+//! They are stored in runs, in the order of their addresses, independent of their lengths. The core looks up the first
+//! one of a run by its address, and steps to the next ones.
 
 use std::ops::Range;
 
@@ -14,15 +14,15 @@ pub(super) struct Slot {
     pub(super) op: Op,
     /// Bytes of the encoding: 2 or 4.
     pub(super) length: u8,
-    /// Cycles, without what only shows at run time.
+    /// Cycles, except those known only at run time.
     pub(super) cycles: u8,
-    /// Reasons not to execute the instruction right away: see [`mark`].
+    /// Reasons for the slow path: see [`mark`].
     pub(super) marks: u8,
 }
 
-/// Reasons not to execute a slot's instruction right away.
+/// Reasons for the slow path of a slot's instruction.
 pub(super) mod mark {
-    /// No instruction is here. It may be elsewhere, by its address.
+    /// No instruction in this slot. It may be elsewhere, by its address.
     pub(in super::super) const NONE: u8 = 1;
     /// It has been decoded as part of an IT block.
     pub(in super::super) const IN_IT: u8 = 2;
@@ -30,7 +30,7 @@ pub(super) mod mark {
     pub(in super::super) const BREAKPOINT: u8 = 4;
     /// It is counted by the profile.
     pub(in super::super) const COUNTED: u8 = 8;
-    /// Its fetch may have to wait for the flash.
+    /// Its fetch may wait for the flash.
     pub(in super::super) const LINE: u8 = 16;
 }
 
@@ -43,9 +43,9 @@ impl Slot {
     };
 }
 
-/// Instructions that lie in neither memory are kept here, one at a time.
+/// The slot for instructions outside both memories, one at a time.
 const OUTSIDE: usize = 1;
-/// The first place of an instruction in a memory.
+/// The first slot for instructions in a memory.
 const FIRST: usize = 3;
 
 /// The instructions of flash and RAM.
@@ -53,17 +53,17 @@ const FIRST: usize = 3;
 pub(super) struct Code {
     flash: Places,
     ram: Places,
-    /// After each instruction comes the next one in memory, or none. There is none at 0.
+    /// Each instruction is followed by the next one in memory, or by an empty slot. Slot 0 is empty.
     slots: Vec<Slot>,
-    /// Instructions that have a place.
+    /// Number of instructions with a slot.
     kept: usize,
 }
 
-/// Where the instructions of a memory are among the slots.
+/// The slots of a memory's instructions.
 #[derive(Clone, Debug)]
 struct Places {
     base: u32,
-    /// By halfword: 0 if there is none.
+    /// By halfword: 0 for none.
     places: Box<[u32]>,
 }
 
@@ -81,7 +81,7 @@ impl Places {
 }
 
 impl Code {
-    /// Nothing decoded of a memory.
+    /// No decoded instructions of a memory.
     pub(super) fn new(memory: &Memory) -> Self {
         Self {
             flash: Places::new(&memory.flash),
@@ -91,7 +91,7 @@ impl Code {
         }
     }
 
-    /// The place of the instruction at an even address, 0 if it is not kept.
+    /// The slot index of the instruction at an even address, 0 if not stored.
     #[inline(always)]
     pub(super) fn place(&self, address: u32) -> usize {
         match self.flash.places.get(self.flash.index(address)) {
@@ -108,13 +108,13 @@ impl Code {
             .map_or(0, |place| *place as usize)
     }
 
-    /// The instruction at a place.
+    /// The instruction at a slot index.
     #[inline(always)]
     pub(super) fn slot(&self, place: usize) -> &Slot {
         self.slots.get(place).unwrap_or(&Slot::NONE)
     }
 
-    /// Keeps an instruction: where it was before, or after what was kept last. Its place.
+    /// Stores an instruction, in its old slot or after the last one. Returns its index.
     pub(super) fn keep(&mut self, address: u32, slot: Slot) -> usize {
         let index = self.flash.index(address);
         let place = match self.flash.places.get_mut(index) {
@@ -140,14 +140,14 @@ impl Code {
         *place as usize
     }
 
-    /// Ends a run: what is kept next does not come after what was kept last.
+    /// Ends a run: the next stored instruction does not follow the last one.
     pub(super) fn end_run(&mut self) {
         if self.slots.last().is_some_and(|slot| slot.marks & mark::NONE == 0) {
             self.slots.push(Slot::NONE);
         }
     }
 
-    /// Drops the instructions that lie at these offsets in flash and RAM, or whose cost depends on them.
+    /// Drops the instructions at these offsets in flash and RAM, and those whose cost depends on them.
     pub(super) fn forget(&mut self, offsets: [Range<usize>; 2]) {
         for (region, offsets) in [&mut self.flash, &mut self.ram].into_iter().zip(offsets) {
             let end = offsets.end.div_ceil(2).min(region.places.len());
@@ -165,6 +165,6 @@ impl Code {
     }
 }
 
-/// Bytes before a change within which instructions begin that depend on it: the longest instruction has 4 bytes, and its
-/// cost depends on the next one.
+/// Number of bytes before a change in which dependent instructions may begin: the longest instruction has 4 bytes, and
+/// its cost depends on the next one.
 const REACH: usize = 6;

@@ -1,7 +1,6 @@
 //! The Thumb instruction set: encodings to operations (ARM DDI 0403E, A5).
 //!
-//! The names of the tables follow the manual. An encoding that it calls UNPREDICTABLE is not guessed at but refused where
-//! it names registers that the instruction may not have.
+//! The names of the tables follow the manual. An UNPREDICTABLE encoding with forbidden registers is refused.
 
 use super::op::{
     Alu, Carry, Condition, Extend, Hint, Index, Lanes, LoadKind, Long, Op, Parallel, Reg, Shift, ShiftKind, Signed,
@@ -13,12 +12,12 @@ const UNSHIFTED: Shift = Shift {
     amount: 0,
 };
 
-/// Whether an instruction that begins with this halfword has a second one (A5.1).
+/// Returns true if this halfword begins a 32-bit instruction (A5.1).
 pub(super) fn is_wide(first: u32) -> bool {
     first >> 11 >= 0b11101
 }
 
-/// Decodes a 16-bit instruction. Inside an IT block, most of them leave the flags alone.
+/// Decodes a 16-bit instruction. Inside an IT block, most of them do not set the flags.
 pub(super) fn decode_16(pc: u32, code: u32, in_it: bool) -> Op {
     let (low, mid) = (Reg::new(code & 7), Reg::new(code >> 3 & 7));
     let high = Reg::new(code >> 8 & 7);
@@ -82,7 +81,7 @@ pub(super) fn decode_16(pc: u32, code: u32, in_it: bool) -> Op {
                 target: pc.wrapping_add(sign_extend(code & 0xff, 8) << 1),
             },
         },
-        // Only the unconditional branch is left: what is wide has a second halfword.
+        // Only the unconditional branch remains: 32-bit encodings were handled before.
         _ => Op::Branch {
             target: pc.wrapping_add(sign_extend(code & 0x7ff, 11) << 1),
         },
@@ -269,7 +268,7 @@ fn hint_16(hint: u32) -> Hint {
         2 => Hint::Wfe,
         3 => Hint::Wfi,
         4 => Hint::Sev,
-        // NOP, YIELD, and what is reserved executes as NOP.
+        // NOP, YIELD; reserved hints execute as NOP.
         _ => Hint::Nop,
     }
 }
@@ -341,7 +340,7 @@ fn data_processing_plain(pc: u32, first: u32, second: u32) -> Op {
     let imm_16 = first << 12 & 0xf000 | imm;
     let lsb = second >> 10 & 0x1c | second >> 6 & 3;
     let low = second & 31;
-    // From SSAT on, two bits should be zero.
+    // From SSAT on, two bits must be zero.
     let bad = is_limited(d) || is_limited(n) || first >> 10 & 1 != 0 || second >> 5 & 1 != 0;
     match first >> 4 & 31 {
         0b00000 | 0b01010 if d == Reg::PC || d == Reg::SP && n != Reg::SP => Op::Unpredictable,
@@ -544,7 +543,7 @@ fn load_store_dual(pc: u32, first: u32, second: u32) -> Op {
     exclusive_or_table(pc, first, second)
 }
 
-/// The other half of A5.3.6: LDREX, STREX, TBB, TBH and their like.
+/// The other half of A5.3.6: LDREX, STREX, TBB, TBH and similar ones.
 fn exclusive_or_table(pc: u32, first: u32, second: u32) -> Op {
     let (n, t, t2, m) = (
         Reg::new(first),
@@ -564,7 +563,7 @@ fn exclusive_or_table(pc: u32, first: u32, second: u32) -> Op {
             pc,
         };
     }
-    // The word has an offset, and its status register in another place.
+    // The word form has an offset, and its status register in another field.
     let (kind, offset, d) = match (sized, opcode) {
         (false, _) => (LoadKind::Word, (second & 0xff) as u16 * 4, t2),
         (true, 0b0100) => (LoadKind::Byte, 0, m),
@@ -573,7 +572,7 @@ fn exclusive_or_table(pc: u32, first: u32, second: u32) -> Op {
     };
     let has_status = !load;
     let wrong_status = has_status && (is_limited(d) || d == n || d == t);
-    // Registers that an encoding does not have should be ones.
+    // Unused register fields must be ones.
     let unused_are_ones = (t2 == Reg::PC || has_status && !sized) && (m == Reg::PC || has_status || !sized);
     if is_limited(t) || n == Reg::PC || wrong_status || !unused_are_ones {
         return Op::Unpredictable;
@@ -602,7 +601,7 @@ fn load_single(pc: u32, first: u32, second: u32) -> Op {
         Err(wrong) => return wrong,
     };
     if t == Reg::PC && kind != LoadKind::Word {
-        // PLD, PLI, and hints that are not allocated. With write-back there is none.
+        // PLD, PLI, and unallocated hints. None of them has write-back.
         return match addressing {
             Addressing::Immediate(Index::Offset, _) | Addressing::Register(..) | Addressing::Literal(_) => {
                 Op::Hint(Hint::Nop)
@@ -695,7 +694,7 @@ fn store_single(first: u32, second: u32) -> Op {
     }
 }
 
-/// How a load or store of one register makes its address.
+/// The addressing mode of a load or store of one register.
 enum Addressing {
     Immediate(Index, i16),
     Register(Reg, u8),
@@ -704,7 +703,7 @@ enum Addressing {
     User(u8),
 }
 
-/// The addressing that loads and stores of one register share. `pc` counts for R15 as the base register.
+/// The common addressing modes of loads and stores of one register. `pc` is the base for R15.
 fn addressing(pc: u32, first: u32, second: u32) -> Result<Addressing, Op> {
     let n = Reg::new(first);
     let imm_12 = (second & 0xfff) as i16;
@@ -760,7 +759,7 @@ fn data_processing_shifted(first: u32, second: u32) -> Op {
     let Some(alu) = alu_of(opcode) else {
         return Op::Undefined;
     };
-    // MOV may have SP on one side (A7.7.77).
+    // MOV allows SP on one side (A7.7.77).
     let move_sp = alu == Alu::Orr && n == Reg::PC && !s && shift == UNSHIFTED && d != Reg::PC;
     if is_limited(m) && !(move_sp && m == Reg::SP && d != Reg::SP) {
         return Op::Unpredictable;
@@ -788,7 +787,7 @@ fn data_processing_register(first: u32, second: u32) -> Op {
         return Op::Undefined;
     }
     let (op1, op2) = (first >> 4 & 15, second >> 4 & 15);
-    // R15 for `n` means that there is none.
+    // R15 for `n` means no register.
     let without_n = op1 < 8 && op2 >= 8;
     if is_limited(d) || is_limited(m) || n == Reg::SP || n == Reg::PC && !without_n {
         return Op::Unpredictable;
@@ -830,7 +829,7 @@ fn data_processing_register(first: u32, second: u32) -> Op {
             double: op2 & 1 != 0,
             subtract: op2 & 2 != 0,
         },
-        // These have their operand twice.
+        // These encode their operand twice.
         (9 | 11, 8..12) if n != m => Op::Unpredictable,
         (9, 8) => Op::Rev { d, m },
         (9, 9) => Op::Rev16 { d, m },
@@ -966,12 +965,13 @@ fn multiply_long(first: u32, second: u32) -> Op {
     Op::MulLong { kind, low, high, n, m }
 }
 
-/// R13 and R15, which most 32-bit instructions may not have.
+/// R13 and R15, which most 32-bit instructions do not allow.
 fn is_limited(register: Reg) -> bool {
     register == Reg::SP || register == Reg::PC
 }
 
-/// Whether a data-processing instruction may not have these registers. ADD and SUB may have SP, and as their result, too.
+/// Returns true if a data-processing instruction does not allow these registers. ADD and SUB allow SP as operand and as
+/// result.
 fn is_wrong_operand(alu: Alu, d: Reg, n: Reg) -> bool {
     let with_sp = matches!(alu, Alu::Add | Alu::Sub) && n == Reg::SP;
     d == Reg::PC || n == Reg::PC || d == Reg::SP && !with_sp || n == Reg::SP && !with_sp
@@ -994,7 +994,7 @@ fn alu_of(opcode: u32) -> Option<Alu> {
     })
 }
 
-/// The form of a data-processing instruction with a constant that is executed fastest.
+/// The fastest form of a data-processing instruction with a constant.
 fn alu_immediate(alu: Alu, s: bool, d: Reg, n: Reg, imm: u32, carry: Carry) -> Op {
     match (alu, s) {
         (Alu::Add, false) => Op::AddImm { d, n, imm },
@@ -1016,7 +1016,7 @@ fn alu_immediate(alu: Alu, s: bool, d: Reg, n: Reg, imm: u32, carry: Carry) -> O
     }
 }
 
-/// The form of a data-processing instruction with registers that is executed fastest.
+/// The fastest form of a data-processing instruction with registers.
 fn alu_register(alu: Alu, s: bool, d: Reg, n: Reg, m: Reg, shift: Shift) -> Op {
     match (alu, s) {
         (Alu::Add, false) if shift == UNSHIFTED => Op::AddReg { d, n, m },
@@ -1103,7 +1103,7 @@ fn sign_extend(value: u32, bits: u32) -> u32 {
     ((value << (32 - bits)) as i32 >> (32 - bits)) as u32
 }
 
-/// The mnemonic of a floating-point instruction (A6). `None` if the coprocessor is another one.
+/// The mnemonic of a floating-point instruction (A6). `None` for another coprocessor.
 pub(super) fn floating_point_mnemonic(first: u16, second: u16) -> Option<&'static str> {
     let (first, second) = (u32::from(first), u32::from(second));
     if second >> 9 & 7 != 0b101 || first >> 12 & 1 != 0 {

@@ -30,7 +30,7 @@ pub(super) fn dual_product(n: u32, m: u32, exchange: bool, subtract: bool) -> i6
     if subtract { low - high } else { low + high }
 }
 
-/// QADD, QSUB, QDADD, QDSUB: `a` plus or minus `b`, which may be doubled. And whether anything was limited.
+/// QADD, QSUB, QDADD, QDSUB: `a` plus or minus `b`, optionally doubled; and true if anything was limited.
 pub(super) fn saturating_add(a: u32, b: u32, double: bool, subtract: bool) -> (u32, bool) {
     let b = i64::from(b as i32);
     let (b, doubling_limited) = if double {
@@ -75,7 +75,7 @@ pub(super) fn parallel(how: Parallel, lanes: Lanes, unsigned: bool, n: u32, m: u
             Parallel::Halve => exact >> 1,
         };
         result |= (kept as u32 & mask) << (bits * lane);
-        // A carry of an unsigned addition, else a result that is not negative.
+        // A carry of an unsigned addition, otherwise a non-negative result.
         let greater_or_equal = if unsigned && !subtract {
             exact >> bits != 0
         } else {

@@ -1,8 +1,9 @@
 //! Exceptions: faults, entry, return, sleep (ARM DDI 0403E, B1.5).
 //!
-//! Entry has two steps. First the frame is stacked, then the handler is chosen and its vector fetched. The board can run
-//! between the two: an exception of a higher priority that arrives meanwhile is taken with the frame that is there (late
-//! arrival, B1.5.12). An exception that is pending when another returns is taken without unstacking (tail-chaining).
+//! Entry has two steps. The frame is stacked, then the handler is chosen and its vector fetched. The board can run
+//! between the two: an exception of a higher priority that arrives meanwhile is taken with the existing frame (late
+//! arrival, B1.5.12). An exception that is pending at the return of another is taken without unstacking
+//! (tail-chaining).
 
 use super::bus::Bus;
 use super::fault::{Fault, Trap, exception};
@@ -22,15 +23,15 @@ const FRAME: u32 = 32;
 const FRAME_PADDED: u32 = 1 << 9;
 
 impl Cpu {
-    /// The pending exception that is to be taken now, if one is.
+    /// The pending exception that must be taken now, if any.
     pub(super) fn due_exception(&self) -> Option<u16> {
         let first = self.nvic.first_pending()?;
         let priority = self.nvic.group_priority(self.nvic.priority(first));
         (priority < self.execution_priority()).then_some(first)
     }
 
-    /// Takes note of a fault and pends its exception (B1.5.14). Escalates it to HardFault while it is disabled or its
-    /// priority does not suffice, and to lockup when that does not suffice either (B1.5.15).
+    /// Records a fault and pends its exception (B1.5.14). Escalates it to HardFault if the exception is disabled or its
+    /// priority does not suffice, and then to lockup if that does not suffice either (B1.5.15).
     pub(super) fn raise(&mut self, fault: Fault) {
         self.look_around();
         self.scb.cfsr |= fault.cfsr();
@@ -60,7 +61,7 @@ impl Cpu {
         }
     }
 
-    /// Handles what an instruction left undone. `next` is the address of the instruction after it.
+    /// Handles a trap of an instruction. `next` is the address of the instruction after it.
     #[cold]
     pub(super) fn handle(&mut self, bus: &mut dyn Bus, trap: Trap, next: u32) {
         self.look_around();
@@ -204,7 +205,7 @@ impl Cpu {
         }
     }
 
-    /// The fault of an exception return is taken without unstacking: the frame stays what the handler returns to.
+    /// A fault during an exception return is taken without unstacking: the handler returns to the same frame.
     fn fail_return(&mut self, value: u32, fault: Fault) {
         self.set(Reg::LR, value);
         self.raise(fault);
@@ -225,7 +226,7 @@ impl Cpu {
         self.look_around();
     }
 
-    /// Wakes the core if there is a reason. WFI ends for an exception that PRIMASK holds back, WFE does not.
+    /// Wakes the core if there is a reason. An exception masked by PRIMASK ends WFI, but not WFE.
     pub(super) fn wake(&mut self) {
         if self.nvic.take_newly_pending() && self.scb.scr & scr::SEVONPEND != 0 {
             self.event = true;
@@ -240,7 +241,7 @@ impl Cpu {
         }
     }
 
-    /// Whether a pending exception has a priority above the current one, PRIMASK left aside (B1.5.17).
+    /// Returns true if a pending exception has a priority above the current one, ignoring PRIMASK (B1.5.17).
     fn has_wakeup_exception(&self) -> bool {
         let Some(first) = self.nvic.first_pending() else {
             return false;

@@ -1,4 +1,4 @@
-//! What the instructions do (ARM DDI 0403E, A7.7 and B5.2).
+//! Execution of instructions (ARM DDI 0403E, A7.7 and B5.2).
 
 use super::alu::{saturate_signed, saturate_unsigned, shift_c, signed_half};
 use super::bus::Bus;
@@ -9,15 +9,15 @@ use super::memory::Width;
 use super::op::{Carry, Extend, Hint, Index, LoadKind, Long, Op, Reg, Shift, Signed};
 use super::state::{Cpu, control};
 
-/// Values that an instruction loads into the PC to return from an exception, in handler mode (B1.5.8).
+/// Values whose load into the PC returns from the exception, in handler mode (B1.5.8).
 const EXC_RETURN: u32 = 0xf000_0000;
 
 /// CPACR: full or privileged access to CP10.
 const CP10_SHIFT: u32 = 20;
 
 impl Cpu {
-    /// Executes an instruction. `next` is the address of the one after it in memory; the result is that of the one to
-    /// execute next. On a fault nothing has changed, except in memory.
+    /// Executes an instruction. `next` is the address of the following one in memory; the result is the address of the
+    /// next one to execute. A fault leaves everything except memory unchanged.
     #[inline(always)]
     pub(super) fn execute(&mut self, bus: &mut dyn Bus, op: &Op, next: u32) -> Result<u32, Trap> {
         match *op {
@@ -180,7 +180,7 @@ impl Cpu {
         Ok(next)
     }
 
-    /// Executes an instruction that is not among the most frequent ones.
+    /// Executes a less frequent instruction.
     #[inline(never)]
     fn execute_rare(&mut self, bus: &mut dyn Bus, op: &Op, next: u32) -> Result<u32, Trap> {
         match *op {
@@ -220,7 +220,7 @@ impl Cpu {
                 self.set(d, sum);
             }
             Op::Sbfx { d, n, lsb, shift } => {
-                // The topmost bit of the field goes to bit 31, and back.
+                // The field's top bit goes to bit 31, and back.
                 let left = self.get(n) << (shift - lsb);
                 self.set(d, (left as i32 >> shift) as u32);
             }
@@ -321,7 +321,7 @@ impl Cpu {
             Op::Sdiv { d, n, m } => {
                 let (dividend, divisor) = (self.get(n) as i32, self.get(m) as i32);
                 self.begin_division(dividend.unsigned_abs(), divisor.unsigned_abs())?;
-                // The least number divided by -1 is itself.
+                // The minimum divided by -1 is itself.
                 let quotient = if divisor == 0 {
                     0
                 } else {
@@ -441,7 +441,7 @@ impl Cpu {
             Op::Msr { n, register, mask } => self.write_special(register, mask, self.get(n))?,
             Op::Coprocessor { first, second } => return Err(self.coprocessor(first, second)),
             Op::Unpredictable => return Err(Refusal::Unpredictable.into()),
-            // Undefined, and what the frequent ones have taken.
+            // Undefined instructions, and those handled as frequent.
             _ => return Err(Fault::Undefined.into()),
         }
         Ok(next)
@@ -474,7 +474,7 @@ impl Cpu {
         self.get(n).wrapping_add(self.get(m) << (shift & 31))
     }
 
-    /// The address of an access, and what its base register has afterwards.
+    /// The address of an access, and the new value of its base register.
     #[inline(always)]
     fn index(&self, index: Index, n: Reg, offset: i16) -> (u32, u32) {
         let base = self.get(n);
@@ -557,7 +557,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// The address of LDREX and STREX, which has to be aligned.
+    /// The address of LDREX and STREX, which must be aligned.
     fn exclusive_address(&self, kind: LoadKind, n: Reg, offset: u16) -> Result<u32, Fault> {
         let address = self.get(n).wrapping_add(offset.into());
         if address.is_multiple_of(kind_width(kind).bytes()) {
@@ -577,7 +577,7 @@ impl Cpu {
         Ok(target & !1)
     }
 
-    /// BXWritePC() and LoadWritePC() (A2.3.1): in handler mode, some values return from the exception.
+    /// BXWritePC() and LoadWritePC() (A2.3.1): in handler mode, some values cause an exception return.
     #[inline(always)]
     fn branch_returning(&mut self, target: u32) -> Result<u32, Trap> {
         if target >= EXC_RETURN && self.exception != 0 {
@@ -636,7 +636,7 @@ impl Cpu {
         if faultmask {
             self.set_faultmask(disable);
         }
-        // Setting a mask lets nothing happen.
+        // Setting a mask cannot enable an exception.
         if !disable {
             self.look_around();
         }
@@ -719,7 +719,8 @@ impl Cpu {
         Ok(())
     }
 
-    /// A coprocessor instruction: a fault without the coprocessor, a refusal of the FPU's while it is on (B1.5.6, NOCP).
+    /// A coprocessor instruction: a fault without the coprocessor, a refusal for the FPU while it is enabled (B1.5.6,
+    /// NOCP).
     fn coprocessor(&self, first: u16, second: u16) -> Trap {
         match floating_point_mnemonic(first, second) {
             Some(mnemonic) if self.scb.cpacr >> CP10_SHIFT & 3 != 0 => Refusal::FloatingPoint(mnemonic).into(),
@@ -728,7 +729,7 @@ impl Cpu {
     }
 }
 
-/// The numbers of the bits that are set.
+/// The indices of the set bits.
 #[inline(always)]
 fn bits(mut set: u16) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -777,7 +778,7 @@ fn multiply_long(kind: Long, n: u32, m: u32, accumulator: u64) -> u64 {
         Long::Umull => unsigned,
         Long::Smlal => accumulator.wrapping_add(signed),
         Long::Umlal => accumulator.wrapping_add(unsigned),
-        // The greatest sum is exactly the greatest number.
+        // The maximum of the sum is exactly the maximum of the type.
         Long::Umaal => unsigned + (accumulator >> 32) + (accumulator & 0xffff_ffff),
         Long::SmlalHalf { n_top, m_top } => {
             let product = i64::from(signed_half(n, n_top)) * i64::from(signed_half(m, m_top));

@@ -1,4 +1,5 @@
-//! What stops an instruction: faults and their status bits (ARM DDI 0403E, B1.5.14, B3.2.15), exception returns, refusals.
+//! Reasons that stop an instruction: faults and their status bits (ARM DDI 0403E, B1.5.14, B3.2.15), exception returns,
+//! refusals.
 
 /// Numbers of the system exceptions (B1.5.2).
 pub(super) mod exception {
@@ -26,7 +27,7 @@ pub(super) enum Fault {
     InvalidReturn,
     /// A coprocessor instruction without a coprocessor.
     NoCoprocessor,
-    /// An access that has to be aligned, or is to be by CCR.UNALIGN_TRP.
+    /// An unaligned access where alignment is required, always or by CCR.UNALIGN_TRP.
     Unaligned,
     /// A division by zero, with CCR.DIV_0_TRP.
     DivideByZero,
@@ -34,17 +35,17 @@ pub(super) enum Fault {
     DataBus(u32),
     /// An instruction fetch with a bus error.
     FetchBus,
-    /// A bus error while an exception was entered.
+    /// A bus error during exception entry.
     StackBus,
-    /// A bus error while an exception returned.
+    /// A bus error during exception return.
     UnstackBus,
     /// A load or store that the MPU does not permit.
     DataProtection(u32),
     /// An instruction fetch that the MPU or the memory map does not permit.
     FetchProtection,
-    /// The MPU did not permit to enter an exception.
+    /// An MPU violation during exception entry.
     StackProtection,
-    /// The MPU did not permit to return from an exception.
+    /// An MPU violation during exception return.
     UnstackProtection,
     /// A bus error at the vector table.
     Vector,
@@ -53,7 +54,7 @@ pub(super) enum Fault {
 }
 
 impl Fault {
-    /// The exception to take while it is enabled and its priority suffices.
+    /// The exception to take if it is enabled and its priority suffices.
     pub(super) fn exception(self) -> u16 {
         match self {
             Self::Undefined
@@ -101,16 +102,16 @@ impl Fault {
     }
 }
 
-/// Why an instruction did not complete as usual.
+/// The reason why an instruction did not complete normally.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Trap {
-    /// It has had no effect, and a fault is to be taken.
+    /// It had no effect, and a fault must be taken.
     Fault(Fault),
     /// It has loaded this EXC_RETURN value into the program counter.
     ExceptionReturn(u32),
     /// It was SVC.
     SupervisorCall,
-    /// It has had no effect: the core does not have what it takes.
+    /// It had no effect: the core does not support it.
     Refused(Refusal),
 }
 
@@ -126,7 +127,7 @@ impl From<Refusal> for Trap {
     }
 }
 
-/// What the core does not have. A run that needs it cannot go on.
+/// An unsupported feature. A run that needs it cannot continue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
     /// An instruction of the floating-point extension, by its mnemonic.

@@ -1,7 +1,7 @@
 //! Flash and RAM.
 //!
-//! They remember where the core decoded instructions, and which of those bytes changed since, no matter who writes: the
-//! core, a DMA controller, the flash controller, a debugger.
+//! The memories record the ranges with decoded instructions, and the changes in them by any writer: the core, a DMA
+//! controller, the flash controller, a debugger.
 
 use std::ops::Range;
 
@@ -41,15 +41,15 @@ impl Width {
 pub(super) struct Region {
     base: u32,
     bytes: Box<[u8]>,
-    /// Nothing is decoded outside these offsets.
+    /// Offsets outside of this range have no decoded instructions.
     decoded: Range<usize>,
-    /// Nothing that is decoded has changed outside these offsets.
+    /// Decoded instructions outside of these offsets are unchanged.
     changed: Range<usize>,
 }
 
 impl Region {
     fn new(base: u32, mut bytes: Vec<u8>) -> Self {
-        // Whole words: an access that is aligned is inside or outside.
+        // Whole words: an aligned access is either inside or outside.
         bytes.resize(bytes.len().next_multiple_of(4), 0xff);
         Self {
             base,
@@ -75,7 +75,7 @@ impl Region {
         self.offset(address) < self.bytes.len()
     }
 
-    /// Notes that what the core keeps depends on the bytes from this address on. Does nothing outside the memory.
+    /// Records that decoded instructions depend on the bytes from this address on. Does nothing outside the memory.
     fn note_decoded(&mut self, address: u32, length: usize) {
         let offset = self.offset(address);
         if offset < self.bytes.len() {
@@ -83,7 +83,7 @@ impl Region {
         }
     }
 
-    /// Notes that bytes change. Whether the core keeps anything that depends on them.
+    /// Records a change of bytes. Returns true if decoded instructions depend on them.
     #[inline(always)]
     fn note_change(&mut self, bytes: Range<usize>) -> bool {
         let is_decoded = bytes.start < self.decoded.end && bytes.end > self.decoded.start;
@@ -93,12 +93,12 @@ impl Region {
         is_decoded
     }
 
-    /// Notes that everything has changed.
+    /// Records a change of all bytes.
     fn note_change_of_all(&mut self) {
         self.changed = self.decoded.clone();
     }
 
-    /// Takes the offsets that bytes have changed at. The core drops what depends on them.
+    /// Takes the changed offsets. The core drops the dependent instructions.
     fn take_changed(&mut self) -> Range<usize> {
         if self.changed == self.decoded {
             self.decoded = 0..0;
@@ -116,8 +116,8 @@ impl Region {
         Some(u32::from_le_bytes(word))
     }
 
-    /// Writes a byte, halfword or word, the value's lowest. `None` outside the memory; else whether the core keeps
-    /// instructions that depend on it.
+    /// Writes a byte, halfword or word, from the lowest bits of the value. `None` outside the memory; otherwise true if
+    /// decoded instructions depend on it.
     #[inline(always)]
     pub(super) fn write<const BYTES: usize>(&mut self, address: u32, value: u32) -> Option<bool> {
         let offset = self.offset(address);
@@ -141,7 +141,7 @@ fn hull(a: &Range<usize>, b: Range<usize>) -> Range<usize> {
 pub struct Memory {
     pub(super) flash: Region,
     pub(super) ram: Region,
-    /// Whether the core's reads of flash go to the bus.
+    /// True if the core's reads of flash go to the bus.
     pub(super) flash_reads_on_bus: bool,
 }
 
@@ -165,14 +165,14 @@ impl Memory {
         &self.ram.bytes
     }
 
-    /// Sends the core's reads of flash to [`Bus::read`](super::Bus::read), for as long as a flaw in the flash has to be
-    /// noticed. An instruction is fetched through the bus once; after that it is executed as decoded.
+    /// Redirects the core's reads of flash to [`Bus::read`](super::Bus::read), while flash errors must be detected. An
+    /// instruction is fetched through the bus once; after that it is executed as decoded.
     pub fn set_flash_reads_on_bus(&mut self, on: bool) {
         self.flash_reads_on_bus = on;
         self.flash.note_change_of_all();
     }
 
-    /// Changes the contents of the flash from this offset in bytes. `None`, and no change, if it is not all inside.
+    /// Changes the flash content from this offset in bytes. `None`, without a change, unless all bytes are inside.
     pub fn program(&mut self, offset: usize, bytes: &[u8]) -> Option<()> {
         let range = offset..offset.checked_add(bytes.len())?;
         self.flash.bytes.get_mut(range.clone())?.copy_from_slice(bytes);
@@ -180,7 +180,7 @@ impl Memory {
         Some(())
     }
 
-    /// Reads from flash or RAM, as a DMA controller does. `None` if the transfer is not all inside.
+    /// Reads from flash or RAM, as a DMA controller does. `None` unless the whole transfer is inside.
     pub fn read(&self, address: u32, width: Width) -> Option<u32> {
         self.read_ram(address, width).or_else(|| match width {
             Width::Byte => self.flash.read::<1>(address),
@@ -197,7 +197,7 @@ impl Memory {
         }
     }
 
-    /// Writes to RAM, as a DMA controller does. `None`, and no change, if the transfer is not all inside.
+    /// Writes to RAM, as a DMA controller does. `None`, without a change, unless the whole transfer is inside.
     pub fn write(&mut self, address: u32, width: Width, value: u32) -> Option<()> {
         let written = match width {
             Width::Byte => self.ram.write::<1>(address, value),
@@ -213,20 +213,20 @@ impl Memory {
         self.ram.note_change_of_all();
     }
 
-    /// Notes that what the core keeps depends on the bytes from this address on.
+    /// Records that decoded instructions depend on the bytes from this address on.
     pub(super) fn note_decoded(&mut self, address: u32, length: usize) {
         self.flash.note_decoded(address, length);
         self.ram.note_decoded(address, length);
     }
 
-    /// Whether the core fetches an instruction at this address from here, with nothing else to be noticed.
+    /// Returns true if the core fetches an instruction at this address from this memory without side effects.
     pub(super) fn is_fetched_plainly(&self, address: u32) -> bool {
         let [in_flash, in_ram] =
             [&self.flash, &self.ram].map(|region| region.contains(address) && region.contains(address.wrapping_add(2)));
         in_ram || in_flash && !self.flash_reads_on_bus
     }
 
-    /// Notes that the core has to decode the instruction at this address anew.
+    /// Records that the instruction at this address must be decoded again.
     pub(super) fn note_change_of(&mut self, address: u32) {
         for region in [&mut self.flash, &mut self.ram] {
             let offset = region.offset(address);
@@ -234,18 +234,18 @@ impl Memory {
         }
     }
 
-    /// Notes that the core has to decode everything anew.
+    /// Records that all instructions must be decoded again.
     pub(super) fn note_change_of_all(&mut self) {
         self.flash.note_change_of_all();
         self.ram.note_change_of_all();
     }
 
-    /// Whether bytes changed that the core decoded.
+    /// Returns true if decoded bytes have changed.
     pub(super) fn has_changed(&self) -> bool {
         !self.flash.changed.is_empty() || !self.ram.changed.is_empty()
     }
 
-    /// Takes the offsets in flash and RAM that bytes have changed at that the core decoded.
+    /// Takes the offsets of changed decoded bytes in flash and RAM.
     pub(super) fn take_changed(&mut self) -> [Range<usize>; 2] {
         [self.flash.take_changed(), self.ram.take_changed()]
     }

@@ -1,8 +1,8 @@
 //! A Cortex-M4: ARMv7E-M without the floating-point extension, and no chip around it.
 //!
-//! [`Core`] has the registers, the interrupt controller, the MPU, and flash and RAM in a [`Memory`]. It reaches
-//! everything else through a [`Bus`]. [`Core::run`] executes instructions until a deadline in cycles, or until something
-//! needs the board:
+//! [`Core`] has the registers, the interrupt controller, the MPU, and flash and RAM in a [`Memory`]. It accesses
+//! everything else through a [`Bus`]. [`Core::run`] executes instructions until a deadline in cycles, or until an event
+//! for the board:
 //!
 //! ```
 //! use armwire_virtual_board::core::{Access, Bus, BusError, Config, Core, Memory, Stop, Timing};
@@ -36,13 +36,13 @@
 //! assert_eq!((core.cycle(), core.pc()), (1000, 0x0800_0008));
 //! ```
 //!
-//! The files are layers: `op`, `alu`, `decode`, `memory` and [`bus`] know nothing of the core; `state` is the core's state;
-//! `system`, `access`, `exception` and `execute` are what it does; this file is the loop.
+//! The files are layers: `op`, `alu`, `decode`, `memory` and [`bus`] are independent of the core; `state` is the core's
+//! state; `system`, `access`, `exception` and `execute` are its functions; this file is the loop.
 //! Sections without a name are those of ARM DDI 0403E, the ARMv7-M Architecture Reference Manual.
 //!
-//! Not there: the floating-point extension, SysTick and CCR.BFHFNMIGN, refused by name; imprecise bus faults; trace and
-//! breakpoint units. An instruction is not interrupted: LDM, STM and divisions complete before an exception is taken.
-//! CPACR and FPCCR can be written, as an image does that is built for a core with an FPU: without a floating-point
+//! Not modelled: the floating-point extension, SysTick and CCR.BFHFNMIGN, whose use stops with an error; imprecise bus
+//! faults; trace and breakpoint units. Instructions are not interrupted: LDM, STM and divisions complete before an
+//! exception is taken. CPACR and FPCCR can be written, as by an image for a core with an FPU: without a floating-point
 //! instruction, no exception stacks its registers.
 
 mod access;
@@ -76,26 +76,26 @@ use self::state::{Cpu, Scb, Sleep, ccr};
 use self::timing::Clock;
 pub use self::timing::{FlashTiming, Timing};
 
-/// Why [`Core::run`] returned.
+/// The reason for the return of [`Core::run`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// The deadline is reached.
+    /// The deadline was reached.
     Deadline,
-    /// The core sleeps, and nothing that is pending wakes it.
+    /// The core sleeps without a wake-up event.
     Sleep,
     /// The bus asked for attention.
     Attention,
-    /// The next instruction has a breakpoint. [`Core::run`] executes it when it is called again.
+    /// The next instruction has a breakpoint. The next call of [`Core::run`] executes it.
     Breakpoint,
-    /// A reset was requested by AIRCR.SYSRESETREQ. The board decides when it happens.
+    /// A reset was requested by AIRCR.SYSRESETREQ. The board executes it.
     ResetRequest,
-    /// A fault happened where none can be handled. Only a reset helps.
+    /// A fault occurred in a context that cannot handle it. Only a reset ends the lockup.
     Lockup,
-    /// The core does not have what the instruction at [`Core::pc`] takes.
+    /// The core does not support the instruction at [`Core::pc`].
     Refused(Refusal),
 }
 
-/// A register as a debugger numbers it.
+/// A register by its debugger number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Register {
     /// R0 to R12, SP (13), LR (14), PC (15).
@@ -116,23 +116,23 @@ pub enum Register {
     Control,
 }
 
-/// The core. A clone is a snapshot of it and of its memory.
+/// The core. A clone is a snapshot of the core and its memory.
 #[derive(Clone, Debug)]
 pub struct Core {
     cpu: Cpu,
     code: Code,
-    /// How often each instruction was executed, by its address, if that is counted.
+    /// Number of executions of each instruction, by address, if enabled.
     profile: Option<BTreeMap<u32, u64>>,
-    /// The breakpoint that was reported last: its instruction is executed when the core runs on.
+    /// The breakpoint reported last: its instruction is executed when the core continues.
     reported: Option<u32>,
 }
 
-/// The most instructions that are decoded at once.
+/// Maximum number of instructions decoded at once.
 const LONGEST_RUN: usize = 32;
 
-/// What to do with an instruction that cannot be executed right away.
+/// The handling of an instruction on the slow path.
 enum Verdict {
-    /// It is at this place.
+    /// Execute the one at this index.
     Execute(usize),
     Skip,
     Stop,
@@ -180,7 +180,7 @@ impl Core {
     }
 
     /// Resets the core, and fetches stack pointer and program counter from the vector table (B1.5.5). Memory, cycles,
-    /// timing, breakpoints and profile stay. A vector table that cannot be read locks the core up.
+    /// timing, breakpoints and profile stay. An unreadable vector table causes lockup.
     pub fn reset(&mut self, bus: &mut dyn Bus) {
         let cpu = &mut self.cpu;
         cpu.scb = Scb {
@@ -232,7 +232,7 @@ impl Core {
         }
     }
 
-    /// Deals with everything that is not an instruction. The reason to stop, if there is one.
+    /// Handles everything except instructions. Returns the reason to stop, if any.
     fn look_around(&mut self, bus: &mut dyn Bus, until: u64) -> Option<Stop> {
         let cpu = &mut self.cpu;
         loop {
@@ -255,7 +255,7 @@ impl Core {
             match (cpu.entering, cpu.due_exception()) {
                 (true, Some(number)) => cpu.take_exception(bus, number),
                 (false, Some(_)) => cpu.stack_frame(bus),
-                // Nothing can take back an exception while a frame is stacked.
+                // An exception cannot be withdrawn while a frame is stacked.
                 (true, None) => cpu.entering = false,
                 (false, None) if cpu.sleep != Sleep::Awake => return Some(Stop::Sleep),
                 (false, None) if !cpu.thumb => cpu.raise(fault::Fault::InvalidState),
@@ -264,7 +264,7 @@ impl Core {
         }
     }
 
-    /// The loop. Whether it ended at a breakpoint.
+    /// The loop. Returns true if it ended at a breakpoint.
     fn execute_until_limit(&mut self, bus: &mut dyn Bus) -> bool {
         if self.cpu.memory.has_changed() {
             self.code.forget(self.cpu.memory.take_changed());
@@ -274,7 +274,7 @@ impl Core {
         while self.cpu.cycle < self.cpu.limit {
             let mut slot = self.code.slot(place);
             let mut it = 0;
-            // Most often nothing but one comparison.
+            // Usually a single comparison.
             if slot.marks | self.cpu.it != 0 {
                 if slot.marks == mark::LINE && self.cpu.it == 0 {
                     self.cpu.wait_for_fetch(pc, slot.length);
@@ -297,7 +297,7 @@ impl Core {
                 Ok(next) => pc = next,
                 Err(trap) => {
                     if matches!(trap, Trap::Fault(_) | Trap::Refused(_)) {
-                        // As if the instruction had not begun.
+                        // Restores the state before the instruction.
                         self.cpu.it = it;
                     }
                     self.cpu.handle(bus, trap, following);
@@ -316,7 +316,7 @@ impl Core {
         false
     }
 
-    /// Finds or decodes an instruction, or looks at what marks it: an IT block, a breakpoint, the profile, the flash's wait
+    /// Finds or decodes an instruction, or handles its marks: an IT block, a breakpoint, the profile, the flash's wait
     /// states.
     #[inline(never)]
     fn consider(&mut self, bus: &mut dyn Bus, pc: u32) -> Verdict {
@@ -356,8 +356,8 @@ impl Core {
         Verdict::Execute(place)
     }
 
-    /// Decodes the instruction at an address, and in memory those after it, up to one that always leads elsewhere. Where the
-    /// first is.
+    /// Decodes the instruction at an address, and in memory those after it, up to an unconditional branch. Returns the
+    /// index of the first.
     fn decode_run(&mut self, bus: &mut dyn Bus, pc: u32) -> Result<usize, Trap> {
         let (mut at, mut it) = (pc, self.cpu.it);
         let first = self.decode(bus, at, it & 15 != 0)?;
@@ -381,7 +381,7 @@ impl Core {
         Ok(first)
     }
 
-    /// Decodes the instruction at an address, and keeps it. Where it is.
+    /// Decodes and stores the instruction at an address. Returns its index.
     fn decode(&mut self, bus: &mut dyn Bus, pc: u32, in_it: bool) -> Result<usize, Trap> {
         let cpu = &mut self.cpu;
         let (op, length) = decode_at(cpu, bus, pc, in_it)?;
@@ -402,23 +402,23 @@ impl Core {
             cycles: cpu.clock.cycles(op, next),
             marks: marks.iter().filter(|(is_set, _)| *is_set).map(|(_, mark)| mark).sum(),
         };
-        // What the instruction costs depends on the next one: the longest pair has 8 bytes.
+        // The cost of an instruction depends on the next one: the longest pair has 8 bytes.
         cpu.memory.note_decoded(pc, 8);
         Ok(self.code.keep(pc, slot))
     }
 
-    /// The cycles since the core exists. They do not count while it sleeps or is stopped, unless the board says so with
+    /// The cycles since the core's creation. They do not advance while it sleeps or is stopped, except by
     /// [`Core::advance`].
     pub fn cycle(&self) -> u64 {
         self.cpu.cycle
     }
 
-    /// The instructions that were executed, those that failed their condition among them.
+    /// The number of executed instructions, including those that failed their condition.
     pub fn instructions(&self) -> u64 {
         self.cpu.instructions
     }
 
-    /// Lets cycles pass without instructions, up to this one. A core that sleeps, or that waits for its flash, does that.
+    /// Advances the cycles without instructions, for a core that sleeps or waits for its flash.
     pub fn advance(&mut self, cycle: u64) {
         self.cpu.cycle = self.cpu.cycle.max(cycle);
     }
@@ -428,7 +428,7 @@ impl Core {
         self.cpu.r[15]
     }
 
-    /// Whether the core sleeps, as far as it has looked.
+    /// Returns true if the core was asleep when it last checked.
     pub fn is_asleep(&self) -> bool {
         self.cpu.sleep != Sleep::Awake
     }
@@ -438,7 +438,7 @@ impl Core {
         &self.cpu.memory
     }
 
-    /// Flash and RAM, to be changed by a DMA controller, a flash controller, a debugger.
+    /// Flash and RAM, for changes by a DMA controller, a flash controller, a debugger.
     pub fn memory_mut(&mut self) -> &mut Memory {
         &mut self.cpu.memory
     }
@@ -468,7 +468,7 @@ impl Core {
         self.cpu.look_around();
     }
 
-    /// Changes how cycles are counted from now on.
+    /// Changes the counting of cycles from now on.
     pub fn set_timing(&mut self, timing: Timing) {
         if self.cpu.clock.timing() != timing {
             self.cpu.clock = Clock::new(timing);
@@ -488,7 +488,7 @@ impl Core {
         self.cpu.memory.note_change_of(address & !1);
     }
 
-    /// How often the core came to each instruction since this was last asked. The first time, it begins to count.
+    /// Number of executions of each instruction since the last call. The first call starts the count.
     pub fn take_profile(&mut self) -> BTreeMap<u32, u64> {
         if self.profile.is_none() {
             self.profile = Some(BTreeMap::new());
@@ -512,7 +512,7 @@ impl Core {
         }
     }
 
-    /// Writes a register, as a debugger does. Of xPSR, the exception number stays.
+    /// Writes a register, as a debugger does. The exception number in xPSR stays.
     pub fn set_register(&mut self, register: Register, value: u32) {
         let cpu = &mut self.cpu;
         match register {
@@ -530,15 +530,15 @@ impl Core {
         cpu.look_around();
     }
 
-    /// Reads memory or a register as a debugger does: without a fault and without time. `None` if there is nothing, or if
-    /// the address is not a multiple of the width.
+    /// Reads memory or a register as a debugger does: without faults and cycles. `None` for a hole, or for an unaligned
+    /// address.
     pub fn debug_read(&mut self, bus: &mut dyn Bus, address: u32, width: Width) -> Option<u32> {
         let is_aligned = address.is_multiple_of(width.bytes());
         is_aligned.then(|| self.cpu.debug_read(bus, address, width)).flatten()
     }
 
-    /// Writes memory or a register as a debugger does: without a fault and without time. Writes to flash go to the bus.
-    /// `None` if there is nothing, or if the address is not a multiple of the width.
+    /// Writes memory or a register as a debugger does: without faults and cycles. Writes to flash go to the bus. `None`
+    /// for a hole, or for an unaligned address.
     pub fn debug_write(&mut self, bus: &mut dyn Bus, address: u32, value: u32, width: Width) -> Option<()> {
         let is_aligned = address.is_multiple_of(width.bytes());
         is_aligned
@@ -562,7 +562,7 @@ fn it_advance(state: u8) -> u8 {
     }
 }
 
-/// Fetches and decodes. The instruction, and its length in bytes.
+/// Fetches and decodes an instruction. Returns its length in bytes, too.
 fn decode_at(cpu: &mut Cpu, bus: &mut dyn Bus, pc: u32, in_it: bool) -> Result<(Op, u8), Trap> {
     let first = cpu.fetch(bus, pc)?;
     if !decode::is_wide(first) {
@@ -572,7 +572,7 @@ fn decode_at(cpu: &mut Cpu, bus: &mut dyn Bus, pc: u32, in_it: bool) -> Result<(
     Ok((decode::decode_32(pc, first, second), 4))
 }
 
-/// The instruction at an address in memory, for its registers only: whether it is in an IT block does not matter.
+/// The instruction at an address in memory, for its registers only: the IT block is irrelevant.
 fn peek(memory: &Memory, pc: u32) -> Op {
     let halfword = |address| memory.read(address, Width::Half).unwrap_or(0);
     match halfword(pc) {

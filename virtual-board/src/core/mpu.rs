@@ -9,7 +9,7 @@ mod ctrl {
     pub(super) const PRIVDEFENA: u32 = 1 << 2;
 }
 
-/// What a transfer wants to do.
+/// The kind of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wish {
     Read,
@@ -17,7 +17,7 @@ pub(super) enum Wish {
     Execute,
 }
 
-/// A region, as MPU_RBAR and MPU_RASR have it.
+/// A region in the format of MPU_RBAR and MPU_RASR.
 #[derive(Clone, Copy, Debug, Default)]
 struct Region {
     rbar: u32,
@@ -45,12 +45,12 @@ impl Region {
         if !self.is_enabled() || offset >> self.size_bits() != 0 {
             return false;
         }
-        // Regions of at least 256 bytes have eight subregions that can be switched off.
+        // Regions of at least 256 bytes have eight subregions that can be disabled.
         let subregion = offset >> (self.size_bits() - 3) & 7;
         self.size_bits() < 8 || self.rasr >> (8 + subregion) & 1 == 0
     }
 
-    /// The addresses at which the region or a subregion begins or ends.
+    /// The boundaries of the region and its subregions.
     fn borders(self) -> impl Iterator<Item = u64> {
         (0..=8).map(move |eighth| u64::from(self.base()) + (eighth << self.size_bits() >> 3))
     }
@@ -73,13 +73,13 @@ impl Region {
     }
 }
 
-/// The unit.
+/// The MPU.
 #[derive(Clone, Debug)]
 pub(super) struct Mpu {
     regions: Vec<Region>,
     ctrl: u32,
     selected: usize,
-    /// Reads and writes of these addresses are known to be permitted: the first, and how many.
+    /// A range of addresses with known permission to read and write: start and length.
     open: (u32, u32),
 }
 
@@ -93,7 +93,7 @@ impl Mpu {
         }
     }
 
-    /// Whether reads and writes of an address are known to be permitted.
+    /// Returns true if reads and writes of an address are known to be permitted.
     #[inline(always)]
     pub(super) fn is_open(&self, address: u32) -> bool {
         address.wrapping_sub(self.open.0) < self.open.1
@@ -103,10 +103,10 @@ impl Mpu {
         self.ctrl & ctrl::ENABLE != 0
     }
 
-    /// Whether a transfer is permitted (ValidateAddress(), B3.5.3). `handles_fault` while the priority is negative: in
-    /// NMI, HardFault, or with FAULTMASK.
+    /// Returns true if a transfer is permitted (ValidateAddress(), B3.5.3). `handles_fault` is set at a negative
+    /// priority: in NMI, HardFault, or with FAULTMASK.
     pub(super) fn permits(&self, address: u32, wish: Wish, privileged: bool, handles_fault: bool) -> bool {
-        // The private peripheral bus has the default map always.
+        // The private peripheral bus always uses the default map.
         if !self.is_enabled() || address >> 20 == 0xe00 || handles_fault && self.ctrl & ctrl::HFNMIENA == 0 {
             return true;
         }
@@ -117,7 +117,7 @@ impl Mpu {
         }
     }
 
-    /// Finds the longest part of the RAM in which all reads and writes are permitted.
+    /// Finds the longest range of the RAM with permission for all reads and writes.
     pub(super) fn update_window(&mut self, privileged: bool, memory: &Memory) {
         if !self.is_enabled() {
             self.open = (0, u32::MAX);
@@ -135,7 +135,7 @@ impl Mpu {
             let permits = |wish| self.permits(at as u32, wish, privileged, false);
             permits(Wish::Read) && permits(Wish::Write)
         };
-        // Parts side by side that are open are one.
+        // Adjacent permitted ranges are merged.
         let mut best = 0..0;
         let mut part = 0..0;
         for pair in borders.windows(2).filter(|pair| pair[0] < pair[1]) {
@@ -154,7 +154,7 @@ impl Mpu {
         self.open = (best.start as u32, (best.end - best.start) as u32);
     }
 
-    /// Reads a register by its offset from MPU_TYPE. `None` if there is none.
+    /// Reads a register by its offset from MPU_TYPE. `None` if it does not exist.
     pub(super) fn read(&self, offset: u32) -> Option<u32> {
         let region = self.regions.get(self.selected).copied().unwrap_or_default();
         Some(match offset {
@@ -167,7 +167,7 @@ impl Mpu {
         })
     }
 
-    /// Writes a register by its offset from MPU_TYPE. `None` if there is none.
+    /// Writes a register by its offset from MPU_TYPE. `None` if it does not exist.
     pub(super) fn write(&mut self, offset: u32, value: u32) -> Option<()> {
         match offset {
             0x04 => self.ctrl = if self.regions.is_empty() { 0 } else { value & 7 },

@@ -1,11 +1,11 @@
-//! Exceptions by their state and priority (ARM DDI 0403E, B1.5.4, B3.4): system exceptions and interrupts alike.
+//! States and priorities of exceptions (ARM DDI 0403E, B1.5.4, B3.4): system exceptions and interrupts.
 
 use super::fault::exception;
 
-/// Exceptions that the core can tell apart: the system's, and 240 interrupts.
+/// Number of exceptions: the system's, and 240 interrupts.
 const EXCEPTIONS: usize = 256;
 
-/// The priority of thread mode: below all that can be configured.
+/// The priority of thread mode: below all configurable ones.
 pub(super) const THREAD_PRIORITY: i16 = 256;
 
 /// A set of exceptions by their number.
@@ -44,7 +44,7 @@ impl Set {
         })
     }
 
-    /// The 32 interrupts of an NVIC register, 0 for the first.
+    /// The 32 interrupts of an NVIC register, number 0 first.
     fn interrupts(&self, register: u16) -> u32 {
         (0..32).fold(0, |bits, bit| {
             let exception = exception::INTERRUPT_0 + 32 * register + bit;
@@ -57,22 +57,22 @@ fn word(exception: u16) -> usize {
     usize::from(exception) / 64 % (EXCEPTIONS / 64)
 }
 
-/// The controller.
+/// The interrupt controller.
 #[derive(Clone, Debug)]
 pub(super) struct Nvic {
-    /// Interrupts that the chip has.
+    /// Number of interrupts of the chip.
     interrupts: u16,
-    /// The bits of a priority that exist.
+    /// The implemented bits of a priority.
     priority_mask: u8,
     enabled: Set,
-    /// Pended and not yet taken. An interrupt is pending also while its line is high and it is not active.
+    /// Pended and not yet taken. An interrupt is also pending while its line is high and it is not active.
     latched: Set,
     active: Set,
     lines: Set,
     priorities: [u8; EXCEPTIONS],
     /// AIRCR.PRIGROUP.
     group: u8,
-    /// An exception became pending since this was last taken: an event for WFE with SCR.SEVONPEND.
+    /// An exception became pending since the last check: an event for WFE with SCR.SEVONPEND.
     newly_pending: bool,
 }
 
@@ -102,7 +102,7 @@ impl Nvic {
         }
     }
 
-    /// Whether the chip has this exception.
+    /// Returns true if the chip has this exception.
     fn exists(&self, exception: u16) -> bool {
         exception < exception::INTERRUPT_0 + self.interrupts
     }
@@ -116,7 +116,7 @@ impl Nvic {
         }
     }
 
-    /// The part of a priority that decides about preemption (B1.5.4, PRIGROUP).
+    /// The part of a priority that determines preemption (B1.5.4, PRIGROUP).
     pub(super) fn group_priority(&self, priority: i16) -> i16 {
         if priority < 0 {
             return priority;
@@ -131,7 +131,7 @@ impl Nvic {
         active.min().unwrap_or(THREAD_PRIORITY)
     }
 
-    /// The pending and enabled exception to be taken first: the highest priority, then the lowest number (B1.5.4).
+    /// The pending and enabled exception to take first: the highest priority, then the lowest number (B1.5.4).
     pub(super) fn first_pending(&self) -> Option<u16> {
         let mut candidates = Set::default();
         for (word, bits) in candidates.0.iter_mut().enumerate() {
@@ -157,7 +157,7 @@ impl Nvic {
         self.active.iter().count()
     }
 
-    /// The number of a pending interrupt or of another pending exception, whether it is enabled or not.
+    /// The number of a pending interrupt or of another pending exception, enabled or not.
     pub(super) fn is_interrupt_pending(&self) -> bool {
         (exception::INTERRUPT_0..exception::INTERRUPT_0 + self.interrupts).any(|e| self.is_pending(e))
     }
@@ -190,13 +190,13 @@ impl Nvic {
         self.active.set(exception, on);
     }
 
-    /// The exception is taken: it is active, and no longer pending.
+    /// An exception is taken: it becomes active and is no longer pending.
     pub(super) fn activate(&mut self, exception: u16) {
         self.latched.remove(exception);
         self.active.insert(exception);
     }
 
-    /// The level of an interrupt's line. A rising edge pends the interrupt. Whether anything changed.
+    /// Sets the level of an interrupt line. A rising edge pends the interrupt. Returns true if anything changed.
     pub(super) fn set_line(&mut self, interrupt: u16, high: bool) -> bool {
         let exception = exception::INTERRUPT_0 + interrupt;
         if self.lines.contains(exception) == high || !self.exists(exception) {
@@ -215,7 +215,7 @@ impl Nvic {
         }
     }
 
-    /// The bits of a priority that exist, as BASEPRI has them.
+    /// The implemented bits of a priority, as in BASEPRI.
     pub(super) fn mask_priority(&self, priority: u32) -> u8 {
         priority as u8 & self.priority_mask
     }
@@ -228,7 +228,7 @@ impl Nvic {
         self.group
     }
 
-    /// ICTR: groups of 32 interrupts, less one (B3.4.3).
+    /// ICTR: number of groups of 32 interrupts, minus one (B3.4.3).
     pub(super) fn ictr(&self) -> u32 {
         u32::from(self.interrupts.div_ceil(32)) - 1
     }

@@ -1,6 +1,6 @@
-//! Instructions as they are executed: what encodings decode to.
+//! Decoded instructions.
 //!
-//! The program counter is known when an instruction is decoded, so an operand that depends on it is a constant here.
+//! The program counter is known when an instruction is decoded: operands that depend on it are constants here.
 
 /// The number of a core register, 0 to 15.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,7 +41,7 @@ pub(super) enum Alu {
     Rsb,
 }
 
-/// What an expanded constant does to the carry flag (A5.3.2).
+/// The effect of an expanded constant on the carry flag (A5.3.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Carry {
     Keep,
@@ -67,7 +67,7 @@ pub(super) struct Shift {
     pub(super) amount: u8,
 }
 
-/// What a load does with what it read.
+/// The conversion of a loaded value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LoadKind {
     Byte,
@@ -77,14 +77,14 @@ pub(super) enum LoadKind {
     Word,
 }
 
-/// When the offset is added to the base register, and whether the register keeps the sum.
+/// The time at which the offset is added to the base register, and write-back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Index {
-    /// Added, not kept.
+    /// Offset addressing: without write-back.
     Offset,
-    /// Added before the access, and kept.
+    /// Pre-indexed: added before the access, with write-back.
     Pre,
-    /// Added after the access, and kept.
+    /// Post-indexed: added after the access, with write-back.
     Post,
 }
 
@@ -99,7 +99,7 @@ pub(super) enum Extend {
     Half,
 }
 
-/// How a parallel addition or subtraction treats its results (A5.3.14).
+/// The treatment of results in a parallel addition or subtraction (A5.3.14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Parallel {
     /// Modulo, setting the GE flags.
@@ -110,7 +110,7 @@ pub(super) enum Parallel {
     Halve,
 }
 
-/// Which lanes a parallel operation adds and subtracts.
+/// The lanes that a parallel operation adds and subtracts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Lanes {
     Add16,
@@ -131,12 +131,12 @@ pub(super) enum Long {
     Smlal,
     Umlal,
     Umaal,
-    /// SMLAL of halves: of the first operand, of the second operand, whether each is the top one.
+    /// SMLAL of halves: true for the top half of the first and of the second operand.
     SmlalHalf {
         n_top: bool,
         m_top: bool,
     },
-    /// SMLALD and SMLSLD: whether the halves of the second operand are exchanged, whether the products are subtracted.
+    /// SMLALD and SMLSLD: exchange of the second operand's halves, and subtraction of the products.
     SmlalDual {
         exchange: bool,
         subtract: bool,
@@ -156,19 +156,19 @@ pub(super) enum Signed {
     Most { round: bool, subtract: bool },
 }
 
-/// What stands in a system instruction (B5.2).
+/// The kind of a system instruction (B5.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Hint {
-    /// NOP, YIELD, DBG, PLD, PLI, and the barriers: all accesses are in order here.
+    /// NOP, YIELD, DBG, PLD, PLI, and the barriers: all accesses are in order in this model.
     Nop,
     Wfe,
     Wfi,
     Sev,
-    /// ISB: what was pended before it is taken before the next instruction.
+    /// ISB: a pending exception is taken before the next instruction.
     Isb,
 }
 
-/// An instruction. `d` is the destination, `n` and `m` are operands, `t` is what is loaded or stored, as in the manual.
+/// An instruction. `d` is the destination, `n` and `m` are operands, `t` is the transferred register, as in the manual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Op {
     // Not executed.
@@ -204,7 +204,7 @@ pub(super) enum Op {
         d: Reg,
         m: Reg,
     },
-    /// ADD, and SUB of the complement.
+    /// ADD, and SUB as an addition of the complement.
     AddImm {
         d: Reg,
         n: Reg,
@@ -271,7 +271,7 @@ pub(super) enum Op {
         m: Reg,
         shift: Shift,
     },
-    /// TST, TEQ, CMN: the flags of the operation.
+    /// TST, TEQ, CMN: only the flags of the operation.
     TestImm {
         alu: Alu,
         n: Reg,
@@ -376,14 +376,14 @@ pub(super) enum Op {
         shift: Shift,
         top: bool,
     },
-    /// To a signed integer of so many bits.
+    /// To a signed integer of this number of bits.
     Ssat {
         d: Reg,
         n: Reg,
         shift: Shift,
         bits: u8,
     },
-    /// To an unsigned integer of so many bits.
+    /// To an unsigned integer of this number of bits.
     Usat {
         d: Reg,
         n: Reg,
@@ -400,7 +400,7 @@ pub(super) enum Op {
         n: Reg,
         bits: u8,
     },
-    /// QADD, QSUB, QDADD, QDSUB: `m` and `n` as there.
+    /// QADD, QSUB, QDADD, QDSUB: with `m` and `n` of the manual.
     SaturatingAdd {
         d: Reg,
         n: Reg,
@@ -590,7 +590,7 @@ pub(super) enum Op {
         m: Reg,
         shift: u8,
     },
-    /// LDRT, STRT and the like: as an unprivileged access.
+    /// LDRT, STRT and similar ones: unprivileged accesses.
     LoadUser {
         kind: LoadKind,
         t: Reg,
@@ -683,7 +683,7 @@ pub(super) enum Op {
         m: Reg,
         pc: u32,
     },
-    /// TBB or TBH. The offsets count from `pc`; the table is there, too, without `n`.
+    /// TBB or TBH. The offsets count from `pc`; without `n` the table is there, too.
     TableBranch {
         half: bool,
         n: Option<Reg>,
@@ -715,7 +715,7 @@ pub(super) enum Op {
 }
 
 impl Op {
-    /// Whether another instruction than the next one in memory always follows, outside an IT block.
+    /// Returns true for an unconditional branch, outside an IT block.
     pub(super) fn leads_elsewhere(self) -> bool {
         match self {
             Self::Branch { .. } | Self::BranchReg { .. } | Self::MovPc { .. } | Self::AddPc { .. } => true,

@@ -26,7 +26,7 @@ pub(super) mod ccr {
     pub(in super::super) const DIV_0_TRP: u32 = 1 << 4;
     pub(in super::super) const BFHFNMIGN: u32 = 1 << 8;
     pub(in super::super) const STKALIGN: u32 = 1 << 9;
-    /// All bits that can be written.
+    /// All writable bits.
     pub(in super::super) const WRITABLE: u32 = 0x31b;
 }
 
@@ -36,10 +36,10 @@ pub(super) mod scr {
     pub(in super::super) const SEVONPEND: u32 = 1 << 4;
 }
 
-/// Why the core sleeps.
+/// The core's sleep state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Sleep {
-    /// It does not.
+    /// Not asleep.
     Awake,
     /// For an interrupt: WFI, SLEEPONEXIT.
     Interrupt,
@@ -47,7 +47,7 @@ pub(super) enum Sleep {
     Event,
 }
 
-/// Registers of the System Control Block that are more than a view of something else.
+/// Registers of the System Control Block with a state of their own.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scb {
     pub(super) vtor: u32,
@@ -65,22 +65,22 @@ pub(super) struct Scb {
     pub(super) demcr: u32,
     /// DWT_CTRL.CYCCNTENA.
     pub(super) cycle_counter_on: bool,
-    /// DWT_CYCCNT is this more than the core's cycles, or this itself while the counter is off.
+    /// The offset of DWT_CYCCNT from the core's cycles, or its value while the counter is off.
     pub(super) cycle_counter: u32,
 }
 
-/// What a chip decides about its core.
+/// The chip's choices for its core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Config {
-    /// Interrupt lines, 1 to 240.
+    /// Number of interrupt lines, 1 to 240.
     pub interrupts: u16,
-    /// Bits of a priority, 3 to 8.
+    /// Number of priority bits, 3 to 8.
     pub priority_bits: u8,
     /// The address of the vector table at reset.
     pub vector_table: u32,
-    /// Regions of the MPU: 0 without one, or 8.
+    /// Number of MPU regions: 0 without an MPU, or 8.
     pub mpu_regions: u8,
-    /// Whether the first megabytes of RAM and peripherals have a bit-band alias.
+    /// True for bit-band aliases of the first megabytes of RAM and peripherals.
     pub bit_band: bool,
 }
 
@@ -104,16 +104,16 @@ pub(super) struct Cpu {
     pub(super) faultmask: bool,
     pub(super) basepri: u8,
     pub(super) control: u8,
-    /// The stack pointer that is not R13.
+    /// The inactive stack pointer.
     pub(super) other_sp: u32,
     /// The event register of WFE.
     pub(super) event: bool,
     pub(super) sleep: Sleep,
     /// The local monitor of LDREX and STREX (A3.4).
     pub(super) exclusive: bool,
-    /// A stack frame has been written, and the handler is still to be chosen.
+    /// A stack frame has been written, and the handler has not been chosen.
     pub(super) entering: bool,
-    /// A fault that could not be handled (B1.5.15).
+    /// A fault could not be handled (B1.5.15).
     pub(super) lockup: bool,
     /// AIRCR.SYSRESETREQ was written.
     pub(super) reset_requested: bool,
@@ -121,7 +121,7 @@ pub(super) struct Cpu {
 
     pub(super) cycle: u64,
     pub(super) instructions: u64,
-    /// No instruction begins at this cycle or later. 0 when something else has to be done first.
+    /// No instruction begins at this cycle or later. 0 if other work comes first.
     pub(super) limit: u64,
 
     pub(super) config: Config,
@@ -134,26 +134,26 @@ pub(super) struct Cpu {
 }
 
 impl Cpu {
-    /// Reads a register. R15 is the address of the instruction, not what the instruction would read.
+    /// Reads a register. R15 is the address of the instruction, not the value that the instruction would read.
     #[inline(always)]
     pub(super) fn get(&self, register: Reg) -> u32 {
         self.r[register.index()]
     }
 
-    /// Writes a register that is neither R13 nor R15.
+    /// Writes a register other than R13 and R15.
     #[inline(always)]
     pub(super) fn set(&mut self, register: Reg, value: u32) {
         self.r[register.index()] = value;
     }
 
-    /// Writes a register that may be R13, whose lowest two bits are always 0.
+    /// Writes a register that may be R13, whose two lowest bits are always 0.
     #[inline(always)]
     pub(super) fn set_or_sp(&mut self, register: Reg, value: u32) {
         let ignored = if register == Reg::SP { 3 } else { 0 };
         self.r[register.index()] = value & !ignored;
     }
 
-    /// Makes the run loop look around before the next instruction.
+    /// Makes the run loop handle other work before the next instruction.
     pub(super) fn look_around(&mut self) {
         self.limit = 0;
     }
@@ -170,7 +170,7 @@ impl Cpu {
             | u32::from(self.exception)
     }
 
-    /// Sets flags, IT and T, as an exception return does.
+    /// Sets flags, IT and T from a stacked xPSR.
     pub(super) fn set_xpsr(&mut self, xpsr: u32) {
         self.set_apsr(xpsr);
         self.ge = (xpsr >> 16 & 15) as u8;
@@ -203,19 +203,19 @@ impl Cpu {
         priority
     }
 
-    /// Whether the priority is that of HardFault, NMI, or of code with FAULTMASK.
+    /// Returns true at the priority of HardFault, NMI, or of code with FAULTMASK.
     pub(super) fn handles_fault(&self) -> bool {
         let is_fault_handler = matches!(self.exception, exception::NMI | exception::HARD_FAULT);
-        // Most often there is nothing to look at.
+        // Usually none applies.
         self.faultmask || is_fault_handler || self.exception != 0 && self.execution_priority() < 0
     }
 
-    /// Whether R13 is the process stack pointer.
+    /// Returns true if R13 is the process stack pointer.
     pub(super) fn uses_process_stack(&self) -> bool {
         self.exception == 0 && self.control & control::PROCESS_STACK != 0
     }
 
-    /// Changes what R13 depends on, and exchanges the stack pointers if that makes it the other one.
+    /// Changes the mode, and exchanges the stack pointers if it selects the other one.
     pub(super) fn change_mode(&mut self, exception: u16, control: u8) {
         let before = self.uses_process_stack();
         self.exception = exception;
@@ -258,7 +258,7 @@ impl Cpu {
         }
     }
 
-    /// Finds again where the MPU need not be asked.
+    /// Recomputes the address range without MPU checks.
     pub(super) fn update_open_window(&mut self) {
         let privileged = self.is_privileged();
         self.mpu.update_window(privileged, &self.memory);

@@ -1,6 +1,6 @@
 //! The registers of the System Control Space and of the trace unit (ARM DDI 0403E, B3.2 to B3.5, C1.6, C1.8).
 //!
-//! A register that the core does not have is refused by its address, and so is SysTick: the images take time from a timer.
+//! An access to a missing register is refused with its address, and so is SysTick: the images use a timer for time.
 
 use super::fault::{Refusal, Trap, exception};
 use super::memory::Width;
@@ -9,7 +9,7 @@ use super::state::{Cpu, ccr};
 /// DEMCR.TRCENA: the trace unit counts.
 const TRCENA: u32 = 1 << 24;
 
-/// The value that unlocks AIRCR, and what it reads as there.
+/// The key that unlocks AIRCR, and its value on a read.
 const AIRCR_KEY: u32 = 0x05fa;
 const AIRCR_KEY_READ: u32 = 0xfa05;
 
@@ -33,7 +33,7 @@ const IDENTIFICATION: [u32; 13] = [
     0x0131_0102,
 ];
 
-/// A page of the private peripheral bus that is the core's own.
+/// A page of the private peripheral bus that belongs to the core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Page {
     /// The System Control Space (B3.2.2).
@@ -44,7 +44,7 @@ pub(super) enum Page {
     Absent,
 }
 
-/// The page of an address, unless that is memory or the chip's own (B3.1.1).
+/// The page of an address. `None` for memory and for the chip's own addresses (B3.1.1).
 pub(super) fn private_page(address: u32) -> Option<Page> {
     match address >> 12 {
         0xe000e => Some(Page::Control),
@@ -55,7 +55,7 @@ pub(super) fn private_page(address: u32) -> Option<Page> {
 }
 
 impl Cpu {
-    /// Reads the word at an address that is a multiple of four.
+    /// Reads the word at a word-aligned address.
     pub(super) fn read_system(&mut self, page: Page, address: u32) -> Result<u32, Trap> {
         match page {
             Page::Control => self.read_control(address),
@@ -108,7 +108,7 @@ impl Cpu {
                 let value = self.mpu.read(offset - 0xd90);
                 value.ok_or(Refusal::SystemRegister(address))?
             }
-            // No debugger is connected as far as the program can see.
+            // A program sees no debugger.
             0xdf0 => 0,
             0xdfc => scb.demcr,
             0xf34 => scb.fpccr,
@@ -123,7 +123,7 @@ impl Cpu {
 
     fn write_control(&mut self, address: u32, value: u32, width: Width) -> Result<(), Trap> {
         let offset = address & 0xfff;
-        // Priorities and fault status are written by bytes, too.
+        // Priorities and fault status can be written by bytes, too.
         match offset {
             0x400..0x4f0 => {
                 self.set_priorities((offset - 0x400) as u16 + exception::INTERRUPT_0, value, width);
@@ -167,7 +167,7 @@ impl Cpu {
                 let written = self.mpu.write(offset - 0xd90, value);
                 written.ok_or(Refusal::SystemRegister(address))?;
                 self.update_open_window();
-                // Whether an instruction may be executed is checked when it is decoded.
+                // Permissions to execute are checked during decoding.
                 self.memory.note_change_of_all();
             }
             0xdf0 => {}
@@ -221,7 +221,7 @@ impl Cpu {
         };
     }
 
-    /// Four priorities, from this exception on.
+    /// Four priorities, starting with this exception.
     fn priorities(&self, first: u16) -> u32 {
         u32::from_le_bytes([0, 1, 2, 3].map(|i| self.nvic.priority(first + i) as u8))
     }
@@ -242,7 +242,7 @@ impl Cpu {
     /// B3.2.4.
     fn icsr(&self) -> u32 {
         let pending = self.nvic.first_pending().unwrap_or(0);
-        // RETTOBASE: no exception but the current one is active.
+        // RETTOBASE: no exception is active except the current one.
         let last = self.exception != 0 && self.nvic.active_count() <= 1;
         u32::from(self.exception)
             | u32::from(last) << 11
@@ -310,7 +310,7 @@ impl Cpu {
     }
 }
 
-/// Bits of SHCSR, and the exceptions that they stand for.
+/// Bits of SHCSR with their exceptions.
 const SHCSR_ACTIVE: [(u32, u16); 7] = [
     (0, exception::MEM_MANAGE),
     (1, exception::BUS_FAULT),
@@ -332,7 +332,7 @@ const SHCSR_ENABLED: [(u32, u16); 3] = [
     (18, exception::USAGE_FAULT),
 ];
 
-/// The number of an NVIC register among those of its kind.
+/// The index of an NVIC register among those of its kind.
 fn register_number(offset: u32) -> u16 {
     (offset as u16 & 0x7f) / 4
 }

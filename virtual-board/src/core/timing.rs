@@ -1,51 +1,52 @@
-//! What instructions cost.
+//! Instruction timing.
 //!
-//! [`Timing::OneCycle`] counts instructions. [`Timing::CortexM4`] follows the tables of the Cortex-M4 Technical Reference
-//! Manual (ARM DDI 0439, 3.3), and approximates what they leave open:
+//! [`Timing::OneCycle`] counts instructions. [`Timing::CortexM4`] follows the tables of the Cortex-M4 Technical
+//! Reference Manual (ARM DDI 0439, 3.3), with these approximations:
 //!
-//! * The pipeline refill `P` is 1 to 3 cycles there, by alignment and width of the target and by how early the target is
-//!   known. Here it is 1 for a branch with an immediate target, 2 for a branch to a register, 3 for a load of the PC.
-//! * A load followed by a load or store costs one cycle less, unless it loads an address register of the second. A load or
-//!   store whose address comes from the instruction before it costs one cycle more. The order in memory decides, so the
-//!   first instruction after a taken branch is not looked at.
-//! * A division takes 2 to 12 cycles by the number of bits of its quotient, three bits a cycle.
-//! * The write buffer never is full, and a store costs one cycle.
-//! * IT is folded and free where a 16-bit instruction precedes it; here it costs one cycle.
+//! * The manual's pipeline refill `P` is 1 to 3 cycles, by alignment and width of the target and by the time at which
+//!   the target is known. Here it is 1 for a branch with an immediate target, 2 for a branch to a register, 3 for a
+//!   load of the PC.
+//! * A load followed by a load or store costs one cycle less, unless it loads an address register of the second. A load
+//!   or store whose address comes from the previous instruction costs one cycle more. The order in memory decides: the
+//!   first instruction after a taken branch is not considered.
+//! * A division takes 2 to 12 cycles by the number of bits of its quotient, three bits per cycle.
+//! * The write buffer is never full, and a store costs one cycle.
+//! * IT is folded and free after a 16-bit instruction; here it costs one cycle.
 //!
-//! Flash is read by lines. A line that is not held by the instruction or data cache takes the wait states. With prefetch,
-//! the line after the last one that was fetched is under way from that moment. The caches are fully associative and
-//! replace the oldest line; contention between fetches, loads and DMA is not counted.
+//! Flash is read by lines. A line that is in neither cache takes the wait states. With prefetch, the fetch of the next
+//! line starts with each fetched line. The caches are fully associative and replace the oldest line; contention between
+//! fetches, loads and DMA is not counted.
 
 use std::collections::VecDeque;
 
 use super::op::{Hint, Index, Op, Reg};
 
-/// How cycles are counted.
+/// The counting of cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Timing {
-    /// One cycle an instruction, one for an exception's entry.
+    /// One cycle per instruction, one for exception entry.
     #[default]
     OneCycle,
-    /// The Cortex-M4's, with this flash.
+    /// The cycles of a Cortex-M4, with this flash.
     CortexM4(FlashTiming),
 }
 
-/// The flash as the core sees it. A chip changes it with its flash interface's access control register.
+/// The flash as seen by the core. The chip changes it by its access control register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashTiming {
-    /// Cycles that a line takes beyond the first.
+    /// Additional cycles of a line.
     pub wait_states: u32,
-    /// Bytes that the flash delivers at once: a power of two.
+    /// Bytes per flash line: a power of two.
     pub line_bytes: u32,
     /// Lines of the instruction cache, at least 1: the line buffer.
     pub code_lines: usize,
     /// Lines of the data cache, 0 while it is off.
     pub data_lines: usize,
-    /// Whether the next line is fetched ahead.
+    /// True with prefetch.
     pub prefetch: bool,
 }
 
-/// Cycles of a refill of the pipeline.
+/// Cycles of a pipeline refill.
 const REFILL_IMMEDIATE: u8 = 1;
 const REFILL_REGISTER: u8 = 2;
 const REFILL_LOAD: u8 = 3;
@@ -54,16 +55,16 @@ const REFILL_LOAD: u8 = 3;
 #[derive(Clone, Debug)]
 pub(super) struct Clock {
     timing: Timing,
-    /// Cycles from an exception to its handler's first instruction, without the vector's fetch; 12 in all.
+    /// Cycles from an exception to its handler's first instruction, without the vector fetch; 12 in total.
     pub(super) entry: u64,
     pub(super) vector: u64,
     pub(super) exit: u64,
     pub(super) tail_chain: u64,
-    /// Cycles that a conditional branch costs more if it is taken.
+    /// Additional cycles of a taken conditional branch.
     pub(super) taken: u64,
-    /// Whether a division's cycles depend on its operands, and an unaligned access costs more.
+    /// True if the cycles of a division depend on its operands, and an unaligned access costs more.
     pub(super) exact: bool,
-    /// Whether fetches and loads from flash may have to wait.
+    /// True if fetches and loads from flash may wait.
     pub(super) flash_waits: bool,
     code: Lines,
     data: Lines,
@@ -71,7 +72,7 @@ pub(super) struct Clock {
     line_shift: u32,
     /// The line of the last fetch.
     line: u32,
-    /// When the line after it arrives.
+    /// Arrival of the line after it.
     next_line_at: u64,
 }
 
@@ -79,7 +80,7 @@ impl Clock {
     pub(super) fn new(timing: Timing) -> Self {
         let (entry, vector, exit, tail_chain, taken) = match timing {
             Timing::OneCycle => (1, 0, 0, 1, 0),
-            // Stacking and the vector's fetch overlap; the refill comes last. Exit takes 10 with the BX that it begins with.
+            // Stacking and the vector fetch overlap; the refill comes last. Exit takes 10 cycles including the BX.
             Timing::CortexM4(_) => (10, 2, 7, 6, u64::from(REFILL_IMMEDIATE)),
         };
         let flash = match timing {
@@ -107,7 +108,7 @@ impl Clock {
         self.timing
     }
 
-    /// Cycles of an instruction, given the one after it in memory; without what only shows at run time.
+    /// Cycles of an instruction before `next` in memory, except those known only at run time.
     pub(super) fn cycles(&self, op: Op, next: Op) -> u8 {
         match self.timing {
             Timing::OneCycle => 1,
@@ -115,13 +116,13 @@ impl Clock {
         }
     }
 
-    /// Whether an instruction lies in the line of the last fetch, as a whole.
+    /// Returns true if an instruction lies completely in the line of the last fetch.
     #[inline(always)]
     pub(super) fn is_fetched(&self, offset: u32, length: u8) -> bool {
         offset >> self.line_shift == self.line && (offset + u32::from(length) - 1) >> self.line_shift == self.line
     }
 
-    /// Cycles that the fetch of an instruction waits, at this offset in the flash and this cycle.
+    /// Wait cycles of an instruction fetch, at this offset in the flash and this cycle.
     #[inline(never)]
     pub(super) fn fetch_wait(&mut self, offset: u32, length: u8, cycle: u64) -> u64 {
         let Timing::CortexM4(flash) = self.timing else {
@@ -148,7 +149,7 @@ impl Clock {
         waited
     }
 
-    /// Cycles that a load waits, at this offset in the flash.
+    /// Wait cycles of a load, at this offset in the flash.
     pub(super) fn load_wait(&mut self, offset: u32) -> u64 {
         match self.timing {
             Timing::CortexM4(flash) if !self.data.touch(offset >> self.line_shift) => flash.wait_states.into(),
@@ -156,7 +157,7 @@ impl Clock {
         }
     }
 
-    /// Cycles that a division takes beyond its least (3.3.1, with early termination).
+    /// Cycles of a division above its minimum (3.3.1, with early termination).
     pub(super) fn divide(dividend: u32, divisor: u32) -> u64 {
         if divisor == 0 {
             return 0;
@@ -166,13 +167,13 @@ impl Clock {
     }
 }
 
-/// A fully associative cache of flash lines, without what they hold.
+/// A fully associative cache of flash lines, without their content.
 #[derive(Clone, Debug)]
 struct Lines {
     capacity: usize,
-    /// From the oldest.
+    /// The cached lines, oldest first.
     held: VecDeque<u32>,
-    /// By line: whether it is held.
+    /// By line: true if it is cached.
     is_held: Vec<bool>,
 }
 
@@ -185,7 +186,7 @@ impl Lines {
         }
     }
 
-    /// Whether the line is held. It is from now on, unless the cache is off.
+    /// Returns true if the line is cached, and caches it unless the cache is off.
     fn touch(&mut self, line: u32) -> bool {
         let index = line as usize;
         if self.is_held.len() <= index {
@@ -234,7 +235,7 @@ fn cortex_m4(op: Op, next: Op) -> u8 {
     }
 }
 
-/// The register that a load of one register writes.
+/// The destination of a load of one register.
 fn loaded(op: Op) -> Option<Reg> {
     match op {
         Op::Ldr { t, .. } | Op::Ldrh { t, .. } | Op::Ldrb { t, .. } => Some(t),
@@ -261,7 +262,7 @@ fn is_single_transfer(op: Op) -> bool {
     store || loaded(op).is_some()
 }
 
-/// The registers that make the address of a load or store.
+/// The registers in the address of a load or store.
 fn address_registers(op: Op) -> [Option<Reg>; 2] {
     match op {
         Op::Ldr { n, .. } | Op::Ldrh { n, .. } | Op::Ldrb { n, .. } => [Some(n), None],
@@ -278,7 +279,7 @@ fn address_registers(op: Op) -> [Option<Reg>; 2] {
     }
 }
 
-/// The register that a data-processing instruction writes.
+/// The destination of a data-processing instruction.
 fn computed(op: Op) -> Option<Reg> {
     match op {
         Op::MovImm { d, .. } | Op::MovImmS { d, .. } | Op::MovTop { d, .. } | Op::MovReg { d, .. } => Some(d),

@@ -16,7 +16,7 @@ pub(crate) mod common;
 pub(crate) mod stm32f405;
 pub(crate) mod stm32g431;
 
-/// The properties of a microcontroller, and what is connected to it.
+/// The properties of a microcontroller, and its connections.
 #[derive(Debug)]
 pub(crate) struct Setup {
     pub(crate) unique_id: [u8; 12],
@@ -24,13 +24,13 @@ pub(crate) struct Setup {
     pub(crate) idcode: u32,
     pub(crate) reenabled: Reenabled,
     pub(crate) seed: u64,
-    /// The virtual time of a cycle, in percent.
+    /// The virtual duration of a cycle, in percent.
     pub(crate) cycle_cost: u32,
-    /// Whether cycles are counted as a Cortex-M4 with this flash does.
+    /// True for the cycles of a Cortex-M4 with this flash.
     pub(crate) exact: bool,
-    /// Functions that run only when the firmware is broken.
+    /// Functions that run only in a crash of the firmware.
     pub(crate) crashes: BTreeMap<u32, Crash>,
-    /// Where the firmware's log is, if it has one.
+    /// The address of the firmware's log, if it has one.
     pub(crate) log: Option<u32>,
     pub(crate) debugger: Option<Debugger>,
     pub(crate) edges: Edges,
@@ -39,8 +39,8 @@ pub(crate) struct Setup {
 impl Setup {
     /// The machine at power-on.
     ///
-    /// This function is not generic: the models are compiled with this crate, which is optimised in tests, too, and not with
-    /// the crate that names the arm.
+    /// This function is not generic: the models are compiled with this crate, which is optimised in tests, too, and not
+    /// with the crate of the arm.
     pub(crate) fn engine(self, chip: Chip) -> Box<dyn Engine> {
         match chip {
             Chip::Stm32f405 => {

@@ -15,12 +15,11 @@ use crate::can::bus::Bus;
 use crate::shared::lock;
 use crate::time::Nanos;
 
-/// Serves a CAN bus with SLCAN adapters on it, each a node that knows FD frames, until Ctrl-C. Each adapter is a pty with a
-/// symbolic link to it.
+/// Serves a CAN bus with SLCAN adapters, each an FD node, until Ctrl-C. Each adapter is a pty with a symbolic link.
 ///
 /// # Errors
 ///
-/// When there is no pty, or a link cannot be made.
+/// If no pty is available, or a link cannot be created.
 pub fn serve_bus(links: &[PathBuf]) -> Result<(), Error> {
     let stop = Arc::new(AtomicBool::new(false));
     stop_at(stop.clone())?;
@@ -43,7 +42,7 @@ pub fn serve_bus(links: &[PathBuf]) -> Result<(), Error> {
         for port in &mut ports {
             port.give(&can, now)?;
         }
-        // A run without end must not keep its records.
+        // Records of an endless run must not accumulate.
         can.forget_frames();
         let ptys: Vec<_> = ports.iter().map(CanPort::pty).collect();
         pty::wait_for_any(&ptys, Some(NAP)).map_err(Error::Serve)?;

@@ -7,7 +7,7 @@ use armwire_sim::pty::Pty;
 use super::BACKLOG;
 use crate::{Error, Pipe};
 
-/// The pty that stands in for it.
+/// The pty of the port.
 pub(super) struct BytePort {
     pty: Pty,
     to_program: VecDeque<u8>,

@@ -1,4 +1,4 @@
-//! An SLCAN adapter on the CAN bus, as a node of its own that knows FD frames.
+//! An SLCAN adapter on the CAN bus, as a separate FD node.
 
 use armwire_sim::pty::Pty;
 use armwire_sim::slcan::{Adapter, Status};
@@ -8,25 +8,25 @@ use crate::board::{Can, Error};
 use crate::can::{ErrorState, NodeConfig, Outcome};
 use crate::time::Nanos;
 
-/// How many frames wait for the bus before the adapter refuses the next: an eighth of a second at 1 Mbit/s.
+/// Number of pending frames at which the adapter refuses the next: an eighth of a second at 1 Mbit/s.
 const QUEUE: usize = 1024;
 
-/// How long a channel that closes waits for its frames to go. A bus may let none through.
+/// Maximum time that a closing channel waits for its pending frames. A bus may let none through.
 const LEAVE: Nanos = Nanos::from_millis(200);
 
-/// The pty that stands in for the adapter's serial port.
+/// The pty of the adapter's serial port.
 pub(super) struct CanPort {
     pty: Pty,
     adapter: Adapter,
     node: u8,
-    /// As what the adapter is on the bus.
+    /// The adapter's node configuration on the bus.
     joined: Option<NodeConfig>,
-    /// Since when its channel is closed while frames of it wait.
+    /// The time of the channel's close, while frames are pending.
     leaving: Option<Nanos>,
 }
 
 impl CanPort {
-    /// The adapter is `node` on the bus.
+    /// An adapter that is `node` on the bus.
     pub(super) fn new(pty: Pty, node: u8) -> Self {
         Self {
             pty,
@@ -41,7 +41,7 @@ impl CanPort {
         &self.pty
     }
 
-    /// Takes to the bus what the program wrote.
+    /// Passes the program's input on to the bus.
     pub(super) fn take(&mut self, can: &Can<'_>, now: Nanos) -> Result<(), Error> {
         if self.adapter.output().len() < BACKLOG {
             let mut bytes = [0; BACKLOG];
@@ -58,7 +58,7 @@ impl CanPort {
         Ok(())
     }
 
-    /// Takes part in the bus as far as the program wants it. What it has sent goes out before the adapter leaves.
+    /// Joins or leaves the bus as the program requests. Pending frames go out before the adapter leaves.
     fn join(&mut self, can: &Can<'_>, now: Nanos) {
         let config = |rate| NodeConfig::fd(rate, self.adapter.data_bit_rate());
         let wanted = match (self.adapter.bit_rate().map(config), self.adapter.is_listening()) {
@@ -81,7 +81,7 @@ impl CanPort {
         }
     }
 
-    /// Gives the program what the adapter received and what went wrong.
+    /// Passes received frames and errors on to the program.
     pub(super) fn give(&mut self, can: &Can<'_>, now: Nanos) -> Result<(), Error> {
         for frame in can.read_by(self.node) {
             self.adapter.hear(&frame, now.instant());

@@ -2,11 +2,11 @@
 //!
 //! Virtual time follows the wall clock and never overtakes it. Each port is a pty:
 //!
-//! * The arm's serial port. The baud rate that a program sets reaches the firmware as a line coding; DTR and RTS cannot, a
-//!   pty has no modem lines, and are on.
+//! * The arm's serial port. The baud rate that a program sets reaches the firmware as a line coding. DTR and RTS are
+//!   always on, because a pty has no modem lines.
 //! * The control port: the bytes of the adapter's vendor-specific interface.
-//! * The CAN bus, behind an adapter that speaks [SLCAN](armwire_sim::slcan) and is the only other node. It knows FD
-//!   frames. While its channel is closed nobody acknowledges what the firmware sends.
+//! * The CAN bus, behind an [SLCAN](armwire_sim::slcan) adapter, which is the only other node and supports FD frames.
+//!   While its channel is closed, the firmware's frames are not acknowledged.
 //!
 //! [`serve_bus`] serves a CAN bus without a board.
 
@@ -29,46 +29,46 @@ pub use bus::serve_bus;
 use bytes::BytePort;
 use can::CanPort;
 
-/// How long the board runs, at most, before the ptys are looked at.
+/// Maximum virtual time between checks of the ptys.
 const SLICE: Nanos = Nanos::from_millis(1);
 
-/// How long to sleep, at most, once virtual time has caught up.
+/// Maximum sleep once virtual time has caught up.
 const NAP: Duration = Duration::from_millis(1);
 
-/// How far virtual time may lag and still catch up. What is lost beyond, to a slow machine or in a debugger, stays lost.
+/// Maximum lag of virtual time that is caught up. More lag, on a slow machine or in a debugger, is not caught up.
 const PATIENCE: Nanos = Nanos::from_millis(100);
 
-/// The serial port's baud rate until a program sets another: the arm's, for it is that of hosts on CAN too.
+/// The serial port's baud rate until a program sets another: the arm's, which hosts on CAN use too.
 const BAUD: u32 = 1_000_000;
 
-/// How many bytes wait for either side before the other is not read any more.
+/// Number of buffered bytes at which the other side is no longer read.
 const BACKLOG: usize = 4096;
 
-/// The node that the adapter is on the board's CAN bus.
+/// The adapter's node on the board's CAN bus.
 const NODE: u8 = 0;
 
-/// What is served, and where: a symbolic link to each pty if there is to be one.
+/// The served ports, with an optional symbolic link to each pty.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Places<'a> {
     /// The arm's serial port.
     pub serial: Option<&'a Path>,
-    /// The control port, if that is served.
+    /// The control port, if served.
     pub control: Option<Option<&'a Path>>,
-    /// The CAN bus, if that is served.
+    /// The CAN bus, if served.
     pub can: Option<Option<&'a Path>>,
 }
 
-/// Opens the adapter's serial port and connects it, and what else is asked for, to a pty each, until Ctrl-C.
+/// Opens the adapter's serial port and connects it, and the other requested ports, to a pty each, until Ctrl-C.
 ///
 /// # Errors
 ///
-/// When there is no pty or a link cannot be made, and when the board fails.
+/// If no pty is available, a link cannot be created, or the board fails.
 pub fn serve<A: Arm>(mut board: VirtualBoard<A>, places: Places<'_>) -> Result<(), Error> {
-    // It ends the run too: a debugger may hold that, and us with it.
+    // It ends the run too: a debugger may halt the run, and this loop with it.
     let stop = board.interrupt();
     stop_at(stop.clone())?;
     board.usb().attach();
-    // Whoever finds a pty is to find the board behind it.
+    // The port must be open before a program can find the pty.
     board.usb().open(0, LineCoding::new(BAUD))?;
     let mut ports = Ports::open(places)?;
     ports.reopen(&mut board)?;
@@ -86,16 +86,16 @@ fn stop_at(stop: Arc<AtomicBool>) -> Result<(), Error> {
         .map_err(|error| Error::Serve(std::io::Error::other(error)))
 }
 
-/// Whether there is something to give to a program.
+/// Returns true if there is output for a program.
 fn has_news<A: Arm>(board: &mut VirtualBoard<A>) -> bool {
     let usb = board.usb();
     usb.serial().unread() > 0 || usb.vendor().unread() > 0 || board.can().unread() > 0
 }
 
-/// What is served.
+/// The served ports.
 struct Ports {
     serial: BytePort,
-    /// The rate that the firmware was told of.
+    /// The rate that was passed to the firmware.
     baud: u32,
     control: Option<BytePort>,
     can: Option<CanPort>,
@@ -114,7 +114,7 @@ impl Ports {
         })
     }
 
-    /// As `armwire` takes them.
+    /// The ports in the syntax of `armwire`.
     fn names(&self) -> String {
         let mut names = self.serial.pty().path().display().to_string();
         if let Some(control) = &self.control {
@@ -126,7 +126,7 @@ impl Ports {
         names
     }
 
-    /// Opens on the board what is not open. A firmware that started over is a new device.
+    /// Opens closed ports on the board. Firmware that has restarted is a new device.
     fn reopen<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Result<(), Error> {
         let wanted = self.serial.pty().baud().map_err(Error::Serve)?;
         let mut usb = board.usb();
@@ -140,7 +140,7 @@ impl Ports {
         Ok(())
     }
 
-    /// Takes to the board what programs wrote.
+    /// Passes the programs' input on to the board.
     fn take<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Result<(), Error> {
         self.serial.take(board.usb().serial())?;
         if let Some(control) = &mut self.control {
@@ -152,7 +152,7 @@ impl Ports {
         Ok(())
     }
 
-    /// Gives programs what the board said.
+    /// Passes the board's output on to the programs.
     fn give<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Result<(), Error> {
         self.serial.give(board.usb().serial())?;
         if let Some(control) = &mut self.control {
@@ -164,7 +164,7 @@ impl Ports {
         Ok(())
     }
 
-    /// Waits for a program to write, though not for long.
+    /// Waits briefly for input of a program.
     fn nap(&self) -> Result<(), Error> {
         let mut ptys = vec![self.serial.pty()];
         ptys.extend(self.control.as_ref().map(BytePort::pty));
@@ -174,7 +174,7 @@ impl Ports {
     }
 }
 
-/// Passes bytes and time until told to stop.
+/// Passes bytes and advances time until stopped.
 fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool) -> Result<(), Error> {
     let (mut wall, mut virtual_time) = (Instant::now(), board.now());
     while !stop.load(Ordering::Relaxed) {
@@ -183,7 +183,7 @@ fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool
             return Ok(());
         }
         match ports.reopen(board) {
-            // It went there while the host waited for it.
+            // The boot loader was started while the host waited.
             Err(_) if board.is_in_boot_loader() => continue,
             opened => opened?,
         }
@@ -202,7 +202,7 @@ fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool
             }
         }
         ports.give(board)?;
-        // A run without end must not keep its records.
+        // Records of an endless run must not accumulate.
         board.usb().forget_packets();
         board.uart().forget_bytes();
         board.can().forget_frames();

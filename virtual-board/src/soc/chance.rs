@@ -1,15 +1,15 @@
-//! Seeded choices: the same seed gives the same run.
+//! Seeded random choices: the same seed gives the same run.
 
 use std::ops::RangeInclusive;
 
 use crate::time::Nanos;
 
-/// A source of choices (SplitMix64).
+/// A random number generator (SplitMix64).
 #[derive(Clone, Debug)]
 pub(crate) struct Chance(u64);
 
 impl Chance {
-    /// A source of its own for each `purpose`: one more choice in one place changes none elsewhere.
+    /// A separate generator for each `purpose`: an additional choice in one place does not change others.
     pub(crate) fn new(seed: u64, purpose: &str) -> Self {
         let purpose = purpose.bytes().fold(seed, |state, byte| mix(state ^ u64::from(byte)));
         Self(purpose)
@@ -20,14 +20,14 @@ impl Chance {
         mix(self.0)
     }
 
-    /// A span within limits, in nanoseconds.
+    /// A duration within limits, in nanoseconds.
     pub(crate) fn span(&mut self, limits: RangeInclusive<u64>) -> Nanos {
         let (least, most) = limits.into_inner();
         Nanos(least + self.next() % (most - least + 1))
     }
 }
 
-/// The choice number `index` of those that belong to `purpose`.
+/// The choice number `index` for `purpose`.
 pub(crate) fn draw(seed: u64, purpose: &str, index: u64) -> u64 {
     // FNV-1a.
     let hash = purpose.bytes().fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| {

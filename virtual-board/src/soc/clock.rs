@@ -4,10 +4,10 @@ use crate::time::Nanos;
 
 const SECOND: u64 = 1_000_000_000;
 
-/// A clock that ticks `hz` times a second. It stands still at 0 Hz.
+/// A clock that ticks `hz` times per second. It is stopped at 0 Hz.
 ///
-/// Tick `n` begins at the first whole nanosecond that is not before `n / hz` seconds. No rounding adds up: the origin moves
-/// by whole seconds only.
+/// Tick `n` begins at the first whole nanosecond that is not before `n / hz` seconds. Rounding errors do not
+/// accumulate: the origin moves by whole seconds only.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Clock {
     hz: u64,
@@ -26,7 +26,7 @@ impl Clock {
         self.hz
     }
 
-    /// Changes the rate. The tick under way ends as one of the new rate.
+    /// Changes the rate. The present tick ends at the new rate.
     pub(crate) fn set_hz(&mut self, hz: u64, now: Nanos) {
         *self = Self::new(hz, now, self.tick(now));
     }
@@ -50,7 +50,7 @@ impl Clock {
         self.tick(Nanos(at.0 - 1)) + 1
     }
 
-    /// When `tick`, which is not before the origin's, begins. `None` if the clock stands still.
+    /// The beginning of `tick`, which must not be before the origin's. `None` if the clock is stopped.
     #[inline]
     pub(crate) fn instant(&self, tick: u64) -> Option<Nanos> {
         let ticks = tick - self.first;
@@ -67,7 +67,7 @@ impl Clock {
         ))
     }
 
-    /// Moves the origin near `now`, which makes everything else faster.
+    /// Moves the origin near `now`, which makes the other functions faster.
     pub(crate) fn come_near(&mut self, now: Nanos) {
         let seconds = now.since(self.origin).0 / SECOND;
         self.origin.0 += seconds * SECOND;

@@ -1,10 +1,10 @@
-//! When each peripheral is to be called next.
+//! The time of each peripheral's next event.
 
 use crate::time::Nanos;
 
 const NEVER: Nanos = Nanos(u64::MAX);
 
-/// One instant for each of a few peripherals. A chip has so few of them that looking at all is faster than a heap.
+/// One instant per peripheral. A chip has so few that a linear search is faster than a heap.
 #[derive(Clone, Debug)]
 pub(crate) struct Events<const SLOTS: usize> {
     due: [Nanos; SLOTS],
@@ -21,7 +21,7 @@ impl<const SLOTS: usize> Default for Events<SLOTS> {
 }
 
 impl<const SLOTS: usize> Events<SLOTS> {
-    /// Sets when the peripheral of `slot` is to be called.
+    /// Sets the time of the next event of `slot`.
     #[inline]
     pub(crate) fn set(&mut self, slot: usize, due: Option<Nanos>) {
         let due = due.unwrap_or(NEVER);
@@ -33,13 +33,13 @@ impl<const SLOTS: usize> Events<SLOTS> {
         }
     }
 
-    /// When the next one is due. The end of time if none is.
+    /// The time of the next event. The end of time if there is none.
     #[inline]
     pub(crate) fn next(&self) -> Nanos {
         self.next
     }
 
-    /// Takes the slot that is due first, if it is by `now`: of several at the same instant the lowest.
+    /// Takes the slot with the first event due by `now`: of several at the same instant the lowest.
     pub(crate) fn take(&mut self, now: Nanos) -> Option<usize> {
         if self.next > now {
             return None;

@@ -1,8 +1,8 @@
-//! A debugger at a TCP port: gdb's remote serial protocol (the GDB manual, appendix E), as far as gdb needs it for a core
-//! without an operating system.
+//! A debugger on a TCP port: gdb's remote serial protocol (the GDB manual, appendix E), as needed for a core without an
+//! operating system.
 //!
-//! The core halts when gdb connects, at a breakpoint, and when gdb interrupts it. Virtual time stands still while it is
-//! halted.
+//! The core halts when gdb connects, at a breakpoint, and when gdb interrupts it. Virtual time does not advance while
+//! it is halted.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -10,17 +10,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How long a halted core waits for gdb before it looks whether it is to go on at all.
+/// Polling period of a halted core for the end of the run.
 const PATIENCE: Duration = Duration::from_millis(20);
 
-/// What gdb sends to interrupt a core that runs.
+/// The byte by which gdb interrupts a running core.
 const INTERRUPT: u8 = 3;
 
 /// Stop replies: by a trap, and by an interrupt.
 const TRAPPED: &str = "S05";
 const INTERRUPTED: &str = "S02";
 
-/// Registers of a core, as `TARGET` has them: R0 to R15 and xPSR.
+/// Registers of a core, in the order of `TARGET`: R0 to R15 and xPSR.
 pub(crate) const REGISTERS: usize = 17;
 
 const TARGET: &str = r#"<?xml version="1.0"?><!DOCTYPE target SYSTEM "gdb-target.dtd"><target version="1.0">
@@ -31,20 +31,20 @@ const TARGET: &str = r#"<?xml version="1.0"?><!DOCTYPE target SYSTEM "gdb-target
 <reg name="r12" bitsize="32"/><reg name="sp" bitsize="32" type="data_ptr"/><reg name="lr" bitsize="32"/>
 <reg name="pc" bitsize="32" type="code_ptr"/><reg name="xpsr" bitsize="32"/></feature></target>"#;
 
-/// What gdb works on.
+/// The target of gdb.
 pub(crate) trait Target {
     fn register(&self, nth: usize) -> u32;
     fn set_register(&mut self, nth: usize, value: u32);
-    /// Reads memory or registers. `None` if there is nothing at one of the addresses.
+    /// Reads memory or registers. `None` if there is a hole in the range.
     fn read(&mut self, address: u32, length: u32) -> Option<Vec<u8>>;
-    /// Writes memory or registers. `None` if there is nothing at one of the addresses.
+    /// Writes memory or registers. `None` if there is a hole in the range.
     fn write(&mut self, address: u32, bytes: &[u8]) -> Option<()>;
     fn set_breakpoint(&mut self, address: u32, on: bool);
     /// Executes one instruction.
     fn step(&mut self);
 }
 
-/// What follows from a packet.
+/// The reaction to a packet.
 enum Answer {
     Reply(String),
     Go,
@@ -52,14 +52,14 @@ enum Answer {
     Leave,
 }
 
-/// The port, and who is there.
+/// The port, and its connection.
 #[derive(Debug)]
 pub(crate) struct Debugger {
     listener: TcpListener,
     client: Option<TcpStream>,
     received: Vec<u8>,
     halted: bool,
-    /// Ends everything, even while the core is halted.
+    /// Ends the run, even while the core is halted.
     interrupt: Arc<AtomicBool>,
 }
 
@@ -68,7 +68,7 @@ impl Debugger {
     ///
     /// # Errors
     ///
-    /// When the port cannot be used without waiting.
+    /// If the port cannot be made non-blocking.
     pub(crate) fn new(listener: TcpListener, interrupt: Arc<AtomicBool>) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
         Ok(Self {
@@ -84,7 +84,7 @@ impl Debugger {
         self.listener.local_addr().ok()
     }
 
-    /// The core came to a breakpoint.
+    /// The core reached a breakpoint.
     pub(crate) fn halt(&mut self) {
         if self.client.is_some() {
             self.halted = true;
@@ -92,7 +92,7 @@ impl Debugger {
         }
     }
 
-    /// Does what gdb asks for, until the core runs. Returns whether it is to run at all.
+    /// Executes gdb's requests until the core continues. Returns false if the run must end.
     pub(crate) fn attend(&mut self, target: &mut dyn Target) -> bool {
         self.accept();
         while self.receive() || self.halted {
@@ -133,7 +133,7 @@ impl Debugger {
         self.halted = false;
     }
 
-    /// Receives what has come. A halted core waits a little for it. Returns whether something is there.
+    /// Receives available bytes. A halted core waits briefly. Returns true if there are any.
     fn receive(&mut self) -> bool {
         let Some(client) = &mut self.client else {
             return false;
@@ -149,13 +149,13 @@ impl Debugger {
                 self.halted = false;
             }
             Ok(length) => self.received.extend(&bytes[..length]),
-            // Nothing has come.
+            // No bytes are available.
             Err(_) => {}
         }
         !self.received.is_empty()
     }
 
-    /// The next whole packet, acknowledged.
+    /// The next complete packet, acknowledged.
     fn take_packet(&mut self) -> Option<String> {
         loop {
             match *self.received.first()? {
@@ -170,7 +170,7 @@ impl Debugger {
         }
         let end = self.received.iter().position(|&byte| byte == b'#');
         let Some(end) = end.filter(|end| self.received.len() >= end + 3) else {
-            // The rest is on its way.
+            // The packet is incomplete.
             return None;
         };
         let packet: Vec<u8> = self.received.drain(..end + 3).collect();
@@ -245,7 +245,7 @@ fn query(what: &str) -> String {
     }
 }
 
-/// A word as gdb has it: its bytes in order.
+/// A word in gdb's format: its bytes in order.
 fn word(value: u32) -> String {
     value.to_le_bytes().iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -292,7 +292,7 @@ fn write_memory(text: &str, target: &mut dyn Target) -> Option<()> {
     target.write(address, &bytes)
 }
 
-/// A breakpoint, whether gdb calls it one in software or in hardware: `kind,address,length`.
+/// A software or hardware breakpoint of gdb: `kind,address,length`.
 fn breakpoint(text: &str, on: bool, target: &mut dyn Target) -> Option<()> {
     let (kind, rest) = text.split_once(',')?;
     let (address, _) = place(rest)?;
@@ -347,7 +347,7 @@ mod tests {
         }
     }
 
-    /// A debugger with gdb at the other end, and its first packet that the core is halted for.
+    /// A debugger with a connected gdb, whose first packet halts the core.
     fn connected() -> (Debugger, TcpStream) {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let debugger = Debugger::new(listener, Arc::default()).unwrap();

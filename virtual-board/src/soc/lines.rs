@@ -1,6 +1,6 @@
 //! Levels of the interrupt lines between the peripherals and the core.
 
-/// The levels, and which of them the core has not been told.
+/// The levels, and the changes that were not passed on to the core.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lines {
     high: [u64; 2],
@@ -15,13 +15,13 @@ impl Lines {
         self.high[word] = self.high[word] & !bit | if high { bit } else { 0 };
     }
 
-    /// Whether a level changed that the core has not been told.
+    /// Returns true if a change was not passed on to the core.
     #[inline]
     pub(crate) fn changed(&self) -> bool {
         self.high != self.told
     }
 
-    /// Takes a change that the core has not been told: the line and its level.
+    /// Takes the next change: the line and its level.
     pub(crate) fn take_change(&mut self) -> Option<(u16, bool)> {
         let word = (0..self.high.len()).find(|&word| self.high[word] != self.told[word])?;
         let line = 64 * word as u16 + (self.high[word] ^ self.told[word]).trailing_zeros() as u16;
@@ -31,7 +31,7 @@ impl Lines {
     }
 }
 
-/// The word that has a line's level, and the bit there. Shifts of 128 bits would be slower.
+/// The word and bit of a line. Shifts of 128 bits would be slower.
 fn place(line: u16) -> (usize, u64) {
     (usize::from(line / 64 % 2), 1 << (line % 64))
 }

@@ -1,7 +1,7 @@
-//! The core and a chip, run in virtual time by whoever owns the board, in the same thread.
+//! The core and a chip, run in virtual time in the thread of the board's owner.
 //!
-//! A turn of the loop does what is due, tells the core of its interrupts, and lets the core run until the next event. A
-//! core that sleeps skips to that.
+//! Each iteration of the loop executes due events, passes interrupts on to the core, and runs the core until the next
+//! event. A sleeping core skips to that event.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -24,11 +24,11 @@ use crate::time::Nanos;
 use crate::trace::Trace;
 use crate::usb::host::Host;
 
-/// What is connected to a chip.
+/// The connections of a chip.
 #[derive(Clone, Debug)]
 pub(crate) struct Edges {
     pub(crate) line: AnyLine,
-    /// Keeps the DMA from serving the arm's UART.
+    /// Stops the DMA for the arm's UART.
     pub(crate) starve: Arc<AtomicBool>,
     pub(crate) host: Shared<Host>,
     pub(crate) can: Shared<CanBus>,
@@ -36,7 +36,7 @@ pub(crate) struct Edges {
     pub(crate) oscillator: Shared<Oscillator>,
 }
 
-/// Why a chip is reset.
+/// The cause of a chip's reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Cause {
     Power,
@@ -44,7 +44,7 @@ pub(crate) enum Cause {
     Watchdog,
 }
 
-/// What a machine needs to know of its chip. Every call happens at its instant, in order.
+/// The chip, as seen by a machine. Calls are made at their instant, in order.
 pub(crate) trait Chip: Bus + Debug + Send {
     /// The core's cycles.
     fn clock(&self) -> &Clock;
@@ -52,37 +52,37 @@ pub(crate) trait Chip: Bus + Debug + Send {
     /// Moves the origin of its clocks near `now`.
     fn come_near(&mut self, now: Nanos);
 
-    /// The flash as its wait states and caches are set.
+    /// The timing of the flash by its wait states and caches.
     fn flash_timing(&self) -> FlashTiming;
 
-    /// When the next event is due. The end of time if none is.
+    /// The time of the next event. The end of time if there is none.
     fn next_event(&self) -> Nanos;
 
-    /// The core runs until `deadline`: the chip needs attention if an event is due sooner.
+    /// The core runs until `deadline`: the chip needs attention if an event becomes due sooner.
     fn set_deadline(&mut self, deadline: Nanos);
 
-    /// Does what is due first.
+    /// Executes the first due event.
     fn handle_event(&mut self, memory: &mut Memory);
 
-    /// Looks at what the program may have changed outside.
+    /// Checks for changes made by the program.
     fn look(&mut self, now: Nanos, memory: &mut Memory);
 
     /// Takes a change of an interrupt line: its number and its level.
     fn take_interrupt(&mut self) -> Option<(u16, bool)>;
 
-    /// Whether the NMI became pending since this was last asked.
+    /// Returns true if the NMI became pending since the last call.
     fn take_nmi(&mut self) -> bool;
 
-    /// Takes a reset that the chip asks for.
+    /// Takes a reset requested by the chip.
     fn take_reset(&mut self) -> Option<Cause>;
 
-    /// Whether the core stands still: it waits for the flash, has no power, or is in the boot loader.
+    /// Returns true if the core is stopped: it waits for the flash, has no power, or is in the boot loader.
     fn holds_core(&self) -> bool;
 
-    /// Whether the core started the boot loader since the last reset.
+    /// Returns true if the core started the boot loader since the last reset.
     fn is_in_boot_loader(&self) -> bool;
 
-    /// What happened since this was last asked that a program may wait for.
+    /// Events since the last call that a program may wait for.
     fn take_news(&mut self) -> News;
 
     /// Resets everything that this cause resets.
@@ -95,7 +95,7 @@ pub(crate) trait Chip: Bus + Debug + Send {
     fn trace(&self) -> Trace;
 }
 
-/// The core, a chip, and where the two are.
+/// The core, a chip, and their state.
 #[derive(Debug)]
 pub(crate) struct Machine<C> {
     core: Core,
@@ -103,27 +103,27 @@ pub(crate) struct Machine<C> {
     now: Nanos,
     /// The time in which the core executed instructions.
     busy: Nanos,
-    /// Whether cycles are counted as a Cortex-M4 with this flash does.
+    /// True for the cycles of a Cortex-M4 with this flash.
     exact: bool,
-    /// Functions that run only when the firmware is broken.
+    /// Functions that run only in a crash of the firmware.
     crashes: BTreeMap<u32, Crash>,
     crash: Option<Crash>,
-    /// The program lets the core stand still until the next reset.
+    /// The program has stopped the core until the next reset.
     held: bool,
     debugger: Option<Debugger>,
-    /// When the debugger is attended next.
+    /// The time of the next check of the debugger.
     attends: Nanos,
-    /// Where the firmware's log is, if it has one.
+    /// The address of the firmware's log, if it has one.
     log: Option<u32>,
-    /// The core can go on only after a reset.
+    /// The core can continue only after a reset.
     dead: bool,
-    /// What the core has no model of.
+    /// Unmodelled features used by the core.
     refusals: Vec<Violation>,
     restarts: Vec<Restart>,
 }
 
 impl<C: Chip> Machine<C> {
-    /// A machine at power-on. It stops where a crash shows. An instruction takes a cycle, or with `exact` what it takes a
+    /// A machine at power-on. It stops at a crash. An instruction takes one cycle, or with `exact` the cycles of a
     /// Cortex-M4 with the chip's flash.
     pub(crate) fn new(
         core: Core,
@@ -171,7 +171,7 @@ impl<C: Chip> Machine<C> {
         });
     }
 
-    /// Does everything that is due, and tells the core.
+    /// Executes all due events, and passes interrupts on to the core.
     fn catch_up(&mut self) {
         while self.chip.next_event() <= self.now {
             self.chip.handle_event(self.core.memory_mut());
@@ -192,13 +192,13 @@ impl<C: Chip> Machine<C> {
         }
     }
 
-    /// Lets the core stand still until `until`.
+    /// Skips time without executing until `until`.
     fn skip(&mut self, until: Nanos) {
         self.now = self.now.max(until);
         self.core.advance(self.chip.clock().tick_from(self.now));
     }
 
-    /// Lets the core run until `until` at most, and deals with why it stopped.
+    /// Runs the core until `until` at most, and handles the reason for its stop.
     fn run_core(&mut self, until: Nanos) {
         self.chip.set_deadline(until);
         if self.exact {
@@ -237,7 +237,7 @@ impl<C: Chip> Machine<C> {
         self.dead = true;
     }
 
-    /// Runs until an instant, until what is watched for happens, or until the firmware crashes.
+    /// Runs until an instant, a watched event, or a crash of the firmware.
     fn run_until(&mut self, until: Nanos, watched: Watched) -> Result<(), Error> {
         self.chip.come_near(self.now);
         self.chip.look(self.now, self.core.memory_mut());
@@ -266,7 +266,7 @@ impl<C: Chip> Machine<C> {
         }
     }
 
-    /// Lets the debugger do what it wants to, now and then while the core runs.
+    /// Serves the debugger, periodically while the core runs.
     fn attend_debugger(&mut self) -> Result<(), Error> {
         if self.now < self.attends {
             return Ok(());
@@ -290,7 +290,7 @@ impl<C: Chip> Machine<C> {
         self.core.memory().read(address, Width::Word)
     }
 
-    /// What there is in the first up-buffer of the firmware's log, which is taken out.
+    /// Takes the content of the first up-buffer of the firmware's log.
     fn take_log(&mut self) -> Option<Vec<u8>> {
         let buffer = self.log? + rtt::UP;
         let [start, size, written, read] =
@@ -306,10 +306,10 @@ impl<C: Chip> Machine<C> {
     }
 }
 
-/// Virtual time from one look at the debugger to the next while the core runs.
+/// Virtual time between checks of the debugger while the core runs.
 const ATTENDANCE: Nanos = Nanos::from_millis(1);
 
-/// SEGGER RTT's control block: where the first up-buffer is described, and the fields of that.
+/// SEGGER RTT's control block: the offset of the first up-buffer's descriptor, and its fields.
 mod rtt {
     pub(super) const UP: u32 = 24;
     pub(super) const START: u32 = 4;
@@ -318,7 +318,7 @@ mod rtt {
     pub(super) const READ: u32 = 16;
 }
 
-/// What gdb sees.
+/// gdb's interface.
 impl<C: Chip> Target for Machine<C> {
     fn register(&self, nth: usize) -> u32 {
         self.core.register(register(nth))
@@ -374,7 +374,7 @@ impl<C: Chip> Target for Machine<C> {
     }
 }
 
-/// A register as gdb numbers it.
+/// A register by its gdb number.
 fn register(nth: usize) -> Register {
     match nth {
         0..16 => Register::R(nth as u8),

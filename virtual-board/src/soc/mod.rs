@@ -1,10 +1,10 @@
-//! The parts that every chip is made of. They know the core's connection to the chip, and no chip.
+//! The common parts of all chips. They use the core's bus interface, and are independent of the chip.
 //!
 //! * [`clock`]: ticks of a clock and virtual time;
-//! * [`events`]: when each peripheral is to be called next;
-//! * [`gdb`]: a debugger at a TCP port;
+//! * [`events`]: the time of each peripheral's next event;
+//! * [`gdb`]: a debugger on a TCP port;
 //! * [`lines`]: levels of the interrupt lines;
-//! * [`peripheral`]: a peripheral's registers as the bus sees them;
+//! * [`peripheral`]: a peripheral's registers, as seen by the bus;
 //! * [`violations`]: accesses and states that fail a run;
 //! * [`chance`]: seeded choices within the limits of a data sheet;
 //! * [`machine`]: the core and a chip, run in virtual time.

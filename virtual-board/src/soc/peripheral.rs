@@ -1,8 +1,8 @@
-//! A peripheral's registers as the bus sees them.
+//! A peripheral's registers, as seen by the bus.
 
 use crate::time::Nanos;
 
-/// Why an access is not as it should be. The run fails; the access reads 0, or writes nothing unless the manual says
+/// The reason for a refused access. The run fails; the access reads 0, or writes nothing unless the manual specifies
 /// otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refused {
@@ -14,7 +14,7 @@ pub(crate) enum Refused {
     Forbidden {
         /// The register.
         register: &'static str,
-        /// What is forbidden, and the section that says so.
+        /// The forbidden state, and the section of the manual.
         reason: &'static str,
     },
 }
@@ -24,32 +24,32 @@ pub(crate) const fn forbidden(register: &'static str, reason: &'static str) -> R
     Refused::Forbidden { register, reason }
 }
 
-/// A peripheral with registers of 32 bits.
+/// A peripheral with 32-bit registers.
 ///
-/// Every call happens at its instant, in order: what was due before an access has been done.
+/// Calls are made at their instant, in order: events due before an access have been executed.
 pub(crate) trait Peripheral {
-    /// Reads the register at `offset`, a multiple of 4, with what a read does.
+    /// Reads the register at `offset`, a multiple of 4, with its side effects.
     fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused>;
 
     /// Writes the register at `offset`, a multiple of 4.
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused>;
 
-    /// Does what is due at `now`.
+    /// Executes the events due at `now`.
     fn advance(&mut self, _now: Nanos) {}
 
-    /// When something is due, whatever the bus does.
+    /// The time of the next internal event.
     fn due(&self) -> Option<Nanos> {
         None
     }
 }
 
-/// The bits of `old` where `mask` has none, those of `new` where it has.
+/// The bits of `new` under `mask`, and those of `old` elsewhere.
 #[inline]
 pub(crate) const fn merge(old: u32, new: u32, mask: u32) -> u32 {
     old & !mask | new & mask
 }
 
-/// The field of a register at this bit with this mask, moved down.
+/// The field of a register at this bit with this mask, shifted down.
 #[inline]
 pub(crate) const fn field(value: u32, at: u32, mask: u32) -> u32 {
     value >> at & mask

@@ -1,15 +1,15 @@
-//! Accesses and states that fail a run, each kept once.
+//! Accesses and states that fail a run, each recorded once.
 
 use std::collections::BTreeSet;
 
 use super::peripheral::Refused;
 use crate::report::Violation;
 
-/// The violations of a run, in the order in which they first happened.
+/// The violations of a run, in the order of their first occurrence.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Recorder {
     violations: Vec<Violation>,
-    /// The addresses that are among them.
+    /// Their addresses.
     addresses: BTreeSet<u32>,
 }
 
@@ -18,7 +18,7 @@ impl Recorder {
         &self.violations
     }
 
-    /// An access to an address where there is nothing.
+    /// An access to a hole in the memory map.
     pub(crate) fn unmapped(&mut self, address: u32, program_counter: u32) {
         if self.addresses.insert(address) {
             self.violations.push(Violation::Unmapped {
@@ -28,7 +28,7 @@ impl Recorder {
         }
     }
 
-    /// An access that the bus or a peripheral does not take, whatever the register.
+    /// An access that the bus or a peripheral refuses, independent of the register.
     pub(crate) fn refused(&mut self, address: u32, program_counter: u32, reason: &str) {
         if self.addresses.insert(address) {
             self.violations.push(Violation::Refused {
@@ -38,7 +38,7 @@ impl Recorder {
         }
     }
 
-    /// An access that a register does not take.
+    /// An access that a register refuses.
     pub(crate) fn register(
         &mut self,
         instance: &'static str,

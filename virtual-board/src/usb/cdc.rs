@@ -8,7 +8,7 @@ use super::host::Request;
 const CONTROL_CLASS: [u8; 2] = [0x02, 0x02];
 /// Data interface class.
 const DATA_CLASS: u8 = 0x0A;
-/// A class-specific interface descriptor, and the subtype of one that joins interfaces (tables 5.12 and 5.13).
+/// A class-specific interface descriptor, and the subtype of a union descriptor (tables 5.12 and 5.13).
 const CS_INTERFACE: u8 = 0x24;
 const UNION: u8 = 0x06;
 
@@ -21,18 +21,18 @@ const SET_CONTROL_LINE_STATE: u8 = 0x22;
 const TO_INTERFACE: u8 = 0x21;
 const FROM_INTERFACE: u8 = 0xA1;
 
-/// One serial port of a device: where its parts are.
+/// The interfaces and endpoints of a device's serial port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Port {
-    /// The interface that takes the class requests.
+    /// The interface for class requests.
     pub interface: u8,
-    /// The interface that has the data.
+    /// The data interface.
     pub data: u8,
-    /// Where the device reports its line state, if it does.
+    /// The endpoint for line state notifications, if there is one.
     pub notify: Option<Endpoint>,
-    /// Where bytes go.
+    /// The OUT endpoint.
     pub output: Endpoint,
-    /// Where bytes come from.
+    /// The IN endpoint.
     pub input: Endpoint,
 }
 
@@ -74,7 +74,7 @@ impl Port {
         )
     }
 
-    /// The request that asks for the line coding.
+    /// The request that reads the line coding.
     pub fn get_line_coding(&self) -> Request {
         Request::read(
             FROM_INTERFACE,
@@ -98,7 +98,7 @@ impl Port {
     }
 }
 
-/// How the bytes of a serial line look (PSTN 1.2, 6.3.11), as the seven bytes of the request.
+/// A line coding (PSTN 1.2, 6.3.11), as the seven bytes of the request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LineCoding {
     /// Bits per second.
@@ -107,7 +107,7 @@ pub struct LineCoding {
     pub stop: u8,
     /// 0 is none, 1 odd, 2 even, 3 mark, 4 space.
     pub parity: u8,
-    /// Bits in a byte: 5, 6, 7, 8 or 16.
+    /// Number of data bits: 5, 6, 7, 8 or 16.
     pub bits: u8,
 }
 
@@ -129,7 +129,7 @@ impl LineCoding {
         [a, b, c, d, self.stop, self.parity, self.bits]
     }
 
-    /// What a device answered, or `None` if it is no line coding.
+    /// Decodes a device's answer. `None` if it is no line coding.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let &[a, b, c, d, stop, parity, bits] = bytes else {
             return None;

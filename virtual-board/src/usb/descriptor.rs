@@ -1,10 +1,10 @@
-//! What a device says about itself (USB 2.0, 9.6).
+//! Descriptors of a device (USB 2.0, 9.6).
 
 use super::Direction;
 
-/// The types of the descriptors that are parsed here (table 9-5).
+/// The types of the parsed descriptors (table 9-5).
 pub const DEVICE: u8 = 1;
-/// A configuration, with all that belongs to it.
+/// A configuration, including its interfaces and endpoints.
 pub const CONFIGURATION: u8 = 2;
 /// A string.
 pub const STRING: u8 = 3;
@@ -13,35 +13,35 @@ pub const INTERFACE: u8 = 4;
 /// An endpoint.
 pub const ENDPOINT: u8 = 5;
 
-/// A device descriptor (9.6.1), without what the strings say.
+/// A device descriptor (9.6.1), without the strings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Device {
-    /// The USB version it follows, binary-coded decimal: 0x0200 is 2.0.
+    /// The USB version, binary-coded decimal: 0x0200 is 2.0.
     pub usb: u16,
     /// Class, subclass and protocol.
     pub class: [u8; 3],
-    /// The largest packet on endpoint 0, in bytes: 8, 16, 32 or 64.
+    /// The maximum packet size of endpoint 0, in bytes: 8, 16, 32 or 64.
     pub packet: u8,
-    /// Who made it.
+    /// The vendor id.
     pub vendor: u16,
-    /// What it is.
+    /// The product id.
     pub product: u16,
-    /// Its version, binary-coded decimal.
+    /// The device version, binary-coded decimal.
     pub version: u16,
-    /// Where the strings are: manufacturer, product, serial number. 0 is none.
+    /// The string indices of manufacturer, product and serial number. 0 is none.
     pub strings: [u8; 3],
-    /// How many configurations it has.
+    /// Number of configurations.
     pub configurations: u8,
 }
 
-/// A configuration descriptor and what comes with it (9.6.3).
+/// A configuration descriptor with its interfaces (9.6.3).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Configuration {
-    /// What SET_CONFIGURATION selects it by.
+    /// The value for SET_CONFIGURATION.
     pub value: u8,
-    /// The most current it takes from the bus, in milliamperes.
+    /// The maximum current from the bus, in milliamperes.
     pub milliamps: u16,
-    /// Its interfaces, alternate settings included, in order.
+    /// Its interfaces, including alternate settings, in order.
     pub interfaces: Vec<Interface>,
 }
 
@@ -50,24 +50,24 @@ pub struct Configuration {
 pub struct Interface {
     /// Its number.
     pub number: u8,
-    /// Which of its alternate settings this is.
+    /// The number of this alternate setting.
     pub alternate: u8,
     /// Class, subclass and protocol.
     pub class: [u8; 3],
-    /// Its endpoints, but for endpoint 0.
+    /// Its endpoints, except endpoint 0.
     pub endpoints: Vec<Endpoint>,
-    /// Class-specific descriptors, each whole with its length and type.
+    /// Class-specific descriptors, each complete with its length and type.
     pub extra: Vec<Vec<u8>>,
 }
 
-/// How an endpoint is served (table 9-13).
+/// The transfer type of an endpoint (table 9-13).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transfer {
-    /// Commands to the device.
+    /// Requests to the device.
     Control,
     /// A fixed part of every frame, without retries.
     Isochronous,
-    /// What is left of the wire, with retries.
+    /// The rest of the bandwidth, with retries.
     Bulk,
     /// Polled at an interval, with retries.
     Interrupt,
@@ -78,25 +78,25 @@ pub enum Transfer {
 pub struct Endpoint {
     /// Its number, 1 to 15.
     pub number: u8,
-    /// Which way it goes.
+    /// Its direction.
     pub direction: Direction,
-    /// How it is served.
+    /// Its transfer type.
     pub transfer: Transfer,
-    /// Its largest packet, in bytes.
+    /// Its maximum packet size, in bytes.
     pub packet: u16,
-    /// How often an interrupt endpoint is polled, in frames of a millisecond.
+    /// The polling interval of an interrupt endpoint, in frames of a millisecond.
     pub interval: u8,
 }
 
-/// A descriptor that is not what it should be.
+/// A malformed descriptor.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("bad {what} descriptor at byte {offset}: {bytes:02x?}")]
 pub struct Malformed {
-    /// Which.
+    /// Its name.
     pub what: &'static str,
-    /// Where in what the device sent.
+    /// Its offset in the device's data.
     pub offset: usize,
-    /// What the device sent.
+    /// The device's data.
     pub bytes: Vec<u8>,
 }
 
@@ -105,7 +105,7 @@ impl Device {
     ///
     /// # Errors
     ///
-    /// When it is too short or not one.
+    /// If it is too short, or another descriptor.
     pub fn parse(bytes: &[u8]) -> Result<Self, Malformed> {
         let &[
             _,
@@ -144,11 +144,11 @@ impl Device {
 }
 
 impl Configuration {
-    /// Parses a configuration descriptor with all that follows it.
+    /// Parses a configuration descriptor with its interfaces and endpoints.
     ///
     /// # Errors
     ///
-    /// When a descriptor is cut short, or an endpoint belongs to no interface.
+    /// If a descriptor is truncated, or an endpoint belongs to no interface.
     pub fn parse(bytes: &[u8]) -> Result<Self, Malformed> {
         let &[9, CONFIGURATION, total0, total1, _, value, _, _, current, ..] = bytes else {
             return Err(malformed("configuration", 0, bytes));
@@ -179,7 +179,7 @@ impl Configuration {
                     .push(Endpoint::parse(descriptor).ok_or_else(|| malformed("endpoint", at, bytes))?),
                 (ENDPOINT, None) => return Err(malformed("endpoint", at, bytes)),
                 (_, Some(interface)) => interface.extra.push(descriptor.to_vec()),
-                // An interface association (or another vendor's own) stands before the first interface.
+                // An interface association or a vendor-specific descriptor may precede the first interface.
                 (_, None) => {}
             }
             at += length;
@@ -202,7 +202,7 @@ impl Interface {
         })
     }
 
-    /// Its first endpoint that goes in `direction` and is served as `transfer`.
+    /// Its first endpoint with this transfer type and direction.
     pub fn endpoint(&self, transfer: Transfer, direction: Direction) -> Option<Endpoint> {
         self.endpoints
             .iter()
@@ -239,7 +239,7 @@ impl Endpoint {
 ///
 /// # Errors
 ///
-/// When it is not one. Text that is not well-formed UTF-16 comes with replacement characters.
+/// If it is another descriptor. Invalid UTF-16 is replaced by replacement characters.
 pub fn string(bytes: &[u8]) -> Result<String, Malformed> {
     match bytes {
         [length, STRING, text @ ..] if usize::from(*length) == bytes.len() => {
@@ -265,7 +265,7 @@ fn malformed(what: &'static str, offset: usize, bytes: &[u8]) -> Malformed {
 mod tests {
     use super::*;
 
-    /// A CDC-ACM configuration as the class specification lays it out, with an interface association before it.
+    /// A CDC-ACM configuration as in the class specification, preceded by an interface association.
     const CDC: [u8; 75] = [
         9, 2, 75, 0, 2, 1, 0, 0x80, 50, // configuration
         8, 11, 0, 2, 2, 2, 0, 0, // association

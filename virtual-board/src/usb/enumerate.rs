@@ -14,67 +14,67 @@ const SET_CONFIGURATION: u8 = 9;
 const TO_DEVICE: u8 = 0x00;
 const FROM_DEVICE: u8 = 0x80;
 
-/// US English, the language whose strings are read.
+/// US English, the language of the strings.
 const ENGLISH: u16 = 0x0409;
 
-/// What enumeration needs of a bus: time passes only inside these calls.
+/// The bus during enumeration: time passes only inside these calls.
 pub trait Bus {
-    /// Lets `span` pass.
+    /// Waits for `span`.
     fn wait(&mut self, span: Nanos);
-    /// Resets the bus, until the reset is over.
+    /// Resets the bus, and returns at the end of the reset.
     fn reset(&mut self);
-    /// Runs one control transfer to its end, with the device at `address` whose endpoint 0 takes `packet` bytes.
+    /// Runs one control transfer with the device at `address`, whose endpoint 0 has packets of `packet` bytes.
     ///
     /// # Errors
     ///
-    /// As the transfer ends.
+    /// The transfer's error.
     fn control(&mut self, address: u8, packet: u8, request: Request) -> Result<Vec<u8>, TransferError>;
 }
 
-/// A device that has an address and is configured.
+/// An addressed and configured device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Enumerated {
-    /// The address it was given.
+    /// Its address.
     pub address: u8,
     /// Its device descriptor.
     pub device: Device,
-    /// Its first configuration, which is set.
+    /// Its first configuration, which is active.
     pub configuration: Configuration,
-    /// What it calls its maker.
+    /// The name of its manufacturer.
     pub manufacturer: Option<String>,
-    /// What it calls itself.
+    /// The product name.
     pub product: Option<String>,
     /// Its serial number.
     pub serial: Option<String>,
 }
 
-/// Why a device could not be enumerated.
+/// The error of an enumeration.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EnumerateError {
     /// A request failed.
     #[error("{what}: {error}")]
     Transfer {
-        /// Which.
+        /// The request.
         what: &'static str,
-        /// How.
+        /// Its error.
         error: TransferError,
     },
-    /// A descriptor made no sense.
+    /// A malformed descriptor.
     #[error(transparent)]
     Malformed(#[from] Malformed),
 }
 
-/// Resets the bus and brings the device on it to `address` and its first configuration.
+/// Resets the bus, and brings the device to `address` and its first configuration.
 ///
 /// # Errors
 ///
-/// When the device does not answer as the specification demands.
+/// If the device does not answer as specified.
 pub fn enumerate(bus: &mut impl Bus, address: u8) -> Result<Enumerated, EnumerateError> {
     bus.wait(timing::DEBOUNCE);
     bus.reset();
     bus.wait(timing::RESET_RECOVERY);
 
-    // The largest packet of endpoint 0 is in the first eight bytes, which every device can send in one packet.
+    // The maximum packet size of endpoint 0 is in the first eight bytes, which every device can send in one packet.
     let start = read(
         bus,
         "device descriptor, first 8 bytes",

@@ -1,12 +1,11 @@
 //! The host controller: frames, transactions and transfers on the wire (USB 2.0, chapters 5, 8 and 11).
 //!
-//! It keeps no clock. [`Host::poll`] does what is due and says when it wants to be called again; whoever owns the
-//! device calls it then, and after every change in the device too.
+//! It has no clock. [`Host::poll`] executes the due events and returns the time of its next call. The owner of the
+//! device also calls it after every change in the device.
 //!
-//! A host asks an endpoint that has nothing to say again and again. Sending each of these tokens would cost more than
-//! all the rest, and their NAKs change nothing. So the host sends a token only once the endpoint is
-//! [`ready`](Function::ready), at the instant at which its polling, every [`Host::poll_interval`] since the wire was
-//! last used, would have hit it.
+//! A host polls an idle endpoint continuously. These tokens would take most of the simulation time, and their NAKs
+//! change nothing. The host therefore sends a token only once the endpoint is [`ready`](Function::ready), at the
+//! instant at which its polling would have sent it: every [`Host::poll_interval`] since the last use of the wire.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -15,10 +14,10 @@ use super::timing::{self, GUARD, HANDSHAKE, RESET, RESUME, SUSPEND, TIMEOUT, TOK
 use super::{Direction, Function, Handshake, Reply};
 use crate::time::Nanos;
 
-/// How often a transaction that nothing answers is tried (USB 2.0, 10.2.6).
+/// Number of attempts of an unanswered transaction (USB 2.0, 10.2.6).
 const ATTEMPTS: u8 = 3;
 
-/// A control transfer: the setup packet, and the data it takes along.
+/// A control transfer: the setup packet, and its data.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Request {
     setup: [u8; 8],
@@ -26,7 +25,7 @@ pub struct Request {
 }
 
 impl Request {
-    /// A request that sends `data`, which may be empty. At most 65535 bytes go.
+    /// A request that sends `data`, which may be empty. It is limited to 65535 bytes.
     pub fn write(kind: u8, request: u8, value: u16, index: u16, mut data: Vec<u8>) -> Self {
         data.truncate(usize::from(u16::MAX));
         let length = u16::try_from(data.len()).unwrap_or(u16::MAX);
@@ -62,44 +61,44 @@ impl Request {
     }
 }
 
-/// How a transfer failed.
+/// The error of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TransferError {
-    /// The device refused it.
+    /// The device stalled.
     #[error("the device stalled")]
     Stalled,
-    /// Nothing answered, three times.
+    /// No answer, three times.
     #[error("the device did not answer")]
     NoResponse,
-    /// The device is not there, or the bus was reset meanwhile.
+    /// The device is disconnected, or the bus was reset meanwhile.
     #[error("the device is gone")]
     Disconnected,
-    /// It was not over in the time that the caller gave.
+    /// It did not complete within the caller's time limit.
     #[error("the device answered NAK for too long")]
     TimedOut,
 }
 
-/// A data packet that crossed the wire and was acknowledged, on any endpoint but 0.
+/// An acknowledged data packet, on any endpoint except 0.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Packet {
     /// The endpoint's number.
     pub endpoint: u8,
-    /// Which way it went.
+    /// Its direction.
     pub direction: Direction,
-    /// When its token began.
+    /// Start of its token.
     pub start: Nanos,
-    /// When its handshake ended.
+    /// End of its handshake.
     pub end: Nanos,
-    /// When the firmware had made it ready to be sent. `None` for a packet to the device.
+    /// Time at which the firmware had it ready. `None` for an OUT packet.
     pub armed: Option<Nanos>,
-    /// What it carried.
+    /// Its data.
     pub data: Vec<u8>,
 }
 
 /// The state of the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Link {
-    /// Nothing moves: no cable, no reset yet, or suspended.
+    /// Idle: no cable, no reset yet, or suspended.
     Quiet { since: Nanos, suspended: bool },
     /// The host holds the bus in reset.
     Reset { ends: Nanos },
@@ -109,7 +108,7 @@ enum Link {
     Running { next_frame: Nanos },
 }
 
-/// What the program wants done to the wire.
+/// The program's request for the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Wish {
     Reset,
@@ -124,7 +123,7 @@ enum Stage {
     Status,
 }
 
-/// The control transfer under way.
+/// The present control transfer.
 #[derive(Debug)]
 struct Control {
     address: u8,
@@ -135,17 +134,17 @@ struct Control {
     received: Vec<u8>,
     toggle: bool,
     attempts: u8,
-    /// The program gave it up while a transaction of it was on the wire, which goes on to its end.
+    /// The program abandoned it during a transaction, which continues to its end.
     abandoned: bool,
 }
 
 impl Control {
-    /// The direction of the stage it is in.
+    /// The direction of its present stage.
     fn direction(&self) -> Direction {
         let reads = match self.stage {
             Stage::Setup => false,
             Stage::Data => self.request.reads(),
-            // The status goes the other way; with no data stage, from the device (8.5.3).
+            // The status stage has the opposite direction; without a data stage, it comes from the device (8.5.3).
             Stage::Status => !self.request.reads() || self.request.length() == 0,
         };
         if reads { Direction::In } else { Direction::Out }
@@ -164,7 +163,7 @@ impl Control {
     }
 }
 
-/// One direction of an endpoint that is in use.
+/// One direction of an open endpoint.
 #[derive(Debug)]
 struct Pipe {
     address: u8,
@@ -172,30 +171,30 @@ struct Pipe {
     toggle: bool,
     /// Frames between two polls, for an interrupt endpoint.
     interval: Option<u16>,
-    /// An interrupt endpoint had something to say when it was polled in this frame.
+    /// True if an interrupt endpoint was ready when it was polled in this frame.
     due: bool,
     /// Packets to send.
     outbox: VecDeque<Vec<u8>>,
-    /// Whether IN tokens are sent.
+    /// True if IN tokens are sent.
     reading: bool,
-    /// No token goes to it, for a request under way changes it.
+    /// True while no token is sent, because a request in progress changes the endpoint.
     paused: bool,
-    /// What came and was not read yet.
+    /// Received bytes that were not read yet.
     inbox: VecDeque<u8>,
-    /// How many more transactions end in a NAK, whatever the device would say.
+    /// Number of further transactions that end in a NAK, independent of the device.
     naks: u32,
     attempts: u8,
     failed: Option<TransferError>,
 }
 
-/// What a transaction is part of.
+/// The purpose of a transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Job {
     Control,
     Pipe(u8, Direction),
 }
 
-/// What the device said.
+/// The device's answer.
 #[derive(Debug)]
 enum Answer {
     Done,
@@ -224,9 +223,9 @@ enum Phase {
 /// The host and its one root port.
 #[derive(Debug)]
 pub struct Host {
-    /// How long after the wire was used, and after every poll, an endpoint that has nothing to say is asked again.
+    /// The polling interval of an idle endpoint, after the last use of the wire and after each poll.
     ///
-    /// A host controller with nothing else to do comes back almost at once: a NAKed IN takes 5.1 us of wire.
+    /// An idle host controller polls almost at once: a NAKed IN takes 5.1 us on the wire.
     pub poll_interval: Nanos,
     cable: bool,
     powered: bool,
@@ -234,15 +233,15 @@ pub struct Host {
     wish: Option<Wish>,
     link: Link,
     frame: u16,
-    /// From when on the wire is free.
+    /// The time from which the wire is free.
     free: Nanos,
     transaction: Option<Transaction>,
     control: Option<Control>,
-    /// The control transfer that begins once the one that was given up is off the wire.
+    /// The control transfer that begins once the abandoned one is off the wire.
     next_control: Option<Control>,
     result: Option<Result<Vec<u8>, TransferError>>,
     pipes: BTreeMap<(u8, Direction), Pipe>,
-    /// Who had the wire last, so that pipes take turns.
+    /// The last pipe on the wire: pipes take turns.
     last: (u8, Direction),
     packets: Vec<Packet>,
     epoch: u64,
@@ -276,29 +275,29 @@ impl Default for Host {
     }
 }
 
-/// What a program does with a host. It takes effect at the next [`poll`](Host::poll).
+/// The program's interface. Changes take effect at the next [`poll`](Host::poll).
 impl Host {
-    /// Puts the cable in, or pulls it out.
+    /// Plugs the cable in or out.
     pub fn set_cable(&mut self, plugged: bool) {
         self.cable = plugged;
     }
 
-    /// Whether a device is there: the cable is in and something pulls D+ up.
+    /// Returns true if a device is connected: the cable is plugged in and D+ is pulled up.
     pub fn connected(&self) -> bool {
         self.connected
     }
 
-    /// Whether frames pass on the wire.
+    /// Returns true while frames are sent.
     pub fn running(&self) -> bool {
         matches!(self.link, Link::Running { .. })
     }
 
-    /// A number that changes whenever a device comes, goes or is reset: what was known of it is void.
+    /// A number that changes with every connect, disconnect or reset: knowledge about the device is then void.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
 
-    /// Resets the bus. Every pipe closes.
+    /// Resets the bus. All pipes close.
     pub fn reset(&mut self) {
         self.wish = Some(Wish::Reset);
     }
@@ -313,8 +312,8 @@ impl Host {
         self.wish = Some(Wish::Resume);
     }
 
-    /// Starts a control transfer with the device at `address`, whose endpoint 0 takes `packet` bytes. One that is
-    /// under way is abandoned.
+    /// Starts a control transfer with the device at `address`, whose endpoint 0 has packets of `packet` bytes. A
+    /// transfer in progress is abandoned.
     pub fn start_control(&mut self, address: u8, packet: u8, request: Request) {
         self.abandon_control();
         self.result = None;
@@ -336,7 +335,7 @@ impl Host {
         }
     }
 
-    /// Gives up the control transfer that is under way. A transaction of it that is on the wire goes on to its end.
+    /// Abandons the control transfer in progress. A transaction on the wire continues to its end.
     pub fn abandon_control(&mut self) {
         self.next_control = None;
         let is_on_the_wire = self.transaction.as_ref().is_some_and(|one| one.job == Job::Control);
@@ -346,12 +345,12 @@ impl Host {
         }
     }
 
-    /// How the last control transfer ended, once: the bytes that the device sent.
+    /// The result of the last control transfer, returned once: the bytes sent by the device.
     pub fn take_control(&mut self) -> Option<Result<Vec<u8>, TransferError>> {
         self.result.take()
     }
 
-    /// Uses `endpoint` of the device at `address`. An IN endpoint is polled from now on.
+    /// Opens `endpoint` of the device at `address`. An IN endpoint is polled from now on.
     pub fn open(&mut self, address: u8, endpoint: Endpoint) {
         let interrupt = endpoint.transfer == Transfer::Interrupt;
         self.pipes.insert(
@@ -373,12 +372,12 @@ impl Host {
         );
     }
 
-    /// Whether a direction of `endpoint` is in use: opened, and no reset or disconnect since.
+    /// Returns true if a direction of `endpoint` is open: there was no reset or disconnect since.
     pub fn is_open(&self, endpoint: u8, direction: Direction) -> bool {
         self.pipes.contains_key(&(endpoint, direction))
     }
 
-    /// Queues `bytes` for OUT `endpoint`, in packets as large as it takes. Returns whether it is open.
+    /// Queues `bytes` for OUT `endpoint`, in packets of its maximum size. Returns false if it is not open.
     pub fn write(&mut self, endpoint: u8, bytes: &[u8]) -> bool {
         let Some(pipe) = self.pipes.get_mut(&(endpoint, Direction::Out)) else {
             return false;
@@ -387,7 +386,8 @@ impl Host {
         true
     }
 
-    /// Queues one packet, which may be empty, for OUT `endpoint`. Returns whether it is open and the packet fits.
+    /// Queues one packet, possibly empty, for OUT `endpoint`. Returns false if it is not open or the packet is too
+    /// long.
     pub fn write_packet(&mut self, endpoint: u8, bytes: &[u8]) -> bool {
         match self.pipes.get_mut(&(endpoint, Direction::Out)) {
             Some(pipe) if bytes.len() <= pipe.packet => {
@@ -398,47 +398,47 @@ impl Host {
         }
     }
 
-    /// How many bytes wait to go to OUT `endpoint`.
+    /// Number of bytes queued for OUT `endpoint`.
     pub fn unsent(&self, endpoint: u8) -> usize {
         let pipe = self.pipes.get(&(endpoint, Direction::Out));
         pipe.map_or(0, |pipe| pipe.outbox.iter().map(Vec::len).sum())
     }
 
-    /// Takes what came from IN `endpoint`.
+    /// Takes the bytes received from IN `endpoint`.
     pub fn read(&mut self, endpoint: u8) -> Vec<u8> {
         let pipe = self.pipes.get_mut(&(endpoint, Direction::In));
         pipe.map_or_else(Vec::new, |pipe| pipe.inbox.drain(..).collect())
     }
 
-    /// How many bytes came from IN `endpoint` and were not read yet.
+    /// Number of bytes received from IN `endpoint` that were not read yet.
     pub fn unread(&self, endpoint: u8) -> usize {
         self.pipes
             .get(&(endpoint, Direction::In))
             .map_or(0, |pipe| pipe.inbox.len())
     }
 
-    /// Whether IN tokens go to `endpoint`: a program that does not read stops its host from asking.
+    /// Enables IN tokens to `endpoint`. A host stops them if its program does not read.
     pub fn set_reading(&mut self, endpoint: u8, reading: bool) {
         if let Some(pipe) = self.pipes.get_mut(&(endpoint, Direction::In)) {
             pipe.reading = reading;
         }
     }
 
-    /// Lets the next `count` transactions with an endpoint end in a NAK, whatever the device would say.
+    /// Ends the next `count` transactions with an endpoint in a NAK, independent of the device.
     pub fn inject_naks(&mut self, endpoint: u8, direction: Direction, count: u32) {
         if let Some(pipe) = self.pipes.get_mut(&(endpoint, direction)) {
             pipe.naks += count;
         }
     }
 
-    /// Sends no more tokens to an endpoint until it is started again: a request that changes it is on its way.
+    /// Stops tokens to an endpoint until it is started again, because a request that changes it is pending.
     pub fn pause(&mut self, endpoint: u8, direction: Direction) {
         if let Some(pipe) = self.pipes.get_mut(&(endpoint, direction)) {
             pipe.paused = true;
         }
     }
 
-    /// Serves an endpoint again after a request that put it back to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
+    /// Serves an endpoint again after a request that reset it to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
     pub fn start_anew(&mut self, endpoint: u8, direction: Direction) {
         if let Some(pipe) = self.pipes.get_mut(&(endpoint, direction)) {
             pipe.paused = false;
@@ -447,17 +447,17 @@ impl Host {
         }
     }
 
-    /// The endpoints in use.
+    /// The open endpoints.
     pub fn open_endpoints(&self) -> Vec<(u8, Direction)> {
         self.pipes.keys().copied().collect()
     }
 
-    /// Whether the next packet of an endpoint in use is DATA1.
+    /// The data toggle of an open endpoint: true for DATA1.
     pub fn toggle(&self, endpoint: u8, direction: Direction) -> Option<bool> {
         self.pipes.get(&(endpoint, direction)).map(|pipe| pipe.toggle)
     }
 
-    /// Why an endpoint is no longer served, if it is not.
+    /// The reason why an endpoint is no longer served, if any.
     pub fn failure(&self, endpoint: u8, direction: Direction) -> Option<TransferError> {
         self.pipes.get(&(endpoint, direction)).and_then(|pipe| pipe.failed)
     }
@@ -467,21 +467,21 @@ impl Host {
         &self.packets
     }
 
-    /// Forgets the packets so far.
+    /// Clears the record of packets.
     pub fn forget_packets(&mut self) {
         self.packets.clear();
     }
 
-    /// Whether anything happened since this was last asked that a program may wait for: a transfer ended, a packet
-    /// crossed, the device came or went, a reset or a resume is over.
+    /// Returns true if an event that a program may wait for occurred since the last call: the end of a transfer, a
+    /// packet, a connect or disconnect, the end of a reset or resume.
     pub fn take_progress(&mut self) -> bool {
         std::mem::take(&mut self.progress)
     }
 }
 
-/// What happens on the wire.
+/// Events on the wire.
 impl Host {
-    /// Does what is due by `now`. Returns when it wants to be called again at the latest.
+    /// Executes the events due by `now`. Returns the latest time of the next call.
     pub fn poll(&mut self, now: Nanos, device: &mut dyn Function) -> Option<Nanos> {
         self.sense(now, device);
         loop {
@@ -493,7 +493,7 @@ impl Host {
         }
     }
 
-    /// Cable, pull-up and the program's wishes.
+    /// Handles the cable, the pull-up and the program's requests.
     fn sense(&mut self, now: Nanos, device: &mut dyn Function) {
         if self.cable != self.powered {
             self.powered = self.cable;
@@ -529,7 +529,7 @@ impl Host {
         };
     }
 
-    /// Ends every transfer and forgets every endpoint.
+    /// Ends every transfer and closes every endpoint.
     fn close(&mut self, error: TransferError) {
         self.epoch += 1;
         self.transaction = None;
@@ -540,7 +540,7 @@ impl Host {
         }
     }
 
-    /// When something happens next.
+    /// The time of the next event.
     fn due(&self, now: Nanos, device: &dyn Function) -> Option<Nanos> {
         match self.link {
             Link::Quiet { since, suspended } => (!suspended).then(|| since + SUSPEND),
@@ -596,12 +596,12 @@ impl Host {
         }
     }
 
-    /// The next transaction, and when its token begins.
+    /// The next transaction, and the start of its token.
     fn pick(&self, now: Nanos, next_frame: Nanos, device: &dyn Function) -> Option<(Nanos, Job)> {
         let job = self.pick_job(device)?;
         let polled = !matches!(&self.control, Some(control) if job == Job::Control && control.stage == Stage::Setup);
-        // A token that is on its way when the endpoint becomes ready still finds it so; but no host sends the token for
-        // bytes that it was not given yet.
+        // A token in flight when the endpoint becomes ready still finds it ready; but a host sends no token for bytes
+        // that it does not have yet.
         let underway = match job {
             Job::Pipe(_, Direction::Out) => Nanos(0),
             Job::Pipe(_, Direction::In) | Job::Control => TOKEN,
@@ -643,7 +643,7 @@ impl Host {
         after.chain(before).find_map(wants)
     }
 
-    /// The longest that a transaction of `job` can take.
+    /// The maximum duration of a transaction of `job`.
     fn longest(&self, job: Job) -> Nanos {
         let packet = match job {
             Job::Control => self.control.as_ref().map_or(0, |control| control.packet),
@@ -685,7 +685,7 @@ impl Host {
                     Job::Pipe(endpoint, direction) => self.ask_pipe(endpoint, direction, device),
                 };
                 let Some((direction, answer)) = answer else {
-                    // Nobody waits for the answer any more.
+                    // The answer is no longer expected.
                     self.free = at;
                     return;
                 };
@@ -834,7 +834,7 @@ impl Host {
             Answer::Data { toggle, bytes, armed } => {
                 device.acknowledged(endpoint);
                 if toggle != pipe.toggle {
-                    // A packet that was received already: its acknowledgement was lost (8.6.4).
+                    // A packet received before: its acknowledgement was lost (8.6.4).
                     return;
                 }
                 pipe.inbox.extend(&bytes);

@@ -1,13 +1,13 @@
-//! A full-speed USB host, and what it needs of the device at the other end of the cable.
+//! A full-speed USB host, and its interface to the device.
 //!
-//! * [`timing`]: how long things take on a full-speed wire;
+//! * [`timing`]: durations on a full-speed wire;
 //! * [`host`]: frames, transactions and transfers: the host controller;
-//! * [`descriptor`]: what a device says about itself, parsed;
+//! * [`descriptor`]: parsed descriptors of a device;
 //! * [`enumerate`]: from a reset bus to a configured device;
 //! * [`cdc`]: the class driver of a USB serial port (CDC-ACM);
-//! * [`vendor`]: an interface of the vendor's own.
+//! * [`vendor`]: a vendor-specific interface.
 //!
-//! Nothing here knows a controller or an emulator: a host drives any [`Function`].
+//! The host is independent of controllers and emulators: it drives any [`Function`].
 
 pub mod cdc;
 pub mod descriptor;
@@ -18,20 +18,20 @@ pub mod vendor;
 
 use crate::time::Nanos;
 
-/// A device as the wire sees it.
+/// A device, as seen by the wire.
 ///
-/// Every call happens at its instant on the wire, in order.
+/// Calls are made at their instant on the wire, in order.
 pub trait Function {
-    /// Whether the device pulls D+ up, which is how a host sees that a full-speed device is there (USB 2.0, 7.1.7.3).
+    /// Returns true if the device pulls D+ up, by which a host detects a full-speed device (USB 2.0, 7.1.7.3).
     fn pulls_up(&self) -> bool;
 
-    /// The cable brings or takes the bus voltage.
+    /// The cable connects or disconnects the bus voltage.
     fn power(&mut self, vbus: bool);
 
     /// The host starts to hold the bus in reset (USB 2.0, 7.1.7.5).
     fn reset(&mut self);
 
-    /// The reset is over: the device runs at full speed and has address 0.
+    /// The reset has ended: the device runs at full speed and has address 0.
     fn reset_done(&mut self);
 
     /// A start of frame, with its 11-bit number.
@@ -43,13 +43,13 @@ pub trait Function {
     /// The host woke the bus (USB 2.0, 7.1.7.7).
     fn resume(&mut self);
 
-    /// Whether a token to `endpoint` would now get anything but a NAK.
+    /// Returns true if a token to `endpoint` would now get an answer other than NAK.
     ///
-    /// A host that polls asks again and again. NAKs change nothing in the device, so the host sends only the tokens
-    /// that matter, at the instants at which its polling would have sent them.
+    /// NAKs change nothing in the device. The host therefore skips the polls that would get one, and sends the other
+    /// tokens at the instants of its polling.
     fn ready(&self, endpoint: u8, direction: Direction) -> bool;
 
-    /// A SETUP transaction on endpoint 0. Returns whether the device acknowledged it.
+    /// A SETUP transaction on endpoint 0. Returns true if the device acknowledged it.
     fn setup(&mut self, address: u8, request: [u8; 8]) -> bool;
 
     /// An OUT transaction.
@@ -58,11 +58,11 @@ pub trait Function {
     /// The token of an IN transaction.
     fn input(&mut self, address: u8, endpoint: u8) -> Reply;
 
-    /// The host received the data that [`input`](Self::input) gave, and acknowledged it.
+    /// The host received the data from [`input`](Self::input), and acknowledged it.
     fn acknowledged(&mut self, endpoint: u8);
 }
 
-/// Which way data goes, as the host sees it.
+/// The direction of data, as seen by the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Direction {
     /// Host to device.
@@ -71,35 +71,35 @@ pub enum Direction {
     In,
 }
 
-/// What a device answers to data (USB 2.0, 8.4.6).
+/// The answer of a device to data (USB 2.0, 8.4.6).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Handshake {
-    /// It has the data.
+    /// The data is accepted.
     Ack,
-    /// Not now.
+    /// Not ready.
     Nak,
     /// The endpoint is halted, or the request is not supported.
     Stall,
-    /// Nothing answers.
+    /// No answer.
     Silence,
 }
 
-/// What a device answers to an IN token.
+/// The answer of a device to an IN token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Reply {
     /// A data packet.
     Data {
-        /// DATA1 rather than DATA0.
+        /// True for DATA1, false for DATA0.
         toggle: bool,
-        /// What it carries.
+        /// Its data.
         bytes: Vec<u8>,
-        /// When the firmware had made it ready to be sent.
+        /// Time at which the firmware had it ready.
         armed: Nanos,
     },
-    /// Not now.
+    /// Not ready.
     Nak,
     /// The endpoint is halted, or the request is not supported.
     Stall,
-    /// Nothing answers.
+    /// No answer.
     Silence,
 }

@@ -1,24 +1,24 @@
-//! A vendor-specific interface: a pair of bulk endpoints, and nothing that any class driver knows.
+//! A vendor-specific interface: a pair of bulk endpoints without a class driver.
 
 use super::Direction;
 use super::descriptor::{Configuration, Endpoint, Transfer};
 
-/// Class, subclass and protocol of an interface that only its vendor's programs know (USB 2.0, table 9-12).
+/// Class, subclass and protocol of a vendor-specific interface (USB 2.0, table 9-12).
 const CLASS: [u8; 3] = [0xFF, 0, 0];
 
-/// One of a device's vendor-specific interfaces: where its parts are.
+/// A device's vendor-specific interface, with its endpoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Vendor {
     /// The interface.
     pub interface: u8,
-    /// Where bytes go.
+    /// The OUT endpoint.
     pub output: Endpoint,
-    /// Where bytes come from.
+    /// The IN endpoint.
     pub input: Endpoint,
 }
 
 impl Vendor {
-    /// The first one of a device that has both endpoints.
+    /// The device's first one with both endpoints.
     pub fn find(configuration: &Configuration) -> Option<Self> {
         configuration
             .interfaces

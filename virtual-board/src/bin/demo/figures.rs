@@ -1,4 +1,4 @@
-//! What was measured, in virtual time.
+//! Measurements in virtual time.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use armwire_virtual_board::Nanos;
 /// One byte on the arm's line at 1 Mbaud.
 pub(crate) const BYTE: Duration = Duration::from_micros(10);
 
-/// The least, the mean and the most of a time.
+/// Minimum, mean and maximum of a time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Spread {
     count: u64,
@@ -40,14 +40,14 @@ impl fmt::Display for Spread {
     }
 }
 
-/// Where the time of a call with an answer goes.
+/// Breakdown of the time of a call with an answer.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Figures {
     /// The whole call.
     pub(crate) calls: Spread,
     /// From the request's first start bit to the answer's last stop bit: the arm and its line.
     pub(crate) line: Spread,
-    /// The rest, which USB and the adapter add.
+    /// The rest, added by USB and the adapter.
     pub(crate) added: Spread,
     /// From the program's write to the request's packet in the adapter.
     pub(crate) to_usb: Spread,

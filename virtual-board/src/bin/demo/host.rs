@@ -20,7 +20,7 @@ const MOVE_ON_WIRE: Duration = Duration::from_micros(34 * BYTE.as_micros());
 /// Longer than any pause within an answer.
 const ANSWER_PAUSE: Nanos = Nanos::from_millis(1);
 
-/// The program, and the board it talks to.
+/// The program, and its board.
 pub(crate) struct Host {
     pub(crate) board: VirtualBoard<LingArm>,
     pub(crate) figures: Figures,
@@ -44,7 +44,7 @@ impl Host {
         Ok(())
     }
 
-    /// Makes one call and returns the answer, if the request gets one, and how long it took.
+    /// Makes one call. Returns the answer, if the request has one, and the duration.
     pub(crate) fn call(&mut self, request: Request) -> Result<(Option<Response>, Nanos), Box<dyn Error>> {
         self.board.uart().forget_bytes();
         self.board.usb().forget_packets();
@@ -67,7 +67,7 @@ impl Host {
                     return Ok((Some(response), took));
                 }
                 Output::Event(Event::Sent) => {
-                    // It is queued for the adapter; wait until it is with the arm.
+                    // The request is queued for the adapter; wait until it is with the arm.
                     self.board
                         .run_until(Duration::from_millis(10), |board| board.usb().unsent() == 0)?;
                     self.board.run_for(MOVE_ON_WIRE)?;
@@ -83,7 +83,7 @@ impl Host {
         }
     }
 
-    /// Runs until there are bytes from the adapter, or it is this late.
+    /// Runs until bytes arrive from the adapter, or until this time.
     fn listen(&mut self, until: Option<Instant>) -> Result<Vec<u8>, Box<dyn Error>> {
         if let Some(until) = until {
             let limit = until.since(self.board.now().instant());
@@ -95,7 +95,7 @@ impl Host {
         Ok(self.board.usb().read())
     }
 
-    /// Notes what the adapter added to a call.
+    /// Records the time that the adapter added to a call.
     fn measure(&mut self, start: Nanos, took: Nanos) -> Result<(), Mismatch> {
         let bytes = self.board.uart().bytes();
         let packets = self.board.usb().packets();

@@ -12,13 +12,13 @@ pub(crate) struct DemoOptions {
     #[arg(long, value_name = "PATH")]
     pub(crate) serve: Option<Option<PathBuf>>,
 
-    /// Serves the adapter's control port too, on a pty, at PATH if given. `armwire` knows it as control:PATH.
+    /// Serves the adapter's control port too, on a pty, at PATH if given. `armwire` opens it as control:PATH.
     #[arg(long, value_name = "PATH", requires = "serve")]
     pub(crate) control: Option<Option<PathBuf>>,
 
     /// Serves the CAN bus too, behind an SLCAN adapter on a pty, at PATH if given.
     ///
-    /// `armwire` knows it as slcan:PATH. python-can opens it with the interface `slcan`. A program has to set the bit
+    /// `armwire` opens it as slcan:PATH. python-can opens it with the interface `slcan`. A program has to set the bit
     /// rate, as with LAWICEL's adapters.
     #[arg(long, value_name = "PATH", requires = "serve")]
     pub(crate) slcan: Option<Option<PathBuf>>,

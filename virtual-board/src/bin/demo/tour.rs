@@ -1,4 +1,4 @@
-//! What a user would do with an arm, and what it showed.
+//! A tour of an arm's functions, with its results.
 
 use std::error::Error;
 
@@ -12,13 +12,13 @@ use armwire_virtual_board::{Nanos, VirtualBoard, usb};
 
 use crate::host::Host;
 
-/// Where the joints go, in degrees.
+/// Targets of the joints, in degrees.
 const TARGET: [f32; 6] = [30.0, -20.0, 45.0, 0.0, 60.0, -90.0];
 
-/// How many times the joints are read for the figures.
+/// Number of reads of the joints for the figures.
 const READS: u32 = 500;
 
-/// How often a move is looked at.
+/// Polling period during a move.
 const GLANCE: Duration = Duration::from_millis(200);
 
 pub(crate) fn run(board: VirtualBoard<LingArm>) -> Result<(), Box<dyn Error>> {
@@ -111,7 +111,7 @@ fn gripper_type(host: &mut Host) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Moves the joints and opens the gripper, and looks on.
+/// Moves the joints and opens the gripper, and shows the progress.
 fn travel(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let mut joints = [(Position::CENTRE, Speed::new(700)?); 6];
     for (joint, degrees) in joints.iter_mut().zip(TARGET) {
@@ -179,7 +179,7 @@ fn torque_off(host: &mut Host) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Reads the joints again and again, at every phase of the USB frame.
+/// Reads the joints repeatedly, at every phase of the USB frame.
 fn measure(host: &mut Host) -> Result<(), Box<dyn Error>> {
     host.figures = Default::default();
     for nth in 0..READS {
@@ -191,7 +191,7 @@ fn measure(host: &mut Host) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// What was counted on the way, and whether the firmware did anything it should not.
+/// The counters, and the check of the firmware's behaviour.
 fn account(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let (kind, request) = Counters::READ_REQUEST;
     let request = usb::host::Request::read(kind, request, 0, 0, Counters::MAX_LEN as u16);

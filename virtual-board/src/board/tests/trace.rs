@@ -1,8 +1,8 @@
-//! Traces that are written down: a change of the order or of the time of anything that happens changes them.
+//! Traces with stored hashes: a change in the order or the time of any event changes them.
 //!
-//! A program for each chip lets its timer interrupt, sends bytes to the arm by DMA, takes the arm's bytes by DMA, and sends a
-//! frame on CAN. No compiler has a part in it. A model that is meant to behave differently takes new hashes, which the
-//! failing test prints.
+//! A program for each chip uses timer interrupts, sends bytes to the arm by DMA, receives the arm's bytes by DMA, and
+//! sends a frame on CAN. It does not depend on a compiler. After an intended change of a model, store the new hashes,
+//! which the failing test prints.
 
 use std::collections::VecDeque;
 
@@ -12,7 +12,7 @@ use armwire_sim::serial::SerialDevice;
 use super::*;
 use crate::line::Direction;
 
-/// An arm that returns each byte, inverted, after a while.
+/// An arm that returns each byte, inverted, after a delay.
 #[derive(Debug, Default)]
 struct Echo(VecDeque<(Instant, u8)>);
 
@@ -37,15 +37,15 @@ impl SerialDevice for Echo {
 
 const FLASH: u32 = 0x0800_0000;
 const STACK: u32 = 0x2000_1000;
-/// Where the arm's bytes go.
+/// Destination of the arm's bytes.
 const RECEIVED: u32 = 0x2000_0000;
-/// Words of the vector table, and those before the interrupts.
+/// Number of words of the vector table, and of those before the interrupts.
 const VECTORS: usize = 128;
 const CORE_VECTORS: usize = 16;
-/// Registers of the interrupt controller that enable interrupts.
+/// Interrupt enable registers of the NVIC.
 const ISER: u32 = 0xE000_E100;
 
-/// Instructions by hand.
+/// Hand-assembled instructions.
 struct Program {
     vectors: [u32; VECTORS],
     code: Vec<u16>,
@@ -59,12 +59,12 @@ impl Program {
         Self { vectors, code }
     }
 
-    /// The program starts with what is added next.
+    /// Sets the entry point to the next instruction.
     fn start(&mut self) {
         self.vectors[1] = self.here();
     }
 
-    /// The address of what is added next, as a vector has it.
+    /// The address of the next instruction, as in a vector.
     fn here(&self) -> u32 {
         FLASH + 4 * VECTORS as u32 + 2 * self.code.len() as u32 + 1
     }
@@ -94,7 +94,7 @@ impl Program {
         }
     }
 
-    /// Reads a register until a bit is as it is said to be.
+    /// Polls a register until a bit has a value.
     fn wait(&mut self, address: u32, bit: u16, set: bool) {
         self.constant(0, address);
         // lsls r1, r1, #31-bit; bpl or bmi to the load
@@ -102,7 +102,7 @@ impl Program {
         self.code.extend([load(1, 0), (31 - bit) << 6 | 1 << 3 | 1, back]);
     }
 
-    /// Enables an interrupt. Its handler is what `handler` adds.
+    /// Enables an interrupt with a handler written by `handler`.
     fn handler(&mut self, interrupt: usize, handler: impl FnOnce(&mut Self)) {
         self.vectors[CORE_VECTORS + interrupt] = self.here();
         handler(self);
@@ -114,12 +114,12 @@ impl Program {
         self.write(ISER + interrupt as u32 / 32 * 4, 1 << (interrupt % 32));
     }
 
-    /// Sleeps for ever.
+    /// Sleeps forever.
     fn sleep(&mut self) {
         self.code.extend([WFI, BACK]);
     }
 
-    /// Lets a timer compare 200 ticks from now.
+    /// Sets a timer's compare 200 ticks ahead.
     fn compare_again(&mut self, timer: u32) {
         self.write(timer + 0x10, 0);
         self.constant(0, timer);
@@ -141,11 +141,11 @@ impl Program {
     }
 }
 
-/// Bytes to the arm, from the vector table on, and those from the arm before the DMA starts over.
+/// Number of bytes to the arm, from the vector table on, and size of the receive ring.
 const SENT: u32 = 40;
 const RING: u32 = 16;
 
-/// The core, the buses and CAN have 16 MHz.
+/// Core, buses and CAN run at 16 MHz.
 fn stm32f405() -> Program {
     const RCC: u32 = 0x4002_3800;
     const GPIOA: u32 = 0x4002_0000;
@@ -199,7 +199,7 @@ fn stm32f405() -> Program {
     program
 }
 
-/// The core, the buses and CAN have 16 MHz.
+/// Core, buses and CAN run at 16 MHz.
 fn stm32g431() -> Program {
     const RCC: u32 = 0x4002_1000;
     const GPIOA: u32 = 0x4800_0000;
@@ -282,7 +282,7 @@ fn hex(hash: u64) -> String {
     format!("{hash:#018X}")
 }
 
-/// The hash of a run of 2 ms: [`VirtualBoard::trace_hash`], 64 bits of FNV-1a as [`Trace`] has it. With `exact_cycles`,
+/// The hash of a run of 2 ms: [`VirtualBoard::trace_hash`], 64-bit FNV-1a of [`Trace`]. With `exact_cycles`,
 /// instructions take a Cortex-M4's cycles with the flash's wait states; without, one each.
 fn hash(chip: Chip, program: Program, exact_cycles: bool) -> u64 {
     let config = Config {
@@ -294,7 +294,7 @@ fn hash(chip: Chip, program: Program, exact_cycles: bool) -> u64 {
     board.can().attach(500_000);
     board.run_for(Nanos::from_millis(2)).unwrap();
     board.check().unwrap();
-    // All of it did happen.
+    // All events did occur.
     let bytes = board.uart().bytes();
     let to_arm = bytes.iter().filter(|byte| byte.direction == Direction::ToArm).count();
     assert_eq!((to_arm, bytes.len()), (SENT as usize, 2 * SENT as usize));

@@ -1,4 +1,4 @@
-//! The MCU debug component: identification, and what stops with the core, which nothing does here.
+//! The MCU debug component: identification, and the stop bits for debugging, which have no effect here.
 
 use crate::soc::peripheral::{Peripheral, Refused};
 use crate::time::Nanos;
@@ -10,7 +10,7 @@ const FREEZE: u32 = 0x08;
 /// DBG_SLEEP, DBG_STOP and DBG_STANDBY of CR.
 const CR_MODELLED: u32 = 0b111;
 
-/// The registers that stop timers with the core, which have no model.
+/// The registers that stop timers with the core. They have no model.
 #[derive(Debug)]
 pub(crate) struct Layout {
     /// The offset of the last register.
@@ -19,7 +19,7 @@ pub(crate) struct Layout {
     pub(crate) names: &'static str,
 }
 
-/// The component. A system reset leaves it as it is.
+/// The component. A system reset does not change it.
 #[derive(Debug)]
 pub(crate) struct Dbgmcu {
     layout: &'static Layout,
@@ -38,7 +38,7 @@ impl Dbgmcu {
         self.cr = 0;
     }
 
-    /// The reason why a register without a model is refused.
+    /// The violation for a register without a model.
     fn refuse(&self, offset: u32) -> Refused {
         match offset {
             FREEZE.. if offset <= self.layout.last => Refused::Unimplemented(self.layout.names),

@@ -1,8 +1,8 @@
-//! The transfers of a DMA controller, whatever its registers.
+//! The transfers of a DMA controller, independent of its registers.
 //!
-//! A transfer is four steps, each some nanoseconds after the one before it: the request wins the arbitration and the source
-//! is read; the destination is written; the count and the flags change. So a handler may run between any two of them, as on
-//! silicon. The delays are seeded, within what a bus that other masters use may take.
+//! A transfer has four steps, each some nanoseconds after the previous one: the request wins arbitration and the source
+//! is read; the destination is written; the count and the flags change. A handler may therefore run between any two of
+//! them, as on silicon. The delays are seeded, within the range of a shared bus.
 
 use std::ops::RangeInclusive;
 
@@ -19,14 +19,14 @@ pub(crate) struct Delays {
     pub(crate) count: RangeInclusive<u64>,
 }
 
-/// The delays on a bus that other masters use, too.
+/// The delays on a shared bus.
 pub(crate) const DELAYS: Delays = Delays {
     arbitration: 25..=150,
     transfer: 6..=50,
     count: 6..=50,
 };
 
-/// The next step of a stream, and when it is due.
+/// The next step of a stream, and its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// The request is low, or the stream is off.
@@ -44,32 +44,32 @@ pub(crate) struct Transfer {
     pub(crate) from_memory: bool,
 }
 
-/// A step, which the bus is to do.
+/// A step for the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
     ReadPeripheral(u32),
     ReadMemory(u32),
     WritePeripheral(u32, u8),
     WriteMemory(u32, u8),
-    /// The bus does nothing: the count changes.
+    /// No bus access: the count changes.
     Count,
-    /// The bus does nothing: the request is low by now.
+    /// No bus access: the request is no longer high.
     Nothing,
 }
 
-/// The bus did not take a step.
+/// A failed step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Failure {
     pub(crate) address: u32,
-    /// Why the register did not take it. `None` if there is no memory, and no register for the DMA, at the address.
+    /// The register's refusal. `None` if the address has no memory and no register for the DMA.
     pub(crate) refused: Option<Refused>,
 }
 
 impl Step {
-    /// Does the step, and returns the byte that it read, if it reads.
+    /// Executes the step, and returns the byte of a read.
     ///
-    /// `register` reads the register at an address, or writes a byte to it. It returns the byte that it read or wrote; `None`
-    /// if the DMA reaches no register there.
+    /// `register` reads the register at an address, or writes a byte to it, and returns the byte; `None` if the DMA
+    /// cannot access a register there.
     pub(crate) fn run(
         self,
         memory: &mut Memory,
@@ -121,23 +121,23 @@ impl<const STREAMS: usize> Steps<STREAMS> {
         self.delays = delays;
     }
 
-    /// Whether the stream waits for a request.
+    /// Returns true if the stream waits for a request.
     #[inline]
     pub(crate) fn waits(&self, stream: usize) -> bool {
         self.phases[stream] == Phase::Waiting
     }
 
-    /// Whether the stream has read a byte that is not counted yet.
+    /// Returns true if the stream has read a byte that is not counted yet.
     pub(crate) fn moves(&self, stream: usize) -> bool {
         matches!(self.phases[stream], Phase::Writing(..) | Phase::Counting(_))
     }
 
-    /// Starts a transfer of a stream that waits.
+    /// Starts a transfer of a waiting stream.
     pub(crate) fn start(&mut self, stream: usize, now: Nanos) {
         self.phases[stream] = Phase::Reading(now + self.chance.span(self.delays.arbitration.clone()));
     }
 
-    /// Gives up the transfer of a stream.
+    /// Aborts the transfer of a stream.
     pub(crate) fn stop(&mut self, stream: usize) {
         self.phases[stream] = Phase::Waiting;
     }
@@ -149,7 +149,7 @@ impl<const STREAMS: usize> Steps<STREAMS> {
             .position(|phase| phase.due().is_some_and(|at| at <= now))
     }
 
-    /// Takes the next step of a stream. A request that is low by now gets nothing.
+    /// Takes the next step of a stream. A request that is no longer high gets nothing.
     pub(crate) fn take(&mut self, stream: usize, is_high: bool, transfer: Transfer, now: Nanos) -> Step {
         let Transfer {
             peripheral,
@@ -180,12 +180,12 @@ impl<const STREAMS: usize> Steps<STREAMS> {
         }
     }
 
-    /// A step that reads has got this byte.
+    /// Passes the byte of a read.
     pub(crate) fn fetched(&mut self, stream: usize, value: u8, now: Nanos) {
         self.phases[stream] = Phase::Writing(now + self.chance.span(self.delays.transfer.clone()), value);
     }
 
-    /// When the next step is due.
+    /// The time of the next step.
     #[inline]
     pub(crate) fn due(&self) -> Option<Nanos> {
         self.phases.iter().filter_map(|phase| phase.due()).min()
@@ -217,7 +217,7 @@ pub(crate) struct Reached {
 }
 
 impl Count {
-    /// The transfers that are done.
+    /// Number of completed transfers.
     pub(crate) fn done(self) -> u32 {
         self.programmed - self.left
     }

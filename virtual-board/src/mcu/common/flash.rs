@@ -1,4 +1,4 @@
-//! The memory behind a flash interface: operations that take time, end with the power or with a reset, or go wrong.
+//! The memory behind a flash interface: operations take time, end at a loss of power or a reset, or fail.
 
 use std::ops::Range;
 
@@ -14,12 +14,12 @@ pub(crate) const WORD: usize = 8;
 #[derive(Clone, Debug)]
 pub(crate) enum Operation {
     Erase(Range<usize>),
-    /// Bits that are clear here become clear.
+    /// Bits that are clear in the new value become clear.
     Program {
         word: usize,
         bits: u64,
     },
-    /// The option bytes, which the interface keeps.
+    /// The option bytes, stored by the interface.
     Options,
 }
 
@@ -34,7 +34,7 @@ impl Operation {
     }
 }
 
-/// An operation that is under way.
+/// An operation in progress.
 #[derive(Clone, Debug)]
 struct Started {
     operation: Operation,
@@ -42,12 +42,12 @@ struct Started {
     ends: Nanos,
 }
 
-/// The memory, and the operation that is under way.
+/// The memory, and the operation in progress.
 #[derive(Clone, Debug)]
 pub(crate) struct Array {
     flash: Shared<Flash>,
     started: Option<Started>,
-    /// When the power goes.
+    /// Time of the loss of power.
     cut: Option<Nanos>,
 }
 
@@ -60,7 +60,7 @@ impl Array {
         }
     }
 
-    /// The supply, in millivolts.
+    /// The supply voltage, in millivolts.
     pub(crate) fn millivolts(&self) -> u32 {
         lock(&self.flash).millivolts
     }
@@ -70,7 +70,7 @@ impl Array {
         u64::from_le_bytes(lock(&self.flash).get(word))
     }
 
-    /// Starts an operation that takes from the typical to the longest time. `what` names its draws.
+    /// Starts an operation with a typical and a maximum duration. `what` names its random draws.
     pub(crate) fn start(
         &mut self,
         operation: Operation,
@@ -88,18 +88,18 @@ impl Array {
         });
     }
 
-    /// Whether an operation is under way.
+    /// Returns true during an operation.
     #[inline]
     pub(crate) fn is_busy(&self) -> bool {
         self.started.is_some()
     }
 
-    /// Whether the power is to go now.
+    /// Returns true if the power fails now.
     pub(crate) fn take_cut(&mut self, now: Nanos) -> bool {
         self.cut.take_if(|at| *at <= now).is_some()
     }
 
-    /// Takes the operation that ends now. Its words are still to be changed.
+    /// Takes the operation that ends now. The caller changes its words.
     pub(crate) fn take_ended(&mut self, now: Nanos) -> Option<Operation> {
         let Started { operation, since, .. } = self.started.take_if(|started| started.ends <= now)?;
         if matches!(operation, Operation::Erase(_)) {
@@ -108,7 +108,7 @@ impl Array {
         Some(operation)
     }
 
-    /// Leaves the operation that is under way half done, and returns it.
+    /// Aborts the operation in progress half done, and returns it.
     pub(crate) fn interrupt(&mut self, memory: &mut Memory) -> Option<Operation> {
         self.cut = None;
         let Started { operation, .. } = self.started.take()?;
@@ -124,7 +124,7 @@ impl Array {
         });
     }
 
-    /// Changes the words of an operation in part.
+    /// Changes some bits of the words of an operation.
     pub(crate) fn half_do(&self, operation: &Operation, memory: &mut Memory) {
         self.change(operation.words(), memory, |old, chance| match operation {
             Operation::Program { bits, .. } => programmed_in_part(old, *bits, chance),
@@ -132,7 +132,7 @@ impl Array {
         });
     }
 
-    /// Changes words, given what each held and a chance.
+    /// Changes words by a function of their old content and random bits.
     fn change(&self, words: Range<usize>, memory: &mut Memory, new: impl Fn(u64, u64) -> u64) {
         let mut flash = lock(&self.flash);
         for word in words {
@@ -145,7 +145,7 @@ impl Array {
         }
     }
 
-    /// When the operation ends, or the power goes.
+    /// The end of the operation, or the loss of power.
     pub(crate) fn due(&self) -> Option<Nanos> {
         let ends = self.started.as_ref().map(|started| started.ends);
         [ends, self.cut].into_iter().flatten().min()

@@ -1,6 +1,6 @@
-//! A GPIO port of an STM32 (RM0440, chapter 9; RM0090, chapter 8). The two differ in BRR only.
+//! A GPIO port of an STM32 (RM0440, chapter 9; RM0090, chapter 8). The two differ only in BRR.
 //!
-//! Nothing is connected to a pin that is an input: it reads what its pull resistor makes of it, low without one.
+//! Input pins are unconnected: they read the level of their pull resistor, low without one.
 
 use crate::line::Pin;
 use crate::soc::peripheral::{Peripheral, Refused, field};
@@ -18,7 +18,7 @@ const AFRL: u32 = 0x20;
 const AFRH: u32 = 0x24;
 const BRR: u32 = 0x28;
 
-/// Pins of a port.
+/// Number of pins of a port.
 const PINS: u32 = 16;
 const ALL_PINS: u32 = 0xFFFF;
 
@@ -28,7 +28,7 @@ const OUTPUT: u32 = 0b01;
 const ALTERNATE: u32 = 0b10;
 const PULL_UP: u32 = 0b01;
 
-/// The registers that a port resets to and that depend on the port.
+/// The port-specific reset values.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AtReset {
     pub(crate) moder: u32,
@@ -50,7 +50,7 @@ pub(crate) struct Gpio {
 }
 
 impl Gpio {
-    /// A port that resets to these values and has BRR, or has not.
+    /// A port with these reset values, with or without BRR.
     pub(crate) fn new(at_reset: AtReset, has_brr: bool) -> Self {
         Self {
             at_reset,
@@ -64,12 +64,12 @@ impl Gpio {
         }
     }
 
-    /// The port as a reset leaves it.
+    /// The reset state of the port.
     pub(crate) fn reset(&mut self) {
         *self = Self::new(self.at_reset, self.has_brr);
     }
 
-    /// Who drives a pin that a UART may send on.
+    /// The driver of a UART's TX pin.
     pub(crate) fn driver(&self, pin: u32) -> Pin {
         match field(self.moder, 2 * pin, 0b11) {
             ALTERNATE => Pin::Uart,
@@ -114,7 +114,7 @@ impl Peripheral for Gpio {
             PUPDR => self.pupdr = value,
             IDR => {}
             ODR => self.odr = value & ALL_PINS,
-            // The set half wins over the reset half.
+            // The set half has priority over the reset half.
             BSRR => self.odr = self.odr & !(value >> PINS) | value & ALL_PINS,
             LCKR => return Err(Refused::Unimplemented("LCKR")),
             AFRL => self.afr[0] = value,

@@ -1,6 +1,6 @@
 //! The independent watchdog of an STM32 (RM0440, chapter 42; RM0090, chapter 21).
 //!
-//! The G4 also has a window, which is not modelled: a WINR that makes one is refused.
+//! The window of the G4 is not modelled: a WINR that enables it is refused.
 
 use crate::soc::peripheral::{Peripheral, Refused, forbidden};
 use crate::time::Nanos;
@@ -21,22 +21,22 @@ const KEY: u32 = 0xFFFF;
 const PVU: u32 = 1;
 const RVU: u32 = 1 << 1;
 
-/// The widest prescaler divides by 256, as 6 and 7 (42.4.2).
+/// The largest prescaler divides by 256, as 6 and 7 (42.4.2).
 const PRESCALER: u32 = 0b111;
 const WIDEST: u32 = 6;
 const RELOAD_VALUE: u32 = 0xFFF;
 
-/// The low-speed internal oscillator, typical (DS12589, 5.3.9; DS8626, 5.3.9).
+/// The low-speed internal oscillator, typical value (DS12589, 5.3.9; DS8626, 5.3.9).
 pub(crate) const LSI_HZ: u64 = 32_000;
 
-/// Cycles of the oscillator that a new PR or RLR takes to cross into its clock domain: up to 5 (42.4.2, 42.4.3).
+/// Cycles of the oscillator for a new PR or RLR to cross into its clock domain: up to 5 (42.4.2, 42.4.3).
 const CROSSING: u64 = 5;
 
-/// A value that crosses from the bus's clock domain into the watchdog's.
+/// A value that crosses from the bus's clock domain to the watchdog's.
 #[derive(Clone, Copy, Debug)]
 struct Crossing {
     value: u32,
-    /// When the watchdog has what was written.
+    /// Time at which the watchdog has the written value.
     until: Nanos,
 }
 
@@ -47,13 +47,13 @@ pub(crate) struct Iwdg {
     unlocked: bool,
     prescaler: Crossing,
     reload: Crossing,
-    /// When it resets the chip, once started.
+    /// Time of the reset of the chip, once started.
     expires: Option<Nanos>,
     expired: bool,
 }
 
 impl Iwdg {
-    /// A watchdog that has WINR, or has not.
+    /// A watchdog with or without WINR.
     pub(crate) fn new(has_window: bool) -> Self {
         let settled = |value| Crossing { value, until: Nanos(0) };
         Self {
@@ -66,17 +66,17 @@ impl Iwdg {
         }
     }
 
-    /// Whether it has been started, which turns the low-speed oscillator on.
+    /// Returns true once it has been started, which turns the low-speed oscillator on.
     pub(crate) fn runs(&self) -> bool {
         self.expires.is_some()
     }
 
-    /// Whether it resets the chip now.
+    /// Returns true if it resets the chip now.
     pub(crate) fn take_expired(&mut self) -> bool {
         std::mem::take(&mut self.expired)
     }
 
-    /// How long it takes from a reload to the reset.
+    /// Time from a reload to the reset.
     fn period(&self) -> Nanos {
         let divider = 4 << self.prescaler.value.min(WIDEST);
         let cycles = (u64::from(self.reload.value) + 1) * divider;
@@ -87,7 +87,7 @@ impl Iwdg {
         self.expires = Some(now + self.period());
     }
 
-    /// A new value for one of the registers that cross into the other clock domain.
+    /// A new value for a register that crosses into the other clock domain.
     fn cross(&self, register: &'static str, old: Crossing, value: u32, now: Nanos) -> Result<Crossing, Refused> {
         if !self.unlocked {
             return Err(forbidden(register, "42.3.3: written without the key 0x5555"));

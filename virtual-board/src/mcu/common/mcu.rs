@@ -1,4 +1,4 @@
-//! The flow of a microcontroller: accesses of the core, events, resets. Each chip adds its [`Peripherals`].
+//! The common flow of a microcontroller: accesses of the core, events, resets. Each chip adds its [`Peripherals`].
 
 use std::fmt::Debug;
 
@@ -17,17 +17,17 @@ use crate::soc::violations::Recorder;
 use crate::time::Nanos;
 use crate::trace::Trace;
 
-/// Bits of a priority, and regions of the MPU (PM0214, 4.3 and 4.2).
+/// Number of priority bits, and of MPU regions (PM0214, 4.3 and 4.2).
 const PRIORITY_BITS: u8 = 4;
 const MPU_REGIONS: u8 = 8;
 
-/// A peripheral with events. The number is its place among them: of several events at one instant, the lowest is the first.
+/// A peripheral with events. The number is its order: of several events at one instant, the lowest comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Slot {
     Rcc,
     Flash,
     Iwdg,
-    /// The timer that keeps the firmware's time.
+    /// The timer of the firmware's clock.
     Tim,
     Usart,
     Dma,
@@ -59,62 +59,62 @@ pub(crate) struct Map {
 
 /// A block of registers in the memory map.
 pub(crate) trait Block: Copy {
-    /// The block that an address outside the memories is in, and the offset within it.
+    /// The block of an address outside the memories, and the offset within it.
     fn at(address: u32) -> Option<(Self, u32)>;
 
     /// The name in the reference manual.
     fn name(self) -> &'static str;
 
-    /// The bits that enable and reset it. `None` for a block that is always there.
+    /// The bits that enable and reset it. `None` for a block that is always enabled.
     fn gate(self) -> Option<Gate>;
 
-    /// Whether its registers take accesses of this width, as far as that is modelled.
+    /// Returns true if its registers support accesses of this width, as far as modelled.
     fn takes(self, width: Width) -> bool;
 }
 
-/// The peripherals of a chip, and the wires between them. Every call happens at [`Common::now`].
+/// The peripherals of a chip, and the connections between them. Calls are made at [`Common::now`].
 pub(crate) trait Peripherals: Debug + Send {
     type Block: Block;
 
     const MAP: Map;
 
-    /// Whether the clock of a block is on.
+    /// Returns true if the clock of a block is on.
     fn is_enabled(&self, gate: Gate) -> bool;
 
-    /// Whether a block is held in reset.
+    /// Returns true if a block is held in reset.
     fn is_held(&self, gate: Gate) -> bool;
 
-    /// Reads a register, with what a read does.
+    /// Reads a register, with its side effects.
     fn read(&mut self, block: Self::Block, offset: u32, common: &mut Common) -> Result<u32, Refused>;
 
-    /// Reads a register for the debugger, without what a read does where the model can avoid it.
+    /// Reads a register for the debugger, without side effects where the model can avoid them.
     fn peek(&mut self, block: Self::Block, offset: u32, common: &mut Common) -> Result<u32, Refused> {
         self.read(block, offset, common)
     }
 
     fn write(&mut self, block: Self::Block, offset: u32, value: u32, common: &mut Common) -> Result<(), Refused>;
 
-    /// A store of the core to the flash, at this offset.
+    /// Handles a store of the core to the flash, at this offset.
     fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused>;
 
-    /// A read of the flash that the memory left to the bus. Whether the NMI becomes pending.
+    /// Handles a read of the flash that was redirected to the bus. Returns true if the NMI becomes pending.
     fn check_flash_read(&mut self, _offset: u32) -> bool {
         false
     }
 
-    /// The flash as its wait states and caches are set.
+    /// The timing of the flash by its wait states and caches.
     fn flash_timing(&self) -> FlashTiming;
 
-    /// Whether the flash is erased or programmed: the core waits.
+    /// Returns true during an erase or programming of the flash: the core waits.
     fn is_flash_busy(&self) -> bool;
 
-    /// Whether the power is to go now.
+    /// Returns true if the power fails now.
     fn take_cut(&mut self, now: Nanos) -> bool;
 
-    /// Tells each peripheral the rate of its clock, and checks that supply and flash bear it.
+    /// Updates the clock rate of each peripheral, and checks them against the supply and the flash.
     fn follow_clocks(&mut self, common: &mut Common);
 
-    /// Takes over what changed in a peripheral: its interrupt, its DMA requests, when it wants to be called.
+    /// Applies the changes of a peripheral: its interrupt, its DMA requests, the time of its next event.
     fn settle(&mut self, slot: Slot, common: &mut Common);
 
     fn settle_all(&mut self, common: &mut Common) {
@@ -123,41 +123,41 @@ pub(crate) trait Peripherals: Debug + Send {
         }
     }
 
-    /// Does what is due in a peripheral.
+    /// Executes the due events of a peripheral.
     fn advance(&mut self, slot: Slot, common: &mut Common, memory: &mut Memory);
 
-    /// Looks at what the program may have changed outside.
+    /// Checks for changes made by the program.
     fn look(&mut self, common: &mut Common);
 
-    /// What happened since this was last asked that a program may wait for.
+    /// Events since the last call that a program may wait for.
     fn take_news(&mut self) -> News;
 
-    /// Resets everything that a system reset resets but the clocks.
+    /// Resets everything that a system reset resets, except the clocks.
     fn reset(&mut self, common: &mut Common, memory: &mut Memory);
 
-    /// Resets the clocks, and what else only this cause resets.
+    /// Resets the clocks, and everything else that only this cause resets.
     fn reset_clocks(&mut self, cause: Cause);
 }
 
-/// The state of a microcontroller beside that of its peripherals.
+/// The state of a microcontroller besides its peripherals.
 #[derive(Debug)]
 pub(crate) struct Common {
     pub(crate) now: Nanos,
     pub(crate) edges: Edges,
     pub(crate) events: Events<{ SLOTS.len() }>,
     pub(crate) lines: Lines,
-    /// A reset that the chip asks for.
+    /// A reset requested by the chip.
     pub(crate) reset: Option<Cause>,
     pub(crate) recorder: Recorder,
     /// Cycles of the core.
     pub(crate) clock: Clock,
-    /// The virtual time of a cycle, in percent.
+    /// The virtual duration of a cycle, in percent.
     cycle_cost: u64,
     clock_changed: bool,
-    /// No event is due before this, as far as the core knows.
+    /// No event is due before this time, as known by the core.
     deadline: Nanos,
     powered: bool,
-    /// The power was cut since this was last asked.
+    /// The power failed since the last check.
     was_cut: bool,
     in_boot_loader: bool,
     nmi: bool,
@@ -174,14 +174,14 @@ impl Common {
         }
     }
 
-    /// Records a state that the manual forbids, if there is one.
+    /// Records a forbidden state, if there is one.
     pub(crate) fn check(&mut self, instance: &'static str, fault: Option<Refused>) {
         if let Some(Refused::Forbidden { register, reason }) = fault {
             self.recorder.forbidden(instance, register, reason);
         }
     }
 
-    /// Records a step of the DMA that the bus did not take. `instance` is the peripheral that the DMA serves.
+    /// Records a failed step of the DMA. `instance` is the peripheral that the DMA serves.
     pub(crate) fn record_dma(&mut self, instance: &'static str, failure: Failure) {
         let address = failure.address;
         match failure.refused {
@@ -192,13 +192,13 @@ impl Common {
         }
     }
 
-    /// Sets when the peripheral of `slot` is to be called.
+    /// Sets the time of the next event of `slot`.
     #[inline]
     pub(crate) fn set_due(&mut self, slot: Slot, due: Option<Nanos>) {
         self.events.set(slot as usize, due);
     }
 
-    /// The instant of an access.
+    /// Advances to the instant of an access.
     #[inline]
     fn come_to(&mut self, access: Access) {
         if let Some(at) = self.clock.instant(access.cycle) {
@@ -223,7 +223,7 @@ pub(crate) struct Mcu<P> {
 }
 
 impl<P: Peripherals> Mcu<P> {
-    /// A chip before its first reset. A cycle costs this much virtual time, in percent.
+    /// A chip before its first reset. A cycle has this virtual duration, in percent.
     pub(crate) fn new(peripherals: P, unique_id: [u8; 12], cycle_cost: u32, edges: Edges) -> Self {
         let common = Common {
             now: Nanos(0),
@@ -251,7 +251,7 @@ impl<P: Peripherals> Mcu<P> {
         mcu
     }
 
-    /// Core and memory of the chip, with these contents of the flash.
+    /// Core and memory of the chip, with this flash content.
     pub(crate) fn core(flash: Vec<u8>) -> Core {
         let config = core::Config {
             interrupts: P::MAP.interrupts,
@@ -270,7 +270,7 @@ impl<P: Peripherals> Mcu<P> {
         ((offset as usize) < P::MAP.flash_size).then_some(offset)
     }
 
-    /// The block at an address and the offset within it, if it takes the access.
+    /// The block at an address and the offset within it, if it supports the access.
     #[inline]
     fn block(&mut self, access: Access) -> Result<Option<(P::Block, u32)>, BusError> {
         let Some((block, offset)) = P::Block::at(access.address) else {
@@ -291,7 +291,7 @@ impl<P: Peripherals> Mcu<P> {
         Ok(None)
     }
 
-    /// Reads a register without leaving a trace or a violation.
+    /// Reads a register without a trace or a violation.
     fn read_for_debugger(&mut self, access: Access) -> Result<u32, BusError> {
         if is_system_memory(access) {
             return P::MAP.system_memory.read(access, &self.unique_id).ok_or(BusError);
@@ -312,7 +312,7 @@ impl<P: Peripherals> Mcu<P> {
         })
     }
 
-    /// Everything that a system reset resets but the clocks.
+    /// Resets everything that a system reset resets, except the clocks.
     fn reset(&mut self, memory: &mut Memory) {
         self.peripherals.reset(&mut self.common, memory);
         self.common.in_boot_loader = false;
@@ -329,7 +329,7 @@ impl<P: Peripherals> Mcu<P> {
     }
 }
 
-/// Whether an access is to the system memory or to what lies behind it, up to the option bytes.
+/// Returns true for an access to the system memory or the area after it, up to the option bytes.
 #[inline]
 fn is_system_memory(access: Access) -> bool {
     access.address >> 16 == 0x1FFF

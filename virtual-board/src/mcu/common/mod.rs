@@ -1,4 +1,4 @@
-//! The flow of a microcontroller, and the peripherals that the STM32F405 and the STM32G431 have alike.
+//! The common flow of a microcontroller, and the peripherals common to the STM32F405 and the STM32G431.
 
 pub(crate) mod dbgmcu;
 pub(crate) mod dma;

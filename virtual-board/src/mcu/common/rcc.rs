@@ -1,4 +1,4 @@
-//! Parts of reset and clock control: oscillators, prescalers, and the bits that enable and reset each peripheral.
+//! Common parts of reset and clock control: oscillators, prescalers, and the enable and reset bits of each peripheral.
 
 use crate::time::Nanos;
 
@@ -6,18 +6,19 @@ use crate::time::Nanos;
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Source {
     pub(crate) on: bool,
-    /// When it is ready, while it is on. `None` for a PLL whose input is missing, and for a crystal that does not start.
+    /// The time at which it is ready, while it is on. `None` for a PLL without input, and for a crystal that does not
+    /// start.
     pub(crate) ready_at: Option<Nanos>,
 }
 
 impl Source {
-    /// The oscillator that the chip starts with.
+    /// The chip's initial oscillator.
     pub(crate) const READY: Self = Self {
         on: true,
         ready_at: Some(Nanos(0)),
     };
 
-    /// Switches it on or off. It is ready after what `takes` says, if ever.
+    /// Switches it on or off. It becomes ready after the time of `takes`, if any.
     pub(crate) fn set(&mut self, on: bool, takes: impl FnOnce() -> Option<Nanos>, now: Nanos) {
         if on != self.on {
             self.on = on;
@@ -29,7 +30,7 @@ impl Source {
         self.ready_at.is_some_and(|at| at <= now)
     }
 
-    /// A PLL that is on locks once its input is there, after what `takes` says.
+    /// Locks an enabled PLL once its input is ready, after the time of `takes`.
     pub(crate) fn follow(&mut self, input: Self, takes: impl FnOnce() -> Nanos, now: Nanos) {
         if self.on && !input.is_ready(now) {
             self.ready_at = None;
@@ -38,12 +39,12 @@ impl Source {
         }
     }
 
-    /// When it becomes ready, if that is after `settled`.
+    /// The time at which it becomes ready, if that is after `settled`.
     pub(crate) fn due(&self, settled: Nanos) -> Option<Nanos> {
         self.ready_at.filter(|&at| at > settled)
     }
 
-    /// The bits of a register that say whether it is on and whether it is ready.
+    /// Its enable and ready bits in a register.
     pub(crate) fn flags(self, on: u32, ready: u32, now: Nanos) -> u32 {
         (if self.on { on } else { 0 }) | if self.is_ready(now) { ready } else { 0 }
     }
@@ -54,7 +55,7 @@ pub(crate) fn ahb_divider(hpre: u32) -> u64 {
     match hpre {
         0..=7 => 1,
         8..=11 => 2 << (hpre - 8),
-        // There is no 32.
+        // 32 does not exist.
         _ => 64 << (hpre - 12),
     }
 }
@@ -92,7 +93,7 @@ pub(crate) struct Gates<const BUSES: usize> {
 }
 
 impl<const BUSES: usize> Gates<BUSES> {
-    /// The registers at these offsets, the enable registers with these values of a reset.
+    /// The registers at these offsets, with these reset values of the enable registers.
     pub(crate) const fn new(
         enable_registers: [u32; BUSES],
         reset_registers: [u32; BUSES],
@@ -106,24 +107,24 @@ impl<const BUSES: usize> Gates<BUSES> {
         }
     }
 
-    /// Whether the peripheral's clock is on.
+    /// Returns true if the peripheral's clock is on.
     #[inline]
     pub(crate) fn is_enabled(&self, gate: Gate) -> bool {
         self.enables[gate.bus] & gate.mask != 0
     }
 
-    /// Whether the peripheral is held in reset.
+    /// Returns true if the peripheral is held in reset.
     #[inline]
     pub(crate) fn is_held(&self, gate: Gate) -> bool {
         self.resets[gate.bus] & gate.mask != 0
     }
 
-    /// Whether any peripheral is held in reset.
+    /// Returns true if any peripheral is held in reset.
     pub(crate) fn holds_any(&self) -> bool {
         self.resets.iter().any(|&resets| resets != 0)
     }
 
-    /// The register at an offset of the RCC, if it is one of these.
+    /// The register at an offset of the RCC, if it is one of them.
     pub(crate) fn register(&mut self, offset: u32) -> Option<&mut u32> {
         let bus = |registers: [u32; BUSES]| registers.iter().position(|&register| register == offset);
         if let Some(bus) = bus(self.enable_registers) {

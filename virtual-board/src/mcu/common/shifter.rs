@@ -1,24 +1,24 @@
-//! The shift registers of a USART, with the line at its pins. Registers, flags and how these are cleared are each chip's.
+//! The shift registers of a USART, with the line at its pins. Registers, flags and their clearing are chip-specific.
 
 use crate::line::{AnyLine, Arm, Arrival, Format, Line};
 use crate::shared::lock;
 use crate::time::Nanos;
 
-/// What the registers say that concerns the line.
+/// The register settings that concern the line.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Settings {
-    /// One bit in picoseconds, 0 while nothing divides the clock.
+    /// The bit time in picoseconds, 0 without a divider.
     pub(crate) bit: u64,
     pub(crate) format: Format,
     pub(crate) half_duplex: bool,
-    /// Whether the transmitter is enabled.
+    /// True if the transmitter is enabled.
     pub(crate) transmits: bool,
-    /// Whether the receiver is enabled.
+    /// True if the receiver is enabled.
     pub(crate) receives: bool,
 }
 
 impl Settings {
-    /// How long a byte lasts.
+    /// Duration of a byte.
     fn byte(&self) -> Nanos {
         Nanos(self.format.bits() * self.bit / 1_000)
     }
@@ -35,11 +35,11 @@ impl Settings {
 /// The events of an instant.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Progress {
-    /// A byte is sent, and the data register has no other.
+    /// A byte was sent, and the data register is empty.
     pub(crate) complete: bool,
     /// A byte has arrived.
     pub(crate) arrived: Option<Arrival>,
-    /// The line has been silent for a frame, as [`Shifter::expect_idle`] asked.
+    /// The line has been idle for one frame, as requested by [`Shifter::expect_idle`].
     pub(crate) idle: bool,
 }
 
@@ -48,13 +48,13 @@ pub(crate) struct Progress {
 pub(crate) struct Shifter {
     line: AnyLine,
     settings: Settings,
-    /// The frame that is sent, and when its last stop bit ends. `None` is an idle frame.
+    /// The frame in transmission, and the end of its last stop bit. `None` is an idle frame.
     sending: Option<(Nanos, Option<u8>)>,
-    /// The byte that arrives, and when its last stop bit ends.
+    /// The byte in reception, and the end of its last stop bit.
     arriving: Option<(Nanos, Arrival)>,
-    /// When the line has been silent for a frame.
+    /// The time at which the line has been idle for one frame.
     idle_at: Option<Nanos>,
-    /// When the arm wants to send next.
+    /// The time of the arm's next byte.
     arm_due: Option<Nanos>,
 }
 
@@ -74,7 +74,7 @@ impl Shifter {
         &self.line
     }
 
-    /// Tells the line the settings, and asks when the arm wants to send.
+    /// Applies the settings to the line, and updates the time of the arm's next byte.
     pub(crate) fn set(&mut self, settings: Settings, now: Nanos) {
         self.settings = settings;
         let mut line = lock(&self.line);
@@ -88,37 +88,37 @@ impl Shifter {
         self.arm_due = line.due();
     }
 
-    /// Whether a frame is sent.
+    /// Returns true while a frame is being sent.
     pub(crate) fn is_sending(&self) -> bool {
         self.sending.is_some()
     }
 
-    /// Whether a byte arrives.
+    /// Returns true while a byte is being received.
     #[inline]
     pub(crate) fn is_receiving(&self) -> bool {
         self.arriving.is_some()
     }
 
-    /// Sends an idle frame, if nothing is sent.
+    /// Sends an idle frame, if no frame is being sent.
     pub(crate) fn send_idle_frame(&mut self, now: Nanos) {
         if self.sending.is_none() && self.settings.sends() {
             self.sending = Some((now + self.settings.byte(), None));
         }
     }
 
-    /// Gives up the frame that is sent. Whether it was a byte.
+    /// Aborts the frame in transmission. Returns true if it was a byte.
     pub(crate) fn cut(&mut self) -> bool {
         self.sending.take().is_some_and(|(_, sent)| sent.is_some())
     }
 
-    /// Gives up everything that is under way.
+    /// Aborts transmission and reception.
     pub(crate) fn stop(&mut self) {
         self.sending = None;
         self.arriving = None;
         self.idle_at = None;
     }
 
-    /// Takes the byte from the data register, if nothing is sent.
+    /// Takes the byte from the data register, if no frame is being sent.
     pub(crate) fn start_to_send(&mut self, now: Nanos, data: &mut Option<u8>) {
         let line = self.line.clone();
         self.take_data(now, data, &mut lock(&line));
@@ -138,7 +138,7 @@ impl Shifter {
         }
     }
 
-    /// Looks for a start bit, if no byte arrives.
+    /// Looks for a start bit, if no byte is being received.
     pub(crate) fn listen(&mut self, now: Nanos) {
         let line = self.line.clone();
         self.find_start_bit(now, &mut lock(&line));
@@ -154,7 +154,7 @@ impl Shifter {
         }
     }
 
-    /// Does what is due, with the byte in the data register of the transmitter.
+    /// Executes due events, with the byte in the transmitter's data register.
     pub(crate) fn advance(&mut self, now: Nanos, data: &mut Option<u8>) -> Progress {
         let line = self.line.clone();
         let mut line = lock(&line);
@@ -188,14 +188,14 @@ impl Shifter {
         progress
     }
 
-    /// Waits for a frame of silence after the byte that has just arrived, if no other follows at once.
+    /// Waits for an idle frame after the last byte, unless another follows at once.
     pub(crate) fn expect_idle(&mut self, now: Nanos) {
         if self.arriving.is_none() {
             self.idle_at = Some(now + self.settings.byte());
         }
     }
 
-    /// When something is due.
+    /// The time of the next event.
     pub(crate) fn due(&self) -> Option<Nanos> {
         let sending = self.sending.map(|(ends, _)| ends);
         let arriving = self.arriving.map(|(ends, _)| ends);

@@ -6,7 +6,7 @@ use crate::time::Nanos;
 const MEMRMP: u32 = 0x00;
 const SECOND: u32 = 0x04;
 
-/// The parts that differ from chip to chip.
+/// The chip-specific parts.
 #[derive(Debug)]
 pub(crate) struct Layout {
     /// MEM_MODE of MEMRMP.
@@ -17,8 +17,8 @@ pub(crate) struct Layout {
     pub(crate) others: &'static str,
 }
 
-/// The controller. The memory at address 0 matters to the boot loader alone, in whose place there is one that does nothing: the
-/// core gets nothing from there.
+/// The controller. The memory at address 0 matters only to the boot loader, which is a stub: the core gets no data from
+/// there.
 #[derive(Debug)]
 pub(crate) struct Syscfg {
     layout: &'static Layout,
@@ -34,7 +34,7 @@ impl Syscfg {
         self.memrmp = 0;
     }
 
-    /// The reason why a register that is not MEMRMP is refused.
+    /// The violation for any register except MEMRMP.
     fn refuse(&self, offset: u32) -> Refused {
         match offset {
             SECOND.. if offset <= self.layout.last => Refused::Unimplemented(self.layout.others),

@@ -2,11 +2,11 @@
 
 use crate::core::{Access, Purpose};
 
-/// The boot loader, and the instruction with which the stub in its place starts.
+/// The boot loader, and the first instruction of its stub.
 const BOOT_LOADER: u32 = 0x1FFF_0000;
 const BOOT_LOADER_START: u32 = BOOT_LOADER + 8;
 
-/// The stub: a stack, a reset vector, and code that does nothing for ever.
+/// The stub: a stack, a reset vector, and an endless loop.
 const BOOT_LOADER_STUB: [u8; 12] = [
     0x00, 0x20, 0x00, 0x20, // stack: 0x2000_2000
     0x09, 0x00, 0xFF, 0x1F, // reset: BOOT_LOADER_START, Thumb
@@ -14,7 +14,7 @@ const BOOT_LOADER_STUB: [u8; 12] = [
     0xFE, 0xE7, // b .
 ];
 
-/// The places that differ from chip to chip.
+/// The chip-specific addresses.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SystemMemory {
     /// The address of the 96-bit unique id.
@@ -26,7 +26,7 @@ pub(crate) struct SystemMemory {
 }
 
 impl SystemMemory {
-    /// The value of an access, if the content there is known.
+    /// The value of an access, if the content is known.
     pub(crate) fn read(&self, access: Access, unique_id: &[u8; 12]) -> Option<u32> {
         let byte = |offset| self.byte(access.address + offset, unique_id);
         (0..access.width.bytes()).try_fold(0, |value, at| Some(value | u32::from(byte(at)?) << (8 * at)))
@@ -45,7 +45,7 @@ impl SystemMemory {
     }
 }
 
-/// Whether the core begins to execute the boot loader.
+/// Returns true if the core starts the boot loader.
 pub(crate) fn starts_boot_loader(access: Access) -> bool {
     access.purpose == Purpose::Fetch && access.address == BOOT_LOADER_START
 }

@@ -1,7 +1,8 @@
-//! A general-purpose timer of 32 bits of an STM32 that counts up (RM0440, chapter 30; RM0090, chapter 18).
+//! A 32-bit general-purpose timer of an STM32 that counts up (RM0440, chapter 30; RM0090, chapter 18).
 //!
-//! Modelled are the counter with its prescaler and auto-reload, updates, and the four channels as output compare without a
-//! pin. Other modes are refused by name: counting down, one pulse, slave mode, input capture, DMA requests.
+//! Modelled are the counter with its prescaler and auto-reload, updates, and the four channels as output compare
+//! without a pin. Other modes are refused with their name: counting down, one pulse, slave mode, input capture, DMA
+//! requests.
 
 use crate::soc::clock::Clock;
 use crate::soc::peripheral::{Peripheral, Refused, forbidden};
@@ -30,7 +31,7 @@ mod cr1 {
     pub(super) const UDIS: u32 = 1 << 1;
     pub(super) const URS: u32 = 1 << 2;
     pub(super) const ARPE: u32 = 1 << 7;
-    /// The bits that have a model.
+    /// The modelled bits.
     pub(super) const MODELLED: u32 = CEN | UDIS | URS | ARPE;
 }
 
@@ -48,22 +49,22 @@ const PRESCALER: u32 = 0xFFFF;
 /// The timer.
 #[derive(Clone, Debug)]
 pub(crate) struct Tim {
-    /// The input clock, whose ticks the prescaler divides.
+    /// The input clock of the prescaler.
     clock: Clock,
     cr1: u32,
     dier: u32,
     sr: u32,
-    /// PSC, and the prescaler in use, which takes PSC over at an update.
+    /// PSC, and the active prescaler, which is loaded from PSC at an update.
     psc: u32,
     prescaler: u32,
     arr: u32,
-    /// The auto-reload value in use.
+    /// The active auto-reload value.
     reload: u32,
     ccr: [u32; CHANNELS],
-    /// The count at the input clock's tick `since`. It stands while the timer is off.
+    /// The count at the input clock's tick `since`. It is constant while the timer is off.
     count: u64,
     since: u64,
-    /// The count that was last looked at for events. Counts go on over the reload value here.
+    /// The count that was last checked for events. It is not reduced by the reload value.
     seen: u64,
 }
 
@@ -86,14 +87,14 @@ impl Tim {
         }
     }
 
-    /// The timer as a reset leaves it. Its clock goes on.
+    /// The reset state of the timer. Its clock continues.
     pub(crate) fn reset(&mut self, now: Nanos) {
         let hz = self.clock.hz();
         *self = Self::new();
         self.clock.set_hz(hz, now);
     }
 
-    /// The rate of the input clock is `hz` from now on.
+    /// Sets the rate of the input clock.
     pub(crate) fn set_clock(&mut self, hz: u64, now: Nanos) {
         if hz != self.clock.hz() {
             self.count_up_to(now);
@@ -110,7 +111,7 @@ impl Tim {
         self.cr1 & cr1::CEN != 0
     }
 
-    /// Input ticks of a count, and counts of a turn.
+    /// Input ticks per count, and counts per turn.
     fn step(&self) -> u64 {
         u64::from(self.prescaler) + 1
     }
@@ -119,7 +120,7 @@ impl Tim {
         u64::from(self.reload) + 1
     }
 
-    /// The count, which goes on over the reload value.
+    /// The count, not reduced by the reload value.
     fn total(&self, now: Nanos) -> u64 {
         if !self.runs() {
             return self.count;
@@ -138,7 +139,7 @@ impl Tim {
         }
     }
 
-    /// Sets the flags of what happened up to now.
+    /// Sets the flags of events up to now.
     fn count_up_to(&mut self, now: Nanos) {
         let total = self.total(now);
         if total == self.seen {
@@ -157,7 +158,7 @@ impl Tim {
         self.seen = total;
     }
 
-    /// Begins to count anew from the present count, which keeps the phase of the prescaler.
+    /// Restarts the computation at the present count, with the same phase of the prescaler.
     fn rebase(&mut self, now: Nanos) {
         self.count_up_to(now);
         let tick = self.clock.tick(now);
@@ -172,7 +173,7 @@ impl Tim {
         self.clock.come_near(now);
     }
 
-    /// Makes the counter `count` and starts the prescaler anew.
+    /// Sets the counter to `count` and restarts the prescaler.
     fn set_count(&mut self, count: u64, now: Nanos) {
         self.count = count;
         self.seen = count;
@@ -195,7 +196,7 @@ fn channel(offset: u32) -> usize {
     ((offset - CCR1) / 4) as usize
 }
 
-/// A register whose modes other than 0 have no model.
+/// A register with no model of modes other than 0.
 fn only_zero(register: &'static str, value: u32) -> Result<(), Refused> {
     if value == 0 {
         Ok(())
@@ -235,7 +236,7 @@ impl Peripheral for Tim {
                 only_zero("DIER", value & !INTERRUPTS)?;
                 self.dier = value;
             }
-            // A 0 clears, a 1 changes nothing.
+            // A 0 clears, a 1 has no effect.
             SR => self.sr &= value,
             EGR => {
                 self.sr |= value & INTERRUPTS & !UPDATE;
@@ -270,7 +271,7 @@ impl Peripheral for Tim {
         self.count_up_to(now);
     }
 
-    /// When an interrupt that is enabled and not pending comes next.
+    /// The time of the next enabled interrupt that is not pending.
     fn due(&self) -> Option<Nanos> {
         let wanted = self.dier & !self.sr & INTERRUPTS;
         if wanted == 0 || !self.runs() {
@@ -295,7 +296,7 @@ mod tests {
 
     const MICROSECOND: u64 = 1_000;
 
-    /// A timer that counts microseconds from 160 MHz, as a firmware's clock does.
+    /// A timer that counts microseconds from 160 MHz, like a firmware clock.
     fn microseconds() -> Tim {
         let mut tim = Tim::new();
         tim.set_clock(160_000_000, Nanos(0));

@@ -1,14 +1,14 @@
-//! TIM11 (RM0090, 19.5) as far as it measures the crystal (7.2.11): a counter of 16 bits that is captured at edges of the
-//! crystal's clock, divided.
+//! TIM11 (RM0090, 19.5) for the measurement of the crystal (7.2.11): a 16-bit counter that is captured at edges of the
+//! crystal's divided clock.
 //!
 //! | Behaviour | Section |
 //! |---|---|
 //! | The counter counts cycles of the timer clock up to ARR, once CEN is set | 19.5.1, 19.5.9 |
 //! | TI1_RMP 10 makes the divided clock of the crystal the input; the core must run from HSI | 19.5.11, 7.2.11 |
-//! | CC1S 01 and CC1E: CCR1 captures each first, second, fourth or eighth rising edge | 19.5.5, 19.5.6 |
+//! | CC1S 01 and CC1E: CCR1 captures every, every second, fourth or eighth rising edge | 19.5.5, 19.5.6 |
 //! | CC1IF at a capture, CC1OF at another one before it was cleared; reading CCR1 clears CC1IF | 19.5.4 |
 //!
-//! Anything else is refused by name: the firmware uses no more.
+//! Any other use is refused with its name: the firmware needs no more.
 
 use crate::crystal::{Divided, Oscillator};
 use crate::shared::{Shared, lock};
@@ -51,7 +51,7 @@ const ALL_BITS: u32 = 0xFFFF;
 pub(super) struct Capture {
     oscillator: Shared<Oscillator>,
     clock_hz: u64,
-    /// When it began to count, if it does.
+    /// The start of the count, if it counts.
     counts_since: Option<Nanos>,
     status: u32,
     mode: u32,
@@ -65,27 +65,27 @@ pub(super) struct Capture {
 #[derive(Clone, Copy, Debug)]
 struct Input {
     clock: Divided,
-    /// How many of its edges come to a capture.
+    /// Number of its edges per capture.
     prescaler: u32,
-    /// When it was connected.
+    /// The time of its connection.
     since: Nanos,
-    /// How many captures were since then.
+    /// Number of captures since then.
     captures: u128,
 }
 
 impl Input {
-    /// How many captures an input that was always there would have had by then.
+    /// Number of captures that a permanent input would have had by then.
     fn nth(&self, at: Nanos) -> u128 {
         u128::from(at.since(self.clock.since).0) * u128::from(self.clock.hertz) / self.period()
     }
 
-    /// When that was.
+    /// The time of that capture.
     fn at(&self, nth: u128) -> Nanos {
         let after = (nth * self.period()).div_ceil(self.clock.hertz.max(1).into());
         self.clock.since + Nanos(after as u64)
     }
 
-    /// Nanoseconds from one capture to the next, times the crystal's hertz.
+    /// Nanoseconds between captures, times the crystal's frequency in hertz.
     fn period(&self) -> u128 {
         u128::from(self.clock.divider) * u128::from(self.prescaler) * SECOND
     }
@@ -106,7 +106,7 @@ impl Capture {
         }
     }
 
-    /// The timer as a reset leaves it. Its clock goes on.
+    /// The reset state of the timer. Its clock continues.
     pub(super) fn reset(&mut self) {
         *self = Self {
             clock_hz: self.clock_hz,
@@ -128,7 +128,7 @@ impl Capture {
         cycles as u32 & ALL_BITS
     }
 
-    /// Connects the crystal's clock if the registers say so.
+    /// Connects the crystal's clock if the registers select it.
     fn connect(&mut self, now: Nanos) {
         let is_on = self.counts_since.is_some()
             && self.remap & INPUT == HSE_RTC
@@ -146,7 +146,7 @@ impl Capture {
         }
     }
 
-    /// Captures what there was to capture by now.
+    /// Executes the captures up to now.
     fn follow(&mut self, now: Nanos) {
         self.connect(now);
         let Some(input) = &mut self.input else {
@@ -214,7 +214,7 @@ impl Peripheral for Capture {
             PSC if value != 0 => return Err(Refused::Unimplemented("PSC")),
             ARR if value != ALL_BITS => return Err(Refused::Unimplemented("ARR: less than 16 bits")),
             DIER | PSC | ARR => {}
-            // A 0 clears, a 1 changes nothing.
+            // A 0 clears, a 1 has no effect.
             SR => self.status &= value,
             CCMR1 if value & !(CC1S | IC1PSC) != 0 => return Err(Refused::Unimplemented("CCMR1")),
             CCMR1 => self.mode = value,

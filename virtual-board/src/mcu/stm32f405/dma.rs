@@ -1,15 +1,15 @@
 //! DMA1 and DMA2 (RM0090, chapter 10).
 //!
-//! Modelled are peripheral to memory and memory to peripheral in direct mode, by bytes, circular or not; a stream that is
-//! switched off ends the transfer under way, and says so (10.3.14). Left out: the byte that a stream to a peripheral fetches
-//! before it is requested (10.3.11). Refused by name: wider transfers, memory to memory, FIFO mode, double buffers, bursts,
-//! the peripheral as flow controller.
+//! Modelled are peripheral to memory and memory to peripheral in direct mode, by bytes, circular or not; a stream that
+//! is disabled completes the transfer in progress, and sets its flag (10.3.14). Not modelled: the byte that a stream to
+//! a peripheral fetches before it is requested (10.3.11). Refused with their name: wider transfers, memory to memory,
+//! FIFO mode, double buffers, bursts, the peripheral as flow controller.
 
 use crate::mcu::common::dma::{Count, Step, Steps, Transfer};
 use crate::soc::peripheral::{Refused, field, forbidden};
 use crate::time::Nanos;
 
-/// Streams of a controller (10.2), and of both.
+/// Number of streams of a controller (10.2), and of both.
 pub(super) const STREAMS: usize = 8;
 pub(super) const ALL_STREAMS: usize = 2 * STREAMS;
 
@@ -17,7 +17,7 @@ const LISR: u32 = 0x00;
 const HISR: u32 = 0x04;
 const LIFCR: u32 = 0x08;
 const HIFCR: u32 = 0x0C;
-/// The first stream's registers, and what each has (10.5.5 to 10.5.10).
+/// The first stream's registers, and the registers of each stream (10.5.5 to 10.5.10).
 const FIRST: u32 = 0x10;
 const EACH: u32 = 0x18;
 const LAST: u32 = FIRST + EACH * STREAMS as u32;
@@ -28,7 +28,7 @@ const M0AR: u32 = 0x0C;
 const M1AR: u32 = 0x10;
 const FCR: u32 = 0x14;
 
-/// Flags of a stream (10.5.1), and where they are in LISR or HISR: streams 0 to 3, 4 to 7.
+/// Flags of a stream (10.5.1), and their positions in LISR or HISR: streams 0 to 3, 4 to 7.
 mod flag {
     pub(super) const ERROR: u32 = 1 << 3;
     pub(super) const HALF: u32 = 1 << 4;
@@ -54,20 +54,20 @@ mod cr {
         EN | DMEIE | INTERRUPTS | TO_PERIPHERAL_OR_BACK | CIRC | MINC | PL | CHSEL << CHSEL_AT;
 }
 
-/// FCR as a reset leaves it: direct mode, the FIFO empty (10.5.10). FTH means nothing in direct mode.
+/// The reset value of FCR: direct mode, the FIFO empty (10.5.10). FTH has no meaning in direct mode.
 const FCR_AT_RESET: u32 = 0x21;
 const FTH: u32 = 0b11;
 const FS: u32 = 0b111 << 3;
 
 const NDT: u32 = 0xFFFF;
 
-/// What a DMA stream that is enabled again does with its counter and its addresses.
+/// Behaviour of the counter and the addresses of a DMA stream that is enabled again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Reenabled {
-    /// It starts over, as the manual says (10.5.6).
+    /// It restarts, as in the manual (10.5.6).
     #[default]
     Restarts,
-    /// It goes on where it stopped, unless it was set up anew, as some silicon is reported to.
+    /// It continues unless it was reconfigured, as reported for some silicon.
     Resumes,
 }
 
@@ -88,7 +88,7 @@ struct Stream {
     m0ar: u32,
     m1ar: u32,
     fcr: u32,
-    /// It was switched off, and the transfer under way goes on to its end.
+    /// The stream was disabled, and completes the transfer in progress.
     stopping: bool,
 }
 
@@ -147,7 +147,7 @@ impl Dma {
         self.steps.set_delays(delays);
     }
 
-    /// A controller, 0 or 1, as a reset leaves it.
+    /// Resets a controller, 0 or 1.
     pub(super) fn reset(&mut self, controller: usize) {
         for stream in controller * STREAMS..(controller + 1) * STREAMS {
             self.streams[stream] = Stream::OFF;
@@ -162,7 +162,7 @@ impl Dma {
         (self.flags[stream] >> 1) & self.streams[stream].cr & cr::INTERRUPTS != 0
     }
 
-    /// Starts a transfer for a request that is high, if its stream waits for it.
+    /// Starts a transfer for a request that is high, if its stream waits for one.
     #[inline]
     pub(super) fn request(&mut self, request: Request, now: Nanos) {
         let number = request.controller * STREAMS + request.stream;
@@ -173,7 +173,7 @@ impl Dma {
         }
     }
 
-    /// Takes the next step that is due at `now`, and the stream that takes it. A request that is low by now gets nothing.
+    /// Takes the next step that is due at `now`, with its stream. A request that is no longer high gets nothing.
     pub(super) fn step(&mut self, is_high: impl Fn(Request) -> bool, now: Nanos) -> Option<(usize, Step)> {
         let number = self.steps.first_due(now)?;
         let stream = &self.streams[number];
@@ -189,12 +189,12 @@ impl Dma {
         Some((number, step))
     }
 
-    /// A step that reads has got this byte.
+    /// Passes the byte of a read.
     pub(super) fn fetched(&mut self, stream: usize, value: u8, now: Nanos) {
         self.steps.fetched(stream, value, now);
     }
 
-    /// The bus did not take the last step: the stream stops (10.3.18).
+    /// The last step failed on the bus: the stream stops (10.3.18).
     pub(super) fn fail(&mut self, stream: usize) {
         self.flags[stream] |= flag::ERROR;
         self.steps.stop(stream);
@@ -219,7 +219,7 @@ impl Dma {
         }
     }
 
-    /// When a stream takes its next step.
+    /// The time of a stream's next step.
     #[inline]
     pub(super) fn due(&self) -> Option<Nanos> {
         self.steps.due()
@@ -248,7 +248,7 @@ impl Dma {
         }
     }
 
-    /// The flags of four streams from this one.
+    /// The flags of four streams, starting with this one.
     fn status(&self, first: usize) -> u32 {
         let flags = self.flags[first..].iter().zip(flag::AT);
         flags.fold(0, |status, (flags, at)| status | flags << at)
@@ -300,7 +300,7 @@ impl Dma {
             FCR => stream.fcr = FCR_AT_RESET & !FTH | value & FTH,
             _ => return Err(Refused::NoRegister),
         }
-        // Set up anew, it starts over.
+        // A reconfigured stream restarts.
         stream.count.left = stream.count.programmed;
         Ok(())
     }
@@ -319,7 +319,7 @@ impl Dma {
         }
         match (was_on, on) {
             (true, false) => {
-                // 10.3.14: the transfer under way ends first, and then it is said to be complete.
+                // 10.3.14: the transfer in progress ends first, and then sets its complete flag.
                 let moves = self.steps.moves(number);
                 stream.stopping = moves;
                 if moves {
@@ -342,7 +342,7 @@ impl Dma {
     }
 }
 
-/// The stream, and which of its registers.
+/// The stream, and the index of its register.
 fn place(controller: usize, offset: u32) -> (usize, u32) {
     let offset = offset - FIRST;
     (controller * STREAMS + (offset / EACH) as usize, offset % EACH)
@@ -360,7 +360,7 @@ mod tests {
     const STREAM_5: u32 = FIRST + 5 * EACH;
     const CHANNEL_4: u32 = 4 << cr::CHSEL_AT;
 
-    /// A controller whose stream 5 moves `count` bytes for a request.
+    /// A controller with stream 5 configured for `count` bytes and a request.
     fn dma(count: u32, control: u32) -> Dma {
         let mut dma = Dma::new(Reenabled::Restarts, 0);
         dma.write(0, STREAM_5 + NDTR, count).unwrap();
@@ -371,7 +371,7 @@ mod tests {
         dma
     }
 
-    /// Lets the request be high for one transfer, and returns the steps with their instants.
+    /// Raises the request for one transfer, and returns the steps with their instants.
     fn transfer(dma: &mut Dma, now: Nanos) -> Vec<(Nanos, Step)> {
         dma.request(REQUEST, now);
         let mut steps = Vec::new();

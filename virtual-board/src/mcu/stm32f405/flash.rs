@@ -4,20 +4,20 @@
 //! |---|---|
 //! | Wait states, prefetch, caches | 3.5.1, 3.5.2 |
 //! | Keys and the lock of CR and of OPTCR; a wrong key locks until the next reset | 3.6.1, 3.7.2 |
-//! | An erase sets every bit of the sector, or of all, as it ends | 3.6.3 |
-//! | A store programs while PG is set: it clears bits and sets none, and BSY lasts as long | 3.6.4 |
+//! | An erase sets every bit of the sector, or of all, at its end | 3.6.3 |
+//! | A store programs while PG is set: it only clears bits, and BSY is set meanwhile | 3.6.4 |
 //! | A store without PG: PGSERR; of another width than PSIZE: PGPERR | 3.9.5 |
 //! | A store to a protected sector, or an erase of one or of none: WRPERR; OPERR with each if ERRIE | 3.6.5, 3.9.5 |
-//! | EOP as an operation ends, if EOPIE | 3.6.6 |
-//! | The supply that each parallelism needs | 3.6.2 |
+//! | EOP at the end of an operation, if EOPIE | 3.6.6 |
+//! | The minimum supply of each parallelism | 3.6.2 |
 //!
-//! An operation takes from the typical to the longest time of the data sheet (DS8626, 5.3.12), as
-//! [`Timing`](crate::Timing) says. One that starts below its supply is told, and goes wrong.
+//! An operation takes a time between the typical and the maximum of the data sheet (DS8626, 5.3.12), by
+//! [`Timing`](crate::Timing). One that starts below its minimum supply is reported, and fails.
 //!
-//! While an operation lasts, the core stands still, as one does that runs from the flash (3.6). Timers and DMA go on. Power
-//! that goes, and a reset, leave an operation half done. PGAERR has no model: no bus transfer crosses a row of 128 bits.
+//! During an operation the core stalls, as it executes from the flash (3.6). Timers and DMA continue. A loss of power,
+//! and a reset, leave an operation half done. PGAERR has no model: no bus transfer crosses a row of 128 bits.
 //!
-//! Refused by name: 64 bits at once.
+//! Refused with its name: 64-bit parallelism.
 
 use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::{Flash, SIZE};
@@ -70,7 +70,7 @@ mod cr {
     pub(super) const WRITABLE: u32 = PG | SER | MER | SNB << SNB_AT | PSIZE << PSIZE_AT | STRT | EOPIE | ERRIE | LOCK;
 }
 
-/// Bits of OPTCR (3.9.9), and what it is as the chip is delivered.
+/// Bits of OPTCR (3.9.9), and its value at delivery.
 mod optcr {
     pub(super) const OPTLOCK: u32 = 1;
     pub(super) const OPTSTRT: u32 = 1 << 1;
@@ -82,21 +82,21 @@ mod optcr {
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
 
-/// How long a word takes, whatever its width: typical, and at worst (DS8626, 5.3.12).
+/// Duration of the programming of a word of any width: typical and maximum (DS8626, 5.3.12).
 const PROGRAM: (Nanos, Nanos) = (Nanos(16_000), Nanos(100_000));
 
-/// The typical time of an erase in milliseconds with 8, 16 and 32 bits at once (DS8626, 5.3.12).
+/// The typical duration of an erase in milliseconds with a parallelism of 8, 16 and 32 bits (DS8626, 5.3.12).
 const ERASE_16K: [u64; 3] = [400, 300, 250];
 const ERASE_64K: [u64; 3] = [1_200, 700, 550];
 const ERASE_128K: [u64; 3] = [2_000, 1_300, 1_000];
 const ERASE_ALL: [u64; 3] = [16_000, 11_000, 8_000];
-/// At worst an erase takes twice the typical time.
+/// The maximum duration of an erase is twice the typical one.
 const WORST_ERASE: u64 = 2;
 
-/// The least supply in millivolts with 8, 16 and 32 bits at once (3.6.2, table 13).
+/// The minimum supply in millivolts with a parallelism of 8, 16 and 32 bits (3.6.2, table 13).
 const LEAST_MV: [u32; 3] = [1_800, 2_100, 2_700];
 
-/// Where each sector starts, and where the last one ends (3.4, table 5).
+/// The start of each sector, and the end of the last one (3.4, table 5).
 const SECTORS: [usize; 13] = {
     let mut starts = [0; 13];
     let mut nth = 0;
@@ -113,21 +113,21 @@ const SECTORS: [usize; 13] = {
 };
 const SECTOR_COUNT: usize = SECTORS.len() - 1;
 
-/// The fastest HCLK in hertz for each wait state, with a supply of 2.7 V and more (3.5.1, table 10).
+/// The maximum HCLK in hertz per wait state, with a supply of 2.7 V or more (3.5.1, table 10).
 const PER_WAIT_STATE: u64 = 30_000_000;
 
-/// Bytes that the flash delivers at once, and lines of the caches (3.5.2).
+/// Bytes per flash line, and lines of the caches (3.5.2).
 const LINE: u32 = 16;
 const CODE_LINES: usize = 64;
 const DATA_LINES: usize = 8;
 
-/// How far an unlock sequence is.
+/// The progress of an unlock sequence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Keys {
     None,
     First,
     Unlocked,
-    /// A wrong one came: the register stays locked until the next reset.
+    /// A wrong key was written: the register stays locked until the next reset.
     Wrong,
 }
 
@@ -152,9 +152,9 @@ pub(super) struct Interface {
     keys: Keys,
     option_keys: Keys,
     optcr: u32,
-    /// OPTCR as it was last programmed.
+    /// OPTCR as last programmed.
     options: u32,
-    /// Whether the operation goes wrong: the supply was too low for it.
+    /// True if the operation fails because of a low supply.
     fails: bool,
 }
 
@@ -163,7 +163,7 @@ impl Interface {
         Self::with(Array::new(flash), optcr::DELIVERED & !optcr::OPTLOCK)
     }
 
-    /// The interface as a reset leaves it, with these option bytes.
+    /// The reset state of the interface, with these option bytes.
     fn with(array: Array, options: u32) -> Self {
         Self {
             array,
@@ -178,40 +178,40 @@ impl Interface {
         }
     }
 
-    /// The chip restarts, or its power goes: what was under way is left half done.
+    /// A restart of the chip, or a loss of power: an operation in progress is left half done.
     pub(super) fn restart(&mut self, memory: &mut Memory) {
         self.array.interrupt(memory);
         *self = Self::with(self.array.clone(), self.options);
     }
 
-    /// Whether an operation is under way: the core waits.
+    /// Returns true during an operation: the core waits.
     #[inline]
     pub(super) fn is_busy(&self) -> bool {
         self.array.is_busy()
     }
 
-    /// The supply, in millivolts.
+    /// The supply voltage, in millivolts.
     pub(super) fn millivolts(&self) -> u32 {
         self.array.millivolts()
     }
 
-    /// Whether the power is to go now.
+    /// Returns true if the power fails now.
     pub(super) fn take_cut(&mut self, now: Nanos) -> bool {
         self.array.take_cut(now)
     }
 
-    /// The level of the interrupt line (3.6.6): EOP and OPERR are set only if they interrupt.
+    /// The level of the interrupt line (3.6.6): EOP and OPERR are set only if their interrupt is enabled.
     pub(super) fn interrupts(&self) -> bool {
         self.sr & self.cr >> 24 & (sr::EOP | sr::OPERR) != 0
     }
 
-    /// What is wrong with an HCLK of `hz`.
+    /// The violation of an HCLK of `hz`, if any.
     pub(super) fn fault(&self, hz: u64) -> Option<Refused> {
         let most = PER_WAIT_STATE * u64::from((self.acr & acr::LATENCY) + 1);
         (hz > most).then(|| forbidden("ACR", "3.5.1: too few wait states for HCLK"))
     }
 
-    /// The flash as the core's timing sees it.
+    /// The flash timing for the core.
     pub(super) fn timing(&self) -> FlashTiming {
         let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
         FlashTiming {
@@ -227,7 +227,7 @@ impl Interface {
         field(self.cr, cr::PSIZE_AT, cr::PSIZE)
     }
 
-    /// Starts an operation. Fails if it will go wrong.
+    /// Starts an operation. Returns an error if it will fail.
     fn start(&mut self, operation: Operation, times: (Nanos, Nanos), now: Nanos) -> Result<(), Refused> {
         let what = match operation {
             Operation::Erase(_) => "erase",
@@ -243,7 +243,7 @@ impl Interface {
         Ok(())
     }
 
-    /// Ends what is due.
+    /// Completes the due operation.
     pub(super) fn finish(&mut self, now: Nanos, memory: &mut Memory) {
         let Some(operation) = self.array.take_ended(now) else {
             return;
@@ -272,7 +272,7 @@ impl Interface {
         }
     }
 
-    /// Whether a sector may be changed. There are no others.
+    /// Returns true if a sector exists and may be changed.
     fn is_open(&self, sector: usize) -> bool {
         sector < SECTOR_COUNT && self.options >> optcr::NWRP_AT & self.optcr >> optcr::NWRP_AT & 1 << sector != 0
     }
@@ -281,9 +281,9 @@ impl Interface {
         self.keys != Keys::Unlocked
     }
 
-    /// A store of the core to the flash, at this offset.
+    /// Handles a store of the core to the flash, at this offset.
     pub(super) fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
-        // A store that strays is a bug that nobody would see.
+        // A stray store is a bug that would otherwise go unnoticed.
         if self.is_locked() || self.cr & cr::PG == 0 {
             self.flag_error(sr::PGSERR);
             return Err(forbidden("SR", "3.6.4: a store to the flash while PG is clear"));

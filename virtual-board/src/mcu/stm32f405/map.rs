@@ -9,8 +9,8 @@ use crate::mcu::common::rcc::Gate;
 use crate::mcu::common::syscfg::Layout;
 use crate::mcu::common::system_memory::SystemMemory;
 
-/// The memories, the interrupts (12.1), and the system memory (2.4, 39.1 and 39.2). The core-coupled memory, which the firmware
-/// does not use, has no model, nor has the backup SRAM.
+/// The memories, the interrupts (12.1), and the system memory (2.4, 39.1 and 39.2). The core-coupled memory, which the
+/// firmware does not use, and the backup SRAM have no model.
 pub(super) const MAP: Map = Map {
     flash: 0x0800_0000,
     flash_size: SIZE,
@@ -24,7 +24,7 @@ pub(super) const MAP: Map = Map {
     },
 };
 
-/// Places in the vector table (table 62).
+/// Interrupt numbers (table 62).
 pub(super) mod interrupt {
     pub(in super::super) const FLASH: u16 = 4;
     /// TX, RX0, RX1 and SCE.
@@ -57,7 +57,7 @@ pub(crate) enum Block {
     Dbgmcu,
 }
 
-/// Where OTG_FS begins, and the bytes that it has.
+/// The start and size of OTG_FS.
 const OTG_FS: u32 = 0x5000_0000;
 const OTG_FS_SIZE: u32 = 0x4_0000;
 

@@ -1,7 +1,7 @@
 //! The STM32F405RG (RM0090). Sections are those of RM0090, revision 19; DS8626 is the data sheet.
 //!
-//! [`map`] has the addresses. This file joins the peripherals: it carries interrupts, DMA transfers and clocks between them.
-//! The flow of accesses, events and resets is that of both chips, in [`mcu`](super::common::mcu).
+//! [`map`] has the addresses. This file connects the peripherals: interrupts, DMA transfers and clocks. The flow of
+//! accesses, events and resets is common to both chips, in [`mcu`](super::common::mcu).
 
 mod bxcan;
 mod capture;
@@ -56,17 +56,17 @@ const USART2_TX: Request = Request {
     channel: 4,
 };
 
-/// The register that the DMA reads and writes.
+/// The register accessed by the DMA.
 const USART2_DR: u32 = 0x4000_4400 + usart::DR;
 
-/// GPIOA's number, and its pin that USART2 sends on: PA2.
+/// GPIOA's number, and the TX pin of USART2: PA2.
 const PORT_A: u8 = 0;
 const TX_PIN: u32 = 2;
 
-/// Ports: GPIOA to GPIOI.
+/// Number of ports: GPIOA to GPIOI.
 const PORTS: usize = 9;
 
-/// Registers of GPIO ports after a reset (8.4.1, 8.4.3, 8.4.4). PA13 to PA15, PB3 and PB4 are the debugger's.
+/// Reset values of GPIO registers (8.4.1, 8.4.3, 8.4.4). PA13 to PA15, PB3 and PB4 belong to the debugger.
 const fn gpio_at_reset(port: usize) -> AtReset {
     match port {
         0 => AtReset {
@@ -149,7 +149,7 @@ impl Stm32f405 {
         }
     }
 
-    /// A step of a DMA stream.
+    /// Executes a step of a DMA stream.
     fn step_dma(&mut self, common: &mut Common, memory: &mut Memory) {
         let now = common.now;
         let requests = self.requests(common);
@@ -173,7 +173,7 @@ impl Stm32f405 {
         self.settle(Slot::Usart, common);
     }
 
-    /// Does what reset bits of RCC say, as they are written.
+    /// Executes the reset bits of RCC, as they are written.
     fn follow_resets(&mut self, common: &mut Common) {
         if !self.rcc.gates().holds_any() {
             return;
@@ -217,7 +217,7 @@ impl Stm32f405 {
         }
     }
 
-    /// Tells the line who drives the pin that the UART sends on. Whether it is low now and was not before.
+    /// Updates the driver of the UART's TX pin. Returns true if the pin has become low.
     fn follow_pin(&mut self, common: &Common) -> bool {
         let port = &self.gpio[usize::from(PORT_A)];
         let pin = port.driver(TX_PIN);
@@ -228,7 +228,7 @@ impl Stm32f405 {
     }
 }
 
-/// Whether a request is high.
+/// Returns true if a request is high.
 fn is_high(requests: Requests, request: Request) -> bool {
     match request {
         USART2_RX => requests.receive,

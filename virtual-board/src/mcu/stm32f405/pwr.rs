@@ -1,4 +1,4 @@
-//! Power control (RM0090, chapter 5): the voltage scale, which bounds the core's clock, the voltage detector, and the
+//! Power control (RM0090, chapter 5): the voltage scale, which limits the core's clock, the voltage detector, and the
 //! protection of the backup domain. Low-power modes and the backup regulator have no model.
 
 use std::ops::RangeInclusive;
@@ -28,8 +28,8 @@ mod csr {
     pub(super) const VOSRDY: u32 = 1 << 14;
 }
 
-/// The detector's thresholds for each PLS in millivolts, typical: of a supply that rises, and of one that falls (DS8626,
-/// table "Embedded reset and power control block characteristics").
+/// The detector's typical thresholds for each PLS in millivolts, for a rising and a falling supply (DS8626, table
+/// "Embedded reset and power control block characteristics").
 const THRESHOLDS: [(u32, u32); 8] = [
     (2_140, 2_040),
     (2_300, 2_190),
@@ -41,11 +41,11 @@ const THRESHOLDS: [(u32, u32); 8] = [
     (3_140, 3_030),
 ];
 
-/// The fastest HCLK in hertz with scale 1 and with scale 2 (5.1.3).
+/// The maximum HCLK in hertz with scale 1 and with scale 2 (5.1.3).
 const SCALE_1: u64 = 168_000_000;
 const SCALE_2: u64 = 144_000_000;
 
-/// How long the regulator takes from one scale to the other, in nanoseconds. The manual says only that VOSRDY tells.
+/// Duration of a change of the voltage scale, in nanoseconds. The manual specifies only the flag VOSRDY.
 const SETTLING: RangeInclusive<u64> = 10_000..=40_000;
 
 /// Power control.
@@ -55,13 +55,13 @@ pub(super) struct Pwr {
     millivolts: u32,
     /// PVDO.
     is_low: bool,
-    /// When the regulator has reached its scale.
+    /// The time at which the regulator reaches its scale.
     ready_at: Nanos,
     chance: Chance,
 }
 
 impl Pwr {
-    /// Out of reset, with this supply.
+    /// The reset state, with this supply voltage.
     pub(super) fn new(millivolts: u32, seed: u64) -> Self {
         Self {
             cr: cr::VOS,
@@ -72,7 +72,7 @@ impl Pwr {
         }
     }
 
-    /// The controller as a reset leaves it. The supply stays.
+    /// The reset state of the controller. The supply voltage stays.
     pub(super) fn reset(&mut self) {
         *self = Self {
             chance: self.chance.clone(),
@@ -80,7 +80,7 @@ impl Pwr {
         };
     }
 
-    /// The supply is this from now on.
+    /// Sets the supply voltage.
     pub(super) fn set_supply(&mut self, millivolts: u32) {
         self.millivolts = millivolts;
         self.detect();
@@ -93,17 +93,17 @@ impl Pwr {
         self.is_low = self.cr & cr::PVDE != 0 && self.millivolts < threshold;
     }
 
-    /// Whether the registers of the backup domain may be written.
+    /// Returns true if the registers of the backup domain may be written.
     pub(super) fn opens_backup_domain(&self) -> bool {
         self.cr & cr::DBP != 0
     }
 
-    /// Whether a write of CR changes the voltage scale, which it must not while the PLL is on (5.1.3).
+    /// Returns true if a write of CR changes the voltage scale, which is forbidden while the PLL is on (5.1.3).
     pub(super) fn changes_scale(&self, offset: u32, value: u32) -> bool {
         offset == CR && (value ^ self.cr) & cr::VOS != 0
     }
 
-    /// What is wrong with an HCLK of `hz`.
+    /// The violation of an HCLK of `hz`, if any.
     pub(super) fn fault(&self, hz: u64) -> Option<Refused> {
         let most = if self.cr & cr::VOS != 0 { SCALE_1 } else { SCALE_2 };
         (hz > most).then(|| forbidden("CR", "5.1.3: HCLK above 168 MHz, or above 144 MHz with scale 2"))

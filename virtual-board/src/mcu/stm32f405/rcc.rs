@@ -1,10 +1,10 @@
 //! Reset and clock control (RM0090, chapter 7).
 //!
 //! Modelled are the oscillators HSI, HSE and LSI with their start-up times, the main PLL, the system clock switch, the
-//! prescalers, the crystal's clock divided for the RTC and for TIM11, clock enables, resets and reset flags. PLLI2S, clock
+//! prescalers, the crystal's divided clock for the RTC and TIM11, clock enables, resets and reset flags. PLLI2S, clock
 //! security, clock outputs, spread spectrum and interrupts have no model.
 //!
-//! The crystal takes the time to start that the board says, or never starts.
+//! The board sets the start-up time of the crystal, or a crystal that never starts.
 
 use std::ops::RangeInclusive;
 
@@ -36,21 +36,21 @@ pub(super) const BDCR: u32 = 0x70;
 const CSR: u32 = 0x74;
 const SSCGR: u32 = 0x80;
 const PLLI2SCFGR: u32 = 0x84;
-/// Where the STM32F42x has a register that the STM32F405 lacks.
+/// The offset of a register that only the STM32F42x has.
 const DCKCFGR: u32 = 0x8C;
 
 /// Bits of CR (7.3.1).
 mod cr {
     pub(super) const HSION: u32 = 1;
     pub(super) const HSIRDY: u32 = 1 << 1;
-    /// HSITRIM as a reset leaves it. HSICAL, which the factory sets, reads 0.
+    /// The reset value of HSITRIM. HSICAL, a factory value, reads 0.
     pub(super) const HSITRIM: u32 = 0x10 << 3;
     pub(super) const HSEON: u32 = 1 << 16;
     pub(super) const HSERDY: u32 = 1 << 17;
     pub(super) const HSEBYP: u32 = 1 << 18;
     pub(super) const PLLON: u32 = 1 << 24;
     pub(super) const PLLRDY: u32 = 1 << 25;
-    /// The bits that have a model, or are what they are at reset.
+    /// The bits with a model, or with their reset value.
     pub(super) const MODELLED: u32 = HSION | HSIRDY | HSITRIM | HSEON | HSERDY | HSEBYP | PLLON | PLLRDY;
 }
 
@@ -97,7 +97,7 @@ mod csr {
     pub(super) const AT_POWER_ON: u32 = BORRSTF | PINRSTF | PORRSTF;
 }
 
-/// Bits of BDCR (7.3.20) that are kept: the RTC, which they clock, is not there.
+/// Bits of BDCR (7.3.20) that are stored: they have no effect without the RTC.
 mod bdcr {
     pub(super) const RTCSEL: u32 = 0b11 << 8;
     pub(super) const RTCEN: u32 = 1 << 15;
@@ -117,7 +117,7 @@ const VCO: RangeInclusive<u64> = 100_000_000..=432_000_000;
 const MULTIPLIERS: RangeInclusive<u32> = 50..=432;
 const LEAST_DIVIDER: u32 = 2;
 
-/// The fastest APB1 and APB2 (7.2).
+/// The maximum rates of APB1 and APB2 (7.2).
 const MOST_APB1: u64 = 42_000_000;
 const MOST_APB2: u64 = 84_000_000;
 
@@ -131,7 +131,7 @@ const BUSES: usize = 5;
 const RESET_REGISTERS: [u32; BUSES] = [AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR, APB2RSTR];
 const ENABLE_REGISTERS: [u32; BUSES] = [AHB1ENR, AHB2ENR, AHB3ENR, APB1ENR, APB2ENR];
 
-/// The enable registers after a reset: the core-coupled memory (7.3.10).
+/// The reset values of the enable registers: the core-coupled memory is enabled (7.3.10).
 const ENABLED_AT_RESET: [u32; BUSES] = [1 << 20, 0, 0, 0, 0];
 
 pub(super) mod gates {
@@ -153,7 +153,7 @@ pub(super) mod gates {
     }
 }
 
-/// The rates of the clocks in hertz, 0 for one that stands still.
+/// The rates of the clocks in hertz, 0 for a stopped clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Clocks {
     /// HCLK: core, memories, AHB.
@@ -174,9 +174,9 @@ pub(super) struct Clocks {
 #[derive(Debug)]
 pub(super) struct Rcc {
     oscillator: Shared<Oscillator>,
-    /// HSI's rate.
+    /// The rate of HSI.
     internal_hz: u64,
-    /// The crystal's rate since it was last ready.
+    /// The rate of the crystal when it was last ready.
     crystal_hz: u64,
     chance: Chance,
     hsi: Source,
@@ -192,12 +192,12 @@ pub(super) struct Rcc {
     gates: Gates<BUSES>,
     /// The reset flags of CSR.
     flags: u32,
-    /// Up to when what was due has been done.
+    /// The time up to which due events have been executed.
     settled: Nanos,
 }
 
 impl Rcc {
-    /// Out of a power-on reset, with a crystal.
+    /// The power-on reset state, with a crystal.
     pub(super) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
         let internal_hz = {
             let mut oscillator = lock(&oscillator);
@@ -224,7 +224,7 @@ impl Rcc {
         }
     }
 
-    /// The state after a reset by this cause. The flags of earlier ones stay (7.3.21).
+    /// A reset by this cause. Flags of earlier resets stay (7.3.21).
     pub(super) fn reset(&mut self, cause: Cause) {
         let flags = match cause {
             Cause::Power => csr::AT_POWER_ON,
@@ -254,7 +254,7 @@ impl Rcc {
         self.lsi.set(true, || Some(chance.span(LSI_START)), now);
     }
 
-    /// The board may have another crystal now: one that did not start may start.
+    /// Checks for a new crystal: one that did not start may start now.
     pub(super) fn look(&mut self, now: Nanos) {
         if self.hse.on && self.hse.ready_at.is_none() {
             let startup = lock(&self.oscillator).crystal.startup;
@@ -296,7 +296,7 @@ impl Rcc {
         let bus = |at| {
             let divider = apb_divider(field(self.cfgr, at, 0b111));
             let bus = ahb / divider;
-            // 7.2: the timers run at twice the rate of a bus that is divided.
+            // 7.2: the timers run at twice the rate of a divided bus.
             (bus, if divider == 1 { bus } else { 2 * bus })
         };
         let (apb1, apb1_timers) = bus(cfgr::PPRE1_AT);
@@ -312,7 +312,7 @@ impl Rcc {
         }
     }
 
-    /// The PLL locks once it is on and its input is there. The system clock switches once its source is ready (7.2.6).
+    /// Locks the PLL once it is on and its input is ready. Switches the system clock once its source is ready (7.2.6).
     fn settle(&mut self, now: Nanos) {
         if self.hse.is_ready(now) && self.crystal_hz == 0 {
             self.crystal_hz = lock(&self.oscillator).crystal.hertz.into();
@@ -335,13 +335,13 @@ impl Rcc {
         self.settled = now;
     }
 
-    /// Notes what the crystal's divided clock is, and what the core runs from.
+    /// Updates the crystal's divided clock, and the source of the core clock.
     fn follow_divided(&self, now: Nanos) {
         let divider = field(self.cfgr, cfgr::RTCPRE_AT, cfgr::RTCPRE);
         let mut oscillator = lock(&self.oscillator);
         oscillator.core_is_internal = self.selected == cfgr::HSI;
         oscillator.divided = match oscillator.divided {
-            // RTCPRE of 0 and 1 is no clock (7.3.3).
+            // RTCPRE of 0 and 1 gives no clock (7.3.3).
             _ if !self.hse.is_ready(now) || divider < 2 => None,
             Some(divided) if divided.divider == divider => Some(divided),
             _ => Some(Divided {
@@ -373,7 +373,7 @@ impl Rcc {
         Ok(())
     }
 
-    /// What is wrong with the PLL as it is set.
+    /// Checks the settings of the PLL.
     fn check_pll(&self) -> Result<(), Refused> {
         let divider = field(self.pllcfgr, pllcfgr::Q_AT, pllcfgr::Q);
         if !MULTIPLIERS.contains(&self.multiplier()) || divider < LEAST_DIVIDER {
@@ -390,7 +390,7 @@ impl Rcc {
         Ok(())
     }
 
-    /// What is wrong with the present rates, whatever the supply and the flash.
+    /// The violation of the present rates, independent of supply and flash.
     pub(super) fn fault(&self, now: Nanos) -> Option<Refused> {
         let clocks = self.clocks(now);
         (clocks.apb1 > MOST_APB1 || clocks.apb2 > MOST_APB2)

@@ -1,4 +1,4 @@
-//! The part without a core: its registers written by hand.
+//! The chip without a core: its registers written by the tests.
 
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
@@ -43,20 +43,20 @@ const RXNE: u32 = 1 << 5;
 const RECEIVE: u32 = 4 << 25 | 1 << 10 | 1 << 8;
 const EN: u32 = 1;
 
-/// Core-coupled memory, which is on no bus but the processor's (2.3.1).
+/// Core-coupled memory, which is only on the processor's bus (2.3.1).
 const CCM: u32 = 0x1000_0000;
 
-/// What memory reads that nobody has written.
+/// The value of unwritten memory.
 const UNTOUCHED: u8 = 0xEE;
 
-/// DMA transfers that take no time.
+/// DMA transfers without delays.
 const PROMPT: Delays = Delays {
     arbitration: 0..=0,
     transfer: 0..=0,
     count: 0..=0,
 };
 
-/// Where the DMA puts bytes, and how many before it starts again.
+/// The address and size of the DMA ring.
 const RING: u32 = 0x2000_0000;
 const RING_SIZE: u32 = 16;
 
@@ -66,7 +66,7 @@ mod flash;
 mod timers;
 mod usart;
 
-/// An arm that says what it is given when it is due.
+/// An arm that sends given bytes at given times.
 #[derive(Debug, Default)]
 struct Arm {
     says: VecDeque<(Instant, u8)>,
@@ -87,7 +87,7 @@ impl SerialDevice for Arm {
     }
 }
 
-/// The part, its line, and its memories.
+/// The chip, its line, and its memories.
 struct Bench {
     part: Mcu<Stm32f405>,
     line: SharedLine<Arm>,
@@ -99,12 +99,12 @@ struct Bench {
     now: Nanos,
     /// The changes of interrupt lines.
     interrupts: Vec<bool>,
-    /// How many violations were asked for.
+    /// Number of violations read so far.
     told: usize,
 }
 
 impl Bench {
-    /// USART2 runs at 1 Mbaud from the 16 MHz that the part starts with, and its DMA fills a ring, in no time.
+    /// USART2 runs at 1 Mbaud from the initial 16 MHz, and its DMA fills a ring, without delays.
     fn new(reenabled: Reenabled) -> Self {
         let starve = Arc::new(AtomicBool::new(false));
         let line = Arc::new(Mutex::new(Line::new(Arm::default(), 1_000_000, 0, starve.clone())));
@@ -151,7 +151,7 @@ impl Bench {
         bench
     }
 
-    /// Does what is due, and notes what the core is told.
+    /// Executes due events, and records the changes of interrupt lines.
     fn settle(&mut self) {
         while self.part.next_event() <= self.now {
             self.part.handle_event(&mut self.memory);
@@ -191,7 +191,7 @@ impl Bench {
         value
     }
 
-    /// Whether there is nothing at an address, or it does not answer.
+    /// Returns true if there is nothing at an address, or if it refuses the access.
     fn is_refused(&mut self, address: u32) -> bool {
         let before = self.part.recorder().violations().len();
         let access = self.access(address, Width::Word);
@@ -199,7 +199,7 @@ impl Bench {
         read.is_err() || self.part.recorder().violations().len() > before
     }
 
-    /// A look outside, where the test may have changed something, then each event at its instant.
+    /// Checks for changes by the test, then executes each event at its instant.
     fn run_until(&mut self, until: Nanos) {
         self.part.come_near(self.now);
         self.part.look(self.now, &mut self.memory);
@@ -235,12 +235,12 @@ impl Bench {
         self.memory.read(address, Width::Byte).unwrap() as u8
     }
 
-    /// The changes of interrupt lines since this was last asked, as whether they went up.
+    /// The changes of interrupt lines since the last call: true for a rising edge.
     fn drain_interrupts(&mut self) -> Vec<bool> {
         std::mem::take(&mut self.interrupts)
     }
 
-    /// How many violations there were since this was last asked.
+    /// Number of violations since the last call.
     fn drain_told(&mut self) -> usize {
         let told = self.part.recorder().violations().len();
         told - std::mem::replace(&mut self.told, told)
@@ -345,7 +345,7 @@ fn a_wrong_parity_bit_interrupts_if_that_is_enabled() {
         bench.write(USART_CR3, 0);
         let parity = 1 << 13 | 1 << 12 | 1 << 10 | 1 << 3 | 1 << 2;
         bench.write(USART_CR1, parity | u32::from(enabled) << 8);
-        // The arm has no parity bit: its stop bit is high where the even parity of 0x41 is low.
+        // The arm has no parity bit: its stop bit is high in the place of the low even parity of 0x41.
         bench.say(&[0x41]);
         bench.run_until(Nanos(20_000));
         bench.read(USART_SR);
@@ -460,7 +460,7 @@ fn half_duplex(receives: bool) -> Bench {
     bench
 }
 
-/// The bytes on the line, as who sent them when and how they fared.
+/// The bytes on the line: time, direction, byte, outcome.
 fn bytes(bench: &Bench) -> Vec<(u64, Direction, u8, Outcome)> {
     let line = lock(&bench.line);
     let each = |byte: &LineByte| (byte.at.0, byte.direction, byte.sent, byte.outcome);
@@ -541,7 +541,7 @@ fn on_one_wire_bytes_that_overlap_collide() {
         assert_eq!(lock(&bench.line).arm_mut().heard[0].1, !0x11);
         assert!(!bench.ring(2).contains(&0x11) && !bench.ring(2).contains(&0x33));
         assert_eq!(bench.read(USART_SR) & FE, FE);
-        // The line is fine afterwards.
+        // The line works again.
         bench.say(&[0x44]);
         bench.run_until(Nanos(300_000));
         assert!(bench.ring(4).contains(&0x44));
@@ -556,7 +556,7 @@ fn can1_runs_on_the_clock_of_its_bus_once_that_is_on() {
     let mut bench = Bench::new(Reenabled::Restarts);
     assert!(bench.is_refused(MCR), "its clock is off");
     lock(&bench.can).attach(1_000_000);
-    // 16 quanta of the 16 MHz that the part starts with.
+    // 16 quanta of the initial 16 MHz.
     for (address, value) in [
         (RCC_APB1ENR, 1 << 17 | 1 << 25),
         (MCR, 1),

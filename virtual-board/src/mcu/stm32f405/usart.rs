@@ -1,18 +1,18 @@
-//! USART2, which the arm is connected to (RM0090, chapter 30).
+//! USART2, the UART of the arm (RM0090, chapter 30).
 //!
 //! | Behaviour | Section |
 //! |---|---|
 //! | Bit rate from BRR and OVER8 | 30.3.4 |
-//! | Transmit data register and shift register; TXE, TC; the idle frame that TE begins with | 30.3.2 |
-//! | Receive data register; RXNE, ORE; IDLE after a frame of silence | 30.3.3 |
+//! | Transmit data register and shift register; TXE, TC; the idle frame after TE is set | 30.3.2 |
+//! | Receive data register; RXNE, ORE; IDLE after an idle frame | 30.3.3 |
 //! | Parity with 9 bits; PE | 30.3.7 |
 //! | Framing and noise errors: the byte arrives with its flag | 30.3.3 |
-//! | Half-duplex mode: the receiver hears the transmitter | 30.3.10 |
+//! | Half-duplex mode: the receiver gets the transmitted bytes | 30.3.10 |
 //! | DMA requests | 30.3.13 |
-//! | Flags cleared by reading SR, then DR; those that a written 0 clears | 30.6.1 |
+//! | Flags cleared by reading SR, then DR; flags cleared by writing 0 | 30.6.1 |
 //!
-//! A read of DR by the DMA ends the sequence as one of the core does. Refused by name: 7 and 9 data bits, half stop bits,
-//! breaks, and everything that is not asynchronous.
+//! A read of DR by the DMA ends the sequence like one of the core. Refused with their name: 7 and 9 data bits, half
+//! stop bits, breaks, and all modes except asynchronous.
 
 use crate::line::{AnyLine, Arrival, Format, LOW, Parity, SECOND};
 use crate::mcu::common::shifter::{Settings, Shifter};
@@ -38,11 +38,11 @@ mod sr {
     pub(super) const RXNE: u32 = 1 << 5;
     pub(super) const TC: u32 = 1 << 6;
     pub(super) const TXE: u32 = 1 << 7;
-    /// Cleared by a read of SR that shows them, and then a read of DR.
+    /// Cleared by a read of SR that returns them, followed by a read of DR.
     pub(super) const CLEARED_IF_SEEN: u32 = FE | NF | ORE;
-    /// Cleared by any read of SR, and then a read of DR.
+    /// Cleared by any read of SR, followed by a read of DR.
     pub(super) const CLEARED_BY_READING: u32 = PE | IDLE;
-    /// Cleared by any read of SR, and then a write of DR.
+    /// Cleared by any read of SR, followed by a write of DR.
     pub(super) const CLEARED_BY_WRITING: u32 = PE | TC;
 }
 
@@ -94,14 +94,14 @@ pub(super) struct Usart {
     gtpr: u32,
     /// PE, FE, NF, ORE, IDLE and TC.
     flags: u32,
-    /// What the last read of SR showed, until an access to DR ends the sequence.
+    /// The value of the last read of SR, until an access to DR ends the sequence.
     seen: Option<u32>,
-    /// What DR holds for a reader, while RXNE is set, and what it held last.
+    /// The received byte, while RXNE is set, and the last one.
     received: Option<u8>,
     last: u8,
-    /// What DR holds for the transmitter, while TXE is clear.
+    /// The byte for the transmitter, while TXE is clear.
     transmit: Option<u8>,
-    /// Whether a byte was received since the line was last idle.
+    /// True if a byte was received since the line was last idle.
     heard: bool,
 }
 
@@ -124,7 +124,7 @@ impl Usart {
         }
     }
 
-    /// The USART as a reset leaves it. Line and clock stay.
+    /// The reset state of the USART. Line and clock stay.
     pub(super) fn reset(&mut self, now: Nanos) {
         *self = Self {
             clock_hz: self.clock_hz,
@@ -140,7 +140,7 @@ impl Usart {
         }
     }
 
-    /// The program may have changed the line.
+    /// Checks for changes of the line by the program.
     pub(super) fn look(&mut self, now: Nanos) {
         self.settle(now);
         self.advance(now);
@@ -159,19 +159,19 @@ impl Usart {
             || self.cr3 & (cr3::EIE | cr3::DMAR) == cr3::EIE | cr3::DMAR && status & (sr::FE | sr::NF | sr::ORE) != 0
     }
 
-    /// Whether the receiver requests a DMA transfer.
+    /// Returns true if the receiver requests a DMA transfer.
     #[inline]
     pub(super) fn requests_receive(&self) -> bool {
         self.cr3 & cr3::DMAR != 0 && self.received.is_some()
     }
 
-    /// Whether the transmitter requests a DMA transfer.
+    /// Returns true if the transmitter requests a DMA transfer.
     #[inline]
     pub(super) fn requests_transmit(&self) -> bool {
         self.cr3 & cr3::DMAT != 0 && self.transmit.is_none()
     }
 
-    /// What a read of a register would give, without what it does.
+    /// The value of a register, without side effects of a read.
     pub(super) fn peek(&self, offset: u32) -> Result<u32, Refused> {
         match offset {
             SR => Ok(self.status()),
@@ -185,7 +185,7 @@ impl Usart {
         }
     }
 
-    /// Whether UE and this bit of CR1 are set.
+    /// Returns true if UE and this bit of CR1 are set.
     fn is_on(&self, bit: u32) -> bool {
         self.cr1 & (cr1::UE | bit) == cr1::UE | bit
     }
@@ -208,7 +208,7 @@ impl Usart {
         }
     }
 
-    /// One bit in picoseconds, 0 while nothing divides the clock (30.3.4).
+    /// The bit time in picoseconds, 0 without a divider (30.3.4).
     fn bit(&self) -> u64 {
         let cycles = if self.cr1 & cr1::OVER8 != 0 {
             self.brr >> 4 << 3 | self.brr & 0b111
@@ -218,7 +218,7 @@ impl Usart {
         (u64::from(cycles) * SECOND).checked_div(self.clock_hz).unwrap_or(0)
     }
 
-    /// Tells the line what changed.
+    /// Passes changes on to the line.
     fn settle(&mut self, now: Nanos) {
         let settings = Settings {
             bit: self.bit(),
@@ -231,7 +231,7 @@ impl Usart {
         self.shifter.set(settings, now);
     }
 
-    /// A byte has arrived. One that comes while RXNE is set is lost, with what is wrong with it (30.3.3).
+    /// Handles a received byte. One that arrives while RXNE is set is lost, including its errors (30.3.3).
     fn receive(&mut self, arrival: Arrival) {
         if self.received.is_some() {
             self.flags |= sr::ORE;
@@ -259,7 +259,7 @@ impl Usart {
         self.transmit = Some(value as u8);
     }
 
-    /// A 0 clears TC and RXNE, a 1 changes nothing. The other flags are the hardware's.
+    /// A 0 clears TC and RXNE, a 1 has no effect. Hardware controls the other flags.
     fn write_status(&mut self, value: u32) {
         self.seen = None;
         self.flags &= value | !sr::TC;
@@ -298,7 +298,7 @@ impl Usart {
             }
             CR3 if value & !cr3::MODELLED != 0 => return Err(Refused::Unimplemented("CR3")),
             CR3 => self.cr3 = value,
-            // It does nothing in asynchronous mode.
+            // It has no effect in asynchronous mode.
             GTPR => self.gtpr = value,
             _ => return Err(Refused::NoRegister),
         }

@@ -1,5 +1,5 @@
-//! The clock recovery system of HSI48 (RM0440, chapter 8): each start of frame on USB is a synchronization. The oscillator is
-//! exact here, so there is never an error to trim.
+//! The clock recovery system of HSI48 (RM0440, chapter 8): each start of frame on USB is a synchronization. The
+//! oscillator is exact in this model, and never needs trimming.
 
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
@@ -44,7 +44,7 @@ impl Default for Crs {
 }
 
 impl Crs {
-    /// A start of frame came on USB.
+    /// Handles a start of frame on USB.
     pub(super) fn start_of_frame(&mut self) {
         if self.cr & CEN != 0 && field(self.cfgr, SYNCSRC_AT, 0b11) == USB_SOF {
             self.flags |= SYNCOKF | ESYNCF;
@@ -65,7 +65,7 @@ impl Peripheral for Crs {
 
     fn write(&mut self, offset: u32, value: u32, _: Nanos) -> Result<(), Refused> {
         match offset {
-            // Interrupts have no model, nor a synchronization by software.
+            // Interrupts and synchronization by software have no model.
             CR if value & !CR_MODELLED != 0 => return Err(Refused::Unimplemented("CR")),
             CR => self.cr = value,
             CFGR if self.cr & CEN != 0 => return Err(forbidden("CFGR", "8.7.2: written while CEN is set")),

@@ -1,19 +1,19 @@
 //! DMA1, DMA2 and the request multiplexer DMAMUX1 (RM0440, chapters 12 and 13).
 //!
-//! Modelled are peripheral to memory and memory to peripheral, by bytes, circular or not. Refused by name: wider transfers,
-//! memory to memory, synchronization, request generators.
+//! Modelled are peripheral to memory and memory to peripheral, by bytes, circular or not. Refused with their name:
+//! wider transfers, memory to memory, synchronization, request generators.
 
 use crate::mcu::common::dma::{Count, Step, Steps, Transfer};
 use crate::soc::peripheral::{Refused, field, forbidden};
 use crate::time::Nanos;
 
-/// Channels of a controller (12.3.1, category 2), and of both.
+/// Number of channels of a controller (12.3.1, category 2), and of both.
 pub(super) const CHANNELS: usize = 6;
 pub(super) const ALL_CHANNELS: usize = 2 * CHANNELS;
 
 const ISR: u32 = 0x00;
 const IFCR: u32 = 0x04;
-/// The first channel's registers, and what each has (12.6.3 to 12.6.6).
+/// The first channel's registers, and the registers of each channel (12.6.3 to 12.6.6).
 const FIRST: u32 = 0x08;
 const EACH: u32 = 20;
 const LAST: u32 = FIRST + EACH * CHANNELS as u32;
@@ -32,7 +32,7 @@ mod flag {
     pub(super) const BITS: u32 = 4;
 }
 
-/// Bits of CCR (12.6.3). The interrupt enables are where the flags are.
+/// Bits of CCR (12.6.3). The interrupt enables have the positions of the flags.
 mod ccr {
     pub(super) const EN: u32 = 1;
     pub(super) const INTERRUPTS: u32 = super::flag::COMPLETE | super::flag::HALF | super::flag::ERROR;
@@ -49,7 +49,7 @@ mod ccr {
 
 const NDT: u32 = 0xFFFF;
 
-/// Registers of the multiplexer (13.6), and DMAREQ_ID and EGE of a channel's. The events that EGE lets out go nowhere.
+/// Registers of the multiplexer (13.6), and DMAREQ_ID and EGE of a channel. The events enabled by EGE are unconnected.
 const MUX_CHANNELS_END: u32 = 4 * ALL_CHANNELS as u32;
 const MUX_CSR: u32 = 0x80;
 const MUX_CFR: u32 = 0x84;
@@ -112,7 +112,7 @@ impl Dma {
         }
     }
 
-    /// A controller, 0 or 1, as a reset leaves it.
+    /// Resets a controller, 0 or 1.
     pub(super) fn reset(&mut self, controller: usize) {
         self.flags[controller] = 0;
         for channel in controller * CHANNELS..(controller + 1) * CHANNELS {
@@ -121,7 +121,7 @@ impl Dma {
         }
     }
 
-    /// The multiplexer as a reset leaves it.
+    /// Resets the multiplexer.
     pub(super) fn reset_multiplexer(&mut self) {
         self.requests = [0; ALL_CHANNELS];
     }
@@ -132,7 +132,7 @@ impl Dma {
         flags & self.channels[channel].ccr & ccr::INTERRUPTS != 0
     }
 
-    /// Starts what the levels of the requests ask for.
+    /// Starts transfers for the requests that are high.
     pub(super) fn follow_requests(&mut self, is_high: impl Fn(u32) -> bool, now: Nanos) {
         for (number, (channel, request)) in self.channels.iter().zip(self.requests).enumerate() {
             let can = channel.is_on() && channel.count.left > 0 && self.steps.waits(number);
@@ -142,7 +142,7 @@ impl Dma {
         }
     }
 
-    /// Takes the next step that is due at `now`, and the channel that takes it. A request that is low by now gets nothing.
+    /// Takes the next step that is due at `now`, with its channel. A request that is no longer high gets nothing.
     pub(super) fn step(&mut self, is_high: impl Fn(u32) -> bool, now: Nanos) -> Option<(usize, Step)> {
         let number = self.steps.first_due(now)?;
         let is_high = is_high(self.requests[number] & REQUEST_ID);
@@ -153,12 +153,12 @@ impl Dma {
         Some((number, step))
     }
 
-    /// A step that reads has got this byte.
+    /// Passes the byte of a read.
     pub(super) fn fetched(&mut self, channel: usize, value: u8, now: Nanos) {
         self.steps.fetched(channel, value, now);
     }
 
-    /// The bus did not take the last step: the channel stops (12.4.6).
+    /// The last step failed on the bus: the channel stops (12.4.6).
     pub(super) fn fail(&mut self, channel: usize) {
         self.channels[channel].ccr &= !ccr::EN;
         self.steps.stop(channel);
@@ -180,7 +180,7 @@ impl Dma {
         self.flags[channel / CHANNELS] |= (flags | flag::GLOBAL) << (flag::BITS * (channel % CHANNELS) as u32);
     }
 
-    /// When a channel takes its next step.
+    /// The time of a channel's next step.
     pub(super) fn due(&self) -> Option<Nanos> {
         self.steps.due()
     }
@@ -238,7 +238,7 @@ impl Dma {
                 }
                 channel.ccr = value;
                 if !on {
-                    // 12.4.3: it begins from what CMAR says.
+                    // 12.4.3: the channel starts at the address in CMAR.
                     channel.count.programmed = channel.count.left;
                 }
                 if value & ccr::EN == 0 {
@@ -290,13 +290,13 @@ impl Dma {
     }
 }
 
-/// The channel, and which of its registers.
+/// The channel, and the index of its register.
 fn place(controller: usize, offset: u32) -> (usize, u32) {
     let offset = offset - FIRST;
     (controller * CHANNELS + (offset / EACH) as usize, offset % EACH)
 }
 
-/// The flags that a write to IFCR clears: all of a channel with its global one (12.6.2).
+/// The flags cleared by a write to IFCR: a channel's global flag clears all of its flags (12.6.2).
 fn cleared(value: u32) -> u32 {
     (0..CHANNELS as u32)
         .map(|channel| flag::BITS * channel)
@@ -316,7 +316,7 @@ mod tests {
     const REQUEST: u32 = 26;
     const CHANNEL_1: u32 = FIRST;
 
-    /// A controller whose channel 1 moves `count` bytes for a request.
+    /// A controller with channel 1 configured for `count` bytes and a request.
     fn dma(count: u32, control: u32) -> Dma {
         let mut dma = Dma::new(0);
         dma.write_multiplexer(0, REQUEST).unwrap();
@@ -327,7 +327,7 @@ mod tests {
         dma
     }
 
-    /// Lets the request be high for one transfer, and returns the steps with their instants.
+    /// Raises the request for one transfer, and returns the steps with their instants.
     fn transfer(dma: &mut Dma, now: Nanos) -> Vec<(Nanos, Step)> {
         dma.follow_requests(|request| request == REQUEST, now);
         let mut steps = Vec::new();

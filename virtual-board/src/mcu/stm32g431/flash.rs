@@ -5,15 +5,15 @@
 //! |---|---|
 //! | Wait states, prefetch, caches | 5.3.3, 5.3.4 |
 //! | Keys and the lock of CR; a wrong key locks until the next reset | 5.3.5 |
-//! | An erase sets every bit of the page, or of all, as it ends | 5.3.6 |
+//! | An erase sets every bit of the page, or of all, at its end | 5.3.6 |
 //! | Two stores of 32 bits program a double word, which must be erased | 5.3.7 |
 //! | SIZERR, PGAERR, PGSERR, PROGERR | 5.3.7, 5.7.5 |
-//! | A double word whose programming or erasing was interrupted fails its error correction: ECCD, NMI | 5.3.2, 5.7.7 |
+//! | An interrupted programming or erase of a double word causes an ECC error: ECCD, NMI | 5.3.2, 5.7.7 |
 //!
-//! While an operation lasts, the core stands still, as one does that runs from the flash. An interrupted double word always
-//! fails its error correction, and it reads as what is left of it.
+//! During an operation the core stalls, as it executes from the flash. An interrupted double word always has an ECC
+//! error, and reads as its actual bits.
 //!
-//! Refused by name: fast programming, option bytes, write protection, interrupts.
+//! Refused with their name: fast programming, option bytes, write protection, interrupts.
 
 use std::collections::BTreeSet;
 
@@ -24,7 +24,7 @@ use crate::shared::Shared;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
 
-/// The flash's bytes, and those of a page (5.3.1).
+/// Size of the flash, and of a page (5.3.1).
 pub(super) const SIZE: usize = 128 << 10;
 const PAGE: usize = 2 << 10;
 
@@ -89,25 +89,24 @@ mod eccr {
 const KEY_1: u32 = 0x4567_0123;
 const KEY_2: u32 = 0xCDEF_89AB;
 
-/// The option bytes as the chip is delivered (5.7.8).
+/// The option bytes at delivery (5.7.8).
 const OPTIONS: u32 = 0xFFEF_F8AA;
 
-/// How long operations take, typical and at worst (DS12589, table "Flash memory characteristics").
+/// Duration of operations, typical and maximum (DS12589, table "Flash memory characteristics").
 const PROGRAM: (Nanos, Nanos) = (Nanos(81_700), Nanos(83_350));
 const ERASE: (Nanos, Nanos) = (Nanos(22_020_000), Nanos(24_470_000));
 
-/// Bytes that the flash delivers at once, and lines of the instruction and of the data cache (5.3.4: 32 lines of 4 double
-/// words' width are 1 KiB; 8 lines are 256 bytes).
+/// Bytes per flash line, and lines of the instruction and of the data cache (5.3.4: 1 KiB and 256 bytes).
 const LINE: u32 = 8;
 const CODE_LINES: usize = 128;
 const DATA_LINES: usize = 32;
 
-/// How far the unlock sequence is.
+/// The progress of the unlock sequence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Keys {
     None,
     First,
-    /// A wrong one came: CR stays locked until the next reset.
+    /// A wrong key was written: CR stays locked until the next reset.
     Wrong,
 }
 
@@ -122,7 +121,7 @@ pub(super) struct Interface {
     keys: Keys,
     /// The first half of a double word, and its address.
     first_half: Option<(u32, u32)>,
-    /// Double words that fail their error correction.
+    /// Double words with ECC errors.
     broken: BTreeSet<usize>,
 }
 
@@ -131,7 +130,7 @@ impl Interface {
         Self::with(Array::new(flash), BTreeSet::new())
     }
 
-    /// The interface as a reset leaves it, with these double words broken.
+    /// The reset state of the interface, with these broken double words.
     fn with(array: Array, broken: BTreeSet<usize>) -> Self {
         Self {
             array,
@@ -145,12 +144,12 @@ impl Interface {
         }
     }
 
-    /// The interface as a reset of it leaves it (RCC_AHB1RSTR.FLASHRST, 7.4.8).
+    /// A reset of the interface (RCC_AHB1RSTR.FLASHRST, 7.4.8).
     pub(super) fn reset(&mut self) {
         *self = Self::with(self.array.clone(), std::mem::take(&mut self.broken));
     }
 
-    /// The chip restarts, or its power goes: what was under way is left half done.
+    /// A restart of the chip, or a loss of power: an operation in progress is left half done.
     pub(super) fn restart(&mut self, memory: &mut Memory) {
         if let Some(operation) = self.array.interrupt(memory) {
             self.broken.extend(operation.words());
@@ -159,12 +158,12 @@ impl Interface {
         memory.set_flash_reads_on_bus(!self.broken.is_empty());
     }
 
-    /// Whether an operation is under way: the core waits.
+    /// Returns true during an operation: the core waits.
     pub(super) fn is_busy(&self) -> bool {
         self.array.is_busy()
     }
 
-    /// Whether the power is to go now.
+    /// Returns true if the power fails now.
     pub(super) fn take_cut(&mut self, now: Nanos) -> bool {
         self.array.take_cut(now)
     }
@@ -173,7 +172,7 @@ impl Interface {
         self.acr & acr::LATENCY
     }
 
-    /// The flash as the core's timing sees it.
+    /// The flash timing for the core.
     pub(super) fn timing(&self) -> FlashTiming {
         let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
         FlashTiming {
@@ -185,7 +184,7 @@ impl Interface {
         }
     }
 
-    /// A read of the flash while some of it fails its error correction. Whether the NMI is pended.
+    /// A read of the flash while it has ECC errors. Returns true if the NMI is pended.
     pub(super) fn check_read(&mut self, offset: u32) -> bool {
         if !self.broken.contains(&(offset as usize / WORD)) {
             return false;
@@ -202,7 +201,7 @@ impl Interface {
         self.sr |= sr::BSY;
     }
 
-    /// Ends what is due. Returns whether anything did.
+    /// Completes the due operation. Returns true if there was one.
     pub(super) fn finish(&mut self, now: Nanos, memory: &mut Memory) {
         let Some(operation) = self.array.take_ended(now) else {
             return;
@@ -228,7 +227,7 @@ impl Interface {
         forbidden("SR", reason)
     }
 
-    /// A store of the core to the flash, at this offset.
+    /// Handles a store of the core to the flash, at this offset.
     pub(super) fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
         if self.cr & (cr::LOCK | cr::PG) != cr::PG {
             return Err(self.fail(sr::PGSERR, "5.3.7: a store to the flash while PG is clear"));
@@ -355,7 +354,7 @@ mod tests {
     }
 
     impl Bench {
-        /// A flash that is programmed to zeros in its first page.
+        /// A flash whose first page is programmed to zeros.
         fn new() -> Self {
             let mut bytes = vec![ERASED; SIZE];
             bytes[..PAGE].fill(0);

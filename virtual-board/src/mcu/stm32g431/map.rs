@@ -14,7 +14,7 @@ pub(super) const MAP: Map = Map {
     flash: 0x0800_0000,
     flash_size: SIZE,
     ram: 0x2000_0000,
-    // SRAM1, SRAM2 and the CCM SRAM's alias behind them (2.4) in one piece.
+    // SRAM1 and SRAM2, followed by the alias of the CCM SRAM (2.4), as one range.
     ram_size: 32 << 10,
     interrupts: 102,
     system_memory: SystemMemory {
@@ -24,7 +24,7 @@ pub(super) const MAP: Map = Map {
     },
 };
 
-/// Places in the vector table (table 97).
+/// Interrupt numbers (table 97).
 pub(super) mod interrupt {
     pub(in super::super) const DMA1_CHANNEL1: u16 = 11;
     pub(in super::super) const USB_LP: u16 = 20;

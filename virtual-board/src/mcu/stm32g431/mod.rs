@@ -1,7 +1,7 @@
 //! The STM32G431xB (RM0440). Sections are those of RM0440, revision 8; DS12589 is the data sheet.
 //!
-//! [`map`] has the addresses. This file joins the peripherals: it carries interrupts, DMA transfers and clocks between them.
-//! The flow of accesses, events and resets is that of both chips, in [`mcu`](super::common::mcu).
+//! [`map`] has the addresses. This file connects the peripherals: interrupts, DMA transfers and clocks. The flow of
+//! accesses, events and resets is common to both chips, in [`mcu`](super::common::mcu).
 
 mod crs;
 mod dma;
@@ -39,21 +39,21 @@ use crate::soc::machine::{Cause, Edges};
 use crate::soc::peripheral::{Peripheral, Refused};
 use crate::time::Nanos;
 
-/// The pin of port A that USART2 sends on.
+/// The TX pin of USART2 on port A.
 const TX_PIN: u32 = 2;
 
-/// What a pin that sends and is low says of the firmware.
+/// The violation for a TX pin that is low.
 const LOW: &str = "9.3.2, 37.5.5: nothing drives PA2, or it is low, and the arm may take that for a start bit";
 
 /// Requests of the DMAMUX (13.3.2, table 91).
 const USART2_RX: u32 = 26;
 const USART2_TX: u32 = 27;
 
-/// Registers that the DMA reads and writes.
+/// Registers accessed by the DMA.
 const USART2_RDR: u32 = 0x4000_4400 + usart::RDR;
 const USART2_TDR: u32 = 0x4000_4400 + usart::TDR;
 
-/// Registers of GPIO ports after a reset (9.4.1, 9.4.3, 9.4.4). PA13 to PA15, PB3 and PB4 are the debugger's.
+/// Reset values of GPIO registers (9.4.1, 9.4.3, 9.4.4). PA13 to PA15, PB3 and PB4 belong to the debugger.
 const fn gpio_at_reset(port: usize) -> AtReset {
     match port {
         0 => AtReset {
@@ -139,7 +139,7 @@ impl Stm32g431 {
             .follow_requests(|request| is_high(requests, request), common.now);
     }
 
-    /// A step of a DMA channel.
+    /// Executes a step of a DMA channel.
     fn step_dma(&mut self, common: &mut Common, memory: &mut Memory) {
         let now = common.now;
         let requests = self.requests(common);
@@ -163,7 +163,7 @@ impl Stm32g431 {
         self.settle(Slot::Usart, common);
     }
 
-    /// Does what reset bits of RCC say, as they are written.
+    /// Executes the reset bits of RCC, as they are written.
     fn follow_resets(&mut self, common: &mut Common) {
         let held = |block: Block| block.gate().is_some_and(|gate| self.rcc.gates().is_held(gate));
         let resets = [
@@ -203,7 +203,7 @@ impl Stm32g431 {
         self.settle_all(common);
     }
 
-    /// Tells the line who drives PA2. Nobody, or low, is a violation of the register that made it so.
+    /// Updates the driver of PA2. A floating or low pin is a violation of the register that caused it.
     fn follow_pin(&mut self, common: &mut Common, instance: &'static str, register: &'static str) {
         let mut line = lock(&common.edges.line);
         let was_low = line.is_pin_low();
@@ -215,7 +215,7 @@ impl Stm32g431 {
     }
 }
 
-/// Whether a request is high.
+/// Returns true if a request is high.
 fn is_high(requests: Requests, request: u32) -> bool {
     match request {
         USART2_RX => requests.receive,

@@ -1,5 +1,5 @@
-//! Power control (RM0440, chapter 6): the voltage range and boost mode, which bound the core's clock. Low-power modes and the
-//! supply detectors have no model.
+//! Power control (RM0440, chapter 6): the voltage range and boost mode, which limit the core's clock. Low-power modes
+//! and the supply detectors have no model.
 
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden, merge};
 use crate::time::Nanos;
@@ -13,7 +13,7 @@ const SR2: u32 = 0x14;
 const SCR: u32 = 0x18;
 const CR5: u32 = 0x80;
 
-/// VOS of CR1 (6.4.1), and the bits beside it that have a model: DBP.
+/// VOS of CR1 (6.4.1), and another modelled bit: DBP.
 const VOS_AT: u32 = 9;
 const VOS: u32 = 0b11;
 const RANGE_1: u32 = 0b01;
@@ -21,14 +21,14 @@ const RANGE_2: u32 = 0b10;
 const DBP: u32 = 1 << 8;
 const CR1_MODELLED: u32 = VOS << VOS_AT | DBP;
 
-/// UCPD1_DBDIS and UCPD1_STDBY of CR3 (6.4.3): without USB Type-C they do nothing here.
+/// UCPD1_DBDIS and UCPD1_STDBY of CR3 (6.4.3): they have no effect without USB Type-C.
 const CR3_AT_RESET: u32 = 1 << 15;
 const CR3_MODELLED: u32 = 1 << 15 | 1 << 14 | 1 << 13;
 
 /// R1MODE of CR5 (6.4.22): 0 is boost mode.
 const R1MODE: u32 = 1 << 8;
 
-/// How the core is supplied (6.1.5).
+/// The supply of the core (6.1.5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Supply {
     Range1Boost,
@@ -37,7 +37,7 @@ pub(super) enum Supply {
 }
 
 impl Supply {
-    /// The fastest HCLK in hertz for each number of wait states of the flash (5.3.3, table 29).
+    /// The maximum HCLK in hertz for each number of wait states of the flash (5.3.3, table 29).
     fn limits(self) -> &'static [u64] {
         match self {
             Self::Range1Boost => &[34_000_000, 68_000_000, 102_000_000, 136_000_000, 170_000_000],
@@ -46,7 +46,7 @@ impl Supply {
         }
     }
 
-    /// What is wrong with an HCLK of `hz` and so many wait states.
+    /// The violation of an HCLK of `hz` with this number of wait states.
     pub(super) fn fault(self, hz: u64, wait_states: u32) -> Option<(&'static str, Refused)> {
         let limits = self.limits();
         let most = limits[limits.len() - 1];
@@ -85,7 +85,7 @@ impl Default for Pwr {
 }
 
 impl Pwr {
-    /// How the core is supplied.
+    /// The supply of the core.
     pub(super) fn supply(&self) -> Supply {
         match (field(self.cr1, VOS_AT, VOS), self.cr5 & R1MODE) {
             (RANGE_2, _) => Supply::Range2,

@@ -45,7 +45,7 @@ mod cr {
     pub(super) const HSEBYP: u32 = 1 << 18;
     pub(super) const PLLON: u32 = 1 << 24;
     pub(super) const PLLRDY: u32 = 1 << 25;
-    /// The bits that software writes and that have a model.
+    /// The modelled bits that software writes.
     pub(super) const MODELLED: u32 = HSION | HSEON | HSEBYP | PLLON;
     pub(super) const READY: u32 = HSIRDY | HSERDY | PLLRDY;
 }
@@ -104,7 +104,7 @@ mod csr {
     pub(super) const IWDGRSTF: u32 = 1 << 29;
 }
 
-/// Bits of BDCR (7.4.27) that are kept: the RTC, which they clock, is not there.
+/// Bits of BDCR (7.4.27) that are stored: they have no effect without the RTC.
 mod bdcr {
     pub(super) const RTCSEL: u32 = 0b11 << 8;
     pub(super) const RTCEN: u32 = 1 << 15;
@@ -142,7 +142,7 @@ const BUSES: usize = 6;
 const RESET_REGISTERS: [u32; BUSES] = [AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR1, APB1RSTR2, APB2RSTR];
 const ENABLE_REGISTERS: [u32; BUSES] = [AHB1ENR, AHB2ENR, AHB3ENR, APB1ENR1, APB1ENR2, APB2ENR];
 
-/// What the enable registers are after a reset: the flash interface, and the RTC's bus interface.
+/// The reset values of the enable registers: the flash interface, and the RTC's bus interface.
 const ENABLED_AT_RESET: [u32; BUSES] = [1 << 8, 0, 0, 1 << 10, 0, 0];
 
 pub(super) mod gates {
@@ -166,7 +166,7 @@ pub(super) mod gates {
     }
 }
 
-/// The rates of the clocks in hertz, 0 for one that stands still.
+/// The rates of the clocks in hertz, 0 for a stopped clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Clocks {
     /// SYSCLK.
@@ -187,9 +187,9 @@ pub(super) struct Clocks {
 #[derive(Debug)]
 pub(super) struct Rcc {
     oscillator: Shared<Oscillator>,
-    /// HSI16's rate.
+    /// The rate of HSI16.
     internal_hz: u64,
-    /// The crystal's rate, since it was switched on.
+    /// The rate of the crystal when it was switched on.
     crystal_hz: u64,
     chance: Chance,
     hsi16: Source,
@@ -207,12 +207,12 @@ pub(super) struct Rcc {
     gates: Gates<BUSES>,
     /// The reset flags of CSR.
     flags: u32,
-    /// Up to when what was due has been done.
+    /// The time up to which due events have been executed.
     settled: Nanos,
 }
 
 impl Rcc {
-    /// Out of a power-on reset, with this crystal.
+    /// The power-on reset state, with this crystal.
     pub(super) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
         let internal_hz = lock(&oscillator).internal_hz.into();
         Self {
@@ -237,7 +237,7 @@ impl Rcc {
         }
     }
 
-    /// The state after a reset by this cause. The flags of earlier ones stay (7.4.28).
+    /// A reset by this cause. Flags of earlier resets stay (7.4.28).
     pub(super) fn reset(&mut self, cause: Cause) {
         let flags = match cause {
             Cause::Power => csr::BORRSTF | csr::PINRSTF,
@@ -305,7 +305,7 @@ impl Rcc {
         let ahb = system / ahb_divider(field(self.cfgr, cfgr::HPRE_AT, 0xF));
         let divider = apb_divider(field(self.cfgr, cfgr::PPRE1_AT, 0b111));
         let apb1 = ahb / divider;
-        // 7.2.16: the timers run at twice the rate of a bus that is divided.
+        // 7.2.16: the timers run at twice the rate of a divided bus.
         let apb1_timers = if divider == 1 { apb1 } else { 2 * apb1 };
         let select = |at| field(self.ccipr, at, 0b11);
         Clocks {
@@ -333,7 +333,7 @@ impl Rcc {
         }
     }
 
-    /// The PLL locks once it is on and its input is there. The system clock switches once its source is ready (7.2.7).
+    /// Locks the PLL once it is on and its input is ready. Switches the system clock once its source is ready (7.2.7).
     fn settle(&mut self, now: Nanos) {
         self.settled = now;
         let input = match self.pllcfgr & pllcfgr::SRC {
@@ -389,7 +389,7 @@ impl Rcc {
         Ok(())
     }
 
-    /// The crystal starts, if it is switched on and can.
+    /// Starts the crystal, if it is switched on and can start.
     fn start_crystal(&mut self, now: Nanos) {
         let crystal = lock(&self.oscillator).crystal;
         if self.hse.on
@@ -401,7 +401,7 @@ impl Rcc {
         }
     }
 
-    /// Looks whether there is another crystal.
+    /// Checks for another crystal.
     pub(super) fn look(&mut self, now: Nanos) {
         self.start_crystal(now);
     }
@@ -414,7 +414,7 @@ impl Rcc {
         Ok(())
     }
 
-    /// What is wrong with the present rates, whatever the supply and the flash.
+    /// The violation of the present rates, independent of supply and flash.
     pub(super) fn fault(&self, now: Nanos) -> Option<Refused> {
         let clocks = self.clocks(now);
         if clocks.system > MOST || self.pll_output(pllcfgr::QEN, pllcfgr::Q_AT, now) > MOST {
@@ -522,7 +522,7 @@ mod tests {
         with_crystal(Crystal::new(8_000_000))
     }
 
-    /// Lets time pass until nothing is due any more.
+    /// Advances the time until no event is due.
     fn wait(rcc: &mut Rcc, now: Nanos) -> Nanos {
         let mut now = now;
         while let Some(due) = rcc.due() {

@@ -1,4 +1,4 @@
-//! The chip without a core: its registers written by hand.
+//! The chip without a core: its registers written by the tests.
 
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
@@ -56,7 +56,7 @@ fn write(chip: &mut Mcu<Stm32g431>, address: u32, value: u32) {
     Bus::write(chip, access(address, Purpose::Data), value, &mut none).unwrap();
 }
 
-/// A word as the debugger reads it.
+/// A word as read by the debugger.
 fn debug_read(chip: &mut Mcu<Stm32g431>, address: u32) -> Option<u32> {
     let mut none = Memory::new(0, Vec::new(), 0, 0);
     Bus::read(chip, access(address, Purpose::Debug), &mut none).ok()
@@ -72,7 +72,7 @@ fn the_debugger_reads_the_system_memory() {
 
 #[test]
 fn a_pin_to_the_arm_that_is_not_held_high_is_told() {
-    // What is told of the UART's transmitter on or off, its pin, and the level of that pin.
+    // The violations for the UART's transmitter on or off, the pin's mode, and its level.
     let on = 1 | 1 << 3;
     for (steps, told) in [
         (&[(USART_CR1, on), (MODER, ALTERNATE)][..], 0),

@@ -1,18 +1,19 @@
-//! USART2, which the arm is connected to (RM0440, chapter 37).
+//! USART2, the UART of the arm (RM0440, chapter 37).
 //!
 //! | Behaviour | Section |
 //! |---|---|
 //! | Bit rate from BRR, PRESC and OVER8 | 37.5.8 |
 //! | Transmit data register and shift register; TXE, TC | 37.5.5 |
 //! | Receive data register; RXNE, ORE; RXFRQ | 37.5.6 |
-//! | IDLE after a frame of silence | 37.5.6 |
+//! | IDLE after an idle frame | 37.5.6 |
 //! | Parity with 9 bits; PE | 37.5.11 |
 //! | Framing and noise errors | 37.5.6 |
-//! | Half-duplex mode: the receiver hears the transmitter | 37.5.16 |
+//! | Half-duplex mode: the receiver gets the transmitted bytes | 37.5.16 |
 //! | DMA requests; DDRE: a byte with an error and the DMA | 37.5.19, 37.8.4 |
-//! | Bits that may only be written while UE is clear | 37.8.1 to 37.8.5 |
+//! | Bits that are writable only while UE is clear | 37.8.1 to 37.8.5 |
 //!
-//! FIFO mode may be on while no byte is written or read. Refused by name: bytes in FIFO mode, 7 data bits, half stop bits, and everything that is not asynchronous.
+//! FIFO mode may be on while no byte is written or read. Refused with their name: bytes in FIFO mode, 7 data bits, half
+//! stop bits, and all modes except asynchronous.
 
 use crate::line::{AnyLine, Arrival, Format, Parity, SECOND};
 use crate::mcu::common::shifter::{Settings, Shifter};
@@ -48,7 +49,7 @@ mod cr1 {
     pub(super) const OVER8: u32 = 1 << 15;
     pub(super) const FIFOEN: u32 = 1 << 29;
     pub(super) const INTERRUPTS: u32 = IDLEIE | RXNEIE | TCIE | TXEIE | PEIE;
-    /// Bits that may only be written while UE is clear.
+    /// Bits that are writable only while UE is clear.
     pub(super) const HELD: u32 = PS | PCE | M0 | OVER8 | FIFOEN;
     pub(super) const MODELLED: u32 = UE | RE | TE | INTERRUPTS | HELD;
 }
@@ -71,7 +72,7 @@ mod cr3 {
     pub(super) const ONEBIT: u32 = 1 << 11;
     pub(super) const OVRDIS: u32 = 1 << 12;
     pub(super) const DDRE: u32 = 1 << 13;
-    /// Bits that may only be written while UE is clear.
+    /// Bits that are writable only while UE is clear.
     pub(super) const HELD: u32 = HDSEL | ONEBIT | OVRDIS | DDRE;
     pub(super) const MODELLED: u32 = EIE | DMAR | DMAT | HELD;
 }
@@ -95,12 +96,12 @@ mod isr {
     pub(super) const BUSY: u32 = 1 << 16;
     pub(super) const TEACK: u32 = 1 << 21;
     pub(super) const REACK: u32 = 1 << 22;
-    /// What a byte may have wrong with it.
+    /// The error flags of a byte.
     pub(super) const BYTE_ERRORS: u32 = PE | FE | NE;
     pub(super) const CLEARABLE: u32 = BYTE_ERRORS | ORE | IDLE | TC;
 }
 
-/// What PRESC divides the clock by (37.8.14).
+/// Dividers of PRESC (37.8.14).
 const PRESCALERS: [u64; 12] = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256];
 
 /// The USART.
@@ -117,10 +118,10 @@ pub(super) struct Usart {
     rtor: u32,
     /// PE, FE, NE, ORE, IDLE and TC.
     flags: u32,
-    /// What RDR holds, while RXNE is set, and what it held last.
+    /// The received byte, while RXNE is set, and the last one.
     received: Option<u8>,
     last: u8,
-    /// What TDR holds, while TXE is clear.
+    /// The byte for the transmitter, while TXE is clear.
     transmit: Option<u8>,
 }
 
@@ -143,7 +144,7 @@ impl Usart {
         }
     }
 
-    /// The USART as a reset leaves it. Line and clock stay.
+    /// The reset state of the USART. Line and clock stay.
     pub(super) fn reset(&mut self, now: Nanos) {
         *self = Self {
             clock_hz: self.clock_hz,
@@ -159,7 +160,7 @@ impl Usart {
         }
     }
 
-    /// The program may have changed the line.
+    /// Checks for changes of the line by the program.
     pub(super) fn look(&mut self, now: Nanos) {
         self.settle(now);
         self.advance(now);
@@ -177,24 +178,24 @@ impl Usart {
             || self.cr3 & cr3::EIE != 0 && status & (isr::FE | isr::NE | isr::ORE) != 0
     }
 
-    /// Whether the receiver requests a DMA transfer. With DDRE, a byte with an error holds the request back until the error
-    /// flag is cleared.
+    /// Returns true if the receiver requests a DMA transfer. With DDRE, a byte with an error delays the request until
+    /// the error flag is cleared.
     pub(super) fn requests_receive(&self) -> bool {
         let held = self.cr3 & cr3::DDRE != 0 && self.flags & isr::BYTE_ERRORS != 0;
         self.cr3 & cr3::DMAR != 0 && self.received.is_some() && !held
     }
 
-    /// Whether the transmitter requests a DMA transfer.
+    /// Returns true if the transmitter requests a DMA transfer.
     pub(super) fn requests_transmit(&self) -> bool {
         self.cr3 & cr3::DMAT != 0 && self.transmit.is_none() && self.is_on(cr1::TE)
     }
 
-    /// Whether UE and this bit of CR1 are set.
+    /// Returns true if UE and this bit of CR1 are set.
     fn is_on(&self, bit: u32) -> bool {
         self.cr1 & (cr1::UE | bit) == cr1::UE | bit
     }
 
-    /// Whether it and its transmitter are enabled: it drives its pin.
+    /// Returns true if the USART and its transmitter are enabled: it drives its pin.
     pub(super) fn transmits(&self) -> bool {
         self.is_on(cr1::TE)
     }
@@ -221,7 +222,7 @@ impl Usart {
         }
     }
 
-    /// One bit in picoseconds, 0 while nothing divides the clock (37.5.8).
+    /// The bit time in picoseconds, 0 without a divider (37.5.8).
     fn bit(&self) -> u64 {
         let divider = if self.cr1 & cr1::OVER8 != 0 {
             (self.brr & 0xFFF0 | (self.brr & 0b111) << 1) / 2
@@ -234,7 +235,7 @@ impl Usart {
             .unwrap_or(0)
     }
 
-    /// Tells the line what changed.
+    /// Passes changes on to the line.
     fn settle(&mut self, now: Nanos) {
         let settings = Settings {
             bit: self.bit(),
@@ -246,7 +247,7 @@ impl Usart {
         self.shifter.set(settings, now);
     }
 
-    /// A byte has arrived.
+    /// Handles a received byte.
     fn receive(&mut self, arrival: Arrival) {
         let flag = |set, bit| if set { bit } else { 0 };
         let errors = flag(arrival.parity, isr::PE) | flag(arrival.framing, isr::FE) | flag(arrival.noise, isr::NE);
@@ -255,7 +256,7 @@ impl Usart {
             return;
         }
         self.flags |= errors;
-        // 37.8.4 DDRE: without it, a byte with an error is not handed to the DMA, and RXNE stays clear.
+        // 37.8.4 DDRE: without it, the DMA does not get a byte with an error, and RXNE stays clear.
         if errors != 0 && self.cr3 & cr3::DMAR != 0 && self.cr3 & cr3::DDRE == 0 {
             return;
         }
@@ -282,7 +283,7 @@ impl Usart {
         }
         self.cr1 = value;
         if value & cr1::UE == 0 {
-            // 37.8.2: all flags reset, what is under way is discarded.
+            // 37.8.2: all flags are reset, and transfers are discarded.
             self.flags = isr::TC;
             self.received = None;
             self.transmit = None;
@@ -291,7 +292,7 @@ impl Usart {
         Ok(())
     }
 
-    /// A register that may only be written while UE is clear.
+    /// A register that is writable only while UE is clear.
     fn while_disabled(&self, register: &'static str) -> Result<(), Refused> {
         if self.cr1 & cr1::UE == 0 {
             Ok(())
@@ -356,7 +357,7 @@ impl Peripheral for Usart {
                 self.while_disabled("PRESC")?;
                 self.presc = value & 0xF;
             }
-            // Both do nothing in asynchronous mode without a receiver time-out.
+            // Both have no effect in asynchronous mode without a receiver timeout.
             GTPR => self.gtpr = value,
             RTOR => self.rtor = value,
             RQR => {
@@ -417,7 +418,7 @@ mod tests {
     use super::*;
     use crate::line::{Direction, Fault, Line};
 
-    /// Sends what it is given, at once, and keeps what it hears.
+    /// Sends the given bytes at once, and keeps received ones.
     #[derive(Debug, Default)]
     struct Talker {
         says: VecDeque<u8>,
@@ -458,7 +459,7 @@ mod tests {
             }
         }
 
-        /// Lets the arm say this.
+        /// Makes the arm send these bytes.
         fn say(&mut self, bytes: &[u8]) {
             self.line.lock().unwrap().arm_mut().says.extend(bytes);
         }

@@ -6,13 +6,14 @@
 //! | Pull-up by DPPU | 45.6.1 BCDR |
 //! | Buffer descriptors and packets in the packet memory; the size of a receive buffer | 45.5.3, 45.6.3 |
 //! | Endpoints: bits that toggle or only clear, STAT, DTOG, CTR | 45.6.2 |
-//! | A bus reset clears the endpoint registers but CTR, and the address | 45.5.2, 45.6.2 |
-//! | SETUP: taken unless disabled, sets both toggles and both NAKs | 45.5.3, 45.6.2 |
+//! | A bus reset clears the endpoint registers except CTR, and the address | 45.5.2, 45.6.2 |
+//! | SETUP: accepted unless disabled, sets both toggles and both NAKs | 45.5.3, 45.6.2 |
 //! | STATUS_OUT | 45.6.2 EP_KIND |
 //! | Endpoints are found by their address and direction | 45.6.2 EA |
 //!
-//! Left out: isochronous and double-buffered endpoints, expected start of frame and errors, link power management, battery
-//! charging, remote wake-up. Their registers and bits are refused by name; an interrupt that is left out is never raised.
+//! Not modelled: isochronous and double-buffered endpoints, expected start of frame and errors, link power management,
+//! battery charging, remote wake-up. Their registers and bits are refused with their name; their interrupts are never
+//! raised.
 
 use crate::shared::{Shared, lock};
 use crate::soc::peripheral::{Peripheral, Refused, field, merge};
@@ -30,7 +31,7 @@ const BTABLE: u32 = 0x50;
 const LPMCSR: u32 = 0x54;
 const BCDR: u32 = 0x58;
 
-/// Bytes of the packet memory.
+/// Size of the packet memory in bytes.
 const PACKET_MEMORY: usize = 1024;
 
 /// Bits of USB_EPnR (45.6.2).
@@ -48,11 +49,11 @@ mod epr {
     pub(super) const STAT: u32 = 0b11;
     pub(super) const STAT_TX: u32 = STAT << STAT_TX_AT;
     pub(super) const STAT_RX: u32 = STAT << STAT_RX_AT;
-    /// Bits that a 0 clears and a 1 leaves.
+    /// Bits that a 0 clears; a 1 has no effect.
     pub(super) const CTR: u32 = CTR_RX | CTR_TX;
-    /// Bits that a 1 toggles and a 0 leaves.
+    /// Bits that a 1 toggles; a 0 has no effect.
     pub(super) const TOGGLES: u32 = STAT_RX | STAT_TX | DTOG_RX | DTOG_TX;
-    /// Bits that are written as they are.
+    /// Bits that are written directly.
     pub(super) const PLAIN: u32 = EA | EP_KIND | EP_TYPE << EP_TYPE_AT;
     pub(super) const EP_TYPE: u32 = 0b11;
     pub(super) const CONTROL: u32 = 0b01;
@@ -101,22 +102,22 @@ const NUM_BLOCK_AT: usize = 10;
 const NUM_BLOCK: usize = 0x1F;
 const BL_SIZE: usize = 1 << 15;
 
-/// The clock that the controller needs, and how far off it may be: 0.25 % (USB 2.0, 7.1.11).
+/// The clock of the controller, and its tolerance: 0.25 % (USB 2.0, 7.1.11).
 const CLOCK_HZ: u64 = 48_000_000;
 const TOLERANCE_HZ: u64 = CLOCK_HZ / 400;
 
-/// The controller as the bus and the wire see it.
+/// The controller, as seen by the bus and the wire.
 #[derive(Debug)]
 pub(super) struct Device {
     now: Nanos,
     clocked: bool,
     endpoints: [u32; ENDPOINTS],
-    /// When each endpoint's packet for the host was made ready.
+    /// Time at which each endpoint's IN packet became ready.
     armed: [Option<Nanos>; ENDPOINTS],
-    /// The endpoint whose packet is on the wire: it goes on to its end.
+    /// The endpoint whose packet is on the wire, until the end of that packet.
     sending: Option<usize>,
     cntr: u32,
-    /// The flags of ISTR but CTR.
+    /// The flags of ISTR except CTR.
     flags: u32,
     daddr: u32,
     btable: u32,
@@ -177,14 +178,14 @@ impl Device {
         field(self.endpoints[endpoint], at, epr::STAT)
     }
 
-    /// The register of the endpoint with this address that is not disabled.
+    /// The enabled endpoint with this address and direction.
     fn find(&self, address: u8, direction: Direction) -> Option<usize> {
         (0..ENDPOINTS).find(|&number| {
             self.endpoints[number] & epr::EA == u32::from(address) && self.status(number, direction) != DISABLED
         })
     }
 
-    /// Writes an endpoint's register as the processor does.
+    /// Writes an endpoint's register, as the processor does.
     fn write_endpoint(&mut self, number: usize, value: u32) -> Result<(), Refused> {
         let kind = field(value, epr::EP_TYPE_AT, epr::EP_TYPE);
         if kind == epr::ISOCHRONOUS || kind != epr::CONTROL && value & epr::EP_KIND != 0 {
@@ -221,7 +222,7 @@ impl Device {
         usize::from(u16::from_le_bytes([self.memory[at], self.memory[at + 1]]))
     }
 
-    /// Stores a received packet. Whether the buffer had room for it.
+    /// Stores a received packet. Returns false if the buffer is too small.
     fn store(&mut self, endpoint: usize, data: &[u8]) -> bool {
         let count_at = self.descriptor(endpoint, COUNT_RX);
         let count = self.halfword(count_at);
@@ -243,7 +244,7 @@ impl Device {
         true
     }
 
-    /// The packet that an endpoint sends.
+    /// The IN packet of an endpoint.
     fn packet(&self, endpoint: usize) -> Vec<u8> {
         let buffer = self.halfword(self.descriptor(endpoint, ADDR_TX));
         let count = self.halfword(self.descriptor(endpoint, COUNT_TX)) & COUNT;
@@ -364,9 +365,9 @@ impl Function for Device {
         match self.status(number, Direction::Out) {
             STALL => Handshake::Stall,
             NAK => Handshake::Nak,
-            // It has this packet already.
+            // A packet received before.
             _ if (register & epr::DTOG_RX != 0) != toggle => Handshake::Ack,
-            // STATUS_OUT: only an empty packet ends a request that reads.
+            // STATUS_OUT: only an empty packet ends a read request.
             _ if register & epr::EP_KIND != 0 && !data.is_empty() => Handshake::Stall,
             _ if !self.store(number, data) => Handshake::Silence,
             _ => {
@@ -411,7 +412,7 @@ impl Function for Device {
 pub(super) struct Usb {
     device: Device,
     host: Shared<Host>,
-    /// When the host wants to be called next.
+    /// The time of the host's next event.
     wake: Option<Nanos>,
     progress: bool,
 }
@@ -426,7 +427,7 @@ impl Usb {
         }
     }
 
-    /// The controller as a reset leaves it. Packet memory and clock stay, and so does the cable.
+    /// Resets the controller. Packet memory, clock and cable state stay.
     pub(super) fn reset(&mut self, now: Nanos) {
         self.device = Device {
             clocked: self.device.clocked,
@@ -449,17 +450,17 @@ impl Usb {
         self.device.interrupt_status() & self.device.cntr & cntr::INTERRUPTS != 0
     }
 
-    /// Whether anything happened on the wire since this was last asked.
+    /// Returns true if an event occurred on the wire since the last call.
     pub(super) fn take_progress(&mut self) -> bool {
         std::mem::take(&mut self.progress)
     }
 
-    /// Whether a frame has started since this was last asked.
+    /// Returns true if a frame has started since the last call.
     pub(super) fn take_start_of_frame(&mut self) -> bool {
         std::mem::take(&mut self.device.started_frame)
     }
 
-    /// Lets the host see what changed.
+    /// Passes changes on to the host.
     pub(super) fn settle(&mut self, now: Nanos) {
         self.device.now = now;
         let mut host = lock(&self.host);
@@ -507,7 +508,8 @@ mod tests {
     const ADDRESS: u8 = 5;
     const BUFFER: usize = 0x100;
 
-    /// A controller at an address, with endpoint 0 for control and endpoint 1 for bulk both ways, buffers of 64 bytes.
+    /// A controller with an address, endpoint 0 for control and endpoint 1 for bulk in both directions, and buffers of
+    /// 64 bytes.
     fn device() -> Device {
         let mut device = Device {
             clocked: true,
@@ -537,7 +539,7 @@ mod tests {
         device
     }
 
-    /// The register with what a write must hold to change nothing.
+    /// The value whose write leaves the register unchanged.
     fn unchanged(value: u32) -> u32 {
         value & !epr::TOGGLES | epr::CTR
     }

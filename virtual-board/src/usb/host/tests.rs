@@ -1,4 +1,4 @@
-//! The host with a device that is a script.
+//! The host with a scripted device.
 
 use super::*;
 use crate::usb::cdc::{LineCoding, Port};
@@ -19,18 +19,18 @@ const CONFIGURATION: [u8; 55] = [
     2, 0xFF,
 ];
 
-/// What the device does wrong.
+/// A fault of the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Trouble {
     #[default]
     None,
     /// It stalls every control transfer.
     Stalls,
-    /// It does not answer at all.
+    /// It never answers.
     Dead,
 }
 
-/// A device with a control pipe that answers at once and echoes on endpoint 1.
+/// A device whose control pipe answers at once, and which echoes on endpoint 1.
 #[derive(Debug, Default)]
 struct Echo {
     trouble: Trouble,
@@ -42,7 +42,7 @@ struct Echo {
     control_toggle: bool,
     toggles: [bool; 2],
     echo: VecDeque<Vec<u8>>,
-    /// It answers an IN with the packet it has sent already.
+    /// It answers an IN token with the previous packet.
     repeats: bool,
     last: Vec<u8>,
     frames: Vec<u16>,

@@ -1,4 +1,4 @@
-//! The controller (RM0090, chapter 32): what its registers do, and what the bus sees.
+//! The controller (RM0090, chapter 32): its registers, and its interface to the bus.
 //!
 //! | Behaviour | Section |
 //! |---|---|
@@ -13,8 +13,8 @@
 //! | Interrupts | 32.8 |
 //! | Write protection of BTR, of mailboxes in use and of filters | 32.9.1 to 32.9.4 |
 //!
-//! Left out: time triggered communication (TTCM does nothing, time stamps stay 0), DBF, the sampled pin (always
-//! recessive), and what a controller in loop back mode drives onto a bus that it does not hear.
+//! Not modelled: time triggered communication (TTCM has no effect, time stamps stay 0), DBF, the sampled pin (always
+//! recessive), and the bits that a controller in loop back mode drives onto the bus.
 
 use std::collections::VecDeque;
 
@@ -28,13 +28,13 @@ use crate::can::{BusError, Capability, Controller, ErrorState, Fault, span};
 use crate::line::SECOND;
 use crate::time::Nanos;
 
-/// What the clock is until the firmware sets the clock tree up: the internal oscillator (7.2.2).
+/// The clock before the firmware configures the clock tree: the internal oscillator (7.2.2).
 const RESET_HZ: u64 = 16_000_000;
 
-/// How many times 11 recessive bits bring a controller back from bus-off (32.7.6).
+/// Number of times 11 recessive bits for a recovery from bus-off (32.7.6).
 const RECOVERY: u32 = 128;
 
-/// How many frames a FIFO holds.
+/// Number of frames in a FIFO.
 const FIFO_DEPTH: usize = 3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,7 +49,7 @@ struct Mailbox {
     /// TIxR, TDTxR, TDLxR and TDHxR.
     registers: [u32; 4],
     pending: bool,
-    /// Its place in the order of requests, and when it was requested.
+    /// Its position in the order of requests, and the time of the request.
     order: u64,
     requested: Nanos,
     /// RQCP, TXOK, ALST and TERR.
@@ -76,7 +76,7 @@ impl Mailbox {
         Frame::classic(id, remote, (length & length::DLC) as u8, &data)
     }
 
-    /// The request is done with.
+    /// The request is complete.
     fn complete(&mut self, status: u32) {
         self.pending = false;
         self.aborting = false;
@@ -114,16 +114,16 @@ struct Echo {
 /// The controller.
 #[derive(Debug)]
 pub(super) struct Core {
-    /// The instant of what happens now.
+    /// The instant of the present event.
     pub(super) now: Nanos,
     pub(super) clock_hz: u64,
-    /// Whether initialization mode is out of reach for now.
+    /// True while initialization mode cannot be entered.
     out_of_reach: bool,
     mode: Mode,
     wait: Option<Wait>,
-    /// Whether a frame is on the bus.
+    /// True while a frame is on the bus.
     busy: bool,
-    /// From when on the bus is free of the last frame and what follows it.
+    /// The end of the last frame and its intermission.
     free: Nanos,
     mcr: u32,
     /// ERRI, WKUI and SLAKI.
@@ -142,7 +142,7 @@ pub(super) struct Core {
 }
 
 impl Default for Core {
-    /// The controller out of reset: asleep (32.4.3).
+    /// The reset state of the controller: asleep (32.4.3).
     fn default() -> Self {
         Self {
             now: Nanos(0),
@@ -168,7 +168,7 @@ impl Default for Core {
     }
 }
 
-/// What the processor sees.
+/// The processor's interface.
 impl Core {
     pub(super) fn read(&self, offset: u32) -> u32 {
         match offset {
@@ -228,7 +228,7 @@ impl Core {
 
     fn write_control(&mut self, value: u32) {
         if value & mcr::RESET != 0 {
-            // 32.9.2: sleep mode; MCR and the FIFOs are as after a reset.
+            // 32.9.2: sleep mode; MCR and the FIFOs are in their reset state.
             *self = Self {
                 now: self.now,
                 clock_hz: self.clock_hz,
@@ -273,7 +273,7 @@ impl Core {
         if let [_, .., last] = order[..] {
             status |= tsr::LOW << last;
         }
-        // The next one that is free, or the one that goes last.
+        // The next free one, or the one that goes last.
         let free = self.mailboxes.iter().position(|mailbox| !mailbox.pending);
         let code = free.or(order.last().copied()).unwrap_or(0);
         status | (code as u32) << tsr::CODE_AT
@@ -286,7 +286,7 @@ impl Core {
                 mailbox.status = 0;
             }
             if value & tsr::ABRQ != 0 && mailbox.pending {
-                // 32.7.1: what is being sent is not interrupted.
+                // 32.7.1: a frame in transmission is not interrupted.
                 if self.sending == Some(nth) {
                     mailbox.aborting = true;
                 } else {
@@ -296,7 +296,7 @@ impl Core {
         }
     }
 
-    /// A mailbox that is not empty is write-protected (32.9.3).
+    /// An occupied mailbox is write-protected (32.9.3).
     fn write_mailbox(&mut self, offset: u32, value: u32) {
         let (nth, register) = place(offset - MAILBOXES);
         let mailbox = &mut self.mailboxes[nth];
@@ -343,7 +343,7 @@ impl Core {
     }
 }
 
-/// What it does by itself.
+/// Internal behaviour.
 impl Core {
     fn has(&self, control: u32) -> bool {
         self.mcr & control != 0
@@ -361,12 +361,12 @@ impl Core {
         self.confinement.state() == ErrorState::BusOff
     }
 
-    /// Whether it is past its wait and may send and receive.
+    /// Returns true if its wait is over: it may send and receive.
     fn takes_part(&self) -> bool {
         self.mode == Mode::Normal && !self.bus_off() && self.picoseconds() > 0
     }
 
-    /// One bit: a quantum to synchronize, and two segments (32.7.7).
+    /// The bit time: a synchronization quantum, and two segments (32.7.7).
     fn picoseconds(&self) -> u64 {
         let prescaler = u64::from(self.btr & btr::BRP) + 1;
         let first = u64::from(self.btr >> btr::TS1_AT & btr::TS1) + 1;
@@ -380,14 +380,14 @@ impl Core {
         self.wait = Some(Wait::new(left, (!self.busy).then_some(self.now.max(self.free))));
     }
 
-    /// Keeps initialization mode out of reach, or ends that.
+    /// Blocks initialization mode, or unblocks it.
     pub(super) fn keep_from_initialization(&mut self, keep: bool) {
         if std::mem::replace(&mut self.out_of_reach, keep) && !keep {
             self.change_mode();
         }
     }
 
-    /// Follows INRQ and SLEEP (32.4), once no frame is on the bus that it is part of.
+    /// Applies INRQ and SLEEP (32.4), once it takes part in no frame on the bus.
     fn change_mode(&mut self) {
         let wanted = match (self.has(mcr::INRQ), self.has(mcr::SLEEP)) {
             (true, false) => Mode::Initialization,
@@ -418,13 +418,13 @@ impl Core {
         }
     }
 
-    /// The wait is over.
+    /// The wait has ended.
     fn waited(&mut self) {
         if self.mode == Mode::Normal {
             self.watch_errors(|confinement| confinement.recover());
             return;
         }
-        // 32.7.6: without ABOM, leaving initialization mode is what starts the recovery.
+        // 32.7.6: without ABOM, leaving initialization mode starts the recovery.
         let recovers = self.bus_off() && (self.mode == Mode::Initialization || self.has(mcr::ABOM));
         self.mode = Mode::Normal;
         if recovers {
@@ -432,7 +432,7 @@ impl Core {
         }
     }
 
-    /// The mailboxes that wait, in the order in which they go (32.7.1).
+    /// The pending mailboxes, in the order of transmission (32.7.1).
     fn order(&self) -> Vec<usize> {
         let mut order: Vec<usize> = (0..MAILBOX_COUNT).filter(|&nth| self.mailboxes[nth].pending).collect();
         if self.has(mcr::TXFP) {
@@ -443,7 +443,7 @@ impl Core {
         order
     }
 
-    /// Counts an error, and raises ERRI for what that changed (32.8).
+    /// Counts an error, and sets ERRI for a change that it causes (32.8).
     fn watch_errors(&mut self, count: impl FnOnce(&mut Confinement)) {
         let levels = |core: &Self| [core.confinement.warns(), core.confinement.is_passive(), core.bus_off()];
         let before = levels(self);
@@ -463,7 +463,7 @@ impl Core {
         }
     }
 
-    /// The frame of the mailbox on the bus is over.
+    /// The frame of the mailbox on the bus has ended.
     fn finish(&mut self, sent: bool) {
         let Some(nth) = self.sending.take() else {
             return;
@@ -515,13 +515,13 @@ impl Core {
         }
     }
 
-    /// What is next to be sent in loop back mode, once the last frame is over.
+    /// The next mailbox in loop back mode, after the end of the last frame.
     fn next_echo(&self) -> Option<usize> {
         let ready = self.takes_part() && self.loops_back() && self.echo.is_none() && self.sending.is_none();
         ready.then(|| self.order().first().copied()).flatten()
     }
 
-    /// Loop back mode (32.5.2): its own frame, received by itself, without an acknowledge.
+    /// Loop back mode (32.5.2): the controller receives its own frame, without an acknowledge.
     fn tick_echo(&mut self) {
         let Some(mut echo) = self.echo else {
             let bit = self.picoseconds();
@@ -562,13 +562,13 @@ impl Core {
     }
 }
 
-/// What the bus sees.
+/// The bus's interface.
 impl Controller for Core {
     fn bit(&self) -> u64 {
         self.picoseconds()
     }
 
-    /// It knows nothing of FD frames (32.2).
+    /// It does not support FD frames (32.2).
     fn capability(&self) -> Capability {
         Capability::Classic
     }
@@ -675,7 +675,7 @@ impl Controller for Core {
     }
 }
 
-/// Which of the mailboxes or FIFOs, and which register of it.
+/// The index of a mailbox or FIFO, and of its register.
 fn place(offset: u32) -> (usize, usize) {
     ((offset / MAILBOX_SPAN) as usize, (offset % MAILBOX_SPAN / 4) as usize)
 }

@@ -1,8 +1,8 @@
-//! The acceptance filters (RM0090, 32.7.4): 28 banks, of which those below CAN2SB are CAN1's.
+//! The acceptance filters (RM0090, 32.7.4): 28 banks. Those below CAN2SB belong to CAN1.
 
 use super::registers::*;
 
-/// Which FIFO a frame goes to, and the number of the filter that let it in, as RDTxR has it.
+/// The FIFO of a frame, and the number of the matching filter, as in RDTxR.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Match {
     pub(super) fifo: usize,
@@ -36,7 +36,7 @@ impl Default for Filters {
 /// One bit for each bank.
 const ALL_BANKS: u32 = (1 << BANK_COUNT) - 1;
 
-/// How a bank is split: its width in bits, and whether it lists identifiers.
+/// The layout of a bank: its width in bits, and list or mask mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Shape {
     wide: bool,
@@ -44,7 +44,7 @@ struct Shape {
 }
 
 impl Shape {
-    /// How many filters it makes of a bank.
+    /// Number of filters in a bank.
     fn filters(self) -> u32 {
         match self {
             Self {
@@ -63,12 +63,12 @@ impl Shape {
         }
     }
 
-    /// Which kind goes first: 32 bits before 16, then lists before masks.
+    /// The priority of the layout: 32 bits before 16, then lists before masks.
     fn rank(self) -> u32 {
         u32::from(!self.wide) << 1 | u32::from(!self.list)
     }
 
-    /// The place of the filter in `bank` that takes a frame with this identifier register.
+    /// The index of the filter in `bank` that accepts a frame with this identifier register.
     fn matches(self, [first, second]: [u32; 2], identifier: u32) -> Option<u32> {
         let short = short(identifier);
         let halves = [first & 0xFFFF, first >> 16, second & 0xFFFF, second >> 16];
@@ -97,8 +97,8 @@ impl Shape {
     }
 }
 
-/// An identifier register as 16-bit filters see it (figure "Filter bank scale configuration"): STID, RTR, IDE and the
-/// three highest bits of EXID.
+/// An identifier register in the format of 16-bit filters (figure "Filter bank scale configuration"): STID, RTR, IDE
+/// and the three highest bits of EXID.
 fn short(identifier: u32) -> u32 {
     let bit = |mask: u32| u32::from(identifier & mask != 0);
     (identifier >> identifier::STID_AT) << 5
@@ -120,7 +120,7 @@ impl Filters {
         }
     }
 
-    /// Modes, widths and assignments only change while FINIT is set; a bank also while it is not active (32.9.4).
+    /// Modes, widths and assignments change only while FINIT is set; a bank also while it is not active (32.9.4).
     pub(super) fn write(&mut self, offset: u32, value: u32) {
         let open = self.control & fmr::FINIT != 0;
         let banks = value & ALL_BANKS;
@@ -140,7 +140,7 @@ impl Filters {
         }
     }
 
-    /// Where a frame with this identifier register goes, if anywhere. While FINIT is set, nothing is received.
+    /// The match of a frame with this identifier register, if any. While FINIT is set, no frame is received.
     pub(super) fn find(&self, identifier: u32) -> Option<Match> {
         if self.control & fmr::FINIT != 0 {
             return None;
@@ -164,7 +164,7 @@ impl Filters {
                 let index = numbers[fifo] + place;
                 found = Some((shape.rank(), Match { fifo, index }));
             }
-            // Banks that are not active are numbered too.
+            // Inactive banks are numbered too.
             numbers[fifo] += shape.filters();
         }
         found.map(|(_, found)| found)
@@ -307,7 +307,7 @@ mod tests {
 
     #[test]
     fn a_narrow_filter_sees_rtr_ide_and_the_three_highest_bits_of_the_eighteen() {
-        // Only these five bits are compared; the identifier has 29 bits, of which 17 to 15 are 101.
+        // Only these five bits are compared; bits 17 to 15 of the 29-bit identifier are 101.
         let filter = 0b1_1111 << 16 | 0b0_1101;
         let narrow = filters(&[(BANKS, filter), (BANKS + 4, filter), (FA1R, 1)]);
         let wide = |low: u32| low << identifier::EXID_AT | identifier::IDE;

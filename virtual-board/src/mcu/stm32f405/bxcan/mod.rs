@@ -1,4 +1,5 @@
-//! CAN1, a bxCAN (RM0090, chapter 32): [`Core`] is the controller, this joins it to the peripheral bus and to the CAN bus.
+//! CAN1, a bxCAN (RM0090, chapter 32): [`Core`] is the controller; this file connects it to the peripheral bus and the
+//! CAN bus.
 
 mod core;
 mod filter;
@@ -15,9 +16,9 @@ use crate::time::Nanos;
 pub(super) struct Can {
     core: Core,
     bus: Shared<Bus>,
-    /// When the bus wants to be called next.
+    /// The time of the bus's next event.
     wake: Option<Nanos>,
-    /// A frame ended since this was last asked.
+    /// A frame ended since the last check.
     progress: bool,
 }
 
@@ -31,7 +32,7 @@ impl Can {
         }
     }
 
-    /// The controller as a reset leaves it. Bus and clock stay.
+    /// The reset state of the controller. Bus and clock stay.
     pub(super) fn reset(&mut self, now: Nanos) {
         let clock_hz = self.core.clock_hz;
         self.core = Core::default();
@@ -52,17 +53,17 @@ impl Can {
         self.core.interrupts()
     }
 
-    /// Whether a frame ended since this was last asked.
+    /// Returns true if a frame ended since the last call.
     pub(super) fn take_progress(&mut self) -> bool {
         std::mem::take(&mut self.progress)
     }
 
-    /// Whether nodes have received frames from the board that were not read yet.
+    /// Returns true if nodes have unread frames of the board.
     pub(super) fn has_unread(&self) -> bool {
         lock(&self.bus).unread() > 0
     }
 
-    /// Lets the bus see what changed.
+    /// Passes changes on to the bus.
     pub(super) fn settle(&mut self, now: Nanos) {
         self.core.now = now;
         let mut bus = lock(&self.bus);

@@ -1,4 +1,4 @@
-//! The registers of bxCAN (RM0090, 32.9): where they are, and the bits of them that the model uses.
+//! The registers of bxCAN (RM0090, 32.9): their offsets, and the bits that the model uses.
 
 pub(super) const MCR: u32 = 0x000;
 pub(super) const MSR: u32 = 0x004;
@@ -25,7 +25,7 @@ pub(super) const FA1R: u32 = 0x21C;
 pub(super) const BANKS: u32 = 0x240;
 pub(super) const BANKS_END: u32 = BANKS + 8 * BANK_COUNT as u32;
 
-/// Whether there is a register at this offset.
+/// Returns true if there is a register at this offset.
 pub(super) const fn has(offset: u32) -> bool {
     matches!(
         offset,
@@ -33,7 +33,7 @@ pub(super) const fn has(offset: u32) -> bool {
     ) && offset.is_multiple_of(4)
 }
 
-/// How many of each there are.
+/// Number of mailboxes, FIFOs and banks.
 pub(super) const MAILBOX_COUNT: usize = 3;
 pub(super) const FIFO_COUNT: usize = 2;
 pub(super) const BANK_COUNT: usize = 28;
@@ -48,7 +48,7 @@ pub(super) mod mcr {
     pub(in super::super) const AWUM: u32 = 1 << 5;
     pub(in super::super) const ABOM: u32 = 1 << 6;
     pub(in super::super) const RESET: u32 = 1 << 15;
-    /// Those that a write sets and a read shows: DBF, TTCM and the above but RESET.
+    /// The bits that a write sets and a read returns: DBF, TTCM and the above except RESET.
     pub(in super::super) const WRITABLE: u32 = 0x0001_00FF;
     pub(in super::super) const AFTER_RESET: u32 = 0x0001_0002;
 }

@@ -1,27 +1,27 @@
-//! The device controller (RM0090, chapter 34, in device and slave mode): what its registers do, and what the wire sees.
+//! The device controller (RM0090, chapter 34, in device and slave mode): its registers, and its interface to the wire.
 //!
 //! | Behaviour | Section |
 //! |---|---|
 //! | Pull-up: transceiver on, session valid, no soft disconnect | 34.4.2, 34.16.2 GCCFG, 34.16.4 DCTL |
-//! | Session: VBUS sensed, or taken for granted with NOVBUSSENS; SRQINT and SEDET | 34.4.2, 34.16.2 |
+//! | Session: VBUS sensed, or assumed with NOVBUSSENS; SRQINT and SEDET | 34.4.2, 34.16.2 |
 //! | Reset, enumeration done, start of frame, suspend, wake-up | 34.4.2, 34.17.3 |
 //! | One receive FIFO for all OUT endpoints: a status word, then the data; popped through GRXSTSP | 34.11.1, 34.17.5 |
-//! | A transmit FIFO for each IN endpoint; TXFE, space left; no more goes in, and none may overlap | 34.11.2, 34.16.4 |
-//! | SETUP: always taken, sets both NAKs of endpoint 0, clears its STALLs, done at the next token | 34.17.5 |
+//! | A transmit FIFO for each IN endpoint; TXFE, free space; a full one accepts no more, and none may overlap | 34.11.2, 34.16.4 |
+//! | SETUP: always accepted, sets both NAKs of endpoint 0, clears its STALLs, done at the next token | 34.17.5 |
 //! | STUPCNT: one less with each SETUP | 34.17.5 |
 //! | OUT: NAK without room, packet count, or with NAKSTS; NAKSTS after the transfer; XFRC as its status is popped | 34.17.5 |
 //! | IN: sent once enabled, no NAK, and the FIFO holds the packet; XFRC at the host's ACK | 34.17.6 |
 //! | Data toggles, STALL, NAK set and cleared, endpoint disable, global IN NAK | 34.16.4 |
 //! | Global OUT NAK: at once on the wire, in force once its word is popped from the receive FIFO | 34.17.5 |
 //! | FIFO flushes, core soft reset | 34.16.2 GRSTCTL |
-//! | Endpoint disable, endpoint NAK, global NAKs, flushes and the soft reset take their time; what is done too soon is told | 34.16.2, 34.16.4, 34.17.5, 34.17.6 |
+//! | Endpoint disable, endpoint NAK, global NAKs, flushes and the soft reset take time; premature accesses are reported | 34.16.2, 34.16.4, 34.17.5, 34.17.6 |
 //!
-//! Left out: host mode, isochronous endpoints, the periodic end-of-frame interrupt (EOPF), remote wake-up, and the
-//! wake-up line to the EXTI. An interrupt that is left out is never raised.
+//! Not modelled: host mode, isochronous endpoints, the periodic end-of-frame interrupt (EOPF), remote wake-up, and the
+//! wake-up line to the EXTI. Interrupts that are not modelled are never raised.
 //!
-//! Where the part does not do what the manual says, the part is followed: the manual lets the core clear EPENA of an OUT
-//! endpoint when its transfer is over (34.17.5), yet drivers that re-arm with CNAK alone work on the part. Here EPENA of
-//! an OUT endpoint stays.
+//! If the chip deviates from the manual, the model follows the chip: in the manual the core may clear EPENA of an OUT
+//! endpoint at the end of its transfer (34.17.5), but drivers that re-arm only with CNAK work on the chip. Here EPENA
+//! of an OUT endpoint stays.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -34,10 +34,10 @@ use crate::usb::{Direction, Function, Handshake, Reply};
 /// The core's identification (34.16.2 CID).
 const CORE_ID: u32 = 0x0000_1200;
 
-/// How many words the FIFOs share (34.11: 1.25 kB).
+/// Number of words shared by the FIFOs (34.11: 1.25 kB).
 const FIFO_RAM: usize = 320;
 
-/// What the core does in its own time, once the firmware has asked for it.
+/// A step that takes time after the firmware's request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
     /// EPDIS of an endpoint.
@@ -57,8 +57,9 @@ enum Step {
 }
 
 impl Step {
-    /// How long it takes at worst. The manual has firmware wait for each and says of the flushes alone how long: eight clocks of
-    /// the slower side. The others are this model's, above what drivers report. The typical time is none.
+    /// Maximum duration. The manual requires firmware to wait for each step, but specifies only the flushes: eight
+    /// clocks of the slower side. The others are assumptions above the times that drivers report. The typical duration
+    /// is zero.
     fn worst(self) -> Nanos {
         match self {
             Self::Disable(..) => Nanos(20_000),
@@ -78,9 +79,9 @@ struct InEndpoint {
     fifo: VecDeque<u32>,
     /// Depth in words and start, as DIEPTXFx holds them.
     allocation: u32,
-    /// When the packet that would now be sent was ready to be sent.
+    /// Time at which the packet to send became ready.
     armed: Option<Nanos>,
-    /// Whether a packet of it is on the wire.
+    /// True while a packet of it is on the wire.
     sends: bool,
 }
 
@@ -92,7 +93,7 @@ struct OutEndpoint {
     size: u32,
 }
 
-/// What the receive FIFO holds.
+/// An entry of the receive FIFO.
 #[derive(Debug)]
 struct Entry {
     status: u32,
@@ -102,7 +103,7 @@ struct Entry {
 /// The controller.
 #[derive(Debug)]
 pub(super) struct Core {
-    /// The instant of what happens now.
+    /// The instant of the present event.
     pub(super) now: Nanos,
     /// The PHY has its 48 MHz (34.3).
     pub(super) clocked: bool,
@@ -119,7 +120,7 @@ pub(super) struct Core {
     /// The address before DCFG was written: the status stage of SET_ADDRESS still uses it.
     old_address: u8,
     dctl: u32,
-    /// The word that says that the global OUT NAK is in force was popped.
+    /// The word that reports the global OUT NAK was popped.
     out_nak_told: bool,
     suspended: bool,
     enumerated: bool,
@@ -134,16 +135,16 @@ pub(super) struct Core {
     received: VecDeque<Entry>,
     /// Data words of entries whose status was popped.
     popped: VecDeque<u32>,
-    /// A SETUP came and the token that ends its phase did not yet.
+    /// A SETUP was received, and the token that ends its phase was not.
     setup_open: bool,
     misuse: Option<&'static str>,
-    /// How long steps take, and what is under way, with when it will be done.
+    /// The durations of steps, and the steps in progress with their ends.
     clock: Clock,
     steps: Vec<(Nanos, Step)>,
 }
 
 impl Default for Core {
-    /// The controller out of reset.
+    /// The reset state of the controller.
     fn default() -> Self {
         let mut core = Self {
             now: Nanos(0),
@@ -188,9 +189,9 @@ impl Default for Core {
     }
 }
 
-/// What the processor sees.
+/// The processor's interface.
 impl Core {
-    /// The controller after a reset of the part or of the peripheral: the cable stays as it was.
+    /// The controller after a reset of the chip or of the peripheral: the cable state stays.
     pub(super) fn restarted(&self) -> Self {
         Self {
             now: self.now,
@@ -200,7 +201,7 @@ impl Core {
         }
     }
 
-    /// A controller whose steps take as long as the clock says.
+    /// A controller with step durations from this clock.
     pub(super) fn with_clock(clock: Clock) -> Self {
         Self {
             clock,
@@ -208,12 +209,12 @@ impl Core {
         }
     }
 
-    /// When the next step is done.
+    /// The end of the next step.
     pub(super) fn next_step(&self) -> Option<Nanos> {
         self.steps.iter().map(|&(done, _)| done).min()
     }
 
-    /// Ends the steps that are done by now.
+    /// Completes the steps that end by now.
     pub(super) fn advance(&mut self) {
         while let Some(first) = (0..self.steps.len()).min_by_key(|&nth| self.steps[nth].0)
             && self.steps[first].0 <= self.now
@@ -273,7 +274,7 @@ impl Core {
                 self.popped.clear();
             }
             Step::Reset => {
-                // 34.16.2: all registers but some of PCGCCTL and DCFG's speed.
+                // 34.16.2: all registers except some of PCGCCTL and DCFG's speed.
                 *self = Self {
                     clocked: self.clocked,
                     dcfg: Self::default().dcfg | self.dcfg & device::DSPD,
@@ -284,7 +285,7 @@ impl Core {
         }
     }
 
-    /// What a read of `offset` answers, without what it does.
+    /// The value of a read of `offset`, without side effects.
     pub(super) fn peek(&self, offset: u32) -> u32 {
         if let Some((direction, endpoint, register)) = endpoint_register(offset) {
             let (input, output) = (&self.input[endpoint], &self.output[endpoint]);
@@ -331,7 +332,7 @@ impl Core {
             DAINTMSK => self.daintmsk,
             DIEPEMPMSK => self.diepempmsk,
             PCGCCTL => self.pcgcctl,
-            // Every window reads the one receive FIFO (34.11.1).
+            // Every window reads the single receive FIFO (34.11.1).
             FIFO.. => self.popped.front().copied().unwrap_or(0),
             _ => 0,
         }
@@ -349,7 +350,7 @@ impl Core {
         value
     }
 
-    /// The status word at the front leaves the FIFO; its data is next to be read.
+    /// Pops the status word at the front of the FIFO; its data is read next.
     fn pop(&mut self) {
         let Some(entry) = self.received.pop_front() else {
             return;
@@ -419,8 +420,8 @@ impl Core {
         self.arm();
     }
 
-    /// A word goes into a transmit FIFO, if that holds one more. What a core does with one that does not fit, the manual
-    /// does not say; here it is lost.
+    /// Pushes a word into a transmit FIFO, if it has room. The manual does not specify the overflow; here the word is
+    /// lost.
     fn push(&mut self, endpoint: usize, word: u32) {
         let input = &self.input[endpoint];
         if input.fifo.len() >= input.depth() {
@@ -438,7 +439,7 @@ impl Core {
         self.input[endpoint].fifo.push_back(word);
     }
 
-    /// Whether the transmit FIFO of `endpoint` has words of the RAM that are another's, or not there.
+    /// Returns true if the transmit FIFO of `endpoint` overlaps another, or exceeds the RAM.
     fn overlaps(&self, endpoint: usize) -> bool {
         let own = self.input[endpoint].words();
         let others = self.input.iter().enumerate();
@@ -449,12 +450,12 @@ impl Core {
             || others.filter(active).any(|(_, input)| shared(input.words()))
     }
 
-    /// What the firmware did, since this was last asked, that the manual forbids.
+    /// The forbidden access of the firmware since the last call, if any.
     pub(super) fn take_misuse(&mut self) -> Option<&'static str> {
         self.misuse.take()
     }
 
-    /// An endpoint that is enabled while it is being disabled is told: the core would disable it.
+    /// Reports an endpoint that is enabled while it is being disabled: the core would disable it.
     fn check_enable(&mut self, direction: Direction, endpoint: usize, value: u32) {
         let disables = |step| step == Step::Disable(direction, endpoint);
         let is_let_go = value & epctl::CNAK != 0 && value & epctl::EPENA != 0;
@@ -517,7 +518,7 @@ impl Core {
         self.out_nak_told &= self.dctl & device::GONSTS != 0;
     }
 
-    /// Whether the core drives its interrupt line (34.15).
+    /// Returns true if the core drives its interrupt line (34.15).
     pub(super) fn interrupt(&self) -> bool {
         self.gahbcfg & gahbcfg::GINTMSK != 0 && self.status() & self.gintmsk != 0
     }
@@ -541,7 +542,7 @@ impl Core {
         status
     }
 
-    /// DAINT: which endpoints want attention.
+    /// DAINT: the endpoints with interrupts.
     fn all_endpoints(&self) -> u32 {
         let mut all = 0;
         for endpoint in 0..ENDPOINTS {
@@ -567,7 +568,7 @@ impl Core {
         input.interrupts | if empty { epint::TXFE } else { 0 }
     }
 
-    /// Notes when a packet becomes ready to be sent.
+    /// Records the time at which a packet becomes ready.
     fn arm(&mut self) {
         for (endpoint, input) in self.input.iter_mut().enumerate() {
             if !input.loaded(endpoint) {
@@ -579,9 +580,9 @@ impl Core {
     }
 }
 
-/// What the wire does.
+/// The wire's interface.
 impl Core {
-    /// The bus voltage is there, as far as the core knows (34.16.2 GCCFG).
+    /// Returns true if the core sees the bus voltage (34.16.2 GCCFG).
     fn session(&self) -> bool {
         self.gccfg & gccfg::NOVBUSSENS != 0 || self.gccfg & gccfg::VBUSBSEN != 0 && self.vbus
     }
@@ -590,7 +591,8 @@ impl Core {
         ((self.dcfg & device::DAD) >> device::DAD_AT) as u8
     }
 
-    /// Whether a token with `address` is for this device. Once the new address was used, the old one is over.
+    /// Returns true if a token with `address` is for this device. The first use of the new address invalidates the old
+    /// one.
     fn addressed(&mut self, address: u8) -> bool {
         if address == self.address() {
             self.old_address = address;
@@ -598,7 +600,7 @@ impl Core {
         self.clocked && address == self.old_address
     }
 
-    /// A token after SETUP ends its phase: the core says so in the receive FIFO (34.17.5).
+    /// A token after SETUP ends its phase: the core reports it in the receive FIFO (34.17.5).
     fn end_setup(&mut self) {
         if std::mem::take(&mut self.setup_open) {
             self.receive(0, grxsts::SETUP_DONE, false, &[]);
@@ -620,13 +622,13 @@ impl Core {
         });
     }
 
-    /// Whether the receive FIFO has room for a packet and the two status words that come with it (34.11.1).
+    /// Returns true if the receive FIFO has room for a packet and its two status words (34.11.1).
     fn room(&self, length: usize) -> bool {
         let used: usize = self.received.iter().map(|entry| 1 + entry.data.len()).sum();
         used + self.popped.len() + 2 + length.div_ceil(4) <= self.grxfsiz as usize
     }
 
-    /// What an OUT packet of `length` bytes would get.
+    /// The handshake for an OUT packet of `length` bytes.
     fn takes(&self, endpoint: usize, length: usize) -> Handshake {
         let output = &self.output[endpoint];
         if output.control & epctl::USBAEP == 0 {
@@ -635,7 +637,7 @@ impl Core {
         if output.control & epctl::STALL != 0 {
             return Handshake::Stall;
         }
-        // Drivers leave EPENA and the packet count of endpoint 0 alone; there NAKSTS decides.
+        // Drivers do not set EPENA and the packet count of endpoint 0; NAKSTS decides for it.
         let enabled = endpoint == 0 || output.control & epctl::EPENA != 0 && output.size & eptsiz::PKTCNT != 0;
         let nak = output.control & epctl::NAKSTS != 0 || self.dctl & device::GONSTS != 0;
         if enabled && !nak && self.room(length) {
@@ -645,7 +647,7 @@ impl Core {
         }
     }
 
-    /// What an IN token would get.
+    /// The handshake for an IN token.
     fn gives(&self, endpoint: usize) -> Handshake {
         let input = &self.input[endpoint];
         if input.control & epctl::USBAEP == 0 {
@@ -681,7 +683,7 @@ impl Function for Core {
         self.enumerated = false;
         self.setup_open = false;
         self.latched |= gint::USBRST;
-        // Endpoints but 0 leave the bus, and nothing is armed any more (34.16.4, USBAEP; 34.17.3).
+        // All endpoints except 0 are deactivated, and no packet is armed (34.16.4, USBAEP; 34.17.3).
         for (endpoint, input) in self.input.iter_mut().enumerate() {
             input.sends = false;
             input.control = after_reset(endpoint, input.control);
@@ -698,7 +700,7 @@ impl Function for Core {
     }
 
     fn start_of_frame(&mut self, number: u16) {
-        // What was on the wire and not acknowledged is over.
+        // An unacknowledged packet on the wire is aborted.
         self.input.iter_mut().for_each(InEndpoint::end);
         self.frame = number;
         self.latched |= gint::SOF;
@@ -773,7 +775,7 @@ impl Function for Core {
                     self.receive(endpoint, grxsts::OUT_DONE, false, &[]);
                 }
             }
-            // A packet that was received already is acknowledged and dropped (USB 2.0, 8.6.4).
+            // A packet received before is acknowledged and dropped (USB 2.0, 8.6.4).
             _ => {}
         }
         answer
@@ -844,13 +846,13 @@ impl InEndpoint {
         (self.allocation >> 16) as usize
     }
 
-    /// The words of the FIFO RAM that are its FIFO's.
+    /// The range of its FIFO in the FIFO RAM.
     fn words(&self) -> Range<usize> {
         let start = (self.allocation & 0xFFFF) as usize;
         start..start + self.depth()
     }
 
-    /// The length of the packet it would send next, in bytes.
+    /// The length of the next packet, in bytes.
     fn next(&self, endpoint: usize) -> usize {
         ((self.size & eptsiz::XFRSIZ) as usize).min(packet(endpoint, self.control))
     }
@@ -862,14 +864,14 @@ impl InEndpoint {
         }
     }
 
-    /// The packet on the wire is through.
+    /// The packet on the wire has ended.
     fn end(&mut self) {
         if std::mem::take(&mut self.sends) {
             self.take_nak();
         }
     }
 
-    /// Whether it would send now.
+    /// Returns true if a packet is ready.
     fn loaded(&self, endpoint: usize) -> bool {
         self.control & epctl::EPENA != 0
             && self.control & epctl::NAKSTS == 0
@@ -883,7 +885,7 @@ impl OutEndpoint {
     }
 }
 
-/// An endpoint's largest packet (34.16.4): endpoint 0 codes it.
+/// An endpoint's maximum packet size (34.16.4). Endpoint 0 has an encoding.
 fn packet(endpoint: usize, control: u32) -> usize {
     if endpoint == 0 {
         64 >> (control & 3)
@@ -892,10 +894,10 @@ fn packet(endpoint: usize, control: u32) -> usize {
     }
 }
 
-/// What an endpoint's control register holds after a write.
+/// The value of an endpoint's control register after a write.
 fn control(endpoint: usize, old: u32, written: u32) -> u32 {
     let commands = epctl::CNAK | epctl::SNAK | epctl::SD0PID | epctl::SD1PID | epctl::EPDIS;
-    // The STALL of endpoint 0 is cleared by a SETUP alone.
+    // Only a SETUP clears the STALL of endpoint 0.
     let stall = if endpoint == 0 { old & epctl::STALL } else { 0 };
     let hardware = epctl::NAKSTS | epctl::DPID | epctl::EPENA;
     let mut new = written & !(commands | hardware) | old & hardware | stall;
@@ -916,14 +918,14 @@ fn control(endpoint: usize, old: u32, written: u32) -> u32 {
     new
 }
 
-/// What a bus reset leaves of an endpoint's control register. One that was enabled stays so, and so does one that is
-/// stalled: the lists of what clears EPENA and STALL have no reset (34.16.4).
+/// The value of an endpoint's control register after a bus reset. An enabled endpoint stays enabled, and a stalled one
+/// stalled: the manual does not list the reset among the events that clear EPENA and STALL (34.16.4).
 fn after_reset(endpoint: usize, control: u32) -> u32 {
     let active = if endpoint == 0 { 0 } else { epctl::USBAEP };
     control & !active | epctl::NAKSTS
 }
 
-/// Which endpoint's register is at `offset`, and which one it is.
+/// The endpoint of the register at `offset`, and the register's offset within it.
 fn endpoint_register(offset: u32) -> Option<(Direction, usize, u32)> {
     [(DIEP, Direction::In), (DOEP, Direction::Out)]
         .into_iter()

@@ -1,4 +1,4 @@
-//! USB OTG FS (RM0090, chapter 34): [`Core`] is the controller, this joins it to the bus and to the wire.
+//! USB OTG FS (RM0090, chapter 34): [`Core`] is the controller; this file connects it to the bus and the wire.
 
 mod core;
 mod registers;
@@ -10,7 +10,7 @@ use crate::time::Nanos;
 use crate::timing::Clock;
 use crate::usb::host::Host;
 
-/// The clock that the PHY needs, and how far off it may be: 0.25 % (34.3; USB 2.0, 7.1.11).
+/// The clock of the PHY, and its tolerance: 0.25 % (34.3; USB 2.0, 7.1.11).
 const PHY_HZ: u64 = 48_000_000;
 const PHY_TOLERANCE_HZ: u64 = PHY_HZ / 400;
 
@@ -19,9 +19,9 @@ const PHY_TOLERANCE_HZ: u64 = PHY_HZ / 400;
 pub(super) struct Otg {
     core: Core,
     host: Shared<Host>,
-    /// When host or controller wants to be called next.
+    /// The time of the next event of host or controller.
     wake: Option<Nanos>,
-    /// Something happened on the wire since this was last asked.
+    /// An event occurred on the wire since the last check.
     progress: bool,
 }
 
@@ -35,7 +35,7 @@ impl Otg {
         }
     }
 
-    /// The controller as a reset leaves it. The cable and the clock stay.
+    /// The reset state of the controller. The cable and the clock stay.
     pub(super) fn reset(&mut self, now: Nanos) {
         let clocked = self.core.clocked;
         self.core = self.core.restarted();
@@ -57,12 +57,12 @@ impl Otg {
         self.core.interrupt()
     }
 
-    /// Whether anything happened on the wire since this was last asked that a program may wait for.
+    /// Returns true if an event that a program may wait for occurred on the wire since the last call.
     pub(super) fn take_progress(&mut self) -> bool {
         std::mem::take(&mut self.progress)
     }
 
-    /// Lets the host see what changed.
+    /// Passes changes on to the host.
     pub(super) fn settle(&mut self, now: Nanos) {
         self.come_to(now);
         let mut host = lock(&self.host);
@@ -71,7 +71,7 @@ impl Otg {
         self.wake = next.into_iter().chain(self.core.next_step()).min();
     }
 
-    /// What a read of a register would give, without what it does.
+    /// The value of a register, without side effects of a read.
     pub(super) fn peek(&self, offset: u32) -> Result<u32, Refused> {
         registers::name(offset).ok_or(Refused::NoRegister)?;
         Ok(self.core.peek(offset))
@@ -88,7 +88,7 @@ impl Peripheral for Otg {
         registers::name(offset).ok_or(Refused::NoRegister)?;
         self.come_to(now);
         let value = self.core.read(offset);
-        // Only what makes room in the receive FIFO concerns the host.
+        // Only reads that free space in the receive FIFO concern the host.
         if registers::pops(offset) {
             self.settle(now);
         }

@@ -1,9 +1,9 @@
-//! The registers of OTG_FS in device mode (RM0090, 34.16): where they are, and their bits.
+//! The registers of OTG_FS in device mode (RM0090, 34.16): their offsets and bits.
 //!
-//! Only what a device needs is here. The host registers are left out on purpose: an access to one is an access to
-//! nothing, which fails the run.
+//! Only device registers are included. An access to a host register is deliberately an access to a hole, which fails
+//! the run.
 
-/// How many endpoints the core has in each direction, endpoint 0 included (34.1).
+/// Number of endpoints of the core in each direction, including endpoint 0 (34.1).
 pub(super) const ENDPOINTS: usize = 4;
 
 // Global registers (34.16.2).
@@ -20,8 +20,8 @@ pub(super) const GRXFSIZ: u32 = 0x024;
 pub(super) const DIEPTXF0: u32 = 0x028;
 pub(super) const GCCFG: u32 = 0x038;
 pub(super) const CID: u32 = 0x03C;
-/// Not in the manual. Drivers for this core, whoever built it in, read the width of the PHY's interface here, which
-/// means nothing for the PHY inside this part. It reads zero.
+/// Not in the manual. Drivers for this core in any chip read the width of the PHY interface here, which has no meaning
+/// for this chip's internal PHY. It reads zero.
 pub(super) const GHWCFG4: u32 = 0x050;
 pub(super) const DIEPTXF1: u32 = 0x104;
 pub(super) const DIEPTXF2: u32 = 0x108;
@@ -56,7 +56,8 @@ pub(super) const FIFO: u32 = 0x1000;
 pub(super) const FIFO_SPAN: u32 = 0x1000;
 const FIFO_END: u32 = FIFO + ENDPOINTS as u32 * FIFO_SPAN;
 
-/// The name of the register or FIFO window at this offset, if there is one. An endpoint's is told by its offset.
+/// The name of the register or FIFO window at this offset, if there is one. Endpoint registers are named by their
+/// offset.
 pub(super) const fn name(offset: u32) -> Option<&'static str> {
     Some(match offset {
         GOTGCTL => "GOTGCTL",
@@ -103,7 +104,7 @@ pub(super) const fn name(offset: u32) -> Option<&'static str> {
     })
 }
 
-/// Whether reading the register takes something out of the receive FIFO.
+/// Returns true if a read of the register pops the receive FIFO.
 pub(super) const fn pops(offset: u32) -> bool {
     offset == GRXSTSP || offset >= FIFO
 }
@@ -116,11 +117,11 @@ pub(super) mod gahbcfg {
 
 /// Bits of GOTGCTL and GOTGINT.
 pub(super) mod gotg {
-    /// GOTGCTL: the connector's ID pin says B-device.
+    /// GOTGCTL: the connector's ID pin indicates a B-device.
     pub(in super::super) const CIDSTS: u32 = 1 << 16;
-    /// GOTGCTL: the bus voltage is there.
+    /// GOTGCTL: the bus voltage is present.
     pub(in super::super) const BSVLD: u32 = 1 << 19;
-    /// GOTGINT: it went away.
+    /// GOTGINT: the session ended.
     pub(in super::super) const SEDET: u32 = 1 << 2;
 }
 
@@ -131,7 +132,7 @@ pub(super) mod grstctl {
     pub(in super::super) const TXFFLSH: u32 = 1 << 5;
     pub(in super::super) const TXFNUM_AT: u32 = 6;
     pub(in super::super) const TXFNUM: u32 = 0x1F << TXFNUM_AT;
-    /// TXFNUM that stands for every transmit FIFO.
+    /// The TXFNUM value for all transmit FIFOs.
     pub(in super::super) const ALL: u32 = 0x10;
     pub(in super::super) const AHBIDL: u32 = 1 << 31;
 }
@@ -154,11 +155,11 @@ pub(super) mod gint {
     pub(in super::super) const SRQINT: u32 = 1 << 30;
     pub(in super::super) const WKUPINT: u32 = 1 << 31;
 
-    /// What the core sets once and a written one clears.
+    /// Flags set by the core and cleared by writing 1.
     pub(in super::super) const LATCHED: u32 = SOF | ESUSP | USBSUSP | USBRST | ENUMDNE | SRQINT | WKUPINT;
 }
 
-/// Fields of GRXSTSR and GRXSTSP, and what PKTSTS says in device mode.
+/// Fields of GRXSTSR and GRXSTSP, and the values of PKTSTS in device mode.
 pub(super) mod grxsts {
     pub(in super::super) const BCNT_AT: u32 = 4;
     pub(in super::super) const DPID_AT: u32 = 15;
@@ -172,7 +173,7 @@ pub(super) mod grxsts {
 
 /// Bits of GCCFG.
 pub(super) mod gccfg {
-    /// Set, the transceiver is on.
+    /// Enables the transceiver.
     pub(in super::super) const PWRDWN: u32 = 1 << 16;
     pub(in super::super) const VBUSBSEN: u32 = 1 << 19;
     pub(in super::super) const NOVBUSSENS: u32 = 1 << 21;
@@ -183,14 +184,14 @@ pub(super) mod device {
     /// DCFG: the device's address.
     pub(in super::super) const DAD_AT: u32 = 4;
     pub(in super::super) const DAD: u32 = 0x7F << DAD_AT;
-    /// DCFG: the speed that is asked for; a core reset keeps it.
+    /// DCFG: the requested speed; a core reset keeps it.
     pub(in super::super) const DSPD: u32 = 3;
     /// DCTL: soft disconnect.
     pub(in super::super) const SDIS: u32 = 1 << 1;
     /// DCTL: global NAK in force, for IN and for OUT.
     pub(in super::super) const GINSTS: u32 = 1 << 2;
     pub(in super::super) const GONSTS: u32 = 1 << 3;
-    /// DCTL: set and clear them.
+    /// DCTL: set and clear bits of the global NAKs.
     pub(in super::super) const SGINAK: u32 = 1 << 7;
     pub(in super::super) const CGINAK: u32 = 1 << 8;
     pub(in super::super) const SGONAK: u32 = 1 << 9;
@@ -207,7 +208,7 @@ pub(super) mod device {
 pub(super) mod epctl {
     pub(in super::super) const MPSIZ: u32 = 0x7FF;
     pub(in super::super) const USBAEP: u32 = 1 << 15;
-    /// Which data PID is next: DATA1 when set.
+    /// The next data PID: DATA1 when set.
     pub(in super::super) const DPID: u32 = 1 << 16;
     pub(in super::super) const NAKSTS: u32 = 1 << 17;
     pub(in super::super) const STALL: u32 = 1 << 21;
@@ -223,15 +224,15 @@ pub(super) mod epctl {
 pub(super) mod epint {
     pub(in super::super) const XFRC: u32 = 1 << 0;
     pub(in super::super) const EPDISD: u32 = 1 << 1;
-    /// OUT: a SETUP phase is over.
+    /// OUT: a SETUP phase has ended.
     pub(in super::super) const STUP: u32 = 1 << 3;
-    /// IN: a token came and the FIFO did not hold a packet.
+    /// IN: a token arrived while the FIFO held no packet.
     pub(in super::super) const ITTXFE: u32 = 1 << 4;
-    /// OUT: a token came and the endpoint was not enabled.
+    /// OUT: a token arrived while the endpoint was not enabled.
     pub(in super::super) const OTEPDIS: u32 = 1 << 4;
-    /// IN: a NAK that was set is in force.
+    /// IN: a NAK has taken effect.
     pub(in super::super) const INEPNE: u32 = 1 << 6;
-    /// IN: the FIFO is empty, or half so; it cannot be cleared.
+    /// IN: the FIFO is empty, or half empty; read only.
     pub(in super::super) const TXFE: u32 = 1 << 7;
 }
 
@@ -240,7 +241,7 @@ pub(super) mod eptsiz {
     pub(in super::super) const XFRSIZ: u32 = 0x7_FFFF;
     pub(in super::super) const PKTCNT_AT: u32 = 19;
     pub(in super::super) const PKTCNT: u32 = 0x3FF << PKTCNT_AT;
-    /// DOEPTSIZ0: how many more SETUP packets the firmware has room for.
+    /// DOEPTSIZ0: number of further SETUP packets that the firmware has room for.
     pub(in super::super) const STUPCNT_AT: u32 = 29;
     pub(in super::super) const STUPCNT: u32 = 3 << STUPCNT_AT;
 }

@@ -1,4 +1,4 @@
-//! The clock tree that the firmware sets up, and the flags that say why the part started (RM0090, chapter 7).
+//! The firmware's clock tree, and the reset flags (RM0090, chapter 7).
 
 use super::*;
 
@@ -23,13 +23,13 @@ const PLL: u32 = 4 | 168 << 6 | 1 << 22 | 7 << 24;
 /// The core from the PLL, APB1 a quarter, APB2 a half of it (7.3.3).
 const TREE: u32 = 2 | 5 << 10 | 4 << 13;
 
-/// Reset flags of CSR, and what clears them (7.3.21).
+/// Reset flags of CSR, and the bit that clears them (7.3.21).
 const SOFTWARE: u32 = 1 << 28;
 const WATCHDOG: u32 = 1 << 29;
 const POWER: u32 = 1 << 27;
 const RMVF: u32 = 1 << 24;
 
-/// Runs until `flag` of CR is up.
+/// Runs until `flag` of CR is set.
 fn wait(bench: &mut Bench, flag: u32) {
     let start = bench.now;
     while bench.read(CR) & flag == 0 {
@@ -127,7 +127,7 @@ const CC1IF: u32 = 1 << 1;
 const CC1OF: u32 = 1 << 9;
 const RTCPRE_AT: u32 = 16;
 
-/// The part with this crystal, which is switched on.
+/// The chip with this crystal, switched on.
 fn with_crystal(crystal: Crystal) -> Bench {
     let mut bench = Bench::new(Reenabled::Restarts);
     lock(&bench.oscillator).crystal = crystal;
@@ -176,7 +176,7 @@ fn a_dead_crystal_is_never_ready_until_it_is_replaced() {
     assert!(is_ready(&mut bench));
 }
 
-/// Cycles of HSI from one capture of each eighth edge of the crystal's clock by 30 to the next.
+/// Cycles of HSI between captures of every eighth edge of the crystal's clock divided by 30.
 fn captured(bench: &mut Bench) -> u32 {
     let mut capture = || {
         while bench.read(TIM_SR) & CC1IF == 0 {
@@ -279,7 +279,7 @@ const ALTERNATE: u32 = 2 << 4;
 
 #[test]
 fn a_pin_to_the_arm_that_nothing_holds_high_is_told() {
-    // What is told of the UART's transmitter on or off, its pin, and the level of that pin.
+    // The violations for the UART's transmitter on or off, the pin's mode, and its level.
     let on = 1 << 13 | 1 << 3;
     for (steps, told) in [
         (&[(USART_CR1, on), (MODER, ALTERNATE)][..], 0),

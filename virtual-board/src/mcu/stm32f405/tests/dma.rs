@@ -36,7 +36,7 @@ const NUMBERS: [u8; 32] = {
 };
 
 impl Bench {
-    /// Runs until `count` more bytes have come.
+    /// Runs until `count` more bytes have arrived.
     fn receive(&mut self, count: u32) {
         self.run_until(self.now + Nanos(10_000 * u64::from(count)));
     }

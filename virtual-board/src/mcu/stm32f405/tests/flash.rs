@@ -247,7 +247,7 @@ fn an_error_stays_until_a_one_is_written_to_it() {
     assert_eq!(bench.read(SR), 0);
 }
 
-/// How long an operation takes, with the part as slow as `timing` says.
+/// The duration of an operation with this timing.
 fn lasts(timing: Timing, seed: u64, start: impl Fn(&mut Bench)) -> Nanos {
     let mut bench = unlocked();
     *lock(&bench.flash) = Flash::new(vec![0xFF; SIZE], None, Clock::new(timing, seed));

@@ -1,4 +1,4 @@
-//! TIM5, which keeps the firmware's time (RM0090, chapter 18), and the independent watchdog (chapter 21).
+//! TIM5, the firmware's clock (RM0090, chapter 18), and the independent watchdog (chapter 21).
 
 use super::*;
 
@@ -16,7 +16,7 @@ const UIF: u32 = 1 << 0;
 const CC1IF: u32 = 1 << 1;
 const CC2IF: u32 = 1 << 2;
 
-/// TIM5 at a megahertz from the 16 MHz that the part starts with, running from 0.
+/// TIM5 at 1 MHz from the initial 16 MHz, running from 0.
 fn timer() -> Bench {
     let mut bench = Bench::new(Reenabled::Restarts);
     for (register, value) in [
@@ -36,7 +36,7 @@ fn timer() -> Bench {
 }
 
 impl Bench {
-    /// Whether the last change of an interrupt line was up, if there was one.
+    /// The last change of an interrupt line: true for a rising edge.
     fn rose(&mut self) -> Option<bool> {
         self.drain_interrupts().pop()
     }
@@ -128,13 +128,14 @@ const PR: u32 = 0x4000_3004;
 const RLR: u32 = 0x4000_3008;
 const IWDG_SR: u32 = 0x4000_300C;
 
-/// Virtual time of so many ticks of the 32 kHz LSI.
+/// Virtual time of this number of ticks of the 32 kHz LSI.
 const fn ticks(count: u64) -> Nanos {
     Nanos(count * 31_250)
 }
 
 impl Bench {
-    /// Writes the watchdog's prescaler and reload, and waits until they have crossed to its clock: PVU and RVU fall.
+    /// Writes the watchdog's prescaler and reload, and waits until they have crossed to its clock: PVU and RVU are
+    /// clear.
     fn configure(&mut self, prescaler: u32, reload: u32) {
         self.write(PR, prescaler);
         self.write(RLR, reload);
@@ -145,7 +146,7 @@ impl Bench {
         }
     }
 
-    /// Whether the watchdog asked for a reset.
+    /// Returns true if the watchdog requested a reset.
     fn barks(&mut self) -> bool {
         self.part.take_reset() == Some(Cause::Watchdog)
     }

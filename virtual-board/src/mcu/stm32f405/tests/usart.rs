@@ -1,4 +1,4 @@
-//! USART2 without its DMA: what its flags say, and how they are cleared (RM0090, 30.3.2 to 30.3.4, 30.6.1).
+//! USART2 without its DMA: its flags and their clearing (RM0090, 30.3.2 to 30.3.4, 30.6.1).
 
 use super::*;
 
@@ -18,7 +18,7 @@ const OVER8: u32 = 1 << 15;
 
 const ON: u32 = UE | TE | RE;
 
-/// USART2 at 1 Mbaud, past the idle frame that its transmitter starts with, without DMA, with these interrupts.
+/// USART2 at 1 Mbaud, after the initial idle frame of its transmitter, without DMA, with these interrupts.
 fn port(interrupts: u32) -> Bench {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(USART_CR3, 0);
@@ -29,12 +29,12 @@ fn port(interrupts: u32) -> Bench {
 }
 
 impl Bench {
-    /// The flags of SR that are asked for, without what reading it does.
+    /// The flags `of` in SR, without side effects.
     fn flags(&mut self, of: u32) -> u32 {
         self.part.peripherals.usart2.peek(USART_SR & 0x3FF).unwrap() & of
     }
 
-    /// The level that the interrupt took since this was last asked, if it changed.
+    /// The new level of the interrupt line since the last call, if it changed.
     fn interrupted(&mut self) -> Option<bool> {
         self.drain_interrupts().pop()
     }
@@ -142,7 +142,7 @@ fn a_line_error_interrupts_with_eie_only_under_dma() {
         bench.write(USART_CR3, control);
         lock(&bench.line).plan_fault(0, Fault::Noise);
         bench.say(&[0x42]);
-        // Before the DMA reads DR, which would complete the sequence if SR had been read.
+        // This comes before the DMA's read of DR, which would complete the sequence if SR had been read.
         bench.run_until(Nanos(70_000));
         assert_eq!(bench.interrupted(), interrupts.then_some(true));
         assert_eq!(bench.flags(NF), NF);
@@ -226,7 +226,7 @@ fn the_rate_is_what_brr_divides_with_sixteen_or_eight_samples() {
 
 #[test]
 fn dr_takes_a_byte_from_the_dma() {
-    // The byte ends at 20 us; its DMA transfer needs 25 ns and more from there.
+    // The byte ends at 20 us; its DMA transfer takes at least 25 ns from there.
     let read_data_at = |at| {
         let mut bench = Bench::new(Reenabled::Restarts);
         bench.part.peripherals.dma.set_delays(DELAYS);

@@ -1,8 +1,8 @@
-//! The controller: what its registers do, and what the bus sees.
+//! The controller: its registers, and its interface to the bus.
 //!
 //! | Behaviour | Section |
 //! |---|---|
-//! | Software initialization: INIT, CCE, what is protected and what CCE resets; joining after 11 recessive bits | 44.3.2 |
+//! | Software initialization: INIT, CCE, protected registers, resets by CCE; joining after 11 recessive bits | 44.3.2 |
 //! | CAN FD: FDOE, BRSE, FDF and BRS of a buffer | 44.3.2 |
 //! | Bit times of both phases, clock divider | 44.4.3, 44.4.7, 44.4.37 |
 //! | Bus monitoring, no automatic retransmission, clock stop | 44.3.2 |
@@ -12,8 +12,8 @@
 //! | Error counters, warning, passive, bus-off; recovery by 129 times 11 recessive bits | 44.4.12, 44.4.13 |
 //! | Interrupts in groups on two lines | 44.4.15 to 44.4.18 |
 //!
-//! DBTP.TDC and TDCR are kept; the bus has no transceiver whose delay would matter. Refused by name: test modes, restricted
-//! operation, time stamps, time-outs, filters for 29 bits, transmit events, transmit pause.
+//! DBTP.TDC and TDCR are stored; the bus has no transceiver delay. Refused with their name: test modes, restricted
+//! operation, time stamps, timeouts, filters for 29 bits, transmit events, transmit pause.
 
 use std::collections::VecDeque;
 
@@ -28,7 +28,7 @@ use crate::line::SECOND;
 use crate::soc::peripheral::{Refused, field, forbidden, merge};
 use crate::time::Nanos;
 
-/// How many times 11 recessive bits join the bus, and bring a controller back from bus-off (44.4.13).
+/// Number of times 11 recessive bits to join the bus, and to recover from bus-off (44.4.13).
 const JOINING: u32 = 1;
 const RECOVERY: u32 = 129;
 
@@ -40,7 +40,7 @@ struct Fifo {
     lost: bool,
 }
 
-/// A buffer whose frame is to be sent.
+/// A buffer with a pending frame.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     buffer: usize,
@@ -73,13 +73,13 @@ pub(super) struct Controller {
     fifos: [Fifo; 2],
     /// Requests in their order.
     pending: VecDeque<Pending>,
-    /// The buffer that a frame is to be put in next.
+    /// The buffer for the next frame.
     put: usize,
-    /// The buffer whose frame is on the bus, and whether that is to be the last attempt.
+    /// The buffer whose frame is on the bus, and true if this is the last attempt.
     sending: Option<usize>,
     cancelling: u32,
     wait: Option<Wait>,
-    /// Whether a frame is on the bus, and from when on the bus is free of the last one.
+    /// True while a frame is on the bus, and the end of the last one.
     busy: bool,
     free: Nanos,
     confinement: Confinement,
@@ -127,9 +127,9 @@ impl Default for Controller {
     }
 }
 
-/// What the processor sees.
+/// The processor's interface.
 impl Controller {
-    /// The controller as a reset leaves it. What is on the bus goes on.
+    /// Resets the controller. A frame on the bus continues.
     pub(super) fn reset(&mut self) {
         *self = Self {
             now: self.now,
@@ -141,7 +141,7 @@ impl Controller {
         };
     }
 
-    /// Sets the rate of the clock. Returns whether it changed.
+    /// Sets the rate of the clock. Returns true if it changed.
     pub(super) fn set_clock(&mut self, hz: u64) -> bool {
         std::mem::replace(&mut self.clock_hz, hz) != hz
     }
@@ -172,7 +172,7 @@ impl Controller {
         self.cccr & bit != 0
     }
 
-    /// Whether protected registers may be written.
+    /// Returns true if protected registers may be written.
     fn is_open(&self) -> bool {
         self.has(cccr::INIT) && self.has(cccr::CCE)
     }
@@ -203,7 +203,7 @@ impl Controller {
             TXBCF => self.cancelled,
             TXBTIE => self.txbtie,
             TXBCIE => self.txbcie,
-            // Nothing is ever in the transmit event FIFO.
+            // The transmit event FIFO is always empty.
             TXEFS => 0,
             CKDIV => self.divider,
             TEST | RWD | TSCC | TSCV | TOCC | TOCV | HPMS | TXEFA => {
@@ -263,7 +263,7 @@ impl Controller {
             ));
         }
         let had_init = self.has(cccr::INIT);
-        // CCE can be set while INIT is, and goes with it.
+        // CCE can be set while INIT is set, and is cleared with it.
         let open = if had_init && value & cccr::INIT != 0 {
             value & cccr::CCE
         } else {
@@ -292,7 +292,7 @@ impl Controller {
         Ok(())
     }
 
-    /// What CCE resets (44.3.2): RXFnS, TXFQS, TXBRP, TXBTO, TXBCF.
+    /// Resets by CCE (44.3.2): RXFnS, TXFQS, TXBRP, TXBTO, TXBCF.
     fn clear_fifos(&mut self) {
         self.fifos = [Fifo::default(); 2];
         self.pending.clear();
@@ -312,7 +312,7 @@ impl Controller {
         self.confinement.transmit() | self.confinement.receive().min(ecr::REC) << ecr::REC_AT | passive
     }
 
-    /// PSR. Reading it resets LEC and DLEC, and RESI, RBRS and REDL.
+    /// PSR. A read resets LEC and DLEC, and RESI, RBRS and REDL.
     fn take_protocol_status(&mut self) -> u32 {
         let when = |set, bit| if set { bit } else { 0 };
         let activity = match (self.sending, self.busy) {
@@ -345,7 +345,7 @@ impl Controller {
             | when(fifo.lost, rxfs::RFL)
     }
 
-    /// The processor has read everything up to this place.
+    /// The processor acknowledges all elements up to this index.
     fn acknowledge(&mut self, number: usize, place: u32) {
         let fifo = &mut self.fifos[number];
         let taken = (place as usize % DEPTH + DEPTH - fifo.get) % DEPTH + 1;
@@ -403,7 +403,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Cancels requests. One whose frame is on the bus is not sent again (44.3.6).
+    /// Cancels requests. A frame on the bus is not retransmitted (44.3.6).
     fn cancel(&mut self, buffers: u32) {
         for buffer in (0..DEPTH).filter(|buffer| buffers >> buffer & 1 != 0) {
             if self.sending == Some(buffer) {
@@ -423,7 +423,7 @@ impl Controller {
         }
     }
 
-    /// The request whose frame goes next: the oldest of a FIFO, of a queue the one whose identifier wins.
+    /// The next request: the oldest of a FIFO, the lowest identifier of a queue.
     fn next(&self) -> Option<Pending> {
         if self.is_queue() {
             let id = |pending: &&Pending| {
@@ -449,7 +449,7 @@ impl Controller {
     }
 }
 
-/// What the controller makes of the bus.
+/// The bus's interface.
 impl Controller {
     /// Clock divided by CKDIV.
     fn kernel_hz(&self) -> u64 {
@@ -461,7 +461,7 @@ impl Controller {
         self.clock_hz / divider
     }
 
-    /// A bit of `1 + before + behind` quanta in picoseconds.
+    /// A bit time of `1 + before + behind` quanta in picoseconds.
     fn bit_of(&self, prescaler: u32, before: u32, behind: u32) -> u64 {
         let ticks = u64::from(prescaler + 1) * u64::from(1 + (before + 1) + (behind + 1));
         (ticks * SECOND).checked_div(self.kernel_hz()).unwrap_or(0)
@@ -479,7 +479,7 @@ impl Controller {
         !self.has(cccr::INIT) && self.wait.is_none() && self.state() != ErrorState::BusOff && self.bit() > 0
     }
 
-    /// Where a frame goes: a FIFO, and the filter that said so.
+    /// The FIFO of a frame, and the filter that selected it.
     fn filter(&self, frame: &Frame) -> Option<(usize, Option<u32>)> {
         let (id, rejects_remote, not_matching_at) = match frame.id {
             Id::Standard(id) => (u32::from(id), rxgfc::RRFS, rxgfc::ANFS_AT),
@@ -528,7 +528,7 @@ impl Controller {
         self.ir |= flags << (ir::FIFO_BITS * number);
     }
 
-    /// Changes the error counters, and raises the interrupts of what that changes (44.4.15).
+    /// Changes the error counters, and sets the interrupts of that change (44.4.15).
     fn confine(&mut self, change: impl FnOnce(&mut Confinement)) {
         let levels = |confinement: Confinement| {
             let bus_off = confinement.state() == ErrorState::BusOff;
@@ -623,7 +623,7 @@ impl can::Controller for Controller {
     }
 
     fn lose(&mut self) {
-        // 44.3.2 DAR: a frame that lost the arbitration is not sent again either.
+        // 44.3.2 DAR: a frame that lost arbitration is not retransmitted either.
         if self.has(cccr::DAR)
             && let Some(pending) = self.next()
         {

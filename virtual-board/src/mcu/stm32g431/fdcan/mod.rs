@@ -1,7 +1,7 @@
 //! FDCAN1 with its message RAM (RM0440, chapter 44).
 //!
-//! [`controller`] is what the registers do and what the bus sees, [`ram`] the layout of the message RAM, [`registers`] the
-//! names. This joins the controller to the CAN bus.
+//! [`controller`] has the controller, [`ram`] the layout of the message RAM, [`registers`] the names. This file
+//! connects the controller to the CAN bus.
 
 mod controller;
 mod ram;
@@ -20,7 +20,7 @@ use crate::time::Nanos;
 pub(super) struct Fdcan {
     controller: Controller,
     bus: Shared<Bus>,
-    /// When the bus wants to be called next.
+    /// The time of the bus's next event.
     wake: Option<Nanos>,
     progress: bool,
 }
@@ -35,7 +35,7 @@ impl Fdcan {
         }
     }
 
-    /// The controller as a reset leaves it. The bus, the clock and the message RAM stay.
+    /// Resets the controller. The bus, the clock and the message RAM stay.
     pub(super) fn reset(&mut self, now: Nanos) {
         self.controller.reset();
         self.settle(now);
@@ -52,17 +52,17 @@ impl Fdcan {
         self.controller.interrupts()
     }
 
-    /// Whether a frame ended since this was last asked.
+    /// Returns true if a frame ended since the last call.
     pub(super) fn take_progress(&mut self) -> bool {
         std::mem::take(&mut self.progress)
     }
 
-    /// Whether nodes have received frames from the board that were not read yet.
+    /// Returns true if nodes have unread frames of the board.
     pub(super) fn has_unread(&self) -> bool {
         lock(&self.bus).unread() > 0
     }
 
-    /// Lets the bus see what changed.
+    /// Passes changes on to the bus.
     pub(super) fn settle(&mut self, now: Nanos) {
         self.controller.come_to(now);
         let mut bus = lock(&self.bus);

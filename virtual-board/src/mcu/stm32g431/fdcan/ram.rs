@@ -1,22 +1,22 @@
-//! The message RAM of an FDCAN (RM0440, 44.3.3): where filters, FIFOs and buffers are, and what a frame looks like there.
+//! The message RAM of an FDCAN (RM0440, 44.3.3): the places of filters, FIFOs and buffers, and the format of a frame.
 
 use armwire_bridge::can::MAX_FD;
 use armwire_sim::can::{FdFlags, Frame, Id};
 
 use crate::soc::peripheral::field;
 
-/// Bytes of it, for one FDCAN.
+/// Size of the RAM of one FDCAN, in bytes.
 pub(super) const SIZE: usize = 0x350;
 
-/// Where each section starts, and elements of it.
+/// The start of each section, and numbers of elements.
 const STANDARD_FILTERS: usize = 0x000;
 pub(super) const STANDARD_FILTER_COUNT: u32 = 28;
 const FIFOS: [usize; 2] = [0x0B0, 0x188];
 const TRANSMIT_BUFFERS: usize = 0x278;
-/// Elements of a FIFO, and transmit buffers.
+/// Number of elements of a FIFO, and of transmit buffers.
 pub(super) const DEPTH: usize = 3;
 
-/// Bytes of an element that holds a frame: two words of header, then the data.
+/// Size of an element with a frame, in bytes: two words of header, then the data.
 const ELEMENT: usize = 8 + MAX_FD;
 
 /// First word of a frame.
@@ -35,19 +35,19 @@ mod kind {
     pub(super) const DLC: u32 = 0xF;
     pub(super) const BRS: u32 = 1 << 20;
     pub(super) const FDF: u32 = 1 << 21;
-    /// In a transmit buffer: an event goes to the transmit event FIFO.
+    /// In a transmit buffer: store an event in the transmit event FIFO.
     pub(super) const EFC: u32 = 1 << 23;
-    /// In a receive FIFO: the filter that matched, or that none did.
+    /// In a receive FIFO: the matching filter, or none.
     pub(super) const FIDX_AT: u32 = 24;
     pub(super) const ANMF: u32 = 1 << 31;
 }
 
-/// What becomes of a frame whose identifier a filter matches (SFEC).
+/// The action for a frame whose identifier matches a filter (SFEC).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Action {
-    /// The filter is off.
+    /// The filter is disabled.
     None,
-    /// To this FIFO.
+    /// Store in this FIFO.
     Store(usize),
     Reject,
 }
@@ -57,7 +57,7 @@ pub(super) enum Action {
 pub(super) struct Filter(u32);
 
 impl Filter {
-    /// Whether it lets the identifier pass (SFT).
+    /// Returns true if it matches the identifier (SFT).
     pub(super) fn matches(self, id: u32) -> bool {
         let (first, second) = (field(self.0, 16, 0x7FF), field(self.0, 0, 0x7FF));
         match field(self.0, 30, 0b11) {
@@ -89,13 +89,13 @@ impl Default for Ram {
 }
 
 impl Ram {
-    /// Reads a word. `None` behind the end.
+    /// Reads a word. `None` beyond the end.
     pub(super) fn read(&self, offset: u32) -> Option<u32> {
         let bytes = self.0.get(offset as usize..offset as usize + 4)?;
         Some(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
     }
 
-    /// Writes a word. `None` behind the end.
+    /// Writes a word. `None` beyond the end.
     pub(super) fn write(&mut self, offset: u32, value: u32) -> Option<()> {
         let bytes = self.0.get_mut(offset as usize..offset as usize + 4)?;
         bytes.copy_from_slice(&value.to_le_bytes());
@@ -110,8 +110,8 @@ impl Ram {
         Filter(self.word(STANDARD_FILTERS + 4 * number as usize))
     }
 
-    /// The frame in a transmit buffer. `fd` and `switch` say whether the controller sends FD frames, and with a rate of their
-    /// own in the data phase (FDOE and BRSE).
+    /// The frame in a transmit buffer. `fd` and `switch` are true if the controller sends FD frames, and switches the
+    /// bit rate in the data phase (FDOE and BRSE).
     pub(super) fn frame_to_send(&self, buffer: usize, fd: bool, switch: bool) -> Frame {
         let start = TRANSMIT_BUFFERS + buffer * ELEMENT;
         let (header, kind) = (self.word(start), self.word(start + 4));
@@ -133,12 +133,12 @@ impl Ram {
         }
     }
 
-    /// Whether a transmit buffer wants an event in the transmit event FIFO.
+    /// Returns true if a transmit buffer requests an event in the transmit event FIFO.
     pub(super) fn wants_event(&self, buffer: usize) -> bool {
         self.word(TRANSMIT_BUFFERS + buffer * ELEMENT + 4) & kind::EFC != 0
     }
 
-    /// Stores a received frame in a place of a FIFO, with the filter that let it pass.
+    /// Stores a received frame in an element of a FIFO, with the matching filter.
     pub(super) fn store(&mut self, fifo: usize, place: usize, frame: &Frame, filter: Option<u32>) {
         let start = FIFOS[fifo] + place * ELEMENT;
         let id = match frame.id {

@@ -68,7 +68,7 @@ pub(super) mod cccr {
     pub(in super::super) const BRSE: u32 = 1 << 9;
     pub(in super::super) const PXHD: u32 = 1 << 12;
     pub(in super::super) const TXP: u32 = 1 << 14;
-    /// Bits that may only be written with CCE and INIT.
+    /// Bits that are writable only with CCE and INIT.
     pub(in super::super) const HELD: u32 = MON | DAR | FDOE | BRSE | PXHD | TXP;
     pub(in super::super) const MODELLED: u32 = INIT | CCE | CSA | CSR | MON | DAR | FDOE | BRSE | PXHD;
 }

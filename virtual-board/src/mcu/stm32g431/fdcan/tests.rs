@@ -1,4 +1,4 @@
-//! The controller, its registers written by hand.
+//! The controller, its registers written by the tests.
 
 use armwire_sim::can::{FdFlags, Frame, Id};
 
@@ -26,7 +26,7 @@ fn fault(error: BusError) -> Fault {
     }
 }
 
-/// A controller that is being configured.
+/// A controller in configuration mode.
 fn open() -> Controller {
     let mut controller = Controller::default();
     controller.set_clock(80_000_000);
@@ -37,7 +37,7 @@ fn open() -> Controller {
     controller
 }
 
-/// Lets the wait to join the bus, or for the end of bus-off, be over.
+/// Ends the wait to join the bus, or to recover from bus-off.
 fn join(controller: &mut Controller) -> Nanos {
     let due = controller.due().unwrap();
     controller.come_to(due);
@@ -45,7 +45,7 @@ fn join(controller: &mut Controller) -> Nanos {
     due
 }
 
-/// One that is on the bus, with CAN FD or without.
+/// A controller on the bus, with or without CAN FD.
 fn on_the_bus(flags: u32) -> Controller {
     let mut controller = open();
     controller.write(CCCR, cccr::INIT | cccr::CCE | flags).unwrap();
@@ -209,7 +209,7 @@ fn an_fd_frame_is_received_with_its_flags_and_data() {
 #[test]
 fn filters_choose_the_fifo_or_reject() {
     let mut controller = open();
-    // A range to FIFO 1, two identifiers rejected, a mask to FIFO 0; everything else is rejected.
+    // A range to FIFO 1, two identifiers rejected, a mask to FIFO 0; all others are rejected.
     for (number, filter) in [
         0b010 << 27 | 0x100 << 16 | 0x10F,
         0b01 << 30 | 0b011 << 27 | 0x200 << 16 | 0x201,

@@ -10,7 +10,7 @@ const TIMING: u32 = 5 | 9 << btr::TS1_AT | 2 << btr::TS2_AT;
 const RATE: u32 = 500_000;
 const BIT: u64 = 2_000;
 
-/// Where a mailbox has its length and its first data.
+/// Offsets of a mailbox's length and first data.
 const LENGTH: u32 = 0x4;
 const DATA_LOW: u32 = 0x8;
 
@@ -35,7 +35,7 @@ impl Bench {
         Self { core, bus }
     }
 
-    /// The same in normal mode, with every frame let into FIFO 0.
+    /// The same in normal mode, with all frames accepted to FIFO 0.
     fn new() -> Self {
         Self::with(TIMING, 0)
     }
@@ -75,7 +75,7 @@ impl Bench {
         self.bus.poll(until, &mut self.core);
     }
 
-    /// Asks `mailbox` to send one byte.
+    /// Requests a transmission of one byte by `mailbox`.
     fn request(&mut self, mailbox: u32, id: u32, byte: u8) {
         let at = MAILBOXES + mailbox * MAILBOX_SPAN;
         self.write(at + LENGTH, 1);
@@ -103,7 +103,7 @@ impl Bench {
         self.core.read(ESR) >> esr::LEC_AT & esr::LEC
     }
 
-    /// Takes the identifier at the front of FIFO 0 off it.
+    /// Releases the frame at the front of FIFO 0, and returns its identifier.
     fn take(&mut self) -> u32 {
         let id = self.core.read(FIFOS + IDENTIFIER) >> identifier::STID_AT;
         self.write(RF0R, rfr::RFOM);
@@ -155,7 +155,7 @@ fn bit_timing_is_written_in_initialization_mode_only() {
 
 #[test]
 fn a_frame_takes_its_bits_with_stuff_bits() {
-    // From the start of frame to the end of the end of frame, as another program counted them.
+    // From the start of frame to the end of the end of frame, as computed by another program.
     for (frame, bits) in [
         (frame(0x123, b"joints"), 92),
         (frame(0, &[0; 8]), 124),
@@ -200,7 +200,7 @@ fn frames_follow_each_other_after_three_bits() {
 fn mailboxes_go_by_identifier_or_in_the_order_of_requests() {
     let ids = |control| {
         let mut bench = Bench::with(TIMING, control);
-        // The first goes at once.
+        // The first is sent at once.
         for (mailbox, id) in [(0, 5), (1, 9), (2, 7)] {
             bench.request(mailbox, id, 0);
         }

@@ -1,4 +1,4 @@
-//! Error counters, error states, bus-off and the way back (RM0090, 32.7.6, 32.9.2 ESR).
+//! Error counters, error states, bus-off and recovery (RM0090, 32.7.6, 32.9.2 ESR).
 
 use super::*;
 
@@ -64,7 +64,7 @@ fn each_flag_falls_when_good_frames_have_counted_below_its_limit() {
         bench.run_through_a_frame();
     }
     assert_eq!(bench.flags(), esr::EWGF | esr::EPVF);
-    // The seventeenth attempt gets through.
+    // The seventeenth attempt succeeds.
     bench.run_through_a_frame();
     assert_eq!((bench.counters(), bench.flags()), ((127, 0), esr::EWGF));
     for count in (95..127).rev() {
@@ -135,7 +135,7 @@ fn bus_off_while_a_handler_runs_is_seen_if_the_handler_clears_its_flag_before_it
         Read,
     }
     use Step::{Clear, Read};
-    // What the handler does, where in it the 32nd frame is destroyed, and whether it or its next call sees bus-off.
+    // The handler's steps, the step at which the 32nd frame is destroyed, and the call that sees bus-off.
     for (steps, off_before, is_seen) in [
         ([Clear, Read], 0, true),
         ([Clear, Read], 1, true),
@@ -221,7 +221,7 @@ fn abom_that_is_set_in_bus_off_starts_the_recovery() {
 #[test]
 fn a_recovery_that_a_frame_interrupts_starts_its_eleven_bits_anew_and_keeps_the_others() {
     let mut bench = Bench::off(mcr::ABOM);
-    // From the end of the intermission: ten times eleven bits, and ten bits that are for nothing.
+    // From the end of the intermission: ten times eleven bits, and ten bits that do not count.
     let off = bench.core.now;
     bench.run(3 + 10 * 11 + 10);
     bench.say(0, 0x200, &[]);
@@ -230,7 +230,7 @@ fn a_recovery_that_a_frame_interrupts_starts_its_eleven_bits_anew_and_keeps_the_
         panic!("one frame");
     };
     assert_eq!(record.start.since(off), Nanos(123 * BIT));
-    // The frame ends with eleven recessive bits, its intermission the last three; 117 times are left.
+    // The frame ends with eleven recessive bits, including the three of its intermission; 117 times remain.
     let back = record.end + Nanos((3 + 117 * 11) * BIT);
     bench.run_for(Nanos(back.since(bench.core.now).0 - BIT));
     assert_ne!(bench.flags() & esr::BOFF, 0);

@@ -5,7 +5,7 @@ use super::*;
 /// FMI of RDTxR.
 const FMI: u32 = 0xFF << length::FMI_AT;
 
-/// A controller with these filters alone.
+/// A controller with only these filters.
 fn filtered(writes: &[(u32, u32)]) -> Bench {
     let mut bench = Bench::new();
     bench.write(FMR, 28 << fmr::CAN2SB_AT | fmr::FINIT);
@@ -19,7 +19,7 @@ fn filtered(writes: &[(u32, u32)]) -> Bench {
 
 #[test]
 fn the_fifos_have_registers_flags_and_interrupts_of_their_own() {
-    // Bank 0 takes 1 into FIFO 0, bank 1 takes 2 into FIFO 1.
+    // Bank 0 accepts 1 to FIFO 0, bank 1 accepts 2 to FIFO 1.
     let mut bench = filtered(&[
         (FS1R, 0b11),
         (FM1R, 0b11),

@@ -1,11 +1,12 @@
-//! What goes first, within the controller and on the bus, and how a request ends (RM0090, 32.7.1, 32.9.2 TSR).
+//! The order of transmission, within the controller and on the bus, and the end of a request (RM0090, 32.7.1, 32.9.2
+//! TSR).
 
 use super::*;
 
 const DONE: u32 = tsr::RQCP | tsr::TXOK;
 
 impl Bench {
-    /// Asks `mailbox` to send a frame without data, by its identifier register.
+    /// Requests a frame without data by `mailbox`, with this identifier register.
     fn request_frame(&mut self, mailbox: u32, identifier: u32) {
         let at = MAILBOXES + mailbox * MAILBOX_SPAN;
         self.write(at + LENGTH, 0);
@@ -36,7 +37,7 @@ fn equal_identifiers_go_by_the_number_of_the_mailbox() {
 fn data_goes_before_remote_and_eleven_bits_before_twenty_nine() {
     const BASE: u32 = 0x123;
     let mut bench = Bench::new();
-    // While this has the bus, all three come to wait.
+    // While this frame is on the bus, all three become pending.
     bench.say(0, 0, &[]);
     bench.request_frame(0, BASE << identifier::STID_AT | identifier::IDE);
     bench.request_frame(1, BASE << identifier::STID_AT | identifier::RTR);
@@ -79,7 +80,7 @@ fn a_mailbox_that_lost_the_bus_goes_after_a_better_one_that_came_meanwhile() {
     bench.say(0, 0x010, &[]);
     bench.say(0, 0x011, &[]);
     bench.request(0, 0x200, 0);
-    // The second frame of the node wins against mailbox 0.
+    // The second frame of the node wins arbitration against mailbox 0.
     bench.run(LONG / 2);
     assert_eq!(bench.status(0), tsr::ALST);
     bench.request(1, 0x100, 1);

@@ -1,5 +1,4 @@
-//! The FIFOs: what is in them, in which order it comes out, and what room they say they have (RM0090, 34.11, 34.16.2
-//! GRXSTSP, 34.16.4 DTXFSTSx and DIEPEMPMSK).
+//! The FIFOs: content, order and reported space (RM0090, 34.11, 34.16.2 GRXSTSP, 34.16.4 DTXFSTSx and DIEPEMPMSK).
 
 use super::*;
 
@@ -17,7 +16,7 @@ fn read_words(core: &mut Core, count: u32) {
     }
 }
 
-/// The interrupt that bulk endpoint 1 says that its transmit FIFO has room.
+/// Returns true if bulk endpoint 1 interrupts for space in its transmit FIFO.
 fn says_empty(core: &mut Core) -> bool {
     core.read(DAINT) & 1 << 1 != 0
 }

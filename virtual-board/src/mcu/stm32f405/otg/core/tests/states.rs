@@ -1,10 +1,9 @@
-//! Reset, suspend, disconnect, with a host at the other end where it matters (RM0090, 34.4.2, 34.16.2, 34.16.4,
-//! 34.17.3).
+//! Reset, suspend and disconnect, with a host where needed (RM0090, 34.4.2, 34.16.2, 34.16.4, 34.17.3).
 
 use super::*;
 use crate::usb::host::Host;
 
-/// What is on the wire for so long.
+/// Runs the wire for this time.
 fn run(host: &mut Host, core: &mut Core, span: Nanos) {
     let until = core.now + span;
     while let Some(next) = host.poll(core.now, core).filter(|&next| next <= until) {
@@ -198,7 +197,7 @@ fn a_setup_leaves_an_answer_that_was_not_fetched_enabled_but_silent() {
     assert_ne!(core.read(DIEP + CTL) & epctl::EPENA, 0);
 }
 
-/// The same controller with steps that take as long as they may.
+/// The same controller with steps of maximum duration.
 fn slow() -> Core {
     let mut core = with_bulk();
     core.clock = Clock::new(crate::Timing::Worst, 0);

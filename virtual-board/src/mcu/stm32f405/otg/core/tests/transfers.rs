@@ -10,7 +10,7 @@ fn set(core: &mut Core, register: u32, bits: u32) {
     core.write(register, held | bits);
 }
 
-/// What goes to the host, which acknowledges it.
+/// Sends a packet to the host, which acknowledges it.
 fn collect(core: &mut Core, endpoint: u8) -> Option<usize> {
     let Reply::Data { bytes, .. } = core.input(0, endpoint) else {
         return None;
