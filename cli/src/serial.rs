@@ -53,6 +53,11 @@ impl Line for Serial {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+        // A port that has room takes bytes at once. The library asks the system for room first, each time.
+        #[cfg(unix)]
+        if let Ok(n @ 1..) = rustix::io::write(&self.port, bytes) {
+            return Ok(n);
+        }
         loop {
             match self.port.write(bytes) {
                 Ok(n) if n > 0 => return Ok(n),

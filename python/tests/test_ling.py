@@ -42,12 +42,14 @@ def test_move_reaches_angles_in_degrees_and_radians(arm: armwire.Ling, virtual: 
 
 
 def test_degrees_of_every_position_survive_both_ways() -> None:
-    from armwire._units import DEG_PER_TICK, RAD_PER_TICK, angles, position_ticks
+    from armwire._units import DEG_PER_TICK, RAD_PER_TICK, position_ticks
 
-    for unit_per_tick in (DEG_PER_TICK, RAD_PER_TICK):
-        for ticks in range(0, 4096, 6):
-            six = [min(ticks + joint, 4095) for joint in range(6)]
-            assert position_ticks(angles(six, unit_per_tick), unit_per_tick, "") == six
+    for ticks in range(0, 4096, 6):
+        six = [min(ticks + joint, 4095) for joint in range(6)]
+        state = armwire.JointState(tuple(six), 0, MotionStatus.IDLE)
+        assert state.joints_deg.tolist() == [(tick - 2048) * 45 / 512 for tick in six]
+        assert position_ticks(state.joints_deg, DEG_PER_TICK, "") == six
+        assert position_ticks(state.joints_rad, RAD_PER_TICK, "") == six
 
 
 @pytest.mark.parametrize(
@@ -148,7 +150,7 @@ def test_target_not_reached_names_the_joint(arm: armwire.Ling) -> None:
 def test_counts_that_no_position_has_are_kept() -> None:
     # The example of the vendor's document has such a gripper.
     state = armwire.JointState((2050, 2043, 2043, 2050, 2042, 4096), 2051, MotionStatus.IDLE)
-    with pytest.raises(armwire.errors.UnacceptableError, match="joint 6 is at 4096 ticks"):
+    with pytest.raises(armwire.errors.UnacceptableError, match="joint 6: joint position is 4096 ticks, must be 0"):
         _ = state.joints_deg
     with pytest.raises(armwire.errors.UnacceptableError, match="2051 thousandths"):
         _ = state.gripper_permille
@@ -186,18 +188,18 @@ def test_python_runs_while_an_arm_is_waited_for() -> None:
 def test_arm_is_reached_by_tcp(virtual: sim.VirtualLing) -> None:
     # A server of the arm's serial port, for one client.
     with socket.create_server(("127.0.0.1", 0)) as server, open(virtual.port, "r+b", buffering=0) as serial:
-        tty.setraw(serial)
+        tty.setraw(serial.fileno())
 
         def serve() -> None:
             client, _ = server.accept()
             with client:
                 while True:
-                    ready, _, _ = select.select([client, serial], [], [])
-                    if client in ready:
+                    ready, _, _ = select.select([client.fileno(), serial.fileno()], [], [])
+                    if client.fileno() in ready:
                         if not (request := client.recv(100)):
                             return
                         serial.write(request)
-                    if serial in ready:
+                    if serial.fileno() in ready:
                         client.sendall(serial.read(100))
 
         thread = threading.Thread(target=serve)

@@ -67,7 +67,7 @@ def test_recording_is_drawn_by_its_own_clock() -> None:
     assert recorded.status.tolist() == [MotionStatus.LOCKED] * 2
     np.testing.assert_array_equal(recorded.joints_rad, np.zeros((2, 6)))
     (line, *_) = plot.recording(recorded).axes[0].get_lines()
-    np.testing.assert_allclose(line.get_xdata(), [0, 0.01])
+    assert np.asarray(line.get_xdata()).tolist() == pytest.approx([0, 0.01])
     assert armwire.JointRecording.of([]).joints_deg.shape == (0, 6)
     assert armwire.JointRecording.of([]).time_s.shape == (0,)
 

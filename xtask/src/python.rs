@@ -42,11 +42,10 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     let dir = target_dir()?.join("python-checks");
     fs::create_dir_all(&dir)?;
     let tools = Environment::with_requirements(&dir.join("tools"), &[])?;
+    check_sources(&tools, &dir)?;
     let wheel = build_wheel(&tools, &dir)?;
-    check_sources(&tools, &wheel)?;
     check_wheel(&tools, &wheel)?;
     check_sdist(&tools, &dir)?;
-    run(&mut cargo("build --quiet --package armwire-cli"))?;
     let clean = Environment::with_requirements(&dir.join("clean"), &TEST_PACKAGES)?;
     clean.install(
         &["--no-deps", "--force-reinstall"],
@@ -55,7 +54,7 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     test(&clean, &dir, options)?;
     clean.install(&["--no-deps"], &SDK)?;
     let compare = python_dir().join("benchmarks/beside_sdk.py");
-    let (armwire, scripts) = (target_dir()?.join("debug/armwire"), root().join("host-tests/vendor"));
+    let (armwire, scripts) = (clean.dir.join("bin/armwire"), root().join("host-tests/vendor"));
     run(clean.python().arg(compare).arg(armwire).arg(scripts).current_dir(&dir))
 }
 
@@ -194,6 +193,7 @@ fn build_wheel(tools: &Environment, dir: &Path) -> Result<PathBuf> {
     build.args([
         "build",
         "--quiet",
+        "--locked",
         "--zig",
         "--compatibility",
         MANYLINUX,
@@ -209,10 +209,10 @@ fn build_wheel(tools: &Environment, dir: &Path) -> Result<PathBuf> {
 }
 
 /// Linters and type checkers have nothing to say.
-fn check_sources(tools: &Environment, wheel: &Path) -> Result<()> {
+fn check_sources(tools: &Environment, dir: &Path) -> Result<()> {
     run(tools.tool("ruff")?.args(["check", "--no-cache", "."]))?;
     run(tools.tool("ruff")?.args(["format", "--no-cache", "--check", "."]))?;
-    let cache = wheel.with_file_name("mypy");
+    let cache = dir.join("mypy");
     let mypy = |paths: &str, words: &str| -> Result<()> {
         let mut mypy = tools.tool("mypy")?;
         mypy.env("MYPYPATH", paths)
@@ -221,13 +221,13 @@ fn check_sources(tools: &Environment, wheel: &Path) -> Result<()> {
             .args(words.split(' '));
         run(&mut mypy)
     };
-    let tests = fs::read_dir(python_dir().join("tests"))?
-        .flatten()
-        .map(|file| file.path());
-    let tests: Vec<_> = tests
-        .filter(|file| file.extension().is_some_and(|it| it == "py"))
-        .collect();
-    let tests: Vec<_> = tests.iter().map(|file| file.to_string_lossy()).collect();
+    let mut tests = Vec::new();
+    for file in fs::read_dir(python_dir().join("tests"))? {
+        let name = file?.file_name().to_string_lossy().into_owned();
+        if name.ends_with(".py") {
+            tests.push(format!("tests/{name}"));
+        }
+    }
     mypy(
         "python",
         &format!("python/armwire examples benchmarks {}", tests.join(" ")),
@@ -263,7 +263,7 @@ fn check_sdist(tools: &Environment, dir: &Path) -> Result<()> {
     if sources.exists() {
         fs::remove_dir_all(&sources)?;
     }
-    run(tools.tool("maturin")?.args(["sdist", "--quiet", "--out"]).arg(&sources))?;
+    run(tools.tool("maturin")?.args(["sdist", "--out"]).arg(&sources))?;
     let archive = fs::read_dir(&sources)?
         .next()
         .context("maturin made no source distribution")??
@@ -273,7 +273,7 @@ fn check_sdist(tools: &Environment, dir: &Path) -> Result<()> {
     let folder = folders
         .find(|path| path.is_dir())
         .context("an empty source distribution")?;
-    let mut check = cargo("check --quiet --locked --package armwire-python");
+    let mut check = cargo("check --quiet --package armwire-python");
     run(check
         .current_dir(folder)
         .env("CARGO_TARGET_DIR", dir.join("sdist-target")))

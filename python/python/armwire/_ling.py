@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _armwire
 from ._open import Open
-from ._units import DEG_PER_TICK, MAX_TICKS, RAD_PER_TICK, Floats, angles, count, position_ticks, speed_ticks
+from ._units import DEG_PER_TICK, RAD_PER_TICK, Floats, count, floats, position_ticks, speed_ticks
 from .errors import RefusedError, UnacceptableError
 
 MAX_GRIPPER = 1000
@@ -66,12 +66,12 @@ class JointState:
     @property
     def joints_deg(self) -> Floats:
         """Angles of joints 1 to 6 in degrees, exact."""
-        return angles(self._checked_ticks(), DEG_PER_TICK)
+        return floats(_armwire.ling_angles(self.ticks, DEG_PER_TICK))
 
     @property
     def joints_rad(self) -> Floats:
         """Angles of joints 1 to 6 in radians."""
-        return angles(self._checked_ticks(), RAD_PER_TICK)
+        return floats(_armwire.ling_angles(self.ticks, RAD_PER_TICK))
 
     @property
     def gripper_permille(self) -> int:
@@ -88,12 +88,6 @@ class JointState:
         if self.status in (MotionStatus.IDLE, MotionStatus.OVERHEAT_PROTECTION):
             return False
         return None
-
-    def _checked_ticks(self) -> tuple[int, ...]:
-        for joint, ticks in enumerate(self.ticks, start=1):
-            if ticks > MAX_TICKS:
-                raise UnacceptableError(f"joint {joint} is at {ticks} ticks, must be 0 to {MAX_TICKS}")
-        return self.ticks
 
 
 @dataclass(frozen=True)
@@ -145,11 +139,11 @@ class Ling(Open):
 
     def read_joints_deg(self) -> Floats:
         """Read the angles of joints 1 to 6 in degrees."""
-        return self.read_joints().joints_deg
+        return floats(self._port.read_angles(DEG_PER_TICK))
 
     def read_joints_rad(self) -> Floats:
         """Read the angles of joints 1 to 6 in radians."""
-        return self.read_joints().joints_rad
+        return floats(self._port.read_angles(RAD_PER_TICK))
 
     def read_gripper_permille(self) -> int:
         """Read the gripper: 0 is closed, 1000 is open."""

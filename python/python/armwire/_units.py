@@ -3,8 +3,6 @@
 A joint has 4096 ticks a turn, 2048 at zero. A tick is 45/512 degrees, which floating-point numbers hold exactly.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -21,9 +19,9 @@ RAD_PER_TICK = 2 * np.pi / TICKS_PER_TURN
 SLACK = 1e-6
 
 
-def angles(ticks: Sequence[int], unit_per_tick: float) -> Floats:
-    """Joint angles, zero at the zero position."""
-    return (np.array(ticks, dtype=np.float64) - ZERO) * unit_per_tick
+def floats(numbers: bytearray) -> Floats:
+    """The array in 64-bit numbers of this machine, without a copy."""
+    return np.frombuffer(numbers, np.float64)
 
 
 def position_ticks(joints: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
