@@ -129,7 +129,7 @@ pub struct Violations(pub Vec<Violation>);
 
 impl fmt::Display for Violations {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "the firmware did what the virtual board does not model")?;
+        write!(f, "the firmware used features that the virtual board does not model")?;
         self.0.iter().try_for_each(|violation| write!(f, "\n  {violation}"))
     }
 }

@@ -203,7 +203,7 @@ fn account(host: &mut Host) -> Result<(), Box<dyn Error>> {
     println!();
     println!("the adapter counted {}", seen.join(", "));
     println!(
-        "the arm heard {} bytes, {} requests; {} unknown, {} bytes of noise",
+        "the arm received {} bytes, {} requests; {} unknown, {} bytes of noise",
         arm.bytes, arm.requests, arm.unknown, arm.noise_bytes
     );
     host.board.check()?;
