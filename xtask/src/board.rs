@@ -15,7 +15,7 @@ pub(crate) enum Board {
 impl Board {
     pub(crate) const ALL: [Self; 2] = [Self::Stm32f405, Self::Stm32g431];
 
-    /// What it is called in file names and options.
+    /// Name in file names and options.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Stm32f405 => "stm32f405",
@@ -23,7 +23,7 @@ impl Board {
         }
     }
 
-    /// Where its RAM ends that the stack is in: the stack's first address, which grows down from there.
+    /// End of the RAM with the stack, which grows down from it.
     pub(crate) const fn stack_top(self) -> u32 {
         match self {
             Self::Stm32f405 => 0x2000_0000 + 128 * 1024,
@@ -31,7 +31,7 @@ impl Board {
         }
     }
 
-    /// As probe-rs calls its microcontroller.
+    /// probe-rs's name of the microcontroller.
     pub(crate) const fn chip(self) -> &'static str {
         match self {
             Self::Stm32f405 => "STM32F405RGTx",

@@ -18,7 +18,7 @@ use crate::workspace::root;
 /// The version of cbindgen: another one may write another header.
 const CBINDGEN: &str = "0.29.4";
 pub(crate) const HEADER: &str = "c/include/armwire.h";
-/// What else is used, and Debian's packages of it.
+/// Other tools, and their Debian packages.
 const TOOLS: [(&str, &str); 7] = [
     ("gcc", "gcc"),
     ("g++", "g++"),
@@ -50,18 +50,18 @@ pub(crate) const TARGETS: [(&str, &str); 3] = [
         "riscv64-unknown-elf-gcc -march=rv32imc -mabi=ilp32",
     ),
 ];
-/// Where an Arduino library has the archive for a processor, by its target.
+/// An Arduino library's folder for a processor's archive, by target.
 const ARDUINO_FOLDERS: [(&str, &[&str]); 3] = [
     (SMALLEST, &["cortex-m0", "cortex-m0plus"]),
     ("thumbv7em-none-eabihf", &["cortex-m4/fpv4-sp-d16-hard"]),
     ("riscv32imc-unknown-none-elf", &["esp32c3"]),
 ];
-/// What a program may contain of the protocols at most, in bytes: the client of Ling alone.
+/// Maximum size of the protocol code in a program with Ling's client alone, in bytes.
 const LING_LIMIT: u64 = 12 * 1024;
-/// What a panic would lead to.
+/// The symbol that a panic would pull in.
 const PANIC: &str = "armwire_panicked";
 
-/// What to do instead of all checks.
+/// An action in place of all checks.
 #[derive(Args, Default)]
 pub(crate) struct Options {
     /// Write the header anew, and nothing else
@@ -325,7 +325,7 @@ fn check_panics(dir: &Path, toolchain: Toolchain, target: &str, compiler: &str) 
     Ok(())
 }
 
-/// What a program contains of each protocol, and that Ling's client keeps its limit.
+/// Prints the size of each protocol in a program, and checks the limit of Ling's client.
 fn print_sizes(dir: &Path, toolchain: Toolchain) -> Result<()> {
     let (target, compiler) = TARGETS[0];
     let (library, functions) = (library(toolchain, target, "")?, functions()?);

@@ -13,7 +13,7 @@ use crate::image;
 use crate::process;
 
 impl Options {
-    /// So many runs of the first seed.
+    /// This many runs from the first seed on.
     pub(crate) fn runs(runs: u32) -> Self {
         Self {
             runs,

@@ -68,7 +68,7 @@ pub(crate) fn tool(words: &str) -> Result<Command> {
     Ok(cargo(words))
 }
 
-/// Where cargo puts what it builds: `CARGO_TARGET_DIR` and cargo's configuration have a say.
+/// The target directory, as set by `CARGO_TARGET_DIR` or cargo's configuration.
 pub(crate) fn target_dir() -> Result<PathBuf> {
     let metadata = output(&mut cargo("metadata --no-deps --format-version 1"))?;
     let metadata: Value = serde_json::from_str(&metadata)?;

@@ -19,13 +19,13 @@ use crate::{
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
-/// How long each fuzz target runs, in seconds.
+/// Time that each fuzz target runs, in seconds.
 const FUZZ_SECONDS: u32 = 20;
-/// How many runs of the fault campaign there are with each image.
+/// Runs of the fault campaign with each image.
 const CAMPAIGN_RUNS: u32 = 300;
-/// How many random runs of the adapter there are.
+/// Random runs of the adapter.
 const ADAPTER_RUNS: &str = "20000";
-/// Where the crates without `std` must build.
+/// Targets that the crates without `std` must build for.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";
 /// The systems besides Linux that the command is for, and the crates that are. Nothing of them needs a compiler for C.
@@ -167,7 +167,7 @@ fn firmware_image(board: Board) -> Result<Image> {
 /// Tests on the virtual board with this image: all of `host-tests`, or those that these options select.
 fn on_virtual_board(image: &Image, select: &[&str]) -> Result<()> {
     let mut test = cargo("test --package armwire-host-tests --features image");
-    // What they measured is worth seeing.
+    // Their measurements are printed.
     test.args(select).args(["--", "--show-output"]);
     check(test.env("ARMWIRE_IMAGE", &image.path))
 }

@@ -52,7 +52,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     report(&all, options.list)
 }
 
-/// What the corpus of one target reaches.
+/// Code that the corpus of one target reaches.
 fn reached(programs: &Path, target: &str, [profdata, cov]: &[PathBuf; 2]) -> Result<Regions> {
     let program = programs.join(target);
     let (raw, profile) = (program.with_extension("profraw"), program.with_extension("profdata"));

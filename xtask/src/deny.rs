@@ -14,7 +14,7 @@ const ROOT: &str = "--manifest-path=Cargo.toml";
 
 /// An exception is for one of the workspaces.
 const NOT_USED: &str = "-A license-exception-not-encountered";
-/// What all of the rest is for, only the one in the root has to need.
+/// Exceptions in `deny.toml` that only the workspace in the root uses.
 const NOT_USED_ALONE: &str = "-A license-exception-not-encountered -A license-not-encountered -A unmatched-skip";
 
 /// Checks licences and sources in each workspace, versions in all but the examples', and known vulnerabilities if the list
@@ -28,7 +28,7 @@ pub(crate) fn run() -> Result<()> {
     for workspace in ALONE {
         check(workspace, NOT_USED_ALONE, "licenses bans sources")?;
     }
-    // Which versions of a crate the HALs need is theirs to say.
+    // The HALs determine the versions of these crates.
     for (example, _) in EXAMPLES {
         let workspace = format!("--manifest-path=examples/{example}/Cargo.toml");
         check(&workspace, NOT_USED_ALONE, "licenses sources")?;
@@ -60,7 +60,7 @@ fn advisories() -> Result<()> {
                 println!("advisories ok, by the list {list}");
                 return Ok(());
             }
-            // What is found has a code in brackets, such as vulnerability. All else is about the list.
+            // A finding has a code in brackets, such as `vulnerability`. Other lines are about the list.
             Err(error) if error.to_string().contains("error[") => return Err(error),
             Err(_) => {}
         }

@@ -52,7 +52,7 @@ pub(crate) fn file(name: &str, segments: &[Segment]) -> Vec<u8> {
     }
     file.extend(b"UFD");
     file.push(SUFFIX);
-    // As in Ethernet, but without the inversion at the end.
+    // Ethernet's CRC-32 without the final inversion.
     let crc = Crc::<u32>::new(&CRC_32_JAMCRC).checksum(&file);
     file.extend(crc.to_le_bytes());
     file
@@ -83,7 +83,7 @@ mod tests {
         expected.extend([21, 0, 0, 0, 2, 0, 0, 0]); // 21 bytes in two elements
         expected.extend([0, 0, 0, 8, 3, 0, 0, 0, 1, 2, 3]);
         expected.extend([0, 0xC0, 0, 8, 2, 0, 0, 0, 4, 5]);
-        // What `dfu-suffix --add --vid 0x0483 --pid 0xdf11 --spec 0x011a` adds to that.
+        // The suffix that `dfu-suffix --add --vid 0x0483 --pid 0xdf11 --spec 0x011a` appends.
         expected.extend(b"\xFF\xFF\x11\xDF\x83\x04\x1A\x01UFD\x10");
         expected.extend([0x53, 0xD2, 0xA4, 0xB1]);
         assert_eq!(file, expected);

@@ -17,7 +17,7 @@ use crate::toolchain::{Toolchain, rustc, rustc_property};
 use crate::workspace::root;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// What a release has of the repository as it is.
+/// Files of the repository that a release contains unchanged.
 const PAGES: &str = "README.md CHANGELOG.md SECURITY.md LICENSE-MIT LICENSE-APACHE docs";
 /// The shells, and where each looks for completions below `/usr/local` or `~/.local`.
 const COMPLETIONS: [(&str, &str); 3] = [
@@ -25,7 +25,7 @@ const COMPLETIONS: [(&str, &str); 3] = [
     ("fish", "share/fish/vendor_completions.d/armwire.fish"),
     ("zsh", "share/zsh/site-functions/_armwire"),
 ];
-/// Where programs believe that they were built, so that no folder of this machine is in them.
+/// Folder that programs record in place of the real one.
 const SOURCES: &str = "/armwire";
 
 #[derive(Args)]
@@ -252,7 +252,7 @@ impl Release {
         Ok(())
     }
 
-    /// Where cargo builds: other flags than usual are not to undo what else is built.
+    /// Target directory of its own: its flags differ, and would invalidate all other builds.
     fn build_dir(&self) -> PathBuf {
         self.dist.join("build")
     }

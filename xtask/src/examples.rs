@@ -18,7 +18,7 @@ pub(crate) const EXAMPLES: [(&str, &str); 4] = [
     ("rp2040", "thumbv6m-none-eabi"),
     ("stm32f303", "thumbv7em-none-eabihf"),
 ];
-/// Where the emulator's package is, and the image that it runs in the target directory.
+/// Folder of the emulator's package, and the image in the target directory.
 const EMULATOR: &str = "rp2040/emulator";
 const IMAGE: &str = "thumbv6m-none-eabi/release/armwire-rp2040";
 

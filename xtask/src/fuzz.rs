@@ -13,15 +13,15 @@ use crate::cargo::{target_dir, tool};
 use crate::process::{self, output};
 use crate::workspace::root;
 
-/// How long one input may take, in seconds: far longer than any does, also on a machine that stands still for a while.
+/// Timeout of one input, in seconds: far longer than any takes, even on a machine that stalls for a while.
 const TIMEOUT: u32 = 60;
 
-/// What the names of inputs begin with that are frames of the documents: `host-tests/tests/fuzz_corpus.rs` writes them.
+/// Prefix of the inputs that are frames of the documents: `host-tests/tests/fuzz_corpus.rs` writes them.
 const DOCUMENT: &str = "document-";
 
 #[derive(Args)]
 pub(crate) struct Options {
-    /// How long each target runs
+    /// Time that each target runs
     #[arg(long, value_name = "N", default_value_t = 60)]
     seconds: u32,
 
@@ -107,7 +107,7 @@ fn minimise(target: &str) -> Result<()> {
     let fresh = found.with_extension("fresh");
     let _ = fs::remove_dir_all(&fresh);
     fs::create_dir_all(&fresh)?;
-    // As few inputs as reach all edges of the code that is fuzzed; how often they do is no reason to keep one.
+    // The smallest set of inputs that reaches all edges of the fuzzed code, whatever the hit counts.
     let mut merge = cargo_fuzz("run", "fuzz")?;
     merge.arg(target).args([&fresh, &found, &committed]);
     output(merge.args(["--", "-set_cover_merge=1", "-use_counters=0", "-max_len=4096"]))?;
@@ -149,7 +149,7 @@ fn project() -> PathBuf {
     root().join("host-tests/fuzz")
 }
 
-/// Where inputs of a target are kept that reached something new.
+/// Folder of a target's inputs that reached new code.
 fn found(target: &str) -> Result<PathBuf> {
     let found = target_dir()?.join("fuzz/corpus").join(target);
     fs::create_dir_all(&found)?;

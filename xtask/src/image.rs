@@ -15,7 +15,7 @@ use crate::process::run;
 use crate::program::Program;
 use crate::toolchain::Toolchain;
 
-/// What the image is compiled for, whatever the board.
+/// The image's target, the same for all boards.
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// The most flash that the image that ships may take, in bytes. The goal is 48 KiB.
@@ -50,7 +50,7 @@ impl Options {
         format!("board-{}{}", self.board.name(), if self.defmt { ",defmt" } else { "" })
     }
 
-    /// What the image is called.
+    /// The image's file name.
     fn name(self) -> String {
         format!(
             "armwire-{}{}",
@@ -73,11 +73,11 @@ pub(crate) struct Image {
 }
 
 impl Image {
-    /// Whether an image that ships may be so big.
+    /// Checks the size limits of a release image.
     ///
     /// # Errors
     ///
-    /// If not.
+    /// The size, if it exceeds a limit.
     pub(crate) fn check_size(&self) -> Result<()> {
         if self.flash > MAX_FLASH || self.ram > MAX_RAM {
             bail!("{self}; allowed are {MAX_FLASH} and {MAX_RAM}");

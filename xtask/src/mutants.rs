@@ -15,14 +15,14 @@ const PACKAGES: [&str; 2] = ["armwire", "armwire-bridge"];
 /// The least part of the changes that tests must notice, in percent.
 const LEAST: usize = 90;
 
-/// How cargo-mutants exits when it has tried all changes: all were noticed, some were missed, some ran out of time.
+/// Exit codes of cargo-mutants after all changes: all caught, some missed, some timed out.
 const TRIED_ALL: [i32; 3] = [0, 2, 3];
 
 /// The quick tests in the crate, up to the first that fails: `.config/nextest.toml` says which, and for how long each may
 /// run.
 const QUICK: &str = "--test-tool nextest --cargo-arg=--lib -- --profile mutants";
 
-/// All tests, on what was missed before. Those of the bridge run for minutes of virtual time.
+/// All tests, on the mutants missed before. The bridge's tests run for minutes of virtual time.
 const ALL: &str = "--iterate --cargo-arg=--config=profile.dev.package.armwire-bridge.opt-level=1";
 
 #[derive(Args)]
@@ -55,7 +55,7 @@ pub(crate) fn run(Options { options }: &Options) -> Result<()> {
     for package in PACKAGES {
         let out = target_dir()?.join("mutants").join(package);
         fs::create_dir_all(&out)?;
-        // What was noticed the last time may be noticed no more.
+        // A mutant caught last time may be missed now.
         let list = out.join("mutants.out");
         if list.exists() {
             fs::remove_dir_all(&list)?;

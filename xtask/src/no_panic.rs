@@ -27,7 +27,7 @@ const FEATURES: [&str; 11] = [
     "bridge,ling-legacy",
 ];
 
-/// What must not link, and what the linker or the compiler says then.
+/// The programs that must not link, and the message of linker or compiler.
 const REFUSALS: [(&str, &str); 2] = [
     ("prove-panic", "undefined symbol: a_path_to_a_panic_is_left"),
     ("prove-alloc", "no global memory allocator found"),

@@ -14,10 +14,10 @@ use crate::workspace::root;
 
 /// The crates to publish.
 pub(crate) const PACKAGES: [&str; 4] = ["armwire", "armwire-bridge", "armwire-sim", "armwire-cli"];
-/// Those whose README has an example.
+/// The packages whose README has an example.
 const LIBRARIES: [&str; 3] = ["armwire", "armwire-bridge", "armwire-sim"];
 const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// What each package must have besides its sources.
+/// Files that each package must contain besides its sources.
 const FILES: [&str; 3] = ["README.md", "LICENSE-MIT", "LICENSE-APACHE"];
 
 /// The page with a program for a PC.

@@ -1,21 +1,21 @@
-//! What of an ELF file goes into a microcontroller.
+//! The bytes of an ELF file that go into a microcontroller.
 
 use anyhow::{Context, Result, bail, ensure};
 use object::Endianness;
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader};
 
-/// Where RAM begins on every Cortex-M.
+/// Start of RAM on every Cortex-M.
 const RAM: u32 = 0x2000_0000;
 
-/// Where the vector table of every board here is: the start of flash.
+/// Address of the vector table on every board: the start of flash.
 const VECTORS: u32 = 0x0800_0000;
 
 /// A gap in flash that is filled rather than left out, in bytes: alignment between parts of a program, which may lie in
 /// one sector. All sectors are longer.
 const SMALL_GAP: u32 = 1024;
 
-/// What erased flash reads as.
+/// Value of an erased byte of flash.
 const ERASED: u8 = 0xFF;
 
 /// A program: what is in flash, and how much RAM it has for itself.
@@ -30,7 +30,7 @@ pub(crate) struct Program {
 /// Bytes in flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Segment {
-    /// Where the first one is.
+    /// Address of the first byte.
     pub(crate) address: u32,
     /// The bytes.
     pub(crate) bytes: Vec<u8>,

@@ -17,7 +17,7 @@ use crate::workspace::root;
 const MAX_WHEEL: u64 = 1_000_000;
 /// The oldest system that the wheel is for: the one that Rust's own library asks for.
 const MANYLINUX: &str = "manylinux_2_17";
-/// What the tests of the wheel need beside it, at the versions of `requirements-dev.txt`.
+/// The packages that the wheel's tests need, at the versions of `requirements-dev.txt`.
 const TEST_PACKAGES: [&str; 3] = ["matplotlib", "numpy", "pytest"];
 /// The vendor's SDK without its dependencies, which include all of PyTorch, but with what is needed of these.
 const SDK: [&str; 2] = ["alicia_d_sdk==6.1.0", "pyserial==3.5"];
@@ -27,7 +27,7 @@ const LEROBOT_PYTHON: &str = "python3.12";
 
 #[derive(Args, Default)]
 pub(crate) struct Options {
-    /// How many reads go over lines with faults; 100000 take minutes
+    /// Number of reads over lines with faults; 100000 take minutes
     #[arg(long, value_name = "N")]
     reads: Option<u32>,
 }
@@ -285,7 +285,7 @@ fn test(clean: &Environment, dir: &Path, options: &Options) -> Result<()> {
     let mut pytest = clean.pytest(dir);
     pytest.arg("--durations=5").env("ARMWIRE_BOARD", dir);
     if let Some(reads) = options.reads {
-        // How many were right, and how long they took, is worth seeing.
+        // The counts and times of the reads are printed.
         pytest.arg("-rP").env("ARMWIRE_READS", reads.to_string());
     }
     run(&mut pytest)?;

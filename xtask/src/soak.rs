@@ -59,7 +59,7 @@ impl Part {
     fn run(self) -> Result<()> {
         let test = "test --release --package armwire-host-tests --test";
         match self {
-            // So many of each of the seven lines.
+            // This many of each of the seven lines.
             Self::Streams => process::run(cargo(test).arg("reference").env("ARMWIRE_STREAMS", "300000")),
             Self::Adapter => process::run(cargo(test).arg("adapter_runs").env("ARMWIRE_RUNS", "1000000")),
             Self::Features => features::every_set(),

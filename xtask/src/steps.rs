@@ -1,10 +1,10 @@
-//! Steps of a long command: each says its name before and its time after, and the first that fails ends all.
+//! Steps of a long command: each prints its name before and its time after, and the first failure ends the command.
 
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 
-/// What was done so far.
+/// Steps done so far.
 #[derive(Default)]
 pub(crate) struct Steps {
     done: u32,
@@ -16,7 +16,7 @@ impl Steps {
     ///
     /// # Errors
     ///
-    /// Those of the step, with its name.
+    /// The step's error, with its name.
     pub(crate) fn step<T>(&mut self, name: &str, step: impl FnOnce() -> Result<T>) -> Result<T> {
         println!("\n== {name}");
         let start = Instant::now();

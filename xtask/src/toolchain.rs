@@ -18,10 +18,10 @@ const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
 const DEBIAN_LINKER: &str = "/usr/bin/rust-lld";
 const DEBIAN_SOURCES: &str = "/usr/lib/rustlib/src/rust/library/core";
-/// Where these four come from.
+/// Debian's packages with these four.
 const DEBIAN_PACKAGES: [&str; 5] = ["rustc-web", "cargo-web", "rust-web-src", "rust-web-llvm", "lld-22"];
 
-/// How to build for a microcontroller.
+/// A compiler for microcontrollers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Toolchain {
     /// The compiler in use has the targets.
@@ -73,7 +73,7 @@ impl Toolchain {
         Ok(command)
     }
 
-    /// Where its cargo puts what it builds. Two compilers in one folder would overwrite each other's work.
+    /// Its cargo's target directory. Two compilers in one folder would overwrite each other's work.
     pub(crate) fn target_dir(self) -> Result<PathBuf> {
         let dir = target_dir()?;
         match self {
@@ -103,7 +103,7 @@ pub(crate) fn rustc_property(name: &str) -> Result<String> {
         .with_context(|| format!("`rustc -vV` has no {name}"))
 }
 
-/// Whether the compiler in use has these targets, or rustup has added them.
+/// Returns true if the compiler in use has these targets, or rustup has added them.
 pub(crate) fn is_usable(targets: &[&str]) -> bool {
     let missing = missing(targets);
     missing.is_empty() || add_with_rustup(&missing)
@@ -120,7 +120,7 @@ fn is_installed(target: &str) -> bool {
     files.any(|file| file.is_ok_and(|file| file.file_name().to_string_lossy().starts_with("libcore-")))
 }
 
-/// Whether rustup is there and has added the targets.
+/// Returns true if rustup is installed and has added the targets.
 fn add_with_rustup(targets: &[&str]) -> bool {
     println!("rustup adds {}", targets.join(", "));
     let added = output(Command::new("rustup").args(["target", "add"]).args(targets));
@@ -135,7 +135,7 @@ fn debian_is_complete() -> bool {
     files.iter().all(|file| Path::new(file).exists()) && debian_is_recent()
 }
 
-/// Whether Debian's compiler is there and understands this workspace.
+/// Returns true if Debian's compiler is installed and recent enough for this workspace.
 fn debian_is_recent() -> bool {
     let mut rustc = Command::new(DEBIAN_RUSTC);
     rustc.arg("--version").env_remove("LD_LIBRARY_PATH");

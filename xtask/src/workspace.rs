@@ -1,8 +1,8 @@
-//! Where things are.
+//! Paths of the repository.
 
 use std::path::Path;
 
-/// What is no member of the workspace, as an argument of cargo: what only they need is compiled for nobody else.
+/// Packages outside the workspace, as arguments of cargo: their dependencies are compiled for them alone.
 pub(crate) const ALONE: [&str; 3] = [
     "--manifest-path=host-tests/no-panic/Cargo.toml",
     "--manifest-path=host-tests/fuzz/Cargo.toml",

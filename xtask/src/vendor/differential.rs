@@ -8,7 +8,7 @@ use super::sdk;
 use crate::cargo::cargo;
 use crate::process::output;
 
-/// What the streams are drawn from: the figures are the same in every run.
+/// Seed of the streams: the figures are the same in every run.
 const SEED: &str = "1";
 
 /// Prints how many intact frames each of them loses and how many false ones it delivers.

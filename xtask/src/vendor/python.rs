@@ -12,12 +12,12 @@ use crate::cargo::target_dir;
 use crate::process::run;
 use crate::workspace::root;
 
-/// How long a script may take for all it does: several times what it takes on a slow machine.
-const PATIENCE: Duration = Duration::from_secs(300);
+/// Timeout of a script: several times its duration on a slow machine.
+const TIMEOUT: Duration = Duration::from_secs(300);
 
-/// A Python environment, and a folder for what is left behind by what runs in it.
+/// A Python environment, and a folder for the output of its scripts.
 pub(super) struct Python {
-    /// That folder.
+    /// The folder for output.
     pub(super) dir: PathBuf,
     python: PathBuf,
     scripts: PathBuf,
@@ -57,6 +57,6 @@ impl Python {
         let mut command = Command::new(&self.python);
         command.arg("-B").arg(self.scripts.join(script)).args(args);
         command.current_dir(&self.dir).env("HOME", &self.dir);
-        Background::start(&mut command)?.succeed_within(PATIENCE)
+        Background::start(&mut command)?.succeed_within(TIMEOUT)
     }
 }

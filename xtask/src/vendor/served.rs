@@ -12,9 +12,9 @@ use crate::demo;
 use crate::image;
 use crate::process::run;
 
-/// How long the board may take until its ports are there.
+/// Timeout until the board's ports exist.
 pub(crate) const BOOT: Duration = Duration::from_secs(30);
-/// How long it may take to end when asked to.
+/// Timeout of its end after a request.
 pub(crate) const END: Duration = Duration::from_secs(10);
 
 /// A virtual board with the image that ships, just switched on, and a Ling arm.
