@@ -25,7 +25,7 @@ use bus::Bus;
 const MAX_PDU: usize = MAX_MESSAGE;
 const _: () = assert!(MAX_FRAME <= MAX_PDU);
 /// How long an adapter may take to say who holds the line to its arm.
-const HOLDER_PATIENCE: Duration = Duration::from_millis(300);
+const HOLDER_TIMEOUT: Duration = Duration::from_millis(1_000);
 
 /// Opens an interface of Linux, `name` to the user, for one node.
 #[cfg(target_os = "linux")]
@@ -267,7 +267,7 @@ impl CanLine {
         };
         let n = control::encode(&request, &mut pdu).ok()?;
         channel.send(&pdu[..n]).ok()?;
-        let until = Instant::now() + HOLDER_PATIENCE;
+        let until = Instant::now() + HOLDER_TIMEOUT;
         while let Some(pdu) = channel.receive(until.saturating_duration_since(Instant::now())).ok()? {
             match control::decode(&pdu) {
                 Ok(FromAdapter::Reply {

@@ -196,9 +196,9 @@ impl<'a> Session<'a> {
                 Ok(Step::Notice)
             }
             Ok(News::Nothing) => Ok(Step::Nothing),
-            // The line may be noisy. And once it has answered, the arm may be switched off and on again.
+            // The line may be noisy, and the arm may be switched off and on again.
             Err(Error::NoAnswer { name, cause, bytes, .. })
-                if bytes > 0 || self.model.answered > 0 || now < time::Instant::ZERO + SILENCE =>
+                if bytes > 0 || self.has_heard || now < time::Instant::ZERO + SILENCE =>
             {
                 self.has_heard |= bytes > 0;
                 self.model.time_out(now, format!("{name}: {cause}"));
@@ -269,6 +269,31 @@ impl Timer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::received::Missing;
+
+    /// A session past its first silence, on a line that delivers these numbers of bytes in place of answers.
+    fn without_answers(bytes: &[usize]) -> Result<(), Error> {
+        let stop = AtomicBool::new(false);
+        let mut session = Session::new("PORT", Form::Json, None, &stop);
+        session.start = Instant::now()
+            .checked_sub(2 * Duration::from_micros(SILENCE.as_micros()))
+            .unwrap();
+        bytes.iter().try_for_each(|&bytes| {
+            let error = Error::NoAnswer {
+                name: "PORT".to_owned(),
+                cause: "no answer".to_owned(),
+                missing: Missing::Silent,
+                bytes,
+            };
+            session.take(Err(error), None).map(drop)
+        })
+    }
+
+    #[test]
+    fn silence_after_noise_does_not_end_it() {
+        assert!(without_answers(&[8, 0, 0]).is_ok());
+        assert!(without_answers(&[0]).is_err());
+    }
 
     #[test]
     fn missed_readings_are_not_made_up_for() {
