@@ -213,14 +213,15 @@ impl<P: Arm> Link<P> {
         let until = Instant::now() + self.stale_window;
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            let n = self.receive(left, None)?;
+            self.receive(left, None)?;
             let now = self.now();
             while let Output::Event(event) = self.client.poll(now) {
                 if let Event::Late(_) = event {
                     return Ok(true);
                 }
             }
-            if n == 0 && left.is_zero() {
+            // Also if bytes do not end.
+            if left.is_zero() {
                 return Ok(false);
             }
         }
@@ -416,6 +417,43 @@ mod tests {
              (data byte 0)"
         );
         assert_eq!(arm.lock().unwrap().asked, 1);
+    }
+
+    /// A line on which noise does not end.
+    struct Noisy;
+
+    impl Line for Noisy {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            buf.fill(0);
+            Ok(buf.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            Ok(bytes.len())
+        }
+
+        fn hints(&mut self, _: Came, _: Names) -> String {
+            String::new()
+        }
+    }
+
+    #[test]
+    fn endless_noise_ends_the_wait_for_late_answers() {
+        let mut link = Link::<Ling>::new(Box::new(Noisy), Ling::CONFIG);
+        assert!(matches!(link.comes_late(), Ok(false)));
+    }
+
+    #[test]
+    fn interrupt_ends_a_call_with_its_reason() {
+        let silent = Answering::new(|_| Vec::new());
+        let mut link = Link::<Ling>::new(Box::new(silent), Ling::CONFIG);
+        link.set_interrupt(|| Err("enough".into()));
+        let error = link.call(&Request::ReadJoints, drop).unwrap_err();
+        assert!(matches!(&error, Error::Interrupted(reason) if reason.to_string() == "enough"));
     }
 
     #[test]

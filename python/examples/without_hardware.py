@@ -20,7 +20,7 @@ def test_wave_ends_where_it_began() -> None:
         np.testing.assert_allclose(virtual.joints().joints_deg, 0, atol=0.3)
 
 
-def test_wave_on_a_noisy_line_ends_where_it_began() -> None:
+def test_wave_ends_there_on_a_noisy_line() -> None:
     with sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
         virtual.set_faults(sim.Faults(noise=1000))
         wave(arm)

@@ -75,7 +75,7 @@ def test_every_method_has_its_variant(name: str) -> None:
             assert hasattr(variant, method), method
 
 
-def test_idle_loop_is_not_blocked_by_a_silent_arm() -> None:
+def test_late_arm_does_not_block_the_loop() -> None:
     async def run() -> float:
         with sim.ling(turnaround_us=400_000) as virtual:
             async with await aio.Ling.open(virtual.port) as arm:

@@ -90,7 +90,7 @@ def test_port_has_to_be_given() -> None:
         create_robot()
 
 
-def test_every_call_of_the_sdk_is_there_or_says_why(robot: SynriaRobotAPI) -> None:
+def test_every_call_is_there_or_says_why(robot: SynriaRobotAPI) -> None:
     # The public calls of `SynriaRobotAPI` in alicia_d_sdk 6.1.0.
     calls = ["connect", "disconnect", "is_connected", "get_robot_state", "set_home", "set_robot_state"]
     for call in [*calls, "torque_control", "zero_calibration", "print_state"]:

@@ -42,6 +42,7 @@ def test_follower_follows(virtual: sim.VirtualLing) -> None:
 
 
 def test_latencies_are_drawn(virtual: sim.VirtualLing, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
     example("latencies.py", virtual.port, str(tmp_path / "figure.png"))
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
 

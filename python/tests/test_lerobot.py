@@ -163,7 +163,7 @@ def test_unplugged_arm_is_a_clear_error(virtual: sim.VirtualLing, tmp_path: Path
     assert not robot.is_connected
 
 
-def test_arm_that_cannot_be_used_is_a_clear_error(tmp_path: Path) -> None:
+def test_unusable_arm_is_a_clear_error(tmp_path: Path) -> None:
     for make in (follower, leader):
         with pytest.raises(errors.DeviceNotConnectedError, match="no such port"):
             make("/dev/no-such-port", tmp_path).connect()

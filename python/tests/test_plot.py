@@ -1,6 +1,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def test_other_csv_is_told(tmp_path: Path) -> None:
         plot.read_csv(other)
 
 
-def test_figure_has_a_line_for_each_joint_with_its_values() -> None:
+def test_figure_has_each_joints_values() -> None:
     angles = np.arange(60).reshape(10, 6)
     figure = plot.joints(np.arange(10), angles, np.full(10, 500))
     upper, lower = figure.axes
@@ -86,3 +87,11 @@ def test_histogram_of_an_adapter_has_its_counts() -> None:
     values, edges, _ = stairs.get_data()  # type: ignore[attr-defined]
     np.testing.assert_array_equal(values, counts)
     assert (edges[0], edges[-1]) == (1, 65536)
+
+
+def test_recording_has_no_angle_for_no_position() -> None:
+    body = bytes.fromhex("06000F" + "0010" + "0008" * 5 + "000001")
+    frame = b"\xaa" + body + bytes([crc32(body) & 0xFF, 0xFF])
+    recorded = armwire.JointRecording.of([armwire.Telemetry(0, None, frame, None)])
+    assert recorded.ticks[0, 0] == 4096
+    assert np.isnan(recorded.joints_deg[0]).tolist() == [True] + [False] * 5

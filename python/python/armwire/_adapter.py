@@ -12,7 +12,7 @@ import numpy as np
 from . import _armwire
 from ._ling import JointState, joint_state
 from ._open import Open
-from ._units import DEG_PER_TICK, RAD_PER_TICK, ZERO
+from ._units import DEG_PER_TICK, MAX_TICKS, RAD_PER_TICK, ZERO
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Mapping
@@ -66,7 +66,7 @@ class JointRecording:
     stamp_us: NDArray[np.uint64]
     """The adapter's clock, in microseconds since it started."""
     ticks: NDArray[np.uint16]
-    """Of six joints, as the arm sent them: 4096 a turn, 2048 at zero."""
+    """Of six joints, as the arm sent them: 4096 a turn, 2048 at zero. Positions are 0 to 4095."""
     gripper_permille: NDArray[np.uint16]
     """As the arm sent it: 0 is closed, 1000 is open."""
     status: NDArray[np.uint8]
@@ -91,13 +91,18 @@ class JointRecording:
 
     @property
     def joints_deg(self) -> Floats:
-        """Angles in degrees, six a reading."""
-        return (self.ticks.astype(np.float64) - ZERO) * DEG_PER_TICK
+        """Angles in degrees, six a reading; not a number where the arm sent what is no position."""
+        return self._angles(DEG_PER_TICK)
 
     @property
     def joints_rad(self) -> Floats:
-        """Angles in radians, six a reading."""
-        return (self.ticks.astype(np.float64) - ZERO) * RAD_PER_TICK
+        """Angles in radians, six a reading; not a number where the arm sent what is no position."""
+        return self._angles(RAD_PER_TICK)
+
+    def _angles(self, unit_per_tick: float) -> Floats:
+        angles = (self.ticks.astype(np.float64) - ZERO) * unit_per_tick
+        angles[self.ticks > MAX_TICKS] = np.nan
+        return angles
 
 
 class Adapter(Open):
