@@ -34,7 +34,15 @@ pub(crate) trait Peripheral {
     /// Writes the register at `offset`, a multiple of 4.
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused>;
 
-    /// Executes the events due at `now`.
+    /// Reads a register for the debugger, without what a read does where the model can avoid it.
+    fn peek(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
+        self.read(offset, now)
+    }
+
+    /// Resets the registers, unless they outlive a reset of the chip.
+    fn reset(&mut self, _now: Nanos) {}
+
+    /// Does what is due at `now`.
     fn advance(&mut self, _now: Nanos) {}
 
     /// The time of the next internal event.
@@ -43,7 +51,21 @@ pub(crate) trait Peripheral {
     }
 }
 
-/// The bits of `new` under `mask`, and those of `old` elsewhere.
+/// A peripheral whose registers have no model.
+#[derive(Debug)]
+pub(crate) struct NoModel;
+
+impl Peripheral for NoModel {
+    fn read(&mut self, _: u32, _: Nanos) -> Result<u32, Refused> {
+        Err(Refused::Unimplemented("all registers"))
+    }
+
+    fn write(&mut self, _: u32, _: u32, _: Nanos) -> Result<(), Refused> {
+        Err(Refused::Unimplemented("all registers"))
+    }
+}
+
+/// The bits of `old` where `mask` has none, those of `new` where it has.
 #[inline]
 pub(crate) const fn merge(old: u32, new: u32, mask: u32) -> u32 {
     old & !mask | new & mask

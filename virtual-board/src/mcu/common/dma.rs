@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 use crate::core::{Memory, Width};
 use crate::soc::chance::Chance;
-use crate::soc::peripheral::Refused;
+use crate::soc::peripheral::{Peripheral, Refused};
 use crate::time::Nanos;
 
 /// Nanoseconds from a request to the read of the source, from there to the write, and from there to the count.
@@ -234,6 +234,21 @@ impl Count {
         }
         reached
     }
+}
+
+/// The DMA of a chip, as far as it serves the UART to the arm.
+pub(crate) trait Dma: Peripheral {
+    /// Starts what the levels of the requests ask for.
+    fn follow_requests(&mut self, requests: Requests, now: Nanos);
+
+    /// Takes the next step that is due at `now`, and the stream that takes it. A request that is low by now gets nothing.
+    fn step(&mut self, requests: Requests, now: Nanos) -> Option<(usize, Step)>;
+
+    /// A step that reads has got this byte.
+    fn fetched(&mut self, stream: usize, value: u8, now: Nanos);
+
+    /// The bus did not take the last step: the stream stops.
+    fn fail(&mut self, stream: usize);
 }
 
 /// Levels of the requests of the UART to the arm.

@@ -2,9 +2,10 @@
 
 use std::ops::Range;
 
-use crate::core::Memory;
+use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::{ERASED, Flash, erased_in_part, programmed_in_part};
 use crate::shared::{Shared, lock};
+use crate::soc::peripheral::{Peripheral, Refused};
 use crate::time::Nanos;
 
 /// Bytes of a word in [`Flash`].
@@ -34,7 +35,42 @@ impl Operation {
     }
 }
 
-/// An operation in progress.
+/// The flash interface of a chip.
+pub(crate) trait FlashInterface: Peripheral {
+    fn array(&self) -> &Array;
+
+    fn array_mut(&mut self) -> &mut Array;
+
+    /// The chip restarts, or its power goes: what was under way is left half done.
+    fn restart(&mut self, memory: &mut Memory);
+
+    /// The flash as the core's timing sees it.
+    fn timing(&self) -> FlashTiming;
+
+    /// A store of the core to the flash, at this offset.
+    fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused>;
+
+    /// Ends what is due.
+    fn finish(&mut self, now: Nanos, memory: &mut Memory);
+
+    /// A read of the flash that the memory left to the bus. Whether the NMI becomes pending.
+    fn check_read(&mut self, _offset: u32) -> bool {
+        false
+    }
+
+    /// Whether an operation is under way: the core waits.
+    #[inline]
+    fn is_busy(&self) -> bool {
+        self.array().is_busy()
+    }
+
+    /// Whether the power is to go now.
+    fn take_cut(&mut self, now: Nanos) -> bool {
+        self.array_mut().take_cut(now)
+    }
+}
+
+/// An operation that is under way.
 #[derive(Clone, Debug)]
 struct Started {
     operation: Operation,

@@ -64,12 +64,7 @@ impl Gpio {
         }
     }
 
-    /// The reset state of the port.
-    pub(crate) fn reset(&mut self) {
-        *self = Self::new(self.at_reset, self.has_brr);
-    }
-
-    /// The driver of a UART's TX pin.
+    /// Who drives a pin that a UART may send on.
     pub(crate) fn driver(&self, pin: u32) -> Pin {
         match field(self.moder, 2 * pin, 0b11) {
             ALTERNATE => Pin::Uart,
@@ -123,6 +118,11 @@ impl Peripheral for Gpio {
             _ => return Err(Refused::NoRegister),
         }
         Ok(())
+    }
+
+    /// The port as a reset leaves it.
+    fn reset(&mut self, _: Nanos) {
+        *self = Self::new(self.at_reset, self.has_brr);
     }
 }
 

@@ -147,6 +147,10 @@ impl Peripheral for Iwdg {
     fn due(&self) -> Option<Nanos> {
         self.expires
     }
+
+    fn reset(&mut self, _: Nanos) {
+        *self = Self::new(self.has_window);
+    }
 }
 
 #[cfg(test)]

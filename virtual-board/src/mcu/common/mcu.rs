@@ -1,18 +1,25 @@
-//! The common flow of a microcontroller: accesses of the core, events, resets. Each chip adds its [`Peripherals`].
+//! The flow of a microcontroller: accesses of the core, events, resets, and the wires between peripherals. Each chip adds its
+//! [`Peripherals`].
 
 use std::fmt::Debug;
+use std::sync::atomic::Ordering;
 
-use super::dma::Failure;
-use super::rcc::Gate;
+use super::dma::{Dma, Failure, Requests};
+use super::flash::FlashInterface;
+use super::gpio::Gpio;
+use super::iwdg::Iwdg;
+use super::rcc::{Gate, Gates};
+use super::shifter::Uart;
 use super::system_memory::{SystemMemory, starts_boot_loader};
 use crate::core::{self, Access, Bus, BusError, Core, FlashTiming, Memory, Purpose, Width};
 use crate::engine::News;
+use crate::line::LOW;
 use crate::shared::lock;
 use crate::soc::clock::Clock;
 use crate::soc::events::Events;
 use crate::soc::lines::Lines;
 use crate::soc::machine::{Cause, Chip, Edges};
-use crate::soc::peripheral::Refused;
+use crate::soc::peripheral::{Peripheral, Refused, forbidden};
 use crate::soc::violations::Recorder;
 use crate::time::Nanos;
 use crate::trace::Trace;
@@ -21,7 +28,11 @@ use crate::trace::Trace;
 const PRIORITY_BITS: u8 = 4;
 const MPU_REGIONS: u8 = 8;
 
-/// A peripheral with events. The number is its order: of several events at one instant, the lowest comes first.
+/// The address of USART2, and the pin of port A that it sends on.
+const UART: u32 = 0x4000_4400;
+const UART_TX_PIN: u32 = 2;
+
+/// A peripheral with events. The number is its place among them: of several events at one instant, the lowest is the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Slot {
     Rcc,
@@ -54,12 +65,15 @@ pub(crate) struct Map {
     pub(crate) ram: u32,
     pub(crate) ram_size: usize,
     pub(crate) interrupts: u16,
+    /// The offsets of the UART's data registers, as the DMA reads and writes them.
+    pub(crate) uart_receive: u32,
+    pub(crate) uart_transmit: u32,
     pub(crate) system_memory: SystemMemory,
 }
 
 /// A block of registers in the memory map.
-pub(crate) trait Block: Copy {
-    /// The block of an address outside the memories, and the offset within it.
+pub(crate) trait Block: Copy + PartialEq + 'static {
+    /// The block that an address outside the memories is in, and the offset within its peripheral.
     fn at(address: u32) -> Option<(Self, u32)>;
 
     /// The name in the reference manual.
@@ -70,70 +84,72 @@ pub(crate) trait Block: Copy {
 
     /// Returns true if its registers support accesses of this width, as far as modelled.
     fn takes(self, width: Width) -> bool;
+
+    /// Its place among the peripherals with events.
+    fn slot(self) -> Option<Slot>;
 }
 
-/// The peripherals of a chip, and the connections between them. Calls are made at [`Common::now`].
+/// The peripherals of a chip. Every call happens at [`Common::now`].
 pub(crate) trait Peripherals: Debug + Send {
     type Block: Block;
+    type Flash: FlashInterface;
 
     const MAP: Map;
 
-    /// Returns true if the clock of a block is on.
-    fn is_enabled(&self, gate: Gate) -> bool;
+    /// The peripherals with events, by their [`Slot`].
+    const EVENTS: [Self::Block; SLOTS.len()];
 
-    /// Returns true if a block is held in reset.
-    fn is_held(&self, gate: Gate) -> bool;
+    /// The block whose registers bound the clocks.
+    const POWER: Self::Block;
 
-    /// Reads a register, with its side effects.
-    fn read(&mut self, block: Self::Block, offset: u32, common: &mut Common) -> Result<u32, Refused>;
+    /// The blocks that a system reset resets, in this order. RCC resets those with a [`Gate`].
+    const RESET: &'static [Self::Block];
 
-    /// Reads a register for the debugger, without side effects where the model can avoid them.
-    fn peek(&mut self, block: Self::Block, offset: u32, common: &mut Common) -> Result<u32, Refused> {
-        self.read(block, offset, common)
+    /// The peripheral that a block belongs to.
+    fn peripheral(&mut self, block: Self::Block) -> &mut dyn Peripheral;
+
+    /// The enable and reset bits in RCC.
+    fn gates(&self) -> &Gates;
+
+    fn flash(&self) -> &Self::Flash;
+
+    fn flash_mut(&mut self) -> &mut Self::Flash;
+
+    /// The UART to the arm.
+    fn uart(&self) -> &dyn Uart;
+
+    /// The port of the pin that the UART sends on.
+    fn uart_port(&self) -> &Gpio;
+
+    /// The DMA, and the UART that it serves.
+    fn dma_and_uart(&mut self) -> (&mut dyn Dma, &mut dyn Uart);
+
+    fn iwdg(&mut self) -> &mut Iwdg;
+
+    /// Switches the low-speed oscillator on.
+    fn keep_lsi_on(&mut self, now: Nanos);
+
+    /// The reason why a peripheral forbids a write that its own registers do not tell.
+    fn check_write(&self, _block: Self::Block, _offset: u32, _value: u32) -> Result<(), Refused> {
+        Ok(())
     }
 
-    fn write(&mut self, block: Self::Block, offset: u32, value: u32, common: &mut Common) -> Result<(), Refused>;
+    /// Tells each peripheral the rate of its clock, and checks that supply and flash bear it. Whether a rate changed.
+    fn follow_clocks(&mut self, common: &mut Common) -> bool;
 
-    /// Handles a store of the core to the flash, at this offset.
-    fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused>;
+    /// Sets the interrupt lines of a peripheral, and its wires to others.
+    fn set_lines(&mut self, slot: Slot, lines: &mut Lines);
 
-    /// Handles a read of the flash that was redirected to the bus. Returns true if the NMI becomes pending.
-    fn check_flash_read(&mut self, _offset: u32) -> bool {
-        false
-    }
-
-    /// The timing of the flash by its wait states and caches.
-    fn flash_timing(&self) -> FlashTiming;
-
-    /// Returns true during an erase or programming of the flash: the core waits.
-    fn is_flash_busy(&self) -> bool;
-
-    /// Returns true if the power fails now.
-    fn take_cut(&mut self, now: Nanos) -> bool;
-
-    /// Updates the clock rate of each peripheral, and checks them against the supply and the flash.
-    fn follow_clocks(&mut self, common: &mut Common);
-
-    /// Applies the changes of a peripheral: its interrupt, its DMA requests, the time of its next event.
-    fn settle(&mut self, slot: Slot, common: &mut Common);
-
-    fn settle_all(&mut self, common: &mut Common) {
-        for slot in SLOTS {
-            self.settle(slot, common);
-        }
-    }
-
-    /// Executes the due events of a peripheral.
-    fn advance(&mut self, slot: Slot, common: &mut Common, memory: &mut Memory);
-
-    /// Checks for changes made by the program.
-    fn look(&mut self, common: &mut Common);
+    /// Looks at what the program may have changed outside.
+    fn look(&mut self, now: Nanos);
 
     /// Events since the last call that a program may wait for.
     fn take_news(&mut self) -> News;
 
-    /// Resets everything that a system reset resets, except the clocks.
-    fn reset(&mut self, common: &mut Common, memory: &mut Memory);
+    /// Resets a block. A peripheral of several blocks resets this one alone.
+    fn reset_block(&mut self, block: Self::Block, now: Nanos) {
+        self.peripheral(block).reset(now);
+    }
 
     /// Resets the clocks, and everything else that only this cause resets.
     fn reset_clocks(&mut self, cause: Cause);
@@ -247,7 +263,7 @@ impl<P: Peripherals> Mcu<P> {
             peripherals,
             unique_id,
         };
-        mcu.peripherals.follow_clocks(&mut mcu.common);
+        mcu.follow_clocks();
         mcu
     }
 
@@ -280,9 +296,9 @@ impl<P: Peripherals> Mcu<P> {
         let gate = block.gate();
         let reason = if !block.takes(access.width) {
             "not an access of this width"
-        } else if gate.is_some_and(|gate| !self.peripherals.is_enabled(gate)) {
+        } else if gate.is_some_and(|gate| !self.peripherals.gates().is_enabled(gate)) {
             "its clock is off"
-        } else if gate.is_some_and(|gate| self.peripherals.is_held(gate)) {
+        } else if gate.is_some_and(|gate| self.peripherals.gates().is_held(gate)) {
             "it is held in reset"
         } else {
             return Ok(Some((block, offset)));
@@ -297,7 +313,7 @@ impl<P: Peripherals> Mcu<P> {
             return P::MAP.system_memory.read(access, &self.unique_id).ok_or(BusError);
         }
         let (block, offset) = P::Block::at(access.address).ok_or(BusError)?;
-        let value = self.peripherals.peek(block, offset, &mut self.common);
+        let value = self.peripherals.peripheral(block).peek(offset, self.common.now);
         value.map_err(|_| BusError)
     }
 
@@ -312,9 +328,153 @@ impl<P: Peripherals> Mcu<P> {
         })
     }
 
-    /// Resets everything that a system reset resets, except the clocks.
+    /// The levels of the DMA requests of the UART.
+    fn requests(&self) -> Requests {
+        let uart = self.peripherals.uart();
+        Requests {
+            receive: uart.requests_receive() && !self.common.edges.starve.load(Ordering::Relaxed),
+            transmit: uart.requests_transmit(),
+        }
+    }
+
+    /// Takes over what changed in a peripheral: its interrupt, its DMA requests, when it wants to be called.
+    #[inline]
+    fn settle(&mut self, slot: Slot) {
+        self.peripherals.set_lines(slot, &mut self.common.lines);
+        if matches!(slot, Slot::Usart | Slot::Dma) {
+            let requests = self.requests();
+            let (dma, _) = self.peripherals.dma_and_uart();
+            dma.follow_requests(requests, self.common.now);
+            self.common.set_due(Slot::Dma, dma.due());
+        }
+        let due = self.peripherals.peripheral(P::EVENTS[slot as usize]).due();
+        self.common.set_due(slot, due);
+    }
+
+    fn settle_all(&mut self) {
+        for slot in SLOTS {
+            self.settle(slot);
+        }
+    }
+
+    fn follow_clocks(&mut self) {
+        if self.peripherals.follow_clocks(&mut self.common) {
+            self.settle_all();
+        }
+    }
+
+    /// Does what reset bits of RCC say, as they are written.
+    fn follow_resets(&mut self) {
+        if !self.peripherals.gates().holds_any() {
+            return;
+        }
+        for &block in P::RESET {
+            if block.gate().is_some_and(|gate| self.peripherals.gates().is_held(gate)) {
+                self.peripherals.reset_block(block, self.common.now);
+            }
+        }
+        self.follow_pin();
+        self.settle_all();
+    }
+
+    /// Tells the line who drives the pin that the UART sends on. Whether it is low now and was not before.
+    fn follow_pin(&mut self) -> bool {
+        let mut line = lock(&self.common.edges.line);
+        let was_low = line.is_pin_low();
+        line.set_pin(self.peripherals.uart_port().driver(UART_TX_PIN));
+        line.set_transmits(self.peripherals.uart().transmits());
+        line.is_pin_low() && !was_low
+    }
+
+    fn read_register(&mut self, block: P::Block, offset: u32) -> Result<u32, Refused> {
+        let slot = block.slot();
+        if slot == Some(Slot::Usart) && offset == P::MAP.uart_receive && self.peripherals.uart().requests_receive() {
+            lock(&self.common.edges.line).take_byte();
+        }
+        let value = self.peripherals.peripheral(block).read(offset, self.common.now);
+        if let Some(slot) = slot {
+            self.settle(slot);
+        }
+        value
+    }
+
+    fn write_register(&mut self, block: P::Block, offset: u32, value: u32) -> Result<(), Refused> {
+        self.peripherals.check_write(block, offset, value)?;
+        let now = self.common.now;
+        let written = self.peripherals.peripheral(block).write(offset, value, now);
+        let slot = block.slot();
+        if let Some(slot) = slot {
+            self.settle(slot);
+        }
+        match slot {
+            Some(Slot::Rcc) => {
+                self.follow_resets();
+                self.follow_clocks();
+            }
+            Some(Slot::Flash) => self.follow_clocks(),
+            Some(Slot::Iwdg) if self.peripherals.iwdg().runs() => {
+                self.peripherals.keep_lsi_on(now);
+                self.settle(Slot::Rcc);
+            }
+            Some(Slot::Usart) if self.follow_pin() => return written.and(Err(forbidden("CR1", LOW))),
+            None if block == P::POWER => self.follow_clocks(),
+            None if self.follow_pin() => return written.and(Err(forbidden("MODER/ODR/BSRR", LOW))),
+            _ => {}
+        }
+        written
+    }
+
+    /// Does what is due in a peripheral.
+    fn advance(&mut self, slot: Slot, memory: &mut Memory) {
+        let now = self.common.now;
+        match slot {
+            Slot::Flash => self.peripherals.flash_mut().finish(now, memory),
+            Slot::Dma => self.step_dma(memory),
+            _ => self.peripherals.peripheral(P::EVENTS[slot as usize]).advance(now),
+        }
+        match slot {
+            Slot::Rcc => self.follow_clocks(),
+            Slot::Iwdg if self.peripherals.iwdg().take_expired() => self.common.reset = Some(Cause::Watchdog),
+            _ => {}
+        }
+    }
+
+    /// A step of a DMA stream.
+    fn step_dma(&mut self, memory: &mut Memory) {
+        let now = self.common.now;
+        let requests = self.requests();
+        let (dma, uart) = self.peripherals.dma_and_uart();
+        let Some((stream, step)) = dma.step(requests, now) else {
+            return;
+        };
+        let done = step.run(memory, |address, value| {
+            let offset = address.wrapping_sub(UART);
+            match value {
+                None if offset == P::MAP.uart_receive => Some(uart.read(offset, now).map(|value| value as u8)),
+                Some(value) if offset == P::MAP.uart_transmit => {
+                    Some(uart.write(offset, value.into(), now).map(|()| value))
+                }
+                _ => None,
+            }
+        });
+        match done {
+            Ok(Some(value)) => dma.fetched(stream, value, now),
+            Ok(None) => {}
+            Err(failure) => {
+                dma.fail(stream);
+                self.common.record_dma("USART2", failure);
+            }
+        }
+        self.settle(Slot::Usart);
+    }
+
+    /// Everything that a system reset resets but the clocks.
     fn reset(&mut self, memory: &mut Memory) {
-        self.peripherals.reset(&mut self.common, memory);
+        self.peripherals.flash_mut().restart(memory);
+        for &block in P::RESET {
+            self.peripherals.reset_block(block, self.common.now);
+        }
+        self.follow_pin();
         self.common.in_boot_loader = false;
         self.common.reset = None;
         self.common.nmi = false;
@@ -325,7 +485,7 @@ impl<P: Peripherals> Mcu<P> {
     fn power_off(&mut self, memory: &mut Memory) {
         self.common.powered = false;
         self.reset(memory);
-        self.peripherals.settle_all(&mut self.common);
+        self.settle_all();
     }
 }
 
@@ -342,7 +502,7 @@ impl<P: Peripherals> Bus for Mcu<P> {
         }
         self.common.come_to(access);
         if let Some(offset) = Self::flash_offset(access.address) {
-            self.common.nmi |= self.peripherals.check_flash_read(offset);
+            self.common.nmi |= self.peripherals.flash_mut().check_read(offset);
             return memory.read(access.address, access.width).ok_or(BusError);
         }
         if is_system_memory(access) {
@@ -351,7 +511,7 @@ impl<P: Peripherals> Bus for Mcu<P> {
         let Some((block, offset)) = self.block(access)? else {
             return Ok(0);
         };
-        let read = self.peripherals.read(block, offset, &mut self.common);
+        let read = self.read_register(block, offset);
         let value = read.unwrap_or_else(|refused| {
             self.common
                 .recorder
@@ -366,15 +526,15 @@ impl<P: Peripherals> Bus for Mcu<P> {
         self.common.come_to(access);
         self.common.trace(access, value);
         let (name, written) = if let Some(offset) = Self::flash_offset(access.address) {
-            let stored = self.peripherals.store(offset, access.width, value, self.common.now);
-            self.peripherals.settle(Slot::Flash, &mut self.common);
+            let flash = self.peripherals.flash_mut();
+            let stored = flash.store(offset, access.width, value, self.common.now);
+            self.settle(Slot::Flash);
             ("FLASH", stored)
         } else {
             let Some((block, offset)) = self.block(access)? else {
                 return Ok(());
             };
-            let written = self.peripherals.write(block, offset, value, &mut self.common);
-            (block.name(), written)
+            (block.name(), self.write_register(block, offset, value))
         };
         if let Err(refused) = written {
             self.common
@@ -391,7 +551,7 @@ impl<P: Peripherals> Bus for Mcu<P> {
             || self.common.clock_changed
             || self.common.nmi
             || self.common.in_boot_loader
-            || self.peripherals.is_flash_busy()
+            || self.peripherals.flash().is_busy()
     }
 }
 
@@ -405,7 +565,7 @@ impl<P: Peripherals> Chip for Mcu<P> {
     }
 
     fn flash_timing(&self) -> FlashTiming {
-        self.peripherals.flash_timing()
+        self.peripherals.flash().timing()
     }
 
     fn next_event(&self) -> Nanos {
@@ -426,21 +586,21 @@ impl<P: Peripherals> Chip for Mcu<P> {
         self.common.trace.add(self.common.now.0);
         self.common.trace.add(slot as u64);
         let slot = SLOTS[slot];
-        if slot == Slot::Flash && self.peripherals.take_cut(self.common.now) {
+        if slot == Slot::Flash && self.peripherals.flash_mut().take_cut(self.common.now) {
             lock(&self.common.edges.flash).cut = Some(self.common.now);
             self.common.was_cut = true;
             self.power_off(memory);
         } else {
-            self.peripherals.advance(slot, &mut self.common, memory);
+            self.advance(slot, memory);
         }
-        self.peripherals.settle(slot, &mut self.common);
+        self.settle(slot);
     }
 
     fn look(&mut self, now: Nanos, memory: &mut Memory) {
         self.common.now = self.common.now.max(now);
-        self.peripherals.look(&mut self.common);
+        self.peripherals.look(self.common.now);
         for slot in [Slot::Usart, Slot::Usb, Slot::Can, Slot::Rcc] {
-            self.peripherals.settle(slot, &mut self.common);
+            self.settle(slot);
         }
         let supply = lock(&self.common.edges.flash).supply.take();
         match supply {
@@ -463,7 +623,7 @@ impl<P: Peripherals> Chip for Mcu<P> {
     }
 
     fn holds_core(&self) -> bool {
-        !self.common.powered || self.common.in_boot_loader || self.peripherals.is_flash_busy()
+        !self.common.powered || self.common.in_boot_loader || self.peripherals.flash().is_busy()
     }
 
     fn is_in_boot_loader(&self) -> bool {
@@ -482,8 +642,8 @@ impl<P: Peripherals> Chip for Mcu<P> {
         self.reset(memory);
         self.common.powered = true;
         self.peripherals.reset_clocks(cause);
-        self.peripherals.follow_clocks(&mut self.common);
-        self.peripherals.settle_all(&mut self.common);
+        self.follow_clocks();
+        self.settle_all();
     }
 
     fn recorder(&self) -> &Recorder {

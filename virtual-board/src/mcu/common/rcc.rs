@@ -82,54 +82,55 @@ impl Gate {
     }
 }
 
-/// An enable and a reset register for each bus.
+/// The enable and the reset register of a bus.
 #[derive(Clone, Debug)]
-pub(crate) struct Gates<const BUSES: usize> {
+struct Bus {
     /// The offsets of the registers.
-    enable_registers: [u32; BUSES],
-    reset_registers: [u32; BUSES],
-    enables: [u32; BUSES],
-    resets: [u32; BUSES],
+    enable_register: u32,
+    reset_register: u32,
+    enables: u32,
+    resets: u32,
 }
 
-impl<const BUSES: usize> Gates<BUSES> {
-    /// The registers at these offsets, with these reset values of the enable registers.
-    pub(crate) const fn new(
-        enable_registers: [u32; BUSES],
-        reset_registers: [u32; BUSES],
-        enables: [u32; BUSES],
-    ) -> Self {
-        Self {
-            enable_registers,
-            reset_registers,
+/// An enable and a reset register for each bus.
+#[derive(Clone, Debug)]
+pub(crate) struct Gates(Vec<Bus>);
+
+impl Gates {
+    /// Buses, each with the offsets of its enable and its reset register, and the value of the enable register after a reset.
+    pub(crate) fn new(buses: &[(u32, u32, u32)]) -> Self {
+        let bus = |&(enable_register, reset_register, enables): &_| Bus {
+            enable_register,
+            reset_register,
             enables,
-            resets: [0; BUSES],
-        }
+            resets: 0,
+        };
+        Self(buses.iter().map(bus).collect())
     }
 
     /// Returns true if the peripheral's clock is on.
     #[inline]
     pub(crate) fn is_enabled(&self, gate: Gate) -> bool {
-        self.enables[gate.bus] & gate.mask != 0
+        self.0[gate.bus].enables & gate.mask != 0
     }
 
     /// Returns true if the peripheral is held in reset.
     #[inline]
     pub(crate) fn is_held(&self, gate: Gate) -> bool {
-        self.resets[gate.bus] & gate.mask != 0
+        self.0[gate.bus].resets & gate.mask != 0
     }
 
     /// Returns true if any peripheral is held in reset.
     pub(crate) fn holds_any(&self) -> bool {
-        self.resets.iter().any(|&resets| resets != 0)
+        self.0.iter().any(|bus| bus.resets != 0)
     }
 
     /// The register at an offset of the RCC, if it is one of them.
     pub(crate) fn register(&mut self, offset: u32) -> Option<&mut u32> {
-        let bus = |registers: [u32; BUSES]| registers.iter().position(|&register| register == offset);
-        if let Some(bus) = bus(self.enable_registers) {
-            return self.enables.get_mut(bus);
-        }
-        self.resets.get_mut(bus(self.reset_registers)?)
+        self.0.iter_mut().find_map(|bus| match offset {
+            _ if offset == bus.enable_register => Some(&mut bus.enables),
+            _ if offset == bus.reset_register => Some(&mut bus.resets),
+            _ => None,
+        })
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::line::{AnyLine, Arm, Arrival, Format, Line};
 use crate::shared::lock;
+use crate::soc::peripheral::Peripheral;
 use crate::time::Nanos;
 
 /// The register settings that concern the line.
@@ -41,6 +42,18 @@ pub(crate) struct Progress {
     pub(crate) arrived: Option<Arrival>,
     /// The line has been idle for one frame, as requested by [`Shifter::expect_idle`].
     pub(crate) idle: bool,
+}
+
+/// The UART of a chip.
+pub(crate) trait Uart: Peripheral {
+    /// Whether the receiver requests a DMA transfer.
+    fn requests_receive(&self) -> bool;
+
+    /// Whether the transmitter requests a DMA transfer.
+    fn requests_transmit(&self) -> bool;
+
+    /// Whether it and its transmitter are enabled: it drives its pin.
+    fn transmits(&self) -> bool;
 }
 
 /// The shift registers of the transmitter and of the receiver.

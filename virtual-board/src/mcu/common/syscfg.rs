@@ -30,11 +30,7 @@ impl Syscfg {
         Self { layout, memrmp: 0 }
     }
 
-    pub(crate) fn reset(&mut self) {
-        self.memrmp = 0;
-    }
-
-    /// The violation for any register except MEMRMP.
+    /// The reason why a register that is not MEMRMP is refused.
     fn refuse(&self, offset: u32) -> Refused {
         match offset {
             SECOND.. if offset <= self.layout.last => Refused::Unimplemented(self.layout.others),
@@ -60,5 +56,9 @@ impl Peripheral for Syscfg {
             }
             _ => Err(self.refuse(offset)),
         }
+    }
+
+    fn reset(&mut self, _: Nanos) {
+        self.memrmp = 0;
     }
 }

@@ -87,14 +87,7 @@ impl Tim {
         }
     }
 
-    /// The reset state of the timer. Its clock continues.
-    pub(crate) fn reset(&mut self, now: Nanos) {
-        let hz = self.clock.hz();
-        *self = Self::new();
-        self.clock.set_hz(hz, now);
-    }
-
-    /// Sets the rate of the input clock.
+    /// The rate of the input clock is `hz` from now on.
     pub(crate) fn set_clock(&mut self, hz: u64, now: Nanos) {
         if hz != self.clock.hz() {
             self.count_up_to(now);
@@ -287,6 +280,13 @@ impl Peripheral for Tim {
             .map(|value| self.next_at(self.seen, value))
             .min()?;
         self.clock.instant(self.since + (total - self.count) * self.step())
+    }
+
+    /// The timer as a reset leaves it. Its clock goes on.
+    fn reset(&mut self, now: Nanos) {
+        let hz = self.clock.hz();
+        *self = Self::new();
+        self.clock.set_hz(hz, now);
     }
 }
 

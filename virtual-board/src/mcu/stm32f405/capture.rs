@@ -106,14 +106,6 @@ impl Capture {
         }
     }
 
-    /// The reset state of the timer. Its clock continues.
-    pub(super) fn reset(&mut self) {
-        *self = Self {
-            clock_hz: self.clock_hz,
-            ..Self::new(self.oscillator.clone())
-        };
-    }
-
     /// The rate of the input clock.
     pub(super) fn set_clock(&mut self, hz: u64) {
         self.clock_hz = hz;
@@ -229,5 +221,13 @@ impl Peripheral for Capture {
         }
         self.connect(now);
         Ok(())
+    }
+
+    /// The timer as a reset leaves it. Its clock goes on.
+    fn reset(&mut self, _: Nanos) {
+        *self = Self {
+            clock_hz: self.clock_hz,
+            ..Self::new(self.oscillator.clone())
+        };
     }
 }

@@ -5,13 +5,16 @@
 //! a peripheral fetches before it is requested (10.3.11). Refused with their name: wider transfers, memory to memory,
 //! FIFO mode, double buffers, bursts, the peripheral as flow controller.
 
-use crate::mcu::common::dma::{Count, Step, Steps, Transfer};
-use crate::soc::peripheral::{Refused, field, forbidden};
+use crate::mcu::common::dma::{self as common, Count, Requests, Step, Steps, Transfer};
+use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
 
 /// Number of streams of a controller (10.2), and of both.
 pub(super) const STREAMS: usize = 8;
 pub(super) const ALL_STREAMS: usize = 2 * STREAMS;
+
+/// The bytes of a controller's registers: DMA2 follows DMA1.
+const SIZE: u32 = 0x400;
 
 const LISR: u32 = 0x00;
 const HISR: u32 = 0x04;
@@ -73,11 +76,23 @@ pub enum Reenabled {
 
 /// A request line: the controller, 0 or 1, the stream and the channel (10.3.3, tables 42 and 43).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Request {
-    pub(super) controller: usize,
-    pub(super) stream: usize,
-    pub(super) channel: u32,
+struct Request {
+    controller: usize,
+    stream: usize,
+    channel: u32,
 }
+
+/// DMA requests of USART2 (10.3.3, table 42).
+const USART2_RX: Request = Request {
+    controller: 0,
+    stream: 5,
+    channel: 4,
+};
+const USART2_TX: Request = Request {
+    controller: 0,
+    stream: 6,
+    channel: 4,
+};
 
 #[derive(Clone, Copy, Debug)]
 struct Stream {
@@ -147,8 +162,8 @@ impl Dma {
         self.steps.set_delays(delays);
     }
 
-    /// Resets a controller, 0 or 1.
-    pub(super) fn reset(&mut self, controller: usize) {
+    /// A controller, 0 or 1, as a reset leaves it.
+    pub(super) fn reset_controller(&mut self, controller: usize) {
         for stream in controller * STREAMS..(controller + 1) * STREAMS {
             self.streams[stream] = Stream::OFF;
             self.flags[stream] = 0;
@@ -164,43 +179,13 @@ impl Dma {
 
     /// Starts a transfer for a request that is high, if its stream waits for one.
     #[inline]
-    pub(super) fn request(&mut self, request: Request, now: Nanos) {
+    fn request(&mut self, request: Request, now: Nanos) {
         let number = request.controller * STREAMS + request.stream;
         let stream = &self.streams[number];
         let can = stream.is_on() && !stream.stopping && stream.count.left > 0 && self.steps.waits(number);
         if can && stream.channel() == request.channel {
             self.steps.start(number, now);
         }
-    }
-
-    /// Takes the next step that is due at `now`, with its stream. A request that is no longer high gets nothing.
-    pub(super) fn step(&mut self, is_high: impl Fn(Request) -> bool, now: Nanos) -> Option<(usize, Step)> {
-        let number = self.steps.first_due(now)?;
-        let stream = &self.streams[number];
-        let request = Request {
-            controller: number / STREAMS,
-            stream: number % STREAMS,
-            channel: stream.channel(),
-        };
-        let step = self.steps.take(number, is_high(request), stream.transfer(), now);
-        if step == Step::Count {
-            self.count(number);
-        }
-        Some((number, step))
-    }
-
-    /// Passes the byte of a read.
-    pub(super) fn fetched(&mut self, stream: usize, value: u8, now: Nanos) {
-        self.steps.fetched(stream, value, now);
-    }
-
-    /// The last step failed on the bus: the stream stops (10.3.18).
-    pub(super) fn fail(&mut self, stream: usize) {
-        self.flags[stream] |= flag::ERROR;
-        self.steps.stop(stream);
-        let stream = &mut self.streams[stream];
-        stream.cr &= !cr::EN;
-        stream.stopping = false;
     }
 
     fn count(&mut self, number: usize) {
@@ -219,36 +204,7 @@ impl Dma {
         }
     }
 
-    /// The time of a stream's next step.
-    #[inline]
-    pub(super) fn due(&self) -> Option<Nanos> {
-        self.steps.due()
-    }
-
-    /// Reads a register of a controller, 0 or 1.
-    pub(super) fn read(&self, controller: usize, offset: u32) -> Result<u32, Refused> {
-        match offset {
-            LISR => Ok(self.status(controller * STREAMS)),
-            HISR => Ok(self.status(controller * STREAMS + 4)),
-            LIFCR | HIFCR => Ok(0),
-            FIRST..LAST => {
-                let (number, register) = place(controller, offset);
-                let stream = &self.streams[number];
-                match register {
-                    CR => Ok(stream.cr),
-                    NDTR => Ok(stream.count.left),
-                    PAR => Ok(stream.par),
-                    M0AR => Ok(stream.m0ar),
-                    M1AR => Ok(stream.m1ar),
-                    FCR => Ok(stream.fcr),
-                    _ => Err(Refused::NoRegister),
-                }
-            }
-            _ => Err(Refused::NoRegister),
-        }
-    }
-
-    /// The flags of four streams, starting with this one.
+    /// The flags of four streams from this one.
     fn status(&self, first: usize) -> u32 {
         let flags = self.flags[first..].iter().zip(flag::AT);
         flags.fold(0, |status, (flags, at)| status | flags << at)
@@ -257,26 +213,6 @@ impl Dma {
     fn clear(&mut self, first: usize, value: u32) {
         for (flags, at) in self.flags[first..].iter_mut().zip(flag::AT) {
             *flags &= !(value >> at & flag::ALL);
-        }
-    }
-
-    /// Writes a register of a controller, 0 or 1.
-    pub(super) fn write(&mut self, controller: usize, offset: u32, value: u32) -> Result<(), Refused> {
-        match offset {
-            LISR | HISR => Ok(()),
-            LIFCR => {
-                self.clear(controller * STREAMS, value);
-                Ok(())
-            }
-            HIFCR => {
-                self.clear(controller * STREAMS + 4, value);
-                Ok(())
-            }
-            FIRST..LAST => {
-                let (number, register) = place(controller, offset);
-                self.write_stream(number, register, value)
-            }
-            _ => Err(Refused::NoRegister),
         }
     }
 
@@ -342,20 +278,129 @@ impl Dma {
     }
 }
 
-/// The stream, and the index of its register.
-fn place(controller: usize, offset: u32) -> (usize, u32) {
+/// Whether a request is high.
+fn is_high(requests: Requests, request: Request) -> bool {
+    match request {
+        USART2_RX => requests.receive,
+        USART2_TX => requests.transmit,
+        _ => false,
+    }
+}
+
+impl Peripheral for Dma {
+    fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
+        let (controller, offset) = (offset / SIZE, offset % SIZE);
+        let first = controller as usize * STREAMS;
+        match offset {
+            LISR => Ok(self.status(first)),
+            HISR => Ok(self.status(first + 4)),
+            LIFCR | HIFCR => Ok(0),
+            FIRST..LAST => {
+                let (number, register) = place(first, offset);
+                let stream = &self.streams[number];
+                match register {
+                    CR => Ok(stream.cr),
+                    NDTR => Ok(stream.count.left),
+                    PAR => Ok(stream.par),
+                    M0AR => Ok(stream.m0ar),
+                    M1AR => Ok(stream.m1ar),
+                    FCR => Ok(stream.fcr),
+                    _ => Err(Refused::NoRegister),
+                }
+            }
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, _: Nanos) -> Result<(), Refused> {
+        let (controller, offset) = (offset / SIZE, offset % SIZE);
+        let first = controller as usize * STREAMS;
+        match offset {
+            LISR | HISR => Ok(()),
+            LIFCR => {
+                self.clear(first, value);
+                Ok(())
+            }
+            HIFCR => {
+                self.clear(first + 4, value);
+                Ok(())
+            }
+            FIRST..LAST => {
+                let (number, register) = place(first, offset);
+                self.write_stream(number, register, value)
+            }
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn reset(&mut self, _: Nanos) {
+        self.reset_controller(0);
+        self.reset_controller(1);
+    }
+
+    #[inline]
+    fn due(&self) -> Option<Nanos> {
+        self.steps.due()
+    }
+}
+
+impl common::Dma for Dma {
+    fn follow_requests(&mut self, requests: Requests, now: Nanos) {
+        for request in [USART2_RX, USART2_TX] {
+            if is_high(requests, request) {
+                self.request(request, now);
+            }
+        }
+    }
+
+    fn step(&mut self, requests: Requests, now: Nanos) -> Option<(usize, Step)> {
+        let number = self.steps.first_due(now)?;
+        let stream = &self.streams[number];
+        let request = Request {
+            controller: number / STREAMS,
+            stream: number % STREAMS,
+            channel: stream.channel(),
+        };
+        let is_high = is_high(requests, request);
+        let step = self.steps.take(number, is_high, stream.transfer(), now);
+        if step == Step::Count {
+            self.count(number);
+        }
+        Some((number, step))
+    }
+
+    fn fetched(&mut self, stream: usize, value: u8, now: Nanos) {
+        self.steps.fetched(stream, value, now);
+    }
+
+    /// The stream stops (10.3.18).
+    fn fail(&mut self, stream: usize) {
+        self.flags[stream] |= flag::ERROR;
+        self.steps.stop(stream);
+        let stream = &mut self.streams[stream];
+        stream.cr &= !cr::EN;
+        stream.stopping = false;
+    }
+}
+
+/// The stream, which the controller's first is told of, and which of its registers.
+fn place(first: usize, offset: u32) -> (usize, u32) {
     let offset = offset - FIRST;
-    (controller * STREAMS + (offset / EACH) as usize, offset % EACH)
+    (first + (offset / EACH) as usize, offset % EACH)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mcu::common::dma::Dma as _;
 
-    const REQUEST: Request = Request {
-        controller: 0,
-        stream: 5,
-        channel: 4,
+    const RECEIVE: Requests = Requests {
+        receive: true,
+        transmit: false,
+    };
+    const NONE: Requests = Requests {
+        receive: false,
+        transmit: false,
     };
     const STREAM_5: u32 = FIRST + 5 * EACH;
     const CHANNEL_4: u32 = 4 << cr::CHSEL_AT;
@@ -363,20 +408,20 @@ mod tests {
     /// A controller with stream 5 configured for `count` bytes and a request.
     fn dma(count: u32, control: u32) -> Dma {
         let mut dma = Dma::new(Reenabled::Restarts, 0);
-        dma.write(0, STREAM_5 + NDTR, count).unwrap();
-        dma.write(0, STREAM_5 + PAR, 0x4000_4404).unwrap();
-        dma.write(0, STREAM_5 + M0AR, 0x2000_0000).unwrap();
-        dma.write(0, STREAM_5 + CR, control | CHANNEL_4 | cr::EN | cr::MINC)
+        dma.write(STREAM_5 + NDTR, count, Nanos(0)).unwrap();
+        dma.write(STREAM_5 + PAR, 0x4000_4404, Nanos(0)).unwrap();
+        dma.write(STREAM_5 + M0AR, 0x2000_0000, Nanos(0)).unwrap();
+        dma.write(STREAM_5 + CR, control | CHANNEL_4 | cr::EN | cr::MINC, Nanos(0))
             .unwrap();
         dma
     }
 
     /// Raises the request for one transfer, and returns the steps with their instants.
     fn transfer(dma: &mut Dma, now: Nanos) -> Vec<(Nanos, Step)> {
-        dma.request(REQUEST, now);
+        dma.follow_requests(RECEIVE, now);
         let mut steps = Vec::new();
         while let Some(due) = dma.due() {
-            let (stream, step) = dma.step(|_| true, due).unwrap();
+            let (stream, step) = dma.step(RECEIVE, due).unwrap();
             if matches!(step, Step::ReadPeripheral(_) | Step::ReadMemory(_)) {
                 dma.fetched(stream, 0x42, due);
             }
@@ -400,32 +445,32 @@ mod tests {
         );
         let instants: Vec<u64> = steps.iter().map(|(at, _)| at.0).collect();
         assert!(1_000 < instants[0] && instants[0] < instants[1] && instants[1] < instants[2]);
-        assert_eq!(dma.read(0, STREAM_5 + NDTR), Ok(3));
+        assert_eq!(dma.read(STREAM_5 + NDTR, Nanos(0)), Ok(3));
     }
 
     #[test]
     fn a_stream_that_is_switched_off_ends_its_transfer_first() {
         let mut dma = dma(4, 0);
-        dma.request(REQUEST, Nanos(0));
+        dma.follow_requests(RECEIVE, Nanos(0));
         let due = dma.due().unwrap();
-        let (stream, _) = dma.step(|_| true, due).unwrap();
+        let (stream, _) = dma.step(RECEIVE, due).unwrap();
         dma.fetched(stream, 0x42, due);
-        dma.write(0, STREAM_5 + CR, CHANNEL_4 | cr::MINC).unwrap();
-        assert_eq!(dma.read(0, STREAM_5 + CR).unwrap() & cr::EN, cr::EN);
+        dma.write(STREAM_5 + CR, CHANNEL_4 | cr::MINC, Nanos(0)).unwrap();
+        assert_eq!(dma.read(STREAM_5 + CR, Nanos(0)).unwrap() & cr::EN, cr::EN);
         while let Some(due) = dma.due() {
-            dma.step(|_| true, due).unwrap();
+            dma.step(RECEIVE, due).unwrap();
         }
-        assert_eq!(dma.read(0, STREAM_5 + CR).unwrap() & cr::EN, 0);
-        assert_eq!(dma.read(0, STREAM_5 + NDTR), Ok(3));
-        assert_eq!(dma.read(0, HISR), Ok(flag::COMPLETE << flag::AT[1]));
+        assert_eq!(dma.read(STREAM_5 + CR, Nanos(0)).unwrap() & cr::EN, 0);
+        assert_eq!(dma.read(STREAM_5 + NDTR, Nanos(0)), Ok(3));
+        assert_eq!(dma.read(HISR, Nanos(0)), Ok(flag::COMPLETE << flag::AT[1]));
     }
 
     #[test]
     fn a_request_that_went_away_gets_nothing() {
         let mut dma = dma(4, 0);
-        dma.request(REQUEST, Nanos(0));
+        dma.follow_requests(RECEIVE, Nanos(0));
         let due = dma.due().unwrap();
-        assert_eq!(dma.step(|_| false, due), Some((5, Step::Nothing)));
-        assert_eq!((dma.due(), dma.read(0, STREAM_5 + NDTR)), (None, Ok(4)));
+        assert_eq!(dma.step(NONE, due), Some((5, Step::Nothing)));
+        assert_eq!((dma.due(), dma.read(STREAM_5 + NDTR, Nanos(0))), (None, Ok(4)));
     }
 }

@@ -21,7 +21,7 @@
 
 use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::{Flash, SIZE};
-use crate::mcu::common::flash::{Array, Operation, WORD};
+use crate::mcu::common::flash::{Array, FlashInterface, Operation, WORD};
 use crate::shared::Shared;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
@@ -144,7 +144,7 @@ impl Keys {
 
 /// The interface.
 #[derive(Debug)]
-pub(super) struct Interface {
+pub(crate) struct Interface {
     array: Array,
     acr: u32,
     sr: u32,
@@ -178,29 +178,12 @@ impl Interface {
         }
     }
 
-    /// A restart of the chip, or a loss of power: an operation in progress is left half done.
-    pub(super) fn restart(&mut self, memory: &mut Memory) {
-        self.array.interrupt(memory);
-        *self = Self::with(self.array.clone(), self.options);
-    }
-
-    /// Returns true during an operation: the core waits.
-    #[inline]
-    pub(super) fn is_busy(&self) -> bool {
-        self.array.is_busy()
-    }
-
-    /// The supply voltage, in millivolts.
+    /// The supply, in millivolts.
     pub(super) fn millivolts(&self) -> u32 {
         self.array.millivolts()
     }
 
-    /// Returns true if the power fails now.
-    pub(super) fn take_cut(&mut self, now: Nanos) -> bool {
-        self.array.take_cut(now)
-    }
-
-    /// The level of the interrupt line (3.6.6): EOP and OPERR are set only if their interrupt is enabled.
+    /// The level of the interrupt line (3.6.6): EOP and OPERR are set only if they interrupt.
     pub(super) fn interrupts(&self) -> bool {
         self.sr & self.cr >> 24 & (sr::EOP | sr::OPERR) != 0
     }
@@ -209,18 +192,6 @@ impl Interface {
     pub(super) fn fault(&self, hz: u64) -> Option<Refused> {
         let most = PER_WAIT_STATE * u64::from((self.acr & acr::LATENCY) + 1);
         (hz > most).then(|| forbidden("ACR", "3.5.1: too few wait states for HCLK"))
-    }
-
-    /// The flash timing for the core.
-    pub(super) fn timing(&self) -> FlashTiming {
-        let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
-        FlashTiming {
-            wait_states: self.acr & acr::LATENCY,
-            line_bytes: LINE,
-            code_lines: lines(acr::ICEN, CODE_LINES, 1),
-            data_lines: lines(acr::DCEN, DATA_LINES, 0),
-            prefetch: self.acr & acr::PRFTEN != 0,
-        }
     }
 
     fn parallelism(&self) -> u32 {
@@ -243,28 +214,6 @@ impl Interface {
         Ok(())
     }
 
-    /// Completes the due operation.
-    pub(super) fn finish(&mut self, now: Nanos, memory: &mut Memory) {
-        let Some(operation) = self.array.take_ended(now) else {
-            return;
-        };
-        self.sr &= !sr::BSY;
-        if self.cr & cr::EOPIE != 0 {
-            self.sr |= sr::EOP;
-        }
-        if matches!(operation, Operation::Erase(_)) {
-            self.cr &= !cr::STRT;
-        }
-        match operation {
-            _ if self.fails => self.array.half_do(&operation, memory),
-            Operation::Options => {
-                self.optcr &= !optcr::OPTSTRT;
-                self.options = self.optcr;
-            }
-            _ => self.array.complete(&operation, memory),
-        }
-    }
-
     fn flag_error(&mut self, flag: u32) {
         self.sr |= flag;
         if self.cr & cr::ERRIE != 0 {
@@ -279,32 +228,6 @@ impl Interface {
 
     fn is_locked(&self) -> bool {
         self.keys != Keys::Unlocked
-    }
-
-    /// Handles a store of the core to the flash, at this offset.
-    pub(super) fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
-        // A stray store is a bug that would otherwise go unnoticed.
-        if self.is_locked() || self.cr & cr::PG == 0 {
-            self.flag_error(sr::PGSERR);
-            return Err(forbidden("SR", "3.6.4: a store to the flash while PG is clear"));
-        }
-        if width.bytes() != 1 << self.parallelism() {
-            self.flag_error(sr::PGPERR);
-            return Err(forbidden(
-                "SR",
-                "3.6.4: a store to the flash of another width than PSIZE",
-            ));
-        }
-        let offset = offset as usize;
-        let sector = SECTORS.iter().rposition(|&start| start <= offset).unwrap_or(0);
-        if !self.is_open(sector) {
-            self.flag_error(sr::WRPERR);
-            return Ok(());
-        }
-        let shift = 8 * (offset % WORD);
-        let bits = u64::from(value) << shift | !(u64::from(width.mask()) << shift);
-        let word = offset / WORD;
-        self.start(Operation::Program { word, bits }, PROGRAM, now)
     }
 
     fn write_key(&mut self, key: u32) -> Result<(), Refused> {
@@ -414,6 +337,78 @@ impl Interface {
         }
         self.acr = value;
         Ok(())
+    }
+}
+
+impl FlashInterface for Interface {
+    fn array(&self) -> &Array {
+        &self.array
+    }
+
+    fn array_mut(&mut self) -> &mut Array {
+        &mut self.array
+    }
+
+    fn restart(&mut self, memory: &mut Memory) {
+        self.array.interrupt(memory);
+        *self = Self::with(self.array.clone(), self.options);
+    }
+
+    fn timing(&self) -> FlashTiming {
+        let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
+        FlashTiming {
+            wait_states: self.acr & acr::LATENCY,
+            line_bytes: LINE,
+            code_lines: lines(acr::ICEN, CODE_LINES, 1),
+            data_lines: lines(acr::DCEN, DATA_LINES, 0),
+            prefetch: self.acr & acr::PRFTEN != 0,
+        }
+    }
+
+    fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
+        // A store that strays is a bug that nobody would see.
+        if self.is_locked() || self.cr & cr::PG == 0 {
+            self.flag_error(sr::PGSERR);
+            return Err(forbidden("SR", "3.6.4: a store to the flash while PG is clear"));
+        }
+        if width.bytes() != 1 << self.parallelism() {
+            self.flag_error(sr::PGPERR);
+            return Err(forbidden(
+                "SR",
+                "3.6.4: a store to the flash of another width than PSIZE",
+            ));
+        }
+        let offset = offset as usize;
+        let sector = SECTORS.iter().rposition(|&start| start <= offset).unwrap_or(0);
+        if !self.is_open(sector) {
+            self.flag_error(sr::WRPERR);
+            return Ok(());
+        }
+        let shift = 8 * (offset % WORD);
+        let bits = u64::from(value) << shift | !(u64::from(width.mask()) << shift);
+        let word = offset / WORD;
+        self.start(Operation::Program { word, bits }, PROGRAM, now)
+    }
+
+    fn finish(&mut self, now: Nanos, memory: &mut Memory) {
+        let Some(operation) = self.array.take_ended(now) else {
+            return;
+        };
+        self.sr &= !sr::BSY;
+        if self.cr & cr::EOPIE != 0 {
+            self.sr |= sr::EOP;
+        }
+        if matches!(operation, Operation::Erase(_)) {
+            self.cr &= !cr::STRT;
+        }
+        match operation {
+            _ if self.fails => self.array.half_do(&operation, memory),
+            Operation::Options => {
+                self.optcr &= !optcr::OPTSTRT;
+                self.options = self.optcr;
+            }
+            _ => self.array.complete(&operation, memory),
+        }
     }
 }
 

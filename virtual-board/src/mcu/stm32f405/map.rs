@@ -1,10 +1,11 @@
 //! The memory map of the STM32F405RG (RM0090, 2.3), its interrupts (table 62) and its system memory.
 
 use super::rcc::gates;
+use super::usart;
 use crate::core::Width;
 use crate::flash::SIZE;
 use crate::mcu::common::dbgmcu;
-use crate::mcu::common::mcu::{self, Map};
+use crate::mcu::common::mcu::{self, Map, Slot};
 use crate::mcu::common::rcc::Gate;
 use crate::mcu::common::syscfg::Layout;
 use crate::mcu::common::system_memory::SystemMemory;
@@ -17,6 +18,8 @@ pub(super) const MAP: Map = Map {
     ram: 0x2000_0000,
     ram_size: 128 << 10,
     interrupts: 82,
+    uart_receive: usart::DR,
+    uart_transmit: usart::DR,
     system_memory: SystemMemory {
         unique_id: 0x1FFF_7A10,
         flash_size: 0x1FFF_7A22,
@@ -85,7 +88,11 @@ impl mcu::Block for Block {
             0xE004_2000 => Self::Dbgmcu,
             _ => return None,
         };
-        Some((block, address & 0x3FF))
+        let offset = match block {
+            Self::Dma1 | Self::Dma2 => address & 0x7FF,
+            _ => address & 0x3FF,
+        };
+        Some((block, offset))
     }
 
     fn name(self) -> &'static str {
@@ -140,6 +147,21 @@ impl mcu::Block for Block {
             Self::Tim5 | Self::Tim11 => width != Width::Byte,
             _ => width == Width::Word,
         }
+    }
+
+    #[inline]
+    fn slot(self) -> Option<Slot> {
+        Some(match self {
+            Self::Rcc => Slot::Rcc,
+            Self::Flash => Slot::Flash,
+            Self::Iwdg => Slot::Iwdg,
+            Self::Tim5 => Slot::Tim,
+            Self::Usart2 => Slot::Usart,
+            Self::Dma1 | Self::Dma2 => Slot::Dma,
+            Self::OtgFs => Slot::Usb,
+            Self::Can1 => Slot::Can,
+            _ => return None,
+        })
     }
 }
 

@@ -72,15 +72,7 @@ impl Pwr {
         }
     }
 
-    /// The reset state of the controller. The supply voltage stays.
-    pub(super) fn reset(&mut self) {
-        *self = Self {
-            chance: self.chance.clone(),
-            ..Self::new(self.millivolts, 0)
-        };
-    }
-
-    /// Sets the supply voltage.
+    /// The supply is this from now on.
     pub(super) fn set_supply(&mut self, millivolts: u32) {
         self.millivolts = millivolts;
         self.detect();
@@ -138,5 +130,13 @@ impl Peripheral for Pwr {
             _ => return Err(Refused::NoRegister),
         }
         Ok(())
+    }
+
+    /// The controller as a reset leaves it. The supply stays.
+    fn reset(&mut self, _: Nanos) {
+        *self = Self {
+            chance: self.chance.clone(),
+            ..Self::new(self.millivolts, 0)
+        };
     }
 }

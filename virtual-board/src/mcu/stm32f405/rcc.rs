@@ -121,18 +121,19 @@ const LEAST_DIVIDER: u32 = 2;
 const MOST_APB1: u64 = 42_000_000;
 const MOST_APB2: u64 = 84_000_000;
 
-/// Buses with an enable and a reset register each (7.3.5 to 7.3.14), by their order in [`ENABLE_REGISTERS`].
+/// Buses with an enable and a reset register each (7.3.5 to 7.3.14), by their order in [`BUSES`].
 const AHB1: usize = 0;
 const AHB2: usize = 1;
 const APB1: usize = 3;
 const APB2: usize = 4;
-const BUSES: usize = 5;
-
-const RESET_REGISTERS: [u32; BUSES] = [AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR, APB2RSTR];
-const ENABLE_REGISTERS: [u32; BUSES] = [AHB1ENR, AHB2ENR, AHB3ENR, APB1ENR, APB2ENR];
-
-/// The reset values of the enable registers: the core-coupled memory is enabled (7.3.10).
-const ENABLED_AT_RESET: [u32; BUSES] = [1 << 20, 0, 0, 0, 0];
+const BUSES: [(u32, u32, u32); 5] = [
+    // The core-coupled memory is enabled (7.3.10).
+    (AHB1ENR, AHB1RSTR, 1 << 20),
+    (AHB2ENR, AHB2RSTR, 0),
+    (AHB3ENR, AHB3RSTR, 0),
+    (APB1ENR, APB1RSTR, 0),
+    (APB2ENR, APB2RSTR, 0),
+];
 
 pub(super) mod gates {
     use super::{AHB1, AHB2, APB1, APB2, Gate};
@@ -189,7 +190,7 @@ pub(super) struct Rcc {
     selected: u32,
     pllcfgr: u32,
     bdcr: u32,
-    gates: Gates<BUSES>,
+    gates: Gates,
     /// The reset flags of CSR.
     flags: u32,
     /// The time up to which due events have been executed.
@@ -218,7 +219,7 @@ impl Rcc {
             selected: cfgr::HSI,
             pllcfgr: pllcfgr::AT_RESET,
             bdcr: 0,
-            gates: Gates::new(ENABLE_REGISTERS, RESET_REGISTERS, ENABLED_AT_RESET),
+            gates: Gates::new(&BUSES),
             flags: csr::AT_POWER_ON,
             settled: Nanos(0),
         }
@@ -240,7 +241,7 @@ impl Rcc {
         };
     }
 
-    pub(super) fn gates(&self) -> &Gates<BUSES> {
+    pub(super) fn gates(&self) -> &Gates {
         &self.gates
     }
 

@@ -9,11 +9,12 @@ use armwire_sim::serial::SerialDevice;
 
 use super::*;
 use crate::can::bus::Bus as CanBus;
-use crate::core::{Access, Bus, Purpose};
+use crate::core::{Access, Bus, Memory, Purpose, Width};
 use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
 use crate::flash::{Flash, SIZE};
 use crate::line::{Direction, Fault, Format, Line, LineByte, Outcome, Parity, SharedLine};
 use crate::mcu::common::dma::{DELAYS, Delays};
+use crate::mcu::common::flash::FlashInterface as _;
 use crate::mcu::common::mcu::Mcu;
 use crate::shared::Shared;
 use crate::soc::machine::Chip;

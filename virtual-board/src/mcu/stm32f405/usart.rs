@@ -14,9 +14,8 @@
 //! A read of DR by the DMA ends the sequence like one of the core. Refused with their name: 7 and 9 data bits, half
 //! stop bits, breaks, and all modes except asynchronous.
 
-use crate::line::{AnyLine, Arrival, Format, LOW, Parity, SECOND};
-use crate::mcu::common::shifter::{Settings, Shifter};
-use crate::shared::lock;
+use crate::line::{AnyLine, Arrival, Format, Parity, SECOND};
+use crate::mcu::common::shifter::{Settings, Shifter, Uart};
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
 
@@ -124,15 +123,6 @@ impl Usart {
         }
     }
 
-    /// The reset state of the USART. Line and clock stay.
-    pub(super) fn reset(&mut self, now: Nanos) {
-        *self = Self {
-            clock_hz: self.clock_hz,
-            ..Self::new(self.shifter.line().clone())
-        };
-        self.settle(now);
-    }
-
     pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
         if hz != self.clock_hz {
             self.clock_hz = hz;
@@ -159,33 +149,7 @@ impl Usart {
             || self.cr3 & (cr3::EIE | cr3::DMAR) == cr3::EIE | cr3::DMAR && status & (sr::FE | sr::NF | sr::ORE) != 0
     }
 
-    /// Returns true if the receiver requests a DMA transfer.
-    #[inline]
-    pub(super) fn requests_receive(&self) -> bool {
-        self.cr3 & cr3::DMAR != 0 && self.received.is_some()
-    }
-
-    /// Returns true if the transmitter requests a DMA transfer.
-    #[inline]
-    pub(super) fn requests_transmit(&self) -> bool {
-        self.cr3 & cr3::DMAT != 0 && self.transmit.is_none()
-    }
-
-    /// The value of a register, without side effects of a read.
-    pub(super) fn peek(&self, offset: u32) -> Result<u32, Refused> {
-        match offset {
-            SR => Ok(self.status()),
-            DR => Ok(self.received.unwrap_or(self.last).into()),
-            BRR => Ok(self.brr),
-            CR1 => Ok(self.cr1),
-            CR2 => Ok(self.cr2),
-            CR3 => Ok(self.cr3),
-            GTPR => Ok(self.gtpr),
-            _ => Err(Refused::NoRegister),
-        }
-    }
-
-    /// Returns true if UE and this bit of CR1 are set.
+    /// Whether UE and this bit of CR1 are set.
     fn is_on(&self, bit: u32) -> bool {
         self.cr1 & (cr1::UE | bit) == cr1::UE | bit
     }
@@ -227,7 +191,6 @@ impl Usart {
             transmits: self.is_on(cr1::TE),
             receives: self.is_on(cr1::RE),
         };
-        lock(self.shifter.line()).set_transmits(settings.transmits);
         self.shifter.set(settings, now);
     }
 
@@ -306,6 +269,22 @@ impl Usart {
     }
 }
 
+impl Uart for Usart {
+    #[inline]
+    fn requests_receive(&self) -> bool {
+        self.cr3 & cr3::DMAR != 0 && self.received.is_some()
+    }
+
+    #[inline]
+    fn requests_transmit(&self) -> bool {
+        self.cr3 & cr3::DMAT != 0 && self.transmit.is_none()
+    }
+
+    fn transmits(&self) -> bool {
+        self.is_on(cr1::TE)
+    }
+}
+
 impl Peripheral for Usart {
     fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
         match offset {
@@ -319,12 +298,11 @@ impl Peripheral for Usart {
                 self.advance(now);
                 Ok(value)
             }
-            _ => self.peek(offset),
+            _ => self.peek(offset, now),
         }
     }
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
-        let was_low = lock(self.shifter.line()).is_pin_low();
         let had_transmitter = self.cr1 & cr1::TE != 0;
         let written = self.write_register(offset, value);
         if !matches!(offset, SR | DR) {
@@ -336,9 +314,6 @@ impl Peripheral for Usart {
         }
         self.shifter.start_to_send(now, &mut self.transmit);
         self.shifter.listen(now);
-        if lock(self.shifter.line()).is_pin_low() && !was_low {
-            return written.and(Err(forbidden("CR1", LOW)));
-        }
         written
     }
 
@@ -361,5 +336,27 @@ impl Peripheral for Usart {
 
     fn due(&self) -> Option<Nanos> {
         self.shifter.due()
+    }
+
+    /// The USART as a reset leaves it. Line and clock stay.
+    fn reset(&mut self, now: Nanos) {
+        *self = Self {
+            clock_hz: self.clock_hz,
+            ..Self::new(self.shifter.line().clone())
+        };
+        self.settle(now);
+    }
+
+    fn peek(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
+        match offset {
+            SR => Ok(self.status()),
+            DR => Ok(self.received.unwrap_or(self.last).into()),
+            BRR => Ok(self.brr),
+            CR1 => Ok(self.cr1),
+            CR2 => Ok(self.cr2),
+            CR3 => Ok(self.cr3),
+            GTPR => Ok(self.gtpr),
+            _ => Err(Refused::NoRegister),
+        }
     }
 }

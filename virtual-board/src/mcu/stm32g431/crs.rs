@@ -76,6 +76,10 @@ impl Peripheral for Crs {
         }
         Ok(())
     }
+
+    fn reset(&mut self, _: Nanos) {
+        *self = Self::default();
+    }
 }
 
 #[cfg(test)]

@@ -3,13 +3,17 @@
 //! Modelled are peripheral to memory and memory to peripheral, by bytes, circular or not. Refused with their name:
 //! wider transfers, memory to memory, synchronization, request generators.
 
-use crate::mcu::common::dma::{Count, Step, Steps, Transfer};
-use crate::soc::peripheral::{Refused, field, forbidden};
+use crate::mcu::common::dma::{self as common, Count, Requests, Step, Steps, Transfer};
+use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
 
 /// Number of channels of a controller (12.3.1, category 2), and of both.
 pub(super) const CHANNELS: usize = 6;
 pub(super) const ALL_CHANNELS: usize = 2 * CHANNELS;
+
+/// The bytes of a controller's registers: DMA2 follows DMA1, and the multiplexer both.
+const SIZE: u32 = 0x400;
+const MULTIPLEXER: u32 = 2 * SIZE;
 
 const ISR: u32 = 0x00;
 const IFCR: u32 = 0x04;
@@ -55,6 +59,10 @@ const MUX_CSR: u32 = 0x80;
 const MUX_CFR: u32 = 0x84;
 const REQUEST_ID: u32 = 0x7F;
 const EGE: u32 = 1 << 9;
+
+/// Requests of USART2 (13.3.2, table 91).
+const USART2_RX: u32 = 26;
+const USART2_TX: u32 = 27;
 
 #[derive(Clone, Copy, Debug)]
 struct Channel {
@@ -112,8 +120,8 @@ impl Dma {
         }
     }
 
-    /// Resets a controller, 0 or 1.
-    pub(super) fn reset(&mut self, controller: usize) {
+    /// A controller, 0 or 1, as a reset leaves it.
+    pub(super) fn reset_controller(&mut self, controller: usize) {
         self.flags[controller] = 0;
         for channel in controller * CHANNELS..(controller + 1) * CHANNELS {
             self.channels[channel] = Channel::OFF;
@@ -132,39 +140,6 @@ impl Dma {
         flags & self.channels[channel].ccr & ccr::INTERRUPTS != 0
     }
 
-    /// Starts transfers for the requests that are high.
-    pub(super) fn follow_requests(&mut self, is_high: impl Fn(u32) -> bool, now: Nanos) {
-        for (number, (channel, request)) in self.channels.iter().zip(self.requests).enumerate() {
-            let can = channel.is_on() && channel.count.left > 0 && self.steps.waits(number);
-            if can && is_high(request & REQUEST_ID) {
-                self.steps.start(number, now);
-            }
-        }
-    }
-
-    /// Takes the next step that is due at `now`, with its channel. A request that is no longer high gets nothing.
-    pub(super) fn step(&mut self, is_high: impl Fn(u32) -> bool, now: Nanos) -> Option<(usize, Step)> {
-        let number = self.steps.first_due(now)?;
-        let is_high = is_high(self.requests[number] & REQUEST_ID);
-        let step = self.steps.take(number, is_high, self.channels[number].transfer(), now);
-        if step == Step::Count {
-            self.count(number);
-        }
-        Some((number, step))
-    }
-
-    /// Passes the byte of a read.
-    pub(super) fn fetched(&mut self, channel: usize, value: u8, now: Nanos) {
-        self.steps.fetched(channel, value, now);
-    }
-
-    /// The last step failed on the bus: the channel stops (12.4.6).
-    pub(super) fn fail(&mut self, channel: usize) {
-        self.channels[channel].ccr &= !ccr::EN;
-        self.steps.stop(channel);
-        self.raise(channel, flag::ERROR);
-    }
-
     fn count(&mut self, number: usize) {
         let channel = &mut self.channels[number];
         let reached = channel.count.count(channel.ccr & ccr::CIRC != 0);
@@ -178,47 +153,6 @@ impl Dma {
 
     fn raise(&mut self, channel: usize, flags: u32) {
         self.flags[channel / CHANNELS] |= (flags | flag::GLOBAL) << (flag::BITS * (channel % CHANNELS) as u32);
-    }
-
-    /// The time of a channel's next step.
-    pub(super) fn due(&self) -> Option<Nanos> {
-        self.steps.due()
-    }
-
-    /// Reads a register of a controller, 0 or 1.
-    pub(super) fn read(&self, controller: usize, offset: u32) -> Result<u32, Refused> {
-        match offset {
-            ISR => Ok(self.flags[controller]),
-            IFCR => Ok(0),
-            FIRST..LAST => {
-                let (number, register) = place(controller, offset);
-                let channel = &self.channels[number];
-                match register {
-                    CCR => Ok(channel.ccr),
-                    CNDTR => Ok(channel.count.left),
-                    CPAR => Ok(channel.cpar),
-                    CMAR => Ok(channel.cmar),
-                    _ => Err(Refused::NoRegister),
-                }
-            }
-            _ => Err(Refused::NoRegister),
-        }
-    }
-
-    /// Writes a register of a controller, 0 or 1.
-    pub(super) fn write(&mut self, controller: usize, offset: u32, value: u32) -> Result<(), Refused> {
-        match offset {
-            ISR => Ok(()),
-            IFCR => {
-                self.flags[controller] &= !cleared(value);
-                Ok(())
-            }
-            FIRST..LAST => {
-                let (number, register) = place(controller, offset);
-                self.write_channel(number, register, value)
-            }
-            _ => Err(Refused::NoRegister),
-        }
     }
 
     fn write_channel(&mut self, number: usize, register: u32, value: u32) -> Result<(), Refused> {
@@ -263,7 +197,7 @@ impl Dma {
     }
 
     /// Reads a register of the multiplexer.
-    pub(super) fn read_multiplexer(&self, offset: u32) -> Result<u32, Refused> {
+    fn read_multiplexer(&self, offset: u32) -> Result<u32, Refused> {
         match offset {
             0..MUX_CHANNELS_END => Ok(self.requests[(offset / 4) as usize]),
             // There are no synchronization overruns.
@@ -274,7 +208,7 @@ impl Dma {
     }
 
     /// Writes a register of the multiplexer.
-    pub(super) fn write_multiplexer(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
+    fn write_multiplexer(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
         match offset {
             0..MUX_CHANNELS_END if value & !(REQUEST_ID | EGE) != 0 => {
                 Err(Refused::Unimplemented("CxCR: synchronization"))
@@ -290,7 +224,102 @@ impl Dma {
     }
 }
 
-/// The channel, and the index of its register.
+/// Whether a request is high.
+fn is_high(requests: Requests, request: u32) -> bool {
+    match request & REQUEST_ID {
+        USART2_RX => requests.receive,
+        USART2_TX => requests.transmit,
+        _ => false,
+    }
+}
+
+impl Peripheral for Dma {
+    fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
+        if offset >= MULTIPLEXER {
+            return self.read_multiplexer(offset - MULTIPLEXER);
+        }
+        let (controller, offset) = ((offset / SIZE) as usize, offset % SIZE);
+        match offset {
+            ISR => Ok(self.flags[controller]),
+            IFCR => Ok(0),
+            FIRST..LAST => {
+                let (number, register) = place(controller, offset);
+                let channel = &self.channels[number];
+                match register {
+                    CCR => Ok(channel.ccr),
+                    CNDTR => Ok(channel.count.left),
+                    CPAR => Ok(channel.cpar),
+                    CMAR => Ok(channel.cmar),
+                    _ => Err(Refused::NoRegister),
+                }
+            }
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, _: Nanos) -> Result<(), Refused> {
+        if offset >= MULTIPLEXER {
+            return self.write_multiplexer(offset - MULTIPLEXER, value);
+        }
+        let (controller, offset) = ((offset / SIZE) as usize, offset % SIZE);
+        match offset {
+            ISR => Ok(()),
+            IFCR => {
+                self.flags[controller] &= !cleared(value);
+                Ok(())
+            }
+            FIRST..LAST => {
+                let (number, register) = place(controller, offset);
+                self.write_channel(number, register, value)
+            }
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn reset(&mut self, _: Nanos) {
+        self.reset_controller(0);
+        self.reset_controller(1);
+        self.reset_multiplexer();
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        self.steps.due()
+    }
+}
+
+impl common::Dma for Dma {
+    fn follow_requests(&mut self, requests: Requests, now: Nanos) {
+        for (number, (channel, request)) in self.channels.iter().zip(self.requests).enumerate() {
+            let can = channel.is_on() && channel.count.left > 0 && self.steps.waits(number);
+            if can && is_high(requests, request) {
+                self.steps.start(number, now);
+            }
+        }
+    }
+
+    fn step(&mut self, requests: Requests, now: Nanos) -> Option<(usize, Step)> {
+        let number = self.steps.first_due(now)?;
+        let is_high = is_high(requests, self.requests[number]);
+        let step = self.steps.take(number, is_high, self.channels[number].transfer(), now);
+        if step == Step::Count {
+            self.count(number);
+        }
+        Some((number, step))
+    }
+
+    fn fetched(&mut self, channel: usize, value: u8, now: Nanos) {
+        self.steps.fetched(channel, value, now);
+    }
+
+    /// The channel stops (12.4.6).
+    fn fail(&mut self, channel: usize) {
+        self.channels[channel].ccr &= !ccr::EN;
+        self.steps.stop(channel);
+        self.raise(channel, flag::ERROR);
+    }
+}
+
+/// The channel, and which of its registers.
 fn place(controller: usize, offset: u32) -> (usize, u32) {
     let offset = offset - FIRST;
     (controller * CHANNELS + (offset / EACH) as usize, offset % EACH)
@@ -312,27 +341,36 @@ fn cleared(value: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mcu::common::dma::Dma as _;
 
-    const REQUEST: u32 = 26;
+    const RECEIVE: Requests = Requests {
+        receive: true,
+        transmit: false,
+    };
+    const NONE: Requests = Requests {
+        receive: false,
+        transmit: false,
+    };
     const CHANNEL_1: u32 = FIRST;
 
     /// A controller with channel 1 configured for `count` bytes and a request.
     fn dma(count: u32, control: u32) -> Dma {
         let mut dma = Dma::new(0);
-        dma.write_multiplexer(0, REQUEST).unwrap();
-        dma.write(0, CHANNEL_1 + CNDTR, count).unwrap();
-        dma.write(0, CHANNEL_1 + CPAR, 0x4000_4424).unwrap();
-        dma.write(0, CHANNEL_1 + CMAR, 0x2000_0000).unwrap();
-        dma.write(0, CHANNEL_1 + CCR, control | ccr::EN | ccr::MINC).unwrap();
+        dma.write_multiplexer(0, USART2_RX).unwrap();
+        dma.write(CHANNEL_1 + CNDTR, count, Nanos(0)).unwrap();
+        dma.write(CHANNEL_1 + CPAR, 0x4000_4424, Nanos(0)).unwrap();
+        dma.write(CHANNEL_1 + CMAR, 0x2000_0000, Nanos(0)).unwrap();
+        dma.write(CHANNEL_1 + CCR, control | ccr::EN | ccr::MINC, Nanos(0))
+            .unwrap();
         dma
     }
 
     /// Raises the request for one transfer, and returns the steps with their instants.
     fn transfer(dma: &mut Dma, now: Nanos) -> Vec<(Nanos, Step)> {
-        dma.follow_requests(|request| request == REQUEST, now);
+        dma.follow_requests(RECEIVE, now);
         let mut steps = Vec::new();
         while let Some(due) = dma.due() {
-            let (channel, step) = dma.step(|_| true, due).unwrap();
+            let (channel, step) = dma.step(RECEIVE, due).unwrap();
             if matches!(step, Step::ReadPeripheral(_) | Step::ReadMemory(_)) {
                 dma.fetched(channel, 0x42, due);
             }
@@ -356,7 +394,7 @@ mod tests {
         );
         let instants: Vec<u64> = steps.iter().map(|(at, _)| at.0).collect();
         assert!(1_000 < instants[0] && instants[0] < instants[1] && instants[1] < instants[2]);
-        assert_eq!(dma.read(0, CHANNEL_1 + CNDTR), Ok(3));
+        assert_eq!(dma.read(CHANNEL_1 + CNDTR, Nanos(0)), Ok(3));
     }
 
     #[test]
@@ -365,13 +403,13 @@ mod tests {
         let flags: Vec<u32> = (0..4)
             .map(|_| {
                 transfer(&mut dma, Nanos(0));
-                dma.read(0, ISR).unwrap()
+                dma.read(ISR, Nanos(0)).unwrap()
             })
             .collect();
         let half = flag::GLOBAL | flag::HALF;
         assert_eq!(flags, [0, half, half, half | flag::COMPLETE]);
         assert!(dma.interrupts(0));
-        dma.write(0, IFCR, flag::GLOBAL).unwrap();
+        dma.write(IFCR, flag::GLOBAL, Nanos(0)).unwrap();
         assert!(!dma.interrupts(0));
         assert!(transfer(&mut dma, Nanos(0)).is_empty(), "it is over");
     }
@@ -387,28 +425,31 @@ mod tests {
     #[test]
     fn a_request_that_went_away_gets_nothing() {
         let mut dma = dma(4, 0);
-        dma.follow_requests(|_| true, Nanos(0));
+        dma.follow_requests(RECEIVE, Nanos(0));
         let due = dma.due().unwrap();
-        assert_eq!(dma.step(|_| false, due), Some((0, Step::Nothing)));
-        assert_eq!((dma.due(), dma.read(0, CHANNEL_1 + CNDTR)), (None, Ok(4)));
+        assert_eq!(dma.step(NONE, due), Some((0, Step::Nothing)));
+        assert_eq!((dma.due(), dma.read(CHANNEL_1 + CNDTR, Nanos(0))), (None, Ok(4)));
     }
 
     #[test]
     fn a_channel_that_is_switched_off_stops_in_mid_transfer() {
         let mut dma = dma(4, 0);
-        dma.follow_requests(|_| true, Nanos(0));
-        dma.write(0, CHANNEL_1 + CCR, ccr::MINC).unwrap();
+        dma.follow_requests(RECEIVE, Nanos(0));
+        dma.write(CHANNEL_1 + CCR, ccr::MINC, Nanos(0)).unwrap();
         assert_eq!(dma.due(), None);
-        assert_eq!(dma.read(0, CHANNEL_1 + CNDTR), Ok(4));
+        assert_eq!(dma.read(CHANNEL_1 + CNDTR, Nanos(0)), Ok(4));
     }
 
     #[test]
     fn registers_are_held_while_enabled() {
         let mut dma = dma(4, 0);
         for register in [CNDTR, CPAR, CMAR] {
-            assert!(dma.write(0, CHANNEL_1 + register, 0).is_err());
+            assert!(dma.write(CHANNEL_1 + register, 0, Nanos(0)).is_err());
         }
-        assert!(dma.write(0, CHANNEL_1 + CCR, ccr::EN | ccr::MINC | ccr::CIRC).is_err());
-        assert!(dma.write(0, CHANNEL_1 + CCR, ccr::EN | 1 << 8).is_err());
+        assert!(
+            dma.write(CHANNEL_1 + CCR, ccr::EN | ccr::MINC | ccr::CIRC, Nanos(0))
+                .is_err()
+        );
+        assert!(dma.write(CHANNEL_1 + CCR, ccr::EN | 1 << 8, Nanos(0)).is_err());
     }
 }

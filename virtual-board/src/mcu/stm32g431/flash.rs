@@ -19,7 +19,7 @@ use std::collections::BTreeSet;
 
 use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::Flash;
-use crate::mcu::common::flash::{Array, Operation, WORD};
+use crate::mcu::common::flash::{Array, FlashInterface, Operation, WORD};
 use crate::shared::Shared;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
@@ -112,7 +112,7 @@ enum Keys {
 
 /// The interface.
 #[derive(Debug)]
-pub(super) struct Interface {
+pub(crate) struct Interface {
     array: Array,
     acr: u32,
     sr: u32,
@@ -144,78 +144,13 @@ impl Interface {
         }
     }
 
-    /// A reset of the interface (RCC_AHB1RSTR.FLASHRST, 7.4.8).
-    pub(super) fn reset(&mut self) {
-        *self = Self::with(self.array.clone(), std::mem::take(&mut self.broken));
-    }
-
-    /// A restart of the chip, or a loss of power: an operation in progress is left half done.
-    pub(super) fn restart(&mut self, memory: &mut Memory) {
-        if let Some(operation) = self.array.interrupt(memory) {
-            self.broken.extend(operation.words());
-        }
-        self.reset();
-        memory.set_flash_reads_on_bus(!self.broken.is_empty());
-    }
-
-    /// Returns true during an operation: the core waits.
-    pub(super) fn is_busy(&self) -> bool {
-        self.array.is_busy()
-    }
-
-    /// Returns true if the power fails now.
-    pub(super) fn take_cut(&mut self, now: Nanos) -> bool {
-        self.array.take_cut(now)
-    }
-
     pub(super) fn wait_states(&self) -> u32 {
         self.acr & acr::LATENCY
-    }
-
-    /// The flash timing for the core.
-    pub(super) fn timing(&self) -> FlashTiming {
-        let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
-        FlashTiming {
-            wait_states: self.wait_states(),
-            line_bytes: LINE,
-            code_lines: lines(acr::ICEN, CODE_LINES, 1),
-            data_lines: lines(acr::DCEN, DATA_LINES, 0),
-            prefetch: self.acr & acr::PRFTEN != 0,
-        }
-    }
-
-    /// A read of the flash while it has ECC errors. Returns true if the NMI is pended.
-    pub(super) fn check_read(&mut self, offset: u32) -> bool {
-        if !self.broken.contains(&(offset as usize / WORD)) {
-            return false;
-        }
-        // The first error is kept.
-        if self.eccr & eccr::ECCD == 0 {
-            self.eccr = eccr::ECCD | offset & !(WORD as u32 - 1) & eccr::ADDR_ECC;
-        }
-        true
     }
 
     fn start(&mut self, operation: Operation, times: (Nanos, Nanos), now: Nanos) {
         self.array.start(operation, "flash", times, now);
         self.sr |= sr::BSY;
-    }
-
-    /// Completes the due operation. Returns true if there was one.
-    pub(super) fn finish(&mut self, now: Nanos, memory: &mut Memory) {
-        let Some(operation) = self.array.take_ended(now) else {
-            return;
-        };
-        self.sr &= !sr::BSY;
-        if self.cr & cr::EOPIE != 0 {
-            self.sr |= sr::EOP;
-        }
-        self.array.complete(&operation, memory);
-        if let Operation::Erase(words) = operation {
-            self.cr &= !cr::STRT;
-            self.broken.retain(|word| !words.contains(word));
-            memory.set_flash_reads_on_bus(!self.broken.is_empty());
-        }
     }
 
     fn fail(&mut self, flag: u32, reason: &'static str) -> Refused {
@@ -225,31 +160,6 @@ impl Interface {
         }
         self.first_half = None;
         forbidden("SR", reason)
-    }
-
-    /// Handles a store of the core to the flash, at this offset.
-    pub(super) fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
-        if self.cr & (cr::LOCK | cr::PG) != cr::PG {
-            return Err(self.fail(sr::PGSERR, "5.3.7: a store to the flash while PG is clear"));
-        }
-        if width != Width::Word {
-            return Err(self.fail(sr::SIZERR, "5.3.7: a store to the flash that is no word"));
-        }
-        let double_word = WORD as u32;
-        match self.first_half.take() {
-            None if offset.is_multiple_of(double_word) => self.first_half = Some((offset, value)),
-            Some((first, low)) if offset == first + 4 => {
-                let word = first as usize / WORD;
-                let value = u64::from(value) << 32 | u64::from(low);
-                let old = self.array.word(word);
-                if old != u64::MAX && value != 0 {
-                    return Err(self.fail(sr::PROGERR, "5.3.7: programming a double word that is not erased"));
-                }
-                self.start(Operation::Program { word, bits: value }, PROGRAM, now);
-            }
-            _ => return Err(self.fail(sr::PGAERR, "5.3.7: a double word not programmed as two words in order")),
-        }
-        Ok(())
     }
 
     fn write_key(&mut self, value: u32) -> Result<(), Refused> {
@@ -301,6 +211,86 @@ impl Interface {
     }
 }
 
+impl FlashInterface for Interface {
+    fn array(&self) -> &Array {
+        &self.array
+    }
+
+    fn array_mut(&mut self) -> &mut Array {
+        &mut self.array
+    }
+
+    fn restart(&mut self, memory: &mut Memory) {
+        if let Some(operation) = self.array.interrupt(memory) {
+            self.broken.extend(operation.words());
+        }
+        *self = Self::with(self.array.clone(), std::mem::take(&mut self.broken));
+        memory.set_flash_reads_on_bus(!self.broken.is_empty());
+    }
+
+    fn timing(&self) -> FlashTiming {
+        let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
+        FlashTiming {
+            wait_states: self.wait_states(),
+            line_bytes: LINE,
+            code_lines: lines(acr::ICEN, CODE_LINES, 1),
+            data_lines: lines(acr::DCEN, DATA_LINES, 0),
+            prefetch: self.acr & acr::PRFTEN != 0,
+        }
+    }
+
+    fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
+        if self.cr & (cr::LOCK | cr::PG) != cr::PG {
+            return Err(self.fail(sr::PGSERR, "5.3.7: a store to the flash while PG is clear"));
+        }
+        if width != Width::Word {
+            return Err(self.fail(sr::SIZERR, "5.3.7: a store to the flash that is no word"));
+        }
+        let double_word = WORD as u32;
+        match self.first_half.take() {
+            None if offset.is_multiple_of(double_word) => self.first_half = Some((offset, value)),
+            Some((first, low)) if offset == first + 4 => {
+                let word = first as usize / WORD;
+                let value = u64::from(value) << 32 | u64::from(low);
+                let old = self.array.word(word);
+                if old != u64::MAX && value != 0 {
+                    return Err(self.fail(sr::PROGERR, "5.3.7: programming a double word that is not erased"));
+                }
+                self.start(Operation::Program { word, bits: value }, PROGRAM, now);
+            }
+            _ => return Err(self.fail(sr::PGAERR, "5.3.7: a double word not programmed as two words in order")),
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, now: Nanos, memory: &mut Memory) {
+        let Some(operation) = self.array.take_ended(now) else {
+            return;
+        };
+        self.sr &= !sr::BSY;
+        if self.cr & cr::EOPIE != 0 {
+            self.sr |= sr::EOP;
+        }
+        self.array.complete(&operation, memory);
+        if let Operation::Erase(words) = operation {
+            self.cr &= !cr::STRT;
+            self.broken.retain(|word| !words.contains(word));
+            memory.set_flash_reads_on_bus(!self.broken.is_empty());
+        }
+    }
+
+    fn check_read(&mut self, offset: u32) -> bool {
+        if !self.broken.contains(&(offset as usize / WORD)) {
+            return false;
+        }
+        // The first error is kept.
+        if self.eccr & eccr::ECCD == 0 {
+            self.eccr = eccr::ECCD | offset & !(WORD as u32 - 1) & eccr::ADDR_ECC;
+        }
+        true
+    }
+}
+
 impl Peripheral for Interface {
     fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
         match offset {
@@ -334,6 +324,11 @@ impl Peripheral for Interface {
 
     fn due(&self) -> Option<Nanos> {
         self.array.due()
+    }
+
+    /// The interface as a reset of it leaves it (RCC_AHB1RSTR.FLASHRST, 7.4.8).
+    fn reset(&mut self, _: Nanos) {
+        *self = Self::with(self.array.clone(), std::mem::take(&mut self.broken));
     }
 }
 
@@ -452,7 +447,7 @@ mod tests {
         assert!(bench.write(KEYR, KEY_2).is_err());
         assert!(bench.write(KEYR, KEY_1).is_err());
         assert!(bench.write(CR, cr::PG).is_err());
-        bench.interface.reset();
+        bench.interface.reset(Nanos(0));
         bench.write(KEYR, KEY_1).unwrap();
         bench.write(KEYR, KEY_2).unwrap();
         bench.write(CR, cr::PG).unwrap();

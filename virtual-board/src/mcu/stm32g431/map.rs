@@ -2,9 +2,10 @@
 
 use super::flash::SIZE;
 use super::rcc::gates;
+use super::{fdcan, usart};
 use crate::core::Width;
 use crate::mcu::common::dbgmcu;
-use crate::mcu::common::mcu::{self, Map};
+use crate::mcu::common::mcu::{self, Map, Slot};
 use crate::mcu::common::rcc::Gate;
 use crate::mcu::common::syscfg::Layout;
 use crate::mcu::common::system_memory::SystemMemory;
@@ -17,6 +18,8 @@ pub(super) const MAP: Map = Map {
     // SRAM1 and SRAM2, followed by the alias of the CCM SRAM (2.4), as one range.
     ram_size: 32 << 10,
     interrupts: 102,
+    uart_receive: usart::RDR,
+    uart_transmit: usart::TDR,
     system_memory: SystemMemory {
         unique_id: 0x1FFF_7590,
         flash_size: 0x1FFF_75E0,
@@ -84,7 +87,13 @@ impl mcu::Block for Block {
             0xE004_2000 => Self::Dbgmcu,
             _ => return None,
         };
-        Some((block, address & 0x3FF))
+        let offset = match block {
+            Self::PacketMemory => address - 0x4000_5C00,
+            Self::MessageRam => fdcan::RAM + (address & 0x3FF),
+            Self::Dma1 | Self::Dma2 | Self::Dmamux1 => address & 0xFFF,
+            _ => address & 0x3FF,
+        };
+        Some((block, offset))
     }
 
     fn name(self) -> &'static str {
@@ -144,6 +153,21 @@ impl mcu::Block for Block {
             Self::Tim2 => width != Width::Byte,
             _ => width == Width::Word,
         }
+    }
+
+    #[inline]
+    fn slot(self) -> Option<Slot> {
+        Some(match self {
+            Self::Rcc => Slot::Rcc,
+            Self::Flash => Slot::Flash,
+            Self::Iwdg => Slot::Iwdg,
+            Self::Tim2 => Slot::Tim,
+            Self::Usart2 => Slot::Usart,
+            Self::Dma1 | Self::Dma2 | Self::Dmamux1 => Slot::Dma,
+            Self::Usb => Slot::Usb,
+            Self::Fdcan1 => Slot::Can,
+            _ => return None,
+        })
     }
 }
 

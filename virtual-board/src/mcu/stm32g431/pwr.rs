@@ -138,6 +138,10 @@ impl Peripheral for Pwr {
         }
         Ok(())
     }
+
+    fn reset(&mut self, _: Nanos) {
+        *self = Self::default();
+    }
 }
 
 #[cfg(test)]

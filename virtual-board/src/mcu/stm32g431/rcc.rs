@@ -132,18 +132,21 @@ const PLL_INPUT: std::ops::RangeInclusive<u64> = 2_660_000..=16_000_000;
 const VCO: std::ops::RangeInclusive<u64> = 96_000_000..=344_000_000;
 const MOST: u64 = 170_000_000;
 
-/// Buses with an enable and a reset register each (7.4.8 to 7.4.19), by their order in [`ENABLE_REGISTERS`].
+/// Buses with an enable and a reset register each (7.4.8 to 7.4.19), by their order in [`BUSES`].
 const AHB1: usize = 0;
 const AHB2: usize = 1;
 const APB1_1: usize = 3;
 const APB2: usize = 5;
-const BUSES: usize = 6;
-
-const RESET_REGISTERS: [u32; BUSES] = [AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR1, APB1RSTR2, APB2RSTR];
-const ENABLE_REGISTERS: [u32; BUSES] = [AHB1ENR, AHB2ENR, AHB3ENR, APB1ENR1, APB1ENR2, APB2ENR];
-
-/// The reset values of the enable registers: the flash interface, and the RTC's bus interface.
-const ENABLED_AT_RESET: [u32; BUSES] = [1 << 8, 0, 0, 1 << 10, 0, 0];
+const BUSES: [(u32, u32, u32); 6] = [
+    // The flash interface is enabled.
+    (AHB1ENR, AHB1RSTR, 1 << 8),
+    (AHB2ENR, AHB2RSTR, 0),
+    (AHB3ENR, AHB3RSTR, 0),
+    // The RTC's bus interface is enabled.
+    (APB1ENR1, APB1RSTR1, 1 << 10),
+    (APB1ENR2, APB1RSTR2, 0),
+    (APB2ENR, APB2RSTR, 0),
+];
 
 pub(super) mod gates {
     use super::{AHB1, AHB2, APB1_1, APB2, Gate};
@@ -204,7 +207,7 @@ pub(super) struct Rcc {
     pllcfgr: u32,
     ccipr: u32,
     bdcr: u32,
-    gates: Gates<BUSES>,
+    gates: Gates,
     /// The reset flags of CSR.
     flags: u32,
     /// The time up to which due events have been executed.
@@ -231,7 +234,7 @@ impl Rcc {
             pllcfgr: pllcfgr::AT_RESET,
             ccipr: 0,
             bdcr: 0,
-            gates: Gates::new(ENABLE_REGISTERS, RESET_REGISTERS, ENABLED_AT_RESET),
+            gates: Gates::new(&BUSES),
             flags: csr::BORRSTF | csr::PINRSTF,
             settled: Nanos(0),
         }
@@ -253,7 +256,7 @@ impl Rcc {
         };
     }
 
-    pub(super) fn gates(&self) -> &Gates<BUSES> {
+    pub(super) fn gates(&self) -> &Gates {
         &self.gates
     }
 

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use super::*;
 use crate::board::tests::Nobody;
-use crate::core::{Access, Bus, Purpose};
+use crate::core::{Access, Bus, Memory, Purpose, Width};
 use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
 use crate::flash::{ERASED, Flash};
 use crate::line::Line;

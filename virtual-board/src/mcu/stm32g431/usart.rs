@@ -16,7 +16,7 @@
 //! stop bits, and all modes except asynchronous.
 
 use crate::line::{AnyLine, Arrival, Format, Parity, SECOND};
-use crate::mcu::common::shifter::{Settings, Shifter};
+use crate::mcu::common::shifter::{Settings, Shifter, Uart};
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
 
@@ -144,15 +144,6 @@ impl Usart {
         }
     }
 
-    /// The reset state of the USART. Line and clock stay.
-    pub(super) fn reset(&mut self, now: Nanos) {
-        *self = Self {
-            clock_hz: self.clock_hz,
-            ..Self::new(self.shifter.line().clone())
-        };
-        self.settle(now);
-    }
-
     pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
         if hz != self.clock_hz {
             self.clock_hz = hz;
@@ -178,26 +169,9 @@ impl Usart {
             || self.cr3 & cr3::EIE != 0 && status & (isr::FE | isr::NE | isr::ORE) != 0
     }
 
-    /// Returns true if the receiver requests a DMA transfer. With DDRE, a byte with an error delays the request until
-    /// the error flag is cleared.
-    pub(super) fn requests_receive(&self) -> bool {
-        let held = self.cr3 & cr3::DDRE != 0 && self.flags & isr::BYTE_ERRORS != 0;
-        self.cr3 & cr3::DMAR != 0 && self.received.is_some() && !held
-    }
-
-    /// Returns true if the transmitter requests a DMA transfer.
-    pub(super) fn requests_transmit(&self) -> bool {
-        self.cr3 & cr3::DMAT != 0 && self.transmit.is_none() && self.is_on(cr1::TE)
-    }
-
-    /// Returns true if UE and this bit of CR1 are set.
+    /// Whether UE and this bit of CR1 are set.
     fn is_on(&self, bit: u32) -> bool {
         self.cr1 & (cr1::UE | bit) == cr1::UE | bit
-    }
-
-    /// Returns true if the USART and its transmitter are enabled: it drives its pin.
-    pub(super) fn transmits(&self) -> bool {
-        self.is_on(cr1::TE)
     }
 
     fn status(&self) -> u32 {
@@ -325,6 +299,23 @@ impl Usart {
     }
 }
 
+impl Uart for Usart {
+    /// Whether the receiver requests a DMA transfer. With DDRE, a byte with an error holds the request back until the error
+    /// flag is cleared.
+    fn requests_receive(&self) -> bool {
+        let held = self.cr3 & cr3::DDRE != 0 && self.flags & isr::BYTE_ERRORS != 0;
+        self.cr3 & cr3::DMAR != 0 && self.received.is_some() && !held
+    }
+
+    fn requests_transmit(&self) -> bool {
+        self.cr3 & cr3::DMAT != 0 && self.transmit.is_none() && self.is_on(cr1::TE)
+    }
+
+    fn transmits(&self) -> bool {
+        self.is_on(cr1::TE)
+    }
+}
+
 impl Peripheral for Usart {
     fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
         match offset {
@@ -404,6 +395,15 @@ impl Peripheral for Usart {
 
     fn due(&self) -> Option<Nanos> {
         self.shifter.due()
+    }
+
+    /// The USART as a reset leaves it. Line and clock stay.
+    fn reset(&mut self, now: Nanos) {
+        *self = Self {
+            clock_hz: self.clock_hz,
+            ..Self::new(self.shifter.line().clone())
+        };
+        self.settle(now);
     }
 }
 

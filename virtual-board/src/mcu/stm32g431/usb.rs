@@ -31,7 +31,10 @@ const BTABLE: u32 = 0x50;
 const LPMCSR: u32 = 0x54;
 const BCDR: u32 = 0x58;
 
-/// Size of the packet memory in bytes.
+/// The offset of the packet memory from the first register.
+const PACKET_MEMORY_AT: u32 = 0x400;
+
+/// Bytes of the packet memory.
 const PACKET_MEMORY: usize = 1024;
 
 /// Bits of USB_EPnR (45.6.2).
@@ -427,16 +430,6 @@ impl Usb {
         }
     }
 
-    /// Resets the controller. Packet memory, clock and cable state stay.
-    pub(super) fn reset(&mut self, now: Nanos) {
-        self.device = Device {
-            clocked: self.device.clocked,
-            memory: self.device.memory,
-            ..Device::default()
-        };
-        self.settle(now);
-    }
-
     pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
         let clocked = hz.abs_diff(CLOCK_HZ) <= TOLERANCE_HZ;
         if clocked != self.device.clocked {
@@ -467,25 +460,22 @@ impl Usb {
         self.wake = host.poll(now, &mut self.device);
         self.progress |= host.take_progress();
     }
-
-    /// Reads a halfword of the packet memory.
-    pub(super) fn read_packet_memory(&self, offset: u32) -> u32 {
-        self.device.halfword(offset as usize % PACKET_MEMORY) as u32
-    }
-
-    /// Writes a halfword of the packet memory.
-    pub(super) fn write_packet_memory(&mut self, offset: u32, value: u32) {
-        let at = offset as usize % PACKET_MEMORY;
-        self.device.memory[at..at + 2].copy_from_slice(&(value as u16).to_le_bytes());
-    }
 }
 
 impl Peripheral for Usb {
     fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
-        self.device.read(offset)
+        match offset.checked_sub(PACKET_MEMORY_AT) {
+            Some(offset) => Ok(self.device.halfword(offset as usize % PACKET_MEMORY) as u32),
+            None => self.device.read(offset),
+        }
     }
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        if let Some(offset) = offset.checked_sub(PACKET_MEMORY_AT) {
+            let at = offset as usize % PACKET_MEMORY;
+            self.device.memory[at..at + 2].copy_from_slice(&(value as u16).to_le_bytes());
+            return Ok(());
+        }
         self.device.now = now;
         let written = self.device.write(offset, value);
         self.settle(now);
@@ -498,6 +488,16 @@ impl Peripheral for Usb {
 
     fn due(&self) -> Option<Nanos> {
         self.wake
+    }
+
+    /// The controller as a reset leaves it. Packet memory and clock stay, and so does the cable.
+    fn reset(&mut self, now: Nanos) {
+        self.device = Device {
+            clocked: self.device.clocked,
+            memory: self.device.memory,
+            ..Device::default()
+        };
+        self.settle(now);
     }
 }
 

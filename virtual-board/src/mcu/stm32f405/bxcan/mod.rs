@@ -32,14 +32,6 @@ impl Can {
         }
     }
 
-    /// The reset state of the controller. Bus and clock stay.
-    pub(super) fn reset(&mut self, now: Nanos) {
-        let clock_hz = self.core.clock_hz;
-        self.core = Core::default();
-        self.core.clock_hz = clock_hz;
-        self.settle(now);
-    }
-
     pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
         if hz != self.core.clock_hz {
             self.core.clock_hz = hz;
@@ -98,5 +90,13 @@ impl Peripheral for Can {
 
     fn due(&self) -> Option<Nanos> {
         self.wake
+    }
+
+    /// The controller as a reset leaves it. Bus and clock stay.
+    fn reset(&mut self, now: Nanos) {
+        let clock_hz = self.core.clock_hz;
+        self.core = Core::default();
+        self.core.clock_hz = clock_hz;
+        self.settle(now);
     }
 }

@@ -35,14 +35,6 @@ impl Otg {
         }
     }
 
-    /// The reset state of the controller. The cable and the clock stay.
-    pub(super) fn reset(&mut self, now: Nanos) {
-        let clocked = self.core.clocked;
-        self.core = self.core.restarted();
-        self.core.clocked = clocked;
-        self.settle(now);
-    }
-
     pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
         let clocked = hz.abs_diff(PHY_HZ) <= PHY_TOLERANCE_HZ;
         if clocked != self.core.clocked {
@@ -69,12 +61,6 @@ impl Otg {
         let next = host.poll(now, &mut self.core);
         self.progress |= host.take_progress();
         self.wake = next.into_iter().chain(self.core.next_step()).min();
-    }
-
-    /// The value of a register, without side effects of a read.
-    pub(super) fn peek(&self, offset: u32) -> Result<u32, Refused> {
-        registers::name(offset).ok_or(Refused::NoRegister)?;
-        Ok(self.core.peek(offset))
     }
 
     fn come_to(&mut self, now: Nanos) {
@@ -110,5 +96,18 @@ impl Peripheral for Otg {
 
     fn due(&self) -> Option<Nanos> {
         self.wake
+    }
+
+    /// The controller as a reset leaves it. The cable and the clock stay.
+    fn reset(&mut self, now: Nanos) {
+        let clocked = self.core.clocked;
+        self.core = self.core.restarted();
+        self.core.clocked = clocked;
+        self.settle(now);
+    }
+
+    fn peek(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
+        registers::name(offset).ok_or(Refused::NoRegister)?;
+        Ok(self.core.peek(offset))
     }
 }

@@ -15,6 +15,9 @@ use crate::shared::{Shared, lock};
 use crate::soc::peripheral::{Peripheral, Refused};
 use crate::time::Nanos;
 
+/// The offset of the message RAM from the first register.
+pub(super) const RAM: u32 = 0x4000;
+
 /// The controller, on the CAN bus.
 #[derive(Debug)]
 pub(super) struct Fdcan {
@@ -33,12 +36,6 @@ impl Fdcan {
             wake: None,
             progress: false,
         }
-    }
-
-    /// Resets the controller. The bus, the clock and the message RAM stay.
-    pub(super) fn reset(&mut self, now: Nanos) {
-        self.controller.reset();
-        self.settle(now);
     }
 
     pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
@@ -69,27 +66,21 @@ impl Fdcan {
         self.wake = bus.poll(now, &mut self.controller);
         self.progress |= bus.take_progress();
     }
-
-    /// Reads a word of the message RAM.
-    pub(super) fn read_ram(&self, offset: u32) -> Result<u32, Refused> {
-        self.controller.ram().read(offset).ok_or(Refused::NoRegister)
-    }
-
-    /// Writes a word of the message RAM.
-    pub(super) fn write_ram(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
-        self.controller
-            .ram_mut()
-            .write(offset, value)
-            .ok_or(Refused::NoRegister)
-    }
 }
 
 impl Peripheral for Fdcan {
     fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
-        self.controller.read(offset)
+        match offset.checked_sub(RAM) {
+            Some(offset) => self.controller.ram().read(offset).ok_or(Refused::NoRegister),
+            None => self.controller.read(offset),
+        }
     }
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        if let Some(offset) = offset.checked_sub(RAM) {
+            let written = self.controller.ram_mut().write(offset, value);
+            return written.ok_or(Refused::NoRegister);
+        }
         self.controller.come_to(now);
         let written = self.controller.write(offset, value);
         self.settle(now);
@@ -102,5 +93,11 @@ impl Peripheral for Fdcan {
 
     fn due(&self) -> Option<Nanos> {
         self.wake
+    }
+
+    /// The controller as a reset leaves it. The bus, the clock and the message RAM stay.
+    fn reset(&mut self, now: Nanos) {
+        self.controller.reset();
+        self.settle(now);
     }
 }
