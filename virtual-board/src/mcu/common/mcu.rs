@@ -71,42 +71,60 @@ pub(crate) struct Map {
     pub(crate) system_memory: SystemMemory,
 }
 
-/// A block of registers in the memory map.
-pub(crate) trait Block: Copy + PartialEq + 'static {
-    /// The block that an address outside the memories is in, and the offset within its peripheral.
-    fn at(address: u32) -> Option<(Self, u32)>;
-
+/// A block of registers in the memory map. A peripheral may have several.
+#[derive(Debug)]
+pub(crate) struct Block<K> {
+    /// The peripheral.
+    pub(crate) kind: K,
+    /// The address of its first register, and its bytes.
+    pub(crate) address: u32,
+    pub(crate) size: u32,
+    /// The offset of its first register among all of the peripheral.
+    pub(crate) offset: u32,
     /// The name in the reference manual.
-    fn name(self) -> &'static str;
+    pub(crate) name: &'static str,
+    /// The bits that enable and reset it. `None` for a block that is always there.
+    pub(crate) gate: Option<Gate>,
+}
 
-    /// The bits that enable and reset it. `None` for a block that is always enabled.
-    fn gate(self) -> Option<Gate>;
+impl<K> Block<K> {
+    /// The bytes of most blocks.
+    const SIZE: u32 = 0x400;
 
-    /// Returns true if its registers support accesses of this width, as far as modelled.
-    fn takes(self, width: Width) -> bool;
-
-    /// Its place among the peripherals with events.
-    fn slot(self) -> Option<Slot>;
+    /// The first block of a peripheral.
+    pub(crate) const fn new(kind: K, address: u32, name: &'static str, gate: Option<Gate>) -> Self {
+        Self {
+            kind,
+            address,
+            size: Self::SIZE,
+            offset: 0,
+            name,
+            gate,
+        }
+    }
 }
 
 /// The peripherals of a chip. Every call happens at [`Common::now`].
 pub(crate) trait Peripherals: Debug + Send {
-    type Block: Block;
+    /// The kinds of peripherals.
+    type Kind: Copy + PartialEq + 'static;
     type Flash: FlashInterface;
 
     const MAP: Map;
 
+    /// The blocks of registers.
+    const BLOCKS: &'static [Block<Self::Kind>];
+
     /// The peripherals with events, by their [`Slot`].
-    const EVENTS: [Self::Block; SLOTS.len()];
+    const EVENTS: [Self::Kind; SLOTS.len()];
 
-    /// The block whose registers bound the clocks.
-    const POWER: Self::Block;
+    /// The peripheral whose registers bound the clocks.
+    const POWER: Self::Kind;
 
-    /// The blocks that a system reset resets, in this order. RCC resets those with a [`Gate`].
-    const RESET: &'static [Self::Block];
+    fn peripheral(&mut self, kind: Self::Kind) -> &mut dyn Peripheral;
 
-    /// The peripheral that a block belongs to.
-    fn peripheral(&mut self, block: Self::Block) -> &mut dyn Peripheral;
+    /// Whether the registers of a peripheral take accesses of this width, as far as that is modelled.
+    fn takes(block: &Block<Self::Kind>, width: Width) -> bool;
 
     /// The enable and reset bits in RCC.
     fn gates(&self) -> &Gates;
@@ -130,7 +148,7 @@ pub(crate) trait Peripherals: Debug + Send {
     fn keep_lsi_on(&mut self, now: Nanos);
 
     /// The reason why a peripheral forbids a write that its own registers do not tell.
-    fn check_write(&self, _block: Self::Block, _offset: u32, _value: u32) -> Result<(), Refused> {
+    fn check_write(&self, _kind: Self::Kind, _offset: u32, _value: u32) -> Result<(), Refused> {
         Ok(())
     }
 
@@ -146,10 +164,8 @@ pub(crate) trait Peripherals: Debug + Send {
     /// Events since the last call that a program may wait for.
     fn take_news(&mut self) -> News;
 
-    /// Resets a block. A peripheral of several blocks resets this one alone.
-    fn reset_block(&mut self, block: Self::Block, now: Nanos) {
-        self.peripheral(block).reset(now);
-    }
+    /// Resets a block, unless it outlives a reset of the chip.
+    fn reset_block(&mut self, block: &Block<Self::Kind>, now: Nanos);
 
     /// Resets the clocks, and everything else that only this cause resets.
     fn reset_clocks(&mut self, cause: Cause);
@@ -286,15 +302,31 @@ impl<P: Peripherals> Mcu<P> {
         ((offset as usize) < P::MAP.flash_size).then_some(offset)
     }
 
-    /// The block at an address and the offset within it, if it supports the access.
+    /// The block that an address outside the memories is in, and the offset among the registers of its peripheral.
     #[inline]
-    fn block(&mut self, access: Access) -> Result<Option<(P::Block, u32)>, BusError> {
-        let Some((block, offset)) = P::Block::at(access.address) else {
+    fn find(address: u32) -> Option<(&'static Block<P::Kind>, u32)> {
+        let block = P::BLOCKS
+            .iter()
+            .find(|block| address.wrapping_sub(block.address) < block.size)?;
+        Some((block, address - block.address + block.offset))
+    }
+
+    /// The place of a peripheral among those with events.
+    #[inline]
+    fn slot(kind: P::Kind) -> Option<Slot> {
+        let place = P::EVENTS.iter().position(|&other| other == kind)?;
+        Some(SLOTS[place])
+    }
+
+    /// The block at an address and the offset within its peripheral, if it takes the access.
+    #[inline]
+    fn block(&mut self, access: Access) -> Result<Option<(&'static Block<P::Kind>, u32)>, BusError> {
+        let Some((block, offset)) = Self::find(access.address) else {
             self.common.recorder.unmapped(access.address, access.pc);
             return Err(BusError);
         };
-        let gate = block.gate();
-        let reason = if !block.takes(access.width) {
+        let gate = block.gate;
+        let reason = if !P::takes(block, access.width) {
             "not an access of this width"
         } else if gate.is_some_and(|gate| !self.peripherals.gates().is_enabled(gate)) {
             "its clock is off"
@@ -312,8 +344,8 @@ impl<P: Peripherals> Mcu<P> {
         if is_system_memory(access) {
             return P::MAP.system_memory.read(access, &self.unique_id).ok_or(BusError);
         }
-        let (block, offset) = P::Block::at(access.address).ok_or(BusError)?;
-        let value = self.peripherals.peripheral(block).peek(offset, self.common.now);
+        let (block, offset) = Self::find(access.address).ok_or(BusError)?;
+        let value = self.peripherals.peripheral(block.kind).peek(offset, self.common.now);
         value.map_err(|_| BusError)
     }
 
@@ -368,8 +400,8 @@ impl<P: Peripherals> Mcu<P> {
         if !self.peripherals.gates().holds_any() {
             return;
         }
-        for &block in P::RESET {
-            if block.gate().is_some_and(|gate| self.peripherals.gates().is_held(gate)) {
+        for block in P::BLOCKS {
+            if block.gate.is_some_and(|gate| self.peripherals.gates().is_held(gate)) {
                 self.peripherals.reset_block(block, self.common.now);
             }
         }
@@ -386,23 +418,23 @@ impl<P: Peripherals> Mcu<P> {
         line.is_pin_low() && !was_low
     }
 
-    fn read_register(&mut self, block: P::Block, offset: u32) -> Result<u32, Refused> {
-        let slot = block.slot();
+    fn read_register(&mut self, kind: P::Kind, offset: u32) -> Result<u32, Refused> {
+        let slot = Self::slot(kind);
         if slot == Some(Slot::Usart) && offset == P::MAP.uart_receive && self.peripherals.uart().requests_receive() {
             lock(&self.common.edges.line).take_byte();
         }
-        let value = self.peripherals.peripheral(block).read(offset, self.common.now);
+        let value = self.peripherals.peripheral(kind).read(offset, self.common.now);
         if let Some(slot) = slot {
             self.settle(slot);
         }
         value
     }
 
-    fn write_register(&mut self, block: P::Block, offset: u32, value: u32) -> Result<(), Refused> {
-        self.peripherals.check_write(block, offset, value)?;
+    fn write_register(&mut self, kind: P::Kind, offset: u32, value: u32) -> Result<(), Refused> {
+        self.peripherals.check_write(kind, offset, value)?;
         let now = self.common.now;
-        let written = self.peripherals.peripheral(block).write(offset, value, now);
-        let slot = block.slot();
+        let written = self.peripherals.peripheral(kind).write(offset, value, now);
+        let slot = Self::slot(kind);
         if let Some(slot) = slot {
             self.settle(slot);
         }
@@ -417,7 +449,7 @@ impl<P: Peripherals> Mcu<P> {
                 self.settle(Slot::Rcc);
             }
             Some(Slot::Usart) if self.follow_pin() => return written.and(Err(forbidden("CR1", LOW))),
-            None if block == P::POWER => self.follow_clocks(),
+            None if kind == P::POWER => self.follow_clocks(),
             None if self.follow_pin() => return written.and(Err(forbidden("MODER/ODR/BSRR", LOW))),
             _ => {}
         }
@@ -471,7 +503,7 @@ impl<P: Peripherals> Mcu<P> {
     /// Everything that a system reset resets but the clocks.
     fn reset(&mut self, memory: &mut Memory) {
         self.peripherals.flash_mut().restart(memory);
-        for &block in P::RESET {
+        for block in P::BLOCKS {
             self.peripherals.reset_block(block, self.common.now);
         }
         self.follow_pin();
@@ -511,11 +543,11 @@ impl<P: Peripherals> Bus for Mcu<P> {
         let Some((block, offset)) = self.block(access)? else {
             return Ok(0);
         };
-        let read = self.read_register(block, offset);
+        let read = self.read_register(block.kind, offset);
         let value = read.unwrap_or_else(|refused| {
             self.common
                 .recorder
-                .register(block.name(), refused, access.address, access.pc, false);
+                .register(block.name, refused, access.address, access.pc, false);
             0
         });
         self.common.trace(access, value);
@@ -534,7 +566,7 @@ impl<P: Peripherals> Bus for Mcu<P> {
             let Some((block, offset)) = self.block(access)? else {
                 return Ok(());
             };
-            (block.name(), self.write_register(block, offset, value))
+            (block.name, self.write_register(block.kind, offset, value))
         };
         if let Err(refused) = written {
             self.common

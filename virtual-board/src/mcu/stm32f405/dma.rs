@@ -333,11 +333,6 @@ impl Peripheral for Dma {
         }
     }
 
-    fn reset(&mut self, _: Nanos) {
-        self.reset_controller(0);
-        self.reset_controller(1);
-    }
-
     #[inline]
     fn due(&self) -> Option<Nanos> {
         self.steps.due()

@@ -2,11 +2,9 @@
 
 use super::rcc::gates;
 use super::usart;
-use crate::core::Width;
 use crate::flash::SIZE;
 use crate::mcu::common::dbgmcu;
-use crate::mcu::common::mcu::{self, Map, Slot};
-use crate::mcu::common::rcc::Gate;
+use crate::mcu::common::mcu::{Block, Map};
 use crate::mcu::common::syscfg::Layout;
 use crate::mcu::common::system_memory::SystemMemory;
 
@@ -39,9 +37,9 @@ pub(super) mod interrupt {
     pub(in super::super) const DMA: [u16; 16] = [11, 12, 13, 14, 15, 16, 17, 47, 56, 57, 58, 59, 60, 68, 69, 70];
 }
 
-/// A block of registers.
+/// A peripheral.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Block {
+pub(crate) enum Kind {
     Tim5,
     Iwdg,
     Usart2,
@@ -54,116 +52,43 @@ pub(crate) enum Block {
     Gpio(u8),
     Rcc,
     Flash,
-    Dma1,
-    Dma2,
+    Dma,
     OtgFs,
     Dbgmcu,
 }
 
-/// The start and size of OTG_FS.
-const OTG_FS: u32 = 0x5000_0000;
-const OTG_FS_SIZE: u32 = 0x4_0000;
-
-impl mcu::Block for Block {
-    #[inline]
-    fn at(address: u32) -> Option<(Self, u32)> {
-        let offset = address.wrapping_sub(OTG_FS);
-        if offset < OTG_FS_SIZE {
-            return Some((Self::OtgFs, offset));
-        }
-        let block = match address & !0x3FF {
-            0x4000_0C00 => Self::Tim5,
-            0x4000_3000 => Self::Iwdg,
-            0x4000_4400 => Self::Usart2,
-            0x4000_6400 => Self::Can1,
-            0x4000_7000 => Self::Pwr,
-            0x4001_3800 => Self::Syscfg,
-            0x4001_3C00 => Self::Exti,
-            0x4001_4800 => Self::Tim11,
-            0x4002_0000..=0x4002_2000 => Self::Gpio((address >> 10) as u8 & 0xF),
-            0x4002_3800 => Self::Rcc,
-            0x4002_3C00 => Self::Flash,
-            0x4002_6000 => Self::Dma1,
-            0x4002_6400 => Self::Dma2,
-            0xE004_2000 => Self::Dbgmcu,
-            _ => return None,
-        };
-        let offset = match block {
-            Self::Dma1 | Self::Dma2 => address & 0x7FF,
-            _ => address & 0x3FF,
-        };
-        Some((block, offset))
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Tim5 => "TIM5",
-            Self::Iwdg => "IWDG",
-            Self::Usart2 => "USART2",
-            Self::Can1 => "CAN1",
-            Self::Pwr => "PWR",
-            Self::Syscfg => "SYSCFG",
-            Self::Exti => "EXTI",
-            Self::Tim11 => "TIM11",
-            Self::Gpio(0) => "GPIOA",
-            Self::Gpio(1) => "GPIOB",
-            Self::Gpio(2) => "GPIOC",
-            Self::Gpio(3) => "GPIOD",
-            Self::Gpio(4) => "GPIOE",
-            Self::Gpio(5) => "GPIOF",
-            Self::Gpio(6) => "GPIOG",
-            Self::Gpio(7) => "GPIOH",
-            Self::Gpio(_) => "GPIOI",
-            Self::Rcc => "RCC",
-            Self::Flash => "FLASH",
-            Self::Dma1 => "DMA1",
-            Self::Dma2 => "DMA2",
-            Self::OtgFs => "OTG_FS",
-            Self::Dbgmcu => "DBG",
-        }
-    }
-
-    #[inline]
-    fn gate(self) -> Option<Gate> {
-        Some(match self {
-            Self::Tim5 => gates::TIM5,
-            Self::Usart2 => gates::USART2,
-            Self::Can1 => gates::CAN1,
-            Self::Pwr => gates::PWR,
-            Self::Syscfg => gates::SYSCFG,
-            Self::Tim11 => gates::TIM11,
-            Self::Gpio(port) => gates::gpio(port as u32),
-            Self::Dma1 => gates::DMA1,
-            Self::Dma2 => gates::DMA2,
-            Self::OtgFs => gates::OTG_FS,
-            Self::Iwdg | Self::Exti | Self::Rcc | Self::Flash | Self::Dbgmcu => return None,
-        })
-    }
-
-    #[inline]
-    fn takes(self, width: Width) -> bool {
-        match self {
-            // 18.4, 19.5: half-words or words.
-            Self::Tim5 | Self::Tim11 => width != Width::Byte,
-            _ => width == Width::Word,
-        }
-    }
-
-    #[inline]
-    fn slot(self) -> Option<Slot> {
-        Some(match self {
-            Self::Rcc => Slot::Rcc,
-            Self::Flash => Slot::Flash,
-            Self::Iwdg => Slot::Iwdg,
-            Self::Tim5 => Slot::Tim,
-            Self::Usart2 => Slot::Usart,
-            Self::Dma1 | Self::Dma2 => Slot::Dma,
-            Self::OtgFs => Slot::Usb,
-            Self::Can1 => Slot::Can,
-            _ => return None,
-        })
-    }
-}
+/// The memory map.
+pub(super) const BLOCKS: &[Block<Kind>] = &[
+    Block::new(Kind::Usart2, 0x4000_4400, "USART2", Some(gates::USART2)),
+    Block {
+        size: 0x4_0000,
+        ..Block::new(Kind::OtgFs, 0x5000_0000, "OTG_FS", Some(gates::OTG_FS))
+    },
+    Block::new(Kind::Tim5, 0x4000_0C00, "TIM5", Some(gates::TIM5)),
+    Block::new(Kind::Dma, 0x4002_6000, "DMA1", Some(gates::DMA1)),
+    Block {
+        offset: 0x400,
+        ..Block::new(Kind::Dma, 0x4002_6400, "DMA2", Some(gates::DMA2))
+    },
+    Block::new(Kind::Can1, 0x4000_6400, "CAN1", Some(gates::CAN1)),
+    Block::new(Kind::Rcc, 0x4002_3800, "RCC", None),
+    Block::new(Kind::Flash, 0x4002_3C00, "FLASH", None),
+    Block::new(Kind::Pwr, 0x4000_7000, "PWR", Some(gates::PWR)),
+    Block::new(Kind::Iwdg, 0x4000_3000, "IWDG", None),
+    Block::new(Kind::Tim11, 0x4001_4800, "TIM11", Some(gates::TIM11)),
+    Block::new(Kind::Syscfg, 0x4001_3800, "SYSCFG", Some(gates::SYSCFG)),
+    Block::new(Kind::Exti, 0x4001_3C00, "EXTI", None),
+    Block::new(Kind::Dbgmcu, 0xE004_2000, "DBG", None),
+    Block::new(Kind::Gpio(0), 0x4002_0000, "GPIOA", Some(gates::gpio(0))),
+    Block::new(Kind::Gpio(1), 0x4002_0400, "GPIOB", Some(gates::gpio(1))),
+    Block::new(Kind::Gpio(2), 0x4002_0800, "GPIOC", Some(gates::gpio(2))),
+    Block::new(Kind::Gpio(3), 0x4002_0C00, "GPIOD", Some(gates::gpio(3))),
+    Block::new(Kind::Gpio(4), 0x4002_1000, "GPIOE", Some(gates::gpio(4))),
+    Block::new(Kind::Gpio(5), 0x4002_1400, "GPIOF", Some(gates::gpio(5))),
+    Block::new(Kind::Gpio(6), 0x4002_1800, "GPIOG", Some(gates::gpio(6))),
+    Block::new(Kind::Gpio(7), 0x4002_1C00, "GPIOH", Some(gates::gpio(7))),
+    Block::new(Kind::Gpio(8), 0x4002_2000, "GPIOI", Some(gates::gpio(8))),
+];
 
 /// The system configuration controller (9.2.1).
 pub(super) const SYSCFG: Layout = Layout {

@@ -21,7 +21,7 @@ use self::dma::Dma;
 pub use self::dma::Reenabled;
 use self::flash::Interface;
 pub(crate) use self::map::IDENTITY;
-use self::map::{Block, interrupt};
+use self::map::{Kind, interrupt};
 use self::otg::Otg;
 use self::pwr::Pwr;
 use self::rcc::{BDCR, Clocks, Rcc};
@@ -30,11 +30,12 @@ use super::common;
 use super::common::dbgmcu::Dbgmcu;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
-use super::common::mcu::{Common, Map, Peripherals, Slot};
+use super::common::mcu::{Block, Common, Map, Peripherals, Slot};
 use super::common::rcc::Gates;
 use super::common::shifter::Uart;
 use super::common::syscfg::Syscfg;
 use super::common::tim::Tim;
+use crate::core::Width;
 use crate::engine::News;
 use crate::line::Pin;
 use crate::shared::lock;
@@ -116,63 +117,52 @@ impl Stm32f405 {
 }
 
 impl Peripherals for Stm32f405 {
-    type Block = Block;
+    type Kind = Kind;
     type Flash = Interface;
 
     const MAP: Map = map::MAP;
 
-    const EVENTS: [Block; 8] = [
-        Block::Rcc,
-        Block::Flash,
-        Block::Iwdg,
-        Block::Tim5,
-        Block::Usart2,
-        Block::Dma1,
-        Block::OtgFs,
-        Block::Can1,
+    const BLOCKS: &'static [Block<Kind>] = map::BLOCKS;
+
+    const EVENTS: [Kind; 8] = [
+        Kind::Rcc,
+        Kind::Flash,
+        Kind::Iwdg,
+        Kind::Tim5,
+        Kind::Usart2,
+        Kind::Dma,
+        Kind::OtgFs,
+        Kind::Can1,
     ];
 
-    const POWER: Block = Block::Pwr;
-
-    const RESET: &'static [Block] = &[
-        Block::Pwr,
-        Block::Iwdg,
-        Block::Tim5,
-        Block::Tim11,
-        Block::Gpio(0),
-        Block::Gpio(1),
-        Block::Gpio(2),
-        Block::Gpio(3),
-        Block::Gpio(4),
-        Block::Gpio(5),
-        Block::Gpio(6),
-        Block::Gpio(7),
-        Block::Gpio(8),
-        Block::Syscfg,
-        Block::Usart2,
-        Block::Dma1,
-        Block::Dma2,
-        Block::OtgFs,
-        Block::Can1,
-    ];
+    const POWER: Kind = Kind::Pwr;
 
     #[inline]
-    fn peripheral(&mut self, block: Block) -> &mut dyn Peripheral {
-        match block {
-            Block::Usart2 => &mut self.usart2,
-            Block::OtgFs => &mut self.otg,
-            Block::Tim5 => &mut self.tim5,
-            Block::Can1 => &mut self.can,
-            Block::Dma1 | Block::Dma2 => &mut self.dma,
-            Block::Tim11 => &mut self.tim11,
-            Block::Gpio(port) => &mut self.gpio[usize::from(port)],
-            Block::Rcc => &mut self.rcc,
-            Block::Pwr => &mut self.pwr,
-            Block::Flash => &mut self.flash,
-            Block::Iwdg => &mut self.iwdg,
-            Block::Syscfg => &mut self.syscfg,
-            Block::Dbgmcu => &mut self.dbgmcu,
-            Block::Exti => &mut self.exti,
+    fn peripheral(&mut self, kind: Kind) -> &mut dyn Peripheral {
+        match kind {
+            Kind::Usart2 => &mut self.usart2,
+            Kind::OtgFs => &mut self.otg,
+            Kind::Tim5 => &mut self.tim5,
+            Kind::Can1 => &mut self.can,
+            Kind::Dma => &mut self.dma,
+            Kind::Tim11 => &mut self.tim11,
+            Kind::Gpio(port) => &mut self.gpio[usize::from(port)],
+            Kind::Rcc => &mut self.rcc,
+            Kind::Pwr => &mut self.pwr,
+            Kind::Flash => &mut self.flash,
+            Kind::Iwdg => &mut self.iwdg,
+            Kind::Syscfg => &mut self.syscfg,
+            Kind::Dbgmcu => &mut self.dbgmcu,
+            Kind::Exti => &mut self.exti,
+        }
+    }
+
+    #[inline]
+    fn takes(block: &Block<Kind>, width: Width) -> bool {
+        match block.kind {
+            // 18.4, 19.5: half-words or words.
+            Kind::Tim5 | Kind::Tim11 => width != Width::Byte,
+            _ => width == Width::Word,
         }
     }
 
@@ -211,12 +201,12 @@ impl Peripherals for Stm32f405 {
         self.rcc.keep_lsi_on(now);
     }
 
-    fn check_write(&self, block: Block, offset: u32, value: u32) -> Result<(), Refused> {
-        match block {
-            Block::Rcc if offset == BDCR && !self.pwr.opens_backup_domain() => {
+    fn check_write(&self, kind: Kind, offset: u32, value: u32) -> Result<(), Refused> {
+        match kind {
+            Kind::Rcc if offset == BDCR && !self.pwr.opens_backup_domain() => {
                 Err(forbidden("BDCR", "5.4.1: written while DBP is clear"))
             }
-            Block::Pwr if self.rcc.pll_is_on() && self.pwr.changes_scale(offset, value) => {
+            Kind::Pwr if self.rcc.pll_is_on() && self.pwr.changes_scale(offset, value) => {
                 Err(forbidden("CR", "5.1.3: VOS written while the PLL is on"))
             }
             _ => Ok(()),
@@ -279,11 +269,10 @@ impl Peripherals for Stm32f405 {
         }
     }
 
-    fn reset_block(&mut self, block: Block, now: Nanos) {
-        match block {
-            Block::Dma1 => self.dma.reset_controller(0),
-            Block::Dma2 => self.dma.reset_controller(1),
-            _ => self.peripheral(block).reset(now),
+    fn reset_block(&mut self, block: &Block<Kind>, now: Nanos) {
+        match block.kind {
+            Kind::Dma => self.dma.reset_controller(usize::from(block.offset != 0)),
+            kind => self.peripheral(kind).reset(now),
         }
     }
 

@@ -120,18 +120,18 @@ impl Dma {
         }
     }
 
-    /// A controller, 0 or 1, as a reset leaves it.
-    pub(super) fn reset_controller(&mut self, controller: usize) {
+    /// A controller or the multiplexer, by the offset of its registers, as a reset leaves it.
+    pub(super) fn reset_block(&mut self, offset: u32) {
+        if offset == MULTIPLEXER {
+            self.requests = [0; ALL_CHANNELS];
+            return;
+        }
+        let controller = (offset / SIZE) as usize;
         self.flags[controller] = 0;
         for channel in controller * CHANNELS..(controller + 1) * CHANNELS {
             self.channels[channel] = Channel::OFF;
             self.steps.stop(channel);
         }
-    }
-
-    /// Resets the multiplexer.
-    pub(super) fn reset_multiplexer(&mut self) {
-        self.requests = [0; ALL_CHANNELS];
     }
 
     /// The level of a channel's interrupt line.
@@ -274,12 +274,6 @@ impl Peripheral for Dma {
             }
             _ => Err(Refused::NoRegister),
         }
-    }
-
-    fn reset(&mut self, _: Nanos) {
-        self.reset_controller(0);
-        self.reset_controller(1);
-        self.reset_multiplexer();
     }
 
     fn due(&self) -> Option<Nanos> {

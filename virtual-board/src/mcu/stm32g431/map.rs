@@ -2,11 +2,9 @@
 
 use super::flash::SIZE;
 use super::rcc::gates;
-use super::{fdcan, usart};
-use crate::core::Width;
+use super::{fdcan, usart, usb};
 use crate::mcu::common::dbgmcu;
-use crate::mcu::common::mcu::{self, Map, Slot};
-use crate::mcu::common::rcc::Gate;
+use crate::mcu::common::mcu::{Block, Map};
 use crate::mcu::common::syscfg::Layout;
 use crate::mcu::common::system_memory::SystemMemory;
 
@@ -39,23 +37,19 @@ pub(super) mod interrupt {
     pub(in super::super) const DMA2_CHANNEL6: u16 = 97;
 }
 
-/// A block of registers.
+/// A peripheral.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Block {
+pub(crate) enum Kind {
     Tim2,
     Crs,
     Iwdg,
     Usart2,
     Usb,
-    PacketMemory,
     Fdcan1,
-    MessageRam,
     Pwr,
     Syscfg,
     Exti,
-    Dma1,
-    Dma2,
-    Dmamux1,
+    Dma,
     Rcc,
     Flash,
     /// GPIOA to GPIOG, by number from 0.
@@ -63,113 +57,45 @@ pub(crate) enum Block {
     Dbgmcu,
 }
 
-impl mcu::Block for Block {
-    #[inline]
-    fn at(address: u32) -> Option<(Self, u32)> {
-        let block = match address & !0x3FF {
-            0x4000_0000 => Self::Tim2,
-            0x4000_2000 => Self::Crs,
-            0x4000_3000 => Self::Iwdg,
-            0x4000_4400 => Self::Usart2,
-            0x4000_5C00 => Self::Usb,
-            0x4000_6000 => Self::PacketMemory,
-            0x4000_6400 => Self::Fdcan1,
-            0x4000_7000 => Self::Pwr,
-            0x4000_A400 => Self::MessageRam,
-            0x4001_0000 => Self::Syscfg,
-            0x4001_0400 => Self::Exti,
-            0x4002_0000 => Self::Dma1,
-            0x4002_0400 => Self::Dma2,
-            0x4002_0800 => Self::Dmamux1,
-            0x4002_1000 => Self::Rcc,
-            0x4002_2000 => Self::Flash,
-            0x4800_0000..=0x4800_1800 => Self::Gpio((address >> 10) as u8 & 0b111),
-            0xE004_2000 => Self::Dbgmcu,
-            _ => return None,
-        };
-        let offset = match block {
-            Self::PacketMemory => address - 0x4000_5C00,
-            Self::MessageRam => fdcan::RAM + (address & 0x3FF),
-            Self::Dma1 | Self::Dma2 | Self::Dmamux1 => address & 0xFFF,
-            _ => address & 0x3FF,
-        };
-        Some((block, offset))
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Tim2 => "TIM2",
-            Self::Crs => "CRS",
-            Self::Iwdg => "IWDG",
-            Self::Usart2 => "USART2",
-            Self::Usb => "USB",
-            Self::PacketMemory => "USB packet memory",
-            Self::Fdcan1 => "FDCAN1",
-            Self::MessageRam => "FDCAN1 message RAM",
-            Self::Pwr => "PWR",
-            Self::Syscfg => "SYSCFG",
-            Self::Exti => "EXTI",
-            Self::Dma1 => "DMA1",
-            Self::Dma2 => "DMA2",
-            Self::Dmamux1 => "DMAMUX1",
-            Self::Rcc => "RCC",
-            Self::Flash => "FLASH",
-            Self::Gpio(0) => "GPIOA",
-            Self::Gpio(1) => "GPIOB",
-            Self::Gpio(2) => "GPIOC",
-            Self::Gpio(3) => "GPIOD",
-            Self::Gpio(4) => "GPIOE",
-            Self::Gpio(5) => "GPIOF",
-            Self::Gpio(_) => "GPIOG",
-            Self::Dbgmcu => "DBGMCU",
-        }
-    }
-
-    #[inline]
-    fn gate(self) -> Option<Gate> {
-        Some(match self {
-            Self::Tim2 => gates::TIM2,
-            Self::Crs => gates::CRS,
-            Self::Usart2 => gates::USART2,
-            Self::Usb | Self::PacketMemory => gates::USB,
-            Self::Fdcan1 | Self::MessageRam => gates::FDCAN,
-            Self::Pwr => gates::PWR,
-            Self::Syscfg | Self::Exti => gates::SYSCFG,
-            Self::Dma1 => gates::DMA1,
-            Self::Dma2 => gates::DMA2,
-            Self::Dmamux1 => gates::DMAMUX1,
-            Self::Flash => gates::FLASH,
-            Self::Gpio(port) => gates::gpio(port as u32),
-            Self::Iwdg | Self::Rcc | Self::Dbgmcu => return None,
-        })
-    }
-
-    #[inline]
-    fn takes(self, width: Width) -> bool {
-        match self {
-            // 45.5.3: 16 bits.
-            Self::PacketMemory => width == Width::Half,
-            // 30.5: half-words or words.
-            Self::Tim2 => width != Width::Byte,
-            _ => width == Width::Word,
-        }
-    }
-
-    #[inline]
-    fn slot(self) -> Option<Slot> {
-        Some(match self {
-            Self::Rcc => Slot::Rcc,
-            Self::Flash => Slot::Flash,
-            Self::Iwdg => Slot::Iwdg,
-            Self::Tim2 => Slot::Tim,
-            Self::Usart2 => Slot::Usart,
-            Self::Dma1 | Self::Dma2 | Self::Dmamux1 => Slot::Dma,
-            Self::Usb => Slot::Usb,
-            Self::Fdcan1 => Slot::Can,
-            _ => return None,
-        })
-    }
-}
+/// The memory map.
+pub(super) const BLOCKS: &[Block<Kind>] = &[
+    Block::new(Kind::Usart2, 0x4000_4400, "USART2", Some(gates::USART2)),
+    Block::new(Kind::Usb, 0x4000_5C00, "USB", Some(gates::USB)),
+    Block {
+        offset: usb::PACKET_MEMORY_AT,
+        ..Block::new(Kind::Usb, 0x4000_6000, "USB packet memory", Some(gates::USB))
+    },
+    Block::new(Kind::Tim2, 0x4000_0000, "TIM2", Some(gates::TIM2)),
+    Block::new(Kind::Dma, 0x4002_0000, "DMA1", Some(gates::DMA1)),
+    Block {
+        offset: 0x400,
+        ..Block::new(Kind::Dma, 0x4002_0400, "DMA2", Some(gates::DMA2))
+    },
+    Block {
+        offset: 0x800,
+        ..Block::new(Kind::Dma, 0x4002_0800, "DMAMUX1", Some(gates::DMAMUX1))
+    },
+    Block::new(Kind::Fdcan1, 0x4000_6400, "FDCAN1", Some(gates::FDCAN)),
+    Block {
+        offset: fdcan::RAM,
+        ..Block::new(Kind::Fdcan1, 0x4000_A400, "FDCAN1 message RAM", Some(gates::FDCAN))
+    },
+    Block::new(Kind::Rcc, 0x4002_1000, "RCC", None),
+    Block::new(Kind::Flash, 0x4002_2000, "FLASH", Some(gates::FLASH)),
+    Block::new(Kind::Pwr, 0x4000_7000, "PWR", Some(gates::PWR)),
+    Block::new(Kind::Iwdg, 0x4000_3000, "IWDG", None),
+    Block::new(Kind::Crs, 0x4000_2000, "CRS", Some(gates::CRS)),
+    Block::new(Kind::Syscfg, 0x4001_0000, "SYSCFG", Some(gates::SYSCFG)),
+    Block::new(Kind::Exti, 0x4001_0400, "EXTI", Some(gates::SYSCFG)),
+    Block::new(Kind::Dbgmcu, 0xE004_2000, "DBGMCU", None),
+    Block::new(Kind::Gpio(0), 0x4800_0000, "GPIOA", Some(gates::gpio(0))),
+    Block::new(Kind::Gpio(1), 0x4800_0400, "GPIOB", Some(gates::gpio(1))),
+    Block::new(Kind::Gpio(2), 0x4800_0800, "GPIOC", Some(gates::gpio(2))),
+    Block::new(Kind::Gpio(3), 0x4800_0C00, "GPIOD", Some(gates::gpio(3))),
+    Block::new(Kind::Gpio(4), 0x4800_1000, "GPIOE", Some(gates::gpio(4))),
+    Block::new(Kind::Gpio(5), 0x4800_1400, "GPIOF", Some(gates::gpio(5))),
+    Block::new(Kind::Gpio(6), 0x4800_1800, "GPIOG", Some(gates::gpio(6))),
+];
 
 /// The system configuration controller (10.2.1).
 pub(super) const SYSCFG: Layout = Layout {

@@ -17,7 +17,7 @@ use self::crs::Crs;
 use self::dma::{ALL_CHANNELS, CHANNELS, Dma};
 use self::fdcan::Fdcan;
 use self::flash::Interface;
-use self::map::{Block, interrupt};
+use self::map::{Kind, interrupt};
 use self::pwr::Pwr;
 use self::rcc::{Clocks, Rcc};
 use self::usart::Usart;
@@ -26,11 +26,12 @@ use super::common;
 use super::common::dbgmcu::Dbgmcu;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
-use super::common::mcu::{Common, Map, Peripherals, Slot};
+use super::common::mcu::{Block, Common, Map, Peripherals, Slot};
 use super::common::rcc::Gates;
 use super::common::shifter::Uart;
 use super::common::syscfg::Syscfg;
 use super::common::tim::Tim;
+use crate::core::Width;
 use crate::engine::News;
 use crate::soc::lines::Lines;
 use crate::soc::machine::{Cause, Edges};
@@ -111,63 +112,54 @@ fn dma_interrupt(channel: usize) -> u16 {
 }
 
 impl Peripherals for Stm32g431 {
-    type Block = Block;
+    type Kind = Kind;
     type Flash = Interface;
 
     const MAP: Map = map::MAP;
 
-    const EVENTS: [Block; 8] = [
-        Block::Rcc,
-        Block::Flash,
-        Block::Iwdg,
-        Block::Tim2,
-        Block::Usart2,
-        Block::Dma1,
-        Block::Usb,
-        Block::Fdcan1,
+    const BLOCKS: &'static [Block<Kind>] = map::BLOCKS;
+
+    const EVENTS: [Kind; 8] = [
+        Kind::Rcc,
+        Kind::Flash,
+        Kind::Iwdg,
+        Kind::Tim2,
+        Kind::Usart2,
+        Kind::Dma,
+        Kind::Usb,
+        Kind::Fdcan1,
     ];
 
-    const POWER: Block = Block::Pwr;
-
-    const RESET: &'static [Block] = &[
-        Block::Flash,
-        Block::Pwr,
-        Block::Iwdg,
-        Block::Tim2,
-        Block::Gpio(0),
-        Block::Gpio(1),
-        Block::Gpio(2),
-        Block::Gpio(3),
-        Block::Gpio(4),
-        Block::Gpio(5),
-        Block::Gpio(6),
-        Block::Syscfg,
-        Block::Crs,
-        Block::Usart2,
-        Block::Dma1,
-        Block::Dma2,
-        Block::Dmamux1,
-        Block::Usb,
-        Block::Fdcan1,
-    ];
+    const POWER: Kind = Kind::Pwr;
 
     #[inline]
-    fn peripheral(&mut self, block: Block) -> &mut dyn Peripheral {
-        match block {
-            Block::Usart2 => &mut self.usart2,
-            Block::Usb | Block::PacketMemory => &mut self.usb,
-            Block::Tim2 => &mut self.tim2,
-            Block::Fdcan1 | Block::MessageRam => &mut self.fdcan,
-            Block::Dma1 | Block::Dma2 | Block::Dmamux1 => &mut self.dma,
-            Block::Gpio(port) => &mut self.gpio[usize::from(port)],
-            Block::Rcc => &mut self.rcc,
-            Block::Pwr => &mut self.pwr,
-            Block::Flash => &mut self.flash,
-            Block::Iwdg => &mut self.iwdg,
-            Block::Crs => &mut self.crs,
-            Block::Syscfg => &mut self.syscfg,
-            Block::Dbgmcu => &mut self.dbgmcu,
-            Block::Exti => &mut self.exti,
+    fn peripheral(&mut self, kind: Kind) -> &mut dyn Peripheral {
+        match kind {
+            Kind::Usart2 => &mut self.usart2,
+            Kind::Usb => &mut self.usb,
+            Kind::Tim2 => &mut self.tim2,
+            Kind::Fdcan1 => &mut self.fdcan,
+            Kind::Dma => &mut self.dma,
+            Kind::Gpio(port) => &mut self.gpio[usize::from(port)],
+            Kind::Rcc => &mut self.rcc,
+            Kind::Pwr => &mut self.pwr,
+            Kind::Flash => &mut self.flash,
+            Kind::Iwdg => &mut self.iwdg,
+            Kind::Crs => &mut self.crs,
+            Kind::Syscfg => &mut self.syscfg,
+            Kind::Dbgmcu => &mut self.dbgmcu,
+            Kind::Exti => &mut self.exti,
+        }
+    }
+
+    #[inline]
+    fn takes(block: &Block<Kind>, width: Width) -> bool {
+        match block.kind {
+            // 45.5.3: 16 bits in the packet memory.
+            Kind::Usb if block.offset != 0 => width == Width::Half,
+            // 30.5: half-words or words.
+            Kind::Tim2 => width != Width::Byte,
+            _ => width == Width::Word,
         }
     }
 
@@ -265,12 +257,10 @@ impl Peripherals for Stm32g431 {
         }
     }
 
-    fn reset_block(&mut self, block: Block, now: Nanos) {
-        match block {
-            Block::Dma1 => self.dma.reset_controller(0),
-            Block::Dma2 => self.dma.reset_controller(1),
-            Block::Dmamux1 => self.dma.reset_multiplexer(),
-            _ => self.peripheral(block).reset(now),
+    fn reset_block(&mut self, block: &Block<Kind>, now: Nanos) {
+        match block.kind {
+            Kind::Dma => self.dma.reset_block(block.offset),
+            kind => self.peripheral(kind).reset(now),
         }
     }
 

@@ -32,7 +32,7 @@ const LPMCSR: u32 = 0x54;
 const BCDR: u32 = 0x58;
 
 /// The offset of the packet memory from the first register.
-const PACKET_MEMORY_AT: u32 = 0x400;
+pub(super) const PACKET_MEMORY_AT: u32 = 0x400;
 
 /// Bytes of the packet memory.
 const PACKET_MEMORY: usize = 1024;
