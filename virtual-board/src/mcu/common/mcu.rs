@@ -104,6 +104,9 @@ impl<K> Block<K> {
     }
 }
 
+/// A block, and an offset among the registers of its peripheral.
+type Place<P> = (&'static Block<<P as Peripherals>::Kind>, u32);
+
 /// The peripherals of a chip. Every call happens at [`Common::now`].
 pub(crate) trait Peripherals: Debug + Send {
     /// The kinds of peripherals.
@@ -304,7 +307,7 @@ impl<P: Peripherals> Mcu<P> {
 
     /// The block that an address outside the memories is in, and the offset among the registers of its peripheral.
     #[inline]
-    fn find(address: u32) -> Option<(&'static Block<P::Kind>, u32)> {
+    fn find(address: u32) -> Option<Place<P>> {
         let block = P::BLOCKS
             .iter()
             .find(|block| address.wrapping_sub(block.address) < block.size)?;
@@ -320,7 +323,7 @@ impl<P: Peripherals> Mcu<P> {
 
     /// The block at an address and the offset within its peripheral, if it takes the access.
     #[inline]
-    fn block(&mut self, access: Access) -> Result<Option<(&'static Block<P::Kind>, u32)>, BusError> {
+    fn block(&mut self, access: Access) -> Result<Option<Place<P>>, BusError> {
         let Some((block, offset)) = Self::find(access.address) else {
             self.common.recorder.unmapped(access.address, access.pc);
             return Err(BusError);
