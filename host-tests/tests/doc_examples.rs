@@ -222,7 +222,7 @@ mod xarm {
     struct Connection {
         arm: VirtualXArm,
         device: Device<XArm, MAX_FRAME>,
-        says: VecDeque<u8>,
+        tx_queue: VecDeque<u8>,
         heartbeats: u32,
     }
 
@@ -231,7 +231,7 @@ mod xarm {
             Self {
                 arm,
                 device: Device::default(),
-                says: VecDeque::new(),
+                tx_queue: VecDeque::new(),
                 heartbeats: 0,
             }
         }
@@ -250,12 +250,12 @@ mod xarm {
                 };
                 let mut bytes = [0; MAX_FRAME];
                 let len = self.device.respond(&answer, key, &mut bytes).unwrap();
-                self.says.extend(&bytes[..len]);
+                self.tx_queue.extend(&bytes[..len]);
             }
         }
 
         fn transmit(&mut self, _now: Instant) -> Option<u8> {
-            self.says.pop_front()
+            self.tx_queue.pop_front()
         }
 
         fn poll_timeout(&self) -> Option<Instant> {

@@ -180,8 +180,8 @@ fn an_alpha1_is_driven_from_usb_and_can_and_polled() {
         let answer = CanProgram::new(Node::default()).call(board, &question);
         assert_eq!(answer[..2], question[..2]);
         board.run_for(Nanos::from_millis(1_000)).unwrap();
-        let told = control.take_events(board);
-        let for_polls = told.iter().filter(|(_, event)| {
+        let reported = control.take_events(board);
+        let for_polls = reported.iter().filter(|(_, event)| {
             matches!(
                 event,
                 Event::Frame {
@@ -195,8 +195,8 @@ fn an_alpha1_is_driven_from_usb_and_can_and_polled() {
         let polls = counters(board).requests_poll - polls_before;
         assert!(polls.abs_diff(for_polls) <= 1, "{polls}, {for_polls} told of");
         expect_identity(board, ArmKind::Alpha1, Some(answer));
-        let heard = board.with_arm(|robot| robot.counters());
-        assert_eq!((heard.unknown, heard.noise_bytes, heard.overrun), (0, 0, 0));
+        let received = board.with_arm(|robot| robot.counters());
+        assert_eq!((received.unknown, received.noise_bytes, received.overrun), (0, 0, 0));
         expect_no_errors(board);
     });
 }
@@ -248,9 +248,9 @@ fn a_bus_of_servos_is_driven_on_its_single_wire() {
             }
         }
         // Nobody spoke while another did, and what the adapter said it did not take for an answer.
-        let heard = board.with_arm(|bus| bus.counters());
-        assert_eq!((heard.requests, heard.answered), (33, 32));
-        assert_eq!((heard.collided, heard.unknown, heard.noise_bytes), (0, 0, 0));
+        let received = board.with_arm(|bus| bus.counters());
+        assert_eq!((received.requests, received.answered), (33, 32));
+        assert_eq!((received.collided, received.unknown, received.noise_bytes), (0, 0, 0));
         let c = counters(board);
         assert_eq!((c.frames, c.requests_usb, c.requests_can), (32, 25, 8));
         assert_eq!(c.arm_to_host_bytes, 16 + 16 * 10);
@@ -273,13 +273,13 @@ fn bytes_of_any_kind_pass_both_ways_at_any_rate() {
             board.run_for(Nanos::from_millis(10)).unwrap();
             let len = 200 + baud as usize / 1_000;
             let (down, up) = (noise(nth as u64, len), noise(100 + nth as u64, len));
-            board.with_arm(|arm| arm.say(&up));
+            board.with_arm(|arm| arm.send(&up));
             board.usb().write(&down).unwrap();
             board
                 .run_for(Nanos(byte_time(baud).0 * len as u64 + 20_000_000))
                 .unwrap();
             same_bytes("the host", &board.usb().read(), &up);
-            same_bytes("the arm", &board.with_arm(Talker::take_heard), &down);
+            same_bytes("the arm", &board.with_arm(Talker::take_received), &down);
             exchanged += len as u32;
         }
         // A host on the bus may say anything, too.
@@ -289,7 +289,7 @@ fn bytes_of_any_kind_pass_both_ways_at_any_rate() {
             assert_eq!(on_can.poll(board), None);
             board.run_for(Nanos(100_000)).unwrap();
         }
-        assert_eq!(board.with_arm(Talker::take_heard), b"anything at all");
+        assert_eq!(board.with_arm(Talker::take_received), b"anything at all");
         let c = counters(board);
         assert_eq!((c.arm_to_host_bytes, c.host_to_arm_bytes), (exchanged, exchanged + 15));
         assert_eq!((c.frames, c.requests_usb, c.requests_can), (0, 0, 1));

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use armwire_bridge::Duration;
 use armwire_bridge::control::Initiator;
-use armwire_host_tests::image::{Hosts, Witness, polled, session};
+use armwire_host_tests::image::{Hosts, TicketArm, polled, session};
 use armwire_virtual_board::Nanos;
 
 /// How long the arm thinks and how often it is polled in each part of the long run.
@@ -25,13 +25,13 @@ fn busy(frames: u32, turnaround: Duration, hertz: u16) {
     let began = Instant::now();
     session(turnaround, polled(hertz), |session| {
         let start = session.board.now();
-        while session.deeds().answers < frames {
+        while session.arm_counts().answers < frames {
             session.run_for(Nanos::from_millis(50));
         }
         let seconds = session.board.now().since(start).0 as f64 / 1e9;
         session.finish();
 
-        let deeds = session.deeds();
+        let arm_counts = session.arm_counts();
         session.expect_counters(|_, _| {});
         let Hosts {
             usb: Some(usb),
@@ -43,38 +43,38 @@ fn busy(frames: u32, turnaround: Duration, hertz: u16) {
         };
         println!(
             "{} answers in {seconds:.1} s of virtual time, {:.0} s of ours: {} for USB, {} for CAN, {} polls",
-            deeds.answers,
+            arm_counts.answers,
             began.elapsed().as_secs_f64(),
-            usb.asking.answered,
-            can.asking.answered,
-            deeds.polls
+            usb.tracker.answered,
+            can.tracker.answered,
+            arm_counts.polls
         );
         // Each request was answered once, in order, with its own answer.
-        for asking in [&usb.asking, &can.asking] {
-            assert_eq!((asking.answered, asking.given_up), (asking.asked(), 0));
-            assert_eq!(asking.strays, Vec::<Vec<u8>>::new());
+        for tracker in [&usb.tracker, &can.tracker] {
+            assert_eq!((tracker.answered, tracker.given_up), (tracker.issued(), 0));
+            assert_eq!(tracker.strays, Vec::<Vec<u8>>::new());
             // Nobody was kept waiting for the others.
             assert!(
-                asking.answered > deeds.answers / 10,
+                tracker.answered > arm_counts.answers / 10,
                 "{} of {}",
-                asking.answered,
-                deeds.answers
+                tracker.answered,
+                arm_counts.answers
             );
         }
         assert_eq!(usb.noise_bytes, 0);
-        assert_eq!((&can.failures[..], &can.notes[..]), (&[][..], &[][..]));
+        assert_eq!((&can.failures[..], &can.can_events[..]), (&[][..], &[][..]));
         // Each poll was told of, on the bus and at the control interface.
-        assert_eq!((can.telemetry.samples, can.telemetry.gaps), (deeds.polls, 0));
-        assert!(f64::from(deeds.polls) > 0.99 * seconds * f64::from(hertz));
-        assert_eq!(subscriber.frames(Some(Initiator::Usb)), usb.asking.answered);
-        assert_eq!(subscriber.frames(Some(Initiator::Can)), can.asking.answered);
-        assert_eq!(subscriber.frames(Some(Initiator::Poll)), deeds.polls);
+        assert_eq!((can.telemetry.samples, can.telemetry.gaps), (arm_counts.polls, 0));
+        assert!(f64::from(arm_counts.polls) > 0.99 * seconds * f64::from(hertz));
+        assert_eq!(subscriber.frames(Some(Initiator::Usb)), usb.tracker.answered);
+        assert_eq!(subscriber.frames(Some(Initiator::Can)), can.tracker.answered);
+        assert_eq!(subscriber.frames(Some(Initiator::Poll)), arm_counts.polls);
         assert_eq!((subscriber.frames(None), subscriber.disorder), (0, 0));
         assert_eq!(subscriber.events, []);
         // The arm heard nothing else.
-        assert_eq!(deeds.tickets(), usb.asking.answered + can.asking.answered);
-        assert_eq!((deeds.unanswered(), deeds.noise_bytes), (0, 0));
-        assert_eq!(session.board.with_arm(Witness::take_others), Vec::<Vec<u8>>::new());
+        assert_eq!(arm_counts.tickets(), usb.tracker.answered + can.tracker.answered);
+        assert_eq!((arm_counts.unanswered(), arm_counts.noise_bytes), (0, 0));
+        assert_eq!(session.board.with_arm(TicketArm::take_others), Vec::<Vec<u8>>::new());
         assert_eq!(session.traffic.broken_frames, 0);
     });
 }

@@ -88,7 +88,7 @@ fn packets_of_any_size_from_the_host_pass_in_order() {
             }
         }
         board.run_for(Nanos::from_millis(250)).unwrap();
-        same_bytes("the arm", &board.with_arm(Talker::take_heard), &chunks);
+        same_bytes("the arm", &board.with_arm(Talker::take_received), &chunks);
     });
 }
 

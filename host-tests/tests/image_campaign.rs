@@ -1,7 +1,7 @@
 //! The fault campaign's checks can fail: each test here does behind their back what they are to find. And what a run shows
 //! hangs on its seed and its number alone.
 
-use armwire_host_tests::image::campaign::{self, Bench, Case, Deceit, Fault, Moment};
+use armwire_host_tests::image::campaign::{self, Bench, Case, Fault, Moment, Mutation};
 
 /// A run in which a byte is lost.
 const RUN: Case = Case {
@@ -13,14 +13,14 @@ const RUN: Case = Case {
 };
 
 /// A run on a board that has had one, with something of which nobody tells the checks.
-fn run(deceit: Option<Deceit>) -> Result<(), String> {
+fn run(mutation: Option<Mutation>) -> Result<(), String> {
     let mut bench = Bench::default();
     bench.run(RUN).result?;
-    bench.run_deceived(RUN, deceit).result.map(drop)
+    bench.run_mutated(RUN, mutation).result.map(drop)
 }
 
-fn expect_found(deceit: Deceit, complaint: &str) {
-    let error = run(Some(deceit)).unwrap_err();
+fn expect_found(mutation: Mutation, complaint: &str) {
+    let error = run(Some(mutation)).unwrap_err();
     println!("{error}");
     assert!(error.contains(complaint), "{error}");
 }
@@ -32,32 +32,32 @@ fn a_run_without_deceit_passes() {
 
 #[test]
 fn bytes_that_are_lost_without_being_counted_are_found() {
-    expect_found(Deceit::LosesBytes, "bytes from the arm");
+    expect_found(Mutation::LostBytes, "bytes from the arm");
 }
 
 #[test]
 fn a_counter_that_counts_what_did_not_happen_is_found() {
-    expect_found(Deceit::CountsErrors, "framing errors");
+    expect_found(Mutation::ExtraErrorCount, "framing errors");
 }
 
 #[test]
 fn an_answer_that_the_arm_did_not_give_is_found() {
-    expect_found(Deceit::MakesUpAnswer, "answers nothing");
+    expect_found(Mutation::ForgedAnswer, "answers nothing");
 }
 
 #[test]
 fn a_motion_that_nobody_commanded_is_found() {
-    expect_found(Deceit::Moves, "the arm was commanded");
+    expect_found(Mutation::UnrequestedMove, "the arm was commanded");
 }
 
 #[test]
 fn a_restart_is_found() {
-    expect_found(Deceit::Restarts, "restarts [Power]");
+    expect_found(Mutation::UnexpectedRestart, "restarts [Power]");
 }
 
 #[test]
 fn traffic_that_does_not_come_back_is_found() {
-    expect_found(Deceit::StaysSilent, "no traffic of");
+    expect_found(Mutation::SilentArm, "no traffic of");
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn after_a_run_that_failed_or_started_the_part_anew_there_is_a_new_board() {
     let mut bench = Bench::default();
     assert!(bench.run(power_loss).result.is_ok());
     assert_eq!(bench.run(RUN).result, first);
-    assert!(bench.run_deceived(RUN, Some(Deceit::StaysSilent)).result.is_err());
+    assert!(bench.run_mutated(RUN, Some(Mutation::SilentArm)).result.is_err());
     assert_eq!(bench.run(RUN).result, first);
     // A board that has had a run meets other moments, which nearly always show.
     assert!((0..8).any(|_| bench.run(RUN).result != first));

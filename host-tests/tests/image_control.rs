@@ -79,10 +79,10 @@ fn a_configuration_that_was_saved_is_in_force_after_a_power_cycle() {
     board.uart().forget_bytes();
     board.run_for(Nanos::from_millis(1_000)).unwrap();
     let line = board.uart().bytes();
-    let asked = line
+    let requested = line
         .iter()
         .filter(|byte| byte.direction == Direction::ToArm && byte.sent == 0xAA);
-    assert!(asked.count() >= 49, "it does not poll");
+    assert!(requested.count() >= 49, "it does not poll");
 
     control.order(board, control::Request::ResetConfig);
     board.power_cycle().unwrap();
@@ -194,7 +194,7 @@ fn a_byte_like_the_end_mark_just_before_the_end_makes_no_stamp_late() {
                 continue;
             }
             board.uart().forget_bytes();
-            board.with_arm(|arm| arm.say(&frame));
+            board.with_arm(|arm| arm.send(&frame));
             board.run_for(Nanos::from_millis(2)).unwrap();
             instants.push(board.uart().bytes().last().unwrap().at);
             stamps.extend(control.take_events(board).iter().map(|&(at, _)| at));

@@ -15,7 +15,7 @@ use armwire_bridge::control::{
 use armwire_bridge::time;
 use armwire_bridge::{Bridge, Counters, PACKET, Start, Transmit, UartEvent, UsbEvent};
 use armwire_host_tests::image::{
-    Control, MEGABAUD, Traffic, Witness, byte_time, counters, facts, joint_answer, on_board, plug_in,
+    Control, MEGABAUD, TicketArm, Traffic, byte_time, counters, facts, joint_answer, on_board, plug_in,
 };
 use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::line::Direction;
@@ -94,19 +94,19 @@ const UP: Endless = Endless(2);
 /// Says so many bytes without a pause, and checks what it hears.
 #[derive(Debug)]
 struct Streamer {
-    says: Endless,
+    tx: Endless,
     left: u64,
-    heard: Check,
+    received: Check,
 }
 
 impl SerialDevice for Streamer {
     fn receive(&mut self, _: time::Instant, byte: u8) {
-        self.heard.take(byte);
+        self.received.take(byte);
     }
 
     fn transmit(&mut self, _: time::Instant) -> Option<u8> {
         self.left = self.left.checked_sub(1)?;
-        self.says.next()
+        self.tx.next()
     }
 
     fn poll_timeout(&self) -> Option<time::Instant> {
@@ -120,29 +120,29 @@ fn ten_million_bytes_pass_each_way_at_full_load_and_none_is_lost() {
     const AHEAD: usize = 4_096;
     let began = Instant::now();
     let arm = Streamer {
-        says: UP,
+        tx: UP,
         left: 0,
-        heard: Check::new(DOWN),
+        received: Check::new(DOWN),
     };
     on_board(arm, |board| {
         plug_in(board, MEGABAUD);
         let mut traffic = Traffic::begin(board);
         board.with_arm(|arm| arm.left = BYTES);
         let start = board.now();
-        let (mut says, mut said, mut heard) = (DOWN, 0, Check::new(UP));
+        let (mut tx, mut sent, mut received) = (DOWN, 0, Check::new(UP));
         let mut before = None;
         let limit = start + Nanos(BYTES * byte_time(MEGABAUD).0 * 11 / 10);
-        while heard.count < BYTES || board.with_arm(|arm| arm.heard.count) < BYTES {
+        while received.count < BYTES || board.with_arm(|arm| arm.received.count) < BYTES {
             assert!(board.now() < limit, "the line is not at full load");
-            if said < BYTES && board.usb().unsent() < AHEAD {
-                let bytes: Vec<u8> = says.by_ref().take(AHEAD.min((BYTES - said) as usize)).collect();
-                said += bytes.len() as u64;
+            if sent < BYTES && board.usb().unsent() < AHEAD {
+                let bytes: Vec<u8> = tx.by_ref().take(AHEAD.min((BYTES - sent) as usize)).collect();
+                sent += bytes.len() as u64;
                 board.usb().write(&bytes).unwrap();
             }
             board.run_for(Nanos::from_millis(5)).unwrap();
-            board.usb().read().into_iter().for_each(|byte| heard.take(byte));
+            board.usb().read().into_iter().for_each(|byte| received.take(byte));
             traffic.count(board);
-            if before.is_none() && heard.count > BYTES / 10 {
+            if before.is_none() && received.count > BYTES / 10 {
                 before = memory();
             }
         }
@@ -152,8 +152,8 @@ fn ten_million_bytes_pass_each_way_at_full_load_and_none_is_lost() {
             began.elapsed().as_secs_f64()
         );
         expect_flat(before);
-        let arm = board.with_arm(|arm| (arm.heard.count, arm.heard.wrong));
-        assert_eq!((heard.count, heard.wrong), (BYTES, None), "what the host got");
+        let arm = board.with_arm(|arm| (arm.received.count, arm.received.wrong));
+        assert_eq!((received.count, received.wrong), (BYTES, None), "what the host got");
         assert_eq!(arm, (BYTES, None), "what the arm got");
         let counted = counters(board);
         assert_eq!(u64::from(counted.arm_to_host_bytes), BYTES);
@@ -199,17 +199,17 @@ struct Listener {
 
 impl Listener {
     /// Takes all packets that the adapter has for it at `at`.
-    fn hear_all(&mut self, bridge: &mut Bridge, at: time::Instant) {
+    fn read_packets(&mut self, bridge: &mut Bridge, at: time::Instant) {
         let mut packet = [0; PACKET];
         while bridge.update(at).control {
             if let Some(len) = bridge.control_transmit(&mut packet, at) {
-                self.hear(&packet[..len], at);
+                self.on_packet(&packet[..len], at);
             }
         }
     }
 
     /// Takes a packet, in which there may be frames that all ended at `at`.
-    fn hear(&mut self, mut packet: &[u8], at: time::Instant) {
+    fn on_packet(&mut self, mut packet: &[u8], at: time::Instant) {
         while !packet.is_empty() {
             packet = self.reader.push(packet);
             while let Some(message) = self.reader.next::<FromAdapter>() {
@@ -260,7 +260,7 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
     bridge.control_received(&message[..len], time::Instant::ZERO);
 
     let mut now = time::Instant::ZERO;
-    let (mut polls, mut heard) = (0_u32, 0_u64);
+    let (mut polls, mut received) = (0_u32, 0_u64);
     let mut before = None;
     loop {
         let mut out = [0; 2 * PACKET];
@@ -270,7 +270,7 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
             };
             bridge.uart_transmitted(now);
             let start = start.unwrap_or(now);
-            heard += len as u64;
+            received += len as u64;
             let answer = joints(polls);
             let thinks = THINKS + u64::from(polls) % THINKS;
             let end = time::Instant::from_micros(start.as_micros() + BYTE * (len + answer.len()) as u64 + thinks);
@@ -278,14 +278,14 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
             bridge.uart_received(&answer, end);
             bridge.uart_event(UartEvent::Idle, time::Instant::from_micros(end.as_micros() + BYTE));
             now = end;
-            listener.hear_all(&mut bridge, end);
+            listener.read_packets(&mut bridge, end);
         }
         now = bridge.timeout().unwrap().max(now);
         if now.as_micros() >= SPAN {
             break;
         }
         bridge.tick(now);
-        listener.hear_all(&mut bridge, now);
+        listener.read_packets(&mut bridge, now);
         // What is polled goes nowhere else.
         assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
         if before.is_none() && now.as_micros() > SPAN / 10 {
@@ -302,7 +302,7 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
     let counted = bridge.counters();
     let mut expected = Counters::default();
     expected.arm_to_host_bytes = listener.bytes as u32;
-    expected.host_to_arm_bytes = heard as u32;
+    expected.host_to_arm_bytes = received as u32;
     expected.frames = polls;
     expected.requests_poll = polls;
     expected.control_requests = 1;
@@ -314,7 +314,7 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
 const STAMPS_WITHIN: i64 = 3;
 
 /// Presets the clock's timer, as a debugger can, and lets it look at once what is due.
-fn preset(board: &mut VirtualBoard<Witness>, count: u32) {
+fn preset(board: &mut VirtualBoard<TicketArm>, count: u32) {
     let chip = facts(board.chip());
     board.write_word(chip.clock_count, count).unwrap();
     board.write_word(chip.clock_due, count.wrapping_add(10)).unwrap();
@@ -333,7 +333,7 @@ struct Stamps {
 
 /// Lets a subscriber hear polls for `span`, and compares every stamp with the end of the frame on the line.
 fn listen(
-    board: &mut VirtualBoard<Witness>,
+    board: &mut VirtualBoard<TicketArm>,
     control: &mut Control,
     traffic: &mut Traffic,
     span: Nanos,
@@ -344,8 +344,8 @@ fn listen(
     while board.now() < end {
         board.run_for(Nanos::from_millis(1)).unwrap();
         let line = board.uart().bytes();
-        let said = line.iter().filter(|byte| byte.direction == Direction::ToBoard);
-        ends.extend(said.map(|byte| byte.at));
+        let sent = line.iter().filter(|byte| byte.direction == Direction::ToBoard);
+        ends.extend(sent.map(|byte| byte.at));
         traffic.count(board);
         for (stamp, event) in control.take_events(board) {
             let Event::Frame { bytes, .. } = event else {
@@ -367,7 +367,7 @@ fn stamps_and_counters_stay_exact_over_each_turn_of_the_clocks_timer() {
     const BEFORE_US: u32 = 300_000;
     const SPAN: Nanos = Nanos::from_millis(700);
     const SETTLING: Nanos = Nanos::from_millis(20);
-    on_board(Witness::new(time::Duration::from_micros(100)), |board| {
+    on_board(TicketArm::new(time::Duration::from_micros(100)), |board| {
         plug_in(board, MEGABAUD);
         let mut control = Control::open(board);
         control.subscribe(board);
@@ -376,7 +376,7 @@ fn stamps_and_counters_stay_exact_over_each_turn_of_the_clocks_timer() {
         for turn in [1 << 31, 1_u64 << 32] {
             preset(board, (turn as u32).wrapping_sub(BEFORE_US));
             let before = counters(board);
-            let deeds = board.with_arm(|arm| arm.deeds());
+            let arm_counts = board.with_arm(|arm| arm.arm_counts());
             let mut traffic = Traffic::begin(board);
             let mut stamps = Stamps::default();
             control.order(board, Request::SetConfig(polled()));
@@ -389,7 +389,7 @@ fn stamps_and_counters_stay_exact_over_each_turn_of_the_clocks_timer() {
             assert!(last < turn && turn < now, "the turn at {turn}: {now} us");
             last = now;
             let after = counters(board);
-            let polls = board.with_arm(|arm| arm.deeds()).polls - deeds.polls;
+            let polls = board.with_arm(|arm| arm.arm_counts()).polls - arm_counts.polls;
             println!("{frames} answers over {turn} us");
             assert!(frames == polls && polls >= 130, "{frames} of {polls}");
             assert_eq!(after.requests_poll - before.requests_poll, polls);
@@ -408,7 +408,7 @@ fn a_day_of_polls_on_the_image() {
     const STEP: Nanos = Nanos::from_millis(1_000);
     let hours = env::var("ARMWIRE_HOURS").map_or(24.0, |hours| hours.parse::<f64>().unwrap());
     let began = Instant::now();
-    on_board(Witness::new(time::Duration::from_micros(100)), |board| {
+    on_board(TicketArm::new(time::Duration::from_micros(100)), |board| {
         plug_in(board, MEGABAUD);
         let mut control = Control::open(board);
         control.subscribe(board);
@@ -425,7 +425,7 @@ fn a_day_of_polls_on_the_image() {
         }
         control.order(board, Request::SetConfig(Config::default()));
         listen(board, &mut control, &mut traffic, Nanos::from_millis(20), &mut stamps);
-        let polls = board.with_arm(|arm| arm.deeds()).polls;
+        let polls = board.with_arm(|arm| arm.arm_counts()).polls;
         println!(
             "{polls} polls in {hours} h of virtual time, {:.0} s of ours; stamps that are wrong: {:?}",
             began.elapsed().as_secs_f64(),

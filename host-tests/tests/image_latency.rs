@@ -50,7 +50,7 @@ fn bytes_of_no_known_frame_are_ready_for_the_host_once_the_line_is_idle() {
             board.run_for(pause(nth)).unwrap();
             forget(board);
             let length = 1 + nth as usize % 40;
-            board.with_arm(|arm| arm.say(&vec![0x55; length]));
+            board.with_arm(|arm| arm.send(&vec![0x55; length]));
             assert_eq!(read_all(board).len(), length);
             armed.add(until_armed(board));
         }
@@ -71,7 +71,7 @@ fn an_answer_is_in_time_while_the_host_sends_without_a_pause() {
         while board.usb().unsent() > 1_000 {
             board.run_for(pause(armed.count() as u64)).unwrap();
             forget(board);
-            board.with_arm(|arm| arm.say(&frame[..n]));
+            board.with_arm(|arm| arm.send(&frame[..n]));
             board.run_for(Duration::from_micros(500)).unwrap();
             assert_eq!(board.usb().read(), frame[..n]);
             armed.add(until_armed(board));

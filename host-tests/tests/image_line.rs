@@ -75,7 +75,7 @@ fn one_fault(board: &mut VirtualBoard<Talker>, fault: Fault, counted: fn(&Counte
             let before = counted(&counters(board));
             board.uart().plan_fault(length * u64::from(BAD) + place, fault);
             for nth in 0..FRAMES {
-                board.with_arm(|arm| arm.say(&frame(nth)));
+                board.with_arm(|arm| arm.send(&frame(nth)));
                 board.run_for(pause).unwrap();
             }
             let received = read_all(board);
@@ -119,11 +119,11 @@ fn a_line_with_errors_all_the_time_loses_only_what_they_hit() {
             overrun: 3_000,
         });
         let (up, down) = (noise(1, 50_000), noise(2, 50_000));
-        board.with_arm(|arm| arm.say(&up));
+        board.with_arm(|arm| arm.send(&up));
         board.usb().write(&down).unwrap();
         let received = read_all(board);
         same_bytes("the host", &received, &as_received(&board.uart().bytes()));
-        same_bytes("the arm", &board.with_arm(Talker::take_heard), &down);
+        same_bytes("the arm", &board.with_arm(Talker::take_received), &down);
 
         let line = board.uart().bytes();
         let injected = |faults: &[Fault]| {
@@ -169,7 +169,7 @@ fn errors_in_each_of_many_bytes_are_counted_one_by_one() {
                 noise: rate(Fault::Noise),
                 ..FaultRates::default()
             });
-            board.with_arm(|arm| arm.say(&noise(3, BYTES as usize)));
+            board.with_arm(|arm| arm.send(&noise(3, BYTES as usize)));
             let received = read_all(board);
             same_bytes("the host", &received, &as_received(&board.uart().bytes()));
             board.uart().forget_bytes();
@@ -193,10 +193,10 @@ fn a_line_of_nothing_but_breaks_does_not_stop_the_host_side() {
             ..FaultRates::default()
         });
         let down = noise(1, 5_000);
-        board.with_arm(|arm| arm.say(&[0; 20_000]));
+        board.with_arm(|arm| arm.send(&[0; 20_000]));
         board.usb().write(&down).unwrap();
         read_all(board);
-        same_bytes("the arm", &board.with_arm(Talker::take_heard), &down);
+        same_bytes("the arm", &board.with_arm(Talker::take_received), &down);
         board.uart().set_fault_rates(FaultRates::default());
         exchange(board, &noise(2, 5_000), &noise(3, 5_000));
     });
@@ -251,7 +251,7 @@ fn what_the_host_wrote_before_it_changed_the_rate_goes_out_at_the_old_one() {
                 .unwrap();
             board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
             follow_rate(board, baud);
-            same_bytes("the arm", &board.with_arm(Talker::take_heard), &before);
+            same_bytes("the arm", &board.with_arm(Talker::take_received), &before);
             println!("{old} -> {baud} baud");
             exchange(board, &noise(10 + nth as u64, 1_000), &noise(20 + nth as u64, 1_000));
             old = baud;
@@ -267,7 +267,7 @@ fn the_rate_changes_while_the_arm_talks_and_the_rest_of_what_it_says_arrives() {
             .into_iter()
             .enumerate()
         {
-            board.with_arm(|arm| arm.say(&noise(nth as u64, 3_000)));
+            board.with_arm(|arm| arm.send(&noise(nth as u64, 3_000)));
             board.run_for(Duration::from_micros(3_000)).unwrap();
             change_rate(board, baud);
             // What the adapter received while the two rates differed may be anything, up to a full packet of it waits.

@@ -58,8 +58,8 @@ fn line_state(board: &mut Board, control: &mut Control) -> LineState {
 
 /// How often the arm was polled since this was last asked.
 fn polls(board: &mut Board) -> usize {
-    let heard = board.with_arm(Talker::take_heard);
-    heard.windows(7).filter(|bytes| *bytes == READ_JOINTS).count()
+    let received = board.with_arm(Talker::take_received);
+    received.windows(7).filter(|bytes| *bytes == READ_JOINTS).count()
 }
 
 /// What went to the arm.
@@ -171,9 +171,9 @@ fn a_port_opened_at_9600_and_then_1_m_costs_a_stream_on_can_nothing() {
             ),
             (200, 1, 0)
         );
-        let heard = board.with_arm(Talker::take_heard);
-        let one = heard.len() / 37;
-        same_bytes("the arm", &heard, &heard[..one].repeat(37));
+        let received = board.with_arm(Talker::take_received);
+        let one = received.len() / 37;
+        same_bytes("the arm", &received, &received[..one].repeat(37));
         assert!(to_arm(board).iter().all(|byte| byte.outcome == Outcome::Arrived));
     });
 }
@@ -258,7 +258,7 @@ fn under_hold_line_an_upload_goes_out_byte_for_byte() {
             control.order(board, control::Request::HoldLine);
         }
         board.run_for(millis(1_000)).unwrap();
-        same_bytes("the arm", &board.with_arm(Talker::take_heard), &image);
+        same_bytes("the arm", &board.with_arm(Talker::take_received), &image);
         assert_eq!(line_state(board, &mut control).holder, LineHolder::HoldLine);
         control.order(board, control::Request::ReleaseLine);
         board.run_for(millis(500)).unwrap();
@@ -277,10 +277,10 @@ fn without_hold_line_polls_go_between_the_bytes_of_an_upload() {
             board.run_for(millis(1_000)).unwrap();
         }
         board.run_for(millis(1_000)).unwrap();
-        let mut heard = board.with_arm(Talker::take_heard);
-        heard.retain(|&byte| byte != 0);
+        let mut received = board.with_arm(Talker::take_received);
+        received.retain(|&byte| byte != 0);
         // All of it in order, but for what the adapter says.
-        let mut rest = &heard[..];
+        let mut rest = &received[..];
         let (mut uploaded, mut polls) = (Vec::with_capacity(IMAGE), 0);
         while let Some((&byte, behind)) = rest.split_first() {
             let poll: Vec<u8> = READ_JOINTS.iter().copied().filter(|&byte| byte != 0).collect();
@@ -324,6 +324,6 @@ fn hold_line_is_refused_while_a_host_streams_motion() {
         control.order(board, control::Request::EndStream);
         control.order(board, control::Request::HoldLine);
         board.run_for(Duration::from_millis(1_000)).unwrap();
-        assert_eq!(board.with_arm(Talker::take_heard), motion().repeat(3));
+        assert_eq!(board.with_arm(Talker::take_received), motion().repeat(3));
     });
 }

@@ -8,7 +8,7 @@ use armwire_bridge::isotp;
 use armwire_bridge::{Duration, PACKET};
 use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{
-    Asking, Control, MEGABAUD, Session, Ticket, Witness, byte_time, path, plug_in, polled, session,
+    Control, MEGABAUD, RequestTracker, Session, Ticket, TicketArm, byte_time, path, plug_in, polled, session,
 };
 use armwire_virtual_board::line::{Direction, Fault, LineByte};
 use armwire_virtual_board::report::Cause;
@@ -25,8 +25,8 @@ const fn millis(millis: u64) -> Nanos {
 
 /// Answers to the host on USB so far, to the one on CAN, and to polls.
 fn answered(session: &mut Session<'_>) -> [u32; 3] {
-    let polls = session.deeds().answers - session.deeds().tickets();
-    [session.usb().asking.answered, session.can().asking.answered, polls]
+    let polls = session.arm_counts().answers - session.arm_counts().tickets();
+    [session.usb().tracker.answered, session.can().tracker.answered, polls]
 }
 
 /// Each has got this many answers more than `before` at least.
@@ -41,15 +41,15 @@ fn expect_more(session: &mut Session<'_>, before: [u32; 3], least: [u32; 3]) {
 
 /// Nobody got what is another's or what was given up, and nothing else.
 fn expect_no_strays(session: &mut Session<'_>) {
-    assert_eq!(session.usb().asking.strays, Vec::<Vec<u8>>::new());
-    assert_eq!(session.can().asking.strays, Vec::<Vec<u8>>::new());
+    assert_eq!(session.usb().tracker.strays, Vec::<Vec<u8>>::new());
+    assert_eq!(session.can().tracker.strays, Vec::<Vec<u8>>::new());
 }
 
 /// Nothing of what befell the others reached the host on CAN: every answer came, and every sample of a poll.
 fn expect_can_undisturbed(session: &mut Session<'_>) {
-    let polls = session.deeds().polls;
+    let polls = session.arm_counts().polls;
     let can = session.can();
-    assert_eq!((can.asking.given_up, &can.failures[..]), (0, &[][..]));
+    assert_eq!((can.tracker.given_up, &can.failures[..]), (0, &[][..]));
     assert_eq!((can.telemetry.samples, can.telemetry.gaps), (polls, 0));
 }
 
@@ -62,10 +62,10 @@ fn events(session: &mut Session<'_>) -> Vec<Event> {
 fn a_host_that_is_unplugged_loses_its_own_answers_only() {
     const TIMES: u32 = 4;
     session(TURNAROUND, polled(HERTZ), |session| {
-        let mut told = 0;
+        let mut reported = 0;
         for nth in 0..u64::from(TIMES) {
             session.run_for(millis(100) + Nanos(137_000 * nth));
-            told += session.subscriber().all_frames();
+            reported += session.subscriber().all_frames();
             let before = answered(session);
             session.board.usb().detach();
             session.usb().reopened();
@@ -82,18 +82,18 @@ fn a_host_that_is_unplugged_loses_its_own_answers_only() {
             expect_more(session, before, [100, 30, 9]);
         }
         session.finish();
-        told += session.subscriber().all_frames();
+        reported += session.subscriber().all_frames();
         expect_no_strays(session);
         expect_can_undisturbed(session);
         session.expect_slots();
 
-        let said = session.deeds().bytes_for_usb();
+        let sent_by_arm = session.arm_counts().bytes_for_usb();
         let usb = session.usb();
         assert_eq!(usb.noise_bytes, 0);
-        assert_eq!(usb.asking.answered + usb.asking.given_up, usb.asking.asked());
-        let missed = said - usb.bytes;
+        assert_eq!(usb.tracker.answered + usb.tracker.given_up, usb.tracker.issued());
+        let missed = sent_by_arm - usb.bytes;
         let handed_over = session.traffic.packets_to_host;
-        let taken = session.deeds().tickets_of_usb();
+        let taken = session.arm_counts().tickets_of_usb();
         session.expect_counters(|expected, counted| {
             // A cable that is pulled out, and one that is put in until the host resets the bus, is a suspended bus.
             expected.usb_resets += TIMES;
@@ -108,7 +108,7 @@ fn a_host_that_is_unplugged_loses_its_own_answers_only() {
             assert!((counted.unheard_bytes..=counted.unheard_bytes + TIMES * PACKET as u32).contains(&missed));
             // All but what was queued for the subscriber that went.
             expected.dropped_events = counted.dropped_events;
-            let queued = counted.frames - told - counted.dropped_events;
+            let queued = counted.frames - reported - counted.dropped_events;
             assert!((1..TIMES * 40).contains(&queued), "{queued} events for nobody");
         });
     });
@@ -138,7 +138,7 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
         session.finish();
         expect_no_strays(session);
         // What was on its way to it by ISO-TP is lost, one answer at most each time; the next interrupts one that had begun.
-        let lost = session.can().asking.given_up;
+        let lost = session.can().tracker.given_up;
         assert!((1..=TIMES).contains(&lost), "{lost} answers lost");
         let failures = &session.can().failures;
         let interrupted = |failure: &isotp::Error| matches!(failure, isotp::Error::Interrupted { .. });
@@ -146,8 +146,8 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
             failures.len() as u32 <= TIMES && failures.iter().all(interrupted),
             "{failures:?}"
         );
-        assert_eq!((session.usb().asking.given_up, session.usb().noise_bytes), (0, 0));
-        let polls = session.deeds().polls;
+        assert_eq!((session.usb().tracker.given_up, session.usb().noise_bytes), (0, 0));
+        let polls = session.arm_counts().polls;
         let telemetry = &session.can().telemetry;
         assert!(telemetry.gaps <= TIMES, "one that had begun: {telemetry:?}");
         assert!(
@@ -156,11 +156,11 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
         );
         session.expect_slots();
         // Each time it is told both here and there.
-        let notes = session.can().notes.clone();
-        let told: Vec<_> = [true, false].repeat(TIMES as usize);
-        let told: Vec<_> = told.into_iter().map(|off| Event::BusOff { off }).collect();
-        assert_eq!(events(session), told);
-        assert_eq!(notes, told);
+        let can_events = session.can().can_events.clone();
+        let reported: Vec<_> = [true, false].repeat(TIMES as usize);
+        let reported: Vec<_> = reported.into_iter().map(|off| Event::BusOff { off }).collect();
+        assert_eq!(events(session), reported);
+        assert_eq!(can_events, reported);
 
         let broken = session.traffic.broken_frames;
         session.expect_counters(|expected, counted| {
@@ -189,7 +189,7 @@ fn errors_and_strays_on_the_arms_line_are_counted_and_cost_no_other_answer() {
             session.board.uart().plan_fault(nth * 7 % 15, Fault::Framing);
             session.board.uart().plan_fault(20 + nth, Fault::Noise);
             session.run_for(millis(20));
-            session.board.with_arm(|arm| arm.say(&[0x55, 0x00, 0xFF, nth as u8]));
+            session.board.with_arm(|arm| arm.send(&[0x55, 0x00, 0xFF, nth as u8]));
             session.run_for(millis(160));
         }
         let before = answered(session);
@@ -201,15 +201,15 @@ fn errors_and_strays_on_the_arms_line_are_counted_and_cost_no_other_answer() {
 
         let traffic = session.traffic;
         assert_eq!((traffic.framing_faults, traffic.noise_faults), (TIMES, TIMES));
-        let deeds = session.deeds();
+        let arm_counts = session.arm_counts();
         let subscriber = session.hosts.subscriber.as_ref().unwrap();
         let frames = subscriber.all_frames();
         let noise = traffic.bytes_from_arm - subscriber.frame_bytes;
         let polls = subscriber.frames(Some(Initiator::Poll));
         let lost = [
-            session.hosts.usb.as_ref().unwrap().asking.given_up,
-            session.hosts.can.as_ref().unwrap().asking.given_up,
-            deeds.polls - polls,
+            session.hosts.usb.as_ref().unwrap().tracker.given_up,
+            session.hosts.can.as_ref().unwrap().tracker.given_up,
+            arm_counts.polls - polls,
         ];
         println!("answers lost for USB, CAN and polls: {lost:?}");
         assert!((1..=TIMES).contains(&lost.iter().sum()));
@@ -232,31 +232,31 @@ fn what_a_host_does_not_read_is_dropped_and_counted() {
         session.run_for(millis(100));
         // It asks on, and does not read.
         session.board.usb().set_reading(false);
-        session.usb().insists = true;
+        session.usb().ignores_window = true;
         let before = answered(session);
         session.run_for(millis(400));
         expect_more(session, before, [0, 100, 39]);
-        session.usb().insists = false;
-        session.usb().asking.asks = false;
+        session.usb().ignores_window = false;
+        session.usb().tracker.enabled = false;
         session.run_for(millis(100));
         session.board.usb().set_reading(true);
         session.run_for(millis(50));
-        session.usb().asking.asks = true;
+        session.usb().tracker.enabled = true;
 
         let before = answered(session);
         session.run_for(millis(200));
         expect_more(session, before, [200, 60, 19]);
         session.finish();
-        assert_eq!(session.can().asking.strays, Vec::<Vec<u8>>::new());
+        assert_eq!(session.can().tracker.strays, Vec::<Vec<u8>>::new());
         expect_can_undisturbed(session);
         assert_eq!(events(session), []);
         session.expect_slots();
 
-        let deeds = session.deeds();
+        let arm_counts = session.arm_counts();
         let usb = session.hosts.usb.as_ref().unwrap();
         // What was kept are the answers that it did not wait for any more, from the first on.
         let kept: Vec<_> = usb
-            .asking
+            .tracker
             .strays
             .iter()
             .map(|stray| Ticket::of_answer(stray).unwrap().0.number)
@@ -265,9 +265,9 @@ fn what_a_host_does_not_read_is_dropped_and_counted() {
             kept.len() > 100 && kept.windows(2).all(|pair| pair[1] == pair[0] + 1),
             "{kept:?}"
         );
-        assert_eq!(usb.asking.asked(), deeds.tickets_of_usb());
-        let dropped = deeds.bytes_for_usb() - usb.bytes;
-        println!("{dropped} bytes dropped of {}", deeds.bytes_for_usb());
+        assert_eq!(usb.tracker.issued(), arm_counts.tickets_of_usb());
+        let dropped = arm_counts.bytes_for_usb() - usb.bytes;
+        println!("{dropped} bytes dropped of {}", arm_counts.bytes_for_usb());
         assert!(dropped > 1_000);
         assert!(
             usb.noise_bytes < 15,
@@ -291,9 +291,9 @@ fn what_a_subscriber_does_not_read_is_dropped_and_counted() {
         session.finish();
         expect_no_strays(session);
         session.expect_slots();
-        let told = session.subscriber().all_frames();
-        let dropped = session.deeds().answers - told;
-        println!("{dropped} events dropped, {told} told");
+        let reported = session.subscriber().all_frames();
+        let dropped = session.arm_counts().answers - reported;
+        println!("{dropped} events dropped, {reported} told");
         assert!(dropped > 300);
         session.expect_counters(|expected, _| expected.dropped_events += dropped);
     });
@@ -307,7 +307,7 @@ fn a_host_on_can_that_hangs_loses_one_answer_and_keeps_nobody_waiting() {
             session.run_for(millis(100));
             // Its request is on its way, and it will not give flow control for the answer.
             session.hosts.run_until(session.board, millis(20), |hosts, board| {
-                hosts.can.as_ref().is_some_and(|can| !can.asking.is_done()) && board.can().unsent() == 0
+                hosts.can.as_ref().is_some_and(|can| !can.tracker.is_done()) && board.can().unsent() == 0
             });
             session.can().hangs = true;
             let before = answered(session);
@@ -321,8 +321,8 @@ fn a_host_on_can_that_hangs_loses_one_answer_and_keeps_nobody_waiting() {
         session.finish();
         expect_no_strays(session);
         session.expect_slots();
-        assert_eq!(session.can().asking.given_up, TIMES);
-        assert_eq!((session.usb().asking.given_up, session.usb().noise_bytes), (0, 0));
+        assert_eq!(session.can().tracker.given_up, TIMES);
+        assert_eq!((session.usb().tracker.given_up, session.usb().noise_bytes), (0, 0));
         session.expect_counters(|expected, _| expected.isotp_failures += TIMES);
     });
 }
@@ -334,9 +334,9 @@ fn an_arm_that_falls_silent_is_asked_on_in_the_same_slots() {
         session.board.with_arm(|arm| arm.set_silent(true));
         session.run_for(millis(700));
         // Now the host on CAN has only polls beside it.
-        session.usb().asking.asks = false;
+        session.usb().tracker.enabled = false;
         session.run_for(millis(800));
-        session.usb().asking.asks = true;
+        session.usb().tracker.enabled = true;
         session.board.with_arm(|arm| arm.set_silent(false));
         // The last request that was given up may still be owed an answer.
         session.run_for(millis(200));
@@ -346,34 +346,34 @@ fn an_arm_that_falls_silent_is_asked_on_in_the_same_slots() {
         session.finish();
         session.expect_slots();
 
-        let deeds = session.deeds();
-        let told = [Initiator::Usb, Initiator::Can, Initiator::Poll]
+        let arm_counts = session.arm_counts();
+        let reported = [Initiator::Usb, Initiator::Can, Initiator::Poll]
             .map(|initiator| session.subscriber().frames(Some(initiator)));
         let lost = [
-            deeds.tickets_of_usb() - told[0],
-            deeds.tickets_of_can() - told[1],
-            deeds.polls - told[2],
+            arm_counts.tickets_of_usb() - reported[0],
+            arm_counts.tickets_of_can() - reported[1],
+            arm_counts.polls - reported[2],
         ];
         println!("unanswered requests of USB, CAN and polls: {lost:?}");
         // What they asked and had given up by the time it was their turn was answered all the same.
-        let answered = |asking: &Asking| asking.answered + asking.strays.len() as u32;
+        let answered = |tracker: &RequestTracker| tracker.answered + tracker.strays.len() as u32;
         assert_eq!(
-            [answered(&session.usb().asking), answered(&session.can().asking)],
-            told[..2]
+            [answered(&session.usb().tracker), answered(&session.can().tracker)],
+            reported[..2]
         );
-        assert_eq!(session.usb().asking.asked(), deeds.tickets_of_usb());
-        let refused = session.can().asking.asked() - deeds.tickets_of_can();
+        assert_eq!(session.usb().tracker.issued(), arm_counts.tickets_of_usb());
+        let refused = session.can().tracker.issued() - arm_counts.tickets_of_can();
         let refusal = Event::Refused {
             initiator: Initiator::Can,
             reason: Refusal::QueueFull,
         };
         assert_eq!(events(session), vec![refusal; refused as usize]);
         assert!(lost.iter().all(|&lost| lost > 1), "{lost:?}");
-        assert_eq!(lost.iter().sum::<u32>(), deeds.unanswered());
+        assert_eq!(lost.iter().sum::<u32>(), arm_counts.unanswered());
         assert_eq!(session.usb().noise_bytes, 0);
         session.expect_counters(|expected, counted| {
             expected.refused_can_requests += refused;
-            expected.unanswered_requests += deeds.unanswered();
+            expected.unanswered_requests += arm_counts.unanswered();
             expected.missed_polls = counted.missed_polls;
         });
     });
@@ -382,7 +382,7 @@ fn an_arm_that_falls_silent_is_asked_on_in_the_same_slots() {
 #[test]
 fn polls_are_in_the_slots_of_before_when_an_arm_was_silent() {
     session(TURNAROUND, polled(HERTZ), |session| {
-        session.hosts.set_asking(false);
+        session.hosts.set_requesting(false);
         let mut starts = Vec::new();
         for silent in [false, true, false] {
             session.board.with_arm(|arm| arm.set_silent(silent));
@@ -407,7 +407,7 @@ fn polls_are_in_the_slots_of_before_when_an_arm_was_silent() {
             most - least
         );
         assert!(starts.len() >= 58 && most - least <= 10_000);
-        let unanswered = session.deeds().unanswered();
+        let unanswered = session.arm_counts().unanswered();
         assert!(unanswered >= 4, "{unanswered}");
         session.expect_counters(|expected, counted| {
             expected.unanswered_requests += unanswered;
@@ -428,8 +428,8 @@ fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Sessio
     };
     session(TURNAROUND, config, |session| {
         match initiator {
-            Initiator::Usb => session.usb().asking.asks = false,
-            _ => session.can().asking.asks = false,
+            Initiator::Usb => session.usb().tracker.enabled = false,
+            _ => session.can().tracker.enabled = false,
         }
         for _ in 0..MOVES {
             send(session, &motion());
@@ -445,7 +445,7 @@ fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Sessio
         };
         let event = [event];
         assert_eq!(events(session), event);
-        assert_eq!(session.can().notes, event);
+        assert_eq!(session.can().can_events, event);
         let mut expected = vec![motion(); MOVES as usize];
         if torque_off {
             expected.push(frame(Request::SetTorque(Torque::Off)));
@@ -454,7 +454,7 @@ fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Sessio
 
         // It may begin anew, and it alone counts as silent.
         send(session, &motion());
-        session.hosts.set_asking(true);
+        session.hosts.set_requesting(true);
         let before = answered(session);
         session.run_for(millis(700));
         expect_more(session, before, [400, 100, 69]);
@@ -504,7 +504,7 @@ fn the_torque_goes_off_when_a_host_on_can_falls_silent_and_that_is_configured() 
 
 #[test]
 fn the_torque_goes_off_when_the_watchdog_restarts_an_armed_adapter() {
-    let mut board = VirtualBoard::start(BoardConfig::new(path(), Witness::new(TURNAROUND))).unwrap();
+    let mut board = VirtualBoard::start(BoardConfig::new(path(), TicketArm::new(TURNAROUND))).unwrap();
     plug_in(&mut board, MEGABAUD);
     let mut control = Control::open(&mut board);
     let host_timeout = HostTimeout {
@@ -520,11 +520,11 @@ fn the_torque_goes_off_when_the_watchdog_restarts_an_armed_adapter() {
         board.usb().write(&motion()).unwrap();
         board.run_for(millis(20)).unwrap();
     }
-    assert_eq!(board.with_arm(Witness::take_others), vec![motion(); 10]);
+    assert_eq!(board.with_arm(TicketArm::take_others), vec![motion(); 10]);
     board.hold_core().unwrap();
     board.run_for(millis(5_000)).unwrap();
     let torque_off = frame(Request::SetTorque(Torque::Off));
-    assert_eq!(board.with_arm(Witness::take_others), [torque_off]);
+    assert_eq!(board.with_arm(TicketArm::take_others), [torque_off]);
 
     let report = board.report().unwrap();
     report.check().unwrap();
@@ -537,7 +537,7 @@ fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
     const BURST: usize = 12;
     // The arm thinks for as long as the burst takes.
     session(Duration::from_micros(2_000), polled(HERTZ), |session| {
-        session.can().asking.asks = false;
+        session.can().tracker.enabled = false;
         session.run_for(millis(100));
         // As many as there are, without a wait for the answers, each in one frame.
         let joints = frame(Request::ReadJoints);
@@ -547,13 +547,13 @@ fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
             session.board.can().send(&single).unwrap();
         }
         // And one in two.
-        session.can().asking.asks = true;
+        session.can().tracker.enabled = true;
         session.run_for(millis(200));
         session.finish();
 
-        let answers = std::mem::take(&mut session.can().asking.strays);
+        let answers = std::mem::take(&mut session.can().tracker.strays);
         // The one in two frames was refused by flow control, too.
-        assert_eq!(session.can().asking.given_up, 1);
+        assert_eq!(session.can().tracker.given_up, 1);
         assert!(matches!(session.can().failures[..], [isotp::Error::Overflow { .. }]));
         assert!(answers.iter().all(|answer| answer[..3] == joints[..3]), "{answers:?}");
         let refused = (BURST + 1 - answers.len()) as u32;
@@ -565,7 +565,7 @@ fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
             reason: Refusal::QueueFull,
         };
         assert_eq!(events(session), vec![refusal.clone(); refused as usize]);
-        assert_eq!(session.can().notes, vec![refusal; refused as usize]);
+        assert_eq!(session.can().can_events, vec![refusal; refused as usize]);
         session.expect_counters(|expected, _| {
             expected.requests_can += answers.len() as u32;
             expected.requests_poll -= answers.len() as u32;
@@ -581,16 +581,16 @@ fn what_the_arm_says_unasked_goes_to_can_too_and_what_is_too_much_is_counted() {
     config.can.unsolicited = true;
     session(TURNAROUND, config, |session| {
         session.run_for(millis(100));
-        session.hosts.set_asking(false);
+        session.hosts.set_requesting(false);
         session.run_for(millis(20));
-        let said = frame(Request::SetTorque(Torque::On));
-        session.board.with_arm(|arm| arm.say(&said.repeat(FRAMES as usize)));
+        let unasked = frame(Request::SetTorque(Torque::On));
+        session.board.with_arm(|arm| arm.send(&unasked.repeat(FRAMES as usize)));
         session.run_for(millis(100));
-        let on_can = std::mem::take(&mut session.can().asking.strays);
-        assert!(on_can.iter().all(|frame| *frame == said));
-        let on_usb = std::mem::take(&mut session.usb().asking.strays);
-        assert_eq!(on_usb, vec![said; FRAMES as usize]);
-        session.hosts.set_asking(true);
+        let on_can = std::mem::take(&mut session.can().tracker.strays);
+        assert!(on_can.iter().all(|frame| *frame == unasked));
+        let on_usb = std::mem::take(&mut session.usb().tracker.strays);
+        assert_eq!(on_usb, vec![unasked; FRAMES as usize]);
+        session.hosts.set_requesting(true);
         session.run_for(millis(100));
         session.finish();
         expect_no_strays(session);

@@ -16,7 +16,7 @@ fn trace(seed: u64) -> u64 {
             line_break: 2_000,
             overrun: 2_000,
         });
-        board.with_arm(|arm| arm.say(&noise(1, 5_000)));
+        board.with_arm(|arm| arm.send(&noise(1, 5_000)));
         board.usb().write(&noise(2, 5_000)).unwrap();
         read_all(board);
         board.trace_hash()

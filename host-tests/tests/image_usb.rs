@@ -117,19 +117,19 @@ fn a_host_that_stops_reading_does_not_block_the_arm() {
 
         // The host's program hangs; the arm talks on, and is talked to.
         board.usb().set_reading(false);
-        let (said, asked) = (noise(1, 50_000), noise(2, 50_000));
-        board.with_arm(|arm| arm.say(&said));
-        board.usb().write(&asked).unwrap();
+        let (sent_by_arm, sent_by_host) = (noise(1, 50_000), noise(2, 50_000));
+        board.with_arm(|arm| arm.send(&sent_by_arm));
+        board.usb().write(&sent_by_host).unwrap();
         board.run_for(Nanos::from_millis(600)).unwrap();
-        same_bytes("the arm", &board.with_arm(Talker::take_heard), &asked);
+        same_bytes("the arm", &board.with_arm(Talker::take_received), &sent_by_host);
 
         // It comes back, and gets what fitted, from the beginning.
         board.usb().set_reading(true);
         let received = read_all(board);
         let dropped = (counters(board).dropped_bytes - before.dropped_bytes) as usize;
         assert!(received.len() >= 2_048, "{} bytes were kept", received.len());
-        same_bytes("the host", &received, &said[..received.len()]);
-        assert_eq!(received.len() + dropped, said.len());
+        same_bytes("the host", &received, &sent_by_arm[..received.len()]);
+        assert_eq!(received.len() + dropped, sent_by_arm.len());
 
         exchange_some(board, 3);
         assert_eq!(counters(board).dropped_bytes as usize, dropped);
@@ -140,8 +140,8 @@ fn a_host_that_stops_reading_does_not_block_the_arm() {
 fn what_a_host_misses_while_the_arm_talks_on_is_counted_and_the_rest_comes_in_order() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
-        let said = noise(1, 100_000);
-        board.with_arm(|arm| arm.say(&said));
+        let sent_by_arm = noise(1, 100_000);
+        board.with_arm(|arm| arm.send(&sent_by_arm));
         for _ in 0..4 {
             board.run_for(Nanos::from_millis(100)).unwrap();
             board.usb().set_reading(false);
@@ -149,11 +149,11 @@ fn what_a_host_misses_while_the_arm_talks_on_is_counted_and_the_rest_comes_in_or
             board.usb().set_reading(true);
         }
         let received = read_all(board);
-        let missed = missing(&said, &received);
+        let missed = missing(&sent_by_arm, &received);
         assert!(missed.len() == 4, "{missed:?}: one gap for each time");
         let dropped = counters(board).dropped_bytes as usize;
         assert_eq!(missed.iter().sum::<usize>(), dropped);
-        assert_eq!(received.len() + dropped, said.len());
+        assert_eq!(received.len() + dropped, sent_by_arm.len());
         exchange_some(board, 2);
     });
 }
@@ -185,7 +185,7 @@ fn a_host_that_never_reads_does_not_make_the_adapter_start_again() {
         plug_in(board, MEGABAUD);
         board.usb().set_reading(false);
         for second in 0..5 {
-            board.with_arm(|arm| arm.say(&noise(second, 5_000)));
+            board.with_arm(|arm| arm.send(&noise(second, 5_000)));
             board.run_for(Nanos::from_millis(1_000)).unwrap();
         }
         board.usb().set_reading(true);
@@ -199,7 +199,7 @@ fn an_adapter_that_no_host_finds_waits() {
     on_board(Talker::default(), |board| {
         // Before its UART runs, it hears nothing.
         board.run_for(Nanos::from_millis(10)).unwrap();
-        board.with_arm(|arm| arm.say(&noise(1, 3_000)));
+        board.with_arm(|arm| arm.send(&noise(1, 3_000)));
         board.run_for(Nanos::from_millis(5_000)).unwrap();
         plug_in(board, MEGABAUD);
         assert_eq!(read_all(board), [], "nobody had the port open when that came");
@@ -213,7 +213,7 @@ fn transactions_that_end_in_a_nak_cost_no_byte() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         let (down, up) = (noise(1, 20_000), noise(2, 20_000));
-        board.with_arm(|arm| arm.say(&up));
+        board.with_arm(|arm| arm.send(&up));
         board.usb().write(&down).unwrap();
         let mut received = Vec::new();
         for nth in 0..100 {
@@ -224,7 +224,7 @@ fn transactions_that_end_in_a_nak_cost_no_byte() {
         }
         received.extend(read_all(board));
         same_bytes("the host", &received, &up);
-        same_bytes("the arm", &board.with_arm(Talker::take_heard), &down);
+        same_bytes("the arm", &board.with_arm(Talker::take_received), &down);
     });
 }
 
@@ -235,7 +235,7 @@ fn the_port_works_again_after_it_was_unplugged() {
         for nth in 0..4 {
             exchange_some(board, nth);
             board.usb().detach();
-            board.with_arm(|arm| arm.say(b"nobody hears this"));
+            board.with_arm(|arm| arm.send(b"nobody hears this"));
             board.run_for(Duration::from_millis(20 + nth)).unwrap();
             assert!(!board.usb().connected());
             plug_in(board, MEGABAUD);
@@ -250,7 +250,7 @@ fn an_adapter_that_is_pulled_out_in_full_flow_works_again() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         for nth in 0..8 {
-            board.with_arm(|arm| arm.say(&noise(nth, 10_000)));
+            board.with_arm(|arm| arm.send(&noise(nth, 10_000)));
             board.usb().write(&noise(nth, 10_000)).unwrap();
             board.run_for(Duration::from_micros(20_000 + 137 * nth)).unwrap();
             board.usb().detach();
@@ -267,7 +267,7 @@ fn the_port_works_again_after_a_bus_reset_in_full_flow() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         for nth in 0..8 {
-            board.with_arm(|arm| arm.say(&noise(nth, 10_000)));
+            board.with_arm(|arm| arm.send(&noise(nth, 10_000)));
             board.usb().write(&noise(nth, 10_000)).unwrap();
             board.run_for(Duration::from_micros(20_000 + 137 * nth)).unwrap();
             board.usb().reset_bus();
@@ -288,13 +288,13 @@ fn a_suspended_port_goes_on_where_it_was() {
         let before = counters(board).usb_suspends;
         board.usb().suspend();
         board.run_for(Nanos::from_millis(3_000)).unwrap();
-        let said = noise(1, 500);
-        board.with_arm(|arm| arm.say(&said));
+        let sent_by_arm = noise(1, 500);
+        board.with_arm(|arm| arm.send(&sent_by_arm));
         board.run_for(Nanos::from_millis(100)).unwrap();
         assert_eq!(board.usb().read(), []);
         board.usb().resume();
         board.run_for(Nanos::from_millis(30)).unwrap();
-        same_bytes("the host", &read_all(board), &said);
+        same_bytes("the host", &read_all(board), &sent_by_arm);
         exchange_some(board, 2);
         assert_eq!(counters(board).usb_suspends - before, 1);
     });
@@ -304,18 +304,18 @@ fn a_suspended_port_goes_on_where_it_was() {
 fn a_port_suspended_in_full_flow_counts_what_it_could_not_keep() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
-        let (said, asked) = (noise(1, 20_000), noise(2, 20_000));
-        board.with_arm(|arm| arm.say(&said));
-        board.usb().write(&asked).unwrap();
+        let (sent_by_arm, sent_by_host) = (noise(1, 20_000), noise(2, 20_000));
+        board.with_arm(|arm| arm.send(&sent_by_arm));
+        board.usb().write(&sent_by_host).unwrap();
         board.run_for(Duration::from_micros(50_123)).unwrap();
         board.usb().suspend();
         board.run_for(Nanos::from_millis(50)).unwrap();
         board.usb().resume();
         board.run_for(Nanos::from_millis(300)).unwrap();
         let received = read_all(board);
-        let missed = missing(&said, &received);
+        let missed = missing(&sent_by_arm, &received);
         assert_eq!(missed.iter().sum::<usize>(), counters(board).dropped_bytes as usize);
-        same_bytes("the arm", &board.with_arm(Talker::take_heard), &asked);
+        same_bytes("the arm", &board.with_arm(Talker::take_received), &sent_by_host);
         exchange_some(board, 3);
     });
 }
@@ -326,7 +326,7 @@ fn a_program_that_closes_the_port_and_opens_it_again_gets_only_what_comes_then()
         plug_in(board, MEGABAUD);
         exchange_some(board, 0);
         board.usb().set_control_lines(false, false).unwrap();
-        board.with_arm(|arm| arm.say(b"nobody hears this"));
+        board.with_arm(|arm| arm.send(b"nobody hears this"));
         board.run_for(Nanos::from_millis(50)).unwrap();
         board.usb().set_control_lines(true, true).unwrap();
         assert_eq!(read_all(board), []);
@@ -344,7 +344,7 @@ fn a_program_gets_nothing_of_what_the_one_before_it_left_unread() {
         for (nth, len) in [17, 64, 128, 300].into_iter().enumerate() {
             let before = counters(board).unheard_bytes;
             board.usb().set_reading(false);
-            board.with_arm(|arm| arm.say(&noise(nth as u64, len)));
+            board.with_arm(|arm| arm.send(&noise(nth as u64, len)));
             board.run_for(Nanos::from_millis(50)).unwrap();
             board.usb().set_control_lines(false, false).unwrap();
             board.run_for(Nanos::from_millis(10_000)).unwrap();
@@ -361,19 +361,19 @@ fn a_program_gets_nothing_of_what_the_one_before_it_left_unread() {
 fn every_byte_is_heard_or_counted_when_the_port_closes_and_opens_while_the_arm_talks() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
-        let said = noise(1, 60_000);
-        board.with_arm(|arm| arm.say(&said));
+        let sent_by_arm = noise(1, 60_000);
+        board.with_arm(|arm| arm.send(&sent_by_arm));
         // At other places of a packet's way each time.
         for nth in 0..200 {
             board.run_for(Nanos((2_000 + 37 * nth % 1_300) * 1_000)).unwrap();
             board.usb().set_control_lines(nth % 2 == 1, true).unwrap();
         }
-        let heard = read_all(board);
-        let missed: usize = missing(&said, &heard).iter().sum();
+        let received = read_all(board);
+        let missed: usize = missing(&sent_by_arm, &received).iter().sum();
         let counters = counters(board);
-        assert_eq!(heard.len() + missed, said.len());
+        assert_eq!(received.len() + missed, sent_by_arm.len());
         assert_eq!(missed, (counters.unheard_bytes + counters.dropped_bytes) as usize);
-        assert!(counters.unheard_bytes > 1_000 && heard.len() > 1_000);
+        assert!(counters.unheard_bytes > 1_000 && received.len() > 1_000);
         exchange_some(board, 1);
     });
 }
@@ -400,12 +400,12 @@ fn an_arm_is_read_again_after_each_thing_that_can_happen_to_the_cable() {
         board.usb().resume();
         board.run_for(Nanos::from_millis(30)).unwrap();
         read(board);
-        let asked = board
+        let requested = board
             .uart()
             .bytes()
             .iter()
             .filter(|byte| byte.direction == Way::ToArm)
             .count();
-        assert_eq!(asked, 4 * 7, "each was asked once");
+        assert_eq!(requested, 4 * 7, "each was asked once");
     });
 }

@@ -50,12 +50,12 @@ fn answers(board: &mut Board, after: &str) {
 
 /// A byte goes each way.
 fn passes_bytes(board: &mut Board, byte: u8, after: &str) {
-    board.with_arm(|arm| arm.say(&[byte]));
+    board.with_arm(|arm| arm.send(&[byte]));
     board.usb().write(&[!byte]).unwrap();
     let mut got = (Vec::new(), Vec::new());
     let passed = board.run_until(READY, |board| {
         got.0.extend(board.usb().read());
-        got.1.extend(board.with_arm(Talker::take_heard));
+        got.1.extend(board.with_arm(Talker::take_received));
         !got.0.is_empty() && !got.1.is_empty()
     });
     assert!(passed.is_ok(), "{after}: {got:?}");
@@ -245,16 +245,16 @@ fn what_waits_for_the_host_is_there_after_a_halt_is_cleared_or_the_interface_set
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for (nth, len) in [5, 64, 70, 200, 300].into_iter().enumerate() {
-            let said = noise(nth as u64, len);
+            let sent_by_arm = noise(nth as u64, len);
             board.usb().set_reading(false);
-            board.with_arm(|arm| arm.say(&said));
+            board.with_arm(|arm| arm.send(&sent_by_arm));
             board.run_for(Nanos::from_millis(20)).unwrap();
             match nth % 2 {
                 0 => board.usb().clear_halt(Direction::In).unwrap(),
                 _ => board.usb().set_interface().unwrap(),
             }
             board.usb().set_reading(true);
-            same_bytes("the host", &read_all(board), &said);
+            same_bytes("the host", &read_all(board), &sent_by_arm);
         }
     });
 }
@@ -267,9 +267,9 @@ fn loses_nothing_uncounted(act: impl Fn(&mut Board, u64)) {
         exchange(board, &noise(1, 500), &noise(2, 500));
         let before = counters(board);
         board.usb().forget_packets();
-        let (said, asked) = (noise(3, 30_000), noise(4, 10_000));
-        board.with_arm(|arm| arm.say(&said));
-        for (nth, part) in asked.chunks(500).enumerate() {
+        let (sent_by_arm, sent_by_host) = (noise(3, 30_000), noise(4, 10_000));
+        board.with_arm(|arm| arm.send(&sent_by_arm));
+        for (nth, part) in sent_by_host.chunks(500).enumerate() {
             board.usb().write(part).unwrap();
             board.run_for(Nanos(2_000_000 + 137_000 * (nth as u64 % 9))).unwrap();
             act(board, nth as u64);
@@ -281,12 +281,16 @@ fn loses_nothing_uncounted(act: impl Fn(&mut Board, u64)) {
             let port = packets.iter().filter(|one| one.direction == direction);
             port.flat_map(|packet| packet.data.iter().copied()).collect()
         };
-        same_bytes("the arm", &board.with_arm(Talker::take_heard), &sent(Direction::Out));
+        same_bytes("the arm", &board.with_arm(Talker::take_received), &sent(Direction::Out));
         let after = counters(board);
         let missed = after.unheard_bytes + after.dropped_bytes - before.unheard_bytes - before.dropped_bytes;
-        let heard = sent(Direction::In).len();
-        assert_eq!(heard + missed as usize, said.len(), "{heard} heard, {missed} counted");
-        assert!(heard > 1_000, "{heard}");
+        let received = sent(Direction::In).len();
+        assert_eq!(
+            received + missed as usize,
+            sent_by_arm.len(),
+            "{received} heard, {missed} counted"
+        );
+        assert!(received > 1_000, "{received}");
         assert_eq!(after.refused_bytes, before.refused_bytes);
         exchange(board, &noise(5, 500), &noise(6, 500));
     });

@@ -16,7 +16,7 @@ struct Dawdler {
     device: Device<Ling, MAX_FRAME>,
     /// How late the coming answers are, in turn; `None` for one that never comes.
     delays: VecDeque<Option<Duration>>,
-    heard: u16,
+    received: u16,
     replies: VecDeque<(Instant, u8)>,
 }
 
@@ -28,9 +28,9 @@ impl SerialDevice for Dawdler {
             ..
         }) = self.device.poll()
         {
-            self.heard += 1;
+            self.received += 1;
             let state = JointState {
-                joints: [self.heard; JOINTS],
+                joints: [self.received; JOINTS],
                 gripper: 0,
                 status: MotionStatus::Idle,
             };
@@ -65,10 +65,10 @@ proptest! {
         ], 0..60),
         calls in 1..30_usize,
     ) {
-        let device = Dawdler { device: Device::new(Ling), delays: delays.into(), heard: 0, replies: VecDeque::new() };
+        let device = Dawdler { device: Device::new(Ling), delays: delays.into(), received: 0, replies: VecDeque::new() };
         let mut wire = Wire::<Ling, _, MAX_FRAME>::new(Config::DEFAULT, device);
         for _ in 0..calls {
-            let before = wire.device().heard;
+            let before = wire.device().received;
             match wire.call(Request::ReadJoints) {
                 Ok(Some(Response::Joints(state))) => {
                     prop_assert!(state.joints[0] > before, "an answer to request {} of {before}", state.joints[0]);

@@ -47,7 +47,7 @@ POLL_HZ, TELEMETRY_HZ, COMMAND_TIMEOUT_MS, SILENCE_MS = 100, 50, 1000, 1000
 # How long an answer may take, and how long none must come, in seconds. The virtual board is slow on a busy machine.
 ANSWER, NO_ANSWER = 30.0, 0.3
 # How long any motion here may take.
-PATIENCE = 30.0
+STEP_TIMEOUT = 30.0
 MOVES = 50
 # How many requests and commands here are refused: six that are no frame, one too long, three commands.
 REFUSED = 10
@@ -402,7 +402,7 @@ def commands(adapter: Adapter) -> None:
             expect("the start moves nothing", adapter.joints()[:2] == (start, gripper))
         sequence += 1
         time.sleep(0.01)
-        expect_quietly("commands move the arm in time", time.monotonic() - began < PATIENCE)
+        expect_quietly("commands move the arm in time", time.monotonic() - began < STEP_TIMEOUT)
     expect(f"{sequence} commands moved the arm to {target}", not adapter.cyclic.events())
     telemetry_agrees(adapter)
     wait_until("that they stop is reported", lambda: (HOST_SILENT, BY_COMMAND) in adapter.cyclic.events())
@@ -492,8 +492,8 @@ def wait_until(what: str, holds: Callable[[], bool], quietly: bool = False) -> N
     """Asks again and again until it holds; ends the program when patience does."""
     start = time.monotonic()
     while not holds():
-        if time.monotonic() - start > PATIENCE:
-            sys.exit(f"FAILED: not within {PATIENCE:.0f} s: {what}")
+        if time.monotonic() - start > STEP_TIMEOUT:
+            sys.exit(f"FAILED: not within {STEP_TIMEOUT:.0f} s: {what}")
         time.sleep(0.001)
     if not quietly:
         print(f"ok: {what}, after {time.monotonic() - start:.1f} s", flush=True)

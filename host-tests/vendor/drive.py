@@ -19,7 +19,7 @@ TICK = 360 / 4096
 # Servos 1 to 9 of a follower move its joints, the tenth its gripper.
 JOINT_SERVOS = 9
 # How long any motion here may take, in seconds.
-PATIENCE = 20.0
+STEP_TIMEOUT = 20.0
 TARGET = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
 HOME = [0.0] * 6
 
@@ -142,8 +142,8 @@ def wait_until(what: str, holds: Callable[[], bool]) -> None:
     """Asks again and again until it holds; ends the program when patience does."""
     start = time.monotonic()
     while not holds():
-        if time.monotonic() - start > PATIENCE:
-            sys.exit(f"FAILED: not within {PATIENCE:.0f} s: {what}")
+        if time.monotonic() - start > STEP_TIMEOUT:
+            sys.exit(f"FAILED: not within {STEP_TIMEOUT:.0f} s: {what}")
     print(f"ok: {what}, after {time.monotonic() - start:.1f} s", flush=True)
 
 

@@ -21,7 +21,7 @@ MOVING, AT_REST, PAUSED, STOPPED, RESET = 1, 2, 3, 4, 5
 # An error of the vendor's list: a joint angle beyond its limit.
 JOINT_LIMIT = 23
 # How long anything here may take, in seconds. The longest is 30 s, after which the SDK asks how the arm is.
-PATIENCE = 60.0
+STEP_TIMEOUT = 60.0
 # How long all of it may take.
 LIMIT = 240.0
 # Angles and positions pass through 32 bits and are rounded by the SDK: degrees, millimetres.
@@ -310,8 +310,8 @@ def wait_until(what: str, holds: Callable[[], bool]) -> None:
     """Asks again and again until it holds; ends the program when patience does."""
     start = time.monotonic()
     while not holds():
-        if time.monotonic() - start > PATIENCE:
-            sys.exit(f"FAILED: not within {PATIENCE:.0f} s: {what}")
+        if time.monotonic() - start > STEP_TIMEOUT:
+            sys.exit(f"FAILED: not within {STEP_TIMEOUT:.0f} s: {what}")
         time.sleep(0.01)
     print(f"ok: {what}, after {time.monotonic() - start:.1f} s", flush=True)
 

@@ -13,7 +13,7 @@ from xarm.wrapper import XArmAPI
 from xarm.x3.report import ReportDataStructure
 
 # How long the virtual arm may take to start or end, in seconds.
-PATIENCE = 10.0
+STEP_TIMEOUT = 10.0
 
 # What the SDK has to complain of.
 complaints: list[str] = []
@@ -57,7 +57,7 @@ class VirtualArm:
 
     def wait(self) -> str:
         """Waits until it ends by itself, successfully, and returns the last line it says."""
-        out, _ = self._process.communicate(timeout=PATIENCE)
+        out, _ = self._process.communicate(timeout=STEP_TIMEOUT)
         if self._process.returncode != 0:
             sys.exit(f"FAILED: the virtual arm ended with {self._process.returncode}")
         return out.strip()

@@ -61,9 +61,9 @@ fn count(sum: &str, what: &str) -> usize {
 
 /// Where the bytes of a line are, how many, and whether they are noise. `None` of a line without bytes.
 fn entry(line: &str) -> Option<(usize, usize, bool)> {
-    let (bytes, told) = line.split_once("\n          ")?;
+    let (bytes, meaning) = line.split_once("\n          ")?;
     let mut words = bytes.split_whitespace();
     let offset = words.next()?.parse().ok()?;
-    let is_noise = told.starts_with("noise: ") || told == "the recording ends within a frame";
+    let is_noise = meaning.starts_with("noise: ") || meaning == "the recording ends within a frame";
     Some((offset, words.count(), is_noise))
 }

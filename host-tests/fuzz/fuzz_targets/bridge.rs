@@ -108,7 +108,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             }
             Step::Control => {
                 let request = any_request(u)?;
-                world.control_asks(request);
+                world.control_sends(request);
             }
             Step::ArmBytes(bytes) => world.arm_says(bytes),
             Step::ArmSays => {

@@ -7,7 +7,9 @@ use std::num::NonZeroU32;
 use armwire::dialect::{Effect, InfoOf};
 use armwire::time::{Duration, Instant};
 use armwire::{Client, Config, Event, Output, SubmitError};
-use armwire_fuzz::{Arbitrary, Check, Result, Said, Subject, Unstructured, check, request_bytes, response_bytes};
+use armwire_fuzz::{
+    AnyResponse, Arbitrary, Check, Result, Subject, Unstructured, check, request_bytes, response_bytes,
+};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| check::<Talks>(input));
@@ -45,14 +47,14 @@ impl Check for Talks {
                 Step::Cancel => world.cancel(),
                 Step::Transmit(n) => world.transmit(n.into()),
                 Step::TransmitAll => world.transmit(N),
-                Step::Bytes(bytes) => world.hear(bytes),
-                Step::Response => world.hear(&response_bytes(protocol, &P::any_response(u)?)),
-                Step::Echo => world.hear(&request_bytes(protocol, &P::any_request(u)?)),
+                Step::Bytes(bytes) => world.on_bytes(bytes),
+                Step::Response => world.on_bytes(&response_bytes(protocol, &P::any_response(u)?)),
+                Step::Echo => world.on_bytes(&request_bytes(protocol, &P::any_request(u)?)),
                 Step::Idle => world.idle(),
                 Step::Wait(micros) => world.wait(world.now + Duration::from_micros(u64::from(micros) * 16)),
                 Step::WaitUntilDue => world.wait_until_due(),
             }
-            let over = world.told.flight.is_none() && world.told.line.is_empty();
+            let over = world.model.flight.is_none() && world.model.line.is_empty();
             assert_eq!(world.client.is_idle(), over);
         }
         world.end();
@@ -74,11 +76,11 @@ struct World<P: Subject, const N: usize> {
     now: Instant,
     /// The number of the last request.
     number: u16,
-    told: Told<P>,
+    model: Model<P>,
 }
 
 /// The state that follows from the events so far.
-struct Told<P: Subject> {
+struct Model<P: Subject> {
     protocol: P,
     config: Config,
     flight: Option<Flight<P>>,
@@ -97,7 +99,7 @@ impl<P: Subject, const N: usize> World<P, N> {
             client: Client::new(protocol, config),
             now: Instant::ZERO,
             number: 0,
-            told: Told {
+            model: Model {
                 protocol,
                 config,
                 flight: None,
@@ -112,20 +114,20 @@ impl<P: Subject, const N: usize> World<P, N> {
 
     fn submit(&mut self, request: &P::Request<'_>) {
         let submitted = self.client.submit(request);
-        let told = &mut self.told;
-        if told.flight.is_some() || !told.line.is_empty() {
+        let model = &mut self.model;
+        if model.flight.is_some() || !model.line.is_empty() {
             assert_eq!(submitted, Err(SubmitError::Busy));
             assert!(!SubmitError::Busy.to_string().is_empty() && !format!("{:?}", self.client).is_empty());
             return;
         }
         assert_eq!(submitted, Ok(()));
-        let mut bytes = request_bytes(told.protocol, request);
+        let mut bytes = request_bytes(model.protocol, request);
         self.number = self.number.checked_add(1).unwrap_or(1);
-        told.protocol.stamp(&mut bytes, self.number);
-        let info = told.protocol.request(&bytes).expect("it is a request");
+        model.protocol.stamp(&mut bytes, self.number);
+        let info = model.protocol.request(&bytes).expect("it is a request");
         let turnaround = info.response.map_or(Duration::ZERO, |response| response.turnaround);
-        told.turnaround = told.turnaround.max(turnaround);
-        told.flight = Some(Flight {
+        model.turnaround = model.turnaround.max(turnaround);
+        model.flight = Some(Flight {
             bytes,
             info,
             sends: 0,
@@ -136,7 +138,7 @@ impl<P: Subject, const N: usize> World<P, N> {
 
     fn cancel(&mut self) {
         self.client.cancel();
-        self.told.over();
+        self.model.over();
     }
 
     fn transmit(&mut self, n: usize) {
@@ -145,12 +147,12 @@ impl<P: Subject, const N: usize> World<P, N> {
             return;
         };
         let n = n.min(bytes.len());
-        self.told.transmitted(bytes, n, self.now);
+        self.model.transmitted(bytes, n, self.now);
         assert!(self.client.transmitted(self.now, N + 1).is_err(), "more than there was");
         self.client.transmitted(self.now, n).expect("it was given");
     }
 
-    fn hear(&mut self, bytes: &[u8]) {
+    fn on_bytes(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
             let later = self.client.receive(self.now, rest);
@@ -170,7 +172,7 @@ impl<P: Subject, const N: usize> World<P, N> {
             match self.client.poll(self.now) {
                 Output::Event(event) => {
                     assert!(!format!("{event:?}").is_empty());
-                    self.told.place(event, self.now);
+                    self.model.place(event, self.now);
                 }
                 Output::Transmit(bytes) => {
                     assert!(!bytes.is_empty(), "nothing is to be transmitted");
@@ -198,14 +200,14 @@ impl<P: Subject, const N: usize> World<P, N> {
 
     /// Nothing comes any more: what is in flight ends, within the time that the configuration gives it.
     fn end(mut self) {
-        let end = self.now + self.told.longest(N);
+        let end = self.now + self.model.longest(N);
         // Each is sent, falls due, and may be given a little more time; noise that is waited for ends as well.
-        for _ in 0..6 * (u32::from(self.told.config.repeats) + 2) {
+        for _ in 0..6 * (u32::from(self.model.config.repeats) + 2) {
             self.transmit(N);
             self.wait_until_due();
         }
         assert!(
-            self.told.flight.is_none() && self.client.is_idle(),
+            self.model.flight.is_none() && self.client.is_idle(),
             "{:?} does not end",
             self.client
         );
@@ -219,7 +221,7 @@ impl<P: Subject, const N: usize> World<P, N> {
     }
 }
 
-impl<P: Subject> Told<P> {
+impl<P: Subject> Model<P> {
     /// The request in flight is over. What was begun of it goes out whole, and so does a repeat that was answered meanwhile.
     fn over(&mut self) -> Option<Flight<P>> {
         if self.of_flight && self.out == 0 {
@@ -260,7 +262,7 @@ impl<P: Subject> Told<P> {
             Event::Answer(response) => {
                 let flight = self.over().expect("nothing was asked");
                 let (to, expect) = (Some(flight.info.key), flight.info.expect);
-                let bytes = response_bytes(self.protocol, &Said { response, to, expect });
+                let bytes = response_bytes(self.protocol, &AnyResponse { response, to, expect });
                 assert!(self.protocol.is_response_to(flight.info.key, &bytes));
                 assert!(flight.sends > 0, "answered before it was sent");
             }

@@ -43,7 +43,7 @@ struct Host {
     out: Vec<u8>,
     packet: usize,
     /// What it has asked, as far as that is whole, and what was answered.
-    asked: Vec<core::result::Result<FromHost, Malformed>>,
+    requests: Vec<core::result::Result<FromHost, Malformed>>,
     replies: Vec<(u8, Reply)>,
     reader: Reader<MAX_MESSAGE>,
 }
@@ -58,7 +58,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         now: Instant::ZERO,
         out: Vec::new(),
         packet: u.int_in_range(1..=PACKET)?,
-        asked: Vec::new(),
+        requests: Vec::new(),
         replies: Vec::new(),
         reader: Reader::new(),
     };
@@ -68,9 +68,9 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             Step::Request => {
                 let sequence = u.arbitrary()?;
                 let request = any_request(u)?;
-                host.say(&cobs(&FromHost { sequence, request }));
+                host.send(&cobs(&FromHost { sequence, request }));
             }
-            Step::Garbage(bytes) => host.say(&[bytes, &[0]].concat()),
+            Step::Garbage(bytes) => host.send(&[bytes, &[0]].concat()),
             Step::Take(packets) => (0..packets).for_each(|_| host.take()),
             Step::Act { done } => host.act(done),
             Step::Wait(micros) => host.wait(host.now + Duration::from_micros(micros.into())),
@@ -88,11 +88,11 @@ fn cobs<T: Message>(message: &T) -> Vec<u8> {
 }
 
 impl Host {
-    fn say(&mut self, bytes: &[u8]) {
+    fn send(&mut self, bytes: &[u8]) {
         for segment in bytes.split(|byte| *byte == 0).filter(|segment| !segment.is_empty()) {
             let message = read(segment);
             check_codec(segment);
-            self.asked.push(message);
+            self.requests.push(message);
         }
         self.out.extend(bytes);
     }
@@ -148,27 +148,27 @@ impl Host {
 
     /// The host takes all there is, firmware does all it is told, and the arm says nothing: all is answered.
     fn end(mut self) {
-        for _ in 0..4 * self.asked.len() + 20 {
+        for _ in 0..4 * self.requests.len() + 20 {
             self.give();
             (0..20).for_each(|_| self.take());
             self.act(true);
             self.wait(self.now + Duration::from_millis(200));
         }
-        let mut asked: Vec<u8> = self.asked.iter().map(sequence).collect();
+        let mut requests: Vec<u8> = self.requests.iter().map(sequence).collect();
         let mut answered: Vec<u8> = self.replies.iter().map(|(sequence, _)| *sequence).collect();
-        asked.sort_unstable();
+        requests.sort_unstable();
         answered.sort_unstable();
-        assert_eq!(answered, asked);
+        assert_eq!(answered, requests);
         for (of, reply) in &self.replies {
             let fits = |message: &_| sequence(message) == *of && answers(message, reply);
             assert!(
-                self.asked.iter().any(fits),
+                self.requests.iter().any(fits),
                 "{reply:?} answers nothing that was asked as {of}"
             );
         }
         let counters = self.bridge.counters();
-        assert_eq!(counters.control_requests as usize, self.asked.len());
-        let malformed = self.asked.iter().filter(|message| message.is_err()).count();
+        assert_eq!(counters.control_requests as usize, self.requests.len());
+        let malformed = self.requests.iter().filter(|message| message.is_err()).count();
         assert_eq!(counters.control_unsupported as usize, malformed);
     }
 }

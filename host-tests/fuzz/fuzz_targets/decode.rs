@@ -5,7 +5,7 @@
 use armwire::decoder::Kind;
 use armwire::framing::Scan;
 use armwire_fuzz::line::Ear;
-use armwire_fuzz::{Check, Result, Said, Subject, Unstructured, check, request_bytes, response_bytes};
+use armwire_fuzz::{AnyResponse, Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| check::<Decode>(input));
@@ -21,12 +21,12 @@ impl Check for Decode {
         let expect = P::any_expect(u)?;
         let line = u.bytes(u.len())?;
         let mut ear = Ear::<P, N>::new(expect);
-        ear.hear(line);
+        ear.on_bytes(line);
         ear.idle();
 
         let mut at = 0;
-        for out in &ear.heard {
-            assert_eq!(out.range.start, at, "a gap in {:?}", ear.heard);
+        for out in &ear.received {
+            assert_eq!(out.range.start, at, "a gap in {:?}", ear.received);
             assert!(!out.range.is_empty());
             at = out.range.end;
             let bytes = &line[out.range.clone()];
@@ -55,7 +55,7 @@ fn check_frame<P: Subject>(bytes: &[u8], expect: P::Expect) {
         }
     );
     let protocol = P::default();
-    let asked = protocol.request(bytes);
+    let request_info = protocol.request(bytes);
     let from_host = protocol.scan(bytes, protocol.requests()) == Scan::Frame(bytes.len());
     match protocol.parse_request(bytes) {
         // A response may be longer than any request.
@@ -70,8 +70,8 @@ fn check_frame<P: Subject>(bytes: &[u8], expect: P::Expect) {
     }
     match protocol.parse_response(bytes, expect) {
         Ok(response) => {
-            let to = asked.map(|info| info.key);
-            let again = response_bytes(protocol, &Said { response, to, expect });
+            let to = request_info.map(|info| info.key);
+            let again = response_bytes(protocol, &AnyResponse { response, to, expect });
             let read = protocol.parse_response(&again, expect).expect("it was written");
             assert_eq!(format!("{read:?}"), format!("{response:?}"));
         }
@@ -79,7 +79,7 @@ fn check_frame<P: Subject>(bytes: &[u8], expect: P::Expect) {
     }
     // A line may give a request back.
     let may_come_back = !P::LOSSLESS && expect == protocol.requests() && protocol.parse_request(bytes).is_ok();
-    if let Some(info) = asked.filter(|_| may_come_back) {
+    if let Some(info) = request_info.filter(|_| may_come_back) {
         assert!(!protocol.is_response_to(info.key, bytes), "it answers itself");
     }
 }

@@ -23,7 +23,7 @@ enum Step<'a> {
 
 /// What was heard, and where on the line if it was no frame.
 #[derive(Debug, PartialEq)]
-enum Heard {
+enum Received {
     Frame(String),
     Rest(Range<usize>, Kind),
 }
@@ -35,7 +35,7 @@ impl Check for Hears {
         let protocol = P::any_protocol(u)?;
         let mut device = Device::<P, N>::new(protocol);
         let mut ear = Ear::<P, N>::new(protocol.requests());
-        let (mut line, mut heard) = (Vec::new(), Vec::new());
+        let (mut line, mut received) = (Vec::new(), Vec::new());
         while !u.is_empty() {
             let bytes = match u.arbitrary()? {
                 Step::Request if !P::HAS_REQUESTS => continue,
@@ -43,17 +43,15 @@ impl Check for Hears {
                 Step::Bytes(bytes) => bytes.to_vec(),
                 Step::Idle => {
                     device.idle();
-                    hear(&mut device, &mut heard);
+                    on_bytes(&mut device, &mut received);
                     ear.idle();
                     continue;
                 }
                 Step::Respond => {
-                    let said = P::any_response(u)?;
+                    let any = P::any_response(u)?;
                     let mut out = [0; N];
-                    let n = device
-                        .respond(&said.response, said.to, &mut out)
-                        .expect("there is room");
-                    assert_eq!(out[..n], response_bytes(protocol, &said));
+                    let n = device.respond(&any.response, any.to, &mut out).expect("there is room");
+                    assert_eq!(out[..n], response_bytes(protocol, &any));
                     continue;
                 }
             };
@@ -62,54 +60,54 @@ impl Check for Hears {
                 let later = device.receive(rest);
                 assert!(later.len() < rest.len(), "it is not taken");
                 rest = later;
-                hear(&mut device, &mut heard);
+                on_bytes(&mut device, &mut received);
             }
-            ear.hear(&bytes);
+            ear.on_bytes(&bytes);
             line.extend(bytes);
         }
         let found: Vec<_> = ear
-            .heard
+            .received
             .iter()
             .filter_map(|out| meaning(protocol, out, &line))
             .collect();
-        assert_eq!(heard, found);
+        assert_eq!(received, found);
         Ok(())
     }
 }
 
 /// Takes all events.
-fn hear<P: Subject, const N: usize>(device: &mut Device<P, N>, heard: &mut Vec<Heard>) {
+fn on_bytes<P: Subject, const N: usize>(device: &mut Device<P, N>, received: &mut Vec<Received>) {
     assert!(!format!("{device:?}").is_empty());
     while let Some(event) = device.poll() {
         match event {
-            DeviceEvent::Request { request, key } => heard.push(frame(request, key)),
+            DeviceEvent::Request { request, key } => received.push(frame(request, key)),
             DeviceEvent::Unknown {
                 frame: bytes,
                 error,
                 key,
-            } => heard.push(frame((bytes, error), key)),
+            } => received.push(frame((bytes, error), key)),
             DeviceEvent::Noise { offset, bytes, reason } => {
                 let start = usize::try_from(offset).expect("lines are short");
                 let (end, kind) = (start + bytes.len(), Kind::Noise(reason));
-                match heard.last_mut() {
-                    Some(Heard::Rest(last, before)) if last.end == start && *before == kind => last.end = end,
-                    _ => heard.push(Heard::Rest(start..end, kind)),
+                match received.last_mut() {
+                    Some(Received::Rest(last, before)) if last.end == start && *before == kind => last.end = end,
+                    _ => received.push(Received::Rest(start..end, kind)),
                 }
             }
             DeviceEvent::Broken { offset, reason } => {
                 let start = usize::try_from(offset).expect("lines are short");
-                heard.push(Heard::Rest(start..start, Kind::Broken(reason)));
+                received.push(Received::Rest(start..start, Kind::Broken(reason)));
             }
         }
     }
 }
 
-fn frame(what: impl Debug, key: impl Debug) -> Heard {
-    Heard::Frame(format!("{what:?} {key:?}"))
+fn frame(what: impl Debug, key: impl Debug) -> Received {
+    Received::Frame(format!("{what:?} {key:?}"))
 }
 
 /// What a device must make of what a decoder found.
-fn meaning<P: Subject>(protocol: P, out: &Out, line: &[u8]) -> Option<Heard> {
+fn meaning<P: Subject>(protocol: P, out: &Out, line: &[u8]) -> Option<Received> {
     let bytes = &line[out.range.clone()];
     let key = protocol.request(bytes).map(|info| info.key);
     Some(match out.kind {
@@ -117,9 +115,9 @@ fn meaning<P: Subject>(protocol: P, out: &Out, line: &[u8]) -> Option<Heard> {
             Ok(request) => frame(request, key),
             Err(error) => frame((bytes, error), key),
         },
-        Kind::Noise(_) => Heard::Rest(out.range.clone(), out.kind),
+        Kind::Noise(_) => Received::Rest(out.range.clone(), out.kind),
         // It is told once.
-        Kind::Broken(_) => Heard::Rest(out.range.start..out.range.start, out.kind),
+        Kind::Broken(_) => Received::Rest(out.range.start..out.range.start, out.kind),
         Kind::Padding => return None,
     })
 }

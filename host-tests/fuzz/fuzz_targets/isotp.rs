@@ -172,11 +172,11 @@ impl Bus {
         let now = self.now;
         let occupied = self.sides[at].end.received().is_some();
         for event in self.sides[at].end.receive(frame, now) {
-            self.note(at, event, occupied);
+            self.on_event(at, event, occupied);
         }
     }
 
-    fn note(&mut self, at: usize, event: Event, occupied: bool) {
+    fn on_event(&mut self, at: usize, event: Event, occupied: bool) {
         match event {
             Event::Received => {
                 assert!(!occupied, "one that was not taken is lost");
@@ -220,7 +220,7 @@ impl Bus {
         self.now = self.now.max(until);
         for at in 0..2 {
             for event in self.sides[at].end.tick(self.now) {
-                self.note(at, event, false);
+                self.on_event(at, event, false);
             }
             let timeout = self.sides[at].end.timeout();
             assert!(

@@ -36,11 +36,11 @@ impl Check for Resync {
         }
         line.extend(if P::LOSSLESS { &[] } else { u.bytes(u.len())? });
         let mut ear = Ear::<P, N>::new(expect);
-        ear.hear(&line);
+        ear.on_bytes(&line);
         ear.idle();
-        let heard: Vec<_> = ear.heard.iter().filter_map(Out::frame).collect();
+        let received: Vec<_> = ear.received.iter().filter_map(Out::frame).collect();
         let frames: Vec<_> = P::reference(&line, expect).iter().filter_map(frame).collect();
-        assert_eq!(heard, frames, "on {line:02X?}");
+        assert_eq!(received, frames, "on {line:02X?}");
         for frame in intact {
             let reaches_into_it = |other: &Range<usize>| other.start < frame.start && frame.start < other.end;
             assert!(

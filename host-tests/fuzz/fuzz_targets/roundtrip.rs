@@ -74,8 +74,8 @@ impl Check for Messages {
             if P::FILL == Some(0) {
                 let reports: Vec<u8> = hid::reports(&bytes).flatten().collect();
                 let mut ear = Ear::<P, N>::new(expect);
-                ear.hear(&reports);
-                let found: Vec<_> = ear.heard.iter().map(|out| (out.range.clone(), out.kind)).collect();
+                ear.on_bytes(&reports);
+                let found: Vec<_> = ear.received.iter().map(|out| (out.range.clone(), out.kind)).collect();
                 let frame = (0..bytes.len(), Item::Frame);
                 let padding = (bytes.len()..reports.len(), Item::Padding);
                 assert_eq!(reports.len() % hid::REPORT, 0);
@@ -87,17 +87,17 @@ impl Check for Messages {
                 assert_eq!(found, both);
             }
         } else {
-            let said = P::any_response(u)?;
-            let bytes = response_bytes(protocol, &said);
-            assert_eq!(protocol.scan_idle(&bytes, said.expect), Scan::Frame(bytes.len()));
-            let read = protocol.parse_response(&bytes, said.expect).expect("it was written");
-            assert_eq!(format!("{read:?}"), format!("{:?}", said.response));
-            if let Some(key) = said.to {
+            let any = P::any_response(u)?;
+            let bytes = response_bytes(protocol, &any);
+            assert_eq!(protocol.scan_idle(&bytes, any.expect), Scan::Frame(bytes.len()));
+            let read = protocol.parse_response(&bytes, any.expect).expect("it was written");
+            assert_eq!(format!("{read:?}"), format!("{:?}", any.response));
+            if let Some(key) = any.to {
                 assert!(protocol.is_response_to(key, &bytes));
             }
             let mut short = vec![0; bytes.len() - 1];
             let error = protocol
-                .encode_response(&said.response, said.to, &mut short)
+                .encode_response(&any.response, any.to, &mut short)
                 .expect_err("it is too short");
             assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
         }
@@ -443,12 +443,12 @@ fn small_print(u: &mut Unstructured<'_>) -> Result<()> {
         state.joints.iter().all(|&ticks| ticks < 4096)
     );
     assert_eq!(state.opening().is_ok(), state.gripper <= 1000);
-    let older = legacy::JointState {
+    let legacy_hint = legacy::JointState {
         firmware: legacy::Firmware::V5,
         servos: u.arbitrary()?,
     };
-    let older_good = older.joints().iter().all(|&ticks| ticks < 4096);
-    assert_eq!(older.positions().is_ok(), older_good);
+    let older_good = legacy_hint.joints().iter().all(|&ticks| ticks < 4096);
+    assert_eq!(legacy_hint.positions().is_ok(), older_good);
     match (ServoId::new(byte), Angle::new(byte), TemperatureLimit::new(byte)) {
         (Ok(servo), Ok(angle), Ok(limit)) => {
             assert_eq!(

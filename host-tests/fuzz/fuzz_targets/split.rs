@@ -28,7 +28,7 @@ impl Check for Split {
         let mut bytewise = Ear::<P, N>::new(expect);
         let mut needed = Ear::<P, N>::new(expect);
         let (mut whole, mut pieces) = (Detector::new(), Detector::new());
-        let told = whole.hear(line);
+        let hint = whole.hear(line);
         let mut rest = line;
         for cut in cuts.iter().copied().chain([u8::MAX]) {
             let len = if cut == u8::MAX {
@@ -38,10 +38,10 @@ impl Check for Split {
             };
             let (chunk, later) = rest.split_at(len.min(rest.len()));
             rest = later;
-            chunked.hear(chunk);
-            buffered.hear_into_room(chunk, usize::from(cut >> 4));
-            chunk.iter().for_each(|byte| bytewise.hear(&[*byte]));
-            needed.hear_by_need(chunk);
+            chunked.on_bytes(chunk);
+            buffered.on_bytes_into_room(chunk, usize::from(cut >> 4));
+            chunk.iter().for_each(|byte| bytewise.on_bytes(&[*byte]));
+            needed.on_bytes_by_threshold(chunk);
             pieces.hear(chunk);
             if cut & IDLE != 0 {
                 chunked.idle();
@@ -50,11 +50,11 @@ impl Check for Split {
                 needed.idle();
             }
         }
-        assert_eq!(chunked.heard, buffered.heard);
-        assert_eq!(chunked.heard, bytewise.heard);
-        assert_eq!(chunked.heard, needed.heard);
-        assert_eq!(pieces.hear(rest), told);
-        assert!(told.is_none_or(|older| older.to_string().contains("older generation")));
+        assert_eq!(chunked.received, buffered.received);
+        assert_eq!(chunked.received, bytewise.received);
+        assert_eq!(chunked.received, needed.received);
+        assert_eq!(pieces.hear(rest), hint);
+        assert!(hint.is_none_or(|legacy_hint| legacy_hint.to_string().contains("older generation")));
         check_raw::<N>(line);
         Ok(())
     }
@@ -63,19 +63,19 @@ impl Check for Split {
 /// On a raw line every byte is stray, and no request is answered.
 fn check_raw<const N: usize>(line: &[u8]) {
     let mut decoder = Decoder::<N>::new();
-    let (mut rest, mut heard) = (line, Vec::<u8>::new());
+    let (mut rest, mut received) = (line, Vec::<u8>::new());
     loop {
         rest = decoder.push(rest);
         while let Some(item) = decoder.next(&Raw, ()) {
             assert_eq!(item.kind, Kind::Noise(Reason::Stray));
-            heard.extend(item.bytes);
+            received.extend(item.bytes);
         }
         assert_eq!(decoder.need(&Raw, ()), 1);
         if rest.is_empty() {
             break;
         }
     }
-    assert_eq!(heard, line);
+    assert_eq!(received, line);
     assert_eq!(Raw.terminator(()), None);
     let request = Raw.request(line);
     assert_eq!(request.is_none(), line.is_empty());

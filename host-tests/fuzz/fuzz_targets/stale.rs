@@ -11,7 +11,7 @@ use armwire::ling::{
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire::{Client, Config, Event, Output};
-use armwire_fuzz::{Arbitrary, Result, Said, Unstructured};
+use armwire_fuzz::{AnyResponse, Arbitrary, Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
@@ -113,7 +113,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                     && let Some((request, tag)) = going.take()
                     && let Some(response) = answer(&request, tag)
                 {
-                    voice.extend(says(&config, &request, &response, now, &manner));
+                    voice.extend(arm_answer(&config, &request, &response, now, &manner));
                     voice.sort_by_key(|(at, _)| *at);
                 }
             }
@@ -121,9 +121,9 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         // What came before now is handed in before anything goes out.
         while voice.first().is_some_and(|(at, _)| *at <= now) {
             let (_, bytes) = voice.remove(0);
-            hear(&mut client, now, &bytes, &mut flight);
+            on_bytes(&mut client, now, &bytes, &mut flight);
         }
-        hear(&mut client, now, &[], &mut flight);
+        on_bytes(&mut client, now, &[], &mut flight);
     }
     is_answered(&mut client, now);
     Ok(())
@@ -139,7 +139,7 @@ fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Instant) {
         client.transmitted(now, len).expect("it was given");
     }
     client.idle();
-    hear(client, now, &[], &mut flight);
+    on_bytes(client, now, &[], &mut flight);
 
     let (request, tag) = (Request::ReadJoints, u8::MAX);
     client.submit(&request).expect("nothing is in flight");
@@ -154,12 +154,12 @@ fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Instant) {
     };
     client.transmitted(now, len).expect("it was given");
     let response = answer(&request, tag).expect("it has an answer");
-    hear(client, now, &response_bytes(response), &mut flight);
+    on_bytes(client, now, &response_bytes(response), &mut flight);
     assert_eq!(flight, None, "the answer is not taken");
 }
 
 /// Hears bytes, and takes all that comes of them.
-fn hear(client: &mut Client<Ling, MAX_FRAME>, now: Instant, bytes: &[u8], flight: &mut Option<(Request, u8)>) {
+fn on_bytes(client: &mut Client<Ling, MAX_FRAME>, now: Instant, bytes: &[u8], flight: &mut Option<(Request, u8)>) {
     let mut rest = bytes;
     loop {
         rest = client.receive(now, rest);
@@ -180,16 +180,16 @@ fn hear(client: &mut Client<Ling, MAX_FRAME>, now: Instant, bytes: &[u8], flight
 }
 
 fn response_bytes(response: Response) -> Vec<u8> {
-    let said = Said {
+    let any = AnyResponse {
         response,
         to: None,
         expect: (),
     };
-    armwire_fuzz::response_bytes(Ling, &said)
+    armwire_fuzz::response_bytes(Ling, &any)
 }
 
 /// The pieces of an answer, and when each is there: before the client may take it for lost.
-fn says(
+fn arm_answer(
     config: &Config,
     request: &Request,
     response: &Response,
@@ -197,9 +197,9 @@ fn says(
     manner: &Manner,
 ) -> Vec<(Instant, Vec<u8>)> {
     let mut bytes = response_bytes(*response);
-    let mut asked = [0; MAX_FRAME];
-    let n = Ling.encode_request(request, &mut asked).expect("there is room");
-    let info = Ling.request(&asked[..n]).and_then(|info| info.response);
+    let mut request_bytes = [0; MAX_FRAME];
+    let n = Ling.encode_request(request, &mut request_bytes).expect("there is room");
+    let info = Ling.request(&request_bytes[..n]).and_then(|info| info.response);
     let turnaround = info.expect("it is answered").turnaround;
     let most = (turnaround + config.latency + config.stale_window).as_micros();
     let after = |part: u16| sent + Duration::from_micros(most * u64::from(part) / 65_536);

@@ -31,8 +31,8 @@ pub struct World {
     config: Config,
 
     /// All that the arm said, and the host on USB heard.
-    arm_said: Vec<u8>,
-    usb_heard: Vec<u8>,
+    arm_sent: Vec<u8>,
+    usb_received: Vec<u8>,
     /// All that was taken from the host on USB, and went to the arm of it.
     usb_said: Vec<u8>,
     /// Bytes of that host that were refused as they came, because of its rate.
@@ -47,11 +47,11 @@ pub struct World {
     /// The host on CAN: its connections, what it has sent on them, and how many PDUs of it were sent to the arm.
     arm: Endpoint<100, 100>,
     control: Endpoint<300, 100>,
-    can_said: Vec<Vec<u8>>,
+    can_requested: Vec<Vec<u8>>,
     can_sent: usize,
     /// What the arm was asked for by it, and how many answers it heard.
-    can_asked: Vec<Vec<u8>>,
-    can_heard: usize,
+    can_queries: Vec<Vec<u8>>,
+    can_received: usize,
     command: u8,
     /// The most bytes that all on CAN may have said to the arm.
     can_bytes: usize,
@@ -59,8 +59,8 @@ pub struct World {
     /// Control messages: how many were sent, and answered.
     reader: Reader<MAX_MESSAGE>,
     sequence: u8,
-    asked: usize,
-    asked_on_can: usize,
+    control_requests: usize,
+    slcan_requests: usize,
     answered: usize,
     answered_on_can: usize,
 
@@ -83,8 +83,8 @@ pub fn any_arm_bytes(u: &mut Unstructured<'_>, arm: ArmKind) -> Result<Vec<u8>> 
     match arm {
         ArmKind::Ling => Ling.any_frame(u, ()),
         ArmKind::Alpha1 | ArmKind::Alpha1Servo => {
-            let said = Alpha1::any_response(u)?;
-            Ok(response_bytes(Alpha1, &said))
+            let sent = Alpha1::any_response(u)?;
+            Ok(response_bytes(Alpha1, &sent))
         }
         ArmKind::Raw => Ok(u.arbitrary::<&[u8]>()?.to_vec()),
     }
@@ -109,8 +109,8 @@ impl World {
             bridge,
             now: Instant::ZERO,
             config,
-            arm_said: Vec::new(),
-            usb_heard: Vec::new(),
+            arm_sent: Vec::new(),
+            usb_received: Vec::new(),
             usb_said: Vec::new(),
             refused: 0,
             usb_sent: Vec::new(),
@@ -119,16 +119,16 @@ impl World {
             wanted: Some(0),
             arm: Endpoint::new(end(Function::ArmRequest)),
             control: Endpoint::new(end(Function::ControlRequest)),
-            can_said: Vec::new(),
+            can_requested: Vec::new(),
             can_sent: 0,
-            can_asked: Vec::new(),
-            can_heard: 0,
+            can_queries: Vec::new(),
+            can_received: 0,
             command: u8::MAX,
             can_bytes: 0,
             reader: Reader::new(),
             sequence: 0,
-            asked: 0,
-            asked_on_can: 0,
+            control_requests: 0,
+            slcan_requests: 0,
             answered: 0,
             answered_on_can: 0,
             usb_gone: false,
@@ -216,7 +216,7 @@ impl World {
         let due = self.status().usb;
         let len = self.bridge.usb_transmit(&mut packet);
         assert_eq!(len.is_some(), due);
-        self.usb_heard.extend(&packet[..len.unwrap_or(0)]);
+        self.usb_received.extend(&packet[..len.unwrap_or(0)]);
 
         let mut len = None;
         while len.is_none() && self.status().control {
@@ -244,14 +244,14 @@ impl World {
     }
 
     /// The host asks something on the control interface, if that is taken.
-    pub fn control_asks(&mut self, request: Request) {
+    pub fn control_sends(&mut self, request: Request) {
         if !self.status().control_room {
             return;
         }
         let mut bytes = [0; MAX_COBS];
         let len = encode_cobs(&self.message(request), &mut bytes).expect("there is room");
         assert!(len <= PACKET);
-        self.asked += 1;
+        self.control_requests += 1;
         self.bridge.control_received(&bytes[..len], self.now);
     }
 
@@ -269,8 +269,8 @@ impl World {
 
     /// The arm says bytes.
     pub fn arm_says(&mut self, bytes: &[u8]) {
-        self.arm_said.extend(bytes);
-        let is_late = self.arm_said.len() % 2 == 1;
+        self.arm_sent.extend(bytes);
+        let is_late = self.arm_sent.len() % 2 == 1;
         for chunk in bytes.chunks(PACKET) {
             if is_late {
                 // No interrupt handler saw the last bytes come, and nobody looks at once at what is due.
@@ -281,7 +281,7 @@ impl World {
                 };
                 self.bridge.uart_event(UartEvent::Errors(errors), self.now);
             } else {
-                self.hear(|bridge, now| bridge.uart_received(chunk, now));
+                self.feed(|bridge, now| bridge.uart_received(chunk, now));
             }
         }
         assert!(self.bridge.rx_threshold().max > 0);
@@ -289,13 +289,13 @@ impl World {
 
     /// The line goes idle.
     pub fn line_idles(&mut self) {
-        self.hear(|bridge, now| bridge.uart_event(UartEvent::Idle, now));
+        self.feed(|bridge, now| bridge.uart_event(UartEvent::Idle, now));
     }
 
     /// Lets the bridge hear the arm. Without a frame nothing is due that was not, but a packet for the host.
-    fn hear(&mut self, hear: impl FnOnce(&mut Bridge, Instant) -> usize) {
+    fn feed(&mut self, feed: impl FnOnce(&mut Bridge, Instant) -> usize) {
         let before = self.status();
-        let frames = hear(&mut self.bridge, self.now);
+        let frames = feed(&mut self.bridge, self.now);
         let after = Status {
             usb: before.usb,
             passed_bytes: before.passed_bytes,
@@ -404,9 +404,9 @@ impl World {
             .map(|(wanted, wants)| wanted + usize::from(wants));
         if others[0] == 1 {
             // What hosts on CAN say goes out whole, and in the order in which they said it.
-            let place = self.can_said[self.can_sent..].iter().position(|pdu| pdu == bytes);
+            let place = self.can_requested[self.can_sent..].iter().position(|pdu| pdu == bytes);
             self.can_sent += 1 + place.expect("no host on CAN said that");
-            self.can_asked.push(bytes.to_vec());
+            self.can_queries.push(bytes.to_vec());
         }
     }
 
@@ -415,7 +415,7 @@ impl World {
     /// The host on CAN says a PDU, unless it is still busy with the one before.
     pub fn can_says(&mut self, pdu: &[u8]) {
         if self.arm.send(pdu).is_ok() {
-            self.can_said.push(pdu.to_vec());
+            self.can_requested.push(pdu.to_vec());
             self.can_bytes += pdu.len();
             self.others = true;
         }
@@ -428,7 +428,7 @@ impl World {
         }
         let mut bytes = [0; MAX_MESSAGE];
         let len = encode(&self.message(request), &mut bytes).expect("there is room");
-        self.asked_on_can += 1;
+        self.slcan_requests += 1;
         self.control.send(&bytes[..len]).expect("it is idle");
     }
 
@@ -517,22 +517,25 @@ impl World {
 
     /// The arm has said it, and if the host on CAN gets answers only, it has asked for it.
     fn can_hears_answer(&mut self, pdu: &[u8]) {
-        let said = self.arm_said.windows(pdu.len()).any(|window| window == pdu);
-        assert!(said, "the arm did not say {pdu:02X?}");
+        let sent = self.arm_sent.windows(pdu.len()).any(|window| window == pdu);
+        assert!(sent, "the arm did not say {pdu:02X?}");
         if self.reconfigured || self.config.can.unsolicited {
             return;
         }
-        self.can_heard += 1;
-        let asked = self.can_asked.len();
+        self.can_received += 1;
+        let queries = self.can_queries.len();
         assert!(
-            self.can_heard <= asked,
-            "{} answers to {asked} requests",
-            self.can_heard
+            self.can_received <= queries,
+            "{} answers to {queries} requests",
+            self.can_received
         );
         if self.config.arm == ArmKind::Ling {
             // Command and function are those of the request.
-            let asked = self.can_asked.iter().any(|request| request.get(1..3) == pdu.get(1..3));
-            assert!(asked, "no host on CAN asked for {pdu:02X?}");
+            let is_requested = self
+                .can_queries
+                .iter()
+                .any(|request| request.get(1..3) == pdu.get(1..3));
+            assert!(is_requested, "no host on CAN asked for {pdu:02X?}");
         }
     }
 
@@ -617,12 +620,12 @@ impl World {
     /// What holds at any time.
     pub fn check(&mut self) {
         let c = self.bridge.counters();
-        assert_eq!(c.arm_to_host_bytes as usize, self.arm_said.len());
+        assert_eq!(c.arm_to_host_bytes as usize, self.arm_sent.len());
         assert_eq!(c.host_to_arm_bytes as usize, self.to_arm);
         assert_eq!(c.refused_bytes, 0, "a packet was taken that there was no room for");
         let lost = (c.dropped_bytes + c.unheard_bytes) as usize;
-        assert!(self.usb_heard.len() + lost <= self.arm_said.len());
-        let can_sent: usize = self.can_asked.iter().map(Vec::len).sum();
+        assert!(self.usb_received.len() + lost <= self.arm_sent.len());
+        let can_sent: usize = self.can_queries.iter().map(Vec::len).sum();
         assert!(
             self.usb_sent.len() + can_sent + self.dropped() <= self.usb_said.len() + self.can_bytes,
             "bytes for the arm are sent twice, or counted as dropped and sent"
@@ -639,7 +642,7 @@ impl World {
         }
         if lost == 0 && !self.others && !self.reconfigured {
             assert!(
-                self.arm_said.starts_with(&self.usb_heard),
+                self.arm_sent.starts_with(&self.usb_received),
                 "bytes of the arm are altered"
             );
         }
@@ -700,20 +703,20 @@ impl World {
         }
         self.usb_takes_all();
         let reconfigured = self.reconfigured;
-        let silent = Config {
+        let without_polls = Config {
             poll: Poll::Off,
             ..config
         };
-        self.control_asks(Request::SetConfig(silent));
+        self.control_sends(Request::SetConfig(without_polls));
         assert_eq!(self.bridge.config().poll, Poll::Off);
         self.reconfigured = reconfigured;
     }
 
     /// What the host on USB heard is what the arm said, in order, but for what is counted and what others asked for.
     fn check_heard(&self) {
-        let mut said = self.arm_said.iter();
+        let mut sent = self.arm_sent.iter();
         assert!(
-            self.usb_heard.iter().all(|byte| said.any(|said| said == byte)),
+            self.usb_received.iter().all(|byte| sent.any(|sent| sent == byte)),
             "the host on USB heard what the arm did not say"
         );
         let c = self.bridge.counters();
@@ -721,14 +724,14 @@ impl World {
             return;
         }
         let lost = (c.dropped_bytes + c.unheard_bytes) as usize;
-        let accounted = self.usb_heard.len() + lost;
-        assert!(accounted <= self.arm_said.len(), "bytes of the arm are counted twice");
+        let accounted = self.usb_received.len() + lost;
+        assert!(accounted <= self.arm_sent.len(), "bytes of the arm are counted twice");
         // Only an answer to another is not for the host on USB.
         let answers = match self.others {
             true => c.frames - c.late_answers - c.unasked_frames,
             false => 0,
         };
-        let missing = self.arm_said.len() - accounted;
+        let missing = self.arm_sent.len() - accounted;
         assert!(
             missing <= answers as usize * MAX_FRAME,
             "{missing} bytes of the arm are lost, {answers} answers may have been another's"
@@ -747,20 +750,23 @@ impl World {
         self.bridge.uart_received(&[], now);
         assert!(!self.bridge.is_stuck(self.now));
         if !self.usb_gone {
-            assert_eq!(self.answered, self.asked, "requests on the control interface");
+            assert_eq!(
+                self.answered, self.control_requests,
+                "requests on the control interface"
+            );
         }
         // What a transfer that fails costs is counted there.
         if !self.can_disturbed && !self.reconfigured && c.isotp_failures == 0 {
             assert_eq!(
-                self.answered_on_can, self.asked_on_can,
+                self.answered_on_can, self.slcan_requests,
                 "requests on the control connection"
             );
             // A command that a newer one replaced is counted as a request that was refused.
             if c.silenced_bytes == 0 && !self.usb_gone && !self.commanded {
                 let ended = c.requests_can + c.refused_can_requests + c.refused_can_frames + c.control_requests;
-                let said = self.can_said.len() + self.asked_on_can + self.asked;
+                let sent = self.can_requested.len() + self.slcan_requests + self.control_requests;
                 // Of those that were refused because the line was held some may be polls.
-                assert!((ended as usize..=(ended + c.refused_line_held) as usize).contains(&said));
+                assert!((ended as usize..=(ended + c.refused_line_held) as usize).contains(&sent));
             }
         }
         if self.usb_said.is_empty()

@@ -6,7 +6,7 @@ use armwire_host_tests::reference::alpha1::Speaker;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
-use crate::{Result, Said, Subject, Unstructured};
+use crate::{AnyResponse, Result, Subject, Unstructured};
 
 fn any_answer(u: &mut Unstructured<'_>) -> Result<ServoAnswer> {
     Ok(match u.int_in_range(0..=5)? {
@@ -58,7 +58,7 @@ impl Subject for Alpha1 {
         u.arbitrary()
     }
 
-    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<AnyResponse<'a, Self>> {
         let expect = Self::any_expect(u)?;
         let (response, expect) = match expect {
             Expect::Responses(Some(answer)) if u.arbitrary()? => {
@@ -67,7 +67,7 @@ impl Subject for Alpha1 {
             Expect::Responses(_) => (u.arbitrary()?, expect),
             Expect::Requests => (u.arbitrary()?, Expect::Responses(None)),
         };
-        Ok(Said {
+        Ok(AnyResponse {
             response,
             to: None,
             expect,
@@ -88,12 +88,12 @@ impl Subject for Alpha1 {
             Expect::Responses(Some(answer)) if u.arbitrary()? => Response::Servo(any_servo_response(u, answer)?),
             Expect::Responses(_) => u.arbitrary()?,
         };
-        let said = Said {
+        let any = AnyResponse {
             response,
             to: None,
             expect,
         };
-        let bytes = response_bytes(self, &said);
+        let bytes = response_bytes(self, &any);
         // A single byte that begins a header too is an answer only where what follows does not make it one.
         match self.scan(&bytes, expect) == Scan::Frame(bytes.len()) {
             true => Ok(bytes),

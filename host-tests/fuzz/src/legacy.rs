@@ -4,7 +4,7 @@ use armwire::ling::legacy::{Frame, Legacy, MAX_DATA, OVERHEAD, Request, parity};
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::response_bytes;
-use crate::{Result, Said, Subject, Unstructured};
+use crate::{AnyResponse, Result, Subject, Unstructured};
 
 impl Subject for Legacy {
     const HAS_REQUESTS: bool = false;
@@ -14,8 +14,8 @@ impl Subject for Legacy {
         Err(arbitrary::Error::IncorrectFormat)
     }
 
-    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
-        Ok(Said {
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<AnyResponse<'a, Self>> {
+        Ok(AnyResponse {
             response: u.arbitrary()?,
             to: None,
             expect: (),
@@ -28,7 +28,7 @@ impl Subject for Legacy {
 
     fn any_frame(self, u: &mut Unstructured<'_>, (): ()) -> Result<Vec<u8>> {
         if u.arbitrary()? {
-            return Self::any_response(u).map(|said| response_bytes(self, &said));
+            return Self::any_response(u).map(|any| response_bytes(self, &any));
         }
         let command = u.arbitrary()?;
         let len = u.int_in_range(0..=MAX_DATA)?;

@@ -14,5 +14,5 @@ mod xarm;
 
 pub use alpha1::alpha1_message;
 pub use arbitrary::{Arbitrary, Result, Unstructured};
-pub use subject::{Check, ROOM, Said, Subject, check, request_bytes, response_bytes};
+pub use subject::{AnyResponse, Check, ROOM, Subject, check, request_bytes, response_bytes};
 pub use xarm::xarm_frame;

@@ -30,7 +30,7 @@ pub struct Ear<P: Subject, const N: usize> {
     expect: P::Expect,
     line: Vec<u8>,
     /// In the order in which it came; adjacent runs of the same, which may come in any pieces, as one.
-    pub heard: Vec<Out>,
+    pub received: Vec<Out>,
 }
 
 impl<P: Subject, const N: usize> Ear<P, N> {
@@ -41,12 +41,12 @@ impl<P: Subject, const N: usize> Ear<P, N> {
             protocol: P::default(),
             expect,
             line: Vec::new(),
-            heard: Vec::new(),
+            received: Vec::new(),
         }
     }
 
     /// Hears bytes, in one piece.
-    pub fn hear(&mut self, bytes: &[u8]) {
+    pub fn on_bytes(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
             let later = self.decoder.push(rest);
@@ -58,7 +58,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
     }
 
     /// Hears bytes as a driver hands them in that reads into the decoder's room, no more than so many at a time.
-    pub fn hear_into_room(&mut self, bytes: &[u8], most: usize) {
+    pub fn on_bytes_into_room(&mut self, bytes: &[u8], most: usize) {
         let mut rest = bytes;
         while !rest.is_empty() {
             let room = self.decoder.space();
@@ -74,7 +74,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
     }
 
     /// Hears bytes as a driver with a receive threshold hands them in: as soon as a frame can be due, not before.
-    pub fn hear_by_need(&mut self, bytes: &[u8]) {
+    pub fn on_bytes_by_threshold(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
             let need = self.decoder.need(&self.protocol, self.expect);
@@ -83,9 +83,9 @@ impl<P: Subject, const N: usize> Ear<P, N> {
             rest = later;
             if let Some((last, before)) = now.split_last() {
                 let frames = self.frames();
-                self.hear(before);
+                self.on_bytes(before);
                 assert_eq!(self.frames(), frames, "a frame was due {need} bytes early");
-                self.hear(&[*last]);
+                self.on_bytes(&[*last]);
             }
         }
     }
@@ -108,7 +108,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
     }
 
     fn frames(&self) -> usize {
-        self.heard.iter().filter(|out| out.kind == Kind::Frame).count()
+        self.received.iter().filter(|out| out.kind == Kind::Frame).count()
     }
 
     fn drain(&mut self) {
@@ -116,11 +116,11 @@ impl<P: Subject, const N: usize> Ear<P, N> {
             let start = usize::try_from(item.offset).expect("lines are short");
             let range = start..start + item.bytes.len();
             assert_eq!(item.bytes, &self.line[range.clone()], "other bytes than came");
-            match self.heard.last_mut() {
+            match self.received.last_mut() {
                 Some(last) if last.kind == item.kind && item.kind != Kind::Frame && last.range.end == start => {
                     last.range.end = range.end;
                 }
-                _ => self.heard.push(Out { range, kind: item.kind }),
+                _ => self.received.push(Out { range, kind: item.kind }),
             }
         }
     }

@@ -5,7 +5,7 @@ use armwire::messages::Messages;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
-use crate::{Result, Said, Subject, Unstructured};
+use crate::{AnyResponse, Result, Subject, Unstructured};
 
 /// Any move that can be said.
 pub fn any_move(u: &mut Unstructured<'_>) -> Result<Move> {
@@ -19,8 +19,8 @@ impl Subject for Ling {
         u.arbitrary()
     }
 
-    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
-        Ok(Said {
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<AnyResponse<'a, Self>> {
+        Ok(AnyResponse {
             response: u.arbitrary()?,
             to: None,
             expect: (),
@@ -34,7 +34,7 @@ impl Subject for Ling {
     fn any_frame(self, u: &mut Unstructured<'_>, (): ()) -> Result<Vec<u8>> {
         match u.int_in_range(0..=2)? {
             0 => Self::any_request(u).map(|request| request_bytes(self, &request)),
-            1 => Self::any_response(u).map(|said| response_bytes(self, &said)),
+            1 => Self::any_response(u).map(|any| response_bytes(self, &any)),
             _ => {
                 let (command, function) = u.arbitrary()?;
                 let len = u.int_in_range(0..=MAX_DATA)?;

@@ -13,7 +13,7 @@ use crate::{Result, Unstructured};
 
 /// A response, and what its bytes depend on besides.
 #[derive(Clone, Copy)]
-pub struct Said<'a, P: Messages> {
+pub struct AnyResponse<'a, P: Messages> {
     /// The response.
     pub response: P::Response<'a>,
     /// What request it answers.
@@ -39,7 +39,7 @@ pub trait Subject: Messages + Copy + Default + Debug {
     fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Self::Request<'a>>;
 
     /// Any response.
-    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>>;
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<AnyResponse<'a, Self>>;
 
     /// Anything that a reader may know about a line.
     fn any_expect(u: &mut Unstructured<'_>) -> Result<Self::Expect>;
@@ -65,10 +65,10 @@ pub fn request_bytes<P: Messages>(protocol: P, request: &P::Request<'_>) -> Vec<
 }
 
 /// The bytes of a response.
-pub fn response_bytes<P: Messages>(protocol: P, said: &Said<'_, P>) -> Vec<u8> {
+pub fn response_bytes<P: Messages>(protocol: P, any: &AnyResponse<'_, P>) -> Vec<u8> {
     let mut out = vec![0; ROOM];
     let n = protocol
-        .encode_response(&said.response, said.to, &mut out)
+        .encode_response(&any.response, any.to, &mut out)
         .expect("there is room for the longest frame");
     out.truncate(n);
     out

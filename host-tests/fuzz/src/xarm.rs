@@ -5,7 +5,7 @@ use armwire_host_tests::reference::xarm::Speaker;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
-use crate::{Result, Said, Subject, Unstructured};
+use crate::{AnyResponse, Result, Subject, Unstructured};
 
 impl Subject for XArm {
     const FILL: Option<u8> = None;
@@ -19,14 +19,14 @@ impl Subject for XArm {
         u.arbitrary()
     }
 
-    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<AnyResponse<'a, Self>> {
         let (response, transaction) = u.arbitrary()?;
         let to = match response {
             Response::ModbusRefused { function, .. } => Some((0, function.number())),
             Response::Reply { reply, .. } => Some((Self::any_protocol(u)?.protocol as u16, reply.register())),
             _ => None,
         };
-        Ok(Said {
+        Ok(AnyResponse {
             response,
             to: to.map(|(protocol, register)| Key {
                 transaction,
@@ -44,7 +44,7 @@ impl Subject for XArm {
     fn any_frame(self, u: &mut Unstructured<'_>, expect: Direction) -> Result<Vec<u8>> {
         match expect {
             Direction::Requests => Self::any_request(u).map(|request| request_bytes(self, &request)),
-            Direction::Responses => Self::any_response(u).map(|said| response_bytes(self, &said)),
+            Direction::Responses => Self::any_response(u).map(|any| response_bytes(self, &any)),
         }
     }
 

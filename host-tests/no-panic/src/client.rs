@@ -20,7 +20,7 @@ pub(crate) fn call_all<M: Messages + Copy, const N: usize>(
     let mut client = Client::<M, N>::new(messages, black_box(Config::DEFAULT));
     let client = black_box(&mut client);
     black_box(client.submit(&request).is_ok());
-    hear(client);
+    drive(client);
     black_box(black_box(&*client).expects_answer());
     black_box(&mut *client).cancel();
 
@@ -39,7 +39,7 @@ pub(crate) fn call_all<M: Messages + Copy, const N: usize>(
 }
 
 /// Lets the client hear bytes, silence and time, and does what it says.
-pub(crate) fn hear<M: Messages, const N: usize>(client: &mut Client<M, N>) {
+pub(crate) fn drive<M: Messages, const N: usize>(client: &mut Client<M, N>) {
     let now = || black_box(Instant::ZERO);
     let mut received = [0; 300];
     black_box(client.receive(now(), bytes(&mut received)));

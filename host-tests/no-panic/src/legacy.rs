@@ -40,5 +40,5 @@ pub(crate) fn call_all() {
     black_box(Frame::parse(received));
 
     let mut client = Client::<Legacy, MAX_FRAME>::new(Legacy, black_box(Config::DEFAULT));
-    client::hear(black_box(&mut client));
+    client::drive(black_box(&mut client));
 }

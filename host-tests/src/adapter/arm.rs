@@ -13,7 +13,7 @@ use crate::random::Random;
 pub(super) type Key = (u8, u8);
 
 /// Requests of which the arm answers each with its [`Tag`] within 50 ms.
-pub(super) const QUESTIONS: [Key; 7] = [
+pub(super) const QUERIES: [Key; 7] = [
     (0x06, 0x00),
     (0x06, 0x02),
     (0x01, 0x00),
@@ -38,7 +38,7 @@ const OFF: u8 = 0;
 const LATEST: u64 = 100_000;
 
 /// How long the line must be quiet for the arm to give half a frame up, in µs.
-const PATIENCE: u64 = 20_000;
+const PARTIAL_FRAME_TIMEOUT: u64 = 20_000;
 
 /// Names a request: it is in the data of the request and of its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +94,7 @@ pub(super) fn frame((command, function): Key, data: &[u8]) -> Vec<u8> {
 
 /// How the arm answers.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Manners {
+pub(super) struct Behavior {
     /// The longest that it thinks, in µs. Each answer takes any time up to this.
     pub(super) slowest: u64,
     /// How many of a hundred answers are lost.
@@ -105,7 +105,7 @@ pub(super) struct Manners {
 
 /// Bytes of the arm.
 #[derive(Clone, Debug)]
-struct Saying {
+struct Transmission {
     /// When the last of them is on the line.
     end: u64,
     bytes: Vec<u8>,
@@ -113,22 +113,22 @@ struct Saying {
 
 /// What the arm heard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Heard {
+pub(super) enum ArmEvent {
     /// A request for an answer, of which it gives one so late, `None` for never.
-    Question(Option<u64>),
+    Request(Option<u64>),
     /// Torque-off.
     TorqueOff,
 }
 
 /// The arm.
 pub(super) struct Arm {
-    manners: Manners,
+    behavior: Behavior,
     decoder: Decoder<MAX_FRAME>,
     /// Another arm at the same line, which never gives half a frame up: torque-off must reach it all the same.
-    stubborn: Decoder<MAX_FRAME>,
+    without_timeout: Decoder<MAX_FRAME>,
     /// When it gives half a frame up.
-    gives_up: Option<u64>,
-    says: VecDeque<Saying>,
+    partial_frame_timeout: Option<u64>,
+    tx_queue: VecDeque<Transmission>,
     /// How often the adapter has asked for the joints, and what arm it is.
     polls: u32,
     identified: u32,
@@ -136,74 +136,74 @@ pub(super) struct Arm {
 
 impl Arm {
     /// One that answers like this.
-    pub(super) fn new(manners: Manners) -> Self {
+    pub(super) fn new(behavior: Behavior) -> Self {
         Self {
-            manners,
+            behavior,
             decoder: Decoder::new(),
-            stubborn: Decoder::new(),
-            gives_up: None,
-            says: VecDeque::new(),
+            without_timeout: Decoder::new(),
+            partial_frame_timeout: None,
+            tx_queue: VecDeque::new(),
             polls: 0,
             identified: 0,
         }
     }
 
     /// Hears bytes at its own rate, the first of which starts at `start`.
-    pub(super) fn hear(&mut self, bytes: &[u8], start: u64, random: &mut Random, heard: &mut Vec<Heard>) {
+    pub(super) fn on_bytes(&mut self, bytes: &[u8], start: u64, random: &mut Random, events: &mut Vec<ArmEvent>) {
         let end = start + byte_times(bytes.len());
-        self.gives_up = Some(end + PATIENCE);
+        self.partial_frame_timeout = Some(end + PARTIAL_FRAME_TIMEOUT);
         let mut rest = bytes;
         while !rest.is_empty() {
             rest = self.decoder.push(rest);
             let behind = rest.len();
-            self.answer_all(end, behind, LATEST, random, heard);
+            self.answer_all(end, behind, LATEST, random, events);
         }
         let mut rest = bytes;
         while !rest.is_empty() {
-            rest = self.stubborn.push(rest);
-            while let Some(item) = self.stubborn.next(&Ling, ()) {
+            rest = self.without_timeout.push(rest);
+            while let Some(item) = self.without_timeout.next(&Ling, ()) {
                 let frame = Frame::parse(item.bytes).filter(|_| item.kind == Kind::Frame);
                 if frame.is_some_and(|frame| (frame.command, frame.function) == TORQUE && frame.data == [OFF]) {
-                    heard.push(Heard::TorqueOff);
+                    events.push(ArmEvent::TorqueOff);
                 }
             }
         }
     }
 
-    /// When [`tick`](Self::tick) or [`speak`](Self::speak) has something to do.
+    /// When [`tick`](Self::tick) or [`transmit`](Self::transmit) has something to do.
     pub(super) fn timeout(&self) -> Option<u64> {
-        let says = self.says.front().map(|saying| saying.end);
-        [says, self.gives_up].into_iter().flatten().min()
+        let next_tx = self.tx_queue.front().map(|transmission| transmission.end);
+        [next_tx, self.partial_frame_timeout].into_iter().flatten().min()
     }
 
     /// Gives half a frame up when the line has been quiet.
-    pub(super) fn tick(&mut self, now: u64, random: &mut Random, heard: &mut Vec<Heard>) {
-        let Some(quiet) = self.gives_up.take_if(|at| *at <= now) else {
+    pub(super) fn tick(&mut self, now: u64, random: &mut Random, events: &mut Vec<ArmEvent>) {
+        let Some(quiet) = self.partial_frame_timeout.take_if(|at| *at <= now) else {
             return;
         };
         self.decoder.idle();
         // What seemed to be the rest of a frame is heard now, and answered as early as if it had been heard before.
-        self.answer_all(quiet, 0, LATEST - PATIENCE, random, heard);
+        self.answer_all(quiet, 0, LATEST - PARTIAL_FRAME_TIMEOUT, random, events);
     }
 
     /// The next bytes that are on the line by `now`, and when the last of them was.
-    pub(super) fn speak(&mut self, now: u64) -> Option<(u64, Vec<u8>)> {
-        let saying = self.says.pop_front_if(|saying| saying.end <= now)?;
-        Some((saying.end, saying.bytes))
+    pub(super) fn transmit(&mut self, now: u64) -> Option<(u64, Vec<u8>)> {
+        let transmission = self.tx_queue.pop_front_if(|transmission| transmission.end <= now)?;
+        Some((transmission.end, transmission.bytes))
     }
 
     /// Whether it has something left to say.
-    pub(super) fn is_talking(&self) -> bool {
-        !self.says.is_empty()
+    pub(super) fn is_sending(&self) -> bool {
+        !self.tx_queue.is_empty()
     }
 
     /// Says something that nobody asked for.
-    pub(super) fn say_unasked(&mut self, now: u64) {
-        self.say(now, frame(UNASKED, &[2]));
+    pub(super) fn send_unasked(&mut self, now: u64) {
+        self.send(now, frame(UNASKED, &[2]));
     }
 
     /// Answers what it has heard by `end`, when `behind` more bytes had come.
-    fn answer_all(&mut self, end: u64, behind: usize, latest: u64, random: &mut Random, heard: &mut Vec<Heard>) {
+    fn answer_all(&mut self, end: u64, behind: usize, latest: u64, random: &mut Random, events: &mut Vec<ArmEvent>) {
         while let Some(item) = self.decoder.next(&Ling, ()) {
             let Some(Frame {
                 command,
@@ -231,7 +231,7 @@ impl Arm {
                     }
                     .frame(key)
                 }
-                data if QUESTIONS.contains(&key) || key == SELF_CHECK => match Tag::from_data(data) {
+                data if QUERIES.contains(&key) || key == SELF_CHECK => match Tag::from_data(data) {
                     Some(tag) => tag.frame(key),
                     None => continue,
                 },
@@ -240,42 +240,42 @@ impl Arm {
             let behind = behind + self.decoder.pending();
             let asked = end - byte_times(behind).min(end);
             let delay = self.answer(key, answer, asked, latest, random);
-            heard.push(Heard::Question(delay));
+            events.push(ArmEvent::Request(delay));
         }
     }
 
     /// Answers a request whose last byte was heard at `asked`, and returns how long after that, unless it does not.
     fn answer(&mut self, key: Key, answer: Vec<u8>, asked: u64, latest: u64, random: &mut Random) -> Option<u64> {
         let slowest = match key {
-            SELF_CHECK if !self.manners.checks_itself => return None,
-            _ => self.manners.slowest,
+            SELF_CHECK if !self.behavior.checks_itself => return None,
+            _ => self.behavior.slowest,
         };
-        if random.percent(self.manners.lost) {
+        if random.percent(self.behavior.lost) {
             return None;
         }
-        let begin = self.says.back().map_or(0, |last| last.end);
+        let begin = self.tx_queue.back().map_or(0, |last| last.end);
         let begin = begin.max(asked + random.between(0, slowest));
         let end = begin + byte_times(answer.len());
         if end > asked + latest {
             return None;
         }
-        self.says.push_back(Saying { end, bytes: answer });
+        self.tx_queue.push_back(Transmission { end, bytes: answer });
         Some(end - asked)
     }
 
     /// Puts bytes where the line is free first.
-    fn say(&mut self, now: u64, bytes: Vec<u8>) {
+    fn send(&mut self, now: u64, bytes: Vec<u8>) {
         let takes = byte_times(bytes.len());
         let mut end = now + takes;
         let mut place = 0;
-        for saying in &self.says {
-            let begin = saying.end - byte_times(saying.bytes.len());
+        for transmission in &self.tx_queue {
+            let begin = transmission.end - byte_times(transmission.bytes.len());
             if end <= begin {
                 break;
             }
-            end = end.max(saying.end + takes);
+            end = end.max(transmission.end + takes);
             place += 1;
         }
-        self.says.insert(place, Saying { end, bytes });
+        self.tx_queue.insert(place, Transmission { end, bytes });
     }
 }

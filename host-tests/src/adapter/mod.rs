@@ -35,7 +35,7 @@ pub struct Circumstances {
     /// An answer came more than 50 ms after the last byte of its request.
     pub late_answer: bool,
     /// A host that streamed motion fell silent.
-    pub silence: bool,
+    pub host_timeout: bool,
     /// And the torque went off.
     pub torque_off: bool,
     /// The adapter started again.
@@ -55,7 +55,7 @@ impl Circumstances {
             ("a save", self.save),
             ("an unasked frame every 40 ms", self.unasked >= 5),
             ("an answer 50 to 100 ms after its request", self.late_answer),
-            ("a host that falls silent in its stream", self.silence),
+            ("a host that falls silent in its stream", self.host_timeout),
             ("torque-off", self.torque_off),
         ]
     }

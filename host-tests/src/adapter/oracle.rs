@@ -27,9 +27,9 @@ const STREAM: u32 = 3;
 const TURNAROUND: u64 = 50_000;
 const SELF_CHECK_TURNAROUND: u64 = 500_000;
 /// How long an answer may be late, during which the next request like it waits.
-const LATENESS: u64 = 50_000;
+const STALE_WINDOW: u64 = 50_000;
 /// How long after another's turn the host on USB is not alone on the line.
-const SHARED: u64 = 1_000_000;
+const SHARED_TIME: u64 = 1_000_000;
 /// How long others wait at most for a host on USB whose bytes are no frame; and what the answers themselves take, and looks at
 /// the line.
 const RAW_TURN: u64 = 100_000;
@@ -120,7 +120,7 @@ pub(super) struct Oracle {
     /// The most requests of the host on USB that the arm had at a time, the answers that it owes, and the last request of each
     /// kind of each host.
     pub(super) most_in_flight: usize,
-    owed: Vec<Owed>,
+    pending_answers: Vec<PendingAnswer>,
     last: BTreeMap<(u8, Key), u32>,
     /// When another than the host on USB last had the line, and until when others wait because of requests of that host that
     /// are not tracked.
@@ -153,13 +153,13 @@ pub(super) struct Oracle {
     for_others: u64,
     frames: u32,
     wanted: u32,
-    pub(super) silences: u32,
+    pub(super) host_timeouts: u32,
     can_answers: u32,
-    can_heard: u32,
+    can_received: u32,
     /// Another node sent flow control, as if it were the host.
     pub(super) is_can_disturbed: bool,
-    asked: u32,
-    replied: u32,
+    control_requests: u32,
+    control_replies: u32,
 }
 
 const fn index(initiator: Initiator) -> Option<usize> {
@@ -173,7 +173,7 @@ const fn index(initiator: Initiator) -> Option<usize> {
 
 /// An answer that the arm owes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Owed {
+struct PendingAnswer {
     key: Key,
     tag: Tag,
     due: u64,
@@ -182,7 +182,7 @@ struct Owed {
 }
 
 /// What a request of a host asks for.
-enum Ask {
+enum Effect {
     /// An answer.
     Answer(Key, Option<Tag>),
     Motion,
@@ -191,13 +191,13 @@ enum Ask {
 }
 
 /// From the manual of the arm: what is answered, what moves, what holds.
-fn ask(frame: &[u8]) -> Ask {
+fn effect_of(frame: &[u8]) -> Effect {
     match frame {
-        [_, 0x06, 0x03, ..] => Ask::Motion,
-        [_, 0x05, 0x00, _, 1, ..] => Ask::TorqueOn,
-        [_, 0x03 | 0x05, ..] => Ask::Nothing,
-        [_, command, function, ..] => Ask::Answer((*command, *function), Tag::of(frame).map(|(_, tag)| tag)),
-        _ => Ask::Nothing,
+        [_, 0x06, 0x03, ..] => Effect::Motion,
+        [_, 0x05, 0x00, _, 1, ..] => Effect::TorqueOn,
+        [_, 0x03 | 0x05, ..] => Effect::Nothing,
+        [_, command, function, ..] => Effect::Answer((*command, *function), Tag::of(frame).map(|(_, tag)| tag)),
+        _ => Effect::Nothing,
     }
 }
 
@@ -241,7 +241,7 @@ impl Oracle {
             },
             polled: 0,
             most_in_flight: 0,
-            owed: Vec::new(),
+            pending_answers: Vec::new(),
             last: BTreeMap::new(),
             others_had: None,
             untracked_until: 0,
@@ -265,12 +265,12 @@ impl Oracle {
             for_others: 0,
             frames: 0,
             wanted: 0,
-            silences: 0,
+            host_timeouts: 0,
             can_answers: 0,
-            can_heard: 0,
+            can_received: 0,
             is_can_disturbed: false,
-            asked: 0,
-            replied: 0,
+            control_requests: 0,
+            control_replies: 0,
         }
     }
 
@@ -285,9 +285,9 @@ impl Oracle {
                 continue;
             };
             let waits = if initiator == Initiator::Can { MOTION_WAIT } else { 0 };
-            let silent = stream.alive + self.after().max(waits);
+            let due = stream.alive + self.after().max(waits);
             assert!(
-                stream.run < STREAM || self.after() == 0 || now <= silent + INSTANT,
+                stream.run < STREAM || self.after() == 0 || now <= due + INSTANT,
                 "{initiator} streams motion, is silent since {} µs, and nothing is reported at {now} µs",
                 stream.alive
             );
@@ -312,7 +312,7 @@ impl Oracle {
             (true, Some(since)) => {
                 let slow = if self.at_arms_rate { 0 } else { SLOWEST };
                 let from = self.answers_until.max(self.moved).max(since);
-                let until = from + LATENESS + RAW_TURN + SLACK + slow;
+                let until = from + STALE_WINDOW + RAW_TURN + SLACK + slow;
                 assert!(
                     now <= until,
                     "the line is held: nothing has moved since {} µs, the answers were due at {} µs, somebody has \
@@ -397,7 +397,7 @@ impl Oracle {
     }
 
     pub(super) fn can_accepted(&mut self, now: u64, pdu: Vec<u8>) {
-        if matches!(ask(&pdu), Ask::Motion) {
+        if matches!(effect_of(&pdu), Effect::Motion) {
             self.streams[1].alive = now;
             self.streams[1].perhaps += 1;
         }
@@ -415,13 +415,13 @@ impl Oracle {
         self.poll_period = None;
     }
 
-    pub(super) fn asked(&mut self, identifies: bool) {
-        self.asked += 1;
+    pub(super) fn on_control_request(&mut self, identifies: bool) {
+        self.control_requests += 1;
         self.is_identifying |= identifies;
     }
 
-    pub(super) fn replied(&mut self, identified: bool) {
-        self.replied += 1;
+    pub(super) fn on_control_reply(&mut self, identified: bool) {
+        self.control_replies += 1;
         self.is_identifying &= !identified;
     }
 
@@ -474,8 +474,11 @@ impl Oracle {
         match initiator {
             Initiator::Usb => self.usb_sent(bytes, untracked, now, end),
             Initiator::Can => {
-                let (came, said) = self.can.pop_front().expect("no host on CAN has a request");
-                assert_eq!(bytes, said, "hosts on CAN said something else, or in another order");
+                let (came, sent_bytes) = self.can.pop_front().expect("no host on CAN has a request");
+                assert_eq!(
+                    bytes, sent_bytes,
+                    "hosts on CAN said something else, or in another order"
+                );
                 self.requested(initiator, bytes, came, now, end);
             }
             Initiator::Command => {
@@ -506,7 +509,7 @@ impl Oracle {
                 assert!(bytes.iter().all(|byte| *byte == 0), "the adapter says {bytes:02X?}");
                 self.half_frame |= self.usb_requests.pending() > 0;
                 assert!(
-                    self.half_frame || self.was_other_rate || self.silences > 0,
+                    self.half_frame || self.was_other_rate || self.host_timeouts > 0,
                     "zeros, and the host on USB has ended all that it began"
                 );
                 (self.was_other_rate, self.is_usb_raw) = (false, false);
@@ -517,8 +520,8 @@ impl Oracle {
 
     fn requested(&mut self, initiator: Initiator, frame: &[u8], came: u64, now: u64, end: u64) {
         let after = self.after();
-        match ask(frame) {
-            Ask::Answer(key, tag) => {
+        match effect_of(frame) {
+            Effect::Answer(key, tag) => {
                 if initiator != Initiator::Usb {
                     self.check_turn(initiator, key, now);
                 }
@@ -530,7 +533,7 @@ impl Oracle {
                 let own = Tag { initiator, number: 0 };
                 let tag = tag.or_else(|| is_own(initiator).then_some(own));
                 if let Some(tag) = tag {
-                    self.owed.push(Owed {
+                    self.pending_answers.push(PendingAnswer {
                         key,
                         tag,
                         due: end + turnaround(key),
@@ -538,35 +541,38 @@ impl Oracle {
                     });
                     self.last.insert((initiator as u8, key), tag.number);
                 }
-                let of_usb = self.owed.iter().filter(|owed| owed.tag.initiator == Initiator::Usb);
-                let in_flight = of_usb.filter(|owed| now < owed.due).count();
+                let of_usb = self
+                    .pending_answers
+                    .iter()
+                    .filter(|pending| pending.tag.initiator == Initiator::Usb);
+                let in_flight = of_usb.filter(|pending| now < pending.due).count();
                 self.most_in_flight = self.most_in_flight.max(in_flight);
             }
             // At another rate the arm does not understand it, and nobody is watched under `hold-line`.
-            Ask::Motion | Ask::TorqueOn if !self.at_arms_rate || self.is_held => {}
-            Ask::Motion => {
+            Effect::Motion | Effect::TorqueOn if !self.at_arms_rate || self.is_held => {}
+            Effect::Motion => {
                 if let Some(at) = index(initiator) {
                     self.streams[at].perhaps += u32::from(initiator == Initiator::Usb);
                     self.streams[at].moved(came, now, after);
                 }
             }
-            Ask::TorqueOn => {
+            Effect::TorqueOn => {
                 if let Some(at) = index(initiator) {
                     self.streams[at].end();
                 }
             }
-            Ask::Nothing => {}
+            Effect::Nothing => {}
         }
     }
 
     /// The host on USB says these bytes. So many requests in them, the last ones, are counted as not tracked.
     fn usb_sent(&mut self, bytes: &[u8], untracked: u32, now: u64, end: u64) {
-        let said: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
-        assert_eq!(bytes, said, "the host on USB said other bytes");
+        let sent_bytes: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
+        assert_eq!(bytes, sent_bytes, "the host on USB said other bytes");
         self.usb_moved = end;
         // What was begun is not held back, and no arm answers at another rate.
         let is_free = self.is_usb_raw || self.usb_requests.pending() > 0 || !self.at_arms_rate;
-        let is_shared = self.others_had.is_some_and(|at| now + INSTANT < at + SHARED);
+        let is_shared = self.others_had.is_some_and(|at| now + INSTANT < at + SHARED_TIME);
         let is_waited_for = self.can.front().is_some_and(|(came, _)| came + INSTANT < now);
         assert!(
             untracked == 0 || is_free || !is_shared && !is_waited_for,
@@ -586,15 +592,15 @@ impl Oracle {
             }
         }
         for (nth, (frame, end)) in requests.iter().enumerate() {
-            match ask(frame) {
-                Ask::Answer(key, _) if is_free && nth == 0 => self.mix(key),
-                Ask::Answer(key, _) => self.check_turn(Initiator::Usb, key, now),
+            match effect_of(frame) {
+                Effect::Answer(key, _) if is_free && nth == 0 => self.mix(key),
+                Effect::Answer(key, _) => self.check_turn(Initiator::Usb, key, now),
                 _ => {}
             }
             self.requested(Initiator::Usb, frame, now, now, *end);
         }
-        let wanted = requests.iter().rev().filter_map(|(frame, end)| match ask(frame) {
-            Ask::Answer(key, _) => Some(end + turnaround(key) + LATENESS),
+        let wanted = requests.iter().rev().filter_map(|(frame, end)| match effect_of(frame) {
+            Effect::Answer(key, _) => Some(end + turnaround(key) + STALE_WINDOW),
             _ => None,
         });
         let untracked_until = wanted.take(untracked as usize).max();
@@ -603,19 +609,21 @@ impl Oracle {
 
     /// A request of the host on USB of this key goes out whatever else the arm owes.
     fn mix(&mut self, key: Key) {
-        for owed in self.owed.iter_mut().filter(|owed| owed.key == key) {
-            owed.is_mixed = true;
+        for pending in self.pending_answers.iter_mut().filter(|pending| pending.key == key) {
+            pending.is_mixed = true;
         }
     }
 
     /// A request of this key goes out at `now`: an answer to it can be told from all that may still come.
     fn check_turn(&self, initiator: Initiator, key: Key, now: u64) {
         // The host on USB hears all answers of its own.
-        let hears = |by: Initiator| by == Initiator::Usb && initiator == Initiator::Usb;
-        let may_come = self
-            .owed
-            .iter()
-            .find(|owed| owed.key == key && now < owed.due + LATENESS && !hears(owed.tag.initiator) && !owed.is_mixed);
+        let is_usb_own = |by: Initiator| by == Initiator::Usb && initiator == Initiator::Usb;
+        let may_come = self.pending_answers.iter().find(|pending| {
+            pending.key == key
+                && now < pending.due + STALE_WINDOW
+                && !is_usb_own(pending.tag.initiator)
+                && !pending.is_mixed
+        });
         assert_eq!(may_come, None, "{initiator} asks the same at {now} µs");
         assert!(
             initiator == Initiator::Usb || now >= self.untracked_until,
@@ -638,21 +646,21 @@ impl Oracle {
     }
 
     /// The arm said bytes.
-    pub(super) fn arm_said(&mut self, now: u64, bytes: &[u8]) {
+    pub(super) fn arm_sent(&mut self, now: u64, bytes: &[u8]) {
         self.arm_bytes += bytes.len() as u64;
         let Some((key, mut tag)) = Tag::of(bytes) else { return };
         if is_own(tag.initiator) {
             tag.number = 0;
         }
         // Of the adapter's own, which have no number, the last is meant.
-        let asked = self
-            .owed
+        let answered = self
+            .pending_answers
             .iter()
-            .rposition(|owed| owed.key == key && owed.tag == tag)
-            .map(|at| self.owed.remove(at));
-        let is_in_time = asked.is_some_and(|owed| now <= owed.due && !owed.is_mixed);
+            .rposition(|pending| pending.key == key && pending.tag == tag)
+            .map(|at| self.pending_answers.remove(at));
+        let is_in_time = answered.is_some_and(|pending| now <= pending.due && !pending.is_mixed);
         self.in_time = is_in_time.then_some(tag).filter(|tag| tag.initiator != Initiator::Usb);
-        if asked.is_some() || is_own(tag.initiator) {
+        if answered.is_some() || is_own(tag.initiator) {
             // Those behind have their time from now on.
             self.answers_until = self.answers_until.max(now + self.turnaround() + self.slowest_answer);
         }
@@ -661,9 +669,9 @@ impl Oracle {
     /// Time passes: none of the requests is in flight any more whose answers would have been there by now.
     pub(super) fn tick(&mut self, now: u64) {
         self.half_frame |= self.usb_requests.pending() > 0 && now > self.usb_moved + PAUSE;
-        if now > self.answers_until + LATENESS {
-            self.open_self_check |= self.owed.iter().any(|owed| owed.key == SELF_CHECK);
-            self.owed.clear();
+        if now > self.answers_until + STALE_WINDOW {
+            self.open_self_check |= self.pending_answers.iter().any(|pending| pending.key == SELF_CHECK);
+            self.pending_answers.clear();
             (self.is_checking, self.slowest_answer) = (false, 0);
         }
     }
@@ -686,8 +694,8 @@ impl Oracle {
     }
 
     /// A host on CAN heard a PDU.
-    pub(super) fn can_heard(&mut self, pdu: &[u8]) {
-        self.can_heard += 1;
+    pub(super) fn can_received(&mut self, pdu: &[u8]) {
+        self.can_received += 1;
         let tag = Tag::of(pdu).map(|(_, tag)| tag.initiator);
         assert_eq!(
             tag,
@@ -718,7 +726,7 @@ impl Oracle {
                 initiator,
                 dropped,
                 torque_off,
-            } => self.silent(*initiator, (*dropped).into(), *torque_off, now, at),
+            } => self.on_host_timeout(*initiator, (*dropped).into(), *torque_off, now, at),
             Event::Refused {
                 initiator: Initiator::Command,
                 reason: Refusal::Stale,
@@ -763,8 +771,8 @@ impl Oracle {
         }
     }
 
-    fn silent(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: u64, at: u64) {
-        self.silences += 1;
+    fn on_host_timeout(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: u64, at: u64) {
+        self.host_timeouts += 1;
         let Some(stream) = index(initiator).map(|at| self.streams[at]) else {
             panic!("{initiator} is no host");
         };
@@ -813,7 +821,10 @@ impl Oracle {
 
     /// Whether nobody waits for anything.
     pub(super) fn is_idle(&self) -> bool {
-        self.usb.is_empty() && self.can.is_empty() && self.asked == self.replied && self.owed.is_empty()
+        self.usb.is_empty()
+            && self.can.is_empty()
+            && self.control_requests == self.control_replies
+            && self.pending_answers.is_empty()
     }
 
     /// The adapter starts again now.
@@ -823,7 +834,7 @@ impl Oracle {
     }
 
     /// All has ended: the accounts are even. Requests are counted exactly if all that the host on USB said was whole.
-    pub(super) fn check_accounts(&self, c: &Counters, is_whole: bool) {
+    pub(super) fn check_totals(&self, c: &Counters, is_whole: bool) {
         assert!(
             self.usb.is_empty(),
             "{} bytes of the host on USB wait for ever",
@@ -833,8 +844,11 @@ impl Oracle {
         assert_eq!(u64::from(c.host_to_arm_bytes), self.line_bytes, "bytes to the arm");
         assert_eq!(u64::from(c.arm_to_host_bytes), self.arm_bytes, "bytes of the arm");
         assert_eq!(c.refused_bytes, 0, "bytes that were taken without room");
-        assert_eq!(c.host_silences, self.silences, "hosts that fell silent");
-        assert_eq!(self.replied, self.asked, "requests on the control port");
+        assert_eq!(c.host_silences, self.host_timeouts, "hosts that fell silent");
+        assert_eq!(
+            self.control_replies, self.control_requests,
+            "requests on the control port"
+        );
         if self.frames == c.frames {
             let lost = u64::from(c.dropped_bytes + c.unheard_bytes);
             assert_eq!(
@@ -847,10 +861,10 @@ impl Oracle {
             let gone = c.dropped_can_answers + c.isotp_failures;
             // Flow control of another node may have the adapter send what its host is not ready for.
             assert!(
-                self.is_can_disturbed || (self.can_heard..=self.can_heard + gone).contains(&self.can_answers),
+                self.is_can_disturbed || (self.can_received..=self.can_received + gone).contains(&self.can_answers),
                 "{} answers for CAN, {} heard, {gone} counted as lost",
                 self.can_answers,
-                self.can_heard
+                self.can_received
             );
         }
         let answered = c.frames - c.late_answers - c.unasked_frames;

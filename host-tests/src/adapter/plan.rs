@@ -5,7 +5,7 @@ use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{Initiator, Request};
 
 use super::Circumstances;
-use super::arm::{Key, Manners, QUESTIONS, SELF_CHECK, TORQUE, Tag, frame};
+use super::arm::{Behavior, Key, QUERIES, SELF_CHECK, TORQUE, Tag, frame};
 use super::rig::{Rig, motion};
 use crate::random::Random;
 
@@ -16,12 +16,12 @@ const UNASKED_PERIOD: u64 = 40 * MILLISECOND;
 
 /// Something that happens at its time.
 #[derive(Clone, Debug)]
-enum Deed {
+enum Step {
     /// The host on USB.
-    UsbAsks(Key),
+    UsbRequests(Key),
     UsbMoves,
     UsbHolds,
-    UsbSays(Vec<u8>),
+    UsbWrites(Vec<u8>),
     /// So many bytes of a request, and not the rest.
     UsbStops(usize),
     /// The first so many bytes of a request, and the rest of it.
@@ -32,7 +32,7 @@ enum Deed {
     Dtr(bool),
     Control(Request),
     /// Hosts on CAN.
-    CanAsks(Key),
+    CanRequests(Key),
     CanMoves,
     CanHolds,
     CanFrame(&'static [u8]),
@@ -51,18 +51,18 @@ enum Host {
     Commander,
 }
 
-impl Deed {
+impl Step {
     /// Who does it no more once dead.
     fn host(&self) -> Option<Host> {
         match self {
-            Self::UsbAsks(_)
+            Self::UsbRequests(_)
             | Self::UsbMoves
             | Self::UsbHolds
-            | Self::UsbSays(_)
+            | Self::UsbWrites(_)
             | Self::UsbStops(_)
             | Self::UsbBegins(_)
             | Self::UsbGoesOn => Some(Host::Usb),
-            Self::CanAsks(_) | Self::CanMoves | Self::CanHolds => Some(Host::Can),
+            Self::CanRequests(_) | Self::CanMoves | Self::CanHolds => Some(Host::Can),
             Self::Command => Some(Host::Commander),
             _ => None,
         }
@@ -73,22 +73,22 @@ impl Deed {
 pub(super) struct Plan {
     rig: Rig,
     config: Config,
-    deeds: Vec<(u64, Deed)>,
+    steps: Vec<(u64, Step)>,
     end: u64,
     /// All that the host on USB says are whole requests.
     is_whole: bool,
-    asked: [u32; 2],
+    requests: [u32; 2],
     /// What the host on USB has not said yet of the request that it has begun.
     begun: Vec<u8>,
 }
 
 impl Plan {
-    pub(super) fn new(mut random: Random, is_told: bool) -> Self {
+    pub(super) fn new(mut random: Random, is_traced: bool) -> Self {
         let r = &mut random;
         let config = config(r);
         let saves = r.percent(20);
         let slowest = r.one_of(&[300, 300, 2_000, 45_000, 100_000, 100_000]);
-        let manners = Manners {
+        let behavior = Behavior {
             // What comes while the flash is written is heard later.
             slowest: if saves { slowest.min(70_000) } else { slowest },
             lost: r.one_of(&[0, 0, 0, 2, 20, 100]),
@@ -96,92 +96,92 @@ impl Plan {
         };
         let after = u64::from(config.host_timeout.after_ms).max(50) * MILLISECOND;
         let end = r.between(600, 2_000) * MILLISECOND;
-        let mut deeds = Vec::new();
+        let mut steps = Vec::new();
         let mut is_whole = true;
 
-        streams(r, &config, after, end, &mut deeds);
-        questions(r, end, &mut deeds);
+        streams(r, &config, after, end, &mut steps);
+        questions(r, end, &mut steps);
         if r.percent(25) {
             for _ in 0..r.between(1, 3) {
                 let at = r.between(0, end);
-                let key = r.one_of(&QUESTIONS);
+                let key = r.one_of(&QUERIES);
                 let same = r.percent(50);
                 for _ in 0..r.between(9, 24) {
-                    let key = if same { key } else { r.one_of(&QUESTIONS) };
-                    deeds.push((at, Deed::UsbAsks(key)));
+                    let key = if same { key } else { r.one_of(&QUERIES) };
+                    steps.push((at, Step::UsbRequests(key)));
                 }
             }
         }
         if r.percent(30) {
             for _ in 0..r.between(1, 2) {
                 let at = r.between(0, end);
-                deeds.push((
+                steps.push((
                     at,
-                    r.one_of(&[Deed::UsbAsks as fn(Key) -> Deed, Deed::CanAsks])(SELF_CHECK),
+                    r.one_of(&[Step::UsbRequests as fn(Key) -> Step, Step::CanRequests])(SELF_CHECK),
                 ));
             }
         }
         if r.percent(15) {
             is_whole = false;
             for _ in 0..r.between(1, 3) {
-                deeds.push((r.between(0, end), Deed::UsbStops(r.between(1, 10) as usize)));
+                steps.push((r.between(0, end), Step::UsbStops(r.between(1, 10) as usize)));
             }
         }
         if r.percent(20) {
             let begin = r.between(0, end);
             let baud = r.one_of(&[2_400, 9_600, 115_200, 2_000_000]);
-            deeds.push((begin, Deed::SetRate(baud)));
+            steps.push((begin, Step::SetRate(baud)));
             if r.percent(50) {
                 let bytes = vec![0x55; r.between(1, 300) as usize];
-                deeds.push((begin + MILLISECOND, Deed::UsbSays(bytes)));
+                steps.push((begin + MILLISECOND, Step::UsbWrites(bytes)));
                 is_whole = false;
             }
             // The host sets the arm's rate again, closes the port, or neither.
             let ends = begin + r.between(5, 500) * MILLISECOND;
             match r.between(0, 3) {
-                0 | 1 => deeds.push((ends, Deed::SetRate(1_000_000))),
-                2 => deeds.extend([(begin, Deed::Dtr(true)), (ends, Deed::Dtr(false))]),
+                0 | 1 => steps.push((ends, Step::SetRate(1_000_000))),
+                2 => steps.extend([(begin, Step::Dtr(true)), (ends, Step::Dtr(false))]),
                 _ => {}
             }
         }
         if r.percent(18) {
             let begin = r.between(0, end);
-            deeds.push((begin, Deed::Control(Request::HoldLine)));
-            deeds.push((
+            steps.push((begin, Step::Control(Request::HoldLine)));
+            steps.push((
                 begin + r.between(1, 500) * MILLISECOND,
-                Deed::Control(Request::ReleaseLine),
+                Step::Control(Request::ReleaseLine),
             ));
         }
         if saves {
             for _ in 0..r.between(1, 3) {
-                deeds.push((r.between(0, end), Deed::Control(Request::SaveConfig)));
+                steps.push((r.between(0, end), Step::Control(Request::SaveConfig)));
             }
         }
         let rest = end + after + 800 * MILLISECOND;
         if r.percent(20) {
             let first = r.between(0, UNASKED_PERIOD);
-            deeds.extend(every(first, UNASKED_PERIOD, rest).map(|at| (at, Deed::Unasked)));
+            steps.extend(every(first, UNASKED_PERIOD, rest).map(|at| (at, Step::Unasked)));
         }
         if r.percent(20) {
             // Flow control, nothing, and what is no frame of ISO-TP.
             let data = r.one_of(&[&[0x30, 0, 0][..], &[], &[0x50, 1, 2]]);
             let period = r.between(20, 400) * MILLISECOND;
-            deeds.extend(every(r.between(0, period), period, rest).map(|at| (at, Deed::CanFrame(data))));
+            steps.extend(every(r.between(0, period), period, rest).map(|at| (at, Step::CanFrame(data))));
         }
         for request in [Request::IdentifyArm, Request::GetCounters, Request::EndStream] {
             if r.percent(15) {
-                deeds.push((r.between(0, end), Deed::Control(request)));
+                steps.push((r.between(0, end), Step::Control(request)));
             }
         }
         if r.percent(8) {
             let begin = r.between(0, end);
-            deeds.push((begin, Deed::Reads(false)));
-            deeds.push((begin + r.between(1, 300) * MILLISECOND, Deed::Reads(true)));
+            steps.push((begin, Step::Reads(false)));
+            steps.push((begin + r.between(1, 300) * MILLISECOND, Step::Reads(true)));
         }
         if r.percent(8) {
             let begin = r.between(0, end);
-            deeds.push((begin, Deed::Dtr(true)));
-            deeds.push((begin + r.between(1, 300) * MILLISECOND, Deed::Dtr(false)));
+            steps.push((begin, Step::Dtr(true)));
+            steps.push((begin + r.between(1, 300) * MILLISECOND, Step::Dtr(false)));
         }
         for host in [Host::Usb, Host::Can, Host::Commander] {
             if r.percent(40) {
@@ -191,7 +191,7 @@ impl Plan {
                 } else {
                     end
                 };
-                deeds.retain(|(at, deed)| deed.host() != Some(host) || !(dies..back).contains(at));
+                steps.retain(|(at, step)| step.host() != Some(host) || !(dies..back).contains(at));
             }
         }
         if r.percent(15) {
@@ -200,40 +200,40 @@ impl Plan {
                 let begin = nth * each + r.between(0, each - 10 * MILLISECOND);
                 // It loses its turn if it pauses for longer.
                 let goes_on = begin + r.between(100, 9_000);
-                deeds.retain(|(at, deed)| deed.host() != Some(Host::Usb) || !(begin..=goes_on).contains(at));
-                deeds.push((begin, Deed::UsbBegins(r.between(1, 10) as usize)));
-                deeds.push((goes_on, Deed::UsbGoesOn));
+                steps.retain(|(at, step)| step.host() != Some(Host::Usb) || !(begin..=goes_on).contains(at));
+                steps.push((begin, Step::UsbBegins(r.between(1, 10) as usize)));
+                steps.push((goes_on, Step::UsbGoesOn));
             }
             // It may have paused for longer when the flash was written.
             is_whole &= !saves;
         }
         if r.percent(6) {
             let restart = r.one_of(&[Request::Restart, Request::RestartIntoBootLoader]);
-            let deed = if r.percent(60) {
-                Deed::Control(restart)
+            let step = if r.percent(60) {
+                Step::Control(restart)
             } else {
-                Deed::Watchdog
+                Step::Watchdog
             };
-            deeds.push((r.between(0, end), deed));
+            steps.push((r.between(0, end), step));
         }
-        deeds.sort_by_key(|(at, _)| *at);
+        steps.sort_by_key(|(at, _)| *at);
         let save_takes = r.between(160, 20_000);
         Self {
-            rig: Rig::new(config, manners, save_takes, random, is_told),
+            rig: Rig::new(config, behavior, save_takes, random, is_traced),
             config,
-            deeds,
+            steps,
             end: rest,
             is_whole,
-            asked: [0; 2],
+            requests: [0; 2],
             begun: Vec::new(),
         }
     }
 
     pub(super) fn run(mut self) -> Circumstances {
-        for (at, deed) in std::mem::take(&mut self.deeds) {
+        for (at, step) in std::mem::take(&mut self.steps) {
             self.rig.run_until(at);
             if !self.rig.is_over {
-                self.does(deed);
+                self.apply(step);
             }
         }
         if !self.rig.is_over {
@@ -246,62 +246,62 @@ impl Plan {
     fn end(&mut self) {
         self.rig.usb_reads = true;
         self.rig.run_until(self.end);
-        let silent = Config {
+        let without_polls = Config {
             poll: Poll::Off,
             ..self.config
         };
-        self.rig.control(Request::SetConfig(silent));
+        self.rig.control(Request::SetConfig(without_polls));
         self.rig.oracle.polls_end();
         self.rig.settle();
         if !self.rig.is_over {
-            self.rig.check_accounts(self.is_whole);
+            self.rig.check_totals(self.is_whole);
         }
     }
 
-    fn does(&mut self, deed: Deed) {
+    fn apply(&mut self, step: Step) {
         let rig = &mut self.rig;
-        match deed {
-            Deed::UsbAsks(key) => {
-                let tag = next_tag(Initiator::Usb, &mut self.asked[0]);
-                rig.usb_says(&tag.frame(key));
+        match step {
+            Step::UsbRequests(key) => {
+                let tag = next_tag(Initiator::Usb, &mut self.requests[0]);
+                rig.usb_writes(&tag.frame(key));
             }
-            Deed::UsbMoves => rig.usb_says(&move_to(2_048)),
-            Deed::UsbHolds => rig.usb_says(&frame(TORQUE, &[1])),
-            Deed::UsbSays(bytes) => rig.usb_says(&bytes),
-            Deed::UsbStops(len) => {
-                let tag = next_tag(Initiator::Usb, &mut self.asked[0]);
-                rig.usb_says(&tag.frame(QUESTIONS[0])[..len]);
+            Step::UsbMoves => rig.usb_writes(&move_to(2_048)),
+            Step::UsbHolds => rig.usb_writes(&frame(TORQUE, &[1])),
+            Step::UsbWrites(bytes) => rig.usb_writes(&bytes),
+            Step::UsbStops(len) => {
+                let tag = next_tag(Initiator::Usb, &mut self.requests[0]);
+                rig.usb_writes(&tag.frame(QUERIES[0])[..len]);
             }
-            Deed::UsbBegins(len) => {
-                let tag = next_tag(Initiator::Usb, &mut self.asked[0]);
-                let mut request = tag.frame(QUESTIONS[0]);
+            Step::UsbBegins(len) => {
+                let tag = next_tag(Initiator::Usb, &mut self.requests[0]);
+                let mut request = tag.frame(QUERIES[0]);
                 self.begun = request.split_off(len);
-                rig.usb_says(&request);
+                rig.usb_writes(&request);
             }
-            Deed::UsbGoesOn => rig.usb_says(&std::mem::take(&mut self.begun)),
-            Deed::SetRate(baud) => rig.set_rate(baud),
-            Deed::Reads(reads) => rig.usb_reads = reads,
-            Deed::Dtr(high) => rig.set_dtr(high),
-            Deed::Control(request) => rig.control(request),
-            Deed::CanAsks(key) => {
-                let tag = next_tag(Initiator::Can, &mut self.asked[1]);
-                rig.can_says(tag.frame(key));
+            Step::UsbGoesOn => rig.usb_writes(&std::mem::take(&mut self.begun)),
+            Step::SetRate(baud) => rig.set_rate(baud),
+            Step::Reads(reads) => rig.usb_reads = reads,
+            Step::Dtr(high) => rig.set_dtr(high),
+            Step::Control(request) => rig.control(request),
+            Step::CanRequests(key) => {
+                let tag = next_tag(Initiator::Can, &mut self.requests[1]);
+                rig.can_sends(tag.frame(key));
             }
-            Deed::CanMoves => rig.can_says(move_to(1_024)),
-            Deed::CanHolds => rig.can_says(frame(TORQUE, &[1])),
-            Deed::CanFrame(data) => rig.can_frame(data),
-            Deed::Command => rig.command(512),
-            Deed::Unasked => rig.arm_says_unasked(),
-            Deed::Watchdog => rig.watchdog_bites(),
+            Step::CanMoves => rig.can_sends(move_to(1_024)),
+            Step::CanHolds => rig.can_sends(frame(TORQUE, &[1])),
+            Step::CanFrame(data) => rig.can_frame(data),
+            Step::Command => rig.command(512),
+            Step::Unasked => rig.arm_sends_unasked(),
+            Step::Watchdog => rig.watchdog_bites(),
         }
     }
 }
 
-fn next_tag(initiator: Initiator, asked: &mut u32) -> Tag {
-    *asked += 1;
+fn next_tag(initiator: Initiator, requests: &mut u32) -> Tag {
+    *requests += 1;
     Tag {
         initiator,
-        number: *asked,
+        number: *requests,
     }
 }
 
@@ -325,11 +325,11 @@ fn config(r: &mut Random) -> Config {
 }
 
 /// The streams of motion. Each goes on to the end, or its host ends it.
-fn streams(r: &mut Random, config: &Config, after: u64, end: u64, deeds: &mut Vec<(u64, Deed)>) {
+fn streams(r: &mut Random, config: &Config, after: u64, end: u64, steps: &mut Vec<(u64, Step)>) {
     let streams = [
-        (60, Deed::UsbMoves, Some(Deed::UsbHolds)),
-        (40, Deed::CanMoves, Some(Deed::CanHolds)),
-        (if config.can.commands { 60 } else { 0 }, Deed::Command, None),
+        (60, Step::UsbMoves, Some(Step::UsbHolds)),
+        (40, Step::CanMoves, Some(Step::CanHolds)),
+        (if config.can.commands { 60 } else { 0 }, Step::Command, None),
     ];
     for (percent, motion, hold) in streams {
         if !r.percent(percent) {
@@ -337,28 +337,28 @@ fn streams(r: &mut Random, config: &Config, after: u64, end: u64, deeds: &mut Ve
         }
         let period = r.between(15 * MILLISECOND, after * 9 / 10);
         let begin = r.between(0, end / 2);
-        deeds.extend(every(begin, period, end).map(|at| (at, motion.clone())));
+        steps.extend(every(begin, period, end).map(|at| (at, motion.clone())));
         if let Some(hold) = hold.filter(|_| r.percent(20)) {
             let at = r.between(begin, end);
-            deeds.retain(|(when, deed)| *when < at || deed.host() != motion.host());
-            deeds.push((at, hold));
+            steps.retain(|(when, step)| *when < at || step.host() != motion.host());
+            steps.push((at, hold));
         }
     }
 }
 
 /// The questions that hosts ask again and again.
-fn questions(r: &mut Random, end: u64, deeds: &mut Vec<(u64, Deed)>) {
-    for asks in [Deed::UsbAsks as fn(Key) -> Deed, Deed::CanAsks] {
+fn questions(r: &mut Random, end: u64, steps: &mut Vec<(u64, Step)>) {
+    for asks in [Step::UsbRequests as fn(Key) -> Step, Step::CanRequests] {
         if !r.percent(60) {
             continue;
         }
-        let kinds = r.between(1, QUESTIONS.len() as u64) as usize;
+        let kinds = r.between(1, QUERIES.len() as u64) as usize;
         let period = r.between(4, 120) * MILLISECOND;
         let (one, other) = (r.between(0, end), r.between(0, end));
         let at: Vec<u64> = every(one.min(other), period, one.max(other)).collect();
-        deeds.extend(
+        steps.extend(
             at.into_iter()
-                .map(|at| (at + r.between(0, period / 2), asks(r.one_of(&QUESTIONS[..kinds])))),
+                .map(|at| (at + r.between(0, period / 2), asks(r.one_of(&QUERIES[..kinds])))),
         );
     }
 }

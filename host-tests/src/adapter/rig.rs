@@ -15,7 +15,7 @@ use armwire_bridge::control::{
 use armwire_bridge::isotp::{self, Endpoint, Link};
 use armwire_bridge::{Action, Bridge, CanEvent, LineCoding, PACKET, Start, Status, Transmit, UartEvent, UsbEvent};
 
-use super::arm::{Arm, Heard, Manners};
+use super::arm::{Arm, ArmEvent, Behavior};
 use super::oracle::Oracle;
 use super::{Circumstances, byte_times};
 use crate::random::Random;
@@ -24,7 +24,7 @@ use crate::random::Random;
 const CAN_FRAME: u64 = 130;
 
 /// How often the UART is looked at if nothing comes, in µs.
-const LOOK: u64 = 100_000;
+const RX_POLL_PERIOD: u64 = 100_000;
 
 /// An adapter and everybody around it.
 pub(super) struct Rig {
@@ -36,12 +36,12 @@ pub(super) struct Rig {
     arm: Arm,
     config: Config,
     /// Whether what happens is printed.
-    is_told: bool,
+    is_traced: bool,
 
     baud: u32,
     uart_is_free: u64,
     idle: Option<u64>,
-    looks: u64,
+    next_rx_poll: u64,
 
     usb: VecDeque<u8>,
     pub(super) usb_reads: bool,
@@ -67,7 +67,7 @@ pub(super) struct Rig {
 }
 
 impl Rig {
-    pub(super) fn new(config: Config, manners: Manners, save_takes: u64, random: Random, is_told: bool) -> Self {
+    pub(super) fn new(config: Config, behavior: Behavior, save_takes: u64, random: Random, is_traced: bool) -> Self {
         let mut bridge = Bridge::new(Identity::default(), config, Start::default());
         assert_eq!(bridge.config(), config);
         bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
@@ -78,13 +78,13 @@ impl Rig {
             seen: Circumstances::default(),
             now: 0,
             random,
-            arm: Arm::new(manners),
+            arm: Arm::new(behavior),
             config,
-            is_told,
+            is_traced,
             baud: LineCoding::LING.baud,
             uart_is_free: 0,
             idle: None,
-            looks: LOOK,
+            next_rx_poll: RX_POLL_PERIOD,
             usb: VecDeque::new(),
             usb_reads: true,
             replies: Reader::new(),
@@ -109,8 +109,8 @@ impl Rig {
         rig
     }
 
-    fn tell(&self, what: impl FnOnce() -> String) {
-        if self.is_told {
+    fn trace(&self, what: impl FnOnce() -> String) {
+        if self.is_traced {
             println!("{:9} {}", self.now, what());
         }
     }
@@ -135,7 +135,7 @@ impl Rig {
                 self.arm.timeout(),
                 self.bridge.timeout().map(|at| at.as_micros()),
                 self.idle,
-                Some(self.looks),
+                Some(self.next_rx_poll),
                 later(self.uart_is_free),
                 later(self.bus_is_free),
                 self.can.transmit_at().map(|at| at.as_micros()).and_then(later),
@@ -153,17 +153,17 @@ impl Rig {
 
     /// Does what is due now.
     fn step(&mut self) {
-        let mut heard = Vec::new();
-        self.arm.tick(self.now, &mut self.random, &mut heard);
-        self.note(&heard);
-        while let Some((at, bytes)) = self.arm.speak(self.now) {
-            self.arm_speaks(at.max(self.now), &bytes);
+        let mut events = Vec::new();
+        self.arm.tick(self.now, &mut self.random, &mut events);
+        self.on_arm_events(&events);
+        while let Some((at, bytes)) = self.arm.transmit(self.now) {
+            self.on_arm_bytes(at.max(self.now), &bytes);
         }
         if self.idle.take_if(|at| *at <= self.now).is_some() {
             self.bridge.uart_event(UartEvent::Idle, self.time());
         }
-        if self.looks <= self.now {
-            self.looks = self.now + LOOK;
+        if self.next_rx_poll <= self.now {
+            self.next_rx_poll = self.now + RX_POLL_PERIOD;
             self.bridge.uart_received(&[], self.time());
         }
         for event in self.can.tick(self.time()) {
@@ -182,12 +182,12 @@ impl Rig {
         }
     }
 
-    fn arm_speaks(&mut self, at: u64, bytes: &[u8]) {
+    fn on_arm_bytes(&mut self, at: u64, bytes: &[u8]) {
         if self.baud != LineCoding::LING.baud {
             return; // what it hears of that is no byte
         }
-        self.tell(|| format!("arm: {bytes:02X?}"));
-        self.oracle.arm_said(at, bytes);
+        self.trace(|| format!("arm: {bytes:02X?}"));
+        self.oracle.arm_sent(at, bytes);
         let (head, tail) = match self.random.percent(25) {
             true => bytes.split_at(self.random.between(1, bytes.len() as u64 - 1) as usize),
             false => bytes.split_at(0),
@@ -196,7 +196,7 @@ impl Rig {
         for (bytes, at) in [(head, early), (tail, Instant::from_micros(at))] {
             if !bytes.is_empty() {
                 self.bridge.uart_received(bytes, at);
-                self.hear_control();
+                self.poll_control();
             }
         }
         self.idle = Some(at + byte_times(1) + 1);
@@ -216,13 +216,13 @@ impl Rig {
             );
             any = true;
         }
-        self.hear_control();
+        self.poll_control();
         if !self.status().usb_room {
             self.oracle.usb_is_held_back(self.now);
         } else if !self.usb.is_empty() {
             let packet: Vec<u8> = self.usb.drain(..self.usb.len().min(PACKET)).collect();
             self.bridge.usb_received(&packet, now);
-            self.tell(|| format!("from USB: {packet:02X?}"));
+            self.trace(|| format!("from USB: {packet:02X?}"));
             let refused = self.refused_bytes();
             match refused {
                 0 => self.oracle.usb_accepted(self.now, &packet),
@@ -245,7 +245,7 @@ impl Rig {
             self.act(action);
             any = true;
         }
-        self.hear_control();
+        self.poll_control();
         any
     }
 
@@ -267,7 +267,7 @@ impl Rig {
         if let Some(Transmit::Burst { .. }) = transmit {
             self.bridge.uart_transmitted(now);
         }
-        self.hear_control();
+        self.poll_control();
         let (len, start) = match transmit {
             None => return false,
             Some(Transmit::Configure(uart)) => {
@@ -294,38 +294,38 @@ impl Rig {
         let start = start.map_or(self.now, |at| at.as_micros());
         let bytes = &out[..len];
         self.uart_is_free = start + (len as u64 * nanos_a_byte(self.baud)).div_ceil(1_000);
-        self.tell(|| format!("{initiator} at {start}: {bytes:02X?}"));
+        self.trace(|| format!("{initiator} at {start}: {bytes:02X?}"));
         let untracked = after.untracked_requests - before.untracked_requests;
         self.oracle
             .sent(initiator, bytes, untracked, self.now, start, self.uart_is_free);
         if self.baud == LineCoding::LING.baud {
-            let mut heard = Vec::new();
-            self.arm.hear(bytes, start, &mut self.random, &mut heard);
-            self.note(&heard);
+            let mut events = Vec::new();
+            self.arm.on_bytes(bytes, start, &mut self.random, &mut events);
+            self.on_arm_events(&events);
         }
         true
     }
 
-    fn note(&mut self, heard: &[Heard]) {
-        for heard in heard {
-            match heard {
-                Heard::TorqueOff => self.oracle.torque_is_off(),
-                Heard::Question(Some(delay)) => self.seen.late_answer |= *delay > 50_000,
-                Heard::Question(None) => {}
+    fn on_arm_events(&mut self, events: &[ArmEvent]) {
+        for event in events {
+            match event {
+                ArmEvent::TorqueOff => self.oracle.torque_is_off(),
+                ArmEvent::Request(Some(delay)) => self.seen.late_answer |= *delay > 50_000,
+                ArmEvent::Request(None) => {}
             }
         }
     }
 
     /// The arm says something unasked.
-    pub(super) fn arm_says_unasked(&mut self) {
-        self.arm.say_unasked(self.now);
+    pub(super) fn arm_sends_unasked(&mut self) {
+        self.arm.send_unasked(self.now);
         self.seen.unasked += 1;
     }
 
     // ---- The host on USB ----
 
     /// The host on USB says bytes.
-    pub(super) fn usb_says(&mut self, bytes: &[u8]) {
+    pub(super) fn usb_writes(&mut self, bytes: &[u8]) {
         self.usb.extend(bytes);
     }
 
@@ -335,7 +335,7 @@ impl Rig {
             baud,
             ..LineCoding::LING
         };
-        self.tell(|| format!("{baud} baud"));
+        self.trace(|| format!("{baud} baud"));
         let asked = self.bridge.set_line_coding(coding.to_cdc(), self.time());
         assert_eq!(asked, Ok(()));
         self.oracle.rate_requested(baud == LineCoding::LING.baud);
@@ -343,7 +343,7 @@ impl Rig {
 
     /// The host on USB opens or closes the serial port.
     pub(super) fn set_dtr(&mut self, high: bool) {
-        self.tell(|| format!("DTR {high}"));
+        self.trace(|| format!("DTR {high}"));
         self.bridge.usb_event(UsbEvent::Dtr(high), self.time());
         self.oracle.dtr(self.now, high, nanos_a_byte(self.baud));
     }
@@ -360,8 +360,8 @@ impl Rig {
         };
         let mut bytes = [0; MAX_COBS];
         let len = encode_cobs(&message, &mut bytes).expect("there is room");
-        self.tell(|| format!("control port: {request:?}"));
-        self.oracle.asked(request == Request::IdentifyArm);
+        self.trace(|| format!("control port: {request:?}"));
+        self.oracle.on_control_request(request == Request::IdentifyArm);
         match request {
             Request::Restart | Request::RestartIntoBootLoader => self.oracle.is_ending(),
             Request::EndStream => self.oracle.usb_ends_stream(),
@@ -371,7 +371,7 @@ impl Rig {
         }
         self.reply = None;
         self.bridge.control_received(&bytes[..len], self.time());
-        self.hear_control();
+        self.poll_control();
         self.oracle.may_be_held = false;
         match (request, self.reply.take()) {
             (Request::HoldLine, Some(Reply::Done)) => {
@@ -395,7 +395,7 @@ impl Rig {
         refused as usize
     }
 
-    fn hear_control(&mut self) {
+    fn poll_control(&mut self) {
         match self.refused_bytes() {
             0 => {}
             refused => self.oracle.usb_is_dropped(refused),
@@ -409,7 +409,7 @@ impl Rig {
             while !rest.is_empty() {
                 rest = self.replies.push(rest);
                 match self.replies.next::<FromAdapter>() {
-                    Some(Ok(message)) => self.hear_message(&message),
+                    Some(Ok(message)) => self.on_message(&message),
                     Some(Err(error)) => panic!("{error}"),
                     None => {}
                 }
@@ -417,7 +417,7 @@ impl Rig {
         }
     }
 
-    fn hear_message(&mut self, message: &FromAdapter) {
+    fn on_message(&mut self, message: &FromAdapter) {
         match message {
             FromAdapter::Reply { sequence, reply } => {
                 if *reply == Reply::Failed(Failure::StreamArmed) {
@@ -427,10 +427,10 @@ impl Rig {
                     self.reply = Some(reply.clone());
                 }
                 let identified = matches!(reply, Reply::Arm(_) | Reply::Failed(Failure::LineHeld));
-                self.oracle.replied(identified);
+                self.oracle.on_control_reply(identified);
             }
             FromAdapter::Event { at, event } => {
-                self.tell(|| format!("event: {event:?}"));
+                self.trace(|| format!("event: {event:?}"));
                 let is_taken = self.oracle.event(self.now, at.0, event);
                 self.is_refused |= matches!(
                     event,
@@ -446,7 +446,7 @@ impl Rig {
     // ---- Hosts on CAN ----
 
     /// A host on CAN says a PDU, after all that it has said before.
-    pub(super) fn can_says(&mut self, pdu: Vec<u8>) {
+    pub(super) fn can_sends(&mut self, pdu: Vec<u8>) {
         self.can_queue.push_back(pdu);
     }
 
@@ -454,10 +454,10 @@ impl Rig {
     pub(super) fn can_frame(&mut self, data: &[u8]) {
         let id = Function::ArmRequest.id(self.config.can.node);
         let frame = Frame::new(id, data).expect("it is a frame");
-        self.tell(|| format!("another node: {data:02X?}"));
+        self.trace(|| format!("another node: {data:02X?}"));
         self.oracle.is_can_disturbed = true;
         self.bridge.can_received(&frame, self.time());
-        self.hear_control();
+        self.poll_control();
     }
 
     /// The controller on CAN sends a cyclic command.
@@ -493,7 +493,7 @@ impl Rig {
         if !is_taken {
             self.commanded = None;
         }
-        self.hear_control();
+        self.poll_control();
     }
 
     fn use_bus(&mut self) -> bool {
@@ -505,7 +505,7 @@ impl Rig {
         if let Some(frame) = self.bridge.can_transmit(now) {
             self.bus_is_free = self.now + CAN_FRAME;
             self.bridge.can_event(CanEvent::Waiting(0), now);
-            self.hear_bus(&frame);
+            self.on_bus_frame(&frame);
             return true;
         }
         if self.can_pdu.is_none()
@@ -521,7 +521,7 @@ impl Rig {
         self.can.transmitted(now);
         self.bus_is_free = self.now + CAN_FRAME;
         self.bridge.can_received(&frame, now);
-        self.hear_control();
+        self.poll_control();
         self.end_pdu();
         true
     }
@@ -534,12 +534,12 @@ impl Rig {
         if let Some(pdu) = self.can_pdu.take()
             && !self.is_refused
         {
-            self.tell(|| format!("from CAN: {pdu:02X?}"));
+            self.trace(|| format!("from CAN: {pdu:02X?}"));
             self.oracle.can_accepted(self.now, pdu);
         }
     }
 
-    fn hear_bus(&mut self, frame: &Frame) {
+    fn on_bus_frame(&mut self, frame: &Frame) {
         let (function, _) = Function::of(frame.id()).expect("an identifier of an adapter");
         if function != Function::ArmAnswer {
             return;
@@ -547,7 +547,7 @@ impl Rig {
         // An adapter that has no room refuses.
         for _ in self.can.receive(frame.data(), self.time()) {}
         if let Some(pdu) = self.can.received() {
-            self.oracle.can_heard(pdu);
+            self.oracle.can_received(pdu);
             self.can.release();
         }
         self.end_pdu();
@@ -562,8 +562,8 @@ impl Rig {
                 self.seen.save = true;
                 self.now += self.save_takes;
                 self.oracle.stood_still(self.now, self.save_takes);
-                while let Some((_, bytes)) = self.arm.speak(self.now) {
-                    self.arm_speaks(self.now, &bytes);
+                while let Some((_, bytes)) = self.arm.transmit(self.now) {
+                    self.on_arm_bytes(self.now, &bytes);
                 }
                 self.bridge.saved(Ok(()), self.time());
             }
@@ -578,7 +578,7 @@ impl Rig {
 
     /// The watchdog starts the adapter again: if it was armed, torque-off is the first that the arm hears.
     pub(super) fn watchdog_bites(&mut self) {
-        self.hear_control();
+        self.poll_control();
         let must = self.oracle.is_armed();
         let is_armed = self.status().is_armed;
         assert!(is_armed || !must, "a stream is armed, and the adapter does not know");
@@ -628,7 +628,7 @@ impl Rig {
             many_in_flight: self.oracle.most_in_flight > 8,
             half_frame: self.oracle.half_frame,
             untracked: self.oracle.untracked_until > 0,
-            silence: self.oracle.silences > 0,
+            host_timeout: self.oracle.host_timeouts > 0,
             torque_off: self.oracle.torque_offs > 0,
             ..self.seen
         }
@@ -636,13 +636,13 @@ impl Rig {
 
     /// Whether nothing is under way.
     pub(super) fn is_quiet(&self) -> bool {
-        self.usb.is_empty() && self.can_queue.is_empty() && self.can_pdu.is_none() && !self.arm.is_talking()
+        self.usb.is_empty() && self.can_queue.is_empty() && self.can_pdu.is_none() && !self.arm.is_sending()
     }
 
     /// The accounts at the end.
-    pub(super) fn check_accounts(&mut self, is_whole: bool) {
+    pub(super) fn check_totals(&mut self, is_whole: bool) {
         assert!(self.is_quiet(), "somebody still has something to say");
-        self.oracle.check_accounts(&self.bridge.counters(), is_whole);
+        self.oracle.check_totals(&self.bridge.counters(), is_whole);
     }
 }
 

@@ -7,7 +7,7 @@ use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
 /// Longer than any request takes that needs no arm: half a second where a sector of flash is erased.
-const PATIENCE: Nanos = Nanos::from_millis(1_000);
+const REPLY_TIMEOUT: Nanos = Nanos::from_millis(1_000);
 
 /// A program that talks to the adapter itself.
 #[derive(Debug, Default)]
@@ -41,7 +41,7 @@ impl Control {
         self.send(board, request);
         loop {
             board
-                .run_until(PATIENCE, |board| board.usb().vendor().unread() > 0)
+                .run_until(REPLY_TIMEOUT, |board| board.usb().vendor().unread() > 0)
                 .unwrap();
             if let Some((sequence, reply)) = self.read(board) {
                 assert_eq!(sequence, self.sequence, "{reply:?}");

@@ -14,17 +14,17 @@ use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
 use super::Control;
-use super::witness::{CAN, Ticket, USB, number_in};
+use super::ticket_arm::{CAN, Ticket, USB, number_in};
 
 /// How long nobody looks at most, if nothing comes.
-const GLANCE: Nanos = Nanos(250_000);
+const POLL_PERIOD: Nanos = Nanos(250_000);
 
 /// How long a host waits for an answer before it gives up: longer than the adapter does.
-const PATIENCE: Nanos = Nanos::from_millis(150);
+const ANSWER_TIMEOUT: Nanos = Nanos::from_millis(150);
 
 /// One who asks the arm with tickets, and looks at every answer.
 #[derive(Debug)]
-pub struct Asking {
+pub struct RequestTracker {
     initiator: u8,
     next: u32,
     open: VecDeque<(u32, Nanos)>,
@@ -33,7 +33,7 @@ pub struct Asking {
     /// The request whose answer came last.
     last: Option<u32>,
     /// Whether there are to be more requests.
-    pub asks: bool,
+    pub enabled: bool,
     /// Requests whose answer came, in the order of the requests.
     pub answered: u32,
     /// Requests that were given up.
@@ -42,7 +42,7 @@ pub struct Asking {
     pub strays: Vec<Vec<u8>>,
 }
 
-impl Asking {
+impl RequestTracker {
     fn new(initiator: u8) -> Self {
         Self {
             initiator,
@@ -50,7 +50,7 @@ impl Asking {
             open: VecDeque::new(),
             place: None,
             last: None,
-            asks: true,
+            enabled: true,
             answered: 0,
             given_up: 0,
             strays: Vec::new(),
@@ -58,7 +58,7 @@ impl Asking {
     }
 
     /// Requests made so far.
-    pub fn asked(&self) -> u32 {
+    pub fn issued(&self) -> u32 {
         self.next
     }
 
@@ -84,7 +84,7 @@ impl Asking {
     }
 
     /// The next request.
-    fn ask(&mut self, now: Nanos) -> Vec<u8> {
+    fn next_request(&mut self, now: Nanos) -> Vec<u8> {
         let (initiator, number) = (self.initiator, self.next);
         self.next += 1;
         self.open.push_back((number, now));
@@ -114,7 +114,7 @@ impl Asking {
         let before = self.given_up;
         while self
             .open
-            .pop_front_if(|(_, since)| now.since(*since) > PATIENCE)
+            .pop_front_if(|(_, since)| now.since(*since) > ANSWER_TIMEOUT)
             .is_some()
         {
             self.given_up += 1;
@@ -124,7 +124,7 @@ impl Asking {
 }
 
 /// After how long without a byte no more of a frame comes.
-const SILENCE: Nanos = Nanos::from_millis(10);
+const FRAME_GAP_TIMEOUT: Nanos = Nanos::from_millis(10);
 
 /// Requests of the host on USB that are open at once, at most.
 const WINDOW: u32 = 3;
@@ -133,27 +133,27 @@ const WINDOW: u32 = 3;
 #[derive(Debug)]
 pub struct UsbHost {
     /// What it asks and gets.
-    pub asking: Asking,
+    pub tracker: RequestTracker,
     decoder: Decoder<MAX_FRAME>,
     /// When bytes last came.
-    heard: Nanos,
+    last_rx: Nanos,
     /// Bytes that came.
     pub bytes: u32,
     /// Those among them that were in no frame.
     pub noise_bytes: u32,
     /// Whether it asks on, however few answers come.
-    pub insists: bool,
+    pub ignores_window: bool,
 }
 
 impl Default for UsbHost {
     fn default() -> Self {
         Self {
-            asking: Asking::new(USB),
+            tracker: RequestTracker::new(USB),
             decoder: Decoder::new(),
-            heard: Nanos(0),
+            last_rx: Nanos(0),
             bytes: 0,
             noise_bytes: 0,
-            insists: false,
+            ignores_window: false,
         }
     }
 }
@@ -161,7 +161,7 @@ impl Default for UsbHost {
 impl UsbHost {
     /// The port was opened anew: what was open is given up.
     pub fn reopened(&mut self) {
-        self.asking.abandon();
+        self.tracker.abandon();
         self.decoder = Decoder::new();
     }
 
@@ -170,8 +170,10 @@ impl UsbHost {
     /// # Panics
     ///
     /// If it is not.
-    pub fn ask_at_once<A: Arm>(&mut self, board: &mut VirtualBoard<A>, count: u32) {
-        let requests: Vec<u8> = (0..count).flat_map(|_| self.asking.ask(board.now())).collect();
+    pub fn request_burst<A: Arm>(&mut self, board: &mut VirtualBoard<A>, count: u32) {
+        let requests: Vec<u8> = (0..count)
+            .flat_map(|_| self.tracker.next_request(board.now()))
+            .collect();
         board.usb().write(&requests).unwrap();
     }
 
@@ -186,19 +188,19 @@ impl UsbHost {
         }
         let now = board.now();
         if !bytes.is_empty() {
-            self.heard = now;
+            self.last_rx = now;
         }
-        if self.asking.give_up(now) && now.since(self.heard) > SILENCE {
+        if self.tracker.give_up(now) && now.since(self.last_rx) > FRAME_GAP_TIMEOUT {
             // What looks like the beginning of a frame may hold back the answers behind it.
             self.decoder.idle();
             self.decode();
         }
         // Now more, now fewer at a time.
-        let window = 1 + self.asking.answered % WINDOW;
-        while self.asking.asks
-            && (self.insists && board.usb().unsent() == 0 || (self.asking.open.len() as u32) < window)
+        let window = 1 + self.tracker.answered % WINDOW;
+        while self.tracker.enabled
+            && (self.ignores_window && board.usb().unsent() == 0 || (self.tracker.open.len() as u32) < window)
         {
-            let request = self.asking.ask(board.now());
+            let request = self.tracker.next_request(board.now());
             board.usb().write(&request).unwrap();
         }
     }
@@ -207,7 +209,7 @@ impl UsbHost {
     fn decode(&mut self) {
         while let Some(item) = self.decoder.next(&Ling, ()) {
             match item.kind {
-                Kind::Frame => self.asking.hear(item.bytes),
+                Kind::Frame => self.tracker.hear(item.bytes),
                 _ => self.noise_bytes += item.bytes.len() as u32,
             }
         }
@@ -220,7 +222,7 @@ pub struct CanHost {
     node: Node,
     endpoint: Endpoint<MAX_FRAME, MAX_FRAME>,
     /// What it asks and gets.
-    pub asking: Asking,
+    pub tracker: RequestTracker,
     /// Whether it does nothing at all: frames for it are lost, and it gives no flow control.
     pub hangs: bool,
     /// Whether it stops sending what it has given up.
@@ -230,12 +232,12 @@ pub struct CanHost {
     /// Transfers that failed.
     pub failures: Vec<isotp::Error>,
     /// What it was told in plain frames.
-    pub notes: Vec<Event>,
+    pub can_events: Vec<Event>,
     /// Cyclic telemetry.
     pub telemetry: Telemetry,
 }
 
-/// Cyclic telemetry of a [`Witness`](super::Witness).
+/// Cyclic telemetry of a [`TicketArm`](super::TicketArm).
 #[derive(Debug, Default)]
 pub struct Telemetry {
     parts: Vec<CanFrame>,
@@ -283,12 +285,12 @@ impl CanHost {
         Self {
             node,
             endpoint: Endpoint::new(Config::new(Link::Classic, Function::ArmRequest.id(node))),
-            asking: Asking::new(CAN),
+            tracker: RequestTracker::new(CAN),
             hangs: false,
             aborts: false,
             orders: VecDeque::new(),
             failures: Vec::new(),
-            notes: Vec::new(),
+            can_events: Vec::new(),
             telemetry: Telemetry::default(),
         }
     }
@@ -309,27 +311,27 @@ impl CanHost {
             match Function::of(frame.id()) {
                 Some((Function::ArmAnswer, node)) if node == self.node => {
                     let events = self.endpoint.receive(frame.data(), now);
-                    self.note(events);
+                    self.record_failures(events);
                 }
                 Some((Function::JointsA | Function::JointsB | Function::State, _)) => self.telemetry.hear(frame),
-                Some((Function::Event, _)) => self.notes.extend(event_from_frame(&frame).map(|(_, event)| event)),
+                Some((Function::Event, _)) => self.can_events.extend(event_from_frame(&frame).map(|(_, event)| event)),
                 _ => {}
             }
             if let Some(answer) = self.endpoint.received() {
-                self.asking.hear(answer);
+                self.tracker.hear(answer);
                 self.endpoint.release();
             }
         }
         let events = self.endpoint.tick(now);
-        self.note(events);
-        let given_up = self.asking.given_up;
-        self.asking.give_up(board.now());
-        if self.aborts && self.asking.given_up > given_up {
+        self.record_failures(events);
+        let given_up = self.tracker.given_up;
+        self.tracker.give_up(board.now());
+        if self.aborts && self.tracker.given_up > given_up {
             self.endpoint.abort();
         }
         if !self.endpoint.is_sending() {
             let next = match self.orders.pop_front() {
-                None if self.asking.asks && self.asking.is_done() => Some(self.asking.ask(board.now())),
+                None if self.tracker.enabled && self.tracker.is_done() => Some(self.tracker.next_request(board.now())),
                 order => order,
             };
             if let Some(frame) = next {
@@ -344,7 +346,7 @@ impl CanHost {
         }
     }
 
-    fn note(&mut self, events: isotp::Events) {
+    fn record_failures(&mut self, events: isotp::Events) {
         for event in events {
             if let isotp::Event::Failed(error) = event {
                 self.failures.push(error);
@@ -501,26 +503,26 @@ impl Hosts {
     ///
     /// If the firmware crashes, or somebody still waits after longer than anybody waits.
     pub fn finish<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
-        self.set_asking(false);
-        self.run_until(board, Nanos(2 * PATIENCE.0), |hosts, _| hosts.is_done());
+        self.set_requesting(false);
+        self.run_until(board, Nanos(2 * ANSWER_TIMEOUT.0), |hosts, _| hosts.is_done());
         // What is still to come is on its way.
         self.run_for(board, Nanos::from_millis(20));
     }
 
     /// Whether those who are there ask for more.
-    pub fn set_asking(&mut self, asks: bool) {
+    pub fn set_requesting(&mut self, enabled: bool) {
         if let Some(usb) = &mut self.usb {
-            usb.asking.asks = asks;
+            usb.tracker.enabled = enabled;
         }
         if let Some(can) = &mut self.can {
-            can.asking.asks = asks;
+            can.tracker.enabled = enabled;
         }
     }
 
     fn is_done(&self) -> bool {
-        let usb = self.usb.as_ref().map(|usb| &usb.asking);
-        let can = self.can.as_ref().filter(|can| !can.hangs).map(|can| &can.asking);
-        usb.is_none_or(Asking::is_done) && can.is_none_or(Asking::is_done)
+        let usb = self.usb.as_ref().map(|usb| &usb.tracker);
+        let can = self.can.as_ref().filter(|can| !can.hangs).map(|can| &can.tracker);
+        usb.is_none_or(RequestTracker::is_done) && can.is_none_or(RequestTracker::is_done)
     }
 
     /// Everybody does what they have to do now, then the board runs until there may be more.
@@ -542,7 +544,7 @@ impl Hosts {
         if done(self, board) {
             return true;
         }
-        let limit = board.now() + GLANCE;
+        let limit = board.now() + POLL_PERIOD;
         let limit = limit.min(end).since(board.now());
         let (usb, can) = (self.usb.is_some(), self.can.is_some());
         let news = |board: &mut VirtualBoard<A>| usb && board.usb().unread() > 0 || can && board.can().unread() > 0;

@@ -14,8 +14,8 @@ pub mod quiet;
 pub mod requests;
 mod session;
 mod talker;
+mod ticket_arm;
 mod traffic;
-mod witness;
 
 use std::env;
 use std::path::PathBuf;
@@ -30,12 +30,12 @@ pub use can_program::CanProgram;
 pub use chip::{Facts, chip, facts};
 pub use control::Control;
 pub use figures::Spread;
-pub use hosts::{Asking, CanHost, Hosts, Subscriber, Telemetry, UsbHost};
+pub use hosts::{CanHost, Hosts, RequestTracker, Subscriber, Telemetry, UsbHost};
 pub use program::{Program, ProgramOf};
 pub use session::{Session, polled, session};
 pub use talker::Talker;
+pub use ticket_arm::{ArmCounts, Ticket, TicketArm, joint_answer};
 pub use traffic::Traffic;
-pub use witness::{Deeds, Ticket, Witness, joint_answer};
 
 /// The rate of the Ling arm's line, in bits per second.
 pub const MEGABAUD: u32 = 1_000_000;
@@ -144,8 +144,8 @@ pub fn read_all<A: Arm>(board: &mut VirtualBoard<A>) -> Vec<u8> {
 /// If a byte is lost, changed or made up.
 pub fn exchange(board: &mut VirtualBoard<Talker>, down: &[u8], up: &[u8]) {
     board.with_arm(|arm| {
-        arm.take_heard();
-        arm.say(up);
+        arm.take_received();
+        arm.send(up);
     });
     board.usb().write(down).unwrap();
     let received = read_all(board);
@@ -154,9 +154,9 @@ pub fn exchange(board: &mut VirtualBoard<Talker>, down: &[u8], up: &[u8]) {
         board.run_for(SETTLING).unwrap();
     }
     board.run_for(SETTLING).unwrap();
-    let heard = board.with_arm(Talker::take_heard);
+    let received_by_arm = board.with_arm(Talker::take_received);
     same_bytes("the host", &received, up);
-    same_bytes("the arm", &heard, down);
+    same_bytes("the arm", &received_by_arm, down);
 }
 
 /// Fails at the first byte that is not as sent, for lists that are too long to print.

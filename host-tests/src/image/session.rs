@@ -7,7 +7,8 @@ use armwire_bridge::{Counters, Duration};
 use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
 use super::{
-    CanHost, Deeds, Hosts, MEGABAUD, Subscriber, Traffic, UsbHost, Witness, counters, on_board_with, path, plug_in,
+    ArmCounts, CanHost, Hosts, MEGABAUD, Subscriber, TicketArm, Traffic, UsbHost, counters, on_board_with, path,
+    plug_in,
 };
 
 /// Bits per second on the bus.
@@ -16,11 +17,11 @@ const RATE: u32 = 1_000_000;
 /// How often the wires' records are counted and forgotten.
 const SPAN: Nanos = Nanos::from_millis(50);
 
-/// A board whose arm is a [`Witness`], with all [`Hosts`].
+/// A board whose arm is a [`TicketArm`], with all [`Hosts`].
 #[derive(Debug)]
 pub struct Session<'a> {
     /// The board.
-    pub board: &'a mut VirtualBoard<Witness>,
+    pub board: &'a mut VirtualBoard<TicketArm>,
     /// Those who use it.
     pub hosts: Hosts,
     /// What was on the wires.
@@ -54,7 +55,7 @@ pub fn polled(hertz: u16) -> Config {
 pub fn session<R>(turnaround: Duration, config: Config, test: impl FnOnce(&mut Session<'_>) -> R) -> R {
     let slow = BoardConfig {
         timing: Timing::Drawn,
-        ..BoardConfig::new(path(), Witness::new(turnaround))
+        ..BoardConfig::new(path(), TicketArm::new(turnaround))
     };
     on_board_with(slow, |board| {
         plug_in(board, MEGABAUD);
@@ -158,8 +159,8 @@ impl Session<'_> {
     }
 
     /// What the arm has heard and said.
-    pub fn deeds(&mut self) -> Deeds {
-        self.board.with_arm(|arm| arm.deeds())
+    pub fn arm_counts(&mut self) -> ArmCounts {
+        self.board.with_arm(|arm| arm.arm_counts())
     }
 
     /// Expects that each slot of the poll has had its poll, or was counted as missed.
@@ -171,7 +172,7 @@ impl Session<'_> {
         let Poll::Hertz(hertz) = self.config.poll else {
             panic!("it is not polled");
         };
-        let polls = u64::from(self.deeds().polls + counters(self.board).missed_polls);
+        let polls = u64::from(self.arm_counts().polls + counters(self.board).missed_polls);
         let slots = self.polled.0 * u64::from(hertz) / 1_000_000_000;
         assert!(polls.abs_diff(slots) <= 1, "{polls} polls made or missed of {slots}");
     }
@@ -183,7 +184,7 @@ impl Session<'_> {
     ///
     /// If it has not.
     pub fn expect_counters(&mut self, otherwise: impl FnOnce(&mut Counters, Counters)) {
-        let deeds = self.deeds();
+        let arm_counts = self.arm_counts();
         let counted = counters(self.board);
         let mut expected = self.before;
         expected.late_polls = counted.late_polls;
@@ -192,20 +193,20 @@ impl Session<'_> {
         expected.packets_to_host += self.traffic.packets_to_host;
         expected.empty_packets_to_host += self.traffic.empty_packets_to_host;
         expected.packets_from_host += self.traffic.packets_from_host;
-        expected.frames += deeds.answers;
-        expected.requests_usb += deeds.tickets_of_usb();
-        expected.requests_can += deeds.tickets_of_can();
-        expected.requests_poll += deeds.polls;
+        expected.frames += arm_counts.answers;
+        expected.requests_usb += arm_counts.tickets_of_usb();
+        expected.requests_can += arm_counts.tickets_of_can();
+        expected.requests_poll += arm_counts.polls;
         expected.can_frames_received += self.traffic.frames_of_nodes;
         expected.can_frames_sent += self.traffic.frames_of_board;
         expected.control_requests += self.requests;
         otherwise(&mut expected, counted);
         assert_eq!(counted, expected, "counted (left) is not what happened (right)");
-        assert!(counted.late_polls <= deeds.polls);
-        let heard = (self.traffic.bytes_from_arm, self.traffic.bytes_to_arm);
+        assert!(counted.late_polls <= arm_counts.polls);
+        let on_line = (self.traffic.bytes_from_arm, self.traffic.bytes_to_arm);
         assert_eq!(
-            heard,
-            (deeds.bytes_said, deeds.bytes_heard),
+            on_line,
+            (arm_counts.bytes_sent, arm_counts.bytes_received),
             "bytes were lost on the line"
         );
     }

@@ -9,32 +9,32 @@ use armwire_sim::serial::SerialDevice;
 /// Says what it is told, without a pause, and keeps what it hears.
 #[derive(Debug, Default)]
 pub struct Talker {
-    says: VecDeque<u8>,
-    heard: Vec<u8>,
+    tx_queue: VecDeque<u8>,
+    received: Vec<u8>,
 }
 
 impl Talker {
     /// Says `bytes` after what it has still to say.
-    pub fn say(&mut self, bytes: &[u8]) {
-        self.says.extend(bytes);
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.tx_queue.extend(bytes);
     }
 
     /// What it has heard since this was last asked.
-    pub fn take_heard(&mut self) -> Vec<u8> {
-        mem::take(&mut self.heard)
+    pub fn take_received(&mut self) -> Vec<u8> {
+        mem::take(&mut self.received)
     }
 }
 
 impl SerialDevice for Talker {
     fn receive(&mut self, _: Instant, byte: u8) {
-        self.heard.push(byte);
+        self.received.push(byte);
     }
 
     fn transmit(&mut self, _: Instant) -> Option<u8> {
-        self.says.pop_front()
+        self.tx_queue.pop_front()
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        (!self.says.is_empty()).then_some(Instant::ZERO)
+        (!self.tx_queue.is_empty()).then_some(Instant::ZERO)
     }
 }

@@ -143,7 +143,7 @@ impl<M: Messages + Default> Subject<M> {
     /// What becomes of the frame if these bytes come in its place, and then silence.
     pub(crate) fn outcome<const N: usize>(&self, damaged: &[u8]) -> Outcome {
         let (mut first, mut delivered) = (None, None);
-        self.hear::<N>(damaged, |heard| match heard {
+        self.decode::<N>(damaged, |found| match found {
             Ok((_, outcome)) => delivered = delivered.max(Some(outcome)),
             Err(reason) => first = first.or(Some(Outcome::of_noise(reason))),
         });
@@ -154,12 +154,12 @@ impl<M: Messages + Default> Subject<M> {
     pub(crate) fn spares_the_next<const N: usize>(&self, damaged: &[u8]) -> bool {
         let line = [damaged, &self.bytes].concat();
         let mut spared = false;
-        self.hear::<N>(&line, |heard| spared |= heard == Ok((line.len(), Outcome::Unharmed)));
+        self.decode::<N>(&line, |found| spared |= found == Ok((line.len(), Outcome::Unharmed)));
         spared
     }
 
     /// All that comes of a line: where a frame ends and what it is, or noise.
-    fn hear<const N: usize>(&self, line: &[u8], mut tell: impl FnMut(Result<(usize, Outcome), Reason>)) {
+    fn decode<const N: usize>(&self, line: &[u8], mut found: impl FnMut(Result<(usize, Outcome), Reason>)) {
         let mut decoder = Decoder::<N>::new();
         let mut rest = line;
         loop {
@@ -171,9 +171,9 @@ impl<M: Messages + Default> Subject<M> {
                 match item.kind {
                     Kind::Frame => {
                         let end = item.offset as usize + item.bytes.len();
-                        tell(Ok((end, self.judge(item.bytes))));
+                        found(Ok((end, self.judge(item.bytes))));
                     }
-                    Kind::Noise(reason) | Kind::Broken(reason) => tell(Err(reason)),
+                    Kind::Noise(reason) | Kind::Broken(reason) => found(Err(reason)),
                     Kind::Padding => {}
                 }
             }

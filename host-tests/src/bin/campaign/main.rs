@@ -43,7 +43,7 @@ fn campaign(options: &Options) -> Result<bool, String> {
     );
     let done = AtomicU32::new(0);
     let outcomes = run(options.seed, &numbers, |outcome| {
-        tell(outcome, options.only.is_some());
+        print_outcome(outcome, options.only.is_some());
         let done = 1 + done.fetch_add(1, Ordering::Relaxed);
         if done.is_multiple_of(PROGRESS) {
             println!("{done} runs of {} in {:.0?}", numbers.len(), began.elapsed());
@@ -66,7 +66,7 @@ fn campaign(options: &Options) -> Result<bool, String> {
 }
 
 /// Says what failed, and how to repeat it.
-fn tell(outcome: &Outcome, always: bool) {
+fn print_outcome(outcome: &Outcome, always: bool) {
     let case = outcome.case;
     let second = case
         .second

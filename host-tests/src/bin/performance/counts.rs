@@ -30,7 +30,7 @@ const STACK_LIMIT: u32 = 560;
 const RAM_SIZE: usize = 128 * 1024;
 const STACK: u32 = 16 * 1024;
 /// The most cycles from one stop to the next.
-const PATIENCE: u64 = 1_000_000;
+const MAX_CYCLES: u64 = 1_000_000;
 
 const CORTEX_M4: Config = Config {
     interrupts: 82,
@@ -74,7 +74,7 @@ fn run(elf: Elf) -> Result<Vec<Case>> {
     core.set_breakpoint(mark);
     core.reset(&mut NoPeripherals);
     let next = |core: &mut Core| {
-        let stop = core.run(&mut NoPeripherals, core.cycle() + PATIENCE);
+        let stop = core.run(&mut NoPeripherals, core.cycle() + MAX_CYCLES);
         let good = stop == Stop::Breakpoint && core.pc() == mark;
         let error = || format!("a case came to no good end: {stop:?} at {:#x}", core.pc());
         good.then(|| core.register(Register::R(0))).ok_or_else(error)

@@ -1,6 +1,6 @@
 //! The time that the adapter adds to a call while USB, CAN and its own poll are busy, and its stack meanwhile.
 //!
-//! Everybody asks a [`Witness`] for its joints. Its answers tell how many it gave before, so that each request and each answer
+//! Everybody asks a [`TicketArm`] for its joints. Its answers tell how many it gave before, so that each request and each answer
 //! of a host is known on the line.
 //!
 //! A span that the adapter adds begins when the adapter could act: when what it must pass on was there, and what it must pass
@@ -11,7 +11,7 @@ use armwire_bridge::Duration;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{Event, Request as ControlRequest};
 use armwire_host_tests::image::requests::frame;
-use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, Witness, byte_time, counters, polled};
+use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, TicketArm, byte_time, counters, polled};
 use armwire_virtual_board::can::{BusFrame, Outcome, Sender};
 use armwire_virtual_board::line::{Direction, LineByte};
 use armwire_virtual_board::usb::Direction as UsbDirection;
@@ -88,23 +88,23 @@ impl Spans {
 /// What the hosts were told: how many answers the arm gave before each answer that came by CAN; and the same of each answer
 /// that the subscriber was told of, with its stamp.
 #[derive(Default)]
-struct Told {
+struct Observed {
     by_can: Vec<usize>,
     stamps: Vec<(usize, u64)>,
 }
 
 /// Lets everybody work until the arm has answered so often.
 pub(crate) fn measure(board: &Board, answers: u32) -> Latency {
-    board.run(Witness::new(TURNAROUND), MEGABAUD, |virtual_board| {
-        let told = work(virtual_board, answers);
+    board.run(TicketArm::new(TURNAROUND), MEGABAUD, |virtual_board| {
+        let observed = work(virtual_board, answers);
         let counters = counters(virtual_board);
         assert_eq!((counters.unanswered_requests, counters.dropped_bytes), (0, 0));
         let exchanges = exchanges(&virtual_board.uart().bytes());
         let [from_usb, to_usb] = usb_ways(virtual_board, &exchanges);
-        let [from_can, to_can] = can_ways(&virtual_board.can().frames(), &told.by_can, &exchanges);
+        let [from_can, to_can] = can_ways(&virtual_board.can().frames(), &observed.by_can, &exchanges);
         Latency {
             ways: [to_usb, from_usb, to_can, from_can],
-            stamps: delays(&told.stamps, &exchanges),
+            stamps: delays(&observed.stamps, &exchanges),
             known_late: 100.0 * f64::from(counters.late_stamps) / f64::from(counters.frames),
             stack: board.stack(virtual_board),
         }
@@ -113,7 +113,7 @@ pub(crate) fn measure(board: &Board, answers: u32) -> Latency {
 
 /// Lets a host on USB and one on CAN ask, a program subscribe to every frame, and another node send, until the arm has
 /// answered so often; and then gets the answers that are still to come.
-fn work(board: &mut VirtualBoard<Witness>, answers: u32) -> Told {
+fn work(board: &mut VirtualBoard<TicketArm>, answers: u32) -> Observed {
     board.can().attach(BUS_RATE);
     board.uart().forget_bytes();
     board.usb().forget_packets();
@@ -122,7 +122,7 @@ fn work(board: &mut VirtualBoard<Witness>, answers: u32) -> Told {
     subscriber.subscribe(board);
     let mut can = CanProgram::new(Node::default());
     let other = Frame::new(Id::new(0x123).expect("11 bits"), &[0x5A; 8]).expect("8 bytes");
-    let mut told = Told::default();
+    let mut observed = Observed::default();
     let (mut can_waits, mut usb_open, mut usb_bytes) = (false, 0, 0);
     let (mut due, mut pauses) = ([board.now(); 3], 0);
     // Another pause each time: the next request meets another phase of all that is periodic.
@@ -132,24 +132,24 @@ fn work(board: &mut VirtualBoard<Witness>, answers: u32) -> Told {
     };
     loop {
         let now = board.now();
-        let asks = board.with_arm(|arm| arm.deeds().answers) < answers;
-        if !asks && !can_waits && usb_open == 0 {
-            return told;
+        let requesting = board.with_arm(|arm| arm.arm_counts().answers) < answers;
+        if !requesting && !can_waits && usb_open == 0 {
+            return observed;
         }
         usb_bytes += board.usb().read().len();
         usb_open -= usb_bytes / ANSWER;
         usb_bytes %= ANSWER;
-        if asks && usb_open < WINDOW && due[0] <= now {
+        if requesting && usb_open < WINDOW && due[0] <= now {
             board.usb().write(&frame(Request::ReadJoints)).expect("it is open");
             usb_open += 1;
             due[0] = pause(now, 0);
         }
-        if asks && !can_waits && due[1] <= now {
+        if requesting && !can_waits && due[1] <= now {
             can.send(&frame(Request::ReadJoints));
             can_waits = true;
         }
         if let Some(answer) = can.poll(board) {
-            told.by_can.push(number_of(&answer));
+            observed.by_can.push(number_of(&answer));
             can_waits = false;
             due[1] = pause(now, 1);
         }
@@ -159,11 +159,11 @@ fn work(board: &mut VirtualBoard<Witness>, answers: u32) -> Told {
         }
         for (stamp, event) in subscriber.take_events(board) {
             if let Event::Frame { bytes, .. } = event {
-                told.stamps.push((number_of(&bytes), stamp.0));
+                observed.stamps.push((number_of(&bytes), stamp.0));
             }
         }
         let next = due.into_iter().filter(|due| *due > now).fold(now + GLANCE, Nanos::min);
-        let news = |board: &mut VirtualBoard<Witness>| board.usb().unread() > 0 || board.can().unread() > 0;
+        let news = |board: &mut VirtualBoard<TicketArm>| board.usb().unread() > 0 || board.can().unread() > 0;
         match board.run_until(next.since(now), news) {
             Ok(_) | Err(Error::TimedOut { .. }) => {}
             Err(error) => panic!("{error}"),
@@ -175,7 +175,7 @@ fn work(board: &mut VirtualBoard<Witness>, answers: u32) -> Told {
 struct Exchange {
     /// When the request's first start bit began, and its last stop bit ended.
     start: Nanos,
-    asked: Nanos,
+    requested: Nanos,
     /// When the answer's last stop bit ended.
     end: Nanos,
 }
@@ -188,15 +188,15 @@ fn exchanges(line: &[LineByte]) -> Vec<Exchange> {
         let bytes: Vec<u8> = answer.iter().map(|byte| byte.sent).collect();
         assert_eq!(number_of(&bytes), nth);
         let start = Nanos(request[0].at.0 - byte_time(MEGABAUD).0);
-        let [asked, end] = [request[REQUEST - 1].at, answer[ANSWER - 1].at];
-        Exchange { start, asked, end }
+        let [requested, end] = [request[REQUEST - 1].at, answer[ANSWER - 1].at];
+        Exchange { start, requested, end }
     };
     let exchanges = down.chunks_exact(REQUEST).zip(up.chunks_exact(ANSWER));
     exchanges.enumerate().map(exchange).collect()
 }
 
 /// Requests from USB and answers to USB. An answer waits while the last packet has not been fetched by the host.
-fn usb_ways(board: &mut VirtualBoard<Witness>, exchanges: &[Exchange]) -> [Spans; 2] {
+fn usb_ways(board: &mut VirtualBoard<TicketArm>, exchanges: &[Exchange]) -> [Spans; 2] {
     let device = board.usb().device().expect("a device").configuration.clone();
     let port = Port::find(&device)[0];
     let mut packets = board.usb().packets();
@@ -254,7 +254,7 @@ fn requests(there: &[Nanos], numbers: &[usize], exchanges: &[Exchange]) -> Spans
     Spans::new(there.iter().zip(numbers).enumerate().map(|(nth, (there, &number))| {
         let own = nth > 0 && numbers[nth - 1] + 1 == number;
         let before = number.checked_sub(1).map(|before| &exchanges[before]);
-        let free = before.map_or(Nanos(0), |before| if own { before.asked } else { before.end });
+        let free = before.map_or(Nanos(0), |before| if own { before.requested } else { before.end });
         [*there, free, exchanges[number].start]
     }))
 }

@@ -142,13 +142,13 @@ fn saturate(board: &Board, scene: Scene, baud: u32, bus: Option<Link>) -> Figure
         let frame = joint_answer([2048; JOINTS]);
         let up = bus.map_or(noise(2, bytes), |_| frame.repeat(bytes.div_ceil(frame.len())));
         let (down, mut received) = (noise(1, bytes), Vec::new());
-        board.with_arm(|arm| arm.say(&up));
+        board.with_arm(|arm| arm.send(&up));
         board.usb().write(&down).expect("it is open");
         let (mut figures, [by_usb, by_can]) = play(board, bus.unwrap_or(Link::Classic), &mut received);
-        let heard = board.with_arm(Talker::take_heard);
-        let is_busy = heard.len() < down.len() && board.with_arm(|arm| arm.poll_timeout().is_some());
+        let received = board.with_arm(Talker::take_received);
+        let is_busy = received.len() < down.len() && board.with_arm(|arm| arm.poll_timeout().is_some());
         assert!(is_busy, "the line was not busy to the end");
-        same_bytes("the arm", &heard, &down[..heard.len()]);
+        same_bytes("the arm", &received, &down[..received.len()]);
         same_bytes("the host", &received, &up[..received.len()]);
         figures.rate = Some(match bus {
             None => {

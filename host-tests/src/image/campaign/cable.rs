@@ -3,7 +3,7 @@
 use armwire_bridge::{Duration, Instant};
 use armwire_sim::serial::SerialDevice;
 
-use super::super::Witness;
+use super::super::TicketArm;
 
 /// Which way a byte goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,10 +27,10 @@ pub enum Damage {
     Corrupt(u8),
 }
 
-/// A [`Witness`] at the end of a cable.
+/// A [`TicketArm`] at the end of a cable.
 #[derive(Debug)]
 pub struct Cable {
-    arm: Witness,
+    arm: TicketArm,
     is_out: bool,
     plan: Option<(Way, u32, Damage)>,
     /// What goes before all else that the arm says, and from when on.
@@ -41,7 +41,7 @@ pub struct Cable {
 
 impl Cable {
     /// A cable that is in.
-    pub fn new(arm: Witness) -> Self {
+    pub fn new(arm: TicketArm) -> Self {
         Self {
             arm,
             is_out: false,
@@ -52,7 +52,7 @@ impl Cable {
     }
 
     /// The arm at its end.
-    pub fn arm(&mut self) -> &mut Witness {
+    pub fn arm(&mut self) -> &mut TicketArm {
         &mut self.arm
     }
 

@@ -17,11 +17,11 @@ use super::matrix::Fault;
 use super::rig::Rig;
 
 /// How long a fault may take to happen once it is planned.
-const SOON: Nanos = Nanos::from_millis(200);
+const FAULT_TIMEOUT: Nanos = Nanos::from_millis(200);
 
 /// How long a firmware that is broken may take to be back on the USB: the watchdog's two seconds, by a clock that may be
 /// off by half, and the start.
-const REBORN: Nanos = Nanos::from_millis(4_500);
+const RESTART_TIMEOUT: Nanos = Nanos::from_millis(4_500);
 
 /// The symbol of the firmware's clock. Its first word says whether somebody uses the queue in it just now, which nobody may
 /// twice. The compiler has put it there: where it does otherwise, the firmware does not panic, and the run says so.
@@ -29,7 +29,7 @@ const CLOCK: &str = "5board4time5CLOCK";
 const IN_USE: u32 = 1;
 
 /// In which time the device must be ready for the next SETUP.
-const READY: Nanos = Nanos::from_millis(100);
+const SETUP_TIMEOUT: Nanos = Nanos::from_millis(100);
 
 /// Requests of the serial port (CDC PSTN 1.2, table 13).
 const SET_LINE_CODING: u8 = 0x20;
@@ -44,7 +44,7 @@ impl Rig {
     ///
     /// Whoever was idle asks again.
     pub(super) fn inject(&mut self, fault: Fault) -> Result<Nanos> {
-        self.hosts.set_asking(true);
+        self.hosts.set_requesting(true);
         // What has been on the wires since they were last counted is none of it.
         self.traffic.count(&mut self.board);
         match fault {
@@ -83,9 +83,9 @@ impl Rig {
             }
             Fault::BusReset => {
                 self.board.usb().reset_bus();
-                self.lose_usb();
+                self.disconnect_usb();
                 self.work_between(1_000, 60_000)?;
-                return self.find_usb_now();
+                return self.reconnect_usb_now();
             }
             Fault::Suspend => {
                 self.board.usb().suspend();
@@ -94,9 +94,9 @@ impl Rig {
             }
             Fault::Unplug => {
                 self.board.usb().detach();
-                self.lose_usb();
+                self.disconnect_usb();
                 self.work_between(5_000, 60_000)?;
-                return self.find_usb_now();
+                return self.reconnect_usb_now();
             }
             Fault::ControlAbandoned => {
                 for _ in 0..self.random.between(1, 5) {
@@ -107,16 +107,16 @@ impl Rig {
             Fault::ResetInControl => {
                 self.abandon_control()?;
                 self.board.usb().reset_bus();
-                self.lose_usb();
+                self.disconnect_usb();
                 self.work_between(1_000, 60_000)?;
-                return self.find_usb_now();
+                return self.reconnect_usb_now();
             }
             Fault::UnplugInControl => {
                 self.abandon_control()?;
                 self.board.usb().detach();
-                self.lose_usb();
+                self.disconnect_usb();
                 self.work_between(5_000, 60_000)?;
-                return self.find_usb_now();
+                return self.reconnect_usb_now();
             }
             Fault::HaltCleared => {
                 for _ in 0..self.random.between(1, 4) {
@@ -138,15 +138,15 @@ impl Rig {
                 self.board.usb().set_configuration(1)?;
                 let now = self.board.now();
                 self.expect_setup()?;
-                self.lose_usb();
+                self.disconnect_usb();
                 self.open_usb();
                 return Ok(now);
             }
             Fault::NeverReads => {
                 self.board.usb().set_reading(false);
-                self.insist(true);
+                self.ignore_window(true);
                 self.work_between(100_000, 200_000)?;
-                self.insist(false);
+                self.ignore_window(false);
                 self.board.usb().set_reading(true);
             }
             Fault::FullPackets => self.full_packets()?,
@@ -159,7 +159,7 @@ impl Rig {
                 let count = self.random.between(17, 30) as u32;
                 let broken = self.traffic.broken_frames + count;
                 self.board.can().destroy_next(count);
-                self.soon(&mut |rig| rig.traffic.broken_frames >= broken)?;
+                self.await_fault(&mut |rig| rig.traffic.broken_frames >= broken)?;
             }
             Fault::NoAcknowledge => {
                 self.board.can().set_acknowledging(false);
@@ -179,21 +179,21 @@ impl Rig {
                 let id = Function::ArmRequest.id(Node::default());
                 let frame = Frame::new(id, &[0x20 | number; 8]).map_err(|error| format!("{error:?}"))?;
                 self.board.can().send_from(1, &frame)?;
-                self.soon(&mut |rig| rig.board.can().unsent() == 0)?;
+                self.await_fault(&mut |rig| rig.board.can().unsent() == 0)?;
             }
             Fault::PowerLossInSave => return self.lose_power_in_save(),
             Fault::Panic => return self.panic(),
             Fault::Watchdog => {
                 self.board.hold_core()?;
-                return self.reborn();
+                return self.await_restart();
             }
         }
         Ok(self.board.now())
     }
 
     /// Lets everybody work until it has happened.
-    fn soon(&mut self, happened: &mut dyn FnMut(&mut Self) -> bool) -> Result {
-        if self.work_until(SOON, happened)? {
+    fn await_fault(&mut self, happened: &mut dyn FnMut(&mut Self) -> bool) -> Result {
+        if self.work_until(FAULT_TIMEOUT, happened)? {
             Ok(())
         } else {
             Err("the fault did not come about".into())
@@ -202,13 +202,13 @@ impl Rig {
 
     /// Damages one of the next bytes on the cable.
     fn damage(&mut self, way: Way, damage: Damage) -> Result {
-        self.is_misheard |= way == Way::ToArm;
+        self.requests_damaged |= way == Way::ToArm;
         let after = self.random.between(0, 14) as u32;
         let hits = self.board.with_arm(|cable| {
             cable.damage(way, after, damage);
             cable.hits()
         });
-        self.soon(&mut |rig| rig.board.with_arm(|cable| cable.hits()) > hits)?;
+        self.await_fault(&mut |rig| rig.board.with_arm(|cable| cable.hits()) > hits)?;
         if let Damage::Delay(span) = damage {
             self.work(span.into())?;
         }
@@ -226,7 +226,7 @@ impl Rig {
             self.board.uart().plan_fault(after.into(), fault);
             // A byte may be on its way that is none of these.
             let past = self.traffic.bytes_from_arm + after + 2;
-            self.soon(&mut |rig| met(rig) > before || rig.traffic.bytes_from_arm >= past)?;
+            self.await_fault(&mut |rig| met(rig) > before || rig.traffic.bytes_from_arm >= past)?;
             self.traffic.count(&mut self.board);
             if met(self) > before {
                 return Ok(());
@@ -250,9 +250,9 @@ impl Rig {
                 self.board.uart().plan_fault(nth, fault);
             }
         }
-        self.board.with_arm(|cable| cable.arm().say(&bytes));
-        let said = self.traffic.bytes_from_arm + count as u32;
-        self.soon(&mut |rig| rig.traffic.bytes_from_arm >= said)
+        self.board.with_arm(|cable| cable.arm().send(&bytes));
+        let sent_by_arm = self.traffic.bytes_from_arm + count as u32;
+        self.await_fault(&mut |rig| rig.traffic.bytes_from_arm >= sent_by_arm)
     }
 
     /// The arm talks without a pause while the core does nothing: more than the receive ring holds.
@@ -261,7 +261,7 @@ impl Rig {
         const NO_FRAME: u8 = 0x55;
         let millis = self.random.between(11, 30);
         let noise = vec![NO_FRAME; (millis * BYTES_PER_MILLISECOND) as usize];
-        self.board.with_arm(|cable| cable.arm().say(&noise));
+        self.board.with_arm(|cable| cable.arm().send(&noise));
         self.board.hold_core()?;
         self.work(Nanos::from_millis(millis))?;
         self.board.let_core_go()?;
@@ -270,16 +270,16 @@ impl Rig {
 
     /// Neither side hears the other for a while.
     fn without_arm(&mut self, low: u64, high: u64) -> Result {
-        self.is_misheard = true;
+        self.requests_damaged = true;
         self.board.with_arm(|cable| cable.set_out(true));
         self.work_between(low, high)?;
         self.board.with_arm(|cable| cable.set_out(false));
         Ok(())
     }
 
-    fn insist(&mut self, insists: bool) {
+    fn ignore_window(&mut self, ignores_window: bool) {
         if let Some(usb) = &mut self.hosts.usb {
-            usb.insists = insists;
+            usb.ignores_window = ignores_window;
         }
     }
 
@@ -298,17 +298,17 @@ impl Rig {
         let count = self.random.between(1, 3) as usize;
         self.unasked.extend(vec![frame[..len].to_vec(); count]);
         self.board
-            .with_arm(|cable| cable.arm().say(&frame[..len].repeat(count)));
+            .with_arm(|cable| cable.arm().send(&frame[..len].repeat(count)));
         if let Some(usb) = &mut self.hosts.usb {
-            usb.ask_at_once(&mut self.board, FULL);
+            usb.request_burst(&mut self.board, FULL);
         }
         Ok(())
     }
 
     /// The device is there for the host from now on.
-    fn find_usb_now(&mut self) -> Result<Nanos> {
+    fn reconnect_usb_now(&mut self) -> Result<Nanos> {
         let now = self.board.now();
-        self.find_usb();
+        self.reconnect_usb();
         Ok(now)
     }
 
@@ -331,7 +331,7 @@ impl Rig {
         let before = self.board.now();
         let coding = self.board.usb().line_coding()?;
         let took = self.board.now().since(before);
-        if coding.is_none() || took > READY {
+        if coding.is_none() || took > SETUP_TIMEOUT {
             return Err(format!("a control transfer took {took}, and the line coding is {coding:?}").into());
         }
         Ok(())
@@ -356,15 +356,15 @@ impl Rig {
         self.board.cut_power_after(after);
         let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
         subscriber.control.send(&mut self.board, Request::SaveConfig);
-        match self.work_until(SOON, &mut |_| false) {
+        match self.work_until(FAULT_TIMEOUT, &mut |_| false) {
             Err(error) if matches!(error.downcast_ref(), Some(Error::PowerCut { .. })) => {}
             Err(error) => return Err(error),
             Ok(_) => return Err("the power was not cut".into()),
         }
-        self.lose_usb();
+        self.disconnect_usb();
         self.board.power_cycle()?;
         let now = self.board.now();
-        self.find_usb();
+        self.reconnect_usb();
         let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
         let found = subscriber.control.call(&mut self.board, Request::GetConfig);
         if found != Reply::Config(old) && found != Reply::Config(new) {
@@ -387,7 +387,9 @@ impl Rig {
         for _ in 0..10 {
             self.board.write_word(clock, IN_USE)?;
             match self.work_until(Nanos::from_millis(20), &mut |_| false) {
-                Err(error) if matches!(error.downcast_ref(), Some(Error::Crashed { .. })) => return self.reborn(),
+                Err(error) if matches!(error.downcast_ref(), Some(Error::Crashed { .. })) => {
+                    return self.await_restart();
+                }
                 Err(error) => return Err(error),
                 Ok(_) => {}
             }
@@ -396,12 +398,12 @@ impl Rig {
     }
 
     /// The part starts over by itself, and is found again.
-    fn reborn(&mut self) -> Result<Nanos> {
-        if !self.work_until(REBORN, &mut |rig| !rig.is_open())? {
-            return Err(format!("it did not start over in {REBORN}").into());
+    fn await_restart(&mut self) -> Result<Nanos> {
+        if !self.work_until(RESTART_TIMEOUT, &mut |rig| !rig.is_open())? {
+            return Err(format!("it did not start over in {RESTART_TIMEOUT}").into());
         }
         let now = self.board.now();
-        self.lose_usb();
+        self.disconnect_usb();
         self.set_up_again()?;
         Ok(now)
     }

@@ -5,11 +5,11 @@
 //! runs on the board on which those before it in its [round](ROUND) ran: to translate the firmware for a new one takes
 //! several times as long as a case.
 
-mod books;
 mod cable;
-mod deceit;
 mod inject;
+mod invariants;
 mod matrix;
+mod mutations;
 mod rig;
 mod table;
 
@@ -21,10 +21,10 @@ use std::thread;
 
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
-pub use self::books::Losses;
 pub use self::cable::{Cable, Damage, Way};
-pub use self::deceit::Deceit;
+pub use self::invariants::Losses;
 pub use self::matrix::{Fault, Moment};
+pub use self::mutations::Mutation;
 use self::rig::Rig;
 pub use self::table::Table;
 use crate::random::Random;
@@ -91,13 +91,13 @@ pub struct Bench(Option<VirtualBoard<Cable>>);
 impl Bench {
     /// Runs a case.
     pub fn run(&mut self, case: Case) -> Outcome {
-        self.run_deceived(case, None)
+        self.run_mutated(case, None)
     }
 
     /// Runs a case, with more wrong in it than it says.
-    pub fn run_deceived(&mut self, case: Case, deceit: Option<Deceit>) -> Outcome {
+    pub fn run_mutated(&mut self, case: Case, mutation: Option<Mutation>) -> Outcome {
         let attempt = catch_unwind(AssertUnwindSafe(|| {
-            self.attempt(case, deceit).map_err(|error| error.to_string())
+            self.attempt(case, mutation).map_err(|error| error.to_string())
         }));
         let result = attempt.unwrap_or_else(|panic| {
             let message = panic.downcast_ref::<String>().cloned();
@@ -107,7 +107,7 @@ impl Bench {
         Outcome { case, result }
     }
 
-    fn attempt(&mut self, case: Case, deceit: Option<Deceit>) -> Result<(Nanos, Losses)> {
+    fn attempt(&mut self, case: Case, mutation: Option<Mutation>) -> Result<(Nanos, Losses)> {
         let mut rig = Rig::start(self.0.take(), Random::new(case.seed, case.number))?;
         rig.reach(case.moment)?;
         let mut over = rig.inject(case.fault)?;
@@ -117,8 +117,8 @@ impl Bench {
             over = rig.inject(second)?;
             limit = Nanos(limit.0.max(second.limit().0));
         }
-        if let Some(deceit) = deceit {
-            rig.deceive(deceit)?;
+        if let Some(mutation) = mutation {
+            rig.mutate(mutation)?;
             over = rig.board.now();
         }
         let recovery = rig.recover(over, limit)?;
@@ -126,7 +126,7 @@ impl Bench {
         if restarts {
             // The counters began anew with the part.
             rig.finish()?;
-            rig.open_books();
+            rig.reset_accounting();
             rig.resume()?;
         }
         rig.work(CLEAN)?;

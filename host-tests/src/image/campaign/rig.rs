@@ -8,8 +8,8 @@ use armwire_virtual_board::line::Direction;
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, Timing, VirtualBoard};
 
 use super::super::{
-    CanHost, Deeds, Hosts, MEGABAUD, Subscriber, Traffic, UsbHost, Witness, byte_time, counters, open, path, plug_in,
-    polled,
+    ArmCounts, CanHost, Hosts, MEGABAUD, Subscriber, TicketArm, Traffic, UsbHost, byte_time, counters, open, path,
+    plug_in, polled,
 };
 use super::Result;
 use super::cable::Cable;
@@ -26,11 +26,11 @@ const HERTZ: u16 = 200;
 const TURNAROUND: Duration = Duration::from_micros(500);
 
 /// How long nobody looks at most, and how long when a moment is waited for.
-const GLANCE: Nanos = Nanos(250_000);
-const CLOSE_LOOK: Nanos = Nanos(3_000);
+const POLL_PERIOD: Nanos = Nanos(250_000);
+const FINE_POLL_PERIOD: Nanos = Nanos(3_000);
 
 /// How long a moment is waited for.
-const PATIENCE: Nanos = Nanos::from_millis(400);
+const STALL_TIMEOUT: Nanos = Nanos::from_millis(400);
 
 /// A board, everybody at it, and what they have seen since the books were opened.
 #[derive(Debug)]
@@ -40,10 +40,10 @@ pub(super) struct Rig {
     pub(super) random: Random,
     pub(super) traffic: Traffic,
     pub(super) before: Counters,
-    pub(super) deeds_before: Deeds,
-    glance: Nanos,
+    pub(super) arm_counts_before: ArmCounts,
+    poll_period: Nanos,
     /// No subscriber was there for a while, so that nobody knows of all frames.
-    pub(super) untold: bool,
+    pub(super) missed_events: bool,
     /// Bytes that the host may have missed because they were in the USB core when its cable went.
     pub(super) in_core: u32,
     /// What the arm has said unasked in whole frames.
@@ -51,13 +51,13 @@ pub(super) struct Rig {
     /// Answers that the host on CAN had given up.
     pub(super) given_up_before: u32,
     /// What the arm heard may not be what was said to it.
-    pub(super) is_misheard: bool,
+    pub(super) requests_damaged: bool,
 }
 
 impl Rig {
     /// Boots a board, if there is none, and begins. On one that is there nothing may be under way.
     pub(super) fn start(board: Option<VirtualBoard<Cable>>, random: Random) -> Result<Self> {
-        let arm = Cable::new(Witness::new(TURNAROUND));
+        let arm = Cable::new(TicketArm::new(TURNAROUND));
         let mut board = match board {
             Some(mut board) => {
                 board.with_arm(|cable| *cable = arm);
@@ -80,21 +80,21 @@ impl Rig {
         let mut rig = Self {
             traffic: Traffic::begin(&mut board),
             before: Counters::default(),
-            deeds_before: Deeds::default(),
+            arm_counts_before: ArmCounts::default(),
             board,
             hosts,
             random,
-            glance: GLANCE,
-            untold: false,
+            poll_period: POLL_PERIOD,
+            missed_events: false,
             in_core: 0,
             unasked: Vec::new(),
             given_up_before: 0,
-            is_misheard: false,
+            requests_damaged: false,
         };
         if let Some(can) = &mut rig.hosts.can {
             can.aborts = true;
         }
-        rig.open_books();
+        rig.reset_accounting();
         rig.resume()?;
         Ok(rig)
     }
@@ -108,7 +108,7 @@ impl Rig {
     }
 
     /// What happens is counted from now on. Nothing may be under way.
-    pub(super) fn open_books(&mut self) {
+    pub(super) fn reset_accounting(&mut self) {
         if let Some(usb) = &mut self.hosts.usb {
             (usb.bytes, usb.noise_bytes) = (0, 0);
         }
@@ -116,16 +116,16 @@ impl Rig {
         self.traffic = Traffic::begin(&mut self.board);
         self.before = counters(&mut self.board);
         self.traffic = Traffic::begin(&mut self.board);
-        self.deeds_before = self.deeds();
-        self.untold = false;
+        self.arm_counts_before = self.arm_counts();
+        self.missed_events = false;
         self.in_core = 0;
         self.unasked.clear();
-        self.given_up_before = self.hosts.can.as_ref().map_or(0, |can| can.asking.given_up);
-        self.is_misheard = false;
+        self.given_up_before = self.hosts.can.as_ref().map_or(0, |can| can.tracker.given_up);
+        self.requests_damaged = false;
     }
 
-    pub(super) fn deeds(&mut self) -> Deeds {
-        self.board.with_arm(|cable| cable.arm().deeds())
+    pub(super) fn arm_counts(&mut self) -> ArmCounts {
+        self.board.with_arm(|cable| cable.arm().arm_counts())
     }
 
     /// Whether the serial port is open and the device has not gone.
@@ -158,9 +158,9 @@ impl Rig {
                 return Ok(false);
             }
             let news = |board: &mut VirtualBoard<Cable>| board.usb().unread() > 0 || board.can().unread() > 0;
-            match self.board.run_until(self.glance.min(left), news) {
+            match self.board.run_until(self.poll_period.min(left), news) {
                 // What nobody reads is no news.
-                Ok(Nanos(0)) => self.board.run_for(CLOSE_LOOK.min(left))?,
+                Ok(Nanos(0)) => self.board.run_for(FINE_POLL_PERIOD.min(left))?,
                 Ok(_) | Err(Error::TimedOut { .. }) => {}
                 Err(error) => return Err(error.into()),
             }
@@ -187,15 +187,15 @@ impl Rig {
 
     /// Whether nobody waits for an answer.
     pub(super) fn is_done(&self) -> bool {
-        let usb = self.hosts.usb.as_ref().is_none_or(|usb| usb.asking.is_done());
-        usb && self.hosts.can.as_ref().is_none_or(|can| can.asking.is_done())
+        let usb = self.hosts.usb.as_ref().is_none_or(|usb| usb.tracker.is_done());
+        usb && self.hosts.can.as_ref().is_none_or(|can| can.tracker.is_done())
     }
 
     /// Nobody asks any more, and all have their answers or have given them up.
     pub(super) fn quiet(&mut self) -> Result {
-        self.hosts.set_asking(false);
-        if !self.work_until(PATIENCE, &mut |rig| rig.is_done())? {
-            return Err(format!("somebody waits after {PATIENCE} without giving up").into());
+        self.hosts.set_requesting(false);
+        if !self.work_until(STALL_TIMEOUT, &mut |rig| rig.is_done())? {
+            return Err(format!("somebody waits after {STALL_TIMEOUT} without giving up").into());
         }
         Ok(())
     }
@@ -211,7 +211,7 @@ impl Rig {
     /// Everybody works again.
     pub(super) fn resume(&mut self) -> Result {
         self.configure(polled(HERTZ))?;
-        self.hosts.set_asking(true);
+        self.hosts.set_requesting(true);
         Ok(())
     }
 
@@ -221,29 +221,29 @@ impl Rig {
         if moment == Moment::Idle {
             self.quiet()?;
         }
-        self.glance = CLOSE_LOOK;
+        self.poll_period = FINE_POLL_PERIOD;
         let mut quiet_since = self.board.now();
-        let found = self.work_until(PATIENCE, &mut |rig| {
+        let found = self.work_until(STALL_TIMEOUT, &mut |rig| {
             let now = rig.board.now();
             let last = rig.board.uart().bytes().last().copied();
             let moves =
                 |way| last.is_some_and(|byte| byte.direction == way && now.since(byte.at) < byte_time(MEGABAUD));
             match moment {
                 Moment::Idle => {
-                    let talks = rig.board.with_arm(|cable| cable.arm().is_talking());
+                    let talks = rig.board.with_arm(|cable| cable.arm().has_pending());
                     if talks || last.is_some() {
                         quiet_since = now;
                     }
                     now.since(quiet_since) > Nanos(700_000)
                 }
                 Moment::Request => moves(Direction::ToArm),
-                Moment::Answer => moves(Direction::ToBoard) && rig.board.with_arm(|cable| cable.arm().is_talking()),
+                Moment::Answer => moves(Direction::ToBoard) && rig.board.with_arm(|cable| cable.arm().has_pending()),
                 Moment::IsoTp => rig.hosts.can.as_ref().is_some_and(CanHost::is_sending),
                 Moment::UsbPacket => rig.board.usb().unsent() > 0,
                 Moment::Any => true,
             }
         })?;
-        self.glance = GLANCE;
+        self.poll_period = POLL_PERIOD;
         if !found {
             return Err(format!("it was never {}", moment.name()).into());
         }
@@ -255,17 +255,17 @@ impl Rig {
     }
 
     /// The host and the subscriber lose the device.
-    pub(super) fn lose_usb(&mut self) {
+    pub(super) fn disconnect_usb(&mut self) {
         if let Some(usb) = &mut self.hosts.usb {
             usb.reopened();
         }
         self.hosts.subscriber = self.hosts.subscriber.take().map(Subscriber::away);
-        self.untold = true;
+        self.missed_events = true;
         self.in_core += 2 * armwire_bridge::PACKET as u32;
     }
 
     /// They find it again.
-    pub(super) fn find_usb(&mut self) {
+    pub(super) fn reconnect_usb(&mut self) {
         self.board.usb().attach();
         self.open_usb();
     }
@@ -280,7 +280,7 @@ impl Rig {
 
     /// The part has started over: everything is set up anew.
     pub(super) fn set_up_again(&mut self) -> Result {
-        self.find_usb();
+        self.reconnect_usb();
         self.configure(polled(HERTZ))
     }
 }

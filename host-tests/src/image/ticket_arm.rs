@@ -20,7 +20,7 @@ pub(super) const CAN: u8 = 1;
 const INITIATORS: usize = 2;
 
 /// The one data byte of the question itself.
-const QUESTION: [u8; 1] = [0xFE];
+const POLL_DATA: [u8; 1] = [0xFE];
 
 /// Bytes of the answer to a ticket.
 const ANSWER_LEN: u32 = 15;
@@ -30,7 +30,7 @@ const TICK_BITS: u32 = 12;
 
 /// How long the line must be quiet for the arm to give half a frame up: longer than the adapter lets a host pause in the
 /// middle of a request, shorter than it waits for an answer. How long a real one waits is not known.
-const PATIENCE: Duration = Duration::from_millis(20);
+const PARTIAL_FRAME_TIMEOUT: Duration = Duration::from_millis(20);
 
 /// A request that is like no other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,23 +72,23 @@ pub(super) fn number_in(state: &JointState) -> u32 {
 ///
 /// It answers nothing else, and keeps it.
 #[derive(Debug)]
-pub struct Witness {
+pub struct TicketArm {
     /// How long it thinks.
     turnaround: Duration,
     silent: bool,
     decoder: Decoder<MAX_FRAME>,
     /// When it last heard a byte, and when it looks next whether the line has been quiet since.
-    heard: Instant,
-    looks: Option<Instant>,
+    last_rx: Instant,
+    idle_check: Option<Instant>,
     /// Each byte, and from when on it may be said.
-    says: VecDeque<(Instant, u8)>,
-    deeds: Deeds,
+    tx_queue: VecDeque<(Instant, u8)>,
+    arm_counts: ArmCounts,
     others: Vec<Vec<u8>>,
 }
 
 /// What it has heard and said.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Deeds {
+pub struct ArmCounts {
     /// Tickets it heard, of each initiator.
     tickets: [u32; INITIATORS],
     /// Questions for its joints that it heard.
@@ -98,12 +98,12 @@ pub struct Deeds {
     /// Bytes that were in no frame.
     pub noise_bytes: u32,
     /// Bytes that it heard.
-    pub bytes_heard: u32,
+    pub bytes_received: u32,
     /// Bytes that it said or is about to.
-    pub bytes_said: u32,
+    pub bytes_sent: u32,
 }
 
-impl Deeds {
+impl ArmCounts {
     /// Tickets that it heard.
     pub fn tickets(&self) -> u32 {
         self.tickets.iter().sum()
@@ -130,17 +130,17 @@ impl Deeds {
     }
 }
 
-impl Witness {
+impl TicketArm {
     /// An arm that thinks for `turnaround` before each answer.
     pub fn new(turnaround: Duration) -> Self {
         Self {
             turnaround,
             silent: false,
             decoder: Decoder::new(),
-            heard: Instant::ZERO,
-            looks: None,
-            says: VecDeque::new(),
-            deeds: Deeds::default(),
+            last_rx: Instant::ZERO,
+            idle_check: None,
+            tx_queue: VecDeque::new(),
+            arm_counts: ArmCounts::default(),
             others: Vec::new(),
         }
     }
@@ -151,25 +151,25 @@ impl Witness {
     }
 
     /// Says `bytes` unasked, after what it has still to say.
-    pub fn say(&mut self, bytes: &[u8]) {
-        self.put(Instant::ZERO, bytes);
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.enqueue(Instant::ZERO, bytes);
     }
 
     /// Starts it anew, as its own watchdog would: what it has still to say it never says.
     pub fn restart(&mut self) {
-        self.deeds.bytes_said -= self.says.len() as u32;
-        self.says.clear();
+        self.arm_counts.bytes_sent -= self.tx_queue.len() as u32;
+        self.tx_queue.clear();
         self.decoder = Decoder::new();
     }
 
     /// Whether it has something to say.
-    pub fn is_talking(&self) -> bool {
-        !self.says.is_empty()
+    pub fn has_pending(&self) -> bool {
+        !self.tx_queue.is_empty()
     }
 
     /// What it has heard and said so far.
-    pub fn deeds(&self) -> Deeds {
-        self.deeds
+    pub fn arm_counts(&self) -> ArmCounts {
+        self.arm_counts
     }
 
     /// The frames that it heard and does not answer, since this was last asked.
@@ -177,38 +177,38 @@ impl Witness {
         std::mem::take(&mut self.others)
     }
 
-    fn put(&mut self, due: Instant, bytes: &[u8]) {
-        self.deeds.bytes_said += bytes.len() as u32;
-        self.says.extend(bytes.iter().map(|&byte| (due, byte)));
+    fn enqueue(&mut self, due: Instant, bytes: &[u8]) {
+        self.arm_counts.bytes_sent += bytes.len() as u32;
+        self.tx_queue.extend(bytes.iter().map(|&byte| (due, byte)));
     }
 
     /// Lets time pass: half a frame is given up once the line has been quiet.
     fn advance(&mut self, now: Instant) {
-        if self.looks.take_if(|at| *at <= now).is_none() {
+        if self.idle_check.take_if(|at| *at <= now).is_none() {
             return;
         }
-        let quiet = self.heard + PATIENCE;
+        let quiet = self.last_rx + PARTIAL_FRAME_TIMEOUT;
         if now < quiet {
-            self.looks = Some(quiet);
+            self.idle_check = Some(quiet);
             return;
         }
         self.decoder.idle();
-        self.hear(now);
+        self.handle_frames(now);
     }
 
     /// Does what is asked in the bytes that it has.
-    fn hear(&mut self, now: Instant) {
+    fn handle_frames(&mut self, now: Instant) {
         while let Some(item) = self.decoder.next(&Ling, ()) {
             let bytes = item.bytes.to_vec();
             let Some(frame) = Frame::parse(&bytes).filter(|_| item.kind == Kind::Frame) else {
-                self.deeds.noise_bytes += bytes.len() as u32;
+                self.arm_counts.noise_bytes += bytes.len() as u32;
                 continue;
             };
             let command = (frame.command, frame.function);
             if command != JOINTS_COMMAND {
                 self.others.push(bytes);
             } else if let Some(answer) = self.answer(command, frame.data) {
-                self.put(now + self.turnaround, &answer);
+                self.enqueue(now + self.turnaround, &answer);
             }
         }
     }
@@ -218,39 +218,39 @@ impl Witness {
         if command != JOINTS_COMMAND {
             return None;
         }
-        let answer = if data == QUESTION {
-            self.deeds.polls += 1;
-            joints(self.deeds.polls - 1)
+        let answer = if data == POLL_DATA {
+            self.arm_counts.polls += 1;
+            joints(self.arm_counts.polls - 1)
         } else {
-            self.deeds.tickets[usize::from(data[0])] += 1;
-            let before = self.deeds.answers.to_le_bytes();
+            self.arm_counts.tickets[usize::from(data[0])] += 1;
+            let before = self.arm_counts.answers.to_le_bytes();
             frame(&[data, &before].concat())
         };
         (!self.silent).then(|| {
-            self.deeds.answers += 1;
+            self.arm_counts.answers += 1;
             answer
         })
     }
 }
 
-impl SerialDevice for Witness {
+impl SerialDevice for TicketArm {
     fn receive(&mut self, now: Instant, byte: u8) {
         self.advance(now);
-        self.deeds.bytes_heard += 1;
-        self.heard = now;
-        self.looks.get_or_insert(now + PATIENCE);
+        self.arm_counts.bytes_received += 1;
+        self.last_rx = now;
+        self.idle_check.get_or_insert(now + PARTIAL_FRAME_TIMEOUT);
         assert!(self.decoder.push(&[byte]).is_empty());
-        self.hear(now);
+        self.handle_frames(now);
     }
 
     fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.advance(now);
-        self.says.pop_front_if(|(due, _)| *due <= now).map(|(_, byte)| byte)
+        self.tx_queue.pop_front_if(|(due, _)| *due <= now).map(|(_, byte)| byte)
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let says = self.says.front().map(|&(due, _)| due);
-        [says, self.looks].into_iter().flatten().min()
+        let next_tx = self.tx_queue.front().map(|&(due, _)| due);
+        [next_tx, self.idle_check].into_iter().flatten().min()
     }
 }
 
@@ -300,15 +300,24 @@ mod tests {
 
     #[test]
     fn half_a_frame_is_given_up_in_silence_and_what_seemed_its_rest_is_answered() {
-        let mut witness = Witness::new(Duration::from_micros(500));
+        let mut ticket_arm = TicketArm::new(Duration::from_micros(500));
         let [first, second] = [0, 1].map(|number| Ticket { initiator: USB, number }.request());
         let mut longer = first;
         longer[3] |= 0x20;
         for byte in longer.into_iter().chain(second) {
-            witness.receive(Instant::from_micros(100), byte);
+            ticket_arm.receive(Instant::from_micros(100), byte);
         }
-        assert_eq!(witness.transmit(Instant::from_micros(100) + PATIENCE), None);
-        assert_eq!((witness.deeds().tickets_of_usb(), witness.deeds().noise_bytes), (1, 11));
-        assert!(witness.is_talking());
+        assert_eq!(
+            ticket_arm.transmit(Instant::from_micros(100) + PARTIAL_FRAME_TIMEOUT),
+            None
+        );
+        assert_eq!(
+            (
+                ticket_arm.arm_counts().tickets_of_usb(),
+                ticket_arm.arm_counts().noise_bytes
+            ),
+            (1, 11)
+        );
+        assert!(ticket_arm.has_pending());
     }
 }

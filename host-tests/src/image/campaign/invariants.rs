@@ -5,7 +5,7 @@ use armwire_bridge::control::{Event, Initiator, MAX_FRAME};
 use armwire_virtual_board::Nanos;
 use armwire_virtual_board::report::{Cause, Crash, Violation};
 
-use super::super::{Asking, Ticket, counters};
+use super::super::{RequestTracker, Ticket, counters};
 use super::Result;
 use super::matrix::{Fault, Restart};
 use super::rig::Rig;
@@ -68,9 +68,9 @@ const NEVER: [Named; 17] = [
 
 /// What is wrong in a run, a line each.
 #[derive(Debug, Default)]
-struct Wrongs(Vec<String>);
+struct Findings(Vec<String>);
 
-impl Wrongs {
+impl Findings {
     fn equal(&mut self, what: &str, counted: u32, happened: u32) {
         self.expect(counted == happened, || {
             format!("{what}: {counted} counted, {happened} happened")
@@ -91,20 +91,20 @@ impl Rig {
     ///
     /// All that is not as it must be.
     pub(super) fn check(&mut self, faults: &[Fault]) -> Result<Losses> {
-        let mut wrongs = Wrongs::default();
+        let mut findings = Findings::default();
         let after = counters(&mut self.board);
         self.traffic.count(&mut self.board);
         let before = self.before;
         let counted = |get: fn(&Counters) -> u32| get(&after).wrapping_sub(get(&before));
         let restart = faults.iter().find_map(|fault| fault.restart());
 
-        self.check_run(restart, &after, &mut wrongs)?;
-        self.check_line(&counted, &mut wrongs);
-        self.check_requests(&counted, faults, &mut wrongs);
-        self.check_hosts(&counted, faults, &mut wrongs);
-        self.check_can(&counted, &mut wrongs);
+        self.check_run(restart, &after, &mut findings)?;
+        self.check_line(&counted, &mut findings);
+        self.check_requests(&counted, faults, &mut findings);
+        self.check_hosts(&counted, faults, &mut findings);
+        self.check_can(&counted, &mut findings);
         for (name, get) in NEVER {
-            wrongs.equal(name, counted(get), 0);
+            findings.equal(name, counted(get), 0);
         }
         let losses: Losses = LOSSES.iter().map(|&(name, get)| (name, counted(get))).collect();
         // A storm of NAKs in the middle of a request may cut it, which costs nothing only if requests fit in a packet.
@@ -113,22 +113,22 @@ impl Rig {
         {
             let excused = ["missed polls", "noise errors"];
             for (name, count) in losses.iter().filter(|(name, _)| !excused.contains(name)) {
-                wrongs.equal(name, *count, 0);
+                findings.equal(name, *count, 0);
             }
-            for asking in self.askings() {
-                let given_up = asking.given_up;
-                wrongs.equal("requests given up by a host", given_up, 0);
+            for tracker in self.trackers() {
+                let given_up = tracker.given_up;
+                findings.equal("requests given up by a host", given_up, 0);
             }
         }
-        if wrongs.0.is_empty() {
+        if findings.0.is_empty() {
             Ok(losses)
         } else {
-            Err(wrongs.0.join("; ").into())
+            Err(findings.0.join("; ").into())
         }
     }
 
     /// It started over where it had to, and did nothing that it must not.
-    fn check_run(&mut self, restart: Option<Restart>, after: &Counters, wrongs: &mut Wrongs) -> Result {
+    fn check_run(&mut self, restart: Option<Restart>, after: &Counters, findings: &mut Findings) -> Result {
         let mut report = self.board.report()?;
         let crashes = report.violations.len();
         if restart == Some(Restart::Panic) {
@@ -142,10 +142,10 @@ impl Rig {
                 )
             };
             report.violations.retain(|found| !panicked(found));
-            wrongs.expect(crashes - report.violations.len() == 1, || "not one panic".to_owned());
+            findings.expect(crashes - report.violations.len() == 1, || "not one panic".to_owned());
         }
         if let Err(violations) = report.check() {
-            wrongs.0.push(violations.to_string());
+            findings.0.push(violations.to_string());
         }
         let causes: Vec<Cause> = report.restarts.iter().map(|restart| restart.cause).collect();
         let expected: Vec<Cause> = restart
@@ -156,68 +156,73 @@ impl Rig {
             })
             .into_iter()
             .collect();
-        wrongs.expect(causes == expected, || {
+        findings.expect(causes == expected, || {
             format!("restarts {causes:?}, expected {expected:?}")
         });
-        wrongs.equal(
+        findings.equal(
             "panics since power-on",
             after.panics,
             (restart == Some(Restart::Panic)).into(),
         );
         let bitten = restart == Some(Restart::Watchdog);
-        wrongs.equal("watchdog resets since power-on", after.watchdog_resets, bitten.into());
+        findings.equal("watchdog resets since power-on", after.watchdog_resets, bitten.into());
         Ok(())
     }
 
     /// The arm's line: every byte and every error.
-    fn check_line(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, wrongs: &mut Wrongs) {
+    fn check_line(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, findings: &mut Findings) {
         let traffic = self.traffic;
-        wrongs.equal("bytes that came while the receiver was off", 0, traffic.unreceived);
-        wrongs.equal("overruns", counted(|c| c.overrun_errors), traffic.overruns);
+        findings.equal("bytes that came while the receiver was off", 0, traffic.unreceived);
+        findings.equal("overruns", counted(|c| c.overrun_errors), traffic.overruns);
         // The STM32F405 clears an error by reading the data register, and nothing tells of a byte that ends just then.
-        wrongs.equal("bytes taken from the DMA", 0, traffic.taken);
+        findings.equal("bytes taken from the DMA", 0, traffic.taken);
         let received = traffic.bytes_from_arm - traffic.overruns;
         let bytes = counted(|c| c.arm_to_host_bytes);
         if counted(|c| c.ring_overruns) == 0 {
-            wrongs.equal("bytes from the arm", bytes, received);
+            findings.equal("bytes from the arm", bytes, received);
         } else {
-            wrongs.expect(bytes <= received, || {
+            findings.expect(bytes <= received, || {
                 format!("{bytes} bytes from the arm of {received}")
             });
         }
-        wrongs.equal(
+        findings.equal(
             "bytes to the arm",
             counted(|c| c.host_to_arm_bytes),
             traffic.bytes_to_arm,
         );
 
         let framing = traffic.framing_faults + traffic.breaks;
-        wrongs.equal("framing errors", counted(|c| c.framing_errors), framing);
-        wrongs.equal("noise errors", counted(|c| c.noise_errors), traffic.noise_faults);
+        findings.equal("framing errors", counted(|c| c.framing_errors), framing);
+        findings.equal("noise errors", counted(|c| c.noise_errors), traffic.noise_faults);
 
-        let Some(told) = self.hosts.subscriber.as_ref().filter(|_| !self.untold) else {
+        let Some(subscriber) = self.hosts.subscriber.as_ref().filter(|_| !self.missed_events) else {
             return;
         };
-        let frames = told.all_frames() + counted(|c| c.dropped_events);
-        let events = told.events.len() as u32;
-        wrongs.expect(
+        let frames = subscriber.all_frames() + counted(|c| c.dropped_events);
+        let events = subscriber.events.len() as u32;
+        findings.expect(
             (frames..=frames + events).contains(&(counted(|c| c.frames) + events)),
             || format!("{} frames counted, {frames} told of or dropped", counted(|c| c.frames)),
         );
         if counted(|c| c.dropped_events) == 0 {
-            wrongs.equal(
+            findings.equal(
                 "bytes in no frame",
                 counted(|c| c.noise_bytes),
-                bytes - told.frame_bytes,
+                bytes - subscriber.frame_bytes,
             );
         }
-        wrongs.equal("frames with a stamp before the last", 0, told.disorder);
+        findings.equal("frames with a stamp before the last", 0, subscriber.disorder);
     }
 
     /// Requests: the arm got each, and each ended once.
-    fn check_requests(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, faults: &[Fault], wrongs: &mut Wrongs) {
-        let (deeds, before) = (self.deeds(), self.deeds_before);
-        let asked = [
+    fn check_requests(
+        &mut self,
+        counted: &dyn Fn(fn(&Counters) -> u32) -> u32,
+        faults: &[Fault],
+        findings: &mut Findings,
+    ) {
+        let (arm_counts, before) = (self.arm_counts(), self.arm_counts_before);
+        let issued = [
             counted(|c| c.requests_usb),
             counted(|c| c.requests_can),
             counted(|c| c.requests_poll),
@@ -227,73 +232,84 @@ impl Rig {
             .iter()
             .all(|fault| faults.contains(fault));
         // Before another's request zeros end what it has begun.
-        let (zeros, noise) = (counted(|c| c.requests_adapter), deeds.noise_bytes - before.noise_bytes);
-        wrongs.expect(zeros == 0 || is_cut && noise >= zeros * MAX_FRAME as u32, || {
+        let (zeros, noise) = (
+            counted(|c| c.requests_adapter),
+            arm_counts.noise_bytes - before.noise_bytes,
+        );
+        findings.expect(zeros == 0 || is_cut && noise >= zeros * MAX_FRAME as u32, || {
             format!("{zeros} times zeros from the adapter, {noise} bytes of noise at the arm")
         });
-        if !self.is_misheard && !is_cut {
-            let heard = [
-                deeds.tickets_of_usb() - before.tickets_of_usb(),
-                deeds.tickets_of_can() - before.tickets_of_can(),
-                deeds.polls - before.polls,
+        if !self.requests_damaged && !is_cut {
+            let received = [
+                arm_counts.tickets_of_usb() - before.tickets_of_usb(),
+                arm_counts.tickets_of_can() - before.tickets_of_can(),
+                arm_counts.polls - before.polls,
             ];
-            for (name, (asked, heard)) in ["USB", "CAN", "polls"].into_iter().zip(asked.into_iter().zip(heard)) {
-                wrongs.equal(&format!("requests of {name}"), asked, heard);
+            for (name, (issued, received)) in ["USB", "CAN", "polls"]
+                .into_iter()
+                .zip(issued.into_iter().zip(received))
+            {
+                findings.equal(&format!("requests of {name}"), issued, received);
             }
-            wrongs.equal("bytes of noise at the arm", 0, noise);
+            findings.equal("bytes of noise at the arm", 0, noise);
         }
         let answers = counted(|c| c.frames) - counted(|c| c.unasked_frames) - counted(|c| c.late_answers);
-        wrongs.equal(
+        findings.equal(
             "requests, by answers and those missing",
             answers + counted(|c| c.unanswered_requests),
-            asked.iter().sum(),
+            issued.iter().sum(),
         );
         // No motion but what a host has commanded, and none has.
         let others = self.board.with_arm(|cable| cable.arm().take_others());
-        wrongs.expect(others.is_empty(), || format!("the arm was commanded {others:02X?}"));
+        findings.expect(others.is_empty(), || format!("the arm was commanded {others:02X?}"));
     }
 
-    fn askings(&self) -> Vec<&Asking> {
-        let usb = self.hosts.usb.as_ref().map(|usb| &usb.asking);
-        let can = self.hosts.can.as_ref().map(|can| &can.asking);
+    fn trackers(&self) -> Vec<&RequestTracker> {
+        let usb = self.hosts.usb.as_ref().map(|usb| &usb.tracker);
+        let can = self.hosts.can.as_ref().map(|can| &can.tracker);
         usb.into_iter().chain(can).collect()
     }
 
     /// Hosts: each request ended once, no answer was made up, and what is missing was counted.
-    fn check_hosts(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, faults: &[Fault], wrongs: &mut Wrongs) {
+    fn check_hosts(
+        &mut self,
+        counted: &dyn Fn(fn(&Counters) -> u32) -> u32,
+        faults: &[Fault],
+        findings: &mut Findings,
+    ) {
         // A frame with too long a pause in it is none for the adapter, but may be one for a host.
         let in_noise = counted(|c| c.noise_bytes) / ANSWER;
         let nobodys = counted(|c| c.late_answers) + counted(|c| c.unasked_frames) + in_noise;
-        let other_asked = self.hosts.can.as_ref().map_or(0, |can| can.asking.asked());
+        let other_asked = self.hosts.can.as_ref().map_or(0, |can| can.tracker.issued());
         // Of noise that has a good checksum, as one in 256 has, nobody can tell that it is no answer.
         let mut noise_like_answers = u32::from(faults.contains(&Fault::NoiseBurst));
-        for (name, asking) in ["USB", "CAN"].into_iter().zip(self.askings()) {
-            wrongs.expect(asking.answered + asking.given_up == asking.asked(), || {
+        for (name, tracker) in ["USB", "CAN"].into_iter().zip(self.trackers()) {
+            findings.expect(tracker.answered + tracker.given_up == tracker.issued(), || {
                 format!(
                     "{name}: {} asked, {} answered, {} given up",
-                    asking.asked(),
-                    asking.answered,
-                    asking.given_up
+                    tracker.issued(),
+                    tracker.answered,
+                    tracker.given_up
                 )
             });
             // What answers nothing that is open is late for what was given up, once each, or was said unasked.
             let mut unasked = self.unasked.clone();
             let mut late = Vec::new();
             let mut of_others = 0;
-            for stray in &asking.strays {
+            for stray in &tracker.strays {
                 if let Some(nth) = unasked.iter().position(|frame| name == "USB" && frame == stray) {
                     unasked.remove(nth);
                     continue;
                 }
                 let ticket = Ticket::of_answer(stray).map(|(ticket, _)| ticket);
                 let is_late = ticket.is_some_and(|ticket| {
-                    ticket.initiator == asking.initiator()
-                        && ticket.number < asking.asked()
+                    ticket.initiator == tracker.initiator()
+                        && ticket.number < tracker.issued()
                         && !late.contains(&ticket.number)
                 });
                 // What the adapter has given up for others is nobody's, and goes to the serial port.
                 let is_of_others = match ticket {
-                    Some(ticket) => ticket.initiator != asking.initiator() && ticket.number < other_asked,
+                    Some(ticket) => ticket.initiator != tracker.initiator() && ticket.number < other_asked,
                     None => stray.starts_with(&JOINTS),
                 };
                 if name == "USB" && is_of_others {
@@ -304,43 +320,43 @@ impl Rig {
                     noise_like_answers -= 1;
                     continue;
                 }
-                wrongs.expect(is_late, || format!("{name} got {stray:02X?}, which answers nothing"));
+                findings.expect(is_late, || format!("{name} got {stray:02X?}, which answers nothing"));
                 late.extend(ticket.map(|ticket| ticket.number));
             }
-            wrongs.expect(of_others <= nobodys, || {
+            findings.expect(of_others <= nobodys, || {
                 format!("{name} got {of_others} late answers of others, {nobodys} counted")
             });
-            wrongs.expect(late.len() as u32 <= asking.given_up, || {
-                format!("{name}: {} late answers, {} given up", late.len(), asking.given_up)
+            findings.expect(late.len() as u32 <= tracker.given_up, || {
+                format!("{name}: {} late answers, {} given up", late.len(), tracker.given_up)
             });
         }
 
-        let (deeds, before) = (self.deeds(), self.deeds_before);
+        let (arm_counts, before) = (self.arm_counts(), self.arm_counts_before);
         let Some(usb) = &self.hosts.usb else { return };
         let missing_counted = counted(|c| c.dropped_bytes) + counted(|c| c.unheard_bytes);
-        let for_others = |told: &super::super::Subscriber| {
+        let for_others = |subscriber: &super::super::Subscriber| {
             [Initiator::Can, Initiator::Poll]
-                .map(|initiator| told.bytes(Some(initiator)))
+                .map(|initiator| subscriber.bytes(Some(initiator)))
                 .iter()
                 .sum::<u32>()
         };
-        let told = self
+        let subscriber = self
             .hosts
             .subscriber
             .as_ref()
-            .filter(|_| !self.untold && counted(|c| c.dropped_events) == 0);
-        let (for_usb, unsure) = match told {
-            Some(told) => (counted(|c| c.arm_to_host_bytes) - for_others(told), 0),
+            .filter(|_| !self.missed_events && counted(|c| c.dropped_events) == 0);
+        let (for_usb, unsure) = match subscriber {
+            Some(subscriber) => (counted(|c| c.arm_to_host_bytes) - for_others(subscriber), 0),
             // All that is known are the requests, if nothing befell the line.
             None => {
-                let requests = deeds.tickets_of_usb() - before.tickets_of_usb();
+                let requests = arm_counts.tickets_of_usb() - before.tickets_of_usb();
                 let lost = counted(|c| c.unanswered_requests) * ANSWER;
                 (requests * ANSWER, lost + counted(|c| c.noise_bytes))
             }
         };
         let seen = usb.bytes + missing_counted;
         let possible = for_usb.saturating_sub(self.in_core + unsure)..=for_usb + unsure;
-        wrongs.expect(possible.contains(&seen), || {
+        findings.expect(possible.contains(&seen), || {
             format!(
                 "{} bytes at the host and {missing_counted} counted as lost of {for_usb} for it",
                 usb.bytes
@@ -349,20 +365,20 @@ impl Rig {
     }
 
     /// The CAN bus: every frame and every answer.
-    fn check_can(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, wrongs: &mut Wrongs) {
+    fn check_can(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, findings: &mut Findings) {
         let traffic = self.traffic;
         let received = counted(|c| c.can_frames_received);
         if counted(|c| c.can_receive_overruns) == 0 && counted(|c| c.can_bus_offs) == 0 {
-            wrongs.equal("CAN frames received", received, traffic.frames_of_nodes);
+            findings.equal("CAN frames received", received, traffic.frames_of_nodes);
         } else {
             // A controller that is off the bus hears nothing.
-            wrongs.expect(received <= traffic.frames_of_nodes, || {
+            findings.expect(received <= traffic.frames_of_nodes, || {
                 format!("{received} CAN frames received of {}", traffic.frames_of_nodes)
             });
         }
         let sent = counted(|c| c.can_frames_sent);
-        wrongs.equal("CAN frames sent", sent, traffic.frames_of_board);
-        wrongs.expect(
+        findings.equal("CAN frames sent", sent, traffic.frames_of_board);
+        findings.expect(
             (counted(|c| c.can_bus_errors) > 0) == (traffic.broken_frames > 0),
             || {
                 format!(
@@ -372,12 +388,12 @@ impl Rig {
                 )
             },
         );
-        if let Some(told) = self.hosts.subscriber.as_ref().filter(|_| !self.untold) {
-            let offs = told
+        if let Some(subscriber) = self.hosts.subscriber.as_ref().filter(|_| !self.missed_events) {
+            let offs = subscriber
                 .events
                 .iter()
                 .filter(|(_, event)| *event == Event::BusOff { off: true });
-            wrongs.equal("bus-offs", counted(|c| c.can_bus_offs), offs.count() as u32);
+            findings.equal("bus-offs", counted(|c| c.can_bus_offs), offs.count() as u32);
         }
         let Some(can) = &self.hosts.can else { return };
         let excuses = counted(|c| c.unanswered_requests)
@@ -389,8 +405,8 @@ impl Rig {
             // A request that came while it was off the bus.
             + traffic.frames_of_nodes.saturating_sub(received)
             + can.failures.len() as u32;
-        let given_up = can.asking.given_up - self.given_up_before;
-        wrongs.expect(given_up <= excuses, || {
+        let given_up = can.tracker.given_up - self.given_up_before;
+        findings.expect(given_up <= excuses, || {
             format!("{given_up} answers missing on CAN, {excuses} counted or told of")
         });
     }
@@ -401,20 +417,30 @@ impl Rig {
     ///
     /// If it takes longer than `limit`.
     pub(super) fn recover(&mut self, over: Nanos, limit: Nanos) -> Result<Nanos> {
-        self.hosts.set_asking(true);
-        let asked: Vec<u32> = self.askings().iter().map(|asking| asking.asked()).collect();
-        let polls = self.deeds().polls;
-        let told = self.hosts.subscriber.as_ref().map_or(0, |told| told.all_frames());
+        self.hosts.set_requesting(true);
+        let issued: Vec<u32> = self.trackers().iter().map(|tracker| tracker.issued()).collect();
+        let polls = self.arm_counts().polls;
+        let frames_before = self
+            .hosts
+            .subscriber
+            .as_ref()
+            .map_or(0, |subscriber| subscriber.all_frames());
         let state = |rig: &Self| {
-            let answered = |(asking, asked): (&Asking, &u32)| asking.last_answered().is_some_and(|last| last >= *asked);
-            let mut answered = rig.askings().into_iter().zip(&asked).map(answered);
+            let answered = |(tracker, issued): (&RequestTracker, &u32)| {
+                tracker.last_answered().is_some_and(|last| last >= *issued)
+            };
+            let mut answered = rig.trackers().into_iter().zip(&issued).map(answered);
             let newest = rig.hosts.can.as_ref().and_then(|can| can.telemetry.newest());
-            let told_now = rig.hosts.subscriber.as_ref().map_or(0, |told| told.all_frames());
+            let frames_now = rig
+                .hosts
+                .subscriber
+                .as_ref()
+                .map_or(0, |subscriber| subscriber.all_frames());
             [
                 ("the host on USB", answered.next() == Some(true)),
                 ("the host on CAN", answered.next() == Some(true)),
                 ("the poll", newest.is_some_and(|newest| newest >= polls)),
-                ("the subscriber", told_now > told),
+                ("the subscriber", frames_now > frames_before),
             ]
         };
         let left = (over + limit).since(self.board.now());

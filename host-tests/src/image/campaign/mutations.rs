@@ -11,46 +11,46 @@ use super::rig::Rig;
 
 /// What is wrong with the adapter, or seems to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Deceit {
+pub enum Mutation {
     /// The receiver is switched off for 80 ms, and nobody counts what the arm says meanwhile.
-    LosesBytes,
+    LostBytes,
     /// The firmware's count of framing errors is one too high.
-    CountsErrors,
+    ExtraErrorCount,
     /// A host on CAN gets the answer to a request that it never made.
-    MakesUpAnswer,
+    ForgedAnswer,
     /// The arm is told to move.
-    Moves,
+    UnrequestedMove,
     /// The part starts over.
-    Restarts,
+    UnexpectedRestart,
     /// The arm answers nobody any more.
-    StaysSilent,
+    SilentArm,
 }
 
 impl Rig {
     /// Does it.
-    pub(super) fn deceive(&mut self, deceit: Deceit) -> Result {
-        match deceit {
-            Deceit::LosesBytes => {
+    pub(super) fn mutate(&mut self, mutation: Mutation) -> Result {
+        match mutation {
+            Mutation::LostBytes => {
                 let chip = facts(self.board.chip());
                 self.board.write_word(chip.uart_control, chip.uart_deaf)?;
                 self.work(Nanos::from_millis(80))?;
                 self.board.write_word(chip.uart_control, chip.uart_listening)?;
             }
-            Deceit::CountsErrors => {
+            Mutation::ExtraErrorCount => {
                 self.plan(LineFault::Framing)?;
                 // The record has no such error.
                 self.traffic.framing_faults -= 1;
             }
-            Deceit::MakesUpAnswer => {
+            Mutation::ForgedAnswer => {
                 let ticket = Ticket {
                     initiator: 1,
                     number: u32::MAX,
                 };
                 if let Some(can) = &mut self.hosts.can {
-                    can.asking.strays.push(ticket.request());
+                    can.tracker.strays.push(ticket.request());
                 }
             }
-            Deceit::Moves => {
+            Mutation::UnrequestedMove => {
                 let target = Move {
                     joints: [(Position::CENTRE, Speed::MAX); JOINTS],
                     gripper: (Opening::CLOSED, GripperSpeed(1_000)),
@@ -61,15 +61,15 @@ impl Rig {
                     .map_err(|error| format!("{error:?}"))?;
                 self.board.usb().write(&motion[..len])?;
             }
-            Deceit::Restarts => {
-                self.lose_usb();
+            Mutation::UnexpectedRestart => {
+                self.disconnect_usb();
                 self.board.power_cycle()?;
                 self.set_up_again()?;
                 self.finish()?;
-                self.open_books();
+                self.reset_accounting();
                 self.resume()?;
             }
-            Deceit::StaysSilent => self.board.with_arm(|cable| cable.arm().set_silent(true)),
+            Mutation::SilentArm => self.board.with_arm(|cable| cable.arm().set_silent(true)),
         }
         Ok(())
     }
