@@ -5,7 +5,7 @@ use armwire_sim::serial::SerialDevice;
 
 use super::super::TicketArm;
 
-/// Which way a byte goes.
+/// The direction of a byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     /// From the arm to the adapter.
@@ -14,16 +14,16 @@ pub enum Way {
     ToArm,
 }
 
-/// What happens to a byte, which no UART notices.
+/// Damage to a byte that a UART cannot detect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Damage {
-    /// It is lost.
+    /// The byte is lost.
     Drop,
-    /// It arrives twice.
+    /// The byte arrives twice.
     Duplicate,
-    /// It, and so what follows it, is so much later. Only on the way from the arm.
+    /// The byte and all later bytes are delayed. Only for bytes from the arm.
     Delay(Duration),
-    /// Some of its bits, those that are set here, are flipped.
+    /// The bits set in this mask are flipped.
     Corrupt(u8),
 }
 
@@ -33,14 +33,14 @@ pub struct Cable {
     arm: TicketArm,
     is_out: bool,
     plan: Option<(Way, u32, Damage)>,
-    /// What goes before all else that the arm says, and from when on.
+    /// A delayed byte, sent before all others at this time.
     ahead: Option<(Instant, u8)>,
-    /// Bytes that were damaged.
+    /// Number of damaged bytes.
     hits: u32,
 }
 
 impl Cable {
-    /// A cable that is in.
+    /// A connected cable.
     pub fn new(arm: TicketArm) -> Self {
         Self {
             arm,
@@ -51,27 +51,27 @@ impl Cable {
         }
     }
 
-    /// The arm at its end.
+    /// The arm.
     pub fn arm(&mut self) -> &mut TicketArm {
         &mut self.arm
     }
 
-    /// Damages the byte that goes this way after `after` others.
+    /// Damages the byte in this direction that follows `after` others.
     pub fn damage(&mut self, way: Way, after: u32, damage: Damage) {
         self.plan = Some((way, after, damage));
     }
 
-    /// How many bytes were damaged so far.
+    /// Number of damaged bytes so far.
     pub fn hits(&self) -> u32 {
         self.hits
     }
 
-    /// Pulls the cable out, or puts it in: without it, what either side says is lost.
+    /// Unplugs or plugs the cable. Unplugged, it loses the bytes of both sides.
     pub fn set_out(&mut self, is_out: bool) {
         self.is_out = is_out;
     }
 
-    /// The damage for the next byte that goes this way.
+    /// The damage for the next byte in this direction.
     fn take_damage(&mut self, way: Way) -> Option<Damage> {
         match &mut self.plan {
             Some((planned, after, _)) if *planned == way && *after > 0 => {

@@ -1,4 +1,4 @@
-//! How each fault is brought about.
+//! Injection of each fault.
 
 use armwire::ling::{self, MAX_FRAME};
 use armwire_bridge::can::{Frame, Function, Id, Node};
@@ -16,36 +16,35 @@ use super::cable::{Damage, Way};
 use super::matrix::Fault;
 use super::rig::Rig;
 
-/// How long a fault may take to happen once it is planned.
+/// Time limit from the planning of a fault to its occurrence.
 const FAULT_TIMEOUT: Nanos = Nanos::from_millis(200);
 
-/// How long a firmware that is broken may take to be back on the USB: the watchdog's two seconds, by a clock that may be
-/// off by half, and the start.
+/// Time limit for the firmware's restart: the watchdog's two seconds, with a clock up to 50 % slow, and the boot.
 const RESTART_TIMEOUT: Nanos = Nanos::from_millis(4_500);
 
-/// The symbol of the firmware's clock. Its first word says whether somebody uses the queue in it just now, which nobody may
-/// twice. The compiler has put it there: where it does otherwise, the firmware does not panic, and the run says so.
+/// The symbol of the firmware's clock. Its first word is the borrow flag of the queue in it. The name and layout depend
+/// on the compiler: if they change, the firmware does not panic, and the run fails.
 const CLOCK: &str = "5board4time5CLOCK";
 const IN_USE: u32 = 1;
 
-/// In which time the device must be ready for the next SETUP.
+/// Time limit for the device to accept the next SETUP.
 const SETUP_TIMEOUT: Nanos = Nanos::from_millis(100);
 
 /// Requests of the serial port (CDC PSTN 1.2, table 13).
 const SET_LINE_CODING: u8 = 0x20;
 const GET_LINE_CODING: u8 = 0x21;
 
-/// Bytes of a frame that fills a packet, and how many requests of 11 bytes fill packets.
+/// Length of a frame that fills a packet, and the number of 11-byte requests that fill packets.
 const PACKET: usize = armwire_bridge::PACKET;
 const FULL: u32 = 64;
 
 impl Rig {
-    /// Brings the fault about, and returns when it was over.
+    /// Injects the fault. Returns the time of its end.
     ///
-    /// Whoever was idle asks again.
+    /// Idle hosts resume their requests.
     pub(super) fn inject(&mut self, fault: Fault) -> Result<Nanos> {
         self.hosts.set_requesting(true);
-        // What has been on the wires since they were last counted is none of it.
+        // Discards the traffic before the fault.
         self.traffic.count(&mut self.board);
         match fault {
             Fault::ByteDropped => self.damage(Way::FromArm, Damage::Drop)?,
@@ -71,11 +70,11 @@ impl Rig {
             Fault::ArmCablePulled => self.without_arm(1_000, 60_000)?,
             Fault::ArmReset => {
                 self.board.with_arm(|cable| cable.arm().restart());
-                // It boots.
+                // The boot of the arm.
                 self.without_arm(5_000, 50_000)?;
             }
             Fault::NakStorm => {
-                // For up to 50 ms, as a packet goes with each on the way to the device.
+                // Up to 50 ms, as each NAK delays a packet to the device.
                 for direction in [Direction::In, Direction::Out] {
                     let count = self.random.between(100, 1_000) as u32;
                     self.board.usb().inject_naks(direction, count);
@@ -174,7 +173,7 @@ impl Rig {
                 self.board.can().flood(None)?;
             }
             Fault::OutOfSequence => {
-                // A consecutive frame whose number is none that is due.
+                // A consecutive frame with an unexpected sequence number.
                 let number = self.random.between(5, 15) as u8;
                 let id = Function::ArmRequest.id(Node::default());
                 let frame = Frame::new(id, &[0x20 | number; 8]).map_err(|error| format!("{error:?}"))?;
@@ -191,12 +190,12 @@ impl Rig {
         Ok(self.board.now())
     }
 
-    /// Lets everybody work until it has happened.
+    /// Runs the load until the fault has happened.
     fn await_fault(&mut self, happened: &mut dyn FnMut(&mut Self) -> bool) -> Result {
         if self.work_until(FAULT_TIMEOUT, happened)? {
             Ok(())
         } else {
-            Err("the fault did not come about".into())
+            Err("the fault did not occur".into())
         }
     }
 
@@ -215,16 +214,16 @@ impl Rig {
         Ok(())
     }
 
-    /// Lets one of the next bytes from the arm meet a fault of the line.
+    /// Plans a line fault for one of the next bytes from the arm.
     pub(super) fn plan(&mut self, fault: LineFault) -> Result {
         let met = |rig: &Self| rig.traffic.framing_faults + rig.traffic.noise_faults + rig.traffic.overruns;
         let before = met(self);
-        // A byte that follows none cannot overrun it, and meets nothing. Then there is one more, once that is past: two
-        // overruns in a row are one to the receiver.
+        // A byte without a predecessor cannot overrun it, and has no effect. The fault is then planned again, once that
+        // byte has passed: two consecutive overruns count as one in the receiver.
         for _ in 0..20 {
             let after = self.random.between(0, 14) as u32;
             self.board.uart().plan_fault(after.into(), fault);
-            // A byte may be on its way that is none of these.
+            // One more byte may already be on the line.
             let past = self.traffic.bytes_from_arm + after + 2;
             self.await_fault(&mut |rig| met(rig) > before || rig.traffic.bytes_from_arm >= past)?;
             self.traffic.count(&mut self.board);
@@ -232,10 +231,10 @@ impl Rig {
                 return Ok(());
             }
         }
-        Err("the fault did not come about".into())
+        Err("the fault did not occur".into())
     }
 
-    /// The arm's line carries noise for a while, with some of the errors that a receiver notices.
+    /// Sends noise on the arm's line, with errors that a receiver detects.
     fn noise_burst(&mut self) -> Result {
         let count = self.random.between(20, 200);
         let bytes: Vec<u8> = (0..count).map(|_| self.random.any() as u8).collect();
@@ -255,7 +254,7 @@ impl Rig {
         self.await_fault(&mut |rig| rig.traffic.bytes_from_arm >= sent_by_arm)
     }
 
-    /// The arm talks without a pause while the core does nothing: more than the receive ring holds.
+    /// Sends from the arm without a pause while the core is halted: more than the receive ring holds.
     fn mask_interrupts(&mut self) -> Result {
         const BYTES_PER_MILLISECOND: u64 = 100;
         const NO_FRAME: u8 = 0x55;
@@ -268,7 +267,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Neither side hears the other for a while.
+    /// Unplugs the cable for a while.
     fn without_arm(&mut self, low: u64, high: u64) -> Result {
         self.requests_damaged = true;
         self.board.with_arm(|cable| cable.set_out(true));
@@ -283,8 +282,8 @@ impl Rig {
         }
     }
 
-    /// Requests and frames of the arm that fill packets to the last byte: only an empty packet tells the host that it has
-    /// all.
+    /// Sends requests and frames of the arm that fill packets exactly: only an empty packet shows the host the end of
+    /// the transfer.
     fn full_packets(&mut self) -> Result {
         let mut frame = [0; MAX_FRAME];
         let data = [0x11; PACKET - ling::OVERHEAD];
@@ -305,14 +304,14 @@ impl Rig {
         Ok(())
     }
 
-    /// The device is there for the host from now on.
+    /// Reconnects the device. Returns the time.
     fn reconnect_usb_now(&mut self) -> Result<Nanos> {
         let now = self.board.now();
         self.reconnect_usb();
         Ok(now)
     }
 
-    /// The host gives a control transfer up, in whatever stage it is.
+    /// Abandons a control transfer in a random stage.
     fn abandon_control(&mut self) -> Result {
         let (kind, request) = Counters::READ_REQUEST;
         let requests = [
@@ -326,7 +325,7 @@ impl Rig {
         Ok(())
     }
 
-    /// The device is ready for the next SETUP in time.
+    /// Checks that the device accepts the next SETUP in time.
     fn expect_setup(&mut self) -> Result {
         let before = self.board.now();
         let coding = self.board.usb().line_coding()?;
@@ -337,14 +336,14 @@ impl Rig {
         Ok(())
     }
 
-    /// The power goes somewhere in the writing of a configuration, and comes back: what was saved before is there, or what
-    /// was being saved, and nothing else.
+    /// Cuts the power during a save of the configuration, and restores it. The configuration must be the old or the new
+    /// one.
     fn lose_power_in_save(&mut self) -> Result<Nanos> {
         let [first, old, new] = [40, 50, 70].map(|hertz| Config {
             poll: Poll::Hertz(hertz),
             ..Config::default()
         });
-        // The first one to be saved takes more operations than those after it.
+        // The first save takes more flash operations than later ones.
         self.order(Request::SetConfig(first))?;
         self.order(Request::SaveConfig)?;
         let before = self.board.flash_operations();
@@ -368,7 +367,7 @@ impl Rig {
         let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
         let found = subscriber.control.call(&mut self.board, Request::GetConfig);
         if found != Reply::Config(old) && found != Reply::Config(new) {
-            return Err(format!("a configuration that nobody saved: {found:?}").into());
+            return Err(format!("a configuration that was never saved: {found:?}").into());
         }
         self.configure(polled(200))?;
         Ok(now)
@@ -380,10 +379,10 @@ impl Rig {
         Ok(())
     }
 
-    /// Memory changes by itself, so that firmware finds in use what cannot be.
+    /// Corrupts memory: the firmware finds its queue borrowed, and panics.
     fn panic(&mut self) -> Result<Nanos> {
         let clock = self.board.symbol(CLOCK).ok_or("the image has no symbol of a clock")?;
-        // Whoever uses it at that very instant undoes it when done.
+        // A user of the queue at that instant clears the flag when done.
         for _ in 0..10 {
             self.board.write_word(clock, IN_USE)?;
             match self.work_until(Nanos::from_millis(20), &mut |_| false) {
@@ -394,13 +393,13 @@ impl Rig {
                 Ok(_) => {}
             }
         }
-        Err("it did not panic".into())
+        Err("the firmware did not panic".into())
     }
 
-    /// The part starts over by itself, and is found again.
+    /// Waits for the restart of the board, and reconnects.
     fn await_restart(&mut self) -> Result<Nanos> {
         if !self.work_until(RESTART_TIMEOUT, &mut |rig| !rig.is_open())? {
-            return Err(format!("it did not start over in {RESTART_TIMEOUT}").into());
+            return Err(format!("the board did not restart in {RESTART_TIMEOUT}").into());
         }
         let now = self.board.now();
         self.disconnect_usb();

@@ -1,4 +1,4 @@
-//! What must be true after every run, whatever went wrong in it.
+//! Invariants of every run, independent of the fault.
 
 use armwire_bridge::Counters;
 use armwire_bridge::control::{Event, Initiator, MAX_FRAME};
@@ -10,13 +10,13 @@ use super::Result;
 use super::matrix::{Fault, Restart};
 use super::rig::Rig;
 
-/// Bytes of an answer to a request of a host.
+/// Length in bytes of the answer to a host's request.
 const ANSWER: u32 = 15;
 
-/// What an answer to a poll begins with.
+/// Start of the answer to a poll.
 const JOINTS: [u8; 4] = [0xAA, 0x06, 0x00, 0x0F];
 
-/// What is counted when something is lost, by name.
+/// Counted losses, by name.
 pub type Losses = Vec<(&'static str, u32)>;
 
 /// A counter and its name.
@@ -45,7 +45,7 @@ pub(super) const LOSSES: [Named; 19] = [
     ("USB suspends", |c| c.usb_suspends),
 ];
 
-/// Counters of what no fault of the campaign may bring about.
+/// Counters that no fault of the campaign may increment.
 const NEVER: [Named; 17] = [
     ("refused bytes", |c| c.refused_bytes),
     ("parity errors", |c| c.parity_errors),
@@ -66,7 +66,7 @@ const NEVER: [Named; 17] = [
     ("hard faults", |c| c.hard_faults),
 ];
 
-/// What is wrong in a run, a line each.
+/// Violated invariants of a run, a line each.
 #[derive(Debug, Default)]
 struct Findings(Vec<String>);
 
@@ -85,11 +85,11 @@ impl Findings {
 }
 
 impl Rig {
-    /// Compares what the adapter has counted with what happened, and returns the losses that it has counted.
+    /// Compares the adapter's counters with the recorded traffic. Returns the counted losses.
     ///
     /// # Errors
     ///
-    /// All that is not as it must be.
+    /// All violated invariants.
     pub(super) fn check(&mut self, faults: &[Fault]) -> Result<Losses> {
         let mut findings = Findings::default();
         let after = counters(&mut self.board);
@@ -107,7 +107,7 @@ impl Rig {
             findings.equal(name, counted(get), 0);
         }
         let losses: Losses = LOSSES.iter().map(|&(name, get)| (name, counted(get))).collect();
-        // A storm of NAKs in the middle of a request may cut it, which costs nothing only if requests fit in a packet.
+        // A storm of NAKs in the middle of a request may cut it. Nothing is lost only if each request fits in a packet.
         if let [fault] = faults
             && fault.is_lossless()
         {
@@ -127,7 +127,7 @@ impl Rig {
         }
     }
 
-    /// It started over where it had to, and did nothing that it must not.
+    /// Checks the restarts, and that the firmware did nothing illegal.
     fn check_run(&mut self, restart: Option<Restart>, after: &Counters, findings: &mut Findings) -> Result {
         let mut report = self.board.report()?;
         let crashes = report.violations.len();
@@ -169,12 +169,13 @@ impl Rig {
         Ok(())
     }
 
-    /// The arm's line: every byte and every error.
+    /// Checks the arm's line: every byte and every error.
     fn check_line(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, findings: &mut Findings) {
         let traffic = self.traffic;
         findings.equal("bytes that came while the receiver was off", 0, traffic.unreceived);
         findings.equal("overruns", counted(|c| c.overrun_errors), traffic.overruns);
-        // The STM32F405 clears an error by reading the data register, and nothing tells of a byte that ends just then.
+        // The STM32F405 clears an error by a read of the data register. A byte that ends at that instant leaves no
+        // trace.
         findings.equal("bytes taken from the DMA", 0, traffic.taken);
         let received = traffic.bytes_from_arm - traffic.overruns;
         let bytes = counted(|c| c.arm_to_host_bytes);
@@ -214,7 +215,7 @@ impl Rig {
         findings.equal("frames with a stamp before the last", 0, subscriber.disorder);
     }
 
-    /// Requests: the arm got each, and each ended once.
+    /// Checks the requests: each reached the arm and ended once.
     fn check_requests(
         &mut self,
         counted: &dyn Fn(fn(&Counters) -> u32) -> u32,
@@ -227,11 +228,11 @@ impl Rig {
             counted(|c| c.requests_can),
             counted(|c| c.requests_poll),
         ];
-        // The host on USB that stops for more than 10 ms in the middle of a request loses the line to others.
+        // A host on USB that pauses for more than 10 ms in the middle of a request loses the line.
         let is_cut = [Fault::FullPackets, Fault::NakStorm]
             .iter()
             .all(|fault| faults.contains(fault));
-        // Before another's request zeros end what it has begun.
+        // Zeros end an incomplete request before the request of another host.
         let (zeros, noise) = (
             counted(|c| c.requests_adapter),
             arm_counts.noise_bytes - before.noise_bytes,
@@ -259,7 +260,7 @@ impl Rig {
             answers + counted(|c| c.unanswered_requests),
             issued.iter().sum(),
         );
-        // No motion but what a host has commanded, and none has.
+        // The arm moves only at a host's request, and there was none.
         let others = self.board.with_arm(|cable| cable.arm().take_others());
         findings.expect(others.is_empty(), || format!("the arm was commanded {others:02X?}"));
     }
@@ -270,18 +271,18 @@ impl Rig {
         usb.into_iter().chain(can).collect()
     }
 
-    /// Hosts: each request ended once, no answer was made up, and what is missing was counted.
+    /// Checks the hosts: each request ended once, no answer was forged, and each missing answer was counted.
     fn check_hosts(
         &mut self,
         counted: &dyn Fn(fn(&Counters) -> u32) -> u32,
         faults: &[Fault],
         findings: &mut Findings,
     ) {
-        // A frame with too long a pause in it is none for the adapter, but may be one for a host.
+        // A frame with a long pause is noise for the adapter, but may be a frame for a host.
         let in_noise = counted(|c| c.noise_bytes) / ANSWER;
         let nobodys = counted(|c| c.late_answers) + counted(|c| c.unasked_frames) + in_noise;
         let other_asked = self.hosts.can.as_ref().map_or(0, |can| can.tracker.issued());
-        // Of noise that has a good checksum, as one in 256 has, nobody can tell that it is no answer.
+        // One in 256 bursts of noise has a valid checksum. It cannot be told from an answer.
         let mut noise_like_answers = u32::from(faults.contains(&Fault::NoiseBurst));
         for (name, tracker) in ["USB", "CAN"].into_iter().zip(self.trackers()) {
             findings.expect(tracker.answered + tracker.given_up == tracker.issued(), || {
@@ -292,7 +293,8 @@ impl Rig {
                     tracker.given_up
                 )
             });
-            // What answers nothing that is open is late for what was given up, once each, or was said unasked.
+            // A stray frame is either an unasked frame of the arm, or the late answer to a request that was given up,
+            // once each.
             let mut unasked = self.unasked.clone();
             let mut late = Vec::new();
             let mut of_others = 0;
@@ -307,7 +309,7 @@ impl Rig {
                         && ticket.number < tracker.issued()
                         && !late.contains(&ticket.number)
                 });
-                // What the adapter has given up for others is nobody's, and goes to the serial port.
+                // Late answers to given-up requests of other hosts go to the serial port.
                 let is_of_others = match ticket {
                     Some(ticket) => ticket.initiator != tracker.initiator() && ticket.number < other_asked,
                     None => stray.starts_with(&JOINTS),
@@ -347,7 +349,7 @@ impl Rig {
             .filter(|_| !self.missed_events && counted(|c| c.dropped_events) == 0);
         let (for_usb, unsure) = match subscriber {
             Some(subscriber) => (counted(|c| c.arm_to_host_bytes) - for_others(subscriber), 0),
-            // All that is known are the requests, if nothing befell the line.
+            // Without events, only the requests are known, provided the line had no fault.
             None => {
                 let requests = arm_counts.tickets_of_usb() - before.tickets_of_usb();
                 let lost = counted(|c| c.unanswered_requests) * ANSWER;
@@ -364,14 +366,14 @@ impl Rig {
         });
     }
 
-    /// The CAN bus: every frame and every answer.
+    /// Checks the CAN bus: every frame and every answer.
     fn check_can(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, findings: &mut Findings) {
         let traffic = self.traffic;
         let received = counted(|c| c.can_frames_received);
         if counted(|c| c.can_receive_overruns) == 0 && counted(|c| c.can_bus_offs) == 0 {
             findings.equal("CAN frames received", received, traffic.frames_of_nodes);
         } else {
-            // A controller that is off the bus hears nothing.
+            // A controller in bus-off receives nothing.
             findings.expect(received <= traffic.frames_of_nodes, || {
                 format!("{received} CAN frames received of {}", traffic.frames_of_nodes)
             });
@@ -402,7 +404,7 @@ impl Rig {
             + counted(|c| c.refused_can_requests)
             + counted(|c| c.can_receive_overruns)
             + counted(|c| c.overrun_errors)
-            // A request that came while it was off the bus.
+            // A request during bus-off.
             + traffic.frames_of_nodes.saturating_sub(received)
             + can.failures.len() as u32;
         let given_up = can.tracker.given_up - self.given_up_before;
@@ -411,7 +413,7 @@ impl Rig {
         });
     }
 
-    /// Lets everybody work until each has had an answer to what they asked after `over`, and returns how long that took.
+    /// Runs the load until each host has the answer to a request made after `over`. Returns the time that took.
     ///
     /// # Errors
     ///

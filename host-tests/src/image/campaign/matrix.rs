@@ -1,8 +1,8 @@
-//! What can go wrong, when, and what is promised then.
+//! Faults, moments, and recovery limits.
 
 use armwire_virtual_board::Nanos;
 
-/// What goes wrong.
+/// A fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[allow(missing_docs, reason = "they have names, which are in the table")]
 pub enum Fault {
@@ -41,10 +41,10 @@ pub enum Fault {
     Watchdog,
 }
 
-/// When it goes wrong.
+/// The moment of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Moment {
-    /// Nobody has asked, and nothing moves.
+    /// No request is open, and the line is idle.
     Idle,
     /// Bytes go to the arm.
     Request,
@@ -54,7 +54,7 @@ pub enum Moment {
     IsoTp,
     /// The host has a packet for the adapter on its way.
     UsbPacket,
-    /// Whenever it is.
+    /// Any moment.
     Any,
 }
 
@@ -69,7 +69,7 @@ impl Moment {
         Self::Any,
     ];
 
-    /// What it is called.
+    /// The name in the table.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Idle => "idle",
@@ -82,12 +82,12 @@ impl Moment {
     }
 }
 
-/// How the part may start over because of a fault.
+/// Restart of the board by a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Restart {
     /// Power was lost and came back.
     Power,
-    /// The firmware found itself broken.
+    /// The firmware panicked.
     Panic,
     /// The watchdog was not fed.
     Watchdog,
@@ -131,7 +131,7 @@ impl Fault {
         Self::Watchdog,
     ];
 
-    /// What it is.
+    /// The description in the table.
     pub const fn name(self) -> &'static str {
         match self {
             Self::ByteDropped => "UART: a byte of an answer is lost",
@@ -170,14 +170,15 @@ impl Fault {
         }
     }
 
-    /// How long after the fault is over each host, and the poll, must have had an answer to what it asked then.
+    /// Time limit, from the end of the fault, for the next answer to each host and to the poll.
     ///
-    /// An adapter gives a request up after at most 50 ms, and polls wait 50 ms more for what may be late. A host of this
-    /// campaign gives up after 150 ms. Where the adapter or its USB starts anew, the host enumerates it and opens the port.
+    /// An adapter gives up a request after at most 50 ms. Polls wait another 50 ms for late answers. A host of this
+    /// campaign gives up after 150 ms. After a restart of the adapter or its USB, the host enumerates it and opens the
+    /// port.
     pub const fn limit(self) -> Nanos {
         Nanos::from_millis(match self {
             Self::NakStorm => 50,
-            // Its 64 requests are answered first.
+            // The fault's 64 requests are answered first.
             Self::FullPackets => 400,
             Self::NeverReads => 250,
             Self::BusReset | Self::Unplug | Self::Suspend => 250,
@@ -187,7 +188,7 @@ impl Fault {
         })
     }
 
-    /// How the part starts over by it.
+    /// The restart that the fault causes.
     pub const fn restart(self) -> Option<Restart> {
         match self {
             Self::PowerLossInSave => Some(Restart::Power),
@@ -197,7 +198,7 @@ impl Fault {
         }
     }
 
-    /// Whether nothing at all is lost by it.
+    /// True if the fault loses nothing.
     pub const fn is_lossless(self) -> bool {
         matches!(
             self,
@@ -210,7 +211,7 @@ impl Fault {
         )
     }
 
-    /// Whether it can come on top of another: it is over at once and leaves everybody connected.
+    /// True if the fault may follow another: it ends at once and leaves all hosts connected.
     pub const fn is_brief(self) -> bool {
         matches!(
             self,

@@ -1,9 +1,8 @@
-//! The fault campaign: the image with everybody at work, one thing that goes wrong, sometimes two, and the books of what
-//! must be true all the same.
+//! The fault campaign: the image under full load, one injected fault, sometimes two, and the check of the invariants.
 //!
-//! A case is made of a seed and a number, and is the same in every run: which fault, in which moment, and how exactly. It
-//! runs on the board on which those before it in its [round](ROUND) ran: to translate the firmware for a new one takes
-//! several times as long as a case.
+//! A case is derived from a seed and a number, and is the same in every run: fault, moment and details. It runs on the
+//! board of the earlier cases of its [round](ROUND): the translation of the firmware for a new board takes several
+//! times as long as a case.
 
 mod cable;
 mod inject;
@@ -29,42 +28,42 @@ use self::rig::Rig;
 pub use self::table::Table;
 use crate::random::Random;
 
-/// What a part of a run gives: an error says what was not as it must be.
+/// The result of a step of a run. The error describes a violated invariant.
 pub type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
 
-/// How long everybody works after all that went wrong, with nothing more to be lost.
+/// Duration of the load without faults after the recovery.
 const CLEAN: Nanos = Nanos::from_millis(30);
 
-/// How many cases are run on one [`Bench`], from each whole multiple of this number on: every fault in one moment.
+/// Number of cases on one [`Bench`], from each whole multiple of this number: every fault in one moment.
 pub const ROUND: u32 = Fault::ALL.len() as u32;
 
 /// A run of the campaign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Case {
-    /// Of the campaign.
+    /// The seed of the campaign.
     pub seed: u64,
-    /// Its number in the campaign, from 0.
+    /// The number in the campaign, from 0.
     pub number: u32,
-    /// What goes wrong.
+    /// The fault.
     pub fault: Fault,
-    /// When.
+    /// The moment of the fault.
     pub moment: Moment,
-    /// What goes wrong shortly after.
+    /// A second fault, shortly after the first.
     pub second: Option<Fault>,
 }
 
-/// What a run has shown.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Which run.
+    /// The run.
     pub case: Case,
-    /// How long it took from the end of the fault until all traffic was back, and what was counted as lost, by name; or all
-    /// that was not as it must be.
+    /// The time from the end of the fault until all traffic was back, and the counted losses by name. The error lists
+    /// all violated invariants.
     pub result: Result<(Nanos, Losses), String>,
 }
 
 impl Case {
-    /// The run of this number of the campaign with this seed. Each fault meets each moment, in turn.
+    /// The run with this number in the campaign with this seed. Each fault meets each moment, in turn.
     pub fn new(seed: u64, number: u32) -> Self {
         let fault = Fault::ALL[(number % ROUND) as usize];
         let moment = Moment::ALL[(number / ROUND) as usize % Moment::ALL.len()];
@@ -81,10 +80,10 @@ impl Case {
     }
 }
 
-/// A board on which one case runs after the other.
+/// A board for consecutive cases.
 ///
-/// There is a new one for the first, and after one that failed or had the part start over. Each case has its own arm and
-/// its own hosts.
+/// The first case, and each case after a failure or a restart of the board, has a new board. Each case has its own arm
+/// and hosts.
 #[derive(Debug, Default)]
 pub struct Bench(Option<VirtualBoard<Cable>>);
 
@@ -94,7 +93,7 @@ impl Bench {
         self.run_mutated(case, None)
     }
 
-    /// Runs a case, with more wrong in it than it says.
+    /// Runs a case with a mutation that its invariants must detect.
     pub fn run_mutated(&mut self, case: Case, mutation: Option<Mutation>) -> Outcome {
         let attempt = catch_unwind(AssertUnwindSafe(|| {
             self.attempt(case, mutation).map_err(|error| error.to_string())
@@ -124,7 +123,7 @@ impl Bench {
         let recovery = rig.recover(over, limit)?;
         let restarts = case.fault.restart().is_some();
         if restarts {
-            // The counters began anew with the part.
+            // A restart resets the counters.
             rig.finish()?;
             rig.reset_accounting();
             rig.resume()?;
@@ -138,8 +137,8 @@ impl Bench {
     }
 }
 
-/// Runs the cases of these numbers, which ascend, as many rounds at once as there are processors, and calls `done` after
-/// each.
+/// Runs the cases with these numbers, in ascending order, and calls `done` after each. Rounds run in parallel, one per
+/// processor.
 pub fn run(seed: u64, numbers: &[u32], done: impl Fn(&Outcome) + Sync) -> Vec<Outcome> {
     let rounds: Vec<&[u32]> = numbers.chunk_by(|a, b| a / ROUND == b / ROUND).collect();
     let next = AtomicUsize::new(0);
@@ -162,7 +161,7 @@ pub fn run(seed: u64, numbers: &[u32], done: impl Fn(&Outcome) + Sync) -> Vec<Ou
     outcomes
 }
 
-/// Runs cases of one round, and before them those that they come after: nobody wants to know of these.
+/// Runs cases of one round, after the earlier cases of the round, which are not reported.
 fn run_round(seed: u64, numbers: &[u32], mut done: impl FnMut(Outcome)) {
     let (Some(first), Some(&last)) = (numbers.first(), numbers.last()) else {
         return;

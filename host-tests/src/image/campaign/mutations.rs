@@ -1,4 +1,4 @@
-//! What the checks are to find: done to a run behind their back, to see that they do.
+//! Mutations: defects injected to test the invariants.
 
 use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed};
 use armwire::messages::Messages;
@@ -9,25 +9,25 @@ use super::super::{Ticket, facts};
 use super::Result;
 use super::rig::Rig;
 
-/// What is wrong with the adapter, or seems to be.
+/// A defect of the adapter, real or apparent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
-    /// The receiver is switched off for 80 ms, and nobody counts what the arm says meanwhile.
+    /// The receiver is off for 80 ms. The bytes of the arm in that time are not counted.
     LostBytes,
-    /// The firmware's count of framing errors is one too high.
+    /// The firmware's counter of framing errors is one too high.
     ExtraErrorCount,
-    /// A host on CAN gets the answer to a request that it never made.
+    /// A host on CAN receives the answer to a request that it never made.
     ForgedAnswer,
-    /// The arm is told to move.
+    /// The arm receives a motion command.
     UnrequestedMove,
-    /// The part starts over.
+    /// The board restarts.
     UnexpectedRestart,
-    /// The arm answers nobody any more.
+    /// The arm stops answering.
     SilentArm,
 }
 
 impl Rig {
-    /// Does it.
+    /// Applies the mutation.
     pub(super) fn mutate(&mut self, mutation: Mutation) -> Result {
         match mutation {
             Mutation::LostBytes => {
@@ -38,7 +38,7 @@ impl Rig {
             }
             Mutation::ExtraErrorCount => {
                 self.plan(LineFault::Framing)?;
-                // The record has no such error.
+                // The recorded traffic has no framing error.
                 self.traffic.framing_faults -= 1;
             }
             Mutation::ForgedAnswer => {

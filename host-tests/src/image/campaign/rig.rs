@@ -1,4 +1,4 @@
-//! A board with everybody at it, of which anything may go wrong.
+//! A board with an arm and all hosts, for fault injection.
 
 use armwire_bridge::can::Node;
 use armwire_bridge::config::Config;
@@ -22,17 +22,17 @@ const RATE: u32 = 1_000_000;
 /// Polls per second.
 const HERTZ: u16 = 200;
 
-/// How long the arm thinks: long enough that a run is not made of exchanges alone.
+/// The arm's turnaround: long enough that the line is idle part of the time.
 const TURNAROUND: Duration = Duration::from_micros(500);
 
-/// How long nobody looks at most, and how long when a moment is waited for.
+/// Period of the hosts' polls, and the period during the wait for a moment.
 const POLL_PERIOD: Nanos = Nanos(250_000);
 const FINE_POLL_PERIOD: Nanos = Nanos(3_000);
 
-/// How long a moment is waited for.
+/// Time limit of the wait for a moment or for the hosts' answers.
 const STALL_TIMEOUT: Nanos = Nanos::from_millis(400);
 
-/// A board, everybody at it, and what they have seen since the books were opened.
+/// A board, its hosts, and the traffic since the last [`reset_accounting`](Self::reset_accounting).
 #[derive(Debug)]
 pub(super) struct Rig {
     pub(super) board: VirtualBoard<Cable>,
@@ -42,20 +42,20 @@ pub(super) struct Rig {
     pub(super) before: Counters,
     pub(super) arm_counts_before: ArmCounts,
     poll_period: Nanos,
-    /// No subscriber was there for a while, so that nobody knows of all frames.
+    /// The subscriber was absent for a while, and its record of frames is incomplete.
     pub(super) missed_events: bool,
-    /// Bytes that the host may have missed because they were in the USB core when its cable went.
+    /// Upper limit of the bytes lost in the USB core when the cable was unplugged.
     pub(super) in_core: u32,
-    /// What the arm has said unasked in whole frames.
+    /// Unasked frames of the arm.
     pub(super) unasked: Vec<Vec<u8>>,
-    /// Answers that the host on CAN had given up.
+    /// Answers given up by the host on CAN before the accounting.
     pub(super) given_up_before: u32,
-    /// What the arm heard may not be what was said to it.
+    /// Requests may have been damaged on the way to the arm.
     pub(super) requests_damaged: bool,
 }
 
 impl Rig {
-    /// Boots a board, if there is none, and begins. On one that is there nothing may be under way.
+    /// Boots a board unless one is given, and starts the load. A given board must be idle.
     pub(super) fn start(board: Option<VirtualBoard<Cable>>, random: Random) -> Result<Self> {
         let arm = Cable::new(TicketArm::new(TURNAROUND));
         let mut board = match board {
@@ -103,11 +103,11 @@ impl Rig {
     pub(super) fn configure(&mut self, config: Config) -> Result {
         let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
         subscriber.control.order(&mut self.board, Request::SetConfig(config));
-        // Other settings of the bus begin with a controller that knows of nothing before.
+        // New bus settings restart the controller, which discards earlier frames.
         self.work(Nanos::from_millis(2))
     }
 
-    /// What happens is counted from now on. Nothing may be under way.
+    /// Restarts the accounting. Nothing may be in progress.
     pub(super) fn reset_accounting(&mut self) {
         if let Some(usb) = &mut self.hosts.usb {
             (usb.bytes, usb.noise_bytes) = (0, 0);
@@ -128,23 +128,23 @@ impl Rig {
         self.board.with_arm(|cable| cable.arm().arm_counts())
     }
 
-    /// Whether the serial port is open and the device has not gone.
+    /// True if the serial port is open and the device is attached.
     pub(super) fn is_open(&mut self) -> bool {
         self.board.usb().is_open()
     }
 
-    /// Lets everybody work for `span`.
+    /// Runs the load for `span`.
     pub(super) fn work(&mut self, span: Nanos) -> Result {
         self.work_until(span, &mut |_| false).map(drop)
     }
 
-    /// Lets everybody work for a number of microseconds from `low` to `high`.
+    /// Runs the load for a random time from `low` to `high` microseconds.
     pub(super) fn work_between(&mut self, low: u64, high: u64) -> Result {
         let span = Nanos::from(Duration::from_micros(self.random.between(low, high)));
         self.work(span)
     }
 
-    /// Lets everybody work until `done` says so, or for `limit`. Returns whether it did.
+    /// Runs the load until `done`, for at most `limit`. Returns true if `done` was.
     pub(super) fn work_until(&mut self, limit: Nanos, done: &mut dyn FnMut(&mut Self) -> bool) -> Result<bool> {
         let end = self.board.now() + limit;
         loop {
@@ -159,7 +159,7 @@ impl Rig {
             }
             let news = |board: &mut VirtualBoard<Cable>| board.usb().unread() > 0 || board.can().unread() > 0;
             match self.board.run_until(self.poll_period.min(left), news) {
-                // What nobody reads is no news.
+                // Unread data without a reader does not end the wait.
                 Ok(Nanos(0)) => self.board.run_for(FINE_POLL_PERIOD.min(left))?,
                 Ok(_) | Err(Error::TimedOut { .. }) => {}
                 Err(error) => return Err(error.into()),
@@ -167,7 +167,7 @@ impl Rig {
         }
     }
 
-    /// Everybody does what they have to do now.
+    /// Polls each host.
     fn serve(&mut self) {
         let Self { board, hosts, .. } = self;
         if let Some(usb) = &mut hosts.usb
@@ -185,37 +185,37 @@ impl Rig {
         }
     }
 
-    /// Whether nobody waits for an answer.
+    /// True if no host waits for an answer.
     pub(super) fn is_done(&self) -> bool {
         let usb = self.hosts.usb.as_ref().is_none_or(|usb| usb.tracker.is_done());
         usb && self.hosts.can.as_ref().is_none_or(|can| can.tracker.is_done())
     }
 
-    /// Nobody asks any more, and all have their answers or have given them up.
+    /// Stops the requests and waits until each has ended.
     pub(super) fn quiet(&mut self) -> Result {
         self.hosts.set_requesting(false);
         if !self.work_until(STALL_TIMEOUT, &mut |rig| rig.is_done())? {
-            return Err(format!("somebody waits after {STALL_TIMEOUT} without giving up").into());
+            return Err(format!("a host still waits after {STALL_TIMEOUT}").into());
         }
         Ok(())
     }
 
-    /// Nobody asks, there are no polls, and nothing is under way.
+    /// Stops requests and polls, and waits until the line is idle.
     pub(super) fn finish(&mut self) -> Result {
         self.configure(Config::default())?;
         self.quiet()?;
-        // What an adapter has given up may still be late.
+        // Answers to given-up requests may still be late.
         self.work(Nanos::from_millis(120))
     }
 
-    /// Everybody works again.
+    /// Restarts polls and requests.
     pub(super) fn resume(&mut self) -> Result {
         self.configure(polled(HERTZ))?;
         self.hosts.set_requesting(true);
         Ok(())
     }
 
-    /// Lets everybody work until it is this moment.
+    /// Runs the load until this moment.
     pub(super) fn reach(&mut self, moment: Moment) -> Result {
         self.work_between(20_000, 40_000)?;
         if moment == Moment::Idle {
@@ -245,7 +245,7 @@ impl Rig {
         })?;
         self.poll_period = POLL_PERIOD;
         if !found {
-            return Err(format!("it was never {}", moment.name()).into());
+            return Err(format!("moment not reached: {}", moment.name()).into());
         }
         let jitter = match moment {
             Moment::Any => self.random.between(0, 5_000_000),
@@ -264,13 +264,13 @@ impl Rig {
         self.in_core += 2 * armwire_bridge::PACKET as u32;
     }
 
-    /// They find it again.
+    /// Host and subscriber find the device again.
     pub(super) fn reconnect_usb(&mut self) {
         self.board.usb().attach();
         self.open_usb();
     }
 
-    /// They open its interfaces.
+    /// Host and subscriber open the interfaces of the device.
     pub(super) fn open_usb(&mut self) {
         open(&mut self.board, MEGABAUD);
         if let Some(subscriber) = &mut self.hosts.subscriber {
@@ -278,7 +278,7 @@ impl Rig {
         }
     }
 
-    /// The part has started over: everything is set up anew.
+    /// Reconnects and reconfigures after a restart of the board.
     pub(super) fn set_up_again(&mut self) -> Result {
         self.reconnect_usb();
         self.configure(polled(HERTZ))

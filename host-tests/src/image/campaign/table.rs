@@ -1,4 +1,4 @@
-//! The matrix of faults and moments with what the runs have shown, as in `docs/faults.md`.
+//! The matrix of faults and moments with the results of the runs, as in `docs/faults.md`.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,12 +8,12 @@ use armwire_virtual_board::Nanos;
 use super::Outcome;
 use super::matrix::{Fault, Moment};
 
-/// What the runs have shown of one fault.
+/// Results of the runs with one fault.
 #[derive(Clone, Debug, Default)]
 struct Row {
     runs: BTreeMap<Moment, u32>,
     failed: u32,
-    /// Of the runs in which nothing else went wrong.
+    /// The longest recovery in runs without a second fault.
     worst: Nanos,
     losses: BTreeMap<&'static str, u32>,
 }
@@ -26,7 +26,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Of these runs.
+    /// The matrix of these runs.
     pub fn of(outcomes: &[Outcome]) -> Self {
         let mut rows: Vec<(Fault, Row)> = Fault::ALL.map(|fault| (fault, Row::default())).into();
         for outcome in outcomes {
