@@ -5,7 +5,7 @@ use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
-/// How far the board runs between two looks at the bus: about a frame.
+/// Duration between two polls of the bus: about a frame.
 const STEP: Nanos = Nanos(100_000);
 
 /// The longest frame of an arm.
@@ -18,12 +18,12 @@ pub struct CanProgram {
 }
 
 impl CanProgram {
-    /// A program that talks to this node. The bus must have somebody on it.
+    /// A program that communicates with this node. The bus must have another node.
     pub fn new(node: Node) -> Self {
         Self::on(Link::Classic, node)
     }
 
-    /// The same, by frames of this kind.
+    /// A program that uses frames of this kind.
     pub fn on(link: Link, node: Node) -> Self {
         let tx = Function::ArmRequest.id(node);
         Self {
@@ -36,12 +36,12 @@ impl CanProgram {
     ///
     /// # Panics
     ///
-    /// If the one before has not been sent whole.
+    /// If the frame before is not sent completely.
     pub fn send(&mut self, frame: &[u8]) {
         self.endpoint.send(frame).unwrap();
     }
 
-    /// Does what is due on the bus, and returns an answer if one came.
+    /// Handles the bus. Returns an answer if there is one.
     ///
     /// # Panics
     ///
@@ -72,7 +72,7 @@ impl CanProgram {
     ///
     /// # Panics
     ///
-    /// If there is none in 100 ms, or as [`poll`](Self::poll).
+    /// If there is no answer within 100 ms, or as [`poll`](Self::poll).
     pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, frame: &[u8]) -> Vec<u8> {
         self.send(frame);
         let limit = board.now() + Nanos::from_millis(100);

@@ -1,4 +1,4 @@
-//! What the tests know of the chips, where these differ.
+//! Properties of the chips, where they differ.
 
 use std::num::NonZeroU32;
 use std::ops::Range;
@@ -8,24 +8,24 @@ use armwire_virtual_board::{Chip, Nanos};
 /// Addresses and figures of a chip.
 #[derive(Clone, Debug)]
 pub struct Facts {
-    /// Whether its CAN is CAN FD.
+    /// True for CAN FD.
     pub can_fd: bool,
-    /// Cycles of the core in a second.
+    /// Core cycles per second.
     pub core_hz: u64,
-    /// What the firmware adds to a call or an answer at most, in nanoseconds. The goal is a tenth of the time that the answer
-    /// takes on the line, 21 µs, which the STM32G431 misses.
+    /// Maximum time that the firmware adds to a call or an answer, in nanoseconds. The goal is a tenth of the answer's
+    /// time on the line, 21 µs, which the STM32G431 misses.
     pub latency: u64,
-    /// Where the configuration is in the flash, in bytes from its start: two sectors or pages.
+    /// Offsets of the configuration in the flash, in bytes: two sectors or pages.
     pub config_flash: Range<usize>,
-    /// A core this many times slower still takes each frame of a full CAN bus, and does nothing else.
+    /// Factor by which a slower core still handles each frame of a full CAN bus, without other load.
     pub flooded: NonZeroU32,
-    /// How long an erase of one of the two takes, typical and at worst.
+    /// Duration of the erase of one of them, typical and maximum.
     pub erase: [Nanos; 2],
-    /// The crystals that the image runs with, in megahertz.
+    /// Crystal frequencies supported by the image, in megahertz.
     pub crystals: &'static [u32],
     /// RCC_CR.
     pub clock_control: u64,
-    /// GPIOA, whose pin 2 sends to the arm.
+    /// GPIOA. Its pin 2 sends to the arm.
     pub gpioa: u64,
     /// The port and the pin of the status LED.
     pub led: (u64, usize),
@@ -41,7 +41,7 @@ pub struct Facts {
     pub uart_listening: u32,
 }
 
-/// What the tests know of a chip.
+/// The properties of a chip.
 pub const fn facts(chip: Chip) -> Facts {
     match chip {
         // Addresses of RM0090, table 1; TIM5 (18.4), USART2 (30.6.4: UE 13, TE 3, RE 2, IDLEIE 4); erases of DS8626, 5.3.12.
@@ -83,11 +83,11 @@ pub const fn facts(chip: Chip) -> Facts {
     }
 }
 
-/// The chip that the image under test is for.
+/// The chip of the image under test.
 ///
 /// # Panics
 ///
-/// As [`path`](super::path), and if the image is for no chip that the board can have.
+/// See [`path`](super::path). Also if the image is for no supported chip.
 pub fn chip() -> Chip {
     Chip::of_image(&super::path()).expect("an image for a chip that the board can have")
 }

@@ -6,10 +6,10 @@ use armwire_bridge::control::{
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
-/// Longer than any request takes that needs no arm: half a second where a sector of flash is erased.
+/// Time limit for a reply. Requests without the arm take up to 0.5 s, for the erase of a flash sector.
 const REPLY_TIMEOUT: Nanos = Nanos::from_millis(1_000);
 
-/// A program that talks to the adapter itself.
+/// A client of the control interface.
 #[derive(Debug, Default)]
 pub struct Control {
     reader: Reader<MAX_MESSAGE>,
@@ -22,7 +22,7 @@ impl Control {
     ///
     /// # Panics
     ///
-    /// If there is none, or no cable.
+    /// If there is no such interface, or no cable.
     pub fn open<A: Arm>(board: &mut VirtualBoard<A>) -> Self {
         board.usb().open_vendor().unwrap();
         Self {
@@ -36,7 +36,7 @@ impl Control {
     ///
     /// # Panics
     ///
-    /// If there is none in time, or something else comes that is no event.
+    /// If there is no reply in time, or another message than an event arrives.
     pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: Request) -> Reply {
         self.send(board, request);
         loop {
@@ -50,7 +50,7 @@ impl Control {
         }
     }
 
-    /// Sends a request, and waits for nothing.
+    /// Sends a request without waiting for the reply.
     ///
     /// # Panics
     ///
@@ -66,20 +66,20 @@ impl Control {
         board.usb().vendor().write(&bytes[..len]).unwrap();
     }
 
-    /// The same for a request that is only done or not.
+    /// Sends a request whose reply is [`Reply::Done`].
     ///
     /// # Panics
     ///
-    /// As [`call`](Self::call), and if it is not done.
+    /// See [`call`](Self::call). Also for any other reply.
     pub fn order<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: Request) {
         assert_eq!(self.call(board, request), Reply::Done, "{request:?}");
     }
 
-    /// Asks to be told of every frame and everything else.
+    /// Subscribes to all frames and events.
     ///
     /// # Panics
     ///
-    /// As [`order`](Self::order).
+    /// See [`order`](Self::order).
     pub fn subscribe<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         let all = Subscription {
             frames: true,
@@ -88,18 +88,18 @@ impl Control {
         self.order(board, Request::Subscribe(all));
     }
 
-    /// What the adapter told of since this was last asked.
+    /// Events since the last call.
     ///
     /// # Panics
     ///
-    /// If there is a reply that nobody waits for.
+    /// If there is an unexpected reply.
     pub fn take_events<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Vec<(Stamp, Event)> {
         let reply = self.read(board);
         assert_eq!(reply, None);
         std::mem::take(&mut self.events)
     }
 
-    /// Reads what there is: events are kept, the reply is returned.
+    /// Reads all messages. Keeps the events and returns the reply.
     fn read<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Option<(u8, Reply)> {
         let bytes = board.usb().vendor().read();
         let mut rest = &*bytes;

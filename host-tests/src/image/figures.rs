@@ -1,10 +1,10 @@
-//! Spans of virtual time that were measured.
+//! Measured durations in virtual time.
 
 use std::fmt;
 
 use armwire_virtual_board::Nanos;
 
-/// Measurements of the same span.
+/// Repeated measurements of a duration.
 #[derive(Clone, Debug, Default)]
 pub struct Spread {
     spans: Vec<Nanos>,
@@ -17,17 +17,17 @@ impl Spread {
         self.spans.insert(place, span);
     }
 
-    /// How many there are.
+    /// Number of measurements.
     pub fn count(&self) -> usize {
         self.spans.len()
     }
 
-    /// The one in the middle.
+    /// The median.
     pub fn median(&self) -> Nanos {
         self.spans.get(self.spans.len() / 2).copied().unwrap_or_default()
     }
 
-    /// The longest.
+    /// The maximum.
     pub fn worst(&self) -> Nanos {
         self.spans.last().copied().unwrap_or_default()
     }

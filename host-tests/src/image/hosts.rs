@@ -1,6 +1,6 @@
-//! Everybody who can use the arm at once: a host on USB, a host on CAN, and a subscriber at the control interface.
+//! The concurrent users of the arm: a host on USB, a host on CAN, and a subscriber at the control interface.
 //!
-//! Nothing here panics because of what the adapter does to them: they keep what they saw, for tests to judge.
+//! The hosts never panic because of the adapter's behaviour. They record it for the tests.
 
 use std::collections::VecDeque;
 
@@ -16,29 +16,29 @@ use armwire_virtual_board::{Nanos, VirtualBoard};
 use super::Control;
 use super::ticket_arm::{CAN, Ticket, USB, number_in};
 
-/// How long nobody looks at most, if nothing comes.
+/// Polling period without received bytes.
 const POLL_PERIOD: Nanos = Nanos(250_000);
 
-/// How long a host waits for an answer before it gives up: longer than the adapter does.
+/// Time limit for an answer, after which a host gives up the request: longer than the adapter's.
 const ANSWER_TIMEOUT: Nanos = Nanos::from_millis(150);
 
-/// One who asks the arm with tickets, and looks at every answer.
+/// The requests of one host, made with tickets, and the check of each answer.
 #[derive(Debug)]
 pub struct RequestTracker {
     initiator: u8,
     next: u32,
     open: VecDeque<(u32, Nanos)>,
-    /// How many requests of anybody the arm had answered before that whose answer came last.
+    /// Position of the last answer in the arm's sequence of answers to all hosts.
     place: Option<u32>,
-    /// The request whose answer came last.
+    /// The number of the last answered request.
     last: Option<u32>,
-    /// Whether there are to be more requests.
+    /// True while new requests are made.
     pub enabled: bool,
-    /// Requests whose answer came, in the order of the requests.
+    /// Requests with an answer, in order.
     pub answered: u32,
     /// Requests that were given up.
     pub given_up: u32,
-    /// Frames that came and answered nothing that was open.
+    /// Received frames that match no open request.
     pub strays: Vec<Vec<u8>>,
 }
 
@@ -57,27 +57,27 @@ impl RequestTracker {
         }
     }
 
-    /// Requests made so far.
+    /// Number of requests so far.
     pub fn issued(&self) -> u32 {
         self.next
     }
 
-    /// Whether no answer is waited for.
+    /// True if no request is open.
     pub fn is_done(&self) -> bool {
         self.open.is_empty()
     }
 
-    /// Who asks, as in a [`Ticket`].
+    /// The initiator, as in a [`Ticket`].
     pub fn initiator(&self) -> u8 {
         self.initiator
     }
 
-    /// The number of the request whose answer came last.
+    /// The number of the last answered request.
     pub fn last_answered(&self) -> Option<u32> {
         self.last
     }
 
-    /// Gives up what is open.
+    /// Gives up all open requests.
     pub fn abandon(&mut self) {
         self.given_up += self.open.len() as u32;
         self.open.clear();
@@ -98,7 +98,7 @@ impl RequestTracker {
             nth.filter(|_| mine).map(|nth| (nth, place))
         });
         match open {
-            // The arm answers in order: those before get no answer any more.
+            // The arm answers in order: earlier requests get no answer any more.
             Some((nth, place)) => {
                 self.last = self.open.drain(..=nth).next_back().map(|(number, _)| number);
                 self.answered += 1;
@@ -109,7 +109,7 @@ impl RequestTracker {
         }
     }
 
-    /// Gives up what is open for too long, and returns whether anything was.
+    /// Gives up requests past their time limit. Returns true if there was one.
     fn give_up(&mut self, now: Nanos) -> bool {
         let before = self.given_up;
         while self
@@ -123,25 +123,25 @@ impl RequestTracker {
     }
 }
 
-/// After how long without a byte no more of a frame comes.
+/// Silence after which an incomplete frame is discarded.
 const FRAME_GAP_TIMEOUT: Nanos = Nanos::from_millis(10);
 
-/// Requests of the host on USB that are open at once, at most.
+/// Maximum number of open requests of the host on USB.
 const WINDOW: u32 = 3;
 
-/// A host at the serial port. It asks before it has the answers to the last requests.
+/// A host at the serial port, with several open requests.
 #[derive(Debug)]
 pub struct UsbHost {
-    /// What it asks and gets.
+    /// Requests and answers.
     pub tracker: RequestTracker,
     decoder: Decoder<MAX_FRAME>,
-    /// When bytes last came.
+    /// The time of the last received bytes.
     last_rx: Nanos,
-    /// Bytes that came.
+    /// Received bytes.
     pub bytes: u32,
-    /// Those among them that were in no frame.
+    /// Received bytes outside frames.
     pub noise_bytes: u32,
-    /// Whether it asks on, however few answers come.
+    /// True if requests are made regardless of the number of open ones.
     pub ignores_window: bool,
 }
 
@@ -159,13 +159,13 @@ impl Default for UsbHost {
 }
 
 impl UsbHost {
-    /// The port was opened anew: what was open is given up.
+    /// Gives up all open requests after the port was opened anew.
     pub fn reopened(&mut self) {
         self.tracker.abandon();
         self.decoder = Decoder::new();
     }
 
-    /// Asks for so many answers at once, in as few packets as they fit in. The port must be open.
+    /// Makes `count` requests at once, in as few packets as possible. The port must be open.
     ///
     /// # Panics
     ///
@@ -177,7 +177,7 @@ impl UsbHost {
         board.usb().write(&requests).unwrap();
     }
 
-    /// Reads answers and asks anew. The port must be open.
+    /// Reads answers and makes new requests. The port must be open.
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         let bytes = board.usb().read();
         self.bytes += bytes.len() as u32;
@@ -191,11 +191,11 @@ impl UsbHost {
             self.last_rx = now;
         }
         if self.tracker.give_up(now) && now.since(self.last_rx) > FRAME_GAP_TIMEOUT {
-            // What looks like the beginning of a frame may hold back the answers behind it.
+            // An apparent start of a frame may hold back the answers behind it.
             self.decoder.idle();
             self.decode();
         }
-        // Now more, now fewer at a time.
+        // The window varies.
         let window = 1 + self.tracker.answered % WINDOW;
         while self.tracker.enabled
             && (self.ignores_window && board.usb().unsent() == 0 || (self.tracker.open.len() as u32) < window)
@@ -205,7 +205,7 @@ impl UsbHost {
         }
     }
 
-    /// Takes what has come whole.
+    /// Handles complete frames.
     fn decode(&mut self) {
         while let Some(item) = self.decoder.next(&Ling, ()) {
             match item.kind {
@@ -216,22 +216,22 @@ impl UsbHost {
     }
 }
 
-/// A host on the CAN bus, with one connection for requests, which also reads what the adapter says by the way.
+/// A host on the CAN bus, with one ISO-TP connection for requests. It also reads the adapter's telemetry and events.
 #[derive(Debug)]
 pub struct CanHost {
     node: Node,
     endpoint: Endpoint<MAX_FRAME, MAX_FRAME>,
-    /// What it asks and gets.
+    /// Requests and answers.
     pub tracker: RequestTracker,
-    /// Whether it does nothing at all: frames for it are lost, and it gives no flow control.
+    /// True if the host hangs: it drops received frames and sends no flow control.
     pub hangs: bool,
-    /// Whether it stops sending what it has given up.
+    /// True if the host aborts the transfer of a given-up request.
     pub aborts: bool,
-    /// Frames for the arm that go before all tickets, and are not answered.
+    /// Frames for the arm without an answer, sent before all tickets.
     pub orders: VecDeque<Vec<u8>>,
     /// Transfers that failed.
     pub failures: Vec<isotp::Error>,
-    /// What it was told in plain frames.
+    /// Events received as plain frames.
     pub can_events: Vec<Event>,
     /// Cyclic telemetry.
     pub telemetry: Telemetry,
@@ -243,14 +243,14 @@ pub struct Telemetry {
     parts: Vec<CanFrame>,
     count: Option<u8>,
     newest: Option<u32>,
-    /// Samples that came whole.
+    /// Complete samples.
     pub samples: u32,
-    /// Samples before which one is missing, and answers of the arm that came twice or in the wrong order.
+    /// Samples after a gap, and answers of the arm that were repeated or out of order.
     pub gaps: u32,
 }
 
 impl Telemetry {
-    /// How many polls the arm had answered before that of the last sample.
+    /// The number of polls answered before that of the last sample.
     pub fn newest(&self) -> Option<u32> {
         self.newest
     }
@@ -280,7 +280,7 @@ impl Telemetry {
 }
 
 impl CanHost {
-    /// A host that talks to this node. The bus must have somebody on it.
+    /// A host that communicates with this node. The bus must have another node.
     pub fn new(node: Node) -> Self {
         Self {
             node,
@@ -295,12 +295,12 @@ impl CanHost {
         }
     }
 
-    /// Whether a request of several frames is on its way.
+    /// True if a request of several frames is being sent.
     pub fn is_sending(&self) -> bool {
         self.endpoint.is_sending()
     }
 
-    /// Does what is due on the bus and asks anew.
+    /// Handles the bus and makes new requests.
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         let now = board.now().instant();
         let frames = board.can().read();
@@ -355,25 +355,25 @@ impl CanHost {
     }
 }
 
-/// Those who ask, and nobody.
+/// Number of initiators, with none as the last.
 const INITIATORS: usize = 6;
 
 fn place(initiator: Option<Initiator>) -> usize {
     initiator.map_or(INITIATORS - 1, |initiator| initiator as usize)
 }
 
-/// A program at the control interface that is told of everything.
+/// A program at the control interface with a subscription to all events.
 #[derive(Debug)]
 pub struct Subscriber {
     /// The interface.
     pub control: Control,
-    /// Frames of the arm, by who had asked for them.
+    /// Frames of the arm, by initiator.
     frames: [u32; INITIATORS],
-    /// Bytes in these.
+    /// Bytes in these frames.
     pub frame_bytes: u32,
     bytes: [u32; INITIATORS],
     last: Stamp,
-    /// Frames with a stamp before that of the one before.
+    /// Frames with an earlier stamp than the frame before.
     pub disorder: u32,
     /// All other events.
     pub events: Vec<(Stamp, Event)>,
@@ -384,7 +384,7 @@ impl Subscriber {
     ///
     /// # Panics
     ///
-    /// As [`Control::open`] and [`Control::subscribe`].
+    /// See [`Control::open`] and [`Control::subscribe`].
     pub fn open<A: Arm>(board: &mut VirtualBoard<A>) -> Self {
         let mut control = Control::open(board);
         control.subscribe(board);
@@ -399,7 +399,7 @@ impl Subscriber {
         }
     }
 
-    /// The interface went with the device. What it was told of is kept.
+    /// Resets the interface after the device was detached. The records are kept.
     pub fn away(mut self) -> Self {
         self.control = Control::default();
         self
@@ -409,13 +409,13 @@ impl Subscriber {
     ///
     /// # Panics
     ///
-    /// As [`open`](Self::open).
+    /// See [`open`](Self::open).
     pub fn reopen<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         self.control = Control::open(board);
         self.control.subscribe(board);
     }
 
-    /// Forgets what it was told of.
+    /// Clears the records.
     pub fn forget(&mut self) {
         self.frames = [0; INITIATORS];
         self.frame_bytes = 0;
@@ -424,7 +424,7 @@ impl Subscriber {
         (self.last, self.disorder) = (Stamp(0), 0);
     }
 
-    /// Takes what it is told.
+    /// Reads events.
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         for (at, event) in self.control.take_events(board) {
             match event {
@@ -440,35 +440,35 @@ impl Subscriber {
         }
     }
 
-    /// How many frames it was told of.
+    /// Number of reported frames.
     pub fn all_frames(&self) -> u32 {
         self.frames.iter().sum()
     }
 
-    /// How many bytes were in the frames that `initiator` had asked for, or nobody.
+    /// Bytes of the frames for `initiator`, or of unasked frames.
     pub fn bytes(&self, initiator: Option<Initiator>) -> u32 {
         self.bytes[place(initiator)]
     }
 
-    /// How many frames of the arm `initiator` had asked for, or nobody.
+    /// Number of frames for `initiator`, or of unasked frames.
     pub fn frames(&self, initiator: Option<Initiator>) -> u32 {
         self.frames[place(initiator)]
     }
 }
 
-/// All of them. One who is not there does nothing.
+/// All hosts. An absent host does nothing.
 #[derive(Debug, Default)]
 pub struct Hosts {
-    /// At the serial port.
+    /// The host at the serial port.
     pub usb: Option<UsbHost>,
-    /// On the bus.
+    /// The host on the bus.
     pub can: Option<CanHost>,
-    /// At the control interface.
+    /// The program at the control interface.
     pub subscriber: Option<Subscriber>,
 }
 
 impl Hosts {
-    /// Lets them work until `done` says so.
+    /// Runs the hosts until `done`.
     ///
     /// # Panics
     ///
@@ -481,11 +481,11 @@ impl Hosts {
     ) {
         let end = board.now() + limit;
         while !self.work(board, end, &mut done) {
-            assert!(board.now() < end, "it is not done after {limit}");
+            assert!(board.now() < end, "not done after {limit}");
         }
     }
 
-    /// Lets them work for `span`.
+    /// Runs the hosts for `span`.
     ///
     /// # Panics
     ///
@@ -497,19 +497,19 @@ impl Hosts {
         }
     }
 
-    /// Lets those who are there get what they have asked for, and nobody asks any more.
+    /// Stops new requests and waits until each has ended.
     ///
     /// # Panics
     ///
-    /// If the firmware crashes, or somebody still waits after longer than anybody waits.
+    /// If the firmware crashes, or a host still waits after twice its time limit.
     pub fn finish<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         self.set_requesting(false);
         self.run_until(board, Nanos(2 * ANSWER_TIMEOUT.0), |hosts, _| hosts.is_done());
-        // What is still to come is on its way.
+        // Last bytes are still on their way.
         self.run_for(board, Nanos::from_millis(20));
     }
 
-    /// Whether those who are there ask for more.
+    /// Starts or stops new requests.
     pub fn set_requesting(&mut self, enabled: bool) {
         if let Some(usb) = &mut self.usb {
             usb.tracker.enabled = enabled;
@@ -525,7 +525,7 @@ impl Hosts {
         usb.is_none_or(RequestTracker::is_done) && can.is_none_or(RequestTracker::is_done)
     }
 
-    /// Everybody does what they have to do now, then the board runs until there may be more.
+    /// Polls each host once, then runs the board until the next poll.
     fn work<A: Arm>(
         &mut self,
         board: &mut VirtualBoard<A>,

@@ -1,7 +1,7 @@
-//! The firmware image on the virtual board, as its tests use it.
+//! The firmware image on the virtual board, for tests.
 //!
-//! A test gets its board from [`on_board`] or [`on_board_with`], which afterwards fail it if the firmware touched what is
-//! not modelled, crashed, or started again.
+//! A test gets its board from [`on_board`] or [`on_board_with`]. They fail the test afterwards if the firmware used an
+//! unmodelled peripheral, crashed, or restarted.
 
 pub mod campaign;
 mod can_program;
@@ -40,14 +40,14 @@ pub use traffic::Traffic;
 /// The rate of the Ling arm's line, in bits per second.
 pub const MEGABAUD: u32 = 1_000_000;
 
-/// Longer than anything waits in the adapter, at 115200 baud and above.
+/// Longer than any delay in the adapter, at 115200 baud and above.
 const SETTLING: Duration = Duration::from_millis(10);
 
 /// The firmware image.
 ///
 /// # Panics
 ///
-/// If there is none, with how to make one.
+/// If there is none. The message explains how to build one.
 pub fn path() -> PathBuf {
     let path = env::var_os("ARMWIRE_IMAGE").map(PathBuf::from);
     let path = path.expect("ARMWIRE_IMAGE does not name a firmware image: run `cargo ci`, or `cargo fw` and set it");
@@ -63,16 +63,16 @@ pub fn path() -> PathBuf {
 ///
 /// # Panics
 ///
-/// As [`on_board_with`].
+/// See [`on_board_with`].
 pub fn on_board<A: Arm, R>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>) -> R) -> R {
     on_board_with(Config::new(path(), arm), test)
 }
 
-/// The same, with everything about the board said.
+/// Runs a test on a board with this configuration.
 ///
 /// # Panics
 ///
-/// If the board cannot be started, and after the test if the firmware did anything that it must not.
+/// If the board cannot be started, and after the test if the firmware had a violation.
 pub fn on_board_with<A: Arm, R>(config: Config<A>, test: impl FnOnce(&mut VirtualBoard<A>) -> R) -> R {
     let mut board = VirtualBoard::start(config).unwrap();
     let result = test(&mut board);
@@ -82,10 +82,11 @@ pub fn on_board_with<A: Arm, R>(config: Config<A>, test: impl FnOnce(&mut Virtua
     result
 }
 
-/// How long after the port is opened a rate that is not the arm's is surely in effect: 100 ms, and the time to change.
+/// Delay from the opening of the port until a rate other than the arm's is in effect: 100 ms, and the time of the
+/// change.
 const RATE_SETTLES: Nanos = Nanos::from_millis(105);
 
-/// Plugs the cable in, opens the serial port, and waits until its rate is in effect.
+/// Plugs in the cable, opens the serial port, and waits until its rate is in effect.
 ///
 /// # Panics
 ///
@@ -107,11 +108,11 @@ pub fn open<A: Arm>(board: &mut VirtualBoard<A>, baud: u32) {
     board.usb().open(0, LineCoding::new(baud)).unwrap();
 }
 
-/// What the adapter has counted.
+/// The adapter's counters.
 ///
 /// # Panics
 ///
-/// If it does not say.
+/// If the request fails.
 pub fn counters<A: Arm>(board: &mut VirtualBoard<A>) -> Counters {
     let (kind, request) = Counters::READ_REQUEST;
     let answer = board
@@ -120,7 +121,7 @@ pub fn counters<A: Arm>(board: &mut VirtualBoard<A>) -> Counters {
     Counters::from_bytes(&answer.unwrap()).unwrap()
 }
 
-/// Runs until no more bytes come from the adapter, and returns those that did.
+/// Runs until no more bytes arrive from the adapter. Returns all bytes.
 ///
 /// # Panics
 ///
@@ -137,11 +138,11 @@ pub fn read_all<A: Arm>(board: &mut VirtualBoard<A>) -> Vec<u8> {
     }
 }
 
-/// Exchanges `down` and `up` with the arm, both ways at once, and expects every byte.
+/// Exchanges `down` and `up` with the arm, in both directions at once, and checks every byte.
 ///
 /// # Panics
 ///
-/// If a byte is lost, changed or made up.
+/// If a byte is lost, changed or inserted.
 pub fn exchange(board: &mut VirtualBoard<Talker>, down: &[u8], up: &[u8]) {
     board.with_arm(|arm| {
         arm.take_received();
@@ -149,7 +150,7 @@ pub fn exchange(board: &mut VirtualBoard<Talker>, down: &[u8], up: &[u8]) {
     });
     board.usb().write(down).unwrap();
     let received = read_all(board);
-    // What the host has to say may take longer than what the arm has.
+    // The host's bytes may take longer than the arm's.
     while board.usb().unsent() > 0 {
         board.run_for(SETTLING).unwrap();
     }
@@ -159,24 +160,24 @@ pub fn exchange(board: &mut VirtualBoard<Talker>, down: &[u8], up: &[u8]) {
     same_bytes("the arm", &received_by_arm, down);
 }
 
-/// Fails at the first byte that is not as sent, for lists that are too long to print.
+/// Compares byte sequences that are too long to print. Fails at the first difference.
 ///
 /// # Panics
 ///
-/// If there is one.
+/// If there is a difference.
 pub fn same_bytes(who: &str, got: &[u8], sent: &[u8]) {
     let place = got.iter().zip(sent).position(|(got, sent)| got != sent);
     assert_eq!(
         place,
         None,
-        "{who} got another byte there; {} of {} came",
+        "first difference at {who}; {} of {} came",
         got.len(),
         sent.len()
     );
-    assert_eq!(got.len(), sent.len(), "{who} got another number of bytes");
+    assert_eq!(got.len(), sent.len(), "wrong number of bytes at {who}");
 }
 
-/// `len` bytes without a pattern, other ones for each `seed`.
+/// `len` pseudo-random bytes from `seed`.
 pub fn noise(seed: u64, len: usize) -> Vec<u8> {
     // Steele and Vigna's SplitMix64.
     let mut state = seed;
@@ -190,11 +191,11 @@ pub fn noise(seed: u64, len: usize) -> Vec<u8> {
     (0..len).map(|_| next()).collect()
 }
 
-/// What a receiver that loses nothing makes of the bytes from the arm and their faults.
+/// The bytes from the arm and their faults, as seen by a lossless receiver.
 ///
 /// # Panics
 ///
-/// If a byte was garbled by a wrong rate or collided: what arrives then is the receiver's affair.
+/// If a byte was garbled by a wrong rate or collided: the received value is undefined.
 pub fn as_received(line: &[LineByte]) -> Vec<u8> {
     let value = |byte: &LineByte| match byte.outcome {
         Outcome::Arrived | Outcome::Faulty(Fault::Noise | Fault::Parity) => Some(byte.sent),
@@ -202,7 +203,7 @@ pub fn as_received(line: &[LineByte]) -> Vec<u8> {
         Outcome::Faulty(Fault::Break) => Some(0),
         Outcome::Faulty(Fault::Overrun) | Outcome::Lost => None,
         Outcome::Garbled => panic!("the arm's rate is not the adapter's"),
-        Outcome::Collided => panic!("both sides spoke at once"),
+        Outcome::Collided => panic!("both sides sent at once"),
     };
     let from_arm = line.iter().filter(|byte| byte.direction == Direction::ToBoard);
     from_arm.filter_map(value).collect()

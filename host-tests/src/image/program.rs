@@ -8,19 +8,19 @@ use armwire_bridge::Duration;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 
-/// From the last stop bit of a request until an arm without an answer has obeyed it.
+/// Time from the last stop bit of a request until an arm has obeyed it, without an answer.
 const OBEYED: Duration = Duration::from_millis(1);
 
-/// A program that talks to a Ling arm.
+/// A program for a Ling arm.
 pub type Program = ProgramOf<Ling, { ling::MAX_FRAME }>;
 
-/// A program that talks to an arm by `P`, whose longest frame has `N` bytes.
+/// A program for an arm with protocol `P`. Its longest frame has `N` bytes.
 #[derive(Debug)]
 pub struct ProgramOf<P: Messages, const N: usize> {
     client: Client<P, N>,
-    /// What happened besides the outcome of calls.
+    /// Events other than the outcome of calls.
     others: Vec<String>,
-    /// The last answer, as a frame, and what it was expected as.
+    /// The last answer, as a frame, and its expectation.
     answer: (Vec<u8>, P::Expect),
 }
 
@@ -68,7 +68,7 @@ impl<P: Messages + Default, const N: usize> ProgramOf<P, N> {
         self.run(board, &request).then(|| self.answer())
     }
 
-    /// Whether the arm answered the request; the answer is in `answer`.
+    /// Makes one call. Returns true if the arm answered; the answer is in `answer`.
     fn run<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: &P::Request<'_>) -> bool {
         self.client.submit(request).unwrap();
         let mut frame = vec![0; N];
@@ -114,7 +114,7 @@ impl<P: Messages + Default, const N: usize> ProgramOf<P, N> {
     }
 }
 
-/// Runs until there are bytes from the adapter, or it is this late.
+/// Runs until bytes arrive from the adapter, or until this time.
 fn listen<A: Arm>(board: &mut VirtualBoard<A>, until: Option<Instant>) -> Vec<u8> {
     let until = until.map_or(Instant::ZERO, Instant::from);
     let limit = until.since(board.now().instant());

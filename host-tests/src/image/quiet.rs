@@ -1,4 +1,4 @@
-//! What the adapter adds to a call while nothing else is to be done.
+//! Delays that the adapter adds to a call without other load.
 
 use armwire::ling::Request;
 use armwire_virtual_board::latency::bursts;
@@ -7,34 +7,34 @@ use armwire_virtual_board::{Nanos, VirtualBoard, usb};
 
 use super::{MEGABAUD, Program, Spread, byte_time};
 
-/// A pause that brings the next measurement to another phase of the USB frame, of the byte, and of what the firmware does
-/// from time to time.
+/// A pause that shifts the next measurement to another phase of the USB frame, the byte, and the firmware's periodic
+/// tasks.
 pub fn pause(nth: u64) -> Nanos {
     Nanos((nth * 618_034) % 1_000_000 + (nth * 977) % 10_000)
 }
 
-/// Forgets what was on the line and on USB.
+/// Discards the records of the line and of USB.
 ///
 /// # Panics
 ///
-/// If there is no board any more.
+/// If the board has ended.
 pub fn forget<A: Arm>(board: &mut VirtualBoard<A>) {
     board.uart().forget_bytes();
     board.usb().forget_packets();
 }
 
-/// From the arm's last stop bit until the packet with that byte was ready.
+/// Time from the arm's last stop bit until the packet with that byte was ready.
 ///
 /// # Panics
 ///
-/// If the arm said nothing, or it was not passed on.
+/// If the arm sent nothing, or the answer was not forwarded.
 pub fn until_armed<A: Arm>(board: &mut VirtualBoard<A>) -> Nanos {
     let (line, packets) = (board.uart().bytes(), board.usb().packets());
     let bursts = bursts(&line, &packets, byte_time(MEGABAUD)).unwrap();
     bursts.last().unwrap().to_armed()
 }
 
-/// From the end of the request's packet to the first start bit that the arm sees.
+/// Time from the end of the request's packet to the first start bit at the arm.
 fn until_start_bit<A: Arm>(board: &mut VirtualBoard<A>) -> Nanos {
     let line = board.uart().bytes();
     let first = line.iter().find(|byte| byte.direction == Direction::ToArm).unwrap();
@@ -46,7 +46,7 @@ fn until_start_bit<A: Arm>(board: &mut VirtualBoard<A>) -> Nanos {
     first.at.since(request.end + byte_time(MEGABAUD))
 }
 
-/// What calls add.
+/// Delays added to calls.
 #[derive(Clone, Debug, Default)]
 pub struct Added {
     /// From the packet from the host to the first start bit.
@@ -55,7 +55,7 @@ pub struct Added {
     pub to_usb: Spread,
 }
 
-/// Calls a Ling arm so many times over USB.
+/// Calls a Ling arm `times` times over USB.
 ///
 /// # Panics
 ///

@@ -1,4 +1,4 @@
-//! A board with everybody at it, and the books of what happened.
+//! A board with all hosts, and the record of its traffic.
 
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{self, Config, Poll};
@@ -14,7 +14,7 @@ use super::{
 /// Bits per second on the bus.
 const RATE: u32 = 1_000_000;
 
-/// How often the wires' records are counted and forgotten.
+/// Period after which the wires' records are counted and cleared.
 const SPAN: Nanos = Nanos::from_millis(50);
 
 /// A board whose arm is a [`TicketArm`], with all [`Hosts`].
@@ -22,19 +22,19 @@ const SPAN: Nanos = Nanos::from_millis(50);
 pub struct Session<'a> {
     /// The board.
     pub board: &'a mut VirtualBoard<TicketArm>,
-    /// Those who use it.
+    /// The hosts.
     pub hosts: Hosts,
-    /// What was on the wires.
+    /// Traffic on the wires.
     pub traffic: Traffic,
     config: Config,
     before: Counters,
-    /// When polls were switched on; how long they were, once they are off.
+    /// The start of the polls, or their duration once they are off.
     polled: Nanos,
-    /// Requests at the control interface.
+    /// Number of requests at the control interface.
     requests: u32,
 }
 
-/// Cyclic telemetry of each answer to a poll, so many times a second.
+/// A configuration with polls at `hertz`, and cyclic telemetry of each answer.
 pub fn polled(hertz: u16) -> Config {
     Config {
         poll: Poll::Hertz(hertz),
@@ -46,12 +46,12 @@ pub fn polled(hertz: u16) -> Config {
     }
 }
 
-/// Runs a test with everybody at work, with an arm that thinks for `turnaround` before each answer. Flash and USB controller take
-/// times that are drawn.
+/// Runs a test with all hosts and an arm with this turnaround. The durations of flash operations and of the USB
+/// controller are random.
 ///
 /// # Panics
 ///
-/// As [`on_board_with`].
+/// See [`on_board_with`].
 pub fn session<R>(turnaround: Duration, config: Config, test: impl FnOnce(&mut Session<'_>) -> R) -> R {
     let slow = BoardConfig {
         timing: Timing::Drawn,
@@ -75,7 +75,7 @@ pub fn session<R>(turnaround: Duration, config: Config, test: impl FnOnce(&mut S
         };
         session.configure(config);
         session.polled = session.board.now();
-        // Other settings of the bus begin with a controller that knows of nothing before.
+        // New bus settings restart the controller, which discards earlier frames.
         session.board.run_for(Nanos::from_millis(2)).unwrap();
         test(&mut session)
     })
@@ -86,7 +86,7 @@ impl Session<'_> {
     ///
     /// # Panics
     ///
-    /// If that is refused, or there is no subscriber.
+    /// If the configuration is refused, or there is no subscriber.
     pub fn configure(&mut self, config: Config) {
         self.requests += 1;
         let subscriber = self.hosts.subscriber.as_mut().unwrap();
@@ -97,17 +97,17 @@ impl Session<'_> {
     ///
     /// # Panics
     ///
-    /// As [`Subscriber::open`].
+    /// See [`Subscriber::open`].
     pub fn subscribe(&mut self) {
         self.requests += 1;
         self.hosts.subscriber = Some(Subscriber::open(self.board));
     }
 
-    /// Lets everybody work for `span`.
+    /// Runs all hosts for `span`.
     ///
     /// # Panics
     ///
-    /// As [`Hosts::run_for`].
+    /// See [`Hosts::run_for`].
     pub fn run_for(&mut self, span: Nanos) {
         let end = self.board.now() + span;
         while self.board.now() < end {
@@ -116,11 +116,11 @@ impl Session<'_> {
         }
     }
 
-    /// Lets those who have asked get their answers, ends the polls, and nobody asks any more.
+    /// Ends the polls, stops new requests, and waits until each has ended.
     ///
     /// # Panics
     ///
-    /// As [`Hosts::finish`], and if there is no subscriber.
+    /// See [`Hosts::finish`]. Also if there is no subscriber.
     pub fn finish(&mut self) {
         self.configure(Config {
             poll: Poll::Off,
@@ -158,31 +158,31 @@ impl Session<'_> {
         self.hosts.subscriber.as_mut().unwrap()
     }
 
-    /// What the arm has heard and said.
+    /// Received and sent traffic of the arm.
     pub fn arm_counts(&mut self) -> ArmCounts {
         self.board.with_arm(|arm| arm.arm_counts())
     }
 
-    /// Expects that each slot of the poll has had its poll, or was counted as missed.
+    /// Checks that each slot of the poll had its poll, or was counted as missed.
     ///
     /// # Panics
     ///
-    /// If one was neither.
+    /// If a slot was neither.
     pub fn expect_slots(&mut self) {
         let Poll::Hertz(hertz) = self.config.poll else {
-            panic!("it is not polled");
+            panic!("the adapter does not poll");
         };
         let polls = u64::from(self.arm_counts().polls + counters(self.board).missed_polls);
         let slots = self.polled.0 * u64::from(hertz) / 1_000_000_000;
         assert!(polls.abs_diff(slots) <= 1, "{polls} polls made or missed of {slots}");
     }
 
-    /// Expects that the adapter has counted what happened, exactly: what was on the wires and what the arm heard and said,
-    /// nothing wrong, and what `otherwise` changes. How many polls had to wait for others nobody else knows.
+    /// Checks the adapter's counters against the traffic on the wires and at the arm: no errors, except the changes
+    /// made by `otherwise`. The number of late polls is known to the adapter only.
     ///
     /// # Panics
     ///
-    /// If it has not.
+    /// If a counter differs.
     pub fn expect_counters(&mut self, otherwise: impl FnOnce(&mut Counters, Counters)) {
         let arm_counts = self.arm_counts();
         let counted = counters(self.board);
@@ -201,7 +201,7 @@ impl Session<'_> {
         expected.can_frames_sent += self.traffic.frames_of_board;
         expected.control_requests += self.requests;
         otherwise(&mut expected, counted);
-        assert_eq!(counted, expected, "counted (left) is not what happened (right)");
+        assert_eq!(counted, expected, "counters (left) differ from the traffic (right)");
         assert!(counted.late_polls <= arm_counts.polls);
         let on_line = (self.traffic.bytes_from_arm, self.traffic.bytes_to_arm);
         assert_eq!(

@@ -1,4 +1,4 @@
-//! An arm that says what it is told.
+//! An arm that sends given bytes.
 
 use std::collections::VecDeque;
 use std::mem;
@@ -6,7 +6,7 @@ use std::mem;
 use armwire_bridge::Instant;
 use armwire_sim::serial::SerialDevice;
 
-/// Says what it is told, without a pause, and keeps what it hears.
+/// An arm that sends given bytes without a pause, and records received bytes.
 #[derive(Debug, Default)]
 pub struct Talker {
     tx_queue: VecDeque<u8>,
@@ -14,12 +14,12 @@ pub struct Talker {
 }
 
 impl Talker {
-    /// Says `bytes` after what it has still to say.
+    /// Sends `bytes` after all queued bytes.
     pub fn send(&mut self, bytes: &[u8]) {
         self.tx_queue.extend(bytes);
     }
 
-    /// What it has heard since this was last asked.
+    /// Bytes received since the last call.
     pub fn take_received(&mut self) -> Vec<u8> {
         mem::take(&mut self.received)
     }

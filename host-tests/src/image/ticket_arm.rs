@@ -1,4 +1,4 @@
-//! An arm whose answers show which requests they answer.
+//! An arm whose answers identify their requests.
 
 use std::collections::VecDeque;
 
@@ -8,18 +8,18 @@ use armwire::messages::Messages;
 use armwire_bridge::{Duration, Instant};
 use armwire_sim::serial::SerialDevice;
 
-/// Command and function of the question where the joints are. All [tickets](Ticket) have them too, so that only what is in
-/// an answer tells whose it is.
+/// Command and function of the joint request. All [tickets](Ticket) have them too. Only the data identifies the
+/// initiator.
 const JOINTS_COMMAND: (u8, u8) = (0x06, 0x00);
 
-/// Who asks with tickets: the host on USB, and the one on CAN.
+/// Initiators of tickets: the host on USB, and the host on CAN.
 pub(super) const USB: u8 = 0;
 pub(super) const CAN: u8 = 1;
 
-/// How many there are.
+/// Number of initiators.
 const INITIATORS: usize = 2;
 
-/// The one data byte of the question itself.
+/// The data byte of the joint request itself.
 const POLL_DATA: [u8; 1] = [0xFE];
 
 /// Bytes of the answer to a ticket.
@@ -28,21 +28,21 @@ const ANSWER_LEN: u32 = 15;
 /// Bits of a number that fit in a joint.
 const TICK_BITS: u32 = 12;
 
-/// How long the line must be quiet for the arm to give half a frame up: longer than the adapter lets a host pause in the
-/// middle of a request, shorter than it waits for an answer. How long a real one waits is not known.
+/// Silence after which the arm discards an incomplete frame: longer than the adapter allows a host to pause within a
+/// request, shorter than its time limit for an answer. The value of a real arm is not known.
 const PARTIAL_FRAME_TIMEOUT: Duration = Duration::from_millis(20);
 
-/// A request that is like no other.
+/// A unique request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ticket {
-    /// Who asks: 0 is the host on USB, 1 the one on CAN.
+    /// The initiator: 0 is the host on USB, 1 the host on CAN.
     pub initiator: u8,
-    /// How many that initiator had asked before.
+    /// Number of earlier requests of this initiator.
     pub number: u32,
 }
 
 impl Ticket {
-    /// The frame that asks.
+    /// The request frame.
     pub fn request(self) -> Vec<u8> {
         frame(&self.data())
     }
@@ -52,7 +52,7 @@ impl Ticket {
         vec![self.initiator, a, b, c, d]
     }
 
-    /// What an answer answers, and how many requests the arm had answered before. `None` if it is no answer to a ticket.
+    /// The ticket of an answer, and the number of requests answered before. `None` for an answer without a ticket.
     pub fn of_answer(answer: &[u8]) -> Option<(Self, u32)> {
         let &[0xAA, 0x06, 0x00, 9, initiator, a, b, c, d, e, f, g, h, ..] = answer else {
             return None;
@@ -62,76 +62,77 @@ impl Ticket {
     }
 }
 
-/// The number that the arm put into its joints.
+/// The number encoded in the joints.
 pub(super) fn number_in(state: &JointState) -> u32 {
     let [low, middle, high, ..] = state.joints.map(u32::from);
     low | middle << TICK_BITS | high << (2 * TICK_BITS)
 }
 
-/// An arm that answers each [`Ticket`] with the ticket, and each question for its joints with how many it was asked before.
+/// An arm that answers each [`Ticket`] with the ticket, and each joint request with the number of earlier joint
+/// requests.
 ///
-/// It answers nothing else, and keeps it.
+/// Other frames get no answer and are recorded.
 #[derive(Debug)]
 pub struct TicketArm {
-    /// How long it thinks.
+    /// The delay of each answer.
     turnaround: Duration,
     silent: bool,
     decoder: Decoder<MAX_FRAME>,
-    /// When it last heard a byte, and when it looks next whether the line has been quiet since.
+    /// The time of the last received byte, and the time of the next check for silence.
     last_rx: Instant,
     idle_check: Option<Instant>,
-    /// Each byte, and from when on it may be said.
+    /// Bytes to send, each with its earliest time.
     tx_queue: VecDeque<(Instant, u8)>,
     arm_counts: ArmCounts,
     others: Vec<Vec<u8>>,
 }
 
-/// What it has heard and said.
+/// Received and sent traffic of the arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ArmCounts {
-    /// Tickets it heard, of each initiator.
+    /// Tickets received, by initiator.
     tickets: [u32; INITIATORS],
-    /// Questions for its joints that it heard.
+    /// Joint requests received.
     pub polls: u32,
-    /// Both, as far as it answered them.
+    /// Tickets and joint requests answered.
     pub answers: u32,
-    /// Bytes that were in no frame.
+    /// Bytes outside frames.
     pub noise_bytes: u32,
-    /// Bytes that it heard.
+    /// Bytes received.
     pub bytes_received: u32,
-    /// Bytes that it said or is about to.
+    /// Bytes sent or queued.
     pub bytes_sent: u32,
 }
 
 impl ArmCounts {
-    /// Tickets that it heard.
+    /// Tickets received.
     pub fn tickets(&self) -> u32 {
         self.tickets.iter().sum()
     }
 
-    /// Tickets of the host on USB that it heard.
+    /// Tickets received from the host on USB.
     pub fn tickets_of_usb(&self) -> u32 {
         self.tickets[usize::from(USB)]
     }
 
-    /// Bytes of the answers to these, if it answered all of them.
+    /// Bytes of the answers to all tickets of the host on USB.
     pub fn bytes_for_usb(&self) -> u32 {
         self.tickets_of_usb() * ANSWER_LEN
     }
 
-    /// Tickets of the host on CAN that it heard.
+    /// Tickets received from the host on CAN.
     pub fn tickets_of_can(&self) -> u32 {
         self.tickets[usize::from(CAN)]
     }
 
-    /// Requests that it heard and did not answer.
+    /// Requests received and not answered.
     pub fn unanswered(&self) -> u32 {
         self.tickets() + self.polls - self.answers
     }
 }
 
 impl TicketArm {
-    /// An arm that thinks for `turnaround` before each answer.
+    /// An arm with this delay before each answer.
     pub fn new(turnaround: Duration) -> Self {
         Self {
             turnaround,
@@ -145,34 +146,34 @@ impl TicketArm {
         }
     }
 
-    /// Lets it hear on, but answer nothing, or answer again.
+    /// Disables or enables answers. Bytes are received in either case.
     pub fn set_silent(&mut self, silent: bool) {
         self.silent = silent;
     }
 
-    /// Says `bytes` unasked, after what it has still to say.
+    /// Sends `bytes` unasked, after all queued bytes.
     pub fn send(&mut self, bytes: &[u8]) {
         self.enqueue(Instant::ZERO, bytes);
     }
 
-    /// Starts it anew, as its own watchdog would: what it has still to say it never says.
+    /// Restarts the arm as its own watchdog would: queued bytes are dropped.
     pub fn restart(&mut self) {
         self.arm_counts.bytes_sent -= self.tx_queue.len() as u32;
         self.tx_queue.clear();
         self.decoder = Decoder::new();
     }
 
-    /// Whether it has something to say.
+    /// True if bytes are queued.
     pub fn has_pending(&self) -> bool {
         !self.tx_queue.is_empty()
     }
 
-    /// What it has heard and said so far.
+    /// Counts so far.
     pub fn arm_counts(&self) -> ArmCounts {
         self.arm_counts
     }
 
-    /// The frames that it heard and does not answer, since this was last asked.
+    /// The frames received without an answer since the last call.
     pub fn take_others(&mut self) -> Vec<Vec<u8>> {
         std::mem::take(&mut self.others)
     }
@@ -182,7 +183,7 @@ impl TicketArm {
         self.tx_queue.extend(bytes.iter().map(|&byte| (due, byte)));
     }
 
-    /// Lets time pass: half a frame is given up once the line has been quiet.
+    /// Discards an incomplete frame after silence on the line.
     fn advance(&mut self, now: Instant) {
         if self.idle_check.take_if(|at| *at <= now).is_none() {
             return;
@@ -196,7 +197,7 @@ impl TicketArm {
         self.handle_frames(now);
     }
 
-    /// Does what is asked in the bytes that it has.
+    /// Handles received frames.
     fn handle_frames(&mut self, now: Instant) {
         while let Some(item) = self.decoder.next(&Ling, ()) {
             let bytes = item.bytes.to_vec();
@@ -276,7 +277,7 @@ fn joints(number: u32) -> Vec<u8> {
     joint_answer(joints)
 }
 
-/// The answer of an arm that stands still at these joints, in ticks.
+/// The answer of an idle arm at these joints, in ticks.
 ///
 /// # Panics
 ///

@@ -1,4 +1,4 @@
-//! What was on the wires, counted, so that a test of any length needs no more memory.
+//! Counts of the traffic on the wires: a test of any length needs constant memory.
 
 use armwire_virtual_board::VirtualBoard;
 use armwire_virtual_board::can::{Outcome, Sender};
@@ -6,44 +6,44 @@ use armwire_virtual_board::line::{self, Arm, Direction, Fault, LineByte};
 use armwire_virtual_board::usb::Direction as UsbDirection;
 use armwire_virtual_board::usb::cdc::Port;
 
-/// What was on the wires so far.
+/// Counts of the traffic so far.
 #[derive(Clone, Copy, Debug)]
 pub struct Traffic {
     port: Port,
     /// Bytes from the arm.
     pub bytes_from_arm: u32,
-    /// Those among them without a stop bit.
+    /// Bytes from the arm without a stop bit.
     pub framing_faults: u32,
-    /// Those among them that the receiver's samples disagreed about.
+    /// Bytes from the arm with inconsistent samples in the receiver.
     pub noise_faults: u32,
-    /// Those among them that were low from their start to their end.
+    /// Bytes from the arm that were low from start to end.
     pub breaks: u32,
-    /// Those among them before which one was overrun in the receiver.
+    /// Overrun bytes from the arm.
     pub overruns: u32,
-    /// Those among them that came while the receiver was off.
+    /// Bytes from the arm while the receiver was off.
     pub unreceived: u32,
-    /// Those among them that the firmware took from the DMA.
+    /// Bytes from the arm that the firmware took from the DMA.
     pub taken: u32,
     /// Bytes to the arm.
     pub bytes_to_arm: u32,
     /// Packets of the serial port for the host.
     pub packets_to_host: u32,
-    /// Those among them without data.
+    /// Packets without data.
     pub empty_packets_to_host: u32,
     /// Packets of the serial port from the host.
     pub packets_from_host: u32,
-    /// CAN frames of the board that got through.
+    /// Successful CAN frames of the board.
     pub frames_of_board: u32,
-    /// CAN frames of other nodes that got through.
+    /// Successful CAN frames of other nodes.
     pub frames_of_nodes: u32,
-    /// CAN frames of a flood that got through.
+    /// Successful CAN frames of a flood.
     pub frames_of_flood: u32,
-    /// CAN frames, of anybody, that did not.
+    /// Failed CAN frames of any node.
     pub broken_frames: u32,
 }
 
 impl Traffic {
-    /// Forgets what was on the wires, so that counting begins now.
+    /// Discards earlier traffic and starts counting.
     ///
     /// # Panics
     ///
@@ -75,7 +75,7 @@ impl Traffic {
         nothing
     }
 
-    /// Counts what was on the wires since this was last called.
+    /// Counts the traffic since the last call.
     pub fn count<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         let (from, to): (Vec<LineByte>, _) = board
             .uart()
