@@ -1,4 +1,4 @@
-//! A virtual Ling arm whose answers say which request they answer.
+//! A virtual Ling arm whose answers identify their requests.
 
 use std::collections::VecDeque;
 
@@ -9,10 +9,10 @@ use armwire_bridge::control::Initiator;
 use super::byte_times;
 use crate::random::Random;
 
-/// Command and function of a request: its answer has the same.
+/// Command and function of a request and of its answer.
 pub(super) type Key = (u8, u8);
 
-/// Requests of which the arm answers each with its [`Tag`] within 50 ms.
+/// Requests that the arm answers within 50 ms, each with its [`Tag`].
 pub(super) const QUERIES: [Key; 7] = [
     (0x06, 0x00),
     (0x06, 0x02),
@@ -23,40 +23,40 @@ pub(super) const QUERIES: [Key; 7] = [
     (0x77, 3),
 ];
 
-/// The request that the arm has 500 ms for.
+/// The request with a time limit of 500 ms.
 pub(super) const SELF_CHECK: Key = (0xFE, 0x00);
 
-/// What the arm says unasked when somebody presses its button. Nobody asks for it in these runs.
+/// Unasked frame for a pressed button. No host requests it in these runs.
 const UNASKED: Key = (0x04, 0x0E);
 
 /// The request that switches the torque on or off.
 pub(super) const TORQUE: Key = (0x05, 0x00);
 const OFF: u8 = 0;
 
-/// The longest time from the last byte of a request to the last byte of its answer, in µs: an answer that would be later is
-/// lost. The adapter tells later ones from those to newer requests no more.
+/// The maximum time from the last byte of a request to the last byte of its answer, in µs. Later answers are dropped,
+/// as the adapter cannot distinguish them from the answers to newer requests.
 const LATEST: u64 = 100_000;
 
-/// How long the line must be quiet for the arm to give half a frame up, in µs.
+/// Silence after which the arm discards an incomplete frame, in µs.
 const PARTIAL_FRAME_TIMEOUT: u64 = 20_000;
 
-/// Names a request: it is in the data of the request and of its answer.
+/// The identity of a request, in the data of the request and of its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Tag {
-    /// Who asks.
+    /// The initiator.
     pub(super) initiator: Initiator,
-    /// How many that initiator had asked before.
+    /// Number of earlier requests of this initiator.
     pub(super) number: u32,
 }
 
 impl Tag {
-    /// The frame of this key that carries it.
+    /// The frame with this key and tag.
     pub(super) fn frame(self, key: Key) -> Vec<u8> {
         let [a, b, c, d] = self.number.to_le_bytes();
         frame(key, &[self.initiator as u8, a, b, c, d])
     }
 
-    /// The key and the tag of a frame. `None` if it has no tag.
+    /// The key and the tag of a frame. `None` without a tag.
     pub(super) fn of(bytes: &[u8]) -> Option<(Key, Self)> {
         let &[0xAA, command, function, 5, initiator, a, b, c, d, _, 0xFF] = bytes else {
             return None;
@@ -92,29 +92,29 @@ pub(super) fn frame((command, function): Key, data: &[u8]) -> Vec<u8> {
     out[..len].to_vec()
 }
 
-/// How the arm answers.
+/// The arm's answering behaviour.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Behavior {
-    /// The longest that it thinks, in µs. Each answer takes any time up to this.
+    /// The maximum delay of an answer, in µs. Each answer has a random delay up to this.
     pub(super) slowest: u64,
-    /// How many of a hundred answers are lost.
+    /// Percentage of lost answers.
     pub(super) lost: u64,
-    /// Whether it answers self-checks.
+    /// True if the arm answers self-checks.
     pub(super) checks_itself: bool,
 }
 
-/// Bytes of the arm.
+/// Bytes sent together by the arm.
 #[derive(Clone, Debug)]
 struct Transmission {
-    /// When the last of them is on the line.
+    /// The end of the last byte on the line.
     end: u64,
     bytes: Vec<u8>,
 }
 
-/// What the arm heard.
+/// A request received by the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ArmEvent {
-    /// A request for an answer, of which it gives one so late, `None` for never.
+    /// A request for an answer, with the time from request to answer. `None` without an answer.
     Request(Option<u64>),
     /// Torque-off.
     TorqueOff,
@@ -124,18 +124,18 @@ pub(super) enum ArmEvent {
 pub(super) struct Arm {
     behavior: Behavior,
     decoder: Decoder<MAX_FRAME>,
-    /// Another arm at the same line, which never gives half a frame up: torque-off must reach it all the same.
+    /// A second arm on the same line, which never discards an incomplete frame: torque-off must reach it as well.
     without_timeout: Decoder<MAX_FRAME>,
-    /// When it gives half a frame up.
+    /// The time at which an incomplete frame is discarded.
     partial_frame_timeout: Option<u64>,
     tx_queue: VecDeque<Transmission>,
-    /// How often the adapter has asked for the joints, and what arm it is.
+    /// Number of joint requests and identity requests of the adapter.
     polls: u32,
     identified: u32,
 }
 
 impl Arm {
-    /// One that answers like this.
+    /// An arm with this behaviour.
     pub(super) fn new(behavior: Behavior) -> Self {
         Self {
             behavior,
@@ -148,7 +148,7 @@ impl Arm {
         }
     }
 
-    /// Hears bytes at its own rate, the first of which starts at `start`.
+    /// Receives bytes at the arm's rate. The first starts at `start`.
     pub(super) fn on_bytes(&mut self, bytes: &[u8], start: u64, random: &mut Random, events: &mut Vec<ArmEvent>) {
         let end = start + byte_times(bytes.len());
         self.partial_frame_timeout = Some(end + PARTIAL_FRAME_TIMEOUT);
@@ -170,39 +170,39 @@ impl Arm {
         }
     }
 
-    /// When [`tick`](Self::tick) or [`transmit`](Self::transmit) has something to do.
+    /// The time of the next [`tick`](Self::tick) or [`transmit`](Self::transmit).
     pub(super) fn timeout(&self) -> Option<u64> {
         let next_tx = self.tx_queue.front().map(|transmission| transmission.end);
         [next_tx, self.partial_frame_timeout].into_iter().flatten().min()
     }
 
-    /// Gives half a frame up when the line has been quiet.
+    /// Discards an incomplete frame after silence on the line.
     pub(super) fn tick(&mut self, now: u64, random: &mut Random, events: &mut Vec<ArmEvent>) {
         let Some(quiet) = self.partial_frame_timeout.take_if(|at| *at <= now) else {
             return;
         };
         self.decoder.idle();
-        // What seemed to be the rest of a frame is heard now, and answered as early as if it had been heard before.
+        // Frames within the discarded bytes are received now. Their answers are as early as without the delay.
         self.answer_all(quiet, 0, LATEST - PARTIAL_FRAME_TIMEOUT, random, events);
     }
 
-    /// The next bytes that are on the line by `now`, and when the last of them was.
+    /// The next bytes that are on the line by `now`, and the end of the last of them.
     pub(super) fn transmit(&mut self, now: u64) -> Option<(u64, Vec<u8>)> {
         let transmission = self.tx_queue.pop_front_if(|transmission| transmission.end <= now)?;
         Some((transmission.end, transmission.bytes))
     }
 
-    /// Whether it has something left to say.
+    /// True if bytes are queued.
     pub(super) fn is_sending(&self) -> bool {
         !self.tx_queue.is_empty()
     }
 
-    /// Says something that nobody asked for.
+    /// Sends an unasked frame.
     pub(super) fn send_unasked(&mut self, now: u64) {
         self.send(now, frame(UNASKED, &[2]));
     }
 
-    /// Answers what it has heard by `end`, when `behind` more bytes had come.
+    /// Answers frames received by `end`, with `behind` further bytes not yet decoded.
     fn answer_all(&mut self, end: u64, behind: usize, latest: u64, random: &mut Random, events: &mut Vec<ArmEvent>) {
         while let Some(item) = self.decoder.next(&Ling, ()) {
             let Some(Frame {
@@ -244,7 +244,8 @@ impl Arm {
         }
     }
 
-    /// Answers a request whose last byte was heard at `asked`, and returns how long after that, unless it does not.
+    /// Answers a request whose last byte arrived at `asked`. Returns the time from there to the answer, or `None`
+    /// without an answer.
     fn answer(&mut self, key: Key, answer: Vec<u8>, asked: u64, latest: u64, random: &mut Random) -> Option<u64> {
         let slowest = match key {
             SELF_CHECK if !self.behavior.checks_itself => return None,
@@ -263,7 +264,7 @@ impl Arm {
         Some(end - asked)
     }
 
-    /// Puts bytes where the line is free first.
+    /// Queues bytes at the first free place on the line.
     fn send(&mut self, now: u64, bytes: Vec<u8>) {
         let takes = byte_times(bytes.len());
         let mut end = now + takes;

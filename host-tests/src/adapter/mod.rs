@@ -1,8 +1,8 @@
-//! Random runs of the adapter in virtual time, through its public interface only: a virtual arm, hosts on USB and on CAN,
-//! polls, cyclic commands and the dead-man, all at once.
+//! Random runs of the adapter in virtual time, through its public interface only: a virtual arm, hosts on USB and on
+//! CAN, polls, cyclic commands and the host timeout, all at once.
 //!
-//! [`run`] makes one of them and panics if what `docs/safety.md` promises does not hold in it. A test draws thousands from a
-//! seed, and a fuzz target makes them of what the fuzzer chooses.
+//! [`run`] executes one run and panics if a promise of `docs/safety.md` is broken. A test draws thousands of runs from
+//! a seed. A fuzz target derives them from the fuzzer's input.
 
 mod arm;
 mod oracle;
@@ -11,39 +11,39 @@ mod rig;
 
 use crate::random::Random;
 
-/// What happened in a run.
+/// Conditions met in a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Circumstances {
-    /// A self-check went out, and the arm did not answer it.
+    /// A self-check was sent and not answered.
     pub open_self_check: bool,
-    /// The arm owed the host on USB more than 8 answers that were not late.
+    /// The host on USB had more than 8 requests in flight.
     pub many_in_flight: bool,
-    /// A request of the host on USB was not tracked.
+    /// A request of the host on USB was untracked.
     pub untracked: bool,
     /// The host on USB stopped in the middle of a frame.
     pub half_frame: bool,
-    /// The line was at another rate than the arm's.
+    /// The line had another rate than the arm's.
     pub other_rate: bool,
-    /// `hold-line` gave the line to the host on USB alone.
+    /// `hold-line` reserved the line for the host on USB.
     pub hold_line: bool,
-    /// Flash was written.
+    /// The configuration was saved.
     pub save: bool,
     /// A save was refused because a stream was armed.
     pub refused_save: bool,
-    /// Frames that the arm said unasked, 40 ms apart.
+    /// Number of unasked frames of the arm, 40 ms apart.
     pub unasked: u32,
-    /// An answer came more than 50 ms after the last byte of its request.
+    /// An answer ended more than 50 ms after the last byte of its request.
     pub late_answer: bool,
-    /// A host that streamed motion fell silent.
+    /// A host timed out in its motion stream.
     pub host_timeout: bool,
-    /// And the torque went off.
+    /// The adapter switched the torque off.
     pub torque_off: bool,
-    /// The adapter started again.
+    /// The adapter restarted.
     pub restart: bool,
 }
 
 impl Circumstances {
-    /// What is to happen in one of twenty runs at least, by name.
+    /// Conditions, by name, required in at least one of twenty runs.
     pub fn often(&self) -> [(&'static str, bool); 11] {
         [
             ("open self-check", self.open_self_check),
@@ -61,25 +61,25 @@ impl Circumstances {
     }
 }
 
-/// Makes a run of these choices.
+/// Executes the run with these choices.
 ///
 /// # Panics
 ///
-/// If something did not hold in it.
+/// If a promise is broken.
 pub fn run(random: Random) -> Circumstances {
     plan::Plan::new(random, false).run()
 }
 
-/// The same, and prints what happens on the line, at the hosts and on the control port, each with its time in µs.
+/// Executes the run and prints the events on the line, at the hosts and on the control port, each with its time in µs.
 ///
 /// # Panics
 ///
-/// If something did not hold in it.
+/// If a promise is broken.
 pub fn run_and_print(random: Random) -> Circumstances {
     plan::Plan::new(random, true).run()
 }
 
-/// How long so many bytes take at 1 Mbaud, in µs.
+/// Duration of `bytes` bytes at 1 Mbaud, in µs.
 const fn byte_times(bytes: usize) -> u64 {
     10 * bytes as u64
 }

@@ -1,8 +1,8 @@
-//! The promises of an adapter, written from `docs/safety.md` and from what the documentation of `armwire-bridge` says of how
-//! hosts share the arm.
+//! The promises of an adapter, from `docs/safety.md` and from the documentation of `armwire-bridge` on the sharing of
+//! the arm.
 //!
-//! It knows what went into the adapter and what came out, and when. Where the documents leave an instant open, such as which
-//! of two that are the same is first, it allows both.
+//! The oracle sees the inputs and outputs of the adapter with their times. If the documents leave an instant open, such
+//! as the order of simultaneous events, the oracle allows each case.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -14,60 +14,60 @@ use armwire_bridge::control::{Event, Initiator, Refusal};
 
 use super::arm::{Key, SELF_CHECK, Tag};
 
-/// How long after the time-out torque-off is on the line at the latest, in µs.
+/// Time limit from the host timeout to torque-off on the line, in µs.
 const TORQUE_OFF_BOUND: u64 = 150_000;
-/// How much longer a host on CAN has whose motion waits.
+/// Additional timeout of a host on CAN with a waiting motion.
 const MOTION_WAIT: u64 = 150_000;
-/// What instants may differ by that the documents do not tell apart: a frame on the line at 1 Mbaud.
+/// Tolerance of instants that the documents do not distinguish: a frame on the line at 1 Mbaud.
 const INSTANT: u64 = 1_000;
-/// Motions in a row that are a stream.
+/// Consecutive motions that form a stream.
 const STREAM: u32 = 3;
 
-/// How long an arm has for an answer, and for that to a self-check.
+/// Time limit of the arm for an answer, and for the answer to a self-check.
 const TURNAROUND: u64 = 50_000;
 const SELF_CHECK_TURNAROUND: u64 = 500_000;
-/// How long an answer may be late, during which the next request like it waits.
+/// Stale window: the time for which an answer may be late, and the next request of its kind waits.
 const STALE_WINDOW: u64 = 50_000;
-/// How long after another's turn the host on USB is not alone on the line.
+/// Time after the turn of another initiator in which the host on USB shares the line.
 const SHARED_TIME: u64 = 1_000_000;
-/// How long others wait at most for a host on USB whose bytes are no frame; and what the answers themselves take, and looks at
-/// the line.
+/// Maximum wait of others for a host on USB whose bytes form no frame, and tolerance for the answers and for the polls
+/// of the line.
 const RAW_TURN: u64 = 100_000;
-/// How long a host on USB may pause in a frame before others have their turn.
+/// Maximum pause of a host on USB within a frame before it loses its turn.
 const PAUSE: u64 = 10_000;
 const SLACK: u64 = 10_000;
 
-/// A host's rate ends at most this long after the bytes it had written when its port was closed.
+/// Time limit for the end of a host's rate, after the bytes written before its port was closed.
 const RATE_BOUND: u64 = 250_000;
-/// The longest time the bytes of the host on USB take at 2400 baud.
+/// Maximum duration of the bytes of the host on USB at 2400 baud.
 const SLOWEST: u64 = 3_000_000;
 
-/// The bytes of the adapter's own requests.
+/// The adapter's own requests.
 const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 const READ_INFO: [u8; 7] = [0xAA, 0x01, 0x00, 0x01, 0xFE, 0x23, 0xFF];
 pub(super) const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
-/// What is known of the stream of one host.
+/// State of a host's motion stream.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stream {
-    /// Motions in a row that count for sure, and when the last of them came and was sent.
+    /// Consecutive motions that certainly count, and the times at which the last arrived and was sent.
     run: u32,
     came: u64,
     sent: u64,
-    /// Motions since the stream last ended, whether or not they count.
+    /// Motions since the stream last ended, including uncertain ones.
     perhaps: u32,
-    /// The last sign of life that may count, and the last one that must.
+    /// The last possible sign of life, and the last certain one.
     alive: u64,
     surely_alive: u64,
 }
 
 impl Stream {
-    /// A motion that came at `came` was sent at `sent`.
+    /// A motion received at `came` was sent at `sent`.
     fn moved(&mut self, came: u64, sent: u64, after: u64) {
         let is_close = |gap: u64| gap + 2 * INSTANT < after;
         let goes_on = self.run > 0 && is_close(came - self.came) && is_close(sent.saturating_sub(self.sent));
         self.run = match self.run {
-            // Once it is a stream, only its host ends it.
+            // A stream is ended only by its host.
             STREAM.. => STREAM,
             run if goes_on => run + 1,
             _ => 1,
@@ -82,66 +82,67 @@ impl Stream {
     }
 }
 
-/// Everything that was seen of one adapter.
+/// State derived from the inputs and outputs of one adapter.
 pub(super) struct Oracle {
     config: Config,
     streams: [Stream; 3],
-    /// When torque-off must be on the line, and how many of them have a reason.
+    /// Time limit for torque-off on the line, and number of reasons for it.
     torque_off_due: Option<u64>,
     torque_offs_due: u32,
-    /// The adapter was told to restart, or is about to.
+    /// A restart of the adapter was requested, or is imminent.
     is_ending: bool,
 
-    /// What the host on USB has said and is not on the line, what of it is on the line and no whole request, and whether the
-    /// last of that is no request at all.
+    /// Bytes of the host on USB not yet on the line, the incomplete request on the line, and true if the last bytes on
+    /// the line form no request.
     usb: VecDeque<u8>,
     usb_requests: Decoder<MAX_FRAME>,
     is_usb_raw: bool,
-    /// The line has had another rate since the last zeros.
+    /// The line had another rate since the last zeros.
     was_other_rate: bool,
-    /// What hosts on CAN have said and is not on the line, and when it came.
+    /// PDUs of hosts on CAN not yet on the line, each with its arrival time.
     can: VecDeque<(u64, Vec<u8>)>,
-    /// The newest command, and when it came.
+    /// The newest command, with its arrival time.
     command: Option<(u64, Vec<u8>)>,
     is_identifying: bool,
 
-    /// Until when the arm has for all answers, how long the longest answer takes on the line, if that is not at the arm's
-    /// rate, and the longest of these times of all requests that wait for an answer.
+    /// Time limit of the arm for all answers; duration of the longest answer on the line, at a rate other than the
+    /// arm's; and the maximum of these durations over all open requests.
     answers_until: u64,
     answer_time: u64,
     slowest_answer: u64,
     is_checking: bool,
-    /// When something last moved on the line, and since when somebody has waited.
+    /// Time of the last activity on the line, and start of the current wait.
     moved: u64,
     waits: Option<u64>,
-    /// How far apart the polls at a set rate are, and when the last went out, or the host on USB last had the line for itself.
+    /// Period of the polls at a fixed rate, and the time of the last poll, or the last time at which the host on USB
+    /// had the line alone.
     poll_period: Option<u64>,
     polled: u64,
-    /// The most requests of the host on USB that the arm had at a time, the answers that it owes, and the last request of each
-    /// kind of each host.
+    /// Maximum number of requests of the host on USB in flight, the pending answers, and the last request of each kind
+    /// and host.
     pub(super) most_in_flight: usize,
     pending_answers: Vec<PendingAnswer>,
     last: BTreeMap<(u8, Key), u32>,
-    /// When another than the host on USB last had the line, and until when others wait because of requests of that host that
-    /// are not tracked.
+    /// The last turn of an initiator other than the host on USB, and the end of the wait of others for untracked
+    /// requests of that host.
     others_had: Option<u64>,
     pub(super) untracked_until: u64,
-    /// The last frame of the arm answers this request of another than the host on USB in time.
+    /// The request of another initiator that the arm's last frame answers in time.
     in_time: Option<Tag>,
-    /// The line is at the arm's rate; the host on USB wants it to be; and torque-off has taken another rate from it.
+    /// The line has the arm's rate; the host on USB requests it; torque-off has revoked another rate.
     at_arms_rate: bool,
     wants_arms_rate: bool,
     is_revoked: bool,
     is_dtr_high: bool,
-    /// Bytes for another rate than the arm's are not out yet, or the line still has that rate.
+    /// Bytes for another rate are not sent yet, or the line still has that rate.
     owes_other_rate: bool,
-    /// When the line is the arm's again, as the port was closed; and whether it becomes so behind bytes that wait.
+    /// Time limit for the arm's rate after the port was closed; true if the change waits for queued bytes.
     rate_ends: Option<u64>,
     is_rate_ending: bool,
-    /// The host on USB has the line by `hold-line`.
+    /// The host on USB holds the line by `hold-line`.
     is_held: bool,
     pub(super) may_be_held: bool,
-    /// What was seen of what makes a run one of many.
+    /// Conditions met, for [`Circumstances`](super::Circumstances).
     pub(super) open_self_check: bool,
     pub(super) half_frame: bool,
     pub(super) torque_offs: u32,
@@ -156,7 +157,7 @@ pub(super) struct Oracle {
     pub(super) host_timeouts: u32,
     can_answers: u32,
     can_received: u32,
-    /// Another node sent flow control, as if it were the host.
+    /// Another node sent flow control in place of the host.
     pub(super) is_can_disturbed: bool,
     control_requests: u32,
     control_replies: u32,
@@ -171,17 +172,17 @@ const fn index(initiator: Initiator) -> Option<usize> {
     }
 }
 
-/// An answer that the arm owes.
+/// An answer that the arm has yet to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct PendingAnswer {
     key: Key,
     tag: Tag,
     due: u64,
-    /// It may be taken for the answer to a request that went out later, because that was not to be held back.
+    /// The answer may match a later request, which could not be held back.
     is_mixed: bool,
 }
 
-/// What a request of a host asks for.
+/// The effect of a host's request.
 enum Effect {
     /// An answer.
     Answer(Key, Option<Tag>),
@@ -190,7 +191,7 @@ enum Effect {
     Nothing,
 }
 
-/// From the manual of the arm: what is answered, what moves, what holds.
+/// The effect of a frame, from the arm's manual.
 fn effect_of(frame: &[u8]) -> Effect {
     match frame {
         [_, 0x06, 0x03, ..] => Effect::Motion,
@@ -201,12 +202,12 @@ fn effect_of(frame: &[u8]) -> Effect {
     }
 }
 
-/// Whether it is the adapter itself that asks.
+/// True for the adapter's own requests.
 const fn is_own(initiator: Initiator) -> bool {
     matches!(initiator, Initiator::Poll | Initiator::Adapter)
 }
 
-/// How long the arm has for the answer to a request of this key.
+/// Time limit of the arm for the answer to a request with this key.
 fn turnaround(key: Key) -> u64 {
     match key == SELF_CHECK {
         true => SELF_CHECK_TURNAROUND,
@@ -278,7 +279,7 @@ impl Oracle {
         u64::from(self.config.host_timeout.after_ms) * 1_000
     }
 
-    /// Nothing that is due is missing at `now`.
+    /// Checks that nothing due is missing at `now`.
     pub(super) fn check(&mut self, now: u64) {
         for initiator in [Initiator::Usb, Initiator::Can, Initiator::Command] {
             let Some(stream) = index(initiator).map(|at| self.streams[at]) else {
@@ -288,7 +289,7 @@ impl Oracle {
             let due = stream.alive + self.after().max(waits);
             assert!(
                 stream.run < STREAM || self.after() == 0 || now <= due + INSTANT,
-                "{initiator} streams motion, is silent since {} µs, and nothing is reported at {now} µs",
+                "{initiator} has streamed no motion since {} µs, and no host timeout is reported at {now} µs",
                 stream.alive
             );
         }
@@ -315,8 +316,8 @@ impl Oracle {
                 let until = from + STALE_WINDOW + RAW_TURN + SLACK + slow;
                 assert!(
                     now <= until,
-                    "the line is held: nothing has moved since {} µs, the answers were due at {} µs, somebody has \
-                     waited since {since} µs, and it is {now} µs",
+                    "the line is blocked at {now} µs: no activity since {} µs, answers were due at {} µs, an initiator has \
+                     waited since {since} µs",
                     self.moved,
                     self.answers_until
                 );
@@ -324,19 +325,19 @@ impl Oracle {
         }
     }
 
-    // ---- What goes in ----
+    // ---- Inputs ----
 
     pub(super) fn usb_accepted(&mut self, now: u64, packet: &[u8]) {
         self.usb.extend(packet);
         (self.rate_ends, self.is_rate_ending) = (None, false);
         self.owes_other_rate |= !self.wants_arms_rate;
-        // What the arm cannot understand is no sign of life, and nobody is watched under `hold-line`.
+        // Bytes at another rate are no sign of life, and there is no host timeout under `hold-line`.
         if self.wants_arms_rate && !self.is_held {
             (self.streams[0].alive, self.streams[0].surely_alive) = (now, now);
         }
     }
 
-    /// A packet of so many bytes was not taken, and so many bytes were counted for it.
+    /// A packet of `len` bytes was refused, and `counted` bytes were counted.
     pub(super) fn usb_refused(&mut self, now: u64, len: usize, counted: usize) {
         assert_eq!(counted, len, "bytes that were refused because of their rate");
         let streams = self.streams[1..].iter().any(|stream| stream.perhaps >= STREAM);
@@ -350,7 +351,7 @@ impl Oracle {
         );
     }
 
-    /// Torque-off took the line from the host on USB, and so many bytes of it.
+    /// Torque-off revoked the rate of the host on USB, and `counted` of its bytes were dropped.
     pub(super) fn usb_is_dropped(&mut self, counted: usize) {
         assert_eq!(counted, self.usb.len(), "bytes that waited at another rate");
         self.usb.clear();
@@ -368,7 +369,7 @@ impl Oracle {
         let fell = std::mem::replace(&mut self.is_dtr_high, high) && !high;
         self.is_rate_ending |= fell && (self.owes_other_rate || !self.at_arms_rate);
         if fell && !self.at_arms_rate {
-            // The host's bytes and those on their way go out first.
+            // Queued bytes are sent first.
             let bytes = self.usb.len() + 2 * MAX_FRAME;
             self.rate_ends = Some(now + bytes as u64 * byte_nanos / 1_000 + RATE_BOUND);
         }
@@ -385,11 +386,11 @@ impl Oracle {
         let streams = self.streams.iter().any(|stream| stream.perhaps >= STREAM);
         assert!(
             streams || self.torque_offs_due > 0,
-            "hold-line is refused, and nobody streams motion"
+            "hold-line is refused without a motion stream"
         );
     }
 
-    /// The host on USB has something to say, and there is no room.
+    /// The host on USB has bytes to send, and the adapter has no room.
     pub(super) fn usb_is_held_back(&mut self, now: u64) {
         if self.at_arms_rate || self.wants_arms_rate || self.is_rate_ending {
             self.streams[0].alive = now;
@@ -410,7 +411,7 @@ impl Oracle {
         self.command = Some((now, request));
     }
 
-    /// Nobody wants polls any more.
+    /// Polls are switched off.
     pub(super) fn polls_end(&mut self) {
         self.poll_period = None;
     }
@@ -430,38 +431,38 @@ impl Oracle {
         self.streams[0].end();
     }
 
-    /// The adapter is told to restart, or about to be.
+    /// A restart of the adapter was requested, or is imminent.
     pub(super) fn is_ending(&mut self) {
         self.is_ending = true;
     }
 
-    /// Whether a host streams motion for sure, and its silence would switch the torque off.
+    /// True if a host certainly streams motion, and its timeout would switch the torque off.
     pub(super) fn is_armed(&self) -> bool {
         let streams = self.streams.iter().any(|stream| stream.run >= STREAM);
         streams && self.config.host_timeout.torque_off && self.after() > 0
     }
 
-    /// Nobody was served, or heard, for `span`.
+    /// The adapter was blocked for `span`.
     pub(super) fn stood_still(&mut self, now: u64, span: u64) {
         self.streams.iter_mut().for_each(|stream| stream.alive = now);
         self.moved = now;
         self.answers_until += span;
     }
 
-    // ---- What comes out ----
+    // ---- Outputs ----
 
-    /// Bytes of this initiator begin on the line at `start` and end at `end`. So many requests in them, the last ones, are
-    /// counted as not tracked.
+    /// Bytes of this initiator are on the line from `start` to `end`. Their last `untracked` requests are counted as
+    /// untracked.
     pub(super) fn sent(&mut self, initiator: Initiator, bytes: &[u8], untracked: u32, now: u64, start: u64, end: u64) {
         self.line_bytes += bytes.len() as u64;
         assert!(
             initiator == Initiator::Usb || self.at_arms_rate,
-            "{initiator} says {bytes:02X?} at another rate than the arm's"
+            "{initiator} sends {bytes:02X?} at another rate than the arm's"
         );
         let is_alone = matches!(initiator, Initiator::Usb | Initiator::Adapter);
         assert!(
             is_alone || !self.is_held,
-            "{initiator} says {bytes:02X?} under hold-line"
+            "{initiator} sends {bytes:02X?} under hold-line"
         );
         self.moved = self.moved.max(end);
         if initiator != Initiator::Usb && bytes[0] != 0 {
@@ -475,14 +476,11 @@ impl Oracle {
             Initiator::Usb => self.usb_sent(bytes, untracked, now, end),
             Initiator::Can => {
                 let (came, sent_bytes) = self.can.pop_front().expect("no host on CAN has a request");
-                assert_eq!(
-                    bytes, sent_bytes,
-                    "hosts on CAN said something else, or in another order"
-                );
+                assert_eq!(bytes, sent_bytes, "requests on CAN changed or reordered");
                 self.requested(initiator, bytes, came, now, end);
             }
             Initiator::Command => {
-                let (came, command) = self.command.take().expect("nobody has a command");
+                let (came, command) = self.command.take().expect("no command is pending");
                 assert_eq!(bytes, command, "the command was another");
                 let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
                 assert!(now <= came + timeout, "a command of {came} µs is sent at {now} µs");
@@ -494,7 +492,7 @@ impl Oracle {
                 self.requested(initiator, bytes, now, start, end);
             }
             Initiator::Adapter if bytes == READ_INFO => {
-                assert!(self.is_identifying, "nobody wants to know what arm there is");
+                assert!(self.is_identifying, "no identification is pending");
                 self.requested(initiator, bytes, now, now, end);
             }
             Initiator::Adapter if bytes == TORQUE_OFF => {
@@ -506,11 +504,11 @@ impl Oracle {
                 self.torque_offs += 1;
             }
             Initiator::Adapter => {
-                assert!(bytes.iter().all(|byte| *byte == 0), "the adapter says {bytes:02X?}");
+                assert!(bytes.iter().all(|byte| *byte == 0), "the adapter sends {bytes:02X?}");
                 self.half_frame |= self.usb_requests.pending() > 0;
                 assert!(
                     self.half_frame || self.was_other_rate || self.host_timeouts > 0,
-                    "zeros, and the host on USB has ended all that it began"
+                    "zeros without an incomplete request of the host on USB"
                 );
                 (self.was_other_rate, self.is_usb_raw) = (false, false);
                 self.usb_requests = Decoder::new();
@@ -548,7 +546,7 @@ impl Oracle {
                 let in_flight = of_usb.filter(|pending| now < pending.due).count();
                 self.most_in_flight = self.most_in_flight.max(in_flight);
             }
-            // At another rate the arm does not understand it, and nobody is watched under `hold-line`.
+            // At another rate the arm receives no valid request, and there is no host timeout under `hold-line`.
             Effect::Motion | Effect::TorqueOn if !self.at_arms_rate || self.is_held => {}
             Effect::Motion => {
                 if let Some(at) = index(initiator) {
@@ -565,12 +563,12 @@ impl Oracle {
         }
     }
 
-    /// The host on USB says these bytes. So many requests in them, the last ones, are counted as not tracked.
+    /// The host on USB sends these bytes. Their last `untracked` requests are counted as untracked.
     fn usb_sent(&mut self, bytes: &[u8], untracked: u32, now: u64, end: u64) {
         let sent_bytes: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
-        assert_eq!(bytes, sent_bytes, "the host on USB said other bytes");
+        assert_eq!(bytes, sent_bytes, "bytes of the host on USB changed");
         self.usb_moved = end;
-        // What was begun is not held back, and no arm answers at another rate.
+        // An incomplete request is not held back, and no arm answers at another rate.
         let is_free = self.is_usb_raw || self.usb_requests.pending() > 0 || !self.at_arms_rate;
         let is_shared = self.others_had.is_some_and(|at| now + INSTANT < at + SHARED_TIME);
         let is_waited_for = self.can.front().is_some_and(|(came, _)| came + INSTANT < now);
@@ -607,16 +605,16 @@ impl Oracle {
         self.untracked_until = self.untracked_until.max(untracked_until.unwrap_or(0));
     }
 
-    /// A request of the host on USB of this key goes out whatever else the arm owes.
+    /// A request of the host on USB with this key is sent in spite of pending answers.
     fn mix(&mut self, key: Key) {
         for pending in self.pending_answers.iter_mut().filter(|pending| pending.key == key) {
             pending.is_mixed = true;
         }
     }
 
-    /// A request of this key goes out at `now`: an answer to it can be told from all that may still come.
+    /// Checks that the answer to a request with this key, sent at `now`, can be told from all pending ones.
     fn check_turn(&self, initiator: Initiator, key: Key, now: u64) {
-        // The host on USB hears all answers of its own.
+        // The host on USB receives all its own answers.
         let is_usb_own = |by: Initiator| by == Initiator::Usb && initiator == Initiator::Usb;
         let may_come = self.pending_answers.iter().find(|pending| {
             pending.key == key
@@ -624,7 +622,10 @@ impl Oracle {
                 && !is_usb_own(pending.tag.initiator)
                 && !pending.is_mixed
         });
-        assert_eq!(may_come, None, "{initiator} asks the same at {now} µs");
+        assert_eq!(
+            may_come, None,
+            "{initiator} sends a request with a pending answer at {now} µs"
+        );
         assert!(
             initiator == Initiator::Usb || now >= self.untracked_until,
             "{initiator} asks at {now} µs, and answers that are not tracked may come until {} µs",
@@ -632,7 +633,7 @@ impl Oracle {
         );
     }
 
-    /// The longest that the arm has for one of the answers that it owes.
+    /// The maximum time limit of the pending answers.
     fn turnaround(&self) -> u64 {
         match self.is_checking {
             true => SELF_CHECK_TURNAROUND,
@@ -640,19 +641,19 @@ impl Oracle {
         }
     }
 
-    /// The arm has heard torque-off, whoever sent it.
+    /// The arm received torque-off from any initiator.
     pub(super) fn torque_is_off(&mut self) {
         self.torque_off_due = None;
     }
 
-    /// The arm said bytes.
+    /// The arm sent bytes.
     pub(super) fn arm_sent(&mut self, now: u64, bytes: &[u8]) {
         self.arm_bytes += bytes.len() as u64;
         let Some((key, mut tag)) = Tag::of(bytes) else { return };
         if is_own(tag.initiator) {
             tag.number = 0;
         }
-        // Of the adapter's own, which have no number, the last is meant.
+        // The adapter's own requests have no number: the answer belongs to the last.
         let answered = self
             .pending_answers
             .iter()
@@ -661,12 +662,12 @@ impl Oracle {
         let is_in_time = answered.is_some_and(|pending| now <= pending.due && !pending.is_mixed);
         self.in_time = is_in_time.then_some(tag).filter(|tag| tag.initiator != Initiator::Usb);
         if answered.is_some() || is_own(tag.initiator) {
-            // Those behind have their time from now on.
+            // The time limit of the later answers starts now.
             self.answers_until = self.answers_until.max(now + self.turnaround() + self.slowest_answer);
         }
     }
 
-    /// Time passes: none of the requests is in flight any more whose answers would have been there by now.
+    /// Handles time: requests whose answers would have arrived by now are no longer in flight.
     pub(super) fn tick(&mut self, now: u64) {
         self.half_frame |= self.usb_requests.pending() > 0 && now > self.usb_moved + PAUSE;
         if now > self.answers_until + STALE_WINDOW {
@@ -676,7 +677,7 @@ impl Oracle {
         }
     }
 
-    /// The line has another rate now.
+    /// The rate of the line changed.
     pub(super) fn line_changed(&mut self, now: u64, at_arms_rate: bool) {
         let streams = self.streams[1..].iter().any(|stream| stream.run >= STREAM);
         assert!(
@@ -684,7 +685,7 @@ impl Oracle {
             "another rate while a host on CAN streams motion"
         );
         (self.moved, self.at_arms_rate) = (now, at_arms_rate);
-        // The bytes before the change and those after it are no frame.
+        // Bytes before and after the change form no frame.
         self.half_frame |= self.usb_requests.pending() > 0;
         self.usb_requests = Decoder::new();
         self.was_other_rate |= !at_arms_rate;
@@ -693,18 +694,18 @@ impl Oracle {
         self.owes_other_rate &= !at_arms_rate;
     }
 
-    /// A host on CAN heard a PDU.
+    /// A host on CAN received a PDU.
     pub(super) fn can_received(&mut self, pdu: &[u8]) {
         self.can_received += 1;
         let tag = Tag::of(pdu).map(|(_, tag)| tag.initiator);
         assert_eq!(
             tag,
             Some(Initiator::Can),
-            "a host on CAN heard the answer to another: {pdu:02X?}"
+            "a host on CAN received the answer for another host: {pdu:02X?}"
         );
     }
 
-    /// A subscriber was told of this. Returns whether a request on CAN was refused that had been accepted.
+    /// A subscriber received an event. Returns true if a previously accepted request on CAN was refused.
     pub(super) fn event(&mut self, now: u64, at: u64, event: &Event) -> bool {
         match event {
             Event::Refused {
@@ -713,7 +714,7 @@ impl Oracle {
             } => {
                 assert!(
                     self.is_held || self.may_be_held || self.owes_other_rate || !self.wants_arms_rate,
-                    "{initiator} is refused at {now} µs, and nobody holds the line"
+                    "{initiator} is refused at {now} µs, and the line is not held"
                 );
                 match initiator {
                     Initiator::Can => return self.can.pop_front().is_some(),
@@ -731,7 +732,7 @@ impl Oracle {
                 initiator: Initiator::Command,
                 reason: Refusal::Stale,
             } => {
-                // It has waited for too long, or was no new one.
+                // The command was too old, or a repeat.
                 let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
                 self.command.take_if(|(came, _)| now >= *came + timeout);
             }
@@ -740,7 +741,7 @@ impl Oracle {
         false
     }
 
-    /// The adapter takes this frame for the answer to a request of `initiator`.
+    /// The adapter matched this frame to a request of `initiator`.
     fn frame(&mut self, initiator: Option<Initiator>, bytes: &[u8]) {
         self.frames += 1;
         if let Some(tag) = self.in_time.take() {
@@ -789,7 +790,7 @@ impl Oracle {
         }
         assert_eq!(
             torque_off, self.config.host_timeout.torque_off,
-            "what becomes of the torque"
+            "torque-off at the host timeout"
         );
         if torque_off {
             self.is_revoked |= !self.wants_arms_rate;
@@ -800,7 +801,7 @@ impl Oracle {
             Initiator::Usb => {
                 assert_eq!(dropped, self.usb.len(), "bytes of the host on USB that are dropped");
                 self.usb.clear();
-                // Others are refused no longer if these bytes were for a rate that the host has given up.
+                // Other initiators are served again if these bytes were for a rate that the host has given up.
                 self.owes_other_rate &= !self.at_arms_rate || !self.wants_arms_rate;
                 self.usb_requests = Decoder::new();
             }
@@ -819,7 +820,7 @@ impl Oracle {
         }
     }
 
-    /// Whether nobody waits for anything.
+    /// True if no initiator waits.
     pub(super) fn is_idle(&self) -> bool {
         self.usb.is_empty()
             && self.can.is_empty()
@@ -827,24 +828,24 @@ impl Oracle {
             && self.pending_answers.is_empty()
     }
 
-    /// The adapter starts again now.
+    /// The adapter restarts now.
     pub(super) fn check_restart(&self, now: u64) {
         assert!(!self.is_armed(), "it restarts at {now} µs and forgets a stream");
         assert_eq!(self.torque_off_due, None, "it restarts at {now} µs with torque-off due");
     }
 
-    /// All has ended: the accounts are even. Requests are counted exactly if all that the host on USB said was whole.
+    /// Checks the totals at the end. The counts of requests are exact if the host on USB wrote complete requests only.
     pub(super) fn check_totals(&self, c: &Counters, is_whole: bool) {
         assert!(
             self.usb.is_empty(),
-            "{} bytes of the host on USB wait for ever",
+            "{} bytes of the host on USB are never sent",
             self.usb.len()
         );
-        assert!(self.can.is_empty(), "requests on CAN wait for ever: {:02X?}", self.can);
+        assert!(self.can.is_empty(), "requests on CAN are never sent: {:02X?}", self.can);
         assert_eq!(u64::from(c.host_to_arm_bytes), self.line_bytes, "bytes to the arm");
         assert_eq!(u64::from(c.arm_to_host_bytes), self.arm_bytes, "bytes of the arm");
         assert_eq!(c.refused_bytes, 0, "bytes that were taken without room");
-        assert_eq!(c.host_silences, self.host_timeouts, "hosts that fell silent");
+        assert_eq!(c.host_silences, self.host_timeouts, "host timeouts");
         assert_eq!(
             self.control_replies, self.control_requests,
             "requests on the control port"
@@ -859,7 +860,7 @@ impl Oracle {
                 self.for_others
             );
             let gone = c.dropped_can_answers + c.isotp_failures;
-            // Flow control of another node may have the adapter send what its host is not ready for.
+            // After another node's flow control, the adapter may send before the host is ready.
             assert!(
                 self.is_can_disturbed || (self.can_received..=self.can_received + gone).contains(&self.can_answers),
                 "{} answers for CAN, {} heard, {gone} counted as lost",
@@ -872,7 +873,7 @@ impl Oracle {
             assert_eq!(
                 answered + c.unanswered_requests + c.untracked_requests,
                 self.wanted,
-                "requests that were answered, counted as not, or not tracked"
+                "requests answered, unanswered or untracked"
             );
         }
     }

@@ -1,4 +1,4 @@
-//! What everybody does in a run, and when.
+//! The actions of all participants in a run, with their times.
 
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
 use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
@@ -11,10 +11,10 @@ use crate::random::Random;
 
 const MILLISECOND: u64 = 1_000;
 
-/// How far apart the unasked frames are, in µs.
+/// Period of the unasked frames, in µs.
 const UNASKED_PERIOD: u64 = 40 * MILLISECOND;
 
-/// Something that happens at its time.
+/// An action of a run.
 #[derive(Clone, Debug)]
 enum Step {
     /// The host on USB.
@@ -22,9 +22,9 @@ enum Step {
     UsbMoves,
     UsbHolds,
     UsbWrites(Vec<u8>),
-    /// So many bytes of a request, and not the rest.
+    /// The first bytes of a request, without the rest.
     UsbStops(usize),
-    /// The first so many bytes of a request, and the rest of it.
+    /// The first bytes of a request, and the rest of it.
     UsbBegins(usize),
     UsbGoesOn,
     SetRate(u32),
@@ -43,7 +43,7 @@ enum Step {
     Watchdog,
 }
 
-/// A host that may die.
+/// A host that may stop.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Host {
     Usb,
@@ -52,7 +52,7 @@ enum Host {
 }
 
 impl Step {
-    /// Who does it no more once dead.
+    /// The host that performs the action.
     fn host(&self) -> Option<Host> {
         match self {
             Self::UsbRequests(_)
@@ -69,16 +69,16 @@ impl Step {
     }
 }
 
-/// A run that has not begun.
+/// A run before its start.
 pub(super) struct Plan {
     rig: Rig,
     config: Config,
     steps: Vec<(u64, Step)>,
     end: u64,
-    /// All that the host on USB says are whole requests.
+    /// The host on USB writes complete requests only.
     is_whole: bool,
     requests: [u32; 2],
-    /// What the host on USB has not said yet of the request that it has begun.
+    /// The unsent rest of the request begun by the host on USB.
     begun: Vec<u8>,
 }
 
@@ -89,7 +89,7 @@ impl Plan {
         let saves = r.percent(20);
         let slowest = r.one_of(&[300, 300, 2_000, 45_000, 100_000, 100_000]);
         let behavior = Behavior {
-            // What comes while the flash is written is heard later.
+            // Bytes that arrive during a flash write are received later.
             slowest: if saves { slowest.min(70_000) } else { slowest },
             lost: r.one_of(&[0, 0, 0, 2, 20, 100]),
             checks_itself: r.percent(20),
@@ -136,7 +136,7 @@ impl Plan {
                 steps.push((begin + MILLISECOND, Step::UsbWrites(bytes)));
                 is_whole = false;
             }
-            // The host sets the arm's rate again, closes the port, or neither.
+            // The host restores the arm's rate, closes the port, or does neither.
             let ends = begin + r.between(5, 500) * MILLISECOND;
             match r.between(0, 3) {
                 0 | 1 => steps.push((ends, Step::SetRate(1_000_000))),
@@ -163,7 +163,7 @@ impl Plan {
             steps.extend(every(first, UNASKED_PERIOD, rest).map(|at| (at, Step::Unasked)));
         }
         if r.percent(20) {
-            // Flow control, nothing, and what is no frame of ISO-TP.
+            // Flow control, an empty frame, and an invalid ISO-TP frame.
             let data = r.one_of(&[&[0x30, 0, 0][..], &[], &[0x50, 1, 2]]);
             let period = r.between(20, 400) * MILLISECOND;
             steps.extend(every(r.between(0, period), period, rest).map(|at| (at, Step::CanFrame(data))));
@@ -198,13 +198,13 @@ impl Plan {
             let each = end / 5;
             for nth in 0..r.between(1, 5) {
                 let begin = nth * each + r.between(0, each - 10 * MILLISECOND);
-                // It loses its turn if it pauses for longer.
+                // A longer pause costs the host its turn.
                 let goes_on = begin + r.between(100, 9_000);
                 steps.retain(|(at, step)| step.host() != Some(Host::Usb) || !(begin..=goes_on).contains(at));
                 steps.push((begin, Step::UsbBegins(r.between(1, 10) as usize)));
                 steps.push((goes_on, Step::UsbGoesOn));
             }
-            // It may have paused for longer when the flash was written.
+            // A flash write may have extended the pause.
             is_whole &= !saves;
         }
         if r.percent(6) {
@@ -242,7 +242,7 @@ impl Plan {
         self.rig.circumstances()
     }
 
-    /// Nobody begins anything any more, and what is under way ends.
+    /// Stops new activity and runs until all activity has ended.
     fn end(&mut self) {
         self.rig.usb_reads = true;
         self.rig.run_until(self.end);
@@ -324,7 +324,7 @@ fn config(r: &mut Random) -> Config {
     }
 }
 
-/// The streams of motion. Each goes on to the end, or its host ends it.
+/// Motion streams. Each lasts to the end, or is ended by its host.
 fn streams(r: &mut Random, config: &Config, after: u64, end: u64, steps: &mut Vec<(u64, Step)>) {
     let streams = [
         (60, Step::UsbMoves, Some(Step::UsbHolds)),
@@ -346,7 +346,7 @@ fn streams(r: &mut Random, config: &Config, after: u64, end: u64, steps: &mut Ve
     }
 }
 
-/// The questions that hosts ask again and again.
+/// Periodic requests of the hosts.
 fn questions(r: &mut Random, end: u64, steps: &mut Vec<(u64, Step)>) {
     for asks in [Step::UsbRequests as fn(Key) -> Step, Step::CanRequests] {
         if !r.percent(60) {

@@ -1,4 +1,4 @@
-//! An adapter in virtual time, with an arm at its line and hosts on USB and on CAN.
+//! An adapter in virtual time, with an arm and hosts on USB and on CAN.
 
 use std::collections::VecDeque;
 
@@ -20,13 +20,13 @@ use super::oracle::Oracle;
 use super::{Circumstances, byte_times};
 use crate::random::Random;
 
-/// How long a frame takes on the CAN bus, in µs.
+/// Duration of a frame on the CAN bus, in µs.
 const CAN_FRAME: u64 = 130;
 
-/// How often the UART is looked at if nothing comes, in µs.
+/// Polling period of the UART without received bytes, in µs.
 const RX_POLL_PERIOD: u64 = 100_000;
 
-/// An adapter and everybody around it.
+/// An adapter with its arm and hosts.
 pub(super) struct Rig {
     bridge: Bridge,
     pub(super) oracle: Oracle,
@@ -35,7 +35,7 @@ pub(super) struct Rig {
     random: Random,
     arm: Arm,
     config: Config,
-    /// Whether what happens is printed.
+    /// True if events are printed.
     is_traced: bool,
 
     baud: u32,
@@ -60,9 +60,9 @@ pub(super) struct Rig {
     /// The last reply on the control port.
     reply: Option<Reply>,
 
-    /// How long the flash takes to be written, in µs.
+    /// Duration of a save to flash, in µs.
     save_takes: u64,
-    /// The adapter has started again, and there is no more to see.
+    /// The adapter has restarted: the run is over.
     pub(super) is_over: bool,
 }
 
@@ -123,7 +123,7 @@ impl Rig {
         self.bridge.update(self.time())
     }
 
-    /// Lets time pass until `end`.
+    /// Runs until `end`.
     pub(super) fn run_until(&mut self, end: u64) {
         if self.is_over {
             return;
@@ -151,7 +151,7 @@ impl Rig {
         self.now = self.now.max(end);
     }
 
-    /// Does what is due now.
+    /// Handles all events due now.
     fn step(&mut self) {
         let mut events = Vec::new();
         self.arm.tick(self.now, &mut self.random, &mut events);
@@ -178,13 +178,17 @@ impl Rig {
         if !self.is_over {
             self.oracle.tick(self.now);
             self.oracle.check(self.now);
-            assert!(!self.bridge.is_stuck(self.time()), "it is stuck at {} µs", self.now);
+            assert!(
+                !self.bridge.is_stuck(self.time()),
+                "the adapter is stuck at {} µs",
+                self.now
+            );
         }
     }
 
     fn on_arm_bytes(&mut self, at: u64, bytes: &[u8]) {
         if self.baud != LineCoding::LING.baud {
-            return; // what it hears of that is no byte
+            return; // at another rate no valid byte arrives
         }
         self.trace(|| format!("arm: {bytes:02X?}"));
         self.oracle.arm_sent(at, bytes);
@@ -202,12 +206,12 @@ impl Rig {
         self.idle = Some(at + byte_times(1) + 1);
     }
 
-    /// Lets everybody do one thing that needs no waiting, and returns whether there was any.
+    /// Lets each participant do one thing that needs no waiting. Returns true if there was any.
     fn serve(&mut self) -> bool {
         let now = self.time();
         let mut any = false;
         if self.bridge.timeout().is_some_and(|at| at <= now) {
-            // The first may end a stream that kept another rate away.
+            // The first tick may end a stream that blocked another rate.
             self.bridge.tick(now);
             self.bridge.tick(now);
             assert!(
@@ -254,7 +258,7 @@ impl Rig {
     fn use_line(&mut self) -> bool {
         let now = self.time();
         if self.status().uart_cut {
-            // The byte on the line goes out, and perhaps the one behind it.
+            // The current byte is completed, and possibly the next.
             let rest = 2 * nanos_a_byte(self.baud).div_ceil(1_000);
             self.uart_is_free = self.uart_is_free.min(self.now + rest);
         }
@@ -316,7 +320,7 @@ impl Rig {
         }
     }
 
-    /// The arm says something unasked.
+    /// The arm sends an unasked frame.
     pub(super) fn arm_sends_unasked(&mut self) {
         self.arm.send_unasked(self.now);
         self.seen.unasked += 1;
@@ -324,12 +328,12 @@ impl Rig {
 
     // ---- The host on USB ----
 
-    /// The host on USB says bytes.
+    /// The host on USB writes bytes.
     pub(super) fn usb_writes(&mut self, bytes: &[u8]) {
         self.usb.extend(bytes);
     }
 
-    /// The host on USB sets the rate. That may overtake what it has said before.
+    /// The host on USB sets the rate. The change may overtake bytes written before.
     pub(super) fn set_rate(&mut self, baud: u32) {
         let coding = LineCoding {
             baud,
@@ -348,7 +352,7 @@ impl Rig {
         self.oracle.dtr(self.now, high, nanos_a_byte(self.baud));
     }
 
-    /// The host on USB asks something on the control port.
+    /// The host on USB sends a request to the control port.
     pub(super) fn control(&mut self, request: Request) {
         if !self.status().control_room {
             return;
@@ -365,7 +369,7 @@ impl Rig {
         match request {
             Request::Restart | Request::RestartIntoBootLoader => self.oracle.is_ending(),
             Request::EndStream => self.oracle.usb_ends_stream(),
-            // Others are refused before it is answered.
+            // Requests of other hosts are refused before the reply.
             Request::HoldLine => self.oracle.may_be_held = true,
             _ => {}
         }
@@ -387,7 +391,7 @@ impl Rig {
         }
     }
 
-    /// How many bytes of the host on USB were refused because of its rate, since this was last asked.
+    /// Number of bytes of the host on USB refused because of its rate since the last call.
     fn refused_bytes(&mut self) -> usize {
         let counted = self.bridge.counters().refused_rate_bytes;
         let refused = counted - self.counted_as_refused;
@@ -445,7 +449,7 @@ impl Rig {
 
     // ---- Hosts on CAN ----
 
-    /// A host on CAN says a PDU, after all that it has said before.
+    /// A host on CAN sends a PDU, after all earlier ones.
     pub(super) fn can_sends(&mut self, pdu: Vec<u8>) {
         self.can_queue.push_back(pdu);
     }
@@ -463,7 +467,7 @@ impl Rig {
     /// The controller on CAN sends a cyclic command.
     pub(super) fn command(&mut self, joint: u16) {
         let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
-        // After a pause a stream starts anew.
+        // A stream restarts after a pause.
         self.command = match self.commanded {
             Some(last) if self.now < last + timeout => self.command.wrapping_add(1),
             _ => 0,
@@ -486,7 +490,7 @@ impl Rig {
             self.bridge.can_received(&frame, self.time());
         }
         let is_taken = refused(&self.bridge) == before;
-        // One that starts a stream moves nothing, nor does number 0 of a stream that goes on start one.
+        // The first command of a stream moves nothing. A number 0 in a running stream starts no new one.
         if is_taken && !starts {
             self.oracle.command_accepted(self.now, request);
         }
@@ -526,7 +530,7 @@ impl Rig {
         true
     }
 
-    /// Notes what became of the PDU that is under way, if it is over.
+    /// Records the result of the PDU in transfer once it has ended.
     fn end_pdu(&mut self) {
         if self.can.is_sending() {
             return;
@@ -544,7 +548,7 @@ impl Rig {
         if function != Function::ArmAnswer {
             return;
         }
-        // An adapter that has no room refuses.
+        // An adapter without room refuses.
         for _ in self.can.receive(frame.data(), self.time()) {}
         if let Some(pdu) = self.can.received() {
             self.oracle.can_received(pdu);
@@ -553,7 +557,7 @@ impl Rig {
         self.end_pdu();
     }
 
-    // ---- What only firmware can do ----
+    // ---- Actions of the firmware ----
 
     fn act(&mut self, action: Action) {
         match action {
@@ -572,16 +576,16 @@ impl Rig {
                 self.seen.restart = true;
                 self.is_over = true;
             }
-            Action::RestartCan(_) => panic!("nobody has asked for another bus"),
+            Action::RestartCan(_) => panic!("unexpected change of the CAN bus"),
         }
     }
 
-    /// The watchdog starts the adapter again: if it was armed, torque-off is the first that the arm hears.
+    /// The watchdog restarts the adapter. If a stream was armed, the first command to the arm is torque-off.
     pub(super) fn watchdog_bites(&mut self) {
         self.poll_control();
         let must = self.oracle.is_armed();
         let is_armed = self.status().is_armed;
-        assert!(is_armed || !must, "a stream is armed, and the adapter does not know");
+        assert!(is_armed || !must, "the adapter does not see an armed stream");
         let start = Start {
             was_armed: is_armed,
             ..Start::default()
@@ -601,27 +605,27 @@ impl Rig {
         } else {
             vec![]
         };
-        assert_eq!(line, expected, "what the arm hears after a restart");
+        assert_eq!(line, expected, "bytes to the arm after a restart");
         self.seen.restart = true;
         self.is_over = true;
     }
 
-    /// Lets what is under way end.
+    /// Runs until all activity has ended.
     pub(super) fn settle(&mut self) {
         const QUIET: u64 = 250_000;
         let limit = self.now + 60_000_000;
         loop {
             self.run_until(self.now + QUIET);
             if self.is_over || self.is_quiet() && self.oracle.is_idle() {
-                // Requests sent at 2400 baud are given up later.
+                // Requests sent at 2400 baud have a later time limit.
                 self.run_until(self.now + QUIET);
                 return;
             }
-            assert!(self.now < limit, "it does not end");
+            assert!(self.now < limit, "the run does not end");
         }
     }
 
-    /// What has happened.
+    /// The conditions met in the run.
     pub(super) fn circumstances(&self) -> Circumstances {
         Circumstances {
             open_self_check: self.oracle.open_self_check,
@@ -634,14 +638,14 @@ impl Rig {
         }
     }
 
-    /// Whether nothing is under way.
+    /// True if all queues are empty.
     pub(super) fn is_quiet(&self) -> bool {
         self.usb.is_empty() && self.can_queue.is_empty() && self.can_pdu.is_none() && !self.arm.is_sending()
     }
 
-    /// The accounts at the end.
+    /// Checks the totals at the end.
     pub(super) fn check_totals(&mut self, is_whole: bool) {
-        assert!(self.is_quiet(), "somebody still has something to say");
+        assert!(self.is_quiet(), "a queue is not empty");
         self.oracle.check_totals(&self.bridge.counters(), is_whole);
     }
 }
@@ -650,7 +654,7 @@ const fn nanos_a_byte(baud: u32) -> u64 {
     10_000_000_000 / baud as u64
 }
 
-/// The request that moves the arm there.
+/// The request for this motion.
 pub(super) fn motion(target: &ling::Move) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
     let len = Ling
