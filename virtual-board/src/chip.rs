@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use crate::board::Error;
+use crate::error::Error;
 use crate::image::Image;
 
 /// A chip with a firmware image.

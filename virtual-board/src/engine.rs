@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 
-use crate::board::Error;
+use crate::error::Error;
 use crate::report::{Crash, Report};
 use crate::time::Nanos;
 use crate::trace::Trace;
@@ -49,19 +49,19 @@ pub(crate) trait Engine: Debug + Send {
     fn run(&mut self, until: Nanos, watched: Watched) -> Result<Stopped, Error>;
 
     /// The report of the run so far.
-    fn report(&mut self) -> Result<Report, Error>;
+    fn report(&self) -> Report;
 
     /// Number of executions of each instruction since the last call. The first call starts the count.
-    fn profile(&mut self) -> Result<BTreeMap<u64, u64>, Error>;
+    fn profile(&mut self) -> BTreeMap<u64, u64>;
 
     /// Reads a word of memory or of a register, as a debugger does. `None` for a hole.
-    fn read(&mut self, address: u64) -> Result<Option<u32>, Error>;
+    fn read(&mut self, address: u64) -> Option<u32>;
 
     /// Writes a word to memory or to a register, as a debugger does. Returns false for a hole.
-    fn write(&mut self, address: u64, value: u32) -> Result<bool, Error>;
+    fn write(&mut self, address: u64, value: u32) -> bool;
 
     /// Stops the core until the next reset, or releases it.
-    fn hold(&mut self, held: bool) -> Result<(), Error>;
+    fn hold(&mut self, held: bool);
 
     /// The firmware's RTT log since the last call.
     fn log(&mut self) -> Vec<u8>;

@@ -1,6 +1,6 @@
 //! The content of the board's flash, and the effects of a loss of power.
 
-use crate::board::Error;
+use crate::error::Error;
 use crate::image::Image;
 use crate::soc::chance::draw;
 use crate::time::Nanos;

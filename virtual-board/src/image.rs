@@ -8,7 +8,7 @@ use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader};
 use object::{Architecture, Endianness, Object, ObjectSection, ObjectSymbol};
 
-use crate::board::Error;
+use crate::error::Error;
 use crate::report::{Crash, crash_of};
 
 /// The section of an image with its vector table, as cortex-m-rt names it.

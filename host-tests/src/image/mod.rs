@@ -76,7 +76,7 @@ pub fn on_board<A: Arm, R>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>) -> R)
 pub fn on_board_with<A: Arm, R>(config: Config<A>, test: impl FnOnce(&mut VirtualBoard<A>) -> R) -> R {
     let mut board = VirtualBoard::start(config).unwrap();
     let result = test(&mut board);
-    let report = board.report().unwrap();
+    let report = board.report();
     report.check().unwrap();
     assert_eq!(report.restarts, [], "the firmware started again");
     result

@@ -98,7 +98,7 @@ fn passes(exact_cycles: bool, timing: Timing) {
     let not_ok: Vec<_> = checks.iter().filter(|check| check.result.is_err()).collect();
     assert!(not_ok.is_empty(), "{not_ok:?}");
     assert_eq!(checks.len(), 13);
-    board.report().unwrap().check().unwrap();
+    board.report().check().unwrap();
 }
 
 #[test]

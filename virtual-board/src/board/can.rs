@@ -5,9 +5,9 @@ use std::sync::Mutex;
 use armwire_bridge::can::Frame;
 use armwire_sim::can as wire;
 
-use super::Error;
 use crate::can::bus::{Bus, Record};
 use crate::can::{BusFrame, ErrorState, NodeConfig};
+use crate::error::Error;
 use crate::shared::lock;
 
 /// The CAN bus and the other nodes on it.

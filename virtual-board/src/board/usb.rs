@@ -2,7 +2,8 @@
 
 use std::sync::Mutex;
 
-use super::{Error, VirtualBoard};
+use super::VirtualBoard;
+use crate::error::Error;
 use crate::line::Arm;
 use crate::shared::lock;
 use crate::time::Nanos;

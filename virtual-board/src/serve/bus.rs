@@ -9,9 +9,10 @@ use armwire_sim::pty::{self, Pty};
 
 use super::can::CanPort;
 use super::{NAP, stop_at};
-use crate::board::{Can, Error};
+use crate::board::Can;
 use crate::can::absent::Absent;
 use crate::can::bus::Bus;
+use crate::error::Error;
 use crate::shared::lock;
 use crate::time::Nanos;
 

@@ -4,8 +4,9 @@ use armwire_sim::pty::Pty;
 use armwire_sim::slcan::{Adapter, Status};
 
 use super::BACKLOG;
-use crate::board::{Can, Error};
+use crate::board::Can;
 use crate::can::{ErrorState, NodeConfig, Outcome};
+use crate::error::Error;
 use crate::time::Nanos;
 
 /// Number of pending frames at which the adapter refuses the next: an eighth of a second at 1 Mbit/s.

@@ -21,7 +21,8 @@ use std::time::{Duration, Instant};
 
 use armwire_sim::pty::{self, Pty};
 
-use crate::board::{Error, VirtualBoard};
+use crate::board::VirtualBoard;
+use crate::error::Error;
 use crate::line::Arm;
 use crate::time::Nanos;
 use crate::usb::cdc::LineCoding;

@@ -8,11 +8,11 @@ use std::fmt::Debug;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::board::Error;
 use crate::can::bus::Bus as CanBus;
 use crate::core::{Bus, Core, FlashTiming, Memory, Register, Stop, Timing, Width};
 use crate::crystal::Oscillator;
 use crate::engine::{Engine, News, Stopped, Watched};
+use crate::error::Error;
 use crate::flash::Flash;
 use crate::line::AnyLine;
 use crate::report::{self, Crash, Report, Restart, Violation};
@@ -395,35 +395,34 @@ impl<C: Chip> Engine for Machine<C> {
         })
     }
 
-    fn report(&mut self) -> Result<Report, Error> {
-        Ok(Report {
+    fn report(&self) -> Report {
+        Report {
             violations: [self.chip.recorder().violations(), &self.refusals].concat(),
             restarts: self.restarts.clone(),
-        })
+        }
     }
 
-    fn profile(&mut self) -> Result<BTreeMap<u64, u64>, Error> {
+    fn profile(&mut self) -> BTreeMap<u64, u64> {
         let profile = self.core.take_profile();
-        Ok(profile
+        profile
             .into_iter()
             .map(|(address, count)| (address.into(), count))
-            .collect())
+            .collect()
     }
 
-    fn read(&mut self, address: u64) -> Result<Option<u32>, Error> {
-        let address = u32::try_from(address).ok();
-        Ok(address.and_then(|address| self.core.debug_read(&mut self.chip, address, Width::Word)))
+    fn read(&mut self, address: u64) -> Option<u32> {
+        let address = u32::try_from(address).ok()?;
+        self.core.debug_read(&mut self.chip, address, Width::Word)
     }
 
-    fn write(&mut self, address: u64, value: u32) -> Result<bool, Error> {
+    fn write(&mut self, address: u64, value: u32) -> bool {
         let address = u32::try_from(address).ok();
         let written = address.and_then(|address| self.core.debug_write(&mut self.chip, address, value, Width::Word));
-        Ok(written.is_some())
+        written.is_some()
     }
 
-    fn hold(&mut self, held: bool) -> Result<(), Error> {
+    fn hold(&mut self, held: bool) {
         self.held = held;
-        Ok(())
     }
 
     fn log(&mut self) -> Vec<u8> {

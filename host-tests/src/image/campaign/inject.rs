@@ -183,7 +183,7 @@ impl Rig {
             Fault::PowerLossInSave => return self.lose_power_in_save(),
             Fault::Panic => return self.panic(),
             Fault::Watchdog => {
-                self.board.hold_core()?;
+                self.board.hold_core();
                 return self.await_restart();
             }
         }
@@ -261,9 +261,9 @@ impl Rig {
         let millis = self.random.between(11, 30);
         let noise = vec![NO_FRAME; (millis * BYTES_PER_MILLISECOND) as usize];
         self.board.with_arm(|cable| cable.arm().send(&noise));
-        self.board.hold_core()?;
+        self.board.hold_core();
         self.work(Nanos::from_millis(millis))?;
-        self.board.let_core_go()?;
+        self.board.let_core_go();
         Ok(())
     }
 
