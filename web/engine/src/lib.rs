@@ -1,0 +1,31 @@
+//! The engine of the page in `web/`: a host's session with a Ling arm, and a virtual arm behind a line with faults.
+//!
+//! | Module | Job |
+//! |---|---|
+//! | [`session`] | the conversation: identify, read in turn, move while an axis is held |
+//! | [`jog`] | from held axes to targets |
+//! | [`log`], [`describe`] | the bytes on the line as frames, noise, and text |
+//! | [`counters`] | counters of the line, and answer times |
+//! | [`virtual_arm`] | the arm of `armwire-sim` and its line |
+//! | [`exports`] | the functions that the page calls |
+//!
+//! # The way of a byte
+//!
+//! To the arm: [`Session::transmit`](session::Session::transmit) writes a frame, `engine.js` copies it from the output buffer
+//! and hands it to a port. From the arm: a port hands a chunk to `engine.js`, which copies it to the input buffer and calls
+//! `session_receive`; the [`Log`](log::Log) makes rows of it, the `Client` an answer. The port is the serial port, or the
+//! [`VirtualArm`](virtual_arm::VirtualArm), which is on the other side of the same two copies.
+#![deny(unsafe_code)]
+
+pub mod counters;
+pub mod describe;
+pub mod exports;
+pub mod jog;
+pub mod log;
+pub mod session;
+pub mod virtual_arm;
+
+#[cfg(target_family = "wasm")]
+#[global_allocator]
+static ALLOCATOR: lol_alloc::LockedAllocator<lol_alloc::FreeListAllocator> =
+    lol_alloc::LockedAllocator::new(lol_alloc::FreeListAllocator::new());

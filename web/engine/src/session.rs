@@ -1,0 +1,479 @@
+//! The host's conversation with an arm: it listens, identifies, reads in turn, and moves the arm while an axis is held.
+//!
+//! A session does no I/O and reads no clock. The page hands it bytes and the time, and writes what it transmits.
+
+use std::num::NonZeroU32;
+
+use armwire::ling::legacy::Detector;
+use armwire::ling::{
+    Info, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, SelfCheck, Speed, Stroke, Torque,
+};
+use armwire::messages::Messages;
+use armwire::time::{Duration, Instant};
+use armwire::{Client, Config, Event, OutOfRange, Output};
+
+use crate::counters::{AnswerTimes, Counters};
+use crate::describe;
+use crate::jog::{self, Direction, Jog};
+use crate::log::{Log, Record};
+
+/// 1 Mbaud, and what a browser needs to hand bytes on. Reads are cyclic: a lost one is not repeated.
+const CONFIG: Config = Config {
+    baud: NonZeroU32::new(1_000_000).unwrap(),
+    latency: Duration::from_millis(50),
+    repeats: 0,
+    stale_window: Duration::from_millis(100),
+};
+/// The time to listen before the first byte is sent: an arm of the older generation talks unasked, and is sent nothing.
+const LISTEN: Duration = Duration::from_millis(100);
+/// The time to listen on after each byte that comes meanwhile.
+const LISTEN_ON: Duration = Duration::from_millis(500);
+/// A reading older than this is no start of a motion.
+const FRESH: Duration = Duration::from_millis(300);
+/// The next target waits for the answer to a read for this long at most.
+const MOTION_PATIENCE: Duration = Duration::from_millis(20);
+/// An arm that answered nothing for this long is silent.
+const SILENT: Duration = Duration::from_millis(1_000);
+
+/// The periods of the reads. The slower ones go first where several are due.
+const READS: [(Request, Duration); 5] = [
+    (Request::ReadInfo, Duration::from_millis(1_000)),
+    (Request::ReadStroke, Duration::from_millis(1_000)),
+    (Request::SelfCheck, Duration::from_millis(5_000)),
+    (Request::ReadTemperatures, Duration::from_millis(1_000)),
+    (Request::ReadJoints, Duration::from_millis(20)),
+];
+
+/// The state of a session. The page knows the numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum State {
+    /// It listens and has sent nothing.
+    Listening = 0,
+    /// It asks, and nothing has answered lately.
+    Silent = 1,
+    /// The arm answers.
+    Answering = 2,
+    /// An arm of the older generation talks. It is sent nothing.
+    OlderGeneration = 3,
+}
+
+/// The reason for which a held axis does not move. The page knows the numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Block {
+    /// Motion is not enabled on the page.
+    Disabled = 1,
+    /// There is no fresh reading of the joints.
+    NoReading = 2,
+    /// The torque is off.
+    TorqueOff = 3,
+    /// The reading has a position that no target can have.
+    OutOfRange = 4,
+}
+
+/// What the arm said of itself, as it said it last.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Arm {
+    /// Joints, gripper and status.
+    pub joints: Option<(Instant, JointState)>,
+    /// Temperatures in °C.
+    pub temperatures: Option<PerServo<u8>>,
+    /// Serial number and versions.
+    pub info: Option<Info>,
+    /// The gripper.
+    pub stroke: Option<Stroke>,
+    /// The servos.
+    pub check: Option<SelfCheck>,
+}
+
+/// A request of the user's that goes before all others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Urgent {
+    /// The arm is to stop where it is.
+    Stop,
+    /// Torque-on after a stop: an adapter takes it as the end of the stream of motions (docs/safety.md).
+    EndStream,
+    /// Torque, as the user wants it.
+    Torque(Torque),
+}
+
+/// The session.
+#[derive(Debug)]
+pub struct Session {
+    client: Client<Ling, MAX_FRAME>,
+    detector: Detector,
+    log: Log,
+    jog: Jog,
+    arm: Arm,
+    counters: Counters,
+    times: AnswerTimes,
+    state: State,
+    motion_enabled: bool,
+    listen_until: Instant,
+    urgent: Option<Urgent>,
+    /// When each of [`READS`] is due; `None` once it is known for good.
+    reads: [Option<Instant>; READS.len()],
+    /// When the next target is due.
+    next_target: Instant,
+    /// The request in flight, and when it was sent.
+    in_flight: Option<(Request, Instant)>,
+    last_answer: Option<Instant>,
+    timeout: Option<Instant>,
+}
+
+impl Session {
+    /// A session that begins to listen at `now`.
+    pub fn new(now: Instant) -> Self {
+        Self {
+            client: Client::new(Ling, CONFIG),
+            detector: Detector::new(),
+            log: Log::default(),
+            jog: Jog::default(),
+            arm: Arm::default(),
+            counters: Counters::default(),
+            times: AnswerTimes::default(),
+            state: State::Listening,
+            motion_enabled: false,
+            listen_until: now + LISTEN,
+            urgent: None,
+            reads: [Some(now); READS.len()],
+            next_target: now,
+            in_flight: None,
+            last_answer: None,
+            timeout: Some(now + LISTEN),
+        }
+    }
+
+    /// Bytes came from the arm.
+    pub fn receive(&mut self, now: Instant, mut bytes: &[u8]) {
+        self.counters.bytes_in += bytes.len() as u64;
+        self.log.received(now, bytes);
+        if self.detector.hear(bytes).is_some() {
+            self.state = State::OlderGeneration;
+            self.client.cancel();
+        }
+        if self.state == State::Listening {
+            self.listen_until = now + LISTEN_ON;
+        }
+        while !bytes.is_empty() {
+            bytes = self.client.receive(now, bytes);
+            while self.take_event(now) {}
+        }
+    }
+
+    /// Writes the next frame for the arm at the front of `out` and returns its length; 0 if there is nothing to send now.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when `out` is shorter than the frame. Nothing is sent then.
+    pub fn transmit(&mut self, now: Instant, out: &mut [u8]) -> Result<usize, OutOfRange<usize>> {
+        if self.state == State::OlderGeneration {
+            self.timeout = None;
+            return Ok(0);
+        }
+        if self.state == State::Listening {
+            if now < self.listen_until {
+                self.timeout = Some(self.listen_until);
+                return Ok(0);
+            }
+            self.state = State::Silent;
+        }
+        self.interrupt(now);
+        while self.take_event(now) {}
+        if self.client.is_idle() {
+            self.submit_next(now);
+        }
+        match self.client.poll(now) {
+            Output::Transmit(frame) => {
+                let (len, max) = (frame.len(), out.len());
+                let to = out
+                    .get_mut(..len)
+                    .ok_or(OutOfRange::new("frame", "bytes", len, 0, max))?;
+                to.copy_from_slice(frame);
+                self.client.transmitted(now, len)?;
+                self.log.sent(now, to);
+                self.counters.bytes_out += len as u64;
+                self.counters.requests += 1;
+                if let Some((_, sent)) = &mut self.in_flight {
+                    *sent = now;
+                }
+                return Ok(len);
+            }
+            Output::Timeout(until) => {
+                let own = if self.client.is_idle() {
+                    self.next_due()
+                } else {
+                    self.interruption()
+                };
+                self.timeout = [until, own].into_iter().flatten().min();
+            }
+            // All were taken, and submitting makes none.
+            Output::Event(_) => {}
+        }
+        self.update_state(now);
+        Ok(0)
+    }
+
+    /// The time to call [`transmit`](Self::transmit) again, unless bytes come or the user acts before.
+    pub fn timeout(&self) -> Option<Instant> {
+        self.timeout
+    }
+
+    /// Lets held axes move, or no more.
+    pub fn enable_motion(&mut self, now: Instant, enabled: bool) {
+        self.motion_enabled = enabled;
+        if !enabled {
+            self.release(now);
+        }
+    }
+
+    /// Holds an axis, 0 to 5 for the joints and 6 for the gripper, or lets it rest.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] for another axis.
+    pub fn hold(&mut self, now: Instant, axis: usize, direction: Direction) -> Result<(), OutOfRange<usize>> {
+        if self.jog.hold(now, axis, direction)? {
+            self.next_target = now;
+            if !self.jog.is_held() {
+                self.stop();
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets all axes rest and stops the arm.
+    pub fn release(&mut self, now: Instant) {
+        if self.jog.release(now) {
+            self.stop();
+        }
+    }
+
+    /// The speed of held joints.
+    pub fn set_speed(&mut self, speed: Speed) {
+        self.jog.set_speed(speed);
+    }
+
+    /// Switches the torque. Off, the arm can fall.
+    pub fn set_torque(&mut self, now: Instant, torque: Torque) {
+        self.jog.release(now);
+        self.jog.forget();
+        self.urgent = Some(Urgent::Torque(torque));
+    }
+
+    /// The state.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The reason for which a held axis does not move now, if there is one.
+    pub fn block(&self, now: Instant) -> Option<Block> {
+        if !self.motion_enabled {
+            return Some(Block::Disabled);
+        }
+        let Some(reading) = self.fresh(now) else {
+            return Some(Block::NoReading);
+        };
+        if !has_torque(reading.status) {
+            return Some(Block::TorqueOff);
+        }
+        let in_range = reading.positions().is_ok() && reading.opening().is_ok();
+        (!in_range).then_some(Block::OutOfRange)
+    }
+
+    /// What the arm said of itself.
+    pub fn arm(&self) -> &Arm {
+        &self.arm
+    }
+
+    /// The counters.
+    pub fn counters(&self) -> Counters {
+        Counters {
+            bad_checksums: self.log.bad_checksums(),
+            noise_bytes: self.log.noise_bytes(),
+            ..self.counters
+        }
+    }
+
+    /// The answer times.
+    pub fn answer_times(&self) -> AnswerTimes {
+        self.times
+    }
+
+    /// The oldest record of the line that was not taken yet.
+    pub fn take_record(&mut self) -> Option<Record> {
+        self.log.take()
+    }
+
+    /// The motion under way ends.
+    fn stop(&mut self) {
+        if self.jog.is_under_way() {
+            self.urgent = Some(Urgent::Stop);
+        }
+    }
+
+    /// The newest reading, if it is fresh.
+    fn fresh(&self, now: Instant) -> Option<&JointState> {
+        let (at, reading) = self.arm.joints.as_ref()?;
+        (now.since(*at) <= FRESH).then_some(reading)
+    }
+
+    /// A stop waits for no answer, a target not long.
+    fn interrupt(&mut self, now: Instant) {
+        let is_due = self.urgent.is_some() || self.interruption().is_some_and(|at| at <= now);
+        if is_due && self.client.expects_answer() {
+            self.client.cancel();
+            self.in_flight = None;
+        }
+    }
+
+    /// When the next target goes although the answer to a read is missing.
+    fn interruption(&self) -> Option<Instant> {
+        let (_, sent) = self.in_flight?;
+        self.jog.is_held().then(|| self.next_target.max(sent + MOTION_PATIENCE))
+    }
+
+    /// Submits the most urgent request that is due.
+    fn submit_next(&mut self, now: Instant) {
+        let Some(request) = self.next_request(now) else {
+            return;
+        };
+        // It is idle, and its buffer holds every request.
+        if self.client.submit(&request).is_ok() {
+            self.in_flight = Some((request, now));
+        }
+    }
+
+    fn next_request(&mut self, now: Instant) -> Option<Request> {
+        match self.urgent.take() {
+            Some(Urgent::Torque(torque)) => return Some(Request::SetTorque(torque)),
+            Some(Urgent::Stop) => {
+                self.urgent = Some(Urgent::EndStream);
+                let reading = self.arm.joints.map(|(_, reading)| reading);
+                if let Some(target) = reading.and_then(|reading| self.jog.stop(now, &reading)) {
+                    return Some(Request::Move(target));
+                }
+            }
+            Some(Urgent::EndStream) if self.arm.joints.is_some_and(|(_, reading)| has_torque(reading.status)) => {
+                return Some(Request::SetTorque(Torque::On));
+            }
+            Some(Urgent::EndStream) | None => {}
+        }
+        if self.jog.is_held() && self.next_target <= now {
+            self.next_target = now + jog::PERIOD;
+            let reading = self.fresh(now).copied().filter(|_| self.block(now).is_none());
+            match reading.and_then(|reading| self.jog.target(now, &reading).ok()) {
+                Some(target) => return Some(Request::Move(target)),
+                None => self.jog.forget(),
+            }
+        }
+        let due = |at: &Option<Instant>| at.is_some_and(|at| at <= now);
+        let read = self.reads.iter().position(due)?;
+        let (request, period) = READS[read];
+        self.reads[read] = Some(now + period);
+        Some(request)
+    }
+
+    /// When a request is due without an event.
+    fn next_due(&self) -> Option<Instant> {
+        let target = self.jog.is_held().then_some(self.next_target);
+        self.reads.into_iter().chain([target]).flatten().min()
+    }
+
+    /// Takes one event of the client, if there is one.
+    fn take_event(&mut self, now: Instant) -> bool {
+        let Output::Event(event) = self.client.poll(now) else {
+            return false;
+        };
+        let counters = &mut self.counters;
+        match event {
+            Event::Answer(response) => {
+                counters.answers += 1;
+                self.answered(now);
+                self.learn(now, &response);
+            }
+            Event::Unacceptable(_) => {
+                counters.unknown += 1;
+                self.answered(now);
+            }
+            Event::Sent => self.in_flight = None,
+            Event::TimedOut { .. } => {
+                counters.unanswered += 1;
+                if let Some((request, _)) = self.in_flight.take() {
+                    self.log.unanswered(now, &name(&request));
+                }
+            }
+            Event::Late(response) => {
+                counters.late += 1;
+                self.learn(now, &response);
+            }
+            Event::Unsolicited(_) => counters.unsolicited += 1,
+            Event::Echo => counters.echoes += 1,
+            Event::Unknown { .. } => counters.unknown += 1,
+            // The log counts it.
+            Event::Noise { .. } | Event::Broken { .. } => {}
+        }
+        true
+    }
+
+    fn answered(&mut self, now: Instant) {
+        self.last_answer = Some(now);
+        if let Some((_, sent)) = self.in_flight.take() {
+            self.times.add(now.since(sent));
+        }
+    }
+
+    /// A late answer is the arm's word, too.
+    fn learn(&mut self, now: Instant, response: &Response) {
+        let arm = &mut self.arm;
+        match *response {
+            Response::Info(info) => {
+                arm.info = Some(info);
+                self.know(Request::ReadInfo);
+            }
+            Response::Stroke(stroke) => {
+                arm.stroke = Some(stroke);
+                self.know(Request::ReadStroke);
+            }
+            Response::Joints(state) => arm.joints = Some((now, state)),
+            Response::Temperatures(celsius) => arm.temperatures = Some(celsius),
+            Response::SelfCheck(check) => arm.check = Some(check),
+            // Velocities are not asked for.
+            _ => {}
+        }
+    }
+
+    /// The answer to this read does not change: it is not read again.
+    fn know(&mut self, known: Request) {
+        for (due, (request, _)) in self.reads.iter_mut().zip(READS) {
+            if request == known {
+                *due = None;
+            }
+        }
+    }
+
+    fn update_state(&mut self, now: Instant) {
+        let answers = self.last_answer.is_some_and(|at| now.since(at) <= SILENT);
+        self.state = if answers { State::Answering } else { State::Silent };
+    }
+}
+
+/// Whether an arm with this status holds its position. An unknown status is not known to.
+fn has_torque(status: MotionStatus) -> bool {
+    match status {
+        MotionStatus::Locked | MotionStatus::SyncLocked | MotionStatus::Overheating => true,
+        MotionStatus::Idle | MotionStatus::Syncing | MotionStatus::OverheatProtection | MotionStatus::Other(_) => false,
+    }
+}
+
+/// The text of a request.
+fn name(request: &Request) -> String {
+    let mut frame = [0; MAX_FRAME];
+    // It has room for every request.
+    let len = Ling.encode_request(request, &mut frame).unwrap_or_default();
+    describe::request(&frame[..len])
+}
+
+#[cfg(test)]
+mod tests;

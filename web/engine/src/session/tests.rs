@@ -1,0 +1,290 @@
+use armwire::ling::{Frame, JOINTS};
+use armwire_sim::faults::Rates;
+
+use super::*;
+use crate::log::Event as Logged;
+use crate::virtual_arm::VirtualArm;
+
+/// A session and a virtual arm, in virtual time.
+struct Bench {
+    session: Session,
+    arm: VirtualArm,
+    now: Instant,
+    /// All frames to the arm.
+    sent: Vec<(Instant, Vec<u8>)>,
+    /// Whether the bytes of the host reach the arm, and those of the arm the host.
+    connected: bool,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let mut session = Session::new(Instant::ZERO);
+        session.set_speed(Speed::new(1_000).unwrap());
+        Self {
+            session,
+            arm: VirtualArm::new(1),
+            now: Instant::ZERO,
+            sent: Vec::new(),
+            connected: true,
+        }
+    }
+
+    /// A bench with an arm that was identified, and motion enabled.
+    fn ready() -> Self {
+        let mut bench = Self::new();
+        bench.session.enable_motion(Instant::ZERO, true);
+        bench.run(500);
+        assert_eq!(bench.session.block(bench.now), None);
+        bench
+    }
+
+    /// Lets this time pass, in milliseconds: a page's timers are no finer.
+    fn run(&mut self, millis: u64) {
+        for _ in 0..millis {
+            self.now += Duration::from_millis(1);
+            self.step();
+        }
+    }
+
+    fn step(&mut self) {
+        let mut buffer = [0; 256];
+        let len = self.arm.transmit(self.now, &mut buffer);
+        if len > 0 && self.connected {
+            self.session.receive(self.now, &buffer[..len]);
+        }
+        loop {
+            let len = self.session.transmit(self.now, &mut buffer).unwrap();
+            if len == 0 {
+                break;
+            }
+            self.sent.push((self.now, buffer[..len].to_vec()));
+            if self.connected {
+                self.arm.receive(self.now, &buffer[..len]);
+            }
+        }
+    }
+
+    fn hold(&mut self, axis: usize, direction: Direction) {
+        self.session.hold(self.now, axis, direction).unwrap();
+        self.step();
+    }
+
+    fn release(&mut self) {
+        self.session.release(self.now);
+        self.step();
+    }
+
+    /// The requests since the given time with this command and function.
+    fn count(&self, since: Instant, command: u8, function: u8) -> usize {
+        let frames = self.sent.iter().filter(|(at, _)| *at >= since);
+        frames
+            .filter(|(_, frame)| Frame::parse(frame).is_some_and(|f| (f.command, f.function) == (command, function)))
+            .count()
+    }
+
+    fn moves(&self, since: Instant) -> usize {
+        self.count(since, 0x06, 0x03)
+    }
+
+    fn joint(&self, joint: usize) -> u16 {
+        self.arm.arm().joints()[joint]
+    }
+}
+
+#[test]
+fn an_arm_is_identified_and_read_fifty_times_a_second() {
+    let mut bench = Bench::new();
+    bench.run(99);
+    assert_eq!((bench.session.state(), bench.sent.len()), (State::Listening, 0));
+    bench.run(1_001);
+    let arm = bench.session.arm();
+    assert_eq!(arm.info.unwrap().serial.as_str(), Some("ADFS251205123456"));
+    assert_eq!(arm.stroke, Some(Stroke::Mm50));
+    assert_eq!(arm.check, Some(SelfCheck(0x03FF)));
+    assert_eq!(arm.temperatures.unwrap().as_slice(), [25; 10]);
+    assert_eq!(bench.session.state(), State::Answering);
+    assert!((45..=51).contains(&bench.count(Instant::ZERO, 0x06, 0x00)));
+    let counters = bench.session.counters();
+    assert_eq!((counters.answers, counters.unanswered), (counters.requests, 0));
+}
+
+#[test]
+fn a_silent_line_is_asked_on_and_reported() {
+    let mut bench = Bench::new();
+    bench.connected = false;
+    bench.run(3_000);
+    assert_eq!(bench.session.state(), State::Silent);
+    assert!(bench.session.counters().unanswered > 5);
+    let records = std::iter::from_fn(|| bench.session.take_record());
+    let silences = records.filter(|record| record.event == Logged::Unanswered);
+    assert_eq!(silences.count() as u64, bench.session.counters().unanswered);
+    bench.connected = true;
+    bench.run(500);
+    assert_eq!(bench.session.state(), State::Answering);
+}
+
+#[test]
+fn an_arm_of_the_older_generation_is_sent_nothing() {
+    let mut session = Session::new(Instant::ZERO);
+    let joints = [
+        0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED,
+        0x04, 0x81, 0x08, 0x00, 0xFF,
+    ];
+    for millis in [20, 40, 60] {
+        session.receive(Instant::from_millis(millis), &joints);
+    }
+    assert_eq!(session.state(), State::OlderGeneration);
+    assert_eq!(session.transmit(Instant::from_millis(2_000), &mut [0; 64]), Ok(0));
+    assert_eq!(session.timeout(), None);
+}
+
+#[test]
+fn a_held_axis_moves_and_a_released_one_stops() {
+    let mut bench = Bench::ready();
+    let start = bench.now;
+    bench.hold(0, Direction::Up);
+    bench.run(1_000);
+    assert!((2980..=3080).contains(&bench.joint(0)), "{}", bench.joint(0));
+    assert!((24..=27).contains(&bench.moves(start)), "{}", bench.moves(start));
+    bench.release();
+    let at_release = bench.joint(0);
+    bench.run(1_000);
+    let overshoot = bench.joint(0).abs_diff(at_release);
+    assert!(overshoot <= 30, "{overshoot} ticks at 1000 ticks/s");
+    assert_eq!(bench.arm.arm().joints()[1..], [2048; JOINTS - 1]);
+}
+
+#[test]
+fn a_stop_is_one_target_and_torque_on() {
+    let mut bench = Bench::ready();
+    bench.hold(2, Direction::Down);
+    bench.run(205);
+    let released = bench.now;
+    bench.release();
+    bench.run(500);
+    assert_eq!(bench.moves(released), 1);
+    assert_eq!(bench.count(released, 0x05, 0x00), 1);
+    assert!(bench.arm.arm().is_holding());
+}
+
+#[test]
+fn an_arm_whose_host_disappears_stops_within_one_lookahead() {
+    let mut bench = Bench::ready();
+    bench.hold(0, Direction::Up);
+    bench.run(500);
+    bench.connected = false;
+    let at_end = bench.joint(0);
+    bench.now += Duration::from_millis(5_000);
+    bench.arm.transmit(bench.now, &mut [0; 64]);
+    assert!(bench.joint(0) - at_end <= 100 + 1, "{}", bench.joint(0) - at_end);
+    assert!(!bench.arm.arm().is_moving());
+}
+
+#[test]
+fn nothing_moves_before_motion_is_enabled() {
+    let mut bench = Bench::new();
+    bench.run(500);
+    bench.hold(0, Direction::Up);
+    bench.run(500);
+    assert_eq!(bench.session.block(bench.now), Some(Block::Disabled));
+    assert_eq!(bench.moves(Instant::ZERO), 0);
+}
+
+#[test]
+fn nothing_moves_while_the_torque_is_off() {
+    let mut bench = Bench::ready();
+    bench.session.set_torque(bench.now, Torque::Off);
+    bench.run(200);
+    let start = bench.now;
+    bench.hold(0, Direction::Up);
+    bench.run(500);
+    bench.release();
+    bench.run(100);
+    assert_eq!(bench.session.block(bench.now), Some(Block::TorqueOff));
+    assert_eq!((bench.moves(start), bench.count(start, 0x05, 0x00)), (0, 0));
+}
+
+#[test]
+fn nothing_moves_without_a_fresh_reading() {
+    let mut bench = Bench::ready();
+    bench.hold(0, Direction::Up);
+    bench.run(200);
+    bench.connected = false;
+    bench.run(400);
+    let blind = bench.now;
+    bench.run(2_000);
+    assert_eq!(bench.session.block(bench.now), Some(Block::NoReading));
+    assert_eq!(bench.moves(blind), 0);
+}
+
+#[test]
+fn disabling_motion_stops_the_arm() {
+    let mut bench = Bench::ready();
+    bench.hold(0, Direction::Up);
+    bench.run(205);
+    let disabled = bench.now;
+    bench.session.enable_motion(bench.now, false);
+    bench.run(500);
+    assert_eq!(bench.moves(disabled), 1);
+    assert!(!bench.arm.arm().is_moving());
+}
+
+#[test]
+fn a_stop_waits_for_no_answer() {
+    let mut bench = Bench::ready();
+    bench.hold(0, Direction::Up);
+    bench.run(100);
+    // The answer to the next read is lost: a stop goes out while it is missing.
+    bench.connected = false;
+    while bench.session.in_flight.is_none() {
+        bench.run(1);
+    }
+    let released = bench.now;
+    bench.release();
+    assert_eq!(bench.moves(released), 1);
+}
+
+#[test]
+fn targets_go_on_while_answers_are_missing() {
+    let mut bench = Bench::ready();
+    bench.hold(0, Direction::Up);
+    bench.run(100);
+    let start = bench.now;
+    bench.connected = false;
+    bench.run(200);
+    assert!(bench.moves(start) >= 4, "{}", bench.moves(start));
+}
+
+#[test]
+fn a_noisy_line_shows_in_counters_and_log_and_the_arm_still_moves() {
+    let mut bench = Bench::ready();
+    bench.arm.set_faults(Rates::each(1_000));
+    bench.hold(0, Direction::Up);
+    bench.run(1_000);
+    bench.release();
+    bench.run(4_000);
+    let counters = bench.session.counters();
+    assert!(bench.joint(0) > 2_300, "{}", bench.joint(0));
+    assert!(
+        counters.unanswered > 0 && counters.noise_bytes > 0 && counters.bad_checksums > 0,
+        "{counters:?}"
+    );
+    assert!(counters.answers > 20 * counters.unanswered.min(5), "{counters:?}");
+    let mut records = std::iter::from_fn(|| bench.session.take_record());
+    assert!(records.any(|record| record.event == Logged::Noise));
+}
+
+#[test]
+fn a_buffer_shorter_than_a_frame_is_an_error() {
+    let mut session = Session::new(Instant::ZERO);
+    let error = session.transmit(Instant::from_millis(200), &mut [0; 6]).unwrap_err();
+    assert_eq!(error.to_string(), "frame is 7 bytes, must be 0..=6");
+    assert_eq!(session.transmit(Instant::from_millis(200), &mut [0; 7]), Ok(7));
+}
+
+#[test]
+fn a_session_says_when_it_wants_to_transmit_next() {
+    let bench = Bench::ready();
+    let timeout = bench.session.timeout().unwrap();
+    assert!(timeout > bench.now && timeout.since(bench.now) <= Duration::from_millis(60));
+}
