@@ -35,7 +35,7 @@ pub const LABELS: [&str; 11] = [
     "bytes from the arm",
     "requests",
     "answers",
-    "requests without an answer",
+    "unanswered requests",
     "late answers",
     "unsolicited responses",
     "echoed requests",

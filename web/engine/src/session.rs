@@ -30,8 +30,10 @@ const LISTEN: Duration = Duration::from_millis(100);
 const LISTEN_ON: Duration = Duration::from_millis(500);
 /// A reading older than this is no start of a motion.
 const FRESH: Duration = Duration::from_millis(300);
-/// The next target waits for the answer to a read for this long at most.
-const MOTION_PATIENCE: Duration = Duration::from_millis(20);
+/// The next target waits for the answer to a read for this long at most, from the read on.
+const TARGET_PATIENCE: Duration = Duration::from_millis(20);
+/// A stop, or a change of the torque, waits for this long at most.
+const STOP_PATIENCE: Duration = Duration::from_millis(10);
 /// An arm that answered nothing for this long is silent.
 const SILENT: Duration = Duration::from_millis(1_000);
 
@@ -319,19 +321,22 @@ impl Session {
         (now.since(*at) <= FRESH).then_some(reading)
     }
 
-    /// A stop waits for no answer, a target not long.
+    /// What moves or stops the arm does not wait for an answer that may be lost.
     fn interrupt(&mut self, now: Instant) {
-        let is_due = self.urgent.is_some() || self.interruption().is_some_and(|at| at <= now);
-        if is_due && self.client.expects_answer() {
+        if self.interruption().is_some_and(|at| at <= now) && self.client.expects_answer() {
             self.client.cancel();
             self.in_flight = None;
         }
     }
 
-    /// When the next target goes although the answer to a read is missing.
+    /// When the read in flight is given up for another request.
     fn interruption(&self) -> Option<Instant> {
         let (_, sent) = self.in_flight?;
-        self.jog.is_held().then(|| self.next_target.max(sent + MOTION_PATIENCE))
+        match self.urgent {
+            Some(_) => Some(sent + STOP_PATIENCE),
+            None if self.jog.is_held() => Some(self.next_target.max(sent + TARGET_PATIENCE)),
+            None => None,
+        }
     }
 
     /// Submits the most urgent request that is due.

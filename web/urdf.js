@@ -1,0 +1,142 @@
+// A robot model from URDF: links with simple shapes, joints in order. Meshes are counted and not loaded.
+
+import { pose, identity } from './kinematics.js';
+
+// A file of URDF is text of a few hundred kilobytes at most.
+export const MAX_LENGTH = 4_000_000;
+const MAX_LINKS = 500;
+const TYPES = ['revolute', 'continuous', 'prismatic', 'fixed', 'floating', 'planar'];
+const MOVING = ['revolute', 'continuous', 'prismatic'];
+const GREY = [0.6, 0.62, 0.65, 1];
+
+// Throws an error that says what is wrong with the text.
+export function parseUrdf(text) {
+  if (text.length > MAX_LENGTH) throw new Error(`the file has ${text.length} characters, at most ${MAX_LENGTH} are read`);
+  const page = new DOMParser().parseFromString(text, 'application/xml');
+  if (page.querySelector('parsererror')) throw new Error('the file is no XML');
+  const robot = page.documentElement;
+  if (robot.tagName !== 'robot') throw new Error(`the file is no URDF: its root is <${robot.tagName}>, not <robot>`);
+
+  const materials = new Map(children(robot, 'material').map((element) => [element.getAttribute('name'), element]));
+  const links = new Map(children(robot, 'link').map((element) => [name(element), readLink(element, materials)]));
+  if (links.size === 0) throw new Error('the robot has no link');
+  if (links.size > MAX_LINKS) throw new Error(`the robot has ${links.size} links, at most ${MAX_LINKS} are drawn`);
+  const joints = children(robot, 'joint').map((element) => readJoint(element, links));
+  const { root, ordered } = order(links, joints);
+  const meshes = [...links.values()].reduce((sum, link) => sum + link.meshes, 0);
+  // Joints that move by themselves, from the root outwards: the arm's axes in turn.
+  const axes = ordered.filter((joint) => MOVING.includes(joint.type) && !joint.mimic);
+  return { name: robot.getAttribute('name') ?? '', root, links, joints: ordered, axes, meshes };
+}
+
+function children(element, tag) {
+  return [...element.children].filter((child) => child.tagName === tag);
+}
+
+const child = (element, tag) => children(element, tag)[0] ?? null;
+
+function name(element) {
+  const value = element.getAttribute('name');
+  if (!value) throw new Error(`a <${element.tagName}> has no name`);
+  return value;
+}
+
+// Numbers of an attribute; `fallback` if the element or the attribute is not there.
+function numbers(element, attribute, fallback) {
+  const text = element?.getAttribute(attribute);
+  if (text === null || text === undefined) return fallback;
+  const values = text.trim().split(/\s+/).map(Number);
+  if (values.length !== fallback.length || !values.every(Number.isFinite)) {
+    throw new Error(`<${element.tagName} ${attribute}="${text}"> must be ${fallback.length} numbers`);
+  }
+  return values;
+}
+
+const number = (element, attribute, fallback) => numbers(element, attribute, [fallback])[0];
+
+function readOrigin(element) {
+  const origin = child(element, 'origin');
+  return origin ? pose(numbers(origin, 'xyz', [0, 0, 0]), numbers(origin, 'rpy', [0, 0, 0])) : identity();
+}
+
+function readLink(element, materials) {
+  const link = { visuals: [], meshes: 0 };
+  for (const visual of children(element, 'visual')) {
+    const shape = readShape(child(visual, 'geometry'));
+    if (shape) link.visuals.push({ origin: readOrigin(visual), color: readColor(visual, materials), ...shape });
+    else link.meshes += 1;
+  }
+  return link;
+}
+
+// A shape and its size in metres; null for one that is not drawn.
+function readShape(geometry) {
+  const element = geometry?.firstElementChild;
+  switch (element?.tagName) {
+    case 'box':
+      return { shape: 'box', size: numbers(element, 'size', [1, 1, 1]) };
+    case 'cylinder': {
+      const radius = number(element, 'radius', 1);
+      return { shape: 'cylinder', size: [2 * radius, 2 * radius, number(element, 'length', 1)] };
+    }
+    case 'sphere': {
+      const diameter = 2 * number(element, 'radius', 1);
+      return { shape: 'sphere', size: [diameter, diameter, diameter] };
+    }
+    default:
+      return null;
+  }
+}
+
+function readColor(visual, materials) {
+  const own = child(visual, 'material');
+  const material = own && !child(own, 'color') ? materials.get(own.getAttribute('name')) : own;
+  return numbers(material ? child(material, 'color') : null, 'rgba', GREY);
+}
+
+function readJoint(element, links) {
+  const joint = { name: name(element), type: element.getAttribute('type'), mimic: null };
+  const fail = (reason) => { throw new Error(`joint ${joint.name}: ${reason}`); };
+  if (!TYPES.includes(joint.type)) fail(`its type is ${joint.type}, must be one of ${TYPES.join(', ')}`);
+  for (const end of ['parent', 'child']) {
+    joint[end] = child(element, end)?.getAttribute('link');
+    if (!links.has(joint[end])) fail(`its ${end}, ${joint[end]}, is no link`);
+  }
+  joint.origin = readOrigin(element);
+  joint.axis = numbers(child(element, 'axis'), 'xyz', [1, 0, 0]);
+  if (Math.hypot(...joint.axis) === 0) fail('its axis has no length');
+  const limit = child(element, 'limit');
+  joint.lower = number(limit, 'lower', 0);
+  joint.upper = number(limit, 'upper', 0);
+  const mimic = child(element, 'mimic');
+  if (mimic) {
+    joint.mimic = {
+      joint: mimic.getAttribute('joint'),
+      multiplier: number(mimic, 'multiplier', 1),
+      offset: number(mimic, 'offset', 0),
+    };
+  }
+  return joint;
+}
+
+// The root, and the joints with each parent before its children.
+function order(links, joints) {
+  const children = new Map([...links.keys()].map((link) => [link, []]));
+  const isChild = new Set();
+  for (const joint of joints) {
+    if (isChild.has(joint.child)) throw new Error(`link ${joint.child} has two parents`);
+    isChild.add(joint.child);
+    children.get(joint.parent).push(joint);
+  }
+  const roots = [...links.keys()].filter((link) => !isChild.has(link));
+  if (roots.length !== 1) throw new Error(`the robot has ${roots.length} links without a parent, must be 1`);
+  const ordered = [];
+  for (const waiting = [roots[0]]; waiting.length > 0; ) {
+    for (const joint of children.get(waiting.shift())) {
+      ordered.push(joint);
+      waiting.push(joint.child);
+    }
+  }
+  if (ordered.length !== joints.length) throw new Error('the joints make a circle');
+  return { root: roots[0], ordered };
+}

@@ -1,0 +1,37 @@
+// A port to the virtual arm in the engine, in real time.
+
+import { now } from './link.js';
+
+export class VirtualPort {
+  #engine;
+  #timer = 0;
+  onbytes = () => {};
+  onclose = () => {};
+
+  constructor(engine, seed) {
+    this.#engine = engine;
+    engine.startVirtual(seed);
+  }
+
+  get name() { return 'virtual arm'; }
+
+  write(bytes) {
+    this.#engine.virtualReceive(now(), bytes);
+    this.#schedule();
+  }
+
+  async close() { clearTimeout(this.#timer); }
+
+  // Not within `write`: bytes arrive while the page does nothing else, as on a serial port.
+  #schedule() {
+    clearTimeout(this.#timer);
+    const timeout = this.#engine.virtualTimeout();
+    if (timeout !== Infinity) this.#timer = setTimeout(() => this.poll(), Math.max(0, (timeout - now()) / 1000));
+  }
+
+  poll() {
+    const bytes = this.#engine.virtualTransmit(now());
+    this.#schedule();
+    if (bytes.length > 0) this.onbytes(bytes);
+  }
+}
