@@ -1,0 +1,268 @@
+// The page with its virtual arm, in headless Chromium.
+import assert from 'node:assert/strict';
+import fs from 'node:fs';
+import path from 'node:path';
+import { after, before, test } from 'node:test';
+import { counter, launch, open, position, ready, text, until } from './browser.mjs';
+import { serve } from './server.mjs';
+
+const folder = process.env.ARMWIRE_PAGE;
+const screenshots = process.env.ARMWIRE_SCREENSHOTS;
+const SIZES = [[1280, 800], [768, 1024], [390, 844]];
+// With the browser busy drawing by software, in milliseconds.
+const REST = 400;
+
+let browser;
+let server;
+
+before(async () => {
+  server = await serve(folder);
+  browser = await launch();
+});
+
+after(async () => {
+  await browser?.close();
+  await server?.close();
+});
+
+// A test of the page that ends without an error of the page.
+function pageTest(name, act, options = {}) {
+  test(name, async () => {
+    const { context, page, problems } = await open(browser, server.address, options);
+    await ready(page);
+    await act(page, context);
+    assert.deepEqual(problems, []);
+    await context.close();
+  });
+}
+
+const rest = () => new Promise((done) => setTimeout(done, REST));
+
+// Asserts that the arm moves no more.
+async function assertStill(page, axis) {
+  await rest();
+  const at = await position(page, axis);
+  await rest();
+  assert.equal(await position(page, axis), at, 'the arm still moves');
+}
+
+const moves = (page, axis, from) => until('motion', () => position(page, axis), (value) => Math.abs(value - from) > 3);
+
+pageTest('the virtual arm is there at once', async (page) => {
+  assert.match(await text(page, '#connection-text'), /^Virtual arm · ADFS251205123456 · v6\.10$/);
+  assert.equal(await text(page, '#status'), 'locked');
+  await until('servos', () => text(page, '#servos'), (value) => value === 'all normal');
+  assert.equal(await position(page, 0), 0);
+});
+
+pageTest('a key moves the arm while it is down', async (page) => {
+  await page.keyboard.down('KeyQ');
+  await moves(page, 0, 0);
+  assert.ok(await page.locator('.jog[data-axis="0"][data-direction="1"]').evaluate((button) => button.classList.contains('held')));
+  await page.keyboard.up('KeyQ');
+  await assertStill(page, 0);
+  assert.ok(await position(page, 0) > 3);
+  assert.equal(await position(page, 1), 0);
+});
+
+pageTest('the other row of keys moves the other way', async (page) => {
+  await page.keyboard.down('KeyS');
+  await until('motion', () => position(page, 1), (value) => value < -3);
+  await page.keyboard.up('KeyS');
+  await assertStill(page, 1);
+});
+
+pageTest('a button moves the arm while it is pressed', async (page) => {
+  await page.locator('.jog[data-axis="6"][data-direction="1"]').hover();
+  await page.mouse.down();
+  await moves(page, 6, 0);
+  await page.mouse.up();
+  await assertStill(page, 6);
+});
+
+pageTest('a button moves the arm while Space is down on it', async (page) => {
+  await page.locator('.jog[data-axis="3"][data-direction="-1"]').focus();
+  await page.keyboard.down('Space');
+  await moves(page, 3, 0);
+  await page.keyboard.up('Space');
+  await assertStill(page, 3);
+});
+
+pageTest('a touch moves the arm while it lasts', async (page, context) => {
+  const button = page.locator('.jog[data-axis="2"][data-direction="1"]');
+  await button.scrollIntoViewIfNeeded();
+  const { x, y } = await button.boundingBox();
+  const touch = await context.newCDPSession(page);
+  await touch.send('Input.dispatchTouchEvent', { type: 'touchStart', touchPoints: [{ x: x + 20, y: y + 15 }] });
+  await moves(page, 2, 0);
+  await touch.send('Input.dispatchTouchEvent', { type: 'touchEnd', touchPoints: [] });
+  await assertStill(page, 2);
+}, { viewport: { width: 390, height: 844 }, hasTouch: true });
+
+const STOPS = {
+  'Escape': (page) => page.keyboard.press('Escape'),
+  'a modifier': (page) => page.keyboard.down('Control'),
+  'losing the focus': (page) => page.evaluate(() => dispatchEvent(new Event('blur'))),
+  'hiding the page': (page) => page.evaluate(() => document.dispatchEvent(new Event('visibilitychange'))),
+  'switching motion off': (page) => page.locator('#enable').uncheck(),
+  'the help': (page) => page.locator('#help').click(),
+};
+for (const [what, stop] of Object.entries(STOPS)) {
+  pageTest(`${what} stops a held axis`, async (page) => {
+    await page.keyboard.down('KeyW');
+    await moves(page, 1, 0);
+    await stop(page);
+    await assertStill(page, 1);
+  });
+}
+
+pageTest('nothing moves while motion is off', async (page) => {
+  await page.locator('#enable').uncheck();
+  await page.keyboard.down('KeyE');
+  await rest();
+  assert.equal(await position(page, 2), 0);
+  assert.equal(await text(page, '#block'), 'Motion is off. Enable it to move the arm.');
+});
+
+pageTest('torque goes off only after a long press', async (page) => {
+  await page.locator('#torque-off').click();
+  await rest();
+  assert.equal(await text(page, '#status'), 'locked');
+  await page.locator('#torque-off').hover();
+  await page.mouse.down();
+  await until('status', () => text(page, '#status'), (value) => value === 'idle');
+  await page.mouse.up();
+  await page.keyboard.down('KeyE');
+  await rest();
+  assert.equal(await text(page, '#block'), 'Torque is off: the arm does not move.');
+  await page.keyboard.up('KeyE');
+  await page.locator('#torque-on').click();
+  await until('status', () => text(page, '#status'), (value) => value === 'locked');
+});
+
+pageTest('a noisy cable shows as errors, and a good one ends them', async (page) => {
+  await page.locator('[name=cable][value=noisy]').check({ force: true });
+  await until('bad checksums', () => counter(page, 'bad checksums'), (value) => value > 0);
+  await until('rows', () => page.locator('#frame-rows tr.error').count(), (value) => value > 0);
+  assert.match(await text(page, '#frame-rows tr.error .meaning >> nth=0'), /checksum|frame|end mark|length|idle|answer/);
+  assert.equal(await page.locator('#counters .bad').filter({ hasText: 'bad checksums' }).count(), 1);
+  assert.ok(Number(await text(page, '#fault-corrupt-count')) > 0);
+  await page.locator('[name=cable][value=good]').check({ force: true });
+  await rest();
+  const bad = await counter(page, 'bad checksums');
+  await rest();
+  assert.equal(await counter(page, 'bad checksums'), bad);
+});
+
+pageTest('a slider has a rate, and leaves the cables', async (page) => {
+  const slider = page.locator('#fault-drop');
+  await slider.focus();
+  await page.keyboard.press('End');
+  assert.equal(await text(page, '[for=fault-drop] >> nth=1'), '10 %');
+  assert.equal(await slider.getAttribute('aria-valuetext'), '10 % of the bytes');
+  assert.equal(await page.locator('[name=cable]:checked').count(), 0);
+  await until('unanswered', () => counter(page, 'unanswered requests'), (value) => value > 0);
+});
+
+pageTest('an unplugged cable is a silent arm, and plugged in again it answers', async (page) => {
+  await page.locator('[name=cable][value=unplugged]').check({ force: true });
+  await until('state', () => page.getAttribute('#connection', 'data-state'), (state) => state === 'silent');
+  await until('text', () => text(page, '#connection-text'), (value) => value === 'Virtual arm · no answer');
+  assert.equal(await text(page, '#block'), 'No fresh reading: the arm is not moved.');
+  await page.locator('[name=cable][value=good]').check({ force: true });
+  await ready(page);
+});
+
+pageTest('frames have a meaning, by message and in order', async (page) => {
+  await until('rows', () => page.locator('#frame-rows').innerText(), (rows) => rows.includes('self-check'));
+  const rows = await page.locator('#frame-rows').innerText();
+  for (const meaning of ['read joints', 'joints 0.0° 0.0°', 'gripper stroke 50 mm', 'AA 06 00 01 FE 9A FF']) assert.ok(rows.includes(meaning), meaning);
+  await page.locator('[name=rows][value=order]').check({ force: true });
+  await until('rows', () => page.locator('#frame-rows tr').count(), (count) => count > 40);
+  assert.match(await text(page, '#frame-rows .when >> nth=0'), /^\d+\.\d{3}$/);
+  await page.locator('#pause').click();
+  const paused = await page.locator('#frame-rows').innerText();
+  await rest();
+  assert.equal(await page.locator('#frame-rows').innerText(), paused);
+});
+
+const urdf = (body) => ({ name: 'robot.urdf', mimeType: 'application/xml', buffer: Buffer.from(body) });
+
+pageTest('a URDF replaces the drawing, its text as text', async (page) => {
+  const name = '&lt;img src=x onerror=alert(1)&gt;';
+  await page.locator('#urdf').setInputFiles(urdf(`<robot name="${name}">
+    <link name="a"><visual><geometry><mesh filename="package://a.stl"/></geometry></visual></link>
+    <link name="b"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
+    <joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 0.2"/><axis xyz="0 1 0"/></joint></robot>`));
+  await until('notice', () => text(page, '#notice-text'), (value) => value !== '');
+  assert.equal(await text(page, '#notice-text'), 'robot.urdf: 1 of its 1 joints follow the arm. 1 meshes are not loaded: bones stand for them.');
+  assert.equal(await text(page, '#model-name'), '<img src=x onerror=alert(1)>');
+  assert.equal(await page.locator('img').count(), 0);
+});
+
+const BAD = {
+  'no <xml': 'the file is no XML',
+  '<sdf/>': 'the file is no URDF: its root is <sdf>, not <robot>',
+  '<robot/>': 'the robot has no link',
+  '<robot><link/></robot>': 'a <link> has no name',
+  '<robot><link name="a"/><link name="b"/></robot>': 'the robot has 2 links without a parent, must be 1',
+  '<robot><link name="a"/><joint name="j" type="spin"/></robot>': 'joint j: its type is spin, must be one of revolute, continuous, prismatic, fixed, floating, planar',
+  '<robot><link name="a"/><joint name="j" type="fixed"><parent link="a"/><child link="c"/></joint></robot>': 'joint j: its child, c, is no link',
+  '<robot><link name="a"/><link name="b"/><link name="c"/><joint name="j" type="fixed"><parent link="b"/><child link="c"/></joint><joint name="k" type="fixed"><parent link="c"/><child link="b"/></joint></robot>': 'the joints make a circle',
+  '<robot><link name="a"><visual><geometry><box size="1 2"/></geometry></visual></link></robot>': '<box size="1 2"> must be 3 numbers',
+};
+pageTest('a bad URDF is an error that says what is wrong', async (page) => {
+  const before = await text(page, '#model-name');
+  for (const [body, error] of Object.entries(BAD)) {
+    await page.locator('#urdf').setInputFiles(urdf(body));
+    await until(`notice for ${body}`, () => page.locator('#notice-text').textContent(), (value) => value === error);
+    await page.locator('#notice-close').click();
+  }
+  assert.equal(await text(page, '#model-name'), before);
+});
+
+pageTest('every control has a name and can be reached by Tab', async (page) => {
+  const nameless = await page.evaluate(() => [...document.querySelectorAll('button, input')]
+    .filter((control) => !(control.getAttribute('aria-label') || control.innerText?.trim() || control.labels?.[0]?.innerText.trim()))
+    .map((control) => control.outerHTML));
+  assert.deepEqual(nameless, []);
+  const reached = new Set();
+  for (let i = 0; i < 60; i++) {
+    await page.keyboard.press('Tab');
+    reached.add(await page.evaluate(() => document.activeElement.id || document.activeElement.getAttribute('aria-label')));
+  }
+  for (const control of ['connect', 'help', 'arm', 'enable', 'J1 base, up, hold', 'Grip gripper, down, hold', 'speed', 'torque-off', 'errors-only', 'fault-drop', 'urdf']) {
+    assert.ok(reached.has(control), `${control} is not reached`);
+  }
+});
+
+pageTest('keys of the page do nothing while the help is open', async (page) => {
+  await page.keyboard.press('?');
+  assert.ok(await page.locator('#help-dialog').isVisible());
+  await page.keyboard.down('KeyQ');
+  await rest();
+  assert.equal(await position(page, 0), 0);
+  await page.keyboard.up('KeyQ');
+  await page.keyboard.press('Escape');
+  assert.ok(!(await page.locator('#help-dialog').isVisible()));
+});
+
+for (const [width, height] of SIZES) {
+  for (const colorScheme of ['light', 'dark']) {
+    const size = `${width}x${height}-${colorScheme}`;
+    pageTest(`the page fits ${size}`, async (page) => {
+      await page.keyboard.down('KeyW');
+      await page.keyboard.down('KeyU');
+      await moves(page, 1, 0);
+      await page.locator('[name=cable][value=noisy]').check({ force: true });
+      await until('errors', () => counter(page, 'bytes outside of frames'), (value) => value > 0);
+      const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+      assert.equal(wide, 0, 'it is wider than the window');
+      const shot = await page.locator('#view').screenshot();
+      assert.ok(shot.length > 5_000, `a drawing of ${shot.length} bytes is empty`);
+      fs.mkdirSync(screenshots, { recursive: true });
+      await page.evaluate(() => scrollTo(0, 0));
+      await page.screenshot({ path: path.join(screenshots, `${size}.png`) });
+    }, { viewport: { width, height }, colorScheme });
+  }
+}

@@ -1,0 +1,234 @@
+// The modules that need no browser, and the engine.
+import assert from 'node:assert/strict';
+import fs from 'node:fs';
+import path from 'node:path';
+import { test } from 'node:test';
+import { pathToFileURL } from 'node:url';
+
+const folder = process.env.ARMWIRE_PAGE;
+const load = (name) => import(pathToFileURL(path.join(folder, name)));
+const { CABLES, FAULTS, percent, rateAt, rates, UNPLUGGED_RATES } = await load('cable.js');
+const { Engine, AXES } = await load('engine.js');
+const { FrameLog, hex, keyOf } = await load('frames.js');
+const { Holds, KEYS } = await load('holds.js');
+const { forward, identity, lookAt, multiply, place, pose, rotation } = await load('kinematics.js');
+const { History, range } = await load('plots.js');
+
+const near = (a, b) => assert.ok(a.length === b.length && a.every((value, i) => Math.abs(value - b[i]) < 1e-9), `${a} is not ${b}`);
+const engine = () => Engine.load(fs.readFileSync(path.join(folder, 'armwire.wasm')));
+
+// Runs the session and the virtual arm of an engine against each other, in virtual time.
+class Bench {
+  constructor(engine) {
+    this.engine = engine;
+    this.now = 0;
+    engine.startVirtual(1);
+    engine.startSession(0);
+  }
+
+  run(millis) {
+    for (let i = 0; i < millis; i++) {
+      this.now += 1000;
+      const bytes = this.engine.virtualTransmit(this.now);
+      if (bytes.length > 0) this.engine.receive(this.now, bytes);
+      for (let frame; (frame = this.engine.transmit(this.now)).length > 0; ) this.engine.virtualReceive(this.now, frame);
+    }
+  }
+
+  records() {
+    const records = [];
+    for (let record; (record = this.engine.takeRecord()); ) records.push(record);
+    return records;
+  }
+}
+
+test('a session with the virtual arm tells who it is and where', async () => {
+  const bench = new Bench(await engine());
+  assert.ok(bench.engine.positions().every(Number.isNaN));
+  assert.equal(bench.engine.serial(), '');
+  bench.run(1000);
+  assert.equal(bench.engine.state(), 'answering');
+  assert.equal(bench.engine.serial(), 'ADFS251205123456');
+  assert.equal(bench.engine.firmware(), 'v6.10');
+  assert.equal(bench.engine.status(), 'locked');
+  assert.deepEqual(bench.engine.positions(), [0, 0, 0, 0, 0, 0, 0]);
+  assert.deepEqual(bench.engine.temperatures(), new Array(10).fill(25));
+  assert.equal(bench.engine.stroke(), 50);
+  assert.equal(bench.engine.selfCheck(), 0x3ff);
+});
+
+test('a held axis moves and a released one stops', async () => {
+  const bench = new Bench(await engine());
+  bench.engine.setSpeed(1);
+  bench.engine.enableMotion(0, true);
+  bench.run(500);
+  bench.engine.hold(bench.now, 1, -1);
+  bench.run(500);
+  bench.engine.release(bench.now);
+  bench.run(200);
+  const [j1, j2] = bench.engine.positions();
+  assert.equal(j1, 0);
+  assert.ok(j2 < -0.45 && j2 > -0.55, `${j2} rad after half a second at 1 rad/s`);
+  bench.run(500);
+  assert.equal(bench.engine.positions()[1], j2);
+});
+
+test('what the engine cannot take is an error', async () => {
+  const bench = new Bench(await engine());
+  assert.throws(() => bench.engine.hold(0, AXES, 1), /there is no axis 7/);
+  assert.throws(() => bench.engine.setSpeed(100), /out of range/);
+  assert.throws(() => bench.engine.setSpeed(Number.NaN), /out of range/);
+});
+
+test('more bytes than the buffer holds are all counted', async () => {
+  const bench = new Bench(await engine());
+  bench.engine.receive(0, new Uint8Array(10_000).fill(0x55));
+  const counters = bench.engine.counters();
+  assert.equal(counters[bench.engine.counterLabels.indexOf('bytes from the arm')], 10_000);
+  assert.equal(counters[bench.engine.counterLabels.indexOf('bytes outside of frames')], 10_000);
+});
+
+test('records have bytes, meaning and time', async () => {
+  const bench = new Bench(await engine());
+  bench.run(300);
+  const [sent, received] = bench.records();
+  assert.deepEqual([sent.event, hex(sent.bytes), sent.text], ['sent', 'AA 01 00 01 FE 23 FF', 'read information']);
+  assert.equal(received.event, 'received');
+  assert.match(received.text, /^follower, serial ADFS251205123456,/);
+  assert.ok(received.at > sent.at && sent.at >= 100_000);
+});
+
+test('a noisy cable shows in counters, faults and records', async () => {
+  const bench = new Bench(await engine());
+  bench.engine.setFaults(rates(CABLES.noisy));
+  bench.run(5000);
+  const counters = Object.fromEntries(bench.engine.counterLabels.map((label, nth) => [label, bench.engine.counters()[nth]]));
+  assert.ok(counters.answers > 0 && counters['unanswered requests'] > 0 && counters['bad checksums'] > 0, JSON.stringify(counters));
+  assert.ok(bench.engine.faults()[1] > 0);
+  assert.ok(bench.records().some(({ event, text }) => event === 'noise' && text.startsWith('checksum')));
+});
+
+test('a slow cable makes answers take longer', async () => {
+  const bench = new Bench(await engine());
+  bench.run(1000);
+  const [, , before] = bench.engine.answerTimes();
+  bench.engine.setFaults(rates(CABLES.slow));
+  bench.run(5000);
+  const [, , longest] = bench.engine.answerTimes();
+  assert.ok(before <= 2000 && longest > 20_000, `${before} µs before, ${longest} µs with delays`);
+});
+
+test('an unplugged cable is a silent arm', async () => {
+  const bench = new Bench(await engine());
+  bench.run(500);
+  bench.engine.setFaults(UNPLUGGED_RATES);
+  bench.run(2000);
+  assert.equal(bench.engine.state(), 'silent');
+  assert.equal(bench.engine.block(bench.now), 'disabled');
+});
+
+test('rates grow tenfold with each quarter of a slider', () => {
+  assert.deepEqual([0, 25, 50, 75, 100].map(rateAt), [0, 100, 1000, 10_000, 100_000]);
+  assert.deepEqual([0, 10, 1234, 100_000].map(percent), ['none', '0.001 %', '0.12 %', '10 %']);
+  for (const places of Object.values(CABLES)) assert.deepEqual(Object.keys(places), FAULTS);
+});
+
+test('two keys that pull both ways hold nothing', () => {
+  const holds = new Holds();
+  const changes = [];
+  holds.onchange = (...change) => changes.push(change);
+  holds.press('a', 2, 1);
+  holds.press('b', 2, 1);
+  holds.press('c', 2, -1);
+  holds.press('d', 2, -1);
+  holds.release('a');
+  holds.release('b');
+  holds.releaseAll();
+  assert.deepEqual(changes, [[2, 1], [2, 0], [2, -1], [2, 0]]);
+});
+
+test('releasing all stops every axis once', () => {
+  const holds = new Holds();
+  holds.press('a', 0, 1);
+  holds.press('b', 6, -1);
+  const changes = [];
+  holds.onchange = (...change) => changes.push(change);
+  holds.releaseAll();
+  holds.releaseAll();
+  holds.release('a');
+  assert.deepEqual(changes, [[0, 0], [6, 0]]);
+});
+
+test('every axis has a key for each direction', () => {
+  const held = [...KEYS.values()].map(([axis, direction]) => `${axis} ${direction}`);
+  assert.equal(new Set(held).size, 2 * AXES);
+});
+
+test('a pose turns about fixed axes, roll first', () => {
+  near(multiply(pose([1, 2, 3], [Math.PI / 2, 0, Math.PI / 2]), [0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]).slice(4, 7), [0, 0, 1]);
+  near(place(pose([1, 2, 3], [0.1, 0.2, 0.3])), [1, 2, 3]);
+  near(rotation([0, 0, 5], 0), identity());
+});
+
+test('links follow their joints, and mimics theirs', () => {
+  const joint = (name, type, parent, child, at, more) => ({ name, type, parent, child, origin: pose(at, [0, 0, 0]), axis: [0, 0, 1], mimic: null, ...more });
+  const model = {
+    root: 'base',
+    joints: [
+      joint('turn', 'revolute', 'base', 'arm', [0, 0, 1]),
+      joint('slide', 'prismatic', 'arm', 'hand', [2, 0, 0]),
+      joint('copy', 'prismatic', 'hand', 'finger', [0, 0, 0], { mimic: { joint: 'slide', multiplier: 2, offset: 1 } }),
+    ],
+  };
+  const links = forward(model, new Map([['turn', Math.PI / 2], ['slide', 0.5]]));
+  near(place(links.get('hand')), [0, 2, 1.5]);
+  near(place(links.get('finger')), [0, 2, 3.5]);
+});
+
+test('the view looks at its target', () => {
+  const view = lookAt([3, 0, 0], [0, 0, 0]);
+  near([view[12], view[13], view[14]], [0, 0, -3]);
+});
+
+test('a range has its least span and keeps to its limits', () => {
+  assert.deepEqual(range([], 10, [-100, 100]), [-5, 5]);
+  assert.deepEqual(range([[0, 98]], 10, [-100, 100]), [93, 100]);
+  const [low, high] = range([[0, 0], [1, 100]], 10, [-200, 200]);
+  assert.ok(low < 0 && high > 100);
+});
+
+test('a history keeps the last seconds', () => {
+  const history = new History();
+  for (let i = 0; i < 10_000; i++) history.push(i / 50, i);
+  assert.ok(history.samples.length >= 20 * 50 && history.samples.length < 2000);
+  assert.equal(history.samples.at(-1)[1], 9999);
+});
+
+const record = (event, bytes, text) => ({ event, bytes: Uint8Array.from(bytes), text, at: 0 });
+
+test('messages are counted by command and function, errors by kind', () => {
+  const log = new FrameLog();
+  for (let i = 0; i < 3; i++) log.add(record('received', [0xaa, 6, 0, 15, i], 'joints'), i / 10);
+  log.add(record('sent', [0xaa, 6, 0, 1], 'read joints'), 0.5);
+  log.add(record('noise', [0x12], 'checksum 0x12, expected 0x34'), 0.6);
+  log.add(record('noise', [0x13], 'checksum 0x56, expected 0x78'), 0.7);
+  const rows = log.byMessage(1).map(({ event, count, text }) => [event, count, text]);
+  assert.deepEqual(rows, [['noise', 2, 'checksum 0x56, expected 0x78'], ['sent', 1, 'read joints'], ['received', 3, 'joints']]);
+  assert.deepEqual([log.total, log.errors], [6, 2]);
+  assert.deepEqual(log.inOrder().map(({ time }) => time), [0.7, 0.6, 0.5, 0.2, 0.1, 0]);
+});
+
+test('a rate is that of the last seconds', () => {
+  const log = new FrameLog();
+  for (let i = 0; i < 100; i++) log.add(record('sent', [0xaa, 6, 0], ''), i / 50);
+  assert.equal(log.byMessage(1.98)[0].rate, 50);
+  assert.equal(log.byMessage(10)[0].rate, 0);
+});
+
+test('the log does not grow without end', () => {
+  const log = new FrameLog();
+  for (let i = 0; i < 5000; i++) log.add(record('sent', [0xaa, 6, 0], ''), i);
+  assert.ok(log.rows.length <= 400);
+  assert.equal(log.inOrder()[0].time, 4999);
+  assert.equal(keyOf(record('noise', [], 'line went idle with 3 bytes missing')), keyOf(record('noise', [], 'line went idle with 9 bytes missing')));
+});
