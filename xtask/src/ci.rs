@@ -14,7 +14,7 @@ use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
 use crate::{
     c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, packages, performance, python,
-    readme, semver, vendor,
+    readme, semver, vendor, web,
 };
 
 /// Everything but the firmware.
@@ -88,6 +88,7 @@ pub(crate) fn run() -> Result<()> {
     ci.step("crates without std", no_std)?;
     ci.step("clippy for the microcontroller", clippy_thumb)?;
     ci.step("examples for microcontrollers", examples::check)?;
+    ci.step("page in a browser", || web::run_all(&Default::default()))?;
     ci.step("no path to a panic", no_panic::run)?;
     ci.step("C library", || c_library::run_all(&Default::default()))?;
     // From the same seed each time: what is found is the change's doing.

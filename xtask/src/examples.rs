@@ -59,11 +59,11 @@ fn emulate(image: &Path) -> Result<()> {
 }
 
 /// Installs Node.js and npm if one is missing.
-fn install_node() -> Result<()> {
+pub(crate) fn install_node() -> Result<()> {
     let is_missing = |tool| output(Command::new(tool).arg("--version")).is_err();
     if is_missing("node") || is_missing("npm") {
         let is_installed = apt::install(&["nodejs", "npm"])?;
-        ensure!(is_installed, "the emulator needs npm, and Node.js 18 or later");
+        ensure!(is_installed, "npm is missing, and Node.js 20 or later");
     }
     Ok(())
 }

@@ -30,6 +30,7 @@ mod soak;
 mod steps;
 mod toolchain;
 mod vendor;
+mod web;
 mod workspace;
 
 use std::env;
@@ -74,6 +75,8 @@ enum Command {
     Features,
     /// Build the examples, and run the RP2040's on an emulated chip
     Examples,
+    /// Build the page in web/, and test it in headless Chromium
+    Web(web::Options),
     /// Test and use the crates to publish from their .crate files
     Packages,
     /// Build the README's example with its dependencies
@@ -117,6 +120,7 @@ impl Command {
             Self::Deny => deny::run(),
             Self::Features => features::each(),
             Self::Examples => examples::check(),
+            Self::Web(options) => web::run_all(&options),
             Self::Packages => packages::check(),
             Self::Readme => readme::check(),
             Self::Dist(options) => dist::run_all(&options),

@@ -1,0 +1,129 @@
+//! `cargo xtask web`: the page in `web/`, its engine in WebAssembly, and their tests.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+
+use crate::apt;
+use crate::cargo::{cargo, target_dir};
+use crate::examples;
+use crate::process::{output, run};
+use crate::toolchain::Toolchain;
+use crate::workspace::root;
+
+const TARGET: &str = "wasm32-unknown-unknown";
+/// The module, as cargo and the page name it.
+const MODULE: &str = "armwire_web.wasm";
+const SERVED_MODULE: &str = "armwire.wasm";
+/// The most bytes of the module.
+const MAX_MODULE: u64 = 64 * 1024;
+/// What compilers for this target turn on by default.
+const WASM_FEATURES: [&str; 6] = [
+    "--enable-bulk-memory",
+    "--enable-multivalue",
+    "--enable-mutable-globals",
+    "--enable-nontrapping-float-to-int",
+    "--enable-reference-types",
+    "--enable-sign-ext",
+];
+/// The files of the page by their extensions.
+const SERVED: [&str; 3] = ["html", "css", "js"];
+
+#[derive(Args, Default)]
+pub(crate) struct Options {
+    /// Only build the page, without tests
+    #[arg(long)]
+    build: bool,
+}
+
+/// Builds the page and tests it.
+///
+/// # Errors
+///
+/// The first check that fails, or if a tool is missing and cannot be installed.
+pub(crate) fn run_all(options: &Options) -> Result<()> {
+    let page = build()?;
+    println!("the page is in {}", page.display());
+    if options.build {
+        return Ok(());
+    }
+    test_engine()?;
+    test_page(&page)
+}
+
+/// Builds the page into a folder that a static host can serve.
+fn build() -> Result<PathBuf> {
+    examples::install_node()?;
+    let test = folder("test");
+    run(Command::new("npm")
+        .args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"])
+        .current_dir(&test))?;
+    let toolchain = Toolchain::find(&[TARGET])?;
+    let mut build = toolchain.cargo("build --release --locked --quiet", TARGET)?;
+    run(build.current_dir(folder("engine")))?;
+
+    let page = target_dir()?.join("web");
+    if page.exists() {
+        fs::remove_dir_all(&page)?;
+    }
+    fs::create_dir_all(&page)?;
+    for file in fs::read_dir(root().join("web"))? {
+        let file = file?.path();
+        let extension = file.extension().and_then(|extension| extension.to_str());
+        if let (Some(name), Some(extension)) = (file.file_name(), extension)
+            && SERVED.contains(&extension)
+        {
+            fs::copy(&file, page.join(name))?;
+        }
+    }
+    let module = page.join(SERVED_MODULE);
+    let built = toolchain.target_dir()?.join(TARGET).join("release").join(MODULE);
+    run(Command::new(test.join("node_modules/.bin/wasm-opt"))
+        .arg("-Oz")
+        .args(WASM_FEATURES)
+        .arg(built)
+        .arg("-o")
+        .arg(&module))?;
+    let size = fs::metadata(&module).context("wasm-opt wrote no module")?.len();
+    println!("{SERVED_MODULE}: {size} bytes, at most {MAX_MODULE}");
+    ensure!(
+        size <= MAX_MODULE,
+        "{SERVED_MODULE} has {size} bytes, at most {MAX_MODULE} are allowed"
+    );
+    Ok(page)
+}
+
+/// The engine's logic, on the desktop.
+fn test_engine() -> Result<()> {
+    for words in [
+        "fmt --check",
+        "clippy --all-targets --locked --quiet -- -D warnings",
+        "test --locked --quiet",
+    ] {
+        let mut command = cargo(words);
+        run(command
+            .current_dir(folder("engine"))
+            .env("CARGO_TARGET_DIR", target_dir()?))?;
+    }
+    Ok(())
+}
+
+/// Modules in Node.js, and the page in headless Chromium.
+fn test_page(page: &Path) -> Result<()> {
+    if output(Command::new("chromium").arg("--version")).is_err() {
+        let is_installed = apt::install(&["chromium"])?;
+        ensure!(is_installed, "the page is tested in Chromium: install `chromium`");
+    }
+    run(Command::new("node")
+        .args(["--test", "unit.test.mjs", "page.test.mjs"])
+        .current_dir(folder("test"))
+        .env("ARMWIRE_PAGE", page)
+        .env("ARMWIRE_SCREENSHOTS", target_dir()?.join("web-screenshots")))
+}
+
+fn folder(name: &str) -> PathBuf {
+    root().join("web").join(name)
+}
