@@ -3,9 +3,11 @@ import assert from 'node:assert/strict';
 import { chromium } from 'playwright-core';
 
 // WebGL by software. The sandbox needs privileges that a container does not give.
-const ARGUMENTS = ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--ignore-gpu-blocklist'];
+export const ARGUMENTS = ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--ignore-gpu-blocklist'];
 
-export const launch = () => chromium.launch({ executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium', args: ARGUMENTS });
+export const EXECUTABLE = process.env.CHROMIUM ?? '/usr/bin/chromium';
+
+export const launch = () => chromium.launch({ executablePath: EXECUTABLE, args: ARGUMENTS });
 
 // Opens the page in a context of its own. `problems` collects errors of the page and requests to other hosts.
 export async function open(browser, address, options = {}) {

@@ -7,12 +7,13 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::apt;
+use crate::board::Board;
 use crate::cargo::{cargo, target_dir};
-use crate::examples;
+use crate::image;
 use crate::process::{output, run};
 use crate::toolchain::Toolchain;
 use crate::workspace::root;
+use crate::{apt, demo, examples};
 
 const TARGET: &str = "wasm32-unknown-unknown";
 /// The module, as cargo and the page name it.
@@ -29,6 +30,8 @@ const WASM_FEATURES: [&str; 6] = [
     "--enable-reference-types",
     "--enable-sign-ext",
 ];
+/// A mount namespace of its own: what is mounted in it, nobody else sees.
+const UNSHARE: [&str; 3] = ["--mount", "--propagation", "private"];
 /// The files of the page by their extensions.
 const SERVED: [&str; 3] = ["html", "css", "js"];
 
@@ -51,7 +54,8 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
         return Ok(());
     }
     test_engine()?;
-    test_page(&page)
+    test_page(&page)?;
+    test_serial(&page)
 }
 
 /// Builds the page into a folder that a static host can serve.
@@ -122,6 +126,24 @@ fn test_page(page: &Path) -> Result<()> {
         .current_dir(folder("test"))
         .env("ARMWIRE_PAGE", page)
         .env("ARMWIRE_SCREENSHOTS", target_dir()?.join("web-screenshots")))
+}
+
+/// The page with the shipped image on the virtual board, over WebSerial.
+fn test_serial(page: &Path) -> Result<()> {
+    let image = image::build(image::Options::of(Board::default()))?;
+    run(&mut cargo("build --quiet --package armwire-cli"))?;
+    run(&mut demo::command("build --quiet"))?;
+    let debug = target_dir()?.join("debug");
+    output(Command::new("unshare").args(UNSHARE).arg("true"))
+        .context("WebSerial cannot be tested: a mount namespace of its own is refused")?;
+    run(Command::new("unshare")
+        .args(UNSHARE)
+        .args(["node", "--test", "serial.test.mjs"])
+        .current_dir(folder("test"))
+        .env("ARMWIRE_PAGE", page)
+        .env("ARMWIRE_IMAGE", image.path)
+        .env("ARMWIRE_DEMO", debug.join("demo"))
+        .env("ARMWIRE_COMMAND", debug.join("armwire")))
 }
 
 fn folder(name: &str) -> PathBuf {
