@@ -21,14 +21,17 @@ def monitored(port: str, count: int) -> str:
 
 def test_csv_of_the_command_is_read_and_drawn(virtual: sim.VirtualLing, tmp_path: Path) -> None:
     with armwire.Ling(virtual.port) as arm:
-        arm.move_deg([90, -45, 0, 0, 0, 10], gripper_permille=1000, speed_deg_s=100)
+        arm.move_deg([90, -45, 0, 0, 0, 10], gripper_permille=1000, speed_deg_s=10)
     (tmp_path / "motion.csv").write_text(monitored(virtual.port, 10))
     readings = plot.read_csv(tmp_path / "motion.csv")
     assert readings.joints_deg.shape == (10, 6)
     assert (np.diff(readings.time_s) > 0).all()
-    assert (np.diff(readings.joints_deg[:, 0]) >= 0).all()
-    assert readings.joints_deg[-1, 0] > readings.joints_deg[0, 0]
-    assert readings.gripper_permille.max() <= 1000
+    # A busy computer may miss an answer.
+    answered = np.isfinite(readings.latency_us)
+    joints = readings.joints_deg[answered, 0]
+    assert (np.diff(joints) >= 0).all()
+    assert joints[-1] > joints[0]
+    assert readings.gripper_permille[answered].max() <= 1000
     for option, name in ((), "joints.png"), (("--latencies",), "latencies.svg"):
         figure = tmp_path / name
         command = [sys.executable, "-m", "armwire.plot", str(tmp_path / "motion.csv"), "--save", str(figure), *option]
@@ -41,10 +44,13 @@ def test_other_csv_is_told(tmp_path: Path) -> None:
     other.write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match="no column time_s: is it of `armwire monitor --csv`"):
         plot.read_csv(other)
-    header = "time_s," + ",".join(f"joint_{joint}_rad" for joint in range(1, 7)) + ",gripper_percent\n"
-    other.write_text(header + "0,0,0,0,0,0,0,0\n0,x,0,0,0,0,0,0\n")
+    header = "time_s," + ",".join(f"joint_{joint}_rad" for joint in range(1, 7)) + ",gripper_percent,latency_us\n"
+    other.write_text(header + "0,0,0,0,0,0,0,0,0\n0,x,0,0,0,0,0,0,0\n")
     with pytest.raises(ValueError, match="line 3: could not convert"):
         plot.read_csv(other)
+    # The arm did not answer.
+    other.write_text(header + "0,0,0,0,0,0,0,0,5\n1,,,,,,,,\n")
+    assert np.isfinite(plot.read_csv(other).joints_deg[:, 0]).tolist() == [True, False]
 
 
 def test_figure_has_each_joints_values() -> None:

@@ -8,6 +8,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
+use crate::board::Board;
 use crate::cargo::{cargo, forget_our_package, target_dir};
 use crate::process::{output, run};
 use crate::vendor::served::ServedBoard;
@@ -279,7 +280,7 @@ fn check_sdist(tools: &Environment, dir: &Path) -> Result<()> {
         .env("CARGO_TARGET_DIR", dir.join("sdist-target")))
 }
 
-/// Runs the tests, the examples among them, with virtual arms, and with the firmware image on a virtual board.
+/// Runs the tests, the examples among them, with virtual arms, and with the firmware images on virtual boards.
 fn test(clean: &Environment, dir: &Path, options: &Options) -> Result<()> {
     let board = ServedBoard::start(dir)?;
     let mut pytest = clean.pytest(dir);
@@ -289,5 +290,14 @@ fn test(clean: &Environment, dir: &Path, options: &Options) -> Result<()> {
         pytest.arg("-rP").env("ARMWIRE_READS", reads.to_string());
     }
     run(&mut pytest)?;
-    board.end()
+    board.end()?;
+    let board = Board::Stm32g431;
+    let served = ServedBoard::start_board(dir, board)?;
+    let mut pytest = clean.pytest(dir);
+    pytest
+        .arg("tests/test_board.py")
+        .env("ARMWIRE_BOARD", dir)
+        .env("ARMWIRE_BOARD_NAME", board.name());
+    run(&mut pytest)?;
+    served.end()
 }

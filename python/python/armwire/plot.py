@@ -97,14 +97,14 @@ def adapter_latencies(counts: NDArray[np.int64], *, title: str = "") -> Figure:
 
 
 class Readings(NamedTuple):
-    """What is in a file of `armwire monitor --csv`, with an entry for each line."""
+    """What a file of `armwire monitor --csv` has, an entry for each line; not a number where a field is empty."""
 
     time_s: Floats
     joints_deg: Floats
     """Six a line."""
     gripper_permille: Floats
     latency_us: Floats
-    """From request to answer; not a number where the arm was not asked."""
+    """From request to answer; empty where the arm was not asked."""
 
 
 def read_csv(path: str | Path) -> Readings:
@@ -117,12 +117,13 @@ def read_csv(path: str | Path) -> Readings:
     rows: list[list[float]] = []
     with open(path, newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)
-        missing = [column for column in wanted if column not in (reader.fieldnames or [])]
+        missing = [column for column in [*wanted, "latency_us"] if column not in (reader.fieldnames or [])]
         if missing:
             raise ValueError(f"{path}: no column {missing[0]}: is it of `armwire monitor --csv`, of a Ling arm?")
         for row in reader:
             try:
-                rows.append([*(float(row[column]) for column in wanted), float(row.get("latency_us") or "nan")])
+                # A line without joints is of an arm that did not answer.
+                rows.append([float(row[column] or "nan") for column in [*wanted, "latency_us"]])
             except (TypeError, ValueError) as error:
                 raise ValueError(f"{path}, line {reader.line_num}: {error}") from error
     values = np.array(rows, dtype=np.float64).reshape(-1, len(wanted) + 1)

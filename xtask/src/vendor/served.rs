@@ -25,13 +25,22 @@ pub(crate) struct ServedBoard {
 }
 
 impl ServedBoard {
-    /// Builds the image and the board, and serves its ports in this folder, as `arm`, `bus` and `control`.
+    /// Builds the image of the usual board and the board, and serves its ports in this folder, as `arm`, `bus` and `control`.
     ///
     /// # Errors
     ///
     /// If that fails, or the ports are not there in time.
     pub(crate) fn start(dir: &Path) -> Result<Self> {
-        let image = image::build(image::Options::of(Board::default()))?;
+        Self::start_board(dir, Board::default())
+    }
+
+    /// The same with this board.
+    ///
+    /// # Errors
+    ///
+    /// As [`start`](Self::start).
+    pub(crate) fn start_board(dir: &Path, board: Board) -> Result<Self> {
+        let image = image::build(image::Options::of(board))?;
         println!("building the virtual board, about 3 minutes the first time");
         run(&mut demo::command("build"))?;
 
