@@ -66,7 +66,7 @@ impl<M: Messages + Copy, const N: usize> Arm<M, N> {
         decoder.space()[..self.reply.len()].copy_from_slice(self.reply);
     }
 
-    /// Decodes the reply that is in the decoder's space. Whether it is a frame.
+    /// Decodes the reply in the decoder's buffer. Returns true for a frame.
     #[inline]
     pub fn reply(&self, decoder: &mut Decoder<N>) -> bool {
         black_box(decoder.space());
@@ -124,7 +124,7 @@ impl<M: Messages + Copy, const N: usize> Arm<M, N> {
             .unwrap_or(0)
     }
 
-    /// Makes a whole call: the request on its way, the reply decoded and accepted. Whether it was.
+    /// Makes a call: encodes the request, decodes the reply and accepts it. Returns true if it was accepted.
     #[inline]
     pub fn call(&self, client: &mut Client<M, N>) -> bool {
         let call = |client: &mut Client<M, N>| {

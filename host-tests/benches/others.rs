@@ -1,6 +1,6 @@
-//! Other crates for frames of about the same size, each as its documentation says to use it.
+//! Other crates for frames of about the same size, each used as documented.
 //!
-//! Each module has a frame, decodes a stream of it that comes in chunks, and encodes one so often.
+//! Each module has a frame, decodes a stream of it in chunks, and encodes a given number of frames.
 
 use std::hint::black_box;
 use std::io::{self, Read};
@@ -89,7 +89,8 @@ pub(crate) mod ubx {
     }
 }
 
-/// Modbus RTU: eight registers, 21 bytes. The crate says how long a frame is and what it means; its caller keeps the bytes.
+/// Modbus RTU: eight registers, 21 bytes. The crate gives the length and the meaning of a frame; its caller keeps the
+/// bytes.
 pub(crate) mod modbus {
     use super::*;
 

@@ -48,8 +48,8 @@ fn arm<M: Messages + Copy, const N: usize>(criterion: &mut Criterion, name: &str
     measure(criterion, name, arm.reply, decode, encode);
 }
 
-/// Measures a crate by how it decodes a stream of this frame that comes in chunks, and by how it encodes so many. Both return
-/// how many frames they did.
+/// Measures a crate: the decoding of a stream of this frame in chunks, and the encoding of a number of frames. Both
+/// functions return the number of frames.
 fn measure(
     criterion: &mut Criterion,
     who: &str,

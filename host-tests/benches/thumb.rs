@@ -33,7 +33,7 @@ fn protocol<M: armwire::messages::Messages + Copy, const N: usize>(arm: &armwire
     count(&mut arm.client(), |client| arm.call(client));
 }
 
-/// Runs a case on its state. It must come to a good end, or its count means nothing.
+/// Runs a case on its state. The case must succeed for its count to be valid.
 fn count<S>(state: &mut S, case: impl FnOnce(&mut S) -> bool) {
     mark(size_of::<S>());
     let good = run(black_box(state), case);
@@ -46,7 +46,7 @@ fn run<S>(state: &mut S, case: impl FnOnce(&mut S) -> bool) -> bool {
     black_box(case(state))
 }
 
-/// A case begins or ends whose state has so many bytes. Without any, all are done.
+/// Marks the start or end of a case with this state size in bytes. Zero marks the end of all cases.
 #[unsafe(no_mangle)]
 #[inline(never)]
 extern "C" fn mark(state: usize) {

@@ -26,13 +26,13 @@ const FRAMES: usize = 2_000;
 /// Bytes after the last frame, more than any parser waits for: no frame is held back because nothing follows.
 const SILENCE: usize = 300;
 
-/// What happens to a stream.
+/// Damage to a stream.
 enum Damage {
-    /// To any byte, so often.
+    /// Random damage to any byte, at these rates.
     Line(Rates),
-    /// So many frames in a million stop somewhere, as when the arm resets.
+    /// Truncated frames per million, as by a reset of the arm.
     Cut(u32),
-    /// Before so many frames in a million comes a header and three bytes, the last of which is taken for a length.
+    /// False headers per million frames: a header and three bytes, the last of which is read as a length.
     FalseHeader(u32),
 }
 
@@ -101,7 +101,7 @@ impl SerialDevice for Mouth {
     }
 }
 
-/// What a follower answers to a host that mostly polls its joints.
+/// The answer of a follower to a host that mostly polls its joints.
 fn answer(random: &mut Rand32) -> Vec<u8> {
     let mut word = |end| random.rand_range(0..end) as u16;
     let response = match word(10) {
@@ -120,7 +120,7 @@ fn answer(random: &mut Rand32) -> Vec<u8> {
     out[..n].to_vec()
 }
 
-/// What arrives of a frame.
+/// The received bytes of a damaged frame.
 fn arrives(frame: &[u8], damage: &Damage, line: &mut Line<Mouth>, random: &mut Rand32) -> Vec<u8> {
     let mut happens = |ppm: &u32| random.rand_range(0..1_000_000) < *ppm;
     match damage {

@@ -1,23 +1,23 @@
-//! Numbers without a pattern, the same in every run with the same seed, or as a fuzzer wants them.
+//! Random numbers from a seed, or from a fuzzer's input.
 
-/// Where random choices come from.
+/// A source of random choices.
 #[derive(Clone, Debug)]
 pub enum Random {
     /// Steele and Vigna's SplitMix64, and its state.
     Seeded(u64),
-    /// The bytes that a fuzzer has chosen, in reverse. Once they are used up, each choice is the first one.
+    /// The fuzzer's bytes, in reverse. Once they are used up, each choice is the first one.
     Chosen(Vec<u8>),
 }
 
 impl Random {
-    /// The choices of the run `number` among those with this `seed`.
+    /// The choices of the run `number` with this `seed`.
     pub fn new(seed: u64, number: u32) -> Self {
         let mut random = Self::Seeded(seed);
         let start = random.any() ^ u64::from(number);
         Self::Seeded(start)
     }
 
-    /// The choices that these bytes stand for.
+    /// The choices encoded in these bytes.
     pub fn chosen(bytes: &[u8]) -> Self {
         Self::Chosen(bytes.iter().rev().copied().collect())
     }
@@ -27,26 +27,26 @@ impl Random {
         self.up_to(u64::MAX)
     }
 
-    /// One of `low` to `high`, both of them included.
+    /// A number from `low` to `high`, inclusive.
     pub fn between(&mut self, low: u64, high: u64) -> u64 {
         low + self.up_to(high - low) % (high - low + 1)
     }
 
-    /// One of these.
+    /// One of these values.
     ///
     /// # Panics
     ///
-    /// If there is none.
+    /// If `all` is empty.
     pub fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
         all[self.between(0, all.len() as u64 - 1) as usize]
     }
 
-    /// `true` so often in a hundred times.
+    /// True with this probability in percent.
     pub fn percent(&mut self, percent: u64) -> bool {
         self.between(0, 99) < percent
     }
 
-    /// Any number, of which no more is used than it takes for so many.
+    /// A number from 0 to at least `high`. A fuzzer's source uses only the bytes that `high` needs.
     fn up_to(&mut self, high: u64) -> u64 {
         match self {
             Self::Seeded(state) => {

@@ -38,7 +38,7 @@ pub(crate) fn call_all<M: Messages + Copy, const N: usize>(
     black_box(messages.unsolicited());
 }
 
-/// Lets the client hear bytes, silence and time, and does what it says.
+/// Drives the client with bytes, silence and time, and handles its events.
 pub(crate) fn drive<M: Messages, const N: usize>(client: &mut Client<M, N>) {
     let now = || black_box(Instant::ZERO);
     let mut received = [0; 300];

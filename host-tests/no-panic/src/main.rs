@@ -51,7 +51,7 @@ fn panic(_: &PanicInfo<'_>) -> ! {
     a_path_to_a_panic_is_left()
 }
 
-/// Where the linker begins to look for what is used.
+/// The root of the linker's search for used code.
 #[unsafe(no_mangle)]
 extern "C" fn _start() {
     #[cfg(feature = "ling")]

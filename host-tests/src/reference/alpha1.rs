@@ -5,7 +5,7 @@ use armwire::framing::Reason;
 
 use super::{Look, checked, length};
 
-/// Who speaks, and of which servo the single byte is expected.
+/// The sender, and the servo whose single byte is expected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Speaker {
     /// The PC.
@@ -14,9 +14,9 @@ pub enum Speaker {
     Robot(Option<u8>),
 }
 
-/// How the rest of a frame looks.
+/// The layout of the rest of a frame.
 enum Row {
-    /// So many bytes in all.
+    /// A fixed length in bytes.
     Fixed(usize),
     /// The third byte counts itself and the text after it.
     Text,
@@ -41,7 +41,8 @@ fn row(header: u8, speaker: Speaker) -> Option<Row> {
     Some(row)
 }
 
-/// What begins here. A frame's content is its header's first byte and DATA, or the single byte of a servo.
+/// The item at the start of `bytes`. The content of a frame is the first byte of its header and DATA, or the single
+/// byte of a servo.
 pub fn look(bytes: &[u8], speaker: Speaker) -> Look {
     let acknowledges = match speaker {
         Speaker::Robot(Some(id)) => bytes[0] == id.wrapping_add(0xAA),
@@ -71,10 +72,10 @@ fn single(byte: u8) -> Look {
     }
 }
 
-/// What begins with the header of a row.
+/// The item with the header of a row.
 fn look_at_row(bytes: &[u8], row: Row) -> Look {
     if bytes.len() < 3 {
-        // The third byte may tell how many follow, so no more is said than that the next is missing.
+        // The third byte may contain the length, so only one more byte is certain.
         return Look::Unfinished(1);
     }
     let third = usize::from(bytes[2]);

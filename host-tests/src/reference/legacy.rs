@@ -7,7 +7,7 @@ use super::{Look, checked, length};
 /// The most data bytes that the vendor's drivers take.
 const MAX_DATA: usize = 59;
 
-/// What begins here. A frame's content is its command and its data.
+/// The item at the start of `bytes`. The content of a frame is its command and its data.
 pub fn look(bytes: &[u8]) -> Look {
     if bytes[0] != 0xAA {
         return Look::Nothing(Reason::Stray);

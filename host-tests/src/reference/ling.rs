@@ -7,7 +7,7 @@ use super::{Look, checked, length};
 /// The most data bytes that armwire takes; the document sets no limit.
 const MAX_DATA: usize = 64;
 
-/// What begins here. A frame's content is its command, its function and its data.
+/// The item at the start of `bytes`. The content of a frame is its command, its function and its data.
 pub fn look(bytes: &[u8]) -> Look {
     if bytes[0] != 0xAA {
         return Look::Nothing(Reason::Stray);

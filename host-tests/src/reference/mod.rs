@@ -24,10 +24,10 @@ use std::ops::Range;
 
 use armwire::framing::Reason;
 
-/// What begins at the first of some bytes, of which there is at least one.
+/// The item at the start of a non-empty sequence of bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// A frame of so many bytes, and what it carries.
+    /// A frame, with its length in bytes and its content.
     Frame {
         /// Bytes on the wire.
         len: usize,
@@ -38,7 +38,7 @@ pub enum Look {
     Filling,
     /// No frame, and why.
     Nothing(Reason),
-    /// What may be a frame, but the recording ends so many bytes before its end or before its length.
+    /// A possible frame: this number of bytes is missing up to its end or its length.
     Unfinished(usize),
 }
 
@@ -47,14 +47,14 @@ pub enum Look {
 pub enum Piece {
     /// A frame.
     Frame {
-        /// Where it is.
+        /// The position of the frame.
         at: Range<usize>,
-        /// What it carries, as in [`Look::Frame`].
+        /// The content, as in [`Look::Frame`].
         content: Vec<u8>,
     },
     /// Bytes of no frame.
     Noise {
-        /// Where they are.
+        /// The position of the bytes.
         at: Range<usize>,
         /// Why they are of no frame.
         reason: Reason,
@@ -121,8 +121,8 @@ fn length(min: usize, max: usize, got: usize) -> Reason {
     Reason::Length { min, max, got }
 }
 
-/// What begins with a frame's header, if the frame has `len` bytes: the last is the end mark, and the one before it is
-/// `sum` of all but the first `uncovered`, which are what it gives.
+/// The item with a frame's header, if the frame has `len` bytes: the last byte is the end mark, and the byte before it
+/// is `sum` of all bytes but the first `uncovered`. These are the parameters of the protocol.
 fn checked(bytes: &[u8], len: usize, uncovered: usize, sum: fn(&[u8]) -> u8, mark: u8) -> Result<Vec<u8>, Look> {
     if bytes.len() < len {
         return Err(Look::Unfinished(len - bytes.len()));

@@ -1,5 +1,5 @@
-//! xArm frames, by the vendor's page: transaction id, protocol id and length, each two bytes and big-endian, then as many
-//! bytes as the length says.
+//! xArm frames, by the vendor's page: transaction id, protocol id and length, each two bytes and big-endian, then the
+//! number of bytes given by the length.
 
 use armwire::framing::Reason;
 
@@ -8,7 +8,7 @@ use super::{Piece, length};
 /// The longest body that armwire takes: that of Modbus TCP.
 const MAX_BODY: usize = 254;
 
-/// Who speaks.
+/// The sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Speaker {
     /// The host.
@@ -17,8 +17,8 @@ pub enum Speaker {
     Arm,
 }
 
-/// The pieces of all that came over a connection. Bytes with another protocol id are the last piece: they break the
-/// connection. Of a frame, or of what is skipped as one, nothing is said before it is complete.
+/// The pieces of all bytes of a connection. Bytes with another protocol id are the last piece: they break the
+/// connection. An incomplete frame, or incomplete skipped bytes, give no piece.
 ///
 /// A frame's content is its transaction id, its protocol id and its body.
 pub fn decode(recording: &[u8], speaker: Speaker) -> Vec<Piece> {
@@ -49,8 +49,8 @@ pub fn decode(recording: &[u8], speaker: Speaker) -> Vec<Piece> {
     pieces
 }
 
-/// How long the frame at the front of `bytes` is, or how long what is none and why: less than a header where that breaks
-/// the connection. Nothing if there are too few bytes.
+/// The length of the frame at the start of `bytes`, or the length of invalid bytes with the reason: less than a header
+/// if they break the connection. `None` if there are too few bytes.
 fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>> {
     // A protocol id is at most 3, so its first byte is 0.
     for (offset, expected) in [(2_u8, &[0][..]), (3, &[0, 1, 2, 3][..])] {

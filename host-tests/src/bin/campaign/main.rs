@@ -13,12 +13,12 @@ use clap::Parser;
 
 use crate::options::Options;
 
-/// Where the table is kept, and between which lines.
+/// The document with the table, and the lines around it.
 const DOC: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/faults.md");
 const BEGIN: &str = "<!-- campaign: begin -->\n";
 const END: &str = "<!-- campaign: end -->\n";
 
-/// After how many runs it says how far it is.
+/// Number of runs between progress messages.
 const PROGRESS: u32 = 500;
 
 fn main() -> ExitCode {
@@ -34,7 +34,7 @@ fn main() -> ExitCode {
 
 /// Runs it, and returns whether all was as it must be.
 fn campaign(options: &Options) -> Result<bool, String> {
-    // What a run panics with is said with its number.
+    // The message of a panic is printed with the number of its run.
     panic::set_hook(Box::new(|_| {}));
     let began = Instant::now();
     let numbers: Vec<u32> = options.only.map_or_else(
@@ -48,7 +48,7 @@ fn campaign(options: &Options) -> Result<bool, String> {
         if done.is_multiple_of(PROGRESS) {
             println!("{done} runs of {} in {:.0?}", numbers.len(), began.elapsed());
         }
-        // Whoever waits for long wants to see it at once.
+        // Progress must appear without delay.
         let _ = io::stdout().flush();
     });
     let table = Table::of(&outcomes);

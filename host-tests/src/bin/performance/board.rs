@@ -12,7 +12,7 @@ use crate::elf::{Elf, PAINT, used, words};
 /// A chip with its image, and how its core's time is counted.
 pub(crate) struct Board {
     pub(crate) chip: Chip,
-    /// Whether an instruction takes the cycles that it takes a Cortex-M4 with the chip's flash, rather than one.
+    /// True for the cycles of a Cortex-M4 with the chip's flash, false for one cycle per instruction.
     pub(crate) exact: bool,
     pub(crate) limits: Limits,
     path: PathBuf,

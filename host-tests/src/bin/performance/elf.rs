@@ -8,7 +8,7 @@ use object::{Object, ObjectSegment, ObjectSymbol};
 
 use crate::Result;
 
-/// Where flash and RAM begin on all chips.
+/// Start of flash and RAM, on all chips.
 pub(crate) const FLASH: u32 = 0x0800_0000;
 pub(crate) const RAM: u32 = 0x2000_0000;
 

@@ -1,7 +1,7 @@
 //! The time that the adapter adds to a call while USB, CAN and its own poll are busy, and its stack meanwhile.
 //!
-//! Everybody asks a [`TicketArm`] for its joints. Its answers tell how many it gave before, so that each request and each answer
-//! of a host is known on the line.
+//! All hosts request the joints of a [`TicketArm`]. Its answers contain the number of earlier answers, which identifies
+//! each request and each answer of a host on the line.
 //!
 //! A span that the adapter adds begins when the adapter could act: when what it must pass on was there, and what it must pass
 //! it on to was free of what went before. The time before that is not counted.
@@ -22,7 +22,7 @@ use crate::board::Board;
 
 /// The time for which the arm thinks.
 const TURNAROUND: Duration = Duration::from_micros(100);
-/// The adapter's own polls in a second, each told of by cyclic frames.
+/// The adapter's polls per second, each reported in cyclic frames.
 const POLL_HZ: u16 = 200;
 /// Bits per second on the bus.
 const BUS_RATE: u32 = 1_000_000;
@@ -41,7 +41,7 @@ const PAUSES: [u64; 3] = [1_700_000, 1_300_000, 1_900_000];
 /// The ways through the adapter, in the order of [`Latency::ways`].
 pub(crate) const WAYS: [&str; 4] = ["answer to USB", "request from USB", "answer to CAN", "request from CAN"];
 
-/// What was measured.
+/// Measured latencies.
 pub(crate) struct Latency {
     pub(crate) ways: [Spans; WAYS.len()],
     /// The delays of all stamps after the earliest, in microseconds: the adapter's clock does not begin with that of the line.
@@ -85,15 +85,15 @@ impl Spans {
     }
 }
 
-/// What the hosts were told: how many answers the arm gave before each answer that came by CAN; and the same of each answer
-/// that the subscriber was told of, with its stamp.
+/// Records of the hosts: the number of earlier answers in each answer on CAN, and in each answer reported to the
+/// subscriber, with its stamp.
 #[derive(Default)]
 struct Observed {
     by_can: Vec<usize>,
     stamps: Vec<(usize, u64)>,
 }
 
-/// Lets everybody work until the arm has answered so often.
+/// Runs all hosts until the arm has given this number of answers.
 pub(crate) fn measure(board: &Board, answers: u32) -> Latency {
     board.run(TicketArm::new(TURNAROUND), MEGABAUD, |virtual_board| {
         let observed = work(virtual_board, answers);
@@ -111,8 +111,8 @@ pub(crate) fn measure(board: &Board, answers: u32) -> Latency {
     })
 }
 
-/// Lets a host on USB and one on CAN ask, a program subscribe to every frame, and another node send, until the arm has
-/// answered so often; and then gets the answers that are still to come.
+/// Runs a host on USB, a host on CAN, a subscriber to every frame, and another sending node, until the arm has given
+/// this number of answers and the last have arrived.
 fn work(board: &mut VirtualBoard<TicketArm>, answers: u32) -> Observed {
     board.can().attach(BUS_RATE);
     board.uart().forget_bytes();
@@ -173,10 +173,10 @@ fn work(board: &mut VirtualBoard<TicketArm>, answers: u32) -> Observed {
 
 /// A request on the line and its answer.
 struct Exchange {
-    /// When the request's first start bit began, and its last stop bit ended.
+    /// Start of the request's first start bit, and end of its last stop bit.
     start: Nanos,
     requested: Nanos,
-    /// When the answer's last stop bit ended.
+    /// End of the answer's last stop bit.
     end: Nanos,
 }
 
@@ -228,8 +228,8 @@ fn usb_ways(board: &mut VirtualBoard<TicketArm>, exchanges: &[Exchange]) -> [Spa
 fn can_ways(frames: &[BusFrame], numbers: &[usize], exchanges: &[Exchange]) -> [Spans; 2] {
     // ISO 15765-2: a request is a single frame, an answer begins with a first frame.
     let is = |seen: &BusFrame, function: Function, kind: u8| {
-        assert_eq!(seen.outcome, Outcome::Sent, "nobody disturbs the bus");
-        let frame = seen.frame.as_ref().expect("nobody sends others");
+        assert_eq!(seen.outcome, Outcome::Sent, "the bus has no faults");
+        let frame = seen.frame.as_ref().expect("a frame with an 11-bit identifier");
         frame.id() == function.id(Node::default()) && frame.data().first().is_some_and(|pci| pci >> 4 == kind)
     };
     let (ours, others): (Vec<&BusFrame>, Vec<&BusFrame>) = frames.iter().partition(|seen| seen.sender == Sender::Board);
@@ -247,8 +247,8 @@ fn can_ways(frames: &[BusFrame], numbers: &[usize], exchanges: &[Exchange]) -> [
     [requests(&there, numbers, exchanges), Spans::new(answers)]
 }
 
-/// The requests of one host on their way to the line. It is free of another's exchange at the end of the answer, and of one
-/// of its own at the end of the request: a host may ask on.
+/// The requests of one host on their way to the line. The line is free again after the answer in an exchange of another
+/// host, and after the request in an own exchange: a host may send further requests.
 fn requests(there: &[Nanos], numbers: &[usize], exchanges: &[Exchange]) -> Spans {
     assert_eq!(there.len(), numbers.len());
     Spans::new(there.iter().zip(numbers).enumerate().map(|(nth, (there, &number))| {
@@ -259,7 +259,7 @@ fn requests(there: &[Nanos], numbers: &[usize], exchanges: &[Exchange]) -> Spans
     }))
 }
 
-/// When there was room in the mailboxes again after all of them were full. Each frame: when it was requested, when it ended.
+/// Times at which a full set of mailboxes had room again. Each frame: time of the request, time of its end.
 fn rooms(frames: &[(Nanos, Nanos)]) -> Vec<Nanos> {
     // Frames are in the order in which they ended: at the end of the n-th, those that had been requested and end later are
     // still there.
@@ -287,7 +287,7 @@ fn delays(stamps: &[(usize, u64)], exchanges: &[Exchange]) -> Vec<u64> {
     stamps.iter().map(|stamp| (ahead(stamp) - least) as u64).collect()
 }
 
-/// How many answers the arm gave before this one.
+/// The number of answers before this one.
 fn number_of(answer: &[u8]) -> usize {
     let [0xAA, 0x06, 0x00, _, a, b, c, d, e, f, ..] = *answer else {
         panic!("no answer with joints: {answer:02X?}");

@@ -11,7 +11,7 @@ use crate::latency::{Latency, WAYS};
 use crate::scenes::{Figures, Scene};
 use crate::{Measured, Result};
 
-/// Crates of `host-tests/benches`, and what is timed of each, so many frames at once.
+/// Crates of `host-tests/benches`, and the timed operations of each, with the number of frames per operation.
 const CRATES: [&str; 7] = ["Ling", "xArm", "Alpha1", "mavlink", "ublox", "rmodbus", "postcard"];
 const TIMED: [&str; 3] = ["chunks", "bytes", "encode"];
 const FRAMES: f64 = 1000.0;

@@ -27,7 +27,7 @@ const COLOURS: [RGBColor; 4] = [
     RGBColor(204, 121, 167),
 ];
 
-/// Shares of passages down to this one are drawn, in so many steps.
+/// Smallest share in the plots, and number of steps down to it.
 const LEAST: f64 = 1e-4;
 const STEPS: u32 = 400;
 

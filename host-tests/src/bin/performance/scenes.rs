@@ -1,5 +1,4 @@
-//! How much of its time the core works, what passes through the adapter beside what the wires allow, and how fast the virtual
-//! board is meanwhile.
+//! Load of the core, throughput of the adapter compared to the wires' limit, and speed of the virtual board.
 
 use std::time::Instant;
 
@@ -35,7 +34,7 @@ const GLANCE: Nanos = Nanos::from_millis(10);
 pub(crate) enum Scene {
     /// The serial port is open, and nothing is sent.
     Idle,
-    /// The adapter polls the arm at 200 Hz, and sends its state on the bus.
+    /// The adapter polls the arm at the maximum rate. The arm has this turnaround.
     Polled,
     /// The adapter polls the arm as fast as the line allows. The arm thinks so long before each answer.
     Fastest(Duration),
@@ -72,7 +71,7 @@ impl Scene {
     }
 }
 
-/// What was measured in a scene.
+/// Measurements of a scene.
 pub(crate) struct Figures {
     /// `None` if the scene does not fill a wire.
     pub(crate) rate: Option<Rate>,
