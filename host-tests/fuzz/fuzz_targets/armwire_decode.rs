@@ -13,7 +13,7 @@ fuzz_target!(|input: &[u8]| {
     let from = [None, Some(Speaker::Host), Some(Speaker::Arm)][usize::from(kind / 3 % 3)];
     match decode(recording, arm, from) {
         Ok(lines) => check(&lines),
-        // It may quote the input, which has no line end in a line.
+        // The error may quote the input, which has no line end within a line.
         Err(error) => assert!(!error.is_empty()),
     }
 });
@@ -31,7 +31,7 @@ fn check(lines: &[String]) {
         ]
         .map(|what| count(sum, what));
         assert_eq!(lines.len() - 1, pdus + lost);
-        // One frame may end one PDU and begin another.
+        // A frame may end one PDU and begin another.
         assert!(pdus + lost <= 3 * frames && cyclic + others <= frames);
         return;
     }
@@ -50,7 +50,7 @@ fn check(lines: &[String]) {
     assert_eq!(shown + noise + filling + unread, bytes);
 }
 
-/// The number behind `what`, 0 where that is not said.
+/// The number behind `what`, 0 if absent.
 fn count(sum: &str, what: &str) -> usize {
     let Some((_, rest)) = sum.split_once(what) else {
         return 0;
@@ -59,7 +59,7 @@ fn count(sum: &str, what: &str) -> usize {
     number.parse().expect("a number")
 }
 
-/// Where the bytes of a line are, how many, and whether they are noise. `None` of a line without bytes.
+/// Position and length of the bytes of a line, and true for noise. `None` for a line without bytes.
 fn entry(line: &str) -> Option<(usize, usize, bool)> {
     let (bytes, meaning) = line.split_once("\n          ")?;
     let mut words = bytes.split_whitespace();

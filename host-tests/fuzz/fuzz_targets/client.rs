@@ -18,7 +18,7 @@ fuzz_target!(|input: &[u8]| check::<Talks>(input));
 enum Step<'a> {
     Submit,
     Cancel,
-    /// So many bytes of what there is to transmit go out; the last of them too if there are not so many.
+    /// Up to this number of bytes is transmitted.
     Transmit(u8),
     TransmitAll,
     Bytes(&'a [u8]),
@@ -66,7 +66,7 @@ impl Check for Talks {
 struct Flight<P: Subject> {
     bytes: Vec<u8>,
     info: InfoOf<P>,
-    /// How often all of it went out, and when it last did.
+    /// Number of complete transmissions, and the time of the last.
     sends: u8,
     sent: Instant,
 }
@@ -84,7 +84,7 @@ struct Model<P: Subject> {
     protocol: P,
     config: Config,
     flight: Option<Flight<P>>,
-    /// What is going out, how much of it has, and whether it is for the request that is in flight.
+    /// The bytes in transmission, the number already sent, and true if they belong to the request in flight.
     line: Vec<u8>,
     out: usize,
     of_flight: bool,
@@ -222,7 +222,8 @@ impl<P: Subject, const N: usize> World<P, N> {
 }
 
 impl<P: Subject> Model<P> {
-    /// The request in flight is over. What was begun of it goes out whole, and so does a repeat that was answered meanwhile.
+    /// The request in flight has ended. A partly sent request is completed, also a repeat whose answer arrived
+    /// meanwhile.
     fn over(&mut self) -> Option<Flight<P>> {
         if self.of_flight && self.out == 0 {
             self.line.clear();
@@ -231,11 +232,11 @@ impl<P: Subject> Model<P> {
         self.flight.take()
     }
 
-    /// The line takes so many of these bytes.
+    /// The line takes `n` of these bytes.
     fn transmitted(&mut self, bytes: &[u8], n: usize, now: Instant) {
         assert!(!self.broken, "something is sent on a broken line");
         if self.line.is_empty() {
-            let flight = self.flight.as_ref().expect("something is sent that nobody asked for");
+            let flight = self.flight.as_ref().expect("something is sent without a request");
             self.line.clone_from(&flight.bytes);
             self.of_flight = true;
         }
@@ -260,24 +261,24 @@ impl<P: Subject> Model<P> {
     fn place(&mut self, event: Event<'_, P::Response<'_>>, now: Instant) {
         match event {
             Event::Answer(response) => {
-                let flight = self.over().expect("nothing was asked");
+                let flight = self.over().expect("no request is in flight");
                 let (to, expect) = (Some(flight.info.key), flight.info.expect);
                 let bytes = response_bytes(self.protocol, &AnyResponse { response, to, expect });
                 assert!(self.protocol.is_response_to(flight.info.key, &bytes));
                 assert!(flight.sends > 0, "answered before it was sent");
             }
             Event::Unacceptable(error) => {
-                let flight = self.over().expect("nothing was asked");
+                let flight = self.over().expect("no request is in flight");
                 assert!(flight.info.response.is_some(), "it is not answered");
                 assert!(flight.sends > 0, "answered before it was sent");
                 assert!(!error.to_string().is_empty());
             }
             Event::Sent => {
-                let flight = self.over().expect("nothing was asked");
+                let flight = self.over().expect("no request is in flight");
                 assert_eq!((flight.info.response, flight.sends), (None, 1));
             }
             Event::TimedOut { sends } => {
-                let flight = self.over().expect("nothing was asked");
+                let flight = self.over().expect("no request is in flight");
                 let response = flight.info.response.expect("it is not answered");
                 assert_eq!(sends, flight.sends);
                 let most = if flight.info.effect == Effect::Read {

@@ -1,5 +1,5 @@
-//! Whatever is in flash, what is loaded is a configuration that an adapter can have, or none. What was saved is loaded;
-//! when the power went in the middle of it, that or what was there before.
+//! With any flash content, the store loads a valid configuration or none. It loads the saved configuration; after a
+//! loss of power during the save, the new or the previous one.
 #![no_main]
 
 use core::future::Future;
@@ -29,14 +29,14 @@ const SIZE: usize = 2 * PAGE;
 enum Step<'a> {
     Save,
     Reset,
-    /// The power goes after so many words are written or eighths of a page erased: in the middle of the next, of which
-    /// these bits are as they will be.
+    /// The power fails after this number of words written or eighths of a page erased, in the middle of the next one,
+    /// of which these bits already have their new value.
     PowerGoes {
         after: u8,
         bits: u8,
         saves: bool,
     },
-    /// Something else writes to flash: then no more is said than that what is loaded is possible.
+    /// Another writer changes the flash. The loaded configuration must still be valid.
     Spoil {
         at: u16,
         bytes: &'a [u8],
@@ -47,7 +47,7 @@ enum Step<'a> {
 #[derive(Debug)]
 struct Flash {
     bytes: [u8; SIZE],
-    /// How many more steps there is power for, and which bits change in the one after them.
+    /// Number of steps until the power fails, and the bits changed in the step after them.
     power: Option<(u8, u8)>,
 }
 
@@ -116,7 +116,7 @@ impl NorFlash for &mut Flash {
     }
 }
 
-/// What it comes to: flash of this kind never has to be waited for.
+/// The result of the future: this flash never has to be waited for.
 fn now<T>(future: impl Future<Output = T>) -> T {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => value,
@@ -144,7 +144,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         Ok(_) => assert!(end as usize >= SIZE && (end as usize).is_multiple_of(PAGE)),
         Err(error) => assert!(!error.to_string().is_empty()),
     }
-    // What is in flash, as long as only the store has written to it, and something was saved or nothing tried.
+    // The content of the flash, as long as only the store has written to it, and a save succeeded or none was tried.
     let mut kept = Some(Saved::Nothing);
     let mut is_first = true;
     while !u.is_empty() {
@@ -191,7 +191,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     Ok(())
 }
 
-/// What is loaded after this was saved; `None` of a configuration that no adapter can have.
+/// The loaded result after a save of this configuration; `None` for an invalid configuration.
 fn saved_as(config: Option<Config>) -> Option<Saved> {
     match config {
         Some(config) => config.check().is_ok().then_some(Saved::Config(config)),
@@ -207,7 +207,7 @@ fn write(flash: &mut Flash, config: Option<Config>) -> core::result::Result<(), 
     }
 }
 
-/// Saves, or resets, and says what is then in flash.
+/// Saves or resets. Returns the content of the flash.
 fn save(flash: &mut Flash, config: Option<Config>, kept: Option<Saved>) -> Saved {
     let before = load(flash);
     let new = saved_as(config);

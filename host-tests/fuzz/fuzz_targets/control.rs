@@ -27,9 +27,9 @@ enum Step<'a> {
     Request,
     /// Bytes that may be anything, and the zero that ends them.
     Garbage(&'a [u8]),
-    /// The host takes so many packets.
+    /// The host reads this number of packets.
     Take(u8),
-    /// What it was told to do, firmware has done, or not.
+    /// The firmware has done its action, or failed to.
     Act {
         done: bool,
     },
@@ -39,10 +39,10 @@ enum Step<'a> {
 struct Host {
     bridge: Bridge,
     now: Instant,
-    /// What it still has to say, in packets of so many bytes.
+    /// Unsent bytes, in packets of this number of bytes.
     out: Vec<u8>,
     packet: usize,
-    /// What it has asked, as far as that is whole, and what was answered.
+    /// Complete requests, and their answers.
     requests: Vec<core::result::Result<FromHost, Malformed>>,
     replies: Vec<(u8, Reply)>,
     reader: Reader<MAX_MESSAGE>,
@@ -120,7 +120,7 @@ impl Host {
             match self.reader.next() {
                 Some(Ok(FromAdapter::Reply { sequence, reply })) => self.replies.push((sequence, reply)),
                 Some(Ok(FromAdapter::Event { at, .. })) => assert!(at.0 <= self.now.as_micros()),
-                Some(Err(error)) => panic!("the adapter said what nobody reads: {error}"),
+                Some(Err(error)) => panic!("invalid bytes from the adapter: {error}"),
                 None => {}
             }
         }
@@ -146,7 +146,7 @@ impl Host {
         }
     }
 
-    /// The host takes all there is, firmware does all it is told, and the arm says nothing: all is answered.
+    /// The host reads all packets, the firmware does all actions, and the arm is silent: each request is answered.
     fn end(mut self) {
         for _ in 0..4 * self.requests.len() + 20 {
             self.give();
@@ -163,7 +163,7 @@ impl Host {
             let fits = |message: &_| sequence(message) == *of && answers(message, reply);
             assert!(
                 self.requests.iter().any(fits),
-                "{reply:?} answers nothing that was asked as {of}"
+                "{reply:?} answers no request with number {of}"
             );
         }
         let counters = self.bridge.counters();
@@ -205,7 +205,7 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -
     }
 }
 
-/// What bytes that end with a zero mean: COBS and then a message, read all at once.
+/// The message in bytes that end with a zero: COBS, read all at once.
 fn read(segment: &[u8]) -> core::result::Result<FromHost, Malformed> {
     let mut message = Vec::new();
     let mut rest = segment;
@@ -232,7 +232,7 @@ fn read(segment: &[u8]) -> core::result::Result<FromHost, Malformed> {
     decode(&message)
 }
 
-/// What is read of any bytes is written as bytes that are read the same.
+/// A message read from any bytes survives a write and a read.
 fn check_codec(bytes: &[u8]) {
     if let Ok(message) = decode::<FromAdapter>(bytes) {
         let mut out = [0; MAX_MESSAGE];

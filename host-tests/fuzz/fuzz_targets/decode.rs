@@ -10,7 +10,7 @@ use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| check::<Decode>(input));
 
-/// Ling's self-check has a byte of data and says that it has none. One that says so is read too, and means the same.
+/// Ling's self-check has a data byte, and length 0. A frame with length 1 is read too, with the same meaning.
 const SELF_CHECK: [u8; 7] = [0xAA, 0xFE, 0x00, 0x00, 0xFE, 0x93, 0xFF];
 const SELF_CHECK_WITH_LENGTH: [u8; 7] = [0xAA, 0xFE, 0x00, 0x01, 0xFE, 0xD2, 0xFF];
 

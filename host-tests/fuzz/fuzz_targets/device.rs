@@ -1,5 +1,5 @@
-//! A device hears what a decoder finds, as requests, in any chunks, and takes all of its input; what it says is what the
-//! protocol writes.
+//! A device receives the frames of a decoder, as requests, in any chunks, and consumes all of its input. Its answers
+//! are the encodings of the protocol.
 #![no_main]
 
 use core::fmt::Debug;
@@ -21,7 +21,7 @@ enum Step<'a> {
     Respond,
 }
 
-/// What was heard, and where on the line if it was no frame.
+/// A received item, with its position on the line if it is no frame.
 #[derive(Debug, PartialEq)]
 enum Received {
     Frame(String),
@@ -106,7 +106,7 @@ fn frame(what: impl Debug, key: impl Debug) -> Received {
     Received::Frame(format!("{what:?} {key:?}"))
 }
 
-/// What a device must make of what a decoder found.
+/// The expected item of a device for an item of a decoder.
 fn meaning<P: Subject>(protocol: P, out: &Out, line: &[u8]) -> Option<Received> {
     let bytes = &line[out.range.clone()];
     let key = protocol.request(bytes).map(|info| info.key);
@@ -116,7 +116,7 @@ fn meaning<P: Subject>(protocol: P, out: &Out, line: &[u8]) -> Option<Received> 
             Err(error) => frame((bytes, error), key),
         },
         Kind::Noise(_) => Received::Rest(out.range.clone(), out.kind),
-        // It is told once.
+        // The error is reported once.
         Kind::Broken(_) => Received::Rest(out.range.start..out.range.start, out.kind),
         Kind::Padding => return None,
     })

@@ -14,7 +14,7 @@ fuzz_target!(|input: &[u8]| {
     let mut u = Unstructured::new(input);
     let mut steps = Vec::new();
     while !u.is_empty() {
-        // What is left may be too short for one more.
+        // The rest may be too short for another step.
         let Ok(step) = any_step(&mut u) else { break };
         steps.push(step);
     }

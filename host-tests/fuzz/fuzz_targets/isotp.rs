@@ -37,7 +37,7 @@ enum Step<'a> {
     },
     Wait(u16),
     WaitUntilDue,
-    /// What no endpoint has sent comes all the same.
+    /// A frame that no endpoint sent.
     Foreign {
         at: bool,
         frame: &'a [u8],
@@ -45,8 +45,8 @@ enum Step<'a> {
     BusOff,
 }
 
-/// What becomes of a frame. A CAN bus has checksums, keeps frames in order, and repeats one whose acknowledgement went
-/// wrong.
+/// The fate of a frame. A CAN bus has checksums, keeps frames in order, and repeats a frame whose acknowledgement
+/// failed.
 #[derive(Arbitrary, PartialEq)]
 enum Fate {
     Arrives,
@@ -62,7 +62,7 @@ fn any_end(u: &mut Unstructured<'_>, id: u16) -> Result<End> {
     Ok(End::new(config))
 }
 
-/// One side: its end, what it has sent, and how many of the other side's PDUs came up to the last that was received.
+/// One side: its endpoint, its sent PDUs, and the number of the other side's PDUs up to the last received.
 struct Side {
     end: End,
     sent: Vec<Vec<u8>>,
@@ -74,7 +74,7 @@ struct Bus {
     now: Instant,
     /// Nothing was lost so far, and nothing else went wrong.
     flawless: bool,
-    /// Something came that nobody sent.
+    /// A frame arrived that no endpoint sent.
     foreign: bool,
 }
 
@@ -131,7 +131,7 @@ impl Bus {
         match side.end.send(&pdu) {
             Ok(()) => {
                 assert!(!busy && (1..=TX).contains(&len));
-                // One that there is no room for at the other end is refused there.
+                // The receiver refuses a PDU without room for it.
                 self.flawless &= len <= RX && side.sent.len() < 200;
                 side.sent.push(pdu);
             }
@@ -147,7 +147,7 @@ impl Bus {
         }
     }
 
-    /// Moves a frame over the bus, and says whether there was one.
+    /// Moves a frame over the bus. Returns true if there was one.
     fn transmit(&mut self, from: usize, fate: Fate) -> bool {
         let now = self.now;
         let end = &mut self.sides[from].end;

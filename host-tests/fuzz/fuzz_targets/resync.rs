@@ -24,7 +24,7 @@ impl Check for Resync {
                 let len = usize::from(u.arbitrary::<u8>()? % 32);
                 line.extend(u.bytes(len.min(u.len()))?);
             }
-            // What is left may be too short for one more.
+            // The rest may be too short for another frame.
             let Ok(frame) = protocol.any_frame(u, expect) else {
                 break;
             };
@@ -52,7 +52,7 @@ impl Check for Resync {
     }
 }
 
-/// Where a frame is.
+/// The position of a frame.
 fn frame(piece: &Piece) -> Option<Range<usize>> {
     match piece {
         Piece::Frame { at, .. } => Some(at.clone()),

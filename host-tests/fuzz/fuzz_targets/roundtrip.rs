@@ -1,5 +1,5 @@
-//! Whatever can be said is read as it was meant: every message of every protocol, those of the control port, and the
-//! cyclic frames on CAN; and a buffer a byte too short for it is refused.
+//! Every message survives an encode and a decode: those of every protocol, of the control port, and the cyclic frames
+//! on CAN. A buffer one byte too short is refused.
 #![no_main]
 
 use core::time::Duration;
@@ -32,7 +32,7 @@ use libfuzzer_sys::fuzz_target;
 fuzz_target!(|input: &[u8]| {
     let mut u = Unstructured::new(input);
     while !u.is_empty() {
-        // What is left may be too short for one more.
+        // The rest may be too short for another message.
         let Ok(()) = one(&mut u) else { return };
     }
 });
@@ -266,7 +266,7 @@ fn values(u: &mut Unstructured<'_>) -> Result<()> {
     Ok(())
 }
 
-/// What is shown to people, and the values that protocols keep as they came.
+/// Displayed texts, and the values that protocols keep unchanged.
 fn texts(u: &mut Unstructured<'_>) -> Result<()> {
     let bytes: &[u8] = u.arbitrary()?;
     if let Ok(text) = Text::new(bytes) {

@@ -1,5 +1,5 @@
-//! A line means the same whatever came before it, what was read is written as a line that is read the same, and the
-//! adapter answers each line once, sends frames only while its channel is open, and tells of those that it heard.
+//! A line has the same meaning after any earlier input; a line survives a read and a write; and the adapter answers
+//! each line once, sends frames only while its channel is open, and reports received frames.
 #![no_main]
 
 use armwire_bridge::{Duration, Instant};
@@ -148,7 +148,7 @@ fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Reads what the adapter says: frames are those that it heard, in order.
+/// Reads the adapter's output: the received frames, in order.
 fn read(adapter: &mut Adapter, reader: &mut Replies, heard: &[Frame], told: &mut usize, answers: &mut usize) {
     for byte in adapter.output().drain(..) {
         match reader.push(byte) {
@@ -163,13 +163,13 @@ fn read(adapter: &mut Adapter, reader: &mut Replies, heard: &[Frame], told: &mut
                 }
                 *answers += 1;
             }
-            Some(Err(error)) => panic!("the adapter said what nobody reads: {error}"),
+            Some(Err(error)) => panic!("invalid bytes from the adapter: {error}"),
             None => {}
         }
     }
 }
 
-/// Gives bytes of a program, and says how many lines they ended.
+/// Passes on bytes of a program. Returns the number of completed lines.
 fn program(adapter: &mut Adapter, bytes: &[u8], room: bool) -> usize {
     for byte in bytes {
         let open = adapter.bit_rate().is_some() && !adapter.is_listening();

@@ -1,5 +1,5 @@
-//! However a line is cut into chunks, the same comes out: in chunks, in chunks that are read into the decoder's room, byte by byte, and
-//! in such pieces as a receiver takes that is told how many bytes are needed.
+//! Any division of a line into chunks has the same result: chunks, chunks read into the decoder's buffer, single bytes,
+//! and pieces of the receive threshold.
 #![no_main]
 
 use armwire::decoder::{Decoder, Kind};

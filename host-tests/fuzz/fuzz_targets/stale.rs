@@ -33,16 +33,16 @@ enum Step {
     Cancel,
     Wait(u16),
     WaitUntilDue,
-    /// So many bytes of what there is to transmit go out, and what the arm then makes of the request, if it is whole.
+    /// Up to this number of bytes is transmitted; and the arm's behaviour if the request is complete.
     Transmit(u8, Manner),
 }
 
-/// What becomes of an answer.
+/// The fate of an answer.
 #[derive(Arbitrary)]
 enum Manner {
-    /// It comes after so many 65536ths of the time that it may take at most.
+    /// The answer arrives after this number of 65536ths of its time limit.
     After(u16),
-    /// In two pieces, the first so many microseconds before the second.
+    /// The answer arrives in two pieces, the first this number of microseconds before the second.
     InTwo(u16, u8),
     Damaged(u16),
     Lost,
@@ -76,11 +76,11 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     };
     let mut client = Client::<Ling, MAX_FRAME>::new(Ling, config);
     let mut now = Instant::ZERO;
-    // The request in flight and the one of which some is out, each with its tag. What was begun goes out whole.
+    // The request in flight and the partly sent one, each with its tag. A partly sent request is completed.
     let mut flight: Option<(Request, u8)> = None;
     let mut going = None;
     let mut tags = 0..u8::MAX;
-    // What the arm says, and when.
+    // Bytes of the arm, with their times.
     let mut voice: Vec<(Instant, Vec<u8>)> = Vec::new();
     while !u.is_empty() {
         match u.arbitrary()? {
@@ -118,7 +118,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                 }
             }
         }
-        // What came before now is handed in before anything goes out.
+        // Bytes received before now are passed on before a transmission.
         while voice.first().is_some_and(|(at, _)| *at <= now) {
             let (_, bytes) = voice.remove(0);
             on_bytes(&mut client, now, &bytes, &mut flight);
@@ -131,7 +131,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
 
 /// Whatever was before: once it is over, the next request is answered.
 fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Instant) {
-    // The request that was begun goes out, and nobody answers any more.
+    // The partly sent request is completed, and not answered.
     client.cancel();
     let mut flight = None;
     while let Output::Transmit(bytes) = client.poll(now) {
@@ -166,7 +166,7 @@ fn on_bytes(client: &mut Client<Ling, MAX_FRAME>, now: Instant, bytes: &[u8], fl
         while let Output::Event(event) = client.poll(now) {
             match event {
                 Event::Answer(response) => {
-                    let (request, tag) = flight.take().expect("nothing was asked");
+                    let (request, tag) = flight.take().expect("no request is in flight");
                     assert_eq!(Some(response), answer(&request, tag), "an answer to an earlier request");
                 }
                 Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_) => *flight = None,

@@ -22,7 +22,7 @@ use crate::ling::any_move;
 use crate::subject::{request_bytes, response_bytes};
 use crate::{Result, Subject, Unstructured};
 
-/// An adapter, its hosts, and what they said and heard.
+/// An adapter, its hosts, and the bytes they sent and received.
 pub struct World {
     /// The adapter.
     pub bridge: Bridge,
@@ -30,7 +30,7 @@ pub struct World {
     pub now: Instant,
     config: Config,
 
-    /// All that the arm said, and the host on USB heard.
+    /// All bytes sent by the arm and received by the host on USB.
     arm_sent: Vec<u8>,
     usb_received: Vec<u8>,
     /// All that was taken from the host on USB, and went to the arm of it.
@@ -38,7 +38,7 @@ pub struct World {
     /// Bytes of that host that were refused as they came, because of its rate.
     refused: u32,
     usb_sent: Vec<u8>,
-    /// The last request that the arm heard, and bytes that it heard of anybody.
+    /// The last request received by the arm, and the bytes it received from all initiators.
     last: Vec<u8>,
     to_arm: usize,
     /// Requests of all but the host on USB that want an answer, as far as that is known.
@@ -49,11 +49,11 @@ pub struct World {
     control: Endpoint<300, 100>,
     can_requested: Vec<Vec<u8>>,
     can_sent: usize,
-    /// What the arm was asked for by it, and how many answers it heard.
+    /// Requests of the host on CAN received by the arm, and the number of answers received.
     can_queries: Vec<Vec<u8>>,
     can_received: usize,
     command: u8,
-    /// The most bytes that all on CAN may have said to the arm.
+    /// Maximum number of bytes from hosts on CAN to the arm.
     can_bytes: usize,
 
     /// Control messages: how many were sent, and answered.
@@ -64,7 +64,7 @@ pub struct World {
     answered: usize,
     answered_on_can: usize,
 
-    /// What was done that makes some accounts inexact.
+    /// Events that make some totals inexact.
     usb_gone: bool,
     can_disturbed: bool,
     reconfigured: bool,
@@ -78,7 +78,7 @@ pub fn any_move_request(u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
     Ok(request_bytes(Ling, &request))
 }
 
-/// Anything that such an arm says.
+/// Arbitrary bytes of this kind of arm.
 pub fn any_arm_bytes(u: &mut Unstructured<'_>, arm: ArmKind) -> Result<Vec<u8>> {
     match arm {
         ArmKind::Ling => Ling.any_frame(u, ()),
@@ -183,7 +183,7 @@ impl World {
         assert_eq!(counted, u32::from(result.is_err()));
     }
 
-    /// The host says bytes, as far as they are taken.
+    /// The host sends bytes, as far as there is room.
     pub fn usb_says(&mut self, bytes: &[u8]) {
         for packet in bytes.chunks(PACKET) {
             if self.status().usb_room {
@@ -200,7 +200,7 @@ impl World {
         }
     }
 
-    /// A packet of so many bytes at most was not taken: the host is gone.
+    /// A packet of at most `most` bytes was not read: the host is gone.
     pub fn usb_lost(&mut self, most: usize) {
         let mut packet = [0; PACKET];
         if most >= PACKET
@@ -243,7 +243,7 @@ impl World {
         }
     }
 
-    /// The host asks something on the control interface, if that is taken.
+    /// The host sends a request on the control interface, if there is room.
     pub fn control_sends(&mut self, request: Request) {
         if !self.status().control_room {
             return;
@@ -267,13 +267,13 @@ impl World {
 
     // ---- The arm, and the UART ----
 
-    /// The arm says bytes.
+    /// The arm sends bytes.
     pub fn arm_says(&mut self, bytes: &[u8]) {
         self.arm_sent.extend(bytes);
         let is_late = self.arm_sent.len() % 2 == 1;
         for chunk in bytes.chunks(PACKET) {
             if is_late {
-                // No interrupt handler saw the last bytes come, and nobody looks at once at what is due.
+                // The bytes were not seen by an interrupt handler, and due events are handled later.
                 let frames = self.bridge.uart_received(chunk, self.now);
                 let errors = UartErrors {
                     late_stamps: frames as u32,
@@ -292,7 +292,7 @@ impl World {
         self.feed(|bridge, now| bridge.uart_event(UartEvent::Idle, now));
     }
 
-    /// Lets the bridge hear the arm. Without a frame nothing is due that was not, but a packet for the host.
+    /// Passes input of the arm to the bridge. Without a frame, only a packet for the host may become due.
     fn feed(&mut self, feed: impl FnOnce(&mut Bridge, Instant) -> usize) {
         let before = self.status();
         let frames = feed(&mut self.bridge, self.now);
@@ -304,12 +304,12 @@ impl World {
         assert!(frames > 0 || after == before, "something is due without a frame");
     }
 
-    /// What is due, when hosts have been told what there is to tell.
+    /// The status, after pending events were sent to the hosts.
     pub fn status(&mut self) -> Status {
         self.bridge.update(self.now)
     }
 
-    /// The arm answers what it heard last, with this data if that can be.
+    /// The arm answers the last received request, with this data if possible.
     pub fn arm_answers(&mut self, data: &[u8]) {
         let answer = match (self.bridge.config().arm, &*self.last) {
             (ArmKind::Ling, &[_, command, function, ..]) => {
@@ -349,19 +349,16 @@ impl World {
         );
     }
 
-    /// The UART takes bytes for the arm, or changes its line. Whether there were any, or it did.
+    /// The UART takes bytes for the arm, or changes its settings. Returns true if it did either.
     pub fn uart_takes(&mut self, room: usize) -> bool {
         let before = self.bridge.counters();
         let mut out = vec![0; room];
-        // What has fallen due is dealt with by this, and so it is by asking for bytes.
+        // Due events are handled by a tick, and also by a request for bytes.
         self.tick();
         let due = self.status().uart;
         let (len, start) = match self.bridge.uart_transmit(&mut out, self.now) {
             None => {
-                assert!(
-                    room < MAX_FRAME || !due,
-                    "there is something to say, and it is not said"
-                );
+                assert!(room < MAX_FRAME || !due, "pending bytes are not sent");
                 return false;
             }
             Some(Transmit::Configure(uart)) => {
@@ -383,7 +380,7 @@ impl World {
         true
     }
 
-    /// Whose bytes went to the arm: the counters say it.
+    /// Attributes bytes to their initiator, by the counters.
     fn attribute(&mut self, bytes: &[u8], before: &Counters) {
         let now = self.bridge.counters();
         let others = [
@@ -403,16 +400,16 @@ impl World {
             .zip(wants)
             .map(|(wanted, wants)| wanted + usize::from(wants));
         if others[0] == 1 {
-            // What hosts on CAN say goes out whole, and in the order in which they said it.
+            // PDUs of hosts on CAN are sent complete and in order.
             let place = self.can_requested[self.can_sent..].iter().position(|pdu| pdu == bytes);
-            self.can_sent += 1 + place.expect("no host on CAN said that");
+            self.can_sent += 1 + place.expect("no host on CAN sent this");
             self.can_queries.push(bytes.to_vec());
         }
     }
 
     // ---- CAN ----
 
-    /// The host on CAN says a PDU, unless it is still busy with the one before.
+    /// The host on CAN sends a PDU, unless it is still busy with the one before.
     pub fn can_says(&mut self, pdu: &[u8]) {
         if self.arm.send(pdu).is_ok() {
             self.can_requested.push(pdu.to_vec());
@@ -421,7 +418,7 @@ impl World {
         }
     }
 
-    /// The host on CAN asks something on the control connection, unless it is still busy.
+    /// The host on CAN sends a request on the control connection, unless it is still busy.
     pub fn can_asks(&mut self, request: Request) {
         if self.control.is_sending() {
             return;
@@ -448,7 +445,7 @@ impl World {
         }
     }
 
-    /// A frame of anybody.
+    /// A frame of any node.
     pub fn can_frame(&mut self, id: u16, data: &[u8]) {
         let Ok(id) = Id::new(id & Id::MAX.get()) else { return };
         let Ok(frame) = Frame::new(id, &data[..data.len().min(8)]) else {
@@ -515,10 +512,10 @@ impl World {
         }
     }
 
-    /// The arm has said it, and if the host on CAN gets answers only, it has asked for it.
+    /// Checks that the arm has sent the PDU, and, if the host on CAN gets answers only, that the host has requested it.
     fn can_hears_answer(&mut self, pdu: &[u8]) {
         let sent = self.arm_sent.windows(pdu.len()).any(|window| window == pdu);
-        assert!(sent, "the arm did not say {pdu:02X?}");
+        assert!(sent, "the arm did not send {pdu:02X?}");
         if self.reconfigured || self.config.can.unsolicited {
             return;
         }
@@ -535,7 +532,7 @@ impl World {
                 .can_queries
                 .iter()
                 .any(|request| request.get(1..3) == pdu.get(1..3));
-            assert!(is_requested, "no host on CAN asked for {pdu:02X?}");
+            assert!(is_requested, "no host on CAN requested {pdu:02X?}");
         }
     }
 
@@ -562,7 +559,7 @@ impl World {
 
     // ---- Firmware, and the time ----
 
-    /// Does the next thing that only firmware can do, or fails to. Whether there was one.
+    /// Performs the firmware's next action, or lets it fail. Returns true if there was one.
     pub fn act(&mut self, done: bool) -> bool {
         let action = self.bridge.action(self.now);
         match action {
@@ -593,7 +590,7 @@ impl World {
     }
 
     fn tick(&mut self) {
-        // One tick may find that something else is late: by a second there is nothing left.
+        // A tick may find another event late: after a second tick nothing is due.
         self.bridge.tick(self.now);
         self.bridge.tick(self.now);
         let left = self.bridge.timeout();
@@ -617,7 +614,7 @@ impl World {
 
     // ---- What must hold ----
 
-    /// What holds at any time.
+    /// Checks the invariants that hold at any time.
     pub fn check(&mut self) {
         let c = self.bridge.counters();
         assert_eq!(c.arm_to_host_bytes as usize, self.arm_sent.len());
@@ -654,8 +651,7 @@ impl World {
         (c.silenced_bytes + c.refused_rate_bytes - self.refused) as usize
     }
 
-    /// The hosts read all there is, the arm says nothing more, and time passes: all that was begun ends, and the accounts
-    /// are exact.
+    /// The hosts read all bytes, the arm is silent, and time passes: all activity ends, and the totals are exact.
     pub fn end(mut self) {
         self.bridge.uart_event(UartEvent::Idle, self.now);
         self.settle();
@@ -670,7 +666,7 @@ impl World {
         // A lease of the line and the rate of a host without DTR last for 10 s, and replies of many CAN frames take seconds.
         let mut end = self.now + Duration::from_millis(25_000);
         while self.now < end {
-            // A host on CAN may still ask for polls.
+            // A host on CAN may still request polls.
             self.stop_polls();
             self.usb_takes_all();
             let mut moved = false;
@@ -695,7 +691,7 @@ impl World {
         }
     }
 
-    /// Nobody asks of its own accord any more.
+    /// Switches polls off.
     fn stop_polls(&mut self) {
         let config = self.bridge.config();
         if config.poll == Poll::Off {
@@ -712,12 +708,13 @@ impl World {
         self.reconfigured = reconfigured;
     }
 
-    /// What the host on USB heard is what the arm said, in order, but for what is counted and what others asked for.
+    /// Checks the bytes at the host on USB: those sent by the arm, in order, except counted losses and answers to
+    /// others.
     fn check_heard(&self) {
         let mut sent = self.arm_sent.iter();
         assert!(
             self.usb_received.iter().all(|byte| sent.any(|sent| sent == byte)),
-            "the host on USB heard what the arm did not say"
+            "the host on USB received bytes that the arm did not send"
         );
         let c = self.bridge.counters();
         if self.reconfigured {
@@ -738,7 +735,7 @@ impl World {
         );
     }
 
-    /// What was begun has ended.
+    /// Checks that all activity has ended.
     fn check_ended(&mut self) {
         let now = self.now;
         let c = self.bridge.counters();
@@ -755,7 +752,7 @@ impl World {
                 "requests on the control interface"
             );
         }
-        // What a transfer that fails costs is counted there.
+        // The cost of a failed transfer is counted there.
         if !self.can_disturbed && !self.reconfigured && c.isotp_failures == 0 {
             assert_eq!(
                 self.answered_on_can, self.slcan_requests,
@@ -786,7 +783,7 @@ fn event_is_received(event: &isotp::Event) -> bool {
     *event == isotp::Event::Received
 }
 
-/// Whether it is a reply; an event is not of a time to come.
+/// True for a reply. The stamp of an event is not in the future.
 fn is_reply(message: FromAdapter, now: Instant) -> bool {
     match message {
         FromAdapter::Reply { .. } => true,
@@ -797,7 +794,7 @@ fn is_reply(message: FromAdapter, now: Instant) -> bool {
     }
 }
 
-/// Whether a request is answered, as the protocol has it. `None` of bytes that are no message of it.
+/// True if the protocol has an answer to the request. `None` for bytes that are no message.
 fn wants_answer(arm: ArmKind, bytes: &[u8]) -> Option<bool> {
     match arm {
         ArmKind::Ling => reply_of(Ling, bytes),

@@ -19,7 +19,7 @@ fn any_answer(u: &mut Unstructured<'_>) -> Result<ServoAnswer> {
     })
 }
 
-/// What a servo says when this is expected of it.
+/// An answer of a servo to this expectation.
 fn any_servo_response(u: &mut Unstructured<'_>, answer: ServoAnswer) -> Result<ServoResponse> {
     if let ServoAnswer::Acknowledgement(servo) = answer {
         return Ok(ServoResponse::Acknowledged(servo));

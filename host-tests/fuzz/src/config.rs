@@ -115,7 +115,7 @@ fn any_frame(u: &mut Unstructured<'_>) -> Result<FrameBytes> {
     Ok(FrameBytes::from_slice(bytes).unwrap_or_default())
 }
 
-/// Any event that an adapter tells of.
+/// Any event of an adapter.
 pub fn any_event(u: &mut Unstructured<'_>) -> Result<Event> {
     let initiator = *u.choose(&INITIATORS)?;
     Ok(match u.int_in_range(0..=3)? {

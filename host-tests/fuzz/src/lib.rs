@@ -1,6 +1,6 @@
-//! What the fuzz targets share: arbitrary messages of every protocol, lines of bytes, and what comes out of them.
+//! Common parts of the fuzz targets: arbitrary messages of every protocol, lines of bytes, and the decoded items.
 //!
-//! `docs/fuzzing.md` says what each target holds and how to run them.
+//! `docs/fuzzing.md` describes the property of each target and how to run them.
 #![forbid(unsafe_code)]
 
 pub mod adapter;

@@ -1,4 +1,4 @@
-//! What comes out of a line of bytes, and where on the line it lay.
+//! The items decoded from a line of bytes, with their positions.
 
 use core::ops::Range;
 
@@ -10,9 +10,9 @@ use crate::Subject;
 /// Something that came out of a decoder, by its place on the line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Out {
-    /// Where it lay.
+    /// The position on the line.
     pub range: Range<usize>,
-    /// What it is.
+    /// The kind of item.
     pub kind: Kind,
 }
 
@@ -34,7 +34,7 @@ pub struct Ear<P: Subject, const N: usize> {
 }
 
 impl<P: Subject, const N: usize> Ear<P, N> {
-    /// One that has heard nothing.
+    /// A decoder without input.
     pub fn new(expect: P::Expect) -> Self {
         Self {
             decoder: Decoder::new(),
@@ -45,7 +45,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
         }
     }
 
-    /// Hears bytes, in one piece.
+    /// Receives bytes, in one piece.
     pub fn on_bytes(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -57,7 +57,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
         }
     }
 
-    /// Hears bytes as a driver hands them in that reads into the decoder's room, no more than so many at a time.
+    /// Receives bytes like a driver that reads into the decoder's buffer, at most `most` at a time.
     pub fn on_bytes_into_room(&mut self, bytes: &[u8], most: usize) {
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -97,7 +97,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
         assert!(P::LOSSLESS || self.decoder.pending() == 0, "undecided on an idle line");
     }
 
-    /// How many bytes are not decided on.
+    /// Number of undecided bytes.
     pub fn pending(&self) -> usize {
         self.decoder.pending()
     }

@@ -7,7 +7,7 @@ use armwire_host_tests::reference::{self, Piece};
 use crate::subject::{request_bytes, response_bytes};
 use crate::{AnyResponse, Result, Subject, Unstructured};
 
-/// Any move that can be said.
+/// Any valid move.
 pub fn any_move(u: &mut Unstructured<'_>) -> Result<Move> {
     u.arbitrary()
 }
@@ -58,7 +58,7 @@ impl Subject for Ling {
     fn rewrite(bytes: &[u8]) -> Vec<u8> {
         let frame = Frame::parse(bytes).expect("it is a frame");
         assert_eq!(frame.data.len() + OVERHEAD, bytes.len());
-        // One frame is not written as all others: its length field is 0.
+        // One frame has a different encoding: its length field is 0.
         let request = Ling.parse_request(bytes);
         match frame.data {
             [data] if request == Ok(Request::SelfCheck) && *data == SELF_CHECK[4] => SELF_CHECK.to_vec(),

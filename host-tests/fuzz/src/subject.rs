@@ -16,15 +16,15 @@ use crate::{Result, Unstructured};
 pub struct AnyResponse<'a, P: Messages> {
     /// The response.
     pub response: P::Response<'a>,
-    /// What request it answers.
+    /// The answered request.
     pub to: Option<P::Key>,
-    /// What it must be expected as.
+    /// The expectation for its decoding.
     pub expect: P::Expect,
 }
 
 /// A protocol, and how arbitrary messages of it are made.
 pub trait Subject: Messages + Copy + Default + Debug {
-    /// Whether there is anything that the host says.
+    /// True if the host sends requests.
     const HAS_REQUESTS: bool = true;
 
     /// The byte that fills the room between frames.
@@ -47,7 +47,7 @@ pub trait Subject: Messages + Copy + Default + Debug {
     /// A frame on a line of which this is known, unless none can be made of what is left.
     fn any_frame(self, u: &mut Unstructured<'_>, expect: Self::Expect) -> Result<Vec<u8>>;
 
-    /// What a decoder that is written from the documents alone makes of a line that is silent afterwards.
+    /// The pieces of a line with silence behind it, by a decoder written from the documents alone.
     fn reference(line: &[u8], expect: Self::Expect) -> Vec<Piece>;
 
     /// Takes the frame apart and writes it anew.
@@ -79,7 +79,7 @@ pub const ROOM: usize = 260;
 
 /// Something that holds of every protocol.
 pub trait Check {
-    /// Whether it does, of this input. Too short an input is none.
+    /// The check for this input. Too short an input is skipped.
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()>;
 }
 
