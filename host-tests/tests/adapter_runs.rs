@@ -1,7 +1,7 @@
 //! Random runs of the adapter: in each, everything holds that `docs/safety.md` promises.
 //!
-//! The runs are drawn from a seed, so they are the same each time. `ARMWIRE_RUNS` says how many there are, and
-//! `ARMWIRE_RUN=1234` makes only the run of this number, and prints what happens in it.
+//! The runs are drawn from a seed and are the same each time. `ARMWIRE_RUNS` sets their number. `ARMWIRE_RUN=1234`
+//! executes only the run with this number, and prints its events.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -14,7 +14,7 @@ use armwire_host_tests::random::Random;
 
 const SEED: u64 = 1;
 
-/// How many runs there are, unless `ARMWIRE_RUNS` says otherwise.
+/// Number of runs without `ARMWIRE_RUNS`.
 const RUNS: u32 = 1_000;
 
 fn number(name: &str) -> Option<u32> {

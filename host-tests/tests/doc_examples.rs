@@ -263,8 +263,8 @@ mod xarm {
         }
     }
 
-    /// Makes the tour with an arm that has this error, and returns whether the example says that it was rebooted, and how the
-    /// arm is afterwards.
+    /// Makes the tour with an arm that has this error. Returns true if the example reports a reboot, and the arm's
+    /// final state.
     fn toured(error: u8) -> (bool, State) {
         let mut arm = VirtualXArm::new(ArmConfig::new(Model::XArm6));
         arm.set_error(error);

@@ -28,7 +28,7 @@ const ALPHA1_BAUD: u32 = 115_200;
 /// Bits per second on the bus.
 const CAN_RATE: u32 = 1_000_000;
 
-/// A program that talks to an Alpha1 or its servos.
+/// A program for an Alpha1 or its servos.
 type Alpha1Program = ProgramOf<Alpha1, { alpha1::MAX_FRAME }>;
 
 fn alpha1_program() -> Alpha1Program {
@@ -44,9 +44,9 @@ fn bytes_of<P: Messages + Default>(request: &P::Request<'_>) -> Vec<u8> {
     bytes[..len].to_vec()
 }
 
-/// Runs a test on a board that was configured for `kind`, saved that, and lost its power since. `config` says what else.
+/// Runs a test on a board after it was configured for `kind` with `config`, saved that, and lost its power.
 ///
-/// Nobody has opened the serial port yet.
+/// The serial port is not open yet.
 fn saved<A: Arm>(arm: A, baud: u32, config: Config, test: impl FnOnce(&mut VirtualBoard<A>)) {
     let mut board_config = armwire_virtual_board::Config::new(path(), arm);
     board_config.arm_baud = baud;
@@ -107,7 +107,7 @@ fn expect_no_errors<A: Arm>(board: &mut VirtualBoard<A>) {
     assert!(line.iter().all(|byte| byte.outcome == ByteOutcome::Arrived));
 }
 
-/// The arm says who it is, to whoever asks the adapter.
+/// Checks the arm's identity, as reported to any host of the adapter.
 fn expect_identity<A: Arm>(board: &mut VirtualBoard<A>, kind: ArmKind, answer: Option<Vec<u8>>) {
     let reply = Control::open(board).call(board, control::Request::IdentifyArm);
     let Reply::Arm(identity) = reply else {
@@ -158,7 +158,7 @@ fn an_alpha1_is_driven_from_usb_and_can_and_polled() {
         let hardware = RobotConfig::default().hardware;
         let version = Text::new(&hardware).unwrap();
         assert_eq!(answer, Some(Response::HardwareVersion(version)));
-        // The first servo goes where it is told, through the robot.
+        // The first servo moves on a command through the robot.
         let servo = ServoId::new(1).unwrap();
         let turn = ServoRequest::Move {
             to: Address::One(servo),
@@ -218,7 +218,7 @@ fn a_bus_of_servos_is_driven_on_its_single_wire() {
             let acknowledged = Some(Response::Servo(ServoResponse::Acknowledged(servo)));
             assert_eq!(program.call(board, Request::Servo(turn)), acknowledged);
         }
-        // What is told to all of them none answers.
+        // A broadcast has no answer.
         let light = ServoRequest::SetLed {
             to: Address::All,
             led: Led(1),
@@ -247,7 +247,7 @@ fn a_bus_of_servos_is_driven_on_its_single_wire() {
                 assert_eq!(answer, bytes[..len]);
             }
         }
-        // Nobody spoke while another did, and what the adapter said it did not take for an answer.
+        // There were no collisions, and the servos did not take the adapter's requests for answers.
         let received = board.with_arm(|bus| bus.counters());
         assert_eq!((received.requests, received.answered), (33, 32));
         assert_eq!((received.collided, received.unknown, received.noise_bytes), (0, 0, 0));
@@ -282,7 +282,7 @@ fn bytes_of_any_kind_pass_both_ways_at_any_rate() {
             same_bytes("the arm", &board.with_arm(Talker::take_received), &down);
             exchanged += len as u32;
         }
-        // A host on the bus may say anything, too.
+        // A host on the bus may send arbitrary bytes, too.
         let mut on_can = CanProgram::new(Node::default());
         on_can.send(b"anything at all");
         for _ in 0..50 {

@@ -1,5 +1,5 @@
-//! Everything at once through the firmware image: requests of hosts on USB and CAN, the adapter's own polls, cyclic
-//! telemetry, and a subscriber to all of it. Nobody may miss anything, or get what is another's.
+//! The firmware image under full load: requests of hosts on USB and CAN, the adapter's own polls, cyclic telemetry, and
+//! a subscriber to all of it. Each host gets all its answers, and none of another.
 
 use std::env;
 use std::thread;
@@ -10,7 +10,7 @@ use armwire_bridge::control::Initiator;
 use armwire_host_tests::image::{Hosts, TicketArm, polled, session};
 use armwire_virtual_board::Nanos;
 
-/// How long the arm thinks and how often it is polled in each part of the long run.
+/// Turnaround of the arm and poll rate, for each part of the long run.
 const PARTS: [(Duration, u16); 4] = [
     (Duration::ZERO, 100),
     (Duration::from_micros(50), 200),
@@ -18,7 +18,7 @@ const PARTS: [(Duration, u16); 4] = [
     (Duration::from_micros(200), 400),
 ];
 
-/// Lets everybody work until the arm has answered `frames` times, and expects that all is in order.
+/// Runs all hosts until the arm has answered `frames` times, and checks the results.
 ///
 /// The arm thinks for `turnaround` before each answer, and is polled `hertz` times a second.
 fn busy(frames: u32, turnaround: Duration, hertz: u16) {
@@ -53,7 +53,7 @@ fn busy(frames: u32, turnaround: Duration, hertz: u16) {
         for tracker in [&usb.tracker, &can.tracker] {
             assert_eq!((tracker.answered, tracker.given_up), (tracker.issued(), 0));
             assert_eq!(tracker.strays, Vec::<Vec<u8>>::new());
-            // Nobody was kept waiting for the others.
+            // Each host got its share of the line.
             assert!(
                 tracker.answered > arm_counts.answers / 10,
                 "{} of {}",
@@ -63,7 +63,7 @@ fn busy(frames: u32, turnaround: Duration, hertz: u16) {
         }
         assert_eq!(usb.noise_bytes, 0);
         assert_eq!((&can.failures[..], &can.can_events[..]), (&[][..], &[][..]));
-        // Each poll was told of, on the bus and at the control interface.
+        // Each poll was reported, on the bus and at the control interface.
         assert_eq!((can.telemetry.samples, can.telemetry.gaps), (arm_counts.polls, 0));
         assert!(f64::from(arm_counts.polls) > 0.99 * seconds * f64::from(hertz));
         assert_eq!(subscriber.frames(Some(Initiator::Usb)), usb.tracker.answered);
@@ -71,7 +71,7 @@ fn busy(frames: u32, turnaround: Duration, hertz: u16) {
         assert_eq!(subscriber.frames(Some(Initiator::Poll)), arm_counts.polls);
         assert_eq!((subscriber.frames(None), subscriber.disorder), (0, 0));
         assert_eq!(subscriber.events, []);
-        // The arm heard nothing else.
+        // The arm received nothing else.
         assert_eq!(arm_counts.tickets(), usb.tracker.answered + can.tracker.answered);
         assert_eq!((arm_counts.unanswered(), arm_counts.noise_bytes), (0, 0));
         assert_eq!(session.board.with_arm(TicketArm::take_others), Vec::<Vec<u8>>::new());

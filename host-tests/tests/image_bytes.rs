@@ -13,7 +13,7 @@ const SIZES: [usize; 23] = [
     1, 2, 3, 7, 62, 63, 64, 65, 66, 127, 128, 129, 191, 192, 193, 255, 256, 257, 511, 512, 640, 1024, 1025,
 ];
 
-/// Exchanges `count` bytes both ways at once and says how fast that was.
+/// Exchanges `count` bytes in both directions at once, and prints the throughput.
 fn saturate(baud: u32, count: usize) {
     let mut config = Config::new(path(), Talker::default());
     config.arm_baud = baud;

@@ -12,7 +12,7 @@ const RUN: Case = Case {
     second: None,
 };
 
-/// A run on a board that has had one, with something of which nobody tells the checks.
+/// A run on a used board, with a mutation that the invariants must detect.
 fn run(mutation: Option<Mutation>) -> Result<(), String> {
     let mut bench = Bench::default();
     bench.run(RUN).result?;

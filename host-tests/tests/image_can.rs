@@ -31,7 +31,7 @@ fn telemetry() -> Config {
     }
 }
 
-/// How many frames of this kind the board has sent since this was last asked.
+/// Number of frames of this kind that the board has sent since the records were last cleared.
 fn sent(board: &VirtualBoard<LingArm>, function: Function) -> usize {
     let id = function.id(Node::default());
     board.can().read().iter().filter(|frame| frame.id() == id).count()
@@ -116,7 +116,7 @@ fn a_bus_that_was_lost_is_counted_told_of_and_recovered() {
             .collect();
         assert_eq!(offs.first(), Some(&true), "{offs:?}");
         assert_eq!(offs.last(), Some(&false), "{offs:?}");
-        // The arm was asked all the time, and a host on the bus is served again.
+        // Polls continued, and a host on the bus is served again.
         assert_eq!(counters(board).unanswered_requests, 0);
         expect_served(board);
     });
@@ -149,7 +149,7 @@ fn a_bus_that_stays_lost_keeps_neither_the_arm_nor_usb_waiting() {
     });
 }
 
-/// Expects that a host on the bus gets what it asks for.
+/// Checks that a host on the bus gets the answer to its request.
 fn expect_served(board: &mut VirtualBoard<LingArm>) {
     let joints = frame(Request::ReadJoints);
     let answer = CanProgram::new(Node::default()).call(board, &joints);
@@ -161,7 +161,7 @@ fn a_node_that_floods_the_adapter_with_what_is_no_request_keeps_neither_the_arm_
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(RATE);
-        // As short as a frame can be, and nothing to answer.
+        // A frame of minimum length, without an answer.
         let flood = Frame::new(Function::ArmRequest.id(Node::default()), &[]).unwrap();
         board.can().flood(Some(&flood)).unwrap();
         let mut program = Program::default();
@@ -198,7 +198,7 @@ fn urgent() -> Frame {
     Frame::new(Id::new(1).unwrap(), &[0; 8]).unwrap()
 }
 
-/// Runs until the adapter has sent so many answers' frames since they were last forgotten.
+/// Runs until the adapter has sent `count` answer frames since the records were last cleared.
 fn run_until_sent(board: &mut VirtualBoard<LingArm>, count: usize) {
     let limit = board.now() + Nanos::from_millis(20);
     while answer_frames(board).len() < count {
@@ -207,7 +207,7 @@ fn run_until_sent(board: &mut VirtualBoard<LingArm>, count: usize) {
     }
 }
 
-/// When the frames of the adapter's answers began and ended.
+/// Start and end of the adapter's answer frames.
 fn answer_frames(board: &VirtualBoard<LingArm>) -> Vec<(Nanos, Nanos)> {
     let id = Function::ArmAnswer.id(Node::default());
     let frames = board.can().frames().into_iter();
@@ -262,7 +262,7 @@ fn a_flood_that_takes_all_the_time_does_not_keep_the_adapter_from_the_bus() {
         let mut control = Control::open(board);
         control.order(board, control::Request::SetConfig(telemetry()));
         control.subscribe(board);
-        // Each is refused, and that is told here and there.
+        // Each is refused and reported on both interfaces.
         let flood = Frame::new(Function::ArmRequest.id(Node::default()), &[1, 0]).unwrap();
         board.can().flood(Some(&flood)).unwrap();
         board.run_for(Nanos::from_millis(100)).unwrap();
@@ -308,7 +308,7 @@ fn a_bus_that_is_lost_and_back_while_the_flash_is_erased_is_counted() {
         board.run_for(Nanos::from_millis(1_000)).unwrap();
         let seen = counters(board);
         assert_eq!((seen.can_bus_offs, seen.config_saves), (1, 1));
-        // It is there again.
+        // The adapter is on the bus again.
         expect_served(board);
     });
 }

@@ -14,8 +14,8 @@ use armwire_virtual_board::{Nanos, VirtualBoard};
 /// Bits per second in the arbitration phase.
 const RATE: u32 = 1_000_000;
 
-/// Runs a test on a board whose data phase has `data_rate` bits per second, with nodes on the bus of which it has
-/// `nodes_rate`. It sends telemetry 100 times a second.
+/// Runs a test on a board with `data_rate` bits per second in the data phase, and nodes with `nodes_rate`. The board
+/// sends telemetry at 100 Hz.
 fn on_fd_bus(data_rate: u32, nodes_rate: u32, test: impl FnOnce(&mut VirtualBoard<LingArm>)) {
     if !facts(chip()).can_fd {
         return;
@@ -33,7 +33,7 @@ fn on_fd_bus(data_rate: u32, nodes_rate: u32, test: impl FnOnce(&mut VirtualBoar
             ..Config::default()
         };
         Control::open(board).order(board, control::Request::SetConfig(config));
-        // It joins the bus.
+        // The board joins the bus.
         board.run_for(Nanos::from_millis(5)).unwrap();
         test(board);
     });

@@ -1,6 +1,6 @@
 //! Long runs: every byte of a saturated line, polls by day and night, and the turns of the hardware's counters.
 //!
-//! The memory of the process is looked at where the system tells it, which is Linux.
+//! The memory of the process is checked on Linux only.
 
 use std::env;
 use std::fs;
@@ -27,11 +27,11 @@ const BYTES: u64 = 2_000_000;
 /// Polls per second.
 const HERTZ: u16 = 200;
 
-/// How much more memory a long run may take at its end than when a tenth of it was over. The emulator takes some 60 kB more
-/// in each second of a saturated line. A record of what was on the wires would take 200 MB.
+/// Maximum growth of memory from a tenth of a long run to its end. The emulator takes some 60 kB per second of a
+/// saturated line. A record of the traffic on the wires would take 200 MB.
 const MORE_MEMORY: u64 = 16 << 20;
 
-/// The memory of this process, in bytes, if the system tells it.
+/// The memory of this process, in bytes. `None` if the system does not report it.
 fn memory() -> Option<u64> {
     const PAGE: u64 = 4096;
     let pages = fs::read_to_string("/proc/self/statm").ok()?;
@@ -91,7 +91,7 @@ impl Check {
 const DOWN: Endless = Endless(1);
 const UP: Endless = Endless(2);
 
-/// Says so many bytes without a pause, and checks what it hears.
+/// Sends bytes without a pause up to a limit, and checks the received bytes.
 #[derive(Debug)]
 struct Streamer {
     tx: Endless,
@@ -116,7 +116,7 @@ impl SerialDevice for Streamer {
 
 #[test]
 fn ten_million_bytes_pass_each_way_at_full_load_and_none_is_lost() {
-    /// What the host has ready, so that the line never waits for it.
+    /// Number of bytes that the host keeps queued, to keep the line busy.
     const AHEAD: usize = 4_096;
     let began = Instant::now();
     let arm = Streamer {
@@ -153,7 +153,7 @@ fn ten_million_bytes_pass_each_way_at_full_load_and_none_is_lost() {
         );
         expect_flat(before);
         let arm = board.with_arm(|arm| (arm.received.count, arm.received.wrong));
-        assert_eq!((received.count, received.wrong), (BYTES, None), "what the host got");
+        assert_eq!((received.count, received.wrong), (BYTES, None), "bytes at the host");
         assert_eq!(arm, (BYTES, None), "what the arm got");
         let counted = counters(board);
         assert_eq!(u64::from(counted.arm_to_host_bytes), BYTES);
@@ -189,7 +189,7 @@ fn polled() -> Config {
     }
 }
 
-/// What comes by the control interface, read by a program that subscribed to all of it.
+/// The output of the control interface, read by a subscriber to all events.
 struct Listener {
     reader: Reader<MAX_MESSAGE>,
     frames: u64,
@@ -240,7 +240,7 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
     /// Longer than it takes microseconds to turn over in 32 bits.
     const SPAN: u64 = 2 * 3_600 * 1_000_000;
     const BYTE: u64 = 10;
-    /// The arm thinks for so long, and a bit more each time up to twice that.
+    /// Minimum turnaround of the arm in microseconds. It grows with each answer, up to twice this.
     const THINKS: u64 = 100;
     let began = Instant::now();
     let mut bridge = Bridge::new(Identity::default(), polled(), Start::default());
@@ -286,7 +286,7 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
         }
         bridge.tick(now);
         listener.read_packets(&mut bridge, now);
-        // What is polled goes nowhere else.
+        // Answers to polls go to no other host.
         assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
         if before.is_none() && now.as_micros() > SPAN / 10 {
             before = memory();
@@ -309,8 +309,8 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
     assert_eq!(counted, expected);
 }
 
-/// How far stamps may be apart from the ends of their frames on the line: both are cut to microseconds, and the interrupt
-/// that takes the stamp may wait for another.
+/// Maximum difference between a stamp and the end of its frame on the line: both are rounded down to microseconds, and
+/// the interrupt that takes the stamp may be delayed.
 const STAMPS_WITHIN: i64 = 3;
 
 /// Presets the clock's timer, as a debugger can, and lets it look at once what is due.
@@ -321,7 +321,7 @@ fn preset(board: &mut VirtualBoard<TicketArm>, count: u32) {
     board.run_for(Nanos::from_millis(2)).unwrap();
 }
 
-/// What the stamps of answers have shown.
+/// Deviations of the stamps of answers.
 #[derive(Debug, Default)]
 struct Stamps {
     frames: u32,
@@ -331,7 +331,7 @@ struct Stamps {
     wrong: Vec<(Stamp, i64)>,
 }
 
-/// Lets a subscriber hear polls for `span`, and compares every stamp with the end of the frame on the line.
+/// Runs a subscriber to polls for `span`, and compares every stamp with the end of the frame on the line.
 fn listen(
     board: &mut VirtualBoard<TicketArm>,
     control: &mut Control,
@@ -400,7 +400,7 @@ fn stamps_and_counters_stay_exact_over_each_turn_of_the_clocks_timer() {
     });
 }
 
-/// So many hours of polls on the image, 24 of them if `ARMWIRE_HOURS` does not say otherwise.
+/// Polls on the image for `ARMWIRE_HOURS` hours, 24 by default.
 #[test]
 #[ignore = "takes hours: ARMWIRE_HOURS=24 cargo test --features image --test image_endurance -- --ignored --nocapture"]
 fn a_day_of_polls_on_the_image() {

@@ -10,7 +10,7 @@ use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
-/// How often each is measured.
+/// Number of measurements.
 const TIMES: u64 = 1_000;
 
 /// The most that the adapter may add to an answer with joint positions.
@@ -18,10 +18,10 @@ fn limit() -> Nanos {
     Nanos(facts(chip()).latency)
 }
 
-/// What it takes to see that the line is idle, at 1 Mbaud.
+/// Time to detect an idle line, at 1 Mbaud.
 const IDLE_WAIT: Nanos = Nanos(10_000);
 
-/// What the firmware holds while it sends to the arm without a pause. It is not the goal yet.
+/// Latency that the firmware achieves during continuous transmission to the arm. The goal is not reached yet.
 const BUSY: Nanos = Nanos(42_000);
 
 fn on_open_board<A: Arm>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>)) {

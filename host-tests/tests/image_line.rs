@@ -1,4 +1,4 @@
-//! What may happen on the arm's line: errors, and other rates.
+//! Errors on the arm's line, and other rates.
 
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
@@ -60,8 +60,8 @@ fn frames(bytes: &[u8]) -> Vec<u16> {
     }
 }
 
-/// Lets the arm say numbered frames, with `fault` in each place of the second one. Everything but the faulty byte must come,
-/// so every frame but the second, and the error must be counted once.
+/// Sends numbered frames from the arm, with `fault` at each position of the second one. All bytes but the faulty one
+/// must arrive, hence every frame but the second, and the error must be counted once.
 fn one_fault(board: &mut VirtualBoard<Talker>, fault: Fault, counted: fn(&Counters) -> u32) {
     const FRAMES: u16 = 4;
     const BAD: u16 = 1;
@@ -213,7 +213,7 @@ fn follow_rate(board: &mut VirtualBoard<Talker>, baud: u32) {
         let actual = board.uart().baud().unwrap();
         if actual.abs_diff(baud.into()) * 100 < u64::from(baud) {
             board.uart().set_arm_baud(baud);
-            // The new rate takes the UART off the line for some microseconds. No arm speaks just then: it was not asked.
+            // The change of the rate disables the UART for some microseconds. The arm has no request and is silent.
             board.run_for(Duration::from_micros(50)).unwrap();
             return;
         }
@@ -270,7 +270,7 @@ fn the_rate_changes_while_the_arm_talks_and_the_rest_of_what_it_says_arrives() {
             board.with_arm(|arm| arm.send(&noise(nth as u64, 3_000)));
             board.run_for(Duration::from_micros(3_000)).unwrap();
             change_rate(board, baud);
-            // What the adapter received while the two rates differed may be anything, up to a full packet of it waits.
+            // Bytes received while the rates differed are arbitrary. Up to a full packet of them waits.
             board.run_for(Nanos(100 * byte_time(baud).0)).unwrap();
             board.usb().read();
             let received = read_all(board);

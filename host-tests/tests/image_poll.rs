@@ -1,4 +1,4 @@
-//! The firmware image asks the arm by itself: on time at a set rate, and as fast as the wire allows.
+//! Polls by the firmware image: on time at a fixed rate, and as fast as the wire allows.
 
 use armwire::ling::Request;
 use armwire_bridge::Duration;
@@ -30,13 +30,13 @@ fn poll<A: Arm>(board: &mut VirtualBoard<A>, poll: Poll) {
 #[derive(Debug)]
 struct Exchange {
     request: Vec<u8>,
-    /// When its first start bit began.
+    /// Start of the first start bit.
     start: Nanos,
-    /// When the last stop bit of the answer ended, or that of the request so far.
+    /// End of the last stop bit of the answer, or of the request without an answer yet.
     end: Nanos,
 }
 
-/// What was exchanged on the line.
+/// The exchanges on the line.
 fn exchanges(line: &[LineByte]) -> Vec<Exchange> {
     let mut exchanges: Vec<Exchange> = Vec::new();
     let mut direction = Direction::ToBoard;
@@ -64,7 +64,7 @@ fn each_poll_starts_at_its_slot_with_traffic_on_usb_and_can() {
     /// Polls per second, and the time between two.
     const RATE: u16 = 250;
     const PERIOD: u64 = 4_000_000;
-    /// How late a poll may be.
+    /// Maximum delay of a poll.
     const LATE: u64 = 10_000;
     on_board(ling(Duration::from_micros(100)), |board| {
         plug_in(board, MEGABAUD);
@@ -84,7 +84,7 @@ fn each_poll_starts_at_its_slot_with_traffic_on_usb_and_can() {
         }
         let exchanges = exchanges(&board.uart().bytes());
         let joints = frame(Request::ReadJoints);
-        // The first that nobody was in the way of is at its slot; all slots are whole periods from it.
+        // The first undelayed poll is at its slot. All slots are whole periods apart.
         let is_poll = |exchange: &Exchange| exchange.request == joints;
         let first = exchanges.iter().find(|exchange| is_poll(exchange)).unwrap().start;
         let late = |start: Nanos| (start.0 - first.0 + PERIOD / 2) % PERIOD;
@@ -94,7 +94,7 @@ fn each_poll_starts_at_its_slot_with_traffic_on_usb_and_can() {
             if !is_poll(exchange) {
                 continue;
             }
-            // What a poll had to wait for ended just before it.
+            // A delayed poll starts right after the exchange that it waited for.
             if !is_poll(before) && exchange.start.0 - before.end.0 < 60_000 {
                 delayed += 1;
                 continue;
@@ -133,7 +133,7 @@ fn as_fast_as_the_wire_allows_is_that_fast() {
                 rate * 1e6,
                 100.0 * rate * least
             );
-            // The goal is 0.95. What is left is for a new compiler.
+            // The goal is 0.95. A new compiler may cost the rest.
             assert!(rate * least >= 0.92);
             assert_eq!(counters(board).unanswered_requests, 0);
         });

@@ -43,7 +43,7 @@ fn set_up(board: &mut Board, poll: Poll) -> Control {
     control
 }
 
-/// Whether the UART runs at this rate, give or take what its divider cannot do.
+/// True if the UART runs at this rate, within the resolution of its divider.
 fn runs_at(board: &mut Board, baud: u32) -> bool {
     let actual = board.uart().baud().unwrap();
     actual.abs_diff(baud.into()) * 100 < u64::from(baud)
@@ -56,13 +56,13 @@ fn line_state(board: &mut Board, control: &mut Control) -> LineState {
     }
 }
 
-/// How often the arm was polled since this was last asked.
+/// Number of polls since the last call.
 fn polls(board: &mut Board) -> usize {
     let received = board.with_arm(Talker::take_received);
     received.windows(7).filter(|bytes| *bytes == READ_JOINTS).count()
 }
 
-/// What went to the arm.
+/// Bytes to the arm.
 fn to_arm(board: &mut Board) -> Vec<LineByte> {
     let mut bytes = board.uart().bytes();
     bytes.retain(|byte| byte.direction == Direction::ToArm);
@@ -75,7 +75,7 @@ fn a_host_without_dtr_loses_its_rate_after_10_s_of_quiet() {
         board.usb().attach();
         board.usb().open_without_dtr(0, LineCoding::new(9_600)).unwrap();
         board.run_for(millis(1_000)).unwrap();
-        assert!(runs_at(board, MEGABAUD), "a host that says nothing gets no rate");
+        assert!(runs_at(board, MEGABAUD), "a silent host gets no rate");
         board.usb().write(&[1]).unwrap();
         board.run_for(millis(9_900)).unwrap();
         assert!(runs_at(board, 9_600));
@@ -118,7 +118,7 @@ fn the_next_program_may_set_the_rate_where_dtr_stays_up() {
         board.run_for(millis(5_000)).unwrap();
         polls(board);
         board.run_for(millis(5_000)).unwrap();
-        // The port was closed, but nothing tells that.
+        // The port was closed, but the adapter has no sign of it.
         assert_eq!((runs_at(board, 9_600), polls(board)), (true, 0));
         board.usb().open(0, LineCoding::new(MEGABAUD)).unwrap();
         board.run_for(millis(500)).unwrap();
@@ -279,7 +279,7 @@ fn without_hold_line_polls_go_between_the_bytes_of_an_upload() {
         board.run_for(millis(1_000)).unwrap();
         let mut received = board.with_arm(Talker::take_received);
         received.retain(|&byte| byte != 0);
-        // All of it in order, but for what the adapter says.
+        // All bytes in order, between the adapter's own frames.
         let mut rest = &received[..];
         let (mut uploaded, mut polls) = (Vec::with_capacity(IMAGE), 0);
         while let Some((&byte, behind)) = rest.split_first() {

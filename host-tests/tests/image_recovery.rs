@@ -39,7 +39,7 @@ fn expect_more(session: &mut Session<'_>, before: [u32; 3], least: [u32; 3]) {
     );
 }
 
-/// Nobody got what is another's or what was given up, and nothing else.
+/// Checks that no host got an answer of another host, of a given-up request, or anything unexpected.
 fn expect_no_strays(session: &mut Session<'_>) {
     assert_eq!(session.usb().tracker.strays, Vec::<Vec<u8>>::new());
     assert_eq!(session.can().tracker.strays, Vec::<Vec<u8>>::new());
@@ -53,7 +53,7 @@ fn expect_can_undisturbed(session: &mut Session<'_>) {
     assert_eq!((can.telemetry.samples, can.telemetry.gaps), (polls, 0));
 }
 
-/// What the subscriber was told of but frames.
+/// The subscriber's events other than frames.
 fn events(session: &mut Session<'_>) -> Vec<Event> {
     session.subscriber().events.drain(..).map(|(_, event)| event).collect()
 }
@@ -100,16 +100,16 @@ fn a_host_that_is_unplugged_loses_its_own_answers_only() {
             expected.usb_suspends += 2 * TIMES;
             // Each request is a packet. The adapter may have taken one whose handshake no longer reached the host.
             expected.packets_from_host = taken;
-            // One packet in the USB core, which nobody fetches, and one that waits for its place there.
+            // One packet waits in the USB core, and one for its place there.
             expected.packets_to_host = counted.packets_to_host;
             assert!((handed_over..=handed_over + 2 * TIMES).contains(&counted.packets_to_host));
-            // What is in the USB core the adapter holds for sent.
+            // The adapter counts bytes in the USB core as sent.
             expected.unheard_bytes = counted.unheard_bytes;
             assert!((counted.unheard_bytes..=counted.unheard_bytes + TIMES * PACKET as u32).contains(&missed));
             // All but what was queued for the subscriber that went.
             expected.dropped_events = counted.dropped_events;
             let queued = counted.frames - reported - counted.dropped_events;
-            assert!((1..TIMES * 40).contains(&queued), "{queued} events for nobody");
+            assert!((1..TIMES * 40).contains(&queued), "{queued} queued events");
         });
     });
 }
@@ -137,7 +137,7 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
         session.run_for(millis(300));
         session.finish();
         expect_no_strays(session);
-        // What was on its way to it by ISO-TP is lost, one answer at most each time; the next interrupts one that had begun.
+        // A PDU in transfer is lost, at most one answer each time. The next request interrupts a started transfer.
         let lost = session.can().tracker.given_up;
         assert!((1..=TIMES).contains(&lost), "{lost} answers lost");
         let failures = &session.can().failures;
@@ -155,7 +155,7 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
             "{telemetry:?}"
         );
         session.expect_slots();
-        // Each time it is told both here and there.
+        // Each change is reported on both interfaces.
         let can_events = session.can().can_events.clone();
         let reported: Vec<_> = [true, false].repeat(TIMES as usize);
         let reported: Vec<_> = reported.into_iter().map(|off| Event::BusOff { off }).collect();
@@ -169,9 +169,9 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
             let unheard = expected.can_frames_received - counted.can_frames_received;
             assert!(unheard <= TIMES, "{unheard} frames of nodes unheard");
             expected.can_frames_received -= unheard;
-            // All that were lost, for nobody can ask while the bus is shorted.
+            // All lost answers: there are no requests while the bus is shorted.
             expected.isotp_failures += lost;
-            // Those of an error flag follow each other too fast for each to be seen.
+            // The errors of one error flag are too close together to be counted separately.
             expected.can_bus_errors = counted.can_bus_errors;
             assert!(
                 (broken..=broken * ERRORS / ATTEMPTS + TIMES * ERRORS).contains(&counted.can_bus_errors),
@@ -230,7 +230,7 @@ fn errors_and_strays_on_the_arms_line_are_counted_and_cost_no_other_answer() {
 fn what_a_host_does_not_read_is_dropped_and_counted() {
     session(TURNAROUND, polled(HERTZ), |session| {
         session.run_for(millis(100));
-        // It asks on, and does not read.
+        // The host keeps sending requests, and does not read.
         session.board.usb().set_reading(false);
         session.usb().ignores_window = true;
         let before = answered(session);
@@ -254,7 +254,7 @@ fn what_a_host_does_not_read_is_dropped_and_counted() {
 
         let arm_counts = session.arm_counts();
         let usb = session.hosts.usb.as_ref().unwrap();
-        // What was kept are the answers that it did not wait for any more, from the first on.
+        // The kept answers belong to given-up requests, in sequence from the first.
         let kept: Vec<_> = usb
             .tracker
             .strays
@@ -293,7 +293,7 @@ fn what_a_subscriber_does_not_read_is_dropped_and_counted() {
         session.expect_slots();
         let reported = session.subscriber().all_frames();
         let dropped = session.arm_counts().answers - reported;
-        println!("{dropped} events dropped, {reported} told");
+        println!("{dropped} events dropped, {reported} reported");
         assert!(dropped > 300);
         session.expect_counters(|expected, _| expected.dropped_events += dropped);
     });
@@ -355,7 +355,7 @@ fn an_arm_that_falls_silent_is_asked_on_in_the_same_slots() {
             arm_counts.polls - reported[2],
         ];
         println!("unanswered requests of USB, CAN and polls: {lost:?}");
-        // What they asked and had given up by the time it was their turn was answered all the same.
+        // Requests that were given up before their turn are answered nevertheless.
         let answered = |tracker: &RequestTracker| tracker.answered + tracker.strays.len() as u32;
         assert_eq!(
             [answered(&session.usb().tracker), answered(&session.can().tracker)],
@@ -386,7 +386,7 @@ fn polls_are_in_the_slots_of_before_when_an_arm_was_silent() {
         let mut starts = Vec::new();
         for silent in [false, true, false] {
             session.board.with_arm(|arm| arm.set_silent(silent));
-            // A poll whose answer could not be told from one that is late waits until it can.
+            // A poll waits as long as its answer could be confused with a late one.
             session.run_for(millis(200));
             for _ in 0..60 {
                 session.board.run_for(millis(5)).unwrap();
@@ -452,7 +452,7 @@ fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Sessio
         }
         assert_eq!(session.board.with_arm(|arm| arm.take_others()), expected);
 
-        // It may begin anew, and it alone counts as silent.
+        // The host may start again, and only this host is reported as silent.
         send(session, &motion());
         session.hosts.set_requesting(true);
         let before = answered(session);
@@ -539,7 +539,7 @@ fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
     session(Duration::from_micros(2_000), polled(HERTZ), |session| {
         session.can().tracker.enabled = false;
         session.run_for(millis(100));
-        // As many as there are, without a wait for the answers, each in one frame.
+        // All requests without a wait for the answers, each in one frame.
         let joints = frame(Request::ReadJoints);
         let single = [&[joints.len() as u8], &joints[..]].concat();
         let single = Frame::new(Function::ArmRequest.id(Node::default()), &single).unwrap();

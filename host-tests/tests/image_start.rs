@@ -8,7 +8,7 @@ use armwire_virtual_board::{Chip, Config, Crystal, Error, Nanos, VirtualBoard};
 
 type Board = VirtualBoard<Talker>;
 
-/// The bits of RCC_CR that switch the crystal on and say that it runs (RM0090 7.3.1, RM0440 7.4.1).
+/// The bits of RCC_CR that enable the crystal and report that it runs (RM0090 7.3.1, RM0440 7.4.1).
 const HSEON: u32 = 1 << 16;
 const HSERDY: u32 = 1 << 17;
 /// ODR of a port, which begins with MODER (RM0090 8.4, RM0440 9.4).
@@ -18,7 +18,7 @@ const OUTPUT: u32 = 0b01;
 /// The line to the arm.
 const PA2: usize = 2;
 
-/// How often the firmware starts a crystal anew.
+/// Period of the firmware's restarts of a crystal.
 const RETRY_MS: u64 = 2_000;
 
 const fn millis(millis: u64) -> Nanos {
@@ -32,12 +32,12 @@ fn config(crystal: Crystal) -> Config<Talker> {
     }
 }
 
-/// Whether the image measures its crystal.
+/// True if the image measures its crystal.
 fn measures_crystal() -> bool {
     chip() == Chip::Stm32f405
 }
 
-/// Whether a pin is an output, and high.
+/// The level of an output pin. `None` for an input.
 fn output(board: &mut Board, port: u64, pin: usize) -> Option<bool> {
     let mode = board.read_word(port).unwrap() >> (2 * pin) & 0b11;
     let is_high = board.read_word(port + ODR).unwrap() >> pin & 1 != 0;

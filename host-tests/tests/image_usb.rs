@@ -1,4 +1,4 @@
-//! What a USB host may do to the adapter: find it, stop reading, let it wait, reset it, suspend it, pull it out.
+//! Actions of a USB host: enumerate, stop reading, delay, reset, suspend, unplug.
 
 use armwire::ling::{Request, Response};
 use armwire_bridge::Duration;
@@ -115,7 +115,7 @@ fn a_host_that_stops_reading_does_not_block_the_arm() {
         exchange_some(board, 0);
         let before = counters(board);
 
-        // The host's program hangs; the arm talks on, and is talked to.
+        // The host's program hangs. The traffic from and to the arm continues.
         board.usb().set_reading(false);
         let (sent_by_arm, sent_by_host) = (noise(1, 50_000), noise(2, 50_000));
         board.with_arm(|arm| arm.send(&sent_by_arm));
@@ -123,7 +123,7 @@ fn a_host_that_stops_reading_does_not_block_the_arm() {
         board.run_for(Nanos::from_millis(600)).unwrap();
         same_bytes("the arm", &board.with_arm(Talker::take_received), &sent_by_host);
 
-        // It comes back, and gets what fitted, from the beginning.
+        // The host reads again, and gets the buffered bytes from the beginning.
         board.usb().set_reading(true);
         let received = read_all(board);
         let dropped = (counters(board).dropped_bytes - before.dropped_bytes) as usize;
@@ -197,12 +197,12 @@ fn a_host_that_never_reads_does_not_make_the_adapter_start_again() {
 #[test]
 fn an_adapter_that_no_host_finds_waits() {
     on_board(Talker::default(), |board| {
-        // Before its UART runs, it hears nothing.
+        // The adapter receives nothing before its UART runs.
         board.run_for(Nanos::from_millis(10)).unwrap();
         board.with_arm(|arm| arm.send(&noise(1, 3_000)));
         board.run_for(Nanos::from_millis(5_000)).unwrap();
         plug_in(board, MEGABAUD);
-        assert_eq!(read_all(board), [], "nobody had the port open when that came");
+        assert_eq!(read_all(board), [], "bytes from before the port was opened");
         assert_eq!(counters(board).unheard_bytes, 3_000);
         exchange_some(board, 2);
     });
@@ -256,7 +256,7 @@ fn an_adapter_that_is_pulled_out_in_full_flow_works_again() {
             board.usb().detach();
             board.run_for(Nanos::from_millis(200)).unwrap();
             plug_in(board, MEGABAUD);
-            assert_eq!(read_all(board), [], "what was said to the host that was");
+            assert_eq!(read_all(board), [], "bytes for the previous host");
             exchange_some(board, nth);
         }
     });
@@ -273,7 +273,7 @@ fn the_port_works_again_after_a_bus_reset_in_full_flow() {
             board.usb().reset_bus();
             board.run_for(Nanos::from_millis(200)).unwrap();
             open(board, MEGABAUD);
-            assert_eq!(read_all(board), [], "what was said to the host that was");
+            assert_eq!(read_all(board), [], "bytes for the previous host");
             exchange_some(board, nth);
         }
         assert!(counters(board).usb_resets >= 8);
@@ -406,6 +406,6 @@ fn an_arm_is_read_again_after_each_thing_that_can_happen_to_the_cable() {
             .iter()
             .filter(|byte| byte.direction == Way::ToArm)
             .count();
-        assert_eq!(requested, 4 * 7, "each was asked once");
+        assert_eq!(requested, 4 * 7, "each was requested once");
     });
 }

@@ -11,7 +11,7 @@ use armwire_virtual_board::{Config, Nanos, Timing, VirtualBoard};
 
 type Board = VirtualBoard<Talker>;
 
-/// In which time the adapter must answer again.
+/// Time limit for the adapter's next answer.
 const READY: Nanos = Nanos::from_millis(100);
 
 /// Runs a test on a board whose USB controller does each of its steps at once, and on one that takes its time.
@@ -173,7 +173,8 @@ fn the_bus_may_be_suspended_in_the_middle_of_a_request() {
     });
 }
 
-/// Lets `act` happen at both toggles of both directions, and expects each byte before and after.
+/// Repeats `act` while both sides send. Each byte of the host reaches the arm. Each byte of the arm reaches the host or
+/// is counted as lost.
 fn costs_no_byte(act: impl Fn(&mut Board)) {
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
@@ -288,7 +289,7 @@ fn loses_nothing_uncounted(act: impl Fn(&mut Board, u64)) {
         assert_eq!(
             received + missed as usize,
             sent_by_arm.len(),
-            "{received} heard, {missed} counted"
+            "{received} received, {missed} counted"
         );
         assert!(received > 1_000, "{received}");
         assert_eq!(after.refused_bytes, before.refused_bytes);

@@ -11,10 +11,10 @@ use armwire_sim::wire::Wire;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-/// An arm that answers as late as it is told, or not at all. Every answer says which request it is for.
+/// An arm with given delays, or without an answer. Every answer identifies its request.
 struct Dawdler {
     device: Device<Ling, MAX_FRAME>,
-    /// How late the coming answers are, in turn; `None` for one that never comes.
+    /// Delays of the next answers, in turn; `None` for no answer.
     delays: VecDeque<Option<Duration>>,
     received: u16,
     replies: VecDeque<(Instant, u8)>,
@@ -37,7 +37,7 @@ impl SerialDevice for Dawdler {
             let mut out = [0; MAX_FRAME];
             let n = self.device.respond(&Response::Joints(state), None, &mut out).unwrap();
             if let Some(delay) = self.delays.pop_front().unwrap_or(Some(Duration::from_micros(200))) {
-                // One line: an answer cannot overtake the one before it.
+                // On the line an answer cannot overtake the one before it.
                 let after = self.replies.back().map_or(Instant::ZERO, |&(due, _)| due);
                 let due = after.max(now + delay);
                 self.replies.extend(out[..n].iter().map(|&byte| (due, byte)));

@@ -1,4 +1,4 @@
-//! Where Ling's checksum does not see that one bit is flipped.
+//! Single-bit errors that Ling's checksum does not detect.
 
 use armwire::ling;
 
@@ -14,7 +14,7 @@ pub(crate) struct Place {
     pub(crate) bit: u8,
 }
 
-/// The bits that may be flipped unseen in a frame with so many data bytes.
+/// Undetected bits in a frame with this number of data bytes.
 ///
 /// The checksum is linear: whether a flip is seen depends on its place alone and not on what is in the frame.
 pub(crate) fn places(data: usize) -> Vec<Place> {
@@ -38,7 +38,7 @@ pub(crate) fn places(data: usize) -> Vec<Place> {
 pub(crate) fn table() -> String {
     let mut table = String::from("| Bytes before the checksum | Bit | Field, with n data bytes |\n|---|---|---|\n");
     for Place { back, bit } in places(ling::MAX_DATA) {
-        // The byte is there in frames whose command, function, length and data are so many.
+        // The byte exists in frames with this number of data bytes.
         let data = format!("data, if n ≥ {back}");
         let head = (1..=HEAD).filter(|head| back > *head).map(|head| {
             let field = ["length", "function", "command"][head - 1];

@@ -5,8 +5,8 @@ use std::{env, fs};
 const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/integrity.md");
 const END: &str = "\n<!-- end -->";
 
-/// Whether each of these tables is in the document as it is here, between `<!-- measured: NAME -->` and `<!-- end -->`.
-/// With `ARMWIRE_WRITE` set, it is from now on.
+/// Checks that each of these tables is in the document, between `<!-- measured: NAME -->` and `<!-- end -->`. Writes
+/// them there if `ARMWIRE_WRITE` is set.
 pub(crate) fn holds(tables: &[(&str, String)]) {
     let mut document = fs::read_to_string(PATH).expect(PATH);
     let mut stale = Vec::new();

@@ -1,4 +1,4 @@
-//! What can happen to a frame on its way, each kind exhaustively.
+//! Transmission errors of a frame, each kind exhaustively.
 
 /// A kind of error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,7 +23,7 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    /// All of them, in the order in which they are told.
+    /// All kinds, in the order of the tables.
     pub(crate) const ALL: [Self; 8] = [
         Self::OneBit,
         Self::TwoBits,
@@ -35,7 +35,7 @@ impl Kind {
         Self::CutShort,
     ];
 
-    /// What it is called in the table.
+    /// The name in the table.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::OneBit => "one bit flipped",

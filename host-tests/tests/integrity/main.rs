@@ -1,7 +1,7 @@
-//! What becomes of every frame of the documents if any one thing happens to it: `docs/integrity.md` has the tables.
+//! Outcome of every frame of the documents under every single error: `docs/integrity.md` has the tables.
 //!
-//! A damaged frame comes alone, with silence after it, and is decoded and understood as by a client or a device. It comes
-//! a second time, with the same frame, whole, right behind it: whether that one is delivered.
+//! A damaged frame is decoded and interpreted as by a client or a device, first with silence after it, then with the
+//! same frame, intact, right behind it. The second test shows if the intact frame is delivered.
 
 mod blind;
 mod document;
@@ -22,7 +22,7 @@ use blind::Place;
 use errors::Kind;
 use outcome::{Outcome, Subject};
 
-/// How often each outcome came of one kind of error, and how often the frame behind was lost.
+/// Number of each outcome for one kind of error, and number of losses of the frame behind.
 #[derive(Clone, Copy, Default)]
 struct Count {
     tried: u64,
@@ -44,7 +44,7 @@ impl Count {
     }
 }
 
-/// What all errors of a kind make of a frame.
+/// Outcomes of all errors of a kind for a frame.
 fn count<P: Messages + Default, const N: usize>(subject: &Subject<P>, kind: Kind) -> Count {
     let mut count = Count::default();
     kind.each(&subject.bytes, |damaged| {
@@ -55,7 +55,7 @@ fn count<P: Messages + Default, const N: usize>(subject: &Subject<P>, kind: Kind
     count
 }
 
-/// What of each kind all make of all these frames. There is a thread for each kind.
+/// Outcomes of each kind of error for all these frames. Each kind has a thread.
 fn measure<P, const N: usize>(vectors: &[Vector], subject: fn(&Vector) -> Subject<P>) -> Vec<(Kind, Count)>
 where
     P: Messages + Default,
@@ -94,7 +94,7 @@ fn table(counts: &[(Kind, Count)]) -> String {
     table + "\n"
 }
 
-/// The bits, each named by its byte from the start of the frame, of which nobody sees that they are flipped.
+/// The undetected bits, each with its byte from the start of the frame.
 fn unseen_bits<P: Messages + Default, const N: usize>(subject: &Subject<P>) -> Vec<(usize, u8)> {
     let mut bits = (0..subject.bytes.len()).flat_map(|byte| (0..8).map(move |bit| (byte, bit)));
     let mut unseen = Vec::new();

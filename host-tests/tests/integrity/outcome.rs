@@ -1,4 +1,4 @@
-//! What becomes of a damaged frame.
+//! The outcome of a damaged frame.
 
 use armwire::decoder::{Decoder, Kind};
 use armwire::framing::Reason;
@@ -6,7 +6,7 @@ use armwire::messages::Messages;
 use armwire::{Cause, ParseError};
 use armwire_host_tests::reference::vectors::Vector;
 
-/// What became of a frame. The later one counts if there are two.
+/// The outcome of a frame. The later variant counts if there are two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Outcome {
     /// Not delivered: no header begins it.
@@ -46,7 +46,7 @@ impl Outcome {
         Self::Undetected,
     ];
 
-    /// What it is called in the table.
+    /// The name in the table.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Header => "header",
@@ -75,7 +75,7 @@ impl Outcome {
     }
 }
 
-/// What it means that a frame is not a message for this reason.
+/// The outcome of a frame that is no message for this reason.
 fn refused(error: &ParseError) -> Outcome {
     match error.cause {
         Cause::Length { .. } => Outcome::Length,
@@ -90,11 +90,11 @@ pub(crate) struct Subject<M: Messages> {
     pub(crate) bytes: Vec<u8>,
     messages: M,
     expect: M::Expect,
-    /// Whether the host sends it, or what it answers.
+    /// The sender: the host, or the arm with the request that it answers.
     from: Sender<M::Key>,
 }
 
-/// Who sends a frame.
+/// The sender of a frame.
 enum Sender<K> {
     Host,
     Arm(Option<K>),
@@ -140,7 +140,7 @@ impl<M: Messages + Default> Subject<M> {
         }
     }
 
-    /// What becomes of the frame if these bytes come in its place, and then silence.
+    /// The outcome if these bytes arrive in place of the frame, followed by silence.
     pub(crate) fn outcome<const N: usize>(&self, damaged: &[u8]) -> Outcome {
         let (mut first, mut delivered) = (None, None);
         self.decode::<N>(damaged, |found| match found {
@@ -150,7 +150,7 @@ impl<M: Messages + Default> Subject<M> {
         delivered.or(first).unwrap_or(Outcome::Silence)
     }
 
-    /// Whether the same frame, whole, is delivered if it follows these bytes without a pause.
+    /// True if the same frame, intact, is delivered right after these bytes.
     pub(crate) fn spares_the_next<const N: usize>(&self, damaged: &[u8]) -> bool {
         let line = [damaged, &self.bytes].concat();
         let mut spared = false;

@@ -1,7 +1,7 @@
-//! Whatever comes on a line and however it is cut, the streaming decoder says of it what the reference says: the same
-//! frames at the same places, and the same noise for the same reason.
+//! The streaming decoder agrees with the reference for any stream in any chunks: the same frames at the same positions,
+//! and the same noise for the same reason.
 //!
-//! The streams are drawn from a seed, so every run is the same. `ARMWIRE_STREAMS` says how many there are of each line:
+//! The streams are drawn from a seed, so every run is the same. `ARMWIRE_STREAMS` sets their number for each line:
 //! `ARMWIRE_STREAMS=2000000 cargo test --release -p armwire-host-tests --test reference` is a long run.
 
 mod streams;
@@ -23,25 +23,25 @@ use oorandom::Rand32;
 
 use streams::{Dialect, below};
 
-/// How many streams of each line are tried, unless `ARMWIRE_STREAMS` says otherwise.
+/// Number of streams of each line without `ARMWIRE_STREAMS`.
 const STREAMS: u64 = 3_000;
 
 /// Says what is in a recording.
 type Reference = Box<dyn Fn(&[u8]) -> Vec<Piece>>;
 
-/// A line: what the decoder is told of it, and how the reference sees it.
+/// A line: the parameters of the decoder, and the reference.
 struct Line<F: Framing> {
     framing: F,
-    /// What the decoder expects of the next frame.
+    /// The decoder's expectation of the next frame.
     expect: F::Expect,
     /// The reference.
     reference: Reference,
-    /// What a frame carries, in the words of the reference.
+    /// The content of a frame, in terms of the reference.
     content: fn(&[u8]) -> Vec<u8>,
 }
 
 impl<F: Framing> Line<F> {
-    /// What the reference makes of streams with a silence after each.
+    /// The reference's pieces of streams with silence after each.
     fn plain(&self, streams: &[Vec<u8>]) -> Vec<Piece> {
         if F::LOSSLESS {
             return (self.reference)(&streams.concat());
@@ -55,14 +55,14 @@ impl<F: Framing> Line<F> {
         pieces
     }
 
-    /// What the decoder makes of them in chunks of any lengths.
+    /// The decoder's pieces of the streams in chunks of any lengths.
     fn streamed<const N: usize>(&self, streams: &[Vec<u8>], random: &mut Rand32) -> Vec<Piece> {
         let (mut decoder, mut pieces) = (Decoder::<N>::new(), Pieces::default());
         for stream in streams {
             let mut rest = &stream[..];
             while !rest.is_empty() {
                 let need = decoder.need(&self.framing, self.expect);
-                assert!(need > 0, "it needs nothing and says nothing");
+                assert!(need > 0, "no threshold and no item");
                 let len = match random.rand_range(0..4) {
                     0 => 1,
                     1 => need,
@@ -76,7 +76,7 @@ impl<F: Framing> Line<F> {
                     chunk = decoder.push(chunk);
                     self.take(&mut decoder, &mut pieces);
                 }
-                assert!(!short || pieces.frames == before, "it said that it needs {need} bytes");
+                assert!(!short || pieces.frames == before, "the threshold was {need} bytes");
             }
             decoder.idle();
             self.take(&mut decoder, &mut pieces);
@@ -102,14 +102,14 @@ impl<F: Framing> Line<F> {
     }
 }
 
-/// What comes out of a decoder, in the pieces of the reference.
+/// The output of a decoder, as pieces of the reference.
 #[derive(Default)]
 struct Pieces {
     pieces: Vec<Piece>,
     frames: usize,
     /// The end of a run of stray bytes that may go on.
     stray: Option<usize>,
-    /// What came of a frame that is skipped whole, from where.
+    /// The received part of a frame that is skipped whole, and its start.
     skipped: Option<(usize, usize)>,
     broken: bool,
 }
@@ -320,7 +320,7 @@ fn what_an_alpha1_says_while_a_servo_is_to_acknowledge_is_decoded_as_by_the_refe
     }
 }
 
-/// Whether both take each of these frames for one frame.
+/// Checks that decoder and reference take each of these frames for one frame.
 fn hold<F: Framing, const N: usize>(line: &Line<F>, vectors: Vec<Vector>) {
     for Vector { name, bytes, .. } in vectors {
         let plain = line.plain(slice::from_ref(&bytes));

@@ -1,4 +1,4 @@
-//! What comes on a line: intact frames, damaged ones, frames within frames, noise.
+//! Streams on a line: intact frames, damaged ones, nested frames, noise.
 
 use armwire_host_tests::reference::{alpha1, legacy, ling, xarm};
 use oorandom::Rand32;
@@ -25,7 +25,7 @@ fn pick<T: Copy>(random: &mut Rand32, from: &[T]) -> T {
 }
 
 impl Dialect {
-    /// What comes between two silences.
+    /// The bytes between two silences.
     pub(crate) fn stream(&self, random: &mut Rand32) -> Vec<u8> {
         let parts = 1 + below(random, 6);
         (0..parts).flat_map(|_| self.part(random)).collect()
@@ -82,7 +82,7 @@ impl Dialect {
         }
     }
 
-    /// So many such bytes.
+    /// A number of these bytes.
     fn bytes(&self, random: &mut Rand32, len: usize) -> Vec<u8> {
         (0..len).map(|_| self.mark(random)).collect()
     }
@@ -123,13 +123,13 @@ pub(crate) const LEGACY: Dialect = Dialect {
     marks: &[0xAA, 0xAA, 0xFF, 0xFF, 0x14, 0x12, 0x07, 0x00, 0x01, 0x3B, 0x3C],
 };
 
-/// What an xArm hears.
+/// Requests to an xArm.
 pub(crate) const XARM_HOST: Dialect = Dialect {
     frame: |random| xarm_frame(random, 1),
     marks: XARM_MARKS,
 };
 
-/// What an xArm says.
+/// Answers of an xArm.
 pub(crate) const XARM_ARM: Dialect = Dialect {
     frame: |random| xarm_frame(random, 2),
     marks: XARM_MARKS,
@@ -148,7 +148,7 @@ fn xarm_frame(random: &mut Rand32, least: usize) -> Vec<u8> {
     xarm::frame(random.rand_range(0..0x1_0000) as u16, protocol, &body)
 }
 
-/// What an Alpha1 and its servos hear.
+/// Requests to an Alpha1 and its servos.
 pub(crate) const ALPHA1_HOST: Dialect = Dialect {
     frame: |random| match random.rand_range(0..6) {
         0 if random.rand_range(0..4) == 0 => false_count(random, 0xF3),
@@ -167,7 +167,7 @@ pub(crate) const ALPHA1_HOST: Dialect = Dialect {
     marks: ALPHA1_MARKS,
 };
 
-/// What an Alpha1 and its servos say.
+/// Answers of an Alpha1 and its servos.
 pub(crate) const ALPHA1_ROBOT: Dialect = Dialect {
     frame: |random| match random.rand_range(0..8) {
         0 if random.rand_range(0..4) == 0 => false_count(random, 0xF1),
@@ -189,7 +189,7 @@ pub(crate) const ALPHA1_ROBOT: Dialect = Dialect {
 const ALPHA1_MARKS: &[u8] =
     b"\xF1\x1F\xEF\xFE\xF2\x2F\xF5\x5F\xFB\xBF\xF4\x4F\xF9\x9F\xF3\x3F\xFA\xAF\xFC\xCF\xED\xED\xAA\xEE\x01\x06\0\0\x3C\x3D";
 
-/// What begins a frame with a text, or one of the robot's Bluetooth protocol, and counts less than is in any.
+/// The header of a text frame, or of a Bluetooth frame of the robot, with a count below the minimum.
 fn false_count(random: &mut Rand32, header: u8) -> Vec<u8> {
     match random.rand_range(0..3) {
         0 => vec![0xFB, 0xBF, pick(random, &[0, 2, 5])],
