@@ -223,7 +223,7 @@ proptest! {
     }
 
     #[test]
-    fn a_prefix_of_a_frame_is_never_given_a_verdict(
+    fn frame_prefix_never_gets_a_verdict(
         (expect, frame) in Alpha1::any_expect().prop_flat_map(|expect| (Just(expect), Alpha1::any_frame(expect))),
     ) {
         common::a_prefix_of_a_frame_is_given_no_verdict::<Alpha1>(&frame, expect)?;
@@ -240,7 +240,7 @@ proptest! {
     }
 
     #[test]
-    fn a_frame_that_was_read_has_all_its_bytes(
+    fn decoded_frame_has_all_its_bytes(
         bytes in Alpha1::any_expect().prop_flat_map(Alpha1::any_frame),
     ) {
         let again = match Frame::parse(&bytes).unwrap() {
@@ -254,7 +254,7 @@ proptest! {
     }
 
     #[test]
-    fn durations_go_to_the_nearest_unit_or_are_refused(micros in 0..2_000_000_000_u64) {
+    fn durations_round_to_nearest_unit_or_are_refused(micros in 0..2_000_000_000_u64) {
         let duration = core::time::Duration::from_micros(micros);
         match Interval::from_duration(duration) {
             Ok(interval) => prop_assert!(interval.duration().abs_diff(duration).as_micros() <= 10_000),
@@ -267,7 +267,7 @@ proptest! {
 }
 
 #[test]
-fn no_servos_late_byte_is_taken_for_another_servos() {
+fn late_byte_is_never_attributed_to_another_servo() {
     for asked in 1..=240_u8 {
         for other in (1..=240_u8).filter(|other| *other != asked) {
             let mut client = Client::<Alpha1, MAX_FRAME>::new(Alpha1, Config::DEFAULT);
@@ -463,7 +463,7 @@ fn every_call_to_the_robot_returns_its_answer() {
 }
 
 #[test]
-fn every_call_to_a_servo_returns_its_answer_with_and_without_an_echo() {
+fn servo_calls_return_answers_with_or_without_echo() {
     for echoes in [false, true] {
         let robot = Robot::new(echoes);
         let mut arm = robot.arm();
@@ -490,7 +490,7 @@ fn every_call_to_a_servo_returns_its_answer_with_and_without_an_echo() {
 }
 
 #[test]
-fn a_servo_that_is_not_there_is_asked_again_and_then_given_up() {
+fn absent_servo_is_retried_then_given_up() {
     let robot = Robot::new(true);
     let mut arm = robot.arm();
     let servo = ServoId::new(9).unwrap();
@@ -500,7 +500,7 @@ fn a_servo_that_is_not_there_is_asked_again_and_then_given_up() {
 }
 
 #[test]
-fn a_servo_whose_byte_is_a_header_is_heard_once_the_line_is_silent() {
+fn header_like_servo_byte_is_received_after_silence() {
     for id in [80, 82] {
         for echoes in [false, true] {
             let robot = Robot::new(echoes);
@@ -517,7 +517,7 @@ fn message(command: u8, data: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn only_moves_releases_and_lights_are_to_all_servos() {
+fn only_moves_releases_and_lights_are_broadcast() {
     for (data, request) in [
         ([0, 0x01, 0xFF, 0, 0, 0], ServoRequest::Release(Address::All)),
         (

@@ -119,7 +119,7 @@ impl<M: Messages + Default> Host<M> {
 }
 
 #[test]
-fn a_call_takes_its_bytes_out_in_any_pieces() {
+fn call_transmits_its_bytes_in_any_pieces() {
     let mut host = Lings::new(Config::DEFAULT);
     host.client.submit(&Request::ReadJoints).unwrap();
     let mut sent = Vec::new();
@@ -146,7 +146,7 @@ fn more_than_there_is_cannot_be_transmitted() {
 }
 
 #[test]
-fn a_second_request_is_refused_while_one_is_in_flight() {
+fn second_request_is_refused_while_one_is_pending() {
     let mut host = Lings::new(Config::DEFAULT);
     host.ask(Request::ReadJoints);
     let busy = host.client.submit(&Request::ReadInfo).unwrap_err();
@@ -161,7 +161,7 @@ fn a_second_request_is_refused_while_one_is_in_flight() {
 }
 
 #[test]
-fn a_request_without_an_answer_is_done_once_sent() {
+fn request_without_answer_is_done_once_sent() {
     let mut host = Lings::new(Config::DEFAULT);
     host.client.submit(&Request::SetTorque(Torque::Off)).unwrap();
     assert!(!host.client.expects_answer());
@@ -172,7 +172,7 @@ fn a_request_without_an_answer_is_done_once_sent() {
 }
 
 #[test]
-fn a_request_is_due_after_its_line_time_the_turnaround_and_the_latency() {
+fn request_deadline_includes_line_time_turnaround_and_latency() {
     let mut host = Lings::new(Config::DEFAULT);
     host.now = Instant::from_micros(1_000);
     host.ask(Request::ReadJoints);
@@ -181,7 +181,7 @@ fn a_request_is_due_after_its_line_time_the_turnaround_and_the_latency() {
 }
 
 #[test]
-fn a_read_is_repeated_as_often_as_configured_and_nothing_else_is() {
+fn only_reads_are_repeated_up_to_the_limit() {
     for repeats in [0, 1, 2, 255] {
         let mut host = Lings::new(Config {
             repeats,
@@ -205,7 +205,7 @@ fn a_read_is_repeated_as_often_as_configured_and_nothing_else_is() {
 }
 
 #[test]
-fn the_answer_to_a_repeat_is_the_answer_and_the_other_is_late() {
+fn answer_to_repeat_counts_and_original_is_late() {
     let mut host = Lings::new(Config::DEFAULT);
     host.ask(Request::ReadJoints);
     host.now = host.timeout().unwrap();
@@ -239,7 +239,7 @@ fn an_answer_read_after_its_window_is_late() {
 }
 
 #[test]
-fn a_missing_answer_holds_its_own_kind_back_for_the_stale_window() {
+fn missing_answer_blocks_its_kind_for_stale_window() {
     let mut host = Lings::new(ONCE);
     host.ask(Request::ReadJoints);
     assert_eq!(host.time_out(), 1);
@@ -269,7 +269,7 @@ fn torque_off_is_never_held_back() {
 }
 
 #[test]
-fn a_request_that_was_not_begun_is_never_sent_once_cancelled() {
+fn unstarted_request_is_never_sent_after_cancel() {
     let mut host = Lings::new(Config::DEFAULT);
     host.client.submit(&Request::ReadJoints).unwrap();
     assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
@@ -280,7 +280,7 @@ fn a_request_that_was_not_begun_is_never_sent_once_cancelled() {
 }
 
 #[test]
-fn the_rest_of_a_cancelled_request_is_sent_before_the_next() {
+fn cancelled_request_is_completed_before_the_next() {
     let mut host = Lings::new(Config::DEFAULT);
     host.client.submit(&Request::ReadJoints).unwrap();
     assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
@@ -303,7 +303,7 @@ fn the_answer_to_a_cancelled_request_is_late() {
 }
 
 #[test]
-fn bytes_that_came_before_the_request_are_no_answer() {
+fn bytes_before_the_request_are_no_answer() {
     let mut host = Lings::new(Config::DEFAULT);
     let line = [&[0xAA, 0, 0, 60][..], &bytes(JOINTS)].concat();
     assert_eq!(host.hear(&line), [""; 0], "a false header holds them back");
@@ -315,7 +315,7 @@ fn bytes_that_came_before_the_request_are_no_answer() {
 }
 
 #[test]
-fn an_answer_behind_a_false_header_is_found_when_the_line_stays_silent() {
+fn answer_behind_false_header_is_found_after_silence() {
     let mut host = Lings::new(ONCE);
     host.ask(Request::ReadJoints);
     let line = [&[0xAA, 0, 0, 60][..], &bytes(JOINTS)].concat();
@@ -335,7 +335,7 @@ fn an_idle_line_frees_the_answer_at_once() {
 }
 
 #[test]
-fn an_answer_that_has_begun_gets_the_time_to_end() {
+fn started_answer_gets_time_to_end() {
     let whole = bytes(JOINTS);
     for received in 1..whole.len() {
         let mut host = Lings::new(ONCE);
@@ -351,7 +351,7 @@ fn an_answer_that_has_begun_gets_the_time_to_end() {
 }
 
 #[test]
-fn bytes_without_end_do_not_put_off_the_time_out_for_ever() {
+fn endless_bytes_do_not_postpone_timeout_forever() {
     for line in [&[0xAA, 0, 0, 60][..], &[0x11]] {
         let mut host = Lings::new(ONCE);
         host.ask(Request::ReadJoints);
@@ -364,7 +364,7 @@ fn bytes_without_end_do_not_put_off_the_time_out_for_ever() {
 }
 
 #[test]
-fn another_message_does_not_put_off_the_time_out() {
+fn other_message_does_not_postpone_timeout() {
     let mut host = Lings::new(ONCE);
     host.ask(Request::ReadJoints);
     let due = host.timeout().unwrap();
@@ -376,7 +376,7 @@ fn another_message_does_not_put_off_the_time_out() {
 }
 
 #[test]
-fn an_answer_read_long_after_it_was_due_is_still_the_answer() {
+fn answer_read_long_after_deadline_still_counts() {
     let mut host = Lings::new(ONCE);
     host.ask(Request::ReadJoints);
     host.now += micros(10_000_000);
@@ -384,7 +384,7 @@ fn an_answer_read_long_after_it_was_due_is_still_the_answer() {
 }
 
 #[test]
-fn an_echo_is_neither_an_answer_nor_an_error() {
+fn echo_is_neither_answer_nor_error() {
     let mut host = Lings::new(Config::DEFAULT);
     host.ask(Request::ReadJoints);
     let line = [&[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF][..], &bytes(JOINTS)].concat();
@@ -400,7 +400,7 @@ fn reloaded(number: u16) -> Vec<u8> {
 }
 
 #[test]
-fn requests_are_numbered_from_one_and_past_the_last_number() {
+fn request_numbers_start_at_one_and_wrap() {
     let mut host = Arms::new(Config::TCP);
     for number in (1..=u16::MAX).chain(1..3) {
         host.client.submit(&xarm::Request::ReloadDynamics).unwrap();
@@ -439,7 +439,7 @@ fn only_the_answer_with_its_own_number_counts() {
 }
 
 #[test]
-fn a_broken_connection_ends_the_request_in_flight_and_every_later_one() {
+fn broken_connection_ends_current_and_later_requests() {
     let mut host = Arms::new(Config::TCP);
     host.ask(xarm::Request::ReloadDynamics);
     assert_eq!(host.hear(&[0, 1, 0, 9, 0, 2]), ["Broken(0)"]);
@@ -453,7 +453,7 @@ fn a_broken_connection_ends_the_request_in_flight_and_every_later_one() {
 }
 
 #[test]
-fn nothing_of_a_request_is_sent_once_the_connection_broke() {
+fn nothing_is_sent_after_the_connection_broke() {
     for sent in 0..7 {
         let mut host = Arms::new(Config::TCP);
         host.client.submit(&xarm::Request::ReloadDynamics).unwrap();
@@ -465,7 +465,7 @@ fn nothing_of_a_request_is_sent_once_the_connection_broke() {
 }
 
 #[test]
-fn an_answer_before_the_break_in_the_same_bytes_still_counts() {
+fn answer_before_break_in_same_bytes_counts() {
     let mut host = Arms::new(Config::TCP);
     host.ask(xarm::Request::ReloadDynamics);
     let events = host.hear(&[&reloaded(1)[..], &[0, 0, 1]].concat());
@@ -476,7 +476,7 @@ fn an_answer_before_the_break_in_the_same_bytes_still_counts() {
 }
 
 #[test]
-fn what_no_message_has_is_skipped_and_the_answer_behind_it_is_given() {
+fn non_message_is_skipped_before_the_answer() {
     let mut long = vec![0, 1, 0, 2, 1, 44];
     long.resize(6 + 300, 0);
     let heartbeat = [0, 7, 0, 1, 0, 2, 0, 0];

@@ -184,12 +184,12 @@ fn any_alpha1_expect() -> impl Strategy<Value = Expect> {
 
 proptest! {
     #[test]
-    fn every_byte_of_a_ling_line_comes_out_once(line in line(of_ling()), cuts in vec(1..40_usize, 0..30)) {
+    fn every_ling_byte_comes_out_once(line in line(of_ling()), cuts in vec(1..40_usize, 0..30)) {
         all_of(&Ling, (), &line, &cuts)?;
     }
 
     #[test]
-    fn every_byte_of_an_older_ling_line_comes_out_once(
+    fn every_legacy_ling_byte_comes_out_once(
         line in line(vectors::legacy()),
         cuts in vec(1..40_usize, 0..30),
     ) {
@@ -197,7 +197,7 @@ proptest! {
     }
 
     #[test]
-    fn every_byte_of_an_alpha1_line_comes_out_once(
+    fn every_alpha1_byte_comes_out_once(
         line in line(of_alpha1()),
         expect in any_alpha1_expect(),
         cuts in vec(1..40_usize, 0..30),
@@ -206,7 +206,7 @@ proptest! {
     }
 
     #[test]
-    fn every_byte_of_an_xarm_connection_comes_out_once(
+    fn every_xarm_byte_comes_out_once(
         line in line([vectors::xarm_requests(), vectors::xarm_answers()].concat()),
         requests in any::<bool>(),
         cuts in vec(1..40_usize, 0..30),
@@ -216,7 +216,7 @@ proptest! {
     }
 
     #[test]
-    fn every_byte_of_a_raw_line_comes_out_once(line in vec(any::<u8>(), 0..300), cuts in vec(1..40_usize, 0..30)) {
+    fn every_raw_byte_comes_out_once(line in vec(any::<u8>(), 0..300), cuts in vec(1..40_usize, 0..30)) {
         all_of(&Raw, (), &line, &cuts)?;
     }
 
@@ -305,7 +305,7 @@ fn play(len: usize) -> Vec<u8> {
 }
 
 #[test]
-fn a_frame_too_long_for_the_decoder_is_skipped_whole() {
+fn frame_too_long_for_decoder_is_skipped_whole() {
     // The name contains frames: none of it may be decoded as one.
     let mut long = play(100);
     let stop = vectors::hex("F2 2F 00 00 00 00 00 00 00 ED");
@@ -342,7 +342,7 @@ fn silence_ends_what_is_skipped() {
 }
 
 #[test]
-fn names_of_every_documented_length_fit_a_roomy_decoder() {
+fn names_of_documented_lengths_fit_a_large_decoder() {
     for len in 0..=254 {
         let frame = play(len);
         let items = decode::<_, ROOMY>(&Alpha1, Expect::Requests, &[&frame]);
@@ -351,7 +351,7 @@ fn names_of_every_documented_length_fit_a_roomy_decoder() {
 }
 
 #[test]
-fn an_xarm_reply_of_any_length_ends_where_it_says() {
+fn xarm_reply_ends_at_its_length() {
     let next = vectors::hex("00 02 00 02 00 02 04 00");
     for len in [0, 1, 255, 300, 5_000] {
         let reply = [&[0, 1, 0, 2][..], &u16::to_be_bytes(len), &vec![9; len.into()]].concat();
@@ -406,7 +406,7 @@ fn silence_means_nothing_on_a_lossless_line() {
 }
 
 #[test]
-fn committing_more_than_the_room_is_an_error_and_takes_nothing() {
+fn excess_commit_is_an_error_and_consumes_nothing() {
     let mut decoder = Decoder::<8>::new();
     let error = decoder.commit(9).unwrap_err();
     assert_eq!((error.got, error.max), (9, 8));

@@ -24,7 +24,7 @@ fn effects<D: Dialect>(dialect: &D, requests: &[Vector]) -> Vec<(&'static str, E
 }
 
 #[test]
-fn every_ling_request_says_what_it_does_and_gets() {
+fn ling_requests_have_documented_effect_and_response() {
     use Effect::{Motion, Read, Setting, Torque};
     let expected = [
         ("read information", Read, Some(30)),
@@ -47,7 +47,7 @@ fn every_ling_request_says_what_it_does_and_gets() {
 }
 
 #[test]
-fn every_alpha1_request_says_what_it_does_and_gets() {
+fn alpha1_requests_have_documented_effect_and_response() {
     use Effect::{Motion, Read, Setting, Torque};
     let expected = [
         ("F1 hardware version", Read, Some(259)),
@@ -77,7 +77,7 @@ fn every_alpha1_request_says_what_it_does_and_gets() {
 }
 
 #[test]
-fn every_xarm_request_says_what_it_does_and_gets() {
+fn xarm_requests_have_documented_effect_and_response() {
     use Effect::{Read, Setting};
     let expected = [
         ("register 1", Read, Some(260)),
@@ -134,7 +134,7 @@ fn each_answer_belongs_to_its_request_alone() {
 }
 
 #[test]
-fn a_servo_answer_must_be_of_the_servo_asked() {
+fn servo_answer_must_match_the_requested_servo() {
     let key = |request: &str| Alpha1.request(&hex(request)).unwrap().key;
     let moves = key("FA AF 01 01 5A 32 00 32 C0 ED");
     assert!(Alpha1.is_response_to(moves, &[0xAB]) && !Alpha1.is_response_to(moves, &[0xAC]));
@@ -145,7 +145,7 @@ fn a_servo_answer_must_be_of_the_servo_asked() {
 }
 
 #[test]
-fn a_change_of_id_succeeds_under_the_new_id_and_fails_under_either() {
+fn id_change_succeeds_as_new_fails_as_either() {
     let key = Alpha1.request(&hex("FA AF 01 CD 00 02 00 00 D0 ED")).unwrap().key;
     assert_eq!(key, alpha1::Key::ChangeId { from: 1, to: 2 });
     assert!(Alpha1.is_response_to(key, &hex("FA AF 02 AA 00 01 00 00 AD ED")));
@@ -190,7 +190,7 @@ fn a_bluetooth_frame_answers_no_action() {
 }
 
 #[test]
-fn a_request_of_a_newer_ling_arm_is_a_setting_that_is_answered() {
+fn unknown_ling_request_is_a_setting_with_response() {
     let info = Ling.request(&hex("AA 07 00 01 05 00 FF")).unwrap();
     assert_eq!((info.effect, info.response.is_some()), (Effect::Setting, true));
     assert_eq!(
@@ -204,7 +204,7 @@ fn a_request_of_a_newer_ling_arm_is_a_setting_that_is_answered() {
 }
 
 #[test]
-fn an_answer_with_a_value_that_no_arm_has_still_answers() {
+fn answer_with_invalid_value_still_matches() {
     let stroke = Ling.request(&hex("AA 04 0E 01 FE 1B FF")).unwrap().key;
     assert!(Ling.is_response_to(stroke, &hex("AA 04 0E 01 03 BA FF")));
     let temperatures = Ling.request(&hex("AA 06 01 01 FE AD FF")).unwrap().key;
@@ -229,7 +229,7 @@ fn every_well_formed_self_check_request_is_one() {
 }
 
 #[test]
-fn the_number_is_stamped_where_there_is_room_for_one() {
+fn number_is_stamped_where_there_is_room() {
     let arm = XArm::PRIVATE;
     let mut call = hex("00 01 00 02 00 02 06 06");
     arm.stamp(&mut call, 0x1234);

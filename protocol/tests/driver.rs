@@ -230,7 +230,7 @@ fn run<T>(world: &Shared, future: impl Future<Output = T>) -> T {
 }
 
 #[test]
-fn a_read_returns_the_answer_as_soon_as_it_is_there() {
+fn read_returns_the_answer_without_delay() {
     let world = world();
     let state = run(&world, arm(&world).read_joints()).unwrap();
     assert_eq!(state.joints, [2001; 6]);
@@ -278,7 +278,7 @@ fn requests_without_an_answer_return_once_written() {
 }
 
 #[test]
-fn silence_is_an_error_that_says_how_often_it_was_asked() {
+fn silence_is_an_error_with_the_attempts() {
     let world = world();
     world.borrow_mut().turnaround = Duration::from_millis(10_000);
     let error = run(&world, arm(&world).self_check()).unwrap_err();
@@ -287,7 +287,7 @@ fn silence_is_an_error_that_says_how_often_it_was_asked() {
 }
 
 #[test]
-fn an_answer_that_cannot_be_accepted_is_an_error_at_once_with_the_reason() {
+fn unacceptable_answer_is_an_error_with_reason() {
     let world = world();
     let mut out = [0; MAX_FRAME];
     let frame = Frame {
@@ -312,7 +312,7 @@ fn an_answer_that_cannot_be_accepted_is_an_error_at_once_with_the_reason() {
 }
 
 #[test]
-fn a_call_dropped_before_its_first_byte_is_never_sent() {
+fn call_dropped_before_first_byte_is_never_sent() {
     let world = world();
     let mut arm = arm(&world);
     world.borrow_mut().room = 0;
@@ -323,7 +323,7 @@ fn a_call_dropped_before_its_first_byte_is_never_sent() {
 }
 
 #[test]
-fn a_call_dropped_in_the_middle_of_its_frame_leaves_no_half_frame() {
+fn call_dropped_in_midframe_leaves_no_partial_frame() {
     let world = world();
     let mut arm = arm(&world);
     world.borrow_mut().room = 3;
@@ -337,7 +337,7 @@ fn a_call_dropped_in_the_middle_of_its_frame_leaves_no_half_frame() {
 }
 
 #[test]
-fn the_answer_to_a_dropped_call_satisfies_no_other() {
+fn answer_to_dropped_call_satisfies_no_other() {
     let world = world();
     let mut arm = arm(&world);
     world.borrow_mut().turnaround = Duration::from_micros(500);
@@ -350,7 +350,7 @@ fn the_answer_to_a_dropped_call_satisfies_no_other() {
 }
 
 #[test]
-fn a_slow_arm_is_repeated_to_and_its_second_answer_is_not_mistaken() {
+fn slow_arm_gets_repeat_without_confused_answers() {
     let world = world();
     let mut arm = arm(&world);
     world.borrow_mut().turnaround = Duration::from_millis(61);
@@ -366,7 +366,7 @@ fn rest(world: &Shared, span: Duration) {
 }
 
 #[test]
-fn an_answer_that_waited_in_the_port_is_not_taken_for_a_new_one() {
+fn answer_waiting_in_port_is_not_new() {
     let world = world();
     let mut arm = arm(&world);
     // Too late for its request, and unread until long after.
@@ -381,7 +381,7 @@ fn an_answer_that_waited_in_the_port_is_not_taken_for_a_new_one() {
 }
 
 #[test]
-fn answers_after_a_time_out_are_not_taken_for_new_ones_however_long_nobody_reads() {
+fn answers_after_timeout_are_never_taken_as_new() {
     let world = world();
     let mut arm = arm(&world);
     world.borrow_mut().turnaround = Duration::from_millis(1_000);
@@ -399,7 +399,7 @@ fn flooded(byte: u8) -> Shared {
 }
 
 #[test]
-fn a_port_that_always_has_a_byte_delays_no_answer() {
+fn constantly_readable_port_delays_no_answer() {
     let world = flooded(0x11);
     let mut arm = arm(&world);
     for expected in 2001..2010 {
@@ -412,7 +412,7 @@ fn a_port_that_always_has_a_byte_delays_no_answer() {
 }
 
 #[test]
-fn a_port_that_always_has_a_byte_delays_no_time_out() {
+fn constantly_readable_port_delays_no_timeout() {
     for byte in [0x11, 0xAA] {
         let world = flooded(byte);
         world.borrow_mut().turnaround = Duration::from_millis(100_000);
@@ -429,14 +429,14 @@ fn a_port_that_always_has_a_byte_delays_no_time_out() {
 }
 
 #[test]
-fn torque_off_goes_out_after_one_read_however_many_bytes_there_are() {
+fn torque_off_is_sent_after_one_read() {
     let world = flooded(0x11);
     run(&world, arm(&world).set_torque(Torque::Off)).unwrap();
     assert_eq!(world.borrow().reads_before_write, [1]);
 }
 
 #[test]
-fn a_port_that_closes_or_fails_is_an_error_that_says_so() {
+fn closed_or_failed_port_is_a_named_error() {
     struct Broken(Result<usize, ErrorKind>);
 
     impl ErrorType for Broken {
@@ -471,7 +471,7 @@ fn a_port_that_closes_or_fails_is_an_error_that_says_so() {
 }
 
 #[test]
-fn bytes_after_an_answer_stay_for_the_next_call() {
+fn bytes_after_an_answer_stay_for_next_call() {
     let world = world();
     let mut out = [0; MAX_FRAME];
     let n = Ling

@@ -12,7 +12,7 @@ use exchange_oracle::Who::{Can, Poll, Usb};
 use exchange_oracle::*;
 
 #[test]
-fn an_answer_belongs_to_the_oldest_send_of_its_key() {
+fn answer_matches_the_oldest_send_of_its_key() {
     let mut line = plain();
     line.send(1, Usb, 0);
     line.send(2, Can, 5);
@@ -24,7 +24,7 @@ fn an_answer_belongs_to_the_oldest_send_of_its_key() {
 }
 
 #[test]
-fn an_answer_that_began_before_the_handover_is_none() {
+fn answer_started_before_the_handover_is_ignored() {
     let mut line = plain();
     line.offset = 10;
     line.send(1, Usb, 100);
@@ -45,7 +45,7 @@ fn bytes_without_stamps_go_by_their_offset() {
 }
 
 #[test]
-fn a_send_is_resolved_when_it_is_due_plus_the_stale_window() {
+fn send_is_resolved_after_the_stale_window() {
     let mut line = plain();
     line.send(1, Usb, 0);
     assert_eq!(line.timeout(), Some(100));
@@ -64,7 +64,7 @@ fn a_send_is_resolved_when_it_is_due_plus_the_stale_window() {
 }
 
 #[test]
-fn a_late_answer_is_late_once_and_only_for_its_own_request() {
+fn late_answer_counts_once_for_its_own_request() {
     let mut line = plain();
     line.send(1, Usb, 0);
     line.send(2, Usb, 0);
@@ -75,7 +75,7 @@ fn a_late_answer_is_late_once_and_only_for_its_own_request() {
 }
 
 #[test]
-fn a_request_waits_for_a_stale_send_of_its_key() {
+fn request_waits_for_stale_send_of_its_key() {
     let mut line = plain();
     line.send(1, Usb, 0);
     assert_eq!(line.missing(100), [Usb]);
@@ -86,7 +86,7 @@ fn a_request_waits_for_a_stale_send_of_its_key() {
 }
 
 #[test]
-fn a_request_waits_for_a_send_of_its_key_by_another() {
+fn request_waits_for_same_key_of_another_initiator() {
     let mut line = plain();
     line.send(1, Usb, 0);
     assert!(line.may(1, Usb), "its own");
@@ -161,7 +161,7 @@ fn nothing_is_evicted_by_more_than_is_counted() {
 }
 
 #[test]
-fn saturation_ends_with_the_stale_window_of_the_last() {
+fn saturation_ends_with_the_last_stale_window() {
     let mut line = plain();
     for n in 0..4 {
         line.send(n as u8, Usb, 0);
@@ -213,7 +213,7 @@ fn only_an_answer_moves_a_deadline() {
 }
 
 #[test]
-fn an_answer_gives_no_time_to_those_before_it() {
+fn answer_extends_no_earlier_deadline() {
     let mut line = plain();
     line.send(1, Usb, 0);
     line.send(2, Usb, 10);
@@ -258,7 +258,7 @@ fn repeats_take_no_more_room() {
 }
 
 #[test]
-fn an_initiator_is_due_when_its_first_answer_is() {
+fn initiator_is_due_with_its_first_answer() {
     let mut line = plain();
     line.send(1, Usb, 0);
     line.send(2, Can, 5);

@@ -106,7 +106,7 @@ proptest! {
     }
 
     #[test]
-    fn a_prefix_of_a_frame_is_never_given_a_verdict(frame in Legacy::any_frame(())) {
+    fn frame_prefix_never_gets_a_verdict(frame in Legacy::any_frame(())) {
         common::a_prefix_of_a_frame_is_given_no_verdict::<Legacy>(&frame, ())?;
     }
 
@@ -117,7 +117,7 @@ proptest! {
     }
 
     #[test]
-    fn positions_are_those_of_the_counts_or_an_error_that_names_one(servos in uniform9(0..5000_u16)) {
+    fn positions_match_counts_or_name_the_invalid_one(servos in uniform9(0..5000_u16)) {
         let state = JointState { firmware: Firmware::V6_0, servos };
         match state.positions() {
             Ok(positions) => prop_assert_eq!(positions.map(|position| position.ticks()), state.joints()),
@@ -128,7 +128,7 @@ proptest! {
     }
 
     #[test]
-    fn three_frames_in_succession_are_recognised_whatever_came_before(
+    fn three_consecutive_frames_are_recognised_after_anything(
         before in vec(any::<u8>(), 0..200),
         frames in vec(response(), 3..8),
     ) {
@@ -139,7 +139,7 @@ proptest! {
     }
 
     #[test]
-    fn any_chunks_give_the_verdict_at_the_same_byte(
+    fn chunking_does_not_change_the_verdict_byte(
         parts in vec((noise(), vec(response(), 0..4)), 1..8),
         lengths in vec(1..40_usize, 1..60),
     ) {
@@ -160,7 +160,7 @@ proptest! {
     }
 
     #[test]
-    fn current_frames_are_never_taken_for_the_older_generation(
+    fn current_frames_are_never_taken_as_legacy(
         parts in vec((noise(), current()), 0..40),
         broken in any::<bool>(),
     ) {
@@ -174,7 +174,7 @@ proptest! {
     }
 
     #[test]
-    fn two_older_frames_between_current_ones_are_not_enough(
+    fn two_legacy_frames_between_current_are_not_enough(
         parts in vec((current(), response(), response()), 1..20),
     ) {
         let mut detector = Detector::new();
@@ -206,7 +206,7 @@ fn ten_million_random_bytes_are_not_recognised() {
 
 /// The hardest noise: only the first and last bytes of such frames.
 #[test]
-fn noise_made_of_the_frames_own_marks_is_not_recognised() {
+fn noise_of_frame_marks_is_not_recognised() {
     let marks = [0xAA, 0x14, 0x12, 0x04, 0x02, 0x07, 0x00, 0xFF];
     let bytes: Vec<u8> = random(2)
         .take(4_000_000)

@@ -103,7 +103,7 @@ proptest! {
     }
 
     #[test]
-    fn a_prefix_of_a_frame_is_never_given_a_verdict(frame in Ling::any_frame(())) {
+    fn frame_prefix_never_gets_a_verdict(frame in Ling::any_frame(())) {
         common::a_prefix_of_a_frame_is_given_no_verdict::<Ling>(&frame, ())?;
     }
 
@@ -134,7 +134,7 @@ fn missed_single_bit_errors(len: usize) -> usize {
 }
 
 #[test]
-fn the_checksum_misses_single_bit_errors_only_in_long_frames() {
+fn checksum_misses_single_bits_only_in_long_frames() {
     // Eight bits of CRC-32 are no CRC-8. Values are therefore range-checked too, and lengths must fit the function.
     for len in 3..=21 {
         assert_eq!(missed_single_bit_errors(len), 0, "{len} bytes");
@@ -165,7 +165,7 @@ fn joint_data(status: u8) -> [u8; 15] {
 }
 
 #[test]
-fn every_motion_status_is_the_one_of_the_document() {
+fn every_motion_status_matches_the_document() {
     for code in 0..=u8::MAX {
         let expected = match code {
             0x00 => MotionStatus::Idle,

@@ -101,7 +101,7 @@ const XARM: usize = xarm::MAX_FRAME;
 const ALPHA1: usize = alpha1::MAX_FRAME;
 
 #[test]
-fn an_unacceptable_answer_of_a_ling_arm_ends_the_request() {
+fn unacceptable_ling_answer_ends_the_request() {
     use ling::Request::*;
     for (request, answer, reason) in [
         (
@@ -140,7 +140,7 @@ fn an_unacceptable_answer_of_a_ling_arm_ends_the_request() {
 }
 
 #[test]
-fn an_unacceptable_answer_of_an_xarm_ends_the_request() {
+fn unacceptable_xarm_answer_ends_the_request() {
     for (command, body, reason) in [
         (
             xarm::Request::ReadTorqueSource,
@@ -158,7 +158,7 @@ fn an_unacceptable_answer_of_an_xarm_ends_the_request() {
 }
 
 #[test]
-fn an_unacceptable_answer_of_an_alpha1_ends_the_request() {
+fn unacceptable_alpha1_answer_ends_the_request() {
     let [one, two] = [1, 2].map(|id| ServoId::new(id).unwrap());
     let action = alpha1::Action {
         angles: [None; 20],
@@ -249,7 +249,7 @@ fn an_echo_is_no_unacceptable_answer() {
 }
 
 #[test]
-fn a_request_without_an_answer_is_not_ended_by_one() {
+fn unacceptable_answer_spares_requests_without_answer() {
     let mut host = Host::<Ling, LING>::new();
     host.client.submit(&ling::Request::SetStroke(Stroke::Mm100)).unwrap();
     assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
@@ -260,7 +260,7 @@ fn a_request_without_an_answer_is_not_ended_by_one() {
 }
 
 #[test]
-fn an_unacceptable_answer_before_the_request_is_sent_ends_nothing() {
+fn unacceptable_answer_before_transmission_ends_nothing() {
     let mut host = Host::<Ling, LING>::new();
     host.client.submit(&ling::Request::ReadStroke).unwrap();
     assert_eq!(host.hear(&ling(4, 0x0E, &[3])), ["unknown"]);
@@ -268,7 +268,7 @@ fn an_unacceptable_answer_before_the_request_is_sent_ends_nothing() {
 }
 
 #[test]
-fn a_late_unacceptable_answer_does_not_end_the_next_request() {
+fn late_unacceptable_answer_spares_the_next_request() {
     let mut host = Host::<Ling, LING>::new();
     host.ask(ling::Request::ReadStroke);
     host.client.cancel();

@@ -138,14 +138,14 @@ proptest! {
     }
 
     #[test]
-    fn a_prefix_of_a_frame_is_never_given_a_verdict(
+    fn frame_prefix_never_gets_a_verdict(
         (expect, frame) in XArm::any_expect().prop_flat_map(|expect| (Just(expect), XArm::any_frame(expect))),
     ) {
         common::a_prefix_of_a_frame_is_given_no_verdict::<XArm>(&frame, expect)?;
     }
 
     #[test]
-    fn no_frame_and_no_byte_of_a_sound_line_is_lost(line in sound_line()) {
+    fn sound_line_loses_no_frame_or_byte(line in sound_line()) {
         common::nothing_is_lost_to_noise::<XArm>(line)?;
     }
 
@@ -298,7 +298,7 @@ fn arm(world: &Shared) -> Arm<Port<'_>, VirtualClock<'_>> {
 const VERSION: Reply<'static> = Reply::Version(VersionText(b"6,6,XI1202,AC1302,v1.12.10"));
 
 #[test]
-fn every_call_asks_its_register_and_gives_the_answer_with_the_state() {
+fn every_call_reads_its_register_with_state() {
     let radius = RotationRadius::from_metres(0.3).unwrap();
     let joint = Joint::new(6).unwrap();
     let states = [0x00, 0x10, 0x20, 0x40, 0x70, 0x87, 0x01, 0x00].map(State);
@@ -361,7 +361,7 @@ fn every_call_asks_its_register_and_gives_the_answer_with_the_state() {
 }
 
 #[test]
-fn a_refusal_or_an_empty_answer_is_an_error_with_the_state() {
+fn refused_or_empty_answer_is_error_with_state() {
     let invalid = State::INVALID | State::ERROR;
     let world = world([
         (invalid, Reply::Empty(Register::Version)),
@@ -383,7 +383,7 @@ fn a_refusal_or_an_empty_answer_is_an_error_with_the_state() {
 }
 
 #[test]
-fn a_silent_arm_is_waited_for_as_the_vendors_package_does() {
+fn silent_arm_timeouts_match_the_vendor_package() {
     let world = world([]);
     let mut arm = arm(&world);
     let silence = Err(ArmError::Call(CallError::TimedOut { sends: 1 }));
@@ -394,7 +394,7 @@ fn a_silent_arm_is_waited_for_as_the_vendors_package_does() {
 }
 
 #[test]
-fn a_broken_connection_ends_every_call_with_where_it_broke() {
+fn broken_connection_ends_calls_with_its_position() {
     let world = world([(State::OK, VERSION)]);
     let mut arm = arm(&world);
     world.borrow_mut().line.extend([0, 1, 0, 9]);
@@ -414,7 +414,7 @@ fn a_broken_connection_ends_every_call_with_where_it_broke() {
 }
 
 #[test]
-fn an_answer_that_comes_with_the_break_is_given() {
+fn answer_that_arrives_with_the_break_counts() {
     let world = world([(State::OK, Reply::Empty(Register::ReloadDynamics))]);
     world.borrow_mut().behind.extend([0, 2, 0, 9]);
     let mut arm = arm(&world);

@@ -366,7 +366,7 @@ fn report(frame: &[u8]) -> [u8; 64] {
 }
 
 #[test]
-fn every_request_of_the_documents_holds_in_both_directions() {
+fn documented_requests_round_trip() {
     for (row, bytes, request) in requests() {
         let mut out = [0; MAX_FRAME];
         let n = Alpha1.encode_request(&request, &mut out).unwrap();
@@ -377,7 +377,7 @@ fn every_request_of_the_documents_holds_in_both_directions() {
 }
 
 #[test]
-fn every_response_of_the_documents_holds_in_both_directions() {
+fn documented_responses_round_trip() {
     for (row, bytes, answer, response) in responses() {
         let mut out = [0; MAX_FRAME];
         let n = Alpha1.encode_response(&response, None, &mut out).unwrap();
@@ -394,7 +394,7 @@ fn answers(request: &[u8], frame: &[u8]) -> bool {
 }
 
 #[test]
-fn every_request_has_a_response_of_the_documents_unless_it_is_for_all() {
+fn documented_requests_have_responses_except_broadcasts() {
     for (row, request, _) in requests() {
         let answered = responses().iter().any(|(_, bytes, _, _)| answers(&request, bytes));
         assert_eq!(answered, Alpha1.request(&request).unwrap().response.is_some(), "{row}");
@@ -437,7 +437,7 @@ fn no_response_of_the_documents_answers_another_servo() {
 }
 
 #[test]
-fn a_byte_is_read_only_as_the_answer_of_the_servo_that_was_asked() {
+fn byte_answers_only_the_requested_servo() {
     let answer = ServoAnswer::Acknowledgement(id(1));
     for (byte, answer) in [
         (0xAC, Some(answer)),
@@ -451,7 +451,7 @@ fn a_byte_is_read_only_as_the_answer_of_the_servo_that_was_asked() {
 }
 
 #[test]
-fn what_a_damaged_print_seems_to_say_is_rejected_and_the_error_names_it() {
+fn damaged_print_is_rejected_with_named_error() {
     let requests = Expect::Requests;
     let responses = Expect::Responses(None);
     let tail = |got| Reason::Tail { expected: 0xED, got };
@@ -548,7 +548,7 @@ fn a_text_counts_itself() {
 }
 
 #[test]
-fn padding_of_a_report_is_neither_noise_nor_data() {
+fn report_padding_is_neither_noise_nor_data() {
     for (row, bytes, answer, response) in responses() {
         let mut decoder = Decoder::<MAX_FRAME>::new();
         let expect = Expect::Responses(answer);
@@ -574,7 +574,7 @@ fn padding_of_a_report_is_neither_noise_nor_data() {
 }
 
 #[test]
-fn a_bluetooth_frame_is_named_and_passed_over_whole_whoever_sends_it() {
+fn bluetooth_frame_is_skipped_whole_in_both_directions() {
     // A handshake, a battery request, its answer, and a frame whose parameters look like an answer.
     for bytes in [
         "FB BF 06 01 00 07 ED",
@@ -598,7 +598,7 @@ fn a_bluetooth_frame_is_named_and_passed_over_whole_whoever_sends_it() {
 }
 
 #[test]
-fn a_bluetooth_frame_is_verified_and_its_length_bounded() {
+fn bluetooth_frame_is_verified_and_its_length_bounded() {
     let requests = Expect::Requests;
     let bad_sum = hex("FB BF 06 01 00 08 ED");
     let (expected, got) = (0x07, 0x08);
@@ -620,7 +620,7 @@ fn a_bluetooth_frame_is_verified_and_its_length_bounded() {
 }
 
 #[test]
-fn the_echo_of_a_servo_request_is_no_answer_and_hides_none() {
+fn servo_request_echo_is_no_answer_hides_none() {
     for (row, bytes, request) in requests() {
         let Request::Servo(_) = request else { continue };
         let expect = Alpha1.request(&bytes).unwrap().expect;
@@ -637,7 +637,7 @@ fn the_echo_of_a_servo_request_is_no_answer_and_hides_none() {
 }
 
 #[test]
-fn every_servo_is_heard_with_and_without_an_echo_before_it() {
+fn every_servo_is_received_with_or_without_echo() {
     for n in 1..=240 {
         let request = Request::Servo(moving(Address::One(id(n))));
         let answer = answered(Response::Servo(ServoResponse::Acknowledged(id(n))));
@@ -663,7 +663,7 @@ fn every_servo_is_heard_with_and_without_an_echo_before_it() {
 }
 
 #[test]
-fn an_idle_line_tells_the_byte_of_servo_80_from_an_echo_at_once() {
+fn idle_line_separates_servo_80_byte_from_echo() {
     let mut client = sent(Request::Servo(moving(Address::One(id(80)))), Config::DEFAULT);
     assert!(client.receive(at(900), &[0xFA]).is_empty());
     assert_eq!(events(&mut client, at(900)), [""; 0]);
@@ -684,7 +684,7 @@ fn another_servos_byte_is_no_answer() {
 }
 
 #[test]
-fn a_byte_that_comes_before_its_request_was_begun_is_none() {
+fn byte_before_its_request_is_ignored() {
     let mut client = Client::<Alpha1, MAX_FRAME>::new(Alpha1, Config::DEFAULT);
     client.submit(&Request::Servo(moving(Address::One(id(1))))).unwrap();
     assert!(client.receive(at(0), &[0xAB]).is_empty());
@@ -693,7 +693,7 @@ fn a_byte_that_comes_before_its_request_was_begun_is_none() {
 }
 
 #[test]
-fn a_byte_that_comes_late_is_late_and_no_answer_to_the_next_request() {
+fn late_byte_does_not_answer_the_next_request() {
     let request = Request::Servo(moving(Address::One(id(1))));
     let byte = Response::Servo(ServoResponse::Acknowledged(id(1)));
     let mut client = sent(request, Config::DEFAULT);
@@ -713,7 +713,7 @@ fn a_byte_that_comes_late_is_late_and_no_answer_to_the_next_request() {
 }
 
 #[test]
-fn a_late_byte_is_known_while_a_request_without_an_answer_is_being_sent() {
+fn late_byte_is_recognised_during_unanswered_request() {
     let release = |who| Request::Servo(ServoRequest::Release(who));
     let mut client = sent(release(Address::One(id(1))), Config::DEFAULT);
     let Output::Timeout(Some(due)) = client.poll(at(0)) else {
@@ -729,7 +729,7 @@ fn a_late_byte_is_known_while_a_request_without_an_answer_is_being_sent() {
 }
 
 #[test]
-fn a_zero_is_the_answer_of_servo_86_and_filling_after_it() {
+fn zero_is_servo_86_answer_then_padding() {
     let request = Request::Servo(moving(Address::One(id(86))));
     let answer = Response::Servo(ServoResponse::Acknowledged(id(86)));
     assert_eq!(hear(request, &report(&[0x00])), [answered(answer)]);
@@ -740,7 +740,7 @@ fn a_zero_is_the_answer_of_servo_86_and_filling_after_it() {
 }
 
 #[test]
-fn the_byte_of_every_servo_is_heard_in_a_report() {
+fn every_servo_byte_is_received_in_a_report() {
     for n in 1..=240 {
         let request = Request::Servo(moving(Address::One(id(n))));
         let answer = Response::Servo(ServoResponse::Acknowledged(id(n)));
@@ -757,7 +757,7 @@ fn an_answer_of_another_servo_is_no_answer() {
 }
 
 #[test]
-fn a_servos_frame_that_nothing_asked_for_is_said_to_be_one() {
+fn unrequested_servo_frame_is_reported_as_such() {
     let frame = hex("FA AF 01 AA 00 5A 00 5A 5F ED");
     let error = Alpha1.parse_response(&frame, Expect::Responses(None)).unwrap_err();
     assert_eq!(
@@ -770,7 +770,7 @@ fn a_servos_frame_that_nothing_asked_for_is_said_to_be_one() {
 }
 
 #[test]
-fn a_good_frame_that_is_no_request_says_why() {
+fn valid_frame_without_request_names_the_reason() {
     for (bytes, message) in [
         (
             "FC CF 01 02 00 00 00 00 03 ED",
@@ -856,7 +856,7 @@ fn a_good_frame_that_is_no_request_says_why() {
 }
 
 #[test]
-fn a_firmware_version_without_a_status_is_an_error_that_says_where() {
+fn firmware_version_without_status_names_the_position() {
     let mut bytes = hex("F5 5F AA 32 30 31 35 31 32 31 35 31 39 A5 ED");
     (bytes[2], bytes[13]) = (0xAB, 0xA6);
     let expect = Expect::Responses(None);
@@ -868,7 +868,7 @@ fn a_firmware_version_without_a_status_is_an_error_that_says_where() {
 }
 
 #[test]
-fn every_byte_of_an_action_but_ff_is_an_angle_and_is_kept() {
+fn every_action_byte_but_ff_is_an_angle() {
     let Request::Act(action) = acting() else { unreachable!() };
     let mut out = [0; MAX_FRAME];
     let n = Alpha1.encode_request(&Request::Act(action), &mut out).unwrap();
@@ -925,7 +925,7 @@ fn no_duration_is_cut_short_or_rounded_away() {
 }
 
 #[test]
-fn zeros_between_servo_frames_are_filling_all_at_once() {
+fn zeros_between_servo_frames_are_padding_at_once() {
     let expect = Expect::Responses(Some(ServoAnswer::Angles));
     for (window, zeros) in [(&[0][..], 1), (&[0, 0, 0, 0], 4), (&[0, 0, 0xFA], 2)] {
         assert_eq!(Alpha1.scan(window, expect), Scan::Padding(zeros), "{window:x?}");
@@ -933,7 +933,7 @@ fn zeros_between_servo_frames_are_filling_all_at_once() {
 }
 
 #[test]
-fn what_has_no_second_header_byte_is_viewed_as_nothing() {
+fn bytes_without_second_header_have_no_view() {
     let frame = hex("FB BF 06 01 ED");
     assert!(Frame::parse(&frame).is_some());
     let other = hex("FB BE 06 01 ED");
@@ -947,13 +947,13 @@ fn a_servo_runs_if_its_bit_is_set() {
 }
 
 #[test]
-fn a_text_is_itself_if_it_can_be_printed() {
+fn printable_text_is_kept_unchanged() {
     assert_eq!(name("dance").as_str(), Some("dance"));
     assert_eq!(Text::new(b"\x1b[31m").unwrap().as_str(), None);
 }
 
 #[test]
-fn bytes_that_begin_nothing_are_stray_all_at_once() {
+fn bytes_without_a_header_are_stray_at_once() {
     let expect = Expect::Responses(None);
     for (window, stray) in [(&[1][..], 1), (&[1, 2, 3], 3), (&[1, 2, 3, 0], 3), (&[1, 2, 0xFA], 2)] {
         let verdict = Scan::Noise(stray, Reason::Stray);
@@ -962,7 +962,7 @@ fn bytes_that_begin_nothing_are_stray_all_at_once() {
 }
 
 #[test]
-fn a_frame_that_is_not_expected_any_more_holds_nothing_back() {
+fn frame_no_longer_expected_holds_nothing_back() {
     // In a host's stream they begin a request. From servo 5, AF is an answer.
     let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(5))));
     let mut decoder = Decoder::<MAX_FRAME>::new();

@@ -157,7 +157,7 @@ fn bytes_of(frame: Frame<'_>) -> Vec<u8> {
 }
 
 #[test]
-fn every_request_of_the_document_holds_in_both_directions() {
+fn documented_requests_round_trip() {
     for (section, bytes, request) in requests() {
         let mut out = [0; MAX_FRAME];
         let n = Ling.encode_request(&request, &mut out).unwrap();
@@ -167,7 +167,7 @@ fn every_request_of_the_document_holds_in_both_directions() {
 }
 
 #[test]
-fn every_response_of_the_document_holds_in_both_directions() {
+fn documented_responses_round_trip() {
     for (section, bytes, response) in responses() {
         let mut out = [0; MAX_FRAME];
         let n = Ling.encode_response(&response, None, &mut out).unwrap();
@@ -177,7 +177,7 @@ fn every_response_of_the_document_holds_in_both_directions() {
 }
 
 #[test]
-fn the_two_frames_printed_with_a_wrong_checksum_are_rejected_and_say_so() {
+fn two_prints_with_wrong_checksum_are_rejected() {
     // Section 2.3 prints the checksum of "set 100 mm" in the query and in its answer.
     for (printed, expected) in [("AA 04 0E 01 FE 7F FF", 0x1B), ("AA 04 0E 01 01 7F FF", 0x96)] {
         let mut decoder = Decoder::<MAX_FRAME>::new();
@@ -191,7 +191,7 @@ fn the_two_frames_printed_with_a_wrong_checksum_are_rejected_and_say_so() {
 }
 
 #[test]
-fn a_device_accepts_the_self_check_as_printed_and_in_both_well_formed_spellings() {
+fn device_accepts_all_spellings_of_the_self_check() {
     for spelling in ["AA FE 00 00 FE 93 FF", "AA FE 00 00 C8 FF", "AA FE 00 01 FE D2 FF"] {
         for chunk in 1..=7 {
             let mut device = Device::<Ling, MAX_FRAME>::new(Ling);
@@ -211,7 +211,7 @@ fn a_device_accepts_the_self_check_as_printed_and_in_both_well_formed_spellings(
 }
 
 #[test]
-fn only_the_self_check_has_slack_in_its_length() {
+fn only_the_self_check_has_length_tolerance() {
     let check = checksum(&[0x06, 0x00, 0x00, 0xFE]);
     let verdict = Ling.scan(&[0xAA, 0x06, 0x00, 0x00, 0xFE, check, 0xFF], ());
     assert!(matches!(verdict, Scan::Noise(1, _)), "{verdict:?}");
@@ -230,7 +230,7 @@ fn leader_arms_send_six_readings() {
 }
 
 #[test]
-fn a_reply_of_the_wrong_length_names_the_lengths_it_may_have() {
+fn reply_with_wrong_length_names_valid_lengths() {
     let frame = Frame {
         command: 0x06,
         function: 0x01,
@@ -244,7 +244,7 @@ fn a_reply_of_the_wrong_length_names_the_lengths_it_may_have() {
 }
 
 #[test]
-fn a_value_out_of_range_is_an_error_that_says_where() {
+fn value_out_of_range_names_its_position() {
     let mut out = [0; MAX_FRAME];
     let n = Ling.encode_request(&moving(0), &mut out).unwrap();
     out[4 + 9] = 0x10; // joint 3: 0x1000 ticks
@@ -261,7 +261,7 @@ fn a_value_out_of_range_is_an_error_that_says_where() {
 }
 
 #[test]
-fn the_gripper_may_be_told_speeds_that_joints_may_not() {
+fn gripper_accepts_speeds_beyond_those_of_joints() {
     let request = Request::Move(Move {
         joints: [(Position::MAX, Speed::MAX); 6],
         gripper: (Opening::OPEN, GripperSpeed(5500)),
@@ -304,7 +304,7 @@ fn the_longest_frame_has_64_bytes_of_data() {
 }
 
 #[test]
-fn a_self_check_with_more_data_than_either_print_has_is_refused() {
+fn self_check_with_excess_data_is_refused() {
     let frame = |data| Frame {
         command: SELF_CHECK[1],
         function: 0,
@@ -319,7 +319,7 @@ fn a_self_check_with_more_data_than_either_print_has_is_refused() {
 }
 
 #[test]
-fn a_move_that_is_out_of_range_says_at_which_byte() {
+fn move_out_of_range_names_the_byte() {
     let home = [0x00, 0x08, 0xE8, 0x03].repeat(7);
     for offset in (0..26).step_by(2) {
         let mut data = home.clone();

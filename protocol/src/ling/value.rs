@@ -533,14 +533,14 @@ mod tests {
     }
 
     #[test]
-    fn a_quarter_turn_from_the_centre_is_half_of_pi() {
+    fn quarter_turn_from_centre_is_half_pi() {
         let quarter = core::f32::consts::FRAC_PI_2;
         assert_eq!(Position::from_radians(quarter), Ok(Position::new(3072).unwrap()));
         assert_eq!(Position::from_radians(-quarter), Ok(Position::new(1024).unwrap()));
     }
 
     #[test]
-    fn every_speed_survives_the_way_through_radians_per_second() {
+    fn every_speed_survives_radians_per_second() {
         for ticks in 0..=5000 {
             let speed = Speed::new(ticks).unwrap();
             assert_eq!(Speed::from_radians_per_second(speed.radians_per_second()), Ok(speed));
@@ -548,7 +548,7 @@ mod tests {
     }
 
     #[test]
-    fn every_opening_survives_the_way_through_fractions_and_millimetres() {
+    fn every_opening_survives_fractions_and_millimetres() {
         for per_mille in 0..=1000 {
             let opening = Opening::new(per_mille).unwrap();
             assert_eq!(Opening::from_fraction(opening.fraction()), Ok(opening));
@@ -562,7 +562,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_cannot_be_said_is_an_error_not_a_clamp() {
+    fn unrepresentable_value_is_an_error_not_a_clamp() {
         for angle in [f32::NAN, f32::INFINITY, -3.2, core::f32::consts::PI] {
             let error = Position::from_radians(angle).unwrap_err();
             assert!(error.got.is_nan() == angle.is_nan() && error.max < core::f32::consts::PI);
@@ -591,7 +591,7 @@ mod tests {
     }
 
     #[test]
-    fn every_motion_status_has_a_text_of_its_own() {
+    fn every_motion_status_has_a_unique_text() {
         extern crate std;
         let text = |code| std::format!("{}", MotionStatus::from(code));
         let known = [0x00, 0x01, 0x10, 0x11, 0xE1, 0xE2, 0x02, 0x03].map(text);
@@ -602,7 +602,7 @@ mod tests {
     }
 
     #[test]
-    fn a_servo_is_faulty_if_its_bit_is_clear_and_the_arm_has_it() {
+    fn clear_bit_of_an_existing_servo_means_faulty() {
         for id in 1..=10_u8 {
             let check = SelfCheck(!(1 << (id - 1)));
             assert!(check.faulty(Kind::Follower).eq([id]));

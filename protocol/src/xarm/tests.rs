@@ -195,7 +195,7 @@ fn client_hears(request: Option<Request<'_>>, bytes: &[u8], chunk: usize) -> Vec
 }
 
 #[test]
-fn every_request_of_the_page_holds_in_both_directions() {
+fn documented_requests_round_trip() {
     for (register, bytes, request) in requests() {
         let arm = XArm {
             protocol: if bytes[3] == 3 {
@@ -214,7 +214,7 @@ fn every_request_of_the_page_holds_in_both_directions() {
 }
 
 #[test]
-fn every_response_of_the_page_holds_in_both_directions() {
+fn documented_responses_round_trip() {
     for (register, bytes, response) in responses() {
         let mut out = [0; MAX_FRAME];
         let n = XArm::PRIVATE
@@ -228,7 +228,7 @@ fn every_response_of_the_page_holds_in_both_directions() {
 }
 
 #[test]
-fn every_frame_of_the_page_is_received_once_in_any_chunks() {
+fn documented_frames_are_received_once_in_any_chunks() {
     for chunk in 1..=48 {
         for (register, bytes, request) in requests() {
             let mut device = Device::<XArm, MAX_FRAME>::new(XArm::PRIVATE);
@@ -257,7 +257,7 @@ fn every_frame_of_the_page_is_received_once_in_any_chunks() {
 }
 
 #[test]
-fn every_reply_of_the_page_answers_its_request_and_no_other() {
+fn documented_reply_answers_only_its_own_request() {
     for (_, request_bytes, request) in requests() {
         for (_, bytes, response) in responses() {
             let answers = match response {
@@ -278,7 +278,7 @@ fn every_reply_of_the_page_answers_its_request_and_no_other() {
 }
 
 #[test]
-fn a_frame_with_the_length_of_the_table_is_broken_off_where_its_text_is_left_over() {
+fn frame_with_table_length_breaks_at_excess_text() {
     // Registers 1 and 2: the table has 2 where the frame has 42.
     for printed in [0, 1] {
         let (register, mut bytes, _) = responses().swap_remove(printed);
@@ -294,7 +294,7 @@ fn a_frame_with_the_length_of_the_table_is_broken_off_where_its_text_is_left_ove
 }
 
 #[test]
-fn the_state_of_register_6_is_that_of_the_frame_not_of_the_table() {
+fn register_6_state_follows_frame_not_table() {
     let (_, bytes, response) = responses().swap_remove(5);
     let Response::Reply { state, .. } = response else {
         panic!("{response:?}");
@@ -306,7 +306,7 @@ fn the_state_of_register_6_is_that_of_the_frame_not_of_the_table() {
 const PRINTED: &str = "00 01 00 02 00 02 0A 00 00 01";
 
 #[test]
-fn the_printed_reply_of_register_10_breaks_the_connection() {
+fn printed_register_10_reply_breaks_the_connection() {
     // The two surplus bytes look like a transaction id, and the id of the next reply like a protocol id.
     let line = [hex(PRINTED), hex("00 05 00 02 00 02 04 10")].concat();
     let first = told(Event::Answer(reply(State::OK, Reply::Empty(Register::SystemControl))));
@@ -317,7 +317,7 @@ fn the_printed_reply_of_register_10_breaks_the_connection() {
 }
 
 #[test]
-fn a_length_too_short_or_too_long_is_skipped_and_named() {
+fn invalid_length_is_skipped_and_named() {
     let length = |min, max, got| Scan::Noise(HEADER + usize::from(got), Reason::Length { min, max, got });
     let cases = [
         ("00 01 00 02 00 00", Direction::Requests, length(1, 253, 0)),
@@ -336,7 +336,7 @@ fn a_length_too_short_or_too_long_is_skipped_and_named() {
 }
 
 #[test]
-fn a_protocol_id_over_3_is_fatal_and_named() {
+fn protocol_id_over_3_is_fatal_and_named() {
     let byte = |offset: u8, expected, got| Scan::Broken(Reason::Byte { offset, expected, got });
     for id in 4..=u8::MAX {
         let scan = XArm::PRIVATE.scan(&[0, 1, 0, id], Direction::Requests);
@@ -363,7 +363,7 @@ fn nothing_but_the_heartbeat_has_protocol_id_1() {
 }
 
 #[test]
-fn standard_modbus_is_refused_by_name_and_the_connection_goes_on() {
+fn standard_modbus_is_refused_and_connection_continues() {
     let read = hex("00 07 00 00 00 06 01 03 00 00 00 02");
     let line = [read, hex("00 01 00 02 00 01 01")].concat();
     let mut device = Device::<XArm, MAX_FRAME>::new(XArm::PRIVATE);
@@ -387,7 +387,7 @@ fn standard_modbus_is_refused_by_name_and_the_connection_goes_on() {
 }
 
 #[test]
-fn bad_parameters_are_named_and_refused_with_the_numbers_of_the_request() {
+fn bad_parameters_are_refused_with_the_request_numbers() {
     for (bytes, text) in [
         ("00 09 00 03 00 02 01 00", "register 1: 1 data bytes, expected 0"),
         ("00 09 00 03 00 01 06", "register 6: 0 data bytes, expected 1"),
@@ -414,7 +414,7 @@ fn bad_parameters_are_named_and_refused_with_the_numbers_of_the_request() {
 }
 
 #[test]
-fn a_reply_with_bad_parameters_names_what_they_may_be() {
+fn reply_with_bad_parameters_names_valid_ones() {
     for (bytes, text) in [
         ("00 01 00 02 00 03 04 00 00", "register 4: 1 data bytes, expected 0"),
         (
@@ -451,7 +451,7 @@ fn a_reply_with_bad_parameters_names_what_they_may_be() {
 }
 
 #[test]
-fn a_radius_of_any_bits_is_taken_and_given_back_as_it_is() {
+fn radius_of_any_bits_is_kept_unchanged() {
     for bits in [
         0x7FC0_0001,
         0xFFC0_0000,
@@ -479,7 +479,7 @@ fn a_radius_of_any_bits_is_taken_and_given_back_as_it_is() {
 }
 
 #[test]
-fn an_arm_is_waited_for_as_long_as_the_vendors_package_does() {
+fn answer_timeouts_match_the_vendor_package() {
     for (register, bytes, request) in requests() {
         let turnaround = match request {
             Request::Heartbeat => None,
@@ -501,14 +501,14 @@ fn an_arm_is_waited_for_as_long_as_the_vendors_package_does() {
 }
 
 #[test]
-fn a_frame_is_viewed_only_if_its_length_is_that_of_its_body() {
+fn frame_view_requires_length_matching_the_body() {
     assert!(Frame::parse(&[0, 1, 0, 2, 0, 1, 7]).is_some());
     assert_eq!(Frame::parse(&[0, 1, 0, 2, 0, 2, 7]), None);
     assert_eq!(Frame::parse(&[0, 1, 0, 2, 0, 0]), None);
 }
 
 #[test]
-fn radii_are_the_same_only_if_their_bits_are() {
+fn radii_are_equal_only_with_equal_bits() {
     let radius = |metres| RotationRadius::from_metres(metres).unwrap();
     assert_eq!(radius(0.1), radius(0.1));
     assert_ne!(radius(0.1), radius(0.2));
@@ -529,7 +529,7 @@ fn a_state_names_every_bit_it_has() {
 }
 
 #[test]
-fn the_longest_frame_is_as_long_as_that_of_modbus_tcp() {
+fn longest_frame_has_the_modbus_tcp_limit() {
     let response = Response::Reply {
         state: State::OK,
         reply: Reply::Raw(Raw::new(42, &[1; MAX_PARAMS]).unwrap()),
@@ -540,7 +540,7 @@ fn the_longest_frame_is_as_long_as_that_of_modbus_tcp() {
 }
 
 #[test]
-fn a_modbus_function_that_no_byte_has_room_for_is_refused() {
+fn modbus_function_without_a_byte_is_refused() {
     let error = ModbusFunction::new(0x83).unwrap_err();
     assert_eq!(std::format!("{error}"), "Modbus function is 131, must be 0..=127");
     assert_eq!(ModbusFunction::new(127).map(ModbusFunction::number), Ok(127));

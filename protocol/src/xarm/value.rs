@@ -633,7 +633,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_value_that_cannot_be_said_is_an_error_not_a_clamp() {
+    fn unrepresentable_value_is_an_error_not_a_clamp() {
         for metres in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.001, 100.01] {
             assert!(RotationRadius::from_metres(metres).is_err(), "{metres}");
             let millimetres = metres * 1000.0;
@@ -646,7 +646,7 @@ mod tests {
     }
 
     #[test]
-    fn every_radius_in_millimetres_survives_the_way_through_metres() {
+    fn every_radius_in_millimetres_survives_metres() {
         for millimetres in 0..=100_000_u32 {
             let millimetres = millimetres as f32;
             let metres = RotationRadius { millimetres }.metres().unwrap();
@@ -671,7 +671,7 @@ mod tests {
     }
 
     #[test]
-    fn a_version_is_five_fields_the_first_two_numbers() {
+    fn version_has_five_fields_starting_with_two_numbers() {
         let version = |text| {
             let bytes = VersionText::encode(text).unwrap();
             VersionText(&bytes).version().map(|version| version.axes)
@@ -708,7 +708,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_without_a_nul_are_read_to_their_end() {
+    fn text_without_nul_is_read_to_its_end() {
         let mut text = [b'7'; TEXT];
         assert_eq!(VersionText(&text).as_str().map(str::len), Some(TEXT));
         text[20] = 0;
@@ -718,7 +718,7 @@ mod tests {
     }
 
     #[test]
-    fn a_text_that_does_not_fit_or_cannot_be_shown_is_refused() {
+    fn oversized_or_unprintable_text_is_refused() {
         let long = "0123456789012345678901234567890123456789";
         let error = VersionText::encode(long).unwrap_err();
         assert_eq!(std::format!("{error}"), "version text is 40 characters, must be 0..=39");

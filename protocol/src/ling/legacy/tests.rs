@@ -85,7 +85,7 @@ fn every_frame_holds_in_both_directions() {
 }
 
 #[test]
-fn a_joint_is_the_first_servo_of_its_pair() {
+fn joint_is_the_first_servo_of_its_pair() {
     let (_, _, response) = responses().swap_remove(1);
     let Response::Joints(state) = response else {
         panic!("{response:?}");
@@ -94,7 +94,7 @@ fn a_joint_is_the_first_servo_of_its_pair() {
 }
 
 #[test]
-fn the_two_servos_of_a_joint_agree_in_what_arms_have_sent() {
+fn servo_pairs_agree_in_recorded_frames() {
     for (source, _, response) in responses() {
         if let Response::Joints(state) = response {
             let [a1, a2, b1, b2, c1, c2, ..] = state.servos;
@@ -106,7 +106,7 @@ fn the_two_servos_of_a_joint_agree_in_what_arms_have_sent() {
 }
 
 #[test]
-fn a_wrong_parity_and_a_missing_end_are_named_with_what_they_should_be() {
+fn wrong_parity_and_missing_end_name_expected_values() {
     let (_, good, _) = responses().remove(0);
     let n = good.len();
     for (at, byte, reason) in [
@@ -141,7 +141,7 @@ fn the_parity_misses_what_it_must_miss() {
 }
 
 #[test]
-fn the_longest_frame_is_taken_from_a_buffer_that_just_holds_it() {
+fn longest_frame_fits_an_exact_buffer() {
     let data = [7; MAX_DATA];
     let frame = Frame {
         command: 6,
@@ -156,7 +156,7 @@ fn the_longest_frame_is_taken_from_a_buffer_that_just_holds_it() {
 }
 
 #[test]
-fn a_good_frame_that_is_no_message_is_told_from_one() {
+fn valid_frame_without_message_is_distinguished() {
     let parse = |text: &str| Legacy.parse_response(&hex(text), ()).unwrap_err();
     assert_eq!(parse("AA 0A 03 05 04 13 00 FF").to_string(), "command 0A: unknown");
     let error = parse("AA 12 03 05 04 13 00 FF");
@@ -174,7 +174,7 @@ fn to_such_an_arm_every_frame_is_unknown() {
 }
 
 #[test]
-fn a_client_reads_and_never_has_a_byte_to_send() {
+fn client_reads_and_never_has_bytes_to_send() {
     let mut client = Client::<Legacy, MAX_FRAME>::new(Legacy, Config::DEFAULT);
     for (i, (source, bytes, response)) in responses().into_iter().enumerate() {
         let now = Instant::from_micros(25_000 * i as u64);
@@ -189,7 +189,7 @@ fn a_client_reads_and_never_has_a_byte_to_send() {
 }
 
 #[test]
-fn the_decoder_of_current_frames_finds_none_in_what_such_an_arm_says() {
+fn current_decoder_finds_no_frame_in_legacy_stream() {
     let line = responses()
         .into_iter()
         .flat_map(|(_, bytes, _)| bytes)
@@ -210,7 +210,7 @@ fn the_decoder_of_current_frames_finds_none_in_what_such_an_arm_says() {
 }
 
 #[test]
-fn a_detector_tells_at_the_end_of_the_third_frame_and_for_good() {
+fn detector_decides_at_third_frame_for_good() {
     let line: Vec<u8> = responses()
         .into_iter()
         .take(3)
@@ -224,7 +224,7 @@ fn a_detector_tells_at_the_end_of_the_third_frame_and_for_good() {
 }
 
 #[test]
-fn frames_that_are_not_in_succession_are_not_enough() {
+fn nonconsecutive_frames_are_not_enough() {
     let (_, joints, _) = responses().remove(0);
     for between in ["00", "AA", "AA 06 00 01 FE 9A FF", "AA 14 12"] {
         let mut detector = Detector::new();
@@ -236,7 +236,7 @@ fn frames_that_are_not_in_succession_are_not_enough() {
 }
 
 #[test]
-fn other_frames_of_the_older_generation_neither_count_nor_break_the_succession() {
+fn other_legacy_frames_neither_count_nor_interrupt() {
     let (_, joints, _) = responses().remove(0);
     let version = hex("AA 0A 03 05 04 13 00 FF");
     let mut detector = Detector::new();
@@ -248,7 +248,7 @@ fn other_frames_of_the_older_generation_neither_count_nor_break_the_succession()
 }
 
 #[test]
-fn the_message_says_what_it_is_what_armwire_does_and_what_to_do() {
+fn message_names_cause_support_and_remedy() {
     let text = OlderGeneration.to_string();
     for part in [
         "older generation",
@@ -264,7 +264,7 @@ fn the_message_says_what_it_is_what_armwire_does_and_what_to_do() {
 }
 
 #[test]
-fn a_header_is_looked_for_and_its_length_waited_for() {
+fn header_is_searched_and_its_length_awaited() {
     assert_eq!(Legacy.scan(&[1, 2, 0xAA], ()), Scan::Noise(2, Reason::Stray));
     assert_eq!(Legacy.scan(&[1, 2, 3], ()), Scan::Noise(3, Reason::Stray));
     assert_eq!(Legacy.scan(&[0xAA], ()), Scan::Need(2));
