@@ -312,14 +312,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_of_arm_has_a_name_of_its_own() {
+    fn every_arm_kind_has_a_unique_name() {
         let names = ArmKind::ALL.map(|kind| kind.to_string());
         assert_eq!(names, ["ling", "alpha1", "alpha1-servo", "raw"]);
         assert_eq!(names, ArmKind::ALL.map(ArmKind::name));
     }
 
     #[test]
-    fn telemetry_leaves_room_on_a_slow_bus_and_is_no_faster_than_polls_on_a_fast_one() {
+    fn telemetry_rate_is_limited_by_bus_and_polls() {
         let hertz = CAN_BIT_RATES.map(|bit_rate| {
             let can = Can {
                 bit_rate,
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_impossible_is_named_with_what_is_possible() {
+    fn invalid_values_are_named_with_valid_ones() {
         let hasty = Config {
             poll: Poll::Hertz(1_001),
             ..Config::default()

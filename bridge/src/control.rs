@@ -439,14 +439,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_asked_and_why_it_was_refused_can_be_read() {
+    fn initiator_and_refusal_reason_have_readable_texts() {
         let names = ["usb", "can", "poll", "command", "adapter"];
         assert_eq!(Initiator::ALL.map(|initiator| initiator.to_string()), names);
         assert_eq!(Refusal::Stale.to_string(), "stale command");
     }
 
     #[test]
-    fn a_duration_counts_in_the_first_bucket_whose_limit_it_is_below() {
+    fn duration_counts_in_first_bucket_above_it() {
         let limits = core::array::from_fn::<_, { Histogram::BUCKETS }, _>(Histogram::limit);
         for micros in [0, 1, 2, 3, 4, 7, 8, 16_383, 16_384, 32_767, 32_768, 65_536, u64::MAX] {
             let mut histogram = Histogram::default();

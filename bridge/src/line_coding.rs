@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_uart_can_do_is_accepted_and_reads_back() {
+    fn supported_coding_is_accepted_and_reads_back() {
         for baud in [1_200, 9_600, 115_200, 1_000_000, 2_000_000] {
             for stop_bits in [0, 2] {
                 for parity in [0, 1, 2] {
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn the_time_of_a_byte_is_right_to_a_microsecond_in_a_frame() {
+    fn byte_time_is_accurate_within_a_frame() {
         for baud in [MIN_BAUD, 9_600, 115_200, 1_000_000, MAX_BAUD] {
             for (stop_bits, parity) in [(0, 0), (2, 1)] {
                 let coding = coding(baud, stop_bits, parity, 8).unwrap();
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_uart_cannot_do_is_refused_with_the_reason() {
+    fn unsupported_coding_is_refused_with_reason() {
         assert_eq!(coding(0, 0, 0, 8), Err(Refused::Baud(0)));
         assert_eq!(coding(MIN_BAUD - 1, 0, 0, 8), Err(Refused::Baud(MIN_BAUD - 1)));
         assert_eq!(coding(MAX_BAUD + 1, 0, 0, 8), Err(Refused::Baud(MAX_BAUD + 1)));
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn time_on_the_line_counts_start_parity_and_stop_bits() {
+    fn line_time_counts_start_parity_and_stop_bits() {
         assert_eq!(coding(115_200, 0, 0, 8).unwrap().micros(100), 8_680);
         assert_eq!(coding(1_000_000, 2, 2, 8).unwrap().micros(10), 120);
         assert_eq!(coding(2_000_000, 0, 0, 8).unwrap().micros(1), 5);

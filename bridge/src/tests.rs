@@ -78,7 +78,7 @@ const SETTLED: Instant = Instant::from_millis(100);
 const BAUD_115200: [u8; 7] = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
 
 #[test]
-fn a_frame_goes_to_the_host_with_its_last_byte() {
+fn frame_reaches_host_with_its_last_byte() {
     let mut bridge = open();
     let frame = frame(&[0xAA; 15]);
     for &byte in &frame[..frame.len() - 1] {
@@ -91,7 +91,7 @@ fn a_frame_goes_to_the_host_with_its_last_byte() {
 }
 
 #[test]
-fn the_start_of_the_next_frame_waits_for_its_own_end() {
+fn start_of_next_frame_waits_for_its_end() {
     let mut bridge = open();
     let first = frame(&[1]);
     let second = frame(&[2, 3]);
@@ -103,7 +103,7 @@ fn the_start_of_the_next_frame_waits_for_its_own_end() {
 }
 
 #[test]
-fn bytes_in_no_frame_go_out_when_the_line_is_idle() {
+fn stray_bytes_are_sent_when_line_is_idle() {
     let mut bridge = open();
     bridge.uart_received(&[1, 2, 0xAA, 3], NOW);
     assert_eq!(packet(&mut bridge), None);
@@ -124,7 +124,7 @@ fn a_full_packet_waits_for_nothing() {
 }
 
 #[test]
-fn the_first_packet_of_a_longer_frame_does_not_wait_for_its_end() {
+fn first_packet_of_longer_frame_is_sent_early() {
     let mut bridge = open();
     let frame = frame(&[7; 63]);
     bridge.uart_received(&frame[..PACKET], NOW);
@@ -134,7 +134,7 @@ fn the_first_packet_of_a_longer_frame_does_not_wait_for_its_end() {
 }
 
 #[test]
-fn a_transfer_that_ends_with_a_full_packet_is_ended_by_an_empty_one() {
+fn full_packet_at_end_is_followed_by_empty() {
     let mut bridge = open();
     bridge.uart_received(&[7; PACKET], NOW);
     assert_eq!(packet(&mut bridge).unwrap().len(), PACKET);
@@ -165,7 +165,7 @@ fn a_short_packet_ends_a_transfer_by_itself() {
 }
 
 #[test]
-fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not_fit() {
+fn stopped_host_blocks_no_arm_loses_only_overflow() {
     let mut bridge = open();
     let line: Vec<u8> = (0..4_000_u32).map(|i| (i % 251) as u8).collect();
     for chunk in line.chunks(50) {
@@ -194,7 +194,7 @@ fn bytes_that_were_dropped_hold_nothing_back() {
 }
 
 #[test]
-fn the_host_is_held_back_until_its_packet_fits() {
+fn host_is_held_back_until_packet_fits() {
     let mut bridge = open();
     let mut expected = Vec::new();
     while bridge.update(NOW).usb_room {
@@ -217,7 +217,7 @@ fn the_host_is_held_back_until_its_packet_fits() {
 }
 
 #[test]
-fn a_line_coding_takes_effect_between_the_bytes_before_and_after_it() {
+fn line_coding_changes_between_earlier_and_later_bytes() {
     let mut bridge = open();
     bridge.usb_received(&[1, 2, 3], NOW);
     bridge.set_line_coding(BAUD_115200, NOW).unwrap();
@@ -237,7 +237,7 @@ fn a_line_coding_takes_effect_between_the_bytes_before_and_after_it() {
 }
 
 #[test]
-fn bytes_between_two_line_codings_go_out_at_the_first() {
+fn bytes_between_two_codings_use_the_first() {
     const BAUD_2M: [u8; 7] = [0x80, 0x84, 0x1E, 0, 0, 0, 8];
     for last in [BAUD_2M, LineCoding::LING.to_cdc()] {
         let mut bridge = open();
@@ -267,7 +267,7 @@ fn bytes_between_two_line_codings_go_out_at_the_first() {
 }
 
 #[test]
-fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
+fn current_coding_needs_no_change_and_cancels_one() {
     let mut bridge = open();
     bridge.set_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
     bridge.tick(SETTLED);
@@ -284,7 +284,7 @@ fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
 }
 
 #[test]
-fn a_line_coding_that_comes_while_the_uart_is_changed_takes_effect_after_that() {
+fn coding_during_a_change_takes_effect_afterwards() {
     const BAUD_2M: [u8; 7] = [0x80, 0x84, 0x1E, 0, 0, 0, 8];
     for last in [BAUD_2M, LineCoding::LING.to_cdc()] {
         let mut bridge = open();
@@ -305,7 +305,7 @@ fn a_line_coding_that_comes_while_the_uart_is_changed_takes_effect_after_that() 
 }
 
 #[test]
-fn a_line_coding_the_uart_cannot_do_changes_nothing_and_is_counted() {
+fn unsupported_coding_is_counted_without_effect() {
     let mut bridge = open();
     bridge.set_line_coding(BAUD_115200, NOW).unwrap();
     let refused = bridge.set_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 3, 8], NOW);
@@ -315,7 +315,7 @@ fn a_line_coding_the_uart_cannot_do_changes_nothing_and_is_counted() {
 }
 
 #[test]
-fn a_new_line_coding_ends_the_frame_that_had_begun() {
+fn new_coding_ends_a_partial_frame() {
     let mut bridge = open();
     let frame = frame(&[1, 2, 3]);
     bridge.uart_received(&frame[..4], NOW);
@@ -326,7 +326,7 @@ fn a_new_line_coding_ends_the_frame_that_had_begun() {
 }
 
 #[test]
-fn a_bus_reset_drops_what_the_last_host_did_not_read_and_keeps_what_it_said() {
+fn bus_reset_drops_unread_data_keeps_written_data() {
     let mut bridge = open();
     bridge.uart_received(&[7; PACKET], NOW);
     packet(&mut bridge).unwrap();
@@ -351,7 +351,7 @@ fn a_bus_reset_drops_what_the_last_host_did_not_read_and_keeps_what_it_said() {
 }
 
 #[test]
-fn a_packet_that_could_not_be_sent_is_counted() {
+fn unsendable_packet_is_counted() {
     let mut bridge = open();
     bridge.uart_received(&[7; PACKET], NOW);
     let lost = packet(&mut bridge).unwrap();
@@ -370,7 +370,7 @@ fn a_host_that_never_raises_dtr_gets_everything() {
 }
 
 #[test]
-fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
+fn closed_port_receives_nothing_and_reopens_clean() {
     let mut bridge = open();
     bridge.uart_received(&[1, 2], NOW);
     assert!(bridge.usb_event(UsbEvent::Dtr(false), NOW));
@@ -405,7 +405,7 @@ const fn any_frame(most: usize) -> RxThreshold {
 }
 
 #[test]
-fn of_a_frame_that_has_begun_all_of_it_is_needed() {
+fn threshold_covers_rest_of_a_started_frame() {
     let mut bridge = open();
     let frame = frame(&[9; 15]);
     assert_eq!(bridge.rx_threshold(), any_frame(PACKET));
@@ -426,7 +426,7 @@ fn of_a_frame_that_has_begun_all_of_it_is_needed() {
 }
 
 #[test]
-fn a_packet_that_is_nearly_full_needs_the_rest_of_it() {
+fn threshold_covers_rest_of_a_nearly_full_packet() {
     let mut bridge = open();
     bridge.uart_received(&[0x11; 62], NOW);
     assert_eq!(bridge.rx_threshold(), any_frame(2));
@@ -435,7 +435,7 @@ fn a_packet_that_is_nearly_full_needs_the_rest_of_it() {
 }
 
 #[test]
-fn what_is_known_of_a_slow_line_is_not_old_while_bytes_come() {
+fn slow_line_state_stays_fresh_while_bytes_arrive() {
     for (baud, most, rest) in [(115_200, 11, 11), (9_600, 6, 1)] {
         let mut bridge = open();
         let coding = LineCoding {
@@ -450,7 +450,7 @@ fn what_is_known_of_a_slow_line_is_not_old_while_bytes_come() {
 }
 
 #[test]
-fn a_host_that_does_not_read_costs_no_extra_looks() {
+fn unread_host_costs_no_extra_polls() {
     let mut bridge = open();
     bridge.uart_received(&[0x11; 500], Instant::ZERO);
     assert_eq!(bridge.rx_threshold(), any_frame(PACKET));
@@ -483,7 +483,7 @@ fn uart_errors_are_counted_by_kind() {
 }
 
 #[test]
-fn bytes_that_stop_moving_are_a_fault_and_a_host_that_does_not_read_is_none() {
+fn stuck_bytes_are_a_fault_unlike_unread_host() {
     let at = Instant::from_millis;
     let mut bridge = open();
     bridge.uart_received(&[7; 500], at(5_000));
@@ -537,7 +537,7 @@ impl Host {
 
 proptest! {
     #[test]
-    fn the_host_gets_every_byte_however_it_is_cut(
+    fn host_gets_every_byte_in_any_chunks(
         says in prop::collection::vec(speech(), 0..12),
         cuts in prop::collection::vec((1..100_usize, any::<bool>(), any::<bool>()), 1..40),
     ) {
@@ -574,7 +574,7 @@ proptest! {
     }
 
     #[test]
-    fn no_frame_is_there_before_the_need_is_met(
+    fn no_frame_completes_before_the_threshold(
         says in prop::collection::vec(speech(), 0..12),
         late in prop::collection::vec(0..30_usize, 1..20),
     ) {
@@ -614,7 +614,7 @@ proptest! {
     }
 
     #[test]
-    fn the_arm_gets_every_byte_however_it_is_cut(
+    fn arm_gets_every_byte_in_any_chunks(
         packets in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..=PACKET), 0..40),
         takes in prop::collection::vec(1..100_usize, 1..10),
     ) {
@@ -636,7 +636,7 @@ proptest! {
 }
 
 #[test]
-fn what_is_needed_has_come_with_the_mark_or_with_as_many_bytes_as_it_can_be() {
+fn threshold_is_met_by_terminator_or_maximum() {
     let need = RxThreshold {
         max: 5,
         min: 2,

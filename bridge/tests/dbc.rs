@@ -263,7 +263,7 @@ fn motion_statuses_have_their_names() {
 }
 
 #[test]
-fn every_cyclic_frame_is_in_the_file_and_every_bit_of_it_in_one_signal() {
+fn dbc_file_covers_every_bit_exactly_once() {
     let messages = messages();
     let cyclic = Function::ALL
         .into_iter()
@@ -293,7 +293,7 @@ fn units_are_what_the_values_have() {
 }
 
 #[test]
-fn the_document_s_tables_have_the_identifiers_and_the_fastest_telemetry() {
+fn document_tables_match_identifiers_and_fastest_telemetry() {
     let rows = CAN_MD.lines().filter_map(|line| line.strip_prefix("| 0x"));
     let bases = rows.map(|row| u16::from_str_radix(&row[..3], 16).unwrap());
     assert!(bases.eq(Function::ALL.map(Function::base)));

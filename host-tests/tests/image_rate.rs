@@ -70,7 +70,7 @@ fn to_arm(board: &mut Board) -> Vec<LineByte> {
 }
 
 #[test]
-fn a_host_without_dtr_loses_its_rate_after_10_s_of_quiet() {
+fn host_without_dtr_loses_rate_after_10s_quiet() {
     on_board(Talker::default(), |board| {
         board.usb().attach();
         board.usb().open_without_dtr(0, LineCoding::new(9_600)).unwrap();
@@ -312,7 +312,7 @@ fn the_hold_of_a_program_that_was_killed_ends_with_its_lease() {
 }
 
 #[test]
-fn hold_line_is_refused_while_a_host_streams_motion() {
+fn hold_line_is_refused_during_motion_stream() {
     on_board(Talker::default(), |board| {
         let mut control = set_up(board, Poll::Off);
         for _ in 0..3 {

@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_moves_what_it_says_as_fast_as_it_says() {
+    fn command_moves_to_target_at_given_speed() {
         let target = Bus::running(7).send(command(8)).unwrap().unwrap();
         assert_eq!(target.joints.map(|(position, _)| position.ticks()), command(8).joints);
         assert!(target.joints.iter().all(|(_, speed)| speed.ticks_per_second() == 1000));
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn every_value_in_range_is_said_exactly_and_every_other_is_refused() {
+    fn values_in_range_are_exact_others_are_refused() {
         for steps in 0..=u8::MAX {
             let target = Command {
                 speed: steps,
@@ -366,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_out_of_range_refuses_all_and_neither_moves_on_nor_ends_the_stream() {
+    fn value_out_of_range_refuses_command_keeps_stream() {
         let mut bus = Bus::running(4);
         for bad in [
             Command {
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn a_half_without_the_other_is_refused_when_its_time_is_up_however_often_it_comes() {
+    fn half_command_is_refused_at_timeout_despite_repeats() {
         let mut bus = Bus::running(4);
         let [a, b] = command(5).to_frames(bus.node);
         assert_eq!(bus.commands.timeout(), None);
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn a_half_that_is_late_or_of_another_command_completes_nothing() {
+    fn late_or_foreign_half_completes_no_command() {
         let mut bus = Bus::running(4);
         let [a, _] = command(5).to_frames(bus.node);
         let [_, b] = command(6).to_frames(bus.node);
@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_starts_with_0_and_ends_by_silence() {
+    fn stream_starts_with_0_and_ends_after_silence() {
         let mut bus = Bus::new();
         assert_eq!(bus.send(command(1)), Some(Err(Refusal::Stale)));
         assert_eq!(bus.send(Command { speed: 0, ..command(0) }), None);
@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn a_running_stream_is_not_started_again_and_counts_on_through_0() {
+    fn running_stream_counts_on_through_0() {
         let mut bus = Bus::running(200);
         assert_eq!(bus.send(command(0)), Some(Ok(command(0).target().unwrap())));
         assert!(bus.send(command(1)).unwrap().is_ok());
@@ -467,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_to_others_and_of_other_functions_are_none_of_its_business() {
+    fn frames_for_other_nodes_or_functions_are_ignored() {
         let mut bus = Bus::running(4);
         let [a, _] = command(5).to_frames(bus.node);
         let [_, other] = command(6).to_frames(Node::default());
@@ -483,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_of_another_length_is_refused_and_changes_nothing() {
+    fn frame_of_wrong_length_is_refused_without_effect() {
         let mut bus = Bus::running(4);
         let [a, b] = command(5).to_frames(bus.node);
         assert_eq!(bus.receive(&a), None);
@@ -518,7 +518,7 @@ mod tests {
         }
 
         #[test]
-        fn what_moves_the_arm_is_of_one_command_in_time_newer_and_of_a_stream_that_started(
+        fn only_complete_timely_newer_stream_commands_move(
             halves in prop::collection::vec(halves(), 1..200),
         ) {
             let mut bus = Bus::new();
@@ -576,7 +576,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_turn_of_the_numbers_0_moves_and_again_is_stale() {
+    fn after_wraparound_0_moves_and_repeat_is_stale() {
         let mut bus = Bus::running(255);
         assert!(bus.send(command(0)).unwrap().is_ok());
         assert_eq!(bus.send(command(0)), Some(Err(Refusal::Stale)));

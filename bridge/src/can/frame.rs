@@ -210,7 +210,7 @@ mod tests {
     const ID: Id = Id(0x123);
 
     #[test]
-    fn a_frame_has_the_bytes_it_was_made_of() {
+    fn frame_keeps_its_bytes() {
         for len in 0..=70 {
             let data = vec![0xA5; len];
             let (classic, fd) = (Frame::new(ID, &data), Frame::new_fd(ID, &data));

@@ -143,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_identifier_means_what_it_was_made_for_and_no_other_means_anything() {
+    fn identifier_maps_to_exactly_one_meaning() {
         let mut known = 0;
         for id in 0..=Id::MAX.get() {
             let id = Id::new(id).unwrap();
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn identifiers_are_in_order_of_urgency_and_leave_the_node_its_bits() {
+    fn identifiers_are_ordered_by_urgency_with_node_bits() {
         assert!(Function::ALL.is_sorted_by_key(|function| function.base()));
         for function in Function::ALL {
             assert_eq!(function.base() & 0xF, 0);

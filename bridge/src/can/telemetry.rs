@@ -368,7 +368,7 @@ mod tests {
         }
 
         #[test]
-        fn frames_of_two_samples_or_adapters_are_not_one_sample(
+        fn mixed_samples_or_adapters_make_no_sample(
             (sample, node) in (sample(), node()),
             (other, other_node) in (sample(), node()),
             exchanged in 0..3_usize,
@@ -393,7 +393,7 @@ mod tests {
         }
 
         #[test]
-        fn what_is_read_as_an_event_is_written_as_it_was(data in any::<[u8; 8]>(), what in 0..40_u8, initiator in 0..7_u8) {
+        fn decoded_event_encodes_to_the_same_frame(data in any::<[u8; 8]>(), what in 0..40_u8, initiator in 0..7_u8) {
             let node = Node::default();
             let [_, _, rest @ ..] = data;
             let [a, b, c, d, e, f] = rest;
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_of_another_function_or_length_says_nothing() {
+    fn frame_of_wrong_function_or_length_is_ignored() {
         let node = Node::default();
         let [a, b, state] = Sample {
             state: JointState {
@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_of_the_arm_is_no_event_frame() {
+    fn arm_frame_is_no_event_frame() {
         let event = Event::Frame {
             initiator: None,
             bytes: crate::control::FrameBytes::default(),

@@ -269,7 +269,7 @@ fn cuts() -> impl Strategy<Value = Vec<prop::sample::Index>> {
 
 proptest! {
     #[test]
-    fn what_a_host_says_is_what_the_adapter_hears(messages in prop::collection::vec(from_host(), 0..8), cuts in cuts()) {
+    fn host_messages_round_trip(messages in prop::collection::vec(from_host(), 0..8), cuts in cuts()) {
         for message in &messages {
             prop_assert_eq!(decode(&encoded(message)), Ok(*message));
         }
@@ -279,7 +279,7 @@ proptest! {
     }
 
     #[test]
-    fn what_the_adapter_says_is_what_a_host_hears(messages in prop::collection::vec(from_adapter(), 0..8), cuts in cuts()) {
+    fn adapter_messages_round_trip(messages in prop::collection::vec(from_adapter(), 0..8), cuts in cuts()) {
         for message in &messages {
             prop_assert_eq!(decode(&encoded(message)), Ok(message.clone()));
         }
@@ -289,7 +289,7 @@ proptest! {
     }
 
     #[test]
-    fn a_message_on_usb_has_one_zero_at_its_end(message in from_adapter()) {
+    fn usb_message_has_one_zero_at_its_end(message in from_adapter()) {
         let bytes = encoded_cobs(&message);
         prop_assert_eq!(bytes.iter().position(|&byte| byte == 0), Some(bytes.len() - 1));
     }
@@ -308,21 +308,21 @@ proptest! {
     }
 
     #[test]
-    fn garbage_is_heard_of_once_for_each_of_its_parts(garbage in prop::collection::vec(any::<u8>(), 0..700), cuts in cuts()) {
+    fn each_part_of_garbage_is_reported_once(garbage in prop::collection::vec(any::<u8>(), 0..700), cuts in cuts()) {
         let parts = garbage.split_inclusive(|&byte| byte == 0).filter(|part| part.len() > 1 && part.ends_with(&[0]));
         let heard = read::<FromHost, 64>(&mut Reader::new(), &pieces(&garbage, &cuts));
         prop_assert_eq!(heard.len(), parts.count());
     }
 
     #[test]
-    fn bytes_that_are_a_message_are_the_bytes_of_this_message(bytes in prop::collection::vec(0..4_u8, 0..40)) {
+    fn decoded_message_encodes_to_the_same_bytes(bytes in prop::collection::vec(0..4_u8, 0..40)) {
         if let Ok(message) = decode::<FromHost>(&bytes) {
             prop_assert_eq!(encoded(&message), bytes);
         }
     }
 
     #[test]
-    fn the_sequence_number_is_heard_whatever_comes_behind_it(sequence: u8, rest in prop::collection::vec(any::<u8>(), 0..80)) {
+    fn sequence_number_is_read_whatever_follows(sequence: u8, rest in prop::collection::vec(any::<u8>(), 0..80)) {
         let bytes = [&[sequence], &rest[..]].concat();
         match decode::<FromHost>(&bytes) {
             Ok(message) => prop_assert_eq!(message.sequence, sequence),
@@ -346,7 +346,7 @@ proptest! {
     }
 
     #[test]
-    fn a_host_passes_over_what_a_newer_adapter_says_behind_it(
+    fn host_ignores_trailing_data_of_newer_adapter(
         message in from_adapter(),
         more in prop::collection::vec(any::<u8>(), 1..20),
     ) {
@@ -354,7 +354,7 @@ proptest! {
     }
 
     #[test]
-    fn a_message_of_a_host_with_more_behind_it_is_refused(message in from_host(), more in prop::collection::vec(any::<u8>(), 1..20)) {
+    fn host_message_with_trailing_data_is_refused(message in from_host(), more in prop::collection::vec(any::<u8>(), 1..20)) {
         let bytes = [encoded(&message), more.clone()].concat();
         let malformed = Malformed { sequence: Some(message.sequence), reason: Reason::Surplus { bytes: more.len() } };
         prop_assert_eq!(decode::<FromHost>(&bytes), Err(malformed));
@@ -374,7 +374,7 @@ proptest! {
 }
 
 #[test]
-fn a_message_too_long_for_the_reader_is_refused_and_the_next_one_heard() {
+fn oversized_message_is_refused_and_next_is_read() {
     let long = FromHost {
         sequence: 9,
         request: Request::SetConfig(Config::default()),
@@ -394,7 +394,7 @@ fn a_message_too_long_for_the_reader_is_refused_and_the_next_one_heard() {
 }
 
 #[test]
-fn a_reader_takes_no_more_until_its_message_is_taken() {
+fn reader_accepts_nothing_until_message_is_taken() {
     let message = FromHost {
         sequence: 1,
         request: Request::Identify,
@@ -424,7 +424,7 @@ fn a_cleared_reader_has_forgotten_half_a_message() {
 }
 
 #[test]
-fn an_older_host_learns_the_version_of_a_newer_adapter() {
+fn older_host_learns_version_of_newer_adapter() {
     let identity = Identity {
         version: VERSION + 1,
         firmware: "9.0.0".try_into().unwrap(),
@@ -500,7 +500,7 @@ fn counters_that_are_cut_are_malformed() {
 }
 
 #[test]
-fn the_requests_of_version_2_are_those_of_version_3() {
+fn version_2_requests_equal_those_of_version_3() {
     let end_stream = FromHost {
         sequence: 7,
         request: Request::EndStream,
@@ -517,7 +517,7 @@ fn the_requests_of_version_2_are_those_of_version_3() {
 }
 
 #[test]
-fn a_request_that_is_not_known_says_whose_it_is() {
+fn unknown_request_keeps_its_sequence_number() {
     let malformed = Malformed {
         sequence: Some(200),
         reason: Reason::Unknown,

@@ -359,7 +359,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_event_waits_with_its_length_or_not_at_all() {
+    fn event_is_queued_whole_or_not_at_all() {
         let mut port = CanPort::new(config::Can::default());
         assert!(!port.event(&[2; EVENTS]));
         assert!(port.event(&[3; EVENTS - 1]));

@@ -155,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_separation_time_is_0_to_127_milliseconds_or_1_to_9_hundreds_of_microseconds() {
+    fn separation_time_has_two_ranges() {
         for value in 0..=u8::MAX {
             let millis = SeparationTime::from_millis(value).map(SeparationTime::duration);
             match value {

@@ -78,7 +78,7 @@ fn is_usable(endpoint: &mut Full, now: Instant) {
 // ---- Sending ----
 
 #[test]
-fn up_to_seven_bytes_go_in_one_padded_frame() {
+fn up_to_seven_bytes_fit_one_padded_frame() {
     for link in [Link::Classic, Link::Fd] {
         let mut sender = endpoint(link);
         sender.send(&[0xAA, 0x06, 0xFF]).unwrap();
@@ -93,7 +93,7 @@ fn up_to_seven_bytes_go_in_one_padded_frame() {
 }
 
 #[test]
-fn a_longer_single_frame_has_its_length_in_the_second_byte_and_the_next_fd_length() {
+fn longer_single_frame_uses_escape_length_fd_size() {
     for (len, frame_len) in [
         (8, 12),
         (10, 12),
@@ -121,7 +121,7 @@ fn a_longer_single_frame_has_its_length_in_the_second_byte_and_the_next_fd_lengt
 }
 
 #[test]
-fn twenty_bytes_go_in_a_first_and_two_consecutive_frames() {
+fn twenty_bytes_take_first_and_two_consecutive_frames() {
     let mut sender = endpoint(Link::Classic);
     sender.send(&pdu(20)).unwrap();
     assert_eq!(all(&mut sender, T0), [[0x10, 0x14, 0, 1, 2, 3, 4, 5]]);
@@ -135,7 +135,7 @@ fn twenty_bytes_go_in_a_first_and_two_consecutive_frames() {
 }
 
 #[test]
-fn the_longest_pdu_has_585_consecutive_frames_numbered_modulo_16() {
+fn longest_pdu_numbers_585_frames_modulo_16() {
     let mut sender = waiting(MAX_PDU);
     events([], sender.receive(&[0x30, 0, 0, 0xAA, 0xAA, 0xAA, 0xAA, 0xAA], T0));
     let frames = all(&mut sender, T0);
@@ -173,7 +173,7 @@ fn fd_frames_are_full_but_the_last() {
 }
 
 #[test]
-fn a_block_ends_where_the_receiver_said_and_waits_for_flow_control() {
+fn block_ends_as_requested_and_awaits_flow_control() {
     // 20 consecutive frames: 1 after each flow control, 8 after each, all after one.
     for (block_size, blocks) in [(1, std::vec![1; 20]), (8, std::vec![8, 8, 4]), (0, std::vec![20])] {
         let mut sender = waiting(6 + 20 * 7);
@@ -187,7 +187,7 @@ fn a_block_ends_where_the_receiver_said_and_waits_for_flow_control() {
 }
 
 #[test]
-fn each_flow_control_sets_block_size_and_separation_time_anew() {
+fn each_flow_control_sets_block_and_separation_anew() {
     let mut sender = waiting(100);
     events([], sender.receive(&[0x30, 1, 0], T0));
     assert_eq!(all(&mut sender, T0).len(), 1);
@@ -245,7 +245,7 @@ fn the_separation_begins_when_the_frame_has_left() {
 }
 
 #[test]
-fn flow_control_between_two_consecutive_frames_takes_nothing_from_their_separation() {
+fn flow_control_between_frames_keeps_their_separation() {
     let mut both = waiting(27);
     events([], both.receive(&[0x30, 0, 1], T0));
     assert_eq!(next(&mut both, T0)[0], 0x21);
@@ -258,7 +258,7 @@ fn flow_control_between_two_consecutive_frames_takes_nothing_from_their_separati
 }
 
 #[test]
-fn flow_control_that_nobody_waits_for_does_not_end_the_wait_for_a_frame_to_leave() {
+fn unexpected_flow_control_does_not_end_transmit_wait() {
     let mut sender = waiting(27);
     events([], sender.receive(&[0x30, 0, 1], T0));
     assert_eq!(next(&mut sender, T0)[0], 0x21);
@@ -270,14 +270,14 @@ fn flow_control_that_nobody_waits_for_does_not_end_the_wait_for_a_frame_to_leave
 }
 
 #[test]
-fn without_separation_nobody_waits_for_a_frame_to_leave() {
+fn without_separation_no_frame_waits_for_transmission() {
     let mut sender = waiting(27);
     events([], sender.receive(&[0x30, 0, 0], T0));
     assert_eq!(all(&mut sender, T0).len(), 3);
 }
 
 #[test]
-fn flow_control_tells_that_the_frame_before_has_left() {
+fn flow_control_proves_the_previous_frame_was_sent() {
     let mut sender = waiting(27);
     events([], sender.receive(&[0x30, 0, 1], T0));
     sender.transmitted(after(100));
@@ -349,7 +349,7 @@ fn a_frame_that_never_leaves_ends_the_pdu() {
 }
 
 #[test]
-fn a_frame_that_is_due_and_cannot_be_handed_over_ends_the_pdu() {
+fn due_frame_without_handover_ends_the_pdu() {
     let mut sender = waiting(40);
     events([], sender.receive(&[0x30, 0, 0], after(300)));
     does_not_get_rid_of_a_frame(sender, 6, after(300) + SECOND);
@@ -373,7 +373,7 @@ fn what_waits_to_begin_may_wait_for_ever() {
 }
 
 #[test]
-fn a_receiver_may_ask_to_wait_but_not_for_ever() {
+fn receiver_wait_requests_are_limited() {
     let mut sender = Full::new(Config {
         max_waits: 2,
         ..config(Link::Classic)
@@ -408,7 +408,7 @@ fn a_receiver_without_room_ends_the_sending() {
 }
 
 #[test]
-fn a_flow_status_that_there_is_not_ends_the_sending() {
+fn invalid_flow_status_ends_the_transfer() {
     for status in 3..=15 {
         let mut sender = waiting(20);
         events(
@@ -420,7 +420,7 @@ fn a_flow_status_that_there_is_not_ends_the_sending() {
 }
 
 #[test]
-fn flow_control_in_the_middle_of_a_block_changes_nothing() {
+fn flow_control_in_midblock_changes_nothing() {
     let mut sender = waiting(27);
     events([], sender.receive(&[0x30, 0, 0], T0));
     assert_eq!(next(&mut sender, T0)[0], 0x21);
@@ -434,7 +434,7 @@ fn flow_control_in_the_middle_of_a_block_changes_nothing() {
 }
 
 #[test]
-fn what_cannot_be_sent_is_refused_and_disturbs_nothing() {
+fn unsendable_pdu_is_refused_without_effect() {
     let mut sender = Endpoint::<10, 20>::new(config(Link::Classic));
     assert_eq!(sender.send(&[]), Err(SendError::Empty));
     assert_eq!(sender.send(&pdu(21)), Err(SendError::TooLong { max: 20, got: 21 }));
@@ -464,7 +464,7 @@ fn a_single_frame_may_be_padded_or_not() {
 }
 
 #[test]
-fn the_last_consecutive_frame_may_be_padded_or_not() {
+fn last_consecutive_frame_may_be_padded_or_not() {
     for padding in 0..=5 {
         let mut receiver = endpoint(Link::Classic);
         events([], receiver.receive(&[0x10, 8, 0, 1, 2, 3, 4, 5], T0));
@@ -486,7 +486,7 @@ fn flow_control_goes_in_frames_of_the_link() {
 }
 
 #[test]
-fn flow_control_asks_for_what_is_configured_after_each_block() {
+fn flow_control_requests_configured_values_after_each_block() {
     let mut receiver = Full::new(Config {
         block_size: 2,
         st_min: SeparationTime::from_hundreds_of_micros(5).unwrap(),
@@ -511,7 +511,7 @@ fn flow_control_asks_for_what_is_configured_after_each_block() {
 }
 
 #[test]
-fn a_sender_may_use_any_frame_length_and_keeps_to_it() {
+fn sender_keeps_to_any_chosen_frame_length() {
     for frame_len in FD_LENGTHS.into_iter().map(usize::from).filter(|&len| len >= 8) {
         let mut receiver = endpoint(Link::Fd);
         let pdu = pdu(200);
@@ -546,7 +546,7 @@ fn a_sender_may_use_any_frame_length_and_keeps_to_it() {
 }
 
 #[test]
-fn without_the_next_frame_receiving_ends_after_n_cr() {
+fn receiving_ends_after_n_cr_without_next_frame() {
     let mut receiver = receiving();
     receiver.transmitted(after(100));
     let deadline = after(100) + SECOND;
@@ -570,7 +570,7 @@ fn without_the_next_frame_receiving_ends_after_n_cr() {
 }
 
 #[test]
-fn receiving_ends_too_when_flow_control_never_gets_the_bus() {
+fn receiving_ends_if_flow_control_is_never_sent() {
     let mut receiver = endpoint(Link::Classic);
     events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
     let (waited, expected, got) = (SECOND, 20, 6);
@@ -583,7 +583,7 @@ fn receiving_ends_too_when_flow_control_never_gets_the_bus() {
 }
 
 #[test]
-fn the_sender_has_its_full_time_from_flow_control() {
+fn sender_has_full_time_from_flow_control() {
     let mut receiver = endpoint(Link::Classic);
     events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
     let handed = after(600_000);
@@ -669,7 +669,7 @@ fn a_wrong_sequence_number_ends_the_receiving() {
 }
 
 #[test]
-fn a_pdu_longer_than_the_room_is_refused_with_overflow() {
+fn pdu_beyond_the_buffer_is_refused_with_overflow() {
     let overflow = [0x32, 0, 0, 0xCC, 0xCC, 0xCC, 0xCC, 0xCC];
     let mut receiver = Endpoint::<100, 1>::new(config(Link::Classic));
     for (first, len) in [
@@ -697,7 +697,7 @@ fn a_pdu_longer_than_the_room_is_refused_with_overflow() {
 }
 
 #[test]
-fn overflow_not_yet_out_is_not_sent_once_the_sender_has_gone_on() {
+fn pending_overflow_is_dropped_after_sender_continued() {
     let mut receiver = Endpoint::<20, 1>::new(config(Link::Classic));
     for next in [&[0x01, 9][..], &[0x10, 20, 0, 1, 2, 3, 4, 5]] {
         events(
@@ -712,7 +712,7 @@ fn overflow_not_yet_out_is_not_sent_once_the_sender_has_gone_on() {
 }
 
 #[test]
-fn while_a_pdu_waits_to_be_taken_others_are_refused() {
+fn further_pdus_are_refused_until_one_is_taken() {
     let mut receiver = endpoint(Link::Classic);
     events([Event::Received], receiver.receive(&[0x01, 9], T0));
     events(
@@ -735,7 +735,7 @@ fn while_a_pdu_waits_to_be_taken_others_are_refused() {
 // ---- Unexpected frames ----
 
 #[test]
-fn a_single_frame_in_the_middle_of_a_pdu_replaces_it() {
+fn single_frame_in_midpdu_replaces_the_pdu() {
     let mut receiver = receiving();
     events(
         [
@@ -750,7 +750,7 @@ fn a_single_frame_in_the_middle_of_a_pdu_replaces_it() {
 }
 
 #[test]
-fn a_first_frame_in_the_middle_of_a_pdu_begins_anew() {
+fn first_frame_in_midpdu_starts_anew() {
     let mut receiver = receiving();
     events([], receiver.receive(&[0x21, 6, 7, 8, 9, 10, 11, 12], T0));
     events(
@@ -763,7 +763,7 @@ fn a_first_frame_in_the_middle_of_a_pdu_begins_anew() {
 }
 
 #[test]
-fn a_first_frame_too_long_in_the_middle_of_a_pdu_ends_it_and_is_refused() {
+fn oversized_first_frame_ends_pdu_and_is_refused() {
     let mut receiver = Endpoint::<20, 1>::new(config(Link::Classic));
     events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
     events(
@@ -879,7 +879,7 @@ fn after_abort_both_halves_are_idle() {
 }
 
 #[test]
-fn the_end_of_time_is_a_time_like_any_other() {
+fn maximum_time_is_handled_like_any_other() {
     let end = Instant::from_micros(u64::MAX);
     let mut both = endpoint(Link::Classic);
     events([], both.tick(end));
@@ -1009,7 +1009,7 @@ fn any_pdu() -> impl Strategy<Value = Vec<u8>> {
 
 proptest! {
     #[test]
-    fn any_pdu_arrives_unchanged_and_the_sender_keeps_to_what_is_asked(
+    fn any_pdu_arrives_within_requested_flow_control(
         a in any_config(0x600),
         b in any_config(0x610),
         pdus in prop::collection::vec(any_pdu(), 1..3),
@@ -1042,7 +1042,7 @@ proptest! {
     }
 
     #[test]
-    fn with_frames_lost_a_pdu_arrives_whole_or_its_failure_is_told(
+    fn lost_frames_give_whole_pdu_or_failure(
         a in any_config(0x600),
         b in any_config(0x610),
         pdu in any_pdu(),
@@ -1095,7 +1095,7 @@ proptest! {
     }
 
     #[test]
-    fn whatever_comes_an_endpoint_ends_up_idle_and_usable(
+    fn endpoint_recovers_to_idle_after_any_input(
         config in any_config(0x610),
         steps in prop::collection::vec((prop::collection::vec(any::<u8>(), 0..=70), 0..5_u8, 0..600_000_u64), 0..60),
     ) {

@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slot_that_passes_before_the_answer_is_missed_and_the_grid_stays() {
+    fn slot_before_answer_is_missed_and_grid_stays() {
         // 300 Hz: a slot every 3333.3 µs, and an answer after 10 000 µs, exactly at the third slot after its own.
         for (k, (slot, missed)) in day(300, 10_000).take(1_000).enumerate() {
             assert_eq!((slot.as_micros(), missed), (777 + (1 + 3 * k as u64) * SECOND / 300, 2));
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fastest_poll_is_due_whenever_none_is_with_the_arm() {
+    fn fastest_poll_is_due_without_poll_in_flight() {
         let mut poll = Poll::new(config::Poll::Fastest);
         assert_eq!(poll.timeout(), Some(Instant::ZERO));
         poll.tick(Instant::from_micros(5));

@@ -353,25 +353,25 @@ fn cut_saves_about_page_ends<const WRITE: usize, const ERASE: usize>() {
 }
 
 #[test]
-fn every_save_cut_at_every_step_leaves_the_old_or_the_new_in_the_pages_of_a_g431() {
+fn interrupted_save_keeps_old_or_new_on_g431() {
     cut_every_save::<8, 0x800>();
 }
 
 #[test]
-fn every_save_cut_at_every_step_leaves_the_old_or_the_new_in_tiny_pages() {
+fn interrupted_save_keeps_old_or_new_tiny_pages() {
     cut_every_save::<8, 0x100>();
     cut_every_save::<4, 0x100>();
     cut_every_save::<1, 0x100>();
 }
 
 #[test]
-fn a_save_cut_at_every_step_leaves_the_old_or_the_new_in_the_sectors_of_an_f405() {
+fn interrupted_save_keeps_old_or_new_on_f405() {
     cut_saves_about_page_ends::<4, 0x4000>();
     cut_saves_about_page_ends::<1, 0x4000>();
 }
 
 #[test]
-fn two_saves_cut_one_after_the_other_leave_the_oldest_or_one_of_them() {
+fn two_interrupted_saves_keep_one_of_three() {
     fn cut_twice<const WRITE: usize>() {
         let saves = saves_a_page::<WRITE, 0x100>();
         for number in saves - 1..=3 * saves {
@@ -393,7 +393,7 @@ fn two_saves_cut_one_after_the_other_leave_the_oldest_or_one_of_them() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
     #[test]
-    fn any_saves_and_resets_cut_anywhere_leave_the_old_or_the_new(
+    fn interrupted_saves_and_resets_keep_old_or_new(
         pages in 2..4_usize,
         changes in prop::collection::vec((prop::option::of(1..2_000_u16), 0..30_usize, 0..Damage::KINDS.len(), any::<u64>()), 1..100),
     ) {
@@ -428,7 +428,7 @@ proptest! {
     }
 
     #[test]
-    fn flash_full_of_anything_is_unreadable_and_can_be_saved_to(seed: u64, front in prop::collection::vec(any::<u8>(), 0..40)) {
+    fn arbitrary_flash_is_unreadable_but_accepts_a_save(seed: u64, front in prop::collection::vec(any::<u8>(), 0..40)) {
         let mut flash = G431::new(2);
         let mut state = seed;
         for byte in &mut flash.bytes {
@@ -456,7 +456,7 @@ fn spoilt<const WRITE: usize, const ERASE: usize>(
 }
 
 #[test]
-fn a_record_that_went_bad_is_not_taken_for_nothing() {
+fn corrupt_record_is_not_taken_for_empty() {
     fn spoil<const WRITE: usize, const ERASE: usize>() {
         for saves in [1, 2] {
             let flash = filled::<WRITE, ERASE>(saves);
@@ -478,7 +478,7 @@ fn a_record_that_went_bad_is_not_taken_for_nothing() {
 }
 
 #[test]
-fn a_reset_that_went_bad_is_not_taken_for_nothing_either() {
+fn corrupt_reset_is_not_taken_for_empty() {
     let mut flash = G431::new(2);
     reset(&mut flash).unwrap();
     assert_eq!(load(&mut flash), Saved::Nothing);
@@ -487,7 +487,7 @@ fn a_reset_that_went_bad_is_not_taken_for_nothing_either() {
 }
 
 #[test]
-fn what_is_saved_is_loaded_until_it_is_reset() {
+fn saved_configuration_is_loaded_until_reset() {
     let mut flash = F405Bytes::new(2);
     assert_eq!(load(&mut flash), Saved::Nothing);
     save(&mut flash, &config(1)).unwrap();
@@ -555,7 +555,7 @@ fn save_until_refused<F: NorFlash>(flash: &mut F, uptime: Instant) -> (u32, u16)
 }
 
 #[test]
-fn saves_are_refused_when_the_budget_is_spent_also_after_restarts() {
+fn saves_beyond_budget_are_refused_after_restarts_too() {
     let mut flash = G431::new(2);
     let start = Instant::from_millis(1_000);
     assert_eq!(save_until_refused(&mut flash, start), (SAVE_BUDGET.into(), 599));
@@ -591,7 +591,7 @@ fn time_earns_saves_one_by_one() {
 }
 
 #[test]
-fn the_budget_of_ten_years_does_not_wear_the_flash_out() {
+fn ten_year_budget_does_not_wear_out_flash() {
     const ERASES: u32 = 10_000; // the endurance of a page in both chips' datasheets
     let ten_years = Instant::from_millis(3_652 * 86_400_000 + 12 * 3_600_000);
     let saves = u32::from(SAVE_BUDGET) + (ten_years.as_micros() / SAVE_INTERVAL.as_micros()) as u32;
@@ -622,7 +622,7 @@ fn all_pages_wear_alike() {
 }
 
 #[test]
-fn the_newest_counts_also_when_sequence_numbers_have_wrapped() {
+fn newest_record_wins_across_sequence_wraparound() {
     // The number of records before the wrap varies: the wrap then occurs in either page and between both.
     for left in 0..20 {
         let sequence = u32::MAX - left;
@@ -640,7 +640,7 @@ fn the_newest_counts_also_when_sequence_numbers_have_wrapped() {
 }
 
 #[test]
-fn a_sector_of_an_f405_takes_hundreds_of_saves() {
+fn f405_sector_takes_hundreds_of_saves() {
     let saves = saves_a_page::<4, 0x4000>();
     assert!(saves > 300, "{saves}");
     let mut flash = filled::<4, 0x4000>(saves);
@@ -649,7 +649,7 @@ fn a_sector_of_an_f405_takes_hundreds_of_saves() {
 }
 
 #[test]
-fn a_configuration_of_another_layout_is_unreadable_and_stays_in_flash() {
+fn other_layout_is_unreadable_and_stays_in_flash() {
     let mut flash = F405::new(2);
     save(&mut flash, &config(1)).unwrap();
     let later = [LAYOUT + 1, 0xA5, 0x5A, 0x96, 0x69];
@@ -661,7 +661,7 @@ fn a_configuration_of_another_layout_is_unreadable_and_stays_in_flash() {
 }
 
 #[test]
-fn a_configuration_with_more_or_less_in_it_is_unreadable() {
+fn configuration_of_wrong_length_is_unreadable() {
     let mut flash = F405::new(2);
     let mut content = [0; 100];
     let len = postcard::to_slice(&(LAYOUT, config(1)), &mut content).unwrap().len();
@@ -674,7 +674,7 @@ fn a_configuration_with_more_or_less_in_it_is_unreadable() {
 }
 
 #[test]
-fn a_configuration_that_no_adapter_can_have_is_neither_saved_nor_loaded() {
+fn invalid_configuration_is_neither_saved_nor_loaded() {
     let mut bad = config(1);
     bad.poll = PollRate::Hertz(1_001);
     let error = bad.check().unwrap_err();
@@ -700,7 +700,7 @@ fn the_longest_record_fits() {
 }
 
 #[test]
-fn a_range_that_is_not_two_whole_pages_is_refused() {
+fn range_other_than_two_pages_is_refused() {
     let flash = G431::new(4);
     for range in [0..0x800, 0..0xC00, 0x400..0x1400, 0..0] {
         let result = Store::new(flash.clone(), range.clone());
@@ -728,7 +728,7 @@ fn a_flash_that_does_not_write_is_reported() {
 }
 
 #[test]
-fn a_flash_that_keeps_nothing_of_what_it_says_it_writes_is_reported() {
+fn flash_that_ignores_writes_is_reported() {
     for saves in [0, 1] {
         let mut flash = filled::<4, 0x4000>(saves);
         flash.worn = true;

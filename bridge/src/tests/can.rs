@@ -55,7 +55,7 @@ fn answering(st_min: u8) -> Bridge {
 }
 
 #[test]
-fn a_consecutive_frame_keeps_its_distance_from_when_the_one_before_has_left() {
+fn separation_counts_from_transmission_of_previous_frame() {
     let mut bridge = answering(1);
     // The frames wait while other nodes have the bus.
     bridge.can_event(CanEvent::BusOn, at(300));
@@ -84,7 +84,7 @@ fn a_consecutive_frame_keeps_its_distance_from_when_the_one_before_has_left() {
 }
 
 #[test]
-fn without_a_separation_the_controller_has_always_something_to_send() {
+fn without_separation_controller_always_has_a_frame() {
     let mut bridge = answering(0);
     for _ in 0..3 {
         assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
@@ -94,7 +94,7 @@ fn without_a_separation_the_controller_has_always_something_to_send() {
 }
 
 #[test]
-fn what_the_bus_before_has_yet_to_send_is_not_taken_for_what_this_one_was_handed() {
+fn old_bus_frames_are_not_taken_as_new() {
     let mut bridge = answering(1);
     // Three frames of the old configuration precede it.
     assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
@@ -122,7 +122,7 @@ fn counted(bridge: &mut Bridge, f: impl FnOnce(&mut Bridge)) -> [u32; 4] {
 }
 
 #[test]
-fn a_transfer_of_which_a_frame_never_leaves_the_controller_is_given_up_and_counted() {
+fn transfer_with_stuck_frame_is_given_up_counted() {
     let mut bridge = answering(1);
     assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
     assert_eq!(bridge.timeout(), Some(at(1_000_300)));
@@ -150,7 +150,7 @@ fn a_transfer_of_which_a_frame_never_leaves_the_controller_is_given_up_and_count
 }
 
 #[test]
-fn a_request_that_waits_for_a_reply_to_go_out_is_heeded_when_that_is_given_up() {
+fn request_behind_abandoned_reply_is_handled() {
     let give_up: [fn(&mut Bridge, Instant); 2] = [Bridge::tick, |bridge, now| {
         bridge.can_event(CanEvent::BusOff, now);
     }];
@@ -168,7 +168,7 @@ fn a_request_that_waits_for_a_reply_to_go_out_is_heeded_when_that_is_given_up() 
 }
 
 #[test]
-fn transfers_under_way_when_the_bus_is_lost_are_counted_each_way() {
+fn transfers_at_bus_loss_are_counted_per_direction() {
     let now = at(300);
     let mut bridge = answering(0);
     hear(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
@@ -191,7 +191,7 @@ fn configure(bridge: &mut Bridge, can: Can, now: Instant) {
 }
 
 #[test]
-fn what_waits_when_the_bus_is_another_one_is_counted() {
+fn queued_transfers_at_bus_change_are_counted() {
     let now = Instant::ZERO;
     let can = Can {
         unsolicited: true,
@@ -235,7 +235,7 @@ fn what_waits_when_the_bus_is_another_one_is_counted() {
 }
 
 #[test]
-fn a_frame_for_a_subscriber_who_has_not_read_the_last_is_due_once() {
+fn frame_for_slow_subscriber_is_due_once() {
     let now = Instant::ZERO;
     let mut bridge = Bridge::default();
     let frames = Subscription {
@@ -257,7 +257,7 @@ fn a_frame_for_a_subscriber_who_has_not_read_the_last_is_due_once() {
 }
 
 #[test]
-fn half_a_command_is_counted_when_others_are_configured() {
+fn half_command_is_counted_at_reconfiguration() {
     let can = Can {
         commands: true,
         ..Can::default()
@@ -290,7 +290,7 @@ fn told_of_two() -> (Bridge, [Vec<u8>; 2]) {
 }
 
 #[test]
-fn what_the_arm_says_reaches_the_bus_in_its_order_whenever_it_is_passed_on() {
+fn arm_frames_reach_bus_in_order_despite_delay() {
     for shared in [false, true] {
         let (mut bridge, frames) = told_of_two();
         if shared {
@@ -307,7 +307,7 @@ fn what_the_arm_says_reaches_the_bus_in_its_order_whenever_it_is_passed_on() {
 }
 
 #[test]
-fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
+fn undelivered_frame_keeps_its_original_configuration() {
     let others: [fn(&mut Bridge); 3] = [
         // Later frames have no receiver.
         |bridge| configure(bridge, Can::default(), at(300)),
@@ -336,7 +336,7 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
 }
 
 #[test]
-fn half_a_command_is_nothing_where_commands_are_not_configured() {
+fn half_command_is_ignored_without_commands() {
     let mut bridge = on_bus(Can::default());
     assert!(!bridge.config().can.commands);
     hear(&mut bridge, Function::CommandA, &[0; 8], Instant::ZERO);
@@ -345,7 +345,7 @@ fn half_a_command_is_nothing_where_commands_are_not_configured() {
 }
 
 #[test]
-fn to_configure_what_is_in_force_changes_nothing_of_a_command() {
+fn reapplied_configuration_keeps_a_partial_command() {
     let now = Instant::ZERO;
     let can = Can {
         commands: true,

@@ -107,7 +107,7 @@ fn what_is_not_known_is_answered_too() {
 }
 
 #[test]
-fn requests_that_come_together_are_answered_in_order_and_packets_do_not_matter() {
+fn requests_in_one_packet_are_answered_in_order() {
     for cut in 1..20 {
         let mut rig = quiet();
         // Requests 1 to 20 for the counters. Their replies exceed the queue.
@@ -127,7 +127,7 @@ fn requests_that_come_together_are_answered_in_order_and_packets_do_not_matter()
 }
 
 #[test]
-fn a_host_that_does_not_read_is_held_back_and_loses_no_reply() {
+fn slow_host_is_held_back_without_lost_reply() {
     let mut rig = quiet();
     let mut asked = 0;
     for _ in 0..200 {
@@ -183,7 +183,7 @@ fn the_arm_is_asked_what_it_is() {
 }
 
 #[test]
-fn whoever_waits_for_an_arm_that_another_takes_away_is_answered_at_once() {
+fn waiting_request_is_answered_when_arm_kind_changes() {
     let servos = Config {
         arm: ArmKind::Alpha1Servo,
         ..Config::default()
@@ -202,7 +202,7 @@ fn whoever_waits_for_an_arm_that_another_takes_away_is_answered_at_once() {
 }
 
 #[test]
-fn what_one_host_ends_for_another_is_told_before_it_has_its_own_reply() {
+fn ended_request_is_answered_before_ending_one() {
     let mut rig = quiet();
     rig.manners = Box::new(|_| None);
     rig.ask(Request::IdentifyArm);
@@ -219,7 +219,7 @@ fn what_one_host_ends_for_another_is_told_before_it_has_its_own_reply() {
 }
 
 #[test]
-fn a_request_that_finds_too_little_room_waits_for_more() {
+fn request_without_room_waits_for_more() {
     let mut bridge = Bridge::default();
     ask(&mut bridge, 1, Request::IdentifyArm, Instant::ZERO);
     assert_eq!(transmit(&mut bridge, &mut [0; 6], Instant::ZERO), None);
@@ -240,7 +240,7 @@ fn identity(count: Option<u8>) -> ArmIdentity {
 }
 
 #[test]
-fn a_configuration_is_in_force_at_once_or_refused_whole() {
+fn configuration_applies_at_once_or_not_at_all() {
     let mut rig = quiet();
     let bad = Config {
         poll: Poll::Hertz(0),
@@ -280,7 +280,7 @@ fn a_configuration_is_in_force_at_once_or_refused_whole() {
 }
 
 #[test]
-fn the_reply_on_can_goes_out_before_the_bus_is_another() {
+fn reply_on_can_precedes_the_bus_change() {
     let mut rig = quiet();
     let mut other = Config::default();
     other.can.bit_rate = 125_000;
@@ -334,7 +334,7 @@ fn a_subscription_on_can_ends_with_the_bus() {
 }
 
 #[test]
-fn a_configuration_that_ends_another_request_leaves_neither_without_a_reply() {
+fn configuration_ending_a_request_answers_both() {
     let mut rig = quiet();
     rig.manners = Box::new(|_| None);
     rig.ask_on_can(1, Request::IdentifyArm);
@@ -421,7 +421,7 @@ fn a_configuration_is_saved_and_forgotten_by_firmware() {
 }
 
 #[test]
-fn whoever_saves_too_often_is_told_how_long_to_wait() {
+fn excessive_saves_get_the_waiting_time() {
     let mut rig = quiet();
     let saving = rig.ask(Request::SaveConfig);
     let failure = Failure::TooManySaves { wait_s: 599 };
@@ -431,7 +431,7 @@ fn whoever_saves_too_often_is_told_how_long_to_wait() {
 }
 
 #[test]
-fn who_asked_to_save_is_told_unless_it_has_gone() {
+fn save_is_answered_unless_host_has_gone() {
     let mut rig = quiet();
     rig.ask(Request::SaveConfig);
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
@@ -454,7 +454,7 @@ fn who_asked_to_save_is_told_unless_it_has_gone() {
 }
 
 #[test]
-fn who_asked_what_arm_there_is_is_told_unless_it_has_gone() {
+fn identification_is_answered_unless_host_has_gone() {
     let mut rig = quiet();
     rig.ask(Request::IdentifyArm);
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
@@ -483,7 +483,7 @@ fn a_restart_is_promised_and_left_to_firmware() {
 }
 
 #[test]
-fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
+fn subscribers_get_subscribed_events_and_overflow_is_counted() {
     let frames = Subscription {
         frames: true,
         events: false,
@@ -540,7 +540,7 @@ fn subscribed() -> Bridge {
 }
 
 #[test]
-fn what_subscribers_are_told_ends_with_a_short_packet_on_usb() {
+fn subscriber_data_ends_with_short_usb_packet() {
     let mut packet = [0; PACKET];
     let mut empty = 0;
     for len in 0..=63 {
@@ -586,7 +586,7 @@ fn samples(rig: &Rig) -> Vec<(u64, Sample)> {
 }
 
 #[test]
-fn telemetry_goes_out_at_its_rate_and_never_twice() {
+fn telemetry_is_sent_at_rate_never_twice() {
     let mut rig = telemetry(100, Poll::Hertz(1_000));
     rig.run(1_000_000);
     let fast = samples(&rig);
@@ -631,7 +631,7 @@ fn error_counts_go_out_once_a_second() {
 }
 
 #[test]
-fn error_counts_that_had_to_wait_go_out_once() {
+fn delayed_error_counts_are_sent_once() {
     let mut bridge = telemetry(10, Poll::Off).bridge;
     // First on an instant of its grid, then long after one.
     for now in [at(1_000_000), at(2_500_000), at(4_500_000)] {
@@ -660,7 +660,7 @@ fn error_counts_go_out_while_telemetry_is_on() {
 }
 
 #[test]
-fn bus_off_is_told_and_counted_and_ends_what_was_under_way() {
+fn bus_off_is_reported_counted_and_ends_transfers() {
     let mut rig = quiet();
     rig.subscribe();
     let mut polite = polite();
@@ -692,7 +692,7 @@ fn bus_off_is_told_and_counted_and_ends_what_was_under_way() {
 
 proptest! {
     #[test]
-    fn garbage_on_the_control_port_is_answered_or_waited_on_and_costs_nothing_behind_it(
+    fn garbage_on_control_port_costs_no_later_request(
         garbage in prop::collection::vec(any::<u8>(), 0..300),
     ) {
         let mut rig = quiet();
@@ -717,7 +717,7 @@ proptest! {
 }
 
 #[test]
-fn the_reply_to_a_reset_on_can_goes_out_before_the_bus_is_another() {
+fn reset_reply_on_can_precedes_bus_change() {
     let mut config = Config::default();
     config.can.node = Node::new(5).unwrap();
     let mut rig = Rig::new(config);
@@ -732,7 +732,7 @@ fn the_reply_to_a_reset_on_can_goes_out_before_the_bus_is_another() {
 }
 
 #[test]
-fn a_save_whose_host_has_gone_is_not_taken_for_that_of_the_next_who_asks() {
+fn abandoned_save_does_not_answer_next_host() {
     let mut rig = quiet();
     rig.ask(Request::SaveConfig);
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
@@ -751,7 +751,7 @@ fn a_save_whose_host_has_gone_is_not_taken_for_that_of_the_next_who_asks() {
 }
 
 #[test]
-fn what_arm_there_is_is_not_told_by_the_silence_that_met_another() {
+fn another_silent_request_does_not_fail_identification() {
     let mut rig = quiet();
     let (mut polite, mut first) = (polite(), true);
     rig.manners = Box::new(move |request| polite(request).filter(|_| !core::mem::take(&mut first)));
@@ -769,7 +769,7 @@ fn what_arm_there_is_is_not_told_by_the_silence_that_met_another() {
 }
 
 #[test]
-fn a_configuration_for_can_fd_is_not_one_of_a_board_without() {
+fn can_fd_configuration_is_refused_on_classic_board() {
     let can = Can {
         data_bit_rate: Some(2_000_000),
         ..Can::default()
@@ -788,7 +788,7 @@ fn a_configuration_for_can_fd_is_not_one_of_a_board_without() {
 }
 
 #[test]
-fn an_event_of_a_request_on_can_leaves_room_for_the_reply() {
+fn event_of_can_request_leaves_room_for_reply() {
     let mut rig = Rig::new(Config {
         poll: Poll::Hertz(100),
         ..Config::default()

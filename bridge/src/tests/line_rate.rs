@@ -136,7 +136,7 @@ fn a_rate_takes_effect_with_the_first_byte() {
 }
 
 #[test]
-fn a_rate_takes_effect_on_an_open_port_after_100_ms() {
+fn rate_takes_effect_on_open_port_after_100ms() {
     for high in [true, false] {
         let mut rig = Rig::new(Config::default());
         dtr(&mut rig, high);
@@ -149,7 +149,7 @@ fn a_rate_takes_effect_on_an_open_port_after_100_ms() {
 }
 
 #[test]
-fn of_two_rates_in_a_row_only_the_second_is_meant() {
+fn second_of_two_rates_wins() {
     let mut rig = open(Poll::Hertz(100));
     rig.run(100 * MS);
     let before = polls(&rig);
@@ -163,7 +163,7 @@ fn of_two_rates_in_a_row_only_the_second_is_meant() {
 }
 
 #[test]
-fn the_line_is_the_arms_when_the_host_goes() {
+fn line_returns_to_arm_rate_without_host() {
     type Goes = fn(&mut Rig);
     let ways: [Goes; 4] = [
         |rig| {
@@ -201,7 +201,7 @@ fn the_line_is_the_arms_when_the_host_goes() {
 }
 
 #[test]
-fn the_rate_of_a_program_before_returns_with_a_byte_only() {
+fn previous_rate_returns_only_with_a_byte() {
     let mut rig = open_at_9600(Poll::Off);
     dtr(&mut rig, false);
     rig.run(SECOND);
@@ -216,7 +216,7 @@ fn the_rate_of_a_program_before_returns_with_a_byte_only() {
 }
 
 #[test]
-fn another_program_may_open_a_port_whose_dtr_stayed_up() {
+fn another_program_may_reuse_port_with_raised_dtr() {
     let mut rig = open_at_9600(Poll::Hertz(100));
     rig.run(20 * SECOND);
     assert_eq!((baud(&rig), polls(&rig)), (9_600, 0));
@@ -226,7 +226,7 @@ fn another_program_may_open_a_port_whose_dtr_stayed_up() {
 }
 
 #[test]
-fn a_host_without_dtr_loses_its_rate_after_10_s_of_quiet() {
+fn host_without_dtr_loses_rate_after_10s_quiet() {
     let mut rig = Rig::new(Config::default());
     set_rate(&mut rig, 9_600);
     rig.usb_out.push_back(1);
@@ -285,7 +285,7 @@ fn another_rate_waits_for_the_stream_on_can() {
 }
 
 #[test]
-fn polls_and_can_are_refused_while_another_rate_is_held() {
+fn polls_and_can_are_refused_at_other_rate() {
     for poll in [Poll::Hertz(100), Poll::Fastest] {
         let mut rig = open(poll);
         rig.run(50 * MS);
@@ -336,7 +336,7 @@ fn polls_and_can_are_refused_while_another_rate_is_held() {
 }
 
 #[test]
-fn a_request_that_waits_is_refused_when_the_line_is_held() {
+fn waiting_request_is_refused_when_line_is_held() {
     let mut rig = open(Poll::Off);
     // The arm does not answer its self-check for the first host.
     rig.manners = std::boxed::Box::new(|_| None);
@@ -372,7 +372,7 @@ fn streams_then_sends_at(baud: u32) -> Rig {
 }
 
 #[test]
-fn torque_off_goes_out_at_the_arms_rate_whatever_a_host_has_set() {
+fn torque_off_is_always_sent_at_arm_rate() {
     for baud in [1_200, 9_600, 115_200, 2_000_000] {
         let mut rig = streams_then_sends_at(baud);
         while rig.now < 2 * SECOND {
@@ -412,7 +412,7 @@ fn torque_off_goes_out_at_the_arms_rate_whatever_a_host_has_set() {
 }
 
 #[test]
-fn zeros_end_what_the_arm_heard_before_or_at_another_rate() {
+fn zeros_end_earlier_and_other_rate_bytes() {
     // Half a frame before the change, half a frame at the other rate, and a whole one that the arm cannot have
     // received.
     for (before, after) in [
@@ -438,7 +438,7 @@ fn zeros_end_what_the_arm_heard_before_or_at_another_rate() {
 }
 
 #[test]
-fn what_goes_out_at_another_rate_is_no_motion() {
+fn bytes_at_other_rate_are_no_motion() {
     let mut rig = open_at_9600(Poll::Off);
     for _ in 0..10 {
         rig.usb_out.extend(motion());
@@ -455,7 +455,7 @@ fn what_goes_out_at_another_rate_is_no_motion() {
 }
 
 #[test]
-fn a_raw_arm_has_the_rate_that_the_host_sets() {
+fn raw_arm_uses_the_host_rate() {
     let mut rig = Rig::new(Config {
         arm: ArmKind::Raw,
         ..Config::default()
@@ -510,7 +510,7 @@ fn hold_line_gives_usb_the_line_alone() {
 }
 
 #[test]
-fn hold_line_ends_with_its_lease_unless_it_is_renewed() {
+fn hold_line_ends_with_lease_unless_renewed() {
     let mut rig = open(Poll::Hertz(100));
     for _ in 0..3 {
         assert_eq!(rig.call(Request::HoldLine), Reply::Done);
@@ -544,7 +544,7 @@ fn hold_line_ends_when_its_host_is_gone() {
 }
 
 #[test]
-fn hold_line_is_refused_while_a_host_streams_motion() {
+fn hold_line_is_refused_during_motion_stream() {
     for on_can in [true, false] {
         let mut rig = open(Poll::Off);
         for _ in 0..3 {
@@ -578,7 +578,7 @@ fn nobodys_torque_goes_off_under_hold_line() {
 }
 
 #[test]
-fn one_control_port_does_not_end_the_hold_of_the_other() {
+fn control_port_cannot_release_hold_of_other_port() {
     let mut rig = open(Poll::Off);
     assert_eq!(rig.call(Request::HoldLine), Reply::Done);
     rig.ask_on_can(1, Request::HoldLine);

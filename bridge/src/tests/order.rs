@@ -62,7 +62,7 @@ fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: u64) {
 }
 
 #[test]
-fn what_the_arm_is_comes_after_a_look_at_the_bus() {
+fn identification_follows_the_bus_check() {
     let mut bridge = adapter(Config {
         can: Can {
             telemetry_hz: 100,
@@ -85,7 +85,7 @@ fn what_the_arm_is_comes_after_a_look_at_the_bus() {
 }
 
 #[test]
-fn motion_of_a_silent_host_is_dropped_though_nobody_can_be_told() {
+fn motion_of_silent_host_is_dropped_without_listener() {
     let mut rig = Rig::new(silent_after(200));
     rig.subscribe();
     for _ in 0..3 {
@@ -117,7 +117,7 @@ fn motion_of_a_silent_host_is_dropped_though_nobody_can_be_told() {
 }
 
 #[test]
-fn a_request_is_served_behind_a_reply_that_its_host_gave_up() {
+fn request_behind_abandoned_reply_is_served() {
     let mut bridge = Bridge::default();
     // GetCounters: its reply has several frames. GetConfig waits for room.
     hear(&mut bridge, Function::ControlRequest, &[2, 0, 6], 0);
@@ -166,7 +166,7 @@ fn a_subscriber_gets_the_frames_of_its_subscription() {
 }
 
 #[test]
-fn an_answer_for_the_old_bus_is_not_sent_on_the_new_one() {
+fn old_bus_answer_is_not_sent_on_new() {
     let mut bridge = adapter(Config::default());
     let mut request = vec![0];
     request.extend(ling(0x06, 2, &[0xFE]));
@@ -189,7 +189,7 @@ fn an_answer_for_the_old_bus_is_not_sent_on_the_new_one() {
 }
 
 #[test]
-fn what_is_on_the_line_stays_what_it_is() {
+fn bytes_on_the_line_stay_unchanged() {
     let mut bridge = adapter(silent_after(200));
     let mut out = [0; MAX_FRAME];
     for _ in 0..3 {

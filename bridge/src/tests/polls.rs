@@ -25,7 +25,7 @@ fn polls(rig: &Rig) -> Vec<u64> {
 }
 
 #[test]
-fn a_poll_is_handed_over_before_its_slot_and_nothing_goes_out_in_between() {
+fn poll_is_handed_over_early_and_blocks_line() {
     let config = Config {
         poll: Poll::Hertz(1_000),
         ..Config::default()
@@ -63,7 +63,7 @@ fn polls_start_at_their_slots_for_minutes() {
 }
 
 #[test]
-fn a_configuration_with_the_same_poll_leaves_the_slots_where_they_are() {
+fn same_poll_configuration_keeps_the_slots() {
     let mut rig = polling(Poll::Hertz(100));
     rig.run(25_000);
     let mut config = rig.bridge.config();
@@ -74,7 +74,7 @@ fn a_configuration_with_the_same_poll_leaves_the_slots_where_they_are() {
 }
 
 #[test]
-fn a_poll_is_late_only_by_the_exchange_that_is_under_way_and_is_counted() {
+fn poll_is_delayed_only_by_current_exchange_counted() {
     let mut rig = polling(Poll::Hertz(1_000));
     for n in 0..2_000 {
         rig.usb_out.extend(ling(0x06, 1, &[0xFE]));
@@ -99,7 +99,7 @@ fn a_poll_is_late_only_by_the_exchange_that_is_under_way_and_is_counted() {
 }
 
 #[test]
-fn slots_that_pass_while_the_arm_thinks_are_missed_and_counted() {
+fn slots_during_arm_turnaround_are_missed_and_counted() {
     let mut rig = polling(Poll::Hertz(1_000));
     let mut polite = polite();
     rig.manners = Box::new(move |request| polite(request).map(|(_, answer)| (2_000, answer)));
@@ -121,7 +121,7 @@ fn the_fastest_poll_follows_the_answer_at_once() {
 }
 
 #[test]
-fn polling_is_switched_on_and_off_by_the_configuration() {
+fn configuration_switches_polling_on_and_off() {
     let mut rig = Rig::new(Config::default());
     rig.run(10_123);
     assert_eq!(rig.bridge.timeout(), None);
@@ -138,7 +138,7 @@ fn polling_is_switched_on_and_off_by_the_configuration() {
 }
 
 #[test]
-fn a_poll_that_is_asked_for_at_its_slot_starts_at_once_and_is_not_late() {
+fn poll_requested_at_its_slot_is_not_late() {
     for (now, start, late) in [(10_499, Some(at(10_500)), 0), (10_500, None, 0), (10_501, None, 1)] {
         let config = Config {
             poll: Poll::Hertz(100),

@@ -44,7 +44,7 @@ fn torque_off_is_what_the_document_says() {
 }
 
 #[test]
-fn a_host_that_streams_motion_and_falls_silent_is_reported_once() {
+fn silent_motion_host_is_reported_once() {
     for torque_off in [false, true] {
         let mut rig = Rig::new(silence(500, torque_off));
         rig.subscribe();
@@ -83,7 +83,7 @@ fn a_host_that_streams_motion_and_falls_silent_is_reported_once() {
 }
 
 #[test]
-fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
+fn timeout_of_held_back_host_starts_with_room() {
     let mut bridge = Bridge::new(Identity::default(), silence(500, false), Start::default());
     bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     for _ in 0..3 {
@@ -114,7 +114,7 @@ fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
 }
 
 #[test]
-fn what_is_no_stream_or_never_silent_is_not_reported() {
+fn hosts_without_stream_or_silence_are_not_reported() {
     // Two moves are no stream, nor are moves further apart; a host that only reads is not silent; 0 is never.
     for (after, moves, gap, reads) in [
         (500, 2, 100, false),
@@ -154,7 +154,7 @@ fn streams_until_can_has_the_arm(config: Config) -> Rig {
 }
 
 #[test]
-fn what_a_silent_host_had_sent_and_is_not_out_is_dropped() {
+fn unsent_bytes_of_silent_host_are_dropped() {
     let mut rig = streams_until_can_has_the_arm(silence(300, false));
     let last = [motion(), motion()].concat();
     rig.usb_out.extend(&last);
@@ -209,7 +209,7 @@ fn streaming_on_can_into_a_self_check(config: Config) -> Rig {
 }
 
 #[test]
-fn motion_that_waits_on_can_is_given_150_ms() {
+fn motion_waiting_on_can_gets_150_ms() {
     let mut rig = streaming_on_can_into_a_self_check(silence(100, true));
     let first = rig.now;
     for _ in 0..40 {
@@ -241,7 +241,7 @@ fn requests_that_find_no_room_do_not_disarm() {
 }
 
 #[test]
-fn a_stream_stays_armed_while_another_has_the_line() {
+fn stream_stays_armed_while_another_has_line() {
     let mut rig = Rig::new(silence(500, true));
     rig.subscribe();
     for _ in 0..10 {
@@ -297,7 +297,7 @@ fn unasked_frames_do_not_hold_up_torque_off() {
 }
 
 #[test]
-fn a_host_ends_its_stream_and_keeps_the_torque() {
+fn host_ends_stream_and_keeps_torque() {
     for by_request in [false, true] {
         let mut rig = Rig::new(silence(500, true));
         rig.usb_out.extend(motion().repeat(3));
@@ -334,7 +334,7 @@ fn the_torque_goes_off_before_a_restart() {
 }
 
 #[test]
-fn flash_is_not_written_while_a_stream_is_armed() {
+fn flash_is_not_written_during_armed_stream() {
     for request in [Request::SaveConfig, Request::ResetConfig] {
         let mut rig = Rig::new(silence(500, true));
         rig.usb_out.extend(motion().repeat(3));
@@ -351,7 +351,7 @@ fn flash_is_not_written_while_a_stream_is_armed() {
 }
 
 #[test]
-fn what_a_silent_host_on_can_has_queued_is_dropped_to_the_last() {
+fn whole_can_queue_of_silent_host_is_dropped() {
     let mut rig = streaming_on_can_into_a_self_check(silence(300, false));
     for _ in 0..3 {
         rig.can_out.push_back(motion());
@@ -400,7 +400,7 @@ fn refusals(rig: &Rig) -> Vec<Refusal> {
 }
 
 #[test]
-fn commands_move_the_arm_when_they_are_whole_new_and_in_range() {
+fn complete_new_commands_in_range_move_the_arm() {
     let mut rig = Rig::new(silence(0, false));
     rig.subscribe();
     send(&mut rig, command(0));
@@ -452,7 +452,7 @@ fn command_waits() -> Rig {
 }
 
 #[test]
-fn a_command_that_still_waits_gives_way_to_the_next() {
+fn waiting_command_is_replaced_by_the_next() {
     let mut rig = command_waits();
     send(
         &mut rig,
@@ -479,7 +479,7 @@ fn commands_are_off_by_default() {
 }
 
 #[test]
-fn commands_end_with_the_configuration_though_the_bus_is_still_the_one_before() {
+fn commands_end_with_configuration_before_bus_change() {
     let mut rig = Rig::new(silence(0, false));
     send(&mut rig, command(0));
     let mut off = Config::default();
@@ -513,7 +513,7 @@ fn a_silent_stream_of_commands_must_start_anew() {
 }
 
 #[test]
-fn a_host_on_usb_that_is_held_back_is_not_silent() {
+fn held_back_usb_host_is_not_silent() {
     let mut rig = streams_until_can_has_the_arm(silence(100, true));
     // More than the queue holds.
     let more = motion().repeat(30);
@@ -530,7 +530,7 @@ fn a_host_on_usb_that_is_held_back_is_not_silent() {
 }
 
 #[test]
-fn a_stream_of_motion_ends_when_the_arm_is_another_one() {
+fn motion_stream_ends_when_arm_kind_changes() {
     for initiator in [Initiator::Usb, Initiator::Can, Initiator::Command] {
         let mut rig = Rig::new(silence(500, true));
         rig.subscribe();
@@ -565,7 +565,7 @@ fn a_stream_of_motion_ends_when_the_arm_is_another_one() {
 }
 
 #[test]
-fn a_command_that_waits_is_refused_when_the_arm_is_another_one() {
+fn waiting_command_is_refused_when_arm_kind_changes() {
     let mut rig = command_waits();
     let other = Config {
         arm: ArmKind::Alpha1,
@@ -584,7 +584,7 @@ fn keep_busy(rig: &mut Rig) {
 }
 
 #[test]
-fn a_command_that_has_waited_for_longer_than_its_time_out_moves_nothing() {
+fn command_waiting_beyond_its_timeout_moves_nothing() {
     let mut rig = Rig::new(silence(0, false));
     rig.subscribe();
     send(&mut rig, command(0));
@@ -602,7 +602,7 @@ fn a_command_that_has_waited_for_longer_than_its_time_out_moves_nothing() {
 }
 
 #[test]
-fn a_command_that_waits_moves_nothing_once_commands_are_off_or_the_bus_is_another() {
+fn waiting_command_dies_with_commands_or_bus_change() {
     let off = Config {
         can: Can::default(),
         ..silence(0, false)
@@ -622,7 +622,7 @@ fn a_command_that_waits_moves_nothing_once_commands_are_off_or_the_bus_is_anothe
 }
 
 #[test]
-fn a_stream_of_commands_that_are_switched_off_ends_and_the_torque_stays_on() {
+fn switched_off_command_stream_ends_with_torque_on() {
     let mut rig = Rig::new(silence(500, true));
     stream_commands(&mut rig);
     let off = Config {
@@ -636,7 +636,7 @@ fn a_stream_of_commands_that_are_switched_off_ends_and_the_torque_stays_on() {
 }
 
 #[test]
-fn the_torque_goes_off_though_the_host_fell_silent_in_the_middle_of_a_frame() {
+fn torque_goes_off_despite_partial_host_frame() {
     use armwire::{Device, DeviceEvent};
 
     for cut in 1..motion().len() {
@@ -664,7 +664,7 @@ fn the_torque_goes_off_though_the_host_fell_silent_in_the_middle_of_a_frame() {
 }
 
 #[test]
-fn nothing_goes_out_before_torque_off_if_the_last_frame_was_whole() {
+fn nothing_precedes_torque_off_after_complete_frame() {
     let mut rig = Rig::new(silence(100, true));
     rig.usb_out.extend(motion().repeat(3));
     rig.run(1_000_000);
@@ -697,7 +697,7 @@ fn a_stream_on_can_lives_by_motion_only() {
 }
 
 #[test]
-fn a_sender_whose_commands_are_all_refused_is_silent() {
+fn sender_of_refused_commands_only_is_silent() {
     let mut rig = Rig::new(silence(500, false));
     rig.subscribe();
     stream_commands(&mut rig);
@@ -715,7 +715,7 @@ fn a_sender_whose_commands_are_all_refused_is_silent() {
 }
 
 #[test]
-fn a_request_on_can_has_waited_and_its_host_is_heard_since_it_came() {
+fn waiting_can_request_keeps_its_host_alive() {
     let mut rig = Rig::new(silence(600, false));
     rig.subscribe();
     keep_busy(&mut rig);

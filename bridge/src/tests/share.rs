@@ -80,7 +80,7 @@ fn each_reply_goes_to_its_initiator_only() {
 }
 
 #[test]
-fn a_frame_is_stamped_with_the_time_of_its_last_byte() {
+fn frame_stamp_is_time_of_last_byte() {
     let mut rig = Rig::new(Config::default());
     rig.subscribe();
     rig.run(1_000);
@@ -92,7 +92,7 @@ fn a_frame_is_stamped_with_the_time_of_its_last_byte() {
 }
 
 #[test]
-fn a_request_of_the_host_on_usb_waits_from_its_first_byte_on() {
+fn usb_request_waits_from_its_first_byte() {
     let mut rig = Rig::new(Config::default());
     rig.can_out.push_back(info());
     rig.run(200);
@@ -108,7 +108,7 @@ fn a_request_of_the_host_on_usb_waits_from_its_first_byte_on() {
 }
 
 #[test]
-fn what_nobody_asked_for_goes_to_the_host_on_usb_and_to_subscribers_also_in_anothers_exchange() {
+fn unasked_frame_reaches_usb_and_subscribers_during_exchange() {
     let mut rig = Rig::new(Config::default());
     rig.subscribe();
     let unasked = ling(0x06, 0, &[9; 15]);
@@ -135,7 +135,7 @@ fn what_nobody_asked_for_goes_to_the_host_on_usb_and_to_subscribers_also_in_anot
 }
 
 #[test]
-fn what_nobody_asked_for_goes_out_on_can_if_that_is_wanted() {
+fn unasked_frame_reaches_can_if_configured() {
     for unsolicited in [false, true] {
         let mut rig = Rig::new(Config {
             can: Can {
@@ -154,7 +154,7 @@ fn what_nobody_asked_for_goes_out_on_can_if_that_is_wanted() {
 }
 
 #[test]
-fn a_frame_that_had_begun_when_the_request_went_out_is_no_answer() {
+fn frame_started_before_request_is_no_answer() {
     let mut rig = Rig::new(Config::default());
     let mut unasked = ling(0x06, 0, &[9; 15]);
     rig.arm_says(&unasked);
@@ -168,7 +168,7 @@ fn a_frame_that_had_begun_when_the_request_went_out_is_no_answer() {
 }
 
 #[test]
-fn a_second_of_usb_alone_is_as_if_nobody_else_were_there() {
+fn second_of_usb_alone_ends_sharing() {
     // Requests, partial requests and noise, split anywhere, byte by byte and in packets of any size.
     let mut rig = Rig::new(Config::default());
     let mut sent = vec![];
@@ -188,7 +188,7 @@ fn a_second_of_usb_alone_is_as_if_nobody_else_were_there() {
 }
 
 #[test]
-fn a_host_on_usb_may_ask_more_than_is_remembered_and_nobody_gets_its_answers() {
+fn untracked_usb_requests_give_answers_to_no_other() {
     let mut rig = Rig::new(Config::default());
     for _ in 0..20 {
         rig.usb_out.extend(JOINTS);
@@ -207,7 +207,7 @@ fn a_host_on_usb_may_ask_more_than_is_remembered_and_nobody_gets_its_answers() {
 }
 
 #[test]
-fn what_the_arm_says_unasked_is_no_answer_however_many_requests_are_with_it() {
+fn unasked_frame_is_no_answer_despite_open_requests() {
     let mut rig = Rig::new(Config::default());
     // The arm answers late: all requests are in flight when it sends another frame.
     rig.manners = Box::new(|_| None);
@@ -227,7 +227,7 @@ fn what_the_arm_says_unasked_is_no_answer_however_many_requests_are_with_it() {
 }
 
 #[test]
-fn an_answer_may_come_while_the_host_still_asks_for_more() {
+fn answer_may_arrive_while_host_sends_more() {
     let mut rig = Rig::new(Config::default());
     rig.usb_out.extend(JOINTS.repeat(8));
     rig.run(50_000);
@@ -240,7 +240,7 @@ fn an_answer_may_come_while_the_host_still_asks_for_more() {
 }
 
 #[test]
-fn pipelined_requests_are_cut_at_the_frame_when_another_waits() {
+fn pipelined_requests_are_cut_at_frame_for_others() {
     let mut rig = Rig::new(Config::default());
     for _ in 0..8 {
         rig.usb_out.extend(temperatures());
@@ -258,7 +258,7 @@ fn pipelined_requests_are_cut_at_the_frame_when_another_waits() {
 }
 
 #[test]
-fn others_wait_while_more_is_pipelined_than_is_tracked() {
+fn others_wait_while_untracked_requests_are_pipelined() {
     let mut rig = Rig::new(Config::default());
     // The first burst has ten requests.
     for _ in 0..20 {
@@ -283,7 +283,7 @@ fn others_wait_while_more_is_pipelined_than_is_tracked() {
 }
 
 #[test]
-fn one_who_asks_a_silent_arm_what_polls_ask_has_every_other_turn() {
+fn same_request_alternates_with_polls_of_silent_arm() {
     let mut rig = polling(Poll::Hertz(100));
     rig.manners = Box::new(|_| None);
     for _ in 0..300 {
@@ -299,7 +299,7 @@ fn one_who_asks_a_silent_arm_what_polls_ask_has_every_other_turn() {
 }
 
 #[test]
-fn nobody_waits_for_more_than_one_turn_of_each_other() {
+fn initiators_wait_at_most_one_turn_each() {
     // All initiators have requests all the time.
     for poll in [Poll::Fastest, Poll::Hertz(1_000)] {
         let mut rig = polling(poll);
@@ -329,7 +329,7 @@ fn nobody_waits_for_more_than_one_turn_of_each_other() {
 }
 
 #[test]
-fn the_fastest_poll_takes_its_turn_like_all_others() {
+fn fastest_poll_takes_turns_like_others() {
     let mut rig = polling(Poll::Fastest);
     for _ in 0..500 {
         if rig.usb_out.len() < 100 {
@@ -351,7 +351,7 @@ fn the_fastest_poll_takes_its_turn_like_all_others() {
 }
 
 #[test]
-fn a_partial_frame_keeps_the_line_for_ten_milliseconds() {
+fn partial_frame_keeps_line_for_10_ms() {
     let mut rig = Rig::new(Config::default());
     rig.usb_out.extend(&JOINTS[..3]);
     rig.run(100);
@@ -374,7 +374,7 @@ fn a_partial_frame_keeps_the_line_for_ten_milliseconds() {
 }
 
 #[test]
-fn bytes_that_are_no_frame_keep_the_line_until_it_is_quiet_and_for_a_tenth_of_a_second_at_most() {
+fn raw_bytes_keep_line_until_quiet_or_100ms() {
     let mut rig = Rig::new(Config::default());
     rig.usb_out.extend(b"hello");
     rig.run(100);
@@ -406,7 +406,7 @@ fn bytes_that_are_no_frame_keep_the_line_until_it_is_quiet_and_for_a_tenth_of_a_
 }
 
 #[test]
-fn two_who_send_bytes_that_are_no_frames_take_turns() {
+fn two_senders_of_raw_bytes_take_turns() {
     let mut rig = Rig::new(Config {
         arm: ArmKind::Raw,
         ..Config::default()
@@ -430,7 +430,7 @@ fn two_who_send_bytes_that_are_no_frames_take_turns() {
 }
 
 #[test]
-fn what_is_no_frame_of_the_arm_is_refused_on_can() {
+fn pdu_other_than_arm_frame_is_refused() {
     let mut rig = Rig::new(Config::default());
     rig.subscribe();
     let twice = [JOINTS, JOINTS].concat();
@@ -457,7 +457,7 @@ fn what_is_no_frame_of_the_arm_is_refused_on_can() {
 }
 
 #[test]
-fn what_does_not_fit_the_queue_from_can_is_refused_and_counted() {
+fn can_queue_overflow_is_refused_and_counted() {
     let mut rig = Rig::new(Config::default());
     rig.subscribe();
     // A silent arm: one request in flight, two pending, one in the connection, and no more.
@@ -481,7 +481,7 @@ fn what_does_not_fit_the_queue_from_can_is_refused_and_counted() {
 }
 
 #[test]
-fn bytes_that_wait_for_an_answer_that_comes_in_time_are_no_fault() {
+fn bytes_waiting_for_timely_answer_are_no_fault() {
     let mut rig = Rig::new(Config::default());
     let mut polite = polite();
     rig.manners = Box::new(move |request| {
@@ -510,7 +510,7 @@ fn bytes_that_wait_for_an_answer_that_comes_in_time_are_no_fault() {
 }
 
 #[test]
-fn a_missing_answer_frees_the_line_and_its_like_wait_until_it_cannot_come_any_more() {
+fn missing_answer_frees_line_but_blocks_its_kind() {
     let mut rig = Rig::new(Config::default());
     let mut polite = polite();
     let mut first = true;
@@ -535,7 +535,7 @@ fn a_missing_answer_frees_the_line_and_its_like_wait_until_it_cannot_come_any_mo
 }
 
 #[test]
-fn others_go_on_while_the_like_of_a_missing_answer_wait() {
+fn others_proceed_while_same_kind_waits() {
     let mut rig = polling(Poll::Hertz(100));
     let mut polite = polite();
     // The arm does not support joint requests.
@@ -553,7 +553,7 @@ fn others_go_on_while_the_like_of_a_missing_answer_wait() {
 }
 
 #[test]
-fn an_arm_of_another_kind_is_shared_by_its_own_frames() {
+fn other_arm_kind_is_shared_by_its_frames() {
     // UBTECH Alpha1: the robot reports its servo states; a servo acknowledges with one byte.
     let states = [0xEF, 0xFE, 0, 0, 0, 0, 0, 0, 0, 0xED];
     let move_one = [0xFA, 0xAF, 0x01, 0x01, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED];
@@ -579,7 +579,7 @@ fn an_arm_of_another_kind_is_shared_by_its_own_frames() {
 }
 
 #[test]
-fn a_line_coding_waits_for_the_answer_to_anothers_request() {
+fn line_coding_waits_for_answer_to_other_initiator() {
     let mut rig = Rig::new(Config::default());
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(250);
@@ -631,7 +631,7 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 #[test]
-fn each_of_two_late_answers_of_a_kind_is_late() {
+fn both_late_answers_of_a_kind_are_late() {
     let mut rig = polling(Poll::Off);
     let (mut polite, mut n) = (polite(), 0);
     rig.manners = Box::new(move |request| {
@@ -698,7 +698,7 @@ fn no_missing_answer_is_forgotten_for_another() {
 }
 
 #[test]
-fn a_host_on_usb_does_not_ask_again_what_another_may_be_answered_late() {
+fn usb_waits_for_late_answers_of_same_kind() {
     let mut rig = polling(Poll::Off);
     let (mut polite, mut n) = (polite(), 0);
     rig.manners = Box::new(move |request| {
@@ -718,7 +718,7 @@ fn a_host_on_usb_does_not_ask_again_what_another_may_be_answered_late() {
 }
 
 #[test]
-fn a_frame_that_began_before_the_request_was_out_is_no_answer_to_it() {
+fn frame_started_during_request_is_no_answer() {
     for (ahead, answers) in [(1, true), (3, false), (8, false)] {
         let mut rig = polling(Poll::Off);
         rig.subscribe();
@@ -735,7 +735,7 @@ fn a_frame_that_began_before_the_request_was_out_is_no_answer_to_it() {
 }
 
 #[test]
-fn what_a_host_on_another_bus_asked_is_answered_there_or_refused() {
+fn request_from_old_bus_is_answered_or_refused() {
     let mut rig = polling(Poll::Off);
     let mut polite = polite();
     rig.manners = Box::new(move |request| polite(request).map(|(_, answer)| (20_000, answer)));
@@ -757,7 +757,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
 
     #[test]
-    fn no_byte_is_lost_or_doubled_and_each_request_ends_once(
+    fn no_byte_is_lost_and_requests_end_once(
         steps in prop::collection::vec(step(), 1..60),
         poll in prop_oneof![Just(Poll::Off), Just(Poll::Hertz(300)), Just(Poll::Fastest)],
         deaf in any::<u8>(),
@@ -831,7 +831,7 @@ proptest! {
 }
 
 #[test]
-fn bytes_that_waited_for_an_answer_that_never_came_do_not_look_stuck() {
+fn bytes_held_for_missing_answer_are_not_stuck() {
     let mut rig = Rig::new(Config {
         arm: ArmKind::Alpha1,
         ..Config::default()
@@ -859,7 +859,7 @@ fn bytes_that_waited_for_an_answer_that_never_came_do_not_look_stuck() {
 }
 
 #[test]
-fn an_answer_behind_a_slow_one_goes_to_its_initiator() {
+fn answer_behind_slow_one_reaches_its_initiator() {
     let mut rig = Rig::new(Config::default());
     let mut polite = polite();
     rig.manners = Box::new(move |request| match request[1] {
