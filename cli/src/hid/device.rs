@@ -1,4 +1,4 @@
-//! HID devices of this computer, by the system's own interface: hidraw on Linux, Win32 and IOKit elsewhere.
+//! HID devices of this computer, through hidraw on Linux, Win32 on Windows and IOKit on macOS.
 
 use std::future::Future;
 use std::io::{self, ErrorKind};
@@ -11,26 +11,26 @@ use futures_lite::{StreamExt, future};
 
 use super::{Failure, Named, Reports};
 
-/// How long a device may take no report.
+/// Timeout of a write.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// An open device.
 pub(super) struct Device(DeviceReaderWriter);
 
-/// All devices, each once.
+/// All devices, without duplicates.
 ///
 /// # Errors
 ///
-/// The system's, if it does not list them.
+/// The system cannot list them.
 pub(super) fn list() -> Result<Vec<(Named, async_hid::Device)>, HidError> {
     let backend = HidBackend::default();
     let found: Vec<_> = match block_on(async { Ok(backend.enumerate().await?.collect().await) }) {
-        // So Linux says that there is none.
+        // Linux reports an empty list as `NotFound`.
         Err(error) if kind(&error) == Some(ErrorKind::NotFound) => return Ok(Vec::new()),
         found => found?,
     };
     let mut devices: Vec<(Named, async_hid::Device)> = Vec::new();
-    // There is one for each use of a device.
+    // The system lists a device once per usage.
     for device in found {
         let name = name(&device.id);
         if devices.iter().all(|(named, _)| named.name != name) {
@@ -41,10 +41,10 @@ pub(super) fn list() -> Result<Vec<(Named, async_hid::Device)>, HidError> {
     Ok(devices)
 }
 
-/// What the system calls a device.
+/// The system's name of a device.
 fn name(id: &DeviceId) -> String {
     match id {
-        // The folder of `/dev/hidraw3` in sysfs, which has its name.
+        // The folder of `/dev/hidraw3` in sysfs ends with the same name.
         #[cfg(target_os = "linux")]
         DeviceId::DevPath(path) => match path.file_name() {
             Some(name) => format!("/dev/{}", name.to_string_lossy()),
@@ -70,14 +70,14 @@ impl Reports for Device {
     }
 
     fn write(&mut self, report: &[u8; REPORT]) -> Result<(), Failure> {
-        // All systems want a report number in front, which is 0 where reports have none.
+        // All systems expect a report number in front: 0 for unnumbered reports.
         let mut numbered = [0; 1 + REPORT];
         numbered[1..].copy_from_slice(report);
         within(WRITE_TIMEOUT, self.0.write_output_report(&numbered))?.ok_or(Failure::Stuck)
     }
 }
 
-/// What comes of it in this time, if anything.
+/// Runs `act` with a timeout. `None` on timeout.
 fn within<T>(wait: Duration, act: impl Future<Output = Result<T, HidError>>) -> Result<Option<T>, HidError> {
     let act = async { act.await.map(Some) };
     let expire = async {
@@ -87,7 +87,7 @@ fn within<T>(wait: Duration, act: impl Future<Output = Result<T, HidError>>) -> 
     block_on(future::or(act, expire))
 }
 
-/// What kind of error the system reports, if it does.
+/// The kind of the system's error, if the error is one.
 fn kind(error: &HidError) -> Option<ErrorKind> {
     match error {
         HidError::Other(error) => error.downcast_ref::<io::Error>().map(io::Error::kind),
@@ -99,7 +99,7 @@ impl From<HidError> for Failure {
     fn from(error: HidError) -> Self {
         match (&error, kind(&error)) {
             (HidError::Disconnected | HidError::NotConnected, _) => Self::Gone,
-            // An unplugged device, too.
+            // Linux reports these for an unplugged device.
             (_, Some(ErrorKind::BrokenPipe | ErrorKind::NotFound)) => Self::Gone,
             (_, Some(ErrorKind::PermissionDenied)) => Self::Denied,
             _ => Self::Other(error.to_string()),

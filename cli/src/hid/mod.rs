@@ -1,4 +1,4 @@
-//! A robot that is a HID device on USB, as a line: frames in reports of 64 bytes.
+//! A robot on USB as a HID device: a [`Line`] over reports of 64 bytes.
 
 mod device;
 
@@ -14,16 +14,16 @@ use crate::link::{Came, Line, Names};
 
 use device::Device;
 
-/// Vendor and product id of an Alpha1, as public programs have them. STMicroelectronics gives them to examples of HID
-/// devices, so a device with them may be something else.
+/// Vendor and product id of an Alpha1, as public programs use them. STMicroelectronics uses the same ids in its HID
+/// examples: other devices may have them, too.
 const ALPHA1: (u16, u16) = (0x0483, 0x5750);
 
-/// Which HID device, as it is typed behind `hid:`.
+/// A choice of a HID device: the text after `hid:` on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Selector {
-    /// Nothing: the only one with the ids of an Alpha1.
+    /// No text: the only device with the ids of an Alpha1.
     Alpha1,
-    /// `VID:PID`, in hexadecimal: the only one with these ids.
+    /// `VID:PID`, in hexadecimal: the only device with these ids.
     Ids(u16, u16),
     /// The name that `armwire list` shows.
     Name(String),
@@ -65,13 +65,13 @@ impl fmt::Display for Selector {
 /// A HID device of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Named {
-    /// The system's name of it, such as `/dev/hidraw3`.
+    /// The system's name, for example `/dev/hidraw3`.
     name: String,
     /// Vendor and product id.
     ids: (u16, u16),
 }
 
-/// The names of all devices with the ids of an Alpha1; none where HID devices cannot be searched.
+/// The names of all devices with the ids of an Alpha1. Empty if the system cannot list HID devices.
 pub(crate) fn alpha1_names() -> Vec<String> {
     let devices = device::list().unwrap_or_default().into_iter();
     let robots = devices
@@ -80,11 +80,11 @@ pub(crate) fn alpha1_names() -> Vec<String> {
     robots.map(|robot| robot.name).collect()
 }
 
-/// Opens the only device that is selected.
+/// Opens the device that matches the selector.
 ///
 /// # Errors
 ///
-/// There is none, there are several, or the system refuses to open it.
+/// No device or several devices match, or the system refuses to open the device.
 pub(crate) fn open(selector: &Selector) -> Result<impl Line + use<>, Error> {
     let name = format!("hid:{selector}");
     let mut devices = device::list().map_err(|error| Error::at(&name, error))?;
@@ -95,7 +95,11 @@ pub(crate) fn open(selector: &Selector) -> Result<impl Line + use<>, Error> {
     Ok(HidLine::new(name, device))
 }
 
-/// The position of the only device that is selected, or why there is not one.
+/// The index of the only matching device.
+///
+/// # Errors
+///
+/// No device matches, or several do.
 fn choose(selector: &Selector, devices: &[Named]) -> Result<usize, String> {
     let selected = |&i: &usize| selector.selects(&devices[i]);
     let selected: Vec<_> = (0..devices.len()).filter(selected).collect();
@@ -104,7 +108,7 @@ fn choose(selector: &Selector, devices: &[Named]) -> Result<usize, String> {
         ([], Selector::Name(_)) => {
             let names: Vec<_> = devices.iter().map(|device| format!("hid:{}", device.name)).collect();
             Err(match names.as_slice() {
-                [] => "no such HID device, nor any other".to_owned(),
+                [] => "no such HID device; there are none".to_owned(),
                 names => format!("no such HID device; there are: {}", names.join(", ")),
             })
         }
@@ -119,31 +123,31 @@ fn choose(selector: &Selector, devices: &[Named]) -> Result<usize, String> {
         (several, _) => {
             let names: Vec<_> = several.iter().map(|&i| format!("hid:{}", devices[i].name)).collect();
             Err(format!(
-                "several HID devices have these ids, choose one: {}",
+                "several HID devices have these ids; choose one of: {}",
                 names.join(", ")
             ))
         }
     }
 }
 
-/// What carries reports.
+/// A transport of HID reports.
 trait Reports: Send {
-    /// Reads a report, waiting so long for it; 0 when none came.
+    /// Reads one report within `wait`. Returns its length, or 0 on timeout.
     fn read(&mut self, report: &mut [u8; REPORT], wait: Duration) -> Result<usize, Failure>;
 
     fn write(&mut self, report: &[u8; REPORT]) -> Result<(), Failure>;
 }
 
-/// Why a report is not carried, or a device not opened.
+/// A failed transfer of a report, or a failed open.
 #[derive(Debug)]
 enum Failure {
-    /// The device is gone.
+    /// The device was disconnected.
     Gone,
-    /// The device takes no report.
+    /// The device accepts no report within the timeout.
     Stuck,
-    /// Its user may not open it.
+    /// The user lacks permission to open the device.
     Denied,
-    /// What else the system says.
+    /// Any other error, with the system's message.
     Other(String),
 }
 
@@ -153,12 +157,12 @@ impl Failure {
         let (vendor, product) = ALPHA1;
         match self {
             Self::Gone => {
-                let reason = "the device is gone: was it unplugged, or switched off?".to_owned();
+                let reason = "device disconnected: was it unplugged, or switched off?".to_owned();
                 Error::Lost { name, reason }
             }
             Self::Stuck => Error::At {
                 name,
-                reason: "the device takes no report: is the robot stuck?".to_owned(),
+                reason: "write timeout: is the robot stuck?".to_owned(),
             },
             Self::Denied if cfg!(target_os = "linux") => Error::At {
                 name,
@@ -170,18 +174,18 @@ impl Failure {
             },
             Self::Denied => Error::At {
                 name,
-                reason: "permission denied: does another program use it?".to_owned(),
+                reason: "permission denied: is it in use by another program?".to_owned(),
             },
             Self::Other(reason) => Error::Lost { name, reason },
         }
     }
 }
 
-/// Bytes in reports.
+/// A byte stream over reports.
 struct HidLine<R> {
     name: String,
     reports: R,
-    /// The rest of a report for which there was no room.
+    /// The rest of a report that did not fit in the reader's buffer.
     unread: VecDeque<u8>,
 }
 
@@ -219,7 +223,7 @@ impl<R: Reports> Line for HidLine<R> {
     fn hints(&mut self, came: Came, names: Names) -> String {
         match came {
             Came::Nothing => format!(
-                "is the robot on, is it {}, and does no other program use it?",
+                "is the robot on, is it {}, and is the port free of other programs?",
                 names.arm
             ),
             Came::Garbage => format!("is it {}, and not another HID device?", names.arm),
@@ -238,7 +242,7 @@ mod tests {
     use crate::describe::Arm;
     use crate::link::Link;
 
-    /// A virtual robot that is a HID device, whose time passes while a report is waited for.
+    /// A virtual robot as a HID device. Virtual time advances while a read waits.
     struct VirtualDevice {
         robot: Alpha1Robot,
         now: time::Instant,
@@ -265,8 +269,8 @@ mod tests {
                 return Ok(0);
             };
             self.now = self.now.max(due);
-            let said = std::iter::from_fn(|| self.robot.transmit(self.now)).take(REPORT);
-            Ok(report.iter_mut().zip(said).map(|(to, byte)| *to = byte).count())
+            let sent = std::iter::from_fn(|| self.robot.transmit(self.now)).take(REPORT);
+            Ok(report.iter_mut().zip(sent).map(|(to, byte)| *to = byte).count())
         }
 
         fn write(&mut self, report: &[u8; REPORT]) -> Result<(), Failure> {
@@ -331,7 +335,7 @@ mod tests {
         for (text, reason) in [
             (
                 "1234:abcd",
-                "several HID devices have these ids, choose one: hid:/dev/hidraw2, hid:/dev/hidraw3",
+                "several HID devices have these ids; choose one of: hid:/dev/hidraw2, hid:/dev/hidraw3",
             ),
             ("1234:0001", "no HID device has these ids"),
             (
@@ -340,8 +344,8 @@ mod tests {
             ),
             ("123:4567", "no such HID device"),
         ] {
-            let told = choose(text).unwrap_err();
-            assert!(told.starts_with(reason), "{told}");
+            let error = choose(text).unwrap_err();
+            assert!(error.starts_with(reason), "{error}");
         }
         assert!(
             super::choose(&Selector::Alpha1, &devices[..1])
