@@ -21,6 +21,7 @@ mod hold;
 mod info;
 mod legacy;
 mod line_holder;
+mod ling_port;
 mod link;
 mod list;
 mod monitor;
@@ -50,6 +51,7 @@ use terminal_size::Width;
 
 pub use args::ArmKind;
 pub use decode::{Speaker, decode};
+pub use ling_port::{LingAddress, LingPort, PortError};
 
 /// Ports, calls that wait, and errors that say what to do: what the commands are made of, for other programs.
 pub mod host {
