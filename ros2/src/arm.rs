@@ -1,0 +1,391 @@
+//! One arm's thread: readings go out, trajectories and services come in, motion goes to the arm.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire::framing::Framing;
+use armwire::ling::{self, JOINTS, Ling, Request, Response, Stroke};
+use armwire::messages::Messages;
+use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
+use armwire_bridge::control::{self, Event, Reply, Subscription};
+use armwire_cli::{LingPort, PortError};
+use ros2_client::RmwRequestId;
+
+use crate::diagnostics::Diagnostics;
+use crate::joint_states::{Reading, to_move};
+use crate::messages::{JointTrajectory, Outcome};
+use crate::node::Endpoints;
+use crate::options::Arm;
+use crate::services::{Effect, Pending, refused};
+use crate::stamps::{self, Clock};
+use crate::trajectory::{self, Accepted, Joint, Plan, Refusal};
+
+/// Between two moves to the arm at least.
+const MOVE_PERIOD: Duration = Duration::from_millis(10);
+/// Between two diagnostics.
+const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
+/// Between two attempts to open a port.
+const RETRY: Duration = Duration::from_secs(1);
+/// Between two looks at requests while there is no arm.
+const LOOK: Duration = Duration::from_millis(20);
+/// The time after which an adapter's arm that is not heard is an arm that does not answer.
+const SILENCE: Duration = Duration::from_millis(500);
+
+/// Why an arm is not served any more, until its port is opened again.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    #[error(transparent)]
+    Port(#[from] PortError),
+    #[error("{0}")]
+    Arm(String),
+}
+
+/// Serves an arm until it is to end. A port that fails is opened again.
+pub(crate) fn serve(arm: &Arm, endpoints: &Endpoints, stop: &AtomicBool) {
+    let mut host = Host {
+        arm,
+        endpoints,
+        diagnostics: Diagnostics::new(arm.address.to_string()),
+        told: None,
+    };
+    while !stop.load(Ordering::Relaxed) {
+        let failure = match Session::open(&mut host).and_then(|session| session.run(stop)) {
+            Ok(()) => return,
+            Err(failure) => failure.to_string(),
+        };
+        if host.diagnostics.failure.as_ref() != Some(&failure) {
+            log(&arm.name, &failure);
+        }
+        host.diagnostics.failure = Some(failure);
+        host.diagnostics.is_moving = false;
+        host.refuse_all_for(RETRY, stop);
+        host.diagnostics.reconnects += 1;
+    }
+}
+
+fn log(arm: &str, text: &str) {
+    eprintln!("armwire-ros2: {arm}: {text}");
+}
+
+/// The side of the ROS network, which stays when a port fails.
+struct Host<'a> {
+    arm: &'a Arm,
+    endpoints: &'a Endpoints,
+    diagnostics: Diagnostics,
+    /// When diagnostics were last published.
+    told: Option<Instant>,
+}
+
+impl Host<'_> {
+    fn refuse(&mut self, refusal: &Refusal) {
+        let reason = refusal.to_string();
+        if self.diagnostics.refuse(Instant::now(), reason.clone()) {
+            log(&self.arm.name, &format!("trajectory refused: {reason}"));
+        }
+    }
+
+    /// The next trajectory; one that cannot be decoded is dropped by DDS.
+    fn trajectory(&self) -> Option<JointTrajectory> {
+        self.endpoints
+            .trajectories
+            .take()
+            .ok()
+            .flatten()
+            .map(|(trajectory, _)| trajectory)
+    }
+
+    fn respond(&self, effect: Effect, id: RmwRequestId, outcome: Outcome) {
+        let sent = match effect {
+            Effect::Torque(_) => self.endpoints.torque.send_response(id, outcome),
+            Effect::Zero => self.endpoints.set_zero.send_response(id, outcome),
+        };
+        if let Err(error) = sent {
+            log(&self.arm.name, &format!("a service's response is lost: {error}"));
+        }
+    }
+
+    /// The next service request, with its effect.
+    fn service(&self) -> Option<(RmwRequestId, Effect)> {
+        if let Ok(Some((id, request))) = self.endpoints.torque.receive_request() {
+            return Some((id, Effect::Torque(request.data)));
+        }
+        let request = self.endpoints.set_zero.receive_request().ok().flatten();
+        request.map(|(id, _)| (id, Effect::Zero))
+    }
+
+    fn publish_diagnostics(&mut self) {
+        let now = Instant::now();
+        if self
+            .told
+            .is_none_or(|told| now.duration_since(told) >= DIAGNOSTICS_PERIOD)
+        {
+            self.told = Some(now);
+            // A reader that does not keep up gets the next.
+            let _ = self
+                .endpoints
+                .diagnostics
+                .publish(self.diagnostics.to_message(&self.arm.name, now));
+        }
+    }
+
+    /// Answers for an arm that is not there.
+    fn refuse_all_for(&mut self, time: Duration, stop: &AtomicBool) {
+        let until = Instant::now() + time;
+        while Instant::now() < until && !stop.load(Ordering::Relaxed) {
+            while self.trajectory().is_some() {
+                self.refuse(&Refusal::NoArm);
+            }
+            while let Some((id, effect)) = self.service() {
+                self.respond(effect, id, refused("the arm does not answer"));
+            }
+            self.publish_diagnostics();
+            thread::sleep(LOOK);
+        }
+    }
+}
+
+/// An arm that is served.
+struct Session<'a, 'b> {
+    host: &'b mut Host<'a>,
+    port: LingPort,
+    stroke: Stroke,
+    joints: Vec<Joint>,
+    clock: Clock,
+    /// Between two readings.
+    period: Duration,
+    latest: Reading,
+    /// The motion, and when it was accepted.
+    motion: Option<(Plan, Instant)>,
+    moved: Option<Instant>,
+    pending: Vec<Pending<RmwRequestId>>,
+}
+
+impl<'a, 'b> Session<'a, 'b> {
+    /// Opens the arm's port, and subscribes to what the adapter hears.
+    fn open(host: &'b mut Host<'a>) -> Result<Self, Failure> {
+        let mut port = host.arm.address.open()?;
+        let Some(Response::Stroke(stroke)) = port.call(&Request::ReadStroke)? else {
+            return Err(Failure::Arm("the arm does not tell its gripper's stroke".to_owned()));
+        };
+        let mut joints = host.arm.joints.clone();
+        joints[JOINTS].max = f64::from(stroke.millimetres()) / 1_000.0;
+        let mut period = Duration::from_secs(1) / host.arm.rate;
+        if port.has_adapter() {
+            period = Duration::from_secs(1) / adapter_rate(&mut port)?;
+            let all = Subscription {
+                frames: true,
+                events: true,
+            };
+            port.control(control::Request::Subscribe(all))?;
+        }
+        let latest = ask(&mut port, stroke)?;
+        host.diagnostics.failure = None;
+        host.diagnostics.stamps = if port.has_adapter() { "adapter" } else { "host" };
+        log(
+            &host.arm.name,
+            &format!("{}, stamps of the {}", host.arm.address, host.diagnostics.stamps),
+        );
+        Ok(Self {
+            host,
+            port,
+            stroke,
+            joints,
+            clock: Clock::default(),
+            period,
+            latest,
+            motion: None,
+            moved: None,
+            pending: Vec::new(),
+        })
+    }
+
+    /// Serves the arm until it is to end, or until its port fails. The arm then holds the last setpoint.
+    fn run(mut self, stop: &AtomicBool) -> Result<(), Failure> {
+        let result = self.serve(stop);
+        for Pending { id, effect, .. } in std::mem::take(&mut self.pending) {
+            self.host.respond(
+                effect,
+                id,
+                refused("sent, but the arm was lost before it could be read back"),
+            );
+        }
+        result
+    }
+
+    fn serve(&mut self, stop: &AtomicBool) -> Result<(), Failure> {
+        let mut due = Instant::now();
+        let mut heard = due;
+        while !stop.load(Ordering::Relaxed) {
+            if self.port.has_adapter() {
+                match self.hear()? {
+                    true => heard = Instant::now(),
+                    false if heard.elapsed() >= SILENCE => {
+                        return Err(Failure::Arm(format!(
+                            "the adapter hears no joints for {} ms",
+                            SILENCE.as_millis()
+                        )));
+                    }
+                    false => {}
+                }
+            } else {
+                thread::sleep(due.saturating_duration_since(Instant::now()));
+                let reading = ask(&mut self.port, self.stroke)?;
+                self.publish(reading);
+                due += self.period;
+                if due < Instant::now() {
+                    self.host.diagnostics.late += 1;
+                    due = Instant::now();
+                }
+            }
+            self.take_trajectories();
+            self.take_requests()?;
+            self.step()?;
+            self.host.publish_diagnostics();
+        }
+        self.end_stream()
+    }
+
+    /// Takes one event of the adapter, waiting for a period. Returns whether it was a reading.
+    fn hear(&mut self) -> Result<bool, Failure> {
+        let Some((stamp, event)) = self.port.hear(self.period)? else {
+            return Ok(false);
+        };
+        let at = self.clock.system_time(stamp, stamps::now());
+        match event {
+            Event::Frame { bytes, .. } => {
+                let response = Messages::parse_response(&Ling, &bytes, Ling.unsolicited());
+                let Ok(Response::Joints(state)) = response else {
+                    return Ok(false);
+                };
+                match Reading::new(at, &state, self.stroke) {
+                    Ok(reading) => self.publish(reading),
+                    Err(_) => self.host.diagnostics.unusable += 1,
+                }
+                Ok(true)
+            }
+            event => {
+                let told = format!("{event:?}");
+                log(&self.host.arm.name, &format!("the adapter tells: {told}"));
+                self.host.diagnostics.adapter_event = Some(told);
+                Ok(false)
+            }
+        }
+    }
+
+    fn publish(&mut self, reading: Reading) {
+        let diagnostics = &mut self.host.diagnostics;
+        diagnostics.readings += 1;
+        diagnostics.status = reading.status.to_string();
+        if self
+            .host
+            .endpoints
+            .states
+            .publish(reading.to_message(&self.joints))
+            .is_err()
+        {
+            diagnostics.dropped += 1;
+        }
+        self.latest = reading;
+        let now = Instant::now();
+        for nth in (0..self.pending.len()).rev() {
+            if let Some(outcome) = self.pending[nth].outcome(&self.latest, now) {
+                let Pending { id, effect, .. } = self.pending.swap_remove(nth);
+                self.host.respond(effect, id, outcome);
+            }
+        }
+    }
+
+    /// Checks each trajectory that came; the last good one is played.
+    fn take_trajectories(&mut self) {
+        while let Some(trajectory) = self.host.trajectory() {
+            if self.latest.is_holding() == Some(false) {
+                self.host.refuse(&Refusal::TorqueOff);
+                continue;
+            }
+            // A motion goes on from its setpoint, not from a reading, which lags behind.
+            let current = match &self.motion {
+                Some((plan, accepted)) => plan.at(accepted.elapsed()).positions,
+                None => self.latest.positions.clone(),
+            };
+            match trajectory::check(&self.joints, JOINTS, &trajectory, stamps::now(), &current) {
+                Ok(accepted) => {
+                    self.host.diagnostics.accepted += 1;
+                    self.motion = match accepted {
+                        Accepted::Plan(plan) => Some((plan, Instant::now())),
+                        Accepted::Hold => None,
+                    };
+                }
+                Err(refusal) => self.host.refuse(&refusal),
+            }
+        }
+    }
+
+    fn take_requests(&mut self) -> Result<(), Failure> {
+        while let Some((id, effect)) = self.host.service() {
+            if effect == Effect::Zero && !self.host.arm.allow_set_zero {
+                self.host
+                    .respond(effect, id, refused("refused: the node runs without --allow-set-zero"));
+                continue;
+            }
+            if effect != Effect::Torque(true) {
+                self.motion = None;
+            }
+            self.port.call(&effect.request())?;
+            self.pending.push(Pending::new(id, effect, Instant::now()));
+        }
+        Ok(())
+    }
+
+    /// Sends the motion's present setpoint, if it is time, and ends a motion behind its last.
+    fn step(&mut self) -> Result<(), Failure> {
+        let now = Instant::now();
+        let was_moving = std::mem::replace(&mut self.host.diagnostics.is_moving, self.motion.is_some());
+        let Some((plan, accepted)) = &self.motion else {
+            return if was_moving { self.end_stream() } else { Ok(()) };
+        };
+        if self.moved.is_some_and(|moved| now.duration_since(moved) < MOVE_PERIOD) {
+            return Ok(());
+        }
+        let elapsed = now.duration_since(*accepted);
+        let request = to_move(&plan.at(elapsed), self.stroke).map_err(|error| Failure::Arm(error.to_string()))?;
+        let is_over = elapsed >= plan.end();
+        self.port.call(&Request::Move(request))?;
+        self.moved = Some(now);
+        if is_over {
+            self.motion = None;
+        }
+        Ok(())
+    }
+
+    /// Tells the adapter that the motion is over: a host that just stops is a silent host to it.
+    fn end_stream(&mut self) -> Result<(), Failure> {
+        self.port.control(control::Request::EndStream)?;
+        Ok(())
+    }
+}
+
+/// One reading by our own request, with the host's time.
+fn ask(port: &mut LingPort, stroke: Stroke) -> Result<Reading, Failure> {
+    let state: ling::JointState = match port.call(&Request::ReadJoints)? {
+        Some(Response::Joints(state)) => state,
+        _ => return Err(Failure::Arm("the arm answers what it was not asked".to_owned())),
+    };
+    Reading::new(stamps::now(), &state, stroke).map_err(|error| Failure::Arm(error.to_string()))
+}
+
+/// The rate at which the adapter polls a Ling arm.
+fn adapter_rate(port: &mut LingPort) -> Result<u32, Failure> {
+    let Some(Reply::Config(config)) = port.control(control::Request::GetConfig)? else {
+        return Err(Failure::Arm("the adapter does not tell its configuration".to_owned()));
+    };
+    match (config.arm, config.poll) {
+        (ArmKind::Ling, Poll::Off) => {
+            let reason = "the adapter does not poll the arm: 'armwire config PORT set poll=200 --save' lets it";
+            Err(Failure::Arm(reason.to_owned()))
+        }
+        (ArmKind::Ling, Poll::Hertz(rate)) => Ok(rate.max(1).into()),
+        (ArmKind::Ling, Poll::Fastest) => Ok(MAX_POLL_HZ.into()),
+        (arm, _) => Err(Failure::Arm(format!("the adapter is set for '{arm}', not for ling"))),
+    }
+}

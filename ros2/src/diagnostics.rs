@@ -1,0 +1,150 @@
+//! Facts about one arm that others want to know: counts, the last refusal, and the level that comes of them.
+
+use std::time::{Duration, Instant};
+
+use crate::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue};
+use crate::stamps;
+
+/// The time for which a refusal is a warning.
+const RECENT: Duration = Duration::from_secs(5);
+/// Refusals for the same reason are logged once in this time.
+const LOG_PERIOD: Duration = Duration::from_secs(1);
+
+const OK: u8 = 0;
+const WARN: u8 = 1;
+const ERROR: u8 = 2;
+
+/// The diagnostics of one arm.
+#[derive(Debug, Default)]
+pub(crate) struct Diagnostics {
+    port: String,
+    /// Why the arm is not served at present.
+    pub(crate) failure: Option<String>,
+    /// The clock that stamps are from.
+    pub(crate) stamps: &'static str,
+    pub(crate) status: String,
+    pub(crate) is_moving: bool,
+    pub(crate) readings: u64,
+    /// Readings that DDS did not take.
+    pub(crate) dropped: u64,
+    /// Readings with a joint out of the protocol's range.
+    pub(crate) unusable: u64,
+    /// Readings that came later than a period after they were due.
+    pub(crate) late: u64,
+    pub(crate) reconnects: u64,
+    pub(crate) accepted: u64,
+    refused: u64,
+    last_refusal: Option<(Instant, String)>,
+    logged: Option<Instant>,
+    /// The last event of the adapter, such as a silent host.
+    pub(crate) adapter_event: Option<String>,
+}
+
+impl Diagnostics {
+    /// Those of the arm on a port.
+    pub(crate) fn new(port: String) -> Self {
+        Self {
+            port,
+            ..Self::default()
+        }
+    }
+
+    /// Counts a refused trajectory. Returns whether it is to be logged: a sender may repeat it a thousand times a second.
+    pub(crate) fn refuse(&mut self, now: Instant, reason: String) -> bool {
+        self.refused += 1;
+        let is_old = self
+            .logged
+            .is_none_or(|logged| now.duration_since(logged) >= LOG_PERIOD);
+        let is_new = self.last_refusal.as_ref().is_none_or(|(_, last)| *last != reason);
+        self.last_refusal = Some((now, reason));
+        let is_logged = is_old || (is_new && self.refused == 1);
+        if is_logged {
+            self.logged = Some(now);
+        }
+        is_logged
+    }
+
+    fn level(&self, now: Instant) -> (u8, String) {
+        if let Some(failure) = &self.failure {
+            return (ERROR, failure.clone());
+        }
+        match &self.last_refusal {
+            Some((at, reason)) if now.duration_since(*at) < RECENT => (WARN, format!("trajectory refused: {reason}")),
+            _ => (OK, if self.is_moving { "moving" } else { "holding" }.to_owned()),
+        }
+    }
+
+    /// The message.
+    pub(crate) fn to_message(&self, arm: &str, now: Instant) -> DiagnosticArray {
+        let (level, message) = self.level(now);
+        let last = self.last_refusal.as_ref().map_or("", |(_, reason)| reason);
+        let event = self.adapter_event.as_deref().unwrap_or_default();
+        let values = [
+            ("port", self.port.clone()),
+            ("stamps", self.stamps.to_owned()),
+            ("motion_status", self.status.clone()),
+            ("readings", self.readings.to_string()),
+            ("readings_late", self.late.to_string()),
+            ("readings_dropped", self.dropped.to_string()),
+            ("readings_unusable", self.unusable.to_string()),
+            ("reconnects", self.reconnects.to_string()),
+            ("trajectories_accepted", self.accepted.to_string()),
+            ("trajectories_refused", self.refused.to_string()),
+            ("last_refusal", last.to_owned()),
+            ("last_adapter_event", event.to_owned()),
+        ];
+        let values = values
+            .map(|(key, value)| KeyValue {
+                key: key.to_owned(),
+                value,
+            })
+            .to_vec();
+        let status = DiagnosticStatus {
+            level,
+            name: format!("armwire: {arm}"),
+            message,
+            hardware_id: self.port.clone(),
+            values,
+        };
+        let header = Header {
+            stamp: stamps::ros_time(stamps::now()),
+            frame_id: String::new(),
+        };
+        DiagnosticArray {
+            header,
+            status: vec![status],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refusal_is_a_warning_for_five_seconds() {
+        let mut diagnostics = Diagnostics::default();
+        let now = Instant::now();
+        diagnostics.refuse(now, "joint \"x\" is unknown".to_owned());
+        let level = |seconds| diagnostics.level(now + Duration::from_secs(seconds)).0;
+        assert_eq!([level(0), level(4), level(5)], [WARN, WARN, OK]);
+    }
+
+    #[test]
+    fn floods_of_refusals_are_logged_once_a_second() {
+        let mut diagnostics = Diagnostics::default();
+        let now = Instant::now();
+        let logged = (0..3_000).filter(|ms| diagnostics.refuse(now + Duration::from_millis(*ms), "no".to_owned()));
+        assert_eq!(logged.count(), 3);
+    }
+
+    #[test]
+    fn arm_that_is_not_served_is_an_error() {
+        let failure = Some("no such port".to_owned());
+        let diagnostics = Diagnostics {
+            failure,
+            ..Default::default()
+        };
+        assert_eq!(diagnostics.level(Instant::now()), (ERROR, "no such port".to_owned()));
+    }
+}

@@ -1,0 +1,158 @@
+//! A Ling arm's ticks and per mille as radians and metres, both ways.
+
+use armwire::OutOfRange;
+use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Speed, Stroke};
+
+use crate::messages::{Header, JointState};
+use crate::stamps::ros_time;
+use crate::trajectory::{Joint, Setpoint};
+
+/// The names of joints and gripper unless the user gives others.
+pub(crate) const DEFAULT_NAMES: [&str; JOINTS + 1] =
+    ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "gripper"];
+/// The gripper's speed: the vendor's package always sends this.
+const GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
+/// The slowest speed of a joint, in ticks/s: the vendor's package sends no less, and 0 has no documented meaning.
+const MIN_SPEED: u16 = 50;
+
+/// Joints of these names with the ranges of the protocol. The gripper's is known from the arm.
+pub(crate) fn joints(names: &[String]) -> Vec<Joint> {
+    let min = Position::new(0).unwrap_or(Position::CENTRE).radians().into();
+    let joint = |(nth, name): (usize, &String)| Joint {
+        name: name.clone(),
+        min: if nth < JOINTS { min } else { 0.0 },
+        max: if nth < JOINTS {
+            Position::MAX.radians().into()
+        } else {
+            0.0
+        },
+        max_speed: (nth < JOINTS).then(|| Speed::MAX.radians_per_second().into()),
+    };
+    names.iter().enumerate().map(joint).collect()
+}
+
+/// One reading of an arm.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Reading {
+    /// System time, in nanoseconds since 1970.
+    pub(crate) at: i64,
+    pub(crate) status: MotionStatus,
+    /// Joints in rad, and the gripper's opening in m.
+    pub(crate) positions: Vec<f64>,
+}
+
+impl Reading {
+    /// A reading of an arm with this gripper.
+    ///
+    /// # Errors
+    ///
+    /// A joint or a gripper out of the protocol's range: the arm is not where it says.
+    pub(crate) fn new(at: i64, state: &ling::JointState, stroke: Stroke) -> Result<Self, OutOfRange> {
+        let mut positions: Vec<f64> = state
+            .positions()?
+            .iter()
+            .map(|position| position.radians().into())
+            .collect();
+        positions.push(f64::from(state.opening()?.millimetres(stroke)) / 1_000.0);
+        Ok(Self {
+            at,
+            status: state.status,
+            positions,
+        })
+    }
+
+    /// Whether the arm holds its position, if its status tells.
+    pub(crate) fn is_holding(&self) -> Option<bool> {
+        match self.status {
+            MotionStatus::Locked | MotionStatus::SyncLocked => Some(true),
+            MotionStatus::Idle | MotionStatus::OverheatProtection => Some(false),
+            MotionStatus::Syncing | MotionStatus::Overheating | MotionStatus::Other(_) => None,
+        }
+    }
+
+    /// Whether all joints are within 3 ticks of zero.
+    pub(crate) fn is_at_zero(&self) -> bool {
+        let near = f64::from(Position::MAX.radians()) * 3.0 / 2047.0;
+        self.positions[..JOINTS].iter().all(|position| position.abs() <= near)
+    }
+
+    /// The message.
+    pub(crate) fn to_message(&self, joints: &[Joint]) -> JointState {
+        JointState {
+            header: Header {
+                stamp: ros_time(self.at),
+                frame_id: String::new(),
+            },
+            name: joints.iter().map(|joint| joint.name.clone()).collect(),
+            position: self.positions.clone(),
+            velocity: Vec::new(),
+            effort: Vec::new(),
+        }
+    }
+}
+
+/// The request that moves an arm with this gripper to a setpoint.
+///
+/// # Errors
+///
+/// A setpoint out of the protocol's range, which a checked trajectory does not have.
+pub(crate) fn to_move(setpoint: &Setpoint, stroke: Stroke) -> Result<Move, OutOfRange<f32>> {
+    let slowest = Speed::new(MIN_SPEED).unwrap_or(Speed::MAX);
+    let mut joints = [(Position::CENTRE, slowest); JOINTS];
+    for (nth, joint) in joints.iter_mut().enumerate() {
+        let position = Position::from_radians(setpoint.positions[nth] as f32)?;
+        let speed = Speed::from_radians_per_second(setpoint.speeds[nth] as f32)?;
+        *joint = (position, speed.max(slowest));
+    }
+    let opening = Opening::from_millimetres((setpoint.positions[JOINTS] * 1_000.0) as f32, stroke)?;
+    Ok(Move {
+        joints,
+        gripper: (opening, GRIPPER_SPEED),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(ticks: u16, gripper: u16) -> ling::JointState {
+        ling::JointState {
+            joints: [ticks; JOINTS],
+            gripper,
+            status: MotionStatus::Locked,
+        }
+    }
+
+    #[test]
+    fn ticks_are_radians_and_per_mille_metres() {
+        let reading = Reading::new(0, &state(3072, 500), Stroke::Mm50).unwrap();
+        assert!(
+            (reading.positions[0] - std::f64::consts::FRAC_PI_2).abs() < 1e-6,
+            "{reading:?}"
+        );
+        assert!((reading.positions[JOINTS] - 0.025).abs() < 1e-9, "{reading:?}");
+    }
+
+    #[test]
+    fn positions_out_of_range_are_no_reading() {
+        assert!(Reading::new(0, &state(4096, 0), Stroke::Mm50).is_err());
+        assert!(Reading::new(0, &state(0, 1001), Stroke::Mm50).is_err());
+    }
+
+    #[test]
+    fn every_tick_comes_back_from_its_setpoint() {
+        for ticks in 0..=4095 {
+            let reading = Reading::new(0, &state(ticks, 1000), Stroke::Mm100).unwrap();
+            let setpoint = Setpoint {
+                positions: reading.positions,
+                speeds: vec![0.0; JOINTS + 1],
+            };
+            let request = to_move(&setpoint, Stroke::Mm100).unwrap();
+            assert_eq!(
+                request.joints[0],
+                (Position::new(ticks).unwrap(), Speed::new(50).unwrap())
+            );
+            assert_eq!(request.gripper.0, Opening::OPEN);
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! `armwire-ros2`: a ROS 2 node for robot arms, over DDS, without a ROS installation.
+//!
+//! One thread serves one arm: it owns the arm's port and the arm's topics and services, and takes turns between them.
+//!
+//! ```text
+//!            options ──► main ──► node: participant, topics, QoS
+//!                          │        │ Endpoints of one arm
+//!                          ▼        ▼
+//!  adapter or arm ◄───►  arm ──► joint_states ──► JointState on NAME/joint_states
+//!                        │ │ ◄── trajectory   ◄── JointTrajectory on NAME/joint_trajectory
+//!                        │ │ ◄─► services     ◄─► SetBool on NAME/torque, Trigger on NAME/set_zero
+//!                        │ └───► diagnostics  ──► DiagnosticArray on /diagnostics
+//!                        └── stamps: the adapter's clock in system time
+//! ```
+//!
+//! The way of one `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),
+//! `LingPort::hear` reads it, `stamps::Clock` maps the stamp to system time, `joint_states::Reading` turns ticks into
+//! radians, `Endpoints::publish` hands it to DDS. Without an adapter the node asks the arm, and the stamp is the host's
+//! time when the answer was in.
+
+mod arm;
+mod diagnostics;
+mod joint_states;
+mod messages;
+mod node;
+mod options;
+mod services;
+mod stamps;
+mod trajectory;
+
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+
+use clap::Parser;
+
+use node::Network;
+use options::Options;
+
+/// Set by Ctrl-C, or a request to terminate.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+fn main() -> ExitCode {
+    let options = match Options::parse().checked() {
+        Ok(options) => options,
+        Err(error) => {
+            eprintln!("error: {error}");
+            return ExitCode::FAILURE;
+        }
+    };
+    match run(&options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(options: &options::Checked) -> Result<(), String> {
+    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).map_err(|error| error.to_string())?;
+    let network = Network::join(options)?;
+    let mut arms = Vec::new();
+    for arm in &options.arms {
+        arms.push((arm, network.endpoints(&arm.name, options.rmw)?));
+    }
+    thread::scope(|scope| {
+        for (arm, (node, endpoints)) in arms {
+            scope.spawn(move || arm::serve(arm, &endpoints, &STOP));
+            // Its topics are known to others as long as it is there.
+            scope.spawn(move || node.keep_until(&STOP));
+        }
+    });
+    Ok(())
+}

@@ -1,0 +1,115 @@
+//! Services that are answered when the arm's readings say that it is done, or when it took too long.
+
+use std::time::{Duration, Instant};
+
+use armwire::ling::{Request, Torque};
+
+use crate::joint_states::Reading;
+use crate::messages::Outcome;
+
+/// The time that an arm may take to obey.
+const OBEYS: Duration = Duration::from_millis(500);
+
+/// The effect that a reading is to show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Effect {
+    Torque(bool),
+    Zero,
+}
+
+impl Effect {
+    /// The request to the arm.
+    pub(crate) fn request(self) -> Request {
+        match self {
+            Self::Torque(true) => Request::SetTorque(Torque::On),
+            Self::Torque(false) => Request::SetTorque(Torque::Off),
+            Self::Zero => Request::SetZero,
+        }
+    }
+
+    fn is_shown(self, reading: &Reading) -> bool {
+        match self {
+            Self::Torque(on) => reading.is_holding() == Some(on),
+            Self::Zero => reading.is_at_zero(),
+        }
+    }
+}
+
+/// A request that was sent to the arm, for the caller `id`.
+#[derive(Debug)]
+pub(crate) struct Pending<I> {
+    pub(crate) id: I,
+    pub(crate) effect: Effect,
+    sent: Instant,
+}
+
+impl<I> Pending<I> {
+    pub(crate) fn new(id: I, effect: Effect, sent: Instant) -> Self {
+        Self { id, effect, sent }
+    }
+
+    /// The outcome, once there is one: by a reading that was taken after the request was sent.
+    pub(crate) fn outcome(&self, reading: &Reading, now: Instant) -> Option<Outcome> {
+        let status = reading.status;
+        if self.effect.is_shown(reading) {
+            return Some(Outcome {
+                success: true,
+                message: format!("read back: status {status}"),
+            });
+        }
+        let is_late = now.duration_since(self.sent) >= OBEYS;
+        let message = format!(
+            "sent, but not read back within {} ms: status {status}",
+            OBEYS.as_millis()
+        );
+        is_late.then_some(Outcome {
+            success: false,
+            message,
+        })
+    }
+}
+
+/// The outcome of a request that was not sent.
+pub(crate) fn refused(reason: &str) -> Outcome {
+    Outcome {
+        success: false,
+        message: reason.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire::ling::MotionStatus;
+
+    use super::*;
+
+    fn reading(status: MotionStatus, position: f64) -> Reading {
+        Reading {
+            at: 0,
+            status,
+            positions: vec![position; 7],
+        }
+    }
+
+    #[test]
+    fn success_is_what_the_arm_shows() {
+        let sent = Instant::now();
+        let pending = Pending::new((), Effect::Torque(true), sent);
+        assert_eq!(pending.outcome(&reading(MotionStatus::Idle, 0.0), sent), None);
+        assert!(
+            pending
+                .outcome(&reading(MotionStatus::Locked, 0.0), sent)
+                .unwrap()
+                .success
+        );
+    }
+
+    #[test]
+    fn arm_that_does_not_obey_is_a_failure() {
+        let sent = Instant::now();
+        let pending = Pending::new((), Effect::Zero, sent);
+        let outcome = |ms| pending.outcome(&reading(MotionStatus::Idle, 0.1), sent + Duration::from_millis(ms));
+        assert_eq!(outcome(499), None);
+        assert!(!outcome(500).unwrap().success);
+    }
+}

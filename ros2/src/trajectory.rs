@@ -1,0 +1,539 @@
+//! Trajectories: checked before the first motion, then interpolated. Without a clock and without a port.
+
+use std::f64::consts::PI;
+use std::time::Duration;
+
+use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
+
+/// The age up to which `header.stamp` counts as now: the way from the sender, and clocks of computers that differ a little.
+const MAX_AGE: Duration = Duration::from_millis(200);
+/// The time until a start at most, and a trajectory's length at most.
+const MAX_LEAD: Duration = Duration::from_secs(10);
+const MAX_LENGTH: Duration = Duration::from_secs(600);
+/// The distance between a joint and a first point at time 0, in rad.
+const START_TOLERANCE: f64 = 0.05;
+
+/// A joint as trajectories name it, in rad and rad/s, or in m for a gripper.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Joint {
+    pub(crate) name: String,
+    pub(crate) min: f64,
+    pub(crate) max: f64,
+    /// `None` where the arm has no limit: the gripper.
+    pub(crate) max_speed: Option<f64>,
+}
+
+/// The reason why a trajectory is refused. Nothing of it was done.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub(crate) enum Refusal {
+    #[error("joint {0:?} is unknown")]
+    UnknownJoint(String),
+    #[error("joint {0:?} is named twice")]
+    RepeatedJoint(String),
+    #[error("joint {0:?} is missing")]
+    MissingJoint(String),
+    #[error("point {point} has {got} {field} for {joints} joints")]
+    Count {
+        point: usize,
+        field: &'static str,
+        got: usize,
+        joints: usize,
+    },
+    #[error("point {point} has effort, which the arm does not take")]
+    Effort { point: usize },
+    #[error("point {point}: {field} of {joint:?} is {value}")]
+    NotFinite {
+        point: usize,
+        field: &'static str,
+        joint: String,
+        value: f64,
+    },
+    #[error("point {point}: {joint:?} at {value} is out of range {min:.4} to {max:.4}")]
+    Position {
+        point: usize,
+        joint: String,
+        value: f64,
+        min: f64,
+        max: f64,
+    },
+    #[error("point {point}: {joint:?} would move at {speed:.3} rad/s, allowed {max:.3}")]
+    Speed {
+        point: usize,
+        joint: String,
+        speed: f64,
+        max: f64,
+    },
+    #[error("point 0 at time 0 is {distance:.4} rad from {joint:?}, allowed {START_TOLERANCE}")]
+    Start { joint: String, distance: f64 },
+    #[error("point {point}: time_from_start is not a time from 0 to {} s", MAX_LENGTH.as_secs())]
+    Time { point: usize },
+    #[error("point {point}: time_from_start is not later than that of the point before")]
+    Order { point: usize },
+    #[error("header.stamp is no time")]
+    Stamp,
+    #[error("header.stamp is {} ms in the past, allowed {}", .0.as_millis(), MAX_AGE.as_millis())]
+    Past(Duration),
+    #[error("header.stamp is {} s in the future, allowed {}", .0.as_secs(), MAX_LEAD.as_secs())]
+    Future(Duration),
+    #[error("joints are named, but there is no point")]
+    NoPoint,
+    #[error("the torque is off")]
+    TorqueOff,
+    #[error("the arm does not answer")]
+    NoArm,
+}
+
+/// A trajectory that was checked.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Accepted {
+    /// Play this.
+    Plan(Plan),
+    /// No joint and no point: end what is played, and hold.
+    Hold,
+}
+
+/// Knots of a motion, from the acceptance of a trajectory on. Joints move at constant speed between two.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Plan {
+    knots: Vec<Knot>,
+}
+
+#[derive(Debug, PartialEq)]
+struct Knot {
+    at: Duration,
+    positions: Vec<f64>,
+}
+
+/// Targets of all joints, with the speeds to get there.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Setpoint {
+    pub(crate) positions: Vec<f64>,
+    pub(crate) speeds: Vec<f64>,
+}
+
+impl Plan {
+    /// The setpoint at a time since acceptance: where the joints are to be then, and the speeds of the segment that leads
+    /// there. After the end, the last point.
+    pub(crate) fn at(&self, elapsed: Duration) -> Setpoint {
+        let next = self.knots.partition_point(|knot| knot.at < elapsed);
+        let next = next.clamp(1, self.knots.len() - 1);
+        let (from, to) = (&self.knots[next - 1], &self.knots[next]);
+        let length = (to.at - from.at).as_secs_f64();
+        let passed = elapsed.saturating_sub(from.at).as_secs_f64().min(length);
+        let (mut positions, mut speeds) = (Vec::new(), Vec::new());
+        for (&from, &to) in from.positions.iter().zip(&to.positions) {
+            let speed = if length > 0.0 { (to - from) / length } else { 0.0 };
+            // Exactly the point at its time, whatever rounding does.
+            positions.push(if passed >= length { to } else { from + speed * passed });
+            speeds.push(speed.abs());
+        }
+        Setpoint { positions, speeds }
+    }
+
+    /// The time of the last point.
+    pub(crate) fn end(&self) -> Duration {
+        self.knots.last().map_or(Duration::ZERO, |knot| knot.at)
+    }
+}
+
+/// Checks a trajectory that came in at system time `now`, in nanoseconds, for joints that are at `current`.
+///
+/// The first six of `joints` must be named, in any order; the gripper behind them may be left out, and then stays.
+///
+/// # Errors
+///
+/// The first reason to refuse it.
+pub(crate) fn check(
+    joints: &[Joint],
+    required: usize,
+    trajectory: &JointTrajectory,
+    now: i64,
+    current: &[f64],
+) -> Result<Accepted, Refusal> {
+    if trajectory.joint_names.is_empty() && trajectory.points.is_empty() {
+        return Ok(Accepted::Hold);
+    }
+    let columns = columns(joints, required, &trajectory.joint_names)?;
+    let start = start(trajectory.header.stamp, now)?;
+    if trajectory.points.is_empty() {
+        return Err(Refusal::NoPoint);
+    }
+    let mut knots = vec![Knot {
+        at: start,
+        positions: current.to_vec(),
+    }];
+    for (nth, point) in trajectory.points.iter().enumerate() {
+        let at = time_from_start(nth, point.time_from_start)?;
+        let before = &knots[knots.len() - 1];
+        let knot = Knot {
+            at: start + at,
+            positions: positions(joints, &columns, nth, point, &before.positions)?,
+        };
+        let is_first = nth == 0;
+        if is_first && at.is_zero() {
+            near(joints, &before.positions, &knot.positions)?;
+        } else if knot.at <= before.at {
+            return Err(Refusal::Order { point: nth });
+        } else {
+            speeds(joints, nth, before, &knot)?;
+        }
+        knots.push(knot);
+    }
+    Ok(Accepted::Plan(Plan { knots }))
+}
+
+/// The column of each joint in a trajectory with these names; `None` for one that is left out.
+fn columns(joints: &[Joint], required: usize, names: &[String]) -> Result<Vec<Option<usize>>, Refusal> {
+    for (nth, name) in names.iter().enumerate() {
+        if !joints.iter().any(|joint| joint.name == *name) {
+            return Err(Refusal::UnknownJoint(name.clone()));
+        }
+        if names[..nth].contains(name) {
+            return Err(Refusal::RepeatedJoint(name.clone()));
+        }
+    }
+    let columns: Vec<_> = joints
+        .iter()
+        .map(|joint| names.iter().position(|name| *name == joint.name))
+        .collect();
+    match columns[..required].iter().position(Option::is_none) {
+        Some(missing) => Err(Refusal::MissingJoint(joints[missing].name.clone())),
+        None => Ok(columns),
+    }
+}
+
+/// The time from now to the start: none for a stamp of 0, or one that is only just past.
+fn start(stamp: Time, now: i64) -> Result<Duration, Refusal> {
+    if stamp.sec < 0 || stamp.nanosec >= 1_000_000_000 {
+        return Err(Refusal::Stamp);
+    }
+    if stamp == Time::default() {
+        return Ok(Duration::ZERO);
+    }
+    let lead = i64::from(stamp.sec) * 1_000_000_000 + i64::from(stamp.nanosec) - now;
+    let span = Duration::from_nanos(lead.unsigned_abs());
+    match lead {
+        ..0 if span > MAX_AGE => Err(Refusal::Past(span)),
+        ..0 => Ok(Duration::ZERO),
+        _ if span > MAX_LEAD => Err(Refusal::Future(span)),
+        _ => Ok(span),
+    }
+}
+
+fn time_from_start(point: usize, time: Time) -> Result<Duration, Refusal> {
+    let seconds = u64::try_from(time.sec).map_err(|_| Refusal::Time { point })?;
+    let at = Duration::from_secs(seconds) + Duration::from_nanos(time.nanosec.into());
+    match time.nanosec < 1_000_000_000 && at <= MAX_LENGTH {
+        true => Ok(at),
+        false => Err(Refusal::Time { point }),
+    }
+}
+
+/// The positions of all joints at a point; a joint that is not named stays where it was before.
+fn positions(
+    joints: &[Joint],
+    columns: &[Option<usize>],
+    nth: usize,
+    point: &JointTrajectoryPoint,
+    before: &[f64],
+) -> Result<Vec<f64>, Refusal> {
+    let named = columns.iter().flatten().count();
+    let fields = [
+        ("positions", &point.positions, false),
+        ("velocities", &point.velocities, true),
+        ("accelerations", &point.accelerations, true),
+    ];
+    for (field, values, may_be_empty) in fields {
+        if values.len() != named && !(may_be_empty && values.is_empty()) {
+            return Err(Refusal::Count {
+                point: nth,
+                field,
+                got: values.len(),
+                joints: named,
+            });
+        }
+        for (joint, column) in joints.iter().zip(columns) {
+            let value = column.and_then(|column| values.get(column));
+            if let Some(&value) = value.filter(|value| !value.is_finite()) {
+                return Err(Refusal::NotFinite {
+                    point: nth,
+                    field,
+                    joint: joint.name.clone(),
+                    value,
+                });
+            }
+        }
+    }
+    if !point.effort.is_empty() {
+        return Err(Refusal::Effort { point: nth });
+    }
+    let mut positions = Vec::new();
+    for ((joint, column), &stays) in joints.iter().zip(columns).zip(before) {
+        let Some(column) = *column else {
+            positions.push(stays);
+            continue;
+        };
+        let value = point.positions[column];
+        if !(joint.min..=joint.max).contains(&value) {
+            let (min, max) = (joint.min, joint.max);
+            return Err(Refusal::Position {
+                point: nth,
+                joint: joint.name.clone(),
+                value,
+                min,
+                max,
+            });
+        }
+        positions.push(value);
+    }
+    Ok(positions)
+}
+
+/// A first point at time 0 is where the arm is.
+fn near(joints: &[Joint], current: &[f64], first: &[f64]) -> Result<(), Refusal> {
+    for ((joint, current), first) in joints.iter().zip(current).zip(first) {
+        let distance = (first - current).abs();
+        if joint.max_speed.is_some() && distance > START_TOLERANCE {
+            return Err(Refusal::Start {
+                joint: joint.name.clone(),
+                distance,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn speeds(joints: &[Joint], nth: usize, from: &Knot, to: &Knot) -> Result<(), Refusal> {
+    let length = (to.at - from.at).as_secs_f64();
+    for ((joint, from), to) in joints.iter().zip(&from.positions).zip(&to.positions) {
+        let speed = (to - from).abs() / length;
+        if let Some(max) = joint.max_speed.filter(|max| speed > *max) {
+            return Err(Refusal::Speed {
+                point: nth,
+                joint: joint.name.clone(),
+                speed,
+                max,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// A limit of a joint that the user sets, in rad.
+///
+/// # Errors
+///
+/// A range that is none, or beyond ±π.
+pub(crate) fn limit(min: f64, max: f64) -> Result<(f64, f64), String> {
+    match -PI <= min && min < max && max <= PI {
+        true => Ok((min, max)),
+        false => Err(format!(
+            "the range {min} to {max} is not within ±π rad, the lower end first"
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW: i64 = 1_700_000_000_000_000_000;
+
+    fn joints() -> Vec<Joint> {
+        let joint = |name: &str| Joint {
+            name: name.to_owned(),
+            min: -3.0,
+            max: 3.0,
+            max_speed: Some(2.0),
+        };
+        let gripper = Joint {
+            max_speed: None,
+            min: 0.0,
+            max: 0.05,
+            ..joint("gripper")
+        };
+        vec![joint("a"), joint("b"), gripper]
+    }
+
+    fn point(seconds: f64, positions: &[f64]) -> JointTrajectoryPoint {
+        let time_from_start = Time {
+            sec: seconds as i32,
+            nanosec: (seconds.fract() * 1e9) as u32,
+        };
+        JointTrajectoryPoint {
+            positions: positions.to_vec(),
+            time_from_start,
+            ..Default::default()
+        }
+    }
+
+    fn trajectory(points: &[JointTrajectoryPoint]) -> JointTrajectory {
+        let joint_names = ["a", "b"].map(str::to_owned).to_vec();
+        JointTrajectory {
+            joint_names,
+            points: points.to_vec(),
+            ..Default::default()
+        }
+    }
+
+    fn checked(trajectory: &JointTrajectory) -> Result<Accepted, Refusal> {
+        check(&joints(), 2, trajectory, NOW, &[0.0, 0.0, 0.02])
+    }
+
+    fn plan(trajectory: &JointTrajectory) -> Plan {
+        match checked(trajectory).unwrap() {
+            Accepted::Plan(plan) => plan,
+            Accepted::Hold => panic!("it has points"),
+        }
+    }
+
+    fn refused(trajectory: &JointTrajectory) -> String {
+        checked(trajectory).unwrap_err().to_string()
+    }
+
+    fn stamped(nanos: i64) -> JointTrajectory {
+        let mut stamped = trajectory(&[point(1.0, &[1.0, 0.0])]);
+        stamped.header.stamp = Time {
+            sec: (nanos / 1_000_000_000) as i32,
+            nanosec: (nanos % 1_000_000_000) as u32,
+        };
+        stamped
+    }
+
+    #[test]
+    fn joints_move_straight_between_points() {
+        let plan = plan(&trajectory(&[point(1.0, &[1.0, -1.0]), point(3.0, &[1.0, 1.0])]));
+        let at = |millis| plan.at(Duration::from_millis(millis));
+        assert_eq!(at(0).positions, [0.0, 0.0, 0.02]);
+        assert_eq!(
+            at(500),
+            Setpoint {
+                positions: vec![0.5, -0.5, 0.02],
+                speeds: vec![1.0, 1.0, 0.0]
+            }
+        );
+        assert_eq!(
+            at(2_000),
+            Setpoint {
+                positions: vec![1.0, 0.0, 0.02],
+                speeds: vec![0.0, 1.0, 0.0]
+            }
+        );
+        assert_eq!(plan.end(), Duration::from_secs(3));
+    }
+
+    #[test]
+    fn last_point_is_held_after_the_end() {
+        let plan = plan(&trajectory(&[point(1.0, &[1.0, -1.0])]));
+        assert_eq!(plan.at(Duration::from_secs(1)), plan.at(Duration::from_secs(500)));
+        assert_eq!(plan.at(Duration::from_secs(2)).positions, [1.0, -1.0, 0.02]);
+    }
+
+    #[test]
+    fn joints_may_come_in_any_order() {
+        let mut mixed = trajectory(&[point(1.0, &[0.01, 0.2, 0.1])]);
+        mixed.joint_names = ["gripper", "b", "a"].map(str::to_owned).to_vec();
+        assert_eq!(plan(&mixed).at(Duration::from_secs(1)).positions, [0.1, 0.2, 0.01]);
+    }
+
+    #[test]
+    fn nothing_at_all_means_hold() {
+        assert_eq!(checked(&JointTrajectory::default()), Ok(Accepted::Hold));
+        assert_eq!(refused(&trajectory(&[])), "joints are named, but there is no point");
+    }
+
+    #[test]
+    fn wrong_names_are_refused() {
+        for (names, error) in [
+            (&["a", "c"][..], "joint \"c\" is unknown"),
+            (&["a", "a"], "joint \"a\" is named twice"),
+            (&["a"], "joint \"b\" is missing"),
+            (&["a", "\u{1b}[2J"], "joint \"\\u{1b}[2J\" is unknown"),
+        ] {
+            let mut wrong = trajectory(&[point(1.0, &[0.0, 0.0])]);
+            wrong.joint_names = names.iter().map(|&name| name.to_owned()).collect();
+            assert_eq!(refused(&wrong), error);
+        }
+    }
+
+    #[test]
+    fn wrong_values_are_refused() {
+        let good = point(1.0, &[0.0, 0.0]);
+        for (wrong, error) in [
+            (point(1.0, &[0.0]), "point 1 has 1 positions for 2 joints"),
+            (
+                point(9.0, &[3.1, 0.0]),
+                "point 1: \"a\" at 3.1 is out of range -3.0000 to 3.0000",
+            ),
+            (point(9.0, &[0.0, f64::NAN]), "point 1: positions of \"b\" is NaN"),
+            (point(9.0, &[f64::INFINITY, 0.0]), "point 1: positions of \"a\" is inf"),
+            (
+                point(2.0, &[0.0, 2.5]),
+                "point 1: \"b\" would move at 2.500 rad/s, allowed 2.000",
+            ),
+            (
+                point(1.0, &[0.0, 0.0]),
+                "point 1: time_from_start is not later than that of the point before",
+            ),
+            (
+                point(0.5, &[0.0, 0.0]),
+                "point 1: time_from_start is not later than that of the point before",
+            ),
+            (
+                point(601.0, &[0.0, 0.0]),
+                "point 1: time_from_start is not a time from 0 to 600 s",
+            ),
+            (
+                point(-1.0, &[0.0, 0.0]),
+                "point 1: time_from_start is not a time from 0 to 600 s",
+            ),
+            (
+                JointTrajectoryPoint {
+                    velocities: vec![0.0, f64::NAN],
+                    ..point(2.0, &[0.0, 0.0])
+                },
+                "point 1: velocities of \"b\" is NaN",
+            ),
+            (
+                JointTrajectoryPoint {
+                    effort: vec![0.0, 0.0],
+                    ..point(2.0, &[0.0, 0.0])
+                },
+                "point 1 has effort, which the arm does not take",
+            ),
+        ] {
+            assert_eq!(refused(&trajectory(&[good.clone(), wrong])), error);
+        }
+    }
+
+    #[test]
+    fn first_point_at_time_0_is_where_the_arm_is() {
+        assert!(checked(&trajectory(&[point(0.0, &[0.04, 0.0])])).is_ok());
+        let far = trajectory(&[point(0.0, &[0.0, 0.06])]);
+        assert_eq!(
+            refused(&far),
+            "point 0 at time 0 is 0.0600 rad from \"b\", allowed 0.05"
+        );
+    }
+
+    #[test]
+    fn stamp_is_the_start() {
+        let plan = plan(&stamped(NOW + 2_000_000_000));
+        assert_eq!(plan.at(Duration::from_secs(1)).positions, [0.0, 0.0, 0.02]);
+        assert_eq!(plan.at(Duration::from_millis(2_500)).positions, [0.5, 0.0, 0.02]);
+        assert_eq!(plan.end(), Duration::from_secs(3));
+    }
+
+    #[test]
+    fn stale_and_far_stamps_are_refused() {
+        assert!(checked(&stamped(NOW - 200_000_000)).is_ok());
+        assert_eq!(
+            refused(&stamped(NOW - 201_000_000)),
+            "header.stamp is 201 ms in the past, allowed 200"
+        );
+        assert_eq!(
+            refused(&stamped(NOW + 11_000_000_000)),
+            "header.stamp is 11 s in the future, allowed 10"
+        );
+    }
+}
