@@ -117,7 +117,10 @@ mod tests {
     #[test]
     fn control_port_may_be_a_bare_path() {
         let bare = LingAddress::new("/tmp/arm", Some("/tmp/control")).unwrap();
-        assert_eq!(bare, LingAddress::new("/tmp/arm", Some("control:/tmp/control")).unwrap());
+        assert_eq!(
+            bare,
+            LingAddress::new("/tmp/arm", Some("control:/tmp/control")).unwrap()
+        );
         assert_eq!(bare.to_string(), "/tmp/arm");
     }
 
