@@ -4,7 +4,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::framing::Framing;
 use armwire::ling::{self, JOINTS, Ling, Request, Response, Stroke};
 use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
@@ -254,7 +253,7 @@ impl<'a, 'b> Session<'a, 'b> {
         let at = self.clock.system_time(stamp, stamps::now());
         match event {
             Event::Frame { bytes, .. } => {
-                let response = Messages::parse_response(&Ling, &bytes, Ling.unsolicited());
+                let response = Messages::parse_response(&Ling, &bytes, ());
                 let Ok(Response::Joints(state)) = response else {
                     return Ok(false);
                 };

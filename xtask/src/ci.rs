@@ -14,7 +14,7 @@ use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
 use crate::{
     c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, packages, performance, python,
-    readme, semver, vendor, web,
+    readme, ros2, semver, vendor, web,
 };
 
 /// Everything but the firmware.
@@ -128,6 +128,7 @@ pub(crate) fn run() -> Result<()> {
         "the parser of Ling's SDK and ours on damaged streams",
         vendor::differential::compare,
     )?;
+    ci.step("ROS 2 node and a DDS of another make", ros2::check)?;
     ci.finish();
     Ok(())
 }

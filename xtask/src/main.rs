@@ -25,6 +25,7 @@ mod process;
 mod program;
 mod python;
 mod readme;
+mod ros2;
 mod semver;
 mod soak;
 mod steps;
@@ -79,6 +80,8 @@ enum Command {
     Web(web::Options),
     /// Test and use the crates to publish from their .crate files
     Packages,
+    /// Drive virtual arms by ROS 2 messages, from a DDS of another make
+    Ros2,
     /// Build the README's example with its dependencies
     Readme,
     /// Make a release: images, command, C library, licences
@@ -122,6 +125,7 @@ impl Command {
             Self::Examples => examples::check(),
             Self::Web(options) => web::run_all(&options),
             Self::Packages => packages::check(),
+            Self::Ros2 => ros2::check(),
             Self::Readme => readme::check(),
             Self::Dist(options) => dist::run_all(&options),
             Self::Semver => semver::run(),
