@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_operation_after_those_that_end_is_interrupted_and_only_that() {
+    fn only_the_operation_after_the_limit_is_interrupted() {
         let mut flash = Flash::new(vec![ERASED; SIZE], Some(2), Clock::default());
         let cuts: Vec<bool> = (0..5).map(|_| flash.start(Nanos(16_000)).is_some()).collect();
         assert_eq!(cuts, [false, false, true, false, false]);
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interrupted_operation_goes_its_way_but_not_to_the_end() {
+    fn interrupted_operation_is_partly_done() {
         let (old, new) = (0xFFFF_FFFF_0F0F_0F0F, 0x1234_5678_0000_0000);
         let part = programmed_in_part(old, new, 0x5555_5555_5555_5555);
         assert_eq!(

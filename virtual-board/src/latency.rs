@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn each_burst_is_timed_by_the_packet_that_has_its_last_byte() {
+    fn burst_is_timed_by_packet_of_last_byte() {
         let line = [byte(10, 1), byte(20, 2), byte(90, 3)];
         let packets = [packet(15, 30, &[1]), packet(25, 40, &[2]), packet(95, 99, &[3])];
         let bursts = bursts(&line, &packets, Nanos(15)).unwrap();
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_that_did_not_get_through_is_named() {
+    fn undelivered_byte_is_named() {
         let mismatch = bursts(&[byte(10, 1), byte(20, 2)], &[packet(15, 30, &[1])], Nanos(15)).unwrap_err();
         assert_eq!((mismatch.place, mismatch.sent, mismatch.received), (1, 2, None));
     }

@@ -637,7 +637,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_of_a_faster_arm_are_lost_within_a_slow_receivers_byte() {
+    fn faster_arm_bytes_are_lost_within_slow_byte() {
         let mut line = line(&[0x00; 20]);
         line.set_board_bit(bit(115_200));
         let arrival = line.board_receives(Nanos(0)).unwrap();
@@ -646,7 +646,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_has_ten_to_twelve_bits_and_both_sides_must_agree_on_them() {
+    fn byte_length_of_10_to_12_must_agree() {
         let formats = [Parity::None, Parity::Even, Parity::Odd].map(|parity| Format {
             parity,
             two_stop_bits: false,
@@ -711,7 +711,7 @@ mod tests {
     }
 
     #[test]
-    fn an_overrun_keeps_the_dma_from_the_byte_before() {
+    fn overrun_hides_previous_byte_from_the_dma() {
         let mut line = line(&[1, 2, 3]);
         line.plan_fault(1, Fault::Overrun);
         let starve = line.starve.clone();
@@ -749,7 +749,7 @@ mod tests {
     }
 
     #[test]
-    fn a_receiver_that_is_off_loses_bytes_at_the_arms_own_pace() {
+    fn disabled_receiver_loses_bytes_at_arm_pace() {
         let mut line = line(&[1, 2]);
         line.nobody_receives(Nanos(0));
         line.nobody_receives(Nanos(5_000));

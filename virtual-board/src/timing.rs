@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_drawn_time_lies_between_the_typical_and_the_longest() {
+    fn drawn_time_lies_between_typical_and_maximum() {
         let mut clock = Clock::new(Timing::Drawn, 7);
         let spans: Vec<Nanos> = (0..200).map(|_| clock.span("test", Nanos(10), Nanos(20))).collect();
         assert_eq!(

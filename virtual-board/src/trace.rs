@@ -44,7 +44,7 @@ mod tests {
     }
 
     #[test]
-    fn every_bit_of_a_word_and_the_order_of_words_count() {
+    fn trace_depends_on_every_bit_and_order() {
         let of = |words: [u64; 2]| {
             let mut trace = Trace::default();
             for word in words {

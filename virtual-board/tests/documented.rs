@@ -18,7 +18,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn each_behaviour_in_the_docs_is_held_by_a_test_of_that_name() {
+fn documented_behaviours_have_tests_of_that_name() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let page = fs::read_to_string(here.join("../docs/virtual-board.md")).unwrap();
     let (_, rest) = page.split_once("## Modelled behaviour").unwrap();

@@ -98,7 +98,7 @@ fn time_passes_as_far_as_asked() {
 }
 
 #[test]
-fn waiting_for_what_does_not_happen_ends_in_time() {
+fn wait_without_the_event_times_out() {
     let mut board = board(&[HANG, NOP], &[]);
     let error = board.run_until(Duration::from_micros(2_500), |_| false).unwrap_err();
     assert!(
@@ -114,7 +114,7 @@ fn waiting_for_what_does_not_happen_ends_in_time() {
 }
 
 #[test]
-fn a_watchdog_that_is_not_fed_restarts_the_part() {
+fn unfed_watchdog_restarts_the_chip() {
     // ldr r0, =IWDG_KR; ldr r1, =start; str r1, [r0]; b .
     let mut board = board(&[ldr(0, 1), ldr(1, 2), str(1, 0), HANG], &[0x4000_3000, 0xCCCC]);
     board.run_for(Nanos::from_millis(600)).unwrap();
@@ -153,7 +153,7 @@ fn an_access_to_nothing_fails_the_check() {
 }
 
 #[test]
-fn a_peripheral_without_its_clock_refuses_and_one_without_a_model_is_named() {
+fn unclocked_peripheral_refuses_unmodelled_one_is_named() {
     // USART2's clock is off; EXTI has no model.
     let mut board = board(
         &[ldr(0, 2), load(1, 0), ldr(0, 2), load(1, 0), HANG, NOP],
@@ -170,7 +170,7 @@ fn a_peripheral_without_its_clock_refuses_and_one_without_a_model_is_named() {
 }
 
 #[test]
-fn the_unique_id_and_the_flash_size_are_where_the_manual_says() {
+fn unique_id_and_flash_size_have_documented_addresses() {
     let unique_id = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
     let mut board = board_with(&[HANG, NOP], &[], |config| Config { unique_id, ..config });
     assert_eq!(board.read_word(0x1FFF_7A10).unwrap(), 0x0403_0201);
@@ -184,7 +184,7 @@ fn the_unique_id_and_the_flash_size_are_where_the_manual_says() {
 }
 
 #[test]
-fn two_runs_leave_the_same_trace_and_another_program_leaves_another() {
+fn equal_runs_leave_equal_traces() {
     let run = |address| {
         let mut board = board(&[ldr(0, 1), load(1, 0), HANG, NOP], &[address]);
         board.run_for(Duration::from_micros(100)).unwrap();
@@ -195,7 +195,7 @@ fn two_runs_leave_the_same_trace_and_another_program_leaves_another() {
 }
 
 #[test]
-fn instructions_take_as_long_as_they_are_made_to_cost() {
+fn instructions_take_their_configured_cycles() {
     let refused_after = |percent| {
         // Forty-one cycles at 16 MHz are 2.6 us; then an access to USART2, whose clock is off.
         let mut code = vec![NOP; 40];
@@ -212,7 +212,7 @@ fn instructions_take_as_long_as_they_are_made_to_cost() {
 }
 
 #[test]
-fn instructions_are_counted_and_a_core_that_sleeps_executes_none() {
+fn instructions_are_counted_except_in_sleep() {
     let mut board = board(&[NOP, NOP, NOP, WFI, HANG, NOP], &[]);
     board.run_for(Nanos::from_millis(1)).unwrap();
     assert_eq!(board.instructions(), 4);
@@ -226,7 +226,7 @@ fn instructions_are_counted_and_a_core_that_sleeps_executes_none() {
 }
 
 #[test]
-fn a_profile_has_every_instruction_since_the_last_one() {
+fn profile_has_every_instruction_since_the_last() {
     // An endless addition.
     let mut board = board(&[ADD, BACK], &[]);
     assert!(board.profile().is_empty());
@@ -241,7 +241,7 @@ fn a_profile_has_every_instruction_since_the_last_one() {
 }
 
 #[test]
-fn a_wait_ends_with_the_frame_on_the_can_bus() {
+fn wait_ends_with_the_can_frame() {
     let mut board = board(&[HANG, NOP], &[]);
     board.can().attach(500_000);
     let frame = Frame::new(Id::new(0x123).unwrap(), b"joints").unwrap();
@@ -306,7 +306,7 @@ fn fd_frames_pass_between_nodes_that_know_them() {
 }
 
 #[test]
-fn no_usb_device_is_an_error_and_not_a_hang() {
+fn missing_usb_device_is_an_error_not_hang() {
     let mut board = board(&[HANG, NOP], &[]);
     board.usb().attach();
     assert!(matches!(board.usb().enumerate(), Err(Error::NoDevice { .. })));
@@ -315,7 +315,7 @@ fn no_usb_device_is_an_error_and_not_a_hang() {
 }
 
 #[test]
-fn an_image_that_is_not_there_or_not_for_this_core_is_refused() {
+fn missing_or_foreign_image_is_refused() {
     let missing = VirtualBoard::start(Config::new("/nowhere/at/all", Nobody)).unwrap_err();
     assert!(missing.to_string().contains("/nowhere/at/all"), "{missing}");
     let native = std::env::current_exe().unwrap();
@@ -360,7 +360,7 @@ fn flash_word(board: &VirtualBoard<Nobody>) -> u32 {
 }
 
 #[test]
-fn the_core_stands_still_while_the_flash_is_busy() {
+fn core_stalls_while_flash_is_busy() {
     let mut board = programmer(|config| config);
     board.run_for(Duration::from_micros(15)).unwrap();
     assert_eq!((board.flash_operations(), flash_word(&board)), (1, u32::MAX));
@@ -377,7 +377,7 @@ fn the_core_stands_still_while_the_flash_is_busy() {
 }
 
 #[test]
-fn a_power_cycle_starts_over_with_the_same_flash() {
+fn power_cycle_restarts_with_the_same_flash() {
     let mut board = programmer(|config| config);
     board.run_for(Duration::from_micros(20)).unwrap();
     board.power_cycle().unwrap();
@@ -398,7 +398,7 @@ fn a_power_cycle_starts_over_with_the_same_flash() {
 }
 
 #[test]
-fn the_next_board_has_the_flash_that_it_is_given() {
+fn next_board_starts_with_given_flash() {
     let mut first = programmer(|config| config);
     first.run_for(Duration::from_micros(20)).unwrap();
     let mut board = board_with(&[NOP, HANG], &[], |config| Config {
@@ -411,7 +411,7 @@ fn the_next_board_has_the_flash_that_it_is_given() {
 }
 
 #[test]
-fn a_power_cut_leaves_a_word_half_programmed_and_the_board_dead_until_power_comes_back() {
+fn power_cut_leaves_half_word_and_dead_board() {
     let run = |seed| {
         let mut board = programmer(|config| Config {
             power_cut_after: Some(0),
@@ -481,7 +481,7 @@ fn flash_contents_of_another_size_are_refused() {
 }
 
 #[test]
-fn firmware_that_jumps_to_the_boot_loader_is_seen_there_until_a_reset() {
+fn firmware_in_boot_loader_stays_until_reset() {
     let mut board = board_into_boot_loader();
     assert!(!board.is_in_boot_loader());
     let took = board
@@ -500,7 +500,7 @@ fn firmware_that_jumps_to_the_boot_loader_is_seen_there_until_a_reset() {
 }
 
 #[test]
-fn the_memory_at_address_0_may_be_remapped_for_the_boot_loader() {
+fn address_0_may_be_remapped_to_boot_loader() {
     // RCC_APB2ENR: SYSCFGEN; SYSCFG_MEMRMP: system memory (9.2.1).
     let (code, literals) = stores(&[(0x4002_3844, 1 << 14), (0x4001_3800, 1)]);
     let mut board = board(&code, &literals);
@@ -510,7 +510,7 @@ fn the_memory_at_address_0_may_be_remapped_for_the_boot_loader() {
 }
 
 #[test]
-fn an_interface_that_is_not_open_takes_and_has_nothing() {
+fn closed_interface_neither_accepts_nor_returns_data() {
     let mut board = board(&[HANG, NOP], &[]);
     let usb = board.usb();
     for pipe in [usb.vendor(), usb.serial()] {
@@ -557,7 +557,7 @@ fn preemption(first: u32, second: u32) -> Vec<u64> {
 }
 
 #[test]
-fn a_more_urgent_interrupt_preempts_a_handler_and_one_as_urgent_waits() {
+fn only_a_more_urgent_interrupt_preempts_a_handler() {
     assert_eq!(preemption(0x20, 0x10), [0x4000_6400]);
     assert_eq!(preemption(0x10, 0x10), [0x4000_4400]);
     assert_eq!(preemption(0x10, 0x20), [0x4000_4400]);
@@ -566,7 +566,7 @@ fn a_more_urgent_interrupt_preempts_a_handler_and_one_as_urgent_waits() {
 }
 
 #[test]
-fn a_held_core_stands_still_until_it_is_let_go_or_reset() {
+fn held_core_stops_until_release_or_reset() {
     // ldr r0, =IWDG_KR; ldr r1, =start; str r1, [r0]; b .
     let mut board = board(&[ldr(0, 1), ldr(1, 2), str(1, 0), HANG], &[0x4000_3000, 0xCCCC]);
     board.hold_core();
@@ -585,7 +585,7 @@ fn a_held_core_stands_still_until_it_is_let_go_or_reset() {
 }
 
 #[test]
-fn a_word_is_written_to_memory_and_to_registers_and_nowhere_else() {
+fn words_are_written_to_memory_and_registers_only() {
     // ldr r0, =memory; ldr r1, =IWDG_KR; ldr r2, [r0]; str r2, [r1]; b .
     let code = [ldr(0, 2), ldr(1, 3), load(2, 0), str(2, 1), HANG, NOP];
     let mut board = board(&code, &[0x2000_0100, 0x4000_3000]);

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_receiver_becomes_passive_and_no_more_and_comes_back_with_one_good_frame() {
+    fn passive_receiver_recovers_with_one_good_frame() {
         let mut counters = Confinement::default();
         for _ in 0..1_000 {
             counters.receive_error();
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_receive_counter_above_128_is_set_to_120() {
+    fn only_receive_counter_above_128_becomes_120() {
         for (before, after) in [(0, 0), (1, 0), (127, 126), (128, 127), (129, 120), (255, 120)] {
             let mut counters = Confinement {
                 receive: before,

@@ -98,7 +98,7 @@ fn took(record: &Record) -> u64 {
 }
 
 #[test]
-fn an_fd_frame_takes_its_exact_time_at_all_rate_pairs() {
+fn fd_frame_duration_is_exact_at_all_rates() {
     let data: Vec<u8> = (0..24).collect();
     for (rate, bit) in [(125_000, 8_000), (250_000, 4_000), (500_000, 2_000), (1_000_000, 1_000)] {
         for (data_rate, data_bit) in [(1_000_000, 1_000), (2_000_000, 500), (4_000_000, 250), (5_000_000, 200)] {
@@ -120,7 +120,7 @@ fn an_fd_frame_takes_its_exact_time_at_all_rate_pairs() {
 }
 
 #[test]
-fn fd_frames_of_every_length_reach_every_fd_node() {
+fn fd_frames_of_every_length_reach_all_nodes() {
     let mut bench = Bench::of(&[FD(), FD(), FD()]);
     let frames = FD_LENGTHS.map(|len| fd(0x100, &vec![len; len.into()]));
     for frame in frames {
@@ -135,7 +135,7 @@ fn fd_frames_of_every_length_reach_every_fd_node() {
 }
 
 #[test]
-fn a_classic_node_destroys_fd_frames_until_it_is_error_passive() {
+fn classic_node_destroys_fd_frames_until_error_passive() {
     let mut bench = Bench::of(&[FD(), FD(), NodeConfig::classic(RATE)]);
     bench.send(0, fd(0x123, &[]));
     bench.run_frames(16);
@@ -158,7 +158,7 @@ fn a_classic_node_destroys_fd_frames_until_it_is_error_passive() {
 }
 
 #[test]
-fn an_fd_tolerant_node_neither_disturbs_nor_receives_nor_acknowledges_fd_frames() {
+fn fd_tolerant_node_ignores_fd_frames() {
     let tolerant = NodeConfig::fd_tolerant(RATE);
     let mut bench = Bench::of(&[FD(), FD(), tolerant]);
     bench.send(0, fd(0x123, &[1; 64]));
@@ -175,7 +175,7 @@ fn an_fd_tolerant_node_neither_disturbs_nor_receives_nor_acknowledges_fd_frames(
 }
 
 #[test]
-fn a_wrong_data_rate_shows_only_in_frames_that_switch() {
+fn wrong_data_rate_shows_only_in_switching_frames() {
     let mut bench = Bench::of(&[FD(), NodeConfig::fd(RATE, 5_000_000)]);
     bench.send(0, classic(0x123, &[1]));
     bench.send(0, slow_fd(0x123, &[2]));
@@ -201,7 +201,7 @@ fn a_wrong_nominal_rate_shows_in_every_frame() {
 }
 
 #[test]
-fn data_rate_errors_end_in_bus_off_and_heal_after_128_times_11_bits() {
+fn data_rate_errors_cause_bus_off_and_recover() {
     let mut bench = Bench::of(&[FD()]);
     // The attached nodes are never error passive.
     bench.bus.attach_as(NodeConfig::fd(RATE, 5_000_000));
@@ -237,7 +237,7 @@ fn data_rate_errors_end_in_bus_off_and_heal_after_128_times_11_bits() {
 }
 
 #[test]
-fn a_classic_frame_goes_before_an_fd_frame_of_its_identifier() {
+fn classic_frame_wins_over_fd_frame_of_identifier() {
     let mut bench = Bench::of(&[FD(), FD(), FD()]);
     bench.send(2, fd(0x000, &[]));
     bench.send(0, fd(0x123, &[1]));
@@ -261,7 +261,7 @@ fn a_silent_node_receives_and_leaves_no_trace() {
 }
 
 #[test]
-fn a_node_that_joins_in_mid_frame_takes_the_next_one() {
+fn node_joining_midframe_receives_the_next_frame() {
     let mut bench = Bench::of(&[FD(), FD()]);
     bench.send(0, fd(1, &[]));
     bench.bus.join(2, FD());
@@ -272,7 +272,7 @@ fn a_node_that_joins_in_mid_frame_takes_the_next_one() {
 }
 
 #[test]
-fn a_sender_that_leaves_in_mid_frame_cuts_it() {
+fn sender_leaving_midframe_cuts_its_frame() {
     let mut bench = Bench::of(&[FD(), FD()]);
     bench.send(0, fd(1, &[]));
     bench.bus.leave(0);
@@ -400,7 +400,7 @@ fn a_controller_alone_acknowledges_a_node() {
 }
 
 #[test]
-fn a_controller_with_a_wrong_data_rate_sees_errors_in_the_data_phase() {
+fn controller_at_wrong_data_rate_sees_phase_errors() {
     let mut bench = Bench::with(Device::new(FIFTH, &[]), &[FD(), FD()]);
     bench.send(0, classic(0x100, &[1]));
     bench.send(0, fd(0x100, &[2]));
@@ -426,7 +426,7 @@ fn a_controller_with_a_wrong_data_rate_sees_errors_in_the_data_phase() {
 }
 
 #[test]
-fn a_controller_sees_the_error_flag_of_a_classic_node() {
+fn controller_sees_error_flag_of_classic_node() {
     let mut bench = Bench::with(Device::new(HALF, &[]), &[FD(), NodeConfig::classic(RATE)]);
     bench.send(0, fd(0x100, &[2]));
     bench.run_frames(1);
@@ -471,7 +471,7 @@ fn frames() -> impl Strategy<Value = Frame> {
 
 proptest! {
     #[test]
-    fn a_frame_is_received_unchanged_by_every_fd_node_or_by_none(
+    fn frame_reaches_every_fd_node_or_none(
         frame in frames(),
         others in prop::collection::vec(nodes(), 1..5),
     ) {

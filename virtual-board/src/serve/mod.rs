@@ -217,7 +217,7 @@ mod tests {
     use crate::board::tests::board_into_boot_loader;
 
     #[test]
-    fn firmware_that_goes_into_its_boot_loader_while_the_host_waits_for_it_is_served_no_more() {
+    fn firmware_entering_boot_loader_ends_service() {
         let mut board = board_into_boot_loader();
         board.usb().attach();
         let mut ports = Ports::open(Places::default()).unwrap();

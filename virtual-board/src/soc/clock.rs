@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tick_begins_at_the_instant_that_it_is_said_to() {
+    fn tick_begins_at_its_given_instant() {
         for hz in [1, 3, 32_000, 48_000_000, 160_000_000, 168_000_000] {
             let clock = Clock::new(hz, Nanos(17), 5);
             for tick in [5, 6, 7, 1_000, hz + 4, hz + 5, hz + 6, 10 * hz + 3] {

@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn an_instant_that_is_put_off_is_not_the_next_any_more() {
+    fn postponed_instant_is_no_longer_next() {
         let mut events = Events::<2>::default();
         events.set(0, Some(Nanos(10)));
         events.set(1, Some(Nanos(15)));

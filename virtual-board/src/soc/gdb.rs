@@ -391,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn a_core_halts_for_gdb_and_steps_and_goes_on() {
+    fn gdb_halts_steps_and_resumes_core() {
         let (mut debugger, mut gdb) = connected();
         let mut words = Words::default();
         gdb.write_all(&[packet("?"), packet("s"), packet("c")].concat())
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn a_halted_core_ends_when_it_is_to_end() {
+    fn halted_core_ends_on_request() {
         let (mut debugger, _gdb) = connected();
         debugger.interrupt.store(true, Ordering::Relaxed);
         assert!(!debugger.attend(&mut Words::default()));

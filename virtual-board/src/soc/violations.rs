@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn accesses_to_a_register_without_a_model_are_counted() {
+    fn unmodelled_register_accesses_are_counted() {
         let mut recorder = Recorder::default();
         for is_write in [false, true, true] {
             recorder.register(

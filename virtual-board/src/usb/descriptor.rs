@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_descriptor_of_length_zero_does_not_hang_the_parser() {
+    fn zero_length_descriptor_does_not_hang_parser() {
         let mut bytes = CDC;
         bytes[9] = 0;
         assert_eq!(Configuration::parse(&bytes).unwrap_err().offset, 9);

@@ -53,7 +53,7 @@ mod tests {
     ];
 
     #[test]
-    fn it_is_found_beside_a_serial_port_by_its_class_and_its_endpoints() {
+    fn vendor_interface_is_found_beside_serial_port() {
         let one_way = Configuration::parse(&BOTH).unwrap();
         assert_eq!(Vendor::find(&one_way), None);
         let mut bytes = BOTH.to_vec();

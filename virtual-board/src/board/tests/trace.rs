@@ -314,13 +314,13 @@ fn hash(chip: Chip, program: Program, exact_cycles: bool) -> u64 {
 }
 
 #[test]
-fn the_trace_of_an_stm32f405_is_as_written_down() {
+fn stm32f405_trace_matches_the_reference() {
     let hashes = [false, true].map(|exact| hash(Chip::Stm32f405, stm32f405(), exact));
     assert_eq!(hashes.map(hex), ["0xEB680EFE393C305B", "0x520E53881C9614AB"]);
 }
 
 #[test]
-fn the_trace_of_an_stm32g431_is_as_written_down() {
+fn stm32g431_trace_matches_the_reference() {
     let hashes = [false, true].map(|exact| hash(Chip::Stm32g431, stm32g431(), exact));
     assert_eq!(hashes.map(hex), ["0xDA93BB7229EF23E8", "0xA4215481DA0D61CA"]);
 }

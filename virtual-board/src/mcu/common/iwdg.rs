@@ -160,7 +160,7 @@ mod tests {
     const MILLISECOND: u64 = 1_000_000;
 
     #[test]
-    fn a_watchdog_that_is_not_fed_expires_after_its_period() {
+    fn unfed_watchdog_expires_after_its_period() {
         let mut iwdg = Iwdg::new(true);
         iwdg.write(KR, ACCESS, Nanos(0)).unwrap();
         iwdg.write(PR, 3, Nanos(0)).unwrap();

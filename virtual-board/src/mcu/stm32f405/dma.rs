@@ -444,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_that_is_switched_off_ends_its_transfer_first() {
+    fn disabled_stream_completes_its_transfer_first() {
         let mut dma = dma(4, 0);
         dma.follow_requests(RECEIVE, Nanos(0));
         let due = dma.due().unwrap();

@@ -249,7 +249,7 @@ impl Bench {
 }
 
 #[test]
-fn bytes_from_the_arm_land_in_memory_ten_bit_times_apart() {
+fn arm_bytes_reach_memory_ten_bits_apart() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.say(&[1, 2, 3]);
     bench.run_until(Nanos(20_000));
@@ -261,7 +261,7 @@ fn bytes_from_the_arm_land_in_memory_ten_bit_times_apart() {
 }
 
 #[test]
-fn bytes_to_the_arm_take_ten_bit_times_at_the_rate_that_the_firmware_set() {
+fn board_bytes_take_ten_bits_at_set_rate() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.run_until(Nanos(50_000));
     bench.write(USART_DR, 0x55);
@@ -272,7 +272,7 @@ fn bytes_to_the_arm_take_ten_bit_times_at_the_rate_that_the_firmware_set() {
 }
 
 #[test]
-fn a_framing_error_and_noise_are_flagged_with_the_byte() {
+fn framing_error_and_noise_are_flagged_with_byte() {
     for (fault, flag, value) in [
         (Fault::Framing, FE, !0x42),
         (Fault::Noise, NF, 0x42),
@@ -289,7 +289,7 @@ fn a_framing_error_and_noise_are_flagged_with_the_byte() {
 }
 
 #[test]
-fn a_byte_with_parity_and_two_stop_bits_lasts_twelve_bits() {
+fn parity_byte_with_two_stops_lasts_twelve_bits() {
     let mut bench = Bench::new(Reenabled::Restarts);
     // STOP = 2; M, PCE and PS: odd.
     bench.write(USART_CR2, 2 << 12);
@@ -316,7 +316,7 @@ fn a_byte_with_parity_and_two_stop_bits_lasts_twelve_bits() {
 }
 
 #[test]
-fn a_wrong_parity_bit_is_flagged_until_the_status_and_the_byte_are_read() {
+fn parity_flag_lasts_until_status_and_data_reads() {
     const PE: u32 = 1;
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(USART_CR3, 0);
@@ -340,7 +340,7 @@ fn a_wrong_parity_bit_is_flagged_until_the_status_and_the_byte_are_read() {
 }
 
 #[test]
-fn a_wrong_parity_bit_interrupts_if_that_is_enabled() {
+fn parity_error_interrupts_if_enabled() {
     for (enabled, levels) in [(false, vec![]), (true, vec![true, false])] {
         let mut bench = Bench::new(Reenabled::Restarts);
         bench.write(USART_CR3, 0);
@@ -358,7 +358,7 @@ fn a_wrong_parity_bit_interrupts_if_that_is_enabled() {
 }
 
 #[test]
-fn a_late_dma_loses_the_byte_after_the_one_that_waits() {
+fn late_dma_loses_byte_after_the_waiting_one() {
     let mut bench = Bench::new(Reenabled::Restarts);
     lock(&bench.line).plan_fault(2, Fault::Overrun);
     bench.say(&[1, 2, 3, 4]);
@@ -374,7 +374,7 @@ fn a_late_dma_loses_the_byte_after_the_one_that_waits() {
 }
 
 #[test]
-fn a_stream_that_is_enabled_again_restarts_or_resumes() {
+fn reenabled_stream_restarts_or_resumes() {
     for (reenabled, ring) in [
         (Reenabled::Restarts, [3, 4, 0xEE, 0xEE]),
         (Reenabled::Resumes, [1, 2, 3, 4]),
@@ -406,7 +406,7 @@ fn a_stream_that_is_stopped_moves_nothing() {
 }
 
 #[test]
-fn a_stream_that_is_set_up_anew_starts_over_even_if_it_could_resume() {
+fn reconfigured_stream_restarts_even_if_resumable() {
     let mut bench = Bench::new(Reenabled::Resumes);
     bench.say(&[1, 2]);
     bench.run_until(Nanos(30_000));
@@ -469,7 +469,7 @@ fn bytes(bench: &Bench) -> Vec<(u64, Direction, u8, Outcome)> {
 }
 
 #[test]
-fn on_one_wire_the_board_hears_itself_and_then_the_arm() {
+fn one_wire_board_receives_itself_then_arm() {
     let mut bench = half_duplex(true);
     assert!(lock(&bench.line).is_half_duplex());
     bench.write(USART_DR, 0x11);
@@ -492,7 +492,7 @@ fn on_one_wire_the_board_hears_itself_and_then_the_arm() {
 }
 
 #[test]
-fn on_one_wire_a_receiver_that_is_off_does_not_hear_the_board() {
+fn one_wire_disabled_receiver_misses_the_board() {
     let mut bench = half_duplex(false);
     bench.write(USART_DR, 0x11);
     bench.run_until(Nanos(65_000));
@@ -503,7 +503,7 @@ fn on_one_wire_a_receiver_that_is_off_does_not_hear_the_board() {
 }
 
 #[test]
-fn on_two_wires_the_board_does_not_hear_itself() {
+fn two_wire_board_does_not_receive_itself() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.run_until(Nanos(50_000));
     bench.write(USART_DR, 0x11);
@@ -550,7 +550,7 @@ fn on_one_wire_bytes_that_overlap_collide() {
 }
 
 #[test]
-fn can1_runs_on_the_clock_of_its_bus_once_that_is_on() {
+fn can1_runs_on_its_enabled_bus_clock() {
     const MCR: u32 = 0x4000_6400;
     const BTR: u32 = 0x4000_641C;
     const TI0R: u32 = 0x4000_6580;
@@ -577,7 +577,7 @@ fn can1_runs_on_the_clock_of_its_bus_once_that_is_on() {
 }
 
 #[test]
-fn an_access_to_what_the_f405_lacks_is_an_access_to_nothing() {
+fn missing_f405_peripherals_have_no_address() {
     let mut bench = Bench::new(Reenabled::Restarts);
     let uart7 = 0x4000_7800;
     assert!(bench.is_refused(uart7));

@@ -426,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_that_is_switched_off_stops_in_mid_transfer() {
+    fn disabled_channel_stops_midtransfer() {
         let mut dma = dma(4, 0);
         dma.follow_requests(RECEIVE, Nanos(0));
         dma.write(CHANNEL_1 + CCR, ccr::MINC, Nanos(0)).unwrap();

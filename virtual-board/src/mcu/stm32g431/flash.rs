@@ -391,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_erased_when_its_time_is_over() {
+    fn page_is_erased_after_its_time() {
         let mut bench = Bench::unlocked();
         bench.write(CR, cr::PER | cr::STRT | cr::EOPIE).unwrap();
         assert_eq!((bench.status(), bench.memory.flash()[0]), (sr::BSY, 0));
@@ -454,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interrupted_double_word_fails_its_error_correction_until_erased() {
+    fn interrupted_double_word_fails_ecc_until_erased() {
         let mut bench = Bench::unlocked();
         bench.write(CR, cr::PG).unwrap();
         bench.store(PAGE as u32, 0).unwrap();
@@ -472,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_that_is_not_there_cannot_be_erased() {
+    fn missing_page_cannot_be_erased() {
         let mut bench = Bench::unlocked();
         assert!(bench.write(CR, cr::PER | 64 << cr::PNB_AT | cr::STRT).is_err());
         assert!(!bench.interface.is_busy());

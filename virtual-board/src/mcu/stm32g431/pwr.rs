@@ -151,7 +151,7 @@ mod tests {
     const NOW: Nanos = Nanos(0);
 
     #[test]
-    fn boost_mode_is_bit_8_of_cr5_and_no_other() {
+    fn boost_mode_is_only_bit_8_of_cr5() {
         let mut pwr = Pwr::default();
         assert_eq!((pwr.read(CR5, NOW), pwr.supply()), (Ok(R1MODE), Supply::Range1));
         pwr.write(CR5, 0x0000_0101, NOW).unwrap();

@@ -558,7 +558,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dead_crystal_is_never_ready_until_there_is_another() {
+    fn dead_crystal_is_never_ready_until_replaced() {
         let mut rcc = with_crystal(Crystal::dead());
         rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
         assert_eq!(rcc.due(), None);
@@ -573,7 +573,7 @@ mod tests {
     }
 
     #[test]
-    fn the_system_clock_comes_from_the_pll_once_that_is_locked() {
+    fn system_clock_comes_from_locked_pll() {
         let (mut rcc, now) = with_pll();
         assert_eq!(rcc.read(CFGR, now), Ok(cfgr::PLL | cfgr::PLL << cfgr::SWS_AT));
         let clocks = rcc.clocks(now);
@@ -585,7 +585,7 @@ mod tests {
     }
 
     #[test]
-    fn a_source_that_is_not_ready_is_switched_to_later() {
+    fn switch_waits_for_unready_source() {
         let mut rcc = rcc();
         rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
         rcc.write(CFGR, cfgr::HSE, Nanos(0)).unwrap();
@@ -606,7 +606,7 @@ mod tests {
     }
 
     #[test]
-    fn prescalers_divide_and_timers_get_twice_a_divided_bus() {
+    fn prescaled_buses_give_timers_twice_their_clock() {
         let (mut rcc, now) = with_pll();
         rcc.write(CFGR, cfgr::PLL | 0b1000 << 4 | 0b101 << 8, now).unwrap();
         let clocks = rcc.clocks(now);
@@ -618,7 +618,7 @@ mod tests {
     }
 
     #[test]
-    fn the_pll_cannot_be_changed_or_lost_while_it_is_used() {
+    fn pll_in_use_cannot_change_or_stop() {
         let (mut rcc, now) = with_pll();
         assert!(rcc.write(PLLCFGR, PLLCFGR_160 ^ 1 << 8, now).is_err());
         assert!(rcc.write(CR, cr::HSION | cr::HSEON, now).is_err());

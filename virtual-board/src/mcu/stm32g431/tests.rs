@@ -71,7 +71,7 @@ fn the_debugger_reads_the_system_memory() {
 }
 
 #[test]
-fn a_pin_to_the_arm_that_is_not_held_high_is_told() {
+fn floating_arm_pin_is_reported() {
     // The violations for the UART's transmitter on or off, the pin's mode, and its level.
     let on = 1 | 1 << 3;
     for (steps, told) in [

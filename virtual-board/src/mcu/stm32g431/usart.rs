@@ -491,7 +491,7 @@ mod tests {
     const ON: u32 = cr1::UE | cr1::RE | cr1::TE;
 
     #[test]
-    fn a_byte_leaves_in_ten_bits_and_then_transmission_is_complete() {
+    fn byte_takes_ten_bits_then_transmission_completes() {
         let mut bench = Bench::new();
         bench.write(CR1, ON).unwrap();
         bench.write(TDR, 0x55).unwrap();
@@ -510,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_arrives_and_silence_of_a_frame_is_idle() {
+    fn byte_then_frame_of_silence_is_idle() {
         let mut bench = Bench::new();
         bench.write(CR1, ON | cr1::IDLEIE).unwrap();
         bench.say(&[0x31]);
@@ -526,7 +526,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_that_nobody_fetched_makes_the_next_an_overrun() {
+    fn unread_byte_makes_the_next_an_overrun() {
         let mut bench = Bench::new();
         bench.write(CR1, ON).unwrap();
         bench.say(&[1, 2, 3]);
@@ -536,7 +536,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_with_an_error_waits_for_its_flag_with_ddre_and_is_dropped_without() {
+    fn faulty_byte_needs_ddre_to_be_kept() {
         for (ddre, received) in [(cr3::DDRE, isr::RXNE), (0, 0)] {
             let mut bench = Bench::new();
             bench.line.lock().unwrap().plan_fault(0, Fault::Noise);
@@ -566,7 +566,7 @@ mod tests {
     }
 
     #[test]
-    fn in_half_duplex_mode_the_receiver_hears_the_transmitter() {
+    fn half_duplex_receiver_receives_own_transmitter() {
         let mut bench = Bench::new();
         bench.write(CR3, cr3::HDSEL).unwrap();
         bench.write(CR1, ON).unwrap();
@@ -576,7 +576,7 @@ mod tests {
     }
 
     #[test]
-    fn oversampling_by_8_and_the_prescaler_make_the_bit_rate() {
+    fn oversampling_and_prescaler_determine_the_rate() {
         let mut bench = Bench::new();
         bench.write(CR1, cr1::OVER8).unwrap();
         // 160 MHz / 2 / 10 = 8 MBaud.

@@ -545,7 +545,7 @@ mod tests {
     }
 
     #[test]
-    fn bits_toggle_or_clear_as_they_are_said_to() {
+    fn bits_toggle_or_clear_as_documented() {
         let mut device = device();
         let before = device.endpoints[1];
         device.write(4, unchanged(before)).unwrap();
@@ -563,7 +563,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_from_the_host_lands_in_its_buffer_and_leaves_a_nak() {
+    fn host_packet_reaches_buffer_and_leaves_nak() {
         let mut device = device();
         assert_eq!(device.output(ADDRESS, 1, false, &[7, 8, 9]), Handshake::Ack);
         assert_eq!(device.memory[BUFFER + 0x80..][..3], [7, 8, 9]);
@@ -574,14 +574,14 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_that_is_sent_again_is_acknowledged_and_dropped() {
+    fn repeated_packet_is_acknowledged_and_dropped() {
         let mut device = device();
         assert_eq!(device.output(ADDRESS, 1, true, &[7]), Handshake::Ack);
         assert_eq!(device.interrupt_status(), 0);
     }
 
     #[test]
-    fn a_packet_that_is_too_long_is_not_acknowledged() {
+    fn oversized_packet_is_not_acknowledged() {
         let mut device = device();
         assert_eq!(device.output(ADDRESS, 1, false, &[0; 64]), Handshake::Ack);
         device
@@ -591,7 +591,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_for_the_host_goes_once_valid_and_toggles_when_acknowledged() {
+    fn valid_packet_is_sent_once_toggling_on_acknowledge() {
         let mut device = device();
         device.now = Nanos(17);
         device.memory[BUFFER + 0xC0..][..3].copy_from_slice(&[4, 5, 6]);
@@ -614,7 +614,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_on_the_wire_goes_on_to_its_end_whatever_the_status() {
+    fn packet_on_wire_continues_whatever_the_status() {
         let mut device = device();
         device
             .write(4, unchanged(device.endpoints[1]) | (NAK ^ VALID) << epr::STAT_TX_AT)
@@ -634,7 +634,7 @@ mod tests {
     }
 
     #[test]
-    fn setup_is_taken_even_by_a_stalled_endpoint_and_sets_toggles_and_naks() {
+    fn setup_overrides_stall_and_sets_toggles_and_naks() {
         let mut device = device();
         device
             .write(0, unchanged(device.endpoints[0]) | (VALID ^ STALL) << epr::STAT_RX_AT)
@@ -653,7 +653,7 @@ mod tests {
     }
 
     #[test]
-    fn a_status_out_endpoint_stalls_a_packet_with_data() {
+    fn status_out_endpoint_stalls_data_packet() {
         let mut device = device();
         device.write(0, unchanged(device.endpoints[0]) | epr::EP_KIND).unwrap();
         assert_eq!(device.output(ADDRESS, 0, false, &[1]), Handshake::Stall);
@@ -661,7 +661,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bus_reset_disables_the_endpoints_and_keeps_what_was_transferred() {
+    fn bus_reset_disables_endpoints_keeps_transferred_data() {
         let mut device = device();
         device.output(ADDRESS, 1, false, &[7]);
         device.reset();
@@ -671,7 +671,7 @@ mod tests {
     }
 
     #[test]
-    fn without_its_clock_or_powered_down_the_device_is_not_there() {
+    fn unclocked_or_unpowered_device_is_absent() {
         let mut device = device();
         assert!(device.pulls_up());
         device.clocked = false;

@@ -221,7 +221,7 @@ fn a_device_is_enumerated() {
 }
 
 #[test]
-fn a_device_that_stalls_or_is_silent_is_an_error() {
+fn stalling_or_silent_device_is_an_error() {
     for (trouble, error) in [
         (Trouble::Stalls, TransferError::Stalled),
         (Trouble::Dead, TransferError::NoResponse),
@@ -256,7 +256,7 @@ fn frames_are_a_millisecond_apart_and_numbered() {
 }
 
 #[test]
-fn bytes_are_split_into_packets_and_come_back_in_order() {
+fn bytes_are_split_into_packets_in_order() {
     let (mut wire, port) = open();
     let sent: Vec<u8> = (0..200).collect();
     assert!(wire.host.write(port.output.number, &sent));
@@ -275,7 +275,7 @@ fn bytes_are_split_into_packets_and_come_back_in_order() {
 }
 
 #[test]
-fn transactions_take_their_time_and_stay_within_a_frame() {
+fn transactions_take_time_and_stay_within_frame() {
     let (mut wire, port) = open();
     wire.host.write(port.output.number, &[0; 64 * 40]);
     wire.advance(Nanos::from_millis(10));
@@ -297,7 +297,7 @@ fn transactions_take_their_time_and_stay_within_a_frame() {
 }
 
 #[test]
-fn a_host_that_does_not_read_gets_nothing_and_loses_nothing() {
+fn idle_host_gets_nothing_and_loses_nothing() {
     let (mut wire, port) = open();
     wire.host.set_reading(port.input.number, false);
     wire.host.write(port.output.number, b"wait");
@@ -331,7 +331,7 @@ fn a_repeated_packet_counts_once() {
 }
 
 #[test]
-fn pulling_the_cable_ends_every_transfer_and_closes_every_endpoint() {
+fn unplugging_ends_all_transfers_and_closes_endpoints() {
     let (mut wire, port) = open();
     wire.host.start_control(9, 64, port.get_line_coding());
     wire.host.set_cable(false);
@@ -356,7 +356,7 @@ fn a_quiet_bus_suspends_the_device_once() {
 }
 
 #[test]
-fn an_endpoint_that_becomes_ready_is_hit_on_the_polling_grid() {
+fn ready_endpoint_is_polled_on_the_grid() {
     let (mut wire, port) = open();
     wire.advance(Nanos(300_000));
     wire.device.echo.push_back(vec![1]);
@@ -373,7 +373,7 @@ fn an_endpoint_that_becomes_ready_is_hit_on_the_polling_grid() {
 }
 
 #[test]
-fn no_token_goes_out_for_bytes_that_were_not_there_yet() {
+fn no_token_is_sent_before_bytes_exist() {
     let (mut wire, port) = open();
     for nth in 0..50 {
         wire.advance(Nanos(700_000 + nth * 311));
@@ -390,7 +390,7 @@ fn no_token_goes_out_for_bytes_that_were_not_there_yet() {
 }
 
 #[test]
-fn a_control_transfer_that_is_given_up_leaves_the_wire_to_the_next() {
+fn abandoned_control_transfer_frees_the_wire() {
     let read = || Request::read(0x80, 6, 0x0100, 0, 18);
     for micros in 0..100 {
         let (mut wire, port) = open();
@@ -409,7 +409,7 @@ fn a_control_transfer_that_is_given_up_leaves_the_wire_to_the_next() {
 }
 
 #[test]
-fn a_paused_endpoint_gets_no_token_and_starts_anew_at_data0() {
+fn paused_endpoint_gets_no_token_restarts_at_data0() {
     let (mut wire, port) = open();
     wire.host.write(port.output.number, b"one");
     wire.advance(Nanos::from_millis(2));

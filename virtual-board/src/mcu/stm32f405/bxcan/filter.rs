@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mask_of_zeros_takes_everything_and_no_filter_takes_nothing() {
+    fn zero_mask_accepts_all_no_filter_accepts_none() {
         let open = filters(&[(FS1R, 1), (FA1R, 1)]);
         assert_eq!(found(&open, STANDARD), Some((0, 0)));
         assert_eq!(found(&open, 0x1234_5678 << 3 | identifier::IDE), Some((0, 0)));
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn filters_are_numbered_for_each_fifo_through_banks_that_are_off() {
+    fn filters_are_numbered_per_fifo_through_disabled_banks() {
         // Bank 0: two filters for FIFO 0, off. Bank 1: one for FIFO 1. Bank 2: one for FIFO 0.
         let filters = filters(&[
             (FS1R, 0b110),
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn wide_goes_before_narrow_and_a_list_before_a_mask() {
+    fn wide_filter_before_narrow_and_list_before_mask() {
         let narrow = 0x123 << 5;
         // Narrow list, wide mask that takes all, wide list.
         let writes = [
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn among_equals_the_lower_bank_and_the_lower_place_in_it_go_first() {
+    fn lower_bank_and_place_win_among_equals() {
         let two = |assignment| {
             filters(&[
                 (FS1R, 0b11),
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_filter_sees_rtr_ide_and_the_three_highest_bits_of_the_eighteen() {
+    fn narrow_filter_sees_rtr_ide_and_three_bits() {
         // Only these five bits are compared; bits 17 to 15 of the 29-bit identifier are 101.
         let filter = 0b1_1111 << 16 | 0b0_1101;
         let narrow = filters(&[(BANKS, filter), (BANKS + 4, filter), (FA1R, 1)]);

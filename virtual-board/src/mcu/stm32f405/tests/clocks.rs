@@ -54,7 +54,7 @@ fn tree(pll: u32) -> Bench {
 }
 
 #[test]
-fn the_firmwares_clock_tree_gives_the_arms_uart_42_megahertz() {
+fn firmware_clock_tree_gives_uart_42_mhz() {
     let mut bench = tree(PLL);
     bench.write(USART_BRR, 42);
     assert_eq!(lock(&bench.line).board_baud(), Some(1_000_000));
@@ -74,7 +74,7 @@ fn usb_needs_the_48_megahertz_of_the_pll() {
 }
 
 #[test]
-fn too_few_wait_states_for_the_clock_are_told() {
+fn too_few_flash_wait_states_are_reported() {
     let mut bench = Bench::new(Reenabled::Restarts);
     let mut told = |latency: u32| {
         bench.write(ACR, latency);
@@ -88,7 +88,7 @@ fn too_few_wait_states_for_the_clock_are_told() {
 }
 
 #[test]
-fn a_peripheral_that_is_held_in_reset_starts_over() {
+fn peripheral_held_in_reset_restarts() {
     let mut bench = Bench::new(Reenabled::Restarts);
     assert_ne!(bench.read(USART_CR1), 0);
     bench.write(APB1RSTR, 1 << 17);
@@ -98,7 +98,7 @@ fn a_peripheral_that_is_held_in_reset_starts_over() {
 }
 
 #[test]
-fn the_reset_flags_name_the_cause_until_they_are_removed() {
+fn reset_flags_name_cause_until_removed() {
     let mut bench = Bench::new(Reenabled::Restarts);
     assert_eq!(bench.read(CSR) & (POWER | WATCHDOG | SOFTWARE), POWER);
     bench.write(CSR, RMVF);
@@ -141,7 +141,7 @@ fn is_ready(bench: &mut Bench) -> bool {
 }
 
 #[test]
-fn a_crystal_is_ready_after_its_time_and_reads_as_on_until_then() {
+fn crystal_reads_on_and_becomes_ready_later() {
     let mut bench = with_crystal(Crystal::new(8_000_000));
     assert_eq!(bench.read(CR) & (HSEON | HSERDY), HSEON);
     bench.run_until(Nanos(1_999_000));
@@ -154,7 +154,7 @@ fn a_crystal_is_ready_after_its_time_and_reads_as_on_until_then() {
 }
 
 #[test]
-fn a_crystal_that_is_switched_off_while_it_starts_starts_over() {
+fn crystal_switched_off_during_startup_restarts() {
     let mut bench = with_crystal(Crystal::new(8_000_000));
     bench.run_until(Nanos(1_500_000));
     let control = bench.read(CR);
@@ -167,7 +167,7 @@ fn a_crystal_that_is_switched_off_while_it_starts_starts_over() {
 }
 
 #[test]
-fn a_dead_crystal_is_never_ready_until_it_is_replaced() {
+fn dead_crystal_is_never_ready_until_replaced() {
     let mut bench = with_crystal(Crystal::dead());
     bench.run_until(Nanos::from_millis(5_000));
     assert!(!is_ready(&mut bench));
@@ -203,7 +203,7 @@ fn start_capturing(bench: &mut Bench) {
 }
 
 #[test]
-fn a_timer_captures_the_divided_clock_of_the_crystal_that_runs() {
+fn timer_captures_divided_clock_of_running_crystal() {
     for (hertz, cycles) in [
         (8_000_000, 480..=480),
         (12_000_000, 320..=320),
@@ -222,7 +222,7 @@ fn a_timer_captures_the_divided_clock_of_the_crystal_that_runs() {
 }
 
 #[test]
-fn a_capture_that_nobody_read_is_flagged_when_the_next_one_comes() {
+fn unread_capture_is_flagged_at_the_next() {
     let mut bench = with_crystal(Crystal::new(8_000_000));
     bench.run_until(Nanos::from_millis(3));
     start_capturing(&mut bench);
@@ -237,7 +237,7 @@ fn a_capture_that_nobody_read_is_flagged_when_the_next_one_comes() {
 }
 
 #[test]
-fn a_timer_captures_nothing_without_crystal_divider_or_input() {
+fn timer_needs_crystal_divider_and_input_to_capture() {
     let silent = |bench: &mut Bench| {
         bench.run_until(bench.now + Nanos::from_millis(1));
         assert_eq!(bench.read(TIM_SR), 0);
@@ -262,7 +262,7 @@ fn a_timer_captures_nothing_without_crystal_divider_or_input() {
 }
 
 #[test]
-fn to_measure_the_crystal_while_the_core_runs_from_it_is_told() {
+fn crystal_measurement_with_core_on_crystal_is_reported() {
     let mut bench = tree(PLL);
     bench.write(APB2ENR, 1 << 18);
     bench.write(TIM_CCER, 1);
@@ -278,7 +278,7 @@ const OUTPUT: u32 = 1 << 4;
 const ALTERNATE: u32 = 2 << 4;
 
 #[test]
-fn a_pin_to_the_arm_that_nothing_holds_high_is_told() {
+fn floating_arm_pin_is_reported() {
     // The violations for the UART's transmitter on or off, the pin's mode, and its level.
     let on = 1 << 13 | 1 << 3;
     for (steps, told) in [

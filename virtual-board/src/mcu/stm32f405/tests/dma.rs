@@ -43,7 +43,7 @@ impl Bench {
 }
 
 #[test]
-fn a_ring_flags_its_half_and_its_end_reloads_its_count_and_starts_over() {
+fn ring_flags_half_and_end_then_restarts() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.say(&NUMBERS[..20]);
     let mut seen = Vec::new();
@@ -78,7 +78,7 @@ fn half_and_end_come_again_in_every_round() {
 }
 
 #[test]
-fn a_flag_is_cleared_alone_and_interrupts_only_if_enabled() {
+fn flags_clear_separately_and_interrupt_if_enabled() {
     for (enable, first) in [(0, 0), (HTIE, 8), (TCIE, 16)] {
         let mut bench = Bench::new(Reenabled::Restarts);
         bench.write(STREAM_CR, RECEIVE);
@@ -99,7 +99,7 @@ fn a_flag_is_cleared_alone_and_interrupts_only_if_enabled() {
 }
 
 #[test]
-fn a_transfer_that_is_no_ring_stops_at_its_end_and_the_rest_overruns() {
+fn transfer_without_ring_stops_and_rest_overruns() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(STREAM_CR, RECEIVE & !(1 << 8));
     bench.write(HIFCR, ALL);
@@ -116,7 +116,7 @@ fn a_transfer_that_is_no_ring_stops_at_its_end_and_the_rest_overruns() {
 }
 
 #[test]
-fn a_stream_that_is_switched_off_in_the_middle_says_so_and_keeps_its_count_and_its_bytes() {
+fn stream_disabled_midway_keeps_count_and_bytes() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.say(&NUMBERS[..5]);
     bench.receive(5);
@@ -128,7 +128,7 @@ fn a_stream_that_is_switched_off_in_the_middle_says_so_and_keeps_its_count_and_i
 }
 
 #[test]
-fn count_and_addresses_of_a_running_stream_are_write_protected() {
+fn running_stream_count_and_addresses_are_write_protected() {
     let mut bench = Bench::new(Reenabled::Restarts);
     for (register, value) in [(STREAM_NDTR, 3), (STREAM_PAR, 0x2000_0100), (STREAM_M0AR, 0x2000_0200)] {
         let before = bench.read(register);
@@ -141,7 +141,7 @@ fn count_and_addresses_of_a_running_stream_are_write_protected() {
 }
 
 #[test]
-fn bytes_in_memory_go_to_the_arm_in_order_and_the_stream_ends_before_the_wire_does() {
+fn memory_reaches_arm_in_order_before_wire_ends() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.run_until(Nanos(50_000));
     for (address, byte) in (0x2000_0100..).zip(NUMBERS) {
@@ -190,7 +190,7 @@ fn a_stream_listens_to_its_channel_alone() {
 }
 
 #[test]
-fn memory_that_the_controller_does_not_reach_is_a_transfer_error_that_stops_the_stream() {
+fn unreachable_memory_is_transfer_error_stopping_the_stream() {
     for enable in [0, TEIE] {
         let mut bench = Bench::new(Reenabled::Restarts);
         bench.write(STREAM_CR, RECEIVE);

@@ -53,7 +53,7 @@ impl Bench {
 }
 
 #[test]
-fn an_erase_sets_the_sectors_bits_after_its_time_and_no_others() {
+fn erase_sets_only_its_sector_after_its_time() {
     for (sector, start, bytes, millis) in [
         (0, 0u32, 16 << 10, 250u64),
         (1, 0x4000, 16 << 10, 250),
@@ -90,7 +90,7 @@ fn a_mass_erase_sets_everything() {
 }
 
 #[test]
-fn a_sector_that_the_part_lacks_is_not_erased() {
+fn missing_sector_is_not_erased() {
     for sector in [12, 15] {
         let mut bench = unlocked();
         bench.fill(0);
@@ -128,7 +128,7 @@ fn programming_clears_bits_and_sets_none() {
 }
 
 #[test]
-fn a_store_that_does_not_fit_is_flagged_and_changes_nothing() {
+fn misfit_store_is_flagged_without_effect() {
     let mut bench = unlocked();
     bench.fill(0xFF);
     for (control, address, width, flag) in [
@@ -188,7 +188,7 @@ fn a_reset_leaves_an_operation_half_done() {
 }
 
 #[test]
-fn a_wrong_key_locks_the_control_register_until_a_reset() {
+fn wrong_key_locks_control_register_until_reset() {
     for keys in [&[0x4567_0123, 0x4567_0123][..], &[0xCDEF_89AB], &[0]] {
         let mut bench = Bench::new(Reenabled::Restarts);
         for &key in keys.iter().chain(&[0x4567_0123, 0xCDEF_89AB]) {
@@ -235,7 +235,7 @@ fn each_width_programs_its_own_bytes() {
 }
 
 #[test]
-fn an_error_stays_until_a_one_is_written_to_it() {
+fn error_stays_until_one_is_written() {
     let mut bench = unlocked();
     bench.store(SECTOR_1, Width::Word, 0);
     bench.write(CR, PG);
@@ -261,7 +261,7 @@ fn lasts(timing: Timing, seed: u64, start: impl Fn(&mut Bench)) -> Nanos {
 }
 
 #[test]
-fn an_operation_takes_from_its_typical_time_to_its_longest() {
+fn operation_takes_typical_to_maximum_time() {
     let erase = |bench: &mut Bench| bench.write(CR, SER | 1 << SNB_AT | X32 | STRT);
     let program = |bench: &mut Bench| {
         bench.write(CR, PG | X32);
@@ -284,7 +284,7 @@ fn an_operation_takes_from_its_typical_time_to_its_longest() {
 }
 
 #[test]
-fn an_operation_below_its_supply_is_told_and_goes_wrong() {
+fn operation_below_supply_is_reported_and_fails() {
     for (millivolts, told) in [(2_700, 0), (2_699, 1)] {
         let mut bench = unlocked();
         bench.fill(0xFF);

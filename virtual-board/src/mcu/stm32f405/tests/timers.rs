@@ -43,7 +43,7 @@ impl Bench {
 }
 
 #[test]
-fn the_counter_has_32_bits_and_wraps_with_an_update() {
+fn counter_wraps_at_32_bits_with_update() {
     let mut bench = timer();
     bench.run_until(Nanos(70_000_000));
     assert_eq!(bench.read(CNT), 70_000, "beyond 16 bits");
@@ -59,7 +59,7 @@ fn the_counter_has_32_bits_and_wraps_with_an_update() {
 }
 
 #[test]
-fn a_compare_flags_and_interrupts_at_its_instant_and_again_after_a_whole_round() {
+fn compare_interrupts_at_match_and_every_round() {
     let mut bench = timer();
     bench.write(ARR, 999);
     bench.write(CCR1, 100);
@@ -77,7 +77,7 @@ fn a_compare_flags_and_interrupts_at_its_instant_and_again_after_a_whole_round()
 }
 
 #[test]
-fn a_compare_value_that_has_passed_does_not_match_before_the_next_round() {
+fn passed_compare_value_matches_in_next_round() {
     let mut bench = timer();
     bench.run_until(Nanos(500_000));
     bench.write(DIER, CC1IF);
@@ -87,7 +87,7 @@ fn a_compare_value_that_has_passed_does_not_match_before_the_next_round() {
 }
 
 #[test]
-fn a_written_zero_clears_its_flag_alone_and_a_written_one_sets_none() {
+fn zero_clears_its_flag_one_sets_none() {
     let mut bench = timer();
     bench.write(CCR1, 10);
     bench.write(CCR2, 20);
@@ -167,7 +167,7 @@ fn the_watchdogs_registers_open_with_their_key_alone() {
 }
 
 #[test]
-fn the_watchdog_resets_after_its_prescaler_times_its_reload_unless_it_is_fed() {
+fn watchdog_resets_after_prescaler_times_reload_unless_fed() {
     // Prescaler 32, reload 100.
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(KR, 0xCCCC);
@@ -187,7 +187,7 @@ fn the_watchdog_resets_after_its_prescaler_times_its_reload_unless_it_is_fed() {
 }
 
 #[test]
-fn a_watchdog_that_was_not_started_does_nothing_and_one_that_was_cannot_be_stopped() {
+fn started_watchdog_cannot_stop_unstarted_does_nothing() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(KR, 0xAAAA);
     bench.run_until(Nanos::from_millis(2_000));

@@ -41,7 +41,7 @@ impl Bench {
 }
 
 #[test]
-fn an_idle_line_is_flagged_one_frame_after_the_last_byte_once_for_each_burst() {
+fn idle_is_flagged_once_per_burst() {
     let mut bench = port(IDLEIE);
     bench.run_until(Nanos(100_000));
     assert_eq!(bench.flags(IDLE), 0, "nothing has come yet");
@@ -66,7 +66,7 @@ fn an_idle_line_is_flagged_one_frame_after_the_last_byte_once_for_each_burst() {
 }
 
 #[test]
-fn a_byte_that_comes_within_the_idle_frame_puts_it_off() {
+fn byte_within_idle_frame_postpones_idle() {
     let mut bench = port(0);
     bench.say(&[1]);
     bench.run_until(Nanos(65_000));
@@ -89,7 +89,7 @@ fn rxne_interrupts_until_the_byte_is_read() {
 }
 
 #[test]
-fn an_overrun_keeps_the_first_byte_loses_the_next_and_is_cleared_by_sr_then_dr() {
+fn overrun_keeps_first_byte_until_sr_dr_clear() {
     let mut bench = port(RXNEIE);
     bench.say(&[1, 2]);
     bench.run_until(Nanos(69_999));
@@ -110,7 +110,7 @@ fn an_overrun_keeps_the_first_byte_loses_the_next_and_is_cleared_by_sr_then_dr()
 }
 
 #[test]
-fn an_error_that_came_after_sr_was_read_outlives_the_read_of_dr() {
+fn error_after_sr_read_survives_dr_read() {
     let mut bench = port(0);
     bench.say(&[1]);
     bench.run_until(Nanos(60_000));
@@ -122,7 +122,7 @@ fn an_error_that_came_after_sr_was_read_outlives_the_read_of_dr() {
 }
 
 #[test]
-fn framing_and_noise_flags_are_cleared_by_sr_then_dr() {
+fn framing_and_noise_clear_by_sr_then_dr() {
     for (fault, flag) in [(Fault::Framing, FE), (Fault::Noise, NF), (Fault::Break, FE)] {
         let mut bench = port(0);
         lock(&bench.line).plan_fault(0, fault);
@@ -136,7 +136,7 @@ fn framing_and_noise_flags_are_cleared_by_sr_then_dr() {
 }
 
 #[test]
-fn a_line_error_interrupts_with_eie_only_under_dma() {
+fn line_error_interrupts_by_eie_only_with_dma() {
     for (control, interrupts) in [(1, false), (1 | 1 << 6, true)] {
         let mut bench = port(0);
         bench.write(USART_CR3, control);
@@ -150,7 +150,7 @@ fn a_line_error_interrupts_with_eie_only_under_dma() {
 }
 
 #[test]
-fn txe_says_that_the_next_byte_may_come_and_tc_that_the_last_has_gone() {
+fn txe_allows_next_byte_tc_follows_last() {
     let mut bench = port(0);
     assert_eq!(bench.flags(TXE | TC), TXE | TC);
     bench.read(USART_SR);
@@ -171,7 +171,7 @@ fn txe_says_that_the_next_byte_may_come_and_tc_that_the_last_has_gone() {
 }
 
 #[test]
-fn tc_is_cleared_by_a_written_zero_and_txe_is_not() {
+fn written_zero_clears_tc_but_not_txe() {
     let mut bench = port(0);
     bench.write(USART_SR, !(TC | TXE));
     assert_eq!(bench.flags(TXE | TC), TXE);
@@ -198,7 +198,7 @@ fn the_transmit_interrupts_follow_their_flags() {
 }
 
 #[test]
-fn the_rate_is_what_brr_divides_with_sixteen_or_eight_samples() {
+fn rate_follows_brr_and_oversampling() {
     // 30.3.4: from 16 MHz, as mantissa and fraction in sixteenths or eighths.
     for (over8, divisor, baud) in [
         (0, 0x10, 1_000_000),

@@ -112,7 +112,7 @@ fn timing_registers_read_as_written() {
 }
 
 #[test]
-fn a_buffer_becomes_the_frame_that_its_header_says() {
+fn buffer_header_determines_the_frame() {
     for (flags, kind, fd) in [
         (0, FD_WITH_SWITCH, None),
         (cccr::FDOE, FD_WITH_SWITCH, Some(false)),
@@ -128,7 +128,7 @@ fn a_buffer_becomes_the_frame_that_its_header_says() {
 }
 
 #[test]
-fn a_transmit_fifo_sends_in_order_and_counts_free_buffers() {
+fn transmit_fifo_keeps_order_and_counts_free_buffers() {
     let mut controller = on_the_bus(0);
     for (buffer, id) in [(0, 0x300), (1, 0x100), (2, 0x200)] {
         request(&mut controller, buffer, id << 18, 0);
@@ -155,7 +155,7 @@ fn a_transmit_queue_sends_the_lowest_identifier_first() {
 }
 
 #[test]
-fn a_sent_frame_interrupts_if_its_buffer_is_enabled() {
+fn sent_frame_interrupts_if_buffer_is_enabled() {
     let mut controller = on_the_bus(0);
     controller.write(TXBTIE, 0b10).unwrap();
     controller.write(IE, ir::TC).unwrap();
@@ -181,7 +181,7 @@ fn groups_choose_the_interrupt_line() {
 }
 
 #[test]
-fn a_full_fifo_loses_the_next_frame_and_says_so() {
+fn full_fifo_loses_next_frame_and_flags_it() {
     let mut controller = on_the_bus(0);
     for id in 1..=4 {
         controller.receive(&Frame::data_frame(Id::Standard(id), &[id as u8]));
@@ -193,7 +193,7 @@ fn a_full_fifo_loses_the_next_frame_and_says_so() {
 }
 
 #[test]
-fn an_fd_frame_is_received_with_its_flags_and_data() {
+fn fd_frame_is_received_with_flags_and_data() {
     let mut controller = on_the_bus(cccr::FDOE | cccr::BRSE);
     let flags = FdFlags {
         bit_rate_switch: true,
@@ -274,7 +274,7 @@ fn recovery_takes_129_times_eleven_recessive_bits() {
 }
 
 #[test]
-fn an_error_in_the_data_phase_has_a_code_of_its_own() {
+fn data_phase_error_has_its_own_code() {
     let mut controller = on_the_bus(cccr::FDOE | cccr::BRSE);
     controller.receive_error(Fault {
         in_data_phase: true,

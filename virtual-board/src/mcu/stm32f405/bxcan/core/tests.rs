@@ -197,7 +197,7 @@ fn frames_follow_each_other_after_three_bits() {
 }
 
 #[test]
-fn mailboxes_go_by_identifier_or_in_the_order_of_requests() {
+fn mailboxes_are_ordered_by_identifier_or_request() {
     let ids = |control| {
         let mut bench = Bench::with(TIMING, control);
         // The first is sent at once.
@@ -246,7 +246,7 @@ fn the_lowest_identifier_wins_the_bus() {
 }
 
 #[test]
-fn a_frame_that_is_sent_once_is_given_up_when_it_loses() {
+fn one_shot_frame_ends_after_arbitration_loss() {
     let mut bench = Bench::with(TIMING, mcr::NART);
     bench.say(0, 0x100, &[0]);
     bench.say(0, 0x101, &[0]);
@@ -258,7 +258,7 @@ fn a_frame_that_is_sent_once_is_given_up_when_it_loses() {
 }
 
 #[test]
-fn a_frame_without_an_acknowledge_is_repeated_and_ends_passive_but_on_the_bus() {
+fn unacknowledged_frame_is_repeated_until_passive_on_bus() {
     let mut bench = Bench::new();
     bench.bus.detach();
     bench.request(0, 1, 0);
@@ -289,7 +289,7 @@ fn a_frame_without_an_acknowledge_is_repeated_and_ends_passive_but_on_the_bus() 
 }
 
 #[test]
-fn a_frame_that_is_sent_once_is_not_repeated() {
+fn one_shot_frame_is_not_repeated() {
     let mut bench = Bench::with(TIMING, mcr::NART);
     bench.bus.set_acknowledging(false);
     bench.request(0, 1, 0);
@@ -316,7 +316,7 @@ fn a_destroyed_frame_counts_eight_and_goes_again() {
 }
 
 #[test]
-fn an_abort_empties_a_mailbox_that_waits_and_lets_a_frame_on_the_bus_end() {
+fn abort_empties_waiting_mailbox_but_spares_current_frame() {
     let mut bench = Bench::new();
     bench.request(0, 1, 0);
     bench.request(1, 2, 0);
@@ -345,7 +345,7 @@ fn a_mailbox_in_use_is_write_protected() {
 }
 
 #[test]
-fn a_received_frame_is_in_the_fifo_a_bit_before_its_end() {
+fn received_frame_is_in_fifo_one_bit_early() {
     let mut bench = Bench::new();
     bench.write(IER, ier::FMPIE);
     let sent = frame(0x123, b"joints");
@@ -364,7 +364,7 @@ fn a_received_frame_is_in_the_fifo_a_bit_before_its_end() {
 }
 
 #[test]
-fn a_fourth_frame_replaces_the_third_or_is_dropped_if_the_fifo_is_locked() {
+fn fourth_frame_replaces_third_unless_fifo_is_locked() {
     for (control, ids) in [(0, [1, 2, 4]), (mcr::RFLM, [1, 2, 3])] {
         let mut bench = Bench::with(TIMING, control);
         bench.write(IER, ier::FFIE | ier::FOVIE);
@@ -384,7 +384,7 @@ fn a_fourth_frame_replaces_the_third_or_is_dropped_if_the_fifo_is_locked() {
 }
 
 #[test]
-fn a_controller_at_another_rate_destroys_frames_until_it_is_passive_and_never_understands_one() {
+fn controller_at_other_rate_destroys_frames_until_passive() {
     let mut bench = Bench::new();
     bench.bus.attach(250_000);
     bench.say(0, 1, &[]);
@@ -403,7 +403,7 @@ fn a_controller_at_another_rate_destroys_frames_until_it_is_passive_and_never_un
 }
 
 #[test]
-fn a_shorted_bus_switches_it_off_and_software_brings_it_back() {
+fn shorted_bus_means_bus_off_until_software_recovery() {
     let mut bench = Bench::new();
     bench.write(IER, ier::ERRIE | ier::BOFIE);
     bench.bus.set_shorted(true);
@@ -439,7 +439,7 @@ fn a_shorted_bus_switches_it_off_and_software_brings_it_back() {
 }
 
 #[test]
-fn with_abom_it_comes_back_by_itself_and_a_short_that_lasts_switches_it_off_again() {
+fn abom_recovers_bus_off_until_lasting_short_repeats() {
     let mut bench = Bench::with(TIMING, mcr::ABOM);
     bench.bus.set_shorted(true);
     bench.request(0, 1, 0);
@@ -454,7 +454,7 @@ fn with_abom_it_comes_back_by_itself_and_a_short_that_lasts_switches_it_off_agai
 }
 
 #[test]
-fn on_a_busy_bus_each_frame_counts_one_of_the_128() {
+fn busy_bus_frames_count_towards_the_128() {
     let mut bench = Bench::with(TIMING, mcr::ABOM);
     bench.bus.set_shorted(true);
     bench.request(0, 0x7FF, 0);
@@ -515,7 +515,7 @@ fn in_silent_mode_it_hears_and_says_nothing() {
 }
 
 #[test]
-fn a_start_of_frame_wakes_it_up_for_the_frame_after() {
+fn start_of_frame_wakes_controller_for_next_frame() {
     let mut bench = Bench::with(TIMING, mcr::AWUM);
     bench.write(IER, ier::WKUIE);
     bench.write(MCR, mcr::AWUM | mcr::SLEEP);
@@ -539,7 +539,7 @@ fn initialization_waits_for_the_frame_on_the_bus() {
 }
 
 #[test]
-fn a_flood_of_a_low_identifier_keeps_the_board_out_and_one_of_a_high_one_does_not() {
+fn only_a_flood_with_lower_identifier_blocks_board() {
     for (flood, gets_through) in [(0, false), (0x7FF, true)] {
         let mut bench = Bench::new();
         bench.bus.set_flood(Some(frame(flood, &[0; 8])));
@@ -552,7 +552,7 @@ fn a_flood_of_a_low_identifier_keeps_the_board_out_and_one_of_a_high_one_does_no
 }
 
 #[test]
-fn a_reset_in_the_middle_of_a_frame_cuts_it() {
+fn reset_cuts_the_frame_in_transmission() {
     let mut bench = Bench::new();
     bench.request(0, 1, 0);
     bench.run(10);

@@ -56,7 +56,7 @@ fn kind(status: u32) -> u32 {
 }
 
 #[test]
-fn the_pull_up_needs_clock_transceiver_session_and_no_soft_disconnect() {
+fn pull_up_needs_clock_transceiver_and_session() {
     assert!(connected().pulls_up());
 
     let mut unclocked = connected();
@@ -75,7 +75,7 @@ fn the_pull_up_needs_clock_transceiver_session_and_no_soft_disconnect() {
 }
 
 #[test]
-fn a_device_that_senses_vbus_hears_the_cable_come_and_go() {
+fn vbus_sensing_detects_cable_plug_and_unplug() {
     let mut core = connected();
     core.write(GCCFG, gccfg::PWRDWN | gccfg::VBUSBSEN);
     core.power(false);
@@ -89,7 +89,7 @@ fn a_device_that_senses_vbus_hears_the_cable_come_and_go() {
 }
 
 #[test]
-fn a_bus_reset_silences_endpoints_and_enumeration_tells_the_speed() {
+fn bus_reset_silences_endpoints_enumeration_reports_speed() {
     let mut core = with_bulk();
     core.reset();
     assert_ne!(core.read(GINTSTS) & gint::USBRST, 0);
@@ -118,7 +118,7 @@ fn interrupts_are_masked_at_three_levels() {
 }
 
 #[test]
-fn a_setup_is_always_taken_and_ends_with_the_next_token() {
+fn setup_is_always_accepted_until_next_token() {
     let mut core = connected();
     for control in [DIEP, DOEP] {
         core.write(control + CTL, epctl::STALL);
@@ -144,7 +144,7 @@ fn a_setup_is_always_taken_and_ends_with_the_next_token() {
 }
 
 #[test]
-fn an_out_packet_is_read_word_by_word_and_then_done() {
+fn out_packet_is_read_by_words_then_done() {
     let mut core = with_bulk();
     assert_eq!(core.output(0, 1, false, b"hello"), Handshake::Ack);
     let status = core.read(GRXSTSP);
@@ -157,7 +157,7 @@ fn an_out_packet_is_read_word_by_word_and_then_done() {
 }
 
 #[test]
-fn an_out_endpoint_naks_until_it_is_armed_again() {
+fn out_endpoint_naks_until_armed_again() {
     let mut core = with_bulk();
     assert_eq!(core.output(0, 1, false, &[1; 64]), Handshake::Ack);
     assert!(!core.ready(1, Direction::Out));
@@ -169,7 +169,7 @@ fn an_out_endpoint_naks_until_it_is_armed_again() {
 }
 
 #[test]
-fn an_out_packet_without_room_in_the_receive_fifo_is_refused() {
+fn out_packet_beyond_receive_fifo_is_refused() {
     let mut core = with_bulk();
     core.write(GRXFSIZ, 17);
     assert_eq!(
@@ -195,7 +195,7 @@ fn a_repeated_out_packet_is_acknowledged_and_dropped() {
 }
 
 #[test]
-fn an_in_packet_goes_only_when_the_fifo_holds_all_of_it() {
+fn in_packet_needs_all_its_data_in_fifo() {
     let mut core = with_bulk();
     core.now = Nanos(100);
     core.write(DIEP + ENDPOINT_SPAN + TSIZ, 1 << eptsiz::PKTCNT_AT | 5);
@@ -263,7 +263,7 @@ fn a_disabled_in_endpoint_says_so() {
 }
 
 #[test]
-fn a_nak_takes_effect_when_the_packet_on_the_wire_is_through() {
+fn nak_takes_effect_after_the_current_packet() {
     for is_acknowledged in [true, false] {
         let mut core = with_bulk();
         send(&mut core, b"x");
@@ -282,7 +282,7 @@ fn a_nak_takes_effect_when_the_packet_on_the_wire_is_through() {
 }
 
 #[test]
-fn a_packet_that_is_taken_back_leaves_the_endpoint_as_it_was_before() {
+fn withdrawn_packet_leaves_endpoint_unchanged() {
     let mut core = with_bulk();
     send(&mut core, b"gone");
     let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
@@ -301,7 +301,7 @@ fn a_packet_that_is_taken_back_leaves_the_endpoint_as_it_was_before() {
 }
 
 #[test]
-fn a_stalled_endpoint_stalls_and_a_stranger_is_silent() {
+fn stalled_endpoint_stalls_unknown_one_is_silent() {
     let mut core = with_bulk();
     let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
     core.write(DIEP + ENDPOINT_SPAN + CTL, control | epctl::STALL);
@@ -312,7 +312,7 @@ fn a_stalled_endpoint_stalls_and_a_stranger_is_silent() {
 }
 
 #[test]
-fn the_old_address_holds_until_the_new_one_is_used() {
+fn old_address_holds_until_new_is_used() {
     let mut core = with_bulk();
     core.write(DCFG, 7 << device::DAD_AT);
     assert_eq!(core.input(0, 1), Reply::Nak, "the status stage of SET_ADDRESS");
@@ -382,7 +382,7 @@ fn a_debugger_looks_without_taking() {
 }
 
 #[test]
-fn a_transmit_fifo_takes_no_more_than_it_holds() {
+fn transmit_fifo_accepts_no_more_than_its_size() {
     let mut core = with_bulk();
     for word in 0..16 {
         core.write(FIFO + FIFO_SPAN, word);

@@ -35,7 +35,7 @@ impl Bench {
 }
 
 #[test]
-fn thirty_two_destroyed_frames_in_a_row_are_bus_off() {
+fn thirty_two_consecutive_destroyed_frames_are_bus_off() {
     let mut bench = Bench::new();
     bench.bus.destroy(100);
     bench.request(0, 1, 0);
@@ -56,7 +56,7 @@ fn thirty_two_destroyed_frames_in_a_row_are_bus_off() {
 }
 
 #[test]
-fn each_flag_falls_when_good_frames_have_counted_below_its_limit() {
+fn error_flags_clear_below_their_limits() {
     let mut bench = Bench::new();
     bench.bus.destroy(16);
     bench.request(0, 1, 0);
@@ -76,7 +76,7 @@ fn each_flag_falls_when_good_frames_have_counted_below_its_limit() {
 }
 
 #[test]
-fn a_passive_receiver_is_active_again_after_one_good_frame() {
+fn passive_receiver_is_active_after_one_good_frame() {
     let mut bench = Bench::new();
     bench.bus.attach(250_000);
     for _ in 0..15 {
@@ -99,7 +99,7 @@ fn a_passive_receiver_is_active_again_after_one_good_frame() {
 }
 
 #[test]
-fn the_last_error_is_cleared_by_a_good_frame_of_either_side_and_set_by_software() {
+fn good_frame_clears_last_error_software_sets_it() {
     for own in [false, true] {
         let mut bench = Bench::new();
         bench.write(ESR, 7 << esr::LEC_AT);
@@ -115,7 +115,7 @@ fn the_last_error_is_cleared_by_a_good_frame_of_either_side_and_set_by_software(
 }
 
 #[test]
-fn an_error_that_nobody_asked_for_raises_no_flag() {
+fn error_with_disabled_interrupt_raises_no_flag() {
     let mut bench = Bench::new();
     bench.write(IER, ier::ERRIE);
     bench.bus.destroy(20);
@@ -128,7 +128,7 @@ fn an_error_that_nobody_asked_for_raises_no_flag() {
 }
 
 #[test]
-fn bus_off_while_a_handler_runs_is_seen_if_the_handler_clears_its_flag_before_it_reads_the_status() {
+fn bus_off_during_handler_needs_flag_cleared_first() {
     #[derive(Debug, PartialEq)]
     enum Step {
         Clear,
@@ -189,7 +189,7 @@ fn in_bus_off_it_neither_receives_nor_sends() {
 }
 
 #[test]
-fn initialization_mode_does_not_watch_the_bus_and_ends_no_bus_off() {
+fn initialization_mode_ignores_bus_and_keeps_bus_off() {
     let mut bench = Bench::off(0);
     bench.write(MCR, mcr::INRQ);
     bench.run(5_000);
@@ -206,7 +206,7 @@ fn initialization_mode_does_not_watch_the_bus_and_ends_no_bus_off() {
 }
 
 #[test]
-fn abom_that_is_set_in_bus_off_starts_the_recovery() {
+fn abom_set_in_bus_off_starts_recovery() {
     let mut bench = Bench::off(0);
     bench.run(1_000);
     bench.write(MCR, mcr::ABOM);
@@ -219,7 +219,7 @@ fn abom_that_is_set_in_bus_off_starts_the_recovery() {
 }
 
 #[test]
-fn a_recovery_that_a_frame_interrupts_starts_its_eleven_bits_anew_and_keeps_the_others() {
+fn interrupted_recovery_restarts_only_its_eleven_bits() {
     let mut bench = Bench::off(mcr::ABOM);
     // From the end of the intermission: ten times eleven bits, and ten bits that do not count.
     let off = bench.core.now;

@@ -18,7 +18,7 @@ fn filtered(writes: &[(u32, u32)]) -> Bench {
 }
 
 #[test]
-fn the_fifos_have_registers_flags_and_interrupts_of_their_own() {
+fn fifos_have_own_registers_flags_and_interrupts() {
     // Bank 0 accepts 1 to FIFO 0, bank 1 accepts 2 to FIFO 1.
     let mut bench = filtered(&[
         (FS1R, 0b11),
@@ -55,7 +55,7 @@ fn the_fifos_have_registers_flags_and_interrupts_of_their_own() {
 }
 
 #[test]
-fn each_of_the_receive_interrupts_needs_its_own_enable() {
+fn each_receive_interrupt_needs_its_own_enable() {
     for (enable, frames) in [(ier::FMPIE, 1), (ier::FFIE, 3), (ier::FOVIE, 4)] {
         let mut bench = Bench::new();
         bench.write(IER, enable);
@@ -69,7 +69,7 @@ fn each_of_the_receive_interrupts_needs_its_own_enable() {
 }
 
 #[test]
-fn the_count_of_pending_frames_follows_and_an_empty_fifo_releases_nothing() {
+fn pending_count_follows_and_empty_release_does_nothing() {
     let mut bench = Bench::new();
     let mut counts = Vec::new();
     for id in 1..=2 {
@@ -88,7 +88,7 @@ fn the_count_of_pending_frames_follows_and_an_empty_fifo_releases_nothing() {
 }
 
 #[test]
-fn a_frame_that_no_filter_takes_reaches_no_fifo_and_is_a_good_frame_all_the_same() {
+fn unfiltered_frame_is_good_but_reaches_no_fifo() {
     let mut bench = filtered(&[(FS1R, 1), (FM1R, 1), (BANKS, 1 << identifier::STID_AT), (FA1R, 1)]);
     bench.write(IER, ier::FMPIE);
     bench.write(ESR, 7 << esr::LEC_AT);
@@ -99,7 +99,7 @@ fn a_frame_that_no_filter_takes_reaches_no_fifo_and_is_a_good_frame_all_the_same
 }
 
 #[test]
-fn a_received_frame_names_the_filter_that_took_it_its_length_and_what_kind_it_is() {
+fn received_frame_has_filter_index_length_and_kind() {
     // Bank 0: two wide identifiers. Bank 1: four narrow ones.
     let narrow = |id: u32| id << 5;
     let mut bench = filtered(&[

@@ -24,7 +24,7 @@ impl Bench {
 }
 
 #[test]
-fn equal_identifiers_go_by_the_number_of_the_mailbox() {
+fn equal_identifiers_go_by_mailbox_number() {
     let mut bench = Bench::new();
     bench.request(0, 1, 0);
     bench.request(2, 7, 2);
@@ -34,7 +34,7 @@ fn equal_identifiers_go_by_the_number_of_the_mailbox() {
 }
 
 #[test]
-fn data_goes_before_remote_and_eleven_bits_before_twenty_nine() {
+fn data_before_remote_and_standard_before_extended_identifier() {
     const BASE: u32 = 0x123;
     let mut bench = Bench::new();
     // While this frame is on the bus, all three become pending.
@@ -52,7 +52,7 @@ fn data_goes_before_remote_and_eleven_bits_before_twenty_nine() {
 }
 
 #[test]
-fn a_node_with_the_same_eleven_bits_and_eighteen_more_loses_the_bus() {
+fn extended_identifier_loses_to_equal_standard_identifier() {
     let mut bench = Bench::new();
     bench.say(1, 0, &[]);
     bench.bus.send(0, Frame::data_frame(Id::Extended(0x100 << 18), &[]));
@@ -64,7 +64,7 @@ fn a_node_with_the_same_eleven_bits_and_eighteen_more_loses_the_bus() {
 }
 
 #[test]
-fn a_lower_identifier_does_not_interrupt_the_frame_on_the_bus() {
+fn lower_identifier_does_not_interrupt_current_frame() {
     let mut bench = Bench::new();
     bench.request(0, 0x700, 0);
     bench.run(10);
@@ -75,7 +75,7 @@ fn a_lower_identifier_does_not_interrupt_the_frame_on_the_bus() {
 }
 
 #[test]
-fn a_mailbox_that_lost_the_bus_goes_after_a_better_one_that_came_meanwhile() {
+fn mailbox_after_lost_arbitration_yields_to_better_one() {
     let mut bench = Bench::new();
     bench.say(0, 0x010, &[]);
     bench.say(0, 0x011, &[]);
@@ -90,7 +90,7 @@ fn a_mailbox_that_lost_the_bus_goes_after_a_better_one_that_came_meanwhile() {
 }
 
 #[test]
-fn an_abort_after_a_lost_arbitration_empties_the_mailbox_and_nothing_of_it_is_heard() {
+fn abort_after_lost_arbitration_drops_the_frame() {
     let mut bench = Bench::new();
     bench.say(0, 0x010, &[]);
     bench.say(0, 0x011, &[]);
@@ -115,7 +115,7 @@ fn an_abort_of_an_empty_mailbox_does_nothing() {
 }
 
 #[test]
-fn clearing_rqcp_clears_how_the_request_ended_and_so_does_the_next_request() {
+fn rqcp_clear_or_new_request_clears_the_result() {
     let mut bench = Bench::new();
     bench.bus.destroy(1);
     bench.request(1, 1, 0);
@@ -133,7 +133,7 @@ fn clearing_rqcp_clears_how_the_request_ended_and_so_does_the_next_request() {
 }
 
 #[test]
-fn the_transmit_interrupt_lasts_until_every_completed_request_is_cleared() {
+fn transmit_interrupt_lasts_until_all_completions_are_cleared() {
     let mut bench = Bench::new();
     bench.write(IER, ier::TMEIE);
     bench.request(0, 1, 0);

@@ -22,7 +22,7 @@ fn says_empty(core: &mut Core) -> bool {
 }
 
 #[test]
-fn the_receive_fifo_keeps_the_order_of_all_endpoints() {
+fn receive_fifo_keeps_order_across_endpoints() {
     let mut core = with_bulk();
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 2 << eptsiz::PKTCNT_AT | 128);
     assert_eq!(core.output(0, 1, false, &[1; 64]), Handshake::Ack);
@@ -56,7 +56,7 @@ fn grxstsr_looks_and_grxstsp_takes() {
 }
 
 #[test]
-fn a_status_word_has_the_data_pid_of_its_packet() {
+fn status_word_has_packet_data_pid() {
     let mut core = with_bulk();
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 3 << eptsiz::PKTCNT_AT | 192);
     let pids: Vec<u32> = [false, true, false]
@@ -72,7 +72,7 @@ fn a_status_word_has_the_data_pid_of_its_packet() {
 }
 
 #[test]
-fn the_receive_interrupt_lasts_until_the_last_status_is_popped() {
+fn receive_interrupt_lasts_until_last_status_is_popped() {
     let mut core = with_bulk();
     core.write(GINTMSK, gint::RXFLVL);
     assert!(!core.interrupt());
@@ -88,7 +88,7 @@ fn the_receive_interrupt_lasts_until_the_last_status_is_popped() {
 }
 
 #[test]
-fn data_that_is_popped_but_not_read_still_takes_room() {
+fn popped_but_unread_data_still_takes_room() {
     let mut core = with_bulk();
     core.write(GRXFSIZ, 20);
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 2 << eptsiz::PKTCNT_AT | 128);
@@ -100,7 +100,7 @@ fn data_that_is_popped_but_not_read_still_takes_room() {
 }
 
 #[test]
-fn a_flush_of_the_receive_fifo_drops_status_and_data() {
+fn receive_fifo_flush_drops_status_and_data() {
     let mut core = with_bulk();
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 2 << eptsiz::PKTCNT_AT | 128);
     core.output(0, 1, false, &[1; 64]);
@@ -117,7 +117,7 @@ fn a_flush_of_the_receive_fifo_drops_status_and_data() {
 }
 
 #[test]
-fn the_space_in_a_transmit_fifo_shrinks_by_words_and_comes_back_with_the_acknowledge() {
+fn transmit_fifo_space_shrinks_and_returns_with_acknowledge() {
     let mut core = with_bulk();
     assert_eq!(core.read(DTXFSTS_1), 16);
     send(&mut core, &[0; 61]);
@@ -129,7 +129,7 @@ fn the_space_in_a_transmit_fifo_shrinks_by_words_and_comes_back_with_the_acknowl
 }
 
 #[test]
-fn an_empty_transmit_fifo_interrupts_at_half_or_at_all_of_it_and_only_if_unmasked() {
+fn transmit_fifo_interrupts_half_or_fully_empty_unmasked() {
     for (level, words) in [(0, 8), (gahbcfg::TXFELVL, 0)] {
         let mut core = with_bulk();
         core.write(GAHBCFG, gahbcfg::GINTMSK | level);

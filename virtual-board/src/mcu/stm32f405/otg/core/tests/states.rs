@@ -32,7 +32,7 @@ fn on_a_host() -> (Host, Core) {
 }
 
 #[test]
-fn out_of_reset_the_registers_are_what_the_manual_says() {
+fn reset_values_match_the_manual() {
     let mut core = Core::default();
     for (register, value) in [
         (GAHBCFG, 0),
@@ -51,7 +51,7 @@ fn out_of_reset_the_registers_are_what_the_manual_says() {
 }
 
 #[test]
-fn a_host_sees_a_soft_disconnect_and_the_device_comes_back() {
+fn host_sees_soft_disconnect_and_return() {
     let (mut host, mut core) = on_a_host();
     let epoch = host.epoch();
     core.write(DCTL, device::SDIS);
@@ -74,7 +74,7 @@ fn a_host_sees_a_soft_disconnect_and_the_device_comes_back() {
 }
 
 #[test]
-fn a_quiet_bus_suspends_after_three_milliseconds_and_a_resume_or_a_reset_ends_it() {
+fn quiet_bus_suspends_until_resume_or_reset() {
     for resets in [false, true] {
         let (mut host, mut core) = on_a_host();
         core.write(GINTMSK, gint::USBSUSP | gint::WKUPINT);
@@ -108,14 +108,14 @@ fn a_quiet_bus_suspends_after_three_milliseconds_and_a_resume_or_a_reset_ends_it
 }
 
 #[test]
-fn a_device_that_is_not_suspended_is_not_woken() {
+fn active_device_is_not_woken() {
     let mut core = connected();
     core.resume();
     assert_eq!(core.read(GINTSTS) & gint::WKUPINT, 0);
 }
 
 #[test]
-fn a_reset_in_the_middle_of_a_transfer_holds_what_was_to_go_and_keeps_what_had_come() {
+fn reset_in_transfer_keeps_received_and_holds_pending() {
     let mut core = with_bulk();
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 2 << eptsiz::PKTCNT_AT | 128);
     assert_eq!(core.output(0, 1, false, &[7; 64]), Handshake::Ack);
@@ -146,7 +146,7 @@ fn a_reset_in_the_middle_of_a_transfer_holds_what_was_to_go_and_keeps_what_had_c
 }
 
 #[test]
-fn a_reset_in_the_middle_of_a_setup_ends_that_setup() {
+fn reset_in_setup_ends_the_setup() {
     let mut core = connected();
     core.setup(0, [1; 8]);
     core.reset();
@@ -158,7 +158,7 @@ fn a_reset_in_the_middle_of_a_setup_ends_that_setup() {
 }
 
 #[test]
-fn a_reset_leaves_the_address_and_a_stall_to_the_firmware() {
+fn reset_leaves_address_and_stall_to_firmware() {
     let mut core = with_bulk();
     core.write(DCFG, 7 << device::DAD_AT);
     core.input(7, 0);
@@ -176,7 +176,7 @@ fn a_reset_leaves_the_address_and_a_stall_to_the_firmware() {
 }
 
 #[test]
-fn one_write_that_sets_and_clears_a_nak_is_noticed() {
+fn simultaneous_set_and_clear_nak_is_reported() {
     for register in [DIEP + ENDPOINT_SPAN + CTL, DOEP + ENDPOINT_SPAN + CTL] {
         let mut core = with_bulk();
         core.write(register, epctl::USBAEP | epctl::SNAK);
@@ -188,7 +188,7 @@ fn one_write_that_sets_and_clears_a_nak_is_noticed() {
 }
 
 #[test]
-fn a_setup_leaves_an_answer_that_was_not_fetched_enabled_but_silent() {
+fn setup_leaves_unread_answer_enabled_but_silent() {
     let mut core = connected();
     core.write(DIEP + TSIZ, 1 << eptsiz::PKTCNT_AT);
     core.write(DIEP + CTL, epctl::CNAK | epctl::EPENA);
@@ -210,7 +210,7 @@ fn later(core: &mut Core, nanos: u64) {
 }
 
 #[test]
-fn an_endpoint_stays_enabled_until_its_disable_is_done() {
+fn endpoint_stays_enabled_until_disable_is_done() {
     let mut core = slow();
     send(&mut core, &[1; 64]);
     let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
@@ -224,7 +224,7 @@ fn an_endpoint_stays_enabled_until_its_disable_is_done() {
 }
 
 #[test]
-fn an_endpoint_that_is_enabled_while_it_is_disabled_is_told() {
+fn enable_during_disable_is_reported() {
     let mut core = slow();
     send(&mut core, &[1; 64]);
     let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
@@ -235,7 +235,7 @@ fn an_endpoint_that_is_enabled_while_it_is_disabled_is_told() {
 }
 
 #[test]
-fn flushes_and_the_soft_reset_read_as_set_until_they_are_done() {
+fn flush_and_reset_bits_read_set_until_done() {
     for (bits, nanos) in [
         (grstctl::TXFFLSH | 1 << grstctl::TXFNUM_AT, 1_000),
         (grstctl::RXFFLSH, 1_000),
@@ -252,7 +252,7 @@ fn flushes_and_the_soft_reset_read_as_set_until_they_are_done() {
 }
 
 #[test]
-fn a_transmit_fifo_that_is_written_to_while_it_is_flushed_is_told() {
+fn transmit_fifo_write_during_flush_is_reported() {
     let mut core = slow();
     core.write(GRSTCTL, grstctl::TXFFLSH | 1 << grstctl::TXFNUM_AT);
     core.write(FIFO + FIFO_SPAN, 0);

@@ -20,7 +20,7 @@ fn collect(core: &mut Core, endpoint: u8) -> Option<usize> {
 }
 
 #[test]
-fn a_transfer_to_the_host_of_a_multiple_of_64_bytes_ends_with_an_empty_packet_if_it_counts_one() {
+fn in_transfer_sends_counted_empty_packet_at_end() {
     let mut core = with_bulk();
     core.write(DIEPTXF1, 32 << 16 | 80);
     core.write(DIEP + ENDPOINT_SPAN + TSIZ, 3 << eptsiz::PKTCNT_AT | 128);
@@ -41,7 +41,7 @@ fn a_transfer_to_the_host_of_a_multiple_of_64_bytes_ends_with_an_empty_packet_if
 }
 
 #[test]
-fn a_transfer_from_the_host_ends_with_its_packet_count_or_with_a_short_packet() {
+fn out_transfer_ends_by_count_or_short_packet() {
     for (lengths, left) in [(&[64, 64][..], 0), (&[64, 63], 1), (&[0], 128)] {
         let mut core = with_bulk();
         core.write(GRXFSIZ, 80);
@@ -62,7 +62,7 @@ fn a_transfer_from_the_host_ends_with_its_packet_count_or_with_a_short_packet() 
 }
 
 #[test]
-fn an_out_endpoint_that_is_not_enabled_naks_and_says_so() {
+fn disabled_out_endpoint_naks_and_flags_it() {
     let mut core = connected();
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 1 << eptsiz::PKTCNT_AT | 64);
     core.write(DOEPCTL_1, ACTIVE_OUT | epctl::CNAK);
@@ -72,7 +72,7 @@ fn an_out_endpoint_that_is_not_enabled_naks_and_says_so() {
 }
 
 #[test]
-fn an_in_token_that_finds_no_data_says_so() {
+fn in_token_without_data_sets_flag() {
     let mut core = with_bulk();
     assert_eq!(core.input(0, 1), Reply::Nak);
     let said = core.read(DIEP + ENDPOINT_SPAN + INT);
@@ -80,7 +80,7 @@ fn an_in_token_that_finds_no_data_says_so() {
 }
 
 #[test]
-fn snak_holds_a_packet_that_is_ready_and_cnak_lets_it_go() {
+fn snak_holds_ready_packet_cnak_releases_it() {
     let mut core = with_bulk();
     send(&mut core, b"x");
     set(&mut core, DIEPCTL_1, epctl::SNAK);
@@ -102,7 +102,7 @@ fn snak_holds_a_packet_that_is_ready_and_cnak_lets_it_go() {
 }
 
 #[test]
-fn stall_goes_before_nak_in_both_directions_and_lasts_until_the_firmware_clears_it() {
+fn stall_precedes_nak_until_firmware_clears_it() {
     let mut core = with_bulk();
     send(&mut core, b"x");
     for control in [DIEPCTL_1, DOEPCTL_1] {
@@ -123,7 +123,7 @@ fn stall_goes_before_nak_in_both_directions_and_lasts_until_the_firmware_clears_
 }
 
 #[test]
-fn endpoint_0_stalls_data_and_status_until_the_next_setup() {
+fn endpoint_0_stalls_until_the_next_setup() {
     let mut core = connected();
     core.setup(0, [0xFF; 8]);
     for control in [DIEP, DOEP] {
@@ -149,7 +149,7 @@ fn endpoint_0_stalls_data_and_status_until_the_next_setup() {
 }
 
 #[test]
-fn a_data_pid_is_set_by_the_firmware_after_a_stall() {
+fn firmware_sets_data_pid_after_stall() {
     for (command, toggle) in [(epctl::SD0PID, false), (epctl::SD1PID, true)] {
         let mut core = with_bulk();
         send(&mut core, b"x");
@@ -161,7 +161,7 @@ fn a_data_pid_is_set_by_the_firmware_after_a_stall() {
 }
 
 #[test]
-fn setups_back_to_back_are_all_taken_counted_down_and_done_once() {
+fn consecutive_setups_are_counted_and_done_once() {
     let mut core = connected();
     core.write(DOEP + TSIZ, 3 << eptsiz::STUPCNT_AT);
     core.write(DCTL, device::SGONAK);
