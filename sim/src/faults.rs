@@ -284,14 +284,14 @@ mod tests {
     }
 
     #[test]
-    fn one_seed_makes_one_run_and_another_seed_another() {
+    fn seed_determines_the_run() {
         let line = |seed| Line::new(Mirror::default(), Rates::each(10_000), Rates::each(10_000), seed);
         assert_eq!(run(&mut line(5)), run(&mut line(5)));
         assert_ne!(run(&mut line(5)), run(&mut line(6)));
     }
 
     #[test]
-    fn each_fault_happens_as_often_as_asked_and_is_counted() {
+    fn faults_occur_at_their_rate_and_are_counted() {
         let mut line = Line::new(Mirror::default(), Rates::each(10_000), Rates::NONE, 1);
         let back = run(&mut line);
         let injected = line.injected_to_device();

@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn its_baud_rate_is_the_one_that_was_set_last() {
+    fn last_baud_rate_set_is_reported() {
         let pty = Pty::open(None).unwrap();
         for baud in [1_000_000, 115_200] {
             pty.set_baud(baud).unwrap();
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn its_link_points_to_it_and_goes_with_it() {
+    fn link_points_to_pty_and_vanishes_with_it() {
         let link = free_path("link");
         let pty = Pty::open(Some(&link)).unwrap();
         assert_eq!(pty.path(), link);
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stale_link_is_replaced_and_a_successors_link_is_left_alone() {
+    fn stale_link_is_replaced_but_not_successors_link() {
         let link = free_path("stale");
         for stale in ["/nowhere", "/dev/pts/no-more"] {
             symlink(stale, &link).unwrap();
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn the_link_of_a_server_that_runs_is_not_replaced() {
+    fn link_of_running_server_is_not_replaced() {
         let link = free_path("running");
         let first = Pty::open(Some(&link)).unwrap();
         let error = Pty::open(Some(&link)).unwrap_err();
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_in_the_way_of_the_link_is_not_touched() {
+    fn file_in_place_of_link_is_kept() {
         let path = free_path("file");
         fs::write(&path, "precious").unwrap();
         let error = Pty::open(Some(&path)).unwrap_err();

@@ -72,7 +72,7 @@ mod tests {
     use crate::ling::{Config, LingArm};
 
     #[test]
-    fn clients_are_answered_until_the_stop_flag_is_set() {
+    fn clients_are_answered_until_stop_flag() {
         let pty = Pty::open(None).unwrap();
         let stop = AtomicBool::new(false);
         let mut arm = LingArm::new(Config::follower());

@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_call_takes_the_line_time_of_its_bytes_and_the_turnaround() {
+    fn call_takes_line_time_plus_turnaround() {
         for (baud, byte_time) in [(1_000_000, 10), (115_200, 87), (2_000_000, 5)] {
             let mut wire = wire(baud, LingArm::new(ling::Config::follower()));
             wire.call(Request::ReadJoints).unwrap();
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_hears_nothing_is_reported_as_silent() {
+    fn deaf_device_is_reported_as_silent() {
         let deaf = Rates {
             drop: 1_000_000,
             ..Rates::NONE
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_answers_are_asked_for_again_and_show_as_events() {
+    fn damaged_answers_are_retried_and_show_as_events() {
         let rates = Rates {
             corrupt: 5_000,
             ..Rates::NONE

@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_action_ends_standing_and_no_pose_is_cut_short() {
+    fn actions_end_standing_without_shortened_poses() {
         for action in ACTIONS {
             assert_eq!(action.poses.last().unwrap().angles, STANDING, "{}", action.name);
             for pose in action.poses {

@@ -165,7 +165,7 @@ fn every_row_of_the_document_gets_its_answer() {
 }
 
 #[test]
-fn servos_answer_the_manuals_frames_on_their_bus_and_through_the_robot() {
+fn servos_answer_manual_frames_directly_and_through_robot() {
     fn check(mut device: impl SerialDevice) {
         let mut now = time::Instant::ZERO;
         let frames = [
@@ -234,7 +234,7 @@ fn versions_are_those_it_is_given() {
 }
 
 #[test]
-fn a_debug_action_moves_the_servos_evenly_in_the_given_time() {
+fn debug_action_moves_servos_evenly_in_given_time() {
     let (mut robot, mut start) = (robot(), time::Instant::ZERO);
     let Request::Act(mut action) = act(180, 2_000, 0) else {
         unreachable!()
@@ -265,7 +265,7 @@ fn a_debug_action_moves_the_servos_evenly_in_the_given_time() {
 }
 
 #[test]
-fn a_debug_action_without_duration_is_there_at_once() {
+fn debug_action_without_duration_arrives_at_once() {
     let mut host = host(robot());
     assert_eq!(host.call(act(0, 0, 0)), acted(Outcome::Success));
     assert_eq!(angles(host.device().servos(), host.elapsed()), [0.0; 16]);
@@ -283,7 +283,7 @@ fn a_new_move_starts_where_the_servo_is() {
 }
 
 #[test]
-fn a_debug_action_before_the_interval_is_over_is_refused_and_moves_nothing() {
+fn early_debug_action_is_refused_without_motion() {
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     hear(&mut robot, &mut now, &bytes(&act(100, 200, 1_000)));
     let end = now;
@@ -310,7 +310,7 @@ fn to_stop_ends_the_interval() {
 }
 
 #[test]
-fn an_angle_that_no_servo_can_go_to_is_refused_if_the_robot_has_that_servo() {
+fn unreachable_angle_is_refused_for_existing_servo() {
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     for (servo, raw, outcome) in [(16, 241, 0xEE), (1, 254, 0xEE), (17, 241, 0xAA), (16, 240, 0xAA)] {
         let mut angles = [100; 20];
@@ -325,7 +325,7 @@ fn an_angle_that_no_servo_can_go_to_is_refused_if_the_robot_has_that_servo() {
 }
 
 #[test]
-fn an_action_plays_its_poses_at_their_times_and_ends() {
+fn action_plays_poses_on_time_and_ends() {
     let (mut robot, mut start) = (robot(), time::Instant::ZERO);
     hear(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
 
@@ -343,7 +343,7 @@ fn an_action_plays_its_poses_at_their_times_and_ends() {
 }
 
 #[test]
-fn to_stop_halts_the_action_and_the_servos_hold_where_they_are() {
+fn stop_halts_action_and_servos_hold() {
     let mut host = host(robot());
     host.call(Request::Play(name("wave"))).unwrap();
     host.wait(millis(300));
@@ -371,7 +371,7 @@ fn the_last_command_wins() {
 }
 
 #[test]
-fn what_is_released_is_told_so_gives_way_and_runs_again_when_it_is_moved() {
+fn released_servo_gives_way_until_next_move() {
     let mut host = host(robot());
     let states = |bits| Ok(Some(Response::ServoStates(ServoStates::from_bits(bits))));
     assert!(!host.device_mut().servos_mut()[2].turn_by_hand(angle(10)));
@@ -398,7 +398,7 @@ fn what_is_released_is_told_so_gives_way_and_runs_again_when_it_is_moved() {
 }
 
 #[test]
-fn reading_the_angle_of_a_servo_that_moves_tells_where_it_goes_and_stops_it_there() {
+fn angle_read_reports_target_and_stops_servo() {
     let mut host = host(bus());
     host.device_mut().servos_mut()[0].turn_by_hand(angle(0));
     assert_eq!(host.call(go(one(1), 240, 4_800, 0)), acknowledged(1));
@@ -417,7 +417,7 @@ fn reading_the_angle_of_a_servo_that_moves_tells_where_it_goes_and_stops_it_ther
 }
 
 #[test]
-fn a_servo_is_busy_until_its_lock_time_is_over_but_obeys() {
+fn servo_is_busy_until_lock_time_but_obeys() {
     let mut host = host(bus());
     assert_eq!(host.call(go(one(5), 120, 200, 1_000)), acknowledged(5));
     let servo = |host: &Host<ServoBus>| {
@@ -433,7 +433,7 @@ fn a_servo_is_busy_until_its_lock_time_is_over_but_obeys() {
 }
 
 #[test]
-fn all_servos_obey_what_all_are_told_and_none_answers() {
+fn all_servos_obey_broadcast_without_answer() {
     let mut host = host(bus());
     assert_eq!(host.call(go(Address::All, 30, 0, 0)), Ok(None));
     host.call(Request::Servo(ServoRequest::SetLed {
@@ -453,7 +453,7 @@ fn all_servos_obey_what_all_are_told_and_none_answers() {
 }
 
 #[test]
-fn an_offset_turns_the_horn_of_a_servo_that_holds_and_the_scale_of_one_that_does_not() {
+fn offset_turns_horn_if_held_else_scale() {
     let mut host = host(bus());
     let set = |servo, thirds| Request::Servo(ServoRequest::SetOffset(id(servo), Offset::new(thirds).unwrap()));
     host.call(go(one(1), 100, 0, 0)).unwrap();
@@ -474,7 +474,7 @@ fn an_offset_turns_the_horn_of_a_servo_that_holds_and_the_scale_of_one_that_does
 }
 
 #[test]
-fn a_servo_that_was_given_an_id_answers_to_that_alone() {
+fn servo_answers_only_to_its_assigned_id() {
     let mut host = host(bus());
     let change = |from, to| {
         Request::Servo(ServoRequest::ChangeId {
@@ -501,7 +501,7 @@ fn a_servo_that_was_given_an_id_answers_to_that_alone() {
 }
 
 #[test]
-fn servos_with_one_id_answer_at_once_and_what_they_say_mixes() {
+fn servos_with_equal_ids_answer_in_collision() {
     let mut bus = ServoBus::new(BusConfig {
         ids: vec![id(1), id(1)],
         ..BusConfig::default()
@@ -526,7 +526,7 @@ fn servos_with_one_id_answer_at_once_and_what_they_say_mixes() {
 }
 
 #[test]
-fn a_faulty_servo_does_nothing_and_says_so_where_it_can() {
+fn faulty_servo_does_nothing_and_reports_the_fault() {
     let mut host = host(robot());
     host.device_mut().servos_mut()[6].set_faulty(true);
     let failed = |request| match host.call(Request::Servo(request)) {
@@ -571,7 +571,7 @@ fn a_faulty_servo_does_nothing_and_says_so_where_it_can() {
 }
 
 #[test]
-fn what_it_is_told_of_usb_and_the_offset_tool_is_kept() {
+fn usb_mode_and_offset_settings_are_kept() {
     let mut host = host(robot());
     assert_eq!(
         (host.device().usb(), host.device().offset_tool()),
@@ -586,7 +586,7 @@ fn what_it_is_told_of_usb_and_the_offset_tool_is_kept() {
 }
 
 #[test]
-fn a_bus_answers_within_400_us_and_only_servo_frames() {
+fn bus_answers_servo_frames_within_400_us() {
     let (mut bus, mut now) = (bus(), time::Instant::ZERO);
     hear(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
     assert_eq!(bus.transmit(now + time::Duration::from_micros(199)), None);
@@ -610,7 +610,7 @@ fn a_bus_answers_within_400_us_and_only_servo_frames() {
 }
 
 #[test]
-fn a_host_on_the_same_wire_hears_itself_and_calls_still_work() {
+fn host_with_echo_still_completes_calls() {
     let mut host = host(ServoBus::new(BusConfig {
         echo: true,
         ..BusConfig::default()
@@ -628,7 +628,7 @@ fn a_host_on_the_same_wire_hears_itself_and_calls_still_work() {
 }
 
 #[test]
-fn a_servo_that_talks_is_deaf_and_so_are_the_others() {
+fn all_servos_are_deaf_while_one_sends() {
     let (mut bus, mut now) = (bus(), time::Instant::ZERO);
     hear(
         &mut bus,
@@ -644,7 +644,7 @@ fn a_servo_that_talks_is_deaf_and_so_are_the_others() {
 }
 
 #[test]
-fn requests_and_answers_may_be_filled_up_to_reports() {
+fn requests_and_answers_may_be_padded_to_reports() {
     for hid in [false, true] {
         let (mut robot, mut now) = (
             Alpha1Robot::new(RobotConfig {
@@ -669,7 +669,7 @@ fn requests_and_answers_may_be_filled_up_to_reports() {
 }
 
 #[test]
-fn the_filling_of_reports_says_nothing_to_a_client() {
+fn report_padding_is_ignored_by_client() {
     let mut host = host(Alpha1Robot::new(RobotConfig {
         hid: true,
         ..RobotConfig::default()
@@ -685,7 +685,7 @@ fn the_filling_of_reports_says_nothing_to_a_client() {
 }
 
 #[test]
-fn what_is_no_request_is_counted_and_not_answered() {
+fn invalid_request_is_counted_without_answer() {
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     let wrong_values = [
         frame([0xF9, 0x9F], &[4, 0, 0, 0, 0, 0]),     // no such USB type
@@ -712,7 +712,7 @@ fn what_is_no_request_is_counted_and_not_answered() {
 }
 
 #[test]
-fn an_idle_line_frees_the_request_behind_a_false_header() {
+fn idle_line_frees_request_behind_false_header() {
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     hear(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
     hear(&mut robot, &mut now, &bytes(&Request::Stop));
@@ -721,7 +721,7 @@ fn an_idle_line_frees_the_request_behind_a_false_header() {
 }
 
 #[test]
-fn a_pause_inside_a_request_is_borne_by_a_robot_and_ends_it_on_the_servo_bus() {
+fn pause_ends_requests_on_servo_bus_only() {
     fn answer_after(mut device: impl SerialDevice, pause: time::Duration) -> Vec<u8> {
         let mut now = time::Instant::ZERO;
         let request = bytes(&go(one(1), 10, 0, 0));
@@ -738,7 +738,7 @@ fn a_pause_inside_a_request_is_borne_by_a_robot_and_ends_it_on_the_servo_bus() {
 }
 
 #[test]
-fn a_pose_that_is_due_before_an_idle_line_frees_a_request_comes_before_it() {
+fn due_pose_precedes_request_freed_by_idle() {
     let (mut robot, mut start) = (robot(), time::Instant::ZERO);
     hear(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
     let mut now = start + millis(550);
@@ -750,7 +750,7 @@ fn a_pose_that_is_due_before_an_idle_line_frees_a_request_comes_before_it() {
 }
 
 #[test]
-fn the_requests_of_two_hosts_in_one_burst_however_cut_get_all_their_answers() {
+fn burst_of_two_hosts_gets_all_answers() {
     let requests = [
         Request::ReadHardwareVersion,
         Request::Servo(ServoRequest::ReadVersion(id(1))),
@@ -774,7 +774,7 @@ fn the_requests_of_two_hosts_in_one_burst_however_cut_get_all_their_answers() {
 }
 
 #[test]
-fn answers_wait_for_each_other_and_too_many_are_counted() {
+fn answers_queue_and_excess_ones_are_counted() {
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     for _ in 0..MAX_REPLIES + 2 {
         for byte in bytes(&Request::Stop) {
@@ -789,7 +789,7 @@ fn answers_wait_for_each_other_and_too_many_are_counted() {
 }
 
 #[test]
-fn every_intact_request_is_answered_whatever_noise_stands_before_it() {
+fn every_intact_request_is_answered_after_noise() {
     let mut random = Rand32::new(7);
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     let request = bytes(&Request::ReadFirmwareVersion);
@@ -886,7 +886,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn a_robot_survives_any_faults_and_answers_when_they_are_over(
+    fn robot_recovers_after_any_faults(
         requests in proptest::collection::vec(any_request(), 0..20),
         hid: bool,
         to_robot in any_rates(),
@@ -905,7 +905,7 @@ proptest! {
     }
 
     #[test]
-    fn every_request_to_who_is_there_gets_its_answer(
+    fn requests_to_existing_servos_get_their_answers(
         requests in proptest::collection::vec(any_request().prop_filter("ids stay apart", keeps_ids), 1..20),
         hid: bool,
     ) {
@@ -926,7 +926,7 @@ proptest! {
     }
 
     #[test]
-    fn what_a_robot_does_does_not_depend_on_how_often_it_is_polled(
+    fn robot_behaviour_is_independent_of_polling(
         script in proptest::collection::vec((any_request(), 0..5_000_000_u64), 1..12),
         mut polls in proptest::collection::vec(0..50_000_000_u64, 0..200),
     ) {
@@ -951,7 +951,7 @@ proptest! {
     }
 
     #[test]
-    fn noise_and_requests_make_a_robot_say_nothing_but_answers(
+    fn robot_sends_nothing_but_answers(
         noise in proptest::collection::vec(
             prop_oneof![
                 20 => any::<u8>().prop_map(|byte| vec![byte]),
@@ -994,7 +994,7 @@ fn keeps_ids(request: &Request<'_>) -> bool {
 }
 
 #[test]
-fn a_clock_that_starts_late_or_ends_never_is_no_trouble() {
+fn late_or_endless_clock_is_handled() {
     let mut robot = robot();
     let mut now = time::Instant::from_micros(1_700_000_000_000_000);
     hear(&mut robot, &mut now, &bytes(&Request::Play(name("dance"))));

@@ -29,7 +29,7 @@ fn phases(frame: &Frame) -> (u32, u32) {
 }
 
 #[test]
-fn an_empty_fd_frame_has_its_bits_counted_by_hand() {
+fn empty_fd_frame_matches_hand_counted_bits() {
     // 0 00100100011 0 0 1 0 1 is start of frame to BRS, without five equal bits; 9 follow the CRC delimiter: 17 + 9.
     // ESI and DLC are 0 0000: five equal bits, but the fixed stuff bit is the only one. 5 + 1 + 4 + 17 + 5 + 1.
     assert_eq!(phases(&fast(ID, &[])), (17 + 9, 33));
@@ -54,7 +54,7 @@ fn fd_frames_of_every_length_have_exact_bits() {
 }
 
 #[test]
-fn stuff_bits_of_fd_frames_are_those_of_the_real_bits() {
+fn fd_stuff_bits_match_the_real_bits() {
     for (id, data, expected) in [
         (ID, vec![0; 64], (26, 652)),
         (Id::Standard(0x555), vec![0x55; 64], (26, 550)),
@@ -67,13 +67,13 @@ fn stuff_bits_of_fd_frames_are_those_of_the_real_bits() {
 }
 
 #[test]
-fn five_equal_bits_before_the_crc_field_get_one_stuff_bit() {
+fn five_equal_bits_before_crc_get_one_stuff() {
     // The first ends with five equal bits, the second with four, and neither has five anywhere else.
     assert_eq!(phases(&fast(ID, &[0x1F])), phases(&fast(ID, &[0x2F])));
 }
 
 #[test]
-fn a_frame_takes_its_time_at_every_data_rate() {
+fn frame_duration_is_exact_at_every_data_rate() {
     // 27 bits at 1 Mbit/s and 246 at the data rate.
     let frame = fast(Id::Standard(0x610), &counting(24));
     for (data_rate, nanos) in [
@@ -91,7 +91,7 @@ fn a_frame_takes_its_time_at_every_data_rate() {
 }
 
 #[test]
-fn the_first_bits_take_nominal_then_data_then_nominal_time() {
+fn frame_phases_use_nominal_data_nominal_bit_times() {
     let frame = fast(ID, &[]);
     let times = BitTimes { nominal: 10, data: 1 };
     let at = |bits| frame.picoseconds(bits, times);
@@ -116,7 +116,7 @@ fn classic_frames_have_their_bits_with_stuff_bits() {
 }
 
 #[test]
-fn a_classic_frame_wins_against_an_fd_frame_of_its_identifier() {
+fn classic_frame_wins_over_fd_frame_of_identifier() {
     for id in [ID, Id::Extended(0x123)] {
         let (classic, fd) = (Frame::data_frame(id, &[]), fast(id, &[]));
         assert_eq!(classic.arbitrates(&fd), Ordering::Less);
@@ -137,7 +137,7 @@ fn a_classic_frame_wins_against_an_fd_frame_of_its_identifier() {
 }
 
 #[test]
-fn only_frames_that_the_adapter_knows_are_the_adapters() {
+fn adapter_frames_are_only_those_it_supports() {
     let id = armwire_bridge::can::Id::new(0x123).unwrap();
     let classic = armwire_bridge::can::Frame::new(id, &[1, 2]).unwrap();
     let fd = armwire_bridge::can::Frame::new_fd(id, &[3; 48]).unwrap();

@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_position_does_not_depend_on_how_often_time_is_told() {
+    fn position_is_independent_of_polling() {
         let (mut once, mut often) = (Axis::at(2048), Axis::at(2048));
         once.go(4095, 777);
         often.go(4095, 777);
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn slow_motion_commanded_anew_all_the_time_still_arrives() {
+    fn repeatedly_commanded_slow_motion_still_arrives() {
         let mut axis = Axis::at(2048);
         for _ in 0..1_000 {
             axis.go(2000, 1);

@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn it_says_where_its_joints_are_at_its_rate() {
+    fn legacy_arm_reports_joints_at_its_rate() {
         for firmware in [Firmware::V5, Firmware::V6_0] {
             let config = Config {
                 firmware,
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_too_slow_for_its_rate_leaves_readings_out_and_frames_whole() {
+    fn slow_line_skips_readings_and_keeps_frames_whole() {
         let mut host = host(9_600, LegacyArm::new(Config::default()));
         host.wait(Duration::from_millis(10_000));
         let events = host.take_events();
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_recognised_within_two_of_its_periods_and_on_a_bad_line_too() {
+    fn recognition_takes_two_periods_even_with_noise() {
         let mut arm = LegacyArm::new(Config::default());
         let mut detector = Detector::new();
         let mut recognised = None;

@@ -60,7 +60,7 @@ fn bytes(request: &Request) -> Vec<u8> {
 }
 
 #[test]
-fn joints_and_gripper_move_at_the_commanded_speed_and_stop_at_the_target() {
+fn motion_keeps_commanded_speed_until_target() {
     let mut host = host(Config::follower());
     host.call(go(3048, 1000, 600)).unwrap();
     let start = host.elapsed();
@@ -82,7 +82,7 @@ fn joints_and_gripper_move_at_the_commanded_speed_and_stop_at_the_target() {
 }
 
 #[test]
-fn the_arm_tells_over_the_line_what_it_does() {
+fn arm_reports_its_state_over_the_line() {
     let mut host = host(Config::follower());
     host.call(go(1000, 100, 900)).unwrap();
     host.wait(seconds(2));
@@ -96,7 +96,7 @@ fn the_arm_tells_over_the_line_what_it_does() {
 }
 
 #[test]
-fn a_gripper_speed_beyond_the_joints_maximum_is_obeyed() {
+fn gripper_speed_beyond_joint_maximum_is_obeyed() {
     let mut host = host(Config::follower());
     let Request::Move(mut target) = go(2048, 0, 1000) else {
         unreachable!()
@@ -108,7 +108,7 @@ fn a_gripper_speed_beyond_the_joints_maximum_is_obeyed() {
 }
 
 #[test]
-fn without_torque_it_stops_ignores_motion_and_gives_way() {
+fn without_torque_arm_ignores_motion_gives_way() {
     let mut host = host(Config::follower());
     assert!(!host.device_mut().push_joint(0, Position::MAX));
     assert!(!host.device_mut().push_gripper(Opening::OPEN));
@@ -136,7 +136,7 @@ fn without_torque_it_stops_ignores_motion_and_gives_way() {
 }
 
 #[test]
-fn zeroing_makes_the_present_pose_the_origin_and_switches_the_torque_off() {
+fn zeroing_sets_origin_and_switches_torque_off() {
     let mut host = host(Config::follower());
     host.call(go(3000, 1000, 500)).unwrap();
     host.wait(Duration::from_millis(100));
@@ -147,7 +147,7 @@ fn zeroing_makes_the_present_pose_the_origin_and_switches_the_torque_off() {
 }
 
 #[test]
-fn the_stroke_it_is_told_is_the_stroke_it_tells() {
+fn set_stroke_is_read_back() {
     let mut host = host(Config::follower());
     for stroke in [Stroke::Mm75, Stroke::Mm100, Stroke::Mm50] {
         host.call(Request::SetStroke(stroke)).unwrap();
@@ -157,7 +157,7 @@ fn the_stroke_it_is_told_is_the_stroke_it_tells() {
 }
 
 #[test]
-fn servos_start_at_ambient_warm_up_in_motion_and_cool_down_at_rest() {
+fn servos_warm_in_motion_and_cool_at_rest() {
     let mut host = host(Config::follower());
     assert_eq!(host.device().temperatures(), PerServo::Follower([25; 10]));
     host.device_mut().advance(Instant::ZERO + seconds(3_600));
@@ -180,7 +180,7 @@ fn servos_start_at_ambient_warm_up_in_motion_and_cool_down_at_rest() {
 }
 
 #[test]
-fn heat_is_reported_then_stops_the_arm_until_it_has_cooled_down() {
+fn heat_is_reported_and_stops_arm_until_cooled() {
     let mut host = host(Config::follower());
     let limit = |celsius| Request::SetTemperatureLimit(TemperatureLimit::new(celsius).unwrap());
     host.wait(seconds(3_600)); // 34 °C
@@ -217,7 +217,7 @@ fn heat_is_reported_then_stops_the_arm_until_it_has_cooled_down() {
 }
 
 #[test]
-fn hard_work_overheats_an_arm_with_the_factory_limit() {
+fn hard_work_overheats_arm_at_factory_limit() {
     let mut host = host(Config::follower());
     let mut seen = Vec::new();
     for leg in 0..1_000 {
@@ -254,7 +254,7 @@ fn the_self_check_names_the_faulty_servos() {
 }
 
 #[test]
-fn a_leader_has_six_servos_and_does_not_move_by_itself() {
+fn leader_has_six_servos_and_no_own_motion() {
     let mut host = host(Config::leader());
     let Ok(Some(Response::Info(info))) = host.call(Request::ReadInfo) else {
         panic!()
@@ -283,7 +283,7 @@ fn a_leader_has_six_servos_and_does_not_move_by_itself() {
 }
 
 #[test]
-fn requests_without_an_answer_and_frames_that_are_no_request_meet_silence() {
+fn unanswered_and_invalid_requests_meet_silence() {
     let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     for request in [go(2048, 100, 0), Request::SetZero, Request::SetStroke(Stroke::Mm75)] {
         hear(&mut arm, &mut now, &bytes(&request));
@@ -328,7 +328,7 @@ fn every_spelling_of_the_self_check_is_answered() {
 }
 
 #[test]
-fn an_idle_line_frees_the_request_behind_a_false_header() {
+fn idle_line_frees_request_behind_false_header() {
     let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     hear(&mut arm, &mut now, &[0xAA, 0x06, 0x00, 64]);
     hear(&mut arm, &mut now, &bytes(&Request::ReadStroke));
@@ -338,7 +338,7 @@ fn an_idle_line_frees_the_request_behind_a_false_header() {
 }
 
 #[test]
-fn with_an_echo_every_byte_comes_back_and_calls_still_work() {
+fn calls_work_with_echo_of_every_byte() {
     let mut host = host(Config {
         echo: true,
         ..Config::follower()
@@ -349,7 +349,7 @@ fn with_an_echo_every_byte_comes_back_and_calls_still_work() {
 }
 
 #[test]
-fn answers_wait_for_each_other_and_too_many_are_counted() {
+fn answers_queue_and_excess_ones_are_counted() {
     let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     for _ in 0..MAX_REPLIES + 2 {
         hear(&mut arm, &mut now, &bytes(&Request::ReadStroke));
@@ -363,7 +363,7 @@ fn answers_wait_for_each_other_and_too_many_are_counted() {
 }
 
 #[test]
-fn every_intact_request_is_answered_whatever_noise_stands_before_it() {
+fn every_intact_request_is_answered_after_noise() {
     let mut random = Rand32::new(7);
     let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     let request = bytes(&Request::ReadStroke);
@@ -414,7 +414,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn an_arm_survives_any_faults_and_answers_when_they_are_over(
+    fn arm_recovers_after_any_faults(
         requests in proptest::collection::vec(any_request(), 0..20),
         to_arm in any_rates(),
         from_arm in any_rates(),
@@ -432,7 +432,7 @@ proptest! {
     }
 
     #[test]
-    fn what_an_arm_does_does_not_depend_on_how_often_it_is_polled(
+    fn arm_behaviour_is_independent_of_polling(
         script in proptest::collection::vec((any_request(), 0..20_000_000_u64), 1..12),
         mut polls in proptest::collection::vec(0..200_000_000_u64, 0..200),
     ) {
@@ -455,7 +455,7 @@ proptest! {
     }
 
     #[test]
-    fn noise_and_requests_make_an_arm_say_nothing_but_answers(
+    fn arm_sends_nothing_but_answers(
         noise in proptest::collection::vec(
             prop_oneof![20 => any::<u8>().prop_map(|byte| vec![byte]), 1 => any_request().prop_map(|request| bytes(&request))],
             0..300,
@@ -482,7 +482,7 @@ proptest! {
 }
 
 #[test]
-fn a_clock_that_starts_late_or_ends_never_is_no_trouble() {
+fn late_or_endless_clock_is_handled() {
     let mut arm = LingArm::new(Config::follower());
     arm.advance(Instant::from_micros(1_700_000_000_000_000));
     assert_eq!(arm.joints(), [2048; JOINTS]);

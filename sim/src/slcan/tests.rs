@@ -70,7 +70,7 @@ fn read_replies(bytes: &[u8]) -> Vec<Result<Reply, Malformed>> {
 
 proptest! {
     #[test]
-    fn commands_are_read_as_they_were_written_after_whatever_line(
+    fn commands_round_trip_after_any_line(
         garbage in prop::collection::vec(any::<u8>(), 0..300),
         written in prop::collection::vec(all_commands(), 0..5),
     ) {
@@ -85,7 +85,7 @@ proptest! {
     }
 
     #[test]
-    fn replies_are_read_as_they_were_written_after_whatever_line(
+    fn replies_round_trip_after_any_line(
         garbage in prop::collection::vec(any::<u8>(), 0..300),
         written in prop::collection::vec(all_replies(), 0..5),
     ) {
@@ -151,7 +151,7 @@ impl Desk {
 }
 
 #[test]
-fn a_channel_opens_once_it_has_a_bit_rate_and_closes() {
+fn channel_needs_bit_rate_to_open_and_closes() {
     let mut desk = Desk::default();
     assert_eq!(desk.say(b"C\rO\rL\rF\rt1230\r"), [BELL; 5]);
     assert_eq!(desk.say(b"S6\rZ1\rO\r"), b"\r\r\r");
@@ -165,7 +165,7 @@ fn a_channel_opens_once_it_has_a_bit_rate_and_closes() {
 }
 
 #[test]
-fn frames_pass_while_it_is_open_and_are_stamped_if_that_is_wanted() {
+fn open_channel_passes_frames_with_optional_stamps() {
     let mut desk = Desk::default();
     let frame = Frame::data_frame(Id::Standard(0x612), &[0x30, 0, 0xA5]);
     desk.adapter.hear(&frame, Instant::ZERO);
@@ -176,7 +176,7 @@ fn frames_pass_while_it_is_open_and_are_stamped_if_that_is_wanted() {
 }
 
 #[test]
-fn what_was_refused_and_lost_shows_in_the_status_until_that_is_read() {
+fn status_shows_refused_and_lost_until_read() {
     let mut desk = Desk {
         is_full: true,
         ..Desk::default()
@@ -232,7 +232,7 @@ fn each_kind_of_frame_has_its_line() {
 }
 
 #[test]
-fn python_can_opens_an_fd_channel_as_it_speaks() {
+fn python_can_sequence_opens_fd_channel() {
     // slcanBus with BitTimingFd: close, both rates, open, and open again.
     let mut desk = Desk::default();
     assert_eq!(desk.adapter.data_bit_rate(), 2_000_000);

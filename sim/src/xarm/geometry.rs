@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn at_zero_the_flange_is_where_the_vendor_says_and_looks_down() {
+    fn zero_pose_flange_matches_vendor_data() {
         let homes = [[207.0, 0.0, 112.0], [207.0, 0.0, 112.0], [206.0, 0.0, 120.5]];
         for (model, home) in MODELS.into_iter().zip(homes) {
             let flange = model.place(&[0.0; 7]).flange;
@@ -289,7 +289,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn radius_and_speed_agree_with_what_a_small_turn_does(joints in uniform7(-TAU..TAU), joint in 0_usize..5) {
+        fn radius_and_speed_match_a_small_turn(joints in uniform7(-TAU..TAU), joint in 0_usize..5) {
             for model in MODELS {
                 let placed = model.place(&joints);
                 let mut further = joints;
@@ -304,7 +304,7 @@ mod tests {
         }
 
         #[test]
-        fn both_forms_of_an_orientation_turn_the_base_into_the_flange(joints in uniform7(-TAU..TAU)) {
+        fn both_orientation_forms_turn_base_into_flange(joints in uniform7(-TAU..TAU)) {
             let flange = Model::XArm6.place(&joints).flange;
             let [roll, pitch, yaw] = flange.roll_pitch_yaw();
             let about = flange.rotation_vector();

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_long_way_has_a_cruise_and_a_short_one_has_none() {
+    fn only_a_long_way_has_a_cruise() {
         // 1 s up, 9 s at 1/s, 1 s down.
         let long = Profile::new(10.0, 1.0, 1.0);
         assert_eq!(long.duration(), Duration::from_millis(11_000));
@@ -88,7 +88,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_keeps_to_speed_and_acceleration_and_ends_at_the_end(
+        fn profile_keeps_limits_and_ends_at_target(
             way in 1e-3..10.0, speed in 1e-3..4.0, acceleration in 1e-2..20.0,
         ) {
             let profile = Profile::new(way, speed, acceleration);

@@ -76,7 +76,7 @@ fn ready() -> VirtualXArm {
 }
 
 #[test]
-fn the_registers_of_the_document_are_answered_as_in_its_examples() {
+fn documented_registers_answer_as_in_examples() {
     // Requests and responses as printed, but for the state: ours is not ready to move; and for register 10, whose
     // response is printed with two bytes that its length does not count.
     let vectors: [(&[u8], &[u8]); 6] = [
@@ -123,7 +123,7 @@ fn a_heartbeat_is_not_answered() {
 }
 
 #[test]
-fn what_it_does_not_have_is_invalid_and_changes_nothing() {
+fn unknown_register_is_invalid_without_effect() {
     let mut arm = ready();
     let before = arm.report(Instant::ZERO);
     let nan = move_to(f32::NAN, 1.0, 1.0);
@@ -166,7 +166,7 @@ fn what_it_does_not_have_is_invalid_and_changes_nothing() {
 }
 
 #[test]
-fn parameters_that_a_register_does_not_have_are_invalid_besides_what_else_it_is() {
+fn invalid_parameters_are_reported_besides_other_errors() {
     let mut arm = arm();
     for (body, register) in [
         (&[6, 8][..], Register::RotationRadius),
@@ -202,7 +202,7 @@ fn standard_modbus_is_refused_in_its_own_words() {
 }
 
 #[test]
-fn it_is_ready_when_motors_mode_and_state_are() {
+fn readiness_needs_motors_mode_and_state() {
     let mut arm = arm();
     let now = Instant::ZERO;
     assert_eq!((arm.state(), read(&mut arm, now, 13)), (State::NOT_READY, vec![4]));
@@ -225,7 +225,7 @@ fn it_is_ready_when_motors_mode_and_state_are() {
 }
 
 #[test]
-fn a_move_keeps_to_speed_and_acceleration_and_ends_at_the_target() {
+fn move_keeps_limits_and_ends_at_target() {
     let mut arm = ready();
     // 1 s to gain speed, 1 s at speed, 1 s to lose it.
     assert_eq!(
@@ -275,7 +275,7 @@ fn joints_with_different_ways_arrive_together() {
 }
 
 #[test]
-fn moves_wait_for_each_other_and_so_long_as_there_is_room() {
+fn moves_queue_while_there_is_room() {
     let mut arm = ready();
     let full = body::MAX_MOVES as u16;
     for i in 0..full {
@@ -297,7 +297,7 @@ fn moves_wait_for_each_other_and_so_long_as_there_is_room() {
 }
 
 #[test]
-fn a_pause_keeps_moves_and_a_stop_drops_them() {
+fn pause_keeps_moves_and_stop_drops_them() {
     let mut arm = ready();
     raw(&mut arm, Instant::ZERO, 23, &move_to(-1.0, 0.5, 0.5));
     raw(&mut arm, Instant::ZERO, 23, &move_to(0.0, 0.5, 0.5));
@@ -331,7 +331,7 @@ fn a_pause_keeps_moves_and_a_stop_drops_them() {
 }
 
 #[test]
-fn a_joint_beyond_its_limit_is_an_error_until_it_is_cleared() {
+fn joint_beyond_limit_is_error_until_cleared() {
     for (model, angle) in [(Model::XArm5, -1.7), (Model::XArm6, 0.2), (Model::XArm7, -0.2)] {
         let mut arm = VirtualXArm::new(Config::new(model));
         get_ready(&mut arm, Instant::ZERO);
@@ -481,7 +481,7 @@ fn the_versions_agree_with_the_model() {
 
 proptest! {
     #[test]
-    fn it_makes_no_difference_how_often_time_is_told(
+    fn behaviour_is_independent_of_polling(
         angles in prop::collection::vec(-0.5_f32..0.1, 1..5),
         speed in 0.1_f32..3.0,
         acceleration in 0.1_f32..20.0,

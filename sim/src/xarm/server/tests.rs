@@ -110,7 +110,7 @@ fn write(mut stream: &TcpStream, bytes: &[u8]) {
 }
 
 #[test]
-fn each_client_gets_its_own_answers_however_its_requests_are_cut() {
+fn clients_get_own_answers_in_any_chunks() {
     let served = serving(|server| {
         let (a, b) = (server.connect(), server.connect());
         for (i, byte) in VERSION.into_iter().enumerate() {
@@ -129,7 +129,7 @@ fn each_client_gets_its_own_answers_however_its_requests_are_cut() {
 }
 
 #[test]
-fn heartbeats_are_taken_and_standard_modbus_is_refused_on_a_connection_that_stays() {
+fn heartbeats_and_refused_modbus_keep_the_connection() {
     let served = serving(|server| {
         let client = server.connect();
         write(&client, &[0, 0, 0, 1, 0, 2, 0, 0]);
@@ -144,7 +144,7 @@ fn heartbeats_are_taken_and_standard_modbus_is_refused_on_a_connection_that_stay
 }
 
 #[test]
-fn what_cannot_be_a_frame_ends_that_connection_and_no_other_and_says_why() {
+fn invalid_frame_ends_only_its_connection_with_reason() {
     let served = serving(|server| {
         let other = server.connect();
         for (wrong, why) in [
@@ -165,7 +165,7 @@ fn what_cannot_be_a_frame_ends_that_connection_and_no_other_and_says_why() {
 }
 
 #[test]
-fn a_client_that_does_not_read_waits_and_nobody_waits_for_it() {
+fn slow_client_delays_no_other() {
     serving(|server| {
         let (greedy, other) = (server.connect(), server.connect());
         // More than fits between here and there.
@@ -388,7 +388,7 @@ fn reports_that_nobody_reads_are_left_out_whole() {
 }
 
 #[test]
-fn a_reboot_is_answered_ends_all_connections_and_new_ones_are_welcome() {
+fn reboot_is_answered_then_ends_all_connections() {
     serving(|server| {
         let (one, other, reports) = (server.connect(), server.connect(), connect_to(server.report));
         read::<REPORT>(&reports);
