@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_choice_uses_no_more_bytes_than_it_takes() {
+    fn choice_consumes_only_the_bytes_it_needs() {
         let mut random = Random::chosen(&[7, 1, 2, 3]);
         assert_eq!(random.between(5, 5), 5);
         assert_eq!(random.between(0, 9), 7);
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn each_number_of_a_seed_has_choices_of_its_own() {
+    fn each_number_of_a_seed_has_own_choices() {
         let choices = |number| {
             let mut random = Random::new(1, number);
             [0; 4].map(|_| random.between(0, 999))

@@ -122,7 +122,7 @@ mod ling {
     include!("../../protocol/doc/ling_tour.rs");
 
     #[test]
-    fn the_tour_of_a_ling_arm_ends_where_it_is_sent() {
+    fn ling_tour_ends_at_its_target() {
         // The last joints have the longest way: they are in the last servos.
         for joint in 0..JOINTS {
             let mut joints = [(Position::CENTRE, Speed::new(2_000).unwrap()); JOINTS];
@@ -158,7 +158,7 @@ mod alpha1_robot {
     include!("../../protocol/doc/alpha1_robot.rs");
 
     #[test]
-    fn the_example_of_a_robot_ends_and_the_robot_is_where_it_is_sent() {
+    fn robot_example_ends_at_its_target() {
         let mut angles = [None; 20];
         angles[..SERVOS].fill(Some(Angle::new(100).unwrap()));
         let action = Action {
@@ -195,12 +195,12 @@ mod alpha1_servo {
     }
 
     #[test]
-    fn the_example_of_a_servo_puts_its_zero_off() {
+    fn servo_example_sets_zero_offset() {
         assert_eq!(example(false), (true, 3));
     }
 
     #[test]
-    fn the_example_of_a_servo_does_not_take_the_offset_of_one_that_fails() {
+    fn servo_example_ignores_offset_of_failing_servo() {
         assert_eq!(example(true), (false, 0));
     }
 }
@@ -278,12 +278,12 @@ mod xarm {
     }
 
     #[test]
-    fn the_tour_of_an_xarm_reboots_one_with_an_error() {
+    fn xarm_tour_reboots_arm_with_an_error() {
         assert_eq!(toured(11), (true, State::NOT_READY));
     }
 
     #[test]
-    fn the_tour_of_an_xarm_leaves_a_sound_one_alone() {
+    fn xarm_tour_does_not_reboot_sound_arm() {
         assert_eq!(toured(0), (false, State::NOT_READY));
     }
 }

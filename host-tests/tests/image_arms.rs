@@ -118,7 +118,7 @@ fn expect_identity<A: Arm>(board: &mut VirtualBoard<A>, kind: ArmKind, answer: O
 }
 
 #[test]
-fn a_ling_arm_is_driven_from_usb_and_can_and_polled() {
+fn ling_arm_works_over_usb_can_and_polls() {
     let config = Config {
         poll: Poll::Hertz(100),
         ..kind(ArmKind::Ling)
@@ -143,7 +143,7 @@ fn a_ling_arm_is_driven_from_usb_and_can_and_polled() {
 }
 
 #[test]
-fn an_alpha1_is_driven_from_usb_and_can_and_polled() {
+fn alpha1_works_over_usb_can_and_polls() {
     let config = Config {
         poll: Poll::Hertz(20),
         ..kind(ArmKind::Alpha1)
@@ -202,7 +202,7 @@ fn an_alpha1_is_driven_from_usb_and_can_and_polled() {
 }
 
 #[test]
-fn a_bus_of_servos_is_driven_on_its_single_wire() {
+fn servo_bus_works_on_single_wire() {
     let bus = ServoBus::new(BusConfig::default());
     saved(bus, ALPHA1_BAUD, kind(ArmKind::Alpha1Servo), |board| {
         open(board, ALPHA1_BAUD);
@@ -260,7 +260,7 @@ fn a_bus_of_servos_is_driven_on_its_single_wire() {
 }
 
 #[test]
-fn bytes_of_any_kind_pass_both_ways_at_any_rate() {
+fn arbitrary_bytes_pass_both_ways_at_any_rate() {
     saved(Talker::default(), MEGABAUD, kind(ArmKind::Raw), |board| {
         let mut exchanged = 0;
         open(board, MEGABAUD);

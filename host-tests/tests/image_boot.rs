@@ -4,7 +4,7 @@ use armwire_host_tests::image::{Talker, on_board};
 use armwire_virtual_board::Nanos;
 
 #[test]
-fn the_image_comes_to_its_main_loop_without_a_violation() {
+fn image_reaches_main_loop_without_violation() {
     on_board(Talker::default(), |board| {
         board.run_for(Nanos::from_millis(200)).unwrap();
         assert!(board.uart().baud().is_some(), "the arm's UART runs");

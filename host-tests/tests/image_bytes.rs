@@ -49,17 +49,17 @@ fn saturate(baud: u32, count: usize) {
 }
 
 #[test]
-fn a_million_bytes_each_way_at_once_at_a_megabaud() {
+fn million_bytes_pass_each_way_at_megabaud() {
     saturate(MEGABAUD, 1_000_000);
 }
 
 #[test]
-fn a_hundred_thousand_bytes_each_way_at_once_at_two_megabaud() {
+fn bytes_pass_each_way_at_two_megabaud() {
     saturate(2_000_000, 100_000);
 }
 
 #[test]
-fn a_hundred_thousand_bytes_each_way_at_once_at_115200_baud() {
+fn bytes_pass_each_way_at_115200_baud() {
     saturate(115_200, 100_000);
 }
 
@@ -74,7 +74,7 @@ fn chunks_of_any_size_pass_both_ways() {
 }
 
 #[test]
-fn packets_of_any_size_from_the_host_pass_in_order() {
+fn host_packets_of_any_size_keep_order() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         let chunks = noise(5, 20_000);
@@ -93,7 +93,7 @@ fn packets_of_any_size_from_the_host_pass_in_order() {
 }
 
 #[test]
-fn full_packets_with_nothing_after_them_are_completed_by_an_empty_one() {
+fn final_full_packet_is_followed_by_empty() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         for packets in [1, 2, 3, 10] {

@@ -31,17 +31,17 @@ fn a_run_without_deceit_passes() {
 }
 
 #[test]
-fn bytes_that_are_lost_without_being_counted_are_found() {
+fn uncounted_lost_bytes_are_detected() {
     expect_found(Mutation::LostBytes, "bytes from the arm");
 }
 
 #[test]
-fn a_counter_that_counts_what_did_not_happen_is_found() {
+fn wrong_counter_is_detected() {
     expect_found(Mutation::ExtraErrorCount, "framing errors");
 }
 
 #[test]
-fn an_answer_that_the_arm_did_not_give_is_found() {
+fn forged_answer_is_detected() {
     expect_found(Mutation::ForgedAnswer, "answers nothing");
 }
 
@@ -61,7 +61,7 @@ fn traffic_that_does_not_come_back_is_found() {
 }
 
 #[test]
-fn a_run_alone_is_the_same_as_among_others() {
+fn single_run_equals_run_among_others() {
     let numbers = [0, 1, 2, 3];
     let among = campaign::run(1, &numbers, |_| {}).pop().unwrap();
     let [alone] = &campaign::run(1, &numbers[3..], |_| {})[..] else {
@@ -72,7 +72,7 @@ fn a_run_alone_is_the_same_as_among_others() {
 }
 
 #[test]
-fn after_a_run_that_failed_or_started_the_part_anew_there_is_a_new_board() {
+fn failed_or_restarted_run_gets_new_board() {
     let first = Bench::default().run(RUN).result;
     let power_loss = Case {
         fault: Fault::PowerLossInSave,

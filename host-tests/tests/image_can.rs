@@ -38,7 +38,7 @@ fn sent(board: &VirtualBoard<LingArm>, function: Function) -> usize {
 }
 
 #[test]
-fn a_host_on_can_gets_each_answer_while_another_on_usb_gets_its_own() {
+fn can_and_usb_hosts_get_their_own_answers() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(RATE);
@@ -84,7 +84,7 @@ fn telemetry_goes_out_at_its_rate() {
 }
 
 #[test]
-fn a_bus_that_was_lost_is_counted_told_of_and_recovered() {
+fn lost_bus_is_counted_reported_and_recovered() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(RATE);
@@ -123,7 +123,7 @@ fn a_bus_that_was_lost_is_counted_told_of_and_recovered() {
 }
 
 #[test]
-fn a_bus_that_stays_lost_keeps_neither_the_arm_nor_usb_waiting() {
+fn permanently_lost_bus_blocks_neither_arm_nor_usb() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(RATE);
@@ -157,7 +157,7 @@ fn expect_served(board: &mut VirtualBoard<LingArm>) {
 }
 
 #[test]
-fn a_node_that_floods_the_adapter_with_what_is_no_request_keeps_neither_the_arm_nor_usb_waiting() {
+fn invalid_request_flood_blocks_neither_arm_nor_usb() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(RATE);
@@ -180,7 +180,7 @@ fn a_node_that_floods_the_adapter_with_what_is_no_request_keeps_neither_the_arm_
 }
 
 #[test]
-fn a_bus_that_nobody_else_is_on_keeps_neither_the_arm_nor_usb_waiting() {
+fn bus_without_nodes_blocks_neither_arm_nor_usb() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
         let mut control = Control::open(board);
@@ -218,7 +218,7 @@ fn answer_frames(board: &VirtualBoard<LingArm>) -> Vec<(Nanos, Nanos)> {
 }
 
 #[test]
-fn consecutive_frames_keep_the_separation_though_others_have_the_bus_for_longer() {
+fn consecutive_frames_keep_separation_on_busy_bus() {
     for st_min in [
         SeparationTime::from_hundreds_of_micros(2),
         SeparationTime::from_millis(1),
@@ -253,7 +253,7 @@ fn consecutive_frames_keep_the_separation_though_others_have_the_bus_for_longer(
 }
 
 #[test]
-fn a_flood_that_takes_all_the_time_does_not_keep_the_adapter_from_the_bus() {
+fn saturating_flood_leaves_adapter_on_the_bus() {
     let mut config = armwire_virtual_board::Config::new(path(), ling());
     config.instruction_cost = config.instruction_cost.saturating_mul(facts(chip()).flooded);
     on_board_with(config, |board| {
@@ -277,7 +277,7 @@ fn a_flood_that_takes_all_the_time_does_not_keep_the_adapter_from_the_bus() {
 }
 
 #[test]
-fn a_bus_that_is_lost_and_back_while_the_flash_is_erased_is_counted() {
+fn bus_loss_during_flash_erase_is_counted() {
     // Nothing that can be added to, so that a save begins with an erase.
     let mut contents = vec![0xFF; chip().flash_size()];
     contents[facts(chip()).config_flash].fill(0x5A);
@@ -314,7 +314,7 @@ fn a_bus_that_is_lost_and_back_while_the_flash_is_erased_is_counted() {
 }
 
 #[test]
-fn frames_that_wait_for_the_bus_when_it_is_to_be_another_are_counted() {
+fn frames_waiting_at_bus_change_are_counted() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(RATE);

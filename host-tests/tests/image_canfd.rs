@@ -46,7 +46,7 @@ fn read_joints() -> Vec<u8> {
 }
 
 #[test]
-fn calls_pass_by_fd_frames_at_every_data_rate() {
+fn calls_pass_by_fd_at_every_rate() {
     const CALLS: usize = 50;
     for rate in config::CAN_DATA_BIT_RATES {
         on_fd_bus(rate, rate, |board| {
@@ -72,7 +72,7 @@ fn calls_pass_by_fd_frames_at_every_data_rate() {
 }
 
 #[test]
-fn fd_frames_at_another_data_rate_are_errors_and_the_right_one_heals() {
+fn wrong_fd_data_rate_errors_until_corrected() {
     const RIGHT: u32 = 2_000_000;
     on_fd_bus(RIGHT, 5_000_000, |board| {
         let mut program = CanProgram::on(Link::Fd, Node::default());

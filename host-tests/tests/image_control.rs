@@ -54,7 +54,7 @@ fn the_adapter_says_what_it_is() {
 }
 
 #[test]
-fn a_configuration_that_was_saved_is_in_force_after_a_power_cycle() {
+fn saved_configuration_survives_power_cycle() {
     let mut board = board(ling());
     let board = &mut board;
     let mut control = Control::open(board);
@@ -94,7 +94,7 @@ fn a_configuration_that_was_saved_is_in_force_after_a_power_cycle() {
 }
 
 #[test]
-fn a_configuration_that_cannot_be_read_is_counted_and_the_adapter_is_as_from_the_factory() {
+fn unreadable_configuration_is_counted_and_defaults_apply() {
     // Something else was where the configuration is, in the first half of it.
     let place = facts(chip()).config_flash;
     let mut flash = vec![0xFF; chip().flash_size()];
@@ -111,7 +111,7 @@ fn a_configuration_that_cannot_be_read_is_counted_and_the_adapter_is_as_from_the
 }
 
 #[test]
-fn the_counts_are_those_that_are_read_without_a_port() {
+fn counters_match_those_read_without_port() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
         let mut program = Program::default();
@@ -129,7 +129,7 @@ fn the_counts_are_those_that_are_read_without_a_port() {
 }
 
 #[test]
-fn frames_are_stamped_when_their_last_byte_is_in() {
+fn frames_are_stamped_at_their_last_byte() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
         let mut control = Control::open(board);
@@ -176,7 +176,7 @@ fn expect_exact(stamps: &[Stamp], instants: &[Nanos]) {
 }
 
 #[test]
-fn a_byte_like_the_end_mark_just_before_the_end_makes_no_stamp_late() {
+fn terminator_inside_frame_does_not_delay_stamp() {
     const BAUD: u32 = 2_000_000;
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
@@ -205,7 +205,7 @@ fn a_byte_like_the_end_mark_just_before_the_end_makes_no_stamp_late() {
 }
 
 #[test]
-fn saves_that_would_wear_the_flash_out_are_refused_also_after_a_power_cycle() {
+fn saves_beyond_budget_are_refused_after_power_cycle() {
     let mut board = board(ling());
     let board = &mut board;
     let mut control = Control::open(board);
@@ -262,7 +262,7 @@ fn an_adapter_that_is_told_to_starts_again() {
 }
 
 #[test]
-fn an_adapter_that_is_told_to_starts_its_boot_loader_and_after_a_power_cycle_the_firmware() {
+fn boot_loader_starts_on_request_until_power_cycle() {
     let mut board = board(ling());
     let board = &mut board;
     let mut control = Control::open(board);

@@ -115,7 +115,7 @@ impl SerialDevice for Streamer {
 }
 
 #[test]
-fn ten_million_bytes_pass_each_way_at_full_load_and_none_is_lost() {
+fn ten_million_bytes_pass_each_way_without_loss() {
     /// Number of bytes that the host keeps queued, to keep the line busy.
     const AHEAD: usize = 4_096;
     let began = Instant::now();
@@ -236,7 +236,7 @@ impl Listener {
 
 /// The bridge alone, with a clock of its own: the image would take hours, see `a_day_of_polls_on_the_image`.
 #[test]
-fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
+fn hours_of_polls_keep_counters_and_stamps_exact() {
     /// Longer than it takes microseconds to turn over in 32 bits.
     const SPAN: u64 = 2 * 3_600 * 1_000_000;
     const BYTE: u64 = 10;
@@ -363,7 +363,7 @@ fn listen(
 }
 
 #[test]
-fn stamps_and_counters_stay_exact_over_each_turn_of_the_clocks_timer() {
+fn stamps_stay_exact_across_timer_wraparound() {
     const BEFORE_US: u32 = 300_000;
     const SPAN: Nanos = Nanos::from_millis(700);
     const SETTLING: Nanos = Nanos::from_millis(20);

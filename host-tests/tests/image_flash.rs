@@ -47,7 +47,7 @@ fn an_erase_takes_the_time_of_whole_words() {
 }
 
 #[test]
-fn a_save_is_refused_while_the_supply_is_low() {
+fn save_is_refused_at_low_supply() {
     if chip() != Chip::Stm32f405 {
         return;
     }
@@ -70,7 +70,7 @@ fn a_save_is_refused_while_the_supply_is_low() {
 }
 
 #[test]
-fn a_supply_that_sags_in_a_save_leaves_what_was_saved_before() {
+fn supply_drop_during_save_keeps_previous_configuration() {
     if chip() != Chip::Stm32f405 {
         return;
     }

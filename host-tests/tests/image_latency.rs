@@ -32,7 +32,7 @@ fn on_open_board<A: Arm>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>)) {
 }
 
 #[test]
-fn a_call_takes_no_more_than_a_tenth_of_the_answers_time_longer() {
+fn call_latency_is_within_tenth_of_answer_time() {
     on_open_board(LingArm::new(armwire_sim::ling::Config::follower()), |board| {
         let Added { to_usb, to_uart } = call(board, TIMES);
         println!("an answer's last stop bit -> USB packet armed: {to_usb}");
@@ -43,7 +43,7 @@ fn a_call_takes_no_more_than_a_tenth_of_the_answers_time_longer() {
 }
 
 #[test]
-fn bytes_of_no_known_frame_are_ready_for_the_host_once_the_line_is_idle() {
+fn stray_bytes_are_ready_on_idle_line() {
     on_open_board(Talker::default(), |board| {
         let mut armed = Spread::default();
         for nth in 0..TIMES {
@@ -60,7 +60,7 @@ fn bytes_of_no_known_frame_are_ready_for_the_host_once_the_line_is_idle() {
 }
 
 #[test]
-fn an_answer_is_in_time_while_the_host_sends_without_a_pause() {
+fn answer_is_timely_during_continuous_host_transmission() {
     on_open_board(Talker::default(), |board| {
         let mut frame = [0; MAX_FRAME];
         let n = Ling

@@ -90,27 +90,27 @@ fn one_fault(board: &mut VirtualBoard<Talker>, fault: Fault, counted: fn(&Counte
 }
 
 #[test]
-fn after_a_framing_error_the_next_frame_arrives_and_the_error_is_counted() {
+fn framing_error_is_counted_and_next_frame_arrives() {
     with_either_dma(|board| one_fault(board, Fault::Framing, |c| c.framing_errors));
 }
 
 #[test]
-fn after_noise_every_frame_arrives_and_the_noise_is_counted() {
+fn noise_is_counted_and_every_frame_arrives() {
     with_either_dma(|board| one_fault(board, Fault::Noise, |c| c.noise_errors));
 }
 
 #[test]
-fn after_a_break_the_next_frame_arrives_and_the_error_is_counted() {
+fn break_is_counted_and_next_frame_arrives() {
     with_either_dma(|board| one_fault(board, Fault::Break, |c| c.framing_errors));
 }
 
 #[test]
-fn after_an_overrun_the_next_frame_arrives_and_the_overrun_is_counted() {
+fn overrun_is_counted_and_next_frame_arrives() {
     with_either_dma(|board| one_fault(board, Fault::Overrun, |c| c.overrun_errors));
 }
 
 #[test]
-fn a_line_with_errors_all_the_time_loses_only_what_they_hit() {
+fn constant_line_errors_lose_only_affected_frames() {
     with_either_dma(|board| {
         board.uart().set_fault_rates(FaultRates {
             framing: 3_000,
@@ -158,7 +158,7 @@ fn a_line_with_errors_all_the_time_loses_only_what_they_hit() {
 }
 
 #[test]
-fn errors_in_each_of_many_bytes_are_counted_one_by_one() {
+fn errors_in_many_bytes_are_counted_individually() {
     const BYTES: u32 = 500;
     with_either_dma(|board| {
         for fault in [Fault::Framing, Fault::Noise] {
@@ -186,7 +186,7 @@ fn errors_in_each_of_many_bytes_are_counted_one_by_one() {
 }
 
 #[test]
-fn a_line_of_nothing_but_breaks_does_not_stop_the_host_side() {
+fn constant_breaks_do_not_stop_host_side() {
     with_either_dma(|board| {
         board.uart().set_fault_rates(FaultRates {
             line_break: 1_000_000,
@@ -226,7 +226,7 @@ fn follow_rate(board: &mut VirtualBoard<Talker>, baud: u32) {
 }
 
 #[test]
-fn the_rate_changes_between_any_two_and_bytes_of_the_new_one_arrive_both_ways() {
+fn rate_changes_between_any_two_rates() {
     const RATES: [u32; 7] = [115_200, MEGABAUD, 2_000_000, MEGABAUD, 115_200, 2_000_000, 115_200];
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
@@ -239,7 +239,7 @@ fn the_rate_changes_between_any_two_and_bytes_of_the_new_one_arrive_both_ways() 
 }
 
 #[test]
-fn what_the_host_wrote_before_it_changed_the_rate_goes_out_at_the_old_one() {
+fn bytes_before_rate_change_use_old_rate() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         let mut old = MEGABAUD;
@@ -260,7 +260,7 @@ fn what_the_host_wrote_before_it_changed_the_rate_goes_out_at_the_old_one() {
 }
 
 #[test]
-fn the_rate_changes_while_the_arm_talks_and_the_rest_of_what_it_says_arrives() {
+fn rate_change_during_arm_transmission_keeps_later_bytes() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         for (nth, baud) in [2_000_000, 115_200, MEGABAUD, 115_200, 2_000_000]

@@ -29,7 +29,7 @@ fn an_arm_says_who_it_is() {
 }
 
 #[test]
-fn the_gripper_type_that_was_set_is_read_back() {
+fn gripper_type_is_read_back() {
     session(Config::follower(), |board, program| {
         for stroke in [Stroke::Mm100, Stroke::Mm75, Stroke::Mm50] {
             assert_eq!(program.call(board, Request::SetStroke(stroke)), None);
@@ -60,7 +60,7 @@ fn joints_are_read_where_a_hand_puts_them() {
 }
 
 #[test]
-fn a_move_brings_the_arm_to_its_target_while_velocities_and_joints_are_read() {
+fn move_reaches_target_while_being_read() {
     session(Config::follower(), |board, program| {
         let target = Move {
             joints: [1_800, 1_900, 2_000, 2_100, 2_200, 2_300]
@@ -108,7 +108,7 @@ fn torque_is_switched() {
 }
 
 #[test]
-fn the_zero_position_is_set_where_the_arm_is() {
+fn zero_position_is_set_at_current_pose() {
     session(Config::follower(), |board, program| {
         assert_eq!(program.call(board, Request::SetTorque(Torque::Off)), None);
         assert!(board.with_arm(|arm| arm.push_joint(2, Position::new(2_500).unwrap())));
@@ -145,7 +145,7 @@ fn temperatures_are_read_and_their_limit_is_obeyed() {
 }
 
 #[test]
-fn self_check_finds_the_faulty_servo_of_either_arm() {
+fn self_check_finds_faulty_servo_of_both_arms() {
     for (config, servo) in [(Config::follower(), 10), (Config::leader(), 6)] {
         session(config.clone(), |board, program| {
             let Some(Response::SelfCheck(check)) = program.call(board, Request::SelfCheck) else {
@@ -162,7 +162,7 @@ fn self_check_finds_the_faulty_servo_of_either_arm() {
 }
 
 #[test]
-fn an_arm_whose_line_echoes_is_read_all_the_same() {
+fn arm_with_line_echo_is_readable() {
     session(
         Config {
             echo: true,

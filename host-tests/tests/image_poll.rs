@@ -60,7 +60,7 @@ fn exchanges(line: &[LineByte]) -> Vec<Exchange> {
 }
 
 #[test]
-fn each_poll_starts_at_its_slot_with_traffic_on_usb_and_can() {
+fn polls_start_at_their_slots_under_load() {
     /// Polls per second, and the time between two.
     const RATE: u16 = 250;
     const PERIOD: u64 = 4_000_000;
@@ -113,7 +113,7 @@ fn each_poll_starts_at_its_slot_with_traffic_on_usb_and_can() {
 }
 
 #[test]
-fn as_fast_as_the_wire_allows_is_that_fast() {
+fn fastest_poll_saturates_the_wire() {
     for turnaround in [0_u32, 100, 500] {
         on_board(ling(Duration::from_micros(turnaround.into())), |board| {
             plug_in(board, MEGABAUD);

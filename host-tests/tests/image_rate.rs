@@ -86,7 +86,7 @@ fn host_without_dtr_loses_rate_after_10s_quiet() {
 }
 
 #[test]
-fn the_line_is_the_arms_when_the_port_closes_or_usb_sleeps() {
+fn line_returns_to_arm_at_close_or_suspend() {
     on_board(Talker::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
         let close = |board: &mut Board| board.usb().set_control_lines(false, false).unwrap();
@@ -111,7 +111,7 @@ fn the_line_is_the_arms_when_the_port_closes_or_usb_sleeps() {
 }
 
 #[test]
-fn the_next_program_may_set_the_rate_where_dtr_stays_up() {
+fn next_program_may_set_rate_with_dtr_up() {
     on_board(Talker::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
         board.usb().set_line_coding(LineCoding::new(9_600)).unwrap();
@@ -128,7 +128,7 @@ fn the_next_program_may_set_the_rate_where_dtr_stays_up() {
 }
 
 #[test]
-fn a_port_opened_at_9600_and_then_1_m_costs_a_stream_on_can_nothing() {
+fn port_at_9600_then_1m_spares_can_stream() {
     on_board(Talker::default(), |board| {
         set_up(board, Poll::Off);
         board.can().attach(1_000_000);
@@ -243,7 +243,7 @@ fn torque_off_cuts_a_burst_at_115200_baud() {
 }
 
 #[test]
-fn under_hold_line_an_upload_goes_out_byte_for_byte() {
+fn hold_line_passes_upload_byte_for_byte() {
     on_board(Talker::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
         board.run_for(millis(200)).unwrap();
@@ -267,7 +267,7 @@ fn under_hold_line_an_upload_goes_out_byte_for_byte() {
 }
 
 #[test]
-fn without_hold_line_polls_go_between_the_bytes_of_an_upload() {
+fn polls_interleave_upload_without_hold_line() {
     on_board(Talker::default(), |board| {
         set_up(board, Poll::Hertz(100));
         // No zeros, to tell those of the adapter.
@@ -298,7 +298,7 @@ fn without_hold_line_polls_go_between_the_bytes_of_an_upload() {
 }
 
 #[test]
-fn the_hold_of_a_program_that_was_killed_ends_with_its_lease() {
+fn hold_of_killed_program_ends_with_lease() {
     on_board(Talker::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
         control.order(board, control::Request::HoldLine);

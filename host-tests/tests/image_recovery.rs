@@ -59,7 +59,7 @@ fn events(session: &mut Session<'_>) -> Vec<Event> {
 }
 
 #[test]
-fn a_host_that_is_unplugged_loses_its_own_answers_only() {
+fn unplugged_host_loses_only_its_own_answers() {
     const TIMES: u32 = 4;
     session(TURNAROUND, polled(HERTZ), |session| {
         let mut reported = 0;
@@ -115,7 +115,7 @@ fn a_host_that_is_unplugged_loses_its_own_answers_only() {
 }
 
 #[test]
-fn a_bus_off_is_counted_once_and_over_by_itself() {
+fn bus_off_is_counted_once_and_recovers() {
     /// Attempts, and errors that the controller sees in them, until it is off (RM0090 32.7.6): 16 in the error flag of the
     /// first, one in each of 16 more.
     const ATTEMPTS: u32 = 17;
@@ -182,7 +182,7 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
 }
 
 #[test]
-fn errors_and_strays_on_the_arms_line_are_counted_and_cost_no_other_answer() {
+fn line_errors_and_strays_cost_no_other_answer() {
     const TIMES: u32 = 20;
     session(TURNAROUND, polled(HERTZ), |session| {
         for nth in 0..u64::from(TIMES) {
@@ -227,7 +227,7 @@ fn errors_and_strays_on_the_arms_line_are_counted_and_cost_no_other_answer() {
 }
 
 #[test]
-fn what_a_host_does_not_read_is_dropped_and_counted() {
+fn unread_host_data_is_dropped_and_counted() {
     session(TURNAROUND, polled(HERTZ), |session| {
         session.run_for(millis(100));
         // The host keeps sending requests, and does not read.
@@ -279,7 +279,7 @@ fn what_a_host_does_not_read_is_dropped_and_counted() {
 }
 
 #[test]
-fn what_a_subscriber_does_not_read_is_dropped_and_counted() {
+fn unread_subscriber_data_is_dropped_and_counted() {
     session(TURNAROUND, polled(HERTZ), |session| {
         session.run_for(millis(100));
         session.board.usb().vendor().set_reading(false);
@@ -300,7 +300,7 @@ fn what_a_subscriber_does_not_read_is_dropped_and_counted() {
 }
 
 #[test]
-fn a_host_on_can_that_hangs_loses_one_answer_and_keeps_nobody_waiting() {
+fn hanging_can_host_loses_one_answer_delays_none() {
     const TIMES: u32 = 2;
     session(TURNAROUND, polled(HERTZ), |session| {
         for _ in 0..TIMES {
@@ -328,7 +328,7 @@ fn a_host_on_can_that_hangs_loses_one_answer_and_keeps_nobody_waiting() {
 }
 
 #[test]
-fn an_arm_that_falls_silent_is_asked_on_in_the_same_slots() {
+fn silent_arm_is_polled_in_same_slots() {
     session(TURNAROUND, polled(HERTZ), |session| {
         session.run_for(millis(300));
         session.board.with_arm(|arm| arm.set_silent(true));
@@ -380,7 +380,7 @@ fn an_arm_that_falls_silent_is_asked_on_in_the_same_slots() {
 }
 
 #[test]
-fn polls_are_in_the_slots_of_before_when_an_arm_was_silent() {
+fn polls_keep_slots_after_silent_arm() {
     session(TURNAROUND, polled(HERTZ), |session| {
         session.hosts.set_requesting(false);
         let mut starts = Vec::new();
@@ -475,35 +475,35 @@ fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Sessio
 }
 
 #[test]
-fn a_host_on_usb_that_falls_silent_is_told_of() {
+fn silent_usb_host_is_reported() {
     fall_silent(Initiator::Usb, false, |session, motion| {
         session.board.usb().write(motion).unwrap()
     });
 }
 
 #[test]
-fn the_torque_goes_off_when_a_host_on_usb_falls_silent_and_that_is_configured() {
+fn silent_usb_host_switches_torque_off_if_configured() {
     fall_silent(Initiator::Usb, true, |session, motion| {
         session.board.usb().write(motion).unwrap()
     });
 }
 
 #[test]
-fn a_host_on_can_that_falls_silent_is_told_of() {
+fn silent_can_host_is_reported() {
     fall_silent(Initiator::Can, false, |session, motion| {
         session.can().orders.push_back(motion.to_vec())
     });
 }
 
 #[test]
-fn the_torque_goes_off_when_a_host_on_can_falls_silent_and_that_is_configured() {
+fn silent_can_host_switches_torque_off_if_configured() {
     fall_silent(Initiator::Can, true, |session, motion| {
         session.can().orders.push_back(motion.to_vec())
     });
 }
 
 #[test]
-fn the_torque_goes_off_when_the_watchdog_restarts_an_armed_adapter() {
+fn watchdog_restart_of_armed_adapter_switches_torque_off() {
     let mut board = VirtualBoard::start(BoardConfig::new(path(), TicketArm::new(TURNAROUND))).unwrap();
     plug_in(&mut board, MEGABAUD);
     let mut control = Control::open(&mut board);
@@ -533,7 +533,7 @@ fn the_torque_goes_off_when_the_watchdog_restarts_an_armed_adapter() {
 }
 
 #[test]
-fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
+fn can_requests_without_room_are_refused_and_reported() {
     const BURST: usize = 12;
     // The arm thinks for as long as the burst takes.
     session(Duration::from_micros(2_000), polled(HERTZ), |session| {
@@ -575,7 +575,7 @@ fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
 }
 
 #[test]
-fn what_the_arm_says_unasked_goes_to_can_too_and_what_is_too_much_is_counted() {
+fn unasked_frames_reach_can_and_overflow_is_counted() {
     const FRAMES: u32 = 40;
     let mut config = polled(HERTZ);
     config.can.unsolicited = true;

@@ -96,7 +96,7 @@ fn one_image_runs_with_each_crystal() {
 }
 
 #[test]
-fn a_crystal_is_known_though_the_internal_oscillator_is_off() {
+fn crystal_is_known_with_internal_oscillator_off() {
     if !measures_crystal() {
         return;
     }
@@ -120,7 +120,7 @@ fn a_crystal_is_known_though_the_internal_oscillator_is_off() {
 }
 
 #[test]
-fn a_dead_crystal_is_told_by_the_led_and_started_again_and_again() {
+fn dead_crystal_shows_on_led_and_is_retried() {
     on_board_with(config(Crystal::dead()), |board| {
         let changes = expect_waiting(board, 3 * RETRY_MS);
         expect_error_flashes(&changes, 3);
@@ -136,7 +136,7 @@ fn a_dead_crystal_is_told_by_the_led_and_started_again_and_again() {
 }
 
 #[test]
-fn a_crystal_that_is_none_of_those_is_told_by_the_led() {
+fn unsupported_crystal_shows_on_led() {
     if !measures_crystal() {
         return;
     }
@@ -206,7 +206,7 @@ fn the_watchdog_watches_before_the_clocks_run() {
 }
 
 #[test]
-fn a_hard_fault_is_counted_and_the_adapter_starts_again() {
+fn hard_fault_is_counted_and_adapter_restarts() {
     let mut board = VirtualBoard::start(config(Crystal::new(8_000_000))).unwrap();
     let board = &mut board;
     expect_served(board);

@@ -24,7 +24,7 @@ fn trace(seed: u64) -> u64 {
 }
 
 #[test]
-fn one_seed_gives_one_trace_and_another_seed_another() {
+fn seed_determines_the_trace() {
     let first = trace(1);
     assert_eq!(trace(1), first);
     assert_ne!(trace(2), first);

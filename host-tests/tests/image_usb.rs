@@ -81,7 +81,7 @@ fn utf16(text: &str) -> Vec<u8> {
 }
 
 #[test]
-fn the_line_coding_that_was_set_is_read_back() {
+fn line_coding_is_read_back() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         for baud in [1_200, 115_200, 2_000_000, MEGABAUD] {
@@ -92,7 +92,7 @@ fn the_line_coding_that_was_set_is_read_back() {
 }
 
 #[test]
-fn a_line_coding_that_the_uart_cannot_do_is_refused_and_the_port_works_on() {
+fn unsupported_line_coding_is_refused_without_effect() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         let seven_bits = LineCoding {
@@ -109,7 +109,7 @@ fn a_line_coding_that_the_uart_cannot_do_is_refused_and_the_port_works_on() {
 }
 
 #[test]
-fn a_host_that_stops_reading_does_not_block_the_arm() {
+fn stopped_host_does_not_block_the_arm() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         exchange_some(board, 0);
@@ -137,7 +137,7 @@ fn a_host_that_stops_reading_does_not_block_the_arm() {
 }
 
 #[test]
-fn what_a_host_misses_while_the_arm_talks_on_is_counted_and_the_rest_comes_in_order() {
+fn missed_bytes_are_counted_and_rest_keeps_order() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         let sent_by_arm = noise(1, 100_000);
@@ -180,7 +180,7 @@ fn missing(sent: &[u8], received: &[u8]) -> Vec<usize> {
 }
 
 #[test]
-fn a_host_that_never_reads_does_not_make_the_adapter_start_again() {
+fn host_that_never_reads_causes_no_restart() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         board.usb().set_reading(false);
@@ -209,7 +209,7 @@ fn an_adapter_that_no_host_finds_waits() {
 }
 
 #[test]
-fn transactions_that_end_in_a_nak_cost_no_byte() {
+fn naks_cost_no_byte() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         let (down, up) = (noise(1, 20_000), noise(2, 20_000));
@@ -246,7 +246,7 @@ fn the_port_works_again_after_it_was_unplugged() {
 }
 
 #[test]
-fn an_adapter_that_is_pulled_out_in_full_flow_works_again() {
+fn adapter_unplugged_in_full_flow_works_again() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         for nth in 0..8 {
@@ -263,7 +263,7 @@ fn an_adapter_that_is_pulled_out_in_full_flow_works_again() {
 }
 
 #[test]
-fn the_port_works_again_after_a_bus_reset_in_full_flow() {
+fn port_works_after_bus_reset_in_flow() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         for nth in 0..8 {
@@ -301,7 +301,7 @@ fn a_suspended_port_goes_on_where_it_was() {
 }
 
 #[test]
-fn a_port_suspended_in_full_flow_counts_what_it_could_not_keep() {
+fn suspended_port_counts_lost_bytes() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         let (sent_by_arm, sent_by_host) = (noise(1, 20_000), noise(2, 20_000));
@@ -321,7 +321,7 @@ fn a_port_suspended_in_full_flow_counts_what_it_could_not_keep() {
 }
 
 #[test]
-fn a_program_that_closes_the_port_and_opens_it_again_gets_only_what_comes_then() {
+fn reopened_port_delivers_only_later_bytes() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         exchange_some(board, 0);
@@ -336,7 +336,7 @@ fn a_program_that_closes_the_port_and_opens_it_again_gets_only_what_comes_then()
 }
 
 #[test]
-fn a_program_gets_nothing_of_what_the_one_before_it_left_unread() {
+fn next_program_gets_no_unread_earlier_bytes() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         exchange_some(board, 0);
@@ -358,7 +358,7 @@ fn a_program_gets_nothing_of_what_the_one_before_it_left_unread() {
 }
 
 #[test]
-fn every_byte_is_heard_or_counted_when_the_port_closes_and_opens_while_the_arm_talks() {
+fn bytes_are_received_or_counted_across_reopening() {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         let sent_by_arm = noise(1, 60_000);
@@ -379,7 +379,7 @@ fn every_byte_is_heard_or_counted_when_the_port_closes_and_opens_while_the_arm_t
 }
 
 #[test]
-fn an_arm_is_read_again_after_each_thing_that_can_happen_to_the_cable() {
+fn arm_is_readable_after_every_cable_event() {
     on_board(LingArm::new(armwire_sim::ling::Config::follower()), |board| {
         let mut program = Program::default();
         plug_in(board, MEGABAUD);

@@ -88,22 +88,22 @@ fn works_when_it_is_given_up(request: fn() -> Request) {
 }
 
 #[test]
-fn a_read_of_seven_bytes_may_be_given_up_at_any_microsecond() {
+fn seven_byte_read_may_be_abandoned_any_time() {
     works_when_it_is_given_up(get_line_coding);
 }
 
 #[test]
-fn a_write_may_be_given_up_at_any_microsecond() {
+fn write_may_be_abandoned_any_time() {
     works_when_it_is_given_up(set_line_coding);
 }
 
 #[test]
-fn a_read_of_many_packets_may_be_given_up_at_any_microsecond() {
+fn multi_packet_read_may_be_abandoned_any_time() {
     works_when_it_is_given_up(read_counters);
 }
 
 #[test]
-fn requests_given_up_one_after_the_other_leave_the_next_one_whole() {
+fn abandoned_requests_leave_the_next_intact() {
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in (1..60).step_by(3) {
@@ -117,7 +117,7 @@ fn requests_given_up_one_after_the_other_leave_the_next_one_whole() {
 }
 
 #[test]
-fn the_bus_may_be_reset_in_the_middle_of_a_request() {
+fn bus_may_be_reset_during_a_request() {
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in (5..80).step_by(15) {
@@ -135,7 +135,7 @@ fn the_bus_may_be_reset_in_the_middle_of_a_request() {
 }
 
 #[test]
-fn the_cable_may_be_pulled_in_the_middle_of_a_request() {
+fn cable_may_be_unplugged_during_a_request() {
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in (5..80).step_by(15) {
@@ -153,7 +153,7 @@ fn the_cable_may_be_pulled_in_the_middle_of_a_request() {
 }
 
 #[test]
-fn the_bus_may_be_suspended_in_the_middle_of_a_request() {
+fn bus_may_be_suspended_during_a_request() {
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in (5..80).step_by(15) {
@@ -194,7 +194,7 @@ fn costs_no_byte(act: impl Fn(&mut Board)) {
 }
 
 #[test]
-fn a_halt_that_is_cleared_where_there_was_none_costs_no_byte() {
+fn clearing_absent_halt_costs_no_byte() {
     costs_no_byte(|board| board.usb().clear_halt(Direction::In).unwrap());
     costs_no_byte(|board| board.usb().clear_halt(Direction::Out).unwrap());
 }
@@ -211,7 +211,7 @@ fn an_endpoint_that_was_halted_passes_bytes_again() {
 }
 
 #[test]
-fn a_halt_of_an_endpoint_that_is_not_there_costs_no_byte() {
+fn halt_of_missing_endpoint_costs_no_byte() {
     costs_no_byte(|board| {
         for endpoint in [0x04, 0x0F, 0x84, 0x8F] {
             for request in [1, 3] {
@@ -224,17 +224,17 @@ fn a_halt_of_an_endpoint_that_is_not_there_costs_no_byte() {
 }
 
 #[test]
-fn an_interface_that_is_set_again_costs_no_byte() {
+fn repeated_set_interface_costs_no_byte() {
     costs_no_byte(|board| board.usb().set_interface().unwrap());
 }
 
 #[test]
-fn a_configuration_that_is_set_again_costs_no_byte() {
+fn repeated_set_configuration_costs_no_byte() {
     costs_no_byte(|board| board.usb().set_configuration(1).unwrap());
 }
 
 #[test]
-fn a_configuration_that_is_taken_away_and_set_again_costs_no_byte() {
+fn removed_and_restored_configuration_costs_no_byte() {
     costs_no_byte(|board| {
         board.usb().set_configuration(0).unwrap();
         board.usb().set_configuration(1).unwrap();
@@ -242,7 +242,7 @@ fn a_configuration_that_is_taken_away_and_set_again_costs_no_byte() {
 }
 
 #[test]
-fn what_waits_for_the_host_is_there_after_a_halt_is_cleared_or_the_interface_set() {
+fn pending_bytes_survive_cleared_halt_or_set_interface() {
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for (nth, len) in [5, 64, 70, 200, 300].into_iter().enumerate() {
@@ -298,7 +298,7 @@ fn loses_nothing_uncounted(act: impl Fn(&mut Board, u64)) {
 }
 
 #[test]
-fn a_configuration_that_is_set_again_in_full_flow_loses_nothing_uncounted() {
+fn set_configuration_in_flow_loses_nothing_uncounted() {
     loses_nothing_uncounted(|board, _| {
         board.usb().set_configuration(1).unwrap();
         board.usb().set_control_lines(true, true).unwrap();
@@ -306,7 +306,7 @@ fn a_configuration_that_is_set_again_in_full_flow_loses_nothing_uncounted() {
 }
 
 #[test]
-fn a_halt_that_is_cleared_in_full_flow_loses_nothing() {
+fn cleared_halt_in_full_flow_loses_nothing() {
     loses_nothing_uncounted(|board, nth| {
         board
             .usb()
@@ -326,7 +326,7 @@ fn requests_given_up_in_full_flow_lose_nothing() {
 }
 
 #[test]
-fn a_bus_reset_in_full_flow_loses_nothing_uncounted() {
+fn bus_reset_in_full_flow_loses_nothing_uncounted() {
     loses_nothing_uncounted(|board, nth| {
         if nth % 5 == 4 {
             board.usb().reset_bus();

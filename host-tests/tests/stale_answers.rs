@@ -57,7 +57,7 @@ impl SerialDevice for Dawdler {
 
 proptest! {
     #[test]
-    fn an_answer_belongs_to_the_call_that_returns_it(
+    fn answer_belongs_to_the_call_returning_it(
         delays in vec(prop_oneof![
             3 => Just(Some(Duration::from_micros(200))),
             3 => (0..150_000_u64).prop_map(|delay| Some(Duration::from_micros(delay))),

@@ -300,7 +300,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn half_a_frame_is_given_up_in_silence_and_what_seemed_its_rest_is_answered() {
+    fn incomplete_frame_is_discarded_and_its_rest_answered() {
         let mut ticket_arm = TicketArm::new(Duration::from_micros(500));
         let [first, second] = [0, 1].map(|number| Ticket { initiator: USB, number }.request());
         let mut longer = first;

@@ -129,7 +129,7 @@ fn ling_subjects() -> impl Iterator<Item = (Vector, Subject<Ling>)> {
 }
 
 #[test]
-fn the_tables_in_the_docs_are_what_is_measured() {
+fn documented_tables_match_the_measurements() {
     const XARM: usize = xarm::MAX_FRAME;
     const ALPHA1: usize = alpha1::MAX_FRAME;
     let lines = [
@@ -176,7 +176,7 @@ fn the_tables_in_the_docs_are_what_is_measured() {
 }
 
 #[test]
-fn a_flipped_bit_passes_in_a_ling_frame_only_where_the_checksum_is_blind() {
+fn flipped_bit_passes_only_at_checksum_blind_spots() {
     for (vector, subject) in ling_subjects() {
         let bytes = subject.bytes.len();
         let data = bytes - ling::OVERHEAD;
@@ -192,7 +192,7 @@ fn a_flipped_bit_passes_in_a_ling_frame_only_where_the_checksum_is_blind() {
 }
 
 #[test]
-fn where_the_checksum_is_blind_does_not_depend_on_what_is_before() {
+fn checksum_blind_spots_do_not_depend_on_prefix() {
     let longest = blind::places(ling::MAX_DATA);
     for data in 0..ling::MAX_DATA {
         let within = |place: &&Place| place.back <= data + 3;

@@ -282,19 +282,19 @@ fn ling_is_decoded_as_by_the_reference() {
 }
 
 #[test]
-fn ling_of_the_older_generation_is_decoded_as_by_the_reference() {
+fn legacy_ling_decodes_like_the_reference() {
     let kinds = ["checksum", "frame", "length", "stray", "tail", "truncated"];
     agree::<_, { legacy::MAX_FRAME }>(&legacy(), &streams::LEGACY, &kinds);
 }
 
 #[test]
-fn what_an_xarm_hears_is_decoded_as_by_the_reference() {
+fn xarm_requests_decode_like_the_reference() {
     let kinds = ["byte", "frame", "length"];
     agree::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Requests), &streams::XARM_HOST, &kinds);
 }
 
 #[test]
-fn what_an_xarm_says_is_decoded_as_by_the_reference() {
+fn xarm_answers_decode_like_the_reference() {
     let kinds = ["byte", "frame", "length"];
     agree::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Responses), &streams::XARM_ARM, &kinds);
 }
@@ -302,18 +302,18 @@ fn what_an_xarm_says_is_decoded_as_by_the_reference() {
 const ALPHA1_KINDS: [&str; 7] = ["byte", "checksum", "frame", "length", "stray", "tail", "truncated"];
 
 #[test]
-fn what_an_alpha1_hears_is_decoded_as_by_the_reference() {
+fn alpha1_requests_decode_like_the_reference() {
     agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Host), &streams::ALPHA1_HOST, &ALPHA1_KINDS);
 }
 
 #[test]
-fn what_an_alpha1_says_is_decoded_as_by_the_reference() {
+fn alpha1_answers_decode_like_the_reference() {
     agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Robot(None)), &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);
 }
 
 /// Of servos whose single byte is none of a kind, begins a frame, fills the room between frames, or is an end mark.
 #[test]
-fn what_an_alpha1_says_while_a_servo_is_to_acknowledge_is_decoded_as_by_the_reference() {
+fn alpha1_answers_with_acknowledgement_decode_like_the_reference() {
     for id in [1, 80, 82, 86, 67] {
         let line = alpha1(Speaker::Robot(Some(id)));
         agree::<_, { alpha1::MAX_FRAME }>(&line, &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stack_is_used_down_to_the_lowest_changed_word() {
+    fn stack_use_ends_at_lowest_changed_word() {
         let stack = [100, 120];
         let used_if = |changed: &[u32]| used(stack, |address| if changed.contains(&address) { 0 } else { PAINT });
         assert_eq!([used_if(&[]), used_if(&[116]), used_if(&[108, 116])], [0, 4, 12]);

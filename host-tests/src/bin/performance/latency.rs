@@ -301,7 +301,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_added_span_begins_when_the_adapter_could_act() {
+    fn added_span_starts_when_adapter_can_act() {
         let passages = [[100, 40, 130], [100, 120, 130]];
         let spans = Spans::new(passages.into_iter().map(|passage| passage.map(Nanos)));
         assert_eq!(spans.added, [Nanos(10), Nanos(30)]);
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_room_when_the_first_of_three_frames_has_gone() {
+    fn mailbox_room_starts_after_first_of_three_frames() {
         let rooms = |frames: &[(u64, u64)]| {
             let frames: Vec<_> = frames
                 .iter()
