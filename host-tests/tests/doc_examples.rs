@@ -107,7 +107,7 @@ fn run<D, T>(world: &RefCell<World<D>>, future: impl Future<Output = T>) -> T {
             return output;
         }
         let mut world = world.borrow_mut();
-        let wake = world.wake.expect("somebody waits for something");
+        let wake = world.wake.expect("a pending wake-up");
         world.now = world.now.max(wake);
         assert!(world.now < LIMIT, "it does not end");
     }

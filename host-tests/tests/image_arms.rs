@@ -193,7 +193,7 @@ fn alpha1_works_over_usb_can_and_polls() {
         let for_polls = for_polls.count() as u32;
         assert!((24..=30).contains(&for_polls), "{for_polls} polls");
         let polls = counters(board).requests_poll - polls_before;
-        assert!(polls.abs_diff(for_polls) <= 1, "{polls}, {for_polls} told of");
+        assert!(polls.abs_diff(for_polls) <= 1, "{polls}, {for_polls} reported");
         expect_identity(board, ArmKind::Alpha1, Some(answer));
         let received = board.with_arm(|robot| robot.counters());
         assert_eq!((received.unknown, received.noise_bytes, received.overrun), (0, 0, 0));

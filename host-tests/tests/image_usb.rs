@@ -235,7 +235,7 @@ fn the_port_works_again_after_it_was_unplugged() {
         for nth in 0..4 {
             exchange_some(board, nth);
             board.usb().detach();
-            board.with_arm(|arm| arm.send(b"nobody hears this"));
+            board.with_arm(|arm| arm.send(b"sent while closed"));
             board.run_for(Duration::from_millis(20 + nth)).unwrap();
             assert!(!board.usb().connected());
             plug_in(board, MEGABAUD);
@@ -326,7 +326,7 @@ fn reopened_port_delivers_only_later_bytes() {
         plug_in(board, MEGABAUD);
         exchange_some(board, 0);
         board.usb().set_control_lines(false, false).unwrap();
-        board.with_arm(|arm| arm.send(b"nobody hears this"));
+        board.with_arm(|arm| arm.send(b"sent while closed"));
         board.run_for(Nanos::from_millis(50)).unwrap();
         board.usb().set_control_lines(true, true).unwrap();
         assert_eq!(read_all(board), []);

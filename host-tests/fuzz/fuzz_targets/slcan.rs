@@ -106,9 +106,9 @@ const LINES: [&[u8]; 12] = [
 fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
     let mut adapter = Adapter::new();
     let mut reader = Replies::default();
-    let (mut line_ends, mut answers, mut told) = (0, 0, 0);
+    let (mut line_ends, mut answers, mut reported) = (0, 0, 0);
     let (mut room, mut now) = (true, Instant::ZERO);
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     while !u.is_empty() {
         now += Duration::from_micros(1_001);
         match u.arbitrary()? {
@@ -131,31 +131,31 @@ fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
                 let Some(frame) = frame else { continue };
                 adapter.hear(&frame, now);
                 if adapter.bit_rate().is_some() {
-                    heard.push(frame);
+                    received.push(frame);
                 }
             }
             Step::Report(bits) => adapter.report(Status(bits)),
             Step::Room(is) => room = is,
             Step::Read => {
-                read(&mut adapter, &mut reader, &heard, &mut told, &mut answers);
-                assert_eq!((answers, told), (line_ends, heard.len()));
+                read(&mut adapter, &mut reader, &received, &mut reported, &mut answers);
+                assert_eq!((answers, reported), (line_ends, received.len()));
             }
         }
         assert!(!adapter.is_listening() || adapter.bit_rate().is_some());
     }
-    read(&mut adapter, &mut reader, &heard, &mut told, &mut answers);
-    assert_eq!((answers, told), (line_ends, heard.len()));
+    read(&mut adapter, &mut reader, &received, &mut reported, &mut answers);
+    assert_eq!((answers, reported), (line_ends, received.len()));
     Ok(())
 }
 
 /// Reads the adapter's output: the received frames, in order.
-fn read(adapter: &mut Adapter, reader: &mut Replies, heard: &[Frame], told: &mut usize, answers: &mut usize) {
+fn read(adapter: &mut Adapter, reader: &mut Replies, received: &[Frame], reported: &mut usize, answers: &mut usize) {
     for byte in adapter.output().drain(..) {
         match reader.push(byte) {
             Some(Ok(Reply::Frame { frame, millis })) => {
-                assert_eq!(Some(&frame), heard.get(*told));
+                assert_eq!(Some(&frame), received.get(*reported));
                 assert!(millis.is_none_or(|millis| millis < 60_000));
-                *told += 1;
+                *reported += 1;
             }
             Some(Ok(reply)) => {
                 if let Reply::Status(status) = reply {

@@ -784,7 +784,7 @@ impl Oracle {
             );
             assert!(
                 at + INSTANT >= stream.surely_alive + self.after(),
-                "{initiator} is not silent at {at} µs: heard at {} µs",
+                "{initiator} is not silent at {at} µs: last activity at {} µs",
                 stream.surely_alive
             );
         }
@@ -863,7 +863,7 @@ impl Oracle {
             // After another node's flow control, the adapter may send before the host is ready.
             assert!(
                 self.is_can_disturbed || (self.can_received..=self.can_received + gone).contains(&self.can_answers),
-                "{} answers for CAN, {} heard, {gone} counted as lost",
+                "{} answers for CAN, {} received, {gone} counted as lost",
                 self.can_answers,
                 self.can_received
             );

@@ -91,7 +91,7 @@ impl RequestTracker {
         Ticket { initiator, number }.request()
     }
 
-    fn hear(&mut self, answer: &[u8]) {
+    fn on_answer(&mut self, answer: &[u8]) {
         let open = Ticket::of_answer(answer).and_then(|(ticket, place)| {
             let mine = ticket.initiator == self.initiator && Some(place) > self.place;
             let nth = self.open.iter().position(|&(number, _)| number == ticket.number);
@@ -209,7 +209,7 @@ impl UsbHost {
     fn decode(&mut self) {
         while let Some(item) = self.decoder.next(&Ling, ()) {
             match item.kind {
-                Kind::Frame => self.tracker.hear(item.bytes),
+                Kind::Frame => self.tracker.on_answer(item.bytes),
                 _ => self.noise_bytes += item.bytes.len() as u32,
             }
         }
@@ -255,7 +255,7 @@ impl Telemetry {
         self.newest
     }
 
-    fn hear(&mut self, frame: CanFrame) {
+    fn on_frame(&mut self, frame: CanFrame) {
         self.parts.push(frame);
         let Ok(parts) = <&[CanFrame; 3]>::try_from(&*self.parts) else {
             return;
@@ -313,12 +313,12 @@ impl CanHost {
                     let events = self.endpoint.receive(frame.data(), now);
                     self.record_failures(events);
                 }
-                Some((Function::JointsA | Function::JointsB | Function::State, _)) => self.telemetry.hear(frame),
+                Some((Function::JointsA | Function::JointsB | Function::State, _)) => self.telemetry.on_frame(frame),
                 Some((Function::Event, _)) => self.can_events.extend(event_from_frame(&frame).map(|(_, event)| event)),
                 _ => {}
             }
             if let Some(answer) = self.endpoint.received() {
-                self.tracker.hear(answer);
+                self.tracker.on_answer(answer);
                 self.endpoint.release();
             }
         }

@@ -203,7 +203,7 @@ impl Rig {
         let events = subscriber.events.len() as u32;
         findings.expect(
             (frames..=frames + events).contains(&(counted(|c| c.frames) + events)),
-            || format!("{} frames counted, {frames} told of or dropped", counted(|c| c.frames)),
+            || format!("{} frames counted, {frames} reported or dropped", counted(|c| c.frames)),
         );
         if counted(|c| c.dropped_events) == 0 {
             findings.equal(
@@ -409,7 +409,7 @@ impl Rig {
             + can.failures.len() as u32;
         let given_up = can.tracker.given_up - self.given_up_before;
         findings.expect(given_up <= excuses, || {
-            format!("{given_up} answers missing on CAN, {excuses} counted or told of")
+            format!("{given_up} answers missing on CAN, {excuses} counted or reported")
         });
     }
 
