@@ -16,7 +16,7 @@ use super::arm::{Key, SELF_CHECK, Tag};
 
 /// Time limit from the host timeout to torque-off on the line, in µs.
 const TORQUE_OFF_BOUND: u64 = 150_000;
-/// Additional timeout of a host on CAN with a waiting motion.
+/// Minimum timeout of a host on CAN with a waiting motion, in µs.
 const MOTION_WAIT: u64 = 150_000;
 /// Tolerance of instants that the documents do not distinguish: a frame on the line at 1 Mbaud.
 const INSTANT: u64 = 1_000;

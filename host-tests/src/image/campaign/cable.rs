@@ -33,7 +33,7 @@ pub struct Cable {
     arm: TicketArm,
     is_out: bool,
     plan: Option<(Way, u32, Damage)>,
-    /// A delayed byte, sent before all others at this time.
+    /// A delayed or repeated byte, sent at this time before all others.
     ahead: Option<(Instant, u8)>,
     /// Number of damaged bytes.
     hits: u32,
