@@ -20,22 +20,22 @@ const GET_LINE_CODING: u8 = 0x21;
 const SET_CONTROL_LINE_STATE: u8 = 0x22;
 const DTR_AND_RTS: u16 = 3;
 
-/// How long an adapter may take for an answer on its control port: it may write flash meanwhile.
+/// Timeout of a control port reply. The adapter may write flash first.
 const ANSWER: Duration = Duration::from_secs(3);
-/// How long a line coding may take to come into effect: 100 ms, and what USB adds.
+/// Timeout of a new line coding: 100 ms, plus the delays of USB.
 const RATE: Duration = Duration::from_millis(500);
-/// How long no byte may come back while some are due.
+/// Timeout between two echoed bytes.
 const STALL: Duration = Duration::from_millis(500);
-/// How long the line must be quiet for nothing more to come.
+/// Idle time after which the line counts as quiet.
 const QUIET: Duration = Duration::from_millis(20);
-/// How long what is left of bytes that were sent may come.
+/// Timeout of draining the bytes of an earlier send.
 const DRAIN: Duration = Duration::from_secs(1);
-/// Bytes under way at a time at most, fewer than the adapter keeps for a host that is slow to read.
+/// Maximum bytes in flight: fewer than the adapter's buffer for a slow host.
 const WINDOW: usize = 512;
-/// Bytes handed over at a time.
+/// Bytes of one transfer.
 const CHUNK: usize = 192;
 
-/// A frame that goes round the jumper. A Ling arm would tell its joints, and do nothing.
+/// A frame for the jumper. A Ling arm would only answer with its joints.
 pub(super) const FRAME: [u8; 7] = READ_JOINTS;
 
 /// The adapter on the bench.
@@ -65,7 +65,7 @@ impl<'u> Bench<'u> {
             sequence: self.sequence,
             request,
         };
-        // The zero in front ends what an earlier program may have begun.
+        // The leading zero ends a partial message of an earlier program.
         let mut bytes = [0; 1 + MAX_COBS];
         let len = encode_cobs(&message, &mut bytes[1..]).expect("room for any message");
         self.usb.send(Pipe::Control, &bytes[..1 + len])?;
@@ -85,7 +85,7 @@ impl<'u> Bench<'u> {
         }
     }
 
-    /// Makes a request that is only done or not.
+    /// Makes a request whose reply has no data.
     pub(super) fn order(&mut self, request: ControlRequest) -> Result<(), Trouble> {
         match self.call(request)? {
             Reply::Done => Ok(()),
@@ -93,7 +93,7 @@ impl<'u> Bench<'u> {
         }
     }
 
-    /// The next event, after a wait of this time at most.
+    /// The next event within this time. `None` on timeout.
     pub(super) fn next_event(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Trouble> {
         let until = self.usb.now() + wait;
         loop {
@@ -108,12 +108,12 @@ impl<'u> Bench<'u> {
         }
     }
 
-    /// Forgets the events so far.
+    /// Discards the events so far.
     pub(super) fn forget_events(&mut self) {
         self.events.clear();
     }
 
-    /// Receives from the control port. Events are kept; the reply to the last request is returned.
+    /// Receives from the control port. Queues events and returns the reply to the last request.
     fn receive_control(&mut self, wait: Duration) -> Result<Option<Reply>, Trouble> {
         let bytes = self.usb.receive(Pipe::Control, wait)?;
         let mut rest = &bytes[..];
@@ -122,7 +122,7 @@ impl<'u> Bench<'u> {
             rest = self.reader.push(rest);
             match self.reader.next() {
                 Some(Ok(FromAdapter::Reply { sequence, reply })) if sequence == self.sequence => answer = Some(reply),
-                // To a request that was given up.
+                // A reply to an abandoned request.
                 Some(Ok(FromAdapter::Reply { .. })) | None => {}
                 Some(Ok(FromAdapter::Event { at, event })) => self.events.push_back((at, event)),
                 Some(Err(error)) => {
@@ -142,14 +142,14 @@ impl<'u> Bench<'u> {
         }
     }
 
-    /// What the adapter has counted.
+    /// The adapter's counters.
     pub(super) fn counters(&mut self) -> Result<Counters, Trouble> {
         let bytes = self.usb.control(&read_counters())?;
         let error = |error| Trouble::Failed(format!("the adapter's counters cannot be read: {error}"));
         Counters::from_bytes(&bytes).map_err(error)
     }
 
-    /// Lets the adapter start again, and opens it.
+    /// Restarts the adapter and opens it.
     pub(super) fn restart(&mut self) -> Result<(), Trouble> {
         self.order(ControlRequest::Restart)?;
         self.usb.reopen()?;
@@ -159,8 +159,8 @@ impl<'u> Bench<'u> {
 
     // ---- The serial port ----
 
-    /// Brings the adapter into the state in which each check begins: nothing goes out by itself, and the serial port is
-    /// open at a Ling arm's rate, with nothing left to read.
+    /// Brings the adapter into the initial state of a check: no transmissions of its own, and the serial port open at
+    /// a Ling arm's rate with an empty receive buffer.
     pub(super) fn open(&mut self) -> Result<(), Trouble> {
         let config = quiet(&self.config()?);
         self.order(ControlRequest::Subscribe(Subscription::default()))?;
@@ -185,7 +185,7 @@ impl<'u> Bench<'u> {
         Ok(())
     }
 
-    /// Sets the line coding of the serial port, and waits until it is in effect.
+    /// Sets the line coding of the serial port and waits until it is in effect.
     pub(super) fn set_line(&mut self, coding: LineCoding) -> Result<(), Trouble> {
         self.usb.control(&set_line_coding(&coding.to_cdc()))?;
         let until = self.usb.now() + RATE;
@@ -205,7 +205,7 @@ impl<'u> Bench<'u> {
         }
     }
 
-    /// The line coding that the serial port tells.
+    /// The line coding that the serial port reports.
     pub(super) fn line_coding(&mut self) -> Result<LineCoding, Trouble> {
         let bytes = self.usb.control(&get_line_coding())?;
         let coding = bytes.clone().try_into().ok().map(LineCoding::from_cdc);
@@ -215,7 +215,7 @@ impl<'u> Bench<'u> {
         }
     }
 
-    /// Reads until nothing more comes, and returns the number of bytes that did.
+    /// Reads until the line is quiet. Returns the number of bytes read.
     pub(super) fn drain(&mut self) -> Result<usize, Trouble> {
         let until = self.usb.now() + DRAIN;
         let mut count = 0;
@@ -225,14 +225,13 @@ impl<'u> Bench<'u> {
                 more => count += more,
             }
             if self.usb.now() > until {
-                let text =
-                    "bytes come without end though none are sent: take the arm off, and put a jumper from PA2 to PA3";
+                let text = "bytes arrive continuously though none were sent: disconnect the arm and join PA2 and PA3 with a jumper";
                 return Err(Trouble::Failed(text.to_owned()));
             }
         }
     }
 
-    /// Sends bytes, expects exactly these back, and returns how long that took.
+    /// Sends bytes and expects exactly the same bytes back. Returns the duration.
     pub(super) fn echo(&mut self, bytes: &[u8]) -> Result<Duration, Trouble> {
         let begun = self.usb.now();
         self.echo_with(bytes, |_| Ok(()))?;
@@ -246,7 +245,7 @@ impl<'u> Bench<'u> {
         }
     }
 
-    /// Sends bytes, expects these back, and calls `meanwhile` again and again until they are.
+    /// Sends bytes and expects the same bytes back, calling `meanwhile` repeatedly until all have arrived.
     pub(super) fn echo_with(
         &mut self,
         bytes: &[u8],
@@ -276,7 +275,7 @@ impl<'u> Bench<'u> {
         Ok(())
     }
 
-    /// Expects bytes that were sent to come back.
+    /// Expects the echo of sent bytes.
     pub(super) fn expect_back(&mut self, sent: &[u8]) -> Result<(), Trouble> {
         let mut came = 0;
         while came < sent.len() {
@@ -290,14 +289,14 @@ impl<'u> Bench<'u> {
         Ok(())
     }
 
-    /// Forgets what was under way on the control port: the adapter was reset.
+    /// Discards partial messages on the control port after a reset of the adapter.
     pub(super) fn forget_session(&mut self) {
         self.reader = Reader::new();
         self.events.clear();
     }
 }
 
-/// Compares what came with what was sent, from the byte `at` on.
+/// Compares received with sent bytes, from the byte `at` on.
 pub(super) fn compare(sent: &[u8], at: usize, came: &[u8]) -> Result<(), Trouble> {
     let failed = |text| Err(Trouble::Failed(text));
     let expected = sent.get(at..).unwrap_or_default();
@@ -316,8 +315,8 @@ pub(super) fn compare(sent: &[u8], at: usize, came: &[u8]) -> Result<(), Trouble
     }
 }
 
-/// Bytes without a pattern, other ones for each seed. None can begin a frame of an arm, should one be there after all:
-/// those of Ling begin with AA, those of Alpha1 and its servos with EF and above.
+/// Pseudorandom bytes, different for each seed. None can begin a frame of an arm: Ling frames begin with AA, those of
+/// Alpha1 and its servos with EF and above.
 pub(super) fn payload(seed: u64, len: usize) -> Vec<u8> {
     // Steele and Vigna's SplitMix64.
     let mut state = seed;
@@ -331,7 +330,7 @@ pub(super) fn payload(seed: u64, len: usize) -> Vec<u8> {
     bytes.filter(|&byte| byte != 0xAA && byte < 0xEF).take(len).collect()
 }
 
-/// The configuration in which the adapter sends nothing by itself.
+/// A configuration without transmissions of the adapter's own.
 pub(super) fn quiet(config: &Config) -> Config {
     Config {
         arm: ArmKind::Ling,
@@ -349,7 +348,7 @@ pub(super) fn quiet(config: &Config) -> Config {
     }
 }
 
-/// The errors on the line and the bytes lost between two readings of the counters, in words; `None` if there are none.
+/// Line errors and lost bytes between two readings of the counters, as text. `None` without any.
 pub(super) fn losses(before: &Counters, after: &Counters) -> Option<String> {
     let counts = [
         ("framing errors", before.framing_errors, after.framing_errors),
@@ -374,7 +373,7 @@ pub(super) fn losses(before: &Counters, after: &Counters) -> Option<String> {
     (!words.is_empty()).then(|| words.join(", "))
 }
 
-/// An answer that does not fit the request.
+/// A reply of the wrong type.
 pub(super) fn odd(request: &ControlRequest, reply: &Reply) -> Trouble {
     Trouble::Failed(format!("{request:?} was answered by {reply:?}"))
 }
@@ -410,7 +409,7 @@ pub(super) fn read_counters() -> Request<'static> {
     }
 }
 
-/// A failure that tells where in a check it was. What cannot be tried stays that.
+/// Adds the place in a check to a failure. A check that was not tried stays not tried.
 pub(super) fn at(place: impl std::fmt::Display) -> impl FnOnce(Trouble) -> Trouble {
     move |trouble| match trouble {
         Trouble::Failed(text) => Trouble::Failed(format!("{place}: {text}")),
@@ -431,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn first_wrong_byte_is_told() {
+    fn first_wrong_byte_is_reported() {
         assert_eq!(compare(b"abcd", 1, b"bc"), Ok(()));
         let error = |at, came: &[u8]| compare(b"abcd", at, came).unwrap_err().to_string();
         assert_eq!(error(1, b"bx"), "byte 2 of 4: 0x63 was sent and 0x78 came back");
@@ -439,7 +438,7 @@ mod tests {
     }
 
     #[test]
-    fn each_count_of_a_loss_is_told() {
+    fn each_count_of_a_loss_is_reported() {
         let before = Counters::default();
         let mut after = before;
         assert_eq!(losses(&before, &after), None);

@@ -1,4 +1,4 @@
-//! Cancelled control transfers: the adapter answers the next one, whatever stage the one before was in.
+//! Cancelled control transfers: the adapter answers the next transfer after a cancel in any stage.
 
 use std::time::Duration;
 
@@ -9,14 +9,14 @@ use super::bench::{Bench, at, get_line_coding, payload, read_counters, set_line_
 use super::report::{Passed, Trouble};
 use super::{Checked, Plan};
 
-/// How long the adapter may take to be ready again.
+/// Timeout of the next transfer after a cancel.
 const READY: Duration = Duration::from_millis(100);
-/// The latest that a transfer is cancelled, in microseconds: later it is over.
+/// Latest moment of a cancel, in microseconds. Later the transfer is complete.
 const LATEST: u32 = 400;
-/// After so many requests bytes go round.
+/// Number of requests between two echoes.
 const BETWEEN_ECHOES: u32 = 10;
 
-/// Cancels reads and writes at many moments.
+/// Cancels reads and writes at many different moments.
 pub(super) fn requests(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     let coding = LineCoding::LING.to_cdc();
     let mut cancelled = 0_u32;

@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::output::{print_json, say};
 use crate::serial::not_opened;
 
-/// What the user is asked before anything goes out.
+/// The warning that the user confirms before anything is sent.
 const DANGER: &str = "The arm must be off the adapter, and a jumper must join PA2 and PA3. The adapter starts again, and its \
                       flash is written.";
 
@@ -24,7 +24,7 @@ const DANGER: &str = "The arm must be off the adapter, and a jumper must join PA
 pub(crate) struct Selftest {
     /// The adapter's serial port, such as /dev/ttyACM0. No program may have it open.
     port: String,
-    /// Only these of the checks that need the jumper, with commas between them.
+    /// Run only these of the checks that need the jumper, separated by commas.
     #[arg(long, value_name = "CHECKS", value_delimiter = ',', value_parser = names())]
     only: Vec<String>,
     #[command(flatten)]

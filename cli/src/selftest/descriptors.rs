@@ -1,4 +1,4 @@
-//! The descriptors: what the adapter tells of itself is what its firmware declares (USB 2.0, 9.6; CDC 1.2; PSTN 1.2).
+//! The descriptors: each must match the firmware's declaration (USB 2.0, 9.6; CDC 1.2; PSTN 1.2).
 
 use std::fmt::Debug;
 
@@ -12,7 +12,7 @@ use super::usb::{Payload, Request};
 use super::{Checked, identify};
 use crate::control::usb::VENDOR_AND_PRODUCT;
 
-/// GET_DESCRIPTOR of the device (USB 2.0, 9.4.3), and the types that are read (table 9-5; USB 3.2, 9.6.2).
+/// GET_DESCRIPTOR of the device (USB 2.0, 9.4.3) and the descriptor types (table 9-5; USB 3.2, 9.6.2).
 const GET_DESCRIPTOR: u8 = 6;
 const DEVICE: u8 = 1;
 const CONFIGURATION: u8 = 2;
@@ -20,24 +20,24 @@ const STRING: u8 = 3;
 const BOS: u8 = 15;
 const ENGLISH: u16 = 0x0409;
 
-/// Devices that are made of functions (the interface association descriptor's own class codes).
+/// Class codes of a device with interface association descriptors.
 const COMPOSITE: (u8, u8, u8) = (0xEF, 2, 1);
-/// The most that a port gives, in units of 2 mA.
+/// Maximum current of a port, in units of 2 mA.
 const MAX_POWER: u8 = 250;
 
-/// The vendor request that Windows reads the Microsoft OS 2.0 descriptors by, the index of the set, and the platform
-/// capability that announces it (Microsoft OS 2.0 Descriptors Specification).
+/// The vendor request for the Microsoft OS 2.0 descriptors, the index of the set, and the platform capability that
+/// announces it (Microsoft OS 2.0 Descriptors Specification).
 const MSOS_REQUEST: u8 = 0x20;
 const MSOS_SET: u16 = 7;
 const MSOS_CAPABILITY: [u8; 20] = *b"\x1C\x10\x05\x00\xDF\x60\xDD\xD8\x89\x45\xC7\x4C\x9C\xD2\x65\x9D\x9E\x64\x8A\x9F";
-/// The device interface class by which programs on Windows find the control interface.
+/// The device interface class of the control interface on Windows.
 const CONTROL_GUID: &str = "{4C757248-7066-47AD-9A38-E3D4ADFA1B0A}";
 
-/// The interface associations: the serial port is made of the interfaces 0 and 1, the control port of 2.
+/// The interface associations: the serial port has interfaces 0 and 1, the control port has 2.
 const ASSOCIATION: u8 = 11;
 const ASSOCIATIONS: [&[u8]; 2] = [&[8, 11, 0, 2, 2, 2, 0, 0], &[8, 11, 2, 1, 0xFF, 0, 0, 0]];
 
-/// An interface as the firmware declares it.
+/// The firmware's declaration of an interface.
 struct Interface {
     name: &'static str,
     class: (u8, u8, u8),
@@ -140,7 +140,7 @@ pub(super) fn all(bench: &mut Bench<'_>) -> Checked {
     ))
 }
 
-/// The addresses of the serial port's endpoints, to the adapter and from it.
+/// The addresses of the serial port's OUT and IN endpoints.
 pub(super) fn port_endpoints(bench: &mut Bench<'_>) -> Result<(u8, u8), Trouble> {
     let bytes = configuration(bench)?;
     let configuration = parsed(&bytes)?;
@@ -155,7 +155,7 @@ pub(super) fn port_endpoints(bench: &mut Bench<'_>) -> Result<(u8, u8), Trouble>
     both.ok_or_else(|| Trouble::Failed("the serial port has not an endpoint each way".to_owned()))
 }
 
-/// The whole configuration descriptor, after a read of its first bytes, which tell its length.
+/// The whole configuration descriptor. A first read of its head gives the length.
 fn configuration(bench: &mut Bench<'_>) -> Result<Vec<u8>, Trouble> {
     let head = read(bench, CONFIGURATION, 0, 9)?;
     let Some(&[low, high]) = head.get(2..4) else {

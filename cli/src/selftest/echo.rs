@@ -1,4 +1,4 @@
-//! Echo: what goes out comes back, at four rates and with each parity.
+//! Echo: sent bytes come back, at four rates and with each parity.
 
 use std::time::Duration;
 
@@ -9,16 +9,16 @@ use super::bench::{Bench, at, losses, payload};
 use super::report::{Passed, Trouble};
 use super::{Checked, Plan};
 
-/// The slowest that a program is likely to use, two between, and the fastest that the adapter has.
+/// The slowest rate in common use, two between, and the adapter's maximum.
 const RATES: [u32; 4] = [115_200, 500_000, 1_000_000, 2_000_000];
 const PARITIES: [Parity; 3] = [Parity::None, Parity::Odd, Parity::Even];
-/// The last bytes of a host wait at the adapter before they go out, and the clocks differ: this share of the time on the
-/// line, in percent, is the least.
+/// Minimum duration of an echo, in percent of the time on the line. The adapter holds back a host's last bytes before
+/// it sends them, and the clocks differ.
 const LEAST_TIME: u32 = 97;
-/// What the host and USB may add to the time on the line.
+/// Maximum delay by the host and USB, in addition to the time on the line.
 const SLACK: Duration = Duration::from_millis(200);
 
-/// Bytes go round at each rate and parity. They take the time that they have on a line of that rate.
+/// Echoes bytes at each rate and parity and checks the duration against the time on the line.
 pub(super) fn at_all_rates(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     for (baud, parity) in RATES.iter().flat_map(|&baud| PARITIES.map(|parity| (baud, parity))) {
         let coding = LineCoding {
@@ -45,7 +45,7 @@ fn at_rate(bench: &mut Bench<'_>, coding: LineCoding, bytes: &[u8]) -> Result<()
     bench.set_line(coding)?;
     let told = bench.line_coding()?;
     if told != coding {
-        return Err(Trouble::Failed(format!("GET_LINE_CODING tells {told:?}")));
+        return Err(Trouble::Failed(format!("GET_LINE_CODING returned {told:?}")));
     }
     let before = bench.counters()?;
     let took = bench.echo(bytes)?;

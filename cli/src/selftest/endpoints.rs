@@ -1,7 +1,7 @@
 //! Halts and reconfiguration: the adapter puts its data toggles back as the host does (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
 //!
-//! A toggle that is not put back costs the next packet: it is acknowledged, and taken for one that was sent again. So each
-//! change is made when an even and when an odd number of packets went before.
+//! A data toggle that is not reset loses the next packet: the receiver acknowledges it and discards it as a
+//! retransmission. Each change is therefore made after an even and after an odd number of packets.
 
 use std::fmt::Display;
 
@@ -19,10 +19,10 @@ const GET_STATUS: u8 = 0;
 const SET_FEATURE: u8 = 3;
 const ENDPOINT_HALT: u16 = 0;
 
-/// Each change is made so many times, with one packet more each time.
+/// Repetitions of each change, with one packet more each time.
 const TIMES: u8 = 4;
 
-/// Halts are cleared, those that were set and those that were not.
+/// Clears halts on halted and on running endpoints.
 pub(super) fn halts(bench: &mut Bench<'_>, _: &Plan) -> Checked {
     let (output, input) = port_endpoints(bench)?;
     for (direction, address) in [(Direction::Out, output), (Direction::In, input)] {
@@ -47,20 +47,20 @@ pub(super) fn halts(bench: &mut Bench<'_>, _: &Plan) -> Checked {
     Ok(Passed::new(text, [("times", json!(4 * TIMES))]))
 }
 
-/// The interface and the configuration are selected again.
+/// Selects the interface and the configuration again.
 pub(super) fn reconfiguration(bench: &mut Bench<'_>, _: &Plan) -> Checked {
     each_toggle(bench, "SET_INTERFACE", |bench| Ok(bench.usb.set_interface()?))?;
     each_toggle(bench, "SET_CONFIGURATION", |bench| {
         bench.usb.set_configuration()?;
         bench.forget_session();
-        // The host that the adapter knew is gone, and so is its line coding.
+        // The adapter drops its host here, together with the line coding.
         bench.open()
     })?;
     let text = "interface and configuration selected again, at both data toggles".to_owned();
     Ok(Passed::new(text, [("times", json!(2 * TIMES))]))
 }
 
-/// Makes a change again and again, and expects each single packet after it, on both pipes.
+/// Repeats a change and expects every single packet after it, on both pipes.
 fn each_toggle(
     bench: &mut Bench<'_>,
     name: impl Display,

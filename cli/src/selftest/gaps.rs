@@ -1,4 +1,5 @@
-//! A sweep of gaps: whatever lies between two writes, no byte waits for the next, and a frame is one only in one piece.
+//! A sweep of gaps between two writes: no byte waits for the next write, and only a contiguous frame counts as a
+//! frame.
 
 use std::time::Duration;
 
@@ -10,13 +11,13 @@ use super::stamps::{go_round, subscribe};
 use super::usb::Pipe;
 use super::{Checked, Plan};
 
-/// The gaps, in microseconds: from none to more than the adapter waits for the rest of a request.
+/// The gaps, in microseconds: from 0 to more than the adapter's timeout for the rest of a request.
 const GAPS: [u64; 8] = [0, 50, 200, 1_000, 2_000, 5_000, 20_000, 50_000];
-/// The lengths of writes that are no frame: around that of a packet, too.
+/// Lengths of writes that are not frames, including values around the packet size.
 const LENGTHS: [usize; 7] = [1, 2, 6, 7, 63, 64, 65];
 /// Frames with each gap.
 const FRAMES: u32 = 10;
-/// A gap that no host closes: half a frame and the other half are two.
+/// A gap beyond the adapter's timeout: the two halves of a frame stay separate.
 const CUT: Duration = Duration::from_millis(10);
 
 /// Sweeps the gaps.
@@ -36,7 +37,7 @@ pub(super) fn sweep(bench: &mut Bench<'_>, _: &Plan) -> Checked {
     Ok(Passed::new(text, [("gaps_us", json!(GAPS))]))
 }
 
-/// Frames, and bytes that are none, with a gap behind each.
+/// Frames and noise bytes, each followed by a gap.
 fn one_gap(bench: &mut Bench<'_>, gap: Duration) -> Result<(), Trouble> {
     let before = bench.counters()?;
     for _ in 0..FRAMES {
@@ -55,13 +56,13 @@ fn one_gap(bench: &mut Bench<'_>, gap: Duration) -> Result<(), Trouble> {
     match counted == (FRAMES, noise) {
         true => Ok(()),
         false => Err(Trouble::Failed(format!(
-            "{FRAMES} frames and {noise} bytes that are none went out, {} and {} were counted",
+            "{FRAMES} frames and {noise} noise bytes were sent, {} and {} were counted",
             counted.0, counted.1
         ))),
     }
 }
 
-/// A frame in two pieces, with an idle line between them, is no frame.
+/// Sends a frame in two pieces with an idle line between them: it must count as noise.
 fn cut(bench: &mut Bench<'_>, place: usize) -> Result<(), Trouble> {
     let before = bench.counters()?;
     let (first, second) = FRAME.split_at(place);
@@ -75,7 +76,7 @@ fn cut(bench: &mut Bench<'_>, place: usize) -> Result<(), Trouble> {
     match counted == (0, FRAME.len() as u32) {
         true => Ok(()),
         false => Err(Trouble::Failed(format!(
-            "{} frames and {} bytes that are none were counted",
+            "{} frames and {} noise bytes were counted",
             counted.0, counted.1
         ))),
     }

@@ -1,4 +1,5 @@
-//! The adapter on the USB host of this computer, by `nusb`. Linux alone lets a program take the serial port from its driver.
+//! The adapter on the USB host of this computer, through `nusb`. Only Linux allows a program to detach the serial
+//! port's driver.
 
 use std::collections::VecDeque;
 use std::thread;
@@ -18,47 +19,47 @@ const COMMUNICATIONS: u8 = 0x02;
 const DATA: u8 = 0x0A;
 const VENDOR_SPECIFIC: u8 = 0xFF;
 
-/// How long a control transfer may take: a device that needs longer is broken (USB 2.0, 9.2.6.1).
+/// Timeout of a control transfer: the maximum for a device (USB 2.0, 9.2.6.1).
 const CONTROL: Duration = Duration::from_secs(5);
-/// How long an adapter that was reset or starts again may be gone, and how often it is looked for.
+/// Timeout of re-enumeration after a reset or restart, and the polling interval.
 const GONE: Duration = Duration::from_secs(10);
 const GLANCE: Duration = Duration::from_millis(100);
-/// How long an adapter that starts again is still there.
+/// Maximum time until a restarting adapter disconnects.
 const LEAVING: Duration = Duration::from_millis(500);
-/// How long what was handed over may take to go, and a transfer that was cancelled to end.
+/// Timeout of pending transmissions, and of a cancelled transfer's end.
 const LEFT: Duration = Duration::from_secs(1);
-/// Reads that wait for the adapter at a time, so that it is asked without a pause, and the bytes of each.
+/// Number of queued reads, which keeps the host polling without a pause, and the bytes of each.
 const READS: usize = 8;
 const READ: usize = 512;
 
-/// An adapter on this computer, without the driver of its serial port. The driver has it back once this is dropped.
+/// An adapter on this computer, with the driver of its serial port detached. Drop reattaches the driver.
 pub(super) struct LinuxUsb {
     start: Instant,
     serial: String,
-    /// `None` while the adapter is gone.
+    /// `None` while the adapter is disconnected.
     adapter: Option<Adapter>,
 }
 
-/// The open adapter. The interfaces are given back before the device is.
+/// The open adapter. The interfaces are released before the device.
 struct Adapter {
     port: Bulks,
     control: Bulks,
-    /// The serial port's first interface, which class requests go to.
+    /// The serial port's first interface, the target of class requests.
     requests: Interface,
     device: Device,
 }
 
-/// An interface with a bulk endpoint each way.
+/// An interface with a bulk endpoint in each direction.
 struct Bulks {
     input: Endpoint<Bulk, In>,
     output: Endpoint<Bulk, Out>,
-    /// What was read while an endpoint was given back.
+    /// Bytes read while an endpoint was released.
     unread: VecDeque<u8>,
     interface: Interface,
 }
 
 impl LinuxUsb {
-    /// Takes the adapter from its driver.
+    /// Opens the adapter and detaches its driver.
     pub(super) fn open(info: &DeviceInfo) -> Result<Self, nusb::Error> {
         Ok(Self {
             start: Instant::now(),
@@ -97,7 +98,7 @@ impl LinuxUsb {
         }
     }
 
-    /// Ends all transfers, and gives the interfaces back.
+    /// Ends all transfers and releases the interfaces.
     fn close(&mut self) -> Option<Device> {
         self.adapter.take().map(Adapter::close)
     }
@@ -109,7 +110,7 @@ impl Drop for LinuxUsb {
             let _ = self.find();
         }
         if let Some(device) = self.close() {
-            // Without its driver the serial port is back once the adapter is plugged in again.
+            // If the driver does not reattach, the serial port returns when the adapter is plugged in again.
             let _ = device.attach_kernel_driver(0);
         }
     }
@@ -117,7 +118,7 @@ impl Drop for LinuxUsb {
 
 impl Adapter {
     fn open(info: &DeviceInfo) -> Result<Self, nusb::Error> {
-        // Where there is none, the claim fails for an interface that is not there.
+        // A missing interface gets number 255, which the claim refuses.
         let numbered = |class| {
             let mut interfaces = info.interfaces();
             interfaces
@@ -128,9 +129,9 @@ impl Adapter {
         Self::claim(info.open().wait()?, numbers)
     }
 
-    /// Takes the serial port's two interfaces and the control interface.
+    /// Claims the serial port's two interfaces and the control interface.
     fn claim(device: Device, [requests, data, control]: [u8; 3]) -> Result<Self, nusb::Error> {
-        // A driver that is not there cannot be detached. If it stays, the claim fails and says why.
+        // Detaching fails without a driver. If a driver stays, the claim reports the reason.
         let _ = device.detach_kernel_driver(requests);
         let claim = |number| device.claim_interface(number).wait();
         Ok(Self {
@@ -141,7 +142,7 @@ impl Adapter {
         })
     }
 
-    /// Ends all transfers, and gives the interfaces back.
+    /// Ends all transfers and releases the interfaces.
     fn close(self) -> Device {
         let Self {
             port, control, device, ..
@@ -158,7 +159,7 @@ impl Bulks {
     }
 
     fn open_with(interface: Interface, unread: VecDeque<u8>) -> Result<Self, nusb::Error> {
-        // Where there is none, the library fails for an endpoint that is not there.
+        // A missing endpoint gets address 0, which the library refuses.
         let address = |way| {
             let descriptor = interface.descriptor();
             let is_it = |it: &nusb::descriptors::EndpointDescriptor<'_>| {
@@ -177,7 +178,7 @@ impl Bulks {
         Ok(bulks)
     }
 
-    /// Lets the host ask the adapter for bytes.
+    /// Queues reads on the IN endpoint.
     fn ask(&mut self) {
         while self.input.pending() < READS {
             self.input.submit(Buffer::new(READ));
@@ -210,14 +211,14 @@ impl Bulks {
         }
     }
 
-    /// Ends the reads, and keeps what they read.
+    /// Cancels the reads and keeps their bytes.
     fn end_reads(&mut self) {
         for read in end(&mut self.input) {
             self.unread.extend(read);
         }
     }
 
-    /// Lets what was handed over go, and ends what does not.
+    /// Waits for pending transmissions, then cancels the rest.
     fn end_writes(&mut self) {
         let until = Instant::now() + LEFT;
         while self.output.pending() > 0 && Instant::now() < until {
@@ -241,7 +242,7 @@ impl Bulks {
         }
     }
 
-    /// Selects the only setting again, and returns whether that succeeded with the interface.
+    /// Selects the only setting again. Returns the outcome and the interface.
     fn set_setting(mut self) -> Result<(Self, Result<(), nusb::Error>), UsbError> {
         self.end_writes();
         self.end_reads();
@@ -263,7 +264,7 @@ impl Bulks {
     }
 }
 
-/// Cancels an endpoint's transfers, waits for their ends, and returns what each had read or sent.
+/// Cancels an endpoint's transfers, waits for their completion and returns the buffer of each.
 fn end<D: EndpointDirection>(endpoint: &mut Endpoint<Bulk, D>) -> Vec<Vec<u8>> {
     endpoint.cancel_all();
     let mut ended = Vec::new();
@@ -320,7 +321,7 @@ impl Usb for LinuxUsb {
         let adapter = self.adapter.take().ok_or(UsbError::Gone)?;
         let interfaces = [&adapter.requests, &adapter.port.interface, &adapter.control.interface];
         let numbers = interfaces.map(Interface::interface_number);
-        // The system refuses while any interface is claimed.
+        // Linux refuses this while any interface is claimed.
         let device = adapter.close();
         let result = device.set_configuration(1).wait();
         self.adapter = Some(Adapter::claim(device, numbers).map_err(host)?);
@@ -348,7 +349,7 @@ impl Usb for LinuxUsb {
     }
 }
 
-/// Makes a control transfer, which is cancelled after this time.
+/// Makes a control transfer with a timeout.
 fn control(device: &Device, request: &Request<'_>, timeout: Duration) -> Result<Vec<u8>, TransferError> {
     let control_type = match request.kind >> 5 & 3 {
         0 => ControlType::Standard,

@@ -1,7 +1,7 @@
-//! `armwire selftest`: an adapter board proves itself, with a jumper in the arm's place.
+//! `armwire selftest`: hardware checks of an adapter board, with a jumper in place of the arm.
 //!
-//! The jumper joins PA2 and PA3, so what the adapter sends to its arm comes back. [`run`] makes the checks over any [`Usb`]:
-//! that of this computer, and that of a virtual board, where the tests run it.
+//! The jumper joins PA2 and PA3: bytes for the arm come back. [`run`] makes the checks over any [`Usb`]: that of this
+//! computer, or that of a virtual board in the tests.
 //!
 //! ```text
 //! Usb        a host with one adapter: transfers, halts, resets, a clock
@@ -9,14 +9,14 @@
 //!     └ one file for each family of checks: fn(&mut Bench, &Plan) -> Result<Passed, Trouble>
 //! ```
 //!
-//! A check has passed, has failed, or was not tried, with the reason. Nothing but requests that read goes out before the
-//! [jumper](self#the-arm) was found.
+//! A check passes, fails or is not tried; the last two have a reason. Only read requests go out before the
+//! [jumper](self#the-arm) is detected.
 //!
 //! # The arm
 //!
-//! A real arm must not be on the line: it would get what was meant for the jumper. So the line is listened to first, at the
-//! rate of each arm, and requests that read follow. If anything but exactly these comes back, nothing more is sent. The bytes
-//! of the checks begin no frame of an arm, but for a request for the joints.
+//! A real arm must not be on the line: it would receive the test bytes. The first check therefore listens at the rate
+//! of each arm and then sends read requests. Nothing more is sent unless exactly the same bytes come back. The test
+//! bytes contain no start of an arm's frame, except in a request for the joints.
 
 mod bench;
 mod cancelled;
@@ -45,27 +45,27 @@ pub use self::report::{Check, Passed, Trouble};
 pub use self::usb::{Direction, Payload, Pipe, Request as UsbRequest, Usb, UsbError};
 use crate::adapter::describe;
 
-/// How much is checked.
+/// The extent of a self-test.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// Bytes of each echo.
     pub echo_bytes: usize,
-    /// Frames whose stamps are looked at.
+    /// Frames with checked stamps.
     pub stamps: u32,
-    /// Requests that are cancelled.
+    /// Cancelled requests.
     pub cancels: u32,
     /// Resets of the bus.
     pub resets: u32,
     /// Saves to flash.
     pub saves: u32,
-    /// How long the adapter's clock is compared with the host's.
+    /// Duration of the comparison between the adapter's clock and the host's.
     pub crystal: Duration,
-    /// The checks to make, by their names; all where there is none. Those that find the adapter and the jumper are made
-    /// in any case.
+    /// Names of the checks to make; empty for all. The checks that identify the adapter and detect the jumper always
+    /// run.
     pub only: Vec<String>,
 }
 
-/// All of it, in about two minutes.
+/// The full self-test, about two minutes.
 impl Default for Plan {
     fn default() -> Self {
         Self {
@@ -102,9 +102,10 @@ pub fn names() -> [&'static str; 10] {
     CHECKS.map(|(name, _)| name)
 }
 
-/// Makes the checks, tells of each as it ends, and returns all. Once `stopped` says so, the rest is not tried.
+/// Makes the checks, reports each as it ends, and returns all. Once `stopped` returns true, the remaining checks are
+/// not tried.
 ///
-/// The adapter has its configuration back at the end, in force and in flash.
+/// The adapter's configuration is restored at the end, in RAM and in flash.
 pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, tell: &mut dyn FnMut(&Check)) -> Vec<Check> {
     let mut checks = Vec::new();
     let mut keep = |name, result| {
@@ -117,7 +118,7 @@ pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, tell: &mu
     keep("descriptors", descriptors::all(&mut bench));
     let before = bench.config();
     let found = bench.open().and_then(|()| jumper::find(&mut bench));
-    // Why the rest is not tried, once that is so.
+    // Reason to skip the remaining checks.
     let mut obstacle = found.is_err().then_some("there is no jumper");
     keep("jumper", found);
     for (name, check) in CHECKS {
@@ -145,7 +146,7 @@ pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, tell: &mu
     checks
 }
 
-/// The adapter says what it is.
+/// Reads the adapter's identity.
 fn control_port(bench: &mut Bench<'_>) -> Checked {
     let identity = identify(bench)?;
     let figures = [

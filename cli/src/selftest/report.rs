@@ -7,14 +7,14 @@ use super::usb::UsbError;
 /// The result of a check that passed.
 #[derive(Clone, Debug, Default)]
 pub struct Passed {
-    /// The result in words.
+    /// The result as text.
     pub text: String,
-    /// The figures in it, by their names. A name ends with the unit.
+    /// The figures of the result by name. A name ends with the unit.
     pub figures: Map<String, Value>,
 }
 
 impl Passed {
-    /// A result in words, with its figures.
+    /// A result as text, with its figures.
     pub(super) fn new<const N: usize>(text: String, figures: [(&str, Value); N]) -> Self {
         let figures = figures.map(|(name, value)| (name.to_owned(), value));
         Self {
@@ -24,13 +24,13 @@ impl Passed {
     }
 }
 
-/// Why a check did not pass.
+/// The reason for a check that did not pass.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Trouble {
-    /// The adapter, or the wiring, is not as it should be.
+    /// The adapter or the wiring is faulty.
     #[error("{0}")]
     Failed(String),
-    /// The check cannot be made here.
+    /// The check is not possible here.
     #[error("{0}")]
     NotTried(String),
 }
@@ -44,7 +44,7 @@ impl From<UsbError> for Trouble {
     }
 }
 
-/// A check, and its result.
+/// A check and its result.
 #[derive(Clone, Debug)]
 pub struct Check {
     /// The name.
@@ -54,7 +54,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// The result in a word: `ok`, `FAILED` or `not tried`.
+    /// The result as one word: `ok`, `FAILED` or `not tried`.
     const fn verdict(&self) -> &'static str {
         match &self.result {
             Ok(_) => "ok",
@@ -63,12 +63,12 @@ impl Check {
         }
     }
 
-    /// Whether the adapter, or the wiring, is not as it should be.
+    /// Returns true if the adapter or the wiring is faulty.
     pub const fn has_failed(&self) -> bool {
         matches!(self.result, Err(Trouble::Failed(_)))
     }
 
-    /// The check in a line.
+    /// The check as one line.
     pub fn line(&self) -> String {
         let text = match &self.result {
             Ok(passed) => passed.text.clone(),
@@ -77,7 +77,7 @@ impl Check {
         format!("{:<16}{:<11}{text}", self.name, self.verdict())
     }
 
-    /// The check as an object: its name, its result, the text, and the figures.
+    /// The check as an object: name, result, text and figures.
     pub fn json(&self) -> Value {
         let (result, text) = match &self.result {
             Ok(passed) => ("passed", passed.text.clone()),

@@ -1,4 +1,4 @@
-//! Resets of the bus in full flow, and suspend: the adapter comes back, and the bytes that follow are right.
+//! Bus resets during traffic, and suspend: the adapter re-enumerates, and later bytes are intact.
 
 use std::time::Duration;
 
@@ -9,17 +9,17 @@ use super::report::{Passed, Trouble};
 use super::usb::Pipe;
 use super::{Checked, Plan};
 
-/// Bytes that are under way when the bus is reset, and those that must have come back before.
+/// Bytes sent before a reset, and the number of them that must have come back by then.
 const FLOW: usize = 3_000;
 const CAME: usize = 400;
-/// Bytes that go round afterwards.
+/// Bytes echoed afterwards.
 const AFTER: usize = 600;
-/// How long no byte may come back.
+/// Timeout between two echoed bytes.
 const STALL: Duration = Duration::from_millis(500);
-/// How long the bus is suspended: a device has 3 ms to see it.
+/// Duration of the suspend. A device detects it after 3 ms.
 const SUSPENDED: Duration = Duration::from_millis(100);
 
-/// Resets the bus while bytes go both ways.
+/// Resets the bus while bytes flow in both directions.
 pub(super) fn in_full_flow(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     let before = bench.counters()?.usb_resets;
     for nth in 0..plan.resets {
@@ -40,7 +40,7 @@ fn reset(bench: &mut Bench<'_>, nth: u64) -> Result<(), Trouble> {
     let sent = payload(nth, FLOW);
     bench.usb.send(Pipe::Port, &sent)?;
     let mut came = 0;
-    // A little further each time, so that another byte is under way.
+    // A later moment each time, to hit a different byte.
     while came < CAME + 13 * nth as usize {
         let more = bench.usb.receive(Pipe::Port, STALL)?;
         compare(&sent, came, &more)?;

@@ -1,4 +1,4 @@
-//! Saves to flash under load: no byte is lost meanwhile, and what was saved is there after a restart.
+//! Saves to flash under load: no byte is lost, and the saved configuration survives a restart.
 
 use armwire_bridge::config::{Config, HostTimeout};
 use armwire_bridge::control::{Failure, Reply, Request};
@@ -8,14 +8,14 @@ use super::bench::{Bench, at, losses, odd, payload, quiet};
 use super::report::{Passed, Trouble};
 use super::{Checked, Plan};
 
-/// Bytes that go round around each save.
+/// Bytes echoed during each save.
 const BYTES: usize = 2_000;
-/// A time-out without torque-off that each save has another of, in milliseconds: nothing comes of it.
+/// Host timeouts without torque-off, in milliseconds: a different value in each save, without any effect.
 const TIMEOUT_MS: u16 = 60_000;
 
-/// Saves other configurations while bytes go round, and then the one that was saved before.
+/// Saves other configurations during an echo, then restores the original one.
 pub(super) fn under_load(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
-    // What is saved is what an adapter has when it starts.
+    // An adapter starts with its saved configuration.
     bench.restart()?;
     let saved = bench.config()?;
     bench.open()?;
@@ -46,7 +46,7 @@ fn save_all(bench: &mut Bench<'_>, saved: &Config, plan: &Plan) -> Result<(), Tr
     bench.open()
 }
 
-/// A configuration that has not been saved just before.
+/// A configuration that differs from the one saved last.
 fn other(saved: &Config, nth: u32) -> Config {
     Config {
         host_timeout: HostTimeout {
@@ -85,7 +85,7 @@ fn save(bench: &mut Bench<'_>) -> Result<(), Trouble> {
     }
 }
 
-/// Saves the configuration of before.
+/// Saves the original configuration.
 fn restore(bench: &mut Bench<'_>, saved: &Config) -> Result<(), Trouble> {
     if *saved == Config::default() {
         return bench.order(Request::ResetConfig);

@@ -1,4 +1,4 @@
-//! Stamps and the clock that they are made by: each frame's stamp lies where the host's clock says, and the crystal's error.
+//! Stamps and their clock: each frame's stamp against the host's clock, and the error of the crystal.
 
 use std::time::Duration;
 
@@ -11,32 +11,33 @@ use super::report::{Passed, Trouble};
 use super::usb::Pipe;
 use super::{Checked, Plan};
 
-/// Frames that go round in one go: the adapter keeps 16 to tell of.
+/// Frames of one round. The adapter queues 16 for events.
 const BATCH: u32 = 8;
-/// How long a frame may take to come back, and the event that tells of it.
+/// Timeout of a frame's echo and of its event.
 const STALL: Duration = Duration::from_millis(500);
-/// Frames at each end of the comparison of the clocks. The fastest counts.
+/// Frames at each end of the clock comparison. The fastest round trip counts.
 const PINGS: u32 = 40;
-/// The most that the two clocks may differ, in parts per million. Crystals of such boards are within 50, a host's within 50.
+/// Maximum difference of the two clocks, in parts per million. Crystals of these boards are within 50, a host's within
+/// 50.
 const MAX_PPM: f64 = 100.0;
-/// Stamps are in whole microseconds.
+/// Resolution of a stamp: 1 µs.
 const ROUNDING: f64 = 1.0;
-/// How much later than the frame's end a stamp may be, in microseconds: another interrupt may run before the UART's. On the
-/// virtual board, by the core's own timing, 8 is the worst of a run.
+/// Maximum delay of a stamp after the frame's end, in microseconds: another interrupt may run before the UART's. The
+/// maximum on the virtual board, which models the core's timing, is 8.
 const MAX_LATE: f64 = 20.0;
 
-/// Frames that went round, and their stamps. All times are in microseconds, of the host's clock but for the stamps.
+/// Echoed frames and their stamps, in microseconds. The stamps use the adapter's clock, the other times the host's.
 pub(super) struct Round {
-    /// The first of the frames was handed over at this time.
+    /// The time of the first frame's hand-over.
     begun: f64,
     /// The stamps, by the adapter's clock.
     stamps: Vec<f64>,
-    /// The event of the last of the frames had come at this time.
+    /// The arrival time of the last frame's event.
     ended: f64,
 }
 
 impl Round {
-    /// The least and the most that the adapter's clock is ahead of the host's, in microseconds.
+    /// Lower and upper bound of the adapter's clock minus the host's, in microseconds.
     fn ahead(&self) -> (f64, f64) {
         let first = self.stamps.first().copied().unwrap_or_default();
         let last = self.stamps.last().copied().unwrap_or_default();
@@ -47,7 +48,8 @@ impl Round {
     }
 }
 
-/// The stamps of many frames: in order, no closer than frames can be, and within what the host's clock leaves.
+/// Checks the stamps of many frames: in order, at least one frame time apart, and within the bounds of the host's
+/// clock.
 pub(super) fn plausible(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     subscribe(bench)?;
     let before = bench.counters()?;
@@ -74,9 +76,9 @@ pub(super) fn plausible(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
 struct Series {
     count: u32,
     last: Option<f64>,
-    /// The least between two.
+    /// The minimum interval between two stamps.
     closest: Option<f64>,
-    /// When the first frames went round, and how far the adapter's clock was ahead then.
+    /// Time of the first round, and the clock difference at that time.
     anchor: Option<(f64, (f64, f64))>,
 }
 
@@ -107,7 +109,7 @@ impl Series {
     }
 }
 
-/// The crystal's error: how the adapter's clock goes, compared with the host's.
+/// Measures the crystal's error: the rate of the adapter's clock against the host's.
 pub(super) fn crystal(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     subscribe(bench)?;
     let begin = best_ping(bench)?;
@@ -130,13 +132,15 @@ fn clock_error(begin: &Round, end: &Round) -> Checked {
         return Err(Trouble::Failed(format!("{text}: more than {MAX_PPM:.0} ppm")));
     }
     if uncertainty > MAX_PPM {
-        return Err(Trouble::NotTried(format!("{text}: this host is too slow to tell more")));
+        return Err(Trouble::NotTried(format!(
+            "{text}: this host is too slow for a better measurement"
+        )));
     }
     let figures = [("error_ppm", json!(error)), ("uncertainty_ppm", json!(uncertainty))];
     Ok(Passed::new(text, figures))
 }
 
-/// The frame whose stamp is known best.
+/// The frame with the tightest bounds.
 fn best_ping(bench: &mut Bench<'_>) -> Result<Round, Trouble> {
     let mut best = go_round(bench, 1)?;
     for _ in 1..PINGS {
@@ -148,7 +152,7 @@ fn best_ping(bench: &mut Bench<'_>) -> Result<Round, Trouble> {
     Ok(best)
 }
 
-/// Asks to be told of every frame.
+/// Subscribes to every frame.
 pub(super) fn subscribe(bench: &mut Bench<'_>) -> Result<(), Trouble> {
     bench.order(Request::Subscribe(Subscription {
         frames: true,
@@ -156,30 +160,30 @@ pub(super) fn subscribe(bench: &mut Bench<'_>) -> Result<(), Trouble> {
     }))
 }
 
-/// Sends frames back to back, and expects them and their events.
+/// Sends frames back to back and expects their echoes and events.
 pub(super) fn go_round(bench: &mut Bench<'_>, frames: u32) -> Result<Round, Trouble> {
     let begun = micros(bench.usb.now());
     let sent = FRAME.repeat(frames as usize);
     bench.usb.send(Pipe::Port, &sent)?;
     let mut stamps = Vec::new();
     for nth in 0..frames {
-        stamps.push(stamp(bench)?.ok_or_else(|| Trouble::Failed(format!("{nth} of {frames} frames were told of")))?);
+        stamps.push(stamp(bench)?.ok_or_else(|| Trouble::Failed(format!("{nth} of {frames} frames were reported")))?);
     }
     let ended = micros(bench.usb.now());
     bench.expect_back(&sent)?;
     Ok(Round { begun, stamps, ended })
 }
 
-/// The stamp of the next frame, which must be the one that was sent.
+/// The stamp of the next frame, which must equal the one sent.
 fn stamp(bench: &mut Bench<'_>) -> Result<Option<f64>, Trouble> {
     match bench.next_event(STALL)? {
         Some((Stamp(at), Event::Frame { bytes, .. })) if bytes == FRAME => Ok(Some(at as f64)),
-        Some((_, event)) => Err(Trouble::Failed(format!("the adapter told of {event:?}"))),
+        Some((_, event)) => Err(Trouble::Failed(format!("unexpected event: {event:?}"))),
         None => Ok(None),
     }
 }
 
-/// How long a frame takes on the line, in microseconds.
+/// Duration of a frame on the line, in microseconds.
 fn line_time() -> f64 {
     LineCoding::LING.micros(FRAME.len()) as f64
 }
@@ -199,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn stamp_that_goes_back_is_told() {
+    fn stamp_that_goes_back_is_reported() {
         let mut series = Series::default();
         series.add(&round(0.0, &[5_100.0, 5_170.0], 300.0)).unwrap();
         assert_eq!(series.closest, Some(70.0));
@@ -211,14 +215,14 @@ mod tests {
     }
 
     #[test]
-    fn stamps_closer_than_frames_are_told() {
+    fn stamps_closer_than_frames_are_reported() {
         let mut series = Series::default();
         series.add(&round(0.0, &[5_100.0, 5_150.0], 300.0)).unwrap();
         assert!(series.add(&round(0.0, &[5_199.0], 300.0)).is_err());
     }
 
     #[test]
-    fn stamps_that_jump_against_the_hosts_clock_are_told() {
+    fn stamps_that_jump_against_the_hosts_clock_are_reported() {
         for jump in [-400.0, 400.0] {
             let mut series = Series::default();
             series.add(&round(0.0, &[5_100.0], 300.0)).unwrap();
@@ -228,7 +232,7 @@ mod tests {
         }
     }
 
-    /// The error of a clock that is so many microseconds off after this time.
+    /// The error of a clock that deviates by this many microseconds after this time.
     fn error_after(seconds: f64, off: f64) -> Checked {
         let begun = seconds * 1e6;
         clock_error(
@@ -251,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn clock_error_that_cannot_be_told_is_not_tried() {
+    fn unmeasurable_clock_error_is_not_tried() {
         assert!(matches!(error_after(1.0, 0.0), Err(Trouble::NotTried(_))));
     }
 }

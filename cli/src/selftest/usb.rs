@@ -1,10 +1,10 @@
-//! The USB operations of the checks, for a real host and for that of a virtual board.
+//! The USB operations of the checks, for a real host and for a virtual board.
 
 use std::time::Duration;
 
 use thiserror::Error;
 
-/// A control transfer: the fields of its setup packet (USB 2.0, 9.3), and its data.
+/// A control transfer: the fields of its setup packet (USB 2.0, 9.3) and its data.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
     /// bmRequestType. Its top bit agrees with the [payload](Self::payload).
@@ -22,9 +22,9 @@ pub struct Request<'a> {
 /// The data of a control transfer.
 #[derive(Clone, Copy, Debug)]
 pub enum Payload<'a> {
-    /// So many bytes at most are read.
+    /// Reads at most this many bytes.
     Read(u16),
-    /// These bytes are written.
+    /// Writes these bytes.
     Write(&'a [u8]),
 }
 
@@ -37,7 +37,7 @@ pub enum Pipe {
     Control,
 }
 
-/// A direction, as the host sees it.
+/// A direction from the host's point of view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// From the adapter to the host.
@@ -46,63 +46,62 @@ pub enum Direction {
     Out,
 }
 
-/// Why an operation failed.
+/// A failed operation.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum UsbError {
     /// The device stalled.
     #[error("the adapter stalled")]
     Stalled,
-    /// The device did not answer in time.
+    /// The transfer timed out.
     #[error("the adapter did not answer in time")]
     TimedOut,
     /// The device is not on the bus.
     #[error("the adapter is gone")]
     Gone,
-    /// This host cannot do that, for this reason.
+    /// The host does not support the operation.
     #[error("{0}")]
     Unsupported(String),
-    /// The host failed, for this reason.
+    /// The host failed.
     #[error("{0}")]
     Host(String),
 }
 
 /// One adapter on a USB host, configured, with both pipes open.
 ///
-/// Every call blocks, and ends in a time that the implementation bounds by its own clock.
+/// Every call blocks. The implementation bounds its duration by its own clock.
 pub trait Usb {
-    /// The time since an instant that stays the same.
+    /// The time since a fixed instant.
     fn now(&self) -> Duration;
 
     /// Lets this much time pass.
     ///
     /// # Errors
     ///
-    /// [`UsbError::Host`] where the clock is a virtual board's, and that fails.
+    /// [`UsbError::Host`] if the clock belongs to a virtual board and the board fails.
     fn sleep(&mut self, span: Duration) -> Result<(), UsbError>;
 
-    /// Makes a control transfer, and returns what was read.
+    /// Makes a control transfer and returns the data of its IN stage.
     ///
     /// # Errors
     ///
     /// As the transfer ends.
     fn control(&mut self, request: &Request<'_>) -> Result<Vec<u8>, UsbError>;
 
-    /// Begins a control transfer and cancels it after this time, in whatever stage it is then. Returns whether it was over
-    /// before.
+    /// Begins a control transfer and cancels it after this time, in any stage. Returns true if it ended before.
     ///
     /// # Errors
     ///
     /// [`UsbError::Gone`], and as the host fails.
     fn cancel(&mut self, request: &Request<'_>, after: Duration) -> Result<bool, UsbError>;
 
-    /// Hands bytes to the host to send, and does not wait for them to go.
+    /// Queues bytes for transmission and returns at once.
     ///
     /// # Errors
     ///
     /// [`UsbError::Gone`], and as the host fails.
     fn send(&mut self, pipe: Pipe, bytes: &[u8]) -> Result<(), UsbError>;
 
-    /// What came from the adapter, after a wait of this time at most for the first byte. Nothing when none came.
+    /// Waits at most this long for the first byte from the adapter. Returns the received bytes; empty on timeout.
     ///
     /// # Errors
     ///
@@ -110,14 +109,15 @@ pub trait Usb {
     fn receive(&mut self, pipe: Pipe, wait: Duration) -> Result<Vec<u8>, UsbError>;
 
     /// Clears the halt of an endpoint of the serial port, and puts the host's data toggle back to DATA0 (USB 2.0, 9.4.5).
-    /// What the adapter has sent before is kept for [`receive`](Self::receive).
+    /// Bytes received before stay available to [`receive`](Self::receive).
     ///
     /// # Errors
     ///
     /// As the request ends.
     fn clear_halt(&mut self, direction: Direction) -> Result<(), UsbError>;
 
-    /// Selects the only setting of the serial port's data interface again, and puts the host's data toggles back to DATA0
+    /// Selects the only setting of the serial port's data interface again and resets the host's data toggles back to
+    /// DATA0
     /// (USB 2.0, 9.4.10).
     ///
     /// # Errors
@@ -132,24 +132,24 @@ pub trait Usb {
     /// As the request ends.
     fn set_configuration(&mut self) -> Result<(), UsbError>;
 
-    /// Resets the bus, enumerates the adapter, and opens both pipes again. Bytes under way are lost.
+    /// Resets the bus, enumerates the adapter and opens both pipes again. Bytes in flight are lost.
     ///
     /// # Errors
     ///
     /// [`UsbError::Gone`] if the adapter does not come back.
     fn reset(&mut self) -> Result<(), UsbError>;
 
-    /// Waits for an adapter that starts again, and opens both pipes.
+    /// Waits for a restarting adapter and opens both pipes.
     ///
     /// # Errors
     ///
     /// [`UsbError::Gone`] if the adapter does not come back.
     fn reopen(&mut self) -> Result<(), UsbError>;
 
-    /// Suspends the bus for this time, and resumes it.
+    /// Suspends the bus for this time and resumes it.
     ///
     /// # Errors
     ///
-    /// [`UsbError::Unsupported`] on a host that does not let programs suspend the bus.
+    /// [`UsbError::Unsupported`] if the host does not allow programs to suspend the bus.
     fn suspend(&mut self, span: Duration) -> Result<(), UsbError>;
 }
