@@ -1,4 +1,4 @@
-//! A virtual xArm on TCP ports, in real time: one thread, any clients, none of which can hold up the others.
+//! A virtual xArm on TCP ports, in real time. One thread serves all clients, and no client can block another.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -24,27 +24,27 @@ mod client;
 #[cfg(test)]
 mod tests;
 
-/// How long it takes at most to notice the stop flag.
+/// Polling interval of the stop flag.
 const NOTICE: Duration = Duration::from_millis(100);
-/// From one report to the next.
+/// Interval between reports.
 const REPORT_PERIOD: Duration = Duration::from_millis(200);
-/// How many clients of one port there may be. A further one takes the place of the oldest that has requested nothing, or
-/// is sent away. Nobody requests anything on the report port.
+/// Maximum clients of each port. A further client displaces the oldest one without a request, or is rejected. The
+/// report port has no requests.
 const MAX_CLIENTS: usize = 32;
-/// A client without a request for this long is sent away, as is one that takes no reports. An idle program of
-/// the vendor's SDK makes one every 30 s.
+/// Idle timeout: a client without a request, or one that reads no reports, is disconnected after this time. An idle
+/// program of the vendor's SDK sends a request every 30 s.
 const IDLE: Duration = Duration::from_secs(300);
-/// Pause after the system refused to accept a client, such as for want of file descriptors.
+/// Pause after a failed accept, for example without free file descriptors.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(500);
-/// With this many bytes of reports waiting for a client, further ones are left out.
+/// Backlog of unread report bytes, per client, above which further reports are dropped.
 const MAX_REPORTS: usize = 8 * REPORT;
-/// How many bytes are read from one client before it is the others' turn.
+/// Maximum bytes of one read, for fairness between clients.
 const READ: usize = 4 * 1024;
 
 /// The ports of a virtual arm, bound and ready for [`serve`](Self::serve).
 ///
-/// There is no authentication, as a real arm has none: whoever reaches the control port moves the arm. Bind it to a
-/// loopback address unless that is meant.
+/// There is no authentication, as on a real arm: any client of the control port can move the arm. Bind it to a
+/// loopback address unless other computers need access.
 #[derive(Debug)]
 pub struct Server {
     control: TcpListener,
@@ -55,9 +55,9 @@ pub struct Server {
 /// A port that could not be bound.
 #[derive(Debug)]
 pub struct BindError {
-    /// Which it was to be.
+    /// The requested address.
     pub address: SocketAddr,
-    /// Why not.
+    /// The system's error.
     pub error: io::Error,
 }
 
@@ -69,39 +69,39 @@ impl fmt::Display for BindError {
 
 impl std::error::Error for BindError {}
 
-/// What a client has connected to.
+/// A port of the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Port {
-    /// Requests and answers; a real arm's is 502.
+    /// Requests and responses; port 502 on a real arm.
     Control,
-    /// Reports; a real arm's is 30002.
+    /// Reports; port 30002 on a real arm.
     Report,
 }
 
-/// What happens to a server's clients, as it happens.
+/// An event of a server's clients.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Notice {
     /// A client connected.
     Connected(SocketAddr, Port),
-    /// There are too many clients, so another was sent away.
+    /// A client was rejected: the maximum number of clients is connected.
     TooMany(SocketAddr),
-    /// A client had requested nothing when another needed its place, so its connection is closed. So it is with the oldest
-    /// one of the report port, where there are no requests.
+    /// A connection was closed for a new client: the oldest one without a request, or the oldest one of the report
+    /// port.
     Displaced(SocketAddr),
-    /// A client requested nothing, or took no reports, for 5 minutes, so its connection is closed.
+    /// A connection was closed after 5 minutes without a request, or without a report read.
     Idle(SocketAddr),
-    /// The system refuses to accept clients. They wait, and are accepted as soon as it does.
+    /// The system fails to accept clients. They wait in the backlog, and accepting is retried.
     NotAccepting(io::Error),
-    /// A client went away.
+    /// A client disconnected.
     Gone(SocketAddr),
-    /// A client sent, after this many bytes, what cannot be a frame, so its connection is closed.
+    /// A connection was closed: the client sent an invalid frame at this byte offset.
     Broken(SocketAddr, u64, Reason),
     /// A connection failed.
     Lost(SocketAddr, io::Error),
-    /// A client had the arm rebooted, so all connections are closed, and new ones are welcome.
+    /// A client rebooted the arm: all connections are closed, and new ones are accepted.
     Rebooted(SocketAddr),
-    /// A client had the arm shut down, so all connections are closed, and serving ends.
+    /// A client shut the arm down: all connections are closed, and serving ends.
     ShutDown(SocketAddr),
 }
 
@@ -110,11 +110,11 @@ impl fmt::Display for Notice {
         match self {
             Self::Connected(peer, Port::Control) => write!(f, "{peer}: connected"),
             Self::Connected(peer, Port::Report) => write!(f, "{peer}: connected for reports"),
-            Self::TooMany(peer) => write!(f, "{peer}: sent away, there are {MAX_CLIENTS} clients already"),
-            Self::Displaced(peer) => write!(f, "{peer}: connection closed, silent, and another needs its place"),
+            Self::TooMany(peer) => write!(f, "{peer}: rejected, {MAX_CLIENTS} clients are connected"),
+            Self::Displaced(peer) => write!(f, "{peer}: connection closed without a request, for a new client"),
             Self::Idle(peer) => write!(f, "{peer}: connection closed, idle for {} minutes", IDLE.as_secs() / 60),
-            Self::NotAccepting(error) => write!(f, "cannot accept clients, they have to wait: {error}"),
-            Self::Gone(peer) => write!(f, "{peer}: gone"),
+            Self::NotAccepting(error) => write!(f, "cannot accept clients, they wait: {error}"),
+            Self::Gone(peer) => write!(f, "{peer}: disconnected"),
             Self::Broken(peer, offset, reason) => {
                 write!(
                     f,
@@ -128,7 +128,7 @@ impl fmt::Display for Notice {
     }
 }
 
-/// What was served.
+/// Counters of a server.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Served {
@@ -136,22 +136,22 @@ pub struct Served {
     pub clients: u64,
     /// Requests, heartbeats included.
     pub requests: u64,
-    /// Frames that were no request: standard Modbus, parameters that a register does not have, and what was skipped.
+    /// Frames that are not requests: standard Modbus, parameters unknown to a register, and skipped frames.
     pub unknown: u64,
-    /// Connections that were closed because what came could not be a frame.
+    /// Connections closed after an invalid frame.
     pub broken: u64,
-    /// Reports sent, one for each client.
+    /// Reports sent, counted per client.
     pub reports: u64,
-    /// Reports left out because a client did not read.
+    /// Reports dropped because a client did not read.
     pub lost: u64,
 }
 
 impl Server {
-    /// Binds the control port and, if there are to be reports, the report port. Port 0 is any that is free.
+    /// Binds the control port and, if given, the report port. Port 0 selects any free port.
     ///
     /// # Errors
     ///
-    /// [`BindError`] when a port is taken or not allowed.
+    /// [`BindError`] if a port is in use or not permitted.
     pub fn bind(control: SocketAddr, report: Option<SocketAddr>) -> Result<Self, BindError> {
         let bind = |address| -> Result<(TcpListener, SocketAddr), BindError> {
             let bound = TcpListener::bind(address).and_then(|listener| {
@@ -170,29 +170,30 @@ impl Server {
         })
     }
 
-    /// Where the control port is.
+    /// The address of the control port.
     pub fn control_address(&self) -> SocketAddr {
         self.addresses.0
     }
 
-    /// Where the report port is, if there is one.
+    /// The address of the report port, if any.
     pub fn report_address(&self) -> Option<SocketAddr> {
         self.addresses.1
     }
 
-    /// Serves an arm, whose time zero is now, until `stop` is set, which it notices within 100 ms, or a client shuts
-    /// the arm down. Says what happens as it happens.
+    /// Serves an arm until `stop` is set, within 100 ms, or a client shuts the arm down. The arm's time zero is now.
+    /// `notice` receives each event.
     ///
-    /// A request that a client sends while it does not read its answers waits; a report that it does not read in time
-    /// is left out. What cannot be a frame ends that client's connection and no other.
+    /// The requests of a client wait while it does not read its responses. Reports that it does not read in time are
+    /// dropped. An invalid frame closes only its own connection.
     ///
-    /// Each port has places for 32 clients. If all are taken, a further client takes that of the oldest one without any
-    /// request so far, or is sent away; on the report port it takes that of the oldest one. A client without a request for 5 minutes is sent away too, as is one that takes
-    /// no reports for so long. Clients that the system does not accept, such as for want of file descriptors, wait.
+    /// Each port accepts up to 32 clients. On the control port, a further client displaces the oldest one without a
+    /// request, or is rejected; on the report port it displaces the oldest one. A client is disconnected after 5
+    /// minutes without a request, or without a report read. Clients wait while the system cannot accept them, for
+    /// example without free file descriptors.
     ///
     /// # Errors
     ///
-    /// When the system refuses to wait: never for what a client does.
+    /// The system's `poll` failed. Clients cannot cause this.
     pub fn serve(self, arm: &mut VirtualXArm, stop: &AtomicBool, notice: &mut dyn FnMut(Notice)) -> io::Result<Served> {
         let mut service = Service {
             arm,
@@ -214,7 +215,7 @@ impl Server {
             if service.converse() == Some(Cut::Shutdown) {
                 break;
             }
-            // Those that are there have been heard, so that none with a request loses its place to a further one.
+            // Connected clients were read first: a client with a pending request is not displaced.
             let now = Instant::now();
             service.accept(&self.control, Port::Control, now);
             if let Some(report) = &self.report {
@@ -222,7 +223,7 @@ impl Server {
             }
             service.wait(&[Some(&self.control), self.report.as_ref()], until_report)?;
         }
-        // Who still lingers gets what was to be said.
+        // Remaining clients get their pending responses.
         while service.leaving() {
             service.converse();
             service.wait(&[], NOTICE)?;
@@ -231,13 +232,13 @@ impl Server {
     }
 }
 
-/// An arm and who talks to it.
+/// An arm and its clients.
 struct Service<'a> {
     arm: &'a mut VirtualXArm,
     notice: &'a mut dyn FnMut(Notice),
     start: Instant,
     clients: Vec<Client>,
-    /// When to accept again, after the system refused to.
+    /// The time of the next accept, after a failed one.
     accept_again: Option<Instant>,
     served: Served,
 }
@@ -247,14 +248,14 @@ impl Service<'_> {
         time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 
-    /// Accepts one client, so that those who come without end do not hold up those who are there.
+    /// Accepts one client: a stream of new connections must not block the connected clients.
     fn accept(&mut self, listener: &TcpListener, port: Port, now: Instant) {
         if self.accept_again.is_some_and(|again| now < again) {
             return;
         }
         let (stream, peer) = match listener.accept() {
             Ok(accepted) => accepted,
-            // Nobody is there, or it went before we came.
+            // No client waits, or it disconnected before the accept.
             Err(error) if is_nothing_yet(&error) || error.kind() == ErrorKind::ConnectionAborted => {
                 self.accept_again = None;
                 return;
@@ -281,7 +282,8 @@ impl Service<'_> {
         }
     }
 
-    /// Whether there is a place for a further client of a port, if need be that of the oldest one without any request.
+    /// Returns true if a port has a place for a new client. On a full port, displaces the oldest client without a
+    /// request.
     fn has_place(&mut self, port: Port) -> bool {
         let there = self.clients.iter_mut();
         let mut there: Vec<_> = there
@@ -290,7 +292,7 @@ impl Service<'_> {
         if there.len() < MAX_CLIENTS {
             return true;
         }
-        // The oldest is first.
+        // Clients are in the order of connection.
         let has_requested = |client: &&mut &mut Client| port == Port::Control && client.last_active.is_some();
         let Some(silent) = there.iter_mut().find(|client| !has_requested(client)) else {
             return false;
@@ -300,7 +302,7 @@ impl Service<'_> {
         true
     }
 
-    /// Sends away the clients that were idle for too long.
+    /// Disconnects clients that exceeded the idle timeout.
     fn dismiss_idle(&mut self, now: Instant) {
         for client in &mut self.clients {
             if client.leaves.is_none() && client.idle(now) >= IDLE {
@@ -310,7 +312,7 @@ impl Service<'_> {
         }
     }
 
-    /// Queues a report for everyone who is there for reports.
+    /// Queues a report for every client of the report port.
     fn report(&mut self) {
         let report = self.arm.report(self.now());
         let there = |client: &&mut Client| client.device.is_none() && client.leaves.is_none();
@@ -324,7 +326,7 @@ impl Service<'_> {
         }
     }
 
-    /// Hears and answers everyone once, or until one cuts the power.
+    /// Reads from and responds to every client once. Stops at a reboot or shutdown.
     fn converse(&mut self) -> Option<Cut> {
         let mut clients = mem::take(&mut self.clients);
         let mut cut = None;
@@ -351,7 +353,7 @@ impl Service<'_> {
         cut.map(|(_, cut)| cut)
     }
 
-    /// Takes what a client says and queues the answers, up to one that cuts the power.
+    /// Reads a client's requests and queues the responses, up to a reboot or shutdown.
     fn hear(&mut self, client: &mut Client) -> io::Result<Option<Cut>> {
         let mut bytes = [0; READ];
         let mut rest = client.read(&mut bytes)?;
@@ -393,7 +395,7 @@ impl Service<'_> {
                         tell(out, &refusal, key);
                     }
                 }
-                // A frame that is too long or too short, or a heartbeat that is none: nobody can say to what request.
+                // A frame of invalid length, or a malformed heartbeat: no key exists for a response.
                 DeviceEvent::Noise { offset, bytes, reason } => {
                     if offset >= *skipped {
                         self.served.unknown += 1;
@@ -414,7 +416,7 @@ impl Service<'_> {
         }
     }
 
-    /// Whether a client stays, and why not if that is news.
+    /// Returns true if a client stays. Reports a lost connection.
     fn keep(&mut self, client: &Client, outcome: io::Result<()>) -> bool {
         match outcome {
             Ok(()) => !client.is_done(),
@@ -431,10 +433,10 @@ impl Service<'_> {
         self.clients.iter().any(|client| client.leaves.is_some())
     }
 
-    /// Waits until somebody connects, says something or can be told something, at most this long.
+    /// Waits until a client connects, sends bytes or can receive bytes, at most this long.
     fn wait(&self, listeners: &[Option<&TcpListener>], timeout: Duration) -> io::Result<()> {
         let timeout = Timespec::try_from(timeout.min(NOTICE)).map_err(|_| ErrorKind::InvalidInput)?;
-        // Those that have to wait would end the wait at once.
+        // Clients that wait to be accepted would end the poll at once.
         let accepts = self.accept_again.is_none();
         let listeners = listeners
             .iter()
@@ -454,7 +456,7 @@ impl Service<'_> {
     }
 }
 
-/// What ends all connections.
+/// A request that ends all connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Cut {
     Reboot,

@@ -1,4 +1,4 @@
-//! A client of a virtual xArm's server: its connection, and what it is still to get.
+//! A client of a virtual xArm's server: its connection and its transmit queue.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
@@ -12,30 +12,30 @@ use rustix::net::sockopt::{set_socket_keepalive, set_tcp_keepidle};
 
 use super::Port;
 
-/// With this many bytes of answers waiting for a client, its requests wait too.
+/// Backlog of unread response bytes above which a client's requests wait.
 const MAX_ANSWERS: usize = 16 * 1024;
-/// How long a client is silent before the system asks whether it is still there.
+/// Idle time before the system sends TCP keep-alive probes.
 const VANISHED: Duration = Duration::from_secs(60);
-/// How long a client that is to go has to take what it is still to get.
+/// Time for a closing client to read its pending bytes.
 const LINGER: Duration = Duration::from_secs(1);
 
 /// A connection.
 pub(super) struct Client {
     pub(super) stream: TcpStream,
     pub(super) peer: SocketAddr,
-    /// What hears its requests; `None` if it is there for reports.
+    /// The decoder of its requests; `None` on the report port.
     pub(super) device: Option<Device<XArm, MAX_FRAME>>,
-    /// Where the last frame ends that was skipped.
+    /// End of the last skipped frame, as a byte offset.
     pub(super) skipped: u64,
-    /// What it is still to get.
+    /// Bytes to transmit.
     pub(super) out: VecDeque<u8>,
-    /// When it last made a request, or took all of its reports.
+    /// Time of its last request, or of the last time that it had read all its reports.
     pub(super) last_active: Option<Instant>,
     since: Instant,
-    /// Nothing more comes from it.
+    /// The client closed its sending side.
     pub(super) ended: bool,
-    /// It is to go: when it has got everything and has gone itself, or at this time. To close a connection on which
-    /// bytes wait to be read would lose what is still on the way to the other end.
+    /// Deadline of a closing connection. It closes earlier once all bytes are sent and the client has closed its side.
+    /// Closing it with unread bytes would reset it and lose the bytes in flight to the client.
     pub(super) leaves: Option<Instant>,
 }
 
@@ -61,7 +61,7 @@ impl Client {
         }
     }
 
-    /// How long it has been idle.
+    /// The time since its last activity.
     pub(super) fn idle(&self, now: Instant) -> Duration {
         now.saturating_duration_since(self.last_active.unwrap_or(self.since))
     }
@@ -70,7 +70,7 @@ impl Client {
         self.leaves.is_some() || self.out.len() < MAX_ANSWERS
     }
 
-    /// What it says now, if it is heard.
+    /// Reads bytes from the client. Returns none while its requests wait.
     pub(super) fn read<'b>(&mut self, bytes: &'b mut [u8]) -> io::Result<&'b [u8]> {
         if self.ended || !self.is_attended() {
             return Ok(&[]);
@@ -83,16 +83,16 @@ impl Client {
             Err(error) if is_nothing_yet(&error) => 0,
             other => other?,
         };
-        // What comes from one that is to go is read, but not heard.
+        // Bytes from a closing client are read and discarded.
         Ok(if self.leaves.is_none() { &bytes[..n] } else { &[] })
     }
 
-    /// Lets it go once it has got everything.
+    /// Closes the connection once its pending bytes are sent.
     pub(super) fn dismiss(&mut self) {
         self.leaves.get_or_insert(Instant::now() + LINGER);
     }
 
-    /// Sends what it takes now.
+    /// Sends as many bytes as the connection accepts.
     pub(super) fn flush(&mut self) -> io::Result<()> {
         while !self.out.is_empty() {
             match self.stream.write(self.out.as_slices().0) {
@@ -115,7 +115,7 @@ impl Client {
         (self.ended && self.out.is_empty()) || leaves <= Instant::now()
     }
 
-    /// What to wait for.
+    /// The events to poll for.
     pub(super) fn interest(&self) -> PollFlags {
         let mut interest = PollFlags::empty();
         interest.set(PollFlags::IN, !self.ended && self.is_attended());
@@ -124,7 +124,7 @@ impl Client {
     }
 }
 
-/// Makes a connection one that never waits, and that fails when the other end has vanished.
+/// Makes a connection non-blocking, and enables keep-alive to detect a vanished client.
 pub(super) fn prepare(stream: &TcpStream) -> io::Result<()> {
     stream.set_nonblocking(true)?;
     stream.set_nodelay(true)?;

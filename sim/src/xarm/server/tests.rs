@@ -258,7 +258,7 @@ fn each_port_has_places_of_its_own() {
         assert_eq!(places.leaving(), []);
         drop((clients, reports));
     });
-    let expected = ["sent away, there are 32 clients already", "connected for reports"];
+    let expected = ["rejected, 32 clients are connected", "connected for reports"];
     assert_eq!(notices[MAX_CLIENTS..], expected);
 }
 
@@ -276,7 +276,7 @@ fn oldest_client_without_request_gives_its_place() {
         assert_eq!(read_to_end(&clients[1]), []);
         drop(further);
     });
-    let expected = ["connection closed, silent, and another needs its place", "connected"];
+    let expected = ["connection closed without a request, for a new client", "connected"];
     assert_eq!(notices[MAX_CLIENTS..], expected);
 }
 
