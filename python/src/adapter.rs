@@ -12,10 +12,10 @@ use serde_json::{Value, json};
 use crate::error::value_error;
 use crate::session::{Session, check_signals};
 
-/// How long is listened before signals are looked at.
+/// Maximum duration of one read between checks for signals.
 const LISTEN: Duration = Duration::from_millis(50);
 
-/// The stamp in microseconds, the initiator, the frame's bytes, the event in JSON.
+/// Stamp in microseconds, initiator, frame bytes, and event in JSON.
 type Heard<'py> = (u64, Option<String>, Option<Bound<'py, PyBytes>>, Option<String>);
 
 /// The control port of an adapter.
@@ -34,7 +34,7 @@ impl AdapterPort {
         self.0.close(py);
     }
 
-    /// Board, serial number, firmware, commit, whether it has CAN FD.
+    /// Board, serial number, firmware, commit, and true with CAN FD.
     fn identify(&self, py: Python<'_>) -> PyResult<(String, String, String, String, bool)> {
         let Identity {
             board,
@@ -62,7 +62,7 @@ impl AdapterPort {
     /// Settings such as `poll=200`.
     #[allow(clippy::needless_pass_by_value, reason = "as PyO3 gives it")]
     fn change_config(&self, py: Python<'_>, settings: Vec<String>) -> PyResult<()> {
-        // What is no setting is told before the adapter is asked.
+        // Reject invalid settings before the first request to the adapter.
         for setting in &settings {
             host::change_config(&mut Config::default(), setting).map_err(value_error)?;
         }
@@ -89,7 +89,7 @@ impl AdapterPort {
         Ok(Value::Object(counters).to_string())
     }
 
-    /// In JSON: the counts of each bucket, which ends at 2, 4, 8, … µs.
+    /// Bucket counts in JSON. The buckets end at 2, 4, 8, … µs.
     fn read_latencies(&self, py: Python<'_>) -> PyResult<String> {
         let latencies = self.0.with(py, |control| match control.call(Request::GetLatencies)? {
             Reply::Latencies(latencies) => Ok(latencies),
@@ -108,12 +108,12 @@ impl AdapterPort {
         self.tell(py, Request::Restart)
     }
 
-    /// Makes the adapter tell of the arm's frames and its own events, or of nothing.
+    /// Subscribes to the arm's frames and to the adapter's events, or unsubscribes.
     fn subscribe(&self, py: Python<'_>, frames: bool, events: bool) -> PyResult<()> {
         self.tell(py, Request::Subscribe(Subscription { frames, events }))
     }
 
-    /// The next frame or event in this time: its stamp in microseconds, its initiator, the frame's bytes or the event in
+    /// The next frame or event within this time: stamp in microseconds, initiator, and the frame bytes or the event in
     /// JSON.
     fn hear<'py>(&self, py: Python<'py>, timeout_s: f64) -> PyResult<Option<Heard<'py>>> {
         let timeout = Duration::try_from_secs_f64(timeout_s).map_err(value_error)?;
@@ -146,7 +146,7 @@ fn hear(control: &mut ControlLink, timeout: Duration) -> Result<Option<(Stamp, E
     }
 }
 
-/// What an adapter does by itself, for programs.
+/// An event of the adapter as JSON.
 fn told(event: &Event) -> Value {
     match event {
         Event::Frame { .. } => Value::Null,
@@ -165,10 +165,10 @@ fn told(event: &Event) -> Value {
     }
 }
 
-/// An answer, though to another question than was asked.
+/// The error for a reply of the wrong type.
 fn odd(control: &ControlLink, reply: &Reply) -> Error {
     Error::Unacceptable {
         name: control.name().to_owned(),
-        reason: format!("the adapter answers what it was not asked: {reply:?}"),
+        reason: format!("the adapter sent a reply of the wrong type: {reply:?}"),
     }
 }

@@ -1,4 +1,4 @@
-//! An Alpha1, or its servos, on a port.
+//! An Alpha1 or its servos on a port.
 
 use std::num::NonZeroU32;
 use std::time::Duration;
@@ -14,7 +14,7 @@ use pyo3::types::PyBytes;
 use crate::error::value_error;
 use crate::session::{Session, ask, interruptible, tell};
 
-/// An Alpha1, or its servos, on a port. Servo 0 is all of them.
+/// An Alpha1 or its servos on a port. Servo 0 addresses all of them.
 #[pyclass(frozen, module = "armwire._armwire")]
 pub(crate) struct Alpha1Port(Session<Link<Alpha1>>);
 
@@ -47,7 +47,7 @@ impl Alpha1Port {
         Ok(PyBytes::new(py, &version))
     }
 
-    /// The numbers of the servos that run.
+    /// The numbers of the running servos.
     fn read_running_servos(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
         self.ask(py, Request::ReadServoStates, |response| match response {
             Response::ServoStates(states) => Some(states.running().map(u16::from).collect()),
@@ -55,7 +55,7 @@ impl Alpha1Port {
         })
     }
 
-    /// Angles in degrees, `None` to leave a servo as it is; times in seconds.
+    /// Moves the servos to angles in degrees; `None` keeps a servo's position. Times are in seconds.
     fn act(&self, py: Python<'_>, angles: [Option<u8>; SERVOS], time_s: f64, interval_s: f64) -> PyResult<()> {
         let mut action = Action {
             angles: [None; SERVOS],
@@ -86,13 +86,17 @@ impl Alpha1Port {
         self.ask(py, Request::SetOffsetTool(tool), done)
     }
 
-    /// `disk`, `serial` or `hid`.
+    /// Sets the USB device type: `disk`, `serial` or `hid`.
     fn set_usb_type(&self, py: Python<'_>, usb: &str) -> PyResult<()> {
         let usb = match usb {
             "disk" => UsbType::Disk,
             "serial" => UsbType::SerialPort,
             "hid" => UsbType::Hid,
-            _ => return Err(value_error(format_args!("'{usb}' is none of disk, serial, hid"))),
+            _ => {
+                return Err(value_error(format_args!(
+                    "USB type is '{usb}', must be disk, serial or hid"
+                )));
+            }
         };
         self.ask(py, Request::SetUsbType(usb), done)
     }
@@ -185,13 +189,13 @@ impl Alpha1Port {
         })
     }
 
-    /// Makes a request that one servo acknowledges and all servos do not.
+    /// Makes a request that a single servo acknowledges. Servo 0 gets no acknowledgement.
     fn tell_servo(&self, py: Python<'_>, request: ServoRequest) -> PyResult<()> {
         self.0.with(py, |link| tell(link, &Request::Servo(request)))
     }
 }
 
-/// A response that has nothing to say but its outcome, which is looked at before.
+/// A response without data. Its outcome is checked before.
 fn done(response: Response<'_>) -> Option<()> {
     let is_done = matches!(
         response,
@@ -224,6 +228,6 @@ fn interval(seconds: f64) -> PyResult<Interval> {
 }
 
 fn duration(seconds: f64) -> PyResult<Duration> {
-    let wrong = |_| value_error(format_args!("{seconds} s is no time that can be waited"));
+    let wrong = |_| value_error(format_args!("duration {seconds} s is out of range"));
     Duration::try_from_secs_f64(seconds).map_err(wrong)
 }

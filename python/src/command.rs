@@ -4,7 +4,7 @@ use std::ffi::OsString;
 
 use pyo3::prelude::*;
 
-/// Does what these words say, of which the first is the program's name. Returns whether it was done.
+/// Runs the command with these arguments; the first is the program's name. Returns true on success.
 #[pyfunction]
 pub(crate) fn run(py: Python<'_>, args: Vec<OsString>) -> bool {
     py.detach(|| armwire_cli::run_from(&args))

@@ -1,4 +1,4 @@
-//! Errors as the exceptions of `armwire.errors`.
+//! Conversion of errors to the exceptions of `armwire.errors`.
 
 use std::fmt::Display;
 
@@ -26,7 +26,7 @@ use exceptions::{
     UnacceptableError, WrongArmError,
 };
 
-/// The exception that tells of an error.
+/// The exception for an error.
 pub(crate) fn raised(error: Error) -> PyErr {
     let text = error.to_string();
     match error {
@@ -50,7 +50,7 @@ pub(crate) fn raised(error: Error) -> PyErr {
     }
 }
 
-/// A value that the caller may not give.
+/// The exception for an invalid argument.
 pub(crate) fn value_error(error: impl Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
@@ -62,5 +62,5 @@ pub(crate) fn unacceptable(error: impl Display) -> PyErr {
 
 /// The arm or the adapter was closed before.
 pub(crate) fn closed() -> PyErr {
-    ClosedError::new_err("it is closed")
+    ClosedError::new_err("the port is closed")
 }

@@ -1,6 +1,6 @@
-//! The extension module of the Python package `armwire`: ports with an arm or an adapter, and virtual arms.
+//! The extension module of the Python package `armwire`: ports of arms and adapters, and virtual arms.
 //!
-//! It has the calls as they are on the wire, in counts. The Python sources around it give them names, units and types.
+//! Its calls use wire units. The Python sources around it add names, units and types.
 
 mod adapter;
 mod alpha1;

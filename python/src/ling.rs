@@ -1,4 +1,4 @@
-//! A Ling arm on a port, in counts as they are on the wire.
+//! A Ling arm on a port, in wire units.
 
 use std::num::NonZeroU32;
 
@@ -34,7 +34,7 @@ impl LingPort {
         self.0.close(py);
     }
 
-    /// Serial number, `leader`, `follower` or nothing, hardware version, firmware version.
+    /// Serial number, kind (`leader`, `follower` or `None`), hardware version and firmware version.
     fn read_info(&self, py: Python<'_>) -> PyResult<(String, Option<&'static str>, u32, u32)> {
         let info = self.ask(py, Request::ReadInfo, |response| match response {
             Response::Info(info) => Some(info),
@@ -65,7 +65,7 @@ impl LingPort {
         })
     }
 
-    /// Of each servo, in ticks per second.
+    /// Speed of each servo, in ticks per second.
     fn read_velocities(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
         self.ask(py, Request::ReadVelocities, |response| match response {
             Response::Velocities(ticks) => Some(ticks.as_slice().to_vec()),
@@ -81,7 +81,7 @@ impl LingPort {
         })
     }
 
-    /// A bit for each servo, servo 1 lowest, 1 for normal.
+    /// Self-check result. Bit 0 is servo 1; a 1 is normal.
     fn self_check(&self, py: Python<'_>) -> PyResult<u16> {
         self.ask(py, Request::SelfCheck, |response| match response {
             Response::SelfCheck(check) => Some(check.0),
@@ -136,7 +136,7 @@ impl LingPort {
         self.tell(py, Request::SetTemperatureLimit(limit))
     }
 
-    /// Bytes that belonged to no frame, and frames with a wrong checksum, since the port was opened.
+    /// Bytes outside frames, and frames with a wrong checksum, since the port was opened.
     fn line_errors(&self, py: Python<'_>) -> PyResult<(usize, usize)> {
         self.0.with(py, |link| Ok((link.dropped(), link.checksums())))
     }

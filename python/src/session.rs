@@ -1,4 +1,4 @@
-//! What is open on a port, for any thread of Python: calls wait without the interpreter's lock, and Ctrl-C ends them.
+//! An open port for any Python thread. Calls wait without the interpreter's lock, and Ctrl-C ends them.
 
 use std::error::Error as StdError;
 use std::sync::{Mutex, PoisonError};
@@ -8,17 +8,17 @@ use pyo3::prelude::*;
 
 use crate::error::{closed, raised};
 
-/// What is open, one call at a time, until it is closed.
+/// An open port with one call at a time, until it is closed.
 pub(crate) struct Session<T>(Mutex<Option<T>>);
 
 impl<T: Send> Session<T> {
-    /// What `open` opens.
+    /// Opens a port with `open`.
     pub(crate) fn open(py: Python<'_>, open: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<Self> {
         let opened = py.detach(open).map_err(raised)?;
         Ok(Self(Mutex::new(Some(opened))))
     }
 
-    /// What `act` returns. Other threads of Python run meanwhile.
+    /// Runs `act` on the open port. Other Python threads run meanwhile.
     pub(crate) fn with<R: Send>(
         &self,
         py: Python<'_>,
@@ -31,7 +31,7 @@ impl<T: Send> Session<T> {
         acted.ok_or_else(closed)?.map_err(raised)
     }
 
-    /// Closes it, once the call that is under way is done.
+    /// Closes the port after the current call ends.
     pub(crate) fn close(&self, py: Python<'_>) {
         py.detach(|| drop(self.0.lock().unwrap_or_else(PoisonError::into_inner).take()));
     }
@@ -43,17 +43,17 @@ pub(crate) fn interruptible<P: Arm>(mut link: Link<P>) -> Link<P> {
     link
 }
 
-/// The exception of a signal, such as `KeyboardInterrupt`, if there is one.
+/// The exception of a pending signal, such as `KeyboardInterrupt`.
 pub(crate) fn check_signals() -> Result<(), Box<dyn StdError + Send + Sync>> {
     Python::attach(|py| py.check_signals()).map_err(Into::into)
 }
 
-/// Makes a request that is not answered.
+/// Makes a request without a response.
 pub(crate) fn tell<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>) -> Result<(), Error> {
     link.call(request, |_| ()).map(drop)
 }
 
-/// Makes a request and returns what `take` makes of its answer.
+/// Makes a request and converts its response with `take`.
 pub(crate) fn ask<P: Arm, T>(
     link: &mut Link<P>,
     request: &P::Request<'_>,

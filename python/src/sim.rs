@@ -1,4 +1,4 @@
-//! Virtual arms, each served by a thread of its own.
+//! Virtual arms, each served by its own thread.
 
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -35,7 +35,7 @@ impl Service {
         Self { stop, thread }
     }
 
-    /// Ends the thread: the port is gone then.
+    /// Ends the thread and closes the port.
     fn stop(&self, py: Python<'_>) {
         self.stop.store(true, Ordering::Relaxed);
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -43,14 +43,14 @@ impl Service {
     }
 }
 
-/// It is not left behind when Python has no use for it any more. The thread notices by itself.
+/// Stops the thread when Python drops the object, without waiting for its end.
 impl Drop for Service {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
     }
 }
 
-/// A device behind a line with faults, for the thread that serves it and for tests.
+/// A device behind a line with faults, shared by its thread and by tests.
 struct Shared<D>(Arc<Mutex<Line<D>>>);
 
 impl<D> Shared<D> {
@@ -86,13 +86,13 @@ impl<D: SerialDevice + Send + 'static> OnPty<D> {
         let port = pty.path().display().to_string();
         let line = Arc::new(Mutex::new(Line::new(device, Rates::NONE, Rates::NONE, seed)));
         let mut served = Shared(Arc::clone(&line));
-        // A pty fails only when it is closed, which ends it all the same.
+        // A pty fails only when it is closed, and its thread ends then anyway.
         let service = Service::start(move |stop| drop(serve(&mut served, &pty, stop)));
         let device = Shared(line);
         Ok(Self { device, service, port })
     }
 
-    /// Faults in parts per million bytes, of requests and answers.
+    /// Sets fault rates in parts per million of bytes, in both directions.
     fn set_faults(&self, faults: Faults) {
         let (drop, corrupt, duplicate, delay, noise) = faults;
         let rates = Rates {
@@ -106,7 +106,7 @@ impl<D: SerialDevice + Send + 'static> OnPty<D> {
         self.device.lock().set_rates(rates, rates);
     }
 
-    /// How often each fault has happened, both ways.
+    /// Counts of injected faults, in both directions.
     fn injected(&self) -> [u64; 5] {
         let line = self.device.lock();
         let counts = |injected: Injected| {
@@ -123,7 +123,7 @@ impl<D: SerialDevice + Send + 'static> OnPty<D> {
     }
 }
 
-/// Dropped, corrupted, duplicated, delayed bytes and noise, in parts per million.
+/// Rates of dropped, corrupted, duplicated and delayed bytes and of noise, in parts per million.
 type Faults = (u32, u32, u32, u32, u32);
 
 /// A virtual Ling arm.
@@ -152,20 +152,20 @@ impl VirtualLing {
         self.0.service.stop(py);
     }
 
-    /// Joint ticks, gripper in thousandths, motion status, as they are without asking by the line.
+    /// True state of the arm, independent of its line: joint ticks, gripper in thousandths, motion status.
     fn joints(&self) -> ([u16; JOINTS], u16, u8) {
         let line = self.0.device.lock();
         let arm = line.device();
         (arm.joints(), arm.gripper(), arm.status().into())
     }
 
-    /// Moves joint 0 to 5 by hand, to ticks. Returns whether it gave way.
+    /// Moves joint 0 to 5 by hand to a position in ticks. Returns true if it moved.
     fn push_joint(&self, joint: usize, ticks: u16) -> PyResult<bool> {
         let position = Position::new(ticks).map_err(value_error)?;
         Ok(self.0.device.lock().device_mut().push_joint(joint, position))
     }
 
-    /// Moves the gripper by hand, to thousandths. Returns whether it gave way.
+    /// Moves the gripper by hand to an opening in thousandths. Returns true if it moved.
     fn push_gripper(&self, per_mille: u16) -> PyResult<bool> {
         let opening = Opening::new(per_mille).map_err(value_error)?;
         Ok(self.0.device.lock().device_mut().push_gripper(opening))
@@ -183,7 +183,7 @@ impl VirtualLing {
         self.0.injected()
     }
 
-    /// How many requests it has heard, obeyed or not.
+    /// Number of requests received, obeyed or not.
     fn requests(&self) -> u64 {
         self.0.device.lock().device().counters().requests
     }
@@ -234,13 +234,13 @@ impl VirtualAlpha1 {
         self.0.set_faults(faults);
     }
 
-    /// The action that it plays.
+    /// The current action.
     fn playing(&self) -> Option<&'static str> {
         self.0.device.lock().device().playing()
     }
 }
 
-/// The servos of a virtual Alpha1 on a bus of their own.
+/// The servos of a virtual Alpha1 on their own bus.
 #[pyclass(frozen, module = "armwire._armwire")]
 pub(crate) struct VirtualAlpha1Servos(OnPty<ServoBus>);
 
@@ -292,7 +292,7 @@ impl VirtualXArm {
         let server = Server::bind(any, None).map_err(|error| PyOSError::new_err(error.to_string()))?;
         let address = server.control_address();
         let mut arm = XArm::new(XArmConfig::new(model));
-        // The system refuses to accept only where it is out of resources, which ends it.
+        // `serve` fails only when the system cannot poll, and the thread ends then.
         let service = Service::start(move |stop| drop(server.serve(&mut arm, stop, &mut |_| ())));
         Ok(Self { service, address })
     }

@@ -10,11 +10,11 @@ use pyo3::types::PyBytes;
 use crate::error::value_error;
 use crate::session::{Session, ask, interruptible, tell};
 
-/// The arm's state, and what was asked for.
+/// The arm's state and a value.
 type Answer<T> = (u8, T);
 /// Axes, type, arm, control box and firmware.
 type Version = (u8, u8, String, String, String);
-/// Of the arm and of its control box.
+/// Serial numbers of the arm and of its control box.
 type Serials = (Option<String>, Option<String>);
 
 /// An xArm on a host. Each answer comes with the arm's state, as a byte.
@@ -40,8 +40,8 @@ impl XArmPort {
         self.0.close(py);
     }
 
-    /// As the arm says it, with what is not printable escaped; and axes, type, arm, control box and firmware, if it says
-    /// these.
+    /// The version text with unprintable characters escaped; and axes, type, arm, control box and firmware, if the
+    /// text has them.
     fn read_version(&self, py: Python<'_>) -> PyResult<Answer<(String, Option<Version>)>> {
         self.ask(py, Request::ReadVersion, |reply| match reply {
             Reply::Version(text) => Some((text.to_string(), version(text))),
@@ -60,7 +60,7 @@ impl XArmPort {
         Ok(self.ask(py, Request::ReloadDynamics, done)?.0)
     }
 
-    /// `torque` or `current`.
+    /// Reported quantity: `torque` or `current`.
     fn read_torque_source(&self, py: Python<'_>) -> PyResult<Answer<&'static str>> {
         self.ask(py, Request::ReadTorqueSource, |reply| match reply {
             Reply::TorqueSource(TorqueSource::Torque) => Some("torque"),
@@ -69,7 +69,7 @@ impl XArmPort {
         })
     }
 
-    /// In millimetres, as the arm says it.
+    /// Rotation radius in millimetres, as sent by the arm.
     fn read_rotation_radius(&self, py: Python<'_>, joint: u8) -> PyResult<Answer<f32>> {
         let joint = Joint::new(joint).map_err(value_error)?;
         self.ask(py, Request::ReadRotationRadius(joint), |reply| match reply {
@@ -90,7 +90,7 @@ impl XArmPort {
         self.0.with(py, |link| tell(link, &Request::Heartbeat))
     }
 
-    /// Any other register and its parameters.
+    /// Makes a request of any other register, with its parameters.
     fn raw<'py>(&self, py: Python<'py>, register: u8, params: &[u8]) -> PyResult<Answer<Bound<'py, PyBytes>>> {
         let raw = Raw::new(register, params).map_err(value_error)?;
         let (state, params) = self.ask(py, Request::Raw(raw), |reply| match reply {
@@ -126,7 +126,7 @@ fn serials(text: SerialsText<'_>) -> Serials {
     (text.arm().map(str::to_owned), text.control_box().map(str::to_owned))
 }
 
-/// The answer of a register that has nothing to say but that it is done.
+/// The response of a register without data.
 fn done(reply: Reply<'_>) -> Option<()> {
     matches!(reply, Reply::Empty(_) | Reply::SystemControl(_)).then_some(())
 }

@@ -69,7 +69,7 @@ def test_servo_settings_are_read_back(servos: armwire.Alpha1) -> None:
         (lambda robot: robot.act({1: 0}, time_s=6, interval_s=0), r"move time is 6 s, must be 0..=5.1"),
         (lambda robot: robot.act({1: 0}, time_s=0, interval_s=-1), "-1 s is no time"),
         (lambda robot: robot.play("x" * 255), "text length is 255 bytes"),
-        (lambda robot: robot.set_usb_type("tape"), "'tape' is none of disk, serial, hid"),
+        (lambda robot: robot.set_usb_type("tape"), "USB type is 'tape', must be disk, serial or hid"),
         (lambda robot: robot.move_servo(241, 0, time_s=0, lock_s=0), "servo id is 241"),
         (lambda robot: robot.read_servo_angles_deg(0), "servo id is 0, must be 1"),
         (lambda robot: robot.set_servo_offset_thirds_deg(1, 91), "servo offset is 91"),

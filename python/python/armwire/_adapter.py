@@ -1,4 +1,4 @@
-"""An armwire adapter: its configuration, what it counts, and what it hears from the arm, with times."""
+"""An armwire adapter: its configuration, its counters, and the arm's frames with time stamps."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
 
     from ._units import Floats
 
-# How long is listened at once, in seconds: what else is to be done is looked at then.
+# Maximum duration of one blocking read, in seconds. Deadlines are checked in between.
 LISTEN_S = 0.2
 
 
 @dataclass(frozen=True)
 class AdapterIdentity:
-    """What an adapter is."""
+    """An adapter's identity."""
 
     board: str
-    """Such as `stm32f405`."""
+    """The board, for example `stm32f405`."""
     serial: str
     firmware: str
     commit: str
-    """The commit of its firmware, with `+` behind it if files were changed; empty if not known."""
+    """The commit of its firmware, followed by `+` if files were changed; empty if unknown."""
     can_fd: bool
-    """Whether its CAN is CAN FD."""
+    """True if its CAN controller supports CAN FD."""
 
 
 @dataclass(frozen=True)
@@ -44,37 +44,37 @@ class Telemetry:
     """A frame of the arm, or an event of the adapter."""
 
     stamp_us: int
-    """The adapter's clock when the frame's last byte was in, in microseconds since the adapter started."""
+    """Reception time of the frame's last byte by the adapter's clock, in microseconds since its start."""
     initiator: str | None
-    """Who had asked for the frame: `usb`, `can`, `poll`, `command`, `adapter`; `None` if nobody, and of an event."""
+    """Initiator of the request: `usb`, `can`, `poll`, `command`, `adapter`. `None` without one or for an event."""
     frame: bytes
-    """As on the wire; empty of an event."""
+    """The frame as on the wire; empty for an event."""
     event: Mapping[str, object] | None
-    """What the adapter did by itself, such as `{"event": "host_silent", …}`; `None` of a frame."""
+    """An event of the adapter, for example `{"event": "host_silent", …}`; `None` for a frame."""
 
     @property
     def joints(self) -> JointState | None:
-        """What a Ling arm's frame tells of the joints; `None` of another frame, and of an event."""
+        """The joint reading in a Ling arm's frame; `None` for other frames and for events."""
         counts = _armwire.ling_joints(self.frame)
         return None if counts is None else joint_state(counts)
 
 
 @dataclass(frozen=True)
 class JointRecording:
-    """Joints over time, as arrays with an entry for each reading."""
+    """Joints over time, as arrays with one entry per reading."""
 
     stamp_us: NDArray[np.uint64]
-    """The adapter's clock, in microseconds since it started."""
+    """Time stamps by the adapter's clock, in microseconds since its start."""
     ticks: NDArray[np.uint16]
     """Of six joints, as the arm sent them: 4096 a turn, 2048 at zero. Positions are 0 to 4095."""
     gripper_permille: NDArray[np.uint16]
-    """As the arm sent it: 0 is closed, 1000 is open."""
+    """Gripper openings in thousandths, as sent by the arm: 0 is closed, 1000 is open."""
     status: NDArray[np.uint8]
-    """As in `MotionStatus`."""
+    """Motion states, as in `MotionStatus`."""
 
     @classmethod
     def of(cls, telemetry: Iterable[Telemetry]) -> JointRecording:
-        """The readings of joints in telemetry."""
+        """Collect the joint readings in telemetry."""
         readings = [(each.stamp_us, state) for each in telemetry if (state := each.joints) is not None]
         return cls(
             np.array([stamp for stamp, _ in readings], dtype=np.uint64),
@@ -108,10 +108,10 @@ class JointRecording:
 class Adapter(Open):
     """The control port of an adapter. The arm's own port stays free for `Ling` meanwhile.
 
-    Calls wait 3 s for the adapter, and raise the exceptions of `armwire.errors`.
+    Calls time out after 3 s and raise the exceptions of `armwire.errors`.
 
     Args:
-        port: The adapter's serial port, such as `/dev/ttyACM0`, beside which its control port is found;
+        port: The adapter's serial port, such as `/dev/ttyACM0`, which identifies its control port;
             `can:IFACE/NODE`; `slcan:PORT@BITRATE/NODE`; `control:PORT` of a virtual board.
 
     Raises:
@@ -123,7 +123,7 @@ class Adapter(Open):
         super().__init__(port, self._port)
 
     def identify(self) -> AdapterIdentity:
-        """Read what the adapter is."""
+        """Read the adapter's identity."""
         return AdapterIdentity(*self._port.identify())
 
     def read_config(self) -> dict[str, object]:
@@ -134,12 +134,12 @@ class Adapter(Open):
         """Change settings until the adapter's next start.
 
         Args:
-            settings: Such as `{"poll": 200, "can.telemetry-hz": 100}`; `armwire config help set` lists all.
-            save: Keep the whole configuration for later starts, too.
+            settings: For example `{"poll": 200, "can.telemetry-hz": 100}`; `armwire config help set` lists all.
+            save: Save the whole configuration for later starts.
 
         Raises:
-            ValueError: There is no such setting or value.
-            RefusedError: The adapter cannot be like that.
+            ValueError: A setting or value does not exist.
+            RefusedError: The adapter rejected the configuration.
         """
         words = {True: "on", False: "off"}
         self._port.change_config(
@@ -149,30 +149,30 @@ class Adapter(Open):
             self.save_config()
 
     def save_config(self) -> None:
-        """Keep the configuration in force for later starts, too."""
+        """Save the configuration in force for later starts."""
         self._port.save_config()
 
     def reset_config(self) -> None:
-        """Forget what was saved, and be as from the factory."""
+        """Erase the saved configuration and restore the factory defaults."""
         self._port.reset_config()
 
     def read_counters(self) -> dict[str, int]:
-        """Read all that the adapter has counted since its start, by name."""
+        """Read the adapter's counters since its start, by name."""
         return cast("dict[str, int]", json.loads(self._port.read_counters()))
 
     def read_latencies(self) -> dict[str, NDArray[np.int64]]:
-        """Read how long things took at the adapter, as histograms.
+        """Read the adapter's latency histograms.
 
         Returns:
             `answer`, from a request's last byte to its answer's last byte; `turn`, from a request's arrival to its
             first byte on the line; `poll`, from a poll's slot to its first byte on the line. Each has 16 counts, of
-            durations shorter than 2, 4, 8, … 32768 µs; the last is of all longer ones.
+            durations shorter than 2, 4, 8, … 32768 µs; the last counts all longer ones.
         """
         latencies = cast("dict[str, list[int]]", json.loads(self._port.read_latencies()))
         return {name: np.array(counts, dtype=np.int64) for name, counts in latencies.items()}
 
     def end_stream(self) -> None:
-        """End the stream of motion of this port's host without switching the torque off."""
+        """End the motion stream of this port's host without switching the torque off."""
         self._port.end_stream()
 
     def restart(self) -> None:
@@ -180,14 +180,13 @@ class Adapter(Open):
         self._port.restart()
 
     def telemetry(self, *, duration_s: float | None = None, events: bool = False) -> Generator[Telemetry, None, None]:
-        """Iterate over what the adapter hears from the arm, whoever asked: its own poll, USB, CAN.
+        """Iterate over the arm's frames, for requests of any initiator: the adapter's poll, USB, CAN.
 
-        The adapter polls if it is configured to: `set_config({"poll": 200})`. What the adapter could not keep until it
-        was read is dropped there, and counted.
+        The adapter polls if configured: `set_config({"poll": 200})`. It drops and counts frames that exceed its queue.
 
         Args:
-            duration_s: How long to listen; until the iteration is left unless given.
-            events: Also iterate over what the adapter does by itself.
+            duration_s: Duration in seconds. Without it, the iteration has no end.
+            events: Also yield events of the adapter.
         """
         until = None if duration_s is None else time.monotonic() + duration_s
         self._port.subscribe(True, events)
@@ -202,5 +201,5 @@ class Adapter(Open):
             self._port.subscribe(False, False)
 
     def record_joints(self, duration_s: float) -> JointRecording:
-        """Listen to a Ling arm's joints for this time. See `telemetry`."""
+        """Record a Ling arm's joints for this duration. See `telemetry`."""
         return JointRecording.of(self.telemetry(duration_s=duration_s))

@@ -7,20 +7,20 @@ from . import _armwire
 from ._open import Open
 from ._units import count
 
-# Servos that an action has room for. An Alpha1 has 16.
+# Maximum servos of an action. An Alpha1 has 16.
 SERVOS = 20
 
 
 class Alpha1(Open):
-    """An Alpha1 on a port, or the bus of its servos.
+    """An Alpha1 or its servo bus on a port.
 
-    Calls wait 250 ms for an answer; reads of the robot are repeated twice in three times that. Other threads run
-    meanwhile, and may use the same object: calls take turns. Ctrl-C ends a call. Calls raise the exceptions of
-    `armwire.errors`; where the robot or a servo reports failure, for which it gives no reason, `RefusedError`.
+    Calls time out after 250 ms. Reads of the robot are retried twice and time out after three times that. Other
+    threads run during a call and may use the same object: calls are serialised. Ctrl-C ends a call. Calls raise the
+    exceptions of `armwire.errors`: `RefusedError` if the robot or a servo reports failure, which has no reason.
 
     Args:
         port: A serial port such as `/dev/ttyACM0`; `tcp:HOST:PORT`.
-        baud: The serial port's rate; 115200 unless given.
+        baud: The serial port's baud rate; 115200 by default.
 
     Raises:
         PortError: The port cannot be opened.
@@ -31,24 +31,24 @@ class Alpha1(Open):
         super().__init__(port, self._port)
 
     def read_hardware_version(self) -> bytes:
-        """Read the hardware version. Its alphabet is not documented."""
+        """Read the hardware version. Its character set is not documented."""
         return self._port.read_hardware_version()
 
     def read_firmware_version(self) -> str:
-        """Read the firmware version, year first, such as 2016010100; 2015121519 is the first with this protocol."""
+        """Read the firmware version, year first, as 2016010100; 2015121519 is the first with this protocol."""
         return self._port.read_firmware_version().decode("ascii", "backslashreplace")
 
     def read_running_servos(self) -> tuple[int, ...]:
-        """Read which servos run, by number from 1. One that does not run can be turned by hand."""
+        """Read the numbers of the running servos, from 1. A servo that does not run can be turned by hand."""
         return tuple(self._port.read_running_servos())
 
     def act(self, angles_deg: Mapping[int, int], *, time_s: float, interval_s: float) -> None:
         """Move servos together.
 
         Args:
-            angles_deg: Whole degrees, 0 to 240, by servo, 1 to 20. Others stay as they are.
-            time_s: How long the servos take, to 5.1 s, in steps of 20 ms.
-            interval_s: From the end of this to the next that the robot takes, to 1310.7 s.
+            angles_deg: Whole degrees, 0 to 240, by servo, 1 to 20. Other servos keep their position.
+            time_s: Duration of the motion, up to 5.1 s, in steps of 20 ms.
+            interval_s: Time from its end until the robot accepts the next frame, up to 1310.7 s.
         """
         angles: list[int | None] = [None] * SERVOS
         for servo, degrees in angles_deg.items():
@@ -58,11 +58,11 @@ class Alpha1(Open):
         self._port.act(angles, time_s, interval_s)
 
     def play(self, name: str | bytes) -> None:
-        """Play the action of this name. A name of another alphabet is given as bytes; they may be GBK."""
+        """Play the action with this name. Pass a non-ASCII name as bytes; the robot's encoding may be GBK."""
         self._port.play(name.encode() if isinstance(name, str) else name)
 
     def stop(self) -> None:
-        """Stop the action that is played."""
+        """Stop the current action."""
         self._port.stop()
 
     def set_offset_tool(self, connected: bool) -> None:
@@ -70,7 +70,7 @@ class Alpha1(Open):
         self._port.set_offset_tool(connected)
 
     def set_usb_type(self, usb: Literal["disk", "serial", "hid"]) -> None:
-        """Say what the robot is on USB from now on. The port may close over it. A disk takes no requests."""
+        """Set the robot's USB device type. The port may close. A disk accepts no requests."""
         self._port.set_usb_type(usb)
 
     def move_servo(self, servo: int, angle_deg: int, *, time_s: float, lock_s: float) -> None:
@@ -86,19 +86,19 @@ class Alpha1(Open):
         self._port.move_servo(_id(servo), angle, time_s, lock_s)
 
     def release_servo(self, servo: int) -> None:
-        """Switch the motor of a servo, or of all (0), off: what it holds up falls."""
+        """Switch the motor of a servo, or of all (0), off: its load falls."""
         self._port.release_servo(_id(servo))
 
     def set_servo_led(self, servo: int, led: int) -> None:
-        """Switch the light of a servo, or of all (0): 0 or 1, whose meanings the sources contradict each other on."""
+        """Switch the light of a servo, or of all (0): 0 or 1. The sources disagree on the meaning."""
         self._port.set_servo_led(_id(servo), count("light", led, 255))
 
     def read_servo_angles_deg(self, servo: int) -> tuple[int, int]:
-        """Read target and actual angle. The servo switches its motor off to answer: what it holds up falls."""
+        """Read target and actual angle. The servo switches its motor off to answer: its load falls."""
         return self._port.read_servo_angles(_id(servo))
 
     def change_servo_id(self, servo: int, to: int) -> None:
-        """Give a servo another id, 1 to 240."""
+        """Change a servo's id, 1 to 240."""
         self._port.change_servo_id(_id(servo), _id(to))
 
     def set_servo_offset_thirds_deg(self, servo: int, thirds: int) -> None:
@@ -112,7 +112,7 @@ class Alpha1(Open):
         return self._port.read_servo_offset(_id(servo))
 
     def read_servo_version(self, servo: int) -> bytes:
-        """Read the version of a servo's firmware, four bytes whose meaning is not documented."""
+        """Read a servo's firmware version: four bytes of undocumented meaning."""
         return self._port.read_servo_version(_id(servo))
 
 

@@ -1,4 +1,4 @@
-"""The extension module: ports and virtual arms, in counts as they are on the wire."""
+"""The extension module: ports and virtual arms, in wire units."""
 
 from collections.abc import Sequence
 from typing import Literal, TypeAlias, final

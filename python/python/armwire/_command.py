@@ -8,7 +8,7 @@ from . import _armwire
 
 def main() -> None:
     """Run the command with the program's arguments."""
-    # Python's own handler only takes a note, which nobody would look at.
+    # Python's own handler only sets a flag, which this call never checks.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     done = _armwire.run(["armwire", *sys.argv[1:]])
     sys.exit(0 if done else 1)

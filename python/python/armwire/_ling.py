@@ -14,16 +14,16 @@ from ._units import DEG_PER_TICK, RAD_PER_TICK, Floats, count, floats, position_
 from .errors import RefusedError, UnacceptableError
 
 MAX_GRIPPER = 1000
-# How near a joint is when it has arrived: 3 ticks, 0.26°.
+# Tolerance of a joint's target: 3 ticks, 0.26°.
 NEAR_TICKS = 3
-# How long an arm may take to switch its torque.
+# Timeout of switching the torque.
 OBEYS_S = 0.5
-# How often an arm is asked while something is waited for.
+# Polling interval of waits.
 PERIOD_S = 0.02
 
 
 class MotionStatus(IntEnum):
-    """What an arm is doing. A value that the document does not name is kept as a plain number."""
+    """An arm's motion status. A value without a name in the document stays a plain number."""
 
     IDLE = 0x00
     LOCKED = 0x01
@@ -38,30 +38,30 @@ _STATUSES = {int(status): status for status in MotionStatus}
 
 @dataclass(frozen=True)
 class LingInfo:
-    """What an arm says that it is."""
+    """An arm's identity."""
 
     serial: str
     kind: Literal["leader", "follower"] | None
-    """From the serial number; `None` if that does not tell."""
+    """Leader or follower, by the serial number; `None` if that is not conclusive."""
     hardware: str
-    """Such as `v1.10`."""
+    """The hardware version, for example `v1.10`."""
     firmware: str
-    """Such as `v6.10`, which the vendor's software writes as 6.1.0."""
+    """The firmware version, for example `v6.10`, which the vendor's software writes as 6.1.0."""
 
 
 @dataclass(frozen=True)
 class JointState:
-    """Where an arm is, in the counts that it sent.
+    """An arm's position and status, in the counts that it sent.
 
-    An arm may send counts that no position has. They are kept, and the properties raise `UnacceptableError` for them.
+    Counts out of range are kept. The properties raise `UnacceptableError` for them.
     """
 
     ticks: tuple[int, ...]
-    """Of joints 1 to 6: 4096 a turn, 2048 at zero. Positions are 0 to 4095."""
+    """Positions of joints 1 to 6 in ticks: 4096 per turn, 2048 at zero. The range is 0 to 4095."""
     gripper: int
-    """As sent. Positions are 0 to 1000."""
+    """Gripper opening in thousandths. The range is 0 to 1000."""
     status: MotionStatus | int
-    """What the arm is doing."""
+    """The motion status."""
 
     @property
     def joints_deg(self) -> Floats:
@@ -82,7 +82,7 @@ class JointState:
 
     @property
     def is_holding(self) -> bool | None:
-        """Whether the torque is on; `None` if the status does not tell."""
+        """True if the torque is on; `None` if the status does not show it."""
         if self.status in (MotionStatus.LOCKED, MotionStatus.SYNC_LOCKED):
             return True
         if self.status in (MotionStatus.IDLE, MotionStatus.OVERHEAT_PROTECTION):
@@ -92,7 +92,7 @@ class JointState:
 
 @dataclass(frozen=True)
 class LineErrors:
-    """Damage on the line since the port was opened."""
+    """Line errors since the port was opened."""
 
     noise_bytes: int
     """Bytes that belonged to no frame."""
@@ -109,15 +109,15 @@ def joint_state(counts: tuple[tuple[int, ...], int, int]) -> JointState:
 class Ling(Open):
     """A Ling arm (Alicia-D) on a port.
 
-    Calls wait for the answer. Reads are repeated twice, and fail after 0.4 s where an arm is silent. Other threads run
-    meanwhile, and may use the same object: calls take turns. Ctrl-C ends a call.
+    Calls wait for the answer. Reads are retried twice and time out after 0.4 s. Other threads run during a call and may
+    use the same object: calls are serialised. Ctrl-C ends a call.
 
     Calls raise the exceptions of `armwire.errors`.
 
     Args:
         port: A serial port such as `/dev/ttyACM0` or `COM3`; `tcp:HOST:PORT`; `can:IFACE/NODE`;
-            `slcan:PORT@BITRATE/NODE`. As the `armwire` command takes them.
-        baud: The serial port's rate; 1000000 unless given.
+            `slcan:PORT@BITRATE/NODE`. The `armwire` command accepts the same.
+        baud: The serial port's baud rate; 1000000 by default.
 
     Raises:
         PortError: The port cannot be opened.
@@ -150,50 +150,50 @@ class Ling(Open):
         return self.read_joints().gripper_permille
 
     def read_temperatures_celsius(self) -> NDArray[np.int64]:
-        """Read the temperature of every servo: 10 of a follower, 6 of a leader."""
+        """Read the temperature of every servo in °C: 10 values from a follower, 6 from a leader."""
         return np.array(self._port.read_temperatures(), dtype=np.int64)
 
     def read_velocities_deg_s(self) -> Floats:
-        """Read the speed of every servo, without its direction, in degrees per second.
+        """Read the absolute speed of every servo in degrees per second.
 
         A follower has 10 servos: joints 1 to 3 have two each.
         """
         return np.array(self._port.read_velocities(), dtype=np.float64) * DEG_PER_TICK
 
     def read_velocities_rad_s(self) -> Floats:
-        """Read the speed of every servo, without its direction, in radians per second."""
+        """Read the absolute speed of every servo in radians per second."""
         return np.array(self._port.read_velocities(), dtype=np.float64) * RAD_PER_TICK
 
     def read_stroke_mm(self) -> int:
-        """Read the stroke of the gripper that the arm is set to: 50, 75 or 100 mm."""
+        """Read the configured stroke of the gripper: 50, 75 or 100 mm."""
         return self._port.read_stroke()
 
     def self_check(self) -> tuple[int, ...]:
         """Check every servo.
 
         Returns:
-            The ids of servos, from 1, that are not normal; of a leader, 7 to 10 do not count.
+            The ids of faulty servos, from 1. A leader has no servos 7 to 10.
         """
         servos = len(self._port.read_temperatures())
         normal = self.self_check_mask()
         return tuple(servo for servo in range(1, servos + 1) if not normal >> (servo - 1) & 1)
 
     def self_check_mask(self) -> int:
-        """Check every servo: a bit for each, servo 1 lowest, 1 for normal. A leader has servos 1 to 6 only."""
+        """Check every servo. Bit 0 is servo 1; a 1 is normal. A leader has servos 1 to 6 only."""
         return self._port.self_check()
 
     def move_deg(
         self, joints: ArrayLike, *, gripper_permille: int, speed_deg_s: ArrayLike, gripper_ticks_s: int = 1000
     ) -> None:
-        """Start to move to these angles. The arm moves at once: keep clear of it.
+        """Start a move to these angles. The arm moves at once: keep clear of it.
 
-        The arm confirms nothing. With its torque off it does not move.
+        The arm sends no confirmation. It does not move while its torque is off.
 
         Args:
             joints: Angles of joints 1 to 6 in degrees, -180 to 179.912.
             gripper_permille: The gripper, 0 closed to 1000 open. It moves in the same request.
-            speed_deg_s: Degrees per second, up to 439.453: one number, or six.
-            gripper_ticks_s: The gripper's speed; the vendor's software sends 5500.
+            speed_deg_s: Degrees per second, up to 439.453: one number for all joints, or six.
+            gripper_ticks_s: The gripper's speed in ticks per second; the vendor's software sends 5500.
 
         Raises:
             ValueError: A value is out of range; nothing is sent.
@@ -205,7 +205,7 @@ class Ling(Open):
     def move_rad(
         self, joints: ArrayLike, *, gripper_permille: int, speed_rad_s: ArrayLike, gripper_ticks_s: int = 1000
     ) -> None:
-        """Start to move to these angles, in radians, -3.14159 to 3.14006, up to 7.66990 rad/s. See `move_deg`."""
+        """Start a move to these angles in radians, -3.14159 to 3.14006, at up to 7.66990 rad/s. See `move_deg`."""
         ticks = position_ticks(joints, RAD_PER_TICK, "rad")
         speeds = speed_ticks(speed_rad_s, RAD_PER_TICK, "rad/s")
         self._move(ticks, speeds, gripper_permille, gripper_ticks_s)
@@ -214,10 +214,10 @@ class Ling(Open):
         """Read until every joint is within 3 ticks (0.26°) of these angles.
 
         Returns:
-            The state then.
+            The state at that time.
 
         Raises:
-            TimeoutError: A joint is not there in time; the text names it. The arm may still move.
+            TimeoutError: A joint did not arrive in time; the message names it. The arm may still move.
         """
         goals = position_ticks(joints, DEG_PER_TICK, "degrees")
         until = time.monotonic() + timeout_s
@@ -234,10 +234,10 @@ class Ling(Open):
             time.sleep(PERIOD_S)
 
     def set_torque(self, on: bool) -> None:
-        """Switch the torque, and read back that it is so. With torque off the arm falls: hold it.
+        """Switch the torque and verify the status. With torque off the arm falls: hold it.
 
         Raises:
-            RefusedError: The status says otherwise after half a second.
+            RefusedError: The status does not match after half a second.
         """
         self._port.set_torque(on)
         until = time.monotonic() + OBEYS_S
@@ -251,19 +251,19 @@ class Ling(Open):
             time.sleep(PERIOD_S)
 
     def set_zero(self) -> None:
-        """Make the present pose the zero position. The arm switches its torque off and falls: hold it."""
+        """Make the current pose the zero position. The arm switches its torque off and falls: hold it."""
         self._port.set_zero()
 
     def set_stroke_mm(self, stroke: int) -> None:
-        """Tell the arm which gripper it has: 50, 75 or 100 mm."""
+        """Set the gripper's stroke: 50, 75 or 100 mm."""
         self._port.set_stroke(count("stroke in mm", stroke, 255))
 
     def set_temperature_limit_celsius(self, limit: int) -> None:
-        """Set the temperature at which the arm protects itself, 0 to 255 °C but for 254; 85 from the factory."""
+        """Set the overheat protection limit, 0 to 255 °C except 254; the factory default is 85."""
         self._port.set_temperature_limit(count("temperature limit in °C", limit, 255))
 
     def line_errors(self) -> LineErrors:
-        """Return what was damaged on the line so far."""
+        """Return the line errors so far."""
         return LineErrors(*self._port.line_errors())
 
     def _move(self, ticks: list[int], speeds: list[int], gripper: int, gripper_speed: int) -> None:

@@ -1,4 +1,4 @@
-"""What is open until it is closed."""
+"""The base class of open ports."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ class _Closable(Protocol):
 
 
 class Open:
-    """A context manager that closes what it opened."""
+    """A context manager that closes its port on exit."""
 
     def __init__(self, port: str, opened: _Closable) -> None:
         self.port = port
-        """The port, as it was given."""
+        """The port, as passed to the constructor."""
         self.__opened = opened
 
     def __enter__(self) -> Self:
@@ -34,5 +34,5 @@ class Open:
         return f"{type(self).__name__}({self.port!r})"
 
     def close(self) -> None:
-        """Close it, once the call that is under way is done. It may be closed twice."""
+        """Close the port, after the current call ends. Closing it again has no effect."""
         self.__opened.close()

@@ -1,6 +1,6 @@
 """Counts on the wire and units in programs: degrees, radians, thousandths.
 
-A joint has 4096 ticks a turn, 2048 at zero. A tick is 45/512 degrees, which floating-point numbers hold exactly.
+A joint has 4096 ticks per turn, with zero at 2048. A tick is 45/512 degrees, exact in floating point.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ MAX_TICKS = 4095
 MAX_TICKS_PER_S = 5000
 DEG_PER_TICK = 360 / TICKS_PER_TURN
 RAD_PER_TICK = 2 * np.pi / TICKS_PER_TURN
-# What arithmetic may be off, in ticks, at the ends of a range.
+# Tolerance of rounding errors at the ends of a range, in ticks.
 SLACK = 1e-6
 
 
@@ -25,20 +25,20 @@ def floats(numbers: bytearray) -> Floats:
 
 
 def position_ticks(joints: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
-    """The nearest positions to six angles.
+    """The positions in ticks nearest to six angles.
 
     Raises:
-        ValueError: There are not six, or one is out of range or no number.
+        ValueError: The number of angles is not six, or one is out of range or not a number.
     """
     values = _six(joints, "joint angles")
     return _ticks("angle", values, values / unit_per_tick + ZERO, 0, MAX_TICKS, ZERO, unit_per_tick, unit)
 
 
 def speed_ticks(speed: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
-    """The nearest speeds to one for all joints, or to six.
+    """The speeds in ticks per second nearest to one speed for all joints, or to six.
 
     Raises:
-        ValueError: One is out of range, or rounds to zero, which no document explains.
+        ValueError: A speed is out of range or rounds to zero, which is undocumented.
     """
     given = np.asarray(speed, dtype=np.float64)
     values = np.full(JOINTS, given) if given.ndim == 0 else _six(given, "joint speeds")
@@ -56,7 +56,7 @@ def _ticks(
     what: str, values: Floats, ticks: Floats, least: int, most: int, zero: int, unit_per_tick: float, unit: str
 ) -> list[int]:
     for joint, (value, tick) in enumerate(zip(values.tolist(), ticks.tolist(), strict=True), start=1):
-        # Not a number is out of any range.
+        # NaN fails every comparison and counts as out of range.
         if not least - SLACK <= tick <= most + SLACK:
             low, high = (least - zero) * unit_per_tick, (most - zero) * unit_per_tick
             raise ValueError(f"{what} of joint {joint} is {value:g} {unit}, must be {low:.6g} to {high:.6g}")
@@ -67,7 +67,7 @@ def count(what: str, value: int, most: int) -> int:
     """A whole number from 0 to `most`.
 
     Raises:
-        ValueError: It is out of that range.
+        ValueError: The number is out of range.
     """
     if not 0 <= value <= most:
         raise ValueError(f"{what} is {value}, must be 0 to {most}")

@@ -12,8 +12,8 @@ from ._open import Open
 from ._units import Floats, count
 from .errors import UnacceptableError
 
-# The register of joint positions, which the public document does not have: seven little-endian numbers in radians,
-# as the vendor's package reads them.
+# The register of joint positions, absent from the public document: seven little-endian numbers in radians, as
+# read by the vendor's package.
 POSITIONS = 42
 MAX_JOINTS = 7
 
@@ -21,11 +21,11 @@ T = TypeVar("T")
 
 
 class XArmState(IntFlag):
-    """What an arm says of itself with every answer. A warning or an error does not make the answer wrong."""
+    """The arm's state, part of every answer. The answer is valid despite a warning or an error."""
 
     OK = 0
     INVALID = 0x08
-    """The request was refused, or failed: a `RefusedError`."""
+    """The request was refused or failed: a `RefusedError`."""
     NOT_READY = 0x10
     """Not ready to move."""
     WARNING = 0x20
@@ -34,7 +34,7 @@ class XArmState(IntFlag):
 
 @dataclass(frozen=True)
 class Answer(Generic[T]):
-    """What was asked for, and how the arm is."""
+    """A value and the arm's state."""
 
     value: T
     state: XArmState
@@ -45,9 +45,9 @@ class XArmVersion:
     """The kind of an arm and its software."""
 
     text: str
-    """As the arm sent it, with what is not printable escaped."""
+    """The version text as sent by the arm, with unprintable characters escaped."""
     axes: int | None
-    """`None`, as the following, if the text does not say what a version says."""
+    """The number of axes. This and the following are `None` if the text is not a version."""
     type: int | None
     arm: str | None
     control_box: str | None
@@ -65,15 +65,16 @@ class XArmSerials:
 class XArm(Open):
     """An xArm on a host.
 
-    Calls wait 100 ms for an answer; register 4 and those without a type of their own 10 s. Other threads run meanwhile,
-    and may use the same object: calls take turns. Ctrl-C ends a call. Calls raise the exceptions of `armwire.errors`.
+    Calls time out after 100 ms; those of register 4 and of registers without a method after 10 s. Other threads run
+    during a call and may use the same object: calls are serialised. Ctrl-C ends a call. Calls raise the exceptions of
+    `armwire.errors`.
 
     Args:
-        host: Such as `192.168.1.10` or `192.168.1.10:502`.
-        supervised: Use protocol id 3, as the vendor's package does with firmware 1.8.6 and later, instead of 2.
+        host: For example `192.168.1.10` or `192.168.1.10:502`.
+        supervised: Use protocol id 3 instead of 2, as the vendor's package does with firmware 1.8.6 and later.
 
     Raises:
-        PortError: The host cannot be connected to.
+        PortError: The connection to the host failed.
     """
 
     def __init__(self, host: str, *, supervised: bool = False) -> None:
@@ -92,7 +93,7 @@ class XArm(Open):
         return _answer(state, XArmSerials(*serials))
 
     def read_torque_source(self) -> Answer[Literal["torque", "current"]]:
-        """Read whether joint torque or servo current is reported."""
+        """Read the reported quantity: joint torque or servo current."""
         return _answer(*self._port.read_torque_source())
 
     def read_rotation_radius_mm(self, joint: int) -> Answer[float]:
@@ -107,9 +108,9 @@ class XArm(Open):
         return _answer(state, radius)
 
     def read_joints_rad(self) -> Answer[Floats]:
-        """Read the joints' angles in radians: seven numbers, of which an arm with fewer axes uses the first.
+        """Read the joints' angles in radians: seven numbers. An arm with fewer axes uses the first ones.
 
-        Register 42, which the public document does not have.
+        Register 42, absent from the public document.
         """
         state, params = self._port.raw(POSITIONS, b"")
         if len(params) != 4 * MAX_JOINTS:
@@ -126,7 +127,7 @@ class XArm(Open):
         return _answer(self._port.reload_dynamics(), None)
 
     def shut_down(self) -> Answer[None]:
-        """Shut the control box down. It comes back when it is switched on by hand."""
+        """Shut the control box down. It must be switched on again by hand."""
         return _answer(self._port.shut_down(), None)
 
     def reboot(self) -> Answer[None]:
@@ -134,14 +135,14 @@ class XArm(Open):
         return _answer(self._port.reboot(), None)
 
     def heartbeat(self) -> None:
-        """Say that the host is there. The arm does not answer."""
+        """Send a heartbeat. The arm does not answer."""
         self._port.heartbeat()
 
     def raw(self, register: int, params: bytes = b"") -> Answer[bytes]:
-        """Ask any other register, whatever it does: 42 reads joint positions, 23 moves.
+        """Make a request of any other register, without a check: 42 reads joint positions, 23 moves the arm.
 
         Args:
-            register: 0 to 255, without 1, 2, 4, 5, 6 and 10, which have methods.
+            register: 0 to 255, except 1, 2, 4, 5, 6 and 10, which have methods.
             params: At most 252 bytes.
         """
         return _answer(*self._port.raw(count("register", register, 255), params))

@@ -3,8 +3,8 @@
     async with await armwire.aio.Ling.open("/dev/ttyACM0") as arm:
         print(await arm.read_joints_deg())
 
-Each object has a thread of its own that makes its calls in turn. A cancelled call that has begun is finished there: the
-arm is never left with half a request, and the next call waits for it.
+Each object has its own thread, which makes its calls in order. A cancelled call that has begun runs to its end there:
+the arm never receives half a request, and the next call waits for that end.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Blocking = TypeVar("Blocking", bound=Open)
 
 
 class _Async(Generic[Blocking]):
-    """An object whose calls are made by a thread of its own."""
+    """An object with its own thread for blocking calls."""
 
     def __init__(self, blocking: Blocking, thread: ThreadPoolExecutor) -> None:
         self._blocking = blocking
@@ -39,14 +39,14 @@ class _Async(Generic[Blocking]):
 
     @property
     def port(self) -> str:
-        """The port, as it was given."""
+        """The port, as passed to `open`."""
         return self._blocking.port
 
     async def _run(self, call: Callable[[], T]) -> T:
         return await asyncio.get_running_loop().run_in_executor(self._thread, call)
 
     async def close(self) -> None:
-        """Close it, once the call that is under way is done."""
+        """Close the port, after the current call ends."""
         await self._run(self._blocking.close)
         self._thread.shutdown(wait=False)
 
@@ -74,7 +74,7 @@ async def _open(make: Callable[[], Blocking]) -> tuple[Blocking, ThreadPoolExecu
 def _call(
     method: Callable[Concatenate[Blocking, P], T],
 ) -> Callable[Concatenate[_Async[Blocking], P], Coroutine[Any, Any, T]]:
-    """The method, called by the thread."""
+    """Wrap a blocking method to run in the object's thread."""
 
     @functools.wraps(method)
     async def call(self: _Async[Blocking], /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -181,11 +181,11 @@ class Adapter(_Async[_adapter.Adapter]):
     async def telemetry(
         self, *, duration_s: float | None = None, events: bool = False
     ) -> AsyncIterator[_adapter.Telemetry]:
-        """Iterate over what the adapter hears from the arm; see `armwire.Adapter.telemetry`."""
+        """Iterate over the arm's frames; see `armwire.Adapter.telemetry`."""
         iterator = self._blocking.telemetry(duration_s=duration_s, events=events)
         try:
             while (heard := await self._run(lambda: next(iterator, None))) is not None:
                 yield heard
         finally:
-            # It unsubscribes.
+            # Closing the generator unsubscribes.
             await self._run(iterator.close)

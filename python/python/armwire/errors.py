@@ -1,23 +1,23 @@
 """The exceptions of this package.
 
-Every text says where something went wrong, what it was, and what to look at.
+Every message names the port, the error and possible causes.
 
 =====================  ==============================================================================================
 Exception              Cause
 =====================  ==============================================================================================
-`PortError`            The port or host cannot be opened: absent, in use, not allowed.
-`PortLostError`        The port was open and is gone: unplugged, switched off.
-`AbsentError`          Nothing came back: no arm, no power, another baud rate.
-`DamagedError`         Answers came with wrong checksums or cut short: cable, ground, power.
-`LateError`            The answer came after its time. It is discarded, and never taken for a later one.
-`WrongArmError`        Bytes came, but no answer of this arm: another arm, another program on the line.
-`RefusedError`         The arm or adapter answered that it does not do it, or does not know the request.
-`UnacceptableError`    The answer is well-formed and has a value that the protocol does not have.
-`OlderArmError`        A Ling arm from before late 2025, whose protocol is another one. Nothing was sent to it.
+`PortError`            The port or host cannot be opened: absent, in use, not permitted.
+`PortLostError`        The open port was lost: unplugged, switched off.
+`AbsentError`          No bytes came back: no arm, no power, wrong baud rate.
+`DamagedError`         Answers had wrong checksums or were truncated: cable, ground, power.
+`LateError`            The answer came after the timeout. It is discarded and never matched to a later request.
+`WrongArmError`        Bytes came, but no answer of this protocol: another arm, or another program on the line.
+`RefusedError`         The arm or adapter refused the request or does not know it.
+`UnacceptableError`    The answer is well-formed, with a value outside the protocol's range.
+`OlderArmError`        A Ling arm from before late 2025, with a different protocol. Nothing was sent to it.
 `ClosedError`          The object was closed before.
 =====================  ==============================================================================================
 
-Values that a caller may not give, such as an angle out of range, are a `ValueError`, and nothing is sent.
+Invalid arguments, such as an angle out of range, raise `ValueError`, and nothing is sent.
 """
 
 __all__ = [
@@ -45,35 +45,35 @@ class PortError(ArmwireError, OSError):
 
 
 class PortLostError(PortError):
-    """The port was open and is gone."""
+    """The open port was lost."""
 
 
 class NoAnswerError(ArmwireError, TimeoutError):
-    """No answer that could be used came in time."""
+    """No valid answer came before the timeout."""
 
 
 class AbsentError(NoAnswerError):
-    """Nothing came back."""
+    """No bytes came back."""
 
 
 class DamagedError(NoAnswerError):
-    """Answers came damaged."""
+    """Answers were damaged."""
 
 
 class LateError(NoAnswerError):
-    """The answer came after its time."""
+    """The answer came after the timeout."""
 
 
 class WrongArmError(NoAnswerError):
-    """Bytes came, but no answer of this arm."""
+    """Bytes came, but no answer of this protocol."""
 
 
 class RefusedError(ArmwireError):
-    """The arm or adapter does not do it."""
+    """The arm or adapter refused the request."""
 
 
 class UnacceptableError(ArmwireError):
-    """The answer has a value that the protocol does not have."""
+    """The answer has a value outside the protocol's range."""
 
 
 class OlderArmError(ArmwireError):

@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from ._adapter import JointRecording
     from ._units import Floats
 
-# Colours that remain apart for readers who see few, from light to dark in another order than the joints'.
+# Colours that stay distinct for colour-blind readers and differ in lightness.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 
 
 def joints(time_s: ArrayLike, joints_deg: ArrayLike, gripper_permille: ArrayLike | None = None) -> Figure:
-    """Draw the angles of six joints over time, and the gripper below them if it is given.
+    """Draw the angles of six joints over time, with the gripper below if given.
 
     Args:
-        time_s: Of each reading.
-        joints_deg: Six a reading.
-        gripper_permille: Of each reading.
+        time_s: Time of each reading.
+        joints_deg: Six angles per reading.
+        gripper_permille: Gripper opening of each reading.
     """
     from matplotlib.figure import Figure
 
@@ -61,7 +61,7 @@ def joints(time_s: ArrayLike, joints_deg: ArrayLike, gripper_permille: ArrayLike
 
 
 def recording(recorded: JointRecording) -> Figure:
-    """Draw what an adapter heard, by its own clock."""
+    """Draw an adapter's recording, by the adapter's clock."""
     return joints(recorded.time_s, recorded.joints_deg, recorded.gripper_permille)
 
 
@@ -85,7 +85,7 @@ def latencies(durations_us: ArrayLike, *, title: str = "") -> Figure:
 
 
 def adapter_latencies(counts: NDArray[np.int64], *, title: str = "") -> Figure:
-    """Draw one of the histograms of `Adapter.read_latencies`: 16 counts, of durations up to 2, 4, 8, … µs."""
+    """Draw a histogram of `Adapter.read_latencies`: 16 counts of durations up to 2, 4, 8, … µs."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 4), layout="constrained")
@@ -101,7 +101,7 @@ class Readings(NamedTuple):
 
     time_s: Floats
     joints_deg: Floats
-    """Six a line."""
+    """Joint angles, six per line."""
     gripper_permille: Floats
     latency_us: Floats
     """From request to answer; empty where the arm was not asked."""
@@ -111,7 +111,7 @@ def read_csv(path: str | Path) -> Readings:
     """Read a file of `armwire monitor --csv`.
 
     Raises:
-        ValueError: The file has other columns, or a line that cannot be read; the text says which.
+        ValueError: The file lacks a column or has an invalid line; the message names it.
     """
     wanted = ["time_s", *(f"joint_{joint}_rad" for joint in range(1, JOINTS + 1)), "gripper_percent"]
     rows: list[list[float]] = []

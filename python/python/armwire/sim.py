@@ -1,12 +1,12 @@
 """Virtual arms, for tests without hardware. They need Linux or macOS.
 
-Each is a context manager with a `port` that the class of its arm takes::
+Each is a context manager with a `port` for the class of its arm::
 
     with armwire.sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
         arm.move_deg([10, -20, 0, 0, 0, 45], gripper_permille=500, speed_deg_s=100)
 
-They run in threads of their own, in real time, without Python's lock. A virtual arm does what the document of the real
-one says; nothing here has met a real arm.
+They run in their own threads, in real time, without Python's lock. A virtual arm follows the document of the real
+one. None has been compared with a real arm.
 """
 
 from __future__ import annotations
@@ -41,21 +41,21 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Faults:
-    """Faults on a line, both ways: how often a byte meets each, in parts per million; or how often it has happened."""
+    """Faults on a line in both directions, as rates in parts per million of bytes or as counts."""
 
     drop: int = 0
     """The byte does not arrive."""
     corrupt: int = 0
-    """One of its bits is flipped."""
+    """One bit of the byte is flipped."""
     duplicate: int = 0
-    """It arrives twice."""
+    """The byte arrives twice."""
     delay: int = 0
-    """It is up to 5 ms late, and what follows it."""
+    """The byte and those after it are delayed by up to 5 ms."""
     noise: int = 0
-    """A random byte arrives before it."""
+    """A random byte arrives before the byte."""
 
     def counts(self) -> tuple[int, int, int, int, int]:
-        """All of them, in this order."""
+        """Return all rates, in this order."""
         drop, corrupt, duplicate, delay, noise = (count("a rate of faults", rate, 1_000_000) for rate in astuple(self))
         return drop, corrupt, duplicate, delay, noise
 
@@ -68,32 +68,32 @@ class VirtualLing(Open):
         super().__init__(self._arm.port, self._arm)
 
     def joints(self) -> JointState:
-        """The state of the arm itself, whatever its line does."""
+        """The arm's true state, independent of its line."""
         return joint_state(self._arm.joints())
 
     def push_joints_deg(self, joints: ArrayLike) -> bool:
-        """Move the joints by hand, at once. Returns whether the arm gave way: it does not while its torque is on."""
+        """Move the joints by hand, at once. Returns true if they moved: the torque blocks them while it is on."""
         ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
         return all([self._arm.push_joint(joint, tick) for joint, tick in enumerate(ticks)])
 
     def push_gripper_permille(self, gripper: int) -> bool:
-        """Move the gripper by hand, at once. Returns whether it gave way."""
+        """Move the gripper by hand, at once. Returns true if it moved."""
         return self._arm.push_gripper(count("gripper in thousandths", gripper, 1000))
 
     def set_faulty(self, servo: int, faulty: bool = True) -> None:
-        """Make the self-check report a servo, by its id from 1, as faulty, or as normal."""
+        """Make the self-check report a servo, by its id from 1, as faulty or as normal."""
         self._arm.set_faulty(count("servo", servo, 255), faulty)
 
     def set_faults(self, faults: Faults) -> None:
-        """Set what the line does to bytes from now on."""
+        """Set the fault rates of the line from now on."""
         self._arm.set_faults(faults.counts())
 
     def injected(self) -> Faults:
-        """How often each fault has happened."""
+        """Counts of injected faults."""
         return Faults(*self._arm.injected())
 
     def requests(self) -> int:
-        """How many requests the arm has heard, obeyed or not."""
+        """Number of requests received, obeyed or not."""
         return self._arm.requests()
 
 
@@ -121,11 +121,11 @@ class VirtualAlpha1(Open):
         super().__init__(self._arm.port, self._arm)
 
     def set_faults(self, faults: Faults) -> None:
-        """Set what the line does to bytes from now on."""
+        """Set the fault rates of the line from now on."""
         self._arm.set_faults(faults.counts())
 
     def playing(self) -> str | None:
-        """The action that it plays."""
+        """The current action."""
         return self._arm.playing()
 
 
@@ -137,7 +137,7 @@ class VirtualAlpha1Servos(Open):
         super().__init__(self._arm.port, self._arm)
 
     def set_faults(self, faults: Faults) -> None:
-        """Set what the line does to bytes from now on."""
+        """Set the fault rates of the line from now on."""
         self._arm.set_faults(faults.counts())
 
 
@@ -145,15 +145,15 @@ def ling(*, leader: bool = False, turnaround_us: int = 200, seed: int = 1) -> Vi
     """Start a virtual Ling arm.
 
     Args:
-        leader: A leader, which is moved by hand: `push_joints_deg`.
-        turnaround_us: From the end of a request to the start of its answer, in microseconds.
-        seed: The same seed makes the same faults.
+        leader: Simulate a leader, which is moved by hand: `push_joints_deg`.
+        turnaround_us: Time from the end of a request to the start of its answer, in microseconds.
+        seed: Seed of the faults: equal seeds give equal faults.
     """
     return VirtualLing(leader=leader, turnaround_us=turnaround_us, seed=seed)
 
 
 def older_ling() -> VirtualOlderLing:
-    """Start a virtual Ling arm of the older generation, which talks unasked and obeys nothing."""
+    """Start a virtual Ling arm of the older generation, which transmits unsolicited and obeys no request."""
     return VirtualOlderLing()
 
 
@@ -168,5 +168,5 @@ def alpha1() -> VirtualAlpha1:
 
 
 def alpha1_servos(ids: Sequence[int] = tuple(range(1, 17))) -> VirtualAlpha1Servos:
-    """Start servos of an Alpha1 on a bus of their own."""
+    """Start the servos of an Alpha1 on their own bus."""
     return VirtualAlpha1Servos(ids)

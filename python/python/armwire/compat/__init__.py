@@ -1,1 +1,1 @@
-"""The calls of vendors' SDKs, made by this package."""
+"""The calls of vendors' SDKs, implemented with this package."""

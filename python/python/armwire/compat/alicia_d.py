@@ -1,29 +1,29 @@
-"""The calls of `alicia_d_sdk` 6.1.0, so that a script changes by one import.
+"""The calls of `alicia_d_sdk` 6.1.0. A script needs one changed import.
 
     from armwire.compat.alicia_d import create_robot  # instead of alicia_d_sdk
 
 ======================================  ===============================================================================
 Call of the SDK                         Here
 ======================================  ===============================================================================
-`create_robot(port, …)`                 Same. `port` has to be given: none is searched for. Arguments about models and
+`create_robot(port, …)`                 Same. `port` is required: there is no search. Arguments about models and
                                         backends are accepted and ignored.
 `connect`, `disconnect`,                Same.
 `is_connected`
-`get_robot_state(info_type, timeout)`   Same values. `timeout` is ignored: a read takes half a second at most.
-                                        `gripper_type` is always read from the arm, and knows 75 mm.
-`set_robot_state(…)`                    Same. A value out of range is a `ValueError`; the SDK sends the nearest.
+`get_robot_state(info_type, timeout)`   Same values. `timeout` is ignored: a read takes at most half a second.
+                                        `gripper_type` is always read from the arm and may be 75 mm.
+`set_robot_state(…)`                    Same. A value out of range is a `ValueError`; the SDK clamps it.
 `set_home(…)`                           Same.
-`torque_control("on" | "off")`          Same, and read back.
+`torque_control("on" | "off")`          Same, and verified.
 `zero_calibration()`                    Same, with its two questions.
 `print_state(…)`                        Same, without the pose.
-`get_pose`, `set_pose`                  `NotImplementedError`: kinematics are RoboCore's; give it the joints.
-`plan_…`, `solve_ik_for_trajectory`     `NotImplementedError`: so is planning.
-`robot.servo_driver`, `data_parser`     Not there: use `robot.arm`, an `armwire.Ling`.
+`get_pose`, `set_pose`                  `NotImplementedError`: RoboCore has the kinematics.
+`plan_…`, `solve_ik_for_trajectory`     `NotImplementedError`: RoboCore has the planning.
+`robot.servo_driver`, `data_parser`     Absent: use `robot.arm`, an `armwire.Ling`.
 ======================================  ===============================================================================
 
-Where the SDK raises a plain `Exception`, this raises those of `armwire.errors`, which say what is wrong. Angles are
-rounded to the nearest position, where the SDK rounds towards -180°; speeds are not rounded to multiples of 50 ticks/s;
-velocities are not cut at 5000 ticks/s.
+The exceptions of `armwire.errors` replace the SDK's plain `Exception`. Angles are rounded to the nearest position; the
+SDK rounds towards -180°. Speeds are not rounded to multiples of 50 ticks/s, and velocities are not limited to 5000
+ticks/s.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 __all__ = ["JointState", "SynriaRobotAPI", "create_robot"]
 
-# The SDK's names of what an arm is doing.
+# The SDK's names of motion states.
 _STATUS_TEXTS: dict[int, str] = {
     _ling.MotionStatus.IDLE: "idle",
     _ling.MotionStatus.LOCKED: "locked",
@@ -52,27 +52,27 @@ _STATUS_TEXTS: dict[int, str] = {
     _ling.MotionStatus.OVERHEATING: "overheat",
     _ling.MotionStatus.OVERHEAT_PROTECTION: "overheat_protect",
 }
-# Of the SDK's self-check, whatever the arm.
+# Servos in the SDK's self-check, for every arm.
 _CHECKED_SERVOS = 10
-# What the SDK takes for there, of the gripper in thousandths.
+# The SDK's tolerance of the gripper's target, in thousandths.
 _NEAR_GRIPPER = 5
 _TICKS_PER_DEG = 4096 / 360
 
 
 class JointState(NamedTuple):
-    """As the SDK has it."""
+    """The SDK's joint state."""
 
     angles: list[float]
-    """Of six joints, in radians."""
+    """Angles of six joints, in radians."""
     gripper: float
-    """0 closed to 1000 open."""
+    """Gripper opening, 0 closed to 1000 open."""
     timestamp: float
-    """Of this computer, in seconds since the epoch."""
+    """Time of this computer, in seconds since the epoch."""
     run_status_text: str
 
 
 class SynriaRobotAPI:
-    """The calls of the SDK's class of this name that an arm answers."""
+    """The calls of the SDK's class of this name that need only the arm."""
 
     def __init__(self, port: str, *, auto_connect: bool = True) -> None:
         if not port:
@@ -86,7 +86,7 @@ class SynriaRobotAPI:
 
     @property
     def arm(self) -> _ling.Ling:
-        """The arm itself, which has more calls."""
+        """The arm as an `armwire.Ling`, which has more calls."""
         if self._arm is None:
             raise ConnectionError(f"{self._port}: not connected")
         return self._arm
@@ -111,7 +111,7 @@ class SynriaRobotAPI:
             self._arm = None
 
     def is_connected(self) -> bool:
-        """Return whether the port is open."""
+        """Return true if the port is open."""
         return self._arm is not None
 
     def get_robot_state(self, info_type: str = "joint_gripper", timeout: float = 1.0, cache: bool = True) -> Any:
@@ -141,10 +141,10 @@ class SynriaRobotAPI:
         timeout: float = 10.0,
         wait_for_completion: bool = True,
     ) -> bool:
-        """Move joints and gripper; what is not given stays as it was set last.
+        """Move joints and gripper. Omitted targets keep their last value.
 
         Returns:
-            Whether all is there, within `tolerance` in radians and 5 thousandths; true at once without waiting.
+            True if all targets are reached, within `tolerance` in radians and 5 thousandths; true without waiting.
         """
         if target_joints is not None:
             given = np.asarray(target_joints, dtype=np.float64)
@@ -169,19 +169,19 @@ class SynriaRobotAPI:
             time.sleep(_ling.PERIOD_S)
 
     def set_home(self, speed_deg_s: ArrayLike = 10, gripper_speed_deg_s: float | None = 483.4) -> None:
-        """Move to zero with the gripper open, and wait."""
+        """Move to zero with the gripper open and wait."""
         self.set_robot_state([0.0] * JOINTS, 1000, speed_deg_s=speed_deg_s, gripper_speed_deg_s=gripper_speed_deg_s)
 
     def torque_control(self, command: str, timeout: float = 1.0) -> bool:
-        """Switch the torque `on` or `off`, and read it back."""
+        """Switch the torque `on` or `off` and verify it."""
         if command not in ("on", "off"):
             raise ValueError("command must be 'on' or 'off'")
         self.arm.set_torque(command == "on")
         return True
 
     def zero_calibration(self) -> bool:
-        """Ask twice, switch the torque off in between, and make the pose then the zero position."""
-        input("The factory's zero position will be lost, and the arm will fall: hold it. Enter goes on, Ctrl-C ends.")
+        """Make the current pose the zero position, after two prompts; the torque goes off between them."""
+        input("The factory's zero position will be lost, and the arm falls: hold it. Enter continues, Ctrl-C stops.")
         self.arm.set_torque(False)
         input("Move the arm to its zero position by hand, then press Enter.")
         self.arm.set_zero()
@@ -203,23 +203,23 @@ class SynriaRobotAPI:
             time.sleep(1 / fps)
 
     def get_pose(self, *args: object, **kwargs: object) -> NoReturn:
-        """Not there: see the table of this module."""
+        """Not implemented: see the table of this module."""
         _kinematics("get_pose")
 
     def set_pose(self, *args: object, **kwargs: object) -> NoReturn:
-        """Not there: see the table of this module."""
+        """Not implemented: see the table of this module."""
         _kinematics("set_pose")
 
     def plan_joint_trajectory(self, *args: object, **kwargs: object) -> NoReturn:
-        """Not there: see the table of this module."""
+        """Not implemented: see the table of this module."""
         _kinematics("plan_joint_trajectory")
 
     def plan_cartesian_trajectory(self, *args: object, **kwargs: object) -> NoReturn:
-        """Not there: see the table of this module."""
+        """Not implemented: see the table of this module."""
         _kinematics("plan_cartesian_trajectory")
 
     def solve_ik_for_trajectory(self, *args: object, **kwargs: object) -> NoReturn:
-        """Not there: see the table of this module."""
+        """Not implemented: see the table of this module."""
         _kinematics("solve_ik_for_trajectory")
 
     def _joint_gripper(self) -> JointState:
@@ -242,12 +242,12 @@ class SynriaRobotAPI:
 
 
 def create_robot(port: str = "", *args: object, auto_connect: bool = True, **kwargs: object) -> SynriaRobotAPI:
-    """Open the arm on a port. Other arguments of the SDK are about models and backends, and ignored."""
+    """Open the arm on a port. The SDK's arguments about models and backends are ignored."""
     return SynriaRobotAPI(port, auto_connect=auto_connect)
 
 
 def _dotted(version: str) -> str:
-    """The SDK's way to write a version: v6.10 is 6.1.0."""
+    """A version in the SDK's notation: v6.10 is 6.1.0."""
     return ".".join(version.removeprefix("v").replace(".", ""))
 
 
