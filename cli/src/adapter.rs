@@ -109,7 +109,7 @@ pub fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> 
     }
 }
 
-/// How long things took at an adapter.
+/// An adapter's latency histograms.
 pub(crate) fn latencies(control: &mut ControlLink) -> Result<Latencies, Error> {
     match control.call(Request::GetLatencies)? {
         Reply::Latencies(latencies) => Ok(latencies),
@@ -135,7 +135,7 @@ pub(crate) fn tell_holder(control: &mut ControlLink) -> Result<(), Error> {
     Ok(())
 }
 
-/// What is measured, by its name.
+/// The measured quantities by name.
 pub(crate) fn histograms(latencies: &Latencies) -> [(&'static str, &'static str, &Histogram); 3] {
     [
         (
@@ -156,13 +156,13 @@ pub(crate) fn histograms(latencies: &Latencies) -> [(&'static str, &'static str,
     ]
 }
 
-/// An answer, though to another question than was asked.
+/// The error for a reply of the wrong type.
 pub(crate) fn odd(control: &ControlLink, reply: &Reply) -> Error {
-    let reason = format!("the adapter answers what it was not asked: {reply:?}");
+    let reason = format!("the adapter sent a reply of the wrong type: {reply:?}");
     Error::at(control.name(), reason)
 }
 
-/// How many durations a histogram has.
+/// Number of durations in a histogram.
 pub(crate) fn total(histogram: &Histogram) -> u64 {
     histogram.counts.iter().map(|&count| u64::from(count)).sum()
 }

@@ -1,4 +1,4 @@
-//! `armwire config`: what an adapter is told to be.
+//! `armwire config`: an adapter's configuration.
 
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
@@ -23,7 +23,7 @@ pub(crate) struct Configure {
     action: Option<Action>,
 }
 
-/// What is done. Each prints the configuration that is in force then.
+/// The action. Each prints the configuration in force afterwards.
 #[derive(Clone, Subcommand)]
 enum Action {
     /// Print the configuration in force, as `set` takes it (default).
@@ -40,7 +40,7 @@ enum Action {
     },
     /// Save the configuration in force for later starts.
     Save,
-    /// Erase the saved configuration and return to that from the factory.
+    /// Erase the saved configuration and restore the factory defaults.
     Reset,
 }
 
@@ -49,7 +49,7 @@ struct Key {
     name: &'static str,
     /// What it is.
     help: &'static str,
-    /// Which values there are.
+    /// The allowed values.
     values: &'static str,
     /// Where it is in a configuration.
     field: fn(&mut Config) -> Field<'_>,
@@ -151,7 +151,7 @@ impl Key {
         }
     }
 
-    /// Sets it to what was typed.
+    /// Sets it to a typed value.
     ///
     /// # Errors
     ///
@@ -218,7 +218,7 @@ fn check_distinct(settings: &[Setting]) -> Result<(), Error> {
     Ok(())
 }
 
-/// What settings there are, in lines for 80 columns.
+/// The list of settings, in lines of 80 columns.
 fn help() -> String {
     let lines = KEYS
         .iter()
@@ -277,7 +277,7 @@ impl Configure {
 ///
 /// # Errors
 ///
-/// Those of the control port.
+/// Errors of the control port.
 pub fn get(control: &mut ControlLink) -> Result<Config, Error> {
     match control.call(Request::GetConfig)? {
         Reply::Config(config) => Ok(config),

@@ -1,4 +1,4 @@
-//! A blocking call at a time over a line: the one place with a clock.
+//! Blocking calls over a line, one at a time. Only this module reads a clock.
 
 use std::error;
 use std::io::{self, ErrorKind};
@@ -12,22 +12,22 @@ use crate::describe::Arm;
 use crate::error::Error;
 use crate::received::Received;
 
-/// The longest frame of every protocol fits.
+/// Buffer size: the longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;
-/// Bytes kept of what was received instead of an answer.
+/// Number of received bytes kept for hints after a missing answer.
 const KEPT: usize = 256;
-/// More bytes than a port keeps for its reader: whoever has read so many reads what is being said now.
+/// More bytes than a port's receive buffer: a reader of this many bytes has passed the backlog.
 const BUFFERED: usize = 65_536;
 
 /// How long a line is waited for at most before a program that waits is asked whether it wants to go on.
 const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
 
-/// What carries the bytes.
+/// A transport of bytes.
 pub trait Line: Send {
     /// What the user calls it.
     fn name(&self) -> &str;
 
-    /// Reads what has arrived, waiting so long for the first byte; no bytes when none came.
+    /// Reads the available bytes, waiting at most `wait` for the first one. Returns 0 on timeout.
     fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error>;
 
     /// Writes some of the bytes, at least one, and returns how many. On a line that carries whole messages the bytes are
@@ -38,16 +38,16 @@ pub trait Line: Send {
     fn hints(&mut self, came: Came, arm: Names) -> String;
 }
 
-/// What an arm is called, and what the other arm that may be on such a line is.
+/// Names of the expected arm and of the other arm that may be on the line.
 #[derive(Clone, Copy, Debug)]
 pub struct Names {
-    /// What the arm is called, with its article.
+    /// The arm's name, with its article.
     pub arm: &'static str,
     /// The other arm that may be on such a line, and what a user types for it.
     pub other: &'static str,
 }
 
-/// What came instead of an answer.
+/// The bytes received instead of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Came {
     /// Nothing.
@@ -56,10 +56,10 @@ pub enum Came {
     Garbage,
 }
 
-/// Whether a program that waits wants to go on: an error if not.
+/// A check during waits. Its error ends the wait.
 pub type Interrupt = fn() -> Result<(), Box<dyn error::Error + Send + Sync>>;
 
-/// Whether reading or writing failed only because it would have to wait.
+/// Returns true if a read or write failed only because it would block.
 pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -71,7 +71,7 @@ pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
 pub struct Link<P: Arm> {
     line: Box<dyn Line>,
     client: Client<P, BUFFER>,
-    /// Bytes that were read and not taken by the client yet.
+    /// Bytes read but not yet passed to the client.
     unread: Vec<u8>,
     start: Instant,
     stale_window: Duration,
@@ -81,7 +81,7 @@ pub struct Link<P: Arm> {
 }
 
 impl<P: Arm> Link<P> {
-    /// A client on this line, whose timing is `config`.
+    /// A client on this line with the timing in `config`.
     pub fn new(line: Box<dyn Line>, config: Config) -> Self {
         Self {
             line,
@@ -105,17 +105,17 @@ impl<P: Arm> Link<P> {
         self.interrupt = Some(interrupt);
     }
 
-    /// Makes one call and returns what `take` makes of the answer, if the request gets one.
+    /// Makes one call. Returns the answer as converted by `take`, or `None` if the request has none.
     ///
     /// # Errors
     ///
-    /// [`Error`]: the line fails, or there is no answer that can be accepted.
+    /// [`Error`] if the line fails or no acceptable answer arrives.
     pub fn call<T>(
         &mut self,
         request: &P::Request<'_>,
         take: impl FnOnce(P::Response<'_>) -> T,
     ) -> Result<Option<T>, Error> {
-        // The rest of a call that failed.
+        // Remainder of a failed call.
         self.client.cancel();
         self.finish()?;
         self.client
@@ -208,7 +208,7 @@ impl<P: Arm> Link<P> {
     ///
     /// # Errors
     ///
-    /// Those of the line.
+    /// Errors of the line.
     pub fn comes_late(&mut self) -> Result<bool, Error> {
         let until = Instant::now() + self.stale_window;
         loop {
@@ -227,7 +227,7 @@ impl<P: Arm> Link<P> {
         }
     }
 
-    /// Transmits the rest of a request whose call failed.
+    /// Transmits the remainder of a failed call's request.
     fn finish(&mut self) -> Result<(), Error> {
         while !self.client.is_idle() {
             match self.client.poll(self.now()) {
@@ -249,17 +249,17 @@ impl<P: Arm> Link<P> {
             .expect("the line wrote no more than there was");
     }
 
-    /// Bytes that belonged to no frame, so far.
+    /// Number of bytes outside frames so far.
     pub fn dropped(&self) -> usize {
         self.dropped
     }
 
-    /// Frames with a wrong checksum, so far.
+    /// Number of frames with a wrong checksum so far.
     pub fn checksums(&self) -> usize {
         self.checksums
     }
 
-    /// What the user calls the line.
+    /// The line's name, as typed by the user.
     pub fn name(&self) -> &str {
         self.line.name()
     }
@@ -273,7 +273,7 @@ impl<P: Arm> Link<P> {
         thread::sleep(Duration::from_micros(instant.since(self.now()).as_micros()));
     }
 
-    /// Lets the client receive what has arrived, waiting so long for it. Returns how many bytes that were.
+    /// Passes received bytes to the client, waiting at most this long for the first one. Returns their number.
     fn receive(&mut self, wait: Duration, received: Option<&mut Received>) -> Result<usize, Error> {
         if self.unread.is_empty() {
             let mut buf = [0; 256];

@@ -1,4 +1,4 @@
-//! What this computer has of a CAN bus, whatever leads to it.
+//! The interface of this computer to a CAN bus, through any adapter.
 
 use std::time::Duration;
 
@@ -6,20 +6,20 @@ use armwire_bridge::can::Frame;
 
 use crate::error::Error;
 
-/// What this computer has of a CAN bus.
+/// An interface of this computer to a CAN bus.
 pub(crate) trait Bus: Send {
-    /// What the user calls it.
+    /// Its name, as typed by the user.
     fn name(&self) -> &str;
 
-    /// Hands a frame over to be sent.
+    /// Queues a frame for transmission.
     fn send(&mut self, frame: &Frame) -> Result<(), Error>;
 
-    /// The next frame, waiting so long for it; none when none came.
+    /// The next frame within this time. `None` on timeout.
     fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Error>;
 
-    /// What the controller has to complain of, if anything.
+    /// The controller's error state, if any.
     fn trouble(&mut self) -> Option<String>;
 
-    /// What to ask oneself about its bit rate when nobody answers there.
+    /// A hint about the bit rate for a missing answer.
     fn hint(&self) -> String;
 }

@@ -24,7 +24,7 @@ use bus::Bus;
 /// The longest PDU: a message of the control port, for no frame of an arm is longer.
 const MAX_PDU: usize = MAX_MESSAGE;
 const _: () = assert!(MAX_FRAME <= MAX_PDU);
-/// How long an adapter may take to say who holds the line to its arm.
+/// Timeout of the request for the holder of the arm's line.
 const HOLDER_TIMEOUT: Duration = Duration::from_millis(1_000);
 
 /// Opens an interface of Linux, `name` to the user, for one node.
@@ -33,7 +33,7 @@ pub(crate) fn open_interface(name: String, interface: &str, node: Node) -> Resul
     Ok(SharedBus::new(socket::SocketBus::open(name, interface, node)?))
 }
 
-/// Opens an interface of Linux, which this is not.
+/// Reports that CAN interfaces need Linux.
 #[cfg(not(target_os = "linux"))]
 pub(crate) fn open_interface(name: String, _: &str, _: Node) -> Result<SharedBus, Error> {
     Err(Error::Usage(format!(
@@ -80,7 +80,7 @@ impl SharedBus {
             if let Some(frame) = inbox.and_then(|(_, inbox)| inbox.pop_front()) {
                 return Ok(Some(frame));
             }
-            // What has come already is heard even when the time is up.
+            // Frames that arrived before the deadline are read after it, too.
             let left = until.saturating_duration_since(Instant::now());
             match bus.receive(left)? {
                 Some(frame) => {
@@ -109,12 +109,12 @@ pub(crate) struct Channel {
     bus: SharedBus,
     rx: Id,
     endpoint: Endpoint<MAX_PDU, MAX_PDU>,
-    /// PDUs that came while another thing was waited for.
+    /// PDUs received while waiting for another event.
     inbox: VecDeque<Vec<u8>>,
     start: Instant,
 }
 
-/// Why a PDU did not get through.
+/// The reason for a failed PDU.
 enum Lost {
     Bus(Error),
     IsoTp(isotp::Error),
@@ -138,7 +138,7 @@ impl Lost {
 }
 
 impl Channel {
-    /// A channel that sends on `tx` and hears on `rx`.
+    /// A channel that sends on `tx` and receives on `rx`.
     pub(crate) fn new(bus: &SharedBus, tx: Id, rx: Id) -> Self {
         bus.lock().inboxes.push((rx, VecDeque::new()));
         // An adapter with CAN FD takes classic frames too, and one without them takes no others.
@@ -227,7 +227,7 @@ pub(crate) struct CanLine {
     name: String,
     node: Node,
     channel: Channel,
-    /// What is left of a PDU that was longer than its reader's buffer.
+    /// The rest of a PDU that did not fit in the reader's buffer.
     rest: VecDeque<u8>,
 }
 

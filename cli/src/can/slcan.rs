@@ -1,4 +1,4 @@
-//! A CAN adapter on a serial port, which speaks SLCAN.
+//! A CAN adapter on a serial port with the SLCAN protocol.
 
 use std::collections::VecDeque;
 use std::thread;
@@ -14,16 +14,16 @@ use crate::serial::Serial;
 
 /// How long an adapter may take to answer. Some firmware answers only what asks for something.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// How long an adapter may take to acknowledge a command, if it does so at all.
+/// Timeout of a command's acknowledgement. Some adapters send none.
 const ACKNOWLEDGE: Duration = Duration::from_millis(100);
-/// How long the last frames may take to the bus, at its slowest.
+/// Time for the last frames to reach the bus, at the lowest bit rate.
 const ON_THE_WAY: Duration = Duration::from_millis(50);
 
 /// An adapter with its channel open.
 pub(super) struct SlcanBus {
     serial: Serial,
     bit_rate: BitRate,
-    /// When the last frame was handed over.
+    /// Time of the last frame's transmission.
     sent: Option<Instant>,
     replies: Replies,
     /// What it said and nobody has taken yet.
@@ -31,7 +31,7 @@ pub(super) struct SlcanBus {
 }
 
 impl SlcanBus {
-    /// Takes over whatever state an earlier program left the adapter in.
+    /// Resets the adapter from any state of an earlier program.
     pub(super) fn open(serial: Serial, bit_rate: BitRate) -> Result<Self, Error> {
         let baud = serial.baud();
         let mut bus = Self {
@@ -145,13 +145,13 @@ impl Bus for SlcanBus {
         loop {
             let left = until.saturating_duration_since(Instant::now());
             match self.hear(left)? {
-                // Frames with 29-bit identifiers and remote frames are others'.
+                // Frames with 29-bit identifiers and remote frames belong to other nodes.
                 Some(Ok(Reply::Frame { frame, .. })) => {
                     if let Some(frame) = frame.to_adapter() {
                         return Ok(Some(frame));
                     }
                 }
-                // Nothing but a frame of ours can have been refused.
+                // Only a frame of this program can have been refused.
                 Some(Ok(Reply::Refused)) => {
                     let trouble = self.trouble().unwrap_or_else(|| "it does not say why".to_owned());
                     let hint = self.hint();
@@ -180,7 +180,7 @@ impl Drop for SlcanBus {
         if let Some(sent) = self.sent {
             thread::sleep(ON_THE_WAY.saturating_sub(sent.elapsed()));
         }
-        // An open channel would fill the port for nobody.
+        // An open channel would fill the port without a reader.
         let _ = self.tell(Command::Close);
     }
 }

@@ -11,16 +11,16 @@ use crate::available;
 use crate::error::Error;
 use crate::link::is_nothing_yet;
 
-/// How long the interface may take no frame.
+/// Timeout of a write to the interface.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
-/// The least that a socket can be told to wait: none at all would mean forever.
+/// Minimum timeout of a socket: zero would mean no timeout.
 const LEAST: Duration = Duration::from_micros(1);
 
 /// An interface, for the frames of one node.
 pub(super) struct SocketBus {
     name: String,
     socket: CanFdSocket,
-    /// What the controller complained of last.
+    /// The controller's last error.
     trouble: Option<String>,
 }
 
@@ -99,7 +99,7 @@ impl Bus for SocketBus {
     fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Error> {
         let until = Instant::now() + wait;
         loop {
-            // What has come already is heard even when the time is up.
+            // Frames that arrived before the deadline are read after it, too.
             let frame = match self.read(until.saturating_duration_since(Instant::now())) {
                 Ok(frame) => frame,
                 Err(error) if is_nothing_yet(&error) => return Ok(None),
@@ -129,7 +129,7 @@ impl Bus for SocketBus {
     }
 }
 
-/// The identifier, if it has 11 bits.
+/// The identifier if it has 11 bits.
 fn id(frame: &impl EmbeddedFrame) -> Option<Id> {
     match frame.id() {
         socketcan::Id::Standard(id) => Id::new(id.as_raw()).ok(),
