@@ -20,13 +20,13 @@ from .pose import CALIBRATION, FEATURES, GRIPPER, JOINTS, pose
 
 logger = logging.getLogger(__name__)
 
-# Where joints and gripper can be sent. What a policy asks for beyond is cut, and what was sent is returned.
+# Ranges of joints and gripper. Actions out of range are clamped, and the sent values are returned.
 MIN_DEG, MAX_DEG = -180.0, 179.912
 MAX_GRIPPER = 1000.0
 
 
 class AliciaDArmwire(Robot):
-    """A follower arm. Stops where it is when actions stop coming."""
+    """A follower arm. It stops at its current position when actions time out."""
 
     config_class = AliciaDArmwireConfig
     name = "alicia_d_armwire"
@@ -51,7 +51,7 @@ class AliciaDArmwire(Robot):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the arm and all cameras are open."""
+        """Return true if the arm and all cameras are open."""
         return self._arm is not None and all(camera.is_connected for camera in self.cameras.values())
 
     def connect(self, calibrate: bool = True) -> None:
@@ -80,11 +80,11 @@ class AliciaDArmwire(Robot):
 
     @property
     def is_calibrated(self) -> bool:
-        """Always: the zero position is in the arm."""
+        """Return true: the arm stores its zero position."""
         return True
 
     def calibrate(self) -> None:
-        """Say how an arm gets its zero position. Nothing is done."""
+        """Log how to set the zero position. This has no other effect."""
         logger.info(CALIBRATION)
 
     def configure(self) -> None:
@@ -107,7 +107,7 @@ class AliciaDArmwire(Robot):
         return observation
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Start to move to a pose.
+        """Start a move to a pose.
 
         Returns:
             The pose that was sent: cut to where the arm can go, and to `max_relative_target`.
@@ -161,7 +161,7 @@ class AliciaDArmwire(Robot):
                 camera.disconnect()
 
     def _limited(self, arm: armwire.Ling, goal: dict[str, float]) -> dict[str, float]:
-        """The goal, no farther from where the joints are than is configured."""
+        """Limit the goal to the configured distance from the current joints."""
         limit = self.config.max_relative_target
         if limit is None:
             return goal
@@ -179,7 +179,7 @@ class AliciaDArmwire(Robot):
         )
 
     def _stop(self) -> None:
-        """Move to where the arm is."""
+        """Stop the arm: move to its current position."""
         if (arm := self._arm) is None:
             return
         here = pose(arm.read_joints())
@@ -187,7 +187,7 @@ class AliciaDArmwire(Robot):
 
 
 class _Watch:
-    """A thread that calls once when nothing feeds it in time, and again after it was fed again."""
+    """A watchdog thread: calls once on timeout, and again after the next feed and timeout."""
 
     def __init__(self, timeout_s: float, stop: Callable[[], None]) -> None:
         self._timeout_s = timeout_s
@@ -225,7 +225,7 @@ class _Watch:
 
 
 def _checked(action: dict[str, Any]) -> dict[str, float]:
-    """The goal by name, cut to where the arm can go."""
+    """The goal by name, clamped to the arm's range."""
     goal: dict[str, float] = {}
     for name in (*JOINTS, GRIPPER):
         value = float(action[f"{name}.pos"]) if f"{name}.pos" in action else math.nan

@@ -33,12 +33,12 @@ class AliciaDLeaderArmwire(Teleoperator):
 
     @cached_property
     def feedback_features(self) -> dict[str, type]:
-        """None: the arm takes no feedback."""
+        """Return no features: the arm accepts no feedback."""
         return {}
 
     @property
     def is_connected(self) -> bool:
-        """Whether the arm is open."""
+        """Return true if the arm is open."""
         return self._arm is not None
 
     def connect(self, calibrate: bool = True) -> None:
@@ -63,15 +63,15 @@ class AliciaDLeaderArmwire(Teleoperator):
 
     @property
     def is_calibrated(self) -> bool:
-        """Always: the zero position is in the arm."""
+        """Return true: the arm stores its zero position."""
         return True
 
     def calibrate(self) -> None:
-        """Say how an arm gets its zero position. Nothing is done."""
+        """Log how to set the zero position. This has no other effect."""
         logger.info(CALIBRATION)
 
     def configure(self) -> None:
-        """Nothing is configured."""
+        """Do nothing: the arm needs no configuration."""
 
     def get_action(self) -> dict[str, Any]:
         """Read the pose.
@@ -86,7 +86,7 @@ class AliciaDLeaderArmwire(Teleoperator):
             raise DeviceNotConnectedError(str(error)) from error
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Nothing is done: the arm takes no feedback."""
+        """Do nothing: the arm accepts no feedback."""
 
     def disconnect(self) -> None:
         """Close the port."""

@@ -12,26 +12,26 @@ class AliciaDArmwireConfig(RobotConfig):
     """A follower arm."""
 
     port: str
-    """As `armwire.Ling` takes it: a serial port, `tcp:HOST:PORT`, `can:IFACE/NODE`, `slcan:PORT@BITRATE/NODE`."""
+    """The port: a serial port, `tcp:HOST:PORT`, `can:IFACE/NODE` or `slcan:PORT@BITRATE/NODE`."""
     baud: int | None = None
-    """Of the serial port; 1000000 unless given."""
+    """The serial port's baud rate; 1000000 by default."""
     speed_deg_s: float = 120.0
-    """How fast each joint moves to an action, up to 439."""
+    """Speed of each joint in degrees per second, up to 439."""
     gripper_ticks_s: int = 5500
-    """How fast the gripper moves."""
+    """Speed of the gripper in ticks per second."""
     max_relative_target: float | dict[str, float] | None = None
-    """By how many degrees at most an action may be away from where the joints are; farther ones are cut to it.
+    """Maximum distance of an action from the current joints, in degrees. Larger distances are clamped.
 
     One number for all joints, or by name, `joint1` to `joint6`. It costs a read for each action."""
     action_timeout_s: float = 0.5
-    """After how long without a further action the arm is stopped where it is. 0 for never."""
+    """Time without an action after which the arm stops, in seconds. 0 disables it."""
     disable_torque_on_disconnect: bool = False
-    """The arm falls then: hold it."""
+    """Switch the torque off on disconnect. The arm falls: hold it."""
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
-    """As of any robot of LeRobot."""
+    """Cameras, as for other LeRobot robots."""
 
     def __post_init__(self) -> None:
-        """Check what would move the arm in a way that nobody wants."""
+        """Reject values that would move the arm unexpectedly."""
         super().__post_init__()
         if not 0 < self.speed_deg_s <= 439:
             raise ValueError(f"speed_deg_s is {self.speed_deg_s}, must be over 0 and up to 439")

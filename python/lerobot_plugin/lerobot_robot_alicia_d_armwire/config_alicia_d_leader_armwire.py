@@ -11,6 +11,6 @@ class AliciaDLeaderArmwireConfig(TeleoperatorConfig):
     """A leader arm, moved by hand."""
 
     port: str
-    """As `armwire.Ling` takes it."""
+    """The port, as for `armwire.Ling`."""
     baud: int | None = None
-    """Of the serial port; 1000000 unless given."""
+    """The serial port's baud rate; 1000000 by default."""

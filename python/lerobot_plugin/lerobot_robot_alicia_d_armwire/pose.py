@@ -13,6 +13,6 @@ CALIBRATION = (
 
 
 def pose(state: armwire.JointState) -> dict[str, float]:
-    """The pose in what an arm says."""
+    """The pose in an arm's joint state."""
     values = [*state.joints_deg.tolist(), float(state.gripper_permille)]
     return dict(zip(FEATURES, values, strict=True))
