@@ -27,7 +27,7 @@ use static_cell::StaticCell;
 type LingArm = Arm<BufferedUart, EmbassyClock>;
 type Error = CallError<uart::Error>;
 
-/// How far the wrist turns, in ticks: 30°.
+/// Rotation of the wrist, in ticks: 30°.
 const TURN: u16 = 341;
 
 bind_interrupts!(struct Irqs {
@@ -56,12 +56,12 @@ async fn main(_spawner: Spawner) {
     loop {
         let error = follow(&mut arm, &mut log).await;
         log.line(format_args!("arm lost: {error}"));
-        // An arm that is back is followed and not moved: it may have been taken down meanwhile, with hands near it.
+        // A reconnected arm is followed but not moved: someone may be handling it.
         connect(&mut arm, &mut log).await;
     }
 }
 
-/// Asks until an arm answers. One that is unplugged or off does not: each call ends with `TimedOut`, after three tries.
+/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three tries.
 async fn connect(arm: &mut LingArm, log: &mut Log) {
     log.line(format_args!("waiting for an arm"));
     loop {
@@ -119,7 +119,7 @@ async fn move_to(arm: &mut LingArm, log: &mut Log, goal: Move) -> Result<(), Err
     Ok(())
 }
 
-/// Shows each change of the joints, until a call fails.
+/// Logs each change of the joints until a call fails.
 async fn follow(arm: &mut LingArm, log: &mut Log) -> Error {
     let mut last = None;
     loop {
@@ -135,7 +135,7 @@ async fn follow(arm: &mut LingArm, log: &mut Log) -> Error {
     }
 }
 
-/// Shows the joints in ticks, 4096 to a turn, and the gripper in thousandths of its stroke.
+/// Logs the joints in ticks, 4096 per turn, and the gripper in thousandths of its stroke.
 fn show(log: &mut Log, state: &JointState) {
     let JointState {
         joints,
@@ -145,7 +145,7 @@ fn show(log: &mut Log, state: &JointState) {
     log.line(format_args!("joints {joints:?} gripper {gripper} {status}"));
 }
 
-/// The time of embassy, as the driver wants it.
+/// Clock of the driver, from embassy's time.
 struct EmbassyClock;
 
 impl Clock for EmbassyClock {

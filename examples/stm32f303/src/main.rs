@@ -26,7 +26,7 @@ use {defmt_rtt as _, panic_probe as _};
 type LingArm = Arm<BufferedUart<'static>, EmbassyClock>;
 type Error = CallError<usart::Error>;
 
-/// How far the wrist turns, in ticks: 30°.
+/// Rotation of the wrist, in ticks: 30°.
 const TURN: u16 = 341;
 
 bind_interrupts!(struct Irqs {
@@ -63,12 +63,12 @@ async fn main(_spawner: Spawner) {
     loop {
         let error = follow(&mut arm).await;
         info!("arm lost: {}", error);
-        // An arm that is back is followed and not moved: it may have been taken down meanwhile, with hands near it.
+        // A reconnected arm is followed but not moved: someone may be handling it.
         connect(&mut arm).await;
     }
 }
 
-/// Asks until an arm answers. One that is unplugged or off does not: each call ends with `TimedOut`, after three tries.
+/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three tries.
 async fn connect(arm: &mut LingArm) {
     info!("waiting for an arm");
     loop {
@@ -130,7 +130,7 @@ async fn move_to(arm: &mut LingArm, goal: Move) -> Result<(), Error> {
     Ok(())
 }
 
-/// Shows each change of the joints, until a call fails.
+/// Logs each change of the joints until a call fails.
 async fn follow(arm: &mut LingArm) -> Error {
     let mut last = None;
     loop {
@@ -146,7 +146,7 @@ async fn follow(arm: &mut LingArm) -> Error {
     }
 }
 
-/// Shows the joints in ticks, 4096 to a turn, and the gripper in thousandths of its stroke.
+/// Logs the joints in ticks, 4096 per turn, and the gripper in thousandths of its stroke.
 fn show(state: &JointState) {
     let JointState {
         joints,
@@ -156,7 +156,7 @@ fn show(state: &JointState) {
     info!("joints {} gripper {} {}", joints, gripper, status);
 }
 
-/// The time of embassy, as the driver wants it.
+/// Clock of the driver, from embassy's time.
 struct EmbassyClock;
 
 impl Clock for EmbassyClock {
