@@ -67,7 +67,7 @@ def test_servo_settings_are_read_back(servos: armwire.Alpha1) -> None:
         (lambda robot: robot.act({21: 0}, time_s=0, interval_s=0), "servo is 21, must be 1 to 20"),
         (lambda robot: robot.act({1: 241}, time_s=0, interval_s=0), "is 241, must be 0 to 240"),
         (lambda robot: robot.act({1: 0}, time_s=6, interval_s=0), r"move time is 6 s, must be 0..=5.1"),
-        (lambda robot: robot.act({1: 0}, time_s=0, interval_s=-1), "-1 s is no time"),
+        (lambda robot: robot.act({1: 0}, time_s=0, interval_s=-1), "duration -1 s is out of range"),
         (lambda robot: robot.play("x" * 255), "text length is 255 bytes"),
         (lambda robot: robot.set_usb_type("tape"), "USB type is 'tape', must be disk, serial or hid"),
         (lambda robot: robot.move_servo(241, 0, time_s=0, lock_s=0), "servo id is 241"),
