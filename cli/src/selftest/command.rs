@@ -44,7 +44,11 @@ impl Selftest {
         let failed = checks.iter().filter(|check| check.has_failed()).count();
         if self.json {
             let list: Vec<_> = checks.iter().map(Check::json).collect();
-            let result = if failed == 0 { "passed" } else { "failed" };
+            let result = match failed {
+                0 if stop.load(Ordering::Relaxed) => "stopped",
+                0 => "passed",
+                _ => "failed",
+            };
             print_json(&json!({ "port": self.port, "result": result, "checks": Value::from(list) }))?;
         } else {
             let passed = checks.iter().filter(|check| check.result.is_ok()).count();

@@ -52,7 +52,10 @@ fn one_gap(bench: &mut Bench<'_>, gap: Duration) -> Result<(), Trouble> {
     }
     let after = bench.counters()?;
     let noise = LENGTHS.iter().sum::<usize>() as u32;
-    let counted = (after.frames - before.frames, after.noise_bytes - before.noise_bytes);
+    let counted = (
+        after.frames.wrapping_sub(before.frames),
+        after.noise_bytes.wrapping_sub(before.noise_bytes),
+    );
     match counted == (FRAMES, noise) {
         true => Ok(()),
         false => Err(Trouble::Failed(format!(
@@ -72,7 +75,10 @@ fn cut(bench: &mut Bench<'_>, place: usize) -> Result<(), Trouble> {
         bench.usb.sleep(CUT)?;
     }
     let after = bench.counters()?;
-    let counted = (after.frames - before.frames, after.noise_bytes - before.noise_bytes);
+    let counted = (
+        after.frames.wrapping_sub(before.frames),
+        after.noise_bytes.wrapping_sub(before.noise_bytes),
+    );
     match counted == (0, FRAME.len() as u32) {
         true => Ok(()),
         false => Err(Trouble::Failed(format!(

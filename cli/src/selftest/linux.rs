@@ -35,7 +35,8 @@ const READ: usize = 512;
 /// An adapter on this computer, with the driver of its serial port detached. Drop reattaches the driver.
 pub(super) struct LinuxUsb {
     start: Instant,
-    serial: String,
+    /// Vendor id, product id and serial number.
+    identity: (u16, u16, Option<String>),
     /// `None` while the adapter is disconnected.
     adapter: Option<Adapter>,
 }
@@ -63,7 +64,7 @@ impl LinuxUsb {
     pub(super) fn open(info: &DeviceInfo) -> Result<Self, nusb::Error> {
         Ok(Self {
             start: Instant::now(),
-            serial: info.serial_number().unwrap_or_default().to_owned(),
+            identity: identity(info),
             adapter: Some(Adapter::open(info)?),
         })
     }
@@ -85,7 +86,7 @@ impl LinuxUsb {
         let until = Instant::now() + GONE;
         loop {
             let devices = nusb::list_devices().wait().map_err(host)?;
-            let mut same = devices.filter(|info| info.serial_number() == Some(&self.serial));
+            let mut same = devices.filter(|info| identity(info) == self.identity);
             match same.next().map(|info| Adapter::open(&info)) {
                 Some(Ok(adapter)) => {
                     self.adapter = Some(adapter);
@@ -109,9 +110,10 @@ impl Drop for LinuxUsb {
         if self.adapter.is_none() {
             let _ = self.find();
         }
-        if let Some(device) = self.close() {
+        if let Some(adapter) = self.adapter.take() {
+            let number = adapter.requests.interface_number();
             // If the driver does not reattach, the serial port returns when the adapter is plugged in again.
-            let _ = device.attach_kernel_driver(0);
+            let _ = adapter.close().attach_kernel_driver(number);
         }
     }
 }
@@ -131,15 +133,25 @@ impl Adapter {
 
     /// Claims the serial port's two interfaces and the control interface.
     fn claim(device: Device, [requests, data, control]: [u8; 3]) -> Result<Self, nusb::Error> {
+        let claim = |number| device.claim_interface(number).wait();
+        // The control interface comes first: another program may have it, and has no use for a detached driver.
+        let control = Bulks::open(claim(control)?)?;
         // Detaching fails without a driver. If a driver stays, the claim reports the reason.
         let _ = device.detach_kernel_driver(requests);
-        let claim = |number| device.claim_interface(number).wait();
-        Ok(Self {
-            requests: claim(requests)?,
-            port: Bulks::open(claim(data)?)?,
-            control: Bulks::open(claim(control)?)?,
-            device,
-        })
+        let port = || Ok((claim(requests)?, Bulks::open(claim(data)?)?));
+        match port() {
+            Ok((requests, port)) => Ok(Self {
+                port,
+                control,
+                requests,
+                device,
+            }),
+            Err(error) => {
+                // If the driver does not reattach, the serial port returns when the adapter is plugged in again.
+                let _ = device.attach_kernel_driver(requests);
+                Err(error)
+            }
+        }
     }
 
     /// Ends all transfers and releases the interfaces.
@@ -186,7 +198,10 @@ impl Bulks {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), UsbError> {
-        while let Some(sent) = self.output.wait_next_complete(Duration::ZERO) {
+        // The library panics if no transfer is pending.
+        while self.output.pending() > 0
+            && let Some(sent) = self.output.wait_next_complete(Duration::ZERO)
+        {
             sent.status.map_err(transfer)?;
         }
         self.output.submit(bytes.to_vec().into());
@@ -196,6 +211,14 @@ impl Bulks {
     fn receive(&mut self, wait: Duration) -> Result<Vec<u8>, UsbError> {
         let mut bytes: Vec<u8> = self.unread.drain(..).collect();
         loop {
+            // Each read has ended with an error, as after a disconnect. The library panics if no transfer is pending.
+            if self.input.pending() == 0 {
+                return if bytes.is_empty() {
+                    Err(UsbError::Gone)
+                } else {
+                    Ok(bytes)
+                };
+            }
             let wait = if bytes.is_empty() { wait } else { Duration::ZERO };
             let Some(read) = self.input.wait_next_complete(wait) else {
                 return Ok(bytes);
@@ -347,6 +370,11 @@ impl Usb for LinuxUsb {
             "a program cannot suspend the bus here: suspend this computer, and run the echo again".to_owned(),
         ))
     }
+}
+
+fn identity(info: &DeviceInfo) -> (u16, u16, Option<String>) {
+    let serial = info.serial_number().map(str::to_owned);
+    (info.vendor_id(), info.product_id(), serial)
 }
 
 /// Makes a control transfer with a timeout.

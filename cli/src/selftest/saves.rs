@@ -7,6 +7,7 @@ use serde_json::json;
 use super::bench::{Bench, at, losses, odd, payload, quiet};
 use super::report::{Passed, Trouble};
 use super::{Checked, Plan};
+use crate::config::object;
 
 /// Bytes echoed during each save.
 const BYTES: usize = 2_000;
@@ -20,9 +21,14 @@ pub(super) fn under_load(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     let saved = bench.config()?;
     bench.open()?;
     let result = save_all(bench, &saved, plan);
-    let restored = restore(bench, &saved).map_err(at("the configuration of before is not in flash"));
+    // A failed restore counts more than the reason for which the saves ended.
+    restore(bench, &saved).map_err(|trouble| {
+        let config = object(&saved);
+        Trouble::Failed(format!(
+            "the configuration of before is not in flash: {trouble}; it was {config}"
+        ))
+    })?;
     result?;
-    restored?;
     let text = format!(
         "{} under load, none cost a byte, the last was there after a restart",
         plan.saves
