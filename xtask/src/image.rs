@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_is_refused_when_it_is_bigger_than_allowed() {
+    fn an_oversized_image_is_refused() {
         let image = |flash, ram| Image {
             path: "image.elf".into(),
             flash,

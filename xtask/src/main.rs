@@ -159,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn help_has_a_line_of_80_columns_per_command() {
+    fn help_has_one_short_line_per_command() {
         let help = Command::command().render_help().to_string();
         for command in Command::command()
             .get_subcommands()

@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_good_exit_codes_are_a_good_end() {
+    fn only_good_exit_codes_succeed() {
         let end = |good: &[i32], script| run_to(good, Command::new("sh").args(["-c", script])).is_ok();
         assert!(end(&[0, 2], "exit 0") && end(&[0, 2], "exit 2"));
         assert!(!end(&[0, 2], "exit 1") && !end(&[0], "exit 2"));
