@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_hexadecimal_is_told_with_its_line() {
+    fn bad_hexadecimal_is_reported_with_its_line() {
         for (text, line, word) in [
             ("AA\n0G", 2, "0G"),
             ("AAA", 1, "AAA"),

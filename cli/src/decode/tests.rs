@@ -67,7 +67,7 @@ fn frames_and_noise_are_told_with_their_offsets() {
 }
 
 #[test]
-fn a_damaged_frame_is_shown_whole_and_once_and_a_frame_inside_it_too() {
+fn damaged_frames_are_shown_once_with_inner_frames() {
     let damaged = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF];
     assert_eq!(
         lines(&[&damaged[..], &[0x11]].concat()),
@@ -112,7 +112,7 @@ fn what_a_servo_answers_is_not_guessed() {
 }
 
 #[test]
-fn reports_on_usb_hid_are_filled_up_without_noise() {
+fn hid_report_padding_is_no_noise() {
     let mut report = [0; 64];
     report[..4].copy_from_slice(&[0xF3, 0x3F, 0xEE, 0xED]);
     let lines = of_line(&[report; 2].concat(), ArmKind::Alpha1, Some(Speaker::Arm));

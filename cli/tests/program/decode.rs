@@ -71,7 +71,7 @@ fn start(args: &[&str]) -> (Child, ChildStdin) {
 }
 
 #[test]
-fn a_frame_is_shown_while_the_recording_goes_on() {
+fn frames_appear_while_the_recording_continues() {
     for (format, header, record) in formats() {
         let (mut child, mut stdin) = start(&[]);
         stdin.write_all(&header).unwrap();
@@ -194,7 +194,7 @@ fn what_came_before_an_error_is_shown() {
 }
 
 #[test]
-fn a_line_of_4_megabytes_is_refused_in_one_short_line() {
+fn a_4_megabyte_line_is_refused_briefly() {
     let path = free_path("long.log");
     for line in ["(1.0) can0 60F#", "what", "AA G"] {
         fs::write(&path, [line, &"A".repeat(4 << 20)].concat()).unwrap();

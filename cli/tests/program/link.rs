@@ -63,7 +63,7 @@ fn the_link_of_another_programs_pty_is_kept() {
 }
 
 #[test]
-fn a_file_where_the_lock_would_be_is_kept() {
+fn a_file_in_the_locks_place_is_kept() {
     let link = free_path("precious");
     fs::write(lock(&link), "precious").unwrap();
     let line = failure(&run(&["sim", "ling", "--pty", link.to_str().unwrap()]));

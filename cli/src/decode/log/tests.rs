@@ -86,7 +86,7 @@ const ANSWER: &str =
 const CONTROL: &str = "to the adapter: FromHost { sequence: 7, request: GetConfig }";
 
 #[test]
-fn what_was_carried_in_many_frames_is_put_together_classic_and_fd() {
+fn multi_frame_pdus_are_reassembled() {
     let classic = exchange(Link::Classic);
     let sum = format!(
         "CAN frames: {}, PDUs: 3, lost: 0, cyclic frames: 0, frames of others: 0",
@@ -102,7 +102,7 @@ fn what_was_carried_in_many_frames_is_put_together_classic_and_fd() {
 }
 
 #[test]
-fn each_pdu_has_the_time_of_its_last_frame_and_its_node() {
+fn a_pdu_has_its_last_frames_time() {
     let lines = decoded(exchange(Link::Classic).join("\n").as_bytes(), None, ArmKind::Ling);
     assert!(
         lines[0].starts_with("1609459200.000000  can0  node 15  AA 06 00 01 FE 9A FF\n"),
@@ -112,7 +112,7 @@ fn each_pdu_has_the_time_of_its_last_frame_and_its_node() {
 }
 
 #[test]
-fn a_frame_that_is_missing_costs_its_pdu_and_is_told() {
+fn a_missing_frame_costs_and_reports_its_pdu() {
     let mut log = exchange(Link::Classic);
     let second = log.iter().position(|line| line.contains(" 61F#21")).unwrap();
     log.remove(second);
@@ -136,7 +136,7 @@ fn what_else_is_on_a_bus_is_counted() {
 }
 
 #[test]
-fn a_pdu_that_is_no_frame_of_this_arm_is_told() {
+fn a_pdu_without_an_arm_frame_is_reported() {
     let told = meanings(&exchange(Link::Fd), ArmKind::Alpha1);
     assert!(told[0].starts_with("no frame of an Alpha1: "), "{told:?}");
     let surplus = ["(1.000000) can0 60F##10008AA060001FE9AFF00CCCC".to_owned()];
@@ -147,7 +147,7 @@ fn a_pdu_that_is_no_frame_of_this_arm_is_told() {
 }
 
 #[test]
-fn a_wrong_line_of_candump_is_told_with_its_reason() {
+fn a_bad_candump_line_names_its_reason() {
     for (line, reason) in [
         ("(1.000000) can0", "no identifier"),
         ("(1.000000) can0 603", "no length in brackets"),
@@ -253,7 +253,7 @@ fn buses_of_one_log_are_kept_apart() {
 }
 
 #[test]
-fn a_gap_at_the_end_of_a_month_is_short() {
+fn a_gap_across_a_month_is_short() {
     let log = "(2024-02-28 23:59:59.900000)  can0  61F   [8]  10 08 2A 00 00 00 00 00\n\
                (2024-02-29 00:00:00.100000)  can0  61F   [8]  21 00 00 00 00 00 00 00\n\
                (2024-02-29 23:59:59.900000)  can0  61F   [8]  10 08 2A 00 00 00 00 00\n\
@@ -265,7 +265,7 @@ fn a_gap_at_the_end_of_a_month_is_short() {
 }
 
 #[test]
-fn asc_is_read_by_its_base_with_names_and_events() {
+fn asc_logs_are_read_in_either_base() {
     let log = "date Mit Mär 3 10:00:00.000 am 2021
 base dec  timestamps relative
 no internal events logged
@@ -404,7 +404,7 @@ fn csv_of_python_can_is_read() {
 }
 
 #[test]
-fn csv_of_gvret_is_read_with_and_without_direction() {
+fn gvret_csv_is_read_with_or_without_direction() {
     let sum = "CAN frames: 1, PDUs: 1, lost: 0, cyclic frames: 0, frames of others: 0";
     for log in [
         "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n\
@@ -435,7 +435,7 @@ const FIXTURES: [(&str, &[u8]); 7] = [
 ];
 
 #[test]
-fn logs_of_python_can_are_told_apart_and_read() {
+fn python_can_logs_are_distinguished_and_read() {
     for (kind, log) in FIXTURES {
         let lines = told(log, None, ArmKind::Ling);
         // Its traces have no FD frames, and its CSV has no short ones.
@@ -488,7 +488,7 @@ fn whole_container(data: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn blf_objects_are_read_in_containers_across_them_and_beside() {
+fn blf_objects_are_read_across_containers() {
     let frame = object(86, &classic(0));
     let (front, back) = frame.split_at(41);
     let long = object(65, &[0x4C; 70_001]);
@@ -518,7 +518,7 @@ fn blf_objects_are_read_in_containers_across_them_and_beside() {
 }
 
 #[test]
-fn what_is_wrong_with_a_blf_file_is_told_with_its_offset() {
+fn blf_errors_name_their_offset() {
     let sized = |size: u32| {
         let mut object = object(86, &classic(0));
         object[8..12].copy_from_slice(&size.to_le_bytes());
@@ -565,7 +565,7 @@ fn what_is_wrong_with_a_blf_file_is_told_with_its_offset() {
 }
 
 #[test]
-fn a_line_without_end_is_refused_where_it_begins() {
+fn an_endless_line_is_refused_at_its_start() {
     let long = "x".repeat(100_000);
     for (beginning, format) in [("(1.0) can0 603#", Format::Candump), ("1.0 1 60F Rx d 8 ", Format::Asc)] {
         let error = error_of(&format!("\n{beginning}{long}"), format);
