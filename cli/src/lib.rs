@@ -30,6 +30,7 @@ mod output;
 mod port;
 mod printable;
 mod received;
+#[cfg(feature = "selftest")]
 pub mod selftest;
 mod serial;
 #[cfg(unix)]
@@ -114,7 +115,7 @@ enum Command {
     /// firmware.
     Hold(hold::Hold),
     /// Test an adapter board with a jumper from PA2 to PA3 in place of the arm. Takes two minutes.
-    #[cfg(target_os = "linux")]
+    #[cfg(all(feature = "selftest", target_os = "linux"))]
     Selftest(selftest::command::Selftest),
     /// Update an adapter's firmware, over USB with dfu-util.
     Update(update::Update),
@@ -209,7 +210,7 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Config(config) => config.run(),
         Command::Counters(counters) => counters.run(),
         Command::Hold(hold) => hold.run(stop_on_ctrl_c()?),
-        #[cfg(target_os = "linux")]
+        #[cfg(all(feature = "selftest", target_os = "linux"))]
         Command::Selftest(selftest) => selftest.run(stop_on_ctrl_c()?),
         Command::Update(update) => update.run(),
         #[cfg(feature = "shell")]

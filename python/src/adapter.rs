@@ -30,8 +30,8 @@ impl AdapterPort {
         Session::open(py, || port.connect(None)?.control()).map(Self)
     }
 
-    fn close(&self, py: Python<'_>) {
-        self.0.close(py);
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.0.close(py)
     }
 
     /// Board, serial number, firmware, commit, and true with CAN FD.

@@ -27,8 +27,8 @@ impl Alpha1Port {
         Session::open(py, open).map(Self)
     }
 
-    fn close(&self, py: Python<'_>) {
-        self.0.close(py);
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.0.close(py)
     }
 
     fn read_hardware_version<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {

@@ -4,7 +4,7 @@ use std::fmt::Display;
 
 use armwire_cli::host::{Error, Missing};
 use pyo3::PyErr;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 
 mod exceptions {
     #![allow(missing_docs, reason = "they are documented where they are defined, in Python")]
@@ -63,4 +63,11 @@ pub(crate) fn unacceptable(error: impl Display) -> PyErr {
 /// The arm or the adapter was closed before.
 pub(crate) fn closed() -> PyErr {
     ClosedError::new_err("the port is closed")
+}
+
+/// A signal handler calls the object whose call it interrupts.
+pub(crate) fn reentered() -> PyErr {
+    PyRuntimeError::new_err(
+        "a signal handler cannot call the arm or adapter whose call it interrupts: raise an exception to end that call",
+    )
 }

@@ -30,8 +30,8 @@ impl LingPort {
         Session::open(py, open).map(Self)
     }
 
-    fn close(&self, py: Python<'_>) {
-        self.0.close(py);
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.0.close(py)
     }
 
     /// Serial number, kind (`leader`, `follower` or `None`), hardware version and firmware version.

@@ -1,40 +1,67 @@
 //! An open port for any Python thread. Calls wait without the interpreter's lock, and Ctrl-C ends them.
 
 use std::error::Error as StdError;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::{self, ThreadId};
 
 use armwire_cli::host::{Arm, Error, Link, Missing};
 use pyo3::prelude::*;
 
-use crate::error::{closed, raised};
+use crate::error::{closed, raised, reentered};
 
 /// An open port with one call at a time, until it is closed.
-pub(crate) struct Session<T>(Mutex<Option<T>>);
+pub(crate) struct Session<T> {
+    open: Mutex<Option<T>>,
+    /// The thread that is in a call.
+    caller: Mutex<Option<ThreadId>>,
+}
 
 impl<T: Send> Session<T> {
     /// Opens a port with `open`.
     pub(crate) fn open(py: Python<'_>, open: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<Self> {
         let opened = py.detach(open).map_err(raised)?;
-        Ok(Self(Mutex::new(Some(opened))))
+        Ok(Self {
+            open: Mutex::new(Some(opened)),
+            caller: Mutex::new(None),
+        })
     }
 
     /// Runs `act` on the open port. Other Python threads run meanwhile.
+    ///
+    /// A signal handler runs inside the call that it interrupts. A call from there would wait for itself: it is an error.
     pub(crate) fn with<R: Send>(
         &self,
         py: Python<'_>,
         act: impl FnOnce(&mut T) -> Result<R, Error> + Send,
     ) -> PyResult<R> {
+        self.check_caller()?;
         let acted = py.detach(|| {
-            let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-            open.as_mut().map(act)
+            let mut open = lock(&self.open);
+            *lock(&self.caller) = Some(thread::current().id());
+            let acted = open.as_mut().map(act);
+            *lock(&self.caller) = None;
+            acted
         });
         acted.ok_or_else(closed)?.map_err(raised)
     }
 
     /// Closes the port after the current call ends.
-    pub(crate) fn close(&self, py: Python<'_>) {
-        py.detach(|| drop(self.0.lock().unwrap_or_else(PoisonError::into_inner).take()));
+    pub(crate) fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.check_caller()?;
+        py.detach(|| drop(lock(&self.open).take()));
+        Ok(())
     }
+
+    fn check_caller(&self) -> PyResult<()> {
+        match *lock(&self.caller) == Some(thread::current().id()) {
+            true => Err(reentered()),
+            false => Ok(()),
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A link to an arm whose calls Ctrl-C ends.

@@ -36,8 +36,8 @@ impl XArmPort {
         Session::open(py, open).map(Self)
     }
 
-    fn close(&self, py: Python<'_>) {
-        self.0.close(py);
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.0.close(py)
     }
 
     /// The version text with unprintable characters escaped; and axes, type, arm, control box and firmware, if the

@@ -89,3 +89,13 @@ def test_late_arm_does_not_block_the_loop() -> None:
                 return worst
 
     assert asyncio.run(run()) < 0.2
+
+
+def test_closed_port_says_so(virtual: sim.VirtualLing) -> None:
+    async def run() -> None:
+        async with await aio.Ling.open(virtual.port) as arm:
+            await arm.close()
+            with pytest.raises(armwire.errors.ClosedError):
+                await arm.read_joints()
+
+    asyncio.run(run())

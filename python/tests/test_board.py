@@ -1,5 +1,6 @@
 """Through the firmware image that ships, on a virtual board, by each of its ports."""
 
+import asyncio
 import os
 import time
 from pathlib import Path
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import armwire
-from armwire import errors
+from armwire import aio, errors
 
 
 @pytest.mark.parametrize("port", ["arm", "slcan:bus"])
@@ -89,10 +90,6 @@ def test_recording_has_arrays_while_a_program_moves(board: Path) -> None:
 
 
 def test_telemetry_by_asyncio(board: Path) -> None:
-    import asyncio
-
-    from armwire import aio
-
     async def run() -> list[armwire.Telemetry]:
         async with await aio.Adapter.open(f"control:{board / 'control'}") as adapter:
             await adapter.set_config({"poll": 100})
@@ -104,6 +101,31 @@ def test_telemetry_by_asyncio(board: Path) -> None:
     heard = asyncio.run(run())
     assert len(heard) > 10
     assert time.monotonic() - begun < 5
+
+
+def test_silent_telemetry_can_be_cancelled(board: Path) -> None:
+    async def iterate(adapter: aio.Adapter) -> None:
+        async for _ in adapter.telemetry():
+            pass
+
+    async def run() -> None:
+        async with await aio.Adapter.open(f"control:{board / 'control'}") as adapter:
+            await adapter.set_config({"poll": "off"})
+            with pytest.raises(asyncio.TimeoutError):
+                await asyncio.wait_for(iterate(adapter), 1)
+            await adapter.read_counters()
+
+    asyncio.run(run())
+
+
+def test_telemetry_has_one_iteration_at_a_time(board: Path) -> None:
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter:
+        adapter.set_config({"poll": 200})
+        for _ in adapter.telemetry(duration_s=5):
+            with pytest.raises(RuntimeError, match="another iteration"):
+                adapter.record_joints(duration_s=0.1)
+            break
+        adapter.set_config({"poll": "off"})
 
 
 def test_serial_port_without_a_control_port_is_told(board: Path) -> None:

@@ -48,6 +48,25 @@ def test_move_waits_and_keeps_what_is_not_given(robot: SynriaRobotAPI) -> None:
     assert robot.get_robot_state("gripper") == pytest.approx(1000, abs=5)
 
 
+def test_gripper_leaves_joints_where_hands_put_them(robot: SynriaRobotAPI, virtual: sim.VirtualLing) -> None:
+    assert robot.set_robot_state(TARGET, 500, joint_format="deg", speed_deg_s=200)
+    robot.torque_control("off")
+    virtual.push_joints_deg([40, 0, 0, 0, 0, 0])
+    robot.torque_control("on")
+    assert robot.set_robot_state(gripper_value=800)
+    assert virtual.joints().joints_deg[0] == pytest.approx(40, abs=0.3)
+
+
+def test_refused_move_changes_no_target(robot: SynriaRobotAPI, virtual: sim.VirtualLing) -> None:
+    before = virtual.requests()
+    with pytest.raises(ValueError, match="joint_format is 'degrees'"):
+        robot.set_robot_state([1.0] * 6, joint_format="degrees")
+    assert virtual.requests() == before
+    with pytest.raises(ValueError, match="angle of joint 1"):
+        robot.set_robot_state([400.0] * 6, joint_format="deg")
+    assert robot.set_robot_state(gripper_value=800)
+
+
 def test_move_that_does_not_arrive_is_false(robot: SynriaRobotAPI) -> None:
     assert not robot.set_robot_state(TARGET, joint_format="deg", speed_deg_s=10, timeout=0.1)
     assert robot.set_robot_state(TARGET, joint_format="deg", wait_for_completion=False)

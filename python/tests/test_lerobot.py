@@ -135,17 +135,39 @@ def test_stale_action_stops_the_arm(virtual: sim.VirtualLing, tmp_path: Path) ->
     robot.disconnect()
 
 
+def test_failed_stop_is_tried_again(virtual: sim.VirtualLing, tmp_path: Path) -> None:
+    robot = follower(virtual.port, tmp_path, action_timeout_s=0.05)
+    robot.config.speed_deg_s = 20
+    robot.connect()
+    robot.send_action({**POSE, "joint1.pos": 170.0})
+    virtual.set_faults(sim.Faults(drop=1_000_000))
+    time.sleep(1.0)
+    virtual.set_faults(sim.Faults())
+    time.sleep(2.5)
+    stopped = virtual.joints().ticks
+    time.sleep(0.2)
+    assert virtual.joints().ticks == stopped
+    assert virtual.joints().joints_deg[0] < 120
+    robot.disconnect()
+
+
 @pytest.mark.parametrize("torque_off", [False, True])
 def test_disconnect_stops_and_keeps_the_torque_if_told(
     virtual: sim.VirtualLing, tmp_path: Path, torque_off: bool
 ) -> None:
-    robot = follower(virtual.port, tmp_path, disable_torque_on_disconnect=torque_off)
+    robot = follower(virtual.port, tmp_path, disable_torque_on_disconnect=torque_off, action_timeout_s=0)
+    robot.config.speed_deg_s = 50
     robot.connect()
     with pytest.raises(errors.DeviceAlreadyConnectedError):
         robot.connect()
-    robot.send_action(POSE)
+    robot.send_action({**POSE, "joint1.pos": 170.0})
+    wait_until(lambda: robot.get_observation()["joint1.pos"] > 1)
     robot.disconnect()
     assert not robot.is_connected
+    stopped = virtual.joints().ticks
+    time.sleep(0.2)
+    assert virtual.joints().ticks == stopped
+    assert virtual.joints().joints_deg[0] < 60
     assert virtual.joints().status == (MotionStatus.IDLE if torque_off else MotionStatus.LOCKED)
 
 
@@ -176,7 +198,18 @@ def test_unusable_arm_is_a_clear_error(tmp_path: Path) -> None:
         leader(older.port, tmp_path).connect()
 
 
-@pytest.mark.parametrize("options", [{"speed_deg_s": 0}, {"speed_deg_s": 500}, {"action_timeout_s": -1}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"speed_deg_s": 0},
+        {"speed_deg_s": 500},
+        {"action_timeout_s": -1},
+        {"gripper_ticks_s": 99999},
+        {"max_relative_target": -5.0},
+        {"max_relative_target": float("nan")},
+        {"max_relative_target": {"joint7": 5.0}},
+    ],
+)
 def test_wrong_configuration_is_told(options: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(options))):
         plugin.AliciaDArmwireConfig(port="/dev/none", **options)

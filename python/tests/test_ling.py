@@ -1,4 +1,5 @@
 import select
+import signal
 import socket
 import threading
 import time
@@ -219,3 +220,15 @@ def test_closed_arm_says_so_and_closes_twice(virtual: sim.VirtualLing) -> None:
     # The port is free again.
     with armwire.Ling(virtual.port) as again:
         again.read_info()
+
+
+def test_signal_handler_cannot_block_the_call_it_interrupts() -> None:
+    with sim.ling(turnaround_us=300_000) as virtual, armwire.Ling(virtual.port) as arm:
+        before = signal.signal(signal.SIGALRM, lambda *_: arm.set_torque(True))
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        try:
+            with pytest.raises(RuntimeError, match="a signal handler cannot call"):
+                arm.read_info()
+        finally:
+            signal.signal(signal.SIGALRM, before)
+        assert arm.read_info().kind == "follower"

@@ -14,8 +14,8 @@ use crate::process::{output, run};
 use crate::vendor::served::ServedBoard;
 use crate::workspace::root;
 
-/// The most that the wheel may take, in bytes.
-const MAX_WHEEL: u64 = 1_000_000;
+/// Maximum size of the wheel, in bytes: 1 MiB.
+const MAX_WHEEL: u64 = 1 << 20;
 /// The oldest system that the wheel is for: the one that Rust's own library asks for.
 const MANYLINUX: &str = "manylinux_2_17";
 /// The packages that the wheel's tests need, at the versions of `requirements-dev.txt`.

@@ -17,7 +17,7 @@ mod list;
 mod monitor;
 mod motion;
 mod pty;
-#[cfg(target_os = "linux")]
+#[cfg(all(feature = "selftest", target_os = "linux"))]
 mod selftest;
 #[cfg(feature = "shell")]
 mod shell;

@@ -4,7 +4,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,12 @@ logger = logging.getLogger(__name__)
 # Ranges of joints and gripper. Actions out of range are clamped, and the sent values are returned.
 MIN_DEG, MAX_DEG = -180.0, 179.912
 MAX_GRIPPER = 1000.0
+# A stop is sent until the joints rest between two readings: interval and timeout in seconds, and distance in degrees.
+STOP_PERIOD_S = 0.02
+STOP_TIMEOUT_S = 1.0
+AT_REST_DEG = 0.27
+# Pause before a stop that failed is tried again, in seconds.
+RETRY_S = 0.5
 
 
 class AliciaDArmwire(Robot):
@@ -37,6 +43,10 @@ class AliciaDArmwire(Robot):
         self.cameras = make_cameras_from_configs(config.cameras)
         self._arm: armwire.Ling | None = None
         self._watch: _Watch | None = None
+        # One motion at a time, an action or a stop.
+        self._motion = threading.Condition()
+        # The gripper's last goal. `None` before the first action: there is no motion to stop.
+        self._gripper: float | None = None
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
@@ -118,28 +128,33 @@ class AliciaDArmwire(Robot):
         """
         arm = self._connected()
         goal = _checked(action)
-        try:
-            goal = self._limited(arm, goal)
-            self._move(arm, goal)
-        except armwire.ArmwireError as error:
-            raise DeviceNotConnectedError(str(error)) from error
-        if self._watch is None and self.config.action_timeout_s > 0:
-            self._watch = _Watch(self.config.action_timeout_s, self._stop)
-        if self._watch is not None:
-            self._watch.feed()
+        with self._motion:
+            try:
+                goal = self._limited(arm, goal)
+                self._gripper = goal[GRIPPER]
+                self._move(arm, [goal[name] for name in JOINTS], goal[GRIPPER])
+            except armwire.ArmwireError as error:
+                raise DeviceNotConnectedError(str(error)) from error
+            finally:
+                if self._gripper is not None:
+                    self._feed()
         return {f"{name}.pos": value for name, value in goal.items()}
 
     def disconnect(self) -> None:
-        """Close the arm and the cameras. The arm stops, and holds its pose unless its torque is to go off."""
+        """Stop the arm and close it and the cameras. The arm holds its pose unless its torque is to go off."""
         arm = self._connected()
         try:
             if self._watch is not None:
                 self._watch.end()
+            try:
                 self._stop()
+            except armwire.ArmwireError as error:
+                logger.warning("%s was not stopped: %s", self, error)
             if self.config.disable_torque_on_disconnect:
-                arm.set_torque(False)
-        except armwire.ArmwireError as error:
-            logger.warning("%s was not stopped: %s", self, error)
+                try:
+                    arm.set_torque(False)
+                except armwire.ArmwireError as error:
+                    logger.warning("the torque of %s was not switched off: %s", self, error)
         finally:
             self._close()
         logger.info("%s disconnected.", self)
@@ -156,9 +171,17 @@ class AliciaDArmwire(Robot):
         if self._arm is not None:
             self._arm.close()
             self._arm = None
+        self._gripper = None
         for camera in self.cameras.values():
             if camera.is_connected:
                 camera.disconnect()
+
+    def _feed(self) -> None:
+        """Restart the timeout of actions."""
+        if self._watch is None and self.config.action_timeout_s > 0:
+            self._watch = _Watch(self.config.action_timeout_s, self._motion, self._stop)
+        if self._watch is not None:
+            self._watch.feed()
 
     def _limited(self, arm: armwire.Ling, goal: dict[str, float]) -> dict[str, float]:
         """Limit the goal to the configured distance from the current joints."""
@@ -170,29 +193,43 @@ class AliciaDArmwire(Robot):
         pairs = {name: (goal[name], present[f"{name}.pos"]) for name in limits}
         return {**goal, **ensure_safe_goal_position(pairs, limits)}
 
-    def _move(self, arm: armwire.Ling, goal: dict[str, float]) -> None:
+    def _move(self, arm: armwire.Ling, joints: Sequence[float], gripper: float) -> None:
         arm.move_deg(
-            [goal[name] for name in JOINTS],
-            gripper_permille=round(goal[GRIPPER]),
+            joints,
+            gripper_permille=round(gripper),
             speed_deg_s=self.config.speed_deg_s,
             gripper_ticks_s=self.config.gripper_ticks_s,
         )
 
     def _stop(self) -> None:
-        """Stop the arm: move to its current position."""
-        if (arm := self._arm) is None:
-            return
-        here = pose(arm.read_joints())
-        self._move(arm, {name: here[f"{name}.pos"] for name in (*JOINTS, GRIPPER)})
+        """Stop the joints where they are, and verify that they rest. The gripper keeps its goal, and with it its grip.
+
+        Raises:
+            ArmwireError: The arm does not answer, or still moves.
+        """
+        with self._motion:
+            if (arm := self._arm) is None or self._gripper is None:
+                return
+            until = time.monotonic() + STOP_TIMEOUT_S
+            before: list[float] | None = None
+            while True:
+                here = arm.read_joints().joints_deg.tolist()
+                if before is not None and max(abs(a - b) for a, b in zip(here, before, strict=True)) <= AT_REST_DEG:
+                    return
+                if time.monotonic() >= until:
+                    raise armwire.errors.RefusedError(f"{arm.port}: it still moves {STOP_TIMEOUT_S:g} s after the stop")
+                self._move(arm, here, self._gripper)
+                before = here
+                time.sleep(STOP_PERIOD_S)
 
 
 class _Watch:
-    """A watchdog thread: calls once on timeout, and again after the next feed and timeout."""
+    """A watchdog thread: stops the arm on timeout, retries until it succeeds, and then waits for the next feed."""
 
-    def __init__(self, timeout_s: float, stop: Callable[[], None]) -> None:
+    def __init__(self, timeout_s: float, changed: threading.Condition, stop: Callable[[], None]) -> None:
         self._timeout_s = timeout_s
         self._stop = stop
-        self._changed = threading.Condition()
+        self._changed = changed
         self._due: float | None = None
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="action watch", daemon=True)
@@ -211,17 +248,22 @@ class _Watch:
 
     def _run(self) -> None:
         with self._changed:
+            failures = 0
             while not self._ended:
                 left = None if self._due is None else self._due - time.monotonic()
                 if left is None or left > 0:
                     self._changed.wait(left)
                     continue
-                self._due = None
-                logger.warning("no action for %g s: the arm is stopped", self._timeout_s)
                 try:
                     self._stop()
+                    self._due = None
+                    failures = 0
+                    logger.warning("no action for %g s: the arm was stopped", self._timeout_s)
                 except armwire.ArmwireError as error:
-                    logger.warning("the arm was not stopped: %s", error)
+                    self._due = time.monotonic() + RETRY_S
+                    failures += 1
+                    if failures == 1:
+                        logger.warning("no action for %g s, the arm is not stopped: %s", self._timeout_s, error)
 
 
 def _checked(action: dict[str, Any]) -> dict[str, float]:

@@ -1,9 +1,12 @@
 """The configuration of a follower."""
 
+import math
 from dataclasses import dataclass, field
 
 from lerobot.cameras import CameraConfig
 from lerobot.robots import RobotConfig
+
+from .pose import JOINTS
 
 
 @RobotConfig.register_subclass("alicia_d_armwire")
@@ -35,5 +38,14 @@ class AliciaDArmwireConfig(RobotConfig):
         super().__post_init__()
         if not 0 < self.speed_deg_s <= 439:
             raise ValueError(f"speed_deg_s is {self.speed_deg_s}, must be over 0 and up to 439")
-        if not self.action_timeout_s >= 0:
+        if not (self.action_timeout_s >= 0 and math.isfinite(self.action_timeout_s)):
             raise ValueError(f"action_timeout_s is {self.action_timeout_s}, must be 0 or more")
+        if self.gripper_ticks_s not in range(1, 0x10000):
+            raise ValueError(f"gripper_ticks_s is {self.gripper_ticks_s}, must be 1 to 65535")
+        limit = self.max_relative_target
+        limits = limit if isinstance(limit, dict) else {} if limit is None else {"joint1": limit}
+        for name, value in limits.items():
+            if name not in JOINTS:
+                raise ValueError(f"max_relative_target has {name!r}, must be among {', '.join(JOINTS)}")
+            if not (value > 0 and math.isfinite(value)):
+                raise ValueError(f"max_relative_target is {limit}, must be over 0")

@@ -120,6 +120,7 @@ class Adapter(Open):
 
     def __init__(self, port: str) -> None:
         self._port = _armwire.AdapterPort(port)
+        self._is_subscribed = False
         super().__init__(port, self._port)
 
     def identify(self) -> AdapterIdentity:
@@ -187,18 +188,38 @@ class Adapter(Open):
         Args:
             duration_s: Duration in seconds. Without it, the iteration has no end.
             events: Also yield events of the adapter.
+
+        Raises:
+            RuntimeError: Another iteration over this object's telemetry has not ended.
         """
         until = None if duration_s is None else time.monotonic() + duration_s
-        self._port.subscribe(True, events)
+        self._subscribe(events)
         try:
             while (left := LISTEN_S if until is None else until - time.monotonic()) > 0:
-                heard = self._port.hear(min(left, LISTEN_S))
-                if heard is not None:
-                    stamp, initiator, frame, event = heard
-                    happened = None if event is None else cast("dict[str, object]", json.loads(event))
-                    yield Telemetry(stamp, initiator, frame or b"", happened)
+                if (received := self._receive(min(left, LISTEN_S))) is not None:
+                    yield received
         finally:
-            self._port.subscribe(False, False)
+            self._unsubscribe()
+
+    def _subscribe(self, events: bool) -> None:
+        """Begin the telemetry's only iteration."""
+        if self._is_subscribed:
+            raise RuntimeError(f"{self.port}: another iteration over the telemetry has not ended")
+        self._port.subscribe(True, events)
+        self._is_subscribed = True
+
+    def _unsubscribe(self) -> None:
+        self._is_subscribed = False
+        self._port.subscribe(False, False)
+
+    def _receive(self, timeout_s: float) -> Telemetry | None:
+        """The next frame or event within a timeout."""
+        received = self._port.hear(timeout_s)
+        if received is None:
+            return None
+        stamp, initiator, frame, event = received
+        happened = None if event is None else cast("dict[str, object]", json.loads(event))
+        return Telemetry(stamp, initiator, frame or b"", happened)
 
     def record_joints(self, duration_s: float) -> JointRecording:
         """Record a Ling arm's joints for this duration. See `telemetry`."""

@@ -237,13 +237,13 @@ class Ling(Open):
         """Switch the torque and verify the status. With torque off the arm falls: hold it.
 
         Raises:
-            RefusedError: The status does not match after half a second.
+            RefusedError: The status does not confirm it within half a second.
         """
         self._port.set_torque(on)
         until = time.monotonic() + OBEYS_S
         while True:
             state = self.read_joints()
-            if state.is_holding in (on, None):
+            if state.is_holding is on:
                 return
             if time.monotonic() >= until:
                 wanted = "on" if on else "off"

@@ -3,6 +3,8 @@
 A joint has 4096 ticks per turn, with zero at 2048. A tick is 45/512 degrees, exact in floating point.
 """
 
+import operator
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -67,8 +69,13 @@ def count(what: str, value: int, most: int) -> int:
     """A whole number from 0 to `most`.
 
     Raises:
+        TypeError: The value is not an integer.
         ValueError: The number is out of range.
     """
-    if not 0 <= value <= most:
-        raise ValueError(f"{what} is {value}, must be 0 to {most}")
-    return int(value)
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{what} is {value!r}, must be an integer") from None
+    if not 0 <= number <= most:
+        raise ValueError(f"{what} is {number}, must be 0 to {most}")
+    return number

@@ -65,9 +65,9 @@ class XArmSerials:
 class XArm(Open):
     """An xArm on a host.
 
-    Calls time out after 100 ms; those of register 4 and of registers without a method after 10 s. Other threads run
-    during a call and may use the same object: calls are serialised. Ctrl-C ends a call. Calls raise the exceptions of
-    `armwire.errors`.
+    Calls time out after 2 s; those of registers without a method after 10 s. A missing answer takes a second more, in
+    which a late one may come. Other threads run during a call and may use the same object: calls are serialised. Ctrl-C
+    ends a call. Calls raise the exceptions of `armwire.errors`.
 
     Args:
         host: For example `192.168.1.10` or `192.168.1.10:502`.

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from . import _adapter, _alpha1, _ling, _xarm
 from ._open import Open
+from .errors import ClosedError
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Coroutine
@@ -36,6 +38,7 @@ class _Async(Generic[Blocking]):
     def __init__(self, blocking: Blocking, thread: ThreadPoolExecutor) -> None:
         self._blocking = blocking
         self._thread = thread
+        self._is_closed = False
 
     @property
     def port(self) -> str:
@@ -43,12 +46,17 @@ class _Async(Generic[Blocking]):
         return self._blocking.port
 
     async def _run(self, call: Callable[[], T]) -> T:
+        if self._is_closed:
+            raise ClosedError("the port is closed")
         return await asyncio.get_running_loop().run_in_executor(self._thread, call)
 
     async def close(self) -> None:
-        """Close the port, after the current call ends."""
-        await self._run(self._blocking.close)
-        self._thread.shutdown(wait=False)
+        """Close the port, after the current call ends. Closing it again has no effect."""
+        if not self._is_closed:
+            self._is_closed = True
+            closing = self._thread.submit(self._blocking.close)
+            self._thread.shutdown(wait=False)
+            await asyncio.wrap_future(closing)
 
     async def __aenter__(self) -> Self:
         return self
@@ -182,10 +190,14 @@ class Adapter(_Async[_adapter.Adapter]):
         self, *, duration_s: float | None = None, events: bool = False
     ) -> AsyncIterator[_adapter.Telemetry]:
         """Iterate over the arm's frames; see `armwire.Adapter.telemetry`."""
-        iterator = self._blocking.telemetry(duration_s=duration_s, events=events)
+        until = None if duration_s is None else time.monotonic() + duration_s
+        await self._run(lambda: self._blocking._subscribe(events))
         try:
-            while (heard := await self._run(lambda: next(iterator, None))) is not None:
-                yield heard
+            # A call in the object's thread is short: a cancelled iteration ends soon on a silent line, too.
+            while (left := _adapter.LISTEN_S if until is None else until - time.monotonic()) > 0:
+                wait = min(left, _adapter.LISTEN_S)
+                if (received := await self._run(functools.partial(self._blocking._receive, wait))) is not None:
+                    yield received
         finally:
-            # Closing the generator unsubscribes.
-            await self._run(iterator.close)
+            if not self._is_closed:
+                await self._run(self._blocking._unsubscribe)

@@ -80,6 +80,7 @@ class SynriaRobotAPI:
         self._port = port
         self._arm: _ling.Ling | None = None
         self._target_rad: list[float] | None = None
+        self._target_gripper: int | None = None
         self.robot_type: str | None = None
         if auto_connect:
             self.connect()
@@ -97,11 +98,11 @@ class SynriaRobotAPI:
             arm = _ling.Ling(self._port)
             try:
                 self.robot_type = arm.read_info().kind
-                self._target_rad = arm.read_joints_rad().tolist()
             except BaseException:
                 arm.close()
                 raise
             self._arm = arm
+            self._forget_targets()
         return True
 
     def disconnect(self) -> None:
@@ -141,20 +142,31 @@ class SynriaRobotAPI:
         timeout: float = 10.0,
         wait_for_completion: bool = True,
     ) -> bool:
-        """Move joints and gripper. Omitted targets keep their last value.
+        """Move joints and gripper. Omitted targets keep their last value since the torque changed, or stay in place.
 
         Returns:
             True if all targets are reached, within `tolerance` in radians and 5 thousandths; true without waiting.
+
+        Raises:
+            ValueError: `joint_format` is neither `rad` nor `deg`, or a value is out of range; nothing is sent.
         """
+        if joint_format not in ("rad", "deg"):
+            raise ValueError(f"joint_format is {joint_format!r}, must be 'rad' or 'deg'")
+        joints, gripper = self._target_rad, self._target_gripper
         if target_joints is not None:
             given = np.asarray(target_joints, dtype=np.float64)
-            self._target_rad = (np.radians(given) if joint_format == "deg" else given).tolist()
-        joints = self._target_rad if self._target_rad is not None else self._joint_gripper().angles
-        gripper = self.arm.read_gripper_permille() if gripper_value is None else int(gripper_value)
+            joints = (np.radians(given) if joint_format == "deg" else given).tolist()
+        if gripper_value is not None:
+            gripper = gripper_value
+        if joints is None or gripper is None:
+            state = self._joint_gripper()
+            joints = state.angles if joints is None else joints
+            gripper = int(state.gripper) if gripper is None else gripper
         speed_ticks_s = 5500 if gripper_speed_deg_s is None else round(gripper_speed_deg_s * _TICKS_PER_DEG)
         self.arm.move_rad(
             joints, gripper_permille=gripper, speed_rad_s=np.radians(speed_deg_s), gripper_ticks_s=speed_ticks_s
         )
+        self._target_rad, self._target_gripper = joints, gripper
         if not wait_for_completion:
             return True
         until = time.monotonic() + timeout
@@ -176,6 +188,8 @@ class SynriaRobotAPI:
         """Switch the torque `on` or `off` and verify it."""
         if command not in ("on", "off"):
             raise ValueError("command must be 'on' or 'off'")
+        # By hand, the arm may be anywhere after this.
+        self._forget_targets()
         self.arm.set_torque(command == "on")
         return True
 
@@ -187,7 +201,7 @@ class SynriaRobotAPI:
         self.arm.set_zero()
         time.sleep(0.1)
         self.arm.set_torque(True)
-        self._target_rad = None
+        self._forget_targets()
         return True
 
     def print_state(self, continuous: bool = False, output_format: str = "deg", fps: float = 200.0) -> None:
@@ -221,6 +235,9 @@ class SynriaRobotAPI:
     def solve_ik_for_trajectory(self, *args: object, **kwargs: object) -> NoReturn:
         """Not implemented: see the table of this module."""
         _kinematics("solve_ik_for_trajectory")
+
+    def _forget_targets(self) -> None:
+        self._target_rad = self._target_gripper = None
 
     def _joint_gripper(self) -> JointState:
         state = self.arm.read_joints()
