@@ -83,6 +83,7 @@ impl VirtualArm {
                 duplicated,
                 delayed,
                 noise,
+                ..
             } = injected;
             [dropped, corrupted, duplicated, delayed, noise]
         };
