@@ -19,7 +19,7 @@ const KEPT: usize = 256;
 /// More bytes than a port's receive buffer: a reader of this many bytes has passed the backlog.
 const BUFFERED: usize = 65_536;
 
-/// How long a line is waited for at most before a program that waits is asked whether it wants to go on.
+/// Maximum wait for a line between two calls of a program's interrupt.
 const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
 
 /// A transport of bytes.
@@ -67,6 +67,25 @@ pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
     )
 }
 
+/// The damage on a line since it was opened.
+#[derive(Default)]
+struct Damage {
+    /// Bytes outside frames.
+    bytes: usize,
+    /// Frames with a wrong checksum.
+    checksums: usize,
+}
+
+impl Damage {
+    /// Counts noise, and returns the number of wrong checksums in it.
+    fn count(&mut self, bytes: &[u8], reason: Reason) -> usize {
+        let checksums = usize::from(matches!(reason, Reason::Checksum { .. }));
+        self.bytes += bytes.len();
+        self.checksums += checksums;
+        checksums
+    }
+}
+
 /// An open line with a client on it.
 pub struct Link<P: Arm> {
     line: Box<dyn Line>,
@@ -76,8 +95,7 @@ pub struct Link<P: Arm> {
     start: Instant,
     stale_window: Duration,
     interrupt: Option<Interrupt>,
-    dropped: usize,
-    checksums: usize,
+    damage: Damage,
 }
 
 impl<P: Arm> Link<P> {
@@ -90,8 +108,7 @@ impl<P: Arm> Link<P> {
             start: Instant::now(),
             stale_window: Duration::from_micros(config.stale_window.as_micros()),
             interrupt: None,
-            dropped: 0,
-            checksums: 0,
+            damage: Damage::default(),
         }
     }
 
@@ -166,10 +183,7 @@ impl<P: Arm> Link<P> {
                         }
                         Event::Echo => received.echoes += 1,
                         Event::Noise { bytes, reason, .. } => {
-                            self.dropped += bytes.len();
-                            let checksum = usize::from(matches!(reason, Reason::Checksum { .. }));
-                            received.checksums += checksum;
-                            self.checksums += checksum;
+                            received.checksums += self.damage.count(bytes, reason);
                         }
                     }
                     continue;
@@ -195,8 +209,7 @@ impl<P: Arm> Link<P> {
             match event {
                 Event::Unsolicited(response) => received.push(take(response)),
                 Event::Noise { bytes, reason, .. } => {
-                    self.dropped += bytes.len();
-                    self.checksums += usize::from(matches!(reason, Reason::Checksum { .. }));
+                    self.damage.count(bytes, reason);
                 }
                 _ => {}
             }
@@ -204,7 +217,7 @@ impl<P: Arm> Link<P> {
         Ok((n > 0).then_some(received))
     }
 
-    /// Whether an answer to a call that timed out comes in the time in which it may still come.
+    /// Returns true if the answer to a call that timed out arrives within the stale window.
     ///
     /// # Errors
     ///
@@ -216,8 +229,12 @@ impl<P: Arm> Link<P> {
             self.receive(left, None)?;
             let now = self.now();
             while let Output::Event(event) = self.client.poll(now) {
-                if let Event::Late(_) = event {
-                    return Ok(true);
+                match event {
+                    Event::Late(_) => return Ok(true),
+                    Event::Noise { bytes, reason, .. } => {
+                        self.damage.count(bytes, reason);
+                    }
+                    _ => {}
                 }
             }
             // Also if bytes do not end.
@@ -235,6 +252,9 @@ impl<P: Arm> Link<P> {
                     let n = self.line.write(bytes)?;
                     self.transmitted(n);
                 }
+                Output::Event(Event::Noise { bytes, reason, .. }) => {
+                    self.damage.count(bytes, reason);
+                }
                 Output::Event(_) => {}
                 Output::Timeout(_) => break,
             }
@@ -251,12 +271,12 @@ impl<P: Arm> Link<P> {
 
     /// Number of bytes outside frames so far.
     pub fn dropped(&self) -> usize {
-        self.dropped
+        self.damage.bytes
     }
 
     /// Number of frames with a wrong checksum so far.
     pub fn checksums(&self) -> usize {
-        self.checksums
+        self.damage.checksums
     }
 
     /// The line's name, as typed by the user.
