@@ -174,7 +174,7 @@ export class Arm3d {
     return { eye, camera: multiply(projection, lookAt(eye, target)) };
   }
 
-  // What is drawn: shapes with their matrix, size and colour.
+  // Shapes to draw, with their matrix, size and colour.
   #parts(links) {
     const parts = [];
     for (const [name, link] of this.#model.links) {
@@ -323,7 +323,7 @@ export class Arm3d {
   }
 }
 
-// How far a model reaches from its root at zero: metres.
+// Reach of a model from its root at zero, in metres.
 function reach(model) {
   let longest = 0;
   for (const [name, at] of forward(model, new Map())) {

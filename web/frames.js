@@ -18,7 +18,7 @@ export function keyOf({ event, bytes, text }) {
   return `${event} ${text.replace(/0x[0-9a-f]+|\d+/g, '#')}`;
 }
 
-// What the table shows, without the page.
+// The rows of the table, independent of the page.
 export class FrameLog {
   rows = [];
   messages = new Map();

@@ -1,4 +1,4 @@
-// What is held: keys and buttons, each of which moves an axis one way while it is down.
+// Held keys and buttons. Each moves an axis one way while it is down.
 
 // Physical keys, so that they lie side by side on every layout: the upper row moves up, the row below it down.
 export const KEYS = new Map([

@@ -76,7 +76,7 @@ function motion(joint, value) {
   }
 }
 
-// Where each link of a model is, by name, for the values of joints by name. A joint without a value is at 0.
+// Pose of each link of a model by name, from the joints' values by name. A joint without a value is at 0.
 export function forward(model, values) {
   const links = new Map([[model.root, identity()]]);
   // Parents come before their children.

@@ -48,7 +48,7 @@ export class Link {
     if (!this.#port || this.#isPumping) return;
     this.#isPumping = true;
     clearTimeout(this.#timer);
-    // What has arrived goes in first: an answer is late only if it came late.
+    // Received bytes go in first: an answer is late only if it arrived late.
     try {
       this.#port.poll();
       this.#transmit();

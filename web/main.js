@@ -18,7 +18,7 @@ const DEGREES = 180 / Math.PI;
 const SEED = 1;
 // Numbers and the table change this often, in milliseconds: what changes faster cannot be read.
 const TEXT_PERIOD = 200;
-// How long torque-off must be held, in milliseconds.
+// Time that torque-off must be held, in milliseconds.
 const TORQUE_OFF_HOLD = 1000;
 // °C.
 const HOT = 70;

@@ -5,7 +5,7 @@ const OPTIONS = { baudRate: 1_000_000, bufferSize: 4096 };
 const LINE_ERRORS = ['BreakError', 'BufferOverrunError', 'FramingError', 'ParityError'];
 // Frames that the port may owe: about a second of them.
 const MAX_WAITING = 64;
-// How long the last frames may take to leave, in milliseconds.
+// Timeout of the last frames, in milliseconds.
 const FLUSH = 500;
 
 export const isSupported = () => 'serial' in navigator;

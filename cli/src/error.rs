@@ -27,7 +27,7 @@ pub enum Error {
     /// The arm or the adapter does not do what it is asked.
     #[error("{name}: {reason}")]
     Refused { name: String, reason: String },
-    /// What arrives is no message of this arm, or none that can be accepted.
+    /// The received bytes are no message of this arm, or an unacceptable one.
     #[error("{name}: {reason}")]
     Unacceptable { name: String, reason: String },
     /// The program that waits wants no answer any more, for this reason of its own.

@@ -76,7 +76,7 @@ impl LingPort {
         Ok(self.link.call(request, |response| response)?)
     }
 
-    /// Whether there is an adapter with a control port.
+    /// Returns true if there is an adapter with a control port.
     pub fn has_adapter(&self) -> bool {
         self.control.is_some()
     }

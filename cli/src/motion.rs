@@ -19,7 +19,7 @@ use crate::output::say;
 
 /// How near a joint is when it is there: 3 ticks, 0.26°.
 const NEAR: u16 = 3;
-/// How near the gripper is when it is there: 5 thousandths of its stroke, 0.5 %.
+/// Tolerance of the gripper: 5 thousandths of its stroke, 0.5 %.
 const NEAR_OPENING: u16 = 5;
 /// A gripper whose reading is the same for this long stands still: it may hold something.
 const STANDS_STILL: time::Duration = time::Duration::from_millis(1_000);
@@ -205,7 +205,7 @@ impl Standstill {
     }
 }
 
-/// How far off the gripper is, if it is not near its target.
+/// The gripper's distance from its target, if that exceeds the tolerance.
 fn far_gripper(target: &Move, state: &JointState) -> Option<String> {
     let (goal, _speed) = target.gripper;
     let off = goal.per_mille().abs_diff(state.gripper);

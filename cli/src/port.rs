@@ -199,7 +199,7 @@ impl Connection {
         matches!(self.port, Port::Control(_))
     }
 
-    /// Whether it is a HID device, as which only an Alpha1 speaks.
+    /// Returns true for a HID device. Only an Alpha1 is one.
     pub(crate) fn is_hid(&self) -> bool {
         matches!(self.port, Port::Hid(_))
     }

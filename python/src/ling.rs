@@ -184,7 +184,7 @@ pub(crate) fn ling_angles(
     Ok(PyByteArray::new(py, &bytes))
 }
 
-/// What a frame tells of the joints, if it is that answer.
+/// The joints in a frame, if it is their answer.
 #[pyfunction]
 pub(crate) fn ling_joints(frame: &[u8]) -> Option<Joints> {
     joints(Ling.parse_response(frame, ()).ok()?)

@@ -61,7 +61,7 @@ impl Reading {
         })
     }
 
-    /// Whether the arm holds its position, if its status tells.
+    /// True if the arm holds its position; `None` if its status does not show it.
     pub(crate) fn is_holding(&self) -> Option<bool> {
         match self.status {
             MotionStatus::Locked | MotionStatus::SyncLocked => Some(true),
@@ -70,7 +70,7 @@ impl Reading {
         }
     }
 
-    /// Whether all joints are within 3 ticks of zero.
+    /// Returns true if all joints are within 3 ticks of zero.
     pub(crate) fn is_at_zero(&self) -> bool {
         let near = f64::from(Position::MAX.radians()) * 3.0 / 2047.0;
         self.positions[..JOINTS].iter().all(|position| position.abs() <= near)

@@ -15,7 +15,7 @@ use rustdds::DomainParticipantBuilder;
 use crate::messages::{DiagnosticArray, JointState, JointTrajectory, Outcome, SetBoolRequest, TriggerRequest};
 use crate::options::{Checked, Rmw};
 
-/// How often a node looks whether it is to end.
+/// Interval at which a node checks for a request to end.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Our place in the network.

@@ -130,7 +130,7 @@ impl Options {
     }
 }
 
-/// What is before the first `=`, and what is behind it.
+/// The text before the first `=`, and the text after it.
 fn split<'a>(option: &str, text: &'a str) -> Result<(&'a str, &'a str), String> {
     text.split_once('=')
         .ok_or_else(|| format!("{option} {text:?}: there is no ="))
@@ -147,7 +147,7 @@ fn by_name<'a>(option: &str, texts: &'a [String]) -> Result<HashMap<&'a str, &'a
     Ok(all)
 }
 
-/// Whether it can stand in the name of a ROS 2 topic.
+/// Returns true if it is valid in the name of a ROS 2 topic.
 fn is_name(name: &str) -> bool {
     name.starts_with(|first: char| first.is_ascii_alphabetic())
         && name.chars().all(|char| char.is_ascii_alphanumeric() || char == '_')

@@ -21,7 +21,7 @@ const MODULE: &str = "armwire_web.wasm";
 const SERVED_MODULE: &str = "armwire.wasm";
 /// The most bytes of the module.
 const MAX_MODULE: u64 = 64 * 1024;
-/// What compilers for this target turn on by default.
+/// Features that compilers enable for this target by default.
 const WASM_FEATURES: [&str; 6] = [
     "--enable-bulk-memory",
     "--enable-multivalue",

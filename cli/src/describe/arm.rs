@@ -16,7 +16,7 @@ pub trait Arm: Messages + Default {
     /// How its line is treated unless the user says otherwise.
     const CONFIG: Config;
 
-    /// Whether it may be a HID device on USB.
+    /// True if it may be a HID device on USB.
     const ON_HID: bool = false;
 
     /// With how many bytes of its request an answer begins.

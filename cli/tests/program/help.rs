@@ -8,7 +8,7 @@ fn screens(command: &[String], screens: &mut Vec<(Vec<String>, String)>) {
     let words: Vec<_> = command.iter().map(String::as_str).collect();
     let help = success(&[&words[..], &["--help"]].concat());
     let list = help.lines().skip_while(|line| *line != "Commands:").skip(1);
-    // What goes on in further lines is further to the right.
+    // Continuation lines are indented further.
     let names = list.take_while(|line| !line.is_empty()).filter_map(|line| {
         let name = line.strip_prefix("  ")?.split(' ').next()?;
         (!name.is_empty() && name != "help").then(|| name.to_owned())

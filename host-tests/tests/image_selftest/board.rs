@@ -14,7 +14,7 @@ use armwire_virtual_board::usb::cdc::{LineCoding, Port};
 use armwire_virtual_board::usb::host::{Request, TransferError};
 use armwire_virtual_board::{Arm, Error, Nanos, VirtualBoard};
 
-/// How long a bus reset, and the adapter's start, may take.
+/// Timeout of a bus reset, and of the adapter's start.
 const RESET: Nanos = Nanos::from_millis(20);
 const START: Nanos = Nanos::from_millis(5_000);
 
@@ -29,7 +29,7 @@ pub(crate) enum Fault {
     FlipAfter(usize),
 }
 
-/// What is on the UART in the arm's place.
+/// The device on the UART in place of the arm.
 #[derive(Debug, Default)]
 pub(crate) struct Jumper {
     pub(crate) fault: Fault,
@@ -57,7 +57,7 @@ impl Jumper {
         }
     }
 
-    /// What was sent to it since this was last asked.
+    /// The bytes sent to it since the last call.
     pub(crate) fn take_heard(&mut self) -> Vec<u8> {
         mem::take(&mut self.heard)
     }
@@ -97,17 +97,17 @@ pub(crate) struct BoardUsb<'b> {
     pub(crate) answers: fn(&UsbRequest<'_>, Vec<u8>) -> Result<Vec<u8>, UsbError>,
     /// The rate of the host's clock, in parts per thousand.
     pub(crate) clock: u32,
-    /// What the system adds to each operation.
+    /// Delay that the system adds to each operation.
     pub(crate) latency: Duration,
     /// The host tells the adapter to put its data toggles back, and keeps its own.
     pub(crate) keeps_toggles: bool,
     /// The adapter forgets what was saved when it starts again.
     pub(crate) forgets: bool,
-    /// Whether the host can suspend the bus, and does.
+    /// True if the host can suspend the bus.
     pub(crate) suspend: Suspend,
 }
 
-/// What a host does that is to suspend the bus.
+/// A host's response to a request to suspend the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Suspend {
     Yes,

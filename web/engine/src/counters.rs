@@ -66,7 +66,7 @@ impl Counters {
 /// Times from the last byte of a request, as handed to the port, to its answer, as taken from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AnswerTimes {
-    /// That of the newest answer.
+    /// Time of the newest answer.
     pub last: Duration,
     /// The shortest. Zero before the first answer.
     pub shortest: Duration,

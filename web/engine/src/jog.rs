@@ -41,7 +41,7 @@ pub struct Jog {
     setpoint: Option<Setpoint>,
 }
 
-/// Where the arm should be, in ticks and thousandths of the gripper's stroke.
+/// The arm's target, in ticks and thousandths of the gripper's stroke.
 #[derive(Clone, Copy, Debug)]
 struct Setpoint {
     at: Instant,
@@ -79,7 +79,7 @@ impl Jog {
         held
     }
 
-    /// Whether an axis is held.
+    /// Returns true if an axis is held.
     pub fn is_held(&self) -> bool {
         self.directions.iter().any(|direction| *direction != Direction::Rest)
     }
@@ -89,7 +89,7 @@ impl Jog {
         self.speed = speed;
     }
 
-    /// Whether there was a target since the arm last stood still.
+    /// True if there was a target since the arm was last at rest.
     pub fn is_under_way(&self) -> bool {
         self.setpoint.is_some()
     }

@@ -74,7 +74,7 @@ pub enum Block {
     OutOfRange = 4,
 }
 
-/// What the arm said of itself, as it said it last.
+/// The arm's last report of itself.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Arm {
     /// Joints, gripper and status.
@@ -284,7 +284,7 @@ impl Session {
         (!in_range).then_some(Block::OutOfRange)
     }
 
-    /// What the arm said of itself.
+    /// The arm's report of itself.
     pub fn arm(&self) -> &Arm {
         &self.arm
     }
@@ -321,7 +321,7 @@ impl Session {
         (now.since(*at) <= FRESH).then_some(reading)
     }
 
-    /// What moves or stops the arm does not wait for an answer that may be lost.
+    /// A motion or a stop does not wait for an answer that may be lost.
     fn interrupt(&mut self, now: Instant) {
         if self.interruption().is_some_and(|at| at <= now) && self.client.expects_answer() {
             self.client.cancel();
@@ -464,7 +464,7 @@ impl Session {
     }
 }
 
-/// Whether an arm with this status holds its position. An unknown status is not known to.
+/// Returns true if an arm with this status holds its position. False for an unknown status.
 fn has_torque(status: MotionStatus) -> bool {
     match status {
         MotionStatus::Locked | MotionStatus::SyncLocked | MotionStatus::Overheating => true,

@@ -31,7 +31,7 @@ use trc::Trc;
 /// The highest identifier of 29 bits.
 const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
 
-/// What takes the records.
+/// A consumer of records.
 pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;
 
 /// Hands the records of a log, one after the other, to `take`. A recording of a line has none.

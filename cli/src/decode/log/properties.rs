@@ -28,7 +28,7 @@ const FORMATS: [Format; 6] = [
     Format::Gvret,
 ];
 
-/// What was on a bus.
+/// A record of a bus.
 #[derive(Clone, Debug)]
 struct Sent {
     micros: u64,
@@ -52,7 +52,7 @@ enum Body {
     Error,
 }
 
-/// What was read of it.
+/// The part read so far.
 #[derive(Debug, PartialEq)]
 struct Heard {
     micros: u64,
@@ -149,7 +149,7 @@ fn body() -> impl Strategy<Value = Body> {
     ]
 }
 
-/// What was on buses, in the order of time.
+/// Records of buses, in order of time.
 fn traffic() -> impl Strategy<Value = Vec<Sent>> {
     let begin = 0..2_000_000_000_000_000_u64;
     let sent = (0..2_000_000_u64, 0..32_u8, body());
@@ -530,7 +530,7 @@ proptest! {
     }
 }
 
-/// Where a reader has something to wait for.
+/// A point at which a reader waits for input.
 const BEGINNINGS: &[&[u8]] = &[
     b"",
     b"(",

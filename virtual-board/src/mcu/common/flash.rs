@@ -58,13 +58,13 @@ pub(crate) trait FlashInterface: Peripheral {
         false
     }
 
-    /// Whether an operation is under way: the core waits.
+    /// Returns true during an operation: the core waits.
     #[inline]
     fn is_busy(&self) -> bool {
         self.array().is_busy()
     }
 
-    /// Whether the power is to go now.
+    /// Returns true if the power fails now.
     fn take_cut(&mut self, now: Nanos) -> bool {
         self.array_mut().take_cut(now)
     }

@@ -126,7 +126,7 @@ pub(crate) trait Peripherals: Debug + Send {
 
     fn peripheral(&mut self, kind: Self::Kind) -> &mut dyn Peripheral;
 
-    /// Whether the registers of a peripheral take accesses of this width, as far as that is modelled.
+    /// Returns true if the registers of a block accept accesses of this width, as far as modelled.
     fn takes(block: &Block<Self::Kind>, width: Width) -> bool;
 
     /// The enable and reset bits in RCC.

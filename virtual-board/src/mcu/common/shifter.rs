@@ -46,13 +46,13 @@ pub(crate) struct Progress {
 
 /// The UART of a chip.
 pub(crate) trait Uart: Peripheral {
-    /// Whether the receiver requests a DMA transfer.
+    /// Returns true if the receiver requests a DMA transfer.
     fn requests_receive(&self) -> bool;
 
-    /// Whether the transmitter requests a DMA transfer.
+    /// Returns true if the transmitter requests a DMA transfer.
     fn requests_transmit(&self) -> bool;
 
-    /// Whether it and its transmitter are enabled: it drives its pin.
+    /// Returns true if it and its transmitter are enabled: it drives its pin.
     fn transmits(&self) -> bool;
 }
 

@@ -12,7 +12,7 @@ struct Bench {
     now: Instant,
     /// All frames to the arm.
     sent: Vec<(Instant, Vec<u8>)>,
-    /// Whether the bytes of the host reach the arm, and those of the arm the host.
+    /// True if bytes pass between host and arm.
     connected: bool,
 }
 
