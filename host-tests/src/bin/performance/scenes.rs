@@ -144,10 +144,10 @@ fn saturate(board: &Board, scene: Scene, baud: u32, bus: Option<Link>) -> Figure
         board.with_arm(|arm| arm.send(&up));
         board.usb().write(&down).expect("it is open");
         let (mut figures, [by_usb, by_can]) = play(board, bus.unwrap_or(Link::Classic), &mut received);
-        let received = board.with_arm(Talker::take_received);
-        let is_busy = received.len() < down.len() && board.with_arm(|arm| arm.poll_timeout().is_some());
+        let received_by_arm = board.with_arm(Talker::take_received);
+        let is_busy = received_by_arm.len() < down.len() && board.with_arm(|arm| arm.poll_timeout().is_some());
         assert!(is_busy, "the line was not busy to the end");
-        same_bytes("the arm", &received, &down[..received.len()]);
+        same_bytes("the arm", &received_by_arm, &down[..received_by_arm.len()]);
         same_bytes("the host", &received, &up[..received.len()]);
         figures.rate = Some(match bus {
             None => {
