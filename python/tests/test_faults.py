@@ -89,7 +89,9 @@ def test_ctrl_c_ends_a_call_at_once() -> None:
     # An xArm's raw register waits 10 s for its answer; this server gives none.
     script = textwrap.dedent(
         """
-        import socket, time, armwire
+        import signal, socket, time, armwire
+        # A shell's background job inherits SIGINT as ignored.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         server = socket.create_server(("127.0.0.1", 0))
         with armwire.XArm("127.0.0.1:%d" % server.getsockname()[1]) as arm:
             print("waiting", flush=True)
