@@ -1,0 +1,105 @@
+//! The initiator that may send next.
+
+use armwire::time::Instant;
+
+use crate::control::Initiator;
+
+use super::Line;
+use super::arbiter::Contender;
+
+impl Line {
+    /// The initiator that may send now, if there is one.
+    pub(super) fn next(&self, now: Instant) -> Option<Initiator> {
+        if self.requests.torque_off.is_some() && !self.from_host.is_speaking() {
+            // Torque-off waits for no answer.
+            return Some(Initiator::Adapter);
+        }
+        if self.is_anothers() {
+            return None;
+        }
+        // The host continues its sequence, or sends more requests while no other initiator has one.
+        if self.from_host.is_speaking() || self.are_others_silent(now) {
+            return self.contender(Initiator::Usb, now).map(|_| Initiator::Usb);
+        }
+        if self.holder().is_some() {
+            return None;
+        }
+        self.arbiter
+            .next(&Initiator::ALL.map(|initiator| self.contender(initiator, now)))
+    }
+
+    /// Returns true if no initiator but the host on USB is ready, which is the usual case.
+    pub(super) fn are_others_silent(&self, now: Instant) -> bool {
+        self.requests.is_empty() && self.poll.due_since(now).is_none()
+    }
+
+    /// The initiator, if it is ready for a turn.
+    pub(super) fn contender(&self, initiator: Initiator, now: Instant) -> Option<Contender> {
+        let since = self.since(initiator, now)?;
+        let may_go = match initiator {
+            Initiator::Usb => self.rate.change(self.from_host.len()).is_none() && self.may_host_go(now),
+            Initiator::Command => true,
+            Initiator::Adapter if self.requests.torque_off.is_some() => true,
+            Initiator::Can | Initiator::Poll | Initiator::Adapter => self.may_go(initiator),
+        };
+        may_go.then_some(Contender {
+            since,
+            is_urgent: initiator == Initiator::Poll && self.poll.is_urgent(),
+        })
+    }
+
+    /// The start of an initiator's wait.
+    pub(super) fn since(&self, initiator: Initiator, now: Instant) -> Option<Instant> {
+        match initiator {
+            Initiator::Usb => (self.from_host.len() > 0).then(|| self.from_host.moved()),
+            Initiator::Can => self.requests.can.front().map(|request| request.since),
+            Initiator::Command => self.requests.command.as_ref().map(|request| request.since),
+            Initiator::Poll => self.poll.due_since(now),
+            Initiator::Adapter => self.requests.torque_off.or(self.requests.identify),
+        }
+    }
+
+    /// Returns true if the answer to an initiator's request could be distinguished from all answers that may still
+    /// arrive.
+    pub(super) fn may_go(&self, initiator: Initiator) -> bool {
+        // Usually no answer is missing, and the request does not matter.
+        if self.exchange.is_idle() {
+            return true;
+        }
+        self.waiting_request(initiator)
+            .is_some_and(|(_, info)| info.is_none_or(|info| self.exchange.can_send(&info, initiator)))
+    }
+
+    /// Returns true if the host on USB may send. Alone on the line it always may, as it receives every answer. On a
+    /// shared line it is limited to the number of tracked requests, and to requests whose answer cannot be another's.
+    pub(super) fn may_host_go(&self, now: Instant) -> bool {
+        // A sequence in progress is not held back, and no arm answers at another rate.
+        if self.exchange.is_idle() || self.from_host.is_speaking() || !self.rate.is_arms() {
+            return true;
+        }
+        let is_alone = !self.arbiter.is_shared(now) && self.are_others_silent(now);
+        is_alone
+            || self
+                .from_host
+                .peek_request(self.kind)
+                .is_none_or(|info| self.exchange.can_send(&info, Initiator::Usb))
+    }
+
+    /// The time at which the host on USB, which has paused, loses its turn to others that wait.
+    pub(super) fn turn_timeout(&self) -> Option<Instant> {
+        if !self.from_host.is_speaking() || self.holder().is_some() && self.requests.torque_off.is_none() {
+            return None;
+        }
+        let [_, others @ ..] = Initiator::ALL;
+        let ready = others.map(|initiator| self.contender(initiator, Instant::ZERO));
+        let since = ready.iter().flatten().map(|contender| contender.since).min()?;
+        Some(self.from_host.turn_timeout(since, self.last_rx))
+    }
+
+    /// Ends the turn of a host on USB that has paused, if others wait.
+    pub(super) fn tick_turn(&mut self, now: Instant) {
+        if self.turn_timeout().is_some_and(|at| at <= now) {
+            self.from_host.end_turn();
+        }
+    }
+}
