@@ -132,9 +132,8 @@ impl<P: Arm> Link<P> {
         request: &P::Request<'_>,
         take: impl FnOnce(P::Response<'_>) -> T,
     ) -> Result<Option<T>, Error> {
-        // Remainder of a failed call.
         self.client.cancel();
-        self.finish()?;
+        self.abort()?;
         self.client
             .submit(request)
             .expect("the client is idle, and has room for any request");
@@ -244,12 +243,19 @@ impl<P: Arm> Link<P> {
         }
     }
 
-    /// Transmits the remainder of a failed call's request.
-    fn finish(&mut self) -> Result<(), Error> {
+    /// Ends a request that a failed call left half sent. The arm must not act on it now: zeros take the place of its
+    /// remaining bytes, and no valid frame ends with a zero.
+    fn abort(&mut self) -> Result<(), Error> {
         while !self.client.is_idle() {
             match self.client.poll(self.now()) {
+                Output::Transmit(_) if P::LOSSLESS => {
+                    return Err(Error::Lost {
+                        name: self.line.name().to_owned(),
+                        reason: "the connection ended in the middle of a request: open it again".to_owned(),
+                    });
+                }
                 Output::Transmit(bytes) => {
-                    let n = self.line.write(bytes)?;
+                    let n = self.line.write(&[0; BUFFER][..bytes.len()])?;
                     self.transmitted(n);
                 }
                 Output::Event(Event::Noise { bytes, reason, .. }) => {
@@ -357,7 +363,10 @@ mod tests {
     use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
 
-    use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
+    use armwire::ling::{
+        Frame, GripperSpeed, JointState, Ling, MAX_FRAME, MotionStatus, Move, Opening, Position, Request, Response,
+        Speed, Torque,
+    };
     use armwire::messages::Messages;
 
     use super::*;
@@ -459,6 +468,59 @@ mod tests {
         fn hints(&mut self, _: Came, _: Names) -> String {
             String::new()
         }
+    }
+
+    /// A line whose second write fails, after one of five bytes.
+    #[derive(Default)]
+    struct Failing {
+        writes: usize,
+        written: Vec<u8>,
+    }
+
+    impl Line for Arc<Mutex<Failing>> {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, _: &mut [u8], _: Duration) -> Result<usize, Error> {
+            Ok(0)
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            let line = &mut *self.lock().unwrap();
+            line.writes += 1;
+            let n = match line.writes {
+                1 => 5,
+                2 => return Err(Error::at("fake", "no")),
+                _ => bytes.len(),
+            };
+            line.written.extend(&bytes[..n]);
+            Ok(n)
+        }
+
+        fn hints(&mut self, _: Came, _: Names) -> String {
+            String::new()
+        }
+    }
+
+    #[test]
+    fn half_sent_motion_never_reaches_the_arm() {
+        let line = Arc::new(Mutex::new(Failing::default()));
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&line)), Ling::CONFIG);
+        let (position, speed) = (Position::new(2048).unwrap(), Speed::new(100).unwrap());
+        let motion = Request::Move(Move {
+            joints: [(position, speed); 6],
+            gripper: (Opening::new(500).unwrap(), GripperSpeed(1000)),
+        });
+        assert!(matches!(link.call(&motion, drop), Err(Error::At { .. })));
+        assert!(matches!(link.call(&Request::SetTorque(Torque::Off), drop), Ok(None)));
+        let mut out = [0; MAX_FRAME];
+        let n = Ling.encode_request(&motion, &mut out).unwrap();
+        let mut expected = out[..5].to_vec();
+        expected.resize(n, 0);
+        let n = Ling.encode_request(&Request::SetTorque(Torque::Off), &mut out).unwrap();
+        expected.extend(&out[..n]);
+        assert_eq!(line.lock().unwrap().written, expected);
     }
 
     #[test]
