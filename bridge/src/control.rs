@@ -56,7 +56,8 @@ pub enum Request {
     IdentifyArm,
     /// Reads the configuration in force. Answered by [`Reply::Config`].
     GetConfig,
-    /// Sets the configuration until the next start. Answered by [`Reply::Done`] or [`Reply::BadConfig`].
+    /// Sets the configuration until the next start. Answered by [`Reply::Done`] or [`Reply::BadConfig`]; by
+    /// [`Failure::StreamArmed`] if it changes the kind of arm while a stream is [armed](crate::Status::is_armed).
     SetConfig(Config),
     /// Saves the configuration to flash. Answered by [`Reply::Done`] once it is written, or [`Reply::Failed`].
     SaveConfig,
@@ -234,8 +235,8 @@ pub enum Failure {
     Flash,
     /// Another request of this kind is still pending.
     Busy,
-    /// A host streams motion. A save or reset fails only if the stream is [armed](crate::Status::is_armed): the core
-    /// stalls while it writes flash. Since version 2.
+    /// A host streams motion. A save, a reset or a change of the kind of arm fails only if the stream is
+    /// [armed](crate::Status::is_armed). Since version 2.
     StreamArmed,
     /// Saves are too frequent for the endurance of the flash (see [`store`](crate::store)). Since version 2.
     TooManySaves {

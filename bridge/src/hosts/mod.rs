@@ -383,6 +383,7 @@ impl Hosts {
             }
             Request::GetConfig => Reply::Config(self.config),
             Request::SetConfig(config) => match check(&self.identity, &config) {
+                Ok(()) if config.arm != self.config.arm && line.is_armed() => Reply::Failed(Failure::StreamArmed),
                 Ok(()) => {
                     self.configure(config, port, line, now);
                     Reply::Done

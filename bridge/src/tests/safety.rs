@@ -532,7 +532,7 @@ fn held_back_usb_host_is_not_silent() {
 #[test]
 fn motion_stream_ends_when_arm_kind_changes() {
     for initiator in [Initiator::Usb, Initiator::Can, Initiator::Command] {
-        let mut rig = Rig::new(silence(500, true));
+        let mut rig = Rig::new(silence(500, false));
         rig.subscribe();
         for sequence in 0..6 {
             match initiator {
@@ -562,6 +562,22 @@ fn motion_stream_ends_when_arm_kind_changes() {
         assert_eq!(silences(&rig), [(changed, event)]);
         assert_eq!((rig.bridge.counters().host_silences, rig.said.len()), (1, said));
     }
+}
+
+#[test]
+fn arm_kind_cannot_change_during_armed_stream() {
+    let other = Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    };
+    let mut rig = Rig::new(silence(500, true));
+    rig.usb_out.extend(motion().repeat(3));
+    rig.run(10_000);
+    assert_eq!(rig.call(Request::SetConfig(other)), Reply::Failed(Failure::StreamArmed));
+    // Torque-off still goes out when the host is silent.
+    rig.run(1_000_000);
+    assert_eq!(rig.said.last().unwrap().1, TORQUE_OFF);
+    assert_eq!(rig.call(Request::SetConfig(other)), Reply::Done);
 }
 
 #[test]
