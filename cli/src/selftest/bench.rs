@@ -6,8 +6,8 @@ use std::time::Duration;
 use armwire::ling::READ_JOINTS;
 use armwire_bridge::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{
-    Event, FromAdapter, FromHost, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request as ControlRequest, Stamp, Subscription,
-    encode_cobs,
+    Event, Failure, FromAdapter, FromHost, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request as ControlRequest, Stamp,
+    Subscription, encode_cobs,
 };
 use armwire_bridge::{Counters, LineCoding};
 
@@ -32,6 +32,8 @@ const QUIET: Duration = Duration::from_millis(20);
 const DRAIN: Duration = Duration::from_secs(1);
 /// Maximum bytes in flight: fewer than the adapter's buffer for a slow host.
 const WINDOW: usize = 512;
+/// Maximum time between two checks for a stop by the user.
+const STOP_PERIOD: Duration = Duration::from_millis(500);
 /// Bytes of one transfer.
 const CHUNK: usize = 192;
 
@@ -41,18 +43,41 @@ pub(super) const FRAME: [u8; 7] = READ_JOINTS;
 /// The adapter on the bench.
 pub(super) struct Bench<'u> {
     pub(super) usb: &'u mut dyn Usb,
+    stopped: &'u dyn Fn() -> bool,
     reader: Reader<MAX_MESSAGE>,
     sequence: u8,
     events: VecDeque<(Stamp, Event)>,
 }
 
 impl<'u> Bench<'u> {
-    pub(super) fn new(usb: &'u mut dyn Usb) -> Self {
+    pub(super) fn new(usb: &'u mut dyn Usb, stopped: &'u dyn Fn() -> bool) -> Self {
         Self {
             usb,
+            stopped,
             reader: Reader::new(),
             sequence: 0,
             events: VecDeque::new(),
+        }
+    }
+
+    /// Ends a check once the user stops the run.
+    pub(super) fn check_stop(&self) -> Result<(), Trouble> {
+        match (self.stopped)() {
+            true => Err(Trouble::NotTried("stopped".to_owned())),
+            false => Ok(()),
+        }
+    }
+
+    /// Lets this much time pass, unless the user stops the run.
+    pub(super) fn sleep(&mut self, span: Duration) -> Result<(), Trouble> {
+        let until = self.usb.now() + span;
+        loop {
+            self.check_stop()?;
+            let left = until.saturating_sub(self.usb.now());
+            if left.is_zero() {
+                return Ok(());
+            }
+            self.usb.sleep(left.min(STOP_PERIOD))?;
         }
     }
 
@@ -163,8 +188,31 @@ impl<'u> Bench<'u> {
     /// a Ling arm's rate with an empty receive buffer.
     pub(super) fn open(&mut self) -> Result<(), Trouble> {
         let config = quiet(&self.config()?);
-        self.order(ControlRequest::Subscribe(Subscription::default()))?;
         self.order(ControlRequest::SetConfig(config))?;
+        self.open_port()
+    }
+
+    /// Opens the serial port and runs `act` while this host holds the line: no poll and no other host sends. The
+    /// configuration stays.
+    pub(super) fn with_line_held<T>(
+        &mut self,
+        act: impl FnOnce(&mut Self) -> Result<T, Trouble>,
+    ) -> Result<T, Trouble> {
+        match self.call(ControlRequest::HoldLine)? {
+            Reply::Done => {}
+            Reply::Failed(Failure::StreamArmed) => {
+                let text = "a host streams motion: stop it, disconnect the arm, and join PA2 and PA3 with a jumper";
+                return Err(Trouble::Failed(text.to_owned()));
+            }
+            reply => return Err(odd(&ControlRequest::HoldLine, &reply)),
+        }
+        let result = self.open_port().and_then(|()| act(self));
+        self.order(ControlRequest::ReleaseLine)?;
+        result
+    }
+
+    fn open_port(&mut self) -> Result<(), Trouble> {
+        self.order(ControlRequest::Subscribe(Subscription::default()))?;
         self.raise_dtr()?;
         self.set_line(LineCoding::LING)?;
         self.drain()?;

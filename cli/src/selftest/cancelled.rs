@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::bench::{Bench, at, get_line_coding, payload, read_counters, set_line_coding};
 use super::report::{Passed, Trouble};
-use super::{Checked, Plan};
+use super::{Checked, Plan, planned};
 
 /// Timeout of the next transfer after a cancel.
 const READY: Duration = Duration::from_millis(100);
@@ -18,9 +18,11 @@ const BETWEEN_ECHOES: u32 = 10;
 
 /// Cancels reads and writes at many different moments.
 pub(super) fn requests(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    planned(plan.cancels)?;
     let coding = LineCoding::LING.to_cdc();
     let mut cancelled = 0_u32;
     for nth in 0..plan.cancels {
+        bench.check_stop()?;
         let after = Duration::from_micros((nth * LATEST / plan.cancels).into());
         let request = match nth % 3 {
             0 => get_line_coding(),

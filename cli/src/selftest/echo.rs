@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::bench::{Bench, at, losses, payload};
 use super::report::{Passed, Trouble};
-use super::{Checked, Plan};
+use super::{Checked, Plan, planned};
 
 /// The slowest rate in common use, two between, and the adapter's maximum.
 const RATES: [u32; 4] = [115_200, 500_000, 1_000_000, 2_000_000];
@@ -20,14 +20,16 @@ const SLACK: Duration = Duration::from_millis(200);
 
 /// Echoes bytes at each rate and parity and checks the duration against the time on the line.
 pub(super) fn at_all_rates(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    planned(plan.echo_bytes)?;
     for (baud, parity) in RATES.iter().flat_map(|&baud| PARITIES.map(|parity| (baud, parity))) {
+        bench.check_stop()?;
         let coding = LineCoding {
             baud,
             parity,
             stop_bits: StopBits::One,
         };
         let seed = u64::from(baud) + parity as u64;
-        at_rate(bench, coding, &payload(seed, plan.echo_bytes))
+        at_rate(bench, coding, &payload(seed, plan.echo_bytes as usize))
             .map_err(at(format_args!("{baud} baud, {parity:?} parity")))?;
     }
     let text = format!(
@@ -37,7 +39,7 @@ pub(super) fn at_all_rates(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     );
     Ok(Passed::new(
         text,
-        [("rates_baud", json!(RATES)), ("bytes", json!(plan.echo_bytes))],
+        [("rates_baud", json!(RATES)), ("bytes", json!(plan.echo_bytes as usize))],
     ))
 }
 

@@ -16,7 +16,8 @@
 //!
 //! A real arm must not be on the line: it would receive the test bytes. The first check therefore listens at the rate
 //! of each arm and then sends read requests. Nothing more is sent unless exactly the same bytes come back. The test
-//! bytes contain no start of an arm's frame, except in a request for the joints.
+//! bytes contain no start of an arm's frame, except in a request for the joints. The adapter's configuration, the
+//! dead-man timer in it, does not change before the jumper is detected.
 
 mod bench;
 mod cancelled;
@@ -45,11 +46,11 @@ pub use self::report::{Check, Passed, Trouble};
 pub use self::usb::{Direction, Payload, Pipe, Request as UsbRequest, Usb, UsbError};
 use crate::adapter::describe;
 
-/// The extent of a self-test.
+/// The extent of a self-test. A check without any extent is not tried.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// Bytes of each echo.
-    pub echo_bytes: usize,
+    pub echo_bytes: u32,
     /// Frames with checked stamps.
     pub stamps: u32,
     /// Cancelled requests.
@@ -102,8 +103,8 @@ pub fn names() -> [&'static str; 10] {
     CHECKS.map(|(name, _)| name)
 }
 
-/// Makes the checks, reports each as it ends, and returns all. Once `stopped` returns true, the remaining checks are
-/// not tried.
+/// Makes the checks, reports each as it ends, and returns all. Once `stopped` returns true, a long check ends within a
+/// second, and the remaining checks are not tried.
 ///
 /// The adapter's configuration is restored at the end, in RAM and in flash.
 pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, tell: &mut dyn FnMut(&Check)) -> Vec<Check> {
@@ -113,11 +114,11 @@ pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, tell: &mu
         tell(&check);
         checks.push(check);
     };
-    let mut bench = Bench::new(usb);
+    let mut bench = Bench::new(usb, stopped);
     keep("control port", control_port(&mut bench));
     keep("descriptors", descriptors::all(&mut bench));
     let before = bench.config();
-    let found = bench.open().and_then(|()| jumper::find(&mut bench));
+    let found = bench.with_line_held(jumper::find);
     // Reason to skip the remaining checks.
     let mut obstacle = found.is_err().then_some("there is no jumper");
     keep("jumper", found);
@@ -144,6 +145,14 @@ pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, tell: &mu
         keep("configuration", Err(trouble));
     }
     checks
+}
+
+/// Not tried, if the plan has none of it.
+fn planned(count: u32) -> Result<(), Trouble> {
+    match count {
+        0 => Err(Trouble::NotTried("the plan has none of it".to_owned())),
+        _ => Ok(()),
+    }
 }
 
 /// Reads the adapter's identity.

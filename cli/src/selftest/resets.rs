@@ -7,7 +7,7 @@ use serde_json::json;
 use super::bench::{Bench, at, compare, payload};
 use super::report::{Passed, Trouble};
 use super::usb::Pipe;
-use super::{Checked, Plan};
+use super::{Checked, Plan, planned};
 
 /// Bytes sent before a reset, and the number of them that must have come back by then.
 const FLOW: usize = 3_000;
@@ -21,8 +21,10 @@ const SUSPENDED: Duration = Duration::from_millis(100);
 
 /// Resets the bus while bytes flow in both directions.
 pub(super) fn in_full_flow(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    planned(plan.resets)?;
     let before = bench.counters()?.usb_resets;
     for nth in 0..plan.resets {
+        bench.check_stop()?;
         reset(bench, nth.into()).map_err(at(format_args!("reset {nth}")))?;
     }
     let counted = bench.counters()?.usb_resets.wrapping_sub(before);

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::bench::{Bench, at, losses, odd, payload, quiet};
 use super::report::{Passed, Trouble};
-use super::{Checked, Plan};
+use super::{Checked, Plan, planned};
 use crate::config::object;
 
 /// Bytes echoed during each save.
@@ -16,6 +16,7 @@ const TIMEOUT_MS: u16 = 60_000;
 
 /// Saves other configurations during an echo, then restores the original one.
 pub(super) fn under_load(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    planned(plan.saves)?;
     // An adapter starts with its saved configuration.
     bench.restart()?;
     let saved = bench.config()?;
@@ -44,7 +45,7 @@ fn save_all(bench: &mut Bench<'_>, saved: &Config, plan: &Plan) -> Result<(), Tr
     }
     bench.restart()?;
     let found = bench.config()?;
-    if plan.saves > 0 && found != config {
+    if found != config {
         return Err(Trouble::Failed(
             "after a restart the configuration is not the last one saved".to_owned(),
         ));

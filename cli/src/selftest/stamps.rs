@@ -9,7 +9,7 @@ use serde_json::json;
 use super::bench::{Bench, FRAME, at};
 use super::report::{Passed, Trouble};
 use super::usb::Pipe;
-use super::{Checked, Plan};
+use super::{Checked, Plan, planned};
 
 /// Frames of one round. The adapter queues 16 for events.
 const BATCH: u32 = 8;
@@ -51,10 +51,12 @@ impl Round {
 /// Checks the stamps of many frames: in order, at least one frame time apart, and within the bounds of the host's
 /// clock.
 pub(super) fn plausible(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
+    planned(plan.stamps)?;
     subscribe(bench)?;
     let before = bench.counters()?;
     let mut series = Series::default();
     while series.count < plan.stamps {
+        bench.check_stop()?;
         let count = series.count;
         let round = go_round(bench, BATCH.min(plan.stamps - count));
         series.add(&round.map_err(at(format_args!("frame {count}")))?)?;
@@ -113,7 +115,7 @@ impl Series {
 pub(super) fn crystal(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     subscribe(bench)?;
     let begin = best_ping(bench)?;
-    bench.usb.sleep(plan.crystal)?;
+    bench.sleep(plan.crystal)?;
     let end = best_ping(bench)?;
     clock_error(&begin, &end)
 }

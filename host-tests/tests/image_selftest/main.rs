@@ -6,11 +6,12 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use armwire::alpha1::READ_FIRMWARE_VERSION;
-use armwire::ling::READ_INFO;
+use armwire::ling::{READ_INFO, TORQUE_OFF};
 use armwire_bridge::Counters;
-use armwire_bridge::config::{Config as AdapterConfig, Poll};
+use armwire_bridge::config::{Config as AdapterConfig, HostTimeout, Poll};
 use armwire_bridge::control::{Reply, Request};
 use armwire_cli::selftest::{Check, Plan, Trouble, UsbError, run};
+use armwire_host_tests::image::requests::motion;
 use armwire_host_tests::image::{Control, facts, path};
 use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
 use armwire_sim::ling::legacy::{self, LegacyArm};
@@ -158,6 +159,59 @@ fn refused(mut jumper: Jumper, fault: Fault, told: &str, heard: &[u8]) {
     let text = failure(&checks, "jumper");
     assert!(text.contains(told), "{text}");
     assert_eq!(board.with_arm(Jumper::take_heard), heard, "{told}");
+}
+
+#[test]
+fn armed_stream_keeps_its_dead_man_timer() {
+    let config = AdapterConfig {
+        host_timeout: HostTimeout {
+            after_ms: 10_000,
+            torque_off: true,
+        },
+        ..AdapterConfig::default()
+    };
+    let mut jumper = Jumper::beside(LingArm::new(ling::Config::follower()));
+    jumper.fault = Fault::OutAfter(0);
+    let mut board = start(jumper);
+    BoardUsb::new(&mut board);
+    Control::open(&mut board).order(&mut board, Request::SetConfig(config));
+    let stream = motion().repeat(3);
+    board.usb().write(&stream).unwrap();
+    board.run_for(Nanos::from_millis(10)).unwrap();
+
+    let checks = checks_of(&mut BoardUsb::new(&mut board), &Plan::default());
+    expect_only_failure(&checks, "jumper");
+    assert!(failure(&checks, "jumper").starts_with("a host streams motion"));
+    let mut control = Control::open(&mut board);
+    assert_eq!(control.call(&mut board, Request::GetConfig), Reply::Config(config));
+    board.run_for(Nanos::from_millis(11_000)).unwrap();
+    assert_eq!(board.with_arm(Jumper::take_heard), [&stream[..], &TORQUE_OFF].concat());
+}
+
+#[test]
+fn stopped_check_ends_at_once() {
+    let mut board = start(Jumper::default());
+    let calls = Cell::new(0);
+    let stopped = || calls.replace(calls.get() + 1) > 5;
+    let plan = Plan {
+        only: vec!["crystal".to_owned()],
+        ..Plan::default()
+    };
+    let begin = board.now();
+    let checks = run(&mut BoardUsb::new(&mut board), &plan, &stopped, &mut |_| {});
+    assert_eq!(reason(&checks, "crystal"), "stopped");
+    assert!(board.now().since(begin) < Nanos::from_millis(15_000));
+}
+
+#[test]
+fn check_without_extent_is_not_tried() {
+    let mut board = start(Jumper::default());
+    let plan = Plan {
+        stamps: 0,
+        ..only(&["stamps"])
+    };
+    let checks = checks_of(&mut BoardUsb::new(&mut board), &plan);
+    assert_eq!(reason(&checks, "stamps"), "the plan has none of it");
 }
 
 #[test]
@@ -309,7 +363,7 @@ fn suspend_that_did_not_come_is_told() {
 }
 
 #[test]
-fn suspend_that_a_host_cannot_do_is_not_tried() {
+fn unsupported_suspend_is_not_tried() {
     let mut board = start(Jumper::default());
     let mut usb = BoardUsb::new(&mut board);
     usb.suspend = Suspend::Unsupported;
