@@ -26,6 +26,7 @@ mod link;
 mod list;
 mod monitor;
 mod motion;
+mod new_file;
 mod output;
 mod port;
 mod printable;
@@ -59,7 +60,7 @@ pub mod host {
     pub use crate::adapter::{counters, identify};
     pub use crate::config::{get as config, object as config_object, set as change_config};
     pub use crate::control::ControlLink;
-    pub use crate::describe::{Arm, Fact};
+    pub use crate::describe::{Arm, Fact, Protocol};
     pub use crate::error::Error;
     pub use crate::hid::Selector;
     pub use crate::legacy::open as open_ling;

@@ -2,15 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use armwire::framing::Scan;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message};
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
 
 use super::log::{Logged, Record, Time};
-use super::output::Output;
-use super::{Hex, Speaker, meaning};
-use crate::describe::Arm;
+use super::output::{Item, OnLine, Output};
+use super::{Speaker, frame_meaning};
+use crate::describe::{Arm, Protocol};
 use crate::printable::{cut, escaped};
 
 /// What is in the high half of a flow control frame's first byte.
@@ -23,6 +22,7 @@ type Listener = Endpoint<MAX_MESSAGE, 1>;
 
 /// What is heard on the buses of a log.
 pub(super) struct Buses {
+    protocol: Protocol,
     meaning: fn(Function, &[u8]) -> String,
     names: Vec<String>,
     /// By the place of the bus's name, and by the identifier.
@@ -46,6 +46,7 @@ pub(super) enum Refused {
 impl Buses {
     pub(super) fn new<P: Arm>() -> Self {
         Self {
+            protocol: P::PROTOCOL,
             meaning: pdu_meaning::<P>,
             names: Vec::new(),
             listeners: BTreeMap::new(),
@@ -129,7 +130,17 @@ impl Buses {
                 Event::Ignored(ignored) => (frame.data(), ignored.to_string()),
             };
             self.lost += u64::from(event != Event::Received);
-            out.entry(format_args!("{at}  {}\n          {told}", Hex(bytes)))?;
+            let sender = sender(function).filter(|_| event == Event::Received);
+            out.item(&Item {
+                place: format_args!("{at}"),
+                bytes,
+                text: &told,
+                on_line: sender.map(|from| OnLine {
+                    protocol: self.protocol,
+                    from: Some(from),
+                    nanos: time.at.as_micros().saturating_mul(1_000),
+                }),
+            })?;
         }
         listener.release();
         Ok(())
@@ -149,7 +160,7 @@ impl Buses {
             0 => String::new(),
             events => format!(", other events: {events}"),
         };
-        out.entry(format_args!(
+        out.remark(format_args!(
             "CAN frames: {frames}, PDUs: {pdus}, lost: {lost}, cyclic frames: {cyclic}, frames of others: {others}{events}"
         ))
     }
@@ -174,23 +185,21 @@ fn is_isotp(function: Function) -> bool {
     matches!(function, ArmRequest | ArmAnswer | ControlRequest | ControlAnswer)
 }
 
-/// What a PDU says.
-fn pdu_meaning<P: Arm>(function: Function, pdu: &[u8]) -> String {
+/// The sender of PDUs that carry arm frames.
+fn sender(function: Function) -> Option<Speaker> {
     match function {
-        Function::ArmRequest => frame_meaning::<P>(pdu, Speaker::Host),
-        Function::ControlRequest => format!("to the adapter: {}", message::<FromHost>(pdu)),
-        Function::ControlAnswer => format!("from the adapter: {}", message::<FromAdapter>(pdu)),
-        _ => frame_meaning::<P>(pdu, Speaker::Arm),
+        Function::ArmRequest => Some(Speaker::Host),
+        Function::ArmAnswer => Some(Speaker::Arm),
+        _ => None,
     }
 }
 
-fn frame_meaning<P: Arm>(pdu: &[u8], from: Speaker) -> String {
-    let arm = P::default();
-    let expect = super::expected(&arm, Some(from));
-    match arm.scan(pdu, expect) {
-        Scan::Frame(len) if len == pdu.len() => meaning(&arm, pdu, expect, Some(from)),
-        Scan::Noise(_, reason) | Scan::Broken(reason) => format!("no frame of {}: {reason}", P::NAME),
-        _ => format!("not one whole frame of {}", P::NAME),
+/// What a PDU says.
+fn pdu_meaning<P: Arm>(function: Function, pdu: &[u8]) -> String {
+    match (sender(function), function) {
+        (Some(from), _) => frame_meaning::<P>(pdu, from),
+        (None, Function::ControlRequest) => format!("to the adapter: {}", message::<FromHost>(pdu)),
+        (None, _) => format!("from the adapter: {}", message::<FromAdapter>(pdu)),
     }
 }
 

@@ -6,17 +6,18 @@ mod format;
 mod input;
 mod log;
 mod output;
+mod pcapng;
 mod recording;
 
 #[cfg(test)]
 mod tests;
 
-use std::fmt;
 use std::fs::File;
 use std::io::{BufRead, Read, stdin};
 use std::path::PathBuf;
 
 use armwire::alpha1::Alpha1;
+use armwire::framing::Scan;
 use armwire::ling::Ling;
 use armwire::xarm::XArm;
 use clap::{Args, ValueEnum};
@@ -29,6 +30,7 @@ use digits::Digits;
 use format::Format;
 use input::Input;
 use output::{Console, Entries, Output};
+use pcapng::Packets;
 use recording::{Frames, LingFrames, Recording};
 
 /// The arguments of `armwire decode`.
@@ -48,10 +50,14 @@ pub(crate) struct Decode {
     /// arm's. The meaning of a servo's answer depends on the request, so it is shown as it is.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
+    /// Write the frames, and the bytes between them, to a pcapng file for Wireshark instead of printing them; - is standard
+    /// output. An existing file is not replaced.
+    #[arg(long, value_name = "OUT")]
+    pcapng: Option<PathBuf>,
 }
 
 /// Who says something.
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Speaker {
     /// The program that controls the arm.
     Host,
@@ -70,8 +76,11 @@ impl Decode {
                 Err(error) => return Err(Error::at(&name, error)),
             }
         };
-        let out = Console::new();
-        let decoded = decode_input(Input::new(name, source, &out), &out, self.format, self.arm, self.from);
+        let out: Box<dyn Output> = match &self.pcapng {
+            None => Box::new(Console::new()),
+            Some(path) => Box::new(Packets::create(path)?),
+        };
+        let decoded = decode_input(Input::new(name, source, &*out), &*out, self.format, self.arm, self.from);
         // What came before an error is shown before it.
         let shown = out.finish().map_err(Error::Output);
         decoded.and(shown)
@@ -165,19 +174,6 @@ fn buses(arm: ArmKind) -> Result<Buses, Error> {
     }
 }
 
-/// Bytes as `AA 06 00`.
-struct Hex<'a>(&'a [u8]);
-
-impl fmt::Display for Hex<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, byte) in self.0.iter().enumerate() {
-            let space = if i > 0 { " " } else { "" };
-            write!(f, "{space}{byte:02X}")?;
-        }
-        Ok(())
-    }
-}
-
 /// The expectation of a decoder that hears this side of the line.
 fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
     match from {
@@ -186,16 +182,33 @@ fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
     }
 }
 
-fn meaning<P: Arm>(arm: &P, frame: &[u8], expect: P::Expect, from: Option<Speaker>) -> String {
+/// The sender of a frame, as given or as the frame shows it, and its meaning.
+fn meaning<P: Arm>(arm: &P, frame: &[u8], expect: P::Expect, from: Option<Speaker>) -> (Option<Speaker>, String) {
     let envelope = P::envelope(frame);
     let request = arm.parse_request(frame);
     let request = request.map(|request| format!("to the arm: {}{envelope}", P::show_request(&request)));
     let response = arm.parse_response(frame, expect);
     let response = response.map(|response| format!("from the arm: {}{envelope}", P::show_response(&response)));
     match (from, request, response) {
-        (Some(Speaker::Host), Ok(text), _) | (Some(Speaker::Arm), _, Ok(text)) => text,
-        (Some(Speaker::Host), Err(error), _) | (Some(Speaker::Arm), _, Err(error)) => format!("no message: {error}"),
-        (None, Ok(text), _) | (None, _, Ok(text)) => text,
-        (None, Err(request), Err(response)) => format!("no message: as a request, {request}; as an answer, {response}"),
+        (None | Some(Speaker::Host), Ok(text), _) => (Some(Speaker::Host), text),
+        (None | Some(Speaker::Arm), _, Ok(text)) => (Some(Speaker::Arm), text),
+        (Some(Speaker::Host), Err(error), _) | (Some(Speaker::Arm), _, Err(error)) => {
+            (from, format!("no message: {error}"))
+        }
+        (None, Err(request), Err(response)) => {
+            let text = format!("no message: as a request, {request}; as an answer, {response}");
+            (None, text)
+        }
+    }
+}
+
+/// The meaning of bytes that are to be one whole frame from this side.
+fn frame_meaning<P: Arm>(bytes: &[u8], from: Speaker) -> String {
+    let arm = P::default();
+    let expect = expected(&arm, Some(from));
+    match arm.scan(bytes, expect) {
+        Scan::Frame(len) if len == bytes.len() => meaning(&arm, bytes, expect, Some(from)).1,
+        Scan::Noise(_, reason) | Scan::Broken(reason) => format!("no frame of {}: {reason}", P::NAME),
+        _ => format!("not one whole frame of {}", P::NAME),
     }
 }

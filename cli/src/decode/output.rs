@@ -1,16 +1,58 @@
-//! The destination of decoded entries.
+//! The destination of decoded items.
 
 use std::cell::RefCell;
-use std::fmt::Arguments;
+use std::fmt::{self, Arguments, Display};
 use std::io::{self, BufWriter, Stdout, Write};
 
-/// Takes entries one by one.
-pub(super) trait Output {
-    /// Takes an entry, one line or two.
-    fn entry(&self, entry: Arguments<'_>) -> io::Result<()>;
+use super::Speaker;
+use crate::describe::Protocol;
 
-    /// Shows all entries so far. An error shows with the next entry.
+/// A frame of a recording, or bytes between frames.
+pub(super) struct Item<'a> {
+    /// The offset in the recording, or the time and the bus.
+    pub(super) place: Arguments<'a>,
+    pub(super) bytes: &'a [u8],
+    pub(super) text: &'a str,
+    /// `None` for bytes that were not on an arm's line.
+    pub(super) on_line: Option<OnLine>,
+}
+
+/// The line of an item.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OnLine {
+    pub(super) protocol: Protocol,
+    /// The sender; `None` if neither the frame nor the user tells it.
+    pub(super) from: Option<Speaker>,
+    /// Time in the recording, in ns; 0 if the recording has no times.
+    pub(super) nanos: u64,
+}
+
+/// Two lines: bytes, and their meaning.
+impl Display for Item<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ", self.place)?;
+        for byte in self.bytes {
+            write!(f, " {byte:02X}")?;
+        }
+        write!(f, "\n          {}", self.text)
+    }
+}
+
+/// Takes items one by one.
+pub(super) trait Output {
+    /// Takes an item.
+    fn item(&self, item: &Item<'_>) -> io::Result<()>;
+
+    /// Takes a line about the recording, such as the sum at its end.
+    fn remark(&self, text: Arguments<'_>) -> io::Result<()>;
+
+    /// Shows all items so far. An error shows with the next item.
     fn flush(&self) {}
+
+    /// Shows the last items.
+    fn finish(&self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// Standard output. It is written in large pieces, and whenever the input has nothing more for now.
@@ -27,17 +69,19 @@ impl Console {
         Self(RefCell::new(Printer { out, failed: None }))
     }
 
-    /// Shows the last entries.
-    pub(super) fn finish(&self) -> io::Result<()> {
+    fn print(&self, text: Arguments<'_>) -> io::Result<()> {
         let Printer { out, failed } = &mut *self.0.borrow_mut();
-        failed.take().map_or_else(|| out.flush(), Err)
+        failed.take().map_or_else(|| writeln!(out, "{text}"), Err)
     }
 }
 
 impl Output for Console {
-    fn entry(&self, entry: Arguments<'_>) -> io::Result<()> {
-        let Printer { out, failed } = &mut *self.0.borrow_mut();
-        failed.take().map_or_else(|| writeln!(out, "{entry}"), Err)
+    fn item(&self, item: &Item<'_>) -> io::Result<()> {
+        self.print(format_args!("{item}"))
+    }
+
+    fn remark(&self, text: Arguments<'_>) -> io::Result<()> {
+        self.print(text)
     }
 
     fn flush(&self) {
@@ -45,6 +89,11 @@ impl Output for Console {
         if failed.is_none() {
             *failed = out.flush().err();
         }
+    }
+
+    fn finish(&self) -> io::Result<()> {
+        let Printer { out, failed } = &mut *self.0.borrow_mut();
+        failed.take().map_or_else(|| out.flush(), Err)
     }
 }
 
@@ -59,8 +108,13 @@ impl Entries {
 }
 
 impl Output for Entries {
-    fn entry(&self, entry: Arguments<'_>) -> io::Result<()> {
-        self.0.borrow_mut().push(entry.to_string());
+    fn item(&self, item: &Item<'_>) -> io::Result<()> {
+        self.0.borrow_mut().push(item.to_string());
+        Ok(())
+    }
+
+    fn remark(&self, text: Arguments<'_>) -> io::Result<()> {
+        self.0.borrow_mut().push(text.to_string());
         Ok(())
     }
 }

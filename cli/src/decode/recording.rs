@@ -8,8 +8,8 @@ use armwire::ling::legacy::{Detector, Legacy};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire::messages::Messages;
 
-use super::output::Output;
-use super::{Hex, Speaker, expected, meaning};
+use super::output::{Item, OnLine, Output};
+use super::{Speaker, expected, meaning};
 use crate::describe::Arm;
 
 /// The longest run of stray bytes in one entry.
@@ -91,9 +91,9 @@ impl<P: Arm> Frames<P> {
         };
         let (len, reason) = match verdict {
             Scan::Frame(len) => {
-                let text = meaning(&self.arm, &rest[..len], self.expect, self.from);
+                let (from, text) = meaning(&self.arm, &rest[..len], self.expect, self.from);
                 self.frames += 1;
-                self.entry(self.offset, &rest[..len], &text, out)?;
+                self.item(self.offset, &rest[..len], from, &text, out)?;
                 return Ok(len);
             }
             Scan::Padding(len) => {
@@ -108,21 +108,21 @@ impl<P: Arm> Frames<P> {
             Scan::Noise(len, _) if len > rest.len() && !is_end => return Ok(0),
             Scan::Noise(len, reason) if len > rest.len() => {
                 let text = format!("noise: {reason}; the recording ends within it");
-                self.entry(self.offset, rest, &text, out)?;
+                self.noise(self.offset, rest, &text, out)?;
                 self.noise_bytes += rest.len() as u64;
                 return Ok(rest.len());
             }
             Scan::Noise(len, reason) => (len, reason),
             Scan::Broken(reason) => {
                 let len = self.decided(rest);
-                self.entry(self.offset, &rest[..len], &format!("noise: {reason}"), out)?;
+                self.noise(self.offset, &rest[..len], &format!("noise: {reason}"), out)?;
                 self.broken = Some((self.offset, reason));
                 self.noise_bytes += len as u64;
                 return Ok(len);
             }
             Scan::Need(_) if !is_end => return Ok(0),
             Scan::Need(_) => {
-                self.entry(self.offset, rest, "the recording ends within a frame", out)?;
+                self.noise(self.offset, rest, "the recording ends within a frame", out)?;
                 self.noise_bytes += rest.len() as u64;
                 return Ok(rest.len());
             }
@@ -139,14 +139,28 @@ impl<P: Arm> Frames<P> {
         }
         if start < end {
             let at = self.offset + start as u64;
-            self.entry(at, &rest[start..end], &format!("noise: {reason}"), out)?;
+            self.noise(at, &rest[start..end], &format!("noise: {reason}"), out)?;
         }
         self.noise_bytes += len as u64;
         Ok(len)
     }
 
-    fn entry(&self, offset: u64, bytes: &[u8], text: &str, out: &dyn Output) -> io::Result<()> {
-        out.entry(format_args!("{offset:8}  {}\n          {text}", Hex(bytes)))
+    fn item(&self, offset: u64, bytes: &[u8], from: Option<Speaker>, text: &str, out: &dyn Output) -> io::Result<()> {
+        let on_line = Some(OnLine {
+            protocol: P::PROTOCOL,
+            from,
+            nanos: 0,
+        });
+        out.item(&Item {
+            place: format_args!("{offset:8}"),
+            bytes,
+            text,
+            on_line,
+        })
+    }
+
+    fn noise(&self, offset: u64, bytes: &[u8], text: &str, out: &dyn Output) -> io::Result<()> {
+        self.item(offset, bytes, self.from, text, out)
     }
 
     /// How many bytes at the front are stray, at most [`MAX_STRAY`].
@@ -190,7 +204,7 @@ impl<P: Arm> Recording for Frames<P> {
         } else {
             ""
         };
-        out.entry(format_args!(
+        out.remark(format_args!(
             "bytes: {}, frames: {frames}, noise bytes: {noise_bytes}{filling}{rest}",
             self.offset
         ))
@@ -248,7 +262,7 @@ impl Recording for LingFrames {
         {
             beginning.bytes.push(byte);
             if let Some(older) = beginning.older.hear(&[byte]) {
-                out.entry(format_args!("This is {older}"))?;
+                out.remark(format_args!("This is {older}"))?;
                 self.begin(Box::new(Frames::<Legacy>::new(self.from)), out)?;
             } else if beginning.ends_current_message(byte) || beginning.bytes.len() >= MAX_UNTOLD {
                 self.begin(Box::new(Frames::<Ling>::new(self.from)), out)?;

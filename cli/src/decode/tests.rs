@@ -1,10 +1,12 @@
 //! Recordings and logs, decoded whole and in pieces.
 
+use std::fmt;
 use std::io::{self, Write};
 
 use armwire::ling::legacy::{Firmware, JointState, Legacy, Response, SERVOS};
 use armwire::messages::Messages;
 
+use super::output::Item;
 use super::*;
 
 /// A source that gives so many bytes at a time.
@@ -161,8 +163,12 @@ fn the_older_generation_is_told_behind_noise() {
 struct Nowhere;
 
 impl Output for Nowhere {
-    fn entry(&self, entry: fmt::Arguments<'_>) -> io::Result<()> {
-        write!(io::sink(), "{entry}")
+    fn item(&self, item: &Item<'_>) -> io::Result<()> {
+        write!(io::sink(), "{item}")
+    }
+
+    fn remark(&self, text: fmt::Arguments<'_>) -> io::Result<()> {
+        write!(io::sink(), "{text}")
     }
 }
 

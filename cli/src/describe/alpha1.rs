@@ -10,11 +10,13 @@ use armwire::alpha1::{
 use armwire::{Config, time};
 use serde_json::{Value, json};
 
-use super::arm::Arm;
+use super::arm::{Arm, Protocol};
 use super::fact::{Fact, number};
 use crate::hex;
 
 impl Arm for Alpha1 {
+    const PROTOCOL: Protocol = Protocol::Alpha1;
+
     const NAME: &'static str = "an Alpha1";
 
     const OTHER: &'static str = "a Ling arm ('ling' instead of 'alpha1')";

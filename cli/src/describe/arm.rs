@@ -5,8 +5,24 @@ use armwire::messages::Messages;
 
 use super::fact::{Fact, line};
 
+/// The protocol of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    /// Ling / Alicia-D.
+    Ling,
+    /// The Ling arm of the older generation.
+    LingLegacy,
+    /// UFACTORY xArm.
+    Xarm,
+    /// UBTECH Alpha1.
+    Alpha1,
+}
+
 /// A protocol, and what the command line says of it.
 pub trait Arm: Messages + Default {
+    /// The protocol as a value.
+    const PROTOCOL: Protocol;
+
     /// What the arm is called, with its article.
     const NAME: &'static str;
 

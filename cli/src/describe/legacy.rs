@@ -4,11 +4,13 @@ use armwire::Config;
 use armwire::ling::Ling;
 use armwire::ling::legacy::{GripperState, Legacy, Request, Response};
 
-use super::arm::Arm;
+use super::arm::{Arm, Protocol};
 use super::fact::Fact;
 use super::ling::joints;
 
 impl Arm for Legacy {
+    const PROTOCOL: Protocol = Protocol::LingLegacy;
+
     const NAME: &'static str = "a Ling arm of the older generation";
 
     const OTHER: &'static str = Ling::OTHER;

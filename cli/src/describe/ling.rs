@@ -7,10 +7,12 @@ use armwire::ling::{
 use armwire::time::Duration;
 use serde_json::Value;
 
-use super::arm::Arm;
+use super::arm::{Arm, Protocol};
 use super::fact::{Fact, number};
 
 impl Arm for Ling {
+    const PROTOCOL: Protocol = Protocol::Ling;
+
     const NAME: &'static str = "a Ling arm";
 
     const OTHER: &'static str = "an Alpha1 ('alpha1' instead of 'ling')";

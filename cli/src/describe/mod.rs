@@ -7,6 +7,6 @@ pub(crate) mod legacy;
 mod ling;
 pub(crate) mod xarm;
 
-pub use arm::Arm;
+pub use arm::{Arm, Protocol};
 pub use fact::Fact;
 pub(crate) use fact::{line, number, object};

@@ -4,7 +4,7 @@ use armwire::Config;
 use armwire::xarm::{Frame, Raw, Register, Reply, Request, Response, State, TorqueSource, VersionText, XArm};
 use serde_json::{Value, json};
 
-use super::arm::Arm;
+use super::arm::{Arm, Protocol};
 use super::fact::{Fact, number};
 use crate::hex;
 
@@ -15,6 +15,8 @@ pub(crate) const POSITIONS: u8 = 42;
 pub(crate) const JOINTS: usize = 7;
 
 impl Arm for XArm {
+    const PROTOCOL: Protocol = Protocol::Xarm;
+
     const NAME: &'static str = "an xArm";
 
     const OTHER: &'static str = "an arm on a serial port ('ling' or 'alpha1' and tcp:HOST:PORT)";

@@ -229,3 +229,114 @@ fn a_reader_that_has_seen_enough_ends_it() {
     while stdin.write_all(&RAW).is_ok() {}
     assert!(finish(child).status.success());
 }
+
+/// A packet of a pcapng file: interface number, time in ns, flags and data.
+type Packet = (u32, u64, u32, Vec<u8>);
+
+/// The link types of the interfaces in a pcapng file, and its packets.
+fn packets(file: &[u8]) -> (Vec<u16>, Vec<Packet>) {
+    let word = |bytes: &[u8], at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    let (mut link_types, mut packets) = (Vec::new(), Vec::new());
+    let mut rest = file;
+    while !rest.is_empty() {
+        let (block, others) = rest.split_at(word(rest, 4) as usize);
+        match word(block, 0) {
+            1 => link_types.push(word(block, 8) as u16),
+            6 => {
+                let len = word(block, 20) as usize;
+                let time = u64::from(word(block, 12)) << 32 | u64::from(word(block, 16));
+                let flags = word(block, 28 + len.next_multiple_of(4) + 4);
+                packets.push((word(block, 8), time, flags, block[28..28 + len].to_vec()));
+            }
+            other => assert_eq!(other, 0x0A0D_0D0A),
+        }
+        rest = others;
+    }
+    (link_types, packets)
+}
+
+/// Decodes a recording to pcapng. Returns the printed text and the file.
+fn to_pcapng(recording: &[u8], args: &[&str]) -> (String, Vec<u8>) {
+    let [from, to] = ["recording", "pcapng"].map(free_path);
+    fs::write(&from, recording).unwrap();
+    let paths = [from.to_str().unwrap(), "--pcapng", to.to_str().unwrap()];
+    let printed = success(&[&["decode"], &paths[..], args].concat());
+    let file = fs::read(&to).unwrap();
+    fs::remove_file(from).unwrap();
+    fs::remove_file(to).unwrap();
+    (printed, file)
+}
+
+#[test]
+fn pcapng_has_frames_noise_and_directions() {
+    let stroke = [0xAA, 0x04, 0x0E, 0x01, 0x01, 0x96, 0xFF];
+    let (printed, file) = to_pcapng(&[&RAW[..], &[0x11], &stroke].concat(), &[]);
+    assert_eq!(printed, "bytes: 15, frames: 2, noise bytes: 1\n");
+    let (link_types, packets) = packets(&file);
+    assert_eq!(link_types, [147]);
+    assert_eq!(packets[0], (0, 0, 0b10, [&[0][..], &RAW].concat()));
+    assert_eq!(packets[1], (0, 0, 0, vec![2, 0x11]));
+    assert_eq!(packets[2], (0, 0, 0b01, [&[1][..], &stroke].concat()));
+    assert_eq!(packets.len(), 3);
+}
+
+#[test]
+fn pcapng_has_the_times_of_a_can_log() {
+    let log = b"(1609459200.000001) can0 60F#07AA060001FE9AFF\n(1609459200.5) can0 123#00\n";
+    let (printed, file) = to_pcapng(log, &[]);
+    assert_eq!(
+        printed,
+        "CAN frames: 2, PDUs: 1, lost: 0, cyclic frames: 0, frames of others: 1\n"
+    );
+    let (_, packets) = packets(&file);
+    assert_eq!(
+        packets,
+        [(0, 1_609_459_200_000_001_000, 0b10, [&[0][..], &RAW].concat())]
+    );
+}
+
+#[test]
+fn pcapng_link_type_tells_the_arm() {
+    let stop = [0xF2, 0x2F, 0xAA, 0xED];
+    let (_, file) = to_pcapng(&stop, &["--arm", "alpha1"]);
+    let (link_types, alpha1) = packets(&file);
+    assert_eq!((link_types, &alpha1[0].3), (vec![149], &[&[1][..], &stop].concat()));
+    let heartbeat = [0, 0, 0, 1, 0, 2, 0, 0];
+    let (_, file) = to_pcapng(&heartbeat, &["--arm", "xarm", "--from", "host"]);
+    let (link_types, xarm) = packets(&file);
+    assert_eq!((link_types, &xarm[0].3), (vec![148], &[&[0][..], &heartbeat].concat()));
+}
+
+#[test]
+fn existing_file_is_not_replaced() {
+    let path = free_path("kept");
+    fs::write(&path, RAW).unwrap();
+    let name = path.to_str().unwrap();
+    for to in [name, "/no-such-folder/x"] {
+        let line = failure(&run(&["decode", name, "--pcapng", to]));
+        assert!(line.starts_with(&format!("{to}: ")), "{line}");
+    }
+    assert_eq!(fs::read(&path).unwrap(), RAW);
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn pcapng_on_standard_output_is_alone_there() {
+    let path = free_path("piped");
+    fs::write(&path, RAW).unwrap();
+    let output = run(&["decode", path.to_str().unwrap(), "--pcapng", "-"]);
+    assert!(output.status.success());
+    assert_eq!(packets(&output.stdout).1.len(), 1);
+    assert_eq!(output.stderr, b"armwire: bytes: 7, frames: 1, noise bytes: 0\n");
+    fs::remove_file(path).unwrap();
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn full_disk_is_told_with_the_path() {
+    let path = free_path("full");
+    fs::write(&path, RAW).unwrap();
+    let line = failure(&run(&["decode", path.to_str().unwrap(), "--pcapng", "/dev/full"]));
+    assert!(line.contains("/dev/full: No space left"), "{line}");
+    fs::remove_file(path).unwrap();
+}

@@ -1,0 +1,279 @@
+//! The frames of a recording as packets of a pcapng file, for Wireshark.
+//!
+//! A packet is a byte of [direction](direction) and then the bytes of a frame, or of a run between frames. The format is
+//! that of draft-ietf-opsawg-pcapng. Numbers are little-endian.
+
+use std::cell::RefCell;
+use std::fmt::Arguments;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use super::Speaker;
+use super::output::{Console, Item, OnLine, Output};
+use crate::describe::Protocol;
+use crate::error::Error;
+use crate::new_file;
+use crate::output::complain;
+
+const SECTION_HEADER: u32 = 0x0A0D_0D0A;
+const INTERFACE_DESCRIPTION: u32 = 1;
+const ENHANCED_PACKET: u32 = 6;
+
+const BYTE_ORDER: u32 = 0x1A2B_3C4D;
+const VERSION: [u16; 2] = [1, 0];
+/// Length of a section that is not known yet.
+const UNKNOWN_LENGTH: u64 = u64::MAX;
+
+const INTERFACE_NAME: u16 = 2;
+const INTERFACE_RESOLUTION: u16 = 9;
+const PACKET_FLAGS: u16 = 2;
+/// The resolution of times: 10⁻⁹ s.
+const NANOSECONDS: u8 = 9;
+
+/// LINKTYPE_USER0, the first of the link types for private use.
+const LINKTYPE_USER0: u16 = 147;
+
+/// The link type of a protocol.
+fn link_type(protocol: Protocol) -> u16 {
+    LINKTYPE_USER0
+        + match protocol {
+            Protocol::Ling | Protocol::LingLegacy => 0,
+            Protocol::Xarm => 1,
+            Protocol::Alpha1 => 2,
+        }
+}
+
+/// The first byte of a packet, and its direction in the packet's flags: outbound to the arm, inbound from it.
+fn direction(from: Option<Speaker>) -> (u8, u32) {
+    match from {
+        Some(Speaker::Host) => (0, 2),
+        Some(Speaker::Arm) => (1, 1),
+        None => (2, 0),
+    }
+}
+
+/// Writes items as packets, and prints remarks.
+pub(super) struct Packets {
+    name: String,
+    writer: RefCell<Writer<Box<dyn Write>>>,
+    /// `None` if the packets go to standard output: remarks go to standard error then.
+    console: Option<Console>,
+}
+
+impl Packets {
+    /// Creates the file at this path, or uses standard output for `-`.
+    pub(super) fn create(path: &Path) -> Result<Self, Error> {
+        let (name, out, console): (_, Box<dyn Write>, _) = if path.as_os_str() == "-" {
+            ("standard output".to_owned(), Box::new(io::stdout()), None)
+        } else {
+            let file = new_file::create(path)?;
+            (path.display().to_string(), Box::new(file), Some(Console::new()))
+        };
+        let writer = Writer::new(BufWriter::with_capacity(64 * 1024, out)).map_err(|error| Error::at(&name, error))?;
+        let writer = RefCell::new(writer);
+        Ok(Self { name, writer, console })
+    }
+
+    /// The error with the name of the file in it.
+    fn named(&self, error: io::Error) -> io::Error {
+        io::Error::new(error.kind(), format!("{}: {error}", self.name))
+    }
+}
+
+impl Output for Packets {
+    fn item(&self, item: &Item<'_>) -> io::Result<()> {
+        let Some(on_line) = item.on_line else {
+            return Ok(());
+        };
+        let written = self.writer.borrow_mut().packet(on_line, item.bytes);
+        written.map_err(|error| self.named(error))
+    }
+
+    fn remark(&self, text: Arguments<'_>) -> io::Result<()> {
+        match &self.console {
+            Some(console) => console.remark(text),
+            None => {
+                complain(&text);
+                Ok(())
+            }
+        }
+    }
+
+    fn flush(&self) {
+        // An error comes again with the next packet, or at the end.
+        let _ = self.writer.borrow_mut().out.flush();
+    }
+
+    fn finish(&self) -> io::Result<()> {
+        let flushed = self.writer.borrow_mut().out.flush();
+        flushed.map_err(|error| self.named(error))?;
+        self.console.as_ref().map_or(Ok(()), Output::finish)
+    }
+}
+
+/// A pcapng file that is being written.
+struct Writer<W: Write> {
+    out: BufWriter<W>,
+    /// The link types of its interfaces.
+    interfaces: Vec<u16>,
+    block: Vec<u8>,
+}
+
+impl<W: Write> Writer<W> {
+    fn new(out: BufWriter<W>) -> io::Result<Self> {
+        let (interfaces, block) = (Vec::new(), Vec::new());
+        let mut writer = Self { out, interfaces, block };
+        writer.block.extend(BYTE_ORDER.to_le_bytes());
+        writer.block.extend(VERSION.map(u16::to_le_bytes).as_flattened());
+        writer.block.extend(UNKNOWN_LENGTH.to_le_bytes());
+        writer.end_block(SECTION_HEADER)?;
+        Ok(writer)
+    }
+
+    fn packet(&mut self, OnLine { protocol, from, nanos }: OnLine, bytes: &[u8]) -> io::Result<()> {
+        let interface = self.interface(link_type(protocol))?;
+        let (direction, flags) = direction(from);
+        let len = u32::try_from(1 + bytes.len()).map_err(io::Error::other)?;
+        for word in [interface, (nanos >> 32) as u32, nanos as u32, len, len] {
+            self.block.extend(word.to_le_bytes());
+        }
+        self.block.push(direction);
+        self.block.extend(bytes);
+        self.pad();
+        self.option(PACKET_FLAGS, &flags.to_le_bytes());
+        self.end_options();
+        self.end_block(ENHANCED_PACKET)
+    }
+
+    /// The number of the interface with this link type, which is described before its first packet.
+    fn interface(&mut self, link_type: u16) -> io::Result<u32> {
+        let known = self.interfaces.iter().position(|&there| there == link_type);
+        let number = known.unwrap_or(self.interfaces.len()) as u32;
+        if known.is_none() {
+            self.interfaces.push(link_type);
+            self.block.extend(link_type.to_le_bytes());
+            // Reserved, and no limit to the length of packets.
+            self.block.extend([0; 6]);
+            self.option(INTERFACE_NAME, b"arm");
+            self.option(INTERFACE_RESOLUTION, &[NANOSECONDS]);
+            self.end_options();
+            self.end_block(INTERFACE_DESCRIPTION)?;
+        }
+        Ok(number)
+    }
+
+    fn option(&mut self, code: u16, value: &[u8]) {
+        self.block.extend(code.to_le_bytes());
+        self.block.extend((value.len() as u16).to_le_bytes());
+        self.block.extend(value);
+        self.pad();
+    }
+
+    fn end_options(&mut self) {
+        self.option(0, &[]);
+    }
+
+    fn pad(&mut self) {
+        self.block.resize(self.block.len().next_multiple_of(4), 0);
+    }
+
+    /// Writes the block, between its type and its length, and its length again.
+    fn end_block(&mut self, kind: u32) -> io::Result<()> {
+        let len = (self.block.len() as u32 + 12).to_le_bytes();
+        self.out.write_all(&kind.to_le_bytes())?;
+        self.out.write_all(&len)?;
+        self.out.write_all(&self.block)?;
+        self.out.write_all(&len)?;
+        self.block.clear();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::collection::vec;
+    use proptest::option;
+    use proptest::prelude::*;
+    use proptest::sample::select;
+
+    use super::*;
+
+    /// A packet as the tests read it: link type, flags, time in ns, data.
+    type Packet = (u16, u32, u64, Vec<u8>);
+
+    fn word(bytes: &[u8], at: usize) -> u32 {
+        u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
+    }
+
+    /// The packets of a file, each block of which is checked.
+    fn read(mut file: &[u8]) -> Vec<Packet> {
+        let (mut interfaces, mut packets) = (Vec::new(), Vec::new());
+        while !file.is_empty() {
+            let len = word(file, 4) as usize;
+            assert_eq!((len % 4, word(file, len - 4) as usize), (0, len));
+            let body = &file[8..len - 4];
+            match word(file, 0) {
+                SECTION_HEADER => assert_eq!(body, b"\x4D\x3C\x2B\x1A\x01\0\0\0\xFF\xFF\xFF\xFF\xFF\xFF\xFF\xFF"),
+                INTERFACE_DESCRIPTION => {
+                    assert_eq!(
+                        &body[2..],
+                        b"\0\0\0\0\0\0\x02\0\x03\0arm\0\x09\0\x01\0\x09\0\0\0\0\0\0\0"
+                    );
+                    interfaces.push(u16::from_le_bytes([body[0], body[1]]));
+                }
+                ENHANCED_PACKET => {
+                    let data_len = word(body, 12) as usize;
+                    assert_eq!(word(body, 16) as usize, data_len);
+                    let options = &body[20 + data_len.next_multiple_of(4)..];
+                    assert_eq!((&options[..4], &options[8..]), (&b"\x02\0\x04\0"[..], &b"\0\0\0\0"[..]));
+                    packets.push((
+                        interfaces[word(body, 0) as usize],
+                        word(options, 4),
+                        u64::from(word(body, 4)) << 32 | u64::from(word(body, 8)),
+                        body[20..20 + data_len].to_vec(),
+                    ));
+                }
+                other => panic!("block type {other:#x}"),
+            }
+            file = &file[len..];
+        }
+        packets
+    }
+
+    fn on_line() -> impl Strategy<Value = OnLine> {
+        const PROTOCOLS: [Protocol; 4] = [Protocol::Ling, Protocol::LingLegacy, Protocol::Xarm, Protocol::Alpha1];
+        let from = option::of(select(&[Speaker::Host, Speaker::Arm][..]));
+        (select(&PROTOCOLS[..]), from, any::<u64>()).prop_map(|(protocol, from, nanos)| OnLine {
+            protocol,
+            from,
+            nanos,
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn packets_are_read_as_written(items in vec((on_line(), vec(any::<u8>(), 0..300)), 0..20)) {
+            let mut file = Vec::new();
+            let mut writer = Writer::new(BufWriter::new(&mut file)).unwrap();
+            for (on_line, bytes) in &items {
+                writer.packet(*on_line, bytes).unwrap();
+            }
+            writer.out.flush().unwrap();
+            drop(writer);
+            let expected: Vec<Packet> = items.iter().map(|(on_line, bytes)| {
+                let link_type = match on_line.protocol {
+                    Protocol::Ling | Protocol::LingLegacy => 147,
+                    Protocol::Xarm => 148,
+                    Protocol::Alpha1 => 149,
+                };
+                let (first, flags) = match on_line.from {
+                    Some(Speaker::Host) => (0, 0b10),
+                    Some(Speaker::Arm) => (1, 0b01),
+                    None => (2, 0),
+                };
+                (link_type, flags, on_line.nanos, [&[first], &bytes[..]].concat())
+            }).collect();
+            prop_assert_eq!(read(&file), expected);
+        }
+    }
+}
