@@ -96,3 +96,12 @@ pub enum ArmKind {
     /// UBTECH Alpha1, on a serial port or as a HID device.
     Alpha1,
 }
+
+/// The sender of bytes on an arm's line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Speaker {
+    /// The program that controls the arm.
+    Host,
+    /// The arm.
+    Arm,
+}

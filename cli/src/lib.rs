@@ -36,6 +36,7 @@ pub mod selftest;
 mod serial;
 #[cfg(unix)]
 mod sim;
+pub mod stamps;
 mod tcp;
 mod update;
 
@@ -51,8 +52,8 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 use terminal_size::Width;
 
-pub use args::ArmKind;
-pub use decode::{Speaker, decode};
+pub use args::{ArmKind, Speaker};
+pub use decode::decode;
 pub use ling_port::{LingAddress, LingPort, PortError};
 
 /// Ports, calls that wait, and errors that say what to do: what the commands are made of, for other programs.

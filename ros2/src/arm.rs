@@ -8,6 +8,7 @@ use armwire::ling::{self, JOINTS, Ling, Request, Response, Stroke};
 use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, Reply, Subscription};
+use armwire_cli::stamps::{self, Clock};
 use armwire_cli::{LingPort, PortError};
 use ros2_client::RmwRequestId;
 
@@ -17,7 +18,6 @@ use crate::messages::{JointTrajectory, Outcome};
 use crate::node::Endpoints;
 use crate::options::Arm;
 use crate::services::{Effect, Pending, refused};
-use crate::stamps::{self, Clock};
 use crate::trajectory::{self, Accepted, Joint, Plan, Refusal};
 
 /// Between two moves to the arm at least.

@@ -2,8 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use crate::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue};
-use crate::stamps;
+use armwire_cli::stamps;
+
+use crate::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Time};
 
 /// The time for which a refusal is a warning.
 const RECENT: Duration = Duration::from_secs(5);
@@ -107,7 +108,7 @@ impl Diagnostics {
             values,
         };
         let header = Header {
-            stamp: stamps::ros_time(stamps::now()),
+            stamp: Time::from_nanos(stamps::now()),
             frame_id: String::new(),
         };
         DiagnosticArray {

@@ -3,8 +3,7 @@
 use armwire::OutOfRange;
 use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Speed, Stroke};
 
-use crate::messages::{Header, JointState};
-use crate::stamps::ros_time;
+use crate::messages::{Header, JointState, Time};
 use crate::trajectory::{Joint, Setpoint};
 
 /// The names of joints and gripper unless the user gives others.
@@ -80,7 +79,7 @@ impl Reading {
     pub(crate) fn to_message(&self, joints: &[Joint]) -> JointState {
         JointState {
             header: Header {
-                stamp: ros_time(self.at),
+                stamp: Time::from_nanos(self.at),
                 frame_id: String::new(),
             },
             name: joints.iter().map(|joint| joint.name.clone()).collect(),

@@ -10,7 +10,7 @@
 //!                        │ │ ◄── trajectory   ◄── JointTrajectory on NAME/joint_trajectory
 //!                        │ │ ◄─► services     ◄─► SetBool on NAME/torque, Trigger on NAME/set_zero
 //!                        │ └───► diagnostics  ──► DiagnosticArray on /diagnostics
-//!                        └── stamps: the adapter's clock in system time
+//!                        └── armwire_cli::stamps: the adapter's clock in system time
 //! ```
 //!
 //! The way of one `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),
@@ -25,7 +25,6 @@ mod messages;
 mod node;
 mod options;
 mod services;
-mod stamps;
 mod trajectory;
 
 use std::process::ExitCode;

@@ -1,5 +1,6 @@
 //! The ROS 2 messages that the node speaks, field by field in the order of their `.msg` and `.srv` files.
 
+use armwire_cli::stamps::ros_time;
 use ros2_client::Message;
 use serde::{Deserialize, Serialize};
 
@@ -8,6 +9,14 @@ use serde::{Deserialize, Serialize};
 pub(crate) struct Time {
     pub(crate) sec: i32,
     pub(crate) nanosec: u32,
+}
+
+impl Time {
+    /// Nanoseconds since 1970 as a ROS time.
+    pub(crate) fn from_nanos(nanos: i64) -> Self {
+        let (sec, nanosec) = ros_time(nanos);
+        Self { sec, nanosec }
+    }
 }
 
 /// `std_msgs/Header`

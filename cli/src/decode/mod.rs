@@ -20,9 +20,9 @@ use armwire::alpha1::Alpha1;
 use armwire::framing::Scan;
 use armwire::ling::Ling;
 use armwire::xarm::XArm;
-use clap::{Args, ValueEnum};
+use clap::Args;
 
-use crate::args::ArmKind;
+use crate::args::{ArmKind, Speaker};
 use crate::describe::Arm;
 use crate::error::Error;
 use bus::Buses;
@@ -54,15 +54,6 @@ pub(crate) struct Decode {
     /// output. An existing file is not replaced.
     #[arg(long, value_name = "OUT")]
     pcapng: Option<PathBuf>,
-}
-
-/// Who says something.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Speaker {
-    /// The program that controls the arm.
-    Host,
-    /// The arm.
-    Arm,
 }
 
 impl Decode {

@@ -4,23 +4,19 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use armwire_bridge::control::Stamp;
 
-use crate::messages::Time;
-
 /// The length of the window whose least delay counts: crystals drift by some 50 µs in a second.
 const WINDOW_NS: i64 = 2_000_000_000;
 
 /// Nanoseconds of system time since 1970.
-pub(crate) fn now() -> i64 {
+pub fn now() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO);
     i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
 }
 
-/// Nanoseconds since 1970 as a ROS time, which ends in 2038.
-pub(crate) fn ros_time(nanos: i64) -> Time {
-    Time {
-        sec: i32::try_from(nanos.div_euclid(1_000_000_000)).unwrap_or(i32::MAX),
-        nanosec: nanos.rem_euclid(1_000_000_000) as u32,
-    }
+/// Nanoseconds since 1970 as seconds and nanoseconds of a ROS time, which ends in 2038.
+pub fn ros_time(nanos: i64) -> (i32, u32) {
+    let seconds = i32::try_from(nanos.div_euclid(1_000_000_000)).unwrap_or(i32::MAX);
+    (seconds, nanos.rem_euclid(1_000_000_000) as u32)
 }
 
 /// The adapter's clock in system time.
@@ -29,7 +25,7 @@ pub(crate) fn ros_time(nanos: i64) -> Time {
 /// the host's time of receipt and the stamp is nearest to the difference of the clocks. It is taken over the last
 /// two to four seconds, so that drift and steps of the system clock are followed.
 #[derive(Debug, Default)]
-pub(crate) struct Clock {
+pub struct Clock {
     windows: Option<Windows>,
 }
 
@@ -47,7 +43,7 @@ struct Windows {
 impl Clock {
     /// The system time of a stamp, in nanoseconds since 1970, of a message that the host received at `now`. Never later
     /// than `now`.
-    pub(crate) fn system_time(&mut self, stamp: Stamp, now: i64) -> i64 {
+    pub fn system_time(&mut self, stamp: Stamp, now: i64) -> i64 {
         let micros = i64::try_from(stamp.0).unwrap_or(i64::MAX);
         let at = micros.saturating_mul(1_000);
         let difference = now.saturating_sub(at);
@@ -118,12 +114,6 @@ mod tests {
 
     #[test]
     fn ros_time_has_seconds_and_nanoseconds() {
-        assert_eq!(
-            ros_time(EPOCH + 5),
-            Time {
-                sec: 1_700_000_000,
-                nanosec: 5
-            }
-        );
+        assert_eq!(ros_time(EPOCH + 5), (1_700_000_000, 5));
     }
 }
