@@ -76,6 +76,9 @@ pub enum Error {
     /// The output went nowhere.
     #[error("cannot write the output: {0}")]
     Output(io::Error),
+    /// A recording could not be written.
+    #[error("{path}: {reason}")]
+    Recording { path: String, reason: String },
     /// Ctrl-C could not be caught.
     #[error("cannot catch Ctrl-C: {0}")]
     Signals(ctrlc::Error),

@@ -31,6 +31,8 @@ mod output;
 mod port;
 mod printable;
 mod received;
+#[cfg(feature = "recordings")]
+mod recording;
 #[cfg(feature = "selftest")]
 pub mod selftest;
 mod serial;

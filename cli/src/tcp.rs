@@ -85,7 +85,7 @@ impl Link<XArm> {
     ///
     /// The host cannot be connected to.
     pub fn connect(host: &Host) -> Result<Self, Error> {
-        Ok(Self::new(Box::new(Tcp::connect(host, false)?), XArm::CONFIG))
+        Ok(Self::new(Box::new(Tcp::connect_xarm(host)?), XArm::CONFIG))
     }
 }
 
@@ -93,6 +93,11 @@ impl Tcp {
     /// Connects to a server that has a serial port for an arm.
     pub(crate) fn connect_serial(host: &Host) -> Result<Self, Error> {
         Self::connect(host, true)
+    }
+
+    /// Connects to an xArm.
+    pub(crate) fn connect_xarm(host: &Host) -> Result<Self, Error> {
+        Self::connect(host, false)
     }
 
     fn connect(host: &Host, is_serial: bool) -> Result<Self, Error> {

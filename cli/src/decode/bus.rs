@@ -197,7 +197,7 @@ fn sender(function: Function) -> Option<Speaker> {
 /// What a PDU says.
 fn pdu_meaning<P: Arm>(function: Function, pdu: &[u8]) -> String {
     match (sender(function), function) {
-        (Some(from), _) => frame_meaning::<P>(pdu, from),
+        (Some(from), _) => frame_meaning::<P>(pdu, from).unwrap_or_else(|reason| reason),
         (None, Function::ControlRequest) => format!("to the adapter: {}", message::<FromHost>(pdu)),
         (None, _) => format!("from the adapter: {}", message::<FromAdapter>(pdu)),
     }

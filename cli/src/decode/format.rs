@@ -14,6 +14,9 @@ const ASC: [&str; 2] = ["date ", "base "];
 /// What a PEAK trace begins with: version 1.0 with a line of hash signs.
 const TRC: [&str; 2] = [";$", ";##"];
 
+/// What an MCAP file begins with.
+const MCAP: &[u8] = b"\x89MCAP0\r\n";
+
 /// The format of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Format {
@@ -33,6 +36,8 @@ pub(crate) enum Format {
     Csv,
     /// A CSV log of GVRET or SavvyCAN.
     Gvret,
+    /// A recording of 'armwire monitor --mcap'.
+    Mcap,
 }
 
 /// Tells the format, reading as much as that takes.
@@ -57,7 +62,10 @@ fn judge(bytes: &[u8], is_all: bool) -> Option<Format> {
     if bytes.starts_with(blf::SIGNATURE) {
         return Some(Format::Blf);
     }
-    if may_become(blf::SIGNATURE) || may_become(BYTE_ORDER_MARK) {
+    if bytes.starts_with(MCAP) {
+        return Some(Format::Mcap);
+    }
+    if may_become(blf::SIGNATURE) || may_become(MCAP) || may_become(BYTE_ORDER_MARK) {
         return None;
     }
     let text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);

@@ -5,6 +5,11 @@ mod digits;
 mod format;
 mod input;
 mod log;
+#[cfg(feature = "recordings")]
+mod mcap;
+#[cfg(not(feature = "recordings"))]
+#[path = "no_mcap.rs"]
+mod mcap;
 mod output;
 mod pcapng;
 mod recording;
@@ -36,17 +41,17 @@ use recording::{Frames, LingFrames, Recording};
 /// The arguments of `armwire decode`.
 #[derive(Args)]
 pub(crate) struct Decode {
-    /// A recording: the bytes of a line, raw or as hexadecimal text; or a log of a CAN bus from candump, Vector (ASC, BLF),
-    /// PEAK (TRC), python-can (CSV), or SavvyCAN (GVRET CSV). - is standard input.
+    /// A recording: of 'armwire monitor --mcap'; or the bytes of a line, raw or as hexadecimal text; or a log of a CAN bus
+    /// from candump, Vector (ASC, BLF), PEAK (TRC), python-can (CSV), or SavvyCAN (GVRET CSV). - is standard input.
     #[arg(default_value = "-")]
     file: PathBuf,
     /// Format of the recording. Without it, the format is told from the recording's beginning.
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// Kind of arm.
+    /// Kind of arm. An MCAP recording tells it.
     #[arg(long, value_enum, default_value_t)]
     arm: ArmKind,
-    /// Sender of the bytes. Frames of ling tell it. Frames of xarm and alpha1 do not: without this option they are the
+    /// Sender of the bytes. An MCAP recording and frames of ling tell it. Frames of xarm and alpha1 do not: without this option they are the
     /// arm's. The meaning of a servo's answer depends on the request, so it is shown as it is.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
@@ -102,6 +107,9 @@ fn decode_input(
     let format = format.map_or_else(|| format::detect(&mut input), Ok)?;
     if matches!(format, Format::Raw | Format::Hex) {
         return decode_line(input, out, format, arm, from);
+    }
+    if format == Format::Mcap {
+        return mcap::decode(&mut input, out);
     }
     let mut buses = buses(arm)?;
     log::read(&mut input, format, &mut |record| buses.take(record, out))?;
@@ -194,12 +202,16 @@ fn meaning<P: Arm>(arm: &P, frame: &[u8], expect: P::Expect, from: Option<Speake
 }
 
 /// The meaning of bytes that are to be one whole frame from this side.
-fn frame_meaning<P: Arm>(bytes: &[u8], from: Speaker) -> String {
+///
+/// # Errors
+///
+/// The reason why they are none.
+fn frame_meaning<P: Arm>(bytes: &[u8], from: Speaker) -> Result<String, String> {
     let arm = P::default();
     let expect = expected(&arm, Some(from));
     match arm.scan(bytes, expect) {
-        Scan::Frame(len) if len == bytes.len() => meaning(&arm, bytes, expect, Some(from)).1,
-        Scan::Noise(_, reason) | Scan::Broken(reason) => format!("no frame of {}: {reason}", P::NAME),
-        _ => format!("not one whole frame of {}", P::NAME),
+        Scan::Frame(len) if len == bytes.len() => Ok(meaning(&arm, bytes, expect, Some(from)).1),
+        Scan::Noise(_, reason) | Scan::Broken(reason) => Err(format!("no frame of {}: {reason}", P::NAME)),
+        _ => Err(format!("not one whole frame of {}", P::NAME)),
     }
 }

@@ -160,7 +160,7 @@ fn the_older_generation_is_told_behind_noise() {
 }
 
 /// Somewhere for entries to go without being kept.
-struct Nowhere;
+pub(super) struct Nowhere;
 
 impl Output for Nowhere {
     fn item(&self, item: &Item<'_>) -> io::Result<()> {

@@ -7,10 +7,11 @@ use std::time::Duration;
 use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
 use armwire_bridge::config::{ArmKind, Poll};
-use armwire_bridge::control::{self, Event, Subscription};
+use armwire_bridge::control::{self, Event, Stamp, Subscription};
 
 use super::asked::{Readable, news};
 use super::reading::{LineErrors, News, Source};
+use super::recorder::Recorder;
 use crate::config;
 use crate::control::ControlLink;
 use crate::error::Error;
@@ -18,16 +19,20 @@ use crate::error::Error;
 /// How long is listened at once. Meanwhile no key is heard.
 const LISTEN: Duration = Duration::from_millis(50);
 
+/// A recipient of each frame, with its stamp.
+pub(super) type OnFrame = Box<dyn FnMut(Stamp, &[u8])>;
+
 /// An adapter that is listened to, with an arm that speaks this protocol.
 struct Subscribed<P> {
     control: ControlLink,
     /// What to tell the user first.
     hint: Option<String>,
+    on_frame: Option<OnFrame>,
     arm: PhantomData<P>,
 }
 
 /// Asks the adapter to tell all that it hears.
-pub(super) fn open(mut control: ControlLink) -> Result<Box<dyn Source>, Error> {
+pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<dyn Source>, Error> {
     let config = config::get(&mut control)?;
     let heard = match config.arm {
         ArmKind::Ling => Subscribed::<Ling>::open,
@@ -45,13 +50,17 @@ pub(super) fn open(mut control: ControlLink) -> Result<Box<dyn Source>, Error> {
     let hint = (config.poll == Poll::Off).then(|| {
         "the adapter does not poll, so this shows what others ask for ('armwire config … set poll=200')".to_owned()
     });
-    Ok(heard(control, hint))
+    Ok(heard(control, hint, recorder))
 }
 
 impl<P: Readable + 'static> Subscribed<P> {
-    fn open(control: ControlLink, hint: Option<String>) -> Box<dyn Source> {
-        let arm = PhantomData;
-        Box::new(Self { control, hint, arm })
+    fn open(control: ControlLink, hint: Option<String>, recorder: &Recorder) -> Box<dyn Source> {
+        Box::new(Self {
+            control,
+            hint,
+            on_frame: recorder.on_frame(P::PROTOCOL),
+            arm: PhantomData,
+        })
     }
 }
 
@@ -78,10 +87,15 @@ impl<P: Readable> Source for Subscribed<P> {
         }
         Ok(match self.control.hear(LISTEN)? {
             None => News::Nothing,
-            Some((at, Event::Frame { bytes, .. })) => match news::<P>(&bytes) {
-                News::Reading(facts, _) => News::Reading(facts, Some(at)),
-                other => other,
-            },
+            Some((at, Event::Frame { bytes, .. })) => {
+                if let Some(on_frame) = &mut self.on_frame {
+                    on_frame(at, &bytes);
+                }
+                match news::<P>(&bytes) {
+                    News::Reading(facts, _) => News::Reading(facts, Some(at)),
+                    other => other,
+                }
+            }
             Some((_, event)) => told(&event).map_or(News::Nothing, News::Notice),
         })
     }

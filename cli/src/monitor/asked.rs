@@ -17,6 +17,9 @@ pub(super) trait Readable: Arm {
     /// The request for temperatures, where there are any, and how many there can be.
     const CELSIUS: Option<(Self::Request<'static>, usize)>;
 
+    /// The request for the stroke of the gripper, of an arm that has one.
+    const STROKE: Option<Self::Request<'static>> = None;
+
     /// What a message tells.
     fn news(response: &Self::Response<'_>) -> News;
 }
@@ -25,6 +28,8 @@ impl Readable for Ling {
     const READING: ling::Request = ling::Request::ReadJoints;
 
     const CELSIUS: Option<(ling::Request, usize)> = Some((ling::Request::ReadTemperatures, Kind::Follower.servos()));
+
+    const STROKE: Option<ling::Request> = Some(ling::Request::ReadStroke);
 
     fn news(response: &ling::Response) -> News {
         match response {
@@ -75,6 +80,10 @@ impl<P: Readable> Source for Asked<P> {
 
     fn read_celsius(&mut self) -> Result<News, Error> {
         P::CELSIUS.map_or(Ok(News::Nothing), |(request, _)| self.ask(&request))
+    }
+
+    fn read_stroke(&mut self) -> Result<News, Error> {
+        P::STROKE.map_or(Ok(News::Nothing), |request| self.ask(&request))
     }
 
     fn line_errors(&self) -> LineErrors {

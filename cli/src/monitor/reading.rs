@@ -49,6 +49,11 @@ pub(super) trait Source {
         Ok(News::Nothing)
     }
 
+    /// Asks for the stroke of the gripper, of an arm that has one. The answer is for a recording.
+    fn read_stroke(&mut self) -> Result<News, Error> {
+        Ok(News::Nothing)
+    }
+
     /// What was wrong with what came.
     fn line_errors(&self) -> LineErrors;
 

@@ -9,13 +9,15 @@ use armwire_bridge::time;
 use super::model::{Adapter, Latest, Model};
 use super::output::{Form, Output, Step};
 use super::reading::{News, Source};
+use super::recorder::Recorder;
 use crate::adapter::{counters, describe, identify, latencies};
 use crate::control::ControlLink;
 use crate::error::Error;
 use crate::output::{complain, say};
 
-/// How often the temperatures are asked for, and the adapter for its counters.
+/// How often the temperatures are asked for, for a recording the stroke of the gripper, and the adapter for its counters.
 const CELSIUS: time::Duration = time::Duration::from_millis(5_000);
+const STROKE: time::Duration = time::Duration::from_millis(5_000);
 const ADAPTER: time::Duration = time::Duration::from_millis(1_000);
 /// How long an arm may say nothing at all at first: what does not answer then is an error, and no screen.
 const SILENCE: time::Duration = time::Duration::from_millis(2_000);
@@ -47,6 +49,7 @@ pub(super) struct Session<'a> {
     /// Not before there is something to show.
     output: Option<Box<dyn Output>>,
     celsius: Timer,
+    stroke: Timer,
     adapter: Timer,
     /// Whether anything came at all, be it noise.
     has_heard: bool,
@@ -65,6 +68,7 @@ impl<'a> Session<'a> {
             model: Model::new(port),
             output: None,
             celsius: Timer::new(CELSIUS),
+            stroke: Timer::new(STROKE),
             adapter: Timer::new(ADAPTER),
             has_heard: false,
             is_waiting: false,
@@ -72,7 +76,7 @@ impl<'a> Session<'a> {
     }
 
     /// Shows what comes from a source, so often where that is for us to say, until somebody has enough.
-    pub(super) fn watch(&mut self, watched: &mut Watched, rate: u32) -> Result<(), Error> {
+    pub(super) fn watch(&mut self, watched: &mut Watched, rate: u32, recorder: &mut Recorder) -> Result<(), Error> {
         let source = &mut *watched.source;
         let rate = source.is_paced().then_some(rate);
         self.model.watch(source.arm(), source.servos(), rate);
@@ -86,7 +90,9 @@ impl<'a> Session<'a> {
         };
         let before = self.model.line_errors;
         while self.model.answered < self.count.unwrap_or(u64::MAX) && !self.is_stopped() {
-            let step = match self.step(source) {
+            let step = self.step(source, recorder.is_on());
+            recorder.write()?;
+            let step = match step {
                 // Who has asked us to end does not ask why there is no answer.
                 Err(_) if self.is_stopped() => break,
                 step => step?,
@@ -116,7 +122,11 @@ impl<'a> Session<'a> {
     /// Whether what went wrong may mend itself: a port that is gone once it has told something, and all that is wrong with
     /// it until it does so again.
     pub(super) fn may_come_back(&self, error: &Error) -> bool {
-        self.is_waiting || (self.model.answered > 0 && matches!(error, Error::Lost { .. }))
+        match error {
+            Error::Recording { .. } => false,
+            Error::Lost { .. } => self.is_waiting || self.model.answered > 0,
+            _ => self.is_waiting,
+        }
     }
 
     /// Tells of a port that is gone, and waits for a moment. Returns whether somebody has enough.
@@ -162,8 +172,13 @@ impl<'a> Session<'a> {
         output.wait(wait)
     }
 
-    /// Takes what the source has to tell into the model: a reading, and after it the temperatures, if they are due.
-    fn step(&mut self, source: &mut dyn Source) -> Result<Step, Error> {
+    /// Takes what the source has to tell into the model: a reading, and after it the temperatures, if they are due. A
+    /// recording needs the stroke before it.
+    fn step(&mut self, source: &mut dyn Source, is_recorded: bool) -> Result<Step, Error> {
+        if is_recorded && self.stroke.is_due(self.now()) {
+            let news = source.read_stroke();
+            self.take(news, None)?;
+        }
         let begun = self.now();
         self.model.asked += u64::from(source.is_asked());
         let step = self.take(source.read(), source.is_asked().then_some(begun))?;

@@ -17,6 +17,8 @@ mod list;
 mod monitor;
 mod motion;
 mod pty;
+#[cfg(feature = "recordings")]
+mod recordings;
 #[cfg(all(feature = "selftest", target_os = "linux"))]
 mod selftest;
 #[cfg(feature = "shell")]

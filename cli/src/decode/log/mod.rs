@@ -34,10 +34,10 @@ const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
 /// A consumer of records.
 pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;
 
-/// Hands the records of a log, one after the other, to `take`. A recording of a line has none.
+/// Hands the records of a log, one after the other, to `take`. Recordings of a line have none.
 pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -> Result<(), Error> {
     match format {
-        Format::Raw | Format::Hex => Ok(()),
+        Format::Raw | Format::Hex | Format::Mcap => Ok(()),
         Format::Blf => blf::read(input, take),
         Format::Candump => read_lines(input, &mut Candump, take),
         Format::Asc => read_lines(input, &mut Asc::new(), take),

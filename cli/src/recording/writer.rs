@@ -1,0 +1,102 @@
+//! The MCAP file: its channels, and messages in chunks.
+
+use std::collections::BTreeMap;
+use std::io::{BufWriter, Write};
+
+use mcap::records::MessageHeader;
+use mcap::write::NoSeek;
+use mcap::{McapResult, WriteOptions};
+
+use super::Frame;
+use super::joint_states::Joints;
+use super::messages::{self, FRAME, JOINT_STATE, MESSAGE_ENCODING, SCHEMA_ENCODING};
+
+pub(super) const FRAMES: &str = "/frames";
+pub(super) const JOINT_STATES: &str = "/joint_states";
+
+/// An MCAP file that is being written. It is never sought, so that a file which is cut has whole chunks before the cut.
+pub(super) struct Writer<W: Write> {
+    mcap: mcap::Writer<NoSeek<BufWriter<W>>>,
+    joints: Joints,
+    frames: Channel,
+    /// `None` before the first joint positions: some arms have none.
+    joint_states: Option<Channel>,
+}
+
+/// A channel, and the number of its next message.
+struct Channel {
+    id: u16,
+    sequence: u32,
+}
+
+impl Channel {
+    fn add<W: Write>(
+        mcap: &mut mcap::Writer<NoSeek<BufWriter<W>>>,
+        topic: &str,
+        (name, definition): (&str, &str),
+    ) -> McapResult<Self> {
+        let schema = mcap.add_schema(name, SCHEMA_ENCODING, definition.as_bytes())?;
+        let id = mcap.add_channel(schema, topic, MESSAGE_ENCODING, &BTreeMap::new())?;
+        Ok(Self { id, sequence: 0 })
+    }
+
+    /// The header of the next message.
+    fn next(&mut self, frame: &Frame) -> MessageHeader {
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
+        MessageHeader {
+            channel_id: self.id,
+            sequence,
+            log_time: frame.log_time.cast_unsigned(),
+            publish_time: frame.stamp.cast_unsigned(),
+        }
+    }
+}
+
+impl<W: Write> Writer<W> {
+    pub(super) fn new(out: W) -> McapResult<Self> {
+        let options = WriteOptions::new()
+            .compression(None)
+            .profile("ros2")
+            .library(concat!("armwire ", env!("CARGO_PKG_VERSION")))
+            .disable_seeking(true);
+        let mut mcap = options.create(NoSeek::new(BufWriter::new(out)))?;
+        let frames = Channel::add(&mut mcap, FRAMES, FRAME)?;
+        Ok(Self {
+            mcap,
+            joints: Joints::default(),
+            frames,
+            joint_states: None,
+        })
+    }
+
+    /// Writes a frame, and the joint positions in it.
+    pub(super) fn frame(&mut self, frame: &Frame) -> McapResult<()> {
+        let header = self.frames.next(frame);
+        self.mcap.write_to_known_channel(&header, &messages::frame(frame))?;
+        let Some(joints) = self.joints.read(frame) else {
+            return Ok(());
+        };
+        let channel = match &mut self.joint_states {
+            Some(channel) => channel,
+            None => self
+                .joint_states
+                .insert(Channel::add(&mut self.mcap, JOINT_STATES, JOINT_STATE)?),
+        };
+        let (names, positions): (Vec<_>, Vec<_>) = joints.into_iter().unzip();
+        let header = channel.next(frame);
+        self.mcap
+            .write_to_known_channel(&header, &messages::joint_state(frame.stamp, &names, &positions))
+    }
+
+    /// Ends the chunk and hands all to the system.
+    pub(super) fn flush(&mut self) -> McapResult<()> {
+        self.mcap.flush()
+    }
+
+    /// Writes the index.
+    pub(super) fn finish(mut self) -> McapResult<()> {
+        self.mcap.finish()?;
+        Ok(self.mcap.into_inner().into_inner().flush()?)
+    }
+}

@@ -1,0 +1,262 @@
+//! `armwire monitor --mcap` with virtual arms, and `armwire decode` of the recordings.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::common::board::Board;
+use crate::common::{Arm, NO_ANSWER, PATIENCE, PROGRAM, failure, finish, free_path, run, start, success};
+
+/// A recording that is deleted at the end.
+struct Recording(PathBuf);
+
+impl Recording {
+    fn new() -> Self {
+        Self(free_path("recording.mcap"))
+    }
+
+    fn path(&self) -> &str {
+        self.0.to_str().unwrap()
+    }
+
+    /// Records what a monitor with these arguments sees, again while an arm that the system gives no time is silent.
+    fn record(&self, args: &[&str]) -> Output {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let _ = fs::remove_file(&self.0);
+            let output = run(&[&["monitor", "--mcap", self.path()], args].concat());
+            let is_busy = String::from_utf8_lossy(&output.stderr).contains(NO_ANSWER);
+            if !is_busy || Instant::now() > deadline {
+                assert!(output.status.success(), "{output:?}");
+                return output;
+            }
+        }
+    }
+
+    /// The entries of the recording, and the sum.
+    fn decoded(&self) -> (Vec<(String, String)>, String) {
+        let out = success(&["decode", self.path()]);
+        let mut lines: Vec<_> = out.lines().map(str::to_owned).collect();
+        let sum = lines.pop().unwrap();
+        let entries = lines.chunks(2).map(|two| (two[0].clone(), two[1].clone())).collect();
+        (entries, sum)
+    }
+
+    /// Waits until some of it is in the file.
+    fn wait(&self, monitor: &mut Child) {
+        let deadline = Instant::now() + PATIENCE;
+        while fs::metadata(&self.0).map_or(0, |file| file.len()) == 0 {
+            assert!(monitor.try_wait().unwrap().is_none() && Instant::now() < deadline);
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+impl Drop for Recording {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+/// The times of entries, in ns.
+fn times(entries: &[(String, String)]) -> Vec<u64> {
+    let time = |(line, _): &(String, String)| line.split_whitespace().next().unwrap().replace('.', "").parse();
+    entries.iter().map(|entry| time(entry).unwrap()).collect()
+}
+
+#[test]
+fn monitor_records_both_directions() {
+    let arm = Arm::start("ling", "recorded", &[]);
+    let recording = Recording::new();
+    let output = recording.record(&[&arm.port, "--rate", "200", "--count", "3", "--json"]);
+    assert_eq!(output.stdout.iter().filter(|&&byte| byte == b'\n').count(), 3);
+    let (entries, sum) = recording.decoded();
+    let told: Vec<_> = entries.iter().map(|(_, text)| text.trim()).collect();
+    assert_eq!(
+        told[..2],
+        ["to the arm: read gripper stroke", "from the arm: stroke: 50 mm"]
+    );
+    let joints = "from the arm: joints: +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°, gripper: 0.0 % open, status: locked";
+    assert_eq!(told[2..4], ["to the arm: read joints", joints]);
+    assert_eq!(told.iter().filter(|text| **text == joints).count(), 3);
+    assert_eq!(sum, format!("frames: {}, noise bytes: 0", entries.len()));
+    assert!(times(&entries).is_sorted(), "{entries:?}");
+}
+
+#[test]
+fn recording_of_a_noisy_line_has_the_noise() {
+    let arm = Arm::start("ling", "recorded-noise", &["--faults", "20000", "--seed", "1"]);
+    let recording = Recording::new();
+    let args = ["monitor", "--mcap", recording.path(), &arm.port, "--count", "5"];
+    let output = run(&args);
+    assert!(output.status.success(), "{output:?}");
+    let (entries, sum) = recording.decoded();
+    let is_noise = |text: &str| text.contains("no frame of a Ling arm: ") || text.contains("not one whole frame");
+    assert!(
+        entries
+            .iter()
+            .any(|(line, text)| line.contains("  from arm  ") && is_noise(text))
+    );
+    let answers = entries
+        .iter()
+        .filter(|(_, text)| text.contains("from the arm: joints: "));
+    assert!(answers.count() >= 5, "{sum}");
+}
+
+#[test]
+fn every_arm_can_be_recorded() {
+    let mut xarm = start(Command::new(PROGRAM).args(["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"]));
+    let mut line = String::new();
+    BufReader::new(xarm.stdout.as_mut().unwrap())
+        .read_line(&mut line)
+        .unwrap();
+    let host = line
+        .split([' ', ','])
+        .find(|word| word.starts_with("127.0.0.1:"))
+        .unwrap();
+    let alpha1 = Arm::start("alpha1", "recorded-alpha1", &[]);
+    let legacy = Arm::start("ling", "recorded-legacy", &["--legacy"]);
+    for (args, text) in [
+        (&["--arm", "xarm", host][..], "from the arm: register 42: "),
+        (&["--arm", "alpha1", &alpha1.port], "from the arm: servos"),
+        (&[&legacy.port], "from the arm: joints: +0.00°"),
+    ] {
+        let recording = Recording::new();
+        recording.record(&[args, &["--count", "2"]].concat());
+        let (entries, _) = recording.decoded();
+        let found = entries.iter().filter(|(_, told)| told.contains(text)).count();
+        assert!(found >= 2, "{entries:?}");
+    }
+    xarm.kill().unwrap();
+    xarm.wait().unwrap();
+}
+
+#[test]
+fn recording_of_an_adapter_has_its_stamps() {
+    let board = Board::start("recorded");
+    success(&["config", &board.control, "set", "poll=100"]);
+    let recording = Recording::new();
+    let output = recording.record(&[&board.control, "--from-adapter", "--json", "--count", "5"]);
+    let rows = String::from_utf8(output.stdout).unwrap();
+    let stamps: Vec<u64> = rows
+        .lines()
+        .map(|row| {
+            serde_json::from_str::<serde_json::Value>(row).unwrap()["adapter_time_us"]
+                .as_u64()
+                .unwrap()
+        })
+        .collect();
+    let (entries, sum) = recording.decoded();
+    assert_eq!(sum, format!("frames: {}, noise bytes: 0", entries.len()));
+    assert!(
+        entries.iter().all(|(line, _)| line.contains("  from arm  ")),
+        "{entries:?}"
+    );
+    // A message that came faster than those before moves the clocks' difference, to earlier times only.
+    let times = times(&entries);
+    let joints = entries
+        .iter()
+        .zip(&times)
+        .filter(|((_, text), _)| text.contains("joints: "));
+    let times: Vec<_> = joints.map(|(_, time)| *time).collect();
+    assert_eq!(times.len(), stamps.len());
+    for (time, stamp) in times.windows(2).zip(stamps.windows(2)) {
+        assert!(
+            time[1] - time[0] <= (stamp[1] - stamp[0]) * 1_000,
+            "{times:?} {stamps:?}"
+        );
+    }
+}
+
+#[test]
+fn interrupted_recording_is_complete() {
+    let arm = Arm::start("ling", "interrupted", &[]);
+    let recording = Recording::new();
+    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port, "--mcap", recording.path()]));
+    recording.wait(&mut monitor);
+    kill_process(Pid::from_child(&monitor), Signal::INT).unwrap();
+    assert!(finish(monitor).status.success());
+    let (entries, sum) = recording.decoded();
+    assert_eq!(sum, format!("frames: {}, noise bytes: 0", entries.len()));
+}
+
+#[test]
+fn recording_of_a_killed_monitor_is_read() {
+    let arm = Arm::start("ling", "killed", &[]);
+    let recording = Recording::new();
+    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port, "--mcap", recording.path()]));
+    recording.wait(&mut monitor);
+    monitor.kill().unwrap();
+    finish(monitor);
+    let (entries, sum) = recording.decoded();
+    assert!(!entries.is_empty(), "{sum}");
+    assert_eq!(
+        sum,
+        format!("frames: {}, noise bytes: 0, the file has no end", entries.len())
+    );
+}
+
+#[test]
+fn recording_continues_behind_a_lost_port() {
+    let arm = Arm::start("ling", "lost", &[]);
+    let port = arm.port.clone();
+    let recording = Recording::new();
+    let args = [
+        "monitor",
+        &port,
+        "--mcap",
+        recording.path(),
+        "--count",
+        "40",
+        "--rate",
+        "20",
+    ];
+    let mut monitor = start(Command::new(PROGRAM).args(args));
+    recording.wait(&mut monitor);
+    drop(arm);
+    let _arm = Arm::start_at("ling", Path::new(&port), &[]);
+    let output = finish(monitor);
+    assert!(output.status.success(), "{output:?}");
+    let (entries, _) = recording.decoded();
+    let answers = entries
+        .iter()
+        .filter(|(_, text)| text.contains("from the arm: joints: "));
+    assert!(answers.count() >= 40);
+}
+
+#[test]
+fn recording_is_not_replaced() {
+    let arm = Arm::start("ling", "kept-recording", &[]);
+    let recording = Recording::new();
+    fs::write(&recording.0, "kept").unwrap();
+    for path in [recording.path(), "/no-such-folder/x"] {
+        let line = failure(&run(&["monitor", &arm.port, "--mcap", path]));
+        assert!(line.starts_with(&format!("{path}: ")), "{line}");
+    }
+    assert_eq!(fs::read(&recording.0).unwrap(), b"kept");
+}
+
+#[test]
+fn port_that_is_not_there_leaves_no_file() {
+    let recording = Recording::new();
+    failure(&run(&["monitor", "/dev/no-such-port", "--mcap", recording.path()]));
+    assert!(!recording.0.exists());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn full_disk_ends_the_recording() {
+    let arm = Arm::start("ling", "full-disk", &[]);
+    let output = run(&["monitor", &arm.port, "--mcap", "/dev/full", "--rate", "100"]);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        text.ends_with("armwire: /dev/full: No space left on device (os error 28)\n"),
+        "{text}"
+    );
+}
