@@ -14,7 +14,7 @@ use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
 use crate::{
     c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, packages, performance, python,
-    readme, ros2, semver, vendor, web,
+    readme, recordings, ros2, semver, vendor, web,
 };
 
 /// Everything but the firmware.
@@ -120,6 +120,7 @@ pub(crate) fn run() -> Result<()> {
     })?;
     ci.step("package for Python", || python::run_all(&Default::default()))?;
     ci.step("CAN software", vendor::can::drive)?;
+    ci.step("recordings in other programs", recordings::run_all)?;
     ci.step("vendors' SDKs", || {
         vendor::sdk::drive_xarm()?;
         vendor::sdk::drive_ling()

@@ -25,6 +25,7 @@ mod process;
 mod program;
 mod python;
 mod readme;
+mod recordings;
 mod ros2;
 mod semver;
 mod soak;
@@ -82,6 +83,8 @@ enum Command {
     Packages,
     /// Drive virtual arms by ROS 2 messages, from a DDS of another make
     Ros2,
+    /// Record virtual arms, and read the recordings in other programs
+    Recordings,
     /// Build the README's example with its dependencies
     Readme,
     /// Make a release: images, command, C library, licences
@@ -126,6 +129,7 @@ impl Command {
             Self::Web(options) => web::run_all(&options),
             Self::Packages => packages::check(),
             Self::Ros2 => ros2::check(),
+            Self::Recordings => recordings::run_all(),
             Self::Readme => readme::check(),
             Self::Dist(options) => dist::run_all(&options),
             Self::Semver => semver::run(),

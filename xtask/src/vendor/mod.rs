@@ -5,7 +5,7 @@
 mod background;
 pub(crate) mod can;
 pub(crate) mod differential;
-mod python;
+pub(crate) mod python;
 pub(crate) mod sdk;
 pub(crate) mod served;
 

@@ -16,9 +16,9 @@ use crate::workspace::root;
 const TIMEOUT: Duration = Duration::from_secs(300);
 
 /// A Python environment, and a folder for the output of its scripts.
-pub(super) struct Python {
+pub(crate) struct Python {
     /// The folder for output.
-    pub(super) dir: PathBuf,
+    pub(crate) dir: PathBuf,
     python: PathBuf,
     scripts: PathBuf,
 }
@@ -30,7 +30,7 @@ impl Python {
     /// # Errors
     ///
     /// If Python or the package index is not there, or the packages do not fit.
-    pub(super) fn with(name: &str, requirements: &str) -> Result<Self> {
+    pub(crate) fn with(name: &str, requirements: &str) -> Result<Self> {
         let dir = target_dir()?.join("vendor").join(name);
         fs::create_dir_all(&dir)?;
         let environment = dir.join("python");
@@ -53,7 +53,7 @@ impl Python {
     /// # Errors
     ///
     /// If it fails, or takes too long.
-    pub(super) fn run(&self, script: &str, args: &[&Path]) -> Result<()> {
+    pub(crate) fn run(&self, script: &str, args: &[&Path]) -> Result<()> {
         let mut command = Command::new(&self.python);
         command.arg("-B").arg(self.scripts.join(script)).args(args);
         command.current_dir(&self.dir).env("HOME", &self.dir);

@@ -22,6 +22,7 @@ pub(crate) struct ServedBoard {
     process: Background,
     serial: PathBuf,
     can: PathBuf,
+    control: PathBuf,
 }
 
 impl ServedBoard {
@@ -57,7 +58,12 @@ impl ServedBoard {
         process.wait_for_file(&serial, BOOT)?;
         process.wait_for_file(&can, BOOT)?;
         process.wait_for_file(&control, BOOT)?;
-        Ok(Self { process, serial, can })
+        Ok(Self {
+            process,
+            serial,
+            can,
+            control,
+        })
     }
 
     /// The arm's serial port.
@@ -68,6 +74,11 @@ impl ServedBoard {
     /// The CAN bus, behind an SLCAN adapter.
     pub(crate) fn can(&self) -> &Path {
         &self.can
+    }
+
+    /// The control port.
+    pub(crate) fn control(&self) -> &Path {
+        &self.control
     }
 
     /// Ends it.

@@ -1,0 +1,14 @@
+//! `cargo xtask recordings`: recordings of virtual arms, read by other programs.
+
+mod mcap;
+
+use anyhow::Result;
+
+/// Runs every check.
+///
+/// # Errors
+///
+/// The first check that fails.
+pub(crate) fn run_all() -> Result<()> {
+    mcap::check()
+}
