@@ -63,8 +63,9 @@ fn unpack(crates: &Path) -> Result<()> {
 fn test(crates: &Path) -> Result<()> {
     let members = PACKAGES.map(versioned);
     let workspace = format!(
-        "[workspace]\nresolver = \"3\"\nmembers = {members:?}\n{}",
-        patch(crates)
+        "[workspace]\nresolver = \"3\"\nmembers = {members:?}\n{}\n{}",
+        patch(crates),
+        profiles()?
     );
     fs::write(crates.join("Cargo.toml"), workspace)?;
     fs::copy(root().join("Cargo.lock"), crates.join("Cargo.lock"))?;
@@ -92,7 +93,7 @@ fn move_virtual_arm(folder: &Path) -> Result<()> {
     readme::make_package(&fs::read_to_string(root().join(PC))?, &user, &patch(&crates))?;
     run(&mut in_folder("build --quiet --package armwire-cli", &crates)?)?;
     run(&mut in_folder("build --quiet", &user)?)?;
-    let (arm, programs) = (folder.join("arm"), folder.join("target/debug"));
+    let (arm, programs) = (folder.join("arm"), target_dir()?.join("debug"));
     let mut sim = Command::new(programs.join("armwire"));
     sim.args(["sim", "ling", "--pty"]).arg(&arm).stdout(Stdio::piped());
     let mut sim = sim.spawn().context("cannot run the packaged command")?;
@@ -111,13 +112,20 @@ fn patch(crates: &Path) -> String {
     format!("\n[patch.crates-io]\n{}", entries.concat())
 }
 
-/// Cargo in this folder, with what it builds beside it. Some tests take long if nothing is optimised.
+/// The development profiles of the repository. With them, dependencies are compiled once for both workspaces.
+fn profiles() -> Result<String> {
+    let manifest = fs::read_to_string(root().join("Cargo.toml"))?;
+    let sections = manifest
+        .split("\n[")
+        .filter(|section| section.starts_with("profile.dev"));
+    Ok(sections.map(|section| format!("[{section}\n")).collect())
+}
+
+/// Cargo in this folder, with the target directory of the repository.
 fn in_folder(words: &str, folder: &Path) -> Result<Command> {
     let mut command = cargo(words);
     command.current_dir(folder);
-    command.env("CARGO_TARGET_DIR", target_dir()?.join("packages/target"));
-    command.env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
-    command.env("CARGO_PROFILE_DEV_DEBUG", "false");
+    command.env("CARGO_TARGET_DIR", target_dir()?);
     Ok(command)
 }
 
