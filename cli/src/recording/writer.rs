@@ -14,6 +14,9 @@ use super::messages::{self, FRAME, JOINT_STATE, MESSAGE_ENCODING, SCHEMA_ENCODIN
 pub(super) const FRAMES: &str = "/frames";
 pub(super) const JOINT_STATES: &str = "/joint_states";
 
+/// The size of a chunk that is full, in bytes. A reader keeps a chunk in memory.
+const CHUNK: u64 = 64 * 1024;
+
 /// An MCAP file that is being written. It is never sought, so that a file which is cut has whole chunks before the cut.
 pub(super) struct Writer<W: Write> {
     mcap: mcap::Writer<NoSeek<BufWriter<W>>>,
@@ -59,6 +62,7 @@ impl<W: Write> Writer<W> {
             .compression(None)
             .profile("ros2")
             .library(concat!("armwire ", env!("CARGO_PKG_VERSION")))
+            .chunk_size(Some(CHUNK))
             .disable_seeking(true);
         let mut mcap = options.create(NoSeek::new(BufWriter::new(out)))?;
         let frames = Channel::add(&mut mcap, FRAMES, FRAME)?;

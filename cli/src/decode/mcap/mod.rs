@@ -1,16 +1,15 @@
 //! The frames in an MCAP recording.
 
+mod records;
+
 use std::collections::BTreeSet;
-use std::io::BufRead;
 
 use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
 use armwire::ling::legacy::Legacy;
 use armwire::xarm::XArm;
-use mcap::McapError;
-use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+use super::bus::Refused;
 use super::input::Input;
 use super::output::{Item, OnLine, Output};
 use super::{Speaker, frame_meaning};
@@ -18,47 +17,17 @@ use crate::describe::Protocol;
 use crate::error::Error;
 use crate::recording::Frame;
 use crate::recording::messages::{FRAME, MESSAGE_ENCODING, parse_frame};
-
-/// The longest record, in bytes. Other programs may have written images to the file.
-const MAX_RECORD: usize = 64 * 1024 * 1024;
+use records::Record;
 
 /// Prints the frames of a recording that `armwire monitor --mcap` wrote, and the sum.
 pub(super) fn decode(input: &mut Input<'_>, out: &dyn Output) -> Result<(), Error> {
-    let options = LinearReaderOptions::default()
-        .with_validate_chunk_crcs(true)
-        .with_record_length_limit(MAX_RECORD);
-    let mut reader = LinearReader::new_with_options(options);
     let mut frames = Frames::default();
-    let is_cut = loop {
-        match reader.next_event() {
-            None => break false,
-            Some(Ok(LinearReadEvent::ReadRequest(len))) => {
-                if input.buffered().is_empty() {
-                    input.more()?;
-                }
-                // No more than is there: the length of a record may be wrong. Nothing is the end.
-                let len = len.min(input.buffered().len());
-                reader.insert(len).copy_from_slice(&input.buffered()[..len]);
-                input.consume(len);
-                reader.notify_read(len);
-            }
-            Some(Ok(LinearReadEvent::Record { opcode, data }))
-                if matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) =>
-            {
-                let record = mcap::parse_record(opcode, data).map_err(|error| refused(input, &error))?;
-                frames.take(record, input, out)?;
-            }
-            Some(Ok(LinearReadEvent::Record { .. })) => {}
-            // The program that wrote it was killed, or is still writing.
-            Some(Err(McapError::UnexpectedEof)) => break true,
-            Some(Err(error)) => return Err(refused(input, &error)),
-        }
-    };
-    frames.finish(is_cut, input, out)
-}
-
-fn refused(input: &Input<'_>, error: &McapError) -> Error {
-    input.refused_at(input.offset(), &error.to_string())
+    let read = records::read(input, &mut |record| frames.take(record, out));
+    match read.and_then(|is_cut| frames.finish(is_cut, out)) {
+        Ok(()) => Ok(()),
+        Err(Refused::Log(reason)) => Err(input.refused_at(input.offset(), &reason)),
+        Err(Refused::Output(error)) => Err(Error::Output(error)),
+    }
 }
 
 /// The frames of a recording so far.
@@ -72,22 +41,25 @@ struct Frames {
 }
 
 impl Frames {
-    fn take(&mut self, record: Record<'_>, input: &Input<'_>, out: &dyn Output) -> Result<(), Error> {
+    fn take(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), Refused> {
         match record {
-            Record::Schema { header, .. } if header.name == FRAME.0 => {
-                self.schemas.insert(header.id);
+            Record::Schema { id, name } if name == FRAME.0 => {
+                self.schemas.insert(id);
             }
-            Record::Channel(channel)
-                if self.schemas.contains(&channel.schema_id) && channel.message_encoding == MESSAGE_ENCODING =>
+            Record::Channel { id, schema, encoding }
+                if self.schemas.contains(&schema) && encoding == MESSAGE_ENCODING =>
             {
-                self.channels.insert(channel.id);
+                self.channels.insert(id);
             }
-            Record::Message { header, data } if self.channels.contains(&header.channel_id) => {
-                let frame = parse_frame(header.log_time.cast_signed(), &data).map_err(|reason| {
-                    let reason = format!("message {}: {reason}", header.sequence);
-                    input.refused_at(input.offset(), &reason)
-                })?;
-                self.show(&frame, out).map_err(Error::Output)?;
+            Record::Message {
+                channel,
+                sequence,
+                log_time,
+                data,
+            } if self.channels.contains(&channel) => {
+                let frame = parse_frame(log_time.cast_signed(), data)
+                    .map_err(|reason| Refused::Log(format!("message {sequence}: {reason}")))?;
+                self.show(&frame, out).map_err(Refused::Output)?;
             }
             _ => {}
         }
@@ -130,20 +102,17 @@ impl Frames {
     }
 
     /// The sum.
-    fn finish(&self, is_cut: bool, input: &Input<'_>, out: &dyn Output) -> Result<(), Error> {
+    fn finish(&self, is_cut: bool, out: &dyn Output) -> Result<(), Refused> {
         if self.channels.is_empty() && !is_cut {
-            let reason = format!(
-                "no channel has frames ({}): 'armwire monitor --mcap' records them",
-                FRAME.0
-            );
-            return Err(Error::at(input.name(), reason));
+            let reason = format!("no channel of {}: 'armwire monitor --mcap' records one", FRAME.0);
+            return Err(Refused::Log(reason));
         }
         let end = if is_cut { ", the file has no end" } else { "" };
         let Self {
             frames, noise_bytes, ..
         } = self;
         out.remark(format_args!("frames: {frames}, noise bytes: {noise_bytes}{end}"))
-            .map_err(Error::Output)
+            .map_err(Refused::Output)
     }
 }
 
@@ -157,6 +126,9 @@ mod tests {
     use crate::decode::format::Format;
     use crate::decode::tests::printed;
     use crate::recording::tests::{any_frame, file};
+
+    /// In bytes: the buffer of the input is an eighth of it.
+    const MAX_MEMORY: u64 = 512 * 1024;
 
     /// A frame with these bytes, at 1.5 s.
     fn frame(protocol: Protocol, from: Speaker, bytes: &[u8]) -> Frame {
@@ -217,8 +189,35 @@ mod tests {
         assert!(lines.is_empty(), "{lines:?}");
         assert_eq!(
             error.unwrap(),
-            "log: no channel has frames (armwire_msgs/msg/Frame): 'armwire monitor --mcap' records them"
+            format!(
+                "log: byte {}: no channel of armwire_msgs/msg/Frame: 'armwire monitor --mcap' records one",
+                other.len()
+            )
         );
+    }
+
+    #[test]
+    fn every_damaged_byte_is_an_error_or_harmless() {
+        let file = file(&[frame(
+            Protocol::Ling,
+            Speaker::Arm,
+            &[0xAA, 0x04, 0x0E, 0x01, 0x01, 0x96, 0xFF],
+        )]);
+        for at in 8..file.len() {
+            for value in [0, 1, 0x7F, 0x80, 0xFF, file[at] ^ 1] {
+                let mut damaged = file.clone();
+                damaged[at] = value;
+                let out = crate::decode::tests::Nowhere;
+                let measured = allocation_counter::measure(|| {
+                    let _ = decode(&mut Input::new("log".to_owned(), Box::new(&damaged[..]), &out), &out);
+                });
+                assert!(
+                    measured.bytes_max < MAX_MEMORY,
+                    "byte {at}: {} bytes",
+                    measured.bytes_max
+                );
+            }
+        }
     }
 
     proptest! {
@@ -248,8 +247,6 @@ mod tests {
 
     #[test]
     fn memory_does_not_grow_with_a_recording() {
-        /// In bytes: the buffer of the input is an eighth of it.
-        const MAX_MEMORY: u64 = 512 * 1024;
         let recording = file(&vec![
             frame(
                 Protocol::Ling,
