@@ -90,8 +90,10 @@ impl Monitor {
                     is_legacy = true;
                 }
                 Err(error) if session.may_come_back(&error) => {
-                    if session.has_enough_while_waiting(&error)? {
-                        break Ok(());
+                    match recorder.write().and_then(|()| session.has_enough_while_waiting(&error)) {
+                        Ok(false) => {}
+                        Ok(true) => break Ok(()),
+                        Err(error) => break Err(error),
                     }
                 }
                 end => break end,

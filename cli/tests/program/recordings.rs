@@ -186,6 +186,21 @@ fn interrupted_recording_is_complete() {
 }
 
 #[test]
+fn recording_is_complete_when_nobody_reads_the_output() {
+    let arm = Arm::start("ling", "unread", &[]);
+    let recording = Recording::new();
+    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port, "--mcap", recording.path()]));
+    let mut line = String::new();
+    BufReader::new(monitor.stdout.take().unwrap())
+        .read_line(&mut line)
+        .unwrap();
+    assert!(finish(monitor).status.success());
+    let (entries, sum) = recording.decoded();
+    assert!(!entries.is_empty());
+    assert_eq!(sum, format!("frames: {}, noise bytes: 0", entries.len()));
+}
+
+#[test]
 fn recording_of_a_killed_monitor_is_read() {
     let arm = Arm::start("ling", "killed", &[]);
     let recording = Recording::new();
