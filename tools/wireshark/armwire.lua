@@ -116,6 +116,11 @@ local function bits(mask, count, value)
   return found
 end
 
+-- A name and its text, if there is any.
+local function fact(name, text)
+  return text == "" and name or name .. ": " .. text
+end
+
 -- Fields that a joint or a servo has, for each of them.
 local function each(fields, count, key, make)
   for nth = 1, count do
@@ -404,7 +409,7 @@ local function information(data, tree)
   tree:add(ling_fields.hardware, data:range(16, 4), hardware)
   tree:add(ling_fields.firmware, data:range(20, 4), firmware)
   kind = kind or "Ling, of a kind that the serial number does not tell"
-  return string.format("arm: %s, serial: %s, hardware: %s, firmware: %s", kind, serial, hardware, firmware)
+  return string.format("arm: %s, %s, hardware: %s, firmware: %s", kind, fact("serial", serial), hardware, firmware)
 end
 
 local function stroke(data, tree)
@@ -622,9 +627,9 @@ local function xarm_version(params, tree)
   local text = params:text(true)
   tree:add(xarm_fields.text, params:range(0, params.len), text)
   local axes, kind, arm, box, firmware = text:match("^(%d+),(%d+),([^,]*),([^,]*),([^,]*)$")
-  if not axes then return "arm: xArm, version: " .. text end
-  local words = "arm: xArm, %d axes, type %d, hardware: %s, control box: %s, firmware: %s"
-  return string.format(words, axes, kind, arm, box, firmware)
+  if not axes then return "arm: xArm, " .. fact("version", text) end
+  local parts = { fact("hardware", arm), fact("control box", box), fact("firmware", firmware) }
+  return string.format("arm: xArm, %d axes, type %d, %s", axes, kind, table.concat(parts, ", "))
 end
 
 -- Two texts, separated and padded with NUL. The second ends with a line feed.
@@ -1089,7 +1094,7 @@ local function status(name, at)
 end
 
 local function hardware_version(data, tree)
-  return "arm: Alpha1, hardware: " .. counted(data, tree)
+  return "arm: Alpha1, " .. fact("hardware", counted(data, tree))
 end
 
 local function running(data, tree)

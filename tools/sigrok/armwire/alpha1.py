@@ -9,6 +9,7 @@ from .framing import (
     Padding,
     Stray,
     escaped,
+    fact,
     hexadecimal,
     verify,
     wrong_byte,
@@ -239,7 +240,7 @@ def status(name, at):
 
 def hardware_version(data):
     """Return the version of the hardware."""
-    return "arm: Alpha1, hardware: " + escaped(data.bytes[1:])
+    return "arm: Alpha1, " + fact("hardware", escaped(data.bytes[1:]))
 
 
 def running(data):
@@ -309,7 +310,7 @@ class Alpha1:
         layout = LAYOUTS[side].get(first)
         if layout and (len(window) == 1 or window[1] == swapped(first)):
             return scan_frame(window, layout)
-        if first == self.acknowledgement():
+        if side == RX and first == self.acknowledgement():
             return Frame(1)
         if first == 0:
             return Padding(1)

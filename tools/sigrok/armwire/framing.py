@@ -8,8 +8,11 @@ class Frame:
         self.len = length
 
 
-class Padding(Frame):
+class Padding:
     """Bytes between frames that are no error."""
+
+    def __init__(self, length):
+        self.len = length
 
 
 class Need:
@@ -94,6 +97,11 @@ def wrong_length(got, least, most):
 def wrong_byte(at, got, expected):
     """Judge a byte with none of its allowed values."""
     return Noise("byte {} is 0x{:02x}, expected {}".format(at, got, expected))
+
+
+def fact(name, text):
+    """Return a name and its text, if there is any."""
+    return "{}: {}".format(name, text) if text else name
 
 
 def hexadecimal(data):

@@ -3,7 +3,7 @@
 import zlib
 from math import pi
 
-from .framing import Data, Message, Need, Stray, escaped, hexadecimal, verify, wrong_length
+from .framing import Data, Message, Need, Stray, escaped, fact, hexadecimal, verify, wrong_length
 
 RX, TX = 0, 1
 HEADER, TAIL = 0xAA, 0xFF
@@ -117,11 +117,11 @@ def information(data):
     serial = escaped(data.bytes[:16].split(b"\0")[0])
     versions = [int.from_bytes(data.bytes[at : at + 4], "little") for at in (16, 20)]
     hardware, firmware = ("v{}.{:02}".format(version // 100, version % 100) for version in versions)
-    data.note(0, 16, "serial: " + serial)
+    data.note(0, 16, fact("serial", serial))
     data.note(16, 4, "hardware: " + hardware)
     data.note(20, 4, "firmware: " + firmware)
     kind = KINDS.get(data.bytes[:3], "Ling, of a kind that the serial number does not tell")
-    return "arm: {}, serial: {}, hardware: {}, firmware: {}".format(kind, serial, hardware, firmware)
+    return "arm: {}, {}, hardware: {}, firmware: {}".format(kind, fact("serial", serial), hardware, firmware)
 
 
 def stroke(data):
