@@ -1,11 +1,14 @@
 -- Wireshark dissectors for robot arms: Ling / Alicia-D of both generations, UFACTORY xArm, UBTECH Alpha1.
 --
--- Recordings of `armwire decode --pcapng` have link type USER0 for Ling, USER1 for xArm and USER2 for Alpha1. A packet is
--- one byte, 0 from the host to the arm or 1 from the arm to the host, and one frame or damaged bytes. xArm frames and
--- reports are read on TCP, too. Texts are those of `armwire decode`. docs/analysers.md has a guide.
+-- Recordings of `armwire decode --pcapng` have link type USER0 for Ling, USER1 for xArm and USER2 for Alpha1. A packet
+-- is one byte of direction and one frame, or damaged bytes. The direction is 0 from the host to the arm, 1 from the arm
+-- to the host, and 2 if it is not known. xArm frames and reports are read on TCP, too. Texts are those of
+-- `armwire decode`. docs/analysers.md has a guide.
 
-local HOST, ARM = 0, 1
-local DIRECTIONS = { [HOST] = "to the arm", [ARM] = "from the arm" }
+local HOST, ARM, UNKNOWN = 0, 1, 2
+local DIRECTIONS = { [HOST] = "to the arm", [ARM] = "from the arm", [UNKNOWN] = "unknown" }
+local SOURCES = { [HOST] = "host", [ARM] = "arm", [UNKNOWN] = "?" }
+local DESTINATIONS = { [HOST] = "arm", [ARM] = "host", [UNKNOWN] = "?" }
 
 -- Views: bytes of a packet. Offsets begin at 0.
 
@@ -131,7 +134,7 @@ end
 -- Damage: the reasons for which bytes are no frame.
 
 local function truncated(missing)
-  return { kind = "truncated", text = string.format("line went idle with %d bytes missing", missing) }
+  return { kind = "truncated", text = string.format("no whole frame, %d bytes missing", missing) }
 end
 
 local function stray()
@@ -228,13 +231,12 @@ local function dissect_recorded(arm)
     local direction = tvb:len() > 1 and tvb:range(0, 1):uint()
     if not DIRECTIONS[direction] then
       pinfo.cols.protocol, pinfo.cols.info = arm.name, "no packet of a recording"
-      local text = "a packet is 0 or 1 and at least one byte of the line"
+      local text = "a packet is 0, 1 or 2 and at least one byte of the line"
       root:add(arm.proto):add_proto_expert_info(arm.experts.byte, text)
       return
     end
     local tree = root:add(arm.proto, tvb:range())
-    pinfo.cols.src = direction == HOST and "host" or "arm"
-    pinfo.cols.dst = direction == HOST and "arm" or "host"
+    pinfo.cols.src, pinfo.cols.dst = SOURCES[direction], DESTINATIONS[direction]
     show(arm, View.new(tvb, 1, tvb:len() - 1), direction, pinfo, tree)
   end
 end
@@ -460,8 +462,8 @@ local function self_check(data, tree)
   return "self-check: servos not normal: " .. table.concat(faulty, ", ") .. hint
 end
 
--- Messages by command * 256 + function. Each takes the data and the tree and returns the meaning, or nothing for data of
--- another length or value.
+-- Messages by command * 256 + function. Each takes the data and the tree and returns the meaning, or nothing for data
+-- of another length or value.
 local LING = {
   [HOST] = {
     [0x0100] = asked("read information"),
@@ -485,6 +487,7 @@ local LING = {
     [0x0602] = velocities,
     [0xFE00] = self_check,
   },
+  [UNKNOWN] = {},
 }
 
 -- The older generation: AA, command, length, data, parity, FF. It only sends. Nine servos move six joints.
@@ -571,7 +574,7 @@ local xarm_fields = {
   parameters = ProtoField.bytes("xarm.parameters", "Parameters"),
   text = ProtoField.string("xarm.text", "Text"),
   joint = ProtoField.uint8("xarm.joint", "Joint"),
-  torque_source = ProtoField.uint8("xarm.torque_source", "Torque source", base.DEC, { [0] = "torque", [1] = "current" }),
+  source = ProtoField.uint8("xarm.torque_source", "Torque source", base.DEC, { [0] = "torque", [1] = "current" }),
   radius = ProtoField.float("xarm.rotation_radius", "Rotation radius (mm)"),
   control = ProtoField.uint8("xarm.control", "System control", base.DEC, { [1] = "shut down", [2] = "reboot" }),
   unit = ProtoField.uint8("xarm.modbus.unit", "Modbus unit"),
@@ -622,12 +625,25 @@ local function control(params, tree)
   return text
 end
 
+-- The reason for which a text is no version; or nothing.
+local function version_error(text)
+  if text:find("[^ -~]") then return "the version is not printable ASCII" end
+  local _, commas = text:gsub(",", ",")
+  if commas ~= 4 then
+    return string.format("the version has %d fields, expected axes,type,arm,control box,firmware", commas + 1)
+  end
+  local axes, kind = text:match("^(%d+),"), text:match("^[^,]*,(%d+),")
+  if not axes or tonumber(axes) > 255 then return "the number of axes in the version is not a number up to 255" end
+  if not kind or tonumber(kind) > 255 then return "the type in the version is not a number up to 255" end
+end
+
 -- The parts of a version: axes, type, arm, control box, firmware.
 local function xarm_version(params, tree)
-  local text = params:text(true)
-  tree:add(xarm_fields.text, params:range(0, params.len), text)
+  local escaped, text = params:text(true), params:range(0, params.len):raw():match("^[^\0]*")
+  tree:add(xarm_fields.text, params:range(0, params.len), escaped)
+  local error = version_error(text)
+  if error then return "arm: xArm, " .. fact("version", string.format("%s (%s)", escaped, error)) end
   local axes, kind, arm, box, firmware = text:match("^(%d+),(%d+),([^,]*),([^,]*),([^,]*)$")
-  if not axes then return "arm: xArm, " .. fact("version", text) end
   local parts = { fact("hardware", arm), fact("control box", box), fact("firmware", firmware) }
   return string.format("arm: xArm, %d axes, type %d, %s", axes, kind, table.concat(parts, ", "))
 end
@@ -651,7 +667,7 @@ local TORQUE_SOURCES = { [0] = "the joints' torque, computed", [1] = "the servos
 local function torque_source(params, tree)
   local text = params.len == 1 and TORQUE_SOURCES[params:byte(0)]
   if not text then return nil end
-  tree:add(xarm_fields.torque_source, params:range(0, 1), params:byte(0))
+  tree:add(xarm_fields.source, params:range(0, 1), params:byte(0))
   return "torque: " .. text
 end
 
@@ -898,6 +914,7 @@ local LAYOUTS = {
     [0xFC] = 6,
   },
 }
+LAYOUTS[UNKNOWN] = LAYOUTS[ARM]
 
 local function alpha1_checksum(view)
   return view:sum() % 256
@@ -1143,6 +1160,7 @@ local ALPHA1 = {
     [0xFC] = servo_version,
   },
 }
+ALPHA1[UNKNOWN] = ALPHA1[ARM]
 
 -- The byte of a servo that acknowledges the last request.
 local function is_acknowledgement(view, direction, pinfo)

@@ -1,5 +1,6 @@
 //! `cargo xtask recordings`: recordings of virtual arms, read by other programs.
 
+mod dissectors;
 mod mcap;
 
 use anyhow::Result;
@@ -10,5 +11,6 @@ use anyhow::Result;
 ///
 /// The first check that fails.
 pub(crate) fn run_all() -> Result<()> {
-    mcap::check()
+    mcap::check()?;
+    dissectors::check()
 }
