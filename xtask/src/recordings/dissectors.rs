@@ -3,8 +3,9 @@
 //! Both get the same recordings: every frame of the documents, which the fuzz corpus has, and every short frame that the
 //! command takes for a message. So a new message fails the check until both have its name.
 
-use std::fmt::Write;
+use std::fmt::{self, Display, Write};
 use std::fs;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -31,6 +32,10 @@ const REPORT: u8 = 135;
 const REPORT_NUMBERS: usize = 32;
 /// A heartbeat with a wrong last byte, and a frame without a register.
 const XARM_ERRORS: [&[u8]; 2] = [&[0, 0, 0, 1, 0, 2, 0, 5], &[0, 1, 0, 2, 0, 0]];
+/// Bytes that have a meaning somewhere: codes, answers, end marks, limits.
+const VALUES: [u8; 16] = [
+    0x00, 0x01, 0x02, 0x03, 0x04, 0x10, 0x11, 0x5A, 0x80, 0xAA, 0xE1, 0xE2, 0xED, 0xEE, 0xFE, 0xFF,
+];
 /// Samples of a bit on a line, at 1 Mbaud and 8 MHz.
 const BIT: usize = 8;
 
@@ -88,7 +93,7 @@ pub(crate) fn check() -> Result<()> {
 /// Installs the tools if they are missing.
 fn find_tools() -> Result<()> {
     let is_missing = |tool: &&str| output(Command::new(tool).arg("--version")).is_err();
-    let missing: Vec<_> = TOOLS.into_iter().filter(|tool| is_missing(&tool)).collect();
+    let missing: Vec<_> = TOOLS.into_iter().filter(is_missing).collect();
     ensure!(
         missing.is_empty() || apt::install(&missing)?,
         "tools are missing; run `sudo apt-get install --no-install-recommends {}`",
@@ -103,6 +108,7 @@ fn compare(tools: &Tools, line: &Line) -> Result<()> {
     let Some(first) = frames.first().cloned() else {
         bail!("{CORPUS} has no frames of {:?}", line.documents);
     };
+    let variants: Vec<_> = frames.iter().flat_map(|frame| line.variants(frame)).collect();
     let messages = tools.decode(line, &line.short_frames().concat())?;
     frames.extend(
         messages
@@ -110,14 +116,14 @@ fn compare(tools: &Tools, line: &Line) -> Result<()> {
             .filter(|(_, text)| is_message(text))
             .map(|(bytes, _)| bytes),
     );
-    let recording = [line.damage(&frames), first.repeat(LAST_FRAMES)].concat();
+    let recording = [line.damage(&frames), variants.concat(), first.repeat(LAST_FRAMES)].concat();
     let expected = tools.decode(line, &recording)?;
     check_equal(line, "tshark", &expected, &tools.dissect(line, &recording)?)?;
     // An xArm has no UART.
     if line.arm != "xarm" {
         let mut named = tools.annotate(line.arm, &[(line.from, recording)])?;
         let mut expected = expected.clone();
-        if line.documents == OLDER {
+        if line.is_older() {
             // sigrok's decoder tells the generation frame by frame, and damage has another reason in each.
             named.retain(|text| !is_noise(text));
             expected.retain(|(_, text)| !is_noise(text));
@@ -125,12 +131,8 @@ fn compare(tools: &Tools, line: &Line) -> Result<()> {
         check_equal(line, "sigrok-cli", &expected, &named)?;
     }
     let messages = expected.iter().filter(|(_, text)| is_message(text)).count();
-    println!(
-        "{} from {}: {messages} messages and {} damaged or unknown are named",
-        line.arm,
-        line.from,
-        expected.len() - messages
-    );
+    let others = expected.len() - messages;
+    println!("{line}: {messages} messages and {others} damaged or unknown are named");
     Ok(())
 }
 
@@ -141,9 +143,7 @@ fn check_equal(line: &Line, tool: &str, expected: &[Item], got: &[String]) -> Re
         let is_cut = is_noise(text) && got.starts_with("noise: no whole frame");
         ensure!(
             got == plain(text) || is_cut,
-            "{} from {}, item {nth}, {bytes:02X?}: `armwire decode` says '{text}', {tool} '{got}'",
-            line.arm,
-            line.from
+            "{line}, item {nth}, {bytes:02X?}: `armwire decode` says '{text}', {tool} '{got}'"
         );
     }
     ensure!(
@@ -278,9 +278,24 @@ fn check_random_packets(tools: &Tools) -> Result<()> {
     Ok(())
 }
 
+impl Display for Line {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let generation = if self.is_older() {
+            " of the older generation"
+        } else {
+            ""
+        };
+        write!(f, "{}{generation}, from the {}", self.arm, self.from)
+    }
+}
+
 impl Line {
     const fn new(arm: &'static str, from: &'static str, documents: &'static [(&'static str, usize)]) -> Self {
         Self { arm, from, documents }
+    }
+
+    fn is_older(&self) -> bool {
+        self.documents == OLDER
     }
 
     fn document_frames(&self) -> Result<Vec<Vec<u8>>> {
@@ -291,16 +306,52 @@ impl Line {
         Ok(frames)
     }
 
-    /// A frame for each header, with one value or none.
+    /// A frame for each header, with one value or none. The older generation has no short ones.
     fn short_frames(&self) -> Vec<Vec<u8>> {
         let all = 0..=u8::MAX;
         match self.arm {
+            "ling" if self.is_older() => Vec::new(),
             "ling" => all
                 .clone()
                 .flat_map(|command| (0..=u8::MAX).map(move |f| ling_frame(command, f)))
                 .collect(),
             "xarm" => all.flat_map(xarm_frames).collect(),
             _ => all.flat_map(alpha1_frames).collect(),
+        }
+    }
+
+    /// The frame with other values: the first and the last byte of the data are each of [`VALUES`], the others one of them.
+    fn variants(&self, frame: &[u8]) -> Vec<Vec<u8>> {
+        let (data, check) = self.data(frame);
+        let mut variants = Vec::new();
+        for at in data.clone() {
+            let is_end = at == data.start || at + 1 == data.end;
+            for (nth, value) in VALUES.iter().enumerate() {
+                if is_end || nth == at % VALUES.len() {
+                    let mut variant = frame.to_vec();
+                    variant[at] = *value;
+                    if let Some((from, check)) = check {
+                        variant[data.end] = check(&variant[from..data.end]);
+                    }
+                    variants.push(variant);
+                }
+            }
+        }
+        variants
+    }
+
+    /// The place of the data in a frame, and of the bytes in its checksum, which comes behind them.
+    fn data(&self, frame: &[u8]) -> (Range<usize>, Option<(usize, Check)>) {
+        let end = frame.len().saturating_sub(2);
+        match (self.arm, self.from) {
+            ("ling", _) if self.is_older() => (3..end, Some((3, parity))),
+            ("ling", _) => (4..end, Some((1, crc))),
+            // The state: others are floating-point numbers, whose text has another precision.
+            ("xarm", "arm") => (7..8, None),
+            ("xarm", _) => (7..frame.len(), None),
+            // A status has no checksum.
+            _ if frame.len() <= 4 => (0..0, None),
+            _ => (2..end, Some((2, sum))),
         }
     }
 
@@ -348,11 +399,25 @@ fn document_frames(name: &str, start: usize) -> Result<Vec<Vec<u8>>> {
     Ok(frames)
 }
 
+/// A checksum of bytes.
+type Check = fn(&[u8]) -> u8;
+
+fn crc(bytes: &[u8]) -> u8 {
+    Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(bytes) as u8
+}
+
+fn sum(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
+}
+
+fn parity(bytes: &[u8]) -> u8 {
+    sum(bytes) & 1
+}
+
 /// A frame with the data byte of most requests.
 fn ling_frame(command: u8, function: u8) -> Vec<u8> {
     let body = [command, function, 1, 0xFE];
-    let crc = Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(&body);
-    [&[0xAA][..], &body, &[crc as u8, 0xFF]].concat()
+    [&[0xAA][..], &body, &[crc(&body), 0xFF]].concat()
 }
 
 /// Frames with no parameter, and with one.
@@ -365,10 +430,7 @@ fn xarm_frames(register: u8) -> [Vec<u8>; 2] {
 
 /// The frames of a row, and of a command to a servo, with no value and with one.
 fn alpha1_frames(byte: u8) -> Vec<Vec<u8>> {
-    let frame = |row: u8, data: [u8; 6]| {
-        let check = data.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
-        [&[row, row.rotate_left(4)][..], &data, &[check, 0xED]].concat()
-    };
+    let frame = |row: u8, data: [u8; 6]| [&[row, row.rotate_left(4)][..], &data, &[sum(&data), 0xED]].concat();
     vec![
         frame(byte, [0; 6]),
         frame(byte, [1, 0, 0, 0, 0, 0]),
@@ -429,8 +491,11 @@ impl Tools {
         let file = self.dir.join("recording");
         fs::write(&file, recording)?;
         let mut decode = Command::new(&self.armwire);
-        decode.args(["decode", "--format", "raw", "--arm", line.arm, "--from", line.from]);
-        decode.arg(file);
+        decode.args(["decode", "--format", "raw", "--arm", line.arm]).arg(file);
+        // Frames of Ling tell their sender.
+        if line.arm != "ling" {
+            decode.args(["--from", line.from]);
+        }
         Ok(decode)
     }
 
