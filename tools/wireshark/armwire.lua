@@ -28,24 +28,26 @@ function View:range(at, len)
   return self.tvb:range(self.start + at, len)
 end
 
+-- Numbers are integers: in newer versions of Lua, a floating-point number has another text.
+
 function View:byte(at)
-  return self:range(at, 1):uint()
+  return math.floor(self:range(at, 1):uint())
 end
 
 function View:le16(at)
-  return self:range(at, 2):le_uint()
+  return math.floor(self:range(at, 2):le_uint())
 end
 
 function View:be16(at)
-  return self:range(at, 2):uint()
+  return math.floor(self:range(at, 2):uint())
 end
 
 function View:le32(at)
-  return self:range(at, 4):le_uint()
+  return math.floor(self:range(at, 4):le_uint())
 end
 
 function View:be32(at)
-  return self:range(at, 4):uint()
+  return math.floor(self:range(at, 4):uint())
 end
 
 function View:float(at)
@@ -837,6 +839,7 @@ local function dissect_report(tvb, pinfo, root)
   if view.len > MIN_REPORT then tree:add(xarm_fields.report_rest, view:range(MIN_REPORT, view.len - MIN_REPORT)) end
   local joints = list(AXES, function(nth) return string.format("%+.2f°", math.deg(view:float(4 * nth + 3))) end)
   local text = string.format("report: joints %s, state %d, mode %d", joints, state, mode)
+  tree:append_text(", " .. text)
   tree:add(xarm_fields.message, view:range(0, view.len), text)
   pinfo.cols.info = text
   return view.len
