@@ -165,7 +165,7 @@ local function verify(view, total, from, checksum, tail)
 end
 
 -- A protocol: `scan` returns the damage of a packet's bytes, or nothing and the length of a frame at their beginning;
--- `message` fills the tree and returns the meaning of a frame, or nothing.
+-- `message` fills the tree and returns the meaning of a frame, or nothing, and whether the arm refused or failed.
 
 local function protocol(name, title, fields, functions)
   local proto = Proto(name, title)
@@ -207,9 +207,10 @@ local function show_damage(arm, view, damage, pinfo, tree)
 end
 
 local function show_message(arm, view, direction, pinfo, tree)
-  local text = arm.message(view, direction, tree, pinfo)
+  local text, is_failure = arm.message(view, direction, tree, pinfo)
   local item = tree:add(arm.fields.message, view:range(0, view.len), text or "no message")
   if not text then item:add_proto_expert_info(arm.experts.unknown) end
+  if is_failure then item:add_proto_expert_info(arm.experts.failed) end
   tree:append_text(", " .. (text or "no message"))
   pinfo.cols.info = text or "no message: " .. view:hex()
 end
@@ -459,8 +460,8 @@ local function self_check(data, tree)
   end
   local faulty = bits(mask, FOLLOWER, false)
   if #faulty == 0 then return string.format("self-check: all %d servos normal", FOLLOWER) end
-  local has_leader_servos = math.floor(mask / 2 ^ LEADER) % 2 ^ (FOLLOWER - LEADER) == 0
-  local hint = has_leader_servos and " (a leader has none of 7 to 10)" or ""
+  local lacks_rest = math.floor(mask / 2 ^ LEADER) % 2 ^ (FOLLOWER - LEADER) == 0
+  local hint = lacks_rest and " (a leader has none of 7 to 10)" or ""
   return "self-check: servos not normal: " .. table.concat(faulty, ", ") .. hint
 end
 
@@ -723,11 +724,10 @@ end
 local function xarm_answer(register, body, tree)
   if body.len < 2 then return nil end
   local state = body:byte(1)
-  local item = tree:add(xarm_fields.state, body:range(1, 1), state):append_text(" " .. state_text(state))
+  tree:add(xarm_fields.state, body:range(1, 1), state):append_text(" " .. state_text(state))
   local text = xarm_reply(register, state, body:part(2, body.len - 2), tree)
-  if not text then return nil end
-  if not bit(state, INVALID) then return text .. ", state: " .. state_text(state) end
-  return text, item
+  if not text or bit(state, INVALID) then return text, text ~= nil end
+  return text .. ", state: " .. state_text(state)
 end
 
 -- Standard Modbus TCP has the same header. An arm has none of its functions.
@@ -763,8 +763,6 @@ local function scan_xarm(view, direction)
   return nil, total
 end
 
-local xarm
-
 local function xarm_message(view, direction, tree)
   local transaction, id, register = view:be16(0), view:be16(2), view:byte(XARM_HEADER)
   tree:add(xarm_fields.transaction, view:range(0, 2), transaction)
@@ -772,7 +770,7 @@ local function xarm_message(view, direction, tree)
   tree:add(xarm_fields.length, view:range(4, 2), view:be16(4))
   if id == HEARTBEAT then return "heartbeat" end
   local body = view:part(XARM_HEADER, view.len - XARM_HEADER)
-  local text, refusal
+  local text, is_refusal
   if id == MODBUS then
     text = xarm_modbus(body, direction, tree)
   else
@@ -780,14 +778,13 @@ local function xarm_message(view, direction, tree)
     if direction == HOST then
       text = xarm_request(register, body:part(1, body.len - 1), tree)
     else
-      text, refusal = xarm_answer(register, body, tree)
+      text, is_refusal = xarm_answer(register, body, tree)
     end
   end
-  if refusal then refusal:add_proto_expert_info(xarm.experts.failed) end
-  return text and text .. xarm_envelope(transaction, id)
+  return text and text .. xarm_envelope(transaction, id), is_refusal
 end
 
-xarm = protocol("xarm", "UFACTORY xArm", xarm_fields, {
+local xarm = protocol("xarm", "UFACTORY xArm", xarm_fields, {
   name = "xArm",
   scan = scan_xarm,
   message = xarm_message,
@@ -1090,7 +1087,7 @@ local function servo_answer(data, tree, pinfo)
   tree:add(alpha1_fields.outcome, data:range(1, 1), outcome)
   local answer = request and (SERVO[request.command] or {}).answer
   if not answer then return nil end
-  return "servo " .. id .. ": " .. (outcome == FAILURE and "failed" or answer(data, tree))
+  return "servo " .. id .. ": " .. (outcome == FAILURE and "failed" or answer(data, tree)), outcome == FAILURE
 end
 
 local function servo_version(data, tree)
@@ -1099,7 +1096,8 @@ local function servo_version(data, tree)
   tree:add(alpha1_fields.servo, data:range(0, 1), id)
   tree:add(alpha1_fields.outcome, data:range(1, 1), outcome)
   tree:add(alpha1_fields.version, data:range(2, 4))
-  return "servo " .. id .. ": " .. (outcome == FAILURE and "failed" or "version " .. data:part(2, 4):hex())
+  local text = outcome == FAILURE and "failed" or "version " .. data:part(2, 4):hex()
+  return "servo " .. id .. ": " .. text, outcome == FAILURE
 end
 
 -- Answers of the robot.
@@ -1109,7 +1107,7 @@ local function status(name, at)
     local outcome = data:byte(at)
     if not OUTCOMES[outcome] or (at > 0 and not data:is_zero(at + 1)) then return nil end
     tree:add(alpha1_fields.outcome, data:range(at, 1), outcome)
-    return name .. (outcome == SUCCESS and ": done" or ": failed")
+    return name .. (outcome == SUCCESS and ": done" or ": failed"), outcome == FAILURE
   end
 end
 
@@ -1130,7 +1128,7 @@ local function firmware_version(data, tree)
   local outcome, text = data:byte(0), data:part(1, 10):text()
   if not OUTCOMES[outcome] then return nil end
   tree:add(alpha1_fields.outcome, data:range(0, 1), outcome)
-  if outcome == FAILURE then return "firmware: not told, the robot failed to" end
+  if outcome == FAILURE then return "firmware: not told, the robot failed to", true end
   tree:add(alpha1_fields.text, data:range(1, 10), text)
   local is_older = data:range(1, 10):raw() < OLDEST_FIRMWARE
   return "firmware: " .. text .. (is_older and ", before " .. OLDEST_FIRMWARE .. ", the first for this protocol" or "")
