@@ -21,9 +21,9 @@ pub fn ros_time(nanos: i64) -> (i32, u32) {
 
 /// The adapter's clock in system time.
 ///
-/// A message is delayed on its way to the host, by an unknown time that is never negative. So the least difference between
-/// the host's time of receipt and the stamp is nearest to the difference of the clocks. It is taken over the last
-/// two to four seconds, so that drift and steps of the system clock are followed.
+/// A message is delayed on its way to the host, by an unknown time that is never negative. So the least difference
+/// between the host's time of receipt and the stamp is nearest to the difference of the clocks. It is taken over the
+/// last two to four seconds, so that drift and steps of the system clock are followed.
 #[derive(Debug, Default)]
 pub struct Clock {
     windows: Option<Windows>,

@@ -1,4 +1,4 @@
-//! The frames of a CAN bus: what an adapter carries by ISO-TP, put together again.
+//! The frames of a CAN bus: reassembly of the ISO-TP PDUs of adapters.
 
 use std::collections::BTreeMap;
 
@@ -12,20 +12,20 @@ use super::{Speaker, frame_meaning};
 use crate::describe::{Arm, Protocol};
 use crate::printable::{cut, escaped};
 
-/// What is in the high half of a flow control frame's first byte.
+/// The high half of a flow control frame's first byte.
 const FLOW_CONTROL: u8 = 3;
-/// How many buses a log may have. There are PDUs on each to be put together.
+/// Maximum number of buses in a log. Each has PDUs in reassembly.
 const MAX_BUSES: usize = 32;
 
-/// One that only listens, and so has nothing to send.
+/// An ISO-TP endpoint that only receives.
 type Listener = Endpoint<MAX_MESSAGE, 1>;
 
-/// What is heard on the buses of a log.
+/// The buses of a log, and the counts for the sum.
 pub(super) struct Buses {
     protocol: Protocol,
     meaning: fn(Function, &[u8]) -> String,
     names: Vec<String>,
-    /// By the place of the bus's name, and by the identifier.
+    /// By the index of the bus's name, and by the identifier.
     listeners: BTreeMap<(usize, Id), Listener>,
     frames: u64,
     pdus: u64,
@@ -35,11 +35,11 @@ pub(super) struct Buses {
     events: u64,
 }
 
-/// Why a record cannot be taken.
+/// The reason why a record is refused.
 pub(super) enum Refused {
-    /// The log is at fault.
+    /// The log is damaged or not supported.
     Log(String),
-    /// The output takes no more.
+    /// The output failed.
     Output(std::io::Error),
 }
 
@@ -75,7 +75,7 @@ impl Buses {
                     self.cyclic += 1;
                     return Ok(());
                 }
-                // That is for the PDUs of the other direction.
+                // Flow control belongs to the PDUs of the other direction.
                 if frame.data().first().is_some_and(|byte| byte >> 4 == FLOW_CONTROL) {
                     return Ok(());
                 }
@@ -87,7 +87,7 @@ impl Buses {
         Ok(())
     }
 
-    /// The place of a bus's name.
+    /// The index of a bus's name.
     fn bus(&mut self, name: &str) -> Result<usize, Refused> {
         if let Some(bus) = self.names.iter().position(|there| there == name) {
             return Ok(bus);
@@ -113,7 +113,7 @@ impl Buses {
         let listener = self.listeners.entry((bus, frame.id())).or_insert_with(new);
         let late = listener.tick(time.at);
         let events = listener.receive(frame.data(), time.at);
-        // Whom it was for has sent the flow control.
+        // The receiver on the bus has sent the flow control itself.
         if listener.transmit(time.at).is_some() {
             listener.transmitted(time.at);
         }
@@ -146,7 +146,7 @@ impl Buses {
         Ok(())
     }
 
-    /// The sum.
+    /// Prints the sum.
     pub(super) fn finish(&self, out: &dyn Output) -> std::io::Result<()> {
         let Self {
             frames,
@@ -166,7 +166,7 @@ impl Buses {
     }
 }
 
-/// Where a frame was: `1609459200.000000  can0  node 15`, with what the log has of it.
+/// Time, bus and node of a frame: `1609459200.000000  can0  node 15`. Parts that the log lacks are left out.
 fn place(time: &Time<'_>, bus: &str, node: Node) -> String {
     let mut place = String::new();
     if !time.stamp.is_empty() {
@@ -194,7 +194,7 @@ fn sender(function: Function) -> Option<Speaker> {
     }
 }
 
-/// What a PDU says.
+/// The meaning of a PDU.
 fn pdu_meaning<P: Arm>(function: Function, pdu: &[u8]) -> String {
     match (sender(function), function) {
         (Some(from), _) => frame_meaning::<P>(pdu, from).unwrap_or_else(|reason| reason),

@@ -1,20 +1,20 @@
-//! Hexadecimal text as bytes, piece by piece.
+//! Conversion of hexadecimal text to bytes, piece by piece.
 
 use crate::error::Error;
 use crate::printable::cut;
 
-/// How much of a word is kept, in bytes, to name it when it means nothing: as much as is shown of it at least.
+/// Maximum length of a word that is kept for error messages, in bytes. Messages show no more.
 const MAX_WORD: usize = 512;
 
 /// Words of pairs of digits, with or without 0x before them, separated by white space, commas and colons.
 pub(super) struct Digits {
     line: usize,
     word: Vec<u8>,
-    /// The bytes of the word that were read.
+    /// Length of the word so far, in bytes.
     len: u64,
     /// The first digit of a pair.
     high: Option<u8>,
-    /// There was something else than digits in the word.
+    /// The word has a character that is no digit.
     is_wrong: bool,
 }
 
@@ -29,7 +29,7 @@ impl Digits {
         }
     }
 
-    /// Reads the next piece of text and adds the bytes that it means.
+    /// Reads the next piece of text and appends its bytes.
     pub(super) fn read(&mut self, name: &str, text: &[u8], bytes: &mut Vec<u8>) -> Result<(), Error> {
         for &byte in text {
             match byte {
@@ -43,7 +43,7 @@ impl Digits {
         Ok(())
     }
 
-    /// The end of the text, which ends a word.
+    /// Ends the text, and its last word.
     pub(super) fn finish(&mut self, name: &str) -> Result<(), Error> {
         self.end_word(name)
     }
@@ -90,7 +90,7 @@ impl Digits {
 mod tests {
     use super::*;
 
-    /// The bytes that a text means, read in pieces of so many bytes.
+    /// The bytes of a text that is read in pieces of `piece` bytes.
     fn parse(text: &str, piece: usize) -> Result<Vec<u8>, Error> {
         let (mut digits, mut bytes) = (Digits::new(), Vec::new());
         for piece in text.as_bytes().chunks(piece) {

@@ -1,4 +1,4 @@
-//! The format of a recording, told from its beginning.
+//! Detection of a recording's format from its first bytes.
 
 use clap::ValueEnum;
 
@@ -7,14 +7,14 @@ use super::log::candump::Candump;
 use super::log::{Record, TextLog, blf, csv, gvret};
 use crate::error::Error;
 
-/// What some editors begin UTF-8 text with.
+/// The UTF-8 byte order mark of some editors.
 pub(super) const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
-/// What a Vector ASC log begins with, in small letters.
+/// First words of a Vector ASC log, in lower case.
 const ASC: [&str; 2] = ["date ", "base "];
-/// What a PEAK trace begins with: version 1.0 with a line of hash signs.
+/// First characters of a PEAK trace. Version 1.0 has a line of number signs.
 const TRC: [&str; 2] = [";$", ";##"];
 
-/// What an MCAP file begins with.
+/// First bytes of an MCAP file.
 const MCAP: &[u8] = b"\x89MCAP0\r\n";
 
 /// The format of a recording.
@@ -24,7 +24,7 @@ pub(crate) enum Format {
     Raw,
     /// The bytes of a line as hexadecimal text, such as 'AA 06 00 01 FE 9A FF'.
     Hex,
-    /// A log of 'candump -L', or what 'candump' prints.
+    /// A log of 'candump -L', or the output of 'candump'.
     Candump,
     /// A Vector ASC log.
     Asc,
@@ -40,7 +40,7 @@ pub(crate) enum Format {
     Mcap,
 }
 
-/// Tells the format, reading as much as that takes.
+/// Detects the format. Reads as much as needed.
 pub(super) fn detect(input: &mut Input<'_>) -> Result<Format, Error> {
     let mut is_all = false;
     loop {
@@ -56,7 +56,8 @@ pub(super) fn detect(input: &mut Input<'_>) -> Result<Format, Error> {
     }
 }
 
-/// The format of a recording that begins so. None if that takes more bytes, or, where these are all, if there is none.
+/// The format of a recording with these first bytes. `None` if more bytes are needed or, if these are all, if the
+/// format is unknown.
 fn judge(bytes: &[u8], is_all: bool) -> Option<Format> {
     let may_become = |beginning: &[u8]| !is_all && beginning.starts_with(bytes);
     if bytes.starts_with(blf::SIGNATURE) {
@@ -72,20 +73,20 @@ fn judge(bytes: &[u8], is_all: bool) -> Option<Format> {
     let (_, line, is_ended) = first_line(text);
     let is_whole_line = is_all || is_ended;
     let line = String::from_utf8_lossy(line).trim().to_owned();
-    // These may have text of any language in them.
+    // These formats may contain text of any language.
     if let Some(format) = judge_beginning(&line) {
         return Some(format);
     }
     if is_whole_line && matches!(Candump.record(&line), Ok(Record::Frame(_))) {
         return Some(Format::Candump);
     }
-    // No frame is without a byte that no text has: AA in those of ling, ED of alpha1, 00 of xarm.
+    // Each frame has a byte that no text has: AA for ling, ED for alpha1, 00 for xarm.
     if !text.is_ascii() || text.contains(&0) {
         return Some(Format::Raw);
     }
     match line.bytes().next() {
         _ if !is_whole_line => None,
-        // Nothing is no text.
+        // An empty recording has no frames in any format.
         None => is_all.then_some(Format::Hex),
         Some(b'(') => Some(Format::Candump),
         Some(_) if begins_with_digits(&line) => Some(Format::Hex),
@@ -110,14 +111,14 @@ fn judge_beginning(line: &str) -> Option<Format> {
     begins(gvret::HEADER).then_some(Format::Gvret)
 }
 
-/// Whether the first word is digits, as far as it is there.
+/// Returns true if the available part of the first word is hexadecimal digits.
 fn begins_with_digits(line: &str) -> bool {
     let word = line.split([' ', '\t', ',', ':']).next().unwrap_or_default();
     let digits = word.strip_prefix("0x").or(word.strip_prefix("0X")).unwrap_or(word);
     !digits.is_empty() && digits.bytes().all(|digit| digit.is_ascii_hexdigit())
 }
 
-/// The first line that is not blank, its number, and whether its end is there.
+/// The first line that is not blank, its number, and true if its end was read.
 fn first_line(text: &[u8]) -> (u64, &[u8], bool) {
     let is_blank = |line: &[u8]| line.iter().all(u8::is_ascii_whitespace);
     let mut lines = text.split_inclusive(|&byte| byte == b'\n').zip(1..);

@@ -8,26 +8,26 @@ use super::output::Output;
 use crate::error::Error;
 use crate::printable::cut;
 
-/// How many bytes are kept at most. The format of a recording is told from them.
+/// Size of the buffer, in bytes. The format of a recording is detected in it.
 const CAPACITY: usize = 64 * 1024;
-/// The longest line of a log that is read whole, in bytes. No format has one of a quarter of that.
+/// Maximum length of a line, in bytes: more than four times the longest line of every format.
 const MAX_LINE: usize = 4 * 1024;
 
-/// A recording that is being read. Before it waits for more, it has the output shown.
+/// A recording that is being read. The output is flushed before each wait for input.
 pub(super) struct Input<'a> {
     name: String,
     source: Box<dyn Read + 'a>,
     out: &'a dyn Output,
     buffer: Vec<u8>,
-    /// What is left to take of the buffer.
+    /// The unread part of the buffer.
     start: usize,
     end: usize,
-    /// How many bytes were taken before.
+    /// Number of bytes consumed.
     offset: u64,
-    /// How many lines were begun.
+    /// Number of lines begun.
     lines: u64,
     line: Vec<u8>,
-    /// The last line was cut, and its rest is yet to be skipped.
+    /// The last line was cut, and its rest is not skipped yet.
     is_cut: bool,
 }
 
@@ -56,12 +56,12 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// What was read and not taken yet.
+    /// The bytes in the buffer that are not consumed yet.
     pub(super) fn buffered(&self) -> &[u8] {
         &self.buffer[self.start..self.end]
     }
 
-    /// Reads more, waiting for it. False at the end of the recording, or if there is no room.
+    /// Reads more, and waits for it. Returns false at the end of the recording, and if the buffer is full.
     pub(super) fn more(&mut self) -> Result<bool, Error> {
         let read = self.read_more();
         read.map_err(|error| self.failed(error))
@@ -84,7 +84,7 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// Skips what some editors begin UTF-8 text with.
+    /// Skips a byte order mark.
     pub(super) fn skip_byte_order_mark(&mut self) -> Result<(), Error> {
         while BYTE_ORDER_MARK.starts_with(self.buffered()) && self.buffered() != BYTE_ORDER_MARK && self.more()? {}
         if self.buffered().starts_with(BYTE_ORDER_MARK) {
@@ -93,7 +93,7 @@ impl<'a> Input<'a> {
         Ok(())
     }
 
-    /// How many bytes were taken.
+    /// Number of bytes consumed.
     pub(super) fn offset(&self) -> u64 {
         self.offset
     }
@@ -116,8 +116,8 @@ impl<'a> Input<'a> {
         }))
     }
 
-    /// Takes to the end of the line and keeps up to `room` bytes of it. False if these are not all, with bytes left to
-    /// take; with no room the bytes are skipped.
+    /// Consumes the line up to its end and keeps up to `room` bytes. Returns false if bytes of the line are left. If
+    /// `room` is 0, the bytes are skipped.
     fn take_line(&mut self, room: usize) -> Result<bool, Error> {
         loop {
             if self.buffered().is_empty() && !self.more()? {
@@ -145,12 +145,12 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// The recording cannot be read.
+    /// The error of a failed read.
     pub(super) fn failed(&self, error: io::Error) -> Error {
         Error::at(&self.name, error)
     }
 
-    /// A line has no meaning.
+    /// The error of a line that cannot be decoded.
     pub(super) fn refused_line(&self, number: u64, text: &str, reason: &str) -> Error {
         Error::at(
             &self.name,
@@ -158,7 +158,7 @@ impl<'a> Input<'a> {
         )
     }
 
-    /// The bytes at an offset have no meaning.
+    /// The error of bytes that cannot be decoded.
     pub(super) fn refused_at(&self, offset: u64, reason: &str) -> Error {
         Error::at(&self.name, format_args!("byte {offset}: {reason}"))
     }

@@ -1,4 +1,4 @@
-//! `armwire decode`: the frames in a recording, what they mean, and what is between them.
+//! `armwire decode`: the frames in a recording, their meaning, and the bytes between them.
 
 mod bus;
 mod digits;
@@ -41,22 +41,23 @@ use recording::{Frames, LingFrames, Recording};
 /// The arguments of `armwire decode`.
 #[derive(Args)]
 pub(crate) struct Decode {
-    /// A recording: of 'armwire monitor --mcap'; or the bytes of a line, raw or as hexadecimal text; or a log of a CAN bus
-    /// from candump, Vector (ASC, BLF), PEAK (TRC), python-can (CSV), or SavvyCAN (GVRET CSV). - is standard input.
+    /// Recording, or - for standard input: an MCAP file of 'armwire monitor'; the bytes of a line, raw or as
+    /// hexadecimal text; or a log of a CAN bus from candump, Vector (ASC, BLF), PEAK (TRC), python-can (CSV), or
+    /// SavvyCAN (GVRET CSV).
     #[arg(default_value = "-")]
     file: PathBuf,
-    /// Format of the recording. Without it, the format is told from the recording's beginning.
+    /// Format of the recording. By default it is detected from the first bytes.
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// Kind of arm. An MCAP recording tells it.
+    /// Kind of arm. MCAP recordings contain it.
     #[arg(long, value_enum, default_value_t)]
     arm: ArmKind,
-    /// Sender of the bytes. An MCAP recording and frames of ling tell it. Frames of xarm and alpha1 do not: without this option they are the
-    /// arm's. The meaning of a servo's answer depends on the request, so it is shown as it is.
+    /// Sender of the bytes. MCAP recordings and frames of ling contain it; frames of xarm and alpha1 are the arm's by
+    /// default. Answers of a servo are shown as bytes: their meaning depends on the request.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
-    /// Write the frames, and the bytes between them, to a pcapng file for Wireshark instead of printing them; - is standard
-    /// output. An existing file is not replaced.
+    /// Write the frames, and the bytes between them, to this pcapng file for Wireshark, or to standard output for -.
+    /// Only the sum is printed. An existing file is not replaced.
     #[arg(long, value_name = "OUT")]
     pcapng: Option<PathBuf>,
 }
@@ -77,17 +78,18 @@ impl Decode {
             Some(path) => Box::new(Packets::create(path)?),
         };
         let decoded = decode_input(Input::new(name, source, &*out), &*out, self.format, self.arm, self.from);
-        // What came before an error is shown before it.
+        // Items before an error are shown before it.
         let shown = out.finish().map_err(Error::Output);
         decoded.and(shown)
     }
 }
 
-/// What `armwire decode` prints of a recording: lines for frames and what is between them, the last of them the sum.
+/// The output of `armwire decode` for a recording: an entry for each frame and for the bytes between frames, and the
+/// sum.
 ///
 /// # Errors
 ///
-/// What it says of an input that means nothing.
+/// The error message for an input that cannot be decoded.
 pub fn decode(input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Vec<String>, String> {
     let out = Entries::default();
     let input = Input::new("input".to_owned(), Box::new(input), &out);
@@ -116,7 +118,7 @@ fn decode_input(
     buses.finish(out).map_err(Error::Output)
 }
 
-/// A recording of a line.
+/// Decodes the bytes of a line.
 fn decode_line(
     mut input: Input<'_>,
     out: &dyn Output,
@@ -144,7 +146,7 @@ fn decode_line(
             }
             Some(digits) => digits.read(input.name(), piece, &mut bytes),
         };
-        // What came before an error is shown before it.
+        // Items before an error are shown before it.
         recording.push(&bytes, out).map_err(Error::Output)?;
         read?;
         bytes.clear();
@@ -164,7 +166,7 @@ fn decode_line(
     }
 }
 
-/// What is heard on the buses of this arm's adapters.
+/// A decoder for the buses of this arm's adapters.
 fn buses(arm: ArmKind) -> Result<Buses, Error> {
     match arm {
         ArmKind::Ling => Ok(Buses::new::<Ling>()),
@@ -173,7 +175,7 @@ fn buses(arm: ArmKind) -> Result<Buses, Error> {
     }
 }
 
-/// The expectation of a decoder that hears this side of the line.
+/// The expectation of a decoder for this sender.
 fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
     match from {
         Some(Speaker::Host) => arm.requests(),
@@ -181,7 +183,7 @@ fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
     }
 }
 
-/// The sender of a frame, as given or as the frame shows it, and its meaning.
+/// The sender of a frame, as given or as determined by the frame, and its meaning.
 fn meaning<P: Arm>(arm: &P, frame: &[u8], expect: P::Expect, from: Option<Speaker>) -> (Option<Speaker>, String) {
     let envelope = P::envelope(frame);
     let request = arm.parse_request(frame);
@@ -205,7 +207,7 @@ fn meaning<P: Arm>(arm: &P, frame: &[u8], expect: P::Expect, from: Option<Speake
 ///
 /// # Errors
 ///
-/// The reason why they are none.
+/// The reason why they are not.
 fn frame_meaning<P: Arm>(bytes: &[u8], from: Speaker) -> Result<String, String> {
     let arm = P::default();
     let expect = expected(&arm, Some(from));

@@ -1,6 +1,6 @@
 //! The frames of a recording as packets of a pcapng file, for Wireshark.
 //!
-//! A packet is a byte of [direction](direction) and then the bytes of a frame, or of a run between frames. The format is
+//! A packet is a byte of [direction] and then the bytes of a frame, or of a run between frames. The format is
 //! that of draft-ietf-opsawg-pcapng. Numbers are little-endian.
 
 use std::cell::RefCell;

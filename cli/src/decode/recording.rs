@@ -14,18 +14,18 @@ use crate::describe::Arm;
 
 /// The longest run of stray bytes in one entry.
 const MAX_STRAY: usize = 1024;
-/// How many bytes without a frame are kept until the generation of a Ling arm is given up to be told.
+/// Maximum number of bytes before the generation of a Ling arm is known. After that it is the current one.
 const MAX_UNTOLD: usize = 2048;
 
-/// Bytes from a line that become entries.
+/// A decoder of bytes from a line.
 pub(super) trait Recording {
     /// Takes the next bytes, in pieces of any size.
     fn push(&mut self, bytes: &[u8], out: &dyn Output) -> io::Result<()>;
 
-    /// The end of the recording.
+    /// Ends the recording, and prints the sum.
     fn finish(&mut self, out: &dyn Output) -> io::Result<()>;
 
-    /// Where and why nothing more can be read, on a line that loses nothing.
+    /// Offset and reason of the break of a lossless stream, after which nothing can be decoded.
     fn broken(&self) -> Option<(u64, Reason)>;
 }
 
@@ -34,9 +34,9 @@ pub(super) struct Frames<P: Arm> {
     arm: P,
     from: Option<Speaker>,
     expect: P::Expect,
-    /// The bytes that are not told yet.
+    /// The bytes that are not decoded yet.
     window: Vec<u8>,
-    /// Where the window begins.
+    /// Offset of the window in the recording.
     offset: u64,
     frames: u64,
     noise_bytes: u64,
@@ -64,7 +64,7 @@ impl<P: Arm> Frames<P> {
         }
     }
 
-    /// Tells all that can be told of the window.
+    /// Decodes as much of the window as possible.
     fn scan(&mut self, is_end: bool, out: &dyn Output) -> io::Result<()> {
         let window = std::mem::take(&mut self.window);
         let mut rest = &window[..];
@@ -82,10 +82,10 @@ impl<P: Arm> Frames<P> {
         Ok(())
     }
 
-    /// Tells the front of `rest`. Returns of how many bytes, none before more have come.
+    /// Decodes the front of `rest`. Returns the number of decoded bytes; 0 if more bytes are needed.
     fn scan_front(&mut self, rest: &[u8], is_end: bool, out: &dyn Output) -> io::Result<usize> {
         let verdict = match is_end {
-            // The end of the recording is as good as an idle line.
+            // The end of the recording counts as an idle line.
             true => self.arm.scan_idle(rest, self.expect),
             false => self.arm.scan(rest, self.expect),
         };
@@ -101,7 +101,7 @@ impl<P: Arm> Frames<P> {
                 return Ok(len);
             }
             Scan::Noise(_, Reason::Stray) => match self.stray(rest) {
-                // The run may go on.
+                // The run may continue.
                 len if len == rest.len() && len < MAX_STRAY && !is_end => return Ok(0),
                 len => (len, Reason::Stray),
             },
@@ -129,7 +129,7 @@ impl<P: Arm> Frames<P> {
         };
         let (mut start, mut end) = (0, len);
         match reason {
-            // All of it is shown, though but its first byte is given up: what follows may be a frame.
+            // All of it is shown, but only its first byte is skipped: the others may contain a frame.
             Reason::Checksum { .. } => {
                 end = self.decided(rest);
                 self.damaged = self.damaged.max(self.offset + end as u64);
@@ -163,7 +163,7 @@ impl<P: Arm> Frames<P> {
         self.item(offset, bytes, self.from, text, out)
     }
 
-    /// How many bytes at the front are stray, at most [`MAX_STRAY`].
+    /// Number of stray bytes at the front, at most [`MAX_STRAY`].
     fn stray(&self, bytes: &[u8]) -> usize {
         let mut len = 0;
         while len < bytes.len().min(MAX_STRAY)
@@ -174,7 +174,7 @@ impl<P: Arm> Frames<P> {
         len.min(MAX_STRAY)
     }
 
-    /// How many bytes it took to say what the front is: all of a frame that is damaged.
+    /// Number of bytes that the verdict about the front needed: all bytes of a damaged frame.
     fn decided(&self, bytes: &[u8]) -> usize {
         let undecided = |&len: &usize| matches!(self.arm.scan(&bytes[..len], self.expect), Scan::Need(_));
         (1..bytes.len()).take_while(undecided).count() + 1
@@ -215,7 +215,7 @@ impl<P: Arm> Recording for Frames<P> {
     }
 }
 
-/// A recording of a Ling arm, which may be of the older generation.
+/// A recording of a Ling arm of either generation.
 pub(super) struct LingFrames {
     from: Option<Speaker>,
     generation: Generation,
@@ -226,7 +226,7 @@ enum Generation {
     Told(Box<dyn Recording>),
 }
 
-/// The bytes that do not tell the generation yet.
+/// The bytes before the generation is known.
 struct Beginning {
     bytes: Vec<u8>,
     older: Detector,
@@ -243,7 +243,7 @@ impl LingFrames {
         Self { from, generation }
     }
 
-    /// The generation is told, or given up to be told: these were the bytes before.
+    /// Passes the bytes so far to the decoder of the generation.
     fn begin(&mut self, mut frames: Box<dyn Recording>, out: &dyn Output) -> io::Result<()> {
         if let Generation::Untold(beginning) = &self.generation {
             frames.push(&beginning.bytes, out)?;
@@ -256,7 +256,7 @@ impl LingFrames {
 impl Recording for LingFrames {
     fn push(&mut self, bytes: &[u8], out: &dyn Output) -> io::Result<()> {
         let mut bytes = bytes.iter();
-        // One by one, for the result must not depend on the pieces in which they come.
+        // Byte by byte: the result must not depend on the size of pieces.
         while let Generation::Untold(beginning) = &mut self.generation
             && let Some(&byte) = bytes.next()
         {
@@ -285,13 +285,13 @@ impl Recording for LingFrames {
     }
 
     fn broken(&self) -> Option<(u64, Reason)> {
-        // This line may lose bytes.
+        // A UART is not lossless.
         None
     }
 }
 
 impl Beginning {
-    /// Whether this byte is the last of a message of the current generation.
+    /// Returns true if this byte ends a message of the current generation.
     fn ends_current_message(&mut self, byte: u8) -> bool {
         let byte = [byte];
         let left = self.current.push(&byte);

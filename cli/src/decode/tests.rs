@@ -9,7 +9,7 @@ use armwire::messages::Messages;
 use super::output::Item;
 use super::*;
 
-/// A source that gives so many bytes at a time.
+/// A source that returns at most this number of bytes at a time.
 pub(super) struct Pieces<'a>(pub(super) &'a [u8], pub(super) usize);
 
 impl Read for Pieces<'_> {
@@ -21,7 +21,7 @@ impl Read for Pieces<'_> {
     }
 }
 
-/// What is printed of a recording, and the error, if there is one, in whatever pieces it comes.
+/// The entries of a recording, and the error if there is one. Both are the same for pieces of any size.
 pub(super) fn printed(
     recording: &[u8],
     format: Option<Format>,
@@ -53,7 +53,7 @@ fn lines(bytes: &[u8]) -> Vec<String> {
 }
 
 #[test]
-fn frames_and_noise_are_told_with_their_offsets() {
+fn frames_and_noise_have_their_offsets() {
     let mut bytes = vec![0x11, 0xAA, 0x06];
     bytes.extend([0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
     bytes.extend([0xAA, 0x04, 0x0E, 0x01, 0x01, 0x96, 0xFF, 0xAA, 0x01]);
@@ -87,7 +87,7 @@ fn damaged_frames_are_shown_once_with_inner_frames() {
 }
 
 #[test]
-fn whose_bytes_they_are_decides_what_frames_are() {
+fn sender_decides_the_meaning_of_frames() {
     let bytes = [0xF2, 0x2F, 0xAA, 0xED, 0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
     let lines = |from| of_line(&bytes, ArmKind::Alpha1, Some(from));
     let of_arm = lines(Speaker::Arm);
@@ -102,7 +102,7 @@ fn whose_bytes_they_are_decides_what_frames_are() {
 }
 
 #[test]
-fn what_a_servo_answers_is_not_guessed() {
+fn answer_of_a_servo_is_not_guessed() {
     let offset_or_what = [0xFA, 0xAF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED];
     let lines = of_line(
         &[&offset_or_what[..], &[0xAB]].concat(),
@@ -124,7 +124,7 @@ fn hid_report_padding_is_no_noise() {
 }
 
 #[test]
-fn stray_bytes_without_end_are_told_in_parts() {
+fn endless_stray_bytes_are_shown_in_parts() {
     let lines = lines(&[0x11; 2500]);
     let places: Vec<_> = lines
         .iter()
@@ -135,7 +135,7 @@ fn stray_bytes_without_end_are_told_in_parts() {
 }
 
 #[test]
-fn the_older_generation_is_told_behind_noise() {
+fn legacy_arm_is_recognised_after_noise() {
     let state = JointState {
         firmware: Firmware::V6_0,
         servos: [2048; SERVOS],
@@ -159,7 +159,7 @@ fn the_older_generation_is_told_behind_noise() {
     );
 }
 
-/// Somewhere for entries to go without being kept.
+/// An output that keeps nothing.
 pub(super) struct Nowhere;
 
 impl Output for Nowhere {
@@ -174,7 +174,7 @@ impl Output for Nowhere {
 
 #[test]
 fn memory_does_not_grow_with_a_recording() {
-    /// In bytes: the buffers of input, bytes and window are half of it.
+    /// Maximum memory, in bytes. The buffers of input, bytes and window take half of it.
     const MAX_MEMORY: u64 = 512 * 1024;
     const TOTAL: usize = 1024 * 1024;
     let state = [0, 9, 0, 2, 0, 3, 13, 0x10, 4];

@@ -1,5 +1,5 @@
-//! What an adapter hears from the arm, whoever has asked: the frames come with the time on its own clock, and nobody has
-//! to be kept from the arm's port.
+//! Readings from an adapter's events: the frames of the arm with the adapter's stamps, whichever host asked. The arm's
+//! port stays free.
 
 use std::marker::PhantomData;
 use std::time::Duration;
@@ -16,22 +16,22 @@ use crate::config;
 use crate::control::ControlLink;
 use crate::error::Error;
 
-/// How long is listened at once. Meanwhile no key is heard.
+/// Maximum wait for an event. Keys are read between waits.
 const LISTEN: Duration = Duration::from_millis(50);
 
 /// A recipient of each frame, with its stamp.
 pub(super) type OnFrame = Box<dyn FnMut(Stamp, &[u8])>;
 
-/// An adapter that is listened to, with an arm that speaks this protocol.
+/// A subscription to the adapter of an arm with this protocol.
 struct Subscribed<P> {
     control: ControlLink,
-    /// What to tell the user first.
+    /// A first notice for the user.
     hint: Option<String>,
     on_frame: Option<OnFrame>,
     arm: PhantomData<P>,
 }
 
-/// Asks the adapter to tell all that it hears.
+/// Subscribes to all events of the adapter.
 pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<dyn Source>, Error> {
     let config = config::get(&mut control)?;
     let heard = match config.arm {
@@ -100,7 +100,7 @@ impl<P: Readable> Source for Subscribed<P> {
         })
     }
 
-    /// The adapter counts them.
+    /// The adapter has counters of its own.
     fn line_errors(&self) -> LineErrors {
         LineErrors::default()
     }

@@ -1,4 +1,4 @@
-//! An arm that is asked for each reading.
+//! An arm that gets a request for each reading.
 
 use armwire::alpha1::{self, Alpha1};
 use armwire::ling::{self, Kind, Ling};
@@ -9,18 +9,18 @@ use crate::describe::Arm;
 use crate::error::Error;
 use crate::link::Link;
 
-/// A protocol with a request for how the arm is.
+/// A protocol with a request for the state of the arm.
 pub(super) trait Readable: Arm {
     /// The request for a reading.
     const READING: Self::Request<'static>;
 
-    /// The request for temperatures, where there are any, and how many there can be.
+    /// The request for temperatures, and their maximum number; `None` for an arm without temperatures.
     const CELSIUS: Option<(Self::Request<'static>, usize)>;
 
-    /// The request for the stroke of the gripper, of an arm that has one.
+    /// The request for the stroke of the gripper; `None` for an arm without a gripper.
     const STROKE: Option<Self::Request<'static>> = None;
 
-    /// What a message tells.
+    /// The news in a message.
     fn news(response: &Self::Response<'_>) -> News;
 }
 
@@ -40,7 +40,7 @@ impl Readable for Ling {
     }
 }
 
-/// Which servos run, and not where they are: the protocol has that only from a single servo, which releases what it holds
+/// The readings show which servos run. Positions can be read from a single servo only, which stops holding its position
 /// to answer.
 impl Readable for Alpha1 {
     const READING: alpha1::Request<'static> = alpha1::Request::ReadServoStates;
@@ -55,7 +55,7 @@ impl Readable for Alpha1 {
     }
 }
 
-/// An arm that is asked.
+/// An arm that gets requests.
 pub(super) struct Asked<P: Arm>(pub(super) Link<P>);
 
 impl<P: Readable> Asked<P> {
@@ -91,7 +91,7 @@ impl<P: Readable> Source for Asked<P> {
     }
 }
 
-/// What a frame tells that an arm has sent to somebody else.
+/// The news in a frame that answers another host.
 pub(super) fn news<P: Readable>(frame: &[u8]) -> News {
     let arm = P::default();
     let response = Messages::parse_response(&arm, frame, arm.unsolicited());

@@ -1,4 +1,4 @@
-//! The Ling arm of the older generation: what it says of its joints and its gripper.
+//! The Ling arm of the older generation: the joints and the gripper in its unsolicited frames.
 
 use std::time::Duration;
 
@@ -10,10 +10,10 @@ use crate::describe::{Arm, legacy};
 use crate::error::Error;
 use crate::link::Link;
 
-/// How long such an arm may say nothing of its joints, though it says it forty times a second.
+/// Maximum time without joints. Such an arm sends them 40 times per second.
 const SILENCE: time::Duration = time::Duration::from_millis(500);
 
-/// An arm that is heard.
+/// A listener on the arm's line.
 pub(super) struct Listener {
     link: Link<Legacy>,
     gripper: Option<GripperState>,
@@ -34,7 +34,7 @@ impl Source for Listener {
         false
     }
 
-    /// The newest of what the arm has said, or else the next.
+    /// The newest received joints, or the next ones if there are none.
     fn read(&mut self) -> Result<News, Error> {
         let until = self.link.now() + SILENCE;
         let mut joints = None::<Vec<_>>;

@@ -1,8 +1,8 @@
-//! `armwire monitor`: how an arm is, as it changes.
+//! `armwire monitor`: the state of an arm as it changes.
 //!
-//! A [source](reading::Source) asks the arm, or hears of it from the adapter; the [model](model::Model) keeps what was
-//! learnt; an [output](output::Output) shows it. A [session](session::Session) drives the three, and what is here opens
-//! the source, again when its port comes back.
+//! A [source](reading::Source) reads from the arm, or from the events of the adapter. The [model](model::Model) keeps
+//! the readings, an [output](output::Output) shows them, and a [recorder](recorder::Recorder) writes the frames to a
+//! file. A [session](session::Session) drives them. This module opens the source, also after its port was lost.
 
 mod adapter;
 mod asked;
@@ -56,17 +56,17 @@ pub(crate) struct Monitor {
     /// Stop after this many readings.
     #[arg(long)]
     count: Option<u64>,
-    /// Comma-separated values with a line of names, units included, in front; nothing where a value is missing.
+    /// Print comma-separated values. The first line has names with units. Missing values are empty.
     #[arg(long, conflicts_with = "json")]
     csv: bool,
-    /// A JSON object a line, with the units in the names; null where a value is missing.
+    /// Print a JSON object per line, with units in the names. Missing values are null.
     #[arg(long)]
     json: bool,
-    /// Ask the arm nothing: show each reading that the adapter hears, as it polls or others ask, with the adapter's own
-    /// time. The arm's port stays free for another program.
+    /// Send nothing to the arm: show each reading that the adapter receives for its polls or for other hosts, with the
+    /// adapter's stamps. The arm's port stays free for another program.
     #[arg(long, conflicts_with_all = ["rate", "arm"])]
     from_adapter: bool,
-    /// Also record to an MCAP file: joint positions as ROS 2 messages, and every frame in both directions, for 'armwire
+    /// Record to this MCAP file: joint positions as ROS 2 messages, and every frame in both directions, for 'armwire
     /// decode'. An existing file is not replaced.
     #[cfg(feature = "recordings")]
     #[arg(long, value_name = "FILE")]
@@ -114,7 +114,7 @@ impl Monitor {
         Recorder
     }
 
-    /// Opens what there is to watch.
+    /// Opens the source, and the adapter if there is one.
     fn open(&self, form: Form, is_legacy: bool, recorder: &Recorder) -> Result<Watched, Error> {
         if self.from_adapter {
             let control = self.place.control(&self.place.connect()?)?;
@@ -141,7 +141,7 @@ impl Monitor {
             }
         };
         let adapter = match self.place.control(&connection) {
-            // Whoever names a control port is to have it, with an adapter that answers there.
+            // A control port that the user names must have an adapter that answers.
             control if self.place.control.is_some() => {
                 let mut control = control?;
                 identify(&mut control)?;

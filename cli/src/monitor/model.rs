@@ -1,4 +1,4 @@
-//! What a monitor knows: it takes what was learnt and when, and has no clock and no line of its own.
+//! The state of a monitor: readings, counts and history. It has no clock and no line.
 
 use std::collections::VecDeque;
 
@@ -9,76 +9,76 @@ use serde_json::{Map, Value};
 use super::reading::LineErrors;
 use crate::describe::Fact;
 
-/// For how long answers count for the rate.
+/// Window of the measured rate.
 const WINDOW: Duration = Duration::from_millis(2_000);
-/// How long a notice stays while readings come.
+/// Time that a notice stays while readings arrive.
 const NOTICE: Duration = Duration::from_millis(5_000);
-/// Of how many calls the median is.
+/// Number of calls for the median.
 const CALLS: usize = 1_000;
-/// What one point of a sparkline stands for, and how many are kept.
+/// Duration of a sparkline's point, and maximum number of points.
 const STEP: Duration = Duration::from_millis(100);
 const POINTS: usize = 512;
 
-/// All that a monitor knows.
+/// The state of a monitor.
 #[derive(Debug, Default)]
 pub(super) struct Model {
-    /// What the user calls the port, and which arm it is.
+    /// The port as typed by the user, and the name of the arm.
     pub(super) port: String,
     pub(super) arm: &'static str,
-    /// How many readings a second there should be; `None` if it is not for us to say.
+    /// The requested readings per second; `None` if the source has its own rate.
     pub(super) rate: Option<u32>,
-    /// How many temperatures it may have.
+    /// Maximum number of temperatures.
     pub(super) servos: usize,
     /// The newest reading.
     pub(super) latest: Option<Latest>,
-    /// Temperatures, as the arm told them last, in °C.
+    /// The last temperatures, in °C.
     pub(super) celsius: Vec<u8>,
-    /// How often it was asked, answered, and did not.
+    /// Numbers of requests, readings, and missing answers.
     pub(super) asked: u64,
     pub(super) answered: u64,
     pub(super) timed_out: u64,
-    /// How often its port was gone.
+    /// Number of times that the port was lost.
     pub(super) reconnects: u64,
     pub(super) line_errors: LineErrors,
     pub(super) adapter: Option<Adapter>,
-    /// The last thing that the user should know.
+    /// The last notice for the user.
     pub(super) notice: Option<String>,
     noticed: Instant,
-    /// When the answers of the last time came.
+    /// Times of the answers in the rate's window.
     answers: VecDeque<Instant>,
     calls: Calls,
-    /// The past of each quantity, the newest last, and when that point began.
+    /// The history of each quantity, the newest point last, and the start of that point.
     history: Vec<VecDeque<Option<f64>>>,
     point: Option<Instant>,
 }
 
-/// A reading, and what is known of its time.
+/// A reading and its times.
 #[derive(Clone, Debug)]
 pub(super) struct Latest {
     pub(super) facts: Vec<Fact>,
-    /// On the monitor's clock.
+    /// Time on the monitor's clock.
     pub(super) at: Instant,
-    /// On the adapter's clock, if it stamped it.
+    /// Time on the adapter's clock; `None` without a stamp.
     pub(super) stamp: Option<Stamp>,
-    /// How long the call took, if there was one.
+    /// Duration of the call; `None` without a call.
     pub(super) latency: Option<Duration>,
 }
 
-/// What an adapter told of itself.
+/// An adapter and its counters.
 #[derive(Clone, Debug)]
 pub(super) struct Adapter {
     pub(super) name: String,
     pub(super) told: Result<(Map<String, Value>, Latencies), String>,
 }
 
-/// How long calls took.
+/// Durations of calls.
 #[derive(Debug, Default)]
 struct Calls {
     last: VecDeque<Duration>,
     range: Option<(Duration, Duration)>,
 }
 
-/// How long calls took: the shortest and the longest of all, and the median of the last ones.
+/// Durations of calls: minimum and maximum of all, and the median of the last ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CallTimes {
     pub(super) min: Duration,
@@ -95,15 +95,15 @@ impl Model {
         }
     }
 
-    /// What is watched from now on.
+    /// Sets the source of the next readings.
     pub(super) fn watch(&mut self, arm: &'static str, servos: usize, rate: Option<u32>) {
-        // Without its article.
+        // The name without its article.
         self.arm = arm.split_once(' ').map_or(arm, |(_, name)| name);
         self.servos = servos;
         self.rate = rate;
     }
 
-    /// A reading came.
+    /// Takes a reading.
     pub(super) fn read(&mut self, latest: Latest) {
         let at = latest.at;
         self.answered += 1;
@@ -119,20 +119,20 @@ impl Model {
         self.latest = Some(latest);
     }
 
-    /// The arm did not answer.
+    /// Counts a missing answer.
     pub(super) fn time_out(&mut self, now: Instant, why: String) {
         self.timed_out += 1;
         self.notify(now, why);
         self.forget(now);
     }
 
-    /// Something is worth telling, until others have been read for a while.
+    /// Sets the notice. Readings remove it after [`NOTICE`].
     pub(super) fn notify(&mut self, now: Instant, text: String) {
         self.notice = Some(text);
         self.noticed = now;
     }
 
-    /// Readings per second of late.
+    /// Readings per second in the last [`WINDOW`].
     pub(super) fn achieved(&self, now: Instant) -> f64 {
         let mut recent = self.answers.iter().filter(|&&at| now.since(at) < WINDOW);
         let (Some(&first), Some(&last)) = (recent.next(), self.answers.back()) else {
@@ -140,7 +140,7 @@ impl Model {
         };
         let pauses = recent.count() as u64;
         let (span, quiet) = (last.since(first).as_micros(), now.since(last).as_micros());
-        // What has not come yet is missing only after twice the usual pause.
+        // A reading is late after twice the usual pause.
         let is_late = quiet * pauses > 2 * span;
         let span = if is_late { span + quiet } else { span };
         if span == 0 {
@@ -150,7 +150,7 @@ impl Model {
         }
     }
 
-    /// How long calls took, once there was one.
+    /// Durations of calls; `None` before the first one.
     pub(super) fn call_times(&self) -> Option<CallTimes> {
         let (min, worst) = self.calls.range?;
         let mut last: Vec<_> = self.calls.last.iter().copied().collect();
@@ -159,7 +159,7 @@ impl Model {
         Some(CallTimes { min, median, worst })
     }
 
-    /// What was learnt in all, on one line.
+    /// The summary of a session, on one line.
     pub(super) fn summary(&self, now: Instant) -> String {
         let LineErrors { noise_bytes, checksums } = self.line_errors;
         let latency = self.call_times().map_or(String::new(), |times| {
@@ -178,7 +178,7 @@ impl Model {
         )
     }
 
-    /// The past of a quantity, the newest last; `None` where there was no value.
+    /// The history of a quantity, the newest point last; `None` for points without a value.
     pub(super) fn history(&self, quantity: usize) -> impl DoubleEndedIterator<Item = Option<f64>> + ExactSizeIterator {
         const NONE: &VecDeque<Option<f64>> = &VecDeque::new();
         self.history.get(quantity).unwrap_or(NONE).iter().copied()
@@ -190,7 +190,7 @@ impl Model {
         }
     }
 
-    /// Takes a reading into the sparklines: a point is the last reading of its step, and empty where there was none.
+    /// Adds a reading to the history. A point is the last reading of its step, and empty without one.
     fn remember(&mut self, at: Instant, facts: &[Fact]) {
         let values: Vec<_> = facts
             .iter()
@@ -242,7 +242,7 @@ pub(super) mod tests {
     use super::*;
     use crate::describe::number;
 
-    /// Joints at these angles at a time in milliseconds, after a call of so many microseconds.
+    /// Joints at these angles at `millis`, after a call of `micros`.
     pub(in super::super) fn latest(millis: u64, micros: u64, joints: &[Option<f32>]) -> Latest {
         let values = joints.iter().map(|radians| match radians {
             Some(radians) => (number(f64::from(*radians)), format!("{radians} rad")),

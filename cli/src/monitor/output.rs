@@ -1,4 +1,4 @@
-//! Where a monitor's readings go: onto a full screen, or line by line to whoever reads the output.
+//! The output of a monitor: a full screen, or lines.
 
 use std::io::{IsTerminal, stdout};
 use std::thread;
@@ -20,41 +20,41 @@ use crate::error::Error;
 use crate::output::{self, print, say};
 use crate::printable::escaped_json;
 
-/// How often the screen is drawn at most.
+/// Minimum time between two drawings of the screen.
 const DRAWN: Duration = Duration::from_millis(50);
 
-/// How readings are told.
+/// The form of the output.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
-    /// On a full screen.
+    /// A full screen.
     Screen,
-    /// A line for people.
+    /// A line of text per reading.
     Lines,
     /// Comma-separated values.
     Csv,
-    /// A JSON object a line.
+    /// A JSON object per line.
     Json,
 }
 
-/// What has just happened.
+/// The last event of a session.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
-    /// A reading came.
+    /// A reading.
     Reading,
-    /// The arm did not answer.
+    /// A missing answer.
     TimedOut,
-    /// There is something to tell the user.
+    /// A notice for the user.
     Notice,
     /// None of these.
     Nothing,
 }
 
-/// What shows a model.
+/// An output of a model.
 pub(super) trait Output {
-    /// Shows how things are after this step.
+    /// Shows the model after this step.
     fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Error>;
 
-    /// Waits for so long. Returns whether the user wants to end.
+    /// Waits. Returns true if the user ends the monitor.
     fn wait(&mut self, wait: Duration) -> Result<bool, Error> {
         thread::sleep(wait);
         Ok(false)
@@ -62,7 +62,7 @@ pub(super) trait Output {
 }
 
 impl Form {
-    /// On a terminal that can do it a full screen, unless another form is asked for.
+    /// The form for these options. The default is a full screen on a capable terminal, and lines otherwise.
     pub(super) fn new(csv: bool, json: bool) -> Self {
         let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
         match (csv, json) {
@@ -73,7 +73,7 @@ impl Form {
         }
     }
 
-    /// Whether it has a place for temperatures.
+    /// Returns true if the form shows temperatures.
     pub(super) fn shows_celsius(self) -> bool {
         self != Self::Lines
     }
@@ -86,7 +86,7 @@ impl Form {
     }
 }
 
-/// The whole terminal. It is as before when this is dropped, and when the program panics.
+/// The whole terminal. Its contents are restored on drop and after a panic.
 struct Screen {
     terminal: DefaultTerminal,
     drawn: Option<Instant>,
@@ -134,7 +134,7 @@ impl Output for Screen {
                 Event::Key(key) if key.kind != KeyEventKind::Release && is_end(key.code, key.modifiers) => {
                     return Ok(true);
                 }
-                // Drawn at once, for nothing on the screen is where it was.
+                // The next drawing must not wait.
                 Event::Resize(..) => self.drawn = None,
                 _ => {}
             }
@@ -142,8 +142,8 @@ impl Output for Screen {
     }
 }
 
-/// Waits for something from the terminal, but for so long at most. Returns whether the terminal is gone, where the library
-/// would read its end for ever.
+/// Waits for an event of the terminal, at most for `wait`. Returns true if the terminal is gone: the library would read
+/// its end forever.
 #[cfg(unix)]
 fn is_gone(wait: Duration) -> Result<bool, Error> {
     let stdout = stdout();
@@ -155,13 +155,13 @@ fn is_gone(wait: Duration) -> Result<bool, Error> {
     }
 }
 
-/// Waits for something from the terminal, but for so long at most.
+/// Waits for an event of the terminal, at most for `wait`.
 #[cfg(not(unix))]
 fn is_gone(wait: Duration) -> Result<bool, Error> {
     event::poll(wait).map(|_| false).map_err(Error::Output)
 }
 
-/// Whether a key ends the monitor. On a raw terminal Ctrl-C is one.
+/// Returns true if a key ends the monitor. A raw terminal delivers Ctrl-C as a key.
 fn is_end(code: KeyCode, modifiers: KeyModifiers) -> bool {
     match code {
         KeyCode::Char('q' | 'Q') | KeyCode::Esc => true,
@@ -170,10 +170,10 @@ fn is_end(code: KeyCode, modifiers: KeyModifiers) -> bool {
     }
 }
 
-/// Lines on standard output: for people, or a row of values for each reading and each time that the arm did not answer.
+/// Lines on standard output: text, or a row of values for each reading and for each missing answer.
 struct Printed {
     form: Form,
-    /// Whether the line of names was printed.
+    /// True if the line of names was printed.
     has_head: bool,
 }
 

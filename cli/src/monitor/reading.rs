@@ -1,4 +1,4 @@
-//! What a monitor learns of an arm.
+//! Readings of an arm, and their source.
 
 use armwire_bridge::control::Stamp;
 
@@ -7,73 +7,72 @@ use crate::describe::{Arm, Fact};
 use crate::error::Error;
 use crate::link::Link;
 
-/// What comes from a [`Source`].
+/// News from a [`Source`].
 #[derive(Clone, Debug)]
 pub(super) enum News {
-    /// How the arm is, and when it said so by the adapter's clock, if that is known. Of one arm all readings have the same
-    /// items.
+    /// The state of the arm, and its stamp if an adapter has stamped it. All readings of an arm have the same items.
     Reading(Vec<Fact>, Option<Stamp>),
-    /// The temperatures of its servos, in °C.
+    /// Temperatures of the servos, in °C.
     Celsius(Vec<u8>),
-    /// Something to tell the user.
+    /// A notice for the user.
     Notice(String),
-    /// Nothing so far.
+    /// Nothing yet.
     Nothing,
 }
 
-/// Where readings come from.
+/// A source of readings.
 pub(super) trait Source {
-    /// What arm it is.
+    /// The name of the arm, with its article.
     fn arm(&self) -> &'static str;
 
-    /// How many temperatures such an arm can have.
+    /// Maximum number of temperatures of such an arm.
     fn servos(&self) -> usize {
         0
     }
 
-    /// Whether the arm is asked for each reading. Otherwise it is listened to.
+    /// Returns true if each reading needs a request.
     fn is_asked(&self) -> bool {
         true
     }
 
-    /// Whether it is for us to say how often there is a reading.
+    /// Returns true if the monitor determines the rate of readings.
     fn is_paced(&self) -> bool {
         true
     }
 
-    /// Asks the arm, or listens for a moment.
+    /// Makes a request, or waits for a moment.
     fn read(&mut self) -> Result<News, Error>;
 
-    /// Asks for the temperatures, of an arm that has them.
+    /// Requests the temperatures, if the arm has them.
     fn read_celsius(&mut self) -> Result<News, Error> {
         Ok(News::Nothing)
     }
 
-    /// Asks for the stroke of the gripper, of an arm that has one. The answer is for a recording.
+    /// Requests the stroke of the gripper, if the arm has one. The answer is for the recording.
     fn read_stroke(&mut self) -> Result<News, Error> {
         Ok(News::Nothing)
     }
 
-    /// What was wrong with what came.
+    /// Errors on the line.
     fn line_errors(&self) -> LineErrors;
 
-    /// The adapter, of a source that has it.
+    /// The adapter, if it is the source.
     fn adapter(&mut self) -> Option<&mut ControlLink> {
         None
     }
 }
 
-/// What is wrong with what comes over a line.
+/// Errors on a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct LineErrors {
-    /// Bytes that were no part of a frame.
+    /// Bytes outside frames.
     pub(super) noise_bytes: usize,
     /// Frames with a wrong checksum.
     pub(super) checksums: usize,
 }
 
 impl LineErrors {
-    /// These and others.
+    /// The sum of two counts.
     pub(super) const fn and(self, other: Self) -> Self {
         Self {
             noise_bytes: self.noise_bytes + other.noise_bytes,
@@ -81,7 +80,7 @@ impl LineErrors {
         }
     }
 
-    /// What was wrong with what came over a link.
+    /// Errors on the line of a link.
     pub(super) fn of<P: Arm>(link: &Link<P>) -> Self {
         Self {
             noise_bytes: link.dropped(),

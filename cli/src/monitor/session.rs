@@ -1,4 +1,4 @@
-//! A monitor at work: it asks its source again and again, whatever port that is on, and shows the model.
+//! A session of a monitor: it reads from its source, updates the model and shows it, also after a lost port.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -15,19 +15,19 @@ use crate::control::ControlLink;
 use crate::error::Error;
 use crate::output::{complain, say};
 
-/// How often the temperatures are asked for, for a recording the stroke of the gripper, and the adapter for its counters.
+/// Periods of requests for temperatures, for the gripper's stroke during a recording, and for the adapter's counters.
 const CELSIUS: time::Duration = time::Duration::from_millis(5_000);
 const STROKE: time::Duration = time::Duration::from_millis(5_000);
 const ADAPTER: time::Duration = time::Duration::from_millis(1_000);
-/// How long an arm may say nothing at all at first: what does not answer then is an error, and no screen.
+/// Maximum silence at the beginning. After that a missing answer is an error, without a screen.
 const SILENCE: time::Duration = time::Duration::from_millis(2_000);
-/// How often a port that is gone is looked for.
+/// Period of attempts to open a lost port.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// What is watched, until its port is gone.
+/// A source, until its port is lost.
 pub(super) struct Watched {
     pub(super) source: Box<dyn Source>,
-    /// The adapter, unless it is the source, or why it cannot be asked: a monitor can do without.
+    /// The adapter, unless it is the source, or the error of its port: a monitor works without it.
     pub(super) adapter: Option<Result<ControlLink, Error>>,
 }
 
@@ -39,26 +39,26 @@ impl Watched {
     }
 }
 
-/// A monitor at work.
+/// A session of a monitor.
 pub(super) struct Session<'a> {
     form: Form,
     count: Option<u64>,
     stop: &'a AtomicBool,
     start: Instant,
     model: Model,
-    /// Not before there is something to show.
+    /// `None` before the first bytes or readings.
     output: Option<Box<dyn Output>>,
     celsius: Timer,
     stroke: Timer,
     adapter: Timer,
-    /// Whether anything came at all, be it noise.
+    /// True if any bytes arrived, noise included.
     has_heard: bool,
-    /// Whether the port is gone, or is back and has not told anything yet.
+    /// True from the loss of the port until the next reading.
     is_waiting: bool,
 }
 
 impl<'a> Session<'a> {
-    /// One that stops after so many readings, or when it is told to.
+    /// A session that ends after `count` readings, or when `stop` is set.
     pub(super) fn new(port: &str, form: Form, count: Option<u64>, stop: &'a AtomicBool) -> Self {
         Self {
             form,
@@ -75,12 +75,12 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Shows what comes from a source, so often where that is for us to say, until somebody has enough.
+    /// Shows the readings of a source, at this rate if the source has none of its own, until the session ends.
     pub(super) fn watch(&mut self, watched: &mut Watched, rate: u32, recorder: &mut Recorder) -> Result<(), Error> {
         let source = &mut *watched.source;
         let rate = source.is_paced().then_some(rate);
         self.model.watch(source.arm(), source.servos(), rate);
-        // What an adapter told before its port was gone is old.
+        // Counters from before the loss of the port are old.
         self.model.adapter = match &watched.adapter {
             Some(Err(error)) => Some(Adapter {
                 name: "not reached".to_owned(),
@@ -93,7 +93,7 @@ impl<'a> Session<'a> {
             let step = self.step(source, recorder.is_on());
             recorder.write()?;
             let step = match step {
-                // Who has asked us to end does not ask why there is no answer.
+                // A stop may interrupt a call. Its error is no result.
                 Err(_) if self.is_stopped() => break,
                 step => step?,
             };
@@ -119,8 +119,8 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Whether what went wrong may mend itself: a port that is gone once it has told something, and all that is wrong with
-    /// it until it does so again.
+    /// Returns true if the port may come back after this error: it was lost after a reading, or it fails until its next
+    /// reading.
     pub(super) fn may_come_back(&self, error: &Error) -> bool {
         match error {
             Error::Recording { .. } => false,
@@ -129,7 +129,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Tells of a port that is gone, and waits for a moment. Returns whether somebody has enough.
+    /// Shows that the port is lost, and waits for [`RETRY`]. Returns true if the user ends the monitor.
     pub(super) fn has_enough_while_waiting(&mut self, error: &Error) -> Result<bool, Error> {
         if !self.is_waiting {
             self.is_waiting = true;
@@ -139,7 +139,7 @@ impl<'a> Session<'a> {
         Ok(self.show(Step::Nothing, RETRY)? || self.is_stopped())
     }
 
-    /// Tells the user something that is not in the data.
+    /// Shows a notice.
     pub(super) fn tell(&mut self, text: String) -> Result<(), Error> {
         let now = self.now();
         let Some(output) = &mut self.output else {
@@ -150,7 +150,7 @@ impl<'a> Session<'a> {
         output.show(&self.model, now, Step::Notice)
     }
 
-    /// Gives the terminal back, and leaves there what was learnt, in place of the screen.
+    /// Restores the terminal, and prints the summary in place of the screen.
     pub(super) fn close(&mut self) -> Result<(), Error> {
         match self.output.take() {
             Some(output) if self.form == Form::Screen => {
@@ -161,7 +161,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Shows how things are after a step, and waits. Returns whether the user wants to end.
+    /// Shows the model after a step, and waits. Returns true if the user ends the monitor.
     fn show(&mut self, step: Step, wait: Duration) -> Result<bool, Error> {
         let now = self.now();
         let Some(output) = &mut self.output else {
@@ -172,8 +172,8 @@ impl<'a> Session<'a> {
         output.wait(wait)
     }
 
-    /// Takes what the source has to tell into the model: a reading, and after it the temperatures, if they are due. A
-    /// recording needs the stroke before it.
+    /// Reads from the source, and after a reading the temperatures if they are due. During a recording the stroke is
+    /// read before.
     fn step(&mut self, source: &mut dyn Source, is_recorded: bool) -> Result<Step, Error> {
         if is_recorded && self.stroke.is_due(self.now()) {
             let news = source.read_stroke();
@@ -189,7 +189,7 @@ impl<'a> Session<'a> {
         Ok(step)
     }
 
-    /// Takes news into the model. `begun` is when the call began, if there was one.
+    /// Updates the model with news. `begun` is the start of the call, if there was one.
     fn take(&mut self, news: Result<News, Error>, begun: Option<time::Instant>) -> Result<Step, Error> {
         let now = self.now();
         match news {
@@ -211,7 +211,7 @@ impl<'a> Session<'a> {
                 Ok(Step::Notice)
             }
             Ok(News::Nothing) => Ok(Step::Nothing),
-            // The line may be noisy, and the arm may be switched off and on again.
+            // The line may be noisy, or the arm may be off for a while.
             Err(Error::NoAnswer { name, cause, bytes, .. })
                 if bytes > 0 || self.has_heard || now < time::Instant::ZERO + SILENCE =>
             {
@@ -233,7 +233,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Asks an adapter for its counters; one that did not answer is not asked again.
+/// Reads the adapter's counters. After a missing answer it is not asked again.
 fn ask_adapter(control: &mut ControlLink, model: &mut Model) {
     let name = match &model.adapter {
         Some(Adapter { told: Err(_), .. }) => return,
@@ -253,13 +253,13 @@ fn ask_adapter(control: &mut ControlLink, model: &mut Model) {
     });
 }
 
-/// How long it is until the next reading of so many a second. After a pause in the line there is no catching up.
+/// Time until the next reading at this rate. Missed readings are skipped.
 fn until_next(now: time::Instant, rate: u32) -> Duration {
     let period = 1_000_000 / u64::from(rate);
     Duration::from_micros(period - now.as_micros() % period)
 }
 
-/// Something that is done now and then.
+/// A periodic action.
 struct Timer {
     period: time::Duration,
     due: time::Instant,
@@ -271,7 +271,7 @@ impl Timer {
         Self { period, due }
     }
 
-    /// Whether it is to be done now; then it is due again after its period.
+    /// Returns true if the action is due. It is due again after its period.
     fn is_due(&mut self, now: time::Instant) -> bool {
         let is_due = self.due <= now;
         if is_due {
@@ -286,7 +286,7 @@ mod tests {
     use super::*;
     use crate::received::Missing;
 
-    /// A session past its first silence, on a line that delivers these numbers of bytes in place of answers.
+    /// A session after [`SILENCE`], on a line with these numbers of bytes instead of answers.
     fn without_answers(bytes: &[usize]) -> Result<(), Error> {
         let stop = AtomicBool::new(false);
         let mut session = Session::new("PORT", Form::Json, None, &stop);

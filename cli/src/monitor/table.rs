@@ -1,4 +1,4 @@
-//! Readings for other programs: comma-separated values, or a JSON object a line.
+//! Readings for other programs: comma-separated values, or a JSON object per line.
 
 use armwire_bridge::Instant;
 use serde_json::{Map, Value, json};
@@ -6,9 +6,9 @@ use serde_json::{Map, Value, json};
 use super::model::{Latest, Model};
 use crate::describe::number;
 
-/// The columns of readings, with the values of one: units are in the names, and what is missing is null.
+/// The columns of a reading, with units in the names. Missing values are null.
 ///
-/// Also without a reading, for an arm that did not answer, once there was one.
+/// Without a reading, the row of a missing answer: the columns of the last reading, without values.
 pub(super) fn row(model: &Model, now: Instant, latest: Option<&Latest>) -> Map<String, Value> {
     let mut row = Map::new();
     let mut put = |column: &str, value: Value| row.insert(column.to_owned(), value);
@@ -28,7 +28,7 @@ pub(super) fn row(model: &Model, now: Instant, latest: Option<&Latest>) -> Map<S
                 .map(|latency| latency.as_micros())
         ),
     );
-    // The arm has the items that it had before.
+    // All readings of an arm have the same items.
     let known = latest
         .or(model.latest.as_ref())
         .into_iter()
@@ -43,19 +43,19 @@ pub(super) fn row(model: &Model, now: Instant, latest: Option<&Latest>) -> Map<S
     row
 }
 
-/// The names of columns, as the first line.
+/// The first line: the names of columns.
 pub(super) fn csv_head(row: &Map<String, Value>) -> String {
     let names: Vec<_> = row.keys().map(String::as_str).collect();
     names.join(",")
 }
 
-/// The values, with nothing for null.
+/// A line of values. Null is empty.
 pub(super) fn csv_line(row: &Map<String, Value>) -> String {
     let fields: Vec<_> = row.values().map(csv_field).collect();
     fields.join(",")
 }
 
-/// As RFC 4180 has it.
+/// A field in the quotation of RFC 4180.
 fn csv_field(value: &Value) -> String {
     match value {
         Value::Null => String::new(),
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_null() {
+    fn non_finite_numbers_are_null() {
         let model = Model::new("COM3");
         let line = row(
             &model,

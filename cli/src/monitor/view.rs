@@ -1,4 +1,4 @@
-//! What a monitor shows on a terminal.
+//! The screen of a monitor.
 
 use armwire_bridge::Instant;
 use ratatui::Frame;
@@ -11,14 +11,14 @@ use super::model::{Adapter, Model, millis};
 use crate::adapter::{histograms, percentile};
 use crate::printable::escaped;
 
-/// How wide names are, and the words for a quantity.
+/// Width of names, and of a quantity's text.
 const NAME: usize = 9;
 const WORDS: usize = 22;
-/// Below this a sparkline shows nothing.
+/// Minimum width of a sparkline.
 const LEAST_SPARKLINE: usize = 8;
 /// A sparkline's levels.
 const LEVELS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
-/// The least range that a sparkline is scaled to, in a quantity's unit: what trembles by a tick is a flat line.
+/// Minimum range of a sparkline, in the quantity's unit: a tremor of one tick is a flat line.
 const LEAST_RANGE: f64 = 0.02;
 
 const DIM: Style = Style::new().add_modifier(Modifier::DIM);
@@ -26,13 +26,13 @@ const BOLD: Style = Style::new().add_modifier(Modifier::BOLD);
 const BAD: Style = Style::new().fg(Color::Red);
 const LIVE: Style = Style::new().fg(Color::Cyan);
 
-/// One part of the screen: its title, and its lines.
+/// A part of the screen.
 struct Part {
     title: &'static str,
     lines: Vec<Line<'static>>,
 }
 
-/// Draws all of it, as much as there is room for.
+/// Draws the screen, as far as there is room.
 pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
     let rows = Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)]);
     let [head, body, foot] = rows.areas(frame.area());
@@ -65,7 +65,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
     }
 }
 
-/// Each part in a frame with its title.
+/// Draws each part in a frame with its title.
 fn draw_framed(frame: &mut Frame<'_>, area: Rect, parts: Vec<Part>) {
     let heights = parts.iter().map(|part| Constraint::Length(part.lines.len() as u16 + 2));
     let areas = Layout::vertical(heights).split(area);
@@ -75,7 +75,7 @@ fn draw_framed(frame: &mut Frame<'_>, area: Rect, parts: Vec<Part>) {
     }
 }
 
-/// The lines alone, the first ones, where there is no room for more.
+/// Draws the first lines without frames, if there is no room for more.
 fn draw_plain(frame: &mut Frame<'_>, area: Rect, parts: Vec<Part>) {
     let mut lines: Vec<_> = parts.into_iter().flat_map(|part| part.lines).collect();
     let room = usize::from(area.height);
@@ -87,7 +87,7 @@ fn draw_plain(frame: &mut Frame<'_>, area: Rect, parts: Vec<Part>) {
     frame.render_widget(Paragraph::new(lines), area);
 }
 
-/// The arm: each value with its past, and the temperatures.
+/// The arm: each value with its history, and the temperatures.
 fn arm(model: &Model, width: usize) -> Part {
     let mut lines = Vec::new();
     match &model.latest {
@@ -115,7 +115,7 @@ fn arm(model: &Model, width: usize) -> Part {
     Part { title: "arm", lines }
 }
 
-/// The calls, or what was heard.
+/// The line: calls, or received readings.
 fn calls(model: &Model, now: Instant) -> Part {
     let achieved = model.achieved(now);
     let wanted = model.rate.map_or(String::new(), |rate| format!(" of {rate}"));
@@ -154,7 +154,7 @@ fn calls(model: &Model, now: Instant) -> Part {
     Part { title: "line", lines }
 }
 
-/// The adapter: its latencies, and each counter that is not zero.
+/// The adapter: its latencies, and the counters that are not zero.
 fn adapter(adapter: &Adapter, width: usize) -> Part {
     let mut lines = vec![Line::from(vec![name("adapter"), Span::raw(escaped(&adapter.name))])];
     match &adapter.told {
@@ -187,7 +187,7 @@ fn name(text: &str) -> Span<'static> {
     Span::styled(format!("{text:<width$} ", width = NAME - 1), DIM)
 }
 
-/// Values, the newest first, as bars, the newest last, between the least and the greatest of them.
+/// Bars of values, scaled between minimum and maximum. `values` has the newest first, the text has it last.
 fn sparkline(values: &[Option<f64>]) -> String {
     let known = || values.iter().flatten().copied().filter(|value| value.is_finite());
     let (min, max) = (
@@ -220,7 +220,7 @@ mod tests {
     use crate::monitor::model::tests::latest;
     use crate::monitor::reading::LineErrors;
 
-    /// What is on a screen of this size.
+    /// The lines of a screen of this size.
     fn screen(model: &Model, width: u16, height: u16) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal
@@ -239,7 +239,7 @@ mod tests {
             .collect()
     }
 
-    /// A model of an arm with six joints, of which the first has moved.
+    /// A model of an arm with six joints. The first joint has moved.
     fn model() -> Model {
         let mut model = Model::new("/dev/ttyACM0");
         model.watch("a Ling arm", 10, Some(20));
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wide_screen_shows_all_of_it() {
+    fn wide_screen_shows_everything() {
         let mut model = model();
         model.line_errors = LineErrors {
             noise_bytes: 7,
@@ -365,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn an_adapter_that_is_gone_is_told() {
+    fn lost_adapter_is_shown() {
         let mut model = model();
         model.adapter = Some(Adapter {
             told: Err("the adapter is gone".to_owned()),

@@ -8,10 +8,10 @@ use crate::describe::xarm::{JOINTS, POSITIONS, positions};
 use crate::error::Error;
 use crate::link::Link;
 
-/// An arm that is asked.
+/// An arm that gets requests.
 pub(super) struct Asked {
     link: Link<XArm>,
-    /// How many joints the arm has, once it was asked.
+    /// Number of joints; `None` before it was read.
     axes: Option<usize>,
 }
 
@@ -20,7 +20,7 @@ impl Asked {
         Self { link, axes: None }
     }
 
-    /// How many joints the arm has; as many as any if it does not tell.
+    /// Reads the number of joints. Without an answer it is the maximum.
     fn read_axes(&mut self) -> Result<usize, Error> {
         let axes = self.link.call(&Request::ReadVersion, |response| match response {
             Response::Reply {

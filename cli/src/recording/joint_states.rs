@@ -10,7 +10,7 @@ use crate::args::Speaker;
 use crate::describe::Protocol;
 use crate::describe::xarm::{JOINTS, POSITIONS};
 
-/// What the frames so far tell of an arm besides its joints.
+/// Facts of an arm from its frames so far.
 #[derive(Default)]
 pub(super) struct Joints {
     /// The stroke of the gripper, without which its opening is no length.
@@ -20,8 +20,8 @@ pub(super) struct Joints {
 }
 
 impl Joints {
-    /// Joint positions in rad, and a gripper's opening in m behind them if its stroke is known. `None` of any other frame, and
-    /// if a position is out of the protocol's range.
+    /// Joint positions in rad, and a gripper's opening in m behind them if its stroke is known. `None` of any other
+    /// frame, and if a position is out of the protocol's range.
     pub(super) fn read(&mut self, frame: &Frame) -> Option<Vec<(String, f64)>> {
         if frame.from != Speaker::Arm {
             return None;

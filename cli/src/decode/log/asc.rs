@@ -1,4 +1,4 @@
-//! Vector's ASCII log, ASC, as CANalyzer, CANoe and others write it.
+//! Vector's ASCII log, ASC, of CANalyzer, CANoe and others.
 
 use std::borrow::Cow;
 
@@ -7,12 +7,12 @@ use armwire_bridge::{Duration, Instant};
 
 use super::{Logged, Record, TextLog, Time, Unit, data, frame, identifier, number, time};
 
-/// The words that a line of the header or between measurements begins with, in small letters.
+/// First words of lines in the header and between measurements, in lower case.
 const HEADINGS: [&str; 8] = ["date", "base", "internal", "no", "begin", "end", "//", "previous"];
 /// The flag of a `CANFD` line whose frame is an FD frame.
 const EXTENDED_DATA_LENGTH: u32 = 1 << 12;
 
-/// A log such as
+/// A parser of ASC logs:
 ///
 /// ```text
 /// base hex  timestamps absolute
@@ -20,9 +20,9 @@ const EXTENDED_DATA_LENGTH: u32 = 1 << 12;
 ///    0.002000 CANFD   1 Rx   60F  0 0 8  8 07 AA 06 00 01 FE 9A FF
 /// ```
 pub(in crate::decode) struct Asc {
-    /// Of identifiers and data.
+    /// Base of identifiers and data.
     base: u32,
-    /// Whether a time is counted from the event before.
+    /// True if times are relative to the event before.
     is_relative: bool,
     now: Instant,
 }
@@ -80,7 +80,7 @@ impl Asc {
         }
         let dlc = words.next().and_then(|dlc| number(dlc, 16)).filter(|dlc| *dlc < 16);
         let dlc = dlc.ok_or("no length of the data")?;
-        // A classic frame has no more bytes, whatever its length code.
+        // A classic frame has at most 8 bytes, also if its length code is higher.
         let data = data(words, dlc.min(8) as usize, self.base)?;
         Ok(Body::Frame(frame(id, is_extended, false, &data)?))
     }
@@ -92,7 +92,7 @@ impl Asc {
         }
         let (id, is_extended) = self.split_id(first)?;
         let mut words = words.peekable();
-        // The name of the message, if there is one: the bit for the rate stands in its place otherwise.
+        // An optional message name precedes the bit for the rate.
         if words.peek().is_some_and(|word| !matches!(*word, "0" | "1")) {
             words.next();
         }
@@ -105,7 +105,7 @@ impl Asc {
         field("length code", 16)?;
         let len = field("length of the data", 10)? as usize;
         let data = data(&mut words, len, self.base)?;
-        // Behind its duration and length in bits.
+        // The flags follow the frame's duration and its length in bits.
         let flags = words.nth(2).and_then(|word| number(word, 16));
         let is_fd = flags.is_none_or(|flags| flags & EXTENDED_DATA_LENGTH != 0);
         Ok(Body::Frame(frame(id, is_extended, is_fd, &data)?))
@@ -118,7 +118,7 @@ impl Asc {
     }
 }
 
-/// What follows the time and the channel.
+/// An event after its time and channel.
 enum Body {
     Frame(Option<Frame>),
     Other,
@@ -155,7 +155,7 @@ impl TextLog for Asc {
     }
 }
 
-/// Whether a frame was on the bus in this direction. A request to send one (`TxRq`) was not yet.
+/// Returns true if a frame with this direction was on the bus. A transmit request (`TxRq`) was not.
 fn is_direction(word: &str) -> bool {
     word.eq_ignore_ascii_case("Rx") || word.eq_ignore_ascii_case("Tx")
 }

@@ -1,8 +1,8 @@
 //! Vector's binary log, BLF.
 //!
-//! After a header, the file consists of objects, most of them containers with compressed data. What is in the containers,
-//! put together, consists of objects again, of which those with CAN frames are read. Sizes in the file are never trusted
-//! with memory: containers are decompressed in pieces, and of an object only as much is kept as a CAN frame takes.
+//! After a header, the file consists of objects, most of them containers with compressed data. The joined contents of
+//! the containers are objects again. Those with CAN frames are read. Sizes in the file do not determine memory:
+//! containers are decompressed in pieces, and no more of an object is kept than the size of a CAN frame.
 
 use std::borrow::Cow;
 use std::io::{self, BufRead, ErrorKind, Read};
@@ -16,21 +16,21 @@ use crate::decode::bus::Refused;
 use crate::decode::input::Input;
 use crate::error::Error;
 
-/// What a file begins with.
+/// First bytes of a file.
 pub(in crate::decode) const SIGNATURE: &[u8] = b"LOGG";
-/// What an object begins with.
+/// First bytes of an object.
 const OBJECT: &[u8] = b"LOBJ";
-/// The shortest header of an object: signature, its own size, its version, the object's size, its type.
+/// Size of an object's shortest header: signature, header size, header version, object size, type.
 const BASE_HEADER: usize = 16;
-/// With the time, the header is as long at least.
+/// Minimum size of a header with a time.
 const TIMED_HEADER: usize = 32;
-/// What a container has before its data: the method of compression, and the size of what is compressed.
+/// Size of a container's fields before its data: compression method, and uncompressed size.
 const CONTAINER_HEADER: usize = 16;
-/// How many bytes there may be between two objects, to have the next one at a multiple of 4.
+/// Maximum number of padding bytes between two objects, which begin at multiples of 4.
 const MAX_PADDING: usize = 7;
-/// As much of an object is kept. A frame of 64 bytes takes 144 with the longest header.
+/// Maximum number of bytes kept of an object. A frame of 64 bytes with the longest header has 144.
 const MAX_KEPT: usize = 256;
-/// How much is decompressed at a time.
+/// Size of a decompressed piece, in bytes.
 const PIECE: usize = 16 * 1024;
 
 /// Types of objects.
@@ -45,7 +45,7 @@ mod object {
     pub(super) const CAN_FD_ERROR_64: u32 = 104;
 }
 
-/// Hands the records of a file, one after the other, to `take`.
+/// Passes each record of a file to `take`.
 pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Result<(), Error> {
     let header = read_exactly::<8>(input, "the header")?;
     let size = u32_at(&header, 4).unwrap_or_default();
@@ -75,7 +75,7 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
     }
 }
 
-/// The place and the first bytes of the next object; none at the end of the file.
+/// The offset and the first bytes of the next object; `None` at the end of the file.
 fn next_object(input: &mut Input<'_>) -> Result<Option<(u64, [u8; BASE_HEADER])>, Error> {
     for _ in 0..=MAX_PADDING {
         match input.fill_buf().map(|bytes| bytes.first().copied()) {
@@ -91,7 +91,7 @@ fn next_object(input: &mut Input<'_>) -> Result<Option<(u64, [u8; BASE_HEADER])>
     Err(input.refused_at(input.offset(), "no object starts here"))
 }
 
-/// Reads what is in a container, of so many bytes behind its base header.
+/// Reads the contents of a container with `size` bytes after its base header.
 fn read_container(
     input: &mut Input<'_>,
     at: u64,
@@ -112,7 +112,7 @@ fn read_container(
     }
 }
 
-/// Reads so many bytes of objects as they are.
+/// Reads `size` bytes of uncompressed objects.
 fn copy(
     input: &mut Input<'_>,
     mut size: u64,
@@ -135,7 +135,7 @@ fn copy(
     Ok(())
 }
 
-/// Reads so many bytes of compressed objects.
+/// Reads `size` bytes of compressed objects.
 fn decompress(
     input: &mut Input<'_>,
     size: u64,
@@ -166,24 +166,24 @@ fn decompress(
             }
         }
     }
-    // What is behind the compressed data belongs to the container.
+    // Bytes after the compressed data belong to the container.
     let rest = data.get_ref().limit();
     skip(input, rest, "a container")
 }
 
-/// Objects that come in pieces.
+/// Objects that arrive in pieces.
 #[derive(Default)]
 struct Objects {
-    /// The front of the object that is being read.
+    /// The front of the current object.
     kept: Vec<u8>,
-    /// How many of its bytes are still to come besides.
+    /// Number of its missing bytes that are not kept.
     rest: u64,
-    /// How many bytes there were since the last object.
+    /// Number of bytes since the last object.
     padding: usize,
 }
 
 impl Objects {
-    /// Nothing of an object is left over.
+    /// Returns true between two objects.
     fn is_between(&self) -> bool {
         self.rest == 0 && self.kept.is_empty()
     }
@@ -220,18 +220,18 @@ impl Objects {
         Ok(())
     }
 
-    /// How much is kept of the object whose base header is there.
+    /// Number of bytes to keep of the object with this base header.
     fn kept_size(&self) -> Result<usize, String> {
         let Base { size, .. } = Base::parse(&self.kept)?;
         Ok((size as usize).min(MAX_KEPT))
     }
 }
 
-/// The header that every object has.
+/// The header of every object.
 struct Base {
-    /// Of all headers.
+    /// Size of all headers.
     header: u16,
-    /// Of headers and data, at least those of this header.
+    /// Size of headers and data, at least that of this header.
     size: u32,
     kind: u32,
 }
@@ -249,7 +249,7 @@ impl Base {
     }
 }
 
-/// What an object is, by its front.
+/// The record of an object with this front.
 fn record(object: &[u8]) -> Result<Record<'static>, String> {
     let Base { header, kind, .. } = Base::parse(object)?;
     let is_error = matches!(
@@ -279,9 +279,9 @@ fn record(object: &[u8]) -> Result<Record<'static>, String> {
     Ok(Record::Frame(Logged { time, bus, frame }))
 }
 
-/// The time in a header, behind its first 16 bytes.
+/// The time in a header, after its first 16 bytes.
 fn time(header: &[u8]) -> Option<Time<'static>> {
-    /// The clock counts units of 10 µs, and not nanoseconds.
+    /// The unit of time is 10 µs instead of 1 ns.
     const TEN_MICROS: u32 = 1;
     let (flags, time) = (u32_at(header, 0)?, u64_at(header, 8)?);
     let nanos = match flags {
@@ -296,13 +296,13 @@ fn time(header: &[u8]) -> Option<Time<'static>> {
     })
 }
 
-/// The bus of an object, and its frame; none of a frame that was not on the bus.
+/// The bus of an object, and its frame; `None` if the frame was not on the bus.
 type OnBus = Option<(u16, Option<Frame>)>;
 
-/// An object that says that a frame was received, sent, or should be sent.
+/// An object for a frame that was received or sent, or for a transmit request.
 const TO_BE_SENT: u8 = 2;
 
-/// The parts of an identifier: its value, and whether it is a long one.
+/// The value of an identifier, and true if it has 29 bits.
 fn split_id(id: u32) -> (u32, bool) {
     const EXTENDED: u32 = 1 << 31;
     (id & !EXTENDED, id & EXTENDED != 0)
@@ -318,7 +318,7 @@ fn classic(object: &[u8]) -> Option<Result<OnBus, String>> {
     if flags & REMOTE != 0 {
         return Some(Ok(Some((bus, None))));
     }
-    // A classic frame has no more bytes, whatever its length code.
+    // A classic frame has at most 8 bytes, also if its length code is higher.
     let data = object.get(8..8 + usize::from(dlc.min(8)))?;
     Some(frame(id, is_extended, false, data).map(|frame| Some((bus, frame))))
 }
@@ -371,7 +371,7 @@ fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
     Some(u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
 }
 
-/// What is wrong with the object at `at`.
+/// The error of the object at offset `at`.
 fn error_at(input: &Input<'_>, at: u64, refused: Refused) -> Error {
     match refused {
         Refused::Log(reason) => input.refused_at(at, &reason),
@@ -379,7 +379,7 @@ fn error_at(input: &Input<'_>, at: u64, refused: Refused) -> Error {
     }
 }
 
-/// The next bytes. Where the file ends before, it ends within `what`.
+/// Reads the next bytes. If the file ends before, the error names `what`.
 fn read_exactly<const N: usize>(input: &mut Input<'_>, what: &str) -> Result<[u8; N], Error> {
     let mut bytes = [0; N];
     let at = input.offset();
@@ -392,7 +392,7 @@ fn read_exactly<const N: usize>(input: &mut Input<'_>, what: &str) -> Result<[u8
     }
 }
 
-/// Skips bytes. Where the file ends before, it ends within `what`.
+/// Skips bytes. If the file ends before, the error names `what`.
 fn skip(input: &mut Input<'_>, bytes: u64, what: &str) -> Result<(), Error> {
     let at = input.offset();
     match io::copy(&mut input.take(bytes), &mut io::sink()) {

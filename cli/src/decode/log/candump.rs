@@ -1,4 +1,4 @@
-//! Logs of can-utils: `candump -L`, and what `candump` prints without it.
+//! Logs of can-utils: `candump -L`, and the output of `candump` without it.
 
 use std::borrow::Cow;
 
@@ -8,7 +8,7 @@ use armwire_bridge::can::Frame;
 use super::{Logged, Record, TextLog, Time, Unit, data, decimal, frame, identifier, number, time, wrong};
 use crate::hex;
 
-/// What candump writes, in either form:
+/// A parser of both forms:
 ///
 /// ```text
 /// (1609459200.123456) can0 60F#07AA060001FE9AFF
@@ -18,7 +18,7 @@ pub(in crate::decode) struct Candump;
 
 impl TextLog for Candump {
     fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
-        // Details of an error frame, below it.
+        // Details below an error frame.
         if line.starts_with('\t') {
             return Ok(Record::Comment);
         }
@@ -67,7 +67,7 @@ fn date_time(date: &str, clock: &str) -> Option<Instant> {
     if date.next().is_some() || clock.next().is_some() {
         return None;
     }
-    // Days, counted from a first of March, so that the leap day is a year's last.
+    // Days since a first of March: the leap day is the last day of such a year.
     let (year, month) = if month < 2 {
         (year, month + 10)
     } else {
@@ -89,7 +89,7 @@ fn logged(id: &str, data: &str) -> Result<Option<Frame>, String> {
         number(flags, 16).ok_or("no flags of an FD frame")?;
         return frame(id, is_extended, true, &pairs(data)?);
     }
-    // Newer versions write a length above 8 behind the data of a frame that has 8 bytes.
+    // Newer versions append a length code above 8 to frames of 8 bytes.
     let data = data.split_once('_').map_or(data, |(data, _)| data);
     match data.starts_with('R') {
         true => Ok(None),
@@ -97,7 +97,7 @@ fn logged(id: &str, data: &str) -> Result<Option<Frame>, String> {
     }
 }
 
-/// `123   [2]  AA 06`, and `123  [02]  AA 06` for FD. With `-x` there is more before the identifier.
+/// `123   [2]  AA 06`, and `123  [02]  AA 06` for FD. With `-x` more columns precede the identifier.
 fn printed<'a>(first: &'a str, mut words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, String> {
     let id = match first {
         "RX" | "TX" => words.nth(2).ok_or("no identifier")?,
@@ -116,9 +116,9 @@ fn printed<'a>(first: &'a str, mut words: impl Iterator<Item = &'a str>) -> Resu
     frame(id, is_extended, digits.len() > 1, &data)
 }
 
-/// The identifier, which has 3 digits, or 8 if it is a long one or stands for an error frame.
+/// The identifier: 3 digits, or 8 for 29 bits and for error frames.
 fn split_id(text: &str) -> Result<(u32, bool), String> {
-    /// A bit that says that the frame is no frame but an error of the bus.
+    /// The bit for error frames.
     const ERROR: u32 = 0x2000_0000;
     let id = identifier(text, 16)?;
     match text.len() {
@@ -129,7 +129,7 @@ fn split_id(text: &str) -> Result<(u32, bool), String> {
 }
 
 fn pairs(text: &str) -> Result<Vec<u8>, String> {
-    // Dots may stand between the bytes.
+    // Bytes may be separated by dots.
     let text = text.replace('.', "");
     hex::parse(&text).map_err(|word| wrong(word, "not bytes in hexadecimal"))
 }

@@ -1,4 +1,4 @@
-//! The comma-separated log that python-can writes.
+//! The comma-separated log of python-can.
 
 use std::borrow::Cow;
 
@@ -11,7 +11,7 @@ use super::{Logged, Record, TextLog, Time, Unit, frame, identifier, number, time
 /// The first line of such a log.
 pub(in crate::decode) const HEADER: &str = "timestamp,arbitration_id,extended,remote,error,dlc,data";
 
-/// A log such as
+/// A parser of such logs:
 ///
 /// ```text
 /// timestamp,arbitration_id,extended,remote,error,dlc,data
@@ -44,7 +44,7 @@ impl TextLog for Csv {
             false if data.len() != dlc => {
                 return Err(format!("{dlc} bytes of data were announced, {} are there", data.len()));
             }
-            // The log does not tell an FD frame from another of the same length.
+            // The log does not distinguish FD frames from others of the same length.
             false => frame(id, is_extended, dlc > 8, &data)?,
         };
         let bus = Cow::Borrowed("");
@@ -52,7 +52,7 @@ impl TextLog for Csv {
     }
 }
 
-/// Python writes times below 0.1 ms with an exponent, such as 1e-05.
+/// Converts a time. Python writes times below 0.1 ms with an exponent, such as 1e-05.
 fn seconds(text: &str) -> Result<Time<'_>, String> {
     let small = text.contains('e').then(|| text.parse::<f64>().ok()).flatten();
     match small {

@@ -1,4 +1,4 @@
-//! The comma-separated log of GVRET, which SavvyCAN writes.
+//! The comma-separated log of GVRET and SavvyCAN.
 
 use std::borrow::Cow;
 
@@ -6,17 +6,17 @@ use armwire_bridge::can::MAX_FD;
 
 use super::{Logged, Record, TextLog, Unit, data, frame, identifier, number, time, wrong};
 
-/// What the first line of such a log begins with.
+/// First columns of such a log.
 pub(in crate::decode) const HEADER: &str = "Time Stamp,ID,Extended,";
 
-/// A log such as
+/// A parser of such logs:
 ///
 /// ```text
 /// Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8
 /// 166064000,0000060F,false,Rx,0,8,07,AA,06,00,01,FE,9A,FF,
 /// ```
 ///
-/// Older ones have no direction.
+/// Older logs have no direction.
 pub(in crate::decode) struct Gvret {
     has_direction: bool,
 }
@@ -53,7 +53,7 @@ impl TextLog for Gvret {
         let bus = Cow::Borrowed(field("bus")?);
         let len = number(field("length")?, 10).filter(|len| *len as usize <= MAX_FD);
         let len = len.ok_or_else(|| format!("no length from 0 to {MAX_FD}"))? as usize;
-        // The log does not tell an FD frame from another of the same length.
+        // The log does not distinguish FD frames from others of the same length.
         let frame = frame(id, is_extended, len > 8, &data(fields, len, 16)?)?;
         Ok(Record::Frame(Logged { time, bus, frame }))
     }

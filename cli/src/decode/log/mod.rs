@@ -1,4 +1,4 @@
-//! The formats in which programs write logs of a CAN bus.
+//! Log formats of a CAN bus.
 
 pub(super) mod asc;
 pub(super) mod blf;
@@ -28,13 +28,13 @@ use csv::Csv;
 use gvret::Gvret;
 use trc::Trc;
 
-/// The highest identifier of 29 bits.
+/// The highest 29-bit identifier.
 const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
 
 /// A consumer of records.
 pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;
 
-/// Hands the records of a log, one after the other, to `take`. Recordings of a line have none.
+/// Passes each record of a log to `take`. Recordings of a line have no records.
 pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -> Result<(), Error> {
     match format {
         Format::Raw | Format::Hex | Format::Mcap => Ok(()),
@@ -47,7 +47,7 @@ pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -
     }
 }
 
-/// The same of a log with a record in each line.
+/// Passes each record of a log with one record per line to `take`.
 fn read_lines(input: &mut Input<'_>, log: &mut dyn TextLog, take: &mut Take<'_>) -> Result<(), Error> {
     input.skip_byte_order_mark()?;
     while let Some(line) = input.line()? {
@@ -55,7 +55,7 @@ fn read_lines(input: &mut Input<'_>, log: &mut dyn TextLog, take: &mut Take<'_>)
             continue;
         }
         let taken = match log.record(&line.text) {
-            // Its end may not be what it means.
+            // The missing end may change its meaning.
             Ok(Record::Frame(_)) | Err(_) if !line.is_whole => Err("the line is too long".to_owned()),
             Ok(record) => match take(record) {
                 Ok(()) => Ok(()),
@@ -72,19 +72,19 @@ fn read_lines(input: &mut Input<'_>, log: &mut dyn TextLog, take: &mut Take<'_>)
     Ok(())
 }
 
-/// A format with one record in each line.
+/// A format with one record per line.
 pub(super) trait TextLog {
-    /// Reads a line that is not blank. The error says what is wrong with it.
+    /// Parses a line that is not blank. The error is the reason in words.
     fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String>;
 }
 
-/// What a log has in one place.
+/// One record of a log.
 #[derive(Debug, PartialEq)]
 pub(super) enum Record<'a> {
     Frame(Logged<'a>),
-    /// An event that is no frame.
+    /// An event without a frame.
     Other,
-    /// Nothing that happened on the bus, such as a comment.
+    /// A line that is no event of the bus, such as a comment.
     Comment,
 }
 
@@ -92,23 +92,23 @@ pub(super) enum Record<'a> {
 #[derive(Debug, PartialEq)]
 pub(super) struct Logged<'a> {
     pub(super) time: Time<'a>,
-    /// The bus, as the log names it; empty where it does not.
+    /// The name of the bus in the log; empty if there is none.
     pub(super) bus: Cow<'a, str>,
-    /// None for remote frames, error frames and identifiers of 29 bits, of which an adapter has none.
+    /// `None` for remote frames, error frames and 29-bit identifiers, which adapters do not use.
     pub(super) frame: Option<Frame>,
 }
 
-/// When a frame was on the bus.
+/// The time of a frame.
 #[derive(Debug, PartialEq)]
 pub(super) struct Time<'a> {
     pub(super) at: Instant,
-    /// As it is in the log, empty where there is none.
+    /// The text in the log; empty if there is none.
     pub(super) stamp: Cow<'a, str>,
-    /// The unit of the stamp, unless that is a second.
+    /// The unit of the text; empty for seconds.
     pub(super) unit: &'static str,
 }
 
-/// A time as a decimal number of seconds, or of thousandths or millionths of them.
+/// Converts a time, a decimal number in this unit.
 fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, String> {
     let (name, digits) = match unit {
         Unit::Seconds => ("", 6),
@@ -123,7 +123,7 @@ fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, String> {
     })
 }
 
-/// What is wrong with a word of a log.
+/// The error of a word.
 fn wrong(word: &str, what: &str) -> String {
     format!("'{}' is {what}", cut(word))
 }
@@ -136,7 +136,7 @@ enum Unit {
     Micros,
 }
 
-/// A decimal number, with so many digits behind the point. Further digits are left out of account.
+/// A decimal number in units of its last digit, with `digits` decimals. Further decimals are ignored.
 fn decimal(text: &str, digits: usize) -> Option<u64> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, "0"));
     let are_digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
@@ -149,9 +149,9 @@ fn decimal(text: &str, digits: usize) -> Option<u64> {
     whole.parse::<u64>().ok()?.checked_mul(scale)?.checked_add(fraction)
 }
 
-/// A whole number in this base.
+/// An integer in this base.
 fn number(text: &str, base: u32) -> Option<u32> {
-    // A sign is no digit.
+    // The parser of the standard library accepts a sign.
     let are_digits = text.chars().all(|digit| digit.is_digit(base));
     u32::from_str_radix(text, base).ok().filter(|_| are_digits)
 }
@@ -160,7 +160,7 @@ fn identifier(text: &str, base: u32) -> Result<u32, String> {
     number(text, base).ok_or_else(|| wrong(text, "no identifier"))
 }
 
-/// So many bytes, each a word in this base.
+/// `len` bytes, each a word in this base.
 fn data<'a>(words: impl Iterator<Item = &'a str>, len: usize, base: u32) -> Result<Vec<u8>, String> {
     let byte = |word: &str| {
         let byte = number(word, base).and_then(|byte| u8::try_from(byte).ok());
@@ -173,7 +173,7 @@ fn data<'a>(words: impl Iterator<Item = &'a str>, len: usize, base: u32) -> Resu
     }
 }
 
-/// A data frame, if it has an identifier of 11 bits.
+/// A data frame; `None` if its identifier has 29 bits.
 fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, String> {
     let max = if is_extended {
         MAX_EXTENDED
@@ -183,7 +183,7 @@ fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<
     if id > max {
         return Err(format!("identifier {id:X} is out of range (0 to {max:X})"));
     }
-    // The length of a frame with a long identifier is checked as well.
+    // The length is checked for both kinds of identifier.
     let standard = Id::new(id as u16).unwrap_or(Id::MAX);
     let new = if is_fd { Frame::new_fd } else { Frame::new };
     let frame = new(standard, data).map_err(|error| error.to_string())?;

@@ -1,4 +1,4 @@
-//! Logs that are written here are read back as the same frames, and logs of any bytes are read in bounded memory.
+//! Properties: written logs are read back as the same frames, and any bytes are read in bounded memory.
 
 use std::io::Write;
 
@@ -17,7 +17,7 @@ use crate::decode::input::Input;
 use crate::decode::output::Entries;
 use crate::decode::tests::Pieces;
 
-/// The most memory that reading a log takes, in bytes: the input's buffer and the decompressor are a third of it.
+/// Maximum memory of reading a log, in bytes. The input's buffer and the decompressor take a third of it.
 const MAX_MEMORY: u64 = 256 * 1024;
 const FORMATS: [Format; 6] = [
     Format::Candump,
@@ -39,7 +39,7 @@ struct Sent {
 #[derive(Clone, Debug)]
 enum Body {
     Data(Frame),
-    /// With an identifier of 29 bits.
+    /// A frame with a 29-bit identifier.
     Extended {
         id: u32,
         data: Vec<u8>,
@@ -73,7 +73,7 @@ impl Sent {
         matches!(self.body, Body::Data(_) | Body::Extended { .. })
     }
 
-    /// The identifier, whether it is a long one, and the data.
+    /// The identifier, true if it has 29 bits, and the data.
     fn parts(&self) -> (u32, bool, &[u8]) {
         match &self.body {
             Body::Data(frame) => (frame.id().get().into(), false, frame.data()),
@@ -83,7 +83,7 @@ impl Sent {
         }
     }
 
-    /// The identifier in so many digits, or 8 if it is a long one.
+    /// The identifier in `digits` digits, or in 8 if it has 29 bits.
     fn id(&self, digits: usize) -> String {
         match self.parts() {
             (id, true, _) => format!("{id:08X}"),
@@ -91,7 +91,7 @@ impl Sent {
         }
     }
 
-    /// The data as `07 AA`, with this between the bytes.
+    /// The data as `07 AA`, with this separator.
     fn data(&self, between: &str) -> String {
         let bytes: Vec<_> = self.parts().2.iter().map(|byte| format!("{byte:02X}")).collect();
         bytes.join(between)
@@ -108,7 +108,7 @@ impl Sent {
             .unwrap()
     }
 
-    /// In seconds, with all digits.
+    /// The time in seconds, with all digits.
     fn seconds(&self) -> String {
         format!("{}.{:06}", self.micros / 1_000_000, self.micros % 1_000_000)
     }
@@ -122,7 +122,7 @@ impl Sent {
         Heard { micros, bus, frame }
     }
 
-    /// Of a log that tells FD frames by their length only.
+    /// The expected record of a log that shows FD frames by their length only.
     fn heard_by_length(&self, bus: impl ToString) -> Heard {
         let mut heard = self.heard(bus);
         if let Some(frame) = heard.frame
@@ -149,7 +149,7 @@ fn body() -> impl Strategy<Value = Body> {
     ]
 }
 
-/// Records of buses, in order of time.
+/// Records in order of time.
 fn traffic() -> impl Strategy<Value = Vec<Sent>> {
     let begin = 0..2_000_000_000_000_000_u64;
     let sent = (0..2_000_000_u64, 0..32_u8, body());
@@ -162,7 +162,7 @@ fn traffic() -> impl Strategy<Value = Vec<Sent>> {
     })
 }
 
-/// Reads a log that comes in pieces of this size.
+/// Reads a log in pieces of this size.
 fn heard(log: &[u8], format: Format, piece: usize) -> Result<Vec<Heard>, String> {
     let out = Entries::default();
     let mut input = Input::new("log".to_owned(), Box::new(Pieces(log, piece)), &out);
@@ -178,7 +178,7 @@ fn heard(log: &[u8], format: Format, piece: usize) -> Result<Vec<Heard>, String>
     read.map(|()| heard).map_err(|error| error.to_string())
 }
 
-/// A log with these lines, with an end of line of Unix or Windows.
+/// A log with these lines, with line ends of Unix or Windows.
 fn text(lines: impl IntoIterator<Item = String>, is_windows: bool) -> Vec<u8> {
     let end = if is_windows { "\r\n" } else { "\n" };
     let lines = lines.into_iter().map(|line| line + end);
@@ -196,7 +196,7 @@ fn candump_logged(sent: &Sent) -> String {
     }
 }
 
-/// A line that candump prints.
+/// A line of candump's output.
 fn candump_printed(sent: &Sent) -> String {
     let place = format!(" ({})  can{}", sent.seconds(), sent.bus);
     let (id, len, data) = (sent.id(3), sent.len(), sent.data(" "));
@@ -247,7 +247,7 @@ fn asc(traffic: &[Sent], is_decimal: bool, is_relative: bool) -> Vec<String> {
     lines
 }
 
-/// Lines of a TRC log of version 1.1, which has no FD frames, no buses, and tenths of a millisecond.
+/// Lines of a TRC log of version 1.1: no FD frames, no buses, times in 0.1 ms.
 fn trc_1(traffic: &[Sent]) -> Vec<String> {
     let lines = traffic.iter().enumerate().map(|(i, sent)| {
         let (millis, tenths) = (sent.micros / 1000, sent.micros / 100 % 10);
@@ -300,14 +300,14 @@ fn csv_line(sent: &Sent) -> String {
     format!("{},0x{id:x},{flags},{dlc},{}", sent.seconds(), STANDARD.encode(data))
 }
 
-/// A line of GVRET's CSV, which has data frames only.
+/// A line of GVRET's CSV, for data frames only.
 fn gvret_line(sent: &Sent) -> String {
     let (id, is_extended, data) = sent.parts();
     let (micros, bus, len) = (sent.micros, sent.bus, data.len());
     format!("{micros},{id:08X},{is_extended},Rx,{bus},{len},{},", sent.data(","))
 }
 
-/// The objects of a BLF file. A frame that may be in several kinds of object is in one by its time.
+/// The objects of a BLF file. The time of a frame selects one of the possible object types.
 fn blf_objects(traffic: &[Sent]) -> Vec<u8> {
     const EXTENDED: u32 = 1 << 31;
     const NANOSECONDS: u32 = 2;
@@ -361,13 +361,13 @@ fn blf_objects(traffic: &[Sent]) -> Vec<u8> {
         objects.extend([0; 4]);
         objects.extend((sent.micros * 1000).to_le_bytes());
         objects.extend(body);
-        // The next is at a multiple of 4.
+        // Objects begin at multiples of 4.
         objects.resize(objects.len().next_multiple_of(4), 0);
     }
     objects
 }
 
-/// A BLF file with containers of so many bytes of objects.
+/// A BLF file whose containers have `container` bytes of objects.
 fn blf(traffic: &[Sent], is_compressed: bool, container: usize) -> Vec<u8> {
     let mut file = b"LOGG\x08\0\0\0".to_vec();
     for part in blf_objects(traffic).chunks(container) {
@@ -390,7 +390,7 @@ fn blf(traffic: &[Sent], is_compressed: bool, container: usize) -> Vec<u8> {
     file
 }
 
-/// Written in all formats, as far as each has words for it.
+/// The records as logs in all formats that can express them.
 fn written(traffic: &[Sent], is_windows: bool) -> Vec<(Format, Vec<u8>)> {
     let text = |lines: Vec<String>| text(lines, is_windows);
     let classic: Vec<_> = traffic.iter().filter(|sent| !sent.is_fd()).cloned().collect();
@@ -483,7 +483,7 @@ proptest! {
     fn any_bytes_are_read_without_panic(bytes in vec(any::<u8>(), 0..2000), piece in 1..200_usize) {
         for format in FORMATS {
             let _ = heard(&bytes, format, piece);
-            // Behind what such a file begins with.
+            // After the first bytes of such a file.
             let _ = heard(&[b"LOGG\x08\0\0\0LOBJ", &bytes[..]].concat(), format, piece);
         }
     }
@@ -541,7 +541,7 @@ const BEGINNINGS: &[&[u8]] = &[
     b"LOGG\x08\0\0\0LOBJ",
 ];
 
-/// The most memory that reading a log took at any time, in bytes.
+/// Peak memory of reading a log, in bytes.
 fn memory_of(log: &[u8], format: Format) -> u64 {
     let measured = allocation_counter::measure(|| {
         let out = Entries::default();

@@ -12,7 +12,7 @@ use crate::decode::tests::printed;
 
 const NODE: Node = Node::MAX;
 
-/// A frame as `candump -L` writes it, each a millisecond after the one before.
+/// Lines of `candump -L`, each 1 ms after the one before.
 fn log(lines: &mut Vec<String>, frame: &Frame) {
     let data: String = frame.data().iter().map(|byte| format!("{byte:02X}")).collect();
     let (hash, millis) = (if frame.is_fd() { "##1" } else { "#" }, lines.len());
@@ -22,7 +22,7 @@ fn log(lines: &mut Vec<String>, frame: &Frame) {
     ));
 }
 
-/// A PDU as it goes over the bus, flow control included.
+/// The frames of a PDU on the bus, flow control included.
 fn carry(lines: &mut Vec<String>, link: Link, function: Function, back: Function, pdu: &[u8]) {
     let end = |function: Function| Endpoint::<300, 300>::new(Config::new(link, function.id(NODE)));
     let (mut sender, mut receiver) = (end(function), end(back));
@@ -39,7 +39,7 @@ fn carry(lines: &mut Vec<String>, link: Link, function: Function, back: Function
     assert_eq!(receiver.received(), Some(pdu));
 }
 
-/// A Ling arm that is asked for its joints, and a question to the adapter.
+/// A request for the joints of a Ling arm with its answer, and a request to the adapter.
 fn exchange(link: Link) -> Vec<String> {
     use Function::{ArmAnswer, ArmRequest, ControlAnswer, ControlRequest};
     let mut lines = Vec::new();
@@ -66,7 +66,7 @@ fn decoded(log: &[u8], format: Option<Format>, arm: ArmKind) -> Vec<String> {
     lines
 }
 
-/// What the entries of a log end with.
+/// The sum of a log.
 fn told(log: &[u8], format: Option<Format>, arm: ArmKind) -> Vec<String> {
     let meaning = |line: &String| match line.split_once('\n') {
         Some((_, meaning)) => meaning.trim_start().to_owned(),
@@ -75,7 +75,7 @@ fn told(log: &[u8], format: Option<Format>, arm: ArmKind) -> Vec<String> {
     decoded(log, format, arm).iter().map(meaning).collect()
 }
 
-/// The same of lines of candump.
+/// The entries of lines of candump.
 fn meanings(log: &[String], arm: ArmKind) -> Vec<String> {
     told(log.join("\n").as_bytes(), Some(Format::Candump), arm)
 }
@@ -184,7 +184,7 @@ fn error_of(log: &str, format: Format) -> String {
 
 const OTHER: &str = "CAN frames: 1, PDUs: 0, lost: 0, cyclic frames: 0, frames of others: 1";
 
-/// The places of the entries of a log in this format, all of the same request, and the sum.
+/// The places of the entries of a log in this format, which all have the same request, and the sum.
 fn places(log: &str, format: Format) -> Vec<String> {
     let lines = decoded(log.as_bytes(), None, ArmKind::Ling);
     assert_eq!(decoded(log.as_bytes(), Some(format), ArmKind::Ling), lines, "{log}");
@@ -423,7 +423,7 @@ fn gvret_csv_is_read_with_or_without_direction() {
     }
 }
 
-/// The logs that python-can has written of the same frames: an exchange, the same by FD, and frames of others.
+/// Logs of python-can with the same frames: an exchange, the same exchange with FD frames, and frames of others.
 const FIXTURES: [(&str, &[u8]); 7] = [
     ("log", include_bytes!("../../../tests/logs/python-can.log")),
     ("asc", include_bytes!("../../../tests/logs/python-can.asc")),
@@ -438,7 +438,7 @@ const FIXTURES: [(&str, &[u8]); 7] = [
 fn python_can_logs_are_distinguished_and_read() {
     for (kind, log) in FIXTURES {
         let lines = told(log, None, ArmKind::Ling);
-        // Its traces have no FD frames, and its CSV has no short ones.
+        // Traces of python-can have no FD frames, and its CSV has no short ones.
         let expected = match kind {
             "trc" => vec![REQUEST, ANSWER],
             "csv" => vec![REQUEST, ANSWER, ANSWER],
@@ -449,10 +449,10 @@ fn python_can_logs_are_distinguished_and_read() {
     }
 }
 
-/// The header of a BLF file, as short as it may be.
+/// The shortest header of a BLF file.
 const BLF: [u8; 8] = *b"LOGG\x08\0\0\0";
 
-/// An object with its header of the first version, at 1.5 s.
+/// An object with a header of the first version, at 1.5 s.
 fn object(kind: u32, data: &[u8]) -> Vec<u8> {
     let mut object = b"LOBJ\x20\0\x01\0".to_vec();
     object.extend(u32::try_from(32 + data.len()).unwrap().to_le_bytes());
@@ -473,7 +473,7 @@ fn classic(flags: u8) -> Vec<u8> {
     .concat()
 }
 
-/// A container of these bytes as they are, which says that it has this size.
+/// A container of these bytes without compression, and with this size in its header.
 fn container(size: u32, data: &[u8]) -> Vec<u8> {
     let mut container = b"LOBJ\x10\0\x01\0".to_vec();
     container.extend(size.to_le_bytes());
@@ -577,7 +577,7 @@ fn an_endless_line_is_refused_at_its_start() {
     }
     let error = error_of(&format!("(1.0) can0 {}", "\u{1b}".repeat(4000)), Format::Candump);
     assert!(error.chars().count() < 300, "{error}");
-    // A comment may be as long as it likes.
+    // Comments have no maximum length.
     let log = format!(";##{long}\n 1) 1 060F 8 07 AA 06 00 01 FE 9A FF\n");
     assert_eq!(places(&log, Format::Trc)[0], "1 ms  node 15");
 }

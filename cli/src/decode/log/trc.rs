@@ -6,10 +6,10 @@ use armwire_bridge::can::{FD_LENGTHS, Frame};
 
 use super::{Logged, Record, TextLog, Unit, data, frame, identifier, number, time};
 
-/// How many columns a trace may have.
+/// Maximum number of columns in a trace.
 const MAX_COLUMNS: usize = 16;
 
-/// A log such as
+/// A parser of such logs:
 ///
 /// ```text
 /// ;$FILEVERSION=2.1
@@ -17,7 +17,7 @@ const MAX_COLUMNS: usize = 16;
 ///       1      1059.900 DT 1   060F Rx -  8    07 AA 06 00 01 FE 9A FF
 /// ```
 ///
-/// or, without columns, of version 1.1:
+/// or, for version 1.1, which has no columns:
 ///
 /// ```text
 /// ;$FILEVERSION=1.1
@@ -25,7 +25,7 @@ const MAX_COLUMNS: usize = 16;
 /// ```
 pub(in crate::decode) struct Trc {
     version: Version,
-    /// The letters of the columns, from version 2 on.
+    /// The letters of the columns, since version 2.
     columns: Vec<char>,
 }
 
@@ -70,7 +70,7 @@ impl Trc {
         Ok(Record::Comment)
     }
 
-    /// `1) 1059.9 1 Rx 060F - 8 07 AA ...` with what this version has of it.
+    /// `1) 1059.9 1 Rx 060F - 8 07 AA ...`, with the fields of this version.
     fn first_version<'a>(&self, line: &'a str) -> Result<Record<'a>, String> {
         let mut words = line.split_whitespace();
         let mut word = |what: &str| words.next().ok_or_else(|| format!("no {what}"));
@@ -86,7 +86,7 @@ impl Trc {
             return Ok(Record::Other);
         }
         let id = word("identifier")?;
-        // Of version 1.0 that stands for a warning.
+        // The identifier of a warning in version 1.0.
         if id == "FFFFFFFF" {
             return Ok(Record::Other);
         }
@@ -104,7 +104,7 @@ impl Trc {
         Ok(Record::Frame(Logged { time, bus, frame }))
     }
 
-    /// A line with the columns that the header names.
+    /// A line with the columns of the header.
     fn second_version<'a>(&self, line: &'a str) -> Result<Record<'a>, String> {
         if self.columns.is_empty() {
             return Err("no $COLUMNS before the first message".to_owned());
@@ -153,7 +153,7 @@ impl TextLog for Trc {
     }
 }
 
-/// A frame whose identifier has more than 4 digits if it is a long one.
+/// A frame whose identifier has more than 4 digits for 29 bits.
 fn whole_frame(id: &str, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, String> {
     frame(identifier(id, 16)?, id.len() > 4, is_fd, data)
 }

@@ -1,7 +1,7 @@
 //! The records of an MCAP file that lead to its messages: <https://mcap.dev/spec>.
 //!
-//! The library splits the file into records. Their fields and chunks are read here: the library's readers reserve as many
-//! bytes as a damaged length says, and panic at a record that extends beyond its chunk (`mcap` 0.26.0).
+//! The library splits the file into records. Their fields and chunks are read here: the library's readers reserve as
+//! many bytes as a damaged length says, and panic at a record that extends beyond its chunk (`mcap` 0.26.0).
 
 use std::io::BufRead;
 
@@ -36,8 +36,8 @@ pub(super) enum Record<'a> {
 /// A consumer of records.
 pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;
 
-/// Hands the records of a file, also those in its chunks, to `take`. Returns true if the file is cut: its program was killed,
-/// or is still writing.
+/// Hands the records of a file, also those in its chunks, to `take`. Returns true if the file is cut: its program was
+/// killed, or is still writing.
 pub(super) fn read(file: &mut dyn BufRead, take: &mut Take<'_>) -> Result<bool, Refused> {
     split(file, LinearReaderOptions::default(), &mut |opcode, data| match opcode {
         op::CHUNK => read_chunk(data, take),
