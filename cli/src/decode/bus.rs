@@ -6,7 +6,7 @@ use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message};
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
 
-use super::log::{Logged, Record, Time};
+use super::log::{Logged, Record, Refused, Time};
 use super::output::{Item, OnLine, Output};
 use super::{Speaker, frame_meaning};
 use crate::describe::{Arm, Protocol};
@@ -33,14 +33,6 @@ pub(super) struct Buses {
     cyclic: u64,
     others: u64,
     events: u64,
-}
-
-/// The reason why a record is refused.
-pub(super) enum Refused {
-    /// The log is damaged or not supported.
-    Log(String),
-    /// The output failed.
-    Output(std::io::Error),
 }
 
 impl Buses {

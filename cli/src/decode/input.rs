@@ -3,11 +3,12 @@
 use std::borrow::Cow;
 use std::io::{self, BufRead, ErrorKind, Read};
 
-use super::format::BYTE_ORDER_MARK;
 use super::output::Output;
 use crate::error::Error;
 use crate::printable::cut;
 
+/// The UTF-8 byte order mark of some editors.
+pub(super) const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 /// Size of the buffer, in bytes. The format of a recording is detected in it.
 const CAPACITY: usize = 64 * 1024;
 /// Maximum length of a line, in bytes: more than four times the longest line of every format.

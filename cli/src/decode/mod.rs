@@ -1,6 +1,7 @@
 //! `armwire decode`: the frames in a recording, their meaning, and the bytes between them.
 
 mod bus;
+mod detect;
 mod digits;
 mod format;
 mod input;
@@ -106,7 +107,7 @@ fn decode_input(
     arm: ArmKind,
     from: Option<Speaker>,
 ) -> Result<(), Error> {
-    let format = format.map_or_else(|| format::detect(&mut input), Ok)?;
+    let format = format.map_or_else(|| detect::detect(&mut input), Ok)?;
     if matches!(format, Format::Raw | Format::Hex) {
         return decode_line(input, out, format, arm, from);
     }

@@ -7,10 +7,10 @@ use std::time::Duration;
 use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
 use armwire_bridge::config::{ArmKind, Poll};
-use armwire_bridge::control::{self, Event, Stamp, Subscription};
+use armwire_bridge::control::{self, Event, Subscription};
 
 use super::asked::{Readable, news};
-use super::reading::{LineErrors, News, Source};
+use super::reading::{LineErrors, News, OnFrame, Source};
 use super::recorder::Recorder;
 use crate::config;
 use crate::control::ControlLink;
@@ -18,9 +18,6 @@ use crate::error::Error;
 
 /// Maximum wait for an event. Keys are read between waits.
 const LISTEN: Duration = Duration::from_millis(50);
-
-/// A recipient of each frame, with its stamp.
-pub(super) type OnFrame = Box<dyn FnMut(Stamp, &[u8])>;
 
 /// A subscription to the adapter of an arm with this protocol.
 struct Subscribed<P> {

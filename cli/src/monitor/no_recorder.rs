@@ -2,7 +2,7 @@
 
 use armwire::Config;
 
-use super::adapter::OnFrame;
+use super::reading::OnFrame;
 use crate::describe::{Arm, Protocol};
 use crate::error::Error;
 use crate::link::{Line, Link};

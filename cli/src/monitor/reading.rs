@@ -20,6 +20,9 @@ pub(super) enum News {
     Nothing,
 }
 
+/// A recipient of each frame that an adapter stamped.
+pub(super) type OnFrame = Box<dyn FnMut(Stamp, &[u8])>;
+
 /// A source of readings.
 pub(super) trait Source {
     /// The name of the arm, with its article.

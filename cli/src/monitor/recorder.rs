@@ -4,7 +4,7 @@ use std::path::Path;
 
 use armwire::Config;
 
-use super::adapter::OnFrame;
+use super::reading::OnFrame;
 use super::tap::Tap;
 use crate::args::Speaker;
 use crate::describe::{Arm, Protocol};

@@ -11,8 +11,7 @@ use armwire_bridge::Instant;
 use armwire_bridge::can::Frame;
 use flate2::bufread::ZlibDecoder;
 
-use super::{Logged, Record, Take, Time, frame};
-use crate::decode::bus::Refused;
+use super::{Logged, Record, Refused, Take, Time, frame};
 use crate::decode::input::Input;
 use crate::error::Error;
 

@@ -17,7 +17,6 @@ use std::borrow::Cow;
 use armwire_bridge::Instant;
 use armwire_bridge::can::{Frame, Id};
 
-use super::bus::Refused;
 use super::format::Format;
 use super::input::Input;
 use crate::error::Error;
@@ -30,6 +29,14 @@ use trc::Trc;
 
 /// The highest 29-bit identifier.
 const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
+
+/// The reason why a record is refused.
+pub(super) enum Refused {
+    /// The log is damaged or not supported.
+    Log(String),
+    /// The output failed.
+    Output(std::io::Error),
+}
 
 /// A consumer of records.
 pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;

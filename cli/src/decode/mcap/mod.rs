@@ -9,8 +9,8 @@ use armwire::ling::Ling;
 use armwire::ling::legacy::Legacy;
 use armwire::xarm::XArm;
 
-use super::bus::Refused;
 use super::input::Input;
+use super::log::Refused;
 use super::output::{Item, OnLine, Output};
 use super::{Speaker, frame_meaning};
 use crate::describe::Protocol;

@@ -10,7 +10,7 @@ use mcap::McapError;
 use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use crate::decode::bus::Refused;
+use crate::decode::log::Refused;
 use crate::printable::cut;
 
 /// The longest record, in bytes. Other programs may have written images to the file.
