@@ -13,8 +13,8 @@ use embassy_time::Timer;
 
 use crate::adapter::{Adapter, Work, now};
 use crate::board::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
+use crate::progress::{Task, rest};
 use crate::restart;
-use crate::watchdog::{Task, rest};
 
 /// Maximum time for a reply to reach the host before a restart.
 const PARTING_MS: u64 = 100;

@@ -9,7 +9,7 @@ use embassy_time::{Duration, Instant, with_timeout};
 
 use crate::adapter::{Adapter, Work, now};
 use crate::board::{CAN_CAPACITY, Can};
-use crate::watchdog::{Task, progress, rest};
+use crate::progress::{Task, progress, rest};
 
 /// Maximum time for the controller's frames to leave before it is restarted.
 const PARTING: Duration = Duration::from_millis(10);

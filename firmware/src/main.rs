@@ -21,6 +21,7 @@ mod identity;
 mod led;
 mod panic;
 mod priority;
+mod progress;
 mod restart;
 mod time;
 mod uart;

@@ -6,7 +6,7 @@ use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
 use crate::adapter::{Adapter, Work, now};
-use crate::watchdog::{Task, progress, rest};
+use crate::progress::{Task, progress, rest};
 
 /// Dispatches after every call of the bridge, and calls it at its timeout.
 #[embassy_executor::task]

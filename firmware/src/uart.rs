@@ -37,7 +37,7 @@ use crate::adapter::{Adapter, Work, now};
 use crate::board::usart::{self, Status};
 use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, transmit_at};
 use crate::priority::let_others_run;
-use crate::watchdog::{Task, progress, rest};
+use crate::progress::{Task, progress, rest};
 
 /// Size of the receive ring in bytes. Half of it may be unread: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;

@@ -14,8 +14,8 @@ use static_cell::StaticCell;
 
 use crate::adapter::{Adapter, Work, now};
 use crate::board::{self, UsbDriver};
+use crate::progress::{Task, rest};
 use crate::usb::pipe::Endpoints;
-use crate::watchdog::{Task, rest};
 
 /// The pid.codes test id for private use: a product needs an id of its own.
 const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);

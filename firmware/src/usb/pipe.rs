@@ -8,7 +8,7 @@ use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
 
 use crate::adapter::{Adapter, Work, now};
 use crate::board::UsbDriver;
-use crate::watchdog::{Task, rest};
+use crate::progress::{Task, rest};
 
 type ToHost = <UsbDriver as Driver<'static>>::EndpointIn;
 type FromHost = <UsbDriver as Driver<'static>>::EndpointOut;
