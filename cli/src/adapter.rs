@@ -17,7 +17,7 @@ use crate::output::complain;
 use crate::port::Port;
 use crate::serial::not_opened;
 
-/// Where an adapter is.
+/// The port of an adapter.
 #[derive(Args, Debug, PartialEq, Eq)]
 pub(crate) struct AdapterPort {
     /// The adapter's serial port, such as /dev/ttyACM0 or COM3; or can:IFACE/NODE, on a CAN bus of Linux; or
@@ -26,7 +26,7 @@ pub(crate) struct AdapterPort {
 }
 
 impl AdapterPort {
-    /// Where it is once it is so on the CAN bus, if it is on one.
+    /// The port after the adapter has this configuration of the CAN bus.
     pub(crate) fn moved(&self, can: &Can) -> Self {
         let port = match self.port.clone() {
             Port::Can { interface, .. } => Port::Can {
@@ -47,7 +47,7 @@ impl AdapterPort {
     pub(crate) fn open(&self) -> Result<ControlLink, Error> {
         let opened = self.port.connect(None)?.control();
         match (opened, &self.port) {
-            // A port that is not there has no control port either, but that is not what is wrong with it.
+            // The error is the missing port, and not its missing control port.
             (Err(Error::NoControl { .. }), Port::Serial(port)) if cfg!(unix) && !Path::new(port).exists() => {
                 Err(not_opened(port, &ErrorKind::NotFound.into()))
             }
@@ -56,11 +56,11 @@ impl AdapterPort {
     }
 }
 
-/// What an adapter is.
+/// Reads an adapter's identity.
 ///
 /// # Errors
 ///
-/// Those of the control port.
+/// Errors of the control port.
 pub fn identify(control: &mut ControlLink) -> Result<Identity, Error> {
     match control.call(Request::Identify)? {
         Reply::Identity(identity) => Ok(identity),
@@ -68,7 +68,7 @@ pub fn identify(control: &mut ControlLink) -> Result<Identity, Error> {
     }
 }
 
-/// What an adapter is, for people and for programs.
+/// An adapter's identity, as text and as JSON.
 pub(crate) fn identity(control: &mut ControlLink) -> Result<Fact, Error> {
     let identity = identify(control)?;
     let values = [
@@ -81,7 +81,7 @@ pub(crate) fn identity(control: &mut ControlLink) -> Result<Fact, Error> {
     Ok(Fact::of("adapter", describe(&identity), values))
 }
 
-/// What an adapter is, in words.
+/// An adapter's identity as text.
 pub(crate) fn describe(identity: &Identity) -> String {
     let commit = match identity.commit.as_str() {
         "" => String::new(),
@@ -94,11 +94,11 @@ pub(crate) fn describe(identity: &Identity) -> String {
     )
 }
 
-/// All counters of an adapter by their names, in the order in which they are declared.
+/// Reads all counters of an adapter by their names, in the order of their declaration.
 ///
 /// # Errors
 ///
-/// Those of the control port.
+/// Errors of the control port.
 pub fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> {
     match control.call(Request::GetCounters)? {
         Reply::Counters(counters) => match serde_json::to_value(counters) {

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::port::{Connection, Port};
 use crate::tcp::Host;
 
-/// Where an arm is, and which it is.
+/// The port and the kind of an arm.
 #[derive(Args)]
 pub(crate) struct Place {
     /// The serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or slcan:PORT@BITRATE/NODE, an
@@ -30,7 +30,7 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// What any other arm is on.
+    /// The port of any other arm.
     pub(crate) fn connect(&self) -> Result<Connection, Error> {
         let port: Port = self.port.parse().map_err(Error::Usage)?;
         port.connect(self.baud.baud)
@@ -60,7 +60,7 @@ impl Place {
     }
 }
 
-/// Where an arm on a port is.
+/// The port of an arm.
 #[derive(Args)]
 pub(crate) struct ArmPort {
     /// The arm's serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or

@@ -4,7 +4,7 @@ use std::fs;
 
 use serial2::SerialPort;
 
-/// What Linux calls an interface for CAN (`ARPHRD_CAN`).
+/// Type of a CAN interface in Linux (`ARPHRD_CAN`).
 const CAN_TYPE: &str = "280";
 
 /// Serial ports, and CAN interfaces.

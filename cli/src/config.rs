@@ -47,11 +47,11 @@ enum Action {
 /// One setting of an adapter.
 struct Key {
     name: &'static str,
-    /// What it is.
+    /// The description.
     help: &'static str,
     /// The allowed values.
     values: &'static str,
-    /// Where it is in a configuration.
+    /// Its field of a configuration.
     field: fn(&mut Config) -> Field<'_>,
 }
 
@@ -155,7 +155,7 @@ impl Key {
     ///
     /// # Errors
     ///
-    /// That is none of its values, as far as they can be told apart here.
+    /// The value does not exist, as far as this program can know.
     fn set(&self, config: &mut Config, text: &str) -> Result<(), String> {
         let mut set = || {
             match ((self.field)(config), text) {
@@ -178,7 +178,7 @@ impl Key {
     }
 }
 
-/// A setting as it was typed. The value can be read; whether the adapter can be like that, it says itself.
+/// A setting from the command line with a valid value. The adapter checks the whole configuration.
 #[derive(Clone)]
 struct Setting {
     key: &'static Key,
@@ -311,7 +311,7 @@ mod tests {
 
     use super::*;
 
-    /// One that differs from the usual in every setting.
+    /// A configuration that differs from the default in every setting.
     const UNUSUAL: Config = Config {
         arm: ArmKind::Alpha1,
         poll: Poll::Hertz(200),

@@ -6,7 +6,7 @@ use clap::Args;
 
 use crate::error::Error;
 
-/// Whether to ask.
+/// The option that skips the question.
 #[derive(Args)]
 pub(crate) struct Confirm {
     /// Do it without asking.

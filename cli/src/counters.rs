@@ -8,7 +8,7 @@ use crate::adapter::{self, AdapterPort, histograms};
 use crate::error::Error;
 use crate::output::{print, print_json};
 
-/// How wide the longest bar of a histogram is.
+/// Width of the longest bar of a histogram, in columns.
 const BAR: u64 = 40;
 
 /// The arguments of `armwire counters`.

@@ -11,9 +11,9 @@ use crate::adapter::AdapterPort;
 use crate::error::Error;
 use crate::output::say;
 
-/// How often the lease of the line is renewed: several times before it ends.
+/// Period of the lease's renewal: a fraction of the lease.
 const RENEWAL: Duration = Duration::from_millis(HOLD_LEASE_MS as u64 / 5);
-/// How often Ctrl-C is looked for.
+/// Period of the checks for Ctrl-C.
 const GLANCE: Duration = Duration::from_millis(50);
 
 /// The arguments of `armwire hold`.

@@ -23,7 +23,7 @@ pub(crate) struct Info {
     json: bool,
 }
 
-/// What is known so far. It is shown at once, unless it is to be one JSON object at the end.
+/// The facts so far. Text is printed at once, JSON as one object at the end.
 struct Report {
     json: bool,
     known: Vec<Fact>,
@@ -104,7 +104,7 @@ impl Report {
         state.map_or(Ok(()), |state| self.add(state))
     }
 
-    /// The adapter between this computer and the arm, and what it is told to be.
+    /// The adapter between this computer and the arm, and its configuration.
     fn adapter(&mut self, control: &mut ControlLink) -> Result<(), Error> {
         self.add(identity(control)?)?;
         let config = config::get(control)?;

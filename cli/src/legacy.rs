@@ -10,19 +10,19 @@ use crate::error::Error;
 use crate::link::{Came, Line, Link, Names};
 use crate::port::Connection;
 
-/// How long a line is listened to before the first byte is sent. Such an arm talks forty times a second, two frames each
-/// time, and is recognised by three: in 50 ms. A current arm keeps silent until it is asked.
+/// Listening time before the first byte is sent. An older arm transmits two frames forty times a second. Three frames
+/// detect it, in 50 ms. A current arm is silent without a request.
 const LISTEN: Duration = Duration::from_millis(100);
-/// How long, if something is said in that time.
+/// Listening time if bytes arrive meanwhile.
 const LISTEN_ON: Duration = Duration::from_millis(500);
 
-/// A line on which nothing is sent once an arm of the older generation was heard there: whoever reads gets the error.
+/// A line that sends nothing after an arm of the older generation was detected: a read returns the error.
 struct Listened {
     line: Box<dyn Line>,
     detector: Detector,
 }
 
-/// Opens the line of a Ling arm and listens. What is heard meanwhile, unasked, answers nothing and is left out.
+/// Opens the line of a Ling arm and listens. Unsolicited bytes received meanwhile are discarded.
 ///
 /// # Errors
 ///
@@ -50,7 +50,7 @@ impl Listened {
         let mut buf = [0; 256];
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            // Also if the time is up: what was said while the system gave us none waits in the port.
+            // One more read after the timeout: the port may hold bytes that arrived while this thread did not run.
             if listened.read(&mut buf, left)? > 0 {
                 until = begun + LISTEN_ON;
             }
@@ -96,7 +96,7 @@ mod tests {
     use super::*;
     use crate::describe::Arm;
 
-    /// What an arm of the older generation says of its joints.
+    /// The joint frames of an arm of the older generation.
     const JOINTS: [u8; 23] = [
         0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED,
         0x04, 0x81, 0x08, 0x00, 0xFF,

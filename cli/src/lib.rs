@@ -137,7 +137,7 @@ enum Command {
     },
 }
 
-/// Does what the command line says.
+/// Runs the command line of this process.
 pub fn main() -> ExitCode {
     match run_from(&std::env::args_os().collect::<Vec<_>>()) {
         true => ExitCode::SUCCESS,
@@ -145,8 +145,8 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Does what these words say, of which the first is the program's name. Returns whether it was done; what is wrong, it has
-/// told by then. Exits where the words are no command, or ask for help.
+/// Runs a command line, which begins with the program's name. Prints errors, and returns true without any. Exits if the
+/// arguments are invalid or ask for help.
 pub fn run_from(args: &[OsString]) -> bool {
     let parsed = command()
         .try_get_matches_from(args)
@@ -154,7 +154,7 @@ pub fn run_from(args: &[OsString]) -> bool {
     let cli = parsed.unwrap_or_else(|error| with_names(error, args).exit());
     match run(&cli.command) {
         Ok(()) => true,
-        // Who no longer reads what we print has had enough.
+        // The reader of the output is gone, as with `| head`: this is no error.
         Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => true,
         Err(Error::Usage(text)) => command().error(ErrorKind::ValueValidation, text).exit(),
         Err(error) => {

@@ -3,7 +3,7 @@
 use armwire_bridge::control::{LineHolder, LineState};
 use armwire_bridge::{LineCoding, Parity, StopBits};
 
-/// Who holds the line and at which rate. `None` where all take turns at the arm's rate.
+/// The holder of the line, and its rate. `None` if all hosts take turns at the arm's rate.
 pub(crate) fn describe(line: &LineState) -> Option<String> {
     let (coding, arm) = (rate(line.coding), rate(line.arm));
     let refused = "polls and CAN are refused";
@@ -58,7 +58,7 @@ mod tests {
         let arms = LineCoding::LING;
         for (state, told) in [
             (state(arms, LineHolder::Nobody, None), None),
-            // It changes to the arm's within milliseconds.
+            // The rate changes to the arm's within milliseconds.
             (state(slow, LineHolder::Nobody, Some(arms)), None),
             (
                 state(slow, LineHolder::OtherRate, None),

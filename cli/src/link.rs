@@ -24,7 +24,7 @@ const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
 
 /// A transport of bytes.
 pub trait Line: Send {
-    /// What the user calls it.
+    /// The name on the command line.
     fn name(&self) -> &str;
 
     /// Reads the available bytes, waiting at most `wait` for the first one. Returns 0 on timeout.
@@ -34,7 +34,7 @@ pub trait Line: Send {
     /// one.
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error>;
 
-    /// What to ask oneself about this line when nothing comes from the arm, or something that is none of its messages.
+    /// Hints for a line without an answer.
     fn hints(&mut self, came: Came, arm: Names) -> String;
 }
 
@@ -139,8 +139,8 @@ impl<P: Arm> Link<P> {
             .expect("the client is idle, and has room for any request");
         let begun = self.now();
         let mut received = Received::default();
-        // Before it transmits it takes what has arrived, so that no old answer is taken for a new one. But torque off does not
-        // wait for an arm that never stops talking.
+        // Bytes that have arrived are read before the request is sent: an old answer must not be taken for the new one.
+        // Torque-off does not wait for an arm that never stops sending.
         let mut drained = !self.client.expects_answer();
         loop {
             let now = self.now();
@@ -194,8 +194,8 @@ impl<P: Arm> Link<P> {
         }
     }
 
-    /// The arm's unsolicited responses, as `take` makes them, after waiting at most this long for the first byte; `None` when
-    /// no byte came.
+    /// The arm's unsolicited responses, converted by `take`, after a wait of at most this long for the first byte. `None`
+    /// if no byte came.
     pub(crate) fn hear<T>(
         &mut self,
         wait: Duration,
@@ -236,7 +236,7 @@ impl<P: Arm> Link<P> {
                     _ => {}
                 }
             }
-            // Also if bytes do not end.
+            // The wait ends even if bytes do not.
             if left.is_zero() {
                 return Ok(false);
             }
@@ -348,8 +348,8 @@ impl<P: Arm> Link<P> {
     }
 }
 
-/// Whether an answer to the request begins somewhere in the bytes, with the request's header and then otherwise, where
-/// its end may have been lost.
+/// Returns true if an answer to the request begins somewhere in the bytes: the request's header, followed by another
+/// byte. Its end may be lost.
 fn is_begun<P: Arm>(request: &P::Request<'_>, bytes: &[u8]) -> bool {
     let mut out = [0; BUFFER];
     let sent = P::default().encode_request(request, &mut out).unwrap_or(0);
@@ -371,7 +371,7 @@ mod tests {
 
     use super::*;
 
-    /// Joints at this position, as an arm tells it.
+    /// An arm's answer with all joints at this position.
     fn joints(ticks: u16) -> Vec<u8> {
         let response = Response::Joints(JointState {
             joints: [ticks; 6],

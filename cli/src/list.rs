@@ -68,7 +68,7 @@ impl List {
     }
 }
 
-/// What there is to know of a serial port, or of the arm on another.
+/// The description of a serial port, or of the arm on another port.
 fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
     let mut facts = vec![Fact::words("port", name)];
     let told = match name

@@ -1,4 +1,4 @@
-//! `armwire move`, `torque` and `set-zero`: a Ling arm does something, and says what is so then.
+//! `armwire move`, `torque` and `set-zero`: actions of a Ling arm, each read back.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ use crate::legacy;
 use crate::link::Link;
 use crate::output::say;
 
-/// How near a joint is when it is there: 3 ticks, 0.26°.
+/// Maximum distance of a joint from its target: 3 ticks, 0.26°.
 const NEAR: u16 = 3;
 /// Tolerance of the gripper: 5 thousandths of its stroke, 0.5 %.
 const NEAR_OPENING: u16 = 5;
@@ -25,9 +25,9 @@ const NEAR_OPENING: u16 = 5;
 const STANDS_STILL: time::Duration = time::Duration::from_millis(1_000);
 /// Zero, in ticks.
 const ZERO: u16 = Position::CENTRE.ticks();
-/// How long an arm may take to obey.
+/// Timeout of an action that is read back.
 const OBEYS: Duration = Duration::from_millis(500);
-/// How often is looked.
+/// Period of the readings.
 const PERIOD: time::Duration = time::Duration::from_millis(20);
 
 /// The arguments of `armwire move`.
@@ -151,7 +151,7 @@ impl SetZero {
     }
 }
 
-/// Whether an arm holds its position, if its status tells.
+/// True if the arm holds its position. `None` if its status is unknown.
 const fn is_holding(status: MotionStatus) -> Option<bool> {
     match status {
         MotionStatus::Locked | MotionStatus::SyncLocked => Some(true),
@@ -212,7 +212,7 @@ fn far_gripper(target: &Move, state: &JointState) -> Option<String> {
     (off > NEAR_OPENING).then(|| format!("gripper is {:.1} % off", f32::from(off) / 10.0))
 }
 
-/// Each joint that is not near its target, and how far off.
+/// The joints away from their targets, and their distances.
 fn far_joints(target: &Move, state: &JointState) -> Vec<String> {
     let joints = (1..).zip(target.joints.iter().zip(state.joints));
     let off = joints.filter_map(|(n, ((goal, _speed), ticks))| {

@@ -1,4 +1,4 @@
-//! What a command prints: results on standard output, and what is wrong on standard error.
+//! The output of commands: results on standard output, errors on standard error.
 
 use std::fmt::Display;
 use std::io::{Write, stderr, stdout};

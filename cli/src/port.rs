@@ -1,4 +1,4 @@
-//! Where an arm or an adapter is: what a user types for it, and what is opened there.
+//! The port of an arm or an adapter: its text on the command line, and the connection to it.
 
 use std::fmt;
 use std::num::NonZeroU32;
@@ -19,16 +19,16 @@ use crate::link::{Line, Link};
 use crate::serial::Serial;
 use crate::tcp::{Host, Tcp};
 
-/// What a connection to a server adds to an answer at most, and how late an answer may still arrive.
+/// Maximum delay that a server adds to an answer, and the stale window behind it.
 const TCP: Config = Config::TCP;
-/// What CAN adds to an answer at most: its frames at 125 kbit/s, and the wait for others who use the arm.
+/// Maximum delay that CAN adds to an answer: its frames at 125 kbit/s, and the turns of other hosts.
 const CAN_LATENCY: time::Duration = time::Duration::from_millis(100);
-/// The bit rate of a CAN bus unless it is given: an adapter's, unless it is configured.
+/// Default bit rate of a CAN bus: the default of an adapter.
 const BIT_RATE: BitRate = BitRate::MAX;
-/// The baud rate of an SLCAN adapter unless it is given. One on USB does not mind.
+/// Default baud rate of an SLCAN adapter. An adapter on USB ignores it.
 const SLCAN_BAUD: u32 = 115_200;
 
-/// A port, as it is typed.
+/// A port on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Port {
@@ -43,7 +43,7 @@ pub enum Port {
         /// The adapter's node id.
         node: Node,
     },
-    /// `slcan:PORT[@BITRATE][/NODE]`: an adapter on the bus of a CAN adapter that speaks SLCAN.
+    /// `slcan:PORT[@BITRATE][/NODE]`: an adapter on the bus of a CAN adapter with the SLCAN protocol.
     Slcan {
         /// The serial port of the CAN adapter.
         port: String,
@@ -52,9 +52,9 @@ pub enum Port {
         /// The adapter's node id.
         node: Node,
     },
-    /// `hid:`, `hid:VID:PID` or `hid:NAME`: an Alpha1 that is a HID device on USB.
+    /// `hid:`, `hid:VID:PID` or `hid:NAME`: an Alpha1 as a HID device on USB.
     Hid(Selector),
-    /// `control:PORT`: the control port alone, where it is a port of its own, as with the virtual board.
+    /// `control:PORT`: only the control port, on a port of its own, as the virtual board has it.
     Control(String),
 }
 
@@ -69,7 +69,7 @@ impl FromStr for Port {
             "tcp" => Self::Tcp(Host::with_port(rest)?),
             "can" => {
                 let (interface, node) = split_node(rest)?;
-                let interface = named(interface, text)?;
+                let interface = non_empty(interface, text)?;
                 Self::Can { interface, node }
             }
             "slcan" => {
@@ -88,26 +88,26 @@ impl FromStr for Port {
                     }
                     None => (rest, BIT_RATE, Node::default()),
                 };
-                let port = named(port, text)?;
+                let port = non_empty(port, text)?;
                 Self::Slcan { port, bit_rate, node }
             }
             "hid" => Self::Hid(Selector::parse(rest)),
-            "control" => Self::Control(named(rest, text)?),
-            // A path may have colons, as those under /dev/serial/by-path.
+            "control" => Self::Control(non_empty(rest, text)?),
+            // A path may contain colons, for example under /dev/serial/by-path.
             _ => Self::Serial(text.to_owned()),
         })
     }
 }
 
-/// The name of what there is to open, of which `text` must have one.
-fn named(name: &str, text: &str) -> Result<String, String> {
+/// The name of the port in `text`. An empty name is an error.
+fn non_empty(name: &str, text: &str) -> Result<String, String> {
     match name {
         "" => Err(format!("'{text}' names no port")),
         name => Ok(name.to_owned()),
     }
 }
 
-/// What is before the slash, and the node behind it: node 0 if there is none.
+/// Splits the text at the last slash into its front and the node. The default is node 0.
 fn split_node(text: &str) -> Result<(&str, Node), String> {
     let Some((front, node)) = text.rsplit_once('/') else {
         return Ok((text, Node::default()));
@@ -118,14 +118,14 @@ fn split_node(text: &str) -> Result<(&str, Node), String> {
     Ok((front, Node::new(number).map_err(|error| error.to_string())?))
 }
 
-/// Whether the number behind the last slash is a node: not where the path before it is a folder, such as /dev/pts.
+/// Returns true if a node follows the last slash. After a folder, such as /dev/pts, the number is part of the path.
 fn ends_with_node(text: &str) -> bool {
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     text.rsplit_once('/')
         .is_some_and(|(front, node)| is_number(node) && !Path::new(front).is_dir())
 }
 
-/// As it was typed, with what was left out but for a node 0.
+/// The text of the command line, completed by the defaults. Node 0 is left out.
 impl fmt::Display for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let node = match self {
@@ -150,11 +150,11 @@ impl fmt::Display for Port {
 }
 
 impl Port {
-    /// What is typed where only a control port can stand: a path alone is that of one.
+    /// Parses the text of a control port: a path alone is the path of a control port.
     ///
     /// # Errors
     ///
-    /// A reason in words.
+    /// The reason as text.
     pub fn of_control(text: &str) -> Result<Self, String> {
         Ok(match text.parse()? {
             Self::Serial(port) => Self::Control(port),
@@ -162,12 +162,12 @@ impl Port {
         })
     }
 
-    /// Reaches for what is there; a serial port is opened only when its arm is asked for. `baud` is that of the serial
-    /// port, of this computer's that is.
+    /// Opens the port. A serial port of an arm is opened later, by [`arm`](Connection::arm). `baud` is the baud rate of
+    /// this computer's serial port.
     ///
     /// # Errors
     ///
-    /// It cannot be opened.
+    /// The port cannot be opened.
     pub fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Error> {
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
             return Err(Error::Usage(format!("{self} is no serial port, which has a --baud")));
@@ -185,16 +185,16 @@ impl Port {
     }
 }
 
-/// A port that was reached.
+/// An open port.
 pub struct Connection {
     port: Port,
     baud: Option<NonZeroU32>,
-    /// Of a port on CAN.
+    /// The bus of a port on CAN.
     bus: Option<SharedBus>,
 }
 
 impl Connection {
-    /// Whether it is a control port alone, with no arm on it.
+    /// Returns true for a control port without an arm.
     pub(crate) fn is_control(&self) -> bool {
         matches!(self.port, Port::Control(_))
     }
@@ -204,7 +204,7 @@ impl Connection {
         matches!(self.port, Port::Hid(_))
     }
 
-    /// The arm there.
+    /// Opens the arm's line.
     ///
     /// # Errors
     ///
@@ -214,7 +214,7 @@ impl Connection {
         Ok(Link::new(line, config))
     }
 
-    /// The line of the arm there, and how it is to be treated.
+    /// Opens the arm's line, and returns its timing.
     pub(crate) fn line<P: Arm>(&self) -> Result<(Box<dyn Line>, Config), Error> {
         let usual = P::CONFIG;
         Ok(match &self.port {
@@ -232,7 +232,7 @@ impl Connection {
             }
             Port::Hid(_) if !P::ON_HID => {
                 let text = format!(
-                    "{} is a HID device, as which only an alpha1 speaks (--arm alpha1)",
+                    "{} is a HID device, and only an alpha1 is one (--arm alpha1)",
                     self.port
                 );
                 return Err(Error::Usage(text));
@@ -250,11 +250,11 @@ impl Connection {
         })
     }
 
-    /// The control port of the adapter there. On CAN it is on the same bus as the arm.
+    /// Opens the adapter's control port. On CAN it is on the bus of the arm.
     ///
     /// # Errors
     ///
-    /// There is none, or it cannot be opened.
+    /// The port has no control port, or it cannot be opened.
     pub fn control(&self) -> Result<ControlLink, Error> {
         match &self.port {
             Port::Serial(port) => ControlLink::on_usb(port),
@@ -280,8 +280,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_typed_is_read_and_told_again() {
-        for (typed, told) in [
+    fn port_is_parsed_and_printed_again() {
+        for (typed, printed) in [
             ("/dev/ttyACM0", "/dev/ttyACM0"),
             ("COM3", "COM3"),
             (
@@ -305,8 +305,8 @@ mod tests {
             ("hid:/dev/hidraw3", "hid:/dev/hidraw3"),
         ] {
             let port: Port = typed.parse().unwrap();
-            assert_eq!(port.to_string(), told);
-            assert_eq!(told.parse(), Ok(port));
+            assert_eq!(port.to_string(), printed);
+            assert_eq!(printed.parse(), Ok(port));
         }
     }
 
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_port_is_told() {
+    fn invalid_port_is_an_error_with_its_reason() {
         for (typed, error) in [
             ("tcp:arm.local", "'arm.local' has no port, such as arm.local:4000"),
             ("can:can0/16", "node id is 16, must be 0..=15"),

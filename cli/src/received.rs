@@ -1,4 +1,4 @@
-//! What was received instead of an answer, and what that says of the line.
+//! The bytes received instead of an answer, and their probable cause.
 
 use crate::hex;
 
@@ -6,7 +6,7 @@ use crate::hex;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Missing {
-    /// Nothing came.
+    /// No bytes were received.
     Silent,
     /// Answers arrive damaged.
     Damaged,
@@ -20,16 +20,16 @@ pub enum Missing {
     Foreign,
 }
 
-/// What was received instead of an answer.
+/// The bytes received instead of an answer.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Received {
-    /// How often the arm was asked.
+    /// Number of requests sent.
     pub(crate) sends: u8,
     /// In how many milliseconds.
     pub(crate) millis: u64,
     /// The bytes that arrived, as far as they are kept.
     pub(crate) bytes: Vec<u8>,
-    /// How many there were.
+    /// Number of bytes received.
     pub(crate) count: usize,
     /// Good frames from an arm, though not the answer.
     pub(crate) frames: usize,
@@ -41,7 +41,7 @@ pub(crate) struct Received {
     pub(crate) echoes: usize,
     /// Frames with a wrong checksum.
     pub(crate) checksums: usize,
-    /// Whether bytes start as the answer should.
+    /// True if an answer begins somewhere in the bytes.
     pub(crate) begun: bool,
 }
 

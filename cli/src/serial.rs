@@ -22,7 +22,7 @@ use crate::available;
 use crate::error::Error;
 use crate::link::{Came, Line, Names, is_nothing_yet};
 
-/// How long a port may take no bytes. The longest request takes less than 40 ms on a line of 9600 baud.
+/// Timeout of a write. The longest request takes less than 40 ms at 9600 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// An open port.
@@ -122,7 +122,7 @@ fn open(name: &str, baud: u32) -> io::Result<SerialPort> {
     #[cfg(unix)]
     hear_all(&mut settings);
     port.set_configuration(&settings)?;
-    // What an earlier program did not read is not for us.
+    // Discards bytes that an earlier program did not read.
     port.discard_input_buffer()?;
     port.set_write_timeout(WRITE_TIMEOUT)?;
     // This keeps out those who do not ask for the lock.
@@ -164,7 +164,7 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
                     .to_owned()
             }
         },
-        // What Windows says of a port that is open already.
+        // The error of Windows for a port that is already open.
         #[cfg(not(unix))]
         ErrorKind::PermissionDenied => "in use by another program: close that one first".to_owned(),
         #[cfg(unix)]
@@ -174,7 +174,7 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
     Error::at(port, reason)
 }
 
-/// Whether it looks like an address or a name of a host, with or without a port on it.
+/// Returns true for an address or a host name, with or without a port.
 fn is_host(text: &str) -> bool {
     let is_port = |port: &str| port.parse::<u16>().is_ok();
     let has_port = text
@@ -188,7 +188,7 @@ fn is_host(text: &str) -> bool {
 fn group(port: &str) -> Option<String> {
     let gid = fs::metadata(port).ok()?.gid();
     let groups = fs::read_to_string("/etc/group").ok()?;
-    // Each line is `name:password:id:members`.
+    // The format of a line is `name:password:id:members`.
     let mut fields = groups.lines().map(|line| line.split(':').collect::<Vec<_>>());
     let owner = fields.find(|fields| fields.get(2).is_some_and(|id| id.parse() == Ok(gid)))?;
     (gid != 0).then(|| owner[0].to_owned())

@@ -12,11 +12,11 @@ use crate::describe::Arm;
 use crate::error::Error;
 use crate::link::{Came, Line, Link, Names, is_nothing_yet};
 
-/// Where an xArm takes requests.
+/// TCP port of an xArm's requests.
 const PORT: u16 = 502;
-/// How long to wait for a connection, on each address that a name has.
+/// Timeout of a connection to each address of a name.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
-/// How long a connection may take no bytes.
+/// Timeout of a write.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
 /// The least that can be waited for: none at all would mean forever.
 const LEAST: Duration = Duration::from_millis(1);

@@ -16,7 +16,7 @@ use crate::link::Line;
 use crate::received::Missing;
 use crate::serial::Serial;
 
-/// How long an adapter may take for an answer: to write its flash, or to ask an arm that is silent.
+/// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// The baud rate of a port that has none.
 const BAUD: u32 = 115_200;
@@ -25,30 +25,30 @@ const BAUD: u32 = 115_200;
 pub struct ControlLink {
     way: Way,
     sequence: u8,
-    /// Whether the adapter tells of anything.
+    /// True if this port is subscribed to events.
     is_subscribed: bool,
-    /// What came while an answer was waited for.
+    /// Events that were received before a reply.
     events: VecDeque<(Stamp, Event)>,
 }
 
 enum Way {
     Stream(Box<Stream>),
-    /// Each message a PDU.
+    /// One PDU per message.
     Can(Box<CanLine>),
 }
 
-/// Each message COBS-encoded, with a zero at its end.
+/// Messages in COBS, each ended by a zero.
 struct Stream {
     line: Box<dyn Line>,
     reader: Reader<MAX_MESSAGE>,
     /// Bytes that have arrived and were not read yet.
     rest: VecDeque<u8>,
-    /// Whether a message has ended: what comes before may be what is left of one.
+    /// True after the end of a first message: earlier bytes may be the rest of one.
     is_in_step: bool,
 }
 
 impl ControlLink {
-    /// That of the adapter whose serial port this is.
+    /// The control port of the adapter with this serial port.
     pub(crate) fn on_usb(port: &str) -> Result<Self, Error> {
         Ok(Self::stream(Box::new(usb::UsbLine::open(port)?)))
     }
@@ -82,7 +82,7 @@ impl ControlLink {
         }
     }
 
-    /// What the user calls it.
+    /// The name on the command line.
     pub fn name(&self) -> &str {
         match &self.way {
             Way::Stream(stream) => stream.line.name(),
@@ -128,12 +128,12 @@ impl ControlLink {
         }
     }
 
-    /// The next thing that the adapter tells of unasked, waiting so long for it. It has to be
-    /// [subscribed](Request::Subscribe) to.
+    /// The next event of the adapter, after a wait of at most this long. Events need a
+    /// [subscription](Request::Subscribe).
     ///
     /// # Errors
     ///
-    /// [`Error`]: the port fails, or what comes cannot be read.
+    /// [`Error`]: the port fails, or a message cannot be read.
     pub fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
         let until = Instant::now() + wait;
         loop {
@@ -192,7 +192,7 @@ fn why(failure: Failure) -> String {
 impl Drop for ControlLink {
     fn drop(&mut self) {
         if self.is_subscribed {
-            // Nobody is left to tell.
+            // The program ends: an error has no recipient.
             let _ = self.call(Request::Subscribe(Subscription::default()));
         }
     }
@@ -218,7 +218,7 @@ impl Way {
         }
     }
 
-    /// What to ask oneself when the adapter does not answer.
+    /// Hints for an adapter that does not reply.
     fn hints(&self) -> String {
         match self {
             Self::Stream(_) => "is it the control port of an armwire adapter?".to_owned(),

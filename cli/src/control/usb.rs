@@ -11,13 +11,13 @@ use nusb::{DeviceInfo, Interface, MaybeFuture};
 use crate::error::Error;
 use crate::link::{Came, Line, Names, is_nothing_yet};
 
-/// What the adapter calls itself. It is the pid.codes test id, so the interface is looked at too.
+/// USB ids of the adapter. They are the pid.codes test ids, so the interface is checked, too.
 pub(crate) const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
 /// The class, subclass and protocol of its control interface: none that is standard.
 const CLASS: (u8, u8, u8) = (0xFF, 0, 0);
 /// The longest packet, in bytes.
 const PACKET: usize = 64;
-/// How long the adapter may take no bytes.
+/// Timeout of a write.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// The open interface.
@@ -46,7 +46,7 @@ impl UsbLine {
 /// The adapter that has this serial port.
 pub(crate) fn find(port: &str) -> Result<DeviceInfo, Error> {
     let name = port.to_owned();
-    // Elsewhere nothing tells whose a port is.
+    // Other systems do not name the USB device of a port.
     let serial = serial_number_of(port);
     if cfg!(target_os = "linux") && serial.is_none() {
         return Err(Error::NoControl { name });
@@ -89,9 +89,9 @@ fn control_interface(device: &DeviceInfo) -> Option<u8> {
     is_adapter.then(|| interface.interface_number())
 }
 
-/// The serial number of the USB device that has a serial port, if the system is Linux, which tells it.
+/// The serial number of the USB device with this serial port. `None` except on Linux.
 pub(crate) fn serial_number_of(port: &str) -> Option<String> {
-    // It may be a link, as those under /dev/serial/by-id.
+    // The port may be a link, for example under /dev/serial/by-id.
     let device = std::fs::canonicalize(port).ok()?;
     let name = device.file_name()?.to_str()?;
     // This is the interface, and the device is above it.
