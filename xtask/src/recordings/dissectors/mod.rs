@@ -15,7 +15,7 @@ use tools::{Item, Tools};
 /// Whole frames at the end of a recording, behind which no frame is pending.
 const LAST_FRAMES: usize = 60;
 /// Packets of damaged frames and of random bytes for each link type.
-const RANDOM_PACKETS: usize = 20_000;
+const RANDOM_PACKETS: usize = 10_000;
 /// A report as port 30003 has it: its length in bytes, and its numbers.
 const REPORT: u8 = 135;
 const REPORT_NUMBERS: usize = 32;
