@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use armwire::OutOfRange;
 
-/// What was typed as such a value, which is `what` otherwise.
+/// Parses a value of the command line. The error says that the text is not `what`.
 pub(crate) fn parse<T: FromStr>(text: &str, what: &str) -> Result<T, String> {
     text.trim().parse().map_err(|_| format!("'{text}' is not {what}"))
 }

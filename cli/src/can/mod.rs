@@ -94,11 +94,11 @@ impl SharedBus {
         }
     }
 
-    /// What to ask oneself when an adapter does not answer, after `first`.
+    /// Hints for an adapter that does not reply, after `first`.
     fn hints(&self, first: &str, node: Node) -> String {
         let bus = &mut self.lock().bus;
         let trouble = bus.trouble();
-        let trouble = trouble.map_or_else(String::new, |trouble| format!("the CAN adapter tells of {trouble}: "));
+        let trouble = trouble.map_or_else(String::new, |trouble| format!("the CAN adapter reports {trouble}: "));
         let (node, hint) = (node.get(), bus.hint());
         format!("{trouble}{first}is the adapter on this bus as node {node}, {hint}, and are both its ends terminated?")
     }
@@ -254,8 +254,7 @@ impl CanLine {
         received.map_err(|lost| lost.error(&self.channel.bus, &self.name, self.node))
     }
 
-    /// Who holds the line to the arm, as the adapter says. `None` if nobody does, and if it says nothing or knows no such
-    /// question.
+    /// The holder of the line to the arm, read from the adapter. `None` without a holder or without a reply.
     fn holder(&self) -> Option<String> {
         let ids = [Function::ControlRequest, Function::ControlAnswer].map(|function| function.id(self.node));
         let mut channel = Channel::new(&self.channel.bus, ids[0], ids[1]);
@@ -280,7 +279,7 @@ impl CanLine {
         None
     }
 
-    /// What to ask oneself when the adapter does not answer.
+    /// Hints for an adapter that does not reply.
     pub(crate) fn adapter_hints(&self) -> String {
         self.channel.bus.hints("", self.node)
     }

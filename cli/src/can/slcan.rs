@@ -12,8 +12,8 @@ use crate::error::Error;
 use crate::link::Line;
 use crate::serial::Serial;
 
-/// How long an adapter may take to answer. Some firmware answers only what asks for something.
-const PATIENCE: Duration = Duration::from_millis(500);
+/// Timeout of a reply. Some firmware replies to queries only.
+const REPLY_TIMEOUT: Duration = Duration::from_millis(500);
 /// Timeout of a command's acknowledgement. Some adapters send none.
 const ACKNOWLEDGE: Duration = Duration::from_millis(100);
 /// Time for the last frames to reach the bus, at the lowest bit rate.
@@ -26,7 +26,7 @@ pub(super) struct SlcanBus {
     /// Time of the last frame's transmission.
     sent: Option<Instant>,
     replies: Replies,
-    /// What it said and nobody has taken yet.
+    /// Received bytes that were not taken yet.
     said: VecDeque<Result<Reply, Malformed>>,
 }
 
@@ -65,7 +65,7 @@ impl SlcanBus {
 
     /// Hears what an adapter has to say before it tells its version, and that. Returns whether there is one.
     fn settle(&mut self) -> Result<bool, Error> {
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + REPLY_TIMEOUT;
         let mut is_there = false;
         while let Some(reply) = self.hear(until.saturating_duration_since(Instant::now()))? {
             is_there = true;
@@ -78,7 +78,7 @@ impl SlcanBus {
         Ok(is_there)
     }
 
-    /// One command in one piece, for there is firmware that takes no other.
+    /// Writes one command in one piece: some firmware accepts no other.
     fn tell(&mut self, command: Command) -> Result<(), Error> {
         let mut line = Vec::new();
         command.encode(&mut line);
@@ -164,7 +164,7 @@ impl Bus for SlcanBus {
     }
 
     fn trouble(&mut self) -> Option<String> {
-        // What cannot be had tells nothing.
+        // A failed read gives no hint.
         let status = self.status().ok().flatten()?;
         (status != Status::default()).then(|| status.to_string())
     }

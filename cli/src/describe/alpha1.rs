@@ -175,7 +175,7 @@ fn servo_request(request: &ServoRequest) -> String {
     }
 }
 
-/// Which servo answers, and whether it did what it was asked.
+/// The servo that answers, and its result.
 fn servo_outcome(response: &ServoResponse) -> Option<(ServoId, Outcome)> {
     match *response {
         ServoResponse::Acknowledged(servo) => Some((servo, Outcome::Success)),

@@ -23,13 +23,13 @@ pub trait Arm: Messages + Default {
     /// The protocol as a value.
     const PROTOCOL: Protocol;
 
-    /// What the arm is called, with its article.
+    /// The arm's name, with its article.
     const NAME: &'static str;
 
     /// The other arm that may be on such a line, with its article and what a user types for it.
     const OTHER: &'static str;
 
-    /// How its line is treated unless the user says otherwise.
+    /// Default timing of the line.
     const CONFIG: Config;
 
     /// True if it may be a HID device on USB.
@@ -38,7 +38,7 @@ pub trait Arm: Messages + Default {
     /// With how many bytes of its request an answer begins.
     const HEADER: usize;
 
-    /// What to ask for to learn what arm it is, and how it is.
+    /// The requests that identify the arm and read its state.
     fn info() -> Vec<Self::Request<'static>> {
         Vec::new()
     }
@@ -46,10 +46,10 @@ pub trait Arm: Messages + Default {
     /// A request in words.
     fn show_request(request: &Self::Request<'_>) -> String;
 
-    /// What a response says.
+    /// The facts in a response.
     fn facts(response: &Self::Response<'_>) -> Vec<Fact>;
 
-    /// What a response says behind others whose facts are known.
+    /// The facts in a response, after others whose facts are known.
     fn facts_after(_known: &[Fact], response: &Self::Response<'_>) -> Vec<Fact> {
         Self::facts(response)
     }

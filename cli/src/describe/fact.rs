@@ -1,4 +1,4 @@
-//! What a message says: one description for people and for programs.
+//! The contents of a message: one description for people and for programs.
 
 use std::fmt::Display;
 
@@ -6,25 +6,25 @@ use serde_json::{Map, Value, json};
 
 use crate::printable::escaped;
 
-/// One thing that a message says, such as where the joints are.
+/// One fact in a message, for example the joint positions.
 #[derive(Clone, Debug)]
 pub struct Fact {
-    /// What people call it, such as `joints`.
+    /// The name in text, for example `joints`.
     pub(crate) name: String,
     /// In words that a terminal may show, such as `+45.00° -10.00°`.
     pub(crate) text: String,
-    /// What it consists of: a value, or one for each joint.
+    /// The values: one, or one for each joint.
     pub(crate) items: Vec<Item>,
 }
 
 /// One value of a fact.
 #[derive(Clone, Debug)]
 pub(crate) struct Item {
-    /// What programs call it, with its unit, such as `joint_1_rad`.
+    /// The name in JSON, with its unit, for example `joint_1_rad`.
     pub(crate) key: String,
     /// Null where the arm says nothing that can be measured.
     pub(crate) value: Value,
-    /// What people call it, such as `joint 1`.
+    /// The name in text, for example `joint 1`.
     pub(crate) name: String,
     /// In words.
     pub(crate) text: String,

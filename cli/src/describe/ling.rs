@@ -89,7 +89,7 @@ impl Arm for Ling {
         }]
     }
 
-    /// Of how many servos a self-check tells, the temperatures say: there is one for each.
+    /// The number of temperatures is the number of servos in a self-check.
     fn facts_after(known: &[Fact], response: &Response) -> Vec<Fact> {
         let servos = known
             .iter()
@@ -130,7 +130,7 @@ pub(super) fn joints(ticks: [u16; JOINTS]) -> Fact {
     Fact::each(("joints", "joint"), "rad", "", joints)
 }
 
-/// Which servos are normal, of an arm of a kind if that is known.
+/// The servos in a normal state, of an arm whose type may be known.
 fn self_check(check: SelfCheck, kind: Option<Kind>) -> Fact {
     let servos = kind.unwrap_or(Kind::Follower).servos();
     let faulty: Vec<_> = check.faulty(kind.unwrap_or(Kind::Follower)).collect();

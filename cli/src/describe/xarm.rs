@@ -11,7 +11,7 @@ use crate::hex;
 /// The register of joint positions, which the document does not have. It is read as the vendor's package does: seven
 /// little-endian floating-point numbers in radians, of which an arm with fewer axes uses the first.
 pub(crate) const POSITIONS: u8 = 42;
-/// How many positions there are, whatever the arm.
+/// Number of joint positions in a message, for every model.
 pub(crate) const JOINTS: usize = 7;
 
 impl Arm for XArm {
@@ -45,7 +45,7 @@ impl Arm for XArm {
         }
     }
 
-    /// What a reply says, and the state, unless that says no more than that the request was refused.
+    /// The facts in a reply, and the state. A refusal without more information has no state.
     fn facts(response: &Response<'_>) -> Vec<Fact> {
         match response {
             Response::Heartbeat => vec![Fact::words("heartbeat", "")],

@@ -84,7 +84,7 @@ pub trait Usb {
     ///
     /// # Errors
     ///
-    /// As the transfer ends.
+    /// The error of the transfer.
     fn control(&mut self, request: &Request<'_>) -> Result<Vec<u8>, UsbError>;
 
     /// Begins a control transfer and cancels it after this time, in any stage. Returns true if it ended before.
@@ -105,7 +105,7 @@ pub trait Usb {
     ///
     /// # Errors
     ///
-    /// As the transfer ends.
+    /// The error of the transfer.
     fn receive(&mut self, pipe: Pipe, wait: Duration) -> Result<Vec<u8>, UsbError>;
 
     /// Clears the halt of an endpoint of the serial port, and puts the host's data toggle back to DATA0 (USB 2.0, 9.4.5).
@@ -113,7 +113,7 @@ pub trait Usb {
     ///
     /// # Errors
     ///
-    /// As the request ends.
+    /// The error of the request.
     fn clear_halt(&mut self, direction: Direction) -> Result<(), UsbError>;
 
     /// Selects the only setting of the serial port's data interface again and resets the host's data toggles back to
@@ -122,14 +122,14 @@ pub trait Usb {
     ///
     /// # Errors
     ///
-    /// As the request ends.
+    /// The error of the request.
     fn set_interface(&mut self) -> Result<(), UsbError>;
 
     /// Selects the only configuration again, and puts all the host's data toggles back to DATA0 (USB 2.0, 9.1.1.5).
     ///
     /// # Errors
     ///
-    /// As the request ends.
+    /// The error of the request.
     fn set_configuration(&mut self) -> Result<(), UsbError>;
 
     /// Resets the bus, enumerates the adapter and opens both pipes again. Bytes in flight are lost.

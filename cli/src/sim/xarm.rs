@@ -94,7 +94,7 @@ impl XArmSim {
         ))?;
 
         let mut notice = |notice| {
-            // Nobody need read it.
+            // The output may be closed.
             let _ = writeln!(stderr(), "{notice}");
         };
         let served = server.serve(&mut arm, stop, &mut notice).map_err(not_served)?;
@@ -119,7 +119,7 @@ fn is_loopback(ip: IpAddr) -> bool {
     ip.to_canonical().is_loopback()
 }
 
-/// What to do about a port that cannot be bound.
+/// The hint for a port that cannot be bound.
 fn advice(problem: &BindError) -> io::Error {
     let BindError { address, error } = problem;
     let port = address.port();

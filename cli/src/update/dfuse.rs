@@ -10,9 +10,9 @@ use crc::{CRC_32_JAMCRC, Crc};
 /// USB vendor and product of the boot loader in ST's chips, which the file is for.
 pub(super) const BOOT_LOADER: (u16, u16) = (0x0483, 0xDF11);
 
-/// What `bcdDFU` says where the file is a DfuSe file.
+/// `bcdDFU` of a DfuSe file.
 const DFUSE_VERSION: u16 = 0x011A;
-/// Where such a chip starts: its flash, with the vector table in front.
+/// Start address of the chip: its flash, with the vector table in front.
 const FLASH: u32 = 0x0800_0000;
 /// Room for the largest flash of these chips.
 const FLASH_END: u32 = 0x0820_0000;
@@ -24,26 +24,26 @@ const RAM: std::ops::RangeInclusive<u32> = 0x1000_0000..=0x2010_0000;
 pub(super) struct Image {
     /// The board that it is for: the name of its target.
     pub(super) board: String,
-    /// How many bytes of flash it fills.
+    /// Number of bytes in flash.
     pub(super) len: usize,
 }
 
 /// Why a file is none.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Unfit {
-    /// It has no such signature.
+    /// The signature is missing.
     NoDfuSe,
-    /// It ends too early, or goes on.
+    /// The file is too short or too long.
     Length,
     /// The checksum, as it is in the file and as it should be.
     Checksum { got: u32, expected: u32 },
-    /// It is for another USB device.
+    /// The file is for another USB device.
     Device { vendor: u16, product: u16 },
-    /// It has not one target with something in it.
+    /// The file does not have exactly one target with data.
     Targets,
     /// Something in it is to be written elsewhere than to flash.
     Address(u32),
-    /// What is at the start of flash is no program.
+    /// The bytes at the start of flash are no program.
     NoProgram,
 }
 
@@ -107,7 +107,7 @@ pub(super) fn parse(file: &[u8]) -> Result<Image, Unfit> {
     Ok(Image { board, len })
 }
 
-/// How many bytes of a program so many elements are, each an address, a length and the bytes.
+/// Number of program bytes in `count` elements. An element is an address, a length and the bytes.
 fn program(mut rest: &[u8], count: u32) -> Result<usize, Unfit> {
     let mut len = 0;
     let mut starts = false;

@@ -19,7 +19,7 @@ use dfuse::Image;
 
 /// The program that talks to the boot loader.
 const DFU_UTIL: &str = "dfu-util";
-/// How often the boot loader, or the adapter, is looked for, and how long is waited in between.
+/// Number of searches for the boot loader or the adapter, and the time between them.
 const TRIES: usize = 20;
 const PAUSE: Duration = Duration::from_millis(500);
 
@@ -67,7 +67,7 @@ impl Update {
         self.write(&name, write, leave, &by_hand)
     }
 
-    /// What is to be written.
+    /// The image to write.
     fn image(&self) -> Result<Image, Error> {
         let name = self.image.display().to_string();
         let file = fs::read(&self.image).map_err(|error| Error::at(&name, error))?;
@@ -122,7 +122,7 @@ fn repeat<T>(mut look: impl FnMut() -> Option<T>) -> Option<T> {
     look()
 }
 
-/// Whether a boot loader is on USB.
+/// Returns true if a boot loader is on USB.
 fn is_listed() -> io::Result<bool> {
     let output = Command::new(DFU_UTIL).arg("--list").output()?;
     let (vendor, product) = dfuse::BOOT_LOADER;
@@ -130,8 +130,8 @@ fn is_listed() -> io::Result<bool> {
     Ok(String::from_utf8_lossy(&output.stdout).contains(&found))
 }
 
-/// What writes the image to flash, alternate setting 0 of the boot loader, and what starts it then. Only the sectors that
-/// the image has something for are erased. dfu-util 0.11 does not take both at once: see docs/update.md.
+/// The commands that write the image to flash, alternate setting 0 of the boot loader, and start it. Only sectors with
+/// data in the image are erased. dfu-util 0.11 does not do both in one call: see docs/update.md.
 fn commands(image: &Path) -> [Command; 2] {
     let (vendor, product) = dfuse::BOOT_LOADER;
     let flash = || {
