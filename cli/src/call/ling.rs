@@ -95,7 +95,7 @@ impl Target {
     }
 }
 
-/// The stroke of a gripper, which is one of those there are.
+/// The stroke of a gripper that exists.
 pub(crate) fn stroke(text: String) -> Stroke {
     match text.as_str() {
         "50" => Stroke::Mm50,

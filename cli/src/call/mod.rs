@@ -1,4 +1,4 @@
-//! `armwire call`: any one request, and what the arm answers.
+//! `armwire call`: one request of any kind, and its answer.
 
 mod alpha1;
 pub(crate) mod ling;
@@ -27,7 +27,7 @@ pub(crate) struct Call {
     arm: ToArm,
 }
 
-/// The arms there are.
+/// The kinds of arms.
 #[derive(Subcommand)]
 enum ToArm {
     /// Ask a Ling / Alicia-D arm.
@@ -41,7 +41,7 @@ enum ToArm {
     Alpha1(OnPort<alpha1::Ask>),
 }
 
-/// A request, and the serial port it goes to.
+/// A request and its serial port.
 #[derive(Args)]
 struct OnPort<Ask: Subcommand> {
     #[command(flatten)]

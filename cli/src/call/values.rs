@@ -1,4 +1,4 @@
-//! Values as they are typed, and what a wrong one is told.
+//! Values of the command line, and the errors of invalid ones.
 
 use std::fmt::Display;
 use std::str::FromStr;
@@ -26,7 +26,7 @@ pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is no time that can be waited"))
 }
 
-/// A value that was typed in another unit than the protocol's, with the errors in the unit in which it was typed.
+/// A value in another unit than the protocol's. Errors are in the unit of the command line.
 pub(crate) fn scaled<T>(
     text: &str,
     unit: &'static str,

@@ -9,7 +9,7 @@ use crate::hex;
 use crate::link::Link;
 use crate::tcp::Host;
 
-/// A request, and the host it goes to.
+/// A request and its host.
 #[derive(Args)]
 pub(crate) struct OnHost {
     /// The control box, such as 192.168.1.10 or 192.168.1.10:502.
@@ -56,7 +56,7 @@ enum Ask {
     },
 }
 
-/// Bytes that were typed.
+/// Bytes of the command line.
 type Hex = Box<[u8]>;
 
 impl OnHost {

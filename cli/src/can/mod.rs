@@ -21,7 +21,7 @@ use crate::link::{Came, Line, Names};
 use crate::serial::Serial;
 use bus::Bus;
 
-/// The longest PDU: a message of the control port, for no frame of an arm is longer.
+/// The longest PDU: a message of the control port. Frames of an arm are shorter.
 const MAX_PDU: usize = MAX_MESSAGE;
 const _: () = assert!(MAX_FRAME <= MAX_PDU);
 /// Timeout of the request for the holder of the arm's line.
@@ -46,7 +46,7 @@ pub(crate) fn open_slcan(serial: Serial, bit_rate: BitRate) -> Result<SharedBus,
     Ok(SharedBus::new(slcan::SlcanBus::open(serial, bit_rate)?))
 }
 
-/// A bus with several channels on it: what one of them hears for another waits there.
+/// A bus with several channels. Frames that a channel receives for another are queued.
 #[derive(Clone)]
 pub(crate) struct SharedBus(Arc<Mutex<Switch>>);
 
@@ -71,7 +71,7 @@ impl SharedBus {
         self.lock().bus.send(frame)
     }
 
-    /// The next frame with this identifier, waiting so long for it.
+    /// The next frame with this identifier, within this time.
     fn receive(&self, id: Id, wait: Duration) -> Result<Option<Frame>, Error> {
         let Switch { bus, inboxes } = &mut *self.lock();
         let until = Instant::now() + wait;
@@ -141,7 +141,7 @@ impl Channel {
     /// A channel that sends on `tx` and receives on `rx`.
     pub(crate) fn new(bus: &SharedBus, tx: Id, rx: Id) -> Self {
         bus.lock().inboxes.push((rx, VecDeque::new()));
-        // An adapter with CAN FD takes classic frames too, and one without them takes no others.
+        // Every adapter accepts classic frames. Adapters without CAN FD accept no others.
         let config = isotp::Config::new(isotp::Link::Classic, tx);
         Self {
             bus: bus.clone(),
@@ -152,7 +152,7 @@ impl Channel {
         }
     }
 
-    /// Sends a PDU, which has taken its way to the last frame when this returns.
+    /// Sends a PDU, and returns after its last frame.
     fn send(&mut self, pdu: &[u8]) -> Result<(), Lost> {
         // Every PDU is sent to its end, and none is empty or too long.
         let _ = self.endpoint.send(pdu);
@@ -163,7 +163,7 @@ impl Channel {
         Ok(())
     }
 
-    /// The next PDU, waiting so long for its end; none when none came.
+    /// The next PDU. `None` if none ended within this time.
     fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Lost> {
         let until = Instant::now() + wait;
         loop {
@@ -176,7 +176,7 @@ impl Channel {
         }
     }
 
-    /// Waits for a frame, or until there is something else to do, but so long at most.
+    /// Waits for a frame or for the next work, at most for this time.
     fn step(&mut self, wait: Duration) -> Result<(), Lost> {
         let due = [self.endpoint.timeout(), self.endpoint.transmit_at()]
             .into_iter()
@@ -222,7 +222,7 @@ fn note(event: Event) -> Result<(), Lost> {
     }
 }
 
-/// A [`Channel`] to one node, under the name that the user gave it.
+/// A [`Channel`] to one node, with its name on the command line.
 pub(crate) struct CanLine {
     name: String,
     node: Node,
@@ -248,7 +248,7 @@ impl CanLine {
         sent.map_err(|lost| lost.error(&self.channel.bus, &self.name, self.node))
     }
 
-    /// The next message, waiting so long for its end; none when none came.
+    /// The next message. `None` if none ended within this time.
     pub(crate) fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Error> {
         let received = self.channel.receive(wait);
         received.map_err(|lost| lost.error(&self.channel.bus, &self.name, self.node))

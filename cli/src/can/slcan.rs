@@ -63,13 +63,13 @@ impl SlcanBus {
         Ok(bus)
     }
 
-    /// Hears what an adapter has to say before it tells its version, and that. Returns whether there is one.
+    /// Reads an adapter's version, and any bytes before it. Returns true if an adapter replied.
     fn settle(&mut self) -> Result<bool, Error> {
         let until = Instant::now() + REPLY_TIMEOUT;
         let mut is_there = false;
         while let Some(reply) = self.hear(until.saturating_duration_since(Instant::now()))? {
             is_there = true;
-            // Some firmware tells it in its own way, and one that does not know the command says something else.
+            // Some firmware has a format of its own, and firmware without the command sends an error.
             if matches!(reply, Ok(Reply::Version { .. }) | Err(Malformed { command: b'V', .. })) {
                 break;
             }
@@ -90,7 +90,7 @@ impl SlcanBus {
         Ok(())
     }
 
-    /// The next that it says, waiting so long.
+    /// The next reply, within this time.
     fn hear(&mut self, wait: Duration) -> Result<Option<Result<Reply, Malformed>>, Error> {
         let until = Instant::now() + wait;
         let mut buf = [0; 1024];
@@ -176,7 +176,7 @@ impl Bus for SlcanBus {
 
 impl Drop for SlcanBus {
     fn drop(&mut self) {
-        // A channel that closes may take what it has not sent yet with it.
+        // A closing channel may drop its unsent frames.
         if let Some(sent) = self.sent {
             thread::sleep(ON_THE_WAY.saturating_sub(sent.elapsed()));
         }

@@ -42,7 +42,7 @@ impl SocketBus {
         Ok(Self { name, socket, trouble })
     }
 
-    /// The next frame of whatever kind, waiting so long for it.
+    /// The next frame of any kind, within this time.
     fn read(&self, wait: Duration) -> io::Result<CanAnyFrame> {
         if wait < LEAST {
             self.socket.set_nonblocking(true)?;
@@ -55,7 +55,7 @@ impl SocketBus {
     }
 }
 
-/// Why the interface, `name` to the user, cannot be used.
+/// The error of an interface that cannot be used, under its name on the command line.
 fn unusable(name: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         ErrorKind::NetworkDown => {
@@ -63,7 +63,7 @@ fn unusable(name: &str, error: &io::Error) -> Error {
             let interface = interface.split('/').next().unwrap_or(interface);
             format!("the interface is down: 'sudo ip link set {interface} up type can bitrate 1000000' starts it")
         }
-        // The kernel's queue is full for so long.
+        // The kernel's queue stayed full.
         ErrorKind::StorageFull | ErrorKind::WouldBlock | ErrorKind::TimedOut => "the bus takes no frames: is there \
              another node on it, at the same bit rate, and are both ends terminated?"
             .to_owned(),
@@ -72,7 +72,7 @@ fn unusable(name: &str, error: &io::Error) -> Error {
     Error::at(name, reason)
 }
 
-/// An open socket that hears the answers of one node, and of errors.
+/// An open socket that receives the answers of one node, and error frames.
 fn open(interface: &str, node: Node) -> io::Result<CanFdSocket> {
     let socket = CanFdSocket::open(interface)?;
     let answers = [Function::ArmAnswer, Function::ControlAnswer].map(|function| function.id(node));
@@ -147,7 +147,7 @@ mod tests {
 
     use super::*;
 
-    /// A socket that stands for one of an interface, and its other end.
+    /// A pair of sockets, one in place of an interface.
     fn bus() -> (SocketBus, CanFdSocket) {
         let (ours, theirs) = UnixDatagram::pair().unwrap();
         let [socket, interface] = [ours, theirs].map(|end| CanFdSocket::from(OwnedFd::from(end)));

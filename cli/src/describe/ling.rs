@@ -18,7 +18,7 @@ impl Arm for Ling {
     const OTHER: &'static str = "an Alpha1 ('alpha1' instead of 'ling')";
 
     const CONFIG: Config = Config {
-        // The system may be busy, and nobody waits for us but a person.
+        // The system may be busy, and only a person waits for the answer.
         latency: Duration::from_millis(50),
         ..Config::DEFAULT
     };

@@ -15,7 +15,7 @@ use clap::{Args, ValueEnum};
 use crate::error::Error;
 use crate::output::say;
 
-/// Where a device is, and what its line does to bytes: the arguments that all devices on a serial line have.
+/// The pty of a device and the faults of its line: the arguments of all devices on a serial line.
 #[derive(Args)]
 pub(super) struct LineArgs {
     /// Symbolic link to the pty, removed at the end. PATH.lock marks it as in use. Without this option the system picks
@@ -75,7 +75,7 @@ impl FromStr for FaultRates {
 }
 
 impl LineArgs {
-    /// Serves a device until `stop` is set, and says where it is; gives it back with what went over the line.
+    /// Serves a device until `stop` is set, and prints its pty. Returns the device and the line's counts.
     pub(super) fn serve<D: SerialDevice>(
         &self,
         name: impl Display,
@@ -99,12 +99,12 @@ impl LineArgs {
     }
 }
 
-/// Why a virtual arm cannot be served.
+/// The error of a virtual arm that cannot be served.
 pub(super) fn not_served(error: io::Error) -> Error {
     Error::at("cannot serve a virtual arm", error)
 }
 
-/// Says what went over the line and what the device made of it.
+/// Prints the line's counts and the device's.
 pub(super) fn say_last(served: Served, heard: Counters) -> Result<(), Error> {
     say(format_args!(
         "{} bytes in, {} out, {} not read; {} requests ({} answered, {} refused), {} unknown frames, {} noise bytes.",

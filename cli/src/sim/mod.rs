@@ -11,7 +11,7 @@ use clap::Subcommand;
 
 use crate::error::Error;
 
-/// The arms there are.
+/// The kinds of virtual arms.
 #[derive(Subcommand)]
 pub(crate) enum Sim {
     /// A Ling (Alicia-D) arm.

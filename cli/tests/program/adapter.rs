@@ -48,7 +48,7 @@ fn info_tells_the_adapter_and_the_arm() {
     );
     assert!(out.contains("self-check   all 10 servos normal"), "{out}");
     let out = success(&["info", &board.port]);
-    assert!(out.starts_with("arm "), "a pty tells of no adapter: {out}");
+    assert!(out.starts_with("arm "), "a pty has no adapter: {out}");
     let out = success(&["info", &board.control]);
     assert!(out.starts_with("adapter ") && !out.contains("arm          "), "{out}");
 }

@@ -91,7 +91,7 @@ fn failure_with(text: &str, mut run: impl FnMut() -> Output) -> String {
 fn wrong_bit_rate_is_told_with_adapter_status() {
     let bus = CanBus::start();
     let port = format!("slcan:{}@1000000/{NODE}", bus.path);
-    let status = "the CAN adapter tells of error passive, bus error";
+    let status = "the CAN adapter reports error passive, bus error";
     let line = failure_with(status, || run(&["call", "ling", &port, "read-joints"]));
     assert!(line.starts_with(&port) && line.contains(NO_ANSWER), "{line}");
     assert!(line.contains(status), "{line}");
