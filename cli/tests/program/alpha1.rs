@@ -248,7 +248,7 @@ fn only_an_alpha1_is_a_hid_device() {
     ] {
         let text = usage(args);
         assert!(
-            text.contains("is a HID device, as which only an alpha1 speaks (--arm alpha1)"),
+            text.contains("is a HID device, and only an alpha1 is one (--arm alpha1)"),
             "{text}"
         );
     }
