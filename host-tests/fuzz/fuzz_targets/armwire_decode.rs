@@ -35,6 +35,21 @@ fn check(lines: &[String]) {
         assert!(pdus + lost <= 3 * frames && cyclic + others <= frames);
         return;
     }
+    // The sum of an MCAP recording, which has no offsets.
+    if sum.starts_with("frames: ") {
+        let entries: Vec<_> = lines.iter().filter_map(|line| logged(line)).collect();
+        assert_eq!(entries.len(), lines.len() - 1);
+        let noise: usize = entries
+            .iter()
+            .filter_map(|&(len, is_noise)| is_noise.then_some(len))
+            .sum();
+        let frames = entries.iter().filter(|(_, is_noise)| !is_noise).count();
+        assert_eq!(
+            [frames, noise],
+            ["frames: ", "noise bytes: "].map(|what| count(sum, what))
+        );
+        return;
+    }
     let [bytes, frames, noise] = ["bytes: ", "frames: ", "noise bytes: "].map(|what| count(sum, what));
     let [filling, unread] = ["filling: ", "not read: "].map(|what| count(sum, what));
     let entries = lines.iter().filter_map(|line| entry(line));
@@ -66,4 +81,11 @@ fn entry(line: &str) -> Option<(usize, usize, bool)> {
     let offset = words.next()?.parse().ok()?;
     let is_noise = meaning.starts_with("noise: ") || meaning == "the recording ends within a frame";
     Some((offset, words.count(), is_noise))
+}
+
+/// Length of the bytes of an entry of an MCAP recording, and true for noise. Time and direction precede the bytes.
+fn logged(line: &str) -> Option<(usize, bool)> {
+    let (bytes, meaning) = line.split_once("\n          ")?;
+    let is_noise = meaning.starts_with("no frame of ") || meaning.starts_with("not one whole frame of ");
+    Some((bytes.split_whitespace().count() - 3, is_noise))
 }
