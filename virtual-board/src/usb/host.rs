@@ -386,18 +386,6 @@ impl Host {
         true
     }
 
-    /// Queues one packet, possibly empty, for OUT `endpoint`. Returns false if it is not open or the packet is too
-    /// long.
-    pub fn write_packet(&mut self, endpoint: u8, bytes: &[u8]) -> bool {
-        match self.pipes.get_mut(&(endpoint, Direction::Out)) {
-            Some(pipe) if bytes.len() <= pipe.packet => {
-                pipe.outbox.push_back(bytes.to_vec());
-                true
-            }
-            _ => false,
-        }
-    }
-
     /// Number of bytes queued for OUT `endpoint`.
     pub fn unsent(&self, endpoint: u8) -> usize {
         let pipe = self.pipes.get(&(endpoint, Direction::Out));
