@@ -4,6 +4,7 @@
 pub mod adapter;
 #[cfg(feature = "image")]
 pub mod image;
+pub mod page;
 pub mod random;
 pub mod reference;
 

@@ -9,14 +9,13 @@ use std::time::Instant;
 use std::{fs, io, panic};
 
 use armwire_host_tests::image::campaign::{Outcome, Table, run};
+use armwire_host_tests::page::filled;
 use clap::Parser;
 
 use crate::options::Options;
 
-/// The document with the table, and the lines around it.
+/// The document with the table.
 const DOC: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/faults.md");
-const BEGIN: &str = "<!-- campaign: begin -->\n";
-const END: &str = "<!-- campaign: end -->\n";
 
 /// Number of runs between progress messages.
 const PROGRESS: u32 = 500;
@@ -93,14 +92,12 @@ fn print_outcome(outcome: &Outcome, always: bool) {
 /// Puts the table into the document.
 fn write(options: &Options, table: &Table) -> Result<(), String> {
     let failed = |error| format!("{DOC}: {error}");
-    let text = fs::read_to_string(DOC).map_err(failed)?;
-    let parts = text
-        .split_once(BEGIN)
-        .and_then(|(head, rest)| Some((head, rest.split_once(END)?.1)));
-    let (head, tail) = parts.ok_or_else(|| format!("{DOC} has no lines `{BEGIN}` and `{END}`"))?;
+    let page = fs::read_to_string(DOC).map_err(failed)?;
     let command = format!(
         "`cargo xtask campaign --runs {} --seed {}`:",
         options.runs, options.seed
     );
-    fs::write(DOC, format!("{head}{BEGIN}\n{command}\n\n{table}\n{END}{tail}")).map_err(failed)
+    let page = filled(&page, "campaign", &format!("{command}\n\n{table}"));
+    let page = page.ok_or_else(|| format!("{DOC} has no marks for the campaign's table"))?;
+    fs::write(DOC, page).map_err(failed)
 }

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use armwire_host_tests::image::facts;
+use armwire_host_tests::page::filled;
 use serde_json::Value;
 
 use crate::counts::{CASES, PROTOCOLS, Protocol};
@@ -162,25 +163,13 @@ pub(crate) fn write(page: &Path, tables: &Tables) -> Result<()> {
     Ok(fs::write(page, text)?)
 }
 
-/// A page with another table between the marks of this name.
-fn filled(page: &str, name: &str, table: &str) -> Option<String> {
-    let (begin, end) = (format!("<!-- {name}: begin -->\n"), format!("<!-- {name}: end -->\n"));
-    let (head, rest) = page.split_once(&begin)?;
-    let (_, tail) = rest.split_once(&end)?;
-    Some(format!("{head}{begin}\n{table}\n{end}{tail}"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_table_replaces_the_one_between_its_marks() {
+    fn numbers_are_aligned_to_the_right() {
         let table = table("", &["x".to_owned()], vec![("a".to_owned(), vec!["1".to_owned()])]);
         assert_eq!(table, "|  | x |\n|---|---:|\n| a | 1 |\n");
-        let page = "before\n<!-- t: begin -->\nold\n<!-- t: end -->\nafter\n";
-        let expected = format!("before\n<!-- t: begin -->\n\n{table}\n<!-- t: end -->\nafter\n");
-        assert_eq!(filled(page, "t", &table), Some(expected));
-        assert_eq!(filled(page, "other", &table), None);
     }
 }
