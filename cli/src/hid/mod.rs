@@ -90,9 +90,9 @@ pub(crate) fn open(selector: &Selector) -> Result<impl Line + use<>, Error> {
     let mut devices = device::list().map_err(|error| Error::at(&name, error))?;
     let named: Vec<_> = devices.iter().map(|(named, _)| named.clone()).collect();
     let chosen = choose(selector, &named).map_err(|reason| Error::at(&name, reason))?;
-    let (_, found) = devices.swap_remove(chosen);
-    let device = Device::open(&found).map_err(|error| error.on(&name))?;
-    Ok(HidLine::new(name, device))
+    let (Named { ids, .. }, found) = devices.swap_remove(chosen);
+    let device = Device::open(&found).map_err(|error| error.on(&name, ids))?;
+    Ok(HidLine::new(name, ids, device))
 }
 
 /// The index of the only matching device.
@@ -152,9 +152,9 @@ enum Failure {
 }
 
 impl Failure {
-    fn on(self, name: &str) -> Error {
+    /// The error on a device of this name, with these vendor and product ids.
+    fn on(self, name: &str, (vendor, product): (u16, u16)) -> Error {
         let name = name.to_owned();
-        let (vendor, product) = ALPHA1;
         match self {
             Self::Gone => {
                 let reason = "device disconnected: was it unplugged, or switched off?".to_owned();
@@ -184,15 +184,22 @@ impl Failure {
 /// A byte stream over reports.
 struct HidLine<R> {
     name: String,
+    /// Vendor and product id.
+    ids: (u16, u16),
     reports: R,
     /// The rest of a report that did not fit in the reader's buffer.
     unread: VecDeque<u8>,
 }
 
 impl<R: Reports> HidLine<R> {
-    fn new(name: String, reports: R) -> Self {
+    fn new(name: String, ids: (u16, u16), reports: R) -> Self {
         let unread = VecDeque::new();
-        Self { name, reports, unread }
+        Self {
+            name,
+            ids,
+            reports,
+            unread,
+        }
     }
 }
 
@@ -207,7 +214,7 @@ impl<R: Reports> Line for HidLine<R> {
             let n = self
                 .reports
                 .read(&mut report, wait)
-                .map_err(|failure| failure.on(&self.name))?;
+                .map_err(|failure| failure.on(&self.name, self.ids))?;
             self.unread.extend(&report[..n]);
         }
         self.unread.read(buf).map_err(|error| Error::at(&self.name, error))
@@ -215,7 +222,9 @@ impl<R: Reports> Line for HidLine<R> {
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
         for report in hid::reports(bytes) {
-            self.reports.write(&report).map_err(|failure| failure.on(&self.name))?;
+            self.reports
+                .write(&report)
+                .map_err(|failure| failure.on(&self.name, self.ids))?;
         }
         Ok(bytes.len())
     }
@@ -282,7 +291,7 @@ mod tests {
 
     #[test]
     fn robot_answers_in_reports() {
-        let line = HidLine::new("hid:".to_owned(), VirtualDevice::new());
+        let line = HidLine::new("hid:".to_owned(), ALPHA1, VirtualDevice::new());
         let mut link = Link::<Alpha1>::new(Box::new(line), Alpha1::CONFIG);
         let version = link.call(&Request::ReadHardwareVersion, |response| {
             Alpha1::show_response(&response)
@@ -297,14 +306,36 @@ mod tests {
 
     #[test]
     fn long_frame_takes_several_reports() {
-        let mut line = HidLine::new("hid:".to_owned(), VirtualDevice::new());
+        let mut line = HidLine::new("hid:".to_owned(), ALPHA1, VirtualDevice::new());
         assert_eq!(line.write(&[1; 65]).unwrap(), 65);
         assert_eq!(line.reports.written, 2);
     }
 
+    /// A device that the user may not use.
+    struct Denied;
+
+    impl Reports for Denied {
+        fn read(&mut self, _: &mut [u8; REPORT], _: Duration) -> Result<usize, Failure> {
+            Err(Failure::Denied)
+        }
+
+        fn write(&mut self, _: &[u8; REPORT]) -> Result<(), Failure> {
+            Err(Failure::Denied)
+        }
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn udev_rule_names_the_devices_own_ids() {
+        let mut line = HidLine::new("hid:1234:abcd".to_owned(), (0x1234, 0xabcd), Denied);
+        let error = line.write(&[1]).unwrap_err().to_string();
+        let ids = "ATTRS{idVendor}==\"1234\", ATTRS{idProduct}==\"abcd\"";
+        assert!(error.contains(ids), "{error}");
+    }
+
     #[test]
     fn report_is_read_in_small_parts() {
-        let mut line = HidLine::new("hid:".to_owned(), VirtualDevice::new());
+        let mut line = HidLine::new("hid:".to_owned(), ALPHA1, VirtualDevice::new());
         line.write(&[0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED]).unwrap();
         let mut answer: Vec<u8> = Vec::new();
         let mut part = [0; 3];
