@@ -5,8 +5,8 @@ use std::num::NonZeroU32;
 use std::path::Path;
 use std::str::FromStr;
 
-use armwire::Config;
-use armwire::time;
+use armwire::alpha1::Alpha1;
+use armwire::{Config, time};
 use armwire_bridge::can::{Function, Node};
 use armwire_sim::slcan::{BIT_RATES, BitRate};
 
@@ -204,12 +204,24 @@ impl Connection {
         matches!(self.port, Port::Hid(_))
     }
 
-    /// Opens the arm's line.
+    /// Opens the line of an Alpha1. [`open_ling`](crate::host::open_ling) opens a Ling arm: it detects the older
+    /// generation before anything is sent.
+    ///
+    /// ```compile_fail,E0624
+    /// # fn ling(connection: &armwire_cli::host::Connection) {
+    /// connection.arm::<armwire::ling::Ling>();
+    /// # }
+    /// ```
     ///
     /// # Errors
     ///
     /// The line cannot be opened.
-    pub fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
+    pub fn alpha1(&self) -> Result<Link<Alpha1>, Error> {
+        self.arm()
+    }
+
+    /// The arm there, other than a [Ling arm](crate::legacy::open).
+    pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
         let (line, config) = self.line::<P>()?;
         Ok(Link::new(line, config))
     }

@@ -23,7 +23,7 @@ impl Alpha1Port {
     #[new]
     fn new(py: Python<'_>, port: &str, baud: Option<NonZeroU32>) -> PyResult<Self> {
         let port: Port = port.parse().map_err(value_error)?;
-        let open = || Ok(interruptible(port.connect(baud)?.arm()?));
+        let open = || Ok(interruptible(port.connect(baud)?.alpha1()?));
         Session::open(py, open).map(Self)
     }
 
