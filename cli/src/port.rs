@@ -220,7 +220,7 @@ impl Connection {
         self.arm()
     }
 
-    /// The arm there, other than a [Ling arm](crate::legacy::open).
+    /// Opens the line of an arm, other than a [Ling arm](crate::legacy::open).
     pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
         let (line, config) = self.line::<P>()?;
         Ok(Link::new(line, config))

@@ -7,8 +7,9 @@ use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message}
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
 
 use super::log::{Logged, Record, Refused, Time};
+use super::meaning::frame_meaning;
 use super::output::{Item, OnLine, Output};
-use super::{Speaker, frame_meaning};
+use crate::args::Speaker;
 use crate::describe::{Arm, Protocol};
 use crate::printable::{cut, escaped};
 

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::fmt::{self, Arguments, Display};
 use std::io::{self, BufWriter, Stdout, Write};
 
-use super::Speaker;
+use crate::args::Speaker;
 use crate::describe::Protocol;
 
 /// A frame of a recording, or bytes between frames.

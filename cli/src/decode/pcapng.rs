@@ -8,8 +8,8 @@ use std::fmt::Arguments;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use super::Speaker;
 use super::output::{Console, Item, OnLine, Output};
+use crate::args::Speaker;
 use crate::describe::Protocol;
 use crate::error::Error;
 use crate::new_file;

@@ -8,8 +8,9 @@ use armwire::ling::legacy::{Detector, Legacy};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire::messages::Messages;
 
+use super::meaning::{expected, meaning};
 use super::output::{Item, OnLine, Output};
-use super::{Speaker, expected, meaning};
+use crate::args::Speaker;
 use crate::describe::Arm;
 
 /// The longest run of stray bytes in one entry.

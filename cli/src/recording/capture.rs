@@ -6,7 +6,7 @@ use std::sync::mpsc::Sender;
 use armwire::decoder::{Decoder, Kind};
 use armwire::xarm::MAX_FRAME;
 
-use super::Frame;
+use super::frame::Frame;
 use crate::args::Speaker;
 use crate::describe::Arm;
 

@@ -5,7 +5,7 @@ use armwire::ling::{self, Ling, Stroke};
 use armwire::messages::Messages;
 use armwire::xarm::{self, Reply, State, XArm};
 
-use super::Frame;
+use super::frame::Frame;
 use crate::args::Speaker;
 use crate::describe::Protocol;
 use crate::describe::xarm::{JOINTS, POSITIONS};

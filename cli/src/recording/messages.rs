@@ -3,7 +3,7 @@
 use byteorder::LittleEndian;
 use serde::{Deserialize, Serialize};
 
-use super::Frame;
+use super::frame::Frame;
 use crate::args::Speaker;
 use crate::describe::Protocol;
 use crate::printable::cut;

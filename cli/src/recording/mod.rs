@@ -7,6 +7,7 @@
 //! ```
 
 mod capture;
+mod frame;
 mod joint_states;
 pub(crate) mod messages;
 #[cfg(test)]
@@ -18,27 +19,15 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use crate::args::Speaker;
-use crate::describe::{Arm, Protocol};
+use crate::describe::Arm;
 use crate::error::Error;
 use crate::new_file;
 pub(crate) use capture::Capture;
+pub(crate) use frame::Frame;
 use writer::Writer;
 
 /// The longest time for which frames are only in memory: a program that is killed loses as much.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
-
-/// A frame on an arm's line, or a run of bytes between frames. Times are in nanoseconds since 1970.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Frame {
-    /// The time at which this computer sent or received its last byte.
-    pub(crate) log_time: i64,
-    /// The time of its last byte by the adapter's clock, if the adapter stamped it. Otherwise the log time.
-    pub(crate) stamp: i64,
-    pub(crate) protocol: Protocol,
-    pub(crate) from: Speaker,
-    pub(crate) bytes: Vec<u8>,
-}
 
 /// A recording in progress.
 pub(crate) struct Recording {

@@ -14,6 +14,8 @@ use super::joint_states::Joints;
 use super::messages::parse_frame;
 use super::writer::{FRAMES, Writer};
 use super::*;
+use crate::args::Speaker;
+use crate::describe::Protocol;
 
 const PROTOCOLS: [Protocol; 4] = [Protocol::Ling, Protocol::LingLegacy, Protocol::Xarm, Protocol::Alpha1];
 /// A request of a host to read joints.

@@ -7,7 +7,7 @@ use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{McapResult, WriteOptions};
 
-use super::Frame;
+use super::frame::Frame;
 use super::joint_states::Joints;
 use super::messages::{self, FRAME, JOINT_STATE, MESSAGE_ENCODING, SCHEMA_ENCODING};
 

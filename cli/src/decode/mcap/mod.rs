@@ -11,8 +11,9 @@ use armwire::xarm::XArm;
 
 use super::input::Input;
 use super::log::Refused;
+use super::meaning::frame_meaning;
 use super::output::{Item, OnLine, Output};
-use super::{Speaker, frame_meaning};
+use crate::args::Speaker;
 use crate::describe::Protocol;
 use crate::error::Error;
 use crate::recording::Frame;

@@ -1,0 +1,54 @@
+//! The meaning of a frame.
+
+use armwire::framing::Scan;
+
+use crate::args::Speaker;
+use crate::describe::Arm;
+
+/// The expectation of a decoder for this sender.
+pub(super) fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
+    match from {
+        Some(Speaker::Host) => arm.requests(),
+        Some(Speaker::Arm) | None => arm.unsolicited(),
+    }
+}
+
+/// The sender of a frame, as given or as determined by the frame, and its meaning.
+pub(super) fn meaning<P: Arm>(
+    arm: &P,
+    frame: &[u8],
+    expect: P::Expect,
+    from: Option<Speaker>,
+) -> (Option<Speaker>, String) {
+    let envelope = P::envelope(frame);
+    let request = arm.parse_request(frame);
+    let request = request.map(|request| format!("to the arm: {}{envelope}", P::show_request(&request)));
+    let response = arm.parse_response(frame, expect);
+    let response = response.map(|response| format!("from the arm: {}{envelope}", P::show_response(&response)));
+    match (from, request, response) {
+        (None | Some(Speaker::Host), Ok(text), _) => (Some(Speaker::Host), text),
+        (None | Some(Speaker::Arm), _, Ok(text)) => (Some(Speaker::Arm), text),
+        (Some(Speaker::Host), Err(error), _) | (Some(Speaker::Arm), _, Err(error)) => {
+            (from, format!("no message: {error}"))
+        }
+        (None, Err(request), Err(response)) => {
+            let text = format!("no message: as a request, {request}; as an answer, {response}");
+            (None, text)
+        }
+    }
+}
+
+/// The meaning of bytes that are to be one whole frame from this side.
+///
+/// # Errors
+///
+/// The reason why they are not.
+pub(super) fn frame_meaning<P: Arm>(bytes: &[u8], from: Speaker) -> Result<String, String> {
+    let arm = P::default();
+    let expect = expected(&arm, Some(from));
+    match arm.scan(bytes, expect) {
+        Scan::Frame(len) if len == bytes.len() => Ok(meaning(&arm, bytes, expect, Some(from)).1),
+        Scan::Noise(_, reason) | Scan::Broken(reason) => Err(format!("no frame of {}: {reason}", P::NAME)),
+        _ => Err(format!("not one whole frame of {}", P::NAME)),
+    }
+}

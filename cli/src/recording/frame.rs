@@ -1,0 +1,16 @@
+//! The unit of a recording.
+
+use crate::args::Speaker;
+use crate::describe::Protocol;
+
+/// A frame on an arm's line, or a run of bytes between frames. Times are in nanoseconds since 1970.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Frame {
+    /// The time at which this computer sent or received its last byte.
+    pub(crate) log_time: i64,
+    /// The time of its last byte by the adapter's clock, if the adapter stamped it. Otherwise the log time.
+    pub(crate) stamp: i64,
+    pub(crate) protocol: Protocol,
+    pub(crate) from: Speaker,
+    pub(crate) bytes: Vec<u8>,
+}
