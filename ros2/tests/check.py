@@ -1,6 +1,7 @@
 """A DDS peer of another make, Eclipse Cyclone, which rmw_cyclonedds is made of, hears and moves virtual arms.
 
-Usage: check.py FOLDER_OF_PROGRAMS, in a network namespace of its own with `lo` and `outside0` up.
+Usage: check.py FOLDER_OF_PROGRAMS FOLDER_OF_BOARD, in a network namespace of its own with `lo` and `outside0` up. The second
+folder has the ports `arm` and `control` of an adapter's image on the virtual board.
 """
 
 import math
@@ -12,9 +13,12 @@ import tempfile
 import time
 from dataclasses import dataclass
 
-CYCLONE = """<CycloneDDS><Domain id="any">
-<General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
-<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+# The interface of this peer, and its address.
+INTERFACE = os.environ.get("CHECK_INTERFACE", "lo")
+ADDRESS = {"lo": "127.0.0.1", "outside0": "192.0.2.1"}[INTERFACE]
+CYCLONE = f"""<CycloneDDS><Domain id="any">
+<General><Interfaces><NetworkInterface name="{INTERFACE}" multicast="false"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="{ADDRESS}"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
 os.environ["CYCLONEDDS_URI"] = CYCLONE
 
@@ -369,6 +373,76 @@ def ask(port):
     return subprocess.run(call, check=True, capture_output=True, text=True).stdout
 
 
+def behind_adapter(participant, board):
+    port, control = (os.path.join(board, name) for name in ("arm", "control"))
+    control = f"control:{control}"
+    armwire = os.path.join(PROGRAMS, "armwire")
+    settings = ["poll=200", "silence.after-ms=300", "silence.torque-off=on"]
+    subprocess.run([armwire, "config", control, "set", *settings], check=True, stdout=subprocess.DEVNULL)
+    options = ["--arm", f"adapted=ling:{port}", "--control", f"adapted={control}", "--rmw", "cyclonedds"]
+    node = start("armwire-ros2", *options)
+    peer = Peer(participant, "adapted")
+    matched(participant, [peer])
+    assert peer.value("stamps") == "adapter"
+    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
+    assert answer.success, answer
+
+    stamps, receipts = [], []
+    peer.take()
+    deadline = time.monotonic() + 5
+    while time.monotonic() < deadline:
+        for state in peer.take():
+            stamps.append(state.header.stamp.sec + state.header.stamp.nanosec / 1e9)
+            receipts.append(time.time())
+        time.sleep(0.0005)
+    # A mapping of the clocks that has just found a shorter way moves one stamp, and each lost reading one period.
+    errors = sorted(abs((b - a) * 200 - round((b - a) * 200)) / 200 for a, b in zip(stamps, stamps[1:]))
+    error = errors[len(errors) * 95 // 100]
+    print(f"{len(stamps)} stamps of the adapter in 5 s, 95 % within {error * 1e6:.0f} µs of its poll's period")
+    assert len(stamps) > 500 and error < 0.0005, (len(stamps), error)
+    assert all(0 <= receipt - stamp < 1 for stamp, receipt in zip(stamps, receipts))
+    passed("stamps are the adapter's, and none is later than its receipt")
+
+    # The end of a motion ends its stream: the dead-man timer leaves the torque on.
+    goal = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
+    peer.send([goal])
+    until(lambda: peer.is_at(goal), 10, "the arm is at its goal")
+    time.sleep(1)
+    assert peer.is_at(goal) and peer.value("motion_status") == "locked"
+    passed("a trajectory moves the arm behind an adapter, and it holds for longer than the timer")
+
+    # A killed node is a silent host: the adapter switches the torque off.
+    peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
+    until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
+    end(node, signal.SIGKILL)
+    # A request before the timeout would keep the stream alive.
+    time.sleep(1)
+    assert "idle" in ask(port), ask(port)
+    counters = subprocess.run([armwire, "counters", control], check=True, capture_output=True, text=True).stdout
+    [silences] = [line for line in counters.splitlines() if "silences" in line]
+    passed(f"the node killed in a motion: the adapter switches the torque off ({silences.strip()})")
+
+
+def on_interface(participant):
+    sim, port = virtual_arm("named")
+    node = start("armwire-ros2", "--arm", f"named=ling:{port}", "--rmw", "cyclonedds", "--interface", "outside0")
+    script = f"""
+import sys; sys.argv = ["", {PROGRAMS!r}]; sys.path.insert(0, {os.path.dirname(os.path.abspath(__file__))!r})
+import check
+participant = check.DomainParticipant(0)
+check.matched(participant, [check.Peer(participant, "named")])
+"""
+    environment = os.environ | {"CHECK_INTERFACE": "outside0"}
+    subprocess.run([sys.executable, "-B", "-c", script], check=True, env=environment)
+    passed("a node on a named interface is heard there")
+    peer = Peer(participant, "named")
+    time.sleep(3)
+    assert not peer.take() and not peer.trajectories.get_matched_subscriptions()
+    passed("a node on a named interface is not heard on loopback")
+    end(node)
+    end(sim)
+
+
 def sixteen_arms(participant):
     arms = [virtual_arm(f"arm{n}") for n in range(16)]
     options = [f"--arm=arm{n}=ling:{port}" for n, (_, port) in enumerate(arms)]
@@ -410,7 +484,10 @@ if __name__ == "__main__":
     participant = DomainParticipant(0)
     try:
         one_arm(participant)
+        on_interface(participant)
         sixteen_arms(participant)
+        # The last: a virtual board that polls keeps a core busy.
+        behind_adapter(participant, sys.argv[2])
     finally:
         for process in STARTED:
             process.kill()

@@ -3,13 +3,14 @@
 //! It runs in a network namespace of its own: the discovery of DDS leaves the machine nowhere.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Result, bail};
 
 use crate::cargo::{cargo, target_dir};
 use crate::process::{output, run, shown};
+use crate::vendor::served::ServedBoard;
 use crate::workspace::root;
 
 /// Both programs, as the peer starts them.
@@ -28,14 +29,20 @@ pub(crate) fn check() -> Result<()> {
         run(&mut command)?;
     }
     let scripts = root().join("ros2/tests");
-    let python = environment()?;
+    let folder = target_dir()?.join("ros2");
+    fs::create_dir_all(&folder)?;
+    let python = environment(&folder)?;
+    let board = ServedBoard::start(&folder)?;
     let mut peer = Command::new("unshare");
     peer.arg("--net")
         .arg(scripts.join("namespace.sh"))
         .arg(python)
         .arg("-B");
-    peer.arg(scripts.join("check.py")).arg(target_dir()?.join("debug"));
-    run(&mut peer)
+    peer.arg(scripts.join("check.py"))
+        .arg(target_dir()?.join("debug"))
+        .arg(&folder);
+    run(&mut peer)?;
+    board.end()
 }
 
 /// A network namespace may be made, with interfaces in it.
@@ -49,9 +56,7 @@ fn check_privilege() -> Result<()> {
 }
 
 /// The Python of an environment in the target directory, with the peer's packages.
-fn environment() -> Result<PathBuf> {
-    let folder = target_dir()?.join("ros2");
-    fs::create_dir_all(&folder)?;
+fn environment(folder: &Path) -> Result<PathBuf> {
     let environment = folder.join("python");
     let python = environment.join("bin/python");
     if !python.exists() {
