@@ -1,6 +1,6 @@
-//! A line with faults: bytes are lost, damaged, repeated, late, or come from nowhere.
+//! A line with faults: bytes are dropped, corrupted, duplicated, delayed or inserted.
 //!
-//! The faults are drawn from a seed, for each direction by itself: the same bytes meet the same faults in every run.
+//! Each direction has its own random sequence from the seed: the same bytes meet the same faults in every run.
 
 use std::collections::VecDeque;
 
@@ -11,7 +11,7 @@ use proptest::prelude::*;
 
 use crate::serial::SerialDevice;
 
-/// How often bytes meet each fault, in parts per million.
+/// Rate of each fault, in parts per million of the bytes.
 ///
 /// ```
 /// use armwire_sim::faults::Rates;
@@ -26,7 +26,7 @@ pub struct Rates {
     pub corrupt: u32,
     /// It arrives twice.
     pub duplicate: u32,
-    /// It, and so what follows it, is late: up to `max_delay`.
+    /// It is delayed by up to `max_delay`, and the following bytes with it.
     pub delay: u32,
     /// A random byte arrives before it.
     pub noise: u32,
@@ -38,7 +38,7 @@ impl Rates {
     /// No faults.
     pub const NONE: Self = Self::each(0);
 
-    /// Each kind of fault at the same rate, with delays up to 5 ms.
+    /// Returns the same rate for each fault, with delays up to 5 ms.
     pub const fn each(ppm: u32) -> Self {
         Self {
             drop: ppm,
@@ -51,7 +51,7 @@ impl Rates {
     }
 }
 
-/// How often each fault has happened.
+/// Count of each fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Injected {
@@ -63,7 +63,7 @@ pub struct Injected {
     pub duplicated: u64,
     /// Bytes that were delayed.
     pub delayed: u64,
-    /// Bytes that came from nowhere.
+    /// Bytes that were inserted.
     pub noise: u64,
 }
 
@@ -73,7 +73,7 @@ struct Direction {
     rates: Rates,
     random: Rand32,
     injected: Injected,
-    /// Bytes and when they are due, in order.
+    /// Bytes with their due times, in order.
     queue: VecDeque<(Instant, u8)>,
 }
 
@@ -95,10 +95,10 @@ impl Direction {
         self.random.rand_range(0..256) as u8
     }
 
-    /// Queues what becomes of a byte.
+    /// Applies the faults to a byte and queues the result.
     fn put(&mut self, now: Instant, mut byte: u8) {
         let rates = self.rates;
-        // Delays overlap: nothing is later than `max_delay`, and nothing overtakes.
+        // Delays overlap: no byte is later than `max_delay`, and none overtakes another.
         let mut due = self.queue.back().map_or(now, |&(due, _)| due.max(now));
         if self.happens(rates.noise) {
             self.injected.noise += 1;
@@ -135,7 +135,7 @@ impl Direction {
     }
 }
 
-/// A device behind a line with faults; itself a device.
+/// A device behind a line with faults. It implements [`SerialDevice`] itself.
 ///
 /// ```
 /// use armwire::time::Instant;
@@ -157,7 +157,7 @@ pub struct Line<D> {
 }
 
 impl<D: SerialDevice> Line<D> {
-    /// A line to `device` with faults at these rates in each direction.
+    /// Connects `device` by a line with these fault rates per direction.
     pub fn new(device: D, to_device: Rates, from_device: Rates, seed: u64) -> Self {
         Self {
             device,
@@ -166,28 +166,28 @@ impl<D: SerialDevice> Line<D> {
         }
     }
 
-    /// The faults from now on. Bytes that are delayed stay so.
+    /// Sets the fault rates. Delayed bytes keep their delay.
     pub fn set_rates(&mut self, to_device: Rates, from_device: Rates) {
         self.to_device.rates = to_device;
         self.from_device.rates = from_device;
     }
 
-    /// What became of the bytes to the device.
+    /// Returns the faults injected towards the device.
     pub fn injected_to_device(&self) -> Injected {
         self.to_device.injected
     }
 
-    /// What became of the bytes from the device.
+    /// Returns the faults injected towards the host.
     pub fn injected_from_device(&self) -> Injected {
         self.from_device.injected
     }
 
-    /// The device behind the line.
+    /// Returns the device.
     pub fn device(&self) -> &D {
         &self.device
     }
 
-    /// The device behind the line.
+    /// Returns the device.
     pub fn device_mut(&mut self) -> &mut D {
         &mut self.device
     }
@@ -216,13 +216,13 @@ impl<D: SerialDevice> SerialDevice for Line<D> {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        // The device waits while a byte of its own is delayed.
+        // The device is not polled while one of its bytes is delayed.
         let from = self.from_device.due().or_else(|| self.device.poll_timeout());
         [self.to_device.due(), from].into_iter().flatten().min()
     }
 }
 
-/// Rates of faults, mostly such that some frames pass and some do not.
+/// Generates fault rates, mostly low enough that some frames pass.
 #[cfg(test)]
 pub(crate) fn any_rates() -> impl Strategy<Value = Rates> {
     prop_oneof![
@@ -238,7 +238,7 @@ pub(crate) fn any_rates() -> impl Strategy<Value = Rates> {
 mod tests {
     use super::*;
 
-    /// Says back what it hears, at once.
+    /// Echoes every byte at once.
     #[derive(Default)]
     struct Mirror(VecDeque<u8>);
 
@@ -258,7 +258,7 @@ mod tests {
 
     const BYTES: usize = 100_000;
 
-    /// What comes back of many bytes, one every 10 µs, and when.
+    /// Returns the echo of many bytes, one every 10 µs, with its times.
     fn run(line: &mut Line<Mirror>) -> Vec<(Instant, u8)> {
         let mut back = Vec::new();
         for i in 0..BYTES as u64 + 10_000 {

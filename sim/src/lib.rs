@@ -1,14 +1,14 @@
-//! Virtual arms, and the line between them and a host, for tests and for any serial program.
+//! Virtual arms, and the line between an arm and its host, for tests and for any serial program.
 //!
-//! | Module | What it is |
+//! | Module | Contents |
 //! |---|---|
-//! | [`serial`] | the seam: a device at the far end of a serial line |
+//! | [`serial`] | the interface of a device at the far end of a serial line |
 //! | [`ling`] | a Ling arm |
 //! | [`xarm`] | an xArm, and its server on TCP ports (Unix) |
-//! | [`alpha1`] | an Alpha1 robot, and its servos on a bus of their own |
-//! | [`faults`] | a line that drops, corrupts, repeats, delays and makes up bytes |
+//! | [`alpha1`] | an Alpha1 robot, and its servos on a separate bus |
+//! | [`faults`] | a line that drops, corrupts, duplicates, delays and inserts bytes |
 //! | [`wire`] | a host and a device on a line in virtual time |
-//! | [`can`] | a frame on a CAN bus, and how long it takes |
+//! | [`can`] | a frame on a CAN bus, and its duration |
 //! | [`slcan`] | a CAN adapter on a serial port, both ends of its protocol |
 //! | `pty`, `serve` | a device on a pseudo-terminal in real time (Unix) |
 #![forbid(unsafe_code)]

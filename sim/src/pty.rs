@@ -1,7 +1,7 @@
-//! A pseudo-terminal that stands in for a serial port.
+//! A pseudo-terminal in the place of a serial port.
 //!
-//! Any serial program can open it. What a pty lacks is a UART: it has no modem lines (the ioctls for DTR and RTS fail),
-//! and its bytes take no time; baud rate and pacing are up to the one who serves it.
+//! Any serial program can open it. A pty has no UART: the ioctls for DTR and RTS fail, and bytes take no time. The
+//! server is responsible for baud rate and pacing.
 
 mod link;
 
@@ -20,11 +20,11 @@ use rustix::termios::{OptionalActions, Termios, ioctl_tiocnxcl, tcgetattr, tcset
 
 use link::Link;
 
-/// A pty in raw mode, both ends of it, with our end non-blocking.
+/// Both ends of a pty in raw mode. The server's end is non-blocking.
 ///
-/// Clients may open and close it at will, which shows on our side only by what they write; what one leaves unread, the
-/// next one reads unless it empties its input buffer first, as serial libraries can. The pty is gone, and so is its
-/// symbolic link, when this is dropped.
+/// Clients may open and close the pty at any time; only their bytes are visible to the server. Unread bytes of one
+/// client remain for the next, unless it empties its input buffer, as serial libraries can. Dropping this closes the
+/// pty and removes its symbolic link.
 ///
 /// ```
 /// use std::io::{Read, Write};
@@ -45,26 +45,26 @@ use link::Link;
 /// ```
 #[derive(Debug)]
 pub struct Pty {
-    /// Our end.
+    /// The server's end.
     controller: OwnedFd,
-    /// The clients' end, kept open so that the last client to close it does not hang it up.
+    /// The clients' end, kept open to avoid a hang-up when the last client closes it.
     user: OwnedFd,
     device: PathBuf,
     link: Option<Link>,
 }
 
 impl Pty {
-    /// Makes a pty and, if `link` is given, a symbolic link there that points to it.
+    /// Creates a pty and, if `link` is given, a symbolic link to it.
     ///
     /// # Errors
     ///
-    /// When the system has no pty to give, or the link cannot be made. A link that a killed server left behind is
-    /// replaced; [`io::ErrorKind::AlreadyExists`] when there is anything else, also the link of a server that runs.
+    /// If the system has no free pty, or the link cannot be created. The link of a killed server is replaced. Anything
+    /// else at that path, the link of a running server included, is [`io::ErrorKind::AlreadyExists`].
     ///
-    /// A server holds the empty file `LINK.lock` locked, by which others know that it runs.
+    /// A running server holds a lock on the empty file `LINK.lock`.
     pub fn open(link: Option<&Path>) -> io::Result<Self> {
         let controller = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
-        // A program that we start must not keep the pty alive.
+        // A child process must not keep the pty open.
         fcntl_setfd(&controller, FdFlags::CLOEXEC)?;
         grantpt(&controller)?;
         unlockpt(&controller)?;
@@ -85,16 +85,16 @@ impl Pty {
         })
     }
 
-    /// What clients open: the symbolic link if there is one, else the device.
+    /// Returns the path for clients: the symbolic link if there is one, else the device.
     pub fn path(&self) -> &Path {
         self.link.as_ref().map_or(&self.device, Link::path)
     }
 
-    /// The baud rate that the last client set.
+    /// Returns the baud rate set by the last client.
     ///
     /// # Errors
     ///
-    /// When the system does not tell.
+    /// If the system call fails.
     pub fn baud(&self) -> io::Result<u32> {
         Ok(tcgetattr(&self.user)?.output_speed())
     }
@@ -103,56 +103,56 @@ impl Pty {
     ///
     /// # Errors
     ///
-    /// When the system refuses.
+    /// If the system call fails.
     pub fn set_baud(&self, baud: u32) -> io::Result<()> {
         let mut attributes = tcgetattr(&self.user)?;
         attributes.set_speed(baud)?;
         Ok(tcsetattr(&self.user, OptionalActions::Now, &attributes)?)
     }
 
-    /// Takes what clients have written: as many bytes as there are and fit, which may be none. Does not wait.
+    /// Reads the clients' bytes, as many as are available and fit, perhaps none. Does not block.
     ///
-    /// Call it a few times a second even when nothing is expected. A client's exclusive use of a terminal (`TIOCEXCL`)
-    /// ends when the terminal is closed, but this one never is, so reading ends it. A lock on the file, which serial
-    /// libraries take besides, holds until its owner closes the port or dies.
+    /// Call it a few times a second even when no bytes are expected. A client's exclusive use of a terminal
+    /// (`TIOCEXCL`) ends when the last descriptor is closed; the server keeps one open, so reading ends it instead. A
+    /// file lock, which serial libraries also take, lasts until its owner closes the port or dies.
     ///
     /// # Errors
     ///
-    /// When the system refuses.
+    /// If the system call fails.
     pub fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
         ioctl_tiocnxcl(&self.user)?;
         none_if_blocked(rustix::io::read(&self.controller, bytes))
     }
 
-    /// Gives bytes to the clients: as many as there is room for, which may be none. Does not wait.
+    /// Writes bytes to the clients, as many as there is room for, perhaps none. Does not block.
     ///
     /// # Errors
     ///
-    /// When the system refuses.
+    /// If the system call fails.
     pub fn write(&self, bytes: &[u8]) -> io::Result<usize> {
         none_if_blocked(rustix::io::write(&self.controller, bytes))
     }
 
-    /// Waits until there is something to [`read`](Self::read), for ever or for a time. Returns whether there is.
+    /// Waits for bytes to [`read`](Self::read), without limit or up to a timeout. Returns whether there are any.
     ///
     /// A signal ends the wait early.
     ///
     /// # Errors
     ///
-    /// When the system refuses.
+    /// If the system call fails.
     pub fn wait(&self, timeout: Option<Duration>) -> io::Result<bool> {
         wait_for_any(&[self], timeout)
     }
 }
 
-/// Waits until there is something to [`read`](Pty::read) at one of these at least, for ever or for a time. Returns
-/// whether there is.
+/// Waits for bytes to [`read`](Pty::read) at any of these, without limit or up to a timeout. Returns whether there are
+/// any.
 ///
 /// A signal ends the wait early.
 ///
 /// # Errors
 ///
-/// When the system refuses.
+/// If the system call fails.
 pub fn wait_for_any(ptys: &[&Pty], timeout: Option<Duration>) -> io::Result<bool> {
     let timeout = timeout.map(|timeout| Timespec {
         tv_sec: timeout.as_secs().try_into().unwrap_or(i64::MAX),
@@ -188,7 +188,7 @@ mod tests {
         OpenOptions::new().read(true).write(true).open(pty.path()).unwrap()
     }
 
-    /// A path of this test's own where nothing is.
+    /// Returns an unused path for this test.
     fn free_path(name: &str) -> PathBuf {
         let path = std::env::temp_dir().join(format!("armwire-{name}-{}", std::process::id()));
         let _ = fs::remove_file(&path);

@@ -9,10 +9,10 @@ use armwire::time;
 use crate::pty::Pty;
 use crate::serial::SerialDevice;
 
-/// How long it takes at most to notice the stop flag.
+/// Maximum reaction time to the stop flag.
 const NOTICE: Duration = Duration::from_millis(100);
 
-/// What went over a pty.
+/// Byte counts of a pty.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Served {
@@ -20,14 +20,14 @@ pub struct Served {
     pub received: u64,
     /// Bytes from the device to clients.
     pub sent: u64,
-    /// Bytes from the device that found no room, because no client reads.
+    /// Bytes from the device that were lost because no client reads.
     pub lost: u64,
 }
 
-/// Connects a device to a pty until `stop` is set, which it notices within 100 ms.
+/// Connects a device to a pty until `stop` is set. The reaction time is at most 100 ms.
 ///
-/// The device's time zero is now. Bytes take no time, as a pty has no baud rate; what the device does at one instant is
-/// one write, so frames that it spaces reach the client one by one.
+/// The device's time zero is the time of the call. A pty has no baud rate, so bytes take no time. The output of one
+/// instant is one write, so frames with a pause between them reach the client one by one.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! A host and a device on one line, in virtual time: a whole conversation in no time at all.
+//! A host and a device on one line, in virtual time.
 
 use std::fmt;
 
@@ -13,58 +13,58 @@ use crate::serial::SerialDevice;
 /// The device did not answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Silence {
-    /// How often it was asked.
+    /// Number of times the request was sent.
     pub sends: u8,
 }
 
 impl fmt::Display for Silence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.sends {
-            1 => f.write_str("no answer, asked once"),
-            sends => write!(f, "no answer, asked {sends} times"),
+            1 => f.write_str("no answer, sent once"),
+            sends => write!(f, "no answer, sent {sends} times"),
         }
     }
 }
 
 impl std::error::Error for Silence {}
 
-/// What a client received besides the outcome of calls.
+/// An event of a client other than the result of a call.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LineEvent {
-    /// An answer to a request that was given up, as a frame.
+    /// The frame of an answer that arrived after its timeout.
     Late(Vec<u8>),
-    /// A response that answers nothing, as a frame.
+    /// The frame of an unsolicited response.
     Unsolicited(Vec<u8>),
-    /// A request that the line gave back.
+    /// The echo of a request.
     Echo,
-    /// A good frame that is no message.
+    /// A valid frame that is not a known message.
     Unknown {
         /// The frame.
         frame: Vec<u8>,
-        /// Why it is none.
+        /// The parse error.
         error: ParseError,
     },
     /// Bytes that are not part of a frame.
     Noise {
-        /// Where they start, in bytes since the start.
+        /// Offset of the first byte in the received stream.
         offset: u64,
         /// The bytes.
         bytes: Vec<u8>,
-        /// Why.
+        /// Reason for the noise.
         reason: Reason,
     },
-    /// A lossless stream broke.
+    /// A framing error in a lossless stream.
     Broken {
-        /// Where, in bytes since the start.
+        /// Offset in the received stream.
         offset: u64,
-        /// Why.
+        /// Reason for the error.
         reason: Reason,
     },
 }
 
 /// A [`Client`] with buffers of `N` bytes, connected to a device by a full-duplex line.
 ///
-/// A byte takes ten bit times each way, rounded up to a microsecond, and the clock jumps from event to event.
+/// A byte takes ten bit times each way, rounded up to a microsecond. The clock advances from event to event.
 ///
 /// ```
 /// use armwire::ling::{Ling, MAX_FRAME, Request, Response, Stroke};
@@ -84,16 +84,16 @@ pub struct Wire<M: Messages, D, const N: usize> {
     device: D,
     now: Instant,
     byte_time: Duration,
-    /// The byte on its way to the device, and when it is there.
+    /// Byte in transit to the device, with its arrival time.
     to_device: Option<(Instant, u8)>,
-    /// The byte on its way to the host, and when it is there.
+    /// Byte in transit to the host, with its arrival time.
     to_host: Option<(Instant, u8)>,
     events: Vec<LineEvent>,
-    /// The last answer, as a frame, and what it is expected as.
+    /// Frame of the last answer, with its expectation.
     answer: (Vec<u8>, M::Expect),
 }
 
-/// How a call ended.
+/// Result of a call.
 enum Outcome {
     Answered,
     Sent,
@@ -101,7 +101,7 @@ enum Outcome {
 }
 
 impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
-    /// A quiet line at time zero, at the configured baud rate.
+    /// Creates an idle line at time zero, at the configured baud rate.
     pub fn new(config: Config, device: D) -> Self {
         Self {
             client: Client::new(M::default(), config),
@@ -115,18 +115,18 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
         }
     }
 
-    /// Makes one call and returns the answer, if the request gets one, when its last stop bit is over. A request that
-    /// gets none is done when the device has all of it.
+    /// Sends a request and returns its answer after the last stop bit. A request without an answer is complete when the
+    /// device has received all of it.
     ///
     /// # Errors
     ///
-    /// [`Silence`] when the client gives up.
+    /// [`Silence`] after the last timeout.
     ///
     /// # Panics
     ///
     /// If the client cannot accept the device's answer, or has no room for the request.
     pub fn call(&mut self, request: M::Request<'_>) -> Result<Option<M::Response<'_>>, Silence> {
-        // Every call runs to its end.
+        // The previous call is complete.
         self.client
             .submit(&request)
             .expect("no request is in flight, and it has room");
@@ -156,11 +156,11 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
         Ok(Some(response.expect("the client has accepted it")))
     }
 
-    /// Lets time pass without a call.
+    /// Advances virtual time without a call.
     pub fn wait(&mut self, span: Duration) {
         let end = self.now + span;
         loop {
-            // One step more at the end itself, to let the device know the time.
+            // A step at the end itself informs the device of the time.
             let last = self.now == end;
             self.step(end);
             if last {
@@ -169,30 +169,30 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
         }
     }
 
-    /// Virtual time since the start.
+    /// Returns the virtual time since the start.
     pub fn elapsed(&self) -> Instant {
         self.now
     }
 
-    /// What the client received besides the outcome of calls, since this was last asked: noise, late answers, echoes.
+    /// Returns the client's other events since the last call of this function: noise, late answers, echoes.
     pub fn take_events(&mut self) -> Vec<LineEvent> {
         std::mem::take(&mut self.events)
     }
 
-    /// The device.
+    /// Returns the device.
     pub fn device(&self) -> &D {
         &self.device
     }
 
-    /// The device.
+    /// Returns the device.
     pub fn device_mut(&mut self) -> &mut D {
         &mut self.device
     }
 
-    /// Goes to the next instant at which something happens, or to `end`, and returns how a call ended, if one did.
+    /// Advances to the next event, or to `end`. Returns the result of a call, if one is complete.
     fn step(&mut self, end: Instant) -> Option<Outcome> {
         let (mut outcome, client_due) = self.poll(None);
-        // While its line is taken the device need not be asked: it says the same later.
+        // A device is not polled while its line is busy: its output waits.
         if self.to_host.is_none() {
             let byte = self.device.transmit(self.now);
             self.to_host = byte.map(|byte| (self.now + self.byte_time, byte));
@@ -202,7 +202,7 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
             None => self.device.poll_timeout(),
         };
         let host_due = self.to_device.map(|(due, _)| due);
-        // What is due already waits for the line to be free.
+        // An event that is due already waits for the line.
         let client_due = client_due.filter(|due| *due > self.now);
         let due = [host_due, device_due, client_due];
         if outcome.is_none() {
@@ -216,7 +216,7 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
         outcome
     }
 
-    /// Lets the client receive a byte, transmit one if its line is free, and say what happened.
+    /// Passes a received byte to the client, transmits a byte if the line is free, and takes the client's events.
     fn poll(&mut self, received: Option<u8>) -> (Option<Outcome>, Option<Instant>) {
         let now = self.now;
         let rest = self.client.receive(now, received.as_slice());

@@ -1,20 +1,20 @@
-//! The actions that a virtual Alpha1 knows by name.
+//! The named actions of a virtual Alpha1.
 //!
-//! They are this simulation's own, not the real robot's. Servos 1 to 3 are one arm and 4 to 6 the other, 7 to 11 are
-//! one leg and 12 to 16 the other; standing, all are in the middle.
+//! They belong to this simulation, not to the real robot. Servos 1 to 3 are one arm and 4 to 6 the other. Servos 7 to
+//! 11 are one leg and 12 to 16 the other. Standing is the middle position of all servos.
 
 use armwire::alpha1::Angle;
 use armwire::time::Duration;
 
 use super::SERVOS;
 
-/// Where the servos go, and when.
+/// The servos' target angles, and the timing of the motion to them.
 #[derive(Debug)]
 pub(super) struct Pose {
     pub(super) angles: [Angle; SERVOS],
-    /// How long they take.
+    /// Duration of the motion.
     pub(super) duration: Duration,
-    /// From the start of this pose to that of the next, or the end of the action.
+    /// Time from the start of this pose to the start of the next, or to the end of the action.
     pub(super) interval: Duration,
 }
 
@@ -58,7 +58,7 @@ pub(super) const ACTIONS: &[NamedAction] = &[
     },
 ];
 
-/// Standing, but for these servos, by their numbers from 1, which go to these angles; with times in milliseconds.
+/// Returns the standing pose with changed servos: number from 1, angle in degrees. Times are in milliseconds.
 const fn pose(changes: &[(usize, u8)], duration: u64, interval: u64) -> Pose {
     let mut angles = STANDING;
     let mut i = 0;
@@ -79,7 +79,7 @@ pub(super) const STANDING: [Angle; SERVOS] = [angle(90); SERVOS];
 const fn angle(degrees: u8) -> Angle {
     match Angle::new(degrees) {
         Ok(angle) => angle,
-        Err(_) => panic!("no servo goes there"),
+        Err(_) => panic!("angle out of range"),
     }
 }
 

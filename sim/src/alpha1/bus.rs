@@ -1,4 +1,4 @@
-//! Virtual servos on a bus of their own, without a robot around them.
+//! Virtual servos on a bus without a robot.
 
 use armwire::alpha1::{Alpha1, Request, ServoId};
 use armwire::messages::Messages;
@@ -10,7 +10,7 @@ use super::port::{Kind, Port};
 use super::servo::Servo;
 use crate::serial::{Counters, SerialDevice};
 
-/// Which servos there are, and how they answer.
+/// The servos on a bus, and the timing of their answers.
 ///
 /// ```
 /// use armwire::alpha1::ServoId;
@@ -21,20 +21,20 @@ use crate::serial::{Counters, SerialDevice};
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BusConfig {
-    /// The id of each servo. Servos that have the same one answer at once, and what arrives is what both say, bit by
-    /// bit.
+    /// The id of each servo. Servos with the same id answer at the same time: the bits of their answers are ANDed on
+    /// the wire.
     pub ids: Vec<ServoId>,
-    /// From the last stop bit of a request to the first start bit of its answer. A real servo answers within 400 µs.
+    /// Time from the last stop bit of a request to the first start bit of its answer. A real servo answers within 400
+    /// µs.
     pub turnaround: Duration,
-    /// How long the line must be silent for a frame that waits for its end to be given up. The real servo's patience is
-    /// not known.
+    /// Idle time of the line after which an incomplete frame is discarded. The real servo's timeout is not known.
     pub idle: Duration,
-    /// Whether every byte received comes back at once, as it does to a host on the same wire.
+    /// Echo of every received byte, as a host on the same wire sees it.
     pub echo: bool,
 }
 
 impl Default for BusConfig {
-    /// Servos 1 to 16, 200 µs of turnaround, 5 ms until the line is idle, no echo.
+    /// Returns servos 1 to 16, a turnaround of 200 µs, an idle time of 5 ms, no echo.
     fn default() -> Self {
         Self {
             ids: (1..=SERVOS as u8).filter_map(|id| ServoId::new(id).ok()).collect(),
@@ -45,9 +45,9 @@ impl Default for BusConfig {
     }
 }
 
-/// Virtual servos on a single wire, switched on at time zero, released, in the middle.
+/// Virtual servos on a single wire. At time zero they are switched on, released, in the middle position.
 ///
-/// They hear nothing while one of them is talking, and know no requests but those to servos.
+/// Bytes that arrive while a servo transmits are lost. Only servo requests are recognised.
 ///
 /// ```
 /// use armwire::time::Instant;
@@ -68,7 +68,7 @@ pub struct ServoBus {
 }
 
 impl ServoBus {
-    /// Released servos.
+    /// Creates a bus of released servos.
     pub fn new(config: BusConfig) -> Self {
         let kind = Kind::SingleWire { echo: config.echo };
         Self {
@@ -77,17 +77,17 @@ impl ServoBus {
         }
     }
 
-    /// The servos. Their order does not change, whatever ids they are given.
+    /// Returns the servos. Their order stays the same when ids change.
     pub fn servos(&self) -> &[Servo] {
         self.chain.servos()
     }
 
-    /// The servos, to turn by hand.
+    /// Returns the servos, to turn them by hand.
     pub fn servos_mut(&mut self) -> &mut [Servo] {
         self.chain.servos_mut()
     }
 
-    /// What they have heard.
+    /// Returns the receive and answer counters.
     pub fn counters(&self) -> Counters {
         self.port.counters
     }

@@ -10,7 +10,7 @@ use super::servo::Servo;
 pub(super) struct Chain(Vec<Servo>);
 
 impl Chain {
-    /// Released servos with these ids.
+    /// Creates released servos with these ids.
     pub(super) fn new(ids: impl IntoIterator<Item = ServoId>) -> Self {
         Self(ids.into_iter().map(Servo::new).collect())
     }
@@ -23,23 +23,23 @@ impl Chain {
         &mut self.0
     }
 
-    /// Lets every servo that is meant obey, and returns what is then on the wire, if anything is.
+    /// Executes a request in every addressed servo. Returns the bytes on the wire, if any servo answers.
     ///
-    /// Two servos with one id answer at once, and the wire is low whenever one of them pulls it low: what arrives is
-    /// what both say, bit by bit.
+    /// Two servos with the same id answer at the same time. A low bit of either pulls the wire low, so the result is
+    /// the AND of both answers.
     pub(super) fn obey(&mut self, now: Instant, request: &ServoRequest) -> Option<Vec<u8>> {
         let answers = self.0.iter_mut().filter_map(|servo| servo.obey(now, request));
         answers.map(|answer| encode(&Response::Servo(answer))).reduce(and)
     }
 }
 
-/// Two answers at once.
+/// Combines two simultaneous answers.
 fn and(mut wire: Vec<u8>, other: Vec<u8>) -> Vec<u8> {
     wire.iter_mut().zip(other).for_each(|(wire, other)| *wire &= other);
     wire
 }
 
-/// The bytes of a response.
+/// Encodes a response.
 pub(super) fn encode(response: &Response<'_>) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
     let len = Alpha1

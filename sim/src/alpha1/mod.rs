@@ -1,7 +1,7 @@
-//! A virtual Alpha1 robot, and its servos on a bus of their own.
+//! A virtual Alpha1 robot, and its servos on a separate bus.
 //!
-//! [`Alpha1Robot`] is the controller: it hears requests, obeys, plays actions, and passes on what is for its servos.
-//! [`ServoBus`] is servos alone. [`Servo`] is one servo in either.
+//! [`Alpha1Robot`] is the controller: it executes requests, plays actions and forwards servo requests. [`ServoBus`] has
+//! servos only. [`Servo`] is one servo of either.
 
 mod action;
 mod bus;
@@ -17,5 +17,5 @@ pub use bus::{BusConfig, ServoBus};
 pub use robot::{Alpha1Robot, RobotConfig};
 pub use servo::Servo;
 
-/// Servos of an Alpha1.
+/// Number of servos in an Alpha1.
 pub const SERVOS: usize = 16;

@@ -1,4 +1,4 @@
-//! What stands between a device and its line: frames out of bytes, and answers that wait for their time.
+//! The serial port of a device: it extracts request frames from bytes and delays answers.
 
 use std::collections::VecDeque;
 
@@ -10,21 +10,21 @@ use armwire::time::{Duration, Instant};
 
 use crate::serial::Counters;
 
-/// Answers that wait for the line at most. A host that asks faster than answers fit on the line loses the rest.
+/// Maximum number of queued answers. Further answers are dropped.
 pub(super) const MAX_REPLIES: usize = 8;
 
-/// What kind of line it is.
+/// Type of line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Bytes, both ways at once.
+    /// Full duplex.
     Serial,
-    /// The same, but each answer is in USB HID reports: filled up with zeros to 64 bytes.
+    /// Full duplex, with each answer in USB HID reports: padded with zeros to 64 bytes.
     Reports,
-    /// One wire for both ways, on which a host may hear itself.
+    /// Half duplex on one wire, optionally with an echo of the host's bytes.
     SingleWire { echo: bool },
 }
 
-/// An answer that waits for the line or is on it.
+/// An answer that is queued or in transmission.
 #[derive(Debug)]
 struct Reply {
     due: Instant,
@@ -36,10 +36,10 @@ struct Reply {
 pub(super) struct Port {
     kind: Kind,
     turnaround: Duration,
-    /// How long the line must be silent for a frame that waits for its end to be given up.
+    /// Idle time of the line after which an incomplete frame is discarded.
     idle: Duration,
     decoder: Decoder<MAX_FRAME>,
-    /// When the line counts as idle, if it is not known to be.
+    /// Time at which the line becomes idle, `None` after that.
     idle_at: Option<Instant>,
     echo: VecDeque<u8>,
     replies: VecDeque<Reply>,
@@ -60,7 +60,7 @@ impl Port {
         }
     }
 
-    /// Takes a byte, unless it cannot be heard: on a single wire it cannot while an answer is on it.
+    /// Takes a byte. On a single wire, a byte that arrives during an answer is lost.
     pub(super) fn receive(&mut self, now: Instant, byte: u8) {
         self.counters.bytes += 1;
         if let Kind::SingleWire { echo } = self.kind {
@@ -73,21 +73,21 @@ impl Port {
             }
         }
         self.idle_at = Some(now + self.idle);
-        // All before it was taken out: there is room.
+        // All earlier frames have been taken out: there is room.
         let _ = self.decoder.push(&[byte]);
     }
 
-    /// Lets the decoder know that the line is idle.
+    /// Reports an idle line to the decoder.
     pub(super) fn idle(&mut self) {
         self.decoder.idle();
     }
 
-    /// The time at which the line became idle, if it has by now; once.
+    /// Returns the time at which the line became idle, once.
     pub(super) fn take_idle(&mut self, now: Instant) -> Option<Instant> {
         self.idle_at.take_if(|idle_at| *idle_at <= now)
     }
 
-    /// The frame of the next request. Call again until it returns `None`.
+    /// Returns the frame of the next request. Call it until it returns `None`.
     pub(super) fn next_request(&mut self) -> Option<Vec<u8>> {
         loop {
             let item = self.decoder.next(&Alpha1, Expect::Requests)?;
@@ -103,13 +103,13 @@ impl Port {
         }
     }
 
-    /// What to answer, and takes note of it.
+    /// Returns the outcome for an answer, and counts refusals.
     pub(super) fn outcome(&mut self, obeyed: bool) -> Outcome {
         self.counters.refused += u64::from(!obeyed);
         if obeyed { Outcome::Success } else { Outcome::Failure }
     }
 
-    /// Queues the answer to a request that was heard at `now`, if there is one.
+    /// Queues the answer to a request received at `now`, if there is one.
     pub(super) fn reply(&mut self, now: Instant, request: &[u8], answer: Option<Vec<u8>>) {
         let Some(mut bytes) = answer else {
             let answered = Alpha1.request(request).is_some_and(|info| info.response.is_some());
@@ -131,9 +131,9 @@ impl Port {
         });
     }
 
-    /// The next byte to put on the line, if one may start at `now`.
+    /// Returns the next byte to transmit, if one may start at `now`.
     pub(super) fn transmit(&mut self, now: Instant) -> Option<u8> {
-        // An echo waits for the end of an answer that is on the line.
+        // An echo waits for the end of the answer in transmission.
         if !self.is_talking()
             && let Some(byte) = self.echo.pop_front()
         {
@@ -144,7 +144,7 @@ impl Port {
         reply.sent += 1;
         if reply.sent == reply.bytes.len() {
             self.replies.pop_front();
-            // It does one thing at a time.
+            // The next answer starts one turnaround after this one.
             if let Some(next) = self.replies.front_mut() {
                 next.due = next.due.max(now + self.turnaround);
             }
@@ -158,7 +158,7 @@ impl Port {
         [echo, reply, self.idle_at].into_iter().flatten().min()
     }
 
-    /// Whether an answer is on the line.
+    /// Returns whether an answer is in transmission.
     fn is_talking(&self) -> bool {
         self.replies.front().is_some_and(|reply| reply.sent > 0)
     }

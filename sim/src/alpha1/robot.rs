@@ -1,16 +1,16 @@
 //! A virtual Alpha1 robot: the controller between USB or Bluetooth and the servos.
 //!
-//! The document says what can be asked, not what the robot then does. What is chosen here:
+//! The document describes the requests, not the robot's behaviour. This model assumes:
 //!
-//! * It is switched on standing: all servos hold in the middle.
-//! * The last command wins. A debug action or another action ends the one that plays; what a servo is told by a frame
-//!   of its own lasts until the next pose.
-//! * A debug action that comes before the interval of the one before is over is refused, and so is one for a faulty
-//!   servo, or with an angle that no servo can go to. Then nothing moves. Angles for servos that the robot does not
-//!   have are ignored. The interval counts from the end of one frame to the end of the next.
-//! * To stop ends an action and an interval, and lets every servo hold where it is. It succeeds also if nothing plays.
-//! * An action that it does not know is refused, and the one that plays goes on.
-//! * The offset tool's connection and the USB type are kept and can be seen; they change nothing on this line.
+//! * At power-on the robot stands: all servos hold the middle position.
+//! * The last command wins. A debug action or a named action ends the current one. A servo frame has effect until the
+//!   next pose.
+//! * A debug action is refused before the previous one's interval is over, for a faulty servo, or with an angle out of
+//!   range. A refused action moves nothing. Angles for servos beyond 16 are ignored. The interval counts from the end
+//!   of one frame to the end of the next.
+//! * A stop ends the action and its interval; every servo holds its position. It succeeds also when nothing plays.
+//! * An unknown action is refused, and the current one continues.
+//! * The offset tool's connection and the USB type are stored. They have no effect on this line.
 
 use std::slice;
 
@@ -28,7 +28,7 @@ use super::port::{Kind, Port};
 use super::servo::{Servo, micros};
 use crate::serial::{Counters, SerialDevice};
 
-/// What a virtual robot is, and how it answers.
+/// Identity and timing of a virtual robot.
 ///
 /// ```
 /// use armwire_sim::alpha1::RobotConfig;
@@ -39,21 +39,20 @@ use crate::serial::{Counters, SerialDevice};
 pub struct RobotConfig {
     /// Hardware version, at most 254 bytes.
     pub hardware: Vec<u8>,
-    /// Firmware version, ten digits: the oldest that speaks this protocol is [`OLDEST_FIRMWARE`].
+    /// Firmware version, ten digits. The oldest with this protocol is [`OLDEST_FIRMWARE`].
     pub firmware: [u8; 10],
-    /// From the last stop bit of a request, or the last byte of the answer before, to the first start bit of its
+    /// Time from the last stop bit of a request, or the last byte of the previous answer, to the first start bit of its
     /// answer.
     pub turnaround: Duration,
-    /// How long the line must be silent for a frame that waits for its end to be given up. The real robot's patience is
-    /// not known. On USB a host that is held up pauses inside a request, so this is long: as long as a host waits for
-    /// what a robot has at hand.
+    /// Idle time of the line after which an incomplete request is discarded. The real robot's timeout is not known. A
+    /// USB host may pause inside a request, so the default is long.
     pub idle: Duration,
-    /// Whether each answer is in USB HID reports, filled up with zeros to 64 bytes. Requests may be so in any case.
+    /// Answers in USB HID reports, padded with zeros to 64 bytes. Requests may be padded in either mode.
     pub hid: bool,
 }
 
 impl Default for RobotConfig {
-    /// Hardware `Alpha1_V2.0`, the oldest firmware, 1 ms of turnaround, 100 ms until a line is idle, no reports.
+    /// Returns hardware `Alpha1_V2.0`, the oldest firmware, a turnaround of 1 ms, an idle time of 100 ms, no reports.
     fn default() -> Self {
         Self {
             hardware: b"Alpha1_V2.0".to_vec(),
@@ -65,19 +64,19 @@ impl Default for RobotConfig {
     }
 }
 
-/// An action that plays.
+/// An action in progress.
 #[derive(Debug)]
 struct Playing {
     name: &'static str,
-    /// The poses to come.
+    /// Remaining poses.
     poses: slice::Iter<'static, Pose>,
-    /// When the next one is due, or the action is over.
+    /// Start of the next pose, or the end of the action.
     due: Instant,
 }
 
 /// A virtual Alpha1, switched on at time zero.
 ///
-/// It is deterministic: what it does depends on the bytes it receives and when, and not on how often it is polled.
+/// The robot is deterministic: its behaviour depends on the received bytes and their times, not on the polling rate.
 ///
 /// ```
 /// use armwire::time::Instant;
@@ -98,14 +97,14 @@ pub struct Alpha1Robot {
     port: Port,
     chain: Chain,
     playing: Option<Playing>,
-    /// Before this no debug action is taken.
+    /// Earliest time of the next debug action.
     taken_from: Instant,
     offset_tool: OffsetTool,
     usb: UsbType,
 }
 
 impl Alpha1Robot {
-    /// A standing robot.
+    /// Creates a standing robot.
     ///
     /// # Panics
     ///
@@ -129,8 +128,8 @@ impl Alpha1Robot {
         robot
     }
 
-    /// Lets time pass, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do: what the
-    /// methods below tell is the state at the last time given.
+    /// Advances time, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do. The methods
+    /// below return the state at the last given time.
     pub fn advance(&mut self, now: Instant) {
         if let Some(idle_at) = self.port.take_idle(now) {
             self.port.idle();
@@ -139,32 +138,32 @@ impl Alpha1Robot {
         self.play(now);
     }
 
-    /// Its servos. Their order does not change, whatever ids they are given.
+    /// Returns the servos. Their order stays the same when ids change.
     pub fn servos(&self) -> &[Servo] {
         self.chain.servos()
     }
 
-    /// Its servos, to turn by hand.
+    /// Returns the servos, to turn them by hand.
     pub fn servos_mut(&mut self) -> &mut [Servo] {
         self.chain.servos_mut()
     }
 
-    /// The name of the action that plays.
+    /// Returns the name of the action in progress.
     pub fn playing(&self) -> Option<&'static str> {
         self.playing.as_ref().map(|playing| playing.name)
     }
 
-    /// Whether the servo offset tool is connected.
+    /// Returns the connection state of the servo offset tool.
     pub fn offset_tool(&self) -> OffsetTool {
         self.offset_tool
     }
 
-    /// What it was last told to be on USB.
+    /// Returns the USB type set last.
     pub fn usb(&self) -> UsbType {
         self.usb
     }
 
-    /// What it has heard.
+    /// Returns the receive and answer counters.
     pub fn counters(&self) -> Counters {
         self.port.counters
     }
@@ -178,7 +177,7 @@ impl Alpha1Robot {
         }
     }
 
-    /// Does what is asked and returns the answer, if there is one.
+    /// Executes a request and returns the answer, if it has one.
     fn obey(&mut self, now: Instant, request: &Request<'_>) -> Option<Vec<u8>> {
         let response = match *request {
             Request::ReadHardwareVersion => {
@@ -222,7 +221,7 @@ impl Alpha1Robot {
         ServoStates::from_bits(self.servos().iter().enumerate().map(bit).sum())
     }
 
-    /// Starts the debug action, if it may and can. Returns whether it does.
+    /// Starts a debug action. Returns whether it was accepted.
     fn act(&mut self, now: Instant, action: &Action) -> bool {
         let mut moves = self.servos().iter().zip(action.angles);
         let can = moves.all(|(servo, angle)| angle.is_none_or(|angle| servo.can_go(angle)));
@@ -248,7 +247,7 @@ impl Alpha1Robot {
         }
     }
 
-    /// Starts an action, if there is one of this name. Returns whether there is.
+    /// Starts the action of this name. Returns whether it exists.
     fn start(&mut self, now: Instant, name: Text<'_>) -> bool {
         let Some(action) = NamedAction::find(name.as_bytes()) else {
             return false;
@@ -262,7 +261,7 @@ impl Alpha1Robot {
         true
     }
 
-    /// Takes all poses that are due, each at its time.
+    /// Starts all poses that are due, each at its time.
     fn play(&mut self, now: Instant) {
         while let Some(playing) = self.playing.as_mut().filter(|playing| playing.due <= now) {
             let start = playing.due;
@@ -272,7 +271,7 @@ impl Alpha1Robot {
             };
             playing.due = start + pose.interval;
             for (servo, angle) in self.chain.servos_mut().iter_mut().zip(pose.angles) {
-                // A faulty servo does not go; the others do.
+                // A faulty servo does not move; the others do.
                 servo.go(start, angle, pose.duration, pose.interval);
             }
         }

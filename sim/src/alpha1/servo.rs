@@ -1,37 +1,37 @@
 //! A virtual UBT-12HB servo.
 //!
-//! What the manual leaves open, and what is chosen here:
+//! The manual leaves some behaviour open. This model assumes:
 //!
-//! * It is switched on released, its offset 0.
-//! * A turn is at constant speed, from where the servo is; in no time if no time is given.
-//! * The completion time counts from the request. It can be seen ([`Servo::is_busy`]), but a servo that is told to move
-//!   before it is over obeys all the same, so that angles can be streamed.
-//! * To read the angle releases the servo, as the manual says. It stays where it is and can be turned by hand.
-//! * The offset turns the scale against the housing. A servo that holds turns its horn with it, at once; one that is
-//!   released stays where it is and tells another angle.
-//! * A servo that is sent where it cannot go stays as it is and does not answer: the answer to a move cannot say no.
-//! * A faulty servo does nothing, and says so where its answer has room for it.
+//! * At power-on a servo is released, with offset 0.
+//! * A motion has constant speed and starts at the current position. With duration zero it is instantaneous.
+//! * The completion time counts from the request. It is visible ([`Servo::is_busy`]), but a move before its end is
+//!   executed, so that angles can be streamed.
+//! * An angle read releases the servo, as the manual says. It keeps its position and can be turned by hand.
+//! * The offset rotates the scale against the housing. A holding servo turns its horn at once; a released one keeps its
+//!   position and reports another angle.
+//! * A move out of range has no effect and no answer, since the answer to a move cannot carry a failure.
+//! * A faulty servo does nothing, and reports its fault in answers that have a field for it.
 
 use std::time::Duration;
 
 use armwire::alpha1::{Address, Angle, Led, Offset, Outcome, ServoId, ServoRequest, ServoResponse};
 use armwire::time;
 
-/// The version that a servo tells, as in the manual's example.
+/// Version of every servo, as in the manual's example.
 const VERSION: [u8; 4] = [0x41, 0x16, 0x51, 0x01];
 
-/// Angles are in millionths of a third of a degree: offsets are in thirds, so nothing is rounded but where a turn is.
+/// Angle unit: a millionth of a third of a degree. Offsets are in thirds, so only angles during a motion are rounded.
 const THIRD: i64 = 1_000_000;
 const DEGREE: i64 = 3 * THIRD;
 const MAX: i64 = 240 * DEGREE;
 
-/// A turn at constant speed. Where it is depends on the time alone, not on how often it is asked.
+/// A motion at constant speed. The position depends on the time alone, not on the polling rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Turn {
     from: i64,
     to: i64,
     start: time::Instant,
-    /// 5.1 s at most.
+    /// At most 5.1 s.
     span: time::Duration,
 }
 
@@ -58,9 +58,9 @@ impl Turn {
     }
 }
 
-/// A servo: where it is, and what it was told.
+/// A servo: position, target and settings.
 ///
-/// It knows no line. What it tells is as of the time given, which is not before that of the last request.
+/// It has no line. Readings apply to the given time, which is not before that of the last request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Servo {
     id: ServoId,
@@ -69,12 +69,12 @@ pub struct Servo {
     running: bool,
     faulty: bool,
     turn: Turn,
-    /// When it is done with what it was last told.
+    /// End of the last request's completion time.
     done: time::Instant,
 }
 
 impl Servo {
-    /// A released servo in the middle of the range that it has in an Alpha1.
+    /// Creates a released servo in the middle of its range in an Alpha1.
     pub(super) fn new(id: ServoId) -> Self {
         Self {
             id,
@@ -88,52 +88,52 @@ impl Servo {
         }
     }
 
-    /// Its id.
+    /// Returns the id.
     pub fn id(&self) -> ServoId {
         self.id
     }
 
-    /// Its angle, in degrees.
+    /// Returns the angle, in degrees.
     pub fn angle(&self, now: time::Instant) -> f64 {
         self.turn.at(now) as f64 / DEGREE as f64
     }
 
-    /// Where its horn is against the housing, in degrees: its angle and its offset.
+    /// Returns the horn's angle to the housing, in degrees: angle plus offset.
     pub fn horn(&self, now: time::Instant) -> f64 {
         self.angle(now) + f64::from(self.offset.thirds()) / 3.0
     }
 
-    /// Where it goes or holds; where it is, if it is released. In degrees.
+    /// Returns the target angle, or the current angle of a released servo, in degrees.
     pub fn target(&self) -> f64 {
         self.turn.to as f64 / DEGREE as f64
     }
 
-    /// Whether it holds or moves. One that does not can be turned by hand.
+    /// Returns whether the servo holds or moves. A servo that does neither can be turned by hand.
     pub fn is_running(&self) -> bool {
         self.running
     }
 
-    /// Whether it moves.
+    /// Returns whether the servo moves.
     pub fn is_moving(&self, now: time::Instant) -> bool {
         now < self.turn.end()
     }
 
-    /// Whether it moves, or the completion time of its last move is not over.
+    /// Returns whether the servo moves, or the completion time of its last move is not over.
     pub fn is_busy(&self, now: time::Instant) -> bool {
         now < self.done
     }
 
-    /// What its light was told.
+    /// Returns the LED setting.
     pub fn led(&self) -> Led {
         self.led
     }
 
-    /// Its offset.
+    /// Returns the offset.
     pub fn offset(&self) -> Offset {
         self.offset
     }
 
-    /// Turns it by hand. Returns whether it gave way: it does when it is released.
+    /// Turns the servo by hand. Returns whether it moved: only a released servo does.
     pub fn turn_by_hand(&mut self, angle: Angle) -> bool {
         match angle.degrees() {
             Some(degrees) if !self.running => {
@@ -144,17 +144,17 @@ impl Servo {
         }
     }
 
-    /// Makes it faulty, or sound again.
+    /// Sets or clears the servo's fault.
     pub fn set_faulty(&mut self, faulty: bool) {
         self.faulty = faulty;
     }
 
-    /// Whether it would go there.
+    /// Returns whether a move to this angle would be executed.
     pub(super) fn can_go(&self, angle: Angle) -> bool {
         !self.faulty && angle.degrees().is_some()
     }
 
-    /// Goes to an angle and holds it. Returns whether it obeys.
+    /// Moves to an angle and holds it. Returns whether the move was accepted.
     pub(super) fn go(&mut self, now: time::Instant, angle: Angle, span: time::Duration, lock: time::Duration) -> bool {
         let Some(degrees) = angle.degrees().filter(|_| !self.faulty) else {
             return false;
@@ -170,13 +170,13 @@ impl Servo {
         true
     }
 
-    /// Stays where it is. If it holds, it goes on holding.
+    /// Stops at the current position. A holding servo continues to hold.
     pub(super) fn stop(&mut self, now: time::Instant) {
         self.turn = Turn::rest(self.turn.at(now));
         self.done = now;
     }
 
-    /// Does what is asked and returns its answer: `None` if another is meant, or all are, or it cannot say no.
+    /// Executes a request and returns the answer. `None` for another servo's request, a broadcast, or a failed move.
     pub(super) fn obey(&mut self, now: time::Instant, request: &ServoRequest) -> Option<ServoResponse> {
         match *request {
             ServoRequest::Move { to, angle, time, lock } => self.acknowledge(to, |servo| {
@@ -232,12 +232,12 @@ impl Servo {
                 outcome: self.outcome(),
                 version: VERSION,
             }),
-            // It is for another, or a request of a later protocol version.
+            // Another servo's request, or one of a later protocol version.
             _ => None,
         }
     }
 
-    /// Does what it is told if it is meant, and says so if it alone is meant and obeys.
+    /// Executes a request that addresses this servo. Acknowledges it if it is not a broadcast and was accepted.
     fn acknowledge(&mut self, to: Address, act: impl FnOnce(&mut Self) -> bool) -> Option<ServoResponse> {
         let meant = to == Address::All || to == Address::One(self.id);
         let obeyed = meant && !self.faulty && act(self);
@@ -266,7 +266,7 @@ impl Servo {
     }
 }
 
-/// A duration of the wire, which is at most 1310.7 s, in microseconds.
+/// Converts a duration of the protocol, at most 1310.7 s, to microseconds.
 pub(super) fn micros(duration: Duration) -> time::Duration {
     time::Duration::from_micros(duration.as_micros() as u64)
 }

@@ -1,4 +1,4 @@
-//! How a virtual Alpha1 and its servos behave, seen through their line.
+//! Behaviour of a virtual Alpha1 and its servos, observed on the line.
 
 use std::num::NonZeroU32;
 use std::time::Duration;
@@ -24,7 +24,7 @@ use crate::wire::{LineEvent, Silence, Wire};
 
 type Host<D> = Wire<Alpha1, D, MAX_FRAME>;
 
-/// The baud rate of the servo bus; a robot's may be so too.
+/// The baud rate of the servo bus, also possible for a robot.
 const LINE: Config = Config {
     baud: NonZeroU32::new(115_200).unwrap(),
     ..Config::DEFAULT
@@ -62,7 +62,7 @@ fn millis(millis: u64) -> time::Duration {
     time::Duration::from_millis(millis)
 }
 
-/// All 20 servos to one angle.
+/// Moves all 20 servos to one angle.
 fn act(degrees: u8, time: u64, interval: u64) -> Request<'static> {
     Request::Act(Action {
         angles: [Some(angle(degrees)); 20],
@@ -103,7 +103,7 @@ fn hear(device: &mut impl SerialDevice, now: &mut time::Instant, bytes: &[u8]) {
     }
 }
 
-/// Everything the device says until it has no more to say, and the time then.
+/// Returns the device's output until it has no more, and the time then.
 fn listen(device: &mut impl SerialDevice, now: &mut time::Instant) -> Vec<u8> {
     let mut said = Vec::new();
     loop {
@@ -126,7 +126,7 @@ fn bytes(request: &Request<'_>) -> Vec<u8> {
     out[..n].to_vec()
 }
 
-/// A frame with its CHECK.
+/// Builds a frame with its CHECK.
 fn frame(header: [u8; 2], data: &[u8]) -> Vec<u8> {
     let check = data.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
     [&header[..], data, &[check, 0xED]].concat()
@@ -198,7 +198,7 @@ fn servos_answer_manual_frames_directly_and_through_robot() {
                 &[0xFA, 0xAF, 200, 0xAA, 0, 1, 0, 0, 0x73, 0xED],
             ),
             (&[0xFA, 0xAF, 200, 4, 0, 0, 0, 0, 0xCC, 0xED], &[0x72]),
-            // Nobody has id 1 now, and nobody answers what all are told.
+            // No servo has id 1 now, and no servo answers a broadcast.
             (&[0xFA, 0xAF, 1, 4, 0, 0, 0, 0, 0x05, 0xED], &[]),
             (&[0xFA, 0xAF, 0, 4, 0, 0, 0, 0, 0x04, 0xED], &[]),
         ];
@@ -211,7 +211,7 @@ fn servos_answer_manual_frames_directly_and_through_robot() {
 }
 
 #[test]
-fn versions_are_those_it_is_given() {
+fn versions_match_the_configuration() {
     let config = RobotConfig {
         hardware: b"x".to_vec(),
         firmware: *b"2016010100",
@@ -301,7 +301,7 @@ fn early_debug_action_is_refused_without_motion() {
 }
 
 #[test]
-fn to_stop_ends_the_interval() {
+fn stop_ends_the_interval() {
     let mut host = host(robot());
     assert_eq!(host.call(act(100, 200, 60_000)), acted(Outcome::Success));
     assert_eq!(host.call(act(50, 200, 0)), acted(Outcome::Failure));
@@ -521,7 +521,7 @@ fn servos_with_equal_ids_answer_in_collision() {
         &bytes(&Request::Servo(ServoRequest::ReadAngles(id(1)))),
     );
     assert_eq!(mixed[..8], [0xFA, 0xAF, 0x01, 0xAA, 0x00, 0x0C, 0x00, 0x0C]);
-    // C9 & 23: no checksum of what arrived.
+    // C9 & 23: not the checksum of the received bytes.
     assert_eq!(mixed[8], 0xC9 & 0x23);
 }
 
@@ -628,7 +628,7 @@ fn host_with_echo_still_completes_calls() {
 }
 
 #[test]
-fn all_servos_are_deaf_while_one_sends() {
+fn bytes_during_an_answer_are_lost() {
     let (mut bus, mut now) = (bus(), time::Instant::ZERO);
     hear(
         &mut bus,
@@ -796,7 +796,7 @@ fn every_intact_request_is_answered_after_noise() {
     let mut swallowed = 0;
     for _ in 0..20_000 {
         let len = random.rand_range(0..80);
-        // Much of it header-like, so that false headers are common.
+        // Many bytes are header-like, so false headers are common.
         let noise: Vec<u8> = (0..len)
             .flat_map(|_| match random.rand_range(0..4) {
                 0 => {
@@ -813,7 +813,7 @@ fn every_intact_request_is_answered_after_noise() {
         hear(&mut robot, &mut now, &request);
         let said = listen(&mut robot, &mut now);
         let answers = robot.counters().answered - before.answered;
-        // CHECK is one byte: now and then noise and the request make up another good frame together.
+        // CHECK is one byte: noise and the request sometimes form another valid frame.
         if !said.ends_with(b"\xF5\x5F\xAA2015121519\xA5\xED") {
             let counters = robot.counters();
             assert!(answers > 0 || counters.unknown > before.unknown, "after {noise:02X?}");
@@ -828,7 +828,7 @@ fn any_angle() -> impl Strategy<Value = Angle> {
 }
 
 fn any_id() -> impl Strategy<Value = ServoId> {
-    // Mostly one that is there.
+    // Mostly an existing servo.
     prop_oneof![4 => 1..=16_u8, 1 => 1..=240_u8].prop_map(id)
 }
 
@@ -940,7 +940,7 @@ proptest! {
             let begin = now;
             now += time::Duration::from_micros(pause);
             while let Some(poll) = polls.next_if(|&poll| poll <= now) {
-                // A poll in the past is none: time never runs backwards.
+                // Polls in the past are moved: time never runs backwards.
                 often.advance(poll.max(begin));
             }
             rarely.advance(now);
@@ -964,7 +964,7 @@ proptest! {
         let (mut robot, mut now) = (robot(), time::Instant::ZERO);
         hear(&mut robot, &mut now, &noise);
         let said = listen(&mut robot, &mut now);
-        // What a frame of a servo answers does not matter here; what is no frame is the byte by which one acknowledges.
+        // Contents of servo frames do not matter here. Bytes outside of frames are acknowledgements.
         let expect = Expect::Responses(Some(ServoAnswer::Angles));
         let mut decoder = Decoder::<MAX_FRAME>::new();
         let (mut rest, mut frames, mut frame_bytes) = (&said[..], 0, 0);
@@ -983,7 +983,7 @@ proptest! {
     }
 }
 
-/// Whether it is for a servo that a robot does not have.
+/// Returns whether the request addresses a servo that the robot does not have.
 fn is_for_none_there(request: &Request<'_>) -> bool {
     // The id is the first byte of the data.
     matches!(request, Request::Servo(_)) && bytes(request)[2] > 16

@@ -1,4 +1,4 @@
-//! The bits of a frame, stuff bits included, and how long they take (ISO 11898-1:2015, 10.4 and 10.5).
+//! The bits of a frame including stuff bits, and their duration (ISO 11898-1:2015, 10.4 and 10.5).
 //!
 //! | Part | Stuff bits | Rate |
 //! |---|---|---|
@@ -10,11 +10,11 @@
 //! | Acknowledge slot and delimiter, end of frame | none | nominal |
 //!
 //! The rate switches at the sample points of BRS and of the CRC delimiter. BRS is therefore shorter than a nominal bit,
-//! by the same time by which the CRC delimiter is longer than a data bit. Here the first is a whole nominal bit and the
-//! second a whole data bit: every instant outside the data phase is exact, and one within it is late by less than a
+//! and the CRC delimiter is longer than a data bit by the same time. This model counts BRS as a whole nominal bit and
+//! the delimiter as a whole data bit. Times outside the data phase are exact; times within it are late by less than a
 //! nominal bit.
 //!
-//! The values of an FD frame's stuff count and CRC sequence change no length, for their stuff bits are fixed.
+//! An FD frame's stuff count and CRC sequence have fixed stuff bits, so their values do not change its length.
 
 use std::cmp::Ordering;
 
@@ -33,28 +33,28 @@ pub const SUSPEND_BITS: u32 = 8;
 /// Recessive bits after which the bus is idle to a node that joins it.
 pub const BUS_IDLE_BITS: u32 = 11;
 
-/// After so many equal bits a stuff bit comes.
+/// Number of equal bits that are followed by a stuff bit.
 const STUFF_RUN: u32 = 5;
 /// The generator polynomial of the CRC sequence of classic frames, without its highest bit.
 const CRC_15: u16 = 0x4599;
 const CRC_15_BITS: u32 = 15;
 const STUFF_COUNT_BITS: u32 = 4;
-/// The longest FD frame whose CRC sequence has 17 bits.
+/// Longest data of an FD frame with a CRC sequence of 17 bits.
 const MAX_CRC_17: usize = 16;
 /// The CRC delimiter, the acknowledge slot and the acknowledge delimiter.
 const DELIMITERS_AND_SLOT: u32 = 3;
 
-/// How long the bits of a node take, in picoseconds.
+/// Bit times of a node, in picoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BitTimes {
-    /// In the arbitration phase.
+    /// Arbitration phase.
     pub nominal: u64,
-    /// In the data phase of a frame that switches the bit rate.
+    /// Data phase of a frame with bit rate switching.
     pub data: u64,
 }
 
 impl BitTimes {
-    /// Of rates in bits per second. A rate of 0 is taken for 1.
+    /// Computes the bit times of rates in bits per second. A rate of 0 counts as 1.
     pub fn new(rate: u32, data_rate: u32) -> Self {
         let bit = |rate: u32| 1_000_000_000_000 / u64::from(rate.max(1));
         Self {
@@ -65,45 +65,47 @@ impl BitTimes {
 }
 
 impl Frame {
-    /// [`Ordering::Less`] wins the bus against `other`, and no bit of the arbitration tells [`Ordering::Equal`] apart. A
-    /// classic frame wins against an FD frame with the same identifier: the bit that tells them apart is dominant in it.
+    /// Compares two frames in arbitration. [`Ordering::Less`] wins the bus; [`Ordering::Equal`] means equal arbitration
+    /// bits. A classic frame wins against an FD frame with the same identifier: its FDF bit is dominant.
     pub fn arbitrates(&self, other: &Self) -> Ordering {
         self.arbitration().cmp(&other.arbitration())
     }
 
-    /// The bits from the start of frame to the last of the CRC sequence, or the fixed stuff bit after it.
+    /// Returns the number of bits from the start of frame to the end of the CRC sequence and its fixed stuff bits.
     pub fn bits_before_crc_delimiter(&self) -> u32 {
         if self.fd.is_none() {
             return stuffed(self.checked().into_iter().chain(crc_15(&self.checked())), true);
         }
         let crc = STUFF_COUNT_BITS + if self.payload().len() <= MAX_CRC_17 { 17 } else { 21 };
-        // Five equal bits before the first fixed stuff bit get no other.
+        // Five equal bits before the first fixed stuff bit get no further stuff bit.
         stuffed(self.checked(), false) + 1 + crc + crc / 4
     }
 
-    /// The bits from the start of frame to the acknowledge slot, which is the last of them.
+    /// Returns the number of bits from the start of frame to the acknowledge slot, inclusive.
     pub fn bits_through_acknowledge(&self) -> u32 {
         self.bits_before_crc_delimiter() + 2
     }
 
-    /// The bits from the start of frame to the last but one of the end of frame: a receiver has the frame then.
+    /// Returns the number of bits from the start of frame to the last but one of the end of frame: the receiver accepts
+    /// it then.
     pub fn bits_until_valid(&self) -> u32 {
         self.bits_on_the_wire() - 1
     }
 
-    /// The bits from the start of frame to the end of the end of frame: the sender is done then.
+    /// Returns the number of bits from the start of frame to the last of the end of frame: transmission is complete
+    /// then.
     pub fn bits_on_the_wire(&self) -> u32 {
         self.bits_before_crc_delimiter() + DELIMITERS_AND_SLOT + END_OF_FRAME_BITS
     }
 
-    /// How long its first `bits` bits take, in picoseconds.
+    /// Returns the duration of the first `bits` bits, in picoseconds.
     pub fn picoseconds(&self, bits: u32, times: BitTimes) -> u64 {
         let (start, end) = self.data_phase();
         let fast = bits.clamp(start, end) - start;
         u64::from(bits - fast) * times.nominal + u64::from(fast) * times.data
     }
 
-    /// The first bit of the data phase, and the first after it. The same if there is none.
+    /// Returns the first bit of the data phase, and the first after it. Equal without a data phase.
     fn data_phase(&self) -> (u32, u32) {
         if !self.switches_bit_rate() {
             return (0, 0);
@@ -111,7 +113,7 @@ impl Frame {
         (stuffed(self.through_brs(), false), self.bits_before_crc_delimiter() + 1)
     }
 
-    /// What arbitrates: from the identifier to the bit that tells FD frames from classic ones.
+    /// Returns the arbitration field, with the bit that distinguishes FD frames from classic ones.
     fn arbitration(&self) -> Vec<bool> {
         let mut bits = Vec::with_capacity(33);
         match self.id {
@@ -132,20 +134,20 @@ impl Frame {
         bits
     }
 
-    /// From the start of frame to BRS, or to the bit before the DLC of a classic frame.
+    /// Returns the bits from the start of frame to BRS, or to the bit before the DLC of a classic frame.
     fn through_brs(&self) -> Vec<bool> {
         let mut bits = vec![false];
         bits.extend(self.arbitration());
         match (self.fd, self.id) {
             (Some(flags), _) => bits.extend([false, flags.bit_rate_switch]),
-            // r0 behind r1.
+            // r0 follows r1.
             (None, Id::Extended(_)) => bits.push(false),
             (None, Id::Standard(_)) => {}
         }
         bits
     }
 
-    /// From the start of frame to the end of the data.
+    /// Returns the bits from the start of frame to the end of the data.
     fn checked(&self) -> Vec<bool> {
         let mut bits = self.through_brs();
         bits.extend(self.fd.map(|flags| flags.error_passive));
@@ -162,7 +164,7 @@ fn push(bits: &mut Vec<bool>, value: u32, width: u32) {
     bits.extend((0..width).rev().map(|bit| value >> bit & 1 == 1));
 }
 
-/// The CRC sequence of a classic frame.
+/// Computes the CRC sequence of a classic frame.
 fn crc_15(bits: &[bool]) -> Vec<bool> {
     let step = |crc: u16, &bit: &bool| {
         let next = crc << 1 & 0x7FFF;
@@ -177,7 +179,7 @@ fn crc_15(bits: &[bool]) -> Vec<bool> {
     sequence
 }
 
-/// How many bits these are with their stuff bits, and whether one follows five equal bits at the end.
+/// Counts bits with their stuff bits. `at_end`: five equal bits at the end are followed by a stuff bit, too.
 fn stuffed(bits: impl IntoIterator<Item = bool>, at_end: bool) -> u32 {
     let (mut count, mut run, mut last) = (0, 0, None);
     for bit in bits {

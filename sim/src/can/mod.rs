@@ -1,6 +1,6 @@
-//! A CAN frame as a bus carries it (ISO 11898-1:2015): classic or FD, with an identifier of 11 or 29 bits.
+//! A CAN frame on the bus (ISO 11898-1:2015): classic or FD, with an identifier of 11 or 29 bits.
 //!
-//! The adapter's own [`Frame`](armwire_bridge::can::Frame) is one kind of it: a data frame with 11 bits.
+//! The adapter's [`Frame`](armwire_bridge::can::Frame) covers a subset: data frames with an 11-bit identifier.
 //!
 //! ```
 //! use armwire_sim::can::{BitTimes, Frame, Id};
@@ -31,10 +31,10 @@ pub enum Id {
 }
 
 impl Id {
-    /// The highest of 29 bits.
+    /// The largest 29-bit identifier.
     pub const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
 
-    /// The number.
+    /// Returns the numeric value.
     pub const fn value(self) -> u32 {
         match self {
             Self::Standard(id) => id as u32,
@@ -43,10 +43,10 @@ impl Id {
     }
 }
 
-/// The bits that only an FD frame has.
+/// The flags that only FD frames have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct FdFlags {
-    /// BRS: the data phase has a rate of its own.
+    /// BRS: the data phase has a separate bit rate.
     pub bit_rate_switch: bool,
     /// ESI: the sender is error passive.
     pub error_passive: bool,
@@ -57,34 +57,34 @@ pub struct FdFlags {
 pub struct Frame {
     /// The identifier.
     pub id: Id,
-    /// Whether it asks for a data frame. An FD frame never does.
+    /// RTR: the frame requests a data frame. Always false in an FD frame.
     pub remote: bool,
     /// The flags of an FD frame, `None` for a classic one.
     pub fd: Option<FdFlags>,
     /// The data length code, 0..=15.
     pub dlc: u8,
-    /// The data. Zero behind the [`payload`](Self::payload).
+    /// The data, zero after the [`payload`](Self::payload).
     pub data: [u8; MAX_FD],
 }
 
 impl Frame {
-    /// A classic data frame.
+    /// Creates a classic data frame.
     ///
     /// # Panics
     ///
-    /// On more than eight bytes.
+    /// If `data` has more than eight bytes.
     pub fn data_frame(id: Id, data: &[u8]) -> Self {
         assert!(data.len() <= MAX_CLASSIC, "a classic frame has 0..=8 bytes");
         Self::classic(id, false, data.len() as u8, data)
     }
 
-    /// A remote frame for `dlc` bytes.
+    /// Creates a remote frame with this `dlc`.
     pub fn remote_frame(id: Id, dlc: u8) -> Self {
         Self::classic(id, true, dlc, &[])
     }
 
-    /// A classic frame as a controller's registers have it: `dlc` is 0..=15, and the data after the payload does not
-    /// travel.
+    /// Creates a classic frame from a controller's registers: `dlc` is 0..=15. Data after the payload is not
+    /// transmitted.
     pub fn classic(id: Id, remote: bool, dlc: u8, data: &[u8]) -> Self {
         let frame = Self {
             id,
@@ -96,7 +96,7 @@ impl Frame {
         frame.filled(data)
     }
 
-    /// An FD frame. `None` if no FD frame has so many bytes.
+    /// Creates an FD frame. `None` if FD has no such length.
     pub fn fd_frame(id: Id, data: &[u8], bit_rate_switch: bool) -> Option<Self> {
         let dlc = FD_LENGTHS.iter().position(|&len| usize::from(len) == data.len())?;
         let flags = FdFlags {
@@ -106,8 +106,7 @@ impl Frame {
         Some(Self::fd(id, flags, dlc as u8, data))
     }
 
-    /// An FD frame as a controller's message RAM has it: `dlc` is 0..=15, and the data after the payload does not
-    /// travel.
+    /// Creates an FD frame from a controller's message RAM: `dlc` is 0..=15. Data after the payload is not transmitted.
     pub fn fd(id: Id, flags: FdFlags, dlc: u8, data: &[u8]) -> Self {
         let frame = Self {
             fd: Some(flags),
@@ -116,17 +115,17 @@ impl Frame {
         frame.filled(data)
     }
 
-    /// The bytes that travel. None in a remote frame, and eight in a classic frame with a DLC above eight.
+    /// Returns the transmitted data: none in a remote frame, eight bytes in a classic frame with a DLC above eight.
     pub fn payload(&self) -> &[u8] {
         &self.data[..self.len()]
     }
 
-    /// Whether its data phase has a rate of its own.
+    /// Returns whether the data phase has a separate bit rate.
     pub fn switches_bit_rate(&self) -> bool {
         self.fd.is_some_and(|flags| flags.bit_rate_switch)
     }
 
-    /// The same as the adapter has frames. `None` for a remote frame, and for an identifier of 29 bits.
+    /// Converts to a frame of the adapter. `None` for a remote frame or a 29-bit identifier.
     pub fn to_adapter(&self) -> Option<armwire_bridge::can::Frame> {
         let Id::Standard(id) = self.id else {
             return None;
@@ -157,7 +156,7 @@ impl Frame {
     }
 }
 
-/// A frame of the adapter: an FD frame switches the bit rate.
+/// Converts a frame of the adapter. An FD frame switches the bit rate.
 impl From<armwire_bridge::can::Frame> for Frame {
     fn from(frame: armwire_bridge::can::Frame) -> Self {
         let id = Id::Standard(frame.id().get());

@@ -1,4 +1,4 @@
-//! Bit counts are those of a separate program, which writes each frame out with its CRC and its stuff bits.
+//! The bit counts come from a separate program, which writes out each frame with its CRC and stuff bits.
 
 use std::cmp::Ordering;
 
@@ -19,7 +19,7 @@ fn fast(id: Id, data: &[u8]) -> Frame {
     Frame::fd_frame(id, data, true).unwrap()
 }
 
-/// The bits before and after the data phase, and those in it.
+/// Returns the bits outside the data phase, and those in it.
 fn phases(frame: &Frame) -> (u32, u32) {
     let [slow, fast] = [(1, 0), (0, 1)].map(|(nominal, data)| {
         let times = BitTimes { nominal, data };
@@ -68,7 +68,7 @@ fn fd_stuff_bits_match_the_real_bits() {
 
 #[test]
 fn five_equal_bits_before_crc_get_one_stuff() {
-    // The first ends with five equal bits, the second with four, and neither has five anywhere else.
+    // The first frame ends with five equal bits, the second with four. Neither has five elsewhere.
     assert_eq!(phases(&fast(ID, &[0x1F])), phases(&fast(ID, &[0x2F])));
 }
 

@@ -1,14 +1,14 @@
 //! One axis in motion, in exact integer arithmetic.
 //!
-//! A speed in ticks per second over a time in microseconds is a whole number of millionths of a tick. So positions are
-//! kept in millionths, nothing is ever rounded, and it makes no difference in how many steps time goes by.
+//! Speed in ticks per second times time in microseconds is a whole number of millionths of a tick. Positions are stored
+//! in millionths: nothing is rounded, and the result does not depend on the number of time steps.
 
 use armwire::time::Duration;
 
 /// Millionths of a tick in a tick.
 const MICRO: i64 = 1_000_000;
 
-/// A joint or the gripper: it goes to its target at constant speed and stays there.
+/// A joint or the gripper: it moves to its target at constant speed and stays there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Axis {
     /// In millionths of a tick.
@@ -20,7 +20,7 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// At rest.
+    /// Creates an axis at rest.
     pub(super) fn at(ticks: u16) -> Self {
         let position = i64::from(ticks) * MICRO;
         Self {
@@ -40,7 +40,7 @@ impl Axis {
         self.speed = 0;
     }
 
-    /// Lets time pass and returns the distance travelled, in millionths of a tick.
+    /// Advances time and returns the distance travelled, in millionths of a tick.
     pub(super) fn advance(&mut self, span: Duration) -> u64 {
         let reach = i64::try_from(span.as_micros())
             .unwrap_or(i64::MAX)
@@ -50,13 +50,13 @@ impl Axis {
         travel.unsigned_abs()
     }
 
-    /// The nearest whole tick.
+    /// Returns the position, rounded to the nearest tick.
     pub(super) fn ticks(&self) -> u16 {
         let nearest = (self.position + MICRO / 2) / MICRO;
         u16::try_from(nearest).unwrap_or(u16::MAX)
     }
 
-    /// Ticks per second, either way.
+    /// Returns the speed in ticks per second, without direction.
     pub(super) fn velocity(&self) -> u16 {
         if self.position == self.target { 0 } else { self.speed }
     }

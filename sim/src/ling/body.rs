@@ -1,16 +1,18 @@
-//! The mechanics of a Ling arm: axes that move, servos that warm up, and the protection that stops them.
+//! The mechanics of a Ling arm: axes, servo temperatures, and overheat protection.
 //!
-//! The document says what can be read, not how the arm behaves. What is chosen here:
+//! The document describes the readings, not the arm's behaviour. This model assumes:
 //!
-//! * A follower has ten servos: two each for joints 1 to 3, one each for joints 4 to 6 (so the vendor's software for the
-//!   older generation maps them), and one for the gripper. A leader has six, one for each joint; its gripper is a sensor.
-//! * A follower is switched on holding, a leader limp. There is no status for motion: *locked* says that the torque is
-//!   on, *idle* that it is off. It never follows a leader, so it is never *syncing*.
-//! * The gripper's servo turns one tick for each thousandth of the stroke, whatever the stroke.
-//! * Speed 0 does not move: an axis told so stays where it is.
-//! * Each servo is a first-order thermal model with a time constant of [`TIME_CONSTANT`]. It settles at ambient,
-//!   10 °C above while it holds (35 °C, as in the document's example), and another 16 °C above for each 1000 ticks/s.
-//! * At the limit the arm reports overheating and goes on. 5 °C above it protects itself: it stops, switches its torque
+//! * A follower has ten servos: two each for joints 1 to 3, one each for joints 4 to 6 (the mapping of the vendor's
+//!   software for the older generation), and one for the gripper. A leader has six, one for each joint; its gripper is
+//!   a sensor.
+//! * At power-on a follower holds, a leader does not. Motion has no status of its own: *locked* means torque on, *idle*
+//!   means torque off. The arm never follows a leader, so it is never *syncing*.
+//! * The gripper's servo turns one tick for each thousandth of the stroke, for every stroke.
+//! * Speed 0 means no motion.
+//! * Each servo is a first-order thermal model with a time constant of [`TIME_CONSTANT`]. Its final temperature is
+//!   ambient, plus 10 °C while it holds (35 °C, as in the document's example), plus 16 °C for each 1000 ticks/s.
+//! * At the limit the arm reports overheating and continues. At 5 °C above the limit protection starts: the arm stops,
+//!   its torque is off, and it neither moves nor holds. Both conditions end 5 °C below the limit; the torque stays off.
 //!   off, and neither moves nor holds. Either ends 5 °C below the limit; the torque stays off.
 
 use armwire::ling::{JOINTS, Kind, MotionStatus, Move, TemperatureLimit};
@@ -18,18 +20,18 @@ use armwire::time::{Duration, Instant};
 
 use super::axis::Axis;
 
-/// Axes: the joints, then the gripper.
+/// Number of axes: the joints, then the gripper.
 const AXES: usize = JOINTS + 1;
 const GRIPPER: usize = JOINTS;
 
-/// The axis that each servo of a follower drives, servo 1 first.
+/// The axis of each servo of a follower, servo 1 first.
 const FOLLOWER_SERVOS: [usize; 10] = [0, 0, 1, 1, 2, 2, 3, 4, 5, GRIPPER];
-/// The axis that each servo of a leader sits on.
+/// The axis of each servo of a leader.
 const LEADER_SERVOS: [usize; 6] = [0, 1, 2, 3, 4, 5];
 
-/// Heat is computed at multiples of this.
+/// Step of the thermal model.
 const HEAT_STEP: Duration = Duration::from_millis(100);
-/// How long a servo takes for 63 % of the way to its final temperature.
+/// Time to 63 % of a temperature change.
 const TIME_CONSTANT: Duration = Duration::from_millis(120_000);
 const HEAT_STEPS: i64 = (TIME_CONSTANT.as_micros() / HEAT_STEP.as_micros()) as i64;
 
@@ -37,10 +39,10 @@ const HEAT_STEPS: i64 = (TIME_CONSTANT.as_micros() / HEAT_STEP.as_micros()) as i
 const DEGREE: i64 = 1_000_000;
 const HOLDING: i64 = 10 * DEGREE;
 const PER_TICK_PER_SECOND: i64 = 16 * DEGREE / 1000;
-/// How far from the limit protection starts and ends.
+/// Distance from the limit at which protection starts, and at which it ends.
 const MARGIN: i64 = 5 * DEGREE;
 
-/// What heat does to the arm.
+/// Effect of heat on the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Heat {
     Normal,
@@ -62,7 +64,7 @@ pub(super) struct Body {
     kind: Kind,
     now: Instant,
     axes: [Axis; AXES],
-    /// How far each axis travelled since the last heat step, in millionths of a tick.
+    /// Distance of each axis since the last thermal step, in millionths of a tick.
     travelled: [u64; AXES],
     servos: Vec<Servo>,
     /// In millionths of °C.
@@ -100,7 +102,7 @@ impl Body {
         }
     }
 
-    /// Lets time pass. The outcome is the same in however many steps it passes.
+    /// Advances time. The result does not depend on the number of steps.
     pub(super) fn advance(&mut self, now: Instant) {
         loop {
             let step = Instant::from_micros(
@@ -111,7 +113,7 @@ impl Body {
             }
             self.travel(step);
             if self.warm() && !self.is_moving() {
-                // Nothing will change any more.
+                // The state is final.
                 self.now = now.max(self.now);
                 return;
             }
@@ -127,7 +129,7 @@ impl Body {
         self.now = to.max(self.now);
     }
 
-    /// One heat step. Returns whether all temperatures are final.
+    /// Computes one thermal step. Returns whether all temperatures are final.
     fn warm(&mut self) -> bool {
         let mut settled = self.travelled == [0; AXES];
         for servo in &mut self.servos {
@@ -158,12 +160,12 @@ impl Body {
         }
     }
 
-    /// Whether it may move by itself now.
+    /// Returns whether the arm may move by itself now.
     fn can_move(&self) -> bool {
         self.kind == Kind::Follower && self.torque
     }
 
-    /// Returns whether it obeys.
+    /// Starts a move. Returns whether it was accepted.
     pub(super) fn go(&mut self, target: &Move) -> bool {
         if !self.can_move() {
             return false;
@@ -179,7 +181,7 @@ impl Body {
         true
     }
 
-    /// Returns whether it obeys: while it protects itself the torque stays off.
+    /// Sets the torque. Returns whether it was accepted: the torque stays off during overheat protection.
     pub(super) fn set_torque(&mut self, on: bool) -> bool {
         if on && self.heat == Heat::Protecting {
             return false;
@@ -201,7 +203,7 @@ impl Body {
         self.protect();
     }
 
-    /// Moves an axis by hand. Returns whether it gave way.
+    /// Moves an axis by hand. Returns whether it moved.
     pub(super) fn push(&mut self, axis: usize, ticks: u16) -> bool {
         if self.torque {
             return false;
@@ -211,7 +213,7 @@ impl Body {
     }
 
     pub(super) fn push_gripper(&mut self, per_mille: u16) -> bool {
-        // Nothing drives a leader's gripper, so nothing holds it.
+        // A leader's gripper has no motor, so the torque does not hold it.
         let torque = self.torque && self.kind == Kind::Follower;
         if !torque {
             self.axes[GRIPPER] = Axis::at(per_mille);
@@ -219,7 +221,7 @@ impl Body {
         !torque
     }
 
-    /// Marks a servo, by its id from 1, as faulty or not. An id that the arm does not have is ignored.
+    /// Sets or clears a servo's fault, by its id from 1. An unknown id is ignored.
     pub(super) fn set_faulty(&mut self, id: u8, faulty: bool) {
         if let Some(servo) = usize::from(id).checked_sub(1).and_then(|i| self.servos.get_mut(i)) {
             servo.faulty = faulty;
@@ -256,18 +258,18 @@ impl Body {
         }
     }
 
-    /// The temperature of each servo in whole °C.
+    /// Returns the temperature of each servo in whole °C.
     pub(super) fn temperatures(&self) -> impl Iterator<Item = u8> {
         let celsius = |servo: &Servo| (servo.temperature / DEGREE).clamp(0, 255) as u8;
         self.servos.iter().map(celsius)
     }
 
-    /// The velocity of each servo in ticks per second.
+    /// Returns the velocity of each servo in ticks per second.
     pub(super) fn velocities(&self) -> impl Iterator<Item = u16> {
         self.servos.iter().map(|servo| self.axes[servo.axis].velocity())
     }
 
-    /// One bit a servo, servo 1 lowest, 1 = normal.
+    /// Returns one bit per servo, servo 1 lowest, 1 = normal.
     pub(super) fn normal(&self) -> u16 {
         let bit = |(i, servo): (usize, &Servo)| u16::from(!servo.faulty) << i;
         self.servos.iter().enumerate().map(bit).sum()

@@ -1,4 +1,4 @@
-//! A virtual Ling arm of the older generation: it talks unasked, and obeys nothing.
+//! A virtual Ling arm of the older generation: it sends cyclic frames and accepts no requests.
 
 use std::collections::VecDeque;
 
@@ -9,7 +9,7 @@ use armwire::{Device, DeviceEvent};
 
 use crate::serial::SerialDevice;
 
-/// What a virtual arm of the older generation says, and how often.
+/// Firmware and period of a virtual arm of the older generation.
 ///
 /// ```
 /// use armwire::time::Duration;
@@ -21,14 +21,14 @@ use crate::serial::SerialDevice;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Config {
-    /// Which commands its frames have.
+    /// Firmware, which determines the command bytes of the frames.
     pub firmware: Firmware,
-    /// From one joint frame to the next; a gripper frame follows each at once. No less than 1 µs.
+    /// Time from one joint frame to the next, at least 1 µs. A gripper frame follows each immediately.
     pub period: Duration,
 }
 
 impl Default for Config {
-    /// Firmware 6.0, forty times a second: the one rate that the vendor's examples mention.
+    /// Returns firmware 6.0 at 40 Hz, the only rate in the vendor's examples.
     fn default() -> Self {
         Self {
             firmware: Firmware::V6_0,
@@ -37,21 +37,21 @@ impl Default for Config {
     }
 }
 
-/// What an arm of the older generation has heard and said, since it was made.
+/// Counters of an arm of the older generation, since its creation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Counters {
-    /// Bytes it was sent. It should be sent none.
+    /// Bytes received. A host should send none.
     pub bytes: u64,
-    /// Good frames among them, all of which it ignores.
+    /// Valid frames among them, all ignored.
     pub frames: u64,
-    /// Joint frames it has begun to say.
+    /// Joint frames whose transmission has begun.
     pub said: u64,
 }
 
-/// A virtual arm of the older generation, switched on at time zero, which begins to talk one period later.
+/// A virtual arm of the older generation. It is switched on at time zero and sends its first frame one period later.
 ///
-/// Its joints stay where they are put. When the line is taken at the end of a period, that reading is left out.
+/// The joints stay at their set position. A reading is skipped when the line is busy at the end of a period.
 ///
 /// ```
 /// use armwire::time::Instant;
@@ -71,13 +71,13 @@ pub struct LegacyArm {
     gripper: GripperState,
     device: Device<Legacy, MAX_FRAME>,
     line: VecDeque<u8>,
-    /// When the next joint frame is due.
+    /// Time of the next joint frame.
     due: Instant,
     counters: Counters,
 }
 
 impl LegacyArm {
-    /// An arm at its zero position.
+    /// Creates an arm at its zero position.
     pub fn new(config: Config) -> Self {
         let firmware = config.firmware;
         Self {
@@ -101,7 +101,7 @@ impl LegacyArm {
         }
     }
 
-    /// Puts the joints somewhere. Of the two servos that a joint has, the second follows the first: as it is in joint 1,
+    /// Sets the joint positions. Where a joint has two servos, the second follows the first: directly in joint 1,
     /// mirrored in joints 2 and 3.
     pub fn set_joints(&mut self, joints: [Position; JOINTS]) {
         let mirrored = |ticks: u16| (TICKS_PER_TURN - ticks).min(Position::MAX.ticks());
@@ -109,7 +109,7 @@ impl LegacyArm {
         self.joints.servos = [j1, j1, j2, mirrored(j2), j3, mirrored(j3), j4, j5, j6];
     }
 
-    /// What it has heard and said.
+    /// Returns the counters.
     pub fn counters(&self) -> Counters {
         self.counters
     }
@@ -125,7 +125,7 @@ impl LegacyArm {
 impl SerialDevice for LegacyArm {
     fn receive(&mut self, _now: Instant, byte: u8) {
         self.counters.bytes += 1;
-        // All before it was taken out: there is room.
+        // All earlier frames have been taken out: there is room.
         let _ = self.device.receive(&[byte]);
         while let Some(event) = self.device.poll() {
             match event {
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn it_ignores_and_counts_what_it_is_sent() {
+    fn received_bytes_are_counted_and_ignored() {
         let mut arm = LegacyArm::new(Config::default());
         for byte in [0x11, 0xAA, 0x13, 0x01, 0x00, 0x00, 0xFF] {
             arm.receive(Instant::ZERO, byte);

@@ -1,7 +1,7 @@
 //! A virtual Ling arm.
 //!
-//! [`LingArm`] is the electronics: it hears requests, obeys, and answers what the real arm answers. How its joints move
-//! and its servos warm up is in `body.rs`. An arm of the older generation, which only talks, is in [`legacy`].
+//! [`LingArm`] is the electronics: it executes requests and returns the real arm's answers. `body.rs` has joint motion
+//! and servo temperatures. [`legacy`] has an arm of the older generation, which only transmits.
 
 mod axis;
 mod body;
@@ -23,10 +23,10 @@ pub use crate::serial::Counters;
 use crate::serial::SerialDevice;
 use body::Body;
 
-/// Answers that wait for the line at most. A host that asks faster than answers fit on the line loses the rest.
+/// Maximum number of queued answers. Further answers are dropped.
 const MAX_REPLIES: usize = 8;
 
-/// What a virtual arm is, and how it answers.
+/// Identity and timing of a virtual arm.
 ///
 /// ```
 /// use armwire::time::Duration;
@@ -39,29 +39,30 @@ const MAX_REPLIES: usize = 8;
 pub struct Config {
     /// Leader or follower.
     pub kind: Kind,
-    /// Serial number; its prefix should say the same as `kind`.
+    /// Serial number. Its prefix should match `kind`.
     pub serial: SerialNumber,
     /// Hardware version.
     pub hardware: Version,
     /// Firmware version.
     pub firmware: Version,
-    /// The gripper it is set to.
+    /// Configured gripper.
     pub stroke: Stroke,
     /// Ambient temperature, in °C.
     pub ambient: u8,
-    /// From the last stop bit of a request, or the last byte of the answer before, to the first start bit of its answer.
+    /// Time from the last stop bit of a request, or the last byte of the previous answer, to the first start bit of its
+    /// answer.
     pub turnaround: Duration,
-    /// How long the line must be silent for a frame that waits for its end to be given up.
+    /// Idle time of the line after which an incomplete frame is discarded.
     ///
-    /// The real arm's patience is not known. Whoever forwards bytes in packets leaves gaps within frames, a full-speed
-    /// USB host up to one millisecond; so this is more by default, and less than any host waits for an answer.
+    /// The real arm's timeout is not known. A link that forwards packets leaves gaps within frames, up to one
+    /// millisecond on full-speed USB. The default is longer than that, and shorter than a host's response timeout.
     pub idle: Duration,
-    /// Whether every byte received comes back at once, as from a half-duplex adapter.
+    /// Echo of every received byte, as from a half-duplex adapter.
     pub echo: bool,
 }
 
 impl Config {
-    /// A follower with the versions of the document's example (section 2.1), a 50 mm gripper, at 25 °C.
+    /// Returns a follower with the versions of the document's example (section 2.1), a 50 mm gripper, at 25 °C.
     pub const fn follower() -> Self {
         Self {
             kind: Kind::Follower,
@@ -76,7 +77,7 @@ impl Config {
         }
     }
 
-    /// The same, but a leader with the serial number of the document's example.
+    /// Returns a leader with the serial number of the document's example, otherwise as [`follower`](Self::follower).
     pub const fn leader() -> Self {
         Self {
             kind: Kind::Leader,
@@ -86,7 +87,7 @@ impl Config {
     }
 }
 
-/// An answer that waits for the line or is on it.
+/// An answer that is queued or in transmission.
 #[derive(Debug)]
 struct Reply {
     due: Instant,
@@ -97,7 +98,7 @@ struct Reply {
 
 /// A virtual Ling arm, switched on at time zero.
 ///
-/// It is deterministic: what it does depends on the bytes it receives and when, and not on how often it is polled.
+/// The arm is deterministic: its behaviour depends on the received bytes and their times, not on the polling rate.
 ///
 /// ```
 /// use armwire::time::Instant;
@@ -116,7 +117,7 @@ pub struct LingArm {
     config: Config,
     body: Body,
     device: Device<Ling, MAX_FRAME>,
-    /// When the line counts as idle, if it is not known to be.
+    /// Time at which the line becomes idle, `None` after that.
     idle_at: Option<Instant>,
     echo: VecDeque<u8>,
     replies: VecDeque<Reply>,
@@ -124,7 +125,7 @@ pub struct LingArm {
 }
 
 impl LingArm {
-    /// An arm at its zero position, its gripper closed. A follower holds it, a leader does not.
+    /// Creates an arm at its zero position with a closed gripper. A follower's torque is on, a leader's is off.
     pub fn new(config: Config) -> Self {
         Self {
             body: Body::new(config.kind, config.ambient),
@@ -137,8 +138,8 @@ impl LingArm {
         }
     }
 
-    /// Lets time pass, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do: what the
-    /// methods below tell is the state at the last time given.
+    /// Advances time, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do. The methods
+    /// below return the state at the last given time.
     pub fn advance(&mut self, now: Instant) {
         if let Some(idle_at) = self.idle_at
             && idle_at <= now
@@ -150,64 +151,65 @@ impl LingArm {
         self.body.advance(now);
     }
 
-    /// Joint positions, in ticks.
+    /// Returns the joint positions, in ticks.
     pub fn joints(&self) -> [u16; JOINTS] {
         self.body.joints()
     }
 
-    /// Gripper opening, in thousandths of the stroke.
+    /// Returns the gripper opening, in thousandths of the stroke.
     pub fn gripper(&self) -> u16 {
         self.body.gripper()
     }
 
-    /// The gripper it is set to.
+    /// Returns the configured gripper.
     pub fn stroke(&self) -> Stroke {
         self.config.stroke
     }
 
-    /// What it reports of itself.
+    /// Returns the reported motion status.
     pub fn status(&self) -> MotionStatus {
         self.body.status()
     }
 
-    /// Whether its torque is on.
+    /// Returns whether the torque is on.
     pub fn is_holding(&self) -> bool {
         self.body.is_holding()
     }
 
-    /// Whether a joint or the gripper moves.
+    /// Returns whether a joint or the gripper moves.
     pub fn is_moving(&self) -> bool {
         self.body.is_moving()
     }
 
-    /// Servo temperatures, in °C.
+    /// Returns the servo temperatures, in °C.
     pub fn temperatures(&self) -> PerServo<u8> {
         per_servo(self.config.kind, self.body.temperatures())
     }
 
-    /// Servo velocities, in ticks per second.
+    /// Returns the servo velocities, in ticks per second.
     pub fn velocities(&self) -> PerServo<u16> {
         per_servo(self.config.kind, self.body.velocities())
     }
 
-    /// What it has heard. It refuses motion without torque or of a leader, and torque during overheat protection.
+    /// Returns the counters. Motion without torque, motion of a leader, and torque during overheat protection are
+    /// refused.
     pub fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// Moves a joint, 0 to 5, by hand. Returns whether it gave way: it does not while the torque is on.
+    /// Moves a joint, 0 to 5, by hand. Returns whether it moved: with torque on it does not.
     pub fn push_joint(&mut self, joint: usize, position: Position) -> bool {
         joint < JOINTS && self.body.push(joint, position.ticks())
     }
 
-    /// Moves the gripper by hand. Returns whether it gave way: a follower's does not while the torque is on.
+    /// Moves the gripper by hand. Returns whether it moved: with torque on, a follower's does not.
     pub fn push_gripper(&mut self, opening: Opening) -> bool {
         self.body.push_gripper(opening.per_mille())
     }
 
-    /// Makes the self-check report a servo, by its id from 1, as faulty, or as normal again.
+    /// Sets whether the self-check reports a servo, by its id from 1, as faulty.
     ///
-    /// An id that the arm does not have is ignored.
+    /// An unknown id is ignored.
     pub fn set_faulty(&mut self, id: u8, faulty: bool) {
         self.body.set_faulty(id, faulty);
     }
@@ -229,7 +231,7 @@ impl LingArm {
         }
     }
 
-    /// Does what is asked and returns the answer, if there is one.
+    /// Executes a request and returns the answer, if it has one.
     fn obey(&mut self, request: &Request) -> Option<Response> {
         let obeyed = match *request {
             Request::ReadInfo => {
@@ -297,7 +299,7 @@ impl SerialDevice for LingArm {
             self.echo.push_back(byte);
         }
         self.idle_at = Some(now + self.config.idle);
-        // All before it was taken out: there is room.
+        // All earlier frames have been taken out: there is room.
         let _ = self.device.receive(&[byte]);
         self.hear(now);
     }
@@ -305,7 +307,7 @@ impl SerialDevice for LingArm {
     fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.advance(now);
         let begun = self.replies.front().is_some_and(|reply| reply.sent > 0);
-        // An echo waits for the end of an answer that is on the line.
+        // An echo waits for the end of the answer in transmission.
         if !begun && let Some(byte) = self.echo.pop_front() {
             return Some(byte);
         }
@@ -314,7 +316,7 @@ impl SerialDevice for LingArm {
         reply.sent += 1;
         if reply.sent == reply.len {
             self.replies.pop_front();
-            // It does one thing at a time.
+            // The next answer starts one turnaround after this one.
             if let Some(next) = self.replies.front_mut() {
                 next.due = next.due.max(now + self.config.turnaround);
             }
@@ -329,7 +331,7 @@ impl SerialDevice for LingArm {
     }
 }
 
-/// The readings of an arm of this kind, which has one of each servo.
+/// Returns one reading per servo of this kind of arm.
 fn per_servo<T: Copy + Default>(kind: Kind, mut readings: impl Iterator<Item = T>) -> PerServo<T> {
     match kind {
         Kind::Leader => PerServo::Leader(array::from_fn(|_| readings.next().unwrap_or_default())),

@@ -1,4 +1,4 @@
-//! How a virtual arm behaves, seen through its line.
+//! Behaviour of a virtual arm, observed on the line.
 
 use armwire::decoder::{self, Decoder};
 use armwire::ling::{Frame, GripperSpeed, Move, Speed, TemperatureLimit};
@@ -41,7 +41,7 @@ fn hear(arm: &mut LingArm, now: &mut Instant, bytes: &[u8]) {
     }
 }
 
-/// Everything the arm says until it has no more to say, and the time then.
+/// Returns the arm's output until it has no more, and the time then.
 fn listen(arm: &mut LingArm, now: &mut Instant) -> Vec<u8> {
     let mut said = Vec::new();
     loop {
@@ -71,7 +71,7 @@ fn motion_keeps_commanded_speed_until_target() {
     assert_eq!(host.device().velocities(), PerServo::Follower([1000; 10]));
 
     host.device_mut().advance(start + Duration::from_millis(700));
-    // The gripper, the last servo, is there.
+    // The gripper, the last servo, is at its target.
     assert_eq!(host.device().velocities().as_slice()[8..], [1000, 0]);
 
     host.device_mut().advance(start + Duration::from_micros(999_499));
@@ -370,7 +370,7 @@ fn every_intact_request_is_answered_after_noise() {
     let mut swallowed = 0;
     for _ in 0..20_000 {
         let len = random.rand_range(0..80);
-        // Half of it header-like, so that false headers are common.
+        // Half of the bytes are header-like, so false headers are common.
         let noise: Vec<u8> = (0..len)
             .map(|_| match random.rand_range(0..4) {
                 0 => 0xAA,
@@ -382,7 +382,7 @@ fn every_intact_request_is_answered_after_noise() {
         hear(&mut arm, &mut now, &noise);
         hear(&mut arm, &mut now, &request);
         let said = listen(&mut arm, &mut now);
-        // The checksum is one byte: now and then noise and the request make up another good frame together.
+        // The checksum is one byte: noise and the request sometimes form another valid frame.
         if said.is_empty() && arm.counters().unknown > before {
             swallowed += 1;
             continue;
@@ -445,7 +445,7 @@ proptest! {
             hear(&mut often, &mut now, &bytes(&request));
             now += Duration::from_micros(pause);
             while let Some(poll) = polls.next_if(|&poll| poll <= now) {
-                // A poll in the past of this byte is none: time never runs backwards.
+                // Polls before this byte are moved: time never runs backwards.
                 often.advance(poll.max(often.body.now()));
             }
             rarely.advance(now);

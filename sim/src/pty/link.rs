@@ -1,8 +1,8 @@
-//! The symbolic link by which clients find a pty.
+//! The symbolic link to a pty.
 //!
-//! A server that is killed leaves its link behind, and the system soon gives the number in it to another pty, perhaps to
-//! the next server's own. The target alone thus does not tell whether the link is stale. The server of a link therefore
-//! holds a lock on a file beside it, `PATH.lock`, which the system releases when the server dies.
+//! A killed server leaves its link behind, and the system may soon give the pty number in it to another process or to
+//! the next server. The target alone therefore does not show whether the link is stale. Each server holds a lock on the
+//! file `PATH.lock`, which the system releases when the server dies.
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind};
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 
-/// A symbolic link to a pty. It is gone when this is dropped.
+/// A symbolic link to a pty. It is removed on drop.
 #[derive(Debug)]
 pub(super) struct Link {
     path: PathBuf,
@@ -22,11 +22,11 @@ pub(super) struct Link {
 }
 
 impl Link {
-    /// Makes a link at `path` to `device`, a pty of this process.
+    /// Creates a link at `path` to `device`, a pty of this process.
     ///
     /// # Errors
     ///
-    /// [`ErrorKind::AlreadyExists`] when anything but a stale link is there; others when the system refuses.
+    /// [`ErrorKind::AlreadyExists`] if anything but a stale link is there, others if a system call fails.
     pub(super) fn place(path: &Path, device: &Path) -> io::Result<Self> {
         let (lock, left_behind) = Lock::take(path)?;
         match fs::symlink_metadata(path) {
@@ -63,15 +63,15 @@ impl Link {
 
 impl Drop for Link {
     fn drop(&mut self) {
-        // Somebody may have replaced the link meanwhile; it is not ours to remove then.
+        // A link that another process has replaced meanwhile stays.
         if fs::read_link(&self.path).is_ok_and(|device| device == self.device) {
-            // Nobody is left to tell.
+            // A drop cannot report an error.
             let _ = fs::remove_file(&self.path);
         }
     }
 }
 
-/// The lock of a link's server. The file is gone when this is dropped.
+/// The lock of a link's server. The file is removed on drop.
 #[derive(Debug)]
 struct Lock {
     path: PathBuf,
@@ -79,7 +79,7 @@ struct Lock {
 }
 
 impl Lock {
-    /// Takes the lock of the link at `path`. Tells, too, whether a server that was killed left its file behind.
+    /// Takes the lock of the link at `path`. Also returns whether a killed server left its file behind.
     fn take(link: &Path) -> io::Result<(Self, bool)> {
         let path = link.with_added_extension("lock");
         loop {
@@ -101,7 +101,7 @@ impl Lock {
             let file = file.map_err(failed)?;
             match file.try_lock() {
                 Ok(()) if is_at(&file, &path) => return Ok((Self { path, file }, left_behind)),
-                // Its owner removed it before it was locked here.
+                // The previous owner removed it before this lock.
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
                     let text = "is in use by another server: end that one, or choose another path";
@@ -115,14 +115,14 @@ impl Lock {
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // Removed while it is locked: who has opened it already finds out. Another's file is not ours to remove.
+        // It is removed while locked: a process that has already opened it notices. Another server's file stays.
         if is_at(&self.file, &self.path) {
             let _ = fs::remove_file(&self.path);
         }
     }
 }
 
-/// Whether this file is the one at the path.
+/// Returns whether this file is the one at the path.
 fn is_at(file: &File, path: &Path) -> bool {
     let id = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
     let (here, there) = (file.metadata().map(id), fs::symlink_metadata(path).map(id));
@@ -143,13 +143,13 @@ fn what_is_linked(target: &Path) -> String {
     }
 }
 
-/// Whether this is where the system keeps ptys: `/dev/pts/3`, or `/dev/ttys003` on macOS.
+/// Returns whether this is the path of a pty: `/dev/pts/3`, or `/dev/ttys003` on macOS.
 fn is_pty(device: &Path) -> bool {
     let name = device.as_os_str().as_bytes();
     name.starts_with(b"/dev/pts/") || name.starts_with(b"/dev/ttys")
 }
 
-/// Whether nothing is there, or a pty that nobody serves any more. On Linux its name is gone then; on macOS it may stay.
+/// Returns whether the target is missing, or a pty without a server. Linux removes its name, macOS may keep it.
 fn is_gone(target: &Path) -> bool {
     if fs::metadata(target).is_err_and(|error| error.kind() == ErrorKind::NotFound) {
         return true;

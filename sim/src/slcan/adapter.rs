@@ -1,13 +1,13 @@
-//! The adapter's end.
+//! The adapter's side.
 
 use armwire::time::Instant;
 
 use super::{BitRate, Command, Commands, DataBitRate, MINUTE, Reply, Status};
 use crate::can::{Frame, Id};
 
-/// Bytes for a program that does not read. Frames that find no room are lost, and the [`Status`] tells.
+/// Maximum output for a program that does not read. Further frames are lost, which sets a bit of the [`Status`].
 const MAX_OUTPUT: usize = 65_536;
-/// Version 1.0 of both.
+/// Version 1.0 of hardware and software.
 const VERSION: Reply = Reply::Version {
     hardware: 0x10,
     software: 0x10,
@@ -16,8 +16,8 @@ const SERIAL_NUMBER: Reply = Reply::SerialNumber(*b"ARMW");
 
 /// An SLCAN adapter without its CAN controller.
 ///
-/// It obeys the state of its channel as LAWICEL's do: a bit rate before it opens, and frames only while it is open. What
-/// it has to say to the program waits in [`output`](Self::output).
+/// It follows the channel states of LAWICEL's adapters: a bit rate is required before opening, and frames pass only
+/// while the channel is open. Output for the program is in [`output`](Self::output).
 #[derive(Clone, Debug, Default)]
 pub struct Adapter {
     commands: Commands,
@@ -25,7 +25,7 @@ pub struct Adapter {
     data_bit_rate: DataBitRate,
     channel: Channel,
     time_stamps: bool,
-    /// Until the program has read it.
+    /// Status bits, cleared when the program reads them.
     status: Status,
     output: Vec<u8>,
 }
@@ -39,12 +39,12 @@ enum Channel {
 }
 
 impl Adapter {
-    /// An adapter that is closed and has no bit rate. Its data phase has 2 Mbit/s.
+    /// Creates a closed adapter without a bit rate. Its data phase has 2 Mbit/s.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The bit rate at which it takes part in the bus or listens, in bits per second. `None` while it is closed.
+    /// Returns the bit rate of the open or listening channel, in bits per second. `None` while it is closed.
     pub fn bit_rate(&self) -> Option<u32> {
         match self.channel {
             Channel::Closed => None,
@@ -52,18 +52,17 @@ impl Adapter {
         }
     }
 
-    /// The bit rate of the data phase of FD frames that switch it, in bits per second.
+    /// Returns the data bit rate of FD frames with bit rate switching, in bits per second.
     pub fn data_bit_rate(&self) -> u32 {
         self.data_bit_rate.bits_per_second()
     }
 
-    /// Whether it only listens to the bus: it acknowledges no frames.
+    /// Returns whether the channel is listen-only: it acknowledges no frames.
     pub fn is_listening(&self) -> bool {
         self.channel == Channel::Listening
     }
 
-    /// The next byte from the program. A frame that it wants to send goes to `transmit`, which says whether there is
-    /// room for it.
+    /// Takes the next byte from the program. Passes a frame to `transmit`, which returns whether there is room for it.
     pub fn receive(&mut self, byte: u8, transmit: impl FnOnce(Frame) -> bool) {
         if let Some(command) = self.commands.push(byte) {
             let reply = command.ok().and_then(|command| self.obey(command, transmit));
@@ -71,7 +70,7 @@ impl Adapter {
         }
     }
 
-    /// Does it and says so; `None` when it cannot be done now.
+    /// Executes a command and returns the reply. `None` if the command is not allowed in this state.
     fn obey(&mut self, command: Command, transmit: impl FnOnce(Frame) -> bool) -> Option<Reply> {
         let is_closed = self.channel == Channel::Closed;
         let can_open = is_closed && self.bit_rate.is_some();
@@ -100,7 +99,7 @@ impl Adapter {
         Some(Reply::Done)
     }
 
-    /// A frame on the bus that others sent, at `now`. It is for the program, unless the channel is closed.
+    /// Takes a frame of another node from the bus at `now`. The program receives it if the channel is open.
     pub fn hear(&mut self, frame: &Frame, now: Instant) {
         if self.channel == Channel::Closed {
             return;
@@ -114,12 +113,12 @@ impl Adapter {
         Reply::Frame { frame: *frame, millis }.encode(&mut self.output);
     }
 
-    /// Something is wrong, until the program has asked for it.
+    /// Sets status bits until the program reads them.
     pub fn report(&mut self, status: Status) {
         self.status = self.status.and(status);
     }
 
-    /// The bytes for the program: take away from the front what it was given.
+    /// Returns the bytes for the program. Remove delivered bytes from the front.
     pub fn output(&mut self) -> &mut Vec<u8> {
         &mut self.output
     }

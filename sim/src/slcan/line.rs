@@ -1,16 +1,16 @@
-//! Lines: collected byte by byte, and read field by field.
+//! Lines: collected byte by byte, parsed field by field.
 
 use armwire::OutOfRange;
 
 use super::{Cause, Malformed};
 
-/// The longest line that is kept: an FD frame of 64 bytes with a 29-bit identifier and a time stamp.
+/// Longest stored line: an FD frame of 64 bytes with a 29-bit identifier and a time stamp.
 const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64 + 4;
 
-/// The line that is coming in.
+/// The incomplete line.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Line {
-    /// As much of it as can mean something.
+    /// Its characters, up to the longest valid line.
     kept: Vec<u8>,
     len: usize,
 }
@@ -23,7 +23,7 @@ impl Line {
         self.len += 1;
     }
 
-    /// Reads it, all of it, and begins the next.
+    /// Parses the whole line, and begins the next.
     pub(super) fn take<T>(&mut self, parse: impl Fn(&mut Field<'_>) -> Result<T, Cause>) -> Result<T, Malformed> {
         let Self { kept, len } = std::mem::take(self);
         let mut field = Field { line: &kept, at: 0 };
@@ -42,14 +42,14 @@ impl Line {
     }
 }
 
-/// What is left to read of a line.
+/// The unparsed rest of a line.
 pub(super) struct Field<'a> {
     line: &'a [u8],
     at: usize,
 }
 
 impl Field<'_> {
-    /// The first character, if there is one.
+    /// Returns the first character, if there is one.
     pub(super) fn command(&mut self) -> Option<u8> {
         let first = self.line.first().copied();
         self.at = self.line.len().min(1);
@@ -60,7 +60,7 @@ impl Field<'_> {
         self.at == self.line.len()
     }
 
-    /// A hexadecimal number of so many digits, eight at most.
+    /// Parses a hexadecimal number of this many digits, at most eight.
     pub(super) fn number(&mut self, digits: usize) -> Result<u32, Cause> {
         let end = self.at + digits;
         let mut number = 0;
@@ -79,7 +79,7 @@ impl Field<'_> {
         Ok(number)
     }
 
-    /// One hexadecimal digit, at most `max`.
+    /// Parses one hexadecimal digit, at most `max`.
     pub(super) fn digit(&mut self, what: &'static str, max: u8) -> Result<u8, Cause> {
         match self.number(1)? as u16 {
             got if got > u16::from(max) => Err(Cause::OutOfRange(OutOfRange {
@@ -93,12 +93,12 @@ impl Field<'_> {
         }
     }
 
-    /// Two hexadecimal digits.
+    /// Parses two hexadecimal digits.
     pub(super) fn byte(&mut self) -> Result<u8, Cause> {
         self.number(2).map(|byte| byte as u8)
     }
 
-    /// Any characters.
+    /// Takes any characters.
     pub(super) fn characters<const N: usize>(&mut self) -> Result<[u8; N], Cause> {
         let Some(characters) = self.line[self.at..].first_chunk() else {
             return Err(Cause::Length {

@@ -1,10 +1,10 @@
-//! SLCAN: a CAN adapter on a serial port, by lines of ASCII (LAWICEL's manuals of CAN232 and CANUSB).
+//! SLCAN: a CAN adapter on a serial port, with a protocol of ASCII lines (LAWICEL's manuals of CAN232 and CANUSB).
 //!
-//! A program sends [`Command`]s, the adapter [`Reply`]s, and both end with a carriage return; a refusal is a BELL. Each end
-//! reads the other's byte by byte, in whatever pieces they come. An [`Adapter`] is the adapter's end of it, without its
-//! CAN controller and without I/O.
+//! A program sends [`Command`]s and the adapter sends [`Reply`]s. Both end with a carriage return; a refusal is a BELL.
+//! Each side parses the other's bytes in pieces of any size. An [`Adapter`] is the adapter's side, without a CAN
+//! controller and without I/O.
 //!
-//! FD frames are as in the firmware of CANable 2, which python-can speaks too. `Y` sets the rate of the data phase.
+//! FD frames are those of the CANable 2 firmware, which python-can also supports. `Y` sets the data bit rate.
 //!
 //! | Frame | 11 bits | 29 bits | Length |
 //! |---|---|---|---|
@@ -13,7 +13,7 @@
 //! | FD | `d` | `D` | DLC, 0 to F |
 //! | FD with bit rate switching | `b` | `B` | DLC, 0 to F |
 //!
-//! No line carries ESI of an FD frame, nor a classic DLC above 8.
+//! No line carries the ESI flag of an FD frame, or a classic DLC above 8.
 //!
 //! ```
 //! use armwire::time::Instant;
@@ -48,8 +48,7 @@
 //! assert_eq!(heard, [Ok(Reply::Done), Ok(Reply::Done), Ok(sent), Ok(came)]);
 //! ```
 //!
-//! It is our own because slcan 0.1.3, the crate there is, has the program's end only, owns its port, and reads what it
-//! cannot read as nothing.
+//! The crate slcan 0.1.3 does not fit: it has the program's side only, owns its port, and ignores malformed lines.
 
 mod adapter;
 mod line;
@@ -65,20 +64,19 @@ use crate::can::{FdFlags, Frame, Id};
 pub use adapter::Adapter;
 use line::{Field, Line};
 
-/// The bit rates that a program can choose, in bits per second. The place in this list is the digit of the `S` command.
+/// The selectable bit rates, in bits per second. The index is the digit of the `S` command.
 pub const BIT_RATES: [u32; 9] = [
     10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000,
 ];
 
-/// The rates of the data phase that a program can choose, in bits per second. The digit of the `Y` command is the rate in
-/// Mbit/s.
+/// The selectable data bit rates, in bits per second. The digit of the `Y` command is the rate in Mbit/s.
 pub const DATA_BIT_RATES: [u32; 4] = [1_000_000, 2_000_000, 4_000_000, 5_000_000];
 
 /// The carriage return that ends every line.
 const CR: u8 = b'\r';
-/// What an adapter says in the place of a line when it refuses.
+/// Refusal, sent by an adapter in place of a line.
 const BELL: u8 = 0x07;
-/// Milliseconds at which the clock of time stamps starts again.
+/// Period of the time stamps, in milliseconds.
 const MINUTE: u16 = 60_000;
 
 /// One of [`BIT_RATES`].
@@ -86,16 +84,16 @@ const MINUTE: u16 = 60_000;
 pub struct BitRate(u8);
 
 impl BitRate {
-    /// The fastest.
+    /// The highest bit rate.
     pub const MAX: Self = Self(BIT_RATES.len() as u8 - 1);
 
-    /// The rate of so many bits per second, if it is one of [`BIT_RATES`].
+    /// Returns the setting for this bit rate, if it is one of [`BIT_RATES`].
     pub fn new(bits_per_second: u32) -> Option<Self> {
         let digit = BIT_RATES.iter().position(|&rate| rate == bits_per_second)?;
         Some(Self(digit as u8))
     }
 
-    /// Bits per second.
+    /// Returns the rate in bits per second.
     pub fn bits_per_second(self) -> u32 {
         BIT_RATES[usize::from(self.0)]
     }
@@ -106,60 +104,60 @@ impl BitRate {
 pub struct DataBitRate(u8);
 
 impl DataBitRate {
-    /// The rate of so many bits per second, if it is one of [`DATA_BIT_RATES`].
+    /// Returns the setting for this bit rate, if it is one of [`DATA_BIT_RATES`].
     pub fn new(bits_per_second: u32) -> Option<Self> {
         let is_known = DATA_BIT_RATES.contains(&bits_per_second);
         is_known.then_some(Self((bits_per_second / 1_000_000) as u8))
     }
 
-    /// Bits per second.
+    /// Returns the rate in bits per second.
     pub fn bits_per_second(self) -> u32 {
         u32::from(self.0) * 1_000_000
     }
 }
 
-/// 2 Mbit/s, as in the firmware of CANable 2.
+/// 2 Mbit/s, the default of the CANable 2 firmware.
 impl Default for DataBitRate {
     fn default() -> Self {
         Self(2)
     }
 }
 
-/// What a program wants of an adapter.
+/// A command of the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// An empty line: it ends what an earlier program may have begun.
+    /// Empty line. It terminates an incomplete command of an earlier program.
     Nothing,
-    /// `S`: the bus has this bit rate. While the channel is closed.
+    /// `S`: sets the bit rate. Allowed while the channel is closed.
     BitRate(BitRate),
-    /// `Y`: the data phase of FD frames that switch the bit rate has this one. While the channel is closed.
+    /// `Y`: sets the data bit rate. Allowed while the channel is closed.
     DataBitRate(DataBitRate),
-    /// `O`: take part in the bus. Once it has a bit rate.
+    /// `O`: opens the channel. Requires a bit rate.
     Open,
-    /// `L`: listen to the bus only. Once it has a bit rate.
+    /// `L`: opens the channel listen-only. Requires a bit rate.
     Listen,
-    /// `C`: leave the bus.
+    /// `C`: closes the channel.
     Close,
-    /// A frame: send it. While the channel is open.
+    /// Transmits a frame. Allowed while the channel is open.
     Transmit(Frame),
-    /// `F`: tell the [`Status`]. While the channel is open or listening.
+    /// `F`: reads the [`Status`]. Allowed while the channel is open or listen-only.
     Status,
-    /// `V`: tell your versions.
+    /// `V`: reads the versions.
     Version,
-    /// `N`: tell your serial number.
+    /// `N`: reads the serial number.
     SerialNumber,
-    /// `Z`: whether frames come with a time stamp. While the channel is closed.
+    /// `Z`: switches time stamps on or off. Allowed while the channel is closed.
     TimeStamps(bool),
 }
 
-/// What an adapter says.
+/// A reply of the adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reply {
-    /// An empty line: it is done.
+    /// Empty line: success.
     Done,
-    /// BELL: it is not done.
+    /// BELL: refused.
     Refused,
-    /// `z`, or `Z` for a 29-bit identifier: the frame goes out.
+    /// `z`, or `Z` for a 29-bit identifier: the frame is queued.
     Sent {
         /// Whether the identifier has 29 bits.
         is_extended: bool,
@@ -168,43 +166,43 @@ pub enum Reply {
     Frame {
         /// The frame.
         frame: Frame,
-        /// When it came, in milliseconds of the minute, if time stamps are on.
+        /// Time stamp in milliseconds, modulo one minute, if time stamps are on.
         millis: Option<u16>,
     },
-    /// `F`.
+    /// `F`: status bits.
     Status(Status),
     /// `V`: two digits each.
     Version {
-        /// Of the hardware, as hexadecimal digits.
+        /// Hardware version, as hexadecimal digits.
         hardware: u8,
-        /// Of the software, as hexadecimal digits.
+        /// Software version, as hexadecimal digits.
         software: u8,
     },
     /// `N`: four characters.
     SerialNumber([u8; 4]),
 }
 
-/// What is wrong at an adapter, as the bits of the `F` command: [`Status::NAMES`].
+/// Status bits of the `F` command, named in [`Status::NAMES`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status(pub u8);
 
 impl Status {
-    /// More frames came than were fetched.
+    /// Receive queue full: frames were lost.
     pub const RECEIVE_QUEUE_FULL: Self = Self(0x01);
-    /// More frames are to go out than there is room for.
+    /// Transmit queue full: frames were refused.
     pub const TRANSMIT_QUEUE_FULL: Self = Self(0x02);
-    /// Frames go wrong often.
+    /// Error warning limit reached.
     pub const ERROR_WARNING: Self = Self(0x04);
-    /// Frames were lost in the controller.
+    /// Overrun: frames were lost in the controller.
     pub const OVERRUN: Self = Self(0x08);
-    /// Frames go wrong so often that the controller may no longer disturb others.
+    /// Error passive: the controller sends no active error flags.
     pub const ERROR_PASSIVE: Self = Self(0x20);
-    /// Another sender had the bus first.
+    /// Arbitration lost.
     pub const ARBITRATION_LOST: Self = Self(0x40);
-    /// A frame went wrong on the bus.
+    /// Bus error.
     pub const BUS_ERROR: Self = Self(0x80);
 
-    /// Each bit, and what it is called.
+    /// Each bit with its name.
     pub const NAMES: [(Self, &str); 7] = [
         (Self::RECEIVE_QUEUE_FULL, "receive queue full"),
         (Self::TRANSMIT_QUEUE_FULL, "transmit queue full"),
@@ -215,14 +213,14 @@ impl Status {
         (Self::BUS_ERROR, "bus error"),
     ];
 
-    /// What is wrong in either.
+    /// Returns the bits set in either.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 }
 
-/// What is wrong, or `in order`.
+/// Names of the set bits, or `in order`.
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let wrong = Self::NAMES.iter().filter(|(bit, _)| self.0 & bit.0 != 0);
@@ -234,40 +232,40 @@ impl fmt::Display for Status {
     }
 }
 
-/// Why a line means nothing.
+/// A malformed line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Malformed {
     /// Its first character, 0 if it has none.
     pub command: u8,
-    /// What is wrong with it.
+    /// The error in the line.
     pub cause: Cause,
 }
 
-/// What is wrong with a line.
+/// Cause of a malformed line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Cause {
-    /// No line begins like that.
+    /// Unknown first character.
     Unknown,
-    /// There is no digit, or none that is allowed.
+    /// Invalid digit.
     Digit {
-        /// Where in the line, the first character being 0.
+        /// Position in the line, 0 for the first character.
         at: usize,
-        /// What is there.
+        /// The character at this position.
         got: u8,
     },
-    /// It ends too early or too late.
+    /// Invalid length.
     Length {
-        /// How many characters such a line has.
+        /// Expected number of characters.
         expected: usize,
-        /// How many this one has.
+        /// Actual number of characters.
         got: usize,
     },
-    /// A value that there is not.
+    /// Value out of range.
     OutOfRange(OutOfRange),
     /// An identifier of more than 29 bits.
     Identifier(u32),
-    /// A rate of the data phase, in Mbit/s, that is none of [`DATA_BIT_RATES`].
+    /// A data bit rate, in Mbit/s, that is not one of [`DATA_BIT_RATES`].
     DataBitRate(u8),
 }
 
@@ -275,8 +273,8 @@ impl fmt::Display for Malformed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "'{}': ", self.command.escape_ascii())?;
         match self.cause {
-            Cause::Unknown => f.write_str("no line begins like that"),
-            Cause::Digit { at, got } => write!(f, "'{}' at {at} is not a digit that may be there", got.escape_ascii()),
+            Cause::Unknown => f.write_str("unknown first character"),
+            Cause::Digit { at, got } => write!(f, "'{}' at {at} is not a valid digit", got.escape_ascii()),
             Cause::Length { expected, got } => write!(f, "{got} characters, must be {expected}"),
             Cause::OutOfRange(error) => error.fmt(f),
             Cause::Identifier(id) => write!(f, "CAN identifier is {id:#X}, must be up to {:#X}", Id::MAX_EXTENDED),
@@ -287,7 +285,7 @@ impl fmt::Display for Malformed {
 
 impl std::error::Error for Malformed {}
 
-/// Reads what a program sends.
+/// Parser of a program's commands.
 ///
 /// ```
 /// use armwire_sim::slcan::{Command, Commands};
@@ -304,7 +302,7 @@ pub struct Commands {
 }
 
 impl Commands {
-    /// The next byte from the program. At the end of a line, what it means.
+    /// Takes the next byte from the program. Returns a command or an error at the end of each line.
     pub fn push(&mut self, byte: u8) -> Option<Result<Command, Malformed>> {
         if byte != CR {
             self.line.push(byte);
@@ -333,7 +331,7 @@ impl Commands {
     }
 }
 
-/// Reads what an adapter sends.
+/// Parser of an adapter's replies.
 ///
 /// ```
 /// use armwire_sim::slcan::{Replies, Reply};
@@ -348,12 +346,12 @@ pub struct Replies {
 }
 
 impl Replies {
-    /// The next byte from the adapter. At the end of a line, what it means.
+    /// Takes the next byte from the adapter. Returns a reply or an error at the end of each line.
     pub fn push(&mut self, byte: u8) -> Option<Result<Reply, Malformed>> {
         match byte {
             CR => Some(self.line.take(Self::parse)),
             BELL => {
-                // A line that it cuts off says nothing any more.
+                // A BELL cuts off the incomplete line.
                 self.line = Line::default();
                 Some(Ok(Reply::Refused))
             }
@@ -385,7 +383,7 @@ impl Replies {
     }
 }
 
-/// What follows the first character of a frame, but for a time stamp.
+/// Parses a frame after its first character, up to the time stamp.
 fn frame(kind: u8, field: &mut Field<'_>) -> Result<Frame, Cause> {
     let id = if kind.is_ascii_uppercase() {
         match field.number(8)? {
@@ -443,7 +441,7 @@ fn millis(field: &mut Field<'_>) -> Result<u16, Cause> {
 }
 
 impl Command {
-    /// Appends its line.
+    /// Appends the encoded line.
     pub fn encode(&self, out: &mut Vec<u8>) {
         match self {
             Self::Nothing => {}
@@ -463,7 +461,7 @@ impl Command {
 }
 
 impl Reply {
-    /// Appends its line.
+    /// Appends the encoded line.
     pub fn encode(&self, out: &mut Vec<u8>) {
         match self {
             Self::Done => {}

@@ -10,7 +10,7 @@ fn ids() -> impl Strategy<Value = Id> {
     ]
 }
 
-/// All that a line can carry.
+/// Generates every frame that a line can carry.
 fn frames() -> impl Strategy<Value = Frame> {
     let classic = (ids(), prop::collection::vec(any::<u8>(), 0..=8));
     let fd = (ids(), any::<bool>(), 0..16_u8, any::<[u8; 64]>());
@@ -101,11 +101,11 @@ proptest! {
 }
 
 #[test]
-fn what_is_wrong_with_a_line_is_told() {
+fn malformed_line_reports_its_error() {
     for (line, error) in [
-        ("X", "'X': no line begins like that"),
+        ("X", "'X': unknown first character"),
         ("t12", "'t': 3 characters, must be 4"),
-        ("t1x0", "'t': 'x' at 2 is not a digit that may be there"),
+        ("t1x0", "'t': 'x' at 2 is not a valid digit"),
         ("t1239", "'t': length of a frame is 9, must be 0..=8"),
         ("t123201", "'t': 7 characters, must be 9"),
         ("t123001", "'t': 7 characters, must be 5"),
@@ -117,9 +117,9 @@ fn what_is_wrong_with_a_line_is_told() {
         ),
         ("r12309", "'r': 6 characters, must be 5"),
         ("b123900", "'b': 7 characters, must be 9"),
-        ("b123G", "'b': 'G' at 4 is not a digit that may be there"),
+        ("b123G", "'b': 'G' at 4 is not a valid digit"),
         ("Y3", "'Y': data bit rate is 3 Mbit/s, must be 1, 2, 4 or 5 Mbit/s"),
-        ("\u{7}", "'\\x07': no line begins like that"),
+        ("\u{7}", "'\\x07': unknown first character"),
     ] {
         let read = read_commands(&[line.as_bytes(), b"\r"].concat());
         let told: Vec<_> = read.into_iter().map(|read| read.unwrap_err().to_string()).collect();
@@ -129,7 +129,7 @@ fn what_is_wrong_with_a_line_is_told() {
     assert_eq!(error.to_string(), "'t': time stamp is 60000 ms, must be 0..=59999");
 }
 
-/// An adapter, what it has to say, and what it sent.
+/// An adapter, with its output and the frames that it sent.
 #[derive(Default)]
 struct Desk {
     adapter: Adapter,
@@ -138,7 +138,7 @@ struct Desk {
 }
 
 impl Desk {
-    /// What the adapter says to these lines.
+    /// Passes bytes to the adapter and returns its output.
     fn say(&mut self, bytes: &[u8]) -> Vec<u8> {
         for &byte in bytes {
             self.adapter.receive(byte, |frame| {

@@ -1,16 +1,15 @@
-//! The mechanics of an xArm and what its controller lets them do.
+//! The mechanics of an xArm, and the controller's rules of motion.
 //!
-//! The document has no motion in it; registers and codes are those that the vendor's Python SDK names. What is chosen
-//! here:
+//! The document does not describe motion. Registers and codes are those of the vendor's Python SDK. This model assumes:
 //!
-//! * Switched on, it stands with its motors off and its brakes on, in state 4.
-//! * It can move when all its motors are on, no error stands, its mode is 0 and its state is below 4.
-//! * Moves are queued. Each goes from rest to rest, straight in joint space: the joint with the longest way keeps to
-//!   speed and acceleration, and the others arrive with it.
-//! * Pausing and stopping take no time. A pause keeps the moves, a stop drops them; so do a change of mode, after which
-//!   the state is 5, an error, and a motor switched off, after which it is 4.
-//! * A move beyond a joint's limits is error 23. An error keeps the arm stopped until it is cleared; whatever was asked
-//!   of it in the meantime must be asked again.
+//! * At power-on the arm is in state 4, with its motors off and its brakes on.
+//! * Motion requires all motors on, no error, mode 0 and a state below 4.
+//! * Moves are queued. Each starts and ends at rest and is linear in joint space: the joint with the longest way
+//!   follows speed and acceleration, and the others arrive with it.
+//! * Pausing and stopping are instantaneous. A pause keeps the moves. A stop drops them, and so does an error, a change
+//!   of mode (state 5 follows) and a motor switched off (state 4 follows).
+//! * A move beyond a joint's limits is error 23. An error stops the arm until it is cleared. Requests during an error
+//!   are not repeated afterwards.
 //! * Links have no mass, so torques and currents are zero.
 
 use std::array;
@@ -21,43 +20,43 @@ use armwire::time::Instant;
 use super::geometry::{MAX_JOINTS, Model, Placed};
 use super::profile::Profile;
 
-/// Moves that wait or are under way, at most.
+/// Maximum number of moves, queued or in progress.
 pub(super) const MAX_MOVES: usize = 512;
-/// The fastest that a joint may be told to move, in radians per second.
+/// Maximum joint speed of a move, in radians per second.
 pub(super) const MAX_SPEED: f32 = std::f32::consts::PI;
-/// The quickest that a joint may be told to gain speed, in radians per second squared.
+/// Maximum joint acceleration of a move, in radians per second squared.
 pub(super) const MAX_ACCELERATION: f32 = 20.0;
 
-/// "Joint angle exceeds limit", as the vendor's SDK has it.
+/// "Joint angle exceeds limit", in the words of the vendor's SDK.
 const JOINT_LIMIT: u8 = 23;
 
-/// The only mode in which the arm moves by itself: to a joint position.
+/// The only mode with motion in this model: joint position.
 const POSITION_MODE: u8 = 0;
-/// The modes that the vendor's SDK knows.
+/// Number of modes in the vendor's SDK.
 const MODES: u8 = 7;
 
-/// What the controller is about.
+/// State of the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
     Ready,
     Paused,
     Stopped,
-    /// A setting was changed, which stopped it.
+    /// Stopped by a change of settings.
     Reset,
 }
 
-/// Where to, and how.
+/// Target of a move, with its limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Target {
     /// In radians.
     pub(super) joints: [f32; MAX_JOINTS],
-    /// Of the joint with the longest way, in radians per second, up to [`MAX_SPEED`].
+    /// Speed of the joint with the longest way, in radians per second, up to [`MAX_SPEED`].
     pub(super) speed: f32,
-    /// Of the same, in radians per second squared, up to [`MAX_ACCELERATION`].
+    /// Acceleration of the same joint, in radians per second squared, up to [`MAX_ACCELERATION`].
     pub(super) acceleration: f32,
 }
 
-/// A move under way.
+/// A move in progress.
 #[derive(Clone, Debug)]
 struct Motion {
     start: Instant,
@@ -82,7 +81,7 @@ impl Motion {
     }
 }
 
-/// A value is out of range, or there is no room for another move. Nothing was done.
+/// A value is out of range, or the queue is full. The request had no effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Refused;
 
@@ -121,7 +120,7 @@ impl Body {
         }
     }
 
-    /// As after power was off and on again, except that the brakes held it where it is.
+    /// Restores the power-on state at the current joint position.
     pub(super) fn restart(&mut self) {
         *self = Self {
             now: self.now,
@@ -130,7 +129,7 @@ impl Body {
         };
     }
 
-    /// Lets time pass. The outcome is the same in however many steps it passes.
+    /// Advances time. The result does not depend on the number of steps.
     pub(super) fn advance(&mut self, now: Instant) {
         self.now = self.now.max(now);
         while let Some(motion) = &self.motion {
@@ -155,7 +154,7 @@ impl Body {
         self.motion = next.map(|to| Motion::new(start, self.joints, to));
     }
 
-    /// Queues a move. While it cannot move it does nothing, now or later.
+    /// Queues a move. A move while the arm cannot move is dropped.
     pub(super) fn go(&mut self, target: Target) -> Result<(), Refused> {
         let in_range = |value: f32, max: f32| value > 0.0 && value <= max;
         let makes_sense = in_range(target.speed, MAX_SPEED)
@@ -175,7 +174,7 @@ impl Body {
         if self.moves() == MAX_MOVES {
             return Err(Refused);
         }
-        // Joints that it does not have stay at zero.
+        // Joints beyond the model's number stay at zero.
         let joints = array::from_fn(|i| if i < self.model.joints() { target.joints[i] } else { 0.0 });
         self.waiting.push_back(Target { joints, ..target });
         if self.motion.is_none() && self.phase == Phase::Ready {
@@ -184,7 +183,7 @@ impl Body {
         Ok(())
     }
 
-    /// Stops where it is and forgets what it was to do.
+    /// Stops at the current position and drops all moves.
     fn stop(&mut self, phase: Phase) {
         self.motion = None;
         self.waiting.clear();
@@ -200,10 +199,10 @@ impl Body {
         self.phase = Phase::Paused;
     }
 
-    /// The states that can be set: 0 ready, 3 paused, 4 stopped.
+    /// Sets the state: 0 ready, 3 paused, 4 stopped.
     pub(super) fn set_state(&mut self, state: u8) -> Result<(), Refused> {
         match state {
-            // An error keeps it stopped.
+            // An error keeps the arm stopped.
             0 | 3 if self.error != 0 => {}
             0 => {
                 self.phase = Phase::Ready;
@@ -227,7 +226,7 @@ impl Body {
         Ok(())
     }
 
-    /// Switches the motor of a joint, from 1, or all (8) on or off.
+    /// Switches the motor of a joint, from 1, or all motors (8) on or off.
     pub(super) fn set_motor(&mut self, joint: u8, on: bool) -> Result<(), Refused> {
         let all = self.all_motors();
         let chosen = match joint {
@@ -247,7 +246,7 @@ impl Body {
         Ok(())
     }
 
-    /// An error stops the arm; 0 is none.
+    /// Sets the error, which stops the arm; 0 clears it.
     pub(super) fn set_error(&mut self, code: u8) {
         self.error = code;
         if code != 0 {
@@ -255,7 +254,7 @@ impl Body {
         }
     }
 
-    /// A warning stops nothing; 0 is none.
+    /// Sets the warning, which stops nothing; 0 clears it.
     pub(super) fn set_warning(&mut self, code: u8) {
         self.warning = code;
     }
@@ -271,7 +270,7 @@ impl Body {
             && matches!(self.phase, Phase::Ready | Phase::Paused)
     }
 
-    /// 1 in motion, 2 at rest, 3 paused, 4 stopped, 5 stopped by a setting.
+    /// Returns 1 in motion, 2 at rest, 3 paused, 4 stopped, 5 stopped by a setting.
     pub(super) fn state(&self) -> u8 {
         match self.phase {
             Phase::Ready if self.motion.is_some() => 1,
@@ -282,17 +281,17 @@ impl Body {
         }
     }
 
-    /// How many moves wait or are under way.
+    /// Returns the number of moves, queued or in progress.
     pub(super) fn moves(&self) -> usize {
         self.waiting.len() + usize::from(self.motion.is_some())
     }
 
-    /// In radians.
+    /// Returns the joint angles, in radians.
     pub(super) fn joints(&self) -> &[f64; MAX_JOINTS] {
         &self.joints
     }
 
-    /// In radians per second.
+    /// Returns the joint velocities, in radians per second.
     pub(super) fn velocities(&self) -> &[f64; MAX_JOINTS] {
         &self.velocities
     }
@@ -301,7 +300,7 @@ impl Body {
         self.model.place(&self.joints)
     }
 
-    /// One bit each, joint 1 lowest. A motor that is on has its brake off.
+    /// Returns one bit per motor that is on, joint 1 lowest. Its brake is off.
     pub(super) fn motors(&self) -> u8 {
         self.motors
     }

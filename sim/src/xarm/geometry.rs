@@ -1,4 +1,4 @@
-//! Where a joint position puts the flange.
+//! Forward kinematics.
 //!
 //! The modified Denavit-Hartenberg parameters, in millimetres, and the joint limits are the vendor's (xArm user manual,
 //! appendix on kinematics; limits as in its Python SDK). There is no tool: the tool centre point is the flange.
@@ -6,14 +6,14 @@
 use std::f32::consts;
 use std::f64::consts::{PI, TAU};
 
-/// The most joints there are.
+/// Maximum number of joints of any model.
 pub(super) const MAX_JOINTS: usize = 7;
 
 type Vector = [f64; 3];
-/// Three columns.
+/// Three columns of a rotation matrix.
 type Matrix = [Vector; 3];
 
-/// Which xArm it is.
+/// Model of an xArm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Model {
     /// xArm 5: five joints.
@@ -25,7 +25,7 @@ pub enum Model {
 }
 
 impl Model {
-    /// How many joints it has. Its device type is the same number.
+    /// Returns the number of joints, which is also the device type.
     pub const fn joints(self) -> usize {
         match self {
             Self::XArm5 => 5,
@@ -34,7 +34,7 @@ impl Model {
         }
     }
 
-    /// The least and the greatest angle of each joint, in radians.
+    /// Returns the minimum and maximum angle of each joint, in radians.
     pub const fn limits(self) -> &'static [(f32, f32)] {
         const TURN: (f32, f32) = (-consts::TAU, consts::TAU);
         const SHOULDER: (f32, f32) = (-2.059_488, 2.094_395);
@@ -50,7 +50,7 @@ impl Model {
     fn links(self) -> Vec<Link> {
         let link = |twist, a, d, offset| Link { twist, a, d, offset };
         let base = link(0, 0.0, 267.0, 0.0);
-        // The upper arm leans, as does the forearm of an xArm 5.
+        // The upper arm is inclined, and so is the forearm of an xArm 5.
         let (upper, lean) = (284.5_f64.hypot(53.5), 284.5_f64.atan2(53.5));
         let (fore, fore_lean) = (342.5_f64.hypot(77.5), 342.5_f64.atan2(77.5));
         match self {
@@ -81,7 +81,7 @@ impl Model {
         }
     }
 
-    /// Where each joint and the flange are when the joints are at these angles, in radians.
+    /// Returns the frames of the joints and the flange at these joint angles, in radians.
     pub(super) fn place(self, joints: &[f64; MAX_JOINTS]) -> Placed {
         let mut frame = Frame {
             position: [0.0; 3],
@@ -97,24 +97,24 @@ impl Model {
     }
 }
 
-/// From one joint's axis to the next.
+/// Transformation from one joint's axis to the next.
 struct Link {
-    /// About x, in quarter turns: -1, 0 or 1.
+    /// Rotation about x, in quarter turns: -1, 0 or 1.
     twist: i8,
-    /// Along x.
+    /// Translation along x.
     a: f64,
-    /// Along the joint's axis.
+    /// Translation along the joint's axis.
     d: f64,
-    /// The angle about it when the joint says zero.
+    /// Rotation about the joint's axis at joint angle zero.
     offset: f64,
 }
 
-/// Where something is and how it is turned, seen from the base.
+/// Position and orientation in the base frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Frame {
     /// In millimetres.
     pub(super) position: Vector,
-    /// Its x, y and z axis.
+    /// The x, y and z axes.
     columns: Matrix,
 }
 
@@ -146,19 +146,19 @@ impl Frame {
         }
     }
 
-    /// Roll, pitch and yaw, in radians: the turns about the fixed x, then y, then z axis.
+    /// Returns roll, pitch and yaw, in radians: rotations about the fixed x, then y, then z axis.
     pub(super) fn roll_pitch_yaw(&self) -> Vector {
         let [[xx, xy, xz], [yx, yy, yz], [.., zz]] = self.columns;
         let level = xx.hypot(xy);
         let pitch = (0.0 - xz).atan2(level);
         if level < 1e-9 {
-            // Straight up or down, roll and yaw are the same turn.
+            // At a pitch of ±90°, roll and yaw are the same rotation.
             return [0.0, pitch, upright((-yx).atan2(yy))];
         }
         [upright(yz.atan2(zz)), pitch, upright(xy.atan2(xx))]
     }
 
-    /// The turn as a vector along its axis, as long as its angle in radians.
+    /// Returns the rotation vector: along the axis, with the angle in radians as its length.
     pub(super) fn rotation_vector(&self) -> Vector {
         let m = &self.columns;
         let twice_sin = [m[1][2] - m[2][1], m[2][0] - m[0][2], m[0][1] - m[1][0]];
@@ -170,7 +170,7 @@ impl Frame {
         if angle < PI - 1e-6 {
             return scaled(twice_sin, angle / length(twice_sin));
         }
-        // Half a turn: the axis is in the matrix itself, up to its sign, which means nothing.
+        // Half a turn: the matrix has the axis, up to its sign, which is arbitrary.
         let widest = (0..3).max_by(|&i, &j| m[i][i].total_cmp(&m[j][j])).unwrap_or(0);
         let mut axis = m[widest];
         axis[widest] += 1.0;
@@ -178,23 +178,23 @@ impl Frame {
     }
 }
 
-/// Joints and flange, seen from the base.
+/// Joint and flange frames in the base frame.
 pub(super) struct Placed {
-    /// The z axis of each is the axis that the joint turns about.
+    /// The z axis of each frame is the joint's axis of rotation.
     axes: Vec<Frame>,
     pub(super) flange: Frame,
 }
 
 impl Placed {
-    /// How far the flange is from the axis of a joint, counted from zero, in millimetres: the radius of the circle that
-    /// it describes when only this joint turns. `None` if there is no such joint.
+    /// Returns the distance of the flange from the axis of a joint, from zero, in millimetres. It is the radius of the
+    /// flange's circle when only this joint turns. `None` without this joint.
     pub(super) fn radius(&self, joint: usize) -> Option<f64> {
         let axis = self.axes.get(joint)?;
         let arm = sum(self.flange.position, scaled(axis.position, -1.0));
         Some(length(cross(axis.columns[2], arm)))
     }
 
-    /// How fast the flange moves when the joints turn this fast, in millimetres and radians per second.
+    /// Returns the flange's speed at these joint velocities, in millimetres and radians per second.
     pub(super) fn speed(&self, velocities: &[f64; MAX_JOINTS]) -> f64 {
         let moved = self
             .axes
@@ -208,7 +208,7 @@ impl Placed {
     }
 }
 
-/// Half a turn is half a turn, whichever way rounding made it.
+/// Removes the sign of half a turn, which depends on rounding.
 fn upright(angle: f64) -> f64 {
     if angle < 1e-9 - PI { angle + TAU } else { angle }
 }
@@ -275,7 +275,7 @@ mod tests {
         }
     }
 
-    /// A rotation vector as a matrix, by Rodrigues' formula.
+    /// Rotates a vector by a rotation vector, with Rodrigues' formula.
     fn turned(vector: Vector, by: Vector) -> Vector {
         let angle = length(by);
         if angle == 0.0 {

@@ -1,7 +1,7 @@
 //! A virtual xArm.
 //!
-//! [`VirtualXArm`] is the control box: it answers requests, as many clients as there are, and says how it is in
-//! reports. What its joints do is in `body.rs`. `Server` puts it on TCP ports, on Unix.
+//! [`VirtualXArm`] is the control box: it answers the requests of any number of clients and creates reports. `body.rs`
+//! has joint motion. `Server` serves it on TCP ports, on Unix.
 //!
 //! Besides the registers of the document it has those that the vendor's Python SDK needs to connect, to stay connected
 //! and to move joints:
@@ -23,8 +23,7 @@
 //! | 55 | | seven `f32`: torques |
 //! | 70 | 0 or 1 | what is reported as torque, which register 5 tells |
 //!
-//! To all others, and to parameters that these do not have, it answers that the state is invalid, and nothing else
-//! happens.
+//! Any other register, and invalid parameters, get an answer with the state bit "invalid" and have no other effect.
 
 mod body;
 mod geometry;
@@ -48,7 +47,7 @@ pub use report::REPORT;
 #[cfg(unix)]
 pub use server::{BindError, Notice, Port, Served, Server};
 
-/// The registers that the document does not have.
+/// Registers that are not in the document.
 mod register {
     pub(super) const READ_VERIFICATION: u8 = 3;
     pub(super) const READ_APPROXIMATION: u8 = 7;
@@ -69,7 +68,7 @@ mod register {
     pub(super) const READ_POSE_VECTOR: u8 = 91;
 }
 
-/// What a virtual arm is.
+/// Identity of a virtual arm.
 ///
 /// ```
 /// use armwire::xarm::SerialsText;
@@ -83,23 +82,23 @@ mod register {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Config {
-    /// Which xArm it is.
+    /// Model.
     pub model: Model,
-    /// Its versions, as [`VersionText`] has them; axes and type should say the same as `model`. The SDK does more with later firmware than this arm
-    /// has registers for.
+    /// Versions, in the format of [`VersionText`]. Axes and type should match `model`. With later firmware the SDK uses
+    /// registers that this arm does not have.
     pub version: [u8; TEXT],
-    /// Serial numbers of arm and control box, as [`SerialsText`] has them.
+    /// Serial numbers of arm and control box, in the format of [`SerialsText`].
     pub serials: [u8; TEXT],
 }
 
 impl Config {
-    /// An arm with the versions and serial numbers of the document's examples, which are an xArm 6's.
+    /// Returns the versions and serial numbers of the document's examples, which are an xArm 6's.
     ///
     /// # Panics
     ///
     /// Never: the texts fit.
     pub fn new(model: Model) -> Self {
-        // The second letter of hardware and serial number is the vendor's for the model.
+        // The second letter of the hardware version and the serial number is the vendor's code of the model.
         let (kind, letter) = match model {
             Model::XArm5 => (5, 'F'),
             Model::XArm6 => (6, 'I'),
@@ -117,7 +116,7 @@ impl Config {
 
 /// A virtual xArm, switched on at time zero, its joints at zero and its motors off.
 ///
-/// It is deterministic: what it does depends on the requests it gets and when, and not on how often it is asked.
+/// The arm is deterministic: its behaviour depends on the requests and their times, not on the polling rate.
 ///
 /// ```
 /// use armwire::time::Instant;
@@ -141,7 +140,7 @@ pub struct VirtualXArm {
 }
 
 impl VirtualXArm {
-    /// An arm that was just switched on.
+    /// Creates an arm in its power-on state.
     pub fn new(config: Config) -> Self {
         Self {
             config,
@@ -152,23 +151,23 @@ impl VirtualXArm {
         }
     }
 
-    /// Lets time pass, as [`answer`](Self::answer) and [`report`](Self::report) do: what the methods below tell is the
-    /// state at the last time given.
+    /// Advances time, as [`answer`](Self::answer) and [`report`](Self::report) do. The methods below return the state
+    /// at the last given time.
     pub fn advance(&mut self, now: Instant) {
         self.body.advance(now);
     }
 
-    /// Joint angles, in radians; those it does not have are 0.
+    /// Returns the joint angles, in radians, 0 for joints that the model does not have.
     pub fn joints(&self) -> [f64; 7] {
         *self.body.joints()
     }
 
-    /// How fast the joints turn, in radians per second.
+    /// Returns the joint velocities, in radians per second.
     pub fn velocities(&self) -> [f64; 7] {
         *self.body.velocities()
     }
 
-    /// What every answer says of it.
+    /// Returns the state byte of every answer.
     pub fn state(&self) -> State {
         let bit = |set, bit| if set { bit } else { State::OK };
         bit(!self.body.can_move(), State::NOT_READY)
@@ -176,24 +175,24 @@ impl VirtualXArm {
             | bit(self.body.error() != 0, State::ERROR)
     }
 
-    /// Raises an error by its number in the vendor's list, which stops the arm; 0 clears it.
+    /// Sets the error, a number in the vendor's list, which stops the arm; 0 clears it.
     pub fn set_error(&mut self, code: u8) {
         self.body.set_error(code);
     }
 
-    /// Raises a warning by its number in the vendor's list; 0 clears it.
+    /// Sets the warning, a number in the vendor's list; 0 clears it.
     pub fn set_warning(&mut self, code: u8) {
         self.body.set_warning(code);
     }
 
-    /// Does what is asked and returns the answer, if there is one.
+    /// Executes a request and returns the answer, if it has one.
     ///
-    /// Shutdown and reboot leave it switched off and on again, with its joints where they are and everything else as
-    /// when it was made. What becomes of connections is up to the one who serves it.
+    /// Shutdown and reboot restore the power-on state at the current joint position. The server decides about
+    /// connections.
     pub fn answer(&mut self, now: Instant, request: &Request<'_>) -> Option<Response<'_>> {
         self.advance(now);
         let register = request.register()?; // A heartbeat has none.
-        // It answers a restart as the arm it still is.
+        // The answer to a restart has the state before it.
         let before = self.state();
         let radius = match request {
             Request::ReadRotationRadius(joint) => self.radius(joint.number()),
@@ -228,7 +227,7 @@ impl VirtualXArm {
         })
     }
 
-    /// The answer to a good frame that is no request; `None` if the frame names nothing.
+    /// Returns the answer to a valid frame that is no request. `None` if the frame has no register.
     pub fn refuse(&mut self, now: Instant, error: &ParseError) -> Option<Response<'static>> {
         self.advance(now);
         Some(match Response::refusal(error)? {
@@ -240,7 +239,7 @@ impl VirtualXArm {
         })
     }
 
-    /// How it is, as it says five times a second: [`REPORT`] bytes.
+    /// Returns a report, [`REPORT`] bytes, which a real arm sends five times a second.
     pub fn report(&mut self, now: Instant) -> Vec<u8> {
         self.advance(now);
         report::report(self)
@@ -255,16 +254,17 @@ impl VirtualXArm {
         };
     }
 
-    /// How far the flange is from the axis of a joint, from 1.
+    /// Returns the distance of the flange from the axis of a joint, from 1.
     ///
-    /// The document does not define the radius. This is what the words say, and it is 0 for joint 6, as in its example.
+    /// The document does not define the radius. This is the literal meaning. It is 0 for joint 6, as in the document's
+    /// example.
     fn radius(&self, joint: u8) -> Result<RotationRadius, Refused> {
         let joint = usize::from(joint) - 1;
         let millimetres = self.body.placed().radius(joint).ok_or(Refused)? as f32;
         Ok(RotationRadius { millimetres })
     }
 
-    /// Does what the document does not have, and notes the parameters of the answer.
+    /// Executes a request that is not in the document, and stores the parameters of the answer.
     fn obey(&mut self, raw: &Raw<'_>) -> Result<(), Refused> {
         let body = &mut self.body;
         let done = Vec::new();
@@ -311,7 +311,7 @@ impl VirtualXArm {
     }
 }
 
-/// The parameters of a move: joints, speed, acceleration, and a time that is ignored.
+/// Parses the parameters of a move: joints, speed, acceleration, and an ignored time.
 fn target(params: &[u8]) -> Option<Target> {
     let (values, rest) = params.as_chunks();
     let values = values
@@ -328,13 +328,13 @@ fn target(params: &[u8]) -> Option<Target> {
     }
 }
 
-/// Where the flange is and how it is turned.
+/// Encodes position and orientation of the flange.
 fn pose(body: &Body, turn: impl Fn(&Frame) -> [f64; 3]) -> Vec<u8> {
     let flange = body.placed().flange;
     [floats(&flange.position), floats(&turn(&flange))].concat()
 }
 
-/// Values as they are on the wire.
+/// Encodes values as little-endian `f32`.
 fn floats(values: &[f64]) -> Vec<u8> {
     values.iter().flat_map(|&value| (value as f32).to_le_bytes()).collect()
 }

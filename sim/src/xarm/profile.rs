@@ -1,20 +1,20 @@
-//! How far along its way something is that speeds up, cruises and slows down.
+//! A trapezoidal velocity profile.
 
 use armwire::time::Duration;
 
-/// Rest to rest over a way, at a given acceleration and at no more than a given speed.
+/// Motion from rest to rest over a distance, with given acceleration and maximum speed.
 ///
-/// It is a formula of time: where it is does not depend on how often it is asked.
+/// It is a function of time: the position does not depend on the polling rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Profile {
     way: f64,
-    /// The greatest speed that it comes to.
+    /// Highest speed reached.
     peak: f64,
     acceleration: f64,
 }
 
 impl Profile {
-    /// All positive and finite; the way may be zero.
+    /// Computes a profile. All values are positive and finite; the distance may be zero.
     pub(super) fn new(way: f64, speed: f64, acceleration: f64) -> Self {
         Self {
             way,
@@ -23,7 +23,7 @@ impl Profile {
         }
     }
 
-    /// How long it takes.
+    /// Returns the duration.
     pub(super) fn duration(&self) -> Duration {
         if self.peak > 0.0 {
             Duration::from_micros((self.seconds() * 1e6).ceil() as u64)
@@ -36,7 +36,7 @@ impl Profile {
         self.way / self.peak + self.peak / self.acceleration
     }
 
-    /// How far it has come, as a fraction of the way, and how fast that grows, per second.
+    /// Returns the fraction of the distance covered, and its rate, per second.
     pub(super) fn at(&self, time: Duration) -> (f64, f64) {
         if time >= self.duration() {
             return (1.0, 0.0);

@@ -1,22 +1,22 @@
-//! What the arm says unasked, five times a second, to whoever connects to its report port (30002, "rich").
+//! The report that the arm sends five times a second to clients of its report port (30002, "rich").
 //!
-//! The document does not have it: the fields are those that the vendor's Python SDK reads. A real arm's report has 233
-//! to 587 bytes, by its firmware, and the SDK knows from the length what is in it. This one ends with the byte that
-//! says what is reported as torque.
+//! The document does not describe it: the fields are those that the vendor's Python SDK parses. A real arm's report has
+//! 233 to 587 bytes, depending on its firmware, and the SDK infers the fields from the length. This report ends with
+//! the torque source.
 //!
-//! Zero by design is what a virtual arm does not have: torques, currents, voltages, temperatures; tool, load and
-//! offsets; inputs and outputs; a force sensor; sensitivity to collisions; limits on jerk and on motion in space; ids
-//! and error codes of its servos.
+//! Fields that a virtual arm does not have are zero: torques, currents, voltages, temperatures; tool, load and offsets;
+//! inputs and outputs; a force sensor; collision sensitivity; limits on jerk and on Cartesian motion; ids and error
+//! codes of its servos.
 
 use armwire::xarm::TorqueSource;
 
 use super::body::{MAX_ACCELERATION, MAX_SPEED};
 use super::{VirtualXArm, floats};
 
-/// How long a report is, in bytes. The SDK closes a connection on which the length changes.
+/// Length of a report, in bytes. The SDK closes a connection when the length changes.
 pub const REPORT: usize = 495;
 
-/// The report of how the arm is at the last time it was told.
+/// Encodes a report of the arm's current state.
 pub(super) fn report(arm: &VirtualXArm) -> Vec<u8> {
     let body = &arm.body;
     let placed = body.placed();
@@ -31,7 +31,7 @@ pub(super) fn report(arm: &VirtualXArm) -> Vec<u8> {
     out.floats(&flange.position);
     out.floats(&flange.roll_pitch_yaw());
     out.zeros(7 * 4); // torques
-    // A motor that is on has its brake off, which is 1.
+    // Brake bits: 1 means off, which a motor that is on has.
     out.bytes(&[body.motors(), body.motors(), body.error(), body.warning()]);
     out.zeros(6 * 4 + 4 * 4); // tool and load
     out.zeros(2); // sensitivity to collisions and to guiding hands

@@ -1,4 +1,4 @@
-//! How a virtual arm behaves, seen through its registers.
+//! Behaviour of a virtual arm, observed through its registers.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -18,7 +18,7 @@ fn seconds(seconds: f64) -> Instant {
     Instant::from_micros((seconds * 1e6) as u64)
 }
 
-/// Asks, and expects an answer of the same register.
+/// Sends a request and expects an answer of the same register.
 fn ask<'a>(arm: &'a mut VirtualXArm, now: Instant, request: Request<'_>) -> (State, Reply<'a>) {
     match arm.answer(now, &request) {
         Some(Response::Reply { state, reply }) => {
@@ -29,13 +29,13 @@ fn ask<'a>(arm: &'a mut VirtualXArm, now: Instant, request: Request<'_>) -> (Sta
     }
 }
 
-/// The bytes of a frame.
+/// Encodes a frame.
 fn bytes_of(frame: Frame<'_>) -> Vec<u8> {
     let numbers = [frame.transaction, frame.protocol, frame.body.len() as u16].map(u16::to_be_bytes);
     [numbers.as_flattened(), frame.body].concat()
 }
 
-/// Asks a register that the document does not have.
+/// Sends a request for a register that is not in the document.
 fn raw(arm: &mut VirtualXArm, now: Instant, register: u8, params: &[u8]) -> (State, Vec<u8>) {
     match ask(arm, now, Request::Raw(Raw::new(register, params).unwrap())) {
         (state, Reply::Raw(raw)) => (state, raw.params().to_vec()),
@@ -55,13 +55,13 @@ fn values(params: &[u8]) -> Vec<f32> {
     values.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect()
 }
 
-/// The parameters of a move to the same angle of every joint.
+/// Encodes a move of every joint to the same angle.
 fn move_to(angle: f32, speed: f32, acceleration: f32) -> Vec<u8> {
     let values = [[angle; 7].as_slice(), &[speed, acceleration, 0.0]].concat();
     values.into_iter().flat_map(f32::to_le_bytes).collect()
 }
 
-/// Switches motors on, chooses position mode and sets state 0.
+/// Switches the motors on, selects position mode and sets state 0.
 fn get_ready(arm: &mut VirtualXArm, now: Instant) {
     for (register, params) in [(11, &[8, 1][..]), (19, &[0]), (12, &[0])] {
         assert!(!raw(arm, now, register, params).0.contains(State::INVALID));
@@ -77,8 +77,8 @@ fn ready() -> VirtualXArm {
 
 #[test]
 fn documented_registers_answer_as_in_examples() {
-    // Requests and responses as printed, but for the state: ours is not ready to move; and for register 10, whose
-    // response is printed with two bytes that its length does not count.
+    // Requests and responses as printed, with two exceptions: the state, since this arm is not ready to move, and
+    // register 10, whose printed response has two bytes beyond its length.
     let vectors: [(&[u8], &[u8]); 6] = [
         (&[1], b"\x01\x106,6,XI1202,AC1302,v1.12.10\0\0\0\0\0\0\0\0\0\0\0\0\0\0"),
         (&[2], b"\x02\x10XI120204201B02\0AC130202B02L02\n\0\0\0\0\0\0\0\0\0\0"),
@@ -106,7 +106,7 @@ fn documented_registers_answer_as_in_examples() {
             let mut out = [0; MAX_FRAME];
             let n = XArm::PRIVATE.encode_response(&response, Some(key), &mut out).unwrap();
             let header = [0, 1, 0, protocol as u8, 0, expected.len() as u8];
-            // Joint 6 turns about the flange: all but exactly 0.
+            // Joint 6 turns about the flange: the radius is 0 up to rounding.
             if body[0] == 6 {
                 let radius = f32::from_le_bytes(out[8..12].try_into().unwrap());
                 assert!(radius < 1e-3, "{radius}");
@@ -187,7 +187,7 @@ fn invalid_parameters_are_reported_besides_other_errors() {
 }
 
 #[test]
-fn standard_modbus_is_refused_in_its_own_words() {
+fn standard_modbus_gets_a_modbus_exception() {
     let frame = Frame {
         transaction: 7,
         protocol: 0,
@@ -206,20 +206,20 @@ fn readiness_needs_motors_mode_and_state() {
     let mut arm = arm();
     let now = Instant::ZERO;
     assert_eq!((arm.state(), read(&mut arm, now, 13)), (State::NOT_READY, vec![4]));
-    // One motor after the other: the last makes it ready.
+    // Motors are switched on one by one: the last makes the arm ready.
     raw(&mut arm, now, 12, &[0]);
     for joint in 1..=6 {
         assert_eq!(arm.state(), State::NOT_READY);
         raw(&mut arm, now, 11, &[joint, 1]);
     }
     assert_eq!((arm.state(), read(&mut arm, now, 13)), (State::OK, vec![2]));
-    // Another mode stops it, and it does not move in it.
+    // Another mode stops the arm and prevents motion.
     assert_eq!(raw(&mut arm, now, 19, &[1, 0]).0, State::NOT_READY);
     assert_eq!(read(&mut arm, now, 13), [5]);
     assert_eq!(raw(&mut arm, now, 12, &[0]).0, State::NOT_READY);
     assert_eq!(raw(&mut arm, now, 19, &[0]).0, State::NOT_READY);
     assert_eq!(raw(&mut arm, now, 12, &[0]).0, State::OK);
-    // So does a motor that is switched off.
+    // A motor that is switched off does the same.
     assert_eq!(raw(&mut arm, now, 11, &[3, 0]).0, State::NOT_READY);
     assert_eq!(read(&mut arm, now, 13), [4]);
 }
@@ -227,7 +227,7 @@ fn readiness_needs_motors_mode_and_state() {
 #[test]
 fn move_keeps_limits_and_ends_at_target() {
     let mut arm = ready();
-    // 1 s to gain speed, 1 s at speed, 1 s to lose it.
+    // 1 s of acceleration, 1 s at speed, 1 s of deceleration.
     assert_eq!(
         raw(&mut arm, Instant::ZERO, 23, &move_to(-1.0, 0.5, 0.5)),
         (State::OK, vec![])
@@ -290,7 +290,7 @@ fn moves_queue_while_there_is_room() {
         State::INVALID
     );
     assert_eq!(read(&mut arm, Instant::ZERO, 14), full.to_be_bytes());
-    // Each takes 0.15 s; at 10 s the 67th is under way.
+    // Each takes 0.15 s; at 10 s the 67th is in progress.
     assert_eq!(read(&mut arm, seconds(10.0), 14), (full - 66).to_be_bytes());
     assert_eq!(read(&mut arm, seconds(1e3), 14), [0, 0]);
     assert_eq!(arm.joints(), [0.0; 7]);
@@ -305,7 +305,7 @@ fn pause_keeps_moves_and_stop_drops_them() {
     assert_eq!(read(&mut arm, seconds(2.0), 13), [3]);
     assert_eq!(read(&mut arm, seconds(2.0), 14), [0, 2]);
     assert_eq!((arm.joints()[0], arm.velocities()), (-0.5, [0.0; 7]));
-    // While it is paused, further moves join the queue.
+    // During a pause, further moves join the queue.
     raw(&mut arm, seconds(2.0), 23, &move_to(0.0, 0.5, 0.5));
     raw(&mut arm, seconds(2.0), 12, &[0]);
     // From rest: 0.5 rad take 2 s.
@@ -320,7 +320,7 @@ fn pause_keeps_moves_and_stop_drops_them() {
         (read(&mut arm, seconds(5.0), 13), read(&mut arm, seconds(5.0), 14)),
         (vec![4], vec![0, 0])
     );
-    // What it is told while it is stopped it does not do, now or later.
+    // A move while the arm is stopped is dropped.
     assert_eq!(
         raw(&mut arm, seconds(5.0), 23, &move_to(0.0, 1.0, 1.0)).0,
         State::NOT_READY
@@ -371,7 +371,7 @@ fn every_joint_moves_to_both_of_its_limits() {
 }
 
 #[test]
-fn warnings_show_and_stop_nothing() {
+fn warning_is_reported_without_stopping() {
     let mut arm = ready();
     arm.set_warning(13);
     assert_eq!(
@@ -385,7 +385,7 @@ fn warnings_show_and_stop_nothing() {
 }
 
 #[test]
-fn what_is_reported_as_torque_can_be_chosen() {
+fn torque_source_is_selectable() {
     let mut arm = arm();
     for source in [TorqueSource::Current, TorqueSource::Torque] {
         raw(&mut arm, Instant::ZERO, 70, &[source as u8]);
@@ -398,7 +398,7 @@ fn what_is_reported_as_torque_can_be_chosen() {
 }
 
 #[test]
-fn a_reboot_leaves_the_joints_and_nothing_else() {
+fn reboot_keeps_joint_angles_only() {
     for command in [Request::Reboot, Request::Shutdown] {
         let mut arm = ready();
         raw(&mut arm, Instant::ZERO, 23, &move_to(0.1, 1.0, 1.0));
@@ -418,7 +418,7 @@ fn a_reboot_leaves_the_joints_and_nothing_else() {
 }
 
 #[test]
-fn the_flange_is_told_as_it_is() {
+fn flange_pose_is_reported() {
     let mut arm = ready();
     let values_to = [FRAC_PI_2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 3.0, 0.0];
     let params = values_to.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<_>>();
@@ -434,7 +434,7 @@ fn the_flange_is_told_as_it_is() {
 }
 
 #[test]
-fn a_report_tells_what_the_registers_tell() {
+fn report_matches_the_registers() {
     for model in MODELS {
         let mut arm = VirtualXArm::new(Config::new(model));
         let joints = model.joints();
