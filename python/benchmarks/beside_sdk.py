@@ -1,4 +1,4 @@
-"""Reads the joints of one virtual arm with this package and with the vendor's SDK, in turns, and compares both.
+"""Compares joint reads of one virtual arm with this package and with the vendor's SDK, in alternating rounds.
 
 Usage: beside_sdk.py ARMWIRE FOLDER
 
@@ -17,24 +17,24 @@ from typing import Any
 
 import armwire
 
-# Of each, in turns.
+# Rounds of each, alternating.
 ROUNDS = 5
 READS = 1000
-# What is promised: so many times the reads per second, and so small a part of the CPU time a read.
+# Limits: ratio of the reads per second, and ratio of the CPU time per read.
 MIN_SPEED = 3.0
 MAX_CPU = 1 / 5
 
 
 @dataclass
 class Measured:
-    """A round."""
+    """Result of a round."""
 
     reads_per_s: float
     cpu_us: float
 
 
 def measure(read: Callable[[], object]) -> Measured:
-    """A round of reads."""
+    """Measure a round of reads."""
     cpu, begun = cpu_s(), time.perf_counter()
     for _ in range(READS):
         read()
@@ -42,21 +42,21 @@ def measure(read: Callable[[], object]) -> Measured:
 
 
 def cpu_s() -> float:
-    """The CPU time of all threads of this process so far."""
+    """Return the CPU time of all threads of this process, in seconds."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime
 
 
 def ours(port: str) -> Measured:
-    """A round with this package, as a program reads joints."""
+    """Measure a round with this package's public API."""
     with armwire.Ling(port) as arm:
         return measure(arm.read_joints_rad)
 
 
 def vendors(driver: Any) -> Measured:
-    """A round with the SDK, as its own API reads joints."""
+    """Measure a round with the SDK's own joint read."""
     if not driver.connect():
-        sys.exit("the SDK does not connect")
+        sys.exit("the SDK did not connect")
 
     def read() -> object:
         if not driver.acquire_info("joint_gripper", wait=True):
@@ -70,11 +70,11 @@ def vendors(driver: Any) -> Measured:
 
 
 def main(command: str, folder: str) -> None:
-    """Both in turns, and the comparison."""
+    """Measure both in alternating rounds, and compare them."""
     sys.path.insert(0, folder)
     from sdk import servo_driver  # type: ignore[import-not-found]
 
-    # One core for all: to wake a process on another one costs more than a read, and either the same.
+    # All processes share one core: a wake-up on another core takes longer than a read, and the same for both.
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     server = subprocess.Popen([command, "sim", "ling"], stdout=subprocess.PIPE, text=True)
     try:
@@ -85,12 +85,12 @@ def main(command: str, folder: str) -> None:
     finally:
         server.terminate()
         server.wait()
-    # Whatever else the computer does only makes a round slower: the best of each is the least disturbed.
+    # Other load only slows a round down: the best round is the least disturbed.
     speed = [max(each.reads_per_s for each in side) for side in zip(*rounds, strict=True)]
     cpu = [min(each.cpu_us for each in side) for side in zip(*rounds, strict=True)]
-    print(f"best of {ROUNDS} rounds of {READS} reads each, in turns, on one virtual arm and one core:")
-    print(f"  alicia_d_sdk 6.1.0  {speed[0]:6.0f} reads/s  {cpu[0]:5.0f} µs of CPU a read")
-    print(f"  armwire             {speed[1]:6.0f} reads/s  {cpu[1]:5.0f} µs of CPU a read")
+    print(f"best of {ROUNDS} rounds of {READS} reads each, alternating, on one virtual arm and one core:")
+    print(f"  alicia_d_sdk 6.1.0  {speed[0]:6.0f} reads/s  {cpu[0]:5.0f} µs of CPU per read")
+    print(f"  armwire             {speed[1]:6.0f} reads/s  {cpu[1]:5.0f} µs of CPU per read")
     faster, part = speed[1] / speed[0], cpu[1] / cpu[0]
     print(f"  {faster:.1f} times the reads (goal {MIN_SPEED:g}), 1/{1 / part:.1f} of the CPU (goal 1/{1 / MAX_CPU:g})")
     if faster < MIN_SPEED or part > MAX_CPU:

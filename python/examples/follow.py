@@ -1,4 +1,4 @@
-"""Makes a follower follow a leader for some seconds, by asyncio. Usage: follow.py LEADER FOLLOWER SECONDS."""
+"""Makes a follower follow a leader for some seconds, with asyncio. Usage: follow.py LEADER FOLLOWER SECONDS."""
 
 import asyncio
 import sys
@@ -8,7 +8,7 @@ from armwire import aio
 
 
 async def main(leader_port: str, follower_port: str, seconds: float) -> None:
-    """Both arms are asked at once, a hundred times a second."""
+    """Read both arms concurrently, a hundred times a second."""
     async with await aio.Ling.open(leader_port) as leader, await aio.Ling.open(follower_port) as follower:
         await follower.set_torque(True)
         until = time.monotonic() + seconds

@@ -1,4 +1,4 @@
-"""A script for the vendor's SDK: only its import is another one. Usage: from_the_sdk.py PORT."""
+"""A script for the vendor's SDK with a changed import. Usage: from_the_sdk.py PORT."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Measures how long reads take, and draws them. Usage: latencies.py PORT FIGURE.png. It needs matplotlib."""
+"""Measures the latency of reads and plots it. Usage: latencies.py PORT FIGURE.png. It needs matplotlib."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""Moves a Ling arm and prints where it is. Usage: move.py PORT. The arm moves at once: keep clear of it."""
+"""Moves a Ling arm and prints its position. Usage: move.py PORT. The arm moves at once: keep clear of it."""
 
 import sys
 

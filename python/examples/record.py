@@ -1,4 +1,4 @@
-"""Records what an adapter hears from a Ling arm, with its stamps. Usage: record.py ADAPTER SECONDS FILE.npz.
+"""Records the joints of a Ling arm with an adapter's time stamps. Usage: record.py ADAPTER SECONDS FILE.npz.
 
 ADAPTER is the adapter's serial port, or control:PORT of a virtual board. Other programs may use the arm meanwhile.
 """

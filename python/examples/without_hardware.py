@@ -1,4 +1,4 @@
-"""A test of a program of one's own, without hardware: `pytest without_hardware.py`."""
+"""A test of a program without hardware: `pytest without_hardware.py`."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from armwire import sim
 
 
 def wave(arm: armwire.Ling) -> None:
-    """The program that is tested."""
+    """The program under test."""
     for angle in (20, -20, 0):
         arm.move_deg([0, 0, 0, 0, angle, 0], gripper_permille=0, speed_deg_s=200)
         arm.wait_until_at_deg([0, 0, 0, 0, angle, 0])

@@ -1,4 +1,4 @@
-"""Virtual arms for all tests. `ARMWIRE_BOARD` names a folder with the ports of a virtual board that is served."""
+"""Virtual arms for all tests. `ARMWIRE_BOARD` is the folder with the ports of a running virtual board."""
 
 import os
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Through the firmware image that ships, on a virtual board, by each of its ports."""
+"""Tests through the shipped firmware image on a virtual board, over each of its ports."""
 
 import asyncio
 import os
@@ -70,7 +70,7 @@ def test_telemetry_has_the_adapters_stamps(board: Path) -> None:
         adapter.set_config({"poll": "off"})
     assert all(each.initiator == "poll" and each.joints is not None for each in seen)
     periods = np.diff([each.stamp_us for each in seen])
-    # By the adapter's clock the poll is regular, whatever this computer does meanwhile.
+    # The poll is regular by the adapter's clock, independent of this computer's load.
     np.testing.assert_allclose(periods, 10_000, atol=20)
 
 

@@ -14,7 +14,7 @@ from armwire import errors, sim
 
 @contextmanager
 def peer(answer: bytes) -> Iterator[str]:
-    """A serial port whose other end gives each request this answer."""
+    """Open a serial port whose other end answers each request with these bytes."""
     ours, theirs = pty.openpty()
     tty.setraw(theirs)
 
@@ -36,7 +36,7 @@ def peer(answer: bytes) -> Iterator[str]:
 
 
 def frame(body: str) -> bytes:
-    """A Ling frame with a good checksum."""
+    """Build a Ling frame with a valid checksum."""
     data = bytes.fromhex(body)
     return b"\xaa" + data + bytes([crc32(data) & 0xFF, 0xFF])
 

@@ -1,4 +1,4 @@
-"""The examples, as a user runs them, on virtual arms."""
+"""The examples as separate processes, with virtual arms."""
 
 import subprocess
 import sys

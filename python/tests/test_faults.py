@@ -1,4 +1,4 @@
-"""Faults on the line, ports that go, and Ctrl-C."""
+"""Faults on the line, lost ports, and Ctrl-C."""
 
 import os
 import signal
@@ -15,7 +15,7 @@ from armwire import errors, sim
 
 # The target of `cargo xtask python --reads`.
 READS = int(os.environ.get("ARMWIRE_READS", "2000"))
-# The longest that a read of a silent arm takes, and what a busy machine adds.
+# Longest read of a silent arm, plus a margin for a busy machine.
 LONGEST_S = 2.0
 POSE = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
 

@@ -1,4 +1,4 @@
-"""The plugin by LeRobot's interface: LeRobot itself where it is installed, what its documentation says otherwise."""
+"""The plugin through LeRobot's interface: LeRobot if it is installed, else a stand-in from its documentation."""
 
 import importlib
 import importlib.util
@@ -69,7 +69,7 @@ def test_plugin_has_the_names_that_lerobot_looks_for(tmp_path: Path) -> None:
     assert robot.config.type == robot.name == "alicia_d_armwire"
     assert teleoperator.config.type == teleoperator.name == "alicia_d_leader_armwire"
     for device in (robot, teleoperator):
-        # The device's class is found by the name of its configuration, in the package or in a module of that name.
+        # LeRobot finds the device class by its configuration's name, in the package or in a module with that name.
         assert type(device.config).__name__ == type(device).__name__ + "Config"
         assert type(device.config).__module__ == f"lerobot_robot_alicia_d_armwire.config_{device.name}"
         assert device.config_class is type(device.config)

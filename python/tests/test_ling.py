@@ -12,7 +12,7 @@ import armwire
 from armwire import MotionStatus, sim
 
 TARGET = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
-# Half a tick in degrees: the most by which a position is off its angle.
+# Half a tick in degrees: the largest rounding error of a position.
 HALF_TICK = 45 / 1024
 
 
@@ -149,7 +149,7 @@ def test_target_not_reached_names_the_joint(arm: armwire.Ling) -> None:
 
 
 def test_counts_that_no_position_has_are_kept() -> None:
-    # The example of the vendor's document has such a gripper.
+    # The example in the vendor's document has this gripper.
     state = armwire.JointState((2050, 2043, 2043, 2050, 2042, 4096), 2051, MotionStatus.IDLE)
     with pytest.raises(armwire.errors.UnacceptableError, match="joint 6: joint position is 4096 ticks, must be 0"):
         _ = state.joints_deg

@@ -1,8 +1,8 @@
-"""Teleoperates and records with LeRobot's own programs on virtual arms whose leader moves, and checks what came of it.
+"""Teleoperates and records with LeRobot's own programs on virtual arms whose leader moves, and checks the results.
 
 Usage: record.py FOLDER
 
-FOLDER is for the data set. LeRobot, armwire and the plugin are installed. `cargo xtask lerobot` does all that.
+FOLDER receives the data set. LeRobot, armwire and the plugin must be installed: `cargo xtask lerobot` does this.
 """
 
 import math
@@ -21,18 +21,17 @@ from numpy.typing import NDArray
 from armwire import sim
 
 FPS = 30
-# How the leader moves: each joint to and fro by so many degrees, and the gripper, in so many seconds.
+# Motion of the leader: amplitude of each joint and of the gripper, and the period.
 AMPLITUDE_DEG = np.array([30.0, 20.0, 25.0, 10.0, 15.0, 40.0])
 GRIPPER, GRIPPER_AMPLITUDE = 500, 400
 PERIOD_S = 4.0
-# The fastest joint, 40° to and fro in 4 s.
+# Highest speed, of the joint with an amplitude of 40°.
 FASTEST_DEG_S = 40 * 2 * math.pi / PERIOD_S
-# What is promised of the follower: while the leader moves, no farther behind than this, but where the computer
-# stalls; and this near once it is still.
+# Limits for the follower: its delay in this share of the samples while the leader moves, and its distance at rest.
 BEHIND_S = 0.15
 PERCENT = 95
 STILL_DEG = 0.2
-# What is recorded is a pose that the arm had: half a tick, and what its way between two samples is no straight line.
+# Tolerance of a recorded pose: half a tick, plus the curvature of the motion between two samples.
 RECORDED_DEG = 0.5
 ROBOT = ["--robot.type=alicia_d_armwire", "--robot.id=follower", "--robot.speed_deg_s=200"]
 TELEOP = ["--teleop.type=alicia_d_leader_armwire", "--teleop.id=leader"]
@@ -42,7 +41,7 @@ Poses = NDArray[np.float64]
 
 
 class Hand:
-    """A thread that moves a leader, and notes where both arms are."""
+    """A thread that moves a leader and records the poses of both arms."""
 
     def __init__(self, leader: sim.VirtualLing, follower: sim.VirtualLing) -> None:
         self.leader, self.follower = leader, follower
@@ -64,7 +63,7 @@ class Hand:
             time.sleep(0.005)
 
     def end(self) -> tuple[Poses, Poses, Poses]:
-        """Ends it, and returns times and poses of the leader and the follower."""
+        """End the thread, and return times and poses of the leader and the follower."""
         self.ended = True
         self.thread.join()
         times, leader, follower = zip(*self.samples, strict=True)
@@ -73,7 +72,7 @@ class Hand:
 
 @contextmanager
 def arms() -> Iterator[tuple[Hand, list[str]]]:
-    """A leader that moves, a follower, and the arguments that name them."""
+    """Start a moving leader and a follower, and yield them with their arguments for LeRobot."""
     with sim.ling(leader=True) as leader, sim.ling() as follower:
         hand = Hand(leader, follower)
         try:
@@ -83,21 +82,21 @@ def arms() -> Iterator[tuple[Hand, list[str]]]:
 
 
 def run(program: str, *arguments: str) -> None:
-    """Runs a program of LeRobot beside our own Python."""
+    """Run a program of LeRobot from the environment of this Python."""
     command = [str(Path(sys.executable).parent / program), *arguments]
     print("$", program, *arguments, flush=True)
     subprocess.run(command, check=True, timeout=300)
 
 
 def expect(what: str, holds: bool | np.bool) -> None:
-    """Prints what holds; ends the program if it does not."""
+    """Print a passed check, or end the program."""
     if not holds:
         sys.exit(f"FAILED: {what}")
     print(f"ok: {what}", flush=True)
 
 
 def teleoperate() -> None:
-    """The follower follows a leader that moves, then holds still."""
+    """Check the follower behind a moving leader, then at rest."""
     with arms() as (hand, ports):
         thread = threading.Thread(target=run, args=("lerobot-teleoperate", *ports, f"--fps={FPS}", "--teleop_time_s=8"))
         thread.start()
@@ -112,7 +111,7 @@ def teleoperate() -> None:
     moved = np.ptp(leader[:, :6], axis=0)
     expect(f"the leader moved by {moved.round(1).tolist()} degrees", bool((moved > 1.9 * AMPLITUDE_DEG).all()))
     begun = int(np.argmax(np.abs(follower[:, :6]).max(axis=1) > 1))
-    # From half a second after the follower began until the leader stood still.
+    # From half a second after the follower's start until the leader's stop.
     window = (times > times[begun] + 0.5) & (times < times[settled] - 1.1)
     expect(f"the follower followed for {np.ptp(times[window]):.1f} s", np.ptp(times[window]) > 3)
     error = np.abs(follower[window, :6] - leader[window, :6]).max(axis=1)
@@ -130,18 +129,18 @@ def teleoperate() -> None:
 
 
 def between(poses: Poses) -> Poses:
-    """The poses, and twenty between each two."""
+    """Return the poses with twenty interpolated ones between each two."""
     parts = np.linspace(0, 1, 20, endpoint=False)[:, None, None]
     return np.concatenate(poses[:-1] + parts * np.diff(poses, axis=0))
 
 
 def follows(hand: Hand) -> bool:
-    """Whether the follower has begun to move."""
+    """Return true if the follower has begun to move."""
     return bool(np.abs(hand.follower.joints().joints_deg).max() > 1)
 
 
 def record(folder: Path) -> None:
-    """One episode, read back."""
+    """Record one episode and read it back."""
     from lerobot.datasets import LeRobotDataset
 
     root = folder / "armwire_wave"
@@ -189,7 +188,7 @@ def record(folder: Path) -> None:
 
 
 def main(folder: str) -> None:
-    """All checks."""
+    """Run all checks."""
     teleoperate()
     record(Path(folder))
 

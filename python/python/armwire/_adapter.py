@@ -66,7 +66,7 @@ class JointRecording:
     stamp_us: NDArray[np.uint64]
     """Time stamps by the adapter's clock, in microseconds since its start."""
     ticks: NDArray[np.uint16]
-    """Of six joints, as the arm sent them: 4096 a turn, 2048 at zero. Positions are 0 to 4095."""
+    """Positions of six joints in ticks, as sent by the arm: 4096 per turn, 2048 at zero. The range is 0 to 4095."""
     gripper_permille: NDArray[np.uint16]
     """Gripper openings in thousandths, as sent by the arm: 0 is closed, 1000 is open."""
     status: NDArray[np.uint8]
@@ -91,12 +91,12 @@ class JointRecording:
 
     @property
     def joints_deg(self) -> Floats:
-        """Angles in degrees, six a reading; not a number where the arm sent what is no position."""
+        """Angles in degrees, six per reading; NaN for positions out of range."""
         return self._angles(DEG_PER_TICK)
 
     @property
     def joints_rad(self) -> Floats:
-        """Angles in radians, six a reading; not a number where the arm sent what is no position."""
+        """Angles in radians, six per reading; NaN for positions out of range."""
         return self._angles(RAD_PER_TICK)
 
     def _angles(self, unit_per_tick: float) -> Floats:
@@ -213,7 +213,7 @@ class Adapter(Open):
         self._port.subscribe(False, False)
 
     def _receive(self, timeout_s: float) -> Telemetry | None:
-        """The next frame or event within a timeout."""
+        """Return the next frame or event within a timeout."""
         received = self._port.hear(timeout_s)
         if received is None:
             return None

@@ -193,7 +193,7 @@ class Adapter(_Async[_adapter.Adapter]):
         until = None if duration_s is None else time.monotonic() + duration_s
         await self._run(lambda: self._blocking._subscribe(events))
         try:
-            # A call in the object's thread is short: a cancelled iteration ends soon on a silent line, too.
+            # Calls in the object's thread are short, so that a cancelled iteration ends soon even on a silent line.
             while (left := _adapter.LISTEN_S if until is None else until - time.monotonic()) > 0:
                 wait = min(left, _adapter.LISTEN_S)
                 if (received := await self._run(functools.partial(self._blocking._receive, wait))) is not None:

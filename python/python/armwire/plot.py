@@ -97,14 +97,14 @@ def adapter_latencies(counts: NDArray[np.int64], *, title: str = "") -> Figure:
 
 
 class Readings(NamedTuple):
-    """What a file of `armwire monitor --csv` has, an entry for each line; not a number where a field is empty."""
+    """Columns of a file of `armwire monitor --csv`, with one entry per line; NaN for empty fields."""
 
     time_s: Floats
     joints_deg: Floats
     """Joint angles, six per line."""
     gripper_permille: Floats
     latency_us: Floats
-    """From request to answer; empty where the arm was not asked."""
+    """Times from request to answer; empty if no request was sent."""
 
 
 def read_csv(path: str | Path) -> Readings:
@@ -122,7 +122,7 @@ def read_csv(path: str | Path) -> Readings:
             raise ValueError(f"{path}: no column {missing[0]}: is it of `armwire monitor --csv`, of a Ling arm?")
         for row in reader:
             try:
-                # A line without joints is of an arm that did not answer.
+                # A line without joints means a missing answer.
                 rows.append([float(row[column] or "nan") for column in [*wanted, "latency_us"]])
             except (TypeError, ValueError) as error:
                 raise ValueError(f"{path}, line {reader.line_num}: {error}") from error

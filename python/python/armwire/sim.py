@@ -93,7 +93,7 @@ class VirtualLing(Open):
         return Faults(*self._arm.injected())
 
     def requests(self) -> int:
-        """Number of requests received, obeyed or not."""
+        """Number of requests received, executed or not."""
         return self._arm.requests()
 
 
@@ -130,7 +130,7 @@ class VirtualAlpha1(Open):
 
 
 class VirtualAlpha1Servos(Open):
-    """Virtual servos of an Alpha1 on a bus of their own. See `alpha1_servos`."""
+    """Virtual servos of an Alpha1 on a separate bus. See `alpha1_servos`."""
 
     def __init__(self, ids: Sequence[int]) -> None:
         self._arm = _armwire.VirtualAlpha1Servos([count("servo id", servo, 240) for servo in ids])
@@ -153,7 +153,7 @@ def ling(*, leader: bool = False, turnaround_us: int = 200, seed: int = 1) -> Vi
 
 
 def older_ling() -> VirtualOlderLing:
-    """Start a virtual Ling arm of the older generation, which transmits unsolicited and obeys no request."""
+    """Start a virtual Ling arm of the older generation, which transmits unsolicited and accepts no request."""
     return VirtualOlderLing()
 
 

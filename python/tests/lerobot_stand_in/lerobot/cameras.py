@@ -1,4 +1,4 @@
-"""Cameras, of which the tests have none."""
+"""Cameras. The tests have none."""
 
 from __future__ import annotations
 
@@ -15,6 +15,6 @@ class CameraConfig:
 
 
 def make_cameras_from_configs(configs: dict[str, CameraConfig]) -> dict[str, Any]:
-    """The cameras of these configurations: none."""
+    """Return no cameras."""
     assert not configs
     return {}

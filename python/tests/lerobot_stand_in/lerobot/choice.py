@@ -1,4 +1,4 @@
-"""Configurations that are chosen by name."""
+"""Configurations selected by name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Choice:
 
     @classmethod
     def register_subclass(cls, name: str) -> Any:
-        """A decorator that gives a class its name."""
+        """Return a decorator that sets the name of a class."""
 
         def register(subclass: type) -> type:
             cls.choices[name] = subclass
@@ -26,5 +26,5 @@ class Choice:
 
     @property
     def type(self) -> str:
-        """The name."""
+        """Return the name."""
         return next(name for name, choice in self.choices.items() if isinstance(self, choice))

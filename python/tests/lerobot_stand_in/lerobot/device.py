@@ -1,4 +1,4 @@
-"""What robots and teleoperators have in common."""
+"""The common part of robots and teleoperators."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class Device(ABC):
-    """A device with a configuration, whose calls a subclass has to have."""
+    """A device with a configuration, and the methods that a subclass must implement."""
 
     config_class: type
     name: str

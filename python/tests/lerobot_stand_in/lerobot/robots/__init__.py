@@ -21,7 +21,7 @@ class RobotConfig(Choice):
     calibration_dir: Path | None = None
 
     def __post_init__(self) -> None:
-        """Nothing to check without cameras."""
+        """Check nothing: there are no cameras."""
 
 
 class Robot(Device):

@@ -2,7 +2,7 @@
 
 
 def ensure_safe_goal_position(pairs: dict[str, tuple[float, float]], limits: dict[str, float]) -> dict[str, float]:
-    """Goals no farther from the present positions than these limits, from pairs of goal and present."""
+    """Limit the distance of goals from present positions, given pairs of goal and present position."""
     assert set(pairs) == set(limits)
     cut = {}
     for name, (goal, present) in pairs.items():
