@@ -42,7 +42,7 @@
 #define ARMWIRE_LING_JOINTS 6
 
 /**
- * The most servos of an arm: a follower has 10, a leader 6.
+ * Maximum number of servos of an arm: a follower has 10, a leader 6.
  */
 #define ARMWIRE_LING_MAX_SERVOS 10
 
@@ -385,11 +385,11 @@ enum ArmwireLingResponseKind
    */
   ARMWIRE_LING_RESPONSE_KIND_INFO,
   /**
-   * The gripper that the arm thinks it has. (`stroke_mm`)
+   * The configured gripper. (`stroke_mm`)
    */
   ARMWIRE_LING_RESPONSE_KIND_STROKE,
   /**
-   * Where the arm is. (`position_ticks`, `opening_per_mille`, `motion_status`)
+   * Joints, gripper and status. (`position_ticks`, `opening_per_mille`, `motion_status`)
    */
   ARMWIRE_LING_RESPONSE_KIND_JOINTS,
   /**
@@ -515,11 +515,11 @@ enum ArmwireAlpha1ResponseKind
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_HARDWARE_VERSION,
   /**
-   * Which servos run. (`running_servos`)
+   * The running servos. (`running_servos`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_STATES,
   /**
-   * Whether the action was stopped. (`success`)
+   * Outcome of a stop. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_STOPPED,
   /**
@@ -527,19 +527,19 @@ enum ArmwireAlpha1ResponseKind
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_FIRMWARE_VERSION,
   /**
-   * Whether the servos move. (`success`)
+   * Outcome of an action frame. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_ACTED,
   /**
-   * Whether the offset tool is connected or disconnected. (`success`)
+   * Outcome of connecting or disconnecting the offset tool. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_OFFSET_TOOL,
   /**
-   * Whether the robot changes what it is on USB. (`success`)
+   * Outcome of a change of the USB device type. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_USB_TYPE,
   /**
-   * Whether the action is played. (`success`)
+   * Outcome of the start of an action. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_PLAYING,
   /**
@@ -547,19 +547,19 @@ enum ArmwireAlpha1ResponseKind
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_ACKNOWLEDGED,
   /**
-   * Where a servo is; its motor is off now. (`servo_id`, `success`, `target_degrees`, `actual_degrees`)
+   * Angles of a servo. Its motor is off now. (`servo_id`, `success`, `target_degrees`, `actual_degrees`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_ANGLES,
   /**
-   * A servo has another id. (`servo_id`, `success`, `previous_servo_id`)
+   * Outcome of a change of a servo's id. (`servo_id`, `success`, `previous_servo_id`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_ID_CHANGED,
   /**
-   * The offset of a servo's zero is set. (`servo_id`, `success`)
+   * Outcome of a change of a servo's zero offset. (`servo_id`, `success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_OFFSET_SET,
   /**
-   * The offset of a servo's zero. (`servo_id`, `success`, `offset_thirds_of_degree`)
+   * The zero offset of a servo. (`servo_id`, `success`, `offset_thirds_of_degree`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_OFFSET,
   /**
@@ -584,7 +584,7 @@ enum ArmwireAlpha1UsbType
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
   /**
-   * A disk: it no longer speaks this protocol.
+   * A disk, which no longer supports this protocol.
    */
   ARMWIRE_ALPHA1_USB_TYPE_DISK = 1,
   /**
@@ -633,7 +633,7 @@ enum ArmwireXarmRequestKind
    */
   ARMWIRE_XARM_REQUEST_KIND_RELOAD_DYNAMICS,
   /**
-   * What is reported as torque (register 5).
+   * The quantity reported as torque (register 5).
    */
   ARMWIRE_XARM_REQUEST_KIND_READ_TORQUE_SOURCE,
   /**
@@ -682,16 +682,16 @@ enum ArmwireXarmResponseKind
    */
   ARMWIRE_XARM_RESPONSE_KIND_EMPTY,
   /**
-   * Versions: text, filled up with NUL. (`state`, `data`, `data_len`)
+   * Versions: text, padded with NUL. (`state`, `data`, `data_len`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_VERSION,
   /**
-   * Serial numbers: that of the arm, NUL, that of the control box, a line feed, filled up with NUL.
+   * Serial numbers: that of the arm, NUL, that of the control box, a line feed, padded with NUL.
    * (`state`, `data`, `data_len`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_SERIALS,
   /**
-   * What is reported as torque. (`state`, `torque_source`)
+   * The quantity reported as torque. (`state`, `torque_source`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_TORQUE_SOURCE,
   /**
@@ -858,15 +858,15 @@ typedef struct ArmwireAlpha1Response {
    */
   uint32_t kind;
   /**
-   * Whether the robot or servo did it, or could tell: 0 or 1.
+   * Outcome: 1 success, 0 failure.
    */
   uint8_t success;
   /**
-   * The servo that says it, 1 to 240.
+   * The servo that responds, 1 to 240.
    */
   uint8_t servo_id;
   /**
-   * The id that the servo had.
+   * The previous id of the servo.
    */
   uint8_t previous_servo_id;
   /**
@@ -874,15 +874,15 @@ typedef struct ArmwireAlpha1Response {
    */
   uint8_t firmware_version[10];
   /**
-   * Firmware version of a servo. What its bytes mean is not documented.
+   * Firmware version of a servo. The meaning of its bytes is not documented.
    */
   uint8_t servo_version[4];
   /**
-   * Where the servo was sent.
+   * Target angle of the servo.
    */
   uint16_t target_degrees;
   /**
-   * Where the servo is.
+   * Actual angle of the servo.
    */
   uint16_t actual_degrees;
   /**
@@ -890,7 +890,7 @@ typedef struct ArmwireAlpha1Response {
    */
   int16_t offset_thirds_of_degree;
   /**
-   * One bit a servo, servo 1 lowest: 1 runs, 0 can be turned by hand.
+   * One bit per servo, servo 1 lowest: 1 runs, 0 can be turned by hand.
    */
   uint32_t running_servos;
   /**
@@ -912,11 +912,11 @@ typedef struct ArmwireAlpha1Action {
    */
   uint8_t angle_degrees[ARMWIRE_ALPHA1_SERVOS];
   /**
-   * How long the servos take to get there, 0 to 5100; to the nearest 20 ms.
+   * Duration of the motion, 0 to 5100, in steps of 20 ms; rounded to the nearest.
    */
   uint32_t time_ms;
   /**
-   * From the end of this frame to the start of the next one that the robot takes, 0 to 1310700; to the nearest 20 ms.
+   * Time from the end of this frame to the start of the next accepted one, 0 to 1310700; rounded to the nearest 20 ms.
    */
   uint32_t interval_ms;
 } ArmwireAlpha1Action;
@@ -938,11 +938,11 @@ typedef struct ArmwireAlpha1Request {
    */
   uint32_t kind;
   /**
-   * Whether the offset tool is connected: 0 or 1.
+   * State of the offset tool: 1 connected, 0 disconnected.
    */
   uint8_t connected;
   /**
-   * The kind of USB device that the robot becomes: an `ArmwireAlpha1UsbType`.
+   * The new USB device type of the robot: an `ArmwireAlpha1UsbType`.
    */
   uint8_t usb_type;
   /**
@@ -950,11 +950,11 @@ typedef struct ArmwireAlpha1Request {
    */
   uint8_t servo_id;
   /**
-   * The id that the servo gets.
+   * The new id of the servo.
    */
   uint8_t new_servo_id;
   /**
-   * The byte for the light. Sources contradict each other on what it means.
+   * The byte for the light. The sources disagree on its meaning.
    */
   uint8_t led;
   /**
@@ -966,7 +966,7 @@ typedef struct ArmwireAlpha1Request {
    */
   int16_t offset_thirds_of_degree;
   /**
-   * How long the servo takes to get there.
+   * Duration of the motion.
    */
   uint32_t time_ms;
   /**
@@ -1003,7 +1003,7 @@ typedef struct ArmwireLingResponse {
    */
   uint32_t kind;
   /**
-   * Serial number, ASCII, NUL behind it if it is shorter. `armwire_printable` makes text of it.
+   * Serial number, ASCII, padded with NUL. `armwire_printable` converts it to text.
    */
   uint8_t serial_number[16];
   /**
@@ -1023,8 +1023,8 @@ typedef struct ArmwireLingResponse {
    */
   uint16_t opening_per_mille;
   /**
-   * What the arm is doing: 0x00 idle, 0x01 locked, 0x10 following, 0x11 following and locked, 0xE1 overheating, 0xE2
-   * stopped by heat.
+   * Motion status: 0x00 idle, 0x01 locked, 0x10 following, 0x11 following and locked, 0xE1 overheating, 0xE2
+   * stopped by overheat protection.
    */
   uint8_t motion_status;
   /**
@@ -1050,7 +1050,7 @@ typedef struct ArmwireLingResponse {
 } ArmwireLingResponse;
 
 /**
- * Where to move, and how fast (section 2.5). A turn of a joint is 4096 ticks, 2048 is its centre.
+ * Targets and speeds of a move (section 2.5). A turn of a joint is 4096 ticks, 2048 is its centre.
  */
 typedef struct ArmwireLingMove {
   /**
@@ -1092,15 +1092,15 @@ typedef struct ArmwireLingRequest {
    */
   uint8_t stroke_mm;
   /**
-   * Whether the servos are to hold their positions: 0 or 1.
+   * Torque: 1 on, the servos hold their positions; 0 off.
    */
   uint8_t torque_on;
   /**
-   * The temperature at which the arm is to protect itself.
+   * Temperature limit of the overheat protection.
    */
   uint8_t temperature_limit_celsius;
   /**
-   * Where to move.
+   * Targets and speeds of a move.
    */
   struct ArmwireLingMove target;
 } ArmwireLingRequest;
@@ -1121,8 +1121,7 @@ typedef struct ArmwireXarmResponse {
    */
   uint32_t kind;
   /**
-   * How the arm is, and what it made of the request, in bits: 0x08 refused or failed, 0x10 not ready to move, 0x20 warning,
-   * 0x40 error.
+   * State bits of the arm and the request: 0x08 refused or failed, 0x10 not ready to move, 0x20 warning, 0x40 error.
    */
   uint8_t state;
   /**

@@ -1,4 +1,4 @@
-// What the example uses of Arduino, to compile it without.
+// Stand-in for the part of Arduino's API that the example uses.
 #include <stddef.h>
 #include <stdint.h>
 

@@ -28,7 +28,7 @@ const UNIT_MS: u32 = 20;
 #[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireAlpha1UsbType {
-    /// A disk: it no longer speaks this protocol.
+    /// A disk, which no longer supports this protocol.
     Disk = 1,
     /// A virtual serial port.
     SerialPort = 2,
@@ -42,9 +42,9 @@ pub enum ArmwireAlpha1UsbType {
 pub struct ArmwireAlpha1Action {
     /// Targets of servos 1 to 20, 0 to 240, or ARMWIRE_ALPHA1_NO_ANGLE. A device may receive 241 to 254, too.
     pub angle_degrees: [u8; ARMWIRE_ALPHA1_SERVOS],
-    /// How long the servos take to get there, 0 to 5100; to the nearest 20 ms.
+    /// Duration of the motion, 0 to 5100, in steps of 20 ms; rounded to the nearest.
     pub time_ms: u32,
-    /// From the end of this frame to the start of the next one that the robot takes, 0 to 1310700; to the nearest 20 ms.
+    /// Time from the end of this frame to the start of the next accepted one, 0 to 1310700; rounded to the nearest 20 ms.
     pub interval_ms: u32,
 }
 
@@ -190,21 +190,21 @@ pub enum ArmwireAlpha1RequestKind {
 pub struct ArmwireAlpha1Request {
     /// The kind: an `ArmwireAlpha1RequestKind`.
     pub kind: u32,
-    /// Whether the offset tool is connected: 0 or 1.
+    /// State of the offset tool: 1 connected, 0 disconnected.
     pub connected: u8,
-    /// The kind of USB device that the robot becomes: an `ArmwireAlpha1UsbType`.
+    /// The new USB device type of the robot: an `ArmwireAlpha1UsbType`.
     pub usb_type: u8,
     /// The servo, 1 to 240; 0 for all.
     pub servo_id: u8,
-    /// The id that the servo gets.
+    /// The new id of the servo.
     pub new_servo_id: u8,
-    /// The byte for the light. Sources contradict each other on what it means.
+    /// The byte for the light. The sources disagree on its meaning.
     pub led: u8,
     /// Target of a servo.
     pub angle_degrees: u8,
     /// Offset of a servo's zero, -90 to 90.
     pub offset_thirds_of_degree: i16,
-    /// How long the servo takes to get there.
+    /// Duration of the motion.
     pub time_ms: u32,
     /// The completion time, which the servos' manual also calls lock time.
     pub lock_ms: u32,
@@ -310,29 +310,29 @@ pub enum ArmwireAlpha1ResponseKind {
     None = 0,
     /// The hardware version. (`text`, `text_len`)
     HardwareVersion,
-    /// Which servos run. (`running_servos`)
+    /// The running servos. (`running_servos`)
     ServoStates,
-    /// Whether the action was stopped. (`success`)
+    /// Outcome of a stop. (`success`)
     Stopped,
     /// The firmware version. (`success`, `firmware_version`)
     FirmwareVersion,
-    /// Whether the servos move. (`success`)
+    /// Outcome of an action frame. (`success`)
     Acted,
-    /// Whether the offset tool is connected or disconnected. (`success`)
+    /// Outcome of connecting or disconnecting the offset tool. (`success`)
     OffsetTool,
-    /// Whether the robot changes what it is on USB. (`success`)
+    /// Outcome of a change of the USB device type. (`success`)
     UsbType,
-    /// Whether the action is played. (`success`)
+    /// Outcome of the start of an action. (`success`)
     Playing,
     /// A servo moves, has released its motor or has switched its light. (`servo_id`)
     ServoAcknowledged,
-    /// Where a servo is; its motor is off now. (`servo_id`, `success`, `target_degrees`, `actual_degrees`)
+    /// Angles of a servo. Its motor is off now. (`servo_id`, `success`, `target_degrees`, `actual_degrees`)
     ServoAngles,
-    /// A servo has another id. (`servo_id`, `success`, `previous_servo_id`)
+    /// Outcome of a change of a servo's id. (`servo_id`, `success`, `previous_servo_id`)
     ServoIdChanged,
-    /// The offset of a servo's zero is set. (`servo_id`, `success`)
+    /// Outcome of a change of a servo's zero offset. (`servo_id`, `success`)
     ServoOffsetSet,
-    /// The offset of a servo's zero. (`servo_id`, `success`, `offset_thirds_of_degree`)
+    /// The zero offset of a servo. (`servo_id`, `success`, `offset_thirds_of_degree`)
     ServoOffset,
     /// The version of a servo's firmware. (`servo_id`, `success`, `servo_version`)
     ServoVersion,
@@ -344,23 +344,23 @@ pub enum ArmwireAlpha1ResponseKind {
 pub struct ArmwireAlpha1Response {
     /// The kind: an `ArmwireAlpha1ResponseKind`.
     pub kind: u32,
-    /// Whether the robot or servo did it, or could tell: 0 or 1.
+    /// Outcome: 1 success, 0 failure.
     pub success: u8,
-    /// The servo that says it, 1 to 240.
+    /// The servo that responds, 1 to 240.
     pub servo_id: u8,
-    /// The id that the servo had.
+    /// The previous id of the servo.
     pub previous_servo_id: u8,
     /// Firmware version of the robot, year first, ASCII; any bytes without `success`.
     pub firmware_version: [u8; 10],
-    /// Firmware version of a servo. What its bytes mean is not documented.
+    /// Firmware version of a servo. The meaning of its bytes is not documented.
     pub servo_version: [u8; 4],
-    /// Where the servo was sent.
+    /// Target angle of the servo.
     pub target_degrees: u16,
-    /// Where the servo is.
+    /// Actual angle of the servo.
     pub actual_degrees: u16,
     /// Offset of a servo's zero, as sent: -90 to 90.
     pub offset_thirds_of_degree: i16,
-    /// One bit a servo, servo 1 lowest: 1 runs, 0 can be turned by hand.
+    /// One bit per servo, servo 1 lowest: 1 runs, 0 can be turned by hand.
     pub running_servos: u32,
     /// The hardware version, 0 to 254 bytes in no documented alphabet. From a client it stays until the next call with it.
     pub text: *const u8,

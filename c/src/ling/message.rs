@@ -13,12 +13,12 @@ use crate::status::ArmwireStatus;
 /// Joints of the arm, the gripper not counted.
 pub const ARMWIRE_LING_JOINTS: usize = 6;
 
-/// The most servos of an arm: a follower has 10, a leader 6.
+/// Maximum number of servos of an arm: a follower has 10, a leader 6.
 pub const ARMWIRE_LING_MAX_SERVOS: usize = 10;
 
 const _: () = assert!(ARMWIRE_LING_JOINTS == JOINTS);
 
-/// Where to move, and how fast (section 2.5). A turn of a joint is 4096 ticks, 2048 is its centre.
+/// Targets and speeds of a move (section 2.5). A turn of a joint is 4096 ticks, 2048 is its centre.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireLingMove {
@@ -103,11 +103,11 @@ pub struct ArmwireLingRequest {
     pub kind: u32,
     /// Stroke of the gripper: 50, 75 or 100.
     pub stroke_mm: u8,
-    /// Whether the servos are to hold their positions: 0 or 1.
+    /// Torque: 1 on, the servos hold their positions; 0 off.
     pub torque_on: u8,
-    /// The temperature at which the arm is to protect itself.
+    /// Temperature limit of the overheat protection.
     pub temperature_limit_celsius: u8,
-    /// Where to move.
+    /// Targets and speeds of a move.
     pub target: ArmwireLingMove,
 }
 
@@ -159,9 +159,9 @@ pub enum ArmwireLingResponseKind {
     None = 0,
     /// The arm's identity. (`serial_number`, `hardware_version`, `firmware_version`)
     Info,
-    /// The gripper that the arm thinks it has. (`stroke_mm`)
+    /// The configured gripper. (`stroke_mm`)
     Stroke,
-    /// Where the arm is. (`position_ticks`, `opening_per_mille`, `motion_status`)
+    /// Joints, gripper and status. (`position_ticks`, `opening_per_mille`, `motion_status`)
     Joints,
     /// Servo temperatures. (`servos`, `temperature_celsius`)
     Temperatures,
@@ -177,7 +177,7 @@ pub enum ArmwireLingResponseKind {
 pub struct ArmwireLingResponse {
     /// The kind: an `ArmwireLingResponseKind`.
     pub kind: u32,
-    /// Serial number, ASCII, NUL behind it if it is shorter. `armwire_printable` makes text of it.
+    /// Serial number, ASCII, padded with NUL. `armwire_printable` converts it to text.
     pub serial_number: [u8; 16],
     /// Hardware version: 610 is 6.10.
     pub hardware_version: u32,
@@ -187,8 +187,8 @@ pub struct ArmwireLingResponse {
     pub position_ticks: [u16; ARMWIRE_LING_JOINTS],
     /// Opening of the gripper, as sent: 0 (closed) to 1000 (open), but arms have sent more.
     pub opening_per_mille: u16,
-    /// What the arm is doing: 0x00 idle, 0x01 locked, 0x10 following, 0x11 following and locked, 0xE1 overheating, 0xE2
-    /// stopped by heat.
+    /// Motion status: 0x00 idle, 0x01 locked, 0x10 following, 0x11 following and locked, 0xE1 overheating, 0xE2
+    /// stopped by overheat protection.
     pub motion_status: u8,
     /// Stroke of the gripper: 50, 75 or 100.
     pub stroke_mm: u8,

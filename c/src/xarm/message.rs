@@ -48,7 +48,7 @@ pub enum ArmwireXarmRequestKind {
     ReadSerials,
     /// Reloads the friction parameters (register 4).
     ReloadDynamics,
-    /// What is reported as torque (register 5).
+    /// The quantity reported as torque (register 5).
     ReadTorqueSource,
     /// The radius of rotation of a joint relative to the tool (register 6). (`joint`)
     ReadRotationRadius,
@@ -138,12 +138,12 @@ pub enum ArmwireXarmResponseKind {
     Heartbeat,
     /// A reply without parameters. (`state`, `reg`)
     Empty,
-    /// Versions: text, filled up with NUL. (`state`, `data`, `data_len`)
+    /// Versions: text, padded with NUL. (`state`, `data`, `data_len`)
     Version,
-    /// Serial numbers: that of the arm, NUL, that of the control box, a line feed, filled up with NUL.
+    /// Serial numbers: that of the arm, NUL, that of the control box, a line feed, padded with NUL.
     /// (`state`, `data`, `data_len`)
     Serials,
-    /// What is reported as torque. (`state`, `torque_source`)
+    /// The quantity reported as torque. (`state`, `torque_source`)
     TorqueSource,
     /// The radius of rotation of a joint relative to the tool. (`state`, `rotation_radius_mm`)
     RotationRadius,
@@ -161,8 +161,7 @@ pub enum ArmwireXarmResponseKind {
 pub struct ArmwireXarmResponse {
     /// The kind: an `ArmwireXarmResponseKind`.
     pub kind: u32,
-    /// How the arm is, and what it made of the request, in bits: 0x08 refused or failed, 0x10 not ready to move, 0x20 warning,
-    /// 0x40 error.
+    /// State bits of the arm and the request: 0x08 refused or failed, 0x10 not ready to move, 0x20 warning, 0x40 error.
     pub state: u8,
     /// The register.
     pub reg: u8,
