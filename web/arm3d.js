@@ -1,4 +1,4 @@
-// The arm in three dimensions: the shapes of a model, its shadow on the ground, and the trail of its tip. WebGL 2.
+// The 3D view of the arm: the shapes of a model, its shadow on the ground, and the trail of its tip. WebGL 2.
 
 import { forward, lookAt, multiply, perspective, place, rotation, scaling, translation } from './kinematics.js';
 
@@ -108,7 +108,7 @@ export class Arm3d {
     this.#isDirty = true;
   }
 
-  // Values of joints by name: radians or metres.
+  // Joint values by name, in radians or metres.
   setValues(values) {
     const isSame = [...values].every(([name, value]) => this.#values.get(name) === value);
     if (isSame && values.size === this.#values.size) return;
@@ -116,7 +116,7 @@ export class Arm3d {
     this.#isDirty = true;
   }
 
-  // Colours of links that are shown as held, by name.
+  // Colours of highlighted links, by name.
   setHeld(held) {
     this.#held = held;
     this.#isDirty = true;
@@ -133,7 +133,7 @@ export class Arm3d {
     this.#isDirty = true;
   }
 
-  // Draws if anything changed.
+  // Draws if the scene has changed.
   draw() {
     if (!this.#isDirty || !this.#model) return;
     this.#isDirty = false;
@@ -164,7 +164,7 @@ export class Arm3d {
 
   #camera(aspect) {
     const { azimuth, elevation, zoom } = this.#view;
-    // A narrow canvas sees as much in its width as a square one.
+    // A narrow canvas has the horizontal field of view of a square one.
     const distance = (this.#extent * 1.9 * zoom) / Math.min(1, aspect);
     const target = [this.#extent * 0.12, 0, this.#extent * 0.36];
     const [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
@@ -174,7 +174,7 @@ export class Arm3d {
     return { eye, camera: multiply(projection, lookAt(eye, target)) };
   }
 
-  // Shapes to draw, with their matrix, size and colour.
+  // Shapes to draw, with matrix, size and colour.
   #parts(links) {
     const parts = [];
     for (const [name, link] of this.#model.links) {
@@ -200,7 +200,7 @@ export class Arm3d {
     for (const part of parts) this.#drawPart(uniforms, part, part.matrix, part.color);
   }
 
-  // The shapes, flat on the ground, each pixel once.
+  // Shadows of the shapes on the ground. Each pixel is drawn once.
   #drawShadow(camera, parts) {
     const gl = this.#gl;
     const { program, uniforms } = this.#programs.solid;
@@ -251,7 +251,7 @@ export class Arm3d {
     gl.drawArrays(gl.LINE_STRIP, 0, this.#trail.length);
   }
 
-  // The last link's place joins the trail if it moved.
+  // Adds the last link's position to the trail if it has moved.
   #remember(links) {
     const tip = place([...links.values()].at(-1));
     const last = this.#trail.at(-1);
@@ -285,7 +285,7 @@ export class Arm3d {
     this.#trailBuffer = { vertices, buffer };
   }
 
-  // Drag, wheel and arrow keys turn and zoom the view.
+  // Drag, wheel and arrow keys rotate and zoom the view.
   #listen() {
     const canvas = this.#canvas;
     const turn = (x, y) => {
@@ -302,7 +302,7 @@ export class Arm3d {
       if (canvas.hasPointerCapture(event.pointerId)) turn(TURN * event.movementX, TURN * event.movementY);
     });
     canvas.addEventListener('wheel', (event) => {
-      // With Ctrl, as a pinch is, so that the page still scrolls.
+      // The wheel zooms with Ctrl, as a pinch does, so that the page still scrolls.
       if (!event.ctrlKey) return;
       event.preventDefault();
       zoom(Math.exp(event.deltaY * 0.01));
@@ -323,7 +323,7 @@ export class Arm3d {
   }
 }
 
-// Reach of a model from its root at zero, in metres.
+// Reach of a model from its root at joint values 0, in metres.
 function reach(model) {
   let longest = 0;
   for (const [name, at] of forward(model, new Map())) {
@@ -333,7 +333,7 @@ function reach(model) {
   return Math.max(longest, 0.05);
 }
 
-// A cylinder from each joint to the next, and a sphere at each that moves.
+// A cylinder from each joint to the next, and a sphere at each moving joint.
 function bones(model, links, extent) {
   const parts = [];
   const width = extent * 0.035;

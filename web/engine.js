@@ -1,4 +1,4 @@
-// The engine: numbers, bytes and texts of the WebAssembly module as values of JavaScript. Times are microseconds.
+// The engine: the WebAssembly module with JavaScript values for numbers, bytes and texts. Times are in microseconds.
 
 export const JOINTS = 6;
 export const GRIPPER = 6;
@@ -13,7 +13,7 @@ export class Engine {
   #wasm;
   #engine;
 
-  // From the bytes of the module, or a response with them.
+  // Loads the module from its bytes, or from a response with them.
   static async load(source) {
     const { instance } = source instanceof Response
       ? await WebAssembly.instantiateStreaming(source)
@@ -32,9 +32,9 @@ export class Engine {
 
   startSession(now) { this.#wasm.session_start(this.#engine, now); }
   receive(now, bytes) { this.#chunks(bytes, (length) => this.#wasm.session_receive(this.#engine, now, length)); }
-  // The next frame for the arm; empty if there is none.
+  // Returns the next frame for the arm, empty if there is none.
   transmit(now) { return this.#bytes(this.#wasm.session_transmit(this.#engine, now)); }
-  // When to call `transmit` again; Infinity if there is nothing to wait for.
+  // Returns the time of the next call of `transmit`, Infinity if there is none.
   timeout() { return this.#wasm.session_timeout(this.#engine); }
 
   hold(now, axis, direction) {
@@ -51,12 +51,12 @@ export class Engine {
   state() { return STATES[this.#wasm.session_state(this.#engine)]; }
   block(now) { return BLOCKS[this.#wasm.session_block(this.#engine, now)]; }
 
-  // The arm, as it told last. Numbers that it did not tell are NaN, texts are empty.
+  // The arm's last readings. Missing numbers are NaN, missing texts are empty.
 
   // Joints in radians, the gripper as a fraction of its stroke.
   positions() { return Array.from({ length: AXES }, (_, axis) => this.#wasm.arm_position(this.#engine, axis)); }
   readAt() { return this.#wasm.arm_read_at(this.#engine); }
-  // °C of each servo that the arm has.
+  // Temperature of each servo of the arm, in °C.
   temperatures() {
     const celsius = Array.from({ length: 10 }, (_, servo) => this.#wasm.arm_temperature(this.#engine, servo));
     return celsius.filter((value) => !Number.isNaN(value));
@@ -72,9 +72,9 @@ export class Engine {
   // The line.
 
   counters() { return this.counterLabels.map((_, nth) => this.#wasm.counter_value(this.#engine, nth)); }
-  // Microseconds: that of the newest answer, the shortest, the longest.
+  // Response times in microseconds: the last, the shortest, the longest.
   answerTimes() { return [0, 1, 2].map((which) => this.#wasm.answer_time(this.#engine, which)); }
-  // The next record of the log; null if there is none.
+  // Returns the next record of the log, null if there is none.
   takeRecord() {
     const event = this.#wasm.record_take(this.#engine);
     if (event === 0) return null;
@@ -98,18 +98,18 @@ export class Engine {
   }
   faults() { return this.faultLabels.map((_, nth) => this.#wasm.virtual_fault_count(this.#engine, nth)); }
 
-  // Copies bytes to the input, as many at a time as it holds.
+  // Copies bytes to the input, in chunks of its size.
   #chunks(bytes, take) {
     const room = this.#wasm.buffer_length();
     for (let start = 0; start < bytes.length; start += room) {
       const chunk = bytes.subarray(start, start + room);
-      // A view of its own each time: the memory may have grown.
+      // The view is new for each chunk: the memory may have grown.
       new Uint8Array(this.#wasm.memory.buffer, this.#wasm.input(this.#engine), room).set(chunk);
       if (!take(chunk.length)) throw new RangeError(`the engine takes no ${chunk.length} bytes`);
     }
   }
 
-  // A copy of the output.
+  // Returns a copy of the output.
   #bytes(length) {
     if (length === 0) return new Uint8Array(0);
     return new Uint8Array(this.#wasm.memory.buffer, this.#wasm.output(this.#engine), length).slice();

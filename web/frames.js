@@ -11,10 +11,10 @@ export const isError = (record) => ERRORS.includes(record.event);
 
 export const hex = (bytes) => Array.from(bytes, (byte) => byte.toString(16).toUpperCase().padStart(2, '0')).join(' ');
 
-// Records are of one message if they have one key: command and function of a frame, the kind of an error elsewhere.
+// Records with the same key are the same message: command and function of a frame, otherwise the kind of error.
 export function keyOf({ event, bytes, text }) {
   if (event === 'sent' || event === 'received' || event === 'unknown') return `${event} ${bytes[1]} ${bytes[2]}`;
-  // Without the numbers of this one.
+  // Returns the text without its numbers.
   return `${event} ${text.replace(/0x[0-9a-f]+|\d+/g, '#')}`;
 }
 
@@ -40,8 +40,8 @@ export class FrameLog {
     this.messages.set(key, message);
   }
 
-  // The newest of each message, with its count and its rate in the last seconds. Errors come first, then each request with
-  // its answer.
+  // Returns the newest record of each message, with its count and recent rate. Errors come first, then each request
+  // with its answer.
   byMessage(time) {
     for (const message of this.messages.values()) {
       while (message.recent.length > 0 && message.recent[0] < time - WINDOW) message.recent.shift();
@@ -50,7 +50,7 @@ export class FrameLog {
     return rows.sort((a, b) => isError(b) - isError(a) || compare(a.bytes, b.bytes) || (a.event === 'sent' ? -1 : 1));
   }
 
-  // All, the newest first.
+  // Returns all records, the newest first.
   inOrder() {
     return this.rows.slice(-MAX_ROWS).reverse();
   }
@@ -63,7 +63,7 @@ export class FrameLog {
   }
 }
 
-// By command, then function.
+// Compares by command, then by function.
 function compare(a, b) {
   for (const i of [1, 2]) if (a[i] !== b[i]) return (a[i] ?? 0) - (b[i] ?? 0);
   return 0;
@@ -87,7 +87,7 @@ export class FrameTable {
     const { byMessage, errorsOnly } = this.#options();
     const rows = byMessage ? this.log.byMessage(time) : this.log.inOrder();
     const shown = rows.filter((row) => !errorsOnly || isError(row)).slice(0, SHOWN);
-    // Rows are reused: a table that is built anew cannot be read or marked.
+    // Rows are reused, so that a user can read and select them.
     while (this.#body.rows.length > shown.length) this.#body.deleteRow(-1);
     shown.forEach((row, i) => fill(this.#body.rows[i] ?? emptyRow(this.#body), row, byMessage));
     const { total, errors } = this.log;

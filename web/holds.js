@@ -1,20 +1,20 @@
-// Held keys and buttons. Each moves an axis one way while it is down.
+// Held keys and buttons. Each moves an axis in one direction while it is held.
 
-// Physical keys, so that they lie side by side on every layout: the upper row moves up, the row below it down.
+// Physical keys, side by side on every keyboard layout: the upper row moves up, the row below it down.
 export const KEYS = new Map([
   ['KeyQ', [0, 1]], ['KeyW', [1, 1]], ['KeyE', [2, 1]], ['KeyR', [3, 1]], ['KeyT', [4, 1]], ['KeyY', [5, 1]], ['KeyU', [6, 1]],
   ['KeyA', [0, -1]], ['KeyS', [1, -1]], ['KeyD', [2, -1]], ['KeyF', [3, -1]], ['KeyG', [4, -1]], ['KeyH', [5, -1]], ['KeyJ', [6, -1]],
 ]);
-// While one of these is down, systems do not tell of all keys that are released.
+// Modifier keys: while one is down, systems do not report the release of every other key.
 const MODIFIERS = ['Alt', 'AltGraph', 'Control', 'Meta', 'OS'];
 const WRITING = 'input:not([type=range], [type=checkbox], [type=radio]), select, textarea, [contenteditable]';
 
 export class Holds {
   #sources = new Map();
-  // Called with an axis and its direction, -1, 0 or 1, when that changes.
+  // Called with an axis and its direction, -1, 0 or 1, on each change.
   onchange = () => {};
 
-  // A source, such as a key, holds an axis.
+  // Records that a source, such as a key, holds an axis.
   press(source, axis, direction) {
     this.#change(() => this.#sources.set(source, { axis, direction }));
   }
@@ -27,7 +27,7 @@ export class Holds {
     this.#change(() => this.#sources.clear());
   }
 
-  // Two that pull both ways hold nothing.
+  // Opposite directions cancel each other.
   direction(axis) {
     let sum = 0;
     for (const held of this.#sources.values()) if (held.axis === axis) sum += held.direction;
@@ -45,7 +45,7 @@ export class Holds {
   }
 }
 
-// Keys of the page hold axes. Whatever may hide the release of a key releases all.
+// Connects the page's keys to axes. Any event that may hide a key's release releases all.
 export function listenToKeys(holds, page) {
   page.addEventListener('keydown', (event) => {
     if (event.key === 'Escape' || MODIFIERS.includes(event.key)) holds.releaseAll();
@@ -61,7 +61,7 @@ export function listenToKeys(holds, page) {
   page.defaultView.addEventListener('pagehide', () => holds.releaseAll());
 }
 
-// A button holds an axis while it is pressed by pointer, Space or Enter.
+// Connects a button to an axis, for pointer, Space and Enter.
 export function listenToButton(holds, button, axis, direction) {
   whilePressed(button, () => holds.press(button, axis, direction), () => holds.release(button));
 }
@@ -82,6 +82,6 @@ export function whilePressed(button, down, up) {
   button.addEventListener('keyup', (event) => {
     if (event.key === ' ' || event.key === 'Enter') up();
   });
-  // A long touch opens a menu, which hides the end of the touch.
+  // A long touch opens a menu, which would hide the end of the touch.
   button.addEventListener('contextmenu', (event) => event.preventDefault());
 }

@@ -1,4 +1,4 @@
-// Matrices and forward kinematics. A matrix is 16 numbers in columns, as WebGL takes it. Metres and radians.
+// Matrices and forward kinematics. A matrix has 16 numbers in column-major order, as in WebGL. Units: metres, radians.
 
 export const identity = () => [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 
@@ -18,7 +18,7 @@ export const translation = ([x, y, z]) => [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, x
 
 export const scaling = ([x, y, z]) => [x, 0, 0, 0, 0, y, 0, 0, 0, 0, z, 0, 0, 0, 0, 1];
 
-// About an axis of any length but 0.
+// Rotation about an axis of any length except 0.
 export function rotation(axis, angle) {
   const length = Math.hypot(...axis);
   const [x, y, z] = axis.map((value) => value / length);
@@ -32,7 +32,7 @@ export function rotation(axis, angle) {
   ];
 }
 
-// A pose of URDF: a place, and roll, pitch and yaw about fixed axes.
+// A URDF pose: position, and roll, pitch and yaw about fixed axes.
 export function pose(xyz, [roll, pitch, yaw]) {
   const turn = multiply(rotation([0, 0, 1], yaw), multiply(rotation([0, 1, 0], pitch), rotation([1, 0, 0], roll)));
   return multiply(translation(xyz), turn);
@@ -63,7 +63,7 @@ export function lookAt(eye, target) {
   ];
 }
 
-// The motion of a joint at this value: radians, or metres of a prismatic one.
+// Transformation of a joint at this value: radians, or metres of a prismatic joint.
 function motion(joint, value) {
   switch (joint.type) {
     case 'revolute':

@@ -1,6 +1,6 @@
-// A session on a port: the one place where frames go out, bytes come in, and the session's time-outs are kept.
+// A session on a port. It writes frames, reads bytes, and keeps the session's timers.
 //
-// A port has `write(bytes)`, `poll()`, which hands over what has arrived, and `close()`. It calls `onbytes(bytes)` and
+// A port has `write(bytes)`, `poll()`, which passes on received bytes, and `close()`. It calls `onbytes(bytes)` and
 // `onclose(reason)`.
 
 // Microseconds since the page was loaded.
@@ -11,7 +11,7 @@ export class Link {
   #port = null;
   #timer = 0;
   #isPumping = false;
-  // Called with the reason when a port closed by itself.
+  // Called with the reason when a port closes unexpectedly.
   onclose = () => {};
 
   constructor(engine) { this.#engine = engine; }
@@ -33,7 +33,7 @@ export class Link {
     this.pump();
   }
 
-  // Stops the arm, hands over what is left to send, and closes the port.
+  // Stops the arm, sends the remaining frames, and closes the port.
   async close() {
     if (!this.#port) return;
     const port = this.#port;
@@ -43,12 +43,12 @@ export class Link {
     await port.close();
   }
 
-  // Sends what is due. To be called after each action of the user, too.
+  // Sends the frames that are due. Call it after each user action, too.
   pump() {
     if (!this.#port || this.#isPumping) return;
     this.#isPumping = true;
     clearTimeout(this.#timer);
-    // Received bytes go in first: an answer is late only if it arrived late.
+    // Received bytes are processed first, so that only late answers count as late.
     try {
       this.#port.poll();
       this.#transmit();
@@ -59,7 +59,7 @@ export class Link {
 
   #transmit() {
     for (let frame; (frame = this.#engine.transmit(now())).length > 0; ) {
-      // A frame is one write: half a frame never waits for the page.
+      // Each frame is one write, so that the page never delays half a frame.
       this.#port.write(frame);
       if (!this.#port) return;
     }

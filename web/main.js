@@ -1,4 +1,4 @@
-// The page: it owns the engine and the link, and hands what the user does to them and what they know to the views.
+// The page. It owns the engine and the link, passes user actions to them, and shows their state in the views.
 
 import { AXES, Engine, GRIPPER } from './engine.js';
 import { Link, now } from './link.js';
@@ -16,13 +16,13 @@ const NAMES = ['J1', 'J2', 'J3', 'J4', 'J5', 'J6', 'Grip'];
 const PARTS = ['base', 'shoulder', 'elbow', 'roll', 'pitch', 'wrist', 'gripper'];
 const DEGREES = 180 / Math.PI;
 const SEED = 1;
-// Numbers and the table change this often, in milliseconds: what changes faster cannot be read.
+// Update interval of numbers and the table, in milliseconds: the shortest that is readable.
 const TEXT_PERIOD = 200;
 // Time that torque-off must be held, in milliseconds.
 const TORQUE_OFF_HOLD = 1000;
 // °C.
 const HOT = 70;
-// Counters that are good news.
+// Counters that do not indicate errors.
 const GOOD_COUNTERS = 4;
 const BLOCK_TEXTS = {
   disabled: 'Motion is off. Enable it to move the arm.',
@@ -73,7 +73,7 @@ class Page {
   }
 
   start() {
-    // The first drawing takes long: it compiles. The arm is not kept waiting for it.
+    // The first frame takes long, because it compiles the shaders. The link is served first.
     this.#draw();
     this.#openVirtual();
     const frame = () => {
@@ -83,7 +83,7 @@ class Page {
     requestAnimationFrame(frame);
   }
 
-  // An action of the user's, and what is to be sent because of it.
+  // Executes a user action, and sends the resulting frames.
   #act(action) {
     action(now());
     this.#link.pump();
@@ -113,14 +113,14 @@ class Page {
     element('notice-close').addEventListener('click', () => this.#notify(''));
   }
 
-  // A port that was granted before needs no choosing.
+  // A port that was granted earlier needs no selection.
   async #offerReconnect() {
     const ports = await serial.granted();
     element('reconnect').hidden = ports.length !== 1 || this.#serialPort !== null;
     if (ports.length === 1) element('reconnect').textContent = `Reconnect ${serial.nameOf(ports[0])}`;
   }
 
-  // Ends what is connected, then connects.
+  // Closes the current connection, then connects.
   async #connect(open) {
     this.#holds.releaseAll();
     this.#notify('');
@@ -145,7 +145,7 @@ class Page {
     this.#open(this.#serialPort, false);
   }
 
-  // Motion of a real arm is off until the user switches it on.
+  // Motion of a real arm is off until the user enables it.
   #open(port, isVirtual) {
     document.body.dataset.port = isVirtual ? 'virtual' : 'serial';
     element('cable').hidden = !isVirtual;
@@ -266,7 +266,7 @@ class Page {
       this.#arm3d = new Arm3d(element('arm'));
     } catch (error) {
       element('no-view').hidden = false;
-      element('no-view').textContent = `No drawing: ${error.message}.`;
+      element('no-view').textContent = `No 3D view: ${error.message}.`;
       element('arm').hidden = true;
     }
     this.#setModel(parseUrdf(ARM));
@@ -299,7 +299,7 @@ class Page {
       const model = parseUrdf(await file.text());
       this.#setModel(model);
       const moving = Math.min(model.axes.length, AXES);
-      const meshes = model.meshes > 0 ? ` ${model.meshes} meshes are not loaded: bones stand for them.` : '';
+      const meshes = model.meshes > 0 ? ` ${model.meshes} meshes are not loaded: cylinders between the joints replace them.` : '';
       this.#notify(`${file.name}: ${moving} of its ${model.axes.length} joints follow the arm.${meshes}`);
     });
   }
@@ -310,7 +310,7 @@ class Page {
     element('model-name').textContent = model.name;
   }
 
-  // Links whose joint is held have the colour of their axis.
+  // Links with a held joint have the colour of their axis.
   #showHeld() {
     const held = new Map();
     this.#model.axes.slice(0, AXES).forEach((joint, axis) => {
@@ -319,7 +319,7 @@ class Page {
     this.#arm3d?.setHeld(held);
   }
 
-  // The joints of the arm, in turn, are those of the model; the gripper is a share of its range.
+  // The arm's joints are those of the model, in order. The gripper is a fraction of its range.
   #values(positions) {
     const values = new Map();
     this.#model.axes.slice(0, AXES).forEach((joint, axis) => {
@@ -416,7 +416,7 @@ class Page {
     this.#nameKeys();
   }
 
-  // The letters on the keys of this keyboard, where the browser tells.
+  // Shows the letters of the current keyboard layout, if the browser provides them.
   async #nameKeys() {
     const layout = await navigator.keyboard?.getLayoutMap?.().catch(() => null);
     if (!layout) return;
@@ -430,7 +430,7 @@ class Page {
 
   #readColors() {
     const canvas = document.createElement('canvas').getContext('2d', { willReadFrequently: true });
-    // Any colour of CSS as numbers.
+    // Converts any CSS colour to numbers.
     const rgba = (name, alpha = 1) => {
       canvas.fillStyle = resolve(name);
       canvas.fillRect(0, 0, 1, 1);
@@ -540,7 +540,7 @@ class Page {
   }
 }
 
-// A custom property as a colour that a canvas takes.
+// Returns a custom property as a colour for a canvas.
 function resolve(name) {
   const probe = document.createElement('span');
   probe.hidden = true;

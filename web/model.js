@@ -1,4 +1,4 @@
-// The arm that is drawn at first: simple shapes, not to scale, with the axes of a Ling arm in the order of its joints.
+// The default model: simple shapes, not to scale, with the axes of a Ling arm in joint order.
 
 const SHELL = 'shell';
 const JOINT = 'joint';

@@ -1,7 +1,7 @@
-// A quantity over the last seconds, as a line on a canvas.
+// A plot of a quantity over the last seconds, on a canvas.
 
 const SECONDS = 20;
-// A line is not drawn over a gap in the readings of more than this.
+// Longest gap between readings that a line spans, in seconds.
 const GAP = 0.5;
 const MAX_SAMPLES = 4000;
 
@@ -14,14 +14,14 @@ export class History {
     const oldest = time - SECONDS - 1;
     let stale = 0;
     while (stale < this.samples.length && this.samples[stale][0] < oldest) stale += 1;
-    // Not one at a time: that would move all samples with each.
+    // Removed in blocks: a removal moves all remaining samples.
     if (stale > 200 || this.samples.length > MAX_SAMPLES) this.samples.splice(0, Math.max(stale, this.samples.length - MAX_SAMPLES));
   }
 
   clear() { this.samples = []; }
 }
 
-// The range to draw values in: at least `span`, within `limits` where they are.
+// The value range of a plot: at least `span`, within `limits` if given.
 export function range(samples, span, limits) {
   let [low, high] = [Infinity, -Infinity];
   for (const [, value] of samples) {
@@ -43,7 +43,7 @@ export class Plot {
   #height = 0;
   history = new History();
 
-  // `span` is the least range that is shown, `limits` what the quantity can be.
+  // `span` is the smallest range of the plot, `limits` the range of the quantity.
   constructor(canvas, { span, limits }) {
     this.#canvas = canvas;
     this.#span = span;

@@ -1,19 +1,19 @@
-// A port on WebSerial, at 1 Mbaud.
+// A WebSerial port at 1 Mbaud.
 
 const OPTIONS = { baudRate: 1_000_000, bufferSize: 4096 };
-// Errors of the line, after which the port reads on.
+// Line errors after which reading continues.
 const LINE_ERRORS = ['BreakError', 'BufferOverrunError', 'FramingError', 'ParityError'];
-// Frames that the port may owe: about a second of them.
+// Maximum number of queued frames: about a second.
 const MAX_WAITING = 64;
-// Timeout of the last frames, in milliseconds.
+// Timeout for the last frames, in milliseconds.
 const FLUSH = 500;
 
 export const isSupported = () => 'serial' in navigator;
 
-// Ports that the user has granted to this page before.
+// Returns the ports that the user has granted to this page.
 export const granted = () => (isSupported() ? navigator.serial.getPorts() : Promise.resolve([]));
 
-// The port that the user chooses; null if none.
+// Returns the port that the user selects, null if none.
 export async function choose() {
   try {
     return await navigator.serial.requestPort();
@@ -23,7 +23,7 @@ export async function choose() {
   }
 }
 
-// A name of a port: browsers tell no more than the USB ids.
+// Returns a name for a port. Browsers provide only the USB ids.
 export function nameOf(port) {
   const { usbVendorId, usbProductId } = port.getInfo();
   const hex = (id) => id.toString(16).padStart(4, '0');
@@ -66,10 +66,10 @@ export class SerialPort {
     this.#writer.write(bytes).then(() => { this.#waiting -= 1; }, (error) => this.#fail(error.message));
   }
 
-  // The browser hands bytes over by itself.
+  // Does nothing: the browser delivers bytes by itself.
   poll() {}
 
-  // Lets the last frames leave, then closes the port.
+  // Waits for the last frames, then closes the port.
   async close() {
     this.#closed = true;
     const flush = this.#writer.close().catch(() => {});
@@ -81,7 +81,7 @@ export class SerialPort {
   }
 
   async #read() {
-    // After an error of the line there is a new stream.
+    // A line error ends the stream; the next iteration opens a new one.
     while (this.#port.readable && !this.#closed) {
       this.#reader = this.#port.readable.getReader();
       try {
@@ -102,7 +102,7 @@ export class SerialPort {
     }
   }
 
-  // The port is gone.
+  // Reports a lost port.
   #fail(reason) {
     if (this.#closed) return;
     this.#closed = true;

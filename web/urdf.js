@@ -2,14 +2,14 @@
 
 import { pose, identity } from './kinematics.js';
 
-// A file of URDF is text of a few hundred kilobytes at most.
+// Size limit: URDF files have a few hundred kilobytes at most.
 export const MAX_LENGTH = 4_000_000;
 const MAX_LINKS = 500;
 const TYPES = ['revolute', 'continuous', 'prismatic', 'fixed', 'floating', 'planar'];
 const MOVING = ['revolute', 'continuous', 'prismatic'];
 const GREY = [0.6, 0.62, 0.65, 1];
 
-// Throws an error that says what is wrong with the text.
+// Parses a model. Throws an error that describes the fault in the text.
 export function parseUrdf(text) {
   if (text.length > MAX_LENGTH) throw new Error(`the file has ${text.length} characters, at most ${MAX_LENGTH} are read`);
   const page = new DOMParser().parseFromString(text, 'application/xml');
@@ -24,7 +24,7 @@ export function parseUrdf(text) {
   const joints = children(robot, 'joint').map((element) => readJoint(element, links));
   const { root, ordered } = order(links, joints);
   const meshes = [...links.values()].reduce((sum, link) => sum + link.meshes, 0);
-  // Joints that move by themselves, from the root outwards: the arm's axes in turn.
+  // Independent joints from the root outwards: the arm's axes in order.
   const axes = ordered.filter((joint) => MOVING.includes(joint.type) && !joint.mimic);
   return { name: robot.getAttribute('name') ?? '', root, links, joints: ordered, axes, meshes };
 }
@@ -41,7 +41,7 @@ function name(element) {
   return value;
 }
 
-// Numbers of an attribute; `fallback` if the element or the attribute is not there.
+// Returns an attribute's numbers, or `fallback` without the element or attribute.
 function numbers(element, attribute, fallback) {
   const text = element?.getAttribute(attribute);
   if (text === null || text === undefined) return fallback;
@@ -69,7 +69,7 @@ function readLink(element, materials) {
   return link;
 }
 
-// A shape and its size in metres; null for one that is not drawn.
+// Returns a shape and its size in metres, null if it is not supported.
 function readShape(geometry) {
   const element = geometry?.firstElementChild;
   switch (element?.tagName) {
@@ -119,7 +119,7 @@ function readJoint(element, links) {
   return joint;
 }
 
-// The root, and the joints with each parent before its children.
+// Returns the root, and the joints with each parent before its children.
 function order(links, joints) {
   const children = new Map([...links.keys()].map((link) => [link, []]));
   const isChild = new Set();

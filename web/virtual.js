@@ -1,4 +1,4 @@
-// A port to the virtual arm in the engine, in real time.
+// A port of the virtual arm in the engine, in real time.
 
 import { now } from './link.js';
 
@@ -22,7 +22,7 @@ export class VirtualPort {
 
   async close() { clearTimeout(this.#timer); }
 
-  // Not within `write`: bytes arrive while the page does nothing else, as on a serial port.
+  // Bytes are delivered outside of `write`, as on a serial port.
   #schedule() {
     clearTimeout(this.#timer);
     const timeout = this.#engine.virtualTimeout();

@@ -195,7 +195,7 @@ pageTest('a URDF replaces the drawing, its text as text', async (page) => {
     <link name="b"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
     <joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 0.2"/><axis xyz="0 1 0"/></joint></robot>`));
   await until('notice', () => text(page, '#notice-text'), (value) => value !== '');
-  assert.equal(await text(page, '#notice-text'), 'robot.urdf: 1 of its 1 joints follow the arm. 1 meshes are not loaded: bones stand for them.');
+  assert.equal(await text(page, '#notice-text'), 'robot.urdf: 1 of its 1 joints follow the arm. 1 meshes are not loaded: cylinders between the joints replace them.');
   assert.equal(await text(page, '#model-name'), '<img src=x onerror=alert(1)>');
   assert.equal(await page.locator('img').count(), 0);
 });

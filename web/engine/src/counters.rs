@@ -1,4 +1,4 @@
-//! Counters of the line, as the host sees it.
+//! Counters of the line on the host's side.
 
 use armwire::time::Duration;
 
@@ -15,15 +15,15 @@ pub struct Counters {
     pub answers: u64,
     /// Requests without an answer in time.
     pub unanswered: u64,
-    /// Answers to requests that were given up.
+    /// Answers that arrived after their timeout.
     pub late: u64,
-    /// Responses that answer nothing.
+    /// Unsolicited responses.
     pub unsolicited: u64,
-    /// Requests that the line gave back.
+    /// Echoes of requests.
     pub echoes: u64,
-    /// Good frames that are no message.
+    /// Valid frames that are not a known message.
     pub unknown: u64,
-    /// Candidates for a frame whose checksum does not match.
+    /// Frame candidates with a wrong checksum.
     pub bad_checksums: u64,
     /// Bytes outside of frames.
     pub noise_bytes: u64,
@@ -45,7 +45,7 @@ pub const LABELS: [&str; 11] = [
 ];
 
 impl Counters {
-    /// The counters in the order in which a page shows them.
+    /// Returns the counters in the order of the page.
     pub const fn values(&self) -> [u64; LABELS.len()] {
         [
             self.bytes_out,
@@ -63,19 +63,19 @@ impl Counters {
     }
 }
 
-/// Times from the last byte of a request, as handed to the port, to its answer, as taken from it.
+/// Response times, from the write of a request's last byte to the read of its answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AnswerTimes {
-    /// Time of the newest answer.
+    /// Time of the last answer.
     pub last: Duration,
-    /// The shortest. Zero before the first answer.
+    /// Shortest time, zero before the first answer.
     pub shortest: Duration,
-    /// The longest.
+    /// Longest time.
     pub longest: Duration,
 }
 
 impl AnswerTimes {
-    /// Takes the time of one more answer.
+    /// Adds the time of an answer.
     pub fn add(&mut self, time: Duration) {
         let is_first = *self == Self::default();
         self.last = time;

@@ -7,7 +7,7 @@ use armwire::ling::{
 };
 use armwire::messages::Messages;
 
-/// A number of tenths, with one decimal. Integers only: the formatting of floats would be a fifth of the module.
+/// Formats a number of tenths with one decimal. It uses integers: float formatting would be a fifth of the module.
 struct Tenths(i32);
 
 impl Display for Tenths {
@@ -18,7 +18,7 @@ impl Display for Tenths {
     }
 }
 
-/// The text of a frame from the host.
+/// Describes a frame from the host.
 pub fn request(frame: &[u8]) -> String {
     Ling.parse_request(frame)
         .map_or_else(|error| error.to_string(), request_text)
@@ -47,11 +47,11 @@ fn request_text(request: Request) -> String {
     }
 }
 
-/// The text of a frame from the arm.
+/// Describes a frame from the arm.
 ///
 /// # Errors
 ///
-/// The reason for which it is no response, as text. A request that came back is such a frame.
+/// The parse error as text, if the frame is not a response. An echoed request is one example.
 pub fn response(frame: &[u8]) -> Result<String, String> {
     Ling.parse_response(frame, ())
         .map(response_text)
@@ -98,7 +98,7 @@ fn joints(state: &JointState) -> String {
     text
 }
 
-/// Targets, and the fastest speed of a joint.
+/// Describes targets, and the highest speed of a joint.
 fn motion(target: &Move) -> String {
     let mut text = angles("move to", target.joints.map(|(position, _)| position.ticks()));
     let ticks = target.joints.iter().map(|(_, speed)| speed.ticks_per_second()).max();
@@ -125,7 +125,7 @@ fn list(label: &str, values: impl Iterator<Item = u16>) -> String {
     text
 }
 
-/// Joint positions in ticks as angles.
+/// Formats joint positions in ticks as angles.
 fn angles(label: &str, ticks: [u16; JOINTS]) -> String {
     let mut text = label.to_owned();
     for ticks in ticks {
@@ -135,7 +135,7 @@ fn angles(label: &str, ticks: [u16; JOINTS]) -> String {
     text
 }
 
-/// The nearest tenth of a degree.
+/// Rounds to the nearest tenth of a degree.
 fn tenths_of_degrees(ticks: i32) -> i32 {
     let turn = i32::from(TICKS_PER_TURN);
     (ticks * 3600 + turn / 2 * ticks.signum()) / turn

@@ -1,8 +1,7 @@
-//! The functions that the page calls. Numbers go in and out; bytes and texts go through two buffers.
+//! The functions called by the page. Numbers are passed as arguments, bytes and texts through two buffers.
 //!
-//! Times are microseconds of the page's clock as `f64`, which is exact for 285 years. A number that is not known is NaN.
-//! The page owns one [`Engine`], from [`engine_new`], and hands it to every call. It copies to and from the buffers between
-//! two calls.
+//! Times are microseconds of the page's clock as `f64`, exact for 285 years. An unknown number is NaN. The page owns
+//! one [`Engine`], from [`engine_new`], and passes it to every call. It accesses the buffers between two calls.
 #![expect(unsafe_code, reason = "an exported name is an unsafe attribute")]
 
 use armwire::ling::{JOINTS, Speed, Torque};
@@ -15,25 +14,25 @@ use crate::log::Record;
 use crate::session::Session;
 use crate::virtual_arm::{FAULTS, VirtualArm};
 
-/// Bytes in each buffer: more than the longest frame or text.
+/// Size of each buffer in bytes, larger than the longest frame or text.
 const BUFFER: usize = 4096;
 
 /// A session, a virtual arm, and the buffers.
 pub struct Engine {
     session: Session,
     arm: VirtualArm,
-    /// The record that was taken last.
+    /// The record taken last.
     record: Option<Record>,
     input: [u8; BUFFER],
     output: [u8; BUFFER],
 }
 
-/// A time of the page. There is none before its origin.
+/// Converts a time of the page. Times before its origin become the origin.
 fn instant(micros: f64) -> Instant {
     Instant::from_micros(micros as u64)
 }
 
-/// A time for the page; infinite if there is nothing to wait for.
+/// Converts a time for the page; infinite for `None`.
 fn timeout(instant: Option<Instant>) -> f64 {
     instant.map_or(f64::INFINITY, |instant| instant.as_micros() as f64)
 }
@@ -51,7 +50,7 @@ fn put(output: &mut [u8], bytes: &[u8]) -> usize {
     bytes.len()
 }
 
-/// A new engine. The page keeps it.
+/// Creates an engine, owned by the page.
 #[unsafe(no_mangle)]
 pub extern "C" fn engine_new() -> Box<Engine> {
     Box::new(Engine {
@@ -63,19 +62,19 @@ pub extern "C" fn engine_new() -> Box<Engine> {
     })
 }
 
-/// The buffer that the page writes to.
+/// Returns the buffer that the page writes.
 #[unsafe(no_mangle)]
 pub extern "C" fn input(engine: &mut Engine) -> *mut u8 {
     engine.input.as_mut_ptr()
 }
 
-/// The buffer that the page reads from.
+/// Returns the buffer that the page reads.
 #[unsafe(no_mangle)]
 pub extern "C" fn output(engine: &Engine) -> *const u8 {
     engine.output.as_ptr()
 }
 
-/// Bytes in each buffer.
+/// Returns the size of each buffer in bytes.
 #[unsafe(no_mangle)]
 pub extern "C" fn buffer_length() -> usize {
     BUFFER
@@ -103,14 +102,14 @@ pub extern "C" fn session_transmit(engine: &mut Engine, now: f64) -> usize {
     session.transmit(instant(now), output).unwrap_or_default()
 }
 
-/// The time to call [`session_transmit`] again; infinite if there is none.
+/// Returns the time of the next call of [`session_transmit`], infinite if there is none.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_timeout(engine: &Engine) -> f64 {
     timeout(engine.session.timeout())
 }
 
-/// Holds an axis, 0 to 5 for the joints and 6 for the gripper, down (negative) or up (positive), or lets it rest (0).
-/// Returns whether there is such an axis.
+/// Holds an axis, 0 to 5 for the joints and 6 for the gripper, down (negative) or up (positive), or releases it (0).
+/// Returns false for an unknown axis.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_hold(engine: &mut Engine, now: f64, axis: usize, direction: i32) -> bool {
     let direction = match direction.signum() {
@@ -121,13 +120,13 @@ pub extern "C" fn session_hold(engine: &mut Engine, now: f64, axis: usize, direc
     engine.session.hold(instant(now), axis, direction).is_ok()
 }
 
-/// Lets all axes rest and stops the arm.
+/// Releases all axes and stops the arm.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_release(engine: &mut Engine, now: f64) {
     engine.session.release(instant(now));
 }
 
-/// Lets held axes move, or no more.
+/// Enables or disables motion of held axes.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_enable_motion(engine: &mut Engine, now: f64, enabled: bool) {
     engine.session.enable_motion(instant(now), enabled);
@@ -140,7 +139,7 @@ pub extern "C" fn session_set_speed(engine: &mut Engine, speed: f32) -> bool {
     speed.map(|speed| engine.session.set_speed(speed)).is_ok()
 }
 
-/// Switches the torque. Off, the arm can fall.
+/// Switches the torque. With torque off the arm can fall.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_set_torque(engine: &mut Engine, now: f64, on: bool) {
     let torque = if on { Torque::On } else { Torque::Off };
@@ -271,7 +270,7 @@ pub extern "C" fn virtual_start(engine: &mut Engine, seed: u32) {
     engine.arm = VirtualArm::new(seed.into());
 }
 
-/// The virtual arm takes the first `len` bytes of the input. Returns whether the buffer has so many.
+/// Passes the first `len` bytes of the input to the virtual arm. Returns false if the buffer is shorter.
 #[unsafe(no_mangle)]
 pub extern "C" fn virtual_receive(engine: &mut Engine, now: f64, len: usize) -> bool {
     let Engine { arm, input, .. } = engine;
@@ -286,7 +285,7 @@ pub extern "C" fn virtual_transmit(engine: &mut Engine, now: f64) -> usize {
     arm.transmit(instant(now), output)
 }
 
-/// The time to call [`virtual_transmit`] again; infinite if there is none.
+/// Returns the time of the next call of [`virtual_transmit`], infinite if there is none.
 #[unsafe(no_mangle)]
 pub extern "C" fn virtual_timeout(engine: &Engine) -> f64 {
     timeout(engine.arm.timeout())
@@ -319,7 +318,7 @@ pub extern "C" fn virtual_fault_label(engine: &mut Engine, nth: usize) -> usize 
     put(&mut engine.output, FAULTS.get(nth).map_or("", |label| label).as_bytes())
 }
 
-/// The number of faults of a kind so far.
+/// Returns the number of faults of a kind so far.
 #[unsafe(no_mangle)]
 pub extern "C" fn virtual_fault_count(engine: &Engine, nth: usize) -> f64 {
     number(engine.arm.injected().get(nth).map(|count| *count as f64))

@@ -9,10 +9,10 @@ use armwire::time::Instant;
 
 use crate::describe;
 
-/// Records that wait for the page at most. A page that does not take them, as in a hidden tab, loses the oldest.
+/// Maximum number of queued records. A page that does not take them, as in a hidden tab, loses the oldest.
 const MAX_RECORDS: usize = 512;
 
-/// The kind of a record. The page knows the numbers.
+/// Kind of a record. Its numbers are part of the interface to the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Event {
@@ -20,7 +20,7 @@ pub enum Event {
     Sent = 1,
     /// A message from the arm.
     Received = 2,
-    /// A good frame from the arm that is no response.
+    /// A valid frame from the arm that is not a response.
     Unknown = 3,
     /// Bytes from the arm outside of frames.
     Noise = 4,
@@ -31,7 +31,7 @@ pub enum Event {
 /// A row of the log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record {
-    /// The time when the host wrote or read the last of it.
+    /// Time at which the host wrote or read the last byte.
     pub at: Instant,
     /// The kind.
     pub event: Event,
@@ -51,12 +51,12 @@ pub struct Log {
 }
 
 impl Log {
-    /// A frame went to the arm.
+    /// Logs a frame to the arm.
     pub fn sent(&mut self, at: Instant, frame: &[u8]) {
         self.push(at, Event::Sent, frame.to_vec(), describe::request(frame));
     }
 
-    /// Bytes came from the arm, in any chunks.
+    /// Logs bytes from the arm, in chunks of any size.
     pub fn received(&mut self, at: Instant, mut bytes: &[u8]) {
         while !bytes.is_empty() {
             bytes = self.decoder.push(bytes);
@@ -64,24 +64,24 @@ impl Log {
         }
     }
 
-    /// The request with this text got no answer. Bytes that wait for the rest of a frame are none.
+    /// Logs the timeout of the request with this text. An incomplete frame becomes noise.
     pub fn unanswered(&mut self, at: Instant, request: &str) {
         self.decoder.idle();
         self.decode(at);
         self.push(at, Event::Unanswered, Vec::new(), format!("no answer to \"{request}\""));
     }
 
-    /// The oldest record that was not taken yet.
+    /// Takes the oldest queued record.
     pub fn take(&mut self) -> Option<Record> {
         self.records.pop_front()
     }
 
-    /// Candidates for a frame whose checksum did not match.
+    /// Returns the number of frame candidates with a wrong checksum.
     pub fn bad_checksums(&self) -> u64 {
         self.bad_checksums
     }
 
-    /// Bytes outside of frames.
+    /// Returns the number of bytes outside of frames.
     pub fn noise_bytes(&self) -> u64 {
         self.noise_bytes
     }

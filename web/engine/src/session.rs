@@ -24,17 +24,18 @@ const CONFIG: Config = Config {
     repeats: 0,
     stale_window: Duration::from_millis(100),
 };
-/// The time to listen before the first byte is sent: an arm of the older generation talks unasked, and is sent nothing.
+/// Listening time before the first transmission: an arm of the older generation transmits unsolicited, and accepts no
+/// bytes.
 const LISTEN: Duration = Duration::from_millis(100);
-/// The time to listen on after each byte that comes meanwhile.
+/// Further listening time after each received byte.
 const LISTEN_ON: Duration = Duration::from_millis(500);
-/// A reading older than this is no start of a motion.
+/// Maximum age of the reading from which a motion starts.
 const FRESH: Duration = Duration::from_millis(300);
-/// The next target waits for the answer to a read for this long at most, from the read on.
-const TARGET_PATIENCE: Duration = Duration::from_millis(20);
-/// A stop, or a change of the torque, waits for this long at most.
-const STOP_PATIENCE: Duration = Duration::from_millis(10);
-/// An arm that answered nothing for this long is silent.
+/// Maximum delay of the next target by a read in flight, from its transmission.
+const MAX_TARGET_DELAY: Duration = Duration::from_millis(20);
+/// Maximum delay of a stop or a change of the torque.
+const MAX_STOP_DELAY: Duration = Duration::from_millis(10);
+/// Time without an answer after which an arm is silent.
 const SILENT: Duration = Duration::from_millis(1_000);
 
 /// The periods of the reads. The slower ones go first where several are due.
@@ -46,21 +47,21 @@ const READS: [(Request, Duration); 5] = [
     (Request::ReadJoints, Duration::from_millis(20)),
 ];
 
-/// The state of a session. The page knows the numbers.
+/// State of a session. Its numbers are part of the interface to the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum State {
-    /// It listens and has sent nothing.
+    /// The session listens, and has sent nothing.
     Listening = 0,
-    /// It asks, and nothing has answered lately.
+    /// The session sends requests without recent answers.
     Silent = 1,
     /// The arm answers.
     Answering = 2,
-    /// An arm of the older generation talks. It is sent nothing.
+    /// An arm of the older generation transmits. The session sends nothing.
     OlderGeneration = 3,
 }
 
-/// The reason for which a held axis does not move. The page knows the numbers.
+/// Reason for a held axis without motion. Its numbers are part of the interface to the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Block {
@@ -74,7 +75,7 @@ pub enum Block {
     OutOfRange = 4,
 }
 
-/// The arm's last report of itself.
+/// The arm's last readings.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Arm {
     /// Joints, gripper and status.
@@ -89,14 +90,14 @@ pub struct Arm {
     pub check: Option<SelfCheck>,
 }
 
-/// A request of the user's that goes before all others.
+/// A request of the user, sent before all others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Urgent {
-    /// The arm is to stop where it is.
+    /// Stop at the current position.
     Stop,
-    /// Torque-on after a stop: an adapter takes it as the end of the stream of motions (docs/safety.md).
+    /// Torque-on after a stop: it ends the stream of motions in an adapter (docs/safety.md).
     EndStream,
-    /// Torque, as the user wants it.
+    /// Torque on or off, as requested by the user.
     Torque(Torque),
 }
 
@@ -114,18 +115,18 @@ pub struct Session {
     motion_enabled: bool,
     listen_until: Instant,
     urgent: Option<Urgent>,
-    /// When each of [`READS`] is due; `None` once it is known for good.
+    /// Due time of each of [`READS`]; `None` once a constant value is known.
     reads: [Option<Instant>; READS.len()],
-    /// When the next target is due.
+    /// Due time of the next target.
     next_target: Instant,
-    /// The request in flight, and when it was sent.
+    /// The request in flight, with its transmission time.
     in_flight: Option<(Request, Instant)>,
     last_answer: Option<Instant>,
     timeout: Option<Instant>,
 }
 
 impl Session {
-    /// A session that begins to listen at `now`.
+    /// Creates a session that listens from `now` on.
     pub fn new(now: Instant) -> Self {
         Self {
             client: Client::new(Ling, CONFIG),
@@ -147,7 +148,7 @@ impl Session {
         }
     }
 
-    /// Bytes came from the arm.
+    /// Processes bytes from the arm.
     pub fn receive(&mut self, now: Instant, mut bytes: &[u8]) {
         self.counters.bytes_in += bytes.len() as u64;
         self.log.received(now, bytes);
@@ -164,7 +165,8 @@ impl Session {
         }
     }
 
-    /// Writes the next frame for the arm at the front of `out` and returns its length; 0 if there is nothing to send now.
+    /// Writes the next frame for the arm at the front of `out` and returns its length; 0 if there is nothing to send
+    /// now.
     ///
     /// # Errors
     ///
@@ -217,12 +219,12 @@ impl Session {
         Ok(0)
     }
 
-    /// The time to call [`transmit`](Self::transmit) again, unless bytes come or the user acts before.
+    /// Returns the time of the next call of [`transmit`](Self::transmit), unless bytes or user actions come earlier.
     pub fn timeout(&self) -> Option<Instant> {
         self.timeout
     }
 
-    /// Lets held axes move, or no more.
+    /// Enables or disables motion of held axes.
     pub fn enable_motion(&mut self, now: Instant, enabled: bool) {
         self.motion_enabled = enabled;
         if !enabled {
@@ -230,7 +232,7 @@ impl Session {
         }
     }
 
-    /// Holds an axis, 0 to 5 for the joints and 6 for the gripper, or lets it rest.
+    /// Holds an axis, 0 to 5 for the joints and 6 for the gripper, or releases it.
     ///
     /// # Errors
     ///
@@ -245,31 +247,31 @@ impl Session {
         Ok(())
     }
 
-    /// Lets all axes rest and stops the arm.
+    /// Releases all axes and stops the arm.
     pub fn release(&mut self, now: Instant) {
         if self.jog.release(now) {
             self.stop();
         }
     }
 
-    /// The speed of held joints.
+    /// Sets the speed of held joints.
     pub fn set_speed(&mut self, speed: Speed) {
         self.jog.set_speed(speed);
     }
 
-    /// Switches the torque. Off, the arm can fall.
+    /// Switches the torque. With torque off the arm can fall.
     pub fn set_torque(&mut self, now: Instant, torque: Torque) {
         self.jog.release(now);
         self.jog.forget();
         self.urgent = Some(Urgent::Torque(torque));
     }
 
-    /// The state.
+    /// Returns the state.
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// The reason for which a held axis does not move now, if there is one.
+    /// Returns the reason for a held axis without motion, if there is one.
     pub fn block(&self, now: Instant) -> Option<Block> {
         if !self.motion_enabled {
             return Some(Block::Disabled);
@@ -284,12 +286,12 @@ impl Session {
         (!in_range).then_some(Block::OutOfRange)
     }
 
-    /// The arm's report of itself.
+    /// Returns the arm's last readings.
     pub fn arm(&self) -> &Arm {
         &self.arm
     }
 
-    /// The counters.
+    /// Returns the counters.
     pub fn counters(&self) -> Counters {
         Counters {
             bad_checksums: self.log.bad_checksums(),
@@ -298,30 +300,30 @@ impl Session {
         }
     }
 
-    /// The answer times.
+    /// Returns the response times.
     pub fn answer_times(&self) -> AnswerTimes {
         self.times
     }
 
-    /// The oldest record of the line that was not taken yet.
+    /// Takes the oldest queued record of the line.
     pub fn take_record(&mut self) -> Option<Record> {
         self.log.take()
     }
 
-    /// The motion under way ends.
+    /// Requests a stop of the current motion, if there is one.
     fn stop(&mut self) {
         if self.jog.is_under_way() {
             self.urgent = Some(Urgent::Stop);
         }
     }
 
-    /// The newest reading, if it is fresh.
+    /// Returns the last reading, if it is fresh.
     fn fresh(&self, now: Instant) -> Option<&JointState> {
         let (at, reading) = self.arm.joints.as_ref()?;
         (now.since(*at) <= FRESH).then_some(reading)
     }
 
-    /// A motion or a stop does not wait for an answer that may be lost.
+    /// Cancels the request in flight when a motion or a stop must not wait longer for its answer.
     fn interrupt(&mut self, now: Instant) {
         if self.interruption().is_some_and(|at| at <= now) && self.client.expects_answer() {
             self.client.cancel();
@@ -329,12 +331,12 @@ impl Session {
         }
     }
 
-    /// When the read in flight is given up for another request.
+    /// Returns the time at which the read in flight is abandoned for another request.
     fn interruption(&self) -> Option<Instant> {
         let (_, sent) = self.in_flight?;
         match self.urgent {
-            Some(_) => Some(sent + STOP_PATIENCE),
-            None if self.jog.is_held() => Some(self.next_target.max(sent + TARGET_PATIENCE)),
+            Some(_) => Some(sent + MAX_STOP_DELAY),
+            None if self.jog.is_held() => Some(self.next_target.max(sent + MAX_TARGET_DELAY)),
             None => None,
         }
     }
@@ -380,7 +382,7 @@ impl Session {
         Some(request)
     }
 
-    /// When a request is due without an event.
+    /// Returns the due time of the next request without an event.
     fn next_due(&self) -> Option<Instant> {
         let target = self.jog.is_held().then_some(self.next_target);
         self.reads.into_iter().chain([target]).flatten().min()
@@ -429,7 +431,7 @@ impl Session {
         }
     }
 
-    /// A late answer is the arm's word, too.
+    /// Stores the values of a response. Late ones are valid, too.
     fn learn(&mut self, now: Instant, response: &Response) {
         let arm = &mut self.arm;
         match *response {
@@ -449,7 +451,7 @@ impl Session {
         }
     }
 
-    /// The answer to this read does not change: it is not read again.
+    /// Removes a read with a constant answer from the cycle.
     fn know(&mut self, known: Request) {
         for (due, (request, _)) in self.reads.iter_mut().zip(READS) {
             if request == known {
@@ -472,7 +474,7 @@ fn has_torque(status: MotionStatus) -> bool {
     }
 }
 
-/// The text of a request.
+/// Describes a request.
 fn name(request: &Request) -> String {
     let mut frame = [0; MAX_FRAME];
     // It has room for every request.
