@@ -324,11 +324,11 @@ enum ArmwireLingRequestKind
    */
   ARMWIRE_LING_REQUEST_KIND_SET_ZERO,
   /**
-   * Tells the arm which gripper it has (section 2.3). Not answered. (`stroke_mm`)
+   * Sets the gripper's stroke (section 2.3). Not answered. (`stroke_mm`)
    */
   ARMWIRE_LING_REQUEST_KIND_SET_STROKE,
   /**
-   * Which gripper the arm thinks it has (section 2.3).
+   * Reads the configured stroke of the gripper (section 2.3).
    */
   ARMWIRE_LING_REQUEST_KIND_READ_STROKE,
   /**
@@ -922,7 +922,7 @@ typedef struct ArmwireAlpha1Action {
 } ArmwireAlpha1Action;
 
 /**
- * The side of the robot, or of its servos, on a line: requests in, responses out. It knows the protocol, not the robot. Its memory is yours, what is in
+ * The side of the robot, or of its servos, on a line: requests in, responses out. It implements the protocol, not the robot. Its memory is yours, what is in
  * it is not.
  */
 typedef struct ArmwireAlpha1Device {
@@ -1072,7 +1072,7 @@ typedef struct ArmwireLingMove {
 } ArmwireLingMove;
 
 /**
- * The arm's side of a line: requests in, responses out. It knows the protocol, not the arm. Its memory is yours, what is in
+ * The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. Its memory is yours, what is in
  * it is not.
  */
 typedef struct ArmwireLingDevice {
@@ -1159,7 +1159,7 @@ typedef struct ArmwireXarmResponse {
 } ArmwireXarmResponse;
 
 /**
- * The arm's side of a line: requests in, responses out. It knows the protocol, not the arm. Its memory is yours, what is in
+ * The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. Its memory is yours, what is in
  * it is not.
  */
 typedef struct ArmwireXarmDevice {
@@ -1309,7 +1309,7 @@ ArmwireStatus armwire_alpha1_client_set_offset_tool(struct ArmwireAlpha1Client *
                                                     uint8_t connected);
 
 /**
- * Sets what the robot is on USB from now on, an `ArmwireAlpha1UsbType` (row F9). As a disk it no longer speaks this protocol.
+ * Sets the robot's USB device type, an `ArmwireAlpha1UsbType` (row F9). A disk no longer supports this protocol.
  */
 ArmwireStatus armwire_alpha1_client_set_usb_type(struct ArmwireAlpha1Client *client,
                                                  uint8_t usb);
@@ -1547,12 +1547,12 @@ ArmwireStatus armwire_ling_client_read_info(struct ArmwireLingClient *client);
 ArmwireStatus armwire_ling_client_set_zero(struct ArmwireLingClient *client);
 
 /**
- * Tells the arm which gripper it has: 50, 75 or 100 (section 2.3). Not answered.
+ * Sets the gripper's stroke in millimetres: 50, 75 or 100 (section 2.3). Not answered.
  */
 ArmwireStatus armwire_ling_client_set_stroke(struct ArmwireLingClient *client, uint8_t stroke_mm);
 
 /**
- * Asks which gripper the arm thinks it has (section 2.3).
+ * Reads the configured stroke of the gripper (section 2.3).
  */
 ArmwireStatus armwire_ling_client_read_stroke(struct ArmwireLingClient *client);
 

@@ -289,7 +289,7 @@ impl ArmwireFault {
     /// The pointers are as this library has set them, or NULL.
     unsafe fn write(&self, out: &mut Writer<'_>) {
         self.write_message(out);
-        // SAFETY: as the caller says.
+        // SAFETY: guaranteed by the caller.
         let bytes = unsafe { list(self.expected_bytes, self.expected_len) };
         let (got, min, offset) = (self.got, self.min, i64::from(self.offset));
         match CODES.into_iter().find(|code| *code as u8 == self.code) {
@@ -326,7 +326,7 @@ impl ArmwireFault {
             }
             Some(ArmwireFaultCode::DataLength) => {
                 out.number(got).text(" data bytes, expected ");
-                // SAFETY: as the caller says.
+                // SAFETY: guaranteed by the caller.
                 let lengths = unsafe { list(self.expected_lengths, self.expected_len) };
                 either(out, lengths, |out, len| out.number(len as i64))
             }
@@ -339,11 +339,11 @@ impl ArmwireFault {
                 either(out, bytes, |out, byte| out.hex_upper(byte))
             }
             Some(ArmwireFaultCode::DataValue) => {
-                // SAFETY: as the caller says.
+                // SAFETY: guaranteed by the caller.
                 unsafe { self.write_value(out) };
                 out.text(" (data byte ").number(offset).text(")")
             }
-            // SAFETY: as the caller says.
+            // SAFETY: guaranteed by the caller.
             Some(ArmwireFaultCode::Value) => unsafe { self.write_value(out) },
             Some(ArmwireFaultCode::Other) | None => out.text("an error of another version"),
         };
@@ -376,7 +376,7 @@ impl ArmwireFault {
     ///
     /// The pointers are as this library has set them, or NULL.
     unsafe fn write_value<'w, 'a>(&self, out: &'w mut Writer<'a>) -> &'w mut Writer<'a> {
-        // SAFETY: as the caller says.
+        // SAFETY: guaranteed by the caller.
         let (what, unit) = unsafe { (list(self.what, self.what_len), list(self.unit, self.unit_len)) };
         let space = if unit.is_empty() { "" } else { " " };
         out.bytes(what).text(" is ").number(self.got).text(space).bytes(unit);
@@ -407,7 +407,7 @@ fn either<'w, 'a, T: Copy>(
 unsafe fn list<T>(list: *const T, len: usize) -> &'static [T] {
     match list.is_null() {
         true => &[],
-        // SAFETY: as the caller says.
+        // SAFETY: guaranteed by the caller.
         false => unsafe { slice::from_raw_parts(list, len) },
     }
 }
@@ -420,13 +420,13 @@ unsafe fn list<T>(list: *const T, len: usize) -> &'static [T] {
 /// `fault` is as this library has written it, or all zero. `out` is NULL, or has `size` bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn armwire_fault_text(fault: Option<&ArmwireFault>, out: *mut c_char, size: usize) -> usize {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let Ok(room) = (unsafe { memory::room(out.cast(), size) }) else {
         return 0;
     };
     let mut writer = Writer::new(room);
     if let Some(fault) = fault {
-        // SAFETY: as the caller says.
+        // SAFETY: guaranteed by the caller.
         unsafe { fault.write(&mut writer) };
     }
     writer.finish()

@@ -14,7 +14,7 @@ pub(crate) unsafe trait Memory: Sized {
     /// The value.
     type Value;
 
-    /// The first word, which tells it from all others and from memory that was not initialized.
+    /// The first word, which identifies the type and distinguishes it from uninitialized memory.
     const TAG: u32;
 
     /// Fails to compile if the value does not fit.
@@ -90,7 +90,7 @@ pub(crate) unsafe fn bytes<'a>(bytes: *const u8, len: usize) -> Result<&'a [u8],
 ///
 /// # Safety
 ///
-/// `room` is NULL, or has `len` bytes that nobody else uses for as long as the result is used.
+/// `room` is NULL, or has `len` bytes without any other access during the lifetime of the result.
 pub(crate) unsafe fn room<'a>(room: *mut u8, len: usize) -> Result<&'a mut [u8], ArmwireStatus> {
     match (room.is_null(), len) {
         (_, 0) => Ok(&mut []),

@@ -103,7 +103,7 @@ impl<'a> Writer<'a> {
 /// `bytes` is NULL, or has `len` bytes; `out` is NULL, or has `size` bytes. The two do not overlap.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn armwire_printable(bytes: *const u8, len: usize, out: *mut c_char, size: usize) -> usize {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let (bytes, room) = unsafe { (memory::bytes(bytes, len), memory::room(out.cast(), size)) };
     let (Ok(bytes), Ok(room)) = (bytes, room) else {
         return 0;

@@ -111,7 +111,7 @@ pub unsafe extern "C" fn armwire_alpha1_client_receive(
     len: usize,
     taken: Option<&mut usize>,
 ) -> ArmwireStatus {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let bytes = unsafe { memory::bytes(bytes, len) };
     client::receive(client, now_us, bytes, taken).into()
 }
@@ -193,7 +193,7 @@ pub extern "C" fn armwire_alpha1_client_set_offset_tool(
     client::submit(client, offset_tool(connected).map(Request::SetOffsetTool))
 }
 
-/// Sets what the robot is on USB from now on, an `ArmwireAlpha1UsbType` (row F9). As a disk it no longer speaks this protocol.
+/// Sets the robot's USB device type, an `ArmwireAlpha1UsbType` (row F9). A disk no longer supports this protocol.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_set_usb_type(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -213,7 +213,7 @@ pub unsafe extern "C" fn armwire_alpha1_client_play(
     name: *const u8,
     len: usize,
 ) -> ArmwireStatus {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     match unsafe { memory::bytes(name, len) } {
         Ok(name) => client::submit(client, text(name).map(Request::Play)),
         Err(status) => status,

@@ -12,7 +12,7 @@ use crate::status::ArmwireStatus;
 /// Words in the memory of a device.
 pub const ARMWIRE_ALPHA1_DEVICE_WORDS: usize = 56;
 
-/// The side of the robot, or of its servos, on a line: requests in, responses out. It knows the protocol, not the robot. Its memory is yours, what is in
+/// The side of the robot, or of its servos, on a line: requests in, responses out. It implements the protocol, not the robot. Its memory is yours, what is in
 /// it is not.
 #[repr(C)]
 pub struct ArmwireAlpha1Device {
@@ -62,7 +62,7 @@ pub unsafe extern "C" fn armwire_alpha1_device_respond(
     let Some(response) = response else {
         return ArmwireStatus::Null;
     };
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let (response, out) = unsafe { (response.get(), memory::room(out, size)) };
     device::respond(device, response, None, out, len).into()
 }
@@ -100,7 +100,7 @@ pub unsafe extern "C" fn armwire_alpha1_device_receive(
     len: usize,
     taken: Option<&mut usize>,
 ) -> ArmwireStatus {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let bytes = unsafe { memory::bytes(bytes, len) };
     device::receive(device, bytes, taken).into()
 }

@@ -465,7 +465,7 @@ impl ArmwireAlpha1Response {
     pub(super) unsafe fn get(&self) -> Result<Response<'_>, Refusal> {
         let kind = |kind: ArmwireAlpha1ResponseKind| self.kind == kind as u32;
         if kind(ArmwireAlpha1ResponseKind::HardwareVersion) {
-            // SAFETY: as the caller says.
+            // SAFETY: guaranteed by the caller.
             let bytes = unsafe { memory::bytes(self.text, self.text_len) }.map_err(Refusal::Status)?;
             return Ok(Response::HardwareVersion(text(bytes)?));
         }

@@ -97,7 +97,7 @@ pub unsafe extern "C" fn armwire_ling_client_receive(
     len: usize,
     taken: Option<&mut usize>,
 ) -> ArmwireStatus {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let bytes = unsafe { memory::bytes(bytes, len) };
     client::receive(client, now_us, bytes, taken).into()
 }
@@ -138,7 +138,7 @@ pub extern "C" fn armwire_ling_client_set_zero(client: Option<&mut ArmwireLingCl
     client::submit(client, Ok(Request::SetZero))
 }
 
-/// Tells the arm which gripper it has: 50, 75 or 100 (section 2.3). Not answered.
+/// Sets the gripper's stroke in millimetres: 50, 75 or 100 (section 2.3). Not answered.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_set_stroke(
     client: Option<&mut ArmwireLingClient>,
@@ -147,7 +147,7 @@ pub extern "C" fn armwire_ling_client_set_stroke(
     client::submit(client, stroke(stroke_mm).map(Request::SetStroke))
 }
 
-/// Asks which gripper the arm thinks it has (section 2.3).
+/// Reads the configured stroke of the gripper (section 2.3).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_read_stroke(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::ReadStroke))

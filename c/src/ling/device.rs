@@ -12,7 +12,7 @@ use crate::status::ArmwireStatus;
 /// Words in the memory of a device.
 pub const ARMWIRE_LING_DEVICE_WORDS: usize = 32;
 
-/// The arm's side of a line: requests in, responses out. It knows the protocol, not the arm. Its memory is yours, what is in
+/// The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. Its memory is yours, what is in
 /// it is not.
 #[repr(C)]
 pub struct ArmwireLingDevice {
@@ -62,7 +62,7 @@ pub unsafe extern "C" fn armwire_ling_device_respond(
     let Some(response) = response else {
         return ArmwireStatus::Null;
     };
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let out = unsafe { memory::room(out, size) };
     device::respond(device, response.get(), None, out, len).into()
 }
@@ -97,7 +97,7 @@ pub unsafe extern "C" fn armwire_ling_device_receive(
     len: usize,
     taken: Option<&mut usize>,
 ) -> ArmwireStatus {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let bytes = unsafe { memory::bytes(bytes, len) };
     device::receive(device, bytes, taken).into()
 }

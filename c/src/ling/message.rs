@@ -75,9 +75,9 @@ pub enum ArmwireLingRequestKind {
     ReadInfo,
     /// Makes the present pose the zero position, and switches the torque off (section 2.2). Not answered.
     SetZero,
-    /// Tells the arm which gripper it has (section 2.3). Not answered. (`stroke_mm`)
+    /// Sets the gripper's stroke (section 2.3). Not answered. (`stroke_mm`)
     SetStroke,
-    /// Which gripper the arm thinks it has (section 2.3).
+    /// Reads the configured stroke of the gripper (section 2.3).
     ReadStroke,
     /// Switches the torque (section 2.4). Not answered. (`torque_on`)
     SetTorque,

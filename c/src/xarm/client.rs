@@ -97,7 +97,7 @@ pub unsafe extern "C" fn armwire_xarm_client_receive(
     len: usize,
     taken: Option<&mut usize>,
 ) -> ArmwireStatus {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let bytes = unsafe { memory::bytes(bytes, len) };
     client::receive(client, now_us, bytes, taken).into()
 }
@@ -199,7 +199,7 @@ pub unsafe extern "C" fn armwire_xarm_client_raw(
     params: *const u8,
     len: usize,
 ) -> ArmwireStatus {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     match unsafe { memory::bytes(params, len) } {
         Ok(params) => client::submit(client, raw(reg, params).map(Request::Raw)),
         Err(status) => status,

@@ -12,7 +12,7 @@ use crate::status::ArmwireStatus;
 /// Words in the memory of a device.
 pub const ARMWIRE_XARM_DEVICE_WORDS: usize = 56;
 
-/// The arm's side of a line: requests in, responses out. It knows the protocol, not the arm. Its memory is yours, what is in
+/// The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. Its memory is yours, what is in
 /// it is not.
 #[repr(C)]
 pub struct ArmwireXarmDevice {
@@ -64,7 +64,7 @@ pub unsafe extern "C" fn armwire_xarm_device_respond(
         return ArmwireStatus::Null;
     };
     let to = to.map(ArmwireXarmRequest::key);
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let (response, out) = unsafe { (response.get(), memory::room(out, size)) };
     device::respond(device, response, to, out, len).into()
 }
@@ -99,7 +99,7 @@ pub unsafe extern "C" fn armwire_xarm_device_receive(
     len: usize,
     taken: Option<&mut usize>,
 ) -> ArmwireStatus {
-    // SAFETY: as the caller says.
+    // SAFETY: guaranteed by the caller.
     let bytes = unsafe { memory::bytes(bytes, len) };
     device::receive(device, bytes, taken).into()
 }

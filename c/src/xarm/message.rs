@@ -251,7 +251,7 @@ impl ArmwireXarmResponse {
                 function: ModbusFunction::new(self.modbus_function).map_err(Refused::only)?,
             });
         }
-        // SAFETY: as the caller says.
+        // SAFETY: guaranteed by the caller.
         let data = || unsafe { memory::bytes(self.data, self.data_len) }.map_err(Refusal::Status);
         let reply = if kind(ArmwireXarmResponseKind::Empty) {
             let register = Register::from_code(self.reg);
