@@ -1,4 +1,4 @@
-//! Tells the linker which script places the program in memory: esp-hal's.
+//! Passes esp-hal's memory layout script to the linker.
 
 fn main() {
     println!("cargo:rustc-link-arg-bins=-Tlinkall.x");

@@ -1,4 +1,4 @@
-//! Tells the linker where the chip's memory is, and which scripts place the program in it.
+//! Passes the chip's memory map and the layout scripts to the linker.
 
 use std::env;
 

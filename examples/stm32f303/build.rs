@@ -1,4 +1,4 @@
-//! Tells the linker which scripts place the program in memory. That of the chip's memory is embassy-stm32's.
+//! Passes the layout scripts to the linker. embassy-stm32 provides the chip's memory map.
 
 fn main() {
     for option in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {

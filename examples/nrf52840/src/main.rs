@@ -58,7 +58,7 @@ async fn main(_spawner: Spawner) {
         rx,
         tx,
     );
-    // With nothing plugged in, a pull-up makes P0.08 an idle line. Without, it floats and hears noise.
+    // The pull-up keeps P0.08 idle while no arm is connected. Without it the input floats and receives noise.
     P0.pin_cnf(8).modify(|pin| pin.set_pull(Pull::Pullup));
 
     let mut arm = Arm::open(port, EmbassyClock, Config::DEFAULT);

@@ -70,12 +70,12 @@ class Uart {
     if (isIdle) this.#schedule();
   }
 
-  // Whether all bytes for the chip have reached the program.
+  // True if the program has received all bytes for the chip.
   get isRead() {
     return this.#incoming.length === 0 && this.#uart.rxFIFO.empty;
   }
 
-  // Whether the chip is sending.
+  // True during a transmission of the chip.
   get isSending() {
     return (this.#uart.flags & BUSY) !== 0;
   }

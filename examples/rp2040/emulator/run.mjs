@@ -25,7 +25,7 @@ class Arm {
     const arm = new Arm();
     arm.process = spawn(armwire, ['sim', 'ling', '--pty', link], { stdio: ['ignore', 'pipe', 'inherit'] });
     arm.lines = readline.createInterface({ input: arm.process.stdout })[Symbol.asyncIterator]();
-    // Its first line says that the pty is there.
+    // The first line of output shows that the pty is ready.
     assert.ok(!(await arm.lines.next()).done, 'the virtual arm does not start');
     arm.port = fs.openSync(link, fs.constants.O_RDWR | fs.constants.O_NOCTTY | fs.constants.O_NONBLOCK);
     return arm;
@@ -55,7 +55,7 @@ class Arm {
   }
 }
 
-// What the example must log, in this order. Between `moving` and `there` there are joints of the way.
+// Expected log lines, in this order. Joint positions may come between `moving` and `there`.
 const STORY = [
   /^waiting for an arm$/,
   /^arm ADFS251205123456, firmware v6\.10$/,
@@ -125,7 +125,7 @@ async function play(chip, arm) {
   const start = performance.now();
   while (told < STORY.length) {
     chip.run(SLICE_NANOS);
-    // Between two frames, so that the arm hears none in part.
+    // Between two frames, so that the arm receives whole frames only.
     if (chip.clock.nanos >= plugAt && !line.isSending) plugged = true;
     // A frame goes in one piece: the arm would take a pause of ours for one of the line.
     if (toArm.length > 0 && !line.isSending) {

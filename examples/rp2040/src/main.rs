@@ -45,7 +45,7 @@ async fn main(_spawner: Spawner) {
     let mut config = uart::Config::default();
     config.baudrate = 1_000_000;
     let port = BufferedUart::new(p.UART1, p.PIN_4, p.PIN_5, Irqs, tx, rx, config);
-    // With nothing plugged in, a pull-up makes GP5 an idle line. Without, it floats and hears noise.
+    // The pull-up keeps GP5 idle while no arm is connected. Without it the input floats and receives noise.
     PADS_BANK0.gpio(5).modify(|pad| pad.set_pue(true));
 
     let mut arm = Arm::open(port, EmbassyClock, Config::DEFAULT);

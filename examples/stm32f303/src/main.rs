@@ -51,7 +51,7 @@ async fn main(_spawner: Spawner) {
     let (tx, rx) = (TX.init([0; 256]), RX.init([0; 256]));
     let mut config = usart::Config::default();
     config.baudrate = 1_000_000;
-    // With nothing plugged in, a pull-up makes PA10 an idle line. Without, it floats and hears noise.
+    // The pull-up keeps PA10 idle while no arm is connected. Without it the input floats and receives noise.
     config.rx_pull = Pull::Up;
     let port = BufferedUart::new(p.USART1, p.PA10, p.PA9, tx, rx, Irqs, config).unwrap();
 
