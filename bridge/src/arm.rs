@@ -200,7 +200,7 @@ impl Dialect for ArmKind {
     }
 }
 
-/// The same request, with the key and the expectation of the adapter's types.
+/// Converts a request's key and expectation to the adapter's types.
 fn with<K, E>(info: RequestInfo<K, E>, key: Key, expect: Expect) -> Info {
     RequestInfo {
         key,

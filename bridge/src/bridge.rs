@@ -131,7 +131,7 @@ impl Bridge {
     /// let mut bridge = Bridge::new(Identity::default(), Config::default(), start);
     /// assert_eq!(bridge.counters().hard_faults, 1);
     ///
-    /// // Zeros end a frame that the arm may have heard half of. Torque-off is behind them.
+    /// // Zeros end a partial frame in the arm. Torque-off follows them.
     /// let mut buf = [0; 256];
     /// let burst = |len| Some(Transmit::Burst { len, start: None });
     /// assert_eq!(bridge.uart_transmit(&mut buf, Instant::ZERO), burst(70));

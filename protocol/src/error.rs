@@ -53,7 +53,7 @@ impl<T: Copy> OutOfRange<T> {
         }
     }
 
-    /// The same error in a wider type.
+    /// Converts the error to a wider type.
     fn widen<U: From<T> + Copy>(self) -> OutOfRange<U> {
         OutOfRange::new(self.what, self.unit, self.got.into(), self.min.into(), self.max.into())
     }

@@ -4,7 +4,7 @@
 //! does I/O, reads a clock, allocates, or panics on its input: the same code runs in an interrupt handler, in a task,
 //! on a desktop, and in a test without real time.
 //!
-//! | Layer | Knows | Does not know |
+//! | Layer | Handles | Independent of |
 //! |---|---|---|
 //! | [`framing`] | the beginning and end of a frame, given an expectation | its initiator |
 //! | [`decoder`] | bytes in chunks of any size → items in order, without a missing byte | the meaning of frames, the kind of arm |

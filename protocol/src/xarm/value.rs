@@ -18,7 +18,7 @@ pub const TEXT: usize = 40;
 
 /// The protocol id of a message. A response has that of its request.
 ///
-/// The document knows only the first. The vendor's package changes to the second if it reads reports and the arm's
+/// The document has only the first. The vendor's package changes to the second if it reads reports and the arm's
 /// firmware is 1.8.6 or later. It then supervises the connection: it reads the state after 30 s of silence, and
 /// disconnects after 90 s. It is unknown if the arm supervises it too.
 ///
