@@ -7,7 +7,7 @@ static ArmwireAlpha1Client client;
 static Port port;
 static Others others;
 
-/* The response to a request that was accepted. */
+/* Returns the response to an accepted request. */
 static ArmwireAlpha1Response answer(ArmwireStatus status, uint32_t kind)
 {
     ArmwireAlpha1Response response;
@@ -88,7 +88,7 @@ static void every_request_to_a_servo_is_answered(void)
     CHECK(others.noise + others.late + others.unsolicited + others.echo + others.unknown == 0);
 }
 
-/* Makes one of eight requests to the robot, or of eight to a servo, and says what answers it. */
+/* Sends one of eight requests to the robot or of eight to a servo, and sets the kind of its response. */
 static ArmwireStatus make_request(unsigned which, uint32_t *kind)
 {
     static const uint32_t kinds[] = {
@@ -124,7 +124,7 @@ static ArmwireStatus make_request(unsigned which, uint32_t *kind)
     }
 }
 
-/* Every request ends once, and no answer is taken for that to another request. */
+/* Every request ends once, and no answer is matched to another request. */
 static void requests_end_whatever_the_line_does(unsigned rounds, bool servos)
 {
     unsigned answers = 0, timeouts = 0, unacceptable = 0;

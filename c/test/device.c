@@ -7,7 +7,7 @@ static Random rng = {1};
 static uint32_t faults;
 static uint64_t clock_us;
 
-/* What a line makes of bytes: returns their number in `to`, which has twice the room. */
+/* Applies the faults of a line to bytes. Returns their number in `to`, which has twice the size. */
 static size_t line(const uint8_t *from, size_t len, uint8_t *to)
 {
     size_t n = 0;
@@ -95,7 +95,7 @@ static size_t line(const uint8_t *from, size_t len, uint8_t *to)
         }                                                                                                             \
     }
 
-/* Ends with an answer, and with faults also without. */
+/* Ends with an answer, or without one if there are faults. */
 static bool answered(const ArmwireEvent *event)
 {
     if (faults == 0) {
@@ -502,7 +502,7 @@ static void xarm_round(void)
     CHECK(kind != 9 || xarm_request.reg == reg);
 }
 
-/* What a device says of frames that are no requests, and what a client makes of the answer. */
+/* Checks a device's response to frames that are not requests, and the client's handling of it. */
 static void strange_frames_are_answered_as_the_arm_does(void)
 {
     static const uint8_t bad_joint[] = {0, 7, 0, 3, 0, 2, 6, 8}, modbus[] = {0, 7, 0, 0, 0, 6, 1, 3, 0, 0, 0, 1};

@@ -70,7 +70,7 @@ static const uint32_t kinds[] = {ARMWIRE_LING_RESPONSE_KIND_INFO,       ARMWIRE_
                                  ARMWIRE_LING_RESPONSE_KIND_VELOCITIES, ARMWIRE_LING_RESPONSE_KIND_SELF_CHECK};
 #define READS (sizeof reads / sizeof *reads)
 
-/* Only reads: the arm gives up a request with a gap in it, and what is not answered is not repeated. */
+/* Reads only: the arm discards a request with a gap, and requests without an answer are not repeated. */
 static void frames_may_be_written_in_parts(void)
 {
     port.write_most = 3;
@@ -80,7 +80,7 @@ static void frames_may_be_written_in_parts(void)
     port.write_most = SIZE_MAX;
 }
 
-/* Every request ends once, and no answer is taken for that to another request. */
+/* Every request ends once, and no answer is matched to another request. */
 static void requests_end_whatever_the_line_does(unsigned rounds)
 {
     const ArmwireLingMove home = {{2048, 2048, 2048, 2048, 2048, 2048}, {500, 500, 500, 500, 500, 500}, 500, 1000};

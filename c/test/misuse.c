@@ -11,7 +11,7 @@ static const size_t sizes[KINDS] = {sizeof(ArmwireLingClient),   sizeof(ArmwireL
  * for every kind of it, or the wrong type could not be tried. */
 #define MEMORIES 12
 static void *memories[MEMORIES];
-/* What is in each: KINDS for nothing. */
+/* The kind in each memory, KINDS for none. */
 static enum Kind contents[MEMORIES];
 static size_t largest;
 
@@ -87,7 +87,7 @@ static size_t any_line(uint8_t *to, size_t room)
     return len;
 }
 
-/* Bytes on the heap that end where they are said to. */
+/* Copies bytes to the heap, with exactly this length. */
 static uint8_t *exact(const uint8_t *bytes, size_t len)
 {
     uint8_t *copy = malloc(len > 0 ? len : 1);
@@ -96,7 +96,7 @@ static uint8_t *exact(const uint8_t *bytes, size_t len)
     return copy;
 }
 
-/* Calls that every client and every device of a protocol has. */
+/* The common functions of all clients and devices. */
 #define DEFINE_MECHANICS(name, Name)                                                                                  \
     static ArmwireStatus name##_client_mechanics(Armwire##Name##Client *client, uint32_t which)                       \
     {                                                                                                                 \
@@ -182,7 +182,7 @@ static uint8_t *exact(const uint8_t *bytes, size_t len)
         }                                                                                                             \
     }
 
-/* The bytes of an event are there, and its fault has a text that ends. */
+/* Checks that the bytes of an event are readable and the text of its fault is terminated. */
 static void look_at(const ArmwireEvent *event)
 {
     char text[128], cut[8];
@@ -368,7 +368,7 @@ static ArmwireStatus call(enum Kind kind, void *memory)
     }
 }
 
-/* The kind of what is in memory, found out by a call that changes nothing. */
+/* Returns the kind in memory, by a call without side effects. */
 static enum Kind look_into(void *memory)
 {
     ArmwireFault fault;

@@ -1,4 +1,4 @@
-/* The start of a test on a Cortex-M in QEMU, which prints and ends by semihosting. */
+/* Start-up code of a test on a Cortex-M in QEMU, with output and exit by semihosting. */
 #include <stdint.h>
 #include <stdlib.h>
 
@@ -7,11 +7,11 @@ void initialise_monitor_handles(void);
 void _init(void);
 void _fini(void);
 void reset(void);
-/* An address, as the first entry of a vector table is. */
+/* The initial stack pointer, the first entry of the vector table. */
 void stack_top(void);
 extern uint32_t data_start, data_end, data_in_flash, bss_start, bss_end;
 
-/* The C library calls them. */
+/* Called by the C library. */
 void _init(void)
 {
 }

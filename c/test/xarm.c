@@ -37,7 +37,7 @@ static void every_request_is_answered_or_sent(void)
             answer(armwire_xarm_client_read_rotation_radius(&arm, joint), ARMWIRE_XARM_RESPONSE_KIND_ROTATION_RADIUS);
         CHECK(response.reg == 6 && response.rotation_radius_mm >= 0.0f);
     }
-    /* Register 13 is the state: a reply without types of its own. */
+    /* Register 13 is the state: an untyped reply. */
     response = answer(armwire_xarm_client_raw(&arm, 13, NULL, 0), ARMWIRE_XARM_RESPONSE_KIND_RAW);
     CHECK(response.reg == 13);
     CHECK(others.noise + others.late + others.unsolicited + others.echo + others.unknown == 0);

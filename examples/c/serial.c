@@ -19,7 +19,7 @@ static uint64_t now_us(void)
     return (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;
 }
 
-/* Waits until the line gives bytes or this time is reached, and puts the bytes in. */
+/* Waits for bytes until this time, and passes them to the client. */
 static void wait(uint64_t until_us)
 {
     uint64_t now = now_us();
@@ -38,7 +38,7 @@ static void wait(uint64_t until_us)
     armwire_ling_client_received(&arm, now_us(), (size_t)got);
 }
 
-/* Carries a request out, which must be accepted, and returns its answer; of kind NONE for one that is not answered. */
+/* Completes an accepted request and returns its answer, of kind NONE for a request without one. */
 static ArmwireLingResponse call(ArmwireStatus status)
 {
     ArmwireEvent event;

@@ -64,7 +64,7 @@ static size_t uart_write(const uint8_t *bytes, size_t len)
     return n;
 }
 
-/* One step of the client, which never waits. */
+/* Executes one step of the client without waiting. */
 static ArmwireEvent step(ArmwireLingResponse *response)
 {
     ArmwireEvent event;
@@ -79,7 +79,7 @@ static ArmwireEvent step(ArmwireLingResponse *response)
     return event;
 }
 
-/* Carries the request in flight out. Between two steps other work can be done. */
+/* Completes the request in flight. Other work is possible between two steps. */
 static ArmwireEvent call(ArmwireLingResponse *response)
 {
     for (;;) {
@@ -114,7 +114,7 @@ int main(void)
     armwire_ling_client_set_torque(&arm, 1);
     call(&joints);
     do {
-        /* Again and again, as the arm does not answer it: one may be lost. */
+        /* Repeated, because a move has no answer and may be lost. */
         armwire_ling_client_move(&arm, &target);
         call(&joints);
         armwire_ling_client_read_joints(&arm);

@@ -1,4 +1,4 @@
-/* The vector table, and what is to be done before main. */
+/* The vector table and the reset handler. */
 #include <stdint.h>
 
 int main(void);

@@ -1,6 +1,6 @@
-//! Moves a Ling arm from an ESP32-C3, and follows its joints.
+//! Moves a Ling arm from an ESP32-C3, and logs its joint positions.
 //!
-//! | ESP32-C3 | goes to |
+//! | ESP32-C3 | connects to |
 //! |---|---|
 //! | GPIO4 (UART1 TX) | the arm's RX, 3.3 V |
 //! | GPIO5 (UART1 RX) | the arm's TX |
@@ -35,8 +35,8 @@ async fn main(_spawner: Spawner) {
     let p = esp_hal::init(esp_hal::Config::default().with_cpu_clock(CpuClock::max()));
     esp_rtos::start(TimerGroup::new(p.TIMG0).timer0, p.FROM_CPU_INTR0);
 
-    // Its FIFO of 128 bytes keeps what arrives between reads. `with_rx` gives GPIO5 a pull-up: with nothing plugged in the
-    // line is idle.
+    // The FIFO of 128 bytes stores bytes between reads. `with_rx` enables the pull-up of GPIO5, which keeps the line idle
+    // while no arm is connected.
     let config = uart::Config::default().with_baudrate(1_000_000);
     let port = Uart::new(p.UART1, config).unwrap();
     let port = port.with_tx(p.GPIO4).with_rx(p.GPIO5).into_async();
@@ -74,7 +74,7 @@ async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
         println!("a joint is out of range: not moved");
         return Ok(());
     };
-    // Towards the middle, so that the goal is in range.
+    // The rotation is towards the centre, so that the goal is in range.
     let wrist = match joints[5] > Position::CENTRE {
         true => joints[5].ticks() - TURN,
         false => joints[5].ticks() + TURN,
@@ -92,8 +92,8 @@ async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
     move_to(arm, goal).await
 }
 
-/// Moves, and shows the way until joints are within 3 ticks (0.3°) and the gripper within 1 % of the goal. Waits 10 s at most:
-/// a gripper that holds something does not close.
+/// Moves, and logs positions until the joints are within 3 ticks (0.3°) and the gripper within 1 % of the goal. The limit
+/// is 10 s, because a gripper that holds something does not close.
 async fn move_to(arm: &mut LingArm, goal: Move) -> Result<(), Error> {
     arm.move_to(goal).await?;
     println!("moving");

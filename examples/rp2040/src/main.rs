@@ -1,6 +1,6 @@
-//! Moves a Ling arm from an RP2040, and follows its joints.
+//! Moves a Ling arm from an RP2040, and logs its joint positions.
 //!
-//! | RP2040 | goes to |
+//! | RP2040 | connects to |
 //! |---|---|
 //! | GP4 (UART1 TX) | the arm's RX, 3.3 V |
 //! | GP5 (UART1 RX) | the arm's TX |
@@ -81,7 +81,7 @@ async fn turn_wrist_and_grip(arm: &mut LingArm, log: &mut Log) -> Result<(), Err
         log.line(format_args!("a joint is out of range: not moved"));
         return Ok(());
     };
-    // Towards the middle, so that the goal is in range.
+    // The rotation is towards the centre, so that the goal is in range.
     let wrist = match joints[5] > Position::CENTRE {
         true => joints[5].ticks() - TURN,
         false => joints[5].ticks() + TURN,
@@ -99,8 +99,8 @@ async fn turn_wrist_and_grip(arm: &mut LingArm, log: &mut Log) -> Result<(), Err
     move_to(arm, log, goal).await
 }
 
-/// Moves, and shows the way until joints are within 3 ticks (0.3°) and the gripper within 1 % of the goal. Waits 10 s at most:
-/// a gripper that holds something does not close.
+/// Moves, and logs positions until the joints are within 3 ticks (0.3°) and the gripper within 1 % of the goal. The limit
+/// is 10 s, because a gripper that holds something does not close.
 async fn move_to(arm: &mut LingArm, log: &mut Log, goal: Move) -> Result<(), Error> {
     arm.move_to(goal).await?;
     log.line(format_args!("moving"));
