@@ -17,7 +17,9 @@ use crate::received::Missing;
 use crate::serial::Serial;
 
 /// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
-const PATIENCE: Duration = Duration::from_secs(3);
+const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
+/// Maximum number of events that wait for [`hear`](ControlLink::hear): four seconds of polls at 1 kHz.
+const MAX_EVENTS: usize = 4_096;
 /// The baud rate of a port that has none.
 const BAUD: u32 = 115_200;
 
@@ -29,6 +31,8 @@ pub struct ControlLink {
     is_subscribed: bool,
     /// Events that were received before a reply.
     events: VecDeque<(Stamp, Event)>,
+    /// Number of events dropped since the last report.
+    dropped: u64,
 }
 
 enum Way {
@@ -79,6 +83,7 @@ impl ControlLink {
             sequence: std::process::id() as u8,
             is_subscribed: false,
             events: VecDeque::new(),
+            dropped: 0,
         }
     }
 
@@ -99,7 +104,7 @@ impl ControlLink {
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
         self.way.send(&FromHost { sequence, request })?;
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + REPLY_TIMEOUT;
         loop {
             let left = until.saturating_duration_since(Instant::now());
             match self.way.receive(left)? {
@@ -107,15 +112,18 @@ impl ControlLink {
                     let reply = self.good(reply)?;
                     if let Request::Subscribe(to) = request {
                         self.is_subscribed = to != Subscription::default();
+                        // They belong to the earlier subscription.
+                        self.events.clear();
+                        self.dropped = 0;
                     }
                     return Ok(reply);
                 }
                 // To a request that was given up.
                 Some(Ok(FromAdapter::Reply { .. })) => {}
-                Some(Ok(FromAdapter::Event { at, event })) => self.events.push_back((at, event)),
+                Some(Ok(FromAdapter::Event { at, event })) => self.keep(at, event),
                 Some(Err(error)) => return Err(self.malformed(error)),
                 None if left.is_zero() => {
-                    let (millis, hints) = (PATIENCE.as_millis(), self.way.hints());
+                    let (millis, hints) = (REPLY_TIMEOUT.as_millis(), self.way.hints());
                     return Err(Error::NoAnswer {
                         name: self.name().to_owned(),
                         cause: format!("the adapter does not answer in {millis} ms: {hints}"),
@@ -129,14 +137,22 @@ impl ControlLink {
     }
 
     /// The next event of the adapter, after a wait of at most this long. Events need a
-    /// [subscription](Request::Subscribe).
+    /// [subscription](Request::Subscribe). At most 4096 events wait. A new subscription begins without any.
     ///
     /// # Errors
     ///
-    /// [`Error`]: the port fails, or a message cannot be read.
+    /// [`Error`]: the port fails, or a message cannot be read. [`Error::At`], once, if too many events waited: the oldest
+    /// were dropped.
     pub fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
         let until = Instant::now() + wait;
         loop {
+            match std::mem::take(&mut self.dropped) {
+                0 => {}
+                dropped => {
+                    let reason = format!("{dropped} events were dropped: more than {MAX_EVENTS} waited to be read");
+                    return Err(Error::at(self.name(), reason));
+                }
+            }
             if let Some(event) = self.events.pop_front() {
                 return Ok(Some(event));
             }
@@ -149,6 +165,15 @@ impl ControlLink {
                 None => {}
             }
         }
+    }
+
+    /// Keeps an event for [`hear`](Self::hear). The oldest makes room.
+    fn keep(&mut self, at: Stamp, event: Event) {
+        if self.events.len() == MAX_EVENTS {
+            self.events.pop_front();
+            self.dropped += 1;
+        }
+        self.events.push_back((at, event));
     }
 
     fn good(&self, reply: Reply) -> Result<Reply, Error> {
@@ -261,5 +286,85 @@ impl Stream {
                 return Ok(None);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire_bridge::control::encode_cobs;
+
+    use super::*;
+    use crate::link::{Came, Names};
+
+    /// An adapter that sends this many events before each reply, stamped 0 and up.
+    struct Talkative {
+        events: u64,
+        out: VecDeque<u8>,
+    }
+
+    impl Talkative {
+        fn say(&mut self, message: &FromAdapter) {
+            let mut bytes = [0; MAX_COBS];
+            let n = encode_cobs(message, &mut bytes).unwrap();
+            self.out.extend(&bytes[..n]);
+        }
+    }
+
+    impl Line for Talkative {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            let n = buf.len().min(self.out.len());
+            buf.iter_mut()
+                .zip(self.out.drain(..n))
+                .for_each(|(to, byte)| *to = byte);
+            Ok(n)
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            let mut reader = Reader::<MAX_MESSAGE>::new();
+            assert!(reader.push(&bytes[1..]).is_empty());
+            let request: FromHost = reader.next().unwrap().unwrap();
+            for at in 0..self.events {
+                let event = Event::BusOff { off: true };
+                self.say(&FromAdapter::Event { at: Stamp(at), event });
+            }
+            let (sequence, reply) = (request.sequence, Reply::Done);
+            self.say(&FromAdapter::Reply { sequence, reply });
+            Ok(bytes.len())
+        }
+
+        fn hints(&mut self, _: Came, _: Names) -> String {
+            String::new()
+        }
+    }
+
+    fn link(events: u64) -> ControlLink {
+        let out = VecDeque::new();
+        ControlLink::stream(Box::new(Talkative { events, out }))
+    }
+
+    #[test]
+    fn dropped_events_are_reported_once() {
+        let mut link = link(MAX_EVENTS as u64 + 3);
+        link.call(Request::EndStream).unwrap();
+        assert_eq!(
+            link.hear(Duration::ZERO).unwrap_err().to_string(),
+            "fake: 3 events were dropped: more than 4096 waited to be read"
+        );
+        for at in 3..MAX_EVENTS as u64 + 3 {
+            assert_eq!(link.hear(Duration::ZERO).unwrap().unwrap().0, Stamp(at));
+        }
+        assert_eq!(link.hear(Duration::ZERO).unwrap(), None);
+    }
+
+    #[test]
+    fn subscription_begins_without_old_events() {
+        let mut link = link(MAX_EVENTS as u64 + 3);
+        link.call(Request::EndStream).unwrap();
+        link.call(Request::Subscribe(Subscription::default())).unwrap();
+        assert_eq!(link.hear(Duration::ZERO).unwrap(), None);
     }
 }
