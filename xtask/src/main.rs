@@ -32,6 +32,7 @@ mod soak;
 mod steps;
 mod toolchain;
 mod vendor;
+mod venv;
 mod web;
 mod workspace;
 

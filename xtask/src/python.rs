@@ -12,6 +12,7 @@ use crate::board::Board;
 use crate::cargo::{cargo, forget_our_package, target_dir};
 use crate::process::{output, run};
 use crate::vendor::served::ServedBoard;
+use crate::venv;
 use crate::workspace::root;
 
 /// Maximum size of the wheel, in bytes: 1 MiB.
@@ -119,12 +120,9 @@ struct Environment {
 }
 
 impl Environment {
-    /// The environment in this folder, made if it is missing.
+    /// The environment in this folder, made if it is missing or not whole.
     fn new(python: &Path, dir: &Path) -> Result<Self> {
-        if !dir.join("bin/python").exists() {
-            println!("making a Python environment in {}", dir.display());
-            run(Command::new(python).args(["-m", "venv"]).arg(dir))?;
-        }
+        venv::make(python, dir)?;
         Ok(Self { dir: dir.to_owned() })
     }
 

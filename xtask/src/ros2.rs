@@ -11,6 +11,7 @@ use anyhow::{Result, bail};
 use crate::cargo::{cargo, target_dir};
 use crate::process::{output, run, shown};
 use crate::vendor::served::ServedBoard;
+use crate::venv;
 use crate::workspace::root;
 
 /// Both programs, as the peer starts them.
@@ -59,9 +60,7 @@ fn check_privilege() -> Result<()> {
 fn environment(folder: &Path) -> Result<PathBuf> {
     let environment = folder.join("python");
     let python = environment.join("bin/python");
-    if !python.exists() {
-        run(Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
-    }
+    venv::make(Path::new("python3"), &environment)?;
     let mut pip = Command::new(&python);
     pip.args([
         "-m",

@@ -10,6 +10,7 @@ use anyhow::Result;
 use super::background::Background;
 use crate::cargo::target_dir;
 use crate::process::run;
+use crate::venv;
 use crate::workspace::root;
 
 /// Timeout of a script: several times its duration on a slow machine.
@@ -36,10 +37,7 @@ impl Python {
         let environment = dir.join("python");
         let python = environment.join("bin/python");
         let scripts = root().join("host-tests/vendor");
-        if !python.exists() {
-            println!("making a Python environment in {}", environment.display());
-            run(Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
-        }
+        venv::make(Path::new("python3"), &environment)?;
         println!("installing the packages of {requirements}");
         let mut pip = Command::new(&python);
         pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
