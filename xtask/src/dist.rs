@@ -69,11 +69,7 @@ struct Release {
 
 impl Release {
     fn new() -> Result<Self> {
-        let changes = git("status --porcelain")?;
-        ensure!(
-            changes.is_empty(),
-            "a release is made of a commit, and these are in none:\n{changes}"
-        );
+        check_tree("a release is made of a commit, and these are in none")?;
         Ok(Self {
             commit: git("rev-parse HEAD")?,
             time: git("log -1 --format=%ct")?,
@@ -113,13 +109,12 @@ impl Release {
         self.add_origin()?;
         check_paths(&folder)?;
         add_checksums(&folder)?;
-        self.pack()
+        self.pack()?;
+        check_tree("the release has left these in the sources")
     }
 
     fn add_pages(&self) -> Result<()> {
-        let pages = self.dist.join("pages.tar");
-        run(git_command(&format!("archive {} {PAGES} -o", self.commit)).arg(&pages))?;
-        run(Command::new("tar").arg("-xf").arg(pages).arg("-C").arg(self.folder()))
+        self.extract(PAGES, &self.folder())
     }
 
     /// The images, by `cargo fw`.
@@ -177,9 +172,9 @@ impl Release {
     fn add_licences(&self) -> Result<()> {
         let folder = self.folder().join("licences");
         fs::create_dir_all(&folder)?;
-        for (program, manifest) in self.programs() {
+        for (program, package, options) in self.programs() {
             let mut about = tool(&format!(
-                "about generate --offline --locked --fail {manifest} -c about.toml -o"
+                "about generate --offline --locked --fail --manifest-path={package}/Cargo.toml {options} -c about.toml -o"
             ))?;
             run(about.arg(folder.join(format!("{program}.txt"))).arg("about.hbs"))?;
         }
@@ -193,39 +188,45 @@ impl Release {
     /// The crates that the programs are made of, as CycloneDX.
     fn add_bills_of_materials(&self) -> Result<()> {
         const FILE: &str = "sbom-of-a-release";
-        let folder = self.folder().join("sbom");
-        for (program, manifest) in self.programs() {
-            let options = "--quiet --format json --spec-version 1.5 --no-build-deps --override-filename";
-            let mut cyclonedx = tool(&format!("cyclonedx {manifest} {options} {FILE}"))?;
-            run(self.reproducible(&mut cyclonedx)?)?;
-            // cargo-cyclonedx writes one beside each Cargo.toml of the workspace.
-            for crate_folder in fs::read_dir(root())? {
-                let path = crate_folder?.path();
-                let file = path.join(FILE).with_extension("json");
-                if !file.exists() {
-                    continue;
-                }
-                let sbom = fs::read_to_string(&file)?;
-                fs::remove_file(&file)?;
-                if manifest.contains(&format!("={}/", path.file_name().unwrap_or_default().display())) {
-                    // A crate of this workspace is known by its folder.
-                    let sbom = sbom.replace(&root().display().to_string(), SOURCES);
-                    write(&folder.join(format!("{program}.cdx.json")), &sbom)?;
-                }
-            }
+        // cargo-cyclonedx writes a file beside each Cargo.toml of a workspace: here of a copy.
+        let copy = self.dist.join("sbom-sources");
+        if copy.exists() {
+            fs::remove_dir_all(&copy)?;
         }
+        self.extract("", &copy)?;
+        for (program, package, options) in self.programs() {
+            let mut cyclonedx = tool(&format!(
+                "cyclonedx --manifest-path={package}/Cargo.toml {options} --quiet --format json --spec-version 1.5 \
+                 --no-build-deps --override-filename {FILE}"
+            ))?;
+            run(self.reproducible(&mut cyclonedx)?.current_dir(&copy))?;
+            let sbom = fs::read_to_string(copy.join(package).join(FILE).with_extension("json"))?;
+            // A crate of this workspace is known by its folder.
+            let sbom = sbom.replace(&copy.display().to_string(), SOURCES);
+            write(&self.folder().join(format!("sbom/{program}.cdx.json")), &sbom)?;
+        }
+        fs::remove_dir_all(&copy)?;
         Ok(())
     }
 
-    /// The programs of a release, and for each the arguments of cargo that select its dependencies.
-    fn programs(&self) -> [(&'static str, String); 3] {
-        let select = |package: &str, target: &str| format!("--manifest-path={package}/Cargo.toml --target {target}");
+    /// Copies files of the commit, or all of them if none are named, into a folder.
+    fn extract(&self, files: &str, folder: &Path) -> Result<()> {
+        fs::create_dir_all(folder)?;
+        let archive = self.dist.join("sources.tar");
+        let words = format!("archive {} {files}", self.commit);
+        run(git_command(words.trim_end()).arg("-o").arg(&archive))?;
+        run(Command::new("tar").arg("-xf").arg(archive).arg("-C").arg(folder))
+    }
+
+    /// The programs of a release, for each its package, and the arguments of cargo that select its dependencies.
+    fn programs(&self) -> [(&'static str, &'static str, String); 3] {
+        let target = |target: &str| format!("--target {target}");
         // One board is on by default.
-        let firmware = format!("{} --features board-stm32g431", select("firmware", image::TARGET));
+        let firmware = format!("{} --features board-stm32g431", target(image::TARGET));
         [
-            ("armwire", select("cli", &self.host)),
-            ("firmware", firmware),
-            ("c", select("c", &self.host)),
+            ("armwire", "cli", target(&self.host)),
+            ("firmware", "firmware", firmware),
+            ("c", "c", target(&self.host)),
         ]
     }
 
@@ -297,6 +298,13 @@ impl Release {
         println!("a second one, made in {}, has the same bytes", clone.display());
         Ok(())
     }
+}
+
+/// No file of the sources is new or changed.
+fn check_tree(otherwise: &str) -> Result<()> {
+    let changes = git("status --porcelain")?;
+    ensure!(changes.is_empty(), "{otherwise}:\n{changes}");
+    Ok(())
 }
 
 /// No file names a folder of this machine.
