@@ -18,7 +18,6 @@ use armwire_bridge::{
     Action, Bridge, CanErrors, CanEvent, Counters, PACKET, Start, Status, Transmit, UartErrors, UartEvent, UsbEvent,
 };
 
-use crate::ling::any_move;
 use crate::subject::{request_bytes, response_bytes};
 use crate::{Result, Subject, Unstructured};
 
@@ -74,7 +73,7 @@ pub struct World {
 
 /// Any request that moves a Ling arm: three of them are a stream.
 pub fn any_move_request(u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
-    let request = ling::Request::Move(any_move(u)?);
+    let request = ling::Request::Move(u.arbitrary()?);
     Ok(request_bytes(Ling, &request))
 }
 
@@ -585,7 +584,7 @@ impl World {
         self.now += Duration::from_micros(micros);
         self.tick();
         for event in self.arm.tick(self.now).chain(self.control.tick(self.now)) {
-            self.can_disturbed |= !event_is_received(&event);
+            self.can_disturbed |= event != isotp::Event::Received;
         }
     }
 
@@ -777,10 +776,6 @@ impl World {
             );
         }
     }
-}
-
-fn event_is_received(event: &isotp::Event) -> bool {
-    *event == isotp::Event::Received
 }
 
 /// True for a reply. The stamp of an event is not in the future.

@@ -8,7 +8,7 @@ mod alpha1;
 pub mod config;
 mod legacy;
 pub mod line;
-pub mod ling;
+mod ling;
 mod subject;
 mod xarm;
 

@@ -1,16 +1,11 @@
 //! Arbitrary messages of Ling.
 
-use armwire::ling::{Frame, Ling, MAX_DATA, MAX_FRAME, Move, OVERHEAD, Request, SELF_CHECK};
+use armwire::ling::{Frame, Ling, MAX_DATA, MAX_FRAME, OVERHEAD, Request, SELF_CHECK};
 use armwire::messages::Messages;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
 use crate::{AnyResponse, Result, Subject, Unstructured};
-
-/// Any valid move.
-pub fn any_move(u: &mut Unstructured<'_>) -> Result<Move> {
-    u.arbitrary()
-}
 
 impl Subject for Ling {
     const FILL: Option<u8> = None;
