@@ -18,7 +18,7 @@ use crate::workspace::root;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Files of the repository that a release contains unchanged.
-const PAGES: &str = "README.md CHANGELOG.md SECURITY.md LICENSE-MIT LICENSE-APACHE docs";
+const PAGES: &str = "README.md CHANGELOG.md SECURITY.md LICENSE-MIT LICENSE-APACHE docs tools";
 /// The shells, and where each looks for completions below `/usr/local` or `~/.local`.
 const COMPLETIONS: [(&str, &str); 3] = [
     ("bash", "share/bash-completion/completions/armwire"),
