@@ -1,6 +1,8 @@
 import asyncio
 import inspect
 import time
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -67,12 +69,119 @@ def test_other_arms_answer() -> None:
     asyncio.run(run())
 
 
+def methods(blocking: type) -> list[str]:
+    return [name for name, _ in inspect.getmembers(blocking, inspect.isfunction) if not name.startswith("_")]
+
+
 @pytest.mark.parametrize("name", aio.__all__)
-def test_every_method_has_its_variant(name: str) -> None:
+def test_every_method_has_its_awaited_variant(name: str) -> None:
     blocking, variant = getattr(armwire, name), getattr(aio, name)
-    for method, _ in inspect.getmembers(blocking, inspect.isfunction):
-        if not method.startswith("_"):
-            assert hasattr(variant, method), method
+    for method in methods(blocking):
+        ours, theirs = getattr(blocking, method), getattr(variant, method)
+        if inspect.isgeneratorfunction(ours):
+            assert inspect.isasyncgenfunction(theirs), method
+        else:
+            assert inspect.iscoroutinefunction(theirs), method
+        # A variant may be made of another method with the same parameters.
+        assert theirs.__name__ == method
+        assert inspect.signature(ours).parameters == inspect.signature(theirs).parameters, method
+
+
+# The arguments of every method, in an order in which no call changes the result of a later one.
+LING: dict[str, tuple[Any, ...]] = {
+    "read_info": (),
+    "read_joints": (),
+    "read_joints_deg": (),
+    "read_joints_rad": (),
+    "read_gripper_permille": (),
+    "read_temperatures_celsius": (),
+    "read_velocities_deg_s": (),
+    "read_velocities_rad_s": (),
+    "read_stroke_mm": (),
+    "self_check": (),
+    "self_check_mask": (),
+    "line_errors": (),
+    "wait_until_at_deg": ([0] * 6,),
+    "move_deg": ([0] * 6,),
+    "move_rad": ([0] * 6,),
+    "set_stroke_mm": (50,),
+    "set_temperature_limit_celsius": (60,),
+    "set_torque": (True,),
+    "set_zero": (),
+}
+KEYWORDS: dict[str, dict[str, Any]] = {
+    "move_deg": {"gripper_permille": 0, "speed_deg_s": 10},
+    "move_rad": {"gripper_permille": 0, "speed_rad_s": 0.2},
+    "act": {"time_s": 0.1, "interval_s": 0.1},
+    "move_servo": {"time_s": 0.1, "lock_s": 0.1},
+}
+XARM: dict[str, tuple[Any, ...]] = {
+    "read_version": (),
+    "read_serials": (),
+    "read_torque_source": (),
+    "read_rotation_radius_mm": (6,),
+    "read_joints_rad": (),
+    "read_joints_deg": (),
+    "heartbeat": (),
+    "raw": (42,),
+    "reload_dynamics": (),
+    "reboot": (),
+}
+# Either ends the connection.
+XARM_OFF: dict[str, tuple[Any, ...]] = {"shut_down": ()}
+ALPHA1: dict[str, tuple[Any, ...]] = {
+    "read_hardware_version": (),
+    "read_firmware_version": (),
+    "read_running_servos": (),
+    "act": ({1: 90},),
+    "play": ("wave",),
+    "stop": (),
+    "set_offset_tool": (True,),
+    "set_usb_type": ("serial",),
+}
+SERVOS: dict[str, tuple[Any, ...]] = {
+    "read_servo_angles_deg": (1,),
+    "read_servo_offset_thirds_deg": (1,),
+    "read_servo_version": (1,),
+    "set_servo_offset_thirds_deg": (1, 3),
+    "set_servo_led": (1, 0),
+    "move_servo": (1, 90),
+    "release_servo": (1,),
+    "change_servo_id": (1, 2),
+}
+
+
+@pytest.mark.parametrize(
+    ("make", "name", "calls"),
+    [
+        (sim.ling, "Ling", LING),
+        (sim.xarm, "XArm", XARM),
+        (sim.xarm, "XArm", XARM_OFF),
+        (sim.alpha1, "Alpha1", ALPHA1),
+        (sim.alpha1_servos, "Alpha1", SERVOS),
+    ],
+)
+def test_variant_returns_the_same(make: Callable[[], Any], name: str, calls: dict[str, tuple[Any, ...]]) -> None:
+    with make() as virtual, getattr(armwire, name)(virtual.port) as arm:
+        expected = [
+            (method, repr(getattr(arm, method)(*args, **KEYWORDS.get(method, {})))) for method, args in calls.items()
+        ]
+
+    async def run() -> list[tuple[str, str]]:
+        with make() as virtual:
+            async with await getattr(aio, name).open(virtual.port) as arm:
+                return [
+                    (method, repr(await getattr(arm, method)(*args, **KEYWORDS.get(method, {}))))
+                    for method, args in calls.items()
+                ]
+
+    assert asyncio.run(run()) == expected
+
+
+def test_every_arms_variant_is_called() -> None:
+    called = {"Ling": {*LING}, "XArm": {*XARM, *XARM_OFF}, "Alpha1": {*ALPHA1, *SERVOS}}
+    for name, calls in called.items():
+        assert calls == {*methods(getattr(armwire, name))} - {"close"}
 
 
 def test_late_arm_does_not_block_the_loop() -> None:
