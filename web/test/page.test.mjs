@@ -221,6 +221,67 @@ pageTest('a bad URDF is an error that says what is wrong', async (page) => {
   assert.equal(await text(page, '#model-name'), before);
 });
 
+// The drawing, without the figures and buttons over it.
+const drawing = (page) => page.locator('#arm').screenshot({ mask: [page.locator('#facts'), page.locator('#view-tools')] });
+
+// The share of pixels that differ in two drawings.
+const difference = (page, drawings) => page.evaluate(async (drawings) => {
+  const [before, after] = await Promise.all(drawings.map(async (drawing) => {
+    const bytes = Uint8Array.from(atob(drawing), (character) => character.charCodeAt(0));
+    const image = await createImageBitmap(new Blob([bytes], { type: 'image/png' }));
+    const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
+    context.drawImage(image, 0, 0);
+    return context.getImageData(0, 0, image.width, image.height).data;
+  }));
+  let count = 0;
+  for (let i = 0; i < before.length; i += 4) {
+    if ([0, 1, 2].some((colour) => Math.abs(before[i + colour] - after[i + colour]) > 16)) count += 1;
+  }
+  return 4 * count / before.length;
+}, drawings.map((drawing) => drawing.toString('base64')));
+
+// Drags a file over the page and drops it there.
+async function drop(page, { name, mimeType, buffer }) {
+  const transfer = await page.evaluateHandle(({ name, mimeType, body }) => {
+    const transfer = new DataTransfer();
+    transfer.items.add(new File([body], name, { type: mimeType }));
+    return transfer;
+  }, { name, mimeType, body: buffer.toString() });
+  for (const event of ['dragenter', 'dragover']) await page.dispatchEvent('body', event, { dataTransfer: transfer });
+  assert.ok(await page.locator('#drop-here').isVisible());
+  await page.dispatchEvent('body', 'drop', { dataTransfer: transfer });
+  assert.ok(!(await page.locator('#drop-here').isVisible()));
+}
+
+pageTest('a dropped URDF changes the shape of the arm', async (page) => {
+  await rest();
+  const before = await drawing(page);
+  assert.ok(await difference(page, [before, await drawing(page)]) < 0.001, 'the drawing changes by itself');
+  await drop(page, urdf(`<robot name="dropped">
+    <link name="a"><visual><geometry><box size="0.3 0.3 0.1"/></geometry></visual></link>
+    <link name="b"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
+    <joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 0.2"/><axis xyz="0 1 0"/></joint></robot>`));
+  await until('notice', () => text(page, '#notice-text'), (value) => value !== '');
+  assert.equal(await text(page, '#notice-text'), 'robot.urdf: 1 of its 1 joints follow the arm.');
+  assert.equal(await text(page, '#model-name'), 'dropped');
+  await page.locator('#notice-close').click();
+  await rest();
+  assert.ok(await difference(page, [before, await drawing(page)]) > 0.02, 'the drawing is as before');
+});
+
+pageTest('a broken dropped URDF leaves the arm as it is', async (page) => {
+  const name = await text(page, '#model-name');
+  await rest();
+  const before = await drawing(page);
+  await drop(page, urdf('<robot name="broken"><link name="a"/><link name="b"/></robot>'));
+  const error = 'the robot has 2 links without a parent, must be 1';
+  await until('notice', () => page.locator('#notice-text').textContent(), (value) => value === error);
+  await page.locator('#notice-close').click();
+  await rest();
+  assert.equal(await text(page, '#model-name'), name);
+  assert.ok(await difference(page, [before, await drawing(page)]) < 0.001, 'the drawing has changed');
+});
+
 pageTest('every control has a name and can be reached by Tab', async (page) => {
   const nameless = await page.evaluate(() => [...document.querySelectorAll('button, input')]
     .filter((control) => !(control.getAttribute('aria-label') || control.innerText?.trim() || control.labels?.[0]?.innerText.trim()))
