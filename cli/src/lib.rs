@@ -16,7 +16,12 @@ mod decode;
 mod describe;
 mod error;
 mod hex;
+#[cfg(feature = "hid")]
 mod hid;
+#[cfg(not(feature = "hid"))]
+#[path = "no_hid.rs"]
+mod hid;
+mod hid_selector;
 mod hold;
 mod info;
 mod legacy;
@@ -65,7 +70,7 @@ pub mod host {
     pub use crate::control::ControlLink;
     pub use crate::describe::{Arm, Fact, Protocol};
     pub use crate::error::Error;
-    pub use crate::hid::Selector;
+    pub use crate::hid_selector::Selector;
     pub use crate::legacy::open as open_ling;
     pub use crate::link::{Came, Interrupt, Line, Link, Names};
     pub use crate::port::{Connection, Port};

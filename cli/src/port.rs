@@ -14,7 +14,8 @@ use crate::can::{self, CanLine, Channel, SharedBus};
 use crate::control::ControlLink;
 use crate::describe::Arm;
 use crate::error::Error;
-use crate::hid::{self, Selector};
+use crate::hid;
+use crate::hid_selector::Selector;
 use crate::link::{Line, Link};
 use crate::serial::Serial;
 use crate::tcp::{Host, Tcp};
@@ -249,7 +250,7 @@ impl Connection {
                 );
                 return Err(Error::Usage(text));
             }
-            Port::Hid(selector) => (Box::new(hid::open(selector)?), usual),
+            Port::Hid(selector) => (hid::open(selector)?, usual),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
                 let line = self.on_can(*node, Function::ArmRequest, Function::ArmAnswer);
                 let latency = usual.latency + CAN_LATENCY;

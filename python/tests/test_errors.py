@@ -135,3 +135,8 @@ def test_every_exception_is_an_armwire_error() -> None:
         assert issubclass(getattr(errors, name), armwire.ArmwireError)
     assert issubclass(errors.AbsentError, TimeoutError)
     assert issubclass(errors.PortLostError, OSError)
+
+
+def test_hid_is_refused_with_the_way_out() -> None:
+    with pytest.raises(errors.PortError, match="HID devices are not supported by this build"):
+        armwire.Alpha1("hid:")

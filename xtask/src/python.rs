@@ -15,8 +15,8 @@ use crate::vendor::served::ServedBoard;
 use crate::venv;
 use crate::workspace::root;
 
-/// Maximum size of the wheel, in bytes: 1 MiB.
-const MAX_WHEEL: u64 = 1 << 20;
+/// Maximum size of the wheel, in bytes.
+const MAX_WHEEL: u64 = 1_000_000;
 /// The oldest system that the wheel is for: the one that Rust's own library asks for.
 const MANYLINUX: &str = "manylinux_2_17";
 /// The packages that the wheel's tests need, at the versions of `requirements-dev.txt`.

@@ -3,64 +3,16 @@
 mod device;
 
 use std::collections::VecDeque;
-use std::fmt;
 use std::io::Read;
 use std::time::Duration;
 
 use armwire::alpha1::hid::{self, REPORT};
 
 use crate::error::Error;
+use crate::hid_selector::{ALPHA1, Selector};
 use crate::link::{Came, Line, Names};
 
 use device::Device;
-
-/// Vendor and product id of an Alpha1, as public programs use them. STMicroelectronics uses the same ids in its HID
-/// examples: other devices may have them, too.
-const ALPHA1: (u16, u16) = (0x0483, 0x5750);
-
-/// A choice of a HID device: the text after `hid:` on the command line.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Selector {
-    /// No text: the only device with the ids of an Alpha1.
-    Alpha1,
-    /// `VID:PID`, in hexadecimal: the only device with these ids.
-    Ids(u16, u16),
-    /// The name that `armwire list` shows.
-    Name(String),
-}
-
-impl Selector {
-    pub(crate) fn parse(text: &str) -> Self {
-        let is_id = |text: &str| text.len() == 4 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
-        let id = |text: &str| is_id(text).then(|| u16::from_str_radix(text, 16).ok()).flatten();
-        let ids = text
-            .split_once(':')
-            .and_then(|(vendor, product)| Some((id(vendor)?, id(product)?)));
-        match ids {
-            Some((vendor, product)) => Self::Ids(vendor, product),
-            None if text.is_empty() => Self::Alpha1,
-            None => Self::Name(text.to_owned()),
-        }
-    }
-
-    fn selects(&self, device: &Named) -> bool {
-        match self {
-            Self::Alpha1 => device.ids == ALPHA1,
-            Self::Ids(vendor, product) => device.ids == (*vendor, *product),
-            Self::Name(name) => device.name == *name,
-        }
-    }
-}
-
-impl fmt::Display for Selector {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Alpha1 => Ok(()),
-            Self::Ids(vendor, product) => write!(f, "{vendor:04x}:{product:04x}"),
-            Self::Name(name) => f.write_str(name),
-        }
-    }
-}
 
 /// A HID device of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -76,7 +28,7 @@ pub(crate) fn alpha1_names() -> Vec<String> {
     let devices = device::list().unwrap_or_default().into_iter();
     let robots = devices
         .map(|(named, _)| named)
-        .filter(|named| Selector::Alpha1.selects(named));
+        .filter(|named| Selector::Alpha1.selects(&named.name, named.ids));
     robots.map(|robot| robot.name).collect()
 }
 
@@ -85,14 +37,14 @@ pub(crate) fn alpha1_names() -> Vec<String> {
 /// # Errors
 ///
 /// No device or several devices match, or the system refuses to open the device.
-pub(crate) fn open(selector: &Selector) -> Result<impl Line + use<>, Error> {
+pub(crate) fn open(selector: &Selector) -> Result<Box<dyn Line>, Error> {
     let name = format!("hid:{selector}");
     let mut devices = device::list().map_err(|error| Error::at(&name, error))?;
     let named: Vec<_> = devices.iter().map(|(named, _)| named.clone()).collect();
     let chosen = choose(selector, &named).map_err(|reason| Error::at(&name, reason))?;
     let (Named { ids, .. }, found) = devices.swap_remove(chosen);
     let device = Device::open(&found).map_err(|error| error.on(&name, ids))?;
-    Ok(HidLine::new(name, ids, device))
+    Ok(Box::new(HidLine::new(name, ids, device)))
 }
 
 /// The index of the only matching device.
@@ -101,7 +53,7 @@ pub(crate) fn open(selector: &Selector) -> Result<impl Line + use<>, Error> {
 ///
 /// No device matches, or several do.
 fn choose(selector: &Selector, devices: &[Named]) -> Result<usize, String> {
-    let selected = |&i: &usize| selector.selects(&devices[i]);
+    let selected = |&i: &usize| selector.selects(&devices[i].name, devices[i].ids);
     let selected: Vec<_> = (0..devices.len()).filter(selected).collect();
     match (selected.as_slice(), selector) {
         ([one], _) => Ok(*one),
