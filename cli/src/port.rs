@@ -163,8 +163,8 @@ impl Port {
         })
     }
 
-    /// Opens the port. A serial port of an arm is opened later, by [`arm`](Connection::arm). `baud` is the baud rate of
-    /// this computer's serial port.
+    /// Opens the port. A serial port is opened later, with its arm. `baud` is the baud rate of this computer's serial
+    /// port.
     ///
     /// # Errors
     ///

@@ -39,6 +39,8 @@ enum Step {
     Command,
     /// The arm.
     Unasked,
+    /// Another host configures another arm, if a stream is armed.
+    OtherArm,
     /// The adapter.
     Watchdog,
 }
@@ -207,6 +209,9 @@ impl Plan {
             // A flash write may have extended the pause.
             is_whole &= !saves;
         }
+        for _ in 0..r.between(0, 3) {
+            steps.push((r.between(0, end), Step::OtherArm));
+        }
         if r.percent(6) {
             let restart = r.one_of(&[Request::Restart, Request::RestartIntoBootLoader]);
             let step = if r.percent(60) {
@@ -283,6 +288,7 @@ impl Plan {
             Step::Reads(reads) => rig.usb_reads = reads,
             Step::Dtr(high) => rig.set_dtr(high),
             Step::Control(request) => rig.control(request),
+            Step::OtherArm => rig.refuses_other_arm(),
             Step::CanRequests(key) => {
                 let tag = next_tag(Initiator::Can, &mut self.requests[1]);
                 rig.can_sends(tag.frame(key));

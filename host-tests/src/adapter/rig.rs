@@ -7,7 +7,7 @@ use armwire::messages::Messages;
 use armwire_bridge::Instant;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::{Frame, Function, Node};
-use armwire_bridge::config::Config;
+use armwire_bridge::config::{ArmKind, Config};
 use armwire_bridge::control::{
     Event, Failure, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request,
     Subscription, encode_cobs,
@@ -387,8 +387,28 @@ impl Rig {
                 self.oracle.may_not_hold_line();
             }
             (Request::ReleaseLine, _) => self.oracle.holds_line(false),
+            (Request::SetConfig(config), reply) if config.arm != ArmKind::Ling => {
+                assert_eq!(reply, Some(Reply::Failed(Failure::StreamArmed)));
+            }
             _ => {}
         }
+    }
+
+    /// Configures another arm while a stream is armed: torque-off is a frame of the present one.
+    pub(super) fn refuses_other_arm(&mut self) {
+        let Status {
+            is_armed: true,
+            control_room: true,
+            ..
+        } = self.status()
+        else {
+            return;
+        };
+        let other = Config {
+            arm: ArmKind::Raw,
+            ..Config::default()
+        };
+        self.control(Request::SetConfig(other));
     }
 
     /// Number of bytes of the host on USB refused because of its rate since the last call.
