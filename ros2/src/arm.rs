@@ -1,5 +1,6 @@
 //! One arm's thread: readings go out, trajectories and services come in, motion goes to the arm.
 
+use std::io::{Write, stderr};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -64,7 +65,8 @@ pub(crate) fn serve(arm: &Arm, endpoints: &Endpoints, stop: &AtomicBool) {
 }
 
 fn log(arm: &str, text: &str) {
-    eprintln!("armwire-ros2: {arm}: {text}");
+    // A closed standard error must not stop an arm.
+    let _ = writeln!(stderr(), "armwire-ros2: {arm}: {text}");
 }
 
 /// The side of the ROS network, which stays when a port fails.
@@ -275,7 +277,7 @@ impl<'a, 'b> Session<'a, 'b> {
     fn publish(&mut self, reading: Reading) {
         let diagnostics = &mut self.host.diagnostics;
         diagnostics.readings += 1;
-        diagnostics.status = reading.status.to_string();
+        diagnostics.status = Some(reading.status);
         if self
             .host
             .endpoints
@@ -286,6 +288,10 @@ impl<'a, 'b> Session<'a, 'b> {
             diagnostics.dropped += 1;
         }
         self.latest = reading;
+        if self.latest.is_holding() == Some(false) && self.motion.take().is_some() {
+            // A later torque-on must not resume it.
+            self.host.refuse(&Refusal::TorqueLost);
+        }
         let now = Instant::now();
         for nth in (0..self.pending.len()).rev() {
             if let Some(outcome) = self.pending[nth].outcome(&self.latest, now) {
@@ -298,7 +304,12 @@ impl<'a, 'b> Session<'a, 'b> {
     /// Checks each trajectory that came; the last good one is played.
     fn take_trajectories(&mut self) {
         while let Some(trajectory) = self.host.trajectory() {
-            if self.latest.is_holding() == Some(false) {
+            // A request to switch the torque off may not show in the readings yet.
+            let is_ending = self
+                .pending
+                .iter()
+                .any(|pending| pending.effect != Effect::Torque(true));
+            if is_ending || self.latest.is_holding() == Some(false) {
                 self.host.refuse(&Refusal::TorqueOff);
                 continue;
             }
@@ -330,8 +341,13 @@ impl<'a, 'b> Session<'a, 'b> {
             if effect != Effect::Torque(true) {
                 self.motion = None;
             }
+            for earlier in std::mem::take(&mut self.pending) {
+                let outcome = refused("sent, but another request came before it was read back");
+                self.host.respond(earlier.effect, earlier.id, outcome);
+            }
             self.port.call(&effect.request())?;
-            self.pending.push(Pending::new(id, effect, Instant::now()));
+            let pending = Pending::new(id, effect, Instant::now(), stamps::now());
+            self.pending.push(pending);
         }
         Ok(())
     }

@@ -2,13 +2,14 @@
 
 use std::time::{Duration, Instant};
 
+use armwire::ling::MotionStatus;
 use armwire_cli::stamps;
 
 use crate::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Time};
 
 /// The time for which a refusal is a warning.
 const RECENT: Duration = Duration::from_secs(5);
-/// Refusals for the same reason are logged once in this time.
+/// Minimum time between two refusals in the log.
 const LOG_PERIOD: Duration = Duration::from_secs(1);
 
 const OK: u8 = 0;
@@ -23,7 +24,7 @@ pub(crate) struct Diagnostics {
     pub(crate) failure: Option<String>,
     /// The clock that stamps are from.
     pub(crate) stamps: &'static str,
-    pub(crate) status: String,
+    pub(crate) status: Option<MotionStatus>,
     pub(crate) is_moving: bool,
     pub(crate) readings: u64,
     /// Readings that DDS did not take.
@@ -53,12 +54,10 @@ impl Diagnostics {
     /// Counts a refused trajectory. Returns whether it is to be logged: a sender may repeat it a thousand times a second.
     pub(crate) fn refuse(&mut self, now: Instant, reason: String) -> bool {
         self.refused += 1;
-        let is_old = self
+        self.last_refusal = Some((now, reason));
+        let is_logged = self
             .logged
             .is_none_or(|logged| now.duration_since(logged) >= LOG_PERIOD);
-        let is_new = self.last_refusal.as_ref().is_none_or(|(_, last)| *last != reason);
-        self.last_refusal = Some((now, reason));
-        let is_logged = is_old || (is_new && self.refused == 1);
         if is_logged {
             self.logged = Some(now);
         }
@@ -71,7 +70,14 @@ impl Diagnostics {
         }
         match &self.last_refusal {
             Some((at, reason)) if now.duration_since(*at) < RECENT => (WARN, format!("trajectory refused: {reason}")),
-            _ => (OK, if self.is_moving { "moving" } else { "holding" }.to_owned()),
+            _ => match self.status {
+                Some(status @ (MotionStatus::Overheating | MotionStatus::OverheatProtection)) => {
+                    (WARN, status.to_string())
+                }
+                Some(MotionStatus::Idle) => (OK, "torque off".to_owned()),
+                _ if self.is_moving => (OK, "moving".to_owned()),
+                _ => (OK, "holding".to_owned()),
+            },
         }
     }
 
@@ -83,7 +89,10 @@ impl Diagnostics {
         let values = [
             ("port", self.port.clone()),
             ("stamps", self.stamps.to_owned()),
-            ("motion_status", self.status.clone()),
+            (
+                "motion_status",
+                self.status.map_or_else(String::new, |status| status.to_string()),
+            ),
             ("readings", self.readings.to_string()),
             ("readings_late", self.late.to_string()),
             ("readings_dropped", self.dropped.to_string()),
@@ -137,6 +146,22 @@ mod tests {
         let now = Instant::now();
         let logged = (0..3_000).filter(|ms| diagnostics.refuse(now + Duration::from_millis(*ms), "no".to_owned()));
         assert_eq!(logged.count(), 3);
+    }
+
+    #[test]
+    fn overheating_is_a_warning() {
+        let level = |status| {
+            let status = Some(status);
+            let diagnostics = Diagnostics {
+                status,
+                ..Default::default()
+            };
+            diagnostics.level(Instant::now())
+        };
+        assert_eq!(level(MotionStatus::Overheating).0, WARN);
+        assert_eq!(level(MotionStatus::OverheatProtection).0, WARN);
+        assert_eq!(level(MotionStatus::Idle), (OK, "torque off".to_owned()));
+        assert_eq!(level(MotionStatus::Locked), (OK, "holding".to_owned()));
     }
 
     #[test]

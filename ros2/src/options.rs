@@ -99,11 +99,14 @@ impl Options {
                 ));
             };
             let names = match joints.remove(name) {
-                Some(names) => joint_names(names).map_err(|error| format!("--joints {name}={names}: {error}"))?,
+                Some(names) => joint_names(names).map_err(|error| format!("--joints {name}={names:?}: {error}"))?,
                 None => joint_states::DEFAULT_NAMES.map(str::to_owned).to_vec(),
             };
             let address =
                 LingAddress::new(port, controls.remove(name)).map_err(|error| format!("--arm {text:?}: {error}"))?;
+            if let Some(other) = arms.iter().find(|arm| arm.address == address) {
+                return Err(format!("--arm {text:?}: its port is that of {}", other.name));
+            }
             arms.push(Arm {
                 name: name.to_owned(),
                 address,
@@ -160,8 +163,11 @@ fn joint_names(text: &str) -> Result<Vec<String>, String> {
     if names.len() != JOINTS + 1 || names.iter().any(String::is_empty) {
         return Err("it takes seven names, those of six joints and the gripper".to_owned());
     }
+    if let Some(name) = names.iter().find(|name| name.contains(char::is_control)) {
+        return Err(format!("{name:?} has a control character"));
+    }
     match (0..names.len()).find(|&nth| is_repeated(nth)) {
-        Some(nth) => Err(format!("{} is there twice", names[nth])),
+        Some(nth) => Err(format!("{:?} is there twice", names[nth])),
         None => Ok(names),
     }
 }
@@ -251,6 +257,11 @@ mod tests {
             (&["--arm=a=ling:x", "--arm=a=ling:y"], "twice"),
             (&["--arm=a=ling:x", "--control=b=y"], "there is no --arm b"),
             (&["--arm=a=ling:x", "--joints=a=b"], "seven names"),
+            (
+                &["--arm=a=ling:x", "--joints=a=b,c,d,e,f,g,h\u{7}"],
+                "a control character",
+            ),
+            (&["--arm=a=ling:x", "--arm=b=ling:x"], "its port is that of a"),
             (&["--arm=a=ling:x", "--limit=a/joint9=0:1"], "no joint is"),
             (&["--arm=a=ling:x", "--limit=a/joint1=1:0"], "the lower end first"),
             (&["--arm=a=ling:x", "--limit=a/joint1=0:NaN"], "the lower end first"),

@@ -7,8 +7,8 @@ use armwire::ling::{Request, Torque};
 use crate::joint_states::Reading;
 use crate::messages::Outcome;
 
-/// The time that an arm may take to obey.
-const OBEYS: Duration = Duration::from_millis(500);
+/// Timeout until a reading shows the effect of a request.
+const EFFECT_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// The effect that a reading is to show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,26 +41,33 @@ pub(crate) struct Pending<I> {
     pub(crate) id: I,
     pub(crate) effect: Effect,
     sent: Instant,
+    /// System time of the request, in nanoseconds since 1970.
+    sent_at: i64,
 }
 
 impl<I> Pending<I> {
-    pub(crate) fn new(id: I, effect: Effect, sent: Instant) -> Self {
-        Self { id, effect, sent }
+    pub(crate) fn new(id: I, effect: Effect, sent: Instant, sent_at: i64) -> Self {
+        Self {
+            id,
+            effect,
+            sent,
+            sent_at,
+        }
     }
 
     /// The outcome, once there is one: by a reading that was taken after the request was sent.
     pub(crate) fn outcome(&self, reading: &Reading, now: Instant) -> Option<Outcome> {
         let status = reading.status;
-        if self.effect.is_shown(reading) {
+        if reading.at > self.sent_at && self.effect.is_shown(reading) {
             return Some(Outcome {
                 success: true,
                 message: format!("read back: status {status}"),
             });
         }
-        let is_late = now.duration_since(self.sent) >= OBEYS;
+        let is_late = now.duration_since(self.sent) >= EFFECT_TIMEOUT;
         let message = format!(
             "sent, but not read back within {} ms: status {status}",
-            OBEYS.as_millis()
+            EFFECT_TIMEOUT.as_millis()
         );
         is_late.then_some(Outcome {
             success: false,
@@ -85,7 +92,7 @@ mod tests {
 
     fn reading(status: MotionStatus, position: f64) -> Reading {
         Reading {
-            at: 0,
+            at: 1,
             status,
             positions: vec![position; 7],
         }
@@ -94,7 +101,7 @@ mod tests {
     #[test]
     fn success_is_what_the_arm_shows() {
         let sent = Instant::now();
-        let pending = Pending::new((), Effect::Torque(true), sent);
+        let pending = Pending::new((), Effect::Torque(true), sent, 0);
         assert_eq!(pending.outcome(&reading(MotionStatus::Idle, 0.0), sent), None);
         assert!(
             pending
@@ -105,9 +112,16 @@ mod tests {
     }
 
     #[test]
+    fn reading_before_the_request_is_no_success() {
+        let sent = Instant::now();
+        let pending = Pending::new((), Effect::Torque(true), sent, 1);
+        assert_eq!(pending.outcome(&reading(MotionStatus::Locked, 0.0), sent), None);
+    }
+
+    #[test]
     fn arm_that_does_not_obey_is_a_failure() {
         let sent = Instant::now();
-        let pending = Pending::new((), Effect::Zero, sent);
+        let pending = Pending::new((), Effect::Zero, sent, 0);
         let outcome = |ms| pending.outcome(&reading(MotionStatus::Idle, 0.1), sent + Duration::from_millis(ms));
         assert_eq!(outcome(499), None);
         assert!(!outcome(500).unwrap().success);

@@ -26,6 +26,9 @@ pub(crate) struct Joint {
 /// The reason why a trajectory is refused. Nothing of it was done.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Refusal {
+    /// The torque went off during the motion.
+    #[error("the torque went off, which ended the motion")]
+    TorqueLost,
     #[error("joint {0:?} is unknown")]
     UnknownJoint(String),
     #[error("joint {0:?} is named twice")]

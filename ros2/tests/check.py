@@ -411,9 +411,22 @@ def behind_adapter(participant, board):
     assert peer.is_at(goal) and peer.value("motion_status") == "locked"
     passed("a trajectory moves the arm behind an adapter, and it holds for longer than the timer")
 
-    # A killed node is a silent host: the adapter switches the torque off.
+    # Torque-off by another host ends a motion, and torque-on does not resume it.
     peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
     until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
+    bus = f"slcan:{os.path.join(board, 'bus')}"
+    subprocess.run([armwire, "call", "ling", bus, "set-torque", "off"], check=True, stdout=subprocess.DEVNULL)
+    until(lambda: peer.value("last_refusal").startswith("the torque went off"), 5, "the motion ends")
+    stopped = peer.positions()
+    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
+    assert answer.success, answer
+    time.sleep(1)
+    assert peer.is_at(stopped), (stopped, peer.positions())
+    passed("torque-off by a host on CAN ends a motion, and torque-on does not resume it")
+
+    # A killed node is a silent host: the adapter switches the torque off.
+    peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
+    until(lambda: not peer.is_at(stopped, 0.1), 5, "it moves")
     end(node, signal.SIGKILL)
     # A request before the timeout would keep the stream alive.
     time.sleep(1)
