@@ -58,7 +58,7 @@ impl Report {
         let connection = place.connect()?;
         match place.control(&connection) {
             Ok(mut control) => self.adapter(&mut control)?,
-            // Whoever names a control port is to have it.
+            // A control port on the command line must work.
             Err(error) if place.control.is_some() => return Err(error),
             // There may be no adapter, or an arm that can be asked without it.
             Err(Error::NoControl { .. }) => {}

@@ -81,7 +81,7 @@ fn kind(arm: ArmKind) -> Config {
     }
 }
 
-/// Nothing was lost, wrong or not answered.
+/// Expects no lost or wrong byte and no missing answer.
 fn expect_no_errors<A: Arm>(board: &mut VirtualBoard<A>) {
     let c = counters(board);
     let line = [

@@ -278,7 +278,7 @@ fn saturating_flood_leaves_adapter_on_the_bus() {
 
 #[test]
 fn bus_loss_during_flash_erase_is_counted() {
-    // Nothing that can be added to, so that a save begins with an erase.
+    // Flash without room for a record: a save begins with an erase.
     let mut contents = vec![0xFF; chip().flash_size()];
     contents[facts(chip()).config_flash].fill(0x5A);
     let mut config = armwire_virtual_board::Config::new(path(), ling());

@@ -24,7 +24,7 @@ fn board<A: Arm>(arm: A) -> VirtualBoard<A> {
     board
 }
 
-/// Nothing was done that must not be, and the board started again for these reasons only.
+/// Expects no forbidden access, and restarts for these causes only.
 fn expect_restarts<A: Arm>(board: &mut VirtualBoard<A>, causes: &[Cause]) {
     let report = board.report();
     report.check().unwrap();

@@ -45,7 +45,7 @@ fn expect_no_strays(session: &mut Session<'_>) {
     assert_eq!(session.can().tracker.strays, Vec::<Vec<u8>>::new());
 }
 
-/// Nothing of what befell the others reached the host on CAN: every answer came, and every sample of a poll.
+/// The host on CAN was not disturbed: it received every answer and every sample of a poll.
 fn expect_can_undisturbed(session: &mut Session<'_>) {
     let polls = session.arm_counts().polls;
     let can = session.can();

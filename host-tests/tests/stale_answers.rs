@@ -1,5 +1,4 @@
-//! However late an arm answers, within what the client allows for, and whatever it leaves out: an answer belongs to the
-//! call that returns it.
+//! Late and missing answers: an answer belongs to the call that returns it, within the client's stale window.
 
 use std::collections::VecDeque;
 

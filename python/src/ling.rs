@@ -57,7 +57,7 @@ impl LingPort {
         ling_angles(py, ticks, unit_per_tick)
     }
 
-    /// Of each servo, in °C.
+    /// The temperature of each servo, in °C.
     fn read_temperatures(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
         self.ask(py, Request::ReadTemperatures, |response| match response {
             Response::Temperatures(celsius) => Some(celsius.as_slice().iter().map(|&celsius| celsius.into()).collect()),

@@ -43,7 +43,7 @@ pub(crate) struct Diagnostics {
 }
 
 impl Diagnostics {
-    /// Those of the arm on a port.
+    /// The diagnostics of the arm on a port.
     pub(crate) fn new(port: String) -> Self {
         Self {
             port,

@@ -167,7 +167,7 @@ def passed(text):
 
 
 class Peer:
-    """What a ROS 2 program sees of one arm."""
+    """The view of a ROS 2 program on one arm."""
 
     def __init__(self, participant, arm):
         def reader(name, kind):

@@ -49,7 +49,7 @@ pub(crate) fn run() -> Result<()> {
         check(&mut cargo("fetch --locked"))?;
         each(&ALONE, |alone| check(&mut cargo(&format!("fetch --locked {alone}"))))
     })?;
-    // Of a fresh clone it takes as long as for a new user, but for the download.
+    // On a fresh clone its time is a new user's, without the download.
     ci.step("demo", || check(&mut cargo("demo")))?;
     ci.step("licences, versions and sources of dependencies", deny::run)?;
     ci.step("formatting", || {

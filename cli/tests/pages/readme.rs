@@ -10,9 +10,9 @@ use crate::common::{PROGRAM, free_path, start, success};
 
 const README: &str = include_str!("../../../README.md");
 
-/// What a command of the README serves, until this is dropped.
+/// The ports that a command of the README serves, until this is dropped.
 struct Served {
-    /// Where the README has it, and where it is.
+    /// The path in the README, and the actual path.
     places: Vec<(String, String)>,
     _running: Vec<Box<dyn Any>>,
 }
@@ -34,7 +34,7 @@ impl Drop for Sim {
 }
 
 impl Served {
-    /// What `armwire sim` serves.
+    /// The port of `armwire sim`.
     fn sim(args: &[&str]) -> Self {
         let (printed, place) = match args {
             ["sim", "xarm", "--listen", printed] => (*printed, "127.0.0.1:0".to_owned()),
@@ -59,7 +59,7 @@ impl Served {
         Self { places, _running }
     }
 
-    /// What `cargo demo` serves: here an adapter and a bus that need no firmware image.
+    /// The ports of `cargo demo`: here an adapter and a bus without a firmware image.
     fn demo(args: &[&str]) -> Self {
         let board = Board::start("readme");
         let bus = CanBus::start_as(1_000_000, 0);

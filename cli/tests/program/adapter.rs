@@ -27,7 +27,7 @@ silence.after-ms=500
 silence.torque-off=off
 ";
 
-/// What the control port is called where something is said of it.
+/// The name of the control port in messages.
 fn name(board: &Board) -> &str {
     board.control.strip_prefix("control:").unwrap()
 }

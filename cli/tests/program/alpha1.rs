@@ -12,7 +12,7 @@ use crate::common::{Arm, failure, free_path, run, success, usage};
 const STOP: [u8; 10] = [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
 const STOPPED: [u8; 4] = [0xF2, 0x2F, 0xAA, 0xED];
 
-/// What `armwire call alpha1` prints. The words of `args` are separated by spaces.
+/// The output of `armwire call alpha1`. The words of `args` are separated by spaces.
 fn call(arm: &Arm, args: &str) -> String {
     success(&call_args(arm, args))
 }
@@ -181,7 +181,7 @@ fn they_end_cleanly_on_signals() {
         call(&arm, "servo version 1");
         let port = arm.port.clone();
         let last = arm.stop(signal);
-        // Of 10 bytes each, however often it had to be asked.
+        // Ten bytes per request; the number of requests may differ.
         assert!(
             last.contains("0 bytes in, ") && last.contains("0 out, 0 not read; "),
             "{last}"

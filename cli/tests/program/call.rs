@@ -108,7 +108,7 @@ fn out_of_range_ling_values_are_never_sent() {
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
 }
 
-/// What `armwire call alpha1` sends for a request, once and perhaps again, and that it prints what `answer` means.
+/// The bytes that `armwire call alpha1` sends for a request. Expects the output for `answer`.
 fn sent_to_alpha1(args: &str, answer: &[u8], printed: &str) -> Vec<u8> {
     let args: Vec<_> = ["call", "alpha1", "PORT"].into_iter().chain(args.split(' ')).collect();
     let mut sent = Vec::new();

@@ -7,7 +7,7 @@ use std::time::Instant;
 use armwire_bridge::can::Function;
 
 use crate::common::adapter::{BIT_RATE, CanBus, NODE};
-use crate::common::{NO_ANSWER, PATIENCE, failure, free_path, run, run_against, success, usage};
+use crate::common::{NO_ANSWER, TIMEOUT, failure, free_path, run, run_against, success, usage};
 
 /// The adapter on a bus, as a user names it.
 fn port(bus: &CanBus) -> String {
@@ -75,10 +75,10 @@ fn monitor_reads_over_can() {
     assert_eq!(out.lines().count(), 3, "{out}");
 }
 
-/// What a failing program says with this in it, though perhaps not at once: a CAN adapter that the system gives no time
-/// answers late, and does not tell its status.
+/// The error of a failing program that contains this text. On a busy system the CAN adapter replies late without its
+/// status, so the program is repeated.
 fn failure_with(text: &str, mut run: impl FnMut() -> Output) -> String {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     loop {
         let line = failure(&run());
         if line.contains(text) || Instant::now() > deadline {

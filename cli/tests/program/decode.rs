@@ -6,7 +6,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc;
 use std::thread;
 
-use crate::common::{PATIENCE, PROGRAM, failure, finish, free_path, run, success, usage};
+use crate::common::{PROGRAM, TIMEOUT, failure, finish, free_path, run, success, usage};
 
 /// Logs that python-can has written.
 const LOGS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/logs/");
@@ -40,7 +40,7 @@ const RECORDS: [(&str, &str, &str); 7] = [
 /// The same as the bytes of a line.
 const RAW: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 
-/// What a BLF file begins with: its header, as short as it may be.
+/// The shortest header of a BLF file.
 const BLF_HEADER: &[u8] = b"LOGG\x08\0\0\0";
 /// An object of a BLF file with the same request.
 const BLF_RECORD: &[u8] = b"LOBJ\x20\0\x01\0\x30\0\0\0\x56\0\0\0\x02\0\0\0\0\0\0\0\0\x10\0\0\0\0\0\0\
@@ -86,9 +86,9 @@ fn frames_appear_while_the_recording_continues() {
             tell.send(lines).unwrap();
             out
         });
-        let lines = told.recv_timeout(PATIENCE);
+        let lines = told.recv_timeout(TIMEOUT);
         drop(stdin);
-        // What comes later is for nobody.
+        // Later output is not read.
         drop(reader.join());
         assert!(finish(child).status.success(), "{format}");
         let [bytes, meaning] = lines.expect("nothing is shown");
@@ -126,7 +126,7 @@ fn memory(format: &str, header: &[u8], record: &[u8], records: usize) -> u64 {
 /// The length of a short recording in bytes: too long for the pipe, so that the program has begun to read it.
 #[cfg(target_os = "linux")]
 const SHORT: usize = 300_000;
-/// How much more memory a long recording may take than a short one, in kB: much less than the recording.
+/// Maximum additional memory for a long recording, in kB: much less than the recording.
 #[cfg(target_os = "linux")]
 const MORE: u64 = 1_500;
 

@@ -58,7 +58,7 @@ fn help_is_one_column_on_a_narrow_terminal() {
     }
 }
 
-/// What is left of text on a terminal without its escape sequences, each of which ends with an m.
+/// Terminal text without its escape sequences. Each of them ends with an m.
 fn without_colours(text: &str) -> String {
     let mut parts = text.split('\x1b');
     let first = parts.next().unwrap_or_default();

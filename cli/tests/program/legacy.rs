@@ -8,10 +8,10 @@ use armwire::messages::Messages;
 
 use crate::common::{Arm, NO_ANSWER, again_while, failure, free_path, run, run_against, success, usage};
 
-/// What is said of an arm that talked.
+/// Message for an arm that transmitted.
 const STOPPED: &str = "has stopped talking";
 
-/// What an arm of the older generation says at one moment.
+/// The frames of an arm of the older generation at one time.
 fn older(joint: u16) -> Vec<u8> {
     let firmware = Firmware::V5;
     let servos = [joint; SERVOS];

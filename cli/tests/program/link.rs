@@ -8,7 +8,7 @@ use rustix::process::Signal;
 
 use crate::common::{Arm, failure, free_path, run, success};
 
-/// What a link points to.
+/// The target of a link.
 fn target(link: &str) -> PathBuf {
     fs::read_link(link).unwrap()
 }

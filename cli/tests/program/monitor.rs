@@ -9,7 +9,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
 use crate::common::terminal::Terminal;
-use crate::common::{Arm, NO_ANSWER, PATIENCE, PROGRAM, again_while, finish, run, start, success, usage};
+use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, again_while, finish, run, start, success, usage};
 
 /// The rows of a monitor's JSON, each a line.
 fn rows(out: &str) -> Vec<serde_json::Value> {
@@ -90,13 +90,13 @@ fn arguments_that_do_not_go_together_are_told() {
     }
 }
 
-/// What a program writes that takes the whole screen, and gives it back.
+/// The escape sequences that enter and leave the alternate screen.
 const TAKES: &str = "\x1b[?1049h";
 const GIVES_BACK: &str = "\x1b[?1049l";
 
 /// A monitor on a terminal, once it has drawn this. An arm that the system gives no time may have been silent.
 fn watched(terminal: &mut Terminal, args: &[&str], text: &str) -> Child {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     loop {
         let mut child = terminal.start(args);
         if terminal.wait_for(text, &mut child) {
@@ -182,7 +182,7 @@ fn monitor_waits_for_a_lost_port() {
         "{told}"
     );
     let _arm = Arm::start_at("ling", port.as_ref(), &[]);
-    // What it printed before it noticed is behind it.
+    // Skips the lines printed before it noticed.
     for _ in 0..100 {
         reading();
     }

@@ -80,7 +80,7 @@ fn temperatures_decide_the_number_of_servos() {
 #[test]
 fn info_asks_again_after_damage_and_reports_it() {
     let arm = Arm::start("ling", "damaged", &["--faults", "corrupt=5000", "--seed", "3"]);
-    // How often it has to ask, and so which bytes are damaged, is up to the system too.
+    // The number of requests, and so the damaged bytes, depends on the system.
     assert!((0..50).any(|_| success(&["info", &arm.port]).contains("bytes were no part of a frame")));
 }
 

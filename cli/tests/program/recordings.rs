@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
-use crate::common::{Arm, NO_ANSWER, PATIENCE, PROGRAM, failure, finish, free_path, run, start, success};
+use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, run, start, success};
 
 /// A recording that is deleted at the end.
 struct Recording(PathBuf);
@@ -26,7 +26,7 @@ impl Recording {
 
     /// Records what a monitor with these arguments sees, again while an arm that the system gives no time is silent.
     fn record(&self, args: &[&str]) -> Output {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         loop {
             let _ = fs::remove_file(&self.0);
             let output = run(&[&["monitor", "--mcap", self.path()], args].concat());
@@ -49,7 +49,7 @@ impl Recording {
 
     /// Waits until some of it is in the file.
     fn wait(&self, monitor: &mut Child) {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         while fs::metadata(&self.0).map_or(0, |file| file.len()) == 0 {
             assert!(monitor.try_wait().unwrap().is_none() && Instant::now() < deadline);
             thread::sleep(Duration::from_millis(20));

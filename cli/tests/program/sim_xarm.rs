@@ -6,13 +6,13 @@ use std::process::{Child, Command};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::common::{PATIENCE, PROGRAM, failure, finish, run, start, success, usage};
+use crate::common::{PROGRAM, TIMEOUT, failure, finish, run, start, success, usage};
 
 /// A running `armwire sim xarm` on free ports.
 struct Arm {
     /// There until it is waited for.
     child: Option<Child>,
-    /// What it says first.
+    /// Its first output.
     line: String,
 }
 
@@ -77,7 +77,7 @@ impl Drop for Arm {
 
 fn connect(address: &str) -> TcpStream {
     let stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream
 }
 

@@ -8,7 +8,7 @@ use std::sync::mpsc;
 use std::thread;
 
 use crate::common::board::Board;
-use crate::common::{PATIENCE, again_while, failure, run_against};
+use crate::common::{TIMEOUT, again_while, failure, run_against};
 
 /// The numbers of requests: the byte behind the sequence number.
 const IDENTIFY: u8 = 0;
@@ -36,7 +36,7 @@ fn counters(counts: usize) -> Vec<u8> {
     [vec![6], vec![1; counts]].concat()
 }
 
-/// What an adapter replies that speaks this version, has so many counts, and adds these bytes to all else.
+/// The replies of an adapter with this version, this number of counters, and these bytes appended to other replies.
 fn replies(version: u8, counts: usize, added: &'static [u8]) -> impl Fn(u8) -> Vec<u8> {
     move |request| {
         let reply = match request {
@@ -91,7 +91,7 @@ fn run_with(args: &[&str], reply: impl Fn(u8) -> Vec<u8>) -> Output {
     })
 }
 
-/// What it prints when all is well.
+/// The output without an error.
 fn printed(output: Output) -> String {
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
     String::from_utf8(output.stdout).unwrap()
@@ -176,7 +176,7 @@ fn a_host_of_version_3_is_served() {
     });
     let mut call = |request: &[u8]| {
         port.write_all(&to_stream(request)).unwrap();
-        let byte = || receiver.recv_timeout(PATIENCE).expect("the adapter replies");
+        let byte = || receiver.recv_timeout(TIMEOUT).expect("the adapter replies");
         let stream: Vec<u8> = std::iter::repeat_with(byte).take_while(|byte| *byte != 0).collect();
         from_stream(&stream)
     };

@@ -189,7 +189,7 @@ fn info_goes_on_after_refusals_and_odd_versions() {
     let output = run_against(&["info", "--arm", "xarm", "HOST"], |stream| {
         answer(stream, |ask| match ask {
             Ask::ReadVersion => {
-                // As long as it is: the document does not say how long it must be.
+                // The document gives no length.
                 Some((State::OK, Reply::Version(VersionText(b"v1.0.2"))))
             }
             ask => Some((State::INVALID, Reply::empty(ask.register().unwrap()))),

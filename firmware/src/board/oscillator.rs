@@ -17,7 +17,7 @@ const RETRY_US: u32 = 2_000_000;
 /// Polling period, in cycles of HSI: 1 ms.
 const LOOK_CYCLES: u32 = HSI_MEGAHERTZ * 1_000;
 /// Time of the first LED flash after the crystal's start, in microseconds: crystals need a few milliseconds.
-const PATIENCE_US: u32 = 200_000;
+const FIRST_FLASH_US: u32 = 200_000;
 /// Period and duration of the LED flashes in microseconds, and their number.
 const FLASH_US: (u32, u32) = (300_000, 100_000);
 const FLASHES: u32 = 3;
@@ -64,7 +64,7 @@ fn attempt<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>) -> Optio
 fn is_flash(elapsed: u32) -> bool {
     let (period, on) = FLASH_US;
     elapsed
-        .checked_sub(PATIENCE_US)
+        .checked_sub(FIRST_FLASH_US)
         .is_some_and(|elapsed| elapsed < FLASHES * period && elapsed % period < on)
 }
 

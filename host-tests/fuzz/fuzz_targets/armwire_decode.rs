@@ -53,8 +53,8 @@ fn check(lines: &[String]) {
     let [bytes, frames, noise] = ["bytes: ", "frames: ", "noise bytes: "].map(|what| count(sum, what));
     let [filling, unread] = ["filling: ", "not read: "].map(|what| count(sum, what));
     let entries = lines.iter().filter_map(|line| entry(line));
-    // Whatever is in no frame lies in one of the others, or fills the room between them; a frame that is damaged is
-    // shown whole, and what is inside it may be shown again.
+    // Every byte is in a frame, in noise or in padding. A damaged frame is shown whole, and its bytes may be shown
+    // again.
     let (mut shown, mut good) = (0, 0);
     for (offset, len, is_noise) in entries {
         assert!(offset + len <= bytes);

@@ -1,5 +1,5 @@
-//! Whatever comes whenever: each request ends once, in a way that fits it; what goes out is the request's bytes and
-//! nothing else; and time alone ends what nothing else does.
+//! Any bytes at any time: each request ends once, with a fitting event. Only the request's bytes are sent. Time alone
+//! ends every wait.
 #![no_main]
 
 use std::num::NonZeroU32;
@@ -198,7 +198,7 @@ impl<P: Subject, const N: usize> World<P, N> {
         }
     }
 
-    /// Nothing comes any more: what is in flight ends, within the time that the configuration gives it.
+    /// No more bytes arrive: requests in flight end within the configured time.
     fn end(mut self) {
         let end = self.now + self.model.longest(N);
         // Each is sent, falls due, and may be given a little more time; noise that is waited for ends as well.

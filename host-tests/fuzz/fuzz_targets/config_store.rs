@@ -221,7 +221,7 @@ fn save(flash: &mut Flash, config: Option<Config>, kept: Option<Saved>) -> Saved
             assert!(!error.to_string().is_empty());
             let bad = matches!(error, Error::Config(_));
             assert_eq!(bad, new.is_none());
-            // Whole flash keeps what is written.
+            // Flash without a fault keeps written data.
             assert!(bad || kept.is_none(), "{error}");
             assert!(kept.is_none() || before == load(flash), "what was there is lost");
             load(flash)

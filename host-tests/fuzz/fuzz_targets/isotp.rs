@@ -1,6 +1,5 @@
-//! Of a PDU that goes from one endpoint to another, all arrives or nothing, though frames are lost or come twice: what is
-//! received is what was sent, in the order in which it was sent. If none is lost, all arrive. And whatever frames
-//! come, what is received is no longer than there is room for.
+//! A PDU between two endpoints arrives whole or not at all, even if frames are lost or duplicated. Received PDUs are the
+//! sent ones, in their order. Without lost frames all arrive. No frames make a received PDU longer than the buffer.
 #![no_main]
 
 use armwire_bridge::can::Id;
@@ -72,7 +71,7 @@ struct Side {
 struct Bus {
     sides: [Side; 2],
     now: Instant,
-    /// Nothing was lost so far, and nothing else went wrong.
+    /// No frame was lost so far, and no other error occurred.
     flawless: bool,
     /// A frame arrived that no endpoint sent.
     foreign: bool,
@@ -230,7 +229,7 @@ impl Bus {
         }
     }
 
-    /// Nothing more is lost: both come to an end, and if nothing was lost before, all has arrived.
+    /// No more frames are lost: both endpoints end. If none was lost before, all PDUs have arrived.
     fn end(mut self) {
         for _ in 0..1_000 {
             let mut moved = false;

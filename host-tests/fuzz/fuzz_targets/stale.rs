@@ -129,7 +129,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Whatever was before: once it is over, the next request is answered.
+/// After any earlier exchange has ended, the next request is answered.
 fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Instant) {
     // The partly sent request is completed, and not answered.
     client.cancel();

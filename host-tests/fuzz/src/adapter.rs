@@ -761,7 +761,7 @@ impl World {
             if c.silenced_bytes == 0 && !self.usb_gone && !self.commanded {
                 let ended = c.requests_can + c.refused_can_requests + c.refused_can_frames + c.control_requests;
                 let sent = self.can_requested.len() + self.slcan_requests + self.control_requests;
-                // Of those that were refused because the line was held some may be polls.
+                // Some requests refused during a hold may be polls.
                 assert!((ended as usize..=(ended + c.refused_line_held) as usize).contains(&sent));
             }
         }

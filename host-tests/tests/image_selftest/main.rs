@@ -107,7 +107,7 @@ fn adapter_with_a_jumper_passes() {
     passes(false, Timing::Typical);
 }
 
-/// As slow as a real one.
+/// The core's own timing, which is as slow as a real board's.
 #[test]
 fn adapter_of_exact_cycles_passes() {
     passes(true, Timing::Worst);

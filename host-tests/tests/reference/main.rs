@@ -311,7 +311,7 @@ fn alpha1_answers_decode_like_the_reference() {
     agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Robot(None)), &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);
 }
 
-/// Of servos whose single byte is none of a kind, begins a frame, fills the room between frames, or is an end mark.
+/// A servo's acknowledgement is one byte: an ordinary byte, a frame's first byte, padding, or an end mark.
 #[test]
 fn alpha1_answers_with_acknowledgement_decode_like_the_reference() {
     for id in [1, 80, 82, 86, 67] {

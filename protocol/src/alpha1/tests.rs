@@ -56,7 +56,7 @@ fn acting() -> Request<'static> {
 }
 
 /// Row or command, frame, meaning. The document prints no whole frame: those of its rows are computed from its columns.
-/// Those of the servos are published examples, except for the ones marked *computed*.
+/// The servos' frames are published examples, except for those marked *computed*.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request<'static>)> {
     let servo = Request::Servo;
     let sixteen = "5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A";

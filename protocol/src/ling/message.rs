@@ -280,7 +280,7 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
         },
         (command::JOINTS, function::VELOCITY) => asked(frame.data).map(|()| Request::ReadVelocities),
         (command::JOINTS, function::MOVE) => Move::from_data(sized(frame.data, &[Move::LEN])?).map(Request::Move),
-        // As printed, and with length 1, it has the usual data byte; with length 0, which the same print gives, none.
+        // The document prints it with a data byte and with length 0: both are accepted.
         (command::SELF_CHECK, 0) if frame.data.is_empty() => Ok(Request::SelfCheck),
         (command::SELF_CHECK, 0) => asked(frame.data).map(|()| Request::SelfCheck),
         _ => Err(Cause::Unknown),

@@ -58,7 +58,7 @@ pub const fn info(key: u8) -> RequestInfo<u8, u8> {
         expect: key / 10,
         response: Some(ResponseTiming {
             longest: 2,
-            turnaround: PATIENCE,
+            turnaround: TURNAROUND,
         }),
         effect: Effect::Read,
     }
@@ -76,7 +76,7 @@ pub enum Who {
     Poll,
 }
 
-pub const PATIENCE: Duration = Duration::from_micros(100);
+pub const TURNAROUND: Duration = Duration::from_micros(100);
 pub const WINDOW: Duration = Duration::from_micros(50);
 
 /// A line with an exchange of four sends.
@@ -109,7 +109,7 @@ impl<D: Dialect<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
         Handover {
             offset: self.offset,
             at,
-            due: at + PATIENCE,
+            due: at + TURNAROUND,
         }
     }
 

@@ -159,7 +159,7 @@ pub enum Reply {
     Refused,
     /// `z`, or `Z` for a 29-bit identifier: the frame is queued.
     Sent {
-        /// Whether the identifier has 29 bits.
+        /// True if the identifier has 29 bits.
         is_extended: bool,
     },
     /// A frame from the bus.

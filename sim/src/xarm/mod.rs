@@ -133,7 +133,7 @@ pub struct VirtualXArm {
     config: Config,
     body: Body,
     torque_source: TorqueSource,
-    /// Whether motion may be approximate.
+    /// True if motion may be approximate.
     approximates: bool,
     /// The parameters of the last answer.
     params: Vec<u8>,

@@ -37,7 +37,7 @@ const SLICE: Nanos = Nanos::from_millis(1);
 const NAP: Duration = Duration::from_millis(1);
 
 /// Maximum lag of virtual time that is caught up. More lag, on a slow machine or in a debugger, is not caught up.
-const PATIENCE: Nanos = Nanos::from_millis(100);
+const MAX_LAG: Nanos = Nanos::from_millis(100);
 
 /// The serial port's baud rate until a program sets another: the arm's, which hosts on CAN use too.
 const BAUD: u32 = 1_000_000;
@@ -191,7 +191,7 @@ fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool
         ports.take(board)?;
         let target = virtual_time + Nanos(u64::try_from(wall.elapsed().as_nanos()).unwrap_or(u64::MAX));
         let behind = target.since(board.now());
-        if behind > PATIENCE {
+        if behind > MAX_LAG {
             (wall, virtual_time) = (Instant::now(), board.now());
         }
         if behind == Nanos(0) {

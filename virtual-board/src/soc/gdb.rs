@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Polling period of a halted core for the end of the run.
-const PATIENCE: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// The byte by which gdb interrupts a running core.
 const INTERRUPT: u8 = 3;
@@ -119,7 +119,7 @@ impl Debugger {
             && let Ok((stream, _)) = self.listener.accept()
         {
             let is_ready = stream.set_nonblocking(false).is_ok()
-                && stream.set_read_timeout(Some(PATIENCE)).is_ok()
+                && stream.set_read_timeout(Some(POLL_PERIOD)).is_ok()
                 && stream.set_nodelay(true).is_ok();
             self.client = is_ready.then_some(stream);
             self.halted = self.client.is_some();

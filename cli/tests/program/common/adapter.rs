@@ -32,7 +32,7 @@ pub(crate) struct CanBus {
     pub(crate) path: String,
     /// Every frame that a program sent.
     pub(crate) sent: Arc<Mutex<Vec<Frame>>>,
-    /// Whether a host on USB holds the line at 9600 baud. Before that, the adapter is older than the question.
+    /// True if a host on USB holds the line at 9600 baud. Before, the adapter does not know the request.
     pub(crate) is_held: Arc<AtomicBool>,
 }
 
@@ -98,7 +98,7 @@ fn serve(pty: &Pty, bit_rate: u32, mut adapter: Adapter, stop: &AtomicBool, log:
     }
 }
 
-/// What is of an adapter on CAN: ISO-TP to the arm and to the control port.
+/// The CAN side of an adapter: ISO-TP to the arm and to the control port.
 struct Adapter {
     arm: LingArm,
     answers: Decoder<MAX_FRAME>,
@@ -132,7 +132,7 @@ impl Adapter {
             }
             _ => return,
         };
-        // Nothing is lost on this bus, but on a busy system a host asks again before it was heard.
+        // This bus loses no frame, but on a busy system a host repeats its request early.
         for event in events {
             assert!(
                 matches!(event, Event::Received | Event::Refused(Refused::Occupied { .. })),
@@ -141,7 +141,7 @@ impl Adapter {
         }
     }
 
-    /// What the adapter sends now.
+    /// The frames that the adapter sends now.
     fn transmit(&mut self, now: time::Instant) -> Vec<Frame> {
         let is_held = self.is_held.load(Ordering::Relaxed);
         if let Some(request) = self.to_arm.received() {

@@ -101,7 +101,7 @@ impl Served {
         }
     }
 
-    /// What the host says, as far as there is room for it.
+    /// Bytes of the host, as far as they fit.
     fn hear(&mut self, now: time::Instant) -> io::Result<()> {
         let mut packet = [0; PACKET];
         if self.bridge.update(now).usb_room {
@@ -123,7 +123,7 @@ impl Served {
         Ok(())
     }
 
-    /// What goes to the arm, and what comes from it.
+    /// Bytes to the arm and from it.
     fn exchange(&mut self, now: time::Instant) {
         let mut bytes = [0; 256];
         while let Some(transmit) = self.bridge.uart_transmit(&mut bytes, now) {
@@ -147,14 +147,14 @@ impl Served {
 
     fn act(&mut self, now: time::Instant) {
         match self.bridge.action(now) {
-            // Nothing is kept, for nothing starts again.
+            // The configuration is not kept: this board never restarts.
             Some(Action::Save(_) | Action::Reset) => self.bridge.saved(Ok(()), now),
             Some(Action::RestartIntoBootLoader) => fs::write(&self.boot_loader, "").unwrap(),
             Some(Action::Restart | Action::RestartCan(_)) | None => {}
         }
     }
 
-    /// What the host hears.
+    /// Bytes for the host.
     fn say(&mut self, now: time::Instant) -> io::Result<()> {
         let mut packet = [0; PACKET];
         while let Some(n) = self.bridge.usb_transmit(&mut packet) {

@@ -18,11 +18,11 @@ use rustix::process::{Pid, Signal, kill_process};
 
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_armwire");
 /// No program here runs for so long unless it hangs.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
+pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Waits for a program to end, and kills it if it does not.
 pub(crate) fn finish(mut child: Child) -> Output {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     while child.try_wait().unwrap().is_none() {
         if Instant::now() > deadline {
             child.kill().unwrap();
@@ -45,10 +45,10 @@ pub(crate) fn run(args: &[&str]) -> Output {
     finish(start(Command::new(PROGRAM).args(args)))
 }
 
-/// What is said of an arm that does not answer.
+/// Message for an arm that does not answer.
 pub(crate) const NO_ANSWER: &str = "no answer in";
 
-/// What is said where the system gave an arm or an adapter no time: it is silent, or says what somebody before asked.
+/// Messages of a busy system, on which an arm or adapter does not answer in time, or answers an earlier request.
 const BUSY: [&str; 4] = [
     NO_ANSWER,
     "the adapter does not answer in",
@@ -63,7 +63,7 @@ pub(crate) fn again_while(complaint: &str, run: impl FnMut() -> Output) -> Outpu
 
 /// Runs it again while it complains in some of these words.
 fn again_while_any(complaints: &[&str], mut run: impl FnMut() -> Output) -> Output {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     loop {
         let output = run();
         let stderr = String::from_utf8_lossy(&output.stderr);
@@ -74,7 +74,7 @@ fn again_while_any(complaints: &[&str], mut run: impl FnMut() -> Output) -> Outp
     }
 }
 
-/// What a program prints that succeeds and complains of nothing, though perhaps not at once on a [busy](BUSY) system.
+/// The output of a program that succeeds without a warning. On a [busy](BUSY) system it is repeated.
 pub(crate) fn success(args: &[&str]) -> String {
     let output = again_while_any(&BUSY, || run(args));
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
@@ -89,7 +89,7 @@ pub(crate) fn failure(output: &Output) -> String {
     stderr.strip_prefix("armwire: ").unwrap().trim_end().to_owned()
 }
 
-/// What a program prints that was called wrongly.
+/// The output of a program with wrong arguments.
 pub(crate) fn usage(args: &[&str]) -> String {
     let output = run(args);
     assert_eq!(output.status.code(), Some(2), "{output:?}");
@@ -139,7 +139,7 @@ impl Arm {
     /// Asks it to end, and returns the last it has to say.
     pub(crate) fn stop(mut self, signal: Signal) -> String {
         kill_process(Pid::from_child(&self.child), signal).unwrap();
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         let status = loop {
             match self.child.try_wait().unwrap() {
                 Some(status) => break status,
@@ -174,9 +174,9 @@ pub(crate) fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8]
     let port = pty.path().to_str().unwrap();
     let args = args.iter().map(|arg| arg.replace("PORT", port));
     let mut child = start(Command::new(PROGRAM).args(args));
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     loop {
-        // What it wrote last is still there when it has ended.
+        // Its last output can still be read after its end.
         let ended = child.try_wait().unwrap().is_some() || Instant::now() > deadline;
         let mut request = [0; 64];
         if !ended {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use armwire_sim::pty::Pty;
 use rustix::termios::{Winsize, tcsetwinsize};
 
-use super::{PATIENCE, PROGRAM, finish};
+use super::{PROGRAM, TIMEOUT, finish};
 
 /// A terminal that a program runs on.
 pub(crate) struct Terminal {
@@ -46,7 +46,7 @@ impl Terminal {
 
     /// Reads until the program has written this, or has ended. Returns whether it has written it.
     pub(crate) fn wait_for(&mut self, text: &str, child: &mut Child) -> bool {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         loop {
             let has_ended = child.try_wait().unwrap().is_some();
             self.read();

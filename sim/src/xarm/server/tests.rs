@@ -9,7 +9,7 @@ use super::*;
 use crate::xarm::{Config, Model};
 
 /// Longer than anything takes, unless it hangs.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 const ANY: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
 
 /// "Version", by its transaction id.
@@ -44,7 +44,7 @@ impl Running {
     /// Waits for a notice and gives it.
     fn wait_for(&self, what: &str, is: impl Fn(&Notice) -> bool) -> Notice {
         loop {
-            match self.notices.recv_timeout(PATIENCE) {
+            match self.notices.recv_timeout(TIMEOUT) {
                 Ok(notice) if is(&notice) => return notice,
                 Ok(_) => {}
                 Err(error) => panic!("no notice '{what}': {error}"),
@@ -87,7 +87,7 @@ fn serving(test: impl FnOnce(&Running)) -> Served {
 
 fn connect_to(address: SocketAddr) -> TcpStream {
     let stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream.set_nodelay(true).unwrap();
     stream
 }
@@ -152,7 +152,7 @@ fn invalid_frame_ends_only_its_connection_with_reason() {
             (b"GET / HTTP/1.0\r\n\r\n", "byte 2 is 0x54"),
         ] {
             let client = server.connect();
-            // What came before is answered; what follows is not read as anything.
+            // Earlier requests are answered; later bytes are ignored.
             write(&client, &[&VERSION, wrong, &VERSION].concat());
             assert_eq!(read_to_end(&client), VERSION_ANSWER);
             let notice = server.wait_for("broken", |notice| matches!(notice, Notice::Broken(..)));
@@ -197,7 +197,7 @@ fn clients_come_and_go() {
             drop(client);
             server.wait_for("gone", |notice| matches!(notice, Notice::Gone(_) | Notice::Lost(..)));
         }
-        // Who has said everything still gets all answers.
+        // A client that has closed its sending side still gets all answers.
         let client = server.connect();
         write(&client, &VERSION.repeat(100));
         client.shutdown(Shutdown::Write).unwrap();
@@ -268,7 +268,7 @@ fn oldest_client_without_request_gives_its_place() {
         let now = Instant::now();
         let clients: Vec<_> = (0..MAX_CLIENTS).map(|_| places.connect(Port::Control, now)).collect();
         write(&clients[0], &STATE);
-        places.service.wait(&[], PATIENCE).unwrap();
+        places.service.wait(&[], TIMEOUT).unwrap();
         places.service.converse();
         let further = places.connect(Port::Control, now);
         assert_eq!(places.leaving(), [1]);
@@ -344,7 +344,7 @@ fn reports_follow_the_arm() {
         let (reports, control) = (connect_to(server.report), server.connect());
         let first = read::<REPORT>(&reports);
         assert_eq!((first[4], &first[7..35]), (4, &[0; 28][..]));
-        // What a client of reports says is nothing to the arm.
+        // The arm ignores bytes from clients of its report port.
         write(&reports, &[0xFF; 100]);
 
         let floats = [0.05_f32, 0.05, 0.05, 0.05, 0.05, 0.05, 0.0, 1.0, 1.0, 0.0];
@@ -394,7 +394,7 @@ fn reboot_is_answered_then_ends_all_connections() {
         read::<REPORT>(&reports);
         write(&other, &VERSION);
         assert_eq!(read(&other), *VERSION_ANSWER);
-        // What follows it is lost, but not its answer.
+        // Later requests are lost, but not its answer.
         write(&one, &[&REBOOT[..], &VERSION.repeat(1_000)].concat());
         assert_eq!(read_to_end(&one), CONTROL_ANSWER);
         assert_eq!(read_to_end(&other), []);
@@ -418,7 +418,7 @@ fn a_shutdown_is_answered_and_ends_the_serving() {
         server.wait_for("shutdown", |notice| matches!(notice, Notice::ShutDown(_)));
         drop((one, other));
         assert_eq!(
-            server.notices.recv_timeout(PATIENCE).err(),
+            server.notices.recv_timeout(TIMEOUT).err(),
             Some(RecvTimeoutError::Disconnected)
         );
     });

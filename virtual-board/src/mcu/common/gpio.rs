@@ -64,7 +64,7 @@ impl Gpio {
         }
     }
 
-    /// Who drives a pin that a UART may send on.
+    /// The driver of a pin on which a UART may send.
     pub(crate) fn driver(&self, pin: u32) -> Pin {
         match field(self.moder, 2 * pin, 0b11) {
             ALTERNATE => Pin::Uart,

@@ -278,7 +278,7 @@ impl Dma {
     }
 }
 
-/// Whether a request is high.
+/// Returns true if a request is high.
 fn is_high(requests: Requests, request: Request) -> bool {
     match request {
         USART2_RX => requests.receive,

@@ -149,7 +149,7 @@ impl Usart {
             || self.cr3 & (cr3::EIE | cr3::DMAR) == cr3::EIE | cr3::DMAR && status & (sr::FE | sr::NF | sr::ORE) != 0
     }
 
-    /// Whether UE and this bit of CR1 are set.
+    /// Returns true if UE and this bit of CR1 are set.
     fn is_on(&self, bit: u32) -> bool {
         self.cr1 & (cr1::UE | bit) == cr1::UE | bit
     }

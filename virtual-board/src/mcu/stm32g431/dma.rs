@@ -224,7 +224,7 @@ impl Dma {
     }
 }
 
-/// Whether a request is high.
+/// Returns true if a request is high.
 fn is_high(requests: Requests, request: u32) -> bool {
     match request & REQUEST_ID {
         USART2_RX => requests.receive,

@@ -169,7 +169,7 @@ impl Usart {
             || self.cr3 & cr3::EIE != 0 && status & (isr::FE | isr::NE | isr::ORE) != 0
     }
 
-    /// Whether UE and this bit of CR1 are set.
+    /// Returns true if UE and this bit of CR1 are set.
     fn is_on(&self, bit: u32) -> bool {
         self.cr1 & (cr1::UE | bit) == cr1::UE | bit
     }
@@ -300,8 +300,8 @@ impl Usart {
 }
 
 impl Uart for Usart {
-    /// Whether the receiver requests a DMA transfer. With DDRE, a byte with an error holds the request back until the error
-    /// flag is cleared.
+    /// Returns true if the receiver requests a DMA transfer. With DDRE, a byte with an error holds the request back until
+    /// the error flag is cleared.
     fn requests_receive(&self) -> bool {
         let held = self.cr3 & cr3::DDRE != 0 && self.flags & isr::BYTE_ERRORS != 0;
         self.cr3 & cr3::DMAR != 0 && self.received.is_some() && !held
