@@ -21,18 +21,18 @@ use crate::options::Arm;
 use crate::services::{Effect, Pending, refused};
 use crate::trajectory::{self, Accepted, Joint, Plan, Refusal};
 
-/// Between two moves to the arm at least.
+/// Minimum time between two moves to the arm.
 const MOVE_PERIOD: Duration = Duration::from_millis(10);
-/// Between two diagnostics.
+/// Time between two diagnostics.
 const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
-/// Between two attempts to open a port.
+/// Time between two attempts to open a port.
 const RETRY: Duration = Duration::from_secs(1);
-/// Between two looks at requests while there is no arm.
+/// Time between two checks for requests without an arm.
 const LOOK: Duration = Duration::from_millis(20);
-/// The time after which an adapter's arm that is not heard is an arm that does not answer.
+/// Minimum time without a reading after which an adapter's arm counts as silent. With slow polls it is three periods.
 const SILENCE: Duration = Duration::from_millis(500);
 
-/// Why an arm is not served any more, until its port is opened again.
+/// The reason why an arm is not served until its port is opened again.
 #[derive(Debug, thiserror::Error)]
 enum Failure {
     #[error(transparent)]
@@ -47,7 +47,7 @@ pub(crate) fn serve(arm: &Arm, endpoints: &Endpoints, stop: &AtomicBool) {
         arm,
         endpoints,
         diagnostics: Diagnostics::new(arm.address.to_string()),
-        told: None,
+        published: None,
     };
     while !stop.load(Ordering::Relaxed) {
         let failure = match Session::open(&mut host).and_then(|session| session.run(stop)) {
@@ -74,8 +74,8 @@ struct Host<'a> {
     arm: &'a Arm,
     endpoints: &'a Endpoints,
     diagnostics: Diagnostics,
-    /// When diagnostics were last published.
-    told: Option<Instant>,
+    /// Time of the last published diagnostics.
+    published: Option<Instant>,
 }
 
 impl Host<'_> {
@@ -118,10 +118,10 @@ impl Host<'_> {
     fn publish_diagnostics(&mut self) {
         let now = Instant::now();
         if self
-            .told
-            .is_none_or(|told| now.duration_since(told) >= DIAGNOSTICS_PERIOD)
+            .published
+            .is_none_or(|published| now.duration_since(published) >= DIAGNOSTICS_PERIOD)
         {
-            self.told = Some(now);
+            self.published = Some(now);
             // A reader that does not keep up gets the next.
             let _ = self
                 .endpoints
@@ -153,21 +153,21 @@ struct Session<'a, 'b> {
     stroke: Stroke,
     joints: Vec<Joint>,
     clock: Clock,
-    /// Between two readings.
+    /// Time between two readings.
     period: Duration,
     latest: Reading,
-    /// The motion, and when it was accepted.
+    /// The motion, and the time of its acceptance.
     motion: Option<(Plan, Instant)>,
     moved: Option<Instant>,
     pending: Vec<Pending<RmwRequestId>>,
 }
 
 impl<'a, 'b> Session<'a, 'b> {
-    /// Opens the arm's port, and subscribes to what the adapter hears.
+    /// Opens the arm's port, and subscribes to the adapter's frames and events.
     fn open(host: &'b mut Host<'a>) -> Result<Self, Failure> {
         let mut port = host.arm.address.open()?;
         let Some(Response::Stroke(stroke)) = port.call(&Request::ReadStroke)? else {
-            return Err(Failure::Arm("the arm does not tell its gripper's stroke".to_owned()));
+            return Err(Failure::Arm("the arm does not report its gripper's stroke".to_owned()));
         };
         let mut joints = host.arm.joints.clone();
         joints[JOINTS].max = f64::from(stroke.millimetres()) / 1_000.0;
@@ -216,15 +216,16 @@ impl<'a, 'b> Session<'a, 'b> {
 
     fn serve(&mut self, stop: &AtomicBool) -> Result<(), Failure> {
         let mut due = Instant::now();
-        let mut heard = due;
+        let mut received = due;
+        let silence = SILENCE.max(3 * self.period);
         while !stop.load(Ordering::Relaxed) {
             if self.port.has_adapter() {
-                match self.hear()? {
-                    true => heard = Instant::now(),
-                    false if heard.elapsed() >= SILENCE => {
+                match self.receive()? {
+                    true => received = Instant::now(),
+                    false if received.elapsed() >= silence => {
                         return Err(Failure::Arm(format!(
-                            "the adapter hears no joints for {} ms",
-                            SILENCE.as_millis()
+                            "the adapter received no joints for {} ms",
+                            silence.as_millis()
                         )));
                     }
                     false => {}
@@ -247,8 +248,8 @@ impl<'a, 'b> Session<'a, 'b> {
         self.end_stream()
     }
 
-    /// Takes one event of the adapter, waiting for a period. Returns whether it was a reading.
-    fn hear(&mut self) -> Result<bool, Failure> {
+    /// Takes one event of the adapter within a period. Returns true for a reading.
+    fn receive(&mut self) -> Result<bool, Failure> {
         let Some((stamp, event)) = self.port.hear(self.period)? else {
             return Ok(false);
         };
@@ -266,9 +267,9 @@ impl<'a, 'b> Session<'a, 'b> {
                 Ok(true)
             }
             event => {
-                let told = format!("{event:?}");
-                log(&self.host.arm.name, &format!("the adapter tells: {told}"));
-                self.host.diagnostics.adapter_event = Some(told);
+                let event = format!("{event:?}");
+                log(&self.host.arm.name, &format!("event of the adapter: {event}"));
+                self.host.diagnostics.adapter_event = Some(event);
                 Ok(false)
             }
         }
@@ -373,7 +374,7 @@ impl<'a, 'b> Session<'a, 'b> {
         Ok(())
     }
 
-    /// Tells the adapter that the motion is over: a host that just stops is a silent host to it.
+    /// Ends the stream at the adapter. Without that, a host that stops sending counts as silent.
     fn end_stream(&mut self) -> Result<(), Failure> {
         self.port.control(control::Request::EndStream)?;
         Ok(())
@@ -384,7 +385,7 @@ impl<'a, 'b> Session<'a, 'b> {
 fn ask(port: &mut LingPort, stroke: Stroke) -> Result<Reading, Failure> {
     let state: ling::JointState = match port.call(&Request::ReadJoints)? {
         Some(Response::Joints(state)) => state,
-        _ => return Err(Failure::Arm("the arm answers what it was not asked".to_owned())),
+        _ => return Err(Failure::Arm("the arm answered another request".to_owned())),
     };
     Reading::new(stamps::now(), &state, stroke).map_err(|error| Failure::Arm(error.to_string()))
 }
@@ -392,7 +393,7 @@ fn ask(port: &mut LingPort, stroke: Stroke) -> Result<Reading, Failure> {
 /// The rate at which the adapter polls a Ling arm.
 fn adapter_rate(port: &mut LingPort) -> Result<u32, Failure> {
     let Some(Reply::Config(config)) = port.control(control::Request::GetConfig)? else {
-        return Err(Failure::Arm("the adapter does not tell its configuration".to_owned()));
+        return Err(Failure::Arm("the adapter did not send its configuration".to_owned()));
     };
     match (config.arm, config.poll) {
         (ArmKind::Ling, Poll::Off) => {
