@@ -9,7 +9,7 @@ use crate::error::Error;
 /// The option that skips the question.
 #[derive(Args)]
 pub(crate) struct Confirm {
-    /// Do it without asking.
+    /// Skip the confirmation.
     #[arg(long)]
     yes: bool,
 }

@@ -91,7 +91,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Serve a virtual arm, for any program that talks to a real one.
+    /// Run a virtual arm on a pseudo-terminal or on TCP ports.
     #[cfg(unix)]
     #[command(subcommand)]
     Sim(sim::Sim),
@@ -112,7 +112,7 @@ enum Command {
     Torque(motion::SetTorque),
     /// Make a Ling arm's pose its zero position. Its torque goes off and the arm falls: hold it.
     SetZero(motion::SetZero),
-    /// Make one request and print the answer.
+    /// Send one request and print the answer.
     Call(call::Call),
     /// Decode a recording: frames, their meaning, stray bytes.
     Decode(decode::Decode),
@@ -120,7 +120,7 @@ enum Command {
     Config(config::Configure),
     /// Show an adapter's counters and latencies.
     Counters(counters::Counters),
-    /// Hold the line to the arm for USB alone, until Ctrl-C: no polls, no CAN, no torque-off. For updates of the arm's own
+    /// Reserve the arm's line for USB until Ctrl-C: no polls, no CAN, no torque-off. For updates of the arm's own
     /// firmware.
     Hold(hold::Hold),
     /// Test an adapter board with a jumper from PA2 to PA3 in place of the arm. Takes two minutes.

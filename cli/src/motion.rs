@@ -122,7 +122,7 @@ impl SetTorque {
         match is_holding(status) {
             _ if is_so => say(format_args!("{done} (status {status})")),
             None => say(format_args!(
-                "{request}: sent; status {status} does not tell whether it is so"
+                "{request}: sent; status {status} does not show its effect"
             )),
             Some(_) => Err(Error::at(
                 link.name(),

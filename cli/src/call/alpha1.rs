@@ -77,7 +77,7 @@ impl Name {
     }
 }
 
-/// Which servo is asked.
+/// The servo that receives the request.
 #[derive(Args, Clone, Copy)]
 pub(crate) struct One {
     /// Its id, 1 to 240.
@@ -85,7 +85,7 @@ pub(crate) struct One {
     id: ServoId,
 }
 
-/// Which servos are told.
+/// The servos that receive the request.
 #[derive(Args, Clone, Copy)]
 pub(crate) struct To {
     /// Its id, 1 to 240, or all.

@@ -51,7 +51,7 @@ pub(crate) enum Ask {
     SelfCheck,
 }
 
-/// Where to move, and how fast.
+/// Target positions and speeds.
 #[derive(Args)]
 pub(crate) struct Target {
     /// Goals of joints 1 to 6, in degrees, such as 0,10,-20,0,0,45.

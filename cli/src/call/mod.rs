@@ -30,11 +30,11 @@ pub(crate) struct Call {
 /// The kinds of arms.
 #[derive(Subcommand)]
 enum ToArm {
-    /// Ask a Ling / Alicia-D arm.
+    /// Send a request to a Ling / Alicia-D arm.
     Ling(OnPort<ling::Ask>),
-    /// Ask a UFACTORY xArm.
+    /// Send a request to a UFACTORY xArm.
     Xarm(xarm::OnHost),
-    /// Ask a UBTECH Alpha1, or its servos.
+    /// Send a request to a UBTECH Alpha1, or to its servos.
     #[command(
         after_help = "A robot that is a HID device: hid: for PORT, or hid:VID:PID or hid:NAME where there are several."
     )]

@@ -45,7 +45,7 @@ impl SlcanBus {
             bus.tell(command)?;
         }
         if !bus.settle()? {
-            let reason = format!("no answer to SLCAN: is it a CAN adapter that speaks it, and at {baud} baud?");
+            let reason = format!("no answer to SLCAN: is it a CAN adapter with this protocol, and at {baud} baud?");
             return Err(Error::at(bus.name(), reason));
         }
         for (command, what) in [
@@ -153,7 +153,7 @@ impl Bus for SlcanBus {
                 }
                 // Only a frame of this program can have been refused.
                 Some(Ok(Reply::Refused)) => {
-                    let trouble = self.trouble().unwrap_or_else(|| "it does not say why".to_owned());
+                    let trouble = self.trouble().unwrap_or_else(|| "no reason reported".to_owned());
                     let hint = self.hint();
                     return Err(self.refused(format!("refuses a frame ({trouble}): {hint}, and another node?")));
                 }

@@ -190,7 +190,7 @@ impl ControlLink {
 
     fn malformed(&self, error: Malformed) -> Error {
         let reason =
-            format!("the adapter says what cannot be read ({error}): is its firmware newer than this program?");
+            format!("a message of the adapter cannot be read ({error}): is its firmware newer than this program?");
         Error::at(self.name(), reason)
     }
 }

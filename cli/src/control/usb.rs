@@ -63,7 +63,7 @@ pub(crate) fn find(port: &str) -> Result<DeviceInfo, Error> {
             let serials = adapters.iter().map(|adapter| adapter.serial_number().unwrap_or("?"));
             let serials: Vec<_> = serials.collect();
             let reason = format!(
-                "there are several adapters ({}), and this system does not tell whose port it is: unplug the others",
+                "there are several adapters ({}), and this system does not show which of them has the port: unplug the others",
                 serials.join(", ")
             );
             Err(Error::at(port, reason))

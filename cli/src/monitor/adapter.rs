@@ -35,7 +35,7 @@ pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<
         ArmKind::Ling => Subscribed::<Ling>::open,
         ArmKind::Alpha1 => Subscribed::<Alpha1>::open,
         arm => {
-            let reason = format!("the adapter is set for '{arm}', of which it hears no readings");
+            let reason = format!("the adapter is set for '{arm}', which gives no readings");
             return Err(Error::at(control.name(), reason));
         }
     };

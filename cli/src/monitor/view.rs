@@ -91,7 +91,7 @@ fn draw_plain(frame: &mut Frame<'_>, area: Rect, parts: Vec<Part>) {
 fn arm(model: &Model, width: usize) -> Part {
     let mut lines = Vec::new();
     match &model.latest {
-        None => lines.push(Line::styled("nothing heard yet", DIM)),
+        None => lines.push(Line::styled("nothing received yet", DIM)),
         Some(latest) => {
             for (i, item) in latest.facts.iter().flat_map(|fact| &fact.items).enumerate() {
                 let mut spans = vec![name(&item.name), Span::raw(format!("{:<WORDS$}", item.text))];
@@ -120,7 +120,7 @@ fn calls(model: &Model, now: Instant) -> Part {
     let achieved = model.achieved(now);
     let wanted = model.rate.map_or(String::new(), |rate| format!(" of {rate}"));
     let calls = match model.asked {
-        0 => format!("heard {}", model.answered),
+        0 => format!("received {}", model.answered),
         asked => format!("asked {asked}, answered {}", model.answered),
     };
     let rate = format!("{achieved:.1}{wanted} readings/s, {calls}");
@@ -350,13 +350,13 @@ mod tests {
         model.watch("a Ling arm", 10, None);
         assert_shown(
             &screen(&model, 80, 24),
-            &["nothing heard yet", "0.0 readings/s, heard 0"],
+            &["nothing received yet", "0.0 readings/s, received 0"],
         );
         let mut heard = latest(900, 0, &[Some(1.0)]);
         heard.latency = None;
         model.read(heard);
         let screen = screen(&model, 80, 24);
-        assert_shown(&screen, &["heard 1"]);
+        assert_shown(&screen, &["received 1"]);
         assert!(
             screen
                 .iter()

@@ -286,7 +286,7 @@ fn an_adapter_for_another_arm_is_not_watched() {
     success(&["config", &board.control, "set", "arm=raw"]);
     let line = failure(&run(&["monitor", &board.control, "--from-adapter"]));
     assert!(
-        line.ends_with("the adapter is set for 'raw', of which it hears no readings"),
+        line.ends_with("the adapter is set for 'raw', which gives no readings"),
         "{line}"
     );
 }

@@ -156,7 +156,7 @@ fn an_older_adapter_does_not_know_hold() {
 fn what_is_no_slcan_adapter_is_told() {
     let line = failure(&run_against(&["info", "slcan:PORT"], |_, _, _| {}));
     assert!(
-        line.contains("no answer to SLCAN: is it a CAN adapter that speaks it, and at 115200 baud?"),
+        line.contains("no answer to SLCAN: is it a CAN adapter with this protocol, and at 115200 baud?"),
         "{line}"
     );
 }

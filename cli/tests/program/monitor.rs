@@ -221,7 +221,7 @@ fn noise_alone_is_shown() {
     let mut terminal = Terminal::new(120, 24);
     let mut child = terminal.start(&["monitor", pty.path().to_str().unwrap()]);
     let mut request = [0; 64];
-    while !terminal.seen.contains("nothing heard yet") && child.try_wait().unwrap().is_none() {
+    while !terminal.seen.contains("nothing received yet") && child.try_wait().unwrap().is_none() {
         if pty.read(&mut request).unwrap() > 0 {
             pty.write(&[0x55; 8]).unwrap();
         }

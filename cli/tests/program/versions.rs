@@ -156,7 +156,7 @@ fn unknown_reply_of_version_5_is_told() {
     });
     let line = failure(&output);
     assert!(
-        line.contains("the adapter says what cannot be read")
+        line.contains("a message of the adapter cannot be read")
             && line.ends_with("is its firmware newer than this program?"),
         "{line}"
     );
