@@ -191,7 +191,7 @@ impl Rig {
     }
 
     /// Runs the load until the fault has happened.
-    fn await_fault(&mut self, happened: &mut dyn FnMut(&mut Self) -> bool) -> Result {
+    pub(super) fn await_fault(&mut self, happened: &mut dyn FnMut(&mut Self) -> bool) -> Result {
         if self.work_until(FAULT_TIMEOUT, happened)? {
             Ok(())
         } else {

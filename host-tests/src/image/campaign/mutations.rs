@@ -2,7 +2,6 @@
 
 use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed};
 use armwire::messages::Messages;
-use armwire_virtual_board::Nanos;
 use armwire_virtual_board::line::Fault as LineFault;
 
 use super::super::{Ticket, facts};
@@ -12,7 +11,7 @@ use super::rig::Rig;
 /// A defect of the adapter, real or apparent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
-    /// The receiver is off for 80 ms. The bytes of the arm in that time are not counted.
+    /// The receiver is off until a byte of the arm is lost. The lost bytes are not counted.
     LostBytes,
     /// The firmware's counter of framing errors is one too high.
     ExtraErrorCount,
@@ -32,8 +31,9 @@ impl Rig {
         match mutation {
             Mutation::LostBytes => {
                 let chip = facts(self.board.chip());
+                let before = self.traffic.unreceived;
                 self.board.write_word(chip.uart_control, chip.uart_deaf)?;
-                self.work(Nanos::from_millis(80))?;
+                self.await_fault(&mut |rig| rig.traffic.unreceived > before)?;
                 self.board.write_word(chip.uart_control, chip.uart_listening)?;
             }
             Mutation::ExtraErrorCount => {
