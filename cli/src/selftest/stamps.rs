@@ -48,8 +48,8 @@ impl Round {
     }
 }
 
-/// Checks the stamps of many frames: in order, at least one frame time apart, and within the bounds of the host's
-/// clock.
+/// Checks the stamps of many frames: in order, at least one frame time apart but after late ones, and within the bounds
+/// of the host's clock.
 pub(super) fn plausible(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     planned(plan.stamps)?;
     subscribe(bench)?;
@@ -63,6 +63,7 @@ pub(super) fn plausible(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     }
     let after = bench.counters()?;
     let late = after.late_stamps.wrapping_sub(before.late_stamps);
+    series.check_gaps(late)?;
     let Series { count, closest, .. } = series;
     let text = format!("{count} in order and where this computer's clock has them, {late} late");
     let figures = [
@@ -80,6 +81,9 @@ struct Series {
     last: Option<f64>,
     /// The minimum interval between two stamps.
     closest: Option<f64>,
+    /// Number of intervals shorter than a frame, and the first of them as text.
+    short: u32,
+    first_short: String,
     /// Time of the first round, and the clock difference at that time.
     anchor: Option<(f64, (f64, f64))>,
 }
@@ -92,7 +96,13 @@ impl Series {
                 let (count, takes) = (self.count, line_time());
                 let text =
                     format!("frame {count}: its stamp is {since} µs after the one before, and it takes {takes} µs");
-                return Err(Trouble::Failed(text));
+                if since < 0.0 {
+                    return Err(Trouble::Failed(text));
+                }
+                if self.short == 0 {
+                    self.first_short = text;
+                }
+                self.short += 1;
             }
             self.closest = [self.closest, since].into_iter().flatten().reduce(f64::min);
             self.count += 1;
@@ -106,6 +116,14 @@ impl Series {
                 self.count, now.0, now.1
             );
             return Err(Trouble::Failed(text));
+        }
+        Ok(())
+    }
+
+    /// A short interval follows a stamp that the adapter counted as late. Without such a count it is a fault.
+    fn check_gaps(&self, late: u32) -> Result<(), Trouble> {
+        if self.short > late {
+            return Err(Trouble::Failed(self.first_short.clone()));
         }
         Ok(())
     }
@@ -220,7 +238,14 @@ mod tests {
     fn stamps_closer_than_frames_are_reported() {
         let mut series = Series::default();
         series.add(&round(0.0, &[5_100.0, 5_150.0], 300.0)).unwrap();
-        assert!(series.add(&round(0.0, &[5_199.0], 300.0)).is_err());
+        series.add(&round(0.0, &[5_199.0], 300.0)).unwrap();
+        let error = series.check_gaps(0).unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "frame 2: its stamp is 49 µs after the one before, and it takes 70 µs"
+        );
+        // The stamp before it was late.
+        series.check_gaps(1).unwrap();
     }
 
     #[test]
