@@ -20,7 +20,7 @@ use crate::{
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
 /// Time that each fuzz target runs, in seconds.
-const FUZZ_SECONDS: u32 = 10;
+const FUZZ_SECONDS: u32 = 5;
 /// Runs of the fault campaign with each image.
 const CAMPAIGN_RUNS: u32 = 300;
 /// Random runs of the adapter.
