@@ -276,9 +276,8 @@ fn check_sdist(tools: &Environment, dir: &Path) -> Result<()> {
         .find(|path| path.is_dir())
         .context("an empty source distribution")?;
     let mut check = cargo("check --quiet --package armwire-python");
-    run(check
-        .current_dir(folder)
-        .env("CARGO_TARGET_DIR", dir.join("sdist-target")))
+    // With the dependencies that are built there.
+    run(check.current_dir(folder).env("CARGO_TARGET_DIR", target_dir()?))
 }
 
 /// Runs the tests, the examples among them, with virtual arms, and with the firmware images on virtual boards.
