@@ -31,6 +31,7 @@ mod link;
 mod list;
 mod monitor;
 mod motion;
+#[cfg(feature = "recordings")]
 mod new_file;
 mod output;
 mod port;

@@ -13,6 +13,7 @@ mod mcap;
 mod mcap;
 mod meaning;
 mod output;
+#[cfg(feature = "recordings")]
 mod pcapng;
 mod recording;
 
@@ -35,6 +36,7 @@ use digits::Digits;
 use format::Format;
 use input::Input;
 use output::{Console, Entries, Output};
+#[cfg(feature = "recordings")]
 use pcapng::Packets;
 use recording::{Frames, LingFrames, Recording};
 
@@ -58,6 +60,7 @@ pub(crate) struct Decode {
     from: Option<Speaker>,
     /// Write the frames, and the bytes between them, to this pcapng file for Wireshark, or to standard output for -.
     /// Only the sum is printed. An existing file is not replaced.
+    #[cfg(feature = "recordings")]
     #[arg(long, value_name = "OUT")]
     pcapng: Option<PathBuf>,
 }
@@ -73,14 +76,20 @@ impl Decode {
                 Err(error) => return Err(Error::at(&name, error)),
             }
         };
-        let out: Box<dyn Output> = match &self.pcapng {
-            None => Box::new(Console::new()),
-            Some(path) => Box::new(Packets::create(path)?),
-        };
+        let out = self.output()?;
         let decoded = decode_input(Input::new(name, source, &*out), &*out, self.format, self.arm, self.from);
         // Items before an error are shown before it.
         let shown = out.finish().map_err(Error::Output);
         decoded.and(shown)
+    }
+
+    /// The file for packets, or the console.
+    fn output(&self) -> Result<Box<dyn Output>, Error> {
+        #[cfg(feature = "recordings")]
+        if let Some(path) = &self.pcapng {
+            return Ok(Box::new(Packets::create(path)?));
+        }
+        Ok(Box::new(Console::new()))
     }
 }
 

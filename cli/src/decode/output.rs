@@ -14,14 +14,16 @@ pub(super) struct Item<'a> {
     pub(super) bytes: &'a [u8],
     pub(super) text: &'a str,
     /// `None` for bytes that were not on an arm's line.
+    #[cfg_attr(not(feature = "recordings"), expect(dead_code, reason = "for pcapng files only"))]
     pub(super) on_line: Option<OnLine>,
 }
 
 /// The line of an item.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(not(feature = "recordings"), expect(dead_code, reason = "for pcapng files only"))]
 pub(super) struct OnLine {
     pub(super) protocol: Protocol,
-    /// The sender; `None` if neither the frame nor the user tells it.
+    /// The sender; `None` if it is unknown.
     pub(super) from: Option<Speaker>,
     /// Time in the recording, in ns; 0 if the recording has no times.
     pub(super) nanos: u64,
