@@ -147,7 +147,7 @@ pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, tell: &mu
     checks
 }
 
-/// Not tried, if the plan has none of it.
+/// Ends a check that has no extent in the plan.
 fn planned(count: u32) -> Result<(), Trouble> {
     match count {
         0 => Err(Trouble::NotTried("the plan has none of it".to_owned())),

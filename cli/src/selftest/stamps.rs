@@ -81,9 +81,8 @@ struct Series {
     last: Option<f64>,
     /// The minimum interval between two stamps.
     closest: Option<f64>,
-    /// Number of intervals shorter than a frame, and the first of them as text.
-    short: u32,
-    first_short: String,
+    /// Intervals shorter than a frame, as text.
+    short: Vec<String>,
     /// Time of the first round, and the clock difference at that time.
     anchor: Option<(f64, (f64, f64))>,
 }
@@ -99,10 +98,7 @@ impl Series {
                 if since < 0.0 {
                     return Err(Trouble::Failed(text));
                 }
-                if self.short == 0 {
-                    self.first_short = text;
-                }
-                self.short += 1;
+                self.short.push(text);
             }
             self.closest = [self.closest, since].into_iter().flatten().reduce(f64::min);
             self.count += 1;
@@ -122,10 +118,10 @@ impl Series {
 
     /// A short interval follows a stamp that the adapter counted as late. Without such a count it is a fault.
     fn check_gaps(&self, late: u32) -> Result<(), Trouble> {
-        if self.short > late {
-            return Err(Trouble::Failed(self.first_short.clone()));
+        match self.short.first() {
+            Some(first) if self.short.len() > late as usize => Err(Trouble::Failed(first.clone())),
+            _ => Ok(()),
         }
-        Ok(())
     }
 }
 

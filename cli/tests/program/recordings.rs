@@ -11,6 +11,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
 use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, run, start, success};
+use crate::sim_xarm;
 
 /// A recording that is deleted at the end.
 struct Recording(PathBuf);
@@ -110,15 +111,8 @@ fn recording_of_a_noisy_line_has_the_noise() {
 
 #[test]
 fn every_arm_can_be_recorded() {
-    let mut xarm = start(Command::new(PROGRAM).args(["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"]));
-    let mut line = String::new();
-    BufReader::new(xarm.stdout.as_mut().unwrap())
-        .read_line(&mut line)
-        .unwrap();
-    let host = line
-        .split([' ', ','])
-        .find(|word| word.starts_with("127.0.0.1:"))
-        .unwrap();
+    let xarm = sim_xarm::Arm::start(&["--no-report"]);
+    let host = xarm.addresses()[0];
     let alpha1 = Arm::start("alpha1", "recorded-alpha1", &[]);
     let legacy = Arm::start("ling", "recorded-legacy", &["--legacy"]);
     for (args, text) in [
@@ -132,8 +126,6 @@ fn every_arm_can_be_recorded() {
         let found = entries.iter().filter(|(_, told)| told.contains(text)).count();
         assert!(found >= 2, "{entries:?}");
     }
-    xarm.kill().unwrap();
-    xarm.wait().unwrap();
 }
 
 #[test]

@@ -9,7 +9,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::common::{PROGRAM, TIMEOUT, failure, finish, run, start, success, usage};
 
 /// A running `armwire sim xarm` on free ports.
-struct Arm {
+pub(crate) struct Arm {
     /// There until it is waited for.
     child: Option<Child>,
     /// Its first output.
@@ -17,7 +17,7 @@ struct Arm {
 }
 
 impl Arm {
-    fn start(args: &[&str]) -> Self {
+    pub(crate) fn start(args: &[&str]) -> Self {
         let listen = ["sim", "xarm", "--listen", "127.0.0.1:0"];
         Self::run(Command::new(PROGRAM).args(listen).args(args))
     }
@@ -32,8 +32,8 @@ impl Arm {
         Self { child, line }
     }
 
-    /// The addresses in what it says first.
-    fn addresses(&self) -> Vec<&str> {
+    /// The addresses in its first output.
+    pub(crate) fn addresses(&self) -> Vec<&str> {
         let words = self.line.split([' ', ',', ';']);
         words.filter(|word| word.starts_with("127.0.0.1:")).collect()
     }

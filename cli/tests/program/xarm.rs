@@ -1,6 +1,6 @@
 //! xArm from the command line: each request, each thing that can go wrong on TCP, and recordings.
 
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Command, Output};
 use std::thread;
@@ -12,6 +12,7 @@ use armwire::xarm::{
 use armwire::{Device, DeviceEvent};
 
 use crate::common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
+use crate::sim_xarm;
 
 /// Runs a program with a port for its argument HOST, where `serve` gets the connection.
 fn run_against(args: &[&str], serve: impl FnOnce(TcpStream) + Send) -> Output {
@@ -337,21 +338,12 @@ fn a_name_that_does_not_resolve_is_told() {
 
 #[test]
 fn a_virtual_xarm_is_one_to_all_commands() {
-    let mut sim = start(Command::new(PROGRAM).args(["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"]));
-    let mut line = String::new();
-    BufReader::new(sim.stdout.as_mut().unwrap())
-        .read_line(&mut line)
-        .unwrap();
-    let host = line
-        .split([' ', ','])
-        .find(|word| word.starts_with("127.0.0.1:"))
-        .unwrap();
+    let sim = sim_xarm::Arm::start(&["--no-report"]);
+    let host = sim.addresses()[0];
     let info = success(&["info", "--arm", "xarm", host]);
     let monitored = success(&["monitor", "--arm", "xarm", host, "--rate", "100", "--count", "2"]);
     let radius = success(&["call", "xarm", host, "--supervised", "rotation-radius", "6"]);
     let refused = failure(&run(&["call", "xarm", host, "raw", "250"]));
-    sim.kill().unwrap();
-    sim.wait().unwrap();
 
     assert!(info.starts_with("arm          xArm, 6 axes, type 6\n"), "{info}");
     assert!(
