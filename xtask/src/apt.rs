@@ -1,12 +1,31 @@
-//! Debian's packages.
+//! Programs that are packages of Debian.
 
+use std::env;
 use std::process::Command;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 
-use crate::process::{output, run, shown};
+use crate::process::{output, run};
 
-/// Installs packages, where apt-get is there and may do so. Returns whether it was.
+/// Installs the packages of these programs that are not on the path. Each program is followed by its package.
+///
+/// # Errors
+///
+/// If a program is missing and cannot be installed. The error has the command that installs it.
+pub(crate) fn require(programs: &[(&str, &str)]) -> Result<()> {
+    let path = env::var_os("PATH").unwrap_or_default();
+    let is_missing = |program: &str| !env::split_paths(&path).any(|folder| folder.join(program).is_file());
+    let missing = programs.iter().filter(|(program, _)| is_missing(program));
+    let packages: Vec<_> = missing.map(|(_, package)| *package).collect();
+    ensure!(
+        packages.is_empty() || install(&packages)?,
+        "programs are missing; run `sudo apt-get install --no-install-recommends {}`",
+        packages.join(" ")
+    );
+    Ok(())
+}
+
+/// Installs packages. Returns false without apt-get or the right to use it.
 ///
 /// # Errors
 ///
@@ -16,17 +35,25 @@ pub(crate) fn install(packages: &[&str]) -> Result<bool> {
     if !is_root || output(Command::new("apt-get").arg("--version")).is_err() {
         return Ok(false);
     }
-    let mut update = Command::new("apt-get");
-    update.arg("update");
-    let mut install = Command::new("apt-get");
-    install
-        .args(["install", "--yes", "--no-install-recommends"])
-        .args(packages);
-    for command in [&mut update, &mut install] {
-        println!("running `{}`", shown(command));
-        run(command
-            .env("DEBIAN_FRONTEND", "noninteractive")
-            .env_remove("LD_LIBRARY_PATH"))?;
+    for words in ["update", "install --yes --no-install-recommends"] {
+        let mut apt = Command::new("apt-get");
+        apt.args(words.split(' ')).env("DEBIAN_FRONTEND", "noninteractive");
+        // `cargo run` set it to the compiler's libraries.
+        apt.env_remove("LD_LIBRARY_PATH");
+        if words != "update" {
+            apt.args(packages);
+        }
+        run(&mut apt)?;
     }
     Ok(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn programs_on_the_path_need_no_package() {
+        require(&[("sh", "no-such-package"), ("ls", "no-such-package")]).unwrap();
+    }
 }

@@ -1,8 +1,8 @@
-//! The boards that there is firmware for.
+//! The boards with firmware.
 
 use clap::ValueEnum;
 
-/// One of them.
+/// A board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Board {
     /// STM32F405RG, with CAN
@@ -23,7 +23,7 @@ impl Board {
         }
     }
 
-    /// End of the RAM with the stack, which grows down from it.
+    /// End of the RAM with the stack, which grows down.
     pub(crate) const fn stack_top(self) -> u32 {
         match self {
             Self::Stm32f405 => 0x2000_0000 + 128 * 1024,

@@ -10,16 +10,17 @@ use object::Endianness;
 use object::read::elf::ElfFile32;
 use object::{Object, ObjectSection, ObjectSymbol};
 
+use crate::apt;
 use crate::cargo::{cargo, target_dir, tool};
-use crate::process::{output, run, shown};
+use crate::process::{output, run};
 use crate::toolchain::{Toolchain, rustc_property};
 use crate::workspace::root;
 
-/// The version of cbindgen: another one may write another header.
+/// The version of cbindgen: another version may generate a different header.
 const CBINDGEN: &str = "0.29.4";
 pub(crate) const HEADER: &str = "c/include/armwire.h";
-/// Other tools, and their Debian packages.
-const TOOLS: [(&str, &str); 7] = [
+/// Other tools, and their packages.
+pub(crate) const TOOLS: [(&str, &str); 7] = [
     ("gcc", "gcc"),
     ("g++", "g++"),
     ("cmake", "cmake"),
@@ -33,7 +34,7 @@ const WARNINGS: &str = "-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror";
 const SANITIZERS: &str = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all";
 /// Requests of each protocol to an arm in C.
 const EXCHANGES: &str = "20000";
-/// Calls with any arguments.
+/// Calls with arbitrary arguments.
 const MISUSES: &str = "1000000";
 
 /// The target whose sizes are printed.
@@ -58,16 +59,16 @@ const ARDUINO_FOLDERS: [(&str, &[&str]); 3] = [
 ];
 /// Maximum size of the protocol code in a program with Ling's client alone, in bytes.
 const LING_LIMIT: u64 = 12 * 1024;
-/// The symbol that a panic would pull in.
+/// The symbol that is linked if a panic is reachable.
 const PANIC: &str = "armwire_panicked";
 
-/// An action in place of all checks.
+/// An action instead of all checks.
 #[derive(Args, Default)]
 pub(crate) struct Options {
-    /// Write the header anew, and nothing else
+    /// Only write the header
     #[arg(long)]
     write: bool,
-    /// Write a library for Arduino and PlatformIO to this folder, and nothing else
+    /// Only write a library for Arduino and PlatformIO to this folder
     #[arg(long, value_name = "FOLDER")]
     arduino: Option<PathBuf>,
 }
@@ -108,38 +109,33 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     package(&dir)?;
     check_arduino(&dir, toolchain)?;
     if toolchain == Toolchain::Debian {
-        println!("skipped: the Zephyr module, whose cargo is not told of Debian's compiler");
+        println!("skipped: the Zephyr module, whose build does not support Debian's compiler");
         return Ok(());
     }
     check_zephyr(&dir)
 }
 
-/// The C library's tools are there.
+/// Installs missing tools.
 fn find_tools() -> Result<()> {
-    let missing = TOOLS
-        .iter()
-        .filter(|(tool, _)| output(Command::new(tool).arg("--version")).is_err());
-    let mut packages: Vec<_> = missing.map(|(_, package)| *package).collect();
+    apt::require(&TOOLS)?;
     // A C library for the tests on a Cortex-M. The compiler prints the name alone if there is no such file.
-    let specs = output(Command::new("arm-none-eabi-gcc").arg("-print-file-name=rdimon.specs"));
-    if !specs.is_ok_and(|path| path.contains('/')) {
-        packages.push("libnewlib-arm-none-eabi");
+    if !output(Command::new("arm-none-eabi-gcc").arg("-print-file-name=rdimon.specs"))?.contains('/') {
+        let is_installed = apt::install(&["libnewlib-arm-none-eabi"])?;
+        ensure!(
+            is_installed,
+            "newlib is missing; run `sudo apt-get install libnewlib-arm-none-eabi`"
+        );
     }
-    ensure!(
-        packages.is_empty(),
-        "tools are missing; run `sudo apt-get install --no-install-recommends {}`",
-        packages.join(" ")
-    );
     let version = output(Command::new("cbindgen").arg("--version"));
     if version.is_ok_and(|version| version.trim() == format!("cbindgen {CBINDGEN}")) {
         return Ok(());
     }
     let mut install = cargo(&format!("install --locked cbindgen@{CBINDGEN}"));
-    println!("cbindgen {CBINDGEN} is missing: running `{}`", shown(&install));
+    println!("cbindgen {CBINDGEN} is missing");
     run(&mut install)
 }
 
-/// The header is what cbindgen makes of the crate.
+/// Compares the header with cbindgen's output, or writes it.
 fn check_header(write: bool) -> Result<()> {
     let header = root().join(HEADER);
     let mut cbindgen = Command::new("cbindgen");
@@ -152,11 +148,11 @@ fn check_header(write: bool) -> Result<()> {
         return Ok(());
     }
     let is_current = fs::read_to_string(&header)? == text;
-    ensure!(is_current, "{HEADER} is not current: run `cargo xtask c --write`");
+    ensure!(is_current, "{HEADER} is outdated: run `cargo xtask c --write`");
     Ok(())
 }
 
-/// The packages have the version of the workspace.
+/// Checks that the packages have the version of the workspace.
 fn check_versions() -> Result<()> {
     let version = env!("CARGO_PKG_VERSION");
     let lines = [
@@ -177,7 +173,7 @@ fn check_versions() -> Result<()> {
     Ok(())
 }
 
-/// C99 and C++17 take the header without a warning.
+/// Compiles the header as C99 and C++17, without warnings.
 fn compile_header() -> Result<()> {
     let check = |compiler: &str, language: &str, standard: &str| {
         let mut compile = Command::new(compiler);
@@ -190,7 +186,7 @@ fn compile_header() -> Result<()> {
     check("g++", "c++", "-std=c++17")
 }
 
-/// The tests in C, with both sides under the sanitizers.
+/// Runs the tests in C with sanitizers in the tests and the library.
 fn test(dir: &Path, armwire: &Path) -> Result<()> {
     let library = sanitized()?;
     for test in ["device", "misuse", "ling", "alpha1", "xarm"] {
@@ -218,7 +214,7 @@ fn compile(dir: &Path, test: &str, options: &str, library: Option<&Path>) -> Res
     Ok(program)
 }
 
-/// The library for this machine, with the address sanitizer in it too. That is an unstable option of the compiler.
+/// Builds the library for this machine with the address sanitizer, an unstable option of the compiler.
 fn sanitized() -> Result<PathBuf> {
     let host = rustc_property("host")?;
     let dir = target_dir()?.join("c-sanitized");
@@ -231,7 +227,7 @@ fn sanitized() -> Result<PathBuf> {
     Ok(dir.join(host).join("c/libarmwire_c.a"))
 }
 
-/// The words that make cargo build the static library with these features besides all protocols.
+/// Arguments of cargo that build the static library with all protocols and these features.
 pub(crate) fn library_command(features: &str) -> String {
     format!("rustc --quiet --package armwire-c --profile c --crate-type staticlib --features={features}")
 }
@@ -259,7 +255,7 @@ fn functions() -> Result<Vec<String>> {
     Ok(functions)
 }
 
-/// A program that calls these functions and nothing else.
+/// A program that calls these functions only.
 struct Linked {
     file: Vec<u8>,
 }
@@ -284,7 +280,7 @@ impl Linked {
         Ok(self.elf()?.symbols().any(|found| found.name() == Ok(symbol)))
     }
 
-    /// Bytes of code and tables: all, and of them what a C library has too, memory functions and divisions.
+    /// Bytes of code and tables: the total, and the part that a C library contains, too (memory functions and divisions).
     fn size(&self) -> Result<(u64, u64)> {
         let elf = self.elf()?;
         let is_flash = |name: &str| [".text", ".rodata", ".data", ".ARM.exidx"].contains(&name);
@@ -303,23 +299,17 @@ impl Linked {
     }
 }
 
-/// No function leads to a panic; and with a path to one put in, that is seen.
+/// Checks that no function can panic, and that an added panic is detected.
 fn check_panics(dir: &Path, toolchain: Toolchain, target: &str, compiler: &str) -> Result<()> {
     let functions = functions()?;
     let mut names: Vec<_> = functions.iter().map(|name| &**name).collect();
     let good = Linked::new(dir, compiler, &library(toolchain, target, "")?, &names)?;
-    ensure!(
-        !good.contains(PANIC)?,
-        "{target}: a path to a panic is left in the library"
-    );
+    ensure!(!good.contains(PANIC)?, "{target}: the library can panic");
     names.push("armwire_prove_panic");
     let bad = Linked::new(dir, compiler, &library(toolchain, target, "prove-panic")?, &names)?;
-    ensure!(
-        bad.contains(PANIC)?,
-        "{target}: the path to a panic that was put in is not seen"
-    );
+    ensure!(bad.contains(PANIC)?, "{target}: an added panic is not detected");
     println!(
-        "{target}: no path to a panic in {} functions; with one put in, it is found",
+        "{target}: none of {} functions can panic; an added panic is detected",
         functions.len()
     );
     Ok(())
@@ -329,15 +319,15 @@ fn check_panics(dir: &Path, toolchain: Toolchain, target: &str, compiler: &str) 
 fn print_sizes(dir: &Path, toolchain: Toolchain) -> Result<()> {
     let (target, compiler) = TARGETS[0];
     let (library, functions) = (library(toolchain, target, "")?, functions()?);
-    println!("bytes on a Cortex-M0+, and besides what a C library has too (memcpy, division):");
+    println!("bytes on a Cortex-M0+, and in addition those that a C library has, too (memcpy, division):");
     for protocol in ["ling", "alpha1", "xarm"] {
         for side in ["client", "device"] {
             let prefix = format!("armwire_{protocol}_{side}_");
-            // A program has one way to put bytes in, and may do without these.
-            let spare = ["receive", "idle", "cancel", "fault"].map(|name| format!("{prefix}{name}"));
+            // Alternatives and extras that a program may omit.
+            let optional = ["receive", "idle", "cancel", "fault"].map(|name| format!("{prefix}{name}"));
             let names = functions
                 .iter()
-                .filter(|name| name.starts_with(&prefix) && !spare.contains(name));
+                .filter(|name| name.starts_with(&prefix) && !optional.contains(name));
             let names: Vec<_> = names.map(|name| &**name).collect();
             let (all, common) = Linked::new(dir, compiler, &library, &names)?.size()?;
             let own = all - common;
@@ -346,14 +336,14 @@ fn print_sizes(dir: &Path, toolchain: Toolchain) -> Result<()> {
                 names.len()
             );
             if (protocol, side) == ("ling", "client") {
-                ensure!(own <= LING_LIMIT, "that is over {LING_LIMIT} bytes");
+                ensure!(own <= LING_LIMIT, "Ling's client has {own} bytes, limit {LING_LIMIT}");
             }
         }
     }
     Ok(())
 }
 
-/// The tests without a line pass on a Cortex-M3 in QEMU: there structures have another layout.
+/// Runs the tests without a line on a Cortex-M3 in QEMU, where structures have another layout.
 fn test_emulated(dir: &Path, toolchain: Toolchain) -> Result<()> {
     for test in ["device", "misuse"] {
         let program = dir.join(format!("{test}.elf"));
@@ -377,7 +367,7 @@ fn test_emulated(dir: &Path, toolchain: Toolchain) -> Result<()> {
     Ok(())
 }
 
-/// The example for a Cortex-M runs in QEMU, on a UART to a virtual arm.
+/// Runs the example for a Cortex-M in QEMU, with a UART to a virtual arm.
 fn emulate(dir: &Path, toolchain: Toolchain, armwire: &Path) -> Result<()> {
     let program = dir.join("cortex-m.elf");
     let mut compile_example = Command::new("arm-none-eabi-gcc");
@@ -394,7 +384,7 @@ fn emulate(dir: &Path, toolchain: Toolchain, armwire: &Path) -> Result<()> {
     run(Command::new(test).arg(armwire).arg("qemu-system-arm").arg(program))
 }
 
-/// The CMake package is built, installed, and found by CMake and by pkg-config.
+/// Builds and installs the CMake package, and finds it with CMake and pkg-config.
 fn package(dir: &Path) -> Result<()> {
     let (build, prefix, found) = (dir.join("build"), dir.join("prefix"), dir.join("found"));
     let cmake = |source: &str, build: &Path, prefix: &Path| {
@@ -426,7 +416,7 @@ fn package(dir: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Writes a library as Arduino and PlatformIO have it.
+/// Writes a library in the layout of Arduino and PlatformIO.
 fn write_arduino(folder: &Path, toolchain: Toolchain) -> Result<()> {
     let (from, source) = (root().join("c/arduino"), folder.join("src"));
     let example = "examples/ReadJoints/ReadJoints.ino";
@@ -448,7 +438,7 @@ fn write_arduino(folder: &Path, toolchain: Toolchain) -> Result<()> {
     Ok(())
 }
 
-/// The example in the Arduino library compiles as C++ and links, but for what is Arduino's own.
+/// Compiles and links the example in the Arduino library, with stubs of Arduino's own functions.
 fn check_arduino(dir: &Path, toolchain: Toolchain) -> Result<()> {
     let library = dir.join("arduino");
     write_arduino(&library, toolchain)?;
@@ -469,7 +459,7 @@ fn check_arduino(dir: &Path, toolchain: Toolchain) -> Result<()> {
     run(compile.current_dir(root()))
 }
 
-/// CMake takes the Zephyr module, and builds the library for a Cortex-M. Zephyr itself is not here: two functions stand for it.
+/// Builds the library for a Cortex-M by CMake with the Zephyr module. Two functions replace Zephyr itself.
 fn check_zephyr(dir: &Path) -> Result<()> {
     let (source, build) = (dir.join("zephyr"), dir.join("zephyr-build"));
     fs::create_dir_all(&source)?;
@@ -486,6 +476,6 @@ fn check_zephyr(dir: &Path) -> Result<()> {
     run(Command::new("cmake").arg("-S").arg(&source).arg("-B").arg(&build))?;
     run(Command::new("cmake").arg("--build").arg(&build))?;
     let library = build.join("armwire/cargo").join(SMALLEST).join("c/libarmwire_c.a");
-    ensure!(library.exists(), "there is no {}", library.display());
+    ensure!(library.exists(), "the build made no {}", library.display());
     Ok(())
 }

@@ -13,7 +13,7 @@ use crate::image;
 use crate::process;
 
 impl Options {
-    /// This many runs from the first seed on.
+    /// The first runs of the default seed.
     pub(crate) fn runs(runs: u32) -> Self {
         Self {
             runs,
@@ -25,7 +25,7 @@ impl Options {
     }
 }
 
-/// Builds the image, or takes that which `ARMWIRE_IMAGE` names, and runs the campaign.
+/// Builds the image, or uses that of `ARMWIRE_IMAGE`, and runs the campaign.
 ///
 /// # Errors
 ///

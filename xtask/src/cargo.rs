@@ -1,4 +1,4 @@
-//! Cargo, and its subcommands that come from crates.io.
+//! Cargo, and its subcommands from crates.io.
 
 use std::env;
 use std::ffi::OsStr;
@@ -8,10 +8,10 @@ use std::process::Command;
 use anyhow::{Context, Result};
 use serde_json::Value;
 
-use crate::process::{output, run, shown};
+use crate::process::{output, run};
 use crate::workspace::root;
 
-/// The version of each subcommand that is installed where it is missing, and options for that.
+/// The subcommands, with the version and the options for installing a missing one.
 const TOOLS: [(&str, &str); 8] = [
     ("about", "0.9.3 --features=cli"),
     ("cyclonedx", "0.5.9"),
@@ -23,7 +23,7 @@ const TOOLS: [(&str, &str); 8] = [
     ("semver-checks", "0.51.0"),
 ];
 
-/// The cargo that runs us, with these words as arguments, in the root of the workspace.
+/// The cargo that runs this program, with these words as arguments, in the root of the workspace.
 pub(crate) fn cargo(words: &str) -> Command {
     cargo_at(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), words)
 }
@@ -36,7 +36,7 @@ pub(crate) fn cargo_at(program: impl AsRef<OsStr>, words: &str) -> Command {
     cargo
 }
 
-/// Removes what `cargo run` set for our own package. Build scripts would see it change and run again.
+/// Removes the variables that `cargo run` set for this package: build scripts would notice a change and run again.
 pub(crate) fn forget_our_package(command: &mut Command) {
     for (name, _) in env::vars_os() {
         let name = name.to_string_lossy();
@@ -59,10 +59,7 @@ pub(crate) fn tool(words: &str) -> Result<Command> {
             .find(|(tool, _)| *tool == name)
             .with_context(|| format!("cargo-{name} has no version in TOOLS"))?;
         let mut install = cargo(&format!("install --locked cargo-{name}@{version}"));
-        println!(
-            "cargo-{name} is missing: running `{}`, which takes some minutes",
-            shown(&install)
-        );
+        println!("cargo-{name} is missing; its installation takes some minutes");
         run(&mut install)?;
     }
     Ok(cargo(words))

@@ -1,4 +1,4 @@
-//! `cargo ci`: what finds the mistakes of a change. `cargo xtask soak` has what takes hours.
+//! `cargo ci`: the checks of a change. `cargo xtask soak` has those that take hours.
 
 use std::fs;
 use std::process::Command;
@@ -8,77 +8,84 @@ use anyhow::Result;
 use crate::board::Board;
 use crate::cargo::cargo;
 use crate::image::{self, Image, Options, TARGET};
-use crate::process::{self, shown};
+use crate::process;
 use crate::steps::Steps;
 use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
 use crate::{
-    c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, packages, performance, python,
-    readme, recordings, ros2, semver, vendor, web,
+    apt, c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, packages, performance,
+    python, readme, recordings, ros2, semver, vendor, web,
 };
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
-/// Time that each fuzz target runs, in seconds.
+/// Duration of each fuzz target, in seconds.
 const FUZZ_SECONDS: u32 = 5;
 /// Runs of the fault campaign with each image.
 const CAMPAIGN_RUNS: u32 = 300;
 /// Random runs of the adapter.
 const ADAPTER_RUNS: &str = "20000";
-/// Targets that the crates without `std` must build for.
+/// Targets of the crates without `std`.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";
-/// The systems besides Linux that the command is for, and the crates that are. Nothing of them needs a compiler for C.
+/// The supported systems other than Linux, and the crates for them, which need no C compiler.
 const OTHER_SYSTEMS: [&str; 2] = ["x86_64-pc-windows-gnu", "x86_64-apple-darwin"];
 const PORTABLE: &str = "--package armwire --package armwire-bridge --package armwire-sim --package armwire-cli";
-/// The one of [`ALONE`] for a microcontroller only.
+/// The package of [`ALONE`] that is for microcontrollers only.
 const LINK_TEST: &str = ALONE[0];
-/// The program whose instructions are counted.
+/// The program for the instruction counts.
 const COUNTED: &str = "--manifest-path=host-tests/benches/Cargo.toml --bin thumb --features thumb";
-/// The folders of those that run on a host, where cargo finds their own configuration.
+/// The folders of packages of [`ALONE`] for a host, with their own cargo configuration.
 const ALONE_ON_HOST: [&str; 2] = ["host-tests/fuzz", "host-tests/benches"];
 
-/// Runs the checks.
+/// Runs all checks.
 ///
 /// # Errors
 ///
 /// The first check that fails.
 pub(crate) fn run() -> Result<()> {
     let mut ci = Steps::default();
+    // The fuzz targets need a C++ compiler, too.
+    ci.step("programs in C", || apt::require(&c_library::TOOLS))?;
     ci.step("dependencies as locked", || {
-        check(&mut cargo("fetch --locked"))?;
-        each(&ALONE, |alone| check(&mut cargo(&format!("fetch --locked {alone}"))))
+        process::run(&mut cargo("fetch --locked"))?;
+        each(&ALONE, |alone| {
+            process::run(&mut cargo(&format!("fetch --locked {alone}")))
+        })
     })?;
-    // On a fresh clone its time is a new user's, without the download.
-    ci.step("demo", || check(&mut cargo("demo")))?;
+    // On a fresh clone this is the waiting time of a new user, without the download.
+    ci.step("demo", || process::run(&mut cargo("demo")))?;
     ci.step("licences, versions and sources of dependencies", deny::run)?;
     ci.step("formatting", || {
-        check(&mut cargo("fmt --all --check"))?;
-        each(&ALONE, |alone| check(&mut cargo(&format!("fmt --check {alone}"))))
+        process::run(&mut cargo("fmt --all --check"))?;
+        each(&ALONE, |alone| {
+            process::run(&mut cargo(&format!("fmt --check {alone}")))
+        })
     })?;
     ci.step("drawings", drawings)?;
     ci.step("docs/armwire.dbc", vendor::can::check_dbc)?;
     ci.step("clippy", || {
-        check(&mut cargo(&format!(
+        process::run(&mut cargo(&format!(
             "clippy {HOST} --all-targets --all-features -- -D warnings"
         )))?;
         each(&ALONE_ON_HOST, |alone| {
-            check(cargo("clippy --all-targets -- -D warnings").current_dir(root().join(alone)))
+            process::run(cargo("clippy --all-targets -- -D warnings").current_dir(root().join(alone)))
         })
     })?;
     ci.step("clippy for Windows and macOS", clippy_other_systems)?;
     ci.step("documentation", || {
-        let doc = |select: &str| check(cargo(&format!("doc {select} --no-deps")).env("RUSTDOCFLAGS", "-D warnings"));
+        let doc =
+            |select: &str| process::run(cargo(&format!("doc {select} --no-deps")).env("RUSTDOCFLAGS", "-D warnings"));
         doc(&format!("{HOST} --all-features"))?;
-        // No link may lead to a protocol that is off.
+        // Links to disabled protocols would be broken.
         doc("--package armwire --no-default-features --features ling")
     })?;
-    ci.step("tests", || check(&mut cargo("test")))?;
+    ci.step("tests", || process::run(&mut cargo("test")))?;
     ci.step("random runs of the adapter", || {
         let mut test = cargo("test --package armwire-host-tests --test adapter_runs");
-        // In how many of them there was what is worth seeing.
+        // Shows in how many runs each circumstance occurred.
         test.args(["--", "--show-output"]);
-        check(test.env("ARMWIRE_RUNS", ADAPTER_RUNS))
+        process::run(test.env("ARMWIRE_RUNS", ADAPTER_RUNS))
     })?;
     ci.step("docs/integrity.md", || integrity::run(&Default::default()))?;
     ci.step("each feature alone, and the oldest compiler", features::each)?;
@@ -91,7 +98,7 @@ pub(crate) fn run() -> Result<()> {
     ci.step("page in a browser", || web::run_all(&Default::default()))?;
     ci.step("no path to a panic", no_panic::run)?;
     ci.step("C library", || c_library::run_all(&Default::default()))?;
-    // From the same seed each time: what is found is the change's doing.
+    // The fixed seed makes the result depend on the change only.
     ci.step("fuzz targets", || fuzz::run(&fuzz::Options::new(FUZZ_SECONDS, 1)))?;
     ci.step("what the fuzz corpus covers", || coverage::run(&Default::default()))?;
     ci.step("firmware images with every option", || {
@@ -102,7 +109,7 @@ pub(crate) fn run() -> Result<()> {
     let g431 = ci.step("firmware image for the STM32G431", || firmware_image(Board::Stm32g431))?;
     let f405 = ci.step("firmware image for the STM32F405", || firmware_image(Board::Stm32f405))?;
     ci.step("virtual board", || {
-        check(&mut cargo("test --package armwire-virtual-board"))
+        process::run(&mut cargo("test --package armwire-virtual-board"))
     })?;
     ci.step("firmware image on the virtual board: STM32F405", || {
         on_virtual_board(&f405, &[])
@@ -134,7 +141,7 @@ pub(crate) fn run() -> Result<()> {
     Ok(())
 }
 
-/// The drawings in `docs` are well-formed.
+/// Checks that the drawings in `docs` are well-formed.
 fn drawings() -> Result<()> {
     let parse = "import sys, xml.etree.ElementTree as tree\nfor file in sys.argv[1:]: tree.parse(file)";
     let mut drawings = Vec::new();
@@ -148,18 +155,18 @@ fn drawings() -> Result<()> {
     process::run(Command::new("python3").args(["-c", parse]).args(drawings))
 }
 
-/// The crates that must build without `std` do, without features and with all.
+/// Builds the crates without `std`, without features and with all.
 fn no_std() -> Result<()> {
     let toolchain = Toolchain::find(&NO_STD_TARGETS)?;
     for target in NO_STD_TARGETS {
         for features in ["", "--all-features"] {
-            check(&mut toolchain.cargo(&format!("build {NO_STD} {features}"), target)?)?;
+            process::run(&mut toolchain.cargo(&format!("build {NO_STD} {features}"), target)?)?;
         }
     }
     Ok(())
 }
 
-/// The image that ships for this board, and that it is not too big.
+/// Builds the shipped image for this board, and checks its size.
 fn firmware_image(board: Board) -> Result<Image> {
     let image = image::build(Options::of(board))?;
     println!("{image}");
@@ -167,15 +174,15 @@ fn firmware_image(board: Board) -> Result<Image> {
     Ok(image)
 }
 
-/// Tests on the virtual board with this image: all of `host-tests`, or those that these options select.
+/// Runs the tests on the virtual board with this image: all of `host-tests`, or the selected ones.
 fn on_virtual_board(image: &Image, select: &[&str]) -> Result<()> {
     let mut test = cargo("test --package armwire-host-tests --features image");
-    // Their measurements are printed.
+    // Prints their measurements.
     test.args(select).args(["--", "--show-output"]);
-    check(test.env("ARMWIRE_IMAGE", &image.path))
+    process::run(test.env("ARMWIRE_IMAGE", &image.path))
 }
 
-/// Clippy as the microcontroller's compiler sees the code.
+/// Clippy for the microcontroller's target.
 fn clippy_thumb() -> Result<()> {
     let toolchain = Toolchain::find(&[TARGET])?;
     if toolchain == Toolchain::Debian {
@@ -193,31 +200,25 @@ fn clippy_thumb() -> Result<()> {
         .chain([&*no_std, LINK_TEST, COUNTED])
     {
         let mut clippy = toolchain.cargo(&format!("clippy {select}"), TARGET)?;
-        check(clippy.args(["--", "-D", "warnings"]))?;
+        process::run(clippy.args(["--", "-D", "warnings"]))?;
     }
     Ok(())
 }
 
-/// Clippy, and so the type check, as the compilers for the other systems see the code. Nothing is linked or run there.
+/// Clippy, and therefore the type check, for the other systems. Nothing is linked or run.
 fn clippy_other_systems() -> Result<()> {
     if !toolchain::is_usable(&OTHER_SYSTEMS) {
         println!("skipped: `rustup target add {}` helps", OTHER_SYSTEMS.join(" "));
         return Ok(());
     }
     each(&OTHER_SYSTEMS, |target| {
-        check(&mut cargo(&format!(
+        process::run(&mut cargo(&format!(
             "clippy {PORTABLE} --lib --bins --target {target} -- -D warnings"
         )))
     })
 }
 
-/// Does the same with each of these packages.
+/// Does the same for each of these packages.
 fn each(packages: &[&str], act: impl Fn(&str) -> Result<()>) -> Result<()> {
     packages.iter().try_for_each(|package| act(package))
-}
-
-/// Runs a check that is one command, and says which.
-fn check(command: &mut Command) -> Result<()> {
-    println!("running `{}`", shown(command));
-    process::run(command)
 }

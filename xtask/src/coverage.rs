@@ -1,7 +1,7 @@
-//! `cargo xtask coverage`: how much of the protocol and bridge crates the fuzz corpus reaches, all by itself.
+//! `cargo xtask coverage`: coverage of the protocol and bridge crates by the fuzz corpus alone.
 //!
-//! Not by cargo-llvm-cov: it shows all targets in one report, and LLVM leaves out of such a report what it finds in
-//! several programs in different forms. It reports 93.2 % of the protocol crate where 95.7 % are reached.
+//! cargo-llvm-cov is not used: its single report for all targets omits functions whose code differs between the programs.
+//! It reports 93.2 % of the protocol crate instead of 95.7 %.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -19,7 +19,7 @@ use crate::workspace::root;
 
 #[derive(Args, Default)]
 pub(crate) struct Options {
-    /// List the lines that are not reached
+    /// List the uncovered lines
     #[arg(long)]
     list: bool,
 }
@@ -27,17 +27,17 @@ pub(crate) struct Options {
 /// The crates whose coverage counts.
 const CRATES: [&str; 2] = ["protocol/src", "bridge/src"];
 
-/// The least share of their regions that must be reached, in percent.
+/// Minimum coverage of their regions, in percent.
 const LEAST: f64 = 95.0;
 
-/// Parts of the source that run as a whole, and whether they ran: by file, and where they begin and end as line and column.
+/// True for each region of the source that ran. The key is the file, with first and last line and column.
 type Regions = BTreeMap<(String, [u64; 4]), bool>;
 
-/// Prints the coverage of each file, and the lines that are not reached if `list` is set.
+/// Prints the coverage of each file, and the uncovered lines if `list` is set.
 ///
 /// # Errors
 ///
-/// If a crate is covered less than it must be.
+/// If the coverage of a crate is too low.
 pub(crate) fn run(options: &Options) -> Result<()> {
     process::run(cargo_fuzz("build", "coverage")?.env("RUSTFLAGS", "-Cinstrument-coverage"))?;
     let host = output(Command::new("rustc").args(["--print", "host-tuple"]))?;
@@ -52,11 +52,11 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     report(&all, options.list)
 }
 
-/// Code that the corpus of one target reaches.
+/// Coverage by the corpus of one target.
 fn reached(programs: &Path, target: &str, [profdata, cov]: &[PathBuf; 2]) -> Result<Regions> {
     let program = programs.join(target);
     let (raw, profile) = (program.with_extension("profraw"), program.with_extension("profdata"));
-    // Each input once, and no other.
+    // Each committed input once, and no others.
     let mut all = Command::new(&program);
     output(all.arg("-runs=0").arg(committed(target)).env("LLVM_PROFILE_FILE", &raw))?;
     let mut merge = Command::new(profdata);
@@ -67,14 +67,14 @@ fn reached(programs: &Path, target: &str, [profdata, cov]: &[PathBuf; 2]) -> Res
     regions(from_str(&output(&mut export)?)?)
 }
 
-/// The regions of all functions. One that is generic is compiled often; its regions ran if any of these did.
+/// The regions of all functions. A region of a generic function ran if that of any instance did.
 fn regions(mut export: Value) -> Result<Regions> {
     let mut all = Regions::new();
     for mut function in from_value::<Vec<Value>>(export["data"][0]["functions"].take())? {
         let files: Vec<String> = from_value(function["filenames"].take())?;
         let regions: Vec<[u64; 8]> = from_value(function["regions"].take())?;
         for [line, column, end_line, end_column, count, file, _, kind] in regions {
-            // Other kinds are what is left out, or between.
+            // The other kinds are not code.
             if let (0, Some(name)) = (kind, ours(&files[file as usize])) {
                 let place = [line, column, end_line, end_column];
                 *all.entry((name, place)).or_default() |= count > 0;
@@ -84,7 +84,7 @@ fn regions(mut export: Value) -> Result<Regions> {
     Ok(all)
 }
 
-/// A file of the crates that count, as it is called in the project.
+/// The path in the project of a file whose coverage counts.
 fn ours(file: &str) -> Option<String> {
     let path = Path::new(file).strip_prefix(root()).ok()?;
     let name = path.to_string_lossy().replace('\\', "/");
@@ -102,19 +102,19 @@ fn report(all: &Regions, list: bool) -> Result<()> {
             print_row(name, regions);
             let missed: BTreeSet<_> = regions.iter().filter(|(_, ran)| !ran).map(|(line, _)| line).collect();
             if list && !missed.is_empty() {
-                println!("    not reached from line {missed:?}");
+                println!("    uncovered regions start at lines {missed:?}");
             }
         }
         let percent = print_row(folder, &files.into_values().flatten().collect::<Vec<_>>());
         if percent < LEAST {
-            short.push(format!("{folder}: {percent:.2} % of regions, must be {LEAST} %"));
+            short.push(format!("{folder}: {percent:.2} % of regions, minimum {LEAST} %"));
         }
     }
     ensure!(short.is_empty(), "{}", short.join("; "));
     Ok(())
 }
 
-/// Prints how many of these regions ran, and returns their share in percent.
+/// Prints the number of these regions that ran, and returns their share in percent.
 fn print_row(name: &str, regions: &[(u64, bool)]) -> f64 {
     let (all, ran) = (regions.len(), regions.iter().filter(|(_, ran)| *ran).count());
     let percent = 100.0 * ran as f64 / all.max(1) as f64;
@@ -122,12 +122,12 @@ fn print_row(name: &str, regions: &[(u64, bool)]) -> f64 {
     percent
 }
 
-/// A tool of LLVM, of the compiler's own version: others cannot read what it writes.
+/// An LLVM tool of the compiler's own version: others cannot read its files.
 fn llvm(name: &str) -> Result<PathBuf> {
     let libraries = output(Command::new("rustc").args(["--print", "target-libdir"]))?;
     let path = Path::new(libraries.trim()).with_file_name("bin").join(name);
     if !fs::exists(&path)? {
-        println!("{name} is missing: running `rustup component add llvm-tools`");
+        println!("{name} is missing");
         process::run(Command::new("rustup").args(["component", "add", "llvm-tools"]))?;
     }
     Ok(path)

@@ -1,4 +1,4 @@
-//! `cargo xtask deny`: the dependencies, against `deny.toml`.
+//! `cargo xtask deny`: checks the dependencies against `deny.toml`.
 
 use std::iter;
 
@@ -12,17 +12,16 @@ use crate::workspace::ALONE;
 /// The workspace in the root, as an argument of cargo.
 const ROOT: &str = "--manifest-path=Cargo.toml";
 
-/// An exception is for one of the workspaces.
+/// Each exception is needed by some of the workspaces only.
 const NOT_USED: &str = "-A license-exception-not-encountered";
 /// Exceptions in `deny.toml` that only the workspace in the root uses.
 const NOT_USED_ALONE: &str = "-A license-exception-not-encountered -A license-not-encountered -A unmatched-skip";
 
-/// Checks licences and sources in each workspace, versions in all but the examples', and known vulnerabilities if the list
-/// of those can be had.
+/// Checks licences and sources in each workspace, versions in all but the examples', and known vulnerabilities.
 ///
 /// # Errors
 ///
-/// If there is a dependency that may not be used here. That the list cannot be had is told, and is no error.
+/// If a dependency is refused. A missing list of vulnerabilities is printed, and is not an error.
 pub(crate) fn run() -> Result<()> {
     check(ROOT, NOT_USED, "licenses bans sources")?;
     for workspace in ALONE {
@@ -36,9 +35,8 @@ pub(crate) fn run() -> Result<()> {
     advisories()
 }
 
-/// Makes these checks in one workspace, which need not have use for some entries of `deny.toml`.
+/// Runs these checks in one workspace, which may leave some entries of `deny.toml` unused.
 fn check(workspace: &str, not_used: &str, checks: &str) -> Result<()> {
-    println!("{workspace}");
     process::run(&mut tool(&format!(
         "deny {workspace} --config deny.toml check {not_used} {checks}"
     ))?)
@@ -46,18 +44,15 @@ fn check(workspace: &str, not_used: &str, checks: &str) -> Result<()> {
 
 /// Checks known vulnerabilities in each workspace.
 fn advisories() -> Result<()> {
-    // The list is a git repository on another server than the dependencies.
-    for (option, list) in [
-        ("", "as it is now"),
-        ("--offline", "as it was when it was fetched last"),
-    ] {
+    // The list is a git repository, on another server than the dependencies.
+    for (option, list) in [("", "of today"), ("--offline", "of the last download")] {
         let check = |workspace| -> Result<()> {
             let check = format!("deny {option} {workspace} --config deny.toml check advisories");
             output(&mut tool(&check)?).map(drop)
         };
         match iter::once(ROOT).chain(ALONE).try_for_each(check) {
             Ok(()) => {
-                println!("advisories ok, by the list {list}");
+                println!("advisories ok, with the list {list}");
                 return Ok(());
             }
             // A finding has a code in brackets, such as `vulnerability`. Other lines are about the list.
@@ -65,6 +60,6 @@ fn advisories() -> Result<()> {
             Err(_) => {}
         }
     }
-    println!("advisories not checked: the list of RustSec cannot be fetched, and there is no copy of it");
+    println!("advisories not checked: RustSec's list cannot be downloaded, and there is no copy");
     Ok(())
 }

@@ -19,8 +19,8 @@ const NAME: usize = 255;
 /// The length of the suffix.
 const SUFFIX: u8 = 16;
 
-/// The file for one target, the flash, with each segment as an element. The boot loader erases the sectors that elements
-/// lie in, and no others.
+/// The file for one target, the flash, with an element for each segment. The boot loader erases only the sectors of the
+/// elements.
 pub(crate) fn file(name: &str, segments: &[Segment]) -> Vec<u8> {
     let mut elements = Vec::new();
     for segment in segments {

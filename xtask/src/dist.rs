@@ -1,4 +1,4 @@
-//! `cargo xtask dist`: a release of the current commit, the same bytes in whatever folder it is made.
+//! `cargo xtask dist`: a reproducible release of the current commit, independent of the folder.
 
 use std::env;
 use std::fs;
@@ -11,6 +11,7 @@ use clap::Args;
 use crate::board::Board;
 use crate::c_library::{HEADER, TARGETS, library_command};
 use crate::cargo::{cargo, target_dir, tool};
+use crate::files::empty_folder;
 use crate::image;
 use crate::process::{output, run, run_to};
 use crate::toolchain::{Toolchain, rustc, rustc_property};
@@ -25,12 +26,12 @@ const COMPLETIONS: [(&str, &str); 3] = [
     ("fish", "share/fish/vendor_completions.d/armwire.fish"),
     ("zsh", "share/zsh/site-functions/_armwire"),
 ];
-/// Folder that programs record in place of the real one.
+/// Source folder recorded in the programs.
 const SOURCES: &str = "/armwire";
 
 #[derive(Args)]
 pub(crate) struct Options {
-    /// Make it once more in another folder, and compare every byte
+    /// Build it again in another folder, and compare every byte
     #[arg(long)]
     check: bool,
 }
@@ -44,8 +45,7 @@ impl Options {
 ///
 /// # Errors
 ///
-/// If there are changes that are in no commit, if something does not build or has a path of this machine in it, or if a
-/// second release is to be compared and differs.
+/// If there are uncommitted changes, if a build fails or contains a path of this machine, or if a second release differs.
 pub(crate) fn run_all(options: &Options) -> Result<()> {
     let release = Release::new()?;
     release.make()?;
@@ -55,7 +55,7 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// A release of this machine's kind.
+/// A release for the architecture and system of this machine.
 struct Release {
     /// The commit.
     commit: String,
@@ -69,7 +69,7 @@ struct Release {
 
 impl Release {
     fn new() -> Result<Self> {
-        check_tree("a release is made of a commit, and these are in none")?;
+        check_tree("a release needs a commit, and there are uncommitted changes")?;
         Ok(Self {
             commit: git("rev-parse HEAD")?,
             time: git("log -1 --format=%ct")?,
@@ -96,10 +96,7 @@ impl Release {
     fn make(&self) -> Result<()> {
         run(&mut cargo("fetch --locked"))?;
         let folder = self.folder();
-        if folder.exists() {
-            fs::remove_dir_all(&folder)?;
-        }
-        fs::create_dir_all(&folder)?;
+        empty_folder(&folder)?;
         self.add_pages()?;
         self.add_images()?;
         self.add_command()?;
@@ -110,7 +107,7 @@ impl Release {
         check_paths(&folder)?;
         add_checksums(&folder)?;
         self.pack()?;
-        check_tree("the release has left these in the sources")
+        check_tree("the release changed the sources")
     }
 
     fn add_pages(&self) -> Result<()> {
@@ -168,7 +165,7 @@ impl Release {
         Ok(())
     }
 
-    /// The texts of the licences of what is compiled into the programs.
+    /// The licence texts of all crates in the programs.
     fn add_licences(&self) -> Result<()> {
         let folder = self.folder().join("licences");
         fs::create_dir_all(&folder)?;
@@ -178,21 +175,19 @@ impl Release {
             ))?;
             run(about.arg(folder.join(format!("{program}.txt"))).arg("about.hbs"))?;
         }
-        // Rust's own libraries have theirs with the compiler.
+        // Those of Rust's own libraries are part of the compiler.
         copy(
             &sysroot()?.join("share/doc/rust/COPYRIGHT-library.html"),
             &folder.join("rust-libraries.html"),
         )
     }
 
-    /// The crates that the programs are made of, as CycloneDX.
+    /// The crates of each program, as CycloneDX.
     fn add_bills_of_materials(&self) -> Result<()> {
         const FILE: &str = "sbom-of-a-release";
-        // cargo-cyclonedx writes a file beside each Cargo.toml of a workspace: here of a copy.
+        // cargo-cyclonedx writes a file beside each Cargo.toml of a workspace: a copy is used.
         let copy = self.dist.join("sbom-sources");
-        if copy.exists() {
-            fs::remove_dir_all(&copy)?;
-        }
+        empty_folder(&copy)?;
         self.extract("", &copy)?;
         for (program, package, options) in self.programs() {
             let mut cyclonedx = tool(&format!(
@@ -201,7 +196,7 @@ impl Release {
             ))?;
             run(self.reproducible(&mut cyclonedx)?.current_dir(&copy))?;
             let sbom = fs::read_to_string(copy.join(package).join(FILE).with_extension("json"))?;
-            // A crate of this workspace is known by its folder.
+            // A crate of this workspace is identified by its folder.
             let sbom = sbom.replace(&copy.display().to_string(), SOURCES);
             write(&self.folder().join(format!("sbom/{program}.cdx.json")), &sbom)?;
         }
@@ -218,10 +213,10 @@ impl Release {
         run(Command::new("tar").arg("-xf").arg(archive).arg("-C").arg(folder))
     }
 
-    /// The programs of a release, for each its package, and the arguments of cargo that select its dependencies.
+    /// The programs of a release, each with its package and with cargo's arguments for its dependencies.
     fn programs(&self) -> [(&'static str, &'static str, String); 3] {
         let target = |target: &str| format!("--target {target}");
-        // One board is on by default.
+        // The other board is a default feature.
         let firmware = format!("{} --features board-stm32g431", target(image::TARGET));
         [
             ("armwire", "cli", target(&self.host)),
@@ -230,7 +225,7 @@ impl Release {
         ]
     }
 
-    /// The commit and the compiler, for whoever makes the release again.
+    /// The commit and the compiler, for a repetition of the build.
     fn add_origin(&self) -> Result<()> {
         let compiler = output(rustc().arg("-vV"))?;
         write(
@@ -253,16 +248,17 @@ impl Release {
         Ok(())
     }
 
-    /// Target directory of its own: its flags differ, and would invalidate all other builds.
+    /// A separate target directory: the different flags would invalidate all other builds.
     fn build_dir(&self) -> PathBuf {
         self.dist.join("build")
     }
 
-    /// Has a command, or a cargo that it starts, build in [`Self::build_dir`] and write no path and no time of this machine.
+    /// Makes cargo build in [`Self::build_dir`], and write no path and no time of this machine. The command is cargo or
+    /// starts it.
     fn reproducible<'a>(&self, command: &'a mut Command) -> Result<&'a mut Command> {
         let library = sysroot()?.join("lib/rustlib/src/rust");
         let build_dir = self.build_dir();
-        // The last that fits is taken.
+        // The last matching prefix applies.
         let flags = [
             (&*cargo_home()?, "/cargo"),
             (&library, &format!("/rustc/{}", rustc_property("commit-hash")?)),
@@ -276,12 +272,10 @@ impl Release {
             .env("SOURCE_DATE_EPOCH", &self.time))
     }
 
-    /// Makes the release in a clone, by the clone's own commands, and compares the archives.
+    /// Builds the release in a clone, with the clone's own commands, and compares the archives.
     fn compare_with_another(&self) -> Result<()> {
         let clone = self.dist.join("clone");
-        if clone.exists() {
-            fs::remove_dir_all(&clone)?;
-        }
+        empty_folder(&clone)?;
         run(git_command("clone --quiet --shared --no-checkout .").arg(&clone))?;
         run(git_command(&format!("checkout --quiet {}", self.commit)).current_dir(&clone))?;
         let other = clone.join("target/dist");
@@ -293,29 +287,29 @@ impl Release {
             .arg(self.folder())
             .arg(other.join(Self::name())))?;
         let is_same = fs::read(self.archive(&self.dist))? == fs::read(self.archive(&other))?;
-        ensure!(is_same, "the files are the same, and the archives are not");
+        ensure!(is_same, "the files are equal, but the archives differ");
         fs::remove_dir_all(&clone)?;
-        println!("a second one, made in {}, has the same bytes", clone.display());
+        println!("a second release, built in {}, has the same bytes", clone.display());
         Ok(())
     }
 }
 
-/// No file of the sources is new or changed.
+/// Checks that no source file is new or changed.
 fn check_tree(otherwise: &str) -> Result<()> {
     let changes = git("status --porcelain")?;
     ensure!(changes.is_empty(), "{otherwise}:\n{changes}");
     Ok(())
 }
 
-/// No file names a folder of this machine.
+/// Checks that no file contains a path of this machine.
 fn check_paths(folder: &Path) -> Result<()> {
     let mut grep = Command::new("grep");
     grep.args(["--recursive", "--text", "--files-with-matches", "--fixed-strings"]);
     for path in [root(), &*cargo_home()?, &*sysroot()?] {
         grep.arg("-e").arg(path);
     }
-    // 1: it finds nothing.
-    run_to(&[1], grep.arg(folder)).context("the files above name folders of this machine")
+    // Exit code 1: nothing found.
+    run_to(&[1], grep.arg(folder)).context("the files above contain paths of this machine")
 }
 
 /// The folder of the compiler.

@@ -1,13 +1,13 @@
-//! `cargo xtask examples`: the program of each microcontroller in `examples`, and that of the RP2040 on an emulated chip.
+//! `cargo xtask examples`: the programs for microcontrollers in `examples`. The RP2040's runs on an emulated chip.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 
 use crate::apt;
 use crate::cargo::{cargo, target_dir};
-use crate::process::{output, run};
+use crate::process::run;
 use crate::toolchain::Toolchain;
 use crate::workspace::root;
 
@@ -18,15 +18,17 @@ pub(crate) const EXAMPLES: [(&str, &str); 4] = [
     ("rp2040", "thumbv6m-none-eabi"),
     ("stm32f303", "thumbv7em-none-eabihf"),
 ];
+/// Programs for JavaScript, and their packages.
+pub(crate) const NODE: [(&str, &str); 2] = [("node", "nodejs"), ("npm", "npm")];
 /// Folder of the emulator's package, and the image in the target directory.
 const EMULATOR: &str = "rp2040/emulator";
 const IMAGE: &str = "thumbv6m-none-eabi/release/armwire-rp2040";
 
-/// Checks and links each example, with the dependencies as locked, and runs the RP2040's against a virtual arm.
+/// Checks and links each example with its locked dependencies, and runs the RP2040's with a virtual arm.
 ///
 /// # Errors
 ///
-/// The first that fails, or if a tool is missing and cannot be installed.
+/// The first example that fails, or a missing tool that cannot be installed.
 pub(crate) fn check() -> Result<()> {
     let toolchain = Toolchain::find(&EXAMPLES.map(|(_, target)| target))?;
     for (example, target) in EXAMPLES {
@@ -46,7 +48,7 @@ pub(crate) fn check() -> Result<()> {
 
 /// Runs the RP2040's image on an emulated chip, with `armwire sim` on its UART.
 fn emulate(image: &Path) -> Result<()> {
-    install_node()?;
+    apt::require(&NODE)?;
     let emulator = folder(EMULATOR);
     run(Command::new("npm")
         .args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"])
@@ -56,16 +58,6 @@ fn emulate(image: &Path) -> Result<()> {
     run(Command::new("node")
         .args([Path::new("run.mjs"), &armwire, image])
         .current_dir(&emulator))
-}
-
-/// Installs Node.js and npm if one is missing.
-pub(crate) fn install_node() -> Result<()> {
-    let is_missing = |tool| output(Command::new(tool).arg("--version")).is_err();
-    if is_missing("node") || is_missing("npm") {
-        let is_installed = apt::install(&["nodejs", "npm"])?;
-        ensure!(is_installed, "npm is missing, and Node.js 20 or later");
-    }
-    Ok(())
 }
 
 fn folder(name: &str) -> PathBuf {

@@ -1,4 +1,4 @@
-//! `cargo xtask features`: the protocol and bridge crates with their features, and each crate to publish with its oldest
+//! `cargo xtask features`: the protocol and bridge crates with their features, and each published crate with its oldest
 //! compiler.
 
 use anyhow::Result;
@@ -12,7 +12,7 @@ use crate::process::run;
 ///
 /// # Errors
 ///
-/// The first set that fails, or what [`oldest_compilers`] has to say.
+/// The first set that fails, or an error of [`oldest_compilers`].
 pub(crate) fn each() -> Result<()> {
     clippy("--each-feature")?;
     test("--each-feature --exclude-all-features")?;
@@ -35,18 +35,18 @@ fn clippy(sets: &str) -> Result<()> {
     ))?)
 }
 
-/// With defmt, tests need a logger to link. The examples in the documentation are of Ling's messages, and not run here.
+/// Without defmt, whose tests need a logger to link, and without the examples in the documentation, which need Ling.
 fn test(sets: &str) -> Result<()> {
     run(&mut tool(&format!(
         "hack test --quiet --lib --tests --package armwire {sets} --skip default --skip defmt"
     ))?)
 }
 
-/// Each crate to publish and its tests compile with the oldest compiler that its `Cargo.toml` names.
+/// Compiles each published crate and its tests with the oldest compiler in its `Cargo.toml`.
 ///
 /// # Errors
 ///
-/// If one does not, or if there is no such compiler and rustup cannot install it.
+/// If a crate does not compile, or rustup cannot install the compiler.
 fn oldest_compilers() -> Result<()> {
     // cargo-hack installs the compilers.
     let mut check = tool("hack check --rust-version --all-targets --all-features")?;

@@ -27,11 +27,11 @@ pub(crate) struct Runner {
     elf: PathBuf,
 }
 
-/// Builds the image, and flashes and starts it if that is wanted. With defmt it stays and prints the image's log.
+/// Builds the image. With `--flash` it is flashed and started; with defmt its log is then printed.
 ///
 /// # Errors
 ///
-/// If the image does not build, or probe-rs is not there.
+/// If the build fails, or probe-rs is missing.
 pub(crate) fn run(options: &FwOptions) -> Result<()> {
     if options.flash {
         check_probe_rs()?;
@@ -53,11 +53,11 @@ pub(crate) fn run(options: &FwOptions) -> Result<()> {
     }
 }
 
-/// Flashes a program that cargo built, starts it and prints its log. Its vector table tells the board.
+/// Flashes a program built by cargo, starts it and prints its log. Its vector table identifies the board.
 ///
 /// # Errors
 ///
-/// If it is for no board, or probe-rs is not there.
+/// If the program is for no board, or probe-rs is missing.
 pub(crate) fn run_program(runner: &Runner) -> Result<()> {
     let elf = fs::read(&runner.elf).with_context(|| format!("cannot read {}", runner.elf.display()))?;
     let board = board_of(&Program::parse(&elf)?)?;
@@ -65,11 +65,11 @@ pub(crate) fn run_program(runner: &Runner) -> Result<()> {
     attach(board, &runner.elf)
 }
 
-/// The board that starts this program.
+/// The board of this program.
 fn board_of(program: &Program) -> Result<Board> {
     let starts = |board: &Board| program.check_vectors(board.stack_top()).is_ok();
     let board = Board::ALL.into_iter().find(starts);
-    board.context("the program's vector table is that of no board")
+    board.context("the program's vector table fits no board")
 }
 
 fn check_probe_rs() -> Result<()> {
@@ -79,7 +79,7 @@ fn check_probe_rs() -> Result<()> {
     Ok(())
 }
 
-/// Flashes, starts, and prints the log until it is interrupted.
+/// Flashes and starts a program, and prints its log until interrupted.
 fn attach(board: Board, elf: &Path) -> Result<()> {
     replace_ourselves(probe_rs("run", board).arg(elf))
 }
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stack_tells_the_board() {
+    fn stack_identifies_the_board() {
         for board in Board::ALL {
             assert_eq!(board_of(&program(board.stack_top())).unwrap(), board);
         }

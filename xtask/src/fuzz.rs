@@ -13,32 +13,32 @@ use crate::cargo::{target_dir, tool};
 use crate::process::{self, output};
 use crate::workspace::root;
 
-/// Timeout of one input, in seconds: far longer than any takes, even on a machine that stalls for a while.
+/// Timeout of one input, in seconds: far more than any input needs on a busy machine.
 const TIMEOUT: u32 = 60;
 
-/// Prefix of the inputs that are frames of the documents: `host-tests/tests/fuzz_corpus.rs` writes them.
+/// Prefix of inputs with frames of the documents, written by `host-tests/tests/fuzz_corpus.rs`.
 const DOCUMENT: &str = "document-";
 
 #[derive(Args)]
 pub(crate) struct Options {
-    /// Time that each target runs
+    /// Duration of each target, in seconds
     #[arg(long, value_name = "N", default_value_t = 60)]
     seconds: u32,
 
-    /// The seed of the inputs; without it each run tries others
+    /// Seed of the inputs, by default a different one in each run
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     seed: u32,
 
-    /// Reduce the corpus instead: of the committed inputs and those found since, keep as few as reach the same code
+    /// Instead, reduce the committed and the new inputs to the fewest with the same coverage
     #[arg(long)]
     minimise: bool,
 
-    /// The targets; all without this argument
+    /// The targets, by default all
     targets: Vec<String>,
 }
 
 impl Options {
-    /// Every target for so many seconds.
+    /// Every target for this many seconds.
     pub(crate) fn new(seconds: u32, seed: u32) -> Self {
         Self {
             seconds,
@@ -49,11 +49,11 @@ impl Options {
     }
 }
 
-/// Runs the targets, or reduces their corpus, as many at a time as there are cores.
+/// Runs the targets, or reduces their corpus, one per core at a time.
 ///
 /// # Errors
 ///
-/// If a target finds something, with the input that shows it; if there is no such target.
+/// If a target fails, with its input; if there is no such target.
 pub(crate) fn run(options: &Options) -> Result<()> {
     let all = targets()?;
     let targets = match &*options.targets {
@@ -63,7 +63,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     for target in targets {
         ensure!(
             all.contains(target),
-            "no target `{target}`, there are {}",
+            "no target `{target}`; the targets are {}",
             all.join(", ")
         );
     }
@@ -71,26 +71,25 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     if options.minimise {
         return for_each(targets, minimise).map(drop);
     }
-    let clean = for_each(targets, |target| fuzz(target, options))?;
-    let findings = clean.iter().filter(|clean| !**clean).count();
+    let passed = for_each(targets, |target| fuzz(target, options))?;
+    let failures = passed.iter().filter(|passed| !**passed).count();
     ensure!(
-        findings == 0,
-        "{findings} of {} targets found something; docs/fuzzing.md says what to do",
+        failures == 0,
+        "{failures} of {} targets failed; docs/fuzzing.md has the next steps",
         targets.len()
     );
     Ok(())
 }
 
-/// Runs a target for so many seconds, from this seed on. Prints libFuzzer's last status, or what it found; returns whether
-/// it found nothing.
+/// Runs a target. Prints libFuzzer's last status, or its failure. Returns true if the target passed.
 fn fuzz(target: &str, options: &Options) -> Result<bool> {
     let mut fuzz = cargo_fuzz("run", "fuzz")?;
     fuzz.arg(target).arg(found(target)?).arg(committed(target)).arg("--");
     fuzz.arg(format!("-max_total_time={}", options.seconds));
     fuzz.args([format!("-seed={}", options.seed), format!("-timeout={TIMEOUT}")]);
     let ran = fuzz.arg("-print_funcs=0").stdin(Stdio::null()).output()?;
-    let said = String::from_utf8_lossy(&ran.stderr);
-    let (status, rest): (Vec<_>, Vec<_>) = said.lines().partition(|line| line.starts_with('#'));
+    let text = String::from_utf8_lossy(&ran.stderr);
+    let (status, rest): (Vec<_>, Vec<_>) = text.lines().partition(|line| line.starts_with('#'));
     match ran.status.success() {
         true => println!(
             "{target:<16}{}",
@@ -101,17 +100,17 @@ fn fuzz(target: &str, options: &Options) -> Result<bool> {
     Ok(ran.status.success())
 }
 
-/// Makes the committed corpus of a target anew.
+/// Replaces the committed corpus of a target by the reduced one.
 fn minimise(target: &str) -> Result<()> {
     let (found, committed) = (found(target)?, committed(target));
     let fresh = found.with_extension("fresh");
     let _ = fs::remove_dir_all(&fresh);
     fs::create_dir_all(&fresh)?;
-    // The smallest set of inputs that reaches all edges of the fuzzed code, whatever the hit counts.
+    // The smallest set of inputs with the same edge coverage, regardless of hit counts.
     let mut merge = cargo_fuzz("run", "fuzz")?;
     merge.arg(target).args([&fresh, &found, &committed]);
     output(merge.args(["--", "-set_cover_merge=1", "-use_counters=0", "-max_len=4096"]))?;
-    // The frames of the documents stay, also where others reach the same code.
+    // The frames of the documents stay.
     for file in fs::read_dir(&committed)? {
         let file = file?;
         if !file.file_name().to_string_lossy().starts_with(DOCUMENT) {
@@ -126,8 +125,8 @@ fn minimise(target: &str) -> Result<()> {
     Ok(())
 }
 
-/// `cargo fuzz <subcommand>`, which builds into this folder of the target directory. Stable compilers have no sanitizer,
-/// and the crates that are fuzzed have no `unsafe` for it to find something in.
+/// `cargo fuzz <subcommand>`, which builds into this folder of the target directory. It uses no sanitizer: stable compilers
+/// have none, and the fuzzed crates have no `unsafe`.
 pub(crate) fn cargo_fuzz(subcommand: &str, folder: &str) -> Result<Command> {
     let mut fuzz = tool(&format!("fuzz {subcommand} --sanitizer none --target-dir"))?;
     fuzz.arg(target_dir()?.join(folder)).current_dir(project());
@@ -140,7 +139,7 @@ pub(crate) fn targets() -> Result<Vec<String>> {
     Ok(list.lines().map(str::to_owned).collect())
 }
 
-/// The corpus of a target that is part of the project.
+/// The committed corpus of a target.
 pub(crate) fn committed(target: &str) -> PathBuf {
     project().join("corpus").join(target)
 }
@@ -149,18 +148,18 @@ fn project() -> PathBuf {
     root().join("host-tests/fuzz")
 }
 
-/// Folder of a target's inputs that reached new code.
+/// Folder of new inputs of a target, which reached new code.
 fn found(target: &str) -> Result<PathBuf> {
     let found = target_dir()?.join("fuzz/corpus").join(target);
     fs::create_dir_all(&found)?;
     Ok(found)
 }
 
-/// Does something with each target, as many at a time as there are cores, and returns what came of each.
+/// Calls `act` for each target, one per core at a time, and returns the results.
 pub(crate) fn for_each<T: Send>(targets: &[String], act: impl Fn(&str) -> Result<T> + Sync) -> Result<Vec<T>> {
     let cores = thread::available_parallelism().map_or(1, usize::from);
     let rest = Mutex::new(targets.iter());
-    let next = || rest.lock().expect("nobody panics with it").next();
+    let next = || rest.lock().expect("no worker panics").next();
     let work = || -> Vec<Result<T>> {
         let results = std::iter::from_fn(next).map(|target| act(target).context(target.clone()));
         results.collect()

@@ -18,15 +18,15 @@ use crate::toolchain::Toolchain;
 /// The image's target, the same for all boards.
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// The most flash that the image that ships may take, in bytes. The goal is 48 KiB.
+/// Maximum flash usage of the shipped image, in bytes. The goal is 48 KiB.
 const MAX_FLASH: u64 = 96 * 1024;
 
-/// The most RAM that it may take, in bytes, without the stack.
+/// Maximum RAM usage without the stack, in bytes.
 const MAX_RAM: u64 = 14 * 1024;
 
 #[derive(Args, Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Options {
-    /// The board that the image is for
+    /// Board of the image
     #[arg(long, default_value = "stm32f405")]
     pub(crate) board: Board,
     /// Log over RTT
@@ -35,17 +35,17 @@ pub(crate) struct Options {
 }
 
 impl Options {
-    /// The image for this board that ships.
+    /// The shipped image for this board.
     pub(crate) fn of(board: Board) -> Self {
         Self { board, defmt: false }
     }
 
-    /// All that this board has.
+    /// The image for this board with every option.
     pub(crate) fn all(board: Board) -> Self {
         Self { board, defmt: true }
     }
 
-    /// The features of `armwire-firmware` that make this image.
+    /// The features of `armwire-firmware` for this image.
     pub(crate) fn features(self) -> String {
         format!("board-{}{}", self.board.name(), if self.defmt { ",defmt" } else { "" })
     }
@@ -60,15 +60,15 @@ impl Options {
     }
 }
 
-/// A firmware image, ready to be flashed or run. Beside the ELF file are two of the same name: `.bin`, flash from its
-/// start to the image's end, and `.dfu`, which leaves alone what the image does not use.
+/// A firmware image. Beside the ELF file are two files of the same name: `.bin` is the flash from its start to the image's
+/// end, `.dfu` leaves unused sectors unchanged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Image {
     /// The ELF file.
     pub(crate) path: PathBuf,
-    /// Flash it takes, in bytes.
+    /// Flash usage in bytes.
     flash: u64,
-    /// RAM it takes without the stack, in bytes.
+    /// RAM usage without the stack, in bytes.
     ram: u64,
 }
 
@@ -80,7 +80,7 @@ impl Image {
     /// The size, if it exceeds a limit.
     pub(crate) fn check_size(&self) -> Result<()> {
         if self.flash > MAX_FLASH || self.ram > MAX_RAM {
-            bail!("{self}; allowed are {MAX_FLASH} and {MAX_RAM}");
+            bail!("{self}; the limits are {MAX_FLASH} and {MAX_RAM}");
         }
         Ok(())
     }
@@ -98,11 +98,11 @@ impl fmt::Display for Image {
     }
 }
 
-/// The image for the STM32F405 that the virtual board is to run: that which `ARMWIRE_IMAGE` names, or one that is built.
+/// The image for the virtual board: that of `ARMWIRE_IMAGE`, or a new build for the STM32F405.
 ///
 /// # Errors
 ///
-/// If it does not build.
+/// If the build fails.
 pub(crate) fn for_virtual_board() -> Result<PathBuf> {
     match env::var_os("ARMWIRE_IMAGE") {
         Some(image) => Ok(image.into()),
@@ -110,11 +110,11 @@ pub(crate) fn for_virtual_board() -> Result<PathBuf> {
     }
 }
 
-/// Builds the image, sees that the board's chip starts it, and puts it in the target directory under a name of its own.
+/// Builds the image, checks its vector table, and copies it to the target directory under its own name.
 ///
 /// # Errors
 ///
-/// If it does not build, or its vector table is that of another board.
+/// If the build fails, or the vector table is that of another board.
 pub(crate) fn build(options: Options) -> Result<Image> {
     let toolchain = Toolchain::find(&[TARGET])?;
     let board = options.board.name();

@@ -1,4 +1,4 @@
-//! `cargo xtask integrity`: what becomes of every frame of the documents if any one thing happens to it.
+//! `cargo xtask integrity`: the results of decoding every damaged frame of the documents.
 
 use anyhow::Result;
 use clap::Args;
@@ -13,11 +13,11 @@ pub(crate) struct Options {
     write: bool,
 }
 
-/// Prints the tables and checks that `docs/integrity.md` has them, or writes them there.
+/// Prints the tables, and compares them with `docs/integrity.md` or writes them there.
 ///
 /// # Errors
 ///
-/// If the document has others, or the test does not run.
+/// If the page has other tables, or the test does not run.
 pub(crate) fn run(options: &Options) -> Result<()> {
     let mut test = cargo("test --package armwire-host-tests --test integrity -- --nocapture");
     if options.write {

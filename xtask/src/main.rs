@@ -13,6 +13,7 @@ mod dfu;
 mod dist;
 mod examples;
 mod features;
+mod files;
 mod flash;
 mod fuzz;
 mod image;
@@ -68,9 +69,9 @@ enum Command {
     Campaign(campaign::Options),
     /// Measure the images and protocols, and check the limits
     Performance(performance::Options),
-    /// Prove that protocol and bridge have no path to a panic
+    /// Prove that protocol and bridge never panic or allocate
     NoPanic,
-    /// Compare docs/integrity.md with the fate of damaged frames
+    /// Decode damaged frames, and compare docs/integrity.md
     Integrity(integrity::Options),
     /// Check licences, versions, sources and advisories of dependencies
     Deny,
@@ -82,28 +83,28 @@ enum Command {
     Web(web::Options),
     /// Test and use the crates to publish from their .crate files
     Packages,
-    /// Drive virtual arms by ROS 2 messages, from a DDS of another make
+    /// Drive virtual arms by ROS 2 messages, with another DDS library
     Ros2,
     /// Record virtual arms, and read the recordings in other programs
     Recordings,
     /// Build the README's example with its dependencies
     Readme,
-    /// Make a release: images, command, C library, licences
+    /// Build a release: images, command, C library, licences
     Dist(dist::Options),
     /// Compare the public API with the last release
     Semver,
     /// Run the checks that take hours
     Soak(soak::Options),
-    /// Change the code and see whether tests notice, for hours
+    /// Mutate the code and run the tests, for hours
     Mutants(mutants::Options),
     /// Run the fuzz targets
     Fuzz(fuzz::Options),
-    /// Measure how much of protocol and bridge the fuzz corpus reaches
+    /// Measure the coverage of protocol and bridge by the fuzz corpus
     Coverage(coverage::Options),
 }
 
 impl Command {
-    /// From the program's name, a command and its options.
+    /// Parses the program's name, a command and its options.
     fn from_args(args: impl Iterator<Item = OsString>) -> Result<Self, clap::Error> {
         // `cargo demo -- --serve` and `cargo demo --serve` mean the same.
         let args = args.enumerate().filter(|(nth, arg)| *nth != 2 || arg != "--");

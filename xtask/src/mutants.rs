@@ -1,4 +1,4 @@
-//! `cargo xtask mutants`: whether the tests of the protocol and bridge crates notice when the code is changed.
+//! `cargo xtask mutants`: mutation testing of the protocol and bridge crates.
 
 use std::ffi::OsString;
 use std::fs;
@@ -7,19 +7,19 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 
 use crate::cargo::{target_dir, tool};
+use crate::files::empty_folder;
 use crate::process::run_to;
 
-/// The packages whose code is changed.
+/// The mutated packages.
 const PACKAGES: [&str; 2] = ["armwire", "armwire-bridge"];
 
-/// The least part of the changes that tests must notice, in percent.
+/// Minimum share of mutants that tests must detect, in percent.
 const LEAST: usize = 90;
 
-/// Exit codes of cargo-mutants after all changes: all caught, some missed, some timed out.
+/// Exit codes of cargo-mutants after a complete run: all caught, some missed, some timed out.
 const TRIED_ALL: [i32; 3] = [0, 2, 3];
 
-/// The quick tests in the crate, up to the first that fails: `.config/nextest.toml` says which, and for how long each may
-/// run.
+/// The quick tests in the crate, up to the first failure. `.config/nextest.toml` has the list and the timeouts.
 const QUICK: &str = "--test-tool nextest --cargo-arg=--lib -- --profile mutants";
 
 /// All tests, on the mutants missed before. The bridge's tests run for minutes of virtual time.
@@ -33,35 +33,32 @@ pub(crate) struct Options {
 }
 
 impl Options {
-    /// All changes.
+    /// All mutants.
     pub(crate) const ALL: Self = Self { options: Vec::new() };
 }
 
-/// Changes the code, one place at a time, and runs the tests: first the quick ones, then all on what these missed.
-/// Prints how many were noticed.
+/// Mutates the code, one place at a time. Runs the quick tests, and then all tests on the mutants that these missed.
+/// Prints the number of detected mutants.
 ///
 /// # Errors
 ///
-/// If fewer than [`LEAST`] are noticed in one of the packages, or not all changes were tried, as when a test fails without
-/// any.
+/// If fewer than [`LEAST`] are detected in a package, or the run is incomplete, for example because a test fails without
+/// a mutation.
 pub(crate) fn run(Options { options }: &Options) -> Result<()> {
-    // cargo-mutants would take a shard of what was missed.
+    // cargo-mutants would take a shard of the missed mutants.
     if options.iter().any(|arg| arg.to_string_lossy().starts_with("--shard")) {
-        bail!("a part of the changes is chosen by `--file`, not by `--shard`");
+        bail!("select mutants by `--file`, not by `--shard`");
     }
-    // It is cargo-mutants that calls it.
+    // cargo-mutants calls it.
     tool("nextest")?;
     let mut refused = Vec::new();
     for package in PACKAGES {
         let out = target_dir()?.join("mutants").join(package);
-        fs::create_dir_all(&out)?;
         // A mutant caught last time may be missed now.
-        let list = out.join("mutants.out");
-        if list.exists() {
-            fs::remove_dir_all(&list)?;
-        }
-        let count = |file: &str| fs::read_to_string(list.join(file)).map_or(0, |text| text.lines().count());
-        let mut noticed = 0;
+        empty_folder(&out)?;
+        let count =
+            |file: &str| fs::read_to_string(out.join("mutants.out").join(file)).map_or(0, |text| text.lines().count());
+        let mut detected = 0;
         for stage in [QUICK, ALL] {
             let mut mutants = tool("mutants --output")?;
             mutants
@@ -69,22 +66,22 @@ pub(crate) fn run(Options { options }: &Options) -> Result<()> {
                 .args(["--package", package])
                 .args(options)
                 .args(stage.split(' '))
-                // Jobs that build in one place would run each other's changes.
+                // Jobs in one target directory would run each other's mutants.
                 .env_remove("CARGO_TARGET_DIR");
             run_to(&TRIED_ALL, &mut mutants)?;
-            noticed += count("caught.txt");
+            detected += count("caught.txt");
             if count("missed.txt") + count("timeout.txt") == 0 {
                 break;
             }
         }
-        noticed += count("timeout.txt");
-        let all = noticed + count("missed.txt");
+        detected += count("timeout.txt");
+        let all = detected + count("missed.txt");
         if all == 0 {
-            println!("{package}: no changes");
+            println!("{package}: no mutants");
             continue;
         }
-        let score = 100 * noticed / all;
-        println!("{package}: tests notice {noticed} of {all} changes, {score} %");
+        let score = 100 * detected / all;
+        println!("{package}: {detected} of {all} mutants detected, {score} %");
         if score < LEAST {
             refused.push(format!("{package}: {score} %"));
         }
@@ -92,7 +89,7 @@ pub(crate) fn run(Options { options }: &Options) -> Result<()> {
     let refused = refused.join(", ");
     ensure!(
         refused.is_empty(),
-        "tests notice less than {LEAST} % of changes: {refused}"
+        "tests detect less than {LEAST} % of the mutants: {refused}"
     );
     Ok(())
 }

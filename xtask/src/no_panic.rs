@@ -1,4 +1,4 @@
-//! `cargo xtask no-panic`: the link test that the protocol and bridge crates have no path to a panic and do not allocate.
+//! `cargo xtask no-panic`: a link test that the protocol and bridge crates neither panic nor allocate.
 
 use std::process::Command;
 
@@ -12,7 +12,7 @@ use crate::workspace::root;
 /// Cortex-M0, and Cortex-M4.
 const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
 
-/// Every set of protocols. The bridge has two of them.
+/// Every set of protocols. The bridge uses two of them.
 const FEATURES: [&str; 11] = [
     "ling",
     "ling-legacy",
@@ -27,17 +27,17 @@ const FEATURES: [&str; 11] = [
     "bridge,ling-legacy",
 ];
 
-/// The programs that must not link, and the message of linker or compiler.
+/// Features whose program must not link, with the message of linker or compiler.
 const REFUSALS: [(&str, &str); 2] = [
     ("prove-panic", "undefined symbol: a_path_to_a_panic_is_left"),
     ("prove-alloc", "no global memory allocator found"),
 ];
 
-/// Links the test with every set of features, and then with a path to a panic and with an allocation, which must fail.
+/// Links the test with every set of features, and then with an added panic and an added allocation, which must fail.
 ///
 /// # Errors
 ///
-/// If there is a path to a panic or an allocation, or if the test would not find one.
+/// If the crates can panic or allocate, or if the test does not detect an added panic or allocation.
 pub(crate) fn run() -> Result<()> {
     let toolchain = Toolchain::find(&TARGETS)?;
     for target in TARGETS {
@@ -47,12 +47,12 @@ pub(crate) fn run() -> Result<()> {
         for (features, refusal) in REFUSALS {
             match output(&mut link(toolchain, target, features)?) {
                 Err(error) if error.to_string().contains(refusal) => {}
-                Err(error) => bail!("`{features}` failed to link, but not as it should: {error}"),
-                Ok(_) => bail!("`{features}` links, and must not"),
+                Err(error) => bail!("`{features}` failed to link for another reason: {error}"),
+                Ok(_) => bail!("`{features}` links, but must not"),
             }
         }
         println!(
-            "{target}: no path to a panic and no allocation in {} sets of features; with one put in, linking fails",
+            "{target}: no panic and no allocation in {} sets of features; an added one fails to link",
             FEATURES.len()
         );
     }

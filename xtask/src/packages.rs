@@ -8,6 +8,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 
 use crate::cargo::{cargo, target_dir};
+use crate::files::empty_folder;
 use crate::process::run;
 use crate::readme;
 use crate::workspace::root;
@@ -17,24 +18,22 @@ pub(crate) const PACKAGES: [&str; 4] = ["armwire", "armwire-bridge", "armwire-si
 /// The packages whose README has an example.
 const LIBRARIES: [&str; 3] = ["armwire", "armwire-bridge", "armwire-sim"];
 const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// Files that each package must contain besides its sources.
+/// Files that each package must contain in addition to its sources.
 const FILES: [&str; 3] = ["README.md", "LICENSE-MIT", "LICENSE-APACHE"];
 
 /// The page with a program for a PC.
 const PC: &str = "docs/pc.md";
 
-/// Packages the crates, tests each from its `.crate` file, builds and runs the examples of their READMEs with these alone,
-/// and has the program in [`PC`] move a virtual arm.
+/// Packages the crates, tests them from their `.crate` files, builds and runs the examples of their READMEs with these
+/// files only, and moves a virtual arm with the program in [`PC`].
 ///
 /// # Errors
 ///
-/// The first package that misses a file, or fails to build, to pass its tests or to run its example.
+/// The first package with a missing file, a failing build, test or example.
 pub(crate) fn check() -> Result<()> {
     let folder = target_dir()?.join("packages");
     let crates = folder.join("crates");
-    if crates.exists() {
-        fs::remove_dir_all(&crates)?;
-    }
+    empty_folder(&crates)?;
     unpack(&crates)?;
     test(&crates)?;
     LIBRARIES
@@ -45,7 +44,6 @@ pub(crate) fn check() -> Result<()> {
 
 /// Packages the crates and unpacks them into this folder.
 fn unpack(crates: &Path) -> Result<()> {
-    fs::create_dir_all(crates)?;
     let mut package = cargo("package --quiet --no-verify --allow-dirty");
     run(package.args(PACKAGES.map(|package| format!("--package={package}"))))?;
     for package in PACKAGES.map(versioned) {
@@ -59,7 +57,7 @@ fn unpack(crates: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Runs the tests of the unpacked crates, which depend on one another and on nothing else of the repository.
+/// Runs the tests of the unpacked crates, which depend on one another and on no other file of the repository.
 fn test(crates: &Path) -> Result<()> {
     let members = PACKAGES.map(versioned);
     let workspace = format!(
@@ -72,7 +70,7 @@ fn test(crates: &Path) -> Result<()> {
     run(&mut in_folder("test --quiet --features armwire/async", crates)?)
 }
 
-/// Builds the example of a README as a new user would, and runs it if it is a program.
+/// Builds the example of a README in a new package, and runs it if it is a program.
 fn run_readme(package: &str, folder: &Path) -> Result<()> {
     println!("{package}: the example of its README");
     let crates = folder.join("crates");
@@ -86,7 +84,7 @@ fn run_readme(package: &str, folder: &Path) -> Result<()> {
     )?)
 }
 
-/// Builds the program in [`PC`] as a new user would, and has it move a virtual arm of the packaged command.
+/// Builds the program in [`PC`] in a new package, and moves a virtual arm of the packaged command with it.
 fn move_virtual_arm(folder: &Path) -> Result<()> {
     println!("{PC}: its program and a virtual arm");
     let (crates, user) = (folder.join("crates"), folder.join("pc-user"));
@@ -97,22 +95,22 @@ fn move_virtual_arm(folder: &Path) -> Result<()> {
     let mut sim = Command::new(programs.join("armwire"));
     sim.args(["sim", "ling", "--pty"]).arg(&arm).stdout(Stdio::piped());
     let mut sim = sim.spawn().context("cannot run the packaged command")?;
-    // It says where the arm is once it is there.
-    let said = sim.stdout.take().context("the command has no output")?;
-    BufReader::new(said).read_line(&mut String::new())?;
+    // The first line of its output means that the arm is ready.
+    let output = sim.stdout.take().context("the command has no output")?;
+    BufReader::new(output).read_line(&mut String::new())?;
     let moved = run(Command::new(programs.join("readme")).arg(arm));
     sim.kill()?;
     sim.wait()?;
     moved
 }
 
-/// The section of a manifest that has the unpacked crates stand for those of the registry.
+/// The section of a manifest that replaces the registry's crates by the unpacked ones.
 fn patch(crates: &Path) -> String {
     let entries = LIBRARIES.map(|library| format!("{library} = {{ path = {:?} }}\n", crates.join(versioned(library))));
     format!("\n[patch.crates-io]\n{}", entries.concat())
 }
 
-/// The development profiles of the repository. With them, dependencies are compiled once for both workspaces.
+/// The development profiles of the repository: dependencies are then compiled once for both workspaces.
 fn profiles() -> Result<String> {
     let manifest = fs::read_to_string(root().join("Cargo.toml"))?;
     let sections = manifest

@@ -1,4 +1,4 @@
-//! `cargo xtask performance`: builds the images and programs, and runs the program that measures them.
+//! `cargo xtask performance`: builds the images and programs, and measures them.
 
 use std::fs;
 
@@ -19,8 +19,8 @@ pub(crate) struct Options {
     write: bool,
 }
 
-/// The programs that are counted: with all protocols for speed; without one and with each for size. Profile and features of
-/// `host-tests/benches`.
+/// The measured programs, with profile and features of `host-tests/benches`: for speed one with all protocols, for size one
+/// without any and one with each.
 const PROGRAMS: [(&str, &str, &str); 5] = [
     ("all", "release", "ling,xarm,alpha1"),
     ("none", "size", ""),

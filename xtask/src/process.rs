@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 
-/// Runs a command to its end, its output in plain sight.
+/// Prints a command and runs it to its end. Its output is visible.
 ///
 /// # Errors
 ///
@@ -14,12 +14,13 @@ pub(crate) fn run(command: &mut Command) -> Result<()> {
     run_to(&[0], command)
 }
 
-/// Runs a command to its end, which is good with any of these exit codes, its output in plain sight.
+/// The same, where any of these exit codes means success.
 ///
 /// # Errors
 ///
 /// If it cannot be started or ends otherwise.
 pub(crate) fn run_to(good: &[i32], command: &mut Command) -> Result<()> {
+    println!("running `{}`", shown(command));
     let status = command.status().with_context(|| cannot_run(command))?;
     if !status.code().is_some_and(|code| good.contains(&code)) {
         bail!("`{}` failed: {status}", shown(command));
@@ -27,22 +28,22 @@ pub(crate) fn run_to(good: &[i32], command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Runs a command to its end and returns what it printed.
+/// Runs a command to its end and returns its output.
 ///
 /// # Errors
 ///
-/// If it cannot be started or does not succeed; with its error output.
+/// If it cannot be started or does not succeed. The error has its error output.
 pub(crate) fn output(command: &mut Command) -> Result<String> {
     let output = command.stdin(Stdio::null()).output();
     let output = output.with_context(|| cannot_run(command))?;
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        bail!("`{}` failed: {}", shown(command), said.trim());
+        let error = String::from_utf8_lossy(&output.stderr);
+        bail!("`{}` failed: {}", shown(command), error.trim());
     }
     Ok(String::from_utf8(output.stdout)?)
 }
 
-/// Runs a command in our place: signals, the terminal and the exit code are its own.
+/// Replaces this process by a command, which gets the signals and the terminal.
 ///
 /// # Errors
 ///
@@ -53,7 +54,7 @@ pub(crate) fn replace_ourselves(command: &mut Command) -> Result<()> {
     Err(command.exec()).with_context(|| cannot_run(command))
 }
 
-/// Runs a command to its end and exits as it did.
+/// Runs a command to its end and exits with its exit code.
 ///
 /// # Errors
 ///
@@ -64,7 +65,7 @@ pub(crate) fn replace_ourselves(command: &mut Command) -> Result<()> {
     std::process::exit(status.code().unwrap_or(1))
 }
 
-/// The command as one would type it.
+/// The command as typed in a shell.
 pub(crate) fn shown(command: &Command) -> String {
     let program = Path::new(command.get_program());
     let words = program.file_name().into_iter().chain(command.get_args());
@@ -84,6 +85,6 @@ mod tests {
         let end = |good: &[i32], script| run_to(good, Command::new("sh").args(["-c", script])).is_ok();
         assert!(end(&[0, 2], "exit 0") && end(&[0, 2], "exit 2"));
         assert!(!end(&[0, 2], "exit 1") && !end(&[0], "exit 2"));
-        assert!(!end(&[0, 2], "kill -KILL $$"), "it has no exit code");
+        assert!(!end(&[0, 2], "kill -KILL $$"), "a signal is no exit code");
     }
 }

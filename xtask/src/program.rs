@@ -1,4 +1,4 @@
-//! The bytes of an ELF file that go into a microcontroller.
+//! The flash content in an ELF file.
 
 use anyhow::{Context, Result, bail, ensure};
 use object::Endianness;
@@ -11,19 +11,19 @@ const RAM: u32 = 0x2000_0000;
 /// Address of the vector table on every board: the start of flash.
 const VECTORS: u32 = 0x0800_0000;
 
-/// A gap in flash that is filled rather than left out, in bytes: alignment between parts of a program, which may lie in
-/// one sector. All sectors are longer.
+/// Length of a gap in flash that remains a gap, in bytes. A shorter one is alignment between parts of a program, possibly
+/// within a sector, and is filled. All sectors are longer.
 const SMALL_GAP: u32 = 1024;
 
 /// Value of an erased byte of flash.
 const ERASED: u8 = 0xFF;
 
-/// A program: what is in flash, and how much RAM it has for itself.
+/// A program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Program {
-    /// By address. Between two there is a gap in which other things may be kept.
+    /// The flash content by address, with gaps in between that may have other content.
     pub(crate) segments: Vec<Segment>,
-    /// RAM without the stack, in bytes.
+    /// RAM usage without the stack, in bytes.
     pub(crate) ram: u64,
 }
 
@@ -41,7 +41,7 @@ impl Program {
     ///
     /// # Errors
     ///
-    /// If it is no such file, or if nothing in it goes to flash.
+    /// If the file is no ELF file, or has nothing for the flash.
     pub(crate) fn parse(file: &[u8]) -> Result<Self> {
         let elf = FileHeader32::<Endianness>::parse(file)?;
         let endian = elf.endian()?;
@@ -70,12 +70,12 @@ impl Program {
         Ok(Self { segments, ram })
     }
 
-    /// Checks that the chip starts this program: that its flash begins with a vector table whose stack begins at
-    /// `stack_top` and whose reset handler is in flash.
+    /// Checks that the chip starts this program: its flash begins with a vector table with the stack at `stack_top` and a
+    /// reset handler in flash.
     ///
     /// # Errors
     ///
-    /// If not, as when it was linked for another board.
+    /// The first difference, for example because the program was linked for another board.
     pub(crate) fn check_vectors(&self, stack_top: u32) -> Result<()> {
         let first = &self.segments[0];
         let word = |nth: usize| {
@@ -89,7 +89,7 @@ impl Program {
             stack == stack_top,
             "the stack begins at {stack:#x}, the board's RAM ends at {stack_top:#x}"
         );
-        // The lowest bit says that it is Thumb code.
+        // The lowest bit marks Thumb code.
         let code = reset & !1;
         let in_flash = |segment: &Segment| (segment.address..segment.end()).contains(&code);
         ensure!(
@@ -99,12 +99,12 @@ impl Program {
         Ok(())
     }
 
-    /// Flash it takes, in bytes, without the gaps.
+    /// Flash usage in bytes, without the gaps.
     pub(crate) fn flash(&self) -> u64 {
         self.segments.iter().map(|segment| segment.bytes.len() as u64).sum()
     }
 
-    /// All of flash from the first segment's start to the last one's end, with the gaps as if erased.
+    /// The flash from the start of the first segment to the end of the last one, with erased gaps.
     pub(crate) fn bin(&self) -> Vec<u8> {
         let mut bin = Vec::new();
         for segment in &self.segments {
@@ -122,7 +122,7 @@ impl Segment {
     }
 }
 
-/// Joins segments, which are sorted by address, over small gaps.
+/// Joins segments, sorted by address, over small gaps.
 fn joined(segments: Vec<Segment>) -> Result<Vec<Segment>> {
     let mut all: Vec<Segment> = Vec::new();
     for segment in segments {
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn segments_one_over_the_other_are_refused() {
+    fn overlapping_segments_are_refused() {
         let parts = [segment(0x800_0000, &[1, 2, 3]), segment(0x800_0002, &[4])];
         let error = joined(parts.to_vec()).unwrap_err();
         assert_eq!(error.to_string(), "two segments have address 0x8000002");
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_elf_file_is_refused() {
+    fn other_files_are_refused() {
         assert!(Program::parse(b"not an ELF file").is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! `cargo xtask readme`: the README's example, built as a user would who copies it.
+//! `cargo xtask readme`: builds the README's example in a new package.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +13,7 @@ use crate::workspace::root;
 ///
 /// # Errors
 ///
-/// If there is none, or it does not compile.
+/// If the README has no example, or it does not compile.
 pub(crate) fn check() -> Result<()> {
     let readme = fs::read_to_string(root().join("README.md"))?;
     let path = root().join("protocol").display().to_string();
@@ -22,12 +22,12 @@ pub(crate) fn check() -> Result<()> {
     process::run(cargo("check --quiet").current_dir(folder))
 }
 
-/// Makes a package of a page's Rust block with the dependencies of its TOML block, a program if the block has a `main`.
-/// `more` is added to its manifest.
+/// Creates a package from the Rust block of a page, with the dependencies in its TOML block. It is a program if the block
+/// has a `main`. `more` is added to its manifest.
 ///
 /// # Errors
 ///
-/// If the page has no such blocks, or the package cannot be written.
+/// If the page lacks a block, or the package cannot be written.
 pub(crate) fn make_package(page: &str, folder: &Path, more: &str) -> Result<()> {
     let (example, dependencies) = (block(page, "rust")?, block(page, "toml")?);
     let package = "[package]\nname = \"readme\"\nedition = \"2024\"\n\n[workspace]\n\n[dependencies]\n";
@@ -38,7 +38,7 @@ pub(crate) fn make_package(page: &str, folder: &Path, more: &str) -> Result<()> 
     fs::create_dir_all(folder.join("src"))?;
     fs::write(folder.join("Cargo.toml"), format!("{package}{dependencies}{more}"))?;
     fs::write(folder.join(source), format!("#![allow(dead_code)]\n{example}"))?;
-    // With the versions that everything else has.
+    // The versions of the workspace.
     fs::copy(root().join("Cargo.lock"), folder.join("Cargo.lock"))?;
     Ok(())
 }

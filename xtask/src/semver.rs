@@ -1,4 +1,4 @@
-//! `cargo xtask semver`: whether what is public is still what the last release had.
+//! `cargo xtask semver`: compares the public API with the last release.
 
 use std::process::Command;
 
@@ -8,18 +8,18 @@ use crate::cargo::tool;
 use crate::process::{self, output};
 use crate::workspace::root;
 
-/// Compares the protocol and bridge crates with the last release, which is the last tag `v…` before this commit.
+/// Compares the protocol and bridge crates with the last release: the last tag `v…` before this commit.
 ///
 /// # Errors
 ///
-/// If they break what the release promised and have no new version that says so.
+/// If a crate has a breaking change and no new major version.
 pub(crate) fn run() -> Result<()> {
     let mut tags = Command::new("git");
     tags.args(["tag", "--list", "v*", "--merged", "HEAD", "--sort=-version:refname"])
         .current_dir(root());
     let tags = output(&mut tags)?;
     let Some(release) = tags.lines().next() else {
-        println!("there is no release to compare with yet: no tag v…");
+        println!("no release to compare with: there is no tag v…");
         return Ok(());
     };
     let check = "semver-checks check-release --package armwire --package armwire-bridge --baseline-rev";

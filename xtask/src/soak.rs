@@ -1,4 +1,4 @@
-//! `cargo xtask soak`: what takes hours. It finds what is rare; what a change broke, `cargo ci` finds.
+//! `cargo xtask soak`: checks that take hours, for rare faults. `cargo ci` has the checks of a change.
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
@@ -11,7 +11,7 @@ use crate::{campaign, dist, features, fuzz, image, mutants};
 
 #[derive(Args)]
 pub(crate) struct Options {
-    /// The parts to run; all without this argument
+    /// The parts to run, by default all
     parts: Vec<Part>,
 }
 
@@ -24,15 +24,15 @@ enum Part {
     Adapter,
     /// Clippy and tests with every set of features
     Features,
-    /// A release, made twice in two folders, byte for byte the same
+    /// A release, built twice in two folders and compared byte for byte
     Release,
-    /// Each fuzz target for 30 minutes, with inputs that no other run tries
+    /// Each fuzz target for 30 minutes, with a new seed
     Fuzz,
     /// 10 000 runs of the fault campaign
     Campaign,
     /// Both firmware images: ten million frames, and 24 hours of virtual time
     Endurance,
-    /// Changes to the code, each of which a test must notice
+    /// Mutants, which tests must detect
     Mutants,
 }
 
@@ -59,7 +59,7 @@ impl Part {
     fn run(self) -> Result<()> {
         let test = "test --release --package armwire-host-tests --test";
         match self {
-            // This many of each of the seven lines.
+            // For each of the seven lines.
             Self::Streams => process::run(cargo(test).arg("reference").env("ARMWIRE_STREAMS", "300000")),
             Self::Adapter => process::run(cargo(test).arg("adapter_runs").env("ARMWIRE_RUNS", "1000000")),
             Self::Features => features::every_set(),

@@ -1,7 +1,7 @@
-//! A compiler for microcontrollers: finds one, or installs it.
+//! A compiler for microcontrollers, which is installed if missing.
 //!
-//! The `core` library of the targets is not part of a plain Rust installation. In this order: the compiler in use has
-//! it; rustup adds it; Debian's compiler, which builds it from source, is there; apt-get installs that.
+//! The `core` library of the targets is not part of a plain Rust installation. In this order: the active compiler has it;
+//! rustup adds it; Debian's compiler, which builds it from source, is installed; apt-get installs that.
 
 use std::env;
 use std::fs;
@@ -18,15 +18,15 @@ const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
 const DEBIAN_LINKER: &str = "/usr/bin/rust-lld";
 const DEBIAN_SOURCES: &str = "/usr/lib/rustlib/src/rust/library/core";
-/// Debian's packages with these four.
+/// Debian's packages of these four.
 const DEBIAN_PACKAGES: [&str; 5] = ["rustc-web", "cargo-web", "rust-web-src", "rust-web-llvm", "lld-22"];
 
 /// A compiler for microcontrollers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Toolchain {
-    /// The compiler in use has the targets.
+    /// The active compiler has the targets.
     Installed,
-    /// Debian's compiler builds `core` itself.
+    /// Debian's compiler, which builds `core` from source.
     Debian,
 }
 
@@ -35,7 +35,7 @@ impl Toolchain {
     ///
     /// # Errors
     ///
-    /// If there is none and none can be installed: with the command that would.
+    /// If there is none and none can be installed. The error has the command that installs one.
     pub(crate) fn find(targets: &[&str]) -> Result<Self> {
         if is_usable(targets) {
             return Ok(Self::Installed);
@@ -51,7 +51,7 @@ impl Toolchain {
         Ok(Self::Debian)
     }
 
-    /// Cargo with these words as arguments and for this target, to which more arguments can be added.
+    /// Cargo with these words as arguments, for this target. More arguments can be added.
     pub(crate) fn cargo(self, words: &str, target: &str) -> Result<Command> {
         let mut command = match self {
             Self::Installed => cargo(words),
@@ -67,13 +67,13 @@ impl Toolchain {
                 .env("RUSTC", DEBIAN_RUSTC)
                 .env("RUSTC_BOOTSTRAP", "1")
                 .env(linker, DEBIAN_LINKER);
-            // `cargo run` put the libraries of the other compiler there.
+            // `cargo run` set it to the libraries of the other compiler.
             command.env_remove("LD_LIBRARY_PATH");
         }
         Ok(command)
     }
 
-    /// Its cargo's target directory. Two compilers in one folder would overwrite each other's work.
+    /// The target directory. Two compilers in one directory would overwrite each other's files.
     pub(crate) fn target_dir(self) -> Result<PathBuf> {
         let dir = target_dir()?;
         match self {
@@ -83,7 +83,7 @@ impl Toolchain {
     }
 }
 
-/// The compiler in use.
+/// The active compiler.
 pub(crate) fn rustc() -> Command {
     Command::new(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()))
 }
@@ -103,7 +103,7 @@ pub(crate) fn rustc_property(name: &str) -> Result<String> {
         .with_context(|| format!("`rustc -vV` has no {name}"))
 }
 
-/// Returns true if the compiler in use has these targets, or rustup has added them.
+/// Returns true if the active compiler has these targets, or rustup has added them.
 pub(crate) fn is_usable(targets: &[&str]) -> bool {
     let missing = missing(targets);
     missing.is_empty() || add_with_rustup(&missing)
@@ -125,7 +125,7 @@ fn add_with_rustup(targets: &[&str]) -> bool {
     println!("rustup adds {}", targets.join(", "));
     let added = output(Command::new("rustup").args(["target", "add"]).args(targets));
     if let Err(error) = &added {
-        println!("rustup could not: {error:#}");
+        println!("rustup failed: {error:#}");
     }
     added.is_ok() && targets.iter().all(|target| is_installed(target))
 }
@@ -144,7 +144,7 @@ fn debian_is_recent() -> bool {
         Some((numbers.next()?, numbers.next()?))
     };
     output(&mut rustc)
-        .is_ok_and(|said| said.split(' ').nth(1).and_then(version) >= version(env!("CARGO_PKG_RUST_VERSION")))
+        .is_ok_and(|text| text.split(' ').nth(1).and_then(version) >= version(env!("CARGO_PKG_RUST_VERSION")))
 }
 
 /// The command that installs a compiler for the targets.

@@ -1,30 +1,92 @@
 //! Virtual environments of Python.
 
-use std::path::Path;
+use std::env;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::Result;
 
-use crate::process::run;
+use crate::apt;
+use crate::cargo::forget_our_package;
+use crate::process::{output, run};
 
-/// Makes a virtual environment in this folder, unless a whole one is there. What an interrupted run left is removed.
-///
-/// # Errors
-///
-/// If Python or its `venv` is missing.
-pub(crate) fn make(python: &Path, dir: &Path) -> Result<()> {
-    if has_pip(dir) {
-        return Ok(());
-    }
-    println!("making a Python environment in {}", dir.display());
-    run(Command::new(python).args(["-m", "venv", "--clear"]).arg(dir))
+/// A virtual environment.
+pub(crate) struct Environment {
+    folder: PathBuf,
 }
 
-/// Returns true if the environment is whole: pip is installed last.
-fn has_pip(dir: &Path) -> bool {
-    let mut pip = Command::new(dir.join("bin/python"));
-    let output = pip.args(["-m", "pip", "--version"]).output();
-    output.is_ok_and(|output| output.status.success())
+impl Environment {
+    /// The environment in this folder. A missing or incomplete one is created.
+    ///
+    /// # Errors
+    ///
+    /// If Python or its `venv` is missing.
+    pub(crate) fn new(python: impl AsRef<OsStr>, folder: PathBuf) -> Result<Self> {
+        let environment = Self { folder };
+        if !environment.has_pip() {
+            let python = python.as_ref();
+            // In Debian `venv` is a package of its own.
+            if output(Command::new(python).args(["-c", "import ensurepip, venv"])).is_err() {
+                apt::install(&["python3-venv"])?;
+            }
+            run(Command::new(python)
+                .args(["-m", "venv", "--clear"])
+                .arg(&environment.folder))?;
+        }
+        Ok(environment)
+    }
+
+    /// True if the environment is complete: pip is installed last.
+    fn has_pip(&self) -> bool {
+        output(self.python().args(["-m", "pip", "--version"])).is_ok()
+    }
+
+    /// Installs what these arguments of `pip install` name.
+    ///
+    /// # Errors
+    ///
+    /// If pip fails.
+    pub(crate) fn install<Arg: AsRef<OsStr>>(&self, args: impl IntoIterator<Item = Arg>) -> Result<()> {
+        let mut pip = self.python();
+        pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
+        run(pip.args(args))
+    }
+
+    /// Installs the packages of a requirements file, without any that are not listed.
+    ///
+    /// # Errors
+    ///
+    /// If pip fails.
+    pub(crate) fn install_listed(&self, requirements: &Path) -> Result<()> {
+        self.install([OsStr::new("--no-deps"), "--requirement".as_ref(), requirements.as_ref()])
+    }
+
+    /// Python, which writes nothing beside the sources.
+    pub(crate) fn python(&self) -> Command {
+        let mut python = self.tool("python");
+        python.arg("-B");
+        python
+    }
+
+    /// A program of this environment, with the others on its path.
+    pub(crate) fn tool(&self, name: &str) -> Command {
+        let bin = self.folder.join("bin");
+        let mut tool = Command::new(bin.join(name));
+        let mut path = bin.into_os_string();
+        if let Some(others) = env::var_os("PATH") {
+            path.push(":");
+            path.push(others);
+        }
+        tool.env("PATH", path).env("VIRTUAL_ENV", &self.folder);
+        forget_our_package(&mut tool);
+        tool
+    }
+
+    /// The path of a program of this environment.
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.join("bin").join(name)
+    }
 }
 
 #[cfg(test)]
@@ -35,15 +97,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn environment_without_pip_is_not_whole() {
-        let dir = std::env::temp_dir().join(format!("armwire-venv-{}", std::process::id()));
-        assert!(!has_pip(&dir));
-        fs::create_dir_all(dir.join("bin")).unwrap();
-        for (program, is_whole) in [("/bin/false", false), ("/bin/true", true)] {
-            symlink(program, dir.join("bin/python")).unwrap();
-            assert_eq!(has_pip(&dir), is_whole, "{program}");
-            fs::remove_file(dir.join("bin/python")).unwrap();
+    fn environment_without_pip_is_incomplete() {
+        let folder = env::temp_dir().join(format!("armwire-venv-{}", std::process::id()));
+        let environment = Environment { folder: folder.clone() };
+        assert!(!environment.has_pip());
+        fs::create_dir_all(folder.join("bin")).unwrap();
+        for (program, is_complete) in [("/bin/false", false), ("/bin/true", true)] {
+            symlink(program, environment.path("python")).unwrap();
+            assert_eq!(environment.has_pip(), is_complete, "{program}");
+            fs::remove_file(environment.path("python")).unwrap();
         }
-        fs::remove_dir_all(dir).unwrap();
+        fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -9,6 +9,7 @@ use clap::Args;
 
 use crate::board::Board;
 use crate::cargo::{cargo, target_dir};
+use crate::files::empty_folder;
 use crate::image;
 use crate::process::{output, run};
 use crate::toolchain::Toolchain;
@@ -16,10 +17,10 @@ use crate::workspace::root;
 use crate::{apt, demo, examples};
 
 const TARGET: &str = "wasm32-unknown-unknown";
-/// The module, as cargo and the page name it.
+/// The module's name in cargo and on the page.
 const MODULE: &str = "armwire_web.wasm";
 const SERVED_MODULE: &str = "armwire.wasm";
-/// The most bytes of the module.
+/// Maximum size of the module, in bytes.
 const MAX_MODULE: u64 = 64 * 1024;
 /// Features that compilers enable for this target by default.
 const WASM_FEATURES: [&str; 6] = [
@@ -30,9 +31,9 @@ const WASM_FEATURES: [&str; 6] = [
     "--enable-reference-types",
     "--enable-sign-ext",
 ];
-/// A mount namespace of its own: what is mounted in it, nobody else sees.
+/// Options of a new mount namespace, whose mounts other programs do not see.
 const UNSHARE: [&str; 3] = ["--mount", "--propagation", "private"];
-/// The files of the page by their extensions.
+/// Extensions of the page's files.
 const SERVED: [&str; 3] = ["html", "css", "js"];
 
 #[derive(Args, Default)]
@@ -46,7 +47,7 @@ pub(crate) struct Options {
 ///
 /// # Errors
 ///
-/// The first check that fails, or if a tool is missing and cannot be installed.
+/// The first check that fails, or a missing tool that cannot be installed.
 pub(crate) fn run_all(options: &Options) -> Result<()> {
     let page = build()?;
     println!("the page is in {}", page.display());
@@ -60,7 +61,7 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
 
 /// Builds the page into a folder that a static host can serve.
 fn build() -> Result<PathBuf> {
-    examples::install_node()?;
+    apt::require(&examples::NODE)?;
     let test = folder("test");
     run(Command::new("npm")
         .args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"])
@@ -70,10 +71,7 @@ fn build() -> Result<PathBuf> {
     run(build.current_dir(folder("engine")))?;
 
     let page = target_dir()?.join("web");
-    if page.exists() {
-        fs::remove_dir_all(&page)?;
-    }
-    fs::create_dir_all(&page)?;
+    empty_folder(&page)?;
     for file in fs::read_dir(root().join("web"))? {
         let file = file?.path();
         let extension = file.extension().and_then(|extension| extension.to_str());
@@ -100,7 +98,7 @@ fn build() -> Result<PathBuf> {
     Ok(page)
 }
 
-/// The engine's logic, on the desktop.
+/// Tests the engine on the desktop.
 fn test_engine() -> Result<()> {
     for words in [
         "fmt --check",
@@ -115,12 +113,9 @@ fn test_engine() -> Result<()> {
     Ok(())
 }
 
-/// Modules in Node.js, and the page in headless Chromium.
+/// Tests the modules in Node.js, and the page in headless Chromium.
 fn test_page(page: &Path) -> Result<()> {
-    if output(Command::new("chromium").arg("--version")).is_err() {
-        let is_installed = apt::install(&["chromium"])?;
-        ensure!(is_installed, "the page is tested in Chromium: install `chromium`");
-    }
+    apt::require(&[("chromium", "chromium")])?;
     run(Command::new("node")
         .args(["--test", "unit.test.mjs", "page.test.mjs"])
         .current_dir(folder("test"))
@@ -128,14 +123,14 @@ fn test_page(page: &Path) -> Result<()> {
         .env("ARMWIRE_SCREENSHOTS", target_dir()?.join("web-screenshots")))
 }
 
-/// The page with the shipped image on the virtual board, over WebSerial.
+/// Tests the page with the shipped image on the virtual board, over WebSerial.
 fn test_serial(page: &Path) -> Result<()> {
     let image = image::build(image::Options::of(Board::default()))?;
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     run(&mut demo::command("build --quiet"))?;
     let debug = target_dir()?.join("debug");
     output(Command::new("unshare").args(UNSHARE).arg("true"))
-        .context("WebSerial cannot be tested: a mount namespace of its own is refused")?;
+        .context("no mount namespace: WebSerial cannot be tested")?;
     run(Command::new("unshare")
         .args(UNSHARE)
         .args(["node", "--test", "serial.test.mjs"])

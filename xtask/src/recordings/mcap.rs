@@ -1,4 +1,4 @@
-//! MCAP recordings, read by the MCAP packages for Python.
+//! MCAP recordings in the MCAP packages for Python.
 
 use anyhow::Result;
 
@@ -7,11 +7,11 @@ use crate::process;
 use crate::vendor::python::Python;
 use crate::vendor::served::ServedBoard;
 
-/// Records a virtual arm, and one behind the virtual board's adapter, and checks both files.
+/// Records a virtual arm alone, and one behind the virtual board, and checks both files.
 ///
 /// # Errors
 ///
-/// If a file has anything but what it must, or something takes too long.
+/// If a file has a wrong content, or a timeout is exceeded.
 pub(super) fn check() -> Result<()> {
     let python = Python::with("recordings", "requirements-recordings.txt")?;
     process::run(&mut cargo("build --package armwire-cli"))?;

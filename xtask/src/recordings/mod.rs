@@ -1,4 +1,4 @@
-//! `cargo xtask recordings`: recordings of virtual arms, read by other programs.
+//! `cargo xtask recordings`: recordings of virtual arms in other programs.
 
 mod dissectors;
 mod mcap;

@@ -1,4 +1,4 @@
-//! Programs that run beside us.
+//! Programs in the background.
 
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus};
@@ -9,14 +9,14 @@ use anyhow::{Context, Result, bail};
 
 use crate::process::{cannot_run, run, shown};
 
-/// A process that does not outlive us.
+/// A process that is killed when dropped.
 pub(super) struct Background {
     child: Child,
     name: String,
 }
 
 impl Background {
-    /// Starts it.
+    /// Starts a command.
     ///
     /// # Errors
     ///
@@ -27,37 +27,37 @@ impl Background {
         Ok(Self { child, name })
     }
 
-    /// Waits until it has made a file.
+    /// Waits until the process has created a file.
     ///
     /// # Errors
     ///
-    /// If it ends before, or makes none in time.
-    pub(super) fn wait_for_file(&mut self, file: &Path, patience: Duration) -> Result<()> {
-        let status = self.wait(patience, || file.exists())?;
+    /// If it ends before, or the timeout is exceeded.
+    pub(super) fn wait_for_file(&mut self, file: &Path, timeout: Duration) -> Result<()> {
+        let status = self.wait(timeout, || file.exists())?;
         match status {
             Some(status) => bail!("`{}` ended early: {status}", self.name),
             None if file.exists() => Ok(()),
-            None => bail!("`{}` made no {} within {patience:?}", self.name, file.display()),
+            None => bail!("`{}` created no {} within {timeout:?}", self.name, file.display()),
         }
     }
 
-    /// Waits until it ends, successfully.
+    /// Waits until the process succeeds.
     ///
     /// # Errors
     ///
-    /// If it fails, or does not end in time.
-    pub(super) fn succeed_within(&mut self, patience: Duration) -> Result<()> {
-        match self.wait(patience, || false)? {
+    /// If it fails, or the timeout is exceeded.
+    pub(super) fn succeed_within(&mut self, timeout: Duration) -> Result<()> {
+        match self.wait(timeout, || false)? {
             Some(status) if status.success() => Ok(()),
             Some(status) => bail!("`{}` failed: {status}", self.name),
-            None => bail!("`{}` did not end within {patience:?}", self.name),
+            None => bail!("`{}` did not end within {timeout:?}", self.name),
         }
     }
 
-    /// Waits until it ends, `or` something else happens, or patience does.
-    fn wait(&mut self, patience: Duration, or: impl Fn() -> bool) -> Result<Option<ExitStatus>> {
+    /// Waits until the process ends, the condition is true, or the timeout is exceeded.
+    fn wait(&mut self, timeout: Duration, condition: impl Fn() -> bool) -> Result<Option<ExitStatus>> {
         let start = Instant::now();
-        while start.elapsed() < patience && !or() {
+        while start.elapsed() < timeout && !condition() {
             if let Some(status) = self.child.try_wait()? {
                 return Ok(Some(status));
             }
@@ -66,11 +66,11 @@ impl Background {
         Ok(None)
     }
 
-    /// Asks it to end, as Ctrl-C does.
+    /// Interrupts the process like Ctrl-C.
     ///
     /// # Errors
     ///
-    /// If it has ended.
+    /// If the process has ended.
     pub(super) fn interrupt(&self) -> Result<()> {
         run(Command::new("kill").args(["-INT", &self.child.id().to_string()]))
     }
@@ -78,7 +78,7 @@ impl Background {
 
 impl Drop for Background {
     fn drop(&mut self) {
-        // Both fail when it has ended, as it should have.
+        // Both fail if the process has ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -11,23 +11,23 @@ use super::served::{BOOT, END, ServedBoard};
 use crate::cargo::cargo;
 use crate::process::run;
 
-/// The node id that an adapter has from the factory.
+/// The default node id of an adapter.
 const NODE: &str = "0";
 
-/// cantools reads `docs/armwire.dbc`.
+/// Checks `docs/armwire.dbc` with cantools.
 ///
 /// # Errors
 ///
-/// If it finds a fault in the file.
+/// If the file has an error.
 pub(crate) fn check_dbc() -> Result<()> {
     python()?.run("dbc.py", &[])
 }
 
-/// All three drive a virtual Ling arm behind the virtual board, over its CAN bus.
+/// Drives a virtual Ling arm behind the virtual board over CAN, with all three libraries.
 ///
 /// # Errors
 ///
-/// If they read anything but what they must, or take too long.
+/// If a library reads a wrong value, or a timeout is exceeded.
 pub(crate) fn drive() -> Result<()> {
     let python = python()?;
     let board = ServedBoard::start(&python.dir)?;
@@ -35,18 +35,18 @@ pub(crate) fn drive() -> Result<()> {
     driven.and(board.end())
 }
 
-/// python-can exchanges CAN FD frames between two SLCAN adapters on a virtual bus.
+/// Exchanges CAN FD frames between two SLCAN adapters on a virtual bus, with python-can.
 ///
 /// # Errors
 ///
-/// If a frame does not arrive as it was sent, or arrives though it must not, or it takes too long.
+/// If a frame arrives changed, not at all or unexpectedly, or a timeout is exceeded.
 pub(crate) fn exchange_fd() -> Result<()> {
     let python = python()?;
     println!("building the virtual CAN bus");
     run(&mut cargo("build --package armwire-virtual-board --bin can-bus"))?;
     let links = ["fd-bus-0", "fd-bus-1"].map(|name| python.dir.join(name));
     for link in &links {
-        // A link left behind by a bus that was killed may lead to somebody's terminal by now.
+        // The old link of a killed bus may point to another program's terminal.
         let _ = fs::remove_file(link);
     }
     let mut serve = cargo("run --quiet --package armwire-virtual-board --bin can-bus --");

@@ -1,4 +1,4 @@
-//! The parser of the Ling arm's SDK and ours on the same damaged streams.
+//! The parsers of Ling's SDK and of armwire on the same damaged streams.
 
 use std::fs;
 
@@ -8,15 +8,14 @@ use super::sdk;
 use crate::cargo::cargo;
 use crate::process::output;
 
-/// Seed of the streams: the figures are the same in every run.
+/// Seed of the streams: each run gives the same numbers.
 const SEED: &str = "1";
 
-/// Prints how many intact frames each of them loses and how many false ones it delivers.
+/// Prints the numbers of lost intact frames and of false frames for both.
 ///
 /// # Errors
 ///
-/// If ours delivers anything but what the reference decoder does, if the vendor's does better in any row, or if it cannot
-/// be had.
+/// If armwire differs from the reference decoder, if the vendor's parser is better in a row, or if it cannot be installed.
 pub(crate) fn compare() -> Result<()> {
     let python = sdk::python()?;
     let streams = output(cargo("run --quiet --package armwire-host-tests --example differential --").arg(SEED))?;

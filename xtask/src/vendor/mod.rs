@@ -1,6 +1,6 @@
-//! `cargo xtask vendor`: software from elsewhere drives virtual arms.
+//! `cargo xtask vendor`: other software drives virtual arms.
 //!
-//! Its scripts are in `host-tests/vendor`. Each check installs what it needs from PyPI.
+//! The scripts are in `host-tests/vendor`. Each check installs its packages from PyPI.
 
 mod background;
 pub(crate) mod can;
@@ -14,7 +14,7 @@ use clap::{Args, ValueEnum};
 
 #[derive(Args)]
 pub(crate) struct Options {
-    /// The only check to run
+    /// The check to run, by default all
     check: Option<Check>,
 }
 
@@ -26,11 +26,11 @@ enum Check {
     CanFd,
 }
 
-/// Runs every check, or the one that is named.
+/// Runs every check, or the selected one.
 ///
 /// # Errors
 ///
-/// If anything on the way fails, a script reads anything but what it must, or something takes too long.
+/// If a check fails or exceeds its timeout.
 pub(crate) fn run(options: &Options) -> Result<()> {
     match options.check {
         None => {

@@ -1,16 +1,14 @@
-//! Python and its packages.
+//! Python scripts and the packages that they need.
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Duration;
 
 use anyhow::Result;
 
 use super::background::Background;
 use crate::cargo::target_dir;
-use crate::process::run;
-use crate::venv;
+use crate::venv::Environment;
 use crate::workspace::root;
 
 /// Timeout of a script: several times its duration on a slow machine.
@@ -20,41 +18,38 @@ const TIMEOUT: Duration = Duration::from_secs(300);
 pub(crate) struct Python {
     /// The folder for output.
     pub(crate) dir: PathBuf,
-    python: PathBuf,
-    scripts: PathBuf,
+    environment: Environment,
 }
 
 impl Python {
-    /// The environment of this name in the target directory, with the packages of a list in `host-tests/vendor`. The
-    /// list is complete: dependencies that are not in it are not installed.
+    /// The environment of this name in the target directory, with the packages of a complete list in
+    /// `host-tests/vendor`.
     ///
     /// # Errors
     ///
-    /// If Python or the package index is not there, or the packages do not fit.
+    /// If Python or the package index is missing, or the packages do not fit together.
     pub(crate) fn with(name: &str, requirements: &str) -> Result<Self> {
         let dir = target_dir()?.join("vendor").join(name);
         fs::create_dir_all(&dir)?;
-        let environment = dir.join("python");
-        let python = environment.join("bin/python");
-        let scripts = root().join("host-tests/vendor");
-        venv::make(Path::new("python3"), &environment)?;
-        println!("installing the packages of {requirements}");
-        let mut pip = Command::new(&python);
-        pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
-        run(pip.args(["--no-deps", "--requirement"]).arg(scripts.join(requirements)))?;
-        Ok(Self { dir, python, scripts })
+        let environment = Environment::new("python3", dir.join("python"))?;
+        environment.install_listed(&scripts().join(requirements))?;
+        Ok(Self { dir, environment })
     }
 
-    /// Runs a script in `host-tests/vendor` with these arguments. Packages write logs to the folder they run in and to the
-    /// home folder, and Python is to write nothing beside the script.
+    /// Runs a script in `host-tests/vendor` with these arguments. Packages write logs to the working folder and to the
+    /// home folder: both are the folder for output.
     ///
     /// # Errors
     ///
-    /// If it fails, or takes too long.
+    /// If it fails or exceeds the timeout.
     pub(crate) fn run(&self, script: &str, args: &[&Path]) -> Result<()> {
-        let mut command = Command::new(&self.python);
-        command.arg("-B").arg(self.scripts.join(script)).args(args);
-        command.current_dir(&self.dir).env("HOME", &self.dir);
-        Background::start(&mut command)?.succeed_within(TIMEOUT)
+        let mut python = self.environment.python();
+        python.arg(scripts().join(script)).args(args);
+        python.current_dir(&self.dir).env("HOME", &self.dir);
+        Background::start(&mut python)?.succeed_within(TIMEOUT)
     }
+}
+
+fn scripts() -> PathBuf {
+    root().join("host-tests/vendor")
 }

@@ -1,4 +1,4 @@
-//! The arm vendors' SDKs: that of the xArm on TCP ports, that of the Ling arm through the firmware image.
+//! The arm vendors' SDKs: xArm's over TCP, Ling's through the firmware image.
 
 use anyhow::Result;
 
@@ -7,22 +7,22 @@ use super::served::ServedBoard;
 use crate::cargo::{cargo, target_dir};
 use crate::process;
 
-/// The SDK of the xArm, on virtual arms that the script starts by itself.
+/// Runs the SDK of the xArm. The script starts virtual arms.
 ///
 /// # Errors
 ///
-/// If it reads anything but what it must, or takes too long.
+/// If the SDK reads a wrong value, or a timeout is exceeded.
 pub(crate) fn drive_xarm() -> Result<()> {
     let python = python()?;
     process::run(&mut cargo("build --package armwire-cli"))?;
     python.run("xarm_drive.py", &[&target_dir()?.join("debug/armwire")])
 }
 
-/// The SDK of the Ling arm, on a virtual arm behind the virtual board's serial port.
+/// Runs the SDK of the Ling arm, with a virtual arm behind the virtual board's serial port.
 ///
 /// # Errors
 ///
-/// If it reads anything but what it must, or takes too long.
+/// If the SDK reads a wrong value, or a timeout is exceeded.
 pub(crate) fn drive_ling() -> Result<()> {
     let python = python()?;
     let board = ServedBoard::start(&python.dir)?;
@@ -30,7 +30,7 @@ pub(crate) fn drive_ling() -> Result<()> {
     driven.and(board.end())
 }
 
-/// The SDKs without their dependencies, which include all of PyTorch, but with what is needed of these.
+/// The SDKs, and the needed ones of their dependencies. The others include all of PyTorch.
 pub(super) fn python() -> Result<Python> {
     Python::with("sdk", "requirements.txt")
 }

@@ -14,10 +14,10 @@ use crate::process::run;
 
 /// Timeout until the board's ports exist.
 pub(crate) const BOOT: Duration = Duration::from_secs(30);
-/// Timeout of its end after a request.
+/// Timeout of its end after an interrupt.
 pub(crate) const END: Duration = Duration::from_secs(10);
 
-/// A virtual board with the image that ships, just switched on, and a Ling arm.
+/// A virtual board with the shipped image and a Ling arm, just powered up.
 pub(crate) struct ServedBoard {
     process: Background,
     serial: PathBuf,
@@ -26,16 +26,17 @@ pub(crate) struct ServedBoard {
 }
 
 impl ServedBoard {
-    /// Builds the image of the usual board and the board, and serves its ports in this folder, as `arm`, `bus` and `control`.
+    /// Builds the image for the default board and the virtual board, and creates its ports in this folder: `arm`, `bus` and
+    /// `control`.
     ///
     /// # Errors
     ///
-    /// If that fails, or the ports are not there in time.
+    /// If a build fails, or the ports do not appear in time.
     pub(crate) fn start(dir: &Path) -> Result<Self> {
         Self::start_board(dir, Board::default())
     }
 
-    /// The same with this board.
+    /// The same for another board.
     ///
     /// # Errors
     ///
@@ -47,7 +48,7 @@ impl ServedBoard {
 
         let (serial, can, control) = (dir.join("arm"), dir.join("bus"), dir.join("control"));
         for link in [&serial, &can, &control] {
-            // A link left behind by a board that was killed may lead to somebody's terminal by now.
+            // The old link of a killed board may point to another program's terminal.
             let _ = fs::remove_file(link);
         }
         let mut serve = demo::command("run");
@@ -81,11 +82,11 @@ impl ServedBoard {
         &self.control
     }
 
-    /// Ends it.
+    /// Ends the board.
     ///
     /// # Errors
     ///
-    /// If it failed meanwhile, or does not end.
+    /// If it failed before, or does not end in time.
     pub(crate) fn end(mut self) -> Result<()> {
         self.process.interrupt()?;
         self.process.succeed_within(END)

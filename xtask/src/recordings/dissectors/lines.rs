@@ -1,4 +1,4 @@
-//! Lines to arms: their frames, with other values and damaged.
+//! Frames of each line to an arm, with other values, and damaged.
 
 use std::fmt::{self, Display};
 use std::fs;
@@ -13,7 +13,7 @@ const CORPUS: &str = "host-tests/fuzz/corpus/decode";
 
 /// A heartbeat with a wrong last byte, and a frame without a register.
 const XARM_ERRORS: [&[u8]; 2] = [&[0, 0, 0, 1, 0, 2, 0, 5], &[0, 1, 0, 2, 0, 0]];
-/// Bytes that have a meaning somewhere: codes, answers, end marks, limits.
+/// Bytes with a meaning in some frame: codes, answers, end marks, limits.
 const VALUES: [u8; 16] = [
     0x00, 0x01, 0x02, 0x03, 0x04, 0x10, 0x11, 0x5A, 0x80, 0xAA, 0xE1, 0xE2, 0xED, 0xEE, 0xFE, 0xFF,
 ];
@@ -21,16 +21,16 @@ const VALUES: [u8; 16] = [
 /// One direction of a line.
 pub(super) struct Line {
     pub(super) arm: &'static str,
-    /// The sender, as `armwire decode --from` has it.
+    /// The sender, as an argument of `armwire decode --from`.
     pub(super) from: &'static str,
-    /// The frames of the documents: files of the fuzz corpus, and how many bytes come before a frame in them.
+    /// The frames of the documents: files of the fuzz corpus, and the number of bytes before the frame in them.
     documents: &'static [(&'static str, usize)],
 }
 
 pub(super) const LINES: [Line; 7] = [
     Line::new("ling", "host", &[("ling-request", 1)]),
     Line::new("ling", "arm", &[("ling-response", 1)]),
-    // A recording is of one generation.
+    // A recording has one generation.
     Line::new("ling", "arm", OLDER),
     Line::new("xarm", "host", &[("xarm-request", 2)]),
     Line::new("xarm", "arm", &[("xarm-response", 2)]),
@@ -70,7 +70,7 @@ impl Line {
         Ok(frames)
     }
 
-    /// A frame for each header, with one value or none. The older generation has no short ones.
+    /// A frame for each header, with one value or none. The older generation has no short frames.
     pub(super) fn short_frames(&self) -> Vec<Vec<u8>> {
         let all = 0..=u8::MAX;
         match self.arm {
@@ -84,7 +84,7 @@ impl Line {
         }
     }
 
-    /// Frames with other data: in turn, one byte is another. The first and the last are each of [`VALUES`].
+    /// Frames with one changed data byte. The first and the last byte are set to each of [`VALUES`].
     pub(super) fn variants(&self, frame: &[u8]) -> Vec<Vec<u8>> {
         let (data, check) = self.data(frame);
         let mut variants = Vec::new();

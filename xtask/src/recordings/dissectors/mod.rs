@@ -1,7 +1,7 @@
-//! The dissector for Wireshark and the decoder for sigrok have the texts of `armwire decode`.
+//! Comparison of the dissector for Wireshark and the decoder for sigrok with `armwire decode`.
 //!
-//! Both get the same recordings: every frame of the documents, which the fuzz corpus has, and every short frame that the
-//! command takes for a message. A new message fails the check until both have its name.
+//! All get the same recordings: every frame of the documents, from the fuzz corpus, and every short frame that is a message
+//! for the command. A new message fails the check until both tools have its text.
 
 mod lines;
 mod tools;
@@ -12,19 +12,19 @@ use oorandom::Rand32;
 use lines::{LINES, Line, document_frames};
 use tools::{Item, Tools};
 
-/// Whole frames at the end of a recording, behind which no frame is pending.
+/// Number of complete frames at the end of a recording, which leave no frame pending.
 const LAST_FRAMES: usize = 60;
-/// Packets of damaged frames and of random bytes for each link type.
+/// Number of damaged or random packets for each link type.
 const RANDOM_PACKETS: usize = 10_000;
-/// A report as port 30003 has it: its length in bytes, and its numbers.
+/// Length of a report on port 30003, in bytes and in numbers.
 const REPORT: u8 = 135;
 const REPORT_NUMBERS: usize = 32;
 
-/// Compares both with the command.
+/// Compares both tools with the command.
 ///
 /// # Errors
 ///
-/// If a tool is missing, names something else, or a script fails on damaged or random bytes.
+/// If a tool is missing, a text differs, or a script fails on damaged or random bytes.
 pub(crate) fn check() -> Result<()> {
     let tools = Tools::find()?;
     for line in &LINES {
@@ -52,7 +52,7 @@ fn compare(tools: &Tools, line: &Line) -> Result<()> {
         let mut named = tools.annotate(line.arm, &[(line.from, recording)])?;
         let mut expected = expected.clone();
         if line.is_older() {
-            // sigrok's decoder tells the generation frame by frame, and damage has another reason in each.
+            // sigrok's decoder identifies the generation frame by frame, and damage has another reason in each.
             named.retain(|text| !is_noise(text));
             expected.retain(|(_, text)| !is_noise(text));
         }
@@ -60,14 +60,14 @@ fn compare(tools: &Tools, line: &Line) -> Result<()> {
     }
     let messages = expected.iter().filter(|(_, text)| is_message(text)).count();
     let others = expected.len() - messages;
-    println!("{line}: {messages} messages and {others} damaged or unknown are named");
+    println!("{line}: {messages} messages and {others} damaged or unknown frames have equal texts");
     Ok(())
 }
 
 fn check_equal(line: &Line, tool: &str, expected: &[Item], got: &[String]) -> Result<()> {
     for (nth, (bytes, text)) in expected.iter().enumerate() {
         let got = got.get(nth).map_or("nothing", |got| plain(got));
-        // A packet has one byte of a false header: the bytes that contradict it are in others.
+        // A packet may have one byte of a false header, and the bytes that contradict it are in other packets.
         let is_cut = bytes.len() == 1 && is_noise(text) && got.starts_with("noise: no whole frame");
         ensure!(
             got == plain(text) || is_cut,
@@ -93,7 +93,7 @@ fn is_message(text: &str) -> bool {
 
 const NO_MESSAGE: &str = "no message";
 
-/// A text without the sender, and without the reason why a frame is no message.
+/// A text without the sender, and without the reason of an unknown frame.
 fn plain(text: &str) -> &str {
     let text = ["to the arm: ", "from the arm: "]
         .iter()
@@ -102,7 +102,7 @@ fn plain(text: &str) -> &str {
     if text.starts_with(NO_MESSAGE) { NO_MESSAGE } else { text }
 }
 
-/// Checks the answers of servos: both tools remember the request before an answer, which gives its meaning.
+/// Checks the answers of servos, whose meaning depends on the request before.
 fn check_servo_answers(tools: &Tools) -> Result<()> {
     let mut events = Vec::new();
     for request in document_frames("alpha1-request", 2)? {
@@ -126,11 +126,14 @@ fn check_servo_answers(tools: &Tools) -> Result<()> {
             ensure!(text.starts_with("servo "), "{tool} names {answer:02X?} '{text}'");
         }
     }
-    println!("{} answers of servos are named after their requests", events.len() / 2);
+    println!(
+        "{} answers of servos have the texts for their requests",
+        events.len() / 2
+    );
     Ok(())
 }
 
-/// Returns true if a frame may answer this request. Moves and lights, commands 01 and 04 in row FA, are answered by one byte.
+/// Returns true if a frame may answer this request. The answer to a move or an LED setting (FA 01 and FA 04) is one byte.
 fn is_servo_answer(answer: &[u8], request: &[u8]) -> bool {
     match *request {
         [0xFA, _, 0, ..] => false,
@@ -140,7 +143,7 @@ fn is_servo_answer(answer: &[u8], request: &[u8]) -> bool {
     }
 }
 
-/// Checks xArm frames and reports in TCP segments of any size.
+/// Checks xArm frames and reports in TCP segments of several sizes.
 fn check_tcp(tools: &Tools) -> Result<()> {
     for line in LINES.iter().filter(|line| line.arm == "xarm") {
         let mut frames = line.document_frames()?;
@@ -173,11 +176,11 @@ fn check_tcp(tools: &Tools) -> Result<()> {
         reports.len() == 3 && reports.iter().all(is_report),
         "tshark names {reports:?} of three reports"
     );
-    println!("xArm frames and reports are named in TCP segments");
+    println!("xArm frames and reports in TCP segments have equal texts");
     Ok(())
 }
 
-/// Checks that damaged frames and random bytes are no error of the script.
+/// Checks that damaged frames and random bytes cause no error in the script.
 fn check_random_packets(tools: &Tools) -> Result<()> {
     let mut random = Rand32::new(1);
     for (arm, options) in [
@@ -200,10 +203,10 @@ fn check_random_packets(tools: &Tools) -> Result<()> {
         let texts = tools.tshark(&file, arm)?;
         ensure!(
             texts.iter().any(|text| is_noise(text)),
-            "no damage is seen with {options}"
+            "no damage is reported with {options}"
         );
     }
-    println!("{RANDOM_PACKETS} damaged and random packets of each kind are no error");
+    println!("{RANDOM_PACKETS} damaged and random packets of each kind cause no error");
     Ok(())
 }
 
@@ -212,7 +215,7 @@ fn packet(from: &str, bytes: &[u8]) -> Vec<u8> {
     [&[u8::from(from == "arm")], bytes].concat()
 }
 
-/// A damaged frame after a byte of direction, or random bytes.
+/// A direction byte and a damaged frame, or random bytes.
 fn random_packet(random: &mut Rand32, frames: &[Vec<u8>]) -> Vec<u8> {
     let mut below = |end: usize| random.rand_range(0..end as u32) as usize;
     if below(4) == 0 {

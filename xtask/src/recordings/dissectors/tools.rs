@@ -5,16 +5,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 
 use super::lines::Line;
 use crate::apt;
 use crate::cargo::{cargo, target_dir};
+use crate::files::empty_folder;
 use crate::process::{output, run};
 use crate::workspace::root;
 
-/// The tools, each of which is a Debian package.
-const TOOLS: [&str; 2] = ["tshark", "sigrok-cli"];
+/// The tools and their packages.
+const TOOLS: [(&str, &str); 2] = [("tshark", "tshark"), ("sigrok-cli", "sigrok-cli")];
 const DISSECTOR: &str = "tools/wireshark/armwire.lua";
 const DECODERS: &str = "tools/sigrok";
 /// Samples of a bit on a line, at 1 Mbaud and 8 MHz.
@@ -30,26 +31,17 @@ pub(super) struct Tools {
 }
 
 impl Tools {
-    /// Installs those that are missing, and builds the command.
+    /// Installs missing tools, and builds the command.
     pub(super) fn find() -> Result<Self> {
-        let is_missing = |tool: &&str| output(Command::new(tool).arg("--version")).is_err();
-        let missing: Vec<_> = TOOLS.into_iter().filter(is_missing).collect();
-        ensure!(
-            missing.is_empty() || apt::install(&missing)?,
-            "tools are missing; run `sudo apt-get install --no-install-recommends {}`",
-            missing.join(" ")
-        );
+        apt::require(&TOOLS)?;
         run(&mut cargo("build --quiet --package armwire-cli"))?;
         let dir = target_dir()?.join("recordings/dissectors");
-        if dir.exists() {
-            fs::remove_dir_all(&dir)?;
-        }
-        fs::create_dir_all(&dir)?;
+        empty_folder(&dir)?;
         let armwire = target_dir()?.join("debug/armwire");
         Ok(Self { armwire, dir })
     }
 
-    /// The items of a recording, as the command has them.
+    /// The items of a recording, by `armwire decode`.
     pub(super) fn decode(&self, line: &Line, recording: &[u8]) -> Result<Vec<Item>> {
         let text = output(&mut self.decode_command(line, recording)?)?;
         let lines: Vec<_> = text
@@ -71,14 +63,14 @@ impl Tools {
         fs::write(&file, recording)?;
         let mut decode = Command::new(&self.armwire);
         decode.args(["decode", "--format", "raw", "--arm", line.arm]).arg(file);
-        // Frames of Ling tell their sender.
+        // Ling's frames identify their sender.
         if line.arm != "ling" {
             decode.args(["--from", line.from]);
         }
         Ok(decode)
     }
 
-    /// The items of a recording, as Wireshark has them from the command's packets.
+    /// The items of a recording, by Wireshark from the command's packets.
     pub(super) fn dissect(&self, line: &Line, recording: &[u8]) -> Result<Vec<String>> {
         let file = self.dir.join("recording.pcapng");
         let _ = fs::remove_file(&file);
@@ -129,12 +121,12 @@ impl Tools {
         tshark
             .args(["-X", &format!("lua_script:{}", script.display()), "-r"])
             .arg(file);
-        // The user may have the dissector, too.
+        // The dissector may be installed for the user, too.
         tshark.env("WIRESHARK_CONFIG_DIR", &self.dir);
         tshark
     }
 
-    /// Frames and damage on two lines, as sigrok has them.
+    /// Frames and damage on two lines, by sigrok.
     pub(super) fn annotate(&self, arm: &str, events: &[(&str, Vec<u8>)]) -> Result<Vec<String>> {
         let file = self.dir.join("samples");
         fs::write(&file, samples(events))?;
@@ -155,7 +147,7 @@ impl Tools {
     }
 }
 
-/// Levels of two lines: bit 0 from the host, bit 1 from the arm, as a logic analyser has them.
+/// Samples of a logic analyser: bit 0 is the line from the host, bit 1 the line from the arm.
 fn samples(events: &[(&str, Vec<u8>)]) -> Vec<u8> {
     const IDLE: u8 = 0b11;
     let mut samples = vec![IDLE; 100 * BIT];
