@@ -92,8 +92,7 @@ pub(crate) fn run() -> Result<()> {
     ci.step("README's example with its dependencies", readme::check)?;
     ci.step("crates from their packages", packages::check)?;
     ci.step("public API", semver::run)?;
-    ci.step("crates without std", no_std)?;
-    ci.step("clippy for the microcontroller", clippy_thumb)?;
+    ci.step("clippy for microcontrollers", clippy_microcontrollers)?;
     ci.step("examples for microcontrollers", examples::check)?;
     ci.step("page in a browser", || web::run_all(&Default::default()))?;
     ci.step("no path to a panic", no_panic::run)?;
@@ -155,17 +154,6 @@ fn drawings() -> Result<()> {
     process::run(Command::new("python3").args(["-c", parse]).args(drawings))
 }
 
-/// Builds the crates without `std`, without features and with all.
-fn no_std() -> Result<()> {
-    let toolchain = Toolchain::find(&NO_STD_TARGETS)?;
-    for target in NO_STD_TARGETS {
-        for features in ["", "--all-features"] {
-            process::run(&mut toolchain.cargo(&format!("build {NO_STD} {features}"), target)?)?;
-        }
-    }
-    Ok(())
-}
-
 /// Builds the shipped image for this board, and checks its size.
 fn firmware_image(board: Board) -> Result<Image> {
     let image = image::build(Options::of(board))?;
@@ -182,27 +170,30 @@ fn on_virtual_board(image: &Image, select: &[&str]) -> Result<()> {
     process::run(test.env("ARMWIRE_IMAGE", &image.path))
 }
 
-/// Clippy for the microcontroller's target.
-fn clippy_thumb() -> Result<()> {
-    let toolchain = Toolchain::find(&[TARGET])?;
-    if toolchain == Toolchain::Debian {
-        println!("skipped: Debian's compiler comes without clippy; `rustup target add {TARGET}` helps");
-        return Ok(());
+/// Clippy for microcontrollers: the crates without `std`, without features and with all, the firmware, and the programs for
+/// its core.
+fn clippy_microcontrollers() -> Result<()> {
+    let toolchain = Toolchain::find(&NO_STD_TARGETS)?;
+    // Debian's compiler comes without clippy.
+    let (check, options): (_, &[_]) = match toolchain {
+        Toolchain::Installed => ("clippy", &["--", "-D", "warnings"]),
+        Toolchain::Debian => ("check", &[]),
+    };
+    let lint = |select: &str, target| {
+        let mut lint = toolchain.cargo(&format!("{check} {select}"), target)?;
+        process::run(lint.args(options))
+    };
+    for target in NO_STD_TARGETS {
+        lint(NO_STD, target)?;
+        lint(&format!("{NO_STD} --all-features"), target)?;
     }
-    let firmware = Board::ALL.map(|board| {
+    for board in Board::ALL {
         let features = Options::all(board).features();
-        format!("--package armwire-firmware --no-default-features --features={features}")
-    });
-    let no_std = format!("{NO_STD} --all-features");
-    for select in firmware
-        .iter()
-        .map(|select| &**select)
-        .chain([&*no_std, LINK_TEST, COUNTED])
-    {
-        let mut clippy = toolchain.cargo(&format!("clippy {select}"), TARGET)?;
-        process::run(clippy.args(["--", "-D", "warnings"]))?;
+        let select = format!("--package armwire-firmware --no-default-features --features={features}");
+        lint(&select, TARGET)?;
     }
-    Ok(())
+    lint(LINK_TEST, TARGET)?;
+    lint(COUNTED, TARGET)
 }
 
 /// Clippy, and therefore the type check, for the other systems. Nothing is linked or run.

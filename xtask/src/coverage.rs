@@ -13,7 +13,8 @@ use clap::Args;
 use serde_json::{Value, from_str, from_value};
 
 use crate::cargo::target_dir;
-use crate::fuzz::{cargo_fuzz, committed, for_each, targets};
+use crate::fuzz::{cargo_fuzz, committed, targets};
+use crate::parallel::for_each;
 use crate::process::{self, output};
 use crate::workspace::root;
 

@@ -3,13 +3,12 @@
 use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
-use std::sync::Mutex;
-use std::thread;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 
 use crate::cargo::{target_dir, tool};
+use crate::parallel::for_each;
 use crate::process::{self, output};
 use crate::workspace::root;
 
@@ -153,22 +152,4 @@ fn found(target: &str) -> Result<PathBuf> {
     let found = target_dir()?.join("fuzz/corpus").join(target);
     fs::create_dir_all(&found)?;
     Ok(found)
-}
-
-/// Calls `act` for each target, one per core at a time, and returns the results.
-pub(crate) fn for_each<T: Send>(targets: &[String], act: impl Fn(&str) -> Result<T> + Sync) -> Result<Vec<T>> {
-    let cores = thread::available_parallelism().map_or(1, usize::from);
-    let rest = Mutex::new(targets.iter());
-    let next = || rest.lock().expect("no worker panics").next();
-    let work = || -> Vec<Result<T>> {
-        let results = std::iter::from_fn(next).map(|target| act(target).context(target.clone()));
-        results.collect()
-    };
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
-        let results = workers
-            .into_iter()
-            .flat_map(|worker| worker.join().expect("no worker panics"));
-        results.collect()
-    })
 }

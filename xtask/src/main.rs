@@ -21,6 +21,7 @@ mod integrity;
 mod mutants;
 mod no_panic;
 mod packages;
+mod parallel;
 mod performance;
 mod process;
 mod program;

@@ -4,8 +4,10 @@ use std::process::Command;
 
 use anyhow::{Result, bail};
 
+use crate::cargo::target_dir;
 use crate::image::TARGET;
-use crate::process::{self, output};
+use crate::parallel::for_each;
+use crate::process::output;
 use crate::toolchain::Toolchain;
 use crate::workspace::root;
 
@@ -40,29 +42,32 @@ const REFUSALS: [(&str, &str); 2] = [
 /// If the crates can panic or allocate, or if the test does not detect an added panic or allocation.
 pub(crate) fn run() -> Result<()> {
     let toolchain = Toolchain::find(&TARGETS)?;
-    for target in TARGETS {
-        for features in FEATURES {
-            process::run(&mut link(toolchain, target, features)?)?;
-        }
-        for (features, refusal) in REFUSALS {
-            match output(&mut link(toolchain, target, features)?) {
-                Err(error) if error.to_string().contains(refusal) => {}
-                Err(error) => bail!("`{features}` failed to link for another reason: {error}"),
-                Ok(_) => bail!("`{features}` links, but must not"),
-            }
-        }
-        println!(
-            "{target}: no panic and no allocation in {} sets of features; an added one fails to link",
-            FEATURES.len()
-        );
+    for_each(&TARGETS, |target| check(toolchain, target)).map(drop)
+}
+
+fn check(toolchain: Toolchain, target: &str) -> Result<()> {
+    for features in FEATURES {
+        output(&mut link(toolchain, target, features)?)?;
     }
+    for (features, refusal) in REFUSALS {
+        match output(&mut link(toolchain, target, features)?) {
+            Err(error) if error.to_string().contains(refusal) => {}
+            Err(error) => bail!("`{features}` failed to link for another reason: {error}"),
+            Ok(_) => bail!("`{features}` links, but must not"),
+        }
+    }
+    println!(
+        "{target}: no panic and no allocation in {} sets of features; an added one fails to link",
+        FEATURES.len()
+    );
     Ok(())
 }
 
-/// The command that links the test.
+/// The command that links the test. Each target has a target directory, which cargo would lock.
 fn link(toolchain: Toolchain, target: &str, features: &str) -> Result<Command> {
     let mut link = toolchain.cargo("build --release --quiet --bin no-panic --no-default-features", target)?;
     link.args(["--features", features])
+        .env("CARGO_TARGET_DIR", target_dir()?.join("no-panic").join(target))
         .current_dir(root().join("host-tests/no-panic"));
     Ok(link)
 }
