@@ -40,7 +40,10 @@ type Regions = BTreeMap<(String, [u64; 4]), bool>;
 ///
 /// If the coverage of a crate is too low.
 pub(crate) fn run(options: &Options) -> Result<()> {
-    process::run(cargo_fuzz("build", "coverage")?.env("RUSTFLAGS", "-Cinstrument-coverage"))?;
+    let mut build = cargo_fuzz("build", "coverage")?;
+    build.env("RUSTFLAGS", "-Cinstrument-coverage");
+    // Each input runs once: optimisation would cost more than it saves.
+    process::run(build.env("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0"))?;
     let host = output(Command::new("rustc").args(["--print", "host-tuple"]))?;
     let programs = target_dir()?.join("coverage").join(host.trim()).join("release");
     let tools = [llvm("llvm-profdata")?, llvm("llvm-cov")?];

@@ -32,13 +32,13 @@ pub(crate) fn run_to(good: &[i32], command: &mut Command) -> Result<()> {
 ///
 /// # Errors
 ///
-/// If it cannot be started or does not succeed. The error has its error output.
+/// If it cannot be started or does not succeed. The error has its whole output.
 pub(crate) fn output(command: &mut Command) -> Result<String> {
     let output = command.stdin(Stdio::null()).output();
     let output = output.with_context(|| cannot_run(command))?;
     if !output.status.success() {
-        let error = String::from_utf8_lossy(&output.stderr);
-        bail!("`{}` failed: {}", shown(command), error.trim());
+        let text = [output.stdout, output.stderr].concat();
+        bail!("`{}` failed: {}", shown(command), String::from_utf8_lossy(&text).trim());
     }
     Ok(String::from_utf8(output.stdout)?)
 }
