@@ -1,7 +1,6 @@
 //! `cargo ci`: the checks of a change. `cargo xtask soak` has those that take hours.
 
 use std::process::Command;
-use std::time::Instant;
 use std::{env, fs};
 
 use anyhow::Result;
@@ -9,26 +8,27 @@ use anyhow::Result;
 use crate::board::Board;
 use crate::cargo::cargo;
 use crate::image::{self, Image, Options, TARGET};
-use crate::parallel::for_each;
-use crate::process::{self, output};
+use crate::process;
 use crate::steps::Steps;
 use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
 use crate::{
-    apt, c_library, campaign, deny, integrity, packages, performance, python, readme, recordings, ros2, semver, vendor,
-    web,
+    apt, c_library, campaign, deny, integrity, packages, parallel, performance, python, readme, recordings, ros2,
+    semver, vendor, web,
 };
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
 /// Commands that mostly build, in directories of their own. One at a time they would leave a core idle for half of the time.
 /// The fixed seed makes the result depend on the change only.
-const BUILDS: [&str; 5] = [
+const BUILDS: [&str; 7] = [
     "examples",
     "fuzz --seconds 5 --seed 1",
     "features",
     "coverage",
     "no-panic",
+    "fw --board stm32f405 --defmt",
+    "fw --board stm32g431 --defmt",
 ];
 /// Runs of the fault campaign with each image.
 const CAMPAIGN_RUNS: u32 = 300;
@@ -103,24 +103,15 @@ pub(crate) fn run() -> Result<()> {
     ci.step("clippy for microcontrollers", clippy_microcontrollers)?;
     ci.step("page in a browser", || web::run_all(&Default::default()))?;
     ci.step("C library", || c_library::run_all(&Default::default()))?;
-    ci.step("features, examples, fuzz targets, no path to a panic", || {
-        for_each(&BUILDS, run_quietly).map(drop)
-    })?;
-    ci.step("firmware images with every option", || {
-        Board::ALL
-            .into_iter()
-            .try_for_each(|board| image::build(Options::all(board)).map(drop))
-    })?;
+    ci.step(
+        "examples, fuzz targets, features, logging images, no path to a panic",
+        || parallel::run_all(BUILDS.into_iter().map(xtask).collect::<Result<_>>()?),
+    )?;
     let g431 = ci.step("firmware image for the STM32G431", || firmware_image(Board::Stm32g431))?;
     let f405 = ci.step("firmware image for the STM32F405", || firmware_image(Board::Stm32f405))?;
-    ci.step("virtual board", || {
-        process::run(&mut cargo("test --package armwire-virtual-board"))
-    })?;
-    ci.step("firmware image on the virtual board: STM32F405", || {
-        on_virtual_board(&f405, &[])
-    })?;
-    ci.step("firmware image on the virtual board: STM32G431", || {
-        on_virtual_board(&g431, &["--test", "image_*"])
+    ci.step("virtual board, and both firmware images on it", || {
+        let board = cargo("test --package armwire-virtual-board");
+        parallel::run_all(vec![image_tests(&f405), image_tests(&g431), board])
     })?;
     ci.step("performance of both images, and instructions of the protocols", || {
         performance::run(&Default::default())
@@ -168,12 +159,12 @@ fn firmware_image(board: Board) -> Result<Image> {
     Ok(image)
 }
 
-/// Runs the tests on the virtual board with this image: all of `host-tests`, or the selected ones.
-fn on_virtual_board(image: &Image, select: &[&str]) -> Result<()> {
-    let mut test = cargo("test --package armwire-host-tests --features image");
+/// The tests of this image on the virtual board.
+fn image_tests(image: &Image) -> Command {
+    let mut test = cargo("test --package armwire-host-tests --features image --lib --bins --test image_*");
     // Prints their measurements.
-    test.args(select).args(["--", "--show-output"]);
-    process::run(test.env("ARMWIRE_IMAGE", &image.path))
+    test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path);
+    test
 }
 
 /// Clippy for microcontrollers: the crates without `std`, without features and with all, the firmware, and the programs for
@@ -215,13 +206,11 @@ fn clippy_other_systems() -> Result<()> {
     })
 }
 
-/// Runs a command of this program, and prints its output and its duration at its end.
-fn run_quietly(words: &str) -> Result<()> {
-    let start = Instant::now();
-    let mut command = Command::new(env::current_exe()?);
-    let printed = output(command.args(words.split(' ')))?;
-    println!("{printed}-- {words}: {:.1?}", start.elapsed());
-    Ok(())
+/// A command of this program.
+fn xtask(words: &str) -> Result<Command> {
+    let mut xtask = Command::new(env::current_exe()?);
+    xtask.args(words.split(' '));
+    Ok(xtask)
 }
 
 /// Does the same for each of these packages.

@@ -68,7 +68,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     }
     process::run(&mut cargo_fuzz("build", "fuzz")?)?;
     if options.minimise {
-        return for_each(targets, minimise).map(drop);
+        return for_each(targets, |target| minimise(target)).map(drop);
     }
     let passed = for_each(targets, |target| fuzz(target, options))?;
     let failures = passed.iter().filter(|passed| !**passed).count();

@@ -42,7 +42,7 @@ const REFUSALS: [(&str, &str); 2] = [
 /// If the crates can panic or allocate, or if the test does not detect an added panic or allocation.
 pub(crate) fn run() -> Result<()> {
     let toolchain = Toolchain::find(&TARGETS)?;
-    for_each(&TARGETS, |target| check(toolchain, target)).map(drop)
+    for_each(TARGETS, |target| check(toolchain, target)).map(drop)
 }
 
 fn check(toolchain: Toolchain, target: &str) -> Result<()> {
