@@ -43,9 +43,9 @@ pub type Info = InfoOf<ArmKind>;
 /// A request that the adapter makes by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum OwnRequest {
-    /// The arm answers with its joints, or with the servos that run.
+    /// Reads the joints, or the running servos.
     Poll,
-    /// The arm answers with its kind and version.
+    /// Reads the arm's kind and version.
     Identify,
     TorqueOff,
 }

@@ -32,7 +32,7 @@ pub struct Start {
     pub watchdog_resets: u32,
     /// Hard faults of the firmware since power-on.
     pub hard_faults: u32,
-    /// The adapter stopped while it was [armed](Status::is_armed). Torque-off goes out first, even if the configuration
+    /// The adapter stopped while it was [armed](Status::is_armed): torque-off goes out first, even if the configuration
     /// that enabled it was not saved.
     pub was_armed: bool,
     /// The saved configuration could not be read.
@@ -49,8 +49,8 @@ pub enum UartEvent {
     Idle,
     /// Receive errors. The bytes received with them are passed on unchanged.
     Errors(UartErrors),
-    /// The UART uses this configuration from now on, as [`Transmit::Configure`] requested. An unfinished frame will not
-    /// end.
+    /// The UART uses this configuration from now on, as [`Transmit::Configure`] requested. The rest of an unfinished
+    /// frame is no longer expected.
     Configured(UartConfig),
 }
 
@@ -60,7 +60,7 @@ pub enum UartEvent {
 #[non_exhaustive]
 pub enum UsbEvent {
     /// The bus was reset, by a new host or the same one. Queued bytes for the last host are dropped and counted as
-    /// unheard. Queued bytes from it still go out: they were accepted.
+    /// undelivered. Its accepted bytes still go out.
     Reset,
     /// The host enabled or disabled the adapter's configuration.
     Configured(bool),
@@ -272,7 +272,7 @@ impl Bridge {
     /// let mut packet = [0; PACKET];
     /// assert_eq!(bridge.usb_transmit(&mut packet), Some(3));
     /// assert_eq!(&packet[..3], b"new");
-    /// assert_eq!(bridge.counters().unheard_bytes, 3);
+    /// assert_eq!(bridge.counters().undelivered_bytes, 3);
     /// ```
     pub fn usb_event(&mut self, event: UsbEvent, now: Instant) -> bool {
         match event {
@@ -449,7 +449,7 @@ impl Bridge {
     // ---- State ----
 
     /// Returns true if bytes for the arm have not moved, or the UART has not been read, for a second. Only a restart
-    /// recovers from either. A host that does not read is no reason.
+    /// recovers from either. A host that does not read does not count.
     ///
     /// ```
     /// use armwire_bridge::Bridge;

@@ -25,7 +25,7 @@ pub const CAN_TELEMETRY_SHARE: u32 = 60;
 const TELEMETRY_FRAMES: u32 = 3;
 const FRAME_BITS: u32 = 135;
 
-/// The configuration that an adapter keeps in flash. The control port sets all of it.
+/// The configuration of an adapter: set on the control port and stored in flash.
 ///
 /// ```
 /// use armwire_bridge::config::{ArmKind, Config, ConfigError, Poll};
@@ -157,7 +157,7 @@ impl Config {
     ///
     /// # Errors
     ///
-    /// The first value that is not possible.
+    /// The first value that is out of range or not supported.
     pub fn check(&self) -> Result<(), ConfigError> {
         match self.poll {
             Poll::Hertz(got @ (0 | MAX_POLL_HZ..)) if got != MAX_POLL_HZ => {
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_bus_here_can_do_is_refused() {
+    fn unsupported_bus_settings_are_refused() {
         let timeout = |got| ConfigError::CommandTimeout { max: 10_000, got };
         let can = Can::default();
         let cases = [
@@ -387,18 +387,18 @@ mod tests {
 
     #[test]
     fn invalid_values_are_named_with_valid_ones() {
-        let hasty = Config {
+        let too_fast = Config {
             poll: Poll::Hertz(1_001),
             ..Config::default()
         };
-        let error = hasty.check().unwrap_err();
+        let error = too_fast.check().unwrap_err();
         assert_eq!(error.to_string(), "poll rate 1001 Hz, allowed 1 to 1000 Hz");
-        let untold = Config {
+        let polled_raw = Config {
             arm: ArmKind::Raw,
             poll: Poll::Fastest,
             ..Config::default()
         };
-        let error = untold.check().unwrap_err();
+        let error = polled_raw.check().unwrap_err();
         assert_eq!(error.to_string(), "polling is not supported for arm raw");
     }
 }

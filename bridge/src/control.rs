@@ -7,8 +7,8 @@
 //! New variants are appended after the existing ones, and new fields at the end of a message, with a new [`VERSION`]. A
 //! request that the adapter does not know or cannot decode gets [`Reply::Unsupported`]: a newer host learns the
 //! adapter's version at once, and so does an older one whose request has gained fields since. An older host skips
-//! trailing fields that it does not know. It can therefore read the version in an extended [`Identity`]. The adapter
-//! never executes a request that it understands only in part.
+//! trailing fields that it does not know. It can therefore read the version in an extended [`Identity`]. A request that
+//! the adapter can only partly decode is never executed.
 //!
 //! [postcard]: https://postcard.jamesmunns.com
 
@@ -96,10 +96,9 @@ pub const HOLD_LEASE_MS: u16 = 10_000;
 /// The events that a host subscribes to.
 ///
 /// A subscription lasts until the next one. On USB it also ends with the cable, a bus reset or another configuration of
-/// the device; on CAN with a change of the bus or the node id. The adapter cannot detect that a program was killed: it
-/// looks like a sleeping host, which must get events again when it wakes. Events that do not fit are dropped and
-/// counted until someone reads. A program should therefore begin with a subscription, possibly to nothing, and skip the
-/// events before its reply.
+/// the device; on CAN with a change of the bus or the node id. The adapter cannot distinguish a killed program from a
+/// suspended host, which must get events again after it resumes. Events that do not fit are dropped and counted. A
+/// program should therefore begin with a subscription, possibly to nothing, and skip the events before its reply.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Subscription {
     /// Every frame of the arm: [`Event::Frame`].
@@ -188,7 +187,7 @@ pub enum Reply {
     Arm(ArmIdentity),
     /// The configuration in force.
     Config(Config),
-    /// The configuration is not possible and was not applied.
+    /// The configuration was rejected and not applied.
     BadConfig(ConfigError),
     /// All counts since the start.
     Counters(#[serde(serialize_with = "crate::counters::serialize")] Counters),

@@ -36,9 +36,9 @@ pub struct Counters {
     pub noise_bytes: u32,
     /// Bytes from the arm dropped because the host did not read and the queue was full.
     pub dropped_bytes: u32,
-    /// Bytes from the arm dropped because no host had the port open when they arrived, or when it was opened. The
-    /// packet that was in the USB peripheral when a host went is not counted: its delivery is unknown.
-    pub unheard_bytes: u32,
+    /// Bytes from the arm dropped because they arrived while the port was closed, or before it was opened. The packet
+    /// in the USB peripheral at a disconnection is not counted: its delivery is unknown.
+    pub undelivered_bytes: u32,
     /// Bytes from the host dropped because its packet did not fit. The count stays 0 if firmware checks
     /// [`Status::usb_room`](crate::Status::usb_room).
     pub refused_bytes: u32,
@@ -76,12 +76,12 @@ pub struct Counters {
     /// Requests of the adapter itself that went to the arm, see [`Initiator::Adapter`](crate::control::Initiator), and
     /// zeros sent before a request to end a frame.
     pub requests_adapter: u32,
-    /// Requests of all these initiators that the arm should have answered and did not in time.
+    /// Requests of all these initiators whose answer did not arrive in time.
     pub unanswered_requests: u32,
-    /// Answers that came after that time. No initiator receives them as its answer.
+    /// Answers that arrived later than that. No initiator receives them as its answer.
     pub late_answers: u32,
     /// Unsolicited frames of the arm.
-    pub unasked_frames: u32,
+    pub unsolicited_frames: u32,
     /// Polls that went out after their slot, because another exchange had to end first or because the previous answer
     /// was missing.
     pub late_polls: u32,
@@ -119,7 +119,7 @@ pub struct Counters {
     pub commands_out_of_range: u32,
     /// Times a host that streamed motion went silent, or lost its arm because another kind was configured.
     pub host_silences: u32,
-    /// Bytes of such a host that were dropped because they had not gone out by then.
+    /// Unsent bytes of such a host that were dropped.
     pub silenced_bytes: u32,
     /// Messages from hosts on the control port.
     pub control_requests: u32,
@@ -140,7 +140,7 @@ pub struct Counters {
     pub refused_line_held: u32,
     /// Times the host on USB began to send bytes for a rate that was not in effect.
     pub refused_other_rate: u32,
-    /// Bytes of those hosts, and bytes that waited for another rate when torque-off took the line.
+    /// Bytes refused for that reason, and bytes that waited for another rate when torque-off took the line.
     pub refused_rate_bytes: u32,
     /// Hard faults of the firmware since power-on.
     pub hard_faults: u32,
@@ -206,7 +206,7 @@ impl Counters {
             &mut self.frames,
             &mut self.noise_bytes,
             &mut self.dropped_bytes,
-            &mut self.unheard_bytes,
+            &mut self.undelivered_bytes,
             &mut self.refused_bytes,
             &mut self.framing_errors,
             &mut self.parity_errors,
@@ -226,7 +226,7 @@ impl Counters {
             &mut self.requests_adapter,
             &mut self.unanswered_requests,
             &mut self.late_answers,
-            &mut self.unasked_frames,
+            &mut self.unsolicited_frames,
             &mut self.late_polls,
             &mut self.missed_polls,
             &mut self.refused_can_requests,

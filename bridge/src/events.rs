@@ -11,7 +11,7 @@ const HEADER: usize = 10;
 /// The kind of a frame is its initiator's index in [`Initiator::ALL`], or this value for none.
 const UNSOLICITED: u8 = 0xFF;
 
-/// The kind of an event that is no frame: its bytes are those of its CAN frame.
+/// The kind of an event other than a frame: its bytes are those of its CAN frame.
 const OTHER: u8 = 0xFE;
 
 /// Capacity in bytes: twelve answers with the joints of a Ling arm.
@@ -54,7 +54,7 @@ impl EventQueue {
         self.push_bytes(at, kind, bytes)
     }
 
-    /// Appends an event that is no frame. Returns false if it does not fit.
+    /// Appends an event other than a frame. Returns false if it does not fit.
     pub(crate) fn push(&mut self, at: Instant, event: &Event) -> bool {
         event_to_data(event, Stamp(at.as_micros())).is_some_and(|data| self.push_bytes(at, OTHER, &data))
     }

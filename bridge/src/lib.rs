@@ -11,7 +11,7 @@
 //! # The serial port on USB
 //!
 //! * **Bytes pass unchanged and in order in both directions.** As long as the host on USB is the only initiator, they
-//!   pass at once, whatever they are: decoders only read along and never alter, delay or hold back a byte.
+//!   pass at once, inside and outside of frames. Decoders only observe them.
 //! * **Arm to host**: bytes leave in a USB packet when a frame ends, when the line goes idle or when they fill a
 //!   packet, whichever is first. A zero-length packet ends a transfer that a full packet would leave open.
 //! * **Host to arm**: a packet is accepted only if it fits. USB flow control then holds the host back.
@@ -42,7 +42,7 @@
 //! * **Bytes outside of requests**, for example a firmware update by the vendor's tool, keep the line until it has been
 //!   quiet in both directions for 5 ms. If other initiators wait, that ends after 100 ms, at any byte. If two
 //!   initiators send such bytes, their bytes interleave in pieces; a piece from CAN is a whole PDU.
-//!   [`HoldLine`](control::Request::HoldLine) keeps the others away for that time.
+//!   [`HoldLine`](control::Request::HoldLine) excludes the others.
 //! * **A host on USB that sets another rate, or holds the line**, has it exclusively: polls, commands and requests of
 //!   others are [refused](control::Refusal::LineHeld). [`GetLine`](control::Request::GetLine) returns the holder.
 //! * **A host that streamed motion and went silent** is [reported](control::Event::HostSilent), and its unsent bytes

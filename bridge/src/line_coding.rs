@@ -15,7 +15,7 @@ pub const MAX_BAUD: u32 = 2_000_000;
 /// Data bits of every byte. No arm uses another number.
 const DATA_BITS: u8 = 8;
 
-/// The line coding: 8 data bits, and
+/// The line coding, always with 8 data bits.
 ///
 /// ```
 /// use armwire_bridge::LineCoding;
@@ -191,10 +191,10 @@ impl Default for LineCoding {
 impl fmt::Display for Refused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::Baud(got) => write!(f, "{got} baud, the UART does {MIN_BAUD} to {MAX_BAUD}"),
-            Self::DataBits(got) => write!(f, "{got} data bits, the UART does {DATA_BITS}"),
-            Self::Parity(got) => write!(f, "parity {got}, the UART does none (0), odd (1) and even (2)"),
-            Self::StopBits(got) => write!(f, "stop bits {got}, the UART does one (0) and two (2)"),
+            Self::Baud(got) => write!(f, "{got} baud, the UART supports {MIN_BAUD} to {MAX_BAUD}"),
+            Self::DataBits(got) => write!(f, "{got} data bits, the UART supports {DATA_BITS}"),
+            Self::Parity(got) => write!(f, "parity {got}, the UART supports none (0), odd (1) and even (2)"),
+            Self::StopBits(got) => write!(f, "stop bits {got}, the UART supports one (0) and two (2)"),
         }
     }
 }
@@ -254,7 +254,7 @@ mod tests {
         assert_eq!(coding(9_600, 0, 0, 9), Err(Refused::DataBits(9)));
         assert_eq!(
             coding(3_000_000, 0, 0, 8).unwrap_err().to_string(),
-            "3000000 baud, the UART does 1200 to 2000000"
+            "3000000 baud, the UART supports 1200 to 2000000"
         );
     }
 

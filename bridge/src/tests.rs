@@ -340,7 +340,7 @@ fn bus_reset_drops_unread_data_keeps_written_data() {
     assert_eq!(packet(&mut bridge), None);
     assert_eq!(sent(&mut bridge), [1, 2]);
     assert_eq!(
-        (bridge.counters().usb_resets, bridge.counters().unheard_bytes),
+        (bridge.counters().usb_resets, bridge.counters().undelivered_bytes),
         (1, 120)
     );
 
@@ -356,7 +356,7 @@ fn unsendable_packet_is_counted() {
     bridge.uart_received(&[7; PACKET], NOW);
     let lost = packet(&mut bridge).unwrap();
     bridge.usb_event(UsbEvent::Lost(lost.len()), NOW);
-    assert_eq!(bridge.counters().unheard_bytes, PACKET as u32);
+    assert_eq!(bridge.counters().undelivered_bytes, PACKET as u32);
 }
 
 #[test]
@@ -382,7 +382,7 @@ fn closed_port_receives_nothing_and_reopens_clean() {
     bridge.uart_event(UartEvent::Idle, NOW);
     assert!(!bridge.usb_event(UsbEvent::Dtr(true), NOW)); // no change
     assert_eq!(packets(&mut bridge), [[4]]);
-    assert_eq!(bridge.counters().unheard_bytes, 102);
+    assert_eq!(bridge.counters().undelivered_bytes, 102);
 }
 
 #[test]
@@ -538,15 +538,15 @@ impl Host {
 proptest! {
     #[test]
     fn host_gets_every_byte_in_any_chunks(
-        says in prop::collection::vec(speech(), 0..12),
+        bytes in prop::collection::vec(speech(), 0..12),
         cuts in prop::collection::vec((1..100_usize, any::<bool>(), any::<bool>()), 1..40),
     ) {
-        let says = says.concat();
+        let bytes = bytes.concat();
         let mut bridge = Bridge::default();
         bridge.usb_event(UsbEvent::Configured(true), NOW);
         let mut host = Host::default();
 
-        let mut rest = &says[..];
+        let mut rest = &bytes[..];
         for &(n, idle, read) in cuts.iter().cycle() {
             if rest.is_empty() {
                 break;
@@ -565,29 +565,29 @@ proptest! {
         }
         bridge.uart_event(UartEvent::Idle, NOW);
         host.read(&mut bridge);
-        prop_assert_eq!(&host.bytes, &says);
+        prop_assert_eq!(&host.bytes, &bytes);
         prop_assert!(!host.open);
 
         let counters = bridge.counters();
-        prop_assert_eq!(counters.arm_to_host_bytes as usize, says.len());
-        prop_assert_eq!(counters.dropped_bytes + counters.unheard_bytes, 0);
+        prop_assert_eq!(counters.arm_to_host_bytes as usize, bytes.len());
+        prop_assert_eq!(counters.dropped_bytes + counters.undelivered_bytes, 0);
     }
 
     #[test]
     fn no_frame_completes_before_the_threshold(
-        says in prop::collection::vec(speech(), 0..12),
+        bytes in prop::collection::vec(speech(), 0..12),
         late in prop::collection::vec(0..30_usize, 1..20),
     ) {
-        let says = says.concat();
+        let bytes = bytes.concat();
         // One gets each byte at once, the other only at its threshold.
         let (mut eager, mut lazy) = (Bridge::default(), Bridge::default());
         let mut from = 0;
         let mut late = late.iter().cycle();
-        for (at, &byte) in says.iter().enumerate() {
+        for (at, &byte) in bytes.iter().enumerate() {
             let due = eager.uart_received(&[byte], NOW) > 0;
-            let untold = &says[from..=at];
-            if lazy.rx_threshold().is_met(untold.len(), byte) || untold.len() > *late.next().unwrap() + 40 {
-                prop_assert_eq!(lazy.uart_received(untold, NOW) > 0, due, "at {}", at);
+            let unreported = &bytes[from..=at];
+            if lazy.rx_threshold().is_met(unreported.len(), byte) || unreported.len() > *late.next().unwrap() + 40 {
+                prop_assert_eq!(lazy.uart_received(unreported, NOW) > 0, due, "at {}", at);
                 from = at + 1;
             } else {
                 prop_assert!(!due, "an unreported frame at {}", at);

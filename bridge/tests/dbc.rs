@@ -101,11 +101,11 @@ fn names(message: u16, signal: &str) -> BTreeMap<u8, String> {
 
 /// Asserts that the frames contain the expected signals and no others.
 fn check(frames: &[Frame], expected: &[(&str, f64)]) {
-    let mut said = BTreeMap::new();
+    let mut decoded = BTreeMap::new();
     for frame in frames {
         let (function, _) = Function::of(frame.id()).unwrap();
         for (name, value) in messages()[&function.base()].decode(frame.data()) {
-            if let Some(before) = said.insert(name, value) {
+            if let Some(before) = decoded.insert(name, value) {
                 // The sequence number and the stamp are in several frames; those of the joints have only its low half.
                 assert!(
                     value == before || value as u64 & 0xFFFF == before as u64,
@@ -115,10 +115,13 @@ fn check(frames: &[Frame], expected: &[(&str, f64)]) {
         }
     }
     for &(name, expected) in expected {
-        let said = said.remove(name).unwrap();
-        assert!((said - expected).abs() < 1e-6, "{name} is {said}, must be {expected}");
+        let decoded = decoded.remove(name).unwrap();
+        assert!(
+            (decoded - expected).abs() < 1e-6,
+            "{name} is {decoded}, must be {expected}"
+        );
     }
-    assert!(said.is_empty(), "left: {said:?}");
+    assert!(decoded.is_empty(), "left: {decoded:?}");
 }
 
 const JOINT_NAMES: [&str; JOINTS] = ["Joint1", "Joint2", "Joint3", "Joint4", "Joint5", "Joint6"];
@@ -135,7 +138,7 @@ fn joints() -> impl Strategy<Value = [u16; JOINTS]> {
 
 proptest! {
     #[test]
-    fn telemetry_is_what_the_file_says(
+    fn telemetry_matches_the_file(
         joints in joints(), gripper in 0..=1000_u16, status in any::<u8>(), stamp in any::<u32>(), count in any::<u8>(),
     ) {
         let sample = Sample {
@@ -154,7 +157,7 @@ proptest! {
     }
 
     #[test]
-    fn commands_are_what_the_file_says(
+    fn commands_match_the_file(
         joints in joints(), sequence in any::<u8>(), speed in 1..=250_u8, gripper in 0..=250_u8,
     ) {
         let command = Command { sequence, joints, speed, gripper };
@@ -170,7 +173,7 @@ proptest! {
     }
 
     #[test]
-    fn error_counts_are_what_the_file_says(words in any::<([u16; 3], [u8; 2])>()) {
+    fn error_counts_match_the_file(words in any::<([u16; 3], [u8; 2])>()) {
         let ([noise_bytes, uart, can], [unanswered, refused]) = words;
         let errors = Errors { noise_bytes, uart, can, unanswered, refused };
         let expected = [
@@ -225,30 +228,30 @@ fn events_and_initiators_have_their_names() {
         cases.push((Event::BusOff { off }, name.to_owned(), "none".to_owned(), 0));
     }
 
-    let (whats, who) = (
+    let (kinds, initiators) = (
         names(Function::Event.base(), "Kind"),
         names(Function::Event.base(), "Initiator"),
     );
-    let (mut whats_left, mut who_left) = (whats.clone(), who.clone());
-    for (event, what, initiator, dropped) in cases {
+    let (mut kinds_left, mut initiators_left) = (kinds.clone(), initiators.clone());
+    for (event, kind, initiator, dropped) in cases {
         let frame = event_to_frame(&event, Stamp(0xABCD_1234_5678), Node::default()).unwrap();
-        let &[what_code, initiator_code, ..] = frame.data() else {
+        let &[kind_code, initiator_code, ..] = frame.data() else {
             panic!("{frame:?}");
         };
-        assert_eq!((&whats[&what_code], &who[&initiator_code]), (&what, &initiator));
+        assert_eq!((&kinds[&kind_code], &initiators[&initiator_code]), (&kind, &initiator));
         let expected = [
-            ("Kind", what_code.into()),
+            ("Kind", kind_code.into()),
             ("Initiator", initiator_code.into()),
             ("Dropped", dropped.into()),
             ("Stamp", f64::from(0x1234_5678)),
         ];
         check(&[frame], &expected);
-        whats_left.remove(&what_code);
-        who_left.remove(&initiator_code);
+        kinds_left.remove(&kind_code);
+        initiators_left.remove(&initiator_code);
     }
     assert!(
-        whats_left.is_empty() && who_left.is_empty(),
-        "names of nothing: {whats_left:?} {who_left:?}"
+        kinds_left.is_empty() && initiators_left.is_empty(),
+        "unused names: {kinds_left:?} {initiators_left:?}"
     );
 }
 
@@ -279,7 +282,7 @@ fn dbc_file_covers_every_bit_exactly_once() {
 }
 
 #[test]
-fn units_are_what_the_values_have() {
+fn units_match_the_values() {
     for signal in messages().values().flat_map(|message| &message.signals) {
         let unit = match signal.name {
             name if JOINT_NAMES.contains(&name) => "rad",

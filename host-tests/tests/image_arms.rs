@@ -92,9 +92,9 @@ fn expect_no_errors<A: Arm>(board: &mut VirtualBoard<A>) {
         c.ring_overruns,
     ];
     assert_eq!(line, [0; 5]);
-    let bytes = [c.noise_bytes, c.dropped_bytes, c.refused_bytes, c.unheard_bytes];
+    let bytes = [c.noise_bytes, c.dropped_bytes, c.refused_bytes, c.undelivered_bytes];
     assert_eq!(bytes, [0; 4]);
-    let requests = [c.unanswered_requests, c.late_answers, c.unasked_frames];
+    let requests = [c.unanswered_requests, c.late_answers, c.unsolicited_frames];
     assert_eq!(requests, [0; 3]);
     let can = [
         c.refused_can_frames,

@@ -41,7 +41,11 @@ fn saturate(baud: u32, count: usize) {
         assert_eq!(counters.arm_to_host_bytes, count as u32);
         assert_eq!(counters.host_to_arm_bytes, count as u32);
         assert_eq!(
-            (counters.dropped_bytes, counters.unheard_bytes, counters.refused_bytes),
+            (
+                counters.dropped_bytes,
+                counters.undelivered_bytes,
+                counters.refused_bytes
+            ),
             (0, 0, 0)
         );
         assert_eq!((counters.overrun_errors, counters.ring_overruns), (0, 0));

@@ -63,7 +63,7 @@ fn can_and_usb_hosts_get_their_own_answers() {
         assert_eq!(read_all(board), []);
         let counters = counters(board);
         assert_eq!(counters.frames, 400);
-        assert_eq!((counters.unanswered_requests, counters.unasked_frames), (0, 0));
+        assert_eq!((counters.unanswered_requests, counters.unsolicited_frames), (0, 0));
         assert_eq!((counters.can_receive_overruns, counters.can_bus_errors), (0, 0));
     });
 }

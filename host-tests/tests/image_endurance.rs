@@ -160,7 +160,7 @@ fn ten_million_bytes_pass_each_way_without_loss() {
         assert_eq!(u64::from(counted.host_to_arm_bytes), BYTES);
         let lost = [
             counted.dropped_bytes,
-            counted.unheard_bytes,
+            counted.undelivered_bytes,
             counted.refused_bytes,
             counted.overrun_errors,
             counted.ring_overruns,

@@ -104,8 +104,8 @@ fn unplugged_host_loses_only_its_own_answers() {
             expected.packets_to_host = counted.packets_to_host;
             assert!((handed_over..=handed_over + 2 * TIMES).contains(&counted.packets_to_host));
             // The adapter counts bytes in the USB core as sent.
-            expected.unheard_bytes = counted.unheard_bytes;
-            assert!((counted.unheard_bytes..=counted.unheard_bytes + TIMES * PACKET as u32).contains(&missed));
+            expected.undelivered_bytes = counted.undelivered_bytes;
+            assert!((counted.undelivered_bytes..=counted.undelivered_bytes + TIMES * PACKET as u32).contains(&missed));
             // All but what was queued for the subscriber that went.
             expected.dropped_events = counted.dropped_events;
             let queued = counted.frames - reported - counted.dropped_events;
@@ -598,7 +598,7 @@ fn unasked_frames_reach_can_and_overflow_is_counted() {
         println!("{} of {FRAMES} on CAN", on_can.len());
         session.expect_counters(|expected, _| {
             expected.frames += FRAMES;
-            expected.unasked_frames += FRAMES;
+            expected.unsolicited_frames += FRAMES;
             expected.dropped_can_answers += dropped;
         });
     });

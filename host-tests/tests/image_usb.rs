@@ -203,7 +203,7 @@ fn an_adapter_that_no_host_finds_waits() {
         board.run_for(Nanos::from_millis(5_000)).unwrap();
         plug_in(board, MEGABAUD);
         assert_eq!(read_all(board), [], "bytes from before the port was opened");
-        assert_eq!(counters(board).unheard_bytes, 3_000);
+        assert_eq!(counters(board).undelivered_bytes, 3_000);
         exchange_some(board, 2);
     });
 }
@@ -330,7 +330,7 @@ fn reopened_port_delivers_only_later_bytes() {
         board.run_for(Nanos::from_millis(50)).unwrap();
         board.usb().set_control_lines(true, true).unwrap();
         assert_eq!(read_all(board), []);
-        assert_eq!(counters(board).unheard_bytes, 17);
+        assert_eq!(counters(board).undelivered_bytes, 17);
         exchange_some(board, 1);
     });
 }
@@ -342,7 +342,7 @@ fn next_program_gets_no_unread_earlier_bytes() {
         exchange_some(board, 0);
         // Less than a packet, one, two and more: one lies in the endpoint, one waits for it.
         for (nth, len) in [17, 64, 128, 300].into_iter().enumerate() {
-            let before = counters(board).unheard_bytes;
+            let before = counters(board).undelivered_bytes;
             board.usb().set_reading(false);
             board.with_arm(|arm| arm.send(&noise(nth as u64, len)));
             board.run_for(Nanos::from_millis(50)).unwrap();
@@ -351,7 +351,7 @@ fn next_program_gets_no_unread_earlier_bytes() {
             board.usb().set_control_lines(true, true).unwrap();
             board.usb().set_reading(true);
             assert_eq!(read_all(board), [], "of {len} bytes");
-            assert_eq!(counters(board).unheard_bytes - before, len as u32);
+            assert_eq!(counters(board).undelivered_bytes - before, len as u32);
             exchange_some(board, nth as u64);
         }
     });
@@ -372,8 +372,8 @@ fn bytes_are_received_or_counted_across_reopening() {
         let missed: usize = missing(&sent_by_arm, &received).iter().sum();
         let counters = counters(board);
         assert_eq!(received.len() + missed, sent_by_arm.len());
-        assert_eq!(missed, (counters.unheard_bytes + counters.dropped_bytes) as usize);
-        assert!(counters.unheard_bytes > 1_000 && received.len() > 1_000);
+        assert_eq!(missed, (counters.undelivered_bytes + counters.dropped_bytes) as usize);
+        assert!(counters.undelivered_bytes > 1_000 && received.len() > 1_000);
         exchange_some(board, 1);
     });
 }

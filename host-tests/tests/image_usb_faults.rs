@@ -284,7 +284,7 @@ fn loses_nothing_uncounted(act: impl Fn(&mut Board, u64)) {
         };
         same_bytes("the arm", &board.with_arm(Talker::take_received), &sent(Direction::Out));
         let after = counters(board);
-        let missed = after.unheard_bytes + after.dropped_bytes - before.unheard_bytes - before.dropped_bytes;
+        let missed = after.undelivered_bytes + after.dropped_bytes - before.undelivered_bytes - before.dropped_bytes;
         let received = sent(Direction::In).len();
         assert_eq!(
             received + missed as usize,

@@ -199,7 +199,7 @@ impl Commands {
             }
         };
         self.half = None;
-        self.judge(&joined(a, b), now)
+        self.check(&joined(a, b), now)
     }
 
     /// Advances the time to `now`. Returns [`Refusal::Incomplete`] if the second half of a command is late.
@@ -219,7 +219,7 @@ impl Commands {
     }
 
     /// Checks a complete command.
-    fn judge(&mut self, command: &Command, now: Instant) -> Option<Result<Move, Refusal>> {
+    fn check(&mut self, command: &Command, now: Instant) -> Option<Result<Move, Refusal>> {
         let running = self.last.filter(|&(_, at)| now < at + self.timeout);
         let has_moved = self.has_moved && running.is_some();
         match running.map(|(last, _)| last) {
@@ -543,7 +543,7 @@ mod tests {
                         prop_assert!(sequence > last);
                     }
                     _ => {
-                        // A whole command with 0 came since the last move.
+                        // A complete command with sequence number 0 was received since the last move.
                         let since = moved.map_or(0, |(_, at)| at.as_micros());
                         let zeros = sent.iter().copied().filter(|&(_, sequence, at)| sequence == 0 && at >= since);
                         let (a, b): (Vec<_>, Vec<_>) = zeros.partition(|(is_a, ..)| *is_a);
@@ -563,7 +563,7 @@ mod tests {
             millis in 0..250_u64,
         ) {
             let mut bus = Bus::running(last);
-            // The stream before has ended.
+            // The previous stream has ended.
             bus.pass(100);
             let [a, b] = command(sequence).to_frames(bus.node);
             for is_a in frames.iter().cycle().take(300) {

@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_padded_frame_takes_what_fits() {
+    fn padded_frame_takes_as_much_as_fits() {
         for used in 1..=70 {
             let (head, body) = ([7], vec![1; used - 1]);
             for (is_fd, max) in [(false, MAX_CLASSIC), (true, MAX_FD)] {

@@ -1,7 +1,7 @@
-//! Cyclic frames that the adapter sends unrequested. Any CAN tool decodes them with `docs/armwire.dbc`.
+//! Cyclic frames of the adapter. `docs/armwire.dbc` describes them for CAN tools.
 //!
 //! All are classic frames of 8 bytes, little-endian, on an FD bus too. Each value is sent once and only if known:
-//! missing frames mean that there is nothing new.
+//! without a new value there is no frame.
 
 #[cfg(feature = "ling")]
 use armwire::ling::{JointState, MotionStatus};
@@ -203,7 +203,7 @@ pub fn event_to_frame(event: &Event, at: Stamp, node: Node) -> Option<Frame> {
 
 /// The data of an EVENT frame.
 pub(crate) fn event_to_data(event: &Event, at: Stamp) -> Option<[u8; MAX_CLASSIC]> {
-    let (what, initiator, dropped) = match *event {
+    let (kind, initiator, dropped) = match *event {
         Event::Frame { .. } => return None,
         Event::Refused { initiator, reason } => (refusal_code(reason), initiator_code(initiator), 0),
         Event::HostSilent {
@@ -211,18 +211,18 @@ pub(crate) fn event_to_data(event: &Event, at: Stamp) -> Option<[u8; MAX_CLASSIC
             dropped,
             torque_off,
         } => {
-            let what = if torque_off {
+            let kind = if torque_off {
                 HOST_SILENT_TORQUE_OFF
             } else {
                 HOST_SILENT
             };
-            (what, initiator_code(initiator), dropped)
+            (kind, initiator_code(initiator), dropped)
         }
-        Event::BusOff { off } => (if off { BUS_OFF } else { BUS_ON }, NOBODY, 0_u16),
+        Event::BusOff { off } => (if off { BUS_OFF } else { BUS_ON }, NO_INITIATOR, 0_u16),
     };
     let [drop_low, drop_high] = dropped.to_le_bytes();
     let [a, b, c, d] = (at.0 as u32).to_le_bytes();
-    Some([what, initiator, drop_low, drop_high, a, b, c, d])
+    Some([kind, initiator, drop_low, drop_high, a, b, c, d])
 }
 
 /// Decodes EVENT: the low 32 bits of its stamp, and the event. `None` for any other frame, or for an event that no
@@ -235,27 +235,27 @@ pub fn event_from_frame(frame: &Frame) -> Option<(u32, Event)> {
 
 /// Decodes the data of an EVENT frame.
 pub(crate) fn event_from_data(
-    [what, initiator, drop_low, drop_high, a, b, c, d]: [u8; MAX_CLASSIC],
+    [kind, initiator, drop_low, drop_high, a, b, c, d]: [u8; MAX_CLASSIC],
 ) -> Option<(u32, Event)> {
     let dropped = u16::from_le_bytes([drop_low, drop_high]);
-    let who = Initiator::ALL.into_iter().find(|&who| initiator_code(who) == initiator);
-    let event = match (what, dropped) {
-        (BUS_OFF | BUS_ON, 0) if initiator == NOBODY => Event::BusOff { off: what == BUS_OFF },
+    let of = Initiator::ALL.into_iter().find(|&of| initiator_code(of) == initiator);
+    let event = match (kind, dropped) {
+        (BUS_OFF | BUS_ON, 0) if initiator == NO_INITIATOR => Event::BusOff { off: kind == BUS_OFF },
         (HOST_SILENT | HOST_SILENT_TORQUE_OFF, _) => Event::HostSilent {
-            initiator: who?,
+            initiator: of?,
             dropped,
-            torque_off: what == HOST_SILENT_TORQUE_OFF,
+            torque_off: kind == HOST_SILENT_TORQUE_OFF,
         },
         (_, 0) => Event::Refused {
-            initiator: who?,
-            reason: REFUSALS.into_iter().find(|&reason| refusal_code(reason) == what)?,
+            initiator: of?,
+            reason: REFUSALS.into_iter().find(|&reason| refusal_code(reason) == kind)?,
         },
         _ => return None,
     };
     Some((u32::from_le_bytes([a, b, c, d]), event))
 }
 
-/// Event kinds that are no refusals.
+/// Kinds of events other than refusals.
 const HOST_SILENT: u8 = 16;
 const HOST_SILENT_TORQUE_OFF: u8 = 17;
 const BUS_OFF: u8 = 32;
@@ -284,7 +284,7 @@ const fn refusal_code(reason: Refusal) -> u8 {
 }
 
 /// The code for no initiator.
-const NOBODY: u8 = 0;
+const NO_INITIATOR: u8 = 0;
 
 const fn initiator_code(initiator: Initiator) -> u8 {
     match initiator {
@@ -393,11 +393,11 @@ mod tests {
         }
 
         #[test]
-        fn decoded_event_encodes_to_the_same_frame(data in any::<[u8; 8]>(), what in 0..40_u8, initiator in 0..7_u8) {
+        fn decoded_event_encodes_to_the_same_frame(data in any::<[u8; 8]>(), kind in 0..40_u8, initiator in 0..7_u8) {
             let node = Node::default();
             let [_, _, rest @ ..] = data;
             let [a, b, c, d, e, f] = rest;
-            for data in [data, [what, initiator, a, b, c, d, e, f], [what, initiator, 0, 0, c, d, e, f]] {
+            for data in [data, [kind, initiator, a, b, c, d, e, f], [kind, initiator, 0, 0, c, d, e, f]] {
                 let frame = Frame::new(Function::Event.id(node), &data).unwrap();
                 if let Some((at, event)) = event_from_frame(&frame) {
                     prop_assert_eq!(event_to_frame(&event, Stamp(at.into()), node), Some(frame));

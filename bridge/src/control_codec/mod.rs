@@ -25,8 +25,8 @@ pub(crate) const COBS: usize = 4;
 /// assert_eq!(FromAdapter::sequence(&[1, 7, 99, 1, 2, 3]), None); // an event
 /// ```
 pub trait Message: Serialize + DeserializeOwned {
-    /// Accepts bytes after the last field, as later versions add them. A host does, to read the known part of a newer
-    /// adapter's message. The adapter does not: a newer host would take for done what the adapter does not understand.
+    /// Accepts bytes after the last field, as later versions add them. A host accepts them, to read the known part of a
+    /// newer adapter's message. The adapter does not: it would confirm a request of which it ignored a part.
     const MAY_GROW: bool;
 
     /// Numbers that the messages of older versions lack at their end.
@@ -160,12 +160,12 @@ pub(crate) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<(T, &[u8]), Reas
 ///
 /// let mut reader = Reader::<MAX_MESSAGE>::new();
 /// let mut packet = &[5, 1, 2, 0, 3, 7, 0, 3, 8, 6, 0, 3, 9][..];
-/// let mut heard = Vec::new();
+/// let mut received = Vec::new();
 /// while !packet.is_empty() {
 ///     packet = reader.push(packet);
-///     heard.extend(reader.next::<FromHost>());
+///     received.extend(reader.next::<FromHost>());
 /// }
-/// let [Err(garbage), Err(cut), Ok(message)] = heard[..] else { panic!() };
+/// let [Err(garbage), Err(cut), Ok(message)] = received[..] else { panic!() };
 /// assert_eq!((garbage.reason, cut.reason), (Reason::NotCobs, Reason::NotCobs));
 /// assert_eq!(message, FromHost { sequence: 8, request: Request::GetCounters });
 /// assert!(reader.next::<FromHost>().is_none()); // the last one has not ended
@@ -214,7 +214,7 @@ impl<const N: usize> Reader<N> {
     /// The message that has ended, or the reason why it is malformed. `None` if none has ended.
     #[allow(
         clippy::should_implement_trait,
-        reason = "an iterator cannot be asked for a type of message"
+        reason = "the message type is a parameter of each call"
     )]
     pub fn next<T: Message>(&mut self) -> Option<Result<T, Malformed>> {
         let State::Ended(result) = self.state else { return None };

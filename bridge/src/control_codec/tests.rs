@@ -90,7 +90,7 @@ fn text<const N: usize>() -> impl Strategy<Value = heapless::String<N, u8>> {
     any::<String>().prop_map(|text| {
         let mut kept = heapless::String::new();
         for char in text.chars() {
-            let _ = kept.push(char); // what fits
+            let _ = kept.push(char); // as much as fits
         }
         kept
     })
@@ -241,15 +241,15 @@ fn the_longest_frame_fits_in_an_event() {
 
 /// All messages and errors that a reader finds in these pieces of a stream.
 fn read<T: Message, const N: usize>(reader: &mut Reader<N>, pieces: &[&[u8]]) -> Vec<Result<T, Malformed>> {
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     for piece in pieces {
         let mut rest = *piece;
         while !rest.is_empty() {
             rest = reader.push(rest);
-            heard.extend(reader.next());
+            received.extend(reader.next());
         }
     }
-    heard
+    received
 }
 
 /// `bytes`, split at these places.
@@ -274,8 +274,8 @@ proptest! {
             prop_assert_eq!(decode(&encoded(message)), Ok(*message));
         }
         let stream: Vec<u8> = messages.iter().flat_map(encoded_cobs).collect();
-        let heard = read(&mut Reader::<MAX_MESSAGE>::new(), &pieces(&stream, &cuts));
-        prop_assert_eq!(heard, messages.into_iter().map(Ok).collect::<Vec<_>>());
+        let received = read(&mut Reader::<MAX_MESSAGE>::new(), &pieces(&stream, &cuts));
+        prop_assert_eq!(received, messages.into_iter().map(Ok).collect::<Vec<_>>());
     }
 
     #[test]
@@ -284,8 +284,8 @@ proptest! {
             prop_assert_eq!(decode(&encoded(message)), Ok(message.clone()));
         }
         let stream: Vec<u8> = messages.iter().flat_map(encoded_cobs).collect();
-        let heard = read(&mut Reader::<MAX_MESSAGE>::new(), &pieces(&stream, &cuts));
-        prop_assert_eq!(heard, messages.into_iter().map(Ok).collect::<Vec<_>>());
+        let received = read(&mut Reader::<MAX_MESSAGE>::new(), &pieces(&stream, &cuts));
+        prop_assert_eq!(received, messages.into_iter().map(Ok).collect::<Vec<_>>());
     }
 
     #[test]
@@ -302,16 +302,16 @@ proptest! {
     ) {
         let stream = [&garbage, &[0][..], &encoded_cobs(&message)].concat();
         let mut reader = Reader::<MAX_MESSAGE>::new();
-        let heard = read(&mut reader, &pieces(&stream, &cuts));
-        prop_assert_eq!(heard.last(), Some(&Ok(message)));
+        let received = read(&mut reader, &pieces(&stream, &cuts));
+        prop_assert_eq!(received.last(), Some(&Ok(message)));
         prop_assert!(reader.next::<FromAdapter>().is_none());
     }
 
     #[test]
     fn each_part_of_garbage_is_reported_once(garbage in prop::collection::vec(any::<u8>(), 0..700), cuts in cuts()) {
         let parts = garbage.split_inclusive(|&byte| byte == 0).filter(|part| part.len() > 1 && part.ends_with(&[0]));
-        let heard = read::<FromHost, 64>(&mut Reader::new(), &pieces(&garbage, &cuts));
-        prop_assert_eq!(heard.len(), parts.count());
+        let received = read::<FromHost, 64>(&mut Reader::new(), &pieces(&garbage, &cuts));
+        prop_assert_eq!(received.len(), parts.count());
     }
 
     #[test]
@@ -446,8 +446,8 @@ fn older_host_learns_version_of_newer_adapter() {
         reply: Reply::Done,
     };
     let stream = [&stream[..=len], &encoded_cobs(&next)].concat();
-    let heard = read(&mut Reader::<MAX_MESSAGE>::new(), &[&stream]);
-    assert_eq!(heard, [Ok(known), Ok(next)]);
+    let received = read(&mut Reader::<MAX_MESSAGE>::new(), &[&stream]);
+    assert_eq!(received, [Ok(known), Ok(next)]);
 }
 
 /// The number of counters in version 2.

@@ -49,7 +49,7 @@ pub(crate) struct CanPort {
     config: config::Can,
     pub(crate) arm: Endpoint<MAX_FRAME, MAX_FRAME>,
     /// Arrival of the last frame of a request for the arm.
-    pub(crate) arm_came: Instant,
+    pub(crate) arm_arrived: Instant,
     pub(crate) control: Endpoint<MAX_REQUEST, MAX_MESSAGE>,
     cyclic: Cyclic,
     answers: Deque<FrameBytes, ANSWERS>,
@@ -58,7 +58,7 @@ pub(crate) struct CanPort {
     event_frames: Deque<[u8; MAX_CLASSIC], EVENT_FRAMES>,
     /// Time of the next error counts.
     errors_at: Option<Instant>,
-    /// Frames in the controller, and the number of them, from the first, up to the last frame of each connection.
+    /// Number of frames in the controller, and number of those up to and including the last of each connection.
     handed: u8,
     arm_handed: u8,
     control_handed: u8,
@@ -78,7 +78,7 @@ impl CanPort {
         Self {
             config,
             arm: Endpoint::new(answers(Function::ArmAnswer)),
-            arm_came: Instant::ZERO,
+            arm_arrived: Instant::ZERO,
             control: Endpoint::new(answers(Function::ControlAnswer)),
             cyclic: Cyclic::new(&config),
             answers: Deque::new(),
@@ -117,7 +117,7 @@ impl CanPort {
             Function::ArmRequest => match count_events(self.arm.receive(frame.data(), now), counters) {
                 Outcome::Refused => Some(full),
                 Outcome::Whole => {
-                    self.arm_came = now;
+                    self.arm_arrived = now;
                     Some(Received::Arm)
                 }
                 Outcome::Other => None,
@@ -313,7 +313,7 @@ impl CanPort {
         self.drop_half_command(counters);
     }
 
-    /// Counts the command that waits for its other half, which will not arrive.
+    /// Counts a command that waits for its other half: the wait ends here.
     fn drop_half_command(&self, counters: &mut Counters) {
         let waits = self.cyclic.command_timeout().is_some();
         count(&mut counters.commands_incomplete, waits.into());

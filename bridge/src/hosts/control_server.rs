@@ -19,7 +19,7 @@ const OUT: usize = 448;
 
 /// A request with a delayed reply, and its outcome once known.
 pub(super) struct Pending<T> {
-    /// The port that waits for the reply. `None` if its host has gone.
+    /// The port that waits for the reply. `None` if its host has disconnected.
     port: Option<ControlPort>,
     sequence: u8,
     outcome: Option<T>,
@@ -42,7 +42,7 @@ impl<T> Pending<T> {
         let _ = pending.take_if(|pending| pending.port.is_none());
     }
 
-    /// The port's host has gone. Its request is not undone: no other of its kind is accepted until it has ended.
+    /// The port's host has disconnected. Its request still completes, and no other of its kind is accepted until then.
     fn forget(pending: &mut Option<Self>, port: ControlPort) {
         if let Some(pending) = pending.as_mut().filter(|pending| pending.port == Some(port)) {
             pending.port = None;
@@ -90,7 +90,7 @@ impl UsbPort {
         self.reader.next()
     }
 
-    /// The host has gone.
+    /// The host has disconnected.
     fn clear(&mut self) {
         self.reader.clear();
         (self.len, self.read, self.is_open) = (0, 0, false);
@@ -136,9 +136,9 @@ impl ControlServer {
         }
     }
 
-    // ---- Hosts that leave ----
+    // ---- Disconnection ----
 
-    /// The host on a port has gone.
+    /// The host on a port has disconnected.
     pub(super) fn forget(&mut self, port: ControlPort) {
         *self.subscription(port) = Subscription::default();
         Pending::forget(&mut self.arm, port);
@@ -149,7 +149,7 @@ impl ControlServer {
     }
 
     /// Returns true if a host on CAN waits for a delayed reply.
-    pub(super) fn owes_can(&self) -> bool {
+    pub(super) fn is_can_reply_pending(&self) -> bool {
         let arm = self.arm.as_ref().and_then(|pending| pending.port);
         let flash = self.flash.as_ref().and_then(|pending| pending.port);
         [arm, flash].contains(&Some(ControlPort::Can))
@@ -250,16 +250,16 @@ impl ControlServer {
         self.usb_subscription.frames || self.can_subscription.frames
     }
 
-    /// Publishes an event that is no frame, if it fits. Queued frames are published first.
-    pub(super) fn tell(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut Counters) {
+    /// Publishes an event other than a frame, if it fits. Queued frames are published first.
+    pub(super) fn publish_event(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut Counters) {
         if self.usb_subscription.events || self.can_subscription.events {
             self.publish_all(can, counters);
-            self.publish_event(at, event.clone(), |subscription| subscription.events, can, counters);
+            self.queue_event(at, event.clone(), |subscription| subscription.events, can, counters);
         }
     }
 
     /// Queues a frame for publication, if it fits.
-    pub(super) fn tell_frame(
+    pub(super) fn queue_frame(
         &mut self,
         at: Instant,
         initiator: Option<Initiator>,
@@ -290,13 +290,13 @@ impl ControlServer {
             return false;
         };
         let event = Event::Frame { initiator, bytes };
-        self.publish_event(at, event, |subscription| subscription.frames, can, counters);
+        self.queue_event(at, event, |subscription| subscription.frames, can, counters);
         true
     }
 
-    /// Publishes an event to the ports that subscribe to it, if it fits.
+    /// Encodes an event and queues it for the ports that subscribe to it, if it fits.
     #[inline(never)]
-    fn publish_event(
+    fn queue_event(
         &mut self,
         at: Instant,
         event: Event,
@@ -339,7 +339,7 @@ impl ControlServer {
         can: &mut CanPort,
         counters: &mut Counters,
     ) -> Option<usize> {
-        // Publication of a frame takes as long as all its other processing.
+        // The publication of a frame takes as long as the rest of its processing.
         if self.usb.out.len() < PACKET && self.publish(can, counters) {
             return None;
         }

@@ -91,7 +91,7 @@ impl Hosts {
             while let Some((at, queued)) = line.delivery(&mut bytes) {
                 match queued {
                     Queued::Frame(initiator) => self.deliver_frame(&bytes, initiator, at),
-                    Queued::Event(event) => self.tell(&event, at),
+                    Queued::Event(event) => self.publish_event(&event, at),
                 }
             }
         }
@@ -108,15 +108,15 @@ impl Hosts {
         }
         self.can.frame(self.config.arm, bytes, at);
         self.control
-            .tell_frame(at, initiator, bytes, &mut self.can, &mut self.counters);
+            .queue_frame(at, initiator, bytes, &mut self.can, &mut self.counters);
     }
 
     /// Publishes an event: as a CAN frame, and to subscribers.
-    fn tell(&mut self, event: &Event, at: Instant) {
+    fn publish_event(&mut self, event: &Event, at: Instant) {
         if !self.can.event_frame(event, at) {
             count(&mut self.counters.dropped_events, 1);
         }
-        self.control.tell(at, event, &mut self.can, &mut self.counters);
+        self.control.publish_event(at, event, &mut self.can, &mut self.counters);
     }
 
     /// Refuses a request from the bus.
@@ -124,7 +124,7 @@ impl Hosts {
         line.count_refusal(reason);
         // Earlier frames and events are published first.
         self.take_deliveries(line);
-        self.tell(&Event::Refused { initiator, reason }, now);
+        self.publish_event(&Event::Refused { initiator, reason }, now);
     }
 
     /// Submits requests from the bus, as many as the line has room for.
@@ -132,7 +132,7 @@ impl Hosts {
         while self.can_change.is_none()
             && let Some(pdu) = self.can.arm.received()
         {
-            let taken = line.request(pdu, self.can.arm_came);
+            let taken = line.request(pdu, self.can.arm_arrived);
             if let Err(NotTaken::Full) = taken {
                 return;
             }
@@ -143,7 +143,7 @@ impl Hosts {
         }
     }
 
-    /// Updates the line's flag for listeners other than the host on USB.
+    /// Updates the line's flag for receivers other than the host on USB.
     pub(crate) fn watch(&self, line: &mut Line) {
         let can = self.can.config();
         line.watch(self.control.wants_frames() || can.telemetry_hz > 0 || self.config.can.unsolicited);
@@ -173,7 +173,7 @@ impl Hosts {
         Some(len)
     }
 
-    /// The host on USB has gone.
+    /// The host on USB has disconnected.
     pub(crate) fn usb_gone(&mut self, line: &mut Line) {
         self.publish_deliveries(line);
         self.control.forget(ControlPort::Usb);
@@ -232,7 +232,7 @@ impl Hosts {
             self.can.on_bus_off(&mut self.counters);
             self.serve(line, now);
         }
-        self.tell(&Event::BusOff { off }, now);
+        self.publish_event(&Event::BusOff { off }, now);
     }
 
     // ---- Time, and actions of firmware ----
@@ -272,7 +272,7 @@ impl Hosts {
         self.take_deliveries(line);
         // The reply goes out on the old bus configuration, and no host on CAN waits for an answer of the arm.
         let is_replied = |port: &mut ControlPort| {
-            *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.owes_can()
+            *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.is_can_reply_pending()
         };
         if line.holder() != Some(Initiator::Can) && self.can_change.take_if(is_replied).is_some() {
             self.control.publish_all(&mut self.can, &mut self.counters);
@@ -295,8 +295,8 @@ impl Hosts {
             Err(_) => &mut self.counters.config_failures,
         };
         count(counter, 1);
-        // No host could be received while the flash was written.
-        line.hosts_heard(now);
+        // No host could be received during the write.
+        line.keep_hosts_alive(now);
         self.control.saved(result);
         self.serve(line, now);
     }

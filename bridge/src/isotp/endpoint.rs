@@ -17,7 +17,7 @@ pub const MAX_PDU: usize = pci::MAX_SHORT_FIRST as usize;
 ///
 /// `RX` and `TX` are the maximum lengths of received and sent PDUs, in bytes, 1 to [`MAX_PDU`].
 ///
-/// No polling is needed: each method names the calls that may have become useful.
+/// No polling is needed: each method lists the calls to make after it.
 pub struct Endpoint<const RX: usize, const TX: usize> {
     config: Config,
     receiver: Receiver,

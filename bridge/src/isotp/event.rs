@@ -122,7 +122,7 @@ impl fmt::Display for Error {
                 waited.as_micros()
             ),
             Self::NoFlowControl { waited } => write!(f, "sending: no flow control in {} µs", waited.as_micros()),
-            Self::TooManyWaits { max } => write!(f, "sending: the receiver asked to wait more than {max} times"),
+            Self::TooManyWaits { max } => write!(f, "sending: the receiver requested to wait more than {max} times"),
             Self::Overflow { len } => write!(f, "sending: the receiver has no room for {len} bytes"),
             Self::InvalidFlowStatus { got } => write!(f, "sending: flow status is {got}, must be 0..=2"),
             Self::NoConsecutiveFrame { waited, expected, got } => write!(

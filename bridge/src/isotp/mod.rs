@@ -31,8 +31,7 @@
 //! adapter.release();
 //! ```
 //!
-//! The implementation is our own because protocols here take frames and the time as input and leave the bus to their
-//! caller: can-iso-tp 0.2.0 owns its bus and its clock, and iso-tp is an alpha.
+//! No published crate has this interface: can-iso-tp 0.2.0 owns its bus and its clock, and iso-tp is an alpha release.
 //!
 //! Reception follows the standard. Frames that it requires to be ignored change nothing (sections 9.6 and 9.8.3), with
 //! one exception: a single frame may have more padding than needed. Real senders do that, and the length is

@@ -362,7 +362,7 @@ fn due_frame_without_handover_ends_the_pdu() {
 }
 
 #[test]
-fn what_waits_to_begin_may_wait_for_ever() {
+fn first_frame_has_no_timeout_before_handover() {
     let mut sender = endpoint(Link::Classic);
     sender.send(&pdu(20)).unwrap();
     let late = T0 + SECOND + SECOND;
@@ -592,7 +592,7 @@ fn sender_has_full_time_from_flow_control() {
 }
 
 #[test]
-fn both_time_outs_are_told_at_once() {
+fn both_timeouts_are_reported_at_once() {
     let mut both = receiving();
     both.send(&pdu(20)).unwrap();
     assert_eq!(all(&mut both, T0).len(), 1);
@@ -609,7 +609,7 @@ fn both_time_outs_are_told_at_once() {
 }
 
 #[test]
-fn time_outs_are_what_the_configuration_says() {
+fn timeouts_are_those_of_the_configuration() {
     let mut both = Full::new(Config {
         n_as: Duration::from_micros(90),
         n_bs: Duration::from_micros(70),
@@ -967,20 +967,20 @@ impl Bus {
     }
 
     /// Returns true if end `from` respected the other end's configuration.
-    fn kept_to(&self, from: usize, asked: &Config) -> bool {
+    fn respected(&self, from: usize, requested: &Config) -> bool {
         let mut in_block = 0_u16;
         let mut left: Option<Instant> = None;
-        for (who, began, ended, frame) in &self.log {
+        for (end, began, ended, frame) in &self.log {
             match frame.data()[0] >> 4 {
-                2 if *who == from => {
+                2 if *end == from => {
                     in_block += 1;
-                    let kept = left.is_none_or(|left| began.since(left) >= asked.st_min.duration());
-                    if !kept || asked.block_size > 0 && in_block > u16::from(asked.block_size) {
+                    let kept = left.is_none_or(|left| began.since(left) >= requested.st_min.duration());
+                    if !kept || requested.block_size > 0 && in_block > u16::from(requested.block_size) {
                         return false;
                     }
                     left = Some(*ended);
                 }
-                3 if *who != from => (in_block, left) = (0, None),
+                3 if *end != from => (in_block, left) = (0, None),
                 _ => {}
             }
         }
@@ -1021,7 +1021,7 @@ proptest! {
         }
         prop_assert_eq!(&bus.received, &[Vec::new(), pdus.clone()]);
         prop_assert_eq!(&bus.events, &[Vec::new(), std::vec![Event::Received; pdus.len()]]);
-        prop_assert!(bus.kept_to(0, &b));
+        prop_assert!(bus.respected(0, &b));
     }
 
     #[test]
@@ -1038,7 +1038,7 @@ proptest! {
         let [from_a, from_b] = pdus;
         prop_assert_eq!(&bus.received, &[std::vec![from_b], std::vec![from_a]]);
         prop_assert_eq!(&bus.events, &[[Event::Received], [Event::Received]]);
-        prop_assert!(bus.kept_to(0, &b) && bus.kept_to(1, &a));
+        prop_assert!(bus.respected(0, &b) && bus.respected(1, &a));
     }
 
     #[test]

@@ -61,7 +61,7 @@ impl Arbiter {
     }
 
     /// Bytes outside of requests, for example zeros, went out for an initiator.
-    pub(crate) const fn spoke(&mut self, initiator: Initiator) {
+    pub(crate) const fn sent_raw(&mut self, initiator: Initiator) {
         self.last = initiator;
     }
 
@@ -99,7 +99,7 @@ mod tests {
     /// Contenders from initiators, the start of their wait in µs, and their urgency.
     fn contenders(list: &[(Initiator, u64, bool)]) -> [Option<Contender>; Initiator::ALL.len()] {
         Initiator::ALL.map(|initiator| {
-            let (_, since, is_urgent) = *list.iter().find(|(who, ..)| *who == initiator)?;
+            let (_, since, is_urgent) = *list.iter().find(|(of, ..)| *of == initiator)?;
             Some(Contender {
                 since: Instant::from_micros(since),
                 is_urgent,

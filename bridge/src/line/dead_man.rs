@@ -21,7 +21,7 @@ struct Stream {
     /// Time of the last of them.
     moved: Instant,
     /// Time of the last byte or request of the host, of any kind.
-    heard: Instant,
+    last_active: Instant,
 }
 
 impl Stream {
@@ -84,17 +84,17 @@ impl DeadMan {
         }
     }
 
-    /// The host was active, or had no chance to be.
-    pub(crate) fn heard(&mut self, initiator: Initiator, now: Instant) {
+    /// The host was active, or could not have been received.
+    pub(crate) fn keep_alive(&mut self, initiator: Initiator, now: Instant) {
         if let Some(stream) = self.stream_mut(initiator) {
-            stream.heard = now;
+            stream.last_active = now;
         }
     }
 
-    /// No host had a chance to be active until now.
-    pub(crate) fn all_heard(&mut self, now: Instant) {
+    /// No host could be received until now.
+    pub(crate) fn keep_all_alive(&mut self, now: Instant) {
         for stream in [&mut self.usb, &mut self.can, &mut self.command] {
-            stream.heard = now;
+            stream.last_active = now;
         }
     }
 
@@ -111,7 +111,7 @@ impl DeadMan {
             _ => 1,
         };
         stream.moved = now;
-        stream.heard = stream.heard.max(now);
+        stream.last_active = stream.last_active.max(now);
     }
 
     /// Ends the stream. Returns true if there was one. The next must start again.
@@ -139,7 +139,7 @@ impl DeadMan {
     /// `since` then extends it: a host on CAN cannot send more while the queue is full.
     pub(crate) fn timeout(&self, initiator: Initiator, since: Option<Instant>) -> Option<Instant> {
         let stream = self.stream(initiator)?;
-        let timeout = (stream.is_armed() && self.after > Duration::ZERO).then(|| stream.heard + self.after)?;
+        let timeout = (stream.is_armed() && self.after > Duration::ZERO).then(|| stream.last_active + self.after)?;
         Some(since.map_or(timeout, |since| timeout.max(since + MOTION_WAIT)))
     }
 }
@@ -189,12 +189,12 @@ mod tests {
     }
 
     #[test]
-    fn a_host_that_is_heard_is_not_silent() {
+    fn active_host_is_not_silent() {
         let mut dead_man = dead_man(500);
         for n in 0..3 {
             dead_man.motion(Initiator::Can, at(n));
         }
-        dead_man.heard(Initiator::Can, at(100));
+        dead_man.keep_alive(Initiator::Can, at(100));
         assert_eq!(dead_man.timeout(Initiator::Can, None), Some(at(100) + AFTER));
         // A waiting motion extends the timeout to 150 ms.
         let since = at(400_000);

@@ -81,18 +81,18 @@ impl Line {
 
     pub(crate) fn rx_threshold(&self) -> RxThreshold {
         let expect = self.exchange.expect(&self.kind);
-        let heard = MAX_AGE_NANOS.checked_div(self.rate.byte_nanos()).unwrap_or(0) as usize;
+        let max_unread = MAX_AGE_NANOS.checked_div(self.rate.byte_nanos()).unwrap_or(0) as usize;
         let room = self.to_host.to_full_packet();
         let need = self.decoder.need(&self.kind, expect).max(1);
         // The terminator may also occur inside a frame: it marks the end only where the length is unknown.
         match self.kind.terminator(expect).filter(|_| self.decoder.pending() == 0) {
             Some(terminator) => RxThreshold {
-                max: heard.max(need).min(room),
+                max: max_unread.max(need).min(room),
                 min: need,
                 terminator: Some(terminator),
             },
             None => {
-                let max = need.min(heard.max(1)).min(room);
+                let max = need.min(max_unread.max(1)).min(room);
                 RxThreshold {
                     max,
                     min: max,
@@ -140,7 +140,7 @@ impl Line {
                     None
                 }
                 Match::Unsolicited => {
-                    count(&mut self.counters.unasked_frames, 1);
+                    count(&mut self.counters.unsolicited_frames, 1);
                     None
                 }
             };
@@ -180,7 +180,7 @@ impl Line {
         !self.deliveries.is_empty()
     }
 
-    /// Enables the delivery of all frames to listeners other than the host on USB.
+    /// Enables the delivery of all frames to receivers other than the host on USB.
     pub(crate) const fn watch(&mut self, is_watched: bool) {
         self.is_watched = is_watched;
     }

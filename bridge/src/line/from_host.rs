@@ -81,7 +81,7 @@ impl FromHost {
     }
 
     /// Returns true while the host is inside a sequence that must not be mixed with the requests of others.
-    pub(crate) const fn is_speaking(&self) -> bool {
+    pub(crate) const fn is_in_sequence(&self) -> bool {
         self.is_raw || self.decoder.pending() > 0
     }
 
@@ -121,7 +121,7 @@ impl FromHost {
 
     /// Bytes go out.
     pub(crate) fn begin(&mut self, now: Instant) {
-        if !self.is_speaking() {
+        if !self.is_in_sequence() {
             self.began = now;
         }
     }

@@ -106,7 +106,8 @@ impl Line {
         (self.requests.torque_off.is_some() || !self.is_anothers()).then_some(uart)
     }
 
-    /// The UART was reconfigured. An unfinished frame will not end. Returns the number of frames that this ended.
+    /// The UART was reconfigured: the rest of an unfinished frame is no longer expected. Returns the number of frames
+    /// that this ended.
     pub(crate) fn uart_configured(&mut self, uart: UartConfig, now: Instant) -> usize {
         let frames = self.idle(now);
         self.from_host.cut();

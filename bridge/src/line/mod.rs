@@ -78,7 +78,7 @@ pub(crate) struct Line {
     command_timeout: Duration,
     /// Polls and CAN are being refused because the host on USB holds the line.
     is_held: bool,
-    /// Listeners other than the host on USB receive all frames.
+    /// Receivers other than the host on USB get all frames.
     is_watched: bool,
     deliveries: EventQueue,
     /// Time of the last read of the UART, of the last byte of the arm, and of the last byte sent.
@@ -205,7 +205,7 @@ impl Line {
             }
             match initiator {
                 // USB does not report that the host wants to send.
-                Initiator::Usb if self.is_host_held_back() => self.dead_man.heard(initiator, now),
+                Initiator::Usb if self.is_host_held_back() => self.dead_man.keep_alive(initiator, now),
                 _ => {
                     self.host_silent(initiator, last_request, now);
                     silenced.add(initiator);

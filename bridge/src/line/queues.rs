@@ -17,20 +17,20 @@ pub(crate) enum NotTaken {
 }
 
 impl Line {
-    /// Queues a request of a host on CAN that was complete at `came`.
-    pub(crate) fn request(&mut self, bytes: &[u8], came: Instant) -> Result<(), NotTaken> {
+    /// Queues a request of a host on CAN that was complete at `arrived`.
+    pub(crate) fn request(&mut self, bytes: &[u8], arrived: Instant) -> Result<(), NotTaken> {
         if self.requests.can.is_full() {
             return Err(NotTaken::Full);
         }
         let request = Some(bytes).filter(|bytes| self.kind.is_request(bytes));
-        let Some(request) = request.and_then(|bytes| Request::new(self.kind, bytes, came)) else {
+        let Some(request) = request.and_then(|bytes| Request::new(self.kind, bytes, arrived)) else {
             return Err(NotTaken::Refused(Refusal::NotAFrame));
         };
         if self.is_held {
             return Err(NotTaken::Refused(Refusal::LineHeld));
         }
         if request.is_motion() {
-            self.dead_man.motion(Initiator::Can, came);
+            self.dead_man.motion(Initiator::Can, arrived);
         }
         // The queue is not full.
         let _ = self.requests.can.push_back(request);

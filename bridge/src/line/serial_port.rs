@@ -40,7 +40,7 @@ impl Line {
 
     /// A packet of this length that was handed over could not be sent.
     pub(crate) fn packet_lost(&mut self, len: usize) {
-        count(&mut self.counters.unheard_bytes, len);
+        count(&mut self.counters.undelivered_bytes, len);
     }
 
     /// Returns true if the next packet of the host may be accepted. While a line coding waits to take effect it may
@@ -56,7 +56,7 @@ impl Line {
             self.refuse_packet(packet.len(), now);
         } else {
             if !self.is_held {
-                self.dead_man.heard(Initiator::Usb, now);
+                self.dead_man.keep_alive(Initiator::Usb, now);
             }
             let refused = self.from_host.push(packet, now);
             count(&mut self.counters.refused_bytes, refused);

@@ -27,12 +27,12 @@ impl Silenced {
 }
 
 impl Line {
-    /// Returns true if the torque must go off in case the adapter restarts now.
+    /// Returns true if a restart now must switch the torque off.
     pub(crate) fn is_armed(&self) -> bool {
         self.is_torque_off_waiting() || self.dead_man.switches_off() && self.dead_man.is_any_streaming()
     }
 
-    /// Returns true if torque-off waits to go out.
+    /// Returns true if torque-off is pending.
     pub(crate) fn is_torque_off_waiting(&self) -> bool {
         let is_handed_over = self.burst.is_some_and(|burst| burst.kind == BurstKind::TorqueOff);
         self.requests.torque_off.is_some() || is_handed_over
@@ -64,9 +64,9 @@ impl Line {
         self.dead_man.end(initiator);
     }
 
-    /// No host had a chance to be active until now.
-    pub(crate) fn hosts_heard(&mut self, now: Instant) {
-        self.dead_man.all_heard(now);
+    /// No host could be received until now.
+    pub(crate) fn keep_hosts_alive(&mut self, now: Instant) {
+        self.dead_man.keep_all_alive(now);
     }
 
     /// Returns true if the host on USB cannot send because the buffer to the arm is full.

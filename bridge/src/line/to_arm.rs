@@ -78,7 +78,7 @@ impl Line {
         };
         if initiator == Initiator::Usb {
             // One request at a time while others use the line.
-            let one = !self.are_others_silent(now) || self.arbiter.is_shared(now);
+            let one = !self.are_others_idle(now) || self.arbiter.is_shared(now);
             let len = self.rate.before_change(out.len());
             burst.len = self
                 .from_host
@@ -86,8 +86,8 @@ impl Line {
         } else if out.len() < MAX_FRAME {
             return None;
         } else if self.from_host.is_cut {
-            // No frame ends with zeros. Without them, an arm that waits for the rest of a frame would read another's
-            // request as that rest.
+            // No frame ends with zeros. Without them, an arm that waits for the rest of a frame would take the next
+            // request for it.
             out.get_mut(..MAX_FRAME)?.fill(0);
             (burst.len, burst.kind) = (MAX_FRAME, BurstKind::Zeros);
         } else {
@@ -152,7 +152,7 @@ impl Line {
         if burst.kind == BurstKind::Zeros {
             count(&mut self.counters.requests_adapter, 1);
             self.from_host.is_cut = false;
-            return self.arbiter.spoke(Initiator::Adapter);
+            return self.arbiter.sent_raw(Initiator::Adapter);
         }
         let c = &mut self.counters;
         let counter = match burst.initiator {
@@ -185,14 +185,14 @@ impl Line {
     /// Accounts for bytes of the host on USB.
     pub(super) fn host_transmitted(&mut self, len: usize, now: Instant) {
         if self.is_host_held_back() {
-            self.dead_man.heard(Initiator::Usb, now);
+            self.dead_man.keep_alive(Initiator::Usb, now);
         }
         self.from_host.begin(now);
         self.arbiter.taken(Initiator::Usb, false, now);
         self.rate.sent(len);
-        // An arm may read bytes at another rate as the beginning of any frame.
-        let is_heard = self.rate.is_arms();
-        self.from_host.is_cut |= !is_heard;
+        // The arm may receive bytes at another rate as the beginning of a frame.
+        let is_at_arms_rate = self.rate.is_arms();
+        self.from_host.is_cut |= !is_at_arms_rate;
         let byte_nanos = self.rate.byte_nanos();
         let end = now + on_wire(byte_nanos, len);
         let mut rest = len;
@@ -208,13 +208,13 @@ impl Line {
                 }
                 let info = self.kind.request(item.bytes);
                 let is_torque_on = self.kind.is_torque_on(item.bytes);
-                self.from_host.is_cut = !is_heard;
+                self.from_host.is_cut = !is_at_arms_rate;
                 count(&mut self.counters.requests_usb, 1);
                 self.latencies.turn.add(self.from_host.waited());
                 let behind = on_wire(byte_nanos, rest.saturating_add(behind));
                 self.track(Initiator::Usb, info, end - behind);
-                // No arm reads bytes at another rate, and `hold-line` disables torque-off.
-                if is_heard && !self.rate.is_on_hold() {
+                // The arm cannot read bytes at another rate, and `hold-line` disables torque-off.
+                if is_at_arms_rate && !self.rate.is_on_hold() {
                     if info.is_some_and(|info| info.effect == Effect::Motion) {
                         self.dead_man.motion(Initiator::Usb, now);
                     } else if is_torque_on {

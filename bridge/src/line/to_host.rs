@@ -101,7 +101,7 @@ impl ToHost {
     /// Queues bytes for the host, if there is one and as far as they fit.
     fn push(&mut self, bytes: &[u8], counters: &mut Counters) {
         match self.state {
-            State::Detached | State::Closed => count(&mut counters.unheard_bytes, bytes.len()),
+            State::Detached | State::Closed => count(&mut counters.undelivered_bytes, bytes.len()),
             State::Attached | State::Open => {
                 let dropped = self.bytes.push(bytes);
                 count(&mut counters.dropped_bytes, dropped);
@@ -153,7 +153,7 @@ impl ToHost {
 
     /// Drops the bytes queued for the previous host.
     fn forget(&mut self, counters: &mut Counters) {
-        count(&mut counters.unheard_bytes, self.bytes.len());
+        count(&mut counters.undelivered_bytes, self.bytes.len());
         self.bytes.clear();
         self.due = 0;
         self.transfer = Transfer::Closed;

@@ -10,7 +10,7 @@ use super::arbiter::Contender;
 impl Line {
     /// The initiator that may send now, if there is one.
     pub(super) fn next(&self, now: Instant) -> Option<Initiator> {
-        if self.requests.torque_off.is_some() && !self.from_host.is_speaking() {
+        if self.requests.torque_off.is_some() && !self.from_host.is_in_sequence() {
             // Torque-off waits for no answer.
             return Some(Initiator::Adapter);
         }
@@ -18,7 +18,7 @@ impl Line {
             return None;
         }
         // The host continues its sequence, or sends more requests while no other initiator has one.
-        if self.from_host.is_speaking() || self.are_others_silent(now) {
+        if self.from_host.is_in_sequence() || self.are_others_idle(now) {
             return self.contender(Initiator::Usb, now).map(|_| Initiator::Usb);
         }
         if self.holder().is_some() {
@@ -29,7 +29,7 @@ impl Line {
     }
 
     /// Returns true if no initiator but the host on USB is ready, which is the usual case.
-    pub(super) fn are_others_silent(&self, now: Instant) -> bool {
+    pub(super) fn are_others_idle(&self, now: Instant) -> bool {
         self.requests.is_empty() && self.poll.due_since(now).is_none()
     }
 
@@ -74,10 +74,10 @@ impl Line {
     /// shared line it is limited to the number of tracked requests, and to requests whose answer cannot be another's.
     pub(super) fn may_host_go(&self, now: Instant) -> bool {
         // A sequence in progress is not held back, and no arm answers at another rate.
-        if self.exchange.is_idle() || self.from_host.is_speaking() || !self.rate.is_arms() {
+        if self.exchange.is_idle() || self.from_host.is_in_sequence() || !self.rate.is_arms() {
             return true;
         }
-        let is_alone = !self.arbiter.is_shared(now) && self.are_others_silent(now);
+        let is_alone = !self.arbiter.is_shared(now) && self.are_others_idle(now);
         is_alone
             || self
                 .from_host
@@ -87,7 +87,7 @@ impl Line {
 
     /// The time at which the host on USB, which has paused, loses its turn to others that wait.
     pub(super) fn turn_timeout(&self) -> Option<Instant> {
-        if !self.from_host.is_speaking() || self.holder().is_some() && self.requests.torque_off.is_none() {
+        if !self.from_host.is_in_sequence() || self.holder().is_some() && self.requests.torque_off.is_none() {
             return None;
         }
         let [_, others @ ..] = Initiator::ALL;

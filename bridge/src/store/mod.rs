@@ -4,8 +4,8 @@
 //! evenly, and the newest record is never on a page that is being erased. The record with the highest sequence number
 //! is valid. Sequence numbers wrap, and no two in flash are half of the number range apart.
 //!
-//! A record with a wrong checksum is skipped: it remains from an interrupted save. A record whose bytes went bad later
-//! looks the same, and the one before it becomes valid. If there is none, the store does not count as empty.
+//! A record with a wrong checksum is skipped: it remains from an interrupted save. A record that was corrupted later is
+//! skipped, too, and the one before it becomes valid. If there is none, the store counts as unreadable, not as empty.
 //!
 //! Flash wears out: a page endures some 10 000 erases. Saves are therefore limited by a budget that lasts [ten
 //! years](SAVE_INTERVAL) on every board, however often a host saves. Each record contains the rest of the budget: a
@@ -122,8 +122,8 @@ pub enum Saved {
     Config(Config),
     /// No configuration: none was ever saved, or it was reset.
     Nothing,
-    /// Data that is no configuration of this version, or no valid one. It stays in flash until enough saves follow.
-    /// Corrupted data is an example, and so is the very first save if it was interrupted by a loss of power.
+    /// No valid configuration of this version, for example corrupted data, or a first save interrupted by a loss of
+    /// power. The data stays in flash until later saves overwrite it.
     Unreadable,
 }
 

@@ -501,7 +501,7 @@ fn saved_configuration_is_loaded_until_reset() {
 }
 
 #[test]
-fn what_is_saved_already_is_not_written_again() {
+fn unchanged_configuration_is_not_written_again() {
     let mut flash = filled::<4, 0x4000>(1);
     let before = flash.steps.len();
     save(&mut flash, &config(1)).unwrap();

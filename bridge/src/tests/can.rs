@@ -21,18 +21,18 @@ fn on_bus(can: Can) -> Bridge {
 }
 
 /// Passes a frame of this function to the adapter.
-fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: Instant) {
+fn receive(bridge: &mut Bridge, function: Function, data: &[u8], now: Instant) {
     let id = function.id(bridge.config().can.node);
     bridge.can_received(&Frame::new(id, data).unwrap(), now);
 }
 
 /// A request on the control connection, in a single frame.
-fn ask(bridge: &mut Bridge, request: Request, now: Instant) {
+fn send_request(bridge: &mut Bridge, request: Request, now: Instant) {
     let mut bytes = [0; 8];
     let message = FromHost { sequence: 0, request };
     let len = encode(&message, &mut bytes[1..]).unwrap();
     bytes[0] = len as u8;
-    hear(bridge, Function::ControlRequest, &bytes[..=len], now);
+    receive(bridge, Function::ControlRequest, &bytes[..=len], now);
 }
 
 /// The function of the next frame for the bus.
@@ -46,11 +46,11 @@ fn hand(bridge: &mut Bridge, now: Instant) -> Option<Function> {
 /// An adapter that has sent the first frame of an answer, and received flow control with this separation time.
 fn answering(st_min: u8) -> Bridge {
     let mut bridge = Bridge::default();
-    ask(&mut bridge, Request::GetLatencies, Instant::ZERO);
+    send_request(&mut bridge, Request::GetLatencies, Instant::ZERO);
     assert_eq!(hand(&mut bridge, Instant::ZERO), Some(Function::ControlAnswer));
     assert_eq!(hand(&mut bridge, Instant::ZERO), None);
     assert!(bridge.can_event(CanEvent::Waiting(0), at(130)));
-    hear(&mut bridge, Function::ControlRequest, &[0x30, 0, st_min], at(300));
+    receive(&mut bridge, Function::ControlRequest, &[0x30, 0, st_min], at(300));
     bridge
 }
 
@@ -131,13 +131,13 @@ fn transfer_with_stuck_frame_is_given_up_counted() {
     assert_eq!((hand(&mut bridge, at(1_000_300)), bridge.timeout()), (None, None));
     // The next frame is handed over after that one, and its timeout starts when both have left.
     let now = at(60_000_000);
-    ask(&mut bridge, Request::GetLatencies, now);
+    send_request(&mut bridge, Request::GetLatencies, now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
     assert!(!bridge.can_event(CanEvent::Waiting(1), now + Duration::from_micros(100)));
     assert_eq!(bridge.timeout(), Some(now + Duration::from_micros(1_000_000)));
     assert!(bridge.can_event(CanEvent::Waiting(0), now + Duration::from_micros(200)));
     assert_eq!(bridge.timeout(), Some(now + Duration::from_micros(1_000_200)));
-    hear(
+    receive(
         &mut bridge,
         Function::ControlRequest,
         &[0x30, 0, 0],
@@ -157,7 +157,7 @@ fn request_behind_abandoned_reply_is_handled() {
     for give_up in give_up {
         let mut bridge = answering(1);
         assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
-        ask(&mut bridge, Request::GetConfig, at(400));
+        send_request(&mut bridge, Request::GetConfig, at(400));
         assert_eq!(bridge.counters().control_requests, 1);
         let now = at(1_000_300);
         assert_eq!(counted(&mut bridge, |bridge| give_up(bridge, now)), [1, 0, 0, 0]);
@@ -171,7 +171,7 @@ fn request_behind_abandoned_reply_is_handled() {
 fn transfers_at_bus_loss_are_counted_per_direction() {
     let now = at(300);
     let mut bridge = answering(0);
-    hear(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
+    receive(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
     let lost = counted(&mut bridge, |bridge| {
         bridge.can_event(CanEvent::BusOff, now);
     });
@@ -186,7 +186,7 @@ fn transfers_at_bus_loss_are_counted_per_direction() {
 /// Reconfigures the bus by request of the host on USB.
 fn configure(bridge: &mut Bridge, can: Can, now: Instant) {
     let config = Config { can, ..bridge.config() };
-    rig::ask(bridge, 1, Request::SetConfig(config), now);
+    rig::send_request(bridge, 1, Request::SetConfig(config), now);
     assert_eq!(bridge.config(), config);
 }
 
@@ -203,7 +203,7 @@ fn queued_transfers_at_bus_change_are_counted() {
         frames: true,
         events: true,
     };
-    ask(&mut bridge, Request::Subscribe(everything), now);
+    send_request(&mut bridge, Request::Subscribe(everything), now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
     // Four frames of the arm, one in transfer and three pending on each connection. The recovery of the bus is reported
     // twice.
@@ -212,7 +212,7 @@ fn queued_transfers_at_bus_change_are_counted() {
     }
     bridge.can_event(CanEvent::BusOn, now);
     // An incomplete request, and an incomplete command.
-    hear(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
+    receive(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
     let command = Command {
         sequence: 0,
         joints: [0; 6],
@@ -242,7 +242,7 @@ fn frame_for_slow_subscriber_is_due_once() {
         frames: true,
         events: false,
     };
-    ask(&mut bridge, Request::Subscribe(frames), now);
+    send_request(&mut bridge, Request::Subscribe(frames), now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
     bridge.can_event(CanEvent::Waiting(0), now);
     // The first frame of the first event is out, and waits for flow control; the second event is queued.
@@ -263,7 +263,7 @@ fn half_command_is_counted_at_reconfiguration() {
         ..Can::default()
     };
     let mut bridge = on_bus(can);
-    hear(&mut bridge, Function::CommandA, &[0; 8], Instant::ZERO);
+    receive(&mut bridge, Function::CommandA, &[0; 8], Instant::ZERO);
     let other = Can {
         command_timeout_ms: 50,
         ..can
@@ -273,7 +273,7 @@ fn half_command_is_counted_at_reconfiguration() {
 }
 
 /// An adapter that forwards unsolicited frames to CAN, after two of them, the second just now.
-fn told_of_two() -> (Bridge, [Vec<u8>; 2]) {
+fn after_two_frames() -> (Bridge, [Vec<u8>; 2]) {
     let can = Can {
         unsolicited: true,
         ..Can::default()
@@ -292,7 +292,7 @@ fn told_of_two() -> (Bridge, [Vec<u8>; 2]) {
 #[test]
 fn arm_frames_reach_bus_in_order_despite_delay() {
     for shared in [false, true] {
-        let (mut bridge, frames) = told_of_two();
+        let (mut bridge, frames) = after_two_frames();
         if shared {
             bridge.update(at(250));
         }
@@ -319,7 +319,7 @@ fn undelivered_frame_keeps_its_original_configuration() {
         },
     ];
     for other in others {
-        let (mut bridge, [_, last]) = told_of_two();
+        let (mut bridge, [_, last]) = after_two_frames();
         other(&mut bridge);
         let mut answers = 0;
         for _ in 0..8 {
@@ -339,7 +339,7 @@ fn undelivered_frame_keeps_its_original_configuration() {
 fn half_command_is_ignored_without_commands() {
     let mut bridge = on_bus(Can::default());
     assert!(!bridge.config().can.commands);
-    hear(&mut bridge, Function::CommandA, &[0; 8], Instant::ZERO);
+    receive(&mut bridge, Function::CommandA, &[0; 8], Instant::ZERO);
     assert_eq!(bridge.timeout(), None);
     assert_eq!(bridge.counters().can_frames_received, 1);
 }

@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use proptest::prelude::*;
 
-use super::rig::{Burst, Rig, ask, at, ling, polite, transmit};
+use super::rig::{Burst, Rig, at, ling, ling_responder, send_request, transmit};
 use crate::can::telemetry::{Errors, Sample, event_from_frame};
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
@@ -22,7 +22,7 @@ fn quiet() -> Rig {
 
 /// The reply to a request on CAN.
 fn call_on_can(rig: &mut Rig, sequence: u8, request: Request) -> Reply {
-    rig.ask_on_can(sequence, request);
+    rig.request_on_can(sequence, request);
     rig.run(20_000);
     match rig.can_control.pop() {
         Some(FromAdapter::Reply {
@@ -70,7 +70,7 @@ fn simple_questions_are_answered_on_both_ports() {
 }
 
 #[test]
-fn an_adapter_says_what_it_was_made_as() {
+fn adapter_reports_its_identity() {
     let identity = Identity {
         board: "stm32f405".try_into().unwrap(),
         ..Identity::default()
@@ -81,7 +81,7 @@ fn an_adapter_says_what_it_was_made_as() {
 }
 
 #[test]
-fn what_is_not_known_is_answered_too() {
+fn unknown_requests_are_answered() {
     let mut rig = quiet();
     // An unknown request with trailing bytes, a field too many, a truncated one, invalid COBS, an empty message.
     let messages: [(&[u8], u8); 5] = [
@@ -129,22 +129,22 @@ fn requests_in_one_packet_are_answered_in_order() {
 #[test]
 fn slow_host_is_held_back_without_lost_reply() {
     let mut rig = quiet();
-    let mut asked = 0;
+    let mut requests = 0;
     for _ in 0..200 {
         if rig.bridge.update(Instant::ZERO).control_room {
-            asked += 1;
-            rig.bridge.control_received(&[3, asked, 2, 0], Instant::ZERO);
+            requests += 1;
+            rig.bridge.control_received(&[3, requests, 2, 0], Instant::ZERO);
         }
     }
-    assert!(asked < 50);
+    assert!(requests < 50);
     rig.run(1_000);
-    assert!(rig.replies.iter().map(|(sequence, _)| *sequence).eq(1..=asked));
+    assert!(rig.replies.iter().map(|(sequence, _)| *sequence).eq(1..=requests));
 }
 
 #[test]
-fn the_arm_is_asked_what_it_is() {
+fn arm_is_identified_on_request() {
     let mut rig = quiet();
-    let sequence = rig.ask(Request::IdentifyArm);
+    let sequence = rig.request(Request::IdentifyArm);
     assert_eq!(rig.replies, []);
     rig.run(1_000);
     assert_eq!(
@@ -155,9 +155,9 @@ fn the_arm_is_asked_what_it_is() {
     assert_eq!(rig.bridge.counters().requests_adapter, 2);
     assert_eq!((rig.usb.len(), rig.can.len()), (0, 0));
 
-    rig.manners = Box::new(|_| None);
-    rig.ask(Request::IdentifyArm);
-    rig.ask_on_can(78, Request::IdentifyArm);
+    rig.responder = Box::new(|_| None);
+    rig.request(Request::IdentifyArm);
+    rig.request_on_can(78, Request::IdentifyArm);
     rig.run(20_000);
     assert_eq!(
         rig.can_control,
@@ -189,8 +189,8 @@ fn waiting_request_is_answered_when_arm_kind_changes() {
         ..Config::default()
     };
     let mut rig = quiet();
-    rig.manners = Box::new(|_| None);
-    let sequence = rig.ask(Request::IdentifyArm);
+    rig.responder = Box::new(|_| None);
+    let sequence = rig.request(Request::IdentifyArm);
     rig.run(1_000);
     assert_eq!(rig.bridge.counters().requests_adapter, 1);
     assert_eq!(call_on_can(&mut rig, 77, Request::SetConfig(servos)), Reply::Done);
@@ -204,14 +204,14 @@ fn waiting_request_is_answered_when_arm_kind_changes() {
 #[test]
 fn ended_request_is_answered_before_ending_one() {
     let mut rig = quiet();
-    rig.manners = Box::new(|_| None);
-    rig.ask(Request::IdentifyArm);
+    rig.responder = Box::new(|_| None);
+    rig.request(Request::IdentifyArm);
     rig.run(1_000);
     let alpha1 = Config {
         arm: ArmKind::Alpha1,
         ..Config::default()
     };
-    rig.ask_on_can(1, Request::SetConfig(alpha1));
+    rig.request_on_can(1, Request::SetConfig(alpha1));
     while rig.replies.is_empty() {
         rig.run(1);
     }
@@ -221,7 +221,7 @@ fn ended_request_is_answered_before_ending_one() {
 #[test]
 fn request_without_room_waits_for_more() {
     let mut bridge = Bridge::default();
-    ask(&mut bridge, 1, Request::IdentifyArm, Instant::ZERO);
+    send_request(&mut bridge, 1, Request::IdentifyArm, Instant::ZERO);
     assert_eq!(transmit(&mut bridge, &mut [0; 6], Instant::ZERO), None);
     let burst = transmit(&mut bridge, &mut [0; MAX_FRAME], Instant::ZERO);
     assert_eq!(burst, Some(Burst { len: 7, start: None }));
@@ -284,7 +284,7 @@ fn reply_on_can_precedes_the_bus_change() {
     let mut rig = quiet();
     let mut other = Config::default();
     other.can.bit_rate = 125_000;
-    rig.ask_on_can(5, Request::SetConfig(other));
+    rig.request_on_can(5, Request::SetConfig(other));
     rig.run(20_000);
     assert_eq!(
         rig.can_control,
@@ -303,7 +303,7 @@ fn telemetry_begins_with_the_bus_it_is_for() {
     let mut other = rig.bridge.config();
     other.can.bit_rate = 125_000;
     other.can.telemetry_hz = 100;
-    rig.ask_on_can(5, Request::SetConfig(other));
+    rig.request_on_can(5, Request::SetConfig(other));
     while rig.actions.is_empty() {
         rig.run(1);
         assert_eq!(rig.frames, []);
@@ -320,30 +320,30 @@ fn a_subscription_on_can_ends_with_the_bus() {
         events: true,
     };
     assert_eq!(call_on_can(&mut rig, 1, Request::Subscribe(all)), Reply::Done);
-    rig.arm_says(&ling(0x06, 0, &[0; 15]));
+    rig.arm_sends(&ling(0x06, 0, &[0; 15]));
     rig.run(20_000);
     assert!(matches!(rig.can_control.pop(), Some(FromAdapter::Event { .. })));
 
     let mut other = Config::default();
     other.can.node = Node::MAX;
     assert_eq!(rig.call(Request::SetConfig(other)), Reply::Done);
-    rig.arm_says(&ling(0x06, 0, &[0; 15]));
+    rig.arm_sends(&ling(0x06, 0, &[0; 15]));
     rig.run(2_000_000);
     let counters = rig.bridge.counters();
-    assert_eq!((counters.unasked_frames, counters.isotp_failures), (2, 0));
+    assert_eq!((counters.unsolicited_frames, counters.isotp_failures), (2, 0));
 }
 
 #[test]
 fn configuration_ending_a_request_answers_both() {
     let mut rig = quiet();
-    rig.manners = Box::new(|_| None);
-    rig.ask_on_can(1, Request::IdentifyArm);
+    rig.responder = Box::new(|_| None);
+    rig.request_on_can(1, Request::IdentifyArm);
     rig.run(1_000);
     let alpha1 = Config {
         arm: ArmKind::Alpha1,
         ..Config::default()
     };
-    rig.ask_on_can(2, Request::SetConfig(alpha1));
+    rig.request_on_can(2, Request::SetConfig(alpha1));
     rig.run(20_000);
     let none = ArmIdentity {
         kind: ArmKind::Alpha1,
@@ -361,12 +361,12 @@ fn cyclic_frames_change_without_leaving_the_bus() {
         ..Config::default()
     };
     config.can.telemetry_hz = 50;
-    rig.ask_on_can(1, Request::SetConfig(config));
+    rig.request_on_can(1, Request::SetConfig(config));
     while rig.can_control.is_empty() {
         rig.run(1);
     }
     // The next request, right after the reply, arrives on the bus.
-    rig.ask_on_can(2, Request::GetConfig);
+    rig.request_on_can(2, Request::GetConfig);
     rig.run(90_000);
     let reply = |sequence, reply| FromAdapter::Reply { sequence, reply };
     assert_eq!(
@@ -391,13 +391,13 @@ fn a_configuration_is_saved_and_forgotten_by_firmware() {
         ..Config::default()
     };
     rig.call(Request::SetConfig(config));
-    let saving = rig.ask(Request::SaveConfig);
+    let saving = rig.request(Request::SaveConfig);
     assert_eq!(
         (&rig.replies[..], &rig.actions[..]),
         (&[][..], &[Action::Save(config)][..])
     );
     // One at a time.
-    rig.ask_on_can(1, Request::ResetConfig);
+    rig.request_on_can(1, Request::ResetConfig);
     rig.run(10_000);
     assert_eq!(
         rig.can_control,
@@ -410,7 +410,7 @@ fn a_configuration_is_saved_and_forgotten_by_firmware() {
     rig.run(10);
     assert_eq!(rig.replies, [(saving, Reply::Done)]);
 
-    let reset = rig.ask(Request::ResetConfig);
+    let reset = rig.request(Request::ResetConfig);
     assert_eq!(rig.actions.last(), Some(&Action::Reset));
     assert_eq!(rig.bridge.config(), Config::default());
     rig.bridge.saved(Err(Failure::Flash), at(rig.now));
@@ -423,7 +423,7 @@ fn a_configuration_is_saved_and_forgotten_by_firmware() {
 #[test]
 fn excessive_saves_get_the_waiting_time() {
     let mut rig = quiet();
-    let saving = rig.ask(Request::SaveConfig);
+    let saving = rig.request(Request::SaveConfig);
     let failure = Failure::TooManySaves { wait_s: 599 };
     rig.bridge.saved(Err(failure), at(rig.now));
     rig.run(10);
@@ -433,14 +433,14 @@ fn excessive_saves_get_the_waiting_time() {
 #[test]
 fn save_is_answered_unless_host_has_gone() {
     let mut rig = quiet();
-    rig.ask(Request::SaveConfig);
+    rig.request(Request::SaveConfig);
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
     rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(1_000);
     assert_eq!(rig.replies, []);
 
-    rig.ask_on_can(1, Request::SaveConfig);
+    rig.request_on_can(1, Request::SaveConfig);
     rig.run(10_000);
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
     rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
@@ -456,21 +456,21 @@ fn save_is_answered_unless_host_has_gone() {
 #[test]
 fn identification_is_answered_unless_host_has_gone() {
     let mut rig = quiet();
-    rig.ask(Request::IdentifyArm);
+    rig.request(Request::IdentifyArm);
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
     rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     rig.run(1_000);
     assert_eq!(rig.replies, []);
 
-    rig.ask_on_can(1, Request::IdentifyArm);
+    rig.request_on_can(1, Request::IdentifyArm);
     rig.run(200);
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
     rig.run(10_000);
-    let told = FromAdapter::Reply {
+    let reply = FromAdapter::Reply {
         sequence: 1,
         reply: Reply::Arm(identity(Some(2))),
     };
-    assert_eq!(rig.can_control, [told]);
+    assert_eq!(rig.can_control, [reply]);
 }
 
 #[test]
@@ -534,7 +534,7 @@ fn subscribed() -> Bridge {
         frames: true,
         events: false,
     };
-    ask(&mut bridge, 1, Request::Subscribe(frames), Instant::ZERO);
+    send_request(&mut bridge, 1, Request::Subscribe(frames), Instant::ZERO);
     assert!(bridge.control_transmit(&mut [0; PACKET], Instant::ZERO).is_some());
     bridge
 }
@@ -663,8 +663,8 @@ fn error_counts_go_out_while_telemetry_is_on() {
 fn bus_off_is_reported_counted_and_ends_transfers() {
     let mut rig = quiet();
     rig.subscribe();
-    let mut polite = polite();
-    rig.manners = Box::new(move |request| polite(request));
+    let mut ling_responder = ling_responder();
+    rig.responder = Box::new(move |request| ling_responder(request));
     rig.can_out.push_back(ling(0x01, 0, &[0xFE]));
     rig.run(700);
     assert_eq!(rig.can, Vec::<Vec<u8>>::new());
@@ -721,7 +721,7 @@ fn reset_reply_on_can_precedes_bus_change() {
     let mut config = Config::default();
     config.can.node = Node::new(5).unwrap();
     let mut rig = Rig::new(config);
-    rig.ask_on_can(7, Request::ResetConfig);
+    rig.request_on_can(7, Request::ResetConfig);
     rig.run(10_000);
     assert_eq!(rig.actions, [Action::Reset]);
     rig.bridge.saved(Ok(()), at(rig.now));
@@ -734,7 +734,7 @@ fn reset_reply_on_can_precedes_bus_change() {
 #[test]
 fn abandoned_save_does_not_answer_next_host() {
     let mut rig = quiet();
-    rig.ask(Request::SaveConfig);
+    rig.request(Request::SaveConfig);
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
     rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     let busy = Reply::Failed(Failure::Busy);
@@ -742,7 +742,7 @@ fn abandoned_save_does_not_answer_next_host() {
     rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(10_000);
     assert_eq!(rig.can_control, []);
-    rig.ask_on_can(2, Request::SaveConfig);
+    rig.request_on_can(2, Request::SaveConfig);
     rig.run(10_000);
     rig.bridge.saved(Err(Failure::Flash), at(rig.now));
     rig.run(10_000);
@@ -753,9 +753,9 @@ fn abandoned_save_does_not_answer_next_host() {
 #[test]
 fn another_silent_request_does_not_fail_identification() {
     let mut rig = quiet();
-    let (mut polite, mut first) = (polite(), true);
-    rig.manners = Box::new(move |request| polite(request).filter(|_| !core::mem::take(&mut first)));
-    rig.ask(Request::IdentifyArm);
+    let (mut ling_responder, mut first) = (ling_responder(), true);
+    rig.responder = Box::new(move |request| ling_responder(request).filter(|_| !core::mem::take(&mut first)));
+    rig.request(Request::IdentifyArm);
     rig.run(1_000);
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
     rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
@@ -798,7 +798,7 @@ fn event_of_can_request_leaves_room_for_reply() {
         events: true,
     };
     assert_eq!(call_on_can(&mut rig, 1, Request::Subscribe(events)), Reply::Done);
-    rig.ask_on_can(2, Request::HoldLine);
+    rig.request_on_can(2, Request::HoldLine);
     rig.run(10_000);
     let replies = rig.can_control.iter().filter_map(|message| match message {
         FromAdapter::Reply { sequence, reply } => Some((*sequence, reply.clone())),

@@ -128,7 +128,7 @@ fn a_rate_takes_effect_with_the_first_byte() {
         rig.usb_out.extend([2; 5]);
         rig.run(MS);
         assert_eq!(
-            rig.said.iter().map(|(_, bytes)| bytes.clone()).collect::<Vec<_>>(),
+            rig.sent.iter().map(|(_, bytes)| bytes.clone()).collect::<Vec<_>>(),
             [[1; 5], [2; 5]]
         );
         assert_eq!(rig.bauds, [1_000_000, 115_200]);
@@ -188,14 +188,14 @@ fn line_returns_to_arm_rate_without_host() {
         rig.run(200 * MS);
         assert_eq!(baud(&rig), 1_000_000);
         let last = rig
-            .said
+            .sent
             .iter()
             .zip(&rig.bauds)
             .filter(|((_, bytes), _)| bytes.contains(&2));
         let last: Vec<_> = last.map(|((_, bytes), &baud)| (bytes.len(), baud)).collect();
         assert_eq!(last, [(40, 9_600)]);
-        let late = |n: &usize| rig.initiators[*n] == Initiator::Poll && rig.said[*n].0 > 100 * MS;
-        assert!((0..rig.said.len()).filter(late).count() > 10);
+        let late = |n: &usize| rig.initiators[*n] == Initiator::Poll && rig.sent[*n].0 > 100 * MS;
+        assert!((0..rig.sent.len()).filter(late).count() > 10);
         assert_eq!(rig.bridge.timeout().map(|at| at.as_micros() > rig.now), Some(true));
     }
 }
@@ -232,7 +232,7 @@ fn host_without_dtr_loses_rate_after_10s_quiet() {
     rig.usb_out.push_back(1);
     // Bytes in either direction extend it.
     rig.run(9 * SECOND);
-    rig.arm_says(&[0x11; 3]);
+    rig.arm_sends(&[0x11; 3]);
     rig.run(9 * SECOND);
     rig.usb_out.push_back(2);
     rig.run(10 * SECOND - 1);
@@ -278,7 +278,7 @@ fn another_rate_waits_for_the_stream_on_can() {
         };
         assert_eq!(line_state(&mut rig), waits);
         // The stream ends.
-        rig.ask_on_can(1, Request::EndStream);
+        rig.request_on_can(1, Request::EndStream);
         rig.run(10 * MS);
         assert_eq!(baud(&rig), 9_600);
     }
@@ -292,7 +292,7 @@ fn polls_and_can_are_refused_at_other_rate() {
         set_rate(&mut rig, 9_600);
         rig.usb_out.push_back(1);
         rig.run(50 * MS);
-        let said = rig.said.len();
+        let before = rig.sent.len();
         rig.can_out.push_back(READ_JOINTS.to_vec());
         rig.run(50 * MS);
         for sequence in [0, 1] {
@@ -300,14 +300,14 @@ fn polls_and_can_are_refused_at_other_rate() {
         }
         assert_eq!(rig.call(Request::IdentifyArm), Reply::Failed(Failure::LineHeld));
         rig.run(100 * MS);
-        assert_eq!(rig.said.len(), said, "{:?}", rig.said);
+        assert_eq!(rig.sent.len(), before, "{:?}", rig.sent);
         let initiators = [Initiator::Poll, Initiator::Can, Initiator::Command, Initiator::Adapter];
         let expected = initiators.map(|initiator| (initiator, Refusal::LineHeld));
         assert_eq!(refusals(&rig), expected);
-        let told = rig.frames.iter().filter_map(|(_, frame)| event_from_frame(frame));
-        let told: Vec<_> = told.map(|(_, event)| event).collect();
+        let events = rig.frames.iter().filter_map(|(_, frame)| event_from_frame(frame));
+        let events: Vec<_> = events.map(|(_, event)| event).collect();
         assert_eq!(
-            told,
+            events,
             expected.map(|(initiator, reason)| Event::Refused { initiator, reason })
         );
         let c = rig.bridge.counters();
@@ -328,7 +328,7 @@ fn polls_and_can_are_refused_at_other_rate() {
         rig.run(50 * MS);
         assert_eq!(rig.can.len(), 1);
         assert!(polls(&rig) >= 9 && *rig.bauds.last().unwrap() == 1_000_000);
-        let sequence = rig.ask(Request::IdentifyArm);
+        let sequence = rig.request(Request::IdentifyArm);
         rig.run(10 * MS);
         assert!(matches!(rig.replies.last(), Some((of, Reply::Arm(_))) if *of == sequence));
         assert_eq!(line_state(&mut rig), LineState::default());
@@ -339,11 +339,11 @@ fn polls_and_can_are_refused_at_other_rate() {
 fn waiting_request_is_refused_when_line_is_held() {
     let mut rig = open(Poll::Off);
     // The arm does not answer its self-check for the first host.
-    rig.manners = std::boxed::Box::new(|_| None);
+    rig.responder = std::boxed::Box::new(|_| None);
     rig.can_out.push_back(ling::SELF_CHECK.to_vec());
     rig.can_out.push_back(READ_JOINTS.to_vec());
     rig.run(10 * MS);
-    let identify = rig.ask(Request::IdentifyArm);
+    let identify = rig.request(Request::IdentifyArm);
     set_rate(&mut rig, 9_600);
     rig.usb_out.push_back(1);
     rig.run(SECOND);
@@ -384,18 +384,18 @@ fn torque_off_is_always_sent_at_arm_rate() {
         }
         // The last motion arrived after 80 ms.
         let due = 80 * MS + 500 * MS;
-        let n = rig.said.iter().position(|(_, bytes)| *bytes == TORQUE_OFF).unwrap();
+        let n = rig.sent.iter().position(|(_, bytes)| *bytes == TORQUE_OFF).unwrap();
         assert!(
-            (due..due + 50 * MS).contains(&rig.said[n].0),
+            (due..due + 50 * MS).contains(&rig.sent[n].0),
             "{baud}: {}",
-            rig.said[n].0
+            rig.sent[n].0
         );
         assert_eq!(
             (rig.bauds[n - 1], rig.bauds[n], rig.bauds[n - 2]),
             (1_000_000, 1_000_000, baud)
         );
-        assert_eq!(rig.said[n - 1].1, [0; 70]);
-        assert_eq!(rig.said.len(), n + 1, "the host's rate does not come back by itself");
+        assert_eq!(rig.sent[n - 1].1, [0; 70]);
+        assert_eq!(rig.sent.len(), n + 1, "the host's rate does not come back by itself");
         assert!(rig.bridge.counters().refused_rate_bytes > 0);
         assert_eq!(refusals(&rig), [(Initiator::Usb, Refusal::OtherRate)]);
         let state = LineState {
@@ -432,8 +432,8 @@ fn zeros_end_earlier_and_other_rate_bytes() {
         rig.run(50 * MS);
         dtr(&mut rig, false);
         rig.run(SECOND);
-        let n = rig.said.iter().position(|(_, bytes)| *bytes == TORQUE_OFF).unwrap();
-        assert_eq!((&rig.said[n - 1].1[..], rig.bauds[n - 1]), (&[0; 70][..], 1_000_000));
+        let n = rig.sent.iter().position(|(_, bytes)| *bytes == TORQUE_OFF).unwrap();
+        assert_eq!((&rig.sent[n - 1].1[..], rig.bauds[n - 1]), (&[0; 70][..], 1_000_000));
     }
 }
 
@@ -481,13 +481,13 @@ fn hold_line_gives_usb_the_line_alone() {
     let before = polls(&rig);
     assert_eq!(rig.call(Request::HoldLine), Reply::Done);
     rig.run(10 * MS);
-    let start = rig.said.len();
+    let start = rig.sent.len();
     let image: Vec<u8> = (0..20_000_u32).map(|n| (n * 7 / 3) as u8).collect();
     rig.usb_out.extend(&image);
     rig.can_out.push_back(READ_JOINTS.to_vec());
     rig.run(500 * MS);
     assert_eq!(
-        rig.said[start..]
+        rig.sent[start..]
             .iter()
             .flat_map(|(_, bytes)| bytes.clone())
             .collect::<Vec<_>>(),
@@ -557,7 +557,7 @@ fn hold_line_is_refused_during_motion_stream() {
         assert_eq!(rig.call(Request::HoldLine), Reply::Failed(Failure::StreamArmed));
         assert_eq!(line_state(&mut rig), LineState::default());
         rig.run(SECOND);
-        assert_eq!(rig.said.last().unwrap().1, TORQUE_OFF);
+        assert_eq!(rig.sent.last().unwrap().1, TORQUE_OFF);
         assert_eq!(rig.call(Request::HoldLine), Reply::Done);
     }
 }
@@ -581,8 +581,8 @@ fn nobodys_torque_goes_off_under_hold_line() {
 fn control_port_cannot_release_hold_of_other_port() {
     let mut rig = open(Poll::Off);
     assert_eq!(rig.call(Request::HoldLine), Reply::Done);
-    rig.ask_on_can(1, Request::HoldLine);
-    rig.ask_on_can(2, Request::ReleaseLine);
+    rig.request_on_can(1, Request::HoldLine);
+    rig.request_on_can(2, Request::ReleaseLine);
     rig.run(10 * MS);
     let reply = |sequence, reply| FromAdapter::Reply { sequence, reply };
     let replies = [reply(1, Reply::Failed(Failure::Busy)), reply(2, Reply::Done)];
@@ -624,7 +624,7 @@ fn a_dropped_change_of_rate_holds_no_line() {
             rig.run(10 * MS);
         }
         // A missing answer to a self-check from CAN blocks the host's bytes, which were for two rates in a row.
-        rig.manners = std::boxed::Box::new(|_| None);
+        rig.responder = std::boxed::Box::new(|_| None);
         rig.can_out.push_back(ling(0xFE, 0, &[0xFE]));
         rig.run(MS);
         rig.usb_out.extend(motion());
@@ -636,8 +636,8 @@ fn a_dropped_change_of_rate_holds_no_line() {
         rig.run(2 * SECOND);
         assert_eq!(rig.bridge.counters().host_silences, 1);
         assert_eq!(line_state(&mut rig), LineState::default());
-        let said = rig.said.len();
+        let before = rig.sent.len();
         rig.run(SECOND);
-        assert!(rig.said.len() > said, "{torque_off}: no polls");
+        assert!(rig.sent.len() > before, "{torque_off}: no polls");
     }
 }

@@ -8,7 +8,7 @@ use std::vec::Vec;
 
 use armwire::ling;
 
-use super::rig::{Rig, ask, at, ling, motion, transmit};
+use super::rig::{Rig, at, ling, motion, send_request, transmit};
 use crate::can::{Frame, Function, Node};
 use crate::config::{Can, Config, HostTimeout};
 use crate::control::{
@@ -56,7 +56,7 @@ fn messages(bridge: &mut Bridge, now: u64) -> Vec<FromAdapter> {
 }
 
 /// A frame on the bus, to a function of node 0.
-fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: u64) {
+fn receive(bridge: &mut Bridge, function: Function, data: &[u8], now: u64) {
     let id = function.id(Node::new(0).unwrap());
     bridge.can_received(&Frame::new(id, data).unwrap(), at(now));
 }
@@ -70,7 +70,7 @@ fn identification_follows_the_bus_check() {
         },
         ..Config::default()
     });
-    ask(&mut bridge, 1, Request::IdentifyArm, at(0));
+    send_request(&mut bridge, 1, Request::IdentifyArm, at(0));
     assert!(transmit(&mut bridge, &mut [0; MAX_FRAME], at(0)).is_some());
     assert_eq!(bridge.uart_received(&ling(0x01, 0, &[0; 24]), at(700)), 1);
     while bridge.can_transmit(at(700)).is_some() {}
@@ -93,7 +93,7 @@ fn motion_of_silent_host_is_dropped_without_listener() {
         rig.run(10_000);
     }
     // An unanswered self-check holds the line, and three motions wait.
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     rig.usb_out.extend(ling::SELF_CHECK);
     rig.run(1_000);
     for _ in 0..3 {
@@ -107,11 +107,11 @@ fn motion_of_silent_host_is_dropped_without_listener() {
         rig.now = rig.bridge.timeout().unwrap().as_micros().max(rig.now);
         rig.bridge.tick(at(rig.now));
     }
-    let said = rig.said.len();
+    let before = rig.sent.len();
     rig.run(2_000_000);
     let torque_off = ling(0x05, 0, &[0]);
     assert_eq!(
-        rig.said[said..].iter().map(|(_, bytes)| bytes).collect::<Vec<_>>(),
+        rig.sent[before..].iter().map(|(_, bytes)| bytes).collect::<Vec<_>>(),
         [&torque_off]
     );
 }
@@ -120,13 +120,13 @@ fn motion_of_silent_host_is_dropped_without_listener() {
 fn request_behind_abandoned_reply_is_served() {
     let mut bridge = Bridge::default();
     // GetCounters: its reply has several frames. GetConfig waits for room.
-    hear(&mut bridge, Function::ControlRequest, &[2, 0, 6], 0);
+    receive(&mut bridge, Function::ControlRequest, &[2, 0, 6], 0);
     assert!(bridge.can_transmit(at(0)).is_some());
     bridge.can_event(CanEvent::Waiting(0), at(130));
-    hear(&mut bridge, Function::ControlRequest, &[2, 1, 2], 200);
+    receive(&mut bridge, Function::ControlRequest, &[2, 1, 2], 200);
     assert_eq!(bridge.counters().control_requests, 1);
     // The host has no room for the reply.
-    hear(&mut bridge, Function::ControlRequest, &[0x32, 0, 0], 300);
+    receive(&mut bridge, Function::ControlRequest, &[0x32, 0, 0], 300);
     assert!(bridge.can_transmit(at(300)).is_some());
     assert_eq!(bridge.counters().control_requests, 2);
 }
@@ -138,13 +138,13 @@ fn a_subscriber_gets_the_frames_of_its_subscription() {
         sequence,
         reply: Reply::Done,
     };
-    ask(&mut bridge, 1, FRAMES, at(0));
+    send_request(&mut bridge, 1, FRAMES, at(0));
     assert_eq!(messages(&mut bridge, 0), [done(1)]);
     // A frame from before its host went.
     bridge.uart_received(&ling(0x77, 0, &[1]), at(100));
     bridge.usb_event(UsbEvent::Reset, at(200));
     bridge.usb_event(UsbEvent::Configured(true), at(300));
-    ask(&mut bridge, 2, FRAMES, at(3_600_000_000));
+    send_request(&mut bridge, 2, FRAMES, at(3_600_000_000));
     assert_eq!(messages(&mut bridge, 3_600_000_000), [done(2)]);
     // A frame from before the end of its hold.
     bridge.uart_received(&ling(0x77, 0, &[2]), at(3_600_000_100));
@@ -152,17 +152,17 @@ fn a_subscriber_gets_the_frames_of_its_subscription() {
         frames: false,
         events: false,
     };
-    ask(&mut bridge, 3, Request::Subscribe(nothing), at(3_600_000_200));
-    let told = messages(&mut bridge, 3_600_000_200);
-    assert_eq!(told.len(), 2, "{told:?}");
+    send_request(&mut bridge, 3, Request::Subscribe(nothing), at(3_600_000_200));
+    let received = messages(&mut bridge, 3_600_000_200);
+    assert_eq!(received.len(), 2, "{received:?}");
     assert!(matches!(
-        told[0],
+        received[0],
         FromAdapter::Event {
             at: Stamp(3_600_000_100),
             event: Event::Frame { .. }
         }
     ));
-    assert_eq!(told[1], done(3));
+    assert_eq!(received[1], done(3));
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn old_bus_answer_is_not_sent_on_new() {
     let mut request = vec![0];
     request.extend(ling(0x06, 2, &[0xFE]));
     request[0] = request.len() as u8 - 1;
-    hear(&mut bridge, Function::ArmRequest, &request, 0);
+    receive(&mut bridge, Function::ArmRequest, &request, 0);
     assert!(transmit(&mut bridge, &mut [0; MAX_FRAME], at(0)).is_some());
     let config = Config {
         can: Can {
@@ -180,7 +180,7 @@ fn old_bus_answer_is_not_sent_on_new() {
         },
         ..Config::default()
     };
-    ask(&mut bridge, 1, Request::SetConfig(config), at(10));
+    send_request(&mut bridge, 1, Request::SetConfig(config), at(10));
     assert_eq!(bridge.action(at(20)), None);
     assert_eq!(bridge.uart_received(&ling(0x06, 2, &[1]), at(700)), 1);
     assert!(matches!(bridge.action(at(700)), Some(Action::RestartCan(_))));
@@ -196,7 +196,7 @@ fn bytes_on_the_line_stay_unchanged() {
         bridge.usb_received(&motion(), at(0));
         assert!(transmit(&mut bridge, &mut out, at(0)).is_some());
     }
-    ask(&mut bridge, 1, Request::IdentifyArm, at(199_990));
+    send_request(&mut bridge, 1, Request::IdentifyArm, at(199_990));
     assert!(bridge.uart_transmit(&mut out, at(199_995)).is_some());
     assert_eq!(out[1], 0x01);
     // The host is silent while the adapter's own request goes out.
@@ -224,16 +224,16 @@ fn bytes_on_the_line_stay_unchanged() {
 }
 
 #[test]
-fn frames_of_two_packets_are_told_of() {
+fn frames_of_two_packets_are_published() {
     let mut bridge = adapter(Config::default());
-    ask(&mut bridge, 1, FRAMES, at(0));
+    send_request(&mut bridge, 1, FRAMES, at(0));
     messages(&mut bridge, 0);
     let frame = ling(0x77, 0, &[]);
     let packet = frame.repeat(PACKET / frame.len());
-    let mut told = 0;
+    let mut frames = 0;
     for now in [100, 200] {
-        told += bridge.uart_received(&packet, at(now));
+        frames += bridge.uart_received(&packet, at(now));
         assert_eq!(bridge.counters().dropped_events, 0);
     }
-    assert_eq!(messages(&mut bridge, 200).len(), told);
+    assert_eq!(messages(&mut bridge, 200).len(), frames);
 }

@@ -5,7 +5,7 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use super::rig::{Rig, at, ling, polite, transmit};
+use super::rig::{Rig, at, ling, ling_responder, transmit};
 use crate::config::{Config, Poll};
 use crate::control::{Identity, Initiator, Reply, Request};
 use crate::{Bridge, Duration, Instant, POLL_LEAD_TIME, Start, UsbEvent};
@@ -19,7 +19,7 @@ fn polling(poll: Poll) -> Rig {
 
 /// Start times of the polls.
 fn polls(rig: &Rig) -> Vec<u64> {
-    let bursts = rig.initiators.iter().zip(&rig.said);
+    let bursts = rig.initiators.iter().zip(&rig.sent);
     let polls = bursts.filter(|(initiator, _)| **initiator == Initiator::Poll);
     polls.map(|(_, (at, _))| *at).collect()
 }
@@ -101,8 +101,8 @@ fn poll_is_delayed_only_by_current_exchange_counted() {
 #[test]
 fn slots_during_arm_turnaround_are_missed_and_counted() {
     let mut rig = polling(Poll::Hertz(1_000));
-    let mut polite = polite();
-    rig.manners = Box::new(move |request| polite(request).map(|(_, answer)| (2_000, answer)));
+    let mut ling_responder = ling_responder();
+    rig.responder = Box::new(move |request| ling_responder(request).map(|(_, answer)| (2_000, answer)));
     rig.run(1_000_000);
     // 70 + 2000 + 210 µs: every third slot.
     assert_eq!(polls(&rig)[..3], [1_000, 4_000, 7_000]);

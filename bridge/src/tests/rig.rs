@@ -25,7 +25,7 @@ use crate::{
 };
 
 /// The arm's answer to a request, and its delay in µs.
-pub(super) type Manners = Box<dyn FnMut(&[u8]) -> Option<(u64, Vec<u8>)>>;
+pub(super) type Responder = Box<dyn FnMut(&[u8]) -> Option<(u64, Vec<u8>)>>;
 
 /// Duration of a frame on the CAN bus, in µs.
 const CAN_FRAME: u64 = 130;
@@ -36,7 +36,7 @@ pub(super) struct Rig {
     /// The UART's configuration.
     pub(super) uart: UartConfig,
     /// The bursts to the arm, and their start times.
-    pub(super) said: Vec<(u64, Vec<u8>)>,
+    pub(super) sent: Vec<(u64, Vec<u8>)>,
     /// The initiator of each burst.
     pub(super) initiators: Vec<Initiator>,
     /// The baud rate of each burst.
@@ -44,9 +44,9 @@ pub(super) struct Rig {
     /// The time at which the UART accepts more bytes.
     tx_free: u64,
     /// The arm's receiver, its start, and the bytes of its answers with their arrival times.
-    ear: Decoder<70>,
-    pub(super) manners: Manners,
-    voice: VecDeque<(u64, u8)>,
+    arm_decoder: Decoder<70>,
+    pub(super) responder: Responder,
+    arm_output: VecDeque<(u64, u8)>,
     idle: Option<u64>,
     /// Bytes received by the host on USB.
     pub(super) usb: Vec<u8>,
@@ -85,13 +85,13 @@ impl Rig {
             bridge,
             now: 0,
             uart: UartConfig::default(),
-            said: vec![],
+            sent: vec![],
             initiators: vec![],
             bauds: vec![],
             tx_free: 0,
-            ear: Decoder::new(),
-            manners: Box::new(polite()),
-            voice: VecDeque::new(),
+            arm_decoder: Decoder::new(),
+            responder: Box::new(ling_responder()),
+            arm_output: VecDeque::new(),
             idle: None,
             usb: vec![],
             usb_out: VecDeque::new(),
@@ -120,7 +120,7 @@ impl Rig {
         let end = self.now + micros;
         self.pump();
         loop {
-            let voice = self.voice.front().map(|&(at, _)| at);
+            let arm_output = self.arm_output.front().map(|&(at, _)| at);
             let timeout = self.bridge.timeout().map(|at| at.as_micros());
             let hosts = [self.arm.timeout(), self.control.timeout()]
                 .into_iter()
@@ -129,7 +129,10 @@ impl Rig {
                 .min();
             let tx = (self.tx_free > self.now).then_some(self.tx_free);
             let bus = (self.bus_free > self.now).then_some(self.bus_free);
-            let next = [voice, timeout, self.idle, tx, bus, hosts].into_iter().flatten().min();
+            let next = [arm_output, timeout, self.idle, tx, bus, hosts]
+                .into_iter()
+                .flatten()
+                .min();
             match next {
                 Some(at) if at <= end => {
                     self.now = self.now.max(at);
@@ -144,7 +147,7 @@ impl Rig {
 
     /// Passes bytes of the arm to the bridge. Without a frame no more work may become due, apart from packets to the
     /// host.
-    fn hear(&mut self, now: Instant, hear: impl FnOnce(&mut Bridge) -> usize) {
+    fn receive(&mut self, now: Instant, receive: impl FnOnce(&mut Bridge) -> usize) {
         let due = |bridge: &mut Bridge| {
             let status = Status {
                 usb: false,
@@ -154,7 +157,7 @@ impl Rig {
             (status, bridge.timeout())
         };
         let (status, timeout) = due(&mut self.bridge);
-        if hear(&mut self.bridge) == 0 {
+        if receive(&mut self.bridge) == 0 {
             let (status_then, timeout_then) = due(&mut self.bridge);
             assert_eq!(status_then, status);
             assert!(timeout_then >= timeout, "{timeout_then:?} {timeout:?}");
@@ -163,17 +166,17 @@ impl Rig {
 
     fn step(&mut self) {
         let now = at(self.now);
-        while let Some((at, byte)) = self.voice.pop_front_if(|(at, _)| *at <= now.as_micros()) {
-            self.hear(Instant::from_micros(at), |bridge| {
+        while let Some((at, byte)) = self.arm_output.pop_front_if(|(at, _)| *at <= now.as_micros()) {
+            self.receive(Instant::from_micros(at), |bridge| {
                 bridge.uart_received(&[byte], Instant::from_micros(at))
             });
-            let next = self.voice.front().map(|&(at, _)| at);
+            let next = self.arm_output.front().map(|&(at, _)| at);
             // Times are rounded down to microseconds.
             let idle = at + self.byte_time() + 1;
             self.idle = next.is_none_or(|next| next > idle).then_some(idle);
         }
         if self.idle.take_if(|at| *at <= now.as_micros()).is_some() {
-            self.hear(now, |bridge| bridge.uart_event(UartEvent::Idle, now));
+            self.receive(now, |bridge| bridge.uart_event(UartEvent::Idle, now));
         }
         let _ = self.arm.tick(now);
         let _ = self.control.tick(now);
@@ -205,7 +208,7 @@ impl Rig {
             assert_eq!(self.bridge.usb_transmit(&mut packet), None);
             while self.bridge.update(now).control {
                 if let Some(n) = self.bridge.control_transmit(&mut packet, now) {
-                    self.hear_control(&packet[..n]);
+                    self.receive_control(&packet[..n]);
                 }
             }
             assert_eq!(self.bridge.control_transmit(&mut packet, now), None);
@@ -233,8 +236,8 @@ impl Rig {
                         self.tx_free = start + self.uart.coding.micros(len);
                         self.initiators.push(initiator(&before, &self.bridge.counters()));
                         self.bauds.push(self.uart.coding.baud);
-                        self.said.push((start, out[..len].to_vec()));
-                        self.tell_arm(&out[..len], start);
+                        self.sent.push((start, out[..len].to_vec()));
+                        self.send_to_arm(&out[..len], start);
                         idle = false;
                     }
                 }
@@ -252,7 +255,7 @@ impl Rig {
         }
     }
 
-    fn hear_control(&mut self, mut packet: &[u8]) {
+    fn receive_control(&mut self, mut packet: &[u8]) {
         while !packet.is_empty() {
             packet = self.control_in.push(packet);
             match self.control_in.next::<FromAdapter>() {
@@ -265,18 +268,18 @@ impl Rig {
     }
 
     /// The arm receives bytes that are on the line from `start` on, and answers one request after the other.
-    fn tell_arm(&mut self, bytes: &[u8], start: u64) {
+    fn send_to_arm(&mut self, bytes: &[u8], start: u64) {
         let coding = self.uart.coding;
         for (n, byte) in bytes.iter().enumerate() {
-            assert!(self.ear.push(&[*byte]).is_empty());
-            let heard = start + coding.micros(n + 1);
+            assert!(self.arm_decoder.push(&[*byte]).is_empty());
+            let end = start + coding.micros(n + 1);
             let arm = self.bridge.config().arm;
-            while let Some(item) = self.ear.next(&arm, arm.requests()) {
+            while let Some(item) = self.arm_decoder.next(&arm, arm.requests()) {
                 let Kind::Frame = item.kind else { continue };
-                if let Some((after, answer)) = (self.manners)(item.bytes) {
-                    let start = self.voice.back().map_or(0, |&(at, _)| at).max(heard) + after;
+                if let Some((after, answer)) = (self.responder)(item.bytes) {
+                    let start = self.arm_output.back().map_or(0, |&(at, _)| at).max(end) + after;
                     let bytes = answer.iter().enumerate();
-                    self.voice
+                    self.arm_output
                         .extend(bytes.map(|(n, &byte)| (start + coding.micros(n + 1), byte)));
                 }
             }
@@ -284,10 +287,10 @@ impl Rig {
     }
 
     /// The arm sends an unsolicited frame.
-    pub(super) fn arm_says(&mut self, bytes: &[u8]) {
-        let start = self.voice.back().map_or(0, |&(at, _)| at).max(self.now);
+    pub(super) fn arm_sends(&mut self, bytes: &[u8]) {
+        let start = self.arm_output.back().map_or(0, |&(at, _)| at).max(self.now);
         let coding = self.uart.coding;
-        self.voice.extend(
+        self.arm_output.extend(
             bytes
                 .iter()
                 .enumerate()
@@ -302,7 +305,7 @@ impl Rig {
                 continue;
             };
             self.bus_free = now.as_micros() + CAN_FRAME;
-            self.hear_bus(&frame, now);
+            self.receive_from_bus(&frame, now);
             self.bridge.can_event(CanEvent::Waiting(0), now);
             return true;
         }
@@ -320,7 +323,7 @@ impl Rig {
         true
     }
 
-    fn hear_bus(&mut self, frame: &Frame, now: Instant) {
+    fn receive_from_bus(&mut self, frame: &Frame, now: Instant) {
         let (function, node) = Function::of(frame.id()).unwrap();
         match function {
             Function::ArmAnswer if node == self.node => {
@@ -348,25 +351,25 @@ impl Rig {
     }
 
     /// Sends a request on the control interface of USB, and returns its sequence number.
-    pub(super) fn ask(&mut self, request: Request) -> u8 {
+    pub(super) fn request(&mut self, request: Request) -> u8 {
         self.sequence += 1;
         let sequence = self.sequence;
         assert!(self.bridge.update(at(self.now)).control_room);
-        ask(&mut self.bridge, sequence, request, at(self.now));
+        send_request(&mut self.bridge, sequence, request, at(self.now));
         self.pump();
         sequence
     }
 
     /// The reply to a request that is answered at once.
     pub(super) fn call(&mut self, request: Request) -> Reply {
-        let sequence = self.ask(request);
+        let sequence = self.request(request);
         let (replied, reply) = self.replies.pop().unwrap();
         assert_eq!(replied, sequence);
         reply
     }
 
     /// Sends a request on the control connection of CAN.
-    pub(super) fn ask_on_can(&mut self, sequence: u8, request: Request) {
+    pub(super) fn request_on_can(&mut self, sequence: u8, request: Request) {
         let mut bytes = [0; 100];
         let len = encode(&FromHost { sequence, request }, &mut bytes).unwrap();
         self.control.send(&bytes[..len]).unwrap();
@@ -383,7 +386,7 @@ impl Rig {
 
     /// All bytes that went to the arm.
     pub(super) fn line(&self) -> Vec<u8> {
-        self.said.iter().flat_map(|(_, bytes)| bytes.clone()).collect()
+        self.sent.iter().flat_map(|(_, bytes)| bytes.clone()).collect()
     }
 }
 
@@ -426,7 +429,7 @@ fn initiator(before: &Counters, after: &Counters) -> Initiator {
 }
 
 /// Sends a request of the host on USB on the control interface.
-pub(super) fn ask(bridge: &mut Bridge, sequence: u8, request: Request, now: Instant) {
+pub(super) fn send_request(bridge: &mut Bridge, sequence: u8, request: Request, now: Instant) {
     let mut bytes = [0; MAX_COBS];
     let len = encode_cobs(&FromHost { sequence, request }, &mut bytes).unwrap();
     bridge.control_received(&bytes[..len], now);
@@ -447,7 +450,7 @@ pub(super) fn motion() -> Vec<u8> {
 }
 
 /// A Ling arm that answers known requests after 200 µs. The first data byte of its answers counts them.
-pub(super) fn polite() -> impl FnMut(&[u8]) -> Option<(u64, Vec<u8>)> {
+pub(super) fn ling_responder() -> impl FnMut(&[u8]) -> Option<(u64, Vec<u8>)> {
     let mut count = 0_u8;
     move |request: &[u8]| {
         let len = match request[1..3] {

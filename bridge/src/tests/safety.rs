@@ -9,7 +9,7 @@ use std::vec::Vec;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 
-use super::rig::{Rig, ask, at, ling, motion, polite, transmit};
+use super::rig::{Rig, at, ling, ling_responder, motion, send_request, transmit};
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::can::{Frame, Function, Node};
@@ -39,7 +39,7 @@ fn silences(rig: &Rig) -> Vec<(u64, Event)> {
 }
 
 #[test]
-fn torque_off_is_what_the_document_says() {
+fn torque_off_is_the_documented_frame() {
     assert_eq!(ling(0x05, 0, &[0]), TORQUE_OFF);
 }
 
@@ -64,7 +64,7 @@ fn silent_motion_host_is_reported_once() {
             (c.host_silences, c.requests_usb, c.requests_adapter),
             (1, 10, u32::from(torque_off))
         );
-        let last = rig.said.last().unwrap();
+        let last = rig.sent.last().unwrap();
         if torque_off {
             assert_eq!(
                 (last, *rig.initiators.last().unwrap()),
@@ -73,12 +73,12 @@ fn silent_motion_host_is_reported_once() {
         } else {
             assert_eq!(last.1, motion());
         }
-        let told: Vec<_> = rig
+        let events: Vec<_> = rig
             .frames
             .iter()
             .filter_map(|(_, frame)| event_from_frame(frame))
             .collect();
-        assert_eq!(told, [(1_400_000, event)]);
+        assert_eq!(events, [(1_400_000, event)]);
     }
 }
 
@@ -147,7 +147,7 @@ fn streams_until_can_has_the_arm(config: Config) -> Rig {
         rig.usb_out.extend(motion());
         rig.run(10_000);
     }
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     rig.can_out.push_back(ling::SELF_CHECK.to_vec());
     rig.run(1_000);
     rig
@@ -202,7 +202,7 @@ fn streaming_on_can_into_a_self_check(config: Config) -> Rig {
         rig.can_out.push_back(motion());
         rig.run(10_000);
     }
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     rig.usb_out.extend(ling::SELF_CHECK);
     rig.run(1_000);
     rig
@@ -237,7 +237,7 @@ fn requests_that_find_no_room_do_not_disarm() {
     let last = rig.now;
     rig.run(1_000_000);
     assert!(matches!(silences(&rig)[..], [(at, _)] if at < last + 500_000));
-    assert_eq!(rig.said.last().unwrap().1, TORQUE_OFF);
+    assert_eq!(rig.sent.last().unwrap().1, TORQUE_OFF);
 }
 
 #[test]
@@ -248,7 +248,7 @@ fn stream_stays_armed_while_another_has_line() {
         rig.usb_out.extend(motion());
         rig.run(200_000);
     }
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     rig.can_out.push_back(ling::SELF_CHECK.to_vec());
     for _ in 0..4 {
         rig.usb_out.extend(motion());
@@ -262,35 +262,35 @@ fn stream_stays_armed_while_another_has_line() {
         torque_off: true,
     };
     assert_eq!(silences(&rig), [(last + 500_000, event)]);
-    assert_eq!(rig.said.last().unwrap(), &(last + 500_000, TORQUE_OFF.to_vec()));
+    assert_eq!(rig.sent.last().unwrap(), &(last + 500_000, TORQUE_OFF.to_vec()));
 }
 
 #[test]
 fn torque_off_waits_for_nobodys_answer() {
     let mut rig = streams_until_can_has_the_arm(silence(300, true));
     rig.run(2_000_000);
-    assert_eq!(rig.said.last().unwrap(), &(20_000 + 300_000, TORQUE_OFF.to_vec()));
+    assert_eq!(rig.sent.last().unwrap(), &(20_000 + 300_000, TORQUE_OFF.to_vec()));
 }
 
 #[test]
-fn unasked_frames_do_not_hold_up_torque_off() {
+fn unsolicited_frames_do_not_hold_up_torque_off() {
     let mut rig = Rig::new(silence(500, true));
     for _ in 0..3 {
         rig.usb_out.extend(motion());
         rig.run(10_000);
     }
-    let (mut polite, mut n) = (polite(), 0);
-    rig.manners = Box::new(move |request| {
+    let (mut ling_responder, mut n) = (ling_responder(), 0);
+    rig.responder = Box::new(move |request| {
         n += 1;
-        polite(request).filter(|_| n < 9)
+        ling_responder(request).filter(|_| n < 9)
     });
     rig.usb_out.extend(ling(0x06, 0, &[0xFE]).repeat(9));
     let last = rig.now;
     for _ in 0..500 {
         rig.run(40_000);
-        rig.arm_says(&ling(0x77, 0, &[]));
+        rig.arm_sends(&ling(0x77, 0, &[]));
     }
-    let off = rig.said.iter().find(|(_, bytes)| bytes == &TORQUE_OFF);
+    let off = rig.sent.iter().find(|(_, bytes)| bytes == &TORQUE_OFF);
     assert_eq!(off, Some(&(last + 500_000, TORQUE_OFF.to_vec())));
     let c = rig.bridge.counters();
     assert_eq!((c.unanswered_requests, c.untracked_requests), (0, 1));
@@ -323,7 +323,7 @@ fn the_torque_goes_off_before_a_restart() {
         rig.usb_out.extend(motion().repeat(3));
         rig.run(10_000);
         let now = at(rig.now);
-        ask(&mut rig.bridge, 1, request, now);
+        send_request(&mut rig.bridge, 1, request, now);
         assert_eq!(rig.bridge.action(at(rig.now)), None);
         let mut out = [0; MAX_FRAME];
         let burst = transmit(&mut rig.bridge, &mut out, now).unwrap();
@@ -345,7 +345,7 @@ fn flash_is_not_written_during_armed_stream() {
             (0, true)
         );
         rig.run(1_000_000);
-        rig.ask(request);
+        rig.request(request);
         assert_eq!(rig.actions.len(), 1);
     }
 }
@@ -431,19 +431,19 @@ fn complete_new_commands_in_range_move_the_arm() {
         (1, 1, 1)
     );
     assert_eq!((c.requests_command, rig.line().len()), (1, n));
-    let told: Vec<_> = rig
+    let events: Vec<_> = rig
         .frames
         .iter()
         .filter_map(|(_, frame)| event_from_frame(frame))
         .collect();
-    assert_eq!(told.len(), 3);
+    assert_eq!(events.len(), 3);
 }
 
 /// A host on USB waits for a missing answer, and a command waits for its turn.
 fn command_waits() -> Rig {
     let mut rig = Rig::new(silence(0, false));
     rig.subscribe();
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     send(&mut rig, command(0));
     rig.usb_out.extend(ling(0x06, 0, &[0xFE]));
     rig.run(1_000);
@@ -464,7 +464,7 @@ fn waiting_command_is_replaced_by_the_next() {
     rig.run(90_000);
     assert_eq!(refusals(&rig), [Refusal::QueueFull]);
     assert_eq!(rig.bridge.counters().requests_command, 1);
-    assert_eq!(rig.said.last().unwrap().1[4..6], [1, 0]);
+    assert_eq!(rig.sent.last().unwrap().1[4..6], [1, 0]);
 }
 
 #[test]
@@ -486,7 +486,7 @@ fn commands_end_with_configuration_before_bus_change() {
     off.can.node = Node::new(5).unwrap();
     // The controller is not reinitialised yet.
     let now = at(rig.now);
-    ask(&mut rig.bridge, 1, Request::SetConfig(off), now);
+    send_request(&mut rig.bridge, 1, Request::SetConfig(off), now);
     for frame in command(1).to_frames(Node::default()) {
         rig.bridge.can_received(&frame, now);
     }
@@ -506,7 +506,7 @@ fn a_silent_stream_of_commands_must_start_anew() {
     // Within the timeout of commands, but after that of the host.
     rig.run(60_000);
     assert_eq!(silences(&rig).len(), 1);
-    assert_eq!(rig.said.last().unwrap().1, TORQUE_OFF);
+    assert_eq!(rig.sent.last().unwrap().1, TORQUE_OFF);
     send(&mut rig, command(5));
     rig.run(10_000);
     assert_eq!(refusals(&rig), [Refusal::Stale]);
@@ -552,7 +552,7 @@ fn motion_stream_ends_when_arm_kind_changes() {
             ..Config::default()
         };
         assert_eq!(rig.call(Request::SetConfig(other)), Reply::Done);
-        let said = rig.said.len();
+        let before = rig.sent.len();
         rig.run(1_000_000);
         let event = Event::HostSilent {
             initiator,
@@ -560,7 +560,7 @@ fn motion_stream_ends_when_arm_kind_changes() {
             torque_off: false,
         };
         assert_eq!(silences(&rig), [(changed, event)]);
-        assert_eq!((rig.bridge.counters().host_silences, rig.said.len()), (1, said));
+        assert_eq!((rig.bridge.counters().host_silences, rig.sent.len()), (1, before));
     }
 }
 
@@ -576,7 +576,7 @@ fn arm_kind_cannot_change_during_armed_stream() {
     assert_eq!(rig.call(Request::SetConfig(other)), Reply::Failed(Failure::StreamArmed));
     // Torque-off still goes out when the host is silent.
     rig.run(1_000_000);
-    assert_eq!(rig.said.last().unwrap().1, TORQUE_OFF);
+    assert_eq!(rig.sent.last().unwrap().1, TORQUE_OFF);
     assert_eq!(rig.call(Request::SetConfig(other)), Reply::Done);
 }
 
@@ -594,7 +594,7 @@ fn waiting_command_is_refused_when_arm_kind_changes() {
 
 /// Sends a long request that is never answered: all other initiators must wait.
 fn keep_busy(rig: &mut Rig) {
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     rig.usb_out.extend(ling::SELF_CHECK);
     rig.run(1_000);
 }
@@ -612,8 +612,8 @@ fn command_waiting_beyond_its_timeout_moves_nothing() {
         initiator: Initiator::Command,
         reason: Refusal::Stale,
     };
-    let told: Vec<_> = rig.events.iter().filter(|(_, event)| *event == refused).collect();
-    assert!(matches!(told[..], [(at, _)] if at.0 == 101_000), "{told:?}");
+    let events: Vec<_> = rig.events.iter().filter(|(_, event)| *event == refused).collect();
+    assert!(matches!(events[..], [(at, _)] if at.0 == 101_000), "{events:?}");
     assert_eq!(rig.bridge.counters().commands_stale, 1);
 }
 
@@ -648,7 +648,7 @@ fn switched_off_command_stream_ends_with_torque_on() {
     assert_eq!(rig.call(Request::SetConfig(off)), Reply::Done);
     rig.run(1_000_000);
     assert_eq!(rig.bridge.counters().host_silences, 1);
-    assert_ne!(rig.said.last().unwrap().1, TORQUE_OFF);
+    assert_ne!(rig.sent.last().unwrap().1, TORQUE_OFF);
 }
 
 #[test]
@@ -689,7 +689,7 @@ fn nothing_precedes_torque_off_after_complete_frame() {
 
 #[test]
 fn a_stream_on_can_lives_by_motion_only() {
-    let said: [fn(&mut Rig); 3] = [
+    let others: [fn(&mut Rig); 3] = [
         |rig| {
             let flow = Frame::new(Function::ArmRequest.id(Node::default()), &[0x30, 0, 0]).unwrap();
             rig.can_frame(&flow);
@@ -697,18 +697,18 @@ fn a_stream_on_can_lives_by_motion_only() {
         |rig| rig.can_out.push_back(vec![1, 2, 3]),
         |rig| rig.can_out.push_back(ling(0x06, 0, &[0xFE])),
     ];
-    for say in said {
+    for send in others {
         let mut rig = Rig::new(silence(100, true));
         for _ in 0..8 {
             rig.can_out.push_back(motion());
             rig.run(10_000);
         }
         for _ in 0..40 {
-            say(&mut rig);
+            send(&mut rig);
             rig.run(40_000);
         }
         assert_eq!(rig.bridge.counters().host_silences, 1);
-        assert!(rig.said.iter().any(|(_, bytes)| bytes == &TORQUE_OFF));
+        assert!(rig.sent.iter().any(|(_, bytes)| bytes == &TORQUE_OFF));
     }
 }
 
@@ -754,7 +754,7 @@ fn while_the_flash_is_written_nobody_is_silent() {
         rig.can_out.push_back(motion());
         rig.run(20_000);
     }
-    rig.ask(Request::SaveConfig);
+    rig.request(Request::SaveConfig);
     // The core of an STM32F405 stalls.
     rig.now += 250_000;
     rig.bridge.saved(Ok(()), at(rig.now));

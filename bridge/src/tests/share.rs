@@ -10,7 +10,7 @@ use armwire::alpha1::{self, Alpha1};
 use armwire::messages::Messages;
 use proptest::prelude::*;
 
-use super::rig::{Rig, at, ling, polite};
+use super::rig::{Rig, at, ling, ling_responder};
 use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, Poll};
 use crate::control::{Event, Initiator, Refusal, Reply, Request};
@@ -60,21 +60,21 @@ fn each_reply_goes_to_its_initiator_only() {
     rig.run(20_000);
     let c = rig.bridge.counters();
     assert_eq!((c.requests_usb, c.requests_can), (50, 50));
-    assert_eq!((c.unanswered_requests, c.unasked_frames, c.late_answers), (0, 0, 0));
+    assert_eq!((c.unanswered_requests, c.unsolicited_frames, c.late_answers), (0, 0, 0));
     assert_eq!(kinds(&rig.usb), vec![(0x06, 1); 50]);
     assert_eq!(rig.can.len(), 50);
     assert!(rig.can.iter().all(|pdu| kinds(pdu) == [(0x06, 2)]));
     assert_eq!(u64::from(c.requests_poll), rig.now * 300 / 1_000_000);
 
     // Subscribers receive all frames with their initiators.
-    let asked = |initiator: Option<Initiator>| {
+    let frames_of = |initiator: Option<Initiator>| {
         rig.events
             .iter()
             .filter(move |(_, event)| matches!(event, Event::Frame { initiator: a, .. } if *a == initiator))
     };
-    assert_eq!(asked(Some(Initiator::Usb)).count(), 50);
-    assert_eq!(asked(Some(Initiator::Can)).count(), 50);
-    assert_eq!(asked(Some(Initiator::Poll)).count() as u32, c.requests_poll);
+    assert_eq!(frames_of(Some(Initiator::Usb)).count(), 50);
+    assert_eq!(frames_of(Some(Initiator::Can)).count(), 50);
+    assert_eq!(frames_of(Some(Initiator::Poll)).count() as u32, c.requests_poll);
     assert!(rig.events.is_sorted_by_key(|&(at, _)| at));
     assert_eq!(c.frames as usize, rig.events.len());
 }
@@ -100,7 +100,7 @@ fn usb_request_waits_from_its_first_byte() {
     rig.run(300);
     rig.usb_out.extend(&JOINTS[3..]);
     rig.run(10_000);
-    let waited = rig.said[1].0 - 200;
+    let waited = rig.sent[1].0 - 200;
     assert!((300..512).contains(&waited), "{waited}");
     // The request from CAN did not wait.
     let latencies = rig.bridge.line.latencies().turn.counts;
@@ -108,23 +108,23 @@ fn usb_request_waits_from_its_first_byte() {
 }
 
 #[test]
-fn unasked_frame_reaches_usb_and_subscribers_during_exchange() {
+fn unsolicited_frame_reaches_usb_and_subscribers_during_exchange() {
     let mut rig = Rig::new(Config::default());
     rig.subscribe();
-    let unasked = ling(0x06, 0, &[9; 15]);
-    let mut polite = polite();
-    let spoken = unasked.clone();
+    let unsolicited = ling(0x06, 0, &[9; 15]);
+    let mut ling_responder = ling_responder();
+    let spoken = unsolicited.clone();
     // The arm sends another frame first, then noise and the answer.
-    rig.manners = Box::new(move |request| {
-        polite(request).map(|(after, answer)| (after, [&spoken[..], b"??", &answer[..]].concat()))
+    rig.responder = Box::new(move |request| {
+        ling_responder(request).map(|(after, answer)| (after, [&spoken[..], b"??", &answer[..]].concat()))
     });
     rig.can_out.push_back(info());
     rig.run(10_000);
-    assert_eq!(rig.usb, [&unasked[..], b"??"].concat());
+    assert_eq!(rig.usb, [&unsolicited[..], b"??"].concat());
     assert_eq!(kinds(&rig.can.concat()), [(0x01, 0)]);
     let c = rig.bridge.counters();
-    assert_eq!((c.unasked_frames, c.noise_bytes, c.frames), (1, 2, 2));
-    assert!(matches!(&rig.events[0].1, Event::Frame { initiator: None, bytes } if bytes[..] == unasked));
+    assert_eq!((c.unsolicited_frames, c.noise_bytes, c.frames), (1, 2, 2));
+    assert!(matches!(&rig.events[0].1, Event::Frame { initiator: None, bytes } if bytes[..] == unsolicited));
     assert!(matches!(
         &rig.events[1].1,
         Event::Frame {
@@ -135,7 +135,7 @@ fn unasked_frame_reaches_usb_and_subscribers_during_exchange() {
 }
 
 #[test]
-fn unasked_frame_reaches_can_if_configured() {
+fn unsolicited_frame_reaches_can_if_configured() {
     for unsolicited in [false, true] {
         let mut rig = Rig::new(Config {
             can: Can {
@@ -144,11 +144,11 @@ fn unasked_frame_reaches_can_if_configured() {
             },
             ..Config::default()
         });
-        let unasked = ling(0x06, 0, &[9; 15]);
-        rig.arm_says(&unasked);
+        let frame = ling(0x06, 0, &[9; 15]);
+        rig.arm_sends(&frame);
         rig.usb_out.extend(info());
         rig.run(10_000);
-        assert_eq!(rig.can, vec![unasked; usize::from(unsolicited)]);
+        assert_eq!(rig.can, vec![frame; usize::from(unsolicited)]);
         assert_eq!(kinds(&rig.usb).len(), 2);
     }
 }
@@ -156,15 +156,15 @@ fn unasked_frame_reaches_can_if_configured() {
 #[test]
 fn frame_started_before_request_is_no_answer() {
     let mut rig = Rig::new(Config::default());
-    let mut unasked = ling(0x06, 0, &[9; 15]);
-    rig.arm_says(&unasked);
+    let mut unsolicited = ling(0x06, 0, &[9; 15]);
+    rig.arm_sends(&unsolicited);
     rig.run(55);
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(10_000);
-    assert_eq!(rig.usb, unasked);
+    assert_eq!(rig.usb, unsolicited);
     assert_eq!(rig.can.len(), 1);
     assert_eq!(rig.can[0][4], 1);
-    unasked.clear();
+    unsolicited.clear();
 }
 
 #[test]
@@ -207,22 +207,22 @@ fn untracked_usb_requests_give_answers_to_no_other() {
 }
 
 #[test]
-fn unasked_frame_is_no_answer_despite_open_requests() {
+fn unsolicited_frame_is_no_answer_despite_open_requests() {
     let mut rig = Rig::new(Config::default());
     // The arm answers late: all requests are in flight when it sends another frame.
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     rig.usb_out.extend(JOINTS.repeat(9));
     rig.run(700);
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(1_000);
-    rig.arm_says(&ling(0x77, 0, &[]));
+    rig.arm_sends(&ling(0x77, 0, &[]));
     for n in 1..=9 {
-        rig.arm_says(&ling(0x06, 0, &[n; 15]));
+        rig.arm_sends(&ling(0x06, 0, &[n; 15]));
         rig.run(1_000);
     }
     // The answer to the ninth request, which is not tracked, is unsolicited, too.
     let c = rig.bridge.counters();
-    assert_eq!((c.unasked_frames, c.untracked_requests), (2, 1));
+    assert_eq!((c.unsolicited_frames, c.untracked_requests), (2, 1));
     assert_eq!((kinds(&rig.usb).len(), rig.can.len()), (10, 0));
 }
 
@@ -233,7 +233,7 @@ fn answer_may_arrive_while_host_sends_more() {
     rig.run(50_000);
     // The first answer is in at 480 µs, the last request out at 560 µs.
     let c = rig.bridge.counters();
-    assert_eq!((c.frames, c.unasked_frames, c.unanswered_requests), (8, 0, 0));
+    assert_eq!((c.frames, c.unsolicited_frames, c.unanswered_requests), (8, 0, 0));
     // From the request to its answer, which waits for the answers before it.
     let latencies = rig.bridge.line.latencies().answer.counts;
     assert_eq!((latencies[8], latencies[9], latencies.iter().sum()), (1, 1, 8));
@@ -272,10 +272,10 @@ fn others_wait_while_untracked_requests_are_pipelined() {
     assert_eq!((kinds(&rig.usb).len(), rig.can.len()), (20, 1));
     let c = rig.bridge.counters();
     assert_eq!((c.requests_usb, c.untracked_requests, c.frames), (20, 2, 21));
-    assert_eq!((c.unasked_frames, c.unanswered_requests), (2, 0));
+    assert_eq!((c.unsolicited_frames, c.unanswered_requests), (2, 0));
     // Alone on the line again, it may pipeline more requests, and unanswered ones are counted.
     rig.run(1_000_000);
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     rig.usb_out.extend(JOINTS.repeat(10));
     rig.run(100_000);
     let c = rig.bridge.counters();
@@ -285,7 +285,7 @@ fn others_wait_while_untracked_requests_are_pipelined() {
 #[test]
 fn same_request_alternates_with_polls_of_silent_arm() {
     let mut rig = polling(Poll::Hertz(100));
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     for _ in 0..300 {
         if rig.can_out.is_empty() && rig.bridge.line.waiting().0 == 0 {
             rig.can_out.push_back(JOINTS.to_vec());
@@ -293,7 +293,7 @@ fn same_request_alternates_with_polls_of_silent_arm() {
         rig.run(10_000);
     }
     // Neither may send while a late answer is possible. Both wait until then.
-    let turns = |initiator| rig.initiators.iter().filter(|who| **who == initiator).count();
+    let turns = |initiator| rig.initiators.iter().filter(|of| **of == initiator).count();
     let (can, polls) = (turns(Initiator::Can), turns(Initiator::Poll));
     assert!(can > 10 && can.abs_diff(polls) <= 1, "{can} of CAN, {polls} polls");
 }
@@ -303,20 +303,20 @@ fn initiators_wait_at_most_one_turn_each() {
     // All initiators have requests all the time.
     for poll in [Poll::Fastest, Poll::Hertz(1_000)] {
         let mut rig = polling(poll);
-        let mut asked = 0;
+        let mut requests = 0;
         for _ in 0..2_000 {
             if rig.usb_out.len() < 100 {
                 rig.usb_out.extend(temperatures());
             }
             if rig.can_out.is_empty() && rig.bridge.line.waiting().0 == 0 {
                 rig.can_out.push_back(velocities());
-                asked += 1;
+                requests += 1;
             }
             rig.run(200);
         }
-        assert!(asked > 100);
+        assert!(requests > 100);
         for initiator in [Initiator::Usb, Initiator::Can, Initiator::Poll] {
-            let turns = rig.initiators.iter().enumerate().filter(|(_, who)| **who == initiator);
+            let turns = rig.initiators.iter().enumerate().filter(|(_, of)| **of == initiator);
             let turns: Vec<_> = turns.map(|(n, _)| n).skip(3).collect();
             assert!(turns.len() > 100);
             assert!(
@@ -369,7 +369,7 @@ fn partial_frame_keeps_line_for_10_ms() {
     rig.can_out.push_back(info());
     rig.run(20_000);
     // An arm that waits for the rest would read the next bytes as that rest: zeros end it.
-    assert_eq!(rig.said[1..], [(10_000, vec![0; 70]), (10_700, info())]);
+    assert_eq!(rig.sent[1..], [(10_000, vec![0; 70]), (10_700, info())]);
     assert_eq!(rig.can.len(), 1);
 }
 
@@ -381,9 +381,9 @@ fn raw_bytes_keep_line_until_quiet_or_100ms() {
     rig.can_out.push_back(info());
     rig.run(1_000);
     // The arm answers: the 5 ms count from its last byte, which is in at 1200 µs.
-    rig.arm_says(&[1; 10]);
+    rig.arm_sends(&[1; 10]);
     rig.run(20_000);
-    assert_eq!(rig.said[1], (1_200 + 5_000, info()));
+    assert_eq!(rig.sent[1], (1_200 + 5_000, info()));
 
     // A host that never pauses: its turn ends 100 ms after the other began to wait.
     let mut rig = Rig::new(Config::default());
@@ -398,7 +398,7 @@ fn raw_bytes_keep_line_until_quiet_or_100ms() {
             began = Some(rig.now);
         }
     }
-    let (at, _) = rig.said.iter().find(|(_, bytes)| *bytes == info()).unwrap();
+    let (at, _) = rig.sent.iter().find(|(_, bytes)| *bytes == info()).unwrap();
     assert!((at - began.unwrap()).abs_diff(100_000) <= 1_000, "{at}");
     // No byte was lost.
     rig.run(100_000);
@@ -424,7 +424,7 @@ fn two_senders_of_raw_bytes_take_turns() {
     assert_eq!(pdus.iter().map(|run| run.len()).sum::<usize>(), 60);
     assert!(pdus.iter().all(|run| run.len() % 20 == 0));
     assert_eq!(rig.bridge.counters().noise_bytes, 0);
-    rig.arm_says(b"raw answer");
+    rig.arm_sends(b"raw answer");
     rig.run(1_000);
     assert_eq!(rig.usb, b"raw answer");
 }
@@ -447,13 +447,13 @@ fn pdu_other_than_arm_frame_is_refused() {
         reason: Refusal::NotAFrame,
     };
     assert_eq!(rig.events.iter().filter(|(_, event)| *event == refused).count(), 4);
-    let told: Vec<_> = rig
+    let refusals: Vec<_> = rig
         .frames
         .iter()
         .filter_map(|(_, frame)| crate::can::telemetry::event_from_frame(frame))
         .collect();
-    assert_eq!(told.len(), 4);
-    assert!(told.iter().all(|(_, event)| *event == refused));
+    assert_eq!(refusals.len(), 4);
+    assert!(refusals.iter().all(|(_, event)| *event == refused));
 }
 
 #[test]
@@ -461,7 +461,7 @@ fn can_queue_overflow_is_refused_and_counted() {
     let mut rig = Rig::new(Config::default());
     rig.subscribe();
     // A silent arm: one request in flight, two pending, one in the connection, and no more.
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     let request = ling(0x05, 0, &[1]);
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(1_000);
@@ -483,9 +483,9 @@ fn can_queue_overflow_is_refused_and_counted() {
 #[test]
 fn bytes_waiting_for_timely_answer_are_no_fault() {
     let mut rig = Rig::new(Config::default());
-    let mut polite = polite();
-    rig.manners = Box::new(move |request| {
-        let (_, answer) = polite(request)?;
+    let mut ling_responder = ling_responder();
+    rig.responder = Box::new(move |request| {
+        let (_, answer) = ling_responder(request)?;
         let takes = if request == armwire::ling::SELF_CHECK {
             490_000
         } else {
@@ -512,11 +512,11 @@ fn bytes_waiting_for_timely_answer_are_no_fault() {
 #[test]
 fn missing_answer_frees_line_but_blocks_its_kind() {
     let mut rig = Rig::new(Config::default());
-    let mut polite = polite();
+    let mut ling_responder = ling_responder();
     let mut first = true;
     // The first answer comes after 80 ms.
-    rig.manners = Box::new(move |request| {
-        let (after, answer) = polite(request)?;
+    rig.responder = Box::new(move |request| {
+        let (after, answer) = ling_responder(request)?;
         Some((if core::mem::take(&mut first) { 80_000 } else { after }, answer))
     });
     rig.can_out.push_back(JOINTS.to_vec());
@@ -524,10 +524,10 @@ fn missing_answer_frees_line_but_blocks_its_kind() {
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(60_000);
     assert_eq!(rig.bridge.counters().unanswered_requests, 1);
-    assert_eq!(rig.said.len(), 1, "the same kind waits");
+    assert_eq!(rig.sent.len(), 1, "the same kind waits");
     rig.run(100_000);
     let c = rig.bridge.counters();
-    assert_eq!((c.late_answers, c.unasked_frames, c.unanswered_requests), (1, 0, 1));
+    assert_eq!((c.late_answers, c.unsolicited_frames, c.unanswered_requests), (1, 0, 1));
     // The late answer went to the host on USB as an unsolicited frame. The second request got its own.
     assert_eq!(rig.usb[4], 1);
     assert_eq!(rig.can.iter().map(|pdu| pdu[4]).collect::<Vec<_>>(), [2]);
@@ -537,9 +537,9 @@ fn missing_answer_frees_line_but_blocks_its_kind() {
 #[test]
 fn others_proceed_while_same_kind_waits() {
     let mut rig = polling(Poll::Hertz(100));
-    let mut polite = polite();
+    let mut ling_responder = ling_responder();
     // The arm does not support joint requests.
-    rig.manners = Box::new(move |request| polite(request).filter(|_| request[1..3] != [6, 0]));
+    rig.responder = Box::new(move |request| ling_responder(request).filter(|_| request[1..3] != [6, 0]));
     rig.run(65_000);
     rig.can_out.push_back(info());
     rig.run(5_000);
@@ -564,17 +564,17 @@ fn other_arm_kind_is_shared_by_its_frames() {
         });
         rig.run(1_000);
         assert_eq!((rig.uart.coding.baud, rig.uart.half_duplex), (115_200, half_duplex));
-        rig.manners = Box::new(|request| match request[0] {
+        rig.responder = Box::new(|request| match request[0] {
             0xEF => Some((100, vec![0xEF, 0xFE, 1, 2, 3, 4, 10, 0xED])),
             _ => Some((100, vec![request[2] + 0xAA])),
         });
         rig.can_out.push_back(move_one.to_vec());
         rig.usb_out.extend(states);
         rig.run(50_000);
-        assert_eq!(rig.can, [[0xAB]], "{:?} {:?}", rig.said, rig.bridge.counters());
+        assert_eq!(rig.can, [[0xAB]], "{:?} {:?}", rig.sent, rig.bridge.counters());
         assert_eq!(rig.usb, [0xEF, 0xFE, 1, 2, 3, 4, 10, 0xED]);
         let c = rig.bridge.counters();
-        assert_eq!((c.unanswered_requests, c.unasked_frames, c.frames), (0, 0, 2));
+        assert_eq!((c.unanswered_requests, c.unsolicited_frames, c.frames), (0, 0, 2));
     }
 }
 
@@ -633,9 +633,9 @@ fn step() -> impl Strategy<Value = Step> {
 #[test]
 fn both_late_answers_of_a_kind_are_late() {
     let mut rig = polling(Poll::Off);
-    let (mut polite, mut n) = (polite(), 0);
-    rig.manners = Box::new(move |request| {
-        let (after, answer) = polite(request)?;
+    let (mut ling_responder, mut n) = (ling_responder(), 0);
+    rig.responder = Box::new(move |request| {
+        let (after, answer) = ling_responder(request)?;
         n += 1;
         Some(([80_000, 5_000].get(n - 1).copied().unwrap_or(after), answer))
     });
@@ -644,7 +644,7 @@ fn both_late_answers_of_a_kind_are_late() {
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(200_000);
     let c = rig.bridge.counters();
-    assert_eq!((c.late_answers, c.unasked_frames), (2, 0));
+    assert_eq!((c.late_answers, c.unsolicited_frames), (2, 0));
     assert_eq!(rig.can.iter().map(|pdu| pdu[4]).collect::<Vec<_>>(), [3]);
 }
 
@@ -654,11 +654,11 @@ fn a_late_answer_goes_to_no_other_host() {
     // when the first answer is in.
     for can_at in [61_000, 95_000] {
         let mut rig = polling(Poll::Off);
-        let (mut polite, mut n) = (polite(), 0);
+        let (mut ling_responder, mut n) = (ling_responder(), 0);
         // Each answer is 90 ms late, the second by its own request.
-        rig.manners = Box::new(move |request| {
+        rig.responder = Box::new(move |request| {
             n += 1;
-            polite(request).map(|(_, answer)| (if n == 2 { 59_000 } else { 90_000 }, answer))
+            ling_responder(request).map(|(_, answer)| (if n == 2 { 59_000 } else { 90_000 }, answer))
         });
         rig.run(1_000);
         rig.usb_out.extend(JOINTS);
@@ -676,7 +676,7 @@ fn a_late_answer_goes_to_no_other_host() {
 #[test]
 fn no_missing_answer_is_forgotten_for_another() {
     let mut rig = polling(Poll::Off);
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     // Seven keys, and 20 requests with the last.
     for function in 0..6 {
         rig.usb_out.extend(ling(0x77, function, &[]));
@@ -689,7 +689,7 @@ fn no_missing_answer_is_forgotten_for_another() {
     rig.run(1_000);
     assert_eq!(rig.bridge.counters().requests_can, 0);
     // A late answer: it does not belong to the request of the host on CAN.
-    rig.arm_says(&ling(0x77, 0, &[1]));
+    rig.arm_sends(&ling(0x77, 0, &[1]));
     rig.run(5_000);
     let c = rig.bridge.counters();
     assert_eq!((c.late_answers, rig.can.len(), c.requests_can), (1, 0, 0));
@@ -700,20 +700,20 @@ fn no_missing_answer_is_forgotten_for_another() {
 #[test]
 fn usb_waits_for_late_answers_of_same_kind() {
     let mut rig = polling(Poll::Off);
-    let (mut polite, mut n) = (polite(), 0);
-    rig.manners = Box::new(move |request| {
+    let (mut ling_responder, mut n) = (ling_responder(), 0);
+    rig.responder = Box::new(move |request| {
         n += 1;
-        polite(request).map(|(after, answer)| (if n == 1 { 70_000 } else { after }, answer))
+        ling_responder(request).map(|(after, answer)| (if n == 1 { 70_000 } else { after }, answer))
     });
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(60_000);
     rig.usb_out.extend(JOINTS);
     rig.usb_out.extend(temperatures());
     rig.run(100_000);
-    let asked = [&JOINTS.repeat(2)[..], &temperatures()].concat();
-    assert_eq!(rig.line(), asked);
+    let requests = [&JOINTS.repeat(2)[..], &temperatures()].concat();
+    assert_eq!(rig.line(), requests);
     // The second request with this key went out after the first answer.
-    assert!(rig.said[1].0 > 70_000 && rig.said[1].0 < 72_000, "{:?}", rig.said);
+    assert!(rig.sent[1].0 > 70_000 && rig.sent[1].0 < 72_000, "{:?}", rig.sent);
     assert_eq!(rig.bridge.counters().late_answers, 1);
 }
 
@@ -722,23 +722,28 @@ fn frame_started_during_request_is_no_answer() {
     for (ahead, answers) in [(1, true), (3, false), (8, false)] {
         let mut rig = polling(Poll::Off);
         rig.subscribe();
-        rig.manners = Box::new(|_| None);
+        rig.responder = Box::new(|_| None);
         rig.usb_out.extend(JOINTS);
         // It is out after 70 µs.
         rig.run(70 - 10 * (ahead - 1));
-        rig.arm_says(&ling(0x06, 0, &[99; 15]));
+        rig.arm_sends(&ling(0x06, 0, &[99; 15]));
         rig.run(1_000);
         let initiator = answers.then_some(Initiator::Usb);
-        let heard = |(_, event): &(_, Event)| matches!(event, Event::Frame { initiator: of, .. } if *of == initiator);
-        assert!(rig.events.iter().any(heard), "{ahead} bytes ahead: {:?}", rig.events);
+        let is_answer =
+            |(_, event): &(_, Event)| matches!(event, Event::Frame { initiator: of, .. } if *of == initiator);
+        assert!(
+            rig.events.iter().any(is_answer),
+            "{ahead} bytes ahead: {:?}",
+            rig.events
+        );
     }
 }
 
 #[test]
 fn request_from_old_bus_is_answered_or_refused() {
     let mut rig = polling(Poll::Off);
-    let mut polite = polite();
-    rig.manners = Box::new(move |request| polite(request).map(|(_, answer)| (20_000, answer)));
+    let mut ling_responder = ling_responder();
+    rig.responder = Box::new(move |request| ling_responder(request).map(|(_, answer)| (20_000, answer)));
     rig.can_out.extend([JOINTS.to_vec(), info(), temperatures()]);
     rig.run(5_000);
     let mut other = Config::default();
@@ -760,15 +765,15 @@ proptest! {
     fn no_byte_is_lost_and_requests_end_once(
         steps in prop::collection::vec(step(), 1..60),
         poll in prop_oneof![Just(Poll::Off), Just(Poll::Hertz(300)), Just(Poll::Fastest)],
-        deaf in any::<u8>(),
+        seed in any::<u8>(),
     ) {
         let mut rig = polling(poll);
-        let mut polite = polite();
+        let mut ling_responder = ling_responder();
         let mut n = 0_u8;
         // Some answers are missing, some are late.
-        rig.manners = Box::new(move |request| {
-            n = n.wrapping_mul(5).wrapping_add(deaf | 1);
-            let (after, answer) = polite(request)?;
+        rig.responder = Box::new(move |request| {
+            n = n.wrapping_mul(5).wrapping_add(seed | 1);
+            let (after, answer) = ling_responder(request)?;
             match n % 16 {
                 0 => None,
                 1 => Some((70_000, answer)),
@@ -776,7 +781,7 @@ proptest! {
             }
         });
         let (mut from_usb, mut from_can) = (vec![], 0);
-        let heard = |rig: &Rig| rig.bridge.counters().arm_to_host_bytes as usize;
+        let received = |rig: &Rig| rig.bridge.counters().arm_to_host_bytes as usize;
         for step in steps {
             match step {
                 Step::Usb(bytes) => {
@@ -787,7 +792,7 @@ proptest! {
                     rig.can_out.push_back(pdu);
                     from_can += 1;
                 }
-                Step::Arm(bytes) => rig.arm_says(&bytes),
+                Step::Arm(bytes) => rig.arm_sends(&bytes),
                 Step::Run(micros) => rig.run(micros),
             }
         }
@@ -802,7 +807,7 @@ proptest! {
         let line = rig.line();
         prop_assert_eq!(c.host_to_arm_bytes as usize, line.len());
         prop_assert_eq!(c.requests_can + c.refused_can_frames + c.refused_can_requests, from_can);
-        let bursts = || rig.initiators.iter().zip(&rig.said);
+        let bursts = || rig.initiators.iter().zip(&rig.sent);
         let of_usb = bursts().filter(|(initiator, _)| **initiator == Initiator::Usb);
         let of_usb: Vec<u8> = of_usb.flat_map(|(_, (_, bytes))| bytes.clone()).collect();
         prop_assert_eq!(of_usb, from_usb);
@@ -816,8 +821,8 @@ proptest! {
         // To the host: answers of others are not on USB, and all other frames are.
         let on_can: usize = rig.can.iter().map(Vec::len).sum();
         let answered = c.requests_poll as usize;
-        prop_assert_eq!(c.dropped_can_answers + c.dropped_bytes + c.unheard_bytes, 0);
-        let missing = heard(&rig) - rig.usb.len() - on_can;
+        prop_assert_eq!(c.dropped_can_answers + c.dropped_bytes + c.undelivered_bytes, 0);
+        let missing = received(&rig) - rig.usb.len() - on_can;
         prop_assert!(missing.is_multiple_of(21) && missing / 21 <= answered, "{} bytes of {} polls", missing, answered);
         if poll == Poll::Off {
             prop_assert_eq!(missing, 0);
@@ -836,14 +841,14 @@ fn bytes_held_for_missing_answer_are_not_stuck() {
         arm: ArmKind::Alpha1,
         ..Config::default()
     });
-    rig.manners = Box::new(|_| None);
+    rig.responder = Box::new(|_| None);
     // The robot may take a second for it.
     let mut slow = [0; alpha1::MAX_FRAME];
     let len = Alpha1
         .encode_request(&alpha1::Request::SetUsbType(alpha1::UsbType::Disk), &mut slow)
         .unwrap();
     rig.can_out.push_back(slow[..len].to_vec());
-    while rig.said.is_empty() {
+    while rig.sent.is_empty() {
         rig.run(1);
     }
     rig.bridge.usb_received(&[1; 10], at(rig.now));
@@ -861,10 +866,10 @@ fn bytes_held_for_missing_answer_are_not_stuck() {
 #[test]
 fn answer_behind_slow_one_reaches_its_initiator() {
     let mut rig = Rig::new(Config::default());
-    let mut polite = polite();
-    rig.manners = Box::new(move |request| match request[1] {
+    let mut ling_responder = ling_responder();
+    rig.responder = Box::new(move |request| match request[1] {
         0xFE => Some((300_000, ling(0xFE, 0, &[1, 1]))),
-        _ => polite(request),
+        _ => ling_responder(request),
     });
     // A self-check, which the arm may answer for 0.5 s, and a read after it.
     rig.usb_out.extend(ling(0xFE, 0, &[0xFE]));
@@ -873,7 +878,7 @@ fn answer_behind_slow_one_reaches_its_initiator() {
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(1_000_000);
     let c = rig.bridge.counters();
-    assert_eq!((c.unanswered_requests, c.late_answers, c.unasked_frames), (0, 0, 0));
+    assert_eq!((c.unanswered_requests, c.late_answers, c.unsolicited_frames), (0, 0, 0));
     // The answers with joints count: the first is USB's, the second CAN's.
     assert_eq!(rig.can.iter().map(|answer| answer[4]).collect::<Vec<_>>(), [2]);
 }

@@ -405,7 +405,7 @@ pub(super) fn losses(before: &Counters, after: &Counters) -> Option<String> {
         ("overruns", before.overrun_errors, after.overrun_errors),
         ("overruns of the ring", before.ring_overruns, after.ring_overruns),
         ("bytes dropped", before.dropped_bytes, after.dropped_bytes),
-        ("bytes unheard", before.unheard_bytes, after.unheard_bytes),
+        ("bytes undelivered", before.undelivered_bytes, after.undelivered_bytes),
         ("bytes refused", before.refused_bytes, after.refused_bytes),
         (
             "bytes refused at another rate",

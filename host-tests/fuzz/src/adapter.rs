@@ -619,14 +619,14 @@ impl World {
         assert_eq!(c.arm_to_host_bytes as usize, self.arm_sent.len());
         assert_eq!(c.host_to_arm_bytes as usize, self.to_arm);
         assert_eq!(c.refused_bytes, 0, "a packet was taken that there was no room for");
-        let lost = (c.dropped_bytes + c.unheard_bytes) as usize;
+        let lost = (c.dropped_bytes + c.undelivered_bytes) as usize;
         assert!(self.usb_received.len() + lost <= self.arm_sent.len());
         let can_sent: usize = self.can_queries.iter().map(Vec::len).sum();
         assert!(
             self.usb_sent.len() + can_sent + self.dropped() <= self.usb_said.len() + self.can_bytes,
             "bytes for the arm are sent twice, or counted as dropped and sent"
         );
-        assert!(c.late_answers + c.unasked_frames <= c.frames);
+        assert!(c.late_answers + c.unsolicited_frames <= c.frames);
         assert!(c.late_stamps <= c.frames);
         assert!(c.empty_packets_to_host <= c.packets_to_host);
         assert_eq!(self.bridge.config().check(), Ok(()));
@@ -719,12 +719,12 @@ impl World {
         if self.reconfigured {
             return;
         }
-        let lost = (c.dropped_bytes + c.unheard_bytes) as usize;
+        let lost = (c.dropped_bytes + c.undelivered_bytes) as usize;
         let accounted = self.usb_received.len() + lost;
         assert!(accounted <= self.arm_sent.len(), "bytes of the arm are counted twice");
         // Only an answer to another is not for the host on USB.
         let answers = match self.others {
-            true => c.frames - c.late_answers - c.unasked_frames,
+            true => c.frames - c.late_answers - c.unsolicited_frames,
             false => 0,
         };
         let missing = self.arm_sent.len() - accounted;
@@ -768,7 +768,7 @@ impl World {
         if self.usb_said.is_empty()
             && let Some(wanted) = self.wanted
         {
-            let answered = c.frames - c.late_answers - c.unasked_frames;
+            let answered = c.frames - c.late_answers - c.unsolicited_frames;
             assert_eq!(
                 (answered + c.unanswered_requests) as usize,
                 wanted,

@@ -851,7 +851,7 @@ impl Oracle {
             "requests on the control port"
         );
         if self.frames == c.frames {
-            let lost = u64::from(c.dropped_bytes + c.unheard_bytes);
+            let lost = u64::from(c.dropped_bytes + c.undelivered_bytes);
             assert_eq!(
                 self.usb_bytes + self.for_others + lost,
                 self.arm_bytes,
@@ -868,7 +868,7 @@ impl Oracle {
                 self.can_received
             );
         }
-        let answered = c.frames - c.late_answers - c.unasked_frames;
+        let answered = c.frames - c.late_answers - c.unsolicited_frames;
         if is_whole {
             assert_eq!(
                 answered + c.unanswered_requests + c.untracked_requests,

@@ -28,7 +28,7 @@ pub(super) const LOSSES: [Named; 19] = [
     ("late answers", |c| c.late_answers),
     ("noise bytes", |c| c.noise_bytes),
     ("dropped bytes", |c| c.dropped_bytes),
-    ("unheard bytes", |c| c.unheard_bytes),
+    ("undelivered bytes", |c| c.undelivered_bytes),
     ("framing errors", |c| c.framing_errors),
     ("noise errors", |c| c.noise_errors),
     ("overruns", |c| c.overrun_errors),
@@ -254,7 +254,7 @@ impl Rig {
             }
             findings.equal("bytes of noise at the arm", 0, noise);
         }
-        let answers = counted(|c| c.frames) - counted(|c| c.unasked_frames) - counted(|c| c.late_answers);
+        let answers = counted(|c| c.frames) - counted(|c| c.unsolicited_frames) - counted(|c| c.late_answers);
         findings.equal(
             "requests, by answers and those missing",
             answers + counted(|c| c.unanswered_requests),
@@ -280,7 +280,7 @@ impl Rig {
     ) {
         // A frame with a long pause is noise for the adapter, but may be a frame for a host.
         let in_noise = counted(|c| c.noise_bytes) / ANSWER;
-        let nobodys = counted(|c| c.late_answers) + counted(|c| c.unasked_frames) + in_noise;
+        let nobodys = counted(|c| c.late_answers) + counted(|c| c.unsolicited_frames) + in_noise;
         let other_asked = self.hosts.can.as_ref().map_or(0, |can| can.tracker.issued());
         // One in 256 bursts of noise has a valid checksum. It cannot be told from an answer.
         let mut noise_like_answers = u32::from(faults.contains(&Fault::NoiseBurst));
@@ -335,7 +335,7 @@ impl Rig {
 
         let (arm_counts, before) = (self.arm_counts(), self.arm_counts_before);
         let Some(usb) = &self.hosts.usb else { return };
-        let missing_counted = counted(|c| c.dropped_bytes) + counted(|c| c.unheard_bytes);
+        let missing_counted = counted(|c| c.dropped_bytes) + counted(|c| c.undelivered_bytes);
         let for_others = |subscriber: &super::super::Subscriber| {
             [Initiator::Can, Initiator::Poll]
                 .map(|initiator| subscriber.bytes(Some(initiator)))
