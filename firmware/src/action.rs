@@ -1,8 +1,8 @@
 //! Actions of the bridge that only firmware can take: writing the configuration to flash, and restarts.
 //!
 //! The F405 cannot fetch code from its flash during an erase or a write. The core stalls for 250 ms, and 500 ms at
-//! worst, while a sector of 16 kB is erased, which happens once in some hundred saves. Meanwhile USB and CAN do not
-//! answer, and bytes from the arm are lost and counted as an overrun of the ring. The watchdog's timeout is longer.
+//! worst, while a sector of 16 kB is erased, which happens once in some hundred saves. USB and CAN do not respond
+//! meanwhile, and bytes from the arm are lost and counted as an overrun of the ring. The watchdog's timeout is longer.
 
 use armwire_bridge::Action;
 use armwire_bridge::config::Config;
@@ -17,11 +17,11 @@ use crate::progress::{Task, rest};
 use crate::restart;
 
 /// Maximum time for a reply to reach the host before a restart.
-const PARTING_MS: u64 = 100;
+const RESTART_DELAY_MS: u64 = 100;
 
 /// The store of the configuration.
 pub(crate) fn store(flash: ConfigFlash) -> Store<ConfigFlash> {
-    // It fails only for a range of partial pages.
+    // It fails only for a range with partial pages.
     Store::new(flash, CONFIG_FLASH).unwrap()
 }
 
@@ -62,11 +62,11 @@ pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>
             }
             Action::RestartCan(config) => adapter.can_restart.signal(config),
             Action::Restart => {
-                Timer::after_millis(PARTING_MS).await;
+                Timer::after_millis(RESTART_DELAY_MS).await;
                 restart::restart();
             }
             Action::RestartIntoBootLoader => {
-                Timer::after_millis(PARTING_MS).await;
+                Timer::after_millis(RESTART_DELAY_MS).await;
                 restart::restart_into_boot_loader();
             }
         }

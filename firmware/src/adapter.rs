@@ -76,7 +76,7 @@ impl Adapter {
     /// Calls the bridge, and wakes the task that transmits to the arm, where microseconds count. The dispatch to all
     /// others follows.
     ///
-    /// Callers need not know the consequences of their call. A task that is woken without work checks and waits again.
+    /// A task that is woken without work waits again.
     pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
         let result = self.take(f);
         self.wake(Work::Uart);

@@ -11,19 +11,19 @@ use crate::adapter::{Adapter, Work, now};
 use crate::board::{CAN_CAPACITY, Can};
 use crate::progress::{Task, progress, rest};
 
-/// Maximum time for the controller's frames to leave before it is restarted.
-const PARTING: Duration = Duration::from_millis(10);
+/// Maximum time to send the controller's frames before a restart.
+const DRAIN_TIMEOUT: Duration = Duration::from_millis(10);
 
 /// Time without an error after which the bus counts as recovered. While the cause of bus-off lasts, the controller
 /// returns to the bus for a moment every 2 to 15 ms.
-const CALM: Duration = Duration::from_millis(20);
+const RECOVERY_TIME: Duration = Duration::from_millis(20);
 
 /// Serves the bus.
 #[embassy_executor::task]
 pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
     can.start(&adapter.take(|bridge| bridge.config().can));
     // The last time in bus-off, or with an error after it.
-    let mut lost: Option<Instant> = None;
+    let mut bus_off_at: Option<Instant> = None;
     loop {
         progress(Task::Can);
         if adapter.take(|bridge| bridge.can_event(CanEvent::Waiting(can.waiting()), now())) {
@@ -42,13 +42,13 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
             adapter.with(|bridge| bridge.can_event(CanEvent::Errors(errors), now()));
         }
         if can.take_bus_off() {
-            if lost.is_none() {
+            if bus_off_at.is_none() {
                 adapter.with(|bridge| bridge.can_event(CanEvent::BusOff, now()));
             }
-            lost = Some(Instant::now());
-        } else if lost.is_some() && errors.bus > 0 {
-            lost = Some(Instant::now());
-        } else if lost.take_if(|lost| lost.elapsed() >= CALM).is_some() {
+            bus_off_at = Some(Instant::now());
+        } else if bus_off_at.is_some() && errors.bus > 0 {
+            bus_off_at = Some(Instant::now());
+        } else if bus_off_at.take_if(|at| at.elapsed() >= RECOVERY_TIME).is_some() {
             adapter.with(|bridge| bridge.can_event(CanEvent::BusOn, now()));
         }
         // Frames without room in the controller wait in the bridge, where more urgent frames overtake them.
@@ -67,12 +67,12 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         let happened = happened.await;
         drop(resting);
         if let Either3::Third(config) = happened {
-            let parted = async {
+            let drained = async {
                 while can.waiting() > 0 {
                     can.event().await;
                 }
             };
-            let _ = with_timeout(PARTING, parted).await;
+            let _ = with_timeout(DRAIN_TIMEOUT, drained).await;
             can.start(&config);
         }
     }

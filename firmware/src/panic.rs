@@ -1,6 +1,6 @@
 //! The panic handler: counts the panic and restarts the chip.
 //!
-//! A restart costs the arm its adapter for a millisecond, a halt for good. To inspect a panic, set a breakpoint on
+//! A restart interrupts the adapter for a millisecond, a halt permanently. To inspect a panic, set a breakpoint on
 //! `rust_begin_unwind`, or build with feature `defmt`.
 
 use core::panic::PanicInfo;

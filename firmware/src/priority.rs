@@ -3,7 +3,7 @@
 use embassy_executor::{Metadata, SpawnError, SpawnToken, Spawner};
 use embassy_futures::yield_now;
 
-/// From the lowest to the highest: a task closer to a wire runs before the tasks that feed it.
+/// From the lowest to the highest. A task closer to a wire has a higher priority than the tasks that feed it.
 #[derive(Clone, Copy)]
 pub(crate) enum Priority {
     /// The control port, which can wait.

@@ -4,8 +4,7 @@
 //! from the DMA if one arrives at that moment. It reports one error if the status register has several. After an error
 //! it re-enables the DMA stream without a new configuration, and its position in the ring is then wrong. Here only the
 //! interrupt handler reads the data register, and only to clear a flag. Each start of the receive path configures the
-//! stream from scratch, whether a re-enabled stream would start over or continue. The registers are in the board's
-//! [`usart`](crate::board::usart).
+//! stream completely. The registers are in the board's [`usart`](crate::board::usart).
 //!
 //! # Time stamps
 //!
@@ -87,11 +86,11 @@ impl Handler<UartInterrupt> for InterruptHandler {
         let is_byte = !status.is_error() && !status.idle && !usart::is_transmitted_interrupt();
         // Usually it is a byte before the threshold.
         if !is_byte || !wait_for_dma() {
-            return note(status, place);
+            return record_flags(status, place);
         }
         let end = tail();
         if is_reached(end) {
-            reach(end, now());
+            record_threshold(end, now());
             EVENT.signal(());
         }
     }
@@ -99,7 +98,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
 
 /// Records the arrival of the threshold. While there is room for further events, only further candidate frame ends are
 /// checked.
-fn reach(end: usize, at: Instant) {
+fn record_threshold(end: usize, at: Instant) {
     let is_full = critical_section::with(|cs| {
         let mut marks = MARKS.borrow_ref_mut(cs);
         // Any other event, for example the idle line after it, triggers the handler again.
@@ -116,7 +115,7 @@ fn reach(end: usize, at: Instant) {
 }
 
 /// Records an idle line. Without room, the last recorded event was shortly before.
-fn fall_idle(end: usize, at: Instant) {
+fn record_idle(end: usize, at: Instant) {
     critical_section::with(|cs| {
         let mut marks = MARKS.borrow_ref_mut(cs);
         if marks.is_full() {
@@ -126,25 +125,25 @@ fn fall_idle(end: usize, at: Instant) {
     });
 }
 
-/// Records other flags, of a byte that will be at this position in the ring if it waits.
+/// Records errors, an idle line and the end of a transmission. A byte that waits will be at `place` in the ring.
 #[cold]
-fn note(status: Status, place: usize) {
+fn record_flags(status: Status, place: usize) {
     let at = now();
     if usart::is_transmitted_interrupt() {
-        listen();
+        transmission_complete();
     }
     // The byte that triggered the handler is in the ring a few cycles later.
     let is_fetched = wait_for_dma();
     if status.is_error() {
-        note_errors(status, place, is_fetched);
+        record_errors(status, place, is_fetched);
     }
     let end = tail();
     let reached = is_reached(end);
     if reached {
-        reach(end, at);
+        record_threshold(end, at);
     }
     if status.idle {
-        fall_idle(end, at);
+        record_idle(end, at);
     }
     // Errors are reported to the bridge together with the bytes.
     if reached || status.idle {
@@ -161,7 +160,7 @@ fn is_reached(end: usize) -> bool {
 }
 
 /// Sets the threshold of the interrupt handler.
-fn look_for(need: RxThreshold) {
+fn set_threshold(need: RxThreshold) {
     let (last, least) = need.terminator.map_or((0, SIZE), |mark| (mark, need.min));
     // The handler must not see a partial update.
     critical_section::with(|_| {
@@ -188,7 +187,7 @@ fn wait_for_dma() -> bool {
 
 /// On a single wire: the last bit was sent.
 #[cold]
-fn listen() {
+fn transmission_complete() {
     usart::set_receiver(true);
     usart::set_transmitted_interrupt(false);
     SENT.signal(());
@@ -196,7 +195,7 @@ fn listen() {
 
 /// Counts the errors of a byte at this future position in the ring, but only once while the byte waits for the DMA.
 #[cold]
-fn note_errors(status: Status, place: usize, is_fetched: bool) {
+fn record_errors(status: Status, place: usize, is_fetched: bool) {
     critical_section::with(|cs| {
         let counted = match COUNTED.borrow(cs).take() {
             Some((held, counted)) if held == place => counted,
@@ -227,8 +226,8 @@ pub(crate) struct RingHandler;
 impl Handler<RxInterrupt> for RingHandler {
     unsafe fn on_interrupt() {
         // With two checks per turn the DMA cannot pass the head unnoticed. With fewer, as after a stall for the flash,
-        // `rx_went_round` detects it.
-        if untaken(tail()) > SIZE / 2 - MARGIN || usart::rx_went_round() {
+        // `rx_has_wrapped` detects it.
+        if unread(tail()) > SIZE / 2 - MARGIN || usart::rx_has_wrapped() {
             RING_OVERRUN.store(true, Ordering::Relaxed);
         }
         EVENT.signal(());
@@ -244,11 +243,11 @@ fn tail() -> usize {
 }
 
 /// The number of bytes in the ring before `end`.
-fn untaken(end: usize) -> usize {
+fn unread(end: usize) -> usize {
     (end + SIZE - HEAD.load(Ordering::Relaxed)) % SIZE
 }
 
-/// Triggers a read of the UART without an event, as a sign of life of the task.
+/// Triggers a read of the UART without an event, which shows that the task runs.
 pub(crate) fn wake() {
     EVENT.signal(());
 }
@@ -310,7 +309,7 @@ impl Receiver {
     async fn serve(&mut self) {
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
-            if self.look() {
+            if self.poll() {
                 // The packet goes out before all other consequences of a frame.
                 yield_now().await;
                 self.adapter.wake(Work::Uart);
@@ -320,10 +319,10 @@ impl Receiver {
                 }
             }
             let need = self.adapter.take(|bridge| bridge.rx_threshold());
-            look_for(need);
+            set_threshold(need);
             // Bytes that arrived before the interrupt handler knew the threshold cause no signal. Results of earlier
             // bytes, and the next request, go out before they are read.
-            if has_mark() || untaken(tail()) >= need.min.min(need.max) {
+            if has_mark() || unread(tail()) >= need.min.min(need.max) {
                 let_others_run().await;
             } else {
                 let resting = rest(Task::Receive);
@@ -335,7 +334,7 @@ impl Receiver {
 
     /// Passes received bytes to the bridge, stops the stream and keeps the rest.
     fn stop(&mut self, mut transfer: Transfer<'_>) {
-        self.look();
+        self.poll();
         // The interrupt handler leaves a byte in the data register to the DMA, which will not fetch it now.
         usart::stop_receiving();
         transfer.request_pause();
@@ -358,7 +357,7 @@ impl Receiver {
     }
 
     /// Passes received bytes to the bridge. Returns true if a frame ended.
-    fn look(&mut self) -> bool {
+    fn poll(&mut self) -> bool {
         let chunk = &mut self.chunk;
         let is_frame = self.adapter.take(|bridge| {
             let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
@@ -387,7 +386,7 @@ impl Receiver {
                     frames = take(bridge, chunk, mark.end, mark.at);
                 }
             }
-            if !is_marked || frames == 0 && untaken(end) > 0 {
+            if !is_marked || frames == 0 && unread(end) > 0 {
                 late = take(bridge, chunk, end, at);
                 frames = late;
             }
@@ -415,7 +414,7 @@ fn take_mark(end: usize) -> Option<Mark> {
     critical_section::with(|cs| {
         let mut marks = MARKS.borrow_ref_mut(cs);
         let first = marks.front()?;
-        if untaken(first.end) > untaken(end) {
+        if unread(first.end) > unread(end) {
             return None;
         }
         marks.pop_front()
@@ -428,7 +427,7 @@ fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], end: usize, at: Instant) -> u
     loop {
         let n = copy(chunk, end);
         frames += bridge.uart_received(&chunk[..n], at);
-        if untaken(end) == 0 {
+        if unread(end) == 0 {
             return frames;
         }
     }
@@ -436,7 +435,7 @@ fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], end: usize, at: Instant) -> u
 
 /// Copies bytes before `end` out of the ring, as many as fit, and returns their number.
 fn copy(chunk: &mut [u8; 64], end: usize) -> usize {
-    let n = untaken(end).min(chunk.len());
+    let n = unread(end).min(chunk.len());
     let head = HEAD.load(Ordering::Relaxed);
     let (sooner, later) = chunk[..n].split_at_mut(n.min(SIZE - head));
     load(sooner, &RING[head..]);

@@ -1,7 +1,7 @@
 //! The independent watchdog: resets the chip when a task makes no [progress](crate::progress).
 //!
-//! The watchdog is fed while no task is overdue. It is fed by a separate task: a task that never yields starves it too.
-//! It is fed only while the bridge reports that bytes move, because a task might rest despite pending work.
+//! The watchdog is fed while no task is overdue. A separate task feeds it, which a task that never yields would block.
+//! It is fed only while the bridge reports that bytes move: a task might rest despite pending work.
 
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;

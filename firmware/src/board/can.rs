@@ -32,7 +32,7 @@ static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 static LOST: AtomicBool = AtomicBool::new(false);
 
 /// Polling period without an event, in milliseconds: the controller does not report a recovery from bus-off.
-const LOOK_MS: u64 = 5;
+const POLL_PERIOD_MS: u64 = 5;
 
 /// The CAN bus.
 pub(crate) struct Can {
@@ -56,7 +56,7 @@ impl Can {
 
     /// Waits for a possible event: a frame was received or sent, or the bus state changed.
     pub(crate) async fn event(&self) {
-        select(EVENT.wait(), Timer::after_millis(LOOK_MS)).await;
+        select(EVENT.wait(), Timer::after_millis(POLL_PERIOD_MS)).await;
     }
 
     /// The next frame for this adapter.
@@ -95,7 +95,7 @@ impl Can {
 }
 
 /// The identifiers of frames to the adapter. The controller rejects all others.
-pub(super) fn heard(node: Node) -> [Id; 4] {
+pub(super) fn accepted_ids(node: Node) -> [Id; 4] {
     [
         Function::CommandA,
         Function::CommandB,
@@ -129,7 +129,7 @@ pub(super) fn changed() {
 }
 
 /// The controller went bus-off.
-pub(super) fn lost() {
+pub(super) fn bus_off() {
     LOST.store(true, Ordering::Relaxed);
     EVENT.signal(());
 }

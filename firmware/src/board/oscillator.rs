@@ -15,7 +15,7 @@ pub(super) const HSI_MEGAHERTZ: u32 = 16;
 /// Time for a crystal to start before it is restarted, in microseconds.
 const RETRY_US: u32 = 2_000_000;
 /// Polling period, in cycles of HSI: 1 ms.
-const LOOK_CYCLES: u32 = HSI_MEGAHERTZ * 1_000;
+const POLL_CYCLES: u32 = HSI_MEGAHERTZ * 1_000;
 /// Time of the first LED flash after the crystal's start, in microseconds: crystals need a few milliseconds.
 const FIRST_FLASH_US: u32 = 200_000;
 /// Period and duration of the LED flashes in microseconds, and their number.
@@ -56,7 +56,7 @@ fn attempt<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>) -> Optio
             return None;
         }
         set_led(is_flash(elapsed));
-        cortex_m::asm::delay(LOOK_CYCLES);
+        cortex_m::asm::delay(POLL_CYCLES);
     }
 }
 

@@ -72,7 +72,7 @@ pub(crate) fn transmit_at(at: Instant) {
         w.0 = u32::MAX;
         w.set_ccif(START, false);
     });
-    ask_for_start(true);
+    set_start_interrupt(true);
     // The counter may have passed it in between.
     if CLOCK.now() >= at.as_micros() {
         start_transmitting();
@@ -80,12 +80,12 @@ pub(crate) fn transmit_at(at: Instant) {
 }
 
 fn start_transmitting() {
-    ask_for_start(false);
+    set_start_interrupt(false);
     usart::set_transmit_requests(true);
 }
 
 /// Enables the interrupt for the start of the UART.
-fn ask_for_start(on: bool) {
+fn set_start_interrupt(on: bool) {
     critical_section::with(|_| TIMER.dier().modify(|w| w.set_ccie(START, on)));
 }
 

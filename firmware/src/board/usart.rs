@@ -8,8 +8,8 @@ use embassy_stm32::pac::gpio::vals::{Moder, Ot, Pupdr};
 use super::{TX_PIN, UART};
 
 pub(crate) use super::uart::{
-    clear_errors, clear_transmitted, is_byte_waiting, is_transmitted, keep_to_bytes, rx_data, rx_remaining,
-    rx_went_round, take_status, tx_data,
+    clear_errors, clear_transmitted, configure_byte_mode, is_byte_waiting, is_transmitted, rx_data, rx_has_wrapped,
+    rx_remaining, take_status, tx_data,
 };
 
 /// The UART's flags since the last read.
@@ -124,7 +124,7 @@ pub(crate) fn set_half_duplex(on: bool) {
     critical_section::with(|_| {
         UART.cr1().modify(|w| w.set_ue(false));
         UART.cr3().modify(|w| w.set_hdsel(on));
-        keep_to_bytes();
+        configure_byte_mode();
         UART.cr1().modify(|w| w.set_ue(true));
     });
 }

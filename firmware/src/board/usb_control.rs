@@ -11,10 +11,10 @@ use core::task::Poll;
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_usb::driver::{self, EndpointError};
 
-use super::usb::{HalControlPipe, is_over, poll_request, take_answer_back};
+use super::usb::{HalControlPipe, is_over, poll_request, withdraw_answer};
 
 /// A SETUP packet arrived since the last request was taken.
-pub(super) static IS_SET_UP: AtomicBool = AtomicBool::new(false);
+pub(super) static SETUP_ARRIVED: AtomicBool = AtomicBool::new(false);
 
 /// The task that waits for the end of a stage.
 static WAITING: AtomicWaker = AtomicWaker::new();
@@ -40,7 +40,7 @@ async fn unless_over<R>(stage: impl Future<Output = R>) -> Option<R> {
                     return polled;
                 }
             }
-            take_answer_back();
+            withdraw_answer();
             Poll::Ready(None)
         })
     })
@@ -60,7 +60,7 @@ impl driver::ControlPipe for ControlPipe {
             critical_section::with(|_| {
                 let request = poll_request(&mut self.0, cx);
                 if request.is_ready() {
-                    IS_SET_UP.store(false, Ordering::Relaxed);
+                    SETUP_ARRIVED.store(false, Ordering::Relaxed);
                 }
                 request
             })

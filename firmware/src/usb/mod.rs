@@ -120,8 +120,7 @@ fn serial_port(mut function: FunctionBuilder<'_, 'static, UsbDriver>) -> Endpoin
     }
 }
 
-/// A vendor-specific interface. It is no second serial port, because the F405 has too few endpoints for two (RM0090
-/// 34.1).
+/// A vendor-specific interface. The F405 has too few endpoints for a second serial port (RM0090 34.1).
 fn control_interface(mut function: FunctionBuilder<'_, 'static, UsbDriver>, name: StringIndex) -> Endpoints {
     // Windows binds its own driver, WinUSB, automatically.
     function.msos_feature(CompatibleIdFeatureDescriptor::new("WINUSB", ""));
@@ -154,7 +153,7 @@ impl Requests {
         }
     }
 
-    /// Packets in flight to the host have lost their receiver.
+    /// The packets in flight have lost their receiver.
     fn end_sessions(&self) {
         self.adapter.wake(Work::PortSession);
         self.adapter.wake(Work::ControlSession);
@@ -187,7 +186,7 @@ impl Handler for Requests {
             return None;
         }
         match request.request {
-            // Some hosts send one. There are no commands to encapsulate.
+            // Some hosts send one. The adapter has no commands to encapsulate.
             SEND_ENCAPSULATED_COMMAND => Some(OutResponse::Accepted),
             SET_LINE_CODING => {
                 let coding = data.try_into().ok()?;
@@ -240,7 +239,7 @@ fn is_for_the_adapter(request: &Request) -> bool {
 /// Answers the host's requests.
 #[embassy_executor::task]
 pub(crate) async fn run(mut device: UsbDevice<'static, UsbDriver>) {
-    // Its own work is negligible; all other time is spent waiting for the host.
+    // The task always counts as idle: it waits for the host almost all the time.
     let _resting = rest(Task::Usb);
     device.run().await
 }

@@ -11,7 +11,7 @@ use embassy_stm32::pac::can::vals::{Ide, Lec, Rtr};
 use embassy_stm32::peripherals::{CAN1, PB8, PB9};
 use embassy_stm32::{Peri, rcc};
 
-use super::super::can::{ROOM, changed, error, heard, lost, overrun, received};
+use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received};
 
 const CAN: pac::can::Can = pac::CAN1;
 
@@ -83,7 +83,7 @@ impl Controller {
             w.set_ts(1, SEGMENTS[1] - 1);
             w.set_sjw(SEGMENTS[1] - 1);
         });
-        listen(heard(config.node));
+        set_filter(accepted_ids(config.node));
         CAN.ier().write(|w| {
             w.set_tmeie(true);
             w.set_fmpie(0, true);
@@ -142,7 +142,7 @@ impl Controller {
 
 /// Accepts data frames with these identifiers to FIFO 0, and rejects all others: bank 0 as a list of four (RM0090
 /// 32.7.4).
-fn listen([a, b, c, d]: [Id; 4]) {
+fn set_filter([a, b, c, d]: [Id; 4]) {
     // The 11 bits of the identifier; RTR, IDE and the bits of an extended identifier are 0.
     let half = |id: Id| u32::from(id.get()) << 5;
     CAN.fmr().modify(|w| w.set_finit(true));
@@ -233,7 +233,7 @@ impl Handler<CAN1_SCE> for StatusHandler {
             CAN.esr().write(|w| w.set_lec(Lec::CUSTOM));
         }
         if status.boff() {
-            lost();
+            bus_off();
             RETURNING.store(true, Ordering::Relaxed);
             // Entering and leaving this mode starts the recovery, at the earliest time that the standard allows
             // (32.7.6).

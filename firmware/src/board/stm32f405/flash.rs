@@ -76,7 +76,7 @@ impl NorFlash for ConfigFlash {
             check_supply()?;
             erase_words();
             let result = self.0.erase(sector, sector + Self::ERASE_SIZE as u32).await;
-            forget_cached();
+            invalidate_cache();
             result.map_err(FlashError::Hal)?;
         }
         Ok(())
@@ -86,7 +86,7 @@ impl NorFlash for ConfigFlash {
         for (offset, word) in (offset..).step_by(Self::WRITE_SIZE).zip(bytes.chunks(Self::WRITE_SIZE)) {
             check_supply()?;
             let result = self.0.write(offset, word).await;
-            forget_cached();
+            invalidate_cache();
             result.map_err(FlashError::Hal)?;
         }
         Ok(())
@@ -115,7 +115,7 @@ fn erase_words() {
 
 /// Invalidates the data cache, which does not follow erases and writes (RM0090 3.6). The HAL does so only on chips with
 /// two banks.
-fn forget_cached() {
+fn invalidate_cache() {
     let control = pac::FLASH.acr();
     // It can be invalidated only while it is disabled (3.9.2, DCRST).
     control.modify(|w| w.set_dcen(false));

@@ -14,11 +14,11 @@ const FLAGS: u32 = 0b1_1111;
 /// The flags that the last read of SR showed.
 static SHOWN: AtomicU32 = AtomicU32::new(0);
 /// The flags from reads of SR that the interrupt handler has not processed.
-static UNTOLD: AtomicU32 = AtomicU32::new(0);
+static PENDING: AtomicU32 = AtomicU32::new(0);
 
 /// Reads SR for other bits than its flags. The DMA's read of DR then clears a flag that this read returned (RM0090
 /// 30.6.1): the flags are passed on to the interrupt handler, which is triggered.
-fn look_at_status() -> Sr {
+fn read_status() -> Sr {
     critical_section::with(|_| {
         let sr = UART.sr().read();
         keep_flags(sr);
@@ -32,7 +32,7 @@ fn keep_flags(sr: Sr) {
     let new = flags & !SHOWN.load(Ordering::Relaxed);
     SHOWN.store(flags, Ordering::Relaxed);
     if new != 0 {
-        UNTOLD.store(UNTOLD.load(Ordering::Relaxed) | new, Ordering::Relaxed);
+        PENDING.store(PENDING.load(Ordering::Relaxed) | new, Ordering::Relaxed);
         UartInterrupt::pend();
     }
 }
@@ -45,9 +45,9 @@ pub(crate) fn take_status() -> Status {
         let sr = UART.sr().read();
         clear_flags(sr);
         SHOWN.store(sr.0 & FLAGS, Ordering::Relaxed);
-        let untold = UNTOLD.load(Ordering::Relaxed);
-        UNTOLD.store(0, Ordering::Relaxed);
-        Sr(sr.0 | untold)
+        let pending = PENDING.load(Ordering::Relaxed);
+        PENDING.store(0, Ordering::Relaxed);
+        Sr(sr.0 | pending)
     });
     Status {
         framing: shown.fe(),
@@ -79,12 +79,12 @@ pub(crate) fn clear_errors() {
     });
 }
 
-/// Configures the disabled UART for one byte at a time. This UART has no other mode.
-pub(crate) fn keep_to_bytes() {}
+/// Configures the disabled UART for one byte at a time. This UART has no FIFOs.
+pub(crate) fn configure_byte_mode() {}
 
 /// Returns true if a byte waits for the DMA.
 pub(crate) fn is_byte_waiting() -> bool {
-    look_at_status().rxne()
+    read_status().rxne()
 }
 
 /// The DMA's source for received bytes.
@@ -97,9 +97,9 @@ pub(crate) fn rx_remaining() -> usize {
     pac::DMA1.st(RX_STREAM).ndtr().read().ndt().into()
 }
 
-/// Returns true if the DMA has passed through both halves of the receive ring since its interrupt handler last ran.
-/// Call this in the handler, before the flags are cleared.
-pub(crate) fn rx_went_round() -> bool {
+/// Returns true if the DMA has passed both halves of the receive ring since its interrupt handler last ran. Call this
+/// in the handler, before the flags are cleared.
+pub(crate) fn rx_has_wrapped() -> bool {
     let flags = pac::DMA1.isr(RX_STREAM / 4).read();
     flags.htif(RX_STREAM % 4) && flags.tcif(RX_STREAM % 4)
 }
@@ -120,5 +120,5 @@ pub(crate) fn clear_transmitted() {
 
 /// Returns true if the last bit has been sent.
 pub(crate) fn is_transmitted() -> bool {
-    look_at_status().tc()
+    read_status().tc()
 }

@@ -16,7 +16,7 @@ use embassy_usb::driver::{
     self, ControlPipe as _, Direction, EndpointAddress, EndpointAllocError, EndpointType, Event, Unsupported,
 };
 
-use super::super::usb_control::{ControlPipe, IS_SET_UP, wake_if_over};
+use super::super::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over};
 use super::{USB_ENDPOINTS, flush, soon};
 
 /// The HAL's driver and its parts.
@@ -30,13 +30,13 @@ const SETUP_PACKETS: u8 = 3;
 /// Maximum packet size of endpoint 0.
 const CONTROL_PACKET: usize = 64;
 
-/// Wakes the task that waits for a stage of a request when the host has gone on. It runs ahead of the HAL's handler.
+/// Wakes the task that waits for a stage of a request that the host has ended. It runs ahead of the HAL's handler.
 pub(super) struct SetupHandler;
 
 impl Handler<OTG_FS> for SetupHandler {
     unsafe fn on_interrupt() {
-        if is_set_up() || setup_waits() {
-            IS_SET_UP.store(true, Ordering::Relaxed);
+        if has_setup_arrived() || is_setup_waiting() {
+            SETUP_ARRIVED.store(true, Ordering::Relaxed);
         }
         wake_if_over();
     }
@@ -44,24 +44,24 @@ impl Handler<OTG_FS> for SetupHandler {
 
 /// Returns true if a SETUP packet arrived since the last request was taken. A bus reset clears the controller's count,
 /// but not the flag.
-fn is_set_up() -> bool {
-    IS_SET_UP.load(Ordering::Relaxed) || USB_OTG_FS.doeptsiz(0).read().rxdpid_stupcnt() != SETUP_PACKETS
+fn has_setup_arrived() -> bool {
+    SETUP_ARRIVED.load(Ordering::Relaxed) || USB_OTG_FS.doeptsiz(0).read().rxdpid_stupcnt() != SETUP_PACKETS
 }
 
 /// Returns true if the next FIFO entry for the HAL is a SETUP packet (RM0090 34.16.2, OTG_FS_GRXSTSR).
-fn setup_waits() -> bool {
+fn is_setup_waiting() -> bool {
     USB_OTG_FS.gintsts().read().rxflvl() && USB_OTG_FS.grxstsr().read().pktstsd() == Pktstsd::SETUP_DATA_RX
 }
 
 /// Returns true if the host has ended the current request: by another request, a bus reset or a suspend.
 pub(in crate::board) fn is_over() -> bool {
     let events = USB_OTG_FS.gintsts().read();
-    is_set_up() || events.usbrst() || events.enumdne() || events.usbsusp()
+    has_setup_arrived() || events.usbrst() || events.enumdne() || events.usbsusp()
 }
 
 /// Withdraws the answer in endpoint 0 after the host began another request, which has set the endpoint's NAK (RM0090
 /// 34.17.6, "IN endpoint disable").
-pub(in crate::board) fn take_answer_back() {
+pub(in crate::board) fn withdraw_answer() {
     let control = USB_OTG_FS.diepctl(0);
     if control.read().epena() {
         control.modify(|w| {
@@ -74,7 +74,7 @@ pub(in crate::board) fn take_answer_back() {
 }
 
 /// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
-fn start_at_data0(endpoint: EndpointAddress) {
+fn reset_data_toggle(endpoint: EndpointAddress) {
     let index = endpoint.index();
     // Writing back a one would restart a transfer that ended in between.
     critical_section::with(|_| match endpoint.direction() {
@@ -154,7 +154,7 @@ impl driver::Bus for Bus {
         if !enabled || !is_active(endpoint) {
             self.0.endpoint_set_enabled(endpoint, enabled);
         }
-        start_at_data0(endpoint);
+        reset_data_toggle(endpoint);
     }
 
     fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
@@ -164,7 +164,7 @@ impl driver::Bus for Bus {
         }
         self.0.endpoint_set_stalled(endpoint, stalled);
         if !stalled && endpoint.index() != 0 {
-            start_at_data0(endpoint);
+            reset_data_toggle(endpoint);
         }
     }
 
@@ -184,14 +184,14 @@ pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context
         cx.waker().wake_by_ref();
         return Poll::Pending;
     }
-    let is_new = is_set_up();
+    let is_new = has_setup_arrived();
     drop_data(pipe, cx);
     let Poll::Ready(request) = pin!(pipe.setup()).poll(cx) else {
         return Poll::Pending;
     };
-    if setup_waits() {
+    if is_setup_waiting() {
         // It arrived just now, and the HAL has reset the count.
-        IS_SET_UP.store(true, Ordering::Relaxed);
+        SETUP_ARRIVED.store(true, Ordering::Relaxed);
         cx.waker().wake_by_ref();
         return Poll::Pending;
     }
@@ -199,7 +199,7 @@ pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context
         // The end of the SETUP stage of a request that was already taken.
         return Poll::Pending;
     }
-    take_answer_back();
+    withdraw_answer();
     Poll::Ready(request)
 }
 

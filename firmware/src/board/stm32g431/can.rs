@@ -9,7 +9,7 @@ use embassy_stm32::pac::can::vals::{Anfe, Anfs, Tfqm};
 use embassy_stm32::peripherals::{FDCAN1, PB8, PB9};
 use embassy_stm32::{Peri, rcc};
 
-use super::super::can::{ROOM, changed, error, heard, lost, overrun, received};
+use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received};
 
 const CAN: pac::can::Fdcan = pac::FDCAN1;
 const RAM: pac::fdcanram::Fdcanram = pac::FDCANRAM1;
@@ -93,7 +93,7 @@ impl Controller {
             w.set_fdoe(config.data_bit_rate.is_some());
             w.set_brse(config.data_bit_rate.is_some());
         });
-        listen(heard(config.node));
+        set_filter(accepted_ids(config.node));
         // Frames leave in the order of their requests, as the frames of an ISO-TP PDU must.
         CAN.txbc().write(|w| w.set_tfqm(Tfqm::FIFO));
         CAN.txbtie()
@@ -211,7 +211,7 @@ fn set_data_phase(bit_rate: u32) {
 }
 
 /// Accepts data frames with these identifiers to FIFO 0, and rejects all others.
-fn listen([a, b, c, d]: [Id; 4]) {
+fn set_filter([a, b, c, d]: [Id; 4]) {
     let filter = |one: Id, other: Id| TWO_IDS | TO_FIFO_0 | u32::from(one.get()) << 16 | u32::from(other.get());
     RAM.flssa(0).write_value(filter(a, b));
     RAM.flssa(1).write_value(filter(c, d));
@@ -248,7 +248,7 @@ impl Handler<FDCAN1_IT0> for InterruptHandler {
             error();
         }
         if flags.bo() && is_off {
-            lost();
+            bus_off();
             // INIT keeps the controller off the bus; clearing it starts the recovery, at the earliest time that the
             // standard allows.
             CAN.cccr().modify(|w| w.set_init(false));

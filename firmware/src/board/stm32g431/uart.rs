@@ -25,7 +25,7 @@ pub(crate) fn take_status() -> Status {
     }
 }
 
-/// Clears remaining errors: there are none, because the read cleared them.
+/// Does nothing: [`take_status`] has cleared the errors.
 pub(crate) fn clear_errors() {}
 
 /// Configures the disabled UART for one byte at a time, and for the delivery of bytes with errors.
@@ -33,7 +33,7 @@ pub(crate) fn clear_errors() {}
 /// The HAL enables the FIFOs, with which a flag may belong to an earlier byte. Without DDRE the DMA does not get a byte
 /// with an error, which is part of a frame (RM0440 37.8.4). With DDRE the DMA gets the byte after the interrupt handler
 /// has cleared the flag.
-pub(crate) fn keep_to_bytes() {
+pub(crate) fn configure_byte_mode() {
     UART.cr1().modify(|w| w.set_fifoen(false));
     UART.cr3().modify(|w| w.set_ddre(true));
 }
@@ -53,9 +53,9 @@ pub(crate) fn rx_remaining() -> usize {
     pac::DMA1.ch(RX_CHANNEL).ndtr().read().ndt().into()
 }
 
-/// Returns true if the DMA has passed through both halves of the receive ring since its interrupt handler last ran.
-/// Call this in the handler, before the flags are cleared.
-pub(crate) fn rx_went_round() -> bool {
+/// Returns true if the DMA has passed both halves of the receive ring since its interrupt handler last ran. Call this
+/// in the handler, before the flags are cleared.
+pub(crate) fn rx_has_wrapped() -> bool {
     let flags = pac::DMA1.isr().read();
     flags.htif(RX_CHANNEL) && flags.tcif(RX_CHANNEL)
 }

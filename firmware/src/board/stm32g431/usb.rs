@@ -22,7 +22,7 @@ use embassy_usb::driver::{
     EndpointType, Event, Unsupported,
 };
 
-use super::super::usb_control::{ControlPipe, IS_SET_UP, wake_if_over};
+use super::super::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over};
 
 /// The HAL's driver and its parts.
 type Hal = usb::Driver<'static, peripherals::USB>;
@@ -38,7 +38,7 @@ const ENDPOINTS: usize = 8;
 const PACKET_TIME: Duration = Duration::from_micros(60);
 
 /// The bus was reset or suspended, and the HAL has not been notified.
-static IS_LEFT: AtomicBool = AtomicBool::new(false);
+static BUS_EVENT_PENDING: AtomicBool = AtomicBool::new(false);
 /// Endpoints with a packet that the host has not fetched, as a bit mask.
 static ARMED: AtomicU8 = AtomicU8::new(0);
 /// Endpoints with an unread packet of the host, as a bit mask.
@@ -51,13 +51,13 @@ impl Handler<USB_LP> for EventHandler {
     unsafe fn on_interrupt() {
         let events = USB.istr().read();
         if events.reset() || events.susp() {
-            IS_LEFT.store(true, Ordering::Relaxed);
+            BUS_EVENT_PENDING.store(true, Ordering::Relaxed);
         }
         if events.ctr() {
             let index = usize::from(events.ep_id());
             let endpoint = USB.epr(index).read();
             if endpoint.ctr_rx() && index == 0 && endpoint.setup() {
-                IS_SET_UP.store(true, Ordering::Relaxed);
+                SETUP_ARRIVED.store(true, Ordering::Relaxed);
             } else if endpoint.ctr_rx() {
                 UNREAD.fetch_or(1 << index, Ordering::Relaxed);
             }
@@ -70,7 +70,7 @@ impl Handler<USB_LP> for EventHandler {
 }
 
 /// Returns true if a SETUP packet arrived that no interrupt handler has processed.
-fn setup_waits() -> bool {
+fn is_setup_waiting() -> bool {
     let endpoint = USB.epr(0).read();
     endpoint.ctr_rx() && endpoint.setup()
 }
@@ -78,9 +78,9 @@ fn setup_waits() -> bool {
 /// Returns true if the host has ended the current request: by another request, a bus reset or a suspend.
 pub(in crate::board) fn is_over() -> bool {
     let events = USB.istr().read();
-    IS_SET_UP.load(Ordering::Relaxed)
-        || IS_LEFT.load(Ordering::Relaxed)
-        || setup_waits()
+    SETUP_ARRIVED.load(Ordering::Relaxed)
+        || BUS_EVENT_PENDING.load(Ordering::Relaxed)
+        || is_setup_waiting()
         || events.reset()
         || events.susp()
 }
@@ -117,7 +117,7 @@ fn set_status(endpoint: EndpointAddress, status: Stat) {
 }
 
 /// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
-fn start_at_data0(endpoint: EndpointAddress) {
+fn reset_data_toggle(endpoint: EndpointAddress) {
     critical_section::with(|_| {
         let register = USB.epr(endpoint.index());
         let now = register.read();
@@ -131,7 +131,7 @@ fn start_at_data0(endpoint: EndpointAddress) {
 }
 
 /// Sets endpoint 0 to NAK in both directions, the state after a SETUP packet, which the HAL assumes.
-pub(in crate::board) fn take_answer_back() {
+pub(in crate::board) fn withdraw_answer() {
     const TRIES: usize = 4;
     let ways = [Direction::In, Direction::Out].map(|way| EndpointAddress::from_parts(0, way));
     // Another SETUP packet may arrive in between with the same effect.
@@ -309,11 +309,11 @@ impl driver::Bus for Bus {
         match event {
             Event::Reset => {
                 // A stage in progress may have changed endpoint 0 after the reset.
-                critical_section::with(|_| take_answer_back());
-                IS_LEFT.store(false, Ordering::Relaxed);
-                IS_SET_UP.store(false, Ordering::Relaxed);
+                critical_section::with(|_| withdraw_answer());
+                BUS_EVENT_PENDING.store(false, Ordering::Relaxed);
+                SETUP_ARRIVED.store(false, Ordering::Relaxed);
             }
-            Event::Suspend => IS_LEFT.store(false, Ordering::Relaxed),
+            Event::Suspend => BUS_EVENT_PENDING.store(false, Ordering::Relaxed),
             _ => {}
         }
         event
@@ -329,7 +329,7 @@ impl driver::Bus for Bus {
                 set_status(endpoint, idle_status(endpoint));
             }
         }
-        start_at_data0(endpoint);
+        reset_data_toggle(endpoint);
     }
 
     fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
@@ -341,7 +341,7 @@ impl driver::Bus for Bus {
         if stalled {
             self.0.endpoint_set_stalled(endpoint, true);
         } else if endpoint.index() != 0 {
-            start_at_data0(endpoint);
+            reset_data_toggle(endpoint);
             if was_stalled {
                 // It is already stalled: this wakes the task that waits for it.
                 self.0.endpoint_set_stalled(endpoint, true);
@@ -374,7 +374,7 @@ pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context
     let Poll::Ready(request) = pin!(pipe.setup()).poll(cx) else {
         return Poll::Pending;
     };
-    if setup_waits() {
+    if is_setup_waiting() {
         // Another arrived while this one was read. The interrupt handlers have not processed it yet.
         cx.waker().wake_by_ref();
         return Poll::Pending;
