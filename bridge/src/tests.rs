@@ -506,7 +506,7 @@ fn stuck_bytes_are_a_fault_unlike_unread_host() {
 }
 
 /// An arm's output: frames, parts of frames, arbitrary bytes.
-fn speech() -> impl Strategy<Value = Vec<u8>> {
+fn arm_output() -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![
         prop::collection::vec(any::<u8>(), 1..20).prop_map(|data| frame(&data)),
         prop::collection::vec(any::<u8>(), 58).prop_map(|data| frame(&data)),
@@ -538,7 +538,7 @@ impl Host {
 proptest! {
     #[test]
     fn host_gets_every_byte_in_any_chunks(
-        bytes in prop::collection::vec(speech(), 0..12),
+        bytes in prop::collection::vec(arm_output(), 0..12),
         cuts in prop::collection::vec((1..100_usize, any::<bool>(), any::<bool>()), 1..40),
     ) {
         let bytes = bytes.concat();
@@ -575,7 +575,7 @@ proptest! {
 
     #[test]
     fn no_frame_completes_before_the_threshold(
-        bytes in prop::collection::vec(speech(), 0..12),
+        bytes in prop::collection::vec(arm_output(), 0..12),
         late in prop::collection::vec(0..30_usize, 1..20),
     ) {
         let bytes = bytes.concat();

@@ -1,6 +1,6 @@
 //! A line with faults: bytes are dropped, corrupted, duplicated, delayed or inserted.
 //!
-//! Each direction has its own random sequence from the seed: the same bytes meet the same faults in every run.
+//! Each direction has its own random sequence from the seed: the same bytes get the same faults in every run.
 
 use std::collections::VecDeque;
 

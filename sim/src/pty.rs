@@ -133,7 +133,7 @@ impl Pty {
         none_if_blocked(rustix::io::write(&self.controller, bytes))
     }
 
-    /// Waits for bytes to [`read`](Self::read), without limit or up to a timeout. Returns whether there are any.
+    /// Waits for bytes to [`read`](Self::read), without limit or up to a timeout. Returns true if there are any.
     ///
     /// A signal ends the wait early.
     ///
@@ -145,7 +145,7 @@ impl Pty {
     }
 }
 
-/// Waits for bytes to [`read`](Pty::read) at any of these, without limit or up to a timeout. Returns whether there are
+/// Waits for bytes to [`read`](Pty::read) at any of these, without limit or up to a timeout. Returns true if there are
 /// any.
 ///
 /// A signal ends the wait early.

@@ -10,7 +10,7 @@ use crate::pty::Pty;
 use crate::serial::SerialDevice;
 
 /// Maximum reaction time to the stop flag.
-const NOTICE: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// Byte counts of a pty.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -57,7 +57,7 @@ pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io
         let timeout = device
             .poll_timeout()
             .map(|due| Duration::from_micros(due.since(now()).as_micros()));
-        pty.wait(Some(timeout.unwrap_or(NOTICE).min(NOTICE)))?;
+        pty.wait(Some(timeout.unwrap_or(POLL_PERIOD).min(POLL_PERIOD)))?;
     }
     Ok(served)
 }

@@ -12,12 +12,12 @@ use crate::serial::SerialDevice;
 
 /// The device did not answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Silence {
+pub struct NoAnswer {
     /// Number of times the request was sent.
     pub sends: u8,
 }
 
-impl fmt::Display for Silence {
+impl fmt::Display for NoAnswer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.sends {
             1 => f.write_str("no answer, sent once"),
@@ -26,7 +26,7 @@ impl fmt::Display for Silence {
     }
 }
 
-impl std::error::Error for Silence {}
+impl std::error::Error for NoAnswer {}
 
 /// An event of a client other than the result of a call.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,7 +97,7 @@ pub struct Wire<M: Messages, D, const N: usize> {
 enum Outcome {
     Answered,
     Sent,
-    TimedOut(Silence),
+    TimedOut(NoAnswer),
 }
 
 impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
@@ -120,12 +120,12 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
     ///
     /// # Errors
     ///
-    /// [`Silence`] after the last timeout.
+    /// [`NoAnswer`] after the last timeout.
     ///
     /// # Panics
     ///
     /// If the client cannot accept the device's answer, or has no room for the request.
-    pub fn call(&mut self, request: M::Request<'_>) -> Result<Option<M::Response<'_>>, Silence> {
+    pub fn call(&mut self, request: M::Request<'_>) -> Result<Option<M::Response<'_>>, NoAnswer> {
         // The previous call is complete.
         self.client
             .submit(&request)
@@ -250,7 +250,7 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
                     continue;
                 }
                 Event::TimedOut { sends } => {
-                    outcome = Some(Outcome::TimedOut(Silence { sends }));
+                    outcome = Some(Outcome::TimedOut(NoAnswer { sends }));
                     continue;
                 }
                 Event::Unacceptable(error) => panic!("the answer cannot be accepted: {error}"),
@@ -309,7 +309,7 @@ mod tests {
             1_000_000,
             Line::new(LingArm::new(ling::Config::follower()), deaf, Rates::NONE, 1),
         );
-        assert_eq!(wire.call(Request::ReadJoints), Err(Silence { sends: 3 }));
+        assert_eq!(wire.call(Request::ReadJoints), Err(NoAnswer { sends: 3 }));
         assert_eq!(wire.call(Request::SetZero), Ok(None));
     }
 

@@ -305,7 +305,7 @@ fn without_flow_control_sending_ends_after_n_bs() {
 
 /// Asserts a timeout at `deadline` and no sooner, because a frame did not leave. Frames that leave later belong to no
 /// transfer.
-fn does_not_get_rid_of_a_frame(mut sender: Full, handed: usize, deadline: Instant) {
+fn assert_transmit_timeout(mut sender: Full, handed: usize, deadline: Instant) {
     assert_eq!(sender.timeout(), Some(deadline));
     events([], sender.tick(deadline - Duration::from_micros(1)));
     assert!(sender.is_sending());
@@ -322,20 +322,20 @@ fn does_not_get_rid_of_a_frame(mut sender: Full, handed: usize, deadline: Instan
 #[test]
 fn a_frame_that_never_leaves_ends_the_pdu() {
     // The first frame.
-    does_not_get_rid_of_a_frame(waiting(40), 6, T0 + SECOND);
+    assert_transmit_timeout(waiting(40), 6, T0 + SECOND);
 
     // A consecutive frame, from which the next must keep the separation time.
     let mut sender = waiting(40);
     sender.transmitted(T0);
     events([], sender.receive(&[0x30, 0, 1], T0));
     assert_eq!(all(&mut sender, after(200)).len(), 1);
-    does_not_get_rid_of_a_frame(sender, 13, after(200) + SECOND);
+    assert_transmit_timeout(sender, 13, after(200) + SECOND);
 
     // The last frame of a block.
     let mut sender = waiting(40);
     events([], sender.receive(&[0x30, 2, 0], T0));
     assert_eq!(all(&mut sender, after(200)).len(), 2);
-    does_not_get_rid_of_a_frame(sender, 20, after(200) + SECOND);
+    assert_transmit_timeout(sender, 20, after(200) + SECOND);
 
     // One of many frames that are handed over as room allows, and leave.
     let mut sender = waiting(40);
@@ -345,20 +345,20 @@ fn a_frame_that_never_leaves_ends_the_pdu() {
         events([], sender.tick(now));
         assert!(sender.transmit(now).is_some());
     }
-    does_not_get_rid_of_a_frame(sender, 27, after(1_400_000) + SECOND);
+    assert_transmit_timeout(sender, 27, after(1_400_000) + SECOND);
 }
 
 #[test]
 fn due_frame_without_handover_ends_the_pdu() {
     let mut sender = waiting(40);
     events([], sender.receive(&[0x30, 0, 0], after(300)));
-    does_not_get_rid_of_a_frame(sender, 6, after(300) + SECOND);
+    assert_transmit_timeout(sender, 6, after(300) + SECOND);
 
     let mut sender = waiting(40);
     events([], sender.receive(&[0x30, 0, 5], T0));
     assert_eq!(all(&mut sender, T0).len(), 1);
     sender.transmitted(after(100));
-    does_not_get_rid_of_a_frame(sender, 13, after(5_100) + SECOND);
+    assert_transmit_timeout(sender, 13, after(5_100) + SECOND);
 }
 
 #[test]

@@ -549,7 +549,7 @@ fn save_until_refused<F: NorFlash>(flash: &mut F, uptime: Instant) -> (u32, u16)
         match now(Store::new(&mut *flash, range.clone()).unwrap().save(&config, uptime)) {
             Ok(()) => saves += 1,
             Err(Error::TooManySaves { wait_s }) => return (saves, wait_s),
-            Err(_) => panic!("the flash is whole"),
+            Err(_) => panic!("the flash has no error"),
         }
     }
 }

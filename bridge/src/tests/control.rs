@@ -519,7 +519,7 @@ fn subscribers_get_subscribed_events_and_overflow_is_counted() {
     assert_eq!(usb + can + dropped as usize, 200);
     assert!(usb >= 5 && can >= 5, "{usb} {can}");
 
-    // No subscriber remains once the host on USB has gone.
+    // No subscriber remains after the host on USB has disconnected.
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
     rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     rig.bridge.uart_received(&frame, at(rig.now));

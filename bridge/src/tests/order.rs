@@ -1,4 +1,4 @@
-//! Calls in the order in which the tasks of the firmware happen to run, with no question for the status between them.
+//! Calls in orders that the firmware's tasks can produce, without a request for the status in between.
 
 extern crate std;
 
@@ -140,13 +140,13 @@ fn a_subscriber_gets_the_frames_of_its_subscription() {
     };
     send_request(&mut bridge, 1, FRAMES, at(0));
     assert_eq!(messages(&mut bridge, 0), [done(1)]);
-    // A frame from before its host went.
+    // A frame received before the host disconnected.
     bridge.uart_received(&ling(0x77, 0, &[1]), at(100));
     bridge.usb_event(UsbEvent::Reset, at(200));
     bridge.usb_event(UsbEvent::Configured(true), at(300));
     send_request(&mut bridge, 2, FRAMES, at(3_600_000_000));
     assert_eq!(messages(&mut bridge, 3_600_000_000), [done(2)]);
-    // A frame from before the end of its hold.
+    // A frame received before the subscription ends.
     bridge.uart_received(&ling(0x77, 0, &[2]), at(3_600_000_100));
     let nothing = Subscription {
         frames: false,

@@ -113,10 +113,10 @@ fn unsolicited_frame_reaches_usb_and_subscribers_during_exchange() {
     rig.subscribe();
     let unsolicited = ling(0x06, 0, &[9; 15]);
     let mut ling_responder = ling_responder();
-    let spoken = unsolicited.clone();
+    let sent = unsolicited.clone();
     // The arm sends another frame first, then noise and the answer.
     rig.responder = Box::new(move |request| {
-        ling_responder(request).map(|(after, answer)| (after, [&spoken[..], b"??", &answer[..]].concat()))
+        ling_responder(request).map(|(after, answer)| (after, [&sent[..], b"??", &answer[..]].concat()))
     });
     rig.can_out.push_back(info());
     rig.run(10_000);
@@ -595,7 +595,7 @@ fn line_coding_waits_for_answer_to_other_initiator() {
 }
 
 /// A host's bytes for the arm on USB.
-fn speech() -> impl Strategy<Value = Vec<u8>> {
+fn host_bytes() -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![
         Just(JOINTS.to_vec()),
         Just(temperatures()),
@@ -616,7 +616,7 @@ enum Step {
 
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
-        speech().prop_map(Step::Usb),
+        host_bytes().prop_map(Step::Usb),
         prop_oneof![
             Just(velocities()),
             Just(JOINTS.to_vec()),

@@ -80,7 +80,7 @@ impl LingSim {
             served.received,
             served.sent,
             served.lost,
-            line.device().counters().said,
+            line.device().counters().sent,
             line.device().counters().frames
         ))
     }

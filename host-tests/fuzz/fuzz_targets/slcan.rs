@@ -129,7 +129,7 @@ fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
                     None => (data.len() <= 8).then(|| Frame::data_frame(id, data)),
                 };
                 let Some(frame) = frame else { continue };
-                adapter.hear(&frame, now);
+                adapter.on_frame(&frame, now);
                 if adapter.bit_rate().is_some() {
                     received.push(frame);
                 }

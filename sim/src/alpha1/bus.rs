@@ -92,10 +92,10 @@ impl ServoBus {
         self.port.counters
     }
 
-    fn hear(&mut self, now: Instant) {
+    fn process_requests(&mut self, now: Instant) {
         while let Some(frame) = self.port.next_request() {
             let answer = match Alpha1.parse_request(&frame) {
-                Ok(Request::Servo(request)) => self.chain.obey(now, &request),
+                Ok(Request::Servo(request)) => self.chain.execute(now, &request),
                 _ => None,
             };
             self.port.reply(now, &frame, answer);
@@ -105,7 +105,7 @@ impl ServoBus {
     fn advance(&mut self, now: Instant) {
         if let Some(idle_at) = self.port.take_idle(now) {
             self.port.idle();
-            self.hear(idle_at);
+            self.process_requests(idle_at);
         }
     }
 }
@@ -114,7 +114,7 @@ impl SerialDevice for ServoBus {
     fn receive(&mut self, now: Instant, byte: u8) {
         self.advance(now);
         self.port.receive(now, byte);
-        self.hear(now);
+        self.process_requests(now);
     }
 
     fn transmit(&mut self, now: Instant) -> Option<u8> {

@@ -27,8 +27,8 @@ impl Chain {
     ///
     /// Two servos with the same id answer at the same time. A low bit of either pulls the wire low, so the result is
     /// the AND of both answers.
-    pub(super) fn obey(&mut self, now: Instant, request: &ServoRequest) -> Option<Vec<u8>> {
-        let answers = self.0.iter_mut().filter_map(|servo| servo.obey(now, request));
+    pub(super) fn execute(&mut self, now: Instant, request: &ServoRequest) -> Option<Vec<u8>> {
+        let answers = self.0.iter_mut().filter_map(|servo| servo.execute(now, request));
         answers.map(|answer| encode(&Response::Servo(answer))).reduce(and)
     }
 }

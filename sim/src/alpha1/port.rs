@@ -64,7 +64,7 @@ impl Port {
     pub(super) fn receive(&mut self, now: Instant, byte: u8) {
         self.counters.bytes += 1;
         if let Kind::SingleWire { echo } = self.kind {
-            if self.is_talking() {
+            if self.is_transmitting() {
                 self.counters.collided += 1;
                 return;
             }
@@ -104,9 +104,9 @@ impl Port {
     }
 
     /// Returns the outcome for an answer, and counts refusals.
-    pub(super) fn outcome(&mut self, obeyed: bool) -> Outcome {
-        self.counters.refused += u64::from(!obeyed);
-        if obeyed { Outcome::Success } else { Outcome::Failure }
+    pub(super) fn outcome(&mut self, accepted: bool) -> Outcome {
+        self.counters.refused += u64::from(!accepted);
+        if accepted { Outcome::Success } else { Outcome::Failure }
     }
 
     /// Queues the answer to a request received at `now`, if there is one.
@@ -134,7 +134,7 @@ impl Port {
     /// Returns the next byte to transmit, if one may start at `now`.
     pub(super) fn transmit(&mut self, now: Instant) -> Option<u8> {
         // An echo waits for the end of the answer in transmission.
-        if !self.is_talking()
+        if !self.is_transmitting()
             && let Some(byte) = self.echo.pop_front()
         {
             return Some(byte);
@@ -158,8 +158,8 @@ impl Port {
         [echo, reply, self.idle_at].into_iter().flatten().min()
     }
 
-    /// Returns whether an answer is in transmission.
-    fn is_talking(&self) -> bool {
+    /// Returns true if an answer is in transmission.
+    fn is_transmitting(&self) -> bool {
         self.replies.front().is_some_and(|reply| reply.sent > 0)
     }
 }

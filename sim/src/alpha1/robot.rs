@@ -133,7 +133,7 @@ impl Alpha1Robot {
     pub fn advance(&mut self, now: Instant) {
         if let Some(idle_at) = self.port.take_idle(now) {
             self.port.idle();
-            self.hear(idle_at);
+            self.process_requests(idle_at);
         }
         self.play(now);
     }
@@ -168,17 +168,17 @@ impl Alpha1Robot {
         self.port.counters
     }
 
-    fn hear(&mut self, now: Instant) {
+    fn process_requests(&mut self, now: Instant) {
         self.play(now);
         while let Some(frame) = self.port.next_request() {
             let request = Alpha1.parse_request(&frame);
-            let answer = request.ok().and_then(|request| self.obey(now, &request));
+            let answer = request.ok().and_then(|request| self.execute(now, &request));
             self.port.reply(now, &frame, answer);
         }
     }
 
     /// Executes a request and returns the answer, if it has one.
-    fn obey(&mut self, now: Instant, request: &Request<'_>) -> Option<Vec<u8>> {
+    fn execute(&mut self, now: Instant, request: &Request<'_>) -> Option<Vec<u8>> {
         let response = match *request {
             Request::ReadHardwareVersion => {
                 let version = Text::new(&self.config.hardware).ok()?;
@@ -194,12 +194,12 @@ impl Alpha1Robot {
                 Response::Stopped(Outcome::Success)
             }
             Request::Act(action) => {
-                let obeyed = self.act(now, &action);
-                Response::Acted(self.port.outcome(obeyed))
+                let accepted = self.act(now, &action);
+                Response::Acted(self.port.outcome(accepted))
             }
             Request::Play(name) => {
-                let obeyed = self.start(now, name);
-                Response::Playing(self.port.outcome(obeyed))
+                let accepted = self.start(now, name);
+                Response::Playing(self.port.outcome(accepted))
             }
             Request::SetOffsetTool(offset_tool) => {
                 self.offset_tool = offset_tool;
@@ -209,7 +209,7 @@ impl Alpha1Robot {
                 self.usb = usb;
                 Response::UsbType(Outcome::Success)
             }
-            Request::Servo(ref request) => return self.chain.obey(now, request),
+            Request::Servo(ref request) => return self.chain.execute(now, request),
             // A request of a later protocol version.
             _ => return None,
         };
@@ -221,7 +221,7 @@ impl Alpha1Robot {
         ServoStates::from_bits(self.servos().iter().enumerate().map(bit).sum())
     }
 
-    /// Starts a debug action. Returns whether it was accepted.
+    /// Starts a debug action. Returns true if it was accepted.
     fn act(&mut self, now: Instant, action: &Action) -> bool {
         let mut moves = self.servos().iter().zip(action.angles);
         let can = moves.all(|(servo, angle)| angle.is_none_or(|angle| servo.can_go(angle)));
@@ -247,7 +247,7 @@ impl Alpha1Robot {
         }
     }
 
-    /// Starts the action of this name. Returns whether it exists.
+    /// Starts the action of this name. Returns true if it exists.
     fn start(&mut self, now: Instant, name: Text<'_>) -> bool {
         let Some(action) = NamedAction::find(name.as_bytes()) else {
             return false;
@@ -282,7 +282,7 @@ impl SerialDevice for Alpha1Robot {
     fn receive(&mut self, now: Instant, byte: u8) {
         self.advance(now);
         self.port.receive(now, byte);
-        self.hear(now);
+        self.process_requests(now);
     }
 
     fn transmit(&mut self, now: Instant) -> Option<u8> {

@@ -6,7 +6,7 @@
 //! * A motion has constant speed and starts at the current position. With duration zero it is instantaneous.
 //! * The completion time counts from the request. It is visible ([`Servo::is_busy`]), but a move before its end is
 //!   executed, so that angles can be streamed.
-//! * An angle read releases the servo, as the manual says. It keeps its position and can be turned by hand.
+//! * An angle read releases the servo, as the manual specifies. It keeps its position and can be turned by hand.
 //! * The offset rotates the scale against the housing. A holding servo turns its horn at once; a released one keeps its
 //!   position and reports another angle.
 //! * A move out of range has no effect and no answer, since the answer to a move cannot carry a failure.
@@ -108,17 +108,17 @@ impl Servo {
         self.turn.to as f64 / DEGREE as f64
     }
 
-    /// Returns whether the servo holds or moves. A servo that does neither can be turned by hand.
+    /// Returns true if the servo holds or moves. A servo that does neither can be turned by hand.
     pub fn is_running(&self) -> bool {
         self.running
     }
 
-    /// Returns whether the servo moves.
+    /// Returns true if the servo moves.
     pub fn is_moving(&self, now: time::Instant) -> bool {
         now < self.turn.end()
     }
 
-    /// Returns whether the servo moves, or the completion time of its last move is not over.
+    /// Returns true if the servo moves, or the completion time of its last move is not over.
     pub fn is_busy(&self, now: time::Instant) -> bool {
         now < self.done
     }
@@ -133,7 +133,7 @@ impl Servo {
         self.offset
     }
 
-    /// Turns the servo by hand. Returns whether it moved: only a released servo does.
+    /// Turns the servo by hand. Returns true if it moved: only a released servo does.
     pub fn turn_by_hand(&mut self, angle: Angle) -> bool {
         match angle.degrees() {
             Some(degrees) if !self.running => {
@@ -149,12 +149,12 @@ impl Servo {
         self.faulty = faulty;
     }
 
-    /// Returns whether a move to this angle would be executed.
+    /// Returns true if a move to this angle would be executed.
     pub(super) fn can_go(&self, angle: Angle) -> bool {
         !self.faulty && angle.degrees().is_some()
     }
 
-    /// Moves to an angle and holds it. Returns whether the move was accepted.
+    /// Moves to an angle and holds it. Returns true if the move was accepted.
     pub(super) fn go(&mut self, now: time::Instant, angle: Angle, span: time::Duration, lock: time::Duration) -> bool {
         let Some(degrees) = angle.degrees().filter(|_| !self.faulty) else {
             return false;
@@ -177,7 +177,7 @@ impl Servo {
     }
 
     /// Executes a request and returns the answer. `None` for another servo's request, a broadcast, or a failed move.
-    pub(super) fn obey(&mut self, now: time::Instant, request: &ServoRequest) -> Option<ServoResponse> {
+    pub(super) fn execute(&mut self, now: time::Instant, request: &ServoRequest) -> Option<ServoResponse> {
         match *request {
             ServoRequest::Move { to, angle, time, lock } => self.acknowledge(to, |servo| {
                 servo.go(now, angle, micros(time.duration()), micros(lock.duration()))
@@ -240,8 +240,8 @@ impl Servo {
     /// Executes a request that addresses this servo. Acknowledges it if it is not a broadcast and was accepted.
     fn acknowledge(&mut self, to: Address, act: impl FnOnce(&mut Self) -> bool) -> Option<ServoResponse> {
         let meant = to == Address::All || to == Address::One(self.id);
-        let obeyed = meant && !self.faulty && act(self);
-        (obeyed && to != Address::All).then_some(ServoResponse::Acknowledged(self.id))
+        let accepted = meant && !self.faulty && act(self);
+        (accepted && to != Address::All).then_some(ServoResponse::Acknowledged(self.id))
     }
 
     fn outcome(&self) -> Outcome {

@@ -20,7 +20,7 @@ use super::port::MAX_REPLIES;
 use super::*;
 use crate::faults::{Line, Rates, any_rates};
 use crate::serial::SerialDevice;
-use crate::wire::{LineEvent, Silence, Wire};
+use crate::wire::{LineEvent, NoAnswer, Wire};
 
 type Host<D> = Wire<Alpha1, D, MAX_FRAME>;
 
@@ -80,15 +80,15 @@ fn go(to: Address, degrees: u8, time: u64, lock: u64) -> Request<'static> {
     })
 }
 
-fn acknowledged(servo: u8) -> Result<Option<Response<'static>>, Silence> {
+fn acknowledged(servo: u8) -> Result<Option<Response<'static>>, NoAnswer> {
     Ok(Some(Response::Servo(ServoResponse::Acknowledged(id(servo)))))
 }
 
-fn acted(outcome: Outcome) -> Result<Option<Response<'static>>, Silence> {
+fn acted(outcome: Outcome) -> Result<Option<Response<'static>>, NoAnswer> {
     Ok(Some(Response::Acted(outcome)))
 }
 
-fn played(outcome: Outcome) -> Result<Option<Response<'static>>, Silence> {
+fn played(outcome: Outcome) -> Result<Option<Response<'static>>, NoAnswer> {
     Ok(Some(Response::Playing(outcome)))
 }
 
@@ -96,28 +96,28 @@ fn angles(servos: &[Servo], now: time::Instant) -> Vec<f64> {
     servos.iter().map(|servo| servo.angle(now)).collect()
 }
 
-fn hear(device: &mut impl SerialDevice, now: &mut time::Instant, bytes: &[u8]) {
+fn send(device: &mut impl SerialDevice, now: &mut time::Instant, bytes: &[u8]) {
     for &byte in bytes {
         *now += time::Duration::from_micros(87);
         device.receive(*now, byte);
     }
 }
 
-/// Returns the device's output until it has no more, and the time then.
-fn listen(device: &mut impl SerialDevice, now: &mut time::Instant) -> Vec<u8> {
-    let mut said = Vec::new();
+/// Returns the device's remaining output, and advances `now` to its end.
+fn read_all(device: &mut impl SerialDevice, now: &mut time::Instant) -> Vec<u8> {
+    let mut output = Vec::new();
     loop {
         match (device.transmit(*now), device.poll_timeout()) {
-            (Some(byte), _) => said.push(byte),
+            (Some(byte), _) => output.push(byte),
             (None, Some(due)) => *now = due.max(*now),
-            (None, None) => return said,
+            (None, None) => return output,
         }
     }
 }
 
-fn ask(device: &mut impl SerialDevice, now: &mut time::Instant, request: &[u8]) -> Vec<u8> {
-    hear(device, now, request);
-    listen(device, now)
+fn call(device: &mut impl SerialDevice, now: &mut time::Instant, request: &[u8]) -> Vec<u8> {
+    send(device, now, request);
+    read_all(device, now)
 }
 
 fn bytes(request: &Request<'_>) -> Vec<u8> {
@@ -159,7 +159,7 @@ fn every_row_of_the_document_gets_its_answer() {
         (frame([0xF3, 0x3F], b"\x01"), &[0xF3, 0x3F, 0xEE, 0xED]),
     ];
     for (request, answer) in rows {
-        assert_eq!(ask(&mut robot, &mut now, &request), answer, "{request:02X?}");
+        assert_eq!(call(&mut robot, &mut now, &request), answer, "{request:02X?}");
     }
     assert_eq!((robot.counters().answered, robot.counters().refused), (11, 2));
 }
@@ -203,7 +203,7 @@ fn servos_answer_manual_frames_directly_and_through_robot() {
             (&[0xFA, 0xAF, 0, 4, 0, 0, 0, 0, 0x04, 0xED], &[]),
         ];
         for (request, answer) in frames {
-            assert_eq!(ask(&mut device, &mut now, request), answer, "{request:02X?}");
+            assert_eq!(call(&mut device, &mut now, request), answer, "{request:02X?}");
         }
     }
     check(bus());
@@ -241,7 +241,7 @@ fn debug_action_moves_servos_evenly_in_given_time() {
     };
     action.angles[0] = None;
     action.angles[1] = Some(angle(0));
-    hear(&mut robot, &mut start, &bytes(&Request::Act(action)));
+    send(&mut robot, &mut start, &bytes(&Request::Act(action)));
 
     for (after, degrees) in [
         (0, 0.0),
@@ -274,9 +274,9 @@ fn debug_action_without_duration_arrives_at_once() {
 #[test]
 fn a_new_move_starts_where_the_servo_is() {
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
-    hear(&mut robot, &mut now, &bytes(&act(190, 1_000, 0)));
+    send(&mut robot, &mut now, &bytes(&act(190, 1_000, 0)));
     let mut now = time::Instant::from_micros(now.as_micros() + 500_000 - 33 * 87); // the end of the second frame
-    hear(&mut robot, &mut now, &bytes(&act(40, 1_000, 0)));
+    send(&mut robot, &mut now, &bytes(&act(40, 1_000, 0)));
     assert_eq!(robot.servos()[3].angle(now), 140.0);
     assert_eq!(robot.servos()[3].angle(now + millis(100)), 130.0);
     assert_eq!(robot.servos()[3].target(), 40.0);
@@ -285,17 +285,17 @@ fn a_new_move_starts_where_the_servo_is() {
 #[test]
 fn early_debug_action_is_refused_without_motion() {
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
-    hear(&mut robot, &mut now, &bytes(&act(100, 200, 1_000)));
+    send(&mut robot, &mut now, &bytes(&act(100, 200, 1_000)));
     let end = now;
     let second = bytes(&act(50, 0, 0));
 
     let mut early = time::Instant::from_micros(end.as_micros() + 1_000_000 - 33 * 87 - 1);
-    hear(&mut robot, &mut early, &second);
-    assert_eq!(listen(&mut robot, &mut early)[10..14], [0xFB, 0xBF, 0x01, 0xEE]);
+    send(&mut robot, &mut early, &second);
+    assert_eq!(read_all(&mut robot, &mut early)[10..14], [0xFB, 0xBF, 0x01, 0xEE]);
     assert_eq!(robot.servos()[0].angle(early), 100.0);
     assert_eq!(robot.counters().refused, 1);
 
-    let answer = ask(&mut robot, &mut early, &second);
+    let answer = call(&mut robot, &mut early, &second);
     assert_eq!(answer[2..4], [0x01, 0xAA]);
     assert_eq!(robot.servos()[0].angle(early), 50.0);
 }
@@ -317,7 +317,7 @@ fn unreachable_angle_is_refused_for_existing_servo() {
         angles[servo - 1] = raw;
         let data = [&[1, 0, 0, 0, 0, 0][..], &angles, &[0, 0, 0]].concat();
         let before = robot.servos()[2].angle(now);
-        assert_eq!(ask(&mut robot, &mut now, &frame([0xFB, 0xBF], &data))[3], outcome);
+        assert_eq!(call(&mut robot, &mut now, &frame([0xFB, 0xBF], &data))[3], outcome);
         let moved = robot.servos()[2].angle(now) != before;
         assert_eq!(moved, outcome == 0xAA && servo == 17, "servo {servo} to {raw}");
     }
@@ -327,7 +327,7 @@ fn unreachable_angle_is_refused_for_existing_servo() {
 #[test]
 fn action_plays_poses_on_time_and_ends() {
     let (mut robot, mut start) = (robot(), time::Instant::ZERO);
-    hear(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
+    send(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
 
     assert_eq!(robot.servos()[0].angle(start + millis(300)), 135.0);
     robot.advance(start + millis(600));
@@ -361,7 +361,7 @@ fn the_last_command_wins() {
     let mut host = host(robot());
     host.call(Request::Play(name("dance"))).unwrap();
     assert_eq!(host.call(Request::Play(name("sleep"))), played(Outcome::Failure));
-    assert_eq!(host.device().playing(), Some("dance"), "what is unknown ends nothing");
+    assert_eq!(host.device().playing(), Some("dance"), "an unknown action ends nothing");
     host.call(Request::Play(name("wave"))).unwrap();
     assert_eq!(host.device().playing(), Some("wave"));
     host.call(act(100, 0, 0)).unwrap();
@@ -417,7 +417,7 @@ fn angle_read_reports_target_and_stops_servo() {
 }
 
 #[test]
-fn servo_is_busy_until_lock_time_but_obeys() {
+fn servo_is_busy_until_lock_time_but_executes() {
     let mut host = host(bus());
     assert_eq!(host.call(go(one(5), 120, 200, 1_000)), acknowledged(5));
     let servo = |host: &Host<ServoBus>| {
@@ -433,7 +433,7 @@ fn servo_is_busy_until_lock_time_but_obeys() {
 }
 
 #[test]
-fn all_servos_obey_broadcast_without_answer() {
+fn all_servos_execute_broadcast_without_answer() {
     let mut host = host(bus());
     assert_eq!(host.call(go(Address::All, 30, 0, 0)), Ok(None));
     host.call(Request::Servo(ServoRequest::SetLed {
@@ -496,7 +496,7 @@ fn servo_answers_only_to_its_assigned_id() {
         );
     }
     assert_eq!(host.device().servos()[15].id(), id(86));
-    assert_eq!(host.call(go(one(16), 90, 0, 0)), Err(Silence { sends: 1 }));
+    assert_eq!(host.call(go(one(16), 90, 0, 0)), Err(NoAnswer { sends: 1 }));
     assert_eq!(host.device().counters().refused, 1);
 }
 
@@ -509,13 +509,13 @@ fn servos_with_equal_ids_answer_in_collision() {
     assert!(bus.servos_mut()[0].turn_by_hand(angle(0x0F)));
     assert!(bus.servos_mut()[1].turn_by_hand(angle(0x3C)));
     let mut now = time::Instant::ZERO;
-    let same = ask(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
-    assert_eq!(same, [0xAB], "both say the same");
+    let same = call(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
+    assert_eq!(same, [0xAB], "both send the same byte");
 
     for (servo, degrees) in [(0, 0x0F), (1, 0x3C)] {
         bus.servos_mut()[servo].go(now, angle(degrees), time::Duration::ZERO, time::Duration::ZERO);
     }
-    let mixed = ask(
+    let mixed = call(
         &mut bus,
         &mut now,
         &bytes(&Request::Servo(ServoRequest::ReadAngles(id(1)))),
@@ -549,17 +549,17 @@ fn faulty_servo_does_nothing_and_reports_the_fault() {
     assert!(requests.into_iter().all(failed));
     assert_eq!(host.device().servos()[6].id(), id(7));
     assert_eq!(host.device().servos()[6].offset().thirds(), 0);
-    for told in [
+    for request in [
         ServoRequest::Release(one(7)),
         ServoRequest::SetLed {
             to: one(7),
             led: Led(1),
         },
     ] {
-        assert_eq!(host.call(Request::Servo(told)), Err(Silence { sends: 1 }));
+        assert_eq!(host.call(Request::Servo(request)), Err(NoAnswer { sends: 1 }));
     }
     assert!(host.device().servos()[6].is_running() && host.device().servos()[6].led() == Led(0));
-    assert_eq!(host.call(go(one(7), 10, 0, 0)), Err(Silence { sends: 1 }));
+    assert_eq!(host.call(go(one(7), 10, 0, 0)), Err(NoAnswer { sends: 1 }));
     assert_eq!(host.call(act(10, 0, 0)), acted(Outcome::Failure));
     host.wait(millis(200));
     assert_eq!(angles(host.device().servos(), host.elapsed()), [90.0; 16]);
@@ -588,7 +588,7 @@ fn usb_mode_and_offset_settings_are_kept() {
 #[test]
 fn bus_answers_servo_frames_within_400_us() {
     let (mut bus, mut now) = (bus(), time::Instant::ZERO);
-    hear(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
+    send(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
     assert_eq!(bus.transmit(now + time::Duration::from_micros(199)), None);
     assert_eq!(bus.transmit(now + time::Duration::from_micros(400)), Some(0xAB));
     now += millis(10);
@@ -603,7 +603,7 @@ fn bus_answers_servo_frames_within_400_us() {
         Request::SetUsbType(UsbType::Hid),
         Request::Play(name("wave")),
     ] {
-        assert_eq!(ask(&mut bus, &mut now, &bytes(&request)), [], "{request:?}");
+        assert_eq!(call(&mut bus, &mut now, &bytes(&request)), [], "{request:?}");
     }
     assert_eq!((bus.counters().answered, bus.counters().refused), (1, 8));
     assert_eq!(angles(bus.servos(), now), [90.0; 16]);
@@ -630,15 +630,15 @@ fn host_with_echo_still_completes_calls() {
 #[test]
 fn bytes_during_an_answer_are_lost() {
     let (mut bus, mut now) = (bus(), time::Instant::ZERO);
-    hear(
+    send(
         &mut bus,
         &mut now,
         &bytes(&Request::Servo(ServoRequest::ReadVersion(id(1)))),
     );
     now += time::Duration::from_micros(200);
     assert_eq!(bus.transmit(now), Some(0xFC));
-    hear(&mut bus, &mut now, &bytes(&go(one(2), 10, 0, 0)));
-    let rest = listen(&mut bus, &mut now);
+    send(&mut bus, &mut now, &bytes(&go(one(2), 10, 0, 0)));
+    let rest = read_all(&mut bus, &mut now);
     assert_eq!((rest.len(), rest[0]), (9, 0xCF));
     assert_eq!((bus.counters().collided, bus.counters().requests), (10, 1));
 }
@@ -660,9 +660,9 @@ fn requests_and_answers_may_be_padded_to_reports() {
         ] {
             let mut report = bytes(&request);
             report.resize(64, 0);
-            let said = ask(&mut robot, &mut now, &report);
-            assert_eq!(said.len(), if hid { 64 } else { answer });
-            assert!(said[answer - 1] != 0 && said[answer..].iter().all(|&byte| byte == 0));
+            let output = call(&mut robot, &mut now, &report);
+            assert_eq!(output.len(), if hid { 64 } else { answer });
+            assert!(output[answer - 1] != 0 && output[answer..].iter().all(|&byte| byte == 0));
         }
         assert_eq!((robot.counters().noise_bytes, robot.counters().unknown), (0, 0));
     }
@@ -696,7 +696,7 @@ fn invalid_request_is_counted_without_answer() {
         frame([0xFB, 0xBF], &[0x06, 0x18, 0x00]),     // the Bluetooth protocol
     ];
     for (i, frame) in wrong_values.iter().enumerate() {
-        assert_eq!(ask(&mut robot, &mut now, frame), [], "{frame:02X?}");
+        assert_eq!(call(&mut robot, &mut now, frame), [], "{frame:02X?}");
         assert_eq!(robot.counters().unknown, i as u64 + 1);
     }
 
@@ -704,7 +704,7 @@ fn invalid_request_is_counted_without_answer() {
     damaged[9] = 0xEE;
     for frame in [damaged, vec![0x55; 3]] {
         let before = robot.counters().noise_bytes;
-        assert_eq!(ask(&mut robot, &mut now, &frame), [], "{frame:02X?}");
+        assert_eq!(call(&mut robot, &mut now, &frame), [], "{frame:02X?}");
         assert!(robot.counters().noise_bytes > before);
     }
     assert_eq!((robot.counters().requests, robot.counters().answered), (0, 0));
@@ -714,8 +714,8 @@ fn invalid_request_is_counted_without_answer() {
 #[test]
 fn idle_line_frees_request_behind_false_header() {
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
-    hear(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
-    hear(&mut robot, &mut now, &bytes(&Request::Stop));
+    send(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
+    send(&mut robot, &mut now, &bytes(&Request::Stop));
     assert_eq!(robot.transmit(now + time::Duration::from_micros(100_999)), None);
     assert_eq!(robot.transmit(now + time::Duration::from_micros(101_000)), Some(0xF2)); // idle 100 ms, turnaround 1 ms
 }
@@ -726,10 +726,10 @@ fn pause_ends_requests_on_servo_bus_only() {
         let mut now = time::Instant::ZERO;
         let request = bytes(&go(one(1), 10, 0, 0));
         let (first, second) = request.split_at(5);
-        hear(&mut device, &mut now, first);
+        send(&mut device, &mut now, first);
         // The next byte comes 87 µs later.
         now += pause;
-        ask(&mut device, &mut now, second)
+        call(&mut device, &mut now, second)
     }
     assert_eq!(answer_after(robot(), millis(99)), [0xAB]);
     assert_eq!(answer_after(robot(), millis(100)), []);
@@ -740,10 +740,10 @@ fn pause_ends_requests_on_servo_bus_only() {
 #[test]
 fn due_pose_precedes_request_freed_by_idle() {
     let (mut robot, mut start) = (robot(), time::Instant::ZERO);
-    hear(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
+    send(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
     let mut now = start + millis(550);
-    hear(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
-    hear(&mut robot, &mut now, &bytes(&go(one(2), 10, 0, 0)));
+    send(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
+    send(&mut robot, &mut now, &bytes(&go(one(2), 10, 0, 0)));
     // The second pose, at 600 ms, sends servo 2 to 120°; the line is idle at 651 ms.
     robot.advance(start + millis(700));
     assert_eq!(robot.servos()[1].target(), 10.0);
@@ -759,16 +759,16 @@ fn burst_of_two_hosts_gets_all_answers() {
     ];
     let burst = requests.map(|request| bytes(&request)).concat();
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
-    let whole = ask(&mut robot, &mut now, &burst);
+    let whole = call(&mut robot, &mut now, &burst);
     assert_eq!(whole.len(), 16 + 10 + 4 + 15);
     for cut in 0..burst.len() {
         let (first, second) = burst.split_at(cut);
-        hear(&mut robot, &mut now, first);
+        send(&mut robot, &mut now, first);
         now += millis(99); // less than the line's idle time
-        let mut said: Vec<_> = std::iter::from_fn(|| robot.transmit(now)).collect();
-        hear(&mut robot, &mut now, second);
-        said.extend(listen(&mut robot, &mut now));
-        assert_eq!(said, whole, "cut at {cut}");
+        let mut output: Vec<_> = std::iter::from_fn(|| robot.transmit(now)).collect();
+        send(&mut robot, &mut now, second);
+        output.extend(read_all(&mut robot, &mut now));
+        assert_eq!(output, whole, "cut at {cut}");
     }
     assert_eq!((robot.counters().noise_bytes, robot.counters().unknown), (0, 0));
 }
@@ -785,7 +785,7 @@ fn answers_queue_and_excess_ones_are_counted() {
     now += millis(1);
     let first: Vec<_> = std::iter::from_fn(|| robot.transmit(now)).collect();
     assert_eq!(first.len(), 4, "one answer at a time");
-    assert_eq!(listen(&mut robot, &mut now).len(), 4 * (MAX_REPLIES - 1));
+    assert_eq!(read_all(&mut robot, &mut now).len(), 4 * (MAX_REPLIES - 1));
 }
 
 #[test]
@@ -809,12 +809,12 @@ fn every_intact_request_is_answered_after_noise() {
             })
             .collect();
         let before = robot.counters();
-        hear(&mut robot, &mut now, &noise);
-        hear(&mut robot, &mut now, &request);
-        let said = listen(&mut robot, &mut now);
+        send(&mut robot, &mut now, &noise);
+        send(&mut robot, &mut now, &request);
+        let output = read_all(&mut robot, &mut now);
         let answers = robot.counters().answered - before.answered;
         // CHECK is one byte: noise and the request sometimes form another valid frame.
-        if !said.ends_with(b"\xF5\x5F\xAA2015121519\xA5\xED") {
+        if !output.ends_with(b"\xF5\x5F\xAA2015121519\xA5\xED") {
             let counters = robot.counters();
             assert!(answers > 0 || counters.unknown > before.unknown, "after {noise:02X?}");
             swallowed += 1;
@@ -935,8 +935,8 @@ proptest! {
         let mut polls = polls.into_iter().map(time::Instant::from_micros).peekable();
         let mut now = time::Instant::ZERO;
         for (request, pause) in script {
-            hear(&mut rarely, &mut now.clone(), &bytes(&request));
-            hear(&mut often, &mut now, &bytes(&request));
+            send(&mut rarely, &mut now.clone(), &bytes(&request));
+            send(&mut often, &mut now, &bytes(&request));
             let begin = now;
             now += time::Duration::from_micros(pause);
             while let Some(poll) = polls.next_if(|&poll| poll <= now) {
@@ -962,12 +962,12 @@ proptest! {
     ) {
         let noise = noise.concat();
         let (mut robot, mut now) = (robot(), time::Instant::ZERO);
-        hear(&mut robot, &mut now, &noise);
-        let said = listen(&mut robot, &mut now);
+        send(&mut robot, &mut now, &noise);
+        let output = read_all(&mut robot, &mut now);
         // Contents of servo frames do not matter here. Bytes outside of frames are acknowledgements.
         let expect = Expect::Responses(Some(ServoAnswer::Angles));
         let mut decoder = Decoder::<MAX_FRAME>::new();
-        let (mut rest, mut frames, mut frame_bytes) = (&said[..], 0, 0);
+        let (mut rest, mut frames, mut frame_bytes) = (&output[..], 0, 0);
         while !rest.is_empty() {
             rest = decoder.push(rest);
             while let Some(item) = decoder.next(&Alpha1, expect) {
@@ -978,12 +978,12 @@ proptest! {
                 }
             }
         }
-        prop_assert_eq!(robot.counters().answered, (frames + said.len() - frame_bytes) as u64, "{:02X?}", said);
+        prop_assert_eq!(robot.counters().answered, (frames + output.len() - frame_bytes) as u64, "{:02X?}", output);
         prop_assert_eq!(robot.counters().bytes, noise.len() as u64);
     }
 }
 
-/// Returns whether the request addresses a servo that the robot does not have.
+/// Returns true if the request addresses a servo that the robot does not have.
 fn is_for_none_there(request: &Request<'_>) -> bool {
     // The id is the first byte of the data.
     matches!(request, Request::Servo(_)) && bytes(request)[2] > 16
@@ -997,11 +997,11 @@ fn keeps_ids(request: &Request<'_>) -> bool {
 fn late_or_endless_clock_is_handled() {
     let mut robot = robot();
     let mut now = time::Instant::from_micros(1_700_000_000_000_000);
-    hear(&mut robot, &mut now, &bytes(&Request::Play(name("dance"))));
+    send(&mut robot, &mut now, &bytes(&Request::Play(name("dance"))));
     robot.advance(now + millis(60_000));
     assert_eq!(angles(robot.servos(), now + millis(60_000)), [90.0; 16]);
     robot.advance(time::Instant::from_micros(u64::MAX));
-    hear(
+    send(
         &mut robot,
         &mut time::Instant::from_micros(u64::MAX),
         &bytes(&act(100, 5_000, 5_000)),

@@ -120,7 +120,7 @@ impl Frame {
         &self.data[..self.len()]
     }
 
-    /// Returns whether the data phase has a separate bit rate.
+    /// Returns true if the data phase has a separate bit rate.
     pub fn switches_bit_rate(&self) -> bool {
         self.fd.is_some_and(|flags| flags.bit_rate_switch)
     }

@@ -13,7 +13,6 @@
 //!   ambient, plus 10 °C while it holds (35 °C, as in the document's example), plus 16 °C for each 1000 ticks/s.
 //! * At the limit the arm reports overheating and continues. At 5 °C above the limit protection starts: the arm stops,
 //!   its torque is off, and it neither moves nor holds. Both conditions end 5 °C below the limit; the torque stays off.
-//!   off, and neither moves nor holds. Either ends 5 °C below the limit; the torque stays off.
 
 use armwire::ling::{JOINTS, Kind, MotionStatus, Move, TemperatureLimit};
 use armwire::time::{Duration, Instant};
@@ -129,7 +128,7 @@ impl Body {
         self.now = to.max(self.now);
     }
 
-    /// Computes one thermal step. Returns whether all temperatures are final.
+    /// Computes one thermal step. Returns true if all temperatures are final.
     fn warm(&mut self) -> bool {
         let mut settled = self.travelled == [0; AXES];
         for servo in &mut self.servos {
@@ -160,12 +159,12 @@ impl Body {
         }
     }
 
-    /// Returns whether the arm may move by itself now.
+    /// Returns true if the arm may move by itself now.
     fn can_move(&self) -> bool {
         self.kind == Kind::Follower && self.torque
     }
 
-    /// Starts a move. Returns whether it was accepted.
+    /// Starts a move. Returns true if it was accepted.
     pub(super) fn go(&mut self, target: &Move) -> bool {
         if !self.can_move() {
             return false;
@@ -181,7 +180,7 @@ impl Body {
         true
     }
 
-    /// Sets the torque. Returns whether it was accepted: the torque stays off during overheat protection.
+    /// Sets the torque. Returns true if it was accepted: the torque stays off during overheat protection.
     pub(super) fn set_torque(&mut self, on: bool) -> bool {
         if on && self.heat == Heat::Protecting {
             return false;
@@ -203,7 +202,7 @@ impl Body {
         self.protect();
     }
 
-    /// Moves an axis by hand. Returns whether it moved.
+    /// Moves an axis by hand. Returns true if it moved.
     pub(super) fn push(&mut self, axis: usize, ticks: u16) -> bool {
         if self.torque {
             return false;

@@ -46,7 +46,7 @@ pub struct Counters {
     /// Valid frames among them, all ignored.
     pub frames: u64,
     /// Joint frames whose transmission has begun.
-    pub said: u64,
+    pub sent: u64,
 }
 
 /// A virtual arm of the older generation. It is switched on at time zero and sends its first frame one period later.
@@ -60,9 +60,9 @@ pub struct Counters {
 ///
 /// let mut arm = LegacyArm::new(Config::default());
 /// assert_eq!(arm.transmit(Instant::from_micros(24_999)), None);
-/// let said: Vec<u8> = std::iter::from_fn(|| arm.transmit(Instant::from_micros(25_000))).collect();
-/// assert_eq!(said[..3], [0xAA, 0x14, 0x12]);
-/// assert_eq!(said[23..26], [0xAA, 0x12, 0x07]);
+/// let sent: Vec<u8> = std::iter::from_fn(|| arm.transmit(Instant::from_micros(25_000))).collect();
+/// assert_eq!(sent[..3], [0xAA, 0x14, 0x12]);
+/// assert_eq!(sent[23..26], [0xAA, 0x12, 0x07]);
 /// ```
 #[derive(Debug)]
 pub struct LegacyArm {
@@ -114,7 +114,7 @@ impl LegacyArm {
         self.counters
     }
 
-    fn say(&mut self, response: &Response) {
+    fn send(&mut self, response: &Response) {
         let mut out = [0; MAX_FRAME];
         // Every response fits.
         let n = self.device.respond(response, None, &mut out).unwrap_or(0);
@@ -139,9 +139,9 @@ impl SerialDevice for LegacyArm {
     fn transmit(&mut self, now: Instant) -> Option<u8> {
         if self.due <= now {
             if self.line.is_empty() {
-                self.counters.said += 1;
-                self.say(&Response::Joints(self.joints));
-                self.say(&Response::Gripper(self.gripper));
+                self.counters.sent += 1;
+                self.send(&Response::Joints(self.joints));
+                self.send(&Response::Gripper(self.gripper));
             }
             let period = self.config.period.as_micros().max(1);
             self.due = Instant::from_micros((now.as_micros() / period + 1) * period);
@@ -227,7 +227,7 @@ mod tests {
         host.wait(Duration::from_millis(10_000));
         let events = host.take_events();
         assert!(events.iter().all(|event| matches!(event, LineEvent::Unsolicited(_))));
-        assert!((200..270).contains(&host.device().counters().said));
+        assert!((200..270).contains(&host.device().counters().sent));
     }
 
     #[test]
@@ -250,11 +250,11 @@ mod tests {
         };
         let mut line = Line::new(LegacyArm::new(Config::default()), Rates::NONE, faults, 1);
         let mut detector = Detector::new();
-        let told = (0..1_000_000).step_by(10).find_map(|micros| {
+        let recognised = (0..1_000_000).step_by(10).find_map(|micros| {
             let byte = line.transmit(Instant::from_micros(micros))?;
             detector.hear(&[byte])
         });
-        assert_eq!(told, Some(OlderGeneration));
+        assert_eq!(recognised, Some(OlderGeneration));
         assert!(line.injected_from_device().dropped + line.injected_from_device().corrupted > 0);
     }
 }

@@ -146,7 +146,7 @@ impl LingArm {
         {
             self.idle_at = None;
             self.device.idle();
-            self.hear(idle_at);
+            self.process_requests(idle_at);
         }
         self.body.advance(now);
     }
@@ -171,12 +171,12 @@ impl LingArm {
         self.body.status()
     }
 
-    /// Returns whether the torque is on.
+    /// Returns true if the torque is on.
     pub fn is_holding(&self) -> bool {
         self.body.is_holding()
     }
 
-    /// Returns whether a joint or the gripper moves.
+    /// Returns true if a joint or the gripper moves.
     pub fn is_moving(&self) -> bool {
         self.body.is_moving()
     }
@@ -197,12 +197,12 @@ impl LingArm {
         self.counters
     }
 
-    /// Moves a joint, 0 to 5, by hand. Returns whether it moved: with torque on it does not.
+    /// Moves a joint, 0 to 5, by hand. Returns true if it moved: with torque on it does not.
     pub fn push_joint(&mut self, joint: usize, position: Position) -> bool {
         joint < JOINTS && self.body.push(joint, position.ticks())
     }
 
-    /// Moves the gripper by hand. Returns whether it moved: with torque on, a follower's does not.
+    /// Moves the gripper by hand. Returns true if it moved: with torque on, a follower's does not.
     pub fn push_gripper(&mut self, opening: Opening) -> bool {
         self.body.push_gripper(opening.per_mille())
     }
@@ -214,13 +214,13 @@ impl LingArm {
         self.body.set_faulty(id, faulty);
     }
 
-    fn hear(&mut self, now: Instant) {
+    fn process_requests(&mut self, now: Instant) {
         self.body.advance(now);
         while let Some(event) = self.device.poll() {
             match event {
                 DeviceEvent::Request { request, .. } => {
                     self.counters.requests += 1;
-                    if let Some(response) = self.obey(&request) {
+                    if let Some(response) = self.execute(&request) {
                         self.reply(now, &response);
                     }
                 }
@@ -232,8 +232,8 @@ impl LingArm {
     }
 
     /// Executes a request and returns the answer, if it has one.
-    fn obey(&mut self, request: &Request) -> Option<Response> {
-        let obeyed = match *request {
+    fn execute(&mut self, request: &Request) -> Option<Response> {
+        let accepted = match *request {
             Request::ReadInfo => {
                 return Some(Response::Info(Info {
                     serial: self.config.serial,
@@ -269,7 +269,7 @@ impl LingArm {
             // A request of a later protocol version.
             _ => false,
         };
-        self.counters.refused += u64::from(!obeyed);
+        self.counters.refused += u64::from(!accepted);
         None
     }
 
@@ -301,7 +301,7 @@ impl SerialDevice for LingArm {
         self.idle_at = Some(now + self.config.idle);
         // All earlier frames have been taken out: there is room.
         let _ = self.device.receive(&[byte]);
-        self.hear(now);
+        self.process_requests(now);
     }
 
     fn transmit(&mut self, now: Instant) -> Option<u8> {

@@ -34,21 +34,21 @@ fn seconds(seconds: u64) -> Duration {
     Duration::from_millis(1_000 * seconds)
 }
 
-fn hear(arm: &mut LingArm, now: &mut Instant, bytes: &[u8]) {
+fn send(arm: &mut LingArm, now: &mut Instant, bytes: &[u8]) {
     for &byte in bytes {
         *now += Duration::from_micros(10);
         arm.receive(*now, byte);
     }
 }
 
-/// Returns the arm's output until it has no more, and the time then.
-fn listen(arm: &mut LingArm, now: &mut Instant) -> Vec<u8> {
-    let mut said = Vec::new();
+/// Returns the arm's remaining output, and advances `now` to its end.
+fn read_all(arm: &mut LingArm, now: &mut Instant) -> Vec<u8> {
+    let mut output = Vec::new();
     loop {
         match (arm.transmit(*now), arm.poll_timeout()) {
-            (Some(byte), _) => said.push(byte),
+            (Some(byte), _) => output.push(byte),
             (None, Some(due)) => *now = due.max(*now),
-            (None, None) => return said,
+            (None, None) => return output,
         }
     }
 }
@@ -96,12 +96,12 @@ fn arm_reports_its_state_over_the_line() {
 }
 
 #[test]
-fn gripper_speed_beyond_joint_maximum_is_obeyed() {
+fn gripper_speed_beyond_joint_maximum_is_accepted() {
     let mut host = host(Config::follower());
     let Request::Move(mut target) = go(2048, 0, 1000) else {
         unreachable!()
     };
-    target.gripper.1 = GripperSpeed(5500); // what the vendor's software sends
+    target.gripper.1 = GripperSpeed(5500); // as the vendor's software sends it
     host.call(Request::Move(target)).unwrap();
     host.wait(Duration::from_millis(182));
     assert_eq!(host.device().gripper(), 1000);
@@ -161,7 +161,7 @@ fn servos_warm_in_motion_and_cool_at_rest() {
     let mut host = host(Config::follower());
     assert_eq!(host.device().temperatures(), PerServo::Follower([25; 10]));
     host.device_mut().advance(Instant::ZERO + seconds(3_600));
-    assert_eq!(host.device().temperatures(), PerServo::Follower([34; 10])); // a hair under 35
+    assert_eq!(host.device().temperatures(), PerServo::Follower([34; 10])); // just below 35
 
     host.wait(seconds(3_600));
     for _ in 0..30 {
@@ -286,7 +286,7 @@ fn leader_has_six_servos_and_no_own_motion() {
 fn unanswered_and_invalid_requests_meet_silence() {
     let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     for request in [go(2048, 100, 0), Request::SetZero, Request::SetStroke(Stroke::Mm75)] {
-        hear(&mut arm, &mut now, &bytes(&request));
+        send(&mut arm, &mut now, &bytes(&request));
     }
     let mut too_fast = bytes(&go(2048, 5000, 0));
     too_fast[6..8].copy_from_slice(&5001_u16.to_le_bytes());
@@ -301,11 +301,11 @@ fn unanswered_and_invalid_requests_meet_silence() {
         }
         .encode(&mut out)
         .unwrap();
-        hear(&mut arm, &mut now, &out[..n]);
+        send(&mut arm, &mut now, &out[..n]);
     }
-    hear(&mut arm, &mut now, &[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF]);
+    send(&mut arm, &mut now, &[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF]);
 
-    assert_eq!(listen(&mut arm, &mut now), []);
+    assert_eq!(read_all(&mut arm, &mut now), []);
     let counters = arm.counters();
     assert_eq!((counters.requests, counters.unknown, counters.noise_bytes), (3, 3, 7));
     assert_eq!((counters.answered, counters.refused), (0, 0));
@@ -319,9 +319,9 @@ fn every_spelling_of_the_self_check_is_answered() {
         &[0xAA, 0xFE, 0x00, 0x01, 0xFE, 0xD2, 0xFF],
     ] {
         let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
-        hear(&mut arm, &mut now, request);
+        send(&mut arm, &mut now, request);
         assert_eq!(
-            listen(&mut arm, &mut now),
+            read_all(&mut arm, &mut now),
             [0xAA, 0xFE, 0x00, 0x02, 0xFF, 0x03, 0x87, 0xFF]
         );
     }
@@ -330,11 +330,11 @@ fn every_spelling_of_the_self_check_is_answered() {
 #[test]
 fn idle_line_frees_request_behind_false_header() {
     let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
-    hear(&mut arm, &mut now, &[0xAA, 0x06, 0x00, 64]);
-    hear(&mut arm, &mut now, &bytes(&Request::ReadStroke));
-    let heard = now;
-    assert_eq!(arm.transmit(heard + Duration::from_micros(2_199)), None);
-    assert_eq!(arm.transmit(heard + Duration::from_micros(2_200)), Some(0xAA)); // idle 2 ms, turnaround 200 µs
+    send(&mut arm, &mut now, &[0xAA, 0x06, 0x00, 64]);
+    send(&mut arm, &mut now, &bytes(&Request::ReadStroke));
+    let received = now;
+    assert_eq!(arm.transmit(received + Duration::from_micros(2_199)), None);
+    assert_eq!(arm.transmit(received + Duration::from_micros(2_200)), Some(0xAA)); // idle 2 ms, turnaround 200 µs
 }
 
 #[test]
@@ -352,14 +352,14 @@ fn calls_work_with_echo_of_every_byte() {
 fn answers_queue_and_excess_ones_are_counted() {
     let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     for _ in 0..MAX_REPLIES + 2 {
-        hear(&mut arm, &mut now, &bytes(&Request::ReadStroke));
+        send(&mut arm, &mut now, &bytes(&Request::ReadStroke));
     }
     assert_eq!(arm.counters().overrun, 2);
     assert!(
         std::iter::from_fn(|| arm.transmit(now)).count() == 7,
         "one answer at a time"
     );
-    assert_eq!(listen(&mut arm, &mut now).len(), 7 * (MAX_REPLIES - 1));
+    assert_eq!(read_all(&mut arm, &mut now).len(), 7 * (MAX_REPLIES - 1));
 }
 
 #[test]
@@ -379,15 +379,15 @@ fn every_intact_request_is_answered_after_noise() {
             })
             .collect();
         let before = arm.counters().unknown;
-        hear(&mut arm, &mut now, &noise);
-        hear(&mut arm, &mut now, &request);
-        let said = listen(&mut arm, &mut now);
+        send(&mut arm, &mut now, &noise);
+        send(&mut arm, &mut now, &request);
+        let output = read_all(&mut arm, &mut now);
         // The checksum is one byte: noise and the request sometimes form another valid frame.
-        if said.is_empty() && arm.counters().unknown > before {
+        if output.is_empty() && arm.counters().unknown > before {
             swallowed += 1;
             continue;
         }
-        assert_eq!(said, [0xAA, 0x04, 0x0E, 0x01, 0x00, 0x00, 0xFF], "after {noise:02X?}");
+        assert_eq!(output, [0xAA, 0x04, 0x0E, 0x01, 0x00, 0x00, 0xFF], "after {noise:02X?}");
     }
     assert_eq!(arm.counters().answered + swallowed, 20_000);
     assert!(swallowed < 20_000 / 256, "{swallowed}");
@@ -441,8 +441,8 @@ proptest! {
         let mut polls = polls.into_iter().map(Instant::from_micros).peekable();
         let mut now = Instant::ZERO;
         for (request, pause) in script {
-            hear(&mut rarely, &mut now.clone(), &bytes(&request));
-            hear(&mut often, &mut now, &bytes(&request));
+            send(&mut rarely, &mut now.clone(), &bytes(&request));
+            send(&mut often, &mut now, &bytes(&request));
             now += Duration::from_micros(pause);
             while let Some(poll) = polls.next_if(|&poll| poll <= now) {
                 // Polls before this byte are moved: time never runs backwards.
@@ -463,15 +463,15 @@ proptest! {
     ) {
         let noise = noise.concat();
         let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
-        hear(&mut arm, &mut now, &noise);
-        let said = listen(&mut arm, &mut now);
+        send(&mut arm, &mut now, &noise);
+        let output = read_all(&mut arm, &mut now);
         let mut decoder = Decoder::<MAX_FRAME>::new();
-        let (mut rest, mut answers) = (&said[..], 0);
+        let (mut rest, mut answers) = (&output[..], 0);
         while !rest.is_empty() {
             rest = decoder.push(rest);
             while let Some(item) = decoder.next(&Ling, ()) {
-                prop_assert_eq!(item.kind, decoder::Kind::Frame, "{:02X?}", said);
-                prop_assert!(Ling.parse_response(item.bytes, ()).is_ok(), "{:02X?}", said);
+                prop_assert_eq!(item.kind, decoder::Kind::Frame, "{:02X?}", output);
+                prop_assert!(Ling.parse_response(item.bytes, ()).is_ok(), "{:02X?}", output);
                 answers += 1;
             }
         }

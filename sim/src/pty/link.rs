@@ -34,12 +34,12 @@ impl Link {
                 let target = fs::read_link(path)?;
                 let is_stale = target == device || is_gone(&target) || left_behind && is_pty(&target);
                 if !is_stale {
-                    return Err(in_the_way(path, &what_is_linked(&target)));
+                    return Err(already_exists(path, &describe_target(&target)));
                 }
                 fs::remove_file(path)?;
             }
             Ok(_) => {
-                return Err(in_the_way(
+                return Err(already_exists(
                     path,
                     "exists and is not a symbolic link; choose another path",
                 ));
@@ -86,7 +86,7 @@ impl Lock {
             let left_behind = match fs::symlink_metadata(&path) {
                 Ok(there) if there.is_file() && there.len() == 0 => true,
                 Ok(_) => {
-                    return Err(in_the_way(
+                    return Err(already_exists(
                         &path,
                         "exists and is not the lock of a server; choose another path",
                     ));
@@ -105,7 +105,7 @@ impl Lock {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
                     let text = "is in use by another server: end that one, or choose another path";
-                    return Err(in_the_way(link, text));
+                    return Err(already_exists(link, text));
                 }
                 Err(TryLockError::Error(error)) => return Err(failed(error)),
             }
@@ -122,18 +122,18 @@ impl Drop for Lock {
     }
 }
 
-/// Returns whether this file is the one at the path.
+/// Returns true if this file is the one at the path.
 fn is_at(file: &File, path: &Path) -> bool {
     let id = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
     let (here, there) = (file.metadata().map(id), fs::symlink_metadata(path).map(id));
     matches!((here, there), (Ok(here), Ok(there)) if here == there)
 }
 
-fn in_the_way(path: &Path, what: &str) -> io::Error {
+fn already_exists(path: &Path, what: &str) -> io::Error {
     io::Error::new(ErrorKind::AlreadyExists, format!("{} {what}", path.display()))
 }
 
-fn what_is_linked(target: &Path) -> String {
+fn describe_target(target: &Path) -> String {
     let target_name = target.display();
     match is_pty(target) {
         true => format!(
@@ -143,13 +143,13 @@ fn what_is_linked(target: &Path) -> String {
     }
 }
 
-/// Returns whether this is the path of a pty: `/dev/pts/3`, or `/dev/ttys003` on macOS.
+/// Returns true if this is the path of a pty: `/dev/pts/3`, or `/dev/ttys003` on macOS.
 fn is_pty(device: &Path) -> bool {
     let name = device.as_os_str().as_bytes();
     name.starts_with(b"/dev/pts/") || name.starts_with(b"/dev/ttys")
 }
 
-/// Returns whether the target is missing, or a pty without a server. Linux removes its name, macOS may keep it.
+/// Returns true if the target is missing, or a pty without a server. Linux removes its name, macOS may keep it.
 fn is_gone(target: &Path) -> bool {
     if fs::metadata(target).is_err_and(|error| error.kind() == ErrorKind::NotFound) {
         return true;

@@ -57,7 +57,7 @@ impl Adapter {
         self.data_bit_rate.bits_per_second()
     }
 
-    /// Returns whether the channel is listen-only: it acknowledges no frames.
+    /// Returns true if the channel is listen-only: it acknowledges no frames.
     pub fn is_listening(&self) -> bool {
         self.channel == Channel::Listening
     }
@@ -65,13 +65,13 @@ impl Adapter {
     /// Takes the next byte from the program. Passes a frame to `transmit`, which returns whether there is room for it.
     pub fn receive(&mut self, byte: u8, transmit: impl FnOnce(Frame) -> bool) {
         if let Some(command) = self.commands.push(byte) {
-            let reply = command.ok().and_then(|command| self.obey(command, transmit));
+            let reply = command.ok().and_then(|command| self.execute(command, transmit));
             reply.unwrap_or(Reply::Refused).encode(&mut self.output);
         }
     }
 
     /// Executes a command and returns the reply. `None` if the command is not allowed in this state.
-    fn obey(&mut self, command: Command, transmit: impl FnOnce(Frame) -> bool) -> Option<Reply> {
+    fn execute(&mut self, command: Command, transmit: impl FnOnce(Frame) -> bool) -> Option<Reply> {
         let is_closed = self.channel == Channel::Closed;
         let can_open = is_closed && self.bit_rate.is_some();
         match command {
@@ -100,7 +100,7 @@ impl Adapter {
     }
 
     /// Takes a frame of another node from the bus at `now`. The program receives it if the channel is open.
-    pub fn hear(&mut self, frame: &Frame, now: Instant) {
+    pub fn on_frame(&mut self, frame: &Frame, now: Instant) {
         if self.channel == Channel::Closed {
             return;
         }

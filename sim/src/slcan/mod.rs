@@ -39,13 +39,13 @@
 //!     });
 //! }
 //! assert_eq!(bus, [frame]);
-//! adapter.hear(&frame, Instant::ZERO);
+//! adapter.on_frame(&frame, Instant::ZERO);
 //!
 //! let mut replies = Replies::default();
-//! let heard: Vec<_> = adapter.output().drain(..).filter_map(|byte| replies.push(byte)).collect();
-//! let came = Reply::Frame { frame, millis: None };
+//! let received: Vec<_> = adapter.output().drain(..).filter_map(|byte| replies.push(byte)).collect();
+//! let from_bus = Reply::Frame { frame, millis: None };
 //! let sent = Reply::Sent { is_extended: false };
-//! assert_eq!(heard, [Ok(Reply::Done), Ok(Reply::Done), Ok(sent), Ok(came)]);
+//! assert_eq!(received, [Ok(Reply::Done), Ok(Reply::Done), Ok(sent), Ok(from_bus)]);
 //! ```
 //!
 //! The crate slcan 0.1.3 does not fit: it has the program's side only, owns its port, and ignores malformed lines.

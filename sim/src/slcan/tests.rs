@@ -122,8 +122,8 @@ fn malformed_line_reports_its_error() {
         ("\u{7}", "'\\x07': unknown first character"),
     ] {
         let read = read_commands(&[line.as_bytes(), b"\r"].concat());
-        let told: Vec<_> = read.into_iter().map(|read| read.unwrap_err().to_string()).collect();
-        assert_eq!(told, [error], "{line}");
+        let errors: Vec<_> = read.into_iter().map(|read| read.unwrap_err().to_string()).collect();
+        assert_eq!(errors, [error], "{line}");
     }
     let error = read_replies(b"t1230EA60\r")[0].unwrap_err();
     assert_eq!(error.to_string(), "'t': time stamp is 60000 ms, must be 0..=59999");
@@ -139,7 +139,7 @@ struct Desk {
 
 impl Desk {
     /// Passes bytes to the adapter and returns its output.
-    fn say(&mut self, bytes: &[u8]) -> Vec<u8> {
+    fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
         for &byte in bytes {
             self.adapter.receive(byte, |frame| {
                 self.bus.push(frame);
@@ -153,14 +153,14 @@ impl Desk {
 #[test]
 fn channel_needs_bit_rate_to_open_and_closes() {
     let mut desk = Desk::default();
-    assert_eq!(desk.say(b"C\rO\rL\rF\rt1230\r"), [BELL; 5]);
-    assert_eq!(desk.say(b"S6\rZ1\rO\r"), b"\r\r\r");
+    assert_eq!(desk.send(b"C\rO\rL\rF\rt1230\r"), [BELL; 5]);
+    assert_eq!(desk.send(b"S6\rZ1\rO\r"), b"\r\r\r");
     assert_eq!(desk.adapter.bit_rate(), Some(500_000));
-    assert_eq!(desk.say(b"O\rS8\rZ0\r"), [BELL; 3]);
-    assert_eq!(desk.say(b"C\r"), b"\r");
+    assert_eq!(desk.send(b"O\rS8\rZ0\r"), [BELL; 3]);
+    assert_eq!(desk.send(b"C\r"), b"\r");
     assert_eq!((desk.adapter.bit_rate(), desk.bus.len()), (None, 0));
     assert!(!desk.adapter.is_listening());
-    assert_eq!(desk.say(b"L\rt1230\r"), b"\r\x07");
+    assert_eq!(desk.send(b"L\rt1230\r"), b"\r\x07");
     assert!(desk.adapter.is_listening());
 }
 
@@ -168,11 +168,11 @@ fn channel_needs_bit_rate_to_open_and_closes() {
 fn open_channel_passes_frames_with_optional_stamps() {
     let mut desk = Desk::default();
     let frame = Frame::data_frame(Id::Standard(0x612), &[0x30, 0, 0xA5]);
-    desk.adapter.hear(&frame, Instant::ZERO);
-    assert_eq!(desk.say(b"S8\rZ1\rO\rt61233000a5\r"), b"\r\r\rz\r");
+    desk.adapter.on_frame(&frame, Instant::ZERO);
+    assert_eq!(desk.send(b"S8\rZ1\rO\rt61233000a5\r"), b"\r\r\rz\r");
     assert_eq!(desk.bus, [frame]);
-    desk.adapter.hear(&frame, Instant::from_millis(60_000 + 0x1234));
-    assert_eq!(desk.say(b""), b"t61233000A51234\r");
+    desk.adapter.on_frame(&frame, Instant::from_millis(60_000 + 0x1234));
+    assert_eq!(desk.send(b""), b"t61233000A51234\r");
 }
 
 #[test]
@@ -181,15 +181,15 @@ fn status_shows_refused_and_lost_until_read() {
         is_full: true,
         ..Desk::default()
     };
-    assert_eq!(desk.say(b"S8\rO\rt1230\rF\rF\r"), b"\r\r\x07F02\rF00\r");
+    assert_eq!(desk.send(b"S8\rO\rt1230\rF\rF\r"), b"\r\r\x07F02\rF00\r");
     let frame = Frame::data_frame(Id::Standard(0), &[0; 8]);
     for _ in 0..10_000 {
-        desk.adapter.hear(&frame, Instant::ZERO);
+        desk.adapter.on_frame(&frame, Instant::ZERO);
     }
-    let kept = desk.say(b"").len();
+    let kept = desk.send(b"").len();
     assert!((65_536..65_600).contains(&kept), "{kept}");
     desk.adapter.report(Status::BUS_ERROR);
-    assert_eq!(desk.say(b"F\r"), b"F81\r");
+    assert_eq!(desk.send(b"F\r"), b"F81\r");
     assert_eq!(Status(0x81).to_string(), "receive queue full, bus error");
 }
 
@@ -236,18 +236,18 @@ fn python_can_sequence_opens_fd_channel() {
     // slcanBus with BitTimingFd: close, both rates, open, and open again.
     let mut desk = Desk::default();
     assert_eq!(desk.adapter.data_bit_rate(), 2_000_000);
-    assert_eq!(desk.say(b"C\rS8\rY5\rO\rO\r"), b"\x07\r\r\r\x07");
+    assert_eq!(desk.send(b"C\rS8\rY5\rO\rO\r"), b"\x07\r\r\r\x07");
     assert_eq!(
         (desk.adapter.bit_rate(), desk.adapter.data_bit_rate()),
         (Some(1_000_000), 5_000_000)
     );
-    assert_eq!(desk.say(b"Y2\r"), [BELL], "not while the channel is open");
-    assert_eq!(desk.say(b"B1FFFFFFF1AB\rb7FF0\rd7FF0\r"), b"Z\rz\rz\r");
+    assert_eq!(desk.send(b"Y2\r"), [BELL], "not while the channel is open");
+    assert_eq!(desk.send(b"B1FFFFFFF1AB\rb7FF0\rd7FF0\r"), b"Z\rz\rz\r");
     assert_eq!(
         desk.bus[0],
         Frame::fd_frame(Id::Extended(0x1FFF_FFFF), &[0xAB], true).unwrap()
     );
     assert!(desk.bus[1].switches_bit_rate() && !desk.bus[2].switches_bit_rate());
     // Without a data rate it sends an empty line.
-    assert_eq!(desk.say(b"C\rS8\r\rO\r"), b"\r\r\r\r");
+    assert_eq!(desk.send(b"C\rS8\r\rO\r"), b"\r\r\r\r");
 }

@@ -4,7 +4,7 @@
 //!
 //! * At power-on the arm is in state 4, with its motors off and its brakes on.
 //! * Motion requires all motors on, no error, mode 0 and a state below 4.
-//! * Moves are queued. Each starts and ends at rest and is linear in joint space: the joint with the longest way
+//! * Moves are queued. Each starts and ends at rest and is linear in joint space: the joint with the longest distance
 //!   follows speed and acceleration, and the others arrive with it.
 //! * Pausing and stopping are instantaneous. A pause keeps the moves. A stop drops them, and so does an error, a change
 //!   of mode (state 5 follows) and a motor switched off (state 4 follows).
@@ -50,7 +50,7 @@ pub(super) enum Phase {
 pub(super) struct Target {
     /// In radians.
     pub(super) joints: [f32; MAX_JOINTS],
-    /// Speed of the joint with the longest way, in radians per second, up to [`MAX_SPEED`].
+    /// Speed of the joint with the longest distance, in radians per second, up to [`MAX_SPEED`].
     pub(super) speed: f32,
     /// Acceleration of the same joint, in radians per second squared, up to [`MAX_ACCELERATION`].
     pub(super) acceleration: f32,
@@ -136,9 +136,9 @@ impl Body {
             let elapsed = self.now.since(motion.start);
             let (gone, rate) = motion.profile.at(elapsed);
             for (i, (joint, velocity)) in self.joints.iter_mut().zip(&mut self.velocities).enumerate() {
-                let way = f64::from(motion.to.joints[i]) - motion.from[i];
-                *joint = motion.from[i] + way * gone;
-                *velocity = way * rate;
+                let distance = f64::from(motion.to.joints[i]) - motion.from[i];
+                *joint = motion.from[i] + distance * gone;
+                *velocity = distance * rate;
             }
             let duration = motion.profile.duration();
             if elapsed < duration {

@@ -119,12 +119,12 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    fn along_x(self, quarters: i8, way: f64) -> Self {
+    fn along_x(self, quarters: i8, distance: f64) -> Self {
         let [x, y, z] = self.columns;
         let sin = f64::from(quarters);
         let cos = if quarters == 0 { 1.0 } else { 0.0 };
         Self {
-            position: sum(self.position, scaled(x, way)),
+            position: sum(self.position, scaled(x, distance)),
             columns: [
                 x,
                 sum(scaled(y, cos), scaled(z, sin)),
@@ -133,11 +133,11 @@ impl Frame {
         }
     }
 
-    fn along_z(self, angle: f64, way: f64) -> Self {
+    fn along_z(self, angle: f64, distance: f64) -> Self {
         let [x, y, z] = self.columns;
         let (sin, cos) = angle.sin_cos();
         Self {
-            position: sum(self.position, scaled(z, way)),
+            position: sum(self.position, scaled(z, distance)),
             columns: [
                 sum(scaled(x, cos), scaled(y, sin)),
                 sum(scaled(y, cos), scaled(x, -sin)),

@@ -9,19 +9,19 @@
 //! | Register | Request | Answer |
 //! |---|---|---|
 //! | 3 | | 0: verified |
-//! | 7, 66 | 66: 0 or 1 | 7: whether motion may be approximate; changes nothing here |
+//! | 7, 66 | 66: 0 or 1 | 7: 1 if motion may be approximate; without effect here |
 //! | 11 | joint from 1, or 8 for all; 0 or 1 | switches motors |
 //! | 12 | 0 ready, 3 paused, 4 stopped | |
 //! | 13 | | 1 moving, 2 at rest, 3 paused, 4 stopped, 5 stopped by a setting |
-//! | 14 | | moves that wait or are under way, `u16` |
+//! | 14 | | moves queued or in progress, `u16` |
 //! | 15 | | error, warning |
 //! | 16, 17 | | clear the error, the warning |
-//! | 19 | mode, and perhaps 0 or 1 | |
-//! | 23 | ten `f32`: seven joints in rad, speed in rad/s, acceleration in rad/s², a time that is ignored | |
-//! | 41, 91 | | six `f32`: x, y, z in mm; 41: roll, pitch, yaw in rad; 91: the same turn as a vector along its axis |
-//! | 42 | perhaps 1, 2 or 3 | seven `f32`: joints in rad; from 2 also rad/s; with 3 also torques |
+//! | 19 | mode, optionally 0 or 1 | |
+//! | 23 | ten `f32`: seven joints in rad, speed in rad/s, acceleration in rad/s², an ignored time | |
+//! | 41, 91 | | six `f32`: x, y, z in mm; 41: roll, pitch, yaw in rad; 91: the same as a rotation vector |
+//! | 42 | optionally 1, 2 or 3 | seven `f32`: joints in rad; from 2 also rad/s; with 3 also torques |
 //! | 55 | | seven `f32`: torques |
-//! | 70 | 0 or 1 | what is reported as torque, which register 5 tells |
+//! | 70 | 0 or 1 | selects the source of the reported torque; register 5 returns it |
 //!
 //! Any other register, and invalid parameters, get an answer with the state bit "invalid" and have no other effect.
 
@@ -199,7 +199,7 @@ impl VirtualXArm {
             _ => Err(Refused),
         };
         let raw = match request {
-            Request::Raw(raw) => self.obey(raw),
+            Request::Raw(raw) => self.execute(raw),
             Request::Shutdown | Request::Reboot => {
                 self.restart();
                 Ok(())
@@ -265,7 +265,7 @@ impl VirtualXArm {
     }
 
     /// Executes a request that is not in the document, and stores the parameters of the answer.
-    fn obey(&mut self, raw: &Raw<'_>) -> Result<(), Refused> {
+    fn execute(&mut self, raw: &Raw<'_>) -> Result<(), Refused> {
         let body = &mut self.body;
         let done = Vec::new();
         self.params = match (raw.register(), raw.params()) {

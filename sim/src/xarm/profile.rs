@@ -7,7 +7,7 @@ use armwire::time::Duration;
 /// It is a function of time: the position does not depend on the polling rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Profile {
-    way: f64,
+    distance: f64,
     /// Highest speed reached.
     peak: f64,
     acceleration: f64,
@@ -15,10 +15,10 @@ pub(super) struct Profile {
 
 impl Profile {
     /// Computes a profile. All values are positive and finite; the distance may be zero.
-    pub(super) fn new(way: f64, speed: f64, acceleration: f64) -> Self {
+    pub(super) fn new(distance: f64, speed: f64, acceleration: f64) -> Self {
         Self {
-            way,
-            peak: speed.min((way * acceleration).sqrt()),
+            distance,
+            peak: speed.min((distance * acceleration).sqrt()),
             acceleration,
         }
     }
@@ -33,7 +33,7 @@ impl Profile {
     }
 
     fn seconds(&self) -> f64 {
-        self.way / self.peak + self.peak / self.acceleration
+        self.distance / self.peak + self.peak / self.acceleration
     }
 
     /// Returns the fraction of the distance covered, and its rate, per second.
@@ -48,13 +48,13 @@ impl Profile {
             (self.acceleration * time * time / 2.0, self.acceleration * time)
         } else if left < ramp {
             (
-                self.way - self.acceleration * left * left / 2.0,
+                self.distance - self.acceleration * left * left / 2.0,
                 self.acceleration * left,
             )
         } else {
             (self.peak * (time - ramp / 2.0), self.peak)
         };
-        (gone / self.way, speed / self.way)
+        (gone / self.distance, speed / self.distance)
     }
 }
 
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn no_way_takes_no_time() {
+    fn zero_distance_takes_no_time() {
         let none = Profile::new(0.0, 1.0, 1.0);
         assert_eq!(none.duration(), Duration::ZERO);
         assert_eq!(none.at(Duration::ZERO), (1.0, 0.0));
@@ -89,17 +89,17 @@ mod tests {
     proptest! {
         #[test]
         fn profile_keeps_limits_and_ends_at_target(
-            way in 1e-3..10.0, speed in 1e-3..4.0, acceleration in 1e-2..20.0,
+            distance in 1e-3..10.0, speed in 1e-3..4.0, acceleration in 1e-2..20.0,
         ) {
-            let profile = Profile::new(way, speed, acceleration);
+            let profile = Profile::new(distance, speed, acceleration);
             let steps = 1_000;
             let step = (profile.duration().as_micros() / steps).max(1);
             let mut before = (0.0, 0.0);
             for i in 1..=steps {
                 let (gone, rate) = profile.at(Duration::from_micros(i * step));
                 prop_assert!(gone >= before.0 && gone <= 1.0 + 1e-9);
-                prop_assert!(rate * way <= speed * (1.0 + 1e-9));
-                let change = (rate - before.1).abs() * way;
+                prop_assert!(rate * distance <= speed * (1.0 + 1e-9));
+                let change = (rate - before.1).abs() * distance;
                 prop_assert!(change <= acceleration * step as f64 / 1e6 * (1.0 + 1e-6) + acceleration * 2e-6);
                 before = (gone, rate);
             }

@@ -39,9 +39,9 @@ pub(super) fn report(arm: &VirtualXArm) -> Vec<u8> {
     out.bytes(&[kind, kind, 0, 0, 0, 0]); // type, axes, ids
     out.bytes(&arm.config.version[..29]);
     out.zeros(1);
-    out.zeros(5 * 4); // motion in space: jerk, accelerations, speeds
-    out.floats(&[0.0, 0.0, MAX_ACCELERATION.into(), 0.0, MAX_SPEED.into()]); // the same of joints
-    out.zeros(2 * 4); // rotation in space: jerk, acceleration
+    out.zeros(5 * 4); // Cartesian motion: jerk, accelerations, speeds
+    out.floats(&[0.0, 0.0, MAX_ACCELERATION.into(), 0.0, MAX_SPEED.into()]); // joint motion: the same
+    out.zeros(2 * 4); // Cartesian rotation: jerk, acceleration
     out.zeros(7 * 2 + 2); // status and error code of each servo and of the flange's electronics
     out.zeros(7); // temperatures
     out.floats(&[placed.speed(body.velocities())]);
@@ -49,7 +49,7 @@ pub(super) fn report(arm: &VirtualXArm) -> Vec<u8> {
     out.zeros(4); // a counter
     out.zeros(6 * 4); // base offset
     out.zeros(2); // resetting of outputs
-    out.zeros(3 + 6 * 4); // simulation, collisions with itself, shape of the tool
+    out.zeros(3 + 6 * 4); // simulation, self-collision, shape of the tool
     out.zeros(7 * 2 + 7 * 4); // voltages, currents
     out.zeros(2 + 8 * 2 + 4 * 8); // inputs and outputs
     out.zeros(2 * 6 * 4); // force sensor

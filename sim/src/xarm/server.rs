@@ -25,7 +25,7 @@ mod client;
 mod tests;
 
 /// Polling interval of the stop flag.
-const NOTICE: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 /// Interval between reports.
 const REPORT_PERIOD: Duration = Duration::from_millis(200);
 /// Maximum clients of each port. A further client displaces the oldest one without a request, or is rejected. The
@@ -212,7 +212,7 @@ impl Server {
                 service.report();
             }
             let until_report = next_report.saturating_duration_since(Instant::now());
-            if service.converse() == Some(Cut::Shutdown) {
+            if service.serve_clients() == Some(Cut::Shutdown) {
                 break;
             }
             // Connected clients were read first: a client with a pending request is not displaced.
@@ -224,9 +224,9 @@ impl Server {
             service.wait(&[Some(&self.control), self.report.as_ref()], until_report)?;
         }
         // Remaining clients get their pending responses.
-        while service.leaving() {
-            service.converse();
-            service.wait(&[], NOTICE)?;
+        while service.closing() {
+            service.serve_clients();
+            service.wait(&[], POLL_PERIOD)?;
         }
         Ok(service.served)
     }
@@ -287,7 +287,7 @@ impl Service<'_> {
     fn has_place(&mut self, port: Port) -> bool {
         let there = self.clients.iter_mut();
         let mut there: Vec<_> = there
-            .filter(|client| client.port() == port && client.leaves.is_none())
+            .filter(|client| client.port() == port && client.closes_at.is_none())
             .collect();
         if there.len() < MAX_CLIENTS {
             return true;
@@ -305,7 +305,7 @@ impl Service<'_> {
     /// Disconnects clients that exceeded the idle timeout.
     fn dismiss_idle(&mut self, now: Instant) {
         for client in &mut self.clients {
-            if client.leaves.is_none() && client.idle(now) >= IDLE {
+            if client.closes_at.is_none() && client.idle(now) >= IDLE {
                 client.dismiss();
                 (self.notice)(Notice::Idle(client.peer));
             }
@@ -315,7 +315,7 @@ impl Service<'_> {
     /// Queues a report for every client of the report port.
     fn report(&mut self) {
         let report = self.arm.report(self.now());
-        let there = |client: &&mut Client| client.device.is_none() && client.leaves.is_none();
+        let there = |client: &&mut Client| client.device.is_none() && client.closes_at.is_none();
         for client in self.clients.iter_mut().filter(there) {
             if client.out.len() < MAX_REPORTS {
                 client.out.extend(&report);
@@ -327,16 +327,16 @@ impl Service<'_> {
     }
 
     /// Reads from and responds to every client once. Stops at a reboot or shutdown.
-    fn converse(&mut self) -> Option<Cut> {
+    fn serve_clients(&mut self) -> Option<Cut> {
         let mut clients = mem::take(&mut self.clients);
         let mut cut = None;
         clients.retain_mut(|client| {
             if cut.is_some() {
                 return true;
             }
-            let heard = self.hear(client);
-            cut = heard.as_ref().ok().and_then(|&cut| Some((client.peer, cut?)));
-            self.keep(client, heard.map(drop))
+            let outcome = self.read_requests(client);
+            cut = outcome.as_ref().ok().and_then(|&cut| Some((client.peer, cut?)));
+            self.keep(client, outcome.map(drop))
         });
         if let Some((peer, cut)) = cut {
             (self.notice)(match cut {
@@ -354,10 +354,10 @@ impl Service<'_> {
     }
 
     /// Reads a client's requests and queues the responses, up to a reboot or shutdown.
-    fn hear(&mut self, client: &mut Client) -> io::Result<Option<Cut>> {
+    fn read_requests(&mut self, client: &mut Client) -> io::Result<Option<Cut>> {
         let mut bytes = [0; READ];
         let mut rest = client.read(&mut bytes)?;
-        if client.ended && client.leaves.is_none() {
+        if client.ended && client.closes_at.is_none() {
             (self.notice)(Notice::Gone(client.peer));
             client.dismiss();
         }
@@ -383,7 +383,7 @@ impl Service<'_> {
                     self.served.requests += 1;
                     client.last_active = Some(Instant::now());
                     if let Some(answer) = self.arm.answer(now, &request) {
-                        tell(out, &answer, key);
+                        queue_response(out, &answer, key);
                     }
                     if let Some(cut) = Cut::by(&request) {
                         return Ok(Some(cut));
@@ -392,7 +392,7 @@ impl Service<'_> {
                 DeviceEvent::Unknown { error, key, .. } => {
                     self.served.unknown += 1;
                     if let Some(refusal) = self.arm.refuse(now, &error) {
-                        tell(out, &refusal, key);
+                        queue_response(out, &refusal, key);
                     }
                 }
                 // A frame of invalid length, or a malformed heartbeat: no key exists for a response.
@@ -421,7 +421,7 @@ impl Service<'_> {
         match outcome {
             Ok(()) => !client.is_done(),
             Err(error) => {
-                if client.leaves.is_none() {
+                if client.closes_at.is_none() {
                     (self.notice)(Notice::Lost(client.peer, error));
                 }
                 false
@@ -429,13 +429,13 @@ impl Service<'_> {
         }
     }
 
-    fn leaving(&self) -> bool {
-        self.clients.iter().any(|client| client.leaves.is_some())
+    fn closing(&self) -> bool {
+        self.clients.iter().any(|client| client.closes_at.is_some())
     }
 
     /// Waits until a client connects, sends bytes or can receive bytes, at most this long.
     fn wait(&self, listeners: &[Option<&TcpListener>], timeout: Duration) -> io::Result<()> {
-        let timeout = Timespec::try_from(timeout.min(NOTICE)).map_err(|_| ErrorKind::InvalidInput)?;
+        let timeout = Timespec::try_from(timeout.min(POLL_PERIOD)).map_err(|_| ErrorKind::InvalidInput)?;
         // Clients that wait to be accepted would end the poll at once.
         let accepts = self.accept_again.is_none();
         let listeners = listeners
@@ -474,7 +474,7 @@ impl Cut {
 }
 
 /// Queues a response to the request with this key.
-fn tell(out: &mut VecDeque<u8>, response: &Response<'_>, to: Option<Key>) {
+fn queue_response(out: &mut VecDeque<u8>, response: &Response<'_>, to: Option<Key>) {
     let mut frame = [0; MAX_FRAME];
     // The buffer has room for any frame.
     let n = XArm::PRIVATE.encode_response(response, to, &mut frame).unwrap_or(0);

@@ -19,7 +19,7 @@ fn seconds(seconds: f64) -> Instant {
 }
 
 /// Sends a request and expects an answer of the same register.
-fn ask<'a>(arm: &'a mut VirtualXArm, now: Instant, request: Request<'_>) -> (State, Reply<'a>) {
+fn call<'a>(arm: &'a mut VirtualXArm, now: Instant, request: Request<'_>) -> (State, Reply<'a>) {
     match arm.answer(now, &request) {
         Some(Response::Reply { state, reply }) => {
             assert_eq!(Some(reply.register()), request.register());
@@ -37,7 +37,7 @@ fn bytes_of(frame: Frame<'_>) -> Vec<u8> {
 
 /// Sends a request for a register that is not in the document.
 fn raw(arm: &mut VirtualXArm, now: Instant, register: u8, params: &[u8]) -> (State, Vec<u8>) {
-    match ask(arm, now, Request::Raw(Raw::new(register, params).unwrap())) {
+    match call(arm, now, Request::Raw(Raw::new(register, params).unwrap())) {
         (state, Reply::Raw(raw)) => (state, raw.params().to_vec()),
         other => panic!("{other:?}"),
     }
@@ -161,7 +161,7 @@ fn unknown_register_is_invalid_without_effect() {
     }
     let seventh = Request::ReadRotationRadius(Joint::new(7).unwrap());
     let refused = (State::INVALID, Reply::Empty(Register::RotationRadius));
-    assert_eq!(ask(&mut arm, Instant::ZERO, seventh), refused);
+    assert_eq!(call(&mut arm, Instant::ZERO, seventh), refused);
     assert_eq!(arm.report(Instant::ZERO), before);
 }
 
@@ -389,8 +389,8 @@ fn torque_source_is_selectable() {
     let mut arm = arm();
     for source in [TorqueSource::Current, TorqueSource::Torque] {
         raw(&mut arm, Instant::ZERO, 70, &[source as u8]);
-        let told = ask(&mut arm, Instant::ZERO, Request::ReadTorqueSource).1;
-        assert_eq!(told, Reply::TorqueSource(source));
+        let answer = call(&mut arm, Instant::ZERO, Request::ReadTorqueSource).1;
+        assert_eq!(answer, Reply::TorqueSource(source));
         assert_eq!(arm.report(Instant::ZERO)[494], (source as u8) << 2);
     }
     assert_eq!(values(&read(&mut arm, Instant::ZERO, 55)), [0.0; 7]);
@@ -406,13 +406,13 @@ fn reboot_keeps_joint_angles_only() {
         raw(&mut arm, seconds(5.0), 23, &move_to(0.0, 1.0, 1.0));
         arm.set_warning(13);
         let done = (State::WARNING, Reply::Empty(Register::SystemControl));
-        assert_eq!(ask(&mut arm, seconds(5.0), command), done);
+        assert_eq!(call(&mut arm, seconds(5.0), command), done);
 
         let mut fresh = VirtualXArm::new(Config::new(Model::XArm6));
         assert_eq!(read(&mut arm, seconds(6.0), 13), read(&mut fresh, Instant::ZERO, 13));
         assert_eq!(read(&mut arm, seconds(6.0), 14), [0, 0]);
-        let told = ask(&mut arm, seconds(6.0), Request::ReadTorqueSource);
-        assert_eq!(told, (State::NOT_READY, Reply::TorqueSource(TorqueSource::Torque)));
+        let answer = call(&mut arm, seconds(6.0), Request::ReadTorqueSource);
+        assert_eq!(answer, (State::NOT_READY, Reply::TorqueSource(TorqueSource::Torque)));
         assert!((arm.joints()[0] - 0.1).abs() < 1e-6);
     }
 }

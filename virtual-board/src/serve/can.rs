@@ -85,7 +85,7 @@ impl CanPort {
     /// Passes received frames and errors on to the program.
     pub(super) fn give(&mut self, can: &Can<'_>, now: Nanos) -> Result<(), Error> {
         for frame in can.read_by(self.node) {
-            self.adapter.hear(&frame, now.instant());
+            self.adapter.on_frame(&frame, now.instant());
         }
         let is_wrong = |outcome| outcome != Outcome::Sent;
         if self.joined.is_some() && can.frames().iter().any(|frame| is_wrong(frame.outcome)) {

@@ -90,7 +90,7 @@ fn serve(pty: &Pty, bit_rate: u32, mut adapter: Adapter, stop: &AtomicBool, log:
             }
         }
         for frame in adapter.transmit(now) {
-            slcan.hear(&frame.into(), now);
+            slcan.on_frame(&frame.into(), now);
         }
         let n = pty.write(slcan.output()).unwrap();
         slcan.output().drain(..n);

@@ -15,7 +15,7 @@ use super::Port;
 /// Backlog of unread response bytes above which a client's requests wait.
 const MAX_ANSWERS: usize = 16 * 1024;
 /// Idle time before the system sends TCP keep-alive probes.
-const VANISHED: Duration = Duration::from_secs(60);
+const KEEP_ALIVE_AFTER: Duration = Duration::from_secs(60);
 /// Time for a closing client to read its pending bytes.
 const LINGER: Duration = Duration::from_secs(1);
 
@@ -36,7 +36,7 @@ pub(super) struct Client {
     pub(super) ended: bool,
     /// Deadline of a closing connection. It closes earlier once all bytes are sent and the client has closed its side.
     /// Closing it with unread bytes would reset it and lose the bytes in flight to the client.
-    pub(super) leaves: Option<Instant>,
+    pub(super) closes_at: Option<Instant>,
 }
 
 impl Client {
@@ -50,7 +50,7 @@ impl Client {
             last_active: None,
             since: now,
             ended: false,
-            leaves: None,
+            closes_at: None,
         }
     }
 
@@ -67,7 +67,7 @@ impl Client {
     }
 
     fn is_attended(&self) -> bool {
-        self.leaves.is_some() || self.out.len() < MAX_ANSWERS
+        self.closes_at.is_some() || self.out.len() < MAX_ANSWERS
     }
 
     /// Reads bytes from the client. Returns none while its requests wait.
@@ -84,12 +84,12 @@ impl Client {
             other => other?,
         };
         // Bytes from a closing client are read and discarded.
-        Ok(if self.leaves.is_none() { &bytes[..n] } else { &[] })
+        Ok(if self.closes_at.is_none() { &bytes[..n] } else { &[] })
     }
 
     /// Closes the connection once its pending bytes are sent.
     pub(super) fn dismiss(&mut self) {
-        self.leaves.get_or_insert(Instant::now() + LINGER);
+        self.closes_at.get_or_insert(Instant::now() + LINGER);
     }
 
     /// Sends as many bytes as the connection accepts.
@@ -104,15 +104,15 @@ impl Client {
         if self.device.is_none() {
             self.last_active = Some(Instant::now());
         }
-        if self.leaves.is_some() && !self.ended {
+        if self.closes_at.is_some() && !self.ended {
             self.stream.shutdown(Shutdown::Write)?;
         }
         Ok(())
     }
 
     pub(super) fn is_done(&self) -> bool {
-        let Some(leaves) = self.leaves else { return false };
-        (self.ended && self.out.is_empty()) || leaves <= Instant::now()
+        let Some(closes_at) = self.closes_at else { return false };
+        (self.ended && self.out.is_empty()) || closes_at <= Instant::now()
     }
 
     /// The events to poll for.
@@ -129,7 +129,7 @@ pub(super) fn prepare(stream: &TcpStream) -> io::Result<()> {
     stream.set_nonblocking(true)?;
     stream.set_nodelay(true)?;
     set_socket_keepalive(stream, true)?;
-    set_tcp_keepidle(stream, VANISHED)?;
+    set_tcp_keepidle(stream, KEEP_ALIVE_AFTER)?;
     Ok(())
 }
 

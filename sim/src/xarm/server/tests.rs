@@ -8,7 +8,7 @@ use std::thread;
 use super::*;
 use crate::xarm::{Config, Model};
 
-/// Longer than anything takes, unless it hangs.
+/// Longer than any operation takes, unless it hangs.
 const TIMEOUT: Duration = Duration::from_secs(30);
 const ANY: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
 
@@ -41,7 +41,7 @@ impl Running {
         stream
     }
 
-    /// Waits for a notice and gives it.
+    /// Waits for a notice and returns it.
     fn wait_for(&self, what: &str, is: impl Fn(&Notice) -> bool) -> Notice {
         loop {
             match self.notices.recv_timeout(TIMEOUT) {
@@ -62,10 +62,10 @@ impl Drop for StopAtEnd<'_> {
     }
 }
 
-/// Serves an arm that was just switched on while `test` runs, and says what was served.
+/// Serves a newly switched-on arm while `test` runs, and returns the server's counters.
 fn serving(test: impl FnOnce(&Running)) -> Served {
     let server = Server::bind(ANY, Some(ANY)).unwrap();
-    let (tell, notices) = mpsc::channel();
+    let (sender, notices) = mpsc::channel();
     let running = Running {
         control: server.control_address(),
         report: server.report_address().unwrap(),
@@ -75,7 +75,7 @@ fn serving(test: impl FnOnce(&Running)) -> Served {
     thread::scope(|scope| {
         let server = scope.spawn(move || {
             let mut arm = VirtualXArm::new(Config::new(Model::XArm6));
-            server.serve(&mut arm, stop, &mut |notice| drop(tell.send(notice)))
+            server.serve(&mut arm, stop, &mut |notice| drop(sender.send(notice)))
         });
         {
             let _stop = StopAtEnd(stop);
@@ -98,7 +98,7 @@ fn read<const N: usize>(mut stream: &TcpStream) -> [u8; N] {
     bytes
 }
 
-/// Reads to the end of the connection, which must come.
+/// Reads until the server closes the connection.
 fn read_to_end(mut stream: &TcpStream) -> Vec<u8> {
     let mut bytes = Vec::new();
     stream.read_to_end(&mut bytes).unwrap();
@@ -168,18 +168,18 @@ fn invalid_frame_ends_only_its_connection_with_reason() {
 fn slow_client_delays_no_other() {
     serving(|server| {
         let (greedy, other) = (server.connect(), server.connect());
-        // More than fits between here and there.
+        // More than the socket buffers hold.
         const MOST: usize = 64 << 20;
         greedy.set_write_timeout(Some(Duration::from_millis(500))).unwrap();
         let requests = (0..=u16::MAX).flat_map(version).collect::<Vec<_>>();
         let mut sent = 0;
         while let Ok(n) = (&greedy).write(&requests[sent % requests.len()..]) {
             sent += n;
-            assert!(sent < MOST, "all is taken");
+            assert!(sent < MOST, "the server accepts everything");
         }
         write(&other, &STATE);
         assert_eq!(read(&other), STATE_ANSWER);
-        // When it reads, it gets everything, in order.
+        // Once it reads, it gets everything, in order.
         for i in 0..sent / 7 {
             let answer = read::<48>(&greedy);
             assert_eq!(answer[..2], (i as u16).to_be_bytes());
@@ -206,7 +206,7 @@ fn clients_come_and_go() {
     assert_eq!((served.requests, served.broken), (100, 0));
 }
 
-/// A service to which clients come at times that the test chooses.
+/// A service whose clients connect at times chosen by the test.
 struct Places<'a> {
     listener: TcpListener,
     service: Service<'a>,
@@ -219,10 +219,10 @@ impl Places<'_> {
         stream
     }
 
-    /// The places of the clients that are to go.
-    fn leaving(&self) -> Vec<usize> {
-        let leaves = |&i: &usize| self.service.clients[i].leaves.is_some();
-        (0..self.service.clients.len()).filter(leaves).collect()
+    /// The indices of the clients whose connections are closing.
+    fn closing(&self) -> Vec<usize> {
+        let closes_at = |&i: &usize| self.service.clients[i].closes_at.is_some();
+        (0..self.service.clients.len()).filter(closes_at).collect()
     }
 }
 
@@ -238,7 +238,7 @@ fn with_places(test: impl FnOnce(&mut Places<'_>)) -> Vec<String> {
         accept_again: None,
         served: Served::default(),
     };
-    // A connection on the loopback is there to be accepted as soon as it is made.
+    // A loopback connection can be accepted as soon as it is made.
     let listener = TcpListener::bind(ANY).unwrap();
     listener.set_nonblocking(true).unwrap();
     test(&mut Places { listener, service });
@@ -255,7 +255,7 @@ fn each_port_has_places_of_its_own() {
         }
         assert_eq!(read_to_end(&places.connect(Port::Control, now)), []);
         let reports = places.connect(Port::Report, now);
-        assert_eq!(places.leaving(), []);
+        assert_eq!(places.closing(), []);
         drop((clients, reports));
     });
     let expected = ["rejected, 32 clients are connected", "connected for reports"];
@@ -269,10 +269,10 @@ fn oldest_client_without_request_gives_its_place() {
         let clients: Vec<_> = (0..MAX_CLIENTS).map(|_| places.connect(Port::Control, now)).collect();
         write(&clients[0], &STATE);
         places.service.wait(&[], TIMEOUT).unwrap();
-        places.service.converse();
+        places.service.serve_clients();
         let further = places.connect(Port::Control, now);
-        assert_eq!(places.leaving(), [1]);
-        places.service.converse();
+        assert_eq!(places.closing(), [1]);
+        places.service.serve_clients();
         assert_eq!(read_to_end(&clients[1]), []);
         drop(further);
     });
@@ -286,9 +286,9 @@ fn oldest_client_of_reports_gives_its_place() {
         let now = Instant::now();
         let clients: Vec<_> = (0..MAX_CLIENTS).map(|_| places.connect(Port::Report, now)).collect();
         places.service.report();
-        places.service.converse();
+        places.service.serve_clients();
         let further = places.connect(Port::Report, now);
-        assert_eq!(places.leaving(), [0]);
+        assert_eq!(places.closing(), [0]);
         drop((clients, further));
     });
 }
@@ -304,13 +304,13 @@ fn idle_clients_are_sent_away() {
         ];
         let nearly = now + IDLE - Duration::from_millis(1);
         places.service.dismiss_idle(nearly);
-        assert_eq!(places.leaving(), []);
+        assert_eq!(places.closing(), []);
         places.service.clients[1].last_active = Some(nearly);
         places.service.clients[2].last_active = Some(nearly);
         places.service.dismiss_idle(now + IDLE);
-        assert_eq!(places.leaving(), [0]);
+        assert_eq!(places.closing(), [0]);
         places.service.dismiss_idle(nearly + IDLE);
-        assert_eq!(places.leaving(), [0, 1, 2]);
+        assert_eq!(places.closing(), [0, 1, 2]);
         drop(clients);
     });
     assert_eq!(notices[3..], ["connection closed, idle for 5 minutes"; 3]);
@@ -323,16 +323,16 @@ fn client_that_reads_no_reports_is_idle() {
         let reader = places.connect(Port::Report, now);
         let active = |places: &Places<'_>| places.service.clients[0].last_active;
         places.service.report();
-        places.service.converse();
+        places.service.serve_clients();
         let last_active = active(places);
         assert!(last_active.is_some());
-        // More than fits between here and there.
+        // More than the socket buffers hold.
         while places.service.served.lost == 0 {
             places.service.report();
-            places.service.converse();
+            places.service.serve_clients();
         }
         let stuck = active(places);
-        places.service.converse();
+        places.service.serve_clients();
         assert_eq!(active(places), stuck);
         drop(reader);
     });
