@@ -37,7 +37,7 @@ pub use self::can::Can;
 pub use self::usb::{Pipe, Usb};
 
 /// Polling period of a waiting program without events on the USB wire.
-const GLANCE: Nanos = Nanos::from_millis(1);
+const POLL_PERIOD: Nanos = Nanos::from_millis(1);
 
 /// The symbol of the firmware's log, if it has one.
 const RTT: &str = "_SEGGER_RTT";
@@ -264,7 +264,7 @@ impl<A: Arm> VirtualBoard<A> {
             if left == Nanos(0) {
                 return Err(Error::TimedOut { limit });
             }
-            self.run(self.now + left.min(GLANCE), Watched::Everything)?;
+            self.run(self.now + left.min(POLL_PERIOD), Watched::Everything)?;
         }
         Ok(self.now.since(start))
     }
@@ -276,10 +276,10 @@ impl<A: Arm> VirtualBoard<A> {
     /// # Errors
     ///
     /// As for [`run_for`](Self::run_for).
-    pub fn run_until_heard(&mut self, limit: impl Into<Nanos>) -> Result<bool, Error> {
+    pub fn run_until_can_received(&mut self, limit: impl Into<Nanos>) -> Result<bool, Error> {
         let until = self.now + limit.into();
         while self.can().unread() == 0 && self.now < until {
-            self.run(until, Watched::Heard)?;
+            self.run(until, Watched::CanReceived)?;
         }
         Ok(self.can().unread() > 0)
     }

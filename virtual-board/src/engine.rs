@@ -14,8 +14,8 @@ pub(crate) enum Watched {
     Nothing,
     /// Any event on the USB wire, the end of a frame on the CAN bus, the start of the boot loader.
     Everything,
-    /// The nodes on the CAN bus have received something from the board.
-    Heard,
+    /// The nodes on the CAN bus have received a frame of the board.
+    CanReceived,
 }
 
 /// Events that a program may wait for.
@@ -24,7 +24,7 @@ pub(crate) struct News {
     /// An event on the USB wire, or the end of a frame on the CAN bus.
     pub(crate) any: bool,
     /// A frame ended on the CAN bus, and nodes have unread frames of the board.
-    pub(crate) heard: bool,
+    pub(crate) can_received: bool,
     /// The power was cut in the middle of a flash operation.
     pub(crate) cut: bool,
 }

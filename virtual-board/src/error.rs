@@ -62,13 +62,13 @@ pub enum Error {
         size: usize,
     },
     /// The image is for no supported chip.
-    #[error("no chip has {interrupts} interrupts, as the image's vector table")]
+    #[error("the image's vector table has {interrupts} interrupts, unlike that of any supported chip")]
     UnknownChip {
         /// Interrupts in the image's vector table.
         interrupts: u64,
     },
     /// The awaited event did not occur in time.
-    #[error("it did not happen within {limit}")]
+    #[error("the awaited event did not occur within {limit}")]
     TimedOut {
         /// The time limit.
         limit: Nanos,
@@ -100,7 +100,7 @@ pub enum Error {
     #[error("the interface of the device is not open")]
     NotOpen,
     /// The node does not support FD frames, or is listen-only.
-    #[error("the CAN node cannot send this frame: it knows no FD frames, or only listens")]
+    #[error("the CAN node cannot send this frame: it has no FD support, or is listen-only")]
     FdFrame,
     /// The pty for the serial port failed.
     #[error("pty: {0}")]

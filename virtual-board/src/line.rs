@@ -154,7 +154,7 @@ struct Own {
     sent: u8,
     starts: Nanos,
     /// True if the board's receiver gets it, too.
-    heard: bool,
+    received: bool,
     collided: bool,
 }
 
@@ -345,7 +345,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         self.own = Some(Own {
             sent,
             starts: now,
-            heard: false,
+            received: false,
             collided,
         });
     }
@@ -369,20 +369,20 @@ impl<A: SerialDevice + ?Sized> Line<A> {
     /// Returns true if the byte that the board receives has collided.
     pub(crate) fn is_jammed(&self) -> bool {
         let arriving = self.flight.is_some_and(|flight| flight.outcome == Outcome::Collided);
-        arriving || self.spoiled || self.own.is_some_and(|own| own.collided && own.heard)
+        arriving || self.spoiled || self.own.is_some_and(|own| own.collided && own.received)
     }
 
     /// The board sent a byte; its stop bit ended at `now`.
     pub(crate) fn board_sent(&mut self, now: Nanos, sent: u8) {
         let board = (self.board_bit, self.board_format);
-        let heard = sample(sent, board, (self.arm_bit, self.arm_format));
-        let mut value = heard.value;
+        let received = sample(sent, board, (self.arm_bit, self.arm_format));
+        let mut value = received.value;
         let collided = self.own.take().filter(|own| own.collided);
-        self.spoiled = collided.is_some_and(|own| own.heard);
+        self.spoiled = collided.is_some_and(|own| own.received);
         let outcome = if collided.is_some() {
             value = !sent;
             Outcome::Collided
-        } else if heard.is_clean(sent) {
+        } else if received.is_clean(sent) {
             Outcome::Arrived
         } else {
             Outcome::Garbled
@@ -403,8 +403,8 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         self.spoiled = false;
         if let Some(own) = &mut self.own {
             // On one wire, it is busy with the board's own byte. A byte whose start bit was missed is not received.
-            let starts = !own.heard && now.since(own.starts).0 <= self.board_bit / 2_000;
-            own.heard |= starts;
+            let starts = !own.received && now.since(own.starts).0 <= self.board_bit / 2_000;
+            own.received |= starts;
             return starts.then_some(Arrival {
                 value: own.sent,
                 framing: false,
@@ -567,47 +567,47 @@ mod tests {
 
     use super::*;
 
-    /// Sends the given bytes at once, and keeps received ones.
+    /// An arm that sends the given bytes at once, and records received ones.
     #[derive(Debug, Default)]
-    struct Talker {
-        says: VecDeque<u8>,
-        heard: Vec<u8>,
+    struct ScriptedArm {
+        output: VecDeque<u8>,
+        received: Vec<u8>,
     }
 
-    impl SerialDevice for Talker {
+    impl SerialDevice for ScriptedArm {
         fn receive(&mut self, _: Instant, byte: u8) {
-            self.heard.push(byte);
+            self.received.push(byte);
         }
 
         fn transmit(&mut self, _: Instant) -> Option<u8> {
-            self.says.pop_front()
+            self.output.pop_front()
         }
 
         fn poll_timeout(&self) -> Option<Instant> {
-            (!self.says.is_empty()).then_some(Instant::ZERO)
+            (!self.output.is_empty()).then_some(Instant::ZERO)
         }
     }
 
     const MEGABAUD_BIT: u64 = 1_000_000;
 
-    fn line(says: &[u8]) -> Line<Talker> {
-        let talker = Talker {
-            says: says.iter().copied().collect(),
-            heard: Vec::new(),
+    fn line(output: &[u8]) -> Line<ScriptedArm> {
+        let arm = ScriptedArm {
+            output: output.iter().copied().collect(),
+            received: Vec::new(),
         };
-        let mut line = Line::new(talker, 1_000_000, 7, Arc::default());
+        let mut line = Line::new(arm, 1_000_000, 7, Arc::default());
         line.set_board_bit(MEGABAUD_BIT);
         line
     }
 
     /// Lets the board's receiver take bytes at full speed.
-    fn receive_all(line: &mut Line<Talker>) -> Vec<Arrival> {
+    fn receive_all(line: &mut Line<ScriptedArm>) -> Vec<Arrival> {
         (0..)
             .map_while(|nth| line.board_receives(Nanos(nth * 10 * line.board_bit / 1_000)))
             .collect()
     }
 
-    fn outcomes(line: &Line<Talker>) -> Vec<Outcome> {
+    fn outcomes(line: &Line<ScriptedArm>) -> Vec<Outcome> {
         line.bytes().iter().map(|byte| byte.outcome).collect()
     }
 
@@ -633,7 +633,7 @@ mod tests {
             "the start bit alone lasts 8.7 of the board's bits"
         );
         line.board_sent(Nanos(0), 0xAA);
-        assert_ne!(line.arm_mut().heard, [0xAA]);
+        assert_ne!(line.arm_mut().received, [0xAA]);
     }
 
     #[test]
@@ -642,7 +642,7 @@ mod tests {
         line.set_board_bit(bit(115_200));
         let arrival = line.board_receives(Nanos(0)).unwrap();
         assert_ne!(arrival.value, 0x00);
-        assert_eq!(line.arm.says.len(), 20 - 9, "87 us of a megabaud");
+        assert_eq!(line.arm.output.len(), 20 - 9, "87 us of a megabaud");
     }
 
     #[test]

@@ -99,7 +99,7 @@ impl fmt::Display for Violation {
             } => {
                 write!(
                     f,
-                    "access to {address:#010x}, where nothing is, by the instruction at {program_counter:#010x}"
+                    "access to unmapped address {address:#010x} by the instruction at {program_counter:#010x}"
                 )
             }
             Self::Unimplemented {

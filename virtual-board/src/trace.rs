@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_the_published_hash() {
+    fn hash_equals_the_published_one() {
         let mut trace = Trace::default();
         trace.bytes(b"foobar");
         assert_eq!(trace.value(), 0x8594_4171_F739_67E8);

@@ -1,4 +1,4 @@
-//! The page about the virtual board names tests that there are.
+//! All tests named in `docs/virtual-board.md` exist.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -101,7 +101,7 @@ impl LegacyArm {
         }
     }
 
-    /// Sets the joint positions. Where a joint has two servos, the second follows the first: directly in joint 1,
+    /// Sets the joint positions. If a joint has two servos, the second follows the first: directly in joint 1,
     /// mirrored in joints 2 and 3.
     pub fn set_joints(&mut self, joints: [Position; JOINTS]) {
         let mirrored = |ticks: u16| (TICKS_PER_TURN - ticks).min(Position::MAX.ticks());

@@ -101,13 +101,13 @@ impl Can<'_> {
     /// Takes the frames that the attached nodes received from the board, except remote frames and those with 29-bit
     /// identifiers.
     pub fn read(&self) -> Vec<Frame> {
-        let heard = lock(self.bus).take_heard();
-        heard.iter().filter_map(wire::Frame::to_adapter).collect()
+        let received = lock(self.bus).take_received();
+        received.iter().filter_map(wire::Frame::to_adapter).collect()
     }
 
     /// Takes the frames that a joined node received, of any sender.
     pub fn read_by(&self, node: u8) -> Vec<wire::Frame> {
-        lock(self.bus).take_heard_by(node)
+        lock(self.bus).take_received_by(node)
     }
 
     /// Number of received frames of the nodes that were not read yet.

@@ -11,9 +11,9 @@ use crate::report::{Cause, Crash, Restart, Violations};
 
 /// A UART without an arm.
 #[derive(Debug, Default)]
-pub(crate) struct Nobody;
+pub(crate) struct NoArm;
 
-impl armwire_sim::serial::SerialDevice for Nobody {
+impl armwire_sim::serial::SerialDevice for NoArm {
     fn receive(&mut self, _: Instant, _: u8) {}
 
     fn transmit(&mut self, _: Instant) -> Option<u8> {
@@ -48,15 +48,15 @@ const BACK: u16 = 0xE7FD;
 /// A board whose flash holds a vector table, `code` and `literals`.
 ///
 /// The code starts at 0x0800_0008; the literals follow it, aligned to words.
-fn board(code: &[u16], literals: &[u32]) -> VirtualBoard<Nobody> {
+fn board(code: &[u16], literals: &[u32]) -> VirtualBoard<NoArm> {
     board_with(code, literals, |config| config)
 }
 
 fn board_with(
     code: &[u16],
     literals: &[u32],
-    change: impl FnOnce(Config<Nobody>) -> Config<Nobody>,
-) -> VirtualBoard<Nobody> {
+    change: impl FnOnce(Config<NoArm>) -> Config<NoArm>,
+) -> VirtualBoard<NoArm> {
     assert!(code.len().is_multiple_of(2), "literals are aligned");
     let mut flash = Vec::new();
     flash.extend(0x2000_1000u32.to_le_bytes());
@@ -64,11 +64,11 @@ fn board_with(
     flash.extend(code.iter().flat_map(|half| half.to_le_bytes()));
     flash.extend(literals.iter().flat_map(|word| word.to_le_bytes()));
     let image = Image::plain(0x0800_0000, flash);
-    VirtualBoard::start_image(image, change(Config::new("test", Nobody))).unwrap()
+    VirtualBoard::start_image(image, change(Config::new("test", NoArm))).unwrap()
 }
 
 /// A board that enters its boot loader.
-pub(crate) fn board_into_boot_loader() -> VirtualBoard<Nobody> {
+pub(crate) fn board_into_boot_loader() -> VirtualBoard<NoArm> {
     // Twenty instructions, then ldr r0, =the boot loader's reset vector; ldr r0, [r0]; bx r0.
     let mut code = vec![NOP; 20];
     code.extend([ldr(0, 1), load(0, 0), 0x4700, NOP]);
@@ -76,7 +76,7 @@ pub(crate) fn board_into_boot_loader() -> VirtualBoard<Nobody> {
 }
 
 #[test]
-fn nothing_runs_before_it_is_told_to() {
+fn nothing_runs_before_a_call() {
     let board = board(&[HANG, NOP], &[]);
     assert_eq!(board.now(), Nanos(0));
 }
@@ -90,7 +90,7 @@ fn where_gdb_may_attach_is_known() {
 }
 
 #[test]
-fn time_passes_as_far_as_asked() {
+fn time_advances_by_the_requested_span() {
     let mut board = board(&[HANG, NOP], &[]);
     board.run_for(Duration::from_micros(1_234)).unwrap();
     assert!(board.now().since(Nanos(1_234_000)) < Nanos(10), "{}", board.now());
@@ -268,7 +268,7 @@ fn wait_ends_with_the_can_frame() {
     // The nodes do not receive each other's frames here: the next frame adds no unread one.
     board.can().send(&frame).unwrap();
     let start = board.now();
-    assert!(!board.run_until_heard(Nanos::from_millis(1)).unwrap());
+    assert!(!board.run_until_can_received(Nanos::from_millis(1)).unwrap());
     assert_eq!(board.now(), start + Nanos::from_millis(1));
     assert_eq!(board.can().unsent(), 0);
     let fd = Frame::new_fd(Id::new(1).unwrap(), &[0; 12]).unwrap();
@@ -297,9 +297,9 @@ fn fd_frames_pass_between_nodes_that_know_them() {
     // 27 bits of 1 us and 246 of 0.5 us.
     assert_eq!(sent.end.since(sent.start), Nanos(150_000));
     assert!(board.can().read().is_empty(), "it is not the board's");
-    let heard = board.can().read_by(3);
+    let received = board.can().read_by(3);
     assert_eq!(
-        heard.iter().map(|frame| frame.to_adapter()).collect::<Vec<_>>(),
+        received.iter().map(|frame| frame.to_adapter()).collect::<Vec<_>>(),
         [Some(frame)]
     );
     assert_eq!(board.can().errors(3), Some((0, 0, ErrorState::Active)));
@@ -316,10 +316,10 @@ fn missing_usb_device_is_an_error_not_hang() {
 
 #[test]
 fn missing_or_foreign_image_is_refused() {
-    let missing = VirtualBoard::start(Config::new("/nowhere/at/all", Nobody)).unwrap_err();
+    let missing = VirtualBoard::start(Config::new("/nowhere/at/all", NoArm)).unwrap_err();
     assert!(missing.to_string().contains("/nowhere/at/all"), "{missing}");
     let native = std::env::current_exe().unwrap();
-    assert!(VirtualBoard::start(Config::new(native, Nobody)).is_err());
+    assert!(VirtualBoard::start(Config::new(native, NoArm)).is_err());
 }
 
 /// Code that makes these stores in order and then idles, and its literals.
@@ -350,12 +350,12 @@ const PROGRAM: [(u32, u32); 5] = [
 ];
 const WORD: u32 = 0x6000_00F0;
 
-fn programmer(change: impl FnOnce(Config<Nobody>) -> Config<Nobody>) -> VirtualBoard<Nobody> {
+fn programmer(change: impl FnOnce(Config<NoArm>) -> Config<NoArm>) -> VirtualBoard<NoArm> {
     let (code, literals) = stores(&PROGRAM);
     board_with(&code, &literals, change)
 }
 
-fn flash_word(board: &VirtualBoard<Nobody>) -> u32 {
+fn flash_word(board: &VirtualBoard<NoArm>) -> u32 {
     u32::from_le_bytes(board.flash()[0x4000..0x4004].try_into().unwrap())
 }
 
@@ -474,7 +474,7 @@ fn flash_contents_of_another_size_are_refused() {
     let image = Image::plain(0x0800_0000, vec![0; 8]);
     let config = Config {
         flash: Some(vec![0; 3]),
-        ..Config::new("test", Nobody)
+        ..Config::new("test", NoArm)
     };
     let error = VirtualBoard::start_image(image, config).unwrap_err();
     assert_eq!(error.to_string(), "3 bytes for the flash, which has 1048576");
@@ -547,7 +547,7 @@ fn preemption(first: u32, second: u32) -> Vec<u64> {
     let mut flash: Vec<u8> = vectors.iter().flat_map(|vector| vector.to_le_bytes()).collect();
     flash.extend(code);
     let image = Image::plain(0x0800_0000, flash);
-    let mut board = VirtualBoard::start_image(image, Config::new("test", Nobody)).unwrap();
+    let mut board = VirtualBoard::start_image(image, Config::new("test", NoArm)).unwrap();
     board.run_for(Duration::from_micros(10)).unwrap();
     let address = |violation: &Violation| match violation {
         Violation::Refused { address, .. } => *address,

@@ -137,7 +137,7 @@ pub(crate) struct Bus {
     /// The configuration of the attached nodes, if there are any.
     attached: Option<NodeConfig>,
     /// True if they do not acknowledge the frames of others.
-    deaf: bool,
+    withholds_acknowledge: bool,
     shorted: bool,
     /// True while the board's controller is kept out of initialization mode.
     keeps_from_initialization: bool,
@@ -148,7 +148,7 @@ pub(crate) struct Bus {
     queues: BTreeMap<u8, VecDeque<Frame>>,
     flood: Option<Frame>,
     /// Frames from the board that the attached nodes received.
-    heard: VecDeque<Frame>,
+    received: VecDeque<Frame>,
     /// The earliest start of a frame, and of a frame of the board.
     free: Nanos,
     free_for_board: Nanos,
@@ -200,13 +200,13 @@ impl Bus {
     }
 
     /// Takes the frames that a joined node received.
-    pub(crate) fn take_heard_by(&mut self, node: u8) -> Vec<Frame> {
+    pub(crate) fn take_received_by(&mut self, node: u8) -> Vec<Frame> {
         let node = self.joined.get_mut(&node);
-        node.map_or_else(Vec::new, |node| node.heard.drain(..).collect())
+        node.map_or_else(Vec::new, |node| node.received.drain(..).collect())
     }
 
     pub(crate) fn set_acknowledging(&mut self, acknowledging: bool) {
-        self.deaf = !acknowledging;
+        self.withholds_acknowledge = !acknowledging;
     }
 
     pub(crate) fn keep_from_initialization(&mut self, keep: bool) {
@@ -259,13 +259,13 @@ impl Bus {
     }
 
     /// Takes the frames that the attached nodes received from the board.
-    pub(crate) fn take_heard(&mut self) -> Vec<Frame> {
-        self.heard.drain(..).collect()
+    pub(crate) fn take_received(&mut self) -> Vec<Frame> {
+        self.received.drain(..).collect()
     }
 
     /// Number of received frames of the nodes that were not taken yet.
     pub(crate) fn unread(&self) -> usize {
-        self.heard.len() + self.joined.values().map(|node| node.heard.len()).sum::<usize>()
+        self.received.len() + self.joined.values().map(|node| node.received.len()).sum::<usize>()
     }
 
     pub(crate) fn records(&self) -> &[Record] {
@@ -462,7 +462,7 @@ impl Bus {
         let by_joined = flight.joined.iter();
         let is_acknowledged = is_attached
             || board.is_some_and(follows)
-            || flight.attached.is_some_and(follows) && !self.deaf && !self.is_silent()
+            || flight.attached.is_some_and(follows) && !self.withholds_acknowledge && !self.is_silent()
             || by_joined
                 .into_iter()
                 .any(|&(node, reception)| follows(reception) && !self.joined[&node].config.is_silent);
@@ -489,12 +489,12 @@ impl Bus {
             Phase::Fault(at, trouble) => {
                 self.fail(&flight, trouble, controller);
                 // An active error flag on a shorted bus is an error at each of its bits.
-                let swallowed = trouble.outcome == Outcome::Shorted
+                let is_covered = trouble.outcome == Outcome::Shorted
                     && self.shorted
                     && controller.sends()
                     && controller.state() == ErrorState::Active;
                 let bit = flight.times.nominal;
-                flight.phase = if swallowed {
+                flight.phase = if is_covered {
                     Phase::Fault(at + span(1, bit), trouble)
                 } else {
                     Phase::Close(at + span(ERROR_FLAG_BITS + ERROR_DELIMITER_BITS, bit), trouble.outcome)
@@ -511,7 +511,7 @@ impl Bus {
         let error = Trouble::new(BusError::Stuff, Outcome::Garbled);
         if flight.sender == Sender::Board {
             if flight.attached == Some(Reception::Follows) {
-                self.heard.push_back(flight.frame);
+                self.received.push_back(flight.frame);
             }
         } else if controller.listens() {
             match meets(controller, flight) {
@@ -528,7 +528,7 @@ impl Bus {
             };
             match error.to_receiver(reception) {
                 _ if reception == Reception::Follows => {
-                    node.heard.push_back(flight.frame);
+                    node.received.push_back(flight.frame);
                     node.confinement.received();
                 }
                 Some(fault) => node.confinement.receive_fault(fault),

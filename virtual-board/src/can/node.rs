@@ -126,7 +126,7 @@ pub(super) struct Node {
     pub(super) wait: Option<Wait>,
     /// The earliest start of its transmissions.
     pub(super) free: Nanos,
-    pub(super) heard: VecDeque<Frame>,
+    pub(super) received: VecDeque<Frame>,
 }
 
 impl Node {
@@ -137,7 +137,7 @@ impl Node {
             confinement: Confinement::default(),
             wait: Some(Wait::new(1, since)),
             free: Nanos(0),
-            heard: VecDeque::new(),
+            received: VecDeque::new(),
         }
     }
 

@@ -128,10 +128,10 @@ fn fd_frames_of_every_length_reach_all_nodes() {
     }
     bench.run_frames(frames.len());
     for node in [1, 2] {
-        assert_eq!(bench.bus.take_heard_by(node), frames);
+        assert_eq!(bench.bus.take_received_by(node), frames);
         assert_eq!(bench.errors(node), (0, 0, ErrorState::Active));
     }
-    assert!(bench.bus.take_heard_by(0).is_empty(), "not its own");
+    assert!(bench.bus.take_received_by(0).is_empty(), "not its own");
 }
 
 #[test]
@@ -146,14 +146,14 @@ fn classic_node_destroys_fd_frames_until_error_passive() {
     assert_eq!(bench.errors(2), (0, 136, ErrorState::Passive));
     assert_eq!(bench.errors(0), (119, 0, ErrorState::Active));
     assert_eq!(bench.errors(1), (0, 14, ErrorState::Active));
-    assert_eq!(bench.bus.take_heard_by(1), [fd(0x123, &[])]);
-    assert!(bench.bus.take_heard_by(2).is_empty());
+    assert_eq!(bench.bus.take_received_by(1), [fd(0x123, &[])]);
+    assert!(bench.bus.take_received_by(2).is_empty());
     // 17 bits to BRS, 32 of 0.5 us to the CRC delimiter, and an error frame of 14.
     assert_eq!(took(&bench.bus.records()[0]), 17_000 + 16_000 + 14_000);
 
     bench.send(0, classic(0x123, &[7]));
     bench.run_frames(17);
-    assert_eq!(bench.bus.take_heard_by(2), [classic(0x123, &[7])]);
+    assert_eq!(bench.bus.take_received_by(2), [classic(0x123, &[7])]);
     assert_eq!(bench.errors(2), (0, 120, ErrorState::Active), "a good frame heals it");
 }
 
@@ -165,7 +165,7 @@ fn fd_tolerant_node_ignores_fd_frames() {
     bench.send(0, classic(0x123, &[1]));
     bench.run_frames(2);
     assert_eq!(bench.outcomes(), [Outcome::Sent; 2]);
-    assert_eq!(bench.bus.take_heard_by(2), [classic(0x123, &[1])]);
+    assert_eq!(bench.bus.take_received_by(2), [classic(0x123, &[1])]);
     assert_eq!(bench.errors(2), (0, 0, ErrorState::Active));
 
     let mut bench = Bench::of(&[FD(), tolerant]);
@@ -185,7 +185,10 @@ fn wrong_data_rate_shows_only_in_switching_frames() {
         bench.outcomes(),
         [Outcome::Sent, Outcome::Sent, Outcome::Garbled, Outcome::Garbled]
     );
-    assert_eq!(bench.bus.take_heard_by(1), [classic(0x123, &[1]), slow_fd(0x123, &[2])]);
+    assert_eq!(
+        bench.bus.take_received_by(1),
+        [classic(0x123, &[1]), slow_fd(0x123, &[2])]
+    );
     assert_eq!((bench.errors(0).0, bench.errors(1).1), (16, 18));
 }
 
@@ -196,7 +199,7 @@ fn a_wrong_nominal_rate_shows_in_every_frame() {
         bench.send(0, frame);
         bench.run_frames(1);
         assert_eq!(bench.outcomes(), [Outcome::Garbled], "{frame:?}");
-        assert!(bench.bus.take_heard_by(1).is_empty());
+        assert!(bench.bus.take_received_by(1).is_empty());
     }
 }
 
@@ -257,7 +260,7 @@ fn a_silent_node_receives_and_leaves_no_trace() {
     assert_eq!(bench.outcomes(), [Outcome::Unacknowledged], "and not destroyed");
     bench.bus.attach_as(FD());
     bench.run_frames(2);
-    assert_eq!(bench.bus.take_heard_by(1), [fd(0x123, &[1])]);
+    assert_eq!(bench.bus.take_received_by(1), [fd(0x123, &[1])]);
 }
 
 #[test]
@@ -267,8 +270,8 @@ fn node_joining_midframe_receives_the_next_frame() {
     bench.bus.join(2, FD());
     bench.send(0, fd(2, &[]));
     bench.run_frames(2);
-    assert_eq!(bench.bus.take_heard_by(1), [fd(1, &[]), fd(2, &[])]);
-    assert_eq!(bench.bus.take_heard_by(2), [fd(2, &[])]);
+    assert_eq!(bench.bus.take_received_by(1), [fd(1, &[]), fd(2, &[])]);
+    assert_eq!(bench.bus.take_received_by(2), [fd(2, &[])]);
 }
 
 #[test]
@@ -278,7 +281,7 @@ fn sender_leaving_midframe_cuts_its_frame() {
     bench.bus.leave(0);
     bench.run(LONG);
     assert_eq!(bench.outcomes(), [Outcome::Cut]);
-    assert!(bench.bus.take_heard_by(1).is_empty());
+    assert!(bench.bus.take_received_by(1).is_empty());
 }
 
 /// An FD controller, with a record of its calls.
@@ -287,7 +290,7 @@ struct Device {
     queue: VecDeque<Frame>,
     is_sending: bool,
     confinement: Confinement,
-    heard: Vec<Frame>,
+    received: Vec<Frame>,
     faults: Vec<(bool, Fault)>,
 }
 
@@ -298,7 +301,7 @@ impl Device {
             queue: queue.iter().copied().collect(),
             is_sending: false,
             confinement: Confinement::default(),
-            heard: Vec::new(),
+            received: Vec::new(),
             faults: Vec::new(),
         }
     }
@@ -349,7 +352,7 @@ impl Controller for Device {
 
     fn receive(&mut self, frame: &Frame) {
         self.confinement.received();
-        self.heard.push(*frame);
+        self.received.push(*frame);
     }
 
     fn receive_error(&mut self, fault: Fault) {
@@ -386,8 +389,11 @@ fn a_controller_and_nodes_exchange_fd_frames() {
     bench.controller.queue.push_back(fd(0x200, &[2; 64]));
     bench.send(0, fd(0x100, &[1; 48]));
     bench.run_frames(2);
-    assert_eq!(bench.controller.heard, [fd(0x100, &[1; 48])]);
-    assert_eq!(bench.bus.take_heard_by(1), [fd(0x100, &[1; 48]), fd(0x200, &[2; 64])]);
+    assert_eq!(bench.controller.received, [fd(0x100, &[1; 48])]);
+    assert_eq!(
+        bench.bus.take_received_by(1),
+        [fd(0x100, &[1; 48]), fd(0x200, &[2; 64])]
+    );
     assert!(bench.controller.faults.is_empty() && bench.controller.queue.is_empty());
 }
 
@@ -405,7 +411,7 @@ fn controller_at_wrong_data_rate_sees_phase_errors() {
     bench.send(0, classic(0x100, &[1]));
     bench.send(0, fd(0x100, &[2]));
     bench.run_frames(2);
-    assert_eq!(bench.controller.heard, [classic(0x100, &[1])]);
+    assert_eq!(bench.controller.received, [classic(0x100, &[1])]);
     let fault = Fault {
         error: BusError::Stuff,
         in_data_phase: true,
@@ -487,12 +493,12 @@ proptest! {
             bench.run_frames(attempt);
             let record = bench.bus.records()[attempt - 1];
             for (node, config) in (1..).zip(&others) {
-                let heard = bench.bus.take_heard_by(node);
+                let received = bench.bus.take_received_by(node);
                 let follows = *config == FD() || *config == FD().silent();
                 match record.outcome {
-                    Outcome::Sent if follows => prop_assert_eq!(heard, vec![record.frame]),
-                    Outcome::Sent => prop_assert!(heard.is_empty() || heard == [record.frame]),
-                    _ => prop_assert!(heard.is_empty()),
+                    Outcome::Sent if follows => prop_assert_eq!(received, vec![record.frame]),
+                    Outcome::Sent => prop_assert!(received.is_empty() || received == [record.frame]),
+                    _ => prop_assert!(received.is_empty()),
                 }
             }
             let sent = Frame { fd: frame.fd.map(|flags| FdFlags { error_passive: errors_passive(&record), ..flags }), ..frame };

@@ -42,7 +42,7 @@ impl Cpu {
             && let Some(is_code) = self.memory.ram.write::<BYTES>(address, value)
         {
             if is_code {
-                self.look_around();
+                self.request_service();
             }
             return Ok(());
         }
@@ -165,7 +165,7 @@ impl Cpu {
         self.check_protection(address, Wish::Write, privileged)?;
         if self.memory.write(address, width, value).is_some() {
             if self.memory.has_changed() {
-                self.look_around();
+                self.request_service();
             }
             return Ok(());
         }
@@ -215,7 +215,7 @@ impl Cpu {
 
     fn end_transfer(&mut self, bus: &mut dyn Bus) {
         if bus.needs_attention() || self.memory.has_changed() {
-            self.look_around();
+            self.request_service();
         }
     }
 
@@ -294,7 +294,7 @@ impl Cpu {
                 )
                 .ok(),
         };
-        self.look_around();
+        self.request_service();
         written
     }
 

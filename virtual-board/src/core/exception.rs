@@ -33,7 +33,7 @@ impl Cpu {
     /// Records a fault and pends its exception (B1.5.14). Escalates it to HardFault if the exception is disabled or its
     /// priority does not suffice, and then to lockup if that does not suffice either (B1.5.15).
     pub(super) fn raise(&mut self, fault: Fault) {
-        self.look_around();
+        self.request_service();
         self.scb.cfsr |= fault.cfsr();
         self.scb.hfsr |= fault.hfsr();
         match fault {
@@ -46,7 +46,7 @@ impl Cpu {
 
     /// Pends an exception that an instruction causes, or the HardFault that it escalates to.
     fn pend_synchronous(&mut self, number: u16) {
-        self.look_around();
+        self.request_service();
         let priority = self.nvic.group_priority(self.nvic.priority(number));
         let current = self.execution_priority();
         if self.nvic.is_enabled(number) && priority < current {
@@ -64,7 +64,7 @@ impl Cpu {
     /// Handles a trap of an instruction. `next` is the address of the instruction after it.
     #[cold]
     pub(super) fn handle(&mut self, bus: &mut dyn Bus, trap: Trap, next: u32) {
-        self.look_around();
+        self.request_service();
         match trap {
             Trap::Fault(fault) => self.raise(fault),
             Trap::Refused(refusal) => self.refused = Some(refusal),
@@ -125,7 +125,7 @@ impl Cpu {
             }
             Err(_) => self.raise(Fault::Vector),
         }
-        self.look_around();
+        self.request_service();
     }
 
     /// ExceptionReturn() (B1.5.8).
@@ -216,14 +216,14 @@ impl Cpu {
     pub(super) fn wait_for_event(&mut self) {
         if !std::mem::take(&mut self.event) {
             self.sleep = Sleep::Event;
-            self.look_around();
+            self.request_service();
         }
     }
 
     /// WFI: sleeps (B1.5.19).
     pub(super) fn wait_for_interrupt(&mut self) {
         self.sleep = Sleep::Interrupt;
-        self.look_around();
+        self.request_service();
     }
 
     /// Wakes the core if there is a reason. An exception masked by PRIMASK ends WFI, but not WFE.

@@ -572,7 +572,7 @@ impl Cpu {
     fn branch_interworking(&mut self, target: u32) -> Result<u32, Trap> {
         if target & 1 == 0 {
             self.thumb = false;
-            self.look_around();
+            self.request_service();
         }
         Ok(target & !1)
     }
@@ -621,7 +621,7 @@ impl Cpu {
             Hint::Sev => self.event = true,
             Hint::Wfe => self.wait_for_event(),
             Hint::Wfi => self.wait_for_interrupt(),
-            Hint::Isb => self.look_around(),
+            Hint::Isb => self.request_service(),
         }
     }
 
@@ -638,7 +638,7 @@ impl Cpu {
         }
         // Setting a mask cannot enable an exception.
         if !disable {
-            self.look_around();
+            self.request_service();
         }
     }
 
@@ -680,7 +680,7 @@ impl Cpu {
     /// MSR (B5.2.3).
     fn write_special(&mut self, register: u8, mask: u8, value: u32) -> Result<(), Trap> {
         let privileged = self.is_privileged();
-        self.look_around();
+        self.request_service();
         match register {
             0..=3 => {
                 if mask & 2 != 0 {

@@ -83,7 +83,7 @@ pub enum Stop {
     Deadline,
     /// The core sleeps without a wake-up event.
     Sleep,
-    /// The bus asked for attention.
+    /// The bus requested attention.
     Attention,
     /// The next instruction has a breakpoint. The next call of [`Core::run`] executes it.
     Breakpoint,
@@ -202,7 +202,7 @@ impl Core {
         (cpu.lockup, cpu.reset_requested, cpu.refused) = (false, false, None);
         cpu.update_open_window();
         cpu.memory.note_change_of_all();
-        cpu.look_around();
+        cpu.request_service();
         self.reported = None;
         let cpu = &mut self.cpu;
         let table = cpu.config.vector_table;
@@ -221,7 +221,7 @@ impl Core {
     pub fn run(&mut self, bus: &mut dyn Bus, until: u64) -> Stop {
         self.reported = self.reported.filter(|address| *address == self.pc());
         loop {
-            if let Some(stop) = self.look_around(bus, until) {
+            if let Some(stop) = self.service_pending(bus, until) {
                 return stop;
             }
             self.cpu.limit = until;
@@ -233,7 +233,7 @@ impl Core {
     }
 
     /// Handles everything except instructions. Returns the reason to stop, if any.
-    fn look_around(&mut self, bus: &mut dyn Bus, until: u64) -> Option<Stop> {
+    fn service_pending(&mut self, bus: &mut dyn Bus, until: u64) -> Option<Stop> {
         let cpu = &mut self.cpu;
         loop {
             if let Some(refusal) = cpu.refused {
@@ -446,26 +446,26 @@ impl Core {
     /// Sets the level of an interrupt line. A rising edge pends the interrupt, and a high level keeps it pending.
     pub fn set_interrupt_line(&mut self, interrupt: u16, high: bool) {
         if self.cpu.nvic.set_line(interrupt, high) {
-            self.cpu.look_around();
+            self.cpu.request_service();
         }
     }
 
     /// Pends an interrupt, as a pulse on its line does.
     pub fn pend_interrupt(&mut self, interrupt: u16) {
         self.cpu.nvic.pend(interrupt + fault::exception::INTERRUPT_0);
-        self.cpu.look_around();
+        self.cpu.request_service();
     }
 
     /// Pends the NMI.
     pub fn pend_nmi(&mut self) {
         self.cpu.nvic.pend(fault::exception::NMI);
-        self.cpu.look_around();
+        self.cpu.request_service();
     }
 
     /// Sets the event register of WFE, as a pulse on the core's event input does.
     pub fn send_event(&mut self) {
         self.cpu.event = true;
-        self.cpu.look_around();
+        self.cpu.request_service();
     }
 
     /// Changes the counting of cycles from now on.
@@ -527,7 +527,7 @@ impl Core {
             Register::Faultmask => cpu.faultmask = value & 1 != 0,
             Register::Control => cpu.change_mode(cpu.exception, value as u8 & 3),
         }
-        cpu.look_around();
+        cpu.request_service();
     }
 
     /// Reads memory or a register as a debugger does: without faults and cycles. `None` for a hole, or for an unaligned

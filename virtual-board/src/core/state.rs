@@ -154,7 +154,7 @@ impl Cpu {
     }
 
     /// Makes the run loop handle other work before the next instruction.
-    pub(super) fn look_around(&mut self) {
+    pub(super) fn request_service(&mut self) {
         self.limit = 0;
     }
 

@@ -66,7 +66,7 @@ impl Cpu {
 
     /// Writes a byte, halfword or word.
     pub(super) fn write_system(&mut self, page: Page, address: u32, value: u32, width: Width) -> Result<(), Trap> {
-        self.look_around();
+        self.request_service();
         match page {
             Page::Control => self.write_control(address, value, width),
             Page::Trace => self.write_trace(address, value),

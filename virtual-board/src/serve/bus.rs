@@ -8,7 +8,7 @@ use std::time::Instant;
 use armwire_sim::pty::{self, Pty};
 
 use super::can::CanPort;
-use super::{NAP, stop_at};
+use super::{MAX_SLEEP, stop_at};
 use crate::board::Can;
 use crate::can::absent::Absent;
 use crate::can::bus::Bus;
@@ -46,7 +46,7 @@ pub fn serve_bus(links: &[PathBuf]) -> Result<(), Error> {
         // Records of an endless run must not accumulate.
         can.forget_frames();
         let ptys: Vec<_> = ports.iter().map(CanPort::pty).collect();
-        pty::wait_for_any(&ptys, Some(NAP)).map_err(Error::Serve)?;
+        pty::wait_for_any(&ptys, Some(MAX_SLEEP)).map_err(Error::Serve)?;
     }
     Ok(())
 }

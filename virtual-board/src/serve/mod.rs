@@ -34,7 +34,7 @@ use can::CanPort;
 const SLICE: Nanos = Nanos::from_millis(1);
 
 /// Maximum sleep once virtual time has caught up.
-const NAP: Duration = Duration::from_millis(1);
+const MAX_SLEEP: Duration = Duration::from_millis(1);
 
 /// Maximum lag of virtual time that is caught up. More lag, on a slow machine or in a debugger, is not caught up.
 const MAX_LAG: Nanos = Nanos::from_millis(100);
@@ -166,11 +166,11 @@ impl Ports {
     }
 
     /// Waits briefly for input of a program.
-    fn nap(&self) -> Result<(), Error> {
+    fn wait_for_input(&self) -> Result<(), Error> {
         let mut ptys = vec![self.serial.pty()];
         ptys.extend(self.control.as_ref().map(BytePort::pty));
         ptys.extend(self.can.as_ref().map(CanPort::pty));
-        pty::wait_for_any(&ptys, Some(NAP)).map_err(Error::Serve)?;
+        pty::wait_for_any(&ptys, Some(MAX_SLEEP)).map_err(Error::Serve)?;
         Ok(())
     }
 }
@@ -195,7 +195,7 @@ fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool
             (wall, virtual_time) = (Instant::now(), board.now());
         }
         if behind == Nanos(0) {
-            ports.nap()?;
+            ports.wait_for_input()?;
         } else {
             match board.run_until(behind.min(SLICE), has_news) {
                 Ok(_) | Err(Error::TimedOut { .. }) => {}

@@ -4,7 +4,7 @@
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lines {
     high: [u64; 2],
-    told: [u64; 2],
+    reported: [u64; 2],
 }
 
 impl Lines {
@@ -18,15 +18,15 @@ impl Lines {
     /// Returns true if a change was not passed on to the core.
     #[inline]
     pub(crate) fn changed(&self) -> bool {
-        self.high != self.told
+        self.high != self.reported
     }
 
     /// Takes the next change: the line and its level.
     pub(crate) fn take_change(&mut self) -> Option<(u16, bool)> {
-        let word = (0..self.high.len()).find(|&word| self.high[word] != self.told[word])?;
-        let line = 64 * word as u16 + (self.high[word] ^ self.told[word]).trailing_zeros() as u16;
+        let word = (0..self.high.len()).find(|&word| self.high[word] != self.reported[word])?;
+        let line = 64 * word as u16 + (self.high[word] ^ self.reported[word]).trailing_zeros() as u16;
         let (word, bit) = place(line);
-        self.told[word] ^= bit;
+        self.reported[word] ^= bit;
         Some((line, self.high[word] & bit != 0))
     }
 }
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_change_is_told_once() {
+    fn each_change_is_reported_once() {
         let mut lines = Lines::default();
         lines.set(5, true);
         lines.set(100, true);

@@ -64,8 +64,8 @@ pub(crate) trait Chip: Bus + Debug + Send {
     /// Executes the first due event.
     fn handle_event(&mut self, memory: &mut Memory);
 
-    /// Checks for changes made by the program.
-    fn look(&mut self, now: Nanos, memory: &mut Memory);
+    /// Applies changes made by the program from outside.
+    fn sync(&mut self, now: Nanos, memory: &mut Memory);
 
     /// Takes a change of an interrupt line: its number and its level.
     fn take_interrupt(&mut self) -> Option<(u16, bool)>;
@@ -175,15 +175,15 @@ impl<C: Chip> Machine<C> {
     fn catch_up(&mut self) {
         while self.chip.next_event() <= self.now {
             self.chip.handle_event(self.core.memory_mut());
-            self.tell_core();
+            self.pass_interrupts();
         }
-        self.tell_core();
+        self.pass_interrupts();
         if let Some(cause) = self.chip.take_reset() {
             self.restart(cause);
         }
     }
 
-    fn tell_core(&mut self) {
+    fn pass_interrupts(&mut self) {
         while let Some((line, high)) = self.chip.take_interrupt() {
             self.core.set_interrupt_line(line, high);
         }
@@ -240,7 +240,7 @@ impl<C: Chip> Machine<C> {
     /// Runs until an instant, a watched event, or a crash of the firmware.
     fn run_until(&mut self, until: Nanos, watched: Watched) -> Result<(), Error> {
         self.chip.come_near(self.now);
-        self.chip.look(self.now, self.core.memory_mut());
+        self.chip.sync(self.now, self.core.memory_mut());
         loop {
             self.catch_up();
             self.attend_debugger()?;
@@ -248,7 +248,7 @@ impl<C: Chip> Machine<C> {
             let found = match watched {
                 Watched::Nothing => false,
                 Watched::Everything => news.any,
-                Watched::Heard => news.heard,
+                Watched::CanReceived => news.can_received,
             };
             let cut = news.cut;
             if found || cut || self.now >= until || self.crash.is_some() {

@@ -34,15 +34,15 @@ pub(crate) trait Peripheral {
     /// Writes the register at `offset`, a multiple of 4.
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused>;
 
-    /// Reads a register for the debugger, without what a read does where the model can avoid it.
+    /// Reads a register for the debugger, without side effects where the model can avoid them.
     fn peek(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
         self.read(offset, now)
     }
 
-    /// Resets the registers, unless they outlive a reset of the chip.
+    /// Resets the registers, unless a reset of the chip does not affect them.
     fn reset(&mut self, _now: Nanos) {}
 
-    /// Does what is due at `now`.
+    /// Executes the events due at `now`.
     fn advance(&mut self, _now: Nanos) {}
 
     /// The time of the next internal event.

@@ -201,7 +201,7 @@ enum Answer {
     Data { toggle: bool, bytes: Vec<u8>, armed: Nanos },
     Nak,
     Stall,
-    Silence,
+    NoResponse,
 }
 
 /// A transaction on the wire.
@@ -292,7 +292,7 @@ impl Host {
         matches!(self.link, Link::Running { .. })
     }
 
-    /// A number that changes with every connect, disconnect or reset: knowledge about the device is then void.
+    /// A number that changes with every connect, disconnect or reset: state of the device is then outdated.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
@@ -669,8 +669,8 @@ impl Host {
         match phase {
             Phase::Answer(at) => {
                 let answer = match job {
-                    Job::Control => self.ask_control(device),
-                    Job::Pipe(endpoint, direction) => self.ask_pipe(endpoint, direction, device),
+                    Job::Control => self.transact_control(device),
+                    Job::Pipe(endpoint, direction) => self.transact_pipe(endpoint, direction, device),
                 };
                 let Some((direction, answer)) = answer else {
                     // The answer is no longer expected.
@@ -678,7 +678,7 @@ impl Host {
                     return;
                 };
                 let tail = match (direction, &answer) {
-                    (_, Answer::Silence) => TIMEOUT,
+                    (_, Answer::NoResponse) => TIMEOUT,
                     (Direction::Out, _) => TURNAROUND + HANDSHAKE,
                     (Direction::In, Answer::Data { bytes, .. }) => timing::data(bytes.len()) + TURNAROUND + HANDSHAKE,
                     (Direction::In, _) => HANDSHAKE,
@@ -701,7 +701,7 @@ impl Host {
         }
     }
 
-    fn ask_control(&mut self, device: &mut dyn Function) -> Option<(Direction, Answer)> {
+    fn transact_control(&mut self, device: &mut dyn Function) -> Option<(Direction, Answer)> {
         let control = self.control.as_ref()?;
         let direction = control.direction();
         let answer = match (control.stage, direction) {
@@ -709,7 +709,7 @@ impl Host {
                 if device.setup(control.address, control.request.setup) {
                     Answer::Done
                 } else {
-                    Answer::Silence
+                    Answer::NoResponse
                 }
             }
             (_, Direction::Out) => output(device, control.address, 0, control.toggle, &control.output()),
@@ -732,7 +732,7 @@ impl Host {
         match answer {
             Answer::Nak => {}
             Answer::Stall => return self.finish_control(Err(TransferError::Stalled)),
-            Answer::Silence => {
+            Answer::NoResponse => {
                 control.attempts += 1;
                 if control.attempts == ATTEMPTS {
                     return self.finish_control(Err(TransferError::NoResponse));
@@ -773,7 +773,7 @@ impl Host {
         self.progress = true;
     }
 
-    fn ask_pipe(
+    fn transact_pipe(
         &mut self,
         endpoint: u8,
         direction: Direction,
@@ -810,7 +810,7 @@ impl Host {
                 self.progress = true;
                 return;
             }
-            Answer::Silence => {
+            Answer::NoResponse => {
                 pipe.attempts += 1;
                 if pipe.attempts == ATTEMPTS {
                     pipe.failed = Some(TransferError::NoResponse);
@@ -848,7 +848,7 @@ fn output(device: &mut dyn Function, address: u8, endpoint: u8, toggle: bool, da
         Handshake::Ack => Answer::Done,
         Handshake::Nak => Answer::Nak,
         Handshake::Stall => Answer::Stall,
-        Handshake::Silence => Answer::Silence,
+        Handshake::NoResponse => Answer::NoResponse,
     }
 }
 
@@ -857,7 +857,7 @@ fn input(device: &mut dyn Function, address: u8, endpoint: u8) -> Answer {
         Reply::Data { toggle, bytes, armed } => Answer::Data { toggle, bytes, armed },
         Reply::Nak => Answer::Nak,
         Reply::Stall => Answer::Stall,
-        Reply::Silence => Answer::Silence,
+        Reply::NoResponse => Answer::NoResponse,
     }
 }
 

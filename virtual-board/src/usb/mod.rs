@@ -81,7 +81,7 @@ pub enum Handshake {
     /// The endpoint is halted, or the request is not supported.
     Stall,
     /// No answer.
-    Silence,
+    NoResponse,
 }
 
 /// The answer of a device to an IN token.
@@ -101,5 +101,5 @@ pub enum Reply {
     /// The endpoint is halted, or the request is not supported.
     Stall,
     /// No answer.
-    Silence,
+    NoResponse,
 }

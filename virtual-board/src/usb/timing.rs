@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_packet_takes_what_the_specification_says() {
+    fn full_packet_takes_the_specified_time() {
         // Table 5-9: a 64-byte bulk transaction occupies 77 bytes of a frame, of 1500: 51.3 us, including bus
         // turnaround.
         let transaction = TOKEN + data(64) + TURNAROUND + HANDSHAKE;

@@ -7,13 +7,13 @@ use armwire_virtual_board::core::{Access, Bus, BusError, Config, Core, Memory, R
 pub(crate) const FLASH: u32 = 0x0800_0000;
 pub(crate) const RAM: u32 = 0x2000_0000;
 pub(crate) const STACK: u32 = RAM + 0x800;
-/// Where the program begins.
+/// Start of the program.
 pub(crate) const CODE: u32 = FLASH + 0x400;
 /// Handlers have 32 bytes each.
 const HANDLERS: u32 = FLASH + 0x800;
 /// A register of a peripheral.
 pub(crate) const PERIPHERAL: u32 = 0x4000_0000;
-/// A write here asks for attention.
+/// A write here requests attention.
 pub(crate) const BELL: u32 = 0x4000_0100;
 
 pub(crate) const CONFIG: Config = Config {
@@ -113,7 +113,7 @@ impl Board {
         self.core.set_register(Register::Xpsr, nzcv << 28 | 1 << 24);
     }
 
-    /// The number of the exception that is handled.
+    /// The number of the active exception.
     pub(crate) fn exception(&self) -> u32 {
         self.core.register(Register::Xpsr) & 0x1ff
     }
@@ -130,7 +130,7 @@ impl Board {
         self.core.memory_mut().write(address, width, value).unwrap();
     }
 
-    /// Executes so many instructions. An exception is entered before its handler's first one.
+    /// Executes this many instructions. An exception is entered before its handler's first one.
     pub(crate) fn step(&mut self, instructions: u64) -> Stop {
         let until = self.core.instructions() + instructions;
         while self.core.instructions() < until {
@@ -142,7 +142,7 @@ impl Board {
         Stop::Deadline
     }
 
-    /// Runs for so many cycles.
+    /// Runs for this many cycles.
     pub(crate) fn run(&mut self, cycles: u64) -> Stop {
         self.core.run(&mut self.bus, self.core.cycle() + cycles)
     }

@@ -81,7 +81,7 @@ fn entry_stacks_eight_registers() {
 }
 
 #[test]
-fn return_restores_what_was_stacked() {
+fn return_restores_the_stacked_registers() {
     // The handler changes R0 and the flags: MOVS R0, #0; BX LR.
     let mut board = Board::new(&[NOP, LOOP]);
     board.set_handler(16, &[0x2000, BX_LR]);
@@ -577,7 +577,7 @@ fn attention_stops_behind_the_access() {
 }
 
 #[test]
-fn access_tells_its_cycle_and_width() {
+fn access_carries_cycle_and_width() {
     // NOP; LDRH R0, [R1].
     let mut board = Board::new(&[NOP, 0x8808, LOOP]);
     board.set(1, PERIPHERAL + 2);

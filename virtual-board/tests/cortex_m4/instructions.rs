@@ -4,7 +4,7 @@ use armwire_virtual_board::core::{Refusal, Register, Stop};
 
 use crate::board::{Board, CODE, RAM, STACK};
 
-/// Executes one instruction with R0 to R3 and flags set. R0 and the flags after it.
+/// Executes one instruction with R0 to R3 and flags set. Returns R0 and the flags.
 fn execute(code: &[u16], registers: [u32; 4], nzcv: u32) -> (u32, u32) {
     let mut board = Board::new(code);
     for (number, value) in (0..).zip(registers) {

@@ -6,7 +6,7 @@ use crate::board::{CONFIG, FLASH, RAM};
 
 const BEGIN: u32 = FLASH + 0x100;
 const PAGE: usize = 0x1000;
-/// What streams write to.
+/// Size of the RAM that streams write to.
 const RAM_SIZE: u32 = 0x400;
 /// The RAM for functions of an image.
 const CALL_RAM_SIZE: usize = 0x1_0000;
@@ -159,7 +159,7 @@ fn begin_stream(core: &mut Core, seed: u32, code: &[u16]) {
     core.memory_mut().program(0, &flash).unwrap();
 }
 
-/// Runs to an address, instruction by instruction. Why it did not come there, and where it was then.
+/// Runs to an address, instruction by instruction. Returns the reason and the address if it stops before.
 fn run_to(core: &mut Core, end: u32) -> Option<(Stop, u32)> {
     while core.pc() != end {
         let at = core.pc();
@@ -172,7 +172,7 @@ fn run_to(core: &mut Core, end: u32) -> Option<(Stop, u32)> {
     None
 }
 
-/// What a replay has met.
+/// The results of a replay.
 #[derive(Debug, Default)]
 struct Replay {
     streams: usize,
@@ -180,7 +180,7 @@ struct Replay {
     undefined: usize,
     /// Streams that end at an instruction that the core refuses.
     unpredictable: usize,
-    /// Calls that end at an access that the emulator lets pass.
+    /// Calls that end at an access that the emulator does not fault.
     misaligned: usize,
     differences: Vec<String>,
 }

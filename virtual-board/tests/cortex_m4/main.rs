@@ -1,4 +1,4 @@
-//! The Cortex-M4 by its manual, and beside an independent emulator.
+//! Tests of the Cortex-M4 against its manual, and against an independent emulator.
 
 mod board;
 mod exceptions;

@@ -61,7 +61,7 @@ fn memory_beside_the_guard_is_open() {
 }
 
 #[test]
-fn push_into_the_guard_faults_whole() {
+fn push_into_the_guard_faults_completely() {
     // PUSH {R0, R1, LR}: the lowest word lies in the guard.
     let mut board = guarded(&[0xb503]);
     board.set(13, RAM + 0x228);

@@ -14,7 +14,7 @@ const NO_WAIT: FlashTiming = FlashTiming {
     prefetch: true,
 };
 
-/// Cycles of so many instructions from the start of a program.
+/// Cycles of this many instructions from the start of a program.
 fn cycles(timing: FlashTiming, code: &[u16], instructions: u64, registers: &[(u8, u32)]) -> u64 {
     let mut board = Board::new(code);
     board.core.set_timing(Timing::CortexM4(timing));

@@ -196,7 +196,7 @@ fn play<A: Arm>(board: &mut VirtualBoard<A>, link: Link, received: &mut Vec<u8>)
         let end = board.now() + span;
         while board.now() < end {
             let limit = GLANCE.min(end.since(board.now()));
-            if let Err(error) = board.run_until_heard(limit) {
+            if let Err(error) = board.run_until_can_received(limit) {
                 panic!("{error}");
             }
             received.extend(board.usb().read());

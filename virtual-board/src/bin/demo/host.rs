@@ -60,7 +60,7 @@ impl Host {
                     self.board.usb().write(out)?;
                     self.client.transmitted(self.board.now().instant(), n)?;
                 }
-                Output::Timeout(until) => bytes.extend(self.listen(until)?),
+                Output::Timeout(until) => bytes.extend(self.receive(until)?),
                 Output::Event(Event::Answer(response)) => {
                     let took = self.board.now().since(start);
                     self.measure(start, took)?;
@@ -74,7 +74,7 @@ impl Host {
                     return Ok((None, self.board.now().since(start)));
                 }
                 Output::Event(Event::TimedOut { sends }) => {
-                    return Err(format!("the arm did not answer {request:?}, asked {sends} times").into());
+                    return Err(format!("the arm did not answer {request:?}, sent {sends} times").into());
                 }
                 Output::Event(other) => {
                     return Err(format!("while waiting for the answer to {request:?}: {other:?}").into());
@@ -84,7 +84,7 @@ impl Host {
     }
 
     /// Runs until bytes arrive from the adapter, or until this time.
-    fn listen(&mut self, until: Option<Instant>) -> Result<Vec<u8>, Box<dyn Error>> {
+    fn receive(&mut self, until: Option<Instant>) -> Result<Vec<u8>, Box<dyn Error>> {
         if let Some(until) = until {
             let limit = until.since(self.board.now().instant());
             match self.board.run_until(limit, |board| board.usb().unread() > 0) {
@@ -101,15 +101,15 @@ impl Host {
         let packets = self.board.usb().packets();
         let answer = latency::bursts(&bytes, &packets, ANSWER_PAUSE)?.pop();
         let first_out = bytes.iter().find(|byte| byte.direction == Direction::ToArm);
-        let asked = packets.iter().find(|packet| packet.direction == usb::Direction::Out);
-        if let (Some(asked), Some(first_out), Some(answer)) = (asked, first_out, answer) {
+        let request = packets.iter().find(|packet| packet.direction == usb::Direction::Out);
+        if let (Some(request), Some(first_out), Some(answer)) = (request, first_out, answer) {
             let start_bit = first_out.at.since(BYTE.into());
             let line = answer.last_stop.since(start_bit);
             self.figures.calls.add(took);
             self.figures.line.add(line);
             self.figures.added.add(took.since(line));
-            self.figures.to_usb.add(asked.end.since(start));
-            self.figures.to_uart.add(start_bit.since(asked.end));
+            self.figures.to_usb.add(request.end.since(start));
+            self.figures.to_uart.add(start_bit.since(request.end));
             self.figures.armed.add(answer.to_armed());
             self.figures.to_host.add(answer.to_arrival());
         }

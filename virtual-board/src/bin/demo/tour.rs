@@ -19,7 +19,7 @@ const TARGET: [f32; 6] = [30.0, -20.0, 45.0, 0.0, 60.0, -90.0];
 const READS: u32 = 500;
 
 /// Polling period during a move.
-const GLANCE: Duration = Duration::from_millis(200);
+const POLL_PERIOD: Duration = Duration::from_millis(200);
 
 pub(crate) fn run(board: VirtualBoard<LingArm>) -> Result<(), Box<dyn Error>> {
     let mut host = Host::new(board);
@@ -35,8 +35,8 @@ pub(crate) fn run(board: VirtualBoard<LingArm>) -> Result<(), Box<dyn Error>> {
     account(&mut host)
 }
 
-fn say(what: &str, took: Nanos, text: impl std::fmt::Display) {
-    println!("{what:<12} {:>9.2} us  {text}", took.0 as f64 / 1_000.0);
+fn print_row(label: &str, took: Nanos, text: impl std::fmt::Display) {
+    println!("{label:<12} {:>9.2} us  {text}", took.0 as f64 / 1_000.0);
 }
 
 fn plug_in(host: &mut Host) -> Result<(), Box<dyn Error>> {
@@ -63,7 +63,7 @@ fn identify(host: &mut Host) -> Result<Kind, Box<dyn Error>> {
         return Err(unexpected(answer));
     };
     let kind = info.serial.kind().ok_or("an arm of unknown kind")?;
-    say(
+    print_row(
         "identify",
         took,
         format_args!(
@@ -83,7 +83,7 @@ fn read_joints(host: &mut Host) -> Result<(JointState, Nanos), Box<dyn Error>> {
 
 fn show_joints(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let (state, took) = read_joints(host)?;
-    say("joints", took, pose(&state)?);
+    print_row("joints", took, pose(&state)?);
     Ok(())
 }
 
@@ -107,7 +107,7 @@ fn gripper_type(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let Some(Response::Stroke(stroke)) = answer else {
         return Err(unexpected(answer));
     };
-    say("gripper", took, format_args!("{} mm stroke", stroke.millimetres()));
+    print_row("gripper", took, format_args!("{} mm stroke", stroke.millimetres()));
     Ok(())
 }
 
@@ -122,15 +122,15 @@ fn travel(host: &mut Host) -> Result<(), Box<dyn Error>> {
         gripper: (Opening::OPEN, GripperSpeed(700)),
     };
     let (_, took) = host.call(Request::SetTorque(Torque::On))?;
-    say("torque on", took, "with the arm, which does not answer this");
+    print_row("torque on", took, "delivered, no answer expected");
     let (_, took) = host.call(Request::Move(target))?;
-    say("move", took, "with the arm, which does not answer this");
+    print_row("move", took, "delivered, no answer expected");
 
     let start = host.board.now();
     loop {
         let (state, took) = read_joints(host)?;
         let seconds = host.board.now().since(start).0 as f64 / 1e9;
-        say("", took, format_args!("{seconds:4.1} s {}", pose(&state)?));
+        print_row("", took, format_args!("{seconds:4.1} s {}", pose(&state)?));
         let joints = target.joints.map(|(position, _)| position.ticks());
         if state.joints == joints && state.gripper == target.gripper.0.per_mille() {
             return Ok(());
@@ -138,7 +138,7 @@ fn travel(host: &mut Host) -> Result<(), Box<dyn Error>> {
         if seconds > 10.0 {
             return Err("the arm did not arrive".into());
         }
-        host.board.run_for(GLANCE)?;
+        host.board.run_for(POLL_PERIOD)?;
     }
 }
 
@@ -147,12 +147,12 @@ fn temperatures(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let Some(Response::Temperatures(celsius)) = answer else {
         return Err(unexpected(answer));
     };
-    say("temperature", took, format_args!("{} deg C", list(&celsius)));
+    print_row("temperature", took, format_args!("{} deg C", list(&celsius)));
     let (answer, took) = host.call(Request::ReadVelocities)?;
     let Some(Response::Velocities(ticks)) = answer else {
         return Err(unexpected(answer));
     };
-    say("velocity", took, format_args!("{} ticks/s", list(&ticks)));
+    print_row("velocity", took, format_args!("{} ticks/s", list(&ticks)));
     Ok(())
 }
 
@@ -169,13 +169,13 @@ fn self_check(host: &mut Host, kind: Kind) -> Result<(), Box<dyn Error>> {
     if !check.all_normal(kind) {
         return Err(format!("faulty servos: {:?}", check.faulty(kind).collect::<Vec<_>>()).into());
     }
-    say("self-check", took, format_args!("all {} servos normal", kind.servos()));
+    print_row("self-check", took, format_args!("all {} servos normal", kind.servos()));
     Ok(())
 }
 
 fn torque_off(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let (_, took) = host.call(Request::SetTorque(Torque::Off))?;
-    say("torque off", took, "with the arm, which does not answer this");
+    print_row("torque off", took, "delivered, no answer expected");
     Ok(())
 }
 

@@ -149,7 +149,7 @@ impl<const STREAMS: usize> Steps<STREAMS> {
             .position(|phase| phase.due().is_some_and(|at| at <= now))
     }
 
-    /// Takes the next step of a stream. A request that is no longer high gets nothing.
+    /// Takes the next step of a stream. A request that is no longer high is not served.
     pub(crate) fn take(&mut self, stream: usize, is_high: bool, transfer: Transfer, now: Nanos) -> Step {
         let Transfer {
             peripheral,
@@ -238,16 +238,16 @@ impl Count {
 
 /// The DMA of a chip, as far as it serves the UART to the arm.
 pub(crate) trait Dma: Peripheral {
-    /// Starts what the levels of the requests ask for.
+    /// Starts the transfers of requests that are high.
     fn follow_requests(&mut self, requests: Requests, now: Nanos);
 
-    /// Takes the next step that is due at `now`, and the stream that takes it. A request that is low by now gets nothing.
+    /// Takes the next step that is due at `now`, with its stream. A request that is low by now is not served.
     fn step(&mut self, requests: Requests, now: Nanos) -> Option<(usize, Step)>;
 
-    /// A step that reads has got this byte.
+    /// Passes the byte of a read.
     fn fetched(&mut self, stream: usize, value: u8, now: Nanos);
 
-    /// The bus did not take the last step: the stream stops.
+    /// The last step failed on the bus: the stream stops.
     fn fail(&mut self, stream: usize);
 }
 

@@ -41,19 +41,19 @@ pub(crate) trait FlashInterface: Peripheral {
 
     fn array_mut(&mut self) -> &mut Array;
 
-    /// The chip restarts, or its power goes: what was under way is left half done.
+    /// Handles a reset or a loss of power: an operation in progress is left half done.
     fn restart(&mut self, memory: &mut Memory);
 
-    /// The flash as the core's timing sees it.
+    /// The timing of the flash for the core.
     fn timing(&self) -> FlashTiming;
 
-    /// A store of the core to the flash, at this offset.
+    /// Handles a store of the core to the flash, at this offset.
     fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused>;
 
-    /// Ends what is due.
+    /// Completes the due operation.
     fn finish(&mut self, now: Nanos, memory: &mut Memory);
 
-    /// A read of the flash that the memory left to the bus. Whether the NMI becomes pending.
+    /// Checks a read of the flash through the bus. Returns true if it makes the NMI pending.
     fn check_read(&mut self, _offset: u32) -> bool {
         false
     }
@@ -70,7 +70,7 @@ pub(crate) trait FlashInterface: Peripheral {
     }
 }
 
-/// An operation that is under way.
+/// An operation in progress.
 #[derive(Clone, Debug)]
 struct Started {
     operation: Operation,

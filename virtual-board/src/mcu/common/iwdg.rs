@@ -93,10 +93,7 @@ impl Iwdg {
             return Err(forbidden(register, "42.3.3: written without the key 0x5555"));
         }
         if now < old.until {
-            return Err(forbidden(
-                register,
-                "42.4.4: written while the last value is on its way",
-            ));
+            return Err(forbidden(register, "42.4.4: written before the last value has arrived"));
         }
         let until = now + Nanos(CROSSING * 1_000_000_000 / LSI_HZ);
         Ok(Crossing { value, until })

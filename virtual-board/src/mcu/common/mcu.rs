@@ -28,11 +28,11 @@ use crate::trace::Trace;
 const PRIORITY_BITS: u8 = 4;
 const MPU_REGIONS: u8 = 8;
 
-/// The address of USART2, and the pin of port A that it sends on.
+/// The address of USART2, and its TX pin on port A.
 const UART: u32 = 0x4000_4400;
 const UART_TX_PIN: u32 = 2;
 
-/// A peripheral with events. The number is its place among them: of several events at one instant, the lowest is the first.
+/// A peripheral with events. Of several events at the same instant, that of the first slot is executed first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Slot {
     Rcc,
@@ -65,7 +65,7 @@ pub(crate) struct Map {
     pub(crate) ram: u32,
     pub(crate) ram_size: usize,
     pub(crate) interrupts: u16,
-    /// The offsets of the UART's data registers, as the DMA reads and writes them.
+    /// Offsets of the UART's data registers, which the DMA reads and writes.
     pub(crate) uart_receive: u32,
     pub(crate) uart_transmit: u32,
     pub(crate) system_memory: SystemMemory,
@@ -76,7 +76,7 @@ pub(crate) struct Map {
 pub(crate) struct Block<K> {
     /// The peripheral.
     pub(crate) kind: K,
-    /// The address of its first register, and its bytes.
+    /// The address of its first register, and its length in bytes.
     pub(crate) address: u32,
     pub(crate) size: u32,
     /// The offset of its first register among all of the peripheral.
@@ -88,7 +88,7 @@ pub(crate) struct Block<K> {
 }
 
 impl<K> Block<K> {
-    /// The bytes of most blocks.
+    /// The length of most blocks.
     const SIZE: u32 = 0x400;
 
     /// The first block of a peripheral.
@@ -139,7 +139,7 @@ pub(crate) trait Peripherals: Debug + Send {
     /// The UART to the arm.
     fn uart(&self) -> &dyn Uart;
 
-    /// The port of the pin that the UART sends on.
+    /// The port of the UART's TX pin.
     fn uart_port(&self) -> &Gpio;
 
     /// The DMA, and the UART that it serves.
@@ -150,19 +150,19 @@ pub(crate) trait Peripherals: Debug + Send {
     /// Switches the low-speed oscillator on.
     fn keep_lsi_on(&mut self, now: Nanos);
 
-    /// The reason why a peripheral forbids a write that its own registers do not tell.
+    /// Checks a write against the state of other peripherals.
     fn check_write(&self, _kind: Self::Kind, _offset: u32, _value: u32) -> Result<(), Refused> {
         Ok(())
     }
 
-    /// Tells each peripheral the rate of its clock, and checks that supply and flash bear it. Whether a rate changed.
+    /// Sets each peripheral's clock rate, and checks the limits of supply and flash. Returns true if a rate changed.
     fn follow_clocks(&mut self, common: &mut Common) -> bool;
 
     /// Sets the interrupt lines of a peripheral, and its wires to others.
     fn set_lines(&mut self, slot: Slot, lines: &mut Lines);
 
-    /// Looks at what the program may have changed outside.
-    fn look(&mut self, now: Nanos);
+    /// Applies changes made by the program from outside.
+    fn sync(&mut self, now: Nanos);
 
     /// Events since the last call that a program may wait for.
     fn take_news(&mut self) -> News;
@@ -189,7 +189,7 @@ pub(crate) struct Common {
     /// The virtual duration of a cycle, in percent.
     cycle_cost: u64,
     clock_changed: bool,
-    /// No event is due before this time, as known by the core.
+    /// The deadline of the core: no event is due before it.
     deadline: Nanos,
     powered: bool,
     /// The power failed since the last check.
@@ -223,7 +223,7 @@ impl Common {
             Some(refused) => self.recorder.register(instance, refused, address, 0, false),
             None => self
                 .recorder
-                .refused(address, 0, "a DMA transfer that the bus does not take"),
+                .refused(address, 0, "a DMA transfer to an address without memory or register"),
         }
     }
 
@@ -372,7 +372,7 @@ impl<P: Peripherals> Mcu<P> {
         }
     }
 
-    /// Takes over what changed in a peripheral: its interrupt, its DMA requests, when it wants to be called.
+    /// Propagates changes of a peripheral: its interrupts, its DMA requests, the time of its next event.
     #[inline]
     fn settle(&mut self, slot: Slot) {
         self.peripherals.set_lines(slot, &mut self.common.lines);
@@ -398,7 +398,7 @@ impl<P: Peripherals> Mcu<P> {
         }
     }
 
-    /// Does what reset bits of RCC say, as they are written.
+    /// Applies the reset bits of RCC after a write.
     fn follow_resets(&mut self) {
         if !self.peripherals.gates().holds_any() {
             return;
@@ -412,7 +412,7 @@ impl<P: Peripherals> Mcu<P> {
         self.settle_all();
     }
 
-    /// Tells the line who drives the pin that the UART sends on. Whether it is low now and was not before.
+    /// Passes the driver of the UART's TX pin to the line. Returns true if the pin went low.
     fn follow_pin(&mut self) -> bool {
         let mut line = lock(&self.common.edges.line);
         let was_low = line.is_pin_low();
@@ -459,7 +459,7 @@ impl<P: Peripherals> Mcu<P> {
         written
     }
 
-    /// Does what is due in a peripheral.
+    /// Executes the due events of a peripheral.
     fn advance(&mut self, slot: Slot, memory: &mut Memory) {
         let now = self.common.now;
         match slot {
@@ -503,7 +503,7 @@ impl<P: Peripherals> Mcu<P> {
         self.settle(Slot::Usart);
     }
 
-    /// Everything that a system reset resets but the clocks.
+    /// Resets everything that a system reset resets, except the clocks.
     fn reset(&mut self, memory: &mut Memory) {
         self.peripherals.flash_mut().restart(memory);
         for block in P::BLOCKS {
@@ -631,9 +631,9 @@ impl<P: Peripherals> Chip for Mcu<P> {
         self.settle(slot);
     }
 
-    fn look(&mut self, now: Nanos, memory: &mut Memory) {
+    fn sync(&mut self, now: Nanos, memory: &mut Memory) {
         self.common.now = self.common.now.max(now);
-        self.peripherals.look(self.common.now);
+        self.peripherals.sync(self.common.now);
         for slot in [Slot::Usart, Slot::Usb, Slot::Can, Slot::Rcc] {
             self.settle(slot);
         }

@@ -241,10 +241,7 @@ impl Peripheral for Tim {
             CCMR2 => only_zero("CCMR2", value)?,
             CCER => only_zero("CCER", value)?,
             CNT if u64::from(value) >= self.turn() => {
-                return Err(forbidden(
-                    "CNT",
-                    "30.4.3: beyond the auto-reload value, which it would never meet",
-                ));
+                return Err(forbidden("CNT", "30.4.3: above the auto-reload value"));
             }
             CNT => self.set_count(value.into(), now),
             PSC => self.psc = value & PRESCALER,
@@ -312,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn the_counter_counts_what_the_prescaler_lets_through() {
+    fn counter_counts_prescaled_ticks() {
         let mut tim = microseconds();
         assert_eq!(tim.read(CNT, Nanos(999)), Ok(0));
         assert_eq!(tim.read(CNT, at(1)), Ok(1));

@@ -378,7 +378,7 @@ impl common::Dma for Dma {
     }
 }
 
-/// The stream, which the controller's first is told of, and which of its registers.
+/// The stream of a register, and the register's offset within the stream. `first` is the controller's first stream.
 fn place(first: usize, offset: u32) -> (usize, u32) {
     let offset = offset - FIRST;
     (first + (offset / EACH) as usize, offset % EACH)

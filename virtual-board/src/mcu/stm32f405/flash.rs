@@ -209,7 +209,7 @@ impl Interface {
         self.array.start(operation, what, times, now);
         self.sr |= sr::BSY;
         if self.fails {
-            return Err(forbidden("CR", "3.6.2: a flash operation below the supply it needs"));
+            return Err(forbidden("CR", "3.6.2: a flash operation below its minimum supply"));
         }
         Ok(())
     }
@@ -366,7 +366,7 @@ impl FlashInterface for Interface {
     }
 
     fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
-        // A store that strays is a bug that nobody would see.
+        // A stray store would otherwise go unnoticed.
         if self.is_locked() || self.cr & cr::PG == 0 {
             self.flag_error(sr::PGSERR);
             return Err(forbidden("SR", "3.6.4: a store to the flash while PG is clear"));

@@ -252,11 +252,11 @@ impl Peripherals for Stm32f405 {
         }
     }
 
-    fn look(&mut self, now: Nanos) {
-        self.usart2.look(now);
+    fn sync(&mut self, now: Nanos) {
+        self.usart2.sync(now);
         self.otg.settle(now);
         self.can.settle(now);
-        self.rcc.look(now);
+        self.rcc.sync(now);
         self.pwr.set_supply(self.flash.millivolts());
     }
 
@@ -264,7 +264,7 @@ impl Peripherals for Stm32f405 {
         let can = self.can.take_progress();
         News {
             any: self.otg.take_progress() || can,
-            heard: can && self.can.has_unread(),
+            can_received: can && self.can.has_unread(),
             cut: false,
         }
     }

@@ -256,7 +256,7 @@ impl Rcc {
     }
 
     /// Checks for a new crystal: one that did not start may start now.
-    pub(super) fn look(&mut self, now: Nanos) {
+    pub(super) fn sync(&mut self, now: Nanos) {
         if self.hse.on && self.hse.ready_at.is_none() {
             let startup = lock(&self.oscillator).crystal.startup;
             self.hse.ready_at = startup.map(|startup| now + startup);
@@ -361,7 +361,10 @@ impl Rcc {
         let off = |on: bool, source| !on && self.selected == source;
         let input_off = self.selected == cfgr::PLL && self.pll_takes_crystal() && !hse;
         if off(hsi, cfgr::HSI) || off(hse, cfgr::HSE) || off(pll, cfgr::PLL) || input_off {
-            return Err(forbidden("CR", "7.3.1: what clocks the system cannot be switched off"));
+            return Err(forbidden(
+                "CR",
+                "7.3.1: the source of the system clock cannot be switched off",
+            ));
         }
         self.bypass = value & cr::HSEBYP != 0;
         let chance = &mut self.chance;

@@ -70,21 +70,23 @@ mod usart;
 /// An arm that sends given bytes at given times.
 #[derive(Debug, Default)]
 struct Arm {
-    says: VecDeque<(Instant, u8)>,
-    heard: Vec<(Instant, u8)>,
+    output: VecDeque<(Instant, u8)>,
+    received: Vec<(Instant, u8)>,
 }
 
 impl SerialDevice for Arm {
     fn receive(&mut self, now: Instant, byte: u8) {
-        self.heard.push((now, byte));
+        self.received.push((now, byte));
     }
 
     fn transmit(&mut self, now: Instant) -> Option<u8> {
-        self.says.pop_front_if(|&mut (due, _)| due <= now).map(|(_, byte)| byte)
+        self.output
+            .pop_front_if(|&mut (due, _)| due <= now)
+            .map(|(_, byte)| byte)
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        self.says.front().map(|&(due, _)| due)
+        self.output.front().map(|&(due, _)| due)
     }
 }
 
@@ -101,7 +103,7 @@ struct Bench {
     /// The changes of interrupt lines.
     interrupts: Vec<bool>,
     /// Number of violations read so far.
-    told: usize,
+    seen_violations: usize,
 }
 
 impl Bench {
@@ -134,7 +136,7 @@ impl Bench {
             memory,
             now: Nanos(0),
             interrupts: Vec::new(),
-            told: 0,
+            seen_violations: 0,
         };
         for (address, value) in [
             (RCC_AHB1ENR, 1 << 21),
@@ -203,7 +205,7 @@ impl Bench {
     /// Checks for changes by the test, then executes each event at its instant.
     fn run_until(&mut self, until: Nanos) {
         self.part.come_near(self.now);
-        self.part.look(self.now, &mut self.memory);
+        self.part.sync(self.now, &mut self.memory);
         self.settle();
         while self.part.next_event() <= until {
             self.now = self.part.next_event();
@@ -217,13 +219,13 @@ impl Bench {
         self.settle();
     }
 
-    fn say(&mut self, bytes: &[u8]) {
+    fn arm_sends(&mut self, bytes: &[u8]) {
         let due = self.now.instant();
         lock(&self.line)
             .arm_mut()
-            .says
+            .output
             .extend(bytes.iter().map(|&byte| (due, byte)));
-        self.part.look(self.now, &mut self.memory);
+        self.part.sync(self.now, &mut self.memory);
         self.settle();
     }
 
@@ -242,16 +244,16 @@ impl Bench {
     }
 
     /// Number of violations since the last call.
-    fn drain_told(&mut self) -> usize {
-        let told = self.part.recorder().violations().len();
-        told - std::mem::replace(&mut self.told, told)
+    fn drain_violations(&mut self) -> usize {
+        let seen_violations = self.part.recorder().violations().len();
+        seen_violations - std::mem::replace(&mut self.seen_violations, seen_violations)
     }
 }
 
 #[test]
 fn arm_bytes_reach_memory_ten_bits_apart() {
     let mut bench = Bench::new(Reenabled::Restarts);
-    bench.say(&[1, 2, 3]);
+    bench.arm_sends(&[1, 2, 3]);
     bench.run_until(Nanos(20_000));
     assert_eq!(bench.ring(3), [1, 2, 0xEE]);
     bench.run_until(Nanos(30_000));
@@ -266,8 +268,8 @@ fn board_bytes_take_ten_bits_at_set_rate() {
     bench.run_until(Nanos(50_000));
     bench.write(USART_DR, 0x55);
     bench.run_until(Nanos(100_000));
-    let heard = lock(&bench.line).arm_mut().heard.clone();
-    assert_eq!(heard, [(Instant::from_micros(60), 0x55)]);
+    let received = lock(&bench.line).arm_mut().received.clone();
+    assert_eq!(received, [(Instant::from_micros(60), 0x55)]);
     assert_eq!(lock(&bench.line).board_baud(), Some(1_000_000));
 }
 
@@ -281,7 +283,7 @@ fn framing_error_and_noise_are_flagged_with_byte() {
         let mut bench = Bench::new(Reenabled::Restarts);
         bench.write(USART_CR3, 0);
         lock(&bench.line).plan_fault(0, fault);
-        bench.say(&[0x42]);
+        bench.arm_sends(&[0x42]);
         bench.run_until(Nanos(10_000));
         assert_eq!(bench.read(USART_SR) & (FE | NF | ORE | RXNE), flag | RXNE, "{fault:?}");
         assert_eq!(bench.read(USART_DR) as u8, value, "{fault:?}");
@@ -301,7 +303,7 @@ fn parity_byte_with_two_stops_lasts_twelve_bits() {
     assert_eq!(lock(&bench.line).board_format(), format);
     lock(&bench.line).set_arm_format(format);
     bench.run_until(Nanos(50_000));
-    bench.say(&[0x55, 0x07]);
+    bench.arm_sends(&[0x55, 0x07]);
     bench.write(USART_DR, 0x42);
     bench.run_until(Nanos(100_000));
     assert_eq!(bench.ring(2), [0x55, 0x07]);
@@ -326,11 +328,11 @@ fn parity_flag_lasts_until_status_and_data_reads() {
         two_stop_bits: false,
     });
     lock(&bench.line).plan_fault(1, Fault::Parity);
-    bench.say(&[0x41]);
+    bench.arm_sends(&[0x41]);
     bench.run_until(Nanos(11_000));
     assert_eq!(bench.read(USART_SR) & (PE | RXNE), RXNE);
     assert_eq!(bench.read(USART_DR) as u8, 0x41);
-    bench.say(&[0x42]);
+    bench.arm_sends(&[0x42]);
     bench.run_until(Nanos(30_000));
     assert_eq!(bench.read(USART_SR) & (PE | RXNE | FE), PE | RXNE);
     assert_eq!(bench.read(USART_DR) as u8, 0x42);
@@ -347,13 +349,13 @@ fn parity_error_interrupts_if_enabled() {
         let parity = 1 << 13 | 1 << 12 | 1 << 10 | 1 << 3 | 1 << 2;
         bench.write(USART_CR1, parity | u32::from(enabled) << 8);
         // The arm has no parity bit: its stop bit is high in the place of the low even parity of 0x41.
-        bench.say(&[0x41]);
+        bench.arm_sends(&[0x41]);
         bench.run_until(Nanos(20_000));
         bench.read(USART_SR);
         bench.read(USART_DR);
-        let mut heard = bench.drain_interrupts();
-        heard.dedup();
-        assert_eq!(heard, levels);
+        let mut received = bench.drain_interrupts();
+        received.dedup();
+        assert_eq!(received, levels);
     }
 }
 
@@ -361,7 +363,7 @@ fn parity_error_interrupts_if_enabled() {
 fn late_dma_loses_byte_after_the_waiting_one() {
     let mut bench = Bench::new(Reenabled::Restarts);
     lock(&bench.line).plan_fault(2, Fault::Overrun);
-    bench.say(&[1, 2, 3, 4]);
+    bench.arm_sends(&[1, 2, 3, 4]);
     bench.run_until(Nanos(20_000));
     assert_eq!(bench.ring(2), [1, 0xEE], "the second waits in the UART");
     bench.run_until(Nanos(30_000));
@@ -380,13 +382,13 @@ fn reenabled_stream_restarts_or_resumes() {
         (Reenabled::Resumes, [1, 2, 3, 4]),
     ] {
         let mut bench = Bench::new(reenabled);
-        bench.say(&[1, 2]);
+        bench.arm_sends(&[1, 2]);
         bench.run_until(Nanos(30_000));
         bench.write(STREAM_CR, RECEIVE);
         assert_eq!(bench.read(STREAM_CR) & EN, 0);
         assert_eq!(bench.read(STREAM_NDTR), RING_SIZE - 2, "{reenabled:?}");
         bench.write(STREAM_CR, RECEIVE | EN);
-        bench.say(&[3, 4]);
+        bench.arm_sends(&[3, 4]);
         bench.run_until(Nanos(60_000));
         assert_eq!(bench.ring(4), ring, "{reenabled:?}");
     }
@@ -397,7 +399,7 @@ fn a_stream_that_is_stopped_moves_nothing() {
     for reenabled in [Reenabled::Restarts, Reenabled::Resumes] {
         let mut bench = Bench::new(reenabled);
         bench.write(STREAM_CR, RECEIVE);
-        bench.say(&[1]);
+        bench.arm_sends(&[1]);
         bench.run_until(Nanos(30_000));
         assert_eq!(bench.ring(1), [0xEE], "{reenabled:?}");
         bench.write(STREAM_CR, RECEIVE | EN);
@@ -408,13 +410,13 @@ fn a_stream_that_is_stopped_moves_nothing() {
 #[test]
 fn reconfigured_stream_restarts_even_if_resumable() {
     let mut bench = Bench::new(Reenabled::Resumes);
-    bench.say(&[1, 2]);
+    bench.arm_sends(&[1, 2]);
     bench.run_until(Nanos(30_000));
     bench.write(STREAM_CR, RECEIVE);
     bench.write(STREAM_NDTR, RING_SIZE);
     bench.write(STREAM_M0AR, RING);
     bench.write(STREAM_CR, RECEIVE | EN);
-    bench.say(&[3]);
+    bench.arm_sends(&[3]);
     bench.run_until(Nanos(60_000));
     assert_eq!(bench.ring(2), [3, 2]);
     assert_eq!(bench.read(STREAM_NDTR), RING_SIZE - 1);
@@ -426,7 +428,7 @@ fn the_dma_does_not_reach_core_coupled_memory() {
     bench.write(STREAM_CR, RECEIVE);
     bench.write(STREAM_M0AR, CCM);
     bench.write(STREAM_CR, RECEIVE | EN);
-    bench.say(&[1]);
+    bench.arm_sends(&[1]);
     bench.run_until(Nanos(30_000));
     assert_eq!(bench.read(STREAM_CR) & EN, 0, "a transfer error stops it");
 }
@@ -434,10 +436,10 @@ fn the_dma_does_not_reach_core_coupled_memory() {
 #[test]
 fn an_arm_outlives_a_reset_of_the_part() {
     let mut bench = Bench::new(Reenabled::Restarts);
-    bench.say(&[1]);
+    bench.arm_sends(&[1]);
     lock(&bench.line)
         .arm_mut()
-        .says
+        .output
         .push_back((Instant::from_micros(500), 2));
     bench.run_until(Nanos(50_000));
     bench.restart(Cause::Software);
@@ -448,7 +450,7 @@ fn an_arm_outlives_a_reset_of_the_part() {
     assert_eq!(
         (last.sent, last.outcome),
         (2, Outcome::Lost),
-        "it spoke when it was due, to nobody"
+        "it was sent when it was due, without a receiver"
     );
 }
 
@@ -478,7 +480,7 @@ fn one_wire_board_receives_itself_then_arm() {
     assert_eq!(bench.ring(1), [0xEE]);
     bench.run_until(Nanos(70_000));
     assert_eq!(bench.ring(3), [0x11, 0x22, 0xEE], "each as its stop bit ends");
-    bench.say(&[0x33]);
+    bench.arm_sends(&[0x33]);
     bench.run_until(Nanos(100_000));
     assert_eq!(bench.ring(4), [0x11, 0x22, 0x33, 0xEE]);
     assert_eq!(
@@ -497,7 +499,7 @@ fn one_wire_disabled_receiver_misses_the_board() {
     bench.write(USART_DR, 0x11);
     bench.run_until(Nanos(65_000));
     bench.write(USART_CR1, 1 << 13 | 1 << 3 | 1 << 2);
-    bench.say(&[0x33]);
+    bench.arm_sends(&[0x33]);
     bench.run_until(Nanos(100_000));
     assert_eq!(bench.ring(2), [0x33, 0xEE]);
 }
@@ -507,7 +509,7 @@ fn two_wire_board_does_not_receive_itself() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.run_until(Nanos(50_000));
     bench.write(USART_DR, 0x11);
-    bench.say(&[0x33]);
+    bench.arm_sends(&[0x33]);
     bench.run_until(Nanos(100_000));
     assert_eq!(bench.ring(2), [0x33, 0xEE]);
 }
@@ -518,13 +520,13 @@ fn on_one_wire_bytes_that_overlap_collide() {
     for arm_first in [false, true] {
         let mut bench = half_duplex(true);
         if arm_first {
-            bench.say(&[0x33]);
+            bench.arm_sends(&[0x33]);
             bench.run_until(Nanos(54_000));
             bench.write(USART_DR, 0x11);
         } else {
             bench.write(USART_DR, 0x11);
             bench.run_until(Nanos(54_000));
-            bench.say(&[0x33]);
+            bench.arm_sends(&[0x33]);
         }
         bench.run_until(Nanos(200_000));
         let mut bytes = bytes(&bench);
@@ -539,11 +541,11 @@ fn on_one_wire_bytes_that_overlap_collide() {
             bytes,
             [(60_000, first.0, first.1, collided), (at, second.0, second.1, collided)]
         );
-        assert_eq!(lock(&bench.line).arm_mut().heard[0].1, !0x11);
+        assert_eq!(lock(&bench.line).arm_mut().received[0].1, !0x11);
         assert!(!bench.ring(2).contains(&0x11) && !bench.ring(2).contains(&0x33));
         assert_eq!(bench.read(USART_SR) & FE, FE);
         // The line works again.
-        bench.say(&[0x44]);
+        bench.arm_sends(&[0x44]);
         bench.run_until(Nanos(300_000));
         assert!(bench.ring(4).contains(&0x44));
     }

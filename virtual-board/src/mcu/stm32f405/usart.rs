@@ -101,7 +101,7 @@ pub(super) struct Usart {
     /// The byte for the transmitter, while TXE is clear.
     transmit: Option<u8>,
     /// True if a byte was received since the line was last idle.
-    heard: bool,
+    received_since_idle: bool,
 }
 
 impl Usart {
@@ -119,7 +119,7 @@ impl Usart {
             received: None,
             last: 0,
             transmit: None,
-            heard: false,
+            received_since_idle: false,
         }
     }
 
@@ -131,7 +131,7 @@ impl Usart {
     }
 
     /// Checks for changes of the line by the program.
-    pub(super) fn look(&mut self, now: Nanos) {
+    pub(super) fn sync(&mut self, now: Nanos) {
         self.settle(now);
         self.advance(now);
     }
@@ -205,7 +205,7 @@ impl Usart {
         self.flags |= flag(arrival.parity, sr::PE) | flag(arrival.framing, sr::FE) | flag(noise, sr::NF);
         self.received = Some(arrival.value);
         self.last = arrival.value;
-        self.heard = true;
+        self.received_since_idle = true;
     }
 
     fn read_data(&mut self) -> u32 {
@@ -324,11 +324,11 @@ impl Peripheral for Usart {
         }
         if progress.idle {
             self.flags |= sr::IDLE;
-            self.heard = false;
+            self.received_since_idle = false;
         }
         if let Some(arrival) = progress.arrived {
             self.receive(arrival);
-            if self.heard {
+            if self.received_since_idle {
                 self.shifter.expect_idle(now);
             }
         }

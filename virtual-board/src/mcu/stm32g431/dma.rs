@@ -313,7 +313,7 @@ impl common::Dma for Dma {
     }
 }
 
-/// The channel, and which of its registers.
+/// The channel of a register, and the register's offset within the channel.
 fn place(controller: usize, offset: u32) -> (usize, u32) {
     let offset = offset - FIRST;
     (controller * CHANNELS + (offset / EACH) as usize, offset % EACH)

@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn operations_take_as_long_as_the_timing_says() {
+    fn operations_take_the_time_of_the_timing() {
         for (timing, takes) in [(Timing::Typical, ERASE.0), (Timing::Worst, ERASE.1)] {
             let mut bench = Bench::unlocked();
             lock(&bench.flash).clock = Clock::new(timing, 0);

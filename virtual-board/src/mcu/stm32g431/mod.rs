@@ -241,18 +241,18 @@ impl Peripherals for Stm32g431 {
         }
     }
 
-    fn look(&mut self, now: Nanos) {
-        self.usart2.look(now);
+    fn sync(&mut self, now: Nanos) {
+        self.usart2.sync(now);
         self.usb.settle(now);
         self.fdcan.settle(now);
-        self.rcc.look(now);
+        self.rcc.sync(now);
     }
 
     fn take_news(&mut self) -> News {
         let can = self.fdcan.take_progress();
         News {
             any: self.usb.take_progress() || can,
-            heard: can && self.fdcan.has_unread(),
+            can_received: can && self.fdcan.has_unread(),
             cut: false,
         }
     }

@@ -405,7 +405,7 @@ impl Rcc {
     }
 
     /// Checks for another crystal.
-    pub(super) fn look(&mut self, now: Nanos) {
+    pub(super) fn sync(&mut self, now: Nanos) {
         self.start_crystal(now);
     }
 
@@ -567,7 +567,7 @@ mod tests {
             cr::HSEON
         );
         lock(&rcc.oscillator).crystal = Crystal::new(8_000_000);
-        rcc.look(Nanos::from_millis(1_000));
+        rcc.sync(Nanos::from_millis(1_000));
         assert_eq!(rcc.due(), Some(Nanos::from_millis(1_002)));
         assert_ne!(rcc.read(CR, Nanos::from_millis(1_002)).unwrap() & cr::HSERDY, 0);
     }
@@ -635,7 +635,7 @@ mod tests {
     }
 
     #[test]
-    fn reset_flags_say_why_and_stay_until_removed() {
+    fn reset_flags_give_the_cause_until_cleared() {
         let mut rcc = rcc();
         assert_eq!(rcc.read(CSR, Nanos(0)), Ok(csr::BORRSTF | csr::PINRSTF));
         rcc.write(CSR, csr::RMVF, Nanos(0)).unwrap();

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::board::tests::Nobody;
+use crate::board::tests::NoArm;
 use crate::core::{Access, Bus, Memory, Purpose, Width};
 use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
 use crate::flash::{ERASED, Flash};
@@ -29,7 +29,7 @@ fn chip() -> Mcu<Stm32g431> {
     let starve = Arc::new(AtomicBool::new(false));
     let flash = Flash::new(vec![ERASED; flash::SIZE], None, timing::Clock::default());
     let edges = Edges {
-        line: Arc::new(Mutex::new(Line::new(Nobody, 1_000_000, 0, starve.clone()))),
+        line: Arc::new(Mutex::new(Line::new(NoArm, 1_000_000, 0, starve.clone()))),
         starve,
         host: Arc::default(),
         can: Arc::default(),
@@ -74,7 +74,7 @@ fn the_debugger_reads_the_system_memory() {
 fn floating_arm_pin_is_reported() {
     // The violations for the UART's transmitter on or off, the pin's mode, and its level.
     let on = 1 | 1 << 3;
-    for (steps, told) in [
+    for (steps, reported) in [
         (&[(USART_CR1, on), (MODER, ALTERNATE)][..], 0),
         (&[(USART_CR1, on), (MODER, ALTERNATE), (USART_CR1, 1 << 3)], 1),
         (&[(USART_CR1, on), (MODER, ALTERNATE), (USART_CR1, 1)], 1),
@@ -99,6 +99,6 @@ fn floating_arm_pin_is_reported() {
             write(&mut chip, address, value);
         }
         let violations = chip.common.recorder.violations();
-        assert_eq!(violations.len(), told, "{steps:x?}: {violations:?}");
+        assert_eq!(violations.len(), reported, "{steps:x?}: {violations:?}");
     }
 }

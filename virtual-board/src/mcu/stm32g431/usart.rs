@@ -152,7 +152,7 @@ impl Usart {
     }
 
     /// Checks for changes of the line by the program.
-    pub(super) fn look(&mut self, now: Nanos) {
+    pub(super) fn sync(&mut self, now: Nanos) {
         self.settle(now);
         self.advance(now);
     }
@@ -418,37 +418,42 @@ mod tests {
     use super::*;
     use crate::line::{Direction, Fault, Line};
 
-    /// Sends the given bytes at once, and keeps received ones.
+    /// An arm that sends the given bytes at once, and records received ones.
     #[derive(Debug, Default)]
-    struct Talker {
-        says: VecDeque<u8>,
-        heard: Vec<u8>,
+    struct ScriptedArm {
+        output: VecDeque<u8>,
+        received: Vec<u8>,
     }
 
-    impl SerialDevice for Talker {
+    impl SerialDevice for ScriptedArm {
         fn receive(&mut self, _: Instant, byte: u8) {
-            self.heard.push(byte);
+            self.received.push(byte);
         }
 
         fn transmit(&mut self, _: Instant) -> Option<u8> {
-            self.says.pop_front()
+            self.output.pop_front()
         }
 
         fn poll_timeout(&self) -> Option<Instant> {
-            (!self.says.is_empty()).then_some(Instant::ZERO)
+            (!self.output.is_empty()).then_some(Instant::ZERO)
         }
     }
 
     struct Bench {
         usart: Usart,
-        line: Arc<Mutex<Line<Talker>>>,
+        line: Arc<Mutex<Line<ScriptedArm>>>,
         now: Nanos,
     }
 
     impl Bench {
         /// A USART at 1 Mbaud from 160 MHz.
         fn new() -> Self {
-            let line = Arc::new(Mutex::new(Line::new(Talker::default(), 1_000_000, 0, Arc::default())));
+            let line = Arc::new(Mutex::new(Line::new(
+                ScriptedArm::default(),
+                1_000_000,
+                0,
+                Arc::default(),
+            )));
             let mut usart = Usart::new(line.clone());
             usart.set_clock(160_000_000, Nanos(0));
             usart.write(BRR, 160, Nanos(0)).unwrap();
@@ -460,8 +465,8 @@ mod tests {
         }
 
         /// Makes the arm send these bytes.
-        fn say(&mut self, bytes: &[u8]) {
-            self.line.lock().unwrap().arm_mut().says.extend(bytes);
+        fn arm_sends(&mut self, bytes: &[u8]) {
+            self.line.lock().unwrap().arm_mut().output.extend(bytes);
         }
 
         fn write(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
@@ -479,7 +484,7 @@ mod tests {
         /// Runs until this many microseconds.
         fn run(&mut self, micros: u64) {
             let until = Nanos(micros * 1_000);
-            self.usart.look(self.now);
+            self.usart.sync(self.now);
             while let Some(due) = self.usart.due().filter(|&due| due <= until) {
                 self.now = due;
                 self.usart.advance(due);
@@ -506,14 +511,14 @@ mod tests {
         assert_eq!(bench.status() & (isr::TXE | isr::TC), isr::TXE);
         bench.run(20);
         assert_eq!(bench.status() & (isr::TXE | isr::TC), isr::TXE | isr::TC);
-        assert_eq!(bench.line.lock().unwrap().arm_mut().heard, [0x55, 0xAA]);
+        assert_eq!(bench.line.lock().unwrap().arm_mut().received, [0x55, 0xAA]);
     }
 
     #[test]
     fn byte_then_frame_of_silence_is_idle() {
         let mut bench = Bench::new();
         bench.write(CR1, ON | cr1::IDLEIE).unwrap();
-        bench.say(&[0x31]);
+        bench.arm_sends(&[0x31]);
         bench.run(10);
         assert_eq!(bench.status() & (isr::RXNE | isr::IDLE), isr::RXNE);
         bench.run(20);
@@ -522,14 +527,14 @@ mod tests {
         bench.write(ICR, isr::IDLE).unwrap();
         assert_eq!(bench.status() & (isr::RXNE | isr::IDLE), 0);
         bench.run(100);
-        assert_eq!(bench.status() & isr::IDLE, 0, "it is told once");
+        assert_eq!(bench.status() & isr::IDLE, 0, "it is set once");
     }
 
     #[test]
     fn unread_byte_makes_the_next_an_overrun() {
         let mut bench = Bench::new();
         bench.write(CR1, ON).unwrap();
-        bench.say(&[1, 2, 3]);
+        bench.arm_sends(&[1, 2, 3]);
         bench.run(30);
         assert_eq!(bench.status() & isr::ORE, isr::ORE);
         assert_eq!(bench.read(RDR), 1);
@@ -542,7 +547,7 @@ mod tests {
             bench.line.lock().unwrap().plan_fault(0, Fault::Noise);
             bench.write(CR3, cr3::DMAR | cr3::EIE | ddre).unwrap();
             bench.write(CR1, ON).unwrap();
-            bench.say(&[0x31]);
+            bench.arm_sends(&[0x31]);
             bench.run(10);
             assert!(bench.usart.interrupts());
             assert_eq!(bench.status() & (isr::RXNE | isr::NE), received | isr::NE);
@@ -600,7 +605,7 @@ mod tests {
     fn a_disabled_usart_discards_everything() {
         let mut bench = Bench::new();
         bench.write(CR1, ON).unwrap();
-        bench.say(&[1]);
+        bench.arm_sends(&[1]);
         bench.run(10);
         bench.write(TDR, 1).unwrap();
         bench.write(CR1, 0).unwrap();

@@ -359,10 +359,10 @@ impl Function for Device {
 
     fn output(&mut self, address: u8, endpoint: u8, toggle: bool, data: &[u8]) -> Handshake {
         if !self.is_addressed(address) {
-            return Handshake::Silence;
+            return Handshake::NoResponse;
         }
         let Some(number) = self.find(endpoint, Direction::Out) else {
-            return Handshake::Silence;
+            return Handshake::NoResponse;
         };
         let register = self.endpoints[number];
         match self.status(number, Direction::Out) {
@@ -372,7 +372,7 @@ impl Function for Device {
             _ if (register & epr::DTOG_RX != 0) != toggle => Handshake::Ack,
             // STATUS_OUT: only an empty packet ends a read request.
             _ if register & epr::EP_KIND != 0 && !data.is_empty() => Handshake::Stall,
-            _ if !self.store(number, data) => Handshake::Silence,
+            _ if !self.store(number, data) => Handshake::NoResponse,
             _ => {
                 let register = register & !(epr::STAT_RX | epr::SETUP) | NAK << epr::STAT_RX_AT;
                 self.set_endpoint(number, (register | epr::CTR_RX) ^ epr::DTOG_RX);
@@ -383,10 +383,10 @@ impl Function for Device {
 
     fn input(&mut self, address: u8, endpoint: u8) -> Reply {
         if !self.is_addressed(address) {
-            return Reply::Silence;
+            return Reply::NoResponse;
         }
         let Some(number) = self.find(endpoint, Direction::In) else {
-            return Reply::Silence;
+            return Reply::NoResponse;
         };
         match self.status(number, Direction::In) {
             STALL => Reply::Stall,
@@ -587,7 +587,7 @@ mod tests {
         device
             .write(4, unchanged(device.endpoints[1]) | (NAK ^ VALID) << epr::STAT_RX_AT)
             .unwrap();
-        assert_eq!(device.output(ADDRESS, 1, true, &[0; 65]), Handshake::Silence);
+        assert_eq!(device.output(ADDRESS, 1, true, &[0; 65]), Handshake::NoResponse);
     }
 
     #[test]
@@ -614,7 +614,7 @@ mod tests {
     }
 
     #[test]
-    fn packet_on_wire_continues_whatever_the_status() {
+    fn packet_on_wire_continues_at_any_status() {
         let mut device = device();
         device
             .write(4, unchanged(device.endpoints[1]) | (NAK ^ VALID) << epr::STAT_TX_AT)
@@ -667,7 +667,7 @@ mod tests {
         device.reset();
         assert_eq!(device.endpoints[1], epr::CTR_RX);
         assert_eq!((device.daddr, device.flags & istr::RESET), (0, istr::RESET));
-        assert_eq!(device.input(0, 0), Reply::Silence);
+        assert_eq!(device.input(0, 0), Reply::NoResponse);
     }
 
     #[test]

@@ -273,7 +273,7 @@ impl Core {
         if let [_, .., last] = order[..] {
             status |= tsr::LOW << last;
         }
-        // The next free one, or the one that goes last.
+        // The next free mailbox, or the one that is sent last.
         let free = self.mailboxes.iter().position(|mailbox| !mailbox.pending);
         let code = free.or(order.last().copied()).unwrap_or(0);
         status | (code as u32) << tsr::CODE_AT

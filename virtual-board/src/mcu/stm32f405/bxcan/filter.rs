@@ -1,4 +1,4 @@
-//! The acceptance filters (RM0090, 32.7.4): 28 banks. Those below CAN2SB belong to CAN1.
+//! The acceptance filters (RM0090, 32.7.4): 28 banks. Banks below CAN2SB belong to CAN1.
 
 use super::registers::*;
 

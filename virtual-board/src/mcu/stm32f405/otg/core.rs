@@ -121,7 +121,7 @@ pub(super) struct Core {
     old_address: u8,
     dctl: u32,
     /// The word that reports the global OUT NAK was popped.
-    out_nak_told: bool,
+    out_nak_reported: bool,
     suspended: bool,
     enumerated: bool,
     frame: u16,
@@ -161,7 +161,7 @@ impl Default for Core {
             dcfg: 0x0220_0000,
             old_address: 0,
             dctl: 0,
-            out_nak_told: false,
+            out_nak_reported: false,
             suspended: false,
             enumerated: false,
             frame: 0,
@@ -358,7 +358,7 @@ impl Core {
         self.popped.extend(entry.data);
         let output = &mut self.output[(entry.status & 0xF) as usize % ENDPOINTS];
         match entry.status >> grxsts::PKTSTS_AT & 0xF {
-            grxsts::GLOBAL_OUT_NAK => self.out_nak_told = self.dctl & device::GONSTS != 0,
+            grxsts::GLOBAL_OUT_NAK => self.out_nak_reported = self.dctl & device::GONSTS != 0,
             grxsts::OUT_DONE => output.interrupts |= epint::XFRC,
             grxsts::SETUP_DONE => output.interrupts |= epint::STUP,
             _ => {}
@@ -515,7 +515,7 @@ impl Core {
                 self.begin(step);
             }
         }
-        self.out_nak_told &= self.dctl & device::GONSTS != 0;
+        self.out_nak_reported &= self.dctl & device::GONSTS != 0;
     }
 
     /// Returns true if the core drives its interrupt line (34.15).
@@ -531,7 +531,7 @@ impl Core {
             (gint::OTGINT, self.gotgint != 0),
             (gint::RXFLVL, !self.received.is_empty()),
             (gint::GINAKEFF, self.dctl & device::GINSTS != 0),
-            (gint::GONAKEFF, self.out_nak_told),
+            (gint::GONAKEFF, self.out_nak_reported),
             (gint::IEPINT, endpoints & 0xFFFF != 0),
             (gint::OEPINT, endpoints >> 16 != 0),
         ] {
@@ -632,7 +632,7 @@ impl Core {
     fn takes(&self, endpoint: usize, length: usize) -> Handshake {
         let output = &self.output[endpoint];
         if output.control & epctl::USBAEP == 0 {
-            return Handshake::Silence;
+            return Handshake::NoResponse;
         }
         if output.control & epctl::STALL != 0 {
             return Handshake::Stall;
@@ -651,7 +651,7 @@ impl Core {
     fn gives(&self, endpoint: usize) -> Handshake {
         let input = &self.input[endpoint];
         if input.control & epctl::USBAEP == 0 {
-            Handshake::Silence
+            Handshake::NoResponse
         } else if input.control & epctl::STALL != 0 {
             Handshake::Stall
         } else if input.loaded(endpoint) && self.dctl & device::GINSTS == 0 {
@@ -750,7 +750,7 @@ impl Function for Core {
     fn output(&mut self, address: u8, endpoint: u8, toggle: bool, data: &[u8]) -> Handshake {
         let endpoint = usize::from(endpoint);
         if !self.addressed(address) || endpoint >= ENDPOINTS {
-            return Handshake::Silence;
+            return Handshake::NoResponse;
         }
         if endpoint == 0 {
             self.end_setup();
@@ -784,7 +784,7 @@ impl Function for Core {
     fn input(&mut self, address: u8, endpoint: u8) -> Reply {
         let endpoint = usize::from(endpoint);
         if !self.addressed(address) || endpoint >= ENDPOINTS {
-            return Reply::Silence;
+            return Reply::NoResponse;
         }
         if endpoint == 0 {
             self.end_setup();
@@ -792,7 +792,7 @@ impl Function for Core {
         let answer = self.gives(endpoint);
         let input = &mut self.input[endpoint];
         match answer {
-            Handshake::Silence => Reply::Silence,
+            Handshake::NoResponse => Reply::NoResponse,
             Handshake::Stall => Reply::Stall,
             Handshake::Nak => {
                 if input.fifo.is_empty() {

@@ -76,15 +76,15 @@ fn usb_needs_the_48_megahertz_of_the_pll() {
 #[test]
 fn too_few_flash_wait_states_are_reported() {
     let mut bench = Bench::new(Reenabled::Restarts);
-    let mut told = |latency: u32| {
+    let mut reported = |latency: u32| {
         bench.write(ACR, latency);
-        bench.drain_told()
+        bench.drain_violations()
     };
-    assert_eq!(told(0), 0, "16 MHz");
+    assert_eq!(reported(0), 0, "16 MHz");
     let mut bench = tree(PLL);
-    assert!((bench.drain_told() == 0));
+    assert!((bench.drain_violations() == 0));
     bench.write(ACR, 4);
-    assert_eq!(bench.drain_told(), 1, "168 MHz takes five (3.5.1)");
+    assert_eq!(bench.drain_violations(), 1, "168 MHz takes five (3.5.1)");
 }
 
 #[test]
@@ -217,7 +217,7 @@ fn timer_captures_divided_clock_of_running_crystal() {
             let captured = captured(&mut bench);
             assert!(cycles.contains(&captured), "{hertz} Hz: {captured}");
         }
-        assert!((bench.drain_told() == 0));
+        assert!((bench.drain_violations() == 0));
     }
 }
 
@@ -266,7 +266,7 @@ fn crystal_measurement_with_core_on_crystal_is_reported() {
     let mut bench = tree(PLL);
     bench.write(APB2ENR, 1 << 18);
     bench.write(TIM_CCER, 1);
-    assert_eq!(bench.drain_told(), 1);
+    assert_eq!(bench.drain_violations(), 1);
 }
 
 /// PA2's mode and level (8.4).
@@ -281,7 +281,7 @@ const ALTERNATE: u32 = 2 << 4;
 fn floating_arm_pin_is_reported() {
     // The violations for the UART's transmitter on or off, the pin's mode, and its level.
     let on = 1 << 13 | 1 << 3;
-    for (steps, told) in [
+    for (steps, reported) in [
         (&[(USART_CR1, on), (MODER, ALTERNATE)][..], 0),
         (&[(USART_CR1, on), (MODER, ALTERNATE), (USART_CR1, 1 << 3)], 1),
         (&[(USART_CR1, on), (MODER, ALTERNATE), (USART_CR1, 1 << 13)], 1),
@@ -305,6 +305,6 @@ fn floating_arm_pin_is_reported() {
         for &(address, value) in steps {
             bench.write(address, value);
         }
-        assert_eq!(bench.drain_told(), told, "{steps:x?}");
+        assert_eq!(bench.drain_violations(), reported, "{steps:x?}");
     }
 }

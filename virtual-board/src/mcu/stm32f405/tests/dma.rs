@@ -45,7 +45,7 @@ impl Bench {
 #[test]
 fn ring_flags_half_and_end_then_restarts() {
     let mut bench = Bench::new(Reenabled::Restarts);
-    bench.say(&NUMBERS[..20]);
+    bench.arm_sends(&NUMBERS[..20]);
     let mut seen = Vec::new();
     for nth in 1..=20 {
         bench.receive(1);
@@ -68,7 +68,7 @@ fn ring_flags_half_and_end_then_restarts() {
 #[test]
 fn half_and_end_come_again_in_every_round() {
     let mut bench = Bench::new(Reenabled::Restarts);
-    bench.say(&NUMBERS);
+    bench.arm_sends(&NUMBERS);
     for flags in [HT, TC, HT, TC] {
         bench.receive(8);
         assert_eq!(bench.read(HISR) & ALL, flags);
@@ -85,7 +85,7 @@ fn flags_clear_separately_and_interrupt_if_enabled() {
         bench.write(HIFCR, ALL);
         bench.write(STREAM_CR, RECEIVE | enable | EN);
         bench.drain_interrupts();
-        bench.say(&NUMBERS[..16]);
+        bench.arm_sends(&NUMBERS[..16]);
         let rose = (1..=16).find(|_| {
             bench.receive(1);
             bench.drain_interrupts().iter().any(|&high| high)
@@ -105,7 +105,7 @@ fn transfer_without_ring_stops_and_rest_overruns() {
     bench.write(HIFCR, ALL);
     bench.write(STREAM_NDTR, 4);
     bench.write(STREAM_CR, RECEIVE & !(1 << 8) | EN);
-    bench.say(&NUMBERS[..6]);
+    bench.arm_sends(&NUMBERS[..6]);
     bench.receive(4);
     assert_eq!(bench.read(HISR) & ALL, HT | TC);
     assert_eq!((bench.read(STREAM_CR) & EN, bench.read(STREAM_NDTR)), (0, 0));
@@ -118,7 +118,7 @@ fn transfer_without_ring_stops_and_rest_overruns() {
 #[test]
 fn stream_disabled_midway_keeps_count_and_bytes() {
     let mut bench = Bench::new(Reenabled::Restarts);
-    bench.say(&NUMBERS[..5]);
+    bench.arm_sends(&NUMBERS[..5]);
     bench.receive(5);
     assert_eq!(bench.read(HISR) & ALL, 0);
     bench.write(STREAM_CR, RECEIVE);
@@ -135,7 +135,7 @@ fn running_stream_count_and_addresses_are_write_protected() {
         bench.write(register, value);
         assert_eq!(bench.read(register), before, "{register:#x}");
     }
-    bench.say(&[7]);
+    bench.arm_sends(&[7]);
     bench.receive(1);
     assert_eq!(bench.ring(1), [7]);
 }
@@ -168,13 +168,13 @@ fn memory_reaches_arm_in_order_before_wire_ends() {
     assert_eq!(bench.read(USART_SR) & 1 << 6, 0, "the wire is busy still");
     bench.receive(2);
     assert_eq!(bench.read(USART_SR) & 1 << 6, 1 << 6);
-    let heard: Vec<u8> = lock(&bench.line)
+    let received: Vec<u8> = lock(&bench.line)
         .arm_mut()
-        .heard
+        .received
         .iter()
         .map(|&(_, byte)| byte)
         .collect();
-    assert_eq!(heard, NUMBERS[..6]);
+    assert_eq!(received, NUMBERS[..6]);
     assert_eq!(bench.read(HISR) & ALL, 0, "the other stream's flags are its own");
 }
 
@@ -184,7 +184,7 @@ fn a_stream_listens_to_its_channel_alone() {
     bench.write(STREAM_CR, RECEIVE);
     let other = RECEIVE & !(7 << 25) | 3 << 25;
     bench.write(STREAM_CR, other | EN);
-    bench.say(&[1]);
+    bench.arm_sends(&[1]);
     bench.receive(2);
     assert_eq!((bench.ring(1), bench.read(STREAM_NDTR)), (vec![0xEE], RING_SIZE));
 }
@@ -198,7 +198,7 @@ fn unreachable_memory_is_transfer_error_stopping_the_stream() {
         bench.write(STREAM_M0AR, CCM);
         bench.write(STREAM_CR, RECEIVE | enable | EN);
         bench.drain_interrupts();
-        bench.say(&[1]);
+        bench.arm_sends(&[1]);
         bench.receive(1);
         assert_eq!(bench.read(HISR) & ALL, TE);
         assert_eq!(bench.read(STREAM_CR) & EN, 0);

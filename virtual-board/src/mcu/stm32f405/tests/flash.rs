@@ -75,7 +75,7 @@ fn erase_sets_only_its_sector_after_its_time() {
         for (at, &byte) in lock(&bench.flash).bytes().iter().enumerate() {
             assert_eq!(byte, if erased.contains(&at) { 0xFF } else { 0 }, "{at:#x}");
         }
-        assert_eq!(bench.byte(0x0800_0000 + start), 0xFF, "what the core reads");
+        assert_eq!(bench.byte(0x0800_0000 + start), 0xFF, "as read by the core");
         assert!(!bench.part.peripherals.flash.is_busy());
     }
 }
@@ -124,7 +124,7 @@ fn programming_clears_bits_and_sets_none() {
     bench.run_for(Nanos(16_000));
     assert_eq!(bench.read(SR), EOP);
     assert_eq!(bench.flash_word(SECTOR_1 + 8), 0xFFFF_42FF);
-    assert_eq!(bench.byte(SECTOR_1 + 9), 0x42, "what the core reads");
+    assert_eq!(bench.byte(SECTOR_1 + 9), 0x42, "as read by the core");
 }
 
 #[test]
@@ -285,7 +285,7 @@ fn operation_takes_typical_to_maximum_time() {
 
 #[test]
 fn operation_below_supply_is_reported_and_fails() {
-    for (millivolts, told) in [(2_700, 0), (2_699, 1)] {
+    for (millivolts, reported) in [(2_700, 0), (2_699, 1)] {
         let mut bench = unlocked();
         bench.fill(0xFF);
         lock(&bench.flash).millivolts = millivolts;
@@ -298,8 +298,8 @@ fn operation_below_supply_is_reported_and_fails() {
         let right = (0..16)
             .filter(|word| bench.flash_word(SECTOR_1 + 4 * word) == 0)
             .count();
-        assert_eq!(right == 16, told == 0, "{right} words");
-        assert_eq!((bench.drain_told() == 0), told == 0);
+        assert_eq!(right == 16, reported == 0, "{right} words");
+        assert_eq!((bench.drain_violations() == 0), reported == 0);
     }
 }
 

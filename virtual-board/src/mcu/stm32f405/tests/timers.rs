@@ -147,7 +147,7 @@ impl Bench {
     }
 
     /// Returns true if the watchdog requested a reset.
-    fn barks(&mut self) -> bool {
+    fn requests_reset(&mut self) -> bool {
         self.part.take_reset() == Some(Cause::Watchdog)
     }
 }
@@ -176,14 +176,14 @@ fn watchdog_resets_after_prescaler_times_reload_unless_fed() {
     for _ in 0..3 {
         bench.write(KR, 0xAAAA);
         bench.run_until(bench.now + ticks(32 * 100 - 40));
-        assert!(!bench.barks());
+        assert!(!bench.requests_reset());
     }
     bench.write(KR, 0xAAAA);
     let fed = bench.now;
     bench.run_until(fed + ticks(32 * 100 - 32));
-    assert!(!bench.barks());
+    assert!(!bench.requests_reset());
     bench.run_until(fed + ticks(32 * 100));
-    assert!(bench.barks());
+    assert!(bench.requests_reset());
 }
 
 #[test]
@@ -191,13 +191,13 @@ fn started_watchdog_cannot_stop_unstarted_does_nothing() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(KR, 0xAAAA);
     bench.run_until(Nanos::from_millis(2_000));
-    assert!(!bench.barks());
+    assert!(!bench.requests_reset());
     bench.write(KR, 0xCCCC);
     bench.write(KR, 0);
     bench.write(KR, 0x5555);
     // 512 ms: prescaler 4, reload 4096 (table 107).
     bench.run_until(Nanos::from_millis(2_511));
-    assert!(!bench.barks());
+    assert!(!bench.requests_reset());
     bench.run_until(Nanos::from_millis(2_513));
-    assert!(bench.barks());
+    assert!(bench.requests_reset());
 }

@@ -45,7 +45,7 @@ fn idle_is_flagged_once_per_burst() {
     let mut bench = port(IDLEIE);
     bench.run_until(Nanos(100_000));
     assert_eq!(bench.flags(IDLE), 0, "nothing has come yet");
-    bench.say(&[1, 2]);
+    bench.arm_sends(&[1, 2]);
     bench.run_until(Nanos(129_999));
     assert_eq!(
         (bench.flags(IDLE), bench.interrupted()),
@@ -60,7 +60,7 @@ fn idle_is_flagged_once_per_burst() {
     assert_eq!((bench.flags(IDLE), bench.interrupted()), (0, Some(false)));
     bench.run_until(Nanos(500_000));
     assert_eq!(bench.flags(IDLE), 0, "the line is idle still");
-    bench.say(&[3]);
+    bench.arm_sends(&[3]);
     bench.run_until(Nanos(520_000));
     assert_eq!(bench.flags(IDLE), IDLE);
 }
@@ -68,10 +68,10 @@ fn idle_is_flagged_once_per_burst() {
 #[test]
 fn byte_within_idle_frame_postpones_idle() {
     let mut bench = port(0);
-    bench.say(&[1]);
+    bench.arm_sends(&[1]);
     bench.run_until(Nanos(65_000));
     assert_eq!(bench.flags(IDLE | RXNE), RXNE);
-    bench.say(&[2]);
+    bench.arm_sends(&[2]);
     bench.run_until(Nanos(84_999));
     assert_eq!(bench.flags(IDLE), 0);
     bench.run_until(Nanos(85_000));
@@ -81,7 +81,7 @@ fn byte_within_idle_frame_postpones_idle() {
 #[test]
 fn rxne_interrupts_until_the_byte_is_read() {
     let mut bench = port(RXNEIE);
-    bench.say(&[0x42]);
+    bench.arm_sends(&[0x42]);
     bench.run_until(Nanos(60_000));
     assert_eq!((bench.flags(RXNE), bench.interrupted()), (RXNE, Some(true)));
     assert_eq!(bench.read(USART_DR), 0x42);
@@ -91,7 +91,7 @@ fn rxne_interrupts_until_the_byte_is_read() {
 #[test]
 fn overrun_keeps_first_byte_until_sr_dr_clear() {
     let mut bench = port(RXNEIE);
-    bench.say(&[1, 2]);
+    bench.arm_sends(&[1, 2]);
     bench.run_until(Nanos(69_999));
     assert_eq!(bench.flags(ORE | RXNE), RXNE);
     bench.run_until(Nanos(70_000));
@@ -104,7 +104,7 @@ fn overrun_keeps_first_byte_until_sr_dr_clear() {
     assert_eq!(bench.flags(ORE), ORE, "nor does SR alone");
     bench.read(USART_DR);
     assert_eq!((bench.flags(ORE | RXNE), bench.interrupted()), (0, Some(false)));
-    bench.say(&[3]);
+    bench.arm_sends(&[3]);
     bench.run_until(Nanos(100_000));
     assert_eq!((bench.flags(ORE | RXNE), bench.read(USART_DR)), (RXNE, 3));
 }
@@ -112,10 +112,10 @@ fn overrun_keeps_first_byte_until_sr_dr_clear() {
 #[test]
 fn error_after_sr_read_survives_dr_read() {
     let mut bench = port(0);
-    bench.say(&[1]);
+    bench.arm_sends(&[1]);
     bench.run_until(Nanos(60_000));
     bench.read(USART_SR);
-    bench.say(&[2]);
+    bench.arm_sends(&[2]);
     bench.run_until(Nanos(80_000));
     assert_eq!(bench.read(USART_DR), 1);
     assert_eq!(bench.flags(ORE), ORE);
@@ -126,7 +126,7 @@ fn framing_and_noise_clear_by_sr_then_dr() {
     for (fault, flag) in [(Fault::Framing, FE), (Fault::Noise, NF), (Fault::Break, FE)] {
         let mut bench = port(0);
         lock(&bench.line).plan_fault(0, fault);
-        bench.say(&[0x42]);
+        bench.arm_sends(&[0x42]);
         bench.run_until(Nanos(60_000));
         bench.read(USART_SR);
         assert_eq!(bench.flags(FE | NF), flag, "{fault:?}");
@@ -141,7 +141,7 @@ fn line_error_interrupts_by_eie_only_with_dma() {
         let mut bench = port(0);
         bench.write(USART_CR3, control);
         lock(&bench.line).plan_fault(0, Fault::Noise);
-        bench.say(&[0x42]);
+        bench.arm_sends(&[0x42]);
         // This comes before the DMA's read of DR, which would complete the sequence if SR had been read.
         bench.run_until(Nanos(70_000));
         assert_eq!(bench.interrupted(), interrupts.then_some(true));
@@ -166,8 +166,8 @@ fn txe_allows_next_byte_tc_follows_last() {
     assert_eq!(bench.flags(TXE | TC), TXE);
     bench.run_until(Nanos(70_000));
     assert_eq!(bench.flags(TXE | TC), TXE | TC);
-    let heard = lock(&bench.line).arm_mut().heard.clone();
-    assert_eq!(heard, [(Instant::from_micros(60), 1), (Instant::from_micros(70), 2)]);
+    let received = lock(&bench.line).arm_mut().received.clone();
+    assert_eq!(received, [(Instant::from_micros(60), 1), (Instant::from_micros(70), 2)]);
 }
 
 #[test]
@@ -231,7 +231,7 @@ fn dr_takes_a_byte_from_the_dma() {
         let mut bench = Bench::new(Reenabled::Restarts);
         bench.part.peripherals.dma.set_delays(DELAYS);
         bench.run_until(Nanos(10_000));
-        bench.say(&[0x31]);
+        bench.arm_sends(&[0x31]);
         bench.run_until(Nanos(19_990));
         assert_eq!(bench.read(USART_SR) & RXNE, 0, "the byte has not ended");
         bench.run_until(Nanos(at));

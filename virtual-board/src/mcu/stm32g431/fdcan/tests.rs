@@ -82,7 +82,7 @@ fn bit_times_come_from_clock_prescaler_and_segments() {
 }
 
 #[test]
-fn it_joins_after_eleven_recessive_bits() {
+fn controller_joins_after_eleven_recessive_bits() {
     let mut controller = open();
     controller.write(CCCR, 0).unwrap();
     assert!(!controller.listens());
@@ -289,7 +289,7 @@ fn data_phase_error_has_its_own_code() {
 }
 
 #[test]
-fn reconfiguration_drops_what_waits() {
+fn reconfiguration_drops_pending_frames() {
     let mut controller = on_the_bus(0);
     request(&mut controller, 0, ID, 0);
     controller.begin(true);

@@ -83,7 +83,7 @@ impl Bench {
         self.write(at + IDENTIFIER, id << identifier::STID_AT | identifier::TXRQ);
     }
 
-    fn say(&mut self, node: u8, id: u16, data: &[u8]) {
+    fn node_sends(&mut self, node: u8, id: u16, data: &[u8]) {
         self.bus.send(node, frame(id, data));
         self.bus.poll(self.core.now, &mut self.core);
     }
@@ -119,7 +119,7 @@ fn frame(id: u16, data: &[u8]) -> Frame {
 const LONG: u64 = 200;
 
 #[test]
-fn it_starts_asleep_and_each_mode_says_so() {
+fn reset_state_is_sleep_and_modes_are_acknowledged() {
     let mut bench = Bench::asleep();
     assert_eq!(bench.core.read(MCR), 0x0001_0002);
     assert_eq!(bench.core.read(MSR), 0x0000_0C02);
@@ -180,7 +180,7 @@ fn a_frame_takes_its_bits_with_stuff_bits() {
         assert_eq!(bench.core.read(TSR) >> 8 & 0xFF, done, "{frame:?}");
         let record = bench.bus.records()[0];
         assert_eq!((record.start, record.end.since(start)), (start, Nanos(bits * BIT)));
-        assert_eq!(bench.bus.take_heard(), [frame]);
+        assert_eq!(bench.bus.take_received(), [frame]);
     }
 }
 
@@ -220,9 +220,9 @@ fn mailboxes_are_ordered_by_identifier_or_request() {
 #[test]
 fn the_lowest_identifier_wins_the_bus() {
     let mut bench = Bench::new();
-    bench.say(0, 0x100, &[0]);
-    bench.say(1, 0x300, &[1]);
-    bench.say(2, 0x080, &[2]);
+    bench.node_sends(0, 0x100, &[0]);
+    bench.node_sends(1, 0x300, &[1]);
+    bench.node_sends(2, 0x080, &[2]);
     bench.request(0, 0x200, 3);
     bench.run(5 * LONG);
     use Sender::{Board, Node};
@@ -248,8 +248,8 @@ fn the_lowest_identifier_wins_the_bus() {
 #[test]
 fn one_shot_frame_ends_after_arbitration_loss() {
     let mut bench = Bench::with(TIMING, mcr::NART);
-    bench.say(0, 0x100, &[0]);
-    bench.say(0, 0x101, &[0]);
+    bench.node_sends(0, 0x100, &[0]);
+    bench.node_sends(0, 0x101, &[0]);
     bench.request(0, 0x200, 3);
     bench.run(4 * LONG);
     assert_eq!(bench.core.read(TSR) & 0xFF, tsr::RQCP | tsr::ALST);
@@ -341,7 +341,7 @@ fn a_mailbox_in_use_is_write_protected() {
     bench.write(MAILBOXES + DATA_LOW, 9);
     bench.write(MAILBOXES + IDENTIFIER, 0);
     bench.run(LONG);
-    assert_eq!(bench.bus.take_heard(), [frame(1, &[7])]);
+    assert_eq!(bench.bus.take_received(), [frame(1, &[7])]);
 }
 
 #[test]
@@ -349,7 +349,7 @@ fn received_frame_is_in_fifo_one_bit_early() {
     let mut bench = Bench::new();
     bench.write(IER, ier::FMPIE);
     let sent = frame(0x123, b"joints");
-    bench.say(0, 0x123, b"joints");
+    bench.node_sends(0, 0x123, b"joints");
     bench.run(u64::from(sent.bits_on_the_wire()) - 2);
     assert_eq!(bench.core.read(RF0R), 0);
     assert_eq!(bench.core.read(MSR) & (msr::RXM | msr::TXM), msr::RXM);
@@ -369,11 +369,11 @@ fn fourth_frame_replaces_third_unless_fifo_is_locked() {
         let mut bench = Bench::with(TIMING, control);
         bench.write(IER, ier::FFIE | ier::FOVIE);
         for id in 1..=3 {
-            bench.say(0, id, &[]);
+            bench.node_sends(0, id, &[]);
         }
         bench.run(3 * LONG);
         assert_eq!(bench.core.read(RF0R), 3 | rfr::FULL);
-        bench.say(0, 4, &[]);
+        bench.node_sends(0, 4, &[]);
         bench.run(LONG);
         assert_eq!(bench.core.read(RF0R), 3 | rfr::FULL | rfr::FOVR);
         assert_eq!([bench.take(), bench.take(), bench.take()], ids);
@@ -387,7 +387,7 @@ fn fourth_frame_replaces_third_unless_fifo_is_locked() {
 fn controller_at_other_rate_destroys_frames_until_passive() {
     let mut bench = Bench::new();
     bench.bus.attach(250_000);
-    bench.say(0, 1, &[]);
+    bench.node_sends(0, 1, &[]);
     bench.run(60 * LONG);
     let outcomes: Vec<Outcome> = bench.ids().iter().map(|&(_, _, outcome)| outcome).collect();
     assert_eq!(outcomes.len(), 16, "15 times 9 is beyond 127");
@@ -399,7 +399,7 @@ fn controller_at_other_rate_destroys_frames_until_passive() {
     bench.request(0, 1, 0);
     bench.run(LONG);
     assert_eq!(bench.ids()[0].2, Outcome::Garbled);
-    assert!(bench.bus.take_heard().is_empty());
+    assert!(bench.bus.take_received().is_empty());
 }
 
 #[test]
@@ -490,10 +490,10 @@ fn the_error_interrupts_come_at_their_thresholds() {
 }
 
 #[test]
-fn in_loop_back_mode_it_hears_itself_alone() {
+fn loop_back_mode_receives_only_own_frames() {
     for silent in [0, btr::SILM] {
         let mut bench = Bench::with(TIMING | btr::LBKM | silent, 0);
-        bench.say(0, 9, &[]);
+        bench.node_sends(0, 9, &[]);
         bench.request(0, 5, 0x42);
         bench.run(LONG);
         assert_eq!(bench.core.read(TSR) & 0xFF, tsr::RQCP | tsr::TXOK);
@@ -504,9 +504,9 @@ fn in_loop_back_mode_it_hears_itself_alone() {
 }
 
 #[test]
-fn in_silent_mode_it_hears_and_says_nothing() {
+fn silent_mode_receives_and_sends_nothing() {
     let mut bench = Bench::with(TIMING | btr::SILM, 0);
-    bench.say(0, 9, &[]);
+    bench.node_sends(0, 9, &[]);
     bench.request(0, 5, 0);
     bench.run(3 * LONG);
     assert_eq!(bench.take(), 9);
@@ -519,9 +519,9 @@ fn start_of_frame_wakes_controller_for_next_frame() {
     let mut bench = Bench::with(TIMING, mcr::AWUM);
     bench.write(IER, ier::WKUIE);
     bench.write(MCR, mcr::AWUM | mcr::SLEEP);
-    bench.say(0, 1, &[]);
+    bench.node_sends(0, 1, &[]);
     assert_eq!(bench.core.interrupts(), [false, false, false, true]);
-    bench.say(0, 2, &[]);
+    bench.node_sends(0, 2, &[]);
     bench.run(3 * LONG);
     assert_eq!(bench.core.read(MSR) & (msr::SLAK | msr::WKUI), msr::WKUI);
     assert_eq!((bench.core.read(RF0R) & 3, bench.take()), (1, 2));
@@ -560,5 +560,5 @@ fn reset_cuts_the_frame_in_transmission() {
     bench.run(LONG);
     assert_eq!(bench.ids(), [(Sender::Board, 1, Outcome::Cut)]);
     assert_eq!(bench.core.read(MSR) & msr::SLAK, msr::SLAK);
-    assert!(bench.bus.take_heard().is_empty());
+    assert!(bench.bus.take_received().is_empty());
 }

@@ -93,7 +93,7 @@ fn bus_reset_silences_endpoints_enumeration_reports_speed() {
     let mut core = with_bulk();
     core.reset();
     assert_ne!(core.read(GINTSTS) & gint::USBRST, 0);
-    assert_eq!(core.output(0, 1, false, &[0]), Handshake::Silence);
+    assert_eq!(core.output(0, 1, false, &[0]), Handshake::NoResponse);
     core.reset_done();
     assert_ne!(core.read(GINTSTS) & gint::ENUMDNE, 0);
     assert_eq!(core.read(DSTS) & device::ENUMSPD_FULL, device::ENUMSPD_FULL);
@@ -252,13 +252,13 @@ fn a_flushed_packet_does_not_go() {
 }
 
 #[test]
-fn a_disabled_in_endpoint_says_so() {
+fn disabled_in_endpoint_sets_epdisd() {
     let mut core = with_bulk();
     send(&mut core, b"x");
     let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
     core.write(DIEP + ENDPOINT_SPAN + CTL, control | epctl::SNAK | epctl::EPDIS);
-    let said = core.read(DIEP + ENDPOINT_SPAN + INT);
-    assert_eq!(said & (epint::EPDISD | epint::INEPNE), epint::EPDISD | epint::INEPNE);
+    let flags = core.read(DIEP + ENDPOINT_SPAN + INT);
+    assert_eq!(flags & (epint::EPDISD | epint::INEPNE), epint::EPDISD | epint::INEPNE);
     assert_eq!(core.input(0, 1), Reply::Nak);
 }
 
@@ -306,8 +306,8 @@ fn stalled_endpoint_stalls_unknown_one_is_silent() {
     let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
     core.write(DIEP + ENDPOINT_SPAN + CTL, control | epctl::STALL);
     assert_eq!(core.input(0, 1), Reply::Stall);
-    assert_eq!(core.input(0, 2), Reply::Silence, "not active");
-    assert_eq!(core.input(5, 1), Reply::Silence, "another address");
+    assert_eq!(core.input(0, 2), Reply::NoResponse, "not active");
+    assert_eq!(core.input(5, 1), Reply::NoResponse, "another address");
     assert!(!core.setup(5, [0; 8]));
 }
 
@@ -317,7 +317,7 @@ fn old_address_holds_until_new_is_used() {
     core.write(DCFG, 7 << device::DAD_AT);
     assert_eq!(core.input(0, 1), Reply::Nak, "the status stage of SET_ADDRESS");
     assert_eq!(core.input(7, 1), Reply::Nak);
-    assert_eq!(core.input(0, 1), Reply::Silence);
+    assert_eq!(core.input(0, 1), Reply::NoResponse);
 }
 
 #[test]
@@ -373,7 +373,7 @@ fn a_soft_reset_puts_the_registers_back() {
 }
 
 #[test]
-fn a_debugger_looks_without_taking() {
+fn debugger_reads_without_popping() {
     let mut core = with_bulk();
     core.output(0, 1, false, b"data");
     assert_eq!(core.peek(GRXSTSP), core.peek(GRXSTSP));

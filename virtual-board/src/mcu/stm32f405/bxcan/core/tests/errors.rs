@@ -52,7 +52,7 @@ fn thirty_two_consecutive_destroyed_frames_are_bus_off() {
     bench.run_through_a_frame();
     assert_eq!(bench.flags(), esr::EWGF | esr::EPVF | esr::BOFF);
     bench.run(20 * LONG);
-    assert_eq!(bench.ids().len(), 32, "it says nothing more");
+    assert_eq!(bench.ids().len(), 32, "it sends nothing more");
 }
 
 #[test]
@@ -80,7 +80,7 @@ fn passive_receiver_is_active_after_one_good_frame() {
     let mut bench = Bench::new();
     bench.bus.attach(250_000);
     for _ in 0..15 {
-        bench.say(0, 1, &[]);
+        bench.node_sends(0, 1, &[]);
     }
     for attempt in 1..=15 {
         bench.run_through_a_frame();
@@ -90,10 +90,10 @@ fn passive_receiver_is_active_after_one_good_frame() {
     bench.bus.detach();
     bench.run(2 * LONG);
     bench.bus.attach(RATE);
-    bench.say(0, 2, &[]);
+    bench.node_sends(0, 2, &[]);
     bench.run_through_a_frame();
     assert_eq!((bench.counters(), bench.flags()), ((0, 120), esr::EWGF));
-    bench.say(0, 3, &[]);
+    bench.node_sends(0, 3, &[]);
     bench.run_through_a_frame();
     assert_eq!(bench.counters(), (0, 119));
 }
@@ -107,7 +107,7 @@ fn good_frame_clears_last_error_software_sets_it() {
         if own {
             bench.request(0, 1, 0);
         } else {
-            bench.say(0, 1, &[]);
+            bench.node_sends(0, 1, &[]);
         }
         bench.run(LONG);
         assert_eq!(bench.last_error(), 0);
@@ -179,9 +179,9 @@ fn bus_off_during_handler_needs_flag_cleared_first() {
 }
 
 #[test]
-fn in_bus_off_it_neither_receives_nor_sends() {
+fn bus_off_controller_neither_receives_nor_sends() {
     let mut bench = Bench::off(0);
-    bench.say(0, 5, &[]);
+    bench.node_sends(0, 5, &[]);
     bench.run(3 * LONG);
     assert_eq!(bench.core.read(RF0R), 0);
     assert_eq!(bench.ids(), [(Sender::Node(0), 5, Outcome::Sent)]);
@@ -224,7 +224,7 @@ fn interrupted_recovery_restarts_only_its_eleven_bits() {
     // From the end of the intermission: ten times eleven bits, and ten bits that do not count.
     let off = bench.core.now;
     bench.run(3 + 10 * 11 + 10);
-    bench.say(0, 0x200, &[]);
+    bench.node_sends(0, 0x200, &[]);
     bench.run_through_a_frame();
     let [record] = bench.bus.records() else {
         panic!("one frame");

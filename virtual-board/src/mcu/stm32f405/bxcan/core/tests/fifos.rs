@@ -30,12 +30,12 @@ fn fifos_have_own_registers_flags_and_interrupts() {
         (FA1R, 0b11),
     ]);
     bench.write(IER, (ier::FMPIE | ier::FFIE | ier::FOVIE) << 3);
-    bench.say(0, 1, &[]);
+    bench.node_sends(0, 1, &[]);
     bench.run(LONG);
     assert_eq!((bench.core.read(RF0R), bench.core.read(RF1R)), (1, 0));
     assert_eq!(bench.core.interrupts(), [false; 4], "FIFO 0 has none enabled");
     for _ in 0..4 {
-        bench.say(0, 2, &[]);
+        bench.node_sends(0, 2, &[]);
     }
     bench.run(4 * LONG);
     assert_eq!(
@@ -61,7 +61,7 @@ fn each_receive_interrupt_needs_its_own_enable() {
         bench.write(IER, enable);
         for nth in 1..=frames {
             assert!(!bench.core.interrupts()[1], "{enable:#x} before {nth}");
-            bench.say(0, nth, &[]);
+            bench.node_sends(0, nth, &[]);
             bench.run(LONG);
         }
         assert!(bench.core.interrupts()[1], "{enable:#x}");
@@ -73,7 +73,7 @@ fn pending_count_follows_and_empty_release_does_nothing() {
     let mut bench = Bench::new();
     let mut counts = Vec::new();
     for id in 1..=2 {
-        bench.say(0, id, &[]);
+        bench.node_sends(0, id, &[]);
         bench.run(LONG);
         counts.push(bench.core.read(RF0R));
     }
@@ -82,7 +82,7 @@ fn pending_count_follows_and_empty_release_does_nothing() {
         counts.push(bench.core.read(RF0R));
     }
     assert_eq!(counts, [1, 2, 1, 0, 0]);
-    bench.say(0, 3, &[]);
+    bench.node_sends(0, 3, &[]);
     bench.run(LONG);
     assert_eq!(bench.take(), 3);
 }
@@ -92,7 +92,7 @@ fn unfiltered_frame_is_good_but_reaches_no_fifo() {
     let mut bench = filtered(&[(FS1R, 1), (FM1R, 1), (BANKS, 1 << identifier::STID_AT), (FA1R, 1)]);
     bench.write(IER, ier::FMPIE);
     bench.write(ESR, 7 << esr::LEC_AT);
-    bench.say(0, 9, &[]);
+    bench.node_sends(0, 9, &[]);
     bench.run(LONG);
     assert_eq!((bench.core.read(RF0R), bench.core.interrupts()), (0, [false; 4]));
     assert_eq!(bench.last_error(), 0);

@@ -18,8 +18,8 @@ impl Bench {
         self.core.read(TSR) >> (8 * mailbox) & 0xFF
     }
 
-    fn heard(&mut self) -> Vec<Frame> {
-        self.bus.take_heard()
+    fn take_received(&mut self) -> Vec<Frame> {
+        self.bus.take_received()
     }
 }
 
@@ -30,7 +30,7 @@ fn equal_identifiers_go_by_mailbox_number() {
     bench.request(2, 7, 2);
     bench.request(1, 7, 1);
     bench.run(4 * LONG);
-    assert_eq!(bench.heard(), [frame(1, &[0]), frame(7, &[1]), frame(7, &[2])]);
+    assert_eq!(bench.take_received(), [frame(1, &[0]), frame(7, &[1]), frame(7, &[2])]);
 }
 
 #[test]
@@ -38,15 +38,19 @@ fn data_before_remote_and_standard_before_extended_identifier() {
     const BASE: u32 = 0x123;
     let mut bench = Bench::new();
     // While this frame is on the bus, all three become pending.
-    bench.say(0, 0, &[]);
+    bench.node_sends(0, 0, &[]);
     bench.request_frame(0, BASE << identifier::STID_AT | identifier::IDE);
     bench.request_frame(1, BASE << identifier::STID_AT | identifier::RTR);
     bench.request_frame(2, BASE << identifier::STID_AT);
     bench.run(5 * LONG);
-    let heard: Vec<(bool, Id)> = bench.heard().iter().map(|frame| (frame.remote, frame.id)).collect();
+    let received: Vec<(bool, Id)> = bench
+        .take_received()
+        .iter()
+        .map(|frame| (frame.remote, frame.id))
+        .collect();
     let standard = Id::Standard(0x123);
     assert_eq!(
-        heard,
+        received,
         [(false, standard), (true, standard), (false, Id::Extended(BASE << 18))]
     );
 }
@@ -54,7 +58,7 @@ fn data_before_remote_and_standard_before_extended_identifier() {
 #[test]
 fn extended_identifier_loses_to_equal_standard_identifier() {
     let mut bench = Bench::new();
-    bench.say(1, 0, &[]);
+    bench.node_sends(1, 0, &[]);
     bench.bus.send(0, Frame::data_frame(Id::Extended(0x100 << 18), &[]));
     bench.request(0, 0x100, 0);
     bench.run(4 * LONG);
@@ -71,29 +75,29 @@ fn lower_identifier_does_not_interrupt_current_frame() {
     bench.request(1, 0, 1);
     assert_eq!(bench.status(1), 0);
     bench.run(3 * LONG);
-    assert_eq!(bench.heard(), [frame(0x700, &[0]), frame(0, &[1])]);
+    assert_eq!(bench.take_received(), [frame(0x700, &[0]), frame(0, &[1])]);
 }
 
 #[test]
 fn mailbox_after_lost_arbitration_yields_to_better_one() {
     let mut bench = Bench::new();
-    bench.say(0, 0x010, &[]);
-    bench.say(0, 0x011, &[]);
+    bench.node_sends(0, 0x010, &[]);
+    bench.node_sends(0, 0x011, &[]);
     bench.request(0, 0x200, 0);
     // The second frame of the node wins arbitration against mailbox 0.
     bench.run(LONG / 2);
     assert_eq!(bench.status(0), tsr::ALST);
     bench.request(1, 0x100, 1);
     bench.run(4 * LONG);
-    assert_eq!(bench.heard(), [frame(0x100, &[1]), frame(0x200, &[0])]);
+    assert_eq!(bench.take_received(), [frame(0x100, &[1]), frame(0x200, &[0])]);
     assert_eq!((bench.status(0), bench.status(1)), (DONE | tsr::ALST, DONE));
 }
 
 #[test]
 fn abort_after_lost_arbitration_drops_the_frame() {
     let mut bench = Bench::new();
-    bench.say(0, 0x010, &[]);
-    bench.say(0, 0x011, &[]);
+    bench.node_sends(0, 0x010, &[]);
+    bench.node_sends(0, 0x011, &[]);
     bench.request(0, 0x200, 0);
     bench.run(LONG / 2);
     assert_eq!(bench.core.read(TSR) & tsr::TME, 0);
@@ -101,7 +105,7 @@ fn abort_after_lost_arbitration_drops_the_frame() {
     assert_eq!(bench.status(0), tsr::RQCP | tsr::ALST, "complete, and not sent");
     assert_eq!(bench.core.read(TSR) & tsr::TME, tsr::TME);
     bench.run(4 * LONG);
-    assert!(bench.heard().is_empty());
+    assert!(bench.take_received().is_empty());
 }
 
 #[test]
@@ -122,7 +126,7 @@ fn rqcp_clear_or_new_request_clears_the_result() {
     bench.run(3 * LONG);
     assert_eq!(bench.status(1), DONE | tsr::TERR);
     bench.write(TSR, (tsr::TXOK | tsr::TERR) << 8);
-    assert_eq!(bench.status(1), DONE | tsr::TERR, "RQCP is what clears them");
+    assert_eq!(bench.status(1), DONE | tsr::TERR, "writing RQCP clears them");
     bench.write(TSR, tsr::RQCP << 8);
     assert_eq!(bench.status(1), 0);
     bench.request(1, 1, 0);

@@ -17,7 +17,7 @@ fn read_words(core: &mut Core, count: u32) {
 }
 
 /// Returns true if bulk endpoint 1 interrupts for space in its transmit FIFO.
-fn says_empty(core: &mut Core) -> bool {
+fn reports_empty(core: &mut Core) -> bool {
     core.read(DAINT) & 1 << 1 != 0
 }
 
@@ -46,7 +46,7 @@ fn receive_fifo_keeps_order_across_endpoints() {
 }
 
 #[test]
-fn grxstsr_looks_and_grxstsp_takes() {
+fn grxstsr_peeks_and_grxstsp_pops() {
     let mut core = with_bulk();
     core.output(0, 1, false, b"abc");
     let first = core.read(GRXSTSR);
@@ -135,15 +135,15 @@ fn transmit_fifo_interrupts_half_or_fully_empty_unmasked() {
         core.write(GAHBCFG, gahbcfg::GINTMSK | level);
         core.write(GINTMSK, gint::IEPINT);
         core.write(DAINTMSK, 1 << 1);
-        assert!(!says_empty(&mut core), "DIEPEMPMSK");
+        assert!(!reports_empty(&mut core), "DIEPEMPMSK");
         core.write(DIEPEMPMSK, 1 << 1);
         for written in 0..=16 {
-            assert_eq!(says_empty(&mut core), written <= words, "{written} words");
+            assert_eq!(reports_empty(&mut core), written <= words, "{written} words");
             assert_eq!(core.interrupt(), written <= words);
             core.write(FIFO + FIFO_SPAN, 0);
         }
         core.write(DIEP + ENDPOINT_SPAN + INT, epint::TXFE);
-        assert!(!says_empty(&mut core), "writing does not set it");
+        assert!(!reports_empty(&mut core), "writing does not set it");
     }
 }
 

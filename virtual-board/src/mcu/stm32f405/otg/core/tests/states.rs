@@ -60,7 +60,7 @@ fn host_sees_soft_disconnect_and_return() {
     assert_eq!(
         core.read(GINTSTS) & gint::USBSUSP,
         0,
-        "what is not on the bus does not suspend"
+        "a disconnected device does not suspend"
     );
     core.write(DCTL, 0);
     run(&mut host, &mut core, Nanos::from_millis(1));
@@ -123,8 +123,8 @@ fn reset_in_transfer_keeps_received_and_holds_pending() {
     assert!(matches!(core.input(0, 1), Reply::Data { .. }), "and no acknowledge yet");
     core.reset();
     core.reset_done();
-    assert_eq!(core.input(0, 1), Reply::Silence);
-    assert_eq!(core.output(0, 1, true, &[7; 64]), Handshake::Silence);
+    assert_eq!(core.input(0, 1), Reply::NoResponse);
+    assert_eq!(core.output(0, 1, true, &[7; 64]), Handshake::NoResponse);
     for control in [DIEP, DOEP] {
         let held = core.read(control + ENDPOINT_SPAN + CTL);
         assert_eq!(held & (epctl::USBAEP | epctl::NAKSTS), epctl::NAKSTS);

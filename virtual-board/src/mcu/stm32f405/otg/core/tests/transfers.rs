@@ -67,16 +67,16 @@ fn disabled_out_endpoint_naks_and_flags_it() {
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 1 << eptsiz::PKTCNT_AT | 64);
     core.write(DOEPCTL_1, ACTIVE_OUT | epctl::CNAK);
     assert_eq!(core.output(0, 1, false, &[0]), Handshake::Nak);
-    let said = core.read(DOEP + ENDPOINT_SPAN + INT);
-    assert_eq!(said & epint::OTEPDIS, epint::OTEPDIS);
+    let flags = core.read(DOEP + ENDPOINT_SPAN + INT);
+    assert_eq!(flags & epint::OTEPDIS, epint::OTEPDIS);
 }
 
 #[test]
 fn in_token_without_data_sets_flag() {
     let mut core = with_bulk();
     assert_eq!(core.input(0, 1), Reply::Nak);
-    let said = core.read(DIEP + ENDPOINT_SPAN + INT);
-    assert_eq!(said & epint::ITTXFE, epint::ITTXFE);
+    let flags = core.read(DIEP + ENDPOINT_SPAN + INT);
+    assert_eq!(flags & epint::ITTXFE, epint::ITTXFE);
 }
 
 #[test]
