@@ -45,7 +45,7 @@ pub struct Config {
     pub poll: Poll,
     /// The CAN bus.
     pub can: Can,
-    /// The reaction to the silence of a host that streams motion.
+    /// The timeout of a host that streams motion.
     pub host_timeout: HostTimeout,
 }
 
@@ -101,7 +101,7 @@ pub struct Can {
     pub unsolicited: bool,
 }
 
-/// The reaction to the silence of a host that streams motion.
+/// The timeout of a host that streams motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HostTimeout {

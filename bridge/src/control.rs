@@ -286,8 +286,8 @@ pub enum Event {
         /// The frame.
         bytes: FrameBytes,
     },
-    /// A host that streamed motion has gone silent, and its unsent bytes were dropped. Or its arm is gone: another kind
-    /// of arm was configured.
+    /// A host that streamed motion has gone silent, or another kind of arm was configured. The host's unsent bytes were
+    /// dropped.
     HostSilent {
         /// The initiator.
         initiator: Initiator,

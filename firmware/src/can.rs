@@ -78,7 +78,7 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
     }
 }
 
-// A frame in a task's state is copied there byte by byte: these two functions keep it out.
+// These two functions keep frames out of the task's state, where they would be copied byte by byte.
 
 /// Passes a frame from the controller to the bridge. Returns false if there was none.
 fn receive(adapter: &Adapter, can: &mut Can) -> bool {

@@ -310,7 +310,7 @@ impl Receiver {
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
             if self.poll() {
-                // The packet goes out before all other consequences of a frame.
+                // The packet is sent before all other work for a frame.
                 yield_now().await;
                 self.adapter.wake(Work::Uart);
                 self.adapter.wake(Work::Dispatch);

@@ -1,4 +1,4 @@
-//! A pseudo-terminal in the place of a serial port.
+//! A pseudo-terminal in place of a serial port.
 //!
 //! Any serial program can open it. A pty has no UART: the ioctls for DTR and RTS fail, and bytes take no time. The
 //! server is responsible for baud rate and pacing.

@@ -361,7 +361,7 @@ proptest! {
     }
 
     #[test]
-    fn nothing_is_written_behind_the_room_there_is(message in from_adapter(), room in 0..MAX_COBS) {
+    fn nothing_is_written_beyond_the_buffer(message in from_adapter(), room in 0..MAX_COBS) {
         let whole = encoded_cobs(&message);
         let mut out = [0xEE; MAX_COBS];
         let result = encode_cobs(&message, &mut out[..room]);

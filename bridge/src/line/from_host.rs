@@ -91,7 +91,7 @@ impl FromHost {
         self.bytes.push(packet)
     }
 
-    /// The host sent bytes that wait.
+    /// Records the arrival of bytes that wait.
     pub(crate) const fn touch(&mut self, now: Instant) {
         self.newest = now;
         if self.bytes.is_empty() {
@@ -119,7 +119,7 @@ impl FromHost {
         kind.request(next.get(place)?)
     }
 
-    /// Bytes go out.
+    /// Records the start of a transmission.
     pub(crate) fn begin(&mut self, now: Instant) {
         if !self.is_in_sequence() {
             self.began = now;
@@ -149,19 +149,19 @@ impl FromHost {
         Some((self.decoder.item(span), behind))
     }
 
-    /// The host's turn is over. The rest of an incomplete request is not waited for.
+    /// Ends the host's turn. The rest of an incomplete request is no longer expected.
     pub(crate) fn cut(&mut self) {
         self.is_cut |= self.decoder.pending() > 0;
         self.decoder.clear();
     }
 
-    /// The host's turn is over, including raw bytes.
+    /// Ends the host's turn, including raw bytes.
     pub(crate) fn end_turn(&mut self) {
         self.cut();
         self.is_raw = false;
     }
 
-    /// The host's turn is over, and the state of the arm's receiver no longer matters.
+    /// Ends the host's turn. An incomplete request in the arm's receiver no longer matters.
     pub(crate) fn forget_turn(&mut self) {
         self.decoder.clear();
         self.is_raw = false;

@@ -34,7 +34,7 @@ fn call_on_can(rig: &mut Rig, sequence: u8, request: Request) -> Reply {
 }
 
 #[test]
-fn simple_questions_are_answered_on_both_ports() {
+fn simple_requests_are_answered_on_both_ports() {
     let mut rig = quiet();
     rig.can_out.push_back(ling(0x06, 0, &[0xFE]));
     rig.run(10_000);
@@ -384,7 +384,7 @@ fn cyclic_frames_change_without_leaving_the_bus() {
 }
 
 #[test]
-fn a_configuration_is_saved_and_forgotten_by_firmware() {
+fn firmware_saves_and_erases_configuration() {
     let mut rig = quiet();
     let config = Config {
         poll: Poll::Hertz(5),
@@ -474,7 +474,7 @@ fn identification_is_answered_unless_host_has_gone() {
 }
 
 #[test]
-fn a_restart_is_promised_and_left_to_firmware() {
+fn restart_is_confirmed_before_firmware_executes_it() {
     let mut rig = quiet();
     assert_eq!(rig.call(Request::Restart), Reply::Done);
     assert_eq!(rig.actions, [Action::Restart]);

@@ -283,7 +283,7 @@ fn leader_has_six_servos_and_no_own_motion() {
 }
 
 #[test]
-fn unanswered_and_invalid_requests_meet_silence() {
+fn unanswered_and_invalid_requests_get_no_answer() {
     let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     for request in [go(2048, 100, 0), Request::SetZero, Request::SetStroke(Stroke::Mm75)] {
         send(&mut arm, &mut now, &bytes(&request));

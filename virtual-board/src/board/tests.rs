@@ -82,7 +82,7 @@ fn nothing_runs_before_a_call() {
 }
 
 #[test]
-fn where_gdb_may_attach_is_known() {
+fn gdb_address_is_reported() {
     assert_eq!(board(&[HANG, NOP], &[]).gdb(), None);
     let board = board_with(&[HANG, NOP], &[], |config| Config { gdb: Some(0), ..config });
     let gdb = board.gdb().unwrap();

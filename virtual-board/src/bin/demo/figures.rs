@@ -61,7 +61,7 @@ pub(crate) struct Figures {
 
 impl fmt::Display for Figures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "virtual time, us                          least      mean      most")?;
+        writeln!(f, "virtual time, us                            min      mean       max")?;
         writeln!(
             f,
             "  call to answer, {:4} calls          {}",
@@ -70,7 +70,7 @@ impl fmt::Display for Figures {
         writeln!(f, "  of which the arm and its line       {}", self.line)?;
         writeln!(f, "  added by USB and the adapter        {}", self.added)?;
         writeln!(f, "  write -> request in the adapter     {}", self.to_usb)?;
-        writeln!(f, "  there -> first start bit to the arm {}", self.to_uart)?;
+        writeln!(f, "  adapter -> start bit to the arm     {}", self.to_uart)?;
         writeln!(f, "  last stop bit -> USB packet ready   {}", self.armed)?;
         write!(f, "  last stop bit -> answer in the host {}", self.to_host)
     }

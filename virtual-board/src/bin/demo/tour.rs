@@ -41,7 +41,7 @@ fn print_row(label: &str, took: Nanos, text: impl std::fmt::Display) {
 
 fn plug_in(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let chip = host.board.chip();
-    println!("A Ling follower arm on the UART of a virtual {chip}, which runs the firmware image as it ships.");
+    println!("A Ling follower arm on the UART of a virtual {chip}, which runs the shipped firmware image.");
     host.open()?;
     let at = host.board.now();
     let usb = host.board.usb();
@@ -208,7 +208,7 @@ fn account(host: &mut Host) -> Result<(), Box<dyn Error>> {
     );
     host.board.check()?;
     println!(
-        "the firmware touched nothing that is not modelled; {:.3} s of virtual time, trace {:016x}",
+        "the firmware used modelled features only; {:.3} s of virtual time, trace {:016x}",
         host.board.now().0 as f64 / 1e9,
         host.board.trace_hash()
     );
@@ -216,5 +216,5 @@ fn account(host: &mut Host) -> Result<(), Box<dyn Error>> {
 }
 
 fn unexpected(answer: Option<Response>) -> Box<dyn Error> {
-    format!("an answer to something else: {answer:?}").into()
+    format!("unexpected answer: {answer:?}").into()
 }
