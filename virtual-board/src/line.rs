@@ -560,7 +560,7 @@ fn sample(byte: u8, (sender, sent): (u64, Format), (receiver, expected): (u64, F
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use std::collections::VecDeque;
 
     use armwire_bridge::Instant;
@@ -569,9 +569,9 @@ mod tests {
 
     /// An arm that sends the given bytes at once, and records received ones.
     #[derive(Debug, Default)]
-    struct ScriptedArm {
-        output: VecDeque<u8>,
-        received: Vec<u8>,
+    pub(crate) struct ScriptedArm {
+        pub(crate) output: VecDeque<u8>,
+        pub(crate) received: Vec<u8>,
     }
 
     impl SerialDevice for ScriptedArm {

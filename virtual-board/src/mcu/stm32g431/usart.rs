@@ -409,35 +409,11 @@ impl Peripheral for Usart {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
 
-    use armwire_bridge::Instant;
-    use armwire_sim::serial::SerialDevice;
-
     use super::*;
+    use crate::line::tests::ScriptedArm;
     use crate::line::{Direction, Fault, Line};
-
-    /// An arm that sends the given bytes at once, and records received ones.
-    #[derive(Debug, Default)]
-    struct ScriptedArm {
-        output: VecDeque<u8>,
-        received: Vec<u8>,
-    }
-
-    impl SerialDevice for ScriptedArm {
-        fn receive(&mut self, _: Instant, byte: u8) {
-            self.received.push(byte);
-        }
-
-        fn transmit(&mut self, _: Instant) -> Option<u8> {
-            self.output.pop_front()
-        }
-
-        fn poll_timeout(&self) -> Option<Instant> {
-            (!self.output.is_empty()).then_some(Instant::ZERO)
-        }
-    }
 
     struct Bench {
         usart: Usart,
