@@ -353,6 +353,19 @@ pub enum Refusal {
     OtherRate,
 }
 
+impl Refusal {
+    /// All refusals.
+    pub(crate) const ALL: [Self; 7] = [
+        Self::QueueFull,
+        Self::NotAFrame,
+        Self::Incomplete,
+        Self::Stale,
+        Self::OutOfRange,
+        Self::LineHeld,
+        Self::OtherRate,
+    ];
+}
+
 /// Latency histograms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Latencies {

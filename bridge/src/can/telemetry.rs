@@ -248,7 +248,7 @@ pub(crate) fn event_from_data(
         },
         (_, 0) => Event::Refused {
             initiator: of?,
-            reason: REFUSALS.into_iter().find(|&reason| refusal_code(reason) == kind)?,
+            reason: Refusal::ALL.into_iter().find(|&reason| refusal_code(reason) == kind)?,
         },
         _ => return None,
     };
@@ -260,16 +260,6 @@ const HOST_SILENT: u8 = 16;
 const HOST_SILENT_TORQUE_OFF: u8 = 17;
 const BUS_OFF: u8 = 32;
 const BUS_ON: u8 = 33;
-
-const REFUSALS: [Refusal; 7] = [
-    Refusal::QueueFull,
-    Refusal::NotAFrame,
-    Refusal::Incomplete,
-    Refusal::Stale,
-    Refusal::OutOfRange,
-    Refusal::LineHeld,
-    Refusal::OtherRate,
-];
 
 const fn refusal_code(reason: Refusal) -> u8 {
     match reason {
@@ -348,7 +338,7 @@ mod tests {
     fn event() -> impl Strategy<Value = Event> {
         let initiator = || prop::sample::select(&Initiator::ALL[..]);
         prop_oneof![
-            (initiator(), prop::sample::select(&REFUSALS[..]))
+            (initiator(), prop::sample::select(&Refusal::ALL[..]))
                 .prop_map(|(initiator, reason)| Event::Refused { initiator, reason }),
             (initiator(), any::<(u16, bool)>()).prop_map(|(initiator, (dropped, torque_off))| Event::HostSilent {
                 initiator,

@@ -177,25 +177,11 @@ fn failure() -> impl Strategy<Value = Failure> {
 }
 
 fn initiator() -> impl Strategy<Value = Initiator> {
-    prop::sample::select(vec![
-        Initiator::Usb,
-        Initiator::Can,
-        Initiator::Poll,
-        Initiator::Command,
-        Initiator::Adapter,
-    ])
+    prop::sample::select(&Initiator::ALL[..])
 }
 
 fn event() -> impl Strategy<Value = Event> {
-    let refusal = prop::sample::select(vec![
-        Refusal::QueueFull,
-        Refusal::NotAFrame,
-        Refusal::Incomplete,
-        Refusal::Stale,
-        Refusal::OutOfRange,
-        Refusal::LineHeld,
-        Refusal::OtherRate,
-    ]);
+    let refusal = prop::sample::select(&Refusal::ALL[..]);
     prop_oneof![
         (prop::option::of(initiator()), frame_bytes()).prop_map(|(initiator, bytes)| Event::Frame { initiator, bytes }),
         (initiator(), any::<u16>(), any::<bool>()).prop_map(|(initiator, dropped, torque_off)| Event::HostSilent {
