@@ -6,12 +6,12 @@ The emulator is QEMU's Cortex-M4, through the package `unicorn` of PyPI:
     python3 -m venv venv && venv/bin/pip install unicorn==2.1.4
     venv/bin/python record.py --seed 1 --streams 6000 --out trace.bin
 
-The test `cortex_m4` replays `trace.bin`, or the file that the variable ARMWIRE_TRACE names. For a soak, record more
+The test `cortex_m4` replays `trace.bin`, or the file in the variable ARMWIRE_TRACE. For a soak, record more
 streams with another seed into another file, and calls of the functions of an image:
 
     venv/bin/python record.py --seed 2 --streams 60000 --image firmware.elf --calls 100 --out soak.bin
 
-Two kinds of streams: instructions from the table below, which names what the manual (ARM DDI 0403E) permits; and any
+There are two kinds of streams: instructions from the table below, which the manual (ARM DDI 0403E) permits; and any
 32-bit encoding that the emulator executes. Encodings that the emulator calls undefined are recorded, too. A function of
 an image is called with random arguments, and recorded if it returns without touching a peripheral.
 
@@ -34,7 +34,7 @@ from unicorn import arm_const as arm
 
 PAGE = 0x1000
 CODE, BEGIN = 0x0800_0000, 0x0800_0100
-# Streams write to the first part of the page only, so that little has to be compared.
+# Streams write to the first part of the page only: the rest need not be compared.
 RAM, RAM_SIZE = 0x2000_0000, 0x400
 # For functions of an image. They return to the end of the flash.
 FLASH_SIZE, CALL_RAM_SIZE = 0x10_0000, 0x1_0000
@@ -132,7 +132,7 @@ MEMORY = [
 
 
 def is_misaligned(code, registers):
-    """Whether an instruction faults for its alignment (A3.2.1). The emulator lets it pass."""
+    """True if an instruction has an alignment fault (A3.2.1), which the emulator does not detect."""
     if code[0] >> 12 == 0b1100:
         return registers[code[0] >> 8 & 7] % 4 != 0
     n = code[0] & 15
@@ -144,7 +144,7 @@ class Generator:
         self.rng = rng
 
     def fill(self, template, registers=None):
-        """An encoding of a template, or None if it happens to be one that the manual does not permit."""
+        """An encoding of a template. None if the manual does not permit it."""
         fields, out = {}, 0
         for letter in set(template) & set(REGISTER_LETTERS):
             count = template.count(letter)
@@ -245,7 +245,7 @@ class Generator:
         code = [0xBF00 | condition << 4 | mask]
         while count:
             item = self.plain() if self.rng.random() < 0.7 else self.memory(registers)
-            # MOVS may not be in an IT block. What must be aligned is left out where its base register is not known yet.
+            # MOVS is not permitted in an IT block. Aligned accesses are left out: their base register is not known yet.
             if len(item) == 1 and (item[0] >> 6 == 0 or item[0] >> 12 == 0b1100) or item[0] >> 9 == 0b1110100:
                 continue
             code += item
@@ -254,7 +254,7 @@ class Generator:
 
     def branch(self):
         over = sum((self.plain() for _ in range(self.rng.randrange(1, 3))), [])
-        # From the address of the branch plus 4.
+        # Offsets count from the address of the branch plus 4.
         kind = self.rng.randrange(4)
         if kind == 0:
             return [0xD000 | self.rng.randrange(14) << 8 | len(over) - 1, *over]
@@ -268,10 +268,10 @@ class Generator:
         while True:
             first, second = self.rng.randrange(0xE800, 0x1_0000), self.rng.getrandbits(16)
             coprocessor = first >> 10 & 0b111011 == 0b111011
-            # Branches, MSR, hints: what leads away, or changes more than registers and memory.
+            # Branches, MSR, hints: they leave the stream, or change more than registers and memory.
             control = first >> 11 == 0b11110 and second >> 15
-            # What the emulator executes although the manual calls it UNDEFINED: element loads and stores (as hints),
-            # stores with R15 as their base, and exclusives that A5.3.6 does not have.
+            # UNDEFINED in the manual, but executed by the emulator: element loads and stores (as hints), stores with R15
+            # as their base, and exclusives that are not in A5.3.6.
             element = first & 0xFF10 == 0xF900
             store = first & 0xFF1F == 0xF80F
             exclusive = first & 0xFFE0 == 0xE8C0 and second >> 4 & 15 not in (0, 1, 4, 5)
@@ -296,7 +296,7 @@ class Emulator:
         uc.emu_stop()
 
     def start(self, start):
-        # Written to xPSR, the GE flags stay as they are: MSR APSR_nzcvqg, R0 sets them. Then CLREX and CPSIE I.
+        # A write to xPSR does not change the GE flags: MSR APSR_nzcvqg, R0 sets them. Then CLREX and CPSIE I.
         prologue = struct.pack("<5H", 0xF380, 0x8C00, 0xF3BF, 0x8F2F, 0xB662)
         self.uc.mem_write(CODE, prologue)
         self.uc.ctl_flush_tb()
@@ -321,7 +321,7 @@ class Emulator:
         return struct.pack("<17I", *self.registers(), xpsr, zlib.adler32(ram))
 
     def run(self, begin, end, limit=64):
-        """None if it went from begin to end in so many instructions, else why not."""
+        """Runs from begin to end. Returns None, or the reason for another end."""
         self.exception = None
         try:
             self.uc.emu_start(begin | 1, end, 0, limit)
@@ -329,23 +329,23 @@ class Emulator:
             return UNDEFINED if error.errno == UC_ERR_INSN_INVALID else str(error)
         if self.exception is not None:
             return self.exception
-        return None if self.uc.reg_read(arm.UC_ARM_REG_PC) & ~1 == end else "led away"
+        return None if self.uc.reg_read(arm.UC_ARM_REG_PC) & ~1 == end else "another address"
 
     def attempt(self, address, code):
-        """Executes these halfwords. On failure, everything is as before."""
+        """Executes these halfwords. Returns None, or the reason for a failure, after which the state is restored."""
         context, ram = self.uc.context_save(), self.uc.mem_read(RAM, PAGE)
         self.uc.mem_write(address, struct.pack(f"<{len(code)}H", *code))
         self.uc.ctl_flush_tb()
-        why = self.run(address, address + 2 * len(code))
-        if why is None and any(self.uc.mem_read(RAM + RAM_SIZE, PAGE - RAM_SIZE)):
-            why = "outside"
-        # The emulator keeps bits of SP that do not exist.
+        failure = self.run(address, address + 2 * len(code))
+        if failure is None and any(self.uc.mem_read(RAM + RAM_SIZE, PAGE - RAM_SIZE)):
+            failure = "outside"
+        # The emulator stores bits of SP that the core does not have.
         if self.uc.reg_read(arm.UC_ARM_REG_SP) % 4:
-            why = why or "stack pointer"
-        if why is not None:
+            failure = failure or "stack pointer"
+        if failure is not None:
             self.uc.context_restore(context)
             self.uc.mem_write(RAM, bytes(ram))
-        return why
+        return failure
 
 
 def stream(emulator, generator, rng, seed, length, any_encoding, undefined):
@@ -368,13 +368,13 @@ def stream(emulator, generator, rng, seed, length, any_encoding, undefined):
             unit = generator.branch()
         else:
             unit = generator.exclusive(registers)
-        why = emulator.attempt(address, unit)
-        if why is None:
+        failure = emulator.attempt(address, unit)
+        if failure is None:
             code += unit
             address += 2 * len(unit)
-        elif any_encoding and why == UNDEFINED:
+        elif any_encoding and failure == UNDEFINED:
             undefined.append(unit)
-    # The whole once more, from the start, and without what is left of failed attempts.
+    # The complete stream again, from the start, without leftovers of failed attempts.
     emulator.start(start)
     emulator.program(code)
     if emulator.run(BEGIN, address) is not None:
@@ -407,7 +407,7 @@ class Image:
 
 
 def calls(image, rng, count):
-    """Calls each function so many times, and yields records of the calls that return."""
+    """Calls each function `count` times, and yields records of the calls that return."""
     emulator = Emulator(FLASH_SIZE, CALL_RAM_SIZE)
     emulator.uc.mem_write(CODE, bytes(image.flash))
     for entry in sorted(set(image.functions())):

@@ -912,15 +912,15 @@ proptest! {
         let mut host = host(Alpha1Robot::new(RobotConfig { hid, ..RobotConfig::default() }));
         for request in requests {
             let info = Alpha1.request(&bytes(&request)).unwrap();
-            let told_to_all = info.response.is_none();
+            let is_broadcast = info.response.is_none();
             match host.call(request) {
                 Ok(Some(response)) => {
                     let mut out = [0; MAX_FRAME];
                     let n = Alpha1.encode_response(&response, None, &mut out).unwrap();
                     prop_assert!(Alpha1.is_response_to(info.key, &out[..n]));
                 }
-                Ok(None) => prop_assert!(told_to_all),
-                Err(_) => prop_assert!(is_for_none_there(&request), "{:?}", request),
+                Ok(None) => prop_assert!(is_broadcast),
+                Err(_) => prop_assert!(addresses_missing_servo(&request), "{:?}", request),
             }
         }
     }
@@ -984,7 +984,7 @@ proptest! {
 }
 
 /// Returns true if the request addresses a servo that the robot does not have.
-fn is_for_none_there(request: &Request<'_>) -> bool {
+fn addresses_missing_servo(request: &Request<'_>) -> bool {
     // The id is the first byte of the data.
     matches!(request, Request::Servo(_)) && bytes(request)[2] > 16
 }

@@ -1,4 +1,4 @@
-//! The core beside QEMU's Cortex-M4: replays what `lockstep/record.py` has recorded.
+//! The core beside QEMU's Cortex-M4: replays the recording of `lockstep/record.py`.
 
 use armwire_virtual_board::core::{Access, Bus, BusError, Core, Memory, Refusal, Register, Stop, Width};
 

@@ -106,7 +106,7 @@ impl Array {
         u64::from_le_bytes(lock(&self.flash).get(word))
     }
 
-    /// Starts an operation with a typical and a maximum duration. `what` names its random draws.
+    /// Starts an operation with a typical and a maximum duration. `what` identifies its random draws.
     pub(crate) fn start(
         &mut self,
         operation: Operation,
