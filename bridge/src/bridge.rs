@@ -449,7 +449,7 @@ impl Bridge {
     // ---- State ----
 
     /// Returns true if bytes for the arm have not moved, or the UART has not been read, for a second. Only a restart
-    /// recovers from either. A host that does not read does not count.
+    /// recovers from either. Unread bytes for a host are not considered.
     ///
     /// ```
     /// use armwire_bridge::Bridge;

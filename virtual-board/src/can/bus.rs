@@ -489,12 +489,12 @@ impl Bus {
             Phase::Fault(at, trouble) => {
                 self.fail(&flight, trouble, controller);
                 // An active error flag on a shorted bus is an error at each of its bits.
-                let is_covered = trouble.outcome == Outcome::Shorted
+                let is_repeated = trouble.outcome == Outcome::Shorted
                     && self.shorted
                     && controller.sends()
                     && controller.state() == ErrorState::Active;
                 let bit = flight.times.nominal;
-                flight.phase = if is_covered {
+                flight.phase = if is_repeated {
                     Phase::Fault(at + span(1, bit), trouble)
                 } else {
                     Phase::Close(at + span(ERROR_FLAG_BITS + ERROR_DELIMITER_BITS, bit), trouble.outcome)
