@@ -193,9 +193,9 @@ pub(crate) struct Line<A: ?Sized> {
     /// The board's byte in transmission, in half-duplex mode.
     own: Option<Own>,
     /// True if the board's own last byte has collided.
-    spoiled: bool,
+    own_collided: bool,
     /// End of the arm's last collided byte.
-    jammed: Nanos,
+    collided_until: Nanos,
     rates: FaultRates,
     seed: u64,
     /// Number of bytes sent by the arm.
@@ -223,8 +223,8 @@ impl<A: SerialDevice> Line<A> {
             pin: Pin::Free,
             transmits: false,
             own: None,
-            spoiled: false,
-            jammed: Nanos(0),
+            own_collided: false,
+            collided_until: Nanos(0),
             rates: FaultRates::default(),
             seed,
             count: 0,
@@ -337,7 +337,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
 
     /// The board starts to send a byte, in half-duplex mode.
     pub(crate) fn board_starts(&mut self, now: Nanos, sent: u8) {
-        let mut collided = now < self.jammed;
+        let mut collided = now < self.collided_until;
         if let Some(flight) = self.flight.as_mut().filter(|flight| now < flight.ends) {
             flight.outcome = Outcome::Collided;
             collided = true;
@@ -351,7 +351,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
     }
 
     /// The arm's bytes during a transmission of the board collide, in half-duplex mode.
-    pub(crate) fn jam(&mut self, now: Nanos) {
+    pub(crate) fn collide(&mut self, now: Nanos) {
         let byte = self.arm_byte();
         while let Some(own) = &mut self.own
             && let Some(due) = self.arm.poll_timeout()
@@ -361,15 +361,15 @@ impl<A: SerialDevice + ?Sized> Line<A> {
             own.collided = true;
             self.count += 1;
             self.free = now + byte;
-            self.jammed = self.free;
-            self.record(self.jammed, sent, Outcome::Collided);
+            self.collided_until = self.free;
+            self.record(self.collided_until, sent, Outcome::Collided);
         }
     }
 
     /// Returns true if the byte that the board receives has collided.
-    pub(crate) fn is_jammed(&self) -> bool {
+    pub(crate) fn has_collided(&self) -> bool {
         let arriving = self.flight.is_some_and(|flight| flight.outcome == Outcome::Collided);
-        arriving || self.spoiled || self.own.is_some_and(|own| own.collided && own.received)
+        arriving || self.own_collided || self.own.is_some_and(|own| own.collided && own.received)
     }
 
     /// The board sent a byte; its stop bit ended at `now`.
@@ -378,7 +378,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         let received = sample(sent, board, (self.arm_bit, self.arm_format));
         let mut value = received.value;
         let collided = self.own.take().filter(|own| own.collided);
-        self.spoiled = collided.is_some_and(|own| own.received);
+        self.own_collided = collided.is_some_and(|own| own.received);
         let outcome = if collided.is_some() {
             value = !sent;
             Outcome::Collided
@@ -400,7 +400,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
     pub(crate) fn board_receives(&mut self, now: Nanos) -> Option<Arrival> {
         let follows = self.land(now);
         self.starve.store(false, Ordering::Relaxed);
-        self.spoiled = false;
+        self.own_collided = false;
         if let Some(own) = &mut self.own {
             // On one wire, it is busy with the board's own byte. A byte whose start bit was missed is not received.
             let starts = !own.received && now.since(own.starts).0 <= self.board_bit / 2_000;

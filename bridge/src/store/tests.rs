@@ -442,7 +442,7 @@ proptest! {
 }
 
 /// `flash` with each written byte changed, in two ways.
-fn spoilt<const WRITE: usize, const ERASE: usize>(
+fn corrupted<const WRITE: usize, const ERASE: usize>(
     flash: &Nor<WRITE, ERASE>,
 ) -> impl Iterator<Item = (usize, Nor<WRITE, ERASE>)> {
     let written = flash.bytes.iter().enumerate().filter(|(_, byte)| **byte != ERASED);
@@ -457,11 +457,11 @@ fn spoilt<const WRITE: usize, const ERASE: usize>(
 
 #[test]
 fn corrupt_record_is_not_taken_for_empty() {
-    fn spoil<const WRITE: usize, const ERASE: usize>() {
+    fn check_corruption<const WRITE: usize, const ERASE: usize>() {
         for saves in [1, 2] {
             let flash = filled::<WRITE, ERASE>(saves);
             let mut lost = 0;
-            for (at, mut flash) in spoilt(&flash) {
+            for (at, mut flash) in corrupted(&flash) {
                 let loaded = load(&mut flash);
                 let kept = (1..=saves).any(|number| loaded == Saved::Config(config(number)));
                 assert!(kept || loaded == Saved::Unreadable, "{loaded:?} with another byte {at}");
@@ -472,9 +472,9 @@ fn corrupt_record_is_not_taken_for_empty() {
             assert_eq!(lost > 0, saves == 1, "{lost} of {saves}");
         }
     }
-    spoil::<8, 0x800>();
-    spoil::<4, 0x4000>();
-    spoil::<1, 0x4000>();
+    check_corruption::<8, 0x800>();
+    check_corruption::<4, 0x4000>();
+    check_corruption::<1, 0x4000>();
 }
 
 #[test]
@@ -482,7 +482,7 @@ fn corrupt_reset_is_not_taken_for_empty() {
     let mut flash = G431::new(2);
     reset(&mut flash).unwrap();
     assert_eq!(load(&mut flash), Saved::Nothing);
-    let loaded: Vec<_> = spoilt(&flash).map(|(_, mut flash)| load(&mut flash)).collect();
+    let loaded: Vec<_> = corrupted(&flash).map(|(_, mut flash)| load(&mut flash)).collect();
     assert!(loaded.contains(&Saved::Unreadable));
 }
 

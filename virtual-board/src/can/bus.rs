@@ -69,21 +69,21 @@ enum Phase {
     /// The frame is valid for its receivers.
     Valid(Nanos),
     /// An error occurs in the frame.
-    Fault(Nanos, Trouble),
+    Fault(Nanos, FrameError),
     /// The frame ends.
     Close(Nanos, Outcome),
 }
 
 /// An error in a frame.
 #[derive(Clone, Copy, Debug)]
-struct Trouble {
+struct FrameError {
     /// The error as seen by the sender.
     error: BusError,
     in_data_phase: bool,
     outcome: Outcome,
 }
 
-impl Trouble {
+impl FrameError {
     const fn new(error: BusError, outcome: Outcome) -> Self {
         Self {
             error,
@@ -325,15 +325,15 @@ impl Bus {
             Sender::Node(node) => self.config(node).is_none(),
             Sender::Flood => self.attached.is_none(),
         };
-        let trouble = match *phase {
+        let frame_error = match *phase {
             Phase::Close(..) => return,
-            _ if gone => Trouble::new(BusError::Stuff, Outcome::Cut),
-            Phase::Fault(_, trouble) if trouble.outcome == Outcome::Shorted => return,
-            _ if self.shorted => Trouble::new(BusError::DominantBit, Outcome::Shorted),
+            _ if gone => FrameError::new(BusError::Stuff, Outcome::Cut),
+            Phase::Fault(_, frame_error) if frame_error.outcome == Outcome::Shorted => return,
+            _ if self.shorted => FrameError::new(BusError::DominantBit, Outcome::Shorted),
             _ => return,
         };
         if let Some(flight) = &mut self.flight {
-            flight.phase = Phase::Fault(now, trouble);
+            flight.phase = Phase::Fault(now, frame_error);
         }
     }
 
@@ -418,23 +418,24 @@ impl Bus {
                 .collect(),
             phase: Phase::Valid(now),
         };
-        flight.phase = self.destiny(&flight, controller);
+        flight.phase = self.first_phase(&flight, controller);
         self.flight = Some(flight);
     }
 
-    /// The outcome of a frame that begins.
-    fn destiny(&mut self, flight: &Flight, controller: &dyn Controller) -> Phase {
+    /// The first phase of a frame that begins.
+    fn first_phase(&mut self, flight: &Flight, controller: &dyn Controller) -> Phase {
         let slot = flight.after(flight.frame.bits_through_acknowledge());
         let is_board = flight.sender == Sender::Board;
         if self.shorted {
-            let trouble = Trouble::new(BusError::DominantBit, Outcome::Shorted);
-            return Phase::Fault(flight.after(1), trouble);
+            let frame_error = FrameError::new(BusError::DominantBit, Outcome::Shorted);
+            return Phase::Fault(flight.after(1), frame_error);
         }
         if is_board && self.failing > 0 {
             self.failing -= 1;
-            return Phase::Fault(slot, Trouble::new(BusError::RecessiveBit, Outcome::Destroyed));
+            return Phase::Fault(slot, FrameError::new(BusError::RecessiveBit, Outcome::Destroyed));
         }
-        let board = (!is_board && controller.listens() && controller.drives()).then(|| meets(controller, flight));
+        let board =
+            (!is_board && controller.listens() && controller.drives()).then(|| reception_of(controller, flight));
 
         let destroyed = |reception: Reception| match reception {
             Reception::Fails(bits) => Some(bits),
@@ -446,11 +447,11 @@ impl Bus {
         let by_attached = flight.attached.filter(|_| !self.is_silent());
         let destroyers = by_joined.chain(by_board).chain(by_attached);
         if let Some(bits) = destroyers.filter_map(destroyed).min() {
-            let trouble = Trouble {
+            let frame_error = FrameError {
                 in_data_phase: flight.frame.switches_bit_rate() && bits == flight.frame.bits_before_crc_delimiter(),
-                ..Trouble::new(BusError::RecessiveBit, Outcome::Garbled)
+                ..FrameError::new(BusError::RecessiveBit, Outcome::Garbled)
             };
-            return Phase::Fault(flight.after(bits), trouble);
+            return Phase::Fault(flight.after(bits), frame_error);
         }
 
         let is_attached = match flight.sender {
@@ -469,7 +470,7 @@ impl Bus {
         if is_acknowledged {
             Phase::Valid(flight.after(flight.frame.bits_until_valid()))
         } else {
-            Phase::Fault(slot, Trouble::new(BusError::Acknowledge, Outcome::Unacknowledged))
+            Phase::Fault(slot, FrameError::new(BusError::Acknowledge, Outcome::Unacknowledged))
         }
     }
 
@@ -486,18 +487,21 @@ impl Bus {
                 flight.phase = Phase::Close(end, Outcome::Sent);
                 self.flight = Some(flight);
             }
-            Phase::Fault(at, trouble) => {
-                self.fail(&flight, trouble, controller);
+            Phase::Fault(at, frame_error) => {
+                self.fail(&flight, frame_error, controller);
                 // An active error flag on a shorted bus is an error at each of its bits.
-                let is_repeated = trouble.outcome == Outcome::Shorted
+                let is_repeated = frame_error.outcome == Outcome::Shorted
                     && self.shorted
                     && controller.sends()
                     && controller.state() == ErrorState::Active;
                 let bit = flight.times.nominal;
                 flight.phase = if is_repeated {
-                    Phase::Fault(at + span(1, bit), trouble)
+                    Phase::Fault(at + span(1, bit), frame_error)
                 } else {
-                    Phase::Close(at + span(ERROR_FLAG_BITS + ERROR_DELIMITER_BITS, bit), trouble.outcome)
+                    Phase::Close(
+                        at + span(ERROR_FLAG_BITS + ERROR_DELIMITER_BITS, bit),
+                        frame_error.outcome,
+                    )
                 };
                 self.flight = Some(flight);
             }
@@ -508,13 +512,13 @@ impl Bus {
     /// The frame is valid for its receivers. A node that cannot decode it and may not destroy it has an error of its
     /// own.
     fn hand_over(&mut self, flight: &Flight, controller: &mut dyn Controller) {
-        let error = Trouble::new(BusError::Stuff, Outcome::Garbled);
+        let error = FrameError::new(BusError::Stuff, Outcome::Garbled);
         if flight.sender == Sender::Board {
             if flight.attached == Some(Reception::Follows) {
                 self.received.push_back(flight.frame);
             }
         } else if controller.listens() {
-            match meets(controller, flight) {
+            match reception_of(controller, flight) {
                 Reception::Follows => controller.receive(&flight.frame),
                 reception => error
                     .to_receiver(reception)
@@ -538,18 +542,18 @@ impl Bus {
     }
 
     /// All nodes see the error in the frame.
-    fn fail(&mut self, flight: &Flight, trouble: Trouble, controller: &mut dyn Controller) {
+    fn fail(&mut self, flight: &Flight, frame_error: FrameError, controller: &mut dyn Controller) {
         if flight.sender != Sender::Board {
-            let fault = trouble.to_receiver(meets(controller, flight));
+            let fault = frame_error.to_receiver(reception_of(controller, flight));
             if let Some(fault) = fault.filter(|_| controller.listens()) {
                 controller.receive_error(fault);
             }
         } else if controller.sends() {
-            controller.transmit_error(trouble.to_sender());
+            controller.transmit_error(frame_error.to_sender());
         }
         for &(node, reception) in &flight.joined {
             if let Some(node) = self.joined.get_mut(&node)
-                && let Some(fault) = trouble.to_receiver(reception)
+                && let Some(fault) = frame_error.to_receiver(reception)
             {
                 node.confinement.receive_fault(fault);
             }
@@ -557,7 +561,7 @@ impl Bus {
         if let Sender::Node(node) = flight.sender
             && let Some(node) = self.joined.get_mut(&node)
         {
-            node.confinement.transmit_error(trouble.error);
+            node.confinement.transmit_error(frame_error.error);
             if node.confinement.state() == ErrorState::BusOff {
                 node.wait = Some(Wait::new(RECOVERY, None));
             }
@@ -605,6 +609,6 @@ impl Bus {
 }
 
 /// The reception of a frame by the board's controller.
-fn meets(controller: &dyn Controller, flight: &Flight) -> Reception {
+fn reception_of(controller: &dyn Controller, flight: &Flight) -> Reception {
     reception(&flight.frame, flight.times, controller.bit(), controller.capability())
 }

@@ -154,7 +154,11 @@ fn classic_node_destroys_fd_frames_until_error_passive() {
     bench.send(0, classic(0x123, &[7]));
     bench.run_frames(17);
     assert_eq!(bench.bus.take_received_by(2), [classic(0x123, &[7])]);
-    assert_eq!(bench.errors(2), (0, 120, ErrorState::Active), "a good frame heals it");
+    assert_eq!(
+        bench.errors(2),
+        (0, 120, ErrorState::Active),
+        "a valid frame ends error passive"
+    );
 }
 
 #[test]
@@ -232,10 +236,10 @@ fn data_rate_errors_cause_bus_off_and_recover() {
 
     bench.bus.attach_as(FD());
     bench.run_frames(33);
-    let healed = &bench.bus.records()[32];
+    let recovered = &bench.bus.records()[32];
     // The eleven bits at the end of the last frame count.
-    assert_eq!(healed.start.since(off), Nanos((3 + 127 * 11) * BIT.0));
-    assert_eq!((healed.outcome, healed.frame), (Outcome::Sent, fd(0x123, &[])));
+    assert_eq!(recovered.start.since(off), Nanos((3 + 127 * 11) * BIT.0));
+    assert_eq!((recovered.outcome, recovered.frame), (Outcome::Sent, fd(0x123, &[])));
     assert_eq!(bench.errors(0), (0, 0, ErrorState::Active));
 }
 

@@ -6,7 +6,7 @@
 use super::bus::{Access, Bus, Purpose};
 use super::fault::{Fault, Trap};
 use super::memory::Width;
-use super::mpu::Wish;
+use super::mpu::AccessKind;
 use super::state::{Cpu, ccr};
 use super::system::private_page;
 use super::timing::Clock;
@@ -123,7 +123,7 @@ impl Cpu {
 
     /// MemA_with_priv[] for a read (B2.3.4). The address is aligned.
     fn load_one(&mut self, bus: &mut dyn Bus, address: u32, width: Width, privileged: bool) -> Result<u32, Trap> {
-        self.check_protection(address, Wish::Read, privileged)?;
+        self.check_protection(address, AccessKind::Read, privileged)?;
         if !self.memory.flash_reads_on_bus
             && let Some(value) = self.memory.read(address, width)
         {
@@ -162,7 +162,7 @@ impl Cpu {
         width: Width,
         privileged: bool,
     ) -> Result<(), Trap> {
-        self.check_protection(address, Wish::Write, privileged)?;
+        self.check_protection(address, AccessKind::Write, privileged)?;
         if self.memory.write(address, width, value).is_some() {
             if self.memory.has_changed() {
                 self.request_service();
@@ -190,9 +190,9 @@ impl Cpu {
         self.scb.ccr & ccr::USERSETMPEND != 0 && address == 0xe000_ef00
     }
 
-    fn check_protection(&self, address: u32, wish: Wish, privileged: bool) -> Result<(), Fault> {
+    fn check_protection(&self, address: u32, kind: AccessKind, privileged: bool) -> Result<(), Fault> {
         let open = self.mpu.is_open(address) && privileged == self.is_privileged();
-        if open || self.mpu.permits(address, wish, privileged, self.handles_fault()) {
+        if open || self.mpu.permits(address, kind, privileged, self.handles_fault()) {
             return Ok(());
         }
         Err(Fault::DataProtection(address))
@@ -246,7 +246,7 @@ impl Cpu {
         if never
             || !self
                 .mpu
-                .permits(address, Wish::Execute, privileged, self.handles_fault())
+                .permits(address, AccessKind::Execute, privileged, self.handles_fault())
         {
             return Err(Fault::FetchProtection.into());
         }

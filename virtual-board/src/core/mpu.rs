@@ -11,7 +11,7 @@ mod ctrl {
 
 /// The kind of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Wish {
+pub(super) enum AccessKind {
     Read,
     Write,
     Execute,
@@ -56,7 +56,7 @@ impl Region {
     }
 
     /// Table B3-15.
-    fn permits(self, wish: Wish, privileged: bool) -> bool {
+    fn permits(self, kind: AccessKind, privileged: bool) -> bool {
         let (read, write) = match self.rasr >> 24 & 7 {
             1 => (privileged, privileged),
             2 => (true, privileged),
@@ -65,10 +65,10 @@ impl Region {
             6 | 7 => (true, false),
             _ => (false, false),
         };
-        match wish {
-            Wish::Read => read,
-            Wish::Write => write,
-            Wish::Execute => read && self.rasr >> 28 & 1 == 0,
+        match kind {
+            AccessKind::Read => read,
+            AccessKind::Write => write,
+            AccessKind::Execute => read && self.rasr >> 28 & 1 == 0,
         }
     }
 }
@@ -105,14 +105,14 @@ impl Mpu {
 
     /// Returns true if a transfer is permitted (ValidateAddress(), B3.5.3). `handles_fault` is set at a negative
     /// priority: in NMI, HardFault, or with FAULTMASK.
-    pub(super) fn permits(&self, address: u32, wish: Wish, privileged: bool, handles_fault: bool) -> bool {
+    pub(super) fn permits(&self, address: u32, kind: AccessKind, privileged: bool, handles_fault: bool) -> bool {
         // The private peripheral bus always uses the default map.
         if !self.is_enabled() || address >> 20 == 0xe00 || handles_fault && self.ctrl & ctrl::HFNMIENA == 0 {
             return true;
         }
         // The region with the highest number wins.
         match self.regions.iter().rev().find(|region| region.contains(address)) {
-            Some(region) => region.permits(wish, privileged),
+            Some(region) => region.permits(kind, privileged),
             None => privileged && self.ctrl & ctrl::PRIVDEFENA != 0,
         }
     }
@@ -132,8 +132,8 @@ impl Mpu {
         borders.extend([ram.start, ram.end]);
         borders.sort_unstable();
         let open = |at: u64| {
-            let permits = |wish| self.permits(at as u32, wish, privileged, false);
-            permits(Wish::Read) && permits(Wish::Write)
+            let permits = |kind| self.permits(at as u32, kind, privileged, false);
+            permits(AccessKind::Read) && permits(AccessKind::Write)
         };
         // Adjacent permitted ranges are merged.
         let mut best = 0..0;

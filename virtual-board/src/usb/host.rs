@@ -110,7 +110,7 @@ enum Link {
 
 /// The program's request for the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Wish {
+enum BusRequest {
     Reset,
     Suspend,
     Resume,
@@ -230,7 +230,7 @@ pub struct Host {
     cable: bool,
     powered: bool,
     connected: bool,
-    wish: Option<Wish>,
+    bus_request: Option<BusRequest>,
     link: Link,
     frame: u16,
     /// The time from which the wire is free.
@@ -255,7 +255,7 @@ impl Default for Host {
             cable: false,
             powered: false,
             connected: false,
-            wish: None,
+            bus_request: None,
             link: Link::Quiet {
                 since: Nanos(0),
                 suspended: true,
@@ -299,17 +299,17 @@ impl Host {
 
     /// Resets the bus. All pipes close.
     pub fn reset(&mut self) {
-        self.wish = Some(Wish::Reset);
+        self.bus_request = Some(BusRequest::Reset);
     }
 
     /// Stops the frames: the device suspends after 3 ms.
     pub fn suspend(&mut self) {
-        self.wish = Some(Wish::Suspend);
+        self.bus_request = Some(BusRequest::Suspend);
     }
 
     /// Wakes a suspended bus.
     pub fn resume(&mut self) {
-        self.wish = Some(Wish::Resume);
+        self.bus_request = Some(BusRequest::Resume);
     }
 
     /// Starts a control transfer with the device at `address`, whose endpoint 0 has packets of `packet` bytes. A
@@ -494,14 +494,14 @@ impl Host {
             self.quiet(now);
             self.progress = true;
         }
-        match self.wish.take() {
-            Some(Wish::Reset) if connected => {
+        match self.bus_request.take() {
+            Some(BusRequest::Reset) if connected => {
                 self.close(TransferError::Disconnected);
                 device.reset();
                 self.link = Link::Reset { ends: now + RESET };
             }
-            Some(Wish::Suspend) if self.running() => self.quiet(now),
-            Some(Wish::Resume) if connected => {
+            Some(BusRequest::Suspend) if self.running() => self.quiet(now),
+            Some(BusRequest::Resume) if connected => {
                 device.resume();
                 self.link = Link::Resume { ends: now + RESUME };
             }

@@ -167,13 +167,13 @@ fn invalid_frame_ends_only_its_connection_with_reason() {
 #[test]
 fn slow_client_delays_no_other() {
     serving(|server| {
-        let (greedy, other) = (server.connect(), server.connect());
+        let (unread, other) = (server.connect(), server.connect());
         // More than the socket buffers hold.
         const MOST: usize = 64 << 20;
-        greedy.set_write_timeout(Some(Duration::from_millis(500))).unwrap();
+        unread.set_write_timeout(Some(Duration::from_millis(500))).unwrap();
         let requests = (0..=u16::MAX).flat_map(version).collect::<Vec<_>>();
         let mut sent = 0;
-        while let Ok(n) = (&greedy).write(&requests[sent % requests.len()..]) {
+        while let Ok(n) = (&unread).write(&requests[sent % requests.len()..]) {
             sent += n;
             assert!(sent < MOST, "the server accepts everything");
         }
@@ -181,7 +181,7 @@ fn slow_client_delays_no_other() {
         assert_eq!(read(&other), STATE_ANSWER);
         // Once it reads, it gets everything, in order.
         for i in 0..sent / 7 {
-            let answer = read::<48>(&greedy);
+            let answer = read::<48>(&unread);
             assert_eq!(answer[..2], (i as u16).to_be_bytes());
             assert_eq!(answer[2..], VERSION_ANSWER[2..]);
         }

@@ -172,7 +172,7 @@ impl Shifter {
         let line = self.line.clone();
         let mut line = lock(&line);
         let mut progress = Progress::default();
-        line.jam(now);
+        line.collide(now);
         if let Some((_, sent)) = self.sending.take_if(|(ends, _)| *ends <= now) {
             if let Some(byte) = sent {
                 line.board_sent(now, byte);
@@ -181,7 +181,7 @@ impl Shifter {
             self.take_data(now, data, &mut line);
         }
         if let Some((_, mut arrival)) = self.arriving.take_if(|(ends, _)| *ends <= now) {
-            if line.is_jammed() {
+            if line.has_collided() {
                 arrival.framing = true;
                 arrival.value = !arrival.value;
             }

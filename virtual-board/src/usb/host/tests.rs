@@ -21,7 +21,7 @@ const CONFIGURATION: [u8; 55] = [
 
 /// A fault of the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Trouble {
+enum Failure {
     #[default]
     None,
     /// It stalls every control transfer.
@@ -33,7 +33,7 @@ enum Trouble {
 /// A device whose control pipe answers at once, and which echoes on endpoint 1.
 #[derive(Debug, Default)]
 struct Echo {
-    trouble: Trouble,
+    failure: Failure,
     address: u8,
     next_address: u8,
     setup: Vec<[u8; 8]>,
@@ -78,7 +78,7 @@ impl Function for Echo {
     }
 
     fn setup(&mut self, address: u8, request: [u8; 8]) -> bool {
-        if self.trouble == Trouble::Dead || address != self.address {
+        if self.failure == Failure::Dead || address != self.address {
             return false;
         }
         self.setup.push(request);
@@ -112,7 +112,7 @@ impl Function for Echo {
 
     fn input(&mut self, _: u8, endpoint: u8) -> Reply {
         if endpoint == 0 {
-            if self.trouble == Trouble::Stalls {
+            if self.failure == Failure::Stalls {
                 return Reply::Stall;
             }
             let bytes = self.answer[..self.answer.len().min(64)].to_vec();
@@ -222,14 +222,14 @@ fn a_device_is_enumerated() {
 
 #[test]
 fn stalling_or_silent_device_is_an_error() {
-    for (trouble, error) in [
-        (Trouble::Stalls, TransferError::Stalled),
-        (Trouble::Dead, TransferError::NoResponse),
+    for (failure, error) in [
+        (Failure::Stalls, TransferError::Stalled),
+        (Failure::Dead, TransferError::NoResponse),
     ] {
         let mut wire = Wire::running();
-        wire.device.trouble = trouble;
+        wire.device.failure = failure;
         let Err(EnumerateError::Transfer { error: found, .. }) = enumerate(&mut wire) else {
-            panic!("{trouble:?}");
+            panic!("{failure:?}");
         };
         assert_eq!(found, error);
     }
