@@ -119,7 +119,7 @@ pub struct Counters {
     pub commands_out_of_range: u32,
     /// Times a host that streamed motion went silent, or lost its arm because another kind was configured.
     pub host_silences: u32,
-    /// Unsent bytes of such a host that were dropped.
+    /// Unsent bytes dropped because their host went silent.
     pub silenced_bytes: u32,
     /// Messages from hosts on the control port.
     pub control_requests: u32,

@@ -36,7 +36,7 @@ impl<const N: usize> Queue<N> {
         self.used.len = self.used.len.min(len);
     }
 
-    /// Appends as many bytes as fit and returns the number of those that did not.
+    /// Appends as many bytes as fit, and returns the number of dropped ones.
     pub(crate) fn push(&mut self, bytes: &[u8]) -> usize {
         self.used.push(&mut self.ring, bytes)
     }

@@ -25,7 +25,7 @@ pub(crate) fn store(flash: ConfigFlash) -> Store<ConfigFlash> {
     Store::new(flash, CONFIG_FLASH).unwrap()
 }
 
-/// The saved configuration, or the factory defaults if there is none or it is unreadable; and true if it is unreadable.
+/// The saved configuration, or the factory defaults without a readable one; and true if it was unreadable.
 pub(crate) fn load(store: &mut Store<ConfigFlash>) -> (Config, bool) {
     match block_on(store.load()) {
         Ok(Saved::Config(config)) => (config, false),

@@ -31,7 +31,7 @@ impl fmt::Display for Crash {
     }
 }
 
-/// The crash that a function of this name stands for. The whole name must match for handlers: the linker may give other
+/// The crash that is handled by a function of this name. The whole name must match for handlers: the linker may give other
 /// symbols that contain it, for example an unused `_HardFault`, the address of a function that runs.
 pub(crate) fn crash_of(name: &str) -> Option<Crash> {
     match name {

@@ -231,7 +231,7 @@ impl<const N: usize> Reader<N> {
         Some(message)
     }
 
-    /// Clears the state: the stream starts anew.
+    /// Resets the state, for the start of a new stream.
     pub const fn clear(&mut self) {
         self.cobs = DecoderState::Idle;
         self.len = 0;

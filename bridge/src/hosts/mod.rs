@@ -303,7 +303,7 @@ impl Hosts {
 
     // ---- Requests on the control port ----
 
-    /// Executes the requests on the control port, as far as the replies fit.
+    /// Executes the requests on the control port, as long as their replies fit.
     fn serve(&mut self, line: &mut Line, now: Instant) {
         loop {
             // A failed identification is complete at once.

@@ -47,7 +47,7 @@ impl Iterator for Events {
     }
 }
 
-/// The reason for an aborted transfer. Names in brackets are those of the standard (ISO 15765-2:2016, 8.3.7).
+/// The reason for an aborted transfer. The standard's names (ISO 15765-2:2016, 8.3.7) are in brackets.
 ///
 /// ```
 /// use armwire_bridge::isotp::Error;

@@ -98,7 +98,7 @@ impl ToHost {
         self.passed = offset.wrapping_add(len as u64);
     }
 
-    /// Queues bytes for the host, if there is one and as far as they fit.
+    /// Queues as many bytes as fit, if there is a host.
     fn push(&mut self, bytes: &[u8], counters: &mut Counters) {
         match self.state {
             State::Detached | State::Closed => count(&mut counters.undelivered_bytes, bytes.len()),

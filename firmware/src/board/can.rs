@@ -74,7 +74,7 @@ impl Can {
         self.waiting() < ROOM
     }
 
-    /// Queues a frame behind those before it. Call this only if [`has_room`](Self::has_room) returns true.
+    /// Queues a frame for transmission. Call this only if [`has_room`](Self::has_room) returns true.
     pub(crate) fn transmit(&mut self, frame: &Frame) {
         self.controller.transmit(frame);
     }

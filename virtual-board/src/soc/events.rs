@@ -33,7 +33,7 @@ impl<const SLOTS: usize> Events<SLOTS> {
         }
     }
 
-    /// The time of the next event. The end of time if there is none.
+    /// The time of the next event, the maximum if there is none.
     #[inline]
     pub(crate) fn next(&self) -> Nanos {
         self.next

@@ -55,7 +55,7 @@ pub(crate) trait Chip: Bus + Debug + Send {
     /// The timing of the flash by its wait states and caches.
     fn flash_timing(&self) -> FlashTiming;
 
-    /// The time of the next event. The end of time if there is none.
+    /// The time of the next event, the maximum if there is none.
     fn next_event(&self) -> Nanos;
 
     /// The core runs until `deadline`: the chip needs attention if an event becomes due sooner.

@@ -95,7 +95,7 @@ fn stop_capturing() {
     rcc.cfgr().modify(|w| w.set_rtcpre(0));
 }
 
-/// The crystal that runs. `None` if it is none of [`CRYSTALS`], or stopped.
+/// The running crystal. `None` if it is none of [`CRYSTALS`], or has stopped.
 fn measure() -> Option<&'static Crystal> {
     // Earlier captures are discarded.
     pac::TIM11.sr().write(|_| {});

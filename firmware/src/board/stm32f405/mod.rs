@@ -1,6 +1,6 @@
 //! The default board: an STM32F405RG with a crystal, USB on PA11/PA12, the arm on PA2/PA3 and CAN on PB8/PB9.
 //!
-//! Sections are those of RM0090.
+//! Section numbers are those of RM0090.
 
 mod boot;
 mod can;
@@ -49,7 +49,7 @@ bind_interrupts!(struct Irqs {
     CAN1_SCE => can::StatusHandler;
 });
 
-/// The interrupts that those of the UART and of its DMA preempt.
+/// The interrupts that are preempted by those of the UART and of its DMA.
 const LESS_URGENT: [Interrupt; 5] = [
     Interrupt::OTG_FS,
     Interrupt::TIM5,

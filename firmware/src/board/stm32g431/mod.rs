@@ -1,7 +1,7 @@
 //! A WeAct STM32G431 core board, or any with an STM32G431CB, an 8 MHz crystal, USB on PA11/PA12, the arm on PA2/PA3 and
 //! CAN FD on PB8/PB9. It has not been tried on hardware: `docs/porting.md` lists the points to check.
 //!
-//! Sections are those of RM0440.
+//! Section numbers are those of RM0440.
 
 mod boot;
 mod can;
@@ -45,7 +45,7 @@ bind_interrupts!(struct Irqs {
     FDCAN1_IT0 => can::InterruptHandler;
 });
 
-/// The interrupts that those of the UART and of its DMA preempt.
+/// The interrupts that are preempted by those of the UART and of its DMA.
 const LESS_URGENT: [Interrupt; 3] = [Interrupt::USB_LP, Interrupt::TIM2, Interrupt::FDCAN1_IT0];
 
 /// The clock: a 32-bit timer, its peripheral and its interrupt.

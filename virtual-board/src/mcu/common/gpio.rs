@@ -120,7 +120,7 @@ impl Peripheral for Gpio {
         Ok(())
     }
 
-    /// The port as a reset leaves it.
+    /// Resets the port.
     fn reset(&mut self, _: Nanos) {
         *self = Self::new(self.at_reset, self.has_brr);
     }

@@ -279,7 +279,7 @@ impl Peripheral for Tim {
         self.clock.instant(self.since + (total - self.count) * self.step())
     }
 
-    /// The timer as a reset leaves it. Its clock goes on.
+    /// Resets the timer, but not its clock.
     fn reset(&mut self, now: Nanos) {
         let hz = self.clock.hz();
         *self = Self::new();

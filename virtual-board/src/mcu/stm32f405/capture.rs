@@ -223,7 +223,7 @@ impl Peripheral for Capture {
         Ok(())
     }
 
-    /// The timer as a reset leaves it. Its clock goes on.
+    /// Resets the timer, but not its clock.
     fn reset(&mut self, _: Nanos) {
         *self = Self {
             clock_hz: self.clock_hz,

@@ -162,7 +162,7 @@ impl Dma {
         self.steps.set_delays(delays);
     }
 
-    /// A controller, 0 or 1, as a reset leaves it.
+    /// Resets a controller, 0 or 1.
     pub(super) fn reset_controller(&mut self, controller: usize) {
         for stream in controller * STREAMS..(controller + 1) * STREAMS {
             self.streams[stream] = Stream::OFF;

@@ -132,7 +132,7 @@ impl Peripheral for Pwr {
         Ok(())
     }
 
-    /// The controller as a reset leaves it. The supply stays.
+    /// Resets the controller, but not the supply.
     fn reset(&mut self, _: Nanos) {
         *self = Self {
             chance: self.chance.clone(),

@@ -120,7 +120,7 @@ impl Dma {
         }
     }
 
-    /// A controller or the multiplexer, by the offset of its registers, as a reset leaves it.
+    /// Resets a controller or the multiplexer, by the offset of its registers.
     pub(super) fn reset_block(&mut self, offset: u32) {
         if offset == MULTIPLEXER {
             self.requests = [0; ALL_CHANNELS];

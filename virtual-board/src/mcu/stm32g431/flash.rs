@@ -326,7 +326,7 @@ impl Peripheral for Interface {
         self.array.due()
     }
 
-    /// The interface as a reset of it leaves it (RCC_AHB1RSTR.FLASHRST, 7.4.8).
+    /// Resets the interface (RCC_AHB1RSTR.FLASHRST, 7.4.8).
     fn reset(&mut self, _: Nanos) {
         *self = Self::with(self.array.clone(), std::mem::take(&mut self.broken));
     }

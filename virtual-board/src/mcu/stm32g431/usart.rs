@@ -397,7 +397,7 @@ impl Peripheral for Usart {
         self.shifter.due()
     }
 
-    /// The USART as a reset leaves it. Line and clock stay.
+    /// Resets the USART, but not the line and the clock.
     fn reset(&mut self, now: Nanos) {
         *self = Self {
             clock_hz: self.clock_hz,

@@ -490,7 +490,7 @@ impl Peripheral for Usb {
         self.wake
     }
 
-    /// The controller as a reset leaves it. Packet memory and clock stay, and so does the cable.
+    /// Resets the controller, but not the packet memory, the clock and the cable.
     fn reset(&mut self, now: Nanos) {
         self.device = Device {
             clocked: self.device.clocked,

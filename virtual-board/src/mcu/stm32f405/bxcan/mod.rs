@@ -92,7 +92,7 @@ impl Peripheral for Can {
         self.wake
     }
 
-    /// The controller as a reset leaves it. Bus and clock stay.
+    /// Resets the controller, but not the bus and the clock.
     fn reset(&mut self, now: Nanos) {
         let clock_hz = self.core.clock_hz;
         self.core = Core::default();

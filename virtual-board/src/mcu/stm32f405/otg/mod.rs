@@ -98,7 +98,7 @@ impl Peripheral for Otg {
         self.wake
     }
 
-    /// The controller as a reset leaves it. The cable and the clock stay.
+    /// Resets the controller, but not the cable and the clock.
     fn reset(&mut self, now: Nanos) {
         let clocked = self.core.clocked;
         self.core = self.core.restarted();

@@ -95,7 +95,7 @@ impl Peripheral for Fdcan {
         self.wake
     }
 
-    /// The controller as a reset leaves it. The bus, the clock and the message RAM stay.
+    /// Resets the controller, but not the bus, the clock and the message RAM.
     fn reset(&mut self, now: Nanos) {
         self.controller.reset();
         self.settle(now);
