@@ -68,7 +68,7 @@ impl Line for Listened {
 
     fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         let n = self.line.read(buf, wait)?;
-        match self.detector.hear(&buf[..n]) {
+        match self.detector.push(&buf[..n]) {
             None => Ok(n),
             Some(legacy) => Err(Error::Legacy {
                 name: self.name().to_owned(),

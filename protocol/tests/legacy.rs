@@ -93,9 +93,9 @@ fn current() -> impl Strategy<Value = Vec<u8>> {
 }
 
 /// The number of bytes before a detection, if there is one.
-fn told_after(stream: &[u8]) -> Option<usize> {
+fn bytes_to_detection(stream: &[u8]) -> Option<usize> {
     let mut detector = Detector::new();
-    let position = stream.iter().position(|&byte| detector.hear(&[byte]).is_some());
+    let position = stream.iter().position(|&byte| detector.push(&[byte]).is_some());
     position.map(|position| position + 1)
 }
 
@@ -135,7 +135,7 @@ proptest! {
         let frames: Vec<u8> = frames.iter().flat_map(bytes_of).collect();
         // Earlier bytes may seem to begin a frame: it is rejected within the longest frame.
         let line = [&before[..], &frames[..], &frames[..], &frames[..], &[0; MAX_FRAME][..]].concat();
-        prop_assert!(told_after(&line).is_some());
+        prop_assert!(bytes_to_detection(&line).is_some());
     }
 
     #[test]
@@ -147,15 +147,15 @@ proptest! {
             .iter()
             .flat_map(|(noise, responses)| [noise.clone(), responses.iter().flat_map(bytes_of).collect()].concat())
             .collect();
-        let told_after = told_after(&stream);
-        let (mut detector, mut heard) = (Detector::new(), 0);
+        let detection = bytes_to_detection(&stream);
+        let (mut detector, mut received) = (Detector::new(), 0);
         let mut rest = &stream[..];
         for length in lengths.into_iter().chain([usize::MAX]) {
             let (chunk, later) = rest.split_at(rest.len().min(length));
             rest = later;
-            heard += chunk.len();
-            let told = told_after.is_some_and(|n| n <= heard);
-            prop_assert_eq!(detector.hear(chunk), told.then_some(OlderGeneration));
+            received += chunk.len();
+            let detected = detection.is_some_and(|n| n <= received);
+            prop_assert_eq!(detector.push(chunk), detected.then_some(OlderGeneration));
         }
     }
 
@@ -167,9 +167,9 @@ proptest! {
         let mut detector = Detector::new();
         for (noise, frame) in parts {
             if broken {
-                prop_assert_eq!(detector.hear(&noise), None);
+                prop_assert_eq!(detector.push(&noise), None);
             }
-            prop_assert_eq!(detector.hear(&frame), None);
+            prop_assert_eq!(detector.push(&frame), None);
         }
     }
 
@@ -180,7 +180,7 @@ proptest! {
         let mut detector = Detector::new();
         for (current, one, other) in parts {
             let line = [current, bytes_of(&one), bytes_of(&other)].concat();
-            prop_assert_eq!(detector.hear(&line), None);
+            prop_assert_eq!(detector.push(&line), None);
         }
     }
 }
@@ -201,7 +201,7 @@ fn random(seed: u64) -> impl Iterator<Item = u8> {
 #[test]
 fn ten_million_random_bytes_are_not_recognised() {
     let bytes: Vec<u8> = random(1).take(10_000_000).collect();
-    assert_eq!(Detector::new().hear(&bytes), None);
+    assert_eq!(Detector::new().push(&bytes), None);
 }
 
 /// The hardest noise: only the first and last bytes of such frames.
@@ -229,5 +229,5 @@ fn noise_of_frame_marks_is_not_recognised() {
         frames > 1_000 && messages > 10,
         "this noise holds frames: {frames}, of them messages: {messages}"
     );
-    assert_eq!(Detector::new().hear(&bytes), None);
+    assert_eq!(Detector::new().push(&bytes), None);
 }

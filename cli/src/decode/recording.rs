@@ -262,7 +262,7 @@ impl Recording for LingFrames {
             && let Some(&byte) = bytes.next()
         {
             beginning.bytes.push(byte);
-            if let Some(older) = beginning.older.hear(&[byte]) {
+            if let Some(older) = beginning.older.push(&[byte]) {
                 out.remark(format_args!("This is {older}"))?;
                 self.begin(Box::new(Frames::<Legacy>::new(self.from)), out)?;
             } else if beginning.ends_current_message(byte) || beginning.bytes.len() >= MAX_UNTOLD {

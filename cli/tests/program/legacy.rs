@@ -41,7 +41,7 @@ fn legacy_arm_is_named() {
         let message = format!("{}: this is a Ling arm of the older generation:", arm.port);
         assert!(line.starts_with(&message), "{line}");
         assert!(
-            line.contains("sends it nothing; for all else, ask the vendor for a firmware update"),
+            line.contains("sends nothing to it. All other functions need a firmware update from the vendor"),
             "{line}"
         );
         assert!(line.contains("1000000 or 921600 baud"), "{line}");

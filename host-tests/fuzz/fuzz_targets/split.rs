@@ -28,7 +28,7 @@ impl Check for Split {
         let mut bytewise = Ear::<P, N>::new(expect);
         let mut needed = Ear::<P, N>::new(expect);
         let (mut whole, mut pieces) = (Detector::new(), Detector::new());
-        let hint = whole.hear(line);
+        let hint = whole.push(line);
         let mut rest = line;
         for cut in cuts.iter().copied().chain([u8::MAX]) {
             let len = if cut == u8::MAX {
@@ -42,7 +42,7 @@ impl Check for Split {
             buffered.on_bytes_into_room(chunk, usize::from(cut >> 4));
             chunk.iter().for_each(|byte| bytewise.on_bytes(&[*byte]));
             needed.on_bytes_by_threshold(chunk);
-            pieces.hear(chunk);
+            pieces.push(chunk);
             if cut & IDLE != 0 {
                 chunked.idle();
                 buffered.idle();
@@ -53,7 +53,7 @@ impl Check for Split {
         assert_eq!(chunked.received, buffered.received);
         assert_eq!(chunked.received, bytewise.received);
         assert_eq!(chunked.received, needed.received);
-        assert_eq!(pieces.hear(rest), hint);
+        assert_eq!(pieces.push(rest), hint);
         assert!(hint.is_none_or(|legacy_hint| legacy_hint.to_string().contains("older generation")));
         check_raw::<N>(line);
         Ok(())

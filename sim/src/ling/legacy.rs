@@ -237,7 +237,7 @@ mod tests {
         let mut recognised = None;
         for micros in (0..1_000_000).step_by(10).map(Instant::from_micros) {
             if let Some(byte) = arm.transmit(micros)
-                && detector.hear(&[byte]).is_some()
+                && detector.push(&[byte]).is_some()
             {
                 recognised.get_or_insert(micros);
             }
@@ -252,7 +252,7 @@ mod tests {
         let mut detector = Detector::new();
         let recognised = (0..1_000_000).step_by(10).find_map(|micros| {
             let byte = line.transmit(Instant::from_micros(micros))?;
-            detector.hear(&[byte])
+            detector.push(&[byte])
         });
         assert_eq!(recognised, Some(OlderGeneration));
         assert!(line.injected_from_device().dropped + line.injected_from_device().corrupted > 0);

@@ -152,7 +152,7 @@ impl Session {
     pub fn receive(&mut self, now: Instant, mut bytes: &[u8]) {
         self.counters.bytes_in += bytes.len() as u64;
         self.log.received(now, bytes);
-        if self.detector.hear(bytes).is_some() {
+        if self.detector.push(bytes).is_some() {
             self.state = State::OlderGeneration;
             self.client.cancel();
         }

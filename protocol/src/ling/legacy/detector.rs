@@ -16,9 +16,8 @@ const ENOUGH: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[error(
-    "a Ling arm of the older generation: its firmware is from before late 2025, when frames got a function byte. armwire \
-     reads its joints but sends it nothing; for all else, ask the vendor for a firmware update. (Such arms talk at {} or \
-     {} baud.)",
+    "a Ling arm of the older generation: firmware from before late 2025, without a function byte in frames. armwire reads \
+     its joints and sends nothing to it. All other functions need a firmware update from the vendor. (It runs at {} or {} baud.)",
     BAUD_RATES[0],
     BAUD_RATES[1]
 )]
@@ -40,9 +39,9 @@ pub struct OlderGeneration;
 ///     0x04, 0x81, 0x08, 0x00, 0xFF,
 /// ];
 /// let mut detector = Detector::new();
-/// assert_eq!(detector.hear(&joints), None);
-/// assert_eq!(detector.hear(&joints), None);
-/// assert_eq!(detector.hear(&joints), Some(OlderGeneration));
+/// assert_eq!(detector.push(&joints), None);
+/// assert_eq!(detector.push(&joints), None);
+/// assert_eq!(detector.push(&joints), Some(OlderGeneration));
 /// ```
 #[derive(Debug, Default)]
 pub struct Detector {
@@ -61,7 +60,7 @@ impl Detector {
     }
 
     /// Processes the next bytes from the arm, and returns the detection, new or earlier.
-    pub fn hear(&mut self, mut bytes: &[u8]) -> Option<OlderGeneration> {
+    pub fn push(&mut self, mut bytes: &[u8]) -> Option<OlderGeneration> {
         while self.succession < ENOUGH {
             let Some(item) = self.decoder.next(&Legacy, ()) else {
                 if bytes.is_empty() {

@@ -217,10 +217,10 @@ fn detector_decides_at_third_frame_for_good() {
         .flat_map(|(_, bytes, _)| bytes)
         .collect();
     let mut detector = Detector::new();
-    assert_eq!(detector.hear(&line[..line.len() - 1]), None);
-    assert_eq!(detector.hear(&line[line.len() - 1..]), Some(OlderGeneration));
-    assert_eq!(detector.hear(&hex("AA 06 00 01 FE 9A FF")), Some(OlderGeneration));
-    assert_eq!(detector.hear(&[]), Some(OlderGeneration));
+    assert_eq!(detector.push(&line[..line.len() - 1]), None);
+    assert_eq!(detector.push(&line[line.len() - 1..]), Some(OlderGeneration));
+    assert_eq!(detector.push(&hex("AA 06 00 01 FE 9A FF")), Some(OlderGeneration));
+    assert_eq!(detector.push(&[]), Some(OlderGeneration));
 }
 
 #[test]
@@ -229,8 +229,8 @@ fn nonconsecutive_frames_are_not_enough() {
     for between in ["00", "AA", "AA 06 00 01 FE 9A FF", "AA 14 12"] {
         let mut detector = Detector::new();
         for _ in 0..20 {
-            assert_eq!(detector.hear(&[&joints[..], &joints[..]].concat()), None, "{between}");
-            assert_eq!(detector.hear(&hex(between)), None, "{between}");
+            assert_eq!(detector.push(&[&joints[..], &joints[..]].concat()), None, "{between}");
+            assert_eq!(detector.push(&hex(between)), None, "{between}");
         }
     }
 }
@@ -241,10 +241,10 @@ fn other_legacy_frames_neither_count_nor_interrupt() {
     let version = hex("AA 0A 03 05 04 13 00 FF");
     let mut detector = Detector::new();
     for _ in 0..20 {
-        assert_eq!(detector.hear(&version), None);
+        assert_eq!(detector.push(&version), None);
     }
-    assert_eq!(detector.hear(&[&joints[..], &version[..], &joints[..]].concat()), None);
-    assert_eq!(detector.hear(&joints), Some(OlderGeneration));
+    assert_eq!(detector.push(&[&joints[..], &version[..], &joints[..]].concat()), None);
+    assert_eq!(detector.push(&joints), Some(OlderGeneration));
 }
 
 #[test]
@@ -254,8 +254,8 @@ fn message_names_cause_support_and_remedy() {
         "older generation",
         "late 2025",
         "function byte",
-        "reads its joints but sends it nothing",
-        "ask the vendor for a firmware update",
+        "reads its joints and sends nothing to it",
+        "need a firmware update from the vendor",
         "1000000 or 921600 baud",
     ] {
         assert!(text.contains(part), "{part} is not in: {text}");
