@@ -81,7 +81,7 @@ impl Config {
     }
 
     /// The timeout of an answer, from the handover of the last of `len` bytes of its request.
-    fn patience(&self, len: usize, response: ResponseTiming) -> Duration {
+    fn timeout(&self, len: usize, response: ResponseTiming) -> Duration {
         self.on_wire(len.saturating_add(response.longest.into())) + response.turnaround + self.latency
     }
 }
@@ -240,7 +240,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         let handover = Handover {
             offset: handed,
             at: now,
-            due: now + config.patience(self.len, response),
+            due: now + config.timeout(self.len, response),
         };
         self.exchange.repeat(info, (), handover);
         match call {

@@ -96,7 +96,7 @@ pub enum CallError<E> {
 fn timed_out(sends: &u8, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     match sends {
         1 => f.write_str("the arm did not answer"),
-        _ => write!(f, "the arm did not answer, asked {sends} times"),
+        _ => write!(f, "the arm did not answer in {sends} attempts"),
     }
 }
 
@@ -254,7 +254,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
 
     /// Calls with an empty answer or none.
     #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
-    pub(crate) async fn tell(&mut self, request: &M::Request<'_>) -> Result<(), CallError<Port::Error>> {
+    pub(crate) async fn send(&mut self, request: &M::Request<'_>) -> Result<(), CallError<Port::Error>> {
         self.call(request, |_| ()).await.map(drop)
     }
 

@@ -71,7 +71,7 @@ struct Sent<D: Dialect, I> {
     at: Instant,
     due: Instant,
     /// Maximum time to the answer, from the end of the request or from the previous answer.
-    patience: Duration,
+    timeout: Duration,
     /// The number of handovers that were not answered: repeats belong to the same call.
     times: u16,
     stale: bool,
@@ -86,7 +86,7 @@ impl<D: Dialect, I: Copy + Eq> Sent<D, I> {
             offset: handover.offset,
             at: handover.at,
             due: handover.due,
-            patience: handover.due.since(handover.at),
+            timeout: handover.due.since(handover.at),
             times: 1,
             stale: false,
         }
@@ -101,7 +101,7 @@ impl<D: Dialect, I: Copy + Eq> Sent<D, I> {
 /// Sends that are not tracked one by one.
 struct Saturation {
     until: Instant,
-    patience: Duration,
+    timeout: Duration,
 }
 
 /// The unresolved sends on one line, at most `N`. `I` identifies the initiator; use `()` for a single one.
@@ -166,7 +166,7 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
             .map_or(Instant::ZERO, |saturation| saturation.until);
         self.saturated = Some(Saturation {
             until: until.max(due + self.stale_window),
-            patience: handover.due.since(handover.at),
+            timeout: handover.due.since(handover.at),
         });
         false
     }
@@ -200,10 +200,10 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         let (who, sent, stale) = (sent.who, sent.at, sent.stale);
         self.sends.remove_first_where(|sent| sent.times == 0);
         for behind in self.sends.iter_mut().filter(|other| sent <= other.at && !other.stale) {
-            behind.due = behind.due.max(now + behind.patience);
+            behind.due = behind.due.max(now + behind.timeout);
         }
         if let Some(saturation) = &mut self.saturated {
-            saturation.until = saturation.until.max(now + saturation.patience + window);
+            saturation.until = saturation.until.max(now + saturation.timeout + window);
         }
         match stale {
             true => Match::Late(who),

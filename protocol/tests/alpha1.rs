@@ -268,10 +268,10 @@ proptest! {
 
 #[test]
 fn late_byte_is_never_attributed_to_another_servo() {
-    for asked in 1..=240_u8 {
-        for other in (1..=240_u8).filter(|other| *other != asked) {
+    for addressed in 1..=240_u8 {
+        for other in (1..=240_u8).filter(|other| *other != addressed) {
             let mut client = Client::<Alpha1, MAX_FRAME>::new(Alpha1, Config::DEFAULT);
-            let to = Address::One(ServoId::new(asked).unwrap());
+            let to = Address::One(ServoId::new(addressed).unwrap());
             client.submit(&Request::Servo(ServoRequest::Release(to))).unwrap();
             assert!(matches!(client.poll(Instant::ZERO), Output::Transmit(_)));
             client.transmitted(Instant::ZERO, 10).unwrap();
@@ -280,7 +280,7 @@ fn late_byte_is_never_attributed_to_another_servo() {
                 let event = format!("{event:?}");
                 assert!(
                     event.starts_with("Noise"),
-                    "servo {asked} was asked, servo {other} was late: {event}"
+                    "servo {addressed} was addressed, servo {other} was late: {event}"
                 );
             }
             assert!(!client.is_idle());
@@ -324,7 +324,7 @@ impl Robot {
         }
     }
 
-    fn hear(&self, bytes: &[u8]) {
+    fn receive(&self, bytes: &[u8]) {
         let mut line = self.line.borrow_mut();
         if self.echoes {
             line.extend(bytes);
@@ -409,7 +409,7 @@ impl Read for &Robot {
 
 impl Write for &Robot {
     async fn write(&mut self, buf: &[u8]) -> Result<usize, Infallible> {
-        self.hear(buf);
+        self.receive(buf);
         Ok(buf.len())
     }
 

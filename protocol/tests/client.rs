@@ -38,7 +38,7 @@ fn micros(micros: u64) -> Duration {
 }
 
 /// An event in words.
-fn told<R: Debug>(event: Event<'_, R>) -> String {
+fn describe<R: Debug>(event: Event<'_, R>) -> String {
     match event {
         Event::Noise { bytes, .. } => format!("Noise({})", bytes.len()),
         Event::Broken { offset, .. } => format!("Broken({offset})"),
@@ -47,11 +47,11 @@ fn told<R: Debug>(event: Event<'_, R>) -> String {
 }
 
 fn answer() -> String {
-    told(Event::Answer(JOINTS))
+    describe(Event::Answer(JOINTS))
 }
 
 fn late() -> String {
-    told(Event::Late(JOINTS))
+    describe(Event::Late(JOINTS))
 }
 
 impl<M: Messages + Default> Host<M> {
@@ -74,20 +74,20 @@ impl<M: Messages + Default> Host<M> {
     }
 
     /// Submits a request and transmits it.
-    fn ask(&mut self, request: M::Request<'_>) {
+    fn send(&mut self, request: M::Request<'_>) {
         self.client.submit(&request).unwrap();
         assert!(self.transmit() > 0);
     }
 
     fn events(&mut self) -> Vec<String> {
         std::iter::from_fn(|| match self.client.poll(self.now) {
-            Output::Event(event) => Some(told(event)),
+            Output::Event(event) => Some(describe(event)),
             _ => None,
         })
         .collect()
     }
 
-    fn hear(&mut self, bytes: &[u8]) -> Vec<String> {
+    fn receive(&mut self, bytes: &[u8]) -> Vec<String> {
         let (mut rest, mut events) = (bytes, Vec::new());
         loop {
             rest = self.client.receive(self.now, rest);
@@ -128,7 +128,7 @@ fn call_transmits_its_bytes_in_any_pieces() {
         host.client.transmitted(host.now, 1).unwrap();
     }
     assert_eq!(sent, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
-    assert_eq!(host.hear(&bytes(JOINTS)), [answer()]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
     assert!(host.client.is_idle());
     assert_eq!(host.timeout(), None);
 }
@@ -148,7 +148,7 @@ fn more_than_there_is_cannot_be_transmitted() {
 #[test]
 fn second_request_is_refused_while_one_is_pending() {
     let mut host = Lings::new(Config::DEFAULT);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     let busy = host.client.submit(&Request::ReadInfo).unwrap_err();
     assert_eq!(busy, SubmitError::Busy);
     assert_eq!(busy.to_string(), "a request is already in flight");
@@ -175,7 +175,7 @@ fn request_without_answer_is_done_once_sent() {
 fn request_deadline_includes_line_time_turnaround_and_latency() {
     let mut host = Lings::new(Config::DEFAULT);
     host.now = Instant::from_micros(1_000);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     let expected = host.now + micros((7 + 30) * 10 + 50_000 + 10_000);
     assert_eq!(host.timeout(), Some(expected));
 }
@@ -187,19 +187,19 @@ fn only_reads_are_repeated_up_to_the_limit() {
             repeats,
             ..Config::DEFAULT
         });
-        host.ask(Request::ReadJoints);
+        host.send(Request::ReadJoints);
         assert_eq!(host.time_out(), repeats.saturating_add(1));
-        host.ask(Request::ReadInfo);
+        host.send(Request::ReadInfo);
         assert_eq!(host.time_out(), repeats.saturating_add(1), "the next one, too");
     }
     let mut host = Host::<XArm>::new(Config {
         repeats: 9,
         ..Config::TCP
     });
-    host.ask(xarm::Request::ReloadDynamics);
+    host.send(xarm::Request::ReloadDynamics);
     assert_eq!(host.time_out(), 1);
     for _ in 0..9 {
-        host.ask(xarm::Request::ReadVersion);
+        host.send(xarm::Request::ReadVersion);
         assert_eq!(host.time_out(), 10);
     }
 }
@@ -207,41 +207,41 @@ fn only_reads_are_repeated_up_to_the_limit() {
 #[test]
 fn answer_to_repeat_counts_and_original_is_late() {
     let mut host = Lings::new(Config::DEFAULT);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     host.now = host.timeout().unwrap();
     assert_eq!(host.transmit(), 7, "again");
-    assert_eq!(host.hear(&bytes(JOINTS)), [answer()]);
-    assert_eq!(host.hear(&bytes(JOINTS)), [late()]);
-    assert_eq!(host.hear(&bytes(JOINTS)), [told(Event::Unsolicited(JOINTS))]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [describe(Event::Unsolicited(JOINTS))]);
 }
 
 #[test]
 fn a_late_answer_never_satisfies_the_next_request() {
     let mut host = Lings::new(ONCE);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     assert_eq!(host.time_out(), 1);
     host.client.submit(&Request::ReadJoints).unwrap();
     assert_eq!(host.transmit(), 0, "held back");
-    assert_eq!(host.hear(&bytes(JOINTS)), [late()]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
     assert_eq!(host.transmit(), 7);
-    assert_eq!(host.hear(&bytes(JOINTS)), [answer()]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
 }
 
 #[test]
 fn an_answer_read_after_its_window_is_late() {
     let mut host = Lings::new(ONCE);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     assert_eq!(host.time_out(), 1);
     host.now += Duration::from_millis(10_000);
-    assert_eq!(host.hear(&bytes(JOINTS)), [late()], "it may have come long ago");
-    host.ask(Request::ReadJoints);
-    assert_eq!(host.hear(&bytes(JOINTS)), [answer()]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()], "it may have come long ago");
+    host.send(Request::ReadJoints);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
 }
 
 #[test]
 fn missing_answer_blocks_its_kind_for_stale_window() {
     let mut host = Lings::new(ONCE);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     assert_eq!(host.time_out(), 1);
     let due = host.now;
     host.client.submit(&Request::ReadJoints).unwrap();
@@ -250,8 +250,8 @@ fn missing_answer_blocks_its_kind_for_stale_window() {
     host.client.submit(&Request::ReadStroke).unwrap();
     assert_eq!(host.transmit(), 7, "another answer cannot be mixed up");
     assert_eq!(
-        host.hear(&bytes(Response::Stroke(Stroke::Mm50))),
-        [told(Event::Answer(Response::Stroke(Stroke::Mm50)))]
+        host.receive(&bytes(Response::Stroke(Stroke::Mm50))),
+        [describe(Event::Answer(Response::Stroke(Stroke::Mm50)))]
     );
     host.client.submit(&Request::ReadJoints).unwrap();
     assert_eq!(host.transmit(), 0);
@@ -262,7 +262,7 @@ fn missing_answer_blocks_its_kind_for_stale_window() {
 #[test]
 fn torque_off_is_never_held_back() {
     let mut host = Lings::new(ONCE);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     assert_eq!(host.time_out(), 1);
     host.client.submit(&Request::SetTorque(Torque::Off)).unwrap();
     assert_eq!(host.transmit(), 7);
@@ -275,8 +275,8 @@ fn unstarted_request_is_never_sent_after_cancel() {
     assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
     host.client.cancel();
     assert_eq!((host.transmit(), host.client.is_idle()), (0, true));
-    host.ask(Request::ReadJoints);
-    assert_eq!(host.hear(&bytes(JOINTS)), [answer()]);
+    host.send(Request::ReadJoints);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
 }
 
 #[test]
@@ -288,38 +288,38 @@ fn cancelled_request_is_completed_before_the_next() {
     host.client.cancel();
     assert_eq!(host.client.submit(&Request::ReadInfo), Err(SubmitError::Busy));
     assert_eq!(host.transmit(), 4);
-    assert_eq!(host.hear(&bytes(JOINTS)), [late()], "only now can its answer come");
-    host.ask(Request::ReadInfo);
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()], "only now can its answer come");
+    host.send(Request::ReadInfo);
 }
 
 #[test]
 fn the_answer_to_a_cancelled_request_is_late() {
     let mut host = Lings::new(Config::DEFAULT);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     host.client.cancel();
     assert!(host.client.is_idle());
-    assert_eq!(host.hear(&bytes(JOINTS)), [late()]);
-    assert_eq!(host.hear(&bytes(JOINTS)), [told(Event::Unsolicited(JOINTS))]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [describe(Event::Unsolicited(JOINTS))]);
 }
 
 #[test]
 fn bytes_before_the_request_are_no_answer() {
     let mut host = Lings::new(Config::DEFAULT);
     let line = [&[0xAA, 0, 0, 60][..], &bytes(JOINTS)].concat();
-    assert_eq!(host.hear(&line), [""; 0], "a false header holds them back");
-    host.ask(Request::ReadJoints);
+    assert_eq!(host.receive(&line), [""; 0], "a false header holds them back");
+    host.send(Request::ReadJoints);
     host.client.idle();
     let events = host.events();
-    assert_eq!(events.last(), Some(&told(Event::Unsolicited(JOINTS))));
+    assert_eq!(events.last(), Some(&describe(Event::Unsolicited(JOINTS))));
     assert!(!host.client.is_idle());
 }
 
 #[test]
 fn answer_behind_false_header_is_found_after_silence() {
     let mut host = Lings::new(ONCE);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     let line = [&[0xAA, 0, 0, 60][..], &bytes(JOINTS)].concat();
-    assert_eq!(host.hear(&line), [""; 0]);
+    assert_eq!(host.receive(&line), [""; 0]);
     host.now = host.timeout().unwrap();
     assert_eq!(host.events().last(), Some(&answer()));
 }
@@ -327,9 +327,9 @@ fn answer_behind_false_header_is_found_after_silence() {
 #[test]
 fn an_idle_line_frees_the_answer_at_once() {
     let mut host = Lings::new(ONCE);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     let line = [&[0xAA, 0, 0, 60][..], &bytes(JOINTS)].concat();
-    assert_eq!(host.hear(&line), [""; 0]);
+    assert_eq!(host.receive(&line), [""; 0]);
     host.client.idle();
     assert_eq!(host.events().last(), Some(&answer()));
 }
@@ -339,14 +339,14 @@ fn started_answer_gets_time_to_end() {
     let whole = bytes(JOINTS);
     for received in 1..whole.len() {
         let mut host = Lings::new(ONCE);
-        host.ask(Request::ReadJoints);
+        host.send(Request::ReadJoints);
         let due = host.timeout().unwrap();
         let (first, second) = whole.split_at(received);
         host.now = Instant::from_micros(due.as_micros() - 1);
-        assert_eq!(host.hear(first), [""; 0]);
+        assert_eq!(host.receive(first), [""; 0]);
         host.now = due + micros(5_000);
         assert!(host.timeout().unwrap() > host.now);
-        assert_eq!(host.hear(second), [answer()]);
+        assert_eq!(host.receive(second), [answer()]);
     }
 }
 
@@ -354,9 +354,9 @@ fn started_answer_gets_time_to_end() {
 fn endless_bytes_do_not_postpone_timeout_forever() {
     for line in [&[0xAA, 0, 0, 60][..], &[0x11]] {
         let mut host = Lings::new(ONCE);
-        host.ask(Request::ReadJoints);
+        host.send(Request::ReadJoints);
         let due = host.timeout().unwrap();
-        while !host.hear(line).contains(&"TimedOut { sends: 1 }".to_owned()) {
+        while !host.receive(line).contains(&"TimedOut { sends: 1 }".to_owned()) {
             host.now += micros(1_000);
             assert!(host.now < due + ONCE.latency + micros(2_000));
         }
@@ -366,11 +366,11 @@ fn endless_bytes_do_not_postpone_timeout_forever() {
 #[test]
 fn other_message_does_not_postpone_timeout() {
     let mut host = Lings::new(ONCE);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     let due = host.timeout().unwrap();
     host.now = Instant::from_micros(due.as_micros() - 1);
     let stroke = Response::Stroke(Stroke::Mm50);
-    assert_eq!(host.hear(&bytes(stroke)), [told(Event::Unsolicited(stroke))]);
+    assert_eq!(host.receive(&bytes(stroke)), [describe(Event::Unsolicited(stroke))]);
     host.now = due;
     assert_eq!(host.events(), ["TimedOut { sends: 1 }"]);
 }
@@ -378,17 +378,17 @@ fn other_message_does_not_postpone_timeout() {
 #[test]
 fn answer_read_long_after_deadline_still_counts() {
     let mut host = Lings::new(ONCE);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     host.now += micros(10_000_000);
-    assert_eq!(host.hear(&bytes(JOINTS)), [answer()]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
 }
 
 #[test]
 fn echo_is_neither_answer_nor_error() {
     let mut host = Lings::new(Config::DEFAULT);
-    host.ask(Request::ReadJoints);
+    host.send(Request::ReadJoints);
     let line = [&[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF][..], &bytes(JOINTS)].concat();
-    assert_eq!(host.hear(&line), ["Echo".to_owned(), answer()]);
+    assert_eq!(host.receive(&line), ["Echo".to_owned(), answer()]);
 }
 
 type Arms = Host<XArm>;
@@ -409,7 +409,7 @@ fn request_numbers_start_at_one_and_wrap() {
         };
         assert_eq!(bytes[..2], number.to_be_bytes());
         host.client.transmitted(host.now, 7).unwrap();
-        assert!(host.hear(&reloaded(number))[0].starts_with("Answer"));
+        assert!(host.receive(&reloaded(number))[0].starts_with("Answer"));
     }
 }
 
@@ -417,35 +417,35 @@ fn request_numbers_start_at_one_and_wrap() {
 fn with_numbers_nothing_is_held_back() {
     let mut host = Arms::new(Config::TCP);
     for number in 1..20 {
-        host.ask(xarm::Request::ReloadDynamics);
+        host.send(xarm::Request::ReloadDynamics);
         if number % 2 == 0 {
             host.client.cancel();
         } else {
-            assert!(host.hear(&reloaded(number))[0].starts_with("Answer"), "{number}");
+            assert!(host.receive(&reloaded(number))[0].starts_with("Answer"), "{number}");
         }
     }
-    assert!(host.hear(&reloaded(18))[0].starts_with("Late"));
-    assert!(host.hear(&reloaded(18))[0].starts_with("Unsolicited"));
+    assert!(host.receive(&reloaded(18))[0].starts_with("Late"));
+    assert!(host.receive(&reloaded(18))[0].starts_with("Unsolicited"));
 }
 
 #[test]
 fn only_the_answer_with_its_own_number_counts() {
     let mut host = Arms::new(Config::TCP);
-    host.ask(xarm::Request::ReloadDynamics);
+    host.send(xarm::Request::ReloadDynamics);
     assert_eq!(host.time_out(), 1);
-    host.ask(xarm::Request::ReloadDynamics);
-    assert!(host.hear(&reloaded(1))[0].starts_with("Late"));
-    assert!(host.hear(&reloaded(2))[0].starts_with("Answer"));
+    host.send(xarm::Request::ReloadDynamics);
+    assert!(host.receive(&reloaded(1))[0].starts_with("Late"));
+    assert!(host.receive(&reloaded(2))[0].starts_with("Answer"));
 }
 
 #[test]
 fn broken_connection_ends_current_and_later_requests() {
     let mut host = Arms::new(Config::TCP);
-    host.ask(xarm::Request::ReloadDynamics);
-    assert_eq!(host.hear(&[0, 1, 0, 9, 0, 2]), ["Broken(0)"]);
+    host.send(xarm::Request::ReloadDynamics);
+    assert_eq!(host.receive(&[0, 1, 0, 9, 0, 2]), ["Broken(0)"]);
     assert!(host.client.is_idle());
     for number in 2..5 {
-        assert_eq!(host.hear(&reloaded(number)), [""; 0], "nothing is read");
+        assert_eq!(host.receive(&reloaded(number)), [""; 0], "nothing is read");
         host.client.submit(&xarm::Request::ReloadDynamics).unwrap();
         assert_eq!(host.events(), ["Broken(0)"], "nothing is sent");
         assert!(host.client.is_idle() && !host.client.space().is_empty());
@@ -459,7 +459,7 @@ fn nothing_is_sent_after_the_connection_broke() {
         host.client.submit(&xarm::Request::ReloadDynamics).unwrap();
         assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
         host.client.transmitted(host.now, sent).unwrap();
-        assert_eq!(host.hear(&[0, 1, 0, 9]), ["Broken(0)"]);
+        assert_eq!(host.receive(&[0, 1, 0, 9]), ["Broken(0)"]);
         assert_eq!(host.transmit(), 0, "after {sent} bytes");
     }
 }
@@ -467,8 +467,8 @@ fn nothing_is_sent_after_the_connection_broke() {
 #[test]
 fn answer_before_break_in_same_bytes_counts() {
     let mut host = Arms::new(Config::TCP);
-    host.ask(xarm::Request::ReloadDynamics);
-    let events = host.hear(&[&reloaded(1)[..], &[0, 0, 1]].concat());
+    host.send(xarm::Request::ReloadDynamics);
+    let events = host.receive(&[&reloaded(1)[..], &[0, 0, 1]].concat());
     assert!(
         events[0].starts_with("Answer") && events[1] == "Broken(8)",
         "{events:?}"
@@ -483,8 +483,8 @@ fn non_message_is_skipped_before_the_answer() {
     let line = [&heartbeat[..], &long, &reloaded(1)].concat();
     for chunk in [1, 7, 260, 1_000] {
         let mut host = Arms::new(Config::TCP);
-        host.ask(xarm::Request::ReloadDynamics);
-        let events: Vec<_> = line.chunks(chunk).flat_map(|bytes| host.hear(bytes)).collect();
+        host.send(xarm::Request::ReloadDynamics);
+        let events: Vec<_> = line.chunks(chunk).flat_map(|bytes| host.receive(bytes)).collect();
         assert!(events.last().unwrap().starts_with("Answer"), "by {chunk}: {events:?}");
     }
 }

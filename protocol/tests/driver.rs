@@ -83,7 +83,7 @@ impl World {
         self.wake = Some(self.wake.map_or(at, |wake| wake.min(at)));
     }
 
-    fn hear(&mut self, bytes: &[u8]) {
+    fn receive(&mut self, bytes: &[u8]) {
         assert!(self.arm.receive(bytes).is_empty());
         while let Some(event) = self.arm.poll() {
             let DeviceEvent::Request { request, .. } = event else {
@@ -170,7 +170,7 @@ impl Write for Port<'_> {
             world.room -= n;
             let reads = std::mem::take(&mut world.reads);
             world.reads_before_write.push(reads);
-            world.hear(&buf[..n]);
+            world.receive(&buf[..n]);
             Poll::Ready(Ok(n))
         })
         .await
@@ -493,7 +493,7 @@ fn bytes_after_an_answer_stay_for_next_call() {
 }
 
 #[test]
-fn an_error_says_what_failed() {
+fn call_error_names_its_failure() {
     type Error = CallError<ErrorKind>;
     let unacceptable = ParseError {
         message: MessageId::Function {
@@ -508,10 +508,10 @@ fn an_error_says_what_failed() {
         (Error::Io(ErrorKind::TimedOut), "the port failed: "),
         (Error::Closed, "the port is closed"),
         (Error::TimedOut { sends: 1 }, "the arm did not answer"),
-        (Error::TimedOut { sends: 3 }, "the arm did not answer, asked 3 times"),
+        (Error::TimedOut { sends: 3 }, "the arm did not answer in 3 attempts"),
     ] {
-        let said = error.to_string();
-        assert!(said.starts_with(text), "{said}");
-        assert_eq!(said.len() > text.len(), matches!(error, Error::Io(_)), "{said}");
+        let actual = error.to_string();
+        assert!(actual.starts_with(text), "{actual}");
+        assert_eq!(actual.len() > text.len(), matches!(error, Error::Io(_)), "{actual}");
     }
 }

@@ -79,7 +79,7 @@ fn request_waits_for_stale_send_of_its_key() {
     let mut line = plain();
     line.send(1, Usb, 0);
     assert_eq!(line.missing(100), [Usb]);
-    assert!(!line.may(1, Usb) && !line.may(1, Can), "whoever asks");
+    assert!(!line.may(1, Usb) && !line.may(1, Can), "by any initiator");
     assert!(line.may(2, Poll), "another key");
     assert_eq!(line.frame(1, 120), Match::Late(Usb));
     assert!(line.may(1, Usb));

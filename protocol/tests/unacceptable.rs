@@ -31,13 +31,13 @@ impl<M: Messages + Default, const N: usize> Host<M, N> {
         n
     }
 
-    fn ask(&mut self, request: M::Request<'_>) {
+    fn send(&mut self, request: M::Request<'_>) {
         self.client.submit(&request).unwrap();
         assert!(self.transmit() > 0);
     }
 
     /// The events for these bytes, in words.
-    fn hear(&mut self, bytes: &[u8]) -> Vec<String> {
+    fn receive(&mut self, bytes: &[u8]) -> Vec<String> {
         self.now += Duration::from_micros(1);
         assert!(self.client.receive(self.now, bytes).is_empty());
         let mut events = Vec::new();
@@ -81,18 +81,18 @@ fn alpha1(command: u8, data: &[u8]) -> Vec<u8> {
 #[track_caller]
 fn ends<M: Messages + Default, const N: usize>(request: M::Request<'_>, answer: &[u8], reason: &str) {
     let mut host = Host::<M, N>::new();
-    host.ask(request);
-    assert_eq!(host.hear(answer), [format!("unacceptable, {reason}")], "{request:?}");
+    host.send(request);
+    assert_eq!(host.receive(answer), [format!("unacceptable, {reason}")], "{request:?}");
     assert!(host.client.is_idle());
-    host.ask(request);
+    host.send(request);
 }
 
 /// The frame is no answer to the request, which stays pending.
 #[track_caller]
 fn ends_nothing<M: Messages + Default, const N: usize>(request: M::Request<'_>, frame: &[u8]) {
     let mut host = Host::<M, N>::new();
-    host.ask(request);
-    assert_eq!(host.hear(frame), ["unknown"], "{request:?}");
+    host.send(request);
+    assert_eq!(host.receive(frame), ["unknown"], "{request:?}");
     assert!(!host.client.is_idle());
 }
 
@@ -223,12 +223,12 @@ fn a_frame_that_answers_something_else_ends_nothing() {
 
     let [one, two] = [1, 2].map(|id| ServoId::new(id).unwrap());
     let other = alpha1(0xFA, &[3, 0x55, 0, 0, 0, 0]);
-    for asked in [
+    for request in [
         ServoRequest::ReadAngles(one),
         ServoRequest::ChangeId { from: one, to: two },
         ServoRequest::ReadOffset(two),
     ] {
-        ends_nothing::<Alpha1, ALPHA1>(alpha1::Request::Servo(asked), &other);
+        ends_nothing::<Alpha1, ALPHA1>(alpha1::Request::Servo(request), &other);
     }
     // A frame of the Bluetooth protocol, which has the header of an action.
     let act = alpha1::Request::Act(alpha1::Action {
@@ -243,8 +243,8 @@ fn a_frame_that_answers_something_else_ends_nothing() {
 #[test]
 fn an_echo_is_no_unacceptable_answer() {
     let mut host = Host::<Ling, LING>::new();
-    host.ask(ling::Request::ReadStroke);
-    assert_eq!(host.hear(&ling(4, 0x0E, &[0xFE])), ["Echo"]);
+    host.send(ling::Request::ReadStroke);
+    assert_eq!(host.receive(&ling(4, 0x0E, &[0xFE])), ["Echo"]);
     assert!(!host.client.is_idle());
 }
 
@@ -254,50 +254,50 @@ fn unacceptable_answer_spares_requests_without_answer() {
     host.client.submit(&ling::Request::SetStroke(Stroke::Mm100)).unwrap();
     assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
     host.client.transmitted(host.now, 3).unwrap();
-    assert_eq!(host.hear(&ling(4, 2, &[3])), ["unknown"]);
+    assert_eq!(host.receive(&ling(4, 2, &[3])), ["unknown"]);
     assert_eq!(host.transmit(), 4);
-    assert_eq!(host.hear(&[]), ["Sent"]);
+    assert_eq!(host.receive(&[]), ["Sent"]);
 }
 
 #[test]
 fn unacceptable_answer_before_transmission_ends_nothing() {
     let mut host = Host::<Ling, LING>::new();
     host.client.submit(&ling::Request::ReadStroke).unwrap();
-    assert_eq!(host.hear(&ling(4, 0x0E, &[3])), ["unknown"]);
+    assert_eq!(host.receive(&ling(4, 0x0E, &[3])), ["unknown"]);
     assert_eq!(host.transmit(), 7);
 }
 
 #[test]
 fn late_unacceptable_answer_spares_the_next_request() {
     let mut host = Host::<Ling, LING>::new();
-    host.ask(ling::Request::ReadStroke);
+    host.send(ling::Request::ReadStroke);
     host.client.cancel();
     host.client.submit(&ling::Request::ReadStroke).unwrap();
     assert_eq!(host.transmit(), 0, "held back");
-    assert_eq!(host.hear(&ling(4, 0x0E, &[3])), ["unknown"]);
+    assert_eq!(host.receive(&ling(4, 0x0E, &[3])), ["unknown"]);
     assert_eq!(host.transmit(), 7, "nothing else can be late");
-    assert_eq!(host.hear(&ling(4, 0x0E, &[1])), ["Answer(Stroke(Mm75))"]);
+    assert_eq!(host.receive(&ling(4, 0x0E, &[1])), ["Answer(Stroke(Mm75))"]);
 }
 
 #[test]
 fn an_acceptable_answer_is_still_an_answer() {
     let mut host = Host::<Ling, LING>::new();
-    host.ask(ling::Request::SelfCheck);
+    host.send(ling::Request::SelfCheck);
     assert_eq!(
-        host.hear(&ling(0xFE, 0, &[0xFF, 0x03])),
+        host.receive(&ling(0xFE, 0, &[0xFF, 0x03])),
         ["Answer(SelfCheck(SelfCheck(1023)))"]
     );
     let mut host = Host::<Alpha1, ALPHA1>::new();
-    host.ask(alpha1::Request::Stop);
-    assert_eq!(host.hear(&alpha1(0xF2, &[0xAA])), ["Answer(Stopped(Success))"]);
+    host.send(alpha1::Request::Stop);
+    assert_eq!(host.receive(&alpha1(0xF2, &[0xAA])), ["Answer(Stopped(Success))"]);
 }
 
 #[test]
 fn a_version_of_any_length_is_an_answer() {
     for len in [1, 30, 40, 41, 252] {
         let mut host = Host::<XArm, XARM>::new();
-        host.ask(xarm::Request::ReadVersion);
+        host.send(xarm::Request::ReadVersion);
         let body = [&[1, 0][..], &vec![b'6'; len]].concat();
-        assert!(host.hear(&xarm(1, &body))[0].starts_with("Answer("), "{len}");
+        assert!(host.receive(&xarm(1, &body))[0].starts_with("Answer("), "{len}");
     }
 }

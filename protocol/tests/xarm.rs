@@ -329,8 +329,8 @@ fn every_call_reads_its_register_with_state() {
         assert_eq!(arm.reload_dynamics().await.unwrap().state, s3);
         let source = arm.read_torque_source().await.unwrap();
         assert_eq!((source.value, source.state), (TorqueSource::Current, s4));
-        let told = arm.read_rotation_radius(joint).await.unwrap();
-        assert_eq!((told.value, told.state), (radius, s5));
+        let reply = arm.read_rotation_radius(joint).await.unwrap();
+        assert_eq!((reply.value, reply.state), (radius, s5));
         assert_eq!(arm.shut_down().await.unwrap().state, s6);
         assert_eq!(arm.reboot().await.unwrap().state, s7);
         arm.set_protocol(ProtocolId::Supervised);

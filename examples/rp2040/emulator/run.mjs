@@ -65,7 +65,7 @@ const STORY = [
   /^moving$/,
   /^there$/,
   /^joints .* gripper 0 /, // here it is unplugged
-  /^arm lost: the arm did not answer, asked 3 times$/,
+  /^arm lost: the arm did not answer in 3 attempts$/,
   /^waiting for an arm$/,
   /^arm ADFS251205123456, firmware v6\.10$/,
   /^joints .* gripper 0 /,

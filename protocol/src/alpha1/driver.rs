@@ -117,18 +117,18 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         time: MoveTime,
         lock: Interval,
     ) -> Result<(), CallError<Port::Error>> {
-        self.tell(&Request::Servo(ServoRequest::Move { to, angle, time, lock }))
+        self.send(&Request::Servo(ServoRequest::Move { to, angle, time, lock }))
             .await
     }
 
     /// Switches the motor of a servo, or of all, off: **a load that it holds falls.**
     pub async fn release_servo(&mut self, to: Address) -> Result<(), CallError<Port::Error>> {
-        self.tell(&Request::Servo(ServoRequest::Release(to))).await
+        self.send(&Request::Servo(ServoRequest::Release(to))).await
     }
 
     /// Switches the LED of a servo, or of all.
     pub async fn set_servo_led(&mut self, to: Address, led: Led) -> Result<(), CallError<Port::Error>> {
-        self.tell(&Request::Servo(ServoRequest::SetLed { to, led })).await
+        self.send(&Request::Servo(ServoRequest::SetLed { to, led })).await
     }
 
     /// Reads the target and the actual angle of a servo, in degrees. **The servo switches its motor off to answer: a

@@ -309,7 +309,7 @@ fn noise(bytes: &[u8], expect: Expect) -> Reason {
 }
 
 /// An event in words, noise by its length.
-fn told(event: Event<'_, Response<'_>>) -> String {
+fn describe(event: Event<'_, Response<'_>>) -> String {
     match event {
         Event::Noise { bytes, .. } => std::format!("Noise({})", bytes.len()),
         other => std::format!("{other:?}"),
@@ -317,7 +317,7 @@ fn told(event: Event<'_, Response<'_>>) -> String {
 }
 
 fn answered(response: Response<'_>) -> String {
-    told(Event::Answer(response))
+    describe(Event::Answer(response))
 }
 
 /// A client that has sent this request.
@@ -340,14 +340,14 @@ fn transmit(client: &mut Client<Alpha1, MAX_FRAME>, now: Instant) -> usize {
 /// All events of a client, in words.
 fn events(client: &mut Client<Alpha1, MAX_FRAME>, now: Instant) -> Vec<String> {
     core::iter::from_fn(|| match client.poll(now) {
-        Output::Event(event) => Some(told(event)),
+        Output::Event(event) => Some(describe(event)),
         _ => None,
     })
     .collect()
 }
 
 /// All events of a client for these bytes while `request` is in flight, at one instant.
-fn hear(request: Request<'_>, bytes: &[u8]) -> Vec<String> {
+fn receive(request: Request<'_>, bytes: &[u8]) -> Vec<String> {
     let mut client = sent(request, Config::DEFAULT);
     let now = at(1);
     assert!(client.receive(now, bytes).is_empty());
@@ -591,7 +591,7 @@ fn bluetooth_frame_is_skipped_whole_in_both_directions() {
             );
             assert_eq!(Alpha1.parse_response(&bytes, expect), Err(error));
         }
-        let events = hear(Request::Stop, &[bytes, hex("F2 2F AA ED")].concat());
+        let events = receive(Request::Stop, &[bytes, hex("F2 2F AA ED")].concat());
         assert!(events[0].starts_with("Unknown"), "{events:?}");
         assert_eq!(events[1..], [answered(Response::Stopped(Outcome::Success))]);
     }
@@ -627,10 +627,14 @@ fn servo_request_echo_is_no_answer_hides_none() {
         for (_, frame, answer, response) in responses() {
             if expect == Expect::Responses(answer) && answers(&bytes, &frame) {
                 let line = [bytes.clone(), frame].concat();
-                assert_eq!(hear(request, &line), ["Echo".to_string(), answered(response)], "{row}");
+                assert_eq!(
+                    receive(request, &line),
+                    ["Echo".to_string(), answered(response)],
+                    "{row}"
+                );
             }
         }
-        let mut events = hear(request, &bytes);
+        let mut events = receive(request, &bytes);
         events.retain(|event| event != "Sent");
         assert_eq!(events, ["Echo"], "{row}");
     }
@@ -644,20 +648,20 @@ fn every_servo_is_received_with_or_without_echo() {
         let mut line = [0; MAX_FRAME];
         let len = Alpha1.encode_request(&request, &mut line).unwrap();
         line[len] = 0xAA_u8.wrapping_add(n);
-        for (from, heard) in [(0, &["Echo".to_string(), answer.clone()][..]), (len, &[answer])] {
+        for (from, expected) in [(0, &["Echo".to_string(), answer.clone()][..]), (len, &[answer])] {
             let mut client = sent(request, Config::DEFAULT);
             assert!(client.receive(at(900), &line[from..=len]).is_empty());
-            let mut said = events(&mut client, at(900));
+            let mut actual = events(&mut client, at(900));
             // Some could begin a frame, until the line goes idle or the timeout of the answer.
             let header = [69, 71, 72, 73, 74, 75, 79, 80, 81, 82].contains(&n);
-            assert_eq!(said == heard, !header, "servo {n}");
+            assert_eq!(actual == expected, !header, "servo {n}");
             while let Output::Timeout(Some(due)) = client.poll(at(901)) {
-                said.extend(events(&mut client, due));
+                actual.extend(events(&mut client, due));
                 if client.is_idle() {
                     break;
                 }
             }
-            assert_eq!(said, heard, "servo {n}");
+            assert_eq!(actual, expected, "servo {n}");
         }
     }
 }
@@ -676,10 +680,10 @@ fn idle_line_separates_servo_80_byte_from_echo() {
 fn another_servos_byte_is_no_answer() {
     let request = Request::Servo(moving(Address::One(id(2))));
     let answer = Response::Servo(ServoResponse::Acknowledged(id(2)));
-    let events = hear(request, &[0xAB, 0xAD, 0xAC]);
+    let events = receive(request, &[0xAB, 0xAD, 0xAC]);
     assert_eq!(events, ["Noise(2)".to_string(), answered(answer)]);
     // It is no answer either while a frame is expected, or nothing.
-    let events = hear(Request::Servo(ServoRequest::ReadOffset(id(1))), &[0xAB, 0x00]);
+    let events = receive(Request::Servo(ServoRequest::ReadOffset(id(1))), &[0xAB, 0x00]);
     assert_eq!(events, ["Noise(1)"]);
 }
 
@@ -706,7 +710,7 @@ fn late_byte_does_not_answer_the_next_request() {
     client.submit(&request).unwrap();
     assert_eq!(transmit(&mut client, due), 0);
     assert!(client.receive(due, &[0xAB]).is_empty());
-    assert_eq!(events(&mut client, due), [told(Event::Late(byte))]);
+    assert_eq!(events(&mut client, due), [describe(Event::Late(byte))]);
     assert_eq!(transmit(&mut client, due), 10);
     assert!(client.receive(due, &[0xAB]).is_empty());
     assert_eq!(events(&mut client, due), [answered(byte)]);
@@ -725,18 +729,18 @@ fn late_byte_is_recognised_during_unanswered_request() {
     client.transmitted(due, 1).unwrap();
     assert!(client.receive(due, &[0xAB]).is_empty());
     let byte = Response::Servo(ServoResponse::Acknowledged(id(1)));
-    assert_eq!(events(&mut client, due), [told(Event::Late(byte))]);
+    assert_eq!(events(&mut client, due), [describe(Event::Late(byte))]);
 }
 
 #[test]
 fn zero_is_servo_86_answer_then_padding() {
     let request = Request::Servo(moving(Address::One(id(86))));
     let answer = Response::Servo(ServoResponse::Acknowledged(id(86)));
-    assert_eq!(hear(request, &report(&[0x00])), [answered(answer)]);
+    assert_eq!(receive(request, &report(&[0x00])), [answered(answer)]);
     // While another answer is expected, zeros are padding.
     let request = Request::Servo(moving(Address::One(id(1))));
     let answer = Response::Servo(ServoResponse::Acknowledged(id(1)));
-    assert_eq!(hear(request, &[0x00, 0x00, 0xAB, 0x00]), [answered(answer)]);
+    assert_eq!(receive(request, &[0x00, 0x00, 0xAB, 0x00]), [answered(answer)]);
 }
 
 #[test]
@@ -745,7 +749,7 @@ fn every_servo_byte_is_received_in_a_report() {
         let request = Request::Servo(moving(Address::One(id(n))));
         let answer = Response::Servo(ServoResponse::Acknowledged(id(n)));
         let line = report(&[0xAA_u8.wrapping_add(n)]);
-        assert_eq!(hear(request, &line), [answered(answer)], "servo {n}");
+        assert_eq!(receive(request, &line), [answered(answer)], "servo {n}");
     }
 }
 
@@ -753,7 +757,7 @@ fn every_servo_byte_is_received_in_a_report() {
 fn an_answer_of_another_servo_is_no_answer() {
     let (_, bytes, _, response) = responses().into_iter().last().unwrap();
     let request = Request::Servo(ServoRequest::ReadVersion(id(2)));
-    assert_eq!(hear(request, &bytes), [told(Event::Unsolicited(response))]);
+    assert_eq!(receive(request, &bytes), [describe(Event::Unsolicited(response))]);
 }
 
 #[test]
@@ -765,7 +769,10 @@ fn unrequested_servo_frame_is_reported_as_such() {
         "command FA: an answer of a servo, but none is expected"
     );
     for request in [Request::Stop, Request::Servo(moving(Address::One(id(1))))] {
-        assert_eq!(hear(request, &frame), [told(Event::Unknown { frame: &frame, error })]);
+        assert_eq!(
+            receive(request, &frame),
+            [describe(Event::Unknown { frame: &frame, error })]
+        );
     }
 }
 

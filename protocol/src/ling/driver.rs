@@ -97,26 +97,26 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Moves the joints and the gripper. The arm does not confirm it: read the joints to follow the motion.
     pub async fn move_to(&mut self, target: Move) -> Result<(), CallError<Port::Error>> {
-        self.tell(&Request::Move(target)).await
+        self.send(&Request::Move(target)).await
     }
 
     /// Switches the torque. The arm does not confirm it.
     pub async fn set_torque(&mut self, torque: Torque) -> Result<(), CallError<Port::Error>> {
-        self.tell(&Request::SetTorque(torque)).await
+        self.send(&Request::SetTorque(torque)).await
     }
 
     /// Makes the present pose the zero position, and switches the torque off. The arm does not confirm it.
     pub async fn set_zero(&mut self) -> Result<(), CallError<Port::Error>> {
-        self.tell(&Request::SetZero).await
+        self.send(&Request::SetZero).await
     }
 
     /// Configures the arm's gripper type. The arm does not confirm it: verify with [`read_stroke`](Self::read_stroke).
     pub async fn set_stroke(&mut self, stroke: Stroke) -> Result<(), CallError<Port::Error>> {
-        self.tell(&Request::SetStroke(stroke)).await
+        self.send(&Request::SetStroke(stroke)).await
     }
 
     /// Sets the temperature limit of the arm's overheat protection. The arm does not confirm it.
     pub async fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), CallError<Port::Error>> {
-        self.tell(&Request::SetTemperatureLimit(limit)).await
+        self.send(&Request::SetTemperatureLimit(limit)).await
     }
 }

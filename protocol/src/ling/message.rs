@@ -29,7 +29,7 @@ mod function {
 }
 
 /// The data byte of requests without a value.
-const ASK: u8 = 0xFE;
+const NO_VALUE: u8 = 0xFE;
 
 /// A message of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -189,10 +189,10 @@ impl JointState {
 }
 
 /// Checks the data of a request without a value.
-fn asked(data: &[u8]) -> Result<(), Cause> {
+fn check_no_value(data: &[u8]) -> Result<(), Cause> {
     match *sized(data, &[1])? {
-        [ASK] => Ok(()),
-        [got] => Err(Cause::byte(0, &[ASK], got)),
+        [NO_VALUE] => Ok(()),
+        [got] => Err(Cause::byte(0, &[NO_VALUE], got)),
     }
 }
 
@@ -259,30 +259,30 @@ impl Move {
 
 fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
     match (frame.command, frame.function) {
-        (command::INFO, 0) => asked(frame.data).map(|()| Request::ReadInfo),
-        (command::ZERO, 0) => asked(frame.data).map(|()| Request::SetZero),
-        (command::STROKE, function::READ_STROKE) => asked(frame.data).map(|()| Request::ReadStroke),
+        (command::INFO, 0) => check_no_value(frame.data).map(|()| Request::ReadInfo),
+        (command::ZERO, 0) => check_no_value(frame.data).map(|()| Request::SetZero),
+        (command::STROKE, function::READ_STROKE) => check_no_value(frame.data).map(|()| Request::ReadStroke),
         (command::STROKE, code) => {
             let stroke = Stroke::from_code(code).map_err(|_| Cause::Unknown)?;
-            asked(frame.data).map(|()| Request::SetStroke(stroke))
+            check_no_value(frame.data).map(|()| Request::SetStroke(stroke))
         }
         (command::TORQUE, 0) => match *sized(frame.data, &[1])? {
             [0] => Ok(Request::SetTorque(Torque::Off)),
             [1] => Ok(Request::SetTorque(Torque::On)),
             [got] => Err(Cause::value(0, OutOfRange::new("torque switch", "", got, 0, 1))),
         },
-        (command::JOINTS, function::STATE) => asked(frame.data).map(|()| Request::ReadJoints),
+        (command::JOINTS, function::STATE) => check_no_value(frame.data).map(|()| Request::ReadJoints),
         (command::JOINTS, function::TEMPERATURE) => match *sized(frame.data, &[1])? {
-            [ASK] => Ok(Request::ReadTemperatures),
+            [NO_VALUE] => Ok(Request::ReadTemperatures),
             [celsius] => TemperatureLimit::new(celsius)
                 .map(Request::SetTemperatureLimit)
                 .map_err(|error| Cause::value(0, error)),
         },
-        (command::JOINTS, function::VELOCITY) => asked(frame.data).map(|()| Request::ReadVelocities),
+        (command::JOINTS, function::VELOCITY) => check_no_value(frame.data).map(|()| Request::ReadVelocities),
         (command::JOINTS, function::MOVE) => Move::from_data(sized(frame.data, &[Move::LEN])?).map(Request::Move),
         // The document prints it with a data byte and with length 0: both are accepted.
         (command::SELF_CHECK, 0) if frame.data.is_empty() => Ok(Request::SelfCheck),
-        (command::SELF_CHECK, 0) => asked(frame.data).map(|()| Request::SelfCheck),
+        (command::SELF_CHECK, 0) => check_no_value(frame.data).map(|()| Request::SelfCheck),
         _ => Err(Cause::Unknown),
     }
 }
@@ -341,15 +341,15 @@ impl Messages for Ling {
     fn encode_request(&self, request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let mut encode = |command, function, data: &[u8]| encode(out, command, function, data);
         match *request {
-            Request::ReadInfo => encode(command::INFO, 0, &[ASK]),
-            Request::SetZero => encode(command::ZERO, 0, &[ASK]),
-            Request::SetStroke(stroke) => encode(command::STROKE, stroke as u8, &[ASK]),
-            Request::ReadStroke => encode(command::STROKE, function::READ_STROKE, &[ASK]),
+            Request::ReadInfo => encode(command::INFO, 0, &[NO_VALUE]),
+            Request::SetZero => encode(command::ZERO, 0, &[NO_VALUE]),
+            Request::SetStroke(stroke) => encode(command::STROKE, stroke as u8, &[NO_VALUE]),
+            Request::ReadStroke => encode(command::STROKE, function::READ_STROKE, &[NO_VALUE]),
             Request::SetTorque(torque) => encode(command::TORQUE, 0, &[torque as u8]),
-            Request::ReadJoints => encode(command::JOINTS, function::STATE, &[ASK]),
-            Request::ReadTemperatures => encode(command::JOINTS, function::TEMPERATURE, &[ASK]),
+            Request::ReadJoints => encode(command::JOINTS, function::STATE, &[NO_VALUE]),
+            Request::ReadTemperatures => encode(command::JOINTS, function::TEMPERATURE, &[NO_VALUE]),
             Request::SetTemperatureLimit(limit) => encode(command::JOINTS, function::TEMPERATURE, &[limit.celsius()]),
-            Request::ReadVelocities => encode(command::JOINTS, function::VELOCITY, &[ASK]),
+            Request::ReadVelocities => encode(command::JOINTS, function::VELOCITY, &[NO_VALUE]),
             Request::Move(target) => encode(command::JOINTS, function::MOVE, &target.to_data()),
             Request::SelfCheck => {
                 let got = out.len();

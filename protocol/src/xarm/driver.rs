@@ -154,7 +154,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Sends a sign of life. The arm does not answer.
     pub async fn heartbeat(&mut self) -> Result<(), ArmError<Port::Error>> {
-        self.driver.tell(&Request::Heartbeat).await?;
+        self.driver.send(&Request::Heartbeat).await?;
         Ok(())
     }
 

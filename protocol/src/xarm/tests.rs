@@ -164,7 +164,7 @@ fn frame_of(bytes: &[u8], direction: Direction) -> &[u8] {
 }
 
 /// An event in words, noise and a break by where they are.
-fn told(event: Event<'_, Response<'_>>) -> String {
+fn describe(event: Event<'_, Response<'_>>) -> String {
     match event {
         Event::Noise { offset, .. } => std::format!("Noise({offset})"),
         Event::Broken { offset, .. } => std::format!("Broken({offset})"),
@@ -173,7 +173,7 @@ fn told(event: Event<'_, Response<'_>>) -> String {
 }
 
 /// All events of a client for these bytes, in chunks of `chunk` bytes, after this request.
-fn client_hears(request: Option<Request<'_>>, bytes: &[u8], chunk: usize) -> Vec<String> {
+fn receive(request: Option<Request<'_>>, bytes: &[u8], chunk: usize) -> Vec<String> {
     let mut client = Client::<XArm, MAX_FRAME>::new(XArm::PRIVATE, Config::TCP);
     let now = Instant::ZERO;
     if let Some(request) = request {
@@ -188,7 +188,7 @@ fn client_hears(request: Option<Request<'_>>, bytes: &[u8], chunk: usize) -> Vec
     for bytes in bytes.chunks(chunk) {
         assert!(client.receive(now, bytes).is_empty());
         while let Output::Event(event) = client.poll(now) {
-            events.push(told(event));
+            events.push(describe(event));
         }
     }
     events
@@ -246,10 +246,10 @@ fn documented_frames_are_received_once_in_any_chunks() {
             assert_eq!(received, 1, "register {register} by {chunk}");
         }
         for (register, bytes, response) in responses() {
-            let events = client_hears(None, &bytes, chunk);
+            let events = receive(None, &bytes, chunk);
             assert_eq!(
                 events,
-                [told(Event::Unsolicited(response))],
+                [describe(Event::Unsolicited(response))],
                 "register {register} by {chunk}"
             );
         }
@@ -267,9 +267,9 @@ fn documented_reply_answers_only_its_own_request() {
                 }
                 _ => false,
             };
-            let events = client_hears(Some(request), &bytes, bytes.len());
+            let events = receive(Some(request), &bytes, bytes.len());
             assert_eq!(
-                events.contains(&told(Event::Answer(response))),
+                events.contains(&describe(Event::Answer(response))),
                 answers,
                 "{request_bytes:?} {response:?}"
             );
@@ -284,9 +284,9 @@ fn frame_with_table_length_breaks_at_excess_text() {
         let (register, mut bytes, _) = responses().swap_remove(printed);
         assert_eq!(bytes[4..6], [0x00, 0x2A]);
         bytes[5] = 0x02;
-        let empty = told(Event::Unsolicited(reply(State::OK, Reply::empty(bytes[6]))));
+        let empty = describe(Event::Unsolicited(reply(State::OK, Reply::empty(bytes[6]))));
         assert_eq!(
-            client_hears(None, &bytes, 1),
+            receive(None, &bytes, 1),
             [empty, "Broken(8)".into()],
             "register {register}"
         );
@@ -309,9 +309,9 @@ const PRINTED: &str = "00 01 00 02 00 02 0A 00 00 01";
 fn printed_register_10_reply_breaks_the_connection() {
     // The two surplus bytes look like a transaction id, and the id of the next reply like a protocol id.
     let line = [hex(PRINTED), hex("00 05 00 02 00 02 04 10")].concat();
-    let first = told(Event::Answer(reply(State::OK, Reply::Empty(Register::SystemControl))));
+    let first = describe(Event::Answer(reply(State::OK, Reply::Empty(Register::SystemControl))));
     for chunk in 1..=line.len() {
-        let events = client_hears(Some(Request::Shutdown), &line, chunk);
+        let events = receive(Some(Request::Shutdown), &line, chunk);
         assert_eq!(events, [first.clone(), "Broken(8)".into()], "by {chunk}");
     }
 }
@@ -444,8 +444,8 @@ fn reply_with_bad_parameters_names_valid_ones() {
         assert_eq!(std::format!("{error}"), text);
         // It is not taken for an echoed request either.
         assert_eq!(
-            client_hears(None, &bytes, bytes.len()),
-            [told(Event::Unknown { frame, error })]
+            receive(None, &bytes, bytes.len()),
+            [describe(Event::Unknown { frame, error })]
         );
     }
 }

@@ -86,7 +86,7 @@ fn decode<P: Subject>(line: &[u8], expect: P::Expect) -> Vec<(Range<usize>, Kind
 }
 
 /// The text of a message, which is unique.
-fn told<T: std::fmt::Debug>(parsed: Result<T, ParseError>) -> Result<String, ParseError> {
+fn text_of<T: std::fmt::Debug>(parsed: Result<T, ParseError>) -> Result<String, ParseError> {
     parsed.map(|message| format!("{message:?}"))
 }
 
@@ -96,7 +96,7 @@ pub(crate) fn a_request_survives_the_wire<P: Subject>(request: P::Request<'stati
     let bytes = request_bytes::<P>(&request);
     prop_assert_eq!(arm.scan(&bytes, arm.requests()), Scan::Frame(bytes.len()));
     prop_assert!(arm.request(&bytes).is_some());
-    match told(arm.parse_request(&bytes)) {
+    match text_of(arm.parse_request(&bytes)) {
         Ok(parsed) => prop_assert_eq!(parsed, format!("{request:?}")),
         Err(error) => panic!("{error}"),
     }
