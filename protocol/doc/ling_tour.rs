@@ -23,10 +23,10 @@ async fn tour<P: Read + Write>(
         let joints = arm.read_joints().await?.joints;
         let goals = target.joints.map(|(position, _speed)| position.ticks());
         let near = joints.iter().zip(goals).all(|(joint, goal)| joint.abs_diff(goal) <= 3);
-        // One velocity for each servo, of which a joint may have two.
+        // One velocity per servo: a joint may have two servos.
         let still = arm.read_velocities().await?.as_slice().iter().all(|&speed| speed == 0);
         if near && still {
-            arm.set_zero().await?; // and the torque is off: a load that the arm holds falls
+            arm.set_zero().await?; // switches the torque off: a load that the arm holds falls
             return Ok((info, true));
         }
     }

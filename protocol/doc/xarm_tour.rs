@@ -25,9 +25,9 @@ async fn tour<P: Read + Write>(
         has_error = arm.raw(request, errors).await?.value;
     }
     if has_error {
-        arm.reboot().await?; // or arm.shut_down(), after which it must be switched on by hand
+        arm.reboot().await?; // after arm.shut_down() it must be switched on by hand
     }
-    let _strange = arm.counters().unknown;
+    let _unknown = arm.counters().unknown;
     let (port, _clock) = arm.into_parts();
     Ok((port, radius, has_error))
 }

@@ -23,22 +23,22 @@ const SENDS: usize = 4;
 /// use armwire::Config;
 /// use armwire::time::Duration;
 ///
-/// // Bluetooth serial: slow, and late at times.
+/// // Bluetooth serial: slow, with occasional delays.
 /// const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
 /// let config = Config { baud: BAUD, latency: Duration::from_millis(150), ..Config::default() };
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    /// Baud rate of the line, which gives the time of messages on it; `NonZeroU32::MAX` for a line without one.
+    /// Baud rate of the line, for the transmission time of messages; `NonZeroU32::MAX` for a line without a baud rate.
     pub baud: NonZeroU32,
-    /// Maximum delay of an answer between host and line, both ways: USB and operating system, or zero.
+    /// Maximum round-trip delay between host and line, caused by USB and the operating system. May be zero.
     pub latency: Duration,
-    /// Number of repeats of an unanswered request that only reads.
+    /// Number of repeats of an unanswered read request.
     pub repeats: u8,
-    /// Time after its timeout during which an answer may still arrive. After a missing answer, the next request with
-    /// the same answer is delayed by this time, unless answers are numbered. A later answer can be assigned to the
-    /// wrong request.
+    /// Time after the timeout of an answer during which it may still arrive. After a missing answer, the next request
+    /// with the same key is delayed by this time, unless the protocol numbers its answers. An answer after this time
+    /// can be assigned to the wrong request.
     pub stale_window: Duration,
 }
 
@@ -57,8 +57,8 @@ impl Config {
         stale_window: Duration::from_millis(100),
     };
 
-    /// A TCP connection in a local network: 100 ms of latency, no repeats, as TCP retransmits by itself, and answers up
-    /// to a second late.
+    /// A TCP connection in a local network: 100 ms of latency, answers up to a second late. No repeats, because TCP
+    /// retransmits by itself.
     pub const TCP: Self = Self {
         baud: NonZeroU32::MAX,
         latency: Duration::from_millis(100),
@@ -66,10 +66,10 @@ impl Config {
         stale_window: Duration::from_millis(1_000),
     };
 
-    /// The time that `len` bytes take on the line, ten bits a byte.
+    /// The transmission time of `len` bytes, ten bits per byte.
     fn on_wire(&self, len: usize) -> Duration {
-        // Duration of a byte at 1 baud, in µs. The computation has two parts, because a division of 64 bits is slow on
-        // a microcontroller.
+        // Duration of a byte at 1 baud, in µs. The computation has two parts, because 64-bit division is slow on a
+        // microcontroller.
         const BYTE: u32 = 10_000_000;
         let (len, baud) = (u32::try_from(len).unwrap_or(u32::MAX), self.baud);
         let whole = u64::from(len) * u64::from(BYTE / baud);
@@ -80,13 +80,13 @@ impl Config {
         Duration::from_micros(whole + u64::from(rest))
     }
 
-    /// The timeout of an answer, from the handover of the last of `len` bytes of its request.
+    /// The timeout of an answer, from the handover of the last byte of its request of `len` bytes.
     fn timeout(&self, len: usize, response: ResponseTiming) -> Duration {
         self.on_wire(len.saturating_add(response.longest.into())) + response.turnaround + self.latency
     }
 }
 
-/// The next step of a [`Client`]'s caller. `R` is the protocol's response.
+/// The next action for the caller of a [`Client`]. `R` is the protocol's response.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Output<'a, R> {
@@ -94,7 +94,7 @@ pub enum Output<'a, R> {
     Transmit(&'a [u8]),
     /// An event.
     Event(Event<'a, R>),
-    /// Nothing to do before bytes arrive or this time is reached; `None` if no timeout is running.
+    /// Wait for bytes, until this time; `None` if no timeout is running.
     Timeout(Option<Instant>),
 }
 
@@ -102,25 +102,25 @@ pub enum Output<'a, R> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Event<'a, R> {
-    /// The answer to the request in flight, which is complete.
+    /// The answer to the request in flight. The request is complete.
     Answer(R),
-    /// The answer to the request in flight has a value or a length that the protocol does not allow, for this reason.
-    /// The request is complete and is not repeated: the arm would send the same answer.
+    /// The answer to the request in flight has an invalid value or length. The request is complete and is not repeated,
+    /// because the arm would send the same answer.
     Unacceptable(ParseError),
-    /// The request in flight, which has no answer, was transmitted: it is complete.
+    /// The request in flight was transmitted. It has no answer and is complete.
     Sent,
     /// The request in flight got no answer in time.
     TimedOut {
-        /// The number of times that it was sent.
+        /// The number of transmissions of the request.
         sends: u8,
     },
     /// An answer to a request that timed out, was cancelled, or was answered before.
     Late(R),
-    /// A response to no request.
+    /// A response without a request.
     Unsolicited(R),
     /// A request: an echo of the line, or a request of another host.
     Echo,
-    /// A valid frame that is no message of the protocol, and not the answer to the request in flight.
+    /// A valid frame that is neither a message of the protocol nor the answer to the request in flight.
     Unknown {
         /// The frame.
         frame: &'a [u8],
@@ -131,13 +131,13 @@ pub enum Event<'a, R> {
     Noise {
         /// The offset of the first byte, in bytes since the client was created.
         offset: u64,
-        /// The bytes. A run of noise may come in several events.
+        /// The bytes. A run of noise may be split into several events.
         bytes: &'a [u8],
         /// The reason.
         reason: Reason,
     },
-    /// A lossless stream broke here: no later byte can be decoded. The request in flight fails, and so does every later
-    /// one. Close the connection.
+    /// A lossless stream broke here: no later byte can be decoded. The request in flight and all later ones fail. Close
+    /// the connection.
     Broken {
         /// The offset of the break, in bytes since the client was created.
         offset: u64,
@@ -146,12 +146,12 @@ pub enum Event<'a, R> {
     },
 }
 
-/// The reason for a request that was not accepted.
+/// The reason why [`Client::submit`] rejected a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum SubmitError {
-    /// Another request is in flight, or the rest of a cancelled one is still to be transmitted.
+    /// Another request is in flight, or a cancelled request is still being transmitted.
     #[error("a request is already in flight")]
     Busy,
     /// The client's buffer is shorter than the request.
@@ -189,7 +189,7 @@ struct Outgoing<M: Messages, const N: usize> {
     tx: [u8; N],
     /// The frame: `tx[..len]`.
     len: usize,
-    /// The number of its bytes that were transmitted, during transmission: the rest of a frame goes out even if its
+    /// The number of transmitted bytes while the frame is being transmitted. A started frame is completed even if its
     /// call has ended.
     at: Option<usize>,
 }
@@ -204,13 +204,13 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         }
     }
 
-    /// Stops transmission, including the rest of a request: the arm would execute a request that has failed.
+    /// Stops transmission, even inside a frame: the arm must not execute a request that has failed.
     fn stop(&mut self) -> bool {
         self.at = None;
         self.call.take().is_some()
     }
 
-    /// Starts transmission, if the request in flight may go.
+    /// Starts transmission, if the request in flight may be sent now.
     fn start(&mut self) {
         let Some(call) = self.call.as_mut().filter(|call| call.state == State::Ready) else {
             return;
@@ -248,7 +248,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
                 call.sends = call.sends.saturating_add(1);
                 call.state = State::Waiting;
             }
-            // The last byte of a request whose call has ended: its answer is possible only now.
+            // The call has ended during transmission. Its answer is possible from now on.
             None => self.exchange.give_up(()),
         }
     }
@@ -259,7 +259,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         self.exchange.due(()).filter(|_| waiting)
     }
 
-    /// The answer is missing: the request is repeated, or has timed out after the returned number of transmissions.
+    /// Handles a missing answer: schedules a repeat, or ends the call and returns its number of transmissions.
     fn give_up(&mut self) -> Option<u8> {
         let call = self.call.as_mut()?;
         if call.repeats > 0 && self.info.is_some_and(|info| info.effect == Effect::Read) {
@@ -282,9 +282,9 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 ///
 /// A late answer never satisfies the next request. While an answer to an earlier request is possible (the request timed
 /// out, was repeated, or was cancelled), the next request with the same key waits until the answer arrives or
-/// [`Config::stale_window`] ends. Requests without an answer, such as torque off, never wait, and no request does if
-/// answers are numbered; the client numbers its requests. This requires that received bytes are passed in before a
-/// transmission: the age of bytes in a port's buffer does not depend on the time of the read.
+/// [`Config::stale_window`] ends. Requests without an answer, such as torque off, never wait. No request waits on a
+/// protocol with numbered answers, whose requests the client numbers. Pass in received bytes before each transmission:
+/// the client cannot know the age of bytes in a port's buffer.
 ///
 /// ```
 /// use armwire::ling::{JointState, Ling, MotionStatus, Request, Response};
@@ -338,7 +338,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 ///             }
 ///             Output::Event(Event::Answer(response)) => return Some(response),
 ///             Output::Event(Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_)) => return None,
-///             Output::Event(other) => println!("{other:?}"), // noise and the like end nothing
+///             Output::Event(other) => println!("{other:?}"), // noise, for example, does not end the call
 ///             Output::Timeout(until) => {
 ///                 let n = port.read(client.space(), until?);
 ///                 client.received(port.now(), n).ok()?;
@@ -433,12 +433,12 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
     }
 
-    /// Returns true if a request may be submitted: none is in flight, and no cancelled one is still being transmitted.
+    /// Returns true if a request may be submitted: none is in flight, and no cancelled request is being transmitted.
     pub const fn is_idle(&self) -> bool {
         self.outgoing.call.is_none() && self.outgoing.at.is_none()
     }
 
-    /// Returns true if the request in flight has an answer that is expected.
+    /// Returns true if an answer to the request in flight is expected.
     pub fn expects_answer(&self) -> bool {
         self.outgoing.call.is_some() && self.outgoing.info.is_some_and(|info| info.response.is_some())
     }
@@ -473,7 +473,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
 
     /// Copies in as many of the received bytes as fit and returns the rest: poll until there is no event, then pass in
     /// the rest.
-    #[must_use = "bytes for which there is no room are returned"]
+    #[must_use = "the bytes that did not fit are returned"]
     pub fn receive<'b>(&mut self, now: Instant, bytes: &'b [u8]) -> &'b [u8] {
         if !bytes.is_empty() {
             self.last_rx = now;
@@ -505,15 +505,15 @@ impl<M: Messages, const N: usize> Client<M, N> {
         Ok(())
     }
 
-    /// The next step. Call it again after an event, after bytes were received or transmitted, and at the returned time.
+    /// Returns the next action. Call it again after an event, after bytes were received or transmitted, and at the
+    /// returned time.
     pub fn poll(&mut self, now: Instant) -> Output<'_, M::Response<'_>> {
         let out = &mut self.outgoing;
         if out.call.as_ref().is_some_and(|call| call.state == State::Sent) {
             out.call = None;
             return Output::Event(Event::Sent);
         }
-        // A false header may hold the answer back: after this silence it is no frame. Or only silence marks the end of
-        // the answer.
+        // Silence rejects a false header that delays the answer, and completes an answer that only silence ends.
         let due = out.due();
         if due.is_some_and(|due| due <= now) && self.last_rx + self.config.latency <= now {
             self.decoder.idle();
@@ -522,7 +522,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
         if let Some(span) = self.decoder.advance_to_event(&self.messages, expect) {
             return Output::Event(self.event(span, expect, now));
         }
-        // Not earlier: bytes may have arrived long before they were passed in.
+        // After decoding, because bytes may have arrived long before they were passed in.
         self.outgoing.exchange.expire(now);
         if let Some((offset, reason)) = self.decoder.broken() {
             return match self.outgoing.stop() {
@@ -547,8 +547,8 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
     }
 
-    /// The time at which the answer to the request in flight is overdue. An answer that has begun gets the time of one
-    /// more packet.
+    /// The time at which the answer to the request in flight is overdue. A partly received answer has one more
+    /// [`Config::latency`], for its next packet.
     fn overdue_at(&self) -> Option<Instant> {
         let due = self.outgoing.due()?;
         match self.decoder.pending() {

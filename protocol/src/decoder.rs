@@ -13,13 +13,13 @@ pub enum Kind {
     Frame,
     /// Bytes outside of frames.
     Noise(Reason),
-    /// Bytes between frames that are no error.
+    /// Filler between frames, which is not an error.
     Padding,
-    /// Bytes from the break of a lossless stream on.
+    /// Bytes of a broken lossless stream.
     Broken(Reason),
 }
 
-/// The place of an item in a [`Decoder`]. It borrows nothing, and is valid until the next bytes are passed in.
+/// The position of an item in a [`Decoder`]. It borrows nothing, and is valid until the next bytes are passed in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Span {
@@ -58,11 +58,11 @@ pub struct Item<'a> {
 /// A streaming decoder over an inline buffer of `N` bytes.
 ///
 /// Every byte that goes in comes out once, in order, as part of one item. The size of the chunks does not affect the
-/// frames, nor the bytes and reasons of adjacent noise once joined. If a candidate for a frame turns out to be none,
-/// scanning resumes at its second byte: a false header never costs a valid frame. A frame longer than `N` is noise with
-/// [`Reason::Length`] and is skipped whole.
+/// frames, nor the bytes and reasons of adjacent noise once joined. After a rejected candidate, scanning resumes at its
+/// second byte: a false header never costs a valid frame. A frame longer than `N` is noise with [`Reason::Length`] and
+/// is skipped whole.
 ///
-/// The decoder contains no framing: its owner knows the kind of arm on the line and passes the framing in.
+/// The decoder does not store the framing: its owner knows the kind of arm on the line and passes the framing in.
 ///
 /// ```
 /// use armwire::decoder::{Decoder, Kind};
@@ -161,7 +161,7 @@ impl<const N: usize> Decoder<N> {
     /// Copies in as many of `bytes` as fit and returns the rest.
     ///
     /// Take all items, then push the rest, until it is empty.
-    #[must_use = "bytes for which there is no room are returned"]
+    #[must_use = "the bytes that did not fit are returned"]
     pub fn push<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
         let space = self.space();
         let n = space.len().min(bytes.len());
@@ -175,8 +175,8 @@ impl<const N: usize> Decoder<N> {
 
     /// The line went idle: an incomplete frame will not be completed. Take the items afterwards.
     ///
-    /// Call this for an idle line reported by the UART, never for a gap between USB packets. It holds until more bytes
-    /// arrive. On a [`LOSSLESS`](Framing::LOSSLESS) line it has no effect.
+    /// Call this for an idle line reported by the UART, never for a gap between USB packets. The line counts as idle
+    /// until more bytes arrive. On a [`LOSSLESS`](Framing::LOSSLESS) line it has no effect.
     ///
     /// ```
     /// use armwire::decoder::{Decoder, Kind};
@@ -194,7 +194,7 @@ impl<const N: usize> Decoder<N> {
         self.idle = true;
     }
 
-    /// Removes the next item from the window and returns its place; `None` if a verdict needs more bytes.
+    /// Removes the next item from the window and returns its position; `None` if a verdict needs more bytes.
     ///
     /// Loops use this method: an item returned from inside a loop would borrow the decoder for the whole loop.
     pub fn advance<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
@@ -233,7 +233,7 @@ impl<const N: usize> Decoder<N> {
     }
 
     /// Removes noise that may extend beyond the window.
-    // Not inlined: copies of it slow down the path of a frame.
+    // Not inlined: it slows down the path of a frame.
     #[inline(never)]
     fn take_noise(&mut self, n: usize, reason: Reason) -> Span {
         let span = self.take(n, Kind::Noise(reason));

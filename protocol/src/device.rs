@@ -18,7 +18,7 @@ pub enum DeviceEvent<'a, R, K> {
         /// The key of its response.
         key: Option<K>,
     },
-    /// A valid frame that is no request of the protocol.
+    /// A valid frame that is not a request of the protocol.
     Unknown {
         /// The frame.
         frame: &'a [u8],
@@ -31,7 +31,7 @@ pub enum DeviceEvent<'a, R, K> {
     Noise {
         /// The offset of the first byte, in bytes since the device was created.
         offset: u64,
-        /// The bytes. A run of noise may come in several events.
+        /// The bytes. A run of noise may be split into several events.
         bytes: &'a [u8],
         /// The reason.
         reason: Reason,
@@ -94,7 +94,7 @@ impl<M: Messages, const N: usize> Device<M, N> {
 
     /// Copies in as many of the received bytes as fit and returns the rest: poll until there is no event, then pass in
     /// the rest.
-    #[must_use = "bytes for which there is no room are returned"]
+    #[must_use = "the bytes that did not fit are returned"]
     pub fn receive<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
         self.decoder.push(bytes)
     }
@@ -117,9 +117,7 @@ impl<M: Messages, const N: usize> Device<M, N> {
         let Item { offset, kind, bytes } = self.decoder.item(span);
         match kind {
             Kind::Noise(reason) => return DeviceEvent::Noise { offset, bytes, reason },
-            Kind::Broken(reason) => {
-                return DeviceEvent::Broken { offset, reason };
-            }
+            Kind::Broken(reason) => return DeviceEvent::Broken { offset, reason },
             Kind::Frame | Kind::Padding => {}
         }
         let key = self.messages.request(bytes).map(|info| info.key);
@@ -133,8 +131,8 @@ impl<M: Messages, const N: usize> Device<M, N> {
         }
     }
 
-    /// Writes a response to the request with this key, or to no request, at the front of `out` and returns its length
-    /// in bytes.
+    /// Writes a response at the front of `out` and returns its length in bytes. `to` is the key of its request, `None`
+    /// for an unsolicited response.
     ///
     /// # Errors
     ///

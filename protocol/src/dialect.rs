@@ -51,19 +51,19 @@ pub type InfoOf<D> = RequestInfo<<D as Dialect>::Key, <D as Framing>::Expect>;
 /// It works on the bytes of frames without decoding messages, which is cheap enough for an adapter between a host and
 /// an arm.
 pub trait Dialect: Framing {
-    /// True if requests have a number that their response repeats. Without one, a missing response must arrive or
-    /// expire before the next request with its key may go.
+    /// True if requests have a number that their response repeats. Without a number, a missing response must arrive or
+    /// expire before the next request with its key may be sent.
     const HAS_TRANSACTION_ID: bool = false;
 
     /// The part of a response that matches it to its request.
     type Key: Copy + Eq + Debug;
 
-    /// A request's properties. A valid frame that the document does not have may belong to a newer arm: it counts as a
-    /// setting with an answer, if its shape allows. `None` if the frame can be no request.
+    /// A request's properties. An undocumented frame may belong to a newer arm: it counts as a setting with an answer,
+    /// if its format allows. `None` if the frame cannot be a request.
     fn request(&self, frame: &[u8]) -> Option<RequestInfo<Self::Key, Self::Expect>>;
 
-    /// Returns true if a frame from the arm is the response to the request with this key, with any values. A request is
-    /// never a response: the line may echo it.
+    /// Returns true if a frame from the arm is the response to the request with this key, whatever its values. A request
+    /// never matches, because the line may echo it.
     fn is_response_to(&self, key: Self::Key, frame: &[u8]) -> bool;
 
     /// Writes the sender's number into a request, on protocols with a field for it.

@@ -13,7 +13,7 @@ use crate::messages::Messages;
 use crate::time::Instant;
 use crate::{Client, Config, Event, OutOfRange, Output, ParseError, SubmitError};
 
-/// A monotonic clock that can also wait: the driver needs nothing else of a runtime.
+/// A monotonic clock with a timer: the only part of a runtime that the driver needs.
 ///
 /// ```no_run
 /// use armwire::driver::Clock;
@@ -33,7 +33,7 @@ use crate::{Client, Config, Event, OutOfRange, Output, ParseError, SubmitError};
 /// }
 /// ```
 pub trait Clock {
-    /// Now.
+    /// The current time.
     fn now(&self) -> Instant;
 
     /// Resolves at `instant`, or at once if it has passed.
@@ -50,9 +50,9 @@ impl<C: Clock> Clock for &C {
     }
 }
 
-/// Maximum number of reads that return bytes before [`Driver::call`] sends a request, on a port whose bytes do not end.
+/// Maximum number of reads before [`Driver::call`] sends a request, on a port that never runs out of bytes.
 ///
-/// The port's bytes are read first: an old answer must not be taken for the new one. A port that buffers more than
+/// Buffered bytes are read first, so that an old answer is not taken for the new one. A port that buffers more than
 /// these reads return may deliver an old answer as a new one.
 pub const READS_BEFORE_SEND: usize = 256;
 
@@ -64,10 +64,10 @@ pub enum CallError<E> {
     /// The port failed.
     #[error("the port failed: {0}")]
     Io(#[source] E),
-    /// The port accepted or returned no bytes where it must: it is closed.
+    /// The port accepted or returned zero bytes: it is closed.
     #[error("the port is closed")]
     Closed,
-    /// The port reported more bytes than were given or requested.
+    /// The port reported more bytes than were passed to it or requested.
     #[error("the port reported an invalid count: {0}")]
     Port(#[source] OutOfRange<usize>),
     /// The client did not accept the request.
@@ -82,7 +82,7 @@ pub enum CallError<E> {
         #[source]
         reason: Reason,
     },
-    /// The arm's answer has a value or a length that the protocol does not allow, for this reason.
+    /// The arm's answer has an invalid value or length.
     #[error("the arm's answer cannot be accepted: {0}")]
     Unacceptable(#[source] ParseError),
     /// The arm did not answer.
@@ -111,7 +111,7 @@ pub struct Counters {
     pub unknown: u32,
     /// Answers that came too late, or twice.
     pub late: u32,
-    /// Responses to no request.
+    /// Responses without a request.
     pub unsolicited: u32,
     /// Requests that the line echoed.
     pub echoes: u32,
@@ -139,8 +139,8 @@ impl Counters {
 /// `N` is the size of its buffers in bytes; 260 bytes hold every message.
 ///
 /// **The port** must buffer bytes between reads, and a dropped read must lose nothing: every timeout drops one. A UART
-/// with a receive buffer meets both. A port that accepts no bytes stalls a call for as long: add a timeout around the
-/// call where this can happen.
+/// with a receive buffer meets both. A port that accepts no bytes blocks the call: add a timeout around the call where
+/// this can happen.
 ///
 /// **Dropping a call** before it is complete is allowed if the port's writes may be dropped too. An unstarted request
 /// is then never sent. A partly written one is completed by the next call, before its own: the arm is never left with
@@ -211,19 +211,19 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         self.client.cancel();
         self.finish().await?;
         self.client.submit(request).map_err(CallError::Submit)?;
-        let most = match self.client.expects_answer() {
+        let max_reads = match self.client.expects_answer() {
             true => READS_BEFORE_SEND,
             false => 1,
         };
         let (mut reads, mut drained) = (0, false);
         loop {
             let until = match self.client.poll(self.clock.now()) {
-                Output::Transmit(bytes) if drained || reads >= most => {
+                Output::Transmit(bytes) if drained || reads >= max_reads => {
                     let n = write(&mut self.port, bytes).await?;
                     self.transmitted(n)?;
                     continue;
                 }
-                // Bytes that have already arrived are read first: no old answer can be taken for a new one.
+                // Buffered bytes are read first: see `READS_BEFORE_SEND`.
                 Output::Transmit(_) => Instant::ZERO,
                 Output::Timeout(until) => until.unwrap_or_default(),
                 Output::Event(Event::Answer(response)) => return Ok(Some(take(response))),
@@ -241,7 +241,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         }
     }
 
-    /// Calls with an answer. `take` accepts every answer that the dialect matches to the request.
+    /// Sends a request and returns its answer. `take` accepts every answer that the dialect matches to the request.
     #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
     pub(crate) async fn read<T>(
         &mut self,
@@ -252,7 +252,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         answer.flatten().ok_or(CallError::Unacceptable(ParseError::NO_FRAME))
     }
 
-    /// Calls with an empty answer or none.
+    /// Sends a request. Returns once it is answered, or once it is written if it has no answer.
     #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
     pub(crate) async fn send(&mut self, request: &M::Request<'_>) -> Result<(), CallError<Port::Error>> {
         self.call(request, |_| ()).await.map(drop)

@@ -88,7 +88,7 @@ impl From<OutOfRange> for OutOfRange<f32> {
     }
 }
 
-/// The reason for a frame that cannot be written: its receiver would reject it.
+/// The reason why a frame cannot be written: its receiver would reject it.
 ///
 /// ```
 /// use armwire::ling::{Frame, MAX_DATA};
@@ -112,7 +112,7 @@ pub enum EncodeError {
     OutOfRange(#[from] OutOfRange),
 }
 
-/// A valid frame that is no message of its document: the message's name, the error and its place.
+/// The error of a valid frame that is not a message of the document: the message's name, the cause and its offset.
 ///
 /// ```
 /// use armwire::alpha1::Alpha1;
@@ -135,7 +135,7 @@ pub enum EncodeError {
 pub struct ParseError {
     /// The name of the message.
     pub message: MessageId,
-    /// The error.
+    /// The cause.
     pub cause: Cause,
 }
 
@@ -144,7 +144,7 @@ pub struct ParseError {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum MessageId {
-    /// None: the bytes are no frame.
+    /// None: the bytes are not a frame.
     None,
     /// A command.
     Command(u8),
@@ -159,14 +159,14 @@ pub enum MessageId {
     Register(u8),
     /// Standard Modbus.
     Modbus {
-        /// The function, without the exception bit.
+        /// The unit.
         unit: u8,
-        /// The function, without the bit of a refusal.
+        /// The function, without the exception bit.
         function: u8,
     },
 }
 
-/// The error in a message. Offsets are in bytes from the start of its data.
+/// The cause of a [`ParseError`]. Offsets are in bytes from the start of the message's data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 // Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
 #[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
@@ -175,7 +175,7 @@ pub enum Cause {
     /// The document has no such message in this direction.
     #[error("unknown")]
     Unknown,
-    /// An unexpected answer of a servo, or bytes with the shape of one: its request is unknown.
+    /// A servo's answer without a pending request, or bytes with its format.
     #[error("an answer of a servo, but none is expected")]
     Unexpected,
     /// A frame of the robot's Bluetooth protocol.
@@ -192,7 +192,7 @@ pub enum Cause {
         /// The actual length, in bytes.
         got: usize,
     },
-    /// A byte is none of its allowed values.
+    /// A byte is not one of the allowed values.
     #[error("data byte {offset} is {got:02X}, must be {}", either(expected, |byte, f| write!(f, "{byte:02X}")))]
     Byte {
         /// The byte's offset.
@@ -214,13 +214,13 @@ pub enum Cause {
 
 #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 impl ParseError {
-    /// Bytes that are no frame.
+    /// Bytes that are not a frame.
     pub(crate) const NO_FRAME: Self = Self {
         message: MessageId::None,
         cause: Cause::Unknown,
     };
 
-    /// Completes a cause to the error of a message.
+    /// Adds the name of the message to a cause.
     pub(crate) fn of(message: MessageId) -> impl Fn(Cause) -> Self {
         move |cause| Self { message, cause }
     }
@@ -228,7 +228,7 @@ impl ParseError {
 
 #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 impl Cause {
-    /// A byte that is none of its allowed values.
+    /// A byte that is not one of the allowed values.
     #[cfg(any(feature = "ling", feature = "alpha1"))]
     pub(crate) const fn byte(offset: usize, expected: &'static [u8], got: u8) -> Self {
         Self::Byte { offset, expected, got }
@@ -284,7 +284,7 @@ pub(crate) fn either<T>(
     Either { choices, write }
 }
 
-/// Choices, and how each is written. `fmt::from_fn` would need Rust 1.93.
+/// Choices and the formatter of a choice. `fmt::from_fn` needs Rust 1.93.
 struct Either<'a, T, F> {
     choices: &'a [T],
     write: F,

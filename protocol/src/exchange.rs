@@ -1,16 +1,16 @@
 //! The matching of answers to requests.
 //!
-//! A *send* is a request that was handed to the line and expects an answer. It is *pending* until its initiator gives
-//! up the answer, then *stale*. The rules:
+//! A *send* is a request that was handed to the line and expects an answer. It is *pending* until its initiator stops
+//! waiting, then *stale*. The rules:
 //!
 //! * An answer belongs to the oldest unresolved send of its key that was handed over before the answer's first byte: by
 //!   the decoder's offset, and by time if bytes have time stamps. A send is resolved by its answer or, once stale, at
 //!   its timeout plus the stale window. A repeat belongs to the same send, which then has as many answers.
-//! * A request with an answer may go if there is no unresolved stale send of its key by any initiator, no unresolved
-//!   send of its key by another initiator, and none with another `Expect`. Requests without an answer never wait. The
-//!   caller decides the order of waiting requests.
+//! * A request with an answer may be sent if there is no unresolved stale send of its key by any initiator, no
+//!   unresolved send of its key by another initiator, and no unresolved send with another `Expect`. Requests without an
+//!   answer never wait. The caller decides the order of waiting requests.
 //! * `N` limits the number of tracked sends, and nothing is evicted. Further sends *saturate* the exchange until the
-//!   stale window of the last of them has ended: no request may go meanwhile.
+//!   stale window of the last of them has ended. No request may be sent in that time.
 //! * With transaction ids no request waits. A new send may then replace a stale one, because a numbered answer cannot
 //!   be assigned to another send.
 //! * Only an answer moves a deadline: an arm answers one request after the other, and the timeouts of later requests
@@ -35,7 +35,7 @@ pub struct Handover {
     pub due: Instant,
 }
 
-/// The place of a frame's first byte among the received bytes.
+/// The position of a frame's first byte among the received bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FirstByte {
@@ -131,7 +131,7 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         }
     }
 
-    /// Returns true if a request may go now.
+    /// Returns true if a request may be sent now.
     pub fn can_send(&self, info: &InfoOf<D>, who: I) -> bool {
         if info.response.is_none() {
             return true;
@@ -152,7 +152,7 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
             self.sends.remove_first_where(|sent| sent.stale);
         }
         let mut sent = Sent::new(info, who, handover);
-        // An arm answers one request after the other: this answer is not due before those that are pending.
+        // An arm answers one request after the other: this answer is not due before the pending ones.
         let pending = self.sends.iter().filter(|sent| !D::HAS_TRANSACTION_ID && !sent.stale);
         sent.due = pending.map(|pending| pending.due).fold(sent.due, Instant::max);
         let due = sent.due;
@@ -184,8 +184,8 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         sent.stale = false;
     }
 
-    /// A frame arrived, its last byte at `now`. Returns the request that it answers. First [resolve](Self::expire) the
-    /// sends that had ended when the frame arrived, not those that had ended when it was read.
+    /// A frame arrived, its last byte at `now`. Returns the request that it answers. Before the call,
+    /// [resolve](Self::expire) the sends that had ended when the frame arrived, not when it was read.
     pub fn on_frame(&mut self, dialect: &D, frame: &[u8], first: FirstByte, now: Instant) -> Match<I> {
         let window = self.stale_window;
         let answered = self.sends.iter_mut().find(|sent| {
@@ -211,7 +211,7 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         }
     }
 
-    /// This initiator gives up its pending sends: they become stale.
+    /// Makes the pending sends of this initiator stale.
     pub fn give_up(&mut self, who: I) {
         for sent in self.sends.iter_mut().filter(|sent| sent.who == who) {
             sent.stale = true;
@@ -237,8 +237,8 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         let _ = self.saturated.take_if(|saturation| saturation.until <= now);
     }
 
-    /// [Resolves](Self::expire) stale sends, then makes the oldest pending send stale whose answer is missing at `now`,
-    /// and returns its initiator. Call it until it returns `None`.
+    /// [Resolves](Self::expire) stale sends. Then makes the oldest pending send with a missing answer stale and returns
+    /// its initiator. Call it until it returns `None`.
     pub fn on_timeout(&mut self, now: Instant) -> Option<I> {
         self.expire(now);
         let missing = self.sends.iter_mut().find(|sent| !sent.stale && sent.due <= now)?;
@@ -267,7 +267,7 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         self.saturated.is_some()
     }
 
-    /// Discards all sends, because another arm is on the line. Returns the number of pending ones.
+    /// Discards all sends, for another arm on the line. Returns the number of pending ones.
     pub fn clear(&mut self) -> usize {
         let pending = self.sends.iter().filter(|sent| !sent.stale).count();
         *self = Self::new(self.stale_window);

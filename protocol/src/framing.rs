@@ -12,22 +12,22 @@ use crate::error::either;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Scan {
-    /// No verdict before this many more bytes have arrived, at least one. Once the header contains the frame's length,
-    /// it is exactly the number of missing bytes.
+    /// A verdict needs at least this many more bytes, one or more. It is the exact number of missing bytes once the
+    /// header contains the frame's length.
     Need(usize),
     /// The first `n` bytes are a frame.
     Frame(usize),
-    /// The first `n` bytes, at least one, belong to no frame. If the length of a refused frame is known, `n` may exceed
-    /// the window.
+    /// The first `n` bytes, at least one, are not part of a frame. If the length of a rejected frame is known, `n` may
+    /// exceed the window.
     Noise(usize, Reason),
     /// The first `n` bytes, at least one, are padding between frames, for example zeros in a USB HID report. They are
-    /// no error.
+    /// not an error.
     Padding(usize),
     /// No byte from here on can be decoded. Only on a [`LOSSLESS`](Framing::LOSSLESS) line.
     Broken(Reason),
 }
 
-/// The reason for which bytes belong to no frame.
+/// The reason why bytes are not part of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 // Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
 #[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
@@ -46,7 +46,7 @@ pub enum Reason {
         /// The length.
         got: u16,
     },
-    /// A frame seemed to start here, but a byte is none of its allowed values.
+    /// A frame seemed to start here, but a byte is not one of the allowed values.
     #[error("byte {offset} is {got:#04x}, expected {}", either(expected, |byte, f| write!(f, "{byte:#04x}")))]
     Byte {
         /// The byte's offset from the start of the frame.
@@ -90,16 +90,15 @@ pub trait Framing {
     /// that cannot begin a frame break the stream ([`Scan::Broken`]).
     const LOSSLESS: bool = false;
 
-    /// The decoder's knowledge of the next frame, for protocols whose frames do not contain their own end; otherwise
-    /// `()`.
+    /// The expectation of the next frame, for protocols whose frames do not contain their length; otherwise `()`.
     type Expect: Copy + Eq + Debug;
 
     /// Classifies the front of `window`. A verdict other than [`Scan::Need`] does not change when more bytes follow, except
     /// that a run of stray bytes or padding may grow.
     fn scan(&self, window: &[u8], expect: Self::Expect) -> Scan;
 
-    /// Classifies the front of `window` on an idle line: bytes for which [`scan`](Self::scan) still waits are a
-    /// truncated frame, unless silence ends a frame of this protocol.
+    /// Classifies the front of `window` on an idle line: a frame that [`scan`](Self::scan) considers incomplete is
+    /// truncated, unless silence ends a frame of this protocol.
     fn scan_idle(&self, window: &[u8], expect: Self::Expect) -> Scan {
         match self.scan(window, expect) {
             Scan::Need(missing) if !Self::LOSSLESS => Scan::Noise(1, Reason::Truncated { missing }),
@@ -113,7 +112,7 @@ pub trait Framing {
     /// The length of the shortest frame, in bytes.
     fn shortest(&self, expect: Self::Expect) -> usize;
 
-    /// The expectation of an arm, and of a listener to its host.
+    /// The expectation of an arm, and of a monitor of its host.
     fn requests(&self) -> Self::Expect;
 
     /// The expectation of a host without a pending request.
@@ -150,7 +149,7 @@ pub(crate) fn write(out: &mut [u8], bytes: impl Iterator<Item = u8> + Clone) -> 
     let (needed, got) = (bytes.clone().count(), out.len());
     let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
     let mut out = out.iter_mut();
-    // One part after the other: `zip` would compare before each byte.
+    // `for_each` writes one part of the chain after the other; `zip` would compare before each byte.
     bytes.for_each(|byte| {
         if let Some(to) = out.next() {
             *to = byte;

@@ -7,9 +7,8 @@ use crate::{BufferTooShort, ParseError};
 
 /// The messages of one kind of arm.
 ///
-/// Both directions are here: a [`Client`](crate::Client) and a [`Device`](crate::Device) use the same definitions and
-/// are tested against each other. A message borrows its texts and parameters from its frame.
-/// [`Ling`](crate::ling::Ling) is a good example to read.
+/// [`Client`](crate::Client) and [`Device`](crate::Device) use the same definitions and are tested against each other.
+/// A message borrows its texts and parameters from its frame. [`Ling`](crate::ling::Ling) is an example.
 pub trait Messages: Dialect {
     /// A message of the host.
     type Request<'a>: Copy + PartialEq + Debug;
@@ -28,11 +27,11 @@ pub trait Messages: Dialect {
     ///
     /// # Errors
     ///
-    /// [`ParseError`] if it is no request of this protocol, with the error and its place.
+    /// [`ParseError`] if it is not a request of this protocol, with the cause and its offset.
     fn parse_request<'a>(&self, frame: &'a [u8]) -> Result<Self::Request<'a>, ParseError>;
 
-    /// Writes a response at the front of `out` and returns its length in bytes. `to` is the key of the request that it
-    /// answers, whose number it repeats if there is one; `None` for an unsolicited message.
+    /// Writes a response at the front of `out` and returns its length in bytes. `to` is the key of its request, which
+    /// contains the number to repeat, if there is one; `None` for an unsolicited message.
     ///
     /// # Errors
     ///
@@ -48,6 +47,6 @@ pub trait Messages: Dialect {
     ///
     /// # Errors
     ///
-    /// [`ParseError`] if it is no response of this protocol, with the error and its place.
+    /// [`ParseError`] if it is not a response of this protocol, with the cause and its offset.
     fn parse_response<'a>(&self, frame: &'a [u8], expect: Self::Expect) -> Result<Self::Response<'a>, ParseError>;
 }

@@ -26,7 +26,7 @@ pub(super) mod version_command {
 /// The byte in place of an angle that switches the motor off.
 pub(super) const NO_ANGLE: u8 = 0xFF;
 
-/// The longest time a servo takes to answer (servo manual).
+/// Maximum time to a servo's answer (servo manual).
 const SERVO_TURNAROUND: Duration = Duration::from_micros(400);
 
 /// The key of a response.
@@ -47,8 +47,7 @@ pub enum Key {
         /// The servo's id.
         id: u8,
     },
-    /// A servo's response to a change of its id. Success comes from the new id; which one a failure comes from is not
-    /// documented.
+    /// A servo's response to a change of its id. Success comes from the new id. The id in a failure is not documented.
     ChangeId {
         /// The old id.
         from: u8,
@@ -66,7 +65,7 @@ impl Dialect for Alpha1 {
         };
         // A missing byte of a short frame does not affect the result.
         let [first, second, third, fourth] = [0, 1, 2, 3].map(|at| data.get(at).copied().unwrap_or(0));
-        // The document gives no times. Reads take what the robot has at hand; the others wait for its SD card, USB or
+        // The document gives no times. Quick requests use the robot's memory; slow ones wait for its SD card, USB or
         // Bluetooth.
         let (quick, slow) = (Duration::from_millis(100), Duration::from_millis(1_000));
         let robot = |effect, longest, turnaround| RequestInfo {
@@ -102,11 +101,11 @@ impl Dialect for Alpha1 {
                     _ => Effect::Motion,
                 };
                 // A request to all servos is not acknowledged.
-                let who = ServoId::new(first).ok();
+                let servo = ServoId::new(first).ok();
                 RequestInfo {
                     key: Key::Acknowledgement { id: first },
-                    expect: Expect::Responses(who.map(ServoAnswer::Acknowledgement)),
-                    response: who.map(|_| ResponseTiming {
+                    expect: Expect::Responses(servo.map(ServoAnswer::Acknowledgement)),
+                    response: servo.map(|_| ResponseTiming {
                         longest: 1,
                         turnaround: SERVO_TURNAROUND,
                     }),
@@ -161,7 +160,7 @@ impl Dialect for Alpha1 {
     }
 }
 
-/// Returns true if this byte in the place of a servo's status is a command to it.
+/// Returns true if this byte, at the offset of a servo's status, is a command to the servo.
 fn is_servo_command(row: u8, byte: u8) -> bool {
     match row {
         header::SERVO => command::ALL.contains(&byte),

@@ -41,7 +41,7 @@ use crate::driver::{CallError, Clock, Driver};
 #[doc = include_str!("../../doc/alpha1_robot.rs")]
 /// ```
 ///
-/// All the calls to a servo:
+/// All calls to a servo:
 ///
 /// ```
 #[doc = include_str!("../../doc/alpha1_servo.rs")]

@@ -8,13 +8,13 @@
 //! ```
 //!
 //! `H'` is `H` with its nibbles swapped. CHECK is the low byte of the sum of DATA; some answers have none. The length
-//! of DATA is not in the frame: it follows from the direction and the header by the table in `layout`. The end mark ED
-//! is therefore verified, never searched for: DATA and CHECK may contain ED too.
+//! of DATA is not in the frame: it follows from the direction and the header by the table in `layout`. The terminator
+//! ED is therefore verified, never searched for: DATA and CHECK may contain ED too.
 //!
 //! The servos' own frames, FA AF and FC CF, have the same layout. Some commands are answered by a single byte, the
-//! servo's id plus AA. That byte is no frame, and is read only where it is expected.
+//! servo's id plus AA, without a frame. It is decoded only when it is expected.
 //!
-//! The robot's Bluetooth frames have the header FB BF too, followed by their length in the place of this protocol's 01:
+//! The robot's Bluetooth frames have the header FB BF too, followed by their length instead of this protocol's 01:
 //!
 //! ```text
 //!   0     1     2      3     4 .. n-1   n-1     n
@@ -38,7 +38,7 @@ pub const MAX_FRAME: usize = MAX_TEXT + 5;
 /// The maximum length of a version or a name, in bytes: the count byte includes itself.
 pub const MAX_TEXT: usize = u8::MAX as usize - 1;
 
-/// The end mark: the last byte of every frame. A servo's acknowledgement is a single byte without it.
+/// The terminator: the last byte of every frame. A servo's acknowledgement is a single byte without it.
 pub const TAIL: u8 = 0xED;
 
 /// The request for the servo states (row EF).
@@ -82,7 +82,7 @@ pub fn checksum(data: &[u8]) -> u8 {
     data.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
 }
 
-/// The decoder's knowledge of the next frame.
+/// The expectation of the next frame.
 ///
 /// ```
 /// use armwire::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
@@ -164,7 +164,7 @@ const fn layout(first: u8, expect: Expect) -> Option<Layout> {
     })
 }
 
-/// A frame with valid header, length, checksum and end mark.
+/// A frame with valid header, length, checksum and terminator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Frame<'a> {
@@ -210,7 +210,7 @@ fn scan_frame(window: &[u8], layout: Layout) -> Scan {
     }
 }
 
-/// The verdict on FB BF without a row of the document: the same frame, except for its length byte.
+/// The verdict on a Bluetooth frame, which has a length byte after FB BF.
 fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
     if !BLUETOOTH.contains(&len) {
         let (offset, expected, got) = (2, &[ACT], len as u8);
@@ -219,8 +219,8 @@ fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
     verify(window, len + 1, 2, checksum, TAIL)
 }
 
-/// The verdict on an answer without a checksum. Its status must be one of two values, or half of the frame would be
-/// unchecked.
+/// The verdict on an answer without a checksum. Its status must be one of two values, otherwise half of the frame would
+/// be unchecked.
 fn scan_status(window: &[u8]) -> Scan {
     match *window {
         [_, _, status, TAIL, ..] if STATUS.contains(&status) => Scan::Frame(4),

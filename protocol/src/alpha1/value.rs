@@ -22,7 +22,7 @@ const UNIT_MILLIS: u64 = 20;
 /// The angle of a servo: `0..=240` whole degrees.
 ///
 /// The document gives no range; 240° is the servo's range, and an Alpha1 stays within 180°. Any byte from the wire is
-/// accepted except FF, which is no angle: 241 to 254 are kept, and have no [`degrees`](Self::degrees).
+/// accepted except FF, which is not an angle: 241 to 254 are kept, and have no [`degrees`](Self::degrees).
 ///
 /// ```
 /// use armwire::alpha1::Angle;
@@ -71,7 +71,7 @@ impl Angle {
         self.0
     }
 
-    /// FF is no angle: in an action it leaves the servo unchanged, in a move it releases the servo.
+    /// FF is not an angle: in an action it leaves the servo unchanged, in a move it releases the servo.
     pub(super) const fn from_wire(byte: u8) -> Option<Self> {
         if byte == u8::MAX { None } else { Some(Self(byte)) }
     }
@@ -183,9 +183,9 @@ fn nearest(what: &'static str, duration: Duration, max: Duration) -> Result<u16,
 
 /// The id of a servo on the bus, `1..=240`.
 ///
-/// Id 0 addresses all servos, see [`Address`]. Only moves, releases and LED settings accept it. The version cannot be
-/// read from all (servo manual), and the manual does not mention id 0 for the other commands: all servos would answer
-/// at once, and all would have the same id after a change of id. These are neither sent nor accepted.
+/// Id 0 addresses all servos, see [`Address`]. Only moves, releases and LED settings accept it. The servo manual forbids
+/// it for reading the version and does not mention it for the other commands: all servos would answer at once, and all
+/// would have the same id after a change of id. Such requests are neither sent nor accepted.
 ///
 /// ```
 /// use armwire::alpha1::ServoId;
@@ -361,21 +361,21 @@ impl<'a> Text<'a> {
         self.0
     }
 
-    /// The text, or `None` if one of its bytes is no printable ASCII character.
+    /// The text, or `None` if one of its bytes is not printable ASCII.
     pub fn as_str(self) -> Option<&'a str> {
         let printable = self.0.iter().all(|byte| matches!(byte, b' '..=b'~'));
         str::from_utf8(self.0).ok().filter(|_| printable)
     }
 }
 
-/// Non-printable bytes are escaped: they come from outside.
+/// Non-printable bytes are escaped, because they come from the line.
 impl fmt::Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.0.escape_ascii())
     }
 }
 
-/// The servo states, as the four bytes on the wire (row EF). A servo that does not run is powered off and can be turned
+/// The servo states, as the four bytes on the wire (row EF). A servo is either running, or powered off and free to turn
 /// by hand.
 ///
 /// The document defines the least significant bit as servo 1, but not the order of the bytes. All other numbers of this
@@ -404,7 +404,7 @@ impl ServoStates {
         u32::from_be_bytes(self.0)
     }
 
-    /// The numbers, from 1, of the servos that run.
+    /// The numbers, from 1, of the running servos.
     pub fn running(self) -> impl Iterator<Item = u8> {
         (1..=32).filter(move |servo| self.bits() >> (servo - 1) & 1 == 1)
     }

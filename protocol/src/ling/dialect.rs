@@ -1,14 +1,12 @@
 //! The exchanges of a Ling arm (document section 2).
 
+use super::frame::NO_VALUE;
 use super::{Ling, MAX_FRAME};
 use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
 /// The longest known response on the wire: information, 24 data bytes.
 const LONGEST: u16 = 30;
-
-/// The data byte of requests without a value.
-const READ: u8 = 0xFE;
 
 /// The self-check command.
 const SELF_CHECK: u8 = 0xFE;
@@ -31,9 +29,8 @@ impl Dialect for Ling {
             return None;
         };
         let (effect, longest) = match (command, function, data) {
-            (0x01, 0x00, _) | (0x04, 0x0E, _) | (0x06, 0x00 | 0x02, _) | (0x06, 0x01, READ) | (SELF_CHECK, 0x00, _) => {
-                (Effect::Read, Some(LONGEST))
-            }
+            (0x01, 0x00, _) | (0x04, 0x0E, _) | (0x06, 0x00 | 0x02, _) => (Effect::Read, Some(LONGEST)),
+            (0x06, 0x01, NO_VALUE) | (SELF_CHECK, 0x00, _) => (Effect::Read, Some(LONGEST)),
             (0x06, 0x03, _) => (Effect::Motion, None),
             (0x05, _, _) => (Effect::Torque, None),
             // Setting the zero position switches the torque off, too.
@@ -62,7 +59,7 @@ impl Dialect for Ling {
         // Requests have one data byte, which is FE unless it sets a value.
         let request = match (command, function, len) {
             (SELF_CHECK, 0x00, 0) | (0x05, _, _) | (0x06, 0x01, 1) | (0x06, 0x03, _) => true,
-            (_, _, 1) => data == READ,
+            (_, _, 1) => data == NO_VALUE,
             _ => false,
         };
         (Key { command, function }) == key && !request

@@ -77,7 +77,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// Reads the gripper type that the arm is configured for.
+    /// Reads the configured gripper type.
     pub async fn read_stroke(&mut self) -> Result<Stroke, CallError<Port::Error>> {
         self.read(&Request::ReadStroke, |response| match response {
             Response::Stroke(stroke) => Some(stroke),
@@ -86,7 +86,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// Checks every servo.
+    /// Runs a self-check of every servo.
     pub async fn self_check(&mut self) -> Result<SelfCheck, CallError<Port::Error>> {
         self.read(&Request::SelfCheck, |response| match response {
             Response::SelfCheck(check) => Some(check),
@@ -110,7 +110,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.send(&Request::SetZero).await
     }
 
-    /// Configures the arm's gripper type. The arm does not confirm it: verify with [`read_stroke`](Self::read_stroke).
+    /// Sets the gripper type. The arm does not confirm it: verify with [`read_stroke`](Self::read_stroke).
     pub async fn set_stroke(&mut self, stroke: Stroke) -> Result<(), CallError<Port::Error>> {
         self.send(&Request::SetStroke(stroke)).await
     }

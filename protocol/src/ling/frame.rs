@@ -10,8 +10,8 @@
 //! The checksum is the low byte of CRC-32/ISO-HDLC over `command .. data`. "Command + function + length + data" in the
 //! document means concatenation: only then are its examples correct.
 //!
-//! One request is printed, and sent by the vendor's software, with length 0 and one data byte ([`SELF_CHECK`]). Exactly
-//! this sequence of bytes is accepted; no other frame may deviate from its length. The sequence is unambiguous: with
+//! The document and the vendor's software have one request with length 0 and one data byte ([`SELF_CHECK`]). Exactly
+//! this sequence of bytes is accepted; the length of any other frame must match. The sequence is unambiguous: with
 //! length 0, the fifth byte would be the checksum, C8.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -23,8 +23,8 @@ use crate::{BufferTooShort, EncodeError};
 
 /// Maximum number of data bytes in a frame.
 ///
-/// The document's longest message has 28. The length field allows 255, but every false header would then hold back up
-/// to 257 bytes of valid frames; 64 leaves room for new messages, and holds back at most 66.
+/// The document's longest message has 28. The length field allows 255, but every false header would then delay up to
+/// 257 bytes of valid frames; 64 leaves room for new messages, and delays at most 66.
 pub const MAX_DATA: usize = 64;
 
 /// Bytes of a frame that are not data.
@@ -50,7 +50,10 @@ pub const TORQUE_ON: [u8; 7] = [HEADER, 0x05, 0x00, 0x01, 0x01, 0xF9, TAIL];
 
 pub(super) const HEADER: u8 = 0xAA;
 
-/// The end mark: the last byte of every frame.
+/// The data byte of requests without a value.
+pub(super) const NO_VALUE: u8 = 0xFE;
+
+/// The terminator: the last byte of every frame.
 pub const TAIL: u8 = 0xFF;
 
 static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
@@ -64,7 +67,7 @@ pub fn checksum(body: &[u8]) -> u8 {
     CRC.checksum(body) as u8
 }
 
-/// A frame with valid header, length, checksum and end mark.
+/// A frame with valid header, length, checksum and terminator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Frame<'a> {
@@ -128,8 +131,8 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// The length in the header at this place, at most `max`; or the verdict on a window without one.
-pub(super) fn data_len(window: &[u8], place: usize, max: usize) -> Result<usize, Scan> {
+/// The length field at this offset, at most `max`; or the verdict on a window without a valid length.
+pub(super) fn data_len(window: &[u8], offset: usize, max: usize) -> Result<usize, Scan> {
     if window.first() != Some(&HEADER) {
         let stray = window.iter().position(|&byte| byte == HEADER);
         return Err(match stray.unwrap_or(window.len()) {
@@ -137,13 +140,13 @@ pub(super) fn data_len(window: &[u8], place: usize, max: usize) -> Result<usize,
             n => Scan::Noise(n, Reason::Stray),
         });
     }
-    match window.get(place).copied() {
+    match window.get(offset).copied() {
         Some(len) if usize::from(len) <= max => Ok(len.into()),
         Some(len) => {
             let (min, max, got) = (0, max as u16, len.into());
             Err(Scan::Noise(1, Reason::Length { min, max, got }))
         }
-        None => Err(Scan::Need((place + 1).saturating_sub(window.len()))),
+        None => Err(Scan::Need((offset + 1).saturating_sub(window.len()))),
     }
 }
 

@@ -1,5 +1,6 @@
 //! The messages of the Ling document, section 2, and their encoding.
 
+use super::frame::NO_VALUE;
 use super::value::{
     JOINTS, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit,
     Version,
@@ -28,9 +29,6 @@ mod function {
     pub(super) const READ_STROKE: u8 = 0x0E;
 }
 
-/// The data byte of requests without a value.
-const NO_VALUE: u8 = 0xFE;
-
 /// A message of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -41,9 +39,9 @@ pub enum Request {
     ReadInfo,
     /// Makes the present pose the zero position, and switches the torque off (section 2.2). Not answered.
     SetZero,
-    /// Configures the arm's gripper type (section 2.3). Not answered.
+    /// Sets the gripper type (section 2.3). Not answered.
     SetStroke(Stroke),
-    /// Reads the gripper type that the arm is configured for (section 2.3). Answered by [`Response::Stroke`].
+    /// Reads the configured gripper type (section 2.3). Answered by [`Response::Stroke`].
     ReadStroke,
     /// Switches the torque (section 2.4). Not answered.
     SetTorque(Torque),
@@ -57,7 +55,7 @@ pub enum Request {
     ReadVelocities,
     /// Moves the joints and the gripper (section 2.5). Not answered.
     Move(Move),
-    /// Checks every servo (section 2.6). Answered by [`Response::SelfCheck`].
+    /// Runs a self-check of every servo (section 2.6). Answered by [`Response::SelfCheck`].
     SelfCheck,
 }
 
@@ -136,8 +134,8 @@ pub struct Info {
 
 /// The arm's position, in raw counts as sent (section 2.5).
 ///
-/// An arm may send values that no host may request: the document's own example has a gripper value of 2051. The counts
-/// are therefore kept, and converted to range-checked values on demand.
+/// An arm may send values outside the range of requests: the document's example has a gripper value of 2051. The raw
+/// counts are therefore kept, and converted to range-checked values on demand.
 ///
 /// ```
 /// use armwire::ling::{JointState, MotionStatus};

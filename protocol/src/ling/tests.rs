@@ -25,8 +25,8 @@ fn moving(gripper: u16) -> Request {
     })
 }
 
-/// Section, frame, meaning. In the order of the document; those marked *corrected* are printed with the checksum of
-/// another frame, those marked *computed* are not printed at all.
+/// Section, frame, meaning, in the order of the document. Rows marked *corrected* are printed with the checksum of
+/// another frame, rows marked *computed* are not printed.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request)> {
     let home = "00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03";
     let limit = TemperatureLimit::new(100).unwrap();
@@ -191,12 +191,12 @@ fn two_prints_with_wrong_checksum_are_rejected() {
 }
 
 #[test]
-fn device_accepts_all_spellings_of_the_self_check() {
-    for spelling in ["AA FE 00 00 FE 93 FF", "AA FE 00 00 C8 FF", "AA FE 00 01 FE D2 FF"] {
+fn device_accepts_all_encodings_of_the_self_check() {
+    for encoding in ["AA FE 00 00 FE 93 FF", "AA FE 00 00 C8 FF", "AA FE 00 01 FE D2 FF"] {
         for chunk in 1..=7 {
             let mut device = Device::<Ling, MAX_FRAME>::new(Ling);
             let mut requests = Vec::new();
-            for bytes in hex(spelling).chunks(chunk) {
+            for bytes in hex(encoding).chunks(chunk) {
                 assert!(device.receive(bytes).is_empty());
                 while let Some(event) = device.poll() {
                     let DeviceEvent::Request { request, .. } = event else {
@@ -205,7 +205,7 @@ fn device_accepts_all_spellings_of_the_self_check() {
                     requests.push(request);
                 }
             }
-            assert_eq!(requests, [Request::SelfCheck], "{spelling} in chunks of {chunk}");
+            assert_eq!(requests, [Request::SelfCheck], "{encoding} in chunks of {chunk}");
         }
     }
 }
@@ -338,7 +338,7 @@ fn move_out_of_range_names_the_byte() {
 }
 
 #[test]
-fn a_serial_number_says_which_arm_it_is() {
+fn serial_number_identifies_the_kind_of_arm() {
     let kind = |text: &[u8; 16]| SerialNumber(*text).kind();
     assert_eq!(kind(b"ADLS251205123456"), Some(Kind::Leader));
     assert_eq!(kind(b"ADFS251205123456"), Some(Kind::Follower));

@@ -302,7 +302,7 @@ impl TemperatureLimit {
     }
 }
 
-/// The motion status (section 2.5). Values that the document does not name are kept.
+/// The motion status (section 2.5). Undocumented values are kept.
 ///
 /// ```
 /// use armwire::ling::MotionStatus;
@@ -426,7 +426,7 @@ impl SerialNumber {
     }
 }
 
-/// Non-printable bytes are escaped: they come from outside.
+/// Non-printable bytes are escaped, because they come from the line.
 impl fmt::Display for SerialNumber {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.text().escape_ascii())
@@ -525,7 +525,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_position_survives_the_way_through_radians() {
+    fn every_position_survives_conversion_to_radians() {
         for ticks in 0..TICKS_PER_TURN {
             let position = Position::new(ticks).unwrap();
             assert_eq!(Position::from_radians(position.radians()), Ok(position));
@@ -576,7 +576,7 @@ mod tests {
     }
 
     #[test]
-    fn a_serial_number_cannot_steer_a_terminal() {
+    fn serial_number_escapes_terminal_sequences() {
         extern crate std;
         let serial = SerialNumber(*b"AD\x1b[31m\x07\0\0\0\0\0\0\0\0");
         assert_eq!(serial.as_str(), None);

@@ -1,7 +1,7 @@
 //! The exchanges of an xArm.
 
 use super::frame::{HEARTBEAT_ID, MODBUS_ID};
-use super::{Direction, Frame, MAX_FRAME, XArm};
+use super::{Direction, Frame, MAX_FRAME, ModbusFunction, XArm};
 use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
@@ -16,9 +16,6 @@ pub struct Key {
     /// The register; in standard Modbus the function.
     pub register: u8,
 }
-
-/// The last two bytes of a Modbus exception: the function with bit 7 set, exception 01.
-const MODBUS_REFUSED: u8 = 0x80;
 
 impl Key {
     /// The key of the request in this frame.
@@ -69,7 +66,9 @@ impl Dialect for XArm {
         };
         (frame.transaction, frame.protocol) == (key.transaction, key.protocol)
             && match frame.body {
-                [_unit, function, ..] if key.protocol == MODBUS_ID => function & !MODBUS_REFUSED == key.register,
+                [_unit, function, ..] if key.protocol == MODBUS_ID => {
+                    ModbusFunction::of_byte(*function).number() == key.register
+                }
                 [register, ..] => key.protocol != HEARTBEAT_ID && *register == key.register,
                 [] => false,
             }

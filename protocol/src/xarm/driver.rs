@@ -17,8 +17,7 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 /// Every call fails with [`ArmError`]. Every answer contains the arm's state: a warning or an error of the arm does not
 /// invalidate the answer. See [`Driver`] for dropping a call.
 ///
-/// It is a type of its own, not an alias of [`Driver`] as for the other protocols, because it returns the state with
-/// every answer.
+/// It is not an alias of [`Driver`] as for the other protocols, because it returns the state with every answer.
 ///
 /// ```
 /// # use armwire::driver::Clock;
@@ -152,7 +151,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.call(Request::Raw(request), take).await
     }
 
-    /// Sends a sign of life. The arm does not answer.
+    /// Sends a heartbeat. The arm does not answer.
     pub async fn heartbeat(&mut self) -> Result<(), ArmError<Port::Error>> {
         self.driver.send(&Request::Heartbeat).await?;
         Ok(())

@@ -15,9 +15,9 @@
 //! | 1 | two zero bytes, transaction 0: a heartbeat ([`HEARTBEAT`]) |
 //! | 2, 3 | register, [state], parameters |
 //!
-//! TCP neither loses nor inserts bytes. Resynchronisation is therefore pointless: bytes with an unknown protocol id
-//! mean that both ends disagree, and the connection is broken. The end of any other frame is known: a frame that is too
-//! short or too long, or a malformed heartbeat, is skipped.
+//! TCP neither loses nor inserts bytes, so the decoder does not resynchronise: an unknown protocol id breaks the
+//! connection. The end of any other frame is known: a frame that is too short or too long, or a malformed heartbeat, is
+//! skipped.
 
 use super::XArm;
 use crate::BufferTooShort;
@@ -28,8 +28,8 @@ pub const HEADER: usize = 6;
 
 /// Maximum length of a message's parameters, in bytes.
 ///
-/// With register and state they are as long as the longest body of Modbus TCP, which shares the connection. The longest
-/// of the vendor's package has 113, apart from data for a serial line at the tool.
+/// With register and state they are as long as the longest body of Modbus TCP, which shares the connection. The vendor's
+/// package sends at most 113, apart from data for a serial line at the tool.
 pub const MAX_PARAMS: usize = 252;
 
 /// The longest body, in bytes: register, state and parameters.

@@ -25,7 +25,7 @@ const ILLEGAL_FUNCTION: u8 = 0x01;
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Request<'a> {
-    /// A sign of life. Not answered.
+    /// A heartbeat. Not answered.
     Heartbeat,
     /// Register 1: versions. Answered by [`Reply::Version`].
     ReadVersion,
@@ -75,7 +75,7 @@ impl Request<'_> {
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Response<'a> {
-    /// A sign of life. It answers no request.
+    /// A heartbeat, always unsolicited.
     Heartbeat,
     /// Answers every other [`Request`].
     Reply {
@@ -94,10 +94,10 @@ pub enum Response<'a> {
 }
 
 impl Response<'_> {
-    /// The response of an arm to a frame that is no request: an invalid state in the private protocol, an illegal
-    /// function in Modbus. `None` if the frame has no register or function.
+    /// The response of an arm to an invalid request: an invalid state in the private protocol, an illegal function in
+    /// Modbus. `None` if the frame has no register or function.
     ///
-    /// Neither is documented. The vendor's package recognises the first, and would wait 2 s for a missing answer.
+    /// Neither is documented. The vendor's package recognises the invalid state, and waits 2 s for a missing answer.
     ///
     /// ```
     /// use armwire::dialect::Dialect;
@@ -145,8 +145,8 @@ pub enum Reply<'a> {
     TorqueSource(TorqueSource),
     /// Answers [`Request::ReadRotationRadius`].
     RotationRadius(RotationRadius),
-    /// Answers [`Request::Shutdown`] and [`Request::Reboot`] with a number whose meaning is not documented. It is
-    /// accepted from an arm; a virtual arm should send [`Empty`](Self::Empty).
+    /// Answers [`Request::Shutdown`] and [`Request::Reboot`] with an undocumented number. It is accepted from an arm; a
+    /// virtual arm should send [`Empty`](Self::Empty).
     SystemControl(u16),
     /// Answers [`Request::Raw`].
     Raw(Raw<'a>),
@@ -345,7 +345,7 @@ fn parse_reply(register: u8, params: &[u8]) -> Result<Reply<'_>, Cause> {
     };
     match (typed, params) {
         (register, []) => Ok(Reply::Empty(register)),
-        // The document says "n Byte".
+        // The document has no length: "n Byte".
         (Register::Version, text) => Ok(Reply::Version(VersionText(text))),
         (Register::Serials, text) => Ok(Reply::Serials(SerialsText(text))),
         (Register::TorqueSource, [code]) => match TorqueSource::from_code(*code) {

@@ -13,14 +13,14 @@ use crate::error::{at_most, within};
 /// Maximum number of axes of an arm.
 pub const MAX_JOINTS: u8 = 7;
 
-/// Length of a text parameter (registers 1 and 2) as sent by the arms, padded with NUL. The document says "n Byte".
+/// Length of a text parameter (registers 1 and 2) as sent by the arms, padded with NUL. The document has no length.
 pub const TEXT: usize = 40;
 
 /// The protocol id of a message. A response has that of its request.
 ///
 /// The document has only the first. The vendor's package changes to the second if it reads reports and the arm's
 /// firmware is 1.8.6 or later. It then supervises the connection: it reads the state after 30 s of silence, and
-/// disconnects after 90 s. It is unknown if the arm supervises it too.
+/// disconnects after 90 s. A supervision by the arm is not documented.
 ///
 /// ```
 /// assert_eq!(armwire::xarm::ProtocolId::Supervised as u16, 3);
@@ -95,7 +95,7 @@ impl fmt::Display for ModbusFunction {
     }
 }
 
-/// The registers of the document, each of which has its own types.
+/// The registers of the document. Each has its own types.
 ///
 /// ```
 /// use armwire::xarm::Register;
@@ -123,7 +123,7 @@ pub enum Register {
 }
 
 impl Register {
-    /// The register with this number, if the document has it.
+    /// The register with this number, if it is documented.
     pub const fn from_code(code: u8) -> Option<Self> {
         match code {
             1 => Some(Self::Version),
@@ -139,7 +139,7 @@ impl Register {
 
 /// The state of the arm, and the result of the request: the second byte of every response's body.
 ///
-/// The document has the byte but not its bits: three are from the vendor's later page, `INVALID` is from the vendor's
+/// The document does not define the bits: three are from the vendor's later page, `INVALID` is from the vendor's
 /// package. The other bits are kept.
 ///
 /// ```
@@ -288,7 +288,7 @@ pub struct RotationRadius {
 }
 
 impl RotationRadius {
-    /// The maximum, in metres. The document has no limit; this is far beyond any arm.
+    /// The maximum, in metres. The document has no limit; no arm is this long.
     pub const MAX_METRES: f32 = 100.0;
 
     /// A radius in metres.
@@ -366,8 +366,8 @@ impl<'a> VersionText<'a> {
 
     /// The parts of the text: axes, type, arm, control box and firmware, separated by commas.
     ///
-    /// The document's wording has the type before the axes; its example does not decide it, because both are 6. The
-    /// vendor's package reads the axes first.
+    /// The document's text has the type before the axes. In its example both are 6. The vendor's package reads the axes
+    /// first.
     ///
     /// # Errors
     ///
@@ -399,7 +399,7 @@ impl<'a> VersionText<'a> {
     }
 }
 
-/// Non-printable bytes are escaped: they come from outside.
+/// Non-printable bytes are escaped, because they come from the connection.
 impl fmt::Display for VersionText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.text().escape_ascii())
@@ -444,7 +444,7 @@ fn number<T: str::FromStr>(digits: &[u8]) -> Option<T> {
     digits.parse().ok()
 }
 
-/// The reason for a text that is no version.
+/// The reason why a text is not a version.
 ///
 /// ```
 /// use armwire::xarm::VersionText;
@@ -506,12 +506,12 @@ impl<'a> SerialsText<'a> {
         Ok(bytes)
     }
 
-    /// The arm's, or `None` if it is not printable ASCII.
+    /// The arm's serial number, or `None` if it is not printable ASCII.
     pub fn arm(self) -> Option<&'a str> {
         printable(self.part(0))
     }
 
-    /// The control box's, or `None` if it is not printable ASCII.
+    /// The control box's serial number, or `None` if it is not printable ASCII.
     pub fn control_box(self) -> Option<&'a str> {
         printable(self.part(1))
     }
@@ -523,7 +523,7 @@ impl<'a> SerialsText<'a> {
     }
 }
 
-/// Non-printable bytes are escaped: they come from outside.
+/// Non-printable bytes are escaped, because they come from the connection.
 impl fmt::Display for SerialsText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (arm, control_box) = (self.part(0).escape_ascii(), self.part(1).escape_ascii());
@@ -550,7 +550,7 @@ fn put(bytes: &mut [u8], text: impl Iterator<Item = u8>) {
     }
 }
 
-/// A register that the document does not have, and its raw parameters.
+/// An undocumented register and its raw parameters.
 ///
 /// In parameters, 16-bit numbers are big-endian; 32-bit integers and floating-point numbers are little-endian.
 ///
@@ -608,7 +608,7 @@ impl<'a> Raw<'a> {
     }
 }
 
-/// The reason for a [`Raw`] message that is not possible.
+/// The reason why [`Raw::new`] rejected a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -731,7 +731,7 @@ mod tests {
     }
 
     #[test]
-    fn what_an_arm_sends_cannot_steer_a_terminal() {
+    fn texts_of_an_arm_escape_terminal_sequences() {
         let mut text = [0; TEXT];
         put(&mut text, b"AD\x1b[31m\0\x07\n".iter().copied());
         assert_eq!(SerialsText(&text).arm(), None);

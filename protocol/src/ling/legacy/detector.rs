@@ -12,12 +12,13 @@ use crate::messages::Messages;
 /// occur.
 const ENOUGH: u8 = 3;
 
-/// An arm of the older generation was detected. Its text is written for the user of the arm.
+/// The detection of an arm of the older generation, with a text for the user of the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[error(
-    "a Ling arm of the older generation: firmware from before late 2025, without a function byte in frames. armwire reads \
-     its joints and sends nothing to it. All other functions need a firmware update from the vendor. (It runs at {} or {} baud.)",
+    "a Ling arm of the older generation: firmware from before late 2025, without a function byte in frames. armwire \
+     reads its joints and sends nothing to it. All other functions need a firmware update from the vendor. (It runs at \
+     {} or {} baud.)",
     BAUD_RATES[0],
     BAUD_RATES[1]
 )]
@@ -59,7 +60,7 @@ impl Detector {
         }
     }
 
-    /// Processes the next bytes from the arm, and returns the detection, new or earlier.
+    /// Processes the next bytes from the arm. Returns the detection, also if it was made earlier.
     pub fn push(&mut self, mut bytes: &[u8]) -> Option<OlderGeneration> {
         while self.succession < ENOUGH {
             let Some(item) = self.decoder.next(&Legacy, ()) else {

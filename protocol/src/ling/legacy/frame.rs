@@ -38,9 +38,10 @@ pub fn parity(data: &[u8]) -> u8 {
     data.iter().fold(0, |sum, byte| sum ^ byte) & 1
 }
 
-/// A frame with valid header, length, parity and end mark.
+/// A frame with valid header, length, parity and terminator.
 ///
-/// It has no public encoder, because such an arm has no known requests. A virtual arm encodes its messages by a device.
+/// It has no public encoder, because such an arm has no known requests. A virtual arm encodes its messages with a
+/// [`Device`](crate::Device).
 ///
 /// ```
 /// use armwire::decoder::Decoder;

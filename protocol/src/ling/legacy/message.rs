@@ -18,7 +18,7 @@ mod command {
 /// Servos in a joint frame: two on each of joints 1 to 3, one on each of joints 4 to 6.
 pub const SERVOS: usize = 9;
 
-/// A message of the host: there is none. No value of this type exists.
+/// A message of the host: an empty type, because no request is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Request {}

@@ -1,4 +1,4 @@
-//! The older generation of Ling arms, with firmware from before the function byte (late 2025): receive only.
+//! The older generation of Ling arms, without the function byte of late 2025: receive only.
 //!
 //! Such an arm continuously sends the positions of its joints and its gripper, at 1 000 000 or 921 600 baud. There is
 //! no vendor document. The sources are the vendor's older Python packages (5.4 to 6.0), its ROS drivers, and frames
@@ -41,7 +41,7 @@ pub use detector::{Detector, OlderGeneration};
 pub use frame::{Frame, MAX_DATA, MAX_FRAME, OVERHEAD, parity};
 pub use message::{Firmware, GripperState, JointState, Request, Response, SERVOS};
 
-/// The baud rates of such arms, the more common first.
+/// The baud rates of the older generation, the more common first.
 ///
 /// The vendor's packages of 2025 state 921 600 baud for firmware up to 5.4.18, and 1 000 000 for later firmware. Its
 /// package 6.1 states 921 600 for all firmware before 6.

@@ -130,7 +130,7 @@ fn wrong_parity_and_missing_end_name_expected_values() {
 }
 
 #[test]
-fn the_parity_misses_what_it_must_miss() {
+fn parity_misses_seven_bits_in_eight() {
     let (_, good, response) = responses().remove(0);
     let missed = (8 * 3..8 * 21).filter(|bit| {
         let mut bytes = good.clone();
@@ -164,7 +164,7 @@ fn valid_frame_without_message_is_distinguished() {
 }
 
 #[test]
-fn to_such_an_arm_every_frame_is_unknown() {
+fn device_reports_every_frame_as_unknown() {
     let mut device = Device::<Legacy, MAX_FRAME>::new(Legacy);
     assert!(device.receive(&hex("AA 13 01 00 00 FF")).is_empty());
     let Some(DeviceEvent::Unknown { error, key: None, .. }) = device.poll() else {
