@@ -49,6 +49,8 @@ pub mod exchange;
 pub mod framing;
 #[cfg(fuzzing)]
 mod fuzzing;
+#[cfg(all(test, any(feature = "ling", feature = "xarm", feature = "alpha1")))]
+mod hex;
 #[cfg(feature = "ling")]
 pub mod ling;
 pub mod messages;

@@ -21,7 +21,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 fn servo() -> impl Strategy<Value = ServoId> {
-    // Servos whose single byte is a header, padding or an end mark are more frequent.
+    // Servos whose single byte is a header, padding or a terminator are more frequent.
     let marked = prop_oneof![Just(80), Just(82), Just(86), Just(67), Just(71), Just(81)];
     prop_oneof![2 => 1..=240_u8, 1 => marked].prop_map(|id| ServoId::new(id).unwrap())
 }
@@ -146,7 +146,7 @@ fn servo_response(answer: ServoAnswer) -> BoxedStrategy<ServoResponse> {
         .boxed()
 }
 
-/// Headers, end marks, zeros, statuses and lengths of Bluetooth frames, and arbitrary bytes.
+/// Headers, terminators, zeros, statuses and lengths of Bluetooth frames, and arbitrary bytes.
 fn noise() -> impl Strategy<Value = u8> {
     let marks =
         b"\xF1\x1F\xEF\xFE\xF2\x2F\xF5\x5F\xFB\xBF\xF4\x4F\xF9\x9F\xF3\x3F\xFA\xAF\xFC\xCF\xED\xED\xAA\xEE\x01\x06";
@@ -235,8 +235,8 @@ proptest! {
     }
 
     #[test]
-    fn the_client_takes_any_bytes_at_any_time(steps in common::steps::<Alpha1>(), request in Alpha1::any_request()) {
-        common::a_client_takes_anything::<Alpha1>(steps, request)?;
+    fn client_accepts_any_bytes_at_any_time(steps in common::steps::<Alpha1>(), request in Alpha1::any_request()) {
+        common::client_accepts_any_bytes::<Alpha1>(steps, request)?;
     }
 
     #[test]
@@ -320,7 +320,7 @@ impl Robot {
             if let Poll::Ready(output) = call.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
                 return output;
             }
-            self.now.set(self.wake.get().expect("it waits for something"));
+            self.now.set(self.wake.get().expect("a timeout"));
         }
     }
 

@@ -37,7 +37,7 @@ fn micros(micros: u64) -> Duration {
     Duration::from_micros(micros)
 }
 
-/// An event in words.
+/// The text of an event.
 fn describe<R: Debug>(event: Event<'_, R>) -> String {
     match event {
         Event::Noise { bytes, .. } => format!("Noise({})", bytes.len()),
@@ -108,7 +108,7 @@ impl<M: Messages + Default> Host<M> {
     /// Runs the request in flight to its timeout, and returns the number of transmissions.
     fn time_out(&mut self) -> u8 {
         loop {
-            self.now = self.timeout().expect("something to wait for");
+            self.now = self.timeout().expect("a timeout");
             if let [event] = &self.events()[..] {
                 let sends = event.strip_prefix("TimedOut { sends: ").expect(event);
                 return sends.trim_end_matches(" }").parse().unwrap();
@@ -134,10 +134,10 @@ fn call_transmits_its_bytes_in_any_pieces() {
 }
 
 #[test]
-fn more_than_there_is_cannot_be_transmitted() {
+fn excess_transmitted_count_is_an_error() {
     let mut host = Lings::new(Config::DEFAULT);
     host.client.submit(&Request::ReadJoints).unwrap();
-    assert!(host.client.transmitted(host.now, 1).is_err(), "nothing was given yet");
+    assert!(host.client.transmitted(host.now, 1).is_err(), "nothing to transmit");
     assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
     let error = host.client.transmitted(host.now, 8).unwrap_err();
     assert_eq!((error.got, error.max), (8, 7));
@@ -228,12 +228,12 @@ fn a_late_answer_never_satisfies_the_next_request() {
 }
 
 #[test]
-fn an_answer_read_after_its_window_is_late() {
+fn answer_read_after_its_stale_window_is_late() {
     let mut host = Lings::new(ONCE);
     host.send(Request::ReadJoints);
     assert_eq!(host.time_out(), 1);
     host.now += Duration::from_millis(10_000);
-    assert_eq!(host.receive(&bytes(JOINTS)), [late()], "it may have come long ago");
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()], "it may have arrived long ago");
     host.send(Request::ReadJoints);
     assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
 }
@@ -248,7 +248,7 @@ fn missing_answer_blocks_its_kind_for_stale_window() {
     assert_eq!(host.timeout(), Some(due + ONCE.stale_window));
     host.client.cancel();
     host.client.submit(&Request::ReadStroke).unwrap();
-    assert_eq!(host.transmit(), 7, "another answer cannot be mixed up");
+    assert_eq!(host.transmit(), 7, "another key is not blocked");
     assert_eq!(
         host.receive(&bytes(Response::Stroke(Stroke::Mm50))),
         [describe(Event::Answer(Response::Stroke(Stroke::Mm50)))]
@@ -288,7 +288,11 @@ fn cancelled_request_is_completed_before_the_next() {
     host.client.cancel();
     assert_eq!(host.client.submit(&Request::ReadInfo), Err(SubmitError::Busy));
     assert_eq!(host.transmit(), 4);
-    assert_eq!(host.receive(&bytes(JOINTS)), [late()], "only now can its answer come");
+    assert_eq!(
+        host.receive(&bytes(JOINTS)),
+        [late()],
+        "its answer is possible from now on"
+    );
     host.send(Request::ReadInfo);
 }
 
@@ -303,7 +307,7 @@ fn the_answer_to_a_cancelled_request_is_late() {
 }
 
 #[test]
-fn bytes_before_the_request_are_no_answer() {
+fn bytes_before_the_request_are_not_an_answer() {
     let mut host = Lings::new(Config::DEFAULT);
     let line = [&[0xAA, 0, 0, 60][..], &bytes(JOINTS)].concat();
     assert_eq!(host.receive(&line), [""; 0], "a false header holds them back");
@@ -325,7 +329,7 @@ fn answer_behind_false_header_is_found_after_silence() {
 }
 
 #[test]
-fn an_idle_line_frees_the_answer_at_once() {
+fn idle_line_releases_the_answer_at_once() {
     let mut host = Lings::new(ONCE);
     host.send(Request::ReadJoints);
     let line = [&[0xAA, 0, 0, 60][..], &bytes(JOINTS)].concat();
@@ -335,7 +339,7 @@ fn an_idle_line_frees_the_answer_at_once() {
 }
 
 #[test]
-fn started_answer_gets_time_to_end() {
+fn partly_received_answer_extends_the_timeout() {
     let whole = bytes(JOINTS);
     for received in 1..whole.len() {
         let mut host = Lings::new(ONCE);
@@ -414,7 +418,7 @@ fn request_numbers_start_at_one_and_wrap() {
 }
 
 #[test]
-fn with_numbers_nothing_is_held_back() {
+fn numbered_requests_are_never_held_back() {
     let mut host = Arms::new(Config::TCP);
     for number in 1..20 {
         host.send(xarm::Request::ReloadDynamics);
@@ -490,7 +494,7 @@ fn non_message_is_skipped_before_the_answer() {
 }
 
 #[test]
-fn following_the_output_completes_every_request() {
+fn every_request_completes() {
     for request in [Request::SetTorque(Torque::Off), Request::ReadJoints, Request::SelfCheck] {
         let mut host = Lings::new(Config::DEFAULT);
         host.client.submit(&request).unwrap();

@@ -15,10 +15,10 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 
-/// Room for every frame.
+/// Fits every frame.
 const ROOMY: usize = 260;
 
-/// Room for every frame on the lines of the adapter, except for long names.
+/// Fits every frame on the lines of the adapter, except for long names.
 const TIGHT: usize = 70;
 
 /// An item, with its bytes.
@@ -32,7 +32,7 @@ fn decode<F: Framing, const N: usize>(framing: &F, expect: F::Expect, chunks: &[
         while !rest.is_empty() {
             rest = decoder.push(rest);
             drain(&mut decoder, framing, expect, &mut items);
-            assert!(!decoder.space().is_empty(), "no room, and nothing to take");
+            assert!(!decoder.space().is_empty(), "no space and no item");
         }
     }
     decoder.idle();
@@ -99,7 +99,7 @@ fn chunks_have_no_effect<F: Framing, const N: usize>(
 }
 
 /// The threshold never exceeds the number of missing bytes of the next frame, and is never zero while no item is ready.
-fn the_threshold_passes_no_frame<F: Framing, const N: usize>(
+fn threshold_never_exceeds_the_missing_bytes<F: Framing, const N: usize>(
     framing: &F,
     expect: F::Expect,
     line: &[u8],
@@ -125,12 +125,12 @@ fn the_threshold_passes_no_frame<F: Framing, const N: usize>(
     Ok(())
 }
 
-fn all_of<F: Framing + Debug>(framing: &F, expect: F::Expect, line: &[u8], cuts: &[usize]) -> TestCaseResult {
+fn every_property<F: Framing + Debug>(framing: &F, expect: F::Expect, line: &[u8], cuts: &[usize]) -> TestCaseResult {
     no_byte_is_missing::<F, ROOMY>(framing, expect, line)?;
     no_byte_is_missing::<F, TIGHT>(framing, expect, line)?;
     chunks_have_no_effect::<F, ROOMY>(framing, expect, line, cuts)?;
     chunks_have_no_effect::<F, TIGHT>(framing, expect, line, cuts)?;
-    the_threshold_passes_no_frame::<F, ROOMY>(framing, expect, line)
+    threshold_never_exceeds_the_missing_bytes::<F, ROOMY>(framing, expect, line)
 }
 
 /// Frames of these vectors, whole or damaged, and bytes that look like parts of frames.
@@ -159,11 +159,11 @@ fn line(vectors: Vec<vectors::Vector>) -> impl Strategy<Value = Vec<u8>> {
     vec(part, 0..10).prop_map(|parts| parts.concat())
 }
 
-fn of_ling() -> Vec<vectors::Vector> {
+fn ling_vectors() -> Vec<vectors::Vector> {
     [vectors::ling_requests(), vectors::ling_answers()].concat()
 }
 
-fn of_alpha1() -> Vec<vectors::Vector> {
+fn alpha1_vectors() -> Vec<vectors::Vector> {
     [
         vectors::alpha1_requests(),
         vectors::alpha1_answers(),
@@ -184,8 +184,8 @@ fn any_alpha1_expect() -> impl Strategy<Value = Expect> {
 
 proptest! {
     #[test]
-    fn every_ling_byte_comes_out_once(line in line(of_ling()), cuts in vec(1..40_usize, 0..30)) {
-        all_of(&Ling, (), &line, &cuts)?;
+    fn every_ling_byte_comes_out_once(line in line(ling_vectors()), cuts in vec(1..40_usize, 0..30)) {
+        every_property(&Ling, (), &line, &cuts)?;
     }
 
     #[test]
@@ -193,16 +193,16 @@ proptest! {
         line in line(vectors::legacy()),
         cuts in vec(1..40_usize, 0..30),
     ) {
-        all_of(&Legacy, (), &line, &cuts)?;
+        every_property(&Legacy, (), &line, &cuts)?;
     }
 
     #[test]
     fn every_alpha1_byte_comes_out_once(
-        line in line(of_alpha1()),
+        line in line(alpha1_vectors()),
         expect in any_alpha1_expect(),
         cuts in vec(1..40_usize, 0..30),
     ) {
-        all_of(&Alpha1, expect, &line, &cuts)?;
+        every_property(&Alpha1, expect, &line, &cuts)?;
     }
 
     #[test]
@@ -212,23 +212,23 @@ proptest! {
         cuts in vec(1..40_usize, 0..30),
     ) {
         let direction = if requests { Direction::Requests } else { Direction::Responses };
-        all_of(&XArm::PRIVATE, direction, &line, &cuts)?;
+        every_property(&XArm::PRIVATE, direction, &line, &cuts)?;
     }
 
     #[test]
     fn every_raw_byte_comes_out_once(line in vec(any::<u8>(), 0..300), cuts in vec(1..40_usize, 0..30)) {
-        all_of(&Raw, (), &line, &cuts)?;
+        every_property(&Raw, (), &line, &cuts)?;
     }
 
     #[test]
     fn a_ling_frame_survives_noise_before_it(
         noise in vec(prop_oneof![3 => any::<u8>(), 1 => Just(0xAA)], 0..200),
-        frame in prop::sample::select(of_ling()),
+        frame in prop::sample::select(ling_vectors()),
     ) {
         let line = [&noise[..], &frame.bytes].concat();
         let items = decode::<_, TIGHT>(&Ling, (), &[&line]);
         let start = noise.len() as u64;
-        // Noise that is a valid frame by chance may overlap the frame: it came first.
+        // Noise that is a valid frame by chance may overlap the frame: it arrived first.
         let overlapped = items.iter().any(|(offset, kind, bytes)| {
             *kind == Kind::Frame && *offset < start && start < offset + bytes.len() as u64
         });
@@ -251,8 +251,8 @@ fn every_vector_is_a_frame<F: Framing>(framing: &F, expect: F::Expect, vectors: 
 }
 
 #[test]
-fn every_frame_of_the_documents_is_one() {
-    every_vector_is_a_frame(&Ling, (), of_ling());
+fn every_documented_frame_is_decoded() {
+    every_vector_is_a_frame(&Ling, (), ling_vectors());
     every_vector_is_a_frame(&Legacy, (), vectors::legacy());
     every_vector_is_a_frame(&Alpha1, Expect::Requests, vectors::alpha1_requests());
     every_vector_is_a_frame(&Alpha1, Expect::Responses(None), vectors::alpha1_answers());
@@ -275,7 +275,7 @@ fn offsets_count_every_byte_once() {
 }
 
 #[test]
-fn silence_truncates_what_waits_for_its_end() {
+fn idle_line_truncates_an_incomplete_frame() {
     let joints = vectors::hex("AA 06 00 01 FE 9A FF");
     let line = [&[0xAA, 0, 0, 60][..], &joints].concat();
     let mut decoder = Decoder::<TIGHT>::new();
@@ -289,7 +289,7 @@ fn silence_truncates_what_waits_for_its_end() {
 }
 
 #[test]
-fn bytes_end_the_silence() {
+fn received_bytes_end_the_idle_state() {
     let mut decoder = Decoder::<TIGHT>::new();
     decoder.idle();
     assert!(decoder.push(&[0xAA, 0x06]).is_empty());
@@ -325,7 +325,7 @@ fn frame_too_long_for_decoder_is_skipped_whole() {
 }
 
 #[test]
-fn silence_ends_what_is_skipped() {
+fn idle_line_ends_the_skip() {
     let stop = vectors::hex("F2 2F 00 00 00 00 00 00 00 ED");
     let mut decoder = Decoder::<TIGHT>::new();
     let mut items = Vec::new();
@@ -391,7 +391,7 @@ fn nothing_is_read_after_a_lossless_stream_broke() {
 }
 
 #[test]
-fn silence_means_nothing_on_a_lossless_line() {
+fn idle_has_no_effect_on_a_lossless_line() {
     let reply = vectors::hex("00 01 00 02 00 02 04 10");
     let mut decoder = Decoder::<ROOMY>::new();
     assert!(decoder.push(&reply[..5]).is_empty());
@@ -415,7 +415,7 @@ fn excess_commit_is_an_error_and_consumes_nothing() {
 }
 
 #[test]
-fn a_byte_that_silence_ends_is_a_frame() {
+fn idle_line_completes_a_single_byte_frame() {
     let servo = ServoId::new(0x50).unwrap();
     // FA could begin a frame of a servo.
     let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(servo)));
@@ -426,7 +426,7 @@ fn a_byte_that_silence_ends_is_a_frame() {
 }
 
 #[test]
-fn padding_is_no_noise() {
+fn padding_is_not_noise() {
     let stop = vectors::hex("F2 2F AA ED");
     let line = [&[0; 60][..], &stop, &[0; 60]].concat();
     let items = joined(decode::<_, TIGHT>(&Alpha1, Expect::Responses(None), &[&line]));

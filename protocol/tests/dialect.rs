@@ -158,7 +158,7 @@ fn id_change_succeeds_as_new_fails_as_either() {
 }
 
 #[test]
-fn a_servo_request_says_which_answer_to_expect() {
+fn servo_request_determines_the_expected_answer() {
     let servo = ServoId::new(1).unwrap();
     let expected = [
         (
@@ -182,7 +182,7 @@ fn a_servo_request_says_which_answer_to_expect() {
 }
 
 #[test]
-fn a_bluetooth_frame_answers_no_action() {
+fn bluetooth_frame_does_not_answer_an_action() {
     let key = Alpha1.request(&vectors::alpha1_requests()[4].bytes).unwrap().key;
     assert_eq!(key, alpha1::Key::Row(0xFB));
     assert!(Alpha1.is_response_to(key, &hex("FB BF 01 AA 00 00 00 00 AB ED")));
@@ -212,7 +212,7 @@ fn answer_with_invalid_value_still_matches() {
 }
 
 #[test]
-fn every_well_formed_self_check_request_is_one() {
+fn every_self_check_encoding_is_a_request() {
     for request in ["AA FE 00 00 FE 93 FF", "AA FE 00 00 C8 FF", "AA FE 00 01 FE D2 FF"] {
         let info = Ling.request(&hex(request)).unwrap();
         assert_eq!(
@@ -229,7 +229,7 @@ fn every_well_formed_self_check_request_is_one() {
 }
 
 #[test]
-fn number_is_stamped_where_there_is_room() {
+fn number_is_stamped_into_numbered_requests_only() {
     let arm = XArm::PRIVATE;
     let mut call = hex("00 01 00 02 00 02 06 06");
     arm.stamp(&mut call, 0x1234);
@@ -276,7 +276,7 @@ fn an_xarm_answer_repeats_transaction_protocol_and_register() {
 }
 
 #[test]
-fn nothing_is_asked_where_nothing_is_known() {
+fn legacy_and_raw_lines_have_no_requests() {
     assert_eq!(Legacy.request(&vectors::legacy()[0].bytes), None);
     let info = Raw.request(&[1, 2, 3]).unwrap();
     assert_eq!((info.effect, info.response), (Effect::Setting, None));
@@ -285,7 +285,7 @@ fn nothing_is_asked_where_nothing_is_known() {
 }
 
 #[test]
-fn bytes_that_are_no_frame_ask_nothing() {
+fn bytes_without_a_frame_are_no_request() {
     for short in [&[][..], &[0xAA], &[0xAA, 6, 0, 1]] {
         assert_eq!(Ling.request(short), None);
         assert_eq!(XArm::PRIVATE.request(short), None);

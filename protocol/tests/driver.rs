@@ -238,7 +238,7 @@ fn read_returns_the_answer_without_delay() {
 }
 
 #[test]
-fn each_read_returns_what_its_answer_says() {
+fn each_read_returns_its_answer() {
     let world = world();
     let mut arm = arm(&world);
     run(&world, async {

@@ -38,7 +38,7 @@ fn answer_started_before_the_handover_is_ignored() {
 }
 
 #[test]
-fn bytes_without_stamps_go_by_their_offset() {
+fn bytes_without_stamps_match_by_offset() {
     let mut line = plain();
     line.send(1, Usb, 100);
     assert_eq!(line.frame_from(1, 0, None, 50), answer(Usb, 100));
@@ -119,11 +119,11 @@ fn requests_without_an_answer_wait_for_nothing() {
     assert!(line.exchange.can_send(&UNANSWERED, Poll));
     let timeout = line.timeout();
     line.exchange.begin(UNANSWERED, Poll, line.handover(5));
-    assert_eq!(line.timeout(), timeout, "nor does anything wait for them");
+    assert_eq!(line.timeout(), timeout, "no request waits for them");
 }
 
 #[test]
-fn as_many_may_go_as_are_counted() {
+fn exchange_limits_the_number_of_tracked_sends() {
     let mut line = plain();
     for n in 0..4 {
         assert!(line.may(1, Usb) && line.send(1, Usb, n));
@@ -134,19 +134,22 @@ fn as_many_may_go_as_are_counted() {
 }
 
 #[test]
-fn sends_beyond_the_count_saturate_the_exchange() {
+fn untracked_send_saturates_the_exchange() {
     let mut line = plain();
     for n in 0..4 {
         assert!(line.send(1, Usb, n));
     }
-    assert!(!line.send(1, Usb, 4), "it is not counted");
+    assert!(!line.send(1, Usb, 4), "it is not tracked");
     assert!(line.exchange.is_saturated());
     assert_eq!(line.frame(1, 10), answer(Usb, 0));
-    assert!(!line.may(1, Usb) && !line.may(2, Can), "though there is room");
+    assert!(
+        !line.may(1, Usb) && !line.may(2, Can),
+        "saturated, though a slot is free"
+    );
 }
 
 #[test]
-fn nothing_is_evicted_by_more_than_is_counted() {
+fn untracked_sends_evict_nothing() {
     let mut line = plain();
     for n in 0..4 {
         line.send(n as u8, Usb, n);
@@ -157,7 +160,7 @@ fn nothing_is_evicted_by_more_than_is_counted() {
     for n in 0..4 {
         assert_eq!(line.frame(n as u8, 50), answer(Usb, n));
     }
-    assert_eq!(line.frame(9, 51), Match::Unsolicited, "not counted");
+    assert_eq!(line.frame(9, 51), Match::Unsolicited, "not tracked");
 }
 
 #[test]
@@ -175,10 +178,7 @@ fn saturation_ends_with_the_last_stale_window() {
     assert!(line.exchange.is_saturated() && !line.may(2, Can));
     line.send(1, Usb, 159);
     assert_eq!(line.missing(160), []);
-    assert!(
-        line.exchange.is_saturated(),
-        "what is sent meanwhile is not counted either"
-    );
+    assert!(line.exchange.is_saturated(), "sends during saturation are not tracked");
     assert_eq!(line.missing(159 + 150), []);
     assert!(line.exchange.is_idle() && line.may(2, Can));
 }
@@ -222,7 +222,7 @@ fn answer_extends_no_earlier_deadline() {
 }
 
 #[test]
-fn a_repeat_is_of_the_same_call() {
+fn repeat_belongs_to_the_same_call() {
     let mut line = Line::<Plain, ()>::new(Bytes);
     line.send(1, (), 0);
     line.exchange.repeat(info(1), (), line.handover(100));
@@ -235,7 +235,7 @@ fn a_repeat_is_of_the_same_call() {
         }
     );
     line.exchange.give_up(());
-    assert!(!line.may(1, ()), "the second answer is still to come");
+    assert!(!line.may(1, ()), "the second answer is pending");
     assert_eq!(line.frame(1, 151), Match::Late(()));
     assert!(line.may(1, ()));
 }
@@ -269,7 +269,7 @@ fn initiator_is_due_with_its_first_answer() {
 }
 
 #[test]
-fn another_arm_on_the_line_ends_everything() {
+fn clear_discards_all_sends() {
     let mut line = plain();
     for n in 0..9 {
         line.send(1, Usb, n);

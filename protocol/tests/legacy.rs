@@ -1,6 +1,6 @@
 //! Properties of every frame of Ling's older generation, and of every stream into a detector.
 
-// Its functions for requests are unused: there are no requests.
+// Unused: its functions for requests.
 #[allow(dead_code)]
 mod common;
 
@@ -44,7 +44,7 @@ impl Subject for Legacy {
     const PADDING: Option<u8> = None;
 
     fn any_request() -> BoxedStrategy<Request> {
-        Just(()).prop_filter_map("there are none", |()| None).boxed()
+        Just(()).prop_filter_map("no request exists", |()| None).boxed()
     }
 
     fn any_response() -> BoxedStrategy<(Vec<u8>, ())> {
@@ -204,7 +204,7 @@ fn ten_million_random_bytes_are_not_recognised() {
     assert_eq!(Detector::new().push(&bytes), None);
 }
 
-/// The hardest noise: only the first and last bytes of such frames.
+/// The worst noise: only the first and last bytes of legacy frames.
 #[test]
 fn noise_of_frame_marks_is_not_recognised() {
     let marks = [0xAA, 0x14, 0x12, 0x04, 0x02, 0x07, 0x00, 0xFF];
@@ -227,7 +227,7 @@ fn noise_of_frame_marks_is_not_recognised() {
     }
     assert!(
         frames > 1_000 && messages > 10,
-        "this noise holds frames: {frames}, of them messages: {messages}"
+        "frames in this noise: {frames}, messages among them: {messages}"
     );
     assert_eq!(Detector::new().push(&bytes), None);
 }

@@ -58,7 +58,7 @@ fn response() -> impl Strategy<Value = Response> {
     ]
 }
 
-/// Headers, end marks and small lengths, and arbitrary bytes.
+/// Headers, terminators, small lengths, and arbitrary bytes.
 fn noise() -> impl Strategy<Value = u8> {
     prop_oneof![4 => any::<u8>(), 2 => Just(0xAA), 1 => Just(0xFF), 1 => 0..32_u8]
 }
@@ -113,8 +113,8 @@ proptest! {
     }
 
     #[test]
-    fn the_client_takes_any_bytes_at_any_time(steps in common::steps::<Ling>(), request in Ling::any_request()) {
-        common::a_client_takes_anything::<Ling>(steps, request)?;
+    fn client_accepts_any_bytes_at_any_time(steps in common::steps::<Ling>(), request in Ling::any_request()) {
+        common::client_accepts_any_bytes::<Ling>(steps, request)?;
     }
 }
 
@@ -135,7 +135,8 @@ fn missed_single_bit_errors(len: usize) -> usize {
 
 #[test]
 fn checksum_misses_single_bits_only_in_long_frames() {
-    // Eight bits of CRC-32 are no CRC-8. Values are therefore range-checked too, and lengths must fit the function.
+    // Eight bits of a CRC-32 detect less than a CRC-8. Values are therefore range-checked, and lengths must match the
+    // function.
     for len in 3..=21 {
         assert_eq!(missed_single_bit_errors(len), 0, "{len} bytes");
     }
@@ -145,7 +146,7 @@ fn checksum_misses_single_bits_only_in_long_frames() {
 }
 
 #[test]
-fn a_length_no_message_has_is_named() {
+fn undocumented_length_is_named() {
     assert_eq!(
         Ling.scan(&[0xAA, 0x06, 0x00, 0xFF], ()),
         Scan::Noise(

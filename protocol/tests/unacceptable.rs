@@ -36,7 +36,7 @@ impl<M: Messages + Default, const N: usize> Host<M, N> {
         assert!(self.transmit() > 0);
     }
 
-    /// The events for these bytes, in words.
+    /// The texts of the events for these bytes.
     fn receive(&mut self, bytes: &[u8]) -> Vec<String> {
         self.now += Duration::from_micros(1);
         assert!(self.client.receive(self.now, bytes).is_empty());
@@ -87,7 +87,7 @@ fn ends<M: Messages + Default, const N: usize>(request: M::Request<'_>, answer: 
     host.send(request);
 }
 
-/// The frame is no answer to the request, which stays pending.
+/// The frame is not an answer to the request, which stays pending.
 #[track_caller]
 fn ends_nothing<M: Messages + Default, const N: usize>(request: M::Request<'_>, frame: &[u8]) {
     let mut host = Host::<M, N>::new();
@@ -241,7 +241,7 @@ fn a_frame_that_answers_something_else_ends_nothing() {
 }
 
 #[test]
-fn an_echo_is_no_unacceptable_answer() {
+fn echo_is_not_an_unacceptable_answer() {
     let mut host = Host::<Ling, LING>::new();
     host.send(ling::Request::ReadStroke);
     assert_eq!(host.receive(&ling(4, 0x0E, &[0xFE])), ["Echo"]);

@@ -1,6 +1,6 @@
 //! Properties of every xArm message, every stream of bytes, and every call.
 
-// Arbitrary bytes for a client are tested in `client.rs`: here the first of them can be the last.
+// Arbitrary bytes for a client are tested in `client.rs`: here the first byte may break the stream.
 #[allow(dead_code)]
 mod common;
 
@@ -150,7 +150,7 @@ proptest! {
     }
 
     #[test]
-    fn the_device_takes_any_bytes(stream in vec(XArm::any_noise(), 0..600), chunk in 1..40_usize) {
+    fn device_accepts_any_bytes(stream in vec(XArm::any_noise(), 0..600), chunk in 1..40_usize) {
         let mut device = Device::<XArm, MAX_FRAME>::new(XArm::PRIVATE);
         let (mut broken, mut out) = (false, [0; MAX_FRAME]);
         for mut bytes in stream.chunks(chunk) {
@@ -163,7 +163,7 @@ proptest! {
                     // Every valid frame has an answer that can be sent.
                     let refusal = match device.poll() {
                         None => break,
-                        Some(_) if broken => panic!("something is read after the break"),
+                        Some(_) if broken => panic!("an event after the break"),
                         Some(DeviceEvent::Broken { .. }) => {
                             broken = true;
                             continue;
@@ -184,7 +184,7 @@ struct World {
     now: Instant,
     wake: Option<Instant>,
     arm: Device<XArm, MAX_FRAME>,
-    /// The requests in words, and their numbers and protocol ids.
+    /// The texts of the requests, their numbers and their protocol ids.
     requests: Vec<(String, u16, u16)>,
     /// The arm's answers, in turn; no answer after the last.
     script: VecDeque<(State, Reply<'static>)>,
@@ -287,7 +287,7 @@ fn run<F: Future>(world: &Shared, future: F) -> F::Output {
             return output;
         }
         let mut world = world.borrow_mut();
-        world.now = world.wake.take().expect("something to wait for");
+        world.now = world.wake.take().expect("a timeout");
     }
 }
 

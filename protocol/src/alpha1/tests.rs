@@ -11,16 +11,10 @@ use super::*;
 use crate::decoder::{Decoder, Kind};
 use crate::dialect::{Dialect, Effect};
 use crate::framing::{Framing, Reason, Scan};
+use crate::hex::hex;
 use crate::messages::Messages;
 use crate::time::Instant;
 use crate::{Cause, Client, Config, Device, DeviceEvent, Event, Output, time};
-
-/// A frame written in hex.
-fn hex(text: &str) -> Vec<u8> {
-    text.split_whitespace()
-        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
-        .collect()
-}
 
 fn id(id: u8) -> ServoId {
     ServoId::new(id).unwrap()
@@ -55,8 +49,8 @@ fn acting() -> Request<'static> {
     })
 }
 
-/// Row or command, frame, meaning. The document prints no whole frame: those of its rows are computed from its columns.
-/// The servos' frames are published examples, except for those marked *computed*.
+/// Row or command, frame, meaning. The document prints no whole frames: the robot's are computed from its columns. The
+/// servos' frames are published examples, except for those marked *computed*.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request<'static>)> {
     let servo = Request::Servo;
     let sixteen = "5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A";
@@ -197,7 +191,7 @@ fn responses() -> Vec<(&'static str, Vec<u8>, Option<ServoAnswer>, Response<'sta
             Response::ServoStates(ServoStates::from_bits(0x8005)),
         ),
         robot(
-            "EF data and CHECK like an end mark",
+            "EF data and CHECK like a terminator",
             "EF FE 00 00 00 ED ED ED",
             Response::ServoStates(ServoStates([0, 0, 0, 0xED])),
         ),
@@ -308,7 +302,7 @@ fn noise(bytes: &[u8], expect: Expect) -> Reason {
     }
 }
 
-/// An event in words, noise by its length.
+/// The text of an event, noise by its length.
 fn describe(event: Event<'_, Response<'_>>) -> String {
     match event {
         Event::Noise { bytes, .. } => std::format!("Noise({})", bytes.len()),
@@ -337,7 +331,7 @@ fn transmit(client: &mut Client<Alpha1, MAX_FRAME>, now: Instant) -> usize {
     n
 }
 
-/// All events of a client, in words.
+/// The texts of all events of a client.
 fn events(client: &mut Client<Alpha1, MAX_FRAME>, now: Instant) -> Vec<String> {
     core::iter::from_fn(|| match client.poll(now) {
         Output::Event(event) => Some(describe(event)),
@@ -346,7 +340,7 @@ fn events(client: &mut Client<Alpha1, MAX_FRAME>, now: Instant) -> Vec<String> {
     .collect()
 }
 
-/// All events of a client for these bytes while `request` is in flight, at one instant.
+/// The texts of all events of a client for these bytes while `request` is in flight, at one instant.
 fn receive(request: Request<'_>, bytes: &[u8]) -> Vec<String> {
     let mut client = sent(request, Config::DEFAULT);
     let now = at(1);
@@ -537,7 +531,7 @@ fn damaged_print_is_rejected_with_named_error() {
 }
 
 #[test]
-fn a_text_counts_itself() {
+fn count_byte_of_a_text_includes_itself() {
     let reason = Reason::Length {
         min: 1,
         max: 255,
@@ -620,7 +614,7 @@ fn bluetooth_frame_is_verified_and_its_length_bounded() {
 }
 
 #[test]
-fn servo_request_echo_is_no_answer_hides_none() {
+fn servo_request_echo_neither_answers_nor_hides_answers() {
     for (row, bytes, request) in requests() {
         let Request::Servo(_) = request else { continue };
         let expect = Alpha1.request(&bytes).unwrap().expect;
@@ -652,7 +646,7 @@ fn every_servo_is_received_with_or_without_echo() {
             let mut client = sent(request, Config::DEFAULT);
             assert!(client.receive(at(900), &line[from..=len]).is_empty());
             let mut actual = events(&mut client, at(900));
-            // Some could begin a frame, until the line goes idle or the timeout of the answer.
+            // Some bytes may begin a frame, until the line goes idle or the answer times out.
             let header = [69, 71, 72, 73, 74, 75, 79, 80, 81, 82].contains(&n);
             assert_eq!(actual == expected, !header, "servo {n}");
             while let Output::Timeout(Some(due)) = client.poll(at(901)) {
@@ -677,12 +671,12 @@ fn idle_line_separates_servo_80_byte_from_echo() {
 }
 
 #[test]
-fn another_servos_byte_is_no_answer() {
+fn byte_of_another_servo_is_not_an_answer() {
     let request = Request::Servo(moving(Address::One(id(2))));
     let answer = Response::Servo(ServoResponse::Acknowledged(id(2)));
     let events = receive(request, &[0xAB, 0xAD, 0xAC]);
     assert_eq!(events, ["Noise(2)".to_string(), answered(answer)]);
-    // It is no answer either while a frame is expected, or nothing.
+    // Nor is it while a frame or nothing is expected.
     let events = receive(Request::Servo(ServoRequest::ReadOffset(id(1))), &[0xAB, 0x00]);
     assert_eq!(events, ["Noise(1)"]);
 }
@@ -702,7 +696,7 @@ fn late_byte_does_not_answer_the_next_request() {
     let byte = Response::Servo(ServoResponse::Acknowledged(id(1)));
     let mut client = sent(request, Config::DEFAULT);
     let Output::Timeout(Some(due)) = client.poll(at(0)) else {
-        panic!("nothing to wait for")
+        panic!("no timeout")
     };
     assert_eq!(events(&mut client, due), ["TimedOut { sends: 1 }"]);
 
@@ -721,7 +715,7 @@ fn late_byte_is_recognised_during_unanswered_request() {
     let release = |who| Request::Servo(ServoRequest::Release(who));
     let mut client = sent(release(Address::One(id(1))), Config::DEFAULT);
     let Output::Timeout(Some(due)) = client.poll(at(0)) else {
-        panic!("nothing to wait for")
+        panic!("no timeout")
     };
     assert_eq!(events(&mut client, due), ["TimedOut { sends: 1 }"]);
     client.submit(&release(Address::All)).unwrap();
@@ -754,7 +748,7 @@ fn every_servo_byte_is_received_in_a_report() {
 }
 
 #[test]
-fn an_answer_of_another_servo_is_no_answer() {
+fn frame_of_another_servo_is_not_an_answer() {
     let (_, bytes, _, response) = responses().into_iter().last().unwrap();
     let request = Request::Servo(ServoRequest::ReadVersion(id(2)));
     assert_eq!(receive(request, &bytes), [describe(Event::Unsolicited(response))]);
@@ -940,7 +934,7 @@ fn zeros_between_servo_frames_are_padding_at_once() {
 }
 
 #[test]
-fn bytes_without_second_header_have_no_view() {
+fn parse_rejects_a_missing_second_header_byte() {
     let frame = hex("FB BF 06 01 ED");
     assert!(Frame::parse(&frame).is_some());
     let other = hex("FB BE 06 01 ED");
@@ -948,7 +942,7 @@ fn bytes_without_second_header_have_no_view() {
 }
 
 #[test]
-fn a_servo_runs_if_its_bit_is_set() {
+fn set_bit_means_a_running_servo() {
     let states = ServoStates::from_bits(0x8000_0005);
     assert!(states.running().eq([1, 3, 32]));
 }
@@ -969,7 +963,7 @@ fn bytes_without_a_header_are_stray_at_once() {
 }
 
 #[test]
-fn frame_no_longer_expected_holds_nothing_back() {
+fn unexpected_frame_delays_nothing() {
     // In a host's stream they begin a request. From servo 5, AF is an answer.
     let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(5))));
     let mut decoder = Decoder::<MAX_FRAME>::new();

@@ -7,16 +7,10 @@ use std::vec::Vec;
 use super::*;
 use crate::decoder::{self, Decoder};
 use crate::framing::{Framing, Reason, Scan};
+use crate::hex::hex;
 use crate::messages::Messages;
 use crate::time::Instant;
 use crate::{Cause, Client, Config, Device, DeviceEvent, Event, Output};
-
-/// A frame written in hex.
-fn hex(text: &str) -> Vec<u8> {
-    text.split_whitespace()
-        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
-        .collect()
-}
 
 fn moving(gripper: u16) -> Request {
     Request::Move(Move {

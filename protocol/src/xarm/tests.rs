@@ -8,16 +8,10 @@ use std::vec::Vec;
 use super::*;
 use crate::dialect::{Dialect, Effect};
 use crate::framing::{Framing, Reason, Scan};
+use crate::hex::hex;
 use crate::messages::Messages;
 use crate::time::{Duration, Instant};
 use crate::{Client, Config, Device, DeviceEvent, Event, Output};
-
-/// A frame written in hex.
-fn hex(text: &str) -> Vec<u8> {
-    text.split_whitespace()
-        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
-        .collect()
-}
 
 /// The key of a request to register 0 in this frame: its numbers.
 fn numbers(bytes: &[u8]) -> Option<Key> {
@@ -33,7 +27,7 @@ fn reply(state: State, reply: Reply<'static>) -> Response<'static> {
     Response::Reply { state, reply }
 }
 
-/// Register, frame, meaning. In the order of the page; those marked *computed* are not printed there.
+/// Register, frame, meaning, in the order of the page. Frames marked *computed* are not on the page.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request<'static>)> {
     let joint = Joint::new(6).unwrap();
     Vec::from([
@@ -163,7 +157,7 @@ fn frame_of(bytes: &[u8], direction: Direction) -> &[u8] {
     bytes
 }
 
-/// An event in words, noise and a break by where they are.
+/// The text of an event; noise and a break by their offset.
 fn describe(event: Event<'_, Response<'_>>) -> String {
     match event {
         Event::Noise { offset, .. } => std::format!("Noise({offset})"),
@@ -172,7 +166,7 @@ fn describe(event: Event<'_, Response<'_>>) -> String {
     }
 }
 
-/// All events of a client for these bytes, in chunks of `chunk` bytes, after this request.
+/// The texts of all events of a client for these bytes, in chunks of `chunk` bytes, after this request.
 fn receive(request: Option<Request<'_>>, bytes: &[u8], chunk: usize) -> Vec<String> {
     let mut client = Client::<XArm, MAX_FRAME>::new(XArm::PRIVATE, Config::TCP);
     let now = Instant::ZERO;
@@ -442,7 +436,7 @@ fn reply_with_bad_parameters_names_valid_ones() {
         let frame = frame_of(&bytes, Direction::Responses);
         let error = XArm::PRIVATE.parse_response(frame, Direction::Responses).unwrap_err();
         assert_eq!(std::format!("{error}"), text);
-        // It is not taken for an echoed request either.
+        // Nor is it taken for an echoed request.
         assert_eq!(
             receive(None, &bytes, bytes.len()),
             [describe(Event::Unknown { frame, error })]
@@ -501,7 +495,7 @@ fn answer_timeouts_match_the_vendor_package() {
 }
 
 #[test]
-fn frame_view_requires_length_matching_the_body() {
+fn parse_requires_a_matching_length_field() {
     assert!(Frame::parse(&[0, 1, 0, 2, 0, 1, 7]).is_some());
     assert_eq!(Frame::parse(&[0, 1, 0, 2, 0, 2, 7]), None);
     assert_eq!(Frame::parse(&[0, 1, 0, 2, 0, 0]), None);
@@ -515,7 +509,7 @@ fn radii_are_equal_only_with_equal_bits() {
 }
 
 #[test]
-fn a_state_names_every_bit_it_has() {
+fn state_text_names_every_set_bit() {
     for (state, text) in [
         (State(0), "ok"),
         (State::ERROR, "error"),

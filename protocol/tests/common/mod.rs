@@ -32,7 +32,7 @@ pub(crate) trait Subject: Messages<Expect: 'static, Request<'static>: 'static> +
     fn any_noise() -> BoxedStrategy<u8>;
 }
 
-/// Room for every frame.
+/// Fits every frame.
 pub(crate) const ROOM: usize = 260;
 
 /// The bytes of a request.
@@ -42,7 +42,7 @@ pub(crate) fn request_bytes<M: Messages + Default>(request: &M::Request<'_>) -> 
     out[..n].to_vec()
 }
 
-/// The bytes of a response to no request.
+/// The bytes of an unsolicited response.
 pub(crate) fn response_bytes<M: Messages + Default>(response: &M::Response<'_>) -> Vec<u8> {
     let mut out = [0; ROOM];
     let n = M::default().encode_response(response, None, &mut out).unwrap();
@@ -65,7 +65,7 @@ pub(crate) fn steps<P: Subject>() -> impl Strategy<Value = Vec<(Vec<u8>, u64, bo
     vec((vec(P::any_noise(), 0..24), 0..50_000_u64, any::<bool>()), 0..40)
 }
 
-/// All items of a line that goes idle, except noise: their place and kind.
+/// The positions and kinds of all items of a line that goes idle, except noise.
 fn decode<P: Subject>(line: &[u8], expect: P::Expect) -> Vec<(Range<usize>, Kind)> {
     let (mut decoder, mut rest, mut out) = (Decoder::<ROOM>::new(), line, Vec::new());
     loop {
@@ -150,7 +150,7 @@ pub(crate) fn nothing_is_lost_to_noise<P: Subject>((expect, parts): Line<P>) -> 
     }
     prop_assert_eq!(at, line.len());
     for frame in intact {
-        // Noise that is a valid frame by chance, of this protocol or another, may overlap the frame: it came first.
+        // Noise that is a valid frame by chance, of this protocol or another, may overlap the frame: it arrived first.
         let overlapped = out
             .iter()
             .any(|(range, kind)| *kind == Kind::Frame && range.start < frame.start && frame.start < range.end);
@@ -165,7 +165,7 @@ pub(crate) fn nothing_is_lost_to_noise<P: Subject>((expect, parts): Line<P>) -> 
 }
 
 /// A client accepts any bytes at any time, and ends every request in bounded time.
-pub(crate) fn a_client_takes_anything<P: Subject>(
+pub(crate) fn client_accepts_any_bytes<P: Subject>(
     steps: Vec<(Vec<u8>, u64, bool)>,
     request: P::Request<'static>,
 ) -> TestCaseResult {

@@ -1,4 +1,4 @@
-//! A line with an exchange, and an oracle written from the exchange's rules. The fuzz target of the exchange has it, too.
+//! A line with an exchange, and an oracle written from the exchange's rules. Shared with the fuzz target `exchange`.
 
 use armwire::dialect::{Dialect, Effect, RequestInfo, ResponseTiming};
 use armwire::exchange::{Exchange, FirstByte, Handover, Match};
@@ -152,7 +152,7 @@ pub fn answer(who: Who, sent: u64) -> Match<Who> {
 /// A step on the line.
 #[derive(Clone, Debug)]
 pub enum Step {
-    /// An initiator sends a request, if it may. USB also exceeds the tracked number, while only USB has sends.
+    /// An initiator sends a request, if allowed. USB also exceeds the tracked number while no other has sends.
     Send(u8, Who),
     /// An initiator repeats its oldest unresolved request of this key, if it has one.
     Repeat(u8, Who),

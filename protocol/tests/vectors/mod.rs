@@ -236,7 +236,7 @@ pub fn alpha1_answers() -> Vec<Vector> {
         ("F1 empty", version, "F1 1F 01 01 ED"),
         ("F1 longest", version, &longest),
         ("EF servos 1, 3 and 16", states, "EF FE 00 00 80 05 85 ED"),
-        ("EF data and CHECK like an end mark", states, "EF FE 00 00 00 ED ED ED"),
+        ("EF data and CHECK like a terminator", states, "EF FE 00 00 00 ED ED ED"),
         ("F2 stopped", stop, "F2 2F AA ED"),
         ("F2 not stopped", stop, "F2 2F EE ED"),
         (

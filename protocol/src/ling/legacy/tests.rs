@@ -8,17 +8,11 @@ use std::vec::Vec;
 use super::*;
 use crate::decoder::{Decoder, Kind};
 use crate::framing::{Framing, Reason, Scan};
+use crate::hex::hex;
 use crate::ling::Ling;
 use crate::messages::Messages;
 use crate::time::Instant;
 use crate::{Cause, Client, Config, Device, DeviceEvent, Event, Output};
-
-/// A frame written in hex.
-fn hex(text: &str) -> Vec<u8> {
-    text.split_whitespace()
-        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
-        .collect()
-}
 
 /// Source, frame, meaning. Two were published by users, in the issues of the vendor's package (numbers 12 and 11); the
 /// others are computed.
