@@ -1,4 +1,4 @@
-"""Links the library for the board's processor. PlatformIO runs it."""
+"""PlatformIO script that links the library for the board's processor."""
 
 import os
 

@@ -1,4 +1,4 @@
-//! The functions of every client, behind those of each protocol.
+//! The functions common to the clients of all protocols.
 
 use armwire::messages::Messages;
 use armwire::time::Instant;
@@ -11,20 +11,20 @@ use crate::memory::{self, Memory};
 use crate::status::ArmwireStatus;
 use crate::version::ARMWIRE_VERSION;
 
-/// A client, and the last value that it refused.
+/// A client and the last value that it rejected.
 pub(crate) struct State<M: Messages, const N: usize> {
     client: Client<M, N>,
     refused: Refused,
 }
 
 impl<M: Messages, const N: usize> State<M, N> {
-    /// Remembers what is wrong with a value.
+    /// Stores the error of a value.
     const fn refuse(&mut self, refused: Refused) -> ArmwireStatus {
         self.refused = refused;
         ArmwireStatus::OutOfRange
     }
 
-    /// Makes a request, or remembers what is wrong with it.
+    /// Submits a request, or stores its error.
     fn submit(&mut self, request: Result<M::Request<'_>, Refused>) -> Result<(), ArmwireStatus> {
         let request = request.map_err(|refused| self.refuse(refused))?;
         self.client.submit(&request).map_err(|error| match error {
@@ -34,7 +34,7 @@ impl<M: Messages, const N: usize> State<M, N> {
     }
 }
 
-/// Makes a client.
+/// Initializes a client.
 pub(crate) fn init<S, M: Messages, const N: usize>(
     memory: Option<&mut S>,
     version: u32,
@@ -59,7 +59,7 @@ where
     memory::init(memory, state)
 }
 
-/// Makes a request, or remembers what is wrong with it.
+/// Submits a request, or stores its error.
 pub(crate) fn submit<S, M: Messages, const N: usize>(
     memory: Option<&mut S>,
     request: Result<M::Request<'_>, Refused>,
@@ -70,7 +70,7 @@ where
     memory::open(memory).and_then(|state| state.submit(request)).into()
 }
 
-/// Changes what the next requests are like, or remembers what is wrong with that.
+/// Changes the properties of later requests, or stores the error of the value.
 #[cfg(feature = "xarm")]
 pub(crate) fn change<S, M: Messages, const N: usize, T>(
     memory: Option<&mut S>,
@@ -163,7 +163,7 @@ where
         .into()
 }
 
-/// The next step, and the response in it, which `set` makes of the protocol's own.
+/// The next action, and its response, which `set` converts.
 pub(crate) fn poll<S, M: Messages, const N: usize, R>(
     memory: Option<&mut S>,
     now_us: u64,

@@ -12,14 +12,14 @@ use crate::status::ArmwireStatus;
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireConfig {
-    /// Baud rate of the line, at least 1; UINT32_MAX for a line without one.
+    /// Baud rate of the line, at least 1; UINT32_MAX for a line without a baud rate.
     pub baud: u32,
-    /// The longest that the way to the line and back may delay an answer: USB and operating system, or 0.
+    /// Maximum round-trip delay between host and line, caused by USB and the operating system. May be 0.
     pub latency_us: u32,
-    /// The time after its due time in which an answer may still arrive. After a missing answer, the next request with the
-    /// same answer waits for this time, unless answers are numbered.
+    /// Time after the timeout of an answer during which it may still arrive. After a missing answer, the next request
+    /// with the same answer is delayed by this time, unless the protocol numbers its answers.
     pub stale_window_us: u32,
-    /// The number of repeats of a request that only reads and gets no answer.
+    /// Number of repeats of an unanswered read request.
     pub repeats: u8,
 }
 
@@ -45,8 +45,8 @@ impl ArmwireConfig {
     }
 }
 
-/// The timing of an arm at 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late. For a UART of this
-/// microcontroller set `latency_us` to the time that passes at most between two calls of `poll`.
+/// The timing of an arm at 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late. For a UART of
+/// this microcontroller set `latency_us` to the maximum time between two calls of `poll`.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_config_serial(config: Option<&mut ArmwireConfig>) -> ArmwireStatus {
     memory::put(config, ArmwireConfig::of(Config::DEFAULT)).into()

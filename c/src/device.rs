@@ -1,4 +1,4 @@
-//! The functions of every device, behind those of each protocol.
+//! The functions common to the devices of all protocols.
 
 use armwire::Device;
 use armwire::messages::Messages;
@@ -9,15 +9,15 @@ use crate::memory::{self, Memory};
 use crate::status::ArmwireStatus;
 use crate::version::ARMWIRE_VERSION;
 
-/// A device, and the last value that it refused.
+/// A device and the last value that it rejected.
 pub(crate) struct State<M: Messages, const N: usize> {
     device: Device<M, N>,
     refused: Refused,
 }
 
-/// The reason for which a response is not written.
+/// The reason why a response is not written.
 pub(crate) enum Refusal {
-    /// There is no response of this kind, or a pointer in it is NULL.
+    /// An unknown kind, or a pointer that is NULL.
     Status(ArmwireStatus),
     /// A value is out of its range.
     Value(Refused),
@@ -29,7 +29,7 @@ impl From<Refused> for Refusal {
     }
 }
 
-/// Makes a device.
+/// Initializes a device.
 pub(crate) fn init<S, M: Messages, const N: usize>(
     memory: Option<&mut S>,
     version: u32,
@@ -99,7 +99,7 @@ where
     Ok(())
 }
 
-/// The next event, and the request in it, which `set` makes of the protocol's own and its key.
+/// The next event, and its request and key, which `set` converts.
 pub(crate) fn poll<S, M: Messages, const N: usize, R>(
     memory: Option<&mut S>,
     event: Option<&mut ArmwireEvent>,
@@ -117,8 +117,7 @@ where
     Ok(())
 }
 
-/// Writes a response and its length, or remembers what is wrong with it. Of a buffer that is too short, the length is what it
-/// takes.
+/// Writes a response and its length, or stores its error. For a buffer that is too short, it is the required length.
 pub(crate) fn respond<S, M: Messages, const N: usize>(
     memory: Option<&mut S>,
     response: Result<M::Response<'_>, Refusal>,

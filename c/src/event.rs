@@ -1,4 +1,4 @@
-//! The events of clients and devices, the same for all protocols.
+//! The events of clients and devices, common to all protocols.
 
 use armwire::framing::Reason;
 use armwire::{DeviceEvent, Event, Output, ParseError};
@@ -9,48 +9,47 @@ use crate::fault::ArmwireFault;
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireEventKind {
-    /// Nothing to do before bytes arrive or `until_us` is reached. From a device: before bytes arrive. (`until_us`)
+    /// Wait for bytes, a client until `until_us` at most. (`until_us`)
     Wait = 0,
-    /// Client: these bytes are to be transmitted. Say with `transmitted` how many the line took. (`bytes`, `len`)
+    /// Client: transmit these bytes. Report the number that the line accepted with `transmitted`. (`bytes`, `len`)
     Transmit,
-    /// Client: the answer to the request in flight, which is done. (the response)
+    /// Client: the answer to the request in flight. The request is complete. (the response)
     Answer,
-    /// Client: the request in flight, which the arm does not answer, is with the line: it is done.
+    /// Client: the request in flight was transmitted. It has no answer and is complete.
     Sent,
-    /// Client: the request in flight got no answer and is given up. (`sends`)
+    /// Client: the request in flight got no answer in time. The request has ended. (`sends`)
     TimedOut,
-    /// Client: the answer to the request in flight has a value or a length that the protocol does not have. The request is
-    /// done. (`fault`)
+    /// Client: the answer to the request in flight has an invalid value or length. The request is complete. (`fault`)
     Unacceptable,
-    /// Client: an answer to a request that was given up, cancelled, or answered before. (the response)
+    /// Client: an answer to a request that timed out, was cancelled, or was answered before. (the response)
     Late,
-    /// Client: a response that answers nothing. (the response)
+    /// Client: a response without a request. (the response)
     Unsolicited,
-    /// Client: a request. The line gave it back, or another host is on it.
+    /// Client: a request: an echo of the line, or a request of another host.
     Echo,
     /// Device: a request. (the request)
     Request,
-    /// A good frame that is no message of the protocol. (`bytes`, `len`, `fault`)
+    /// A valid frame that is not a message of the protocol. (`bytes`, `len`, `fault`)
     Unknown,
     /// Bytes that are not part of a frame. (`offset`, `bytes`, `len`, `fault`)
     Noise,
-    /// A lossless stream broke here: nothing after this can be read. Close the connection. (`offset`, `fault`)
+    /// A lossless stream broke here: no later byte can be decoded. Close the connection. (`offset`, `fault`)
     Broken,
 }
 
-/// An event at a client or a device. Members that its kind does not set are 0.
+/// An event of a client or a device. Members that its kind does not set are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireEvent {
     /// The kind: an `ArmwireEventKind`.
     pub kind: u32,
-    /// The number of times that the request was sent.
+    /// The number of transmissions of the request.
     pub sends: u32,
-    /// The latest time of the next poll; UINT64_MAX if there is nothing to wait for but bytes.
+    /// The latest time of the next poll; UINT64_MAX if no timeout is running.
     pub until_us: u64,
-    /// The place of the first byte, in bytes since `init`.
+    /// The offset of the first byte, in bytes since `init`.
     pub offset: u64,
-    /// Bytes, which stay until the next call with the same client or device.
+    /// Bytes, valid until the next call with the same client or device.
     pub bytes: *const u8,
     /// The number of `bytes`.
     pub len: usize,
@@ -59,7 +58,7 @@ pub struct ArmwireEvent {
 }
 
 impl ArmwireEvent {
-    /// Nothing to do.
+    /// An event without members.
     const NONE: Self = Self {
         kind: ArmwireEventKind::Wait as u32,
         sends: 0,
@@ -93,7 +92,7 @@ impl ArmwireEvent {
         ArmwireEventKind::Broken
     }
 
-    /// Becomes the event of a client, and returns the response in it.
+    /// Sets all members from the output of a client, and returns its response.
     pub(crate) fn set_client<R>(&mut self, output: Output<'_, R>) -> Option<R> {
         *self = Self::NONE;
         let (kind, response) = match output {
@@ -128,7 +127,7 @@ impl ArmwireEvent {
         response
     }
 
-    /// Becomes the event of a device, and returns the request in it and the key of its response.
+    /// Sets all members from the event of a device, and returns its request and the key of the response.
     pub(crate) fn set_device<R, K>(&mut self, event: Option<DeviceEvent<'_, R, K>>) -> (Option<R>, Option<K>) {
         *self = Self::NONE;
         let (kind, request, key) = match event {

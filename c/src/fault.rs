@@ -1,4 +1,4 @@
-//! Errors in bytes and values, with their place.
+//! Errors in bytes and values, with their offset.
 
 use core::ffi::c_char;
 use core::{ptr, slice};
@@ -13,42 +13,42 @@ use crate::text::Writer;
 #[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireFaultCode {
-    /// Nothing.
+    /// No error.
     None = 0,
     /// Noise: no frame starts here.
     Stray,
     /// Noise: the length field of a frame is out of range. (`got`, `min`, `max`)
     Length,
-    /// Noise: a byte of a frame has another value than those allowed. (`offset`, `got`, `expected_bytes`, `expected_len`)
+    /// Noise: a byte of a frame is not one of the allowed values. (`offset`, `got`, `expected_bytes`, `expected_len`)
     FrameByte,
-    /// Noise: a checksum does not match. (`got`; `min` is the one that does)
+    /// Noise: a checksum does not match. (`got`; `min` is the checksum of the received bytes)
     Checksum,
     /// Noise: a frame has no terminator. (`got`; `min` is the terminator)
     Tail,
     /// Noise: the line went idle before the end of a frame. (`got` is the number of missing bytes)
     Truncated,
-    /// The protocol has no such message.
+    /// The message is not documented.
     Unknown,
-    /// An answer of a servo, but none is expected.
+    /// A servo's answer without a pending request.
     Unexpected,
     /// A frame of the robot's Bluetooth protocol.
     Bluetooth,
-    /// It would start a servo's boot loader.
+    /// A command that starts the boot loader of a servo.
     BootLoader,
     /// A message has the wrong length. (`got`, `expected_lengths`, `expected_len`)
     DataLength,
-    /// A data byte has another value than those allowed. (`offset`, `got`, `expected_bytes`, `expected_len`)
+    /// A data byte is not one of the allowed values. (`offset`, `got`, `expected_bytes`, `expected_len`)
     DataByte,
     /// A value in a message is out of its range. (`offset`, `got`, `min`, `max`, `what`, `unit`)
     DataValue,
-    /// A value that was passed in is out of its range. (`got`, `min`, `max`, `what`, `unit`; `offset` is its index, from 0,
-    /// if it is one of several)
+    /// A value that was passed in is out of its range. (`got`, `min`, `max`, `what`, `unit`; `offset` is its index in
+    /// an array, from 0)
     Value,
-    /// Another error, which this version has no code for.
+    /// An error without a code in this version.
     Other,
 }
 
-/// A code of any number, as C may pass one.
+/// All codes: C may pass any number.
 const CODES: [ArmwireFaultCode; 16] = [
     ArmwireFaultCode::None,
     ArmwireFaultCode::Stray,
@@ -68,7 +68,7 @@ const CODES: [ArmwireFaultCode; 16] = [
     ArmwireFaultCode::Other,
 ];
 
-/// The message that a faulty frame would be.
+/// The message of a faulty frame.
 #[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireMessageKind {
@@ -90,19 +90,19 @@ pub enum ArmwireMessageKind {
 pub struct ArmwireFault {
     /// The kind: an `ArmwireFaultCode`.
     pub code: u8,
-    /// The message that the frame would be: an `ArmwireMessageKind`.
+    /// The message of the frame: an `ArmwireMessageKind`.
     pub message: u8,
     /// Command, register or Modbus unit.
     pub message_id: u8,
     /// Function.
     pub message_function: u8,
-    /// The place, in bytes: from the start of the frame for noise, from the start of the data for a message.
+    /// The offset in bytes: from the start of the frame for noise, from the start of the data for a message.
     pub offset: u32,
-    /// The value, byte or length itself.
+    /// The actual value, byte or length.
     pub got: i32,
-    /// The least that is allowed.
+    /// The minimum.
     pub min: i32,
-    /// The most that is allowed.
+    /// The maximum.
     pub max: i32,
     /// The allowed bytes.
     pub expected_bytes: *const u8,
@@ -112,15 +112,15 @@ pub struct ArmwireFault {
     pub expected_len: usize,
     /// The name of the value, UTF-8, not terminated.
     pub what: *const u8,
-    /// Bytes of `what`.
+    /// Length of `what` in bytes.
     pub what_len: usize,
     /// The unit of the value, UTF-8, not terminated.
     pub unit: *const u8,
-    /// Bytes of `unit`.
+    /// Length of `unit` in bytes.
     pub unit_len: usize,
 }
 
-/// A value that C passed in and that is out of its range: the one at `index`, if it is one of several.
+/// A rejected value that C passed in, with its index in an array.
 #[derive(Clone, Copy)]
 pub(crate) struct Refused {
     index: usize,
@@ -128,14 +128,14 @@ pub(crate) struct Refused {
 }
 
 impl Refused {
-    /// Nothing was refused.
+    /// No value was rejected.
     pub(crate) const NONE: Self = Self::with(0, OutOfRange::new("", "", 0, 0, 0));
 
     const fn with(index: usize, error: OutOfRange<i32>) -> Self {
         Self { index, error }
     }
 
-    /// The value at an index.
+    /// The value at this index.
     pub(crate) fn at<T: Into<i32>>(index: usize) -> impl Fn(OutOfRange<T>) -> Self {
         move |error| {
             let (got, min, max) = (error.got.into(), error.min.into(), error.max.into());
@@ -143,7 +143,7 @@ impl Refused {
         }
     }
 
-    /// The only value.
+    /// A single value.
     pub(crate) fn only<T: Into<i32>>(error: OutOfRange<T>) -> Self {
         Self::at(0)(error)
     }
@@ -154,7 +154,7 @@ impl Refused {
         Self::with(0, OutOfRange::new(error.what, error.unit, got, min, max))
     }
 
-    /// The fault that C gets.
+    /// The fault for C.
     pub(crate) fn fault(&self) -> ArmwireFault {
         let mut fault = ArmwireFault::NONE;
         if !self.error.what.is_empty() {
@@ -165,13 +165,13 @@ impl Refused {
     }
 }
 
-/// A length as a number; one that is out of range is the nearest that is not.
+/// A length as a number, saturated.
 fn number(length: usize) -> i32 {
     i32::try_from(length).unwrap_or(i32::MAX)
 }
 
 impl ArmwireFault {
-    /// Nothing is wrong.
+    /// No error.
     pub(crate) const NONE: Self = Self {
         code: ArmwireFaultCode::None as u8,
         message: ArmwireMessageKind::None as u8,
@@ -202,7 +202,7 @@ impl ArmwireFault {
         (self.unit, self.unit_len) = (error.unit.as_ptr(), error.unit.len());
     }
 
-    /// Becomes the reason of noise. Nothing is set yet.
+    /// Sets the reason of noise in an empty fault.
     pub(crate) fn set_noise(&mut self, reason: Reason) {
         let code = match reason {
             Reason::Stray => ArmwireFaultCode::Stray,
@@ -231,7 +231,7 @@ impl ArmwireFault {
         self.code = code as u8;
     }
 
-    /// Becomes the error in a message. Nothing is set yet.
+    /// Sets the error of a message in an empty fault.
     pub(crate) fn set_message(&mut self, error: ParseError) {
         let (message, id, function) = match error.message {
             MessageId::Command(command) => (ArmwireMessageKind::Command, command, 0),
@@ -264,7 +264,7 @@ impl ArmwireFault {
         self.code = code as u8;
     }
 
-    /// The error in a message, but for its cause.
+    /// The error of a message, without its cause.
     #[cfg(feature = "xarm")]
     pub(crate) fn parse_error(&self) -> Option<ParseError> {
         let kind = |kind: ArmwireMessageKind| self.message == kind as u8;
@@ -282,18 +282,18 @@ impl ArmwireFault {
         Some(ParseError { message, cause })
     }
 
-    /// Writes the text, as the Rust crate has it.
+    /// Writes the text of the Rust crate.
     ///
     /// # Safety
     ///
-    /// The pointers are as this library has set them, or NULL.
+    /// The pointers were set by this library, or are NULL.
     unsafe fn write(&self, out: &mut Writer<'_>) {
         self.write_message(out);
         // SAFETY: guaranteed by the caller.
         let bytes = unsafe { list(self.expected_bytes, self.expected_len) };
         let (got, min, offset) = (self.got, self.min, i64::from(self.offset));
         match CODES.into_iter().find(|code| *code as u8 == self.code) {
-            Some(ArmwireFaultCode::None) => out.text("nothing is wrong"),
+            Some(ArmwireFaultCode::None) => out.text("no error"),
             Some(ArmwireFaultCode::Stray) => out.text("no frame starts here"),
             Some(ArmwireFaultCode::Length) => {
                 out.text("length field says ").number(got);
@@ -374,7 +374,7 @@ impl ArmwireFault {
 
     /// # Safety
     ///
-    /// The pointers are as this library has set them, or NULL.
+    /// The pointers were set by this library, or are NULL.
     unsafe fn write_value<'w, 'a>(&self, out: &'w mut Writer<'a>) -> &'w mut Writer<'a> {
         // SAFETY: guaranteed by the caller.
         let (what, unit) = unsafe { (list(self.what, self.what_len), list(self.unit, self.unit_len)) };
@@ -403,7 +403,7 @@ fn either<'w, 'a, T: Copy>(
 
 /// # Safety
 ///
-/// `list` is NULL, or has `len` values that are never changed.
+/// `list` is NULL, or has `len` values that never change.
 unsafe fn list<T>(list: *const T, len: usize) -> &'static [T] {
     match list.is_null() {
         true => &[],
@@ -412,12 +412,12 @@ unsafe fn list<T>(list: *const T, len: usize) -> &'static [T] {
     }
 }
 
-/// Writes the text of a fault, with a NUL behind it, to `out`, and returns its length without the NUL. If that is not less
-/// than `size`, the text was cut short. 128 bytes hold every text.
+/// Writes the text of a fault to `out`, terminated by NUL, and returns its length without the NUL. The text is
+/// truncated if its length is not less than `size`. 128 bytes hold every text.
 ///
 /// # Safety
 ///
-/// `fault` is as this library has written it, or all zero. `out` is NULL, or has `size` bytes.
+/// `fault` was written by this library, or is all zero. `out` is NULL, or has `size` bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn armwire_fault_text(fault: Option<&ArmwireFault>, out: *mut c_char, size: usize) -> usize {
     // SAFETY: guaranteed by the caller.
@@ -443,7 +443,7 @@ mod tests {
 
     fn text(fault: &ArmwireFault) -> String {
         let mut out = [0; 256];
-        // SAFETY: the library has written the fault, and `out` has this many bytes.
+        // SAFETY: the fault was written by the library, and `out` has this many bytes.
         let len = unsafe { armwire_fault_text(Some(fault), out.as_mut_ptr(), out.len()) };
         let bytes = out[..len].iter().map(|byte| *byte as u8).collect();
         assert_eq!(out[len], 0);
@@ -523,11 +523,11 @@ mod tests {
     }
 
     #[test]
-    fn refused_values_have_the_rust_crates_text() {
+    fn rejected_values_have_the_text_of_the_rust_crate() {
         for got in [i32::MIN, -1, 0, 9, 10, 4096, i32::MAX] {
             let error = OutOfRange::new("joint position", "ticks", got, 0, 4095);
             assert_eq!(text(&Refused::only(error).fault()), error.to_string());
         }
-        assert_eq!(text(&Refused::NONE.fault()), "nothing is wrong");
+        assert_eq!(text(&Refused::NONE.fault()), "no error");
     }
 }

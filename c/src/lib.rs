@@ -1,19 +1,19 @@
-//! armwire for C: clients and devices of the three protocols in memory of the caller.
+//! armwire for C: clients and devices of the three protocols, in memory of the caller.
 //!
-//! | Module | What it is |
+//! | Module | Contents |
 //! |---|---|
 //! | [`status`], [`fault`] | errors, their details and texts |
-//! | [`event`], [`config`] | structures that the protocols share |
+//! | [`event`], [`config`] | structures common to all protocols |
 //! | `memory` | the boundary: pointers from C become references, or an error |
-//! | `client`, `device` | the functions that every client and every device has |
+//! | `client`, `device` | the functions common to all clients and to all devices |
 //! | `ling`, `alpha1`, `xarm` | the functions and messages of a protocol |
 //!
-//! `armwire.h` is made from this crate. Functions take `Option<&mut T>` where C passes `T *`: NULL is an error, all other
-//! pointers must be valid, as always in C.
+//! `armwire.h` is generated from this crate. Functions take `Option<&mut T>` where C passes `T *`: NULL is an error,
+//! all other pointers must be valid.
 #![no_std]
 
 #[cfg(not(any(feature = "ling", feature = "alpha1", feature = "xarm")))]
-compile_error!("a library without a protocol: turn ling, alpha1 or xarm on");
+compile_error!("a library without a protocol: enable the feature ling, alpha1 or xarm");
 
 #[cfg(feature = "alpha1")]
 pub mod alpha1;

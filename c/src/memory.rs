@@ -4,11 +4,11 @@ use core::slice;
 
 use crate::status::ArmwireStatus;
 
-/// Memory of C, in which a value lives.
+/// Memory of C that contains a value.
 ///
 /// # Safety
 ///
-/// It must be `repr(C)`, have no padding, be valid with any bytes in it, and be at least as large and as aligned as a
+/// It must be `repr(C)`, have no padding, be valid with any bytes, and be at least as large and as aligned as a
 /// [`Tagged`] value. [`CHECK`](Memory::CHECK) checks the last two.
 pub(crate) unsafe trait Memory: Sized {
     /// The value.
@@ -25,39 +25,39 @@ pub(crate) unsafe trait Memory: Sized {
     );
 }
 
-/// The first words of the kinds of memory: this and a small number. Not what a program is likely to leave behind.
+/// The tag of all kinds of memory, without the kind. An unlikely value in uninitialized memory.
 const TAGS: u32 = 0xA6E1_5C00;
 
-/// The first word of the memory of this kind.
+/// The tag of this kind of memory.
 pub(crate) const fn tag(kind: u8) -> u32 {
     TAGS | kind as u32
 }
 
-/// A value behind its tag.
+/// A value after its tag.
 #[repr(C)]
 pub(crate) struct Tagged<T> {
     tag: u32,
     value: T,
 }
 
-/// Puts a value into memory that may have anything in it.
+/// Writes a value to memory with any content.
 pub(crate) fn init<M: Memory>(memory: Option<&mut M>, value: M::Value) -> Result<(), ArmwireStatus> {
     const { M::CHECK }
     let memory: *mut M = memory.ok_or(ArmwireStatus::Null)?;
-    // SAFETY: `CHECK` has seen that the value fits, and the reference is to memory that may be written. What is there
-    // needs no drop: it is nothing, or an earlier value, which owns nothing outside of itself.
+    // SAFETY: `CHECK` proves that the value fits, and the reference is to writable memory. An earlier value needs no
+    // drop: it owns nothing outside of itself.
     unsafe { memory.cast::<Tagged<M::Value>>().write(Tagged { tag: M::TAG, value }) };
     Ok(())
 }
 
-/// The value in memory that [`init`] has filled.
+/// The value in memory initialized by [`init`].
 pub(crate) fn open<M: Memory>(memory: Option<&mut M>) -> Result<&mut M::Value, ArmwireStatus> {
     const { M::CHECK }
     let memory: *mut M = memory.ok_or(ArmwireStatus::Null)?;
-    // SAFETY: the reference is to at least this many bytes, aligned, and a `u32` takes any of them.
+    // SAFETY: the reference is to at least this many bytes, aligned, and any of them are a valid `u32`.
     let tag = unsafe { memory.cast::<u32>().read() };
     if tag == M::TAG {
-        // SAFETY: only `init` writes this tag, with a value of this type behind it. The lifetime is that of `memory`.
+        // SAFETY: only `init` writes this tag, with a value of this type after it. The lifetime is that of `memory`.
         return Ok(unsafe { &mut (*memory.cast::<Tagged<M::Value>>()).value });
     }
     match tag & !0xFF {
@@ -72,21 +72,21 @@ pub(crate) fn put<T>(to: Option<&mut T>, value: T) -> Result<(), ArmwireStatus> 
     Ok(())
 }
 
-/// Bytes to read. NULL is good for none.
+/// Bytes to read. NULL is valid for zero bytes.
 ///
 /// # Safety
 ///
-/// `bytes` is NULL, or has `len` bytes for as long as the result is used.
+/// `bytes` is NULL, or has `len` bytes during the lifetime of the result.
 pub(crate) unsafe fn bytes<'a>(bytes: *const u8, len: usize) -> Result<&'a [u8], ArmwireStatus> {
     match (bytes.is_null(), len) {
         (_, 0) => Ok(&[]),
         (true, _) => Err(ArmwireStatus::Null),
-        // SAFETY: it is not NULL, and the caller answers for the rest.
+        // SAFETY: it is not NULL, and the caller guarantees the rest.
         (false, _) => Ok(unsafe { slice::from_raw_parts(bytes, len.min(isize::MAX as usize)) }),
     }
 }
 
-/// Room to write to. NULL is good for none.
+/// Space to write to. NULL is valid for zero bytes.
 ///
 /// # Safety
 ///
@@ -95,7 +95,7 @@ pub(crate) unsafe fn room<'a>(room: *mut u8, len: usize) -> Result<&'a mut [u8],
     match (room.is_null(), len) {
         (_, 0) => Ok(&mut []),
         (true, _) => Err(ArmwireStatus::Null),
-        // SAFETY: it is not NULL, and the caller answers for the rest.
+        // SAFETY: it is not NULL, and the caller guarantees the rest.
         (false, _) => Ok(unsafe { slice::from_raw_parts_mut(room, len.min(isize::MAX as usize)) }),
     }
 }

@@ -1,4 +1,4 @@
-//! The panic handler of the static library. No function leads to it: `cargo xtask c` checks that.
+//! The panic handler of the static library. No function reaches it: `cargo xtask c` checks this.
 
 use core::panic::PanicInfo;
 
@@ -7,7 +7,7 @@ fn panic(_: &PanicInfo<'_>) -> ! {
     armwire_panicked()
 }
 
-/// Stops here for ever. A symbol that can be looked for in a linked program.
+/// Loops forever. The check searches a linked program for its symbol.
 #[unsafe(no_mangle)]
 #[inline(never)]
 extern "C" fn armwire_panicked() -> ! {

@@ -2,25 +2,25 @@
 
 use core::ffi::{CStr, c_char};
 
-/// The result of a function. After an error nothing has changed.
+/// The result of a function. An error changes nothing.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireStatus {
-    /// Done.
+    /// Success.
     Ok = 0,
     /// A pointer is NULL.
     Null,
-    /// The header is of another version than the library. Only from `init`.
+    /// The header and the library have different versions. Only from `init`.
     Version,
     /// The client or device was not initialized.
     NotInitialized,
-    /// The memory holds another client or device: of another protocol, or of the other side.
+    /// The memory contains another type: of another protocol, or a device instead of a client.
     WrongType,
-    /// A request is in flight, or the rest of a cancelled one is still to be transmitted.
+    /// A request is in flight, or a cancelled request is still being transmitted.
     Busy,
     /// The buffer is too short for the message.
     BufferTooShort,
-    /// A value is out of its range. `fault` has the value and its range.
+    /// A value is out of its range. `fault` returns the value and its range.
     OutOfRange,
     /// The protocol has no message of this kind.
     UnknownKind,
@@ -29,11 +29,11 @@ pub enum ArmwireStatus {
 impl ArmwireStatus {
     const fn text(self) -> &'static CStr {
         match self {
-            Self::Ok => c"done",
+            Self::Ok => c"success",
             Self::Null => c"a pointer is NULL",
-            Self::Version => c"header and library are of different versions",
+            Self::Version => c"the header and the library have different versions",
             Self::NotInitialized => c"the client or device was not initialized",
-            Self::WrongType => c"the memory holds another client or device",
+            Self::WrongType => c"the memory contains another client or device",
             Self::Busy => c"a request is already in flight",
             Self::BufferTooShort => c"the buffer is too short for the message",
             Self::OutOfRange => c"a value is out of its range",
@@ -51,7 +51,7 @@ impl From<Result<(), ArmwireStatus>> for ArmwireStatus {
     }
 }
 
-/// A status of any number, as C may pass one.
+/// All statuses: C may pass any number.
 const ALL: [ArmwireStatus; 9] = [
     ArmwireStatus::Ok,
     ArmwireStatus::Null,

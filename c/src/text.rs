@@ -4,7 +4,7 @@ use core::ffi::c_char;
 
 use crate::memory;
 
-/// Writes text to the front of a buffer, and counts what does not fit.
+/// Writes text to the front of a buffer, and counts the bytes that do not fit.
 pub(crate) struct Writer<'a> {
     room: &'a mut [u8],
     len: usize,
@@ -73,7 +73,7 @@ impl<'a> Writer<'a> {
         self
     }
 
-    /// Bytes from outside: what is not printable ASCII, and the backslash, is escaped.
+    /// Bytes from outside. All bytes except printable ASCII, and the backslash, are escaped.
     fn escaped(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             match byte {
@@ -84,7 +84,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// Puts a NUL behind the text and returns the length of all of it.
+    /// Terminates the text with NUL and returns the length of the whole text.
     pub(crate) fn finish(self) -> usize {
         let last = self.room.len().saturating_sub(1);
         if let Some(end) = self.room.get_mut(self.len.min(last)) {
@@ -94,9 +94,9 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Writes bytes that came from outside as text that is safe to print, with a NUL behind it, to `out`: what is not printable
-/// ASCII becomes a backslash, an x and two digits, a backslash becomes two. Returns the length without the NUL. If that is not
-/// less than `size`, the text was cut short.
+/// Writes bytes from outside to `out` as printable text, terminated by NUL. A byte that is not printable ASCII becomes
+/// a backslash, an x and two digits; a backslash becomes two. Returns the length without the NUL. The text is truncated
+/// if its length is not less than `size`.
 ///
 /// # Safety
 ///

@@ -1,4 +1,4 @@
-//! The version, so that a header and a library of two versions do not meet unnoticed.
+//! The version, which `init` compares between header and library.
 
 /// The version of this header: 0xMMmmpp. Every `init` function takes it.
 pub const ARMWIRE_VERSION: u32 = 0x00_01_00;

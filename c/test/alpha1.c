@@ -1,4 +1,4 @@
-/* Every request of an Alpha1 client against a virtual robot and virtual servos: alpha1 ARMWIRE, the command. */
+/* Every request of an Alpha1 client against a virtual robot and virtual servos. Usage: alpha1 ARMWIRE, the path of the command */
 #include "harness.h"
 
 DEFINE_CALL(alpha1, Alpha1)

@@ -1,4 +1,4 @@
-/* The example for a Cortex-M in QEMU, on a UART to a virtual arm: cortex_m ARMWIRE QEMU ELF. */
+/* The example for a Cortex-M in QEMU, on a UART to a virtual arm. Usage: cortex_m ARMWIRE QEMU ELF */
 #define _POSIX_C_SOURCE 200809L
 
 #include "harness.h"
@@ -30,10 +30,10 @@ int main(int argc, char **argv)
         _exit(127);
     }
     close(ends[1]);
-    FILE *says = fdopen(ends[0], "r");
-    CHECK(says != NULL);
+    FILE *output = fdopen(ends[0], "r");
+    CHECK(output != NULL);
     for (;;) {
-        CHECK(fgets(line, sizeof line, says) != NULL);
+        CHECK(fgets(line, sizeof line, output) != NULL);
         printf("%s", line);
         if (strcmp(line, "no answer\n") != 0) {
             break;
@@ -41,10 +41,10 @@ int main(int argc, char **argv)
     }
     CHECK(sscanf(line, "%u %u %u %u %u %u ticks", &ticks[0], &ticks[1], &ticks[2], &ticks[3], &ticks[4], &ticks[5]) == 6);
     CHECK(ticks[0] == 2048 && ticks[5] == 1500);
-    CHECK(fgets(line, sizeof line, says) != NULL && sscanf(line, "%llu bytes out, %llu in", &out, &in) == 2);
+    CHECK(fgets(line, sizeof line, output) != NULL && sscanf(line, "%llu bytes out, %llu in", &out, &in) == 2);
     printf("%s", line);
     CHECK(kill(qemu, SIGTERM) == 0 && waitpid(qemu, &status, 0) == qemu);
-    fclose(says);
+    fclose(output);
     port.out = out;
     port.in = in;
     arm_end(&port);

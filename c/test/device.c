@@ -1,5 +1,5 @@
-/* Arms in C: every request of the clients arrives at the devices as it was made, and every response of the devices at the
- * clients, without faults and with faults on the line between them. In virtual time. device ROUNDS */
+/* Arms in C: every request of a client arrives unchanged at the device, and every response at the client, with and without
+ * faults on the line. Runs in virtual time. Usage: device ROUNDS */
 #include "harness.h"
 
 static Random rng = {1};
@@ -28,7 +28,7 @@ static size_t line(const uint8_t *from, size_t len, uint8_t *to)
 /* Defines NAME_exchange: carries the request in flight to the device and its response back, in chunks. The device answers by
  * NAME_answer, which returns the length of the response in `out`, 0 for none. */
 #define DEFINE_EXCHANGE(name, Name)                                                                                   \
-    /* The request in flight has ended; what is left of its last repeat is lost. */                                   \
+    /* The request in flight has ended: the rest of its last repeat is discarded. */                                  \
     static ArmwireEvent name##_end(ArmwireEvent end)                                                                  \
     {                                                                                                                 \
         ArmwireEvent event = end;                                                                                     \
@@ -51,7 +51,7 @@ static size_t line(const uint8_t *from, size_t len, uint8_t *to)
             if (event.kind == ARMWIRE_EVENT_KIND_WAIT) {                                                              \
                 CHECK(event.until_us != UINT64_MAX && event.until_us > clock_us);                                     \
                 clock_us = event.until_us;                                                                            \
-                /* An arm gives up half a request in such a silence. */                                               \
+                /* An arm discards an incomplete request after this silence. */                                       \
                 CHECK_OK(armwire_##name##_device_idle(&name##_device));                                               \
                 continue;                                                                                             \
             }                                                                                                         \
@@ -95,7 +95,7 @@ static size_t line(const uint8_t *from, size_t len, uint8_t *to)
         }                                                                                                             \
     }
 
-/* Ends with an answer, or without one if there are faults. */
+/* Returns true for an answer on a line without faults. Without faults every request has one. */
 static bool answered(const ArmwireEvent *event)
 {
     if (faults == 0) {
@@ -503,7 +503,7 @@ static void xarm_round(void)
 }
 
 /* Checks a device's response to frames that are not requests, and the client's handling of it. */
-static void strange_frames_are_answered_as_the_arm_does(void)
+static void invalid_requests_are_refused_by_the_device(void)
 {
     static const uint8_t bad_joint[] = {0, 7, 0, 3, 0, 2, 6, 8}, modbus[] = {0, 7, 0, 0, 0, 6, 1, 3, 0, 0, 0, 1};
     static const uint8_t stray[] = {0, 7, 0, 9, 0, 2, 6, 8};
@@ -582,6 +582,6 @@ int main(int argc, char **argv)
         ling_round();
         alpha1_round();
     }
-    strange_frames_are_answered_as_the_arm_does();
+    invalid_requests_are_refused_by_the_device();
     return 0;
 }

@@ -56,7 +56,7 @@ static int open_serial(const char *path)
 void arm_name(const Port *port, char *name, size_t size)
 {
     /* NAME is at PORT; ... or NAME is at PORT, ... */
-    const char *at = strstr(port->last, " is at ");
+    const char *at = strstr(port->line, " is at ");
     CHECK(at != NULL);
     at += strlen(" is at ");
     size_t len = strcspn(at, ";,");
@@ -93,7 +93,7 @@ Port arm_start(const char *armwire, const char *const *words)
     }
     close(ends[1]);
     Port port = {-1, SIZE_MAX, 0, 0, process, fdopen(ends[0], "r"), ""};
-    CHECK(port.says != NULL && fgets(port.last, sizeof port.last, port.says) != NULL);
+    CHECK(port.output != NULL && fgets(port.line, sizeof port.line, port.output) != NULL);
     return port;
 }
 
@@ -102,11 +102,11 @@ void arm_end(Port *port)
     unsigned long long in, out, lost;
     int status;
     CHECK(kill(port->process, SIGINT) == 0);
-    CHECK(fgets(port->last, sizeof port->last, port->says) != NULL);
+    CHECK(fgets(port->line, sizeof port->line, port->output) != NULL);
     CHECK(waitpid(port->process, &status, 0) == port->process && status == 0);
-    fclose(port->says);
-    printf("%s", port->last);
-    if (sscanf(port->last, "%llu bytes in, %llu out, %llu not read", &in, &out, &lost) == 3) {
+    fclose(port->output);
+    printf("%s", port->line);
+    if (sscanf(port->line, "%llu bytes in, %llu out, %llu not read", &in, &out, &lost) == 3) {
         CHECK(in == port->out && out == port->in && lost == 0);
     }
 }
@@ -135,7 +135,7 @@ void port_close(Port *port)
 
 size_t port_write(Port *port, const uint8_t *bytes, size_t len)
 {
-    ssize_t sent = write(port->fd, bytes, len < port->write_most ? len : port->write_most);
+    ssize_t sent = write(port->fd, bytes, len < port->max_write ? len : port->max_write);
     CHECK(sent > 0);
     port->out += (uint64_t)sent;
     return (size_t)sent;

@@ -1,4 +1,4 @@
-/* What the tests share: checks, a clock, a port, and calls over it. */
+/* Shared by the tests: checks, a clock, a port, and calls over it. */
 #ifndef HARNESS_H
 #define HARNESS_H
 
@@ -27,47 +27,47 @@ typedef struct Random {
 
 uint32_t random_below(Random *random, uint32_t bound);
 
-/* A virtual arm in a process of its own, the line to it, and the bytes that went over it. */
+/* A virtual arm in its own process, the line to it, and the number of bytes on the line. */
 typedef struct Port {
     int fd;
-    /* The most bytes of one write: fewer than a frame has, to test what is left of it. */
-    size_t write_most;
+    /* Maximum number of bytes per write: less than a frame, to test partial writes. */
+    size_t max_write;
     uint64_t out;
     uint64_t in;
     int process;
-    FILE *says;
-    /* What the arm said last. */
-    char last[300];
+    FILE *output;
+    /* The last line of the output. */
+    char line[300];
 } Port;
 
-/* Starts `armwire sim` with these words, up to a NULL. `last` says where the arm is. */
+/* Starts `armwire sim` with these arguments, up to a NULL. `line` names the arm's port. */
 Port arm_start(const char *armwire, const char *const *words);
-/* Ends the arm, and on a serial line checks that both count the same bytes. */
+/* Ends the arm. On a serial line, checks that both ends counted the same bytes. */
 void arm_end(Port *port);
 /* Writes the name of the arm's port. */
 void arm_name(const Port *port, char *name, size_t size);
 /* Starts an arm and connects to it. */
 Port port_open(const char *armwire, const char *const *words);
-/* Another connection to the same arm, after it has closed the first one. */
+/* Connects to the same arm again, after it closed the first connection. */
 void port_reopen(Port *port);
-/* Takes what is still on its way, and ends the arm. */
+/* Reads the remaining bytes, and ends the arm. */
 void port_close(Port *port);
 size_t port_write(Port *port, const uint8_t *bytes, size_t len);
-/* Waits for bytes until this time, and returns how many came: 0 if none did. */
+/* Waits for bytes until this time, and returns their number. */
 size_t port_read(Port *port, uint8_t *room, size_t len, uint64_t until_us);
 
-/* Microseconds of a clock that does not go back. */
+/* Microseconds of a monotonic clock. */
 uint64_t now_us(void);
 
-/* Events that end no request. */
+/* Counts of events that do not end a request. */
 typedef struct Others {
     unsigned noise, late, unsolicited, echo, unknown;
 } Others;
 
-/* Counts an event, and says whether it ends the request in flight. */
+/* Counts an event. Returns true if it ends the request in flight. */
 bool ends_request(const ArmwireEvent *event, Others *others);
 
-/* Defines NAME_call, which does what the client says until its request has ended. */
+/* Defines NAME_call, which performs the actions of the client until its request has ended. */
 #define DEFINE_CALL(name, Name)                                                                                       \
     static ArmwireEvent name##_call(Armwire##Name##Client *client, Port *port, Armwire##Name##Response *response,    \
                                     Others *others)                                                                   \

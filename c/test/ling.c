@@ -1,4 +1,4 @@
-/* Every request of a Ling client against a virtual arm: ling ARMWIRE, the command. */
+/* Every request of a Ling client against a virtual arm. Usage: ling ARMWIRE, the path of the command */
 #include "harness.h"
 
 DEFINE_CALL(ling, Ling)
@@ -73,11 +73,11 @@ static const uint32_t kinds[] = {ARMWIRE_LING_RESPONSE_KIND_INFO,       ARMWIRE_
 /* Reads only: the arm discards a request with a gap, and requests without an answer are not repeated. */
 static void frames_may_be_written_in_parts(void)
 {
-    port.write_most = 3;
+    port.max_write = 3;
     for (size_t read = 0; read < READS; read++) {
         answer(reads[read], kinds[read]);
     }
-    port.write_most = SIZE_MAX;
+    port.max_write = SIZE_MAX;
 }
 
 /* Every request ends once, and no answer is matched to another request. */

@@ -1,5 +1,5 @@
-/* Every function with any arguments but dangling ones: NULL, memory that is not initialized or of another kind, values out of
- * range, short buffers, calls in any order. misuse CALLS [SEED]. */
+/* Every function with invalid arguments, except dangling pointers: NULL, uninitialized memory or memory of another kind, values
+ * out of range, short buffers, calls in any order. Usage: misuse CALLS [SEED] */
 #include "harness.h"
 
 enum Kind { LING_CLIENT, LING_DEVICE, ALPHA1_CLIENT, ALPHA1_DEVICE, XARM_CLIENT, XARM_DEVICE, KINDS };
@@ -7,8 +7,7 @@ enum Kind { LING_CLIENT, LING_DEVICE, ALPHA1_CLIENT, ALPHA1_DEVICE, XARM_CLIENT,
 static const size_t sizes[KINDS] = {sizeof(ArmwireLingClient),   sizeof(ArmwireLingDevice), sizeof(ArmwireAlpha1Client),
                                     sizeof(ArmwireAlpha1Device), sizeof(ArmwireXarmClient), sizeof(ArmwireXarmDevice)};
 
-/* Memory of each kind on the heap, as large as it must be, so that the address sanitizer sees what lies beyond. Each has room
- * for every kind of it, or the wrong type could not be tried. */
+/* Memory on the heap, so that the address sanitizer detects an access beyond it. Each fits every kind, to test wrong types. */
 #define MEMORIES 12
 static void *memories[MEMORIES];
 /* The kind in each memory, KINDS for none. */
@@ -368,7 +367,7 @@ static ArmwireStatus call(enum Kind kind, void *memory)
     }
 }
 
-/* Returns the kind in memory, by a call without side effects. */
+/* Returns the kind in memory, by calls without side effects. */
 static enum Kind look_into(void *memory)
 {
     ArmwireFault fault;
@@ -388,12 +387,12 @@ static void step(void)
     enum Kind kind = contents[at] == KINDS || one_in(8) ? (enum Kind)random_below(&rng, KINDS) : contents[at];
     clock_us += random_below(&rng, 4) * random_below(&rng, 60000);
     if (one_in(500)) {
-        /* Forgotten, or never initialized. */
+        /* Uninitialized memory. */
         any_bytes(memory, largest);
         contents[at] = look_into(memory);
         CHECK(contents[at] == KINDS);
     } else if (one_in(500)) {
-        /* Moved: what is in it does not depend on where it is. */
+        /* Moved memory: the content does not depend on its address. */
         void *moved = malloc(largest);
         CHECK(moved != NULL);
         memcpy(moved, memory, largest);
@@ -410,7 +409,7 @@ static void step(void)
         CHECK(status <= ARMWIRE_STATUS_UNKNOWN_KIND);
         statuses[status]++;
         enum Kind now = look_into(memory);
-        /* Only `init` makes it another kind, and nothing is written beyond its memory. */
+        /* Only `init` changes the kind, and nothing is written beyond the memory of a kind. */
         CHECK(now == contents[at] || (now == kind && status == ARMWIRE_STATUS_OK));
         CHECK(memcmp(before + sizes[kind], (uint8_t *)memory + sizes[kind], largest - sizes[kind]) == 0);
         if (now == contents[at] && kind != contents[at]) {

@@ -1,4 +1,4 @@
-/* Every request of an xArm client against a virtual arm: xarm ARMWIRE, the command. */
+/* Every request of an xArm client against a virtual arm. Usage: xarm ARMWIRE, the path of the command */
 #include "harness.h"
 
 DEFINE_CALL(xarm, Xarm)
@@ -53,16 +53,16 @@ int main(int argc, char **argv)
         every_request_is_answered_or_sent();
         CHECK_OK(armwire_xarm_client_set_protocol(&arm, 3));
         every_request_is_answered_or_sent();
-        /* The arm closes the connection after these. */
+        /* The arm closes the connection after a reboot or shutdown. */
         ArmwireStatus status = i == 0 ? armwire_xarm_client_reboot(&arm) : armwire_xarm_client_shutdown(&arm);
         ArmwireXarmResponse response = answer(status, ARMWIRE_XARM_RESPONSE_KIND_EMPTY);
         CHECK(response.reg == 10 && (response.state & 0x08) == 0);
         if (i == 0) {
             port_reopen(&port);
-            port.write_most = 1;
+            port.max_write = 1;
         }
     }
     port_close(&port);
-    CHECK(strncmp(port.last, "2 connections, 0 broken; 50 requests, 0 unknown frames;", 55) == 0);
+    CHECK(strncmp(port.line, "2 connections, 0 broken; 50 requests, 0 unknown frames;", 55) == 0);
     return 0;
 }

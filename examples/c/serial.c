@@ -1,4 +1,4 @@
-/* Reads and moves a Ling arm on a POSIX serial port: serial /dev/ttyUSB0 */
+/* Reads and moves a Ling arm on a POSIX serial port. Usage: serial /dev/ttyUSB0 */
 #define _DEFAULT_SOURCE
 #include <armwire.h>
 #include <fcntl.h>
@@ -38,7 +38,7 @@ static void wait(uint64_t until_us)
     armwire_ling_client_received(&arm, now_us(), (size_t)got);
 }
 
-/* Completes an accepted request and returns its answer, of kind NONE for a request without one. */
+/* Completes an accepted request and returns its answer, of kind NONE for a request without an answer. */
 static ArmwireLingResponse call(ArmwireStatus status)
 {
     ArmwireEvent event;
@@ -65,7 +65,7 @@ static ArmwireLingResponse call(ArmwireStatus status)
                 exit(1);
             }
             break;
-        default: break; /* A late answer, or the request itself. */
+        default: break; /* A late answer, or an echo. */
         }
     }
     ArmwireFault fault;

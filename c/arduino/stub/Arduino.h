@@ -1,4 +1,4 @@
-// Stand-in for the part of Arduino's API that the example uses.
+// Stub of Arduino's API, as far as the example uses it.
 #include <stddef.h>
 #include <stdint.h>
 

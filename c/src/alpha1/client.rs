@@ -16,7 +16,7 @@ use crate::fault::{ArmwireFault, Refused};
 use crate::memory::{self, Memory};
 use crate::status::ArmwireStatus;
 
-/// The rate of the servo bus, and of the robot's Bluetooth serial port. USB takes any.
+/// The baud rate of the servo bus, and of the robot's Bluetooth serial port. USB accepts any rate.
 const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
 
 const SERIAL: Config = Config {
@@ -24,10 +24,11 @@ const SERIAL: Config = Config {
     ..Config::DEFAULT
 };
 
-/// Words in the memory of a client.
+/// Size of a client, in words of 64 bits.
 pub const ARMWIRE_ALPHA1_CLIENT_WORDS: usize = 128;
 
-/// A client of an Alpha1 robot, or of a bus of its servos: one request at a time. Its memory is yours, what is in it is not.
+/// A client of an Alpha1 robot, or of a bus of its servos: one request at a time. The caller owns its memory. The
+/// content is private.
 #[repr(C)]
 pub struct ArmwireAlpha1Client {
     opaque: [u64; ARMWIRE_ALPHA1_CLIENT_WORDS],
@@ -39,8 +40,8 @@ unsafe impl Memory for ArmwireAlpha1Client {
     const TAG: u32 = memory::tag(3);
 }
 
-/// Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of
-/// `armwire_config_serial` at 115 200 baud.
+/// Initializes a client. `version` is ARMWIRE_VERSION. `config` may be NULL, for that of `armwire_config_serial` at
+/// 115 200 baud.
 ///
 /// ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
 #[unsafe(no_mangle)]
@@ -52,8 +53,8 @@ pub extern "C" fn armwire_alpha1_client_init(
     client::init(client, version, config, SERIAL, Alpha1).into()
 }
 
-/// The next step. Call it again after every event but WAIT, once bytes arrived or were transmitted, and at the time that WAIT
-/// gives. `now_us` is of a clock that does not go back.
+/// The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and at
+/// `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_poll(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -64,9 +65,9 @@ pub extern "C" fn armwire_alpha1_client_poll(
     client::poll(client, now_us, event, response, ArmwireAlpha1Response::set).into()
 }
 
-/// The line took the first `len` bytes of a TRANSMIT event.
+/// The line accepted the first `len` bytes of a TRANSMIT event.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than what is left: then nothing is taken for transmitted.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the remaining bytes. Nothing counts as transmitted then.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_transmitted(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -76,7 +77,8 @@ pub extern "C" fn armwire_alpha1_client_transmitted(
     client::transmitted(client, now_us, len)
 }
 
-/// Room to read or DMA into. Say with `received` how many bytes arrived, before any other call. Never empty after a WAIT event.
+/// Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
+/// WAIT event.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_space(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -88,7 +90,7 @@ pub extern "C" fn armwire_alpha1_client_space(
 
 /// The first `len` bytes of `space` arrived.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the free space. Nothing is accepted then.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_received(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -98,7 +100,8 @@ pub extern "C" fn armwire_alpha1_client_received(
     client::received(client, now_us, len)
 }
 
-/// Copies in as much of the bytes that arrived as there is room for, `*taken` of them. Poll until WAIT, then put in the rest.
+/// Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
+/// rest.
 ///
 /// # Safety
 ///
@@ -122,13 +125,13 @@ pub extern "C" fn armwire_alpha1_client_idle(client: Option<&mut ArmwireAlpha1Cl
     client::idle(client)
 }
 
-/// Gives up the request in flight, if there is one. What is left of its bytes is still to be transmitted.
+/// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be transmitted.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_cancel(client: Option<&mut ArmwireAlpha1Client>) -> ArmwireStatus {
     client::cancel(client)
 }
 
-/// The last value or length that was refused, with its range.
+/// The last rejected value or length, with its range.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_fault(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -137,14 +140,14 @@ pub extern "C" fn armwire_alpha1_client_fault(
     client::fault(client, fault)
 }
 
-/// Makes a request of a servo.
-fn ask(client: Option<&mut ArmwireAlpha1Client>, request: Result<ServoRequest, Refused>) -> ArmwireStatus {
+/// Submits a request to a servo.
+fn submit_servo(client: Option<&mut ArmwireAlpha1Client>, request: Result<ServoRequest, Refused>) -> ArmwireStatus {
     client::submit(client, request.map(Request::Servo))
 }
 
-/// Asks for the robot's hardware version (row F1).
+/// Reads the robot's hardware version (row F1).
 ///
-/// ARMWIRE_STATUS_BUSY while another request is in flight, as from all requests.
+/// ARMWIRE_STATUS_BUSY while another request is in flight. All requests return it.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_read_hardware_version(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -152,19 +155,19 @@ pub extern "C" fn armwire_alpha1_client_read_hardware_version(
     client::submit(client, Ok(Request::ReadHardwareVersion))
 }
 
-/// Asks which servos run (row EF).
+/// Reads the servo states (row EF).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_read_servo_states(client: Option<&mut ArmwireAlpha1Client>) -> ArmwireStatus {
     client::submit(client, Ok(Request::ReadServoStates))
 }
 
-/// Stops the action that is played (row F2).
+/// Stops the current action (row F2).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_stop(client: Option<&mut ArmwireAlpha1Client>) -> ArmwireStatus {
     client::submit(client, Ok(Request::Stop))
 }
 
-/// Asks for the robot's firmware version (row F5).
+/// Reads the robot's firmware version (row F5).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_read_firmware_version(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -184,7 +187,7 @@ pub extern "C" fn armwire_alpha1_client_act(
     client::submit(client, action.get().map(Request::Act))
 }
 
-/// Connects (1) or disconnects (0) the servo offset tool (row F4): while it is connected, Bluetooth may not be used.
+/// Connects (1) or disconnects (0) the servo offset tool (row F4). Bluetooth is not available while it is connected.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_set_offset_tool(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -220,8 +223,8 @@ pub unsafe extern "C" fn armwire_alpha1_client_play(
     }
 }
 
-/// Moves a servo (1 to 240), or all (0): then it is not answered. `angle_degrees` is 0 to 240, `time_ms` 0 to 5100, `lock_ms`,
-/// the completion time, 0 to 1310700; both to the nearest 20 ms.
+/// Moves a servo (1 to 240), or all servos (0), without an answer. `angle_degrees` is 0 to 240, `time_ms` is 0 to 5100,
+/// and `lock_ms`, the completion time, is 0 to 1310700. Both times are rounded to the nearest 20 ms.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_servo_move(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -238,20 +241,20 @@ pub extern "C" fn armwire_alpha1_client_servo_move(
             lock: interval(lock_ms)?,
         })
     };
-    ask(client, request())
+    submit_servo(client, request())
 }
 
-/// Switches the motor of a servo (1 to 240) off, or those of all (0): then it is not answered. What they hold up falls.
+/// Switches the motor of a servo (1 to 240) off, or of all servos (0), without an answer. A load that they hold falls.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_servo_release(
     client: Option<&mut ArmwireAlpha1Client>,
     servo_id: u8,
 ) -> ArmwireStatus {
-    ask(client, address(servo_id).map(ServoRequest::Release))
+    submit_servo(client, address(servo_id).map(ServoRequest::Release))
 }
 
-/// Switches the light of a servo (1 to 240), or those of all (0): then it is not answered. Sources contradict each other on
-/// what `led` means: by the servos' manual 0 is off and 1 blinks, in public programs 0 is on and 1 is off.
+/// Switches the LED of a servo (1 to 240), or of all servos (0), without an answer. The sources contradict each other:
+/// in the servos' manual 0 is off and 1 blinks, in public programs 0 is on and 1 is off.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_servo_set_led(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -259,19 +262,19 @@ pub extern "C" fn armwire_alpha1_client_servo_set_led(
     led: u8,
 ) -> ArmwireStatus {
     let request = address(servo_id).map(|to| ServoRequest::SetLed { to, led: Led(led) });
-    ask(client, request)
+    submit_servo(client, request)
 }
 
-/// Asks a servo for its target and actual angle. The servo switches its motor off to answer: what it holds up falls.
+/// Reads a servo's target and actual angle. The servo switches its motor off to answer: a load that it holds falls.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_servo_read_angles(
     client: Option<&mut ArmwireAlpha1Client>,
     servo_id: u8,
 ) -> ArmwireStatus {
-    ask(client, servo(servo_id).map(ServoRequest::ReadAngles))
+    submit_servo(client, servo(servo_id).map(ServoRequest::ReadAngles))
 }
 
-/// Gives a servo another id.
+/// Changes a servo's id.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_servo_change_id(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -284,10 +287,10 @@ pub extern "C" fn armwire_alpha1_client_servo_change_id(
             to: servo(new_servo_id)?,
         })
     };
-    ask(client, request())
+    submit_servo(client, request())
 }
 
-/// Sets the offset of a servo's zero, -90 to 90 thirds of a degree.
+/// Sets a servo's zero offset, -90 to 90 thirds of a degree.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_servo_set_offset(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -298,23 +301,23 @@ pub extern "C" fn armwire_alpha1_client_servo_set_offset(
         let servo = servo(servo_id)?;
         Ok(ServoRequest::SetOffset(servo, offset(offset_thirds_of_degree)?))
     };
-    ask(client, request())
+    submit_servo(client, request())
 }
 
-/// Asks a servo for the offset of its zero.
+/// Reads a servo's zero offset.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_servo_read_offset(
     client: Option<&mut ArmwireAlpha1Client>,
     servo_id: u8,
 ) -> ArmwireStatus {
-    ask(client, servo(servo_id).map(ServoRequest::ReadOffset))
+    submit_servo(client, servo(servo_id).map(ServoRequest::ReadOffset))
 }
 
-/// Asks a servo for the version of its firmware.
+/// Reads the version of a servo's firmware.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_servo_read_version(
     client: Option<&mut ArmwireAlpha1Client>,
     servo_id: u8,
 ) -> ArmwireStatus {
-    ask(client, servo(servo_id).map(ServoRequest::ReadVersion))
+    submit_servo(client, servo(servo_id).map(ServoRequest::ReadVersion))
 }

@@ -9,11 +9,11 @@ use crate::fault::ArmwireFault;
 use crate::memory::{self, Memory};
 use crate::status::ArmwireStatus;
 
-/// Words in the memory of a device.
+/// Size of a device, in words of 64 bits.
 pub const ARMWIRE_ALPHA1_DEVICE_WORDS: usize = 56;
 
-/// The side of the robot, or of its servos, on a line: requests in, responses out. It implements the protocol, not the robot. Its memory is yours, what is in
-/// it is not.
+/// The side of the robot, or of its servos, on a line: requests in, responses out. It implements the protocol, not the
+/// robot. The caller owns its memory. The content is private.
 #[repr(C)]
 pub struct ArmwireAlpha1Device {
     opaque: [u64; ARMWIRE_ALPHA1_DEVICE_WORDS],
@@ -25,7 +25,7 @@ unsafe impl Memory for ArmwireAlpha1Device {
     const TAG: u32 = memory::tag(4);
 }
 
-/// Makes a device. `version` is ARMWIRE_VERSION.
+/// Initializes a device. `version` is ARMWIRE_VERSION.
 ///
 /// ARMWIRE_STATUS_VERSION if header and library differ.
 #[unsafe(no_mangle)]
@@ -33,7 +33,7 @@ pub extern "C" fn armwire_alpha1_device_init(device: Option<&mut ArmwireAlpha1De
     device::init(device, version, Alpha1).into()
 }
 
-/// The next event. Call it again after every event but WAIT, and once bytes arrived.
+/// The next event. Call it again after every event except WAIT, and after bytes were received.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_device_poll(
     device: Option<&mut ArmwireAlpha1Device>,
@@ -43,10 +43,10 @@ pub extern "C" fn armwire_alpha1_device_poll(
     device::poll(device, event, request, |flat, request, _| flat.set(request)).into()
 }
 
-/// Writes a response to `out` and its length to `len`. 259 bytes hold every one.
+/// Writes a response to `out` and its length to `len`. 259 bytes hold every response.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE for a value, ARMWIRE_STATUS_UNKNOWN_KIND for a kind that the protocol does not have,
-/// ARMWIRE_STATUS_BUFFER_TOO_SHORT: then `len` is the length of the response.
+/// ARMWIRE_STATUS_OUT_OF_RANGE for an invalid value, ARMWIRE_STATUS_UNKNOWN_KIND for an unknown kind,
+/// ARMWIRE_STATUS_BUFFER_TOO_SHORT if the response is longer than `size`. `len` is its length then, too.
 ///
 /// # Safety
 ///
@@ -67,7 +67,8 @@ pub unsafe extern "C" fn armwire_alpha1_device_respond(
     device::respond(device, response, None, out, len).into()
 }
 
-/// Room to read or DMA into. Say with `received` how many bytes arrived, before any other call. Never empty after a WAIT event.
+/// Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
+/// WAIT event.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_device_space(
     device: Option<&mut ArmwireAlpha1Device>,
@@ -79,7 +80,7 @@ pub extern "C" fn armwire_alpha1_device_space(
 
 /// The first `len` bytes of `space` arrived.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the free space. Nothing is accepted then.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_device_received(
     device: Option<&mut ArmwireAlpha1Device>,
@@ -88,7 +89,8 @@ pub extern "C" fn armwire_alpha1_device_received(
     device::received(device, len)
 }
 
-/// Copies in as much of the bytes that arrived as there is room for, `*taken` of them. Poll until WAIT, then put in the rest.
+/// Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
+/// rest.
 ///
 /// # Safety
 ///
@@ -111,7 +113,7 @@ pub extern "C" fn armwire_alpha1_device_idle(device: Option<&mut ArmwireAlpha1De
     device::idle(device)
 }
 
-/// The last value or length that was refused, with its range.
+/// The last rejected value or length, with its range.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_device_fault(
     device: Option<&mut ArmwireAlpha1Device>,

@@ -13,18 +13,18 @@ use crate::fault::Refused;
 use crate::memory;
 use crate::status::ArmwireStatus;
 
-/// Servos that an action has room for (row FB). An Alpha1 has 16.
+/// Number of servos in an action (row FB). An Alpha1 has 16.
 pub const ARMWIRE_ALPHA1_SERVOS: usize = 20;
 
 const _: () = assert!(ARMWIRE_ALPHA1_SERVOS == SERVOS);
 
-/// In place of an angle in an action: the servo is left as it is.
+/// An angle in an action that leaves the servo unchanged.
 pub const ARMWIRE_ALPHA1_NO_ANGLE: u8 = 255;
 
 /// The unit of all times on the wire.
 const UNIT_MS: u32 = 20;
 
-/// The kind of USB device that the robot is.
+/// The robot's USB device type.
 #[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireAlpha1UsbType {
@@ -40,11 +40,12 @@ pub enum ArmwireAlpha1UsbType {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireAlpha1Action {
-    /// Targets of servos 1 to 20, 0 to 240, or ARMWIRE_ALPHA1_NO_ANGLE. A device may receive 241 to 254, too.
+    /// Targets of servos 1 to 20: 0 to 240, or ARMWIRE_ALPHA1_NO_ANGLE. A device may also receive 241 to 254.
     pub angle_degrees: [u8; ARMWIRE_ALPHA1_SERVOS],
     /// Duration of the motion, 0 to 5100, in steps of 20 ms; rounded to the nearest.
     pub time_ms: u32,
-    /// Time from the end of this frame to the start of the next accepted one, 0 to 1310700; rounded to the nearest 20 ms.
+    /// Time from the end of this frame to the start of the next accepted one, 0 to 1310700; rounded to the nearest 20
+    /// ms.
     pub interval_ms: u32,
 }
 
@@ -135,7 +136,7 @@ pub(super) fn text(bytes: &[u8]) -> Result<Text<'_>, Refused> {
     Text::new(bytes).map_err(Refused::only)
 }
 
-/// No (0) or yes (1).
+/// A flag: 0 or 1.
 fn flag(what: &'static str, value: u8) -> Result<bool, Refused> {
     match value {
         0 => Ok(false),
@@ -150,41 +151,41 @@ fn flag(what: &'static str, value: u8) -> Result<bool, Refused> {
 pub enum ArmwireAlpha1RequestKind {
     /// None.
     None = 0,
-    /// The robot's hardware version (row F1).
+    /// Reads the robot's hardware version (row F1).
     ReadHardwareVersion,
-    /// Which servos run (row EF).
+    /// Reads the servo states (row EF).
     ReadServoStates,
-    /// Stops the action that is played (row F2).
+    /// Stops the current action (row F2).
     Stop,
-    /// The robot's firmware version (row F5).
+    /// Reads the robot's firmware version (row F5).
     ReadFirmwareVersion,
     /// Moves all servos (row FB). (`action`)
     Act,
     /// Connects or disconnects the servo offset tool (row F4). (`connected`)
     SetOffsetTool,
-    /// The kind of USB device that the robot is from now on (row F9). (`usb_type`)
+    /// Sets the robot's USB device type (row F9). (`usb_type`)
     SetUsbType,
     /// Plays an action (row F3). (`name`, `name_len`)
     Play,
-    /// Moves a servo, or all. Not answered by all. (`servo_id`, `angle_degrees`, `time_ms`, `lock_ms`)
+    /// Moves a servo, or all servos without an answer. (`servo_id`, `angle_degrees`, `time_ms`, `lock_ms`)
     ServoMove,
-    /// Switches a servo's motor off, or those of all. Not answered by all. (`servo_id`)
+    /// Switches the motor of a servo off, or of all servos without an answer. (`servo_id`)
     ServoRelease,
-    /// Switches a servo's light, or those of all. Not answered by all. (`servo_id`, `led`)
+    /// Switches the LED of a servo, or of all servos without an answer. (`servo_id`, `led`)
     ServoSetLed,
-    /// Target and actual angle; switches the motor off. (`servo_id`)
+    /// Reads a servo's target and actual angle. The servo switches its motor off. (`servo_id`)
     ServoReadAngles,
-    /// Gives a servo another id. (`servo_id`, `new_servo_id`)
+    /// Changes a servo's id. (`servo_id`, `new_servo_id`)
     ServoChangeId,
-    /// Sets the offset of a servo's zero. (`servo_id`, `offset_thirds_of_degree`)
+    /// Sets a servo's zero offset. (`servo_id`, `offset_thirds_of_degree`)
     ServoSetOffset,
-    /// The offset of a servo's zero. (`servo_id`)
+    /// Reads a servo's zero offset. (`servo_id`)
     ServoReadOffset,
-    /// The version of a servo's firmware. (`servo_id`)
+    /// Reads the version of a servo's firmware. (`servo_id`)
     ServoReadVersion,
 }
 
-/// A request, as a device has received it. Members that its kind does not set are 0.
+/// A request received by a device. Members that its kind does not set are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireAlpha1Request {
@@ -198,11 +199,11 @@ pub struct ArmwireAlpha1Request {
     pub servo_id: u8,
     /// The new id of the servo.
     pub new_servo_id: u8,
-    /// The byte for the light. The sources disagree on its meaning.
+    /// The byte for the LED. The sources contradict each other on its meaning.
     pub led: u8,
     /// Target of a servo.
     pub angle_degrees: u8,
-    /// Offset of a servo's zero, -90 to 90.
+    /// Zero offset of a servo, -90 to 90.
     pub offset_thirds_of_degree: i16,
     /// Duration of the motion.
     pub time_ms: u32,
@@ -210,14 +211,14 @@ pub struct ArmwireAlpha1Request {
     pub lock_ms: u32,
     /// The action.
     pub action: ArmwireAlpha1Action,
-    /// The name of an action, which stays until the next call with the device.
+    /// The name of an action, valid until the next call with the device.
     pub name: *const u8,
     /// Bytes of `name`.
     pub name_len: usize,
 }
 
 impl ArmwireAlpha1Request {
-    /// Becomes this request.
+    /// Sets all members from a request.
     pub(super) fn set(&mut self, request: Option<Request<'_>>) {
         *self = Self {
             kind: 0,
@@ -318,13 +319,13 @@ pub enum ArmwireAlpha1ResponseKind {
     FirmwareVersion,
     /// Outcome of an action frame. (`success`)
     Acted,
-    /// Outcome of connecting or disconnecting the offset tool. (`success`)
+    /// Outcome of a change of the offset tool. (`success`)
     OffsetTool,
     /// Outcome of a change of the USB device type. (`success`)
     UsbType,
     /// Outcome of the start of an action. (`success`)
     Playing,
-    /// A servo moves, has released its motor or has switched its light. (`servo_id`)
+    /// A servo accepted a move, a release or an LED setting. (`servo_id`)
     ServoAcknowledged,
     /// Angles of a servo. Its motor is off now. (`servo_id`, `success`, `target_degrees`, `actual_degrees`)
     ServoAngles,
@@ -338,7 +339,7 @@ pub enum ArmwireAlpha1ResponseKind {
     ServoVersion,
 }
 
-/// A response, as a client has received it or a device sends it. Members that its kind does not set are 0.
+/// A response received by a client or sent by a device. Members that its kind does not set are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireAlpha1Response {
@@ -350,7 +351,7 @@ pub struct ArmwireAlpha1Response {
     pub servo_id: u8,
     /// The previous id of the servo.
     pub previous_servo_id: u8,
-    /// Firmware version of the robot, year first, ASCII; any bytes without `success`.
+    /// Firmware version of the robot, ASCII, year first; arbitrary bytes after a failure.
     pub firmware_version: [u8; 10],
     /// Firmware version of a servo. The meaning of its bytes is not documented.
     pub servo_version: [u8; 4],
@@ -358,11 +359,12 @@ pub struct ArmwireAlpha1Response {
     pub target_degrees: u16,
     /// Actual angle of the servo.
     pub actual_degrees: u16,
-    /// Offset of a servo's zero, as sent: -90 to 90.
+    /// Zero offset of a servo, as sent: -90 to 90.
     pub offset_thirds_of_degree: i16,
-    /// One bit per servo, servo 1 lowest: 1 runs, 0 can be turned by hand.
+    /// One bit per servo, servo 1 lowest: 1 is running, 0 can be turned by hand.
     pub running_servos: u32,
-    /// The hardware version, 0 to 254 bytes in no documented alphabet. From a client it stays until the next call with it.
+    /// The hardware version, 0 to 254 bytes without a documented character set. In a client it is valid until the next
+    /// call.
     pub text: *const u8,
     /// Bytes of `text`.
     pub text_len: usize,
@@ -376,7 +378,7 @@ fn outcome(success: u8) -> Result<Outcome, Refused> {
 }
 
 impl ArmwireAlpha1Response {
-    /// Becomes this response.
+    /// Sets all members from a response.
     pub(super) fn set(&mut self, response: Option<Response<'_>>) {
         *self = Self {
             kind: 0,

@@ -11,10 +11,10 @@ use crate::fault::ArmwireFault;
 use crate::memory::{self, Memory};
 use crate::status::ArmwireStatus;
 
-/// Words in the memory of a client.
+/// Size of a client, in words of 64 bits.
 pub const ARMWIRE_LING_CLIENT_WORDS: usize = 80;
 
-/// A client of a Ling arm: one request at a time. Its memory is yours, what is in it is not.
+/// A client of a Ling arm: one request at a time. The caller owns its memory. The content is private.
 #[repr(C)]
 pub struct ArmwireLingClient {
     opaque: [u64; ARMWIRE_LING_CLIENT_WORDS],
@@ -26,7 +26,7 @@ unsafe impl Memory for ArmwireLingClient {
     const TAG: u32 = memory::tag(1);
 }
 
-/// Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of `armwire_config_serial`.
+/// Initializes a client. `version` is ARMWIRE_VERSION. `config` may be NULL, for that of `armwire_config_serial`.
 ///
 /// ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
 #[unsafe(no_mangle)]
@@ -38,8 +38,8 @@ pub extern "C" fn armwire_ling_client_init(
     client::init(client, version, config, Config::DEFAULT, Ling).into()
 }
 
-/// The next step. Call it again after every event but WAIT, once bytes arrived or were transmitted, and at the time that WAIT
-/// gives. `now_us` is of a clock that does not go back.
+/// The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and at
+/// `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_poll(
     client: Option<&mut ArmwireLingClient>,
@@ -50,9 +50,9 @@ pub extern "C" fn armwire_ling_client_poll(
     client::poll(client, now_us, event, response, ArmwireLingResponse::set).into()
 }
 
-/// The line took the first `len` bytes of a TRANSMIT event.
+/// The line accepted the first `len` bytes of a TRANSMIT event.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than what is left: then nothing is taken for transmitted.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the remaining bytes. Nothing counts as transmitted then.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_transmitted(
     client: Option<&mut ArmwireLingClient>,
@@ -62,7 +62,8 @@ pub extern "C" fn armwire_ling_client_transmitted(
     client::transmitted(client, now_us, len)
 }
 
-/// Room to read or DMA into. Say with `received` how many bytes arrived, before any other call. Never empty after a WAIT event.
+/// Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
+/// WAIT event.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_space(
     client: Option<&mut ArmwireLingClient>,
@@ -74,7 +75,7 @@ pub extern "C" fn armwire_ling_client_space(
 
 /// The first `len` bytes of `space` arrived.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the free space. Nothing is accepted then.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_received(
     client: Option<&mut ArmwireLingClient>,
@@ -84,7 +85,8 @@ pub extern "C" fn armwire_ling_client_received(
     client::received(client, now_us, len)
 }
 
-/// Copies in as much of the bytes that arrived as there is room for, `*taken` of them. Poll until WAIT, then put in the rest.
+/// Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
+/// rest.
 ///
 /// # Safety
 ///
@@ -108,13 +110,13 @@ pub extern "C" fn armwire_ling_client_idle(client: Option<&mut ArmwireLingClient
     client::idle(client)
 }
 
-/// Gives up the request in flight, if there is one. What is left of its bytes is still to be transmitted.
+/// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be transmitted.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_cancel(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
     client::cancel(client)
 }
 
-/// The last value or length that was refused, with its range.
+/// The last rejected value or length, with its range.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_fault(
     client: Option<&mut ArmwireLingClient>,
@@ -123,16 +125,16 @@ pub extern "C" fn armwire_ling_client_fault(
     client::fault(client, fault)
 }
 
-/// Asks for serial number and versions (section 2.1).
+/// Reads the serial number and the versions (section 2.1).
 ///
-/// ARMWIRE_STATUS_BUSY while another request is in flight, as from all requests.
+/// ARMWIRE_STATUS_BUSY while another request is in flight. All requests return it.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_read_info(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::ReadInfo))
 }
 
-/// Makes the present pose the zero position, and switches the torque off (section 2.2): what the arm holds up falls. Not
-/// answered.
+/// Makes the present pose the zero position, and switches the torque off (section 2.2): a load that the arm holds
+/// falls. Not answered.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_set_zero(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::SetZero))
@@ -153,25 +155,25 @@ pub extern "C" fn armwire_ling_client_read_stroke(client: Option<&mut ArmwireLin
     client::submit(client, Ok(Request::ReadStroke))
 }
 
-/// Switches the torque off (0: what the arm holds up falls) or on (1) (section 2.4). Not answered.
+/// Switches the torque off (0: a load that the arm holds falls) or on (1) (section 2.4). Not answered.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_set_torque(client: Option<&mut ArmwireLingClient>, on: u8) -> ArmwireStatus {
     client::submit(client, torque(on).map(Request::SetTorque))
 }
 
-/// Asks for joint positions, gripper and motion status (section 2.5).
+/// Reads the joint positions, the gripper and the motion status (section 2.5).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_read_joints(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::ReadJoints))
 }
 
-/// Asks for servo temperatures (section 2.5).
+/// Reads the servo temperatures (section 2.5).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_read_temperatures(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::ReadTemperatures))
 }
 
-/// Sets the temperature at which the arm protects itself: 0 to 255 but not 254 (section 2.5). Not answered.
+/// Sets the temperature limit of the overheat protection: 0 to 255 except 254 (section 2.5). Not answered.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_set_temperature_limit(
     client: Option<&mut ArmwireLingClient>,
@@ -183,7 +185,7 @@ pub extern "C" fn armwire_ling_client_set_temperature_limit(
     )
 }
 
-/// Asks for servo velocities (section 2.5).
+/// Reads the servo velocities (section 2.5).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_read_velocities(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::ReadVelocities))
@@ -201,7 +203,7 @@ pub extern "C" fn armwire_ling_client_move(
     client::submit(client, target.get().map(Request::Move))
 }
 
-/// Has every servo checked (section 2.6).
+/// Runs a self-check of every servo (section 2.6).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_client_self_check(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::SelfCheck))

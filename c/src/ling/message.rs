@@ -10,7 +10,7 @@ use crate::device::Refusal;
 use crate::fault::Refused;
 use crate::status::ArmwireStatus;
 
-/// Joints of the arm, the gripper not counted.
+/// Number of joints, without the gripper.
 pub const ARMWIRE_LING_JOINTS: usize = 6;
 
 /// Maximum number of servos of an arm: a follower has 10, a leader 6.
@@ -18,7 +18,7 @@ pub const ARMWIRE_LING_MAX_SERVOS: usize = 10;
 
 const _: () = assert!(ARMWIRE_LING_JOINTS == JOINTS);
 
-/// Targets and speeds of a move (section 2.5). A turn of a joint is 4096 ticks, 2048 is its centre.
+/// Targets and speeds of a move (section 2.5). A joint has 4096 ticks per turn, 2048 at the centre.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireLingMove {
@@ -85,17 +85,17 @@ pub enum ArmwireLingRequestKind {
     ReadJoints,
     /// Servo temperatures (section 2.5).
     ReadTemperatures,
-    /// Sets the temperature at which the arm protects itself (section 2.5). Not answered. (`temperature_limit_celsius`)
+    /// Sets the temperature limit of the overheat protection (section 2.5). Not answered. (`temperature_limit_celsius`)
     SetTemperatureLimit,
     /// Servo velocities (section 2.5).
     ReadVelocities,
     /// Moves the joints and the gripper (section 2.5). Not answered. (`target`)
     Move,
-    /// Checks every servo (section 2.6).
+    /// Runs a self-check of every servo (section 2.6).
     SelfCheck,
 }
 
-/// A request, as a device has received it. Members that its kind does not set are 0.
+/// A request received by a device. Members that its kind does not set are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireLingRequest {
@@ -112,7 +112,7 @@ pub struct ArmwireLingRequest {
 }
 
 impl ArmwireLingRequest {
-    /// Becomes this request.
+    /// Sets all members from a request.
     pub(super) fn set(&mut self, request: Option<Request>) {
         *self = Self {
             kind: 0,
@@ -171,7 +171,7 @@ pub enum ArmwireLingResponseKind {
     SelfCheck,
 }
 
-/// A response, as a client has received it or a device sends it. Members that its kind does not set are 0.
+/// A response received by a client or sent by a device. Members that its kind does not set are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireLingResponse {
@@ -183,9 +183,9 @@ pub struct ArmwireLingResponse {
     pub hardware_version: u32,
     /// Firmware version: 610 is 6.10.
     pub firmware_version: u32,
-    /// Positions of joints 1 to 6, as sent: 4096 ticks a turn, 2048 at the centre.
+    /// Positions of joints 1 to 6, as sent: 4096 ticks per turn, 2048 at the centre.
     pub position_ticks: [u16; ARMWIRE_LING_JOINTS],
-    /// Opening of the gripper, as sent: 0 (closed) to 1000 (open), but arms have sent more.
+    /// Opening of the gripper, as sent: 0 (closed) to 1000 (open). Arms have sent larger values.
     pub opening_per_mille: u16,
     /// Motion status: 0x00 idle, 0x01 locked, 0x10 following, 0x11 following and locked, 0xE1 overheating, 0xE2
     /// stopped by overheat protection.
@@ -198,7 +198,7 @@ pub struct ArmwireLingResponse {
     pub temperature_celsius: [u8; ARMWIRE_LING_MAX_SERVOS],
     /// Velocities, servo 1 first, unsigned.
     pub velocity_ticks_per_s: [u16; ARMWIRE_LING_MAX_SERVOS],
-    /// One bit a servo, servo 1 lowest: 1 is normal.
+    /// One bit per servo, servo 1 lowest: 1 is normal.
     pub normal_servos: u16,
 }
 
@@ -233,7 +233,7 @@ pub(super) fn temperature_limit(celsius: u8) -> Result<TemperatureLimit, Refused
 }
 
 impl ArmwireLingResponse {
-    /// Becomes this response.
+    /// Sets all members from a response.
     pub(super) fn set(&mut self, response: Option<Response>) {
         *self = Self {
             kind: 0,

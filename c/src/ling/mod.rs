@@ -1,4 +1,4 @@
-//! Ling / Alicia-D: six joints and a gripper on a UART of 1 Mbaud.
+//! Ling / Alicia-D: six joints and a gripper on a 1 Mbaud UART.
 
 pub mod client;
 pub mod device;

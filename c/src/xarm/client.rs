@@ -11,10 +11,10 @@ use crate::fault::{ArmwireFault, Refused};
 use crate::memory::{self, Memory};
 use crate::status::ArmwireStatus;
 
-/// Words in the memory of a client.
+/// Size of a client, in words of 64 bits.
 pub const ARMWIRE_XARM_CLIENT_WORDS: usize = 136;
 
-/// A client of an xArm: one request at a time. Its memory is yours, what is in it is not.
+/// A client of an xArm: one request at a time. The caller owns its memory. The content is private.
 #[repr(C)]
 pub struct ArmwireXarmClient {
     opaque: [u64; ARMWIRE_XARM_CLIENT_WORDS],
@@ -26,7 +26,7 @@ unsafe impl Memory for ArmwireXarmClient {
     const TAG: u32 = memory::tag(5);
 }
 
-/// Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of `armwire_config_tcp`.
+/// Initializes a client. `version` is ARMWIRE_VERSION. `config` may be NULL, for that of `armwire_config_tcp`.
 ///
 /// ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
 #[unsafe(no_mangle)]
@@ -38,8 +38,8 @@ pub extern "C" fn armwire_xarm_client_init(
     client::init(client, version, config, Config::TCP, XArm::PRIVATE).into()
 }
 
-/// The next step. Call it again after every event but WAIT, once bytes arrived or were transmitted, and at the time that WAIT
-/// gives. `now_us` is of a clock that does not go back.
+/// The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and at
+/// `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_poll(
     client: Option<&mut ArmwireXarmClient>,
@@ -50,9 +50,9 @@ pub extern "C" fn armwire_xarm_client_poll(
     client::poll(client, now_us, event, response, ArmwireXarmResponse::set).into()
 }
 
-/// The line took the first `len` bytes of a TRANSMIT event.
+/// The line accepted the first `len` bytes of a TRANSMIT event.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than what is left: then nothing is taken for transmitted.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the remaining bytes. Nothing counts as transmitted then.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_transmitted(
     client: Option<&mut ArmwireXarmClient>,
@@ -62,7 +62,8 @@ pub extern "C" fn armwire_xarm_client_transmitted(
     client::transmitted(client, now_us, len)
 }
 
-/// Room to read or DMA into. Say with `received` how many bytes arrived, before any other call. Never empty after a WAIT event.
+/// Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
+/// WAIT event.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_space(
     client: Option<&mut ArmwireXarmClient>,
@@ -74,7 +75,7 @@ pub extern "C" fn armwire_xarm_client_space(
 
 /// The first `len` bytes of `space` arrived.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the free space. Nothing is accepted then.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_received(
     client: Option<&mut ArmwireXarmClient>,
@@ -84,7 +85,8 @@ pub extern "C" fn armwire_xarm_client_received(
     client::received(client, now_us, len)
 }
 
-/// Copies in as much of the bytes that arrived as there is room for, `*taken` of them. Poll until WAIT, then put in the rest.
+/// Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
+/// rest.
 ///
 /// # Safety
 ///
@@ -108,13 +110,13 @@ pub extern "C" fn armwire_xarm_client_idle(client: Option<&mut ArmwireXarmClient
     client::idle(client)
 }
 
-/// Gives up the request in flight, if there is one. What is left of its bytes is still to be transmitted.
+/// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be transmitted.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_cancel(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
     client::cancel(client)
 }
 
-/// The last value or length that was refused, with its range.
+/// The last rejected value or length, with its range.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_fault(
     client: Option<&mut ArmwireXarmClient>,
@@ -123,7 +125,7 @@ pub extern "C" fn armwire_xarm_client_fault(
     client::fault(client, fault)
 }
 
-/// Sets the protocol id of the requests from now on: 2, as after `init`, or 3.
+/// Sets the protocol id of later requests: 2, the initial value, or 3.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_set_protocol(
     client: Option<&mut ArmwireXarmClient>,
@@ -132,21 +134,21 @@ pub extern "C" fn armwire_xarm_client_set_protocol(
     client::change(client, protocol(protocol_id), |arm, protocol| arm.protocol = protocol)
 }
 
-/// Sends a sign of life. Not answered.
+/// Sends a heartbeat. Not answered.
 ///
-/// ARMWIRE_STATUS_BUSY while another request is in flight, as from all requests.
+/// ARMWIRE_STATUS_BUSY while another request is in flight. All requests return it.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_heartbeat(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::Heartbeat))
 }
 
-/// Asks for versions (register 1).
+/// Reads the versions (register 1).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_read_version(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::ReadVersion))
 }
 
-/// Asks for serial numbers (register 2).
+/// Reads the serial numbers (register 2).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_read_serials(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::ReadSerials))
@@ -158,13 +160,13 @@ pub extern "C" fn armwire_xarm_client_reload_dynamics(client: Option<&mut Armwir
     client::submit(client, Ok(Request::ReloadDynamics))
 }
 
-/// Asks what is reported as torque (register 5).
+/// Reads the quantity reported as torque (register 5).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_read_torque_source(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::ReadTorqueSource))
 }
 
-/// Asks for the radius of rotation of a joint, 1 to 7, relative to the tool (register 6).
+/// Reads the radius of rotation of a joint, 1 to 7, relative to the tool (register 6).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_read_rotation_radius(
     client: Option<&mut ArmwireXarmClient>,
@@ -186,8 +188,8 @@ pub extern "C" fn armwire_xarm_client_reboot(client: Option<&mut ArmwireXarmClie
     client::submit(client, Ok(Request::Reboot))
 }
 
-/// Sends any other register with up to 252 bytes of parameters: 16-bit numbers big-endian, 32-bit ones little-endian. The answer
-/// is waited for 10 s.
+/// Calls any other register with up to 252 bytes of parameters: 16-bit numbers are big-endian, 32-bit numbers
+/// little-endian. The timeout of the answer is 10 s.
 ///
 /// # Safety
 ///

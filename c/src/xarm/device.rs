@@ -9,11 +9,11 @@ use crate::fault::ArmwireFault;
 use crate::memory::{self, Memory};
 use crate::status::ArmwireStatus;
 
-/// Words in the memory of a device.
+/// Size of a device, in words of 64 bits.
 pub const ARMWIRE_XARM_DEVICE_WORDS: usize = 56;
 
-/// The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. Its memory is yours, what is in
-/// it is not.
+/// The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. The caller owns its
+/// memory. The content is private.
 #[repr(C)]
 pub struct ArmwireXarmDevice {
     opaque: [u64; ARMWIRE_XARM_DEVICE_WORDS],
@@ -25,7 +25,7 @@ unsafe impl Memory for ArmwireXarmDevice {
     const TAG: u32 = memory::tag(6);
 }
 
-/// Makes a device. `version` is ARMWIRE_VERSION.
+/// Initializes a device. `version` is ARMWIRE_VERSION.
 ///
 /// ARMWIRE_STATUS_VERSION if header and library differ.
 #[unsafe(no_mangle)]
@@ -33,7 +33,7 @@ pub extern "C" fn armwire_xarm_device_init(device: Option<&mut ArmwireXarmDevice
     device::init(device, version, XArm::PRIVATE).into()
 }
 
-/// The next event. Call it again after every event but WAIT, and once bytes arrived.
+/// The next event. Call it again after every event except WAIT, and after bytes were received.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_device_poll(
     device: Option<&mut ArmwireXarmDevice>,
@@ -43,10 +43,11 @@ pub extern "C" fn armwire_xarm_device_poll(
     device::poll(device, event, request, |flat, request, key| flat.set(request, key)).into()
 }
 
-/// Writes a response to a request, or to none if `to` is NULL, to `out` and its length to `len`. 260 bytes hold every one.
+/// Writes a response to `out` and its length to `len`. `to` is the request, or NULL for an unsolicited response. 260
+/// bytes hold every response.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE for a value, ARMWIRE_STATUS_UNKNOWN_KIND for a kind that the protocol does not have,
-/// ARMWIRE_STATUS_BUFFER_TOO_SHORT: then `len` is the length of the response.
+/// ARMWIRE_STATUS_OUT_OF_RANGE for an invalid value, ARMWIRE_STATUS_UNKNOWN_KIND for an unknown kind,
+/// ARMWIRE_STATUS_BUFFER_TOO_SHORT if the response is longer than `size`. `len` is its length then, too.
 ///
 /// # Safety
 ///
@@ -69,7 +70,8 @@ pub unsafe extern "C" fn armwire_xarm_device_respond(
     device::respond(device, response, to, out, len).into()
 }
 
-/// Room to read or DMA into. Say with `received` how many bytes arrived, before any other call. Never empty after a WAIT event.
+/// Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
+/// WAIT event.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_device_space(
     device: Option<&mut ArmwireXarmDevice>,
@@ -81,13 +83,14 @@ pub extern "C" fn armwire_xarm_device_space(
 
 /// The first `len` bytes of `space` arrived.
 ///
-/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the free space. Nothing is accepted then.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_device_received(device: Option<&mut ArmwireXarmDevice>, len: usize) -> ArmwireStatus {
     device::received(device, len)
 }
 
-/// Copies in as much of the bytes that arrived as there is room for, `*taken` of them. Poll until WAIT, then put in the rest.
+/// Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
+/// rest.
 ///
 /// # Safety
 ///
@@ -110,7 +113,7 @@ pub extern "C" fn armwire_xarm_device_idle(device: Option<&mut ArmwireXarmDevice
     device::idle(device)
 }
 
-/// The last value or length that was refused, with its range.
+/// The last rejected value or length, with its range.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_device_fault(
     device: Option<&mut ArmwireXarmDevice>,
@@ -119,10 +122,10 @@ pub extern "C" fn armwire_xarm_device_fault(
     device::fault(device, fault)
 }
 
-/// Makes the response of an arm to a frame that is no request, from the fault of the UNKNOWN event: to one of its own that its
-/// state is invalid, to standard Modbus that it does not have the function.
+/// The response of an arm to an invalid request, from the fault of the UNKNOWN event: an invalid state in the private
+/// protocol, an illegal function in standard Modbus.
 ///
-/// ARMWIRE_STATUS_UNKNOWN_KIND if the frame names nothing that could be answered.
+/// ARMWIRE_STATUS_UNKNOWN_KIND if the frame has no register or function.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_refusal(
     fault: Option<&ArmwireFault>,

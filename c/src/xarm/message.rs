@@ -40,7 +40,7 @@ pub(super) fn raw(register: u8, params: &[u8]) -> Result<Raw<'_>, Refused> {
 pub enum ArmwireXarmRequestKind {
     /// None.
     None = 0,
-    /// A sign of life. Not answered.
+    /// A heartbeat. Not answered.
     Heartbeat,
     /// Versions (register 1).
     ReadVersion,
@@ -60,13 +60,13 @@ pub enum ArmwireXarmRequestKind {
     Raw,
 }
 
-/// A request, as a device has received it. Members that its kind does not set are 0.
+/// A request received by a device. Members that its kind does not set are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireXarmRequest {
     /// The kind: an `ArmwireXarmRequestKind`.
     pub kind: u32,
-    /// The request's number, which its response repeats. Set with every frame, as are `protocol_id` and `reg`.
+    /// The request's number, which its response repeats. Every frame sets it, `protocol_id` and `reg`.
     pub transaction_id: u16,
     /// 2 or 3; 1 for a heartbeat, 0 for standard Modbus.
     pub protocol_id: u16,
@@ -74,14 +74,14 @@ pub struct ArmwireXarmRequest {
     pub reg: u8,
     /// The joint, 1 to 7.
     pub joint: u8,
-    /// Parameters, which stay until the next call with the device.
+    /// Parameters, valid until the next call with the device.
     pub params: *const u8,
     /// Bytes of `params`.
     pub params_len: usize,
 }
 
 impl ArmwireXarmRequest {
-    /// Becomes this request.
+    /// Sets all members from a request.
     pub(super) fn set(&mut self, request: Option<Request<'_>>, key: Option<Key>) {
         let key = key.unwrap_or(Key {
             transaction: 0,
@@ -134,7 +134,7 @@ impl ArmwireXarmRequest {
 pub enum ArmwireXarmResponseKind {
     /// None.
     None = 0,
-    /// A sign of life. Answers nothing.
+    /// A heartbeat, always unsolicited.
     Heartbeat,
     /// A reply without parameters. (`state`, `reg`)
     Empty,
@@ -147,15 +147,15 @@ pub enum ArmwireXarmResponseKind {
     TorqueSource,
     /// The radius of rotation of a joint relative to the tool. (`state`, `rotation_radius_mm`)
     RotationRadius,
-    /// The answer of an arm to shutdown or reboot, with a number whose meaning is not documented. (`state`, `system_control`)
+    /// The answer of an arm to shutdown or reboot with an undocumented number. (`state`, `system_control`)
     SystemControl,
     /// The answer of any other register. (`state`, `reg`, `data`, `data_len`)
     Raw,
-    /// A request in standard Modbus was refused: no such function. (`modbus_unit`, `modbus_function`)
+    /// The refusal of a request in standard Modbus: illegal function. (`modbus_unit`, `modbus_function`)
     ModbusRefused,
 }
 
-/// A response, as a client has received it or a device sends it. Members that its kind does not set are 0.
+/// A response received by a client or sent by a device. Members that its kind does not set are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireXarmResponse {
@@ -165,24 +165,24 @@ pub struct ArmwireXarmResponse {
     pub state: u8,
     /// The register.
     pub reg: u8,
-    /// 0 is the torque of the joint, computed; 1 the current of the servo, measured.
+    /// 0 is the torque of the joint, computed; 1 is the current of the servo, measured.
     pub torque_source: u8,
     /// The unit of a request in standard Modbus.
     pub modbus_unit: u8,
     /// The function of a request in standard Modbus, 0 to 127.
     pub modbus_function: u8,
-    /// A number whose meaning is not documented.
+    /// An undocumented number.
     pub system_control: u16,
-    /// The radius of rotation: any number at all, for this is what arrived.
+    /// The radius of rotation, as received: any number.
     pub rotation_radius_mm: f32,
-    /// Text or parameters, 0 to 252 bytes. From a client they stay until the next call with it.
+    /// Text or parameters, 0 to 252 bytes. In a client they are valid until the next call.
     pub data: *const u8,
     /// Bytes of `data`.
     pub data_len: usize,
 }
 
 impl ArmwireXarmResponse {
-    /// Becomes this response.
+    /// Sets all members from a response.
     pub(super) fn set(&mut self, response: Option<Response<'_>>) {
         *self = Self {
             kind: 0,
@@ -281,7 +281,7 @@ impl ArmwireXarmResponse {
     }
 }
 
-/// A text that is not empty, which would be another reply, and fits into a frame.
+/// A text that fits into a frame and is not empty: an empty one would be another reply.
 fn text(data: &[u8]) -> Result<&[u8], Refused> {
     const MAX: usize = armwire::xarm::MAX_PARAMS;
     match data.len() {

@@ -1,5 +1,5 @@
-/* Moves a Ling arm on UART1 of a Cortex-M3, without an operating system and without interrupts; a log on UART0.
- * For Arm's MPS2 board with image AN385, which QEMU has: -machine mps2-an385. */
+/* Moves a Ling arm on UART1 of a Cortex-M3, with a log on UART0, without an operating system and without interrupts.
+ * For Arm's MPS2 board with image AN385, in QEMU: -machine mps2-an385. */
 #include <armwire.h>
 
 typedef struct Uart {
@@ -89,7 +89,7 @@ static ArmwireEvent call(ArmwireLingResponse *response)
         case ARMWIRE_EVENT_KIND_SENT:
         case ARMWIRE_EVENT_KIND_TIMED_OUT:
         case ARMWIRE_EVENT_KIND_UNACCEPTABLE: return event;
-        default: break; /* Nothing to do yet, or noise. */
+        default: break; /* No answer yet, or noise. */
         }
     }
 }
@@ -105,7 +105,7 @@ int main(void)
     SYSTICK[2] = 0;
     SYSTICK[0] = 5;
     if (armwire_ling_client_init(&arm, ARMWIRE_VERSION, NULL) != ARMWIRE_STATUS_OK) {
-        log_text("another version of the library\n");
+        log_text("the header and the library have different versions\n");
         return 1;
     }
     do {
@@ -127,7 +127,7 @@ int main(void)
     }
     log_text("ticks\n");
     for (uint64_t end_us = now_us() + 300000; now_us() < end_us;) {
-        step(&joints); /* A late answer may be on its way. */
+        step(&joints); /* A late answer may still arrive. */
     }
     log_number(bytes_out);
     log_text("bytes out, ");

@@ -1,9 +1,9 @@
-// Reads the joints of a Ling arm on Serial1, again and again.
+// Reads the joints of a Ling arm on Serial1 continuously.
 #include <armwire.h>
 
 static ArmwireLingClient arm;
 
-// micros() wraps after 71 minutes, the clock of a client must not.
+// micros() wraps after 71 minutes. The clock of a client must not wrap.
 static uint64_t now_us() {
   static uint64_t now;
   now += (uint32_t)(micros() - (uint32_t)now);
@@ -14,7 +14,7 @@ void setup() {
   Serial.begin(115200);
   Serial1.begin(1000000);
   if (armwire_ling_client_init(&arm, ARMWIRE_VERSION, NULL) != ARMWIRE_STATUS_OK) {
-    Serial.println("header and library of armwire are of different versions");
+    Serial.println("the header and the library of armwire have different versions");
   }
 }
 
