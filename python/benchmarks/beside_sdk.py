@@ -2,8 +2,8 @@
 
 Usage: beside_sdk.py ARMWIRE FOLDER
 
-ARMWIRE is the `armwire` command, which serves the arm in a process of its own; FOLDER is `host-tests/vendor`, which
-knows how to start the serial layer of the SDK. Exits with an error where a goal is missed.
+ARMWIRE is the `armwire` command, which serves the arm in its own process. FOLDER is `host-tests/vendor`, with the code
+that starts the serial layer of the SDK. Exits with an error if a goal is missed.
 """
 
 import os
@@ -74,7 +74,7 @@ def main(command: str, folder: str) -> None:
     sys.path.insert(0, folder)
     from sdk import servo_driver  # type: ignore[import-not-found]
 
-    # All processes share one core: a wake-up on another core takes longer than a read, and the same for both.
+    # All processes share one core: a wake-up on another core takes longer than a read.
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     server = subprocess.Popen([command, "sim", "ling"], stdout=subprocess.PIPE, text=True)
     try:
@@ -85,7 +85,7 @@ def main(command: str, folder: str) -> None:
     finally:
         server.terminate()
         server.wait()
-    # Other load only slows a round down: the best round is the least disturbed.
+    # Other load only slows a round down: the best round is the least affected.
     speed = [max(each.reads_per_s for each in side) for side in zip(*rounds, strict=True)]
     cpu = [min(each.cpu_us for each in side) for side in zip(*rounds, strict=True)]
     print(f"best of {ROUNDS} rounds of {READS} reads each, alternating, on one virtual arm and one core:")

@@ -8,7 +8,7 @@ from armwire import aio
 
 
 async def main(leader_port: str, follower_port: str, seconds: float) -> None:
-    """Read both arms concurrently, a hundred times a second."""
+    """Read both arms concurrently, 100 times per second."""
     async with await aio.Ling.open(leader_port) as leader, await aio.Ling.open(follower_port) as follower:
         await follower.set_torque(True)
         until = time.monotonic() + seconds

@@ -13,4 +13,4 @@ with armwire.Ling(sys.argv[1]) as arm:
     state = arm.wait_until_at_deg(TARGET_DEG)
     print("joints in degrees:", state.joints_deg.round(2), "gripper:", state.gripper_permille)
     print("temperatures in °C:", arm.read_temperatures_celsius())
-    print("servos that are not normal:", arm.self_check())
+    print("faulty servos:", arm.self_check())

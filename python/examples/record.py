@@ -1,6 +1,6 @@
 """Records the joints of a Ling arm with an adapter's time stamps. Usage: record.py ADAPTER SECONDS FILE.npz.
 
-ADAPTER is the adapter's serial port, or control:PORT of a virtual board. Other programs may use the arm meanwhile.
+ADAPTER is the adapter's serial port, or control:PORT of a virtual board. Other programs may use the arm during this.
 """
 
 import sys

@@ -13,10 +13,10 @@ use crate::error::value_error;
 use crate::session::{Session, check_signals};
 
 /// Maximum duration of one read between checks for signals.
-const LISTEN: Duration = Duration::from_millis(50);
+const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// Stamp in microseconds, initiator, frame bytes, and event in JSON.
-type Heard<'py> = (u64, Option<String>, Option<Bound<'py, PyBytes>>, Option<String>);
+type Received<'py> = (u64, Option<String>, Option<Bound<'py, PyBytes>>, Option<String>);
 
 /// The control port of an adapter.
 #[pyclass(frozen, module = "armwire._armwire")]
@@ -60,7 +60,7 @@ impl AdapterPort {
     }
 
     /// Settings such as `poll=200`.
-    #[allow(clippy::needless_pass_by_value, reason = "as PyO3 gives it")]
+    #[allow(clippy::needless_pass_by_value, reason = "PyO3 passes it by value")]
     fn change_config(&self, py: Python<'_>, settings: Vec<String>) -> PyResult<()> {
         // Reject invalid settings before the first request to the adapter.
         for setting in &settings {
@@ -76,11 +76,11 @@ impl AdapterPort {
     }
 
     fn save_config(&self, py: Python<'_>) -> PyResult<()> {
-        self.tell(py, Request::SaveConfig)
+        self.call(py, Request::SaveConfig)
     }
 
     fn reset_config(&self, py: Python<'_>) -> PyResult<()> {
-        self.tell(py, Request::ResetConfig)
+        self.call(py, Request::ResetConfig)
     }
 
     /// In JSON.
@@ -93,7 +93,7 @@ impl AdapterPort {
     fn read_latencies(&self, py: Python<'_>) -> PyResult<String> {
         let latencies = self.0.with(py, |control| match control.call(Request::GetLatencies)? {
             Reply::Latencies(latencies) => Ok(latencies),
-            reply => Err(odd(control, &reply)),
+            reply => Err(wrong_reply(control, &reply)),
         })?;
         let Latencies { answer, turn, poll } = latencies;
         let counts = |histogram: Histogram| histogram.counts.to_vec();
@@ -101,53 +101,53 @@ impl AdapterPort {
     }
 
     fn end_stream(&self, py: Python<'_>) -> PyResult<()> {
-        self.tell(py, Request::EndStream)
+        self.call(py, Request::EndStream)
     }
 
     fn restart(&self, py: Python<'_>) -> PyResult<()> {
-        self.tell(py, Request::Restart)
+        self.call(py, Request::Restart)
     }
 
     /// Subscribes to the arm's frames and to the adapter's events, or unsubscribes.
     fn subscribe(&self, py: Python<'_>, frames: bool, events: bool) -> PyResult<()> {
-        self.tell(py, Request::Subscribe(Subscription { frames, events }))
+        self.call(py, Request::Subscribe(Subscription { frames, events }))
     }
 
     /// The next frame or event within this time: stamp in microseconds, initiator, and the frame bytes or the event in
     /// JSON.
-    fn hear<'py>(&self, py: Python<'py>, timeout_s: f64) -> PyResult<Option<Heard<'py>>> {
+    fn receive<'py>(&self, py: Python<'py>, timeout_s: f64) -> PyResult<Option<Received<'py>>> {
         let timeout = Duration::try_from_secs_f64(timeout_s).map_err(value_error)?;
-        let heard = self.0.with(py, |control| hear(control, timeout))?;
-        Ok(heard.map(|(Stamp(at), event)| match event {
+        let received = self.0.with(py, |control| receive(control, timeout))?;
+        Ok(received.map(|(Stamp(at), event)| match event {
             Event::Frame { initiator, bytes } => {
                 let initiator = initiator.map(|initiator| initiator.to_string());
                 (at, initiator, Some(PyBytes::new(py, &bytes)), None)
             }
-            event => (at, None, None, Some(told(&event).to_string())),
+            event => (at, None, None, Some(event_json(&event).to_string())),
         }))
     }
 }
 
 impl AdapterPort {
-    fn tell(&self, py: Python<'_>, request: Request) -> PyResult<()> {
+    fn call(&self, py: Python<'_>, request: Request) -> PyResult<()> {
         self.0.with(py, |control| control.call(request).map(drop))
     }
 }
 
-fn hear(control: &mut ControlLink, timeout: Duration) -> Result<Option<(Stamp, Event)>, Error> {
+fn receive(control: &mut ControlLink, timeout: Duration) -> Result<Option<(Stamp, Event)>, Error> {
     let until = Instant::now() + timeout;
     loop {
         let left = until.saturating_duration_since(Instant::now());
-        let heard = control.hear(left.min(LISTEN))?;
-        if heard.is_some() || left.is_zero() {
-            return Ok(heard);
+        let received = control.hear(left.min(READ_TIMEOUT))?;
+        if received.is_some() || left.is_zero() {
+            return Ok(received);
         }
         check_signals().map_err(Error::Interrupted)?;
     }
 }
 
 /// An event of the adapter as JSON.
-fn told(event: &Event) -> Value {
+fn event_json(event: &Event) -> Value {
     match event {
         Event::Frame { .. } => Value::Null,
         Event::HostSilent {
@@ -166,7 +166,7 @@ fn told(event: &Event) -> Value {
 }
 
 /// The error for a reply of the wrong type.
-fn odd(control: &ControlLink, reply: &Reply) -> Error {
+fn wrong_reply(control: &ControlLink, reply: &Reply) -> Error {
     Error::Unacceptable {
         name: control.name().to_owned(),
         reason: format!("the adapter sent a reply of the wrong type: {reply:?}"),

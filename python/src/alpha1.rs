@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::error::value_error;
-use crate::session::{Session, ask, interruptible, tell};
+use crate::session::{Session, call, interruptible, send};
 
 /// An Alpha1 or its servos on a port. Servo 0 addresses all of them.
 #[pyclass(frozen, module = "armwire._armwire")]
@@ -32,7 +32,7 @@ impl Alpha1Port {
     }
 
     fn read_hardware_version<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let version = self.ask(py, Request::ReadHardwareVersion, |response| match response {
+        let version = self.call(py, Request::ReadHardwareVersion, |response| match response {
             Response::HardwareVersion(version) => Some(version.as_bytes().to_vec()),
             _ => None,
         })?;
@@ -40,7 +40,7 @@ impl Alpha1Port {
     }
 
     fn read_firmware_version<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let version = self.ask(py, Request::ReadFirmwareVersion, |response| match response {
+        let version = self.call(py, Request::ReadFirmwareVersion, |response| match response {
             Response::FirmwareVersion(version) => Some(version.text),
             _ => None,
         })?;
@@ -49,7 +49,7 @@ impl Alpha1Port {
 
     /// The numbers of the running servos.
     fn read_running_servos(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
-        self.ask(py, Request::ReadServoStates, |response| match response {
+        self.call(py, Request::ReadServoStates, |response| match response {
             Response::ServoStates(states) => Some(states.running().map(u16::from).collect()),
             _ => None,
         })
@@ -62,19 +62,19 @@ impl Alpha1Port {
             time: move_time(time_s)?,
             interval: interval(interval_s)?,
         };
-        for (place, degrees) in action.angles.iter_mut().zip(angles) {
-            *place = degrees.map(Angle::new).transpose().map_err(value_error)?;
+        for (angle, degrees) in action.angles.iter_mut().zip(angles) {
+            *angle = degrees.map(Angle::new).transpose().map_err(value_error)?;
         }
-        self.ask(py, Request::Act(action), done)
+        self.call(py, Request::Act(action), done)
     }
 
     fn play(&self, py: Python<'_>, name: &[u8]) -> PyResult<()> {
         let name = Text::new(name).map_err(value_error)?;
-        self.ask(py, Request::Play(name), done)
+        self.call(py, Request::Play(name), done)
     }
 
     fn stop(&self, py: Python<'_>) -> PyResult<()> {
-        self.ask(py, Request::Stop, done)
+        self.call(py, Request::Stop, done)
     }
 
     fn set_offset_tool(&self, py: Python<'_>, connected: bool) -> PyResult<()> {
@@ -83,7 +83,7 @@ impl Alpha1Port {
         } else {
             OffsetTool::Disconnect
         };
-        self.ask(py, Request::SetOffsetTool(tool), done)
+        self.call(py, Request::SetOffsetTool(tool), done)
     }
 
     /// Sets the USB device type: `disk`, `serial` or `hid`.
@@ -98,7 +98,7 @@ impl Alpha1Port {
                 )));
             }
         };
-        self.ask(py, Request::SetUsbType(usb), done)
+        self.call(py, Request::SetUsbType(usb), done)
     }
 
     fn move_servo(&self, py: Python<'_>, servo: u8, degrees: u8, time_s: f64, lock_s: f64) -> PyResult<()> {
@@ -108,11 +108,11 @@ impl Alpha1Port {
             time: move_time(time_s)?,
             lock: interval(lock_s)?,
         };
-        self.tell_servo(py, request)
+        self.send_servo(py, request)
     }
 
     fn release_servo(&self, py: Python<'_>, servo: u8) -> PyResult<()> {
-        self.tell_servo(py, ServoRequest::Release(address(servo)?))
+        self.send_servo(py, ServoRequest::Release(address(servo)?))
     }
 
     fn set_servo_led(&self, py: Python<'_>, servo: u8, led: u8) -> PyResult<()> {
@@ -120,12 +120,12 @@ impl Alpha1Port {
             to: address(servo)?,
             led: Led(led),
         };
-        self.tell_servo(py, request)
+        self.send_servo(py, request)
     }
 
     /// Target and actual angle, in degrees.
     fn read_servo_angles(&self, py: Python<'_>, servo: u8) -> PyResult<(u16, u16)> {
-        self.ask_servo(py, ServoRequest::ReadAngles(id(servo)?), |response| match response {
+        self.call_servo(py, ServoRequest::ReadAngles(id(servo)?), |response| match response {
             ServoResponse::Angles { target, actual, .. } => Some((target, actual)),
             _ => None,
         })
@@ -136,7 +136,7 @@ impl Alpha1Port {
             from: id(servo)?,
             to: id(to)?,
         };
-        self.ask_servo(py, request, |response| {
+        self.call_servo(py, request, |response| {
             matches!(response, ServoResponse::IdChanged { .. }).then_some(())
         })
     }
@@ -144,14 +144,14 @@ impl Alpha1Port {
     /// In thirds of a degree.
     fn set_servo_offset(&self, py: Python<'_>, servo: u8, thirds: i16) -> PyResult<()> {
         let offset = Offset::new(thirds).map_err(value_error)?;
-        self.ask_servo(py, ServoRequest::SetOffset(id(servo)?, offset), |response| {
+        self.call_servo(py, ServoRequest::SetOffset(id(servo)?, offset), |response| {
             matches!(response, ServoResponse::OffsetSet { .. }).then_some(())
         })
     }
 
     /// In thirds of a degree.
     fn read_servo_offset(&self, py: Python<'_>, servo: u8) -> PyResult<i16> {
-        self.ask_servo(py, ServoRequest::ReadOffset(id(servo)?), |response| match response {
+        self.call_servo(py, ServoRequest::ReadOffset(id(servo)?), |response| match response {
             ServoResponse::Offset { thirds, .. } => Some(thirds),
             _ => None,
         })
@@ -159,7 +159,7 @@ impl Alpha1Port {
 
     fn read_servo_version<'py>(&self, py: Python<'py>, servo: u8) -> PyResult<Bound<'py, PyBytes>> {
         let request = ServoRequest::ReadVersion(id(servo)?);
-        let version = self.ask_servo(py, request, |response| match response {
+        let version = self.call_servo(py, request, |response| match response {
             ServoResponse::Version { version, .. } => Some(version),
             _ => None,
         })?;
@@ -168,34 +168,34 @@ impl Alpha1Port {
 }
 
 impl Alpha1Port {
-    fn ask<T: Send>(
+    fn call<T: Send>(
         &self,
         py: Python<'_>,
         request: Request<'_>,
         take: impl FnOnce(Response<'_>) -> Option<T> + Send,
     ) -> PyResult<T> {
-        self.0.with(py, |link| ask(link, &request, take))
+        self.0.with(py, |link| call(link, &request, take))
     }
 
-    fn ask_servo<T: Send>(
+    fn call_servo<T: Send>(
         &self,
         py: Python<'_>,
         request: ServoRequest,
         take: impl FnOnce(ServoResponse) -> Option<T> + Send,
     ) -> PyResult<T> {
-        self.ask(py, Request::Servo(request), |response| match response {
+        self.call(py, Request::Servo(request), |response| match response {
             Response::Servo(response) => take(response),
             _ => None,
         })
     }
 
-    /// Makes a request that a single servo acknowledges. Servo 0 gets no acknowledgement.
-    fn tell_servo(&self, py: Python<'_>, request: ServoRequest) -> PyResult<()> {
-        self.0.with(py, |link| tell(link, &Request::Servo(request)))
+    /// Sends a request that a single servo acknowledges. Servo 0 has no acknowledgement.
+    fn send_servo(&self, py: Python<'_>, request: ServoRequest) -> PyResult<()> {
+        self.0.with(py, |link| send(link, &Request::Servo(request)))
     }
 }
 
-/// A response without data. Its outcome is checked before.
+/// A response without data. `call` has checked its outcome.
 fn done(response: Response<'_>) -> Option<()> {
     let is_done = matches!(
         response,

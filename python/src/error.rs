@@ -7,7 +7,7 @@ use pyo3::PyErr;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 
 mod exceptions {
-    #![allow(missing_docs, reason = "they are documented where they are defined, in Python")]
+    #![allow(missing_docs, reason = "documented in Python, where they are defined")]
 
     pyo3::import_exception!(armwire.errors, AbsentError);
     pyo3::import_exception!(armwire.errors, ClosedError);
@@ -27,7 +27,7 @@ use exceptions::{
 };
 
 /// The exception for an error.
-pub(crate) fn raised(error: Error) -> PyErr {
+pub(crate) fn exception(error: Error) -> PyErr {
     let text = error.to_string();
     match error {
         Error::Interrupted(reason) => match reason.downcast::<PyErr>() {
@@ -55,17 +55,17 @@ pub(crate) fn value_error(error: impl Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// An answer with a value that the protocol does not have.
+/// The exception for an invalid value in an answer.
 pub(crate) fn unacceptable(error: impl Display) -> PyErr {
     UnacceptableError::new_err(error.to_string())
 }
 
-/// The arm or the adapter was closed before.
+/// The exception for a call of a closed arm or adapter.
 pub(crate) fn closed() -> PyErr {
     ClosedError::new_err("the port is closed")
 }
 
-/// A signal handler calls the object whose call it interrupts.
+/// The exception for a call from a signal handler that interrupts a call of the same object.
 pub(crate) fn reentered() -> PyErr {
     PyRuntimeError::new_err(
         "a signal handler cannot call the arm or adapter whose call it interrupts: raise an exception to end that call",

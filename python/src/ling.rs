@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
 use crate::error::{unacceptable, value_error};
-use crate::session::{Session, ask, interruptible, tell};
+use crate::session::{Session, call, interruptible, send};
 
 /// Joint ticks, gripper in thousandths, motion status.
 type Joints = ([u16; JOINTS], u16, u8);
@@ -36,7 +36,7 @@ impl LingPort {
 
     /// Serial number, kind (`leader`, `follower` or `None`), hardware version and firmware version.
     fn read_info(&self, py: Python<'_>) -> PyResult<(String, Option<&'static str>, u32, u32)> {
-        let info = self.ask(py, Request::ReadInfo, |response| match response {
+        let info = self.call(py, Request::ReadInfo, |response| match response {
             Response::Info(info) => Some(info),
             _ => None,
         })?;
@@ -48,18 +48,18 @@ impl LingPort {
     }
 
     fn read_joints(&self, py: Python<'_>) -> PyResult<Joints> {
-        self.ask(py, Request::ReadJoints, joints)
+        self.call(py, Request::ReadJoints, joints)
     }
 
-    /// The joints alone, as [`ling_angles`] has them.
+    /// The joints alone, in the format of [`ling_angles`].
     fn read_angles<'py>(&self, py: Python<'py>, unit_per_tick: f64) -> PyResult<Bound<'py, PyByteArray>> {
-        let (ticks, ..) = self.ask(py, Request::ReadJoints, joints)?;
+        let (ticks, ..) = self.call(py, Request::ReadJoints, joints)?;
         ling_angles(py, ticks, unit_per_tick)
     }
 
     /// The temperature of each servo, in °C.
     fn read_temperatures(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
-        self.ask(py, Request::ReadTemperatures, |response| match response {
+        self.call(py, Request::ReadTemperatures, |response| match response {
             Response::Temperatures(celsius) => Some(celsius.as_slice().iter().map(|&celsius| celsius.into()).collect()),
             _ => None,
         })
@@ -67,7 +67,7 @@ impl LingPort {
 
     /// Speed of each servo, in ticks per second.
     fn read_velocities(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
-        self.ask(py, Request::ReadVelocities, |response| match response {
+        self.call(py, Request::ReadVelocities, |response| match response {
             Response::Velocities(ticks) => Some(ticks.as_slice().to_vec()),
             _ => None,
         })
@@ -75,7 +75,7 @@ impl LingPort {
 
     /// In millimetres.
     fn read_stroke(&self, py: Python<'_>) -> PyResult<u8> {
-        self.ask(py, Request::ReadStroke, |response| match response {
+        self.call(py, Request::ReadStroke, |response| match response {
             Response::Stroke(stroke) => Some(stroke.millimetres()),
             _ => None,
         })
@@ -83,7 +83,7 @@ impl LingPort {
 
     /// Self-check result. Bit 0 is servo 1; a 1 is normal.
     fn self_check(&self, py: Python<'_>) -> PyResult<u16> {
-        self.ask(py, Request::SelfCheck, |response| match response {
+        self.call(py, Request::SelfCheck, |response| match response {
             Response::SelfCheck(check) => Some(check.0),
             _ => None,
         })
@@ -107,15 +107,15 @@ impl LingPort {
         }
         let opening = Opening::new(gripper).map_err(value_error)?;
         let gripper = (opening, GripperSpeed(gripper_speed));
-        self.tell(py, Request::Move(Move { joints, gripper }))
+        self.send(py, Request::Move(Move { joints, gripper }))
     }
 
     fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<()> {
-        self.tell(py, Request::SetTorque(if on { Torque::On } else { Torque::Off }))
+        self.send(py, Request::SetTorque(if on { Torque::On } else { Torque::Off }))
     }
 
     fn set_zero(&self, py: Python<'_>) -> PyResult<()> {
-        self.tell(py, Request::SetZero)
+        self.send(py, Request::SetZero)
     }
 
     /// In millimetres.
@@ -127,13 +127,13 @@ impl LingPort {
                 "gripper stroke is {millimetres} mm, must be 50, 75 or 100"
             ))
         };
-        self.tell(py, Request::SetStroke(stroke.ok_or_else(wrong)?))
+        self.send(py, Request::SetStroke(stroke.ok_or_else(wrong)?))
     }
 
     /// In °C.
     fn set_temperature_limit(&self, py: Python<'_>, celsius: u8) -> PyResult<()> {
         let limit = TemperatureLimit::new(celsius).map_err(value_error)?;
-        self.tell(py, Request::SetTemperatureLimit(limit))
+        self.send(py, Request::SetTemperatureLimit(limit))
     }
 
     /// Bytes outside frames, and frames with a wrong checksum, since the port was opened.
@@ -143,17 +143,17 @@ impl LingPort {
 }
 
 impl LingPort {
-    fn ask<T: Send>(
+    fn call<T: Send>(
         &self,
         py: Python<'_>,
         request: Request,
         take: impl FnOnce(Response) -> Option<T> + Send,
     ) -> PyResult<T> {
-        self.0.with(py, |link| ask(link, &request, take))
+        self.0.with(py, |link| call(link, &request, take))
     }
 
-    fn tell(&self, py: Python<'_>, request: Request) -> PyResult<()> {
-        self.0.with(py, |link| -> Result<(), Error> { tell(link, &request) })
+    fn send(&self, py: Python<'_>, request: Request) -> PyResult<()> {
+        self.0.with(py, |link| -> Result<(), Error> { send(link, &request) })
     }
 }
 
@@ -168,7 +168,7 @@ fn joints(response: Response) -> Option<Joints> {
     }
 }
 
-/// Joint angles, zero at the zero position: six 64-bit numbers of this machine, which NumPy makes an array of without a copy.
+/// Joint angles, 0 at the zero position: six 64-bit numbers in native byte order, for a NumPy array without a copy.
 #[pyfunction]
 pub(crate) fn ling_angles(
     py: Python<'_>,
@@ -176,15 +176,15 @@ pub(crate) fn ling_angles(
     unit_per_tick: f64,
 ) -> PyResult<Bound<'_, PyByteArray>> {
     let mut bytes = [0; JOINTS * size_of::<f64>()];
-    for (joint, (place, ticks)) in (1..).zip(bytes.as_chunks_mut().0.iter_mut().zip(ticks)) {
+    for (joint, (angle, ticks)) in (1..).zip(bytes.as_chunks_mut().0.iter_mut().zip(ticks)) {
         let position = Position::new(ticks).map_err(|error| unacceptable(format_args!("joint {joint}: {error}")))?;
         let ticks = f64::from(position.ticks()) - f64::from(Position::CENTRE.ticks());
-        *place = (ticks * unit_per_tick).to_ne_bytes();
+        *angle = (ticks * unit_per_tick).to_ne_bytes();
     }
     Ok(PyByteArray::new(py, &bytes))
 }
 
-/// The joints in a frame, if it is their answer.
+/// The joints in a frame; `None` for any other frame.
 #[pyfunction]
 pub(crate) fn ling_joints(frame: &[u8]) -> Option<Joints> {
     joints(Ling.parse_response(frame, ()).ok()?)

@@ -7,7 +7,7 @@ use std::thread::{self, ThreadId};
 use armwire_cli::host::{Arm, Error, Link, Missing};
 use pyo3::prelude::*;
 
-use crate::error::{closed, raised, reentered};
+use crate::error::{closed, exception, reentered};
 
 /// An open port with one call at a time, until it is closed.
 pub(crate) struct Session<T> {
@@ -19,7 +19,7 @@ pub(crate) struct Session<T> {
 impl<T: Send> Session<T> {
     /// Opens a port with `open`.
     pub(crate) fn open(py: Python<'_>, open: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<Self> {
-        let opened = py.detach(open).map_err(raised)?;
+        let opened = py.detach(open).map_err(exception)?;
         Ok(Self {
             open: Mutex::new(Some(opened)),
             caller: Mutex::new(None),
@@ -28,7 +28,8 @@ impl<T: Send> Session<T> {
 
     /// Runs `act` on the open port. Other Python threads run meanwhile.
     ///
-    /// A signal handler runs inside the call that it interrupts. A call from there would wait for itself: it is an error.
+    /// A signal handler runs inside the call that it interrupts. A call from the handler would wait for itself: it is an
+    /// error.
     pub(crate) fn with<R: Send>(
         &self,
         py: Python<'_>,
@@ -42,7 +43,7 @@ impl<T: Send> Session<T> {
             *lock(&self.caller) = None;
             acted
         });
-        acted.ok_or_else(closed)?.map_err(raised)
+        acted.ok_or_else(closed)?.map_err(exception)
     }
 
     /// Closes the port after the current call ends.
@@ -64,7 +65,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A link to an arm whose calls Ctrl-C ends.
+/// A link whose calls end with Ctrl-C.
 pub(crate) fn interruptible<P: Arm>(mut link: Link<P>) -> Link<P> {
     link.set_interrupt(check_signals);
     link
@@ -75,13 +76,13 @@ pub(crate) fn check_signals() -> Result<(), Box<dyn StdError + Send + Sync>> {
     Python::attach(|py| py.check_signals()).map_err(Into::into)
 }
 
-/// Makes a request without a response.
-pub(crate) fn tell<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>) -> Result<(), Error> {
+/// Sends a request whose response has no data.
+pub(crate) fn send<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>) -> Result<(), Error> {
     link.call(request, |_| ()).map(drop)
 }
 
-/// Makes a request and converts its response with `take`.
-pub(crate) fn ask<P: Arm, T>(
+/// Sends a request and converts its response with `take`.
+pub(crate) fn call<P: Arm, T>(
     link: &mut Link<P>,
     request: &P::Request<'_>,
     take: impl FnOnce(P::Response<'_>) -> Option<T>,
@@ -96,26 +97,18 @@ pub(crate) fn ask<P: Arm, T>(
         Ok(Some(Err(reason))) => Err(Error::Refused { name: name(), reason }),
         Ok(Some(Ok(None)) | None) => Err(Error::Unacceptable {
             name: name(),
-            reason: "the arm answers another request".to_owned(),
+            reason: "the arm answered another request".to_owned(),
         }),
         Err(Error::NoAnswer {
             name,
             missing: Missing::Silent,
-            cause,
             bytes,
-        }) => Err(match link.comes_late()? {
-            true => Error::NoAnswer {
-                name,
-                missing: Missing::Late,
-                cause: "the answer came too late: is the arm or the line overloaded?".to_owned(),
-                bytes,
-            },
-            false => Error::NoAnswer {
-                name,
-                missing: Missing::Silent,
-                cause,
-                bytes,
-            },
+            ..
+        }) if link.comes_late()? => Err(Error::NoAnswer {
+            name,
+            missing: Missing::Late,
+            cause: "the answer came too late: is the arm or the line overloaded?".to_owned(),
+            bytes,
         }),
         Err(error) => Err(error),
     }

@@ -86,7 +86,7 @@ impl<D: SerialDevice + Send + 'static> OnPty<D> {
         let port = pty.path().display().to_string();
         let line = Arc::new(Mutex::new(Line::new(device, Rates::NONE, Rates::NONE, seed)));
         let mut served = Shared(Arc::clone(&line));
-        // A pty fails only when it is closed, and its thread ends then anyway.
+        // A pty fails only when it is closed, and its thread then ends.
         let service = Service::start(move |stop| drop(serve(&mut served, &pty, stop)));
         let device = Shared(line);
         Ok(Self { device, service, port })
@@ -183,7 +183,7 @@ impl VirtualLing {
         self.0.injected()
     }
 
-    /// Number of requests received, obeyed or not.
+    /// Number of received requests, executed or not.
     fn requests(&self) -> u64 {
         self.0.device.lock().device().counters().requests
     }
@@ -286,13 +286,13 @@ impl VirtualXArm {
             5 => Model::XArm5,
             6 => Model::XArm6,
             7 => Model::XArm7,
-            _ => return Err(value_error(format_args!("an xArm has 5, 6 or 7 axes, not {axes}"))),
+            _ => return Err(value_error(format_args!("number of axes is {axes}, must be 5, 6 or 7"))),
         };
         let any = SocketAddr::from(([127, 0, 0, 1], 0));
         let server = Server::bind(any, None).map_err(|error| PyOSError::new_err(error.to_string()))?;
         let address = server.control_address();
         let mut arm = XArm::new(XArmConfig::new(model));
-        // `serve` fails only when the system cannot poll, and the thread ends then.
+        // `serve` fails only if the system cannot poll, and the thread then ends.
         let service = Service::start(move |stop| drop(server.serve(&mut arm, stop, &mut |_| ())));
         Ok(Self { service, address })
     }

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::error::value_error;
-use crate::session::{Session, ask, interruptible, tell};
+use crate::session::{Session, call, interruptible, send};
 
 /// The arm's state and a value.
 type Answer<T> = (u8, T);
@@ -17,7 +17,7 @@ type Version = (u8, u8, String, String, String);
 /// Serial numbers of the arm and of its control box.
 type Serials = (Option<String>, Option<String>);
 
-/// An xArm on a host. Each answer comes with the arm's state, as a byte.
+/// An xArm on a host. Each answer has the arm's state, as a byte.
 #[pyclass(frozen, module = "armwire._armwire")]
 pub(crate) struct XArmPort(Session<Link<XArm>>);
 
@@ -40,29 +40,29 @@ impl XArmPort {
         self.0.close(py)
     }
 
-    /// The version text with unprintable characters escaped; and axes, type, arm, control box and firmware, if the
-    /// text has them.
+    /// The version text with unprintable characters escaped, and its axes, type, arm, control box and firmware; `None`
+    /// for another format.
     fn read_version(&self, py: Python<'_>) -> PyResult<Answer<(String, Option<Version>)>> {
-        self.ask(py, Request::ReadVersion, |reply| match reply {
+        self.call(py, Request::ReadVersion, |reply| match reply {
             Reply::Version(text) => Some((text.to_string(), version(text))),
             _ => None,
         })
     }
 
     fn read_serials(&self, py: Python<'_>) -> PyResult<Answer<Serials>> {
-        self.ask(py, Request::ReadSerials, |reply| match reply {
+        self.call(py, Request::ReadSerials, |reply| match reply {
             Reply::Serials(text) => Some(serials(text)),
             _ => None,
         })
     }
 
     fn reload_dynamics(&self, py: Python<'_>) -> PyResult<u8> {
-        Ok(self.ask(py, Request::ReloadDynamics, done)?.0)
+        Ok(self.call(py, Request::ReloadDynamics, done)?.0)
     }
 
     /// Reported quantity: `torque` or `current`.
     fn read_torque_source(&self, py: Python<'_>) -> PyResult<Answer<&'static str>> {
-        self.ask(py, Request::ReadTorqueSource, |reply| match reply {
+        self.call(py, Request::ReadTorqueSource, |reply| match reply {
             Reply::TorqueSource(TorqueSource::Torque) => Some("torque"),
             Reply::TorqueSource(TorqueSource::Current) => Some("current"),
             _ => None,
@@ -72,28 +72,28 @@ impl XArmPort {
     /// Rotation radius in millimetres, as sent by the arm.
     fn read_rotation_radius(&self, py: Python<'_>, joint: u8) -> PyResult<Answer<f32>> {
         let joint = Joint::new(joint).map_err(value_error)?;
-        self.ask(py, Request::ReadRotationRadius(joint), |reply| match reply {
+        self.call(py, Request::ReadRotationRadius(joint), |reply| match reply {
             Reply::RotationRadius(RotationRadius { millimetres }) => Some(millimetres),
             _ => None,
         })
     }
 
     fn shut_down(&self, py: Python<'_>) -> PyResult<u8> {
-        Ok(self.ask(py, Request::Shutdown, done)?.0)
+        Ok(self.call(py, Request::Shutdown, done)?.0)
     }
 
     fn reboot(&self, py: Python<'_>) -> PyResult<u8> {
-        Ok(self.ask(py, Request::Reboot, done)?.0)
+        Ok(self.call(py, Request::Reboot, done)?.0)
     }
 
     fn heartbeat(&self, py: Python<'_>) -> PyResult<()> {
-        self.0.with(py, |link| tell(link, &Request::Heartbeat))
+        self.0.with(py, |link| send(link, &Request::Heartbeat))
     }
 
-    /// Makes a request of any other register, with its parameters.
+    /// Calls any other register with these parameters.
     fn raw<'py>(&self, py: Python<'py>, register: u8, params: &[u8]) -> PyResult<Answer<Bound<'py, PyBytes>>> {
         let raw = Raw::new(register, params).map_err(value_error)?;
-        let (state, params) = self.ask(py, Request::Raw(raw), |reply| match reply {
+        let (state, params) = self.call(py, Request::Raw(raw), |reply| match reply {
             Reply::Raw(raw) => Some(raw.params().to_vec()),
             _ => None,
         })?;
@@ -102,7 +102,7 @@ impl XArmPort {
 }
 
 impl XArmPort {
-    fn ask<T: Send>(
+    fn call<T: Send>(
         &self,
         py: Python<'_>,
         request: Request<'_>,
@@ -112,7 +112,7 @@ impl XArmPort {
             Response::Reply { state, reply } => Some((state.0, take(reply)?)),
             _ => None,
         };
-        self.0.with(py, |link| ask(link, &request, take))
+        self.0.with(py, |link| call(link, &request, take))
     }
 }
 

@@ -32,7 +32,7 @@ def test_arm_moves_while_another_task_runs() -> None:
     assert asyncio.run(run()) > 20
 
 
-def test_calls_of_many_tasks_take_turns() -> None:
+def test_calls_of_many_tasks_are_serialised() -> None:
     async def run() -> None:
         with sim.ling() as virtual:
             async with await aio.Ling.open(virtual.port) as arm:
@@ -82,12 +82,12 @@ def test_every_method_has_its_awaited_variant(name: str) -> None:
             assert inspect.isasyncgenfunction(theirs), method
         else:
             assert inspect.iscoroutinefunction(theirs), method
-        # A variant may be made of another method with the same parameters.
+        # A variant may wrap another method with the same parameters.
         assert theirs.__name__ == method
         assert inspect.signature(ours).parameters == inspect.signature(theirs).parameters, method
 
 
-# The arguments of every method, in an order in which no call changes the result of a later one.
+# The arguments of every method, ordered so that no call changes the result of a later one.
 LING: dict[str, tuple[Any, ...]] = {
     "read_info": (),
     "read_joints": (),
@@ -200,7 +200,7 @@ def test_late_arm_does_not_block_the_loop() -> None:
     assert asyncio.run(run()) < 0.2
 
 
-def test_closed_port_says_so(virtual: sim.VirtualLing) -> None:
+def test_closed_port_raises_an_error(virtual: sim.VirtualLing) -> None:
     async def run() -> None:
         async with await aio.Ling.open(virtual.port) as arm:
             await arm.close()

@@ -37,13 +37,13 @@ def test_play_and_stop() -> None:
         assert virtual.playing() is None
 
 
-def test_settings_are_taken(robot: armwire.Alpha1) -> None:
+def test_settings_are_accepted(robot: armwire.Alpha1) -> None:
     robot.set_offset_tool(True)
     robot.set_offset_tool(False)
     robot.set_usb_type("serial")
 
 
-def test_servo_moves_and_tells_its_angle(servos: armwire.Alpha1) -> None:
+def test_servo_moves_and_reports_its_angle(servos: armwire.Alpha1) -> None:
     servos.move_servo(2, 120, time_s=0.1, lock_s=0.1)
     time.sleep(0.3)
     assert servos.read_servo_angles_deg(2) == (120, 120)
@@ -75,6 +75,6 @@ def test_servo_settings_are_read_back(servos: armwire.Alpha1) -> None:
         (lambda robot: robot.set_servo_offset_thirds_deg(1, 91), "servo offset is 91"),
     ],
 )
-def test_wrong_value_is_told(robot: armwire.Alpha1, call: object, text: str) -> None:
+def test_invalid_value_is_an_error(robot: armwire.Alpha1, call: object, text: str) -> None:
     with pytest.raises(ValueError, match=text):
         call(robot)  # type: ignore[operator]

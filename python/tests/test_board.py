@@ -33,7 +33,7 @@ def test_every_call_passes_the_adapter(board: Path, port: str) -> None:
         assert arm.line_errors() == armwire.LineErrors(0, 0)
 
 
-def test_adapter_tells_what_it_is(board: Path) -> None:
+def test_adapter_is_identified(board: Path) -> None:
     with armwire.Adapter(f"control:{board / 'control'}") as adapter:
         assert adapter.identify().board == os.environ.get("ARMWIRE_BOARD_NAME", "stm32f405")
         config = adapter.read_config()
@@ -93,13 +93,13 @@ def test_telemetry_by_asyncio(board: Path) -> None:
     async def run() -> list[armwire.Telemetry]:
         async with await aio.Adapter.open(f"control:{board / 'control'}") as adapter:
             await adapter.set_config({"poll": 100})
-            heard = [each async for each in adapter.telemetry(duration_s=0.5)]
+            received = [each async for each in adapter.telemetry(duration_s=0.5)]
             await adapter.set_config({"poll": "off"})
-            return heard
+            return received
 
     begun = time.monotonic()
-    heard = asyncio.run(run())
-    assert len(heard) > 10
+    received = asyncio.run(run())
+    assert len(received) > 10
     assert time.monotonic() - begun < 5
 
 
@@ -128,6 +128,6 @@ def test_telemetry_has_one_iteration_at_a_time(board: Path) -> None:
         adapter.set_config({"poll": "off"})
 
 
-def test_serial_port_without_a_control_port_is_told(board: Path) -> None:
+def test_serial_port_without_control_port_is_an_error(board: Path) -> None:
     with pytest.raises(errors.PortError, match="not the port of an armwire adapter"):
         armwire.Adapter(str(board / "arm"))

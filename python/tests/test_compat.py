@@ -37,7 +37,7 @@ def test_states_have_the_sdks_shapes(robot: SynriaRobotAPI) -> None:
         robot.get_robot_state("mood")
 
 
-def test_move_waits_and_keeps_what_is_not_given(robot: SynriaRobotAPI) -> None:
+def test_move_waits_and_keeps_omitted_targets(robot: SynriaRobotAPI) -> None:
     assert robot.set_robot_state(TARGET, 500, joint_format="deg", speed_deg_s=200, tolerance=0.01)
     assert robot.set_robot_state(gripper_value=800)
     joints = robot.get_robot_state("joint")
@@ -48,7 +48,7 @@ def test_move_waits_and_keeps_what_is_not_given(robot: SynriaRobotAPI) -> None:
     assert robot.get_robot_state("gripper") == pytest.approx(1000, abs=5)
 
 
-def test_gripper_leaves_joints_where_hands_put_them(robot: SynriaRobotAPI, virtual: sim.VirtualLing) -> None:
+def test_gripper_move_keeps_joints_moved_by_hand(robot: SynriaRobotAPI, virtual: sim.VirtualLing) -> None:
     assert robot.set_robot_state(TARGET, 500, joint_format="deg", speed_deg_s=200)
     robot.torque_control("off")
     virtual.push_joints_deg([40, 0, 0, 0, 0, 0])
@@ -104,12 +104,12 @@ def test_state_is_printed(robot: SynriaRobotAPI, capsys: pytest.CaptureFixture[s
     assert "Joint angles (°): [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], Gripper (0-1000): 0" in capsys.readouterr().out
 
 
-def test_port_has_to_be_given() -> None:
-    with pytest.raises(ValueError, match="the port has to be given"):
+def test_port_is_required() -> None:
+    with pytest.raises(ValueError, match="the port is required"):
         create_robot()
 
 
-def test_every_call_is_there_or_says_why(robot: SynriaRobotAPI) -> None:
+def test_every_sdk_call_exists_or_names_robocore(robot: SynriaRobotAPI) -> None:
     # The public calls of `SynriaRobotAPI` in alicia_d_sdk 6.1.0.
     calls = ["connect", "disconnect", "is_connected", "get_robot_state", "set_home", "set_robot_state"]
     for call in [*calls, "torque_control", "zero_calibration", "print_state"]:

@@ -72,7 +72,7 @@ def test_wrong_checksum_is_damaged() -> None:
         read(port)
 
 
-def test_answer_after_its_time_is_late() -> None:
+def test_answer_after_its_timeout_is_late() -> None:
     with (
         sim.ling(turnaround_us=350_000) as virtual,
         armwire.Ling(virtual.port) as arm,
@@ -113,7 +113,7 @@ def test_answer_outside_the_protocol_is_unacceptable() -> None:
         arm.read_stroke_mm()
 
 
-def test_older_arm_is_told_and_sent_nothing() -> None:
+def test_older_arm_raises_its_own_error() -> None:
     with sim.older_ling() as virtual, pytest.raises(errors.OlderArmError, match="older generation"):
         armwire.Ling(virtual.port)
 
@@ -137,6 +137,6 @@ def test_every_exception_is_an_armwire_error() -> None:
     assert issubclass(errors.PortLostError, OSError)
 
 
-def test_hid_is_refused_with_the_way_out() -> None:
+def test_hid_is_refused_with_a_reason() -> None:
     with pytest.raises(errors.PortError, match="HID devices are not supported by this build"):
         armwire.Alpha1("hid:")

@@ -22,10 +22,10 @@ def example(name: str, *arguments: str) -> str:
     return run(str(EXAMPLES / name), *arguments)
 
 
-def test_move_prints_where_the_arm_is(virtual: sim.VirtualLing) -> None:
-    said = example("move.py", virtual.port)
-    assert "ADFS251205123456" in said
-    assert "servos that are not normal: ()" in said
+def test_move_prints_the_arms_position(virtual: sim.VirtualLing) -> None:
+    output = example("move.py", virtual.port)
+    assert "ADFS251205123456" in output
+    assert "faulty servos: ()" in output
     np.testing.assert_allclose(virtual.joints().joints_deg, [0, 10, -20, 0, 0, 45], atol=0.3)
 
 
@@ -48,8 +48,8 @@ def test_latencies_are_drawn(virtual: sim.VirtualLing, tmp_path: Path) -> None:
 
 
 def test_recording_has_stamps(board: Path, tmp_path: Path) -> None:
-    said = example("record.py", f"control:{board / 'control'}", "1", str(tmp_path / "recording.npz"))
-    assert "every 5000 µs" in said
+    output = example("record.py", f"control:{board / 'control'}", "1", str(tmp_path / "recording.npz"))
+    assert "every 5000 µs" in output
     recording = np.load(tmp_path / "recording.npz")
     assert recording["joints_deg"].shape == (recording["stamp_us"].size, 6)
 

@@ -15,7 +15,7 @@ from armwire import errors, sim
 
 # The target of `cargo xtask python --reads`.
 READS = int(os.environ.get("ARMWIRE_READS", "2000"))
-# Longest read of a silent arm, plus a margin for a busy machine.
+# Maximum duration of a read of a silent arm, plus a margin for a busy machine.
 LONGEST_S = 2.0
 POSE = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
 
@@ -32,13 +32,13 @@ POSE = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
     ],
     ids=["drop", "corrupt", "duplicate", "delay", "noise", "all"],
 )
-def test_no_wrong_value_comes_through_faults(faults: sim.Faults) -> None:
+def test_faults_never_produce_a_wrong_value(faults: sim.Faults) -> None:
     with sim.ling(leader=True, turnaround_us=0, seed=7) as virtual, armwire.Ling(virtual.port) as arm:
         virtual.push_joints_deg(POSE)
         virtual.push_gripper_permille(321)
         truth = virtual.joints()
         virtual.set_faults(faults)
-        right = failed = 0
+        correct = failed = 0
         longest = 0.0
         for _ in range(READS // 6 + 1):
             begun = time.monotonic()
@@ -48,16 +48,16 @@ def test_no_wrong_value_comes_through_faults(faults: sim.Faults) -> None:
                 failed += 1
             else:
                 assert state == truth
-                right += 1
+                correct += 1
             longest = max(longest, time.monotonic() - begun)
         injected = virtual.injected()
-    print(f"{right} right, {failed} without an answer, longest {longest:.3f} s, {injected}")
-    assert right > 0.9 * (right + failed)
+    print(f"{correct} correct, {failed} without an answer, longest {longest:.3f} s, {injected}")
+    assert correct > 0.9 * (correct + failed)
     assert longest < LONGEST_S
     assert sum(injected.counts()) > 0
 
 
-def test_faults_that_swallow_all_end_in_time() -> None:
+def test_call_ends_if_every_byte_is_dropped() -> None:
     with sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
         virtual.set_faults(sim.Faults(drop=1_000_000))
         begun = time.monotonic()
@@ -107,13 +107,13 @@ def test_ctrl_c_ends_a_call_at_once() -> None:
         assert process.stdout.readline() == "waiting\n"
         time.sleep(0.3)
         process.send_signal(signal.SIGINT)
-        said = process.stdout.readline()
-    assert said.startswith("interrupted after")
-    assert float(said.split()[-1]) < 5
+        line = process.stdout.readline()
+    assert line.startswith("interrupted after")
+    assert float(line.split()[-1]) < 5
     assert process.returncode == 0
 
 
-def test_signal_that_is_handled_ends_no_call() -> None:
+def test_handled_signal_does_not_end_a_call() -> None:
     handled: list[int] = []
     before = signal.signal(signal.SIGALRM, lambda number, frame: handled.append(number))
     try:

@@ -60,7 +60,7 @@ def is_at(observation: dict[str, float], pose: dict[str, float]) -> bool:
     return all(abs(observation[name] - value) <= close[name] for name, value in pose.items())
 
 
-def test_plugin_has_the_names_that_lerobot_looks_for(tmp_path: Path) -> None:
+def test_plugin_has_the_names_that_lerobot_expects(tmp_path: Path) -> None:
     robot, teleoperator = follower("/dev/none", tmp_path), leader("/dev/none", tmp_path)
     assert isinstance(robot, robots.Robot)
     assert isinstance(robot.config, robots.RobotConfig)
@@ -93,13 +93,13 @@ def test_action_moves_and_is_observed_in_degrees(robot: Any) -> None:
     assert set(robot.get_observation()) == set(robot.observation_features)
 
 
-def test_action_beyond_the_arm_is_cut_and_returned(robot: Any) -> None:
+def test_action_out_of_range_is_clamped_and_returned(robot: Any) -> None:
     sent = robot.send_action({**POSE, "joint1.pos": 400.0, "joint2.pos": -400.0, "gripper.pos": 1200.0})
     assert (sent["joint1.pos"], sent["joint2.pos"], sent["gripper.pos"]) == (179.912, -180.0, 1000.0)
 
 
 @pytest.mark.parametrize("wrong", [{"joint3.pos": float("nan")}, {"gripper.pos": float("inf")}])
-def test_action_that_is_no_number_is_not_sent(robot: Any, virtual: sim.VirtualLing, wrong: dict[str, float]) -> None:
+def test_action_without_a_number_is_not_sent(robot: Any, virtual: sim.VirtualLing, wrong: dict[str, float]) -> None:
     before = virtual.requests()
     with pytest.raises(ValueError, match="must be a number"):
         robot.send_action({**POSE, **wrong})
@@ -135,7 +135,7 @@ def test_stale_action_stops_the_arm(virtual: sim.VirtualLing, tmp_path: Path) ->
     robot.disconnect()
 
 
-def test_failed_stop_is_tried_again(virtual: sim.VirtualLing, tmp_path: Path) -> None:
+def test_failed_stop_is_retried(virtual: sim.VirtualLing, tmp_path: Path) -> None:
     robot = follower(virtual.port, tmp_path, action_timeout_s=0.05)
     robot.config.speed_deg_s = 20
     robot.connect()
@@ -152,7 +152,7 @@ def test_failed_stop_is_tried_again(virtual: sim.VirtualLing, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("torque_off", [False, True])
-def test_disconnect_stops_and_keeps_the_torque_if_told(
+def test_disconnect_stops_and_switches_torque_as_configured(
     virtual: sim.VirtualLing, tmp_path: Path, torque_off: bool
 ) -> None:
     robot = follower(virtual.port, tmp_path, disable_torque_on_disconnect=torque_off, action_timeout_s=0)
@@ -210,7 +210,7 @@ def test_unusable_arm_is_a_clear_error(tmp_path: Path) -> None:
         {"max_relative_target": {"joint7": 5.0}},
     ],
 )
-def test_wrong_configuration_is_told(options: dict[str, Any]) -> None:
+def test_invalid_configuration_is_an_error(options: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(options))):
         plugin.AliciaDArmwireConfig(port="/dev/none", **options)
 
@@ -226,7 +226,7 @@ def test_calibration_is_explained_and_changes_nothing(
     assert virtual.requests() == before
 
 
-def test_leader_that_moves_leads_the_follower(robot: Any, tmp_path: Path) -> None:
+def test_follower_follows_a_moving_leader(robot: Any, tmp_path: Path) -> None:
     with sim.ling(leader=True) as hand:
         teleoperator = leader(hand.port, tmp_path)
         teleoperator.connect()

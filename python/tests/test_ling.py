@@ -21,7 +21,7 @@ def go(arm: armwire.Ling, joints: object, gripper: int = 500) -> armwire.JointSt
     return arm.wait_until_at_deg(joints, timeout_s=5)  # type: ignore[arg-type]
 
 
-def test_info_tells_serial_kind_and_versions(arm: armwire.Ling) -> None:
+def test_info_has_serial_kind_and_versions(arm: armwire.Ling) -> None:
     assert arm.read_info() == armwire.LingInfo("ADFS251205123456", "follower", "v1.10", "v6.10")
 
 
@@ -42,7 +42,7 @@ def test_move_reaches_angles_in_degrees_and_radians(arm: armwire.Ling, virtual: 
     arm.wait_until_at_deg([0, 90, -90, 0, 0, 0], timeout_s=5)
 
 
-def test_degrees_of_every_position_survive_both_ways() -> None:
+def test_every_position_survives_conversion_to_angles() -> None:
     from armwire._units import DEG_PER_TICK, RAD_PER_TICK, position_ticks
 
     for ticks in range(0, 4096, 6):
@@ -58,7 +58,7 @@ def test_degrees_of_every_position_survive_both_ways() -> None:
     [
         ([200, 0, 0, 0, 0, 0], {}, "angle of joint 1 is 200 degrees, must be -180 to 179.912"),
         ([0, 0, float("nan"), 0, 0, 0], {}, "angle of joint 3 is nan degrees"),
-        ([0] * 5, {}, r"there are 6 joint angles, not an array of shape \(5,\)"),
+        ([0] * 5, {}, r"joint angles have the shape \(5,\), must be 6 numbers"),
         ([0] * 6, {"speed_deg_s": 0}, "speed of joint 1 is 0 degrees/s, must be 0.0878906 to 439.453"),
         ([0] * 6, {"speed_deg_s": [1, 1, 1, 1, 1, 440]}, "speed of joint 6 is 440"),
         ([0] * 6, {"gripper_permille": 1001}, "gripper in thousandths is 1001, must be 0 to 1000"),
@@ -66,7 +66,7 @@ def test_degrees_of_every_position_survive_both_ways() -> None:
         ([0] * 6, {"gripper_ticks_s": 70000}, "gripper speed in ticks/s is 70000"),
     ],
 )
-def test_wrong_value_is_told_and_nothing_sent(
+def test_invalid_value_is_an_error_and_nothing_is_sent(
     arm: armwire.Ling, virtual: sim.VirtualLing, joints: list[float], kwargs: dict[str, object], text: str
 ) -> None:
     arguments: dict[str, object] = {"gripper_permille": 0, "speed_deg_s": 100} | kwargs
@@ -129,7 +129,7 @@ def test_stroke_is_set_and_read(arm: armwire.Ling, stroke: int) -> None:
     assert arm.read_stroke_mm() == stroke
 
 
-def test_wrong_stroke_and_limit_are_told(arm: armwire.Ling) -> None:
+def test_invalid_stroke_and_limit_are_errors(arm: armwire.Ling) -> None:
     with pytest.raises(ValueError, match="gripper stroke is 60 mm, must be 50, 75 or 100"):
         arm.set_stroke_mm(60)
     with pytest.raises(ValueError, match="254"):
@@ -148,7 +148,7 @@ def test_target_not_reached_names_the_joint(arm: armwire.Ling) -> None:
         arm.wait_until_at_deg([0, -20, 0, 0, 0, 0], timeout_s=0.1)
 
 
-def test_counts_that_no_position_has_are_kept() -> None:
+def test_counts_out_of_range_are_kept() -> None:
     # The example in the vendor's document has this gripper.
     state = armwire.JointState((2050, 2043, 2043, 2050, 2042, 4096), 2051, MotionStatus.IDLE)
     with pytest.raises(armwire.errors.UnacceptableError, match="joint 6: joint position is 4096 ticks, must be 0"):
@@ -175,7 +175,7 @@ def test_threads_share_an_arm(arm: armwire.Ling) -> None:
     assert failures == []
 
 
-def test_python_runs_while_an_arm_is_waited_for() -> None:
+def test_other_threads_run_during_a_call() -> None:
     with sim.ling(turnaround_us=200_000) as virtual, armwire.Ling(virtual.port) as arm:
         thread = threading.Thread(target=arm.read_joints)
         thread.start()
@@ -186,7 +186,7 @@ def test_python_runs_while_an_arm_is_waited_for() -> None:
     assert turns > 5
 
 
-def test_arm_is_reached_by_tcp(virtual: sim.VirtualLing) -> None:
+def test_arm_answers_over_tcp(virtual: sim.VirtualLing) -> None:
     # A server of the arm's serial port, for one client.
     with socket.create_server(("127.0.0.1", 0)) as server, open(virtual.port, "r+b", buffering=0) as serial:
         tty.setraw(serial.fileno())
@@ -211,7 +211,7 @@ def test_arm_is_reached_by_tcp(virtual: sim.VirtualLing) -> None:
         thread.join()
 
 
-def test_closed_arm_says_so_and_closes_twice(virtual: sim.VirtualLing) -> None:
+def test_closed_arm_raises_and_closes_twice(virtual: sim.VirtualLing) -> None:
     arm = armwire.Ling(virtual.port)
     arm.close()
     arm.close()

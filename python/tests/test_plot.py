@@ -39,10 +39,10 @@ def test_csv_of_the_command_is_read_and_drawn(virtual: sim.VirtualLing, tmp_path
         assert figure.stat().st_size > 1000
 
 
-def test_other_csv_is_told(tmp_path: Path) -> None:
+def test_other_csv_is_an_error(tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
     other.write_text("a,b\n1,2\n")
-    with pytest.raises(ValueError, match="no column time_s: is it of `armwire monitor --csv`"):
+    with pytest.raises(ValueError, match="no column time_s: is it from `armwire monitor --csv`"):
         plot.read_csv(other)
     header = "time_s," + ",".join(f"joint_{joint}_rad" for joint in range(1, 7)) + ",gripper_percent,latency_us\n"
     other.write_text(header + "0,0,0,0,0,0,0,0,0\n0,x,0,0,0,0,0,0,0\n")
@@ -83,7 +83,7 @@ def test_latencies_mark_median_and_99th_percentile() -> None:
     figure = plot.latencies(np.arange(1, 101), title="reads")
     labels = [line.get_label() for line in figure.axes[0].get_lines()]
     assert labels == ["50 %: 50 µs", "99 %: 99 µs"]
-    with pytest.raises(ValueError, match="there are no durations"):
+    with pytest.raises(ValueError, match="no durations"):
         plot.latencies([])
 
 
@@ -95,7 +95,7 @@ def test_histogram_of_an_adapter_has_its_counts() -> None:
     assert (edges[0], edges[-1]) == (1, 65536)
 
 
-def test_recording_has_no_angle_for_no_position() -> None:
+def test_recording_has_nan_for_an_invalid_position() -> None:
     body = bytes.fromhex("06000F" + "0010" + "0008" * 5 + "000001")
     frame = b"\xaa" + body + bytes([crc32(body) & 0xFF, 0xFF])
     recorded = armwire.JointRecording.of([armwire.Telemetry(0, None, frame, None)])

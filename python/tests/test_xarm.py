@@ -24,7 +24,7 @@ def test_version_and_serials_are_read(xarm: armwire.XArm) -> None:
 
 
 @pytest.mark.parametrize("axes", [5, 6, 7])
-def test_axes_are_told(axes: int) -> None:
+def test_number_of_axes_is_read(axes: int) -> None:
     with sim.xarm(axes=axes) as virtual, armwire.XArm(virtual.port, supervised=True) as xarm:
         assert xarm.read_version().value.axes == axes
 

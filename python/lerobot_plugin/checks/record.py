@@ -1,4 +1,4 @@
-"""Teleoperates and records with LeRobot's own programs on virtual arms whose leader moves, and checks the results.
+"""Teleoperates and records with LeRobot's own programs on virtual arms with a moving leader, and checks the results.
 
 Usage: record.py FOLDER
 
@@ -27,10 +27,10 @@ GRIPPER, GRIPPER_AMPLITUDE = 500, 400
 PERIOD_S = 4.0
 # Highest speed, of the joint with an amplitude of 40°.
 FASTEST_DEG_S = 40 * 2 * math.pi / PERIOD_S
-# Limits for the follower: its delay in this share of the samples while the leader moves, and its distance at rest.
-BEHIND_S = 0.15
-PERCENT = 95
-STILL_DEG = 0.2
+# Limits for the follower: the delay at this percentile of the samples while the leader moves, and the distance at rest.
+MAX_DELAY_S = 0.15
+PERCENTILE = 95
+MAX_REST_DEG = 0.2
 # Tolerance of a recorded pose: half a tick, plus the curvature of the motion between two samples.
 RECORDED_DEG = 0.5
 ROBOT = ["--robot.type=alicia_d_armwire", "--robot.id=follower", "--robot.speed_deg_s=200"]
@@ -115,21 +115,21 @@ def teleoperate() -> None:
     window = (times > times[begun] + 0.5) & (times < times[settled] - 1.1)
     expect(f"the follower followed for {np.ptp(times[window]):.1f} s", np.ptp(times[window]) > 3)
     error = np.abs(follower[window, :6] - leader[window, :6]).max(axis=1)
-    median, most = np.median(error), np.percentile(error, PERCENT)
-    limit = FASTEST_DEG_S * BEHIND_S
+    median, largest = np.median(error), np.percentile(error, PERCENTILE)
+    limit = FASTEST_DEG_S * MAX_DELAY_S
     expect(
-        f"its farthest joint was {median:.2f}° behind in the median, {most:.2f}° or less {PERCENT} % of the time, of "
+        f"error of the farthest joint: median {median:.2f}°, percentile {PERCENTILE} {largest:.2f}°, limit "
         f"{limit:.1f}° at {FASTEST_DEG_S:.0f}°/s",
-        bool(most <= limit),
+        bool(largest <= limit),
     )
-    still = np.abs(follower[settled, :6] - leader[settled, :6]).max()
-    expect(f"it was {still:.2f}° off once the leader stood still", bool(still <= STILL_DEG))
+    rest = np.abs(follower[settled, :6] - leader[settled, :6]).max()
+    expect(f"error at rest: {rest:.2f}°", bool(rest <= MAX_REST_DEG))
     gripper = abs(follower[settled, 6] - leader[settled, 6])
-    expect(f"its gripper was {gripper:.0f} of 1000 off", bool(gripper <= 5))
+    expect(f"error of the gripper at rest: {gripper:.0f} of 1000", bool(gripper <= 5))
 
 
-def between(poses: Poses) -> Poses:
-    """Return the poses with twenty interpolated ones between each two."""
+def interpolated(poses: Poses) -> Poses:
+    """Return the poses with linear interpolation, 20 poses per interval."""
     parts = np.linspace(0, 1, 20, endpoint=False)[:, None, None]
     return np.concatenate(poses[:-1] + parts * np.diff(poses, axis=0))
 
@@ -179,12 +179,12 @@ def record(folder: Path) -> None:
         bool(actions[:, 6].min() < GRIPPER - 300 and actions[:, 6].max() > GRIPPER + 300),
     )
     for what, values, truth in (("action", actions, leader), ("state", states, follower)):
-        way = between(truth[:, :6])
-        off = [np.abs(way - value[:6]).max(axis=1).min() for value in values]
-        expect(f"each {what} is a pose that the arm had, within {max(off):.2f}°", max(off) <= RECORDED_DEG)
-    behind = np.percentile(np.abs(states[FPS:, :6] - actions[FPS:, :6]).max(axis=1), PERCENT)
-    limit = FASTEST_DEG_S * (BEHIND_S + 1 / FPS)
-    expect(f"states are {behind:.2f}° or less behind actions {PERCENT} % of the time, of {limit:.1f}°", behind <= limit)
+        path = interpolated(truth[:, :6])
+        off = [np.abs(path - value[:6]).max(axis=1).min() for value in values]
+        expect(f"each {what} is a pose of the arm, within {max(off):.2f}°", max(off) <= RECORDED_DEG)
+    error = np.percentile(np.abs(states[FPS:, :6] - actions[FPS:, :6]).max(axis=1), PERCENTILE)
+    limit = FASTEST_DEG_S * (MAX_DELAY_S + 1 / FPS)
+    expect(f"states against actions: percentile {PERCENTILE} {error:.2f}°, limit {limit:.1f}°", error <= limit)
 
 
 def main(folder: str) -> None:

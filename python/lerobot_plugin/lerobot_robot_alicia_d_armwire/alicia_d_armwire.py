@@ -27,7 +27,7 @@ MAX_GRIPPER = 1000.0
 STOP_PERIOD_S = 0.02
 STOP_TIMEOUT_S = 1.0
 AT_REST_DEG = 0.27
-# Pause before a stop that failed is tried again, in seconds.
+# Pause before a failed stop is retried, in seconds.
 RETRY_S = 0.5
 
 
@@ -42,7 +42,7 @@ class AliciaDArmwire(Robot):
         self.config = config
         self.cameras = make_cameras_from_configs(config.cameras)
         self._arm: armwire.Ling | None = None
-        self._watch: _Watch | None = None
+        self._watchdog: _Watchdog | None = None
         # One motion at a time, an action or a stop.
         self._motion = threading.Condition()
         # The gripper's last goal. `None` before the first action: there is no motion to stop.
@@ -68,7 +68,7 @@ class AliciaDArmwire(Robot):
         """Open the port and switch the torque on: the arm holds its pose.
 
         Raises:
-            DeviceNotConnectedError: The arm cannot be opened or does not answer; the text says why.
+            DeviceNotConnectedError: The arm cannot be opened or does not answer; the text has the reason.
         """
         if self._arm is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
@@ -94,7 +94,7 @@ class AliciaDArmwire(Robot):
         return True
 
     def calibrate(self) -> None:
-        """Log how to set the zero position. This has no other effect."""
+        """Log instructions for the zero position. It has no other effect."""
         logger.info(CALIBRATION)
 
     def configure(self) -> None:
@@ -105,7 +105,7 @@ class AliciaDArmwire(Robot):
         """Read the pose and the images.
 
         Raises:
-            DeviceNotConnectedError: The arm does not answer; the text says why.
+            DeviceNotConnectedError: The arm does not answer; the text has the reason.
         """
         arm = self._connected()
         try:
@@ -120,11 +120,11 @@ class AliciaDArmwire(Robot):
         """Start a move to a pose.
 
         Returns:
-            The pose that was sent: cut to where the arm can go, and to `max_relative_target`.
+            The sent pose: clamped to the arm's range and to `max_relative_target`.
 
         Raises:
-            ValueError: A joint or the gripper is missing or no number; nothing is sent.
-            DeviceNotConnectedError: The arm cannot be sent it; the text says why.
+            ValueError: A joint or the gripper is missing or not a number; nothing is sent.
+            DeviceNotConnectedError: The pose cannot be sent; the text has the reason.
         """
         arm = self._connected()
         goal = _checked(action)
@@ -141,11 +141,11 @@ class AliciaDArmwire(Robot):
         return {f"{name}.pos": value for name, value in goal.items()}
 
     def disconnect(self) -> None:
-        """Stop the arm and close it and the cameras. The arm holds its pose unless its torque is to go off."""
+        """Stop and close the arm, and close the cameras. The arm holds its pose if the torque stays on."""
         arm = self._connected()
         try:
-            if self._watch is not None:
-                self._watch.end()
+            if self._watchdog is not None:
+                self._watchdog.end()
             try:
                 self._stop()
             except armwire.ArmwireError as error:
@@ -165,9 +165,9 @@ class AliciaDArmwire(Robot):
         return self._arm
 
     def _close(self) -> None:
-        if self._watch is not None:
-            self._watch.end()
-            self._watch = None
+        if self._watchdog is not None:
+            self._watchdog.end()
+            self._watchdog = None
         if self._arm is not None:
             self._arm.close()
             self._arm = None
@@ -178,10 +178,10 @@ class AliciaDArmwire(Robot):
 
     def _feed(self) -> None:
         """Restart the timeout of actions."""
-        if self._watch is None and self.config.action_timeout_s > 0:
-            self._watch = _Watch(self.config.action_timeout_s, self._motion, self._stop)
-        if self._watch is not None:
-            self._watch.feed()
+        if self._watchdog is None and self.config.action_timeout_s > 0:
+            self._watchdog = _Watchdog(self.config.action_timeout_s, self._motion, self._stop)
+        if self._watchdog is not None:
+            self._watchdog.feed()
 
     def _limited(self, arm: armwire.Ling, goal: dict[str, float]) -> dict[str, float]:
         """Limit the goal to the configured distance from the current joints."""
@@ -202,7 +202,7 @@ class AliciaDArmwire(Robot):
         )
 
     def _stop(self) -> None:
-        """Stop the joints where they are, and verify that they rest. The gripper keeps its goal, and with it its grip.
+        """Stop the joints at their position and verify that they rest. The gripper keeps its goal, to keep its grip.
 
         Raises:
             ArmwireError: The arm does not answer, or still moves.
@@ -217,13 +217,13 @@ class AliciaDArmwire(Robot):
                 if before is not None and max(abs(a - b) for a, b in zip(here, before, strict=True)) <= AT_REST_DEG:
                     return
                 if time.monotonic() >= until:
-                    raise armwire.errors.RefusedError(f"{arm.port}: it still moves {STOP_TIMEOUT_S:g} s after the stop")
+                    raise armwire.errors.RefusedError(f"{arm.port}: still moving {STOP_TIMEOUT_S:g} s after the stop")
                 self._move(arm, here, self._gripper)
                 before = here
                 time.sleep(STOP_PERIOD_S)
 
 
-class _Watch:
+class _Watchdog:
     """A watchdog thread: stops the arm on timeout, retries until it succeeds, and then waits for the next feed."""
 
     def __init__(self, timeout_s: float, changed: threading.Condition, stop: Callable[[], None]) -> None:
@@ -232,7 +232,7 @@ class _Watch:
         self._changed = changed
         self._due: float | None = None
         self._ended = False
-        self._thread = threading.Thread(target=self._run, name="action watch", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="action watchdog", daemon=True)
         self._thread.start()
 
     def feed(self) -> None:

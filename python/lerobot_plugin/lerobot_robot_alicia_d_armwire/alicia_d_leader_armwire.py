@@ -45,7 +45,7 @@ class AliciaDLeaderArmwire(Teleoperator):
         """Open the port. The torque stays as it is.
 
         Raises:
-            DeviceNotConnectedError: The arm cannot be opened or does not answer; the text says why.
+            DeviceNotConnectedError: The arm cannot be opened or does not answer; the text has the reason.
         """
         if self._arm is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
@@ -67,7 +67,7 @@ class AliciaDLeaderArmwire(Teleoperator):
         return True
 
     def calibrate(self) -> None:
-        """Log how to set the zero position. This has no other effect."""
+        """Log instructions for the zero position. It has no other effect."""
         logger.info(CALIBRATION)
 
     def configure(self) -> None:
@@ -77,7 +77,7 @@ class AliciaDLeaderArmwire(Teleoperator):
         """Read the pose.
 
         Raises:
-            DeviceNotConnectedError: The arm does not answer; the text says why.
+            DeviceNotConnectedError: The arm does not answer; the text has the reason.
         """
         arm = self._connected()
         try:

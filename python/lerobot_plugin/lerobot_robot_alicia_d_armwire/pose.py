@@ -1,4 +1,4 @@
-"""A pose as LeRobot has it: by name, joints in degrees, the gripper from 0 (closed) to 1000 (open)."""
+"""A pose for LeRobot: by name, joints in degrees, the gripper from 0 (closed) to 1000 (open)."""
 
 import armwire
 
@@ -7,8 +7,8 @@ GRIPPER = "gripper"
 FEATURES: dict[str, type] = {f"{name}.pos": float for name in (*JOINTS, GRIPPER)}
 
 CALIBRATION = (
-    "Alicia-D arms keep their zero position in their servos, from the factory, so there is nothing to calibrate here. "
-    "To make the present pose zero, for good: `armwire set-zero PORT`. Leader and follower need the same zero pose."
+    "The servos of an Alicia-D store the factory's zero position: no calibration is needed. `armwire set-zero PORT` "
+    "makes the current pose the zero position permanently. Leader and follower need the same zero pose."
 )
 
 

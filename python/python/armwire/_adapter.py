@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ._units import Floats
 
 # Maximum duration of one blocking read, in seconds. Deadlines are checked in between.
-LISTEN_S = 0.2
+READ_TIMEOUT_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Telemetry:
     stamp_us: int
     """Reception time of the frame's last byte by the adapter's clock, in microseconds since its start."""
     initiator: str | None
-    """Initiator of the request: `usb`, `can`, `poll`, `command`, `adapter`. `None` without one or for an event."""
+    """Initiator of the request: `usb`, `can`, `poll`, `command`, `adapter`. `None` without a request."""
     frame: bytes
     """The frame as on the wire; empty for an event."""
     event: Mapping[str, object] | None
@@ -106,7 +106,7 @@ class JointRecording:
 
 
 class Adapter(Open):
-    """The control port of an adapter. The arm's own port stays free for `Ling` meanwhile.
+    """The control port of an adapter. The arm's own port stays available for `Ling`.
 
     Calls time out after 3 s and raise the exceptions of `armwire.errors`.
 
@@ -115,7 +115,7 @@ class Adapter(Open):
             `can:IFACE/NODE`; `slcan:PORT@BITRATE/NODE`; `control:PORT` of a virtual board.
 
     Raises:
-        PortError: There is no adapter, or its control port cannot be opened.
+        PortError: No adapter was found, or its control port cannot be opened.
     """
 
     def __init__(self, port: str) -> None:
@@ -139,7 +139,7 @@ class Adapter(Open):
             save: Save the whole configuration for later starts.
 
         Raises:
-            ValueError: A setting or value does not exist.
+            ValueError: A setting or its value is invalid.
             RefusedError: The adapter rejected the configuration.
         """
         words = {True: "on", False: "off"}
@@ -167,7 +167,7 @@ class Adapter(Open):
         Returns:
             `answer`, from a request's last byte to its answer's last byte; `turn`, from a request's arrival to its
             first byte on the line; `poll`, from a poll's slot to its first byte on the line. Each has 16 counts, of
-            durations shorter than 2, 4, 8, … 32768 µs; the last counts all longer ones.
+            durations shorter than 2, 4, 8, … 32768 µs; the last count includes all longer ones.
         """
         latencies = cast("dict[str, list[int]]", json.loads(self._port.read_latencies()))
         return {name: np.array(counts, dtype=np.int64) for name, counts in latencies.items()}
@@ -186,7 +186,7 @@ class Adapter(Open):
         The adapter polls if configured: `set_config({"poll": 200})`. It drops and counts frames that exceed its queue.
 
         Args:
-            duration_s: Duration in seconds. Without it, the iteration has no end.
+            duration_s: Duration in seconds; `None` for an endless iteration.
             events: Also yield events of the adapter.
 
         Raises:
@@ -195,8 +195,8 @@ class Adapter(Open):
         until = None if duration_s is None else time.monotonic() + duration_s
         self._subscribe(events)
         try:
-            while (left := LISTEN_S if until is None else until - time.monotonic()) > 0:
-                if (received := self._receive(min(left, LISTEN_S))) is not None:
+            while (left := READ_TIMEOUT_S if until is None else until - time.monotonic()) > 0:
+                if (received := self._receive(min(left, READ_TIMEOUT_S))) is not None:
                     yield received
         finally:
             self._unsubscribe()
@@ -214,12 +214,12 @@ class Adapter(Open):
 
     def _receive(self, timeout_s: float) -> Telemetry | None:
         """Return the next frame or event within a timeout."""
-        received = self._port.hear(timeout_s)
+        received = self._port.receive(timeout_s)
         if received is None:
             return None
         stamp, initiator, frame, event = received
-        happened = None if event is None else cast("dict[str, object]", json.loads(event))
-        return Telemetry(stamp, initiator, frame or b"", happened)
+        fields = None if event is None else cast("dict[str, object]", json.loads(event))
+        return Telemetry(stamp, initiator, frame or b"", fields)
 
     def record_joints(self, duration_s: float) -> JointRecording:
         """Record a Ling arm's joints for this duration. See `telemetry`."""

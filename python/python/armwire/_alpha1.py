@@ -7,14 +7,14 @@ from . import _armwire
 from ._open import Open
 from ._units import count
 
-# Maximum servos of an action. An Alpha1 has 16.
+# Maximum number of servos in an action. An Alpha1 has 16.
 SERVOS = 20
 
 
 class Alpha1(Open):
     """An Alpha1 or its servo bus on a port.
 
-    Calls time out after 250 ms. Reads of the robot are retried twice and time out after three times that. Other
+    Calls time out after 250 ms. Reads of the robot are retried twice and time out after 750 ms. Other
     threads run during a call and may use the same object: calls are serialised. Ctrl-C ends a call. Calls raise the
     exceptions of `armwire.errors`: `RefusedError` if the robot or a servo reports failure, which has no reason.
 
@@ -35,11 +35,11 @@ class Alpha1(Open):
         return self._port.read_hardware_version()
 
     def read_firmware_version(self) -> str:
-        """Read the firmware version, year first, as 2016010100; 2015121519 is the first with this protocol."""
+        """Read the firmware version, year first: 2016010100. 2015121519 is the oldest with this protocol."""
         return self._port.read_firmware_version().decode("ascii", "backslashreplace")
 
     def read_running_servos(self) -> tuple[int, ...]:
-        """Read the numbers of the running servos, from 1. A servo that does not run can be turned by hand."""
+        """Read the numbers of the running servos, from 1. The other servos can be turned by hand."""
         return tuple(self._port.read_running_servos())
 
     def act(self, angles_deg: Mapping[int, int], *, time_s: float, interval_s: float) -> None:
@@ -66,7 +66,7 @@ class Alpha1(Open):
         self._port.stop()
 
     def set_offset_tool(self, connected: bool) -> None:
-        """Connect or disconnect the servo offset tool. While it is connected, Bluetooth may not be used."""
+        """Connect or disconnect the servo offset tool. Bluetooth is not available while it is connected."""
         self._port.set_offset_tool(connected)
 
     def set_usb_type(self, usb: Literal["disk", "serial", "hid"]) -> None:
@@ -74,27 +74,27 @@ class Alpha1(Open):
         self._port.set_usb_type(usb)
 
     def move_servo(self, servo: int, angle_deg: int, *, time_s: float, lock_s: float) -> None:
-        """Move a servo, 1 to 240, or all: 0.
+        """Move a servo, 1 to 240, or all servos: 0.
 
         Args:
-            servo: The servo's id. The acknowledgement of one is waited for; all servos give none.
+            servo: The servo's id. The call returns after its acknowledgement; 0 has no acknowledgement.
             angle_deg: Whole degrees, 0 to 240.
-            time_s: How long it takes, to 5.1 s.
-            lock_s: The completion time, to 1310.7 s.
+            time_s: Duration of the motion, up to 5.1 s.
+            lock_s: The completion time, up to 1310.7 s.
         """
         angle = count("servo angle in degrees", angle_deg, 240)
         self._port.move_servo(_id(servo), angle, time_s, lock_s)
 
     def release_servo(self, servo: int) -> None:
-        """Switch the motor of a servo, or of all (0), off: its load falls."""
+        """Switch the motor of a servo, or of all servos (0), off: a load that it holds falls."""
         self._port.release_servo(_id(servo))
 
     def set_servo_led(self, servo: int, led: int) -> None:
-        """Switch the light of a servo, or of all (0): 0 or 1. The sources disagree on the meaning."""
-        self._port.set_servo_led(_id(servo), count("light", led, 255))
+        """Switch the LED of a servo, or of all servos (0): 0 or 1. The sources contradict each other on the meaning."""
+        self._port.set_servo_led(_id(servo), count("LED", led, 255))
 
     def read_servo_angles_deg(self, servo: int) -> tuple[int, int]:
-        """Read target and actual angle. The servo switches its motor off to answer: its load falls."""
+        """Read target and actual angle. The servo switches its motor off to answer: a load that it holds falls."""
         return self._port.read_servo_angles(_id(servo))
 
     def change_servo_id(self, servo: int, to: int) -> None:

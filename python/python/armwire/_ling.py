@@ -17,13 +17,13 @@ MAX_GRIPPER = 1000
 # Tolerance of a joint's target: 3 ticks, 0.26°.
 NEAR_TICKS = 3
 # Timeout of switching the torque.
-OBEYS_S = 0.5
+TORQUE_TIMEOUT_S = 0.5
 # Polling interval of waits.
 PERIOD_S = 0.02
 
 
 class MotionStatus(IntEnum):
-    """An arm's motion status. A value without a name in the document stays a plain number."""
+    """An arm's motion status. Undocumented values stay plain numbers."""
 
     IDLE = 0x00
     LOCKED = 0x01
@@ -42,7 +42,7 @@ class LingInfo:
 
     serial: str
     kind: Literal["leader", "follower"] | None
-    """Leader or follower, by the serial number; `None` if that is not conclusive."""
+    """Leader or follower, by the serial number; `None` for an unknown serial number."""
     hardware: str
     """The hardware version, for example `v1.10`."""
     firmware: str
@@ -95,7 +95,7 @@ class LineErrors:
     """Line errors since the port was opened."""
 
     noise_bytes: int
-    """Bytes that belonged to no frame."""
+    """Bytes that were not part of a frame."""
     checksum_errors: int
     """Frames with a wrong checksum."""
 
@@ -134,7 +134,7 @@ class Ling(Open):
         return LingInfo(serial, kind, _version(hardware), _version(firmware))
 
     def read_joints(self) -> JointState:
-        """Read joints, gripper and motion status at once, as counts that convert."""
+        """Read joints, gripper and motion status at once, as raw counts with conversions."""
         return joint_state(self._port.read_joints())
 
     def read_joints_deg(self) -> Floats:
@@ -169,7 +169,7 @@ class Ling(Open):
         return self._port.read_stroke()
 
     def self_check(self) -> tuple[int, ...]:
-        """Check every servo.
+        """Run a self-check of every servo.
 
         Returns:
             The ids of faulty servos, from 1. A leader has no servos 7 to 10.
@@ -179,7 +179,7 @@ class Ling(Open):
         return tuple(servo for servo in range(1, servos + 1) if not normal >> (servo - 1) & 1)
 
     def self_check_mask(self) -> int:
-        """Check every servo. Bit 0 is servo 1; a 1 is normal. A leader has servos 1 to 6 only."""
+        """Run a self-check of every servo. Bit 0 is servo 1; a 1 is normal. A leader has servos 1 to 6 only."""
         return self._port.self_check()
 
     def move_deg(
@@ -240,7 +240,7 @@ class Ling(Open):
             RefusedError: The status does not confirm it within half a second.
         """
         self._port.set_torque(on)
-        until = time.monotonic() + OBEYS_S
+        until = time.monotonic() + TORQUE_TIMEOUT_S
         while True:
             state = self.read_joints()
             if state.is_holding is on:

@@ -22,12 +22,12 @@ SLACK = 1e-6
 
 
 def floats(numbers: bytearray) -> Floats:
-    """The array in 64-bit numbers of this machine, without a copy."""
+    """An array of 64-bit floating-point numbers in native byte order, without a copy."""
     return np.frombuffer(numbers, np.float64)
 
 
 def position_ticks(joints: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
-    """The positions in ticks nearest to six angles.
+    """Six positions in ticks, each nearest to an angle.
 
     Raises:
         ValueError: The number of angles is not six, or one is out of range or not a number.
@@ -37,7 +37,7 @@ def position_ticks(joints: ArrayLike, unit_per_tick: float, unit: str) -> list[i
 
 
 def speed_ticks(speed: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
-    """The speeds in ticks per second nearest to one speed for all joints, or to six.
+    """Six speeds in ticks per second, each nearest to its speed, or to one speed for all joints.
 
     Raises:
         ValueError: A speed is out of range or rounds to zero, which is undocumented.
@@ -50,23 +50,23 @@ def speed_ticks(speed: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
 def _six(values: ArrayLike, what: str) -> Floats:
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (JOINTS,):
-        raise ValueError(f"there are {JOINTS} {what}, not an array of shape {array.shape}")
+        raise ValueError(f"{what} have the shape {array.shape}, must be {JOINTS} numbers")
     return array
 
 
 def _ticks(
-    what: str, values: Floats, ticks: Floats, least: int, most: int, zero: int, unit_per_tick: float, unit: str
+    what: str, values: Floats, ticks: Floats, low: int, high: int, zero: int, unit_per_tick: float, unit: str
 ) -> list[int]:
     for joint, (value, tick) in enumerate(zip(values.tolist(), ticks.tolist(), strict=True), start=1):
         # NaN fails every comparison and counts as out of range.
-        if not least - SLACK <= tick <= most + SLACK:
-            low, high = (least - zero) * unit_per_tick, (most - zero) * unit_per_tick
-            raise ValueError(f"{what} of joint {joint} is {value:g} {unit}, must be {low:.6g} to {high:.6g}")
+        if not low - SLACK <= tick <= high + SLACK:
+            first, last = (low - zero) * unit_per_tick, (high - zero) * unit_per_tick
+            raise ValueError(f"{what} of joint {joint} is {value:g} {unit}, must be {first:.6g} to {last:.6g}")
     return [int(tick) for tick in np.rint(ticks)]
 
 
-def count(what: str, value: int, most: int) -> int:
-    """A whole number from 0 to `most`.
+def count(what: str, value: int, maximum: int) -> int:
+    """A whole number from 0 to `maximum`.
 
     Raises:
         TypeError: The value is not an integer.
@@ -76,6 +76,6 @@ def count(what: str, value: int, most: int) -> int:
         number = operator.index(value)
     except TypeError:
         raise TypeError(f"{what} is {value!r}, must be an integer") from None
-    if not 0 <= number <= most:
-        raise ValueError(f"{what} is {number}, must be 0 to {most}")
+    if not 0 <= number <= maximum:
+        raise ValueError(f"{what} is {number}, must be 0 to {maximum}")
     return number

@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class XArmState(IntFlag):
-    """The arm's state, part of every answer. The answer is valid despite a warning or an error."""
+    """The arm's state, a part of every answer. A warning or an error does not invalidate the answer."""
 
     OK = 0
     INVALID = 0x08
@@ -56,7 +56,7 @@ class XArmVersion:
 
 @dataclass(frozen=True)
 class XArmSerials:
-    """Serial numbers; `None` where one is not printable."""
+    """Serial numbers; `None` if not printable."""
 
     arm: str | None
     control_box: str | None
@@ -65,8 +65,8 @@ class XArmSerials:
 class XArm(Open):
     """An xArm on a host.
 
-    Calls time out after 2 s; those of registers without a method after 10 s. A missing answer takes a second more, in
-    which a late one may come. Other threads run during a call and may use the same object: calls are serialised. Ctrl-C
+    Calls time out after 2 s, those of registers without a method after 10 s. After a timeout, a call waits one more
+    second for a late answer. Other threads run during a call and may use the same object: calls are serialised. Ctrl-C
     ends a call. Calls raise the exceptions of `armwire.errors`.
 
     Args:
@@ -100,7 +100,7 @@ class XArm(Open):
         """Read the radius of rotation of a joint, 1 to 7, relative to the tool.
 
         Raises:
-            UnacceptableError: The arm's number is no radius: not 0 to 100 m.
+            UnacceptableError: The radius is not in the range of 0 to 100 m.
         """
         state, radius = self._port.read_rotation_radius(count("joint", joint, 255))
         if not 0 <= radius <= 100_000:
@@ -139,7 +139,7 @@ class XArm(Open):
         self._port.heartbeat()
 
     def raw(self, register: int, params: bytes = b"") -> Answer[bytes]:
-        """Make a request of any other register, without a check: 42 reads joint positions, 23 moves the arm.
+        """Call any other register, without checking its parameters: 42 reads joint positions, 23 moves the arm.
 
         Args:
             register: 0 to 255, except 1, 2, 4, 5, 6 and 10, which have methods.

@@ -3,8 +3,8 @@
     async with await armwire.aio.Ling.open("/dev/ttyACM0") as arm:
         print(await arm.read_joints_deg())
 
-Each object has its own thread, which makes its calls in order. A cancelled call that has begun runs to its end there:
-the arm never receives half a request, and the next call waits for that end.
+Each object has its own thread, which makes its calls in order. A cancelled call that has begun is completed there: the
+arm never receives half a request, and the next call waits for its end.
 """
 
 from __future__ import annotations
@@ -194,8 +194,8 @@ class Adapter(_Async[_adapter.Adapter]):
         await self._run(lambda: self._blocking._subscribe(events))
         try:
             # Calls in the object's thread are short, so that a cancelled iteration ends soon even on a silent line.
-            while (left := _adapter.LISTEN_S if until is None else until - time.monotonic()) > 0:
-                wait = min(left, _adapter.LISTEN_S)
+            while (left := _adapter.READ_TIMEOUT_S if until is None else until - time.monotonic()) > 0:
+                wait = min(left, _adapter.READ_TIMEOUT_S)
                 if (received := await self._run(functools.partial(self._blocking._receive, wait))) is not None:
                     yield received
         finally:

@@ -7,14 +7,14 @@ Exception              Cause
 =====================  ==============================================================================================
 `PortError`            The port or host cannot be opened: absent, in use, not permitted.
 `PortLostError`        The open port was lost: unplugged, switched off.
-`AbsentError`          No bytes came back: no arm, no power, wrong baud rate.
+`AbsentError`          No bytes arrived: no arm, no power, wrong baud rate.
 `DamagedError`         Answers had wrong checksums or were truncated: cable, ground, power.
-`LateError`            The answer came after the timeout. It is discarded and never matched to a later request.
-`WrongArmError`        Bytes came, but no answer of this protocol: another arm, or another program on the line.
-`RefusedError`         The arm or adapter refused the request or does not know it.
+`LateError`            The answer arrived after the timeout. It is discarded and never matched to a later request.
+`WrongArmError`        Bytes arrived, but no answer of this protocol: another arm, or another program on the line.
+`RefusedError`         The arm or adapter refused the request or does not support it.
 `UnacceptableError`    The answer is well-formed, with a value outside the protocol's range.
 `OlderArmError`        A Ling arm from before late 2025, with a different protocol. Nothing was sent to it.
-`ClosedError`          The object was closed before.
+`ClosedError`          The object is closed.
 =====================  ==============================================================================================
 
 Invalid arguments, such as an angle out of range, raise `ValueError`, and nothing is sent.
@@ -49,11 +49,11 @@ class PortLostError(PortError):
 
 
 class NoAnswerError(ArmwireError, TimeoutError):
-    """No valid answer came before the timeout."""
+    """No valid answer arrived before the timeout."""
 
 
 class AbsentError(NoAnswerError):
-    """No bytes came back."""
+    """No bytes arrived."""
 
 
 class DamagedError(NoAnswerError):
@@ -61,11 +61,11 @@ class DamagedError(NoAnswerError):
 
 
 class LateError(NoAnswerError):
-    """The answer came after the timeout."""
+    """The answer arrived after the timeout."""
 
 
 class WrongArmError(NoAnswerError):
-    """Bytes came, but no answer of this protocol."""
+    """Bytes arrived, but no answer of this protocol."""
 
 
 class RefusedError(ArmwireError):
@@ -81,4 +81,4 @@ class OlderArmError(ArmwireError):
 
 
 class ClosedError(ArmwireError):
-    """The object was closed before."""
+    """The object is closed."""

@@ -71,11 +71,11 @@ def latencies(durations_us: ArrayLike, *, title: str = "") -> Figure:
 
     durations = np.asarray(durations_us, dtype=np.float64)
     if durations.size == 0:
-        raise ValueError("there are no durations")
+        raise ValueError("no durations")
     figure = Figure(figsize=(9, 4), layout="constrained")
     axes = figure.subplots()
-    least, most = max(durations.min(), 1.0), max(durations.max(), 2.0)
-    axes.hist(durations, bins=np.geomspace(least * 0.99, most * 1.01, 60).tolist(), color=COLOURS[4])
+    shortest, longest = max(durations.min(), 1.0), max(durations.max(), 2.0)
+    axes.hist(durations, bins=np.geomspace(shortest * 0.99, longest * 1.01, 60).tolist(), color=COLOURS[4])
     for percent, style in ((50, "-"), (99, "--")):
         value = float(np.percentile(durations, percent))
         axes.axvline(value, color="black", linestyle=style, linewidth=1.2, label=f"{percent} %: {value:.0f} µs")
@@ -119,7 +119,7 @@ def read_csv(path: str | Path) -> Readings:
         reader = csv.DictReader(file)
         missing = [column for column in [*wanted, "latency_us"] if column not in (reader.fieldnames or [])]
         if missing:
-            raise ValueError(f"{path}: no column {missing[0]}: is it of `armwire monitor --csv`, of a Ling arm?")
+            raise ValueError(f"{path}: no column {missing[0]}: is it from `armwire monitor --csv` of a Ling arm?")
         for row in reader:
             try:
                 # A line without joints means a missing answer.

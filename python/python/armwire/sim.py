@@ -5,8 +5,8 @@ Each is a context manager with a `port` for the class of its arm::
     with armwire.sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
         arm.move_deg([10, -20, 0, 0, 0, 45], gripper_permille=500, speed_deg_s=100)
 
-They run in their own threads, in real time, without Python's lock. A virtual arm follows the document of the real
-one. None has been compared with a real arm.
+They run in their own threads, in real time, without Python's lock. A virtual arm follows the document of the real arm.
+None has been compared with a real arm.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class VirtualLing(Open):
         return joint_state(self._arm.joints())
 
     def push_joints_deg(self, joints: ArrayLike) -> bool:
-        """Move the joints by hand, at once. Returns true if they moved: the torque blocks them while it is on."""
+        """Move the joints by hand, at once. Returns true if they moved: torque on blocks them."""
         ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
         return all([self._arm.push_joint(joint, tick) for joint, tick in enumerate(ticks)])
 

@@ -76,7 +76,7 @@ class SynriaRobotAPI:
 
     def __init__(self, port: str, *, auto_connect: bool = True) -> None:
         if not port:
-            raise ValueError("the port has to be given, such as /dev/ttyACM0: 'armwire list' shows those there are")
+            raise ValueError("the port is required, for example /dev/ttyACM0: 'armwire list' shows the ports")
         self._port = port
         self._arm: _ling.Ling | None = None
         self._target_rad: list[float] | None = None
@@ -128,7 +128,7 @@ class SynriaRobotAPI:
             "self_check": self._self_check,
         }
         if info_type not in reads:
-            raise ValueError(f"Unsupported info type: {info_type}; there are {', '.join(reads)}")
+            raise ValueError(f"Unsupported info type: {info_type}, must be one of {', '.join(reads)}")
         return reads[info_type]()
 
     def set_robot_state(
@@ -142,7 +142,7 @@ class SynriaRobotAPI:
         timeout: float = 10.0,
         wait_for_completion: bool = True,
     ) -> bool:
-        """Move joints and gripper. Omitted targets keep their last value since the torque changed, or stay in place.
+        """Move joints and gripper. An omitted target keeps its last value; after a change of the torque, its position.
 
         Returns:
             True if all targets are reached, within `tolerance` in radians and 5 thousandths; true without waiting.
@@ -172,9 +172,9 @@ class SynriaRobotAPI:
         until = time.monotonic() + timeout
         while True:
             state = self._joint_gripper()
-            joints_are_there = target_joints is None or bool(np.allclose(state.angles, joints, rtol=0, atol=tolerance))
-            gripper_is_there = gripper_value is None or abs(state.gripper - gripper) <= _NEAR_GRIPPER
-            if joints_are_there and gripper_is_there:
+            joints_arrived = target_joints is None or bool(np.allclose(state.angles, joints, rtol=0, atol=tolerance))
+            gripper_arrived = gripper_value is None or abs(state.gripper - gripper) <= _NEAR_GRIPPER
+            if joints_arrived and gripper_arrived:
                 return True
             if time.monotonic() >= until:
                 return False
@@ -188,14 +188,14 @@ class SynriaRobotAPI:
         """Switch the torque `on` or `off` and verify it."""
         if command not in ("on", "off"):
             raise ValueError("command must be 'on' or 'off'")
-        # By hand, the arm may be anywhere after this.
+        # With the torque off, the arm may be moved by hand.
         self._forget_targets()
         self.arm.set_torque(command == "on")
         return True
 
     def zero_calibration(self) -> bool:
         """Make the current pose the zero position, after two prompts; the torque goes off between them."""
-        input("The factory's zero position will be lost, and the arm falls: hold it. Enter continues, Ctrl-C stops.")
+        input("This erases the factory's zero position, and the arm falls: hold it. Enter continues, Ctrl-C cancels.")
         self.arm.set_torque(False)
         input("Move the arm to its zero position by hand, then press Enter.")
         self.arm.set_zero()
@@ -269,4 +269,4 @@ def _dotted(version: str) -> str:
 
 
 def _kinematics(call: str) -> NoReturn:
-    raise NotImplementedError(f"{call}: kinematics and planning are RoboCore's; this package moves joints")
+    raise NotImplementedError(f"{call}: not implemented, use RoboCore for kinematics and planning")
