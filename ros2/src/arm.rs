@@ -27,12 +27,12 @@ const MOVE_PERIOD: Duration = Duration::from_millis(10);
 const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
 /// Time between two attempts to open a port.
 const RETRY: Duration = Duration::from_secs(1);
-/// Time between two checks for requests without an arm.
-const LOOK: Duration = Duration::from_millis(20);
+/// Time between two checks for requests while the arm is absent.
+const REQUEST_PERIOD: Duration = Duration::from_millis(20);
 /// Minimum time without a reading after which an adapter's arm counts as silent. With slow polls it is three periods.
 const SILENCE: Duration = Duration::from_millis(500);
 
-/// The reason why an arm is not served until its port is opened again.
+/// The reason why an arm is not served until its port is reopened.
 #[derive(Debug, thiserror::Error)]
 enum Failure {
     #[error(transparent)]
@@ -41,7 +41,7 @@ enum Failure {
     Arm(String),
 }
 
-/// Serves an arm until it is to end. A port that fails is opened again.
+/// Serves an arm until `stop` is set. Reopens a port that fails.
 pub(crate) fn serve(arm: &Arm, endpoints: &Endpoints, stop: &AtomicBool) {
     let mut host = Host {
         arm,
@@ -69,7 +69,7 @@ fn log(arm: &str, text: &str) {
     let _ = writeln!(stderr(), "armwire-ros2: {arm}: {text}");
 }
 
-/// The side of the ROS network, which stays when a port fails.
+/// The side of the ROS network, independent of the port.
 struct Host<'a> {
     arm: &'a Arm,
     endpoints: &'a Endpoints,
@@ -86,7 +86,7 @@ impl Host<'_> {
         }
     }
 
-    /// The next trajectory; one that cannot be decoded is dropped by DDS.
+    /// The next trajectory. DDS drops a trajectory that cannot be decoded.
     fn trajectory(&self) -> Option<JointTrajectory> {
         self.endpoints
             .trajectories
@@ -122,7 +122,7 @@ impl Host<'_> {
             .is_none_or(|published| now.duration_since(published) >= DIAGNOSTICS_PERIOD)
         {
             self.published = Some(now);
-            // A reader that does not keep up gets the next.
+            // A reader that is too slow gets the next one.
             let _ = self
                 .endpoints
                 .diagnostics
@@ -130,7 +130,7 @@ impl Host<'_> {
         }
     }
 
-    /// Answers for an arm that is not there.
+    /// Refuses all requests for this time, while the arm is absent.
     fn refuse_all_for(&mut self, time: Duration, stop: &AtomicBool) {
         let until = Instant::now() + time;
         while Instant::now() < until && !stop.load(Ordering::Relaxed) {
@@ -141,12 +141,12 @@ impl Host<'_> {
                 self.respond(effect, id, refused("the arm does not answer"));
             }
             self.publish_diagnostics();
-            thread::sleep(LOOK);
+            thread::sleep(REQUEST_PERIOD);
         }
     }
 }
 
-/// An arm that is served.
+/// An arm with an open port.
 struct Session<'a, 'b> {
     host: &'b mut Host<'a>,
     port: LingPort,
@@ -180,7 +180,7 @@ impl<'a, 'b> Session<'a, 'b> {
             };
             port.control(control::Request::Subscribe(all))?;
         }
-        let latest = ask(&mut port, stroke)?;
+        let latest = read(&mut port, stroke)?;
         host.diagnostics.failure = None;
         host.diagnostics.stamps = if port.has_adapter() { "adapter" } else { "host" };
         log(
@@ -201,15 +201,12 @@ impl<'a, 'b> Session<'a, 'b> {
         })
     }
 
-    /// Serves the arm until it is to end, or until its port fails. The arm then holds the last setpoint.
+    /// Serves the arm until `stop` is set or its port fails. The arm then holds the last setpoint.
     fn run(mut self, stop: &AtomicBool) -> Result<(), Failure> {
         let result = self.serve(stop);
         for Pending { id, effect, .. } in std::mem::take(&mut self.pending) {
-            self.host.respond(
-                effect,
-                id,
-                refused("sent, but the arm was lost before it could be read back"),
-            );
+            self.host
+                .respond(effect, id, refused("sent, but not read back: the arm was lost"));
         }
         result
     }
@@ -232,7 +229,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 }
             } else {
                 thread::sleep(due.saturating_duration_since(Instant::now()));
-                let reading = ask(&mut self.port, self.stroke)?;
+                let reading = read(&mut self.port, self.stroke)?;
                 self.publish(reading);
                 due += self.period;
                 if due < Instant::now() {
@@ -248,7 +245,7 @@ impl<'a, 'b> Session<'a, 'b> {
         self.end_stream()
     }
 
-    /// Takes one event of the adapter within a period. Returns true for a reading.
+    /// Receives one event of the adapter within a period. Returns true for a reading.
     fn receive(&mut self) -> Result<bool, Failure> {
         let Some((stamp, event)) = self.port.hear(self.period)? else {
             return Ok(false);
@@ -268,7 +265,7 @@ impl<'a, 'b> Session<'a, 'b> {
             }
             event => {
                 let event = format!("{event:?}");
-                log(&self.host.arm.name, &format!("event of the adapter: {event}"));
+                log(&self.host.arm.name, &format!("adapter event: {event}"));
                 self.host.diagnostics.adapter_event = Some(event);
                 Ok(false)
             }
@@ -302,10 +299,10 @@ impl<'a, 'b> Session<'a, 'b> {
         }
     }
 
-    /// Checks each trajectory that came; the last good one is played.
+    /// Checks each received trajectory, and plays the last valid one.
     fn take_trajectories(&mut self) {
         while let Some(trajectory) = self.host.trajectory() {
-            // A request to switch the torque off may not show in the readings yet.
+            // The readings may not show a torque-off yet.
             let is_ending = self
                 .pending
                 .iter()
@@ -314,7 +311,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 self.host.refuse(&Refusal::TorqueOff);
                 continue;
             }
-            // A motion goes on from its setpoint, not from a reading, which lags behind.
+            // A motion continues from its setpoint: a reading lags behind.
             let current = match &self.motion {
                 Some((plan, accepted)) => plan.at(accepted.elapsed()).positions,
                 None => self.latest.positions.clone(),
@@ -343,7 +340,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 self.motion = None;
             }
             for earlier in std::mem::take(&mut self.pending) {
-                let outcome = refused("sent, but another request came before it was read back");
+                let outcome = refused("sent, but not read back: another request followed");
                 self.host.respond(earlier.effect, earlier.id, outcome);
             }
             self.port.call(&effect.request())?;
@@ -353,7 +350,7 @@ impl<'a, 'b> Session<'a, 'b> {
         Ok(())
     }
 
-    /// Sends the motion's present setpoint, if it is time, and ends a motion behind its last.
+    /// Sends the motion's current setpoint if it is due. Ends the motion after its last point.
     fn step(&mut self) -> Result<(), Failure> {
         let now = Instant::now();
         let was_moving = std::mem::replace(&mut self.host.diagnostics.is_moving, self.motion.is_some());
@@ -374,15 +371,15 @@ impl<'a, 'b> Session<'a, 'b> {
         Ok(())
     }
 
-    /// Ends the stream at the adapter. Without that, a host that stops sending counts as silent.
+    /// Ends the stream at the adapter, which would otherwise report a silent host.
     fn end_stream(&mut self) -> Result<(), Failure> {
         self.port.control(control::Request::EndStream)?;
         Ok(())
     }
 }
 
-/// One reading by our own request, with the host's time.
-fn ask(port: &mut LingPort, stroke: Stroke) -> Result<Reading, Failure> {
+/// Reads the arm's joints, with the host's time.
+fn read(port: &mut LingPort, stroke: Stroke) -> Result<Reading, Failure> {
     let state: ling::JointState = match port.call(&Request::ReadJoints)? {
         Some(Response::Joints(state)) => state,
         _ => return Err(Failure::Arm("the arm answered another request".to_owned())),
@@ -397,11 +394,13 @@ fn adapter_rate(port: &mut LingPort) -> Result<u32, Failure> {
     };
     match (config.arm, config.poll) {
         (ArmKind::Ling, Poll::Off) => {
-            let reason = "the adapter does not poll the arm: 'armwire config PORT set poll=200 --save' lets it";
+            let reason = "the adapter does not poll the arm: enable it by 'armwire config PORT set poll=200 --save'";
             Err(Failure::Arm(reason.to_owned()))
         }
         (ArmKind::Ling, Poll::Hertz(rate)) => Ok(rate.max(1).into()),
         (ArmKind::Ling, Poll::Fastest) => Ok(MAX_POLL_HZ.into()),
-        (arm, _) => Err(Failure::Arm(format!("the adapter is set for '{arm}', not for ling"))),
+        (arm, _) => Err(Failure::Arm(format!(
+            "the adapter is configured for '{arm}', not for ling"
+        ))),
     }
 }

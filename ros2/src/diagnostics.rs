@@ -1,4 +1,4 @@
-//! Facts about one arm that others want to know: counts, the last refusal, and the level that comes of them.
+//! The diagnostics of one arm: counts, the last refusal, and the resulting level.
 
 use std::time::{Duration, Instant};
 
@@ -20,25 +20,25 @@ const ERROR: u8 = 2;
 #[derive(Debug, Default)]
 pub(crate) struct Diagnostics {
     port: String,
-    /// Why the arm is not served at present.
+    /// The reason why the arm is not served now.
     pub(crate) failure: Option<String>,
-    /// The clock that stamps are from.
+    /// The clock of the stamps.
     pub(crate) stamps: &'static str,
     pub(crate) status: Option<MotionStatus>,
     pub(crate) is_moving: bool,
     pub(crate) readings: u64,
-    /// Readings that DDS did not take.
+    /// Readings that DDS did not accept.
     pub(crate) dropped: u64,
     /// Readings with a joint out of the protocol's range.
     pub(crate) unusable: u64,
-    /// Readings that came later than a period after they were due.
+    /// Readings more than a period after they were due.
     pub(crate) late: u64,
     pub(crate) reconnects: u64,
     pub(crate) accepted: u64,
     refused: u64,
     last_refusal: Option<(Instant, String)>,
     logged: Option<Instant>,
-    /// The last event of the adapter, such as a silent host.
+    /// The last event of the adapter, for example a silent host.
     pub(crate) adapter_event: Option<String>,
 }
 
@@ -51,7 +51,7 @@ impl Diagnostics {
         }
     }
 
-    /// Counts a refused trajectory. Returns whether it is to be logged: a sender may repeat it a thousand times a second.
+    /// Counts a refused trajectory. Returns true if it must be logged: a sender may repeat it at a high rate.
     pub(crate) fn refuse(&mut self, now: Instant, reason: String) -> bool {
         self.refused += 1;
         self.last_refusal = Some((now, reason));
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn floods_of_refusals_are_logged_once_a_second() {
+    fn repeated_refusals_are_logged_once_a_second() {
         let mut diagnostics = Diagnostics::default();
         let now = Instant::now();
         let logged = (0..3_000).filter(|ms| diagnostics.refuse(now + Duration::from_millis(*ms), "no".to_owned()));
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn arm_that_is_not_served_is_an_error() {
+    fn absent_arm_is_an_error() {
         let failure = Some("no such port".to_owned());
         let diagnostics = Diagnostics {
             failure,

@@ -1,4 +1,4 @@
-//! A Ling arm's ticks and per mille as radians and metres, both ways.
+//! Conversion between a Ling arm's ticks and per mille and radians and metres.
 
 use armwire::OutOfRange;
 use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Speed, Stroke};
@@ -6,15 +6,15 @@ use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Pos
 use crate::messages::{Header, JointState, Time};
 use crate::trajectory::{Joint, Setpoint};
 
-/// The names of joints and gripper unless the user gives others.
+/// The default names of joints and gripper.
 pub(crate) const DEFAULT_NAMES: [&str; JOINTS + 1] =
     ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "gripper"];
-/// The gripper's speed: the vendor's package always sends this.
+/// The gripper's speed, as always sent by the vendor's package.
 const GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
-/// The slowest speed of a joint, in ticks/s: the vendor's package sends no less, and 0 has no documented meaning.
+/// The minimum speed of a joint, in ticks/s, as in the vendor's package. The meaning of 0 is not documented.
 const MIN_SPEED: u16 = 50;
 
-/// Joints of these names with the ranges of the protocol. The gripper's is known from the arm.
+/// Joints with these names and the ranges of the protocol. The arm reports the gripper's range.
 pub(crate) fn joints(names: &[String]) -> Vec<Joint> {
     let min = Position::new(0).unwrap_or(Position::CENTRE).radians().into();
     let joint = |(nth, name): (usize, &String)| Joint {
@@ -45,7 +45,7 @@ impl Reading {
     ///
     /// # Errors
     ///
-    /// A joint or a gripper out of the protocol's range: the arm is not where it says.
+    /// [`OutOfRange`] for a joint or gripper position outside the protocol's range.
     pub(crate) fn new(at: i64, state: &ling::JointState, stroke: Stroke) -> Result<Self, OutOfRange> {
         let mut positions: Vec<f64> = state
             .positions()?
@@ -94,7 +94,7 @@ impl Reading {
 ///
 /// # Errors
 ///
-/// A setpoint out of the protocol's range, which a checked trajectory does not have.
+/// A setpoint outside the protocol's range. A checked trajectory has none.
 pub(crate) fn to_move(setpoint: &Setpoint, stroke: Stroke) -> Result<Move, OutOfRange<f32>> {
     let slowest = Speed::new(MIN_SPEED).unwrap_or(Speed::MAX);
     let mut joints = [(Position::CENTRE, slowest); JOINTS];
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_radians_and_per_mille_metres() {
+    fn ticks_become_radians_and_per_mille_metres() {
         let reading = Reading::new(0, &state(3072, 500), Stroke::Mm50).unwrap();
         assert!(
             (reading.positions[0] - std::f64::consts::FRAC_PI_2).abs() < 1e-6,
@@ -133,13 +133,13 @@ mod tests {
     }
 
     #[test]
-    fn positions_out_of_range_are_no_reading() {
+    fn positions_out_of_range_are_an_error() {
         assert!(Reading::new(0, &state(4096, 0), Stroke::Mm50).is_err());
         assert!(Reading::new(0, &state(0, 1001), Stroke::Mm50).is_err());
     }
 
     #[test]
-    fn every_tick_comes_back_from_its_setpoint() {
+    fn every_tick_survives_conversion_to_a_setpoint() {
         for ticks in 0..=4095 {
             let reading = Reading::new(0, &state(ticks, 1000), Stroke::Mm100).unwrap();
             let setpoint = Setpoint {

@@ -1,6 +1,6 @@
 //! `armwire-ros2`: a ROS 2 node for robot arms, over DDS, without a ROS installation.
 //!
-//! One thread serves one arm: it owns the arm's port and the arm's topics and services, and takes turns between them.
+//! Each arm has a thread, which owns its port, topics and services.
 //!
 //! ```text
 //!            options ──► main ──► node: participant, topics, QoS
@@ -13,10 +13,10 @@
 //!                        └── armwire_cli::stamps: the adapter's clock in system time
 //! ```
 //!
-//! The way of one `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),
-//! `LingPort::hear` reads it, `stamps::Clock` maps the stamp to system time, `joint_states::Reading` turns ticks into
-//! radians, `Endpoints::publish` hands it to DDS. Without an adapter the node asks the arm, and the stamp is the host's
-//! time when the answer was in.
+//! The path of a `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),
+//! `Session::receive` receives the event, `stamps::Clock` maps the stamp to system time, `joint_states::Reading` converts
+//! ticks to radians, and `Session::publish` passes it to DDS. Without an adapter the node reads the joints, and the stamp
+//! is the host's time of the answer.
 
 mod arm;
 mod diagnostics;
@@ -36,7 +36,7 @@ use clap::Parser;
 use node::Network;
 use options::Options;
 
-/// Set by Ctrl-C, or a request to terminate.
+/// Set by Ctrl-C or by SIGTERM.
 static STOP: AtomicBool = AtomicBool::new(false);
 
 fn main() -> ExitCode {
@@ -66,7 +66,7 @@ fn run(options: &options::Checked) -> Result<(), String> {
     thread::scope(|scope| {
         for (arm, (node, endpoints)) in arms {
             scope.spawn(move || arm::serve(arm, &endpoints, &STOP));
-            // Its topics are known to others as long as it is there.
+            // Other nodes see the topics until the node is dropped.
             scope.spawn(move || node.keep_until(&STOP));
         }
     });

@@ -1,4 +1,4 @@
-//! The ROS 2 messages that the node speaks, field by field in the order of their `.msg` and `.srv` files.
+//! The ROS 2 messages of the node, with fields in the order of their `.msg` and `.srv` files.
 
 use armwire_cli::stamps::ros_time;
 use ros2_client::Message;
@@ -92,7 +92,7 @@ pub(crate) struct SetBoolRequest {
 
 impl Message for SetBoolRequest {}
 
-/// The request of `std_srvs/Trigger`, which is empty: DDS wants a field.
+/// The request of `std_srvs/Trigger`. DDS needs a field in an empty message.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct TriggerRequest {
     structure_needs_at_least_one_member: u8,

@@ -1,5 +1,6 @@
 //! The DDS side: one participant, and for each arm a ROS 2 node with its topics and services.
 
+use std::fmt::Display;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -15,15 +16,15 @@ use rustdds::DomainParticipantBuilder;
 use crate::messages::{DiagnosticArray, JointState, JointTrajectory, Outcome, SetBoolRequest, TriggerRequest};
 use crate::options::{Checked, Rmw};
 
-/// Interval at which a node checks for a request to end.
-const LOOK: Duration = Duration::from_millis(100);
+/// Interval between two checks of the stop flag.
+const STOP_PERIOD: Duration = Duration::from_millis(100);
 
-/// Our place in the network.
+/// The participant in the DDS domain.
 pub(crate) struct Network {
     context: Context,
 }
 
-/// A node, which others see as long as it is kept.
+/// A node. Other nodes see it until it is dropped.
 pub(crate) struct Kept(Node);
 
 /// The topics and services of one arm.
@@ -35,7 +36,7 @@ pub(crate) struct Endpoints {
     pub(crate) set_zero: Server<TriggerRequest, Outcome>,
 }
 
-/// Reliable, so that readers of both kinds are served, and never waiting for a slow one: the last few are kept for it.
+/// Reliable, for readers of both kinds. Never waits for a slow reader, for which the last samples are kept.
 fn qos(depth: usize) -> QosProfile {
     QosProfile::publisher_default()
         .reliability_reliable(WhenFull::Fail)
@@ -57,15 +58,14 @@ impl Network {
 
     /// The node `/NAME/armwire` with its topics and services.
     pub(crate) fn endpoints(&self, arm: &str, rmw: Rmw) -> Result<(Kept, Endpoints), String> {
-        let told = |error: &dyn std::fmt::Display| format!("arm {arm}: {error}");
         let namespace = format!("/{arm}");
-        let name = NodeName::new(&namespace, "armwire").map_err(|error| told(&error))?;
+        let name = NodeName::new(&namespace, "armwire").map_err(of_arm(arm))?;
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
-        let mut node = self.context.new_node(name, options).map_err(|error| told(&error))?;
+        let mut node = self.context.new_node(name, options).map_err(of_arm(arm))?;
         let topic = |node: &Node, namespace: &str, name: &str, package: &str, kind: &str, depth: usize| {
-            let name = Name::new(namespace, name).map_err(|error| told(&error))?;
+            let name = Name::new(namespace, name).map_err(of_arm(arm))?;
             node.create_topic(&name, MessageTypeName::new(package, kind), &qos(depth))
-                .map_err(|error| told(&error))
+                .map_err(of_arm(arm))
         };
         let states = topic(&node, &namespace, "joint_states", "sensor_msgs", "JointState", 10)?;
         let diagnostics = topic(&node, "/", "diagnostics", "diagnostic_msgs", "DiagnosticArray", 10)?;
@@ -81,33 +81,34 @@ impl Network {
             Rmw::Fastrtps => ServiceMapping::Enhanced,
             Rmw::Cyclonedds => ServiceMapping::Cyclone,
         };
-        let service = |name: &str| Name::new(&namespace, name).map_err(|error| told(&error));
+        let service = |name: &str| Name::new(&namespace, name).map_err(of_arm(arm));
         let set_bool = ServiceTypeName::new("std_srvs", "SetBool");
         let trigger = ServiceTypeName::new("std_srvs", "Trigger");
         let endpoints = Endpoints {
-            states: node.create_publisher(&states, None).map_err(|error| told(&error))?,
-            diagnostics: node
-                .create_publisher(&diagnostics, None)
-                .map_err(|error| told(&error))?,
-            trajectories: node
-                .create_subscription(&trajectories, None)
-                .map_err(|error| told(&error))?,
+            states: node.create_publisher(&states, None).map_err(of_arm(arm))?,
+            diagnostics: node.create_publisher(&diagnostics, None).map_err(of_arm(arm))?,
+            trajectories: node.create_subscription(&trajectories, None).map_err(of_arm(arm))?,
             torque: node
                 .create_server(mapping, &service("torque")?, &set_bool, qos(10), qos(10))
-                .map_err(|error| told(&error))?,
+                .map_err(of_arm(arm))?,
             set_zero: node
                 .create_server(mapping, &service("set_zero")?, &trigger, qos(10), qos(10))
-                .map_err(|error| told(&error))?,
+                .map_err(of_arm(arm))?,
         };
         Ok((Kept(node), endpoints))
     }
 }
 
+/// Adds the arm to an error.
+fn of_arm<E: Display>(arm: &str) -> impl Fn(E) -> String {
+    move |error| format!("arm {arm}: {error}")
+}
+
 impl Kept {
-    /// Keeps the node until it is to end.
+    /// Keeps the node until `stop` is set.
     pub(crate) fn keep_until(self, stop: &AtomicBool) {
         while !stop.load(Ordering::Relaxed) {
-            thread::sleep(LOOK);
+            thread::sleep(STOP_PERIOD);
         }
         drop(self.0);
     }

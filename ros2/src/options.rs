@@ -14,20 +14,20 @@ use crate::trajectory::{self, Joint};
 #[derive(Parser)]
 #[command(name = "armwire-ros2", version, max_term_width = 100)]
 pub(crate) struct Options {
-    /// An arm: its name, which is its namespace, and its port as 'armwire' takes it, such as left=ling:/dev/ttyACM0 or
+    /// An arm: its name, which is its namespace, and its port as for 'armwire', such as left=ling:/dev/ttyACM0 or
     /// right=ling:can:can0/3. May be repeated.
     #[arg(long = "arm", required = true, value_name = "NAME=ling:PORT")]
     arms: Vec<String>,
-    /// The control port of an arm's adapter, where it cannot be found from the arm's port.
+    /// The control port of an arm's adapter, if it cannot be found by the arm's port.
     #[arg(long = "control", value_name = "NAME=PORT")]
     controls: Vec<String>,
-    /// The names of an arm's joints; joint1 to joint6 and gripper unless you say otherwise.
+    /// The names of an arm's joints; joint1 to joint6 and gripper by default.
     #[arg(long = "joints", value_name = "NAME=J1,J2,J3,J4,J5,J6,GRIPPER")]
     joints: Vec<String>,
     /// The range of a joint in trajectories, in rad. Without it, the range of the protocol, ±π less one tick.
     #[arg(long = "limit", value_name = "NAME/JOINT=MIN:MAX")]
     limits: Vec<String>,
-    /// Readings a second of an arm without an adapter. An adapter polls at its own rate.
+    /// Readings per second of an arm without an adapter. An adapter polls at its own rate.
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=500))]
     rate: u32,
     /// The network interface to use, by name or IPv4 address.
@@ -36,10 +36,10 @@ pub(crate) struct Options {
     /// The DDS domain.
     #[arg(long, env = "ROS_DOMAIN_ID", default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=232))]
     domain: u16,
-    /// The middleware of those who call the services: each has a way of its own to send a request.
+    /// The middleware of the service clients. Each has its own format of requests.
     #[arg(long, value_enum, default_value_t = Rmw::Fastrtps)]
     rmw: Rmw,
-    /// Obey set_zero, which moves an arm's zero position for good and drops the arm.
+    /// Allow set_zero, which changes an arm's zero position permanently and drops the arm.
     #[arg(long)]
     allow_set_zero: bool,
 }
@@ -53,7 +53,7 @@ pub(crate) enum Rmw {
     Cyclonedds,
 }
 
-/// Options that go together.
+/// Consistent options.
 #[derive(Debug)]
 pub(crate) struct Checked {
     pub(crate) arms: Vec<Arm>,
@@ -67,18 +67,18 @@ pub(crate) struct Checked {
 pub(crate) struct Arm {
     pub(crate) name: String,
     pub(crate) address: LingAddress,
-    /// The six joints, and the gripper, whose range is known from the arm only.
+    /// The six joints and the gripper. The arm reports the gripper's range.
     pub(crate) joints: Vec<Joint>,
     pub(crate) rate: u32,
     pub(crate) allow_set_zero: bool,
 }
 
 impl Options {
-    /// Checks that all options go together.
+    /// Checks the options for consistency.
     ///
     /// # Errors
     ///
-    /// The first that does not, and why.
+    /// The first inconsistent option, with the reason.
     pub(crate) fn checked(&self) -> Result<Checked, String> {
         let mut controls = by_name("--control", &self.controls)?;
         let mut joints = by_name("--joints", &self.joints)?;
@@ -87,15 +87,15 @@ impl Options {
             let (name, address) = split("--arm", text)?;
             if !is_name(name) {
                 return Err(format!(
-                    "--arm {text:?}: {name:?} is no name of letters, digits and _, a letter first"
+                    "--arm {text:?}: the name {name:?} must have letters, digits and _, a letter first"
                 ));
             }
             if arms.iter().any(|arm| arm.name == name) {
-                return Err(format!("--arm {name}: the name is there twice"));
+                return Err(format!("--arm {name}: the name is given twice"));
             }
             let Some(port) = address.strip_prefix("ling:") else {
                 return Err(format!(
-                    "--arm {text:?}: the port is to be ling:PORT; no other arm tells joint positions"
+                    "--arm {text:?}: the port must be ling:PORT; no other arm reports joint positions"
                 ));
             };
             let names = match joints.remove(name) {
@@ -105,7 +105,7 @@ impl Options {
             let address =
                 LingAddress::new(port, controls.remove(name)).map_err(|error| format!("--arm {text:?}: {error}"))?;
             if let Some(other) = arms.iter().find(|arm| arm.address == address) {
-                return Err(format!("--arm {text:?}: its port is that of {}", other.name));
+                return Err(format!("--arm {text:?}: {} has the same port", other.name));
             }
             arms.push(Arm {
                 name: name.to_owned(),
@@ -117,7 +117,7 @@ impl Options {
         }
         for (option, left) in [("--control", controls), ("--joints", joints)] {
             if let Some(name) = left.keys().next() {
-                return Err(format!("{option} {name}=…: there is no --arm {name}=…"));
+                return Err(format!("{option} {name}=…: no --arm {name}=…"));
             }
         }
         for text in &self.limits {
@@ -136,7 +136,7 @@ impl Options {
 /// The text before the first `=`, and the text after it.
 fn split<'a>(option: &str, text: &'a str) -> Result<(&'a str, &'a str), String> {
     text.split_once('=')
-        .ok_or_else(|| format!("{option} {text:?}: there is no ="))
+        .ok_or_else(|| format!("{option} {text:?}: = is missing"))
 }
 
 fn by_name<'a>(option: &str, texts: &'a [String]) -> Result<HashMap<&'a str, &'a str>, String> {
@@ -144,13 +144,13 @@ fn by_name<'a>(option: &str, texts: &'a [String]) -> Result<HashMap<&'a str, &'a
     for text in texts {
         let (name, value) = split(option, text)?;
         if all.insert(name, value).is_some() {
-            return Err(format!("{option} {name}: it is there twice"));
+            return Err(format!("{option} {name}: given twice"));
         }
     }
     Ok(all)
 }
 
-/// Returns true if it is valid in the name of a ROS 2 topic.
+/// Returns true if the name is valid as a part of a ROS 2 topic's name.
 fn is_name(name: &str) -> bool {
     name.starts_with(|first: char| first.is_ascii_alphabetic())
         && name.chars().all(|char| char.is_ascii_alphanumeric() || char == '_')
@@ -161,31 +161,31 @@ fn joint_names(text: &str) -> Result<Vec<String>, String> {
     let names: Vec<_> = text.split(',').map(str::to_owned).collect();
     let is_repeated = |nth: usize| names[..nth].contains(&names[nth]);
     if names.len() != JOINTS + 1 || names.iter().any(String::is_empty) {
-        return Err("it takes seven names, those of six joints and the gripper".to_owned());
+        return Err("must be seven names, of six joints and the gripper".to_owned());
     }
     if let Some(name) = names.iter().find(|name| name.contains(char::is_control)) {
-        return Err(format!("{name:?} has a control character"));
+        return Err(format!("{name:?} contains a control character"));
     }
     match (0..names.len()).find(|&nth| is_repeated(nth)) {
-        Some(nth) => Err(format!("{:?} is there twice", names[nth])),
+        Some(nth) => Err(format!("{:?} is given twice", names[nth])),
         None => Ok(names),
     }
 }
 
 fn set_limit(arms: &mut [Arm], text: &str) -> Result<(), String> {
-    let (place, range) = text.split_once('=').ok_or("there is no =")?;
-    let (arm, joint) = place.split_once('/').ok_or("there is no / between arm and joint")?;
-    let (min, max) = range.split_once(':').ok_or("there is no : in the range")?;
-    let number = |text: &str| text.parse::<f64>().map_err(|_| format!("{text:?} is no number"));
+    let (name, range) = text.split_once('=').ok_or("= is missing")?;
+    let (arm, joint) = name.split_once('/').ok_or("/ between arm and joint is missing")?;
+    let (min, max) = range.split_once(':').ok_or(": in the range is missing")?;
+    let number = |text: &str| text.parse::<f64>().map_err(|_| format!("{text:?} is not a number"));
     let (min, max) = trajectory::limit(number(min)?, number(max)?)?;
     let arm = arms
         .iter_mut()
         .find(|one| one.name == arm)
-        .ok_or_else(|| format!("there is no --arm {arm}=…"))?;
+        .ok_or_else(|| format!("no --arm {arm}=…"))?;
     let joint = arm.joints[..JOINTS]
         .iter_mut()
         .find(|one| one.name == joint)
-        .ok_or_else(|| format!("no joint is {joint:?}"))?;
+        .ok_or_else(|| format!("no joint {joint:?}"))?;
     (joint.min, joint.max) = (joint.min.max(min), joint.max.min(max));
     Ok(())
 }
@@ -207,7 +207,7 @@ fn interface(text: &str) -> Result<Ipv4Addr, String> {
     }
     let names: Vec<_> = interfaces.iter().map(|interface| &*interface.name).collect();
     Err(format!(
-        "--interface {text:?}: no interface of this computer has it with an IPv4 address: {}",
+        "--interface {text:?}: no interface of this computer with an IPv4 address has this name or address: {}",
         names.join(", ")
     ))
 }
@@ -249,20 +249,20 @@ mod tests {
     }
 
     #[test]
-    fn options_that_do_not_go_together_are_refused() {
+    fn inconsistent_options_are_refused() {
         for (args, error) in [
-            (&["--arm=left"][..], "there is no ="),
-            (&["--arm=a=xarm:1.2.3.4"], "no other arm tells joint positions"),
-            (&["--arm=a/b=ling:x"], "is no name of letters"),
+            (&["--arm=left"][..], "= is missing"),
+            (&["--arm=a=xarm:1.2.3.4"], "no other arm reports joint positions"),
+            (&["--arm=a/b=ling:x"], "must have letters"),
             (&["--arm=a=ling:x", "--arm=a=ling:y"], "twice"),
-            (&["--arm=a=ling:x", "--control=b=y"], "there is no --arm b"),
+            (&["--arm=a=ling:x", "--control=b=y"], "no --arm b"),
             (&["--arm=a=ling:x", "--joints=a=b"], "seven names"),
             (
                 &["--arm=a=ling:x", "--joints=a=b,c,d,e,f,g,h\u{7}"],
                 "a control character",
             ),
-            (&["--arm=a=ling:x", "--arm=b=ling:x"], "its port is that of a"),
-            (&["--arm=a=ling:x", "--limit=a/joint9=0:1"], "no joint is"),
+            (&["--arm=a=ling:x", "--arm=b=ling:x"], "a has the same port"),
+            (&["--arm=a=ling:x", "--limit=a/joint9=0:1"], "no joint \"joint9\""),
             (&["--arm=a=ling:x", "--limit=a/joint1=1:0"], "the lower end first"),
             (&["--arm=a=ling:x", "--limit=a/joint1=0:NaN"], "the lower end first"),
             (
@@ -270,8 +270,8 @@ mod tests {
                 "no interface of this computer",
             ),
         ] {
-            let told = checked(args).unwrap_err();
-            assert!(told.contains(error), "{told}");
+            let text = checked(args).unwrap_err();
+            assert!(text.contains(error), "{text}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Services that are answered when the arm's readings say that it is done, or when it took too long.
+//! Services. They are answered when the arm's readings show the effect, or after a timeout.
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use crate::messages::Outcome;
 /// Timeout until a reading shows the effect of a request.
 const EFFECT_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// The effect that a reading is to show.
+/// The expected effect of a request on the readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Effect {
     Torque(bool),
@@ -35,7 +35,7 @@ impl Effect {
     }
 }
 
-/// A request that was sent to the arm, for the caller `id`.
+/// A request of the client `id` that was sent to the arm.
 #[derive(Debug)]
 pub(crate) struct Pending<I> {
     pub(crate) id: I,
@@ -55,7 +55,7 @@ impl<I> Pending<I> {
         }
     }
 
-    /// The outcome, once there is one: by a reading that was taken after the request was sent.
+    /// The outcome by a reading after the request; `None` while it is undecided.
     pub(crate) fn outcome(&self, reading: &Reading, now: Instant) -> Option<Outcome> {
         let status = reading.status;
         if reading.at > self.sent_at && self.effect.is_shown(reading) {
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn success_is_what_the_arm_shows() {
+    fn reading_with_the_effect_is_a_success() {
         let sent = Instant::now();
         let pending = Pending::new((), Effect::Torque(true), sent, 0);
         assert_eq!(pending.outcome(&reading(MotionStatus::Idle, 0.0), sent), None);
@@ -112,14 +112,14 @@ mod tests {
     }
 
     #[test]
-    fn reading_before_the_request_is_no_success() {
+    fn reading_before_the_request_is_not_a_success() {
         let sent = Instant::now();
         let pending = Pending::new((), Effect::Torque(true), sent, 1);
         assert_eq!(pending.outcome(&reading(MotionStatus::Locked, 0.0), sent), None);
     }
 
     #[test]
-    fn arm_that_does_not_obey_is_a_failure() {
+    fn missing_effect_is_a_failure() {
         let sent = Instant::now();
         let pending = Pending::new((), Effect::Zero, sent, 0);
         let outcome = |ms| pending.outcome(&reading(MotionStatus::Idle, 0.1), sent + Duration::from_millis(ms));

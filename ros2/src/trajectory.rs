@@ -1,33 +1,33 @@
-//! Trajectories: checked before the first motion, then interpolated. Without a clock and without a port.
+//! Trajectories: checked before the first motion, then interpolated. No clock and no I/O.
 
 use std::f64::consts::PI;
 use std::time::Duration;
 
 use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
 
-/// The age up to which `header.stamp` counts as now: the way from the sender, and clocks of computers that differ a little.
+/// The age up to which `header.stamp` counts as now, for the latency of the network and the difference of clocks.
 const MAX_AGE: Duration = Duration::from_millis(200);
-/// The time until a start at most, and a trajectory's length at most.
+/// Maximum time until a start, and maximum duration of a trajectory.
 const MAX_LEAD: Duration = Duration::from_secs(10);
 const MAX_LENGTH: Duration = Duration::from_secs(600);
-/// The distance between a joint and a first point at time 0, in rad.
+/// Maximum distance between a joint and a first point at time 0, in rad.
 const START_TOLERANCE: f64 = 0.05;
 
-/// A joint as trajectories name it, in rad and rad/s, or in m for a gripper.
+/// A joint of a trajectory, in rad and rad/s, or in m for a gripper.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Joint {
     pub(crate) name: String,
     pub(crate) min: f64,
     pub(crate) max: f64,
-    /// `None` where the arm has no limit: the gripper.
+    /// `None` without a limit of the arm: the gripper.
     pub(crate) max_speed: Option<f64>,
 }
 
-/// The reason why a trajectory is refused. Nothing of it was done.
+/// The reason why a trajectory is refused. No part of it was executed.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Refusal {
     /// The torque went off during the motion.
-    #[error("the torque went off, which ended the motion")]
+    #[error("the torque went off and ended the motion")]
     TorqueLost,
     #[error("joint {0:?} is unknown")]
     UnknownJoint(String),
@@ -42,7 +42,7 @@ pub(crate) enum Refusal {
         got: usize,
         joints: usize,
     },
-    #[error("point {point} has effort, which the arm does not take")]
+    #[error("point {point} has effort, which the arm does not accept")]
     Effort { point: usize },
     #[error("point {point}: {field} of {joint:?} is {value}")]
     NotFinite {
@@ -72,13 +72,13 @@ pub(crate) enum Refusal {
     Time { point: usize },
     #[error("point {point}: time_from_start is not later than that of the point before")]
     Order { point: usize },
-    #[error("header.stamp is no time")]
+    #[error("header.stamp is not a time")]
     Stamp,
     #[error("header.stamp is {} ms in the past, allowed {}", .0.as_millis(), MAX_AGE.as_millis())]
     Past(Duration),
     #[error("header.stamp is {} s in the future, allowed {}", .0.as_secs(), MAX_LEAD.as_secs())]
     Future(Duration),
-    #[error("joints are named, but there is no point")]
+    #[error("joints are named, but the trajectory has no points")]
     NoPoint,
     #[error("the torque is off")]
     TorqueOff,
@@ -86,16 +86,16 @@ pub(crate) enum Refusal {
     NoArm,
 }
 
-/// A trajectory that was checked.
+/// A checked trajectory.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Accepted {
     /// Play this.
     Plan(Plan),
-    /// No joint and no point: end what is played, and hold.
+    /// No joints and no points: end the motion and hold.
     Hold,
 }
 
-/// Knots of a motion, from the acceptance of a trajectory on. Joints move at constant speed between two.
+/// Knots of a motion, in time since the acceptance of a trajectory. Joints move at constant speed between two knots.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Plan {
     knots: Vec<Knot>,
@@ -107,7 +107,7 @@ struct Knot {
     positions: Vec<f64>,
 }
 
-/// Targets of all joints, with the speeds to get there.
+/// Targets and speeds of all joints.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Setpoint {
     pub(crate) positions: Vec<f64>,
@@ -115,8 +115,8 @@ pub(crate) struct Setpoint {
 }
 
 impl Plan {
-    /// The setpoint at a time since acceptance: where the joints are to be then, and the speeds of the segment that leads
-    /// there. After the end, the last point.
+    /// The setpoint at a time since acceptance: the positions, and the speeds of the current segment. After the end, the
+    /// last point.
     pub(crate) fn at(&self, elapsed: Duration) -> Setpoint {
         let next = self.knots.partition_point(|knot| knot.at < elapsed);
         let next = next.clamp(1, self.knots.len() - 1);
@@ -126,7 +126,7 @@ impl Plan {
         let (mut positions, mut speeds) = (Vec::new(), Vec::new());
         for (&from, &to) in from.positions.iter().zip(&to.positions) {
             let speed = if length > 0.0 { (to - from) / length } else { 0.0 };
-            // Exactly the point at its time, whatever rounding does.
+            // Exactly the point at its time, without rounding.
             positions.push(if passed >= length { to } else { from + speed * passed });
             speeds.push(speed.abs());
         }
@@ -139,13 +139,14 @@ impl Plan {
     }
 }
 
-/// Checks a trajectory that came in at system time `now`, in nanoseconds, for joints that are at `current`.
+/// Checks a trajectory received at system time `now`, in nanoseconds, for joints at `current`.
 ///
-/// The first six of `joints` must be named, in any order; the gripper behind them may be left out, and then stays.
+/// The first `required` of `joints` must be named, in any order. Others, such as the gripper, may be omitted and then keep
+/// their position.
 ///
 /// # Errors
 ///
-/// The first reason to refuse it.
+/// The first reason for a refusal.
 pub(crate) fn check(
     joints: &[Joint],
     required: usize,
@@ -185,7 +186,7 @@ pub(crate) fn check(
     Ok(Accepted::Plan(Plan { knots }))
 }
 
-/// The column of each joint in a trajectory with these names; `None` for one that is left out.
+/// The column of each joint in a trajectory with these names; `None` for an omitted joint.
 fn columns(joints: &[Joint], required: usize, names: &[String]) -> Result<Vec<Option<usize>>, Refusal> {
     for (nth, name) in names.iter().enumerate() {
         if !joints.iter().any(|joint| joint.name == *name) {
@@ -205,7 +206,7 @@ fn columns(joints: &[Joint], required: usize, names: &[String]) -> Result<Vec<Op
     }
 }
 
-/// The time from now to the start: none for a stamp of 0, or one that is only just past.
+/// The time from now to the start: zero for a stamp of 0 or just in the past.
 fn start(stamp: Time, now: i64) -> Result<Duration, Refusal> {
     if stamp.sec < 0 || stamp.nanosec >= 1_000_000_000 {
         return Err(Refusal::Stamp);
@@ -232,7 +233,7 @@ fn time_from_start(point: usize, time: Time) -> Result<Duration, Refusal> {
     }
 }
 
-/// The positions of all joints at a point; a joint that is not named stays where it was before.
+/// The positions of all joints at a point. An omitted joint keeps its previous position.
 fn positions(
     joints: &[Joint],
     columns: &[Option<usize>],
@@ -292,7 +293,7 @@ fn positions(
     Ok(positions)
 }
 
-/// A first point at time 0 is where the arm is.
+/// Checks that a first point at time 0 is near the arm's position.
 fn near(joints: &[Joint], current: &[f64], first: &[f64]) -> Result<(), Refusal> {
     for ((joint, current), first) in joints.iter().zip(current).zip(first) {
         let distance = (first - current).abs();
@@ -322,11 +323,11 @@ fn speeds(joints: &[Joint], nth: usize, from: &Knot, to: &Knot) -> Result<(), Re
     Ok(())
 }
 
-/// A limit of a joint that the user sets, in rad.
+/// The user's limit of a joint, in rad.
 ///
 /// # Errors
 ///
-/// A range that is none, or beyond ±π.
+/// An empty range, or one beyond ±π.
 pub(crate) fn limit(min: f64, max: f64) -> Result<(f64, f64), String> {
     match -PI <= min && min < max && max <= PI {
         true => Ok((min, max)),
@@ -386,7 +387,7 @@ mod tests {
     fn plan(trajectory: &JointTrajectory) -> Plan {
         match checked(trajectory).unwrap() {
             Accepted::Plan(plan) => plan,
-            Accepted::Hold => panic!("it has points"),
+            Accepted::Hold => panic!("no plan"),
         }
     }
 
@@ -433,16 +434,19 @@ mod tests {
     }
 
     #[test]
-    fn joints_may_come_in_any_order() {
+    fn joints_may_be_in_any_order() {
         let mut mixed = trajectory(&[point(1.0, &[0.01, 0.2, 0.1])]);
         mixed.joint_names = ["gripper", "b", "a"].map(str::to_owned).to_vec();
         assert_eq!(plan(&mixed).at(Duration::from_secs(1)).positions, [0.1, 0.2, 0.01]);
     }
 
     #[test]
-    fn nothing_at_all_means_hold() {
+    fn empty_trajectory_means_hold() {
         assert_eq!(checked(&JointTrajectory::default()), Ok(Accepted::Hold));
-        assert_eq!(refused(&trajectory(&[])), "joints are named, but there is no point");
+        assert_eq!(
+            refused(&trajectory(&[])),
+            "joints are named, but the trajectory has no points"
+        );
     }
 
     #[test]
@@ -502,7 +506,7 @@ mod tests {
                     effort: vec![0.0, 0.0],
                     ..point(2.0, &[0.0, 0.0])
                 },
-                "point 1 has effort, which the arm does not take",
+                "point 1 has effort, which the arm does not accept",
             ),
         ] {
             assert_eq!(refused(&trajectory(&[good.clone(), wrong])), error);
@@ -510,7 +514,7 @@ mod tests {
     }
 
     #[test]
-    fn first_point_at_time_0_is_where_the_arm_is() {
+    fn first_point_at_time_0_is_near_the_arm() {
         assert!(checked(&trajectory(&[point(0.0, &[0.04, 0.0])])).is_ok());
         let far = trajectory(&[point(0.0, &[0.0, 0.06])]);
         assert_eq!(

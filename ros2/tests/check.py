@@ -1,4 +1,4 @@
-"""A DDS peer of another make, Eclipse Cyclone, which rmw_cyclonedds is made of, hears and moves virtual arms.
+"""A peer with another DDS implementation, Eclipse Cyclone, as in rmw_cyclonedds, reads and moves virtual arms.
 
 Usage: check.py FOLDER_OF_PROGRAMS FOLDER_OF_BOARD, in a network namespace of its own with `lo` and `outside0` up. The second
 folder has the ports `arm` and `control` of an adapter's image on the virtual board.
@@ -96,7 +96,7 @@ class DiagnosticArray_(IdlStruct, typename="diagnostic_msgs::msg::dds_::Diagnost
     status: sequence[DiagnosticStatus_]
 
 
-# rmw_cyclonedds puts the caller and the request's number in front of each request and response.
+# In rmw_cyclonedds, each request and response starts with the client and the request's number.
 @dataclass
 class SetBoolRequest_(IdlStruct, typename="std_srvs::srv::dds_::SetBool_Request_"):
     caller: uint64
@@ -150,15 +150,15 @@ def end(process, how=signal.SIGTERM):
 def virtual_arm(name):
     port = os.path.join(FOLDER, name)
     process = start("armwire", "sim", "ling", "--pty", port)
-    until(lambda: os.path.exists(port), 10, f"{port} is there")
+    until(lambda: os.path.exists(port), 10, f"{port} exists")
     return process, port
 
 
-def until(is_so, seconds, what):
+def until(condition, seconds, what):
     deadline = time.monotonic() + seconds
-    while not is_so():
+    while not condition():
         if time.monotonic() > deadline:
-            raise SystemExit(f"not so within {seconds} s: {what}")
+            raise SystemExit(f"not within {seconds} s: {what}")
         time.sleep(0.005)
 
 
@@ -222,7 +222,7 @@ class Peer:
                     found.extend(status for status in array.status if status.name == f"armwire: {self.arm}")
             return found
 
-        until(look, 5, "diagnostics come")
+        until(look, 5, "diagnostics arrive")
         return found[-1]
 
     def value(self, key):
@@ -244,9 +244,9 @@ class Peer:
 
 def matched(participant, peers):
     for peer in peers:
-        until(lambda: peer.take(), 20, f"{peer.arm} is heard")
+        until(lambda: peer.take(), 20, f"readings of {peer.arm} arrive")
         writers = [peer.trajectories, peer.torque[0], peer.set_zero[0]]
-        until(lambda: all(writer.get_matched_subscriptions() for writer in writers), 10, f"{peer.arm} listens")
+        until(lambda: all(writer.get_matched_subscriptions() for writer in writers), 10, f"{peer.arm} subscribes")
 
 
 def sent_packets():
@@ -256,7 +256,7 @@ def sent_packets():
 
 
 def rate(peer, seconds, hertz):
-    """The share of readings that came later than a period after they were due, by their stamps and by receipt."""
+    """Return the rate, and the share of readings more than a period late, by their stamps and by receipt."""
     peer.take()
     stamps, receipts = [], []
     deadline = time.monotonic() + seconds
@@ -279,7 +279,7 @@ def one_arm(participant):
     assert answer.success, answer
     passed(f"torque on is read back: {answer.message}")
 
-    # Other programs of a busy machine make this script late, too: one measurement of six has to be good.
+    # Other load delays this script, too: one measurement of six must be good.
     for _ in range(6):
         hertz, by_stamp, by_receipt = rate(peer, 5, 200)
         print(f"{hertz:.1f} readings/s, late by more than a period: {by_stamp:.2%} by stamp, {by_receipt:.2%} by receipt")
@@ -289,7 +289,7 @@ def one_arm(participant):
         raise SystemExit("more than 1 % of the readings are late")
     age = time.time() - peer.latest.header.stamp.sec - peer.latest.header.stamp.nanosec / 1e9
     assert list(peer.latest.name) == [*JOINTS, "gripper"] and abs(age) < 0.5, peer.latest
-    passed("200 Hz is heard with at most 1 % late")
+    passed("200 Hz is received with at most 1 % late")
 
     goal = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
     peer.send([goal])
@@ -318,7 +318,7 @@ def one_arm(participant):
     assert not answer.success and "--allow-set-zero" in answer.message and peer.is_at(goal), answer
     passed("set_zero is refused without its option")
 
-    # A sender that dies has sent a whole trajectory: it is played to its end, and held.
+    # A sender that dies has sent a whole trajectory: it is played to its end and held.
     script = f"""
 import sys; sys.argv = ["", {PROGRAMS!r}]; sys.path.insert(0, {os.path.dirname(os.path.abspath(__file__))!r})
 import check, os, signal
@@ -351,10 +351,10 @@ os.kill(os.getpid(), signal.SIGKILL)
     until(lambda: peer.value("last_refusal") == "the torque is off", 5, "refused without torque")
     answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
     assert answer.success, answer
-    passed("torque off is read back, and a trajectory is refused then")
+    passed("torque off is read back, and trajectories are refused")
 
     assert sent_packets() == before, "packets left on outside0"
-    passed("nothing left the loopback interface")
+    passed("no packet left the loopback interface")
 
     # A killed node: the arm holds the last setpoint, with its torque on.
     peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
@@ -362,13 +362,13 @@ os.kill(os.getpid(), signal.SIGKILL)
     until(lambda: not peer.is_at(begun, 0.1), 5, "it moves")
     end(node, signal.SIGKILL)
     time.sleep(0.2)
-    first, second = ask(port), (time.sleep(0.5), ask(port))[1]
+    first, second = read_joints(port), (time.sleep(0.5), read_joints(port))[1]
     assert first == second and "locked" in first, (first, second)
     passed("the node killed in a motion: the arm stands still and holds")
     end(sim)
 
 
-def ask(port):
+def read_joints(port):
     call = [os.path.join(PROGRAMS, "armwire"), "call", "ling", port, "read-joints"]
     return subprocess.run(call, check=True, capture_output=True, text=True).stdout
 
@@ -395,7 +395,7 @@ def behind_adapter(participant, board):
             stamps.append(state.header.stamp.sec + state.header.stamp.nanosec / 1e9)
             receipts.append(time.time())
         time.sleep(0.0005)
-    # A mapping of the clocks that has just found a shorter way moves one stamp, and each lost reading one period.
+    # An update of the clock mapping shifts one stamp, and each lost reading one period.
     errors = sorted(abs((b - a) * 200 - round((b - a) * 200)) / 200 for a, b in zip(stamps, stamps[1:]))
     error = errors[len(errors) * 95 // 100]
     print(f"{len(stamps)} stamps of the adapter in 5 s, 95 % within {error * 1e6:.0f} µs of its poll's period")
@@ -430,7 +430,7 @@ def behind_adapter(participant, board):
     end(node, signal.SIGKILL)
     # A request before the timeout would keep the stream alive.
     time.sleep(1)
-    assert "idle" in ask(port), ask(port)
+    assert "idle" in read_joints(port), read_joints(port)
     counters = subprocess.run([armwire, "counters", control], check=True, capture_output=True, text=True).stdout
     [silences] = [line for line in counters.splitlines() if "silences" in line]
     passed(f"the node killed in a motion: the adapter switches the torque off ({silences.strip()})")
@@ -447,11 +447,11 @@ check.matched(participant, [check.Peer(participant, "named")])
 """
     environment = os.environ | {"CHECK_INTERFACE": "outside0"}
     subprocess.run([sys.executable, "-B", "-c", script], check=True, env=environment)
-    passed("a node on a named interface is heard there")
+    passed("a node on a named interface is visible there")
     peer = Peer(participant, "named")
     time.sleep(3)
     assert not peer.take() and not peer.trajectories.get_matched_subscriptions()
-    passed("a node on a named interface is not heard on loopback")
+    passed("a node on a named interface is not visible on loopback")
     end(node)
     end(sim)
 
@@ -480,14 +480,14 @@ def sixteen_arms(participant):
         time.sleep(0.005)
     print(f"readings of 16 arms in 4 s at 50 Hz: {min(counts)} to {max(counts)}")
     assert min(counts) >= 190
-    passed("16 arms are heard at 50 Hz")
-    # The port of one is gone: the others go on.
+    passed("16 arms are received at 50 Hz")
+    # One port is lost: the other arms continue.
     end(arms[0][0])
     until(lambda: peers[0].status().level == b"\2"[0], 10, "a lost arm is an error in diagnostics")
     peers[1].take()
     time.sleep(0.5)
     assert peers[1].take()
-    passed("one lost arm is told in diagnostics, and the others go on")
+    passed("a lost arm is an error in diagnostics, and the others continue")
     end(node)
     for process, _ in arms[1:]:
         end(process)
@@ -499,7 +499,7 @@ if __name__ == "__main__":
         one_arm(participant)
         on_interface(participant)
         sixteen_arms(participant)
-        # The last: a virtual board that polls keeps a core busy.
+        # The last, because a polling virtual board keeps a core busy.
         behind_adapter(participant, sys.argv[2])
     finally:
         for process in STARTED:

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs a command in this network namespace with loopback and one more interface, outside0, that leads nowhere.
+# Runs a command in this network namespace with loopback and an unconnected interface, outside0.
 set -eu
 ip link set lo up
 ip link add outside0 type veth peer name nowhere0
