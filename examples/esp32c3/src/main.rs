@@ -1,6 +1,6 @@
 //! Moves a Ling arm from an ESP32-C3, and logs its joint positions.
 //!
-//! | ESP32-C3 | connects to |
+//! | ESP32-C3 | connect to |
 //! |---|---|
 //! | GPIO4 (UART1 TX) | the arm's RX, 3.3 V |
 //! | GPIO5 (UART1 RX) | the arm's TX |
@@ -35,7 +35,7 @@ async fn main(_spawner: Spawner) {
     let p = esp_hal::init(esp_hal::Config::default().with_cpu_clock(CpuClock::max()));
     esp_rtos::start(TimerGroup::new(p.TIMG0).timer0, p.FROM_CPU_INTR0);
 
-    // The FIFO of 128 bytes stores bytes between reads. `with_rx` enables the pull-up of GPIO5, which keeps the line idle
+    // The FIFO stores 128 bytes between reads. `with_rx` enables the pull-up of GPIO5, which keeps the line idle
     // while no arm is connected.
     let config = uart::Config::default().with_baudrate(1_000_000);
     let port = Uart::new(p.UART1, config).unwrap();
@@ -54,7 +54,7 @@ async fn main(_spawner: Spawner) {
     }
 }
 
-/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three tries.
+/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three attempts.
 async fn connect(arm: &mut LingArm) {
     println!("waiting for an arm");
     loop {
@@ -66,7 +66,7 @@ async fn connect(arm: &mut LingArm) {
     }
 }
 
-/// Turns the wrist by 30°, the gripper half open on the way, and closes the gripper there.
+/// Turns the wrist by 30° with the gripper half open, then closes the gripper.
 async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
     let state = arm.read_joints().await?;
     show(&state);
@@ -80,7 +80,7 @@ async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
         false => joints[5].ticks() + TURN,
     };
     joints[5] = Position::new(wrist).unwrap();
-    // 26° a second.
+    // 26° per second.
     let speed = Speed::new(300).unwrap();
     let mut goal = Move {
         joints: joints.map(|position| (position, speed)),
@@ -103,12 +103,12 @@ async fn move_to(arm: &mut LingArm, goal: Move) -> Result<(), Error> {
         let mut joints = state.joints.into_iter().zip(goal.joints);
         let gripper = goal.gripper.0.per_mille();
         if joints.all(|(ticks, (goal, _))| ticks.abs_diff(goal.ticks()) <= 3) && state.gripper.abs_diff(gripper) <= 10 {
-            println!("there");
+            println!("arrived");
             return Ok(());
         }
         Timer::after_millis(20).await;
     }
-    println!("not there after 10 s");
+    println!("not arrived after 10 s");
     Ok(())
 }
 

@@ -1,6 +1,6 @@
 //! Moves a Ling arm from an nRF52840, and logs its joint positions.
 //!
-//! | nRF52840 | connects to |
+//! | nRF52840 | connect to |
 //! |---|---|
 //! | P0.06 (TX) | the arm's RX, 3.3 V |
 //! | P0.08 (RX) | the arm's TX |
@@ -74,7 +74,7 @@ async fn main(_spawner: Spawner) {
     }
 }
 
-/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three tries.
+/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three attempts.
 async fn connect(arm: &mut LingArm) {
     info!("waiting for an arm");
     loop {
@@ -90,7 +90,7 @@ async fn connect(arm: &mut LingArm) {
     }
 }
 
-/// Turns the wrist by 30°, the gripper half open on the way, and closes the gripper there.
+/// Turns the wrist by 30° with the gripper half open, then closes the gripper.
 async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
     let state = arm.read_joints().await?;
     show(&state);
@@ -104,7 +104,7 @@ async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
         false => joints[5].ticks() + TURN,
     };
     joints[5] = Position::new(wrist).unwrap();
-    // 26° a second.
+    // 26° per second.
     let speed = Speed::new(300).unwrap();
     let mut goal = Move {
         joints: joints.map(|position| (position, speed)),
@@ -127,12 +127,12 @@ async fn move_to(arm: &mut LingArm, goal: Move) -> Result<(), Error> {
         let mut joints = state.joints.into_iter().zip(goal.joints);
         let gripper = goal.gripper.0.per_mille();
         if joints.all(|(ticks, (goal, _))| ticks.abs_diff(goal.ticks()) <= 3) && state.gripper.abs_diff(gripper) <= 10 {
-            info!("there");
+            info!("arrived");
             return Ok(());
         }
         Timer::after_millis(20).await;
     }
-    info!("not there after 10 s");
+    info!("not arrived after 10 s");
     Ok(())
 }
 

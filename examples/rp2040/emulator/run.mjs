@@ -1,7 +1,7 @@
 // Runs the RP2040 example against a virtual arm: node run.mjs ARMWIRE ELF
 //
 // ARMWIRE is the armwire command, ELF the example's image. The arm is identified, moved, followed, unplugged and plugged in
-// again. At the end each side must have received what the other sent.
+// again. At the end each side must have received all bytes of the other.
 import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
 import { once } from 'node:events';
@@ -14,10 +14,10 @@ import { Chip } from './chip.mjs';
 
 const [armwire, elf] = process.argv.slice(2);
 const SLICE_NANOS = 200_000;
-// The chip's time passes at a quarter of the arm's at most: on a busy machine the arm's answers are still in time.
+// The chip's clock runs at a quarter of real time or slower: on a busy machine the arm's answers are still in time.
 const PACE = 4;
 const UNPLUGGED_NANOS = 500_000_000;
-const PATIENCE_MS = 60_000;
+const TIMEOUT_MS = 60_000;
 
 // The virtual arm on a pty.
 class Arm {
@@ -32,7 +32,7 @@ class Arm {
   }
 
   write(bytes) {
-    assert.equal(fs.writeSync(this.port, bytes), bytes.length, 'the pty takes no more');
+    assert.equal(fs.writeSync(this.port, bytes), bytes.length, 'the pty is full');
   }
 
   read() {
@@ -45,7 +45,7 @@ class Arm {
     }
   }
 
-  // Ends it, and returns the bytes that it received and sent by its own count.
+  // Ends the arm, and returns its counts of received and sent bytes.
   async end() {
     this.process.kill('SIGINT');
     const { value } = await this.lines.next();
@@ -55,16 +55,16 @@ class Arm {
   }
 }
 
-// Expected log lines, in this order. Joint positions may come between `moving` and `there`.
-const STORY = [
+// Expected log lines, in this order. Joint positions may appear between `moving` and `arrived`.
+const EXPECTED = [
   /^waiting for an arm$/,
   /^arm ADFS251205123456, firmware v6\.10$/,
   /^joints \[2048, 2048, 2048, 2048, 2048, 2048\] gripper 0 /,
   /^moving$/,
-  /^there$/,
+  /^arrived$/,
   /^moving$/,
-  /^there$/,
-  /^joints .* gripper 0 /, // here it is unplugged
+  /^arrived$/,
+  /^joints .* gripper 0 /, // the arm is unplugged here
   /^arm lost: the arm did not answer in 3 attempts$/,
   /^waiting for an arm$/,
   /^arm ADFS251205123456, firmware v6\.10$/,
@@ -86,73 +86,73 @@ async function play(chip, arm) {
   const [log, line] = chip.uarts;
   let plugged = true;
   let plugAt = Infinity;
-  let unheard = 0;
+  let dropped = 0;
   let toArm = [];
   line.onByte = (byte) => {
     if (plugged) toArm.push(byte);
-    else unheard += 1;
+    else dropped += 1;
   };
 
-  // The number of lines of the story that were logged, and the line that is being logged.
-  let told = 0;
+  // The number of expected lines that were logged, the text of the next line, and the positions of a motion.
+  let logged = 0;
   let text = '';
-  let way = [];
+  let path = [];
   log.onByte = (byte) => {
     if (byte !== 10) {
       text += String.fromCharCode(byte);
       return;
     }
-    const said = text.trimEnd();
+    const entry = text.trimEnd();
     text = '';
-    console.log(`${(chip.clock.nanos / 1e6).toFixed(3).padStart(10)} ms  ${said}`);
-    if (STORY[told - 1]?.source === '^moving$' && said.startsWith('joints')) {
-      way.push(said);
+    console.log(`${(chip.clock.nanos / 1e6).toFixed(3).padStart(10)} ms  ${entry}`);
+    if (EXPECTED[logged - 1]?.source === '^moving$' && entry.startsWith('joints')) {
+      path.push(entry);
       return;
     }
-    assert.match(said, STORY[told]);
-    told += 1;
-    if (said === 'there') {
-      checkWay(way, told === 5 ? 500 : 0);
-      way = [];
+    assert.match(entry, EXPECTED[logged]);
+    logged += 1;
+    if (entry === 'arrived') {
+      checkPath(path, logged === 5 ? 500 : 0);
+      path = [];
     }
-    if (told === UNPLUG_AFTER) {
-      // The answer was read, and the next request comes 20 ms later: nothing is on the line.
+    if (logged === UNPLUG_AFTER) {
+      // The answer was read, and the next request follows 20 ms later: the line is idle.
       plugged = false;
       plugAt = chip.clock.nanos + UNPLUGGED_NANOS;
     }
   };
 
   const start = performance.now();
-  while (told < STORY.length) {
+  while (logged < EXPECTED.length) {
     chip.run(SLICE_NANOS);
-    // Between two frames, so that the arm receives whole frames only.
+    // Plugged in between two frames: the arm receives whole frames only.
     if (chip.clock.nanos >= plugAt && !line.isSending) plugged = true;
-    // A frame goes in one piece: the arm would take a pause of ours for one of the line.
+    // A frame is written at once: a pause would count as an idle line.
     if (toArm.length > 0 && !line.isSending) {
       arm.write(Buffer.from(toArm));
       toArm = [];
     }
     line.send(arm.read());
     const elapsed = performance.now() - start;
-    assert.ok(elapsed < PATIENCE_MS, `nothing more after "${STORY[told - 1]}"`);
+    assert.ok(elapsed < TIMEOUT_MS, `no log line after "${EXPECTED[logged - 1]}"`);
     await sleep(Math.max(0, (chip.clock.nanos / 1e6) * PACE - elapsed));
   }
 
   const counts = await arm.end();
-  assert.ok(line.isRead && toArm.length === 0 && unheard > 0);
-  assert.equal(counts.received, line.sent - unheard, 'bytes that the chip sent and the arm received');
+  assert.ok(line.isRead && toArm.length === 0 && dropped > 0);
+  assert.equal(counts.received, line.sent - dropped, 'bytes that the chip sent and the arm received');
   assert.equal(counts.sent, line.read, 'bytes that the arm sent and the chip received');
-  console.log(`chip to arm ${counts.received} bytes, ${unheard} more while unplugged; arm to chip ${counts.sent} bytes`);
+  console.log(`chip to arm ${counts.received} bytes, ${dropped} more while unplugged; arm to chip ${counts.sent} bytes`);
   console.log('1 passed, 0 failed');
 }
 
-// The joints on the way to a goal: the wrist turns steadily, stops where it must, and the gripper as well.
-function checkWay(way, opening) {
-  const states = way.map((said) => said.match(/\d+/g).map(Number));
+// Checks the logged positions of a motion: the wrist never turns back, and wrist and gripper reach their goals.
+function checkPath(path, opening) {
+  const states = path.map((entry) => entry.match(/\d+/g).map(Number));
   const wrists = states.map(([, , , , , wrist]) => wrist);
   assert.ok(wrists.every((wrist, n) => n === 0 || wrist >= wrists[n - 1]), `the wrist turns back: ${wrists}`);
   const [, , , , , wrist, gripper] = states.at(-1);
   assert.ok(Math.abs(wrist - WRIST_GOAL) <= 3, `the wrist is at ${wrist}`);
   assert.ok(Math.abs(gripper - opening) <= 10, `the gripper is at ${gripper}`);
-  assert.ok(way.length > 2, 'the arm is there at once');
+  assert.ok(path.length > 2, 'the motion has no intermediate positions');
 }

@@ -1,6 +1,6 @@
 //! Moves a Ling arm from an RP2040, and logs its joint positions.
 //!
-//! | RP2040 | connects to |
+//! | RP2040 | connect to |
 //! |---|---|
 //! | GP4 (UART1 TX) | the arm's RX, 3.3 V |
 //! | GP5 (UART1 RX) | the arm's TX |
@@ -61,7 +61,7 @@ async fn main(_spawner: Spawner) {
     }
 }
 
-/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three tries.
+/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three attempts.
 async fn connect(arm: &mut LingArm, log: &mut Log) {
     log.line(format_args!("waiting for an arm"));
     loop {
@@ -73,7 +73,7 @@ async fn connect(arm: &mut LingArm, log: &mut Log) {
     }
 }
 
-/// Turns the wrist by 30°, the gripper half open on the way, and closes the gripper there.
+/// Turns the wrist by 30° with the gripper half open, then closes the gripper.
 async fn turn_wrist_and_grip(arm: &mut LingArm, log: &mut Log) -> Result<(), Error> {
     let state = arm.read_joints().await?;
     show(log, &state);
@@ -87,7 +87,7 @@ async fn turn_wrist_and_grip(arm: &mut LingArm, log: &mut Log) -> Result<(), Err
         false => joints[5].ticks() + TURN,
     };
     joints[5] = Position::new(wrist).unwrap();
-    // 26° a second.
+    // 26° per second.
     let speed = Speed::new(300).unwrap();
     let mut goal = Move {
         joints: joints.map(|position| (position, speed)),
@@ -110,12 +110,12 @@ async fn move_to(arm: &mut LingArm, log: &mut Log, goal: Move) -> Result<(), Err
         let mut joints = state.joints.into_iter().zip(goal.joints);
         let gripper = goal.gripper.0.per_mille();
         if joints.all(|(ticks, (goal, _))| ticks.abs_diff(goal.ticks()) <= 3) && state.gripper.abs_diff(gripper) <= 10 {
-            log.line(format_args!("there"));
+            log.line(format_args!("arrived"));
             return Ok(());
         }
         Timer::after_millis(20).await;
     }
-    log.line(format_args!("not there after 10 s"));
+    log.line(format_args!("not arrived after 10 s"));
     Ok(())
 }
 
@@ -163,7 +163,7 @@ struct Log(UartTx<'static, Blocking>);
 
 impl Log {
     fn line(&mut self, text: fmt::Arguments<'_>) {
-        // A UART that only sends has no errors.
+        // Transmission has no errors.
         let _ = write!(self, "{text}\r\n");
     }
 }

@@ -1,6 +1,6 @@
 //! Moves a Ling arm from an STM32F303, and logs its joint positions.
 //!
-//! | STM32F303 | connects to |
+//! | STM32F303 | connect to |
 //! |---|---|
 //! | PA9 (USART1 TX) | the arm's RX, 3.3 V |
 //! | PA10 (USART1 RX) | the arm's TX |
@@ -36,7 +36,7 @@ bind_interrupts!(struct Irqs {
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) {
     let mut config = embassy_stm32::Config::default();
-    // 64 MHz from the internal oscillator. At the 8 MHz after reset an interrupt would have 80 cycles a byte: too few.
+    // 64 MHz from the internal oscillator. At the 8 MHz after reset an interrupt would have only 80 cycles per byte.
     config.rcc.pll = Some(Pll {
         src: PllSource::HSI,
         prediv: PllPreDiv::DIV2,
@@ -68,7 +68,7 @@ async fn main(_spawner: Spawner) {
     }
 }
 
-/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three tries.
+/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three attempts.
 async fn connect(arm: &mut LingArm) {
     info!("waiting for an arm");
     loop {
@@ -84,7 +84,7 @@ async fn connect(arm: &mut LingArm) {
     }
 }
 
-/// Turns the wrist by 30°, the gripper half open on the way, and closes the gripper there.
+/// Turns the wrist by 30° with the gripper half open, then closes the gripper.
 async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
     let state = arm.read_joints().await?;
     show(&state);
@@ -98,7 +98,7 @@ async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
         false => joints[5].ticks() + TURN,
     };
     joints[5] = Position::new(wrist).unwrap();
-    // 26° a second.
+    // 26° per second.
     let speed = Speed::new(300).unwrap();
     let mut goal = Move {
         joints: joints.map(|position| (position, speed)),
@@ -121,12 +121,12 @@ async fn move_to(arm: &mut LingArm, goal: Move) -> Result<(), Error> {
         let mut joints = state.joints.into_iter().zip(goal.joints);
         let gripper = goal.gripper.0.per_mille();
         if joints.all(|(ticks, (goal, _))| ticks.abs_diff(goal.ticks()) <= 3) && state.gripper.abs_diff(gripper) <= 10 {
-            info!("there");
+            info!("arrived");
             return Ok(());
         }
         Timer::after_millis(20).await;
     }
-    info!("not there after 10 s");
+    info!("not arrived after 10 s");
     Ok(())
 }
 
