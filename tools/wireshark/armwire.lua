@@ -121,19 +121,19 @@ local function bits(mask, count, value)
   return found
 end
 
--- A name and its text, if there is any.
+-- A name and its text, unless the text is empty.
 local function fact(name, text)
   return text == "" and name or name .. ": " .. text
 end
 
--- Fields that a joint or a servo has, for each of them.
+-- Adds a field for each joint or servo.
 local function each(fields, count, key, make)
   for nth = 1, count do
     fields[key .. nth] = make(nth)
   end
 end
 
--- Damage: the reasons for which bytes are no frame.
+-- Damage: the reasons why bytes are not a frame.
 
 local function truncated(missing)
   return { kind = "truncated", text = string.format("no whole frame, %d bytes missing", missing) }
@@ -155,7 +155,7 @@ local function wrong_tail(got, expected)
   return { kind = "tail", text = string.format("end mark 0x%02x, expected 0x%02x", got, expected) }
 end
 
--- Damage of a frame of `total` bytes that ends with a checksum of the bytes from `from` on and an end mark; or nothing.
+-- Damage of a frame of `total` bytes, or nothing. It ends with a checksum of the bytes from `from` on, and a terminator.
 local function verify(view, total, from, checksum, tail)
   if view.len < total then return truncated(total - view.len) end
   if view:byte(total - 1) ~= tail then return wrong_tail(view:byte(total - 1), tail) end
@@ -181,10 +181,10 @@ local function protocol(name, title, fields, functions)
     stray = expert_of("stray", "No frame starts here", "MALFORMED", "WARN"),
     truncated = expert_of("truncated", "Frame is not complete", "MALFORMED", "ERROR"),
     length = expert_of("length", "Wrong length", "MALFORMED", "ERROR"),
-    byte = expert_of("byte", "Byte has none of its allowed values", "MALFORMED", "ERROR"),
+    byte = expert_of("byte", "Byte is not one of the allowed values", "MALFORMED", "ERROR"),
     tail = expert_of("end_mark", "Wrong end mark", "MALFORMED", "ERROR"),
     checksum = expert_of("checksum", "Wrong checksum", "CHECKSUM", "ERROR"),
-    unknown = expert_of("unknown", "No message of the protocol", "UNDECODED", "WARN"),
+    unknown = expert_of("unknown", "Not a message of the protocol", "UNDECODED", "WARN"),
     failed = expert_of("failed", "The arm refused or failed", "RESPONSE_CODE", "WARN"),
   }
   proto.experts = experts
@@ -192,7 +192,7 @@ local function protocol(name, title, fields, functions)
   return functions
 end
 
--- Bytes between frames that are no error.
+-- Filler between frames, which is not an error.
 local function show_padding(view, pinfo, tree)
   pinfo.cols.info = "padding"
   tree:append_text(string.format(", padding: %d bytes", view.len))
@@ -233,7 +233,7 @@ local function dissect_recorded(arm)
   return function(tvb, pinfo, root)
     local direction = tvb:len() > 1 and tvb:range(0, 1):uint()
     if not DIRECTIONS[direction] then
-      pinfo.cols.protocol, pinfo.cols.info = arm.name, "no packet of a recording"
+      pinfo.cols.protocol, pinfo.cols.info = arm.name, "not a packet of a recording"
       local text = "a packet is 0, 1 or 2 and at least one byte of the line"
       root:add(arm.proto):add_proto_expert_info(arm.experts.byte, text)
       return
@@ -342,7 +342,7 @@ local function add_joint(tree, range, nth, ticks)
   tree:add(ling_fields["rad" .. nth], range, (ticks - CENTRE) / TICKS * 2 * math.pi):set_generated()
 end
 
--- Positions of the joints, at these offsets.
+-- Positions of the joints at these offsets.
 local function ling_joints(data, tree, offset)
   return "joints: " .. list(JOINTS, function(nth)
     local ticks = data:le16(offset(nth))
@@ -351,14 +351,14 @@ local function ling_joints(data, tree, offset)
   end)
 end
 
-local function asked(text)
+local function no_value(text)
   return function(data)
     return data.len == 1 and data:byte(0) == 0xFE and text or nil
   end
 end
 
 local function set_stroke(mm)
-  return asked("set gripper stroke " .. mm .. " mm")
+  return no_value("set gripper stroke " .. mm .. " mm")
 end
 
 local function set_torque(data, tree)
@@ -394,10 +394,10 @@ local function move(data, tree)
   return string.format("move %s, gripper %.1f %% at %d ticks/s", joints, opening / 10, gripper_speed)
 end
 
--- One request is printed with length 0 and one data byte. With length 0 or 1 it is well-formed.
-local function ask_self_check(data)
+-- The document prints this request with length 0 and one data byte. It is well-formed with length 0 or 1.
+local function self_check_request(data)
   if data.len == 0 then return "self-check" end
-  return asked("self-check")(data)
+  return no_value("self-check")(data)
 end
 
 local function ling_version(data, at)
@@ -469,18 +469,18 @@ end
 -- of another length or value.
 local LING = {
   [HOST] = {
-    [0x0100] = asked("read information"),
-    [0x0300] = asked("set zero position"),
+    [0x0100] = no_value("read information"),
+    [0x0300] = no_value("set zero position"),
     [0x0400] = set_stroke(50),
     [0x0401] = set_stroke(75),
     [0x0402] = set_stroke(100),
-    [0x040E] = asked("read gripper stroke"),
+    [0x040E] = no_value("read gripper stroke"),
     [0x0500] = set_torque,
-    [0x0600] = asked("read joints"),
+    [0x0600] = no_value("read joints"),
     [0x0601] = temperature,
-    [0x0602] = asked("read velocities"),
+    [0x0602] = no_value("read velocities"),
     [0x0603] = move,
-    [0xFE00] = ask_self_check,
+    [0xFE00] = self_check_request,
   },
   [ARM] = {
     [0x0100] = information,
@@ -512,7 +512,7 @@ local function older_gripper(data, tree)
   return string.format(text, data:le16(1), data:le16(3), data:byte(5), data:byte(6))
 end
 
--- Messages by command * 256 + length. The current generation has none that begins so.
+-- Messages by command * 256 + length. No message of the current generation begins with these bytes.
 local OLDER = {
   [0x0412] = older_joints,
   [0x1412] = older_joints,
@@ -532,7 +532,7 @@ local function scan_ling(view)
   if older_message(view) then return verify(view, view:byte(2) + 5, 3, ling_parity, 0xFF) end
   local len = view:byte(3)
   if len > MAX_DATA then return wrong_length(len, 0, MAX_DATA) end
-  -- The self-check as printed: length 0, and one data byte.
+  -- The self-check as printed in the document: length 0, and one data byte.
   if view.len > 4 and view:be32(1) == 0xFE0000FE then len = 1 end
   return verify(view, len + 6, 1, ling_checksum, 0xFF)
 end
@@ -628,7 +628,7 @@ local function control(params, tree)
   return text
 end
 
--- The reason for which a text is no version; or nothing.
+-- The reason why a text is not a version; or nothing.
 local function version_error(text)
   if text:find("[^ -~]") then return "the version is not printable ASCII" end
   local _, commas = text:gsub(",", ",")
@@ -686,12 +686,12 @@ end
 
 -- Registers of the document: a request, an answer, and the name of an answer without a value. All others are raw.
 local REGISTERS = {
-  [1] = { ask = read("read version"), answer = xarm_version, empty = "version", none = "no value" },
-  [2] = { ask = read("read serial numbers"), answer = serials, empty = "serial", none = "no value" },
-  [4] = { ask = read("reload dynamics"), answer = function() return nil end, empty = "reload dynamics", none = "done" },
-  [5] = { ask = read("read torque source"), answer = torque_source, empty = "torque", none = "no value" },
-  [6] = { ask = read_radius, answer = radius, empty = "rotation radius", none = "no value" },
-  [10] = { ask = control, answer = control_value, empty = "system control", none = "done" },
+  [1] = { request = read("read version"), answer = xarm_version, empty = "version", none = "no value" },
+  [2] = { request = read("read serial numbers"), answer = serials, empty = "serial", none = "no value" },
+  [4] = { request = read("reload dynamics"), answer = function() return nil end, empty = "reload dynamics", none = "done" },
+  [5] = { request = read("read torque source"), answer = torque_source, empty = "torque", none = "no value" },
+  [6] = { request = read_radius, answer = radius, empty = "rotation radius", none = "no value" },
+  [10] = { request = control, answer = control_value, empty = "system control", none = "done" },
 }
 
 local function add_floats(data, tree, key, at, count)
@@ -709,7 +709,7 @@ end
 
 local function xarm_request(register, params, tree)
   local known = REGISTERS[register]
-  if known then return known.ask(params, tree) end
+  if known then return known.request(params, tree) end
   return raw(register, params, tree, ", ")
 end
 
@@ -730,7 +730,7 @@ local function xarm_answer(register, body, tree)
   return text .. ", state: " .. state_text(state)
 end
 
--- Standard Modbus TCP has the same header. An arm has none of its functions.
+-- Standard Modbus TCP has the same header. An arm supports none of its functions.
 local function xarm_modbus(body, direction, tree)
   local unit, func = body:byte(0), body:byte(1)
   tree:add(xarm_fields.unit, body:range(0, 1), unit)
@@ -790,12 +790,12 @@ local xarm = protocol("xarm", "UFACTORY xArm", xarm_fields, {
   message = xarm_message,
 })
 
--- xArm on TCP: frames on port 502, which standard Modbus has, too; reports on ports 30000 to 30003.
+-- xArm on TCP: frames on port 502, which is also that of standard Modbus; reports on ports 30000 to 30003.
 
 local CONTROL_PORT, REPORT_PORTS = 502, { 30000, 30001, 30002, 30003 }
 local REPORT_HEADER, MIN_REPORT, MAX_REPORT = 4, 87, 1024
 
--- Bytes that begin no frame are shown to the end of the segment: TCP loses none, and both ends disagree.
+-- Bytes that do not begin a frame are shown to the end of the segment: TCP loses no byte, and the stream is broken.
 local function frame_len(tvb, _, offset)
   local view = View.new(tvb, offset, XARM_HEADER)
   if view:byte(2) ~= 0 or view:byte(3) > LAST_ID then return tvb:reported_length_remaining(offset) end
@@ -885,8 +885,7 @@ each(alpha1_fields, ALPHA1_SERVOS, "angle", function(n)
   return ProtoField.uint8("alpha1.servo" .. n .. ".angle", "Servo " .. n .. " (°)")
 end)
 
--- Lengths of the data by row. A counted text has its length, and itself counted, in its first byte. A status has no
--- checksum.
+-- Lengths of the data by row. The first byte of a counted text is its length, including itself. A status has no checksum.
 local COUNTED, STATUS_ONLY = "counted", "status"
 local LAYOUTS = {
   [HOST] = {
@@ -974,7 +973,7 @@ local function play(data, tree)
   return "play '" .. counted(data, tree) .. "'"
 end
 
--- Servos: requests by command, in frames FA AF. Each takes the data from the servo's id on, and the servo in words.
+-- Servos: requests by command, in frames FA AF. Each takes the data from the servo's id on, and the name of the servo.
 
 local function servo_move(data, tree, servo)
   if data:byte(2) == 0xFF then return "release " .. servo end
@@ -1042,34 +1041,34 @@ local function servo_offset(data, tree)
   return string.format("offset %+.2f°", add_offset(data, tree) / 3)
 end
 
--- Moves and lights are for one servo or all, and answered by one byte. The others are for one.
+-- Moves and LED settings are for one servo or all, and answered by one byte. The others are for one servo.
 local SERVO = {
-  [0x01] = { ask = servo_move, is_for_all = true },
-  [0x04] = { ask = servo_led, is_for_all = true },
-  [0x02] = { ask = servo_read_angles, answer = servo_angles },
-  [0xCD] = { ask = servo_change_id, answer = servo_id_changed },
-  [0xD2] = { ask = servo_set_offset, answer = servo_offset_set },
-  [0xD4] = { ask = servo_read_offset, answer = servo_offset },
+  [0x01] = { request = servo_move, is_for_all = true },
+  [0x04] = { request = servo_led, is_for_all = true },
+  [0x02] = { request = servo_read_angles, answer = servo_angles },
+  [0xCD] = { request = servo_change_id, answer = servo_id_changed },
+  [0xD2] = { request = servo_set_offset, answer = servo_offset_set },
+  [0xD4] = { request = servo_read_offset, answer = servo_offset },
 }
 
-local function ask_servo(data, tree)
+local function servo_request(data, tree)
   local id, known = data:byte(0), SERVO[data:byte(1)]
   if not known or not (is_servo(id) or (id == 0 and known.is_for_all)) then return nil end
   tree:add(alpha1_fields.servo, data:range(0, 1), id)
-  return known.ask(data, tree, id == 0 and "all servos" or "servo " .. id)
+  return known.request(data, tree, id == 0 and "all servos" or "servo " .. id)
 end
 
-local function ask_version(data, tree)
+local function version_request(data, tree)
   if data:byte(1) ~= 1 or not data:is_zero(2) or not is_servo(data:byte(0)) then return nil end
   tree:add(alpha1_fields.servo, data:range(0, 1), data:byte(0))
   return "read version of servo " .. data:byte(0)
 end
 
--- Servos do not repeat the command in their answer: the last request before it tells its meaning.
+-- A servo's answer does not repeat the command: the last request before it determines its meaning.
 local last_request
 local answered = {}
 
--- The request that a packet answers, found when the packets are read in order for the first time.
+-- The request that a packet answers, stored in the first pass, when packets are read in order.
 local function request_of(pinfo)
   if not pinfo.visited then answered[pinfo.number] = last_request end
   return answered[pinfo.number]
@@ -1145,8 +1144,8 @@ local ALPHA1 = {
     [0xF4] = offset_tool,
     [0xF9] = usb_type,
     [0xF3] = play,
-    [0xFA] = ask_servo,
-    [0xFC] = ask_version,
+    [0xFA] = servo_request,
+    [0xFC] = version_request,
   },
   [ARM] = {
     [0xF1] = hardware_version,
@@ -1167,8 +1166,8 @@ ALPHA1[UNKNOWN] = ALPHA1[ARM]
 local function is_acknowledgement(view, direction, pinfo)
   if direction == HOST or view.len ~= 1 then return false end
   local request = request_of(pinfo)
-  local is_asked = request and is_servo(request.id) and (SERVO[request.command] or {}).is_for_all
-  return is_asked and view:byte(0) == (request.id + 0xAA) % 256
+  local is_pending = request and is_servo(request.id) and (SERVO[request.command] or {}).is_for_all
+  return is_pending and view:byte(0) == (request.id + 0xAA) % 256
 end
 
 local function scan_status(view)
@@ -1178,7 +1177,7 @@ local function scan_status(view)
   return nil, 4
 end
 
--- Frames of the robot's Bluetooth protocol have the header FB BF, and their length in place of 01.
+-- Frames of the robot's Bluetooth protocol have the header FB BF, followed by their length instead of 01.
 local function is_bluetooth(view)
   return view:byte(0) == 0xFB and view:byte(2) ~= 1
 end

@@ -24,8 +24,8 @@ SERVOS, MAX_ANGLE, MAX_SERVO = 20, 240, 240
 NO_ANGLE = 0xFF
 OLDEST_FIRMWARE = b"2015121519"
 
-# Lengths of the data by the header's first byte. A counted text has its length, and itself counted, in its first byte.
-# A status has no checksum.
+# Lengths of the data by the header's first byte. The first byte of a counted text is its length, including itself. A
+# status has no checksum.
 COUNTED, STATUS = "counted", "status"
 LAYOUTS = {
     TX: {
@@ -71,7 +71,7 @@ def as_angle(byte):
 
 
 def is_servo(number):
-    """Return whether this is the id of one servo."""
+    """Return true for the id of a single servo."""
     return 1 <= number <= MAX_SERVO
 
 
@@ -79,7 +79,7 @@ def is_servo(number):
 
 
 def plain(first, text):
-    """Return the function of a request without a value: its data is this byte and zeros."""
+    """Return the decoder of a request without a value: its data is this byte and zeros."""
     return lambda data: text if data.bytes == bytes([first, 0, 0, 0, 0, 0]) else None
 
 
@@ -118,7 +118,7 @@ def play(data):
     return "play '{}'".format(escaped(data.bytes[1:]))
 
 
-# Requests to servos. Each function takes the data from the servo's id on, and the servo in words.
+# Requests to servos. Each function takes the data from the servo's id on, and the name of the servo.
 
 
 def servo_move(data, servo):
@@ -133,7 +133,7 @@ def servo_move(data, servo):
 
 
 def servo_led(data, servo):
-    """Return the meaning of a setting of the light."""
+    """Return the meaning of a setting of the LED."""
     return None if any(data.bytes[3:]) else "light of {} to {}".format(servo, data.bytes[2])
 
 
@@ -191,7 +191,7 @@ def servo_offset(data):
     return "offset {:+.2f}°".format(thirds(data) / 3)
 
 
-# Requests to servos by command. Moves and lights are for one servo or all, and answered by one byte.
+# Requests to servos by command. Moves and LED settings are for one servo or all, and answered by one byte.
 SERVO_REQUESTS = {
     0x01: servo_move,
     0x04: servo_led,
@@ -209,7 +209,7 @@ SERVO_ANSWERS = {
 }
 
 
-def ask_servo(data):
+def servo_request(data):
     """Return the meaning of a request to a servo, or to all."""
     number, command = data.bytes[0], data.bytes[1]
     meaning = SERVO_REQUESTS.get(command)
@@ -218,7 +218,7 @@ def ask_servo(data):
     return meaning(data, "servo {}".format(number) if number else "all servos")
 
 
-def ask_version(data):
+def version_request(data):
     """Return the meaning of a read of a servo's version."""
     if data.bytes[1:] != b"\1\0\0\0\0" or not is_servo(data.bytes[0]):
         return None
@@ -229,7 +229,7 @@ def ask_version(data):
 
 
 def status(name, at):
-    """Return the function of an answer that is an outcome, at this place."""
+    """Return the decoder of an answer with an outcome at this offset."""
 
     def meaning(data):
         outcome = {SUCCESS: "done", FAILURE: "failed"}.get(data.bytes[at])
@@ -244,7 +244,7 @@ def hardware_version(data):
 
 
 def running(data):
-    """Return the servos that run."""
+    """Return the running servos."""
     mask = int.from_bytes(data.bytes, "big")
     servos = [str(nth) for nth in range(1, 33) if mask >> (nth - 1) & 1]
     return "servos that run: " + (" ".join(servos) or "none")
@@ -272,8 +272,8 @@ MESSAGES = {
         0xF4: offset_tool,
         0xF9: usb_type,
         0xF3: play,
-        0xFA: ask_servo,
-        0xFC: ask_version,
+        0xFA: servo_request,
+        0xFC: version_request,
     },
     RX: {
         0xF1: hardware_version,
@@ -298,14 +298,14 @@ class Alpha1:
         self.request = None
 
     def acknowledgement(self):
-        """Return the byte that acknowledges the last request; None if there is none."""
+        """Return the byte that acknowledges the last request, or None."""
         if self.request is None:
             return None
         number, command = self.request
         return (number + 0xAA) & 0xFF if is_servo(number) and command in FOR_ALL else None
 
     def scan(self, window, side):
-        """Judge the front of a window."""
+        """Return the verdict on the front of a window."""
         first = window[0]
         layout = LAYOUTS[side].get(first)
         if layout and (len(window) == 1 or window[1] == swapped(first)):
@@ -333,7 +333,7 @@ class Alpha1:
         return Message(side, text or "no message: " + hexadecimal(frame), data.fields)
 
     def servo(self, row, data):
-        """Return the sender and the meaning of a servo's frame. Its status tells an answer, whatever the line."""
+        """Return the sender and the meaning of a servo's frame. The status identifies an answer, whatever the line."""
         if data.bytes[1] in (SUCCESS, FAILURE):
             return RX, self.servo_answer(row, data)
         self.request = (data.bytes[0], data.bytes[1]) if row == SERVO else None
@@ -360,12 +360,12 @@ def swapped(byte):
 
 
 def scan_frame(window, layout):
-    """Judge a window that begins with a header."""
+    """Return the verdict on a window that begins with a header."""
     if len(window) < 3:
         return Need(1)
     third = window[2]
     if window[0] == ACT and third != 1:
-        # Frames of the robot's Bluetooth protocol have the same header, and their length in place of 01.
+        # Frames of the robot's Bluetooth protocol have the same header, followed by their length instead of 01.
         return verify(window, third + 1, 2, checksum, TAIL) if third >= 6 else wrong_byte(2, third, "0x01")
     if layout == STATUS:
         return scan_status(window)
@@ -375,7 +375,7 @@ def scan_frame(window, layout):
 
 
 def scan_status(window):
-    """Judge an answer without a checksum."""
+    """Return the verdict on an answer without a checksum."""
     if len(window) < 4:
         return Need(1)
     if window[2] not in (SUCCESS, FAILURE):

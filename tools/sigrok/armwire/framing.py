@@ -1,4 +1,4 @@
-"""Verdicts on the front of a window, and what frames of all protocols have in common."""
+"""Verdicts on the front of a window, and helpers for the frames of all protocols."""
 
 
 class Frame:
@@ -9,14 +9,14 @@ class Frame:
 
 
 class Padding:
-    """Bytes between frames that are no error."""
+    """Filler between frames, which is not an error."""
 
     def __init__(self, length):
         self.len = length
 
 
 class Need:
-    """No verdict before more bytes have come."""
+    """No verdict before more bytes arrive."""
 
     def __init__(self, missing):
         self.missing = missing
@@ -27,7 +27,7 @@ class Need:
 
 
 class Noise:
-    """Bytes that belong to no frame. One of them is taken off, and `shown` are shown."""
+    """Bytes outside of frames. One of them is removed, and `shown` are shown."""
 
     def __init__(self, reason, shown=1):
         self.len = 1
@@ -35,14 +35,14 @@ class Noise:
 
 
 class Stray:
-    """Bytes with which no frame begins."""
+    """Bytes that do not begin a frame."""
 
     def __init__(self, length):
         self.len = length
 
 
 class Field:
-    """A value in a frame, and its place."""
+    """A value in a frame, and its position."""
 
     def __init__(self, at, length, text):
         self.at, self.len, self.text = at, length, text
@@ -56,7 +56,7 @@ class Message:
 
 
 class Data:
-    """The data of a frame. Values that are noted become fields."""
+    """The data of a frame. Noted values become fields."""
 
     def __init__(self, frame, start, end):
         self.bytes = frame[start:end]
@@ -64,7 +64,7 @@ class Data:
         self.fields = []
 
     def note(self, at, length, text):
-        """Note a value with its place in the data."""
+        """Note a value with its position in the data."""
         self.fields.append(Field(self.start + at, length, text))
 
     def le16(self, at):
@@ -77,7 +77,7 @@ class Data:
 
 
 def verify(window, total, start, checksum, tail):
-    """Judge a frame of this length. It ends with the checksum of the bytes from `start` on, and an end mark."""
+    """Return the verdict on a frame of this length, with a checksum of the bytes from `start`, and a terminator."""
     if len(window) < total:
         return Need(total - len(window))
     got, end = window[total - 2], window[total - 1]
@@ -90,17 +90,17 @@ def verify(window, total, start, checksum, tail):
 
 
 def wrong_length(got, least, most):
-    """Judge a length outside of its limits."""
+    """Return the verdict on a length outside of its limits."""
     return Noise("length field says {}, must be {}..={}".format(got, least, most))
 
 
 def wrong_byte(at, got, expected):
-    """Judge a byte with none of its allowed values."""
+    """Return the verdict on a byte that is not one of the allowed values."""
     return Noise("byte {} is 0x{:02x}, expected {}".format(at, got, expected))
 
 
 def fact(name, text):
-    """Return a name and its text, if there is any."""
+    """Return a name and its text, unless the text is empty."""
     return "{}: {}".format(name, text) if text else name
 
 
@@ -110,6 +110,6 @@ def hexadecimal(data):
 
 
 def escaped(data):
-    """Return bytes as text, with escapes for those that are not printable."""
+    """Return bytes as text, with escapes for non-printable ones."""
     escapes = {9: "\\t", 10: "\\n", 13: "\\r", 34: '\\"', 39: "\\'", 92: "\\\\"}
     return "".join(escapes.get(byte, chr(byte) if 32 <= byte < 127 else "\\x{:02x}".format(byte)) for byte in data)

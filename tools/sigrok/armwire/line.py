@@ -7,7 +7,7 @@ MAX_STRAY = 1024
 
 
 class Byte:
-    """A byte and its place in the capture."""
+    """A byte and its position in the capture."""
 
     def __init__(self, ss, es, value):
         self.ss, self.es, self.value = ss, es, value
@@ -24,12 +24,12 @@ class Line:
         self.protocol, self.side, self.out = protocol, side, out
         self.window = []
         self.stray = []
-        # The end of the last damaged frame, which is shown whole: its bytes are not shown again.
+        # The end of the last damaged frame. It is shown whole, and its bytes are not shown again.
         self.damaged = 0
         self.last = None
 
     def push(self, ss, es, value):
-        """Take a byte."""
+        """Push a byte."""
         self.last = es
         self.window.append(Byte(ss, es, value))
         self.scan(is_idle=False)
@@ -39,12 +39,12 @@ class Line:
         return 0 if self.last is None else now - self.last
 
     def idle(self):
-        """Give up the rest of a frame: the line went idle."""
+        """Discard an incomplete frame: the line went idle."""
         self.scan(is_idle=True)
         self.flush()
 
     def scan(self, is_idle):
-        """Take everything with a verdict off the window."""
+        """Remove all bytes with a verdict from the window."""
         while self.window:
             verdict = self.protocol.scan(bytes(byte.value for byte in self.window), self.side)
             if isinstance(verdict, Need):

@@ -9,7 +9,7 @@ RX, TX = 0, 1
 HEADER, TAIL = 0xAA, 0xFF
 MAX_DATA = 64
 ASK = b"\xfe"
-# The self-check request as printed: length 0, and one data byte.
+# The self-check request as printed in the document: length 0, and one data byte.
 SELF_CHECK = b"\xaa\xfe\x00\x00\xfe"
 
 JOINTS, CENTRE, TICKS = 6, 2048, 4096
@@ -65,8 +65,8 @@ def joints(data, offsets):
 # Requests. Each function takes the data and returns the meaning, or None for data of another length or value.
 
 
-def asked(text):
-    """Return the function of a request without a value."""
+def no_value(text):
+    """Return the decoder of a request without a value."""
     return lambda data: text if data.bytes == ASK else None
 
 
@@ -102,7 +102,7 @@ def move(data):
     return "move {}, gripper {:.1f} % at {} ticks/s".format(targets, opening / 10, gripper_speed)
 
 
-def ask_self_check(data):
+def self_check_request(data):
     """Return the meaning of a request for a self-check. It is well-formed with and without the usual data byte."""
     return "self-check" if data.bytes in (b"", ASK) else None
 
@@ -163,7 +163,7 @@ def velocities(data):
 
 
 def self_check(data):
-    """Return the servos that are not normal."""
+    """Return the faulty servos."""
     if len(data.bytes) != 2:
         return None
     faulty = [nth for nth in range(1, FOLLOWER + 1) if not data.le16(0) >> (nth - 1) & 1]
@@ -176,18 +176,18 @@ def self_check(data):
 # Messages of each line by command and function.
 MESSAGES = {
     TX: {
-        (0x01, 0x00): asked("read information"),
-        (0x03, 0x00): asked("set zero position"),
-        (0x04, 0x00): asked("set gripper stroke 50 mm"),
-        (0x04, 0x01): asked("set gripper stroke 75 mm"),
-        (0x04, 0x02): asked("set gripper stroke 100 mm"),
-        (0x04, 0x0E): asked("read gripper stroke"),
+        (0x01, 0x00): no_value("read information"),
+        (0x03, 0x00): no_value("set zero position"),
+        (0x04, 0x00): no_value("set gripper stroke 50 mm"),
+        (0x04, 0x01): no_value("set gripper stroke 75 mm"),
+        (0x04, 0x02): no_value("set gripper stroke 100 mm"),
+        (0x04, 0x0E): no_value("read gripper stroke"),
         (0x05, 0x00): torque,
-        (0x06, 0x00): asked("read joints"),
+        (0x06, 0x00): no_value("read joints"),
         (0x06, 0x01): temperature,
-        (0x06, 0x02): asked("read velocities"),
+        (0x06, 0x02): no_value("read velocities"),
         (0x06, 0x03): move,
-        (0xFE, 0x00): ask_self_check,
+        (0xFE, 0x00): self_check_request,
     },
     RX: {
         (0x01, 0x00): information,
@@ -218,7 +218,7 @@ def older_gripper(data):
     return ", ".join(texts)
 
 
-# Messages of the older generation by command and length. The current generation has none that begins so.
+# Messages of the older generation by command and length. No message of the current generation begins with these bytes.
 OLDER = {
     (0x04, 0x12): older_joints,
     (0x14, 0x12): older_joints,
@@ -228,10 +228,10 @@ OLDER = {
 
 
 class Ling:
-    """The protocol of both generations. A frame tells its generation."""
+    """The protocol of both generations. A frame identifies its generation."""
 
     def scan(self, window, _side):
-        """Judge the front of a window."""
+        """Return the verdict on the front of a window."""
         if window[0] != HEADER:
             stray = window.find(HEADER)
             return Stray(len(window) if stray < 0 else stray)
@@ -245,7 +245,7 @@ class Ling:
         return verify(window, length + 6, 1, checksum, TAIL)
 
     def message(self, frame, side):
-        """Return the meaning of a frame. It tells its sender, whatever the line."""
+        """Return the meaning of a frame. It identifies its sender, whatever the line."""
         key = (frame[1], frame[2])
         older = OLDER.get(key)
         for sender, meaning in ((RX, older),) if older else ((TX, MESSAGES[TX].get(key)), (RX, MESSAGES[RX].get(key))):

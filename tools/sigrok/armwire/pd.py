@@ -1,4 +1,4 @@
-"""The decoder as sigrok has it: bytes of a UART in, annotations out."""
+"""The decoder for sigrok: bytes of a UART in, annotations out."""
 
 import sigrokdecode as srd
 
@@ -7,7 +7,7 @@ from .line import Line
 
 PROTOCOLS = {"ling": ling.Ling, "alpha1": alpha1.Alpha1}
 
-# Lines as the UART decoder numbers them.
+# Lines, by their numbers in the UART decoder.
 RX, TX = 0, 1
 
 # Bits of a byte on the line.
@@ -54,7 +54,7 @@ class Decoder(srd.Decoder):
         self.reset()
 
     def reset(self):
-        """Forget the bytes of both lines."""
+        """Discard the bytes of both lines."""
         self.lines = []
 
     def start(self):
@@ -64,7 +64,7 @@ class Decoder(srd.Decoder):
         self.lines = [Line(arm, side, self) for side in (RX, TX)]
 
     def decode(self, ss, es, data):
-        """Take a byte, or silence of the length of a byte."""
+        """Process a byte, or silence of the length of a byte."""
         kind, side, value = data
         line = self.lines[side]
         if kind == "DATA":
@@ -73,7 +73,7 @@ class Decoder(srd.Decoder):
             line.idle()
 
     def frame(self, side, ss, es, text):
-        """Show a frame's meaning: all of it, its name, or a letter."""
+        """Show a frame's meaning: the whole text, its name, or a letter."""
         self.put(ss, es, self.out, [FRAME + side, [text, text.split(":")[0], text[0].upper()]])
 
     def field(self, side, ss, es, text):
