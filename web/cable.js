@@ -14,7 +14,7 @@ export const CABLES = {
 // Preset with 100 % lost bytes.
 export const UNPLUGGED = 'unplugged';
 
-// The rate at a slider position, 0 to 100: none at 0, then 0.001 % to 10 % of the bytes, ten times more per quarter.
+// The rate at a slider position, 0 to 100: 0 at 0, then 0.001 % to 10 % of the bytes, a factor of 10 per quarter.
 export const rateAt = (position) => (position <= 0 ? 0 : Math.round(10 ** (1 + position / 25)));
 
 // Formats a rate in parts per million.

@@ -32,19 +32,19 @@ export class Engine {
 
   startSession(now) { this.#wasm.session_start(this.#engine, now); }
   receive(now, bytes) { this.#chunks(bytes, (length) => this.#wasm.session_receive(this.#engine, now, length)); }
-  // Returns the next frame for the arm, empty if there is none.
+  // Returns the next frame for the arm; empty without a frame.
   transmit(now) { return this.#bytes(this.#wasm.session_transmit(this.#engine, now)); }
-  // Returns the time of the next call of `transmit`, Infinity if there is none.
+  // Returns the time of the next call of `transmit`; Infinity without a timeout.
   timeout() { return this.#wasm.session_timeout(this.#engine); }
 
   hold(now, axis, direction) {
-    if (!this.#wasm.session_hold(this.#engine, now, axis, direction)) throw new RangeError(`there is no axis ${axis}`);
+    if (!this.#wasm.session_hold(this.#engine, now, axis, direction)) throw new RangeError(`axis ${axis} does not exist`);
   }
   release(now) { this.#wasm.session_release(this.#engine, now); }
   enableMotion(now, enabled) { this.#wasm.session_enable_motion(this.#engine, now, enabled); }
   // Radians per second.
   setSpeed(speed) {
-    if (!this.#wasm.session_set_speed(this.#engine, speed)) throw new RangeError(`a speed of ${speed} rad/s is out of range`);
+    if (!this.#wasm.session_set_speed(this.#engine, speed)) throw new RangeError(`speed ${speed} rad/s is out of range`);
   }
   setTorque(now, on) { this.#wasm.session_set_torque(this.#engine, now, on); }
 
@@ -74,7 +74,7 @@ export class Engine {
   counters() { return this.counterLabels.map((_, nth) => this.#wasm.counter_value(this.#engine, nth)); }
   // Response times in microseconds: the last, the shortest, the longest.
   answerTimes() { return [0, 1, 2].map((which) => this.#wasm.answer_time(this.#engine, which)); }
-  // Returns the next record of the log, null if there is none.
+  // Returns the next record of the log; null without a record.
   takeRecord() {
     const event = this.#wasm.record_take(this.#engine);
     if (event === 0) return null;
@@ -105,7 +105,7 @@ export class Engine {
       const chunk = bytes.subarray(start, start + room);
       // The view is new for each chunk: the memory may have grown.
       new Uint8Array(this.#wasm.memory.buffer, this.#wasm.input(this.#engine), room).set(chunk);
-      if (!take(chunk.length)) throw new RangeError(`the engine takes no ${chunk.length} bytes`);
+      if (!take(chunk.length)) throw new RangeError(`the engine rejected ${chunk.length} bytes`);
     }
   }
 

@@ -75,7 +75,7 @@ export class FrameTable {
   #options;
   log = new FrameLog();
 
-  // `options()` gives `{ byMessage, errorsOnly }`.
+  // `options()` returns `{ byMessage, errorsOnly }`.
   constructor(body, summary, options) {
     this.#body = body;
     this.#summary = summary;

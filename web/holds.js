@@ -1,11 +1,11 @@
-// Held keys and buttons. Each moves an axis in one direction while it is held.
+// Held keys and buttons. Each moves an axis in one direction while held.
 
 // Physical keys, side by side on every keyboard layout: the upper row moves up, the row below it down.
 export const KEYS = new Map([
   ['KeyQ', [0, 1]], ['KeyW', [1, 1]], ['KeyE', [2, 1]], ['KeyR', [3, 1]], ['KeyT', [4, 1]], ['KeyY', [5, 1]], ['KeyU', [6, 1]],
   ['KeyA', [0, -1]], ['KeyS', [1, -1]], ['KeyD', [2, -1]], ['KeyF', [3, -1]], ['KeyG', [4, -1]], ['KeyH', [5, -1]], ['KeyJ', [6, -1]],
 ]);
-// Modifier keys: while one is down, systems do not report the release of every other key.
+// Modifier keys: while one is down, some systems do not report the release of other keys.
 const MODIFIERS = ['Alt', 'AltGraph', 'Control', 'Meta', 'OS'];
 const WRITING = 'input:not([type=range], [type=checkbox], [type=radio]), select, textarea, [contenteditable]';
 

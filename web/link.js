@@ -26,7 +26,7 @@ export class Link {
     };
     port.onclose = (reason) => {
       if (this.#port !== port) return;
-      this.#forget();
+      this.#detach();
       this.onclose(reason);
     };
     this.#engine.startSession(now());
@@ -39,7 +39,7 @@ export class Link {
     const port = this.#port;
     this.#engine.release(now());
     this.pump();
-    this.#forget();
+    this.#detach();
     await port.close();
   }
 
@@ -67,7 +67,7 @@ export class Link {
     if (timeout !== Infinity) this.#timer = setTimeout(() => this.pump(), Math.max(0, (timeout - now()) / 1000));
   }
 
-  #forget() {
+  #detach() {
     clearTimeout(this.#timer);
     this.#port = null;
   }

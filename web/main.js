@@ -16,7 +16,7 @@ const NAMES = ['J1', 'J2', 'J3', 'J4', 'J5', 'J6', 'Grip'];
 const PARTS = ['base', 'shoulder', 'elbow', 'roll', 'pitch', 'wrist', 'gripper'];
 const DEGREES = 180 / Math.PI;
 const SEED = 1;
-// Update interval of numbers and the table, in milliseconds: the shortest that is readable.
+// Update interval of numbers and the table, in milliseconds: the shortest readable one.
 const TEXT_PERIOD = 200;
 // Time that torque-off must be held, in milliseconds.
 const TORQUE_OFF_HOLD = 1000;
@@ -26,14 +26,14 @@ const HOT = 70;
 const GOOD_COUNTERS = 4;
 const BLOCK_TEXTS = {
   disabled: 'Motion is off. Enable it to move the arm.',
-  'no reading': 'No fresh reading: the arm is not moved.',
+  'no reading': 'No fresh reading: the arm does not move.',
   'torque off': 'Torque is off: the arm does not move.',
-  'out of range': 'A position is out of range: no motion.',
+  'out of range': 'A position is out of range: the arm does not move.',
 };
 const STATE_TEXTS = {
   listening: 'listening',
   silent: 'no answer',
-  'older generation': 'an arm of the older generation: it is sent nothing; ask the vendor for a firmware update',
+  'older generation': 'an arm of the older generation: nothing is sent to it. It needs a firmware update from the vendor',
 };
 
 const element = (id) => document.getElementById(id);
@@ -73,7 +73,7 @@ class Page {
   }
 
   start() {
-    // The first frame takes long, because it compiles the shaders. The link is served first.
+    // The first frame is slow, because it compiles the shaders. The link is served first.
     this.#draw();
     this.#openVirtual();
     const frame = () => {
@@ -295,7 +295,7 @@ class Page {
   async #readModel(file) {
     if (!file) return;
     await this.#attempt(async () => {
-      if (file.size > MAX_LENGTH) throw new Error(`the file has ${file.size} bytes, at most ${MAX_LENGTH} are read`);
+      if (file.size > MAX_LENGTH) throw new Error(`the file has ${file.size} bytes, the maximum is ${MAX_LENGTH}`);
       const model = parseUrdf(await file.text());
       this.#setModel(model);
       const moving = Math.min(model.axes.length, AXES);
@@ -319,7 +319,7 @@ class Page {
     this.#arm3d?.setHeld(held);
   }
 
-  // The arm's joints are those of the model, in order. The gripper is a fraction of its range.
+  // The arm's joints are the model's joints, in order. The gripper is a fraction of its range.
   #values(positions) {
     const values = new Map();
     this.#model.axes.slice(0, AXES).forEach((joint, axis) => {
@@ -526,7 +526,7 @@ class Page {
     this.#answers.push([time, answers]);
     while (this.#answers[0][0] < time - 2) this.#answers.shift();
     const [from, before] = this.#answers[0];
-    set(element('reading-rate'), time > from ? `${Math.round((answers - before) / (time - from))} a second` : '–');
+    set(element('reading-rate'), time > from ? `${Math.round((answers - before) / (time - from))} per second` : '–');
   }
 
   #showCounters() {

@@ -43,7 +43,7 @@ export class Plot {
   #height = 0;
   history = new History();
 
-  // `span` is the smallest range of the plot, `limits` the range of the quantity.
+  // `span` is the minimum range of the plot, `limits` the range of the quantity.
   constructor(canvas, { span, limits }) {
     this.#canvas = canvas;
     this.#span = span;

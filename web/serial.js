@@ -3,7 +3,7 @@
 const OPTIONS = { baudRate: 1_000_000, bufferSize: 4096 };
 // Line errors after which reading continues.
 const LINE_ERRORS = ['BreakError', 'BufferOverrunError', 'FramingError', 'ParityError'];
-// Maximum number of queued frames: about a second.
+// Maximum number of queued frames: about one second.
 const MAX_WAITING = 64;
 // Timeout for the last frames, in milliseconds.
 const FLUSH = 500;
@@ -13,7 +13,7 @@ export const isSupported = () => 'serial' in navigator;
 // Returns the ports that the user has granted to this page.
 export const granted = () => (isSupported() ? navigator.serial.getPorts() : Promise.resolve([]));
 
-// Returns the port that the user selects, null if none.
+// Returns the port that the user selects; null without a selection.
 export async function choose() {
   try {
     return await navigator.serial.requestPort();
@@ -42,7 +42,7 @@ export class SerialPort {
   onbytes = () => {};
   onclose = () => {};
 
-  // Fails with the browser's error if the port cannot be opened.
+  // Throws the browser's error if the port cannot be opened.
   static async open(port) {
     await port.open(OPTIONS);
     return new SerialPort(port);
@@ -59,7 +59,7 @@ export class SerialPort {
   write(bytes) {
     if (this.#closed) return;
     if (this.#waiting >= MAX_WAITING) {
-      this.#fail(`the port takes no more: ${this.#waiting} frames wait`);
+      this.#fail(`the port does not accept bytes: ${this.#waiting} frames are queued`);
       return;
     }
     this.#waiting += 1;

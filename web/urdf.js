@@ -2,7 +2,7 @@
 
 import { pose, identity } from './kinematics.js';
 
-// Size limit: URDF files have a few hundred kilobytes at most.
+// Size limit: URDF files have at most a few hundred kilobytes.
 export const MAX_LENGTH = 4_000_000;
 const MAX_LINKS = 500;
 const TYPES = ['revolute', 'continuous', 'prismatic', 'fixed', 'floating', 'planar'];
@@ -11,16 +11,16 @@ const GREY = [0.6, 0.62, 0.65, 1];
 
 // Parses a model. Throws an error that describes the fault in the text.
 export function parseUrdf(text) {
-  if (text.length > MAX_LENGTH) throw new Error(`the file has ${text.length} characters, at most ${MAX_LENGTH} are read`);
+  if (text.length > MAX_LENGTH) throw new Error(`the file has ${text.length} characters, the maximum is ${MAX_LENGTH}`);
   const page = new DOMParser().parseFromString(text, 'application/xml');
-  if (page.querySelector('parsererror')) throw new Error('the file is no XML');
+  if (page.querySelector('parsererror')) throw new Error('the file is not XML');
   const robot = page.documentElement;
-  if (robot.tagName !== 'robot') throw new Error(`the file is no URDF: its root is <${robot.tagName}>, not <robot>`);
+  if (robot.tagName !== 'robot') throw new Error(`the file is not a URDF: its root is <${robot.tagName}>, must be <robot>`);
 
   const materials = new Map(children(robot, 'material').map((element) => [element.getAttribute('name'), element]));
   const links = new Map(children(robot, 'link').map((element) => [name(element), readLink(element, materials)]));
-  if (links.size === 0) throw new Error('the robot has no link');
-  if (links.size > MAX_LINKS) throw new Error(`the robot has ${links.size} links, at most ${MAX_LINKS} are drawn`);
+  if (links.size === 0) throw new Error('the robot has no links');
+  if (links.size > MAX_LINKS) throw new Error(`the robot has ${links.size} links, the maximum is ${MAX_LINKS}`);
   const joints = children(robot, 'joint').map((element) => readJoint(element, links));
   const { root, ordered } = order(links, joints);
   const meshes = [...links.values()].reduce((sum, link) => sum + link.meshes, 0);
@@ -69,7 +69,7 @@ function readLink(element, materials) {
   return link;
 }
 
-// Returns a shape and its size in metres, null if it is not supported.
+// Returns a shape and its size in metres; null if the shape is not supported.
 function readShape(geometry) {
   const element = geometry?.firstElementChild;
   switch (element?.tagName) {
@@ -100,7 +100,7 @@ function readJoint(element, links) {
   if (!TYPES.includes(joint.type)) fail(`its type is ${joint.type}, must be one of ${TYPES.join(', ')}`);
   for (const end of ['parent', 'child']) {
     joint[end] = child(element, end)?.getAttribute('link');
-    if (!links.has(joint[end])) fail(`its ${end}, ${joint[end]}, is no link`);
+    if (!links.has(joint[end])) fail(`its ${end} ${joint[end]} is not a link`);
   }
   joint.origin = readOrigin(element);
   joint.axis = numbers(child(element, 'axis'), 'xyz', [1, 0, 0]);
@@ -137,6 +137,6 @@ function order(links, joints) {
       waiting.push(joint.child);
     }
   }
-  if (ordered.length !== joints.length) throw new Error('the joints make a circle');
+  if (ordered.length !== joints.length) throw new Error('the joints form a cycle');
   return { root: roots[0], ordered };
 }

@@ -1,8 +1,8 @@
-// A headless Chromium with the page, and what the tests read from it.
+// A headless Chromium with the page, and functions that read the page.
 import assert from 'node:assert/strict';
 import { chromium } from 'playwright-core';
 
-// WebGL by software. The sandbox needs privileges that a container does not give.
+// WebGL by software. The sandbox needs privileges that a container does not have.
 export const ARGUMENTS = ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--ignore-gpu-blocklist'];
 
 export const EXECUTABLE = process.env.CHROMIUM ?? '/usr/bin/chromium';
@@ -24,7 +24,7 @@ export async function open(browser, address, options = {}) {
   return { context, page, problems };
 }
 
-// Waits until what `read` gives is as `is` wants.
+// Waits until `is` accepts the result of `read`, and returns it.
 export async function until(what, read, is) {
   const end = Date.now() + 20_000;
   let value;
@@ -38,7 +38,7 @@ export async function until(what, read, is) {
 
 export const text = (page, selector) => page.locator(selector).innerText();
 
-// The value of an axis as a number, NaN if it is not known.
+// The value of an axis as a number; NaN if unknown.
 export async function position(page, axis) {
   const value = await page.locator('.axis-value').nth(axis).innerText();
   return Number.parseFloat(value.replace('−', '-'));

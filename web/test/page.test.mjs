@@ -9,7 +9,7 @@ import { serve } from './server.mjs';
 const folder = process.env.ARMWIRE_PAGE;
 const screenshots = process.env.ARMWIRE_SCREENSHOTS;
 const SIZES = [[1280, 800], [768, 1024], [390, 844]];
-// With the browser busy drawing by software, in milliseconds.
+// Time for a stop to take effect while the browser draws by software, in milliseconds.
 const REST = 400;
 
 let browser;
@@ -25,7 +25,7 @@ after(async () => {
   await server?.close();
 });
 
-// A test of the page that ends without an error of the page.
+// A test that fails for any error of the page.
 function pageTest(name, act, options = {}) {
   test(name, async () => {
     const { context, page, problems } = await open(browser, server.address, options);
@@ -38,7 +38,7 @@ function pageTest(name, act, options = {}) {
 
 const rest = () => new Promise((done) => setTimeout(done, REST));
 
-// Asserts that the arm moves no more.
+// Asserts that the arm has stopped.
 async function assertStill(page, axis) {
   await rest();
   const at = await position(page, axis);
@@ -48,7 +48,7 @@ async function assertStill(page, axis) {
 
 const moves = (page, axis, from) => until('motion', () => position(page, axis), (value) => Math.abs(value - from) > 3);
 
-pageTest('the virtual arm is there at once', async (page) => {
+pageTest('the virtual arm is connected at the start', async (page) => {
   assert.match(await text(page, '#connection-text'), /^Virtual arm · ADFS251205123456 · v6\.10$/);
   assert.equal(await text(page, '#status'), 'locked');
   await until('servos', () => text(page, '#servos'), (value) => value === 'all normal');
@@ -140,7 +140,7 @@ pageTest('torque goes off only after a long press', async (page) => {
   await until('status', () => text(page, '#status'), (value) => value === 'locked');
 });
 
-pageTest('a noisy cable shows as errors, and a good one ends them', async (page) => {
+pageTest('a noisy cable causes errors, and a good one none', async (page) => {
   await page.locator('[name=cable][value=noisy]').check({ force: true });
   await until('bad checksums', () => counter(page, 'bad checksums'), (value) => value > 0);
   await until('rows', () => page.locator('#frame-rows tr.error').count(), (value) => value > 0);
@@ -154,7 +154,7 @@ pageTest('a noisy cable shows as errors, and a good one ends them', async (page)
   assert.equal(await counter(page, 'bad checksums'), bad);
 });
 
-pageTest('a slider has a rate, and leaves the cables', async (page) => {
+pageTest('a slider sets a rate and deselects the cable', async (page) => {
   const slider = page.locator('#fault-drop');
   await slider.focus();
   await page.keyboard.press('End');
@@ -164,11 +164,11 @@ pageTest('a slider has a rate, and leaves the cables', async (page) => {
   await until('unanswered', () => counter(page, 'unanswered requests'), (value) => value > 0);
 });
 
-pageTest('an unplugged cable is a silent arm, and plugged in again it answers', async (page) => {
+pageTest('an unplugged arm is silent and answers after reconnection', async (page) => {
   await page.locator('[name=cable][value=unplugged]').check({ force: true });
   await until('state', () => page.getAttribute('#connection', 'data-state'), (state) => state === 'silent');
   await until('text', () => text(page, '#connection-text'), (value) => value === 'Virtual arm · no answer');
-  assert.equal(await text(page, '#block'), 'No fresh reading: the arm is not moved.');
+  assert.equal(await text(page, '#block'), 'No fresh reading: the arm does not move.');
   await page.locator('[name=cable][value=good]').check({ force: true });
   await ready(page);
 });
@@ -188,7 +188,7 @@ pageTest('frames have a meaning, by message and in order', async (page) => {
 
 const urdf = (body) => ({ name: 'robot.urdf', mimeType: 'application/xml', buffer: Buffer.from(body) });
 
-pageTest('a URDF replaces the drawing, its text as text', async (page) => {
+pageTest('a URDF replaces the drawing, and its names are escaped', async (page) => {
   const name = '&lt;img src=x onerror=alert(1)&gt;';
   await page.locator('#urdf').setInputFiles(urdf(`<robot name="${name}">
     <link name="a"><visual><geometry><mesh filename="package://a.stl"/></geometry></visual></link>
@@ -201,17 +201,17 @@ pageTest('a URDF replaces the drawing, its text as text', async (page) => {
 });
 
 const BAD = {
-  'no <xml': 'the file is no XML',
-  '<sdf/>': 'the file is no URDF: its root is <sdf>, not <robot>',
-  '<robot/>': 'the robot has no link',
+  'no <xml': 'the file is not XML',
+  '<sdf/>': 'the file is not a URDF: its root is <sdf>, must be <robot>',
+  '<robot/>': 'the robot has no links',
   '<robot><link/></robot>': 'a <link> has no name',
   '<robot><link name="a"/><link name="b"/></robot>': 'the robot has 2 links without a parent, must be 1',
   '<robot><link name="a"/><joint name="j" type="spin"/></robot>': 'joint j: its type is spin, must be one of revolute, continuous, prismatic, fixed, floating, planar',
-  '<robot><link name="a"/><joint name="j" type="fixed"><parent link="a"/><child link="c"/></joint></robot>': 'joint j: its child, c, is no link',
-  '<robot><link name="a"/><link name="b"/><link name="c"/><joint name="j" type="fixed"><parent link="b"/><child link="c"/></joint><joint name="k" type="fixed"><parent link="c"/><child link="b"/></joint></robot>': 'the joints make a circle',
+  '<robot><link name="a"/><joint name="j" type="fixed"><parent link="a"/><child link="c"/></joint></robot>': 'joint j: its child c is not a link',
+  '<robot><link name="a"/><link name="b"/><link name="c"/><joint name="j" type="fixed"><parent link="b"/><child link="c"/></joint><joint name="k" type="fixed"><parent link="c"/><child link="b"/></joint></robot>': 'the joints form a cycle',
   '<robot><link name="a"><visual><geometry><box size="1 2"/></geometry></visual></link></robot>': '<box size="1 2"> must be 3 numbers',
 };
-pageTest('a bad URDF is an error that says what is wrong', async (page) => {
+pageTest('an invalid URDF is an error with a reason', async (page) => {
   const before = await text(page, '#model-name');
   for (const [body, error] of Object.entries(BAD)) {
     await page.locator('#urdf').setInputFiles(urdf(body));
@@ -224,7 +224,7 @@ pageTest('a bad URDF is an error that says what is wrong', async (page) => {
 // The drawing, without the figures and buttons over it.
 const drawing = (page) => page.locator('#arm').screenshot({ mask: [page.locator('#facts'), page.locator('#view-tools')] });
 
-// The share of pixels that differ in two drawings.
+// The share of different pixels in two drawings.
 const difference = (page, drawings) => page.evaluate(async (drawings) => {
   const [before, after] = await Promise.all(drawings.map(async (drawing) => {
     const bytes = Uint8Array.from(atob(drawing), (character) => character.charCodeAt(0));
@@ -266,10 +266,10 @@ pageTest('a dropped URDF changes the shape of the arm', async (page) => {
   assert.equal(await text(page, '#model-name'), 'dropped');
   await page.locator('#notice-close').click();
   await rest();
-  assert.ok(await difference(page, [before, await drawing(page)]) > 0.02, 'the drawing is as before');
+  assert.ok(await difference(page, [before, await drawing(page)]) > 0.02, 'the drawing has not changed');
 });
 
-pageTest('a broken dropped URDF leaves the arm as it is', async (page) => {
+pageTest('an invalid dropped URDF does not change the arm', async (page) => {
   const name = await text(page, '#model-name');
   await rest();
   const before = await drawing(page);
@@ -318,7 +318,7 @@ for (const [width, height] of SIZES) {
       await page.locator('[name=cable][value=noisy]').check({ force: true });
       await until('errors', () => counter(page, 'bytes outside of frames'), (value) => value > 0);
       const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
-      assert.equal(wide, 0, 'it is wider than the window');
+      assert.equal(wide, 0, 'the page is wider than the window');
       const shot = await page.locator('#view').screenshot();
       assert.ok(shot.length > 5_000, `a drawing of ${shot.length} bytes is empty`);
       fs.mkdirSync(screenshots, { recursive: true });

@@ -1,7 +1,7 @@
-// The page with an adapter on WebSerial: the shipped image on the virtual board, whose pty stands in for a serial port.
+// The page with an adapter on WebSerial: the shipped image on the virtual board, with a pty as the serial port.
 //
-// Chromium knows ports by their names in /sys/class/tty, so the pty is mounted over one. This test runs in a mount namespace of
-// its own, and ends with the reason where mounting is refused.
+// Chromium finds ports by their names in /sys/class/tty, so the pty is mounted over one of them. This test runs in its own
+// mount namespace, and fails with the reason if mounting is refused.
 import assert from 'node:assert/strict';
 import { execFileSync, spawn } from 'node:child_process';
 import { once } from 'node:events';
@@ -17,7 +17,7 @@ import { serve } from './server.mjs';
 const { ARMWIRE_PAGE, ARMWIRE_DEMO, ARMWIRE_IMAGE, ARMWIRE_COMMAND } = process.env;
 const PORT = '/dev/ttyS0';
 const POLICIES = '/etc/chromium/policies';
-// Bytes of a request that moves the arm, and of each other that the page sends.
+// Bytes of a move, and of any other request of the page.
 const MOVE = 34;
 const OTHER = 7;
 
@@ -37,7 +37,7 @@ function mount(...words) {
 
 const armwire = (...words) => execFileSync(ARMWIRE_COMMAND, words, { encoding: 'utf8' });
 
-// A fresh board and its pty at the place of a port.
+// Starts a board and mounts its pty over the port.
 async function start() {
   board = spawn(ARMWIRE_DEMO, ['--image', ARMWIRE_IMAGE, '--serve', arm, '--control', control.slice('control:'.length)], {
     stdio: ['ignore', 'pipe', 'inherit'],
@@ -67,7 +67,7 @@ after(async () => {
   fs.rmSync(folder, { recursive: true, force: true });
 });
 
-// A test with a board and a browser of its own, connected, with motion on.
+// A test with its own board and browser, connected, with motion enabled.
 function serialTest(name, act) {
   test(name, async () => {
     await start();
@@ -96,7 +96,7 @@ async function moveOn(page) {
 
 const counters = () => Object.fromEntries([...armwire('counters', control).matchAll(/^(\w+) +(\d+)$/gm)].map(([, name, value]) => [name, Number(value)]));
 
-// Asserts that the adapter got whole requests only: their bytes add up.
+// Asserts that the adapter received whole requests only: the numbers of bytes match.
 function assertWhole() {
   const { host_to_arm_bytes: bytes, requests_usb: usb, requests_adapter: own, refused_bytes: refused } = counters();
   const requests = usb + own;
@@ -104,8 +104,8 @@ function assertWhole() {
   assert.equal((bytes - OTHER * requests) % (MOVE - OTHER), 0, `${bytes} bytes are no ${requests} whole requests`);
 }
 
-// Joints and status, as the arm tells them to another program.
-const tell = () => armwire('info', arm).split('\n').filter((line) => /^(joints|status) /.test(line));
+// Joints and status, read by another program.
+const readState = () => armwire('info', arm).split('\n').filter((line) => /^(joints|status) /.test(line));
 
 serialTest('an adapter is identified, moved and stopped', async (page) => {
   await until('text', () => text(page, '#connection-text'), (value) => value === 'Serial port · ADFS251205123456 · v6.10');
@@ -127,7 +127,7 @@ serialTest('a tab closed in motion leaves whole frames and an arm at rest', asyn
   await moveOn(page);
   await page.close();
   const before = await until('rest', async () => {
-    const [from, to] = [tell(), tell()];
+    const [from, to] = [readState(), readState()];
     return [from, to];
   }, ([from, to]) => from.join() === to.join());
   assert.ok(!before[0][0].includes(' +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°'), before[0][0]);
@@ -140,5 +140,5 @@ serialTest('a browser killed in motion is a silent host, and the torque goes off
   await process.kill();
   await until('silence', () => counters().host_silences, (silences) => silences === 1);
   assertWhole();
-  assert.match(tell()[1], /^status +idle$/);
+  assert.match(readState()[1], /^status +idle$/);
 });

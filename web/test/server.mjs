@@ -1,11 +1,11 @@
-// Serves a folder on a port of this machine, as a static host does: `python3 -m http.server` in a few lines, for the tests.
+// A static file server on a port of this machine, for the tests.
 import fs from 'node:fs/promises';
 import http from 'node:http';
 import path from 'node:path';
 
 const TYPES = { '.html': 'text/html', '.js': 'text/javascript', '.css': 'text/css', '.wasm': 'application/wasm' };
 
-// Returns the page's address, and how to end it.
+// Returns the page's address and a function that stops the server.
 export async function serve(folder) {
   const server = http.createServer(async (request, response) => {
     const { pathname } = new URL(request.url, 'http://localhost');

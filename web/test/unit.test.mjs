@@ -1,4 +1,4 @@
-// The modules that need no browser, and the engine.
+// Tests of the engine and of the modules that need no browser.
 import assert from 'node:assert/strict';
 import fs from 'node:fs';
 import path from 'node:path';
@@ -42,7 +42,7 @@ class Bench {
   }
 }
 
-test('a session with the virtual arm tells who it is and where', async () => {
+test('a session reads the identity and position of the virtual arm', async () => {
   const bench = new Bench(await engine());
   assert.ok(bench.engine.positions().every(Number.isNaN));
   assert.equal(bench.engine.serial(), '');
@@ -73,14 +73,14 @@ test('a held axis moves and a released one stops', async () => {
   assert.equal(bench.engine.positions()[1], j2);
 });
 
-test('what the engine cannot take is an error', async () => {
+test('an invalid argument is an error', async () => {
   const bench = new Bench(await engine());
   assert.throws(() => bench.engine.hold(0, AXES, 1), /there is no axis 7/);
   assert.throws(() => bench.engine.setSpeed(100), /out of range/);
   assert.throws(() => bench.engine.setSpeed(Number.NaN), /out of range/);
 });
 
-test('more bytes than the buffer holds are all counted', async () => {
+test('bytes beyond the size of the buffer are all counted', async () => {
   const bench = new Bench(await engine());
   bench.engine.receive(0, new Uint8Array(10_000).fill(0x55));
   const counters = bench.engine.counters();
@@ -98,7 +98,7 @@ test('records have bytes, meaning and time', async () => {
   assert.ok(received.at > sent.at && sent.at >= 100_000);
 });
 
-test('a noisy cable shows in counters, faults and records', async () => {
+test('a noisy cable changes counters, faults and records', async () => {
   const bench = new Bench(await engine());
   bench.engine.setFaults(rates(CABLES.noisy));
   bench.run(5000);
@@ -118,7 +118,7 @@ test('a slow cable makes answers take longer', async () => {
   assert.ok(before <= 2000 && longest > 20_000, `${before} µs before, ${longest} µs with delays`);
 });
 
-test('an unplugged cable is a silent arm', async () => {
+test('an unplugged arm is silent', async () => {
   const bench = new Bench(await engine());
   bench.run(500);
   bench.engine.setFaults(UNPLUGGED_RATES);
@@ -133,7 +133,7 @@ test('rates grow tenfold with each quarter of a slider', () => {
   for (const places of Object.values(CABLES)) assert.deepEqual(Object.keys(places), FAULTS);
 });
 
-test('two keys that pull both ways hold nothing', () => {
+test('two keys in opposite directions hold no axis', () => {
   const holds = new Holds();
   const changes = [];
   holds.onchange = (...change) => changes.push(change);
@@ -190,7 +190,7 @@ test('the view looks at its target', () => {
   near([view[12], view[13], view[14]], [0, 0, -3]);
 });
 
-test('a range has its least span and keeps to its limits', () => {
+test('a range has its minimum span and stays within its limits', () => {
   assert.deepEqual(range([], 10, [-100, 100]), [-5, 5]);
   assert.deepEqual(range([[0, 98]], 10, [-100, 100]), [93, 100]);
   const [low, high] = range([[0, 0], [1, 100]], 10, [-200, 200]);
@@ -218,14 +218,14 @@ test('messages are counted by command and function, errors by kind', () => {
   assert.deepEqual(log.inOrder().map(({ time }) => time), [0.7, 0.6, 0.5, 0.2, 0.1, 0]);
 });
 
-test('a rate is that of the last seconds', () => {
+test('a rate covers the last seconds only', () => {
   const log = new FrameLog();
   for (let i = 0; i < 100; i++) log.add(record('sent', [0xaa, 6, 0], ''), i / 50);
   assert.equal(log.byMessage(1.98)[0].rate, 50);
   assert.equal(log.byMessage(10)[0].rate, 0);
 });
 
-test('the log does not grow without end', () => {
+test('the size of the log is limited', () => {
   const log = new FrameLog();
   for (let i = 0; i < 5000; i++) log.add(record('sent', [0xaa, 6, 0], ''), i);
   assert.ok(log.rows.length <= 400);

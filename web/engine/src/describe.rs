@@ -142,7 +142,7 @@ fn tenths_of_degrees(ticks: i32) -> i32 {
 }
 
 fn write(text: &mut String, arguments: fmt::Arguments<'_>) {
-    // A `String` takes everything.
+    // Writing to a `String` never fails.
     let _ = text.write_fmt(arguments);
 }
 
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gripper_beyond_its_stroke_is_said_to_be_out_of_range() {
+    fn gripper_beyond_its_stroke_is_out_of_range() {
         let mut frame = READING;
         frame[16..18].copy_from_slice(&2051_u16.to_le_bytes());
         assert!(

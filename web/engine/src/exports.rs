@@ -21,7 +21,7 @@ const BUFFER: usize = 4096;
 pub struct Engine {
     session: Session,
     arm: VirtualArm,
-    /// The record taken last.
+    /// The last record taken from the log.
     record: Option<Record>,
     input: [u8; BUFFER],
     output: [u8; BUFFER],
@@ -86,7 +86,7 @@ pub extern "C" fn session_start(engine: &mut Engine, now: f64) {
     engine.session = Session::new(instant(now));
 }
 
-/// Takes the first `len` bytes of the input from the arm. Returns whether the buffer has so many.
+/// Passes the first `len` bytes of the input from the arm to the session. Returns false if the buffer is shorter.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_receive(engine: &mut Engine, now: f64, len: usize) -> bool {
     let Engine { session, input, .. } = engine;
@@ -94,15 +94,15 @@ pub extern "C" fn session_receive(engine: &mut Engine, now: f64, len: usize) -> 
     bytes.map(|bytes| session.receive(instant(now), bytes)).is_some()
 }
 
-/// Writes the next frame for the arm to the output and returns its length; 0 if there is none.
+/// Writes the next frame for the arm to the output and returns its length; 0 without a frame.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_transmit(engine: &mut Engine, now: f64) -> usize {
     let Engine { session, output, .. } = engine;
-    // The buffer holds every frame.
+    // The buffer fits every frame.
     session.transmit(instant(now), output).unwrap_or_default()
 }
 
-/// Returns the time of the next call of [`session_transmit`], infinite if there is none.
+/// Returns the time of the next call of [`session_transmit`]; infinite without a timeout.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_timeout(engine: &Engine) -> f64 {
     timeout(engine.session.timeout())
@@ -132,7 +132,7 @@ pub extern "C" fn session_enable_motion(engine: &mut Engine, now: f64, enabled: 
     engine.session.enable_motion(instant(now), enabled);
 }
 
-/// Sets the speed of held joints in rad/s. Returns whether it is in range.
+/// Sets the speed of held joints in rad/s. Returns false if it is out of range.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_set_speed(engine: &mut Engine, speed: f32) -> bool {
     let speed = Speed::from_radians_per_second(speed);
@@ -152,7 +152,7 @@ pub extern "C" fn session_state(engine: &Engine) -> u8 {
     engine.session.state() as u8
 }
 
-/// The number of the [`Block`](crate::session::Block) of motion; 0 if there is none.
+/// The number of the [`Block`](crate::session::Block) of motion; 0 without a block.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_block(engine: &Engine, now: f64) -> u8 {
     engine.session.block(instant(now)).map_or(0, |block| block as u8)
@@ -198,8 +198,8 @@ pub extern "C" fn arm_self_check(engine: &Engine) -> f64 {
     number(engine.session.arm().check.map(|check| check.0))
 }
 
-/// Writes a text of the arm to the output and returns its length; 0 if it is not known. 0 is the status, 1 the serial
-/// number, escaped, and 2 the firmware's version.
+/// Writes a text of the arm to the output and returns its length; 0 if the text is unknown. Text 0 is the status, 1 the
+/// serial number, escaped, and 2 the version of the firmware.
 #[unsafe(no_mangle)]
 pub extern "C" fn arm_text(engine: &mut Engine, which: usize) -> usize {
     let Engine { session, output, .. } = engine;
@@ -213,7 +213,7 @@ pub extern "C" fn arm_text(engine: &mut Engine, which: usize) -> usize {
     put(output, text.unwrap_or_default().as_bytes())
 }
 
-/// Writes the label of a counter of the line to the output and returns its length; 0 behind the last.
+/// Writes the label of a counter of the line to the output and returns its length; 0 after the last.
 #[unsafe(no_mangle)]
 pub extern "C" fn counter_label(engine: &mut Engine, nth: usize) -> usize {
     put(
@@ -228,7 +228,7 @@ pub extern "C" fn counter_value(engine: &Engine, nth: usize) -> f64 {
     number(engine.session.counters().values().get(nth).map(|value| *value as f64))
 }
 
-/// The answer time in microseconds: 0 that of the newest answer, 1 the shortest, 2 the longest.
+/// An answer time in microseconds: 0 is that of the newest answer, 1 the shortest, 2 the longest.
 #[unsafe(no_mangle)]
 pub extern "C" fn answer_time(engine: &Engine, which: usize) -> f64 {
     let times = engine.session.answer_times();
@@ -236,7 +236,7 @@ pub extern "C" fn answer_time(engine: &Engine, which: usize) -> f64 {
     number(times.get(which).map(|time| time.as_micros() as f64))
 }
 
-/// Takes the next record and returns the number of its [`Event`](crate::log::Event); 0 if there is none.
+/// Takes the next record and returns the number of its [`Event`](crate::log::Event); 0 without a record.
 #[unsafe(no_mangle)]
 pub extern "C" fn record_take(engine: &mut Engine) -> u8 {
     let Engine { session, record, .. } = engine;
@@ -264,7 +264,7 @@ pub extern "C" fn record_text(engine: &mut Engine) -> usize {
     record.as_ref().map_or(0, |record| put(output, record.text.as_bytes()))
 }
 
-/// Replaces the virtual arm by a new one. The seed draws the faults of its line.
+/// Replaces the virtual arm by a new one. The seed determines the faults of its line.
 #[unsafe(no_mangle)]
 pub extern "C" fn virtual_start(engine: &mut Engine, seed: u32) {
     engine.arm = VirtualArm::new(seed.into());
@@ -285,7 +285,7 @@ pub extern "C" fn virtual_transmit(engine: &mut Engine, now: f64) -> usize {
     arm.transmit(instant(now), output)
 }
 
-/// Returns the time of the next call of [`virtual_transmit`], infinite if there is none.
+/// Returns the time of the next call of [`virtual_transmit`]; infinite without a timeout.
 #[unsafe(no_mangle)]
 pub extern "C" fn virtual_timeout(engine: &Engine) -> f64 {
     timeout(engine.arm.timeout())
@@ -312,7 +312,7 @@ pub extern "C" fn virtual_set_faults(
     engine.arm.set_faults(rates);
 }
 
-/// Writes the label of a counter of faults to the output and returns its length; 0 behind the last.
+/// Writes the label of a counter of faults to the output and returns its length; 0 after the last.
 #[unsafe(no_mangle)]
 pub extern "C" fn virtual_fault_label(engine: &mut Engine, nth: usize) -> usize {
     put(&mut engine.output, FAULTS.get(nth).map_or("", |label| label).as_bytes())

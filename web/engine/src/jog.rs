@@ -1,7 +1,7 @@
 //! Motion while a key or button is held: from directions and time to the next target.
 //!
-//! A target is never further away than [`LOOKAHEAD`] of motion. So an arm whose host disappears in the middle of it stops by
-//! itself, and soon.
+//! A target is at most [`LOOKAHEAD`] of motion away. An arm whose host disappears during a motion therefore soon stops by
+//! itself.
 
 use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, JointState, Move, Opening, Position, Speed};
@@ -9,17 +9,17 @@ use armwire::time::{Duration, Instant};
 
 /// The joints, then the gripper.
 pub const AXES: usize = JOINTS + 1;
-/// Targets are this much motion ahead of the setpoint: two and a half periods, so that one that is lost or late is no stop.
+/// Targets are this much motion ahead of the setpoint: 2.5 periods, so that a lost or late target does not stop the arm.
 pub const LOOKAHEAD: Duration = Duration::from_millis(100);
 /// The time between two targets.
 pub const PERIOD: Duration = Duration::from_millis(40);
-/// The setpoint is at most this much motion ahead of the arm, and [`SLACK`]: an arm that cannot follow is not chased.
+/// The setpoint is at most this much motion plus [`SLACK`] ahead of the arm: it waits for an arm that cannot follow.
 const LEAD: Duration = Duration::from_millis(250);
 /// In ticks, or in thousandths of the gripper's stroke.
 const SLACK: f32 = 20.0;
-/// The gripper's speed, in thousandths of its stroke per second, and for the arm in ticks per second.
+/// The gripper's speed: in thousandths of its stroke per second for the setpoint, in ticks per second for the arm.
 const GRIPPER_SPEED: u16 = 500;
-/// The speed of the joints at first: 20°/s.
+/// The initial speed of the joints: 20°/s.
 const SPEED: u16 = 228;
 
 /// The direction of an axis.
@@ -59,7 +59,7 @@ impl Default for Jog {
 }
 
 impl Jog {
-    /// Holds an axis, 0 to 5 for the joints and 6 for the gripper, or lets it rest. Returns whether that changes anything.
+    /// Holds an axis, 0 to 5 for the joints and 6 for the gripper, or releases it. Returns true for a change.
     ///
     /// # Errors
     ///
@@ -71,7 +71,7 @@ impl Jog {
         Ok(std::mem::replace(held, direction) != direction)
     }
 
-    /// Lets all axes rest. Returns whether one was held.
+    /// Releases all axes. Returns true if one was held.
     pub fn release(&mut self, now: Instant) -> bool {
         self.advance(now);
         let held = self.is_held();
@@ -84,21 +84,21 @@ impl Jog {
         self.directions.iter().any(|direction| *direction != Direction::Rest)
     }
 
-    /// The speed of the joints from now on.
+    /// Sets the speed of the joints.
     pub fn set_speed(&mut self, speed: Speed) {
         self.speed = speed;
     }
 
-    /// True if there was a target since the arm was last at rest.
-    pub fn is_under_way(&self) -> bool {
+    /// Returns true from the first target of a motion until it is stopped.
+    pub fn is_moving(&self) -> bool {
         self.setpoint.is_some()
     }
 
-    /// The target at `now` of an arm whose last reading is this. The first target starts from there.
+    /// The target at `now`, by the arm's last reading. The first target of a motion starts from the reading.
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when a position in the reading is none that can be a target.
+    /// [`OutOfRange`] if a position in the reading cannot be a target.
     pub fn target(&mut self, now: Instant, reading: &JointState) -> Result<Move, OutOfRange> {
         let positions = axes(reading)?;
         self.advance(now);
@@ -111,7 +111,7 @@ impl Jog {
         self.move_to(|axis| within(axes[axis] + self.travel(axis, LOOKAHEAD), 0.0, top(axis)))
     }
 
-    /// The target that stops the arm: the setpoint at `now`. `None` if there was no target. Motion is over then.
+    /// Ends the motion and returns the target that stops the arm: the setpoint at `now`. `None` without a motion.
     pub fn stop(&mut self, now: Instant, reading: &JointState) -> Option<Move> {
         self.setpoint?;
         let target = self.target(now, reading).ok();
@@ -119,12 +119,12 @@ impl Jog {
         target
     }
 
-    /// Motion is over, without a last target.
-    pub fn forget(&mut self) {
+    /// Ends the motion without a last target.
+    pub fn reset(&mut self) {
         self.setpoint = None;
     }
 
-    /// Lets the setpoint follow the held directions up to `now`. After a pause of the page it makes one step, no jump.
+    /// Moves the setpoint in the held directions up to `now`. After a pause of the page it makes a single step.
     fn advance(&mut self, now: Instant) {
         let Some(mut setpoint) = self.setpoint else {
             return;
@@ -137,7 +137,7 @@ impl Jog {
         self.setpoint = Some(setpoint);
     }
 
-    /// The motion of an axis in this time, with its sign.
+    /// The signed motion of an axis in this time.
     fn travel(&self, axis: usize, span: Duration) -> f32 {
         let speed = match axis < JOINTS {
             true => self.speed.ticks_per_second(),
@@ -170,12 +170,12 @@ fn axes(reading: &JointState) -> Result<[f32; AXES], OutOfRange> {
     Ok([a, b, c, d, e, f, f32::from(reading.opening()?.per_mille())])
 }
 
-/// The value in this range that is nearest. `f32::clamp` can panic, and its message formats floats: a fifth of the module.
-fn within(value: f32, least: f32, most: f32) -> f32 {
-    value.max(least).min(most)
+/// The nearest value in this range. `f32::clamp` can panic, and its message formats floats: a fifth of the module.
+fn within(value: f32, min: f32, max: f32) -> f32 {
+    value.max(min).min(max)
 }
 
-/// The most that an axis reaches.
+/// The upper end of an axis.
 fn top(axis: usize) -> f32 {
     match axis < JOINTS {
         true => f32::from(Position::MAX.ticks()),
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_does_not_follow_is_not_chased() {
+    fn setpoint_waits_for_an_arm_that_does_not_follow() {
         let mut jog = jog(0, Direction::Up);
         let last = (0..100)
             .map(|step| jog.target(millis(40 * step), &CENTRED).unwrap())
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_of_the_page_is_no_jump() {
+    fn pause_of_the_page_causes_no_jump() {
         let mut jog = jog(0, Direction::Up);
         jog.target(millis(0), &CENTRED).unwrap();
         let target = jog.target(millis(60_000), &CENTRED).unwrap();
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_out_of_range_is_no_start() {
+    fn reading_out_of_range_starts_no_motion() {
         let mut reading = CENTRED;
         reading.gripper = 2051;
         let error = jog(0, Direction::Up).target(millis(0), &reading).unwrap_err();
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_the_arm_lacks_is_an_error() {
+    fn unknown_axis_is_an_error() {
         let error = Jog::default().hold(millis(0), 7, Direction::Up).unwrap_err();
         assert_eq!(error.to_string(), "axis is 7, must be 0..=6");
     }

@@ -9,12 +9,12 @@
 //! | [`virtual_arm`] | the arm of `armwire-sim` and its line |
 //! | [`exports`] | the functions that the page calls |
 //!
-//! # The way of a byte
+//! # The path of a byte
 //!
-//! To the arm: [`Session::transmit`](session::Session::transmit) writes a frame, `engine.js` copies it from the output buffer
-//! and hands it to a port. From the arm: a port hands a chunk to `engine.js`, which copies it to the input buffer and calls
-//! `session_receive`; the [`Log`](log::Log) makes rows of it, the `Client` an answer. The port is the serial port, or the
-//! [`VirtualArm`](virtual_arm::VirtualArm), which is on the other side of the same two copies.
+//! To the arm: [`Session::transmit`](session::Session::transmit) writes a frame, and `engine.js` copies it from the output
+//! buffer to a port. From the arm: a port passes a chunk to `engine.js`, which copies it to the input buffer and calls
+//! `session_receive`. The [`Log`](log::Log) decodes it to rows, the `Client` to an answer. The port is the serial port or
+//! the [`VirtualArm`](virtual_arm::VirtualArm), which uses the same two buffers.
 #![deny(unsafe_code)]
 
 pub mod counters;

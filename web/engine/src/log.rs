@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn half_a_frame_is_noise_once_its_answer_is_given_up() {
+    fn incomplete_frame_is_noise_after_the_timeout() {
         let mut log = Log::default();
         log.received(Instant::ZERO, &STROKE[..4]);
         assert_eq!(taken(&mut log), []);

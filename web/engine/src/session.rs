@@ -1,6 +1,6 @@
-//! The host's conversation with an arm: it listens, identifies, reads in turn, and moves the arm while an axis is held.
+//! The host's session with an arm: it listens, identifies, reads in turn, and moves the arm while an axis is held.
 //!
-//! A session does no I/O and reads no clock. The page hands it bytes and the time, and writes what it transmits.
+//! A session does no I/O and reads no clock. The page passes bytes and the time in, and writes the transmitted frames.
 
 use std::num::NonZeroU32;
 
@@ -17,7 +17,7 @@ use crate::describe;
 use crate::jog::{self, Direction, Jog};
 use crate::log::{Log, Record};
 
-/// 1 Mbaud, and what a browser needs to hand bytes on. Reads are cyclic: a lost one is not repeated.
+/// 1 Mbaud, and the latency of a browser. Reads are cyclic: a lost read is not repeated.
 const CONFIG: Config = Config {
     baud: NonZeroU32::new(1_000_000).unwrap(),
     latency: Duration::from_millis(50),
@@ -38,7 +38,7 @@ const MAX_STOP_DELAY: Duration = Duration::from_millis(10);
 /// Time without an answer after which an arm is silent.
 const SILENT: Duration = Duration::from_millis(1_000);
 
-/// The periods of the reads. The slower ones go first where several are due.
+/// The periods of the reads. If several are due, the slowest is sent first.
 const READS: [(Request, Duration); 5] = [
     (Request::ReadInfo, Duration::from_millis(1_000)),
     (Request::ReadStroke, Duration::from_millis(1_000)),
@@ -51,7 +51,7 @@ const READS: [(Request, Duration); 5] = [
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum State {
-    /// The session listens, and has sent nothing.
+    /// The session listens and has sent nothing.
     Listening = 0,
     /// The session sends requests without recent answers.
     Silent = 1,
@@ -67,11 +67,11 @@ pub enum State {
 pub enum Block {
     /// Motion is not enabled on the page.
     Disabled = 1,
-    /// There is no fresh reading of the joints.
+    /// No fresh reading of the joints.
     NoReading = 2,
     /// The torque is off.
     TorqueOff = 3,
-    /// The reading has a position that no target can have.
+    /// The reading has a position out of a target's range.
     OutOfRange = 4,
 }
 
@@ -212,7 +212,7 @@ impl Session {
                 };
                 self.timeout = [until, own].into_iter().flatten().min();
             }
-            // All were taken, and submitting makes none.
+            // All events were taken, and `submit` causes none.
             Output::Event(_) => {}
         }
         self.update_state(now);
@@ -262,7 +262,7 @@ impl Session {
     /// Switches the torque. With torque off the arm can fall.
     pub fn set_torque(&mut self, now: Instant, torque: Torque) {
         self.jog.release(now);
-        self.jog.forget();
+        self.jog.reset();
         self.urgent = Some(Urgent::Torque(torque));
     }
 
@@ -312,7 +312,7 @@ impl Session {
 
     /// Requests a stop of the current motion, if there is one.
     fn stop(&mut self) {
-        if self.jog.is_under_way() {
+        if self.jog.is_moving() {
             self.urgent = Some(Urgent::Stop);
         }
     }
@@ -346,7 +346,7 @@ impl Session {
         let Some(request) = self.next_request(now) else {
             return;
         };
-        // It is idle, and its buffer holds every request.
+        // The client is idle, and its buffer fits every request.
         if self.client.submit(&request).is_ok() {
             self.in_flight = Some((request, now));
         }
@@ -372,7 +372,7 @@ impl Session {
             let reading = self.fresh(now).copied().filter(|_| self.block(now).is_none());
             match reading.and_then(|reading| self.jog.target(now, &reading).ok()) {
                 Some(target) => return Some(Request::Move(target)),
-                None => self.jog.forget(),
+                None => self.jog.reset(),
             }
         }
         let due = |at: &Option<Instant>| at.is_some_and(|at| at <= now);
@@ -398,7 +398,7 @@ impl Session {
             Event::Answer(response) => {
                 counters.answers += 1;
                 self.answered(now);
-                self.learn(now, &response);
+                self.store(now, &response);
             }
             Event::Unacceptable(_) => {
                 counters.unknown += 1;
@@ -413,7 +413,7 @@ impl Session {
             }
             Event::Late(response) => {
                 counters.late += 1;
-                self.learn(now, &response);
+                self.store(now, &response);
             }
             Event::Unsolicited(_) => counters.unsolicited += 1,
             Event::Echo => counters.echoes += 1,
@@ -431,30 +431,30 @@ impl Session {
         }
     }
 
-    /// Stores the values of a response. Late ones are valid, too.
-    fn learn(&mut self, now: Instant, response: &Response) {
+    /// Stores the values of a response, in time or late.
+    fn store(&mut self, now: Instant, response: &Response) {
         let arm = &mut self.arm;
         match *response {
             Response::Info(info) => {
                 arm.info = Some(info);
-                self.know(Request::ReadInfo);
+                self.end_read(Request::ReadInfo);
             }
             Response::Stroke(stroke) => {
                 arm.stroke = Some(stroke);
-                self.know(Request::ReadStroke);
+                self.end_read(Request::ReadStroke);
             }
             Response::Joints(state) => arm.joints = Some((now, state)),
             Response::Temperatures(celsius) => arm.temperatures = Some(celsius),
             Response::SelfCheck(check) => arm.check = Some(check),
-            // Velocities are not asked for.
+            // Velocities are not requested.
             _ => {}
         }
     }
 
     /// Removes a read with a constant answer from the cycle.
-    fn know(&mut self, known: Request) {
+    fn end_read(&mut self, constant: Request) {
         for (due, (request, _)) in self.reads.iter_mut().zip(READS) {
-            if request == known {
+            if request == constant {
                 *due = None;
             }
         }
@@ -477,7 +477,7 @@ fn has_torque(status: MotionStatus) -> bool {
 /// Describes a request.
 fn name(request: &Request) -> String {
     let mut frame = [0; MAX_FRAME];
-    // It has room for every request.
+    // The buffer fits every request.
     let len = Ling.encode_request(request, &mut frame).unwrap_or_default();
     describe::request(&frame[..len])
 }

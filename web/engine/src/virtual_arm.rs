@@ -1,4 +1,4 @@
-//! A virtual follower behind a line with faults, fed with chunks of bytes at the times that a page knows.
+//! A virtual follower behind a line with faults. Bytes arrive in chunks, at the times of the page.
 
 use armwire::time::{Duration, Instant};
 use armwire_sim::faults::{Injected, Line, Rates};
@@ -7,7 +7,7 @@ use armwire_sim::serial::SerialDevice;
 
 /// A byte at 1 Mbaud.
 const BYTE_TIME: Duration = Duration::from_micros(10);
-/// The longest delay of a byte: longer than a session waits for an answer, so that some are late.
+/// Maximum delay of a byte. It exceeds the timeout of an answer, so that some answers are late.
 pub const MAX_DELAY: Duration = Duration::from_millis(150);
 
 /// The label of each kind of fault.
@@ -16,19 +16,19 @@ pub const FAULTS: [&str; 5] = [
     "bytes damaged",
     "bytes repeated",
     "bytes delayed",
-    "bytes from nowhere",
+    "bytes inserted",
 ];
 
 /// The arm and its line.
 #[derive(Debug)]
 pub struct VirtualArm {
     line: Line<LingArm>,
-    /// The time at the arm. It is ahead of the page's by the bytes of a chunk, for they take their time on the line.
+    /// The time at the arm. It is ahead of the page's time by the line time of a chunk.
     now: Instant,
 }
 
 impl VirtualArm {
-    /// An arm on a line without faults. The seed draws the faults.
+    /// An arm on a line without faults. The seed determines later faults.
     pub fn new(seed: u64) -> Self {
         Self {
             line: Line::new(LingArm::new(Config::follower()), Rates::NONE, Rates::NONE, seed),
@@ -36,7 +36,7 @@ impl VirtualArm {
         }
     }
 
-    /// Sets the rates of faults in both directions, in parts per million of the bytes. `max_delay` is [`MAX_DELAY`].
+    /// Sets the rates of faults in both directions, in parts per million of the bytes. Delays are up to [`MAX_DELAY`].
     pub fn set_faults(&mut self, rates: Rates) {
         let rates = Rates {
             max_delay: MAX_DELAY,
@@ -45,7 +45,7 @@ impl VirtualArm {
         self.line.set_rates(rates, rates);
     }
 
-    /// Takes the bytes that the host wrote at `now`.
+    /// Receives the bytes that the host wrote at `now`.
     pub fn receive(&mut self, now: Instant, bytes: &[u8]) {
         self.now = self.now.max(now);
         for &byte in bytes {
@@ -54,7 +54,7 @@ impl VirtualArm {
         }
     }
 
-    /// Writes the bytes that the host can read at `now` at the front of `out` and returns their number.
+    /// Writes the bytes that are available to the host at `now` at the front of `out` and returns their number.
     pub fn transmit(&mut self, now: Instant, out: &mut [u8]) -> usize {
         self.now = self.now.max(now);
         let mut len = 0;
@@ -69,12 +69,12 @@ impl VirtualArm {
         len
     }
 
-    /// The time to call [`transmit`](Self::transmit) again; `None` while only a request can give the arm something to say.
+    /// The time of the next call of [`transmit`](Self::transmit); `None` if the arm waits for a request.
     pub fn timeout(&self) -> Option<Instant> {
         self.line.poll_timeout()
     }
 
-    /// Faults so far, both directions together, in the order of [`FAULTS`].
+    /// Counts of faults in both directions, in the order of [`FAULTS`].
     pub fn injected(&self) -> [u64; FAULTS.len()] {
         let counts = |injected: Injected| {
             let Injected {

@@ -29,7 +29,7 @@ impl Bench {
         }
     }
 
-    /// A bench with an arm that was identified, and motion enabled.
+    /// A bench with an identified arm and with motion enabled.
     fn ready() -> Self {
         let mut bench = Self::new();
         bench.session.enable_motion(Instant::ZERO, true);
@@ -38,7 +38,7 @@ impl Bench {
         bench
     }
 
-    /// Lets this time pass, in milliseconds: a page's timers are no finer.
+    /// Advances the time, in milliseconds: the resolution of a page's timers.
     fn run(&mut self, millis: u64) {
         for _ in 0..millis {
             self.now += Duration::from_millis(1);
@@ -109,7 +109,7 @@ fn an_arm_is_identified_and_read_fifty_times_a_second() {
 }
 
 #[test]
-fn a_silent_line_is_asked_on_and_reported() {
+fn requests_continue_on_a_silent_line_and_it_is_reported() {
     let mut bench = Bench::new();
     bench.connected = false;
     bench.run(3_000);
@@ -124,7 +124,7 @@ fn a_silent_line_is_asked_on_and_reported() {
 }
 
 #[test]
-fn an_arm_of_the_older_generation_is_sent_nothing() {
+fn nothing_is_sent_to_the_older_generation() {
     let mut session = Session::new(Instant::ZERO);
     let joints = [
         0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED,
@@ -245,7 +245,7 @@ fn a_stop_does_not_wait_for_a_lost_answer() {
 }
 
 #[test]
-fn targets_go_on_while_answers_are_missing() {
+fn targets_continue_while_answers_are_missing() {
     let mut bench = Bench::ready();
     bench.hold(0, Direction::Up);
     bench.run(100);
@@ -256,7 +256,7 @@ fn targets_go_on_while_answers_are_missing() {
 }
 
 #[test]
-fn a_noisy_line_shows_in_counters_and_log_and_the_arm_still_moves() {
+fn arm_moves_on_a_noisy_line_and_noise_is_counted() {
     let mut bench = Bench::ready();
     bench.arm.set_faults(Rates::each(1_000));
     bench.hold(0, Direction::Up);
@@ -283,7 +283,7 @@ fn a_buffer_shorter_than_a_frame_is_an_error() {
 }
 
 #[test]
-fn a_session_says_when_it_wants_to_transmit_next() {
+fn timeout_is_the_time_of_the_next_transmission() {
     let bench = Bench::ready();
     let timeout = bench.session.timeout().unwrap();
     assert!(timeout > bench.now && timeout.since(bench.now) <= Duration::from_millis(60));
