@@ -310,7 +310,7 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
-    /// Drops the undecided bytes: later bytes belong to another conversation.
+    /// Discards the undecided bytes, at the start of another conversation.
     ///
     /// ```
     /// use armwire::decoder::Decoder;

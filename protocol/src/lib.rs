@@ -19,7 +19,7 @@
 //!
 //! # Features
 //!
-//! * `ling`, `ling-legacy`, `xarm`, `alpha1`: the protocols, all on by default. A disabled protocol costs nothing.
+//! * `ling`, `ling-legacy`, `xarm`, `alpha1`: the protocols, all on by default. A disabled protocol is not compiled.
 //! * `async`: the driver.
 //! * `defmt`: `defmt::Format` for every value, message, event and error.
 //!

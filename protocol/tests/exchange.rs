@@ -52,7 +52,7 @@ fn send_is_resolved_after_the_stale_window() {
     assert_eq!(line.missing(99), []);
     assert_eq!(line.missing(100), [Usb]);
     assert_eq!(line.timeout(), Some(150));
-    assert!(!line.may(1, Usb));
+    assert!(!line.can_send(1, Usb));
     assert_eq!(line.frame(1, 149), Match::Late(Usb));
     assert!(line.exchange.is_idle());
 
@@ -60,7 +60,7 @@ fn send_is_resolved_after_the_stale_window() {
     assert_eq!(line.missing(300), [Usb]);
     assert_eq!(line.missing(350), []);
     assert_eq!(line.frame(1, 350), Match::Unsolicited, "the window is over");
-    assert!(line.exchange.is_idle() && line.may(1, Usb));
+    assert!(line.exchange.is_idle() && line.can_send(1, Usb));
 }
 
 #[test]
@@ -79,32 +79,32 @@ fn request_waits_for_stale_send_of_its_key() {
     let mut line = plain();
     line.send(1, Usb, 0);
     assert_eq!(line.missing(100), [Usb]);
-    assert!(!line.may(1, Usb) && !line.may(1, Can), "by any initiator");
-    assert!(line.may(2, Poll), "another key");
+    assert!(!line.can_send(1, Usb) && !line.can_send(1, Can), "by any initiator");
+    assert!(line.can_send(2, Poll), "another key");
     assert_eq!(line.frame(1, 120), Match::Late(Usb));
-    assert!(line.may(1, Usb));
+    assert!(line.can_send(1, Usb));
 }
 
 #[test]
 fn request_waits_for_same_key_of_another_initiator() {
     let mut line = plain();
     line.send(1, Usb, 0);
-    assert!(line.may(1, Usb), "its own");
-    assert!(!line.may(1, Can));
-    assert!(line.may(2, Poll));
+    assert!(line.can_send(1, Usb), "its own");
+    assert!(!line.can_send(1, Can));
+    assert!(line.can_send(2, Poll));
     assert_eq!(line.frame(1, 10), answer(Usb, 0));
-    assert!(line.may(1, Can));
+    assert!(line.can_send(1, Can));
 }
 
 #[test]
 fn a_request_waits_for_sends_with_another_expectation() {
     let mut line = plain();
     line.send(1, Usb, 0);
-    assert!(!line.may(11, Usb), "even its own");
+    assert!(!line.can_send(11, Usb), "even its own");
     assert_eq!(line.missing(100), [Usb]);
-    assert!(!line.may(11, Usb), "stale ones too");
+    assert!(!line.can_send(11, Usb), "stale ones too");
     assert_eq!(line.missing(150), []);
-    assert!(line.may(11, Usb));
+    assert!(line.can_send(11, Usb));
     line.send(11, Usb, 160);
     assert_eq!(line.exchange.expect(&Bytes), 1);
 }
@@ -115,7 +115,7 @@ fn requests_without_an_answer_wait_for_nothing() {
     for n in 0..9 {
         line.send(1, Usb, n);
     }
-    assert!(!line.may(11, Can));
+    assert!(!line.can_send(11, Can));
     assert!(line.exchange.can_send(&UNANSWERED, Poll));
     let timeout = line.timeout();
     line.exchange.begin(UNANSWERED, Poll, line.handover(5));
@@ -126,11 +126,11 @@ fn requests_without_an_answer_wait_for_nothing() {
 fn exchange_limits_the_number_of_tracked_sends() {
     let mut line = plain();
     for n in 0..4 {
-        assert!(line.may(1, Usb) && line.send(1, Usb, n));
+        assert!(line.can_send(1, Usb) && line.send(1, Usb, n));
     }
-    assert!(!line.may(1, Usb) && !line.may(2, Can) && !line.exchange.is_saturated());
+    assert!(!line.can_send(1, Usb) && !line.can_send(2, Can) && !line.exchange.is_saturated());
     assert_eq!(line.frame(1, 10), answer(Usb, 0));
-    assert!(line.may(1, Usb) && line.may(2, Can));
+    assert!(line.can_send(1, Usb) && line.can_send(2, Can));
 }
 
 #[test]
@@ -143,7 +143,7 @@ fn untracked_send_saturates_the_exchange() {
     assert!(line.exchange.is_saturated());
     assert_eq!(line.frame(1, 10), answer(Usb, 0));
     assert!(
-        !line.may(1, Usb) && !line.may(2, Can),
+        !line.can_send(1, Usb) && !line.can_send(2, Can),
         "saturated, though a slot is free"
     );
 }
@@ -175,23 +175,23 @@ fn saturation_ends_with_the_last_stale_window() {
     }
     assert_eq!(line.timeout(), Some(160));
     assert_eq!(line.missing(159), []);
-    assert!(line.exchange.is_saturated() && !line.may(2, Can));
+    assert!(line.exchange.is_saturated() && !line.can_send(2, Can));
     line.send(1, Usb, 159);
     assert_eq!(line.missing(160), []);
     assert!(line.exchange.is_saturated(), "sends during saturation are not tracked");
     assert_eq!(line.missing(159 + 150), []);
-    assert!(line.exchange.is_idle() && line.may(2, Can));
+    assert!(line.exchange.is_idle() && line.can_send(2, Can));
 }
 
 #[test]
 fn with_transaction_ids_nothing_waits() {
     let mut line = Line::<Numbered>::new(Bytes);
     for key in 0..20 {
-        assert!(line.may(key, Can));
+        assert!(line.can_send(key, Can));
         line.send(key, Can, key.into());
         line.exchange.give_up(Can);
     }
-    assert!(line.may(3, Usb));
+    assert!(line.can_send(3, Usb));
     line.send(3, Usb, 30);
     assert_eq!(line.frame(19, 40), Match::Late(Can));
     assert_eq!(line.frame(3, 40), answer(Usb, 30));
@@ -235,9 +235,9 @@ fn repeat_belongs_to_the_same_call() {
         }
     );
     line.exchange.give_up(());
-    assert!(!line.may(1, ()), "the second answer is pending");
+    assert!(!line.can_send(1, ()), "the second answer is pending");
     assert_eq!(line.frame(1, 151), Match::Late(()));
-    assert!(line.may(1, ()));
+    assert!(line.can_send(1, ()));
 }
 
 #[test]
@@ -274,9 +274,9 @@ fn clear_discards_all_sends() {
     for n in 0..9 {
         line.send(1, Usb, n);
     }
-    assert!(!line.may(2, Can));
+    assert!(!line.can_send(2, Can));
     assert_eq!(line.exchange.clear(), 4);
-    assert!(line.exchange.is_idle() && line.may(2, Usb));
+    assert!(line.exchange.is_idle() && line.can_send(2, Usb));
     assert_eq!(line.frame(1, 9), Match::Unsolicited);
 }
 
@@ -288,7 +288,7 @@ fn step() -> impl Strategy<Value = Step> {
         1 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Repeat(key, who)),
         1 => who.prop_map(Step::GiveUp),
         3 => (0..3_usize).prop_map(Step::Answer),
-        1 => (key, 0..4_u64, 0..60_u64).prop_map(|(key, bytes, micros)| Step::Say(key, bytes, micros)),
+        1 => (key, 0..4_u64, 0..60_u64).prop_map(|(key, bytes, micros)| Step::Frame(key, bytes, micros)),
         2 => (1..60_u64).prop_map(Step::Wait),
     ]
 }

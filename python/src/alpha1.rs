@@ -208,7 +208,7 @@ fn done(response: Response<'_>) -> Option<()> {
     is_done.then_some(())
 }
 
-fn id(servo: u8) -> PyResult<ServoId> {
+pub(crate) fn id(servo: u8) -> PyResult<ServoId> {
     ServoId::new(servo).map_err(value_error)
 }
 

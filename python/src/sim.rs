@@ -5,7 +5,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 
-use armwire::alpha1::ServoId;
 use armwire::ling::{JOINTS, Opening, Position};
 use armwire::time::{Duration, Instant};
 use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
@@ -19,6 +18,7 @@ use armwire_sim::xarm::{Config as XArmConfig, Model, Server, VirtualXArm as XArm
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 
+use crate::alpha1::id;
 use crate::error::value_error;
 
 /// A thread that serves a virtual arm until it is stopped.
@@ -247,11 +247,9 @@ pub(crate) struct VirtualAlpha1Servos(OnPty<ServoBus>);
 #[pymethods]
 impl VirtualAlpha1Servos {
     #[new]
-    fn new(ids: Vec<u16>) -> PyResult<Self> {
-        let id = |id: u16| ServoId::new(id.try_into().unwrap_or(u8::MAX)).map_err(value_error);
-        let ids = ids.into_iter().map(id).collect::<PyResult<_>>()?;
+    fn new(ids: Vec<u8>) -> PyResult<Self> {
         let config = BusConfig {
-            ids,
+            ids: ids.into_iter().map(id).collect::<PyResult<_>>()?,
             ..BusConfig::default()
         };
         OnPty::start(ServoBus::new(config), 1).map(Self)

@@ -29,7 +29,7 @@ fn any_step(u: &mut Unstructured<'_>) -> Result<Step> {
         1 => Step::Repeat(*u.choose(&KEYS)?, *u.choose(&WHO)?),
         3 => Step::GiveUp(*u.choose(&WHO)?),
         4 => Step::Answer(u.int_in_range(0..=7)?),
-        5 => Step::Say(*u.choose(&KEYS)?, u.int_in_range(0..=3)?, u.int_in_range(0..=60)?),
+        5 => Step::Frame(*u.choose(&KEYS)?, u.int_in_range(0..=3)?, u.int_in_range(0..=60)?),
         _ => Step::Wait(u.int_in_range(0..=200)?),
     })
 }

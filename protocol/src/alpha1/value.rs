@@ -184,7 +184,7 @@ fn nearest(what: &'static str, duration: Duration, max: Duration) -> Result<u16,
 /// The id of a servo on the bus, `1..=240`.
 ///
 /// Id 0 addresses all servos, see [`Address`]. Only moves, releases and LED settings accept it. The servo manual forbids
-/// it for reading the version and does not mention it for the other commands: all servos would answer at once, and all
+/// it for reading the version and does not mention it for the other commands: all servos would answer together, and all
 /// would have the same id after a change of id. Such requests are neither sent nor accepted.
 ///
 /// ```

@@ -436,7 +436,7 @@ fn reply_with_bad_parameters_names_valid_ones() {
         let frame = frame_of(&bytes, Direction::Responses);
         let error = XArm::PRIVATE.parse_response(frame, Direction::Responses).unwrap_err();
         assert_eq!(std::format!("{error}"), text);
-        // Nor is it taken for an echoed request.
+        // The frame is not an echoed request either.
         assert_eq!(
             receive(None, &bytes, bytes.len()),
             [describe(Event::Unknown { frame, error })]

@@ -95,7 +95,7 @@ impl<D: Dialect<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
         }
     }
 
-    pub fn may(&self, key: u8, who: I) -> bool {
+    pub fn can_send(&self, key: u8, who: I) -> bool {
         self.exchange.can_send(&info(key), who)
     }
 
@@ -161,7 +161,7 @@ pub enum Step {
     /// The arm answers its nth pending request.
     Answer(usize),
     /// A frame of this key ends. Its first byte arrived this many bytes and microseconds ago.
-    Say(u8, u64, u64),
+    Frame(u8, u64, u64),
     Wait(u64),
 }
 
@@ -194,8 +194,8 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                 }
             }
             Step::Repeat(key, who) => {
-                let is_it = |fact: &&mut Fact| fact.counted && !fact.resolved && (fact.key, fact.who) == (key, who);
-                let Some(fact) = facts.iter_mut().find(is_it) else {
+                let matches = |fact: &&mut Fact| fact.counted && !fact.resolved && (fact.key, fact.who) == (key, who);
+                let Some(fact) = facts.iter_mut().find(matches) else {
                     continue;
                 };
                 line.exchange.repeat(info(key), who, line.handover(now));
@@ -208,7 +208,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                 let free = open
                     .iter()
                     .all(|fact| fact.key / 10 == key / 10 && (fact.key != key || fact.who == who && !fact.stale));
-                assert_eq!(line.may(key, who), counted && free, "{key:?} {who:?} {facts:?}");
+                assert_eq!(line.can_send(key, who), counted && free, "{key:?} {who:?} {facts:?}");
                 let exceeds = who == Who::Usb && open.iter().all(|fact| fact.who == who);
                 if !(free && (counted || exceeds)) {
                     continue;
@@ -231,7 +231,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                     counted,
                 });
             }
-            Step::Answer(_) | Step::Say(..) => {
+            Step::Answer(_) | Step::Frame(..) => {
                 let (key, bytes, micros) = match step {
                     Step::Answer(nth) => {
                         let open: Vec<_> = facts.iter().filter(|fact| !fact.resolved).collect();
@@ -240,7 +240,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                             None => continue,
                         }
                     }
-                    Step::Say(key, bytes, micros) => (key, bytes, micros),
+                    Step::Frame(key, bytes, micros) => (key, bytes, micros),
                     _ => unreachable!(),
                 };
                 let (offset, began) = (line.offset.saturating_sub(bytes), now.saturating_sub(micros));

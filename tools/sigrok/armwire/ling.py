@@ -8,7 +8,7 @@ from .framing import Data, Message, Need, Stray, escaped, fact, hexadecimal, ver
 RX, TX = 0, 1
 HEADER, TAIL = 0xAA, 0xFF
 MAX_DATA = 64
-ASK = b"\xfe"
+NO_VALUE = b"\xfe"
 # The self-check request as printed in the document: length 0, and one data byte.
 SELF_CHECK = b"\xaa\xfe\x00\x00\xfe"
 
@@ -67,7 +67,7 @@ def joints(data, offsets):
 
 def no_value(text):
     """Return the decoder of a request without a value."""
-    return lambda data: text if data.bytes == ASK else None
+    return lambda data: text if data.bytes == NO_VALUE else None
 
 
 def torque(data):
@@ -79,7 +79,7 @@ def temperature(data):
     """Return the meaning of a read of the temperatures, or of their limit."""
     if len(data.bytes) != 1:
         return None
-    if data.bytes == ASK:
+    if data.bytes == NO_VALUE:
         return "read temperatures"
     data.note(0, 1, "limit: {} °C".format(data.bytes[0]))
     return "set temperature limit {} °C".format(data.bytes[0])
@@ -104,7 +104,7 @@ def move(data):
 
 def self_check_request(data):
     """Return the meaning of a request for a self-check. It is well-formed with and without the usual data byte."""
-    return "self-check" if data.bytes in (b"", ASK) else None
+    return "self-check" if data.bytes in (b"", NO_VALUE) else None
 
 
 # Answers.

@@ -10,7 +10,7 @@ use crate::messages::Messages;
 ///
 /// Random bytes form a joint or gripper frame at a given place with probability 2⁻³⁸; three consecutive ones do not
 /// occur.
-const ENOUGH: u8 = 3;
+const REQUIRED_FRAMES: u8 = 3;
 
 /// The detection of an arm of the older generation, with a text for the user of the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -47,7 +47,7 @@ pub struct OlderGeneration;
 #[derive(Debug, Default)]
 pub struct Detector {
     decoder: Decoder<MAX_FRAME>,
-    /// Number of consecutive frames, up to [`ENOUGH`].
+    /// Number of consecutive frames, up to [`REQUIRED_FRAMES`].
     succession: u8,
 }
 
@@ -62,7 +62,7 @@ impl Detector {
 
     /// Processes the next bytes from the arm. Returns the detection, also if it was made earlier.
     pub fn push(&mut self, mut bytes: &[u8]) -> Option<OlderGeneration> {
-        while self.succession < ENOUGH {
+        while self.succession < REQUIRED_FRAMES {
             let Some(item) = self.decoder.next(&Legacy, ()) else {
                 if bytes.is_empty() {
                     return None;

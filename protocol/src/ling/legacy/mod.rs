@@ -1,4 +1,4 @@
-//! The older generation of Ling arms, without the function byte of late 2025: receive only.
+//! The older generation of Ling arms, whose frames have no function byte: receive only.
 //!
 //! Such an arm continuously sends the positions of its joints and its gripper, at 1 000 000 or 921 600 baud. There is
 //! no vendor document. The sources are the vendor's older Python packages (5.4 to 6.0), its ROS drivers, and frames
