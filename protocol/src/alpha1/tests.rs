@@ -676,7 +676,7 @@ fn byte_of_another_servo_is_not_an_answer() {
     let answer = Response::Servo(ServoResponse::Acknowledged(id(2)));
     let events = receive(request, &[0xAB, 0xAD, 0xAC]);
     assert_eq!(events, ["Noise(2)".to_string(), answered(answer)]);
-    // Neither is its own byte, while a frame or nothing is expected.
+    // Neither is its own byte, while a frame is expected.
     let events = receive(Request::Servo(ServoRequest::ReadOffset(id(1))), &[0xAB, 0x00]);
     assert_eq!(events, ["Noise(1)"]);
 }
