@@ -99,6 +99,6 @@ fn joint(text: &str) -> Result<Joint, String> {
 fn bytes(text: &str) -> Result<Hex, String> {
     match hex::parse(text) {
         Ok(bytes) => Ok(bytes.into()),
-        Err(word) => Err(format!("'{word}' is not a byte or bytes in hexadecimal")),
+        Err(wrong) => Err(format!("'{}' is not a byte or bytes in hexadecimal", wrong.word)),
     }
 }

@@ -6,11 +6,11 @@ use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message};
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
 
-use super::log::{Logged, Record, Refused, Time};
+use super::log::{Logged, Record, Time};
 use super::meaning::frame_meaning;
 use super::output::{Item, OnLine, Output};
 use crate::args::Speaker;
-use crate::describe::{Arm, Protocol};
+use crate::describe::Protocol;
 use crate::printable::{cut, escaped};
 
 /// The high half of a flow control frame's first byte.
@@ -24,7 +24,6 @@ type Listener = Endpoint<MAX_MESSAGE, 1>;
 /// The buses of a log, and the counts for the sum.
 pub(super) struct Buses {
     protocol: Protocol,
-    meaning: fn(Function, &[u8]) -> String,
     names: Vec<String>,
     /// By the index of the bus's name, and by the identifier.
     listeners: BTreeMap<(usize, Id), Listener>,
@@ -37,10 +36,10 @@ pub(super) struct Buses {
 }
 
 impl Buses {
-    pub(super) fn new<P: Arm>() -> Self {
+    /// The buses of adapters of an arm with this protocol.
+    pub(super) fn new(protocol: Protocol) -> Self {
         Self {
-            protocol: P::PROTOCOL,
-            meaning: pdu_meaning::<P>,
+            protocol,
             names: Vec::new(),
             listeners: BTreeMap::new(),
             frames: 0,
@@ -53,7 +52,7 @@ impl Buses {
     }
 
     /// Takes the next record of the log.
-    pub(super) fn take(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), Refused> {
+    pub(super) fn take(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), String> {
         match record {
             Record::Comment => {}
             Record::Other => self.events += 1,
@@ -72,27 +71,27 @@ impl Buses {
                 if frame.data().first().is_some_and(|byte| byte >> 4 == FLOW_CONTROL) {
                     return Ok(());
                 }
-                let bus = self.bus(&bus)?;
-                self.hear(&time, bus, &frame, function, node, out)
-                    .map_err(Refused::Output)?;
+                let bus = self.bus(bus)?;
+                self.receive(&time, bus, &frame, function, node, out);
             }
         }
         Ok(())
     }
 
     /// The index of a bus's name.
-    fn bus(&mut self, name: &str) -> Result<usize, Refused> {
+    fn bus(&mut self, name: &str) -> Result<usize, String> {
         if let Some(bus) = self.names.iter().position(|there| there == name) {
             return Ok(bus);
         }
         if self.names.len() == MAX_BUSES {
-            return Err(Refused::Log(format!("more than {MAX_BUSES} buses")));
+            return Err(format!("more than {MAX_BUSES} buses"));
         }
         self.names.push(name.to_owned());
         Ok(self.names.len() - 1)
     }
 
-    fn hear(
+    /// Passes a frame to the endpoint that receives it, and prints the PDU that it ends.
+    fn receive(
         &mut self,
         time: &Time<'_>,
         bus: usize,
@@ -100,7 +99,7 @@ impl Buses {
         function: Function,
         node: Node,
         out: &dyn Output,
-    ) -> std::io::Result<()> {
+    ) {
         let link = if frame.is_fd() { Link::Fd } else { Link::Classic };
         let new = || Listener::new(Config::new(link, frame.id()));
         let listener = self.listeners.entry((bus, frame.id())).or_insert_with(new);
@@ -112,11 +111,11 @@ impl Buses {
         }
         let at = place(time, &self.names[bus], node);
         for event in late.chain(events) {
-            let (bytes, told) = match event {
+            let (bytes, text) = match event {
                 Event::Received => {
                     let pdu = listener.received().unwrap_or_default();
                     self.pdus += 1;
-                    (pdu, (self.meaning)(function, pdu))
+                    (pdu, pdu_meaning(self.protocol, function, pdu))
                 }
                 Event::Failed(error) => (frame.data(), error.to_string()),
                 Event::Refused(refused) => (frame.data(), refused.to_string()),
@@ -127,20 +126,19 @@ impl Buses {
             out.item(&Item {
                 place: format_args!("{at}"),
                 bytes,
-                text: &told,
+                text: &text,
                 on_line: sender.map(|from| OnLine {
                     protocol: self.protocol,
                     from: Some(from),
                     nanos: time.at.as_micros().saturating_mul(1_000),
                 }),
-            })?;
+            });
         }
         listener.release();
-        Ok(())
     }
 
     /// Prints the sum.
-    pub(super) fn finish(&self, out: &dyn Output) -> std::io::Result<()> {
+    pub(super) fn finish(&self, out: &dyn Output) {
         let Self {
             frames,
             pdus,
@@ -155,7 +153,7 @@ impl Buses {
         };
         out.remark(format_args!(
             "CAN frames: {frames}, PDUs: {pdus}, lost: {lost}, cyclic frames: {cyclic}, frames of others: {others}{events}"
-        ))
+        ));
     }
 }
 
@@ -188,9 +186,9 @@ fn sender(function: Function) -> Option<Speaker> {
 }
 
 /// The meaning of a PDU.
-fn pdu_meaning<P: Arm>(function: Function, pdu: &[u8]) -> String {
+fn pdu_meaning(protocol: Protocol, function: Function, pdu: &[u8]) -> String {
     match (sender(function), function) {
-        (Some(from), _) => frame_meaning::<P>(pdu, from).unwrap_or_else(|reason| reason),
+        (Some(from), _) => frame_meaning(protocol, pdu, from).unwrap_or_else(|reason| reason),
         (None, Function::ControlRequest) => format!("to the adapter: {}", message::<FromHost>(pdu)),
         (None, _) => format!("from the adapter: {}", message::<FromAdapter>(pdu)),
     }

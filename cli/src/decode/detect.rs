@@ -18,14 +18,14 @@ const MCAP: &[u8] = b"\x89MCAP0\r\n";
 pub(super) fn detect(input: &mut Input<'_>) -> Result<Format, Error> {
     let mut is_all = false;
     loop {
-        match judge(input.buffered(), is_all) {
+        match judge(input.head(), is_all) {
             Some(format) => return Ok(format),
             None if is_all => {
-                let (number, line, _) = first_line(input.buffered());
+                let (number, line, _) = first_line(input.head());
                 let line = String::from_utf8_lossy(line);
                 return Err(input.refused_line(number, &line, "no format that can be decoded, see --format"));
             }
-            None => is_all = !input.more()?,
+            None => is_all = !input.read_head()?,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The bytes and lines of a recording, read in pieces of bounded size.
 
 use std::borrow::Cow;
-use std::io::{self, BufRead, ErrorKind, Read};
+use std::io::{self, BufRead, BufReader, Chain, Cursor, ErrorKind, Read};
 
 use super::output::Output;
 use crate::error::Error;
@@ -9,20 +9,16 @@ use crate::printable::cut;
 
 /// The UTF-8 byte order mark of some editors.
 pub(super) const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
-/// Size of the buffer, in bytes. The format of a recording is detected in it.
+/// Size of the buffer, and maximum size of the head, in bytes.
 const CAPACITY: usize = 64 * 1024;
 /// Maximum length of a line, in bytes: more than four times the longest line of every format.
 const MAX_LINE: usize = 4 * 1024;
 
-/// A recording that is being read. The output is flushed before each wait for input.
+/// A recording that is being read.
 pub(super) struct Input<'a> {
     name: String,
-    source: Box<dyn Read + 'a>,
-    out: &'a dyn Output,
-    buffer: Vec<u8>,
-    /// The unread part of the buffer.
-    start: usize,
-    end: usize,
+    /// The head, and the rest of the recording.
+    reader: BufReader<Chain<Cursor<Vec<u8>>, Source<'a>>>,
     /// Number of bytes consumed.
     offset: u64,
     /// Number of lines begun.
@@ -43,13 +39,10 @@ pub(super) struct Line<'a> {
 
 impl<'a> Input<'a> {
     pub(super) fn new(name: String, source: Box<dyn Read + 'a>, out: &'a dyn Output) -> Self {
+        let recording = Cursor::new(Vec::new()).chain(Source { source, out });
         Self {
             name,
-            source,
-            out,
-            buffer: vec![0; CAPACITY],
-            start: 0,
-            end: 0,
+            reader: BufReader::with_capacity(CAPACITY, recording),
             offset: 0,
             lines: 0,
             line: Vec::new(),
@@ -57,59 +50,49 @@ impl<'a> Input<'a> {
         }
     }
 
-    /// The bytes in the buffer that are not consumed yet.
-    pub(super) fn buffered(&self) -> &[u8] {
-        &self.buffer[self.start..self.end]
+    /// The first bytes of the recording, as far as [`read_head`](Self::read_head) has read them.
+    pub(super) fn head(&self) -> &[u8] {
+        self.reader.get_ref().get_ref().0.get_ref()
     }
 
-    /// Reads more, and waits for it. Returns false at the end of the recording, and if the buffer is full.
-    pub(super) fn more(&mut self) -> Result<bool, Error> {
-        let read = self.read_more();
-        read.map_err(|error| self.failed(error))
+    /// Reads more of the head, before anything is consumed. Returns false at the end of the recording, and if the head
+    /// has its maximum size.
+    pub(super) fn read_head(&mut self) -> Result<bool, Error> {
+        let (head, source) = self.reader.get_mut().get_mut();
+        let head = head.get_mut();
+        let len = head.len();
+        head.resize(CAPACITY, 0);
+        let read = source.read(&mut head[len..]);
+        head.truncate(len + read.as_ref().unwrap_or(&0));
+        read.map(|n| n > 0).map_err(|error| self.failed(error))
     }
 
-    fn read_more(&mut self) -> io::Result<bool> {
-        self.buffer.copy_within(self.start..self.end, 0);
-        self.end -= self.start;
-        self.start = 0;
-        self.out.flush();
-        loop {
-            match self.source.read(&mut self.buffer[self.end..]) {
-                Ok(n) => {
-                    self.end += n;
-                    return Ok(n > 0);
-                }
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
-        }
-    }
-
-    /// Skips a byte order mark.
+    /// Skips a byte order mark, before anything is consumed.
     pub(super) fn skip_byte_order_mark(&mut self) -> Result<(), Error> {
-        while BYTE_ORDER_MARK.starts_with(self.buffered()) && self.buffered() != BYTE_ORDER_MARK && self.more()? {}
-        if self.buffered().starts_with(BYTE_ORDER_MARK) {
-            self.consume(BYTE_ORDER_MARK.len());
+        while BYTE_ORDER_MARK.starts_with(self.head()) && self.head() != BYTE_ORDER_MARK && self.read_head()? {}
+        if self.head().starts_with(BYTE_ORDER_MARK) {
+            let (head, _) = self.reader.get_mut().get_mut();
+            head.set_position(BYTE_ORDER_MARK.len() as u64);
         }
         Ok(())
     }
 
-    /// Number of bytes consumed.
+    /// Number of bytes consumed, other than in lines.
     pub(super) fn offset(&self) -> u64 {
         self.offset
     }
 
     /// The next line, if there is one.
     pub(super) fn line(&mut self) -> Result<Option<Line<'_>>, Error> {
-        if self.is_cut {
-            while !self.take_line(0)? {}
-        }
         self.line.clear();
-        if self.buffered().is_empty() && !self.more()? {
+        let read = self.read_line();
+        let is_ended = self.line.pop_if(|byte| *byte == b'\n').is_some();
+        if read.map_err(|error| self.failed(error))? == 0 {
             return Ok(None);
         }
         self.lines += 1;
-        self.is_cut = !self.take_line(MAX_LINE)?;
+        self.is_cut = !is_ended && self.line.len() > MAX_LINE;
+        self.line.truncate(MAX_LINE);
         Ok(Some(Line {
             number: self.lines,
             text: String::from_utf8_lossy(&self.line),
@@ -117,33 +100,14 @@ impl<'a> Input<'a> {
         }))
     }
 
-    /// Consumes the line up to its end and keeps up to `room` bytes. Returns false if bytes of the line are left. If
-    /// `room` is 0, the bytes are skipped.
-    fn take_line(&mut self, room: usize) -> Result<bool, Error> {
-        loop {
-            if self.buffered().is_empty() && !self.more()? {
-                return Ok(true);
-            }
-            let free = match room {
-                0 => usize::MAX,
-                room => room - self.line.len(),
-            };
-            let bytes = &self.buffer[self.start..self.end];
-            let end = bytes.iter().position(|&byte| byte == b'\n');
-            let len = end.unwrap_or(bytes.len());
-            if len > free {
-                self.line.extend_from_slice(&bytes[..free]);
-                self.consume(free);
-                return Ok(false);
-            }
-            if room > 0 {
-                self.line.extend_from_slice(&bytes[..len]);
-            }
-            self.consume(len + usize::from(end.is_some()));
-            if end.is_some() {
-                return Ok(true);
-            }
+    /// Reads a line and its end, after the rest of a line that was cut. Of a longer line it reads one byte more than is
+    /// kept.
+    fn read_line(&mut self) -> io::Result<usize> {
+        if self.is_cut {
+            self.reader.skip_until(b'\n')?;
         }
+        let mut line = self.reader.by_ref().take(MAX_LINE as u64 + 1);
+        line.read_until(b'\n', &mut self.line)
     }
 
     /// The error of a failed read.
@@ -171,23 +135,40 @@ impl<'a> Input<'a> {
 
 impl Read for Input<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        let n = self.fill_buf()?.read(bytes)?;
-        self.consume(n);
+        let n = self.reader.read(bytes)?;
+        self.offset += n as u64;
         Ok(n)
     }
 }
 
 impl BufRead for Input<'_> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        if self.buffered().is_empty() {
-            self.read_more()?;
-        }
-        Ok(self.buffered())
+        self.reader.fill_buf()
     }
 
     fn consume(&mut self, n: usize) {
-        debug_assert!(n <= self.end - self.start);
-        self.start += n;
+        self.reader.consume(n);
         self.offset += n as u64;
+    }
+}
+
+/// A source of a recording. The output is flushed before each wait for input.
+struct Source<'a> {
+    source: Box<dyn Read + 'a>,
+    out: &'a dyn Output,
+}
+
+impl Read for Source<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        // Without an output the recording ends here.
+        if !self.out.flush() {
+            return Ok(0);
+        }
+        loop {
+            match self.source.read(bytes) {
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                read => return read,
+            }
+        }
     }
 }

@@ -1,9 +1,13 @@
 //! The meaning of a frame.
 
+use armwire::alpha1::Alpha1;
 use armwire::framing::Scan;
+use armwire::ling::Ling;
+use armwire::ling::legacy::Legacy;
+use armwire::xarm::XArm;
 
 use crate::args::Speaker;
-use crate::describe::Arm;
+use crate::describe::{Arm, Protocol};
 
 /// The expectation of a decoder for this sender.
 pub(super) fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
@@ -43,7 +47,16 @@ pub(super) fn meaning<P: Arm>(
 /// # Errors
 ///
 /// The reason why they are not.
-pub(super) fn frame_meaning<P: Arm>(bytes: &[u8], from: Speaker) -> Result<String, String> {
+pub(super) fn frame_meaning(protocol: Protocol, bytes: &[u8], from: Speaker) -> Result<String, String> {
+    match protocol {
+        Protocol::Ling => meaning_of::<Ling>(bytes, from),
+        Protocol::LingLegacy => meaning_of::<Legacy>(bytes, from),
+        Protocol::Xarm => meaning_of::<XArm>(bytes, from),
+        Protocol::Alpha1 => meaning_of::<Alpha1>(bytes, from),
+    }
+}
+
+fn meaning_of<P: Arm>(bytes: &[u8], from: Speaker) -> Result<String, String> {
     let arm = P::default();
     let expect = expected(&arm, Some(from));
     match arm.scan(bytes, expect) {

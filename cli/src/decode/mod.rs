@@ -2,7 +2,6 @@
 
 mod bus;
 mod detect;
-mod digits;
 mod format;
 mod input;
 mod log;
@@ -25,14 +24,14 @@ use std::io::{BufRead, Read, stdin};
 use std::path::PathBuf;
 
 use armwire::alpha1::Alpha1;
-use armwire::ling::Ling;
 use armwire::xarm::XArm;
 use clap::Args;
 
 use crate::args::{ArmKind, Speaker};
+use crate::describe::Protocol;
 use crate::error::Error;
+use crate::hex;
 use bus::Buses;
-use digits::Digits;
 use format::Format;
 use input::Input;
 use output::{Console, Entries, Output};
@@ -78,9 +77,9 @@ impl Decode {
         };
         let out = self.output()?;
         let decoded = decode_input(Input::new(name, source, &*out), &*out, self.format, self.arm, self.from);
-        // Items before an error are shown before it.
-        let shown = out.finish().map_err(Error::Output);
-        decoded.and(shown)
+        // Items before an error are shown before it. A failed output ends the input early.
+        out.finish().map_err(Error::Output)?;
+        decoded
     }
 
     /// The file for packets, or the console.
@@ -104,7 +103,7 @@ pub fn decode(input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Vec<S
     let input = Input::new("input".to_owned(), Box::new(input), &out);
     match decode_input(input, &out, None, arm, from) {
         Ok(()) | Err(Error::Undecodable { .. }) => Ok(out.into_lines()),
-        Err(problem) => Err(problem.to_string()),
+        Err(error) => Err(error.to_string()),
     }
 }
 
@@ -122,9 +121,14 @@ fn decode_input(
     if format == Format::Mcap {
         return mcap::decode(&mut input, out);
     }
-    let mut buses = buses(arm)?;
+    let mut buses = Buses::new(match arm {
+        ArmKind::Ling => Protocol::Ling,
+        ArmKind::Alpha1 => Protocol::Alpha1,
+        ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
+    });
     log::read(&mut input, format, &mut |record| buses.take(record, out))?;
-    buses.finish(out).map_err(Error::Output)
+    buses.finish(out);
+    Ok(())
 }
 
 /// Decodes the bytes of a line.
@@ -140,46 +144,44 @@ fn decode_line(
         ArmKind::Xarm => Box::new(Frames::<XArm>::new(from.or(Some(Speaker::Arm)))),
         ArmKind::Alpha1 => Box::new(Frames::<Alpha1>::new(from.or(Some(Speaker::Arm)))),
     };
-    let mut digits = (format == Format::Hex).then(Digits::new);
-    if digits.is_some() {
+    let mut hex = (format == Format::Hex).then(hex::Parser::new);
+    if hex.is_some() {
         input.skip_byte_order_mark()?;
     }
+    let name = input.name().to_owned();
+    let refused = |hex::WrongWord { line, word }| {
+        Error::at(
+            &name,
+            format_args!("line {line}: '{word}' is not a byte or bytes in hexadecimal"),
+        )
+    };
     let mut bytes = Vec::new();
-    while recording.broken().is_none() && (!input.buffered().is_empty() || input.more()?) {
-        let piece = input.buffered();
+    while recording.broken().is_none() {
+        let piece = input.fill_buf().map_err(|error| Error::at(&name, error))?;
         let len = piece.len();
-        let read = match &mut digits {
-            None => {
-                bytes.extend_from_slice(piece);
-                Ok(())
+        if len == 0 {
+            break;
+        }
+        match &mut hex {
+            None => recording.push(piece, out),
+            Some(hex) => {
+                bytes.clear();
+                let parsed = hex.push(piece, &mut bytes);
+                // Items before an error are shown before it.
+                recording.push(&bytes, out);
+                parsed.map_err(refused)?;
             }
-            Some(digits) => digits.read(input.name(), piece, &mut bytes),
-        };
-        // Items before an error are shown before it.
-        recording.push(&bytes, out).map_err(Error::Output)?;
-        read?;
-        bytes.clear();
+        }
         input.consume(len);
     }
-    let end = digits.map_or(Ok(()), |mut digits| digits.finish(input.name()));
-    if recording.broken().is_none() {
-        end?;
+    if let Some(mut hex) = hex
+        && recording.broken().is_none()
+    {
+        hex.finish().map_err(refused)?;
     }
-    recording.finish(out).map_err(Error::Output)?;
+    recording.finish(out);
     match recording.broken() {
         None => Ok(()),
-        Some((offset, reason)) => {
-            let name = input.name().to_owned();
-            Err(Error::Undecodable { name, offset, reason })
-        }
-    }
-}
-
-/// A decoder for the buses of this arm's adapters.
-fn buses(arm: ArmKind) -> Result<Buses, Error> {
-    match arm {
-        ArmKind::Ling => Ok(Buses::new::<Ling>()),
-        ArmKind::Alpha1 => Ok(Buses::new::<Alpha1>()),
-        ArmKind::Xarm => Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
+        Some((offset, reason)) => Err(Error::Undecodable { name, offset, reason }),
     }
 }

@@ -40,62 +40,79 @@ impl Display for Item<'_> {
     }
 }
 
-/// Takes items one by one.
+/// Takes items one by one. After its first error an output discards them.
 pub(super) trait Output {
     /// Takes an item.
-    fn item(&self, item: &Item<'_>) -> io::Result<()>;
+    fn item(&self, item: &Item<'_>);
 
     /// Takes a line about the recording, such as the sum at its end.
-    fn remark(&self, text: Arguments<'_>) -> io::Result<()>;
+    fn remark(&self, text: Arguments<'_>);
 
-    /// Shows all items so far. An error shows with the next item.
-    fn flush(&self) {}
+    /// Shows all items so far. Returns false after an error.
+    fn flush(&self) -> bool {
+        true
+    }
 
-    /// Shows the last items.
+    /// Shows the last items, and returns the first error.
     fn finish(&self) -> io::Result<()> {
         Ok(())
     }
 }
 
-/// Standard output. It is written in large pieces, and whenever the input has nothing more for now.
-pub(super) struct Console(RefCell<Printer>);
-
-struct Printer {
-    out: BufWriter<Stdout>,
-    failed: Option<io::Error>,
+/// A buffered writer. After its first error it writes nothing more.
+pub(super) struct Writer<W: Write> {
+    out: BufWriter<W>,
+    error: Option<io::Error>,
 }
+
+impl<W: Write> Writer<W> {
+    pub(super) fn new(out: BufWriter<W>) -> Self {
+        Self { out, error: None }
+    }
+
+    pub(super) fn write(&mut self, write: impl FnOnce(&mut BufWriter<W>) -> io::Result<()>) {
+        if self.error.is_none() {
+            self.error = write(&mut self.out).err();
+        }
+    }
+
+    /// Returns false after an error.
+    pub(super) fn flush(&mut self) -> bool {
+        self.write(BufWriter::flush);
+        self.error.is_none()
+    }
+
+    /// Flushes, and returns the first error.
+    pub(super) fn finish(&mut self) -> io::Result<()> {
+        self.flush();
+        self.error.take().map_or(Ok(()), Err)
+    }
+}
+
+/// Standard output. It is written in large pieces, and before each wait for input.
+pub(super) struct Console(RefCell<Writer<Stdout>>);
 
 impl Console {
     pub(super) fn new() -> Self {
-        let out = BufWriter::new(io::stdout());
-        Self(RefCell::new(Printer { out, failed: None }))
-    }
-
-    fn print(&self, text: Arguments<'_>) -> io::Result<()> {
-        let Printer { out, failed } = &mut *self.0.borrow_mut();
-        failed.take().map_or_else(|| writeln!(out, "{text}"), Err)
+        Self(RefCell::new(Writer::new(BufWriter::new(io::stdout()))))
     }
 }
 
 impl Output for Console {
-    fn item(&self, item: &Item<'_>) -> io::Result<()> {
-        self.print(format_args!("{item}"))
+    fn item(&self, item: &Item<'_>) {
+        self.remark(format_args!("{item}"));
     }
 
-    fn remark(&self, text: Arguments<'_>) -> io::Result<()> {
-        self.print(text)
+    fn remark(&self, text: Arguments<'_>) {
+        self.0.borrow_mut().write(|out| writeln!(out, "{text}"));
     }
 
-    fn flush(&self) {
-        let Printer { out, failed } = &mut *self.0.borrow_mut();
-        if failed.is_none() {
-            *failed = out.flush().err();
-        }
+    fn flush(&self) -> bool {
+        self.0.borrow_mut().flush()
     }
 
     fn finish(&self) -> io::Result<()> {
-        let Printer { out, failed } = &mut *self.0.borrow_mut();
-        failed.take().map_or_else(|| out.flush(), Err)
+        self.0.borrow_mut().finish()
     }
 }
 
@@ -110,13 +127,11 @@ impl Entries {
 }
 
 impl Output for Entries {
-    fn item(&self, item: &Item<'_>) -> io::Result<()> {
-        self.0.borrow_mut().push(item.to_string());
-        Ok(())
+    fn item(&self, item: &Item<'_>) {
+        self.remark(format_args!("{item}"));
     }
 
-    fn remark(&self, text: Arguments<'_>) -> io::Result<()> {
+    fn remark(&self, text: Arguments<'_>) {
         self.0.borrow_mut().push(text.to_string());
-        Ok(())
     }
 }

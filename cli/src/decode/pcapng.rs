@@ -8,7 +8,7 @@ use std::fmt::Arguments;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use super::output::{Console, Item, OnLine, Output};
+use super::output::{Console, Item, OnLine, Output, Writer};
 use crate::args::Speaker;
 use crate::describe::Protocol;
 use crate::error::Error;
@@ -55,7 +55,7 @@ fn direction(from: Option<Speaker>) -> (u8, u32) {
 /// Writes items as packets, and prints remarks.
 pub(super) struct Packets {
     name: String,
-    writer: RefCell<Writer<Box<dyn Write>>>,
+    file: RefCell<(Blocks, Writer<Box<dyn Write>>)>,
     /// `None` if the packets go to standard output: remarks go to standard error then.
     console: Option<Console>,
 }
@@ -69,71 +69,78 @@ impl Packets {
             let file = new_file::create(path)?;
             (path.display().to_string(), Box::new(file), Some(Console::new()))
         };
-        let writer = Writer::new(BufWriter::with_capacity(64 * 1024, out)).map_err(|error| Error::at(&name, error))?;
-        let writer = RefCell::new(writer);
-        Ok(Self { name, writer, console })
+        let out = Writer::new(BufWriter::with_capacity(64 * 1024, out));
+        let packets = Self {
+            name,
+            file: RefCell::new((Blocks::new(), out)),
+            console,
+        };
+        packets.write();
+        Ok(packets)
     }
 
-    /// The error with the name of the file in it.
-    fn named(&self, error: io::Error) -> io::Error {
-        io::Error::new(error.kind(), format!("{}: {error}", self.name))
+    /// Writes the blocks that are ended.
+    fn write(&self) {
+        let (blocks, out) = &mut *self.file.borrow_mut();
+        out.write(|out| out.write_all(&blocks.ended));
+        blocks.ended.clear();
     }
 }
 
 impl Output for Packets {
-    fn item(&self, item: &Item<'_>) -> io::Result<()> {
-        let Some(on_line) = item.on_line else {
-            return Ok(());
-        };
-        let written = self.writer.borrow_mut().packet(on_line, item.bytes);
-        written.map_err(|error| self.named(error))
-    }
-
-    fn remark(&self, text: Arguments<'_>) -> io::Result<()> {
-        match &self.console {
-            Some(console) => console.remark(text),
-            None => {
-                complain(&text);
-                Ok(())
-            }
+    fn item(&self, item: &Item<'_>) {
+        if let Some(on_line) = item.on_line {
+            self.file.borrow_mut().0.packet(on_line, item.bytes);
+            self.write();
         }
     }
 
-    fn flush(&self) {
-        // An error comes again with the next packet, or at the end.
-        let _ = self.writer.borrow_mut().out.flush();
+    fn remark(&self, text: Arguments<'_>) {
+        match &self.console {
+            Some(console) => console.remark(text),
+            None => complain(&text),
+        }
+    }
+
+    fn flush(&self) -> bool {
+        self.file.borrow_mut().1.flush()
     }
 
     fn finish(&self) -> io::Result<()> {
-        let flushed = self.writer.borrow_mut().out.flush();
-        flushed.map_err(|error| self.named(error))?;
+        let written = self.file.borrow_mut().1.finish();
+        written.map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", self.name)))?;
         self.console.as_ref().map_or(Ok(()), Output::finish)
     }
 }
 
-/// A pcapng file that is being written.
-struct Writer<W: Write> {
-    out: BufWriter<W>,
-    /// The link types of its interfaces.
+/// The blocks of a pcapng file.
+struct Blocks {
+    /// The link types of the interfaces.
     interfaces: Vec<u16>,
+    /// The block that is being made.
     block: Vec<u8>,
+    /// Whole blocks, until they are written.
+    ended: Vec<u8>,
 }
 
-impl<W: Write> Writer<W> {
-    fn new(out: BufWriter<W>) -> io::Result<Self> {
-        let (interfaces, block) = (Vec::new(), Vec::new());
-        let mut writer = Self { out, interfaces, block };
-        writer.block.extend(BYTE_ORDER.to_le_bytes());
-        writer.block.extend(VERSION.map(u16::to_le_bytes).as_flattened());
-        writer.block.extend(UNKNOWN_LENGTH.to_le_bytes());
-        writer.end_block(SECTION_HEADER)?;
-        Ok(writer)
+impl Blocks {
+    fn new() -> Self {
+        let mut blocks = Self {
+            interfaces: Vec::new(),
+            block: Vec::new(),
+            ended: Vec::new(),
+        };
+        blocks.block.extend(BYTE_ORDER.to_le_bytes());
+        blocks.block.extend(VERSION.map(u16::to_le_bytes).as_flattened());
+        blocks.block.extend(UNKNOWN_LENGTH.to_le_bytes());
+        blocks.end_block(SECTION_HEADER);
+        blocks
     }
 
-    fn packet(&mut self, OnLine { protocol, from, nanos }: OnLine, bytes: &[u8]) -> io::Result<()> {
-        let interface = self.interface(link_type(protocol))?;
+    fn packet(&mut self, OnLine { protocol, from, nanos }: OnLine, bytes: &[u8]) {
+        let interface = self.interface(link_type(protocol));
         let (direction, flags) = direction(from);
-        let len = u32::try_from(1 + bytes.len()).map_err(io::Error::other)?;
+        let len = 1 + bytes.len() as u32;
         for word in [interface, (nanos >> 32) as u32, nanos as u32, len, len] {
             self.block.extend(word.to_le_bytes());
         }
@@ -142,11 +149,11 @@ impl<W: Write> Writer<W> {
         self.pad();
         self.option(PACKET_FLAGS, &flags.to_le_bytes());
         self.end_options();
-        self.end_block(ENHANCED_PACKET)
+        self.end_block(ENHANCED_PACKET);
     }
 
     /// The number of the interface with this link type, which is described before its first packet.
-    fn interface(&mut self, link_type: u16) -> io::Result<u32> {
+    fn interface(&mut self, link_type: u16) -> u32 {
         let known = self.interfaces.iter().position(|&there| there == link_type);
         let number = known.unwrap_or(self.interfaces.len()) as u32;
         if known.is_none() {
@@ -157,9 +164,9 @@ impl<W: Write> Writer<W> {
             self.option(INTERFACE_NAME, b"arm");
             self.option(INTERFACE_RESOLUTION, &[NANOSECONDS]);
             self.end_options();
-            self.end_block(INTERFACE_DESCRIPTION)?;
+            self.end_block(INTERFACE_DESCRIPTION);
         }
-        Ok(number)
+        number
     }
 
     fn option(&mut self, code: u16, value: &[u8]) {
@@ -177,15 +184,14 @@ impl<W: Write> Writer<W> {
         self.block.resize(self.block.len().next_multiple_of(4), 0);
     }
 
-    /// Writes the block, between its type and its length, and its length again.
-    fn end_block(&mut self, kind: u32) -> io::Result<()> {
-        let len = (self.block.len() as u32 + 12).to_le_bytes();
-        self.out.write_all(&kind.to_le_bytes())?;
-        self.out.write_all(&len)?;
-        self.out.write_all(&self.block)?;
-        self.out.write_all(&len)?;
-        self.block.clear();
-        Ok(())
+    /// Ends the block: between its type and its length, and its length again.
+    fn end_block(&mut self, kind: u32) {
+        let len = self.block.len() as u32 + 12;
+        for word in [kind, len] {
+            self.ended.extend(word.to_le_bytes());
+        }
+        self.ended.append(&mut self.block);
+        self.ended.extend(len.to_le_bytes());
     }
 }
 
@@ -253,13 +259,10 @@ mod tests {
     proptest! {
         #[test]
         fn packets_are_read_as_written(items in vec((on_line(), vec(any::<u8>(), 0..300)), 0..20)) {
-            let mut file = Vec::new();
-            let mut writer = Writer::new(BufWriter::new(&mut file)).unwrap();
+            let mut blocks = Blocks::new();
             for (on_line, bytes) in &items {
-                writer.packet(*on_line, bytes).unwrap();
+                blocks.packet(*on_line, bytes);
             }
-            writer.out.flush().unwrap();
-            drop(writer);
             let expected: Vec<Packet> = items.iter().map(|(on_line, bytes)| {
                 let link_type = match on_line.protocol {
                     Protocol::Ling | Protocol::LingLegacy => 147,
@@ -273,7 +276,7 @@ mod tests {
                 };
                 (link_type, flags, on_line.nanos, [&[first], &bytes[..]].concat())
             }).collect();
-            prop_assert_eq!(read(&file), expected);
+            prop_assert_eq!(read(&blocks.ended), expected);
         }
     }
 }

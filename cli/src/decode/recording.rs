@@ -1,7 +1,5 @@
 //! The frames of a recording of bytes, and the bytes between them.
 
-use std::io;
-
 use armwire::decoder::{Decoder, Kind};
 use armwire::framing::{Reason, Scan};
 use armwire::ling::legacy::{Detector, Legacy};
@@ -16,15 +14,15 @@ use crate::describe::Arm;
 /// The longest run of stray bytes in one entry.
 const MAX_STRAY: usize = 1024;
 /// Maximum number of bytes before the generation of a Ling arm is known. After that it is the current one.
-const MAX_UNTOLD: usize = 2048;
+const MAX_BEGINNING: usize = 2048;
 
 /// A decoder of bytes from a line.
 pub(super) trait Recording {
     /// Takes the next bytes, in pieces of any size.
-    fn push(&mut self, bytes: &[u8], out: &dyn Output) -> io::Result<()>;
+    fn push(&mut self, bytes: &[u8], out: &dyn Output);
 
     /// Ends the recording, and prints the sum.
-    fn finish(&mut self, out: &dyn Output) -> io::Result<()>;
+    fn finish(&mut self, out: &dyn Output);
 
     /// Offset and reason of the break of a lossless stream, after which nothing can be decoded.
     fn broken(&self) -> Option<(u64, Reason)>;
@@ -66,25 +64,24 @@ impl<P: Arm> Frames<P> {
     }
 
     /// Decodes as much of the window as possible.
-    fn scan(&mut self, is_end: bool, out: &dyn Output) -> io::Result<()> {
+    fn scan(&mut self, is_end: bool, out: &dyn Output) {
         let window = std::mem::take(&mut self.window);
         let mut rest = &window[..];
         while !rest.is_empty() && self.broken.is_none() {
-            let taken = self.scan_front(rest, is_end, out)?;
+            let taken = self.scan_front(rest, is_end, out);
             if taken == 0 {
                 break;
             }
             rest = &rest[taken..];
             self.offset += taken as u64;
         }
-        let told = window.len() - rest.len();
+        let decoded = window.len() - rest.len();
         self.window = window;
-        self.window.drain(..told);
-        Ok(())
+        self.window.drain(..decoded);
     }
 
     /// Decodes the front of `rest`. Returns the number of decoded bytes; 0 if more bytes are needed.
-    fn scan_front(&mut self, rest: &[u8], is_end: bool, out: &dyn Output) -> io::Result<usize> {
+    fn scan_front(&mut self, rest: &[u8], is_end: bool, out: &dyn Output) -> usize {
         let verdict = match is_end {
             // The end of the recording counts as an idle line.
             true => self.arm.scan_idle(rest, self.expect),
@@ -94,38 +91,38 @@ impl<P: Arm> Frames<P> {
             Scan::Frame(len) => {
                 let (from, text) = meaning(&self.arm, &rest[..len], self.expect, self.from);
                 self.frames += 1;
-                self.item(self.offset, &rest[..len], from, &text, out)?;
-                return Ok(len);
+                self.item(self.offset, &rest[..len], from, &text, out);
+                return len;
             }
             Scan::Padding(len) => {
                 self.padding += len as u64;
-                return Ok(len);
+                return len;
             }
             Scan::Noise(_, Reason::Stray) => match self.stray(rest) {
                 // The run may continue.
-                len if len == rest.len() && len < MAX_STRAY && !is_end => return Ok(0),
+                len if len == rest.len() && len < MAX_STRAY && !is_end => return 0,
                 len => (len, Reason::Stray),
             },
-            Scan::Noise(len, _) if len > rest.len() && !is_end => return Ok(0),
+            Scan::Noise(len, _) if len > rest.len() && !is_end => return 0,
             Scan::Noise(len, reason) if len > rest.len() => {
                 let text = format!("noise: {reason}; the recording ends within it");
-                self.noise(self.offset, rest, &text, out)?;
+                self.noise(self.offset, rest, &text, out);
                 self.noise_bytes += rest.len() as u64;
-                return Ok(rest.len());
+                return rest.len();
             }
             Scan::Noise(len, reason) => (len, reason),
             Scan::Broken(reason) => {
                 let len = self.decided(rest);
-                self.noise(self.offset, &rest[..len], &format!("noise: {reason}"), out)?;
+                self.noise(self.offset, &rest[..len], &format!("noise: {reason}"), out);
                 self.broken = Some((self.offset, reason));
                 self.noise_bytes += len as u64;
-                return Ok(len);
+                return len;
             }
-            Scan::Need(_) if !is_end => return Ok(0),
+            Scan::Need(_) if !is_end => return 0,
             Scan::Need(_) => {
-                self.noise(self.offset, rest, "the recording ends within a frame", out)?;
+                self.noise(self.offset, rest, "the recording ends within a frame", out);
                 self.noise_bytes += rest.len() as u64;
-                return Ok(rest.len());
+                return rest.len();
             }
         };
         let (mut start, mut end) = (0, len);
@@ -140,13 +137,13 @@ impl<P: Arm> Frames<P> {
         }
         if start < end {
             let at = self.offset + start as u64;
-            self.noise(at, &rest[start..end], &format!("noise: {reason}"), out)?;
+            self.noise(at, &rest[start..end], &format!("noise: {reason}"), out);
         }
         self.noise_bytes += len as u64;
-        Ok(len)
+        len
     }
 
-    fn item(&self, offset: u64, bytes: &[u8], from: Option<Speaker>, text: &str, out: &dyn Output) -> io::Result<()> {
+    fn item(&self, offset: u64, bytes: &[u8], from: Option<Speaker>, text: &str, out: &dyn Output) {
         let on_line = Some(OnLine {
             protocol: P::PROTOCOL,
             from,
@@ -157,11 +154,11 @@ impl<P: Arm> Frames<P> {
             bytes,
             text,
             on_line,
-        })
+        });
     }
 
-    fn noise(&self, offset: u64, bytes: &[u8], text: &str, out: &dyn Output) -> io::Result<()> {
-        self.item(offset, bytes, self.from, text, out)
+    fn noise(&self, offset: u64, bytes: &[u8], text: &str, out: &dyn Output) {
+        self.item(offset, bytes, self.from, text, out);
     }
 
     /// Number of stray bytes at the front, at most [`MAX_STRAY`].
@@ -183,13 +180,13 @@ impl<P: Arm> Frames<P> {
 }
 
 impl<P: Arm> Recording for Frames<P> {
-    fn push(&mut self, bytes: &[u8], out: &dyn Output) -> io::Result<()> {
+    fn push(&mut self, bytes: &[u8], out: &dyn Output) {
         self.window.extend_from_slice(bytes);
-        self.scan(false, out)
+        self.scan(false, out);
     }
 
-    fn finish(&mut self, out: &dyn Output) -> io::Result<()> {
-        self.scan(true, out)?;
+    fn finish(&mut self, out: &dyn Output) {
+        self.scan(true, out);
         let Self {
             frames,
             noise_bytes,
@@ -208,7 +205,7 @@ impl<P: Arm> Recording for Frames<P> {
         out.remark(format_args!(
             "bytes: {}, frames: {frames}, noise bytes: {noise_bytes}{filling}{rest}",
             self.offset
-        ))
+        ));
     }
 
     fn broken(&self) -> Option<(u64, Reason)> {
@@ -219,84 +216,36 @@ impl<P: Arm> Recording for Frames<P> {
 /// A recording of a Ling arm of either generation.
 pub(super) struct LingFrames {
     from: Option<Speaker>,
-    generation: Generation,
-}
-
-enum Generation {
-    Untold(Box<Beginning>),
-    Told(Box<dyn Recording>),
-}
-
-/// The bytes before the generation is known.
-struct Beginning {
-    bytes: Vec<u8>,
+    /// The decoder of the generation; `None` before it is known.
+    frames: Option<Box<dyn Recording>>,
+    /// The bytes before the generation is known.
+    beginning: Vec<u8>,
     older: Detector,
     current: Decoder<MAX_FRAME>,
 }
 
 impl LingFrames {
     pub(super) fn new(from: Option<Speaker>) -> Self {
-        let generation = Generation::Untold(Box::new(Beginning {
-            bytes: Vec::new(),
+        Self {
+            from,
+            frames: None,
+            beginning: Vec::new(),
             older: Detector::new(),
             current: Decoder::new(),
-        }));
-        Self { from, generation }
+        }
     }
 
     /// Passes the bytes so far to the decoder of the generation.
-    fn begin(&mut self, mut frames: Box<dyn Recording>, out: &dyn Output) -> io::Result<()> {
-        if let Generation::Untold(beginning) = &self.generation {
-            frames.push(&beginning.bytes, out)?;
-        }
-        self.generation = Generation::Told(frames);
-        Ok(())
-    }
-}
-
-impl Recording for LingFrames {
-    fn push(&mut self, bytes: &[u8], out: &dyn Output) -> io::Result<()> {
-        let mut bytes = bytes.iter();
-        // Byte by byte: the result must not depend on the size of pieces.
-        while let Generation::Untold(beginning) = &mut self.generation
-            && let Some(&byte) = bytes.next()
-        {
-            beginning.bytes.push(byte);
-            if let Some(older) = beginning.older.push(&[byte]) {
-                out.remark(format_args!("This is {older}"))?;
-                self.begin(Box::new(Frames::<Legacy>::new(self.from)), out)?;
-            } else if beginning.ends_current_message(byte) || beginning.bytes.len() >= MAX_UNTOLD {
-                self.begin(Box::new(Frames::<Ling>::new(self.from)), out)?;
-            }
-        }
-        match &mut self.generation {
-            Generation::Told(frames) => frames.push(bytes.as_slice(), out),
-            Generation::Untold(_) => Ok(()),
-        }
+    fn begin(&mut self, mut frames: Box<dyn Recording>, out: &dyn Output) {
+        frames.push(&std::mem::take(&mut self.beginning), out);
+        self.frames = Some(frames);
     }
 
-    fn finish(&mut self, out: &dyn Output) -> io::Result<()> {
-        if let Generation::Untold(_) = &self.generation {
-            self.begin(Box::new(Frames::<Ling>::new(self.from)), out)?;
-        }
-        match &mut self.generation {
-            Generation::Told(frames) => frames.finish(out),
-            Generation::Untold(_) => Ok(()),
-        }
-    }
-
-    fn broken(&self) -> Option<(u64, Reason)> {
-        // A UART is not lossless.
-        None
-    }
-}
-
-impl Beginning {
     /// Returns true if this byte ends a message of the current generation.
     fn ends_current_message(&mut self, byte: u8) -> bool {
         let byte = [byte];
         let left = self.current.push(&byte);
-        debug_assert!(left.is_empty(), "what is decoded after each byte has room for the next");
+        debug_assert!(left.is_empty(), "after each byte the decoder has room for the next");
         while let Some(item) = self.current.next(&Ling, ()) {
             let is_message = || Ling.parse_request(item.bytes).is_ok() || Ling.parse_response(item.bytes, ()).is_ok();
             if item.kind == Kind::Frame && is_message() {
@@ -304,5 +253,40 @@ impl Beginning {
             }
         }
         false
+    }
+}
+
+impl Recording for LingFrames {
+    fn push(&mut self, bytes: &[u8], out: &dyn Output) {
+        let mut bytes = bytes.iter();
+        // Byte by byte: the result must not depend on the size of pieces.
+        while self.frames.is_none()
+            && let Some(&byte) = bytes.next()
+        {
+            self.beginning.push(byte);
+            if let Some(older) = self.older.hear(&[byte]) {
+                out.remark(format_args!("This is {older}"));
+                self.begin(Box::new(Frames::<Legacy>::new(self.from)), out);
+            } else if self.ends_current_message(byte) || self.beginning.len() >= MAX_BEGINNING {
+                self.begin(Box::new(Frames::<Ling>::new(self.from)), out);
+            }
+        }
+        if let Some(frames) = &mut self.frames {
+            frames.push(bytes.as_slice(), out);
+        }
+    }
+
+    fn finish(&mut self, out: &dyn Output) {
+        if self.frames.is_none() {
+            self.begin(Box::new(Frames::<Ling>::new(self.from)), out);
+        }
+        if let Some(frames) = &mut self.frames {
+            frames.finish(out);
+        }
+    }
+
+    fn broken(&self) -> Option<(u64, Reason)> {
+        // A UART is not lossless.
+        None
     }
 }

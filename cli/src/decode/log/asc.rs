@@ -1,7 +1,5 @@
 //! Vector's ASCII log, ASC, of CANalyzer, CANoe and others.
 
-use std::borrow::Cow;
-
 use armwire_bridge::can::Frame;
 use armwire_bridge::{Duration, Instant};
 
@@ -145,11 +143,7 @@ impl TextLog for Asc {
             _ => ("", Body::Other),
         };
         Ok(match body {
-            Body::Frame(frame) => Record::Frame(Logged {
-                time,
-                bus: Cow::Borrowed(bus),
-                frame,
-            }),
+            Body::Frame(frame) => Record::Frame(Logged { time, bus, frame }),
             Body::Other => Record::Other,
         })
     }

@@ -4,14 +4,12 @@
 //! the containers are objects again. Those with CAN frames are read. Sizes in the file do not determine memory:
 //! containers are decompressed in pieces, and no more of an object is kept than the size of a CAN frame.
 
-use std::borrow::Cow;
 use std::io::{self, BufRead, ErrorKind, Read};
 
 use armwire_bridge::Instant;
-use armwire_bridge::can::Frame;
 use flate2::bufread::ZlibDecoder;
 
-use super::{Logged, Record, Refused, Take, Time, frame};
+use super::{Logged, Record, Take, Time, frame};
 use crate::decode::input::Input;
 use crate::error::Error;
 
@@ -64,7 +62,7 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
         } else {
             objects
                 .push(&base, take)
-                .map_err(|refused| error_at(input, at, refused))?;
+                .map_err(|reason| input.refused_at(at, &reason))?;
             copy(input, data, at, &mut objects, take)?;
         }
     }
@@ -128,7 +126,7 @@ fn copy(
         }
         objects
             .push(&piece[..n], take)
-            .map_err(|refused| error_at(input, at, refused))?;
+            .map_err(|reason| input.refused_at(at, &reason))?;
         size -= n as u64;
     }
     Ok(())
@@ -145,12 +143,11 @@ fn decompress(
     let mut piece = [0; PIECE];
     let mut data = ZlibDecoder::new(input.take(size));
     loop {
-        let read = data.read(&mut piece);
-        match read {
+        match data.read(&mut piece) {
             Ok(0) => break,
             Ok(n) => {
                 let taken = objects.push(&piece[..n], take);
-                taken.map_err(|refused| error_at(data.get_ref().get_ref(), at, refused))?;
+                taken.map_err(|reason| data.get_ref().get_ref().refused_at(at, &reason))?;
             }
             Err(error) => {
                 let input = data.get_ref().get_ref();
@@ -188,7 +185,7 @@ impl Objects {
     }
 
     /// Reads the next bytes.
-    fn push(&mut self, mut bytes: &[u8], take: &mut Take<'_>) -> Result<(), Refused> {
+    fn push(&mut self, mut bytes: &[u8], take: &mut Take<'_>) -> Result<(), String> {
         while !bytes.is_empty() {
             if self.rest > 0 {
                 let n = bytes.len().min(usize::try_from(self.rest).unwrap_or(usize::MAX));
@@ -203,16 +200,16 @@ impl Objects {
             }
             let wanted = match self.kept.len() {
                 0..BASE_HEADER => BASE_HEADER,
-                _ => self.kept_size().map_err(Refused::Log)?,
+                _ => self.kept_size()?,
             };
             let n = bytes.len().min(wanted - self.kept.len());
             self.kept.extend_from_slice(&bytes[..n]);
             bytes = &bytes[n..];
-            if self.kept.len() >= BASE_HEADER && self.kept.len() == self.kept_size().map_err(Refused::Log)? {
+            if self.kept.len() >= BASE_HEADER && self.kept.len() == self.kept_size()? {
                 self.padding = 0;
-                let Base { size, .. } = Base::parse(&self.kept).map_err(Refused::Log)?;
+                let Base { size, .. } = Base::parse(&self.kept)?;
                 self.rest = u64::from(size) - self.kept.len() as u64;
-                take(record(&self.kept).map_err(Refused::Log)?)?;
+                take_record(&self.kept, take)?;
                 self.kept.clear();
             }
         }
@@ -248,38 +245,44 @@ impl Base {
     }
 }
 
-/// The record of an object with this front.
-fn record(object: &[u8]) -> Result<Record<'static>, String> {
+/// Passes the record of an object with this front to `take`.
+fn take_record(object: &[u8], take: &mut Take<'_>) -> Result<(), String> {
     let Base { header, kind, .. } = Base::parse(object)?;
-    let is_error = matches!(
-        kind,
-        object::CAN_ERROR | object::CAN_ERROR_EXT | object::CAN_FD_ERROR_64
-    );
-    let read = match kind {
+    let parse = match kind {
         object::CAN_MESSAGE | object::CAN_MESSAGE2 => classic,
         object::CAN_FD_MESSAGE => fd,
         object::CAN_FD_MESSAGE_64 => fd_64,
-        _ if is_error => error,
+        object::CAN_ERROR | object::CAN_ERROR_EXT | object::CAN_FD_ERROR_64 => error,
         object::CONTAINER => return Err("a container in a container".to_owned()),
-        _ => return Ok(Record::Other),
+        _ => return take(Record::Other),
     };
     let too_short = || "a CAN frame that is longer than its object".to_owned();
-    let data = object
-        .get(usize::from(header)..)
-        .filter(|_| usize::from(header) >= TIMED_HEADER);
-    let time = object
+    let header = usize::from(header);
+    let (at, stamp) = object
         .get(BASE_HEADER..TIMED_HEADER)
         .and_then(time)
         .ok_or_else(too_short)?;
-    let Some((bus, frame)) = data.and_then(read).ok_or_else(too_short)?? else {
-        return Ok(Record::Other);
+    let data = object.get(header..).filter(|_| header >= TIMED_HEADER);
+    let event = data.and_then(parse).ok_or_else(too_short)?;
+    if event.is_request {
+        return take(Record::Other);
+    }
+    let frame = match event.has_data {
+        true => {
+            let (id, is_extended) = (event.id & !EXTENDED, event.id & EXTENDED != 0);
+            frame(id, is_extended, event.is_fd, event.data.ok_or_else(too_short)?)?
+        }
+        false => None,
     };
-    let bus = Cow::Owned(bus.to_string());
-    Ok(Record::Frame(Logged { time, bus, frame }))
+    take(Record::Frame(Logged {
+        time: Time::seconds(at, &stamp),
+        bus: &event.bus.to_string(),
+        frame,
+    }))
 }
 
-/// The time in a header, after its first 16 bytes.
-fn time(header: &[u8]) -> Option<Time<'static>> {
+/// The time in a header, after its first 16 bytes, and its text in seconds.
+fn time(header: &[u8]) -> Option<(Instant, String)> {
     /// The unit of time is 10 µs instead of 1 ns.
     const TEN_MICROS: u32 = 1;
     let (flags, time) = (u32_at(header, 0)?, u64_at(header, 8)?);
@@ -288,74 +291,75 @@ fn time(header: &[u8]) -> Option<Time<'static>> {
         _ => u128::from(time),
     };
     let (seconds, fraction) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
-    Some(Time {
-        at: Instant::from_micros(u64::try_from(nanos / 1_000).ok()?),
-        stamp: Cow::Owned(format!("{seconds}.{fraction:09}")),
-        unit: "",
+    let micros = u64::try_from(nanos / 1_000).ok()?;
+    Some((Instant::from_micros(micros), format!("{seconds}.{fraction:09}")))
+}
+
+/// An object of a bus.
+struct BusEvent<'a> {
+    bus: u16,
+    /// The identifier; bit 31 is set for 29 bits.
+    id: u32,
+    /// A transmit request: the frame was not on the bus.
+    is_request: bool,
+    /// False for remote frames and error frames.
+    has_data: bool,
+    is_fd: bool,
+    /// `None` if the object is too short.
+    data: Option<&'a [u8]>,
+}
+
+/// The bit of 29-bit identifiers.
+const EXTENDED: u32 = 1 << 31;
+/// The direction of a transmit request. Received frames have 0, sent frames 1.
+const REQUEST: u8 = 2;
+
+fn classic(object: &[u8]) -> Option<BusEvent<'_>> {
+    let (flags, dlc) = (*object.get(2)?, *object.get(3)?);
+    Some(BusEvent {
+        bus: u16_at(object, 0)?,
+        id: u32_at(object, 4)?,
+        is_request: flags & 0x0F == REQUEST,
+        has_data: flags & 0x80 == 0,
+        is_fd: false,
+        // A classic frame has at most 8 bytes, also if its length code is higher.
+        data: object.get(8..8 + usize::from(dlc.min(8))),
     })
 }
 
-/// The bus of an object, and its frame; `None` if the frame was not on the bus.
-type OnBus = Option<(u16, Option<Frame>)>;
-
-/// An object for a frame that was received or sent, or for a transmit request.
-const TO_BE_SENT: u8 = 2;
-
-/// The value of an identifier, and true if it has 29 bits.
-fn split_id(id: u32) -> (u32, bool) {
-    const EXTENDED: u32 = 1 << 31;
-    (id & !EXTENDED, id & EXTENDED != 0)
+fn fd(object: &[u8]) -> Option<BusEvent<'_>> {
+    let (flags, fd_flags, len) = (*object.get(2)?, *object.get(13)?, *object.get(14)?);
+    Some(BusEvent {
+        bus: u16_at(object, 0)?,
+        id: u32_at(object, 4)?,
+        is_request: flags & 0x0F == REQUEST,
+        has_data: flags & 0x80 == 0,
+        is_fd: fd_flags & 1 != 0,
+        data: object.get(20..20 + usize::from(len)),
+    })
 }
 
-fn classic(object: &[u8]) -> Option<Result<OnBus, String>> {
-    const REMOTE: u8 = 0x80;
-    let (bus, flags, dlc) = (u16_at(object, 0)?, *object.get(2)?, *object.get(3)?);
-    let (id, is_extended) = split_id(u32_at(object, 4)?);
-    if flags & 0x0F == TO_BE_SENT {
-        return Some(Ok(None));
-    }
-    if flags & REMOTE != 0 {
-        return Some(Ok(Some((bus, None))));
-    }
-    // A classic frame has at most 8 bytes, also if its length code is higher.
-    let data = object.get(8..8 + usize::from(dlc.min(8)))?;
-    Some(frame(id, is_extended, false, data).map(|frame| Some((bus, frame))))
+fn fd_64(object: &[u8]) -> Option<BusEvent<'_>> {
+    let (len, flags, direction) = (*object.get(2)?, u32_at(object, 12)?, *object.get(34)?);
+    Some(BusEvent {
+        bus: u16::from(*object.first()?),
+        id: u32_at(object, 4)?,
+        is_request: direction == REQUEST,
+        has_data: flags & 0x10 == 0,
+        is_fd: flags & 0x1000 != 0,
+        data: object.get(40..40 + usize::from(len)),
+    })
 }
 
-fn fd(object: &[u8]) -> Option<Result<OnBus, String>> {
-    const REMOTE: u8 = 0x80;
-    const IS_FD: u8 = 1;
-    let (bus, flags) = (u16_at(object, 0)?, *object.get(2)?);
-    let (id, is_extended) = split_id(u32_at(object, 4)?);
-    let (fd_flags, len) = (*object.get(13)?, *object.get(14)?);
-    if flags & 0x0F == TO_BE_SENT {
-        return Some(Ok(None));
-    }
-    if flags & REMOTE != 0 {
-        return Some(Ok(Some((bus, None))));
-    }
-    let data = object.get(20..20 + usize::from(len))?;
-    Some(frame(id, is_extended, fd_flags & IS_FD != 0, data).map(|frame| Some((bus, frame))))
-}
-
-fn fd_64(object: &[u8]) -> Option<Result<OnBus, String>> {
-    const REMOTE: u32 = 0x10;
-    const IS_FD: u32 = 0x1000;
-    let (bus, len) = (u16::from(*object.first()?), *object.get(2)?);
-    let (id, is_extended) = split_id(u32_at(object, 4)?);
-    let (flags, direction) = (u32_at(object, 12)?, *object.get(34)?);
-    if direction == TO_BE_SENT {
-        return Some(Ok(None));
-    }
-    if flags & REMOTE != 0 {
-        return Some(Ok(Some((bus, None))));
-    }
-    let data = object.get(40..40 + usize::from(len))?;
-    Some(frame(id, is_extended, flags & IS_FD != 0, data).map(|frame| Some((bus, frame))))
-}
-
-fn error(object: &[u8]) -> Option<Result<OnBus, String>> {
-    Some(Ok(Some((u16_at(object, 0)?, None))))
+fn error(object: &[u8]) -> Option<BusEvent<'_>> {
+    Some(BusEvent {
+        bus: u16_at(object, 0)?,
+        id: 0,
+        is_request: false,
+        has_data: false,
+        is_fd: false,
+        data: None,
+    })
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> Option<u16> {
@@ -368,14 +372,6 @@ fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
 
 fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
     Some(u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
-}
-
-/// The error of the object at offset `at`.
-fn error_at(input: &Input<'_>, at: u64, refused: Refused) -> Error {
-    match refused {
-        Refused::Log(reason) => input.refused_at(at, &reason),
-        Refused::Output(error) => Error::Output(error),
-    }
 }
 
 /// Reads the next bytes. If the file ends before, the error names `what`.

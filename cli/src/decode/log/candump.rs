@@ -1,7 +1,5 @@
 //! Logs of can-utils: `candump -L`, and the output of `candump` without it.
 
-use std::borrow::Cow;
-
 use armwire_bridge::Instant;
 use armwire_bridge::can::Frame;
 
@@ -30,7 +28,6 @@ impl TextLog for Candump {
             Some((id, data)) => logged(id, data)?,
             None => printed(first, words)?,
         };
-        let bus = Cow::Borrowed(bus);
         Ok(Record::Frame(Logged { time, bus, frame }))
     }
 }
@@ -38,16 +35,14 @@ impl TextLog for Candump {
 /// The time in parentheses, if there is one, and the rest of the line.
 fn split_time(line: &str) -> Result<(Time<'_>, &str), String> {
     let Some(line) = line.strip_prefix('(') else {
-        let (at, stamp) = (Instant::ZERO, Cow::Borrowed(""));
-        return Ok((Time { at, stamp, unit: "" }, line));
+        return Ok((Time::seconds(Instant::ZERO, ""), line));
     };
     let (stamp, line) = line.split_once(')').ok_or("no time in parentheses")?;
     let time = match stamp.split_once(' ') {
-        Some((date, clock)) => Time {
-            at: date_time(date, clock).ok_or_else(|| wrong(stamp, "no time"))?,
-            stamp: Cow::Borrowed(stamp),
-            unit: "",
-        },
+        Some((date, clock)) => {
+            let at = date_time(date, clock).ok_or_else(|| wrong(stamp, "no time"))?;
+            Time::seconds(at, stamp)
+        }
         None => time(stamp, Unit::Seconds)?,
     };
     Ok((time, line))
@@ -131,5 +126,5 @@ fn split_id(text: &str) -> Result<(u32, bool), String> {
 fn pairs(text: &str) -> Result<Vec<u8>, String> {
     // Bytes may be separated by dots.
     let text = text.replace('.', "");
-    hex::parse(&text).map_err(|word| wrong(word, "not bytes in hexadecimal"))
+    hex::parse(&text).map_err(|error| wrong(&error.word, "not bytes in hexadecimal"))
 }

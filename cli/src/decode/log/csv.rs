@@ -1,7 +1,5 @@
 //! The comma-separated log of python-can.
 
-use std::borrow::Cow;
-
 use armwire_bridge::Instant;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -27,7 +25,7 @@ impl TextLog for Csv {
         }
         let mut fields = line.split(',');
         let mut field = |what: &str| fields.next().ok_or_else(|| format!("no {what}"));
-        let time = seconds(field("timestamp")?)?;
+        let time = timestamp(field("timestamp")?)?;
         let id = field("arbitration_id")?;
         let id = identifier(id.strip_prefix("0x").unwrap_or(id), 16)?;
         let is_extended = flag(field("extended")?)?;
@@ -47,20 +45,17 @@ impl TextLog for Csv {
             // The log does not distinguish FD frames from others of the same length.
             false => frame(id, is_extended, dlc > 8, &data)?,
         };
-        let bus = Cow::Borrowed("");
-        Ok(Record::Frame(Logged { time, bus, frame }))
+        Ok(Record::Frame(Logged { time, bus: "", frame }))
     }
 }
 
 /// Converts a time. Python writes times below 0.1 ms with an exponent, such as 1e-05.
-fn seconds(text: &str) -> Result<Time<'_>, String> {
+fn timestamp(text: &str) -> Result<Time<'_>, String> {
     let small = text.contains('e').then(|| text.parse::<f64>().ok()).flatten();
     match small {
-        Some(seconds) if (0.0..1.0).contains(&seconds) => Ok(Time {
-            at: Instant::from_micros((seconds * 1e6) as u64),
-            stamp: Cow::Borrowed(text),
-            unit: "",
-        }),
+        Some(seconds) if (0.0..1.0).contains(&seconds) => {
+            Ok(Time::seconds(Instant::from_micros((seconds * 1e6) as u64), text))
+        }
         _ => time(text, Unit::Seconds),
     }
 }

@@ -1,7 +1,5 @@
 //! The comma-separated log of GVRET and SavvyCAN.
 
-use std::borrow::Cow;
-
 use armwire_bridge::can::MAX_FD;
 
 use super::{Logged, Record, TextLog, Unit, data, frame, identifier, number, time, wrong};
@@ -17,23 +15,18 @@ pub(in crate::decode) const HEADER: &str = "Time Stamp,ID,Extended,";
 /// ```
 ///
 /// Older logs have no direction.
+#[derive(Default)]
 pub(in crate::decode) struct Gvret {
-    has_direction: bool,
-}
-
-impl Gvret {
-    pub(in crate::decode) fn new() -> Self {
-        Self { has_direction: true }
-    }
+    lacks_direction: bool,
 }
 
 impl TextLog for Gvret {
     fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
         let line = line.trim();
         if let Some(columns) = line.strip_prefix(HEADER) {
-            self.has_direction = match columns {
-                columns if columns.starts_with("Dir,Bus,LEN,") => true,
-                columns if columns.starts_with("Bus,LEN,") => false,
+            self.lacks_direction = match columns {
+                columns if columns.starts_with("Dir,Bus,LEN,") => false,
+                columns if columns.starts_with("Bus,LEN,") => true,
                 _ => return Err("unknown columns".to_owned()),
             };
             return Ok(Record::Comment);
@@ -47,10 +40,10 @@ impl TextLog for Gvret {
             "false" | "0" => false,
             text => return Err(wrong(text, "neither true nor false")),
         };
-        if self.has_direction {
+        if !self.lacks_direction {
             field("direction")?;
         }
-        let bus = Cow::Borrowed(field("bus")?);
+        let bus = field("bus")?;
         let len = number(field("length")?, 10).filter(|len| *len as usize <= MAX_FD);
         let len = len.ok_or_else(|| format!("no length from 0 to {MAX_FD}"))? as usize;
         // The log does not distinguish FD frames from others of the same length.

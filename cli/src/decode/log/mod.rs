@@ -8,11 +8,7 @@ pub(super) mod gvret;
 pub(super) mod trc;
 
 #[cfg(test)]
-mod properties;
-#[cfg(test)]
 mod tests;
-
-use std::borrow::Cow;
 
 use armwire_bridge::Instant;
 use armwire_bridge::can::{Frame, Id};
@@ -30,16 +26,8 @@ use trc::Trc;
 /// The highest 29-bit identifier.
 const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
 
-/// The reason why a record is refused.
-pub(super) enum Refused {
-    /// The log is damaged or not supported.
-    Log(String),
-    /// The output failed.
-    Output(std::io::Error),
-}
-
-/// A consumer of records.
-pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;
+/// A consumer of records. Its error is the reason in words.
+pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), String> + 'a;
 
 /// Passes each record of a log to `take`. Recordings of a line have no records.
 pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -> Result<(), Error> {
@@ -48,9 +36,9 @@ pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -
         Format::Blf => blf::read(input, take),
         Format::Candump => read_lines(input, &mut Candump, take),
         Format::Asc => read_lines(input, &mut Asc::new(), take),
-        Format::Trc => read_lines(input, &mut Trc::new(), take),
+        Format::Trc => read_lines(input, &mut Trc::default(), take),
         Format::Csv => read_lines(input, &mut Csv, take),
-        Format::Gvret => read_lines(input, &mut Gvret::new(), take),
+        Format::Gvret => read_lines(input, &mut Gvret::default(), take),
     }
 }
 
@@ -64,12 +52,7 @@ fn read_lines(input: &mut Input<'_>, log: &mut dyn TextLog, take: &mut Take<'_>)
         let taken = match log.record(&line.text) {
             // The missing end may change its meaning.
             Ok(Record::Frame(_)) | Err(_) if !line.is_whole => Err("the line is too long".to_owned()),
-            Ok(record) => match take(record) {
-                Ok(()) => Ok(()),
-                Err(Refused::Log(reason)) => Err(reason),
-                Err(Refused::Output(error)) => return Err(Error::Output(error)),
-            },
-            Err(reason) => Err(reason),
+            record => record.and_then(&mut *take),
         };
         if let Err(reason) = taken {
             let (number, text) = (line.number, line.text.into_owned());
@@ -100,7 +83,7 @@ pub(super) enum Record<'a> {
 pub(super) struct Logged<'a> {
     pub(super) time: Time<'a>,
     /// The name of the bus in the log; empty if there is none.
-    pub(super) bus: Cow<'a, str>,
+    pub(super) bus: &'a str,
     /// `None` for remote frames, error frames and 29-bit identifiers, which adapters do not use.
     pub(super) frame: Option<Frame>,
 }
@@ -110,14 +93,21 @@ pub(super) struct Logged<'a> {
 pub(super) struct Time<'a> {
     pub(super) at: Instant,
     /// The text in the log; empty if there is none.
-    pub(super) stamp: Cow<'a, str>,
+    pub(super) stamp: &'a str,
     /// The unit of the text; empty for seconds.
     pub(super) unit: &'static str,
 }
 
+impl<'a> Time<'a> {
+    /// A time whose text is in seconds, or a date.
+    fn seconds(at: Instant, stamp: &'a str) -> Self {
+        Self { at, stamp, unit: "" }
+    }
+}
+
 /// Converts a time, a decimal number in this unit.
 fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, String> {
-    let (name, digits) = match unit {
+    let (unit, digits) = match unit {
         Unit::Seconds => ("", 6),
         Unit::Millis => (" ms", 3),
         Unit::Micros => (" µs", 0),
@@ -125,8 +115,8 @@ fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, String> {
     let micros = decimal(text, digits).ok_or_else(|| wrong(text, "no time"))?;
     Ok(Time {
         at: Instant::from_micros(micros),
-        stamp: Cow::Borrowed(text),
-        unit: name,
+        stamp: text,
+        unit,
     })
 }
 

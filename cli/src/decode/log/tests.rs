@@ -1,5 +1,7 @@
 //! Logs of CAN buses, in every format.
 
+mod properties;
+
 use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
 use armwire::messages::Messages;
 use armwire_bridge::Instant;

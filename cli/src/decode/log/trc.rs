@@ -1,7 +1,5 @@
 //! PEAK's trace, TRC, of the versions 1.0 to 2.1 (PEAK CAN TRC File Format).
 
-use std::borrow::Cow;
-
 use armwire_bridge::can::{FD_LENGTHS, Frame};
 
 use super::{Logged, Record, TextLog, Unit, data, frame, identifier, number, time};
@@ -23,14 +21,16 @@ const MAX_COLUMNS: usize = 16;
 /// ;$FILEVERSION=1.1
 ///      1)      1059.9  Rx         060F  8  07 AA 06 00 01 FE 9A FF
 /// ```
+#[derive(Default)]
 pub(in crate::decode) struct Trc {
     version: Version,
     /// The letters of the columns, since version 2.
     columns: Vec<char>,
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 enum Version {
+    #[default]
     V1_0,
     V1_1,
     V1_2,
@@ -39,13 +39,6 @@ enum Version {
 }
 
 impl Trc {
-    pub(in crate::decode) fn new() -> Self {
-        Self {
-            version: Version::V1_0,
-            columns: Vec::new(),
-        }
-    }
-
     fn read_comment(&mut self, comment: &str) -> Result<Record<'static>, String> {
         if let Some(version) = comment.strip_prefix("$FILEVERSION=") {
             self.version = match version.trim() {
@@ -100,7 +93,6 @@ impl Trc {
             Some(&"RTR") => None,
             _ => whole_frame(id, false, &data(words, len as usize, 16)?)?,
         };
-        let bus = Cow::Borrowed(bus);
         Ok(Record::Frame(Logged { time, bus, frame }))
     }
 
@@ -137,7 +129,7 @@ impl Trc {
                 whole_frame(id, is_fd, &data(words().skip(first), len as usize, 16)?)?
             }
         };
-        let bus = Cow::Borrowed(column('B').and_then(|column| words().nth(column)).unwrap_or_default());
+        let bus = column('B').and_then(|column| words().nth(column)).unwrap_or_default();
         Ok(Record::Frame(Logged { time, bus, frame }))
     }
 }

@@ -4,17 +4,10 @@ mod records;
 
 use std::collections::BTreeSet;
 
-use armwire::alpha1::Alpha1;
-use armwire::ling::Ling;
-use armwire::ling::legacy::Legacy;
-use armwire::xarm::XArm;
-
 use super::input::Input;
-use super::log::Refused;
 use super::meaning::frame_meaning;
 use super::output::{Item, OnLine, Output};
 use crate::args::Speaker;
-use crate::describe::Protocol;
 use crate::error::Error;
 use crate::recording::Frame;
 use crate::recording::messages::{FRAME, MESSAGE_ENCODING, parse_frame};
@@ -24,11 +17,8 @@ use records::Record;
 pub(super) fn decode(input: &mut Input<'_>, out: &dyn Output) -> Result<(), Error> {
     let mut frames = Frames::default();
     let read = records::read(input, &mut |record| frames.take(record, out));
-    match read.and_then(|is_cut| frames.finish(is_cut, out)) {
-        Ok(()) => Ok(()),
-        Err(Refused::Log(reason)) => Err(input.refused_at(input.offset(), &reason)),
-        Err(Refused::Output(error)) => Err(Error::Output(error)),
-    }
+    let finished = read.and_then(|is_cut| frames.finish(is_cut, out));
+    finished.map_err(|reason| input.refused_at(input.offset(), &reason))
 }
 
 /// The frames of a recording so far.
@@ -42,7 +32,7 @@ struct Frames {
 }
 
 impl Frames {
-    fn take(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), Refused> {
+    fn take(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), String> {
         match record {
             Record::Schema { id, name } if name == FRAME.0 => {
                 self.schemas.insert(id);
@@ -59,15 +49,15 @@ impl Frames {
                 data,
             } if self.channels.contains(&channel) => {
                 let frame = parse_frame(log_time.cast_signed(), data)
-                    .map_err(|reason| Refused::Log(format!("message {sequence}: {reason}")))?;
-                self.show(&frame, out).map_err(Refused::Output)?;
+                    .map_err(|reason| format!("message {sequence}: {reason}"))?;
+                self.show(&frame, out);
             }
             _ => {}
         }
         Ok(())
     }
 
-    fn show(&mut self, frame: &Frame, out: &dyn Output) -> std::io::Result<()> {
+    fn show(&mut self, frame: &Frame, out: &dyn Output) {
         let Frame {
             stamp,
             protocol,
@@ -75,13 +65,8 @@ impl Frames {
             bytes,
             ..
         } = frame;
-        let told = match protocol {
-            Protocol::Ling => frame_meaning::<Ling>(bytes, *from),
-            Protocol::LingLegacy => frame_meaning::<Legacy>(bytes, *from),
-            Protocol::Xarm => frame_meaning::<XArm>(bytes, *from),
-            Protocol::Alpha1 => frame_meaning::<Alpha1>(bytes, *from),
-        };
-        match told {
+        let meaning = frame_meaning(*protocol, bytes, *from);
+        match meaning {
             Ok(_) => self.frames += 1,
             Err(_) => self.noise_bytes += bytes.len() as u64,
         }
@@ -93,27 +78,29 @@ impl Frames {
         out.item(&Item {
             place: format_args!("{seconds}.{nanos:09}  {direction:8}"),
             bytes,
-            text: told.as_ref().unwrap_or_else(|reason| reason),
+            text: meaning.as_ref().unwrap_or_else(|reason| reason),
             on_line: Some(OnLine {
                 protocol: *protocol,
                 from: Some(*from),
                 nanos: stamp.cast_unsigned(),
             }),
-        })
+        });
     }
 
     /// The sum.
-    fn finish(&self, is_cut: bool, out: &dyn Output) -> Result<(), Refused> {
+    fn finish(&self, is_cut: bool, out: &dyn Output) -> Result<(), String> {
         if self.channels.is_empty() && !is_cut {
-            let reason = format!("no channel of {}: 'armwire monitor --mcap' records one", FRAME.0);
-            return Err(Refused::Log(reason));
+            return Err(format!(
+                "no channel of {}: 'armwire monitor --mcap' records one",
+                FRAME.0
+            ));
         }
         let end = if is_cut { ", the file has no end" } else { "" };
         let Self {
             frames, noise_bytes, ..
         } = self;
-        out.remark(format_args!("frames: {frames}, noise bytes: {noise_bytes}{end}"))
-            .map_err(Refused::Output)
+        out.remark(format_args!("frames: {frames}, noise bytes: {noise_bytes}{end}"));
+        Ok(())
     }
 }
 
@@ -126,6 +113,7 @@ mod tests {
     use crate::args::ArmKind;
     use crate::decode::format::Format;
     use crate::decode::tests::printed;
+    use crate::describe::Protocol;
     use crate::recording::tests::{any_frame, file};
 
     /// In bytes: the buffer of the input is an eighth of it.

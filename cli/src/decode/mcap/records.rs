@@ -10,7 +10,6 @@ use mcap::McapError;
 use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use crate::decode::log::Refused;
 use crate::printable::cut;
 
 /// The longest record, in bytes. Other programs may have written images to the file.
@@ -34,11 +33,11 @@ pub(super) enum Record<'a> {
 }
 
 /// A consumer of records.
-pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;
+pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), String> + 'a;
 
 /// Hands the records of a file, also those in its chunks, to `take`. Returns true if the file is cut: its program was
 /// killed, or is still writing.
-pub(super) fn read(file: &mut dyn BufRead, take: &mut Take<'_>) -> Result<bool, Refused> {
+pub(super) fn read(file: &mut dyn BufRead, take: &mut Take<'_>) -> Result<bool, String> {
     split(file, LinearReaderOptions::default(), &mut |opcode, data| match opcode {
         op::CHUNK => read_chunk(data, take),
         _ => read_record(opcode, data, take),
@@ -49,15 +48,15 @@ pub(super) fn read(file: &mut dyn BufRead, take: &mut Take<'_>) -> Result<bool, 
 fn split(
     source: &mut dyn BufRead,
     options: LinearReaderOptions,
-    take: &mut dyn FnMut(u8, Fields<'_>) -> Result<(), Refused>,
-) -> Result<bool, Refused> {
+    take: &mut dyn FnMut(u8, Fields<'_>) -> Result<(), String>,
+) -> Result<bool, String> {
     let options = options.with_emit_chunks(true).with_record_length_limit(MAX_RECORD);
     let mut reader = LinearReader::new_with_options(options);
     loop {
         match reader.next_event() {
             None => return Ok(false),
             Some(Ok(LinearReadEvent::ReadRequest(len))) => {
-                let piece = source.fill_buf().map_err(|error| Refused::Log(error.to_string()))?;
+                let piece = source.fill_buf().map_err(|error| error.to_string())?;
                 // No more than is there: the length of a record may be wrong. Nothing is the end.
                 let len = len.min(piece.len());
                 reader.insert(len).copy_from_slice(&piece[..len]);
@@ -66,26 +65,28 @@ fn split(
             }
             Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, Fields(data))?,
             Some(Err(McapError::UnexpectedEof)) => return Ok(true),
-            Some(Err(error)) => return Err(Refused::Log(error.to_string())),
+            Some(Err(error)) => return Err(error.to_string()),
         }
     }
 }
 
 /// Hands the records in a chunk to `take`.
-fn read_chunk(mut chunk: Fields<'_>, take: &mut Take<'_>) -> Result<(), Refused> {
+fn read_chunk(mut chunk: Fields<'_>, take: &mut Take<'_>) -> Result<(), String> {
     let _start_time = chunk.u64()?;
     let _end_time = chunk.u64()?;
     let _size = chunk.u64()?;
     let crc = chunk.u32()?;
     let compression = chunk.text()?;
     if !compression.is_empty() {
-        let reason = format!("a chunk is compressed with {}, which is not read", cut(compression));
-        return Err(Refused::Log(reason));
+        return Err(format!(
+            "a chunk is compressed with {}, which is not read",
+            cut(compression)
+        ));
     }
     let len = chunk.u64()?;
     let mut records = chunk.bytes(len)?;
     if crc != 0 && crc != CRC.checksum(records) {
-        return Err(Refused::Log("a chunk is damaged: its CRC is wrong".to_owned()));
+        return Err("a chunk is damaged: its CRC is wrong".to_owned());
     }
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
@@ -93,13 +94,13 @@ fn read_chunk(mut chunk: Fields<'_>, take: &mut Take<'_>) -> Result<(), Refused>
     match split(&mut records, options, &mut |opcode, data| {
         read_record(opcode, data, take)
     })? {
-        true => Err(Refused::Log("a record extends beyond its chunk".to_owned())),
+        true => Err("a record extends beyond its chunk".to_owned()),
         false => Ok(()),
     }
 }
 
 /// Hands a record to `take` unless it does not lead to messages.
-fn read_record(opcode: u8, mut fields: Fields<'_>, take: &mut Take<'_>) -> Result<(), Refused> {
+fn read_record(opcode: u8, mut fields: Fields<'_>, take: &mut Take<'_>) -> Result<(), String> {
     take(match opcode {
         op::SCHEMA => Record::Schema {
             id: fields.u16()?,
@@ -128,39 +129,39 @@ fn read_record(opcode: u8, mut fields: Fields<'_>, take: &mut Take<'_>) -> Resul
 struct Fields<'a>(&'a [u8]);
 
 impl<'a> Fields<'a> {
-    fn u16(&mut self) -> Result<u16, Refused> {
+    fn u16(&mut self) -> Result<u16, String> {
         self.array().map(u16::from_le_bytes)
     }
 
-    fn u32(&mut self) -> Result<u32, Refused> {
+    fn u32(&mut self) -> Result<u32, String> {
         self.array().map(u32::from_le_bytes)
     }
 
-    fn u64(&mut self) -> Result<u64, Refused> {
+    fn u64(&mut self) -> Result<u64, String> {
         self.array().map(u64::from_le_bytes)
     }
 
-    fn text(&mut self) -> Result<&'a str, Refused> {
+    fn text(&mut self) -> Result<&'a str, String> {
         let len = self.u32()?;
         let bytes = self.bytes(len.into())?;
-        str::from_utf8(bytes).map_err(|error| Refused::Log(format!("a record is damaged: {error}")))
+        str::from_utf8(bytes).map_err(|error| format!("a record is damaged: {error}"))
     }
 
-    fn bytes(&mut self, len: u64) -> Result<&'a [u8], Refused> {
+    fn bytes(&mut self, len: u64) -> Result<&'a [u8], String> {
         let split = usize::try_from(len).ok().and_then(|len| self.0.split_at_checked(len));
         let (bytes, rest) = split.ok_or_else(Self::cut)?;
         self.0 = rest;
         Ok(bytes)
     }
 
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], Refused> {
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], String> {
         let (array, rest) = self.0.split_first_chunk().ok_or_else(Self::cut)?;
         self.0 = rest;
         Ok(*array)
     }
 
-    fn cut() -> Refused {
-        Refused::Log("a record is damaged: it ends within a field".to_owned())
+    fn cut() -> String {
+        "a record is damaged: it ends within a field".to_owned()
     }
 }
 
@@ -181,8 +182,8 @@ mod tests {
         file.extend((chunk.len() as u64).to_le_bytes());
         file.extend(chunk);
         match read(&mut &file[..], &mut |_| Ok(())) {
-            Err(Refused::Log(reason)) => reason,
-            _ => panic!("it is read"),
+            Err(reason) => reason,
+            Ok(_) => panic!("it is read"),
         }
     }
 

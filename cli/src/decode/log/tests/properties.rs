@@ -11,9 +11,9 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-use super::{MAX_EXTENDED, Record, csv, gvret, read};
 use crate::decode::format::Format;
 use crate::decode::input::Input;
+use crate::decode::log::{MAX_EXTENDED, Record, csv, gvret, read};
 use crate::decode::output::Entries;
 use crate::decode::tests::Pieces;
 
@@ -54,7 +54,7 @@ enum Body {
 
 /// The part read so far.
 #[derive(Debug, PartialEq)]
-struct Heard {
+struct ReadBack {
     micros: u64,
     bus: String,
     frame: Option<Frame>,
@@ -113,24 +113,24 @@ impl Sent {
         format!("{}.{:06}", self.micros / 1_000_000, self.micros % 1_000_000)
     }
 
-    fn heard(&self, bus: impl ToString) -> Heard {
+    fn expected(&self, bus: impl ToString) -> ReadBack {
         let frame = match self.body {
             Body::Data(frame) => Some(frame),
             _ => None,
         };
         let (micros, bus) = (self.micros, bus.to_string());
-        Heard { micros, bus, frame }
+        ReadBack { micros, bus, frame }
     }
 
     /// The expected record of a log that shows FD frames by their length only.
-    fn heard_by_length(&self, bus: impl ToString) -> Heard {
-        let mut heard = self.heard(bus);
-        if let Some(frame) = heard.frame
+    fn expected_by_length(&self, bus: impl ToString) -> ReadBack {
+        let mut expected = self.expected(bus);
+        if let Some(frame) = expected.frame
             && frame.data().len() <= 8
         {
-            heard.frame = Some(Frame::new(frame.id(), frame.data()).unwrap());
+            expected.frame = Some(Frame::new(frame.id(), frame.data()).unwrap());
         }
-        heard
+        expected
     }
 }
 
@@ -163,19 +163,19 @@ fn traffic() -> impl Strategy<Value = Vec<Sent>> {
 }
 
 /// Reads a log in pieces of this size.
-fn heard(log: &[u8], format: Format, piece: usize) -> Result<Vec<Heard>, String> {
+fn read_back(log: &[u8], format: Format, piece: usize) -> Result<Vec<ReadBack>, String> {
     let out = Entries::default();
     let mut input = Input::new("log".to_owned(), Box::new(Pieces(log, piece)), &out);
-    let mut heard = Vec::new();
+    let mut read_back = Vec::new();
     let read = read(&mut input, format, &mut |record| {
         if let Record::Frame(logged) = record {
-            let (micros, bus) = (logged.time.at.as_micros(), logged.bus.into_owned());
+            let (micros, bus) = (logged.time.at.as_micros(), logged.bus.to_owned());
             let frame = logged.frame;
-            heard.push(Heard { micros, bus, frame });
+            read_back.push(ReadBack { micros, bus, frame });
         }
         Ok(())
     });
-    read.map(|()| heard).map_err(|error| error.to_string())
+    read.map(|()| read_back).map_err(|error| error.to_string())
 }
 
 /// A log with these lines, with line ends of Unix or Windows.
@@ -418,11 +418,11 @@ const GVRET: &str = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"
 proptest! {
     #[test]
     fn candump_reads_back(traffic in traffic(), piece in 1..200_usize, is_windows: bool) {
-        let expected: Vec<_> = traffic.iter().map(|sent| sent.heard(format!("can{}", sent.bus))).collect();
+        let expected: Vec<_> = traffic.iter().map(|sent| sent.expected(format!("can{}", sent.bus))).collect();
         for line in [candump_logged, candump_printed] {
             let log = text(traffic.iter().map(line), is_windows);
-            let heard = heard(&log, Format::Candump, piece);
-            prop_assert_eq!(heard.as_ref(), Ok(&expected));
+            let read_back = read_back(&log, Format::Candump, piece);
+            prop_assert_eq!(read_back.as_ref(), Ok(&expected));
         }
     }
 
@@ -430,9 +430,9 @@ proptest! {
     fn asc_reads_back(
         traffic in traffic(), piece in 1..200_usize, is_windows: bool, is_decimal: bool, is_relative: bool
     ) {
-        let expected: Vec<_> = traffic.iter().map(|sent| sent.heard(sent.bus)).collect();
+        let expected: Vec<_> = traffic.iter().map(|sent| sent.expected(sent.bus)).collect();
         let log = text(asc(&traffic, is_decimal, is_relative), is_windows);
-        prop_assert_eq!(heard(&log, Format::Asc, piece), Ok(expected));
+        prop_assert_eq!(read_back(&log, Format::Asc, piece), Ok(expected));
     }
 
     #[test]
@@ -441,50 +441,50 @@ proptest! {
         let frames = |traffic: &[Sent]| -> Vec<Sent> {
             traffic.iter().filter(|sent| !matches!(sent.body, Body::Error)).cloned().collect()
         };
-        let expected: Vec<_> = frames(&traffic).iter().map(|sent| sent.heard(sent.bus)).collect();
+        let expected: Vec<_> = frames(&traffic).iter().map(|sent| sent.expected(sent.bus)).collect();
         let log = text(trc_2(&traffic), is_windows);
-        prop_assert_eq!(heard(&log, Format::Trc, piece), Ok(expected));
+        prop_assert_eq!(read_back(&log, Format::Trc, piece), Ok(expected));
 
         traffic.retain(|sent| !sent.is_fd());
-        let rounded = |sent: &Sent| Sent { micros: sent.micros / 100 * 100, ..sent.clone() }.heard("");
+        let rounded = |sent: &Sent| Sent { micros: sent.micros / 100 * 100, ..sent.clone() }.expected("");
         let expected: Vec<_> = frames(&traffic).iter().map(rounded).collect();
         let log = text(trc_1(&traffic), is_windows);
-        prop_assert_eq!(heard(&log, Format::Trc, piece), Ok(expected));
+        prop_assert_eq!(read_back(&log, Format::Trc, piece), Ok(expected));
     }
 
     #[test]
     fn csv_of_python_can_reads_back(traffic in traffic(), piece in 1..200_usize, is_windows: bool) {
-        let expected: Vec<_> = traffic.iter().map(|sent| sent.heard_by_length("")).collect();
+        let expected: Vec<_> = traffic.iter().map(|sent| sent.expected_by_length("")).collect();
         let lines = traffic.iter().map(csv_line);
         let log = text([csv::HEADER.to_owned()].into_iter().chain(lines), is_windows);
-        prop_assert_eq!(heard(&log, Format::Csv, piece), Ok(expected));
+        prop_assert_eq!(read_back(&log, Format::Csv, piece), Ok(expected));
     }
 
     #[test]
     fn csv_of_gvret_reads_back(mut traffic in traffic(), piece in 1..200_usize, is_windows: bool) {
         traffic.retain(Sent::is_data);
-        let expected: Vec<_> = traffic.iter().map(|sent| sent.heard_by_length(sent.bus)).collect();
+        let expected: Vec<_> = traffic.iter().map(|sent| sent.expected_by_length(sent.bus)).collect();
         let lines = traffic.iter().map(gvret_line);
         let log = text([GVRET.to_owned()].into_iter().chain(lines), is_windows);
         prop_assert!(log.starts_with(gvret::HEADER.as_bytes()));
-        prop_assert_eq!(heard(&log, Format::Gvret, piece), Ok(expected));
+        prop_assert_eq!(read_back(&log, Format::Gvret, piece), Ok(expected));
     }
 
     #[test]
     fn blf_reads_back(
         traffic in traffic(), piece in 1..200_usize, is_compressed: bool, container in 1..500_usize
     ) {
-        let expected: Vec<_> = traffic.iter().map(|sent| sent.heard(sent.bus)).collect();
+        let expected: Vec<_> = traffic.iter().map(|sent| sent.expected(sent.bus)).collect();
         let log = blf(&traffic, is_compressed, container);
-        prop_assert_eq!(heard(&log, Format::Blf, piece), Ok(expected));
+        prop_assert_eq!(read_back(&log, Format::Blf, piece), Ok(expected));
     }
 
     #[test]
     fn any_bytes_are_read_without_panic(bytes in vec(any::<u8>(), 0..2000), piece in 1..200_usize) {
         for format in FORMATS {
-            let _ = heard(&bytes, format, piece);
+            let _ = read_back(&bytes, format, piece);
             // After the first bytes of such a file.
-            let _ = heard(&[b"LOGG\x08\0\0\0LOBJ", &bytes[..]].concat(), format, piece);
+            let _ = read_back(&[b"LOGG\x08\0\0\0LOBJ", &bytes[..]].concat(), format, piece);
         }
     }
 
@@ -501,7 +501,7 @@ proptest! {
                 log[at] = *byte;
             }
             log.truncate(end.index(log.len()) + 1);
-            let _ = heard(&log, format, usize::MAX);
+            let _ = read_back(&log, format, usize::MAX);
         }
     }
 }
