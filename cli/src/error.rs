@@ -85,28 +85,32 @@ pub enum Error {
 }
 
 impl Error {
-    /// A port that was unplugged.
-    pub(crate) fn unplugged(name: &str, error: &io::Error) -> Self {
-        let (name, reason) = (
-            name.to_owned(),
-            format!("the port is gone ({error}): was it unplugged?"),
-        );
+    /// An error at `name`.
+    pub(crate) fn at(name: &str, reason: impl Display) -> Self {
+        let (name, reason) = (name.to_owned(), reason.to_string());
+        Self::At { name, reason }
+    }
+
+    /// An arm or an adapter at `name` that refuses a request.
+    pub(crate) fn refused(name: &str, reason: impl Display) -> Self {
+        let (name, reason) = (name.to_owned(), reason.to_string());
+        Self::Refused { name, reason }
+    }
+
+    /// Unacceptable bytes from `name`.
+    pub(crate) fn unacceptable(name: &str, reason: impl Display) -> Self {
+        let (name, reason) = (name.to_owned(), reason.to_string());
+        Self::Unacceptable { name, reason }
+    }
+
+    /// A lost connection to `name`.
+    pub(crate) fn lost(name: &str, reason: impl Display) -> Self {
+        let (name, reason) = (name.to_owned(), reason.to_string());
         Self::Lost { name, reason }
     }
 
-    /// An arm or an adapter at `name` that does not do what it is asked.
-    pub(crate) fn refused(name: &str, reason: impl Display) -> Self {
-        Self::Refused {
-            name: name.to_owned(),
-            reason: reason.to_string(),
-        }
-    }
-
-    /// An error at `name`.
-    pub(crate) fn at(name: &str, reason: impl Display) -> Self {
-        Self::At {
-            name: name.to_owned(),
-            reason: reason.to_string(),
-        }
+    /// A port that was unplugged.
+    pub(crate) fn unplugged(name: &str, error: &io::Error) -> Self {
+        Self::lost(name, format_args!("the port is gone ({error}): was it unplugged?"))
     }
 }

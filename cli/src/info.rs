@@ -9,7 +9,7 @@ use crate::args::{ArmKind, Place};
 use crate::control::ControlLink;
 use crate::describe::{Arm, Fact, object};
 use crate::error::Error;
-use crate::link::Link;
+use crate::link::{LineErrors, Link};
 use crate::output::{print_json, say};
 use crate::{config, legacy, line_holder};
 
@@ -70,23 +70,23 @@ impl Report {
         if connection.is_control() {
             return Ok(());
         }
-        let dropped = match place.arm {
+        let LineErrors { noise_bytes, .. } = match place.arm {
             ArmKind::Alpha1 => {
                 let mut link = connection.arm::<Alpha1>()?;
                 self.arm(&mut link)?;
-                link.dropped()
+                link.line_errors()
             }
             ArmKind::Ling | ArmKind::Xarm => {
                 let mut link = legacy::open(&connection)?;
                 self.arm(&mut link)?;
-                link.dropped()
+                link.line_errors()
             }
         };
-        let text = match dropped {
+        let text = match noise_bytes {
             0 => "clean".to_owned(),
-            dropped => format!("{dropped} bytes were no part of a frame"),
+            noise_bytes => format!("{noise_bytes} bytes were no part of a frame"),
         };
-        self.add(Fact::new("line", "noise_bytes", dropped, text))
+        self.add(Fact::new("line", "noise_bytes", noise_bytes, text))
     }
 
     /// Asks an arm for all there is to know. Of the state, which comes with each answer, the last counts.

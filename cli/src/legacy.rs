@@ -7,7 +7,7 @@ use armwire::ling::Ling;
 use armwire::ling::legacy::Detector;
 
 use crate::error::Error;
-use crate::link::{Came, Line, Link, Names};
+use crate::link::{Line, Link, Names, Reception};
 use crate::port::Connection;
 
 /// Listening time before the first byte is sent. An older arm transmits two frames forty times a second. Three frames
@@ -81,8 +81,8 @@ impl Line for Listened {
         self.line.write(bytes)
     }
 
-    fn hints(&mut self, came: Came, arm: Names) -> String {
-        self.line.hints(came, arm)
+    fn hints(&mut self, reception: Reception, arm: Names) -> String {
+        self.line.hints(reception, arm)
     }
 }
 
@@ -127,7 +127,7 @@ mod tests {
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Came, _: Names) -> String {
+        fn hints(&mut self, _: Reception, _: Names) -> String {
             unreachable!("it talks")
         }
     }

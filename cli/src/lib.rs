@@ -45,6 +45,7 @@ mod serial;
 #[cfg(unix)]
 mod sim;
 pub mod stamps;
+mod stopwatch;
 mod tcp;
 mod update;
 
@@ -73,7 +74,7 @@ pub mod host {
     pub use crate::error::Error;
     pub use crate::hid_selector::Selector;
     pub use crate::legacy::open as open_ling;
-    pub use crate::link::{Came, Interrupt, Line, Link, Names};
+    pub use crate::link::{Interrupt, Line, LineErrors, Link, Names, Reception};
     pub use crate::port::{Connection, Port};
     pub use crate::received::Missing;
     pub use crate::tcp::Host;

@@ -97,9 +97,9 @@ impl LingPort {
     /// # Errors
     ///
     /// A message that cannot be read, or a port that is gone.
-    pub fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, PortError> {
+    pub fn next_event(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, PortError> {
         match &mut self.control {
-            Some(control) => Ok(control.hear(wait)?),
+            Some(control) => Ok(control.next_event(wait)?),
             None => Ok(None),
         }
     }

@@ -1,8 +1,8 @@
-//! Blocking calls over a line, one at a time. Only this module reads a clock.
+//! Blocking calls over a line, one at a time.
 
 use std::error;
 use std::io::{self, ErrorKind};
-use std::thread;
+use std::ops::Add;
 use std::time::{Duration, Instant};
 
 use armwire::framing::Reason;
@@ -11,6 +11,7 @@ use armwire::{Client, Config, Event, Output, time, xarm};
 use crate::describe::Arm;
 use crate::error::Error;
 use crate::received::Received;
+use crate::stopwatch::Stopwatch;
 
 /// Buffer size: the longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;
@@ -35,7 +36,7 @@ pub trait Line: Send {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error>;
 
     /// Hints for a line without an answer.
-    fn hints(&mut self, came: Came, arm: Names) -> String;
+    fn hints(&mut self, reception: Reception, arm: Names) -> String;
 }
 
 /// Names of the expected arm and of the other arm that may be on the line.
@@ -49,9 +50,9 @@ pub struct Names {
 
 /// The bytes received instead of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Came {
+pub enum Reception {
     /// Nothing.
-    Nothing,
+    Silence,
     /// Bytes, but not the answer.
     Garbage,
 }
@@ -67,22 +68,30 @@ pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
     )
 }
 
-/// The damage on a line since it was opened.
-#[derive(Default)]
-struct Damage {
+/// Errors on a line since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LineErrors {
     /// Bytes outside frames.
-    bytes: usize,
+    pub noise_bytes: usize,
     /// Frames with a wrong checksum.
-    checksums: usize,
+    pub checksums: usize,
 }
 
-impl Damage {
-    /// Counts noise, and returns the number of wrong checksums in it.
-    fn count(&mut self, bytes: &[u8], reason: Reason) -> usize {
-        let checksums = usize::from(matches!(reason, Reason::Checksum { .. }));
-        self.bytes += bytes.len();
-        self.checksums += checksums;
-        checksums
+impl Add for LineErrors {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            noise_bytes: self.noise_bytes + other.noise_bytes,
+            checksums: self.checksums + other.checksums,
+        }
+    }
+}
+
+impl LineErrors {
+    fn count(&mut self, noise: &[u8], reason: Reason) {
+        self.noise_bytes += noise.len();
+        self.checksums += usize::from(matches!(reason, Reason::Checksum { .. }));
     }
 }
 
@@ -92,10 +101,10 @@ pub struct Link<P: Arm> {
     client: Client<P, BUFFER>,
     /// Bytes read but not yet passed to the client.
     unread: Vec<u8>,
-    start: Instant,
+    clock: Stopwatch,
     stale_window: Duration,
     interrupt: Option<Interrupt>,
-    damage: Damage,
+    errors: LineErrors,
 }
 
 impl<P: Arm> Link<P> {
@@ -105,10 +114,10 @@ impl<P: Arm> Link<P> {
             line,
             client: Client::new(P::default(), config),
             unread: Vec::new(),
-            start: Instant::now(),
+            clock: Stopwatch::start(),
             stale_window: Duration::from_micros(config.stale_window.as_micros()),
             interrupt: None,
-            damage: Damage::default(),
+            errors: LineErrors::default(),
         }
     }
 
@@ -137,13 +146,14 @@ impl<P: Arm> Link<P> {
         self.client
             .submit(request)
             .expect("the client is idle, and has room for any request");
-        let begun = self.now();
+        let begun = self.clock.now();
+        let errors = self.errors;
         let mut received = Received::default();
         // Bytes that have arrived are read before the request is sent: an old answer must not be taken for the new one.
         // Torque-off does not wait for an arm that never stops sending.
         let mut drained = !self.client.expects_answer();
         loop {
-            let now = self.now();
+            let now = self.clock.now();
             let until = match self.client.poll(now) {
                 Output::Transmit(bytes) if drained || received.count > BUFFERED => {
                     let n = self.line.write(bytes)?;
@@ -157,23 +167,22 @@ impl<P: Arm> Link<P> {
                         Event::Answer(response) => return Ok(Some(take(response))),
                         Event::Sent => return Ok(None),
                         Event::Unacceptable(error) => {
-                            let reason = format!("the arm's answer cannot be accepted: {error}");
-                            let name = self.line.name().to_owned();
-                            return Err(Error::Unacceptable { name, reason });
+                            let reason = format_args!("the arm's answer cannot be accepted: {error}");
+                            return Err(Error::unacceptable(self.line.name(), reason));
                         }
                         Event::TimedOut { sends } => {
                             received.sends = sends;
                             received.millis = now.since(begun).as_micros() / 1_000;
+                            received.checksums = self.errors.checksums - errors.checksums;
                             return Err(self.no_answer(request, received));
                         }
                         Event::Broken { offset, reason } => {
-                            let reason = format!(
+                            let reason = format_args!(
                                 "what arrives there is no message of {} (byte {offset}: {reason}): is it this arm, and its \
                                  control port?",
                                 P::NAME
                             );
-                            let name = self.line.name().to_owned();
-                            return Err(Error::Unacceptable { name, reason });
+                            return Err(Error::unacceptable(self.line.name(), reason));
                         }
                         Event::Late(_) => received.late += 1,
                         Event::Unsolicited(_) => received.frames += 1,
@@ -181,39 +190,31 @@ impl<P: Arm> Link<P> {
                             received.unknown.get_or_insert_with(|| error.to_string());
                         }
                         Event::Echo => received.echoes += 1,
-                        Event::Noise { bytes, reason, .. } => {
-                            received.checksums += self.damage.count(bytes, reason);
-                        }
+                        Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
                     }
                     continue;
                 }
             };
-            let wait = until.since(now);
-            let n = self.receive(Duration::from_micros(wait.as_micros()), Some(&mut received))?;
+            let n = self.receive(self.clock.until(until), Some(&mut received))?;
             drained = n == 0;
         }
     }
 
     /// The arm's unsolicited responses, converted by `take`, after a wait of at most this long for the first byte. `None`
     /// if no byte came.
-    pub(crate) fn hear<T>(
+    pub(crate) fn unsolicited<T>(
         &mut self,
         wait: Duration,
         mut take: impl FnMut(P::Response<'_>) -> T,
     ) -> Result<Option<Vec<T>>, Error> {
         let n = self.receive(wait, None)?;
-        let now = self.now();
-        let mut received = Vec::new();
-        while let Output::Event(event) = self.client.poll(now) {
-            match event {
-                Event::Unsolicited(response) => received.push(take(response)),
-                Event::Noise { bytes, reason, .. } => {
-                    self.damage.count(bytes, reason);
-                }
-                _ => {}
+        let mut responses = Vec::new();
+        self.take_events(|event| {
+            if let Event::Unsolicited(response) = event {
+                responses.push(take(response));
             }
-        }
-        Ok((n > 0).then_some(received))
+        });
+        Ok((n > 0).then_some(responses))
     }
 
     /// Returns true if the answer to a call that timed out arrives within the stale window.
@@ -226,19 +227,22 @@ impl<P: Arm> Link<P> {
         loop {
             let left = until.saturating_duration_since(Instant::now());
             self.receive(left, None)?;
-            let now = self.now();
-            while let Output::Event(event) = self.client.poll(now) {
-                match event {
-                    Event::Late(_) => return Ok(true),
-                    Event::Noise { bytes, reason, .. } => {
-                        self.damage.count(bytes, reason);
-                    }
-                    _ => {}
-                }
-            }
+            let mut is_late = false;
+            self.take_events(|event| is_late |= matches!(event, Event::Late(_)));
             // The wait ends even if bytes do not.
-            if left.is_zero() {
-                return Ok(false);
+            if is_late || left.is_zero() {
+                return Ok(is_late);
+            }
+        }
+    }
+
+    /// Passes the events of the received bytes to `take`, and counts noise.
+    fn take_events(&mut self, mut take: impl FnMut(Event<'_, P::Response<'_>>)) {
+        let now = self.clock.now();
+        while let Output::Event(event) = self.client.poll(now) {
+            match event {
+                Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
+                event => take(event),
             }
         }
     }
@@ -247,20 +251,16 @@ impl<P: Arm> Link<P> {
     /// remaining bytes, and no valid frame ends with a zero.
     fn abort(&mut self) -> Result<(), Error> {
         while !self.client.is_idle() {
-            match self.client.poll(self.now()) {
+            match self.client.poll(self.clock.now()) {
                 Output::Transmit(_) if P::LOSSLESS => {
-                    return Err(Error::Lost {
-                        name: self.line.name().to_owned(),
-                        reason: "the connection ended in the middle of a request: open it again".to_owned(),
-                    });
+                    let reason = "the connection ended in the middle of a request: open it again";
+                    return Err(Error::lost(self.line.name(), reason));
                 }
                 Output::Transmit(bytes) => {
                     let n = self.line.write(&[0; BUFFER][..bytes.len()])?;
                     self.transmitted(n);
                 }
-                Output::Event(Event::Noise { bytes, reason, .. }) => {
-                    self.damage.count(bytes, reason);
-                }
+                Output::Event(Event::Noise { bytes, reason, .. }) => self.errors.count(bytes, reason),
                 Output::Event(_) => {}
                 Output::Timeout(_) => break,
             }
@@ -269,34 +269,19 @@ impl<P: Arm> Link<P> {
     }
 
     fn transmitted(&mut self, n: usize) {
-        let now = self.now();
         self.client
-            .transmitted(now, n)
+            .transmitted(self.clock.now(), n)
             .expect("the line wrote no more than there was");
     }
 
-    /// Number of bytes outside frames so far.
-    pub fn dropped(&self) -> usize {
-        self.damage.bytes
-    }
-
-    /// Number of frames with a wrong checksum so far.
-    pub fn checksums(&self) -> usize {
-        self.damage.checksums
+    /// Errors on the line so far.
+    pub fn line_errors(&self) -> LineErrors {
+        self.errors
     }
 
     /// The line's name, as typed by the user.
     pub fn name(&self) -> &str {
         self.line.name()
-    }
-
-    /// Time since the line was opened.
-    pub fn now(&self) -> time::Instant {
-        time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
-    }
-
-    pub(crate) fn sleep_until(&self, instant: time::Instant) {
-        thread::sleep(Duration::from_micros(instant.since(self.now()).as_micros()));
     }
 
     /// Passes received bytes to the client, waiting at most this long for the first one. Returns their number.
@@ -320,8 +305,7 @@ impl<P: Arm> Link<P> {
                 received.bytes.extend(buf[..n].iter().take(room));
             }
         }
-        let now = self.now();
-        let left = self.client.receive(now, &self.unread).len();
+        let left = self.client.receive(self.clock.now(), &self.unread).len();
         let n = self.unread.len() - left;
         self.unread.drain(..n);
         Ok(n)
@@ -329,16 +313,15 @@ impl<P: Arm> Link<P> {
 
     fn no_answer(&mut self, request: &P::Request<'_>, mut received: Received) -> Error {
         received.begun = is_begun::<P>(request, &received.bytes);
-        let came = if received.count == 0 {
-            Came::Nothing
-        } else {
-            Came::Garbage
+        let reception = match received.count {
+            0 => Reception::Silence,
+            _ => Reception::Garbage,
         };
         let names = Names {
             arm: P::NAME,
             other: P::OTHER,
         };
-        let hints = self.line.hints(came, names);
+        let hints = self.line.hints(reception, names);
         Error::NoAnswer {
             name: self.line.name().to_owned(),
             cause: received.cause(P::NAME, &hints),
@@ -418,7 +401,7 @@ mod tests {
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Came, _: Names) -> String {
+        fn hints(&mut self, _: Reception, _: Names) -> String {
             unreachable!("it answers")
         }
     }
@@ -465,7 +448,7 @@ mod tests {
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Came, _: Names) -> String {
+        fn hints(&mut self, _: Reception, _: Names) -> String {
             String::new()
         }
     }
@@ -498,7 +481,7 @@ mod tests {
             Ok(n)
         }
 
-        fn hints(&mut self, _: Came, _: Names) -> String {
+        fn hints(&mut self, _: Reception, _: Names) -> String {
             String::new()
         }
     }

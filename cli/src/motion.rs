@@ -1,9 +1,9 @@
 //! `armwire move`, `torque` and `set-zero`: actions of a Ling arm, each read back.
 
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use armwire::ling::{JointState, Ling, MotionStatus, Move, Position, Request, Response, TICKS_PER_TURN, Torque};
-use armwire_bridge::time;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
@@ -22,13 +22,13 @@ const NEAR: u16 = 3;
 /// Tolerance of the gripper: 5 thousandths of its stroke, 0.5 %.
 const NEAR_OPENING: u16 = 5;
 /// A gripper whose reading is the same for this long stands still: it may hold something.
-const STANDS_STILL: time::Duration = time::Duration::from_millis(1_000);
+const STANDS_STILL: Duration = Duration::from_millis(1_000);
 /// Zero, in ticks.
 const ZERO: u16 = Position::CENTRE.ticks();
 /// Timeout of an action that is read back.
-const OBEYS: Duration = Duration::from_millis(500);
+const READ_BACK_TIMEOUT: Duration = Duration::from_millis(500);
 /// Period of the readings.
-const PERIOD: time::Duration = time::Duration::from_millis(20);
+const PERIOD: Duration = Duration::from_millis(20);
 
 /// The arguments of `armwire move`.
 #[derive(Args)]
@@ -117,7 +117,7 @@ impl SetTorque {
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetTorque(self.torque), drop)?;
         let is_so = |_, state: &JointState| is_holding(state.status) == Some(wanted);
-        let (JointState { status, .. }, is_so) = read_until(&mut link, OBEYS, is_so)?;
+        let (JointState { status, .. }, is_so) = read_until(&mut link, READ_BACK_TIMEOUT, is_so)?;
         let request = Ling::show_request(&Request::SetTorque(self.torque));
         match is_holding(status) {
             _ if is_so => say(format_args!("{done} (status {status})")),
@@ -139,7 +139,7 @@ impl SetZero {
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetZero, drop)?;
         let is_zero = |_, state: &JointState| state.joints.iter().all(|ticks| ticks.abs_diff(ZERO) <= NEAR);
-        let (state, is_zero) = read_until(&mut link, OBEYS, is_zero)?;
+        let (state, is_zero) = read_until(&mut link, READ_BACK_TIMEOUT, is_zero)?;
         let text = show(state);
         match is_zero {
             true => say(format_args!("zero set: {text}")),
@@ -171,35 +171,36 @@ fn read(link: &mut Link<Ling>) -> Result<JointState, Error> {
     }
 }
 
-/// Reads until it is so, but not longer than the time. Returns the last that was read, and whether it is so.
+/// Reads until `is_so` returns true, at most for the timeout. `is_so` takes the time since the start and the reading.
+/// Returns the last reading, and its result.
 fn read_until(
     link: &mut Link<Ling>,
     timeout: Duration,
-    mut is_so: impl FnMut(time::Instant, &JointState) -> bool,
+    mut is_so: impl FnMut(Duration, &JointState) -> bool,
 ) -> Result<(JointState, bool), Error> {
-    let until = link.now() + time::Duration::from_micros(timeout.as_micros().try_into().unwrap_or(u64::MAX));
+    let start = Instant::now();
     loop {
         let state = read(link)?;
-        let is_so = is_so(link.now(), &state);
-        if is_so || until <= link.now() {
+        let is_so = is_so(start.elapsed(), &state);
+        if is_so || start.elapsed() >= timeout {
             return Ok((state, is_so));
         }
-        link.sleep_until(link.now() + PERIOD);
+        thread::sleep(PERIOD);
     }
 }
 
-/// Since when a gripper's reading is the same.
+/// A gripper's reading, and the time since which it is the same.
 #[derive(Default)]
-struct Standstill(Option<(u16, time::Instant)>);
+struct Standstill(Option<(u16, Duration)>);
 
 impl Standstill {
     /// Takes a reading, and returns how long it has been the same.
-    fn lasts(&mut self, now: time::Instant, opening: u16) -> time::Duration {
+    fn lasts(&mut self, now: Duration, opening: u16) -> Duration {
         match self.0 {
-            Some((before, since)) if before == opening => now.since(since),
+            Some((before, since)) if before == opening => now - since,
             _ => {
                 self.0 = Some((opening, now));
-                time::Duration::default()
+                Duration::ZERO
             }
         }
     }
@@ -230,7 +231,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_joints_that_are_not_there_are_told() {
+    fn only_joints_away_from_their_targets_are_listed() {
         let target = Move {
             joints: [(Position::CENTRE, Speed::MAX); 6],
             gripper: (Opening::OPEN, GripperSpeed(1000)),
@@ -271,10 +272,7 @@ mod tests {
     #[test]
     fn gripper_stands_still_while_its_reading_is_the_same() {
         let mut gripper = Standstill::default();
-        let lasts = |(millis, opening): (u64, u16)| {
-            let now = time::Instant::from_micros(millis * 1_000);
-            gripper.lasts(now, opening).as_micros() / 1_000
-        };
+        let lasts = |(millis, opening): (u64, u16)| gripper.lasts(Duration::from_millis(millis), opening).as_millis();
         let readings = [(10, 0), (500, 0), (600, 1), (1600, 1), (1601, 0), (1602, 0)];
         assert_eq!(readings.map(lasts), [0, 490, 0, 1000, 0, 1]);
     }

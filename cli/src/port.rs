@@ -10,7 +10,7 @@ use armwire::{Config, time};
 use armwire_bridge::can::{Function, Node};
 use armwire_sim::slcan::{BIT_RATES, BitRate};
 
-use crate::can::{self, CanLine, Channel, SharedBus};
+use crate::can::{self, CanLine, SharedBus};
 use crate::control::ControlLink;
 use crate::describe::Arm;
 use crate::error::Error;
@@ -284,7 +284,7 @@ impl Connection {
 
     fn on_can(&self, node: Node, tx: Function, rx: Function) -> CanLine {
         let bus = self.bus.as_ref().expect("a port on CAN has a bus");
-        CanLine::new(self.port.to_string(), node, Channel::new(bus, tx.id(node), rx.id(node)))
+        CanLine::new(self.port.to_string(), bus, node, tx, rx)
     }
 }
 

@@ -20,7 +20,7 @@ use serial2::{KeepSettings, SerialPort};
 
 use crate::available;
 use crate::error::Error;
-use crate::link::{Came, Line, Names, is_nothing_yet};
+use crate::link::{Line, Names, Reception, is_nothing_yet};
 
 /// Timeout of a write. The longest request takes less than 40 ms at 9600 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
@@ -72,14 +72,14 @@ impl Line for Serial {
         }
     }
 
-    fn hints(&mut self, came: Came, names: Names) -> String {
+    fn hints(&mut self, reception: Reception, names: Names) -> String {
         let (baud, Names { arm, other }) = (self.baud, names);
-        match came {
-            Came::Nothing => format!(
+        match reception {
+            Reception::Silence => format!(
                 "is the arm powered, is it on this port, and does it talk at {baud} baud? Is it {arm}, and not {other} nor \
                  an SLCAN adapter (slcan:PORT)?"
             ),
-            Came::Garbage => format!("is {baud} the baud rate, and is it {arm}, and not {other}?"),
+            Reception::Garbage => format!("is {baud} the baud rate, and is it {arm}, and not {other}?"),
         }
     }
 }

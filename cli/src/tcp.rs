@@ -10,7 +10,7 @@ use armwire::xarm::XArm;
 
 use crate::describe::Arm;
 use crate::error::Error;
-use crate::link::{Came, Line, Link, Names, is_nothing_yet};
+use crate::link::{Line, Link, Names, Reception, is_nothing_yet};
 
 /// TCP port of an xArm's requests.
 const PORT: u16 = 502;
@@ -165,17 +165,17 @@ impl Line for Tcp {
         }
     }
 
-    fn hints(&mut self, came: Came, names: Names) -> String {
-        match (came, self.is_serial) {
-            (Came::Nothing, false) => format!("is it {} that listens there, and on its control port?", names.arm),
-            (Came::Garbage, false) => "is it this arm, and its control port?".to_owned(),
-            (Came::Nothing, true) => {
+    fn hints(&mut self, reception: Reception, names: Names) -> String {
+        match (reception, self.is_serial) {
+            (Reception::Silence, false) => format!("is it {} that listens there, and on its control port?", names.arm),
+            (Reception::Garbage, false) => "is it this arm, and its control port?".to_owned(),
+            (Reception::Silence, true) => {
                 let Names { arm, other } = names;
                 format!(
                     "is the arm powered, and is its serial port the one that is served there? Is it {arm}, and not {other}?"
                 )
             }
-            (Came::Garbage, true) => {
+            (Reception::Garbage, true) => {
                 let Names { arm, other } = names;
                 format!("has the serial port there the arm's baud rate, and is it {arm}, and not {other}?")
             }

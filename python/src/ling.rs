@@ -138,7 +138,8 @@ impl LingPort {
 
     /// Bytes outside frames, and frames with a wrong checksum, since the port was opened.
     fn line_errors(&self, py: Python<'_>) -> PyResult<(usize, usize)> {
-        self.0.with(py, |link| Ok((link.dropped(), link.checksums())))
+        let errors = self.0.with(py, |link| Ok(link.line_errors()))?;
+        Ok((errors.noise_bytes, errors.checksums))
     }
 }
 

@@ -247,7 +247,7 @@ impl<'a, 'b> Session<'a, 'b> {
 
     /// Receives one event of the adapter within a period. Returns true for a reading.
     fn receive(&mut self) -> Result<bool, Failure> {
-        let Some((stamp, event)) = self.port.hear(self.period)? else {
+        let Some((stamp, event)) = self.port.next_event(self.period)? else {
             return Ok(false);
         };
         let at = self.clock.system_time(stamp, stamps::now());

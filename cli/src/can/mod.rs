@@ -6,19 +6,20 @@ mod slcan;
 mod socket;
 
 use std::collections::VecDeque;
+use std::io::Read;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_FRAME, MAX_MESSAGE, Reply, Request};
 use armwire_bridge::isotp::{self, Endpoint, Event};
-use armwire_bridge::time;
 use armwire_sim::slcan::BitRate;
 
 use crate::error::Error;
 use crate::line_holder;
-use crate::link::{Came, Line, Names};
+use crate::link::{Line, Names, Reception};
 use crate::serial::Serial;
+use crate::stopwatch::Stopwatch;
 use bus::Bus;
 
 /// The longest PDU: a message of the control port. Frames of an arm are shorter.
@@ -105,55 +106,41 @@ impl SharedBus {
 }
 
 /// Whole messages to and from an adapter.
-pub(crate) struct Channel {
+pub(crate) struct CanLine {
+    /// The name on the command line.
+    name: String,
+    node: Node,
     bus: SharedBus,
     rx: Id,
     endpoint: Endpoint<MAX_PDU, MAX_PDU>,
     /// PDUs received while waiting for another event.
     inbox: VecDeque<Vec<u8>>,
-    start: Instant,
+    /// The rest of a PDU that did not fit in the reader's buffer.
+    rest: VecDeque<u8>,
+    clock: Stopwatch,
 }
 
-/// The reason for a failed PDU.
-enum Lost {
-    Bus(Error),
-    IsoTp(isotp::Error),
-    Refused(isotp::Refused),
-}
-
-impl From<Error> for Lost {
-    fn from(error: Error) -> Self {
-        Self::Bus(error)
-    }
-}
-
-impl Lost {
-    fn error(self, bus: &SharedBus, name: &str, node: Node) -> Error {
-        match self {
-            Self::Bus(error) => error,
-            Self::IsoTp(error) => Error::at(name, format_args!("{error}: {}", bus.hints("", node))),
-            Self::Refused(error) => Error::at(name, format_args!("{error}: does another program talk to the adapter?")),
-        }
-    }
-}
-
-impl Channel {
-    /// A channel that sends on `tx` and receives on `rx`.
-    pub(crate) fn new(bus: &SharedBus, tx: Id, rx: Id) -> Self {
+impl CanLine {
+    /// A line that sends requests to `node` as frames of function `tx`, and receives answers as those of `rx`.
+    pub(crate) fn new(name: String, bus: &SharedBus, node: Node, tx: Function, rx: Function) -> Self {
+        let rx = rx.id(node);
         bus.lock().inboxes.push((rx, VecDeque::new()));
         // Every adapter accepts classic frames. Adapters without CAN FD accept no others.
-        let config = isotp::Config::new(isotp::Link::Classic, tx);
+        let config = isotp::Config::new(isotp::Link::Classic, tx.id(node));
         Self {
+            name,
+            node,
             bus: bus.clone(),
             rx,
             endpoint: Endpoint::new(config),
             inbox: VecDeque::new(),
-            start: Instant::now(),
+            rest: VecDeque::new(),
+            clock: Stopwatch::start(),
         }
     }
 
     /// Sends a PDU, and returns after its last frame.
-    fn send(&mut self, pdu: &[u8]) -> Result<(), Lost> {
+    pub(crate) fn send(&mut self, pdu: &[u8]) -> Result<(), Error> {
         // Every PDU is sent to its end, and none is empty or too long.
         let _ = self.endpoint.send(pdu);
         self.transmit()?;
@@ -164,7 +151,7 @@ impl Channel {
     }
 
     /// The next PDU. `None` if none ended within this time.
-    fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Lost> {
+    pub(crate) fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Error> {
         let until = Instant::now() + wait;
         loop {
             let left = until.saturating_duration_since(Instant::now());
@@ -177,87 +164,48 @@ impl Channel {
     }
 
     /// Waits for a frame or for the next work, at most for this time.
-    fn step(&mut self, wait: Duration) -> Result<(), Lost> {
+    fn step(&mut self, wait: Duration) -> Result<(), Error> {
         let due = [self.endpoint.timeout(), self.endpoint.transmit_at()]
             .into_iter()
             .flatten()
             .min();
-        let due = due.map(|due| Duration::from_micros(due.since(self.now()).as_micros()));
+        let due = due.map(|due| self.clock.until(due));
         let wait = if self.inbox.is_empty() { wait } else { Duration::ZERO };
         let frame = self.bus.receive(self.rx, due.unwrap_or(wait).min(wait))?;
-        let now = self.now();
-        if let Some(frame) = frame {
-            for event in self.endpoint.receive(frame.data(), now) {
-                note(event)?;
+        let now = self.clock.now();
+        let received = frame.map(|frame| self.endpoint.receive(frame.data(), now));
+        for event in received.into_iter().flatten().chain(self.endpoint.tick(now)) {
+            match event {
+                Event::Received | Event::Ignored(_) => {}
+                Event::Failed(error) => {
+                    let hints = self.adapter_hints();
+                    return Err(Error::at(&self.name, format_args!("{error}: {hints}")));
+                }
+                Event::Refused(error) => {
+                    let reason = format_args!("{error}: does another program talk to the adapter?");
+                    return Err(Error::at(&self.name, reason));
+                }
             }
-        }
-        for event in self.endpoint.tick(now) {
-            note(event)?;
         }
         if let Some(pdu) = self.endpoint.received() {
             self.inbox.push_back(pdu.to_vec());
             self.endpoint.release();
         }
-        Ok(self.transmit()?)
+        self.transmit()
     }
 
     fn transmit(&mut self) -> Result<(), Error> {
-        while let Some(frame) = self.endpoint.transmit(self.now()) {
+        while let Some(frame) = self.endpoint.transmit(self.clock.now()) {
             self.bus.send(&frame)?;
-            self.endpoint.transmitted(self.now());
+            self.endpoint.transmitted(self.clock.now());
         }
         Ok(())
     }
 
-    fn now(&self) -> time::Instant {
-        time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
-    }
-}
-
-fn note(event: Event) -> Result<(), Lost> {
-    match event {
-        Event::Received | Event::Ignored(_) => Ok(()),
-        Event::Failed(error) => Err(Lost::IsoTp(error)),
-        Event::Refused(refused) => Err(Lost::Refused(refused)),
-    }
-}
-
-/// A [`Channel`] to one node, with its name on the command line.
-pub(crate) struct CanLine {
-    name: String,
-    node: Node,
-    channel: Channel,
-    /// The rest of a PDU that did not fit in the reader's buffer.
-    rest: VecDeque<u8>,
-}
-
-impl CanLine {
-    pub(crate) fn new(name: String, node: Node, channel: Channel) -> Self {
-        let rest = VecDeque::new();
-        Self {
-            name,
-            node,
-            channel,
-            rest,
-        }
-    }
-
-    /// Sends a message.
-    pub(crate) fn send(&mut self, pdu: &[u8]) -> Result<(), Error> {
-        let sent = self.channel.send(pdu);
-        sent.map_err(|lost| lost.error(&self.channel.bus, &self.name, self.node))
-    }
-
-    /// The next message. `None` if none ended within this time.
-    pub(crate) fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Error> {
-        let received = self.channel.receive(wait);
-        received.map_err(|lost| lost.error(&self.channel.bus, &self.name, self.node))
-    }
-
     /// The holder of the line to the arm, read from the adapter. `None` without a holder or without a reply.
     fn holder(&self) -> Option<String> {
-        let ids = [Function::ControlRequest, Function::ControlAnswer].map(|function| function.id(self.node));
-        let mut channel = Channel::new(&self.channel.bus, ids[0], ids[1]);
+        let (tx, rx) = (Function::ControlRequest, Function::ControlAnswer);
+        let mut control = Self::new(self.name.clone(), &self.bus, self.node, tx, rx);
         let sequence = std::process::id() as u8;
         let mut pdu = [0; MAX_MESSAGE];
         let request = FromHost {
@@ -265,9 +213,9 @@ impl CanLine {
             request: Request::GetLine,
         };
         let n = control::encode(&request, &mut pdu).ok()?;
-        channel.send(&pdu[..n]).ok()?;
+        control.send(&pdu[..n]).ok()?;
         let until = Instant::now() + HOLDER_TIMEOUT;
-        while let Some(pdu) = channel.receive(until.saturating_duration_since(Instant::now())).ok()? {
+        while let Some(pdu) = control.receive(until.saturating_duration_since(Instant::now())).ok()? {
             match control::decode(&pdu) {
                 Ok(FromAdapter::Reply {
                     sequence: of,
@@ -281,7 +229,7 @@ impl CanLine {
 
     /// Hints for an adapter that does not reply.
     pub(crate) fn adapter_hints(&self) -> String {
-        self.channel.bus.hints("", self.node)
+        self.bus.hints("", self.node)
     }
 }
 
@@ -294,11 +242,7 @@ impl Line for CanLine {
         if self.rest.is_empty() {
             self.rest = self.receive(wait)?.unwrap_or_default().into();
         }
-        let n = self.rest.len().min(buf.len());
-        for (place, byte) in buf.iter_mut().zip(self.rest.drain(..n)) {
-            *place = byte;
-        }
-        Ok(n)
+        self.rest.read(buf).map_err(|error| Error::at(&self.name, error))
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
@@ -306,13 +250,13 @@ impl Line for CanLine {
         Ok(bytes.len())
     }
 
-    fn hints(&mut self, came: Came, _: Names) -> String {
-        match came {
-            Came::Nothing => match self.holder() {
-                Some(told) => format!("the line to the arm runs at {told}"),
-                None => self.channel.bus.hints("is the arm powered, ", self.node),
+    fn hints(&mut self, reception: Reception, _: Names) -> String {
+        match reception {
+            Reception::Silence => match self.holder() {
+                Some(holder) => format!("the line to the arm runs at {holder}"),
+                None => self.bus.hints("is the arm powered, ", self.node),
             },
-            Came::Garbage => "is the adapter configured for this arm?".to_owned(),
+            Reception::Garbage => "is the adapter configured for this arm?".to_owned(),
         }
     }
 }

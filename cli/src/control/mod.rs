@@ -1,4 +1,4 @@
-//! An adapter's control port: requests and what comes unasked, over USB, CAN or a port of its own.
+//! An adapter's control port: requests and events, over USB, CAN or a port of its own.
 
 pub(crate) mod usb;
 
@@ -18,7 +18,7 @@ use crate::serial::Serial;
 
 /// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
-/// Maximum number of events that wait for [`hear`](ControlLink::hear): four seconds of polls at 1 kHz.
+/// Maximum number of events that wait for [`next_event`](ControlLink::next_event): four seconds of polls at 1 kHz.
 const MAX_EVENTS: usize = 4_096;
 /// The baud rate of a port that has none.
 const BAUD: u32 = 115_200;
@@ -143,7 +143,7 @@ impl ControlLink {
     ///
     /// [`Error`]: the port fails, or a message cannot be read. [`Error::At`], once, if too many events waited: the oldest
     /// were dropped.
-    pub fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
+    pub fn next_event(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
         let until = Instant::now() + wait;
         loop {
             match std::mem::take(&mut self.dropped) {
@@ -167,7 +167,7 @@ impl ControlLink {
         }
     }
 
-    /// Keeps an event for [`hear`](Self::hear). The oldest makes room.
+    /// Keeps an event for [`next_event`](Self::next_event). The oldest makes room.
     fn keep(&mut self, at: Stamp, event: Event) {
         if self.events.len() == MAX_EVENTS {
             self.events.pop_front();
@@ -294,7 +294,7 @@ mod tests {
     use armwire_bridge::control::encode_cobs;
 
     use super::*;
-    use crate::link::{Came, Names};
+    use crate::link::{Names, Reception};
 
     /// An adapter that sends this many events before each reply, stamped 0 and up.
     struct Talkative {
@@ -303,7 +303,7 @@ mod tests {
     }
 
     impl Talkative {
-        fn say(&mut self, message: &FromAdapter) {
+        fn send(&mut self, message: &FromAdapter) {
             let mut bytes = [0; MAX_COBS];
             let n = encode_cobs(message, &mut bytes).unwrap();
             self.out.extend(&bytes[..n]);
@@ -329,14 +329,14 @@ mod tests {
             let request: FromHost = reader.next().unwrap().unwrap();
             for at in 0..self.events {
                 let event = Event::BusOff { off: true };
-                self.say(&FromAdapter::Event { at: Stamp(at), event });
+                self.send(&FromAdapter::Event { at: Stamp(at), event });
             }
             let (sequence, reply) = (request.sequence, Reply::Done);
-            self.say(&FromAdapter::Reply { sequence, reply });
+            self.send(&FromAdapter::Reply { sequence, reply });
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Came, _: Names) -> String {
+        fn hints(&mut self, _: Reception, _: Names) -> String {
             String::new()
         }
     }
@@ -351,13 +351,13 @@ mod tests {
         let mut link = link(MAX_EVENTS as u64 + 3);
         link.call(Request::EndStream).unwrap();
         assert_eq!(
-            link.hear(Duration::ZERO).unwrap_err().to_string(),
+            link.next_event(Duration::ZERO).unwrap_err().to_string(),
             "fake: 3 events were dropped: more than 4096 waited to be read"
         );
         for at in 3..MAX_EVENTS as u64 + 3 {
-            assert_eq!(link.hear(Duration::ZERO).unwrap().unwrap().0, Stamp(at));
+            assert_eq!(link.next_event(Duration::ZERO).unwrap().unwrap().0, Stamp(at));
         }
-        assert_eq!(link.hear(Duration::ZERO).unwrap(), None);
+        assert_eq!(link.next_event(Duration::ZERO).unwrap(), None);
     }
 
     #[test]
@@ -365,6 +365,6 @@ mod tests {
         let mut link = link(MAX_EVENTS as u64 + 3);
         link.call(Request::EndStream).unwrap();
         link.call(Request::Subscribe(Subscription::default())).unwrap();
-        assert_eq!(link.hear(Duration::ZERO).unwrap(), None);
+        assert_eq!(link.next_event(Duration::ZERO).unwrap(), None);
     }
 }

@@ -9,7 +9,7 @@ use nusb::transfer::{Bulk, Direction, In, Out};
 use nusb::{DeviceInfo, Interface, MaybeFuture};
 
 use crate::error::Error;
-use crate::link::{Came, Line, Names, is_nothing_yet};
+use crate::link::{Line, Names, Reception, is_nothing_yet};
 
 /// USB ids of the adapter. They are the pid.codes test ids, so the interface is checked, too.
 pub(crate) const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
@@ -144,7 +144,7 @@ impl Line for UsbLine {
         }
     }
 
-    fn hints(&mut self, _: Came, _: Names) -> String {
+    fn hints(&mut self, _: Reception, _: Names) -> String {
         "is its firmware stuck?".to_owned()
     }
 }

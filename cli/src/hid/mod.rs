@@ -10,7 +10,7 @@ use armwire::alpha1::hid::{self, REPORT};
 
 use crate::error::Error;
 use crate::hid_selector::{ALPHA1, Selector};
-use crate::link::{Came, Line, Names};
+use crate::link::{Line, Names, Reception};
 
 use device::Device;
 
@@ -181,13 +181,13 @@ impl<R: Reports> Line for HidLine<R> {
         Ok(bytes.len())
     }
 
-    fn hints(&mut self, came: Came, names: Names) -> String {
-        match came {
-            Came::Nothing => format!(
+    fn hints(&mut self, reception: Reception, names: Names) -> String {
+        match reception {
+            Reception::Silence => format!(
                 "is the robot on, is it {}, and is the port free of other programs?",
                 names.arm
             ),
-            Came::Garbage => format!("is it {}, and not another HID device?", names.arm),
+            Reception::Garbage => format!("is it {}, and not another HID device?", names.arm),
         }
     }
 }
@@ -253,7 +253,7 @@ mod tests {
             response == Response::Stopped(Outcome::Success)
         });
         assert_eq!(stopped.unwrap(), Some(true));
-        assert_eq!(link.dropped(), 0);
+        assert_eq!(link.line_errors().noise_bytes, 0);
     }
 
     #[test]

@@ -9,15 +9,16 @@ use armwire::ling::Ling;
 use armwire_bridge::config::{ArmKind, Poll};
 use armwire_bridge::control::{self, Event, Subscription};
 
-use super::asked::{Readable, news};
-use super::reading::{LineErrors, News, OnFrame, Source};
+use super::polled::{Readable, news};
+use super::reading::{News, OnFrame, Source};
 use super::recorder::Recorder;
 use crate::config;
 use crate::control::ControlLink;
 use crate::error::Error;
+use crate::link::LineErrors;
 
 /// Maximum wait for an event. Keys are read between waits.
-const LISTEN: Duration = Duration::from_millis(50);
+const EVENT_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// A subscription to the adapter of an arm with this protocol.
 struct Subscribed<P> {
@@ -31,7 +32,7 @@ struct Subscribed<P> {
 /// Subscribes to all events of the adapter.
 pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<dyn Source>, Error> {
     let config = config::get(&mut control)?;
-    let heard = match config.arm {
+    let source = match config.arm {
         ArmKind::Ling => Subscribed::<Ling>::open,
         ArmKind::Alpha1 => Subscribed::<Alpha1>::open,
         arm => {
@@ -47,7 +48,7 @@ pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<
     let hint = (config.poll == Poll::Off).then(|| {
         "the adapter does not poll, so this shows what others ask for ('armwire config … set poll=200')".to_owned()
     });
-    Ok(heard(control, hint, recorder))
+    Ok(source(control, hint, recorder))
 }
 
 impl<P: Readable + 'static> Subscribed<P> {
@@ -70,7 +71,7 @@ impl<P: Readable> Source for Subscribed<P> {
         P::CELSIUS.map_or(0, |(_, servos)| servos)
     }
 
-    fn is_asked(&self) -> bool {
+    fn is_polled(&self) -> bool {
         false
     }
 
@@ -82,7 +83,7 @@ impl<P: Readable> Source for Subscribed<P> {
         if let Some(hint) = self.hint.take() {
             return Ok(News::Notice(hint));
         }
-        Ok(match self.control.hear(LISTEN)? {
+        Ok(match self.control.next_event(EVENT_TIMEOUT)? {
             None => News::Nothing,
             Some((at, Event::Frame { bytes, .. })) => {
                 if let Some(on_frame) = &mut self.on_frame {
@@ -93,7 +94,7 @@ impl<P: Readable> Source for Subscribed<P> {
                     other => other,
                 }
             }
-            Some((_, event)) => told(&event).map_or(News::Nothing, News::Notice),
+            Some((_, event)) => News::Notice(describe(&event)),
         })
     }
 
@@ -108,9 +109,8 @@ impl<P: Readable> Source for Subscribed<P> {
 }
 
 /// An event in words.
-fn told(event: &Event) -> Option<String> {
-    Some(match event {
-        Event::Frame { .. } => return None,
+fn describe(event: &Event) -> String {
+    match event {
         Event::HostSilent {
             initiator,
             dropped,
@@ -123,5 +123,5 @@ fn told(event: &Event) -> Option<String> {
         Event::BusOff { off: true } => "the adapter has left the CAN bus, for there are too many errors".to_owned(),
         Event::BusOff { off: false } => "the adapter is back on the CAN bus".to_owned(),
         other => format!("{other:?}"),
-    })
+    }
 }

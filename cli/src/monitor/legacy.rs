@@ -1,17 +1,16 @@
 //! The Ling arm of the older generation: the joints and the gripper in its unsolicited frames.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use armwire::ling::legacy::{GripperState, Legacy, Response};
-use armwire_bridge::time;
 
-use super::reading::{LineErrors, News, Source};
+use super::reading::{News, Source};
 use crate::describe::{Arm, legacy};
 use crate::error::Error;
-use crate::link::Link;
+use crate::link::{LineErrors, Link};
 
 /// Maximum time without joints. Such an arm sends them 40 times per second.
-const SILENCE: time::Duration = time::Duration::from_millis(500);
+const SILENCE: Duration = Duration::from_millis(500);
 
 /// A listener on the arm's line.
 pub(super) struct Listener {
@@ -30,47 +29,39 @@ impl Source for Listener {
         Legacy::NAME
     }
 
-    fn is_asked(&self) -> bool {
+    fn is_polled(&self) -> bool {
         false
     }
 
     /// The newest received joints, or the next ones if there are none.
     fn read(&mut self) -> Result<News, Error> {
-        let until = self.link.now() + SILENCE;
+        let until = Instant::now() + SILENCE;
         let mut joints = None::<Vec<_>>;
         loop {
-            let left = match joints {
-                Some(_) => time::Duration::ZERO,
-                None => until.since(self.link.now()),
-            };
-            let heard = self
-                .link
-                .hear(Duration::from_micros(left.as_micros()), |response| response)?;
-            match (heard, &joints) {
-                (None, Some(_)) => {
-                    let mut facts = joints.unwrap_or_default();
+            let left = until.saturating_duration_since(Instant::now());
+            let wait = if joints.is_some() { Duration::ZERO } else { left };
+            let Some(responses) = self.link.unsolicited(wait, |response| response)? else {
+                if let Some(mut facts) = joints {
                     facts.extend(legacy::gripper(self.gripper.as_ref()));
                     return Ok(News::Reading(facts, None));
                 }
-                (None, None) if until <= self.link.now() => {
+                if left.is_zero() {
                     let reason = "the arm has stopped talking: is it still powered?";
                     return Err(Error::at(self.link.name(), reason));
                 }
-                (None, None) => {}
-                (Some(responses), _) => {
-                    for response in responses {
-                        match response {
-                            Response::Joints(_) => joints = Some(Legacy::facts(&response)),
-                            Response::Gripper(state) => self.gripper = Some(state),
-                            _ => {}
-                        }
-                    }
+                continue;
+            };
+            for response in responses {
+                match response {
+                    Response::Joints(_) => joints = Some(Legacy::facts(&response)),
+                    Response::Gripper(state) => self.gripper = Some(state),
+                    _ => {}
                 }
             }
         }
     }
 
     fn line_errors(&self) -> LineErrors {
-        LineErrors::of(&self.link)
+        self.link.line_errors()
     }
 }

@@ -5,10 +5,10 @@
 //! file. A [session](session::Session) drives them. This module opens the source, also after its port was lost.
 
 mod adapter;
-mod asked;
 mod legacy;
 mod model;
 mod output;
+mod polled;
 mod reading;
 #[cfg(feature = "recordings")]
 mod recorder;
@@ -39,8 +39,8 @@ use crate::error::Error;
 use crate::legacy as generation;
 use crate::tcp::Tcp;
 
-use asked::Asked;
 use output::Form;
+use polled::Polled;
 use reading::Source;
 use recorder::Recorder;
 use session::{Session, Watched};
@@ -123,13 +123,13 @@ impl Monitor {
         if matches!(self.place.arm, ArmKind::Xarm) {
             let line = Box::new(Tcp::connect_xarm(&self.place.host()?)?);
             let link = recorder.link(line, XArm::CONFIG);
-            return Ok(Watched::alone(Box::new(xarm::Asked::new(link))));
+            return Ok(Watched::alone(Box::new(xarm::PolledXArm::new(link))));
         }
         let connection = self.place.connect()?;
         let source: Box<dyn Source> = match self.place.arm {
             ArmKind::Alpha1 => {
                 let (line, config) = connection.line::<Alpha1>()?;
-                Box::new(Asked::<Alpha1>(recorder.link(line, config)))
+                Box::new(Polled::<Alpha1>(recorder.link(line, config)))
             }
             _ if is_legacy => {
                 let (line, config) = connection.line::<Legacy>()?;
@@ -137,7 +137,7 @@ impl Monitor {
             }
             _ => {
                 let (line, config) = generation::line(&connection)?;
-                Box::new(Asked::<Ling>(recorder.link(line, config)))
+                Box::new(Polled::<Ling>(recorder.link(line, config)))
             }
         };
         let adapter = match self.place.control(&connection) {

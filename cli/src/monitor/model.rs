@@ -6,8 +6,8 @@ use armwire_bridge::control::{Latencies, Stamp};
 use armwire_bridge::{Duration, Instant};
 use serde_json::{Map, Value};
 
-use super::reading::LineErrors;
 use crate::describe::Fact;
+use crate::link::LineErrors;
 
 /// Window of the measured rate.
 const WINDOW: Duration = Duration::from_millis(2_000);

@@ -3,9 +3,9 @@
 use armwire_bridge::control::Stamp;
 
 use crate::control::ControlLink;
-use crate::describe::{Arm, Fact};
+use crate::describe::Fact;
 use crate::error::Error;
-use crate::link::Link;
+use crate::link::LineErrors;
 
 /// News from a [`Source`].
 #[derive(Clone, Debug)]
@@ -34,7 +34,7 @@ pub(super) trait Source {
     }
 
     /// Returns true if each reading needs a request.
-    fn is_asked(&self) -> bool {
+    fn is_polled(&self) -> bool {
         true
     }
 
@@ -62,32 +62,5 @@ pub(super) trait Source {
     /// The adapter, if it is the source.
     fn adapter(&mut self) -> Option<&mut ControlLink> {
         None
-    }
-}
-
-/// Errors on a line.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct LineErrors {
-    /// Bytes outside frames.
-    pub(super) noise_bytes: usize,
-    /// Frames with a wrong checksum.
-    pub(super) checksums: usize,
-}
-
-impl LineErrors {
-    /// The sum of two counts.
-    pub(super) const fn and(self, other: Self) -> Self {
-        Self {
-            noise_bytes: self.noise_bytes + other.noise_bytes,
-            checksums: self.checksums + other.checksums,
-        }
-    }
-
-    /// Errors on the line of a link.
-    pub(super) fn of<P: Arm>(link: &Link<P>) -> Self {
-        Self {
-            noise_bytes: link.dropped(),
-            checksums: link.checksums(),
-        }
     }
 }

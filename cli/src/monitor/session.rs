@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use armwire_bridge::time;
 
@@ -14,6 +14,7 @@ use crate::adapter::{counters, describe, identify, latencies};
 use crate::control::ControlLink;
 use crate::error::Error;
 use crate::output::{complain, say};
+use crate::stopwatch::Stopwatch;
 
 /// Periods of requests for temperatures, for the gripper's stroke during a recording, and for the adapter's counters.
 const CELSIUS: time::Duration = time::Duration::from_millis(5_000);
@@ -44,7 +45,7 @@ pub(super) struct Session<'a> {
     form: Form,
     count: Option<u64>,
     stop: &'a AtomicBool,
-    start: Instant,
+    clock: Stopwatch,
     model: Model,
     /// `None` before the first bytes or readings.
     output: Option<Box<dyn Output>>,
@@ -64,7 +65,7 @@ impl<'a> Session<'a> {
             form,
             count,
             stop,
-            start: Instant::now(),
+            clock: Stopwatch::start(),
             model: Model::new(port),
             output: None,
             celsius: Timer::new(CELSIUS),
@@ -101,17 +102,17 @@ impl<'a> Session<'a> {
                 self.has_heard = true;
                 self.is_waiting = false;
             }
-            self.model.line_errors = before.and(source.line_errors());
+            self.model.line_errors = before + source.line_errors();
             if self.output.is_none() && (self.has_heard || rate.is_none()) {
                 self.output = Some(self.form.open()?);
             }
-            if self.form == Form::Screen && self.output.is_some() && self.adapter.is_due(self.now()) {
+            if self.form == Form::Screen && self.output.is_some() && self.adapter.is_due(self.clock.now()) {
                 let other = watched.adapter.as_mut().and_then(|adapter| adapter.as_mut().ok());
                 if let Some(control) = source.adapter().or(other) {
                     ask_adapter(control, &mut self.model);
                 }
             }
-            let wait = rate.map_or(Duration::ZERO, |rate| until_next(self.now(), rate));
+            let wait = rate.map_or(Duration::ZERO, |rate| until_next(self.clock.now(), rate));
             if self.show(step, wait)? {
                 break;
             }
@@ -141,7 +142,7 @@ impl<'a> Session<'a> {
 
     /// Shows a notice.
     pub(super) fn tell(&mut self, text: String) -> Result<(), Error> {
-        let now = self.now();
+        let now = self.clock.now();
         let Some(output) = &mut self.output else {
             complain(&text);
             return Ok(());
@@ -155,7 +156,7 @@ impl<'a> Session<'a> {
         match self.output.take() {
             Some(output) if self.form == Form::Screen => {
                 drop(output);
-                say(self.model.summary(self.now()))
+                say(self.model.summary(self.clock.now()))
             }
             _ => Ok(()),
         }
@@ -163,7 +164,7 @@ impl<'a> Session<'a> {
 
     /// Shows the model after a step, and waits. Returns true if the user ends the monitor.
     fn show(&mut self, step: Step, wait: Duration) -> Result<bool, Error> {
-        let now = self.now();
+        let now = self.clock.now();
         let Some(output) = &mut self.output else {
             thread::sleep(wait);
             return Ok(false);
@@ -175,14 +176,14 @@ impl<'a> Session<'a> {
     /// Reads from the source, and after a reading the temperatures if they are due. During a recording the stroke is
     /// read before.
     fn step(&mut self, source: &mut dyn Source, is_recorded: bool) -> Result<Step, Error> {
-        if is_recorded && self.stroke.is_due(self.now()) {
+        if is_recorded && self.stroke.is_due(self.clock.now()) {
             let news = source.read_stroke();
             self.take(news, None)?;
         }
-        let begun = self.now();
-        self.model.asked += u64::from(source.is_asked());
-        let step = self.take(source.read(), source.is_asked().then_some(begun))?;
-        if step == Step::Reading && self.form.shows_celsius() && self.celsius.is_due(self.now()) {
+        let begun = self.clock.now();
+        self.model.asked += u64::from(source.is_polled());
+        let step = self.take(source.read(), source.is_polled().then_some(begun))?;
+        if step == Step::Reading && self.form.shows_celsius() && self.celsius.is_due(self.clock.now()) {
             let news = source.read_celsius();
             self.take(news, None)?;
         }
@@ -191,7 +192,7 @@ impl<'a> Session<'a> {
 
     /// Updates the model with news. `begun` is the start of the call, if there was one.
     fn take(&mut self, news: Result<News, Error>, begun: Option<time::Instant>) -> Result<Step, Error> {
-        let now = self.now();
+        let now = self.clock.now();
         match news {
             Ok(News::Reading(facts, stamp)) => {
                 self.model.read(Latest {
@@ -225,11 +226,6 @@ impl<'a> Session<'a> {
 
     fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
-    }
-
-    /// Time since the start.
-    fn now(&self) -> time::Instant {
-        time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 }
 
@@ -283,6 +279,8 @@ impl Timer {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Instant;
+
     use super::*;
     use crate::received::Missing;
 
@@ -290,9 +288,8 @@ mod tests {
     fn without_answers(bytes: &[usize]) -> Result<(), Error> {
         let stop = AtomicBool::new(false);
         let mut session = Session::new("PORT", Form::Json, None, &stop);
-        session.start = Instant::now()
-            .checked_sub(2 * Duration::from_micros(SILENCE.as_micros()))
-            .unwrap();
+        let before = Instant::now().checked_sub(2 * Duration::from_micros(SILENCE.as_micros()));
+        session.clock = Stopwatch(before.unwrap());
         bytes.iter().try_for_each(|&bytes| {
             let error = Error::NoAnswer {
                 name: "PORT".to_owned(),

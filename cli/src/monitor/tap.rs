@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::args::Speaker;
 use crate::describe::Arm;
 use crate::error::Error;
-use crate::link::{Came, Line, Names};
+use crate::link::{Line, Names, Reception};
 use crate::recording::Capture;
 use crate::stamps::now;
 
@@ -42,7 +42,7 @@ where
         Ok(n)
     }
 
-    fn hints(&mut self, came: Came, arm: Names) -> String {
-        self.line.hints(came, arm)
+    fn hints(&mut self, reception: Reception, arm: Names) -> String {
+        self.line.hints(reception, arm)
     }
 }

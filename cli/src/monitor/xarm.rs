@@ -2,20 +2,20 @@
 
 use armwire::xarm::{Raw, Reply, Request, Response, XArm};
 
-use super::reading::{LineErrors, News, Source};
+use super::reading::{News, Source};
 use crate::describe::Arm;
 use crate::describe::xarm::{JOINTS, POSITIONS, positions};
 use crate::error::Error;
-use crate::link::Link;
+use crate::link::{LineErrors, Link};
 
-/// An arm that gets requests.
-pub(super) struct Asked {
+/// A polled arm.
+pub(super) struct PolledXArm {
     link: Link<XArm>,
     /// Number of joints; `None` before it was read.
     axes: Option<usize>,
 }
 
-impl Asked {
+impl PolledXArm {
     pub(super) fn new(link: Link<XArm>) -> Self {
         Self { link, axes: None }
     }
@@ -33,7 +33,7 @@ impl Asked {
     }
 }
 
-impl Source for Asked {
+impl Source for PolledXArm {
     fn arm(&self) -> &'static str {
         XArm::NAME
     }
@@ -58,6 +58,6 @@ impl Source for Asked {
     }
 
     fn line_errors(&self) -> LineErrors {
-        LineErrors::of(&self.link)
+        self.link.line_errors()
     }
 }

@@ -1,13 +1,13 @@
-//! An arm that gets a request for each reading.
+//! An arm that is polled: a request for each reading.
 
 use armwire::alpha1::{self, Alpha1};
 use armwire::ling::{self, Kind, Ling};
 use armwire::messages::Messages;
 
-use super::reading::{LineErrors, News, Source};
+use super::reading::{News, Source};
 use crate::describe::Arm;
 use crate::error::Error;
-use crate::link::Link;
+use crate::link::{LineErrors, Link};
 
 /// A protocol with a request for the state of the arm.
 pub(super) trait Readable: Arm {
@@ -55,17 +55,17 @@ impl Readable for Alpha1 {
     }
 }
 
-/// An arm that gets requests.
-pub(super) struct Asked<P: Arm>(pub(super) Link<P>);
+/// A polled arm.
+pub(super) struct Polled<P: Arm>(pub(super) Link<P>);
 
-impl<P: Readable> Asked<P> {
-    fn ask(&mut self, request: &P::Request<'_>) -> Result<News, Error> {
+impl<P: Readable> Polled<P> {
+    fn poll(&mut self, request: &P::Request<'_>) -> Result<News, Error> {
         let news = self.0.call(request, |response| P::news(&response))?;
         Ok(news.unwrap_or(News::Nothing))
     }
 }
 
-impl<P: Readable> Source for Asked<P> {
+impl<P: Readable> Source for Polled<P> {
     fn arm(&self) -> &'static str {
         P::NAME
     }
@@ -75,19 +75,19 @@ impl<P: Readable> Source for Asked<P> {
     }
 
     fn read(&mut self) -> Result<News, Error> {
-        self.ask(&P::READING)
+        self.poll(&P::READING)
     }
 
     fn read_celsius(&mut self) -> Result<News, Error> {
-        P::CELSIUS.map_or(Ok(News::Nothing), |(request, _)| self.ask(&request))
+        P::CELSIUS.map_or(Ok(News::Nothing), |(request, _)| self.poll(&request))
     }
 
     fn read_stroke(&mut self) -> Result<News, Error> {
-        P::STROKE.map_or(Ok(News::Nothing), |request| self.ask(&request))
+        P::STROKE.map_or(Ok(News::Nothing), |request| self.poll(&request))
     }
 
     fn line_errors(&self) -> LineErrors {
-        LineErrors::of(&self.0)
+        self.0.line_errors()
     }
 }
 
