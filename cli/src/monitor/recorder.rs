@@ -1,6 +1,9 @@
 //! The recording of a monitor, if the user wants one.
 
-use std::path::Path;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
 
 use armwire::Config;
 
@@ -10,20 +13,39 @@ use crate::args::Speaker;
 use crate::describe::{Arm, Protocol};
 use crate::error::Error;
 use crate::link::{Line, Link};
-use crate::recording::{Frame, Recording};
+use crate::new_file;
+use crate::recording::{Capture, Frame, Writer};
 use crate::stamps::{Clock, now};
 
+/// Maximum time for which frames are only in memory: a program that is killed loses as much.
+const FLUSH_PERIOD: Duration = Duration::from_secs(1);
+
 /// Records lines and adapters to one file, also when their port was lost.
-pub(super) struct Recorder(Option<Recording>);
+pub(super) struct Recorder {
+    /// `None` without a recording.
+    path: Option<PathBuf>,
+    sender: Sender<Frame>,
+    frames: Receiver<Frame>,
+    /// `None` before the first frame can arrive, and after an error.
+    writer: Option<Writer<File>>,
+    flushed: Instant,
+}
 
 impl Recorder {
     pub(super) fn new(path: Option<&Path>) -> Self {
-        Self(path.map(Recording::new))
+        let (sender, frames) = channel();
+        Self {
+            path: path.map(Path::to_owned),
+            sender,
+            frames,
+            writer: None,
+            flushed: Instant::now(),
+        }
     }
 
     /// Returns true if there is a recording.
     pub(super) fn is_on(&self) -> bool {
-        self.0.is_some()
+        self.path.is_some()
     }
 
     /// A link over this line, with a tap on it.
@@ -32,18 +54,17 @@ impl Recorder {
         P: Arm + Send + 'static,
         P::Expect: Send,
     {
-        let line = match &self.0 {
-            Some(recording) => Box::new(Tap::<P>::new(line, recording.capture())),
-            None => line,
+        let line = match self.is_on() {
+            true => Box::new(Tap::<P>::new(line, Capture::new(self.sender.clone()))),
+            false => line,
         };
         Link::new(line, config)
     }
 
     /// A recipient of frames that an adapter stamped.
     pub(super) fn on_frame(&self, protocol: Protocol) -> Option<OnFrame> {
-        let frames = self.0.as_ref()?.sender();
-        let mut clock = Clock::default();
-        Some(Box::new(move |stamp, bytes| {
+        let (frames, mut clock) = (self.sender.clone(), Clock::default());
+        let on_frame: OnFrame = Box::new(move |stamp, bytes| {
             let log_time = now();
             // Without a receiver nothing is recorded any more.
             let _ = frames.send(Frame {
@@ -53,21 +74,50 @@ impl Recorder {
                 from: Speaker::Arm,
                 bytes: bytes.to_vec(),
             });
-        }))
+        });
+        self.is_on().then_some(on_frame)
     }
 
     /// Creates the file, unless it was created before.
     pub(super) fn create(&mut self) -> Result<(), Error> {
-        self.0.as_mut().map_or(Ok(()), Recording::create)
+        if let Some(path) = &self.path
+            && self.writer.is_none()
+        {
+            let writer = Writer::new(new_file::create(path)?);
+            self.writer = Some(writer.map_err(|error| self.failed(error))?);
+        }
+        Ok(())
     }
 
     /// Writes the frames so far.
     pub(super) fn write(&mut self) -> Result<(), Error> {
-        self.0.as_mut().map_or(Ok(()), Recording::write)
+        let Some(writer) = &mut self.writer else {
+            return Ok(());
+        };
+        let mut written = self.frames.try_iter().try_for_each(|frame| writer.frame(&frame));
+        if self.flushed.elapsed() >= FLUSH_PERIOD {
+            written = written.and_then(|()| writer.flush());
+            self.flushed = Instant::now();
+        }
+        written.map_err(|error| {
+            self.writer = None;
+            self.failed(error)
+        })
     }
 
-    /// Ends the file.
-    pub(super) fn finish(self) -> Result<(), Error> {
-        self.0.map_or(Ok(()), Recording::finish)
+    /// Writes the last frames and the index.
+    pub(super) fn finish(mut self) -> Result<(), Error> {
+        self.write()?;
+        let finished = self.writer.take().map_or(Ok(()), Writer::finish);
+        finished.map_err(|error| self.failed(error))
+    }
+
+    fn failed(&self, error: mcap::McapError) -> Error {
+        let reason = match error {
+            mcap::McapError::Io(error) => error.to_string(),
+            other => other.to_string(),
+        };
+        let path = self.path.as_deref().unwrap_or(Path::new("")).display().to_string();
+        Error::Recording { path, reason }
     }
 }

@@ -18,7 +18,7 @@ pub(crate) struct Capture<P: Arm> {
 }
 
 impl<P: Arm> Capture<P> {
-    pub(super) fn new(frames: Sender<Frame>) -> Self {
+    pub(crate) fn new(frames: Sender<Frame>) -> Self {
         Self {
             to_arm: Side::new(Speaker::Host),
             from_arm: Side::new(Speaker::Arm),

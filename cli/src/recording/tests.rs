@@ -12,10 +12,10 @@ use proptest::sample::select;
 
 use super::joint_states::Joints;
 use super::messages::parse_frame;
-use super::writer::{FRAMES, Writer};
+use super::writer::FRAMES;
 use super::*;
 use crate::args::Speaker;
-use crate::describe::Protocol;
+use crate::describe::{Arm, Protocol};
 
 const PROTOCOLS: [Protocol; 4] = [Protocol::Ling, Protocol::LingLegacy, Protocol::Xarm, Protocol::Alpha1];
 /// A request of a host to read joints.

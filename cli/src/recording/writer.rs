@@ -18,7 +18,7 @@ pub(super) const JOINT_STATES: &str = "/joint_states";
 const CHUNK: u64 = 64 * 1024;
 
 /// An MCAP file that is being written. It is never sought, so that a file which is cut has whole chunks before the cut.
-pub(super) struct Writer<W: Write> {
+pub(crate) struct Writer<W: Write> {
     mcap: mcap::Writer<NoSeek<BufWriter<W>>>,
     joints: Joints,
     frames: Channel,
@@ -57,7 +57,7 @@ impl Channel {
 }
 
 impl<W: Write> Writer<W> {
-    pub(super) fn new(out: W) -> McapResult<Self> {
+    pub(crate) fn new(out: W) -> McapResult<Self> {
         let options = WriteOptions::new()
             .compression(None)
             .profile("ros2")
@@ -75,7 +75,7 @@ impl<W: Write> Writer<W> {
     }
 
     /// Writes a frame, and the joint positions in it.
-    pub(super) fn frame(&mut self, frame: &Frame) -> McapResult<()> {
+    pub(crate) fn frame(&mut self, frame: &Frame) -> McapResult<()> {
         let header = self.frames.next(frame);
         self.mcap.write_to_known_channel(&header, &messages::frame(frame))?;
         let Some(joints) = self.joints.read(frame) else {
@@ -94,12 +94,12 @@ impl<W: Write> Writer<W> {
     }
 
     /// Ends the chunk and hands all to the system.
-    pub(super) fn flush(&mut self) -> McapResult<()> {
+    pub(crate) fn flush(&mut self) -> McapResult<()> {
         self.mcap.flush()
     }
 
     /// Writes the index.
-    pub(super) fn finish(mut self) -> McapResult<()> {
+    pub(crate) fn finish(mut self) -> McapResult<()> {
         self.mcap.finish()?;
         Ok(self.mcap.into_inner().into_inner().flush()?)
     }

@@ -11,7 +11,7 @@ use armwire_bridge::control::{
 };
 use armwire_bridge::{Counters, LineCoding};
 
-use super::report::Trouble;
+use super::report::{Trouble, ensure};
 use super::usb::{Payload, Pipe, Request, Usb};
 
 /// Requests of CDC (PSTN 1.2, 6.3), to the serial port's first interface.
@@ -100,13 +100,11 @@ impl<'u> Bench<'u> {
             if let Some(reply) = self.receive_control(left)? {
                 return Ok(reply);
             }
-            if left.is_zero() {
-                let text = format!(
-                    "no reply to {request:?} on the control port in {} ms",
-                    ANSWER.as_millis()
-                );
-                return Err(Trouble::Failed(text));
-            }
+            let millis = ANSWER.as_millis();
+            ensure(
+                !left.is_zero(),
+                format_args!("no reply to {request:?} on the control port in {millis} ms"),
+            )?;
         }
     }
 
@@ -151,8 +149,9 @@ impl<'u> Bench<'u> {
                 Some(Ok(FromAdapter::Reply { .. })) | None => {}
                 Some(Ok(FromAdapter::Event { at, event })) => self.events.push_back((at, event)),
                 Some(Err(error)) => {
-                    let text = format!("the adapter's message on the control port cannot be read: {error}");
-                    return Err(Trouble::Failed(text));
+                    return Err(Trouble::failed(format_args!(
+                        "the adapter's message on the control port cannot be read: {error}"
+                    )));
                 }
             }
         }
@@ -170,8 +169,8 @@ impl<'u> Bench<'u> {
     /// The adapter's counters.
     pub(super) fn counters(&mut self) -> Result<Counters, Trouble> {
         let bytes = self.usb.control(&read_counters())?;
-        let error = |error| Trouble::Failed(format!("the adapter's counters cannot be read: {error}"));
-        Counters::from_bytes(&bytes).map_err(error)
+        Counters::from_bytes(&bytes)
+            .map_err(|error| Trouble::failed(format_args!("the adapter's counters cannot be read: {error}")))
     }
 
     /// Restarts the adapter and opens it.
@@ -202,7 +201,7 @@ impl<'u> Bench<'u> {
             Reply::Done => {}
             Reply::Failed(Failure::StreamArmed) => {
                 let text = "a host streams motion: stop it, disconnect the arm, and join PA2 and PA3 with a jumper";
-                return Err(Trouble::Failed(text.to_owned()));
+                return Err(Trouble::failed(text));
             }
             reply => return Err(odd(&ControlRequest::HoldLine, &reply)),
         }
@@ -245,10 +244,8 @@ impl<'u> Bench<'u> {
             if line.coding == coding && line.waiting.is_none() {
                 return Ok(());
             }
-            if self.usb.now() > until {
-                let text = format!("{coding:?} was set and the line is at {:?}", line.coding);
-                return Err(Trouble::Failed(text));
-            }
+            let reason = format_args!("{coding:?} was set and the line is at {:?}", line.coding);
+            ensure(self.usb.now() <= until, reason)?;
             self.usb.sleep(Duration::from_millis(5))?;
         }
     }
@@ -259,7 +256,7 @@ impl<'u> Bench<'u> {
         let coding = bytes.clone().try_into().ok().map(LineCoding::from_cdc);
         match coding {
             Some(Ok(coding)) => Ok(coding),
-            _ => Err(Trouble::Failed(format!("GET_LINE_CODING read {bytes:02X?}"))),
+            _ => Err(Trouble::failed(format_args!("GET_LINE_CODING read {bytes:02X?}"))),
         }
     }
 
@@ -272,10 +269,10 @@ impl<'u> Bench<'u> {
                 0 => return Ok(count),
                 more => count += more,
             }
-            if self.usb.now() > until {
-                let text = "bytes arrive continuously though none were sent: disconnect the arm and join PA2 and PA3 with a jumper";
-                return Err(Trouble::Failed(text.to_owned()));
-            }
+            ensure(
+                self.usb.now() <= until,
+                "bytes arrive continuously though none were sent: disconnect the arm and join PA2 and PA3 with a jumper",
+            )?;
         }
     }
 
@@ -284,13 +281,12 @@ impl<'u> Bench<'u> {
         let begun = self.usb.now();
         self.echo_with(bytes, |_| Ok(()))?;
         let took = self.usb.now() - begun;
-        match self.drain()? {
-            0 => Ok(took),
-            more => Err(Trouble::Failed(format!(
-                "{more} bytes more than the {} sent came back",
-                bytes.len()
-            ))),
-        }
+        let (more, sent) = (self.drain()?, bytes.len());
+        ensure(
+            more == 0,
+            format_args!("{more} bytes more than the {sent} sent came back"),
+        )?;
+        Ok(took)
     }
 
     /// Sends bytes and expects the same bytes back, calling `meanwhile` repeatedly until all have arrived.
@@ -299,25 +295,22 @@ impl<'u> Bench<'u> {
         bytes: &[u8],
         mut meanwhile: impl FnMut(&mut Self) -> Result<(), Trouble>,
     ) -> Result<(), Trouble> {
-        let (mut sent, mut came) = (0, 0);
-        let mut moved = self.usb.now();
-        while came < bytes.len() {
-            if sent < bytes.len() && sent - came < WINDOW {
+        let (mut sent, mut received) = (0, 0);
+        let mut progressed = self.usb.now();
+        while received < bytes.len() {
+            if sent < bytes.len() && sent - received < WINDOW {
                 let end = bytes.len().min(sent + CHUNK);
                 self.usb.send(Pipe::Port, &bytes[sent..end])?;
                 sent = end;
             }
             let more = self.usb.receive(Pipe::Port, QUIET)?;
-            compare(bytes, came, &more)?;
-            came += more.len();
-            match more.is_empty() {
-                false => moved = self.usb.now(),
-                true if self.usb.now() > moved + STALL => {
-                    let text = format!("{came} of {} bytes came back", bytes.len());
-                    return Err(Trouble::Failed(text));
-                }
-                true => {}
+            compare(bytes, received, &more)?;
+            received += more.len();
+            if !more.is_empty() {
+                progressed = self.usb.now();
             }
+            let reason = format_args!("{received} of {} bytes came back", bytes.len());
+            ensure(self.usb.now() <= progressed + STALL, reason)?;
             meanwhile(self)?;
         }
         Ok(())
@@ -325,14 +318,13 @@ impl<'u> Bench<'u> {
 
     /// Expects the echo of sent bytes.
     pub(super) fn expect_back(&mut self, sent: &[u8]) -> Result<(), Trouble> {
-        let mut came = 0;
-        while came < sent.len() {
+        let mut received = 0;
+        while received < sent.len() {
             let more = self.usb.receive(Pipe::Port, STALL)?;
-            compare(sent, came, &more)?;
-            came += more.len();
-            if more.is_empty() {
-                return Err(Trouble::Failed(format!("{came} of {} bytes came back", sent.len())));
-            }
+            compare(sent, received, &more)?;
+            received += more.len();
+            let reason = format_args!("{received} of {} bytes came back", sent.len());
+            ensure(!more.is_empty(), reason)?;
         }
         Ok(())
     }
@@ -345,20 +337,17 @@ impl<'u> Bench<'u> {
 }
 
 /// Compares received with sent bytes, from the byte `at` on.
-pub(super) fn compare(sent: &[u8], at: usize, came: &[u8]) -> Result<(), Trouble> {
-    let failed = |text| Err(Trouble::Failed(text));
+pub(super) fn compare(sent: &[u8], at: usize, received: &[u8]) -> Result<(), Trouble> {
     let expected = sent.get(at..).unwrap_or_default();
-    if came.len() > expected.len() {
-        return failed(format!("more bytes than the {} sent came back", sent.len()));
-    }
-    match came.iter().zip(expected).position(|(came, sent)| came != sent) {
-        Some(place) => failed(format!(
-            "byte {} of {}: {:#04x} was sent and {:#04x} came back",
-            at + place,
-            sent.len(),
-            expected[place],
-            came[place]
-        )),
+    let len = sent.len();
+    ensure(
+        received.len() <= expected.len(),
+        format_args!("more bytes than the {len} sent came back"),
+    )?;
+    match (at..).zip(expected.iter().zip(received)).find(|(_, (a, b))| a != b) {
+        Some((place, (expected, got))) => Err(Trouble::failed(format_args!(
+            "byte {place} of {len}: {expected:#04x} was sent and {got:#04x} came back"
+        ))),
         None => Ok(()),
     }
 }
@@ -423,7 +412,7 @@ pub(super) fn losses(before: &Counters, after: &Counters) -> Option<String> {
 
 /// A reply of the wrong type.
 pub(super) fn odd(request: &ControlRequest, reply: &Reply) -> Trouble {
-    Trouble::Failed(format!("{request:?} was answered by {reply:?}"))
+    Trouble::failed(format_args!("{request:?} was answered by {reply:?}"))
 }
 
 pub(super) fn get_line_coding() -> Request<'static> {
@@ -460,7 +449,7 @@ pub(super) fn read_counters() -> Request<'static> {
 /// Adds the place in a check to a failure. A check that was not tried stays not tried.
 pub(super) fn at(place: impl std::fmt::Display) -> impl FnOnce(Trouble) -> Trouble {
     move |trouble| match trouble {
-        Trouble::Failed(text) => Trouble::Failed(format!("{place}: {text}")),
+        Trouble::Failed(text) => Trouble::failed(format_args!("{place}: {text}")),
         other => other,
     }
 }

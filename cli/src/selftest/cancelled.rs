@@ -6,7 +6,7 @@ use armwire_bridge::LineCoding;
 use serde_json::json;
 
 use super::bench::{Bench, at, get_line_coding, payload, read_counters, set_line_coding};
-use super::report::{Passed, Trouble};
+use super::report::{Passed, Trouble, ensure};
 use super::{Checked, Plan, planned};
 
 /// Timeout of the next transfer after a cancel.
@@ -47,17 +47,14 @@ pub(super) fn requests(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
 
 fn answers(bench: &mut Bench<'_>, nth: u32) -> Result<(), Trouble> {
     let begun = bench.usb.now();
-    let told = bench.line_coding()?;
+    let coding = bench.line_coding()?;
     let took = bench.usb.now() - begun;
-    if told != LineCoding::LING {
-        return Err(Trouble::Failed(format!("the line coding is {told:?}")));
-    }
-    if took > READY {
-        return Err(Trouble::Failed(format!(
-            "the next request was answered after {} ms",
-            took.as_millis()
-        )));
-    }
+    ensure(
+        coding == LineCoding::LING,
+        format_args!("the line coding is {coding:?}"),
+    )?;
+    let reason = format_args!("the next request was answered after {} ms", took.as_millis());
+    ensure(took <= READY, reason)?;
     if nth.is_multiple_of(BETWEEN_ECHOES) {
         bench.echo(&payload(nth.into(), 100))?;
     }

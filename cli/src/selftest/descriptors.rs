@@ -7,7 +7,7 @@ use nusb::transfer::Direction::{self, In, Out};
 use serde_json::json;
 
 use super::bench::Bench;
-use super::report::{Passed, Trouble};
+use super::report::{Passed, Trouble, ensure};
 use super::usb::{Payload, Request};
 use super::{Checked, identify};
 use crate::control::usb::VENDOR_AND_PRODUCT;
@@ -22,8 +22,8 @@ const ENGLISH: u16 = 0x0409;
 
 /// Class codes of a device with interface association descriptors.
 const COMPOSITE: (u8, u8, u8) = (0xEF, 2, 1);
-/// Maximum current of a port, in units of 2 mA.
-const MAX_POWER: u8 = 250;
+/// Maximum current of a port, in mA.
+const MAX_CURRENT: u16 = 500;
 
 /// The vendor request for the Microsoft OS 2.0 descriptors, the index of the set, and the platform capability that
 /// announces it (Microsoft OS 2.0 Descriptors Specification).
@@ -103,12 +103,8 @@ pub(super) fn all(bench: &mut Bench<'_>) -> Checked {
         configuration.configuration_value(),
         1,
     )?;
-    if configuration.max_power() > MAX_POWER {
-        return Err(Trouble::Failed(format!(
-            "{} mA from the bus",
-            2 * u16::from(configuration.max_power())
-        )));
-    }
+    let current = 2 * u16::from(configuration.max_power());
+    ensure(current <= MAX_CURRENT, format_args!("{current} mA from the bus"))?;
     let associations = configuration
         .descriptors()
         .filter(|it| it.descriptor_type() == ASSOCIATION);
@@ -152,19 +148,24 @@ pub(super) fn port_endpoints(bench: &mut Bench<'_>) -> Result<(u8, u8), Trouble>
         endpoints.find(|it| it.direction() == direction).map(|it| it.address())
     };
     let both = address(Out).zip(address(In));
-    both.ok_or_else(|| Trouble::Failed("the serial port has not an endpoint each way".to_owned()))
+    both.ok_or_else(|| Trouble::failed("the serial port has not an endpoint each way"))
 }
 
 /// The whole configuration descriptor. A first read of its head gives the length.
 fn configuration(bench: &mut Bench<'_>) -> Result<Vec<u8>, Trouble> {
     let head = read(bench, CONFIGURATION, 0, 9)?;
-    let Some(&[low, high]) = head.get(2..4) else {
-        return Err(malformed("configuration", &head));
-    };
-    let length = u16::from_le_bytes([low, high]);
+    let length = total_length("configuration", &head)?;
     let bytes = read(bench, CONFIGURATION, 0, length)?;
     same("the length of the configuration", bytes.len(), length.into())?;
     Ok(bytes)
+}
+
+/// The length of a descriptor with all that follows it, wTotalLength.
+fn total_length(what: &str, head: &[u8]) -> Result<u16, Trouble> {
+    match head.get(2..4) {
+        Some(&[low, high]) => Ok(u16::from_le_bytes([low, high])),
+        _ => Err(malformed(what, head)),
+    }
 }
 
 fn parsed(bytes: &[u8]) -> Result<ConfigurationDescriptor<'_>, Trouble> {
@@ -209,10 +210,7 @@ fn same_interface(
 /// The Microsoft OS 2.0 descriptors: WinUSB for the control interface. Returns their length, in bytes.
 fn msos(bench: &mut Bench<'_>) -> Result<u16, Trouble> {
     let head = read(bench, BOS, 0, 5)?;
-    let Some(&[low, high]) = head.get(2..4) else {
-        return Err(malformed("BOS", &head));
-    };
-    let bos = read(bench, BOS, 0, u16::from_le_bytes([low, high]))?;
+    let bos = read(bench, BOS, 0, total_length("BOS", &head)?)?;
     let place = bos
         .windows(MSOS_CAPABILITY.len())
         .position(|window| window == MSOS_CAPABILITY);
@@ -243,11 +241,10 @@ fn msos(bench: &mut Bench<'_>) -> Result<u16, Trouble> {
         ("WINUSB", &b"WINUSB\0\0"[..]),
         ("the GUID of the control interface", &guid),
     ] {
-        if !set.windows(part.len()).any(|window| window == part) {
-            return Err(Trouble::Failed(format!(
-                "{what} is not in the Microsoft OS 2.0 descriptors"
-            )));
-        }
+        ensure(
+            set.windows(part.len()).any(|window| window == part),
+            format_args!("{what} is not in the Microsoft OS 2.0 descriptors"),
+        )?;
     }
     Ok(length)
 }
@@ -285,12 +282,12 @@ fn read_in(bench: &mut Bench<'_>, kind: u8, index: u8, language: u16, length: u1
 }
 
 fn same<T: PartialEq + Debug>(what: &str, got: T, expected: T) -> Result<(), Trouble> {
-    match got == expected {
-        true => Ok(()),
-        false => Err(Trouble::Failed(format!("{what} is {got:02X?}, not {expected:02X?}"))),
-    }
+    ensure(
+        got == expected,
+        format_args!("{what} is {got:02X?}, not {expected:02X?}"),
+    )
 }
 
 fn malformed(what: &str, bytes: &[u8]) -> Trouble {
-    Trouble::Failed(format!("the {what} descriptor is malformed: {bytes:02X?}"))
+    Trouble::failed(format_args!("the {what} descriptor is malformed: {bytes:02X?}"))
 }

@@ -6,7 +6,7 @@ use armwire_bridge::{LineCoding, Parity, StopBits};
 use serde_json::json;
 
 use super::bench::{Bench, at, losses, payload};
-use super::report::{Passed, Trouble};
+use super::report::{Passed, Trouble, ensure};
 use super::{Checked, Plan, planned};
 
 /// The slowest rate in common use, two between, and the adapter's maximum.
@@ -45,23 +45,17 @@ pub(super) fn at_all_rates(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
 
 fn at_rate(bench: &mut Bench<'_>, coding: LineCoding, bytes: &[u8]) -> Result<(), Trouble> {
     bench.set_line(coding)?;
-    let told = bench.line_coding()?;
-    if told != coding {
-        return Err(Trouble::Failed(format!("GET_LINE_CODING returned {told:?}")));
-    }
+    let got = bench.line_coding()?;
+    ensure(got == coding, format_args!("GET_LINE_CODING returned {got:?}"))?;
     let before = bench.counters()?;
     let took = bench.echo(bytes)?;
     if let Some(losses) = losses(&before, &bench.counters()?) {
-        return Err(Trouble::Failed(losses));
+        return Err(Trouble::failed(losses));
     }
     let line = Duration::from_micros(coding.micros(bytes.len()));
-    if took < line * LEAST_TIME / 100 || took > 2 * line + SLACK {
-        return Err(Trouble::Failed(format!(
-            "{} bytes took {} µs, and {} µs on such a line",
-            bytes.len(),
-            took.as_micros(),
-            line.as_micros()
-        )));
-    }
-    Ok(())
+    let (len, took_us, line_us) = (bytes.len(), took.as_micros(), line.as_micros());
+    ensure(
+        took >= line * LEAST_TIME / 100 && took <= 2 * line + SLACK,
+        format_args!("{len} bytes took {took_us} µs, and {line_us} µs on such a line"),
+    )
 }

@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::bench::{Bench, at};
 use super::descriptors::port_endpoints;
-use super::report::{Passed, Trouble};
+use super::report::{Passed, Trouble, ensure};
 use super::usb::{Direction, Payload, Request};
 use super::{Checked, Plan};
 
@@ -88,10 +88,8 @@ fn expect_halt(bench: &mut Bench<'_>, address: u8, halted: bool) -> Result<(), T
         index: address.into(),
         payload: Payload::Read(2),
     })?;
-    match status == [halted.into(), 0] {
-        true => Ok(()),
-        false => Err(Trouble::Failed(format!(
-            "GET_STATUS of endpoint {address:#04x} read {status:02X?}"
-        ))),
-    }
+    ensure(
+        status == [halted.into(), 0],
+        format_args!("GET_STATUS of endpoint {address:#04x} read {status:02X?}"),
+    )
 }

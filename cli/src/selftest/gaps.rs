@@ -3,10 +3,11 @@
 
 use std::time::Duration;
 
+use armwire_bridge::Counters;
 use serde_json::json;
 
 use super::bench::{Bench, FRAME, at, payload};
-use super::report::{Passed, Trouble};
+use super::report::{Passed, Trouble, ensure};
 use super::stamps::{go_round, subscribe};
 use super::usb::Pipe;
 use super::{Checked, Plan};
@@ -50,19 +51,12 @@ fn one_gap(bench: &mut Bench<'_>, gap: Duration) -> Result<(), Trouble> {
         bench.expect_back(&bytes).map_err(at(format_args!("{length} bytes")))?;
         bench.usb.sleep(gap)?;
     }
-    let after = bench.counters()?;
     let noise = LENGTHS.iter().sum::<usize>() as u32;
-    let counted = (
-        after.frames.wrapping_sub(before.frames),
-        after.noise_bytes.wrapping_sub(before.noise_bytes),
-    );
-    match counted == (FRAMES, noise) {
-        true => Ok(()),
-        false => Err(Trouble::Failed(format!(
-            "{FRAMES} frames and {noise} noise bytes were sent, {} and {} were counted",
-            counted.0, counted.1
-        ))),
-    }
+    let (frames, noise_bytes) = counted_since(bench, &before)?;
+    ensure(
+        (frames, noise_bytes) == (FRAMES, noise),
+        format_args!("{FRAMES} frames and {noise} noise bytes were sent, {frames} and {noise_bytes} were counted"),
+    )
 }
 
 /// Sends a frame in two pieces with an idle line between them: it must count as noise.
@@ -74,16 +68,16 @@ fn cut(bench: &mut Bench<'_>, place: usize) -> Result<(), Trouble> {
         bench.expect_back(piece)?;
         bench.usb.sleep(CUT)?;
     }
+    let (frames, noise_bytes) = counted_since(bench, &before)?;
+    ensure(
+        (frames, noise_bytes) == (0, FRAME.len() as u32),
+        format_args!("{frames} frames and {noise_bytes} noise bytes were counted"),
+    )
+}
+
+/// Numbers of frames and of noise bytes that the adapter has counted since then.
+fn counted_since(bench: &mut Bench<'_>, before: &Counters) -> Result<(u32, u32), Trouble> {
     let after = bench.counters()?;
-    let counted = (
-        after.frames.wrapping_sub(before.frames),
-        after.noise_bytes.wrapping_sub(before.noise_bytes),
-    );
-    match counted == (0, FRAME.len() as u32) {
-        true => Ok(()),
-        false => Err(Trouble::Failed(format!(
-            "{} frames and {} noise bytes were counted",
-            counted.0, counted.1
-        ))),
-    }
+    let frames = after.frames.wrapping_sub(before.frames);
+    Ok((frames, after.noise_bytes.wrapping_sub(before.noise_bytes)))
 }

@@ -9,7 +9,7 @@ use armwire::{alpha1, ling};
 use armwire_bridge::LineCoding;
 
 use super::bench::{Bench, payload};
-use super::report::{Passed, Trouble};
+use super::report::{Passed, Trouble, ensure};
 use super::usb::Pipe;
 use crate::hex;
 
@@ -34,29 +34,30 @@ const ARMS: [(&str, u32, &[u8]); 2] = [
 pub(super) fn find(bench: &mut Bench<'_>) -> Result<Passed, Trouble> {
     for baud in RATES {
         bench.set_line(at_baud(baud))?;
-        let unasked = listen(bench, LISTEN)?;
-        if !unasked.is_empty() {
-            return Err(Trouble::Failed(format!(
+        let unsolicited = listen(bench, LISTEN)?;
+        ensure(
+            unsolicited.is_empty(),
+            format_args!(
                 "bytes arrive at {baud} baud though none were sent ({}): disconnect the arm and join PA2 and PA3 with a jumper",
-                shown(&unasked)
-            )));
-        }
+                shown(&unsolicited)
+            ),
+        )?;
     }
     for (arm, baud, request) in ARMS {
         bench.set_line(at_baud(baud))?;
         bench.usb.send(Pipe::Port, request)?;
-        let came = listen(bench, ANSWER)?;
-        if came.is_empty() {
-            return Err(Trouble::Failed(
-                "no bytes come back: disconnect the arm and join PA2 and PA3 with a jumper".to_owned(),
-            ));
-        }
-        if came != request {
-            return Err(Trouble::Failed(format!(
+        let received = listen(bench, ANSWER)?;
+        ensure(
+            !received.is_empty(),
+            "no bytes come back: disconnect the arm and join PA2 and PA3 with a jumper",
+        )?;
+        ensure(
+            received == request,
+            format_args!(
                 "other bytes than those sent come back ({}): is it {arm}? Disconnect it and join PA2 and PA3 with a jumper",
-                shown(&came)
-            )));
-        }
+                shown(&received)
+            ),
+        )?;
     }
     is_there(bench)?;
     Ok(Passed::new("PA2 and PA3 are joined, and no arm answers".to_owned(), []))
@@ -72,13 +73,13 @@ pub(super) fn is_there(bench: &mut Bench<'_>) -> Result<(), Trouble> {
 /// The bytes received within this time.
 fn listen(bench: &mut Bench<'_>, span: Duration) -> Result<Vec<u8>, Trouble> {
     let until = bench.usb.now() + span;
-    let mut came = Vec::new();
+    let mut received = Vec::new();
     loop {
         let left = until.saturating_sub(bench.usb.now());
         if left.is_zero() {
-            return Ok(came);
+            return Ok(received);
         }
-        came.extend(bench.usb.receive(Pipe::Port, left)?);
+        received.extend(bench.usb.receive(Pipe::Port, left)?);
     }
 }
 

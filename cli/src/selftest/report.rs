@@ -1,5 +1,7 @@
 //! The results of the checks, for people and for programs.
 
+use std::fmt::Display;
+
 use serde_json::{Map, Value, json};
 
 use super::usb::UsbError;
@@ -33,6 +35,21 @@ pub enum Trouble {
     /// The check is not possible here.
     #[error("{0}")]
     NotTried(String),
+}
+
+impl Trouble {
+    /// A failure with this reason.
+    pub(super) fn failed(reason: impl Display) -> Self {
+        Self::Failed(reason.to_string())
+    }
+}
+
+/// A failure with this reason unless the condition holds.
+pub(super) fn ensure(condition: bool, reason: impl Display) -> Result<(), Trouble> {
+    match condition {
+        true => Ok(()),
+        false => Err(Trouble::failed(reason)),
+    }
 }
 
 impl From<UsbError> for Trouble {

@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::bench::{Bench, at, compare, payload};
-use super::report::{Passed, Trouble};
+use super::report::{Passed, Trouble, ensure};
 use super::usb::Pipe;
 use super::{Checked, Plan, planned};
 
@@ -28,12 +28,8 @@ pub(super) fn in_full_flow(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
         reset(bench, nth.into()).map_err(at(format_args!("reset {nth}")))?;
     }
     let counted = bench.counters()?.usb_resets.wrapping_sub(before);
-    if counted < plan.resets {
-        return Err(Trouble::Failed(format!(
-            "{} resets, {counted} seen by the adapter",
-            plan.resets
-        )));
-    }
+    let reason = format_args!("{} resets, {counted} seen by the adapter", plan.resets);
+    ensure(counted >= plan.resets, reason)?;
     let text = format!("{} in full flow, every byte right afterwards", plan.resets);
     Ok(Passed::new(text, [("resets", json!(plan.resets))]))
 }
@@ -47,9 +43,10 @@ fn reset(bench: &mut Bench<'_>, nth: u64) -> Result<(), Trouble> {
         let more = bench.usb.receive(Pipe::Port, STALL)?;
         compare(&sent, came, &more)?;
         came += more.len();
-        if more.is_empty() {
-            return Err(Trouble::Failed(format!("{came} of {FLOW} bytes came back before it")));
-        }
+        ensure(
+            !more.is_empty(),
+            format_args!("{came} of {FLOW} bytes came back before it"),
+        )?;
     }
     bench.usb.reset()?;
     bench.forget_session();
@@ -63,11 +60,7 @@ pub(super) fn suspend(bench: &mut Bench<'_>, _: &Plan) -> Checked {
     let before = bench.counters()?.usb_suspends;
     bench.usb.suspend(SUSPENDED)?;
     let counted = bench.counters()?.usb_suspends.wrapping_sub(before);
-    if counted == 0 {
-        return Err(Trouble::Failed(
-            "the adapter did not see that the bus was suspended".to_owned(),
-        ));
-    }
+    ensure(counted > 0, "the adapter did not see that the bus was suspended")?;
     bench.open()?;
     bench.echo(&payload(3, AFTER))?;
     let text = format!("{} ms, every byte right afterwards", SUSPENDED.as_millis());

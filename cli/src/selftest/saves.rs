@@ -5,7 +5,7 @@ use armwire_bridge::control::{Failure, Reply, Request};
 use serde_json::json;
 
 use super::bench::{Bench, at, losses, odd, payload, quiet};
-use super::report::{Passed, Trouble};
+use super::report::{Passed, Trouble, ensure};
 use super::{Checked, Plan, planned};
 use crate::config::object;
 
@@ -25,7 +25,7 @@ pub(super) fn under_load(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     // A failed restore counts more than the reason for which the saves ended.
     restore(bench, &saved).map_err(|trouble| {
         let config = object(&saved);
-        Trouble::Failed(format!(
+        Trouble::failed(format_args!(
             "the configuration of before is not in flash: {trouble}; it was {config}"
         ))
     })?;
@@ -44,12 +44,10 @@ fn save_all(bench: &mut Bench<'_>, saved: &Config, plan: &Plan) -> Result<(), Tr
         save_one(bench, &config, nth).map_err(at(format_args!("save {nth}")))?;
     }
     bench.restart()?;
-    let found = bench.config()?;
-    if found != config {
-        return Err(Trouble::Failed(
-            "after a restart the configuration is not the last one saved".to_owned(),
-        ));
-    }
+    ensure(
+        bench.config()? == config,
+        "after a restart the configuration is not the last one saved",
+    )?;
     bench.open()
 }
 
@@ -76,9 +74,8 @@ fn save_one(bench: &mut Bench<'_>, config: &Config, nth: u32) -> Result<(), Trou
     })?;
     let after = bench.counters()?;
     match losses(&before, &after) {
-        Some(losses) => Err(Trouble::Failed(losses)),
-        None if after.config_saves == before.config_saves => Err(Trouble::Failed("nothing was written".to_owned())),
-        None => Ok(()),
+        Some(losses) => Err(Trouble::failed(losses)),
+        None => ensure(after.config_saves != before.config_saves, "nothing was written"),
     }
 }
 

@@ -7,7 +7,7 @@ use armwire_bridge::control::{Event, Request, Stamp, Subscription};
 use serde_json::json;
 
 use super::bench::{Bench, FRAME, at};
-use super::report::{Passed, Trouble};
+use super::report::{Passed, Trouble, ensure};
 use super::usb::Pipe;
 use super::{Checked, Plan, planned};
 
@@ -107,11 +107,10 @@ impl Series {
         let drift = (round.ended - since) * 2.0 * MAX_PPM / 1e6;
         let now = round.ahead();
         if now.0 > most + drift || now.1 < least - drift {
-            let text = format!(
+            return Err(Trouble::failed(format_args!(
                 "frame {}: the stamps are {:.0} to {:.0} µs ahead of this computer's clock, and were {least:.0} to {most:.0}",
                 self.count, now.0, now.1
-            );
-            return Err(Trouble::Failed(text));
+            )));
         }
         Ok(())
     }
@@ -144,9 +143,10 @@ fn clock_error(begin: &Round, end: &Round) -> Checked {
     // Negative zero becomes zero.
     let (rounded, seconds) = (error.round() + 0.0, elapsed / 1e6);
     let text = format!("{rounded:+.0} ± {uncertainty:.0} ppm against this computer's clock, in {seconds:.0} s");
-    if error.abs() - uncertainty > MAX_PPM {
-        return Err(Trouble::Failed(format!("{text}: more than {MAX_PPM:.0} ppm")));
-    }
+    ensure(
+        error.abs() - uncertainty <= MAX_PPM,
+        format_args!("{text}: more than {MAX_PPM:.0} ppm"),
+    )?;
     if uncertainty > MAX_PPM {
         return Err(Trouble::NotTried(format!(
             "{text}: this host is too slow for a better measurement"
@@ -183,20 +183,15 @@ pub(super) fn go_round(bench: &mut Bench<'_>, frames: u32) -> Result<Round, Trou
     bench.usb.send(Pipe::Port, &sent)?;
     let mut stamps = Vec::new();
     for nth in 0..frames {
-        stamps.push(stamp(bench)?.ok_or_else(|| Trouble::Failed(format!("{nth} of {frames} frames were reported")))?);
+        stamps.push(match bench.next_event(STALL)? {
+            Some((Stamp(at), Event::Frame { bytes, .. })) if bytes == FRAME => at as f64,
+            Some((_, event)) => return Err(Trouble::failed(format_args!("unexpected event: {event:?}"))),
+            None => return Err(Trouble::failed(format_args!("{nth} of {frames} frames were reported"))),
+        });
     }
     let ended = micros(bench.usb.now());
     bench.expect_back(&sent)?;
     Ok(Round { begun, stamps, ended })
-}
-
-/// The stamp of the next frame, which must equal the one sent.
-fn stamp(bench: &mut Bench<'_>) -> Result<Option<f64>, Trouble> {
-    match bench.next_event(STALL)? {
-        Some((Stamp(at), Event::Frame { bytes, .. })) if bytes == FRAME => Ok(Some(at as f64)),
-        Some((_, event)) => Err(Trouble::Failed(format!("unexpected event: {event:?}"))),
-        None => Ok(None),
-    }
 }
 
 /// Duration of a frame on the line, in microseconds.
