@@ -26,7 +26,6 @@ mod hold;
 mod info;
 mod legacy;
 mod line_holder;
-mod ling_port;
 mod link;
 mod list;
 mod monitor;
@@ -63,7 +62,6 @@ use terminal_size::Width;
 
 pub use args::{ArmKind, Speaker};
 pub use decode::decode;
-pub use ling_port::{LingAddress, LingPort, PortError};
 
 /// Ports, calls that wait, and errors that say what to do: what the commands are made of, for other programs.
 pub mod host {

@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 use armwire::ling::{self, JOINTS, Ling, Request, Response, Stroke};
 use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
-use armwire_bridge::control::{self, Event, Reply, Subscription};
+use armwire_bridge::control::{self, Event, Subscription};
+use armwire_cli::host::{self, ControlLink, Error, Link, open_ling};
 use armwire_cli::stamps::{self, Clock};
-use armwire_cli::{LingPort, PortError};
 use ros2_client::RmwRequestId;
 
 use crate::diagnostics::Diagnostics;
@@ -36,7 +36,7 @@ const SILENCE: Duration = Duration::from_millis(500);
 #[derive(Debug, thiserror::Error)]
 enum Failure {
     #[error(transparent)]
-    Port(#[from] PortError),
+    Port(#[from] Error),
     #[error("{0}")]
     Arm(String),
 }
@@ -46,7 +46,7 @@ pub(crate) fn serve(arm: &Arm, endpoints: &Endpoints, stop: &AtomicBool) {
     let mut host = Host {
         arm,
         endpoints,
-        diagnostics: Diagnostics::new(arm.address.to_string()),
+        diagnostics: Diagnostics::new(arm.port.to_string()),
         published: None,
     };
     while !stop.load(Ordering::Relaxed) {
@@ -149,7 +149,9 @@ impl Host<'_> {
 /// An arm with an open port.
 struct Session<'a, 'b> {
     host: &'b mut Host<'a>,
-    port: LingPort,
+    link: Link<Ling>,
+    /// `None` without an adapter.
+    adapter: Option<ControlLink>,
     stroke: Stroke,
     joints: Vec<Joint>,
     clock: Clock,
@@ -165,31 +167,41 @@ struct Session<'a, 'b> {
 impl<'a, 'b> Session<'a, 'b> {
     /// Opens the arm's port, and subscribes to the adapter's frames and events.
     fn open(host: &'b mut Host<'a>) -> Result<Self, Failure> {
-        let mut port = host.arm.address.open()?;
-        let Some(Response::Stroke(stroke)) = port.call(&Request::ReadStroke)? else {
+        let connection = host.arm.port.connect(None)?;
+        let mut adapter = match &host.arm.control {
+            Some(port) => Some(port.connect(None)?.control()?),
+            None => match connection.control() {
+                Ok(control) => Some(control),
+                Err(Error::NoControl { .. }) => None,
+                Err(error) => return Err(error.into()),
+            },
+        };
+        let mut link = open_ling(&connection)?;
+        let Some(Response::Stroke(stroke)) = link.call(&Request::ReadStroke, |response| response)? else {
             return Err(Failure::Arm("the arm does not report its gripper's stroke".to_owned()));
         };
         let mut joints = host.arm.joints.clone();
         joints[JOINTS].max = f64::from(stroke.millimetres()) / 1_000.0;
         let mut period = Duration::from_secs(1) / host.arm.rate;
-        if port.has_adapter() {
-            period = Duration::from_secs(1) / adapter_rate(&mut port)?;
+        if let Some(adapter) = &mut adapter {
+            period = Duration::from_secs(1) / adapter_rate(adapter)?;
             let all = Subscription {
                 frames: true,
                 events: true,
             };
-            port.control(control::Request::Subscribe(all))?;
+            adapter.call(control::Request::Subscribe(all))?;
         }
-        let latest = read(&mut port, stroke)?;
+        let latest = poll(&mut link, stroke)?;
         host.diagnostics.failure = None;
-        host.diagnostics.stamps = if port.has_adapter() { "adapter" } else { "host" };
+        host.diagnostics.stamps = if adapter.is_some() { "adapter" } else { "host" };
         log(
             &host.arm.name,
-            &format!("{}, stamps of the {}", host.arm.address, host.diagnostics.stamps),
+            &format!("{}, stamps of the {}", host.arm.port, host.diagnostics.stamps),
         );
         Ok(Self {
             host,
-            port,
+            link,
+            adapter,
             stroke,
             joints,
             clock: Clock::default(),
@@ -216,7 +228,7 @@ impl<'a, 'b> Session<'a, 'b> {
         let mut received = due;
         let silence = SILENCE.max(3 * self.period);
         while !stop.load(Ordering::Relaxed) {
-            if self.port.has_adapter() {
+            if self.adapter.is_some() {
                 match self.receive()? {
                     true => received = Instant::now(),
                     false if received.elapsed() >= silence => {
@@ -229,7 +241,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 }
             } else {
                 thread::sleep(due.saturating_duration_since(Instant::now()));
-                let reading = read(&mut self.port, self.stroke)?;
+                let reading = poll(&mut self.link, self.stroke)?;
                 self.publish(reading);
                 due += self.period;
                 if due < Instant::now() {
@@ -247,7 +259,10 @@ impl<'a, 'b> Session<'a, 'b> {
 
     /// Receives one event of the adapter within a period. Returns true for a reading.
     fn receive(&mut self) -> Result<bool, Failure> {
-        let Some((stamp, event)) = self.port.next_event(self.period)? else {
+        let Some(adapter) = &mut self.adapter else {
+            return Ok(false);
+        };
+        let Some((stamp, event)) = adapter.next_event(self.period)? else {
             return Ok(false);
         };
         let at = self.clock.system_time(stamp, stamps::now());
@@ -343,7 +358,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 let outcome = refused("sent, but not read back: another request followed");
                 self.host.respond(earlier.effect, earlier.id, outcome);
             }
-            self.port.call(&effect.request())?;
+            self.link.call(&effect.request(), drop)?;
             let pending = Pending::new(id, effect, Instant::now(), stamps::now());
             self.pending.push(pending);
         }
@@ -363,7 +378,7 @@ impl<'a, 'b> Session<'a, 'b> {
         let elapsed = now.duration_since(*accepted);
         let request = to_move(&plan.at(elapsed), self.stroke).map_err(|error| Failure::Arm(error.to_string()))?;
         let is_over = elapsed >= plan.end();
-        self.port.call(&Request::Move(request))?;
+        self.link.call(&Request::Move(request), drop)?;
         self.moved = Some(now);
         if is_over {
             self.motion = None;
@@ -373,14 +388,16 @@ impl<'a, 'b> Session<'a, 'b> {
 
     /// Ends the stream at the adapter, which would otherwise report a silent host.
     fn end_stream(&mut self) -> Result<(), Failure> {
-        self.port.control(control::Request::EndStream)?;
+        if let Some(adapter) = &mut self.adapter {
+            adapter.call(control::Request::EndStream)?;
+        }
         Ok(())
     }
 }
 
-/// Reads the arm's joints, with the host's time.
-fn read(port: &mut LingPort, stroke: Stroke) -> Result<Reading, Failure> {
-    let state: ling::JointState = match port.call(&Request::ReadJoints)? {
+/// One reading by our own request, with the host's time.
+fn poll(link: &mut Link<Ling>, stroke: Stroke) -> Result<Reading, Failure> {
+    let state: ling::JointState = match link.call(&Request::ReadJoints, |response| response)? {
         Some(Response::Joints(state)) => state,
         _ => return Err(Failure::Arm("the arm answered another request".to_owned())),
     };
@@ -388,10 +405,8 @@ fn read(port: &mut LingPort, stroke: Stroke) -> Result<Reading, Failure> {
 }
 
 /// The rate at which the adapter polls a Ling arm.
-fn adapter_rate(port: &mut LingPort) -> Result<u32, Failure> {
-    let Some(Reply::Config(config)) = port.control(control::Request::GetConfig)? else {
-        return Err(Failure::Arm("the adapter did not send its configuration".to_owned()));
-    };
+fn adapter_rate(adapter: &mut ControlLink) -> Result<u32, Failure> {
+    let config = host::config(adapter)?;
     match (config.arm, config.poll) {
         (ArmKind::Ling, Poll::Off) => {
             let reason = "the adapter does not poll the arm: enable it by 'armwire config PORT set poll=200 --save'";

@@ -14,7 +14,7 @@
 //! ```
 //!
 //! The way of one `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),
-//! `LingPort::next_event` reads it, `stamps::Clock` maps the stamp to system time, `joint_states::Reading` turns ticks into
+//! `ControlLink::next_event` reads it, `stamps::Clock` maps the stamp to system time, `joint_states::Reading` turns ticks into
 //! radians, `Endpoints::publish` hands it to DDS. Without an adapter the node asks the arm, and the stamp is the host's
 //! time when the answer was in.
 

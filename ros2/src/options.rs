@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::net::Ipv4Addr;
 
 use armwire::ling::JOINTS;
-use armwire_cli::LingAddress;
+use armwire_cli::host::Port;
 use clap::{Parser, ValueEnum};
 
 use crate::joint_states;
@@ -66,8 +66,10 @@ pub(crate) struct Checked {
 #[derive(Debug)]
 pub(crate) struct Arm {
     pub(crate) name: String,
-    pub(crate) address: LingAddress,
-    /// The six joints and the gripper. The arm reports the gripper's range.
+    pub(crate) port: Port,
+    /// The adapter's control port, if it is not found from the arm's port.
+    pub(crate) control: Option<Port>,
+    /// The six joints, and the gripper, whose range is known from the arm only.
     pub(crate) joints: Vec<Joint>,
     pub(crate) rate: u32,
     pub(crate) allow_set_zero: bool,
@@ -102,14 +104,16 @@ impl Options {
                 Some(names) => joint_names(names).map_err(|error| format!("--joints {name}={names:?}: {error}"))?,
                 None => joint_states::DEFAULT_NAMES.map(str::to_owned).to_vec(),
             };
-            let address =
-                LingAddress::new(port, controls.remove(name)).map_err(|error| format!("--arm {text:?}: {error}"))?;
-            if let Some(other) = arms.iter().find(|arm| arm.address == address) {
-                return Err(format!("--arm {text:?}: {} has the same port", other.name));
+            let wrong = |error| format!("--arm {text:?}: {error}");
+            let port = port.parse().map_err(wrong)?;
+            let control = controls.remove(name).map(Port::of_control).transpose().map_err(wrong)?;
+            if let Some(other) = arms.iter().find(|arm| arm.port == port && arm.control == control) {
+                return Err(format!("--arm {text:?}: its port is that of {}", other.name));
             }
             arms.push(Arm {
                 name: name.to_owned(),
-                address,
+                port,
+                control,
                 joints: joint_states::joints(&names),
                 rate: self.rate,
                 allow_set_zero: self.allow_set_zero,
@@ -237,10 +241,8 @@ mod tests {
         let [left, right] = &checked.arms[..] else {
             panic!("two arms")
         };
-        assert_eq!(
-            left.address,
-            LingAddress::new("/dev/ttyACM0", Some("/tmp/control")).unwrap()
-        );
+        assert_eq!(left.port, Port::Serial("/dev/ttyACM0".to_owned()));
+        assert_eq!(left.control, Some(Port::Control("/tmp/control".to_owned())));
         assert_eq!(left.joints[0].name, "joint1");
         assert_eq!(
             (right.joints[1].name.as_str(), right.joints[1].min, right.joints[1].max),
