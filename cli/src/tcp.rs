@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::{TcpStream, ToSocketAddrs};
+use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -102,35 +102,32 @@ impl Tcp {
 
     fn connect(host: &Host, is_serial: bool) -> Result<Self, Error> {
         let name = host.to_string();
-        let addresses = match (host.host.as_str(), host.port).to_socket_addrs() {
-            Ok(addresses) => addresses,
-            Err(error) => {
-                return Err(Error::at(
-                    &name,
-                    format!("no such host ({error}): give its address instead?"),
-                ));
-            }
-        };
-        let mut refused = io::Error::from(ErrorKind::AddrNotAvailable);
+        let addresses = (host.host.as_str(), host.port).to_socket_addrs();
+        let addresses = addresses.map_err(|error| {
+            let reason = format_args!("no such host ({error}): give its address instead?");
+            Error::at(&name, reason)
+        })?;
+        let mut connected = Err(ErrorKind::AddrNotAvailable.into());
         for address in addresses {
-            let stream = TcpStream::connect_timeout(&address, CONNECT_TIMEOUT).and_then(|stream| {
-                stream.set_nodelay(true)?;
-                stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
-                Ok(stream)
-            });
-            match stream {
-                Ok(stream) => {
-                    return Ok(Self {
-                        name,
-                        stream,
-                        is_serial,
-                    });
-                }
-                Err(error) => refused = error,
+            connected = open(&address);
+            if connected.is_ok() {
+                break;
             }
         }
-        Err(not_connected(&name, &refused))
+        let stream = connected.map_err(|error| not_connected(&name, &error))?;
+        Ok(Self {
+            name,
+            stream,
+            is_serial,
+        })
     }
+}
+
+fn open(address: &SocketAddr) -> io::Result<TcpStream> {
+    let stream = TcpStream::connect_timeout(address, CONNECT_TIMEOUT)?;
+    stream.set_nodelay(true)?;
+    stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
+    Ok(stream)
 }
 
 impl Line for Tcp {
@@ -145,8 +142,7 @@ impl Line for Tcp {
         match self.stream.read(buf) {
             Ok(0) => {
                 let reason = "the connection was closed from there: was the arm switched off, or does it take no more?";
-                let (name, reason) = (self.name.clone(), reason.to_owned());
-                Err(Error::Lost { name, reason })
+                Err(Error::lost(&self.name, reason))
             }
             Ok(n) => Ok(n),
             Err(error) if is_nothing_yet(&error) => Ok(0),
@@ -166,17 +162,14 @@ impl Line for Tcp {
     }
 
     fn hints(&mut self, reception: Reception, names: Names) -> String {
+        let Names { arm, other } = names;
         match (reception, self.is_serial) {
-            (Reception::Silence, false) => format!("is it {} that listens there, and on its control port?", names.arm),
+            (Reception::Silence, false) => format!("is it {arm} that listens there, and on its control port?"),
             (Reception::Garbage, false) => "is it this arm, and its control port?".to_owned(),
-            (Reception::Silence, true) => {
-                let Names { arm, other } = names;
-                format!(
-                    "is the arm powered, and is its serial port the one that is served there? Is it {arm}, and not {other}?"
-                )
-            }
+            (Reception::Silence, true) => format!(
+                "is the arm powered, and is its serial port the one that is served there? Is it {arm}, and not {other}?"
+            ),
             (Reception::Garbage, true) => {
-                let Names { arm, other } = names;
                 format!("has the serial port there the arm's baud rate, and is it {arm}, and not {other}?")
             }
         }
@@ -191,8 +184,7 @@ impl Tcp {
             }
             _ => format!("the connection is gone ({error}): was the arm switched off?"),
         };
-        let name = self.name.clone();
-        Error::Lost { name, reason }
+        Error::lost(&self.name, reason)
     }
 }
 

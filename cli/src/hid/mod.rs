@@ -106,29 +106,19 @@ enum Failure {
 impl Failure {
     /// The error on a device of this name, with these vendor and product ids.
     fn on(self, name: &str, (vendor, product): (u16, u16)) -> Error {
-        let name = name.to_owned();
         match self {
-            Self::Gone => {
-                let reason = "device disconnected: was it unplugged, or switched off?".to_owned();
-                Error::Lost { name, reason }
-            }
-            Self::Stuck => Error::At {
-                name,
-                reason: "write timeout: is the robot stuck?".to_owned(),
-            },
-            Self::Denied if cfg!(target_os = "linux") => Error::At {
-                name,
-                reason: format!(
+            Self::Gone => Error::lost(name, "device disconnected: was it unplugged, or switched off?"),
+            Self::Stuck => Error::at(name, "write timeout: is the robot stuck?"),
+            Self::Denied if cfg!(target_os = "linux") => {
+                let reason = format_args!(
                     "permission denied: put 'KERNEL==\"hidraw*\", ATTRS{{idVendor}}==\"{vendor:04x}\", \
                      ATTRS{{idProduct}}==\"{product:04x}\", TAG+=\"uaccess\"' in /etc/udev/rules.d/70-alpha1.rules, run \
                      'sudo udevadm control --reload', and plug the robot in again"
-                ),
-            },
-            Self::Denied => Error::At {
-                name,
-                reason: "permission denied: is it in use by another program?".to_owned(),
-            },
-            Self::Other(reason) => Error::Lost { name, reason },
+                );
+                Error::at(name, reason)
+            }
+            Self::Denied => Error::at(name, "permission denied: is it in use by another program?"),
+            Self::Other(reason) => Error::lost(name, reason),
         }
     }
 }

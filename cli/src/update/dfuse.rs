@@ -3,9 +3,8 @@
 //! The format is that of ST's UM0391: a prefix, one target with elements, each with its address, and the suffix of the
 //! USB DFU specification 1.1 (appendix B) with a CRC-32 of all that is before it.
 
-use std::fmt;
-
 use crc::{CRC_32_JAMCRC, Crc};
+use thiserror::Error;
 
 /// USB vendor and product of the boot loader in ST's chips, which the file is for.
 pub(super) const BOOT_LOADER: (u16, u16) = (0x0483, 0xDF11);
@@ -28,49 +27,34 @@ pub(super) struct Image {
     pub(super) len: usize,
 }
 
-/// Why a file is none.
-#[derive(Debug, PartialEq, Eq)]
+/// The reason for a file that is refused.
+#[derive(Debug, PartialEq, Eq, Error)]
 pub(super) enum Unfit {
     /// The signature is missing.
+    #[error("not a DfuSe file: is it the .dfu of the firmware, and not the .bin or .elf?")]
     NoDfuSe,
     /// The file is too short or too long.
+    #[error("the file is cut off, or damaged: its lengths do not agree")]
     Length,
-    /// The checksum, as it is in the file and as it should be.
+    /// The checksum is wrong.
+    #[error("the file is damaged: its checksum is {got:#010x}, expected {expected:#010x}")]
     Checksum { got: u32, expected: u32 },
     /// The file is for another USB device.
+    #[error(
+        "the file is for the USB device {vendor:04x}:{product:04x}, not for the boot loader {:04x}:{:04x}",
+        BOOT_LOADER.0,
+        BOOT_LOADER.1
+    )]
     Device { vendor: u16, product: u16 },
     /// The file does not have exactly one target with data.
+    #[error("the file is not for one flash: there is one target in those of the adapter")]
     Targets,
     /// Something in it is to be written elsewhere than to flash.
+    #[error("the file has something for {0:#010x}, which is not flash")]
     Address(u32),
     /// The bytes at the start of flash are no program.
+    #[error("the file has no program for {FLASH:#010x}, where the chip starts")]
     NoProgram,
-}
-
-impl fmt::Display for Unfit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::NoDfuSe => f.write_str("not a DfuSe file: is it the .dfu of the firmware, and not the .bin or .elf?"),
-            Self::Length => f.write_str("the file is cut off, or damaged: its lengths do not agree"),
-            Self::Checksum { got, expected } => {
-                write!(
-                    f,
-                    "the file is damaged: its checksum is {got:#010x}, expected {expected:#010x}"
-                )
-            }
-            Self::Device { vendor, product } => {
-                let (our_vendor, our_product) = BOOT_LOADER;
-                write!(
-                    f,
-                    "the file is for the USB device {vendor:04x}:{product:04x}, not for the boot loader \
-                     {our_vendor:04x}:{our_product:04x}"
-                )
-            }
-            Self::Targets => f.write_str("the file is not for one flash: there is one target in those of the adapter"),
-            Self::Address(address) => write!(f, "the file has something for {address:#010x}, which is not flash"),
-            Self::NoProgram => write!(f, "the file has no program for {FLASH:#010x}, where the chip starts"),
-        }
-    }
 }
 
 /// Takes a file apart.

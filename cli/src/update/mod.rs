@@ -71,7 +71,7 @@ impl Update {
     fn image(&self) -> Result<Image, Error> {
         let name = self.image.display().to_string();
         let file = fs::read(&self.image).map_err(|error| Error::at(&name, error))?;
-        dfuse::parse(&file).map_err(|unfit| Error::at(&name, unfit.to_string()))
+        dfuse::parse(&file).map_err(|unfit| Error::at(&name, unfit))
     }
 
     /// Has the image written and the adapter started, and looks what it is then.
