@@ -14,7 +14,7 @@ use crate::output::say;
 /// Period of the lease's renewal: a fraction of the lease.
 const RENEWAL: Duration = Duration::from_millis(HOLD_LEASE_MS as u64 / 5);
 /// Period of the checks for Ctrl-C.
-const GLANCE: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// The arguments of `armwire hold`.
 #[derive(Args)]
@@ -28,17 +28,17 @@ impl Hold {
         let mut control = self.adapter.open()?;
         control.call(Request::HoldLine)?;
         let name = control.name().to_owned();
-        let tell = |what: &str| say(format_args!("{name}: {what}"));
-        tell("the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it")?;
+        let report = |what: &str| say(format_args!("{name}: {what}"));
+        report("the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it")?;
         let mut renewal = Instant::now() + RENEWAL;
         while !stop.load(Ordering::Relaxed) {
             if renewal <= Instant::now() {
                 control.call(Request::HoldLine)?;
                 renewal = Instant::now() + RENEWAL;
             }
-            thread::sleep(GLANCE);
+            thread::sleep(POLL_PERIOD);
         }
         control.call(Request::ReleaseLine)?;
-        tell("the line is released")
+        report("the line is released")
     }
 }

@@ -35,6 +35,15 @@ pub trait Line: Send {
     /// one.
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error>;
 
+    /// Writes all bytes.
+    fn write_all(&mut self, mut bytes: &[u8]) -> Result<(), Error> {
+        while !bytes.is_empty() {
+            let n = self.write(bytes)?;
+            bytes = &bytes[n..];
+        }
+        Ok(())
+    }
+
     /// Hints for a line without an answer.
     fn hints(&mut self, reception: Reception, arm: Names) -> String;
 }

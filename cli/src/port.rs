@@ -12,6 +12,7 @@ use armwire_sim::slcan::{BIT_RATES, BitRate};
 
 use crate::can::{self, CanLine, SharedBus};
 use crate::control::ControlLink;
+use crate::control::usb::UsbLine;
 use crate::describe::Arm;
 use crate::error::Error;
 use crate::hid;
@@ -28,6 +29,9 @@ const CAN_LATENCY: time::Duration = time::Duration::from_millis(100);
 const BIT_RATE: BitRate = BitRate::MAX;
 /// Default baud rate of an SLCAN adapter. An adapter on USB ignores it.
 const SLCAN_BAUD: u32 = 115_200;
+
+/// Baud rate of a control port of its own, which ignores it.
+const CONTROL_BAUD: u32 = 115_200;
 
 /// A port on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,7 +71,7 @@ impl FromStr for Port {
             return Ok(Self::Serial(text.to_owned()));
         };
         Ok(match kind {
-            "tcp" => Self::Tcp(Host::with_port(rest)?),
+            "tcp" => Self::Tcp(Host::parse(rest, None)?),
             "can" => {
                 let (interface, node) = split_node(rest)?;
                 let interface = non_empty(interface, text)?;
@@ -241,7 +245,7 @@ impl Connection {
                     stale_window: TCP.stale_window,
                     ..usual
                 };
-                (Box::new(Tcp::connect_serial(host)?), config)
+                (Box::new(Tcp::connect(host, true)?), config)
             }
             Port::Hid(_) if !P::ON_HID => {
                 let text = format!(
@@ -270,8 +274,8 @@ impl Connection {
     /// The port has no control port, or it cannot be opened.
     pub fn control(&self) -> Result<ControlLink, Error> {
         match &self.port {
-            Port::Serial(port) => ControlLink::on_usb(port),
-            Port::Control(port) => ControlLink::on_port(port),
+            Port::Serial(port) => Ok(ControlLink::on_line(Box::new(UsbLine::open(port)?))),
+            Port::Control(port) => Ok(ControlLink::on_line(Box::new(Serial::open(port, CONTROL_BAUD)?))),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
                 let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer);
                 Ok(ControlLink::on_can(line))

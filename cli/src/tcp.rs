@@ -38,12 +38,8 @@ impl FromStr for Host {
 }
 
 impl Host {
-    /// Such as `192.168.1.10:4000` or `[::1]:4000`.
-    pub(crate) fn with_port(text: &str) -> Result<Self, String> {
-        Self::parse(text, None)
-    }
-
-    fn parse(text: &str, usual_port: Option<u16>) -> Result<Self, String> {
+    /// Such as `192.168.1.10:4000` or `[::1]:4000`; without its port only if there is a usual one.
+    pub(crate) fn parse(text: &str, usual_port: Option<u16>) -> Result<Self, String> {
         let (host, port) = match text.rsplit_once(':') {
             Some((host, port)) if !host.contains(':') || host.ends_with(']') => (host, port.parse().ok()),
             _ if usual_port.is_none() => return Err(format!("'{text}' has no port, such as {text}:4000")),
@@ -85,22 +81,13 @@ impl Link<XArm> {
     ///
     /// The host cannot be connected to.
     pub fn connect(host: &Host) -> Result<Self, Error> {
-        Ok(Self::new(Box::new(Tcp::connect_xarm(host)?), XArm::CONFIG))
+        Ok(Self::new(Box::new(Tcp::connect(host, false)?), XArm::CONFIG))
     }
 }
 
 impl Tcp {
-    /// Connects to a server that has a serial port for an arm.
-    pub(crate) fn connect_serial(host: &Host) -> Result<Self, Error> {
-        Self::connect(host, true)
-    }
-
-    /// Connects to an xArm.
-    pub(crate) fn connect_xarm(host: &Host) -> Result<Self, Error> {
-        Self::connect(host, false)
-    }
-
-    fn connect(host: &Host, is_serial: bool) -> Result<Self, Error> {
+    /// Connects to an xArm or, if `is_serial`, to a server of an arm's serial port.
+    pub(crate) fn connect(host: &Host, is_serial: bool) -> Result<Self, Error> {
         let name = host.to_string();
         let addresses = (host.host.as_str(), host.port).to_socket_addrs();
         let addresses = addresses.map_err(|error| {

@@ -8,9 +8,6 @@ use crate::error::Error;
 
 /// An interface of this computer to a CAN bus.
 pub(crate) trait Bus: Send {
-    /// Its name, as typed by the user.
-    fn name(&self) -> &str;
-
     /// Queues a frame for transmission.
     fn send(&mut self, frame: &Frame) -> Result<(), Error>;
 

@@ -15,9 +15,9 @@ use crate::serial::Serial;
 /// Timeout of a reply. Some firmware replies to queries only.
 const REPLY_TIMEOUT: Duration = Duration::from_millis(500);
 /// Timeout of a command's acknowledgement. Some adapters send none.
-const ACKNOWLEDGE: Duration = Duration::from_millis(100);
+const ACKNOWLEDGE_TIMEOUT: Duration = Duration::from_millis(100);
 /// Time for the last frames to reach the bus, at the lowest bit rate.
-const ON_THE_WAY: Duration = Duration::from_millis(50);
+const FLUSH_TIME: Duration = Duration::from_millis(50);
 
 /// An adapter with its channel open.
 pub(super) struct SlcanBus {
@@ -26,8 +26,8 @@ pub(super) struct SlcanBus {
     /// Time of the last frame's transmission.
     sent: Option<Instant>,
     replies: Replies,
-    /// Received bytes that were not taken yet.
-    said: VecDeque<Result<Reply, Malformed>>,
+    /// Replies that were not taken yet.
+    received: VecDeque<Result<Reply, Malformed>>,
 }
 
 impl SlcanBus {
@@ -39,14 +39,14 @@ impl SlcanBus {
             bit_rate,
             sent: None,
             replies: Replies::default(),
-            said: VecDeque::new(),
+            received: VecDeque::new(),
         };
         for command in [Command::Nothing, Command::Nothing, Command::Close, Command::Version] {
-            bus.tell(command)?;
+            bus.send_command(command)?;
         }
         if !bus.settle()? {
             let reason = format!("no answer to SLCAN: is it a CAN adapter with this protocol, and at {baud} baud?");
-            return Err(Error::at(bus.name(), reason));
+            return Err(Error::at(bus.serial.name(), reason));
         }
         for (command, what) in [
             (
@@ -55,8 +55,8 @@ impl SlcanBus {
             ),
             (Command::Open, "does not open its channel".to_owned()),
         ] {
-            bus.tell(command)?;
-            if bus.hear(ACKNOWLEDGE)? == Some(Ok(Reply::Refused)) {
+            bus.send_command(command)?;
+            if bus.next_reply(ACKNOWLEDGE_TIMEOUT)? == Some(Ok(Reply::Refused)) {
                 return Err(bus.refused(what));
             }
         }
@@ -67,40 +67,35 @@ impl SlcanBus {
     fn settle(&mut self) -> Result<bool, Error> {
         let until = Instant::now() + REPLY_TIMEOUT;
         let mut is_there = false;
-        while let Some(reply) = self.hear(until.saturating_duration_since(Instant::now()))? {
+        while let Some(reply) = self.next_reply(until.saturating_duration_since(Instant::now()))? {
             is_there = true;
             // Some firmware has a format of its own, and firmware without the command sends an error.
             if matches!(reply, Ok(Reply::Version { .. }) | Err(Malformed { command: b'V', .. })) {
                 break;
             }
         }
-        self.said.clear();
+        self.received.clear();
         Ok(is_there)
     }
 
     /// Writes one command in one piece: some firmware accepts no other.
-    fn tell(&mut self, command: Command) -> Result<(), Error> {
+    fn send_command(&mut self, command: Command) -> Result<(), Error> {
         let mut line = Vec::new();
         command.encode(&mut line);
-        let mut rest = &line[..];
-        while !rest.is_empty() {
-            let n = self.serial.write(rest)?;
-            rest = &rest[n..];
-        }
-        Ok(())
+        self.serial.write_all(&line)
     }
 
     /// The next reply, within this time.
-    fn hear(&mut self, wait: Duration) -> Result<Option<Result<Reply, Malformed>>, Error> {
+    fn next_reply(&mut self, wait: Duration) -> Result<Option<Result<Reply, Malformed>>, Error> {
         let until = Instant::now() + wait;
         let mut buf = [0; 1024];
         loop {
-            if let Some(reply) = self.said.pop_front() {
+            if let Some(reply) = self.received.pop_front() {
                 return Ok(Some(reply));
             }
             let left = until.saturating_duration_since(Instant::now());
             let n = self.serial.read(&mut buf, left)?;
-            self.said
+            self.received
                 .extend(buf[..n].iter().filter_map(|&byte| self.replies.push(byte)));
             if n == 0 && left.is_zero() {
                 return Ok(None);
@@ -109,42 +104,38 @@ impl SlcanBus {
     }
 
     fn status(&mut self) -> Result<Option<Status>, Error> {
-        let until = Instant::now() + ACKNOWLEDGE;
+        let until = Instant::now() + ACKNOWLEDGE_TIMEOUT;
         let mut others = VecDeque::new();
         let mut status = None;
-        self.tell(Command::Status)?;
+        self.send_command(Command::Status)?;
         while status.is_none() && Instant::now() < until {
-            match self.hear(until.saturating_duration_since(Instant::now()))? {
-                Some(Ok(Reply::Status(told))) => status = Some(told),
+            match self.next_reply(until.saturating_duration_since(Instant::now()))? {
+                Some(Ok(Reply::Status(received))) => status = Some(received),
                 Some(other) => others.push_back(other),
                 None => {}
             }
         }
-        others.append(&mut self.said);
-        self.said = others;
+        others.append(&mut self.received);
+        self.received = others;
         Ok(status)
     }
 
     fn refused(&self, what: String) -> Error {
-        Error::at(self.name(), format_args!("the CAN adapter {what}"))
+        Error::at(self.serial.name(), format_args!("the CAN adapter {what}"))
     }
 }
 
 impl Bus for SlcanBus {
-    fn name(&self) -> &str {
-        self.serial.name()
-    }
-
     fn send(&mut self, frame: &Frame) -> Result<(), Error> {
         self.sent = Some(Instant::now());
-        self.tell(Command::Transmit((*frame).into()))
+        self.send_command(Command::Transmit((*frame).into()))
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Error> {
         let until = Instant::now() + wait;
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            match self.hear(left)? {
+            match self.next_reply(left)? {
                 // Frames with 29-bit identifiers and remote frames belong to other nodes.
                 Some(Ok(Reply::Frame { frame, .. })) => {
                     if let Some(frame) = frame.to_adapter() {
@@ -178,9 +169,9 @@ impl Drop for SlcanBus {
     fn drop(&mut self) {
         // A closing channel may drop its unsent frames.
         if let Some(sent) = self.sent {
-            thread::sleep(ON_THE_WAY.saturating_sub(sent.elapsed()));
+            thread::sleep(FLUSH_TIME.saturating_sub(sent.elapsed()));
         }
         // An open channel would fill the port without a reader.
-        let _ = self.tell(Command::Close);
+        let _ = self.send_command(Command::Close);
     }
 }

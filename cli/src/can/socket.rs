@@ -84,10 +84,6 @@ fn open(interface: &str, node: Node) -> io::Result<CanFdSocket> {
 }
 
 impl Bus for SocketBus {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
     fn send(&mut self, frame: &Frame) -> Result<(), Error> {
         let id = StandardId::new(frame.id().get()).expect("11 bits");
         let frame = CanDataFrame::new(id, frame.data()).expect("a classic frame");

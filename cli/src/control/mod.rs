@@ -14,14 +14,11 @@ use crate::can::CanLine;
 use crate::error::Error;
 use crate::link::Line;
 use crate::received::Missing;
-use crate::serial::Serial;
 
 /// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
 /// Maximum number of events that wait for [`next_event`](ControlLink::next_event): four seconds of polls at 1 kHz.
 const MAX_EVENTS: usize = 4_096;
-/// The baud rate of a port that has none.
-const BAUD: u32 = 115_200;
 
 /// The control port of one adapter.
 pub struct ControlLink {
@@ -52,22 +49,13 @@ struct Stream {
 }
 
 impl ControlLink {
-    /// The control port of the adapter with this serial port.
-    pub(crate) fn on_usb(port: &str) -> Result<Self, Error> {
-        Ok(Self::stream(Box::new(usb::UsbLine::open(port)?)))
-    }
-
-    /// A port of its own.
-    pub(crate) fn on_port(port: &str) -> Result<Self, Error> {
-        Ok(Self::stream(Box::new(Serial::open(port, BAUD)?)))
-    }
-
     /// On a CAN bus.
     pub(crate) fn on_can(line: CanLine) -> Self {
         Self::new(Way::Can(Box::new(line)))
     }
 
-    fn stream(line: Box<dyn Line>) -> Self {
+    /// On USB, or on a port of its own.
+    pub(crate) fn on_line(line: Box<dyn Line>) -> Self {
         Self::new(Way::Stream(Box::new(Stream {
             line,
             reader: Reader::new(),
@@ -257,12 +245,7 @@ impl Stream {
         // The zero in front ends what an earlier program may have begun.
         let mut out = [0; 1 + MAX_COBS];
         let n = control::encode_cobs(message, &mut out[1..]).expect("room for any message");
-        let mut rest = &out[..1 + n];
-        while !rest.is_empty() {
-            let n = self.line.write(rest)?;
-            rest = &rest[n..];
-        }
-        Ok(())
+        self.line.write_all(&out[..1 + n])
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Result<FromAdapter, Malformed>>, Error> {
@@ -343,7 +326,7 @@ mod tests {
 
     fn link(events: u64) -> ControlLink {
         let out = VecDeque::new();
-        ControlLink::stream(Box::new(Talkative { events, out }))
+        ControlLink::on_line(Box::new(Talkative { events, out }))
     }
 
     #[test]

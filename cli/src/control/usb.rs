@@ -3,10 +3,10 @@
 use std::io::{self, Read, Write};
 use std::time::Duration;
 
-use nusb::descriptors::TransferType;
+use nusb::descriptors::{InterfaceDescriptor, TransferType};
 use nusb::io::{EndpointRead, EndpointWrite};
 use nusb::transfer::{Bulk, Direction, In, Out};
-use nusb::{DeviceInfo, Interface, MaybeFuture};
+use nusb::{DeviceInfo, Endpoint, Interface, MaybeFuture};
 
 use crate::error::Error;
 use crate::link::{Line, Names, Reception, is_nothing_yet};
@@ -21,7 +21,7 @@ const PACKET: usize = 64;
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// The open interface.
-pub(super) struct UsbLine {
+pub(crate) struct UsbLine {
     name: String,
     reader: EndpointRead<Bulk>,
     writer: EndpointWrite<Bulk>,
@@ -29,7 +29,7 @@ pub(super) struct UsbLine {
 
 impl UsbLine {
     /// Opens the control interface of the adapter that has this serial port.
-    pub(super) fn open(port: &str) -> Result<Self, Error> {
+    pub(crate) fn open(port: &str) -> Result<Self, Error> {
         let name = port.to_owned();
         let device = find(port)?;
         match claim(&device).and_then(|interface| endpoints(&interface)) {
@@ -105,18 +105,27 @@ fn claim(device: &DeviceInfo) -> Result<Interface, nusb::Error> {
 }
 
 fn endpoints(interface: &Interface) -> Result<(EndpointRead<Bulk>, EndpointWrite<Bulk>), nusb::Error> {
-    // An interface without them gets the library's error for an endpoint that is not there.
+    let (input, output) = bulk_endpoints(interface)?;
+    let writer = output.writer(PACKET).with_write_timeout(WRITE_TIMEOUT);
+    Ok((input.reader(PACKET), writer))
+}
+
+/// A bulk endpoint in each direction.
+pub(crate) type BulkEndpoints = (Endpoint<Bulk, In>, Endpoint<Bulk, Out>);
+
+/// The bulk endpoints of an interface.
+pub(crate) fn bulk_endpoints(interface: &Interface) -> Result<BulkEndpoints, nusb::Error> {
+    // A missing endpoint gets address 0, which the library refuses.
     let address = |direction| {
         let descriptor = interface.descriptor();
-        let endpoint = descriptor.and_then(|descriptor| {
-            let mut endpoints = descriptor.endpoints();
-            endpoints.find(|it| it.direction() == direction && it.transfer_type() == TransferType::Bulk)
-        });
+        let mut endpoints = descriptor.iter().flat_map(InterfaceDescriptor::endpoints);
+        let endpoint = endpoints.find(|it| it.direction() == direction && it.transfer_type() == TransferType::Bulk);
         endpoint.map_or(0, |endpoint| endpoint.address())
     };
-    let reader = interface.endpoint::<Bulk, In>(address(Direction::In))?.reader(PACKET);
-    let writer = interface.endpoint::<Bulk, Out>(address(Direction::Out))?.writer(PACKET);
-    Ok((reader, writer.with_write_timeout(WRITE_TIMEOUT)))
+    Ok((
+        interface.endpoint(address(Direction::In))?,
+        interface.endpoint(address(Direction::Out))?,
+    ))
 }
 
 impl Line for UsbLine {

@@ -87,7 +87,8 @@ impl<P: Arm> Frames<P> {
             true => self.arm.scan_idle(rest, self.expect),
             false => self.arm.scan(rest, self.expect),
         };
-        let (len, reason) = match verdict {
+        // The bytes that are shown, the number of bytes that are skipped, and the text.
+        let (shown, len, text) = match verdict {
             Scan::Frame(len) => {
                 let (from, text) = meaning(&self.arm, &rest[..len], self.expect, self.from);
                 self.frames += 1;
@@ -98,46 +99,42 @@ impl<P: Arm> Frames<P> {
                 self.padding += len as u64;
                 return len;
             }
-            Scan::Noise(_, Reason::Stray) => match self.stray(rest) {
+            Scan::Need(_) if !is_end => return 0,
+            Scan::Need(_) => (
+                0..rest.len(),
+                rest.len(),
+                "the recording ends within a frame".to_owned(),
+            ),
+            Scan::Noise(_, Reason::Stray) => {
+                let len = self.stray(rest);
                 // The run may continue.
-                len if len == rest.len() && len < MAX_STRAY && !is_end => return 0,
-                len => (len, Reason::Stray),
-            },
+                if len == rest.len() && len < MAX_STRAY && !is_end {
+                    return 0;
+                }
+                let start = self.damaged.saturating_sub(self.offset).min(len as u64) as usize;
+                (start..len, len, format!("noise: {}", Reason::Stray))
+            }
             Scan::Noise(len, _) if len > rest.len() && !is_end => return 0,
             Scan::Noise(len, reason) if len > rest.len() => {
                 let text = format!("noise: {reason}; the recording ends within it");
-                self.noise(self.offset, rest, &text, out);
-                self.noise_bytes += rest.len() as u64;
-                return rest.len();
+                (0..rest.len(), rest.len(), text)
             }
-            Scan::Noise(len, reason) => (len, reason),
+            // All of it is shown, but only its first byte is skipped: the others may contain a frame.
+            Scan::Noise(len, reason @ Reason::Checksum { .. }) => {
+                let end = self.decided(rest);
+                self.damaged = self.damaged.max(self.offset + end as u64);
+                (0..end, len, format!("noise: {reason}"))
+            }
+            Scan::Noise(len, reason) => (0..len, len, format!("noise: {reason}")),
             Scan::Broken(reason) => {
                 let len = self.decided(rest);
-                self.noise(self.offset, &rest[..len], &format!("noise: {reason}"), out);
                 self.broken = Some((self.offset, reason));
-                self.noise_bytes += len as u64;
-                return len;
-            }
-            Scan::Need(_) if !is_end => return 0,
-            Scan::Need(_) => {
-                self.noise(self.offset, rest, "the recording ends within a frame", out);
-                self.noise_bytes += rest.len() as u64;
-                return rest.len();
+                (0..len, len, format!("noise: {reason}"))
             }
         };
-        let (mut start, mut end) = (0, len);
-        match reason {
-            // All of it is shown, but only its first byte is skipped: the others may contain a frame.
-            Reason::Checksum { .. } => {
-                end = self.decided(rest);
-                self.damaged = self.damaged.max(self.offset + end as u64);
-            }
-            Reason::Stray => start = self.damaged.saturating_sub(self.offset).min(len as u64) as usize,
-            _ => {}
-        }
-        if start < end {
-            let at = self.offset + start as u64;
-            self.noise(at, &rest[start..end], &format!("noise: {reason}"), out);
+        if !shown.is_empty() {
+            let at = self.offset + shown.start as u64;
+            self.item(at, &rest[shown], self.from, &text, out);
         }
         self.noise_bytes += len as u64;
         len
@@ -155,10 +152,6 @@ impl<P: Arm> Frames<P> {
             text,
             on_line,
         });
-    }
-
-    fn noise(&self, offset: u64, bytes: &[u8], text: &str, out: &dyn Output) {
-        self.item(offset, bytes, self.from, text, out);
     }
 
     /// Number of stray bytes at the front, at most [`MAX_STRAY`].

@@ -121,7 +121,7 @@ impl Monitor {
             return Ok(Watched::alone(adapter::open(control, recorder)?));
         }
         if matches!(self.place.arm, ArmKind::Xarm) {
-            let line = Box::new(Tcp::connect_xarm(&self.place.host()?)?);
+            let line = Box::new(Tcp::connect(&self.place.host()?, false)?);
             let link = recorder.link(line, XArm::CONFIG);
             return Ok(Watched::alone(Box::new(xarm::PolledXArm::new(link))));
         }

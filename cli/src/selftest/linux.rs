@@ -5,14 +5,13 @@ use std::collections::VecDeque;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use nusb::descriptors::{InterfaceDescriptor, TransferType};
 use nusb::transfer::{
-    Buffer, Bulk, ControlIn, ControlOut, ControlType, Direction as Way, EndpointDirection, In, Out, Recipient,
-    TransferError,
+    Buffer, Bulk, ControlIn, ControlOut, ControlType, EndpointDirection, In, Out, Recipient, TransferError,
 };
 use nusb::{Device, DeviceInfo, Endpoint, ErrorKind, Interface, MaybeFuture};
 
 use super::usb::{Direction, Payload, Pipe, Request, Usb, UsbError};
+use crate::control::usb::bulk_endpoints;
 
 /// The classes of the interfaces: the serial port's two, and the control interface.
 const COMMUNICATIONS: u8 = 0x02;
@@ -23,7 +22,7 @@ const VENDOR_SPECIFIC: u8 = 0xFF;
 const CONTROL: Duration = Duration::from_secs(5);
 /// Timeout of re-enumeration after a reset or restart, and the polling interval.
 const GONE: Duration = Duration::from_secs(10);
-const GLANCE: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 /// Maximum time until a restarting adapter disconnects.
 const LEAVING: Duration = Duration::from_millis(500);
 /// Timeout of pending transmissions, and of a cancelled transfer's end.
@@ -94,7 +93,7 @@ impl LinuxUsb {
                 }
                 Some(Err(error)) if Instant::now() > until => return Err(host(error)),
                 None if Instant::now() > until => return Err(UsbError::Gone),
-                Some(Err(_)) | None => thread::sleep(GLANCE),
+                Some(Err(_)) | None => thread::sleep(POLL_PERIOD),
             }
         }
     }
@@ -171,27 +170,19 @@ impl Bulks {
     }
 
     fn open_with(interface: Interface, unread: VecDeque<u8>) -> Result<Self, nusb::Error> {
-        // A missing endpoint gets address 0, which the library refuses.
-        let address = |way| {
-            let descriptor = interface.descriptor();
-            let is_it = |it: &nusb::descriptors::EndpointDescriptor<'_>| {
-                it.direction() == way && it.transfer_type() == TransferType::Bulk
-            };
-            let mut endpoints = descriptor.iter().flat_map(InterfaceDescriptor::endpoints);
-            endpoints.find(is_it).map_or(0, |it| it.address())
-        };
+        let (input, output) = bulk_endpoints(&interface)?;
         let mut bulks = Self {
-            input: interface.endpoint(address(Way::In))?,
-            output: interface.endpoint(address(Way::Out))?,
+            input,
+            output,
             unread,
             interface,
         };
-        bulks.ask();
+        bulks.queue_reads();
         Ok(bulks)
     }
 
     /// Queues reads on the IN endpoint.
-    fn ask(&mut self) {
+    fn queue_reads(&mut self) {
         while self.input.pending() < READS {
             self.input.submit(Buffer::new(READ));
         }
@@ -245,7 +236,7 @@ impl Bulks {
     fn end_writes(&mut self) {
         let until = Instant::now() + LEFT;
         while self.output.pending() > 0 && Instant::now() < until {
-            self.output.wait_next_complete(GLANCE);
+            self.output.wait_next_complete(POLL_PERIOD);
         }
         end(&mut self.output);
     }
@@ -255,7 +246,7 @@ impl Bulks {
             Direction::In => {
                 self.end_reads();
                 self.input.clear_halt().wait().map_err(host)?;
-                self.ask();
+                self.queue_reads();
                 Ok(())
             }
             Direction::Out => {

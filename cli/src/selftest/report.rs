@@ -71,44 +71,34 @@ pub struct Check {
 }
 
 impl Check {
-    /// The result as one word: `ok`, `FAILED` or `not tried`.
-    const fn verdict(&self) -> &'static str {
-        match &self.result {
-            Ok(_) => "ok",
-            Err(Trouble::Failed(_)) => "FAILED",
-            Err(Trouble::NotTried(_)) => "not tried",
-        }
-    }
-
     /// Returns true if the adapter or the wiring is faulty.
     pub const fn has_failed(&self) -> bool {
         matches!(self.result, Err(Trouble::Failed(_)))
     }
 
+    /// The result in a word for people and in one for programs, and its text.
+    fn outcome(&self) -> (&'static str, &'static str, &str) {
+        match &self.result {
+            Ok(passed) => ("ok", "passed", &passed.text),
+            Err(Trouble::Failed(text)) => ("FAILED", "failed", text),
+            Err(Trouble::NotTried(text)) => ("not tried", "not tried", text),
+        }
+    }
+
     /// The check as one line.
     pub fn line(&self) -> String {
-        let text = match &self.result {
-            Ok(passed) => passed.text.clone(),
-            Err(trouble) => trouble.to_string(),
-        };
-        format!("{:<16}{:<11}{text}", self.name, self.verdict())
+        let (word, _, text) = self.outcome();
+        format!("{:<16}{word:<11}{text}", self.name)
     }
 
     /// The check as an object: name, result, text and figures.
     pub fn json(&self) -> Value {
-        let (result, text) = match &self.result {
-            Ok(passed) => ("passed", passed.text.clone()),
-            Err(Trouble::Failed(text)) => ("failed", text.clone()),
-            Err(Trouble::NotTried(text)) => ("not tried", text.clone()),
-        };
-        let mut object = Map::new();
-        object.insert("check".to_owned(), json!(self.name));
-        object.insert("result".to_owned(), json!(result));
-        object.insert("text".to_owned(), json!(text));
-        if let Ok(passed) = &self.result {
+        let (_, result, text) = self.outcome();
+        let mut check = json!({ "check": self.name, "result": result, "text": text });
+        if let (Ok(passed), Some(object)) = (&self.result, check.as_object_mut()) {
             object.extend(passed.figures.clone());
         }
-        Value::Object(object)
+        check
     }
 }
 
