@@ -127,10 +127,10 @@ pub(crate) fn line(control: &mut ControlLink) -> Result<Option<LineState>, Error
     }
 }
 
-/// Tells on standard error who holds the line, if anybody does.
-pub(crate) fn tell_holder(control: &mut ControlLink) -> Result<(), Error> {
-    if let Some(told) = line(control)?.as_ref().and_then(line_holder::describe) {
-        complain(&format_args!("{}: the line runs at {told}", control.name()));
+/// Reports the holder of the line on standard error, if there is one.
+pub(crate) fn report_holder(control: &mut ControlLink) -> Result<(), Error> {
+    if let Some(holder) = line(control)?.as_ref().and_then(line_holder::describe) {
+        complain(&format_args!("{}: the line runs at {holder}", control.name()));
     }
     Ok(())
 }

@@ -253,7 +253,7 @@ impl Configure {
                 control = self.follow(control, &Config::default())?;
             }
         }
-        adapter::tell_holder(&mut control)?;
+        adapter::report_holder(&mut control)?;
         let config = get(&mut control)?;
         if self.json {
             return print_json(&object(&config));
@@ -367,7 +367,7 @@ mod tests {
 
     #[test]
     fn refused_settings_come_with_allowed_values() {
-        for (text, told) in [
+        for (text, expected) in [
             (
                 "speed=3",
                 "there is no setting 'speed'; there are: arm, poll, can.node, can.bit-rate",
@@ -384,7 +384,7 @@ mod tests {
             ("can.data-bit-rate=", "'' is not off, or a number"),
         ] {
             let error = setting(text).err().unwrap();
-            assert!(error.starts_with(told), "{error}");
+            assert!(error.starts_with(expected), "{error}");
         }
     }
 }

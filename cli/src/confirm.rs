@@ -15,12 +15,12 @@ pub(crate) struct Confirm {
 }
 
 impl Confirm {
-    /// Asks on a terminal whether to go on in view of `danger`, a sentence.
+    /// Prompts on a terminal to go on in view of `danger`, a sentence.
     ///
     /// # Errors
     ///
-    /// The answer is not yes, or there is no terminal to ask on.
-    pub(crate) fn ask(&self, danger: &str) -> Result<(), Error> {
+    /// The answer is not yes, or there is no terminal for a prompt.
+    pub(crate) fn prompt(&self, danger: &str) -> Result<(), Error> {
         if self.yes {
             return Ok(());
         }
@@ -30,8 +30,8 @@ impl Confirm {
             )));
         }
         let mut answer = String::new();
-        let asked = write!(stderr(), "{danger} Go on? [y/N] ").and_then(|()| stdin().read_line(&mut answer));
-        asked.map_err(Error::Output)?;
+        let prompted = write!(stderr(), "{danger} Go on? [y/N] ").and_then(|()| stdin().read_line(&mut answer));
+        prompted.map_err(Error::Output)?;
         match answer.trim() {
             "y" | "Y" | "yes" => Ok(()),
             _ => Err(Error::Declined),

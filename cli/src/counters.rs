@@ -27,7 +27,7 @@ pub(crate) struct Counters {
 impl Counters {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut control = self.adapter.open()?;
-        adapter::tell_holder(&mut control)?;
+        adapter::report_holder(&mut control)?;
         let counters = adapter::counters(&mut control)?;
         let latencies = adapter::latencies(&mut control)?;
         let latencies = histograms(&latencies);

@@ -1,4 +1,4 @@
-//! Why a command fails, in one line that says what to do.
+//! Errors of commands, each one line with a remedy.
 
 use std::error;
 use std::fmt::Display;
@@ -10,7 +10,7 @@ use armwire_bridge::control::VERSION;
 
 use crate::received::Missing;
 
-/// Why a command fails.
+/// The reason for a failed command.
 #[derive(Debug, thiserror::Error)]
 #[allow(
     missing_docs,
@@ -24,7 +24,7 @@ pub enum Error {
     /// Something fails at a port, a host or a file, for a reason that only its user has to know.
     #[error("{name}: {reason}")]
     At { name: String, reason: String },
-    /// The arm or the adapter does not do what it is asked.
+    /// The arm or the adapter refuses the request.
     #[error("{name}: {reason}")]
     Refused { name: String, reason: String },
     /// The received bytes are no message of this arm, or an unacceptable one.

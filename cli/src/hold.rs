@@ -9,7 +9,7 @@ use clap::Args;
 
 use crate::adapter::AdapterPort;
 use crate::error::Error;
-use crate::output::say;
+use crate::output::print_line;
 
 /// Period of the lease's renewal: a fraction of the lease.
 const RENEWAL: Duration = Duration::from_millis(HOLD_LEASE_MS as u64 / 5);
@@ -28,7 +28,7 @@ impl Hold {
         let mut control = self.adapter.open()?;
         control.call(Request::HoldLine)?;
         let name = control.name().to_owned();
-        let report = |what: &str| say(format_args!("{name}: {what}"));
+        let report = |what: &str| print_line(format_args!("{name}: {what}"));
         report("the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it")?;
         let mut renewal = Instant::now() + RENEWAL;
         while !stop.load(Ordering::Relaxed) {

@@ -10,7 +10,7 @@ use crate::control::ControlLink;
 use crate::describe::{Arm, Fact, object};
 use crate::error::Error;
 use crate::link::{LineErrors, Link};
-use crate::output::{print_json, say};
+use crate::output::{print_json, print_line};
 use crate::{config, legacy, line_holder};
 
 /// The arguments of `armwire info`.
@@ -33,7 +33,7 @@ impl Info {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let (json, known) = (self.json, Vec::new());
         let mut report = Report { json, known };
-        report.ask(&self.place)?;
+        report.collect(&self.place)?;
         match json {
             true => print_json(&object(&report.known).into()),
             false => Ok(()),
@@ -44,13 +44,13 @@ impl Info {
 impl Report {
     fn add(&mut self, fact: Fact) -> Result<(), Error> {
         if !self.json {
-            say(format_args!("{:<13}{}", fact.name, fact.text))?;
+            print_line(format_args!("{:<13}{}", fact.name, fact.text))?;
         }
         self.known.push(fact);
         Ok(())
     }
 
-    fn ask(&mut self, place: &Place) -> Result<(), Error> {
+    fn collect(&mut self, place: &Place) -> Result<(), Error> {
         if matches!(place.arm, ArmKind::Xarm) {
             // Here a byte that is part of no frame ends it.
             return self.arm(&mut Link::connect(&place.host()?)?);
@@ -60,7 +60,7 @@ impl Report {
             Ok(mut control) => self.adapter(&mut control)?,
             // A control port on the command line must work.
             Err(error) if place.control.is_some() => return Err(error),
-            // There may be no adapter, or an arm that can be asked without it.
+            // There may be no adapter, or an arm that answers without it.
             Err(Error::NoControl { .. }) => {}
             Err(error @ Error::Usb { .. }) => {
                 self.add(Fact::words("adapter", format_args!("not told: {error}")))?;
@@ -89,7 +89,7 @@ impl Report {
         self.add(Fact::new("line", "noise_bytes", noise_bytes, text))
     }
 
-    /// Asks an arm for all there is to know. Of the state, which comes with each answer, the last counts.
+    /// The facts in the arm's answers. The state comes with each answer: the last counts.
     fn arm<P: Arm>(&mut self, link: &mut Link<P>) -> Result<(), Error> {
         let mut state = None;
         for request in P::info() {
@@ -122,7 +122,7 @@ impl Report {
         self.add(Fact::new("configured", "config", config::object(&config), text))?;
         self.add(Fact::of("can", can(&config.can), []))?;
         match line(control)?.as_ref().and_then(line_holder::describe) {
-            Some(told) => self.add(Fact::words("rate", told)),
+            Some(holder) => self.add(Fact::words("rate", holder)),
             None => Ok(()),
         }
     }

@@ -102,13 +102,13 @@ mod tests {
         0x04, 0x81, 0x08, 0x00, 0xFF,
     ];
 
-    /// An arm that talks without end, once it was sent so many bytes.
-    struct Talker {
+    /// An arm that transmits continuously, once it has received so many bytes.
+    struct Transmitter {
         sent: Arc<AtomicUsize>,
         silent_until: usize,
     }
 
-    impl Line for Talker {
+    impl Line for Transmitter {
         fn name(&self) -> &str {
             "fake"
         }
@@ -128,7 +128,7 @@ mod tests {
         }
 
         fn hints(&mut self, _: Reception, _: Names) -> String {
-            unreachable!("it talks")
+            unreachable!("it transmits")
         }
     }
 
@@ -137,7 +137,7 @@ mod tests {
         let now = Instant::now();
         for begun in [now, now.checked_sub(LISTEN).unwrap()] {
             let sent = Arc::new(AtomicUsize::new(0));
-            let line = Talker {
+            let line = Transmitter {
                 sent: Arc::clone(&sent),
                 silent_until: 0,
             };
@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn late_legacy_arm_is_sent_nothing_more() {
         let sent = Arc::new(AtomicUsize::new(0));
-        let line = Talker {
+        let line = Transmitter {
             sent: Arc::clone(&sent),
             silent_until: 1,
         };

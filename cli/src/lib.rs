@@ -63,7 +63,7 @@ use terminal_size::Width;
 pub use args::{ArmKind, Speaker};
 pub use decode::decode;
 
-/// Ports, calls that wait, and errors that say what to do: what the commands are made of, for other programs.
+/// Ports, blocking calls and errors with remedies, for other programs.
 pub mod host {
     pub use crate::adapter::{counters, identify};
     pub use crate::config::{get as config, object as config_object, set as change_config};

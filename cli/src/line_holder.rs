@@ -56,7 +56,7 @@ mod tests {
             ..LineState::default()
         };
         let arms = LineCoding::LING;
-        for (state, told) in [
+        for (state, expected) in [
             (state(arms, LineHolder::Nobody, None), None),
             // The rate changes to the arm's within milliseconds.
             (state(slow, LineHolder::Nobody, Some(arms)), None),
@@ -86,7 +86,7 @@ mod tests {
                 ),
             ),
         ] {
-            assert_eq!(describe(&state).as_deref(), told);
+            assert_eq!(describe(&state).as_deref(), expected);
         }
     }
 }

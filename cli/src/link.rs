@@ -135,7 +135,8 @@ impl<P: Arm> Link<P> {
         self.client.messages_mut()
     }
 
-    /// Makes calls ask this at least every 100 ms while they wait. Its error ends the call, as [`Error::Interrupted`].
+    /// Makes calls run this check at least every 100 ms while they wait. Its error ends the call, as
+    /// [`Error::Interrupted`].
     pub fn set_interrupt(&mut self, interrupt: Interrupt) {
         self.interrupt = Some(interrupt);
     }
@@ -378,16 +379,16 @@ mod tests {
     /// An arm that gives each request an answer, by how many there were.
     struct Answering {
         answer: fn(u16) -> Vec<u8>,
-        said: VecDeque<Vec<u8>>,
-        asked: u16,
+        answers: VecDeque<Vec<u8>>,
+        requests: u16,
     }
 
     impl Answering {
         fn new(answer: fn(u16) -> Vec<u8>) -> Arc<Mutex<Self>> {
             Arc::new(Mutex::new(Self {
                 answer,
-                said: VecDeque::new(),
-                asked: 0,
+                answers: VecDeque::new(),
+                requests: 0,
             }))
         }
     }
@@ -398,15 +399,16 @@ mod tests {
         }
 
         fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let said = self.lock().unwrap().said.pop_front().unwrap_or_default();
-            buf[..said.len()].copy_from_slice(&said);
-            Ok(said.len())
+            let answer = self.lock().unwrap().answers.pop_front().unwrap_or_default();
+            buf[..answer.len()].copy_from_slice(&answer);
+            Ok(answer.len())
         }
 
         fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
             let arm = &mut *self.lock().unwrap();
-            arm.asked += 1;
-            arm.said.push_back((arm.answer)(arm.asked));
+            arm.requests += 1;
+            let answer = (arm.answer)(arm.requests);
+            arm.answers.push_back(answer);
             Ok(bytes.len())
         }
 
@@ -437,7 +439,7 @@ mod tests {
             "fake: the arm's answer cannot be accepted: command 04 function 0E: gripper stroke type is 3, must be 0..=2 \
              (data byte 0)"
         );
-        assert_eq!(arm.lock().unwrap().asked, 1);
+        assert_eq!(arm.lock().unwrap().requests, 1);
     }
 
     /// A line on which noise does not end.
@@ -535,11 +537,11 @@ mod tests {
         let arm = Answering::new(joints);
         let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
         for _ in 0..3 {
-            arm.lock().unwrap().said.push_back(joints(4000));
+            arm.lock().unwrap().answers.push_back(joints(4000));
             let Ok(Some(Response::Joints(state))) = link.call(&Request::ReadJoints, |response| response) else {
                 panic!("no answer");
             };
-            assert_eq!(state.joints, [arm.lock().unwrap().asked; 6]);
+            assert_eq!(state.joints, [arm.lock().unwrap().requests; 6]);
         }
     }
 }

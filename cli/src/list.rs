@@ -11,7 +11,7 @@ use crate::control::{ControlLink, usb};
 use crate::describe::{Arm, Fact, line, object};
 use crate::error::Error;
 use crate::link::Link;
-use crate::output::{print_json, say};
+use crate::output::{print_json, print_line};
 use crate::port::{Connection, Port};
 use crate::{available, config, hid, legacy};
 
@@ -49,7 +49,7 @@ impl List {
         }
         match found.as_slice() {
             found if self.json => print_json(&Value::from(found)),
-            [] => say("no ports: is the adapter plugged in?"),
+            [] => print_line("no ports: is the adapter plugged in?"),
             _ => Ok(()),
         }
     }
@@ -61,8 +61,8 @@ impl List {
             return Ok(());
         }
         match port.as_slice() {
-            [port] => say(&port.text),
-            [port, rest @ ..] => say(format_args!("{}  {}", port.text, line(rest))),
+            [port] => print_line(&port.text),
+            [port, rest @ ..] => print_line(format_args!("{}  {}", port.text, line(rest))),
             [] => Ok(()),
         }
     }
@@ -71,7 +71,7 @@ impl List {
 /// The description of a serial port, or of the arm on another port.
 fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
     let mut facts = vec![Fact::words("port", name)];
-    let told = match name
+    let described = match name
         .parse::<Port>()
         .map_err(Error::Usage)
         .and_then(|port| port.connect(None))
@@ -81,7 +81,7 @@ fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
         Ok(_) => Ok(Vec::new()),
         Err(error) => Err(error),
     };
-    facts.extend(told.unwrap_or_else(|error| vec![Fact::words("error", error)]));
+    facts.extend(described.unwrap_or_else(|error| vec![Fact::words("error", error)]));
     facts
 }
 

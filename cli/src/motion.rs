@@ -15,7 +15,7 @@ use crate::describe::Arm as _;
 use crate::error::Error;
 use crate::legacy;
 use crate::link::Link;
-use crate::output::say;
+use crate::output::print_line;
 
 /// Maximum distance of a joint from its target: 3 ticks, 0.26°.
 const NEAR: u16 = 3;
@@ -79,8 +79,8 @@ impl MoveArm {
         let request = Request::Move(target);
         link.call(&request, drop)?;
         if !self.wait {
-            say(format_args!("sent: {}", Ling::show_request(&request)))?;
-            return say(format_args!("now: {}", show(read(&mut link)?)));
+            print_line(format_args!("sent: {}", Ling::show_request(&request)))?;
+            return print_line(format_args!("now: {}", show(read(&mut link)?)));
         }
         let mut gripper = Standstill::default();
         let is_there = |now, state: &JointState| {
@@ -89,8 +89,8 @@ impl MoveArm {
         };
         let (state, is_there) = read_until(&mut link, self.timeout, is_there)?;
         match (is_there, far_gripper(&target, &state)) {
-            (true, None) => say(format_args!("there: {}", show(state))),
-            (true, Some(off)) => say(format_args!(
+            (true, None) => print_line(format_args!("there: {}", show(state))),
+            (true, Some(off)) => print_line(format_args!(
                 "there, but {off} and stands still, does it hold something? {}",
                 show(state)
             )),
@@ -112,7 +112,7 @@ impl SetTorque {
             Torque::Off => (false, "torque off: the arm can be moved by hand"),
         };
         if !wanted {
-            self.confirm.ask("With torque off the arm falls: hold it.")?;
+            self.confirm.prompt("With torque off the arm falls: hold it.")?;
         }
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetTorque(self.torque), drop)?;
@@ -120,8 +120,8 @@ impl SetTorque {
         let (JointState { status, .. }, is_so) = read_until(&mut link, READ_BACK_TIMEOUT, is_so)?;
         let request = Ling::show_request(&Request::SetTorque(self.torque));
         match is_holding(status) {
-            _ if is_so => say(format_args!("{done} (status {status})")),
-            None => say(format_args!(
+            _ if is_so => print_line(format_args!("{done} (status {status})")),
+            None => print_line(format_args!(
                 "{request}: sent; status {status} does not show its effect"
             )),
             Some(_) => Err(Error::at(
@@ -135,14 +135,14 @@ impl SetTorque {
 impl SetZero {
     pub(crate) fn run(&self) -> Result<(), Error> {
         self.confirm
-            .ask("The arm takes its pose for zero, switches its torque off and falls: hold it.")?;
+            .prompt("The arm takes its pose for zero, switches its torque off and falls: hold it.")?;
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetZero, drop)?;
         let is_zero = |_, state: &JointState| state.joints.iter().all(|ticks| ticks.abs_diff(ZERO) <= NEAR);
         let (state, is_zero) = read_until(&mut link, READ_BACK_TIMEOUT, is_zero)?;
         let text = show(state);
         match is_zero {
-            true => say(format_args!("zero set: {text}")),
+            true => print_line(format_args!("zero set: {text}")),
             false => Err(Error::at(
                 link.name(),
                 format_args!("the zero was sent, but the arm is at {text}"),

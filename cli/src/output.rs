@@ -15,8 +15,8 @@ pub(crate) fn print(text: &str) -> Result<(), Error> {
     written.map_err(Error::Output)
 }
 
-/// Prints one line, in which text from outside may be.
-pub(crate) fn say(line: impl Display) -> Result<(), Error> {
+/// Prints one line. Text from outside in it is escaped.
+pub(crate) fn print_line(line: impl Display) -> Result<(), Error> {
     print(&format!("{}\n", escaped(&line.to_string())))
 }
 
@@ -25,7 +25,7 @@ pub(crate) fn print_json(value: &Value) -> Result<(), Error> {
     print(&(escaped_json(&format!("{value:#}")) + "\n"))
 }
 
-/// Tells what is wrong where it does not get into the data. That nobody reads it is no other error.
+/// Prints an error or a notice on standard error, apart from the data. Without a reader it is lost.
 pub(crate) fn complain(what: &impl Display) {
     let _ = writeln!(stderr(), "armwire: {}", escaped(&what.to_string()));
 }

@@ -1,4 +1,4 @@
-//! Text from outside, as a terminal may show it: a file name, a line of a log, what an adapter says that it is.
+//! Text from outside, as a terminal may show it: a file name, a line of a log, an adapter's identity.
 
 /// The longest text from a file that is shown, in characters.
 const MAX_SHOWN: usize = 120;

@@ -2,7 +2,7 @@
 
 use crate::hex;
 
-/// Why an answer is missing, as far as what came tells.
+/// The probable cause of a missing answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Missing {
@@ -117,8 +117,8 @@ mod tests {
         }
     }
 
-    fn line(heard: Received) -> String {
-        heard.cause("a Ling arm", "is it on?")
+    fn line(received: Received) -> String {
+        received.cause("a Ling arm", "is it on?")
     }
 
     #[test]

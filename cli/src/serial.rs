@@ -120,20 +120,21 @@ fn open(name: &str, baud: u32) -> io::Result<SerialPort> {
     settings.set_raw();
     settings.set_baud_rate(baud)?;
     #[cfg(unix)]
-    hear_all(&mut settings);
+    receive_all(&mut settings);
     port.set_configuration(&settings)?;
     // Discards bytes that an earlier program did not read.
     port.discard_input_buffer()?;
     port.set_write_timeout(WRITE_TIMEOUT)?;
-    // This keeps out those who do not ask for the lock.
+    // This keeps out programs that do not try the lock.
     #[cfg(unix)]
     ioctl_tiocexcl(&port)?;
     Ok(port)
 }
 
-/// Turns the receiver on, whatever the modem lines say, and takes a break for a byte: a wrong baud rate may show as one.
+/// Turns the receiver on for any state of the modem lines, and receives a break as a byte: a wrong baud rate may cause
+/// one.
 #[cfg(unix)]
-fn hear_all(settings: &mut Settings) {
+fn receive_all(settings: &mut Settings) {
     let termios = settings.as_termios_mut();
     termios.c_cflag |= (ControlModes::CREAD | ControlModes::CLOCAL).bits();
     termios.c_iflag &= !InputModes::IGNBRK.bits();

@@ -12,7 +12,7 @@ use super::values::{made, seconds};
 
 /// One request.
 #[derive(Subcommand)]
-pub(crate) enum Ask {
+pub(crate) enum Command {
     /// Read the robot's hardware version.
     HardwareVersion,
     /// Read which servos run.
@@ -44,7 +44,7 @@ pub(crate) enum Ask {
         #[arg(value_parser = text)]
         name: Name,
     },
-    /// Ask a single servo, through the robot or on the servos' own bus.
+    /// Command a single servo, through the robot or on the servos' own bus.
     #[command(subcommand)]
     Servo(Servo),
 }
@@ -148,7 +148,7 @@ pub(crate) enum Servo {
     Version(One),
 }
 
-impl Ask {
+impl Command {
     pub(super) fn request(&self) -> Request<'_> {
         match self {
             Self::HardwareVersion => Request::ReadHardwareVersion,

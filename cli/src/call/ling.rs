@@ -10,7 +10,7 @@ use super::values::{made, scaled};
 
 /// One request.
 #[derive(Subcommand)]
-pub(crate) enum Ask {
+pub(crate) enum Command {
     /// Read serial number and versions.
     ReadInfo,
     /// Make the present pose the zero position, without asking. The arm switches its torque off: hold it.
@@ -68,7 +68,7 @@ pub(crate) struct Target {
     gripper_speed: u16,
 }
 
-impl Ask {
+impl Command {
     pub(super) fn request(&self) -> Request {
         match self {
             Self::ReadInfo => Request::ReadInfo,
@@ -121,7 +121,7 @@ fn positions(text: &str) -> Result<[Position; JOINTS], String> {
     each(text, |text| scaled(text, "degrees", PI / 180.0, Position::from_radians))
 }
 
-/// Speeds other than 0, also when rounded: no document says what an arm does at 0.
+/// Speeds other than 0, also when rounded: no document specifies 0.
 fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
     let one = |text: &str| match scaled(text, "degrees/s", PI / 180.0, Speed::from_radians_per_second)? {
         speed if speed.ticks_per_second() == 0 => {

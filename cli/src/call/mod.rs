@@ -15,7 +15,7 @@ use crate::describe::{Arm, line, object};
 use crate::error::Error;
 use crate::legacy;
 use crate::link::Link;
-use crate::output::{print_json, say};
+use crate::output::{print_json, print_line};
 
 /// The arguments of `armwire call`.
 #[derive(Args)]
@@ -31,31 +31,33 @@ pub(crate) struct Call {
 #[derive(Subcommand)]
 enum ToArm {
     /// Send a request to a Ling / Alicia-D arm.
-    Ling(OnPort<ling::Ask>),
+    Ling(OnPort<ling::Command>),
     /// Send a request to a UFACTORY xArm.
     Xarm(xarm::OnHost),
     /// Send a request to a UBTECH Alpha1, or to its servos.
     #[command(
         after_help = "A robot that is a HID device: hid: for PORT, or hid:VID:PID or hid:NAME where there are several."
     )]
-    Alpha1(OnPort<alpha1::Ask>),
+    Alpha1(OnPort<alpha1::Command>),
 }
 
 /// A request and its serial port.
 #[derive(Args)]
-struct OnPort<Ask: Subcommand> {
+struct OnPort<Command: Subcommand> {
     #[command(flatten)]
     arm: ArmPort,
     #[command(subcommand)]
-    ask: Ask,
+    command: Command,
 }
 
 impl Call {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let json = self.json;
         match &self.arm {
-            ToArm::Ling(OnPort { arm, ask }) => call::<Ling>(legacy::open(&arm.connect()?)?, &ask.request(), json),
-            ToArm::Alpha1(OnPort { arm, ask }) => call::<Alpha1>(arm.connect()?.arm()?, &ask.request(), json),
+            ToArm::Ling(OnPort { arm, command }) => {
+                call::<Ling>(legacy::open(&arm.connect()?)?, &command.request(), json)
+            }
+            ToArm::Alpha1(OnPort { arm, command }) => call::<Alpha1>(arm.connect()?.arm()?, &command.request(), json),
             ToArm::Xarm(xarm) => {
                 // Before there is a connection, for the request may be none.
                 let params = xarm.params();
@@ -74,12 +76,12 @@ fn call<P: Arm>(mut link: Link<P>, request: &P::Request<'_>, json: bool) -> Resu
     })?;
     match answer {
         None if json => print_json(&json!({ "sent": P::show_request(request) })),
-        None => say(format_args!(
+        None => print_line(format_args!(
             "{}: sent, the arm does not answer it",
             P::show_request(request)
         )),
         Some(Ok(facts)) if json => print_json(&object(&facts).into()),
-        Some(Ok(facts)) => say(line(&facts)),
+        Some(Ok(facts)) => print_line(line(&facts)),
         Some(Err(what)) => Err(Error::refused(link.name(), what)),
     }
 }

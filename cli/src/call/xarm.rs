@@ -19,12 +19,12 @@ pub(crate) struct OnHost {
     #[arg(long)]
     supervised: bool,
     #[command(subcommand)]
-    ask: Ask,
+    command: Command,
 }
 
 /// One request.
 #[derive(Subcommand)]
-enum Ask {
+enum Command {
     /// Read axes, type and versions.
     Version,
     /// Read the serial numbers of the arm and of its control box.
@@ -60,7 +60,7 @@ enum Ask {
 type Hex = Box<[u8]>;
 
 impl OnHost {
-    /// Connects to the arm, to speak with the protocol id that was asked for.
+    /// Connects to the arm, to speak with the protocol id of the options.
     pub(super) fn connect(&self) -> Result<Link<XArm>, Error> {
         let mut link = Link::connect(&self.host)?;
         if self.supervised {
@@ -71,23 +71,25 @@ impl OnHost {
 
     /// The parameters of a register without a type of its own.
     pub(super) fn params(&self) -> Vec<u8> {
-        match &self.ask {
-            Ask::Raw { params, .. } => params.concat(),
+        match &self.command {
+            Command::Raw { params, .. } => params.concat(),
             _ => Vec::new(),
         }
     }
 
     pub(super) fn request<'a>(&self, params: &'a [u8]) -> Result<Request<'a>, String> {
-        Ok(match &self.ask {
-            Ask::Version => Request::ReadVersion,
-            Ask::Serials => Request::ReadSerials,
-            Ask::ReloadDynamics => Request::ReloadDynamics,
-            Ask::TorqueSource => Request::ReadTorqueSource,
-            Ask::RotationRadius { joint } => Request::ReadRotationRadius(*joint),
-            Ask::Shutdown => Request::Shutdown,
-            Ask::Reboot => Request::Reboot,
-            Ask::Heartbeat => Request::Heartbeat,
-            Ask::Raw { register, .. } => Request::Raw(Raw::new(*register, params).map_err(|error| error.to_string())?),
+        Ok(match &self.command {
+            Command::Version => Request::ReadVersion,
+            Command::Serials => Request::ReadSerials,
+            Command::ReloadDynamics => Request::ReloadDynamics,
+            Command::TorqueSource => Request::ReadTorqueSource,
+            Command::RotationRadius { joint } => Request::ReadRotationRadius(*joint),
+            Command::Shutdown => Request::Shutdown,
+            Command::Reboot => Request::Reboot,
+            Command::Heartbeat => Request::Heartbeat,
+            Command::Raw { register, .. } => {
+                Request::Raw(Raw::new(*register, params).map_err(|error| error.to_string())?)
+            }
         })
     }
 }

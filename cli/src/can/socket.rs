@@ -170,7 +170,7 @@ mod tests {
         drop(bus);
         assert!(
             controller.join().unwrap(),
-            "it heard the last error frame before it returned"
+            "it received the last error frame before it returned"
         );
     }
 

@@ -83,7 +83,7 @@ impl ControlLink {
         }
     }
 
-    /// Makes a request and returns the answer, which is none of those that say that it was not done.
+    /// Makes a request and returns the reply. Replies of a request that failed or was refused are errors.
     ///
     /// # Errors
     ///
@@ -183,7 +183,7 @@ impl ControlLink {
     }
 }
 
-/// Why the adapter did not do what it was asked.
+/// The reason for a failed request.
 fn why(failure: Failure) -> String {
     match failure {
         Failure::Flash => "the adapter's flash does not take the configuration".to_owned(),
@@ -280,12 +280,12 @@ mod tests {
     use crate::link::{Names, Reception};
 
     /// An adapter that sends this many events before each reply, stamped 0 and up.
-    struct Talkative {
+    struct EventSource {
         events: u64,
         out: VecDeque<u8>,
     }
 
-    impl Talkative {
+    impl EventSource {
         fn send(&mut self, message: &FromAdapter) {
             let mut bytes = [0; MAX_COBS];
             let n = encode_cobs(message, &mut bytes).unwrap();
@@ -293,7 +293,7 @@ mod tests {
         }
     }
 
-    impl Line for Talkative {
+    impl Line for EventSource {
         fn name(&self) -> &str {
             "fake"
         }
@@ -326,7 +326,7 @@ mod tests {
 
     fn link(events: u64) -> ControlLink {
         let out = VecDeque::new();
-        ControlLink::on_line(Box::new(Talkative { events, out }))
+        ControlLink::on_line(Box::new(EventSource { events, out }))
     }
 
     #[test]

@@ -23,7 +23,7 @@ impl Arm for Alpha1 {
 
     const CONFIG: Config = Config {
         baud: NonZeroU32::new(115_200).unwrap(),
-        // The system may be busy, or there is Bluetooth between, and what moves is not asked for twice.
+        // The system may be busy, or there is Bluetooth between, and motion is not requested twice.
         latency: time::Duration::from_millis(250),
         ..Config::DEFAULT
     };

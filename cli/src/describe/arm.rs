@@ -18,7 +18,7 @@ pub enum Protocol {
     Alpha1,
 }
 
-/// A protocol, and what the command line says of it.
+/// A protocol, and its texts on the command line.
 pub trait Arm: Messages + Default {
     /// The protocol as a value.
     const PROTOCOL: Protocol;
@@ -59,7 +59,7 @@ pub trait Arm: Messages + Default {
         line(&Self::facts(response))
     }
 
-    /// Why the arm did not do what it was asked, if that is what the response says.
+    /// The reason of a response that reports a failed request.
     fn refusal(_response: &Self::Response<'_>) -> Option<String> {
         None
     }

@@ -22,7 +22,7 @@ pub struct Fact {
 pub(crate) struct Item {
     /// The name in JSON, with its unit, for example `joint_1_rad`.
     pub(crate) key: String,
-    /// Null where the arm says nothing that can be measured.
+    /// Null without a measured value.
     pub(crate) value: Value,
     /// The name in text, for example `joint 1`.
     pub(crate) name: String,
@@ -42,7 +42,7 @@ impl Fact {
         Self::new(name, &name.replace([' ', '-'], "_"), text.as_str(), &text)
     }
 
-    /// A fact of several values that are told in one text.
+    /// A fact of several values with one text.
     pub(crate) fn of<'a>(name: &str, text: impl Display, values: impl IntoIterator<Item = (&'a str, Value)>) -> Self {
         let (name, text) = (name.to_owned(), escaped(&text.to_string()));
         let items = values.into_iter().map(|(key, value)| Item {

@@ -1,4 +1,4 @@
-//! The Ling arm of the older generation, which is only heard.
+//! The Ling arm of the older generation, which takes no requests.
 
 use armwire::Config;
 use armwire::ling::Ling;
@@ -32,7 +32,7 @@ impl Arm for Legacy {
     }
 }
 
-/// Raw counts, for their scale depends on the gripper; none while it was not heard of.
+/// Raw counts: their scale depends on the gripper. Null before the first one is received.
 pub(crate) fn gripper(state: Option<&GripperState>) -> Vec<Fact> {
     let raw = |name: &str, value: fn(&GripperState) -> u16| {
         let (key, value) = (format!("{}_raw", name.replace(' ', "_")), state.map(value));

@@ -142,7 +142,7 @@ fn values(raw: &Raw<'_>) -> String {
     }
 }
 
-/// A version in words, or as it is if it does not say what a version says.
+/// A version in words, or unchanged if it cannot be parsed.
 fn version(text: &VersionText<'_>) -> Vec<Fact> {
     match text.version() {
         Ok(version) => {
@@ -166,13 +166,13 @@ fn version(text: &VersionText<'_>) -> Vec<Fact> {
     }
 }
 
-/// The joints of an arm with so many axes, and its state, as the register of [positions](POSITIONS) tells them.
+/// The joints of an arm with so many axes, and its state, from the register of [positions](POSITIONS).
 pub(crate) fn positions(state: State, params: &[u8], axes: usize) -> Vec<Fact> {
-    let told = match params.as_chunks() {
+    let known = match params.as_chunks() {
         (positions, []) if positions.len() == JOINTS => Some(positions),
         _ => None,
     };
-    let joints = (0..axes.min(JOINTS)).map(|joint| match told {
+    let joints = (0..axes.min(JOINTS)).map(|joint| match known {
         Some(positions) => {
             let radians = f32::from_le_bytes(positions[joint]);
             (number(radians.into()), format!("{:+.2}°", radians.to_degrees()))
@@ -180,7 +180,7 @@ pub(crate) fn positions(state: State, params: &[u8], axes: usize) -> Vec<Fact> {
         None => (Value::Null, "not told".to_owned()),
     });
     let mut joints = Fact::each(("joints", "joint"), "rad", "", joints);
-    if told.is_none() {
+    if known.is_none() {
         joints.text = match params {
             [] => format!("register {POSITIONS} not told"),
             params => format!("register {POSITIONS} {}", hex::show(params)),

@@ -1,4 +1,4 @@
-//! Readings from an adapter's events: the frames of the arm with the adapter's stamps, whichever host asked. The arm's
+//! Readings from an adapter's events: the frames of the arm with the adapter's stamps, for requests of any host. The arm's
 //! port stays free.
 
 use std::marker::PhantomData;

@@ -86,7 +86,7 @@ impl Monitor {
             });
             match watched {
                 Err(Error::Legacy { name, legacy }) if !is_legacy => {
-                    session.tell(format!("{name}: this is {legacy}"))?;
+                    session.notify(format!("{name}: this is {legacy}"))?;
                     is_legacy = true;
                 }
                 Err(error) if session.may_come_back(&error) => {

@@ -34,7 +34,7 @@ pub(super) struct Model {
     /// The last temperatures, in °C.
     pub(super) celsius: Vec<u8>,
     /// Numbers of requests, readings, and missing answers.
-    pub(super) asked: u64,
+    pub(super) requests: u64,
     pub(super) answered: u64,
     pub(super) timed_out: u64,
     /// Number of times that the port was lost.
@@ -68,7 +68,7 @@ pub(super) struct Latest {
 #[derive(Clone, Debug)]
 pub(super) struct Adapter {
     pub(super) name: String,
-    pub(super) told: Result<(Map<String, Value>, Latencies), String>,
+    pub(super) counts: Result<(Map<String, Value>, Latencies), String>,
 }
 
 /// Durations of calls.
@@ -320,11 +320,11 @@ pub(super) mod tests {
     #[test]
     fn timeouts_are_counted_and_keep_the_reading() {
         let mut model = Model::new("COM3");
-        model.asked += 1;
+        model.requests += 1;
         model.read(latest(0, 900, &[Some(1.0)]));
-        model.asked += 1;
+        model.requests += 1;
         model.time_out(Instant::from_millis(300), "no answer".to_owned());
-        assert_eq!((model.asked, model.answered, model.timed_out), (2, 1, 1));
+        assert_eq!((model.requests, model.answered, model.timed_out), (2, 1, 1));
         assert_eq!(model.notice.as_deref(), Some("no answer"));
         assert!(model.latest.is_some());
         model.read(latest(5_200, 900, &[Some(1.0)]));

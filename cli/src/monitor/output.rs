@@ -17,7 +17,7 @@ use super::model::Model;
 use super::{table, view};
 use crate::describe::line;
 use crate::error::Error;
-use crate::output::{self, print, say};
+use crate::output::{self, print, print_line};
 use crate::printable::escaped_json;
 
 /// Minimum time between two drawings of the screen.
@@ -192,7 +192,7 @@ impl Output for Printed {
         };
         if self.form == Form::Lines {
             let seconds = latest.at.as_micros() as f64 / 1e6;
-            return say(format_args!("{seconds:9.3} s  {}", line(&latest.facts)));
+            return print_line(format_args!("{seconds:9.3} s  {}", line(&latest.facts)));
         }
         let row = table::row(model, now, reading);
         if self.form == Form::Json {

@@ -13,7 +13,7 @@ use super::recorder::Recorder;
 use crate::adapter::{counters, describe, identify, latencies};
 use crate::control::ControlLink;
 use crate::error::Error;
-use crate::output::{complain, say};
+use crate::output::{complain, print_line};
 use crate::stopwatch::Stopwatch;
 
 /// Periods of requests for temperatures, for the gripper's stroke during a recording, and for the adapter's counters.
@@ -85,7 +85,7 @@ impl<'a> Session<'a> {
         self.model.adapter = match &watched.adapter {
             Some(Err(error)) => Some(Adapter {
                 name: "not reached".to_owned(),
-                told: Err(error.to_string()),
+                counts: Err(error.to_string()),
             }),
             _ => None,
         };
@@ -109,7 +109,7 @@ impl<'a> Session<'a> {
             if self.form == Form::Screen && self.output.is_some() && self.adapter.is_due(self.clock.now()) {
                 let other = watched.adapter.as_mut().and_then(|adapter| adapter.as_mut().ok());
                 if let Some(control) = source.adapter().or(other) {
-                    ask_adapter(control, &mut self.model);
+                    poll_adapter(control, &mut self.model);
                 }
             }
             let wait = rate.map_or(Duration::ZERO, |rate| until_next(self.clock.now(), rate));
@@ -135,13 +135,13 @@ impl<'a> Session<'a> {
         if !self.is_waiting {
             self.is_waiting = true;
             self.model.reconnects += 1;
-            self.tell(format!("{error} Waiting for it to come back"))?;
+            self.notify(format!("{error} Waiting for it to come back"))?;
         }
         Ok(self.show(Step::Nothing, RETRY)? || self.is_stopped())
     }
 
     /// Shows a notice.
-    pub(super) fn tell(&mut self, text: String) -> Result<(), Error> {
+    pub(super) fn notify(&mut self, text: String) -> Result<(), Error> {
         let now = self.clock.now();
         let Some(output) = &mut self.output else {
             complain(&text);
@@ -156,7 +156,7 @@ impl<'a> Session<'a> {
         match self.output.take() {
             Some(output) if self.form == Form::Screen => {
                 drop(output);
-                say(self.model.summary(self.clock.now()))
+                print_line(self.model.summary(self.clock.now()))
             }
             _ => Ok(()),
         }
@@ -181,7 +181,7 @@ impl<'a> Session<'a> {
             self.take(news, None)?;
         }
         let begun = self.clock.now();
-        self.model.asked += u64::from(source.is_polled());
+        self.model.requests += u64::from(source.is_polled());
         let step = self.take(source.read(), source.is_polled().then_some(begun))?;
         if step == Step::Reading && self.form.shows_celsius() && self.celsius.is_due(self.clock.now()) {
             let news = source.read_celsius();
@@ -229,22 +229,22 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Reads the adapter's counters. After a missing answer it is not asked again.
-fn ask_adapter(control: &mut ControlLink, model: &mut Model) {
+/// Reads the adapter's counters. After an error it is not polled again.
+fn poll_adapter(control: &mut ControlLink, model: &mut Model) {
     let name = match &model.adapter {
-        Some(Adapter { told: Err(_), .. }) => return,
+        Some(Adapter { counts: Err(_), .. }) => return,
         Some(adapter) => Ok(adapter.name.clone()),
         None => identify(control).map(|identity| describe(&identity)),
     };
-    let told = name.and_then(|name| Ok((name, counters(control)?, latencies(control)?)));
-    model.adapter = Some(match told {
+    let counts = name.and_then(|name| Ok((name, counters(control)?, latencies(control)?)));
+    model.adapter = Some(match counts {
         Ok((name, counters, latencies)) => Adapter {
             name,
-            told: Ok((counters, latencies)),
+            counts: Ok((counters, latencies)),
         },
         Err(error) => Adapter {
             name: "does not answer".to_owned(),
-            told: Err(error.to_string()),
+            counts: Err(error.to_string()),
         },
     });
 }

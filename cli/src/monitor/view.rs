@@ -56,7 +56,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
         model
             .adapter
             .as_ref()
-            .map(|told| adapter(told, width.saturating_sub(2))),
+            .map(|shown| adapter(shown, width.saturating_sub(2))),
     );
     let framed: usize = parts.iter().map(|part| part.lines.len() + 2).sum();
     match framed <= usize::from(body.height) {
@@ -119,9 +119,9 @@ fn arm(model: &Model, width: usize) -> Part {
 fn calls(model: &Model, now: Instant) -> Part {
     let achieved = model.achieved(now);
     let wanted = model.rate.map_or(String::new(), |rate| format!(" of {rate}"));
-    let calls = match model.asked {
+    let calls = match model.requests {
         0 => format!("received {}", model.answered),
-        asked => format!("asked {asked}, answered {}", model.answered),
+        requests => format!("asked {requests}, answered {}", model.answered),
     };
     let rate = format!("{achieved:.1}{wanted} readings/s, {calls}");
     let mut lines = vec![Line::from(vec![name("rate"), Span::raw(rate)])];
@@ -157,7 +157,7 @@ fn calls(model: &Model, now: Instant) -> Part {
 /// The adapter: its latencies, and the counters that are not zero.
 fn adapter(adapter: &Adapter, width: usize) -> Part {
     let mut lines = vec![Line::from(vec![name("adapter"), Span::raw(escaped(&adapter.name))])];
-    match &adapter.told {
+    match &adapter.counts {
         Err(error) => lines.push(Line::styled(escaped(error), BAD)),
         Ok((counters, latencies)) => {
             for (what, _, histogram) in histograms(latencies) {
@@ -244,7 +244,7 @@ mod tests {
         let mut model = Model::new("/dev/ttyACM0");
         model.watch("a Ling arm", 10, Some(20));
         for n in 0..20_u16 {
-            model.asked += 1;
+            model.requests += 1;
             let moved = Some(f32::from(n) / 20.0);
             model.read(latest(
                 u64::from(n) * 50,
@@ -256,7 +256,7 @@ mod tests {
         model
     }
 
-    fn told() -> Adapter {
+    fn counted() -> Adapter {
         let mut counters = Counters::default();
         counters.frames = 1234;
         counters.framing_errors = 2;
@@ -267,7 +267,7 @@ mod tests {
         };
         Adapter {
             name: "stm32f405, firmware 0.1.0".to_owned(),
-            told: Ok((counters, latencies)),
+            counts: Ok((counters, latencies)),
         }
     }
 
@@ -288,7 +288,7 @@ mod tests {
             noise_bytes: 7,
             checksums: 1,
         };
-        model.adapter = Some(told());
+        model.adapter = Some(counted());
         model.notice = Some("no answer in 350 ms".to_owned());
         let screen = screen(&model, 100, 30);
         assert_shown(
@@ -331,7 +331,7 @@ mod tests {
     #[test]
     fn low_screen_counts_its_hidden_lines() {
         let mut model = model();
-        model.adapter = Some(told());
+        model.adapter = Some(counted());
         let screen = screen(&model, 80, 10);
         assert_shown(&screen, &["joint 1  0.95 rad", "… 7 more lines", "q ends"]);
         assert!(screen.iter().all(|line| !line.contains('┌')), "{}", screen.join("\n"));
@@ -345,16 +345,16 @@ mod tests {
     }
 
     #[test]
-    fn heard_arm_has_no_calls() {
+    fn arm_without_requests_has_no_calls() {
         let mut model = Model::new("control:/tmp/control");
         model.watch("a Ling arm", 10, None);
         assert_shown(
             &screen(&model, 80, 24),
             &["nothing received yet", "0.0 readings/s, received 0"],
         );
-        let mut heard = latest(900, 0, &[Some(1.0)]);
-        heard.latency = None;
-        model.read(heard);
+        let mut latest = latest(900, 0, &[Some(1.0)]);
+        latest.latency = None;
+        model.read(latest);
         let screen = screen(&model, 80, 24);
         assert_shown(&screen, &["received 1"]);
         assert!(
@@ -368,8 +368,8 @@ mod tests {
     fn lost_adapter_is_shown() {
         let mut model = model();
         model.adapter = Some(Adapter {
-            told: Err("the adapter is gone".to_owned()),
-            ..told()
+            counts: Err("the adapter is gone".to_owned()),
+            ..counted()
         });
         assert_shown(&screen(&model, 80, 24), &["the adapter is gone"]);
     }

@@ -127,12 +127,12 @@ fn captured_frame_has_the_time_of_its_last_byte() {
         (Speaker::Arm, &[0x11, 0x12]),
         (Speaker::Arm, &[0xAA, 0x04, 0x0E]),
     ]);
-    let told: Vec<_> = frames
+    let output: Vec<_> = frames
         .iter()
         .map(|frame| (frame.from, frame.stamp, frame.bytes.len()))
         .collect();
     assert_eq!(
-        told,
+        output,
         [(Speaker::Host, 20, 7), (Speaker::Arm, 30, 2), (Speaker::Arm, 40, 3)]
     );
 }

@@ -12,7 +12,7 @@ use super::{Check, Plan, names, run};
 use crate::confirm::Confirm;
 use crate::control::usb;
 use crate::error::Error;
-use crate::output::{print_json, say};
+use crate::output::{print_json, print_line};
 use crate::serial::not_opened;
 
 /// The warning that the user confirms before anything is sent.
@@ -53,7 +53,7 @@ impl Selftest {
         } else {
             let passed = checks.iter().filter(|check| check.result.is_ok()).count();
             let untried = checks.len() - passed - failed;
-            say(format_args!("{passed} passed, {failed} failed, {untried} not tried"))?;
+            print_line(format_args!("{passed} passed, {failed} failed, {untried} not tried"))?;
         }
         let reason = match failed {
             0 if stop.load(Ordering::Relaxed) => "stopped before the last check".to_owned(),
@@ -68,15 +68,15 @@ impl Selftest {
             return Err(not_opened(&self.port, &ErrorKind::NotFound.into()));
         }
         let info = usb::find(&self.port)?;
-        self.confirm.ask(DANGER)?;
+        self.confirm.prompt(DANGER)?;
         let mut adapter = LinuxUsb::open(&info).map_err(|error| usb::not_opened(self.port.clone(), &error))?;
-        let mut told = Ok(());
+        let mut printed = Ok(());
         let stopped = || stop.load(Ordering::Relaxed);
         let checks = run(&mut adapter, plan, &stopped, &mut |check| {
-            if !self.json && told.is_ok() {
-                told = say(check.line());
+            if !self.json && printed.is_ok() {
+                printed = print_line(check.line());
             }
         });
-        told.map(|()| checks)
+        printed.map(|()| checks)
     }
 }

@@ -107,11 +107,11 @@ pub fn names() -> [&'static str; 10] {
 /// second, and the remaining checks are not tried.
 ///
 /// The adapter's configuration is restored at the end, in RAM and in flash.
-pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, tell: &mut dyn FnMut(&Check)) -> Vec<Check> {
+pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, report: &mut dyn FnMut(&Check)) -> Vec<Check> {
     let mut checks = Vec::new();
     let mut keep = |name, result| {
         let check = Check { name, result };
-        tell(&check);
+        report(&check);
         checks.push(check);
     };
     let mut bench = Bench::new(usb, stopped);

@@ -8,7 +8,7 @@ use armwire_bridge::Duration;
 use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use clap::Args;
 
-use super::line::{LineArgs, say_last};
+use super::line::{LineArgs, print_counts};
 use crate::call::values::made;
 use crate::error::Error;
 
@@ -96,7 +96,7 @@ impl Alpha1Sim {
         };
         let name = format!("Alpha1 with hardware {}", config.hardware.escape_ascii());
         let (line, served) = self.line.serve(name, Alpha1Robot::new(config), stop)?;
-        say_last(served, line.device().counters())
+        print_counts(served, line.device().counters())
     }
 }
 
@@ -113,7 +113,7 @@ impl Alpha1ServoSim {
             servos => format!("Alpha1 servo bus with {servos} servos"),
         };
         let (line, served) = self.line.serve(name, ServoBus::new(config), stop)?;
-        say_last(served, line.device().counters())
+        print_counts(served, line.device().counters())
     }
 }
 

@@ -13,7 +13,7 @@ use armwire_sim::serve::{Served, serve};
 use clap::{Args, ValueEnum};
 
 use crate::error::Error;
-use crate::output::say;
+use crate::output::print_line;
 
 /// The pty of a device and the faults of its line: the arguments of all devices on a serial line.
 #[derive(Args)]
@@ -93,7 +93,7 @@ impl LineArgs {
         let mut line = Line::new(device, to_device, from_device, self.seed);
 
         let pty = Pty::open(self.pty.as_deref()).map_err(not_served)?;
-        say(format_args!("{name} is at {}; Ctrl-C ends it.", pty.path().display()))?;
+        print_line(format_args!("{name} is at {}; Ctrl-C ends it.", pty.path().display()))?;
         let served = serve(&mut line, &pty, stop).map_err(not_served)?;
         Ok((line, served))
     }
@@ -105,17 +105,17 @@ pub(super) fn not_served(error: io::Error) -> Error {
 }
 
 /// Prints the line's counts and the device's.
-pub(super) fn say_last(served: Served, heard: Counters) -> Result<(), Error> {
-    say(format_args!(
+pub(super) fn print_counts(served: Served, counters: Counters) -> Result<(), Error> {
+    print_line(format_args!(
         "{} bytes in, {} out, {} not read; {} requests ({} answered, {} refused), {} unknown frames, {} noise bytes.",
         served.received,
         served.sent,
         served.lost,
-        heard.requests,
-        heard.answered,
-        heard.refused,
-        heard.unknown,
-        heard.noise_bytes
+        counters.requests,
+        counters.answered,
+        counters.refused,
+        counters.unknown,
+        counters.noise_bytes
     ))
 }
 

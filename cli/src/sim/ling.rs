@@ -9,10 +9,10 @@ use armwire_sim::ling::{Config, LingArm};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
-use super::line::{LineArgs, say_last};
+use super::line::{LineArgs, print_counts};
 use crate::call::ling::stroke;
 use crate::error::Error;
-use crate::output::say;
+use crate::output::print_line;
 
 /// The arguments of `armwire sim ling`.
 #[derive(Args)]
@@ -69,13 +69,13 @@ impl LingSim {
         };
         let name = format!("Ling {kind} {}", config.serial);
         let (line, served) = self.line.serve(name, LingArm::new(config), stop)?;
-        say_last(served, line.device().counters())
+        print_counts(served, line.device().counters())
     }
 
     fn run_legacy(&self, stop: &AtomicBool) -> Result<(), Error> {
         let arm = LegacyArm::new(legacy::Config::default());
         let (line, served) = self.line.serve("Ling arm of the older generation", arm, stop)?;
-        say(format_args!(
+        print_line(format_args!(
             "{} bytes in, {} out, {} not read; {} joint frames, {} frames ignored.",
             served.received,
             served.sent,

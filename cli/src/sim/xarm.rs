@@ -10,7 +10,7 @@ use clap::Args;
 
 use super::line::not_served;
 use crate::error::Error;
-use crate::output::say;
+use crate::output::print_line;
 
 /// The report port of an arm.
 const REPORT_PORT: u16 = 30002;
@@ -87,7 +87,7 @@ impl XArmSim {
             Some(address) => format!("its reports at {address}"),
             None => "without reports".to_owned(),
         };
-        say(format_args!(
+        print_line(format_args!(
             "xArm {axes} {} is at {}, {reports}; Ctrl-C ends it.",
             SerialsText(&config.serials),
             server.control_address()
@@ -98,7 +98,7 @@ impl XArmSim {
             let _ = writeln!(stderr(), "{notice}");
         };
         let served = server.serve(&mut arm, stop, &mut notice).map_err(not_served)?;
-        say(format_args!(
+        print_line(format_args!(
             "{} connections, {} broken; {} requests, {} unknown frames; {} reports, {} not read in time.",
             served.clients, served.broken, served.requests, served.unknown, served.reports, served.lost
         ))

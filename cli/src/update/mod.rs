@@ -14,7 +14,7 @@ use clap::Args;
 
 use crate::adapter::{AdapterPort, describe, identify};
 use crate::error::Error;
-use crate::output::say;
+use crate::output::print_line;
 use dfuse::Image;
 
 /// The program that talks to the boot loader.
@@ -56,10 +56,10 @@ impl Update {
             );
             return Err(Error::at(&name, what));
         }
-        say(format!("{name}: {}", describe(&identity)))?;
+        print_line(format!("{name}: {}", describe(&identity)))?;
         control.call(Request::RestartIntoBootLoader)?;
         drop(control);
-        say(format!(
+        print_line(format!(
             "{name}: restarts into its boot loader, to take {} bytes",
             image.len
         ))?;
@@ -85,7 +85,7 @@ impl Update {
             );
             return Err(Error::at(name, what));
         }
-        say(shown(&write))?;
+        print_line(shown(&write))?;
         let status = write
             .status()
             .map_err(|error| Error::at(DFU_UTIL, format!("cannot be run: {error}")))?;
@@ -93,12 +93,12 @@ impl Update {
             let what = format!("failed ({status}); the boot loader cannot be overwritten, so try again: run {by_hand}");
             return Err(Error::at(DFU_UTIL, what));
         }
-        say(shown(&leave))?;
+        print_line(shown(&leave))?;
         // The chip is gone before it has answered, which some versions take for an error.
         let _ = leave.status();
         let back = || self.adapter.open().and_then(|mut control| identify(&mut control)).ok();
         match repeat(back) {
-            Some(identity) => say(format!("{name}: {}", describe(&identity))),
+            Some(identity) => print_line(format!("{name}: {}", describe(&identity))),
             None => {
                 let what = format!(
                     "the image is written, but the adapter is not back: unplug it and plug it in again; if that does not \

@@ -69,7 +69,7 @@ fn decoded(log: &[u8], format: Option<Format>, arm: ArmKind) -> Vec<String> {
 }
 
 /// The sum of a log.
-fn told(log: &[u8], format: Option<Format>, arm: ArmKind) -> Vec<String> {
+fn output(log: &[u8], format: Option<Format>, arm: ArmKind) -> Vec<String> {
     let meaning = |line: &String| match line.split_once('\n') {
         Some((_, meaning)) => meaning.trim_start().to_owned(),
         None => line.clone(),
@@ -79,7 +79,7 @@ fn told(log: &[u8], format: Option<Format>, arm: ArmKind) -> Vec<String> {
 
 /// The entries of lines of candump.
 fn meanings(log: &[String], arm: ArmKind) -> Vec<String> {
-    told(log.join("\n").as_bytes(), Some(Format::Candump), arm)
+    output(log.join("\n").as_bytes(), Some(Format::Candump), arm)
 }
 
 const REQUEST: &str = "to the arm: read joints";
@@ -118,10 +118,10 @@ fn a_missing_frame_costs_and_reports_its_pdu() {
     let mut log = exchange(Link::Classic);
     let second = log.iter().position(|line| line.contains(" 61F#21")).unwrap();
     log.remove(second);
-    let told = meanings(&log, ArmKind::Ling);
-    assert_eq!(told[1], "receiving: expected consecutive frame 1, got 2");
-    assert_eq!(told[told.len() - 2], CONTROL);
-    assert!(told.last().unwrap().contains("PDUs: 2, lost: "), "{told:?}");
+    let output = meanings(&log, ArmKind::Ling);
+    assert_eq!(output[1], "receiving: expected consecutive frame 1, got 2");
+    assert_eq!(output[output.len() - 2], CONTROL);
+    assert!(output.last().unwrap().contains("PDUs: 2, lost: "), "{output:?}");
 }
 
 #[test]
@@ -139,8 +139,8 @@ fn what_else_is_on_a_bus_is_counted() {
 
 #[test]
 fn a_pdu_without_an_arm_frame_is_reported() {
-    let told = meanings(&exchange(Link::Fd), ArmKind::Alpha1);
-    assert!(told[0].starts_with("no frame of an Alpha1: "), "{told:?}");
+    let output = meanings(&exchange(Link::Fd), ArmKind::Alpha1);
+    assert!(output[0].starts_with("no frame of an Alpha1: "), "{output:?}");
     let surplus = ["(1.000000) can0 60F##10008AA060001FE9AFF00CCCC".to_owned()];
     assert_eq!(
         meanings(&surplus, ArmKind::Ling)[0],
@@ -170,12 +170,12 @@ fn a_bad_candump_line_names_its_reason() {
     ] {
         assert_eq!(
             error_of(&format!("(1.000000) can0 603#300000\n\n{line}\n"), Format::Candump),
-            told_at(3, line, reason)
+            error_at(3, line, reason)
         );
     }
 }
 
-fn told_at(number: usize, line: &str, reason: &str) -> String {
+fn error_at(number: usize, line: &str, reason: &str) -> String {
     format!("log: line {number}: '{line}': {reason}")
 }
 
@@ -250,7 +250,7 @@ fn buses_of_one_log_are_kept_apart() {
     let many: Vec<_> = (0..=32).map(|bus| format!("(1.0) can{bus} 61F#07")).collect();
     assert_eq!(
         error_of(&many.join("\n"), Format::Candump),
-        told_at(33, "(1.0) can32 61F#07", "more than 32 buses")
+        error_at(33, "(1.0) can32 61F#07", "more than 32 buses")
     );
 }
 
@@ -303,7 +303,7 @@ End TriggerBlock
     ] {
         assert_eq!(
             error_of(&format!("base hex\n{line}\n"), Format::Asc),
-            told_at(2, line, reason)
+            error_at(2, line, reason)
         );
     }
 }
@@ -378,7 +378,7 @@ fn trc_is_read_in_every_version() {
         ),
         (";##\n1 1.0 060F 0", 2, "1 1.0 060F 0", "no number with a parenthesis"),
     ] {
-        assert_eq!(error_of(log, Format::Trc), told_at(number, line, reason));
+        assert_eq!(error_of(log, Format::Trc), error_at(number, line, reason));
     }
 }
 
@@ -401,7 +401,7 @@ fn csv_of_python_can_is_read() {
         ("inf,0x60f,0,0,0,0,", "'inf' is no time"),
         ("0.5,0x60f,0,0,0", "no dlc"),
     ] {
-        assert_eq!(error_of(line, Format::Csv), told_at(1, line, reason));
+        assert_eq!(error_of(line, Format::Csv), error_at(1, line, reason));
     }
 }
 
@@ -421,7 +421,7 @@ fn gvret_csv_is_read_with_or_without_direction() {
         ("1,60F,maybe,Rx,0,0", "'maybe' is neither true nor false"),
         ("1,60F,false,Rx,0,2,00", "2 bytes of data were announced, 1 are there"),
     ] {
-        assert_eq!(error_of(line, Format::Gvret), told_at(1, line, reason));
+        assert_eq!(error_of(line, Format::Gvret), error_at(1, line, reason));
     }
 }
 
@@ -439,7 +439,7 @@ const FIXTURES: [(&str, &[u8]); 7] = [
 #[test]
 fn python_can_logs_are_distinguished_and_read() {
     for (kind, log) in FIXTURES {
-        let lines = told(log, None, ArmKind::Ling);
+        let lines = output(log, None, ArmKind::Ling);
         // Traces of python-can have no FD frames, and its CSV has no short ones.
         let expected = match kind {
             "trc" => vec![REQUEST, ANSWER],
@@ -532,7 +532,7 @@ fn blf_errors_name_their_offset() {
     unknown[16] = 1;
     let mut wrong = object(86, &classic(0));
     wrong[36..38].copy_from_slice(&[0x08, 0x08]);
-    for (rest, told) in [
+    for (rest, output) in [
         (&b"LOBS0123456789ab"[..], "byte 8: no object starts here"),
         (&[0; 9], "byte 16: no object starts here"),
         (b"LOBJ", "byte 8: the log ends within an object"),
@@ -560,7 +560,10 @@ fn blf_errors_name_their_offset() {
         let log = [&BLF[..], rest].concat();
         let (_, error) = printed(&log, Some(Format::Blf), ArmKind::Ling, None);
         let error = error.unwrap_or_default();
-        assert!(error.starts_with(&format!("log: {told}")), "'{error}' is not '{told}'");
+        assert!(
+            error.starts_with(&format!("log: {output}")),
+            "'{error}' is not '{output}'"
+        );
     }
     let (_, error) = printed(b"LOGG\xFF\xFF\xFF\xFF", None, ArmKind::Ling, None);
     assert_eq!(error.unwrap(), "log: byte 8: the log ends within the header");
@@ -590,7 +593,7 @@ fn a_recording_in_no_known_format_is_refused() {
         let (_, error) = printed(text.as_bytes(), None, ArmKind::Ling, None);
         assert_eq!(
             error.unwrap(),
-            told_at(line, text.trim(), "no format that can be decoded, see --format")
+            error_at(line, text.trim(), "no format that can be decoded, see --format")
         );
     }
 }

@@ -131,13 +131,13 @@ mod tests {
     }
 
     /// The lines and the error of a recording of any arm.
-    fn told(recording: &[u8]) -> (Vec<String>, Option<String>) {
+    fn output(recording: &[u8]) -> (Vec<String>, Option<String>) {
         printed(recording, None, ArmKind::Ling, None)
     }
 
     #[test]
     fn frames_have_their_time_direction_and_meaning() {
-        let (lines, error) = told(&file(&[
+        let (lines, error) = output(&file(&[
             frame(
                 Protocol::Ling,
                 Speaker::Host,
@@ -174,7 +174,7 @@ mod tests {
             .unwrap();
         writer.finish().unwrap();
         drop(writer);
-        let (lines, error) = told(&other);
+        let (lines, error) = output(&other);
         assert!(lines.is_empty(), "{lines:?}");
         assert_eq!(
             error.unwrap(),
@@ -215,9 +215,9 @@ mod tests {
         #[test]
         fn cut_file_has_the_frames_before_the_cut(frames in vec(any_frame(), 0..5), cut in any::<prop::sample::Index>()) {
             let file = file(&frames);
-            let (whole, _) = told(&file);
+            let (whole, _) = output(&file);
             let cut = 8 + cut.index(file.len() - 8);
-            let (lines, error) = told(&file[..cut]);
+            let (lines, error) = output(&file[..cut]);
             prop_assert_eq!(error, None);
             let (sum, lines) = lines.split_last().unwrap();
             prop_assert!(sum.ends_with(", the file has no end"), "{}", sum);
