@@ -167,7 +167,7 @@ pub(crate) fn total(histogram: &Histogram) -> u64 {
     histogram.counts.iter().map(|&count| u64::from(count)).sum()
 }
 
-/// The duration that so many of a hundred were shorter than, in words; none where nothing was measured.
+/// A percentile in words; `None` without measurements.
 pub(crate) fn percentile(histogram: &Histogram, percent: u64) -> Option<String> {
     let least = (total(histogram) * percent).div_ceil(100).max(1);
     let mut sum = 0;

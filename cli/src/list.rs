@@ -97,7 +97,7 @@ fn on_adapter(connection: &Connection) -> Result<Vec<Fact>, Error> {
     Ok(facts)
 }
 
-/// The arm on a port, whichever it is.
+/// The arm on a port, of any kind.
 fn arm(connection: &Connection) -> Result<Vec<Fact>, Error> {
     if connection.is_hid() {
         return answer(&mut connection.arm::<Alpha1>()?, &alpha1::Request::ReadHardwareVersion);

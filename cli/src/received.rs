@@ -46,7 +46,7 @@ pub(crate) struct Received {
 }
 
 impl Received {
-    /// Why there is no answer.
+    /// The probable cause of a missing answer.
     pub(crate) fn missing(&self) -> Missing {
         match self {
             Self { count: 0, late: 0, .. } => Missing::Silent,
@@ -67,7 +67,7 @@ impl Received {
         }
     }
 
-    /// Why there is no answer, in words; `hints` are the line's.
+    /// The probable cause of a missing answer, in words; `hints` are the line's.
     pub(crate) fn cause(&self, arm: &str, hints: &str) -> String {
         let (millis, count, checksums) = (self.millis, self.count, self.checksums);
         let times = match self.sends {

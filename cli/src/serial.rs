@@ -105,7 +105,7 @@ impl Serial {
 #[cfg(unix)]
 impl Drop for Serial {
     fn drop(&mut self) {
-        // A terminal that somebody else has open too, such as the server of a pty, would refuse all who come after us.
+        // Otherwise a terminal that another program keeps open, such as the server of a pty, refuses later programs.
         let _ = ioctl_tiocnxcl(&self.port);
     }
 }
@@ -140,7 +140,7 @@ fn receive_all(settings: &mut Settings) {
     termios.c_iflag &= !InputModes::IGNBRK.bits();
 }
 
-/// Why a port cannot be opened.
+/// The error of a port that cannot be opened.
 pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         // Another program has locked the port, or keeps all others from opening it.

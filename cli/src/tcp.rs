@@ -175,7 +175,7 @@ impl Tcp {
     }
 }
 
-/// Why a host cannot be connected to.
+/// The error of a failed connection.
 fn not_connected(name: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         ErrorKind::ConnectionRefused => {

@@ -158,7 +158,7 @@ impl Line for UsbLine {
     }
 }
 
-/// Why the control port cannot be used.
+/// The error of a control port that cannot be used.
 pub(crate) fn not_opened(name: String, error: &nusb::Error) -> Error {
     let reason = match error.kind() {
         nusb::ErrorKind::PermissionDenied if cfg!(target_os = "linux") => {

@@ -35,7 +35,7 @@ pub trait Arm: Messages + Default {
     /// True if it may be a HID device on USB.
     const ON_HID: bool = false;
 
-    /// With how many bytes of its request an answer begins.
+    /// Number of bytes of its request with which an answer begins.
     const HEADER: usize;
 
     /// The requests that identify the arm and read its state.

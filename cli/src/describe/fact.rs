@@ -79,7 +79,7 @@ impl Fact {
     }
 }
 
-/// A number for programs: six decimals are below what any arm measures, and what is no number is none in JSON.
+/// A number for programs. Six decimals are below the resolution of every arm. NaN is null.
 pub(crate) fn number(value: f64) -> Value {
     json!((value * 1e6).round() / 1e6)
 }

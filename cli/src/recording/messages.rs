@@ -109,7 +109,7 @@ pub(super) fn frame(frame: &Frame) -> Vec<u8> {
 ///
 /// # Errors
 ///
-/// The reason why it is none.
+/// The reason, if it is no frame.
 pub(crate) fn parse_frame(log_time: i64, message: &[u8]) -> Result<Frame, String> {
     let body = match message.split_first_chunk() {
         // The last two bytes are options, which have no meaning.

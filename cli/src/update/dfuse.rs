@@ -202,7 +202,7 @@ mod tests {
             product: 0xDF11,
         };
         assert_eq!(parse(&sealed(body(&[(FLASH, &program)]), 0x1209, 0xDF11)), Err(device));
-        // The option bytes, which can lock the chip for ever, are at that address.
+        // The option bytes, which can lock the chip permanently, are at that address.
         assert_eq!(
             parse(&file(&[(FLASH, &program), (0x1FFF_C000, &[0; 4])])),
             Err(Unfit::Address(0x1FFF_C000))

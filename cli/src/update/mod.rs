@@ -74,7 +74,7 @@ impl Update {
         dfuse::parse(&file).map_err(|unfit| Error::at(&name, unfit))
     }
 
-    /// Has the image written and the adapter started, and looks what it is then.
+    /// Writes the image, starts the adapter and prints its identity.
     fn write(&self, name: &str, mut write: Command, mut leave: Command, by_hand: &str) -> Result<(), Error> {
         if repeat(|| is_listed().ok().filter(|&is| is)).is_none() {
             let (vendor, product) = dfuse::BOOT_LOADER;
@@ -110,7 +110,7 @@ impl Update {
     }
 }
 
-/// Looks for something until it is there, with pauses, but not for ever.
+/// Repeats a search until it succeeds, [`TRIES`] times with pauses.
 fn repeat<T>(mut look: impl FnMut() -> Option<T>) -> Option<T> {
     for _ in 1..TRIES {
         let found = look();
@@ -157,7 +157,7 @@ fn shown(command: &Command) -> String {
     text
 }
 
-/// Why dfu-util cannot be used, and what helps.
+/// The error of a dfu-util that cannot be used.
 fn unusable(error: io::Error) -> Error {
     let what = match error.kind() {
         ErrorKind::NotFound => {
