@@ -10,36 +10,25 @@ use super::frame::Frame;
 use crate::args::Speaker;
 use crate::describe::Arm;
 
-/// Both directions of a line. Frames that are incomplete at its end are sent as they are.
+/// Both directions of a line. Frames that are incomplete at its end are sent unchanged.
 pub(crate) struct Capture<P: Arm> {
     to_arm: Side<P>,
     from_arm: Side<P>,
-    frames: Sender<Frame>,
 }
 
 impl<P: Arm> Capture<P> {
     pub(crate) fn new(frames: Sender<Frame>) -> Self {
         Self {
-            to_arm: Side::new(Speaker::Host),
-            from_arm: Side::new(Speaker::Arm),
-            frames,
+            to_arm: Side::new(Speaker::Host, frames.clone()),
+            from_arm: Side::new(Speaker::Arm, frames),
         }
     }
 
     /// Takes bytes that were sent or received at this time, in nanoseconds since 1970.
     pub(crate) fn push(&mut self, from: Speaker, bytes: &[u8], now: i64) {
         match from {
-            Speaker::Host => self.to_arm.push(bytes, now, &self.frames),
-            Speaker::Arm => self.from_arm.push(bytes, now, &self.frames),
-        }
-    }
-}
-
-impl<P: Arm> Drop for Capture<P> {
-    fn drop(&mut self) {
-        for side in [&mut self.to_arm, &mut self.from_arm] {
-            side.decoder.idle();
-            side.send_items(&self.frames);
+            Speaker::Host => self.to_arm.push(bytes, now),
+            Speaker::Arm => self.from_arm.push(bytes, now),
         }
     }
 }
@@ -55,10 +44,18 @@ struct Side<P: Arm> {
     pieces: VecDeque<(u64, i64)>,
     /// Adjacent bytes between frames.
     run: Vec<u8>,
+    frames: Sender<Frame>,
+}
+
+impl<P: Arm> Drop for Side<P> {
+    fn drop(&mut self) {
+        self.decoder.idle();
+        self.send_items();
+    }
 }
 
 impl<P: Arm> Side<P> {
-    fn new(from: Speaker) -> Self {
+    fn new(from: Speaker, frames: Sender<Frame>) -> Self {
         let arm = P::default();
         let expect = match from {
             Speaker::Host => arm.requests(),
@@ -71,52 +68,53 @@ impl<P: Arm> Side<P> {
             decoder: Decoder::new(),
             pieces: VecDeque::new(),
             run: Vec::new(),
+            frames,
         }
     }
 
-    fn push(&mut self, bytes: &[u8], now: i64, frames: &Sender<Frame>) {
+    fn push(&mut self, bytes: &[u8], now: i64) {
         self.pieces
             .push_back((self.decoder.received() + bytes.len() as u64, now));
         let mut rest = bytes;
         while !rest.is_empty() {
             rest = self.decoder.push(rest);
-            self.send_items(frames);
+            self.send_items();
         }
     }
 
     /// Sends the decoded items. Padding is no part of a frame, nor damage, and is left out.
-    fn send_items(&mut self, frames: &Sender<Frame>) {
+    fn send_items(&mut self) {
         while let Some(item) = self.decoder.next(&self.arm, self.expect) {
             let (start, end) = (item.offset, item.offset + item.bytes.len() as u64);
             match item.kind {
                 Kind::Noise(_) | Kind::Broken(_) => self.run.extend(item.bytes),
-                Kind::Padding => self.send_run(start, frames),
+                Kind::Padding => self.send_run(start),
                 Kind::Frame => {
                     let bytes = item.bytes.to_vec();
-                    self.send_run(start, frames);
-                    self.send(bytes, end, frames);
+                    self.send_run(start);
+                    self.send(bytes, end);
                 }
             }
         }
-        self.send_run(self.decoder.offset(), frames);
+        self.send_run(self.decoder.offset());
     }
 
     /// Sends the run of bytes that ends at this offset, if there is one.
-    fn send_run(&mut self, end: u64, frames: &Sender<Frame>) {
+    fn send_run(&mut self, end: u64) {
         if !self.run.is_empty() {
             let run = std::mem::take(&mut self.run);
-            self.send(run, end, frames);
+            self.send(run, end);
         }
     }
 
     /// Sends the bytes that end at this offset.
-    fn send(&mut self, bytes: Vec<u8>, end: u64, frames: &Sender<Frame>) {
+    fn send(&mut self, bytes: Vec<u8>, end: u64) {
         while self.pieces.len() > 1 && self.pieces.front().is_some_and(|&(piece_end, _)| piece_end < end) {
             self.pieces.pop_front();
         }
         let at = self.pieces.front().map_or(0, |&(_, at)| at);
         // Without a receiver nothing is recorded any more.
-        let _ = frames.send(Frame {
+        let _ = self.frames.send(Frame {
             log_time: at,
             stamp: at,
             protocol: P::PROTOCOL,

@@ -131,11 +131,6 @@ impl<'u> Bench<'u> {
         }
     }
 
-    /// Discards the events so far.
-    pub(super) fn forget_events(&mut self) {
-        self.events.clear();
-    }
-
     /// Receives from the control port. Queues events and returns the reply to the last request.
     fn receive_control(&mut self, wait: Duration) -> Result<Option<Reply>, Trouble> {
         let bytes = self.usb.receive(Pipe::Control, wait)?;
@@ -215,19 +210,13 @@ impl<'u> Bench<'u> {
         self.raise_dtr()?;
         self.set_line(LineCoding::LING)?;
         self.drain()?;
-        self.forget_events();
+        self.events.clear();
         Ok(())
     }
 
     /// Raises DTR and RTS.
     fn raise_dtr(&mut self) -> Result<(), Trouble> {
-        let request = Request {
-            kind: 0x21,
-            request: SET_CONTROL_LINE_STATE,
-            value: DTR_AND_RTS,
-            index: 0,
-            payload: Payload::Write(&[]),
-        };
+        let request = port_request(0x21, SET_CONTROL_LINE_STATE, DTR_AND_RTS, Payload::Write(&[]));
         self.usb.control(&request)?;
         Ok(())
     }
@@ -416,33 +405,26 @@ pub(super) fn odd(request: &ControlRequest, reply: &Reply) -> Trouble {
 }
 
 pub(super) fn get_line_coding() -> Request<'static> {
-    Request {
-        kind: 0xA1,
-        request: GET_LINE_CODING,
-        value: 0,
-        index: 0,
-        payload: Payload::Read(7),
-    }
+    port_request(0xA1, GET_LINE_CODING, 0, Payload::Read(7))
 }
 
 pub(super) fn set_line_coding(coding: &[u8]) -> Request<'_> {
-    Request {
-        kind: 0x21,
-        request: SET_LINE_CODING,
-        value: 0,
-        index: 0,
-        payload: Payload::Write(coding),
-    }
+    port_request(0x21, SET_LINE_CODING, 0, Payload::Write(coding))
 }
 
 pub(super) fn read_counters() -> Request<'static> {
     let (kind, request) = Counters::READ_REQUEST;
+    port_request(kind, request, 0, Payload::Read(Counters::MAX_LEN as u16))
+}
+
+/// A request with index 0: to the device, or to the serial port's first interface.
+fn port_request(kind: u8, request: u8, value: u16, payload: Payload<'_>) -> Request<'_> {
     Request {
         kind,
         request,
-        value: 0,
+        value,
         index: 0,
-        payload: Payload::Read(Counters::MAX_LEN as u16),
+        payload,
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+pub use nusb::transfer::Direction;
 use thiserror::Error;
 
 /// A control transfer: the fields of its setup packet (USB 2.0, 9.3) and its data.
@@ -35,15 +36,6 @@ pub enum Pipe {
     Port,
     /// The control interface.
     Control,
-}
-
-/// A direction from the host's point of view.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Direction {
-    /// From the adapter to the host.
-    In,
-    /// From the host to the adapter.
-    Out,
 }
 
 /// A failed operation.
