@@ -4,7 +4,7 @@
 //! the containers are objects again. Those with CAN frames are read. Sizes in the file do not determine memory:
 //! containers are decompressed in pieces, and no more of an object is kept than the size of a CAN frame.
 
-use std::io::{self, BufRead, ErrorKind, Read};
+use std::io::{self, BufRead, ErrorKind, Read, Write};
 
 use armwire_bridge::Instant;
 use flate2::bufread::ZlibDecoder;
@@ -27,8 +27,6 @@ const CONTAINER_HEADER: usize = 16;
 const MAX_PADDING: usize = 7;
 /// Maximum number of bytes kept of an object. A frame of 64 bytes with the longest header has 144.
 const MAX_KEPT: usize = 256;
-/// Size of a decompressed piece, in bytes.
-const PIECE: usize = 16 * 1024;
 
 /// Types of objects.
 mod object {
@@ -53,20 +51,18 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
     let rest = rest.ok_or_else(|| input.refused_at(4, "the header is shorter than its beginning"))?;
     skip(input, rest, "the header")?;
 
-    let mut objects = Objects::default();
+    let mut objects = Objects::new(take);
     while let Some((at, base)) = next_object(input)? {
         let Base { size, kind, .. } = Base::parse(&base).map_err(|reason| input.refused_at(at, &reason))?;
-        let data = u64::from(size) - BASE_HEADER as u64;
+        let size = u64::from(size) - BASE_HEADER as u64;
         if kind == object::CONTAINER {
-            read_container(input, at, data, &mut objects, take)?;
+            read_container(input, at, size, &mut objects)?;
         } else {
-            objects
-                .push(&base, take)
-                .map_err(|reason| input.refused_at(at, &reason))?;
-            copy(input, data, at, &mut objects, take)?;
+            objects.push(&base).map_err(|reason| input.refused_at(at, &reason))?;
+            copy(input, at, size, &mut objects)?;
         }
     }
-    match objects.is_between() {
+    match objects.rest == 0 && objects.kept.is_empty() {
         true => Ok(()),
         false => Err(input.refused_at(input.offset(), "the log ends within an object")),
     }
@@ -88,88 +84,59 @@ fn next_object(input: &mut Input<'_>) -> Result<Option<(u64, [u8; BASE_HEADER])>
     Err(input.refused_at(input.offset(), "no object starts here"))
 }
 
-/// Reads the contents of a container with `size` bytes after its base header.
-fn read_container(
-    input: &mut Input<'_>,
-    at: u64,
-    size: u64,
-    objects: &mut Objects,
-    take: &mut Take<'_>,
-) -> Result<(), Error> {
+/// Reads the contents of the container at offset `at`, with `size` bytes after its base header.
+fn read_container(input: &mut Input<'_>, at: u64, size: u64, objects: &mut Objects<'_, '_>) -> Result<(), Error> {
     let size = size.checked_sub(CONTAINER_HEADER as u64);
     let size = size.ok_or_else(|| input.refused_at(at, "a container without room for its header"))?;
     let header = read_exactly::<CONTAINER_HEADER>(input, "a container")?;
-    match u16_at(&header, 0) {
-        Some(0) => copy(input, size, at, objects, take),
-        Some(2) => decompress(input, size, at, objects, take),
+    match u16_at(&header, 0).unwrap_or_default() {
+        0 => copy(input, at, size, objects),
+        2 => {
+            let mut data = input.take(size);
+            let copied = io::copy(&mut ZlibDecoder::new(&mut data), objects);
+            let rest = data.limit();
+            copied.map_err(|error| match error.kind() {
+                ErrorKind::UnexpectedEof => input.refused_at(at, "the log ends within this container"),
+                ErrorKind::InvalidInput | ErrorKind::InvalidData => {
+                    input.refused_at(at, &format!("this container cannot be decompressed: {error}"))
+                }
+                _ => not_copied(input, at, error),
+            })?;
+            // Bytes after the compressed data belong to the container.
+            skip(input, rest, "a container")
+        }
         method => {
-            let method = method.unwrap_or_default();
-            Err(input.refused_at(at, &format!("compression method {method}, must be 0 or 2")))
+            let reason = format!("compression method {method}, must be 0 or 2");
+            Err(input.refused_at(at, &reason))
         }
     }
 }
 
-/// Reads `size` bytes of uncompressed objects.
-fn copy(
-    input: &mut Input<'_>,
-    mut size: u64,
-    at: u64,
-    objects: &mut Objects,
-    take: &mut Take<'_>,
-) -> Result<(), Error> {
-    let mut piece = [0; PIECE];
-    while size > 0 {
-        let most = piece.len().min(usize::try_from(size).unwrap_or(usize::MAX));
-        let n = input.read(&mut piece[..most]).map_err(|error| input.failed(error))?;
-        if n == 0 {
-            return Err(input.refused_at(at, "the log ends within this object"));
-        }
-        objects
-            .push(&piece[..n], take)
-            .map_err(|reason| input.refused_at(at, &reason))?;
-        size -= n as u64;
+/// Reads `size` bytes of objects, in an object at offset `at`.
+fn copy(input: &mut Input<'_>, at: u64, size: u64, objects: &mut Objects<'_, '_>) -> Result<(), Error> {
+    match io::copy(&mut input.take(size), objects) {
+        Ok(copied) if copied == size => Ok(()),
+        Ok(_) => Err(input.refused_at(at, "the log ends within this object")),
+        Err(error) => Err(not_copied(input, at, error)),
     }
-    Ok(())
 }
 
-/// Reads `size` bytes of compressed objects.
-fn decompress(
-    input: &mut Input<'_>,
-    size: u64,
-    at: u64,
-    objects: &mut Objects,
-    take: &mut Take<'_>,
-) -> Result<(), Error> {
-    let mut piece = [0; PIECE];
-    let mut data = ZlibDecoder::new(input.take(size));
-    loop {
-        match data.read(&mut piece) {
-            Ok(0) => break,
-            Ok(n) => {
-                let taken = objects.push(&piece[..n], take);
-                taken.map_err(|reason| data.get_ref().get_ref().refused_at(at, &reason))?;
-            }
-            Err(error) => {
-                let input = data.get_ref().get_ref();
-                let reason = match error.kind() {
-                    ErrorKind::UnexpectedEof => "the log ends within this container".to_owned(),
-                    ErrorKind::InvalidInput | ErrorKind::InvalidData => {
-                        format!("this container cannot be decompressed: {error}")
-                    }
-                    _ => return Err(input.failed(error)),
-                };
-                return Err(input.refused_at(at, &reason));
-            }
-        }
+/// The error of a copy that failed to read, or whose objects were refused.
+fn not_copied(input: &Input<'_>, at: u64, error: io::Error) -> Error {
+    match error.downcast() {
+        Ok(Refused(reason)) => input.refused_at(at, &reason),
+        Err(error) => input.failed(error),
     }
-    // Bytes after the compressed data belong to the container.
-    let rest = data.get_ref().limit();
-    skip(input, rest, "a container")
 }
+
+/// The reason for refused objects.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Refused(String);
 
 /// Objects that arrive in pieces.
-#[derive(Default)]
-struct Objects {
+struct Objects<'t, 'r> {
+    take: &'t mut Take<'r>,
     /// The front of the current object.
     kept: Vec<u8>,
     /// Number of its missing bytes that are not kept.
@@ -178,14 +145,29 @@ struct Objects {
     padding: usize,
 }
 
-impl Objects {
-    /// Returns true between two objects.
-    fn is_between(&self) -> bool {
-        self.rest == 0 && self.kept.is_empty()
+impl Write for Objects<'_, '_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.push(bytes).map_err(|reason| io::Error::other(Refused(reason)))?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl<'t, 'r> Objects<'t, 'r> {
+    fn new(take: &'t mut Take<'r>) -> Self {
+        Self {
+            take,
+            kept: Vec::new(),
+            rest: 0,
+            padding: 0,
+        }
     }
 
     /// Reads the next bytes.
-    fn push(&mut self, mut bytes: &[u8], take: &mut Take<'_>) -> Result<(), String> {
+    fn push(&mut self, mut bytes: &[u8]) -> Result<(), String> {
         while !bytes.is_empty() {
             if self.rest > 0 {
                 let n = bytes.len().min(usize::try_from(self.rest).unwrap_or(usize::MAX));
@@ -198,28 +180,25 @@ impl Objects {
                 bytes = &bytes[1..];
                 continue;
             }
-            let wanted = match self.kept.len() {
-                0..BASE_HEADER => BASE_HEADER,
-                _ => self.kept_size()?,
-            };
+            let mut wanted = BASE_HEADER;
+            if self.kept.len() >= BASE_HEADER {
+                wanted = Base::parse(&self.kept)?.kept_size();
+            }
             let n = bytes.len().min(wanted - self.kept.len());
             self.kept.extend_from_slice(&bytes[..n]);
             bytes = &bytes[n..];
-            if self.kept.len() >= BASE_HEADER && self.kept.len() == self.kept_size()? {
+            if self.kept.len() < BASE_HEADER {
+                continue;
+            }
+            let base = Base::parse(&self.kept)?;
+            if self.kept.len() == base.kept_size() {
                 self.padding = 0;
-                let Base { size, .. } = Base::parse(&self.kept)?;
-                self.rest = u64::from(size) - self.kept.len() as u64;
-                take_record(&self.kept, take)?;
+                self.rest = u64::from(base.size) - self.kept.len() as u64;
+                take_record(&self.kept, self.take)?;
                 self.kept.clear();
             }
         }
         Ok(())
-    }
-
-    /// Number of bytes to keep of the object with this base header.
-    fn kept_size(&self) -> Result<usize, String> {
-        let Base { size, .. } = Base::parse(&self.kept)?;
-        Ok((size as usize).min(MAX_KEPT))
     }
 }
 
@@ -242,6 +221,11 @@ impl Base {
             (Some(header), Some(size), Some(kind)) if size >= BASE_HEADER as u32 => Ok(Self { header, size, kind }),
             _ => Err("an object that is shorter than its header".to_owned()),
         }
+    }
+
+    /// Number of bytes to keep of the object.
+    fn kept_size(&self) -> usize {
+        (self.size as usize).min(MAX_KEPT)
     }
 }
 
