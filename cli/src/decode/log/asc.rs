@@ -3,7 +3,7 @@
 use armwire_bridge::can::Frame;
 use armwire_bridge::{Duration, Instant};
 
-use super::{Logged, Record, TextLog, Time, Unit, data, frame, identifier, number, time};
+use super::{Logged, Record, SECONDS, TextLog, Time, data, frame, identifier, number, time};
 
 /// First words of lines in the header and between measurements, in lower case.
 const HEADINGS: [&str; 8] = ["date", "base", "internal", "no", "begin", "end", "//", "previous"];
@@ -53,7 +53,7 @@ impl Asc {
 
     /// Advances the clock of the log.
     fn tick<'a>(&mut self, stamp: &'a str) -> Result<Time<'a>, String> {
-        let time = time(stamp, Unit::Seconds)?;
+        let time = time(stamp, SECONDS)?;
         self.now = match self.is_relative {
             true => self.now + Duration::from_micros(time.at.as_micros()),
             false => time.at,
@@ -61,34 +61,24 @@ impl Asc {
         Ok(Time { at: self.now, ..time })
     }
 
-    /// `1  60F  Rx  d 8 07 AA ...`, from the identifier on.
-    fn classic<'a>(&self, first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Body, String> {
-        if first.eq_ignore_ascii_case("ErrorFrame") {
-            return Ok(Body::Frame(None));
-        }
-        let direction = words.next().unwrap_or_default();
-        if !is_direction(direction) {
-            return Ok(Body::Other);
-        }
-        let (id, is_extended) = self.split_id(first)?;
+    /// `1  60F  Rx  d 8 07 AA ...`, from the kind of frame on.
+    fn classic<'a>(&self, id: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, String> {
+        let (id, is_extended) = self.split_id(id)?;
         match words.next() {
             Some("d" | "D") => {}
-            Some("r" | "R") => return Ok(Body::Frame(None)),
+            Some("r" | "R") => return Ok(None),
             _ => return Err("neither data (d) nor a remote frame (r)".to_owned()),
         }
         let dlc = words.next().and_then(|dlc| number(dlc, 16)).filter(|dlc| *dlc < 16);
         let dlc = dlc.ok_or("no length of the data")?;
         // A classic frame has at most 8 bytes, also if its length code is higher.
         let data = data(words, dlc.min(8) as usize, self.base)?;
-        Ok(Body::Frame(frame(id, is_extended, false, &data)?))
+        frame(id, is_extended, false, &data)
     }
 
-    /// `Rx 60F Name 0 0 8 8 07 AA ...`, from the identifier on.
-    fn fd<'a>(&self, first: &str, words: impl Iterator<Item = &'a str>) -> Result<Body, String> {
-        if first.eq_ignore_ascii_case("ErrorFrame") {
-            return Ok(Body::Frame(None));
-        }
-        let (id, is_extended) = self.split_id(first)?;
+    /// `Rx 60F Name 0 0 8 8 07 AA ...`, from the name on.
+    fn fd<'a>(&self, id: &str, words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, String> {
+        let (id, is_extended) = self.split_id(id)?;
         let mut words = words.peekable();
         // An optional message name precedes the bit for the rate.
         if words.peek().is_some_and(|word| !matches!(*word, "0" | "1")) {
@@ -106,7 +96,7 @@ impl Asc {
         // The flags follow the frame's duration and its length in bits.
         let flags = words.nth(2).and_then(|word| number(word, 16));
         let is_fd = flags.is_none_or(|flags| flags & EXTENDED_DATA_LENGTH != 0);
-        Ok(Body::Frame(frame(id, is_extended, is_fd, &data)?))
+        frame(id, is_extended, is_fd, &data)
     }
 
     fn split_id(&self, text: &str) -> Result<(u32, bool), String> {
@@ -114,12 +104,6 @@ impl Asc {
         let id = identifier(short.unwrap_or(text), self.base)?;
         Ok((id, short.is_some()))
     }
-}
-
-/// An event after its time and channel.
-enum Body {
-    Frame(Option<Frame>),
-    Other,
 }
 
 impl TextLog for Asc {
@@ -130,22 +114,22 @@ impl TextLog for Asc {
         }
         let mut words = line.split_whitespace();
         let time = self.tick(words.next().unwrap_or_default())?;
-        let (bus, body) = match (words.next(), words.next()) {
-            (Some("CANFD"), Some(bus)) => {
-                let direction = words.next().unwrap_or_default();
-                let first = words.next().ok_or("no identifier")?;
-                match is_direction(direction) {
-                    true => (bus, self.fd(first, words)?),
-                    false => (bus, Body::Other),
-                }
-            }
-            (Some(bus), Some(first)) if number(bus, 10).is_some() => (bus, self.classic(first, words)?),
-            _ => ("", Body::Other),
+        let (bus, direction, id, is_fd) = match (words.next(), words.next()) {
+            (Some("CANFD"), Some(bus)) => (bus, words.next(), words.next().ok_or("no identifier")?, true),
+            (Some(bus), Some(id)) if number(bus, 10).is_some() => (bus, words.next(), id, false),
+            _ => return Ok(Record::Other),
         };
-        Ok(match body {
-            Body::Frame(frame) => Record::Frame(Logged { time, bus, frame }),
-            Body::Other => Record::Other,
-        })
+        let is_error = id.eq_ignore_ascii_case("ErrorFrame");
+        // Only lines of classic error frames have no direction.
+        if !direction.is_some_and(is_direction) && (is_fd || !is_error) {
+            return Ok(Record::Other);
+        }
+        let frame = match (is_error, is_fd) {
+            (true, _) => None,
+            (false, true) => self.fd(id, words)?,
+            (false, false) => self.classic(id, words)?,
+        };
+        Ok(Record::Frame(Logged { time, bus, frame }))
     }
 }
 

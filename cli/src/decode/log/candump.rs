@@ -3,7 +3,7 @@
 use armwire_bridge::Instant;
 use armwire_bridge::can::Frame;
 
-use super::{Logged, Record, TextLog, Time, Unit, data, decimal, frame, identifier, number, time, wrong};
+use super::{Logged, Record, SECONDS, TextLog, Time, data, decimal, frame, identifier, number, time, wrong};
 use crate::hex;
 
 /// A parser of both forms:
@@ -43,7 +43,7 @@ fn split_time(line: &str) -> Result<(Time<'_>, &str), String> {
             let at = date_time(date, clock).ok_or_else(|| wrong(stamp, "no time"))?;
             Time::seconds(at, stamp)
         }
-        None => time(stamp, Unit::Seconds)?,
+        None => time(stamp, SECONDS)?,
     };
     Ok((time, line))
 }

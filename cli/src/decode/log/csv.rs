@@ -4,7 +4,7 @@ use armwire_bridge::Instant;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use super::{Logged, Record, TextLog, Time, Unit, frame, identifier, number, time, wrong};
+use super::{Logged, Record, SECONDS, TextLog, Time, frame, identifier, number, time, wrong};
 
 /// The first line of such a log.
 pub(in crate::decode) const HEADER: &str = "timestamp,arbitration_id,extended,remote,error,dlc,data";
@@ -56,7 +56,7 @@ fn timestamp(text: &str) -> Result<Time<'_>, String> {
         Some(seconds) if (0.0..1.0).contains(&seconds) => {
             Ok(Time::seconds(Instant::from_micros((seconds * 1e6) as u64), text))
         }
-        _ => time(text, Unit::Seconds),
+        _ => time(text, SECONDS),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use armwire_bridge::can::MAX_FD;
 
-use super::{Logged, Record, TextLog, Unit, data, frame, identifier, number, time, wrong};
+use super::{Logged, MICROS, Record, TextLog, data, frame, identifier, number, time, wrong};
 
 /// First columns of such a log.
 pub(in crate::decode) const HEADER: &str = "Time Stamp,ID,Extended,";
@@ -33,7 +33,7 @@ impl TextLog for Gvret {
         }
         let mut fields = line.split(',');
         let mut field = |what: &str| fields.next().ok_or_else(|| format!("no {what}"));
-        let time = time(field("time")?, Unit::Micros)?;
+        let time = time(field("time")?, MICROS)?;
         let id = identifier(field("identifier")?, 16)?;
         let is_extended = match field("Extended")? {
             "true" | "1" => true,

@@ -107,16 +107,11 @@ impl<'a> Time<'a> {
 
 /// Converts a time, a decimal number in this unit.
 fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, String> {
-    let (unit, digits) = match unit {
-        Unit::Seconds => ("", 6),
-        Unit::Millis => (" ms", 3),
-        Unit::Micros => (" µs", 0),
-    };
-    let micros = decimal(text, digits).ok_or_else(|| wrong(text, "no time"))?;
+    let micros = decimal(text, unit.decimals).ok_or_else(|| wrong(text, "no time"))?;
     Ok(Time {
         at: Instant::from_micros(micros),
         stamp: text,
-        unit,
+        unit: unit.suffix,
     })
 }
 
@@ -126,12 +121,24 @@ fn wrong(word: &str, what: &str) -> String {
 }
 
 /// The unit of a log's times.
-#[derive(Clone, Copy)]
-enum Unit {
-    Seconds,
-    Millis,
-    Micros,
+struct Unit {
+    suffix: &'static str,
+    /// Number of decimals to a microsecond.
+    decimals: usize,
 }
+
+const SECONDS: Unit = Unit {
+    suffix: "",
+    decimals: 6,
+};
+const MILLIS: Unit = Unit {
+    suffix: " ms",
+    decimals: 3,
+};
+const MICROS: Unit = Unit {
+    suffix: " µs",
+    decimals: 0,
+};
 
 /// A decimal number in units of its last digit, with `digits` decimals. Further decimals are ignored.
 fn decimal(text: &str, digits: usize) -> Option<u64> {

@@ -2,7 +2,7 @@
 
 use armwire_bridge::can::{FD_LENGTHS, Frame};
 
-use super::{Logged, Record, TextLog, Unit, data, frame, identifier, number, time};
+use super::{Logged, MILLIS, Record, TextLog, data, frame, identifier, number, time};
 
 /// Maximum number of columns in a trace.
 const MAX_COLUMNS: usize = 16;
@@ -70,7 +70,7 @@ impl Trc {
         if !word("number")?.ends_with(')') {
             return Err("no number with a parenthesis".to_owned());
         }
-        let time = time(word("time")?, Unit::Millis)?;
+        let time = time(word("time")?, MILLIS)?;
         let bus = match self.version {
             Version::V1_2 | Version::V1_3 => word("bus")?,
             _ => "",
@@ -113,7 +113,7 @@ impl Trc {
             "RR" => None,
             _ => return Ok(Record::Other),
         };
-        let time = time(word('O', "time")?, Unit::Millis)?;
+        let time = time(word('O', "time")?, MILLIS)?;
         let id = word('I', "identifier")?;
         let frame = match is_fd {
             None => None,
