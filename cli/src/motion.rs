@@ -5,11 +5,10 @@ use std::time::{Duration, Instant};
 
 use armwire::ling::{JointState, Ling, MotionStatus, Move, Position, Request, Response, TICKS_PER_TURN, Torque};
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use crate::args::ArmPort;
-use crate::call::ling::{Target, torque};
-use crate::call::values::seconds;
+use crate::call::ling::{TORQUES, Target};
+use crate::call::values::{one_of, seconds};
 use crate::confirm::Confirm;
 use crate::describe::Arm as _;
 use crate::error::Error;
@@ -52,7 +51,7 @@ pub(crate) struct SetTorque {
     #[command(flatten)]
     arm: ArmPort,
     /// With torque on the arm holds its position.
-    #[arg(value_parser = PossibleValuesParser::new(["on", "off"]).map(torque))]
+    #[arg(value_parser = one_of(TORQUES))]
     torque: Torque,
     #[command(flatten)]
     confirm: Confirm,

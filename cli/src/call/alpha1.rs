@@ -5,10 +5,9 @@ use armwire::alpha1::{
     Action, Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, SERVOS, ServoId, ServoRequest, Text,
     UsbType,
 };
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
-use super::values::{made, seconds};
+use super::values::{made, one_of, seconds};
 
 /// One request.
 #[derive(Subcommand)]
@@ -29,13 +28,13 @@ pub(crate) enum Command {
     /// Connect or disconnect the servo offset tool. While it is connected, Bluetooth may not be used.
     OffsetTool {
         /// New state of the tool.
-        #[arg(value_parser = PossibleValuesParser::new(["connect", "disconnect"]).map(tool))]
+        #[arg(value_parser = one_of([("connect", OffsetTool::Connect), ("disconnect", OffsetTool::Disconnect)]))]
         tool: OffsetTool,
     },
     /// Set the robot's type of USB device.
     UsbType {
         /// Disk, which no longer speaks this protocol; serial port (vcp); or HID device.
-        #[arg(value_parser = PossibleValuesParser::new(["disk", "vcp", "hid"]).map(usb_type))]
+        #[arg(value_parser = one_of([("disk", UsbType::Disk), ("vcp", UsbType::SerialPort), ("hid", UsbType::Hid)]))]
         kind: UsbType,
     },
     /// Play an action.
@@ -181,21 +180,6 @@ impl Servo {
             Self::ReadOffset(One { id }) => ServoRequest::ReadOffset(id),
             Self::Version(One { id }) => ServoRequest::ReadVersion(id),
         }
-    }
-}
-
-fn tool(text: String) -> OffsetTool {
-    match text.as_str() {
-        "connect" => OffsetTool::Connect,
-        _ => OffsetTool::Disconnect,
-    }
-}
-
-fn usb_type(text: String) -> UsbType {
-    match text.as_str() {
-        "disk" => UsbType::Disk,
-        "vcp" => UsbType::SerialPort,
-        _ => UsbType::Hid,
     }
 }
 

@@ -3,10 +3,13 @@
 use std::f32::consts::PI;
 
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque};
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
-use super::values::{made, scaled};
+use super::values::{made, one_of, scaled};
+
+/// The strokes of the grippers that exist, in millimetres.
+pub(crate) const STROKES: [(&str, Stroke); 3] = [("50", Stroke::Mm50), ("75", Stroke::Mm75), ("100", Stroke::Mm100)];
+pub(crate) const TORQUES: [(&str, Torque); 2] = [("on", Torque::On), ("off", Torque::Off)];
 
 /// One request.
 #[derive(Subcommand)]
@@ -18,7 +21,7 @@ pub(crate) enum Command {
     /// Set the stroke of the arm's gripper.
     SetStroke {
         /// Stroke in millimetres.
-        #[arg(value_parser = PossibleValuesParser::new(["50", "75", "100"]).map(stroke))]
+        #[arg(value_parser = one_of(STROKES))]
         stroke: Stroke,
     },
     /// Read the gripper's stroke that is set in the arm.
@@ -26,7 +29,7 @@ pub(crate) enum Command {
     /// Switch the torque, without asking. With torque off the arm falls: hold it.
     SetTorque {
         /// With torque on the arm holds its position.
-        #[arg(value_parser = PossibleValuesParser::new(["on", "off"]).map(torque))]
+        #[arg(value_parser = one_of(TORQUES))]
         torque: Torque,
     },
     /// Read joint positions, gripper and status.
@@ -93,19 +96,6 @@ impl Target {
             gripper: (self.gripper, GripperSpeed(self.gripper_speed)),
         }
     }
-}
-
-/// The stroke of a gripper that exists.
-pub(crate) fn stroke(text: String) -> Stroke {
-    match text.as_str() {
-        "50" => Stroke::Mm50,
-        "75" => Stroke::Mm75,
-        _ => Stroke::Mm100,
-    }
-}
-
-pub(crate) fn torque(text: String) -> Torque {
-    if text == "on" { Torque::On } else { Torque::Off }
 }
 
 /// A value for each joint, with commas between.

@@ -5,6 +5,21 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use armwire::OutOfRange;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+
+/// A parser of values with names.
+pub(crate) fn one_of<T, const N: usize>(values: [(&'static str, T); N]) -> impl TypedValueParser<Value = T>
+where
+    T: Copy + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(values.map(|(name, _)| name)).map(move |text| {
+        let (_, value) = values
+            .into_iter()
+            .find(|(name, _)| *name == text)
+            .expect("a possible value");
+        value
+    })
+}
 
 /// Parses a value of the command line. The error says that the text is not `what`.
 pub(crate) fn parse<T: FromStr>(text: &str, what: &str) -> Result<T, String> {

@@ -7,10 +7,10 @@ use armwire_bridge::Duration;
 use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{Config, LingArm};
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::line::{LineArgs, print_counts};
-use crate::call::ling::stroke;
+use crate::call::ling::STROKES;
+use crate::call::values::one_of;
 use crate::error::Error;
 use crate::output::print_line;
 
@@ -26,7 +26,7 @@ pub(crate) struct LingSim {
     #[arg(long, value_parser = parse_serial)]
     serial: Option<SerialNumber>,
     /// Gripper stroke in millimetres.
-    #[arg(long, default_value = "50", value_parser = PossibleValuesParser::new(["50", "75", "100"]).map(stroke))]
+    #[arg(long, default_value = "50", value_parser = one_of(STROKES))]
     stroke: Stroke,
     /// Time from the end of a request to the start of its answer, in microseconds.
     #[arg(long, value_name = "N", default_value_t = 200)]
