@@ -278,7 +278,7 @@ impl Connection {
             Port::Control(port) => Ok(ControlLink::on_line(Box::new(Serial::open(port, CONTROL_BAUD)?))),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
                 let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer);
-                Ok(ControlLink::on_can(line))
+                Ok(ControlLink::new(Box::new(line)))
             }
             Port::Tcp(_) | Port::Hid(_) => Err(Error::NoControl {
                 name: self.port.to_string(),

@@ -15,6 +15,7 @@ use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_FRAME, MAX_MESSAG
 use armwire_bridge::isotp::{self, Endpoint, Event};
 use armwire_sim::slcan::BitRate;
 
+use crate::control::{Received, Transport};
 use crate::error::Error;
 use crate::line_holder;
 use crate::link::{Line, Names, Reception};
@@ -140,7 +141,7 @@ impl CanLine {
     }
 
     /// Sends a PDU, and returns after its last frame.
-    pub(crate) fn send(&mut self, pdu: &[u8]) -> Result<(), Error> {
+    fn send_pdu(&mut self, pdu: &[u8]) -> Result<(), Error> {
         // Every PDU is sent to its end, and none is empty or too long.
         let _ = self.endpoint.send(pdu);
         self.transmit()?;
@@ -151,7 +152,7 @@ impl CanLine {
     }
 
     /// The next PDU. `None` if none ended within this time.
-    pub(crate) fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Error> {
+    fn receive_pdu(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Error> {
         let until = Instant::now() + wait;
         loop {
             let left = until.saturating_duration_since(Instant::now());
@@ -178,7 +179,7 @@ impl CanLine {
             match event {
                 Event::Received | Event::Ignored(_) => {}
                 Event::Failed(error) => {
-                    let hints = self.adapter_hints();
+                    let hints = self.bus.hints("", self.node);
                     return Err(Error::at(&self.name, format_args!("{error}: {hints}")));
                 }
                 Event::Refused(error) => {
@@ -207,16 +208,11 @@ impl CanLine {
         let (tx, rx) = (Function::ControlRequest, Function::ControlAnswer);
         let mut control = Self::new(self.name.clone(), &self.bus, self.node, tx, rx);
         let sequence = std::process::id() as u8;
-        let mut pdu = [0; MAX_MESSAGE];
-        let request = FromHost {
-            sequence,
-            request: Request::GetLine,
-        };
-        let n = control::encode(&request, &mut pdu).ok()?;
-        control.send(&pdu[..n]).ok()?;
+        let request = Request::GetLine;
+        control.send(&FromHost { sequence, request }).ok()?;
         let until = Instant::now() + HOLDER_TIMEOUT;
-        while let Some(pdu) = control.receive(until.saturating_duration_since(Instant::now())).ok()? {
-            match control::decode(&pdu) {
+        while let Some(message) = control.receive(until.saturating_duration_since(Instant::now())).ok()? {
+            match message {
                 Ok(FromAdapter::Reply {
                     sequence: of,
                     reply: Reply::Line(line),
@@ -226,9 +222,25 @@ impl CanLine {
         }
         None
     }
+}
 
-    /// Hints for an adapter that does not reply.
-    pub(crate) fn adapter_hints(&self) -> String {
+/// Each message is one PDU.
+impl Transport for CanLine {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn send(&mut self, message: &FromHost) -> Result<(), Error> {
+        let mut pdu = [0; MAX_MESSAGE];
+        let n = control::encode(message, &mut pdu).expect("room for any message");
+        self.send_pdu(&pdu[..n])
+    }
+
+    fn receive(&mut self, wait: Duration) -> Result<Option<Received>, Error> {
+        Ok(self.receive_pdu(wait)?.map(|pdu| control::decode(&pdu)))
+    }
+
+    fn hints(&self) -> String {
         self.bus.hints("", self.node)
     }
 }
@@ -240,13 +252,13 @@ impl Line for CanLine {
 
     fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         if self.rest.is_empty() {
-            self.rest = self.receive(wait)?.unwrap_or_default().into();
+            self.rest = self.receive_pdu(wait)?.unwrap_or_default().into();
         }
         self.rest.read(buf).map_err(|error| Error::at(&self.name, error))
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-        self.send(bytes)?;
+        self.send_pdu(bytes)?;
         Ok(bytes.len())
     }
 

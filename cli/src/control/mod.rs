@@ -10,7 +10,6 @@ use armwire_bridge::control::{
     Subscription,
 };
 
-use crate::can::CanLine;
 use crate::error::Error;
 use crate::link::Line;
 use crate::received::Missing;
@@ -22,7 +21,7 @@ const MAX_EVENTS: usize = 4_096;
 
 /// The control port of one adapter.
 pub struct ControlLink {
-    way: Way,
+    transport: Box<dyn Transport>,
     sequence: u8,
     /// True if this port is subscribed to events.
     is_subscribed: bool,
@@ -32,13 +31,24 @@ pub struct ControlLink {
     dropped: u64,
 }
 
-enum Way {
-    Stream(Box<Stream>),
-    /// One PDU per message.
-    Can(Box<CanLine>),
+/// A message of the adapter.
+pub(crate) type Received = Result<FromAdapter, Malformed>;
+
+/// A transport of messages.
+pub(crate) trait Transport: Send {
+    /// The name on the command line.
+    fn name(&self) -> &str;
+
+    fn send(&mut self, message: &FromHost) -> Result<(), Error>;
+
+    /// The next message within this time. `None` on timeout.
+    fn receive(&mut self, wait: Duration) -> Result<Option<Received>, Error>;
+
+    /// Hints for an adapter that does not reply.
+    fn hints(&self) -> String;
 }
 
-/// Messages in COBS, each ended by a zero.
+/// A stream of messages in COBS, each ended by a zero.
 struct Stream {
     line: Box<dyn Line>,
     reader: Reader<MAX_MESSAGE>,
@@ -49,25 +59,20 @@ struct Stream {
 }
 
 impl ControlLink {
-    /// On a CAN bus.
-    pub(crate) fn on_can(line: CanLine) -> Self {
-        Self::new(Way::Can(Box::new(line)))
-    }
-
     /// On USB, or on a port of its own.
     pub(crate) fn on_line(line: Box<dyn Line>) -> Self {
-        Self::new(Way::Stream(Box::new(Stream {
+        Self::new(Box::new(Stream {
             line,
             reader: Reader::new(),
             rest: VecDeque::new(),
             is_in_step: false,
-        })))
+        }))
     }
 
-    fn new(way: Way) -> Self {
+    pub(crate) fn new(transport: Box<dyn Transport>) -> Self {
         Self {
-            way,
-            // An answer that a program before us did not wait for is not to be taken for ours.
+            transport,
+            // A reply to an earlier program must not be taken for ours.
             sequence: std::process::id() as u8,
             is_subscribed: false,
             events: VecDeque::new(),
@@ -77,10 +82,7 @@ impl ControlLink {
 
     /// The name on the command line.
     pub fn name(&self) -> &str {
-        match &self.way {
-            Way::Stream(stream) => stream.line.name(),
-            Way::Can(line) => line.name(),
-        }
+        self.transport.name()
     }
 
     /// Makes a request and returns the reply. Replies of a request that failed or was refused are errors.
@@ -91,11 +93,11 @@ impl ControlLink {
     pub fn call(&mut self, request: Request) -> Result<Reply, Error> {
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
-        self.way.send(&FromHost { sequence, request })?;
+        self.transport.send(&FromHost { sequence, request })?;
         let until = Instant::now() + REPLY_TIMEOUT;
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            match self.way.receive(left)? {
+            match self.transport.receive(left)? {
                 Some(Ok(FromAdapter::Reply { sequence: of, reply })) if of == sequence => {
                     let reply = self.good(reply)?;
                     if let Request::Subscribe(to) = request {
@@ -111,7 +113,7 @@ impl ControlLink {
                 Some(Ok(FromAdapter::Event { at, event })) => self.keep(at, event),
                 Some(Err(error)) => return Err(self.malformed(error)),
                 None if left.is_zero() => {
-                    let (millis, hints) = (REPLY_TIMEOUT.as_millis(), self.way.hints());
+                    let (millis, hints) = (REPLY_TIMEOUT.as_millis(), self.transport.hints());
                     return Err(Error::NoAnswer {
                         name: self.name().to_owned(),
                         cause: format!("the adapter does not answer in {millis} ms: {hints}"),
@@ -145,7 +147,7 @@ impl ControlLink {
                 return Ok(Some(event));
             }
             let left = until.saturating_duration_since(Instant::now());
-            match self.way.receive(left)? {
+            match self.transport.receive(left)? {
                 Some(Ok(FromAdapter::Event { at, event })) => return Ok(Some((at, event))),
                 Some(Ok(FromAdapter::Reply { .. })) => {}
                 Some(Err(error)) => return Err(self.malformed(error)),
@@ -211,44 +213,19 @@ impl Drop for ControlLink {
     }
 }
 
-impl Way {
+impl Transport for Stream {
+    fn name(&self) -> &str {
+        self.line.name()
+    }
+
     fn send(&mut self, message: &FromHost) -> Result<(), Error> {
-        match self {
-            Self::Stream(stream) => stream.send(message),
-            Self::Can(line) => {
-                let mut pdu = [0; MAX_MESSAGE];
-                let n = control::encode(message, &mut pdu).expect("room for any message");
-                line.send(&pdu[..n])
-            }
-        }
-    }
-
-    /// The next message, waiting so long for it.
-    fn receive(&mut self, wait: Duration) -> Result<Option<Result<FromAdapter, Malformed>>, Error> {
-        match self {
-            Self::Stream(stream) => stream.receive(wait),
-            Self::Can(line) => Ok(line.receive(wait)?.map(|pdu| control::decode(&pdu))),
-        }
-    }
-
-    /// Hints for an adapter that does not reply.
-    fn hints(&self) -> String {
-        match self {
-            Self::Stream(_) => "is it the control port of an armwire adapter?".to_owned(),
-            Self::Can(line) => line.adapter_hints(),
-        }
-    }
-}
-
-impl Stream {
-    fn send(&mut self, message: &FromHost) -> Result<(), Error> {
-        // The zero in front ends what an earlier program may have begun.
+        // The zero in front ends a partial message of an earlier program.
         let mut out = [0; 1 + MAX_COBS];
         let n = control::encode_cobs(message, &mut out[1..]).expect("room for any message");
         self.line.write_all(&out[..1 + n])
     }
 
-    fn receive(&mut self, wait: Duration) -> Result<Option<Result<FromAdapter, Malformed>>, Error> {
+    fn receive(&mut self, wait: Duration) -> Result<Option<Received>, Error> {
         let until = Instant::now() + wait;
         loop {
             let unread = self.reader.push(self.rest.make_contiguous()).len();
@@ -269,6 +246,10 @@ impl Stream {
                 return Ok(None);
             }
         }
+    }
+
+    fn hints(&self) -> String {
+        "is it the control port of an armwire adapter?".to_owned()
     }
 }
 
