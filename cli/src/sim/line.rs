@@ -3,7 +3,6 @@
 use std::fmt::Display;
 use std::io;
 use std::path::PathBuf;
-use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
 
 use armwire_sim::faults::{Line, Rates};
@@ -24,8 +23,8 @@ pub(super) struct LineArgs {
     pty: Option<PathBuf>,
     /// Faults on the line, in bytes per million: one number for every kind, or such as 'drop=100,corrupt=5000'; kinds
     /// are drop, corrupt, duplicate, delay, noise.
-    #[arg(long, value_name = "FAULTS", default_value = "0")]
-    faults: FaultRates,
+    #[arg(long, value_name = "FAULTS", default_value = "0", value_parser = fault_rates)]
+    faults: Rates,
     /// Direction of the bytes that meet faults.
     #[arg(long, value_enum, default_value_t = FaultsOn::Both)]
     faults_on: FaultsOn,
@@ -41,37 +40,30 @@ enum FaultsOn {
     Answers,
 }
 
-#[derive(Clone, Copy)]
-struct FaultRates(Rates);
-
-impl FromStr for FaultRates {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let ppm = |text: &str| match text.parse() {
-            Ok(ppm @ 0..=1_000_000) => Ok(ppm),
-            _ => Err(format!("'{text}' is not a number from 0 to 1000000")),
-        };
-        if !text.contains('=') {
-            return ppm(text).map(|ppm| Self(Rates::each(ppm)));
-        }
-        let mut rates = Rates::NONE;
-        for part in text.split(',') {
-            let (kind, rate) = part
-                .split_once('=')
-                .ok_or(format!("'{part}' is not such as drop=100"))?;
-            let field = match kind {
-                "drop" => &mut rates.drop,
-                "corrupt" => &mut rates.corrupt,
-                "duplicate" => &mut rates.duplicate,
-                "delay" => &mut rates.delay,
-                "noise" => &mut rates.noise,
-                _ => return Err(format!("'{kind}' is none of drop, corrupt, duplicate, delay, noise")),
-            };
-            *field = ppm(rate)?;
-        }
-        Ok(Self(rates))
+fn fault_rates(text: &str) -> Result<Rates, String> {
+    let ppm = |text: &str| match text.parse() {
+        Ok(ppm @ 0..=1_000_000) => Ok(ppm),
+        _ => Err(format!("'{text}' is not a number from 0 to 1000000")),
+    };
+    if !text.contains('=') {
+        return ppm(text).map(Rates::each);
     }
+    let mut rates = Rates::NONE;
+    for part in text.split(',') {
+        let (kind, rate) = part
+            .split_once('=')
+            .ok_or(format!("'{part}' is not such as drop=100"))?;
+        let field = match kind {
+            "drop" => &mut rates.drop,
+            "corrupt" => &mut rates.corrupt,
+            "duplicate" => &mut rates.duplicate,
+            "delay" => &mut rates.delay,
+            "noise" => &mut rates.noise,
+            _ => return Err(format!("'{kind}' is none of drop, corrupt, duplicate, delay, noise")),
+        };
+        *field = ppm(rate)?;
+    }
+    Ok(rates)
 }
 
 impl LineArgs {
@@ -86,7 +78,7 @@ impl LineArgs {
             if self.faults_on == without {
                 Rates::NONE
             } else {
-                self.faults.0
+                self.faults
             }
         };
         let (to_device, from_device) = (rates(FaultsOn::Answers), rates(FaultsOn::Requests));
@@ -125,16 +117,15 @@ mod tests {
 
     #[test]
     fn fault_rates_are_one_number_or_named() {
-        let rates = |text: &str| text.parse::<FaultRates>().map(|rates| rates.0);
-        assert_eq!(rates("100"), Ok(Rates::each(100)));
+        assert_eq!(fault_rates("100"), Ok(Rates::each(100)));
         let named = Rates {
             drop: 1,
             noise: 2,
             ..Rates::NONE
         };
-        assert_eq!(rates("drop=1,noise=2"), Ok(named));
+        assert_eq!(fault_rates("drop=1,noise=2"), Ok(named));
         for wrong in ["", "x", "-1", "1000001", "drop", "drop=", "gremlins=1", "drop=1,2"] {
-            assert!(rates(wrong).is_err(), "{wrong}");
+            assert!(fault_rates(wrong).is_err(), "{wrong}");
         }
     }
 }
