@@ -68,7 +68,7 @@ impl<P: Readable> Source for Subscribed<P> {
     }
 
     fn servos(&self) -> usize {
-        P::CELSIUS.map_or(0, |(_, servos)| servos)
+        P::SERVOS
     }
 
     fn is_polled(&self) -> bool {

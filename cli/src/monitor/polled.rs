@@ -14,8 +14,11 @@ pub(super) trait Readable: Arm {
     /// The request for a reading.
     const READING: Self::Request<'static>;
 
-    /// The request for temperatures, and their maximum number; `None` for an arm without temperatures.
-    const CELSIUS: Option<(Self::Request<'static>, usize)>;
+    /// The request for temperatures; `None` for an arm without temperatures.
+    const CELSIUS: Option<Self::Request<'static>> = None;
+
+    /// Maximum number of temperatures.
+    const SERVOS: usize = 0;
 
     /// The request for the stroke of the gripper; `None` for an arm without a gripper.
     const STROKE: Option<Self::Request<'static>> = None;
@@ -27,7 +30,9 @@ pub(super) trait Readable: Arm {
 impl Readable for Ling {
     const READING: ling::Request = ling::Request::ReadJoints;
 
-    const CELSIUS: Option<(ling::Request, usize)> = Some((ling::Request::ReadTemperatures, Kind::Follower.servos()));
+    const CELSIUS: Option<ling::Request> = Some(ling::Request::ReadTemperatures);
+
+    const SERVOS: usize = Kind::Follower.servos();
 
     const STROKE: Option<ling::Request> = Some(ling::Request::ReadStroke);
 
@@ -44,8 +49,6 @@ impl Readable for Ling {
 /// to answer.
 impl Readable for Alpha1 {
     const READING: alpha1::Request<'static> = alpha1::Request::ReadServoStates;
-
-    const CELSIUS: Option<(alpha1::Request<'static>, usize)> = None;
 
     fn news(response: &alpha1::Response<'_>) -> News {
         match response {
@@ -71,7 +74,7 @@ impl<P: Readable> Source for Polled<P> {
     }
 
     fn servos(&self) -> usize {
-        P::CELSIUS.map_or(0, |(_, servos)| servos)
+        P::SERVOS
     }
 
     fn read(&mut self) -> Result<News, Error> {
@@ -79,7 +82,7 @@ impl<P: Readable> Source for Polled<P> {
     }
 
     fn read_celsius(&mut self) -> Result<News, Error> {
-        P::CELSIUS.map_or(Ok(News::Nothing), |(request, _)| self.poll(&request))
+        P::CELSIUS.map_or(Ok(News::Nothing), |request| self.poll(&request))
     }
 
     fn read_stroke(&mut self) -> Result<News, Error> {
