@@ -22,7 +22,6 @@ mod tap;
 mod view;
 mod xarm;
 
-#[cfg(feature = "recordings")]
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -68,8 +67,8 @@ pub(crate) struct Monitor {
     from_adapter: bool,
     /// Record to this MCAP file: joint positions as ROS 2 messages, and every frame in both directions, for 'armwire
     /// decode'. An existing file is not replaced.
-    #[cfg(feature = "recordings")]
-    #[arg(long, value_name = "FILE")]
+    #[cfg_attr(feature = "recordings", arg(long, value_name = "FILE"))]
+    #[cfg_attr(not(feature = "recordings"), arg(skip))]
     mcap: Option<PathBuf>,
 }
 
@@ -77,7 +76,7 @@ impl Monitor {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         let form = Form::new(self.csv, self.json);
         let mut session = Session::new(&self.place.port, form, self.count, stop);
-        let mut recorder = self.recorder();
+        let mut recorder = Recorder::new(self.mcap.as_deref());
         let mut is_legacy = false;
         let end = loop {
             let watched = self.open(form, is_legacy, &recorder).and_then(|mut watched| {
@@ -90,7 +89,7 @@ impl Monitor {
                     is_legacy = true;
                 }
                 Err(error) if session.may_come_back(&error) => {
-                    match recorder.write().and_then(|()| session.has_enough_while_waiting(&error)) {
+                    match recorder.write().and_then(|()| session.wait_for_port(&error)) {
                         Ok(false) => {}
                         Ok(true) => break Ok(()),
                         Err(error) => break Err(error),
@@ -102,16 +101,6 @@ impl Monitor {
         let recorded = recorder.finish();
         session.close()?;
         end.and(recorded)
-    }
-
-    #[cfg(feature = "recordings")]
-    fn recorder(&self) -> Recorder {
-        Recorder::new(self.mcap.as_deref())
-    }
-
-    #[cfg(not(feature = "recordings"))]
-    fn recorder(&self) -> Recorder {
-        Recorder
     }
 
     /// Opens the source, and the adapter if there is one.

@@ -1,5 +1,7 @@
 //! The recorder of a build without recordings.
 
+use std::path::Path;
+
 use armwire::Config;
 
 use super::reading::OnFrame;
@@ -11,6 +13,10 @@ use crate::link::{Line, Link};
 pub(super) struct Recorder;
 
 impl Recorder {
+    pub(super) fn new(_path: Option<&Path>) -> Self {
+        Self
+    }
+
     pub(super) fn is_on(&self) -> bool {
         false
     }

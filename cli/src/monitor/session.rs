@@ -53,7 +53,7 @@ pub(super) struct Session<'a> {
     stroke: Timer,
     adapter: Timer,
     /// True if any bytes arrived, noise included.
-    has_heard: bool,
+    has_received: bool,
     /// True from the loss of the port until the next reading.
     is_waiting: bool,
 }
@@ -71,7 +71,7 @@ impl<'a> Session<'a> {
             celsius: Timer::new(CELSIUS),
             stroke: Timer::new(STROKE),
             adapter: Timer::new(ADAPTER),
-            has_heard: false,
+            has_received: false,
             is_waiting: false,
         }
     }
@@ -99,11 +99,11 @@ impl<'a> Session<'a> {
                 step => step?,
             };
             if step == Step::Reading {
-                self.has_heard = true;
+                self.has_received = true;
                 self.is_waiting = false;
             }
             self.model.line_errors = before + source.line_errors();
-            if self.output.is_none() && (self.has_heard || rate.is_none()) {
+            if self.output.is_none() && (self.has_received || rate.is_none()) {
                 self.output = Some(self.form.open()?);
             }
             if self.form == Form::Screen && self.output.is_some() && self.adapter.is_due(self.clock.now()) {
@@ -131,7 +131,7 @@ impl<'a> Session<'a> {
     }
 
     /// Shows that the port is lost, and waits for [`RETRY`]. Returns true if the user ends the monitor.
-    pub(super) fn has_enough_while_waiting(&mut self, error: &Error) -> Result<bool, Error> {
+    pub(super) fn wait_for_port(&mut self, error: &Error) -> Result<bool, Error> {
         if !self.is_waiting {
             self.is_waiting = true;
             self.model.reconnects += 1;
@@ -214,9 +214,9 @@ impl<'a> Session<'a> {
             Ok(News::Nothing) => Ok(Step::Nothing),
             // The line may be noisy, or the arm may be off for a while.
             Err(Error::NoAnswer { name, cause, bytes, .. })
-                if bytes > 0 || self.has_heard || now < time::Instant::ZERO + SILENCE =>
+                if bytes > 0 || self.has_received || now < time::Instant::ZERO + SILENCE =>
             {
-                self.has_heard |= bytes > 0;
+                self.has_received |= bytes > 0;
                 self.model.time_out(now, format!("{name}: {cause}"));
                 Ok(Step::TimedOut)
             }
