@@ -27,6 +27,11 @@ pub(super) struct Buses {
     names: Vec<String>,
     /// By the index of the bus's name, and by the identifier.
     listeners: BTreeMap<(usize, Id), Listener>,
+    counts: Counts,
+}
+
+#[derive(Default)]
+struct Counts {
     frames: u64,
     pdus: u64,
     lost: u64,
@@ -42,12 +47,7 @@ impl Buses {
             protocol,
             names: Vec::new(),
             listeners: BTreeMap::new(),
-            frames: 0,
-            pdus: 0,
-            lost: 0,
-            cyclic: 0,
-            others: 0,
-            events: 0,
+            counts: Counts::default(),
         }
     }
 
@@ -55,16 +55,16 @@ impl Buses {
     pub(super) fn take(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), String> {
         match record {
             Record::Comment => {}
-            Record::Other => self.events += 1,
+            Record::Other => self.counts.events += 1,
             Record::Frame(Logged { time, bus, frame }) => {
-                self.frames += 1;
+                self.counts.frames += 1;
                 let ours = frame.and_then(|frame| Some((frame, Function::of(frame.id())?)));
                 let Some((frame, (function, node))) = ours else {
-                    self.others += 1;
+                    self.counts.others += 1;
                     return Ok(());
                 };
                 if !is_isotp(function) {
-                    self.cyclic += 1;
+                    self.counts.cyclic += 1;
                     return Ok(());
                 }
                 // Flow control belongs to the PDUs of the other direction.
@@ -114,14 +114,14 @@ impl Buses {
             let (bytes, text) = match event {
                 Event::Received => {
                     let pdu = listener.received().unwrap_or_default();
-                    self.pdus += 1;
+                    self.counts.pdus += 1;
                     (pdu, pdu_meaning(self.protocol, function, pdu))
                 }
                 Event::Failed(error) => (frame.data(), error.to_string()),
                 Event::Refused(refused) => (frame.data(), refused.to_string()),
                 Event::Ignored(ignored) => (frame.data(), ignored.to_string()),
             };
-            self.lost += u64::from(event != Event::Received);
+            self.counts.lost += u64::from(event != Event::Received);
             let sender = sender(function).filter(|_| event == Event::Received);
             out.item(&Item {
                 place: format_args!("{at}"),
@@ -139,15 +139,15 @@ impl Buses {
 
     /// Prints the sum.
     pub(super) fn finish(&self, out: &dyn Output) {
-        let Self {
+        let Counts {
             frames,
             pdus,
             lost,
             cyclic,
             others,
-            ..
-        } = self;
-        let events = match self.events {
+            events,
+        } = &self.counts;
+        let events = match events {
             0 => String::new(),
             events => format!(", other events: {events}"),
         };

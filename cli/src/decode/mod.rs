@@ -7,9 +7,6 @@ mod input;
 mod log;
 #[cfg(feature = "recordings")]
 mod mcap;
-#[cfg(not(feature = "recordings"))]
-#[path = "no_mcap.rs"]
-mod mcap;
 mod meaning;
 mod output;
 #[cfg(feature = "recordings")]
@@ -119,7 +116,10 @@ fn decode_input(
         return decode_line(input, out, format, arm, from);
     }
     if format == Format::Mcap {
+        #[cfg(feature = "recordings")]
         return mcap::decode(&mut input, out);
+        #[cfg(not(feature = "recordings"))]
+        return Err(Error::at(input.name(), "this build of armwire reads no MCAP files"));
     }
     let mut buses = Buses::new(match arm {
         ArmKind::Ling => Protocol::Ling,
