@@ -48,22 +48,20 @@ pub(crate) struct Received {
 impl Received {
     /// The probable cause of a missing answer.
     pub(crate) fn missing(&self) -> Missing {
-        match self {
-            Self { count: 0, late: 0, .. } => Missing::Silent,
+        let is_damaged = self.checksums > 0;
+        if self.count == 0 && self.late == 0 {
+            Missing::Silent
+        } else if self.unknown.is_some() && !is_damaged {
             // A frame whose checksum happens to be good proves nothing where others are damaged.
-            Self {
-                unknown: Some(_),
-                checksums: 0,
-                ..
-            } => Missing::Unknown,
-            Self {
-                late: 1..,
-                checksums: 0,
-                ..
-            } => Missing::Late,
-            Self { checksums: 1.., .. } | Self { begun: true, .. } => Missing::Damaged,
-            Self { frames: 1.., .. } => Missing::Elsewhere,
-            _ => Missing::Foreign,
+            Missing::Unknown
+        } else if self.late > 0 && !is_damaged {
+            Missing::Late
+        } else if self.begun || is_damaged {
+            Missing::Damaged
+        } else if self.frames > 0 {
+            Missing::Elsewhere
+        } else {
+            Missing::Foreign
         }
     }
 

@@ -6,11 +6,15 @@ use super::log::candump::Candump;
 use super::log::{Record, TextLog, blf, csv, gvret};
 use crate::error::Error;
 
-/// First words of a Vector ASC log, in lower case.
-const ASC: [&str; 2] = ["date ", "base "];
-/// First characters of a PEAK trace. Version 1.0 has a line of number signs.
-const TRC: [&str; 2] = [";$", ";##"];
-
+/// First characters of text formats, in any case. TRC version 1.0 has a line of number signs.
+const BEGINNINGS: [(&str, Format); 6] = [
+    ("date ", Format::Asc),
+    ("base ", Format::Asc),
+    (";$", Format::Trc),
+    (";##", Format::Trc),
+    (csv::HEADER, Format::Csv),
+    (gvret::HEADER, Format::Gvret),
+];
 /// First bytes of an MCAP file.
 const MCAP: &[u8] = b"\x89MCAP0\r\n";
 
@@ -73,16 +77,8 @@ fn judge_beginning(line: &str) -> Option<Format> {
         line.get(..beginning.len())
             .is_some_and(|front| front.eq_ignore_ascii_case(beginning))
     };
-    if ASC.iter().any(|beginning| begins(beginning)) {
-        return Some(Format::Asc);
-    }
-    if TRC.iter().any(|beginning| begins(beginning)) {
-        return Some(Format::Trc);
-    }
-    if begins(csv::HEADER) {
-        return Some(Format::Csv);
-    }
-    begins(gvret::HEADER).then_some(Format::Gvret)
+    let found = BEGINNINGS.into_iter().find(|(beginning, _)| begins(beginning));
+    found.map(|(_, format)| format)
 }
 
 /// Returns true if the available part of the first word is hexadecimal digits.

@@ -280,6 +280,7 @@ fn time(header: &[u8]) -> Option<(Instant, String)> {
 }
 
 /// An object of a bus.
+#[derive(Default)]
 struct BusEvent<'a> {
     bus: u16,
     /// The identifier; bit 31 is set for 29 bits.
@@ -338,11 +339,7 @@ fn fd_64(object: &[u8]) -> Option<BusEvent<'_>> {
 fn error(object: &[u8]) -> Option<BusEvent<'_>> {
     Some(BusEvent {
         bus: u16_at(object, 0)?,
-        id: 0,
-        is_request: false,
-        has_data: false,
-        is_fd: false,
-        data: None,
+        ..BusEvent::default()
     })
 }
 
