@@ -77,16 +77,10 @@ pub(super) fn all(bench: &mut Bench<'_>) -> Checked {
     let serial = identify(bench)?.serial;
     let bytes = read(bench, DEVICE, 0, 18)?;
     let device = DeviceDescriptor::new(&bytes).ok_or_else(|| malformed("device", &bytes))?;
-    same(
-        "the device's class",
-        (device.class(), device.subclass(), device.protocol()),
-        COMPOSITE,
-    )?;
-    same(
-        "the vendor and product id",
-        (device.vendor_id(), device.product_id()),
-        VENDOR_AND_PRODUCT,
-    )?;
+    let class = (device.class(), device.subclass(), device.protocol());
+    same("the device's class", class, COMPOSITE)?;
+    let ids = (device.vendor_id(), device.product_id());
+    same("the vendor and product id", ids, VENDOR_AND_PRODUCT)?;
     same("the packet size of endpoint 0", device.max_packet_size_0(), 64)?;
     same("the number of configurations", device.num_configurations(), 1)?;
     for (what, index, text) in [
@@ -98,11 +92,8 @@ pub(super) fn all(bench: &mut Bench<'_>) -> Checked {
     }
     let bytes = configuration(bench)?;
     let configuration = parsed(&bytes)?;
-    same(
-        "the number of the configuration",
-        configuration.configuration_value(),
-        1,
-    )?;
+    let number = configuration.configuration_value();
+    same("the number of the configuration", number, 1)?;
     let current = 2 * u16::from(configuration.max_power());
     ensure(current <= MAX_CURRENT, format_args!("{current} mA from the bus"))?;
     let associations = configuration
@@ -130,10 +121,8 @@ pub(super) fn all(bench: &mut Bench<'_>) -> Checked {
     same("the number of different endpoints", addresses.len(), count)?;
     let msos = msos(bench)?;
     let text = format!("device, configuration, {count} endpoints, 4 strings, Microsoft OS 2.0");
-    Ok(Passed::new(
-        text,
-        [("configuration_bytes", json!(bytes.len())), ("msos_bytes", json!(msos))],
-    ))
+    let figures = [("configuration_bytes", json!(bytes.len())), ("msos_bytes", json!(msos))];
+    Ok(Passed::new(text, figures))
 }
 
 /// The addresses of the serial port's OUT and IN endpoints.
@@ -181,11 +170,8 @@ fn same_interface(
     let name = expected.name;
     let of = |what| format!("{what} of {name}");
     same(&of("the number"), usize::from(got.interface_number()), number)?;
-    same(
-        &of("the class"),
-        (got.class(), got.subclass(), got.protocol()),
-        expected.class,
-    )?;
+    let class = (got.class(), got.subclass(), got.protocol());
+    same(&of("the class"), class, expected.class)?;
     let endpoints: Vec<_> = got.endpoints().map(|it| (it.direction(), it.transfer_type())).collect();
     same(&of("the endpoints"), &endpoints[..], expected.endpoints)?;
     let bulk = got.endpoints().filter(|it| it.transfer_type() == TransferType::Bulk);
@@ -199,12 +185,8 @@ fn same_interface(
         &functional[..],
         expected.functional,
     )?;
-    same_string(
-        bench,
-        &of("the name"),
-        got.string_index().map(Into::into),
-        expected.string,
-    )
+    let name = got.string_index().map(Into::into);
+    same_string(bench, &of("the name"), name, expected.string)
 }
 
 /// The Microsoft OS 2.0 descriptors: WinUSB for the control interface. Returns their length, in bytes.
