@@ -138,9 +138,9 @@ fn receive(control: &mut ControlLink, timeout: Duration) -> Result<Option<(Stamp
     let until = Instant::now() + timeout;
     loop {
         let left = until.saturating_duration_since(Instant::now());
-        let heard = control.next_event(left.min(LISTEN))?;
-        if heard.is_some() || left.is_zero() {
-            return Ok(heard);
+        let event = control.next_event(left.min(READ_TIMEOUT))?;
+        if event.is_some() || left.is_zero() {
+            return Ok(event);
         }
         check_signals().map_err(Error::Interrupted)?;
     }

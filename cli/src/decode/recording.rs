@@ -257,7 +257,7 @@ impl Recording for LingFrames {
             && let Some(&byte) = bytes.next()
         {
             self.beginning.push(byte);
-            if let Some(older) = self.older.hear(&[byte]) {
+            if let Some(older) = self.older.push(&[byte]) {
                 out.remark(format_args!("This is {older}"));
                 self.begin(Box::new(Frames::<Legacy>::new(self.from)), out);
             } else if self.ends_current_message(byte) || self.beginning.len() >= MAX_BEGINNING {
