@@ -13,12 +13,12 @@ use armwire_bridge::Duration;
 use armwire_sim::serial::SerialDevice;
 use embedded_io_async::ErrorType;
 
-/// The longest that an example takes.
+/// Time limit of an example.
 const LIMIT: Instant = Instant::from_millis(30_000);
 /// The time of a byte at 1 Mbaud. The virtual arms work at any rate.
 const BYTE: Duration = Duration::from_micros(10);
 
-/// A device, and what time it is.
+/// A device, and the current time.
 struct World<D> {
     device: D,
     now: Instant,
@@ -98,7 +98,7 @@ fn world<D>(device: D) -> RefCell<World<D>> {
     })
 }
 
-/// Runs a future to its end, which must come within [`LIMIT`].
+/// Runs a future to its end, within [`LIMIT`].
 fn run<D, T>(world: &RefCell<World<D>>, future: impl Future<Output = T>) -> T {
     let mut future = pin!(future);
     loop {
@@ -123,7 +123,7 @@ mod ling {
 
     #[test]
     fn ling_tour_ends_at_its_target() {
-        // The last joints have the longest way: they are in the last servos.
+        // The last joints are in the last servos, and have the longest way.
         for joint in 0..JOINTS {
             let mut joints = [(Position::CENTRE, Speed::new(2_000).unwrap()); JOINTS];
             joints[joint].0 = Position::new(2_048 + 400).unwrap();

@@ -2,7 +2,7 @@
 
 use armwire::ling;
 
-/// Bytes that the checksum covers beside the data: command, function and length.
+/// Number of other bytes in the checksum: command, function and length.
 const HEAD: usize = 3;
 
 /// A bit, counted from the checksum back.
@@ -16,7 +16,7 @@ pub(crate) struct Place {
 
 /// Undetected bits in a frame with this number of data bytes.
 ///
-/// The checksum is linear: whether a flip is seen depends on its place alone and not on what is in the frame.
+/// The checksum is linear: the detection of a flip depends only on its place, not on the content of the frame.
 pub(crate) fn places(data: usize) -> Vec<Place> {
     let mut body = vec![0; HEAD + data];
     let sum = ling::checksum(&body);
@@ -34,7 +34,7 @@ pub(crate) fn places(data: usize) -> Vec<Place> {
     places
 }
 
-/// A table of them all.
+/// The table of all undetected bits.
 pub(crate) fn table() -> String {
     let mut table = String::from("| Bytes before the checksum | Bit | Field, with n data bytes |\n|---|---|---|\n");
     for Place { back, bit } in places(ling::MAX_DATA) {
@@ -44,12 +44,12 @@ pub(crate) fn table() -> String {
             let field = ["length", "function", "command"][head - 1];
             format!("{field}, if n = {}", back - head)
         });
-        let what: Vec<_> = (back <= ling::MAX_DATA)
+        let fields: Vec<_> = (back <= ling::MAX_DATA)
             .then_some(data)
             .into_iter()
             .chain(head)
             .collect();
-        table += &format!("| {back} | {bit} | {} |\n", what.join("; "));
+        table += &format!("| {back} | {bit} | {} |\n", fields.join("; "));
     }
     table
 }

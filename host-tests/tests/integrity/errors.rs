@@ -7,16 +7,16 @@ pub(crate) enum Kind {
     OneBit,
     /// Any two bits are flipped.
     TwoBits,
-    /// Any bit is flipped, the one at most seven further on too, and between them any. Bits in the order in which a UART
-    /// sends them, the lowest of a byte first.
+    /// Two bits with a distance of at most seven are flipped, and any bits between them. The order is that of a UART:
+    /// the lowest bit of a byte first.
     Burst,
-    /// Any one byte is any other.
+    /// Any one byte has any other value.
     OtherByte,
     /// Any one byte is missing.
     LostByte,
-    /// Any one byte comes twice.
+    /// Any one byte is duplicated.
     ByteTwice,
-    /// Any byte comes in addition, anywhere, before and after the frame too.
+    /// Any byte is inserted anywhere, including before and after the frame.
     ExtraByte,
     /// The frame ends after any number of bytes, at least one.
     CutShort,
@@ -49,14 +49,14 @@ impl Kind {
         }
     }
 
-    /// Shows all that errors of this kind can make of a frame.
-    pub(crate) fn each(self, frame: &[u8], mut show: impl FnMut(&[u8])) {
+    /// Calls `visit` with the frame under each error of this kind.
+    pub(crate) fn each(self, frame: &[u8], mut visit: impl FnMut(&[u8])) {
         let (bytes, bits) = (frame.len(), 8 * frame.len());
         match self {
-            Self::OneBit => (0..bits).for_each(|bit| show(&flipped(frame, [bit]))),
+            Self::OneBit => (0..bits).for_each(|bit| visit(&flipped(frame, [bit]))),
             Self::TwoBits => {
                 for first in 0..bits {
-                    (first + 1..bits).for_each(|second| show(&flipped(frame, [first, second])));
+                    (first + 1..bits).for_each(|second| visit(&flipped(frame, [first, second])));
                 }
             }
             Self::Burst => {
@@ -64,7 +64,7 @@ impl Kind {
                     for last in first + 1..bits.min(first + 8) {
                         for between in 0..1_u32 << (last - first - 1) {
                             let inner = (first + 1..last).filter(|bit| between >> (bit - first - 1) & 1 == 1);
-                            show(&flipped(frame, inner.chain([first, last])));
+                            visit(&flipped(frame, inner.chain([first, last])));
                         }
                     }
                 }
@@ -74,18 +74,18 @@ impl Kind {
                     for byte in (0..=255).filter(|&byte| byte != frame[at]) {
                         let mut frame = frame.to_vec();
                         frame[at] = byte;
-                        show(&frame);
+                        visit(&frame);
                     }
                 }
             }
-            Self::LostByte => (0..bytes).for_each(|at| show(&[&frame[..at], &frame[at + 1..]].concat())),
-            Self::ByteTwice => (0..bytes).for_each(|at| show(&[&frame[..=at], &frame[at..]].concat())),
+            Self::LostByte => (0..bytes).for_each(|at| visit(&[&frame[..at], &frame[at + 1..]].concat())),
+            Self::ByteTwice => (0..bytes).for_each(|at| visit(&[&frame[..=at], &frame[at..]].concat())),
             Self::ExtraByte => {
                 for at in 0..=bytes {
-                    (0..=255).for_each(|byte| show(&[&frame[..at], &[byte], &frame[at..]].concat()));
+                    (0..=255).for_each(|byte| visit(&[&frame[..at], &[byte], &frame[at..]].concat()));
                 }
             }
-            Self::CutShort => (1..bytes).for_each(|len| show(&frame[..len])),
+            Self::CutShort => (1..bytes).for_each(|len| visit(&frame[..len])),
         }
     }
 }

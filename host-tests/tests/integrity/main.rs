@@ -22,7 +22,7 @@ use blind::Place;
 use errors::Kind;
 use outcome::{Outcome, Subject};
 
-/// Number of each outcome for one kind of error, and number of losses of the frame behind.
+/// Number of each outcome for one kind of error, and number of losses of the next frame.
 #[derive(Clone, Copy, Default)]
 struct Count {
     tried: u64,
@@ -76,7 +76,7 @@ where
     })
 }
 
-/// The table of what became of the frames of one line.
+/// The table of the outcomes on one line.
 fn table(counts: &[(Kind, Count)]) -> String {
     let mut table = String::from("| Error | Tried |");
     for outcome in Outcome::ALL {
@@ -95,27 +95,27 @@ fn table(counts: &[(Kind, Count)]) -> String {
 }
 
 /// The undetected bits, each with its byte from the start of the frame.
-fn unseen_bits<P: Messages + Default, const N: usize>(subject: &Subject<P>) -> Vec<(usize, u8)> {
+fn undetected_bits<P: Messages + Default, const N: usize>(subject: &Subject<P>) -> Vec<(usize, u8)> {
     let mut bits = (0..subject.bytes.len()).flat_map(|byte| (0..8).map(move |bit| (byte, bit)));
-    let mut unseen = Vec::new();
+    let mut undetected = Vec::new();
     Kind::OneBit.each(&subject.bytes, |damaged| {
         let bit = bits.next().expect("as many as are tried");
         if subject.outcome::<N>(damaged) == Outcome::Undetected {
-            unseen.push(bit);
+            undetected.push(bit);
         }
     });
-    unseen
+    undetected
 }
 
 /// The table of the frames of Ling in which a flipped bit passes.
-fn unseen_bits_of_ling() -> String {
+fn undetected_bits_of_ling() -> String {
     let mut table = String::from("| Frame | Data bytes | Byte of the frame, bit |\n|---|--:|---|\n");
     for (vector, subject) in ling_subjects() {
-        let unseen = unseen_bits::<Ling, { ling::MAX_FRAME }>(&subject);
-        if !unseen.is_empty() {
-            let unseen: Vec<_> = unseen.iter().map(|(byte, bit)| format!("{byte}, {bit}")).collect();
+        let undetected = undetected_bits::<Ling, { ling::MAX_FRAME }>(&subject);
+        if !undetected.is_empty() {
+            let undetected: Vec<_> = undetected.iter().map(|(byte, bit)| format!("{byte}, {bit}")).collect();
             let data = vector.bytes.len() - ling::OVERHEAD;
-            writeln!(table, "| {} | {data} | {} |", vector.name, unseen.join("; ")).expect("it is a string");
+            writeln!(table, "| {} | {data} | {} |", vector.name, undetected.join("; ")).expect("it is a string");
         }
     }
     table
@@ -168,7 +168,7 @@ fn documented_tables_match_the_measurements() {
     ];
     let mut tables: Vec<_> = lines.iter().map(|(name, counts)| (*name, table(counts))).collect();
     tables.push(("unseen bits", blind::table()));
-    tables.push(("frames with unseen bits", unseen_bits_of_ling()));
+    tables.push(("frames with unseen bits", undetected_bits_of_ling()));
     for (name, table) in &tables {
         println!("{name}\n\n{table}");
     }
@@ -181,7 +181,7 @@ fn flipped_bit_passes_only_at_checksum_blind_spots() {
         let bytes = subject.bytes.len();
         let data = bytes - ling::OVERHEAD;
         let blind = blind::places(data);
-        for (byte, bit) in unseen_bits::<Ling, { ling::MAX_FRAME }>(&subject) {
+        for (byte, bit) in undetected_bits::<Ling, { ling::MAX_FRAME }>(&subject) {
             let place = Place {
                 back: bytes - 2 - byte,
                 bit,
@@ -207,7 +207,7 @@ fn checksum_blind_spots_do_not_depend_on_prefix() {
 fn no_flipped_bit_passes_in_an_alpha1_frame() {
     for vector in vectors::alpha1_requests() {
         assert_eq!(
-            unseen_bits::<Alpha1, { alpha1::MAX_FRAME }>(&Subject::request(&vector)),
+            undetected_bits::<Alpha1, { alpha1::MAX_FRAME }>(&Subject::request(&vector)),
             [],
             "{}",
             vector.name
@@ -218,7 +218,7 @@ fn no_flipped_bit_passes_in_an_alpha1_frame() {
         .chain(vectors::alpha1_servo_answers())
     {
         assert_eq!(
-            unseen_bits::<Alpha1, { alpha1::MAX_FRAME }>(&Subject::response(&vector)),
+            undetected_bits::<Alpha1, { alpha1::MAX_FRAME }>(&Subject::response(&vector)),
             [],
             "{}",
             vector.name

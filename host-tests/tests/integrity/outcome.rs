@@ -84,7 +84,7 @@ fn refused(error: &ParseError) -> Outcome {
     }
 }
 
-/// A frame whose damage is tried.
+/// A frame to be damaged.
 pub(crate) struct Subject<M: Messages> {
     /// The frame.
     pub(crate) bytes: Vec<u8>,
@@ -158,7 +158,7 @@ impl<M: Messages + Default> Subject<M> {
         spared
     }
 
-    /// All that comes of a line: where a frame ends and what it is, or noise.
+    /// Decodes a line: the end and outcome of each frame, and noise.
     fn decode<const N: usize>(&self, line: &[u8], mut found: impl FnMut(Result<(usize, Outcome), Reason>)) {
         let mut decoder = Decoder::<N>::new();
         let mut rest = line;

@@ -26,7 +26,7 @@ use streams::{Dialect, below};
 /// Number of streams of each line without `ARMWIRE_STREAMS`.
 const STREAMS: u64 = 3_000;
 
-/// Says what is in a recording.
+/// The reference decoder.
 type Reference = Box<dyn Fn(&[u8]) -> Vec<Piece>>;
 
 /// A line: the parameters of the decoder, and the reference.
@@ -120,7 +120,7 @@ impl Pieces {
         self.pieces.push(Piece::Frame { at, content });
     }
 
-    /// The reference has a skipped frame once it has come whole.
+    /// The reference has a skipped frame once it is complete.
     fn noise(&mut self, at: Range<usize>, reason: Reason, lossless: bool) {
         if let (true, Reason::Length { got, .. }) = (lossless, reason) {
             let (start, came) = self.skipped.take().unwrap_or((at.start, 0));
@@ -165,7 +165,7 @@ fn moved(piece: Piece, by: usize) -> Piece {
     }
 }
 
-/// Compares both on many streams, and returns how often each kind of piece came.
+/// Compares both on many streams, and returns the number of pieces of each kind.
 fn compare<F: Framing, const N: usize>(line: &Line<F>, dialect: &Dialect) -> BTreeMap<&'static str, u64> {
     let streams = env::var("ARMWIRE_STREAMS").map_or(STREAMS, |n| n.parse().expect("ARMWIRE_STREAMS is a number"));
     let mut seen = BTreeMap::new();
@@ -208,7 +208,7 @@ fn kind(piece: &Piece) -> &'static str {
     }
 }
 
-/// Compares both, and makes sure that all that can come of such a line came often.
+/// Compares both, and checks that each of these kinds of pieces occurs often.
 fn agree<F: Framing, const N: usize>(line: &Line<F>, dialect: &Dialect, kinds: &[&str]) {
     let seen = compare::<F, N>(line, dialect);
     assert_eq!(seen.keys().copied().collect::<Vec<_>>(), kinds);

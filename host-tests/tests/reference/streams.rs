@@ -7,7 +7,7 @@ use oorandom::Rand32;
 pub(crate) struct Dialect {
     /// Any frame.
     pub(crate) frame: fn(&mut Rand32) -> Vec<u8>,
-    /// Headers, end marks, lengths and what else has a meaning.
+    /// Headers, end marks, lengths and other bytes with a meaning.
     pub(crate) marks: &'static [u8],
 }
 
@@ -31,7 +31,7 @@ impl Dialect {
         (0..parts).flat_map(|_| self.part(random)).collect()
     }
 
-    /// A frame, what is left of one, or noise.
+    /// A frame, part of a frame, or noise.
     fn part(&self, random: &mut Rand32) -> Vec<u8> {
         let frame = (self.frame)(random);
         match random.rand_range(0..8) {
@@ -47,7 +47,7 @@ impl Dialect {
                 [start, &(self.frame)(random), end].concat()
             }
             6 => {
-                // A length, or what else stands near the front, that is another.
+                // A wrong length, or another wrong byte near the front.
                 let mut frame = frame;
                 let at = below(random, frame.len().min(6));
                 frame[at] = self.mark(random);
@@ -73,7 +73,7 @@ impl Dialect {
         frame
     }
 
-    /// A byte that is a mark more often than chance would have it.
+    /// A byte that is a mark more often than by chance.
     fn mark(&self, random: &mut Rand32) -> u8 {
         if random.rand_range(0..2) == 0 {
             pick(random, self.marks)
@@ -88,7 +88,7 @@ impl Dialect {
     }
 }
 
-/// A length that is short more often than chance would have it.
+/// A length that is short more often than by chance.
 fn length(random: &mut Rand32, most: usize) -> usize {
     let most = pick(random, &[2, 4, 16, most]);
     below(random, most + 1)
