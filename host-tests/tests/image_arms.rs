@@ -1,5 +1,4 @@
-//! Each kind of arm on the UART of the firmware image: configured over the control interface, and still after a power
-//! cycle.
+//! Each kind of arm on the UART of the firmware image, configured over the control interface before a power cycle.
 
 use armwire::alpha1::{
     self, Address, Alpha1, Angle, Interval, Led, MoveTime, Outcome, Request, Response, ServoId, ServoRequest,
@@ -7,12 +6,12 @@ use armwire::alpha1::{
 };
 use armwire::messages::Messages;
 use armwire::{Config as ClientConfig, ling};
-use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Reply};
+use armwire_host_tests::image::requests::encoded;
 use armwire_host_tests::image::{
-    CanProgram, Control, MEGABAUD, Program, ProgramOf, Talker, byte_time, counters, noise, open, path, plug_in,
-    same_bytes,
+    BIT_RATE, CanProgram, Control, MEGABAUD, Program, ProgramOf, RawArm, byte_time, counters, noise, open, path,
+    plug_in, same_bytes,
 };
 use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use armwire_sim::ling::LingArm;
@@ -25,9 +24,6 @@ use std::num::NonZeroU32;
 /// The rate of Alpha1's lines, in bits per second.
 const ALPHA1_BAUD: u32 = 115_200;
 
-/// Bits per second on the bus.
-const CAN_RATE: u32 = 1_000_000;
-
 /// A program for an Alpha1 or its servos.
 type Alpha1Program = ProgramOf<Alpha1, { alpha1::MAX_FRAME }>;
 
@@ -39,12 +35,10 @@ fn alpha1_program() -> Alpha1Program {
 }
 
 fn bytes_of<P: Messages + Default>(request: &P::Request<'_>) -> Vec<u8> {
-    let mut bytes = [0; control::MAX_FRAME];
-    let len = P::default().encode_request(request, &mut bytes).unwrap();
-    bytes[..len].to_vec()
+    encoded(|bytes| P::default().encode_request(request, bytes))
 }
 
-/// Runs a test on a board after it was configured for `kind` with `config`, saved that, and lost its power.
+/// Runs a test on a board that has saved this configuration and was power-cycled.
 ///
 /// The serial port is not open yet.
 fn saved<A: Arm>(arm: A, baud: u32, config: Config, test: impl FnOnce(&mut VirtualBoard<A>)) {
@@ -61,7 +55,7 @@ fn saved<A: Arm>(arm: A, baud: u32, config: Config, test: impl FnOnce(&mut Virtu
     let rate = board.uart().baud().unwrap();
     assert!(rate.abs_diff(baud.into()) * 100 < u64::from(baud), "{rate} baud");
     assert_eq!(board.uart().is_half_duplex(), config.arm == ArmKind::Alpha1Servo);
-    board.can().attach(CAN_RATE);
+    board.can().attach(BIT_RATE);
 
     test(board);
 
@@ -130,14 +124,10 @@ fn ling_arm_works_over_usb_can_and_polls() {
         let Some(ling::Response::Info(info)) = program.call(board, ling::Request::ReadInfo) else {
             panic!("no info");
         };
-        let mut bytes = [0; ling::MAX_FRAME];
-        let len = ling::Ling
-            .encode_response(&ling::Response::Info(info), None, &mut bytes)
-            .unwrap();
-        let answer = bytes[..len].to_vec();
+        let answer = encoded(|bytes| ling::Ling.encode_response(&ling::Response::Info(info), None, bytes));
         expect_identity(board, ArmKind::Ling, Some(answer.clone()));
         let question = bytes_of::<ling::Ling>(&ling::Request::ReadInfo);
-        assert_eq!(CanProgram::new(Node::default()).call(board, &question), answer);
+        assert_eq!(CanProgram::default().call(board, &question), answer);
         expect_no_errors(board);
     });
 }
@@ -177,7 +167,7 @@ fn alpha1_works_over_usb_can_and_polls() {
         );
 
         let question = bytes_of::<Alpha1>(&Request::ReadFirmwareVersion);
-        let answer = CanProgram::new(Node::default()).call(board, &question);
+        let answer = CanProgram::default().call(board, &question);
         assert_eq!(answer[..2], question[..2]);
         board.run_for(Nanos::from_millis(1_000)).unwrap();
         let reported = control.take_events(board);
@@ -239,12 +229,9 @@ fn servo_bus_works_on_single_wire() {
             if nth % 2 == 0 {
                 assert_eq!(program.call(board, question), Some(Response::Servo(angles)));
             } else {
-                let answer = CanProgram::new(Node::default()).call(board, &bytes_of::<Alpha1>(&question));
-                let mut bytes = [0; alpha1::MAX_FRAME];
-                let len = Alpha1
-                    .encode_response(&Response::Servo(angles), None, &mut bytes)
-                    .unwrap();
-                assert_eq!(answer, bytes[..len]);
+                let answer = CanProgram::default().call(board, &bytes_of::<Alpha1>(&question));
+                let expected = encoded(|bytes| Alpha1.encode_response(&Response::Servo(angles), None, bytes));
+                assert_eq!(answer, expected);
             }
         }
         // There were no collisions, and the servos did not take the adapter's requests for answers.
@@ -261,7 +248,7 @@ fn servo_bus_works_on_single_wire() {
 
 #[test]
 fn arbitrary_bytes_pass_both_ways_at_any_rate() {
-    saved(Talker::default(), MEGABAUD, kind(ArmKind::Raw), |board| {
+    saved(RawArm::default(), MEGABAUD, kind(ArmKind::Raw), |board| {
         let mut exchanged = 0;
         open(board, MEGABAUD);
         for (nth, baud) in [MEGABAUD, 9_600, 57_600, 115_200, 230_400, 2_000_000]
@@ -279,17 +266,17 @@ fn arbitrary_bytes_pass_both_ways_at_any_rate() {
                 .run_for(Nanos(byte_time(baud).0 * len as u64 + 20_000_000))
                 .unwrap();
             same_bytes("the host", &board.usb().read(), &up);
-            same_bytes("the arm", &board.with_arm(Talker::take_received), &down);
+            same_bytes("the arm", &board.with_arm(RawArm::take_received), &down);
             exchanged += len as u32;
         }
         // A host on the bus may send arbitrary bytes, too.
-        let mut on_can = CanProgram::new(Node::default());
+        let mut on_can = CanProgram::default();
         on_can.send(b"anything at all");
         for _ in 0..50 {
             assert_eq!(on_can.poll(board), None);
             board.run_for(Nanos(100_000)).unwrap();
         }
-        assert_eq!(board.with_arm(Talker::take_received), b"anything at all");
+        assert_eq!(board.with_arm(RawArm::take_received), b"anything at all");
         let c = counters(board);
         assert_eq!((c.arm_to_host_bytes, c.host_to_arm_bytes), (exchanged, exchanged + 15));
         assert_eq!((c.frames, c.requests_usb, c.requests_can), (0, 0, 1));

@@ -1,21 +1,21 @@
-//! Bytes pass the firmware image untouched: as many as the line carries, in chunks of any size, both ways at once.
+//! Bytes pass the firmware image unchanged: at the full rate of the line, in chunks of any size, in both directions.
 
 use std::time::Instant;
 
 use armwire_host_tests::image::{
-    MEGABAUD, Talker, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in, same_bytes,
+    MEGABAUD, RawArm, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in, same_bytes,
 };
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::{Config, Nanos};
 
-/// Chunks around every size that means something: a byte, a packet, two, ten, the queues, the receive ring.
+/// Chunk sizes around those of a byte, a packet, two packets, ten packets, the queues and the receive ring.
 const SIZES: [usize; 23] = [
     1, 2, 3, 7, 62, 63, 64, 65, 66, 127, 128, 129, 191, 192, 193, 255, 256, 257, 511, 512, 640, 1024, 1025,
 ];
 
 /// Exchanges `count` bytes in both directions at once, and prints the throughput.
 fn saturate(baud: u32, count: usize) {
-    let mut config = Config::new(path(), Talker::default());
+    let mut config = Config::new(path(), RawArm::default());
     config.arm_baud = baud;
     on_board_with(config, |board| {
         plug_in(board, baud);
@@ -27,14 +27,14 @@ fn saturate(baud: u32, count: usize) {
         let ended = line.last().unwrap().at;
         let virtually = ended.since(before).0 as f64 / 1e9;
         println!(
-            "{count} bytes each way at {baud} baud: {virtually:.3} s of virtual time, {:.1} s of ours",
+            "{count} bytes each way at {baud} baud: {virtually:.3} s of virtual time, {:.1} s of real time",
             start.elapsed().as_secs_f64()
         );
-        // Full rate: no gaps to speak of on the line either way.
+        // Full rate: nearly no gaps on the line in either direction.
         let least = byte_time(baud).0 as f64 / 1e9 * count as f64;
         assert!(
             virtually < least * 1.03 + 0.002,
-            "{virtually} s for what takes {least} s on a busy line"
+            "{virtually} s for bytes that take {least} s on a busy line"
         );
 
         let counters = counters(board);
@@ -69,7 +69,7 @@ fn bytes_pass_each_way_at_115200_baud() {
 
 #[test]
 fn chunks_of_any_size_pass_both_ways() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         for (nth, size) in SIZES.into_iter().enumerate() {
             exchange(board, &noise(nth as u64, size), &noise(1_000 + nth as u64, size));
@@ -79,7 +79,7 @@ fn chunks_of_any_size_pass_both_ways() {
 
 #[test]
 fn host_packets_of_any_size_keep_order() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         let chunks = noise(5, 20_000);
         let mut left = &chunks[..];
@@ -92,13 +92,13 @@ fn host_packets_of_any_size_keep_order() {
             }
         }
         board.run_for(Nanos::from_millis(250)).unwrap();
-        same_bytes("the arm", &board.with_arm(Talker::take_received), &chunks);
+        same_bytes("the arm", &board.with_arm(RawArm::take_received), &chunks);
     });
 }
 
 #[test]
 fn final_full_packet_is_followed_by_empty() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         for packets in [1, 2, 3, 10] {
             board.usb().forget_packets();

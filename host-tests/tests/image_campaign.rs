@@ -1,5 +1,4 @@
-//! The fault campaign's checks can fail: each test here does behind their back what they are to find. And what a run shows
-//! hangs on its seed and its number alone.
+//! The fault campaign's checks detect each mutation, and a run is determined by its seed and number.
 
 use armwire_host_tests::image::campaign::{self, Bench, Case, Fault, Moment, Mutation};
 
@@ -19,45 +18,45 @@ fn run(mutation: Option<Mutation>) -> Result<(), String> {
     bench.run_mutated(RUN, mutation).result.map(drop)
 }
 
-fn expect_found(mutation: Mutation, complaint: &str) {
+fn expect_detected(mutation: Mutation, violation: &str) {
     let error = run(Some(mutation)).unwrap_err();
     println!("{error}");
-    assert!(error.contains(complaint), "{error}");
+    assert!(error.contains(violation), "{error}");
 }
 
 #[test]
-fn a_run_without_deceit_passes() {
+fn run_without_mutation_passes() {
     assert_eq!(run(None), Ok(()));
 }
 
 #[test]
 fn uncounted_lost_bytes_are_detected() {
-    expect_found(Mutation::LostBytes, "bytes from the arm");
+    expect_detected(Mutation::LostBytes, "bytes from the arm");
 }
 
 #[test]
 fn wrong_counter_is_detected() {
-    expect_found(Mutation::ExtraErrorCount, "framing errors");
+    expect_detected(Mutation::ExtraErrorCount, "framing errors");
 }
 
 #[test]
 fn forged_answer_is_detected() {
-    expect_found(Mutation::ForgedAnswer, "answers nothing");
+    expect_detected(Mutation::ForgedAnswer, "answers nothing");
 }
 
 #[test]
-fn a_motion_that_nobody_commanded_is_found() {
-    expect_found(Mutation::UnrequestedMove, "the arm was commanded");
+fn unrequested_motion_is_detected() {
+    expect_detected(Mutation::UnrequestedMove, "the arm was commanded");
 }
 
 #[test]
-fn a_restart_is_found() {
-    expect_found(Mutation::UnexpectedRestart, "restarts [Power]");
+fn unexpected_restart_is_detected() {
+    expect_detected(Mutation::UnexpectedRestart, "restarts [Power]");
 }
 
 #[test]
-fn traffic_that_does_not_come_back_is_found() {
-    expect_found(Mutation::SilentArm, "no traffic of");
+fn missing_recovery_is_detected() {
+    expect_detected(Mutation::SilentArm, "no traffic of");
 }
 
 #[test]
@@ -83,6 +82,6 @@ fn failed_or_restarted_run_gets_new_board() {
     assert_eq!(bench.run(RUN).result, first);
     assert!(bench.run_mutated(RUN, Some(Mutation::SilentArm)).result.is_err());
     assert_eq!(bench.run(RUN).result, first);
-    // A board that has had a run meets other moments, which nearly always show.
+    // A used board has other phases, which nearly always change the result.
     assert!((0..8).any(|_| bench.run(RUN).result != first));
 }

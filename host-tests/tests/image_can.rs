@@ -1,4 +1,4 @@
-//! The firmware image on a CAN bus: an arm's frames by ISO-TP, cyclic telemetry, and a bus that breaks.
+//! The firmware image on a CAN bus: an arm's frames by ISO-TP, cyclic telemetry, and bus faults.
 
 use armwire::ling::{Request, Response};
 use armwire_bridge::can::{Frame, Function, Id, Node};
@@ -7,13 +7,11 @@ use armwire_bridge::control::{self, Event};
 use armwire_bridge::isotp::SeparationTime;
 use armwire_host_tests::image::requests::frame;
 use armwire_host_tests::image::{
-    CanProgram, Control, MEGABAUD, Program, chip, counters, facts, on_board, on_board_with, path, plug_in, read_all,
+    BIT_RATE, CanProgram, Control, MEGABAUD, Program, chip, counters, facts, on_board, on_board_with, path, plug_in,
+    read_all,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
-
-/// Bits per second on the bus.
-const RATE: u32 = 1_000_000;
 
 fn ling() -> LingArm {
     LingArm::new(armwire_sim::ling::Config::follower())
@@ -31,36 +29,39 @@ fn telemetry() -> Config {
     }
 }
 
-/// Number of frames of this kind that the board has sent since the records were last cleared.
-fn sent(board: &VirtualBoard<LingArm>, function: Function) -> usize {
-    let id = function.id(Node::default());
-    board.can().read().iter().filter(|frame| frame.id() == id).count()
+/// Expects telemetry at its rate for a second.
+fn expect_telemetry(board: &mut VirtualBoard<LingArm>) {
+    let id = Function::JointsA.id(Node::default());
+    board.can().read();
+    board.run_for(Nanos::from_millis(1_000)).unwrap();
+    let joints = board.can().read().iter().filter(|frame| frame.id() == id).count();
+    assert!((99..=101).contains(&joints), "{joints} in a second");
 }
 
 #[test]
 fn can_and_usb_hosts_get_their_own_answers() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
-        board.can().attach(RATE);
-        let mut on_can = CanProgram::new(Node::default());
+        board.can().attach(BIT_RATE);
+        let mut on_can = CanProgram::default();
         let mut on_usb = Program::default();
         let (joints, temperatures) = (frame(Request::ReadJoints), Request::ReadTemperatures);
         for _ in 0..200 {
             on_can.send(&joints);
             let Some(Response::Temperatures(_)) = on_usb.call(board, temperatures) else {
-                panic!("the host on USB got another answer");
+                panic!("the host on USB received another answer");
             };
             let limit = board.now() + Nanos::from_millis(20);
             let answer = loop {
                 if let Some(answer) = on_can.poll(board) {
                     break answer;
                 }
-                assert!(board.now() < limit, "the host on CAN got no answer");
+                assert!(board.now() < limit, "the host on CAN received no answer");
                 board.run_for(Nanos(100_000)).unwrap();
             };
-            assert_eq!(answer[..3], joints[..3], "the host on CAN got another answer");
+            assert_eq!(answer[..3], joints[..3], "the host on CAN received another answer");
         }
-        assert_eq!(read_all(board), []);
+        assert_eq!(read_all(board), b"");
         let counters = counters(board);
         assert_eq!(counters.frames, 400);
         assert_eq!((counters.unanswered_requests, counters.unsolicited_frames), (0, 0));
@@ -72,14 +73,12 @@ fn can_and_usb_hosts_get_their_own_answers() {
 fn telemetry_goes_out_at_its_rate() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
-        board.can().attach(RATE);
+        board.can().attach(BIT_RATE);
         let mut control = Control::open(board);
         control.order(board, control::Request::SetConfig(telemetry()));
         board.run_for(Nanos::from_millis(100)).unwrap();
-        sent(board, Function::JointsA);
-        board.run_for(Nanos::from_millis(2_000)).unwrap();
-        let joints = sent(board, Function::JointsA);
-        assert!((199..=201).contains(&joints), "{joints} in two seconds");
+        expect_telemetry(board);
+        expect_telemetry(board);
     });
 }
 
@@ -87,7 +86,7 @@ fn telemetry_goes_out_at_its_rate() {
 fn lost_bus_is_counted_reported_and_recovered() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
-        board.can().attach(RATE);
+        board.can().attach(BIT_RATE);
         let mut control = Control::open(board);
         control.subscribe(board);
         control.order(board, control::Request::SetConfig(telemetry()));
@@ -102,10 +101,7 @@ fn lost_bus_is_counted_reported_and_recovered() {
 
         board.can().release();
         board.run_for(Nanos::from_millis(100)).unwrap();
-        sent(board, Function::JointsA);
-        board.run_for(Nanos::from_millis(1_000)).unwrap();
-        let joints = sent(board, Function::JointsA);
-        assert!((99..=101).contains(&joints), "{joints} in a second");
+        expect_telemetry(board);
         let offs: Vec<_> = control
             .take_events(board)
             .into_iter()
@@ -126,11 +122,11 @@ fn lost_bus_is_counted_reported_and_recovered() {
 fn permanently_lost_bus_blocks_neither_arm_nor_usb() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
-        board.can().attach(RATE);
+        board.can().attach(BIT_RATE);
         let mut control = Control::open(board);
         control.order(board, control::Request::SetConfig(telemetry()));
         board.run_for(Nanos::from_millis(100)).unwrap();
-        // The way back does not even begin.
+        // The recovery cannot start.
         board.can().keep_from_initialization(true);
         board.can().short();
         board.run_for(Nanos::from_millis(100)).unwrap();
@@ -141,18 +137,15 @@ fn permanently_lost_bus_blocks_neither_arm_nor_usb() {
 
         board.can().keep_from_initialization(false);
         board.run_for(Nanos::from_millis(100)).unwrap();
-        sent(board, Function::JointsA);
-        board.run_for(Nanos::from_millis(1_000)).unwrap();
-        let joints = sent(board, Function::JointsA);
-        assert!((99..=101).contains(&joints), "{joints} in a second");
+        expect_telemetry(board);
         expect_served(board);
     });
 }
 
-/// Checks that a host on the bus gets the answer to its request.
+/// Checks that a host on the bus receives the answer to its request.
 fn expect_served(board: &mut VirtualBoard<LingArm>) {
     let joints = frame(Request::ReadJoints);
-    let answer = CanProgram::new(Node::default()).call(board, &joints);
+    let answer = CanProgram::default().call(board, &joints);
     assert_eq!(answer[..3], joints[..3]);
 }
 
@@ -160,7 +153,7 @@ fn expect_served(board: &mut VirtualBoard<LingArm>) {
 fn invalid_request_flood_blocks_neither_arm_nor_usb() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
-        board.can().attach(RATE);
+        board.can().attach(BIT_RATE);
         // A frame of minimum length, without an answer.
         let flood = Frame::new(Function::ArmRequest.id(Node::default()), &[]).unwrap();
         board.can().flood(Some(&flood)).unwrap();
@@ -226,7 +219,7 @@ fn consecutive_frames_keep_separation_on_busy_bus() {
         let st_min = st_min.unwrap();
         on_board(ling(), |board| {
             plug_in(board, MEGABAUD);
-            board.can().attach(RATE);
+            board.can().attach(BIT_RATE);
             let request = Function::ArmRequest.id(Node::default());
             let joints = frame(Request::ReadJoints);
             let single = [&[joints.len() as u8], &joints[..]].concat();
@@ -236,7 +229,7 @@ fn consecutive_frames_keep_separation_on_busy_bus() {
             board.can().send(&go_on).unwrap();
             run_until_sent(board, 2);
             for _ in 0..2 {
-                // Others have the bus, until all that may be due has been handed over.
+                // Other nodes occupy the bus until all due frames are in the mailboxes.
                 board.can().flood(Some(&urgent())).unwrap();
                 board.run_for(Nanos::from_millis(5)).unwrap();
                 board.can().flood(None).unwrap();
@@ -258,7 +251,7 @@ fn saturating_flood_leaves_adapter_on_the_bus() {
     config.instruction_cost = config.instruction_cost.saturating_mul(facts(chip()).flooded);
     on_board_with(config, |board| {
         plug_in(board, MEGABAUD);
-        board.can().attach(RATE);
+        board.can().attach(BIT_RATE);
         let mut control = Control::open(board);
         control.order(board, control::Request::SetConfig(telemetry()));
         control.subscribe(board);
@@ -266,10 +259,7 @@ fn saturating_flood_leaves_adapter_on_the_bus() {
         let flood = Frame::new(Function::ArmRequest.id(Node::default()), &[1, 0]).unwrap();
         board.can().flood(Some(&flood)).unwrap();
         board.run_for(Nanos::from_millis(100)).unwrap();
-        sent(board, Function::JointsA);
-        board.run_for(Nanos::from_millis(1_000)).unwrap();
-        let joints = sent(board, Function::JointsA);
-        assert!((99..=101).contains(&joints), "{joints} in a second");
+        expect_telemetry(board);
         board.can().flood(None).unwrap();
         board.run_for(Nanos::from_millis(10)).unwrap();
         assert_eq!(counters(board).can_receive_overruns, 0);
@@ -285,12 +275,12 @@ fn bus_loss_during_flash_erase_is_counted() {
     config.flash = Some(contents);
     on_board_with(config, |board| {
         plug_in(board, MEGABAUD);
-        board.can().attach(RATE);
+        board.can().attach(BIT_RATE);
         let mut control = Control::open(board);
         control.order(board, control::Request::SetConfig(telemetry()));
         board.run_for(Nanos::from_millis(100)).unwrap();
         let before = board.flash_operations();
-        // Others have the bus, so that frames wait for it when the core stands still.
+        // Other nodes occupy the bus, so frames wait in the mailboxes during the erase.
         board.can().flood(Some(&urgent())).unwrap();
         board.run_for(Nanos::from_millis(50)).unwrap();
         control.send(board, control::Request::SaveConfig);
@@ -317,7 +307,7 @@ fn bus_loss_during_flash_erase_is_counted() {
 fn frames_waiting_at_bus_change_are_counted() {
     on_board(ling(), |board| {
         plug_in(board, MEGABAUD);
-        board.can().attach(RATE);
+        board.can().attach(BIT_RATE);
         let mut control = Control::open(board);
         control.order(board, control::Request::SetConfig(telemetry()));
         board.run_for(Nanos::from_millis(100)).unwrap();

@@ -1,11 +1,10 @@
 //! The image of a chip with CAN FD on a CAN FD bus. On a chip without, there is nothing to test.
 
-use armwire::ling::{Ling, MAX_FRAME, Request};
-use armwire::messages::Messages;
-use armwire_bridge::can::Node;
+use armwire::ling::Request;
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control;
 use armwire_bridge::isotp::Link;
+use armwire_host_tests::image::requests::frame;
 use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, chip, counters, facts, on_board, plug_in};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_virtual_board::can::{NodeConfig, Outcome, Sender};
@@ -39,20 +38,14 @@ fn on_fd_bus(data_rate: u32, nodes_rate: u32, test: impl FnOnce(&mut VirtualBoar
     });
 }
 
-fn read_joints() -> Vec<u8> {
-    let mut bytes = [0; MAX_FRAME];
-    let len = Ling.encode_request(&Request::ReadJoints, &mut bytes).unwrap();
-    bytes[..len].to_vec()
-}
-
 #[test]
 fn calls_pass_by_fd_at_every_rate() {
     const CALLS: usize = 50;
     for rate in config::CAN_DATA_BIT_RATES {
         on_fd_bus(rate, rate, |board| {
-            let mut program = CanProgram::on(Link::Fd, Node::default());
+            let mut program = CanProgram::new(Link::Fd);
             for nth in 0..CALLS {
-                program.send(&read_joints());
+                program.send(&frame(Request::ReadJoints));
                 let limit = board.now() + Nanos::from_millis(20);
                 while program.poll(board).is_none() {
                     assert!(board.now() < limit, "no answer to call {nth} at {rate} bit/s");
@@ -75,8 +68,8 @@ fn calls_pass_by_fd_at_every_rate() {
 fn wrong_fd_data_rate_errors_until_corrected() {
     const RIGHT: u32 = 2_000_000;
     on_fd_bus(RIGHT, 5_000_000, |board| {
-        let mut program = CanProgram::on(Link::Fd, Node::default());
-        program.send(&read_joints());
+        let mut program = CanProgram::new(Link::Fd);
+        program.send(&frame(Request::ReadJoints));
         for _ in 0..20 {
             program.poll(board);
             board.run_for(Nanos::from_millis(1)).unwrap();
@@ -88,8 +81,8 @@ fn wrong_fd_data_rate_errors_until_corrected() {
         board.can().attach_as(NodeConfig::fd(RATE, RIGHT));
         board.run_for(Nanos::from_millis(500)).unwrap();
         board.can().read();
-        let mut program = CanProgram::on(Link::Fd, Node::default());
-        program.send(&read_joints());
+        let mut program = CanProgram::new(Link::Fd);
+        program.send(&frame(Request::ReadJoints));
         let limit = board.now() + Nanos::from_millis(50);
         while program.poll(board).is_none() {
             assert!(board.now() < limit, "no answer");
@@ -102,8 +95,8 @@ fn wrong_fd_data_rate_errors_until_corrected() {
 fn a_classic_node_destroys_fd_frames() {
     on_fd_bus(2_000_000, 2_000_000, |board| {
         board.can().join(9, NodeConfig::classic(RATE));
-        let mut program = CanProgram::on(Link::Fd, Node::default());
-        program.send(&read_joints());
+        let mut program = CanProgram::new(Link::Fd);
+        program.send(&frame(Request::ReadJoints));
         program.poll(board);
         board.run_for(Nanos::from_millis(10)).unwrap();
         assert!(counters(board).can_bus_errors > 0);

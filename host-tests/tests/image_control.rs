@@ -1,12 +1,11 @@
-//! The control interface of the firmware image: what the adapter is, how it is configured, what it saw and when.
+//! The control interface of the firmware image: identity, configuration, counters and stamped events.
 
-use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
-use armwire::messages::Messages;
+use armwire::ling::{JOINTS, Request, Response};
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Reply, Stamp};
 use armwire_bridge::store::SAVE_BUDGET;
 use armwire_host_tests::image::{
-    Control, MEGABAUD, Program, Talker, chip, counters, facts, on_board, open, path, plug_in, read_all,
+    Control, MEGABAUD, Program, RawArm, chip, counters, facts, joint_answer, on_board, open, path, plug_in, read_all,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Arm, Direction};
@@ -33,8 +32,8 @@ fn expect_restarts<A: Arm>(board: &mut VirtualBoard<A>, causes: &[Cause]) {
 }
 
 #[test]
-fn the_adapter_says_what_it_is() {
-    on_board(Talker::default(), |board| {
+fn adapter_identifies_itself() {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         let mut control = Control::open(board);
         let reply = control.call(board, control::Request::Identify);
@@ -46,7 +45,7 @@ fn the_adapter_says_what_it_is() {
         assert_eq!(identity.board.as_str(), board.chip().to_string());
         assert_eq!(identity.serial, "200041000B35315035563033");
         assert_eq!(identity.can_fd, facts(board.chip()).can_fd);
-        // The commit, if it was built from one: twelve digits, and perhaps that files were changed.
+        // The commit of the build, if known: twelve digits, and a plus sign for changed files.
         let commit = identity.commit.trim_end_matches('+');
         assert!(commit.is_empty() || commit.len() == 12, "{commit}");
         assert!(commit.chars().all(|digit| digit.is_ascii_hexdigit()), "{commit}");
@@ -95,7 +94,7 @@ fn saved_configuration_survives_power_cycle() {
 
 #[test]
 fn unreadable_configuration_is_counted_and_defaults_apply() {
-    // Something else was where the configuration is, in the first half of it.
+    // Other data is in the first half of the configuration's flash.
     let place = facts(chip()).config_flash;
     let mut flash = vec![0xFF; chip().flash_size()];
     flash[place.start..place.start + place.len() / 2].fill(0x5A);
@@ -163,11 +162,11 @@ fn frames_are_stamped_at_their_last_byte() {
     });
 }
 
-/// Each stamp is that of the last stop bit, which ended in this instant.
+/// Expects that each stamp is the time of the last stop bit, which ended at this instant.
 fn expect_exact(stamps: &[Stamp], instants: &[Nanos]) {
     assert_eq!(stamps.len(), instants.len());
     assert!(stamps.is_sorted());
-    // The two clocks began at different times; from then on they go alike.
+    // The two clocks have different origins.
     let offset = |(instant, stamp): (&Nanos, &Stamp)| instant.0.abs_diff(stamp.0 * 1_000);
     let offsets: Vec<_> = instants.iter().zip(stamps).map(offset).collect();
     let (least, most) = (offsets.iter().min().unwrap(), offsets.iter().max().unwrap());
@@ -178,7 +177,7 @@ fn expect_exact(stamps: &[Stamp], instants: &[Nanos]) {
 #[test]
 fn terminator_inside_frame_does_not_delay_stamp() {
     const BAUD: u32 = 2_000_000;
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         board.usb().set_line_coding(LineCoding::new(BAUD)).unwrap();
         let mut control = Control::open(board);
@@ -188,8 +187,8 @@ fn terminator_inside_frame_does_not_delay_stamp() {
         board.uart().set_arm_baud(BAUD);
         let (mut stamps, mut instants) = (Vec::new(), Vec::new());
         for joint in 0..2_000 {
-            let frame = joints(joint);
-            // Besides those of which the checksum is like the mark, some to compare them with.
+            let frame = joint_answer([joint; JOINTS]);
+            // Frames whose checksum equals the terminator, and some others to compare them with.
             if joint % 100 > 0 && frame[frame.len() - 2] != 0xFF {
                 continue;
             }
@@ -234,22 +233,8 @@ fn saves_beyond_budget_are_refused_after_power_cycle() {
     expect_restarts(board, &[Cause::Power]);
 }
 
-/// An answer with this angle for all joints.
-fn joints(joint: u16) -> Vec<u8> {
-    let state = JointState {
-        joints: [joint; JOINTS],
-        gripper: 0,
-        status: MotionStatus::Idle,
-    };
-    let mut bytes = [0; MAX_FRAME];
-    let n = Ling
-        .encode_response(&Response::Joints(state), None, &mut bytes)
-        .unwrap();
-    bytes[..n].to_vec()
-}
-
 #[test]
-fn an_adapter_that_is_told_to_starts_again() {
+fn adapter_restarts_on_request() {
     let mut board = board(ling());
     let board = &mut board;
     let mut control = Control::open(board);

@@ -1,4 +1,4 @@
-//! Long runs: every byte of a saturated line, polls by day and night, and the turns of the hardware's counters.
+//! Long runs: every byte of a saturated line, polls for hours, and the wraparound of hardware counters.
 //!
 //! The memory of the process is checked on Linux only.
 
@@ -6,7 +6,6 @@ use std::env;
 use std::fs;
 use std::time::Instant;
 
-use armwire::ling::JOINTS;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{
     Event, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_MESSAGE, Reader, Request, Stamp, Subscription,
@@ -15,7 +14,7 @@ use armwire_bridge::control::{
 use armwire_bridge::time;
 use armwire_bridge::{Bridge, Counters, PACKET, Start, Transmit, UartEvent, UsbEvent};
 use armwire_host_tests::image::{
-    Control, MEGABAUD, TicketArm, Traffic, byte_time, counters, facts, joint_answer, on_board, plug_in,
+    Control, MEGABAUD, TicketArm, Traffic, byte_time, counters, facts, numbered_answer, on_board, plug_in,
 };
 use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::line::Direction;
@@ -63,7 +62,7 @@ impl Iterator for Endless {
     }
 }
 
-/// Compares what comes with what was sent, without keeping either.
+/// Compares received with expected bytes, without a record of either.
 #[derive(Debug)]
 struct Check {
     expected: Endless,
@@ -148,13 +147,13 @@ fn ten_million_bytes_pass_each_way_without_loss() {
         }
         let seconds = board.now().since(start).0 as f64 / 1e9;
         println!(
-            "{BYTES} bytes each way in {seconds:.2} s of virtual time, {:.0} s of ours",
+            "{BYTES} bytes each way in {seconds:.2} s of virtual time, {:.0} s of real time",
             began.elapsed().as_secs_f64()
         );
         expect_flat(before);
         let arm = board.with_arm(|arm| (arm.received.count, arm.received.wrong));
         assert_eq!((received.count, received.wrong), (BYTES, None), "bytes at the host");
-        assert_eq!(arm, (BYTES, None), "what the arm got");
+        assert_eq!(arm, (BYTES, None), "bytes at the arm");
         let counted = counters(board);
         assert_eq!(u64::from(counted.arm_to_host_bytes), BYTES);
         assert_eq!(u64::from(counted.host_to_arm_bytes), BYTES);
@@ -174,14 +173,6 @@ fn ten_million_bytes_pass_each_way_without_loss() {
     });
 }
 
-/// The answer to a poll, other joints each time.
-fn joints(number: u32) -> Vec<u8> {
-    let mut joints = [0; JOINTS];
-    joints[0] = (number & 0xFFF) as u16;
-    joints[1] = (number >> 12 & 0xFFF) as u16;
-    joint_answer(joints)
-}
-
 fn polled() -> Config {
     Config {
         poll: Poll::Hertz(HERTZ),
@@ -198,7 +189,7 @@ struct Listener {
 }
 
 impl Listener {
-    /// Takes all packets that the adapter has for it at `at`.
+    /// Reads all packets of the adapter at `at`.
     fn read_packets(&mut self, bridge: &mut Bridge, at: time::Instant) {
         let mut packet = [0; PACKET];
         while bridge.update(at).control {
@@ -208,7 +199,7 @@ impl Listener {
         }
     }
 
-    /// Takes a packet, in which there may be frames that all ended at `at`.
+    /// Checks a packet. Its frames ended at `at`.
     fn on_packet(&mut self, mut packet: &[u8], at: time::Instant) {
         while !packet.is_empty() {
             packet = self.reader.push(packet);
@@ -223,7 +214,11 @@ impl Listener {
                 else {
                     panic!("{event:?} at {stamp:?}");
                 };
-                assert_eq!(bytes[..], joints(self.frames as u32)[..], "an answer of another poll");
+                assert_eq!(
+                    bytes[..],
+                    numbered_answer(self.frames as u32)[..],
+                    "an answer of another poll"
+                );
                 assert!(stamp > self.last || self.frames == 0, "{stamp:?} after {:?}", self.last);
                 assert_eq!(stamp.0, at.as_micros(), "the stamp of answer {}", self.frames);
                 self.last = stamp;
@@ -241,7 +236,7 @@ fn hours_of_polls_keep_counters_and_stamps_exact() {
     const SPAN: u64 = 2 * 3_600 * 1_000_000;
     const BYTE: u64 = 10;
     /// Minimum turnaround of the arm in microseconds. It grows with each answer, up to twice this.
-    const THINKS: u64 = 100;
+    const TURNAROUND: u64 = 100;
     let began = Instant::now();
     let mut bridge = Bridge::new(Identity::default(), polled(), Start::default());
     bridge.usb_event(UsbEvent::Configured(true), time::Instant::ZERO);
@@ -271,9 +266,9 @@ fn hours_of_polls_keep_counters_and_stamps_exact() {
             bridge.uart_transmitted(now);
             let start = start.unwrap_or(now);
             received += len as u64;
-            let answer = joints(polls);
-            let thinks = THINKS + u64::from(polls) % THINKS;
-            let end = time::Instant::from_micros(start.as_micros() + BYTE * (len + answer.len()) as u64 + thinks);
+            let answer = numbered_answer(polls);
+            let turnaround = TURNAROUND + u64::from(polls) % TURNAROUND;
+            let end = time::Instant::from_micros(start.as_micros() + BYTE * (len + answer.len()) as u64 + turnaround);
             polls += 1;
             bridge.uart_received(&answer, end);
             bridge.uart_event(UartEvent::Idle, time::Instant::from_micros(end.as_micros() + BYTE));
@@ -293,7 +288,7 @@ fn hours_of_polls_keep_counters_and_stamps_exact() {
         }
     }
     println!(
-        "{polls} polls in two hours of virtual time, {:.0} s of ours",
+        "{polls} polls in two hours of virtual time, {:.0} s of real time",
         began.elapsed().as_secs_f64()
     );
     expect_flat(before);
@@ -313,7 +308,7 @@ fn hours_of_polls_keep_counters_and_stamps_exact() {
 /// the interrupt that takes the stamp may be delayed.
 const STAMPS_WITHIN: i64 = 3;
 
-/// Presets the clock's timer, as a debugger can, and lets it look at once what is due.
+/// Sets the clock's timer, as a debugger can, with a deadline right after.
 fn preset(board: &mut VirtualBoard<TicketArm>, count: u32) {
     let chip = facts(board.chip());
     board.write_word(chip.clock_count, count).unwrap();
@@ -376,7 +371,7 @@ fn stamps_stay_exact_across_timer_wraparound() {
         for turn in [1 << 31, 1_u64 << 32] {
             preset(board, (turn as u32).wrapping_sub(BEFORE_US));
             let before = counters(board);
-            let arm_counts = board.with_arm(|arm| arm.arm_counts());
+            let arm_counts = board.with_arm(|arm| arm.counts);
             let mut traffic = Traffic::begin(board);
             let mut stamps = Stamps::default();
             control.order(board, Request::SetConfig(polled()));
@@ -389,7 +384,7 @@ fn stamps_stay_exact_across_timer_wraparound() {
             assert!(last < turn && turn < now, "the turn at {turn}: {now} us");
             last = now;
             let after = counters(board);
-            let polls = board.with_arm(|arm| arm.arm_counts()).polls - arm_counts.polls;
+            let polls = board.with_arm(|arm| arm.counts).polls - arm_counts.polls;
             println!("{frames} answers over {turn} us");
             assert!(frames == polls && polls >= 130, "{frames} of {polls}");
             assert_eq!(after.requests_poll - before.requests_poll, polls);
@@ -425,9 +420,9 @@ fn a_day_of_polls_on_the_image() {
         }
         control.order(board, Request::SetConfig(Config::default()));
         listen(board, &mut control, &mut traffic, Nanos::from_millis(20), &mut stamps);
-        let polls = board.with_arm(|arm| arm.arm_counts()).polls;
+        let polls = board.with_arm(|arm| arm.counts).polls;
         println!(
-            "{polls} polls in {hours} h of virtual time, {:.0} s of ours; stamps that are wrong: {:?}",
+            "{polls} polls in {hours} h of virtual time, {:.0} s of real time; stamps that are wrong: {:?}",
             began.elapsed().as_secs_f64(),
             stamps.wrong
         );

@@ -1,6 +1,6 @@
-//! The firmware image and its flash: how long an erase takes, and what it does when the supply is too low to write.
+//! The firmware image and its flash: duration of an erase, and saves at a low supply voltage.
 //!
-//! The supply is the STM32F405's matter alone: the STM32G431 erases and programs at each supply at which it runs.
+//! Only the STM32F405 has a minimum voltage for writes: the STM32G431 erases and programs at any supply at which it runs.
 
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{self, Reply};

@@ -1,11 +1,12 @@
-//! The time that the firmware image adds to a call, with a cycle for each instruction. `cargo xtask performance` has the core's
-//! own timing, too.
+//! The latency of the firmware image, with one cycle per instruction. `cargo xtask performance` also measures the core's
+//! own timing.
 
-use armwire::ling::{Ling, MAX_FRAME, Response, Stroke};
+use armwire::ling::{Ling, Response, Stroke};
 use armwire::messages::Messages;
 use armwire_bridge::Duration;
 use armwire_host_tests::image::quiet::{Added, call, forget, pause, until_armed};
-use armwire_host_tests::image::{MEGABAUD, Spread, Talker, chip, counters, facts, on_board, plug_in, read_all};
+use armwire_host_tests::image::requests::encoded;
+use armwire_host_tests::image::{MEGABAUD, RawArm, Spread, chip, counters, facts, on_board, plug_in, read_all};
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
@@ -13,7 +14,7 @@ use armwire_virtual_board::{Nanos, VirtualBoard};
 /// Number of measurements.
 const TIMES: u64 = 1_000;
 
-/// The most that the adapter may add to an answer with joint positions.
+/// Maximum time that the adapter may add to an answer with joint positions.
 fn limit() -> Nanos {
     Nanos(facts(chip()).latency)
 }
@@ -44,7 +45,7 @@ fn call_latency_is_within_tenth_of_answer_time() {
 
 #[test]
 fn stray_bytes_are_ready_on_idle_line() {
-    on_open_board(Talker::default(), |board| {
+    on_open_board(RawArm::default(), |board| {
         let mut armed = Spread::default();
         for nth in 0..TIMES {
             board.run_for(pause(nth)).unwrap();
@@ -61,19 +62,16 @@ fn stray_bytes_are_ready_on_idle_line() {
 
 #[test]
 fn answer_is_timely_during_continuous_host_transmission() {
-    on_open_board(Talker::default(), |board| {
-        let mut frame = [0; MAX_FRAME];
-        let n = Ling
-            .encode_response(&Response::Stroke(Stroke::Mm50), None, &mut frame)
-            .unwrap();
+    on_open_board(RawArm::default(), |board| {
+        let frame = encoded(|bytes| Ling.encode_response(&Response::Stroke(Stroke::Mm50), None, bytes));
         board.usb().write(&vec![0x55; 60_000]).unwrap();
         let mut armed = Spread::default();
         while board.usb().unsent() > 1_000 {
             board.run_for(pause(armed.count() as u64)).unwrap();
             forget(board);
-            board.with_arm(|arm| arm.send(&frame[..n]));
+            board.with_arm(|arm| arm.send(&frame));
             board.run_for(Duration::from_micros(500)).unwrap();
-            assert_eq!(board.usb().read(), frame[..n]);
+            assert_eq!(board.usb().read(), frame);
             armed.add(until_armed(board));
         }
         println!("the host sends without a pause, an answer's last stop bit -> USB packet armed: {armed}");

@@ -4,8 +4,9 @@ use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire::messages::Messages;
 use armwire_bridge::{Counters, Duration, Instant};
+use armwire_host_tests::image::requests::encoded;
 use armwire_host_tests::image::{
-    MEGABAUD, Talker, as_received, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
+    MEGABAUD, RawArm, as_received, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
     read_all, same_bytes,
 };
 use armwire_virtual_board::line::{Fault, FaultRates, LineByte, Outcome};
@@ -13,10 +14,10 @@ use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::{Config, Nanos, Reenabled, VirtualBoard};
 
 /// Runs `test` with a DMA that restarts and with one that resumes.
-fn with_either_dma(test: impl Fn(&mut VirtualBoard<Talker>)) {
+fn with_either_dma(test: impl Fn(&mut VirtualBoard<RawArm>)) {
     for reenabled in [Reenabled::Restarts, Reenabled::Resumes] {
         println!("a stream that is enabled again: {reenabled:?}");
-        let mut config = Config::new(path(), Talker::default());
+        let mut config = Config::new(path(), RawArm::default());
         config.reenabled = reenabled;
         config.seed = 7;
         on_board_with(config, |board| {
@@ -33,11 +34,7 @@ fn frame(nth: u16) -> Vec<u8> {
         gripper: nth / 4_096,
         status: MotionStatus::Idle,
     };
-    let mut bytes = [0; MAX_FRAME];
-    let n = Ling
-        .encode_response(&Response::Joints(state), None, &mut bytes)
-        .unwrap();
-    bytes[..n].to_vec()
+    encoded(|bytes| Ling.encode_response(&Response::Joints(state), None, bytes))
 }
 
 /// The numbers of the frames in `bytes`.
@@ -62,7 +59,7 @@ fn frames(bytes: &[u8]) -> Vec<u16> {
 
 /// Sends numbered frames from the arm, with `fault` at each position of the second one. All bytes but the faulty one
 /// must arrive, hence every frame but the second, and the error must be counted once.
-fn one_fault(board: &mut VirtualBoard<Talker>, fault: Fault, counted: fn(&Counters) -> u32) {
+fn one_fault(board: &mut VirtualBoard<RawArm>, fault: Fault, counted: fn(&Counters) -> u32) {
     const FRAMES: u16 = 4;
     const BAD: u16 = 1;
     let length = frame(0).len() as u64;
@@ -123,7 +120,7 @@ fn constant_line_errors_lose_only_affected_frames() {
         board.usb().write(&down).unwrap();
         let received = read_all(board);
         same_bytes("the host", &received, &as_received(&board.uart().bytes()));
-        same_bytes("the arm", &board.with_arm(Talker::take_received), &down);
+        same_bytes("the arm", &board.with_arm(RawArm::take_received), &down);
 
         let line = board.uart().bytes();
         let injected = |faults: &[Fault]| {
@@ -131,7 +128,7 @@ fn constant_line_errors_lose_only_affected_frames() {
             line.iter().filter(hit).count()
         };
         let counters = counters(board);
-        for (what, counted, injected) in [
+        for (name, counted, injected) in [
             (
                 "framing errors",
                 counters.framing_errors,
@@ -140,14 +137,14 @@ fn constant_line_errors_lose_only_affected_frames() {
             ("noise", counters.noise_errors, injected(&[Fault::Noise])),
             ("overruns", counters.overrun_errors, injected(&[Fault::Overrun])),
         ] {
-            println!("{counted} {what} counted of {injected} in 50000 bytes");
+            println!("{counted} {name} counted of {injected} in 50000 bytes");
         }
         assert_eq!(
             counters.framing_errors as usize,
             injected(&[Fault::Framing, Fault::Break])
         );
         assert_eq!(counters.noise_errors as usize, injected(&[Fault::Noise]));
-        // The UART has one flag for all that were lost until the DMA got to it.
+        // The UART has one flag for all bytes lost before the next read by the DMA.
         let overruns = injected(&[Fault::Overrun]);
         assert!((overruns - 5..=overruns).contains(&(counters.overrun_errors as usize)));
         assert_eq!(counters.ring_overruns, 0);
@@ -196,19 +193,19 @@ fn constant_breaks_do_not_stop_host_side() {
         board.with_arm(|arm| arm.send(&[0; 20_000]));
         board.usb().write(&down).unwrap();
         read_all(board);
-        same_bytes("the arm", &board.with_arm(Talker::take_received), &down);
+        same_bytes("the arm", &board.with_arm(RawArm::take_received), &down);
         board.uart().set_fault_rates(FaultRates::default());
         exchange(board, &noise(2, 5_000), &noise(3, 5_000));
     });
 }
 
 /// Changes the rate of the port, and of the arm's line as soon as the adapter has.
-fn change_rate(board: &mut VirtualBoard<Talker>, baud: u32) {
+fn change_rate(board: &mut VirtualBoard<RawArm>, baud: u32) {
     board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
     follow_rate(board, baud);
 }
 
-fn follow_rate(board: &mut VirtualBoard<Talker>, baud: u32) {
+fn follow_rate(board: &mut VirtualBoard<RawArm>, baud: u32) {
     for _ in 0..100_000 {
         let actual = board.uart().baud().unwrap();
         if actual.abs_diff(baud.into()) * 100 < u64::from(baud) {
@@ -228,7 +225,7 @@ fn follow_rate(board: &mut VirtualBoard<Talker>, baud: u32) {
 #[test]
 fn rate_changes_between_any_two_rates() {
     const RATES: [u32; 7] = [115_200, MEGABAUD, 2_000_000, MEGABAUD, 115_200, 2_000_000, 115_200];
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         for (nth, baud) in RATES.into_iter().enumerate() {
             change_rate(board, baud);
@@ -240,7 +237,7 @@ fn rate_changes_between_any_two_rates() {
 
 #[test]
 fn bytes_before_rate_change_use_old_rate() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         let mut old = MEGABAUD;
         for (nth, baud) in [115_200, 2_000_000, MEGABAUD, 115_200].into_iter().enumerate() {
@@ -251,7 +248,7 @@ fn bytes_before_rate_change_use_old_rate() {
                 .unwrap();
             board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
             follow_rate(board, baud);
-            same_bytes("the arm", &board.with_arm(Talker::take_received), &before);
+            same_bytes("the arm", &board.with_arm(RawArm::take_received), &before);
             println!("{old} -> {baud} baud");
             exchange(board, &noise(10 + nth as u64, 1_000), &noise(20 + nth as u64, 1_000));
             old = baud;
@@ -261,7 +258,7 @@ fn bytes_before_rate_change_use_old_rate() {
 
 #[test]
 fn rate_change_during_arm_transmission_keeps_later_bytes() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         for (nth, baud) in [2_000_000, 115_200, MEGABAUD, 115_200, 2_000_000]
             .into_iter()

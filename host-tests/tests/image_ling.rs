@@ -1,4 +1,4 @@
-//! A Ling arm, driven through the firmware image as a program drives it.
+//! A program that controls a Ling arm through the firmware image.
 
 use armwire::ling::*;
 use armwire_bridge::Duration;
@@ -15,7 +15,7 @@ fn session(config: Config, test: impl FnOnce(&mut VirtualBoard<LingArm>, &mut Pr
 }
 
 #[test]
-fn an_arm_says_who_it_is() {
+fn info_is_read() {
     for config in [Config::follower(), Config::leader()] {
         session(config.clone(), |board, program| {
             let info = Info {
@@ -40,7 +40,7 @@ fn gripper_type_is_read_back() {
 }
 
 #[test]
-fn joints_are_read_where_a_hand_puts_them() {
+fn joints_moved_by_hand_are_read() {
     session(Config::leader(), |board, program| {
         let pose = [100, 1_000, 2_048, 3_000, 4_000, 4_095];
         board.with_arm(|arm| {
@@ -121,7 +121,7 @@ fn zero_position_is_set_at_current_pose() {
 }
 
 #[test]
-fn temperatures_are_read_and_their_limit_is_obeyed() {
+fn temperatures_are_read_and_their_limit_applies() {
     session(
         Config {
             ambient: 45,
@@ -170,7 +170,8 @@ fn arm_with_line_echo_is_readable() {
         },
         |board, program| {
             let joints = board.with_arm(|arm| arm.joints());
-            let answer = program.call_on_bad_line(board, Request::ReadJoints);
+            program.is_line_noisy = true;
+            let answer = program.call(board, Request::ReadJoints);
             let Some(Response::Joints(state)) = answer else {
                 panic!("{answer:?}");
             };

@@ -2,7 +2,6 @@
 
 use armwire::ling::Request;
 use armwire_bridge::Duration;
-use armwire_bridge::can::Node;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control;
 use armwire_host_tests::image::requests::frame;
@@ -69,7 +68,7 @@ fn polls_start_at_their_slots_under_load() {
     on_board(ling(Duration::from_micros(100)), |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(1_000_000);
-        let mut on_can = CanProgram::new(Node::default());
+        let mut on_can = CanProgram::default();
         let mut on_usb = Program::default();
         poll(board, Poll::Hertz(RATE));
         board.run_for(Nanos::from_millis(20)).unwrap();
@@ -123,13 +122,13 @@ fn fastest_poll_saturates_the_wire() {
             board.run_for(Nanos::from_millis(1_000)).unwrap();
             let line = board.uart().bytes();
             let exchanges = exchanges(&line);
-            // The wire allows bytes without a pause, but for the time that the arm takes.
+            // The limit is a line without pauses except for the arm's turnaround.
             let bytes = line.len() as f64 / exchanges.len() as f64;
             let least = bytes * 10.0 + f64::from(turnaround);
             let took = exchanges.last().unwrap().start.since(exchanges[0].start).0 as f64 / 1_000.0;
             let rate = (exchanges.len() - 1) as f64 / took;
             println!(
-                "turnaround {turnaround} us: {:.0} polls per second, {:.1} % of what the wire allows",
+                "turnaround {turnaround} us: {:.0} polls per second, {:.1} % of the wire limit",
                 rate * 1e6,
                 100.0 * rate * least
             );

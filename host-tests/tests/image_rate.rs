@@ -1,4 +1,4 @@
-//! The firmware image and the line's rate: who may change it, when it is the arm's again, and `hold-line`.
+//! The firmware image and the line's rate: its changes, its return to the arm's rate, and `hold-line`.
 
 use armwire::ling::{JOINTS, Request, Torque};
 use armwire_bridge::Duration;
@@ -7,12 +7,12 @@ use armwire_bridge::can::command::Command;
 use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{self, Failure, HOLD_LEASE_MS, LineHolder, LineState, Reply};
 use armwire_host_tests::image::requests::{frame, motion};
-use armwire_host_tests::image::{Control, MEGABAUD, Talker, counters, noise, on_board, plug_in, same_bytes};
+use armwire_host_tests::image::{Control, MEGABAUD, RawArm, counters, noise, on_board, plug_in, same_bytes};
 use armwire_virtual_board::line::{Direction, LineByte, Outcome};
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
-type Board = VirtualBoard<Talker>;
+type Board = VirtualBoard<RawArm>;
 
 const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 
@@ -23,7 +23,7 @@ const fn millis(millis: u64) -> Nanos {
     Nanos::from_millis(millis)
 }
 
-/// Plugs the adapter in, and has it poll, take commands and switch the torque off.
+/// Plugs the adapter in, and configures polls, commands on CAN and torque-off of silent hosts.
 fn set_up(board: &mut Board, poll: Poll) -> Control {
     plug_in(board, MEGABAUD);
     let mut control = Control::open(board);
@@ -58,7 +58,7 @@ fn line_state(board: &mut Board, control: &mut Control) -> LineState {
 
 /// Number of polls since the last call.
 fn polls(board: &mut Board) -> usize {
-    let received = board.with_arm(Talker::take_received);
+    let received = board.with_arm(RawArm::take_received);
     received.windows(7).filter(|bytes| *bytes == READ_JOINTS).count()
 }
 
@@ -71,11 +71,11 @@ fn to_arm(board: &mut Board) -> Vec<LineByte> {
 
 #[test]
 fn host_without_dtr_loses_rate_after_10s_quiet() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         board.usb().attach();
         board.usb().open_without_dtr(0, LineCoding::new(9_600)).unwrap();
         board.run_for(millis(1_000)).unwrap();
-        assert!(runs_at(board, MEGABAUD), "a silent host gets no rate");
+        assert!(runs_at(board, MEGABAUD), "a silent host does not change the rate");
         board.usb().write(&[1]).unwrap();
         board.run_for(millis(9_900)).unwrap();
         assert!(runs_at(board, 9_600));
@@ -87,7 +87,7 @@ fn host_without_dtr_loses_rate_after_10s_quiet() {
 
 #[test]
 fn line_returns_to_arm_at_close_or_suspend() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
         let close = |board: &mut Board| board.usb().set_control_lines(false, false).unwrap();
         let suspend = |board: &mut Board| {
@@ -112,7 +112,7 @@ fn line_returns_to_arm_at_close_or_suspend() {
 
 #[test]
 fn next_program_may_set_rate_with_dtr_up() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
         board.usb().set_line_coding(LineCoding::new(9_600)).unwrap();
         board.run_for(millis(5_000)).unwrap();
@@ -129,7 +129,7 @@ fn next_program_may_set_rate_with_dtr_up() {
 
 #[test]
 fn port_at_9600_then_1m_spares_can_stream() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         set_up(board, Poll::Off);
         board.can().attach(1_000_000);
         let mut sequence = 0;
@@ -155,7 +155,7 @@ fn port_at_9600_then_1m_spares_can_stream() {
         let before = counters(board);
         assert_eq!((before.requests_command, before.line_codings), (17, 0));
 
-        // A program that stays at 9600 does not get the line either.
+        // A program that stays at 9600 does not obtain the line either.
         board.usb().open(0, LineCoding::new(9_600)).unwrap();
         (0..10).for_each(|_| moves(board));
         board.usb().write(&noise(1, 200)).unwrap();
@@ -171,7 +171,7 @@ fn port_at_9600_then_1m_spares_can_stream() {
             ),
             (200, 1, 0)
         );
-        let received = board.with_arm(Talker::take_received);
+        let received = board.with_arm(RawArm::take_received);
         let one = received.len() / 37;
         same_bytes("the arm", &received, &received[..one].repeat(37));
         assert!(to_arm(board).iter().all(|byte| byte.outcome == Outcome::Arrived));
@@ -180,7 +180,7 @@ fn port_at_9600_then_1m_spares_can_stream() {
 
 /// A host on USB streams motion, sets another rate and sends on at that.
 fn torque_off_at_the_arms_rate(baud: u32) {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         let mut control = set_up(board, Poll::Off);
         for _ in 0..5 {
             board.usb().write(&motion()).unwrap();
@@ -188,7 +188,7 @@ fn torque_off_at_the_arms_rate(baud: u32) {
         }
         let sent = to_arm(board).last().unwrap().at;
         board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
-        // More than goes out until the time is up.
+        // More bytes than can be sent until the timeout.
         board.usb().write(&noise(1, baud as usize / 10)).unwrap();
         board.run_for(millis(700)).unwrap();
 
@@ -202,7 +202,7 @@ fn torque_off_at_the_arms_rate(baud: u32) {
             &expected,
         );
         let (last, before) = (line[line.len() - 1], line[line.len() - expected.len().min(78)]);
-        assert_eq!(last.outcome, Outcome::Arrived, "nothing goes out behind it");
+        assert_eq!(last.outcome, Outcome::Arrived, "nothing is sent after it");
         // The bytes at the other rate were cut just before.
         assert_eq!(before.outcome, Outcome::Garbled);
         assert!(last.at.since(before.at) < millis(10), "{:?}", last.at.since(before.at));
@@ -215,7 +215,7 @@ fn torque_off_at_the_arms_rate(baud: u32) {
         assert_eq!(board.usb().line_coding().unwrap(), Some(LineCoding::new(baud)));
         assert_eq!(line_state(board, &mut control).holder, LineHolder::Nobody);
         assert!(counters(board).refused_rate_bytes > 0);
-        // The host's rate comes back when it sets it.
+        // The host's rate returns when the host sets it again.
         let before = line.len();
         board
             .run_until(millis(2_000), |board| board.usb().unsent() == 0)
@@ -244,7 +244,7 @@ fn torque_off_cuts_a_burst_at_115200_baud() {
 
 #[test]
 fn hold_line_passes_upload_byte_for_byte() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
         board.run_for(millis(200)).unwrap();
         assert!(polls(board) > 1);
@@ -258,7 +258,7 @@ fn hold_line_passes_upload_byte_for_byte() {
             control.order(board, control::Request::HoldLine);
         }
         board.run_for(millis(1_000)).unwrap();
-        same_bytes("the arm", &board.with_arm(Talker::take_received), &image);
+        same_bytes("the arm", &board.with_arm(RawArm::take_received), &image);
         assert_eq!(line_state(board, &mut control).holder, LineHolder::HoldLine);
         control.order(board, control::Request::ReleaseLine);
         board.run_for(millis(500)).unwrap();
@@ -268,16 +268,16 @@ fn hold_line_passes_upload_byte_for_byte() {
 
 #[test]
 fn polls_interleave_upload_without_hold_line() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         set_up(board, Poll::Hertz(100));
-        // No zeros, to tell those of the adapter.
+        // No zeros, to identify those of the adapter.
         let image: Vec<u8> = noise(1, IMAGE).iter().map(|byte| byte | 1).collect();
         board.usb().write(&image).unwrap();
         while board.usb().unsent() > 0 {
             board.run_for(millis(1_000)).unwrap();
         }
         board.run_for(millis(1_000)).unwrap();
-        let mut received = board.with_arm(Talker::take_received);
+        let mut received = board.with_arm(RawArm::take_received);
         received.retain(|&byte| byte != 0);
         // All bytes in order, between the adapter's own frames.
         let mut rest = &received[..];
@@ -299,7 +299,7 @@ fn polls_interleave_upload_without_hold_line() {
 
 #[test]
 fn hold_of_killed_program_ends_with_lease() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
         control.order(board, control::Request::HoldLine);
         board.run_for(millis(u64::from(HOLD_LEASE_MS) - 100)).unwrap();
@@ -313,7 +313,7 @@ fn hold_of_killed_program_ends_with_lease() {
 
 #[test]
 fn hold_line_is_refused_during_motion_stream() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         let mut control = set_up(board, Poll::Off);
         for _ in 0..3 {
             board.usb().write(&motion()).unwrap();
@@ -324,6 +324,6 @@ fn hold_line_is_refused_during_motion_stream() {
         control.order(board, control::Request::EndStream);
         control.order(board, control::Request::HoldLine);
         board.run_for(Duration::from_millis(1_000)).unwrap();
-        assert_eq!(board.with_arm(Talker::take_received), motion().repeat(3));
+        assert_eq!(board.with_arm(RawArm::take_received), motion().repeat(3));
     });
 }

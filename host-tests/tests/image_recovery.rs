@@ -1,4 +1,4 @@
-//! The firmware image when something goes wrong: what is lost is counted, and all else goes on.
+//! Faults around the firmware image: losses are counted, and other traffic continues.
 
 use armwire::ling::{Request, Torque};
 use armwire_bridge::can::{Frame, Function, Node};
@@ -26,10 +26,14 @@ const fn millis(millis: u64) -> Nanos {
 /// Answers to the host on USB so far, to the one on CAN, and to polls.
 fn answered(session: &mut Session<'_>) -> [u32; 3] {
     let polls = session.arm_counts().answers - session.arm_counts().tickets();
-    [session.usb().tracker.answered, session.can().tracker.answered, polls]
+    [
+        session.hosts.usb.tracker.answered,
+        session.hosts.can.tracker.answered,
+        polls,
+    ]
 }
 
-/// Each has got this many answers more than `before` at least.
+/// Expects at least this number of answers since `before`, by host.
 fn expect_more(session: &mut Session<'_>, before: [u32; 3], least: [u32; 3]) {
     let after = answered(session);
     let more = [0, 1, 2].map(|nth| after[nth] - before[nth]);
@@ -39,40 +43,41 @@ fn expect_more(session: &mut Session<'_>, before: [u32; 3], least: [u32; 3]) {
     );
 }
 
-/// Checks that no host got an answer of another host, of a given-up request, or anything unexpected.
+/// Checks that no host received an unexpected frame.
 fn expect_no_strays(session: &mut Session<'_>) {
-    assert_eq!(session.usb().tracker.strays, Vec::<Vec<u8>>::new());
-    assert_eq!(session.can().tracker.strays, Vec::<Vec<u8>>::new());
+    assert_eq!(session.hosts.usb.tracker.strays, Vec::<Vec<u8>>::new());
+    assert_eq!(session.hosts.can.tracker.strays, Vec::<Vec<u8>>::new());
 }
 
 /// The host on CAN was not disturbed: it received every answer and every sample of a poll.
 fn expect_can_undisturbed(session: &mut Session<'_>) {
     let polls = session.arm_counts().polls;
-    let can = session.can();
+    let can = &session.hosts.can;
     assert_eq!((can.tracker.given_up, &can.failures[..]), (0, &[][..]));
     assert_eq!((can.telemetry.samples, can.telemetry.gaps), (polls, 0));
 }
 
 /// The subscriber's events other than frames.
 fn events(session: &mut Session<'_>) -> Vec<Event> {
-    session.subscriber().events.drain(..).map(|(_, event)| event).collect()
+    session
+        .hosts
+        .subscriber
+        .events
+        .drain(..)
+        .map(|(_, event)| event)
+        .collect()
 }
 
 #[test]
 fn unplugged_host_loses_only_its_own_answers() {
     const TIMES: u32 = 4;
     session(TURNAROUND, polled(HERTZ), |session| {
-        let mut reported = 0;
         for nth in 0..u64::from(TIMES) {
             session.run_for(millis(100) + Nanos(137_000 * nth));
-            reported += session.subscriber().all_frames();
             let before = answered(session);
             session.board.usb().detach();
-            session.usb().reopened();
-            let usb = session.hosts.usb.take();
-            session.hosts.subscriber = None;
+            session.hosts.usb.on_closed();
             session.run_for(millis(200));
-            session.hosts.usb = usb;
             expect_more(session, before, [0, 100, 19]);
 
             plug_in(session.board, MEGABAUD);
@@ -82,18 +87,18 @@ fn unplugged_host_loses_only_its_own_answers() {
             expect_more(session, before, [100, 30, 9]);
         }
         session.finish();
-        reported += session.subscriber().all_frames();
+        let reported = session.hosts.subscriber.frames.len() as u32;
         expect_no_strays(session);
         expect_can_undisturbed(session);
         session.expect_slots();
 
         let sent_by_arm = session.arm_counts().bytes_for_usb();
-        let usb = session.usb();
+        let usb = &session.hosts.usb;
         assert_eq!(usb.noise_bytes, 0);
-        assert_eq!(usb.tracker.answered + usb.tracker.given_up, usb.tracker.issued());
+        assert_eq!(usb.tracker.answered + usb.tracker.given_up, usb.tracker.issued);
         let missed = sent_by_arm - usb.bytes;
         let handed_over = session.traffic.packets_to_host;
-        let taken = session.arm_counts().tickets_of_usb();
+        let taken = session.arm_counts().tickets_usb;
         session.expect_counters(|expected, counted| {
             // A cable that is pulled out, and one that is put in until the host resets the bus, is a suspended bus.
             expected.usb_resets += TIMES;
@@ -104,9 +109,9 @@ fn unplugged_host_loses_only_its_own_answers() {
             expected.packets_to_host = counted.packets_to_host;
             assert!((handed_over..=handed_over + 2 * TIMES).contains(&counted.packets_to_host));
             // The adapter counts bytes in the USB core as sent.
-            expected.undelivered_bytes = counted.undelivered_bytes;
-            assert!((counted.undelivered_bytes..=counted.undelivered_bytes + TIMES * PACKET as u32).contains(&missed));
-            // All but what was queued for the subscriber that went.
+            expected.unheard_bytes = counted.unheard_bytes;
+            assert!((counted.unheard_bytes..=counted.unheard_bytes + TIMES * PACKET as u32).contains(&missed));
+            // All but the events queued for the subscriber at the unplug.
             expected.dropped_events = counted.dropped_events;
             let queued = counted.frames - reported - counted.dropped_events;
             assert!((1..TIMES * 40).contains(&queued), "{queued} queued events");
@@ -129,7 +134,7 @@ fn bus_off_is_counted_once_and_recovers() {
             let before = answered(session);
             session.board.can().short();
             session.run_for(millis(100));
-            // The others have more of the arm meanwhile.
+            // The other hosts have a larger share of the arm.
             expect_more(session, before, [200, 0, 9]);
             session.board.can().release();
             session.run_for(millis(2));
@@ -138,17 +143,20 @@ fn bus_off_is_counted_once_and_recovers() {
         session.finish();
         expect_no_strays(session);
         // A PDU in transfer is lost, at most one answer each time. The next request interrupts a started transfer.
-        let lost = session.can().tracker.given_up;
+        let lost = session.hosts.can.tracker.given_up;
         assert!((1..=TIMES).contains(&lost), "{lost} answers lost");
-        let failures = &session.can().failures;
+        let failures = &session.hosts.can.failures;
         let interrupted = |failure: &isotp::Error| matches!(failure, isotp::Error::Interrupted { .. });
         assert!(
             failures.len() as u32 <= TIMES && failures.iter().all(interrupted),
             "{failures:?}"
         );
-        assert_eq!((session.usb().tracker.given_up, session.usb().noise_bytes), (0, 0));
+        assert_eq!(
+            (session.hosts.usb.tracker.given_up, session.hosts.usb.noise_bytes),
+            (0, 0)
+        );
         let polls = session.arm_counts().polls;
-        let telemetry = &session.can().telemetry;
+        let telemetry = &session.hosts.can.telemetry;
         assert!(telemetry.gaps <= TIMES, "one that had begun: {telemetry:?}");
         assert!(
             (polls - TIMES * 10..polls).contains(&telemetry.samples),
@@ -156,7 +164,7 @@ fn bus_off_is_counted_once_and_recovers() {
         );
         session.expect_slots();
         // Each change is reported on both interfaces.
-        let can_events = session.can().can_events.clone();
+        let can_events = session.hosts.can.can_events.clone();
         let reported: Vec<_> = [true, false].repeat(TIMES as usize);
         let reported: Vec<_> = reported.into_iter().map(|off| Event::BusOff { off }).collect();
         assert_eq!(events(session), reported);
@@ -166,9 +174,9 @@ fn bus_off_is_counted_once_and_recovers() {
         session.expect_counters(|expected, counted| {
             expected.can_bus_offs += TIMES;
             // A node's frame that waited while the bus was shorted passes while the adapter is still off it.
-            let unheard = expected.can_frames_received - counted.can_frames_received;
-            assert!(unheard <= TIMES, "{unheard} frames of nodes unheard");
-            expected.can_frames_received -= unheard;
+            let missed = expected.can_frames_received - counted.can_frames_received;
+            assert!(missed <= TIMES, "{missed} frames of nodes not received");
+            expected.can_frames_received -= missed;
             // All lost answers: there are no requests while the bus is shorted.
             expected.isotp_failures += lost;
             // The errors of one error flag are too close together to be counted separately.
@@ -202,19 +210,19 @@ fn line_errors_and_strays_cost_no_other_answer() {
         let traffic = session.traffic;
         assert_eq!((traffic.framing_faults, traffic.noise_faults), (TIMES, TIMES));
         let arm_counts = session.arm_counts();
-        let subscriber = session.hosts.subscriber.as_ref().unwrap();
-        let frames = subscriber.all_frames();
-        let noise = traffic.bytes_from_arm - subscriber.frame_bytes;
-        let polls = subscriber.frames(Some(Initiator::Poll));
+        let subscriber = &session.hosts.subscriber;
+        let frames = subscriber.frames.len() as u32;
+        let noise = traffic.bytes_from_arm - subscriber.frame_bytes();
+        let polls = subscriber.frames_for(Some(Initiator::Poll));
         let lost = [
-            session.hosts.usb.as_ref().unwrap().tracker.given_up,
-            session.hosts.can.as_ref().unwrap().tracker.given_up,
+            session.hosts.usb.tracker.given_up,
+            session.hosts.can.tracker.given_up,
             arm_counts.polls - polls,
         ];
         println!("answers lost for USB, CAN and polls: {lost:?}");
         assert!((1..=TIMES).contains(&lost.iter().sum()));
-        assert_eq!(session.can().telemetry.samples, polls);
-        assert_eq!(session.usb().noise_bytes, noise);
+        assert_eq!(session.hosts.can.telemetry.samples, polls);
+        assert_eq!(session.hosts.usb.noise_bytes, noise);
         session.expect_counters(|expected, counted| {
             expected.framing_errors += TIMES;
             expected.noise_errors += TIMES;
@@ -232,28 +240,28 @@ fn unread_host_data_is_dropped_and_counted() {
         session.run_for(millis(100));
         // The host keeps sending requests, and does not read.
         session.board.usb().set_reading(false);
-        session.usb().ignores_window = true;
+        session.hosts.usb.ignores_window = true;
         let before = answered(session);
         session.run_for(millis(400));
         expect_more(session, before, [0, 100, 39]);
-        session.usb().ignores_window = false;
-        session.usb().tracker.enabled = false;
+        session.hosts.usb.ignores_window = false;
+        session.hosts.usb.tracker.paused = true;
         session.run_for(millis(100));
         session.board.usb().set_reading(true);
         session.run_for(millis(50));
-        session.usb().tracker.enabled = true;
+        session.hosts.usb.tracker.paused = false;
 
         let before = answered(session);
         session.run_for(millis(200));
         expect_more(session, before, [200, 60, 19]);
         session.finish();
-        assert_eq!(session.can().tracker.strays, Vec::<Vec<u8>>::new());
+        assert_eq!(session.hosts.can.tracker.strays, Vec::<Vec<u8>>::new());
         expect_can_undisturbed(session);
         assert_eq!(events(session), []);
         session.expect_slots();
 
         let arm_counts = session.arm_counts();
-        let usb = session.hosts.usb.as_ref().unwrap();
+        let usb = &session.hosts.usb;
         // The kept answers belong to given-up requests, in sequence from the first.
         let kept: Vec<_> = usb
             .tracker
@@ -265,7 +273,7 @@ fn unread_host_data_is_dropped_and_counted() {
             kept.len() > 100 && kept.windows(2).all(|pair| pair[1] == pair[0] + 1),
             "{kept:?}"
         );
-        assert_eq!(usb.tracker.issued(), arm_counts.tickets_of_usb());
+        assert_eq!(usb.tracker.issued, arm_counts.tickets_usb);
         let dropped = arm_counts.bytes_for_usb() - usb.bytes;
         println!("{dropped} bytes dropped of {}", arm_counts.bytes_for_usb());
         assert!(dropped > 1_000);
@@ -291,7 +299,7 @@ fn unread_subscriber_data_is_dropped_and_counted() {
         session.finish();
         expect_no_strays(session);
         session.expect_slots();
-        let reported = session.subscriber().all_frames();
+        let reported = session.hosts.subscriber.frames.len() as u32;
         let dropped = session.arm_counts().answers - reported;
         println!("{dropped} events dropped, {reported} reported");
         assert!(dropped > 300);
@@ -306,14 +314,15 @@ fn hanging_can_host_loses_one_answer_delays_none() {
         for _ in 0..TIMES {
             session.run_for(millis(100));
             // Its request is on its way, and it will not give flow control for the answer.
-            session.hosts.run_until(session.board, millis(20), |hosts, board| {
-                hosts.can.as_ref().is_some_and(|can| !can.tracker.is_done()) && board.can().unsent() == 0
+            let is_sent = session.run_until(millis(20), |session| {
+                !session.hosts.can.tracker.is_done() && session.board.can().unsent() == 0
             });
-            session.can().hangs = true;
+            assert!(is_sent);
+            session.hosts.can.hangs = true;
             let before = answered(session);
             session.run_for(millis(1_100));
             expect_more(session, before, [1_100, 0, 109]);
-            session.can().hangs = false;
+            session.hosts.can.hangs = false;
             let before = answered(session);
             session.run_for(millis(300));
             expect_more(session, before, [200, 60, 29]);
@@ -321,8 +330,11 @@ fn hanging_can_host_loses_one_answer_delays_none() {
         session.finish();
         expect_no_strays(session);
         session.expect_slots();
-        assert_eq!(session.can().tracker.given_up, TIMES);
-        assert_eq!((session.usb().tracker.given_up, session.usb().noise_bytes), (0, 0));
+        assert_eq!(session.hosts.can.tracker.given_up, TIMES);
+        assert_eq!(
+            (session.hosts.usb.tracker.given_up, session.hosts.usb.noise_bytes),
+            (0, 0)
+        );
         session.expect_counters(|expected, _| expected.isotp_failures += TIMES);
     });
 }
@@ -331,14 +343,14 @@ fn hanging_can_host_loses_one_answer_delays_none() {
 fn silent_arm_is_polled_in_same_slots() {
     session(TURNAROUND, polled(HERTZ), |session| {
         session.run_for(millis(300));
-        session.board.with_arm(|arm| arm.set_silent(true));
+        session.board.with_arm(|arm| arm.silent = true);
         session.run_for(millis(700));
         // Now the host on CAN has only polls beside it.
-        session.usb().tracker.enabled = false;
+        session.hosts.usb.tracker.paused = true;
         session.run_for(millis(800));
-        session.usb().tracker.enabled = true;
-        session.board.with_arm(|arm| arm.set_silent(false));
-        // The last request that was given up may still be owed an answer.
+        session.hosts.usb.tracker.paused = false;
+        session.board.with_arm(|arm| arm.silent = false);
+        // The answer to the last given-up request may be pending.
         session.run_for(millis(200));
         let before = answered(session);
         session.run_for(millis(300));
@@ -348,21 +360,24 @@ fn silent_arm_is_polled_in_same_slots() {
 
         let arm_counts = session.arm_counts();
         let reported = [Initiator::Usb, Initiator::Can, Initiator::Poll]
-            .map(|initiator| session.subscriber().frames(Some(initiator)));
+            .map(|initiator| session.hosts.subscriber.frames_for(Some(initiator)));
         let lost = [
-            arm_counts.tickets_of_usb() - reported[0],
-            arm_counts.tickets_of_can() - reported[1],
+            arm_counts.tickets_usb - reported[0],
+            arm_counts.tickets_can - reported[1],
             arm_counts.polls - reported[2],
         ];
         println!("unanswered requests of USB, CAN and polls: {lost:?}");
         // Requests that were given up before their turn are answered nevertheless.
         let answered = |tracker: &RequestTracker| tracker.answered + tracker.strays.len() as u32;
         assert_eq!(
-            [answered(&session.usb().tracker), answered(&session.can().tracker)],
+            [
+                answered(&session.hosts.usb.tracker),
+                answered(&session.hosts.can.tracker)
+            ],
             reported[..2]
         );
-        assert_eq!(session.usb().tracker.issued(), arm_counts.tickets_of_usb());
-        let refused = session.can().tracker.issued() - arm_counts.tickets_of_can();
+        assert_eq!(session.hosts.usb.tracker.issued, arm_counts.tickets_usb);
+        let refused = session.hosts.can.tracker.issued - arm_counts.tickets_can;
         let refusal = Event::Refused {
             initiator: Initiator::Can,
             reason: Refusal::QueueFull,
@@ -370,7 +385,7 @@ fn silent_arm_is_polled_in_same_slots() {
         assert_eq!(events(session), vec![refusal; refused as usize]);
         assert!(lost.iter().all(|&lost| lost > 1), "{lost:?}");
         assert_eq!(lost.iter().sum::<u32>(), arm_counts.unanswered());
-        assert_eq!(session.usb().noise_bytes, 0);
+        assert_eq!(session.hosts.usb.noise_bytes, 0);
         session.expect_counters(|expected, counted| {
             expected.refused_can_requests += refused;
             expected.unanswered_requests += arm_counts.unanswered();
@@ -382,10 +397,10 @@ fn silent_arm_is_polled_in_same_slots() {
 #[test]
 fn polls_keep_slots_after_silent_arm() {
     session(TURNAROUND, polled(HERTZ), |session| {
-        session.hosts.set_requesting(false);
+        session.hosts.set_paused(true);
         let mut starts = Vec::new();
         for silent in [false, true, false] {
-            session.board.with_arm(|arm| arm.set_silent(silent));
+            session.board.with_arm(|arm| arm.silent = silent);
             // A poll waits as long as its answer could be confused with a late one.
             session.run_for(millis(200));
             for _ in 0..60 {
@@ -416,7 +431,7 @@ fn polls_keep_slots_after_silent_arm() {
     });
 }
 
-/// Lets `send` send motion every 20 ms and then no more, while others use the arm.
+/// Sends motion by `send` every 20 ms, then stops, while other hosts use the arm.
 fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Session<'_>, &[u8])) {
     const MOVES: u32 = 10;
     let config = Config {
@@ -428,8 +443,8 @@ fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Sessio
     };
     session(TURNAROUND, config, |session| {
         match initiator {
-            Initiator::Usb => session.usb().tracker.enabled = false,
-            _ => session.can().tracker.enabled = false,
+            Initiator::Usb => session.hosts.usb.tracker.paused = true,
+            _ => session.hosts.can.tracker.paused = true,
         }
         for _ in 0..MOVES {
             send(session, &motion());
@@ -445,7 +460,7 @@ fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Sessio
         };
         let event = [event];
         assert_eq!(events(session), event);
-        assert_eq!(session.can().can_events, event);
+        assert_eq!(session.hosts.can.can_events, event);
         let mut expected = vec![motion(); MOVES as usize];
         if torque_off {
             expected.push(frame(Request::SetTorque(Torque::Off)));
@@ -454,7 +469,7 @@ fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Sessio
 
         // The host may start again, and only this host is reported as silent.
         send(session, &motion());
-        session.hosts.set_requesting(true);
+        session.hosts.set_paused(false);
         let before = answered(session);
         session.run_for(millis(700));
         expect_more(session, before, [400, 100, 69]);
@@ -491,14 +506,14 @@ fn silent_usb_host_switches_torque_off_if_configured() {
 #[test]
 fn silent_can_host_is_reported() {
     fall_silent(Initiator::Can, false, |session, motion| {
-        session.can().orders.push_back(motion.to_vec())
+        session.hosts.can.orders.push_back(motion.to_vec())
     });
 }
 
 #[test]
 fn silent_can_host_switches_torque_off_if_configured() {
     fall_silent(Initiator::Can, true, |session, motion| {
-        session.can().orders.push_back(motion.to_vec())
+        session.hosts.can.orders.push_back(motion.to_vec())
     });
 }
 
@@ -535,9 +550,9 @@ fn watchdog_restart_of_armed_adapter_switches_torque_off() {
 #[test]
 fn can_requests_without_room_are_refused_and_reported() {
     const BURST: usize = 12;
-    // The arm thinks for as long as the burst takes.
+    // The arm's turnaround is as long as the burst.
     session(Duration::from_micros(2_000), polled(HERTZ), |session| {
-        session.can().tracker.enabled = false;
+        session.hosts.can.tracker.paused = true;
         session.run_for(millis(100));
         // All requests without a wait for the answers, each in one frame.
         let joints = frame(Request::ReadJoints);
@@ -547,14 +562,17 @@ fn can_requests_without_room_are_refused_and_reported() {
             session.board.can().send(&single).unwrap();
         }
         // And one in two.
-        session.can().tracker.enabled = true;
+        session.hosts.can.tracker.paused = false;
         session.run_for(millis(200));
         session.finish();
 
-        let answers = std::mem::take(&mut session.can().tracker.strays);
+        let answers = std::mem::take(&mut session.hosts.can.tracker.strays);
         // The one in two frames was refused by flow control, too.
-        assert_eq!(session.can().tracker.given_up, 1);
-        assert!(matches!(session.can().failures[..], [isotp::Error::Overflow { .. }]));
+        assert_eq!(session.hosts.can.tracker.given_up, 1);
+        assert!(matches!(
+            session.hosts.can.failures[..],
+            [isotp::Error::Overflow { .. }]
+        ));
         assert!(answers.iter().all(|answer| answer[..3] == joints[..3]), "{answers:?}");
         let refused = (BURST + 1 - answers.len()) as u32;
         println!("{} of {BURST} in one frame answered", answers.len());
@@ -565,7 +583,7 @@ fn can_requests_without_room_are_refused_and_reported() {
             reason: Refusal::QueueFull,
         };
         assert_eq!(events(session), vec![refusal.clone(); refused as usize]);
-        assert_eq!(session.can().can_events, vec![refusal; refused as usize]);
+        assert_eq!(session.hosts.can.can_events, vec![refusal; refused as usize]);
         session.expect_counters(|expected, _| {
             expected.requests_can += answers.len() as u32;
             expected.requests_poll -= answers.len() as u32;
@@ -575,22 +593,24 @@ fn can_requests_without_room_are_refused_and_reported() {
 }
 
 #[test]
-fn unasked_frames_reach_can_and_overflow_is_counted() {
+fn unsolicited_frames_reach_can_and_overflow_is_counted() {
     const FRAMES: u32 = 40;
     let mut config = polled(HERTZ);
     config.can.unsolicited = true;
     session(TURNAROUND, config, |session| {
         session.run_for(millis(100));
-        session.hosts.set_requesting(false);
+        session.hosts.set_paused(true);
         session.run_for(millis(20));
-        let unasked = frame(Request::SetTorque(Torque::On));
-        session.board.with_arm(|arm| arm.send(&unasked.repeat(FRAMES as usize)));
+        let unsolicited = frame(Request::SetTorque(Torque::On));
+        session
+            .board
+            .with_arm(|arm| arm.send(&unsolicited.repeat(FRAMES as usize)));
         session.run_for(millis(100));
-        let on_can = std::mem::take(&mut session.can().tracker.strays);
-        assert!(on_can.iter().all(|frame| *frame == unasked));
-        let on_usb = std::mem::take(&mut session.usb().tracker.strays);
-        assert_eq!(on_usb, vec![unasked; FRAMES as usize]);
-        session.hosts.set_requesting(true);
+        let on_can = std::mem::take(&mut session.hosts.can.tracker.strays);
+        assert!(on_can.iter().all(|frame| *frame == unsolicited));
+        let on_usb = std::mem::take(&mut session.hosts.usb.tracker.strays);
+        assert_eq!(on_usb, vec![unsolicited; FRAMES as usize]);
+        session.hosts.set_paused(false);
         session.run_for(millis(100));
         session.finish();
         expect_no_strays(session);

@@ -1,12 +1,12 @@
-//! The firmware image as it starts: with any crystal, without one, and after a hard fault.
+//! The start of the firmware image: with any crystal, without one, and after a hard fault.
 //!
 //! Only the image for the STM32F405 measures its crystal, and only that chip has a revision whose prefetch does not work.
 
-use armwire_host_tests::image::{MEGABAUD, Talker, chip, counters, exchange, facts, on_board_with, path, plug_in};
+use armwire_host_tests::image::{MEGABAUD, RawArm, chip, counters, exchange, facts, on_board_with, path, plug_in};
 use armwire_virtual_board::report::{Cause, Crash};
 use armwire_virtual_board::{Chip, Config, Crystal, Error, Nanos, VirtualBoard};
 
-type Board = VirtualBoard<Talker>;
+type Board = VirtualBoard<RawArm>;
 
 /// The bits of RCC_CR that enable the crystal and report that it runs (RM0090 7.3.1, RM0440 7.4.1).
 const HSEON: u32 = 1 << 16;
@@ -25,10 +25,10 @@ const fn millis(millis: u64) -> Nanos {
     Nanos::from_millis(millis)
 }
 
-fn config(crystal: Crystal) -> Config<Talker> {
+fn config(crystal: Crystal) -> Config<RawArm> {
     Config {
         crystal,
-        ..Config::new(path(), Talker::default())
+        ..Config::new(path(), RawArm::default())
     }
 }
 
@@ -50,8 +50,8 @@ fn expect_served(board: &mut Board) {
     exchange(board, &[1, 2, 3, 4], &[5, 6, 7, 8]);
 }
 
-/// Runs for a while with a crystal that is of no use, and returns when the LED went on and off, in milliseconds since it was
-/// first switched on.
+/// Runs with an unusable crystal, and returns the times of the LED's changes, in milliseconds since it was first switched
+/// on.
 fn expect_waiting(board: &mut Board, span: u64) -> Vec<u64> {
     const STEP: u64 = 5;
     let (port, led) = facts(chip()).led;
@@ -126,7 +126,7 @@ fn dead_crystal_shows_on_led_and_is_retried() {
         expect_error_flashes(&changes, 3);
         let control = board.read_word(facts(chip()).clock_control).unwrap();
         assert_eq!(control & (HSEON | HSERDY), HSEON);
-        // A joint that was cold.
+        // The crystal starts to work, as with a repaired solder joint.
         board.set_crystal(Crystal::new(8_000_000));
         board.run_for(millis(RETRY_MS + 100)).unwrap();
         expect_served(board);
@@ -149,7 +149,7 @@ fn unsupported_crystal_shows_on_led() {
 }
 
 #[test]
-fn a_crystal_that_starts_late_is_waited_for() {
+fn late_crystal_is_awaited() {
     for startup in [60, 500, 1_900] {
         let crystal = Crystal {
             startup: Some(millis(startup)),
@@ -210,7 +210,7 @@ fn hard_fault_is_counted_and_adapter_restarts() {
     let mut board = VirtualBoard::start(config(Crystal::new(8_000_000))).unwrap();
     let board = &mut board;
     expect_served(board);
-    // The function of the LED's task becomes one where nothing is.
+    // The function of the LED's task becomes an unmapped address.
     let task = board.symbol("led4show4POOL").unwrap();
     let flash_end = 0x0800_0000 + chip().flash_size() as u32;
     let is_code = |word: u32| (0x0800_0000..flash_end).contains(&word) && word % 2 == 1;

@@ -3,23 +3,23 @@
 use armwire::ling::{Request, Response};
 use armwire_bridge::Duration;
 use armwire_host_tests::image::{
-    MEGABAUD, Program, Talker, counters, exchange, noise, on_board, on_board_with, open, path, plug_in, read_all,
+    MEGABAUD, Program, RawArm, counters, exchange, noise, on_board, on_board_with, open, path, plug_in, read_all,
     same_bytes,
 };
 use armwire_sim::ling::LingArm;
-use armwire_virtual_board::line::Direction as Way;
+use armwire_virtual_board::line::Direction as LineDirection;
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::usb::host::Request as UsbRequest;
 use armwire_virtual_board::{Config, Nanos, VirtualBoard};
 
 /// Exchanges enough to wrap every queue of the adapter.
-fn exchange_some(board: &mut VirtualBoard<Talker>, seed: u64) {
+fn exchange_some(board: &mut VirtualBoard<RawArm>, seed: u64) {
     exchange(board, &noise(seed, 5_000), &noise(seed + 1_000, 5_000));
 }
 
 fn serial_number(unique_id: [u8; 12]) -> String {
-    let mut config = Config::new(path(), Talker::default());
+    let mut config = Config::new(path(), RawArm::default());
     config.unique_id = unique_id;
     on_board_with(config, |board| {
         board.usb().attach();
@@ -38,7 +38,7 @@ fn the_serial_number_is_the_chips_unique_id() {
 
 /// The Microsoft OS 2.0 descriptors, and the platform capability that announces them.
 #[test]
-fn windows_takes_winusb_for_the_control_interface() {
+fn windows_uses_winusb_for_the_control_interface() {
     let bos = [
         &[0x05, 0x0F, 40, 0, 2][..],
         // USB 2.0 extension
@@ -67,7 +67,7 @@ fn windows_takes_winusb_for_the_control_interface() {
         &utf16("{4C757248-7066-47AD-9A38-E3D4ADFA1B0A}\0\0"),
     ]
     .concat();
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         let read_bos = UsbRequest::read(0x80, 0x06, 0x0F00, 0, 40);
         assert_eq!(board.usb().control(read_bos).unwrap(), bos);
@@ -82,7 +82,7 @@ fn utf16(text: &str) -> Vec<u8> {
 
 #[test]
 fn line_coding_is_read_back() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         for baud in [1_200, 115_200, 2_000_000, MEGABAUD] {
             board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
@@ -93,7 +93,7 @@ fn line_coding_is_read_back() {
 
 #[test]
 fn unsupported_line_coding_is_refused_without_effect() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         let seven_bits = LineCoding {
             bits: 7,
@@ -110,7 +110,7 @@ fn unsupported_line_coding_is_refused_without_effect() {
 
 #[test]
 fn stopped_host_does_not_block_the_arm() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         exchange_some(board, 0);
         let before = counters(board);
@@ -121,9 +121,9 @@ fn stopped_host_does_not_block_the_arm() {
         board.with_arm(|arm| arm.send(&sent_by_arm));
         board.usb().write(&sent_by_host).unwrap();
         board.run_for(Nanos::from_millis(600)).unwrap();
-        same_bytes("the arm", &board.with_arm(Talker::take_received), &sent_by_host);
+        same_bytes("the arm", &board.with_arm(RawArm::take_received), &sent_by_host);
 
-        // The host reads again, and gets the buffered bytes from the beginning.
+        // The host reads again, and receives the buffered bytes from the beginning.
         board.usb().set_reading(true);
         let received = read_all(board);
         let dropped = (counters(board).dropped_bytes - before.dropped_bytes) as usize;
@@ -138,7 +138,7 @@ fn stopped_host_does_not_block_the_arm() {
 
 #[test]
 fn missed_bytes_are_counted_and_rest_keeps_order() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         let sent_by_arm = noise(1, 100_000);
         board.with_arm(|arm| arm.send(&sent_by_arm));
@@ -158,7 +158,7 @@ fn missed_bytes_are_counted_and_rest_keeps_order() {
     });
 }
 
-/// The lengths of what is missing from `sent` in `received`, which must be in order and have nothing else.
+/// The lengths of the gaps in `received`, which must otherwise equal `sent`.
 fn missing(sent: &[u8], received: &[u8]) -> Vec<usize> {
     const ENOUGH: usize = 8;
     let mut gaps = Vec::new();
@@ -181,7 +181,7 @@ fn missing(sent: &[u8], received: &[u8]) -> Vec<usize> {
 
 #[test]
 fn host_that_never_reads_causes_no_restart() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         board.usb().set_reading(false);
         for second in 0..5 {
@@ -195,22 +195,22 @@ fn host_that_never_reads_causes_no_restart() {
 }
 
 #[test]
-fn an_adapter_that_no_host_finds_waits() {
-    on_board(Talker::default(), |board| {
+fn adapter_waits_for_a_host() {
+    on_board(RawArm::default(), |board| {
         // The adapter receives nothing before its UART runs.
         board.run_for(Nanos::from_millis(10)).unwrap();
         board.with_arm(|arm| arm.send(&noise(1, 3_000)));
         board.run_for(Nanos::from_millis(5_000)).unwrap();
         plug_in(board, MEGABAUD);
-        assert_eq!(read_all(board), [], "bytes from before the port was opened");
-        assert_eq!(counters(board).undelivered_bytes, 3_000);
+        assert_eq!(read_all(board), b"", "bytes from before the port was opened");
+        assert_eq!(counters(board).unheard_bytes, 3_000);
         exchange_some(board, 2);
     });
 }
 
 #[test]
 fn naks_cost_no_byte() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         let (down, up) = (noise(1, 20_000), noise(2, 20_000));
         board.with_arm(|arm| arm.send(&up));
@@ -224,13 +224,13 @@ fn naks_cost_no_byte() {
         }
         received.extend(read_all(board));
         same_bytes("the host", &received, &up);
-        same_bytes("the arm", &board.with_arm(Talker::take_received), &down);
+        same_bytes("the arm", &board.with_arm(RawArm::take_received), &down);
     });
 }
 
 #[test]
-fn the_port_works_again_after_it_was_unplugged() {
-    on_board(Talker::default(), |board| {
+fn replugged_port_works() {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         for nth in 0..4 {
             exchange_some(board, nth);
@@ -239,7 +239,7 @@ fn the_port_works_again_after_it_was_unplugged() {
             board.run_for(Duration::from_millis(20 + nth)).unwrap();
             assert!(!board.usb().connected());
             plug_in(board, MEGABAUD);
-            assert_eq!(read_all(board), []);
+            assert_eq!(read_all(board), b"");
         }
         exchange_some(board, 9);
     });
@@ -247,7 +247,7 @@ fn the_port_works_again_after_it_was_unplugged() {
 
 #[test]
 fn adapter_unplugged_in_full_flow_works_again() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         for nth in 0..8 {
             board.with_arm(|arm| arm.send(&noise(nth, 10_000)));
@@ -256,7 +256,7 @@ fn adapter_unplugged_in_full_flow_works_again() {
             board.usb().detach();
             board.run_for(Nanos::from_millis(200)).unwrap();
             plug_in(board, MEGABAUD);
-            assert_eq!(read_all(board), [], "bytes for the previous host");
+            assert_eq!(read_all(board), b"", "bytes for the previous host");
             exchange_some(board, nth);
         }
     });
@@ -264,7 +264,7 @@ fn adapter_unplugged_in_full_flow_works_again() {
 
 #[test]
 fn port_works_after_bus_reset_in_flow() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         for nth in 0..8 {
             board.with_arm(|arm| arm.send(&noise(nth, 10_000)));
@@ -273,7 +273,7 @@ fn port_works_after_bus_reset_in_flow() {
             board.usb().reset_bus();
             board.run_for(Nanos::from_millis(200)).unwrap();
             open(board, MEGABAUD);
-            assert_eq!(read_all(board), [], "bytes for the previous host");
+            assert_eq!(read_all(board), b"", "bytes for the previous host");
             exchange_some(board, nth);
         }
         assert!(counters(board).usb_resets >= 8);
@@ -281,8 +281,8 @@ fn port_works_after_bus_reset_in_flow() {
 }
 
 #[test]
-fn a_suspended_port_goes_on_where_it_was() {
-    on_board(Talker::default(), |board| {
+fn resumed_port_delivers_pending_bytes() {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         exchange_some(board, 0);
         let before = counters(board).usb_suspends;
@@ -291,7 +291,7 @@ fn a_suspended_port_goes_on_where_it_was() {
         let sent_by_arm = noise(1, 500);
         board.with_arm(|arm| arm.send(&sent_by_arm));
         board.run_for(Nanos::from_millis(100)).unwrap();
-        assert_eq!(board.usb().read(), []);
+        assert_eq!(board.usb().read(), b"");
         board.usb().resume();
         board.run_for(Nanos::from_millis(30)).unwrap();
         same_bytes("the host", &read_all(board), &sent_by_arm);
@@ -302,7 +302,7 @@ fn a_suspended_port_goes_on_where_it_was() {
 
 #[test]
 fn suspended_port_counts_lost_bytes() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         let (sent_by_arm, sent_by_host) = (noise(1, 20_000), noise(2, 20_000));
         board.with_arm(|arm| arm.send(&sent_by_arm));
@@ -315,29 +315,29 @@ fn suspended_port_counts_lost_bytes() {
         let received = read_all(board);
         let missed = missing(&sent_by_arm, &received);
         assert_eq!(missed.iter().sum::<usize>(), counters(board).dropped_bytes as usize);
-        same_bytes("the arm", &board.with_arm(Talker::take_received), &sent_by_host);
+        same_bytes("the arm", &board.with_arm(RawArm::take_received), &sent_by_host);
         exchange_some(board, 3);
     });
 }
 
 #[test]
 fn reopened_port_delivers_only_later_bytes() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         exchange_some(board, 0);
         board.usb().set_control_lines(false, false).unwrap();
         board.with_arm(|arm| arm.send(b"sent while closed"));
         board.run_for(Nanos::from_millis(50)).unwrap();
         board.usb().set_control_lines(true, true).unwrap();
-        assert_eq!(read_all(board), []);
-        assert_eq!(counters(board).undelivered_bytes, 17);
+        assert_eq!(read_all(board), b"");
+        assert_eq!(counters(board).unheard_bytes, 17);
         exchange_some(board, 1);
     });
 }
 
 #[test]
-fn next_program_gets_no_unread_earlier_bytes() {
-    on_board(Talker::default(), |board| {
+fn next_program_receives_no_earlier_bytes() {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         exchange_some(board, 0);
         // Less than a packet, one, two and more: one lies in the endpoint, one waits for it.
@@ -350,8 +350,8 @@ fn next_program_gets_no_unread_earlier_bytes() {
             board.run_for(Nanos::from_millis(10_000)).unwrap();
             board.usb().set_control_lines(true, true).unwrap();
             board.usb().set_reading(true);
-            assert_eq!(read_all(board), [], "of {len} bytes");
-            assert_eq!(counters(board).undelivered_bytes - before, len as u32);
+            assert_eq!(read_all(board), b"", "of {len} bytes");
+            assert_eq!(counters(board).unheard_bytes - before, len as u32);
             exchange_some(board, nth as u64);
         }
     });
@@ -359,11 +359,11 @@ fn next_program_gets_no_unread_earlier_bytes() {
 
 #[test]
 fn bytes_are_received_or_counted_across_reopening() {
-    on_board(Talker::default(), |board| {
+    on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         let sent_by_arm = noise(1, 60_000);
         board.with_arm(|arm| arm.send(&sent_by_arm));
-        // At other places of a packet's way each time.
+        // The phase within a packet differs each time.
         for nth in 0..200 {
             board.run_for(Nanos((2_000 + 37 * nth % 1_300) * 1_000)).unwrap();
             board.usb().set_control_lines(nth % 2 == 1, true).unwrap();
@@ -404,7 +404,7 @@ fn arm_is_readable_after_every_cable_event() {
             .uart()
             .bytes()
             .iter()
-            .filter(|byte| byte.direction == Way::ToArm)
+            .filter(|byte| byte.direction == LineDirection::ToArm)
             .count();
         assert_eq!(requested, 4 * 7, "each was requested once");
     });

@@ -1,25 +1,25 @@
-//! Rude USB hosts: they give up requests, reset in the middle of one, halt and clear endpoints, and configure again.
+//! Misbehaving USB hosts: abandoned requests, resets within a request, halted endpoints, repeated configuration.
 
 use armwire_bridge::Counters;
 use armwire_host_tests::image::{
-    MEGABAUD, Talker, counters, exchange, noise, on_board_with, open, path, plug_in, read_all, same_bytes,
+    MEGABAUD, RawArm, counters, exchange, noise, on_board_with, open, path, plug_in, read_all, same_bytes,
 };
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::usb::host::Request;
 use armwire_virtual_board::{Config, Nanos, Timing, VirtualBoard};
 
-type Board = VirtualBoard<Talker>;
+type Board = VirtualBoard<RawArm>;
 
 /// Time limit for the adapter's next answer.
 const READY: Nanos = Nanos::from_millis(100);
 
-/// Runs a test on a board whose USB controller does each of its steps at once, and on one that takes its time.
+/// Runs a test on a board with a fast USB controller, and on one with a slow controller.
 fn on_either_board(test: impl Fn(&mut Board)) {
     for timing in [Timing::Typical, Timing::Worst] {
         let config = Config {
             timing,
-            ..Config::new(path(), Talker::default())
+            ..Config::new(path(), RawArm::default())
         };
         on_board_with(config, &test);
     }
@@ -39,8 +39,8 @@ fn read_counters() -> Request {
     Request::read(kind, request, 0, 0, Counters::MAX_LEN as u16)
 }
 
-/// Asks for something, and expects the answer in time.
-fn answers(board: &mut Board, after: &str) {
+/// Expects the answer to a request in time.
+fn expect_answer(board: &mut Board, after: &str) {
     let before = board.now();
     let coding = board.usb().line_coding();
     assert_eq!(coding.ok().flatten(), Some(LineCoding::new(MEGABAUD)), "{after}");
@@ -48,58 +48,58 @@ fn answers(board: &mut Board, after: &str) {
     assert!(took < READY, "{after}: answered after {took}");
 }
 
-/// A byte goes each way.
-fn passes_bytes(board: &mut Board, byte: u8, after: &str) {
+/// Expects that a byte passes in each direction.
+fn expect_exchange(board: &mut Board, byte: u8, after: &str) {
     board.with_arm(|arm| arm.send(&[byte]));
     board.usb().write(&[!byte]).unwrap();
-    let mut got = (Vec::new(), Vec::new());
+    let mut received = (Vec::new(), Vec::new());
     let passed = board.run_until(READY, |board| {
-        got.0.extend(board.usb().read());
-        got.1.extend(board.with_arm(Talker::take_received));
-        !got.0.is_empty() && !got.1.is_empty()
+        received.0.extend(board.usb().read());
+        received.1.extend(board.with_arm(RawArm::take_received));
+        !received.0.is_empty() && !received.1.is_empty()
     });
-    assert!(passed.is_ok(), "{after}: {got:?}");
-    assert_eq!(got, (vec![byte], vec![!byte]), "{after}");
+    assert!(passed.is_ok(), "{after}: {received:?}");
+    assert_eq!(received, (vec![byte], vec![!byte]), "{after}");
 }
 
-fn works_when_it_is_given_up(request: fn() -> Request) {
+fn may_be_abandoned(request: fn() -> Request) {
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in 0..=400_u16 {
-            let after = format!("given up after {micros} us");
+            let after = format!("abandoned after {micros} us");
             board
                 .usb()
                 .abandon(request(), Nanos(1_000 * u64::from(micros)))
                 .unwrap();
-            // The next request comes at once, or when the adapter has nothing else left to do.
+            // The next request follows immediately, or when the adapter is idle.
             if micros % 2 == 1 {
                 board.run_for(Nanos(300_000)).unwrap();
             }
             match micros / 2 % 3 {
-                0 => answers(board, &after),
+                0 => expect_answer(board, &after),
                 1 => board.usb().set_line_coding(LineCoding::new(MEGABAUD)).expect(&after),
                 _ => drop(counters(board)),
             }
-            passes_bytes(board, micros as u8, &after);
+            expect_exchange(board, micros as u8, &after);
         }
-        answers(board, "at the end");
+        expect_answer(board, "at the end");
         assert_eq!(counters(board).refused_line_codings, 0);
     });
 }
 
 #[test]
 fn seven_byte_read_may_be_abandoned_any_time() {
-    works_when_it_is_given_up(get_line_coding);
+    may_be_abandoned(get_line_coding);
 }
 
 #[test]
 fn write_may_be_abandoned_any_time() {
-    works_when_it_is_given_up(set_line_coding);
+    may_be_abandoned(set_line_coding);
 }
 
 #[test]
 fn multi_packet_read_may_be_abandoned_any_time() {
-    works_when_it_is_given_up(read_counters);
+    may_be_abandoned(read_counters);
 }
 
 #[test]
@@ -110,9 +110,9 @@ fn abandoned_requests_leave_the_next_intact() {
             for request in [get_line_coding, set_line_coding, read_counters, set_line_coding] {
                 board.usb().abandon(request(), Nanos(1_000 * micros)).unwrap();
             }
-            answers(board, &format!("given up after {micros} us, four times"));
+            expect_answer(board, &format!("abandoned after {micros} us, four times"));
         }
-        passes_bytes(board, 7, "at the end");
+        expect_exchange(board, 7, "at the end");
     });
 }
 
@@ -127,8 +127,8 @@ fn bus_may_be_reset_during_a_request() {
                 board.usb().reset_bus();
                 board.run_for(Nanos::from_millis(20)).unwrap();
                 open(board, MEGABAUD);
-                answers(board, &after);
-                passes_bytes(board, 1, &after);
+                expect_answer(board, &after);
+                expect_exchange(board, 1, &after);
             }
         }
     });
@@ -140,13 +140,13 @@ fn cable_may_be_unplugged_during_a_request() {
         plug_in(board, MEGABAUD);
         for micros in (5..80).step_by(15) {
             for request in [get_line_coding, set_line_coding, read_counters] {
-                let after = format!("pulled after {micros} us");
+                let after = format!("unplugged after {micros} us");
                 board.usb().abandon(request(), Nanos(1_000 * micros)).unwrap();
                 board.usb().detach();
                 board.run_for(Nanos::from_millis(50)).unwrap();
                 plug_in(board, MEGABAUD);
-                answers(board, &after);
-                passes_bytes(board, 1, &after);
+                expect_answer(board, &after);
+                expect_exchange(board, 1, &after);
             }
         }
     });
@@ -165,16 +165,15 @@ fn bus_may_be_suspended_during_a_request() {
                 board.run_for(Nanos::from_millis(20)).unwrap();
                 board.usb().resume();
                 board.run_for(Nanos::from_millis(30)).unwrap();
-                answers(board, &after);
-                passes_bytes(board, 1, &after);
+                expect_answer(board, &after);
+                expect_exchange(board, 1, &after);
                 assert_eq!(counters(board).usb_suspends, before + 1, "{after}");
             }
         }
     });
 }
 
-/// Repeats `act` while both sides send. Each byte of the host reaches the arm. Each byte of the arm reaches the host or
-/// is counted as lost.
+/// Repeats `act`. The adapter answers the next request each time, and no byte is lost.
 fn costs_no_byte(act: impl Fn(&mut Board)) {
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
@@ -184,9 +183,9 @@ fn costs_no_byte(act: impl Fn(&mut Board)) {
                 seen[way][usize::from(board.usb().toggle(direction).unwrap())] += 1;
             }
             act(board);
-            answers(board, "a request after it");
+            expect_answer(board, "a request after it");
             for byte in 0..=nth {
-                passes_bytes(board, byte, &format!("byte {byte} after the {nth}th time"));
+                expect_exchange(board, byte, &format!("byte {byte} after the {nth}th time"));
             }
         }
         assert!(seen.iter().flatten().all(|&times| times > 0), "{seen:?}");
@@ -200,7 +199,7 @@ fn clearing_absent_halt_costs_no_byte() {
 }
 
 #[test]
-fn an_endpoint_that_was_halted_passes_bytes_again() {
+fn cleared_halt_costs_no_byte() {
     costs_no_byte(|board| {
         for direction in [Direction::In, Direction::Out] {
             board.usb().set_halt(direction).unwrap();
@@ -260,8 +259,8 @@ fn pending_bytes_survive_cleared_halt_or_set_interface() {
     });
 }
 
-/// Lets `act` happen again and again while both sides talk: what the host says comes to the arm, and what the arm says to
-/// the host or into the books.
+/// Repeats `act` while both sides send. Each byte of the host reaches the arm. Each byte of the arm reaches the host or
+/// is counted as lost.
 fn loses_nothing_uncounted(act: impl Fn(&mut Board, u64)) {
     on_either_board(|board| {
         plug_in(board, MEGABAUD);
@@ -282,7 +281,7 @@ fn loses_nothing_uncounted(act: impl Fn(&mut Board, u64)) {
             let port = packets.iter().filter(|one| one.direction == direction);
             port.flat_map(|packet| packet.data.iter().copied()).collect()
         };
-        same_bytes("the arm", &board.with_arm(Talker::take_received), &sent(Direction::Out));
+        same_bytes("the arm", &board.with_arm(RawArm::take_received), &sent(Direction::Out));
         let after = counters(board);
         let missed = after.undelivered_bytes + after.dropped_bytes - before.undelivered_bytes - before.dropped_bytes;
         let received = sent(Direction::In).len();
@@ -316,12 +315,12 @@ fn cleared_halt_in_full_flow_loses_nothing() {
 }
 
 #[test]
-fn requests_given_up_in_full_flow_lose_nothing() {
+fn abandoned_requests_in_full_flow_lose_nothing() {
     loses_nothing_uncounted(|board, nth| {
         for request in [get_line_coding, set_line_coding, read_counters] {
             board.usb().abandon(request(), Nanos(1_000 * (nth * 7 % 97))).unwrap();
         }
-        answers(board, "in full flow");
+        expect_answer(board, "in full flow");
     });
 }
 

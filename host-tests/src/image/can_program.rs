@@ -1,33 +1,31 @@
 //! A program on the CAN bus, in virtual time.
 
 use armwire_bridge::can::{Function, Node};
+use armwire_bridge::control::MAX_FRAME;
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
 /// Duration between two polls of the bus: about a frame.
-const STEP: Nanos = Nanos(100_000);
+const POLL_PERIOD: Nanos = Nanos(100_000);
 
-/// The longest frame of an arm.
-const MAX: usize = armwire_bridge::control::MAX_FRAME;
-
-/// A program that exchanges arm frames with an adapter by ISO-TP.
+/// A program that exchanges arm frames with an adapter by ISO-TP. The bus must have another node.
+#[derive(Debug)]
 pub struct CanProgram {
-    node: Node,
-    endpoint: Endpoint<MAX, MAX>,
+    pub(super) endpoint: Endpoint<MAX_FRAME, MAX_FRAME>,
+}
+
+impl Default for CanProgram {
+    fn default() -> Self {
+        Self::new(Link::Classic)
+    }
 }
 
 impl CanProgram {
-    /// A program that communicates with this node. The bus must have another node.
-    pub fn new(node: Node) -> Self {
-        Self::on(Link::Classic, node)
-    }
-
     /// A program that uses frames of this kind.
-    pub fn on(link: Link, node: Node) -> Self {
-        let tx = Function::ArmRequest.id(node);
+    pub fn new(link: Link) -> Self {
+        let tx = Function::ArmRequest.id(Node::default());
         Self {
-            node,
             endpoint: Endpoint::new(Config::new(link, tx)),
         }
     }
@@ -49,7 +47,7 @@ impl CanProgram {
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Option<Vec<u8>> {
         let now = board.now().instant();
         for frame in board.can().read() {
-            if frame.id() != Function::ArmAnswer.id(self.node) {
+            if frame.id() != Function::ArmAnswer.id(Node::default()) {
                 continue;
             }
             for event in self.endpoint.receive(frame.data(), now) {
@@ -57,15 +55,21 @@ impl CanProgram {
             }
         }
         assert_eq!(self.endpoint.tick(now).next(), None);
+        self.transmit(board);
+        let answer = self.endpoint.received().map(<[u8]>::to_vec);
+        self.endpoint.release();
+        answer
+    }
+
+    /// Sends the frames that are due.
+    pub(super) fn transmit<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+        let now = board.now().instant();
         while self.endpoint.transmit_at().is_some_and(|at| at <= now)
             && let Some(frame) = self.endpoint.transmit(now)
         {
             board.can().send(&frame).unwrap();
             self.endpoint.transmitted(now);
         }
-        let answer = self.endpoint.received().map(<[u8]>::to_vec);
-        self.endpoint.release();
-        answer
     }
 
     /// Sends a frame to the arm and returns the answer.
@@ -80,7 +84,7 @@ impl CanProgram {
             if let Some(answer) = self.poll(board) {
                 return answer;
             }
-            board.run_for(STEP).unwrap();
+            board.run_for(POLL_PERIOD).unwrap();
         }
         panic!("no answer to {frame:02X?} by {}", board.now());
     }

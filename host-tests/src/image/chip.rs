@@ -17,7 +17,7 @@ pub struct Facts {
     pub latency: u64,
     /// Offsets of the configuration in the flash, in bytes: two sectors or pages.
     pub config_flash: Range<usize>,
-    /// Factor by which a slower core still handles each frame of a full CAN bus, without other load.
+    /// Factor by which a slower core still processes each frame of a full CAN bus, without other load.
     pub flooded: NonZeroU32,
     /// Duration of the erase of one of them, typical and maximum.
     pub erase: [Nanos; 2],
@@ -29,16 +29,16 @@ pub struct Facts {
     pub gpioa: u64,
     /// The port and the pin of the status LED.
     pub led: (u64, usize),
-    /// The counter of the clock's timer, and the compare value that tells what is due.
+    /// The counter of the clock's timer, and the compare value of the next deadline.
     pub clock_count: u64,
     /// See [`clock_count`](Self::clock_count).
     pub clock_due: u64,
-    /// CR1 of the arm's UART, with the receiver off and with it and its idle interrupt on.
+    /// CR1 of the arm's UART, its value with the receiver off, and its value with receiver and idle interrupt on.
     pub uart_control: u64,
     /// See [`uart_control`](Self::uart_control).
-    pub uart_deaf: u32,
+    pub uart_receiver_off: u32,
     /// See [`uart_control`](Self::uart_control).
-    pub uart_listening: u32,
+    pub uart_receiver_on: u32,
 }
 
 /// The properties of a chip.
@@ -59,8 +59,8 @@ pub const fn facts(chip: Chip) -> Facts {
             clock_count: 0x4000_0C24,
             clock_due: 0x4000_0C38,
             uart_control: 0x4000_440C,
-            uart_deaf: 1 << 13 | 1 << 3,
-            uart_listening: 1 << 13 | 1 << 3 | 1 << 2 | 1 << 4,
+            uart_receiver_off: 1 << 13 | 1 << 3,
+            uart_receiver_on: 1 << 13 | 1 << 3 | 1 << 2 | 1 << 4,
         },
         // Addresses of RM0440, table 3; TIM2 (30.5), USART2 (37.8.2: UE 0, TE 3, RE 2, IDLEIE 4); erases of DS12589.
         Chip::Stm32g431 => Facts {
@@ -77,8 +77,8 @@ pub const fn facts(chip: Chip) -> Facts {
             clock_count: 0x4000_0024,
             clock_due: 0x4000_0038,
             uart_control: 0x4000_4400,
-            uart_deaf: 1 | 1 << 3,
-            uart_listening: 1 | 1 << 3 | 1 << 2 | 1 << 4,
+            uart_receiver_off: 1 | 1 << 3,
+            uart_receiver_on: 1 | 1 << 3 | 1 << 2 | 1 << 4,
         },
     }
 }

@@ -25,11 +25,7 @@ impl Control {
     /// If there is no such interface, or no cable.
     pub fn open<A: Arm>(board: &mut VirtualBoard<A>) -> Self {
         board.usb().open_vendor().unwrap();
-        Self {
-            reader: Reader::new(),
-            sequence: 0,
-            events: Vec::new(),
-        }
+        Self::default()
     }
 
     /// Sends a request and returns the reply.

@@ -7,33 +7,36 @@ use std::collections::VecDeque;
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire_bridge::can::telemetry::{Sample, event_from_frame};
-use armwire_bridge::can::{Frame as CanFrame, Function, Node};
+use armwire_bridge::can::{Frame as CanFrame, Function};
 use armwire_bridge::control::{Event, Initiator, Stamp};
-use armwire_bridge::isotp::{self, Config, Endpoint, Link};
+use armwire_bridge::isotp;
 use armwire_virtual_board::line::Arm;
-use armwire_virtual_board::{Nanos, VirtualBoard};
+use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 
-use super::Control;
 use super::ticket_arm::{CAN, Ticket, USB, number_in};
+use super::{BIT_RATE, CanProgram, Control, MEGABAUD, plug_in};
 
-/// Polling period without received bytes.
-const POLL_PERIOD: Nanos = Nanos(250_000);
+/// Polling period without received bytes, and with bytes that no host reads.
+pub(super) const POLL_PERIOD: Nanos = Nanos(250_000);
+pub(super) const FINE_POLL_PERIOD: Nanos = Nanos(3_000);
 
 /// Time limit for an answer, after which a host gives up the request: longer than the adapter's.
-const ANSWER_TIMEOUT: Nanos = Nanos::from_millis(150);
+pub(super) const ANSWER_TIMEOUT: Nanos = Nanos::from_millis(150);
 
 /// The requests of one host, made with tickets, and the check of each answer.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct RequestTracker {
-    initiator: u8,
-    next: u32,
+    /// The initiator, as in a [`Ticket`].
+    pub initiator: u8,
+    /// Number of requests so far.
+    pub issued: u32,
     open: VecDeque<(u32, Nanos)>,
     /// Position of the last answer in the arm's sequence of answers to all hosts.
     place: Option<u32>,
     /// The number of the last answered request.
-    last: Option<u32>,
-    /// True while new requests are made.
-    pub enabled: bool,
+    pub last_answered: Option<u32>,
+    /// True while no new requests are made.
+    pub paused: bool,
     /// Requests with an answer, in order.
     pub answered: u32,
     /// Requests that were given up.
@@ -43,50 +46,15 @@ pub struct RequestTracker {
 }
 
 impl RequestTracker {
-    fn new(initiator: u8) -> Self {
-        Self {
-            initiator,
-            next: 0,
-            open: VecDeque::new(),
-            place: None,
-            last: None,
-            enabled: true,
-            answered: 0,
-            given_up: 0,
-            strays: Vec::new(),
-        }
-    }
-
-    /// Number of requests so far.
-    pub fn issued(&self) -> u32 {
-        self.next
-    }
-
     /// True if no request is open.
     pub fn is_done(&self) -> bool {
         self.open.is_empty()
     }
 
-    /// The initiator, as in a [`Ticket`].
-    pub fn initiator(&self) -> u8 {
-        self.initiator
-    }
-
-    /// The number of the last answered request.
-    pub fn last_answered(&self) -> Option<u32> {
-        self.last
-    }
-
-    /// Gives up all open requests.
-    pub fn abandon(&mut self) {
-        self.given_up += self.open.len() as u32;
-        self.open.clear();
-    }
-
     /// The next request.
     fn next_request(&mut self, now: Nanos) -> Vec<u8> {
-        let (initiator, number) = (self.initiator, self.next);
-        self.next += 1;
+        let (initiator, number) = (self.initiator, self.issued);
+        self.issued += 1;
         self.open.push_back((number, now));
         Ticket { initiator, number }.request()
     }
@@ -100,7 +68,7 @@ impl RequestTracker {
         match open {
             // The arm answers in order: earlier requests get no answer any more.
             Some((nth, place)) => {
-                self.last = self.open.drain(..=nth).next_back().map(|(number, _)| number);
+                self.last_answered = self.open.drain(..=nth).next_back().map(|(number, _)| number);
                 self.answered += 1;
                 self.given_up += nth as u32;
                 self.place = Some(place);
@@ -111,15 +79,12 @@ impl RequestTracker {
 
     /// Gives up requests past their time limit. Returns true if there was one.
     fn give_up(&mut self, now: Nanos) -> bool {
-        let before = self.given_up;
-        while self
+        let expired = self
             .open
-            .pop_front_if(|(_, since)| now.since(*since) > ANSWER_TIMEOUT)
-            .is_some()
-        {
-            self.given_up += 1;
-        }
-        self.given_up > before
+            .partition_point(|&(_, since)| now.since(since) > ANSWER_TIMEOUT);
+        self.open.drain(..expired);
+        self.given_up += expired as u32;
+        expired > 0
     }
 }
 
@@ -130,7 +95,7 @@ const FRAME_GAP_TIMEOUT: Nanos = Nanos::from_millis(10);
 const WINDOW: u32 = 3;
 
 /// A host at the serial port, with several open requests.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct UsbHost {
     /// Requests and answers.
     pub tracker: RequestTracker,
@@ -145,23 +110,11 @@ pub struct UsbHost {
     pub ignores_window: bool,
 }
 
-impl Default for UsbHost {
-    fn default() -> Self {
-        Self {
-            tracker: RequestTracker::new(USB),
-            decoder: Decoder::new(),
-            last_rx: Nanos(0),
-            bytes: 0,
-            noise_bytes: 0,
-            ignores_window: false,
-        }
-    }
-}
-
 impl UsbHost {
-    /// Gives up all open requests after the port was opened anew.
-    pub fn reopened(&mut self) {
-        self.tracker.abandon();
+    /// Gives up all open requests after the port was closed.
+    pub fn on_closed(&mut self) {
+        self.tracker.given_up += self.tracker.open.len() as u32;
+        self.tracker.open.clear();
         self.decoder = Decoder::new();
     }
 
@@ -177,8 +130,11 @@ impl UsbHost {
         board.usb().write(&requests).unwrap();
     }
 
-    /// Reads answers and makes new requests. The port must be open.
-    pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+    /// Reads answers and makes new requests, if the port is open.
+    fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+        if !board.usb().is_open() {
+            return;
+        }
         let bytes = board.usb().read();
         self.bytes += bytes.len() as u32;
         let mut rest = &*bytes;
@@ -197,11 +153,10 @@ impl UsbHost {
         }
         // The window varies.
         let window = 1 + self.tracker.answered % WINDOW;
-        while self.tracker.enabled
+        while !self.tracker.paused
             && (self.ignores_window && board.usb().unsent() == 0 || (self.tracker.open.len() as u32) < window)
         {
-            let request = self.tracker.next_request(board.now());
-            board.usb().write(&request).unwrap();
+            self.request_burst(board, 1);
         }
     }
 
@@ -217,10 +172,9 @@ impl UsbHost {
 }
 
 /// A host on the CAN bus, with one ISO-TP connection for requests. It also reads the adapter's telemetry and events.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct CanHost {
-    node: Node,
-    endpoint: Endpoint<MAX_FRAME, MAX_FRAME>,
+    program: CanProgram,
     /// Requests and answers.
     pub tracker: RequestTracker,
     /// True if the host hangs: it drops received frames and sends no flow control.
@@ -242,7 +196,8 @@ pub struct CanHost {
 pub struct Telemetry {
     parts: Vec<CanFrame>,
     count: Option<u8>,
-    newest: Option<u32>,
+    /// The number of polls answered before that of the last sample.
+    pub newest: Option<u32>,
     /// Complete samples.
     pub samples: u32,
     /// Samples after a gap, and answers of the arm that were repeated or out of order.
@@ -250,11 +205,6 @@ pub struct Telemetry {
 }
 
 impl Telemetry {
-    /// The number of polls answered before that of the last sample.
-    pub fn newest(&self) -> Option<u32> {
-        self.newest
-    }
-
     fn on_frame(&mut self, frame: CanFrame) {
         self.parts.push(frame);
         let Ok(parts) = <&[CanFrame; 3]>::try_from(&*self.parts) else {
@@ -280,28 +230,13 @@ impl Telemetry {
 }
 
 impl CanHost {
-    /// A host that communicates with this node. The bus must have another node.
-    pub fn new(node: Node) -> Self {
-        Self {
-            node,
-            endpoint: Endpoint::new(Config::new(Link::Classic, Function::ArmRequest.id(node))),
-            tracker: RequestTracker::new(CAN),
-            hangs: false,
-            aborts: false,
-            orders: VecDeque::new(),
-            failures: Vec::new(),
-            can_events: Vec::new(),
-            telemetry: Telemetry::default(),
-        }
-    }
-
     /// True if a request of several frames is being sent.
     pub fn is_sending(&self) -> bool {
-        self.endpoint.is_sending()
+        self.program.endpoint.is_sending()
     }
 
     /// Handles the bus and makes new requests.
-    pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+    fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         let now = board.now().instant();
         let frames = board.can().read();
         if self.hangs {
@@ -309,41 +244,32 @@ impl CanHost {
         }
         for frame in frames {
             match Function::of(frame.id()) {
-                Some((Function::ArmAnswer, node)) if node == self.node => {
-                    let events = self.endpoint.receive(frame.data(), now);
+                Some((Function::ArmAnswer, _)) => {
+                    let events = self.program.endpoint.receive(frame.data(), now);
                     self.record_failures(events);
                 }
                 Some((Function::JointsA | Function::JointsB | Function::State, _)) => self.telemetry.on_frame(frame),
                 Some((Function::Event, _)) => self.can_events.extend(event_from_frame(&frame).map(|(_, event)| event)),
                 _ => {}
             }
-            if let Some(answer) = self.endpoint.received() {
+            if let Some(answer) = self.program.endpoint.received() {
                 self.tracker.on_answer(answer);
-                self.endpoint.release();
+                self.program.endpoint.release();
             }
         }
-        let events = self.endpoint.tick(now);
+        let events = self.program.endpoint.tick(now);
         self.record_failures(events);
-        let given_up = self.tracker.given_up;
-        self.tracker.give_up(board.now());
-        if self.aborts && self.tracker.given_up > given_up {
-            self.endpoint.abort();
+        if self.tracker.give_up(board.now()) && self.aborts {
+            self.program.endpoint.abort();
         }
-        if !self.endpoint.is_sending() {
-            let next = match self.orders.pop_front() {
-                None if self.tracker.enabled && self.tracker.is_done() => Some(self.tracker.next_request(board.now())),
-                order => order,
-            };
-            if let Some(frame) = next {
-                self.endpoint.send(&frame).unwrap();
+        if !self.is_sending() {
+            if let Some(order) = self.orders.pop_front() {
+                self.program.send(&order);
+            } else if !self.tracker.paused && self.tracker.is_done() {
+                self.program.send(&self.tracker.next_request(board.now()));
             }
         }
-        while self.endpoint.transmit_at().is_some_and(|at| at <= now)
-            && let Some(frame) = self.endpoint.transmit(now)
-        {
-            board.can().send(&frame).unwrap();
-            self.endpoint.transmitted(now);
-        }
+        self.program.transmit(board);
     }
 
     fn record_failures(&mut self, events: isotp::Events) {
@@ -355,23 +281,13 @@ impl CanHost {
     }
 }
 
-/// Number of initiators, with none as the last.
-const INITIATORS: usize = 6;
-
-fn place(initiator: Option<Initiator>) -> usize {
-    initiator.map_or(INITIATORS - 1, |initiator| initiator as usize)
-}
-
 /// A program at the control interface with a subscription to all events.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Subscriber {
     /// The interface.
     pub control: Control,
-    /// Frames of the arm, by initiator.
-    frames: [u32; INITIATORS],
-    /// Bytes in these frames.
-    pub frame_bytes: u32,
-    bytes: [u32; INITIATORS],
+    /// Frames of the arm: the initiator of the request, `None` for an unsolicited frame, and the length in bytes.
+    pub frames: Vec<(Option<Initiator>, u32)>,
     last: Stamp,
     /// Frames with an earlier stamp than the frame before.
     pub disorder: u32,
@@ -380,58 +296,30 @@ pub struct Subscriber {
 }
 
 impl Subscriber {
-    /// Opens the interface and subscribes.
+    /// Opens the interface and subscribes. The records are kept.
     ///
     /// # Panics
     ///
     /// See [`Control::open`] and [`Control::subscribe`].
-    pub fn open<A: Arm>(board: &mut VirtualBoard<A>) -> Self {
-        let mut control = Control::open(board);
-        control.subscribe(board);
-        Self {
-            control,
-            frames: [0; INITIATORS],
-            frame_bytes: 0,
-            bytes: [0; INITIATORS],
-            last: Stamp(0),
-            disorder: 0,
-            events: Vec::new(),
-        }
-    }
-
-    /// Resets the interface after the device was detached. The records are kept.
-    pub fn away(mut self) -> Self {
-        self.control = Control::default();
-        self
-    }
-
-    /// Opens the interface anew and subscribes.
-    ///
-    /// # Panics
-    ///
-    /// See [`open`](Self::open).
-    pub fn reopen<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+    pub fn open<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         self.control = Control::open(board);
         self.control.subscribe(board);
     }
 
     /// Clears the records.
     pub fn forget(&mut self) {
-        self.frames = [0; INITIATORS];
-        self.frame_bytes = 0;
-        self.bytes = [0; INITIATORS];
-        self.events.clear();
-        (self.last, self.disorder) = (Stamp(0), 0);
+        *self = Self {
+            control: std::mem::take(&mut self.control),
+            ..Self::default()
+        };
     }
 
-    /// Reads events.
-    pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+    /// Reads events, if the interface is open.
+    fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         for (at, event) in self.control.take_events(board) {
             match event {
                 Event::Frame { initiator, bytes } => {
-                    self.frames[place(initiator)] += 1;
-                    self.frame_bytes += bytes.len() as u32;
-                    self.bytes[place(initiator)] += bytes.len() as u32;
+                    self.frames.push((initiator, bytes.len() as u32));
                     self.disorder += u32::from(at < self.last);
                     self.last = at;
                 }
@@ -440,117 +328,78 @@ impl Subscriber {
         }
     }
 
-    /// Number of reported frames.
-    pub fn all_frames(&self) -> u32 {
-        self.frames.iter().sum()
+    /// Number of frames for `initiator`, or of unsolicited frames.
+    pub fn frames_for(&self, initiator: Option<Initiator>) -> u32 {
+        self.frames.iter().filter(|frame| frame.0 == initiator).count() as u32
     }
 
-    /// Bytes of the frames for `initiator`, or of unasked frames.
-    pub fn bytes(&self, initiator: Option<Initiator>) -> u32 {
-        self.bytes[place(initiator)]
-    }
-
-    /// Number of frames for `initiator`, or of unasked frames.
-    pub fn frames(&self, initiator: Option<Initiator>) -> u32 {
-        self.frames[place(initiator)]
+    /// Bytes of all frames.
+    pub fn frame_bytes(&self) -> u32 {
+        self.frames.iter().map(|frame| frame.1).sum()
     }
 }
 
-/// All hosts. An absent host does nothing.
+/// All hosts. A host without a connection does nothing.
 #[derive(Debug, Default)]
 pub struct Hosts {
     /// The host at the serial port.
-    pub usb: Option<UsbHost>,
+    pub usb: UsbHost,
     /// The host on the bus.
-    pub can: Option<CanHost>,
+    pub can: CanHost,
     /// The program at the control interface.
-    pub subscriber: Option<Subscriber>,
+    pub subscriber: Subscriber,
 }
 
 impl Hosts {
-    /// Runs the hosts until `done`.
+    /// Connects all hosts to the board.
     ///
     /// # Panics
     ///
-    /// If the firmware crashes, or it takes longer than `limit`.
-    pub fn run_until<A: Arm>(
-        &mut self,
-        board: &mut VirtualBoard<A>,
-        limit: Nanos,
-        mut done: impl FnMut(&mut Self, &mut VirtualBoard<A>) -> bool,
-    ) {
-        let end = board.now() + limit;
-        while !self.work(board, end, &mut done) {
-            assert!(board.now() < end, "not done after {limit}");
-        }
+    /// See [`plug_in`] and [`Subscriber::open`].
+    pub fn connect<A: Arm>(board: &mut VirtualBoard<A>) -> Self {
+        plug_in(board, MEGABAUD);
+        board.can().attach(BIT_RATE);
+        let mut hosts = Self::default();
+        hosts.usb.tracker.initiator = USB;
+        hosts.can.tracker.initiator = CAN;
+        hosts.subscriber.open(board);
+        hosts
     }
 
-    /// Runs the hosts for `span`.
-    ///
-    /// # Panics
-    ///
-    /// If the firmware crashes.
-    pub fn run_for<A: Arm>(&mut self, board: &mut VirtualBoard<A>, span: Nanos) {
-        let end = board.now() + span;
-        while board.now() < end {
-            self.work(board, end, &mut |_, _| false);
-        }
+    /// The requests of the host on USB and of the host on CAN.
+    pub fn trackers(&self) -> [&RequestTracker; 2] {
+        [&self.usb.tracker, &self.can.tracker]
     }
 
-    /// Stops new requests and waits until each has ended.
-    ///
-    /// # Panics
-    ///
-    /// If the firmware crashes, or a host still waits after twice its time limit.
-    pub fn finish<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
-        self.set_requesting(false);
-        self.run_until(board, Nanos(2 * ANSWER_TIMEOUT.0), |hosts, _| hosts.is_done());
-        // Last bytes are still on their way.
-        self.run_for(board, Nanos::from_millis(20));
+    /// Pauses or resumes new requests.
+    pub fn set_paused(&mut self, paused: bool) {
+        self.usb.tracker.paused = paused;
+        self.can.tracker.paused = paused;
     }
 
-    /// Starts or stops new requests.
-    pub fn set_requesting(&mut self, enabled: bool) {
-        if let Some(usb) = &mut self.usb {
-            usb.tracker.enabled = enabled;
-        }
-        if let Some(can) = &mut self.can {
-            can.tracker.enabled = enabled;
-        }
+    /// True if no host waits for an answer.
+    pub fn is_done(&self) -> bool {
+        self.usb.tracker.is_done() && (self.can.hangs || self.can.tracker.is_done())
     }
 
-    fn is_done(&self) -> bool {
-        let usb = self.usb.as_ref().map(|usb| &usb.tracker);
-        let can = self.can.as_ref().filter(|can| !can.hangs).map(|can| &can.tracker);
-        usb.is_none_or(RequestTracker::is_done) && can.is_none_or(RequestTracker::is_done)
+    /// Polls each host.
+    pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+        self.usb.poll(board);
+        self.can.poll(board);
+        self.subscriber.poll(board);
     }
+}
 
-    /// Polls each host once, then runs the board until the next poll.
-    fn work<A: Arm>(
-        &mut self,
-        board: &mut VirtualBoard<A>,
-        end: Nanos,
-        done: &mut dyn FnMut(&mut Self, &mut VirtualBoard<A>) -> bool,
-    ) -> bool {
-        if let Some(usb) = &mut self.usb {
-            usb.poll(board);
-        }
-        if let Some(can) = &mut self.can {
-            can.poll(board);
-        }
-        if let Some(subscriber) = &mut self.subscriber {
-            subscriber.poll(board);
-        }
-        if done(self, board) {
-            return true;
-        }
-        let limit = board.now() + POLL_PERIOD;
-        let limit = limit.min(end).since(board.now());
-        let (usb, can) = (self.usb.is_some(), self.can.is_some());
-        let news = |board: &mut VirtualBoard<A>| usb && board.usb().unread() > 0 || can && board.can().unread() > 0;
-        match board.run_until(limit, news) {
-            Ok(_) | Err(armwire_virtual_board::Error::TimedOut { .. }) => false,
-            Err(error) => panic!("{error}"),
-        }
+/// Runs the board until a host on USB or CAN has unread data, for at most `limit`.
+///
+/// # Errors
+///
+/// If the firmware crashes or the power fails.
+pub fn run_until_unread<A: Arm>(board: &mut VirtualBoard<A>, limit: Nanos) -> Result<(), Error> {
+    match board.run_until(limit, |board| board.usb().unread() > 0 || board.can().unread() > 0) {
+        // Unread data without a reader does not end the wait.
+        Ok(Nanos(0)) => board.run_for(FINE_POLL_PERIOD.min(limit)),
+        Ok(_) | Err(Error::TimedOut { .. }) => Ok(()),
+        Err(error) => Err(error),
     }
 }

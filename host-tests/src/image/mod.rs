@@ -11,9 +11,9 @@ mod figures;
 mod hosts;
 mod program;
 pub mod quiet;
+mod raw_arm;
 pub mod requests;
 mod session;
-mod talker;
 mod ticket_arm;
 mod traffic;
 
@@ -30,15 +30,20 @@ pub use can_program::CanProgram;
 pub use chip::{Facts, chip, facts};
 pub use control::Control;
 pub use figures::Spread;
-pub use hosts::{CanHost, Hosts, RequestTracker, Subscriber, Telemetry, UsbHost};
+pub use hosts::{CanHost, Hosts, RequestTracker, Subscriber, Telemetry, UsbHost, run_until_unread};
 pub use program::{Program, ProgramOf};
+pub use raw_arm::RawArm;
 pub use session::{Session, polled, session};
-pub use talker::Talker;
-pub use ticket_arm::{ArmCounts, Ticket, TicketArm, joint_answer};
+pub use ticket_arm::{ArmCounts, Ticket, TicketArm, joint_answer, number_of, numbered_answer};
 pub use traffic::Traffic;
+
+use crate::random::Random;
 
 /// The rate of the Ling arm's line, in bits per second.
 pub const MEGABAUD: u32 = 1_000_000;
+
+/// The rate of the CAN bus, in bits per second.
+pub const BIT_RATE: u32 = 1_000_000;
 
 /// Longer than any delay in the adapter, at 115200 baud and above.
 const SETTLING: Duration = Duration::from_millis(10);
@@ -143,7 +148,7 @@ pub fn read_all<A: Arm>(board: &mut VirtualBoard<A>) -> Vec<u8> {
 /// # Panics
 ///
 /// If a byte is lost, changed or inserted.
-pub fn exchange(board: &mut VirtualBoard<Talker>, down: &[u8], up: &[u8]) {
+pub fn exchange(board: &mut VirtualBoard<RawArm>, down: &[u8], up: &[u8]) {
     board.with_arm(|arm| {
         arm.take_received();
         arm.send(up);
@@ -155,40 +160,30 @@ pub fn exchange(board: &mut VirtualBoard<Talker>, down: &[u8], up: &[u8]) {
         board.run_for(SETTLING).unwrap();
     }
     board.run_for(SETTLING).unwrap();
-    let received_by_arm = board.with_arm(Talker::take_received);
+    let received_by_arm = board.with_arm(RawArm::take_received);
     same_bytes("the host", &received, up);
     same_bytes("the arm", &received_by_arm, down);
 }
 
-/// Compares byte sequences that are too long to print. Fails at the first difference.
+/// Compares byte sequences that are too long to print.
 ///
 /// # Panics
 ///
 /// If there is a difference.
-pub fn same_bytes(who: &str, got: &[u8], sent: &[u8]) {
-    let place = got.iter().zip(sent).position(|(got, sent)| got != sent);
+pub fn same_bytes(receiver: &str, received: &[u8], sent: &[u8]) {
+    let place = received.iter().zip(sent).position(|(received, sent)| received != sent);
+    let lengths = (received.len(), sent.len());
     assert_eq!(
-        place,
-        None,
-        "first difference at {who}; {} of {} came",
-        got.len(),
-        sent.len()
+        place, None,
+        "first difference at {receiver}; {lengths:?} bytes received and sent"
     );
-    assert_eq!(got.len(), sent.len(), "wrong number of bytes at {who}");
+    assert_eq!(lengths.0, lengths.1, "wrong number of bytes at {receiver}");
 }
 
 /// `len` pseudo-random bytes from `seed`.
 pub fn noise(seed: u64, len: usize) -> Vec<u8> {
-    // Steele and Vigna's SplitMix64.
-    let mut state = seed;
-    let mut next = || {
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 56) as u8
-    };
-    (0..len).map(|_| next()).collect()
+    let mut random = Random::Seeded(seed);
+    (0..len).map(|_| (random.any() >> 56) as u8).collect()
 }
 
 /// The bytes from the arm and their faults, as seen by a lossless receiver.

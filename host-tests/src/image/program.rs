@@ -8,8 +8,8 @@ use armwire_bridge::Duration;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 
-/// Time from the last stop bit of a request until an arm has obeyed it, without an answer.
-const OBEYED: Duration = Duration::from_millis(1);
+/// Time from the last stop bit of a request without an answer until the arm has executed it.
+const EXECUTION_TIME: Duration = Duration::from_millis(1);
 
 /// A program for a Ling arm.
 pub type Program = ProgramOf<Ling, { ling::MAX_FRAME }>;
@@ -18,10 +18,10 @@ pub type Program = ProgramOf<Ling, { ling::MAX_FRAME }>;
 #[derive(Debug)]
 pub struct ProgramOf<P: Messages, const N: usize> {
     client: Client<P, N>,
-    /// Events other than the outcome of calls.
-    others: Vec<String>,
-    /// The last answer, as a frame, and its expectation.
-    answer: (Vec<u8>, P::Expect),
+    /// True for a line with noise: client events other than the outcome of a call are ignored.
+    pub is_line_noisy: bool,
+    /// The frame of the last answer.
+    answer: Vec<u8>,
 }
 
 impl<P: Messages + Default, const N: usize> Default for ProgramOf<P, N> {
@@ -35,45 +35,21 @@ impl<P: Messages + Default, const N: usize> ProgramOf<P, N> {
     pub fn new(config: Config) -> Self {
         Self {
             client: Client::new(P::default(), config),
-            others: Vec::new(),
-            answer: (Vec::new(), P::default().unsolicited()),
+            is_line_noisy: false,
+            answer: Vec::new(),
         }
     }
 
-    /// Makes one call. Returns the answer, or `None` when a request that gets none is with the arm.
+    /// Makes one call. Returns the answer, or `None` when the arm has a request without an answer.
     ///
     /// # Panics
     ///
-    /// If anything but the answer happens.
+    /// If there is no answer, or for any other event on a line without noise.
     pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: P::Request<'_>) -> Option<P::Response<'_>> {
-        let is_answered = self.run(board, &request);
-        assert!(
-            self.others.is_empty(),
-            "{:?} while waiting for the answer to {request:?}",
-            self.others
-        );
-        is_answered.then(|| self.answer())
-    }
-
-    /// Makes one call as [`call`](Self::call) does, on a line that may be bad.
-    ///
-    /// # Panics
-    ///
-    /// If there is no answer.
-    pub fn call_on_bad_line<A: Arm>(
-        &mut self,
-        board: &mut VirtualBoard<A>,
-        request: P::Request<'_>,
-    ) -> Option<P::Response<'_>> {
-        self.run(board, &request).then(|| self.answer())
-    }
-
-    /// Makes one call. Returns true if the arm answered; the answer is in `answer`.
-    fn run<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: &P::Request<'_>) -> bool {
-        self.client.submit(request).unwrap();
+        self.client.submit(&request).unwrap();
         let mut frame = vec![0; N];
-        let len = self.client.messages().encode_request(request, &mut frame).unwrap();
-        self.answer.1 = self.client.messages().request(&frame[..len]).unwrap().expect;
+        let len = self.client.messages().encode_request(&request, &mut frame).unwrap();
+        let expect = self.client.messages().request(&frame[..len]).unwrap().expect;
         let mut bytes = Vec::new();
         loop {
             let now = board.now().instant();
@@ -85,37 +61,36 @@ impl<P: Messages + Default, const N: usize> ProgramOf<P, N> {
                     board.usb().write(out).unwrap();
                     self.client.transmitted(board.now().instant(), n).unwrap();
                 }
-                Output::Timeout(until) => bytes.extend(listen(board, until)),
+                Output::Timeout(until) => bytes.extend(receive(board, until)),
                 Output::Event(Event::Answer(response)) => {
                     let n = P::default().encode_response(&response, None, &mut frame).unwrap();
                     frame.truncate(n);
-                    self.answer.0 = frame;
-                    return true;
+                    break;
                 }
                 Output::Event(Event::Sent) => {
                     board
                         .run_until(Nanos::from_millis(100), |board| board.usb().unsent() == 0)
                         .unwrap();
-                    board.run_for(OBEYED).unwrap();
-                    return false;
+                    board.run_for(EXECUTION_TIME).unwrap();
+                    return None;
                 }
                 Output::Event(event @ (Event::Unacceptable(_) | Event::TimedOut { .. })) => {
                     panic!("{event:?} instead of an answer to {request:?} at {}", board.now());
                 }
-                Output::Event(other) => self.others.push(format!("{other:?}")),
+                Output::Event(other) => assert!(
+                    self.is_line_noisy,
+                    "{other:?} while waiting for the answer to {request:?}"
+                ),
             }
         }
-    }
-
-    fn answer(&self) -> P::Response<'_> {
-        let (frame, expect) = &self.answer;
-        let response = self.client.messages().parse_response(frame, *expect);
-        response.expect("the client has accepted it")
+        self.answer = frame;
+        let response = self.client.messages().parse_response(&self.answer, expect);
+        Some(response.expect("the client has accepted it"))
     }
 }
 
 /// Runs until bytes arrive from the adapter, or until this time.
-fn listen<A: Arm>(board: &mut VirtualBoard<A>, until: Option<Instant>) -> Vec<u8> {
+fn receive<A: Arm>(board: &mut VirtualBoard<A>, until: Option<Instant>) -> Vec<u8> {
     let until = until.map_or(Instant::ZERO, Instant::from);
     let limit = until.since(board.now().instant());
     match board.run_until(limit, |board| board.usb().unread() > 0) {

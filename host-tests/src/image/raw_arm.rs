@@ -1,4 +1,4 @@
-//! An arm that sends given bytes.
+//! An arm without a protocol.
 
 use std::collections::VecDeque;
 use std::mem;
@@ -8,12 +8,12 @@ use armwire_sim::serial::SerialDevice;
 
 /// An arm that sends given bytes without a pause, and records received bytes.
 #[derive(Debug, Default)]
-pub struct Talker {
+pub struct RawArm {
     tx_queue: VecDeque<u8>,
     received: Vec<u8>,
 }
 
-impl Talker {
+impl RawArm {
     /// Sends `bytes` after all queued bytes.
     pub fn send(&mut self, bytes: &[u8]) {
         self.tx_queue.extend(bytes);
@@ -25,7 +25,7 @@ impl Talker {
     }
 }
 
-impl SerialDevice for Talker {
+impl SerialDevice for RawArm {
     fn receive(&mut self, _: Instant, byte: u8) {
         self.received.push(byte);
     }

@@ -1,15 +1,26 @@
-//! Requests to a Ling arm, in bytes.
+//! Frames in bytes.
 
-use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed};
+use std::fmt::Debug;
+
+use armwire::ling::{GripperSpeed, JOINTS, Ling, Move, Opening, Position, Request, Speed};
 use armwire::messages::Messages;
+use armwire_bridge::control::MAX_FRAME;
 
-/// The frame of a request.
+/// The frame that `encode` writes into a buffer for the longest frame of any arm.
+///
+/// # Panics
+///
+/// If it fails.
+pub fn encoded<E: Debug>(encode: impl FnOnce(&mut [u8]) -> Result<usize, E>) -> Vec<u8> {
+    let mut bytes = vec![0; MAX_FRAME];
+    let len = encode(&mut bytes).expect("a valid frame");
+    bytes.truncate(len);
+    bytes
+}
+
+/// The frame of a request to a Ling arm.
 pub fn frame(request: Request) -> Vec<u8> {
-    let mut bytes = [0; MAX_FRAME];
-    let len = Ling
-        .encode_request(&request, &mut bytes)
-        .expect("every request has room in MAX_FRAME bytes");
-    bytes[..len].to_vec()
+    encoded(|bytes| Ling.encode_request(&request, bytes))
 }
 
 /// A move of all joints to the centre, with the gripper closed.

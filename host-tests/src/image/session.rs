@@ -1,21 +1,12 @@
 //! A board with all hosts, and the record of its traffic.
 
-use armwire_bridge::can::Node;
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::Request;
 use armwire_bridge::{Counters, Duration};
 use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
-use super::{
-    ArmCounts, CanHost, Hosts, MEGABAUD, Subscriber, TicketArm, Traffic, UsbHost, counters, on_board_with, path,
-    plug_in,
-};
-
-/// Bits per second on the bus.
-const RATE: u32 = 1_000_000;
-
-/// Period after which the wires' records are counted and cleared.
-const SPAN: Nanos = Nanos::from_millis(50);
+use super::hosts::{ANSWER_TIMEOUT, POLL_PERIOD};
+use super::{ArmCounts, Hosts, TicketArm, Traffic, counters, on_board_with, path, run_until_unread};
 
 /// A board whose arm is a [`TicketArm`], with all [`Hosts`].
 #[derive(Debug)]
@@ -58,14 +49,8 @@ pub fn session<R>(turnaround: Duration, config: Config, test: impl FnOnce(&mut S
         ..BoardConfig::new(path(), TicketArm::new(turnaround))
     };
     on_board_with(slow, |board| {
-        plug_in(board, MEGABAUD);
-        board.can().attach(RATE);
         let mut session = Session {
-            hosts: Hosts {
-                usb: Some(UsbHost::default()),
-                can: Some(CanHost::new(Node::default())),
-                subscriber: Some(Subscriber::open(board)),
-            },
+            hosts: Hosts::connect(board),
             before: counters(board),
             traffic: Traffic::begin(board),
             board,
@@ -86,81 +71,72 @@ impl Session<'_> {
     ///
     /// # Panics
     ///
-    /// If the configuration is refused, or there is no subscriber.
+    /// If the configuration is refused.
     pub fn configure(&mut self, config: Config) {
         self.requests += 1;
-        let subscriber = self.hosts.subscriber.as_mut().unwrap();
-        subscriber.control.order(self.board, Request::SetConfig(config));
+        let control = &mut self.hosts.subscriber.control;
+        control.order(self.board, Request::SetConfig(config));
     }
 
     /// Opens the control interface anew and subscribes.
     ///
     /// # Panics
     ///
-    /// See [`Subscriber::open`].
+    /// If the device has no such interface.
     pub fn subscribe(&mut self) {
         self.requests += 1;
-        self.hosts.subscriber = Some(Subscriber::open(self.board));
+        self.hosts.subscriber.open(self.board);
     }
 
     /// Runs all hosts for `span`.
     ///
     /// # Panics
     ///
-    /// See [`Hosts::run_for`].
+    /// If the firmware crashes.
     pub fn run_for(&mut self, span: Nanos) {
-        let end = self.board.now() + span;
+        self.run_until(span, |_| false);
+    }
+
+    /// Runs all hosts until `done`, for at most `limit`. Returns true if `done` was.
+    ///
+    /// # Panics
+    ///
+    /// If the firmware crashes.
+    pub fn run_until(&mut self, limit: Nanos, done: impl Fn(&Self) -> bool) -> bool {
+        let end = self.board.now() + limit;
         while self.board.now() < end {
-            self.hosts.run_for(self.board, SPAN.min(end.since(self.board.now())));
+            self.hosts.poll(self.board);
+            if done(self) {
+                return true;
+            }
+            let left = end.since(self.board.now());
+            run_until_unread(self.board, POLL_PERIOD.min(left)).unwrap();
             self.traffic.count(self.board);
         }
+        false
     }
 
     /// Ends the polls, stops new requests, and waits until each has ended.
     ///
     /// # Panics
     ///
-    /// See [`Hosts::finish`]. Also if there is no subscriber.
+    /// If the firmware crashes, or a host still waits after twice its time limit.
     pub fn finish(&mut self) {
         self.configure(Config {
             poll: Poll::Off,
             ..self.config
         });
         self.polled = self.board.now().since(self.polled);
-        self.hosts.finish(self.board);
-        self.traffic.count(self.board);
-    }
-
-    /// The host at the serial port.
-    ///
-    /// # Panics
-    ///
-    /// If there is none.
-    pub fn usb(&mut self) -> &mut UsbHost {
-        self.hosts.usb.as_mut().unwrap()
-    }
-
-    /// The host on the bus.
-    ///
-    /// # Panics
-    ///
-    /// If there is none.
-    pub fn can(&mut self) -> &mut CanHost {
-        self.hosts.can.as_mut().unwrap()
-    }
-
-    /// The program at the control interface.
-    ///
-    /// # Panics
-    ///
-    /// If there is none.
-    pub fn subscriber(&mut self) -> &mut Subscriber {
-        self.hosts.subscriber.as_mut().unwrap()
+        self.hosts.set_paused(true);
+        let is_done = self.run_until(Nanos(2 * ANSWER_TIMEOUT.0), |session| session.hosts.is_done());
+        assert!(is_done, "a host still waits");
+        // Last bytes are still on their way.
+        self.run_for(Nanos::from_millis(20));
     }
 
     /// Received and sent traffic of the arm.
     pub fn arm_counts(&mut self) -> ArmCounts {
-        self.board.with_arm(|arm| arm.arm_counts())
+        self.board.with_arm(|arm| arm.counts)
     }
 
     /// Checks that each slot of the poll had its poll, or was counted as missed.
@@ -194,8 +170,8 @@ impl Session<'_> {
         expected.empty_packets_to_host += self.traffic.empty_packets_to_host;
         expected.packets_from_host += self.traffic.packets_from_host;
         expected.frames += arm_counts.answers;
-        expected.requests_usb += arm_counts.tickets_of_usb();
-        expected.requests_can += arm_counts.tickets_of_can();
+        expected.requests_usb += arm_counts.tickets_usb;
+        expected.requests_can += arm_counts.tickets_can;
         expected.requests_poll += arm_counts.polls;
         expected.can_frames_received += self.traffic.frames_of_nodes;
         expected.can_frames_sent += self.traffic.frames_of_board;

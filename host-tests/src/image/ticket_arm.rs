@@ -8,6 +8,8 @@ use armwire::messages::Messages;
 use armwire_bridge::{Duration, Instant};
 use armwire_sim::serial::SerialDevice;
 
+use super::requests::encoded;
+
 /// Command and function of the joint request. All [tickets](Ticket) have them too. Only the data identifies the
 /// initiator.
 const JOINTS_COMMAND: (u8, u8) = (0x06, 0x00);
@@ -16,14 +18,11 @@ const JOINTS_COMMAND: (u8, u8) = (0x06, 0x00);
 pub(super) const USB: u8 = 0;
 pub(super) const CAN: u8 = 1;
 
-/// Number of initiators.
-const INITIATORS: usize = 2;
-
 /// The data byte of the joint request itself.
 const POLL_DATA: [u8; 1] = [0xFE];
 
 /// Bytes of the answer to a ticket.
-const ANSWER_LEN: u32 = 15;
+pub(super) const ANSWER_LEN: u32 = 15;
 
 /// Bits of a number that fit in a joint.
 const TICK_BITS: u32 = 12;
@@ -44,12 +43,8 @@ pub struct Ticket {
 impl Ticket {
     /// The request frame.
     pub fn request(self) -> Vec<u8> {
-        frame(&self.data())
-    }
-
-    fn data(self) -> Vec<u8> {
         let [a, b, c, d] = self.number.to_le_bytes();
-        vec![self.initiator, a, b, c, d]
+        frame(&[self.initiator, a, b, c, d])
     }
 
     /// The ticket of an answer, and the number of requests answered before. `None` for an answer without a ticket.
@@ -62,12 +57,6 @@ impl Ticket {
     }
 }
 
-/// The number encoded in the joints.
-pub(super) fn number_in(state: &JointState) -> u32 {
-    let [low, middle, high, ..] = state.joints.map(u32::from);
-    low | middle << TICK_BITS | high << (2 * TICK_BITS)
-}
-
 /// An arm that answers each [`Ticket`] with the ticket, and each joint request with the number of earlier joint
 /// requests.
 ///
@@ -76,22 +65,25 @@ pub(super) fn number_in(state: &JointState) -> u32 {
 pub struct TicketArm {
     /// The delay of each answer.
     turnaround: Duration,
-    silent: bool,
+    /// True if the arm answers nothing.
+    pub silent: bool,
     decoder: Decoder<MAX_FRAME>,
-    /// The time of the last received byte, and the time of the next check for silence.
-    last_rx: Instant,
-    idle_check: Option<Instant>,
+    /// The time at which an incomplete frame is discarded.
+    idle_at: Option<Instant>,
     /// Bytes to send, each with its earliest time.
     tx_queue: VecDeque<(Instant, u8)>,
-    arm_counts: ArmCounts,
+    /// Counts so far.
+    pub counts: ArmCounts,
     others: Vec<Vec<u8>>,
 }
 
 /// Received and sent traffic of the arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ArmCounts {
-    /// Tickets received, by initiator.
-    tickets: [u32; INITIATORS],
+    /// Tickets received from the host on USB.
+    pub tickets_usb: u32,
+    /// Tickets received from the host on CAN.
+    pub tickets_can: u32,
     /// Joint requests received.
     pub polls: u32,
     /// Tickets and joint requests answered.
@@ -107,22 +99,12 @@ pub struct ArmCounts {
 impl ArmCounts {
     /// Tickets received.
     pub fn tickets(&self) -> u32 {
-        self.tickets.iter().sum()
-    }
-
-    /// Tickets received from the host on USB.
-    pub fn tickets_of_usb(&self) -> u32 {
-        self.tickets[usize::from(USB)]
+        self.tickets_usb + self.tickets_can
     }
 
     /// Bytes of the answers to all tickets of the host on USB.
     pub fn bytes_for_usb(&self) -> u32 {
-        self.tickets_of_usb() * ANSWER_LEN
-    }
-
-    /// Tickets received from the host on CAN.
-    pub fn tickets_of_can(&self) -> u32 {
-        self.tickets[usize::from(CAN)]
+        self.tickets_usb * ANSWER_LEN
     }
 
     /// Requests received and not answered.
@@ -138,27 +120,21 @@ impl TicketArm {
             turnaround,
             silent: false,
             decoder: Decoder::new(),
-            last_rx: Instant::ZERO,
-            idle_check: None,
+            idle_at: None,
             tx_queue: VecDeque::new(),
-            arm_counts: ArmCounts::default(),
+            counts: ArmCounts::default(),
             others: Vec::new(),
         }
     }
 
-    /// Disables or enables answers. Bytes are received in either case.
-    pub fn set_silent(&mut self, silent: bool) {
-        self.silent = silent;
-    }
-
-    /// Sends `bytes` unasked, after all queued bytes.
+    /// Sends `bytes` without a request, after all queued bytes.
     pub fn send(&mut self, bytes: &[u8]) {
         self.enqueue(Instant::ZERO, bytes);
     }
 
     /// Restarts the arm as its own watchdog would: queued bytes are dropped.
     pub fn restart(&mut self) {
-        self.arm_counts.bytes_sent -= self.tx_queue.len() as u32;
+        self.counts.bytes_sent -= self.tx_queue.len() as u32;
         self.tx_queue.clear();
         self.decoder = Decoder::new();
     }
@@ -168,33 +144,22 @@ impl TicketArm {
         !self.tx_queue.is_empty()
     }
 
-    /// Counts so far.
-    pub fn arm_counts(&self) -> ArmCounts {
-        self.arm_counts
-    }
-
     /// The frames received without an answer since the last call.
     pub fn take_others(&mut self) -> Vec<Vec<u8>> {
         std::mem::take(&mut self.others)
     }
 
     fn enqueue(&mut self, due: Instant, bytes: &[u8]) {
-        self.arm_counts.bytes_sent += bytes.len() as u32;
+        self.counts.bytes_sent += bytes.len() as u32;
         self.tx_queue.extend(bytes.iter().map(|&byte| (due, byte)));
     }
 
     /// Discards an incomplete frame after silence on the line.
     fn advance(&mut self, now: Instant) {
-        if self.idle_check.take_if(|at| *at <= now).is_none() {
-            return;
+        if self.idle_at.take_if(|at| *at <= now).is_some() {
+            self.decoder.idle();
+            self.handle_frames(now);
         }
-        let quiet = self.last_rx + PARTIAL_FRAME_TIMEOUT;
-        if now < quiet {
-            self.idle_check = Some(quiet);
-            return;
-        }
-        self.decoder.idle();
-        self.handle_frames(now);
     }
 
     /// Handles received frames.
@@ -202,44 +167,41 @@ impl TicketArm {
         while let Some(item) = self.decoder.next(&Ling, ()) {
             let bytes = item.bytes.to_vec();
             let Some(frame) = Frame::parse(&bytes).filter(|_| item.kind == Kind::Frame) else {
-                self.arm_counts.noise_bytes += bytes.len() as u32;
+                self.counts.noise_bytes += bytes.len() as u32;
                 continue;
             };
-            let command = (frame.command, frame.function);
-            if command != JOINTS_COMMAND {
+            if (frame.command, frame.function) != JOINTS_COMMAND {
                 self.others.push(bytes);
-            } else if let Some(answer) = self.answer(command, frame.data) {
+                continue;
+            }
+            let answer = self.answer(frame.data);
+            if !self.silent {
+                self.counts.answers += 1;
                 self.enqueue(now + self.turnaround, &answer);
             }
         }
     }
 
-    /// The answer to a frame, if it has one.
-    fn answer(&mut self, command: (u8, u8), data: &[u8]) -> Option<Vec<u8>> {
-        if command != JOINTS_COMMAND {
-            return None;
+    /// Counts a request with these data, and returns the answer.
+    fn answer(&mut self, data: &[u8]) -> Vec<u8> {
+        if data == POLL_DATA {
+            self.counts.polls += 1;
+            return numbered_answer(self.counts.polls - 1);
         }
-        let answer = if data == POLL_DATA {
-            self.arm_counts.polls += 1;
-            joints(self.arm_counts.polls - 1)
-        } else {
-            self.arm_counts.tickets[usize::from(data[0])] += 1;
-            let before = self.arm_counts.answers.to_le_bytes();
-            frame(&[data, &before].concat())
-        };
-        (!self.silent).then(|| {
-            self.arm_counts.answers += 1;
-            answer
-        })
+        match data[0] {
+            USB => self.counts.tickets_usb += 1,
+            CAN => self.counts.tickets_can += 1,
+            other => panic!("a ticket of initiator {other}"),
+        }
+        frame(&[data, &self.counts.answers.to_le_bytes()].concat())
     }
 }
 
 impl SerialDevice for TicketArm {
     fn receive(&mut self, now: Instant, byte: u8) {
         self.advance(now);
-        self.arm_counts.bytes_received += 1;
-        self.last_rx = now;
-        self.idle_check.get_or_insert(now + PARTIAL_FRAME_TIMEOUT);
+        self.counts.bytes_received += 1;
+        self.idle_at = Some(now + PARTIAL_FRAME_TIMEOUT);
         assert!(self.decoder.push(&[byte]).is_empty());
         self.handle_frames(now);
     }
@@ -251,24 +213,22 @@ impl SerialDevice for TicketArm {
 
     fn poll_timeout(&self) -> Option<Instant> {
         let next_tx = self.tx_queue.front().map(|&(due, _)| due);
-        [next_tx, self.idle_check].into_iter().flatten().min()
+        [next_tx, self.idle_at].into_iter().flatten().min()
     }
 }
 
 fn frame(data: &[u8]) -> Vec<u8> {
     let (command, function) = JOINTS_COMMAND;
-    let mut bytes = [0; MAX_FRAME];
-    let len = Frame {
+    let frame = Frame {
         command,
         function,
         data,
-    }
-    .encode(&mut bytes)
-    .unwrap();
-    bytes[..len].to_vec()
+    };
+    encoded(|bytes| frame.encode(bytes))
 }
 
-fn joints(number: u32) -> Vec<u8> {
+/// The answer of an idle arm whose first three joints encode this number.
+pub fn numbered_answer(number: u32) -> Vec<u8> {
     let mask = (1 << TICK_BITS) - 1;
     let mut joints = [0; JOINTS];
     for (place, joint) in joints.iter_mut().enumerate().take(3) {
@@ -277,22 +237,32 @@ fn joints(number: u32) -> Vec<u8> {
     joint_answer(joints)
 }
 
-/// The answer of an idle arm at these joints, in ticks.
+/// The number in a [`numbered_answer`].
 ///
 /// # Panics
 ///
-/// Never.
+/// For any other frame.
+pub fn number_of(answer: &[u8]) -> usize {
+    match Ling.parse_response(answer, ()) {
+        Ok(Response::Joints(state)) => number_in(&state) as usize,
+        other => panic!("{other:?} is no answer with joints"),
+    }
+}
+
+/// The number encoded in the joints.
+pub(super) fn number_in(state: &JointState) -> u32 {
+    let [low, middle, high, ..] = state.joints.map(u32::from);
+    low | middle << TICK_BITS | high << (2 * TICK_BITS)
+}
+
+/// The answer of an idle arm at these joints, in ticks.
 pub fn joint_answer(joints: [u16; JOINTS]) -> Vec<u8> {
     let state = JointState {
         joints,
         gripper: 0,
         status: MotionStatus::Idle,
     };
-    let mut bytes = [0; MAX_FRAME];
-    let len = Ling
-        .encode_response(&Response::Joints(state), None, &mut bytes)
-        .unwrap();
-    bytes[..len].to_vec()
+    encoded(|bytes| Ling.encode_response(&Response::Joints(state), None, bytes))
 }
 
 #[cfg(test)]
@@ -312,13 +282,7 @@ mod tests {
             ticket_arm.transmit(Instant::from_micros(100) + PARTIAL_FRAME_TIMEOUT),
             None
         );
-        assert_eq!(
-            (
-                ticket_arm.arm_counts().tickets_of_usb(),
-                ticket_arm.arm_counts().noise_bytes
-            ),
-            (1, 11)
-        );
+        assert_eq!((ticket_arm.counts.tickets_usb, ticket_arm.counts.noise_bytes), (1, 11));
         assert!(ticket_arm.has_pending());
     }
 }

@@ -7,9 +7,11 @@ use armwire_virtual_board::usb::Direction as UsbDirection;
 use armwire_virtual_board::usb::cdc::Port;
 
 /// Counts of the traffic so far.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Traffic {
-    port: Port,
+    /// Numbers of the serial port's IN and OUT endpoints.
+    input: u8,
+    output: u8,
     /// Bytes from the arm.
     pub bytes_from_arm: u32,
     /// Bytes from the arm without a stop bit.
@@ -53,26 +55,14 @@ impl Traffic {
         let [port] = Port::find(&device)[..] else {
             panic!("not one serial port: {device:?}");
         };
-        let nothing = Self {
-            port,
-            bytes_from_arm: 0,
-            framing_faults: 0,
-            noise_faults: 0,
-            breaks: 0,
-            overruns: 0,
-            unreceived: 0,
-            taken: 0,
-            bytes_to_arm: 0,
-            packets_to_host: 0,
-            empty_packets_to_host: 0,
-            packets_from_host: 0,
-            frames_of_board: 0,
-            frames_of_nodes: 0,
-            frames_of_flood: 0,
-            broken_frames: 0,
-        };
-        nothing.clone().count(board);
-        nothing
+        board.uart().forget_bytes();
+        board.usb().forget_packets();
+        board.can().forget_frames();
+        Self {
+            input: port.input.number,
+            output: port.output.number,
+            ..Self::default()
+        }
     }
 
     /// Counts the traffic since the last call.
@@ -96,11 +86,11 @@ impl Traffic {
 
         for packet in board.usb().packets() {
             match packet.direction {
-                UsbDirection::In if packet.endpoint == self.port.input.number => {
+                UsbDirection::In if packet.endpoint == self.input => {
                     self.packets_to_host += 1;
                     self.empty_packets_to_host += u32::from(packet.data.is_empty());
                 }
-                UsbDirection::Out if packet.endpoint == self.port.output.number => self.packets_from_host += 1,
+                UsbDirection::Out if packet.endpoint == self.output => self.packets_from_host += 1,
                 _ => {}
             }
         }

@@ -9,7 +9,7 @@ use armwire_bridge::control::Request::ResetConfig;
 use armwire_cli::selftest::{Direction, Payload, Pipe, Usb, UsbError, UsbRequest};
 use armwire_host_tests::image::{Control, MEGABAUD};
 use armwire_sim::serial::SerialDevice;
-use armwire_virtual_board::usb::Direction as Way;
+use armwire_virtual_board::usb::Direction as UsbDirection;
 use armwire_virtual_board::usb::cdc::{LineCoding, Port};
 use armwire_virtual_board::usb::host::{Request, TransferError};
 use armwire_virtual_board::{Arm, Error, Nanos, VirtualBoard};
@@ -23,9 +23,9 @@ const START: Nanos = Nanos::from_millis(5_000);
 pub(crate) enum Fault {
     #[default]
     None,
-    /// It is out once so many bytes have passed.
+    /// It comes off after this number of bytes.
     OutAfter(usize),
-    /// The lowest bit of the byte behind so many others is flipped.
+    /// The lowest bit of the byte after this number of others is flipped.
     FlipAfter(usize),
 }
 
@@ -33,12 +33,12 @@ pub(crate) enum Fault {
 #[derive(Debug, Default)]
 pub(crate) struct Jumper {
     pub(crate) fault: Fault,
-    /// An arm that is on the line, too.
+    /// An arm on the same line.
     arm: Option<Box<dyn Arm>>,
-    /// A byte comes without end.
-    pub(crate) talks: bool,
+    /// True if it sends without a pause.
+    pub(crate) is_sending: bool,
     passed: usize,
-    heard: Vec<u8>,
+    received: Vec<u8>,
     bytes: VecDeque<u8>,
 }
 
@@ -57,9 +57,9 @@ impl Jumper {
         }
     }
 
-    /// The bytes sent to it since the last call.
-    pub(crate) fn take_heard(&mut self) -> Vec<u8> {
-        mem::take(&mut self.heard)
+    /// Bytes received since the last call.
+    pub(crate) fn take_received(&mut self) -> Vec<u8> {
+        mem::take(&mut self.received)
     }
 }
 
@@ -74,16 +74,16 @@ impl SerialDevice for Jumper {
             _ => self.bytes.push_back(byte),
         }
         self.passed += 1;
-        self.heard.push(byte);
+        self.received.push(byte);
     }
 
     fn transmit(&mut self, now: Instant) -> Option<u8> {
-        let byte = self.bytes.pop_front().or(self.talks.then_some(0x55));
+        let byte = self.bytes.pop_front().or(self.is_sending.then_some(0x55));
         byte.or_else(|| self.arm.as_mut().and_then(|arm| arm.transmit(now)))
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        match self.bytes.is_empty() && !self.talks {
+        match self.bytes.is_empty() && !self.is_sending {
             true => self.arm.as_ref().and_then(|arm| arm.poll_timeout()),
             false => Some(Instant::ZERO),
         }
@@ -93,15 +93,15 @@ impl SerialDevice for Jumper {
 /// The USB host of a virtual board, and its faults.
 pub(crate) struct BoardUsb<'b> {
     pub(crate) board: &'b mut VirtualBoard<Jumper>,
-    /// Changes what the adapter answers to a control transfer.
+    /// Changes the adapter's answer to a control transfer.
     pub(crate) answers: fn(&UsbRequest<'_>, Vec<u8>) -> Result<Vec<u8>, UsbError>,
     /// The rate of the host's clock, in parts per thousand.
     pub(crate) clock: u32,
     /// Delay that the system adds to each operation.
     pub(crate) latency: Duration,
-    /// The host tells the adapter to put its data toggles back, and keeps its own.
+    /// The host makes the adapter reset its data toggles, and keeps its own.
     pub(crate) keeps_toggles: bool,
-    /// The adapter forgets what was saved when it starts again.
+    /// The adapter loses the saved configuration at a restart.
     pub(crate) forgets: bool,
     /// True if the host can suspend the bus.
     pub(crate) suspend: Suspend,
@@ -139,16 +139,16 @@ impl<'b> BoardUsb<'b> {
         usb.open_vendor().map_err(error)
     }
 
-    /// Makes a request without data, which changes nothing in the host.
-    fn tell(&mut self, kind: u8, request: u8, value: u16, index: u16) -> Result<(), UsbError> {
-        let told = self
+    /// Makes a request without data. The host's state does not change.
+    fn request(&mut self, kind: u8, request: u8, value: u16, index: u16) -> Result<(), UsbError> {
+        let result = self
             .board()
             .usb()
             .control(Request::write(kind, request, value, index, Vec::new()));
-        told.map(|_| ()).map_err(error)
+        result.map(|_| ()).map_err(error)
     }
 
-    /// Lets the jumper carry bits of any length, as one does.
+    /// Sets the jumper's rate and format to those of the UART: a jumper has none of its own.
     fn board(&mut self) -> &mut VirtualBoard<Jumper> {
         let uart = self.board.uart();
         if let Some(baud) = uart.baud() {
@@ -208,9 +208,9 @@ impl Usb for BoardUsb<'_> {
     }
 
     fn clear_halt(&mut self, direction: Direction) -> Result<(), UsbError> {
-        let way = match direction {
-            Direction::In => Way::In,
-            Direction::Out => Way::Out,
+        let usb_direction = match direction {
+            Direction::In => UsbDirection::In,
+            Direction::Out => UsbDirection::Out,
         };
         if self.keeps_toggles {
             let device = self.board().usb().device().unwrap().configuration.clone();
@@ -221,21 +221,21 @@ impl Usb for BoardUsb<'_> {
                 Direction::In => 0x80 | port.input.number,
                 Direction::Out => port.output.number,
             };
-            return self.tell(0x02, 1, 0, address.into());
+            return self.request(0x02, 1, 0, address.into());
         }
-        self.board().usb().clear_halt(way).map_err(error)
+        self.board().usb().clear_halt(usb_direction).map_err(error)
     }
 
     fn set_interface(&mut self) -> Result<(), UsbError> {
         if self.keeps_toggles {
-            return self.tell(0x01, 11, 0, 1);
+            return self.request(0x01, 11, 0, 1);
         }
         self.board().usb().set_interface().map_err(error)
     }
 
     fn set_configuration(&mut self) -> Result<(), UsbError> {
         if self.keeps_toggles {
-            return self.tell(0x00, 9, 1, 0);
+            return self.request(0x00, 9, 1, 0);
         }
         self.board().usb().set_configuration(1).map_err(error)
     }

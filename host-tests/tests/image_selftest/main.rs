@@ -21,20 +21,20 @@ use armwire_virtual_board::{Chip, Config, Crystal, Nanos, Timing, VirtualBoard};
 
 use board::{BoardUsb, Fault, Jumper, Suspend};
 
-/// Bytes that go round before the first check that needs the jumper, and within the first bytes of each.
+/// Number of bytes through the jumper after which each check that needs it has started.
 const BEHIND_JUMPER: usize = 90;
 
-/// A board that runs the image, with this on its UART.
+/// A board that runs the image, with a jumper on its UART.
 fn start(jumper: Jumper) -> VirtualBoard<Jumper> {
     VirtualBoard::start(Config::new(path(), jumper)).unwrap()
 }
 
-/// Makes the checks of a plan.
+/// Runs the checks of a plan.
 fn checks_of(usb: &mut BoardUsb<'_>, plan: &Plan) -> Vec<Check> {
     run(usb, plan, &|| false, &mut |check| println!("{}", check.line()))
 }
 
-/// A plan with some checks, and not much of them.
+/// A short plan with these checks.
 fn only(names: &[&str]) -> Plan {
     Plan {
         echo_bytes: 500,
@@ -51,7 +51,7 @@ fn result<'c>(checks: &'c [Check], name: &str) -> &'c Check {
     checks.iter().find(|check| check.name == name).expect(name)
 }
 
-/// Why a check failed.
+/// The reason of a failed check.
 fn failure(checks: &[Check], name: &str) -> String {
     match &result(checks, name).result {
         Err(Trouble::Failed(text)) => text.clone(),
@@ -59,7 +59,7 @@ fn failure(checks: &[Check], name: &str) -> String {
     }
 }
 
-/// Why a check was not tried.
+/// The reason of a check that did not run.
 fn reason(checks: &[Check], name: &str) -> String {
     match &result(checks, name).result {
         Err(Trouble::NotTried(text)) => text.clone(),
@@ -67,7 +67,7 @@ fn reason(checks: &[Check], name: &str) -> String {
     }
 }
 
-/// Expects that nothing failed but this.
+/// Expects that this check failed and no other.
 fn expect_only_failure(checks: &[Check], name: &str) {
     let failed: Vec<_> = checks
         .iter()
@@ -77,7 +77,7 @@ fn expect_only_failure(checks: &[Check], name: &str) {
     assert_eq!(failed, [name]);
 }
 
-/// Makes one check on a board and its host with a fault, and returns why it failed.
+/// Runs one check with a fault, and returns the reason of its failure.
 fn failure_with(name: &str, fault: impl FnOnce(&mut BoardUsb<'_>)) -> String {
     let mut board = start(Jumper::default());
     let mut usb = BoardUsb::new(&mut board);
@@ -113,7 +113,7 @@ fn adapter_of_exact_cycles_passes() {
     passes(true, Timing::Worst);
 }
 
-/// A busy computer, whose host controller comes back once in a frame.
+/// A busy computer, whose host controller polls once in a frame.
 #[test]
 fn adapter_on_a_slow_host_passes() {
     let mut board = start(Jumper::default());
@@ -123,12 +123,12 @@ fn adapter_on_a_slow_host_passes() {
     let checks = checks_of(&mut usb, &only(&[]));
     let failed: Vec<_> = checks.iter().filter(|check| check.has_failed()).collect();
     assert!(failed.is_empty(), "{failed:?}");
-    // In five seconds it can tell no more.
+    // Five seconds are too short for a better result.
     assert!(reason(&checks, "crystal").contains("too slow for a better"));
 }
 
 #[test]
-fn missing_jumper_is_told_and_nothing_else_tried() {
+fn missing_jumper_ends_the_run() {
     let mut board = start(Jumper::with(Fault::OutAfter(0)));
     let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["echo", "saves"]));
     expect_only_failure(&checks, "jumper");
@@ -150,15 +150,15 @@ fn arm_in_the_jumpers_place_is_refused() {
     refused(older, Fault::None, "though none", &[]);
 }
 
-/// Expects that nothing else is tried on a line with an arm, and that the arm gets these bytes alone.
-fn refused(mut jumper: Jumper, fault: Fault, told: &str, heard: &[u8]) {
+/// Expects that no other check runs on a line with an arm, and that the arm receives only these bytes.
+fn refused(mut jumper: Jumper, fault: Fault, reason: &str, received: &[u8]) {
     jumper.fault = fault;
     let mut board = start(jumper);
     let checks = checks_of(&mut BoardUsb::new(&mut board), &Plan::default());
     expect_only_failure(&checks, "jumper");
     let text = failure(&checks, "jumper");
-    assert!(text.contains(told), "{text}");
-    assert_eq!(board.with_arm(Jumper::take_heard), heard, "{told}");
+    assert!(text.contains(reason), "{text}");
+    assert_eq!(board.with_arm(Jumper::take_received), received, "{reason}");
 }
 
 #[test]
@@ -185,7 +185,10 @@ fn armed_stream_keeps_its_dead_man_timer() {
     let mut control = Control::open(&mut board);
     assert_eq!(control.call(&mut board, Request::GetConfig), Reply::Config(config));
     board.run_for(Nanos::from_millis(11_000)).unwrap();
-    assert_eq!(board.with_arm(Jumper::take_heard), [&stream[..], &TORQUE_OFF].concat());
+    assert_eq!(
+        board.with_arm(Jumper::take_received),
+        [&stream[..], &TORQUE_OFF].concat()
+    );
 }
 
 #[test]
@@ -215,12 +218,12 @@ fn check_without_extent_is_not_tried() {
 }
 
 #[test]
-fn bytes_that_nobody_sent_are_told() {
+fn unexpected_bytes_are_reported() {
     let mut board = start(Jumper::default());
-    board.with_arm(|jumper| jumper.talks = true);
+    board.with_arm(|jumper| jumper.is_sending = true);
     let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["echo"]));
     assert!(failure(&checks, "jumper").contains("though none were sent"));
-    assert!(board.with_arm(Jumper::take_heard).is_empty());
+    assert!(board.with_arm(Jumper::take_received).is_empty());
 }
 
 #[test]
@@ -263,7 +266,7 @@ fn noise_on_the_line_fails_the_echo() {
 }
 
 #[test]
-fn changed_descriptor_is_told() {
+fn changed_descriptor_is_reported() {
     for (change, place) in [
         (0x0101_u16, "vendor and product"),
         (0x0200, "interface associations"),
@@ -292,7 +295,7 @@ fn flipped(is_it: bool, place: usize, mut answer: Vec<u8>) -> Vec<u8> {
 }
 
 #[test]
-fn stall_after_a_cancelled_request_is_told() {
+fn stall_after_cancelled_request_is_reported() {
     let text = failure_with("cancels", |usb| {
         usb.answers = |request, answer| match request.request {
             0x21 => Err(UsbError::Stalled),
@@ -303,8 +306,8 @@ fn stall_after_a_cancelled_request_is_told() {
 }
 
 #[test]
-fn counts_that_stand_still_are_told() {
-    for (name, told) in [
+fn constant_counters_are_reported() {
+    for (name, reason) in [
         ("resets", "0 seen by the adapter"),
         ("gaps", "0 and 0 were counted"),
         ("saves", "nothing was written"),
@@ -316,12 +319,12 @@ fn counts_that_stand_still_are_told() {
                 false => Ok(answer),
             };
         });
-        assert!(text.contains(told), "{name}: {text}");
+        assert!(text.contains(reason), "{name}: {text}");
     }
 }
 
 #[test]
-fn toggles_that_differ_are_told() {
+fn different_toggles_are_reported() {
     for name in ["halts", "reconfiguration"] {
         let text = failure_with(name, |usb| usb.keeps_toggles = true);
         assert!(
@@ -332,19 +335,19 @@ fn toggles_that_differ_are_told() {
 }
 
 #[test]
-fn clocks_that_differ_are_told() {
-    for (name, clock, told) in [
+fn different_clocks_are_reported() {
+    for (name, clock, reason) in [
         ("echo", 900, "took"),
         ("stamps", 900, "ahead"),
         ("crystal", 999, "more than 100 ppm"),
     ] {
         let text = failure_with(name, |usb| usb.clock = clock);
-        assert!(text.contains(told), "{name}: {text}");
+        assert!(text.contains(reason), "{name}: {text}");
     }
 }
 
 #[test]
-fn crystal_of_another_frequency_is_told() {
+fn crystal_of_another_frequency_is_reported() {
     let crystal = Crystal::new(8_002_000);
     let mut board = VirtualBoard::start(Config {
         crystal,
@@ -357,7 +360,7 @@ fn crystal_of_another_frequency_is_told() {
 }
 
 #[test]
-fn suspend_that_did_not_come_is_told() {
+fn missing_suspend_is_reported() {
     let text = failure_with("suspend", |usb| usb.suspend = Suspend::Pretended);
     assert_eq!(text, "the adapter did not see that the bus was suspended");
 }
@@ -372,7 +375,7 @@ fn unsupported_suspend_is_not_tried() {
 }
 
 #[test]
-fn flash_that_takes_nothing_is_told() {
+fn unwritable_flash_is_reported() {
     // The STM32G431 saves at each supply at which it runs.
     if Chip::of_image(&path()).unwrap() != Chip::Stm32f405 {
         return;
@@ -382,7 +385,7 @@ fn flash_that_takes_nothing_is_told() {
 }
 
 #[test]
-fn save_that_is_forgotten_is_told() {
+fn lost_save_is_reported() {
     let text = failure_with("saves", |usb| usb.forgets = true);
     assert_eq!(text, "after a restart the configuration is not the last one saved");
 }
@@ -404,7 +407,7 @@ fn configuration_is_as_before() {
     };
     control.order(&mut board, Request::SetConfig(in_force));
 
-    // It is stopped behind its first check.
+    // The run is stopped after its first check.
     let checks = Cell::new(0);
     let stopped = || checks.replace(checks.get() + 1) > 0;
     let checks = run(
@@ -424,7 +427,7 @@ fn configuration_is_as_before() {
 
 #[test]
 fn save_that_erases_costs_no_byte() {
-    // Pages without room, which a save has to erase.
+    // A save must erase full pages first.
     let chip = Chip::of_image(&path()).unwrap();
     let mut flash = vec![0xFF; chip.flash_size()];
     flash[facts(chip).config_flash].fill(0);

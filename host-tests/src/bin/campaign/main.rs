@@ -8,13 +8,13 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 use std::{fs, io, panic};
 
-use armwire_host_tests::image::campaign::{Outcome, Table, run};
+use armwire_host_tests::image::campaign::{Outcome, run, table};
 use armwire_host_tests::page::filled;
 use clap::Parser;
 
 use crate::options::Options;
 
-/// The document with the table.
+/// The document that contains the table.
 const DOC: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/faults.md");
 
 /// Number of runs between progress messages.
@@ -31,7 +31,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs it, and returns whether all was as it must be.
+/// Runs the campaign. Returns true if no run failed.
 fn campaign(options: &Options) -> Result<bool, String> {
     // The message of a panic is printed with the number of its run.
     panic::set_hook(Box::new(|_| {}));
@@ -50,7 +50,7 @@ fn campaign(options: &Options) -> Result<bool, String> {
         // Progress must appear without delay.
         let _ = io::stdout().flush();
     });
-    let table = Table::of(&outcomes);
+    let table = table(&outcomes);
     println!("\n{table}");
     println!(
         "{} runs of seed {} in {:.0?}",
@@ -64,23 +64,16 @@ fn campaign(options: &Options) -> Result<bool, String> {
     Ok(outcomes.iter().all(|outcome| outcome.result.is_ok()))
 }
 
-/// Says what failed, and how to repeat it.
+/// Prints a failure and the command that repeats it.
 fn print_outcome(outcome: &Outcome, always: bool) {
     let case = outcome.case;
-    let second = case
-        .second
-        .map_or(String::new(), |second| format!(", then {}", second.name()));
-    let what = format!(
-        "run {}: {}{second}; {}",
-        case.number,
-        case.fault.name(),
-        case.moment.name()
-    );
+    let second = case.second.map_or(String::new(), |second| format!(", then {second}"));
+    let run = format!("run {}: {}{second}; {}", case.number, case.fault, case.moment);
     match &outcome.result {
-        Ok((recovery, losses)) if always => println!("{what}: recovered after {recovery}, {losses:?}"),
+        Ok((recovery, losses)) if always => println!("{run}: recovered after {recovery}, {losses:?}"),
         Ok(_) => {}
         Err(error) => {
-            println!("FAILED {what}\n  {error}");
+            println!("FAILED {run}\n  {error}");
             println!(
                 "  again: cargo xtask campaign --seed {} --only {}",
                 case.seed, case.number
@@ -90,7 +83,7 @@ fn print_outcome(outcome: &Outcome, always: bool) {
 }
 
 /// Puts the table into the document.
-fn write(options: &Options, table: &Table) -> Result<(), String> {
+fn write(options: &Options, table: &str) -> Result<(), String> {
     let failed = |error| format!("{DOC}: {error}");
     let page = fs::read_to_string(DOC).map_err(failed)?;
     let command = format!(

@@ -1,4 +1,4 @@
-//! The boards that are measured.
+//! The measured boards.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use armwire_virtual_board::{Chip, Config, VirtualBoard};
 use crate::Result;
 use crate::elf::{Elf, PAINT, used, words};
 
-/// A chip with its image, and how its core's time is counted.
+/// A chip with its image, and the timing of its core.
 pub(crate) struct Board {
     pub(crate) chip: Chip,
     /// True for the cycles of a Cortex-M4 with the chip's flash, false for one cycle per instruction.
@@ -19,16 +19,16 @@ pub(crate) struct Board {
     pub(crate) image: Elf,
 }
 
-/// The most that a board may take: some 10 % more than the longest measurement shows, so that no change makes it worse unseen.
+/// Maximum figures of a board, about 10 % above the longest measurement.
 #[derive(Clone, Copy)]
 pub(crate) struct Limits {
-    /// The worst time of each of the [`WAYS`](crate::latency::WAYS), in microseconds.
+    /// The worst latency of each of the [`WAYS`](crate::latency::WAYS), in microseconds.
     pub(crate) latency: [f64; 4],
     /// The percentage of stamps that are wrong by more than a microsecond.
     pub(crate) wrong_stamps: f64,
-    /// The percentage of its time that the core works while the UART carries 1 Mbaud both ways.
+    /// The load of the core in percent, while the UART transfers 1 Mbaud in both directions.
     pub(crate) load: f64,
-    /// The percentage that does not pass of what the wires allow.
+    /// The percentage of the wire limit that is not reached.
     pub(crate) lost: f64,
 }
 
@@ -91,7 +91,7 @@ impl Board {
         })
     }
 
-    /// The bytes of stack used since the board was started.
+    /// Bytes of stack used since the start of the board.
     pub(crate) fn stack<A: Arm>(&self, board: &mut VirtualBoard<A>) -> u32 {
         used(self.image.stack(), |address| {
             board.read_word(address.into()).expect("the chip has RAM there")

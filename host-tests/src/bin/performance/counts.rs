@@ -7,7 +7,7 @@ use armwire_virtual_board::core::{Access, Bus, BusError, Config, Core, Memory, R
 use crate::Result;
 use crate::elf::{Elf, FLASH, PAINT, RAM, used, words};
 
-/// The cases of a protocol in the program `host-tests/benches/thumb.rs`, in their order.
+/// The cases of a protocol, in the order of the program `host-tests/benches/thumb.rs`.
 pub(crate) const CASES: [&str; 4] = [
     "reply decoded",
     "reply decoded byte by byte",
@@ -15,21 +15,21 @@ pub(crate) const CASES: [&str; 4] = [
     "whole call",
 ];
 
-/// The protocols in the order of the program, and the most that they may take: instructions of each case, and bytes of flash
-/// of decoder and client. 5 % to 10 % more than they do.
+/// The protocols in the order of the program, and their limits: instructions of each case, and bytes of flash of decoder
+/// and client. The limits are 5 % to 10 % above the measurements.
 pub(crate) const PROTOCOLS: [(&str, [u64; 4], usize); 3] = [
     ("Ling", [310, 3500, 136, 1150], 10_300),
     ("xArm", [165, 3450, 75, 960], 8_800),
     ("Alpha1", [268, 3430, 44, 1110], 12_800),
 ];
 
-/// The most stack that a case may take, in bytes. The answer to a call is in it, which has up to 264 of them for an xArm.
+/// Maximum stack of a case, in bytes. It includes the answer to a call, up to 264 bytes for an xArm.
 const STACK_LIMIT: u32 = 560;
 
-/// The program's RAM, and as much of its stack as is painted, in bytes.
+/// The program's RAM, and the painted part of its stack, in bytes.
 const RAM_SIZE: usize = 128 * 1024;
 const STACK: u32 = 16 * 1024;
-/// The most cycles from one stop to the next.
+/// Maximum number of cycles between two breakpoints.
 const MAX_CYCLES: u64 = 1_000_000;
 
 const CORTEX_M4: Config = Config {
@@ -40,7 +40,7 @@ const CORTEX_M4: Config = Config {
     bit_band: true,
 };
 
-/// The cost of a case: instructions, bytes of stack, and the bytes of its state, which is the decoder or the client.
+/// The cost of a case: instructions, bytes of stack, and bytes of its state (the decoder or the client).
 #[derive(Clone, Copy)]
 pub(crate) struct Case {
     pub(crate) instructions: u64,
@@ -54,7 +54,7 @@ pub(crate) struct Protocol {
     pub(crate) flash: usize,
 }
 
-/// Runs the program with all protocols, and looks at the sizes of those with one. They are in this folder.
+/// Runs the program with all protocols, and compares the sizes of the programs with one. They are in `folder`.
 pub(crate) fn measure(folder: &Path) -> Result<Vec<Protocol>> {
     let elf = |name: &str| Elf::read(&folder.join(name).with_extension("elf"));
     let cases = run(elf("all")?)?;
@@ -66,9 +66,9 @@ pub(crate) fn measure(folder: &Path) -> Result<Vec<Protocol>> {
     cases.chunks(CASES.len()).zip(PROTOCOLS).map(protocol).collect()
 }
 
-/// Counts each case of a program but the first, which is empty.
+/// Counts each case of a program, without the cost of the first, which is empty.
 fn run(elf: Elf) -> Result<Vec<Case>> {
-    assert_eq!(elf.ram_bytes, 0, "nothing copies what variables begin with");
+    assert_eq!(elf.ram_bytes, 0, "nothing initializes variables");
     let mut core = Core::new(CORTEX_M4, Memory::new(FLASH, elf.flash, RAM, RAM_SIZE));
     let mark = elf.symbols["mark"];
     core.set_breakpoint(mark);
@@ -76,7 +76,7 @@ fn run(elf: Elf) -> Result<Vec<Case>> {
     let next = |core: &mut Core| {
         let stop = core.run(&mut NoPeripherals, core.cycle() + MAX_CYCLES);
         let good = stop == Stop::Breakpoint && core.pc() == mark;
-        let error = || format!("a case came to no good end: {stop:?} at {:#x}", core.pc());
+        let error = || format!("a case did not end: {stop:?} at {:#x}", core.pc());
         good.then(|| core.register(Register::R(0))).ok_or_else(error)
     };
     let (mut cases, mut empty) = (Vec::new(), None);
@@ -114,14 +114,14 @@ pub(crate) fn failures(protocols: &[Protocol]) -> Vec<String> {
                 protocol.flash
             ));
         }
-        for ((case, what), limit) in protocol.cases.iter().zip(CASES).zip(limits) {
+        for ((case, case_name), limit) in protocol.cases.iter().zip(CASES).zip(limits) {
             let Case {
                 instructions, stack, ..
             } = case;
             if *instructions > limit || *stack > STACK_LIMIT {
                 let limits = format!("the limits are {limit} and {STACK_LIMIT}");
                 failures.push(format!(
-                    "{name}, {what}: {instructions} instructions, {stack} bytes of stack, {limits}"
+                    "{name}, {case_name}: {instructions} instructions, {stack} bytes of stack, {limits}"
                 ));
             }
         }
@@ -129,7 +129,7 @@ pub(crate) fn failures(protocols: &[Protocol]) -> Vec<String> {
     failures
 }
 
-/// The program uses nothing but the core and its memory.
+/// The program uses only the core and its memory.
 struct NoPeripherals;
 
 impl Bus for NoPeripherals {

@@ -1,4 +1,4 @@
-//! A program for a microcontroller, as its ELF file has it, and the high-water mark of its stack.
+//! The ELF file of a program for a microcontroller, and the high-water mark of its stack.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,8 +16,8 @@ pub(crate) const RAM: u32 = 0x2000_0000;
 pub(crate) const PAINT: u32 = 0x5AFE_C0DE;
 
 pub(crate) struct Elf {
-    /// The flash from its start to the last byte of code and constants, and how many of these bytes are the program's, with
-    /// what variables begin with.
+    /// The flash from its start to the last byte of code and constants, and the number of bytes of the program, with the
+    /// initial values of variables.
     pub(crate) flash: Vec<u8>,
     pub(crate) flash_bytes: usize,
     /// The bytes of RAM for variables. The stack has the rest.
@@ -54,7 +54,7 @@ impl Elf {
         })
     }
 
-    /// The ends of the stack. The first word of the vector table is where it begins.
+    /// The ends of the stack. The first word of the vector table is its top.
     pub(crate) fn stack(&self) -> [u32; 2] {
         let top = self.flash.first_chunk().map_or(RAM, |word| u32::from_le_bytes(*word));
         [(RAM + self.ram_bytes).next_multiple_of(4), top]
@@ -66,7 +66,7 @@ pub(crate) fn words([low, high]: [u32; 2]) -> impl Iterator<Item = u32> {
     (low..high).step_by(4)
 }
 
-/// The bytes used of a stack that was painted.
+/// The used bytes of a painted stack.
 pub(crate) fn used(stack: [u32; 2], mut read: impl FnMut(u32) -> u32) -> u32 {
     let lowest = words(stack).find(|address| read(*address) != PAINT);
     stack[1] - lowest.unwrap_or(stack[1])

@@ -1,7 +1,7 @@
 //! Measures the figures of `docs/performance.md`. `cargo xtask performance` builds the images and programs for it, and runs it.
 //!
-//! `performance TARGET ANSWERS [DOCS]`: the target directory with the images and programs, the number of the arm's answers
-//! in which latency is measured, and the folder of the page if it is to be written.
+//! `performance TARGET ANSWERS [DOCS]`: the target directory with the images and programs, the number of the arm's
+//! answers in the measurement of latency, and the folder of the page, to write it.
 
 mod board;
 mod counts;
@@ -25,18 +25,18 @@ use crate::scenes::{Figures, Scene};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// Calls on a quiet adapter, of which the one in the middle counts.
+/// Number of calls on a quiet adapter.
 const CALLS: u64 = 101;
-/// The percentage of the stack that may be used.
+/// Maximum percentage of used stack.
 const STACK_LIMIT: f64 = 75.0;
 
-/// Everything that was measured on a board.
+/// The measurements of a board.
 struct Measured {
     board: Board,
     latency: Latency,
-    /// By [`Scene::ALL`].
+    /// In the order of [`Scene::ALL`].
     scenes: Vec<Option<Figures>>,
-    /// The medians of an answer to USB and a request from USB while nothing else is to be done.
+    /// Median latencies of an answer to USB and a request from USB without other load.
     quiet: [Nanos; 2],
 }
 
@@ -76,7 +76,8 @@ fn measure(target: &Path, answers: &str, docs: Option<&Path>) -> Result<()> {
     }
 }
 
-/// Measures on all boards: first the scenes, whose speed is measured too, one after another, then latency on all at once.
+/// Measures all boards: first the scenes, one after another because of their speed in real time, then the latencies of
+/// all boards in parallel.
 fn boards(target: &Path, answers: u32) -> Result<Vec<Measured>> {
     let boards = Board::all(target)?;
     let scenes = |board: &Board| Scene::ALL.map(|scene| scenes::measure(board, scene)).into();
@@ -95,7 +96,7 @@ fn boards(target: &Path, answers: u32) -> Result<Vec<Measured>> {
     })
 }
 
-/// The times of a call while nothing else is to be done: see [`Measured::quiet`].
+/// See [`Measured::quiet`].
 fn calls(board: &Board) -> [Nanos; 2] {
     let added = board.run(LingArm::new(Config::follower()), MEGABAUD, |board| {
         quiet::call(board, CALLS)
@@ -104,7 +105,7 @@ fn calls(board: &Board) -> [Nanos; 2] {
 }
 
 impl Measured {
-    /// The percentage of the stack that was used.
+    /// The percentage of used stack.
     fn stack_percent(&self) -> f64 {
         let [low, high] = self.board.image.stack();
         100.0 * f64::from(self.latency.stack) / f64::from(high - low)
@@ -141,7 +142,7 @@ impl Measured {
         }
         // A figure that was not measured is not a number.
         figures.retain(|(_, value, limit)| value.is_nan() || value > limit);
-        let failure = |(what, value, limit)| format!("{}: {what}: {value:.2}, the limit is {limit}", self.board.name());
+        let failure = |(name, value, limit)| format!("{}: {name}: {value:.2}, the limit is {limit}", self.board.name());
         figures.into_iter().map(failure).collect()
     }
 }

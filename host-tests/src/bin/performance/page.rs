@@ -12,7 +12,7 @@ use crate::latency::{Latency, WAYS};
 use crate::scenes::{Figures, Scene};
 use crate::{Measured, Result};
 
-/// Crates of `host-tests/benches`, and the timed operations of each, with the number of frames per operation.
+/// Crates of `host-tests/benches`, the timed operations of each, and the number of frames per operation.
 const CRATES: [&str; 7] = ["Ling", "xArm", "Alpha1", "mavlink", "ublox", "rmodbus", "postcard"];
 const TIMED: [&str; 3] = ["chunks", "bytes", "encode"];
 const FRAMES: f64 = 1000.0;
@@ -23,7 +23,7 @@ type Row = (String, Vec<String>);
 /// Tables by their names on the page.
 pub(crate) type Tables = Vec<(&'static str, String)>;
 
-/// Tables of everything that was measured on boards, and on the core alone.
+/// Tables of the measurements on boards, and on the core alone.
 pub(crate) fn tables(boards: &[Measured], protocols: &[Protocol]) -> Tables {
     let row = |name: &str, cell: &dyn Fn(&Measured) -> String| (name.to_owned(), boards.iter().map(cell).collect());
     let names: Vec<String> = boards.iter().map(|measured| measured.board.name()).collect();
@@ -64,10 +64,11 @@ pub(crate) fn tables(boards: &[Measured], protocols: &[Protocol]) -> Tables {
             .collect()
     };
     let load = scenes(&|figures| format!("{:.1} %", figures.load));
-    let rates = scenes(&|figures| match &figures.rate {
+    let mut rates = scenes(&|figures| match &figures.rate {
         Some(rate) => format!("{:.0} /s, {:.1} %", rate.achieved, rate.percent),
         None => "-".to_owned(),
     });
+    rates.retain(|(_, cells)| cells.iter().any(|cell| cell != "-"));
 
     let images = vec![
         row("flash", &|measured| format!("{} B", measured.board.image.flash_bytes)),
@@ -83,10 +84,6 @@ pub(crate) fn tables(boards: &[Measured], protocols: &[Protocol]) -> Tables {
             format!("{least:.1} to {:.0} ×", speeds.fold(0.0, f64::max))
         }),
     ];
-    let rates = rates
-        .into_iter()
-        .filter(|(_, cells)| cells.iter().any(|cell| cell != "-"))
-        .collect();
     vec![
         ("latency", table("median / 99.9 % / worst", &names, latency)),
         ("load", table("load of the core", &names, load)),
@@ -116,23 +113,20 @@ fn protocols(protocols: &[Protocol]) -> String {
     table("instructions", &PROTOCOLS.map(|(name, ..)| name.to_owned()), rows)
 }
 
-/// The times of the crates, from what criterion left in the target directory.
+/// The times of the crates, from criterion's results in the target directory.
 pub(crate) fn crates(target: &Path) -> Result<String> {
-    let time = |what: &str, who: &str| -> Result<f64> {
-        let file = target.join(format!("criterion/{what}_{who}/new/estimates.json"));
+    let time = |operation: &str, name: &str| -> Result<f64> {
+        let file = target.join(format!("criterion/{operation}_{name}/new/estimates.json"));
         let text = fs::read_to_string(&file).map_err(|error| format!("{}: {error}", file.display()))?;
         let estimates: Value = serde_json::from_str(&text)?;
         Ok(estimates["median"]["point_estimate"].as_f64().ok_or("no median")? / FRAMES)
     };
-    let row = |who: &&str| {
-        let cell = |what: &&str| {
-            Ok(format!(
-                "{:.1} ns, {:.2} ×",
-                time(what, who)?,
-                time(what, who)? / time(what, CRATES[0])?
-            ))
+    let row = |name: &&str| {
+        let cell = |operation: &&str| {
+            let (time, ling) = (time(operation, name)?, time(operation, CRATES[0])?);
+            Ok(format!("{time:.1} ns, {:.2} ×", time / ling))
         };
-        Ok(((*who).to_owned(), TIMED.iter().map(cell).collect::<Result<_>>()?))
+        Ok(((*name).to_owned(), TIMED.iter().map(cell).collect::<Result<_>>()?))
     };
     let columns = ["decoded, chunks of 64 bytes", "decoded byte by byte", "encoded"].map(str::to_owned);
     Ok(table(

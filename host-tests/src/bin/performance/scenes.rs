@@ -4,12 +4,12 @@ use std::time::Instant;
 
 use armwire::ling::JOINTS;
 use armwire_bridge::Duration;
-use armwire_bridge::can::Node;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::Request;
 use armwire_bridge::isotp::Link;
 use armwire_host_tests::image::{
-    CanProgram, Control, MEGABAUD, Talker, byte_time, counters, facts, joint_answer, noise, polled, same_bytes,
+    BIT_RATE, CanProgram, Control, MEGABAUD, RawArm, byte_time, counters, facts, joint_answer, noise, polled,
+    same_bytes,
 };
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::serial::SerialDevice;
@@ -19,27 +19,26 @@ use armwire_virtual_board::{Nanos, VirtualBoard};
 
 use crate::board::Board;
 
-/// Bits per second on the bus, in the data phase of CAN FD too, and the pause between two frames on it (ISO 11898-1).
-const BUS_RATE: u32 = 1_000_000;
+/// Bits per second in the data phase of CAN FD, and the pause between two frames on the bus (ISO 11898-1).
 const DATA_RATE: u32 = 5_000_000;
 const INTERMISSION: Nanos = Nanos(3_000);
-/// The time before a measurement, and its own.
+/// Durations before a measurement, and of the measurement.
 const WARM_UP: Nanos = Nanos::from_millis(20);
 const SPAN: Nanos = Nanos::from_millis(1_000);
-/// The longest time between two looks of the hosts.
-const GLANCE: Nanos = Nanos::from_millis(10);
+/// Polling period of the hosts without received frames.
+const POLL_PERIOD: Nanos = Nanos::from_millis(10);
 
-/// Something to do for the adapter.
+/// A load of the adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scene {
     /// The serial port is open, and nothing is sent.
     Idle,
-    /// The adapter polls the arm at the maximum rate. The arm has this turnaround.
+    /// The adapter polls the arm and sends telemetry, at 200 Hz.
     Polled,
-    /// The adapter polls the arm as fast as the line allows. The arm thinks so long before each answer.
+    /// The adapter polls the arm as fast as the line allows. The arm has this turnaround.
     Fastest(Duration),
-    /// The UART carries bytes without a pause both ways at this rate, and USB the same bytes. With a bus, the rate is 1 Mbaud,
-    /// and the arm sends frames, which go to the bus by ISO-TP, as many as it carries.
+    /// The UART transfers bytes without a pause in both directions at this rate, and USB the same bytes. With a bus, the
+    /// rate is 1 Mbaud, and the arm sends frames, which fill the bus by ISO-TP.
     Saturated(u32, Option<Link>),
 }
 
@@ -77,14 +76,14 @@ pub(crate) struct Figures {
     pub(crate) rate: Option<Rate>,
     /// The percentage of the time in which the core executed instructions.
     pub(crate) load: f64,
-    /// Virtual time by ours.
+    /// Virtual time divided by real time.
     pub(crate) speed: f64,
 }
 
-/// Bytes or polls in a second.
+/// Bytes or polls per second.
 pub(crate) struct Rate {
     pub(crate) achieved: f64,
-    /// The percentage of what the wires allow.
+    /// The percentage of the wire limit.
     pub(crate) percent: f64,
 }
 
@@ -95,7 +94,7 @@ impl Rate {
     }
 }
 
-/// Plays a scene. `None` if the chip has no CAN FD and the scene needs it.
+/// Runs a scene. `None` if the scene needs CAN FD and the chip has none.
 pub(crate) fn measure(board: &Board, scene: Scene) -> Option<Figures> {
     match scene {
         Scene::Saturated(_, Some(Link::Fd)) if !facts(board.chip).can_fd => None,
@@ -105,13 +104,13 @@ pub(crate) fn measure(board: &Board, scene: Scene) -> Option<Figures> {
     }
 }
 
-/// Plays a scene with an arm of Ling's.
+/// Runs a scene with a Ling arm.
 fn poll(board: &Board, scene: Scene, turnaround: Duration) -> Figures {
     let config = ArmConfig::follower();
     let arm = LingArm::new(ArmConfig { turnaround, ..config });
     board.run(arm, MEGABAUD, |board| {
         configure(board, scene);
-        let (mut figures, _) = play(board, Link::Classic, &mut Vec::new());
+        let (mut figures, _) = run(board, Link::Classic, &mut Vec::new());
         assert_eq!(counters(board).unanswered_requests, 0);
         if matches!(scene, Scene::Fastest(_)) {
             figures.rate = Some(polls(&board.uart().bytes(), turnaround));
@@ -120,7 +119,7 @@ fn poll(board: &Board, scene: Scene, turnaround: Duration) -> Figures {
     })
 }
 
-/// Polls in a second. The line allows them without a pause but for the time that the arm takes to think.
+/// Polls per second. The limit is a line without pauses except for the arm's turnaround.
 fn polls(line: &[LineByte], turnaround: Duration) -> Rate {
     let begins = |&nth: &usize| [nth - 1, nth].map(|nth| line[nth].direction) == [Direction::ToBoard, Direction::ToArm];
     let starts: Vec<usize> = (1..line.len()).filter(begins).collect();
@@ -132,10 +131,10 @@ fn polls(line: &[LineByte], turnaround: Duration) -> Rate {
     Rate::new(polls / seconds(line[last].at.since(line[first].at)), polls / least)
 }
 
-/// Lets the host on USB and the arm send without a pause. No byte may be lost, changed or made up.
+/// Sends from the host on USB and from the arm without a pause. Every byte is compared with the byte that was sent.
 fn saturate(board: &Board, scene: Scene, baud: u32, bus: Option<Link>) -> Figures {
     let line_rate = f64::from(baud) / 10.0;
-    board.run(Talker::default(), baud, |board| {
+    board.run(RawArm::default(), baud, |board| {
         configure(board, scene);
         let bytes = ((SPAN + WARM_UP + WARM_UP).0 / byte_time(baud).0) as usize;
         let frame = joint_answer([2048; JOINTS]);
@@ -143,8 +142,8 @@ fn saturate(board: &Board, scene: Scene, baud: u32, bus: Option<Link>) -> Figure
         let (down, mut received) = (noise(1, bytes), Vec::new());
         board.with_arm(|arm| arm.send(&up));
         board.usb().write(&down).expect("it is open");
-        let (mut figures, [by_usb, by_can]) = play(board, bus.unwrap_or(Link::Classic), &mut received);
-        let received_by_arm = board.with_arm(Talker::take_received);
+        let (mut figures, [on_usb, on_can]) = run(board, bus.unwrap_or(Link::Classic), &mut received);
+        let received_by_arm = board.with_arm(RawArm::take_received);
         let is_busy = received_by_arm.len() < down.len() && board.with_arm(|arm| arm.poll_timeout().is_some());
         assert!(is_busy, "the line was not busy to the end");
         same_bytes("the arm", &received_by_arm, &down[..received_by_arm.len()]);
@@ -153,15 +152,15 @@ fn saturate(board: &Board, scene: Scene, baud: u32, bus: Option<Link>) -> Figure
             None => {
                 let line = board.uart().bytes();
                 let to_arm = line.iter().filter(|byte| byte.direction == Direction::ToArm).count();
-                Rate::new(by_usb.min(to_arm) as f64 / seconds(SPAN), line_rate)
+                Rate::new(on_usb.min(to_arm) as f64 / seconds(SPAN), line_rate)
             }
             Some(_) => {
                 let frames = board.can().frames();
                 let busy = frames
                     .iter()
                     .map(|frame| seconds(frame.end.since(frame.start) + INTERMISSION));
-                let bus_rate = by_can as f64 / busy.sum::<f64>();
-                Rate::new(by_can as f64 / seconds(SPAN), bus_rate.min(line_rate))
+                let bus_rate = on_can as f64 / busy.sum::<f64>();
+                Rate::new(on_can as f64 / seconds(SPAN), bus_rate.min(line_rate))
             }
         });
         figures
@@ -180,29 +179,27 @@ fn configure<A: Arm>(board: &mut VirtualBoard<A>, scene: Scene) {
         }
     }
     match config.can.data_bit_rate {
-        Some(_) => board.can().attach_as(NodeConfig::fd(BUS_RATE, DATA_RATE)),
+        Some(_) => board.can().attach_as(NodeConfig::fd(BIT_RATE, DATA_RATE)),
         None if matches!(scene, Scene::Fastest(_)) => {}
-        None => board.can().attach(BUS_RATE),
+        None => board.can().attach(BIT_RATE),
     }
     Control::open(board).order(board, Request::SetConfig(config));
 }
 
-/// Runs for [`WARM_UP`] and [`SPAN`]. The hosts read what comes, the one on USB into `received`. The bytes that each of them
-/// got in the second span are returned, too.
-fn play<A: Arm>(board: &mut VirtualBoard<A>, link: Link, received: &mut Vec<u8>) -> (Figures, [usize; 2]) {
-    let mut can = CanProgram::on(link, Node::default());
-    let mut by_can = 0;
+/// Runs for [`WARM_UP`] and [`SPAN`]. The host on USB reads into `received`. Also returns the numbers of bytes that the
+/// hosts on USB and CAN received in [`SPAN`].
+fn run<A: Arm>(board: &mut VirtualBoard<A>, link: Link, received: &mut Vec<u8>) -> (Figures, [usize; 2]) {
+    let mut can = CanProgram::new(link);
+    let mut on_can = 0;
     let mut pass = |board: &mut VirtualBoard<A>, span| {
         let end = board.now() + span;
         while board.now() < end {
-            let limit = GLANCE.min(end.since(board.now()));
-            if let Err(error) = board.run_until_can_received(limit) {
-                panic!("{error}");
-            }
+            let limit = POLL_PERIOD.min(end.since(board.now()));
+            board.run_until_heard(limit).expect("the firmware does not crash");
             received.extend(board.usb().read());
-            by_can += can.poll(board).map_or(0, |answer| answer.len());
+            on_can += can.poll(board).map_or(0, |answer| answer.len());
         }
-        [received.len(), by_can]
+        [received.len(), on_can]
     };
     let before = pass(board, WARM_UP);
     board.uart().forget_bytes();

@@ -1,22 +1,14 @@
-//! The cable between the adapter and the arm: single bytes on it can be damaged, and it can be pulled out.
+//! The cable between the adapter and the arm: single bytes on it can be damaged, and it can be unplugged.
 
 use armwire_bridge::{Duration, Instant};
 use armwire_sim::serial::SerialDevice;
+use armwire_virtual_board::line::Direction;
 
 use super::super::TicketArm;
 
-/// The direction of a byte.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
-    /// From the arm to the adapter.
-    FromArm,
-    /// From the adapter to the arm.
-    ToArm,
-}
-
 /// Damage to a byte that a UART cannot detect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Damage {
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Damage {
     /// The byte is lost.
     Drop,
     /// The byte arrives twice.
@@ -29,63 +21,37 @@ pub enum Damage {
 
 /// A [`TicketArm`] at the end of a cable.
 #[derive(Debug)]
-pub struct Cable {
-    arm: TicketArm,
-    is_out: bool,
-    plan: Option<(Way, u32, Damage)>,
+pub(super) struct Cable {
+    pub(super) arm: TicketArm,
+    /// True while unplugged: the bytes of both sides are lost.
+    pub(super) is_out: bool,
+    /// The damage of the byte in this direction that follows this number of others.
+    pub(super) plan: Option<(Direction, u32, Damage)>,
     /// A delayed or repeated byte, sent at this time before all others.
     ahead: Option<(Instant, u8)>,
-    /// Number of damaged bytes.
-    hits: u32,
 }
 
 impl Cable {
     /// A connected cable.
-    pub fn new(arm: TicketArm) -> Self {
+    pub(super) fn new(arm: TicketArm) -> Self {
         Self {
             arm,
             is_out: false,
             plan: None,
             ahead: None,
-            hits: 0,
         }
-    }
-
-    /// The arm.
-    pub fn arm(&mut self) -> &mut TicketArm {
-        &mut self.arm
-    }
-
-    /// Damages the byte in this direction that follows `after` others.
-    pub fn damage(&mut self, way: Way, after: u32, damage: Damage) {
-        self.plan = Some((way, after, damage));
-    }
-
-    /// Number of damaged bytes so far.
-    pub fn hits(&self) -> u32 {
-        self.hits
-    }
-
-    /// Unplugs or plugs the cable. Unplugged, it loses the bytes of both sides.
-    pub fn set_out(&mut self, is_out: bool) {
-        self.is_out = is_out;
     }
 
     /// The damage for the next byte in this direction.
-    fn take_damage(&mut self, way: Way) -> Option<Damage> {
-        match &mut self.plan {
-            Some((planned, after, _)) if *planned == way && *after > 0 => {
-                *after -= 1;
-                None
-            }
-            Some((planned, _, damage)) if *planned == way => {
-                let damage = *damage;
-                self.plan = None;
-                self.hits += 1;
-                Some(damage)
-            }
-            _ => None,
+    fn take_damage(&mut self, direction: Direction) -> Option<Damage> {
+        let (_, after, damage) = self.plan.as_mut().filter(|plan| plan.0 == direction)?;
+        if let Some(left) = after.checked_sub(1) {
+            *after = left;
+            return None;
         }
+        let damage = *damage;
+        self.plan = None;
+        Some(damage)
     }
 }
 
@@ -94,7 +60,7 @@ impl SerialDevice for Cable {
         if self.is_out {
             return;
         }
-        match self.take_damage(Way::ToArm) {
+        match self.take_damage(Direction::ToArm) {
             Some(Damage::Drop) => {}
             Some(Damage::Duplicate) => {
                 self.arm.receive(now, byte);
@@ -117,7 +83,7 @@ impl SerialDevice for Cable {
             if self.is_out {
                 continue;
             }
-            match self.take_damage(Way::FromArm) {
+            match self.take_damage(Direction::ToBoard) {
                 None => return Some(byte),
                 Some(Damage::Drop) => {}
                 Some(Damage::Duplicate) => {

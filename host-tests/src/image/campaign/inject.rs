@@ -1,18 +1,18 @@
 //! Injection of each fault.
 
-use armwire::ling::{self, MAX_FRAME};
+use armwire::ling;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{Reply, Request};
-use armwire_bridge::{Counters, Duration, LineCoding};
-use armwire_virtual_board::line::Fault as LineFault;
-use armwire_virtual_board::usb::Direction;
+use armwire_bridge::{Counters, Duration, LineCoding, PACKET};
+use armwire_virtual_board::line::{Direction, Fault as LineFault};
+use armwire_virtual_board::usb::Direction as UsbDirection;
 use armwire_virtual_board::usb::host::Request as UsbRequest;
 use armwire_virtual_board::{Error, Nanos};
 
-use super::super::polled;
+use super::super::requests::encoded;
 use super::Result;
-use super::cable::{Damage, Way};
+use super::cable::Damage;
 use super::matrix::Fault;
 use super::rig::Rig;
 
@@ -34,69 +34,53 @@ const SETUP_TIMEOUT: Nanos = Nanos::from_millis(100);
 const SET_LINE_CODING: u8 = 0x20;
 const GET_LINE_CODING: u8 = 0x21;
 
-/// Length of a frame that fills a packet, and the number of 11-byte requests that fill packets.
-const PACKET: usize = armwire_bridge::PACKET;
-const FULL: u32 = 64;
+/// Number of 11-byte requests that fill packets exactly.
+const FULL_BURST: u32 = 64;
 
 impl Rig {
     /// Injects the fault. Returns the time of its end.
     ///
     /// Idle hosts resume their requests.
     pub(super) fn inject(&mut self, fault: Fault) -> Result<Nanos> {
-        self.hosts.set_requesting(true);
+        self.hosts.set_paused(false);
         // Discards the traffic before the fault.
         self.traffic.count(&mut self.board);
         match fault {
-            Fault::ByteDropped => self.damage(Way::FromArm, Damage::Drop)?,
-            Fault::ByteDuplicated => self.damage(Way::FromArm, Damage::Duplicate)?,
+            Fault::ByteDropped => self.damage(Direction::ToBoard, Damage::Drop)?,
+            Fault::ByteDuplicated => self.damage(Direction::ToBoard, Damage::Duplicate)?,
             Fault::ByteLate => {
                 let span = Duration::from_micros(self.random.between(100, 20_000));
-                self.damage(Way::FromArm, Damage::Delay(span))?;
+                self.damage(Direction::ToBoard, Damage::Delay(span))?;
+                self.work(span.into())?;
             }
-            Fault::ByteCorrupted => {
-                let bit = 1 << self.random.between(0, 7);
-                self.damage(Way::FromArm, Damage::Corrupt(bit))?;
-            }
-            Fault::RequestByteDropped => self.damage(Way::ToArm, Damage::Drop)?,
-            Fault::RequestByteCorrupted => {
-                let bit = 1 << self.random.between(0, 7);
-                self.damage(Way::ToArm, Damage::Corrupt(bit))?;
-            }
-            Fault::FramingError => self.plan(LineFault::Framing)?,
-            Fault::NoiseFlag => self.plan(LineFault::Noise)?,
-            Fault::Overrun => self.plan(LineFault::Overrun)?,
+            Fault::ByteCorrupted => self.flip_bit(Direction::ToBoard)?,
+            Fault::RequestByteDropped => self.damage(Direction::ToArm, Damage::Drop)?,
+            Fault::RequestByteCorrupted => self.flip_bit(Direction::ToArm)?,
+            Fault::FramingError => self.plan_line_fault(LineFault::Framing)?,
+            Fault::NoiseFlag => self.plan_line_fault(LineFault::Noise)?,
+            Fault::Overrun => self.plan_line_fault(LineFault::Overrun)?,
             Fault::NoiseBurst => self.noise_burst()?,
             Fault::InterruptsMasked => self.mask_interrupts()?,
             Fault::ArmCablePulled => self.without_arm(1_000, 60_000)?,
             Fault::ArmReset => {
-                self.board.with_arm(|cable| cable.arm().restart());
+                self.board.with_arm(|cable| cable.arm.restart());
                 // The boot of the arm.
                 self.without_arm(5_000, 50_000)?;
             }
             Fault::NakStorm => {
                 // Up to 50 ms, as each NAK delays a packet to the device.
-                for direction in [Direction::In, Direction::Out] {
+                for direction in [UsbDirection::In, UsbDirection::Out] {
                     let count = self.random.between(100, 1_000) as u32;
                     self.board.usb().inject_naks(direction, count);
                 }
             }
-            Fault::BusReset => {
-                self.board.usb().reset_bus();
-                self.disconnect_usb();
-                self.work_between(1_000, 60_000)?;
-                return self.reconnect_usb_now();
-            }
+            Fault::BusReset => return self.reset_bus(),
             Fault::Suspend => {
                 self.board.usb().suspend();
                 self.work_between(5_000, 60_000)?;
                 self.board.usb().resume();
             }
-            Fault::Unplug => {
-                self.board.usb().detach();
-                self.disconnect_usb();
-                self.work_between(5_000, 60_000)?;
-                return self.reconnect_usb_now();
-            }
+            Fault::Unplug => return self.unplug(),
             Fault::ControlAbandoned => {
                 for _ in 0..self.random.between(1, 5) {
                     self.abandon_control()?;
@@ -105,30 +89,20 @@ impl Rig {
             }
             Fault::ResetInControl => {
                 self.abandon_control()?;
-                self.board.usb().reset_bus();
-                self.disconnect_usb();
-                self.work_between(1_000, 60_000)?;
-                return self.reconnect_usb_now();
+                return self.reset_bus();
             }
             Fault::UnplugInControl => {
                 self.abandon_control()?;
-                self.board.usb().detach();
-                self.disconnect_usb();
-                self.work_between(5_000, 60_000)?;
-                return self.reconnect_usb_now();
+                return self.unplug();
             }
-            Fault::HaltCleared => {
+            Fault::HaltCleared | Fault::InterfaceSetAgain => {
                 for _ in 0..self.random.between(1, 4) {
-                    for direction in [Direction::In, Direction::Out] {
-                        self.board.usb().clear_halt(direction)?;
+                    if fault == Fault::HaltCleared {
+                        self.board.usb().clear_halt(UsbDirection::In)?;
+                        self.board.usb().clear_halt(UsbDirection::Out)?;
+                    } else {
+                        self.board.usb().set_interface()?;
                     }
-                    self.expect_setup()?;
-                    self.work_between(0, 2_000)?;
-                }
-            }
-            Fault::InterfaceSetAgain => {
-                for _ in 0..self.random.between(1, 4) {
-                    self.board.usb().set_interface()?;
                     self.expect_setup()?;
                     self.work_between(0, 2_000)?;
                 }
@@ -143,12 +117,12 @@ impl Rig {
             }
             Fault::NeverReads => {
                 self.board.usb().set_reading(false);
-                self.ignore_window(true);
+                self.hosts.usb.ignores_window = true;
                 self.work_between(100_000, 200_000)?;
-                self.ignore_window(false);
+                self.hosts.usb.ignores_window = false;
                 self.board.usb().set_reading(true);
             }
-            Fault::FullPackets => self.full_packets()?,
+            Fault::FullPackets => self.full_packets(),
             Fault::BusOff => {
                 self.board.can().short();
                 self.work_between(1_000, 30_000)?;
@@ -158,7 +132,7 @@ impl Rig {
                 let count = self.random.between(17, 30) as u32;
                 let broken = self.traffic.broken_frames + count;
                 self.board.can().destroy_next(count);
-                self.await_fault(&mut |rig| rig.traffic.broken_frames >= broken)?;
+                self.await_fault(|rig| rig.traffic.broken_frames >= broken)?;
             }
             Fault::NoAcknowledge => {
                 self.board.can().set_acknowledging(false);
@@ -166,8 +140,7 @@ impl Rig {
                 self.board.can().set_acknowledging(true);
             }
             Fault::Flood => {
-                let first = Id::new(0).map_err(|error| format!("{error:?}"))?;
-                let frame = Frame::new(first, &[0x5A; 8]).map_err(|error| format!("{error:?}"))?;
+                let frame = Frame::new(Id::new(0).unwrap(), &[0x5A; 8]).unwrap();
                 self.board.can().flood(Some(&frame))?;
                 self.work_between(2_000, 30_000)?;
                 self.board.can().flood(None)?;
@@ -176,9 +149,9 @@ impl Rig {
                 // A consecutive frame with an unexpected sequence number.
                 let number = self.random.between(5, 15) as u8;
                 let id = Function::ArmRequest.id(Node::default());
-                let frame = Frame::new(id, &[0x20 | number; 8]).map_err(|error| format!("{error:?}"))?;
+                let frame = Frame::new(id, &[0x20 | number; 8]).unwrap();
                 self.board.can().send_from(1, &frame)?;
-                self.await_fault(&mut |rig| rig.board.can().unsent() == 0)?;
+                self.await_fault(|rig| rig.board.can().unsent() == 0)?;
             }
             Fault::PowerLossInSave => return self.lose_power_in_save(),
             Fault::Panic => return self.panic(),
@@ -191,7 +164,7 @@ impl Rig {
     }
 
     /// Runs the load until the fault has happened.
-    pub(super) fn await_fault(&mut self, happened: &mut dyn FnMut(&mut Self) -> bool) -> Result {
+    pub(super) fn await_fault(&mut self, happened: impl FnMut(&mut Self) -> bool) -> Result {
         if self.work_until(FAULT_TIMEOUT, happened)? {
             Ok(())
         } else {
@@ -200,24 +173,24 @@ impl Rig {
     }
 
     /// Damages one of the next bytes on the cable.
-    fn damage(&mut self, way: Way, damage: Damage) -> Result {
-        self.requests_damaged |= way == Way::ToArm;
+    fn damage(&mut self, direction: Direction, damage: Damage) -> Result {
+        self.account.requests_damaged |= direction == Direction::ToArm;
         let after = self.random.between(0, 14) as u32;
-        let hits = self.board.with_arm(|cable| {
-            cable.damage(way, after, damage);
-            cable.hits()
-        });
-        self.await_fault(&mut |rig| rig.board.with_arm(|cable| cable.hits()) > hits)?;
-        if let Damage::Delay(span) = damage {
-            self.work(span.into())?;
-        }
-        Ok(())
+        self.board
+            .with_arm(|cable| cable.plan = Some((direction, after, damage)));
+        self.await_fault(|rig| rig.board.with_arm(|cable| cable.plan.is_none()))
+    }
+
+    /// Flips a bit of one of the next bytes on the cable.
+    fn flip_bit(&mut self, direction: Direction) -> Result {
+        let mask = 1 << self.random.between(0, 7);
+        self.damage(direction, Damage::Corrupt(mask))
     }
 
     /// Plans a line fault for one of the next bytes from the arm.
-    pub(super) fn plan(&mut self, fault: LineFault) -> Result {
-        let met = |rig: &Self| rig.traffic.framing_faults + rig.traffic.noise_faults + rig.traffic.overruns;
-        let before = met(self);
+    pub(super) fn plan_line_fault(&mut self, fault: LineFault) -> Result {
+        let count = |rig: &Self| rig.traffic.framing_faults + rig.traffic.noise_faults + rig.traffic.overruns;
+        let before = count(self);
         // A byte without a predecessor cannot overrun it, and has no effect. The fault is then planned again, once that
         // byte has passed: two consecutive overruns count as one in the receiver.
         for _ in 0..20 {
@@ -225,9 +198,9 @@ impl Rig {
             self.board.uart().plan_fault(after.into(), fault);
             // One more byte may already be on the line.
             let past = self.traffic.bytes_from_arm + after + 2;
-            self.await_fault(&mut |rig| met(rig) > before || rig.traffic.bytes_from_arm >= past)?;
+            self.await_fault(|rig| count(rig) > before || rig.traffic.bytes_from_arm >= past)?;
             self.traffic.count(&mut self.board);
-            if met(self) > before {
+            if count(self) > before {
                 return Ok(());
             }
         }
@@ -249,9 +222,9 @@ impl Rig {
                 self.board.uart().plan_fault(nth, fault);
             }
         }
-        self.board.with_arm(|cable| cable.arm().send(&bytes));
+        self.board.with_arm(|cable| cable.arm.send(&bytes));
         let sent_by_arm = self.traffic.bytes_from_arm + count as u32;
-        self.await_fault(&mut |rig| rig.traffic.bytes_from_arm >= sent_by_arm)
+        self.await_fault(|rig| rig.traffic.bytes_from_arm >= sent_by_arm)
     }
 
     /// Sends from the arm without a pause while the core is halted: more than the receive ring holds.
@@ -260,55 +233,51 @@ impl Rig {
         const NO_FRAME: u8 = 0x55;
         let millis = self.random.between(11, 30);
         let noise = vec![NO_FRAME; (millis * BYTES_PER_MILLISECOND) as usize];
-        self.board.with_arm(|cable| cable.arm().send(&noise));
+        self.board.with_arm(|cable| cable.arm.send(&noise));
         self.board.hold_core();
         self.work(Nanos::from_millis(millis))?;
         self.board.let_core_go();
         Ok(())
     }
 
-    /// Unplugs the cable for a while.
+    /// Unplugs the arm for a while.
     fn without_arm(&mut self, low: u64, high: u64) -> Result {
-        self.requests_damaged = true;
-        self.board.with_arm(|cable| cable.set_out(true));
+        self.account.requests_damaged = true;
+        self.board.with_arm(|cable| cable.is_out = true);
         self.work_between(low, high)?;
-        self.board.with_arm(|cable| cable.set_out(false));
+        self.board.with_arm(|cable| cable.is_out = false);
         Ok(())
-    }
-
-    fn ignore_window(&mut self, ignores_window: bool) {
-        if let Some(usb) = &mut self.hosts.usb {
-            usb.ignores_window = ignores_window;
-        }
     }
 
     /// Sends requests and frames of the arm that fill packets exactly: only an empty packet shows the host the end of
     /// the transfer.
-    fn full_packets(&mut self) -> Result {
-        let mut frame = [0; MAX_FRAME];
-        let data = [0x11; PACKET - ling::OVERHEAD];
-        let len = ling::Frame {
+    fn full_packets(&mut self) {
+        let frame = ling::Frame {
             command: 0x7E,
             function: 0x00,
-            data: &data,
-        }
-        .encode(&mut frame)
-        .map_err(|error| format!("{error:?}"))?;
+            data: &[0x11; PACKET - ling::OVERHEAD],
+        };
+        let frame = encoded(|bytes| frame.encode(bytes));
         let count = self.random.between(1, 3) as usize;
-        self.unasked.extend(vec![frame[..len].to_vec(); count]);
-        self.board
-            .with_arm(|cable| cable.arm().send(&frame[..len].repeat(count)));
-        if let Some(usb) = &mut self.hosts.usb {
-            usb.request_burst(&mut self.board, FULL);
-        }
-        Ok(())
+        self.board.with_arm(|cable| cable.arm.send(&frame.repeat(count)));
+        self.account.unsolicited.extend(vec![frame; count]);
+        self.hosts.usb.request_burst(&mut self.board, FULL_BURST);
     }
 
-    /// Reconnects the device. Returns the time.
-    fn reconnect_usb_now(&mut self) -> Result<Nanos> {
-        let now = self.board.now();
-        self.reconnect_usb();
-        Ok(now)
+    /// Resets the bus, and reconnects the device after a while. Returns the time of the reconnection.
+    fn reset_bus(&mut self) -> Result<Nanos> {
+        self.board.usb().reset_bus();
+        self.disconnect_usb();
+        self.work_between(1_000, 60_000)?;
+        Ok(self.reconnect_usb())
+    }
+
+    /// Unplugs the device for a while. Returns the time of the reconnection.
+    fn unplug(&mut self) -> Result<Nanos> {
+        self.board.usb().detach();
+        self.disconnect_usb();
+        self.work_between(5_000, 60_000)?;
+        Ok(self.reconnect_usb())
     }
 
     /// Abandons a control transfer in a random stage.
@@ -344,39 +313,31 @@ impl Rig {
             ..Config::default()
         });
         // The first save takes more flash operations than later ones.
-        self.order(Request::SetConfig(first))?;
-        self.order(Request::SaveConfig)?;
-        let before = self.board.flash_operations();
-        self.order(Request::SetConfig(old))?;
-        self.order(Request::SaveConfig)?;
+        let mut before = 0;
+        for config in [first, old] {
+            before = self.board.flash_operations();
+            self.order(Request::SetConfig(config));
+            self.order(Request::SaveConfig);
+        }
         let operations = u64::from(self.board.flash_operations() - before);
-        self.order(Request::SetConfig(new))?;
+        self.order(Request::SetConfig(new));
         let after = self.random.between(0, operations - 1) as u32;
         self.board.cut_power_after(after);
-        let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
-        subscriber.control.send(&mut self.board, Request::SaveConfig);
-        match self.work_until(FAULT_TIMEOUT, &mut |_| false) {
-            Err(error) if matches!(error.downcast_ref(), Some(Error::PowerCut { .. })) => {}
-            Err(error) => return Err(error),
-            Ok(_) => return Err("the power was not cut".into()),
+        let control = &mut self.hosts.subscriber.control;
+        control.send(&mut self.board, Request::SaveConfig);
+        if !self.work_until_error(FAULT_TIMEOUT, |error| matches!(error, Error::PowerCut { .. }))? {
+            return Err("the power was not cut".into());
         }
         self.disconnect_usb();
         self.board.power_cycle()?;
-        let now = self.board.now();
-        self.reconnect_usb();
-        let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
-        let found = subscriber.control.call(&mut self.board, Request::GetConfig);
+        let now = self.reconnect_usb();
+        let control = &mut self.hosts.subscriber.control;
+        let found = control.call(&mut self.board, Request::GetConfig);
         if found != Reply::Config(old) && found != Reply::Config(new) {
             return Err(format!("a configuration that was never saved: {found:?}").into());
         }
-        self.configure(polled(200))?;
+        self.resume()?;
         Ok(now)
-    }
-
-    fn order(&mut self, request: Request) -> Result {
-        let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
-        subscriber.control.order(&mut self.board, request);
-        Ok(())
     }
 
     /// Corrupts memory: the firmware finds its queue borrowed, and panics.
@@ -385,25 +346,29 @@ impl Rig {
         // A user of the queue at that instant clears the flag when done.
         for _ in 0..10 {
             self.board.write_word(clock, IN_USE)?;
-            match self.work_until(Nanos::from_millis(20), &mut |_| false) {
-                Err(error) if matches!(error.downcast_ref(), Some(Error::Crashed { .. })) => {
-                    return self.await_restart();
-                }
-                Err(error) => return Err(error),
-                Ok(_) => {}
+            if self.work_until_error(Nanos::from_millis(20), |error| matches!(error, Error::Crashed { .. }))? {
+                return self.await_restart();
             }
         }
         Err("the firmware did not panic".into())
     }
 
+    /// Runs the load until the board fails with an expected error, for at most `limit`. Returns true if it did.
+    fn work_until_error(&mut self, limit: Nanos, is_expected: impl Fn(&Error) -> bool) -> Result<bool> {
+        match self.work(limit) {
+            Err(error) if error.downcast_ref().is_some_and(is_expected) => Ok(true),
+            result => result.map(|()| false),
+        }
+    }
+
     /// Waits for the restart of the board, and reconnects.
     fn await_restart(&mut self) -> Result<Nanos> {
-        if !self.work_until(RESTART_TIMEOUT, &mut |rig| !rig.is_open())? {
+        if !self.work_until(RESTART_TIMEOUT, |rig| !rig.board.usb().is_open())? {
             return Err(format!("the board did not restart in {RESTART_TIMEOUT}").into());
         }
-        let now = self.board.now();
         self.disconnect_usb();
-        self.set_up_again()?;
+        let now = self.reconnect_usb();
+        self.resume()?;
         Ok(now)
     }
 }

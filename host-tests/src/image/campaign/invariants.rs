@@ -1,17 +1,17 @@
 //! Invariants of every run, independent of the fault.
 
+use std::collections::BTreeMap;
+
 use armwire_bridge::Counters;
 use armwire_bridge::control::{Event, Initiator, MAX_FRAME};
 use armwire_virtual_board::Nanos;
 use armwire_virtual_board::report::{Cause, Crash, Violation};
 
+use super::super::ticket_arm::ANSWER_LEN;
 use super::super::{RequestTracker, Ticket, counters};
 use super::Result;
-use super::matrix::{Fault, Restart};
+use super::matrix::Fault;
 use super::rig::Rig;
-
-/// Length in bytes of the answer to a host's request.
-const ANSWER: u32 = 15;
 
 /// Start of the answer to a poll.
 const JOINTS: [u8; 4] = [0xAA, 0x06, 0x00, 0x0F];
@@ -23,7 +23,7 @@ pub type Losses = Vec<(&'static str, u32)>;
 type Named = (&'static str, fn(&Counters) -> u32);
 
 /// Counters of losses, errors and refusals.
-pub(super) const LOSSES: [Named; 19] = [
+const LOSSES: [Named; 19] = [
     ("unanswered", |c| c.unanswered_requests),
     ("late answers", |c| c.late_answers),
     ("noise bytes", |c| c.noise_bytes),
@@ -66,6 +66,16 @@ const NEVER: [Named; 17] = [
     ("hard faults", |c| c.hard_faults),
 ];
 
+/// The increments of all counters since `before`.
+fn increments(before: Counters, after: Counters) -> Result<Counters> {
+    let before: BTreeMap<String, u32> = serde_json::from_value(serde_json::to_value(before)?)?;
+    let mut counts: BTreeMap<String, u32> = serde_json::from_value(serde_json::to_value(after)?)?;
+    for (name, count) in &mut counts {
+        *count = count.wrapping_sub(before[name]);
+    }
+    Ok(serde_json::from_value(serde_json::to_value(counts)?)?)
+}
+
 /// Violated invariants of a run, a line each.
 #[derive(Debug, Default)]
 struct Findings(Vec<String>);
@@ -94,19 +104,19 @@ impl Rig {
         let mut findings = Findings::default();
         let after = counters(&mut self.board);
         self.traffic.count(&mut self.board);
-        let before = self.before;
-        let counted = |get: fn(&Counters) -> u32| get(&after).wrapping_sub(get(&before));
+        let counted = increments(self.account.counters, after)?;
         let restart = faults.iter().find_map(|fault| fault.restart());
 
-        self.check_run(restart, &after, &mut findings)?;
+        self.check_run(restart, &after, &mut findings);
         self.check_line(&counted, &mut findings);
         self.check_requests(&counted, faults, &mut findings);
         self.check_hosts(&counted, faults, &mut findings);
+        self.check_usb_bytes(&counted, &mut findings);
         self.check_can(&counted, &mut findings);
         for (name, get) in NEVER {
-            findings.equal(name, counted(get), 0);
+            findings.equal(name, get(&counted), 0);
         }
-        let losses: Losses = LOSSES.iter().map(|&(name, get)| (name, counted(get))).collect();
+        let losses: Losses = LOSSES.iter().map(|&(name, get)| (name, get(&counted))).collect();
         // A storm of NAKs in the middle of a request may cut it. Nothing is lost only if each request fits in a packet.
         if let [fault] = faults
             && fault.is_lossless()
@@ -115,9 +125,8 @@ impl Rig {
             for (name, count) in losses.iter().filter(|(name, _)| !excused.contains(name)) {
                 findings.equal(name, *count, 0);
             }
-            for tracker in self.trackers() {
-                let given_up = tracker.given_up;
-                findings.equal("requests given up by a host", given_up, 0);
+            for tracker in self.hosts.trackers() {
+                findings.equal("requests given up by a host", tracker.given_up, 0);
             }
         }
         if findings.0.is_empty() {
@@ -128,190 +137,141 @@ impl Rig {
     }
 
     /// Checks the restarts, and that the firmware did nothing illegal.
-    fn check_run(&mut self, restart: Option<Restart>, after: &Counters, findings: &mut Findings) -> Result {
+    fn check_run(&self, restart: Option<Cause>, after: &Counters, findings: &mut Findings) {
         let mut report = self.board.report();
-        let crashes = report.violations.len();
-        if restart == Some(Restart::Panic) {
-            let panicked = |found: &Violation| {
-                matches!(
-                    found,
-                    Violation::Crashed {
-                        crash: Crash::Panic,
-                        ..
-                    }
-                )
-            };
-            report.violations.retain(|found| !panicked(found));
-            findings.expect(crashes - report.violations.len() == 1, || "not one panic".to_owned());
+        let is_panic = restart == Some(Cause::Software);
+        if is_panic {
+            let panics = report.violations.extract_if(
+                ..,
+                |found| matches!(found, Violation::Crashed { crash, .. } if *crash == Crash::Panic),
+            );
+            findings.expect(panics.count() == 1, || "not one panic".to_owned());
         }
         if let Err(violations) = report.check() {
             findings.0.push(violations.to_string());
         }
         let causes: Vec<Cause> = report.restarts.iter().map(|restart| restart.cause).collect();
-        let expected: Vec<Cause> = restart
-            .map(|restart| match restart {
-                Restart::Power => Cause::Power,
-                Restart::Panic => Cause::Software,
-                Restart::Watchdog => Cause::Watchdog,
-            })
-            .into_iter()
-            .collect();
+        let expected = Vec::from_iter(restart);
         findings.expect(causes == expected, || {
             format!("restarts {causes:?}, expected {expected:?}")
         });
+        findings.equal("panics since power-on", after.panics, is_panic.into());
+        let is_watchdog = restart == Some(Cause::Watchdog);
         findings.equal(
-            "panics since power-on",
-            after.panics,
-            (restart == Some(Restart::Panic)).into(),
+            "watchdog resets since power-on",
+            after.watchdog_resets,
+            is_watchdog.into(),
         );
-        let bitten = restart == Some(Restart::Watchdog);
-        findings.equal("watchdog resets since power-on", after.watchdog_resets, bitten.into());
-        Ok(())
     }
 
     /// Checks the arm's line: every byte and every error.
-    fn check_line(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, findings: &mut Findings) {
+    fn check_line(&self, counted: &Counters, findings: &mut Findings) {
         let traffic = self.traffic;
         findings.equal("bytes that came while the receiver was off", 0, traffic.unreceived);
-        findings.equal("overruns", counted(|c| c.overrun_errors), traffic.overruns);
+        findings.equal("overruns", counted.overrun_errors, traffic.overruns);
         // The STM32F405 clears an error by a read of the data register. A byte that ends at that instant leaves no
         // trace.
         findings.equal("bytes taken from the DMA", 0, traffic.taken);
         let received = traffic.bytes_from_arm - traffic.overruns;
-        let bytes = counted(|c| c.arm_to_host_bytes);
-        if counted(|c| c.ring_overruns) == 0 {
+        let bytes = counted.arm_to_host_bytes;
+        if counted.ring_overruns == 0 {
             findings.equal("bytes from the arm", bytes, received);
         } else {
             findings.expect(bytes <= received, || {
                 format!("{bytes} bytes from the arm of {received}")
             });
         }
-        findings.equal(
-            "bytes to the arm",
-            counted(|c| c.host_to_arm_bytes),
-            traffic.bytes_to_arm,
-        );
+        findings.equal("bytes to the arm", counted.host_to_arm_bytes, traffic.bytes_to_arm);
 
         let framing = traffic.framing_faults + traffic.breaks;
-        findings.equal("framing errors", counted(|c| c.framing_errors), framing);
-        findings.equal("noise errors", counted(|c| c.noise_errors), traffic.noise_faults);
+        findings.equal("framing errors", counted.framing_errors, framing);
+        findings.equal("noise errors", counted.noise_errors, traffic.noise_faults);
 
-        let Some(subscriber) = self.hosts.subscriber.as_ref().filter(|_| !self.missed_events) else {
+        if self.account.missed_events {
             return;
-        };
-        let frames = subscriber.all_frames() + counted(|c| c.dropped_events);
+        }
+        let subscriber = &self.hosts.subscriber;
+        let frames = subscriber.frames.len() as u32 + counted.dropped_events;
         let events = subscriber.events.len() as u32;
-        findings.expect(
-            (frames..=frames + events).contains(&(counted(|c| c.frames) + events)),
-            || format!("{} frames counted, {frames} reported or dropped", counted(|c| c.frames)),
-        );
-        if counted(|c| c.dropped_events) == 0 {
-            findings.equal(
-                "bytes in no frame",
-                counted(|c| c.noise_bytes),
-                bytes - subscriber.frame_bytes,
-            );
+        findings.expect((frames..=frames + events).contains(&(counted.frames + events)), || {
+            format!("{} frames counted, {frames} reported or dropped", counted.frames)
+        });
+        if counted.dropped_events == 0 {
+            let noise = bytes - subscriber.frame_bytes();
+            findings.equal("bytes in no frame", counted.noise_bytes, noise);
         }
         findings.equal("frames with a stamp before the last", 0, subscriber.disorder);
     }
 
     /// Checks the requests: each reached the arm and ended once.
-    fn check_requests(
-        &mut self,
-        counted: &dyn Fn(fn(&Counters) -> u32) -> u32,
-        faults: &[Fault],
-        findings: &mut Findings,
-    ) {
-        let (arm_counts, before) = (self.arm_counts(), self.arm_counts_before);
-        let issued = [
-            counted(|c| c.requests_usb),
-            counted(|c| c.requests_can),
-            counted(|c| c.requests_poll),
-        ];
+    fn check_requests(&mut self, counted: &Counters, faults: &[Fault], findings: &mut Findings) {
+        let (arm_counts, before) = (self.arm_counts(), self.account.arm_counts);
+        let issued = [counted.requests_usb, counted.requests_can, counted.requests_poll];
         // A host on USB that pauses for more than 10 ms in the middle of a request loses the line.
-        let is_cut = [Fault::FullPackets, Fault::NakStorm]
-            .iter()
-            .all(|fault| faults.contains(fault));
+        let is_cut = faults.contains(&Fault::FullPackets) && faults.contains(&Fault::NakStorm);
         // Zeros end an incomplete request before the request of another host.
-        let (zeros, noise) = (
-            counted(|c| c.requests_adapter),
-            arm_counts.noise_bytes - before.noise_bytes,
-        );
+        let zeros = counted.requests_adapter;
+        let noise = arm_counts.noise_bytes - before.noise_bytes;
         findings.expect(zeros == 0 || is_cut && noise >= zeros * MAX_FRAME as u32, || {
             format!("{zeros} times zeros from the adapter, {noise} bytes of noise at the arm")
         });
-        if !self.requests_damaged && !is_cut {
+        if !self.account.requests_damaged && !is_cut {
             let received = [
-                arm_counts.tickets_of_usb() - before.tickets_of_usb(),
-                arm_counts.tickets_of_can() - before.tickets_of_can(),
+                arm_counts.tickets_usb - before.tickets_usb,
+                arm_counts.tickets_can - before.tickets_can,
                 arm_counts.polls - before.polls,
             ];
-            for (name, (issued, received)) in ["USB", "CAN", "polls"]
-                .into_iter()
-                .zip(issued.into_iter().zip(received))
-            {
-                findings.equal(&format!("requests of {name}"), issued, received);
+            for (nth, name) in ["USB", "CAN", "polls"].into_iter().enumerate() {
+                findings.equal(&format!("requests of {name}"), issued[nth], received[nth]);
             }
             findings.equal("bytes of noise at the arm", 0, noise);
         }
-        let answers = counted(|c| c.frames) - counted(|c| c.unsolicited_frames) - counted(|c| c.late_answers);
+        let answers = counted.frames - counted.unasked_frames - counted.late_answers;
         findings.equal(
             "requests, by answers and those missing",
-            answers + counted(|c| c.unanswered_requests),
+            answers + counted.unanswered_requests,
             issued.iter().sum(),
         );
         // The arm moves only at a host's request, and there was none.
-        let others = self.board.with_arm(|cable| cable.arm().take_others());
+        let others = self.board.with_arm(|cable| cable.arm.take_others());
         findings.expect(others.is_empty(), || format!("the arm was commanded {others:02X?}"));
     }
 
-    fn trackers(&self) -> Vec<&RequestTracker> {
-        let usb = self.hosts.usb.as_ref().map(|usb| &usb.tracker);
-        let can = self.hosts.can.as_ref().map(|can| &can.tracker);
-        usb.into_iter().chain(can).collect()
-    }
-
     /// Checks the hosts: each request ended once, no answer was forged, and each missing answer was counted.
-    fn check_hosts(
-        &mut self,
-        counted: &dyn Fn(fn(&Counters) -> u32) -> u32,
-        faults: &[Fault],
-        findings: &mut Findings,
-    ) {
+    fn check_hosts(&self, counted: &Counters, faults: &[Fault], findings: &mut Findings) {
         // A frame with a long pause is noise for the adapter, but may be a frame for a host.
-        let in_noise = counted(|c| c.noise_bytes) / ANSWER;
-        let nobodys = counted(|c| c.late_answers) + counted(|c| c.unsolicited_frames) + in_noise;
-        let other_asked = self.hosts.can.as_ref().map_or(0, |can| can.tracker.issued());
-        // One in 256 bursts of noise has a valid checksum. It cannot be told from an answer.
+        let in_noise = counted.noise_bytes / ANSWER_LEN;
+        let unclaimed = counted.late_answers + counted.unasked_frames + in_noise;
+        let issued_on_can = self.hosts.can.tracker.issued;
+        // One in 256 bursts of noise has a valid checksum. It cannot be distinguished from an answer.
         let mut noise_like_answers = u32::from(faults.contains(&Fault::NoiseBurst));
-        for (name, tracker) in ["USB", "CAN"].into_iter().zip(self.trackers()) {
-            findings.expect(tracker.answered + tracker.given_up == tracker.issued(), || {
-                format!(
-                    "{name}: {} asked, {} answered, {} given up",
-                    tracker.issued(),
-                    tracker.answered,
-                    tracker.given_up
-                )
+        for (name, tracker) in ["USB", "CAN"].into_iter().zip(self.hosts.trackers()) {
+            let RequestTracker {
+                issued,
+                answered,
+                given_up,
+                ..
+            } = *tracker;
+            findings.expect(answered + given_up == issued, || {
+                format!("{name}: {issued} requested, {answered} answered, {given_up} given up")
             });
-            // A stray frame is either an unasked frame of the arm, or the late answer to a request that was given up,
-            // once each.
-            let mut unasked = self.unasked.clone();
+            // A stray frame is either an unsolicited frame of the arm, or the late answer to a request that was given
+            // up, once each.
+            let mut unsolicited = self.account.unsolicited.clone();
             let mut late = Vec::new();
             let mut of_others = 0;
             for stray in &tracker.strays {
-                if let Some(nth) = unasked.iter().position(|frame| name == "USB" && frame == stray) {
-                    unasked.remove(nth);
+                if let Some(nth) = unsolicited.iter().position(|frame| name == "USB" && frame == stray) {
+                    unsolicited.remove(nth);
                     continue;
                 }
                 let ticket = Ticket::of_answer(stray).map(|(ticket, _)| ticket);
                 let is_late = ticket.is_some_and(|ticket| {
-                    ticket.initiator == tracker.initiator()
-                        && ticket.number < tracker.issued()
-                        && !late.contains(&ticket.number)
+                    ticket.initiator == tracker.initiator && ticket.number < issued && !late.contains(&ticket.number)
                 });
                 // Late answers to given-up requests of other hosts go to the serial port.
                 let is_of_others = match ticket {
-                    Some(ticket) => ticket.initiator != tracker.initiator() && ticket.number < other_asked,
+                    Some(ticket) => ticket.initiator != tracker.initiator && ticket.number < issued_on_can,
                     None => stray.starts_with(&JOINTS),
                 };
                 if name == "USB" && is_of_others {
@@ -325,52 +285,41 @@ impl Rig {
                 findings.expect(is_late, || format!("{name} got {stray:02X?}, which answers nothing"));
                 late.extend(ticket.map(|ticket| ticket.number));
             }
-            findings.expect(of_others <= nobodys, || {
-                format!("{name} got {of_others} late answers of others, {nobodys} counted")
+            findings.expect(of_others <= unclaimed, || {
+                format!("{name} got {of_others} late answers of others, {unclaimed} counted")
             });
-            findings.expect(late.len() as u32 <= tracker.given_up, || {
-                format!("{name}: {} late answers, {} given up", late.len(), tracker.given_up)
+            findings.expect(late.len() as u32 <= given_up, || {
+                format!("{name}: {} late answers, {given_up} given up", late.len())
             });
         }
+    }
 
-        let (arm_counts, before) = (self.arm_counts(), self.arm_counts_before);
-        let Some(usb) = &self.hosts.usb else { return };
-        let missing_counted = counted(|c| c.dropped_bytes) + counted(|c| c.undelivered_bytes);
-        let for_others = |subscriber: &super::super::Subscriber| {
-            [Initiator::Can, Initiator::Poll]
-                .map(|initiator| subscriber.bytes(Some(initiator)))
-                .iter()
-                .sum::<u32>()
-        };
-        let subscriber = self
-            .hosts
-            .subscriber
-            .as_ref()
-            .filter(|_| !self.missed_events && counted(|c| c.dropped_events) == 0);
-        let (for_usb, unsure) = match subscriber {
-            Some(subscriber) => (counted(|c| c.arm_to_host_bytes) - for_others(subscriber), 0),
+    /// Checks the bytes for the host on USB: each arrived or was counted as lost.
+    fn check_usb_bytes(&mut self, counted: &Counters, findings: &mut Findings) {
+        let (for_usb, unsure) = if self.account.missed_events || counted.dropped_events > 0 {
             // Without events, only the requests are known, provided the line had no fault.
-            None => {
-                let requests = arm_counts.tickets_of_usb() - before.tickets_of_usb();
-                let lost = counted(|c| c.unanswered_requests) * ANSWER;
-                (requests * ANSWER, lost + counted(|c| c.noise_bytes))
-            }
+            let requests = self.arm_counts().tickets_usb - self.account.arm_counts.tickets_usb;
+            let lost = counted.unanswered_requests * ANSWER_LEN;
+            (requests * ANSWER_LEN, lost + counted.noise_bytes)
+        } else {
+            let frames = self.hosts.subscriber.frames.iter();
+            let for_others = frames.filter(|frame| matches!(frame.0, Some(Initiator::Can | Initiator::Poll)));
+            let for_others: u32 = for_others.map(|frame| frame.1).sum();
+            (counted.arm_to_host_bytes - for_others, 0)
         };
-        let seen = usb.bytes + missing_counted;
-        let possible = for_usb.saturating_sub(self.in_core + unsure)..=for_usb + unsure;
-        findings.expect(possible.contains(&seen), || {
-            format!(
-                "{} bytes at the host and {missing_counted} counted as lost of {for_usb} for it",
-                usb.bytes
-            )
+        let arrived = self.hosts.usb.bytes;
+        let lost = counted.dropped_bytes + counted.unheard_bytes;
+        let possible = for_usb.saturating_sub(self.account.in_core + unsure)..=for_usb + unsure;
+        findings.expect(possible.contains(&(arrived + lost)), || {
+            format!("{arrived} bytes at the host and {lost} counted as lost of {for_usb} for it")
         });
     }
 
     /// Checks the CAN bus: every frame and every answer.
-    fn check_can(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, findings: &mut Findings) {
-        let traffic = self.traffic;
-        let received = counted(|c| c.can_frames_received);
-        if counted(|c| c.can_receive_overruns) == 0 && counted(|c| c.can_bus_offs) == 0 {
+    fn check_can(&self, counted: &Counters, findings: &mut Findings) {
+        let (traffic, can) = (self.traffic, &self.hosts.can);
+        let received = counted.can_frames_received;
+        if counted.can_receive_overruns == 0 && counted.can_bus_offs == 0 {
             findings.equal("CAN frames received", received, traffic.frames_of_nodes);
         } else {
             // A controller in bus-off receives nothing.
@@ -378,36 +327,28 @@ impl Rig {
                 format!("{received} CAN frames received of {}", traffic.frames_of_nodes)
             });
         }
-        let sent = counted(|c| c.can_frames_sent);
-        findings.equal("CAN frames sent", sent, traffic.frames_of_board);
-        findings.expect(
-            (counted(|c| c.can_bus_errors) > 0) == (traffic.broken_frames > 0),
-            || {
-                format!(
-                    "{} CAN errors counted, {} frames broken",
-                    counted(|c| c.can_bus_errors),
-                    traffic.broken_frames
-                )
-            },
-        );
-        if let Some(subscriber) = self.hosts.subscriber.as_ref().filter(|_| !self.missed_events) {
-            let offs = subscriber
-                .events
-                .iter()
-                .filter(|(_, event)| *event == Event::BusOff { off: true });
-            findings.equal("bus-offs", counted(|c| c.can_bus_offs), offs.count() as u32);
+        findings.equal("CAN frames sent", counted.can_frames_sent, traffic.frames_of_board);
+        let (errors, broken) = (counted.can_bus_errors, traffic.broken_frames);
+        findings.expect((errors > 0) == (broken > 0), || {
+            format!("{errors} CAN errors counted, {broken} frames broken")
+        });
+        if !self.account.missed_events {
+            let events = self.hosts.subscriber.events.iter();
+            let offs = events
+                .filter(|(_, event)| *event == Event::BusOff { off: true })
+                .count();
+            findings.equal("bus-offs", counted.can_bus_offs, offs as u32);
         }
-        let Some(can) = &self.hosts.can else { return };
-        let excuses = counted(|c| c.unanswered_requests)
-            + counted(|c| c.isotp_failures)
-            + counted(|c| c.dropped_can_answers)
-            + counted(|c| c.refused_can_requests)
-            + counted(|c| c.can_receive_overruns)
-            + counted(|c| c.overrun_errors)
+        let excuses = counted.unanswered_requests
+            + counted.isotp_failures
+            + counted.dropped_can_answers
+            + counted.refused_can_requests
+            + counted.can_receive_overruns
+            + counted.overrun_errors
             // A request during bus-off.
             + traffic.frames_of_nodes.saturating_sub(received)
             + can.failures.len() as u32;
-        let given_up = can.tracker.given_up - self.given_up_before;
+        let given_up = can.tracker.given_up - self.account.given_up_on_can;
         findings.expect(given_up <= excuses, || {
             format!("{given_up} answers missing on CAN, {excuses} counted or reported")
         });
@@ -419,41 +360,25 @@ impl Rig {
     ///
     /// If it takes longer than `limit`.
     pub(super) fn recover(&mut self, over: Nanos, limit: Nanos) -> Result<Nanos> {
-        self.hosts.set_requesting(true);
-        let issued: Vec<u32> = self.trackers().iter().map(|tracker| tracker.issued()).collect();
+        self.hosts.set_paused(false);
+        let issued = self.hosts.trackers().map(|tracker| tracker.issued);
         let polls = self.arm_counts().polls;
-        let frames_before = self
-            .hosts
-            .subscriber
-            .as_ref()
-            .map_or(0, |subscriber| subscriber.all_frames());
+        let frames = self.hosts.subscriber.frames.len();
         let state = |rig: &Self| {
-            let answered = |(tracker, issued): (&RequestTracker, &u32)| {
-                tracker.last_answered().is_some_and(|last| last >= *issued)
-            };
-            let mut answered = rig.trackers().into_iter().zip(&issued).map(answered);
-            let newest = rig.hosts.can.as_ref().and_then(|can| can.telemetry.newest());
-            let frames_now = rig
-                .hosts
-                .subscriber
-                .as_ref()
-                .map_or(0, |subscriber| subscriber.all_frames());
+            let [usb, can] = rig.hosts.trackers().map(|tracker| tracker.last_answered);
             [
-                ("the host on USB", answered.next() == Some(true)),
-                ("the host on CAN", answered.next() == Some(true)),
-                ("the poll", newest.is_some_and(|newest| newest >= polls)),
-                ("the subscriber", frames_now > frames_before),
+                ("the host on USB", usb >= Some(issued[0])),
+                ("the host on CAN", can >= Some(issued[1])),
+                ("the poll", rig.hosts.can.telemetry.newest >= Some(polls)),
+                ("the subscriber", rig.hosts.subscriber.frames.len() > frames),
             ]
         };
         let left = (over + limit).since(self.board.now());
-        if self.work_until(left, &mut |rig| state(rig).iter().all(|(_, works)| *works))? {
+        if self.work_until(left, |rig| state(rig).iter().all(|(_, works)| *works))? {
             return Ok(self.board.now().since(over));
         }
-        let dead: Vec<_> = state(self)
-            .iter()
-            .filter(|(_, works)| !works)
-            .map(|(who, _)| *who)
-            .collect();
+        let dead = state(self).into_iter().filter(|(_, works)| !works);
+        let dead: Vec<&str> = dead.map(|(name, _)| name).collect();
         Err(format!("no traffic of {} within {limit}", dead.join(", ")).into())
     }
 }

@@ -19,13 +19,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use armwire_virtual_board::{Nanos, VirtualBoard};
+use strum::VariantArray;
 
-pub use self::cable::{Cable, Damage, Way};
+use self::cable::Cable;
 pub use self::invariants::Losses;
 pub use self::matrix::{Fault, Moment};
 pub use self::mutations::Mutation;
 use self::rig::Rig;
-pub use self::table::Table;
+pub use self::table::table;
 use crate::random::Random;
 
 /// The result of a step of a run. The error describes a violated invariant.
@@ -35,7 +36,7 @@ pub type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
 const CLEAN: Nanos = Nanos::from_millis(30);
 
 /// Number of cases on one [`Bench`], from each whole multiple of this number: every fault in one moment.
-pub const ROUND: u32 = Fault::ALL.len() as u32;
+pub const ROUND: u32 = Fault::VARIANTS.len() as u32;
 
 /// A run of the campaign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,10 +66,14 @@ pub struct Outcome {
 impl Case {
     /// The run with this number in the campaign with this seed. Each fault meets each moment, in turn.
     pub fn new(seed: u64, number: u32) -> Self {
-        let fault = Fault::ALL[(number % ROUND) as usize];
-        let moment = Moment::ALL[(number / ROUND) as usize % Moment::ALL.len()];
+        let fault = Fault::VARIANTS[(number % ROUND) as usize];
+        let moment = Moment::VARIANTS[(number / ROUND) as usize % Moment::VARIANTS.len()];
         let mut random = Random::new(!seed, number);
-        let brief: Vec<Fault> = Fault::ALL.into_iter().filter(|fault| fault.is_brief()).collect();
+        let brief: Vec<Fault> = Fault::VARIANTS
+            .iter()
+            .copied()
+            .filter(|fault| fault.is_brief())
+            .collect();
         let second = (fault.restart().is_none() && random.between(0, 3) == 0).then(|| random.one_of(&brief));
         Self {
             seed,
@@ -123,10 +128,7 @@ impl Bench {
         let recovery = rig.recover(over, limit)?;
         let restarts = case.fault.restart().is_some();
         if restarts {
-            // A restart resets the counters.
-            rig.finish()?;
-            rig.reset_accounting();
-            rig.resume()?;
+            rig.restart_accounting()?;
         }
         rig.work(CLEAN)?;
         rig.finish()?;

@@ -1,10 +1,10 @@
 //! Mutations: defects injected to test the invariants.
 
-use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed};
-use armwire::messages::Messages;
 use armwire_virtual_board::line::Fault as LineFault;
 
-use super::super::{Ticket, facts};
+use super::super::facts;
+use super::super::requests::motion;
+use super::super::ticket_arm::{CAN, Ticket};
 use super::Result;
 use super::rig::Rig;
 
@@ -32,44 +32,30 @@ impl Rig {
             Mutation::LostBytes => {
                 let chip = facts(self.board.chip());
                 let before = self.traffic.unreceived;
-                self.board.write_word(chip.uart_control, chip.uart_deaf)?;
-                self.await_fault(&mut |rig| rig.traffic.unreceived > before)?;
-                self.board.write_word(chip.uart_control, chip.uart_listening)?;
+                self.board.write_word(chip.uart_control, chip.uart_receiver_off)?;
+                self.await_fault(|rig| rig.traffic.unreceived > before)?;
+                self.board.write_word(chip.uart_control, chip.uart_receiver_on)?;
             }
             Mutation::ExtraErrorCount => {
-                self.plan(LineFault::Framing)?;
+                self.plan_line_fault(LineFault::Framing)?;
                 // The recorded traffic has no framing error.
                 self.traffic.framing_faults -= 1;
             }
             Mutation::ForgedAnswer => {
                 let ticket = Ticket {
-                    initiator: 1,
+                    initiator: CAN,
                     number: u32::MAX,
                 };
-                if let Some(can) = &mut self.hosts.can {
-                    can.tracker.strays.push(ticket.request());
-                }
+                self.hosts.can.tracker.strays.push(ticket.request());
             }
-            Mutation::UnrequestedMove => {
-                let target = Move {
-                    joints: [(Position::CENTRE, Speed::MAX); JOINTS],
-                    gripper: (Opening::CLOSED, GripperSpeed(1_000)),
-                };
-                let mut motion = [0; MAX_FRAME];
-                let len = Ling
-                    .encode_request(&Request::Move(target), &mut motion)
-                    .map_err(|error| format!("{error:?}"))?;
-                self.board.usb().write(&motion[..len])?;
-            }
+            Mutation::UnrequestedMove => self.board.usb().write(&motion())?,
             Mutation::UnexpectedRestart => {
                 self.disconnect_usb();
                 self.board.power_cycle()?;
-                self.set_up_again()?;
-                self.finish()?;
-                self.reset_accounting();
-                self.resume()?;
+                self.reconnect_usb();
+                self.restart_accounting()?;
             }
-            Mutation::SilentArm => self.board.with_arm(|cable| cable.arm().set_silent(true)),
+            Mutation::SilentArm => self.board.with_arm(|cable| cable.arm.silent = true),
         }
         Ok(())
     }

@@ -1,33 +1,25 @@
 //! A board with an arm and all hosts, for fault injection.
 
-use armwire_bridge::can::Node;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Request;
-use armwire_bridge::{Counters, Duration};
+use armwire_bridge::{Counters, Duration, PACKET};
 use armwire_virtual_board::line::Direction;
-use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, Timing, VirtualBoard};
+use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
+use super::super::hosts::{FINE_POLL_PERIOD, POLL_PERIOD};
 use super::super::{
-    ArmCounts, CanHost, Hosts, MEGABAUD, Subscriber, TicketArm, Traffic, UsbHost, byte_time, counters, open, path,
-    plug_in, polled,
+    ArmCounts, Hosts, MEGABAUD, TicketArm, Traffic, byte_time, counters, open, path, polled, run_until_unread,
 };
 use super::Result;
 use super::cable::Cable;
 use super::matrix::Moment;
 use crate::random::Random;
 
-/// Bits per second on the CAN bus.
-const RATE: u32 = 1_000_000;
-
 /// Polls per second.
 const HERTZ: u16 = 200;
 
 /// The arm's turnaround: long enough that the line is idle part of the time.
 const TURNAROUND: Duration = Duration::from_micros(500);
-
-/// Period of the hosts' polls, and the period during the wait for a moment.
-const POLL_PERIOD: Nanos = Nanos(250_000);
-const FINE_POLL_PERIOD: Nanos = Nanos(3_000);
 
 /// Time limit of the wait for a moment or for the hosts' answers.
 const STALL_TIMEOUT: Nanos = Nanos::from_millis(400);
@@ -39,17 +31,25 @@ pub(super) struct Rig {
     pub(super) hosts: Hosts,
     pub(super) random: Random,
     pub(super) traffic: Traffic,
-    pub(super) before: Counters,
-    pub(super) arm_counts_before: ArmCounts,
+    pub(super) account: Account,
     poll_period: Nanos,
+}
+
+/// Counts at the start of the accounting, and events since then that the invariants take into account.
+#[derive(Debug, Default)]
+pub(super) struct Account {
+    /// The adapter's counters at the start.
+    pub(super) counters: Counters,
+    /// The arm's counts at the start.
+    pub(super) arm_counts: ArmCounts,
+    /// Answers given up by the host on CAN before the start.
+    pub(super) given_up_on_can: u32,
     /// The subscriber was absent for a while, and its record of frames is incomplete.
     pub(super) missed_events: bool,
     /// Upper limit of the bytes lost in the USB core when the cable was unplugged.
     pub(super) in_core: u32,
-    /// Unasked frames of the arm.
-    pub(super) unasked: Vec<Vec<u8>>,
-    /// Answers given up by the host on CAN before the accounting.
-    pub(super) given_up_before: u32,
+    /// Unsolicited frames of the arm.
+    pub(super) unsolicited: Vec<Vec<u8>>,
     /// Requests may have been damaged on the way to the arm.
     pub(super) requests_damaged: bool,
 }
@@ -70,30 +70,16 @@ impl Rig {
                 VirtualBoard::start(config)?
             }
         };
-        plug_in(&mut board, MEGABAUD);
-        board.can().attach(RATE);
-        let hosts = Hosts {
-            usb: Some(UsbHost::default()),
-            can: Some(CanHost::new(Node::default())),
-            subscriber: Some(Subscriber::open(&mut board)),
-        };
+        let mut hosts = Hosts::connect(&mut board);
+        hosts.can.aborts = true;
         let mut rig = Self {
-            traffic: Traffic::begin(&mut board),
-            before: Counters::default(),
-            arm_counts_before: ArmCounts::default(),
             board,
             hosts,
             random,
+            traffic: Traffic::default(),
+            account: Account::default(),
             poll_period: POLL_PERIOD,
-            missed_events: false,
-            in_core: 0,
-            unasked: Vec::new(),
-            given_up_before: 0,
-            requests_damaged: false,
         };
-        if let Some(can) = &mut rig.hosts.can {
-            can.aborts = true;
-        }
         rig.reset_accounting();
         rig.resume()?;
         Ok(rig)
@@ -101,54 +87,56 @@ impl Rig {
 
     /// Sets the configuration.
     pub(super) fn configure(&mut self, config: Config) -> Result {
-        let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
-        subscriber.control.order(&mut self.board, Request::SetConfig(config));
+        self.order(Request::SetConfig(config));
         // New bus settings restart the controller, which discards earlier frames.
         self.work(Nanos::from_millis(2))
     }
 
+    /// Makes a request at the control interface whose reply has no content.
+    pub(super) fn order(&mut self, request: Request) {
+        self.hosts.subscriber.control.order(&mut self.board, request);
+    }
+
     /// Restarts the accounting. Nothing may be in progress.
-    pub(super) fn reset_accounting(&mut self) {
-        if let Some(usb) = &mut self.hosts.usb {
-            (usb.bytes, usb.noise_bytes) = (0, 0);
-        }
-        self.hosts.subscriber.as_mut().map(Subscriber::forget);
+    fn reset_accounting(&mut self) {
+        self.hosts.usb.bytes = 0;
+        self.hosts.subscriber.forget();
+        self.account = Account {
+            counters: counters(&mut self.board),
+            arm_counts: self.arm_counts(),
+            given_up_on_can: self.hosts.can.tracker.given_up,
+            ..Account::default()
+        };
         self.traffic = Traffic::begin(&mut self.board);
-        self.before = counters(&mut self.board);
-        self.traffic = Traffic::begin(&mut self.board);
-        self.arm_counts_before = self.arm_counts();
-        self.missed_events = false;
-        self.in_core = 0;
-        self.unasked.clear();
-        self.given_up_before = self.hosts.can.as_ref().map_or(0, |can| can.tracker.given_up);
-        self.requests_damaged = false;
+    }
+
+    /// Restarts the accounting after a restart of the board, which resets the counters.
+    pub(super) fn restart_accounting(&mut self) -> Result {
+        self.finish()?;
+        self.reset_accounting();
+        self.resume()
     }
 
     pub(super) fn arm_counts(&mut self) -> ArmCounts {
-        self.board.with_arm(|cable| cable.arm().arm_counts())
-    }
-
-    /// True if the serial port is open and the device is attached.
-    pub(super) fn is_open(&mut self) -> bool {
-        self.board.usb().is_open()
+        self.board.with_arm(|cable| cable.arm.counts)
     }
 
     /// Runs the load for `span`.
     pub(super) fn work(&mut self, span: Nanos) -> Result {
-        self.work_until(span, &mut |_| false).map(drop)
+        self.work_until(span, |_| false).map(drop)
     }
 
     /// Runs the load for a random time from `low` to `high` microseconds.
     pub(super) fn work_between(&mut self, low: u64, high: u64) -> Result {
-        let span = Nanos::from(Duration::from_micros(self.random.between(low, high)));
-        self.work(span)
+        let span = Duration::from_micros(self.random.between(low, high));
+        self.work(span.into())
     }
 
     /// Runs the load until `done`, for at most `limit`. Returns true if `done` was.
-    pub(super) fn work_until(&mut self, limit: Nanos, done: &mut dyn FnMut(&mut Self) -> bool) -> Result<bool> {
+    pub(super) fn work_until(&mut self, limit: Nanos, mut done: impl FnMut(&mut Self) -> bool) -> Result<bool> {
         let end = self.board.now() + limit;
         loop {
-            self.serve();
+            self.hosts.poll(&mut self.board);
             if done(self) {
                 return Ok(true);
             }
@@ -157,44 +145,14 @@ impl Rig {
             if left == Nanos(0) {
                 return Ok(false);
             }
-            let news = |board: &mut VirtualBoard<Cable>| board.usb().unread() > 0 || board.can().unread() > 0;
-            match self.board.run_until(self.poll_period.min(left), news) {
-                // Unread data without a reader does not end the wait.
-                Ok(Nanos(0)) => self.board.run_for(FINE_POLL_PERIOD.min(left))?,
-                Ok(_) | Err(Error::TimedOut { .. }) => {}
-                Err(error) => return Err(error.into()),
-            }
+            run_until_unread(&mut self.board, self.poll_period.min(left))?;
         }
-    }
-
-    /// Polls each host.
-    fn serve(&mut self) {
-        let Self { board, hosts, .. } = self;
-        if let Some(usb) = &mut hosts.usb
-            && board.usb().is_open()
-        {
-            usb.poll(board);
-        }
-        if let Some(can) = &mut hosts.can {
-            can.poll(board);
-        }
-        if let Some(subscriber) = &mut hosts.subscriber
-            && board.usb().vendor().is_open()
-        {
-            subscriber.poll(board);
-        }
-    }
-
-    /// True if no host waits for an answer.
-    pub(super) fn is_done(&self) -> bool {
-        let usb = self.hosts.usb.as_ref().is_none_or(|usb| usb.tracker.is_done());
-        usb && self.hosts.can.as_ref().is_none_or(|can| can.tracker.is_done())
     }
 
     /// Stops the requests and waits until each has ended.
-    pub(super) fn quiet(&mut self) -> Result {
-        self.hosts.set_requesting(false);
-        if !self.work_until(STALL_TIMEOUT, &mut |rig| rig.is_done())? {
+    fn quiet(&mut self) -> Result {
+        self.hosts.set_paused(true);
+        if !self.work_until(STALL_TIMEOUT, |rig| rig.hosts.is_done())? {
             return Err(format!("a host still waits after {STALL_TIMEOUT}").into());
         }
         Ok(())
@@ -211,7 +169,7 @@ impl Rig {
     /// Restarts polls and requests.
     pub(super) fn resume(&mut self) -> Result {
         self.configure(polled(HERTZ))?;
-        self.hosts.set_requesting(true);
+        self.hosts.set_paused(false);
         Ok(())
     }
 
@@ -222,30 +180,31 @@ impl Rig {
             self.quiet()?;
         }
         self.poll_period = FINE_POLL_PERIOD;
-        let mut quiet_since = self.board.now();
-        let found = self.work_until(STALL_TIMEOUT, &mut |rig| {
+        let mut idle_since = self.board.now();
+        let found = self.work_until(STALL_TIMEOUT, |rig| {
             let now = rig.board.now();
             let last = rig.board.uart().bytes().last().copied();
-            let moves =
-                |way| last.is_some_and(|byte| byte.direction == way && now.since(byte.at) < byte_time(MEGABAUD));
+            let is_moving = |direction| {
+                last.is_some_and(|byte| byte.direction == direction && now.since(byte.at) < byte_time(MEGABAUD))
+            };
+            let has_pending = rig.board.with_arm(|cable| cable.arm.has_pending());
             match moment {
                 Moment::Idle => {
-                    let talks = rig.board.with_arm(|cable| cable.arm().has_pending());
-                    if talks || last.is_some() {
-                        quiet_since = now;
+                    if has_pending || last.is_some() {
+                        idle_since = now;
                     }
-                    now.since(quiet_since) > Nanos(700_000)
+                    now.since(idle_since) > Nanos(700_000)
                 }
-                Moment::Request => moves(Direction::ToArm),
-                Moment::Answer => moves(Direction::ToBoard) && rig.board.with_arm(|cable| cable.arm().has_pending()),
-                Moment::IsoTp => rig.hosts.can.as_ref().is_some_and(CanHost::is_sending),
+                Moment::Request => is_moving(Direction::ToArm),
+                Moment::Answer => is_moving(Direction::ToBoard) && has_pending,
+                Moment::IsoTp => rig.hosts.can.is_sending(),
                 Moment::UsbPacket => rig.board.usb().unsent() > 0,
                 Moment::Any => true,
             }
         })?;
         self.poll_period = POLL_PERIOD;
         if !found {
-            return Err(format!("moment not reached: {}", moment.name()).into());
+            return Err(format!("moment not reached: {moment}").into());
         }
         let jitter = match moment {
             Moment::Any => self.random.between(0, 5_000_000),
@@ -254,33 +213,24 @@ impl Rig {
         self.work(Nanos(jitter))
     }
 
-    /// The host and the subscriber lose the device.
+    /// Records that the host on USB and the subscriber lost the device.
     pub(super) fn disconnect_usb(&mut self) {
-        if let Some(usb) = &mut self.hosts.usb {
-            usb.reopened();
-        }
-        self.hosts.subscriber = self.hosts.subscriber.take().map(Subscriber::away);
-        self.missed_events = true;
-        self.in_core += 2 * armwire_bridge::PACKET as u32;
+        self.hosts.usb.on_closed();
+        self.account.missed_events = true;
+        self.account.in_core += 2 * PACKET as u32;
     }
 
-    /// Host and subscriber find the device again.
-    pub(super) fn reconnect_usb(&mut self) {
+    /// Attaches the device again and opens its interfaces. Returns the time before.
+    pub(super) fn reconnect_usb(&mut self) -> Nanos {
+        let now = self.board.now();
         self.board.usb().attach();
         self.open_usb();
+        now
     }
 
-    /// Host and subscriber open the interfaces of the device.
+    /// Opens the interfaces of the device.
     pub(super) fn open_usb(&mut self) {
         open(&mut self.board, MEGABAUD);
-        if let Some(subscriber) = &mut self.hosts.subscriber {
-            subscriber.reopen(&mut self.board);
-        }
-    }
-
-    /// Reconnects and reconfigures after a restart of the board.
-    pub(super) fn set_up_again(&mut self) -> Result {
-        self.reconnect_usb();
-        self.configure(polled(HERTZ))
+        self.hosts.subscriber.open(&mut self.board);
     }
 }

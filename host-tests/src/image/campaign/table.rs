@@ -1,92 +1,51 @@
 //! The matrix of faults and moments with the results of the runs, as in `docs/faults.md`.
 
 use std::collections::BTreeMap;
-use std::fmt;
 
 use armwire_virtual_board::Nanos;
+use strum::VariantArray;
 
 use super::Outcome;
 use super::matrix::{Fault, Moment};
 
-/// Results of the runs with one fault.
-#[derive(Clone, Debug, Default)]
-struct Row {
-    runs: BTreeMap<Moment, u32>,
-    failed: u32,
-    /// The longest recovery in runs without a second fault.
-    worst: Nanos,
-    losses: BTreeMap<&'static str, u32>,
-}
-
-/// The matrix.
-#[derive(Clone, Debug)]
-pub struct Table {
-    rows: Vec<(Fault, Row)>,
-    two: u32,
-}
-
-impl Table {
-    /// The matrix of these runs.
-    pub fn of(outcomes: &[Outcome]) -> Self {
-        let mut rows: Vec<(Fault, Row)> = Fault::ALL.map(|fault| (fault, Row::default())).into();
-        for outcome in outcomes {
-            let Some((_, row)) = rows.iter_mut().find(|(fault, _)| *fault == outcome.case.fault) else {
-                continue;
-            };
-            *row.runs.entry(outcome.case.moment).or_default() += 1;
-            match &outcome.result {
-                Ok((recovery, losses)) => {
-                    if outcome.case.second.is_none() {
-                        row.worst = row.worst.max(*recovery);
-                    }
-                    for &(name, count) in losses.iter().filter(|(_, count)| *count > 0) {
-                        *row.losses.entry(name).or_default() += count;
-                    }
-                }
-                Err(_) => row.failed += 1,
-            }
-        }
-        let two = outcomes.iter().filter(|outcome| outcome.case.second.is_some()).count() as u32;
-        Self { rows, two }
+/// The matrix of these runs, in Markdown.
+pub fn table(outcomes: &[Outcome]) -> String {
+    let moments: String = Moment::VARIANTS.iter().map(|moment| format!(" {moment} |")).collect();
+    let columns = "---:|".repeat(Moment::VARIANTS.len() + 3);
+    let mut text = format!("| Fault |{moments} recovered | worst, ms | limit, ms | counted |\n|---|{columns}---|\n");
+    for &fault in Fault::VARIANTS {
+        let runs: Vec<&Outcome> = outcomes.iter().filter(|outcome| outcome.case.fault == fault).collect();
+        text += &row(fault, &runs);
     }
+    let recovered = outcomes.iter().filter(|outcome| outcome.result.is_ok()).count();
+    let two = outcomes.iter().filter(|outcome| outcome.case.second.is_some()).count();
+    let all = outcomes.len();
+    text + &format!("\n{recovered} of {all} runs recovered; {two} of them with a second fault.\n")
 }
 
-/// In Markdown.
-impl fmt::Display for Table {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let millis = |span: Nanos| span.0 as f64 / 1e6;
-        write!(f, "| Fault |")?;
-        for moment in Moment::ALL {
-            write!(f, " {} |", moment.name())?;
+/// The row of the runs with this fault.
+fn row(fault: Fault, runs: &[&Outcome]) -> String {
+    let count = |moment| runs.iter().filter(|run| run.case.moment == moment).count();
+    let counts: String = Moment::VARIANTS
+        .iter()
+        .map(|&moment| format!(" {} |", count(moment)))
+        .collect();
+    let (mut recovered, mut worst, mut losses) = (0, Nanos(0), BTreeMap::<&str, u32>::new());
+    for run in runs {
+        let Ok((recovery, lost)) = &run.result else { continue };
+        recovered += 1;
+        if run.case.second.is_none() {
+            worst = worst.max(*recovery);
         }
-        writeln!(f, " recovered | worst, ms | limit, ms | counted |")?;
-        writeln!(f, "|---|{}", "---:|".repeat(Moment::ALL.len() + 3) + "---|")?;
-        let (mut runs, mut recovered) = (0, 0);
-        for (fault, row) in &self.rows {
-            write!(f, "| {} |", fault.name())?;
-            for moment in Moment::ALL {
-                write!(f, " {} |", row.runs.get(&moment).copied().unwrap_or(0))?;
-            }
-            let all: u32 = row.runs.values().sum();
-            (runs, recovered) = (runs + all, recovered + all - row.failed);
-            let losses: Vec<String> = row
-                .losses
-                .iter()
-                .map(|(name, count)| format!("{name} {count}"))
-                .collect();
-            writeln!(
-                f,
-                " {} of {all} | {:.1} | {:.0} | {} |",
-                all - row.failed,
-                millis(row.worst),
-                millis(fault.limit()),
-                losses.join(", ")
-            )?;
+        for &(name, count) in lost.iter().filter(|(_, count)| *count > 0) {
+            *losses.entry(name).or_default() += count;
         }
-        writeln!(
-            f,
-            "\n{recovered} of {runs} runs recovered; {} of them with a second fault.",
-            self.two
-        )
     }
+    let losses: Vec<String> = losses.iter().map(|(name, count)| format!("{name} {count}")).collect();
+    let [worst, limit] = [worst, fault.limit()].map(|span| span.0 as f64 / 1e6);
+    format!(
+        "| {fault} |{counts} {recovered} of {} | {worst:.1} | {limit:.0} | {} |\n",
+        runs.len(),
+        losses.join(", ")
+    )
 }
