@@ -109,8 +109,8 @@ fn unplugged_host_loses_only_its_own_answers() {
             expected.packets_to_host = counted.packets_to_host;
             assert!((handed_over..=handed_over + 2 * TIMES).contains(&counted.packets_to_host));
             // The adapter counts bytes in the USB core as sent.
-            expected.unheard_bytes = counted.unheard_bytes;
-            assert!((counted.unheard_bytes..=counted.unheard_bytes + TIMES * PACKET as u32).contains(&missed));
+            expected.undelivered_bytes = counted.undelivered_bytes;
+            assert!((counted.undelivered_bytes..=counted.undelivered_bytes + TIMES * PACKET as u32).contains(&missed));
             // All but the events queued for the subscriber at the unplug.
             expected.dropped_events = counted.dropped_events;
             let queued = counted.frames - reported - counted.dropped_events;

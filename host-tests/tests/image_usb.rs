@@ -203,7 +203,7 @@ fn adapter_waits_for_a_host() {
         board.run_for(Nanos::from_millis(5_000)).unwrap();
         plug_in(board, MEGABAUD);
         assert_eq!(read_all(board), b"", "bytes from before the port was opened");
-        assert_eq!(counters(board).unheard_bytes, 3_000);
+        assert_eq!(counters(board).undelivered_bytes, 3_000);
         exchange_some(board, 2);
     });
 }
@@ -330,7 +330,7 @@ fn reopened_port_delivers_only_later_bytes() {
         board.run_for(Nanos::from_millis(50)).unwrap();
         board.usb().set_control_lines(true, true).unwrap();
         assert_eq!(read_all(board), b"");
-        assert_eq!(counters(board).unheard_bytes, 17);
+        assert_eq!(counters(board).undelivered_bytes, 17);
         exchange_some(board, 1);
     });
 }
@@ -351,7 +351,7 @@ fn next_program_receives_no_earlier_bytes() {
             board.usb().set_control_lines(true, true).unwrap();
             board.usb().set_reading(true);
             assert_eq!(read_all(board), b"", "of {len} bytes");
-            assert_eq!(counters(board).unheard_bytes - before, len as u32);
+            assert_eq!(counters(board).undelivered_bytes - before, len as u32);
             exchange_some(board, nth as u64);
         }
     });

@@ -226,7 +226,7 @@ impl Rig {
             }
             findings.equal("bytes of noise at the arm", 0, noise);
         }
-        let answers = counted.frames - counted.unasked_frames - counted.late_answers;
+        let answers = counted.frames - counted.unsolicited_frames - counted.late_answers;
         findings.equal(
             "requests, by answers and those missing",
             answers + counted.unanswered_requests,
@@ -241,7 +241,7 @@ impl Rig {
     fn check_hosts(&self, counted: &Counters, faults: &[Fault], findings: &mut Findings) {
         // A frame with a long pause is noise for the adapter, but may be a frame for a host.
         let in_noise = counted.noise_bytes / ANSWER_LEN;
-        let unclaimed = counted.late_answers + counted.unasked_frames + in_noise;
+        let unclaimed = counted.late_answers + counted.unsolicited_frames + in_noise;
         let issued_on_can = self.hosts.can.tracker.issued;
         // One in 256 bursts of noise has a valid checksum. It cannot be distinguished from an answer.
         let mut noise_like_answers = u32::from(faults.contains(&Fault::NoiseBurst));
@@ -308,7 +308,7 @@ impl Rig {
             (counted.arm_to_host_bytes - for_others, 0)
         };
         let arrived = self.hosts.usb.bytes;
-        let lost = counted.dropped_bytes + counted.unheard_bytes;
+        let lost = counted.dropped_bytes + counted.undelivered_bytes;
         let possible = for_usb.saturating_sub(self.account.in_core + unsure)..=for_usb + unsure;
         findings.expect(possible.contains(&(arrived + lost)), || {
             format!("{arrived} bytes at the host and {lost} counted as lost of {for_usb} for it")
