@@ -11,7 +11,7 @@ use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, Subscription};
 use armwire_cli::host::{self, ControlLink, Error, Link, open_ling};
 use armwire_cli::stamps::{self, Clock};
-use ros2_client::RmwRequestId;
+use ros2_client::{ReadError, RmwRequestId};
 
 use crate::diagnostics::Diagnostics;
 use crate::joint_states::{Reading, to_move};
@@ -86,14 +86,13 @@ impl Host<'_> {
         }
     }
 
-    /// The next trajectory. DDS drops a trajectory that cannot be decoded.
-    fn trajectory(&self) -> Option<JointTrajectory> {
-        self.endpoints
-            .trajectories
-            .take()
-            .ok()
-            .flatten()
-            .map(|(trajectory, _)| trajectory)
+    /// The next trajectory, or the refusal of a message that is none.
+    fn trajectory(&self) -> Option<Result<JointTrajectory, Refusal>> {
+        match self.endpoints.trajectories.take() {
+            Ok(received) => received.map(|(trajectory, _)| Ok(trajectory)),
+            Err(ReadError::Deserialization { .. }) => Some(Err(Refusal::Undecodable)),
+            Err(_) => None,
+        }
     }
 
     fn respond(&self, effect: Effect, id: RmwRequestId, outcome: Outcome) {
@@ -191,7 +190,8 @@ impl<'a, 'b> Session<'a, 'b> {
             };
             adapter.call(control::Request::Subscribe(all))?;
         }
-        let latest = poll(&mut link, stroke)?;
+        let state = read_joints(&mut link)?;
+        let latest = Reading::new(stamps::now(), &state, stroke).map_err(|error| Failure::Arm(error.to_string()))?;
         host.diagnostics.failure = None;
         host.diagnostics.stamps = if adapter.is_some() { "adapter" } else { "host" };
         log(
@@ -241,13 +241,9 @@ impl<'a, 'b> Session<'a, 'b> {
                 }
             } else {
                 thread::sleep(due.saturating_duration_since(Instant::now()));
-                let reading = poll(&mut self.link, self.stroke)?;
-                self.publish(reading);
-                due += self.period;
-                if due < Instant::now() {
-                    self.host.diagnostics.late += 1;
-                    due = Instant::now();
-                }
+                let state = read_joints(&mut self.link)?;
+                self.publish(stamps::now(), &state);
+                due = (due + self.period).max(Instant::now());
             }
             self.take_trajectories();
             self.take_requests()?;
@@ -272,10 +268,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 let Ok(Response::Joints(state)) = response else {
                     return Ok(false);
                 };
-                match Reading::new(at, &state, self.stroke) {
-                    Ok(reading) => self.publish(reading),
-                    Err(_) => self.host.diagnostics.unusable += 1,
-                }
+                self.publish(at, &state);
                 Ok(true)
             }
             event => {
@@ -287,9 +280,14 @@ impl<'a, 'b> Session<'a, 'b> {
         }
     }
 
-    fn publish(&mut self, reading: Reading) {
+    fn publish(&mut self, at: i64, state: &ling::JointState) {
         let diagnostics = &mut self.host.diagnostics;
+        let Ok(reading) = Reading::new(at, state, self.stroke) else {
+            diagnostics.unusable += 1;
+            return;
+        };
         diagnostics.readings += 1;
+        diagnostics.late += u64::from(reading.is_late_after(&self.latest, self.period));
         diagnostics.status = Some(reading.status);
         if self
             .host
@@ -316,7 +314,14 @@ impl<'a, 'b> Session<'a, 'b> {
 
     /// Checks each received trajectory, and plays the last valid one.
     fn take_trajectories(&mut self) {
-        while let Some(trajectory) = self.host.trajectory() {
+        while let Some(received) = self.host.trajectory() {
+            let trajectory = match received {
+                Ok(trajectory) => trajectory,
+                Err(refusal) => {
+                    self.host.refuse(&refusal);
+                    continue;
+                }
+            };
             // The readings may not show a torque-off yet.
             let is_ending = self
                 .pending
@@ -395,13 +400,12 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 }
 
-/// One reading by our own request, with the host's time.
-fn poll(link: &mut Link<Ling>, stroke: Stroke) -> Result<Reading, Failure> {
-    let state: ling::JointState = match link.call(&Request::ReadJoints, |response| response)? {
-        Some(Response::Joints(state)) => state,
-        _ => return Err(Failure::Arm("the arm answered another request".to_owned())),
-    };
-    Reading::new(stamps::now(), &state, stroke).map_err(|error| Failure::Arm(error.to_string()))
+/// Reads the joints by a request of this node.
+fn read_joints(link: &mut Link<Ling>) -> Result<ling::JointState, Failure> {
+    match link.call(&Request::ReadJoints, |response| response)? {
+        Some(Response::Joints(state)) => Ok(state),
+        _ => Err(Failure::Arm("the arm answered another request".to_owned())),
+    }
 }
 
 /// The rate at which the adapter polls a Ling arm.

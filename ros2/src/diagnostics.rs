@@ -31,7 +31,7 @@ pub(crate) struct Diagnostics {
     pub(crate) dropped: u64,
     /// Readings with a joint out of the protocol's range.
     pub(crate) unusable: u64,
-    /// Readings more than a period after they were due.
+    /// Readings more than two periods after the previous one.
     pub(crate) late: u64,
     pub(crate) reconnects: u64,
     pub(crate) accepted: u64,

@@ -1,5 +1,7 @@
 //! Conversion between a Ling arm's ticks and per mille and radians and metres.
 
+use std::time::Duration;
+
 use armwire::OutOfRange;
 use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Speed, Stroke};
 
@@ -58,6 +60,12 @@ impl Reading {
             status: state.status,
             positions,
         })
+    }
+
+    /// True if a reading between the two is missing.
+    pub(crate) fn is_late_after(&self, previous: &Self, period: Duration) -> bool {
+        let passed = u64::try_from(self.at - previous.at).unwrap_or(0);
+        Duration::from_nanos(passed) > 2 * period
     }
 
     /// True if the arm holds its position; `None` if its status does not show it.
@@ -136,6 +144,13 @@ mod tests {
     fn positions_out_of_range_are_an_error() {
         assert!(Reading::new(0, &state(4096, 0), Stroke::Mm50).is_err());
         assert!(Reading::new(0, &state(0, 1001), Stroke::Mm50).is_err());
+    }
+
+    #[test]
+    fn reading_is_late_after_two_periods() {
+        let reading = |at| Reading::new(at, &state(0, 0), Stroke::Mm50).unwrap();
+        let is_late = |at| reading(at).is_late_after(&reading(1_000), Duration::from_nanos(500));
+        assert_eq!([0, 1_500, 2_000, 2_001].map(is_late), [false, false, false, true]);
     }
 
     #[test]

@@ -13,10 +13,10 @@
 //!                        └── armwire_cli::stamps: the adapter's clock in system time
 //! ```
 //!
-//! The way of one `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),
-//! `ControlLink::next_event` reads it, `stamps::Clock` maps the stamp to system time, `joint_states::Reading` turns ticks into
-//! radians, `Endpoints::publish` hands it to DDS. Without an adapter the node asks the arm, and the stamp is the host's
-//! time when the answer was in.
+//! The path of a `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),
+//! `ControlLink::next_event` receives the event, `stamps::Clock` maps the stamp to system time, `joint_states::Reading`
+//! converts ticks to radians, and `Session::publish` passes it to DDS. Without an adapter the node reads the joints, and the
+//! stamp is the host's time of the answer.
 
 mod arm;
 mod diagnostics;

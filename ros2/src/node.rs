@@ -37,10 +37,10 @@ pub(crate) struct Endpoints {
 }
 
 /// Reliable, for readers of both kinds. Never waits for a slow reader, for which the last samples are kept.
-fn qos(depth: usize) -> QosProfile {
+fn qos() -> QosProfile {
     QosProfile::publisher_default()
         .reliability_reliable(WhenFull::Fail)
-        .history(History::KeepLast { depth })
+        .history(History::KeepLast { depth: 10 })
 }
 
 impl Network {
@@ -62,20 +62,19 @@ impl Network {
         let name = NodeName::new(&namespace, "armwire").map_err(of_arm(arm))?;
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
         let mut node = self.context.new_node(name, options).map_err(of_arm(arm))?;
-        let topic = |node: &Node, namespace: &str, name: &str, package: &str, kind: &str, depth: usize| {
+        let topic = |node: &Node, namespace: &str, name: &str, package: &str, kind: &str| {
             let name = Name::new(namespace, name).map_err(of_arm(arm))?;
-            node.create_topic(&name, MessageTypeName::new(package, kind), &qos(depth))
+            node.create_topic(&name, MessageTypeName::new(package, kind), &qos())
                 .map_err(of_arm(arm))
         };
-        let states = topic(&node, &namespace, "joint_states", "sensor_msgs", "JointState", 10)?;
-        let diagnostics = topic(&node, "/", "diagnostics", "diagnostic_msgs", "DiagnosticArray", 10)?;
+        let states = topic(&node, &namespace, "joint_states", "sensor_msgs", "JointState")?;
+        let diagnostics = topic(&node, "/", "diagnostics", "diagnostic_msgs", "DiagnosticArray")?;
         let trajectories = topic(
             &node,
             &namespace,
             "joint_trajectory",
             "trajectory_msgs",
             "JointTrajectory",
-            1,
         )?;
         let mapping = match rmw {
             Rmw::Fastrtps => ServiceMapping::Enhanced,
@@ -89,10 +88,10 @@ impl Network {
             diagnostics: node.create_publisher(&diagnostics, None).map_err(of_arm(arm))?,
             trajectories: node.create_subscription(&trajectories, None).map_err(of_arm(arm))?,
             torque: node
-                .create_server(mapping, &service("torque")?, &set_bool, qos(10), qos(10))
+                .create_server(mapping, &service("torque")?, &set_bool, qos(), qos())
                 .map_err(of_arm(arm))?,
             set_zero: node
-                .create_server(mapping, &service("set_zero")?, &trigger, qos(10), qos(10))
+                .create_server(mapping, &service("set_zero")?, &trigger, qos(), qos())
                 .map_err(of_arm(arm))?,
         };
         Ok((Kept(node), endpoints))

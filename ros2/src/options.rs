@@ -69,7 +69,7 @@ pub(crate) struct Arm {
     pub(crate) port: Port,
     /// The adapter's control port, if it is not found from the arm's port.
     pub(crate) control: Option<Port>,
-    /// The six joints, and the gripper, whose range is known from the arm only.
+    /// The six joints and the gripper. The arm reports the gripper's range.
     pub(crate) joints: Vec<Joint>,
     pub(crate) rate: u32,
     pub(crate) allow_set_zero: bool,
@@ -108,7 +108,7 @@ impl Options {
             let port = port.parse().map_err(wrong)?;
             let control = controls.remove(name).map(Port::of_control).transpose().map_err(wrong)?;
             if let Some(other) = arms.iter().find(|arm| arm.port == port && arm.control == control) {
-                return Err(format!("--arm {text:?}: its port is that of {}", other.name));
+                return Err(format!("--arm {text:?}: {} has the same port", other.name));
             }
             arms.push(Arm {
                 name: name.to_owned(),

@@ -13,6 +13,9 @@ const MAX_LENGTH: Duration = Duration::from_secs(600);
 /// Maximum distance between a joint and a first point at time 0, in rad.
 const START_TOLERANCE: f64 = 0.05;
 
+/// Maximum number of characters of an unknown name in a refusal.
+const MAX_NAME: usize = 64;
+
 /// A joint of a trajectory, in rad and rad/s, or in m for a gripper.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Joint {
@@ -29,6 +32,9 @@ pub(crate) enum Refusal {
     /// The torque went off during the motion.
     #[error("the torque went off and ended the motion")]
     TorqueLost,
+    #[error("the message is not a JointTrajectory")]
+    Undecodable,
+    /// The first [`MAX_NAME`] characters of the name.
     #[error("joint {0:?} is unknown")]
     UnknownJoint(String),
     #[error("joint {0:?} is named twice")]
@@ -190,7 +196,7 @@ pub(crate) fn check(
 fn columns(joints: &[Joint], required: usize, names: &[String]) -> Result<Vec<Option<usize>>, Refusal> {
     for (nth, name) in names.iter().enumerate() {
         if !joints.iter().any(|joint| joint.name == *name) {
-            return Err(Refusal::UnknownJoint(name.clone()));
+            return Err(Refusal::UnknownJoint(name.chars().take(MAX_NAME).collect()));
         }
         if names[..nth].contains(name) {
             return Err(Refusal::RepeatedJoint(name.clone()));
@@ -461,6 +467,13 @@ mod tests {
             wrong.joint_names = names.iter().map(|&name| name.to_owned()).collect();
             assert_eq!(refused(&wrong), error);
         }
+    }
+
+    #[test]
+    fn refusal_has_the_start_of_a_long_name() {
+        let mut wrong = trajectory(&[point(1.0, &[0.0, 0.0])]);
+        wrong.joint_names[0] = "x".repeat(1_000_000);
+        assert_eq!(refused(&wrong), format!("joint \"{}\" is unknown", "x".repeat(64)));
     }
 
     #[test]

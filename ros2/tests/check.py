@@ -75,6 +75,12 @@ class JointTrajectory_(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTra
     points: sequence[Point_]
 
 
+# A message of the same name with other fields, as a faulty program may send it.
+@dataclass
+class NoTrajectory_(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTrajectory_"):
+    number: uint32
+
+
 @dataclass
 class KeyValue_(IdlStruct, typename="diagnostic_msgs::msg::dds_::KeyValue_"):
     key: str
@@ -313,6 +319,20 @@ def one_arm(participant):
         until(lambda: peer.value("last_refusal").startswith(reason), 5, f"refused: {reason}")
     assert peer.is_at(goal) and int(peer.value("trajectories_refused")) == len(refused)
     passed(f"{len(refused)} bad trajectories are refused, each with its reason, and the arm stays")
+
+    topic = Topic(participant, "rt/left/joint_trajectory", NoTrajectory_, qos=QOS)
+    faulty = DataWriter(participant, topic, qos=QOS)
+    until(faulty.get_matched_subscriptions, 10, "the node reads a faulty writer")
+    faulty.write(NoTrajectory_(0xFFFFFFFF))
+    until(lambda: peer.value("last_refusal") == "the message is not a JointTrajectory", 5, "refused: another message")
+    assert int(peer.value("trajectories_refused")) == len(refused) + 1
+    passed("a message that is no trajectory is refused, and counted")
+
+    accepted = int(peer.value("trajectories_accepted"))
+    for _ in range(5):
+        peer.send([goal])
+    until(lambda: int(peer.value("trajectories_accepted")) == accepted + 5, 5, "all trajectories are accepted")
+    passed("five trajectories at once are all checked")
 
     answer = peer.call(peer.set_zero, lambda caller, number: TriggerRequest_(caller, number, 0))
     assert not answer.success and "--allow-set-zero" in answer.message and peer.is_at(goal), answer

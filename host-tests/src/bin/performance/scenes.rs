@@ -195,7 +195,9 @@ fn run<A: Arm>(board: &mut VirtualBoard<A>, link: Link, received: &mut Vec<u8>) 
         let end = board.now() + span;
         while board.now() < end {
             let limit = POLL_PERIOD.min(end.since(board.now()));
-            board.run_until_can_received(limit).expect("the firmware does not crash");
+            board
+                .run_until_can_received(limit)
+                .expect("the firmware does not crash");
             received.extend(board.usb().read());
             on_can += can.poll(board).map_or(0, |answer| answer.len());
         }
