@@ -20,7 +20,8 @@ pub(crate) fn parse(text: &str) -> Result<Vec<u8>, WrongWord> {
 }
 
 /// A word that is not hexadecimal, cut after [`MAX_WORD`] bytes and for messages.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("line {line}: '{word}' is not a byte or bytes in hexadecimal")]
 pub(crate) struct WrongWord {
     /// The line, counted from 1.
     pub(crate) line: usize,

@@ -111,24 +111,23 @@ fn decode_input(
     arm: ArmKind,
     from: Option<Speaker>,
 ) -> Result<(), Error> {
-    let format = format.map_or_else(|| detect::detect(&mut input), Ok)?;
-    if matches!(format, Format::Raw | Format::Hex) {
-        return decode_line(input, out, format, arm, from);
-    }
-    if format == Format::Mcap {
+    match format.map_or_else(|| detect::detect(&mut input), Ok)? {
+        format @ (Format::Raw | Format::Hex) => decode_line(input, out, format, arm, from),
         #[cfg(feature = "recordings")]
-        return mcap::decode(&mut input, out);
+        Format::Mcap => mcap::decode(&mut input, out),
         #[cfg(not(feature = "recordings"))]
-        return Err(Error::at(input.name(), "this build of armwire reads no MCAP files"));
+        Format::Mcap => Err(Error::at(input.name(), "this build of armwire reads no MCAP files")),
+        format => {
+            let mut buses = Buses::new(match arm {
+                ArmKind::Ling => Protocol::Ling,
+                ArmKind::Alpha1 => Protocol::Alpha1,
+                ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
+            });
+            log::read(&mut input, format, &mut |record| buses.take(record, out))?;
+            buses.finish(out);
+            Ok(())
+        }
     }
-    let mut buses = Buses::new(match arm {
-        ArmKind::Ling => Protocol::Ling,
-        ArmKind::Alpha1 => Protocol::Alpha1,
-        ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
-    });
-    log::read(&mut input, format, &mut |record| buses.take(record, out))?;
-    buses.finish(out);
-    Ok(())
 }
 
 /// Decodes the bytes of a line.
@@ -149,12 +148,6 @@ fn decode_line(
         input.skip_byte_order_mark()?;
     }
     let name = input.name().to_owned();
-    let refused = |hex::WrongWord { line, word }| {
-        Error::at(
-            &name,
-            format_args!("line {line}: '{word}' is not a byte or bytes in hexadecimal"),
-        )
-    };
     let mut bytes = Vec::new();
     while recording.broken().is_none() {
         let piece = input.fill_buf().map_err(|error| Error::at(&name, error))?;
@@ -169,7 +162,7 @@ fn decode_line(
                 let parsed = hex.push(piece, &mut bytes);
                 // Items before an error are shown before it.
                 recording.push(&bytes, out);
-                parsed.map_err(refused)?;
+                parsed.map_err(|error| Error::at(&name, error))?;
             }
         }
         input.consume(len);
@@ -177,7 +170,7 @@ fn decode_line(
     if let Some(mut hex) = hex
         && recording.broken().is_none()
     {
-        hex.finish().map_err(refused)?;
+        hex.finish().map_err(|error| Error::at(&name, error))?;
     }
     recording.finish(out);
     match recording.broken() {
