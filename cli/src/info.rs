@@ -52,8 +52,8 @@ impl Report {
 
     fn collect(&mut self, place: &Place) -> Result<(), Error> {
         if matches!(place.arm, ArmKind::Xarm) {
-            // Here a byte that is part of no frame ends it.
-            return self.arm(&mut Link::connect(&place.host()?)?);
+            // A byte outside frames ends the connection.
+            return self.arm(Link::connect(&place.host()?)?).map(drop);
         }
         let connection = place.connect()?;
         match place.control(&connection) {
@@ -71,16 +71,8 @@ impl Report {
             return Ok(());
         }
         let LineErrors { noise_bytes, .. } = match place.arm {
-            ArmKind::Alpha1 => {
-                let mut link = connection.arm::<Alpha1>()?;
-                self.arm(&mut link)?;
-                link.line_errors()
-            }
-            ArmKind::Ling | ArmKind::Xarm => {
-                let mut link = legacy::open(&connection)?;
-                self.arm(&mut link)?;
-                link.line_errors()
-            }
+            ArmKind::Alpha1 => self.arm(connection.arm::<Alpha1>()?)?,
+            ArmKind::Ling | ArmKind::Xarm => self.arm(legacy::open(&connection)?)?,
         };
         let text = match noise_bytes {
             0 => "clean".to_owned(),
@@ -89,8 +81,8 @@ impl Report {
         self.add(Fact::new("line", "noise_bytes", noise_bytes, text))
     }
 
-    /// The facts in the arm's answers. The state comes with each answer: the last counts.
-    fn arm<P: Arm>(&mut self, link: &mut Link<P>) -> Result<(), Error> {
+    /// The facts in the arm's answers. The state comes with each answer: the last counts. Returns the line's errors.
+    fn arm<P: Arm>(&mut self, mut link: Link<P>) -> Result<LineErrors, Error> {
         let mut state = None;
         for request in P::info() {
             let facts = link.call(&request, |response| P::facts_after(&self.known, &response))?;
@@ -101,7 +93,8 @@ impl Report {
                 }
             }
         }
-        state.map_or(Ok(()), |state| self.add(state))
+        state.map_or(Ok(()), |state| self.add(state))?;
+        Ok(link.line_errors())
     }
 
     /// The adapter between this computer and the arm, and its configuration.

@@ -90,8 +90,8 @@ fn on_adapter(connection: &Connection) -> Result<Vec<Fact>, Error> {
     let mut control: ControlLink = connection.control()?;
     let mut facts = vec![identity(&mut control)?];
     facts.extend(match config::get(&mut control)?.arm {
-        ArmKind::Ling => answer(&mut legacy::open(connection)?, &ling::Request::ReadInfo)?,
-        ArmKind::Alpha1 => answer(&mut connection.arm::<Alpha1>()?, &alpha1::Request::ReadHardwareVersion)?,
+        ArmKind::Ling => ling(connection)?,
+        ArmKind::Alpha1 => alpha1(connection)?,
         ArmKind::Alpha1Servo | ArmKind::Raw => Vec::new(),
     });
     Ok(facts)
@@ -100,21 +100,28 @@ fn on_adapter(connection: &Connection) -> Result<Vec<Fact>, Error> {
 /// The arm on a port, of any kind.
 fn arm(connection: &Connection) -> Result<Vec<Fact>, Error> {
     if connection.is_hid() {
-        return answer(&mut connection.arm::<Alpha1>()?, &alpha1::Request::ReadHardwareVersion);
+        return alpha1(connection);
     }
-    let ling = legacy::open(connection).and_then(|mut link| answer(&mut link, &ling::Request::ReadInfo));
-    match ling {
+    match ling(connection) {
         Err(Error::NoAnswer { .. }) => {}
         Err(Error::Legacy { .. }) => return Ok(vec![Fact::words("arm", "Ling of the older generation")]),
         known => return known,
     }
-    match answer(&mut connection.arm::<Alpha1>()?, &alpha1::Request::ReadHardwareVersion) {
+    match alpha1(connection) {
         Err(Error::NoAnswer { .. }) => Ok(vec![Fact::words("arm", "none answers")]),
         known => known,
     }
 }
 
-fn answer<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>) -> Result<Vec<Fact>, Error> {
+fn ling(connection: &Connection) -> Result<Vec<Fact>, Error> {
+    answer(legacy::open(connection)?, &ling::Request::ReadInfo)
+}
+
+fn alpha1(connection: &Connection) -> Result<Vec<Fact>, Error> {
+    answer(connection.arm::<Alpha1>()?, &alpha1::Request::ReadHardwareVersion)
+}
+
+fn answer<P: Arm>(mut link: Link<P>, request: &P::Request<'_>) -> Result<Vec<Fact>, Error> {
     let facts = link.call(request, |response| P::facts(&response))?;
     Ok(facts.unwrap_or_default())
 }

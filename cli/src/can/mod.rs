@@ -5,7 +5,7 @@ mod slcan;
 #[cfg(target_os = "linux")]
 mod socket;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -54,13 +54,13 @@ pub(crate) struct SharedBus(Arc<Mutex<Switch>>);
 
 struct Switch {
     bus: Box<dyn Bus>,
-    inboxes: Vec<(Id, VecDeque<Frame>)>,
+    inboxes: BTreeMap<Id, VecDeque<Frame>>,
 }
 
 impl SharedBus {
     fn new(bus: impl Bus + 'static) -> Self {
         let bus = Box::new(bus);
-        let inboxes = Vec::new();
+        let inboxes = BTreeMap::new();
         Self(Arc::new(Mutex::new(Switch { bus, inboxes })))
     }
 
@@ -78,15 +78,14 @@ impl SharedBus {
         let Switch { bus, inboxes } = &mut *self.lock();
         let until = Instant::now() + wait;
         loop {
-            let inbox = inboxes.iter_mut().find(|(of, _)| *of == id);
-            if let Some(frame) = inbox.and_then(|(_, inbox)| inbox.pop_front()) {
+            if let Some(frame) = inboxes.get_mut(&id).and_then(VecDeque::pop_front) {
                 return Ok(Some(frame));
             }
             // Frames that arrived before the deadline are read after it, too.
             let left = until.saturating_duration_since(Instant::now());
             match bus.receive(left)? {
                 Some(frame) => {
-                    if let Some((_, inbox)) = inboxes.iter_mut().find(|(of, _)| *of == frame.id()) {
+                    if let Some(inbox) = inboxes.get_mut(&frame.id()) {
                         inbox.push_back(frame);
                     }
                 }
@@ -125,7 +124,7 @@ impl CanLine {
     /// A line that sends requests to `node` as frames of function `tx`, and receives answers as those of `rx`.
     pub(crate) fn new(name: String, bus: &SharedBus, node: Node, tx: Function, rx: Function) -> Self {
         let rx = rx.id(node);
-        bus.lock().inboxes.push((rx, VecDeque::new()));
+        bus.lock().inboxes.entry(rx).or_default();
         // Every adapter accepts classic frames. Adapters without CAN FD accept no others.
         let config = isotp::Config::new(isotp::Link::Classic, tx.id(node));
         Self {

@@ -51,11 +51,7 @@ pub(crate) fn find(port: &str) -> Result<DeviceInfo, Error> {
     if cfg!(target_os = "linux") && serial.is_none() {
         return Err(Error::NoControl { name });
     }
-    let devices = match nusb::list_devices().wait() {
-        Ok(devices) => devices,
-        Err(error) => return Err(not_opened(name, &error)),
-    };
-    let mut adapters: Vec<_> = devices.filter(|device| control_interface(device).is_some()).collect();
+    let mut adapters = adapters().map_err(|error| not_opened(port.to_owned(), &error))?;
     adapters.retain(|adapter| serial.is_none() || adapter.serial_number() == serial.as_deref());
     match adapters.len() {
         0 | 1 => adapters.pop().ok_or(Error::NoControl { name }),
@@ -73,11 +69,15 @@ pub(crate) fn find(port: &str) -> Result<DeviceInfo, Error> {
 
 /// The serial numbers of all adapters; none where USB cannot be searched.
 pub(crate) fn serial_numbers() -> Vec<String> {
-    let devices = nusb::list_devices().wait().into_iter().flatten();
-    let adapters = devices.filter(|device| control_interface(device).is_some());
+    let adapters = adapters().unwrap_or_default().into_iter();
     adapters
         .filter_map(|adapter| adapter.serial_number().map(str::to_owned))
         .collect()
+}
+
+fn adapters() -> Result<Vec<DeviceInfo>, nusb::Error> {
+    let devices = nusb::list_devices().wait()?;
+    Ok(devices.filter(|device| control_interface(device).is_some()).collect())
 }
 
 /// The number of the control interface, if it is an adapter.
