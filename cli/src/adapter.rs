@@ -13,7 +13,7 @@ use crate::control::ControlLink;
 use crate::describe::Fact;
 use crate::error::Error;
 use crate::line_holder;
-use crate::output::complain;
+use crate::output::print_error;
 use crate::port::Port;
 use crate::serial::not_opened;
 
@@ -64,7 +64,7 @@ impl AdapterPort {
 pub fn identify(control: &mut ControlLink) -> Result<Identity, Error> {
     match control.call(Request::Identify)? {
         Reply::Identity(identity) => Ok(identity),
-        reply => Err(odd(control, &reply)),
+        reply => Err(unexpected(control, &reply)),
     }
 }
 
@@ -105,7 +105,7 @@ pub fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> 
             Ok(Value::Object(counters)) => Ok(counters),
             _ => unreachable!("a structure of numbers is a map"),
         },
-        reply => Err(odd(control, &reply)),
+        reply => Err(unexpected(control, &reply)),
     }
 }
 
@@ -113,7 +113,7 @@ pub fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> 
 pub(crate) fn latencies(control: &mut ControlLink) -> Result<Latencies, Error> {
     match control.call(Request::GetLatencies)? {
         Reply::Latencies(latencies) => Ok(latencies),
-        reply => Err(odd(control, &reply)),
+        reply => Err(unexpected(control, &reply)),
     }
 }
 
@@ -121,7 +121,7 @@ pub(crate) fn latencies(control: &mut ControlLink) -> Result<Latencies, Error> {
 pub(crate) fn line(control: &mut ControlLink) -> Result<Option<LineState>, Error> {
     match control.call(Request::GetLine) {
         Ok(Reply::Line(line)) => Ok(Some(line)),
-        Ok(reply) => Err(odd(control, &reply)),
+        Ok(reply) => Err(unexpected(control, &reply)),
         Err(Error::Unsupported { .. }) => Ok(None),
         Err(error) => Err(error),
     }
@@ -130,7 +130,7 @@ pub(crate) fn line(control: &mut ControlLink) -> Result<Option<LineState>, Error
 /// Reports the holder of the line on standard error, if there is one.
 pub(crate) fn report_holder(control: &mut ControlLink) -> Result<(), Error> {
     if let Some(holder) = line(control)?.as_ref().and_then(line_holder::describe) {
-        complain(&format_args!("{}: the line runs at {holder}", control.name()));
+        print_error(&format_args!("{}: the line runs at {holder}", control.name()));
     }
     Ok(())
 }
@@ -157,7 +157,7 @@ pub(crate) fn histograms(latencies: &Latencies) -> [(&'static str, &'static str,
 }
 
 /// The error for a reply of the wrong type.
-pub(crate) fn odd(control: &ControlLink, reply: &Reply) -> Error {
+pub(crate) fn unexpected(control: &ControlLink, reply: &Reply) -> Error {
     let reason = format!("the adapter sent a reply of the wrong type: {reply:?}");
     Error::at(control.name(), reason)
 }

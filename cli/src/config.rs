@@ -281,7 +281,7 @@ impl Configure {
 pub fn get(control: &mut ControlLink) -> Result<Config, Error> {
     match control.call(Request::GetConfig)? {
         Reply::Config(config) => Ok(config),
-        reply => Err(adapter::odd(control, &reply)),
+        reply => Err(adapter::unexpected(control, &reply)),
     }
 }
 

@@ -12,7 +12,7 @@ use crate::error::Error;
 use crate::output::print_line;
 
 /// Period of the lease's renewal: a fraction of the lease.
-const RENEWAL: Duration = Duration::from_millis(HOLD_LEASE_MS as u64 / 5);
+const RENEWAL_PERIOD: Duration = Duration::from_millis(HOLD_LEASE_MS as u64 / 5);
 /// Period of the checks for Ctrl-C.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
@@ -30,11 +30,11 @@ impl Hold {
         let name = control.name().to_owned();
         let report = |what: &str| print_line(format_args!("{name}: {what}"));
         report("the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it")?;
-        let mut renewal = Instant::now() + RENEWAL;
+        let mut renewal = Instant::now() + RENEWAL_PERIOD;
         while !stop.load(Ordering::Relaxed) {
             if renewal <= Instant::now() {
                 control.call(Request::HoldLine)?;
-                renewal = Instant::now() + RENEWAL;
+                renewal = Instant::now() + RENEWAL_PERIOD;
             }
             thread::sleep(POLL_PERIOD);
         }

@@ -12,9 +12,9 @@ use crate::port::Connection;
 
 /// Listening time before the first byte is sent. An older arm transmits two frames forty times a second. Three frames
 /// detect it, in 50 ms. A current arm is silent without a request.
-const LISTEN: Duration = Duration::from_millis(100);
+const LISTEN_TIME: Duration = Duration::from_millis(100);
 /// Listening time if bytes arrive meanwhile.
-const LISTEN_ON: Duration = Duration::from_millis(500);
+const EXTENDED_LISTEN_TIME: Duration = Duration::from_millis(500);
 
 /// A line that sends nothing after an arm of the older generation was detected: a read returns the error.
 struct Listened {
@@ -46,13 +46,13 @@ impl Listened {
             line,
             detector: Detector::new(),
         };
-        let mut until = begun + LISTEN;
+        let mut until = begun + LISTEN_TIME;
         let mut buf = [0; 256];
         loop {
             let left = until.saturating_duration_since(Instant::now());
             // One more read after the timeout: the port may hold bytes that arrived while this thread did not run.
             if listened.read(&mut buf, left)? > 0 {
-                until = begun + LISTEN_ON;
+                until = begun + EXTENDED_LISTEN_TIME;
             }
             if until <= Instant::now() {
                 return Ok(listened);
@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn legacy_arm_is_sent_nothing() {
         let now = Instant::now();
-        for begun in [now, now.checked_sub(LISTEN).unwrap()] {
+        for begun in [now, now.checked_sub(LISTEN_TIME).unwrap()] {
             let sent = Arc::new(AtomicUsize::new(0));
             let line = Transmitter {
                 sent: Arc::clone(&sent),

@@ -79,7 +79,7 @@ pub mod host {
 }
 
 use error::Error;
-use output::complain;
+use output::print_error;
 
 /// Inspect, monitor and control robot arms, real or simulated.
 #[derive(Parser)]
@@ -163,7 +163,7 @@ pub fn run_from(args: &[OsString]) -> bool {
         Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => true,
         Err(Error::Usage(text)) => command().error(ErrorKind::ValueValidation, text).exit(),
         Err(error) => {
-            complain(&error);
+            print_error(&error);
             false
         }
     }

@@ -16,9 +16,9 @@ use crate::stopwatch::Stopwatch;
 /// Buffer size: the longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;
 /// Number of received bytes kept for hints after a missing answer.
-const KEPT: usize = 256;
+const MAX_KEPT: usize = 256;
 /// More bytes than a port's receive buffer: a reader of this many bytes has passed the backlog.
-const BUFFERED: usize = 65_536;
+const MAX_BACKLOG: usize = 65_536;
 
 /// Maximum wait for a line between two calls of a program's interrupt.
 const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
@@ -165,7 +165,7 @@ impl<P: Arm> Link<P> {
         loop {
             let now = self.clock.now();
             let until = match self.client.poll(now) {
-                Output::Transmit(bytes) if drained || received.count > BUFFERED => {
+                Output::Transmit(bytes) if drained || received.count > MAX_BACKLOG => {
                     let n = self.line.write(bytes)?;
                     self.transmitted(n);
                     continue;
@@ -311,7 +311,7 @@ impl<P: Arm> Link<P> {
             self.unread.extend(&buf[..n]);
             if let Some(received) = received {
                 received.count += n;
-                let room = KEPT - received.bytes.len();
+                let room = MAX_KEPT - received.bytes.len();
                 received.bytes.extend(buf[..n].iter().take(room));
             }
         }

@@ -17,17 +17,17 @@ use crate::link::Link;
 use crate::output::print_line;
 
 /// Maximum distance of a joint from its target: 3 ticks, 0.26°.
-const NEAR: u16 = 3;
+const JOINT_TOLERANCE: u16 = 3;
 /// Tolerance of the gripper: 5 thousandths of its stroke, 0.5 %.
-const NEAR_OPENING: u16 = 5;
+const GRIPPER_TOLERANCE: u16 = 5;
 /// A gripper whose reading is the same for this long stands still: it may hold something.
-const STANDS_STILL: Duration = Duration::from_millis(1_000);
+const STANDSTILL_TIME: Duration = Duration::from_millis(1_000);
 /// Zero, in ticks.
 const ZERO: u16 = Position::CENTRE.ticks();
 /// Timeout of an action that is read back.
 const READ_BACK_TIMEOUT: Duration = Duration::from_millis(500);
 /// Period of the readings.
-const PERIOD: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// The arguments of `armwire move`.
 #[derive(Args)]
@@ -83,7 +83,7 @@ impl MoveArm {
         }
         let mut gripper = Standstill::default();
         let is_there = |now, state: &JointState| {
-            let stands_still = gripper.lasts(now, state.gripper) >= STANDS_STILL;
+            let stands_still = gripper.lasts(now, state.gripper) >= STANDSTILL_TIME;
             far_joints(&target, state).is_empty() && (stands_still || far_gripper(&target, state).is_none())
         };
         let (state, is_there) = read_until(&mut link, self.timeout, is_there)?;
@@ -137,7 +137,7 @@ impl SetZero {
             .prompt("The arm takes its pose for zero, switches its torque off and falls: hold it.")?;
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetZero, drop)?;
-        let is_zero = |_, state: &JointState| state.joints.iter().all(|ticks| ticks.abs_diff(ZERO) <= NEAR);
+        let is_zero = |_, state: &JointState| state.joints.iter().all(|ticks| ticks.abs_diff(ZERO) <= JOINT_TOLERANCE);
         let (state, is_zero) = read_until(&mut link, READ_BACK_TIMEOUT, is_zero)?;
         let text = show(state);
         match is_zero {
@@ -184,7 +184,7 @@ fn read_until(
         if is_so || start.elapsed() >= timeout {
             return Ok((state, is_so));
         }
-        thread::sleep(PERIOD);
+        thread::sleep(POLL_PERIOD);
     }
 }
 
@@ -209,7 +209,7 @@ impl Standstill {
 fn far_gripper(target: &Move, state: &JointState) -> Option<String> {
     let (goal, _speed) = target.gripper;
     let off = goal.per_mille().abs_diff(state.gripper);
-    (off > NEAR_OPENING).then(|| format!("gripper is {:.1} % off", f32::from(off) / 10.0))
+    (off > GRIPPER_TOLERANCE).then(|| format!("gripper is {:.1} % off", f32::from(off) / 10.0))
 }
 
 /// The joints away from their targets, and their distances.
@@ -218,7 +218,7 @@ fn far_joints(target: &Move, state: &JointState) -> Vec<String> {
     let off = joints.filter_map(|(n, ((goal, _speed), ticks))| {
         let off = goal.ticks().abs_diff(ticks);
         let degrees = f32::from(off) * 360.0 / f32::from(TICKS_PER_TURN);
-        (off > NEAR).then(|| format!("joint {n} is {degrees:.2}° off"))
+        (off > JOINT_TOLERANCE).then(|| format!("joint {n} is {degrees:.2}° off"))
     });
     off.collect()
 }

@@ -26,6 +26,6 @@ pub(crate) fn print_json(value: &Value) -> Result<(), Error> {
 }
 
 /// Prints an error or a notice on standard error, apart from the data. Without a reader it is lost.
-pub(crate) fn complain(what: &impl Display) {
+pub(crate) fn print_error(what: &impl Display) {
     let _ = writeln!(stderr(), "armwire: {}", escaped(&what.to_string()));
 }

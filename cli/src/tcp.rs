@@ -19,7 +19,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 /// Timeout of a write.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
 /// The least that can be waited for: none at all would mean forever.
-const LEAST: Duration = Duration::from_millis(1);
+const MIN_TIMEOUT: Duration = Duration::from_millis(1);
 
 /// A host and a port on it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -124,7 +124,7 @@ impl Line for Tcp {
 
     fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         self.stream
-            .set_read_timeout(Some(wait.max(LEAST)))
+            .set_read_timeout(Some(wait.max(MIN_TIMEOUT)))
             .map_err(|error| self.lost(error))?;
         match self.stream.read(buf) {
             Ok(0) => {

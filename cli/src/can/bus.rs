@@ -15,7 +15,7 @@ pub(crate) trait Bus: Send {
     fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Error>;
 
     /// The controller's error state, if any.
-    fn trouble(&mut self) -> Option<String>;
+    fn error_state(&mut self) -> Option<String>;
 
     /// A hint about the bit rate for a missing answer.
     fn hint(&self) -> String;

@@ -98,10 +98,10 @@ impl SharedBus {
     /// Hints for an adapter that does not reply, after `first`.
     fn hints(&self, first: &str, node: Node) -> String {
         let bus = &mut self.lock().bus;
-        let trouble = bus.trouble();
-        let trouble = trouble.map_or_else(String::new, |trouble| format!("the CAN adapter reports {trouble}: "));
+        let state = bus.error_state();
+        let state = state.map_or_else(String::new, |state| format!("the CAN adapter reports {state}: "));
         let (node, hint) = (node.get(), bus.hint());
-        format!("{trouble}{first}is the adapter on this bus as node {node}, {hint}, and are both its ends terminated?")
+        format!("{state}{first}is the adapter on this bus as node {node}, {hint}, and are both its ends terminated?")
     }
 }
 

@@ -144,9 +144,9 @@ impl Bus for SlcanBus {
                 }
                 // Only a frame of this program can have been refused.
                 Some(Ok(Reply::Refused)) => {
-                    let trouble = self.trouble().unwrap_or_else(|| "no reason reported".to_owned());
+                    let error_state = self.error_state().unwrap_or_else(|| "no reason reported".to_owned());
                     let hint = self.hint();
-                    return Err(self.refused(format!("refuses a frame ({trouble}): {hint}, and another node?")));
+                    return Err(self.refused(format!("refuses a frame ({error_state}): {hint}, and another node?")));
                 }
                 Some(_) => {}
                 None => return Ok(None),
@@ -154,7 +154,7 @@ impl Bus for SlcanBus {
         }
     }
 
-    fn trouble(&mut self) -> Option<String> {
+    fn error_state(&mut self) -> Option<String> {
         // A failed read gives no hint.
         let status = self.status().ok().flatten()?;
         (status != Status::default()).then(|| status.to_string())

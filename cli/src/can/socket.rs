@@ -14,14 +14,14 @@ use crate::link::is_nothing_yet;
 /// Timeout of a write to the interface.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Minimum timeout of a socket: zero would mean no timeout.
-const LEAST: Duration = Duration::from_micros(1);
+const MIN_TIMEOUT: Duration = Duration::from_micros(1);
 
 /// An interface, for the frames of one node.
 pub(super) struct SocketBus {
     name: String,
     socket: CanFdSocket,
     /// The controller's last error.
-    trouble: Option<String>,
+    error_state: Option<String>,
 }
 
 impl SocketBus {
@@ -38,13 +38,17 @@ impl SocketBus {
                 return Err(Error::at(&name, reason));
             }
         };
-        let trouble = None;
-        Ok(Self { name, socket, trouble })
+        let error_state = None;
+        Ok(Self {
+            name,
+            socket,
+            error_state,
+        })
     }
 
     /// The next frame of any kind, within this time.
     fn read(&self, wait: Duration) -> io::Result<CanAnyFrame> {
-        if wait < LEAST {
+        if wait < MIN_TIMEOUT {
             self.socket.set_nonblocking(true)?;
             let frame = self.socket.read_frame();
             self.socket.set_nonblocking(false)?;
@@ -106,7 +110,7 @@ impl Bus for SocketBus {
                 CanAnyFrame::Fd(frame) => id(&frame).and_then(|id| Frame::new_fd(id, frame.data()).ok()),
                 CanAnyFrame::Remote(_) => None,
                 CanAnyFrame::Error(frame) => {
-                    self.trouble = Some(frame.into_error().to_string());
+                    self.error_state = Some(frame.into_error().to_string());
                     None
                 }
             };
@@ -116,8 +120,8 @@ impl Bus for SocketBus {
         }
     }
 
-    fn trouble(&mut self) -> Option<String> {
-        self.trouble.take()
+    fn error_state(&mut self) -> Option<String> {
+        self.error_state.take()
     }
 
     fn hint(&self) -> String {
@@ -148,8 +152,15 @@ mod tests {
         let (ours, theirs) = UnixDatagram::pair().unwrap();
         let [socket, interface] = [ours, theirs].map(|end| CanFdSocket::from(OwnedFd::from(end)));
         let name = "can:fake".to_owned();
-        let trouble = None;
-        (SocketBus { name, socket, trouble }, interface)
+        let error_state = None;
+        (
+            SocketBus {
+                name,
+                socket,
+                error_state,
+            },
+            interface,
+        )
     }
 
     /// The controller is off the bus.
@@ -181,7 +192,7 @@ mod tests {
         interface.write_frame(&bus_off()).unwrap();
         interface.write_frame(&data).unwrap();
         let frame = bus.receive(Duration::ZERO).unwrap().unwrap();
-        assert!(bus.trouble().is_some());
+        assert!(bus.error_state().is_some());
         assert_eq!((frame.id().get(), frame.data()), (0x123, &[1, 2][..]));
         assert_eq!(bus.receive(Duration::ZERO).unwrap(), None);
     }

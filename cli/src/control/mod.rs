@@ -99,7 +99,7 @@ impl ControlLink {
             let left = until.saturating_duration_since(Instant::now());
             match self.transport.receive(left)? {
                 Some(Ok(FromAdapter::Reply { sequence: of, reply })) if of == sequence => {
-                    let reply = self.good(reply)?;
+                    let reply = self.checked(reply)?;
                     if let Request::Subscribe(to) = request {
                         self.is_subscribed = to != Subscription::default();
                         // They belong to the earlier subscription.
@@ -166,14 +166,14 @@ impl ControlLink {
         self.events.push_back((at, event));
     }
 
-    fn good(&self, reply: Reply) -> Result<Reply, Error> {
+    fn checked(&self, reply: Reply) -> Result<Reply, Error> {
         match reply {
             Reply::Unsupported { version } => Err(Error::Unsupported {
                 name: self.name().to_owned(),
                 version,
             }),
             Reply::BadConfig(error) => Err(Error::refused(self.name(), format_args!("rejected: {error}"))),
-            Reply::Failed(failure) => Err(Error::refused(self.name(), why(failure))),
+            Reply::Failed(failure) => Err(Error::refused(self.name(), describe(failure))),
             reply => Ok(reply),
         }
     }
@@ -186,7 +186,7 @@ impl ControlLink {
 }
 
 /// The reason for a failed request.
-fn why(failure: Failure) -> String {
+fn describe(failure: Failure) -> String {
     match failure {
         Failure::Flash => "the adapter's flash does not take the configuration".to_owned(),
         Failure::Busy => "the adapter is busy with another such request: try again".to_owned(),

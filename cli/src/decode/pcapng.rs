@@ -13,7 +13,7 @@ use crate::args::Speaker;
 use crate::describe::Protocol;
 use crate::error::Error;
 use crate::new_file;
-use crate::output::complain;
+use crate::output::print_error;
 
 const SECTION_HEADER: u32 = 0x0A0D_0D0A;
 const INTERFACE_DESCRIPTION: u32 = 1;
@@ -98,7 +98,7 @@ impl Output for Packets {
     fn remark(&self, text: Arguments<'_>) {
         match &self.console {
             Some(console) => console.remark(text),
-            None => complain(&text),
+            None => print_error(&text),
         }
     }
 

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::link::{LineErrors, Link};
 
 /// Maximum time without joints. Such an arm sends them 40 times per second.
-const SILENCE: Duration = Duration::from_millis(500);
+const SILENCE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// A listener on the arm's line.
 pub(super) struct Listener {
@@ -35,7 +35,7 @@ impl Source for Listener {
 
     /// The newest received joints, or the next ones if there are none.
     fn read(&mut self) -> Result<News, Error> {
-        let until = Instant::now() + SILENCE;
+        let until = Instant::now() + SILENCE_TIMEOUT;
         let mut joints = None::<Vec<_>>;
         loop {
             let left = until.saturating_duration_since(Instant::now());

@@ -10,13 +10,13 @@ use crate::describe::Fact;
 use crate::link::LineErrors;
 
 /// Window of the measured rate.
-const WINDOW: Duration = Duration::from_millis(2_000);
+const RATE_WINDOW: Duration = Duration::from_millis(2_000);
 /// Time that a notice stays while readings arrive.
-const NOTICE: Duration = Duration::from_millis(5_000);
+const NOTICE_TIME: Duration = Duration::from_millis(5_000);
 /// Number of calls for the median.
 const CALLS: usize = 1_000;
 /// Duration of a sparkline's point, and maximum number of points.
-const STEP: Duration = Duration::from_millis(100);
+const POINT_TIME: Duration = Duration::from_millis(100);
 const POINTS: usize = 512;
 
 /// The state of a monitor.
@@ -109,7 +109,7 @@ impl Model {
         self.answered += 1;
         self.answers.push_back(at);
         self.forget(at);
-        if at.since(self.noticed) >= NOTICE {
+        if at.since(self.noticed) >= NOTICE_TIME {
             self.notice = None;
         }
         if let Some(latency) = latest.latency {
@@ -126,15 +126,15 @@ impl Model {
         self.forget(now);
     }
 
-    /// Sets the notice. Readings remove it after [`NOTICE`].
+    /// Sets the notice. Readings remove it after [`NOTICE_TIME`].
     pub(super) fn notify(&mut self, now: Instant, text: String) {
         self.notice = Some(text);
         self.noticed = now;
     }
 
-    /// Readings per second in the last [`WINDOW`].
+    /// Readings per second in the last [`RATE_WINDOW`].
     pub(super) fn achieved(&self, now: Instant) -> f64 {
-        let mut recent = self.answers.iter().filter(|&&at| now.since(at) < WINDOW);
+        let mut recent = self.answers.iter().filter(|&&at| now.since(at) < RATE_WINDOW);
         let (Some(&first), Some(&last)) = (recent.next(), self.answers.back()) else {
             return 0.0;
         };
@@ -185,7 +185,7 @@ impl Model {
     }
 
     fn forget(&mut self, now: Instant) {
-        while self.answers.front().is_some_and(|&at| now.since(at) >= WINDOW) {
+        while self.answers.front().is_some_and(|&at| now.since(at) >= RATE_WINDOW) {
             self.answers.pop_front();
         }
     }
@@ -199,12 +199,12 @@ impl Model {
             .collect();
         self.history.resize_with(values.len(), VecDeque::new);
         let steps = match self.point {
-            Some(point) => (at.since(point).as_micros() / STEP.as_micros()).min(POINTS as u64),
+            Some(point) => (at.since(point).as_micros() / POINT_TIME.as_micros()).min(POINTS as u64),
             None => 1,
         };
         if steps > 0 {
             self.point = Some(Instant::from_micros(
-                at.as_micros() / STEP.as_micros() * STEP.as_micros(),
+                at.as_micros() / POINT_TIME.as_micros() * POINT_TIME.as_micros(),
             ));
         }
         for (history, value) in self.history.iter_mut().zip(values) {

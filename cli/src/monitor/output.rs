@@ -21,7 +21,7 @@ use crate::output::{self, print, print_line};
 use crate::printable::escaped_json;
 
 /// Minimum time between two drawings of the screen.
-const DRAWN: Duration = Duration::from_millis(50);
+const DRAW_PERIOD: Duration = Duration::from_millis(50);
 
 /// The form of the output.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -107,7 +107,7 @@ impl Drop for Screen {
 
 impl Output for Screen {
     fn show(&mut self, model: &Model, now: time::Instant, _: Step) -> Result<(), Error> {
-        if self.drawn.is_some_and(|drawn| drawn.elapsed() < DRAWN) {
+        if self.drawn.is_some_and(|drawn| drawn.elapsed() < DRAW_PERIOD) {
             return Ok(());
         }
         self.drawn = Some(Instant::now());
@@ -180,7 +180,7 @@ struct Printed {
 impl Output for Printed {
     fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Error> {
         if let (Step::TimedOut | Step::Notice, Some(notice)) = (step, &model.notice) {
-            output::complain(notice);
+            output::print_error(notice);
         }
         let Some(latest) = &model.latest else {
             return Ok(());

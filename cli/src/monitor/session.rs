@@ -13,17 +13,17 @@ use super::recorder::Recorder;
 use crate::adapter::{counters, describe, identify, latencies};
 use crate::control::ControlLink;
 use crate::error::Error;
-use crate::output::{complain, print_line};
+use crate::output::{print_error, print_line};
 use crate::stopwatch::Stopwatch;
 
 /// Periods of requests for temperatures, for the gripper's stroke during a recording, and for the adapter's counters.
-const CELSIUS: time::Duration = time::Duration::from_millis(5_000);
-const STROKE: time::Duration = time::Duration::from_millis(5_000);
-const ADAPTER: time::Duration = time::Duration::from_millis(1_000);
+const CELSIUS_PERIOD: time::Duration = time::Duration::from_millis(5_000);
+const STROKE_PERIOD: time::Duration = time::Duration::from_millis(5_000);
+const ADAPTER_PERIOD: time::Duration = time::Duration::from_millis(1_000);
 /// Maximum silence at the beginning. After that a missing answer is an error, without a screen.
-const SILENCE: time::Duration = time::Duration::from_millis(2_000);
+const SILENCE_TIMEOUT: time::Duration = time::Duration::from_millis(2_000);
 /// Period of attempts to open a lost port.
-const RETRY: Duration = Duration::from_millis(500);
+const RETRY_PERIOD: Duration = Duration::from_millis(500);
 
 /// A source, until its port is lost.
 pub(super) struct Watched {
@@ -68,9 +68,9 @@ impl<'a> Session<'a> {
             clock: Stopwatch::start(),
             model: Model::new(port),
             output: None,
-            celsius: Timer::new(CELSIUS),
-            stroke: Timer::new(STROKE),
-            adapter: Timer::new(ADAPTER),
+            celsius: Timer::new(CELSIUS_PERIOD),
+            stroke: Timer::new(STROKE_PERIOD),
+            adapter: Timer::new(ADAPTER_PERIOD),
             has_received: false,
             is_waiting: false,
         }
@@ -130,21 +130,21 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Shows that the port is lost, and waits for [`RETRY`]. Returns true if the user ends the monitor.
+    /// Shows that the port is lost, and waits for [`RETRY_PERIOD`]. Returns true if the user ends the monitor.
     pub(super) fn wait_for_port(&mut self, error: &Error) -> Result<bool, Error> {
         if !self.is_waiting {
             self.is_waiting = true;
             self.model.reconnects += 1;
             self.notify(format!("{error} Waiting for it to come back"))?;
         }
-        Ok(self.show(Step::Nothing, RETRY)? || self.is_stopped())
+        Ok(self.show(Step::Nothing, RETRY_PERIOD)? || self.is_stopped())
     }
 
     /// Shows a notice.
     pub(super) fn notify(&mut self, text: String) -> Result<(), Error> {
         let now = self.clock.now();
         let Some(output) = &mut self.output else {
-            complain(&text);
+            print_error(&text);
             return Ok(());
         };
         self.model.notify(now, text);
@@ -214,7 +214,7 @@ impl<'a> Session<'a> {
             Ok(News::Nothing) => Ok(Step::Nothing),
             // The line may be noisy, or the arm may be off for a while.
             Err(Error::NoAnswer { name, cause, bytes, .. })
-                if bytes > 0 || self.has_received || now < time::Instant::ZERO + SILENCE =>
+                if bytes > 0 || self.has_received || now < time::Instant::ZERO + SILENCE_TIMEOUT =>
             {
                 self.has_received |= bytes > 0;
                 self.model.time_out(now, format!("{name}: {cause}"));
@@ -284,11 +284,11 @@ mod tests {
     use super::*;
     use crate::received::Missing;
 
-    /// A session after [`SILENCE`], on a line with these numbers of bytes instead of answers.
+    /// A session after [`SILENCE_TIMEOUT`], on a line with these numbers of bytes instead of answers.
     fn without_answers(bytes: &[usize]) -> Result<(), Error> {
         let stop = AtomicBool::new(false);
         let mut session = Session::new("PORT", Form::Json, None, &stop);
-        let before = Instant::now().checked_sub(2 * Duration::from_micros(SILENCE.as_micros()));
+        let before = Instant::now().checked_sub(2 * Duration::from_micros(SILENCE_TIMEOUT.as_micros()));
         session.clock = Stopwatch(before.unwrap());
         bytes.iter().try_for_each(|&bytes| {
             let error = Error::NoAnswer {

@@ -21,15 +21,15 @@ const SET_CONTROL_LINE_STATE: u8 = 0x22;
 const DTR_AND_RTS: u16 = 3;
 
 /// Timeout of a control port reply. The adapter may write flash first.
-const ANSWER: Duration = Duration::from_secs(3);
+const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
 /// Timeout of a new line coding: 100 ms, plus the delays of USB.
-const RATE: Duration = Duration::from_millis(500);
-/// Timeout between two echoed bytes.
-const STALL: Duration = Duration::from_millis(500);
+const LINE_CODING_TIMEOUT: Duration = Duration::from_millis(500);
+/// Timeout between two echoed bytes, and of a frame's event.
+pub(super) const STALL_TIMEOUT: Duration = Duration::from_millis(500);
 /// Idle time after which the line counts as quiet.
-const QUIET: Duration = Duration::from_millis(20);
+const QUIET_TIME: Duration = Duration::from_millis(20);
 /// Timeout of draining the bytes of an earlier send.
-const DRAIN: Duration = Duration::from_secs(1);
+const DRAIN_TIMEOUT: Duration = Duration::from_secs(1);
 /// Maximum bytes in flight: fewer than the adapter's buffer for a slow host.
 const WINDOW: usize = 512;
 /// Maximum time between two checks for a stop by the user.
@@ -94,13 +94,13 @@ impl<'u> Bench<'u> {
         let mut bytes = [0; 1 + MAX_COBS];
         let len = encode_cobs(&message, &mut bytes[1..]).expect("room for any message");
         self.usb.send(Pipe::Control, &bytes[..1 + len])?;
-        let until = self.usb.now() + ANSWER;
+        let until = self.usb.now() + REPLY_TIMEOUT;
         loop {
             let left = until.saturating_sub(self.usb.now());
             if let Some(reply) = self.receive_control(left)? {
                 return Ok(reply);
             }
-            let millis = ANSWER.as_millis();
+            let millis = REPLY_TIMEOUT.as_millis();
             ensure(
                 !left.is_zero(),
                 format_args!("no reply to {request:?} on the control port in {millis} ms"),
@@ -112,7 +112,7 @@ impl<'u> Bench<'u> {
     pub(super) fn order(&mut self, request: ControlRequest) -> Result<(), Trouble> {
         match self.call(request)? {
             Reply::Done => Ok(()),
-            reply => Err(odd(&request, &reply)),
+            reply => Err(unexpected(&request, &reply)),
         }
     }
 
@@ -157,7 +157,7 @@ impl<'u> Bench<'u> {
     pub(super) fn config(&mut self) -> Result<Config, Trouble> {
         match self.call(ControlRequest::GetConfig)? {
             Reply::Config(config) => Ok(config),
-            reply => Err(odd(&ControlRequest::GetConfig, &reply)),
+            reply => Err(unexpected(&ControlRequest::GetConfig, &reply)),
         }
     }
 
@@ -198,7 +198,7 @@ impl<'u> Bench<'u> {
                 let text = "a host streams motion: stop it, disconnect the arm, and join PA2 and PA3 with a jumper";
                 return Err(Trouble::failed(text));
             }
-            reply => return Err(odd(&ControlRequest::HoldLine, &reply)),
+            reply => return Err(unexpected(&ControlRequest::HoldLine, &reply)),
         }
         let result = self.open_port().and_then(|()| act(self));
         self.order(ControlRequest::ReleaseLine)?;
@@ -224,11 +224,11 @@ impl<'u> Bench<'u> {
     /// Sets the line coding of the serial port and waits until it is in effect.
     pub(super) fn set_line(&mut self, coding: LineCoding) -> Result<(), Trouble> {
         self.usb.control(&set_line_coding(&coding.to_cdc()))?;
-        let until = self.usb.now() + RATE;
+        let until = self.usb.now() + LINE_CODING_TIMEOUT;
         loop {
             let line = match self.call(ControlRequest::GetLine)? {
                 Reply::Line(line) => line,
-                reply => return Err(odd(&ControlRequest::GetLine, &reply)),
+                reply => return Err(unexpected(&ControlRequest::GetLine, &reply)),
             };
             if line.coding == coding && line.waiting.is_none() {
                 return Ok(());
@@ -251,10 +251,10 @@ impl<'u> Bench<'u> {
 
     /// Reads until the line is quiet. Returns the number of bytes read.
     pub(super) fn drain(&mut self) -> Result<usize, Trouble> {
-        let until = self.usb.now() + DRAIN;
+        let until = self.usb.now() + DRAIN_TIMEOUT;
         let mut count = 0;
         loop {
-            match self.usb.receive(Pipe::Port, QUIET)?.len() {
+            match self.usb.receive(Pipe::Port, QUIET_TIME)?.len() {
                 0 => return Ok(count),
                 more => count += more,
             }
@@ -292,14 +292,14 @@ impl<'u> Bench<'u> {
                 self.usb.send(Pipe::Port, &bytes[sent..end])?;
                 sent = end;
             }
-            let more = self.usb.receive(Pipe::Port, QUIET)?;
+            let more = self.usb.receive(Pipe::Port, QUIET_TIME)?;
             compare(bytes, received, &more)?;
             received += more.len();
             if !more.is_empty() {
                 progressed = self.usb.now();
             }
             let reason = format_args!("{received} of {} bytes came back", bytes.len());
-            ensure(self.usb.now() <= progressed + STALL, reason)?;
+            ensure(self.usb.now() <= progressed + STALL_TIMEOUT, reason)?;
             meanwhile(self)?;
         }
         Ok(())
@@ -309,7 +309,7 @@ impl<'u> Bench<'u> {
     pub(super) fn expect_back(&mut self, sent: &[u8]) -> Result<(), Trouble> {
         let mut received = 0;
         while received < sent.len() {
-            let more = self.usb.receive(Pipe::Port, STALL)?;
+            let more = self.usb.receive(Pipe::Port, STALL_TIMEOUT)?;
             compare(sent, received, &more)?;
             received += more.len();
             let reason = format_args!("{received} of {} bytes came back", sent.len());
@@ -400,7 +400,7 @@ pub(super) fn losses(before: &Counters, after: &Counters) -> Option<String> {
 }
 
 /// A reply of the wrong type.
-pub(super) fn odd(request: &ControlRequest, reply: &Reply) -> Trouble {
+pub(super) fn unexpected(request: &ControlRequest, reply: &Reply) -> Trouble {
     Trouble::failed(format_args!("{request:?} was answered by {reply:?}"))
 }
 

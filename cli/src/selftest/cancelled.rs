@@ -10,9 +10,9 @@ use super::report::{Passed, Trouble, ensure};
 use super::{Checked, Plan, planned};
 
 /// Timeout of the next transfer after a cancel.
-const READY: Duration = Duration::from_millis(100);
+const READY_TIMEOUT: Duration = Duration::from_millis(100);
 /// Latest moment of a cancel, in microseconds. Later the transfer is complete.
-const LATEST: u32 = 400;
+const LATEST_US: u32 = 400;
 /// Number of requests between two echoes.
 const BETWEEN_ECHOES: u32 = 10;
 
@@ -23,7 +23,7 @@ pub(super) fn requests(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     let mut cancelled = 0_u32;
     for nth in 0..plan.cancels {
         bench.check_stop()?;
-        let after = Duration::from_micros((nth * LATEST / plan.cancels).into());
+        let after = Duration::from_micros((nth * LATEST_US / plan.cancels).into());
         let request = match nth % 3 {
             0 => get_line_coding(),
             1 => set_line_coding(&coding),
@@ -54,7 +54,7 @@ fn answers(bench: &mut Bench<'_>, nth: u32) -> Result<(), Trouble> {
         format_args!("the line coding is {coding:?}"),
     )?;
     let reason = format_args!("the next request was answered after {} ms", took.as_millis());
-    ensure(took <= READY, reason)?;
+    ensure(took <= READY_TIMEOUT, reason)?;
     if nth.is_multiple_of(BETWEEN_ECHOES) {
         bench.echo(&payload(nth.into(), 100))?;
     }

@@ -14,9 +14,9 @@ use super::usb::Pipe;
 use crate::hex;
 
 /// Listening time at each rate, before anything is sent. Older Ling arms transmit unsolicited.
-const LISTEN: Duration = Duration::from_millis(300);
+const LISTEN_TIME: Duration = Duration::from_millis(300);
 /// Timeout of an arm's response.
-const ANSWER: Duration = Duration::from_millis(200);
+const ANSWER_TIMEOUT: Duration = Duration::from_millis(200);
 /// Maximum bytes of a response in a message.
 const SHOWN: usize = 24;
 
@@ -34,7 +34,7 @@ const ARMS: [(&str, u32, &[u8]); 2] = [
 pub(super) fn find(bench: &mut Bench<'_>) -> Result<Passed, Trouble> {
     for baud in RATES {
         bench.set_line(at_baud(baud))?;
-        let unsolicited = listen(bench, LISTEN)?;
+        let unsolicited = listen(bench, LISTEN_TIME)?;
         ensure(
             unsolicited.is_empty(),
             format_args!(
@@ -46,7 +46,7 @@ pub(super) fn find(bench: &mut Bench<'_>) -> Result<Passed, Trouble> {
     for (arm, baud, request) in ARMS {
         bench.set_line(at_baud(baud))?;
         bench.usb.send(Pipe::Port, request)?;
-        let received = listen(bench, ANSWER)?;
+        let received = listen(bench, ANSWER_TIMEOUT)?;
         ensure(
             !received.is_empty(),
             "no bytes come back: disconnect the arm and join PA2 and PA3 with a jumper",

@@ -19,17 +19,17 @@ const DATA: u8 = 0x0A;
 const VENDOR_SPECIFIC: u8 = 0xFF;
 
 /// Timeout of a control transfer: the maximum for a device (USB 2.0, 9.2.6.1).
-const CONTROL: Duration = Duration::from_secs(5);
+const CONTROL_TIMEOUT: Duration = Duration::from_secs(5);
 /// Timeout of re-enumeration after a reset or restart, and the polling interval.
-const GONE: Duration = Duration::from_secs(10);
+const REENUMERATION_TIMEOUT: Duration = Duration::from_secs(10);
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 /// Maximum time until a restarting adapter disconnects.
-const LEAVING: Duration = Duration::from_millis(500);
+const DISCONNECT_TIME: Duration = Duration::from_millis(500);
 /// Timeout of pending transmissions, and of a cancelled transfer's end.
-const LEFT: Duration = Duration::from_secs(1);
+const END_TIMEOUT: Duration = Duration::from_secs(1);
 /// Number of queued reads, which keeps the host polling without a pause, and the bytes of each.
-const READS: usize = 8;
-const READ: usize = 512;
+const QUEUED_READS: usize = 8;
+const READ_SIZE: usize = 512;
 
 /// An adapter on this computer, with the driver of its serial port detached. Drop reattaches the driver.
 pub(super) struct LinuxUsb {
@@ -82,7 +82,7 @@ impl LinuxUsb {
 
     /// Waits until the adapter can be opened.
     fn find(&mut self) -> Result<(), UsbError> {
-        let until = Instant::now() + GONE;
+        let until = Instant::now() + REENUMERATION_TIMEOUT;
         loop {
             let devices = nusb::list_devices().wait().map_err(host)?;
             let mut same = devices.filter(|info| identity(info) == self.identity);
@@ -183,8 +183,8 @@ impl Bulks {
 
     /// Queues reads on the IN endpoint.
     fn queue_reads(&mut self) {
-        while self.input.pending() < READS {
-            self.input.submit(Buffer::new(READ));
+        while self.input.pending() < QUEUED_READS {
+            self.input.submit(Buffer::new(READ_SIZE));
         }
     }
 
@@ -234,7 +234,7 @@ impl Bulks {
 
     /// Waits for pending transmissions, then cancels the rest.
     fn end_writes(&mut self) {
-        let until = Instant::now() + LEFT;
+        let until = Instant::now() + END_TIMEOUT;
         while self.output.pending() > 0 && Instant::now() < until {
             self.output.wait_next_complete(POLL_PERIOD);
         }
@@ -283,7 +283,7 @@ fn end<D: EndpointDirection>(endpoint: &mut Endpoint<Bulk, D>) -> Vec<Vec<u8>> {
     endpoint.cancel_all();
     let mut ended = Vec::new();
     while endpoint.pending() > 0
-        && let Some(transfer) = endpoint.wait_next_complete(LEFT)
+        && let Some(transfer) = endpoint.wait_next_complete(END_TIMEOUT)
     {
         ended.push(transfer.buffer[..transfer.actual_len].to_vec());
     }
@@ -301,7 +301,7 @@ impl Usb for LinuxUsb {
     }
 
     fn control(&mut self, request: &Request<'_>) -> Result<Vec<u8>, UsbError> {
-        control(&self.adapter()?.device, request, CONTROL).map_err(transfer)
+        control(&self.adapter()?.device, request, CONTROL_TIMEOUT).map_err(transfer)
     }
 
     fn cancel(&mut self, request: &Request<'_>, after: Duration) -> Result<bool, UsbError> {
@@ -352,7 +352,7 @@ impl Usb for LinuxUsb {
 
     fn reopen(&mut self) -> Result<(), UsbError> {
         drop(self.close());
-        thread::sleep(LEAVING);
+        thread::sleep(DISCONNECT_TIME);
         self.find()
     }
 

@@ -41,7 +41,7 @@ use std::time::Duration;
 use armwire_bridge::control::{Identity, Reply, Request};
 use serde_json::json;
 
-use self::bench::{Bench, odd};
+use self::bench::{Bench, unexpected};
 pub use self::report::{Check, Passed, Trouble};
 pub use self::usb::{Direction, Payload, Pipe, Request as UsbRequest, Usb, UsbError};
 use crate::adapter::describe;
@@ -170,6 +170,6 @@ fn control_port(bench: &mut Bench<'_>) -> Checked {
 fn identify(bench: &mut Bench<'_>) -> Result<Identity, Trouble> {
     match bench.call(Request::Identify)? {
         Reply::Identity(identity) => Ok(identity),
-        reply => Err(odd(&Request::Identify, &reply)),
+        reply => Err(unexpected(&Request::Identify, &reply)),
     }
 }

@@ -4,20 +4,18 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::bench::{Bench, at, compare, payload};
+use super::bench::{Bench, STALL_TIMEOUT, at, compare, payload};
 use super::report::{Passed, Trouble, ensure};
 use super::usb::Pipe;
 use super::{Checked, Plan, planned};
 
 /// Bytes sent before a reset, and the number of them that must have come back by then.
 const FLOW: usize = 3_000;
-const CAME: usize = 400;
+const RECEIVED: usize = 400;
 /// Bytes echoed afterwards.
 const AFTER: usize = 600;
-/// Timeout between two echoed bytes.
-const STALL: Duration = Duration::from_millis(500);
 /// Duration of the suspend. A device detects it after 3 ms.
-const SUSPENDED: Duration = Duration::from_millis(100);
+const SUSPEND_TIME: Duration = Duration::from_millis(100);
 
 /// Resets the bus while bytes flow in both directions.
 pub(super) fn in_full_flow(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
@@ -37,15 +35,15 @@ pub(super) fn in_full_flow(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
 fn reset(bench: &mut Bench<'_>, nth: u64) -> Result<(), Trouble> {
     let sent = payload(nth, FLOW);
     bench.usb.send(Pipe::Port, &sent)?;
-    let mut came = 0;
+    let mut received = 0;
     // A later moment each time, to hit a different byte.
-    while came < CAME + 13 * nth as usize {
-        let more = bench.usb.receive(Pipe::Port, STALL)?;
-        compare(&sent, came, &more)?;
-        came += more.len();
+    while received < RECEIVED + 13 * nth as usize {
+        let more = bench.usb.receive(Pipe::Port, STALL_TIMEOUT)?;
+        compare(&sent, received, &more)?;
+        received += more.len();
         ensure(
             !more.is_empty(),
-            format_args!("{came} of {FLOW} bytes came back before it"),
+            format_args!("{received} of {FLOW} bytes came back before it"),
         )?;
     }
     bench.usb.reset()?;
@@ -58,11 +56,11 @@ fn reset(bench: &mut Bench<'_>, nth: u64) -> Result<(), Trouble> {
 /// Suspends the bus, and resumes it.
 pub(super) fn suspend(bench: &mut Bench<'_>, _: &Plan) -> Checked {
     let before = bench.counters()?.usb_suspends;
-    bench.usb.suspend(SUSPENDED)?;
+    bench.usb.suspend(SUSPEND_TIME)?;
     let counted = bench.counters()?.usb_suspends.wrapping_sub(before);
     ensure(counted > 0, "the adapter did not see that the bus was suspended")?;
     bench.open()?;
     bench.echo(&payload(3, AFTER))?;
-    let text = format!("{} ms, every byte right afterwards", SUSPENDED.as_millis());
+    let text = format!("{} ms, every byte right afterwards", SUSPEND_TIME.as_millis());
     Ok(Passed::new(text, []))
 }

@@ -4,7 +4,7 @@ use armwire_bridge::config::{Config, HostTimeout};
 use armwire_bridge::control::{Failure, Reply, Request};
 use serde_json::json;
 
-use super::bench::{Bench, at, losses, odd, payload, quiet};
+use super::bench::{Bench, at, losses, payload, quiet, unexpected};
 use super::report::{Passed, Trouble, ensure};
 use super::{Checked, Plan, planned};
 use crate::config::object;
@@ -85,7 +85,7 @@ fn save(bench: &mut Bench<'_>) -> Result<(), Trouble> {
         Reply::Failed(Failure::TooManySaves { wait_s }) => Err(Trouble::NotTried(format!(
             "the adapter has saved so often that it saves no more for {wait_s} s"
         ))),
-        reply => Err(odd(&Request::SaveConfig, &reply)),
+        reply => Err(unexpected(&Request::SaveConfig, &reply)),
     }
 }
 

@@ -6,15 +6,13 @@ use armwire_bridge::LineCoding;
 use armwire_bridge::control::{Event, Request, Stamp, Subscription};
 use serde_json::json;
 
-use super::bench::{Bench, FRAME, at};
+use super::bench::{Bench, FRAME, STALL_TIMEOUT, at};
 use super::report::{Passed, Trouble, ensure};
 use super::usb::Pipe;
 use super::{Checked, Plan, planned};
 
 /// Frames of one round. The adapter queues 16 for events.
 const BATCH: u32 = 8;
-/// Timeout of a frame's echo and of its event.
-const STALL: Duration = Duration::from_millis(500);
 /// Frames at each end of the clock comparison. The fastest round trip counts.
 const PINGS: u32 = 40;
 /// Maximum difference of the two clocks, in parts per million. Crystals of these boards are within 50, a host's within
@@ -183,7 +181,7 @@ pub(super) fn go_round(bench: &mut Bench<'_>, frames: u32) -> Result<Round, Trou
     bench.usb.send(Pipe::Port, &sent)?;
     let mut stamps = Vec::new();
     for nth in 0..frames {
-        stamps.push(match bench.next_event(STALL)? {
+        stamps.push(match bench.next_event(STALL_TIMEOUT)? {
             Some((Stamp(at), Event::Frame { bytes, .. })) if bytes == FRAME => at as f64,
             Some((_, event)) => return Err(Trouble::failed(format_args!("unexpected event: {event:?}"))),
             None => return Err(Trouble::failed(format_args!("{nth} of {frames} frames were reported"))),

@@ -21,7 +21,7 @@ use dfuse::Image;
 const DFU_UTIL: &str = "dfu-util";
 /// Number of searches for the boot loader or the adapter, and the time between them.
 const TRIES: usize = 20;
-const PAUSE: Duration = Duration::from_millis(500);
+const RETRY_PERIOD: Duration = Duration::from_millis(500);
 
 /// The arguments of `armwire update`.
 #[derive(Args)]
@@ -117,7 +117,7 @@ fn repeat<T>(mut look: impl FnMut() -> Option<T>) -> Option<T> {
         if found.is_some() {
             return found;
         }
-        thread::sleep(PAUSE);
+        thread::sleep(RETRY_PERIOD);
     }
     look()
 }
