@@ -107,12 +107,14 @@ impl Monitor {
     fn open(&self, form: Form, is_legacy: bool, recorder: &Recorder) -> Result<Watched, Error> {
         if self.from_adapter {
             let control = self.place.control(&self.place.connect()?)?;
-            return Ok(Watched::alone(adapter::open(control, recorder)?));
+            let source = adapter::open(control, recorder)?;
+            return Ok(Watched { source, adapter: None });
         }
         if matches!(self.place.arm, ArmKind::Xarm) {
             let line = Box::new(Tcp::connect(&self.place.host()?, false)?);
             let link = recorder.link(line, XArm::CONFIG);
-            return Ok(Watched::alone(Box::new(xarm::PolledXArm::new(link))));
+            let source = Box::new(xarm::PolledXArm::new(link));
+            return Ok(Watched { source, adapter: None });
         }
         let connection = self.place.connect()?;
         let source: Box<dyn Source> = match self.place.arm {

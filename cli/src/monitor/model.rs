@@ -46,7 +46,9 @@ pub(super) struct Model {
     noticed: Instant,
     /// Times of the answers in the rate's window.
     answers: VecDeque<Instant>,
-    calls: Calls,
+    /// The durations of the last calls, and the minimum and maximum of all.
+    calls: VecDeque<Duration>,
+    call_range: Option<(Duration, Duration)>,
     /// The history of each quantity, the newest point last, and the start of that point.
     history: Vec<VecDeque<Option<f64>>>,
     point: Option<Instant>,
@@ -69,13 +71,6 @@ pub(super) struct Latest {
 pub(super) struct Adapter {
     pub(super) name: String,
     pub(super) counts: Result<(Map<String, Value>, Latencies), String>,
-}
-
-/// Durations of calls.
-#[derive(Debug, Default)]
-struct Calls {
-    last: VecDeque<Duration>,
-    range: Option<(Duration, Duration)>,
 }
 
 /// Durations of calls: minimum and maximum of all, and the median of the last ones.
@@ -113,10 +108,19 @@ impl Model {
             self.notice = None;
         }
         if let Some(latency) = latest.latency {
-            self.calls.add(latency);
+            self.add_call(latency);
         }
         self.remember(at, &latest.facts);
         self.latest = Some(latest);
+    }
+
+    fn add_call(&mut self, latency: Duration) {
+        let (min, worst) = self.call_range.unwrap_or((latency, latency));
+        self.call_range = Some((min.min(latency), worst.max(latency)));
+        if self.calls.len() == CALLS {
+            self.calls.pop_front();
+        }
+        self.calls.push_back(latency);
     }
 
     /// Counts a missing answer.
@@ -152,8 +156,8 @@ impl Model {
 
     /// Durations of calls; `None` before the first one.
     pub(super) fn call_times(&self) -> Option<CallTimes> {
-        let (min, worst) = self.calls.range?;
-        let mut last: Vec<_> = self.calls.last.iter().copied().collect();
+        let (min, worst) = self.call_range?;
+        let mut last: Vec<_> = self.calls.iter().copied().collect();
         last.sort_unstable();
         let median = *last.get(last.len() / 2)?;
         Some(CallTimes { min, median, worst })
@@ -226,17 +230,6 @@ pub(super) fn millis(time: Duration) -> String {
     format!("{:.2} ms", time.as_micros() as f64 / 1e3)
 }
 
-impl Calls {
-    fn add(&mut self, latency: Duration) {
-        let (min, worst) = self.range.unwrap_or((latency, latency));
-        self.range = Some((min.min(latency), worst.max(latency)));
-        if self.last.len() == CALLS {
-            self.last.pop_front();
-        }
-        self.last.push_back(latency);
-    }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -295,7 +288,7 @@ pub(super) mod tests {
             [times.min, times.median, times.worst],
             [100, 900, 5_000].map(Duration::from_micros)
         );
-        assert_eq!(model.calls.last.len(), CALLS);
+        assert_eq!(model.calls.len(), CALLS);
     }
 
     #[test]

@@ -32,14 +32,6 @@ pub(super) struct Watched {
     pub(super) adapter: Option<Result<ControlLink, Error>>,
 }
 
-impl Watched {
-    /// A source without another adapter.
-    pub(super) fn alone(source: Box<dyn Source>) -> Self {
-        let adapter = None;
-        Self { source, adapter }
-    }
-}
-
 /// A session of a monitor.
 pub(super) struct Session<'a> {
     form: Form,

@@ -12,28 +12,15 @@ use crate::describe::number;
 pub(super) fn row(model: &Model, now: Instant, latest: Option<&Latest>) -> Map<String, Value> {
     let mut row = Map::new();
     let mut put = |column: &str, value: Value| row.insert(column.to_owned(), value);
-    put(
-        "time_s",
-        number(latest.map_or(now, |latest| latest.at).as_micros() as f64 / 1e6),
-    );
-    put(
-        "adapter_time_us",
-        json!(latest.and_then(|latest| latest.stamp).map(|stamp| stamp.0)),
-    );
-    put(
-        "latency_us",
-        json!(
-            latest
-                .and_then(|latest| latest.latency)
-                .map(|latency| latency.as_micros())
-        ),
-    );
+    let at = latest.map_or(now, |latest| latest.at);
+    let stamp = latest.and_then(|latest| latest.stamp);
+    let latency = latest.and_then(|latest| latest.latency);
+    put("time_s", number(at.as_micros() as f64 / 1e6));
+    put("adapter_time_us", json!(stamp.map(|stamp| stamp.0)));
+    put("latency_us", json!(latency.map(|latency| latency.as_micros())));
     // All readings of an arm have the same items.
-    let known = latest
-        .or(model.latest.as_ref())
-        .into_iter()
-        .flat_map(|latest| &latest.facts);
-    for item in known.flat_map(|fact| &fact.items) {
+    let known = latest.or(model.latest.as_ref()).map_or(&[][..], |latest| &latest.facts);
+    for item in known.iter().flat_map(|fact| &fact.items) {
         put(&item.key, latest.map_or(Value::Null, |_| item.value.clone()));
     }
     for i in 0..model.servos {

@@ -50,14 +50,9 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
     frame.render_widget(Line::styled(format!(" {}", escaped(&notice)), BAD), left);
     frame.render_widget(Line::styled(keys, DIM), right);
 
-    let width = usize::from(body.width);
-    let mut parts = vec![arm(model, width.saturating_sub(2)), calls(model, now)];
-    parts.extend(
-        model
-            .adapter
-            .as_ref()
-            .map(|shown| adapter(shown, width.saturating_sub(2))),
-    );
+    let width = usize::from(body.width).saturating_sub(2);
+    let mut parts = vec![arm(model, width), calls(model, now)];
+    parts.extend(model.adapter.as_ref().map(|shown| adapter(shown, width)));
     let framed: usize = parts.iter().map(|part| part.lines.len() + 2).sum();
     match framed <= usize::from(body.height) {
         true => draw_framed(frame, body, parts),

@@ -207,17 +207,11 @@ impl<'u> Bench<'u> {
 
     fn open_port(&mut self) -> Result<(), Trouble> {
         self.order(ControlRequest::Subscribe(Subscription::default()))?;
-        self.raise_dtr()?;
+        let dtr_on = port_request(0x21, SET_CONTROL_LINE_STATE, DTR_AND_RTS, Payload::Write(&[]));
+        self.usb.control(&dtr_on)?;
         self.set_line(LineCoding::LING)?;
         self.drain()?;
         self.events.clear();
-        Ok(())
-    }
-
-    /// Raises DTR and RTS.
-    fn raise_dtr(&mut self) -> Result<(), Trouble> {
-        let request = port_request(0x21, SET_CONTROL_LINE_STATE, DTR_AND_RTS, Payload::Write(&[]));
-        self.usb.control(&request)?;
         Ok(())
     }
 

@@ -42,25 +42,20 @@ impl Selftest {
         };
         let checks = self.check(&plan, stop)?;
         let failed = checks.iter().filter(|check| check.has_failed()).count();
+        let (result, error) = match failed {
+            0 if stop.load(Ordering::Relaxed) => ("stopped", Some("stopped before the last check".to_owned())),
+            0 => ("passed", None),
+            _ => ("failed", Some(format!("{failed} of {} checks failed", checks.len()))),
+        };
         if self.json {
             let list: Vec<_> = checks.iter().map(Check::json).collect();
-            let result = match failed {
-                0 if stop.load(Ordering::Relaxed) => "stopped",
-                0 => "passed",
-                _ => "failed",
-            };
             print_json(&json!({ "port": self.port, "result": result, "checks": Value::from(list) }))?;
         } else {
             let passed = checks.iter().filter(|check| check.result.is_ok()).count();
             let untried = checks.len() - passed - failed;
             print_line(format_args!("{passed} passed, {failed} failed, {untried} not tried"))?;
         }
-        let reason = match failed {
-            0 if stop.load(Ordering::Relaxed) => "stopped before the last check".to_owned(),
-            0 => return Ok(()),
-            _ => format!("{failed} of {} checks failed", checks.len()),
-        };
-        Err(Error::at(&self.port, reason))
+        error.map_or(Ok(()), |reason| Err(Error::at(&self.port, reason)))
     }
 
     fn check(&self, plan: &Plan, stop: &AtomicBool) -> Result<Vec<Check>, Error> {

@@ -37,10 +37,8 @@ pub(super) fn at_all_rates(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
         plan.echo_bytes,
         RATES.map(|baud| baud.to_string()).join(", ")
     );
-    Ok(Passed::new(
-        text,
-        [("rates_baud", json!(RATES)), ("bytes", json!(plan.echo_bytes as usize))],
-    ))
+    let figures = [("rates_baud", json!(RATES)), ("bytes", json!(plan.echo_bytes))];
+    Ok(Passed::new(text, figures))
 }
 
 fn at_rate(bench: &mut Bench<'_>, coding: LineCoding, bytes: &[u8]) -> Result<(), Trouble> {

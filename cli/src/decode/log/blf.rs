@@ -51,7 +51,12 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
     let rest = rest.ok_or_else(|| input.refused_at(4, "the header is shorter than its beginning"))?;
     skip(input, rest, "the header")?;
 
-    let mut objects = Objects::new(take);
+    let mut objects = Objects {
+        take,
+        kept: Vec::new(),
+        rest: 0,
+        padding: 0,
+    };
     while let Some((at, base)) = next_object(input)? {
         let Base { size, kind, .. } = Base::parse(&base).map_err(|reason| input.refused_at(at, &reason))?;
         let size = u64::from(size) - BASE_HEADER as u64;
@@ -156,16 +161,7 @@ impl Write for Objects<'_, '_> {
     }
 }
 
-impl<'t, 'r> Objects<'t, 'r> {
-    fn new(take: &'t mut Take<'r>) -> Self {
-        Self {
-            take,
-            kept: Vec::new(),
-            rest: 0,
-            padding: 0,
-        }
-    }
-
+impl Objects<'_, '_> {
     /// Reads the next bytes.
     fn push(&mut self, mut bytes: &[u8]) -> Result<(), String> {
         while !bytes.is_empty() {
