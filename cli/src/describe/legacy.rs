@@ -36,12 +36,8 @@ impl Arm for Legacy {
 pub(crate) fn gripper(state: Option<&GripperState>) -> Vec<Fact> {
     let raw = |name: &str, value: fn(&GripperState) -> u16| {
         let (key, value) = (format!("{}_raw", name.replace(' ', "_")), state.map(value));
-        Fact::new(
-            name,
-            &key,
-            value,
-            value.map_or("-".to_owned(), |value| value.to_string()),
-        )
+        let text = value.map_or("-".to_owned(), |value| value.to_string());
+        Fact::new(name, &key, value, text)
     };
     vec![
         raw("gripper", |state| state.servo),

@@ -109,14 +109,10 @@ fn joint_state(state: &JointState) -> Vec<Fact> {
     let percent = f64::from(state.gripper) / 10.0;
     let value = opening.map_or(Value::Null, |_| number(percent));
     let what = if opening.is_ok() { "open" } else { "(out of range)" };
+    let text = format!("{percent:.1} % {what}");
     vec![
         joints(state.joints),
-        Fact::new(
-            "gripper",
-            "gripper_percent",
-            value,
-            format_args!("{percent:.1} % {what}"),
-        ),
+        Fact::new("gripper", "gripper_percent", value, text),
         Fact::words("status", state.status),
     ]
 }

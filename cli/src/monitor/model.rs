@@ -202,14 +202,13 @@ impl Model {
             .map(|item| item.value.as_f64())
             .collect();
         self.history.resize_with(values.len(), VecDeque::new);
+        let step = POINT_TIME.as_micros();
         let steps = match self.point {
-            Some(point) => (at.since(point).as_micros() / POINT_TIME.as_micros()).min(POINTS as u64),
+            Some(point) => (at.since(point).as_micros() / step).min(POINTS as u64),
             None => 1,
         };
         if steps > 0 {
-            self.point = Some(Instant::from_micros(
-                at.as_micros() / POINT_TIME.as_micros() * POINT_TIME.as_micros(),
-            ));
+            self.point = Some(Instant::from_micros(at.as_micros() / step * step));
         }
         for (history, value) in self.history.iter_mut().zip(values) {
             for _ in 0..steps {

@@ -36,13 +36,9 @@ struct Part {
 pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
     let rows = Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)]);
     let [head, body, foot] = rows.areas(frame.area());
-    frame.render_widget(
-        Line::from(vec![
-            Span::styled(format!(" {}", escaped(&model.port)), BOLD),
-            Span::raw(format!("  {}", model.arm)),
-        ]),
-        head,
-    );
+    let port = Span::styled(format!(" {}", escaped(&model.port)), BOLD);
+    let arm_name = Span::raw(format!("  {}", model.arm));
+    frame.render_widget(Line::from(vec![port, arm_name]), head);
     let notice = model.notice.clone().unwrap_or_default();
     let keys = "q ends";
     let [left, right] =
@@ -102,10 +98,8 @@ fn arm(model: &Model, width: usize) -> Part {
     if !model.celsius.is_empty() {
         let all: Vec<_> = model.celsius.iter().map(u8::to_string).collect();
         let max = model.celsius.iter().max().copied().unwrap_or_default();
-        lines.push(Line::from(vec![
-            name("servos"),
-            Span::raw(format!("{} °C, the hottest {max} °C", all.join(" "))),
-        ]));
+        let text = format!("{} °C, the hottest {max} °C", all.join(" "));
+        lines.push(named("servos", text));
     }
     Part { title: "arm", lines }
 }
@@ -119,15 +113,11 @@ fn calls(model: &Model, now: Instant) -> Part {
         requests => format!("asked {requests}, answered {}", model.answered),
     };
     let rate = format!("{achieved:.1}{wanted} readings/s, {calls}");
-    let mut lines = vec![Line::from(vec![name("rate"), Span::raw(rate)])];
+    let mut lines = vec![named("rate", rate)];
     if let Some(times) = model.call_times() {
-        let text = format!(
-            "least {}, median {}, worst {}",
-            millis(times.min),
-            millis(times.median),
-            millis(times.worst)
-        );
-        lines.push(Line::from(vec![name("latency"), Span::raw(text)]));
+        let [least, median, worst] = [times.min, times.median, times.worst].map(millis);
+        let text = format!("least {least}, median {median}, worst {worst}");
+        lines.push(named("latency", text));
     }
     if model.rate.is_some() {
         let errors = [
@@ -138,11 +128,9 @@ fn calls(model: &Model, now: Instant) -> Part {
         let mut spans = vec![name("errors")];
         for (i, (count, what)) in errors.into_iter().enumerate() {
             let comma = if i > 0 { ", " } else { "" };
+            let style = if count > 0 { BAD } else { Style::new() };
             spans.push(Span::raw(comma));
-            spans.push(Span::styled(
-                format!("{count} {what}"),
-                if count > 0 { BAD } else { Style::new() },
-            ));
+            spans.push(Span::styled(format!("{count} {what}"), style));
         }
         lines.push(Line::from(spans));
     }
@@ -151,7 +139,7 @@ fn calls(model: &Model, now: Instant) -> Part {
 
 /// The adapter: its latencies, and the counters that are not zero.
 fn adapter(adapter: &Adapter, width: usize) -> Part {
-    let mut lines = vec![Line::from(vec![name("adapter"), Span::raw(escaped(&adapter.name))])];
+    let mut lines = vec![named("adapter", escaped(&adapter.name))];
     match &adapter.counts {
         Err(error) => lines.push(Line::styled(escaped(error), BAD)),
         Ok((counters, latencies)) => {
@@ -159,16 +147,15 @@ fn adapter(adapter: &Adapter, width: usize) -> Part {
                 if let [Some(half), Some(most), Some(all)] = [50, 99, 100].map(|percent| percentile(histogram, percent))
                 {
                     let text = format!("half {half}, 99 % {most}, all {all}");
-                    lines.push(Line::from(vec![name(what), Span::raw(text)]));
+                    lines.push(named(what, text));
                 }
             }
             let counted = counters.iter().filter(|&(_, count)| count.as_u64() != Some(0));
             let cells: Vec<_> = counted.map(|(name, count)| format!("{name} {count}")).collect();
             let cell = cells.iter().map(|cell| cell.chars().count() + 2).max().unwrap_or(1);
             for row in cells.chunks((width / cell).max(1)) {
-                lines.push(Line::raw(
-                    row.iter().map(|text| format!("{text:<cell$}")).collect::<String>(),
-                ));
+                let text: String = row.iter().map(|text| format!("{text:<cell$}")).collect();
+                lines.push(Line::raw(text));
             }
         }
     }
@@ -176,6 +163,11 @@ fn adapter(adapter: &Adapter, width: usize) -> Part {
         title: "adapter",
         lines,
     }
+}
+
+/// A line with a name.
+fn named(what: &str, text: String) -> Line<'static> {
+    Line::from(vec![name(what), Span::raw(text)])
 }
 
 fn name(text: &str) -> Span<'static> {
