@@ -29,6 +29,16 @@ fn telemetry() -> Config {
     }
 }
 
+/// Plugs the board in, attaches the bus, and configures telemetry.
+fn start_telemetry(board: &mut VirtualBoard<LingArm>) -> Control {
+    plug_in(board, MEGABAUD);
+    board.can().attach(BIT_RATE);
+    let mut control = Control::open(board);
+    control.order(board, control::Request::SetConfig(telemetry()));
+    board.run_for(Nanos::from_millis(100)).unwrap();
+    control
+}
+
 /// Expects telemetry at its rate for a second.
 fn expect_telemetry(board: &mut VirtualBoard<LingArm>) {
     let id = Function::JointsA.id(Node::default());
@@ -72,11 +82,7 @@ fn can_and_usb_hosts_get_their_own_answers() {
 #[test]
 fn telemetry_goes_out_at_its_rate() {
     on_board(ling(), |board| {
-        plug_in(board, MEGABAUD);
-        board.can().attach(BIT_RATE);
-        let mut control = Control::open(board);
-        control.order(board, control::Request::SetConfig(telemetry()));
-        board.run_for(Nanos::from_millis(100)).unwrap();
+        start_telemetry(board);
         expect_telemetry(board);
         expect_telemetry(board);
     });
@@ -85,13 +91,8 @@ fn telemetry_goes_out_at_its_rate() {
 #[test]
 fn lost_bus_is_counted_reported_and_recovered() {
     on_board(ling(), |board| {
-        plug_in(board, MEGABAUD);
-        board.can().attach(BIT_RATE);
-        let mut control = Control::open(board);
+        let mut control = start_telemetry(board);
         control.subscribe(board);
-        control.order(board, control::Request::SetConfig(telemetry()));
-        board.run_for(Nanos::from_millis(100)).unwrap();
-        control.take_events(board);
 
         board.can().short();
         board.run_for(Nanos::from_millis(100)).unwrap();
@@ -121,11 +122,7 @@ fn lost_bus_is_counted_reported_and_recovered() {
 #[test]
 fn permanently_lost_bus_blocks_neither_arm_nor_usb() {
     on_board(ling(), |board| {
-        plug_in(board, MEGABAUD);
-        board.can().attach(BIT_RATE);
-        let mut control = Control::open(board);
-        control.order(board, control::Request::SetConfig(telemetry()));
-        board.run_for(Nanos::from_millis(100)).unwrap();
+        start_telemetry(board);
         // The recovery cannot start.
         board.can().keep_from_initialization(true);
         board.can().short();
@@ -250,11 +247,7 @@ fn saturating_flood_leaves_adapter_on_the_bus() {
     let mut config = armwire_virtual_board::Config::new(path(), ling());
     config.instruction_cost = config.instruction_cost.saturating_mul(facts(chip()).flooded);
     on_board_with(config, |board| {
-        plug_in(board, MEGABAUD);
-        board.can().attach(BIT_RATE);
-        let mut control = Control::open(board);
-        control.order(board, control::Request::SetConfig(telemetry()));
-        control.subscribe(board);
+        start_telemetry(board).subscribe(board);
         // Each is refused and reported on both interfaces.
         let flood = Frame::new(Function::ArmRequest.id(Node::default()), &[1, 0]).unwrap();
         board.can().flood(Some(&flood)).unwrap();
@@ -274,11 +267,7 @@ fn bus_loss_during_flash_erase_is_counted() {
     let mut config = armwire_virtual_board::Config::new(path(), ling());
     config.flash = Some(contents);
     on_board_with(config, |board| {
-        plug_in(board, MEGABAUD);
-        board.can().attach(BIT_RATE);
-        let mut control = Control::open(board);
-        control.order(board, control::Request::SetConfig(telemetry()));
-        board.run_for(Nanos::from_millis(100)).unwrap();
+        let mut control = start_telemetry(board);
         let before = board.flash_operations();
         // Other nodes occupy the bus, so frames wait in the mailboxes during the erase.
         board.can().flood(Some(&urgent())).unwrap();
@@ -306,11 +295,7 @@ fn bus_loss_during_flash_erase_is_counted() {
 #[test]
 fn frames_waiting_at_bus_change_are_counted() {
     on_board(ling(), |board| {
-        plug_in(board, MEGABAUD);
-        board.can().attach(BIT_RATE);
-        let mut control = Control::open(board);
-        control.order(board, control::Request::SetConfig(telemetry()));
-        board.run_for(Nanos::from_millis(100)).unwrap();
+        let mut control = start_telemetry(board);
         board.can().flood(Some(&urgent())).unwrap();
         board.run_for(Nanos::from_millis(100)).unwrap();
         let before = counters(board);

@@ -245,39 +245,32 @@ fn replugged_port_works() {
     });
 }
 
-#[test]
-fn adapter_unplugged_in_full_flow_works_again() {
+/// Disconnects the adapter in full flow, several times. It must work after each reconnection.
+fn interrupt_flow(disconnect: fn(&mut VirtualBoard<RawArm>), reconnect: fn(&mut VirtualBoard<RawArm>)) {
     on_board(RawArm::default(), |board| {
         plug_in(board, MEGABAUD);
         for nth in 0..8 {
             board.with_arm(|arm| arm.send(&noise(nth, 10_000)));
             board.usb().write(&noise(nth, 10_000)).unwrap();
             board.run_for(Duration::from_micros(20_000 + 137 * nth)).unwrap();
-            board.usb().detach();
+            disconnect(board);
             board.run_for(Nanos::from_millis(200)).unwrap();
-            plug_in(board, MEGABAUD);
-            assert_eq!(read_all(board), b"", "bytes for the previous host");
-            exchange_some(board, nth);
-        }
-    });
-}
-
-#[test]
-fn port_works_after_bus_reset_in_flow() {
-    on_board(RawArm::default(), |board| {
-        plug_in(board, MEGABAUD);
-        for nth in 0..8 {
-            board.with_arm(|arm| arm.send(&noise(nth, 10_000)));
-            board.usb().write(&noise(nth, 10_000)).unwrap();
-            board.run_for(Duration::from_micros(20_000 + 137 * nth)).unwrap();
-            board.usb().reset_bus();
-            board.run_for(Nanos::from_millis(200)).unwrap();
-            open(board, MEGABAUD);
+            reconnect(board);
             assert_eq!(read_all(board), b"", "bytes for the previous host");
             exchange_some(board, nth);
         }
         assert!(counters(board).usb_resets >= 8);
     });
+}
+
+#[test]
+fn adapter_unplugged_in_full_flow_works_again() {
+    interrupt_flow(|board| board.usb().detach(), |board| plug_in(board, MEGABAUD));
+}
+
+#[test]
+fn port_works_after_bus_reset_in_flow() {
+    interrupt_flow(|board| board.usb().reset_bus(), |board| open(board, MEGABAUD));
 }
 
 #[test]
