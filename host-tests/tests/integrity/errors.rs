@@ -1,54 +1,38 @@
 //! Transmission errors of a frame, each kind exhaustively.
 
-/// A kind of error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+use strum::{Display, VariantArray};
+
+/// A kind of error, displayed as in the tables.
+#[derive(Clone, Copy, Debug, Display, PartialEq, Eq, VariantArray)]
 pub(crate) enum Kind {
     /// Any one bit is flipped.
+    #[strum(to_string = "one bit flipped")]
     OneBit,
     /// Any two bits are flipped.
+    #[strum(to_string = "two bits flipped")]
     TwoBits,
     /// Two bits with a distance of at most seven are flipped, and any bits between them. The order is that of a UART:
     /// the lowest bit of a byte first.
+    #[strum(to_string = "burst of 2 to 8 bits")]
     Burst,
     /// Any one byte has any other value.
+    #[strum(to_string = "one byte replaced")]
     OtherByte,
     /// Any one byte is missing.
+    #[strum(to_string = "one byte lost")]
     LostByte,
     /// Any one byte is duplicated.
+    #[strum(to_string = "one byte duplicated")]
     ByteTwice,
     /// Any byte is inserted anywhere, including before and after the frame.
+    #[strum(to_string = "one byte inserted")]
     ExtraByte,
     /// The frame ends after any number of bytes, at least one.
+    #[strum(to_string = "truncated")]
     CutShort,
 }
 
 impl Kind {
-    /// All kinds, in the order of the tables.
-    pub(crate) const ALL: [Self; 8] = [
-        Self::OneBit,
-        Self::TwoBits,
-        Self::Burst,
-        Self::OtherByte,
-        Self::LostByte,
-        Self::ByteTwice,
-        Self::ExtraByte,
-        Self::CutShort,
-    ];
-
-    /// The name in the table.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::OneBit => "one bit flipped",
-            Self::TwoBits => "two bits flipped",
-            Self::Burst => "burst of 2 to 8 bits",
-            Self::OtherByte => "one byte replaced",
-            Self::LostByte => "one byte lost",
-            Self::ByteTwice => "one byte duplicated",
-            Self::ExtraByte => "one byte inserted",
-            Self::CutShort => "truncated",
-        }
-    }
-
     /// Calls `visit` with the frame under each error of this kind.
     pub(crate) fn each(self, frame: &[u8], mut visit: impl FnMut(&[u8])) {
         let (bytes, bits) = (frame.len(), 8 * frame.len());

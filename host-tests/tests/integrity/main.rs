@@ -14,10 +14,11 @@ use std::thread;
 use armwire::alpha1::{self, Alpha1};
 use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{self, Ling};
+use armwire::messages::Messages;
 use armwire::xarm::{self, XArm};
 use armwire_host_tests::reference::vectors::{self, Vector};
+use strum::VariantArray;
 
-use armwire::messages::Messages;
 use blind::Place;
 use errors::Kind;
 use outcome::{Outcome, Subject};
@@ -26,7 +27,7 @@ use outcome::{Outcome, Subject};
 #[derive(Clone, Copy, Default)]
 struct Count {
     tried: u64,
-    outcomes: [u64; Outcome::ALL.len()],
+    outcomes: [u64; Outcome::VARIANTS.len()],
     next_lost: u64,
 }
 
@@ -68,7 +69,10 @@ where
         (kind, sum)
     };
     thread::scope(|scope| {
-        let threads = Kind::ALL.map(|kind| scope.spawn(move || all(kind)));
+        let threads: Vec<_> = Kind::VARIANTS
+            .iter()
+            .map(|&kind| scope.spawn(move || all(kind)))
+            .collect();
         threads
             .into_iter()
             .map(|thread| thread.join().expect("it does not panic"))
@@ -79,14 +83,14 @@ where
 /// The table of the outcomes on one line.
 fn table(counts: &[(Kind, Count)]) -> String {
     let mut table = String::from("| Error | Tried |");
-    for outcome in Outcome::ALL {
-        write!(table, " {} |", outcome.name()).expect("it is a string");
+    for outcome in Outcome::VARIANTS {
+        write!(table, " {outcome} |").expect("it is a string");
     }
     table += " next lost |\n|---|";
-    table += &"--:|".repeat(Outcome::ALL.len() + 2);
+    table += &"--:|".repeat(Outcome::VARIANTS.len() + 2);
     for (kind, count) in counts {
-        write!(table, "\n| {} | {} |", kind.name(), count.tried).expect("it is a string");
-        for outcome in Outcome::ALL {
+        write!(table, "\n| {kind} | {} |", count.tried).expect("it is a string");
+        for &outcome in Outcome::VARIANTS {
             write!(table, " {} |", count.of(outcome)).expect("it is a string");
         }
         write!(table, " {} |", count.next_lost).expect("it is a string");

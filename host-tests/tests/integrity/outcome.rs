@@ -5,63 +5,44 @@ use armwire::framing::Reason;
 use armwire::messages::Messages;
 use armwire::{Cause, ParseError};
 use armwire_host_tests::reference::vectors::Vector;
+use strum::{Display, VariantArray};
 
-/// The outcome of a frame. The later variant counts if there are two.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+/// The outcome of a frame, displayed as in the tables. The later variant counts if there are two.
+#[derive(Clone, Copy, Debug, Display, PartialEq, Eq, PartialOrd, Ord, VariantArray)]
 pub(crate) enum Outcome {
     /// Not delivered: no header begins it.
+    #[strum(to_string = "header")]
     Header,
     /// Not delivered: the line is silent before the end of the frame.
+    #[strum(to_string = "silence")]
     Silence,
     /// Not delivered: a length that no message has.
+    #[strum(to_string = "length")]
     Length,
     /// Not delivered: the end mark is missing.
+    #[strum(to_string = "end mark")]
     EndMark,
     /// Not delivered: the checksum does not match.
+    #[strum(to_string = "checksum")]
     Checksum,
     /// Refused: a good frame, but no message of the protocol.
+    #[strum(to_string = "unknown")]
     Unknown,
     /// Refused: a byte or a value is none that it may be.
+    #[strum(to_string = "range")]
     Range,
     /// A good message, but no answer to the request.
+    #[strum(to_string = "no answer")]
     NoAnswer,
     /// Delivered as it was sent.
+    #[strum(to_string = "unharmed")]
     Unharmed,
     /// Delivered as another message.
+    #[strum(to_string = "**undetected**")]
     Undetected,
 }
 
 impl Outcome {
-    /// All of them, in the order of the columns.
-    pub(crate) const ALL: [Self; 10] = [
-        Self::Header,
-        Self::Silence,
-        Self::Length,
-        Self::EndMark,
-        Self::Checksum,
-        Self::Unknown,
-        Self::Range,
-        Self::NoAnswer,
-        Self::Unharmed,
-        Self::Undetected,
-    ];
-
-    /// The name in the table.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Header => "header",
-            Self::Silence => "silence",
-            Self::Length => "length",
-            Self::EndMark => "end mark",
-            Self::Checksum => "checksum",
-            Self::Unknown => "unknown",
-            Self::Range => "range",
-            Self::NoAnswer => "no answer",
-            Self::Unharmed => "unharmed",
-            Self::Undetected => "**undetected**",
-        }
-    }
-
     fn of_noise(reason: Reason) -> Self {
         match reason {
             Reason::Stray => Self::Header,
