@@ -4,12 +4,10 @@
 //! executes only the run with this number, and prints its events.
 
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::panic::catch_unwind;
 use std::{env, thread};
 
-use armwire_host_tests::adapter::{self, Circumstances};
+use armwire_host_tests::adapter::{self, Conditions};
 use armwire_host_tests::random::Random;
 
 const SEED: u64 = 1;
@@ -23,31 +21,23 @@ fn number(name: &str) -> Option<u32> {
         .map(|n| n.parse().unwrap_or_else(|_| panic!("{name} is a number")))
 }
 
-/// The runs that fail, and what happened in the others.
-fn make(runs: u32) -> (Vec<u32>, Vec<Circumstances>) {
-    let next = AtomicU32::new(0);
-    let (failed, seen) = (Mutex::new(Vec::new()), Mutex::new(Vec::new()));
-    let workers = thread::available_parallelism().map_or(1, |count| count.get());
+/// Executes a run. The error is the number of a run that fails.
+fn run(number: u32) -> Result<Conditions, u32> {
+    catch_unwind(|| adapter::run(Random::new(SEED, number))).map_err(|_| {
+        eprintln!("run {number} of seed {SEED} fails: ARMWIRE_RUN={number} executes it alone");
+        number
+    })
+}
+
+/// Executes all runs, on all cores.
+fn run_all(runs: u32) -> Vec<Result<Conditions, u32>> {
+    let cores = thread::available_parallelism().map_or(1, |count| count.get());
     thread::scope(|scope| {
-        for _ in 0..workers {
-            scope.spawn(|| {
-                loop {
-                    let number = next.fetch_add(1, Ordering::Relaxed);
-                    if number >= runs {
-                        return;
-                    }
-                    match catch_unwind(AssertUnwindSafe(|| adapter::run(Random::new(SEED, number)))) {
-                        Ok(circumstances) => seen.lock().unwrap().push(circumstances),
-                        Err(_) => {
-                            eprintln!("run {number} of seed {SEED} fails: ARMWIRE_RUN={number} makes it alone");
-                            failed.lock().unwrap().push(number);
-                        }
-                    }
-                }
-            });
-        }
-    });
-    (failed.into_inner().unwrap(), seen.into_inner().unwrap())
+        let worker = |first: u32| scope.spawn(move || (first..runs).step_by(cores).map(run).collect::<Vec<_>>());
+        let workers: Vec<_> = (0..cores as u32).map(worker).collect();
+        let results = workers.into_iter().flat_map(|worker| worker.join().unwrap());
+        results.collect()
+    })
 }
 
 #[test]
@@ -57,21 +47,17 @@ fn every_promise_holds_in_random_runs() {
         return;
     }
     let runs = number("ARMWIRE_RUNS").unwrap_or(RUNS);
-    let (failed, seen) = make(runs);
+    let results = run_all(runs);
     let mut often = BTreeMap::new();
-    for (name, happened) in seen.iter().flat_map(Circumstances::often) {
-        *often.entry(name).or_insert(0) += u32::from(happened);
+    for (name, met) in results.iter().flatten().copied().flatten() {
+        *often.entry(name).or_insert(0) += u32::from(met);
     }
-    println!("{runs} runs, of which so many had:");
+    println!("{runs} runs, and the number of them with each condition:");
     for (name, count) in &often {
         println!("{count:6} {name}");
     }
-    assert!(
-        failed.is_empty(),
-        "{} of {runs} runs fail, the first is {:?}",
-        failed.len(),
-        failed.iter().min()
-    );
+    let failed: Vec<u32> = results.into_iter().filter_map(Result::err).collect();
+    assert!(failed.is_empty(), "runs {failed:?} of {runs} fail");
     for (name, count) in often {
         assert!(count * 20 >= runs, "{name} in {count} of {runs} runs only");
     }

@@ -26,8 +26,8 @@ pub(super) const QUERIES: [Key; 7] = [
 /// The request with a time limit of 500 ms.
 pub(super) const SELF_CHECK: Key = (0xFE, 0x00);
 
-/// Unasked frame for a pressed button. No host requests it in these runs.
-const UNASKED: Key = (0x04, 0x0E);
+/// Unsolicited frame for a pressed button. No host requests it in these runs.
+const UNSOLICITED: Key = (0x04, 0x0E);
 
 /// The request that switches the torque on or off.
 pub(super) const TORQUE: Key = (0x05, 0x00);
@@ -36,6 +36,9 @@ const OFF: u8 = 0;
 /// The maximum time from the last byte of a request to the last byte of its answer, in µs. Later answers are dropped,
 /// as the adapter cannot distinguish them from the answers to newer requests.
 const LATEST: u64 = 100_000;
+
+/// The adapter's time limit for an answer, in µs. A later answer is late.
+const PROMPT: u64 = 50_000;
 
 /// Silence after which the arm discards an incomplete frame, in µs.
 const PARTIAL_FRAME_TIMEOUT: u64 = 20_000;
@@ -50,6 +53,15 @@ pub(super) struct Tag {
 }
 
 impl Tag {
+    /// The tag of this initiator's next request, after this number of requests.
+    pub(super) fn next(initiator: Initiator, requests: &mut u32) -> Self {
+        *requests += 1;
+        Self {
+            initiator,
+            number: *requests,
+        }
+    }
+
     /// The frame with this key and tag.
     pub(super) fn frame(self, key: Key) -> Vec<u8> {
         let [a, b, c, d] = self.number.to_le_bytes();
@@ -111,15 +123,6 @@ struct Transmission {
     bytes: Vec<u8>,
 }
 
-/// A request received by the arm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ArmEvent {
-    /// A request for an answer, with the time from request to answer. `None` without an answer.
-    Request(Option<u64>),
-    /// Torque-off.
-    TorqueOff,
-}
-
 /// The arm.
 pub(super) struct Arm {
     behavior: Behavior,
@@ -132,6 +135,8 @@ pub(super) struct Arm {
     /// Number of joint requests and identity requests of the adapter.
     polls: u32,
     identified: u32,
+    /// An answer ended more than [`PROMPT`] after the last byte of its request.
+    pub(super) has_answered_late: bool,
 }
 
 impl Arm {
@@ -145,29 +150,31 @@ impl Arm {
             tx_queue: VecDeque::new(),
             polls: 0,
             identified: 0,
+            has_answered_late: false,
         }
     }
 
-    /// Receives bytes at the arm's rate. The first starts at `start`.
-    pub(super) fn on_bytes(&mut self, bytes: &[u8], start: u64, random: &mut Random, events: &mut Vec<ArmEvent>) {
+    /// Receives bytes at the arm's rate. The first starts at `start`. Returns true for torque-off.
+    pub(super) fn on_bytes(&mut self, bytes: &[u8], start: u64, random: &mut Random) -> bool {
         let end = start + byte_times(bytes.len());
         self.partial_frame_timeout = Some(end + PARTIAL_FRAME_TIMEOUT);
         let mut rest = bytes;
         while !rest.is_empty() {
             rest = self.decoder.push(rest);
             let behind = rest.len();
-            self.answer_all(end, behind, LATEST, random, events);
+            self.answer_all(end, behind, LATEST, random);
         }
+        let mut is_torque_off = false;
         let mut rest = bytes;
         while !rest.is_empty() {
             rest = self.without_timeout.push(rest);
             while let Some(item) = self.without_timeout.next(&Ling, ()) {
                 let frame = Frame::parse(item.bytes).filter(|_| item.kind == Kind::Frame);
-                if frame.is_some_and(|frame| (frame.command, frame.function) == TORQUE && frame.data == [OFF]) {
-                    events.push(ArmEvent::TorqueOff);
-                }
+                is_torque_off |=
+                    frame.is_some_and(|frame| (frame.command, frame.function) == TORQUE && frame.data == [OFF]);
             }
         }
+        is_torque_off
     }
 
     /// The time of the next [`tick`](Self::tick) or [`transmit`](Self::transmit).
@@ -177,13 +184,13 @@ impl Arm {
     }
 
     /// Discards an incomplete frame after silence on the line.
-    pub(super) fn tick(&mut self, now: u64, random: &mut Random, events: &mut Vec<ArmEvent>) {
+    pub(super) fn tick(&mut self, now: u64, random: &mut Random) {
         let Some(quiet) = self.partial_frame_timeout.take_if(|at| *at <= now) else {
             return;
         };
         self.decoder.idle();
         // Frames within the discarded bytes are received now. Their answers are as early as without the delay.
-        self.answer_all(quiet, 0, LATEST - PARTIAL_FRAME_TIMEOUT, random, events);
+        self.answer_all(quiet, 0, LATEST - PARTIAL_FRAME_TIMEOUT, random);
     }
 
     /// The next bytes that are on the line by `now`, and the end of the last of them.
@@ -197,71 +204,50 @@ impl Arm {
         !self.tx_queue.is_empty()
     }
 
-    /// Sends an unasked frame.
-    pub(super) fn send_unasked(&mut self, now: u64) {
-        self.send(now, frame(UNASKED, &[2]));
+    /// Sends an unsolicited frame.
+    pub(super) fn send_unsolicited(&mut self, now: u64) {
+        self.send(now, frame(UNSOLICITED, &[2]));
     }
 
     /// Answers frames received by `end`, with `behind` further bytes not yet decoded.
-    fn answer_all(&mut self, end: u64, behind: usize, latest: u64, random: &mut Random, events: &mut Vec<ArmEvent>) {
+    fn answer_all(&mut self, end: u64, behind: usize, latest: u64, random: &mut Random) {
         while let Some(item) = self.decoder.next(&Ling, ()) {
-            let Some(Frame {
-                command,
-                function,
-                data,
-            }) = Frame::parse(item.bytes).filter(|_| item.kind == Kind::Frame)
-            else {
+            let Some(frame) = Frame::parse(item.bytes).filter(|_| item.kind == Kind::Frame) else {
                 continue;
             };
-            let key = (command, function);
-            let answer = match data {
-                [0xFE] if key == (0x06, 0x00) => {
-                    self.polls += 1;
-                    Tag {
-                        initiator: Initiator::Poll,
-                        number: self.polls,
-                    }
-                    .frame(key)
-                }
-                [0xFE] if key == (0x01, 0x00) => {
-                    self.identified += 1;
-                    Tag {
-                        initiator: Initiator::Adapter,
-                        number: self.identified,
-                    }
-                    .frame(key)
-                }
-                data if QUERIES.contains(&key) || key == SELF_CHECK => match Tag::from_data(data) {
-                    Some(tag) => tag.frame(key),
-                    None => continue,
-                },
-                _ => continue,
+            let key = (frame.command, frame.function);
+            let tag = match frame.data {
+                [0xFE] if key == (0x06, 0x00) => Some(Tag::next(Initiator::Poll, &mut self.polls)),
+                [0xFE] if key == (0x01, 0x00) => Some(Tag::next(Initiator::Adapter, &mut self.identified)),
+                data if QUERIES.contains(&key) || key == SELF_CHECK => Tag::from_data(data),
+                _ => None,
             };
-            let behind = behind + self.decoder.pending();
-            let asked = end - byte_times(behind).min(end);
-            let delay = self.answer(key, answer, asked, latest, random);
-            events.push(ArmEvent::Request(delay));
+            if let Some(tag) = tag {
+                let behind = behind + self.decoder.pending();
+                let requested = end - byte_times(behind).min(end);
+                self.answer(key, tag, requested, latest, random);
+            }
         }
     }
 
-    /// Answers a request whose last byte arrived at `asked`. Returns the time from there to the answer, or `None`
-    /// without an answer.
-    fn answer(&mut self, key: Key, answer: Vec<u8>, asked: u64, latest: u64, random: &mut Random) -> Option<u64> {
+    /// Answers a request whose last byte arrived at `requested`.
+    fn answer(&mut self, key: Key, tag: Tag, requested: u64, latest: u64, random: &mut Random) {
         let slowest = match key {
-            SELF_CHECK if !self.behavior.checks_itself => return None,
+            SELF_CHECK if !self.behavior.checks_itself => return,
             _ => self.behavior.slowest,
         };
         if random.percent(self.behavior.lost) {
-            return None;
+            return;
         }
+        let bytes = tag.frame(key);
         let begin = self.tx_queue.back().map_or(0, |last| last.end);
-        let begin = begin.max(asked + random.between(0, slowest));
-        let end = begin + byte_times(answer.len());
-        if end > asked + latest {
-            return None;
+        let begin = begin.max(requested + random.between(0, slowest));
+        let end = begin + byte_times(bytes.len());
+        if end > requested + latest {
+            return;
         }
-        self.tx_queue.push_back(Transmission { end, bytes: answer });
-        Some(end - asked)
+        self.tx_queue.push_back(Transmission { end, bytes });
+        self.has_answered_late |= end > requested + PROMPT;
     }
 
     /// Queues bytes at the first free place on the line.

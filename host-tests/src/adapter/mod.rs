@@ -5,68 +5,27 @@
 //! a seed. A fuzz target derives them from the fuzzer's input.
 
 mod arm;
+mod control_port;
 mod oracle;
 mod plan;
 mod rig;
 
+use armwire_bridge::Counters;
+use armwire_bridge::control::Initiator;
+
+pub use control_port::ControlPort;
+
 use crate::random::Random;
 
-/// Conditions met in a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Circumstances {
-    /// A self-check was sent and not answered.
-    pub open_self_check: bool,
-    /// The host on USB had more than 8 requests in flight.
-    pub many_in_flight: bool,
-    /// A request of the host on USB was untracked.
-    pub untracked: bool,
-    /// The host on USB stopped in the middle of a frame.
-    pub half_frame: bool,
-    /// The line had another rate than the arm's.
-    pub other_rate: bool,
-    /// `hold-line` reserved the line for the host on USB.
-    pub hold_line: bool,
-    /// The configuration was saved.
-    pub save: bool,
-    /// A save was refused because a stream was armed.
-    pub refused_save: bool,
-    /// Number of unasked frames of the arm, 40 ms apart.
-    pub unasked: u32,
-    /// An answer ended more than 50 ms after the last byte of its request.
-    pub late_answer: bool,
-    /// A host timed out in its motion stream.
-    pub host_timeout: bool,
-    /// The adapter switched the torque off.
-    pub torque_off: bool,
-    /// The adapter restarted.
-    pub restart: bool,
-}
-
-impl Circumstances {
-    /// Conditions, by name, required in at least one of twenty runs.
-    pub fn often(&self) -> [(&'static str, bool); 11] {
-        [
-            ("open self-check", self.open_self_check),
-            ("more than 8 requests in flight", self.many_in_flight),
-            ("a request that is not tracked", self.untracked),
-            ("half a frame", self.half_frame),
-            ("another baud rate", self.other_rate),
-            ("hold-line", self.hold_line),
-            ("a save", self.save),
-            ("an unasked frame every 40 ms", self.unasked >= 5),
-            ("an answer 50 to 100 ms after its request", self.late_answer),
-            ("a host that falls silent in its stream", self.host_timeout),
-            ("torque-off", self.torque_off),
-        ]
-    }
-}
+/// Conditions, by name, each required in at least one of twenty runs, and true for those met in this run.
+pub type Conditions = [(&'static str, bool); 11];
 
 /// Executes the run with these choices.
 ///
 /// # Panics
 ///
 /// If a promise is broken.
-pub fn run(random: Random) -> Circumstances {
+pub fn run(random: Random) -> Conditions {
     plan::Plan::new(random, false).run()
 }
 
@@ -75,11 +34,31 @@ pub fn run(random: Random) -> Circumstances {
 /// # Panics
 ///
 /// If a promise is broken.
-pub fn run_and_print(random: Random) -> Circumstances {
+pub fn run_and_print(random: Random) -> Conditions {
     plan::Plan::new(random, true).run()
 }
 
 /// Duration of `bytes` bytes at 1 Mbaud, in µs.
 const fn byte_times(bytes: usize) -> u64 {
     10 * bytes as u64
+}
+
+/// The initiator of a burst for the arm, by the counters before and after it.
+///
+/// # Panics
+///
+/// If the burst has requests of several initiators.
+pub fn initiator(before: &Counters, after: &Counters) -> Initiator {
+    let others = [
+        (Initiator::Can, after.requests_can - before.requests_can),
+        (Initiator::Poll, after.requests_poll - before.requests_poll),
+        (Initiator::Command, after.requests_command - before.requests_command),
+        (Initiator::Adapter, after.requests_adapter - before.requests_adapter),
+    ];
+    let Some(&(initiator, _)) = others.iter().find(|(_, requests)| *requests > 0) else {
+        return Initiator::Usb;
+    };
+    let requests: u32 = others.iter().map(|(_, requests)| requests).sum();
+    assert_eq!((requests, after.requests_usb), (1, before.requests_usb));
+    initiator
 }

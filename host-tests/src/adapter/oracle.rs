@@ -5,6 +5,7 @@
 //! as the order of simultaneous events, the oracle allows each case.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::ops::Range;
 
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Ling, MAX_FRAME};
@@ -52,37 +53,38 @@ pub(super) const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF
 struct Stream {
     /// Consecutive motions that certainly count, and the times at which the last arrived and was sent.
     run: u32,
-    came: u64,
+    received: u64,
     sent: u64,
     /// Motions since the stream last ended, including uncertain ones.
-    perhaps: u32,
+    possible_run: u32,
     /// The last possible sign of life, and the last certain one.
-    alive: u64,
-    surely_alive: u64,
+    last_sign: u64,
+    last_certain_sign: u64,
 }
 
 impl Stream {
-    /// A motion received at `came` was sent at `sent`.
-    fn moved(&mut self, came: u64, sent: u64, after: u64) {
+    /// A motion received at `received` was sent at `sent`.
+    fn on_motion(&mut self, received: u64, sent: u64, after: u64) {
         let is_close = |gap: u64| gap + 2 * INSTANT < after;
-        let goes_on = self.run > 0 && is_close(came - self.came) && is_close(sent.saturating_sub(self.sent));
+        let goes_on = self.run > 0 && is_close(received - self.received) && is_close(sent.saturating_sub(self.sent));
         self.run = match self.run {
             // A stream is ended only by its host.
             STREAM.. => STREAM,
             run if goes_on => run + 1,
             _ => 1,
         };
-        (self.came, self.sent) = (came, sent);
-        self.alive = self.alive.max(sent);
-        self.surely_alive = self.surely_alive.max(came);
+        (self.received, self.sent) = (received, sent);
+        self.last_sign = self.last_sign.max(sent);
+        self.last_certain_sign = self.last_certain_sign.max(received);
     }
 
     fn end(&mut self) {
-        (self.run, self.perhaps) = (0, 0);
+        (self.run, self.possible_run) = (0, 0);
     }
 }
 
 /// State derived from the inputs and outputs of one adapter.
+#[derive(Default)]
 pub(super) struct Oracle {
     config: Config,
     streams: [Stream; 3],
@@ -112,12 +114,12 @@ pub(super) struct Oracle {
     slowest_answer: u64,
     is_checking: bool,
     /// Time of the last activity on the line, and start of the current wait.
-    moved: u64,
-    waits: Option<u64>,
+    last_activity: u64,
+    waiting_since: Option<u64>,
     /// Period of the polls at a fixed rate, and the time of the last poll, or the last time at which the host on USB
     /// had the line alone.
     poll_period: Option<u64>,
-    polled: u64,
+    last_poll: u64,
     /// Maximum number of requests of the host on USB in flight, the pending answers, and the last request of each kind
     /// and host.
     pub(super) most_in_flight: usize,
@@ -125,28 +127,28 @@ pub(super) struct Oracle {
     last: BTreeMap<(u8, Key), u32>,
     /// The last turn of an initiator other than the host on USB, and the end of the wait of others for untracked
     /// requests of that host.
-    others_had: Option<u64>,
+    last_other_turn: Option<u64>,
     pub(super) untracked_until: u64,
     /// The request of another initiator that the arm's last frame answers in time.
-    in_time: Option<Tag>,
+    timely_answer: Option<Tag>,
     /// The line has the arm's rate; the host on USB requests it; torque-off has revoked another rate.
     at_arms_rate: bool,
     wants_arms_rate: bool,
     is_revoked: bool,
     is_dtr_high: bool,
     /// Bytes for another rate are not sent yet, or the line still has that rate.
-    owes_other_rate: bool,
+    is_other_rate_pending: bool,
     /// Time limit for the arm's rate after the port was closed; true if the change waits for queued bytes.
     rate_ends: Option<u64>,
     is_rate_ending: bool,
     /// The host on USB holds the line by `hold-line`.
     is_held: bool,
     pub(super) may_be_held: bool,
-    /// Conditions met, for [`Circumstances`](super::Circumstances).
+    /// Conditions met, for [`Conditions`](super::Conditions).
     pub(super) open_self_check: bool,
     pub(super) half_frame: bool,
     pub(super) torque_offs: u32,
-    usb_moved: u64,
+    usb_last_sent: u64,
 
     line_bytes: u64,
     arm_bytes: u64,
@@ -179,7 +181,7 @@ struct PendingAnswer {
     tag: Tag,
     due: u64,
     /// The answer may match a later request, which could not be held back.
-    is_mixed: bool,
+    is_ambiguous: bool,
 }
 
 /// The effect of a host's request.
@@ -219,59 +221,13 @@ impl Oracle {
     pub(super) fn new(config: Config) -> Self {
         Self {
             config,
-            streams: [Stream::default(); 3],
-            torque_off_due: None,
-            torque_offs_due: 0,
-            is_ending: false,
-            usb: VecDeque::new(),
-            usb_requests: Decoder::new(),
-            is_usb_raw: false,
-            was_other_rate: false,
-            can: VecDeque::new(),
-            command: None,
-            is_identifying: false,
-            answers_until: 0,
-            answer_time: 0,
-            slowest_answer: 0,
-            is_checking: false,
-            moved: 0,
-            waits: None,
             poll_period: match config.poll {
                 Poll::Hertz(rate) => Some(1_000_000_u64.div_ceil(rate.into())),
                 Poll::Off | Poll::Fastest => None,
             },
-            polled: 0,
-            most_in_flight: 0,
-            pending_answers: Vec::new(),
-            last: BTreeMap::new(),
-            others_had: None,
-            untracked_until: 0,
-            in_time: None,
             at_arms_rate: true,
             wants_arms_rate: true,
-            is_revoked: false,
-            is_dtr_high: false,
-            owes_other_rate: false,
-            rate_ends: None,
-            is_rate_ending: false,
-            is_held: false,
-            may_be_held: false,
-            open_self_check: false,
-            half_frame: false,
-            torque_offs: 0,
-            usb_moved: 0,
-            line_bytes: 0,
-            arm_bytes: 0,
-            usb_bytes: 0,
-            for_others: 0,
-            frames: 0,
-            wanted: 0,
-            host_timeouts: 0,
-            can_answers: 0,
-            can_received: 0,
-            is_can_disturbed: false,
-            control_requests: 0,
-            control_replies: 0,
+            ..Self::default()
         }
     }
 
@@ -286,11 +242,11 @@ impl Oracle {
                 continue;
             };
             let waits = if initiator == Initiator::Can { MOTION_WAIT } else { 0 };
-            let due = stream.alive + self.after().max(waits);
+            let due = stream.last_sign + self.after().max(waits);
             assert!(
                 stream.run < STREAM || self.after() == 0 || now <= due + INSTANT,
                 "{initiator} has streamed no motion since {} µs, and no host timeout is reported at {now} µs",
-                stream.alive
+                stream.last_sign
             );
         }
         assert!(
@@ -302,23 +258,23 @@ impl Oracle {
             self.rate_ends.is_none_or(|due| now <= due),
             "the line has another rate at {now} µs, and the port is closed"
         );
-        if self.is_held || self.owes_other_rate || !self.at_arms_rate || !self.wants_arms_rate {
-            self.polled = now;
+        if self.is_held || self.is_other_rate_pending || !self.at_arms_rate || !self.wants_arms_rate {
+            self.last_poll = now;
         }
-        let polls = self.poll_period.is_some_and(|period| now > self.polled + period);
+        let polls = self.poll_period.is_some_and(|period| now > self.last_poll + period);
         let is_waiting = !self.usb.is_empty() || !self.can.is_empty() || self.is_identifying || polls;
-        match (is_waiting, self.waits) {
-            (false, _) => self.waits = None,
-            (true, None) => self.waits = Some(now),
+        match (is_waiting, self.waiting_since) {
+            (false, _) => self.waiting_since = None,
+            (true, None) => self.waiting_since = Some(now),
             (true, Some(since)) => {
                 let slow = if self.at_arms_rate { 0 } else { SLOWEST };
-                let from = self.answers_until.max(self.moved).max(since);
+                let from = self.answers_until.max(self.last_activity).max(since);
                 let until = from + STALE_WINDOW + RAW_TURN + SLACK + slow;
                 assert!(
                     now <= until,
                     "the line is blocked at {now} µs: no activity since {} µs, answers were due at {} µs, an initiator has \
                      waited since {since} µs",
-                    self.moved,
+                    self.last_activity,
                     self.answers_until
                 );
             }
@@ -327,20 +283,20 @@ impl Oracle {
 
     // ---- Inputs ----
 
-    pub(super) fn usb_accepted(&mut self, now: u64, packet: &[u8]) {
+    pub(super) fn on_usb_accepted(&mut self, now: u64, packet: &[u8]) {
         self.usb.extend(packet);
         (self.rate_ends, self.is_rate_ending) = (None, false);
-        self.owes_other_rate |= !self.wants_arms_rate;
+        self.is_other_rate_pending |= !self.wants_arms_rate;
         // Bytes at another rate are no sign of life, and there is no host timeout under `hold-line`.
         if self.wants_arms_rate && !self.is_held {
-            (self.streams[0].alive, self.streams[0].surely_alive) = (now, now);
+            (self.streams[0].last_sign, self.streams[0].last_certain_sign) = (now, now);
         }
     }
 
     /// A packet of `len` bytes was refused, and `counted` bytes were counted.
-    pub(super) fn usb_refused(&mut self, now: u64, len: usize, counted: usize) {
+    pub(super) fn on_usb_refused(&mut self, now: u64, len: usize, counted: usize) {
         assert_eq!(counted, len, "bytes that were refused because of their rate");
-        let streams = self.streams[1..].iter().any(|stream| stream.perhaps >= STREAM);
+        let streams = self.streams[1..].iter().any(|stream| stream.possible_run >= STREAM);
         assert!(
             !self.wants_arms_rate || self.is_revoked,
             "bytes at the arm's rate are refused at {now} µs"
@@ -352,23 +308,23 @@ impl Oracle {
     }
 
     /// Torque-off revoked the rate of the host on USB, and `counted` of its bytes were dropped.
-    pub(super) fn usb_is_dropped(&mut self, counted: usize) {
+    pub(super) fn on_usb_dropped(&mut self, counted: usize) {
         assert_eq!(counted, self.usb.len(), "bytes that waited at another rate");
         self.usb.clear();
-        self.owes_other_rate = false;
+        self.is_other_rate_pending = false;
         self.usb_requests = Decoder::new();
     }
 
     /// The host on USB set a rate.
-    pub(super) fn rate_requested(&mut self, is_arms: bool) {
+    pub(super) fn on_rate_requested(&mut self, is_arms: bool) {
         (self.wants_arms_rate, self.is_revoked) = (is_arms, false);
     }
 
     /// The host on USB raised or lowered DTR.
-    pub(super) fn dtr(&mut self, now: u64, high: bool, byte_nanos: u64) {
-        let fell = std::mem::replace(&mut self.is_dtr_high, high) && !high;
-        self.is_rate_ending |= fell && (self.owes_other_rate || !self.at_arms_rate);
-        if fell && !self.at_arms_rate {
+    pub(super) fn on_dtr(&mut self, now: u64, high: bool, byte_nanos: u64) {
+        let is_closed = std::mem::replace(&mut self.is_dtr_high, high) && !high;
+        self.is_rate_ending |= is_closed && (self.is_other_rate_pending || !self.at_arms_rate);
+        if is_closed && !self.at_arms_rate {
             // Queued bytes are sent first.
             let bytes = self.usb.len() + 2 * MAX_FRAME;
             self.rate_ends = Some(now + bytes as u64 * byte_nanos / 1_000 + RATE_BOUND);
@@ -376,14 +332,14 @@ impl Oracle {
     }
 
     /// `hold-line` begins, or ends.
-    pub(super) fn holds_line(&mut self, holds: bool) {
+    pub(super) fn on_hold_line(&mut self, holds: bool) {
         assert!(!holds || !self.is_armed(), "hold-line while a stream is armed");
         self.is_held = holds;
     }
 
     /// `hold-line` is refused.
-    pub(super) fn may_not_hold_line(&self) {
-        let streams = self.streams.iter().any(|stream| stream.perhaps >= STREAM);
+    pub(super) fn on_hold_line_refused(&self) {
+        let streams = self.streams.iter().any(|stream| stream.possible_run >= STREAM);
         assert!(
             streams || self.torque_offs_due > 0,
             "hold-line is refused without a motion stream"
@@ -391,28 +347,28 @@ impl Oracle {
     }
 
     /// The host on USB has bytes to send, and the adapter has no room.
-    pub(super) fn usb_is_held_back(&mut self, now: u64) {
+    pub(super) fn on_usb_blocked(&mut self, now: u64) {
         if self.at_arms_rate || self.wants_arms_rate || self.is_rate_ending {
-            self.streams[0].alive = now;
+            self.streams[0].last_sign = now;
         }
     }
 
-    pub(super) fn can_accepted(&mut self, now: u64, pdu: Vec<u8>) {
+    pub(super) fn on_can_accepted(&mut self, now: u64, pdu: Vec<u8>) {
         if matches!(effect_of(&pdu), Effect::Motion) {
-            self.streams[1].alive = now;
-            self.streams[1].perhaps += 1;
+            self.streams[1].last_sign = now;
+            self.streams[1].possible_run += 1;
         }
         self.can.push_back((now, pdu));
     }
 
-    pub(super) fn command_accepted(&mut self, now: u64, request: Vec<u8>) {
-        (self.streams[2].alive, self.streams[2].surely_alive) = (now, now);
-        self.streams[2].perhaps += 1;
+    pub(super) fn on_command_accepted(&mut self, now: u64, request: Vec<u8>) {
+        (self.streams[2].last_sign, self.streams[2].last_certain_sign) = (now, now);
+        self.streams[2].possible_run += 1;
         self.command = Some((now, request));
     }
 
     /// Polls are switched off.
-    pub(super) fn polls_end(&mut self) {
+    pub(super) fn on_polls_off(&mut self) {
         self.poll_period = None;
     }
 
@@ -427,12 +383,12 @@ impl Oracle {
     }
 
     /// The host on USB has ended its stream on the control port.
-    pub(super) fn usb_ends_stream(&mut self) {
+    pub(super) fn on_end_stream(&mut self) {
         self.streams[0].end();
     }
 
     /// A restart of the adapter was requested, or is imminent.
-    pub(super) fn is_ending(&mut self) {
+    pub(super) fn on_restart_request(&mut self) {
         self.is_ending = true;
     }
 
@@ -443,17 +399,18 @@ impl Oracle {
     }
 
     /// The adapter was blocked for `span`.
-    pub(super) fn stood_still(&mut self, now: u64, span: u64) {
-        self.streams.iter_mut().for_each(|stream| stream.alive = now);
-        self.moved = now;
+    pub(super) fn on_blocked(&mut self, now: u64, span: u64) {
+        self.streams.iter_mut().for_each(|stream| stream.last_sign = now);
+        self.last_activity = now;
         self.answers_until += span;
     }
 
     // ---- Outputs ----
 
-    /// Bytes of this initiator are on the line from `start` to `end`. Their last `untracked` requests are counted as
+    /// Bytes of this initiator are on the line in this span. Their last `untracked` requests are counted as
     /// untracked.
-    pub(super) fn sent(&mut self, initiator: Initiator, bytes: &[u8], untracked: u32, now: u64, start: u64, end: u64) {
+    pub(super) fn on_sent(&mut self, initiator: Initiator, bytes: &[u8], untracked: u32, now: u64, span: Range<u64>) {
+        let Range { start, end } = span;
         self.line_bytes += bytes.len() as u64;
         assert!(
             initiator == Initiator::Usb || self.at_arms_rate,
@@ -464,36 +421,39 @@ impl Oracle {
             is_alone || !self.is_held,
             "{initiator} sends {bytes:02X?} under hold-line"
         );
-        self.moved = self.moved.max(end);
+        self.last_activity = self.last_activity.max(end);
         if initiator != Initiator::Usb && bytes[0] != 0 {
-            self.others_had = Some(start);
+            self.last_other_turn = Some(start);
         }
         self.answer_time = match self.at_arms_rate {
             true => 0,
             false => (end - start) * MAX_FRAME as u64 / bytes.len() as u64,
         };
         match initiator {
-            Initiator::Usb => self.usb_sent(bytes, untracked, now, end),
+            Initiator::Usb => self.on_usb_sent(bytes, untracked, now, end),
             Initiator::Can => {
-                let (came, sent_bytes) = self.can.pop_front().expect("no host on CAN has a request");
+                let (received, sent_bytes) = self.can.pop_front().expect("no host on CAN has a request");
                 assert_eq!(bytes, sent_bytes, "requests on CAN changed or reordered");
-                self.requested(initiator, bytes, came, now, end);
+                self.on_request(initiator, bytes, received, now, end);
             }
             Initiator::Command => {
-                let (came, command) = self.command.take().expect("no command is pending");
+                let (received, command) = self.command.take().expect("no command is pending");
                 assert_eq!(bytes, command, "the command was another");
                 let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
-                assert!(now <= came + timeout, "a command of {came} µs is sent at {now} µs");
-                self.requested(initiator, bytes, came, now, end);
+                assert!(
+                    now <= received + timeout,
+                    "a command of {received} µs is sent at {now} µs"
+                );
+                self.on_request(initiator, bytes, received, now, end);
             }
             Initiator::Poll => {
                 assert_eq!(bytes, READ_JOINTS, "the adapter polls");
-                self.polled = start;
-                self.requested(initiator, bytes, now, start, end);
+                self.last_poll = start;
+                self.on_request(initiator, bytes, now, start, end);
             }
             Initiator::Adapter if bytes == READ_INFO => {
                 assert!(self.is_identifying, "no identification is pending");
-                self.requested(initiator, bytes, now, now, end);
+                self.on_request(initiator, bytes, now, now, end);
             }
             Initiator::Adapter if bytes == TORQUE_OFF => {
                 assert!(
@@ -516,7 +476,7 @@ impl Oracle {
         }
     }
 
-    fn requested(&mut self, initiator: Initiator, frame: &[u8], came: u64, now: u64, end: u64) {
+    fn on_request(&mut self, initiator: Initiator, frame: &[u8], received: u64, now: u64, end: u64) {
         let after = self.after();
         match effect_of(frame) {
             Effect::Answer(key, tag) => {
@@ -535,7 +495,7 @@ impl Oracle {
                         key,
                         tag,
                         due: end + turnaround(key),
-                        is_mixed: false,
+                        is_ambiguous: false,
                     });
                     self.last.insert((initiator as u8, key), tag.number);
                 }
@@ -550,8 +510,8 @@ impl Oracle {
             Effect::Motion | Effect::TorqueOn if !self.at_arms_rate || self.is_held => {}
             Effect::Motion => {
                 if let Some(at) = index(initiator) {
-                    self.streams[at].perhaps += u32::from(initiator == Initiator::Usb);
-                    self.streams[at].moved(came, now, after);
+                    self.streams[at].possible_run += u32::from(initiator == Initiator::Usb);
+                    self.streams[at].on_motion(received, now, after);
                 }
             }
             Effect::TorqueOn => {
@@ -564,14 +524,14 @@ impl Oracle {
     }
 
     /// The host on USB sends these bytes. Their last `untracked` requests are counted as untracked.
-    fn usb_sent(&mut self, bytes: &[u8], untracked: u32, now: u64, end: u64) {
+    fn on_usb_sent(&mut self, bytes: &[u8], untracked: u32, now: u64, end: u64) {
         let sent_bytes: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
         assert_eq!(bytes, sent_bytes, "bytes of the host on USB changed");
-        self.usb_moved = end;
+        self.usb_last_sent = end;
         // An incomplete request is not held back, and no arm answers at another rate.
         let is_free = self.is_usb_raw || self.usb_requests.pending() > 0 || !self.at_arms_rate;
-        let is_shared = self.others_had.is_some_and(|at| now + INSTANT < at + SHARED_TIME);
-        let is_waited_for = self.can.front().is_some_and(|(came, _)| came + INSTANT < now);
+        let is_shared = self.last_other_turn.is_some_and(|at| now + INSTANT < at + SHARED_TIME);
+        let is_waited_for = self.can.front().is_some_and(|(received, _)| received + INSTANT < now);
         assert!(
             untracked == 0 || is_free || !is_shared && !is_waited_for,
             "{untracked} requests of the host on USB are not tracked at {now} µs, and others use the line"
@@ -591,11 +551,11 @@ impl Oracle {
         }
         for (nth, (frame, end)) in requests.iter().enumerate() {
             match effect_of(frame) {
-                Effect::Answer(key, _) if is_free && nth == 0 => self.mix(key),
+                Effect::Answer(key, _) if is_free && nth == 0 => self.mark_ambiguous(key),
                 Effect::Answer(key, _) => self.check_turn(Initiator::Usb, key, now),
                 _ => {}
             }
-            self.requested(Initiator::Usb, frame, now, now, *end);
+            self.on_request(Initiator::Usb, frame, now, now, *end);
         }
         let wanted = requests.iter().rev().filter_map(|(frame, end)| match effect_of(frame) {
             Effect::Answer(key, _) => Some(end + turnaround(key) + STALE_WINDOW),
@@ -606,13 +566,13 @@ impl Oracle {
     }
 
     /// A request of the host on USB with this key is sent in spite of pending answers.
-    fn mix(&mut self, key: Key) {
+    fn mark_ambiguous(&mut self, key: Key) {
         for pending in self.pending_answers.iter_mut().filter(|pending| pending.key == key) {
-            pending.is_mixed = true;
+            pending.is_ambiguous = true;
         }
     }
 
-    /// Checks that the answer to a request with this key, sent at `now`, can be told from all pending ones.
+    /// Checks that the answer to a request with this key, sent at `now`, differs from all pending ones.
     fn check_turn(&self, initiator: Initiator, key: Key, now: u64) {
         // The host on USB receives all its own answers.
         let is_usb_own = |by: Initiator| by == Initiator::Usb && initiator == Initiator::Usb;
@@ -620,7 +580,7 @@ impl Oracle {
             pending.key == key
                 && now < pending.due + STALE_WINDOW
                 && !is_usb_own(pending.tag.initiator)
-                && !pending.is_mixed
+                && !pending.is_ambiguous
         });
         assert_eq!(
             may_come, None,
@@ -628,7 +588,7 @@ impl Oracle {
         );
         assert!(
             initiator == Initiator::Usb || now >= self.untracked_until,
-            "{initiator} asks at {now} µs, and answers that are not tracked may come until {} µs",
+            "{initiator} sends a request at {now} µs, and untracked answers may arrive until {} µs",
             self.untracked_until
         );
     }
@@ -642,12 +602,12 @@ impl Oracle {
     }
 
     /// The arm received torque-off from any initiator.
-    pub(super) fn torque_is_off(&mut self) {
+    pub(super) fn on_torque_off(&mut self) {
         self.torque_off_due = None;
     }
 
     /// The arm sent bytes.
-    pub(super) fn arm_sent(&mut self, now: u64, bytes: &[u8]) {
+    pub(super) fn on_arm_sent(&mut self, now: u64, bytes: &[u8]) {
         self.arm_bytes += bytes.len() as u64;
         let Some((key, mut tag)) = Tag::of(bytes) else { return };
         if is_own(tag.initiator) {
@@ -659,8 +619,8 @@ impl Oracle {
             .iter()
             .rposition(|pending| pending.key == key && pending.tag == tag)
             .map(|at| self.pending_answers.remove(at));
-        let is_in_time = answered.is_some_and(|pending| now <= pending.due && !pending.is_mixed);
-        self.in_time = is_in_time.then_some(tag).filter(|tag| tag.initiator != Initiator::Usb);
+        let is_in_time = answered.is_some_and(|pending| now <= pending.due && !pending.is_ambiguous);
+        self.timely_answer = is_in_time.then_some(tag).filter(|tag| tag.initiator != Initiator::Usb);
         if answered.is_some() || is_own(tag.initiator) {
             // The time limit of the later answers starts now.
             self.answers_until = self.answers_until.max(now + self.turnaround() + self.slowest_answer);
@@ -669,7 +629,7 @@ impl Oracle {
 
     /// Handles time: requests whose answers would have arrived by now are no longer in flight.
     pub(super) fn tick(&mut self, now: u64) {
-        self.half_frame |= self.usb_requests.pending() > 0 && now > self.usb_moved + PAUSE;
+        self.half_frame |= self.usb_requests.pending() > 0 && now > self.usb_last_sent + PAUSE;
         if now > self.answers_until + STALE_WINDOW {
             self.open_self_check |= self.pending_answers.iter().any(|pending| pending.key == SELF_CHECK);
             self.pending_answers.clear();
@@ -678,24 +638,24 @@ impl Oracle {
     }
 
     /// The rate of the line changed.
-    pub(super) fn line_changed(&mut self, now: u64, at_arms_rate: bool) {
+    pub(super) fn on_rate_changed(&mut self, now: u64, at_arms_rate: bool) {
         let streams = self.streams[1..].iter().any(|stream| stream.run >= STREAM);
         assert!(
             at_arms_rate || !streams,
             "another rate while a host on CAN streams motion"
         );
-        (self.moved, self.at_arms_rate) = (now, at_arms_rate);
+        (self.last_activity, self.at_arms_rate) = (now, at_arms_rate);
         // Bytes before and after the change form no frame.
         self.half_frame |= self.usb_requests.pending() > 0;
         self.usb_requests = Decoder::new();
         self.was_other_rate |= !at_arms_rate;
         self.rate_ends.take_if(|_| at_arms_rate);
         self.is_rate_ending &= !at_arms_rate;
-        self.owes_other_rate &= !at_arms_rate;
+        self.is_other_rate_pending &= !at_arms_rate;
     }
 
     /// A host on CAN received a PDU.
-    pub(super) fn can_received(&mut self, pdu: &[u8]) {
+    pub(super) fn on_can_received(&mut self, pdu: &[u8]) {
         self.can_received += 1;
         let tag = Tag::of(pdu).map(|(_, tag)| tag.initiator);
         assert_eq!(
@@ -705,36 +665,41 @@ impl Oracle {
         );
     }
 
-    /// A subscriber received an event. Returns true if a previously accepted request on CAN was refused.
-    pub(super) fn event(&mut self, now: u64, at: u64, event: &Event) -> bool {
+    /// A subscriber received an event. Returns true if the PDU of a host on CAN in transfer was refused.
+    pub(super) fn on_event(&mut self, now: u64, at: u64, event: &Event) -> bool {
         match event {
             Event::Refused {
                 initiator,
                 reason: Refusal::LineHeld,
             } => {
                 assert!(
-                    self.is_held || self.may_be_held || self.owes_other_rate || !self.wants_arms_rate,
+                    self.is_held || self.may_be_held || self.is_other_rate_pending || !self.wants_arms_rate,
                     "{initiator} is refused at {now} µs, and the line is not held"
                 );
                 match initiator {
-                    Initiator::Can => return self.can.pop_front().is_some(),
+                    // A request accepted earlier is refused first.
+                    Initiator::Can => return self.can.pop_front().is_none(),
                     Initiator::Command => drop(self.command.take()),
                     _ => {}
                 }
             }
-            Event::Frame { initiator, bytes } => self.frame(*initiator, bytes),
+            Event::Frame { initiator, bytes } => self.on_frame(*initiator, bytes),
             Event::HostSilent {
                 initiator,
                 dropped,
                 torque_off,
             } => self.on_host_timeout(*initiator, (*dropped).into(), *torque_off, now, at),
             Event::Refused {
+                initiator: Initiator::Can,
+                ..
+            } => return true,
+            Event::Refused {
                 initiator: Initiator::Command,
                 reason: Refusal::Stale,
             } => {
                 // The command was too old, or a repeat.
                 let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
-                self.command.take_if(|(came, _)| now >= *came + timeout);
+                self.command.take_if(|(received, _)| now >= *received + timeout);
             }
             _ => {}
         }
@@ -742,13 +707,13 @@ impl Oracle {
     }
 
     /// The adapter matched this frame to a request of `initiator`.
-    fn frame(&mut self, initiator: Option<Initiator>, bytes: &[u8]) {
+    fn on_frame(&mut self, initiator: Option<Initiator>, bytes: &[u8]) {
         self.frames += 1;
-        if let Some(tag) = self.in_time.take() {
+        if let Some(tag) = self.timely_answer.take() {
             assert_eq!(
                 initiator,
                 Some(tag.initiator),
-                "an answer in time is taken for late or unasked: {bytes:02X?}"
+                "an answer in time counts as late or unsolicited: {bytes:02X?}"
             );
         }
         let Some(initiator) = initiator else { return };
@@ -759,7 +724,7 @@ impl Oracle {
             self.can_answers += 1;
         }
         let Some((key, tag)) = Tag::of(bytes) else {
-            panic!("{initiator} did not ask for {bytes:02X?}");
+            panic!("{initiator} did not request {bytes:02X?}");
         };
         assert_eq!(tag.initiator, initiator, "an answer goes to another: {bytes:02X?}");
         if initiator == Initiator::Can {
@@ -779,13 +744,13 @@ impl Oracle {
         };
         if !self.is_ending {
             assert!(
-                stream.perhaps >= STREAM,
+                stream.possible_run >= STREAM,
                 "{initiator} streams nothing and is silent at {at} µs"
             );
             assert!(
-                at + INSTANT >= stream.surely_alive + self.after(),
+                at + INSTANT >= stream.last_certain_sign + self.after(),
                 "{initiator} is not silent at {at} µs: last activity at {} µs",
-                stream.surely_alive
+                stream.last_certain_sign
             );
         }
         assert_eq!(
@@ -802,7 +767,7 @@ impl Oracle {
                 assert_eq!(dropped, self.usb.len(), "bytes of the host on USB that are dropped");
                 self.usb.clear();
                 // Other initiators are served again if these bytes were for a rate that the host has given up.
-                self.owes_other_rate &= !self.at_arms_rate || !self.wants_arms_rate;
+                self.is_other_rate_pending &= !self.at_arms_rate || !self.wants_arms_rate;
                 self.usb_requests = Decoder::new();
             }
             Initiator::Can => {

@@ -4,26 +4,22 @@ use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
 use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{Initiator, Request};
 
-use super::Circumstances;
+use super::Conditions;
 use super::arm::{Behavior, Key, QUERIES, SELF_CHECK, TORQUE, Tag, frame};
 use super::rig::{Rig, motion};
 use crate::random::Random;
 
 const MILLISECOND: u64 = 1_000;
 
-/// Period of the unasked frames, in µs.
-const UNASKED_PERIOD: u64 = 40 * MILLISECOND;
+/// Period of the unsolicited frames, in µs.
+const UNSOLICITED_PERIOD: u64 = 40 * MILLISECOND;
 
 /// An action of a run.
 #[derive(Clone, Debug)]
 enum Step {
     /// The host on USB.
     UsbRequests(Key),
-    UsbMoves,
-    UsbHolds,
     UsbWrites(Vec<u8>),
-    /// The first bytes of a request, without the rest.
-    UsbStops(usize),
     /// The first bytes of a request, and the rest of it.
     UsbBegins(usize),
     UsbGoesOn,
@@ -33,12 +29,11 @@ enum Step {
     Control(Request),
     /// Hosts on CAN.
     CanRequests(Key),
-    CanMoves,
-    CanHolds,
+    CanSends(Vec<u8>),
     CanFrame(&'static [u8]),
     Command,
     /// The arm.
-    Unasked,
+    Unsolicited,
     /// Another host configures another arm, if a stream is armed.
     OtherArm,
     /// The adapter.
@@ -57,14 +52,8 @@ impl Step {
     /// The host that performs the action.
     fn host(&self) -> Option<Host> {
         match self {
-            Self::UsbRequests(_)
-            | Self::UsbMoves
-            | Self::UsbHolds
-            | Self::UsbWrites(_)
-            | Self::UsbStops(_)
-            | Self::UsbBegins(_)
-            | Self::UsbGoesOn => Some(Host::Usb),
-            Self::CanRequests(_) | Self::CanMoves | Self::CanHolds => Some(Host::Can),
+            Self::UsbRequests(_) | Self::UsbWrites(_) | Self::UsbBegins(_) | Self::UsbGoesOn => Some(Host::Usb),
+            Self::CanRequests(_) | Self::CanSends(_) => Some(Host::Can),
             Self::Command => Some(Host::Commander),
             _ => None,
         }
@@ -102,7 +91,7 @@ impl Plan {
         let mut is_whole = true;
 
         streams(r, &config, after, end, &mut steps);
-        questions(r, end, &mut steps);
+        requests(r, end, &mut steps);
         if r.percent(25) {
             for _ in 0..r.between(1, 3) {
                 let at = r.between(0, end);
@@ -117,16 +106,14 @@ impl Plan {
         if r.percent(30) {
             for _ in 0..r.between(1, 2) {
                 let at = r.between(0, end);
-                steps.push((
-                    at,
-                    r.one_of(&[Step::UsbRequests as fn(Key) -> Step, Step::CanRequests])(SELF_CHECK),
-                ));
+                let request = r.one_of(&[Step::UsbRequests as fn(Key) -> Step, Step::CanRequests]);
+                steps.push((at, request(SELF_CHECK)));
             }
         }
         if r.percent(15) {
             is_whole = false;
             for _ in 0..r.between(1, 3) {
-                steps.push((r.between(0, end), Step::UsbStops(r.between(1, 10) as usize)));
+                steps.push((r.between(0, end), Step::UsbBegins(r.between(1, 10) as usize)));
             }
         }
         if r.percent(20) {
@@ -147,12 +134,8 @@ impl Plan {
             }
         }
         if r.percent(18) {
-            let begin = r.between(0, end);
-            steps.push((begin, Step::Control(Request::HoldLine)));
-            steps.push((
-                begin + r.between(1, 500) * MILLISECOND,
-                Step::Control(Request::ReleaseLine),
-            ));
+            let [hold, release] = [Request::HoldLine, Request::ReleaseLine].map(Step::Control);
+            steps.extend(interval(r, end, 500, hold, release));
         }
         if saves {
             for _ in 0..r.between(1, 3) {
@@ -161,8 +144,8 @@ impl Plan {
         }
         let rest = end + after + 800 * MILLISECOND;
         if r.percent(20) {
-            let first = r.between(0, UNASKED_PERIOD);
-            steps.extend(every(first, UNASKED_PERIOD, rest).map(|at| (at, Step::Unasked)));
+            let first = r.between(0, UNSOLICITED_PERIOD);
+            steps.extend(every(first, UNSOLICITED_PERIOD, rest).map(|at| (at, Step::Unsolicited)));
         }
         if r.percent(20) {
             // Flow control, an empty frame, and an invalid ISO-TP frame.
@@ -176,24 +159,20 @@ impl Plan {
             }
         }
         if r.percent(8) {
-            let begin = r.between(0, end);
-            steps.push((begin, Step::Reads(false)));
-            steps.push((begin + r.between(1, 300) * MILLISECOND, Step::Reads(true)));
+            steps.extend(interval(r, end, 300, Step::Reads(false), Step::Reads(true)));
         }
         if r.percent(8) {
-            let begin = r.between(0, end);
-            steps.push((begin, Step::Dtr(true)));
-            steps.push((begin + r.between(1, 300) * MILLISECOND, Step::Dtr(false)));
+            steps.extend(interval(r, end, 300, Step::Dtr(true), Step::Dtr(false)));
         }
         for host in [Host::Usb, Host::Can, Host::Commander] {
             if r.percent(40) {
-                let dies = r.between(0, end);
+                let stops = r.between(0, end);
                 let back = if r.percent(30) {
-                    dies + r.between(50, 1_500) * MILLISECOND
+                    stops + r.between(50, 1_500) * MILLISECOND
                 } else {
                     end
                 };
-                steps.retain(|(at, step)| step.host() != Some(host) || !(dies..back).contains(at));
+                steps.retain(|(at, step)| step.host() != Some(host) || !(stops..back).contains(at));
             }
         }
         if r.percent(15) {
@@ -222,9 +201,9 @@ impl Plan {
             steps.push((r.between(0, end), step));
         }
         steps.sort_by_key(|(at, _)| *at);
-        let save_takes = r.between(160, 20_000);
+        let save_duration = r.between(160, 20_000);
         Self {
-            rig: Rig::new(config, behavior, save_takes, random, is_traced),
+            rig: Rig::new(config, behavior, save_duration, random, is_traced),
             config,
             steps,
             end: rest,
@@ -234,7 +213,7 @@ impl Plan {
         }
     }
 
-    pub(super) fn run(mut self) -> Circumstances {
+    pub(super) fn run(mut self) -> Conditions {
         for (at, step) in std::mem::take(&mut self.steps) {
             self.rig.run_until(at);
             if !self.rig.is_over {
@@ -244,19 +223,19 @@ impl Plan {
         if !self.rig.is_over {
             self.end();
         }
-        self.rig.circumstances()
+        self.rig.conditions()
     }
 
     /// Stops new activity and runs until all activity has ended.
     fn end(&mut self) {
-        self.rig.usb_reads = true;
+        self.rig.is_usb_reading = true;
         self.rig.run_until(self.end);
         let without_polls = Config {
             poll: Poll::Off,
             ..self.config
         };
         self.rig.control(Request::SetConfig(without_polls));
-        self.rig.oracle.polls_end();
+        self.rig.oracle.on_polls_off();
         self.rig.settle();
         if !self.rig.is_over {
             self.rig.check_totals(self.is_whole);
@@ -267,47 +246,32 @@ impl Plan {
         let rig = &mut self.rig;
         match step {
             Step::UsbRequests(key) => {
-                let tag = next_tag(Initiator::Usb, &mut self.requests[0]);
+                let tag = Tag::next(Initiator::Usb, &mut self.requests[0]);
                 rig.usb_writes(&tag.frame(key));
             }
-            Step::UsbMoves => rig.usb_writes(&move_to(2_048)),
-            Step::UsbHolds => rig.usb_writes(&frame(TORQUE, &[1])),
             Step::UsbWrites(bytes) => rig.usb_writes(&bytes),
-            Step::UsbStops(len) => {
-                let tag = next_tag(Initiator::Usb, &mut self.requests[0]);
-                rig.usb_writes(&tag.frame(QUERIES[0])[..len]);
-            }
             Step::UsbBegins(len) => {
-                let tag = next_tag(Initiator::Usb, &mut self.requests[0]);
+                let tag = Tag::next(Initiator::Usb, &mut self.requests[0]);
                 let mut request = tag.frame(QUERIES[0]);
                 self.begun = request.split_off(len);
                 rig.usb_writes(&request);
             }
             Step::UsbGoesOn => rig.usb_writes(&std::mem::take(&mut self.begun)),
             Step::SetRate(baud) => rig.set_rate(baud),
-            Step::Reads(reads) => rig.usb_reads = reads,
+            Step::Reads(reads) => rig.is_usb_reading = reads,
             Step::Dtr(high) => rig.set_dtr(high),
             Step::Control(request) => rig.control(request),
-            Step::OtherArm => rig.refuses_other_arm(),
+            Step::OtherArm => rig.configure_other_arm(),
             Step::CanRequests(key) => {
-                let tag = next_tag(Initiator::Can, &mut self.requests[1]);
+                let tag = Tag::next(Initiator::Can, &mut self.requests[1]);
                 rig.can_sends(tag.frame(key));
             }
-            Step::CanMoves => rig.can_sends(move_to(1_024)),
-            Step::CanHolds => rig.can_sends(frame(TORQUE, &[1])),
+            Step::CanSends(pdu) => rig.can_sends(pdu),
             Step::CanFrame(data) => rig.can_frame(data),
             Step::Command => rig.command(512),
-            Step::Unasked => rig.arm_sends_unasked(),
-            Step::Watchdog => rig.watchdog_bites(),
+            Step::Unsolicited => rig.arm_sends_unsolicited(),
+            Step::Watchdog => rig.watchdog_resets(),
         }
-    }
-}
-
-fn next_tag(initiator: Initiator, requests: &mut u32) -> Tag {
-    *requests += 1;
-    Tag {
-        initiator,
-        number: *requests,
     }
 }
 
@@ -332,9 +296,10 @@ fn config(r: &mut Random) -> Config {
 
 /// Motion streams. Each lasts to the end, or is ended by its host.
 fn streams(r: &mut Random, config: &Config, after: u64, end: u64, steps: &mut Vec<(u64, Step)>) {
+    let hold = frame(TORQUE, &[1]);
     let streams = [
-        (60, Step::UsbMoves, Some(Step::UsbHolds)),
-        (40, Step::CanMoves, Some(Step::CanHolds)),
+        (60, Step::UsbWrites(move_to(2_048)), Some(Step::UsbWrites(hold.clone()))),
+        (40, Step::CanSends(move_to(1_024)), Some(Step::CanSends(hold))),
         (if config.can.commands { 60 } else { 0 }, Step::Command, None),
     ];
     for (percent, motion, hold) in streams {
@@ -353,8 +318,8 @@ fn streams(r: &mut Random, config: &Config, after: u64, end: u64, steps: &mut Ve
 }
 
 /// Periodic requests of the hosts.
-fn questions(r: &mut Random, end: u64, steps: &mut Vec<(u64, Step)>) {
-    for asks in [Step::UsbRequests as fn(Key) -> Step, Step::CanRequests] {
+fn requests(r: &mut Random, end: u64, steps: &mut Vec<(u64, Step)>) {
+    for request in [Step::UsbRequests as fn(Key) -> Step, Step::CanRequests] {
         if !r.percent(60) {
             continue;
         }
@@ -364,9 +329,16 @@ fn questions(r: &mut Random, end: u64, steps: &mut Vec<(u64, Step)>) {
         let at: Vec<u64> = every(one.min(other), period, one.max(other)).collect();
         steps.extend(
             at.into_iter()
-                .map(|at| (at + r.between(0, period / 2), asks(r.one_of(&QUERIES[..kinds])))),
+                .map(|at| (at + r.between(0, period / 2), request(r.one_of(&QUERIES[..kinds])))),
         );
     }
+}
+
+/// The first step before `end`, and the second at most this number of milliseconds later.
+fn interval(r: &mut Random, end: u64, longest: u64, first: Step, second: Step) -> [(u64, Step); 2] {
+    let begin = r.between(0, end);
+    let ends = begin + r.between(1, longest) * MILLISECOND;
+    [(begin, first), (ends, second)]
 }
 
 fn every(first: u64, period: u64, end: u64) -> impl Iterator<Item = u64> {

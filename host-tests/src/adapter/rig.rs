@@ -8,16 +8,13 @@ use armwire_bridge::Instant;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::{ArmKind, Config};
-use armwire_bridge::control::{
-    Event, Failure, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request,
-    Subscription, encode_cobs,
-};
+use armwire_bridge::control::{Failure, FromAdapter, Identity, Reply, Request, Subscription};
 use armwire_bridge::isotp::{self, Endpoint, Link};
 use armwire_bridge::{Action, Bridge, CanEvent, LineCoding, PACKET, Start, Status, Transmit, UartEvent, UsbEvent};
 
-use super::arm::{Arm, ArmEvent, Behavior};
+use super::arm::{Arm, Behavior};
 use super::oracle::Oracle;
-use super::{Circumstances, byte_times};
+use super::{Conditions, ControlPort, byte_times, initiator};
 use crate::random::Random;
 
 /// Duration of a frame on the CAN bus, in µs.
@@ -30,7 +27,6 @@ const RX_POLL_PERIOD: u64 = 100_000;
 pub(super) struct Rig {
     bridge: Bridge,
     pub(super) oracle: Oracle,
-    pub(super) seen: Circumstances,
     pub(super) now: u64,
     random: Random,
     arm: Arm,
@@ -39,35 +35,40 @@ pub(super) struct Rig {
     is_traced: bool,
 
     baud: u32,
-    uart_is_free: u64,
+    uart_free_at: u64,
     idle: Option<u64>,
     next_rx_poll: u64,
 
     usb: VecDeque<u8>,
-    pub(super) usb_reads: bool,
-    replies: Reader<MAX_MESSAGE>,
-    sequence: u8,
+    pub(super) is_usb_reading: bool,
+    port: ControlPort,
 
     can: Endpoint<100, 100>,
     can_queue: VecDeque<Vec<u8>>,
     can_pdu: Option<Vec<u8>>,
     is_refused: bool,
-    bus_is_free: u64,
+    bus_free_at: u64,
     command: u8,
-    commanded: Option<u64>,
+    last_command: Option<u64>,
 
     counted_as_refused: u32,
-    /// The last reply on the control port.
+    /// The sequence number of the last request on the control port, and the reply to it.
+    sequence: u8,
     reply: Option<Reply>,
 
     /// Duration of a save to flash, in µs.
-    save_takes: u64,
+    save_duration: u64,
+    /// Conditions met.
+    other_rate: bool,
+    held_line: bool,
+    saved: bool,
+    unsolicited: u32,
     /// The adapter has restarted: the run is over.
     pub(super) is_over: bool,
 }
 
 impl Rig {
-    pub(super) fn new(config: Config, behavior: Behavior, save_takes: u64, random: Random, is_traced: bool) -> Self {
+    pub(super) fn new(config: Config, behavior: Behavior, save_duration: u64, random: Random, is_traced: bool) -> Self {
         let mut bridge = Bridge::new(Identity::default(), config, Start::default());
         assert_eq!(bridge.config(), config);
         bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
@@ -75,30 +76,33 @@ impl Rig {
         let mut rig = Self {
             bridge,
             oracle: Oracle::new(config),
-            seen: Circumstances::default(),
             now: 0,
             random,
             arm: Arm::new(behavior),
             config,
             is_traced,
             baud: LineCoding::LING.baud,
-            uart_is_free: 0,
+            uart_free_at: 0,
             idle: None,
             next_rx_poll: RX_POLL_PERIOD,
             usb: VecDeque::new(),
-            usb_reads: true,
-            replies: Reader::new(),
-            sequence: 0,
+            is_usb_reading: true,
+            port: ControlPort::default(),
             can: Endpoint::new(isotp::Config::new(Link::Classic, request)),
             can_queue: VecDeque::new(),
             can_pdu: None,
             is_refused: false,
-            bus_is_free: 0,
+            bus_free_at: 0,
             command: 0,
-            commanded: None,
+            last_command: None,
             counted_as_refused: 0,
+            sequence: 0,
             reply: None,
-            save_takes,
+            save_duration,
+            other_rate: false,
+            held_line: false,
+            saved: false,
+            unsolicited: 0,
             is_over: false,
         };
         let everything = Subscription {
@@ -136,8 +140,8 @@ impl Rig {
                 self.bridge.timeout().map(|at| at.as_micros()),
                 self.idle,
                 Some(self.next_rx_poll),
-                later(self.uart_is_free),
-                later(self.bus_is_free),
+                later(self.uart_free_at),
+                later(self.bus_free_at),
                 self.can.transmit_at().map(|at| at.as_micros()).and_then(later),
                 self.can.timeout().map(|at| at.as_micros()),
             ];
@@ -153,9 +157,7 @@ impl Rig {
 
     /// Handles all events due now.
     fn step(&mut self) {
-        let mut events = Vec::new();
-        self.arm.tick(self.now, &mut self.random, &mut events);
-        self.on_arm_events(&events);
+        self.arm.tick(self.now, &mut self.random);
         while let Some((at, bytes)) = self.arm.transmit(self.now) {
             self.on_arm_bytes(at.max(self.now), &bytes);
         }
@@ -191,7 +193,7 @@ impl Rig {
             return; // at another rate no valid byte arrives
         }
         self.trace(|| format!("arm: {bytes:02X?}"));
-        self.oracle.arm_sent(at, bytes);
+        self.oracle.on_arm_sent(at, bytes);
         let (head, tail) = match self.random.percent(25) {
             true => bytes.split_at(self.random.between(1, bytes.len() as u64 - 1) as usize),
             false => bytes.split_at(0),
@@ -222,20 +224,20 @@ impl Rig {
         }
         self.poll_control();
         if !self.status().usb_room {
-            self.oracle.usb_is_held_back(self.now);
+            self.oracle.on_usb_blocked(self.now);
         } else if !self.usb.is_empty() {
             let packet: Vec<u8> = self.usb.drain(..self.usb.len().min(PACKET)).collect();
             self.bridge.usb_received(&packet, now);
             self.trace(|| format!("from USB: {packet:02X?}"));
             let refused = self.refused_bytes();
             match refused {
-                0 => self.oracle.usb_accepted(self.now, &packet),
-                _ => self.oracle.usb_refused(self.now, packet.len(), refused),
+                0 => self.oracle.on_usb_accepted(self.now, &packet),
+                _ => self.oracle.on_usb_refused(self.now, packet.len(), refused),
             }
             any = true;
         }
         let mut packet = [0; PACKET];
-        while self.usb_reads
+        while self.is_usb_reading
             && let Some(len) = self.bridge.usb_transmit(&mut packet)
         {
             self.oracle.usb_bytes += len as u64;
@@ -260,9 +262,9 @@ impl Rig {
         if self.status().uart_cut {
             // The current byte is completed, and possibly the next.
             let rest = 2 * nanos_a_byte(self.baud).div_ceil(1_000);
-            self.uart_is_free = self.uart_is_free.min(self.now + rest);
+            self.uart_free_at = self.uart_free_at.min(self.now + rest);
         }
-        if self.uart_is_free > self.now {
+        if self.uart_free_at > self.now {
             return false;
         }
         let before = self.bridge.counters();
@@ -278,52 +280,31 @@ impl Rig {
                 self.bridge.uart_event(UartEvent::Configured(uart), self.time());
                 self.baud = uart.coding.baud;
                 let at_arms_rate = self.baud == LineCoding::LING.baud;
-                self.seen.other_rate |= !at_arms_rate;
-                self.oracle.line_changed(self.now, at_arms_rate);
+                self.other_rate |= !at_arms_rate;
+                self.oracle.on_rate_changed(self.now, at_arms_rate);
                 return true;
             }
             Some(Transmit::Burst { len, start }) => (len, start),
         };
         let after = self.bridge.counters();
-        let initiator = [
-            (Initiator::Can, after.requests_can != before.requests_can),
-            (Initiator::Poll, after.requests_poll != before.requests_poll),
-            (Initiator::Command, after.requests_command != before.requests_command),
-            (Initiator::Adapter, after.requests_adapter != before.requests_adapter),
-        ];
-        let initiator = initiator
-            .into_iter()
-            .find(|(_, has)| *has)
-            .map_or(Initiator::Usb, |(initiator, _)| initiator);
+        let initiator = initiator(&before, &after);
         let start = start.map_or(self.now, |at| at.as_micros());
         let bytes = &out[..len];
-        self.uart_is_free = start + (len as u64 * nanos_a_byte(self.baud)).div_ceil(1_000);
+        self.uart_free_at = start + (len as u64 * nanos_a_byte(self.baud)).div_ceil(1_000);
         self.trace(|| format!("{initiator} at {start}: {bytes:02X?}"));
         let untracked = after.untracked_requests - before.untracked_requests;
         self.oracle
-            .sent(initiator, bytes, untracked, self.now, start, self.uart_is_free);
-        if self.baud == LineCoding::LING.baud {
-            let mut events = Vec::new();
-            self.arm.on_bytes(bytes, start, &mut self.random, &mut events);
-            self.on_arm_events(&events);
+            .on_sent(initiator, bytes, untracked, self.now, start..self.uart_free_at);
+        if self.baud == LineCoding::LING.baud && self.arm.on_bytes(bytes, start, &mut self.random) {
+            self.oracle.on_torque_off();
         }
         true
     }
 
-    fn on_arm_events(&mut self, events: &[ArmEvent]) {
-        for event in events {
-            match event {
-                ArmEvent::TorqueOff => self.oracle.torque_is_off(),
-                ArmEvent::Request(Some(delay)) => self.seen.late_answer |= *delay > 50_000,
-                ArmEvent::Request(None) => {}
-            }
-        }
-    }
-
-    /// The arm sends an unasked frame.
-    pub(super) fn arm_sends_unasked(&mut self) {
-        self.arm.send_unasked(self.now);
-        self.seen.unasked += 1;
+    /// The arm sends an unsolicited frame.
+    pub(super) fn arm_sends_unsolicited(&mut self) {
+        self.arm.send_unsolicited(self.now);
+        self.unsolicited += 1;
     }
 
     // ---- The host on USB ----
@@ -340,16 +321,16 @@ impl Rig {
             ..LineCoding::LING
         };
         self.trace(|| format!("{baud} baud"));
-        let asked = self.bridge.set_line_coding(coding.to_cdc(), self.time());
-        assert_eq!(asked, Ok(()));
-        self.oracle.rate_requested(baud == LineCoding::LING.baud);
+        let result = self.bridge.set_line_coding(coding.to_cdc(), self.time());
+        assert_eq!(result, Ok(()));
+        self.oracle.on_rate_requested(baud == LineCoding::LING.baud);
     }
 
     /// The host on USB opens or closes the serial port.
     pub(super) fn set_dtr(&mut self, high: bool) {
         self.trace(|| format!("DTR {high}"));
         self.bridge.usb_event(UsbEvent::Dtr(high), self.time());
-        self.oracle.dtr(self.now, high, nanos_a_byte(self.baud));
+        self.oracle.on_dtr(self.now, high, nanos_a_byte(self.baud));
     }
 
     /// The host on USB sends a request to the control port.
@@ -357,36 +338,30 @@ impl Rig {
         if !self.status().control_room {
             return;
         }
-        self.sequence = self.sequence.wrapping_add(1);
-        let message = FromHost {
-            sequence: self.sequence,
-            request,
-        };
-        let mut bytes = [0; MAX_COBS];
-        let len = encode_cobs(&message, &mut bytes).expect("there is room");
         self.trace(|| format!("control port: {request:?}"));
         self.oracle.on_control_request(request == Request::IdentifyArm);
         match request {
-            Request::Restart | Request::RestartIntoBootLoader => self.oracle.is_ending(),
-            Request::EndStream => self.oracle.usb_ends_stream(),
+            Request::Restart | Request::RestartIntoBootLoader => self.oracle.on_restart_request(),
+            Request::EndStream => self.oracle.on_end_stream(),
             // Requests of other hosts are refused before the reply.
             Request::HoldLine => self.oracle.may_be_held = true,
             _ => {}
         }
         self.reply = None;
-        self.bridge.control_received(&bytes[..len], self.time());
+        let now = self.time();
+        self.sequence = self.port.send(&mut self.bridge, request, now);
         self.poll_control();
         self.oracle.may_be_held = false;
         match (request, self.reply.take()) {
             (Request::HoldLine, Some(Reply::Done)) => {
-                self.seen.hold_line = true;
-                self.oracle.holds_line(true);
+                self.held_line = true;
+                self.oracle.on_hold_line(true);
             }
             (Request::HoldLine, reply) => {
                 assert_eq!(reply, Some(Reply::Failed(Failure::StreamArmed)));
-                self.oracle.may_not_hold_line();
+                self.oracle.on_hold_line_refused();
             }
-            (Request::ReleaseLine, _) => self.oracle.holds_line(false),
+            (Request::ReleaseLine, _) => self.oracle.on_hold_line(false),
             (Request::SetConfig(config), reply) if config.arm != ArmKind::Ling => {
                 assert_eq!(reply, Some(Reply::Failed(Failure::StreamArmed)));
             }
@@ -395,20 +370,14 @@ impl Rig {
     }
 
     /// Configures another arm while a stream is armed: torque-off is a frame of the present one.
-    pub(super) fn refuses_other_arm(&mut self) {
-        let Status {
-            is_armed: true,
-            control_room: true,
-            ..
-        } = self.status()
-        else {
-            return;
-        };
-        let other = Config {
-            arm: ArmKind::Raw,
-            ..Config::default()
-        };
-        self.control(Request::SetConfig(other));
+    pub(super) fn configure_other_arm(&mut self) {
+        if self.status().is_armed {
+            let other = Config {
+                arm: ArmKind::Raw,
+                ..Config::default()
+            };
+            self.control(Request::SetConfig(other));
+        }
     }
 
     /// Number of bytes of the host on USB refused because of its rate since the last call.
@@ -422,47 +391,26 @@ impl Rig {
     fn poll_control(&mut self) {
         match self.refused_bytes() {
             0 => {}
-            refused => self.oracle.usb_is_dropped(refused),
+            refused => self.oracle.on_usb_dropped(refused),
         }
-        let mut packet = [0; PACKET];
-        while self.status().control {
-            let Some(len) = self.bridge.control_transmit(&mut packet, self.time()) else {
-                continue;
-            };
-            let mut rest = &packet[..len];
-            while !rest.is_empty() {
-                rest = self.replies.push(rest);
-                match self.replies.next::<FromAdapter>() {
-                    Some(Ok(message)) => self.on_message(&message),
-                    Some(Err(error)) => panic!("{error}"),
-                    None => {}
-                }
-            }
+        let now = self.time();
+        while let Some(messages) = self.port.read_packet(&mut self.bridge, now) {
+            messages.into_iter().for_each(|message| self.on_message(message));
         }
     }
 
-    fn on_message(&mut self, message: &FromAdapter) {
+    fn on_message(&mut self, message: FromAdapter) {
         match message {
             FromAdapter::Reply { sequence, reply } => {
-                if *reply == Reply::Failed(Failure::StreamArmed) {
-                    self.seen.refused_save = true;
-                }
-                if *sequence == self.sequence {
-                    self.reply = Some(reply.clone());
-                }
                 let identified = matches!(reply, Reply::Arm(_) | Reply::Failed(Failure::LineHeld));
                 self.oracle.on_control_reply(identified);
+                if sequence == self.sequence {
+                    self.reply = Some(reply);
+                }
             }
             FromAdapter::Event { at, event } => {
                 self.trace(|| format!("event: {event:?}"));
-                let is_taken = self.oracle.event(self.now, at.0, event);
-                self.is_refused |= matches!(
-                    event,
-                    Event::Refused {
-                        initiator: Initiator::Can,
-                        ..
-                    }
-                ) && !is_taken;
+                self.is_refused |= self.oracle.on_event(self.now, at.0, &event);
             }
         }
     }
@@ -488,11 +436,11 @@ impl Rig {
     pub(super) fn command(&mut self, joint: u16) {
         let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
         // A stream restarts after a pause.
-        self.command = match self.commanded {
+        self.command = match self.last_command {
             Some(last) if self.now < last + timeout => self.command.wrapping_add(1),
             _ => 0,
         };
-        self.commanded = Some(self.now);
+        self.last_command = Some(self.now);
         let starts = self.command == 0;
         let command = Command {
             sequence: self.command,
@@ -512,22 +460,22 @@ impl Rig {
         let is_taken = refused(&self.bridge) == before;
         // The first command of a stream moves nothing. A number 0 in a running stream starts no new one.
         if is_taken && !starts {
-            self.oracle.command_accepted(self.now, request);
+            self.oracle.on_command_accepted(self.now, request);
         }
         if !is_taken {
-            self.commanded = None;
+            self.last_command = None;
         }
         self.poll_control();
     }
 
     fn use_bus(&mut self) -> bool {
-        if self.bus_is_free > self.now {
+        if self.bus_free_at > self.now {
             return false;
         }
         let now = self.time();
         self.status();
         if let Some(frame) = self.bridge.can_transmit(now) {
-            self.bus_is_free = self.now + CAN_FRAME;
+            self.bus_free_at = self.now + CAN_FRAME;
             self.bridge.can_event(CanEvent::Waiting(0), now);
             self.on_bus_frame(&frame);
             return true;
@@ -543,7 +491,7 @@ impl Rig {
             return false;
         };
         self.can.transmitted(now);
-        self.bus_is_free = self.now + CAN_FRAME;
+        self.bus_free_at = self.now + CAN_FRAME;
         self.bridge.can_received(&frame, now);
         self.poll_control();
         self.end_pdu();
@@ -559,7 +507,7 @@ impl Rig {
             && !self.is_refused
         {
             self.trace(|| format!("from CAN: {pdu:02X?}"));
-            self.oracle.can_accepted(self.now, pdu);
+            self.oracle.on_can_accepted(self.now, pdu);
         }
     }
 
@@ -571,7 +519,7 @@ impl Rig {
         // An adapter without room refuses.
         for _ in self.can.receive(frame.data(), self.time()) {}
         if let Some(pdu) = self.can.received() {
-            self.oracle.can_received(pdu);
+            self.oracle.on_can_received(pdu);
             self.can.release();
         }
         self.end_pdu();
@@ -583,9 +531,9 @@ impl Rig {
         match action {
             Action::Save(_) | Action::Reset => {
                 assert!(!self.oracle.is_armed(), "flash is written while a stream is armed");
-                self.seen.save = true;
-                self.now += self.save_takes;
-                self.oracle.stood_still(self.now, self.save_takes);
+                self.saved = true;
+                self.now += self.save_duration;
+                self.oracle.on_blocked(self.now, self.save_duration);
                 while let Some((_, bytes)) = self.arm.transmit(self.now) {
                     self.on_arm_bytes(self.now, &bytes);
                 }
@@ -593,7 +541,6 @@ impl Rig {
             }
             Action::Restart | Action::RestartIntoBootLoader => {
                 self.oracle.check_restart(self.now);
-                self.seen.restart = true;
                 self.is_over = true;
             }
             Action::RestartCan(_) => panic!("unexpected change of the CAN bus"),
@@ -601,7 +548,7 @@ impl Rig {
     }
 
     /// The watchdog restarts the adapter. If a stream was armed, the first command to the arm is torque-off.
-    pub(super) fn watchdog_bites(&mut self) {
+    pub(super) fn watchdog_resets(&mut self) {
         self.poll_control();
         let must = self.oracle.is_armed();
         let is_armed = self.status().is_armed;
@@ -626,7 +573,6 @@ impl Rig {
             vec![]
         };
         assert_eq!(line, expected, "bytes to the arm after a restart");
-        self.seen.restart = true;
         self.is_over = true;
     }
 
@@ -646,16 +592,20 @@ impl Rig {
     }
 
     /// The conditions met in the run.
-    pub(super) fn circumstances(&self) -> Circumstances {
-        Circumstances {
-            open_self_check: self.oracle.open_self_check,
-            many_in_flight: self.oracle.most_in_flight > 8,
-            half_frame: self.oracle.half_frame,
-            untracked: self.oracle.untracked_until > 0,
-            host_timeout: self.oracle.host_timeouts > 0,
-            torque_off: self.oracle.torque_offs > 0,
-            ..self.seen
-        }
+    pub(super) fn conditions(&self) -> Conditions {
+        [
+            ("self-check without an answer", self.oracle.open_self_check),
+            ("more than 8 requests in flight", self.oracle.most_in_flight > 8),
+            ("untracked request", self.oracle.untracked_until > 0),
+            ("incomplete frame", self.oracle.half_frame),
+            ("another baud rate", self.other_rate),
+            ("hold-line", self.held_line),
+            ("save", self.saved),
+            ("unsolicited frame every 40 ms", self.unsolicited >= 5),
+            ("answer 50 to 100 ms after its request", self.arm.has_answered_late),
+            ("host timeout in a stream", self.oracle.host_timeouts > 0),
+            ("torque-off", self.oracle.torque_offs > 0),
+        ]
     }
 
     /// True if all queues are empty.
