@@ -1,5 +1,5 @@
-//! Damaged streams of Ling answers, and what the decoder and the reference make of them: what
-//! `host-tests/vendor/differential.py` compares the vendor's parser with.
+//! Damaged streams of Ling answers, and the frames that the decoder and the reference find in them, for comparison with
+//! the vendor's parser by `host-tests/vendor/differential.py`.
 //!
 //! Usage: differential SEED
 //!
@@ -36,47 +36,24 @@ enum Damage {
     FalseHeader(u32),
 }
 
-/// Everything that is tried.
+/// All kinds of damage, by name.
 fn rows() -> Vec<(String, Damage)> {
     let mut rows = vec![("nothing".to_owned(), Damage::Line(Rates::NONE))];
     for ppm in [1_000, 10_000, 50_000] {
         let percent = f64::from(ppm) / 10_000.0;
-        let mut row = |what: &str, damage| rows.push((format!("{what}, {percent} %"), damage));
-        row(
-            "bytes lost",
-            Damage::Line(Rates {
-                drop: ppm,
-                ..Rates::NONE
-            }),
-        );
-        row(
-            "bits flipped",
-            Damage::Line(Rates {
-                corrupt: ppm,
-                ..Rates::NONE
-            }),
-        );
-        row(
-            "bytes twice",
-            Damage::Line(Rates {
-                duplicate: ppm,
-                ..Rates::NONE
-            }),
-        );
-        row(
-            "bytes from nowhere",
-            Damage::Line(Rates {
-                noise: ppm,
-                ..Rates::NONE
-            }),
-        );
-        row(
-            "all of these",
-            Damage::Line(Rates {
-                delay: 0,
-                ..Rates::each(ppm)
-            }),
-        );
+        let mut row = |name: &str, set: fn(&mut Rates, u32)| {
+            let mut rates = Rates::NONE;
+            set(&mut rates, ppm);
+            rows.push((format!("{name}, {percent} %"), Damage::Line(rates)));
+        };
+        row("bytes lost", |rates, ppm| rates.drop = ppm);
+        row("bits flipped", |rates, ppm| rates.corrupt = ppm);
+        row("bytes twice", |rates, ppm| rates.duplicate = ppm);
+        row("inserted bytes", |rates, ppm| rates.noise = ppm);
+        row("all of these", |rates, ppm| {
+            *rates = Rates::each(ppm);
+            rates.delay = 0;
+        });
     }
     for ppm in [10_000, 50_000, 200_000] {
         let percent = f64::from(ppm) / 10_000.0;
@@ -86,10 +63,10 @@ fn rows() -> Vec<(String, Damage)> {
     rows
 }
 
-/// Says what it is given.
-struct Mouth(VecDeque<u8>);
+/// Sends these bytes.
+struct Source(VecDeque<u8>);
 
-impl SerialDevice for Mouth {
+impl SerialDevice for Source {
     fn receive(&mut self, _now: Instant, _byte: u8) {}
 
     fn transmit(&mut self, _now: Instant) -> Option<u8> {
@@ -121,7 +98,7 @@ fn answer(random: &mut Rand32) -> Vec<u8> {
 }
 
 /// The received bytes of a damaged frame.
-fn arrives(frame: &[u8], damage: &Damage, line: &mut Line<Mouth>, random: &mut Rand32) -> Vec<u8> {
+fn arrives(frame: &[u8], damage: &Damage, line: &mut Line<Source>, random: &mut Rand32) -> Vec<u8> {
     let mut happens = |ppm: &u32| random.rand_range(0..1_000_000) < *ppm;
     match damage {
         Damage::Line(_) => {
@@ -157,13 +134,9 @@ fn ours(stream: &[u8]) -> Vec<Vec<u8>> {
 
 /// The frames that the reference delivers.
 fn references(stream: &[u8]) -> Vec<Vec<u8>> {
-    let pieces = reference::decode(stream, ling::look).into_iter();
-    pieces
-        .filter_map(|piece| match piece {
-            Piece::Frame { at, .. } => Some(stream[at].to_vec()),
-            Piece::Noise { .. } => None,
-        })
-        .collect()
+    let items = reference::decode(stream, ling::scan);
+    let frames = items.iter().filter_map(Piece::frame);
+    frames.map(|at| stream[at].to_vec()).collect()
 }
 
 fn main() -> Result<()> {
@@ -178,7 +151,7 @@ fn main() -> Result<()> {
         } else {
             Rates::NONE
         };
-        let mut line = Line::new(Mouth(VecDeque::new()), Rates::NONE, rates, seed);
+        let mut line = Line::new(Source(VecDeque::new()), Rates::NONE, rates, seed);
         let random = &mut Rand32::new_inc(seed, i as u64);
         let mut stream = Vec::new();
         writeln!(out, "row {name}")?;

@@ -39,7 +39,7 @@ impl Check for Resync {
         ear.on_bytes(&line);
         ear.idle();
         let received: Vec<_> = ear.received.iter().filter_map(Out::frame).collect();
-        let frames: Vec<_> = P::reference(&line, expect).iter().filter_map(frame).collect();
+        let frames: Vec<_> = P::reference(&line, expect).iter().filter_map(Piece::frame).collect();
         assert_eq!(received, frames, "on {line:02X?}");
         for frame in intact {
             let reaches_into_it = |other: &Range<usize>| other.start < frame.start && frame.start < other.end;
@@ -49,13 +49,5 @@ impl Check for Resync {
             );
         }
         Ok(())
-    }
-}
-
-/// The position of a frame.
-fn frame(piece: &Piece) -> Option<Range<usize>> {
-    match piece {
-        Piece::Frame { at, .. } => Some(at.clone()),
-        Piece::Noise { .. } => None,
     }
 }

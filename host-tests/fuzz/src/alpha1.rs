@@ -2,7 +2,6 @@
 
 use armwire::alpha1::{Alpha1, Expect, Frame, Request, Response, ServoAnswer, ServoResponse, checksum};
 use armwire::framing::{Framing, Scan};
-use armwire_host_tests::reference::alpha1::Speaker;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
@@ -102,12 +101,7 @@ impl Subject for Alpha1 {
     }
 
     fn reference(line: &[u8], expect: Expect) -> Vec<Piece> {
-        let speaker = match expect {
-            Expect::Requests => Speaker::Host,
-            Expect::Responses(Some(ServoAnswer::Acknowledgement(id))) => Speaker::Robot(Some(id.get())),
-            Expect::Responses(_) => Speaker::Robot(None),
-        };
-        reference::decode(line, |bytes| reference::alpha1::look(bytes, speaker))
+        reference::decode(line, |bytes| reference::alpha1::scan(bytes, expect))
     }
 
     fn rewrite(bytes: &[u8]) -> Vec<u8> {

@@ -37,7 +37,7 @@ impl Subject for Legacy {
     }
 
     fn reference(line: &[u8], (): ()) -> Vec<Piece> {
-        reference::decode(line, reference::legacy::look)
+        reference::decode(line, reference::legacy::scan)
     }
 
     fn rewrite(bytes: &[u8]) -> Vec<u8> {

@@ -47,7 +47,7 @@ impl Subject for Ling {
     }
 
     fn reference(line: &[u8], (): ()) -> Vec<Piece> {
-        reference::decode(line, reference::ling::look)
+        reference::decode(line, reference::ling::scan)
     }
 
     fn rewrite(bytes: &[u8]) -> Vec<u8> {

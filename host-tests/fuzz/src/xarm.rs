@@ -1,7 +1,6 @@
 //! Arbitrary messages of xArm.
 
 use armwire::xarm::{Direction, Frame, HEADER, Key, ProtocolId, Request, Response, XArm};
-use armwire_host_tests::reference::xarm::Speaker;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
@@ -49,11 +48,7 @@ impl Subject for XArm {
     }
 
     fn reference(line: &[u8], expect: Direction) -> Vec<Piece> {
-        let speaker = match expect {
-            Direction::Requests => Speaker::Host,
-            Direction::Responses => Speaker::Arm,
-        };
-        reference::xarm::decode(line, speaker)
+        reference::xarm::decode(line, expect)
     }
 
     fn rewrite(bytes: &[u8]) -> Vec<u8> {

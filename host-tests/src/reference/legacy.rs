@@ -2,30 +2,30 @@
 
 use armwire::framing::Reason;
 
-use super::{Look, checked, length};
+use super::{Scan, checked, length};
 
 /// The most data bytes that the vendor's drivers take.
 const MAX_DATA: usize = 59;
 
-/// The item at the start of `bytes`. The content of a frame is its command and its data.
-pub fn look(bytes: &[u8]) -> Look {
+/// The piece at the start of `bytes`. The content of a frame is its command and its data.
+pub fn scan(bytes: &[u8]) -> Scan {
     if bytes[0] != 0xAA {
-        return Look::Nothing(Reason::Stray);
+        return Scan::Noise(Reason::Stray);
     }
     if bytes.len() < 3 {
-        return Look::Unfinished(3 - bytes.len());
+        return Scan::Incomplete(3 - bytes.len());
     }
     let got = usize::from(bytes[2]);
     if got > MAX_DATA {
-        return Look::Nothing(length(0, MAX_DATA, got));
+        return Scan::Noise(length(0, MAX_DATA, got));
     }
     let len = 5 + got;
     match checked(bytes, len, 3, parity, 0xFF) {
-        Ok(data) => Look::Frame {
+        Ok(data) => Scan::Frame {
             len,
             content: [&bytes[1..2], &data].concat(),
         },
-        Err(look) => look,
+        Err(scan) => scan,
     }
 }
 

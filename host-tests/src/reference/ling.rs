@@ -2,22 +2,22 @@
 
 use armwire::framing::Reason;
 
-use super::{Look, checked, length};
+use super::{Scan, checked, length};
 
 /// The most data bytes that armwire takes; the document sets no limit.
 const MAX_DATA: usize = 64;
 
-/// The item at the start of `bytes`. The content of a frame is its command, its function and its data.
-pub fn look(bytes: &[u8]) -> Look {
+/// The piece at the start of `bytes`. The content of a frame is its command, its function and its data.
+pub fn scan(bytes: &[u8]) -> Scan {
     if bytes[0] != 0xAA {
-        return Look::Nothing(Reason::Stray);
+        return Scan::Noise(Reason::Stray);
     }
     if bytes.len() < 4 {
-        return Look::Unfinished(4 - bytes.len());
+        return Scan::Incomplete(4 - bytes.len());
     }
     let got = usize::from(bytes[3]);
     if got > MAX_DATA {
-        return Look::Nothing(length(0, MAX_DATA, got));
+        return Scan::Noise(length(0, MAX_DATA, got));
     }
     // Section 2.6 prints one request, AA FE 00 00 FE 93 FF, with length 0 and a data byte nevertheless.
     let printed = bytes.starts_with(&[0xAA, 0xFE, 0x00, 0x00, 0xFE]);
@@ -25,9 +25,9 @@ pub fn look(bytes: &[u8]) -> Look {
     match checked(bytes, len, 1, checksum, 0xFF) {
         Ok(mut content) => {
             content.remove(2);
-            Look::Frame { len, content }
+            Scan::Frame { len, content }
         }
-        Err(look) => look,
+        Err(scan) => scan,
     }
 }
 

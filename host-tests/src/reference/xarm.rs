@@ -2,29 +2,21 @@
 //! number of bytes given by the length.
 
 use armwire::framing::Reason;
+use armwire::xarm::Direction;
 
 use super::{Piece, length};
 
 /// The longest body that armwire takes: that of Modbus TCP.
 const MAX_BODY: usize = 254;
 
-/// The sender.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Speaker {
-    /// The host.
-    Host,
-    /// The arm.
-    Arm,
-}
-
 /// The pieces of all bytes of a connection. Bytes with another protocol id are the last piece: they break the
 /// connection. An incomplete frame, or incomplete skipped bytes, give no piece.
 ///
 /// A frame's content is its transaction id, its protocol id and its body.
-pub fn decode(recording: &[u8], speaker: Speaker) -> Vec<Piece> {
+pub fn decode(recording: &[u8], direction: Direction) -> Vec<Piece> {
     let mut pieces = Vec::new();
     let mut start = 0;
-    while let Some(found) = look(&recording[start..], speaker) {
+    while let Some(found) = scan(&recording[start..], direction) {
         match found {
             Ok(len) => {
                 let at = start..start + len;
@@ -51,7 +43,7 @@ pub fn decode(recording: &[u8], speaker: Speaker) -> Vec<Piece> {
 
 /// The length of the frame at the start of `bytes`, or the length of invalid bytes with the reason: less than a header
 /// if they break the connection. `None` if there are too few bytes.
-fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>> {
+fn scan(bytes: &[u8], direction: Direction) -> Option<Result<usize, (usize, Reason)>> {
     // A protocol id is at most 3, so its first byte is 0.
     for (offset, expected) in [(2_u8, &[0][..]), (3, &[0, 1, 2, 3][..])] {
         let at = usize::from(offset);
@@ -63,10 +55,10 @@ fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>
     let protocol = bytes[3];
     let got = usize::from(*bytes.get(4)?) * 256 + usize::from(*bytes.get(5)?);
     // Standard Modbus has a unit and a function, a request a register, and a response a register and a state.
-    let (min, max) = match (protocol, speaker) {
+    let (min, max) = match (protocol, direction) {
         (1, _) => (2, 2),
-        (0, _) | (_, Speaker::Arm) => (2, MAX_BODY),
-        (_, Speaker::Host) => (1, MAX_BODY - 1),
+        (0, _) | (_, Direction::Responses) => (2, MAX_BODY),
+        (_, Direction::Requests) => (1, MAX_BODY - 1),
     };
     if got < min || got > max {
         return Some(Err((6 + got, length(min, max, got))));

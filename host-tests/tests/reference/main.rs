@@ -16,7 +16,6 @@ use armwire::framing::{Framing, Reason};
 use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{self, Ling};
 use armwire::xarm::{self, Direction, XArm};
-use armwire_host_tests::reference::alpha1::Speaker;
 use armwire_host_tests::reference::vectors::{self, Vector};
 use armwire_host_tests::reference::{self, Piece};
 use oorandom::Rand32;
@@ -62,7 +61,7 @@ impl<F: Framing> Line<F> {
             let mut rest = &stream[..];
             while !rest.is_empty() {
                 let need = decoder.need(&self.framing, self.expect);
-                assert!(need > 0, "no threshold and no item");
+                assert!(need > 0, "no threshold and no piece");
                 let len = match random.rand_range(0..4) {
                     0 => 1,
                     1 => need,
@@ -87,13 +86,13 @@ impl<F: Framing> Line<F> {
         pieces.pieces
     }
 
-    /// Takes all items out of the decoder.
+    /// Takes all pieces out of the decoder.
     fn take<const N: usize>(&self, decoder: &mut Decoder<N>, pieces: &mut Pieces) {
-        while let Some(item) = decoder.next(&self.framing, self.expect) {
-            let start = item.offset as usize;
-            let at = start..start + item.bytes.len();
-            match item.kind {
-                Kind::Frame => pieces.frame(at, (self.content)(item.bytes)),
+        while let Some(piece) = decoder.next(&self.framing, self.expect) {
+            let start = piece.offset as usize;
+            let at = start..start + piece.bytes.len();
+            match piece.kind {
+                Kind::Frame => pieces.frame(at, (self.content)(piece.bytes)),
                 Kind::Padding => {}
                 Kind::Noise(reason) => pieces.noise(at, reason, F::LOSSLESS),
                 Kind::Broken(reason) => pieces.broken(start, reason),
@@ -219,7 +218,7 @@ fn ling() -> Line<Ling> {
     Line {
         framing: Ling,
         expect: (),
-        reference: Box::new(|stream| reference::decode(stream, reference::ling::look)),
+        reference: Box::new(|stream| reference::decode(stream, reference::ling::scan)),
         content: |bytes| {
             let frame = ling::Frame::parse(bytes).expect("a frame");
             [&[frame.command, frame.function], frame.data].concat()
@@ -231,7 +230,7 @@ fn legacy() -> Line<Legacy> {
     Line {
         framing: Legacy,
         expect: (),
-        reference: Box::new(|stream| reference::decode(stream, reference::legacy::look)),
+        reference: Box::new(|stream| reference::decode(stream, reference::legacy::scan)),
         content: |bytes| {
             let frame = legacy::Frame::parse(bytes).expect("a frame");
             [&[frame.command], frame.data].concat()
@@ -240,14 +239,10 @@ fn legacy() -> Line<Legacy> {
 }
 
 fn xarm(direction: Direction) -> Line<XArm> {
-    let speaker = match direction {
-        Direction::Requests => reference::xarm::Speaker::Host,
-        Direction::Responses => reference::xarm::Speaker::Arm,
-    };
     Line {
         framing: XArm::PRIVATE,
         expect: direction,
-        reference: Box::new(move |stream| reference::xarm::decode(stream, speaker)),
+        reference: Box::new(move |stream| reference::xarm::decode(stream, direction)),
         content: |bytes| {
             let frame = xarm::Frame::parse(bytes).expect("a frame");
             let ids = [frame.transaction.to_be_bytes(), frame.protocol.to_be_bytes()].concat();
@@ -256,18 +251,17 @@ fn xarm(direction: Direction) -> Line<XArm> {
     }
 }
 
-fn alpha1(speaker: Speaker) -> Line<Alpha1> {
-    let expect = match speaker {
-        Speaker::Host => Expect::Requests,
-        Speaker::Robot(servo) => {
-            let servo = servo.map(|id| ServoId::new(id).expect("an id"));
-            Expect::Responses(servo.map(ServoAnswer::Acknowledgement))
-        }
-    };
+/// The expectation of a servo's acknowledgement.
+fn acknowledgement(servo: u8) -> Expect {
+    let servo = ServoId::new(servo).expect("an id");
+    Expect::Responses(Some(ServoAnswer::Acknowledgement(servo)))
+}
+
+fn alpha1(expect: Expect) -> Line<Alpha1> {
     Line {
         framing: Alpha1,
         expect,
-        reference: Box::new(move |stream| reference::decode(stream, |bytes| reference::alpha1::look(bytes, speaker))),
+        reference: Box::new(move |stream| reference::decode(stream, |bytes| reference::alpha1::scan(bytes, expect))),
         content: |bytes| match alpha1::Frame::parse(bytes).expect("a frame") {
             alpha1::Frame::Byte(byte) => vec![byte],
             alpha1::Frame::Message { command, data } => [&[command], data].concat(),
@@ -303,19 +297,19 @@ const ALPHA1_KINDS: [&str; 7] = ["byte", "checksum", "frame", "length", "stray",
 
 #[test]
 fn alpha1_requests_decode_like_the_reference() {
-    agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Host), &streams::ALPHA1_HOST, &ALPHA1_KINDS);
+    agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Expect::Requests), &streams::ALPHA1_HOST, &ALPHA1_KINDS);
 }
 
 #[test]
 fn alpha1_answers_decode_like_the_reference() {
-    agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Robot(None)), &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);
+    agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Expect::Responses(None)), &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);
 }
 
 /// A servo's acknowledgement is one byte: an ordinary byte, a frame's first byte, padding, or an end mark.
 #[test]
 fn alpha1_answers_with_acknowledgement_decode_like_the_reference() {
     for id in [1, 80, 82, 86, 67] {
-        let line = alpha1(Speaker::Robot(Some(id)));
+        let line = alpha1(acknowledgement(id));
         agree::<_, { alpha1::MAX_FRAME }>(&line, &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);
     }
 }
@@ -340,7 +334,7 @@ fn every_frame_of_the_documents_is_one_frame() {
     hold::<_, { legacy::MAX_FRAME }>(&legacy(), vectors::legacy());
     hold::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Requests), vectors::xarm_requests());
     hold::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Responses), vectors::xarm_answers());
-    hold::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Host), vectors::alpha1_requests());
-    hold::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Robot(None)), vectors::alpha1_answers());
-    hold::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Robot(Some(1))), vectors::alpha1_servo_answers());
+    hold::<_, { alpha1::MAX_FRAME }>(&alpha1(Expect::Requests), vectors::alpha1_requests());
+    hold::<_, { alpha1::MAX_FRAME }>(&alpha1(Expect::Responses(None)), vectors::alpha1_answers());
+    hold::<_, { alpha1::MAX_FRAME }>(&alpha1(acknowledgement(1)), vectors::alpha1_servo_answers());
 }
