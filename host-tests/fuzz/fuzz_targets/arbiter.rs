@@ -1,6 +1,6 @@
-//! Hosts on USB and on CAN, polls and cyclic commands share the arm as `docs/safety.md` promises: an answer goes to the
-//! initiator that asked, the line is free again in time, the torque goes off in time and only then, and all that is lost is
-//! counted. The fuzzer chooses what `host-tests/tests/adapter_runs.rs` draws at random.
+//! Hosts on USB and on CAN, polls and cyclic commands share the arm as `docs/safety.md` promises: an answer goes to its
+//! initiator, the line becomes free in time, the torque goes off in time and only then, and all losses are counted. The
+//! fuzzer makes the choices that `host-tests/tests/adapter_runs.rs` draws at random.
 #![no_main]
 
 use armwire_host_tests::adapter;

@@ -1,5 +1,5 @@
-//! `armwire decode` of any input: the sum is that of its lines, every byte is in one of them, and what cannot be read is
-//! an error of one line.
+//! `armwire decode` of any input: its totals match its lines, every byte is in a line, and an unreadable input is an
+//! error of one line.
 #![no_main]
 
 use armwire_cli::{ArmKind, Speaker, decode};

@@ -7,31 +7,14 @@ use std::num::NonZeroU32;
 use armwire::dialect::{Effect, InfoOf};
 use armwire::time::{Duration, Instant};
 use armwire::{Client, Config, Event, Output, SubmitError};
-use armwire_fuzz::{
-    AnyResponse, Arbitrary, Check, Result, Subject, Unstructured, check, request_bytes, response_bytes,
-};
+use armwire_fuzz::{Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
-fuzz_target!(|input: &[u8]| check::<Talks>(input));
+fuzz_target!(|input: &[u8]| check::<Requests>(input));
 
-#[derive(Arbitrary)]
-enum Step<'a> {
-    Submit,
-    Cancel,
-    /// Up to this number of bytes is transmitted.
-    Transmit(u8),
-    TransmitAll,
-    Bytes(&'a [u8]),
-    Response,
-    Echo,
-    Idle,
-    Wait(u16),
-    WaitUntilDue,
-}
+struct Requests;
 
-struct Talks;
-
-impl Check for Talks {
+impl Check for Requests {
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
         let protocol = P::any_protocol(u)?;
         let config = Config {
@@ -42,19 +25,23 @@ impl Check for Talks {
         };
         let mut world = World::<P, N>::new(protocol, config);
         while !u.is_empty() {
-            match u.arbitrary()? {
-                Step::Submit => world.submit(&P::any_request(u)?),
-                Step::Cancel => world.cancel(),
-                Step::Transmit(n) => world.transmit(n.into()),
-                Step::TransmitAll => world.transmit(N),
-                Step::Bytes(bytes) => world.on_bytes(bytes),
-                Step::Response => world.on_bytes(&response_bytes(protocol, &P::any_response(u)?)),
-                Step::Echo => world.on_bytes(&request_bytes(protocol, &P::any_request(u)?)),
-                Step::Idle => world.idle(),
-                Step::Wait(micros) => world.wait(world.now + Duration::from_micros(u64::from(micros) * 16)),
-                Step::WaitUntilDue => world.wait_until_due(),
+            match u.int_in_range(0..=9)? {
+                0 => world.submit(&P::any_request(u)?),
+                1 => world.cancel(),
+                2 => world.transmit(u.arbitrary::<u8>()?.into()),
+                3 => world.transmit(N),
+                4 => world.on_bytes(u.arbitrary()?),
+                5 => {
+                    let any = P::any_response(u)?;
+                    world.on_bytes(&response_bytes(protocol, &any.response, any.to));
+                }
+                // An echo.
+                6 => world.on_bytes(&request_bytes(protocol, &P::any_request(u)?)),
+                7 => world.idle(),
+                8 => world.wait(world.now + Duration::from_micros(u64::from(u.arbitrary::<u16>()?) * 16)),
+                _ => world.wait_until_due(),
             }
-            let over = world.model.flight.is_none() && world.model.line.is_empty();
+            let over = world.model.pending.is_none() && world.model.rest.is_empty();
             assert_eq!(world.client.is_idle(), over);
         }
         world.end();
@@ -62,8 +49,8 @@ impl Check for Talks {
     }
 }
 
-/// The request that is in flight, as far as it has got.
-struct Flight<P: Subject> {
+/// The request in flight.
+struct Pending<P: Subject> {
     bytes: Vec<u8>,
     info: InfoOf<P>,
     /// Number of complete transmissions, and the time of the last.
@@ -83,11 +70,9 @@ struct World<P: Subject, const N: usize> {
 struct Model<P: Subject> {
     protocol: P,
     config: Config,
-    flight: Option<Flight<P>>,
-    /// The bytes in transmission, the number already sent, and true if they belong to the request in flight.
-    line: Vec<u8>,
-    out: usize,
-    of_flight: bool,
+    pending: Option<Pending<P>>,
+    /// The unsent rest of a partly sent request.
+    rest: Vec<u8>,
     broken: bool,
     /// The longest time that an arm may take for one of the requests so far.
     turnaround: Duration,
@@ -102,10 +87,8 @@ impl<P: Subject, const N: usize> World<P, N> {
             model: Model {
                 protocol,
                 config,
-                flight: None,
-                line: Vec::new(),
-                out: 0,
-                of_flight: false,
+                pending: None,
+                rest: Vec::new(),
                 broken: false,
                 turnaround: Duration::ZERO,
             },
@@ -115,7 +98,7 @@ impl<P: Subject, const N: usize> World<P, N> {
     fn submit(&mut self, request: &P::Request<'_>) {
         let submitted = self.client.submit(request);
         let model = &mut self.model;
-        if model.flight.is_some() || !model.line.is_empty() {
+        if model.pending.is_some() || !model.rest.is_empty() {
             assert_eq!(submitted, Err(SubmitError::Busy));
             assert!(!SubmitError::Busy.to_string().is_empty() && !format!("{:?}", self.client).is_empty());
             return;
@@ -127,7 +110,7 @@ impl<P: Subject, const N: usize> World<P, N> {
         let info = model.protocol.request(&bytes).expect("it is a request");
         let turnaround = info.response.map_or(Duration::ZERO, |response| response.turnaround);
         model.turnaround = model.turnaround.max(turnaround);
-        model.flight = Some(Flight {
+        model.pending = Some(Pending {
             bytes,
             info,
             sends: 0,
@@ -138,7 +121,7 @@ impl<P: Subject, const N: usize> World<P, N> {
 
     fn cancel(&mut self) {
         self.client.cancel();
-        self.model.over();
+        self.model.pending = None;
     }
 
     fn transmit(&mut self, n: usize) {
@@ -148,7 +131,10 @@ impl<P: Subject, const N: usize> World<P, N> {
         };
         let n = n.min(bytes.len());
         self.model.transmitted(bytes, n, self.now);
-        assert!(self.client.transmitted(self.now, N + 1).is_err(), "more than there was");
+        assert!(
+            self.client.transmitted(self.now, N + 1).is_err(),
+            "more bytes than there were"
+        );
         self.client.transmitted(self.now, n).expect("it was given");
     }
 
@@ -172,14 +158,14 @@ impl<P: Subject, const N: usize> World<P, N> {
             match self.client.poll(self.now) {
                 Output::Event(event) => {
                     assert!(!format!("{event:?}").is_empty());
-                    self.model.place(event, self.now);
+                    self.model.on_event(event, self.now);
                 }
                 Output::Transmit(bytes) => {
-                    assert!(!bytes.is_empty(), "nothing is to be transmitted");
+                    assert!(!bytes.is_empty(), "a transmission without bytes");
                     return;
                 }
                 Output::Timeout(until) => {
-                    assert!(until.is_none_or(|until| until > self.now), "it waits for what is past");
+                    assert!(until.is_none_or(|until| until > self.now), "a timeout in the past");
                     return;
                 }
             }
@@ -201,13 +187,13 @@ impl<P: Subject, const N: usize> World<P, N> {
     /// No more bytes arrive: requests in flight end within the configured time.
     fn end(mut self) {
         let end = self.now + self.model.longest(N);
-        // Each is sent, falls due, and may be given a little more time; noise that is waited for ends as well.
+        // Each send is transmitted, times out, and may get a little more time. Waits for noise end as well.
         for _ in 0..6 * (u32::from(self.model.config.repeats) + 2) {
             self.transmit(N);
             self.wait_until_due();
         }
         assert!(
-            self.model.flight.is_none() && self.client.is_idle(),
+            self.model.pending.is_none() && self.client.is_idle(),
             "{:?} does not end",
             self.client
         );
@@ -222,66 +208,50 @@ impl<P: Subject, const N: usize> World<P, N> {
 }
 
 impl<P: Subject> Model<P> {
-    /// The request in flight has ended. A partly sent request is completed, also a repeat whose answer arrived
-    /// meanwhile.
-    fn over(&mut self) -> Option<Flight<P>> {
-        if self.of_flight && self.out == 0 {
-            self.line.clear();
-        }
-        self.of_flight = false;
-        self.flight.take()
-    }
-
-    /// The line takes `n` of these bytes.
+    /// The line takes `n` of these bytes. A partly sent request is completed, also a repeat whose answer arrived meanwhile.
     fn transmitted(&mut self, bytes: &[u8], n: usize, now: Instant) {
         assert!(!self.broken, "something is sent on a broken line");
-        if self.line.is_empty() {
-            let flight = self.flight.as_ref().expect("something is sent without a request");
-            self.line.clone_from(&flight.bytes);
-            self.of_flight = true;
+        if self.rest.is_empty() {
+            let pending = self.pending.as_ref().expect("something is sent without a request");
+            assert_eq!(bytes, pending.bytes);
+        } else {
+            assert_eq!(bytes, self.rest);
         }
-        assert_eq!(bytes, &self.line[self.out..]);
-        self.out += n;
-        if self.out < self.line.len() {
-            if self.out == 0 {
-                self.line.clear();
-                self.of_flight = false;
-            }
+        if n == 0 {
             return;
         }
-        self.line.clear();
-        self.out = 0;
-        if let Some(flight) = self.flight.as_mut().filter(|_| self.of_flight) {
-            flight.sends += 1;
-            flight.sent = now;
+        self.rest = bytes[n..].to_vec();
+        if self.rest.is_empty()
+            && let Some(pending) = &mut self.pending
+        {
+            pending.sends += 1;
+            pending.sent = now;
         }
-        self.of_flight = false;
     }
 
-    fn place(&mut self, event: Event<'_, P::Response<'_>>, now: Instant) {
+    fn on_event(&mut self, event: Event<'_, P::Response<'_>>, now: Instant) {
         match event {
             Event::Answer(response) => {
-                let flight = self.over().expect("no request is in flight");
-                let (to, expect) = (Some(flight.info.key), flight.info.expect);
-                let bytes = response_bytes(self.protocol, &AnyResponse { response, to, expect });
-                assert!(self.protocol.is_response_to(flight.info.key, &bytes));
-                assert!(flight.sends > 0, "answered before it was sent");
+                let pending = self.pending.take().expect("no request is in flight");
+                let bytes = response_bytes(self.protocol, &response, Some(pending.info.key));
+                assert!(self.protocol.is_response_to(pending.info.key, &bytes));
+                assert!(pending.sends > 0, "answered before it was sent");
             }
             Event::Unacceptable(error) => {
-                let flight = self.over().expect("no request is in flight");
-                assert!(flight.info.response.is_some(), "it is not answered");
-                assert!(flight.sends > 0, "answered before it was sent");
+                let pending = self.pending.take().expect("no request is in flight");
+                assert!(pending.info.response.is_some(), "it is not answered");
+                assert!(pending.sends > 0, "answered before it was sent");
                 assert!(!error.to_string().is_empty());
             }
             Event::Sent => {
-                let flight = self.over().expect("no request is in flight");
-                assert_eq!((flight.info.response, flight.sends), (None, 1));
+                let pending = self.pending.take().expect("no request is in flight");
+                assert_eq!((pending.info.response, pending.sends), (None, 1));
             }
             Event::TimedOut { sends } => {
-                let flight = self.over().expect("no request is in flight");
-                let response = flight.info.response.expect("it is not answered");
-                assert_eq!(sends, flight.sends);
-                let most = if flight.info.effect == Effect::Read {
+                let pending = self.pending.take().expect("no request is in flight");
+                let response = pending.info.response.expect("it is not answered");
+                assert_eq!(sends, pending.sends);
+                let most = if pending.info.effect == Effect::Read {
                     self.config.repeats
                 } else {
                     0
@@ -292,26 +262,25 @@ impl<P: Subject> Model<P> {
                     "given up before it was repeated, or repeated too often"
                 );
                 assert!(
-                    flight.sent + response.turnaround + self.config.latency <= now,
+                    pending.sent + response.turnaround + self.config.latency <= now,
                     "too soon"
                 );
             }
             Event::Broken { .. } => {
                 assert!(P::LOSSLESS);
-                (self.flight, self.broken) = (None, true);
-                self.line.clear();
-                (self.out, self.of_flight) = (0, false);
+                (self.pending, self.broken) = (None, true);
+                self.rest.clear();
             }
             Event::Noise { bytes, .. } => assert!(!bytes.is_empty()),
-            // They end nothing.
+            // No request ends.
             Event::Late(response) | Event::Unsolicited(response) => assert!(!format!("{response:?}").is_empty()),
             Event::Unknown { frame, error } => assert!(!frame.is_empty() && !error.to_string().is_empty()),
             Event::Echo => assert!(!P::LOSSLESS),
         }
     }
 
-    /// The time after which all is over: the answer to an earlier request is late, and then each send of this one falls due, a
-    /// frame that has begun included.
+    /// The maximum time until all requests have ended: the answer to an earlier request is late, and then each send of
+    /// this one times out, within a frame that has begun.
     fn longest(&self, n: usize) -> Duration {
         let frame = n as u64 * 10_000_000 / u64::from(self.config.baud.get());
         let answer = self.turnaround.as_micros() + self.config.latency.as_micros() + 3 * frame;

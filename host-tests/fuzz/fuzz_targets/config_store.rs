@@ -10,38 +10,20 @@ use armwire_bridge::Instant;
 use armwire_bridge::config::Config;
 use armwire_bridge::store::{Error, Saved, Store};
 use armwire_fuzz::config::{any_config, any_good_config};
-use armwire_fuzz::{Arbitrary, Result, Unstructured};
+use armwire_fuzz::{Result, Unstructured};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
-    // Too short an input is none.
+    // A short input is skipped.
     let _ = check(&mut Unstructured::new(input));
 });
 
-/// After ten days, each save is one that time has earned.
+/// After ten days, the number of saves is not limited.
 const UPTIME: Instant = Instant::from_millis(10 * 86_400_000);
 
 const PAGE: usize = 256;
 const SIZE: usize = 2 * PAGE;
-
-#[derive(Arbitrary)]
-enum Step<'a> {
-    Save,
-    Reset,
-    /// The power fails after this number of words written or eighths of a page erased, in the middle of the next one,
-    /// of which these bits already have their new value.
-    PowerGoes {
-        after: u8,
-        bits: u8,
-        saves: bool,
-    },
-    /// Another writer changes the flash. The loaded configuration must still be valid.
-    Spoil {
-        at: u16,
-        bytes: &'a [u8],
-    },
-}
 
 /// NOR flash: erasing sets all bits of a page, writing clears some.
 #[derive(Debug)]
@@ -134,6 +116,15 @@ fn load(flash: &mut Flash) -> Saved {
     saved
 }
 
+/// A configuration to save, or `None` for a reset.
+fn any_change(u: &mut Unstructured<'_>, saves: bool) -> Result<Option<Config>> {
+    Ok(match saves {
+        false => None,
+        true if u.arbitrary()? => Some(any_config(u)?),
+        true => Some(any_good_config(u)?),
+    })
+}
+
 fn check(u: &mut Unstructured<'_>) -> Result<()> {
     let mut flash = Flash {
         bytes: [0xFF; SIZE],
@@ -148,27 +139,18 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     let mut kept = Some(Saved::Nothing);
     let mut is_first = true;
     while !u.is_empty() {
-        let step = u.arbitrary()?;
-        let config = match step {
-            Step::Save | Step::PowerGoes { saves: true, .. } => Some(if u.arbitrary()? {
-                any_config(u)?
-            } else {
-                any_good_config(u)?
-            }),
-            _ => None,
-        };
-        match step {
-            Step::Spoil { at, bytes } => {
-                let places = flash.bytes.iter_mut().skip(usize::from(at) % SIZE);
-                places.zip(bytes).for_each(|(to, from)| *to = *from);
-                kept = None;
-            }
-            Step::Save | Step::Reset => {
+        match u.int_in_range(0..=3)? {
+            step @ (0 | 1) => {
+                let config = any_change(u, step == 0)?;
                 let saved = save(&mut flash, config, kept);
                 kept = kept.map(|_| saved);
                 is_first &= Some(saved) != saved_as(config);
             }
-            Step::PowerGoes { after, bits, .. } => {
+            2 => {
+                // The power fails after this number of words written or eighths of a page erased, in the middle of the
+                // next one, of which these bits already have their new value.
+                let (after, bits, saves): (u8, u8, bool) = u.arbitrary()?;
+                let config = any_change(u, saves)?;
                 flash.power = Some((after % 64, bits));
                 let new = saved_as(config);
                 let done = write(&mut flash, config);
@@ -183,6 +165,13 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                     assert!(done.is_err() || Some(loaded) == new, "done, and not there");
                 }
                 kept = kept.map(|_| loaded);
+            }
+            _ => {
+                // Another writer changes the flash. The loaded configuration must still be valid.
+                let (at, bytes): (u16, &[u8]) = u.arbitrary()?;
+                let places = flash.bytes.iter_mut().skip(usize::from(at) % SIZE);
+                places.zip(bytes).for_each(|(to, from)| *to = *from);
+                kept = None;
             }
         }
         let loaded = load(&mut flash);

@@ -1,40 +1,28 @@
-//! Each message of a host on the control interface gets one reply, with its sequence number and of a kind that fits it,
-//! whatever is between messages and however the stream is cut into packets; and a message that is read is written as one
-//! that is read the same.
+//! Each message of a host on the control interface gets one matching reply, with its sequence number, for any bytes
+//! between messages and any division into packets. A decoded message survives encoding and decoding.
 #![no_main]
+
+use core::fmt::Debug;
 
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{
-    Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reader, Reason, Reply,
-    Request, decode, encode, encode_cobs,
+    Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reason, Reply, Request,
+    decode, encode, encode_cobs,
 };
 use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UartEvent, UsbEvent};
 use armwire_bridge::{Duration, Instant};
 use armwire_fuzz::config::any_request;
-use armwire_fuzz::{Arbitrary, Result, Unstructured};
+use armwire_fuzz::{Result, Unstructured};
+use armwire_host_tests::adapter::ControlPort;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
-    // Too short an input is none.
+    // A short input is skipped.
     let _ = check(&mut Unstructured::new(input));
 });
 
 /// The longest message that the adapter takes, in bytes.
 const MAX_REQUEST: usize = 64;
-
-#[derive(Arbitrary)]
-enum Step<'a> {
-    Request,
-    /// Bytes that may be anything, and the zero that ends them.
-    Garbage(&'a [u8]),
-    /// The host reads this number of packets.
-    Take(u8),
-    /// The firmware has done its action, or failed to.
-    Act {
-        done: bool,
-    },
-    Wait(u16),
-}
 
 struct Host {
     bridge: Bridge,
@@ -45,7 +33,7 @@ struct Host {
     /// Complete requests, and their answers.
     requests: Vec<core::result::Result<FromHost, Malformed>>,
     replies: Vec<(u8, Reply)>,
-    reader: Reader<MAX_MESSAGE>,
+    port: ControlPort,
 }
 
 fn check(u: &mut Unstructured<'_>) -> Result<()> {
@@ -60,77 +48,62 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         packet: u.int_in_range(1..=PACKET)?,
         requests: Vec::new(),
         replies: Vec::new(),
-        reader: Reader::new(),
+        port: ControlPort::default(),
     };
     host.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     while !u.is_empty() {
-        match u.arbitrary()? {
-            Step::Request => {
+        match u.int_in_range(0..=4)? {
+            0 => {
                 let sequence = u.arbitrary()?;
                 let request = any_request(u)?;
-                host.send(&cobs(&FromHost { sequence, request }));
+                let mut bytes = [0; MAX_COBS];
+                let len = encode_cobs(&FromHost { sequence, request }, &mut bytes).expect("there is room");
+                host.send(&bytes[..len]);
             }
-            Step::Garbage(bytes) => host.send(&[bytes, &[0]].concat()),
-            Step::Take(packets) => (0..packets).for_each(|_| host.take()),
-            Step::Act { done } => host.act(done),
-            Step::Wait(micros) => host.wait(host.now + Duration::from_micros(micros.into())),
+            // Any bytes with a terminator.
+            1 => host.send(&[u.arbitrary()?, &[0][..]].concat()),
+            2 => (0..u.arbitrary::<u8>()?).for_each(|_| host.read_packet()),
+            3 => host.act(u.arbitrary()?),
+            _ => host.wait(host.now + Duration::from_micros(u.arbitrary::<u16>()?.into())),
         }
-        host.give();
+        host.transmit();
     }
     host.end();
     Ok(())
-}
-
-fn cobs<T: Message>(message: &T) -> Vec<u8> {
-    let mut bytes = [0; MAX_COBS];
-    let len = encode_cobs(message, &mut bytes).expect("there is room");
-    bytes[..len].to_vec()
 }
 
 impl Host {
     fn send(&mut self, bytes: &[u8]) {
         for segment in bytes.split(|byte| *byte == 0).filter(|segment| !segment.is_empty()) {
             let message = read(segment);
-            check_codec(segment);
+            check_codec::<FromHost>(segment);
+            check_codec::<FromAdapter>(segment);
             self.requests.push(message);
         }
         self.out.extend(bytes);
     }
 
-    /// Hands over what the adapter takes.
-    fn give(&mut self) {
+    /// Sends packets as long as the adapter has room.
+    fn transmit(&mut self) {
         while self.bridge.update(self.now).control_room && !self.out.is_empty() {
             let packet: Vec<u8> = self.out.drain(..self.packet.min(self.out.len())).collect();
             self.bridge.control_received(&packet, self.now);
         }
     }
 
-    fn take(&mut self) {
-        let mut packet = [0; PACKET];
-        let mut len = None;
-        while len.is_none() && self.bridge.update(self.now).control {
-            len = self.bridge.control_transmit(&mut packet, self.now);
-        }
-        if len.is_none() {
-            assert_eq!(self.bridge.control_transmit(&mut packet, self.now), None);
-        }
-        let mut rest = &packet[..len.unwrap_or(0)];
-        while !rest.is_empty() {
-            rest = self.reader.push(rest);
-            match self.reader.next() {
-                Some(Ok(FromAdapter::Reply { sequence, reply })) => self.replies.push((sequence, reply)),
-                Some(Ok(FromAdapter::Event { at, .. })) => assert!(at.0 <= self.now.as_micros()),
-                Some(Err(error)) => panic!("invalid bytes from the adapter: {error}"),
-                None => {}
+    fn read_packet(&mut self) {
+        for message in self.port.read_packet(&mut self.bridge, self.now).unwrap_or_default() {
+            match message {
+                FromAdapter::Reply { sequence, reply } => self.replies.push((sequence, reply)),
+                FromAdapter::Event { at, .. } => assert!(at.0 <= self.now.as_micros()),
             }
         }
     }
 
-    /// Does what only firmware can do.
+    /// Executes the firmware's next action: a save or reset succeeds if `done`.
     fn act(&mut self, done: bool) {
         if let Some(Action::Save(_) | Action::Reset) = self.bridge.action(self.now) {
-            let result = if done { Ok(()) } else { Err(Failure::Flash) };
-            self.bridge.saved(result, self.now);
+            self.bridge.saved(done.then_some(()).ok_or(Failure::Flash), self.now);
         }
     }
 
@@ -149,8 +122,8 @@ impl Host {
     /// The host reads all packets, the firmware does all actions, and the arm is silent: each request is answered.
     fn end(mut self) {
         for _ in 0..4 * self.requests.len() + 20 {
-            self.give();
-            (0..20).for_each(|_| self.take());
+            self.transmit();
+            (0..20).for_each(|_| self.read_packet());
             self.act(true);
             self.wait(self.now + Duration::from_millis(200));
         }
@@ -173,7 +146,7 @@ impl Host {
     }
 }
 
-/// The sequence number that the reply has.
+/// The sequence number of the reply.
 fn sequence(message: &core::result::Result<FromHost, Malformed>) -> u8 {
     match message {
         Ok(message) => message.sequence,
@@ -205,7 +178,7 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -
     }
 }
 
-/// The message in bytes that end with a zero: COBS, read all at once.
+/// The message in bytes that end with a zero: a COBS decoder of whole messages.
 fn read(segment: &[u8]) -> core::result::Result<FromHost, Malformed> {
     let mut message = Vec::new();
     let mut rest = segment;
@@ -232,14 +205,9 @@ fn read(segment: &[u8]) -> core::result::Result<FromHost, Malformed> {
     decode(&message)
 }
 
-/// A message read from any bytes survives a write and a read.
-fn check_codec(bytes: &[u8]) {
-    if let Ok(message) = decode::<FromAdapter>(bytes) {
-        let mut out = [0; MAX_MESSAGE];
-        let len = encode(&message, &mut out).expect("there is room");
-        assert_eq!(decode(&out[..len]), Ok(message));
-    }
-    match decode::<FromHost>(bytes) {
+/// Checks that a message decoded from any bytes survives encoding and decoding.
+fn check_codec<T: Message + PartialEq + Debug>(bytes: &[u8]) {
+    match decode::<T>(bytes) {
         Ok(message) => {
             let mut out = [0; MAX_MESSAGE];
             let len = encode(&message, &mut out).expect("there is room");

@@ -1,11 +1,11 @@
-//! Every byte of any line comes out once and in order: in a frame, which written anew is the same bytes, in noise, or as
-//! what fills the room between frames.
+//! Every byte of any line comes out once and in order: in a frame that encodes to the same bytes, in noise, or as padding
+//! between frames.
 #![no_main]
 
 use armwire::decoder::Kind;
 use armwire::framing::Scan;
-use armwire_fuzz::line::Ear;
-use armwire_fuzz::{AnyResponse, Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
+use armwire_fuzz::line::LineDecoder;
+use armwire_fuzz::{Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| check::<Decode>(input));
@@ -20,31 +20,31 @@ impl Check for Decode {
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
         let expect = P::any_expect(u)?;
         let line = u.bytes(u.len())?;
-        let mut ear = Ear::<P, N>::new(expect);
-        ear.on_bytes(line);
-        ear.idle();
+        let mut decoder = LineDecoder::<P, N>::new(expect);
+        decoder.on_bytes(line);
+        decoder.idle();
 
         let mut at = 0;
-        for out in &ear.received {
-            assert_eq!(out.range.start, at, "a gap in {:?}", ear.received);
-            assert!(!out.range.is_empty());
-            at = out.range.end;
-            let bytes = &line[out.range.clone()];
-            match out.kind {
+        for span in &decoder.received {
+            assert_eq!(span.range.start, at, "a gap in {:?}", decoder.received);
+            assert!(!span.range.is_empty());
+            at = span.range.end;
+            let bytes = &line[span.range.clone()];
+            match span.kind {
                 Kind::Frame => check_frame::<P>(bytes, expect),
-                Kind::Padding => assert!(bytes.iter().all(|byte| Some(*byte) == P::FILL), "lost {bytes:02X?}"),
+                Kind::Padding => assert!(bytes.iter().all(|byte| Some(*byte) == P::PADDING), "lost {bytes:02X?}"),
                 Kind::Noise(reason) => assert!(!reason.to_string().is_empty()),
                 // Later bytes are not read.
-                Kind::Broken(reason) => assert_eq!((ear.broken(), at), (Some(reason), line.len())),
+                Kind::Broken(reason) => assert_eq!((decoder.broken(), at), (Some(reason), line.len())),
             }
         }
         // On a line that loses nothing a frame may still be waited for.
-        assert_eq!(line.len() - at, ear.pending());
+        assert_eq!(line.len() - at, decoder.pending());
         Ok(())
     }
 }
 
-/// Written anew it is the same bytes, and so is what it means, but for what the protocol leaves open.
+/// Checks that the frame encodes to the same bytes, and its message to a frame with the same meaning.
 fn check_frame<P: Subject>(bytes: &[u8], expect: P::Expect) {
     assert_eq!(
         P::rewrite(bytes),
@@ -71,13 +71,13 @@ fn check_frame<P: Subject>(bytes: &[u8], expect: P::Expect) {
     match protocol.parse_response(bytes, expect) {
         Ok(response) => {
             let to = request_info.map(|info| info.key);
-            let again = response_bytes(protocol, &AnyResponse { response, to, expect });
+            let again = response_bytes(protocol, &response, to);
             let read = protocol.parse_response(&again, expect).expect("it was written");
             assert_eq!(format!("{read:?}"), format!("{response:?}"));
         }
         Err(error) => assert!(!error.to_string().is_empty()),
     }
-    // A line may give a request back.
+    // A line may return an echo.
     let may_come_back = !P::LOSSLESS && expect == protocol.requests() && protocol.parse_request(bytes).is_ok();
     if let Some(info) = request_info.filter(|_| may_come_back) {
         assert!(!protocol.is_response_to(info.key, bytes), "it answers itself");

@@ -7,19 +7,11 @@ use core::ops::Range;
 
 use armwire::decoder::Kind;
 use armwire::{Device, DeviceEvent};
-use armwire_fuzz::line::{Ear, Out};
-use armwire_fuzz::{Arbitrary, Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
+use armwire_fuzz::line::{LineDecoder, Span};
+use armwire_fuzz::{Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
-fuzz_target!(|input: &[u8]| check::<Hears>(input));
-
-#[derive(Arbitrary)]
-enum Step<'a> {
-    Request,
-    Bytes(&'a [u8]),
-    Idle,
-    Respond,
-}
+fuzz_target!(|input: &[u8]| check::<Requests>(input));
 
 /// A received item, with its position on the line if it is no frame.
 #[derive(Debug, PartialEq)]
@@ -28,30 +20,30 @@ enum Received {
     Rest(Range<usize>, Kind),
 }
 
-struct Hears;
+struct Requests;
 
-impl Check for Hears {
+impl Check for Requests {
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
         let protocol = P::any_protocol(u)?;
         let mut device = Device::<P, N>::new(protocol);
-        let mut ear = Ear::<P, N>::new(protocol.requests());
+        let mut decoder = LineDecoder::<P, N>::new(protocol.requests());
         let (mut line, mut received) = (Vec::new(), Vec::new());
         while !u.is_empty() {
-            let bytes = match u.arbitrary()? {
-                Step::Request if !P::HAS_REQUESTS => continue,
-                Step::Request => request_bytes(protocol, &P::any_request(u)?),
-                Step::Bytes(bytes) => bytes.to_vec(),
-                Step::Idle => {
+            let bytes = match u.int_in_range(0..=3)? {
+                0 if !P::HAS_REQUESTS => continue,
+                0 => request_bytes(protocol, &P::any_request(u)?),
+                1 => u.arbitrary::<&[u8]>()?.to_vec(),
+                2 => {
                     device.idle();
                     on_bytes(&mut device, &mut received);
-                    ear.idle();
+                    decoder.idle();
                     continue;
                 }
-                Step::Respond => {
+                _ => {
                     let any = P::any_response(u)?;
                     let mut out = [0; N];
                     let n = device.respond(&any.response, any.to, &mut out).expect("there is room");
-                    assert_eq!(out[..n], response_bytes(protocol, &any));
+                    assert_eq!(out[..n], response_bytes(protocol, &any.response, any.to));
                     continue;
                 }
             };
@@ -62,13 +54,13 @@ impl Check for Hears {
                 rest = later;
                 on_bytes(&mut device, &mut received);
             }
-            ear.on_bytes(&bytes);
+            decoder.on_bytes(&bytes);
             line.extend(bytes);
         }
-        let found: Vec<_> = ear
+        let found: Vec<_> = decoder
             .received
             .iter()
-            .filter_map(|out| meaning(protocol, out, &line))
+            .filter_map(|span| expected(protocol, span, &line))
             .collect();
         assert_eq!(received, found);
         Ok(())
@@ -102,22 +94,22 @@ fn on_bytes<P: Subject, const N: usize>(device: &mut Device<P, N>, received: &mu
     }
 }
 
-fn frame(what: impl Debug, key: impl Debug) -> Received {
-    Received::Frame(format!("{what:?} {key:?}"))
+fn frame(content: impl Debug, key: impl Debug) -> Received {
+    Received::Frame(format!("{content:?} {key:?}"))
 }
 
 /// The expected item of a device for an item of a decoder.
-fn meaning<P: Subject>(protocol: P, out: &Out, line: &[u8]) -> Option<Received> {
-    let bytes = &line[out.range.clone()];
+fn expected<P: Subject>(protocol: P, span: &Span, line: &[u8]) -> Option<Received> {
+    let bytes = &line[span.range.clone()];
     let key = protocol.request(bytes).map(|info| info.key);
-    Some(match out.kind {
+    Some(match span.kind {
         Kind::Frame => match protocol.parse_request(bytes) {
             Ok(request) => frame(request, key),
             Err(error) => frame((bytes, error), key),
         },
-        Kind::Noise(_) => Received::Rest(out.range.clone(), out.kind),
+        Kind::Noise(_) => Received::Rest(span.range.clone(), span.kind),
         // The error is reported once.
-        Kind::Broken(_) => Received::Rest(out.range.start..out.range.start, out.kind),
+        Kind::Broken(_) => Received::Rest(span.range.start..span.range.start, span.kind),
         Kind::Padding => return None,
     })
 }

@@ -1,5 +1,5 @@
-//! The exchange follows its rules: which answer belongs to which request, who may send and who waits, what is bounded, and
-//! that nothing is evicted. The oracle keeps every send for ever.
+//! The exchange follows its rules: the request that an answer belongs to, the initiator that may send, the limits, and
+//! no eviction. The oracle keeps every send.
 #![no_main]
 
 use armwire_fuzz::{Result, Unstructured};

@@ -5,52 +5,24 @@
 use armwire_bridge::can::Id;
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link, SendError, SeparationTime};
 use armwire_bridge::{Duration, Instant};
-use armwire_fuzz::{Arbitrary, Result, Unstructured};
+use armwire_fuzz::{Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
-    // Too short an input is none.
+    // A short input is skipped.
     let _ = check(&mut Unstructured::new(input));
 });
 
-/// The longest PDU that is received. Frames of one PDU have numbers modulo 16: what has no more of them is never mixed up.
+/// The longest PDU that is received: at most 16 frames, whose numbers are unique.
 const RX: usize = 100;
 
-/// The longest that is sent: more than there is room for.
+/// The longest PDU that is sent: more than the receiver has room for.
 const TX: usize = 110;
 
 type End = Endpoint<RX, TX>;
 
-#[derive(Arbitrary)]
-enum Step<'a> {
-    Send {
-        from: bool,
-        len: u8,
-    },
-    Transmit {
-        from: bool,
-        fate: Fate,
-    },
-    Release {
-        at: bool,
-    },
-    Wait(u16),
-    WaitUntilDue,
-    /// A frame that no endpoint sent.
-    Foreign {
-        at: bool,
-        frame: &'a [u8],
-    },
-    BusOff,
-}
-
-/// The fate of a frame. A CAN bus has checksums, keeps frames in order, and repeats a frame whose acknowledgement
-/// failed.
-#[derive(Arbitrary, PartialEq)]
-enum Fate {
-    Arrives,
-    ArrivesTwice,
-    Lost,
+fn any_side(u: &mut Unstructured<'_>) -> Result<usize> {
+    Ok(u.arbitrary::<bool>()?.into())
 }
 
 fn any_end(u: &mut Unstructured<'_>, id: u16) -> Result<End> {
@@ -90,28 +62,24 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         foreign: false,
     };
     while !u.is_empty() {
-        match u.arbitrary()? {
-            Step::Send { from, len } => bus.send(from.into(), len.into()),
-            Step::Transmit { from, fate } => {
-                bus.transmit(from.into(), fate);
+        match u.int_in_range(0..=6)? {
+            0 => bus.send(any_side(u)?, u.arbitrary::<u8>()?.into()),
+            1 => {
+                // A CAN bus has checksums, keeps frames in order, and repeats a frame whose acknowledgement failed.
+                let (from, copies) = (any_side(u)?, *u.choose(&[1, 2, 0])?);
+                bus.transmit(from, copies);
             }
-            Step::Release { at } => bus.sides[usize::from(at)].end.release(),
-            Step::Wait(micros) => bus.wait(bus.now + Duration::from_micros(micros.into())),
-            Step::WaitUntilDue => {
+            2 => bus.sides[any_side(u)?].end.release(),
+            3 => bus.wait(bus.now + Duration::from_micros(u.arbitrary::<u16>()?.into())),
+            4 => {
                 let due = bus.sides.iter().filter_map(|side| side.end.timeout()).min();
                 bus.wait(due.unwrap_or(bus.now));
             }
-            Step::Foreign { at, frame } => {
+            5 => {
                 bus.foreign = true;
-                bus.receive(at.into(), frame);
+                bus.receive(any_side(u)?, u.arbitrary()?);
             }
-            Step::BusOff => {
-                bus.flawless = false;
-                for side in &mut bus.sides {
-                    let (busy, given_up) = (side.end.is_sending(), side.end.abort());
-                    assert!((usize::from(busy)..=2).contains(&given_up));
-                }
-            }
+            _ => bus.off(),
         }
     }
     bus.end();
@@ -122,7 +90,7 @@ impl Bus {
     fn send(&mut self, from: usize, len: usize) {
         let side = &mut self.sides[from];
         let number = side.sent.len() as u8;
-        // No two have the same bytes at the same place.
+        // Different PDUs have different bytes at the same place.
         let pdu: Vec<u8> = (0..len)
             .map(|i| number.wrapping_mul(37) ^ (i as u8).wrapping_mul(3))
             .collect();
@@ -146,8 +114,8 @@ impl Bus {
         }
     }
 
-    /// Moves a frame over the bus. Returns true if there was one.
-    fn transmit(&mut self, from: usize, fate: Fate) -> bool {
+    /// Moves a frame over the bus, and delivers it this number of times. Returns true if there was one.
+    fn transmit(&mut self, from: usize, copies: usize) -> bool {
         let now = self.now;
         let end = &mut self.sides[from].end;
         let due = end.transmit_at().is_some_and(|at| at <= now);
@@ -155,13 +123,8 @@ impl Bus {
         assert_eq!(frame.is_some(), due);
         let Some(frame) = frame else { return false };
         end.transmitted(now);
-        self.flawless &= fate == Fate::Arrives;
-        let times = match fate {
-            Fate::Arrives => 1,
-            Fate::ArrivesTwice => 2,
-            Fate::Lost => 0,
-        };
-        for _ in 0..times {
+        self.flawless &= copies == 1;
+        for _ in 0..copies {
             self.receive(1 - from, frame.data());
         }
         true
@@ -197,10 +160,7 @@ impl Bus {
     }
 
     fn check_received(&mut self, at: usize) {
-        let [here, there] = match at {
-            0 => [0, 1],
-            _ => [1, 0],
-        };
+        let (here, there) = (at, 1 - at);
         let pdu = self.sides[here].end.received().expect("it was received");
         assert!((1..=RX).contains(&pdu.len()));
         if self.foreign {
@@ -213,6 +173,14 @@ impl Bus {
         let place = from + place.unwrap_or_else(|| panic!("{pdu:02X?} was not sent, of {sent:02X?}"));
         assert!(!self.flawless || place == self.sides[here].received, "one is missing");
         self.sides[here].received = place + 1;
+    }
+
+    fn off(&mut self) {
+        self.flawless = false;
+        for side in &mut self.sides {
+            let (busy, aborted) = (side.end.is_sending(), side.end.abort());
+            assert!((usize::from(busy)..=2).contains(&aborted));
+        }
     }
 
     fn wait(&mut self, until: Instant) {
@@ -235,7 +203,7 @@ impl Bus {
             let mut moved = false;
             for from in 0..2 {
                 self.sides[from].end.release();
-                moved |= self.transmit(from, Fate::Arrives);
+                moved |= self.transmit(from, 1);
             }
             if moved {
                 continue;

@@ -1,11 +1,11 @@
-//! An intact frame comes out whatever is around it, unless another frame, good by its own checksum, began before it and
-//! reaches into it. On a line that loses nothing, frames come out as long as there are only frames. A decoder that is written
-//! from the documents alone finds the same frames.
+//! An intact frame between arbitrary bytes is decoded, unless another frame with a valid checksum began earlier and
+//! overlaps it. On a lossless line, frames are decoded as long as there are only frames. A reference decoder, written from
+//! the documents alone, finds the same frames.
 #![no_main]
 
 use std::ops::Range;
 
-use armwire_fuzz::line::{Ear, Out};
+use armwire_fuzz::line::{LineDecoder, Span};
 use armwire_fuzz::{Check, Result, Subject, Unstructured, check};
 use armwire_host_tests::reference::Piece;
 use libfuzzer_sys::fuzz_target;
@@ -35,10 +35,10 @@ impl Check for Resync {
             }
         }
         line.extend(if P::LOSSLESS { &[] } else { u.bytes(u.len())? });
-        let mut ear = Ear::<P, N>::new(expect);
-        ear.on_bytes(&line);
-        ear.idle();
-        let received: Vec<_> = ear.received.iter().filter_map(Out::frame).collect();
+        let mut decoder = LineDecoder::<P, N>::new(expect);
+        decoder.on_bytes(&line);
+        decoder.idle();
+        let received: Vec<_> = decoder.received.iter().filter_map(Span::frame).collect();
         let frames: Vec<_> = P::reference(&line, expect).iter().filter_map(Piece::frame).collect();
         assert_eq!(received, frames, "on {line:02X?}");
         for frame in intact {

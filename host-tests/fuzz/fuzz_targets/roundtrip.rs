@@ -2,9 +2,9 @@
 //! on CAN. A buffer one byte too short is refused.
 #![no_main]
 
+use core::fmt::Debug;
 use core::time::Duration;
 
-use armwire::OutOfRange;
 use armwire::alpha1::{self, Alpha1, Angle, Interval, MoveTime, Offset, ServoId, ServoStates, Text, hid};
 use armwire::decoder::Kind as Item;
 use armwire::framing::{Framing, Scan};
@@ -14,6 +14,7 @@ use armwire::ling::{
     TemperatureLimit, Version,
 };
 use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, VersionText, XArm};
+use armwire::{BufferTooShort, OutOfRange};
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};
@@ -25,8 +26,9 @@ use armwire_bridge::isotp::SeparationTime;
 use armwire_bridge::time;
 use armwire_bridge::{Counters, LineCoding, Refused};
 use armwire_fuzz::config::{any_config, any_event, any_reply, any_request};
-use armwire_fuzz::line::Ear;
-use armwire_fuzz::{Check, Result, Subject, Unstructured, alpha1_message, request_bytes, response_bytes, xarm_frame};
+use armwire_fuzz::line::{LineDecoder, Span};
+use armwire_fuzz::{Check, Result, Subject, Unstructured, request_bytes, response_bytes};
+use armwire_host_tests::reference;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
@@ -47,7 +49,7 @@ fn one(u: &mut Unstructured<'_>) -> Result<()> {
         5 => Messages::check::<XArm, { xarm::MAX_FRAME }>(u),
         6 => Messages::check::<Legacy, { legacy::MAX_FRAME }>(u),
         7 => frames(u),
-        8 => small_print(u),
+        8 => adapter_values(u),
         _ => texts(u),
     }
 }
@@ -64,45 +66,40 @@ impl Check for Messages {
             assert_eq!(protocol.scan(&bytes, expect), Scan::Frame(bytes.len()));
             let read = protocol.parse_request(&bytes).expect("it was written");
             assert_eq!(format!("{read:?}"), format!("{request:?}"));
-            let mut short = vec![0; bytes.len() - 1];
-            let error = protocol
-                .encode_request(&request, &mut short)
-                .expect_err("it is too short");
-            assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
-            assert!(!error.to_string().is_empty());
-            // A frame and what pads its last report.
-            if P::FILL == Some(0) {
+            check_short_buffer(bytes.len(), |out| protocol.encode_request(&request, out));
+            // A frame and the padding of its last report.
+            if P::PADDING == Some(0) {
                 let reports: Vec<u8> = hid::reports(&bytes).flatten().collect();
-                let mut ear = Ear::<P, N>::new(expect);
-                ear.on_bytes(&reports);
-                let found: Vec<_> = ear.received.iter().map(|out| (out.range.clone(), out.kind)).collect();
-                let frame = (0..bytes.len(), Item::Frame);
-                let padding = (bytes.len()..reports.len(), Item::Padding);
+                let mut decoder = LineDecoder::<P, N>::new(expect);
+                decoder.on_bytes(&reports);
+                let span = |range, kind| Span { range, kind };
+                let mut expected = vec![span(0..bytes.len(), Item::Frame)];
+                if reports.len() > bytes.len() {
+                    expected.push(span(bytes.len()..reports.len(), Item::Padding));
+                }
                 assert_eq!(reports.len() % hid::REPORT, 0);
-                let both = if padding.0.is_empty() {
-                    vec![frame]
-                } else {
-                    vec![frame, padding]
-                };
-                assert_eq!(found, both);
+                assert_eq!(decoder.received, expected);
             }
         } else {
             let any = P::any_response(u)?;
-            let bytes = response_bytes(protocol, &any);
+            let bytes = response_bytes(protocol, &any.response, any.to);
             assert_eq!(protocol.scan_idle(&bytes, any.expect), Scan::Frame(bytes.len()));
             let read = protocol.parse_response(&bytes, any.expect).expect("it was written");
             assert_eq!(format!("{read:?}"), format!("{:?}", any.response));
             if let Some(key) = any.to {
                 assert!(protocol.is_response_to(key, &bytes));
             }
-            let mut short = vec![0; bytes.len() - 1];
-            let error = protocol
-                .encode_response(&any.response, any.to, &mut short)
-                .expect_err("it is too short");
-            assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
+            check_short_buffer(bytes.len(), |out| protocol.encode_response(&any.response, any.to, out));
         }
         Ok(())
     }
+}
+
+/// Checks that a buffer one byte too short for a message of this length is refused.
+fn check_short_buffer(len: usize, encode: impl Fn(&mut [u8]) -> core::result::Result<usize, BufferTooShort>) {
+    let error = encode(&mut vec![0; len - 1]).expect_err("it is too short");
+    assert_eq!((error.needed, error.got), (len, len - 1));
+    assert!(!error.to_string().is_empty());
 }
 
 fn control_messages(u: &mut Unstructured<'_>) -> Result<()> {
@@ -137,7 +134,7 @@ fn control_messages(u: &mut Unstructured<'_>) -> Result<()> {
 }
 
 /// `is_older`: without its last byte it is a message of an older version.
-fn control_message<T: Message + PartialEq + std::fmt::Debug>(message: &T, is_older: bool) {
+fn control_message<T: Message + PartialEq + Debug>(message: &T, is_older: bool) {
     let mut bytes = [0; MAX_MESSAGE];
     let len = encode(message, &mut bytes).expect("it is not too long");
     assert_eq!(decode::<T>(&bytes[..len]).as_ref(), Ok(message));
@@ -189,7 +186,7 @@ fn cyclic_frames(u: &mut Unstructured<'_>) -> Result<()> {
         && command.joints.iter().all(|&ticks| ticks <= Position::MAX.ticks());
     assert_eq!(command.target().is_ok(), in_range);
 
-    // Frames that are none of these are read as none, or written anew as they are.
+    // Any other frame is refused, or encodes to the same frame.
     let Ok(id) = Id::new(u.arbitrary::<u16>()? & 0xFFF) else {
         return Ok(());
     };
@@ -240,21 +237,21 @@ fn values(u: &mut Unstructured<'_>) -> Result<()> {
     assert!(gap.to_byte() == byte || gap.duration().as_micros() == 127_000);
     let mut cdc: [u8; 7] = u.arbitrary()?;
     if u.arbitrary()? {
-        // A baud rate that there is, and most often all else.
+        // A valid baud rate, and often a valid coding.
         cdc[..4].copy_from_slice(&115_200_u32.to_le_bytes());
         cdc[4..].iter_mut().for_each(|byte| *byte %= 9);
     }
     match LineCoding::from_cdc(cdc) {
         Ok(coding) => assert_eq!(coding.to_cdc(), cdc),
         Err(refused) => {
-            let what = match refused {
+            let name = match refused {
                 Refused::Baud(_) => "baud",
                 Refused::DataBits(_) => "data bits",
                 Refused::Parity(_) => "parity",
                 Refused::StopBits(_) => "stop bits",
                 other => panic!("a new reason has no word here: {other}"),
             };
-            assert!(refused.to_string().contains(what));
+            assert!(refused.to_string().contains(name));
         }
     }
     Ok(())
@@ -296,7 +293,7 @@ fn texts(u: &mut Unstructured<'_>) -> Result<()> {
     assert!(serial.to_string().is_ascii());
     assert!(serial.kind().is_none_or(|kind| [6, 10].contains(&kind.servos())));
     let check = SelfCheck(u.arbitrary()?);
-    // A bit a servo, 1 is normal: a leader has 6, a follower 10.
+    // One bit per servo, 1 is normal: a leader has 6, a follower 10.
     for (kind, servos) in [(Kind::Leader, 0x03F), (Kind::Follower, 0x3FF)] {
         assert_eq!(check.all_normal(kind), check.0 & servos == servos);
         let faulty = check.faulty(kind).map(|id| 1 << (id - 1));
@@ -334,7 +331,7 @@ fn texts(u: &mut Unstructured<'_>) -> Result<()> {
     Ok(())
 }
 
-/// A frame that a reader takes is what it was; and one of Ling is written only if its reader takes it.
+/// A decoded frame encodes to the same bytes. A Ling frame is encoded only if the decoder accepts it.
 fn frames(u: &mut Unstructured<'_>) -> Result<()> {
     let kind: u8 = u.arbitrary()?;
     let (command, function, wide) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary::<u16>()?);
@@ -358,16 +355,12 @@ fn frames(u: &mut Unstructured<'_>) -> Result<()> {
         1 => {
             let headers = [0xF1, 0xEF, 0xF2, 0xF5, 0xFB, 0xF4, 0xF9, 0xF3, 0xFA, 0xFC];
             let command = headers.get(usize::from(command % 16)).copied().unwrap_or(command);
-            read::<Alpha1>(&alpha1_message(command, data), Alpha1::any_expect(u)?);
+            read::<Alpha1>(&reference::alpha1::frame(command, data), Alpha1::any_expect(u)?);
         }
         2 => read::<Alpha1>(&[command], Alpha1::any_expect(u)?),
         _ => {
-            let frame = xarm::Frame {
-                transaction: wide,
-                protocol: u16::from(function) % 5,
-                body: data,
-            };
-            read::<XArm>(&xarm_frame(frame), XArm::any_expect(u)?);
+            let bytes = reference::xarm::frame(wide, u16::from(function) % 5, data);
+            read::<XArm>(&bytes, XArm::any_expect(u)?);
         }
     }
     match Raw::new(command, data) {
@@ -383,8 +376,8 @@ fn read<P: Subject>(bytes: &[u8], expect: P::Expect) {
     }
 }
 
-/// Values of the adapter, and how they are shown.
-fn small_print(u: &mut Unstructured<'_>) -> Result<()> {
+/// Values of the adapter, and their texts.
+fn adapter_values(u: &mut Unstructured<'_>) -> Result<()> {
     let (event, byte) = (any_event(u)?, u.arbitrary::<u8>()?);
     if let Event::Refused { initiator, reason } = event {
         assert!(!format!("{initiator}{reason}").is_empty());

@@ -3,9 +3,9 @@
 #![no_main]
 
 use armwire_bridge::{Duration, Instant};
-use armwire_fuzz::{Arbitrary, Result, Unstructured};
+use armwire_fuzz::{Result, Unstructured};
 use armwire_sim::can::{Frame, Id};
-use armwire_sim::slcan::{Adapter, Commands, Replies, Reply, Status};
+use armwire_sim::slcan::{Adapter, Command, Commands, Malformed, Replies, Reply, Status};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
@@ -15,77 +15,54 @@ fuzz_target!(|input: &[u8]| {
     match kind % 2 {
         0 => lines(rest),
         _ => {
-            // Too short an input is none.
+            // A short input is skipped.
             let _ = adapter(&mut Unstructured::new(rest));
         }
     }
 });
 
-fn lines(bytes: &[u8]) {
-    let (mut commands, mut replies) = (Commands::default(), Replies::default());
-    let commands: Vec<_> = bytes.iter().filter_map(|byte| commands.push(*byte)).collect();
-    let replies: Vec<_> = bytes.iter().filter_map(|byte| replies.push(*byte)).collect();
+fn commands(bytes: &[u8]) -> Vec<core::result::Result<Command, Malformed>> {
+    let mut commands = Commands::default();
+    bytes.iter().filter_map(|byte| commands.push(*byte)).collect()
+}
 
-    let (ends, start) = (bytes.split(|byte| *byte == b'\r'), b"V1013");
-    let lines: Vec<&[u8]> = ends.collect();
-    assert_eq!(commands.len(), lines.len() - 1);
-    for (command, line) in commands.into_iter().zip(lines) {
+fn replies(bytes: &[u8]) -> Vec<core::result::Result<Reply, Malformed>> {
+    let mut replies = Replies::default();
+    bytes.iter().filter_map(|byte| replies.push(*byte)).collect()
+}
+
+fn lines(bytes: &[u8]) {
+    let lines: Vec<&[u8]> = bytes.split(|byte| *byte == b'\r').collect();
+    let all = commands(bytes);
+    assert_eq!(all.len(), lines.len() - 1);
+    for (command, line) in all.into_iter().zip(lines) {
         let alone = [line, b"\r"].concat();
-        let mut fresh = Commands::default();
-        assert_eq!(
-            alone.iter().filter_map(|byte| fresh.push(*byte)).collect::<Vec<_>>(),
-            [command]
-        );
+        assert_eq!(commands(&alone), [command]);
         match command {
             Ok(command) => {
                 let mut line = Vec::new();
                 command.encode(&mut line);
-                assert_eq!(
-                    line.iter().filter_map(|byte| fresh.push(*byte)).collect::<Vec<_>>(),
-                    [Ok(command)]
-                );
+                assert_eq!(commands(&line), [Ok(command)]);
                 assert_eq!(alone[..1], line[..1]);
                 assert!(alone.eq_ignore_ascii_case(&line), "{alone:?} is {line:?}");
             }
             Err(error) => assert!(!error.to_string().is_empty()),
         }
     }
-    for reply in replies {
+    for reply in replies(bytes) {
         match reply {
             Ok(reply) => {
-                // A refusal in the middle of a line cuts it off.
+                // A refusal in the middle of a line ends the line.
                 let mut line = match reply {
-                    Reply::Refused => start.to_vec(),
+                    Reply::Refused => b"V1013".to_vec(),
                     _ => Vec::new(),
                 };
                 reply.encode(&mut line);
-                let mut fresh = Replies::default();
-                assert_eq!(
-                    line.iter().filter_map(|byte| fresh.push(*byte)).collect::<Vec<_>>(),
-                    [Ok(reply)]
-                );
+                assert_eq!(replies(&line), [Ok(reply)]);
             }
             Err(error) => assert!(!error.to_string().is_empty()),
         }
     }
-}
-
-#[derive(Arbitrary)]
-enum Step<'a> {
-    Program(&'a [u8]),
-    /// A line that there is.
-    Line(u8),
-    Hear {
-        id: u32,
-        is_extended: bool,
-        data: &'a [u8],
-        /// An FD frame, and whether it switches the bit rate.
-        fd: Option<bool>,
-    },
-    Report(u8),
-    /// There is room for frames on the bus, or none.
-    Room(bool),
-    Read,
 }
 
 const LINES: [&[u8]; 12] = [
@@ -103,6 +80,20 @@ const LINES: [&[u8]; 12] = [
     b"b60F811\r",
 ];
 
+/// Any frame on the bus. `None` if the data has no valid length.
+fn any_frame(u: &mut Unstructured<'_>) -> Result<Option<Frame>> {
+    let (id, is_extended, data): (u32, bool, &[u8]) = u.arbitrary()?;
+    let id = match is_extended {
+        true => Id::Extended(id & Id::MAX_EXTENDED),
+        false => Id::Standard((id & 0x7FF) as u16),
+    };
+    // An FD frame may switch the bit rate.
+    Ok(match u.arbitrary()? {
+        Some(bit_rate_switch) => Frame::fd_frame(id, data, bit_rate_switch),
+        None => (data.len() <= 8).then(|| Frame::data_frame(id, data)),
+    })
+}
+
 fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
     let mut adapter = Adapter::new();
     let mut reader = Replies::default();
@@ -111,32 +102,25 @@ fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
     let mut received = Vec::new();
     while !u.is_empty() {
         now += Duration::from_micros(1_001);
-        match u.arbitrary()? {
-            Step::Program(bytes) => line_ends += program(&mut adapter, bytes, room),
-            Step::Line(n) => line_ends += program(&mut adapter, LINES[usize::from(n) % LINES.len()], room),
-            Step::Hear {
-                id,
-                is_extended,
-                data,
-                fd,
-            } => {
-                let id = match is_extended {
-                    true => Id::Extended(id & Id::MAX_EXTENDED),
-                    false => Id::Standard((id & 0x7FF) as u16),
-                };
-                let frame = match fd {
-                    Some(bit_rate_switch) => Frame::fd_frame(id, data, bit_rate_switch),
-                    None => (data.len() <= 8).then(|| Frame::data_frame(id, data)),
-                };
-                let Some(frame) = frame else { continue };
-                adapter.on_frame(&frame, now);
+        match u.int_in_range(0..=5)? {
+            0 => line_ends += program(&mut adapter, u.arbitrary()?, room),
+            1 => {
+                line_ends += program(
+                    &mut adapter,
+                    LINES[usize::from(u.arbitrary::<u8>()?) % LINES.len()],
+                    room,
+                )
+            }
+            2 => {
+                let Some(frame) = any_frame(u)? else { continue };
+                adapter.hear(&frame, now);
                 if adapter.bit_rate().is_some() {
                     received.push(frame);
                 }
             }
-            Step::Report(bits) => adapter.report(Status(bits)),
-            Step::Room(is) => room = is,
-            Step::Read => {
+            3 => adapter.report(Status(u.arbitrary()?)),
+            4 => room = u.arbitrary()?,
+            _ => {
                 read(&mut adapter, &mut reader, &received, &mut reported, &mut answers);
                 assert_eq!((answers, reported), (line_ends, received.len()));
             }

@@ -7,7 +7,7 @@ use armwire::dialect::Dialect;
 use armwire::framing::{Framing, Reason};
 use armwire::ling::legacy::Detector;
 use armwire::raw::Raw;
-use armwire_fuzz::line::Ear;
+use armwire_fuzz::line::LineDecoder;
 use armwire_fuzz::{Check, Result, Subject, Unstructured, check};
 use libfuzzer_sys::fuzz_target;
 
@@ -23,10 +23,10 @@ impl Check for Split {
         let expect = P::any_expect(u)?;
         let cuts: &[u8] = u.arbitrary()?;
         let line = u.bytes(u.len())?;
-        let mut chunked = Ear::<P, N>::new(expect);
-        let mut buffered = Ear::<P, N>::new(expect);
-        let mut bytewise = Ear::<P, N>::new(expect);
-        let mut needed = Ear::<P, N>::new(expect);
+        let mut chunked = LineDecoder::<P, N>::new(expect);
+        let mut buffered = LineDecoder::<P, N>::new(expect);
+        let mut bytewise = LineDecoder::<P, N>::new(expect);
+        let mut needed = LineDecoder::<P, N>::new(expect);
         let (mut whole, mut pieces) = (Detector::new(), Detector::new());
         let hint = whole.push(line);
         let mut rest = line;

@@ -1,5 +1,5 @@
-//! An answer that a client gives is that of the arm to this request, and to none before it, however late the arm answers
-//! within what the configuration allows, and whatever of it is lost or damaged.
+//! An answer of a client is the arm's answer to this request, and not to an earlier one, even if answers are late within
+//! the configured limits, lost or damaged.
 #![no_main]
 
 use core::num::NonZeroU32;
@@ -8,14 +8,13 @@ use armwire::dialect::Dialect;
 use armwire::ling::{
     Info, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, SerialNumber, Torque, Version,
 };
-use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire::{Client, Config, Event, Output};
-use armwire_fuzz::{AnyResponse, Arbitrary, Result, Unstructured};
+use armwire_fuzz::{Arbitrary, Result, Unstructured, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
-    // Too short an input is none.
+    // A short input is skipped.
     let _ = check(&mut Unstructured::new(input));
 });
 
@@ -27,28 +26,21 @@ const REQUESTS: [Request; 5] = [
     Request::SetTorque(Torque::Off),
 ];
 
-#[derive(Arbitrary)]
-enum Step {
-    Submit,
-    Cancel,
-    Wait(u16),
-    WaitUntilDue,
-    /// Up to this number of bytes is transmitted; and the arm's behaviour if the request is complete.
-    Transmit(u8, Manner),
-}
+/// Bytes of the arm, with their time.
+type Chunk = (Instant, Vec<u8>);
 
 /// The fate of an answer.
 #[derive(Arbitrary)]
-enum Manner {
+enum Fate {
     /// The answer arrives after this number of 65536ths of its time limit.
     After(u16),
-    /// The answer arrives in two pieces, the first this number of microseconds before the second.
+    /// The answer arrives in two chunks, the first this number of microseconds before the second.
     InTwo(u16, u8),
     Damaged(u16),
     Lost,
 }
 
-/// Names the request that an answer is to.
+/// The answer that identifies its request.
 fn answer(request: &Request, tag: u8) -> Option<Response> {
     Some(match request {
         Request::ReadJoints => Response::Joints(JointState {
@@ -80,28 +72,28 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     let mut flight: Option<(Request, u8)> = None;
     let mut going = None;
     let mut tags = 0..u8::MAX;
-    // Bytes of the arm, with their times.
-    let mut voice: Vec<(Instant, Vec<u8>)> = Vec::new();
+    let mut chunks: Vec<Chunk> = Vec::new();
     while !u.is_empty() {
-        match u.arbitrary()? {
-            Step::Submit => {
+        match u.int_in_range(0..=4)? {
+            0 => {
                 let request = *u.choose(&REQUESTS)?;
                 let Some(tag) = tags.next() else { return Ok(()) };
                 if client.submit(&request).is_ok() {
                     flight = Some((request, tag));
                 }
             }
-            Step::Cancel => {
+            1 => {
                 client.cancel();
                 flight = None;
             }
-            Step::Wait(micros) => now += Duration::from_micros(u64::from(micros) * 4),
-            Step::WaitUntilDue => {
+            2 => now += Duration::from_micros(u64::from(u.arbitrary::<u16>()?) * 4),
+            3 => {
                 if let Output::Timeout(Some(until)) = client.poll(now) {
                     now = until;
                 }
             }
-            Step::Transmit(n, manner) => {
+            _ => {
+                let (n, fate): (u8, Fate) = u.arbitrary()?;
                 let Output::Transmit(bytes) = client.poll(now) else {
                     continue;
                 };
@@ -113,14 +105,15 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                     && let Some((request, tag)) = going.take()
                     && let Some(response) = answer(&request, tag)
                 {
-                    voice.extend(arm_answer(&config, &request, &response, now, &manner));
-                    voice.sort_by_key(|(at, _)| *at);
+                    let bytes = response_bytes(Ling, &response, None);
+                    chunks.extend(arm_answer(&config, &request, bytes, now, fate));
+                    chunks.sort_by_key(|(at, _)| *at);
                 }
             }
         }
         // Bytes received before now are passed on before a transmission.
-        while voice.first().is_some_and(|(at, _)| *at <= now) {
-            let (_, bytes) = voice.remove(0);
+        while chunks.first().is_some_and(|(at, _)| *at <= now) {
+            let (_, bytes) = chunks.remove(0);
             on_bytes(&mut client, now, &bytes, &mut flight);
         }
         on_bytes(&mut client, now, &[], &mut flight);
@@ -144,21 +137,21 @@ fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Instant) {
     let (request, tag) = (Request::ReadJoints, u8::MAX);
     client.submit(&request).expect("nothing is in flight");
     flight = Some((request, tag));
-    // An answer that is missing may hold it back.
+    // A missing answer may delay it.
     let len = loop {
         match client.poll(now) {
             Output::Transmit(bytes) => break bytes.len(),
-            Output::Timeout(until) => now = until.expect("it is held back for ever"),
+            Output::Timeout(until) => now = until.expect("it is delayed for ever"),
             Output::Event(event) => panic!("{event:?} before it is sent"),
         }
     };
     client.transmitted(now, len).expect("it was given");
     let response = answer(&request, tag).expect("it has an answer");
-    on_bytes(client, now, &response_bytes(response), &mut flight);
+    on_bytes(client, now, &response_bytes(Ling, &response, None), &mut flight);
     assert_eq!(flight, None, "the answer is not taken");
 }
 
-/// Hears bytes, and takes all that comes of them.
+/// Receives bytes, and handles all events.
 fn on_bytes(client: &mut Client<Ling, MAX_FRAME>, now: Instant, bytes: &[u8], flight: &mut Option<(Request, u8)>) {
     let mut rest = bytes;
     loop {
@@ -179,40 +172,22 @@ fn on_bytes(client: &mut Client<Ling, MAX_FRAME>, now: Instant, bytes: &[u8], fl
     }
 }
 
-fn response_bytes(response: Response) -> Vec<u8> {
-    let any = AnyResponse {
-        response,
-        to: None,
-        expect: (),
-    };
-    armwire_fuzz::response_bytes(Ling, &any)
-}
-
-/// The pieces of an answer, and when each is there: before the client may take it for lost.
-fn arm_answer(
-    config: &Config,
-    request: &Request,
-    response: &Response,
-    sent: Instant,
-    manner: &Manner,
-) -> Vec<(Instant, Vec<u8>)> {
-    let mut bytes = response_bytes(*response);
-    let mut request_bytes = [0; MAX_FRAME];
-    let n = Ling.encode_request(request, &mut request_bytes).expect("there is room");
-    let info = Ling.request(&request_bytes[..n]).and_then(|info| info.response);
-    let turnaround = info.expect("it is answered").turnaround;
+/// Chunks of an answer, with their times: before the client may take the answer for lost.
+fn arm_answer(config: &Config, request: &Request, mut bytes: Vec<u8>, sent: Instant, fate: Fate) -> Vec<Chunk> {
+    let info = Ling.request(&request_bytes(Ling, request)).expect("it is a request");
+    let turnaround = info.response.expect("it is answered").turnaround;
     let most = (turnaround + config.latency + config.stale_window).as_micros();
     let after = |part: u16| sent + Duration::from_micros(most * u64::from(part) / 65_536);
-    match *manner {
-        Manner::Lost => Vec::new(),
-        Manner::After(part) => vec![(after(part), bytes)],
-        Manner::InTwo(part, gap) => {
+    match fate {
+        Fate::Lost => Vec::new(),
+        Fate::After(part) => vec![(after(part), bytes)],
+        Fate::InTwo(part, gap) => {
             let end = after(part);
             let rest = bytes.split_off(bytes.len() / 2);
             let start = Instant::from_micros(end.as_micros().saturating_sub(gap.into()).max(sent.as_micros()));
             vec![(start, bytes), (end, rest)]
         }
-        Manner::Damaged(part) => {
+        Fate::Damaged(part) => {
             bytes[6] ^= 1;
             vec![(after(part), bytes)]
         }

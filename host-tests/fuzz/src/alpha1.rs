@@ -1,6 +1,6 @@
 //! Arbitrary messages of Alpha1.
 
-use armwire::alpha1::{Alpha1, Expect, Frame, Request, Response, ServoAnswer, ServoResponse, checksum};
+use armwire::alpha1::{Alpha1, Expect, Frame, Request, Response, ServoAnswer, ServoResponse};
 use armwire::framing::{Framing, Scan};
 use armwire_host_tests::reference::{self, Piece};
 
@@ -50,26 +50,30 @@ fn any_servo_response(u: &mut Unstructured<'_>, answer: ServoAnswer) -> Result<S
     })
 }
 
+/// A response, perhaps this expected answer of a servo.
+fn any_response_with<'a>(u: &mut Unstructured<'a>, answer: Option<ServoAnswer>) -> Result<Response<'a>> {
+    match answer {
+        Some(answer) if u.arbitrary()? => any_servo_response(u, answer).map(Response::Servo),
+        _ => u.arbitrary(),
+    }
+}
+
 impl Subject for Alpha1 {
-    const FILL: Option<u8> = Some(0);
+    const PADDING: Option<u8> = Some(0);
 
     fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Request<'a>> {
         u.arbitrary()
     }
 
     fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<AnyResponse<'a, Self>> {
-        let expect = Self::any_expect(u)?;
-        let (response, expect) = match expect {
-            Expect::Responses(Some(answer)) if u.arbitrary()? => {
-                (Response::Servo(any_servo_response(u, answer)?), expect)
-            }
-            Expect::Responses(_) => (u.arbitrary()?, expect),
-            Expect::Requests => (u.arbitrary()?, Expect::Responses(None)),
+        let answer = match Self::any_expect(u)? {
+            Expect::Requests => None,
+            Expect::Responses(answer) => answer,
         };
         Ok(AnyResponse {
-            response,
+            response: any_response_with(u, answer)?,
             to: None,
-            expect,
+            expect: Expect::Responses(answer),
         })
     }
 
@@ -82,18 +86,12 @@ impl Subject for Alpha1 {
     }
 
     fn any_frame(self, u: &mut Unstructured<'_>, expect: Expect) -> Result<Vec<u8>> {
-        let response = match expect {
+        let answer = match expect {
             Expect::Requests => return Self::any_request(u).map(|request| request_bytes(self, &request)),
-            Expect::Responses(Some(answer)) if u.arbitrary()? => Response::Servo(any_servo_response(u, answer)?),
-            Expect::Responses(_) => u.arbitrary()?,
+            Expect::Responses(answer) => answer,
         };
-        let any = AnyResponse {
-            response,
-            to: None,
-            expect,
-        };
-        let bytes = response_bytes(self, &any);
-        // A single byte that begins a header too is an answer only where what follows does not make it one.
+        let bytes = response_bytes(self, &any_response_with(u, answer)?, None);
+        // A single byte that may begin a header is an answer only if no header follows.
         match self.scan(&bytes, expect) == Scan::Frame(bytes.len()) {
             true => Ok(bytes),
             false => Err(arbitrary::Error::IncorrectFormat),
@@ -110,13 +108,8 @@ impl Subject for Alpha1 {
                 command,
                 data: [status],
             } if bytes.len() == 4 => vec![command, command.rotate_left(4), *status, 0xED],
-            Frame::Message { command, data } => alpha1_message(command, data),
+            Frame::Message { command, data } => reference::alpha1::frame(command, data),
             Frame::Byte(byte) => vec![byte],
         }
     }
-}
-
-/// A frame with a checksum.
-pub fn alpha1_message(command: u8, data: &[u8]) -> Vec<u8> {
-    [&[command, command.rotate_left(4)], data, &[checksum(data), 0xED]].concat()
 }

@@ -8,9 +8,10 @@ use armwire_bridge::control::{
 };
 use armwire_bridge::{Counters, LineCoding, Parity, StopBits};
 
+use crate::subject::any_bytes;
 use crate::{Result, Unstructured};
 
-/// Any configuration; most are such as an adapter can have.
+/// Any configuration. Most are valid.
 pub fn any_config(u: &mut Unstructured<'_>) -> Result<Config> {
     let arm = *u.choose(&ArmKind::ALL)?;
     let poll = match u.int_in_range(0..=3)? {
@@ -46,7 +47,7 @@ pub fn any_config(u: &mut Unstructured<'_>) -> Result<Config> {
     })
 }
 
-/// Any configuration that an adapter can have.
+/// Any valid configuration.
 pub fn any_good_config(u: &mut Unstructured<'_>) -> Result<Config> {
     let mut config = any_config(u)?;
     if !CAN_BIT_RATES.contains(&config.can.bit_rate) {
@@ -110,9 +111,7 @@ const REFUSALS: [Refusal; 7] = [
 ];
 
 fn any_frame(u: &mut Unstructured<'_>) -> Result<FrameBytes> {
-    let len = u.int_in_range(0..=74)?;
-    let bytes = u.bytes(len.min(u.len()))?;
-    Ok(FrameBytes::from_slice(bytes).unwrap_or_default())
+    Ok(FrameBytes::from_slice(any_bytes(u, 74)?).unwrap_or_default())
 }
 
 /// Any event of an adapter.
@@ -149,7 +148,7 @@ fn any_coding(u: &mut Unstructured<'_>) -> Result<LineCoding> {
     })
 }
 
-/// Any reply that an adapter gives, but for [`Reply::BadConfig`].
+/// Any reply except [`Reply::BadConfig`].
 pub fn any_reply(u: &mut Unstructured<'_>) -> Result<Reply> {
     Ok(match u.int_in_range(0..=8)? {
         0 => Reply::Done,
@@ -170,7 +169,7 @@ pub fn any_reply(u: &mut Unstructured<'_>) -> Result<Reply> {
         }),
         4 => Reply::Config(any_config(u)?),
         5 => {
-            // Any that are few enough bytes.
+            // Few enough bytes.
             let mut counters = Counters::default();
             counters.frames = u.arbitrary()?;
             counters.config_failures = u.arbitrary()?;

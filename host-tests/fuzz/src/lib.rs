@@ -3,6 +3,7 @@
 //! `docs/fuzzing.md` describes the property of each target and how to run them.
 #![forbid(unsafe_code)]
 
+mod accounts;
 pub mod adapter;
 mod alpha1;
 pub mod config;
@@ -12,7 +13,5 @@ mod ling;
 mod subject;
 mod xarm;
 
-pub use alpha1::alpha1_message;
 pub use arbitrary::{Arbitrary, Result, Unstructured};
 pub use subject::{AnyResponse, Check, ROOM, Subject, check, request_bytes, response_bytes};
-pub use xarm::xarm_frame;

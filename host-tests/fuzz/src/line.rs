@@ -7,33 +7,33 @@ use armwire::framing::Reason;
 
 use crate::Subject;
 
-/// Something that came out of a decoder, by its place on the line.
+/// A decoded item, with its position on the line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Out {
+pub struct Span {
     /// The position on the line.
     pub range: Range<usize>,
     /// The kind of item.
     pub kind: Kind,
 }
 
-impl Out {
-    /// Its place on the line, if it is a frame.
+impl Span {
+    /// The position of a frame. `None` for other items.
     pub fn frame(&self) -> Option<Range<usize>> {
         (self.kind == Kind::Frame).then(|| self.range.clone())
     }
 }
 
-/// A decoder, and what came out of it.
-pub struct Ear<P: Subject, const N: usize> {
+/// A decoder, its input and its output.
+pub struct LineDecoder<P: Subject, const N: usize> {
     decoder: Decoder<N>,
     protocol: P,
     expect: P::Expect,
     line: Vec<u8>,
-    /// In the order in which it came; adjacent runs of the same, which may come in any pieces, as one.
-    pub received: Vec<Out>,
+    /// The decoded items in order. Adjacent items of the same kind are joined, except frames.
+    pub received: Vec<Span>,
 }
 
-impl<P: Subject, const N: usize> Ear<P, N> {
+impl<P: Subject, const N: usize> LineDecoder<P, N> {
     /// A decoder without input.
     pub fn new(expect: P::Expect) -> Self {
         Self {
@@ -45,7 +45,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
         }
     }
 
-    /// Receives bytes, in one piece.
+    /// Receives bytes in one chunk.
     pub fn on_bytes(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -73,7 +73,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
         }
     }
 
-    /// Hears bytes as a driver with a receive threshold hands them in: as soon as a frame can be due, not before.
+    /// Receives bytes like a driver with a receive threshold: as soon as a frame can be due, not before.
     pub fn on_bytes_by_threshold(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -102,13 +102,13 @@ impl<P: Subject, const N: usize> Ear<P, N> {
         self.decoder.pending()
     }
 
-    /// Why the stream broke.
+    /// The reason for a broken stream.
     pub fn broken(&self) -> Option<Reason> {
         self.decoder.broken().map(|(_, reason)| reason)
     }
 
     fn frames(&self) -> usize {
-        self.received.iter().filter(|out| out.kind == Kind::Frame).count()
+        self.received.iter().filter(|span| span.kind == Kind::Frame).count()
     }
 
     fn drain(&mut self) {
@@ -120,7 +120,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
                 Some(last) if last.kind == item.kind && item.kind != Kind::Frame && last.range.end == start => {
                     last.range.end = range.end;
                 }
-                _ => self.received.push(Out { range, kind: item.kind }),
+                _ => self.received.push(Span { range, kind: item.kind }),
             }
         }
     }

@@ -4,11 +4,11 @@ use armwire::ling::{Frame, Ling, MAX_DATA, MAX_FRAME, OVERHEAD, Request, SELF_CH
 use armwire::messages::Messages;
 use armwire_host_tests::reference::{self, Piece};
 
-use crate::subject::{request_bytes, response_bytes};
+use crate::subject::{any_bytes, request_bytes, response_bytes};
 use crate::{AnyResponse, Result, Subject, Unstructured};
 
 impl Subject for Ling {
-    const FILL: Option<u8> = None;
+    const PADDING: Option<u8> = None;
 
     fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Request> {
         u.arbitrary()
@@ -29,19 +29,10 @@ impl Subject for Ling {
     fn any_frame(self, u: &mut Unstructured<'_>, (): ()) -> Result<Vec<u8>> {
         match u.int_in_range(0..=2)? {
             0 => Self::any_request(u).map(|request| request_bytes(self, &request)),
-            1 => Self::any_response(u).map(|any| response_bytes(self, &any)),
+            1 => Self::any_response(u).map(|any| response_bytes(self, &any.response, None)),
             _ => {
                 let (command, function) = u.arbitrary()?;
-                let len = u.int_in_range(0..=MAX_DATA)?;
-                let data = u.bytes(len.min(u.len()))?;
-                let mut out = vec![0; data.len() + OVERHEAD];
-                let frame = Frame {
-                    command,
-                    function,
-                    data,
-                };
-                frame.encode(&mut out).expect("it is not too long");
-                Ok(out)
+                Ok(reference::ling::frame(command, function, any_bytes(u, MAX_DATA)?))
             }
         }
     }

@@ -11,7 +11,7 @@ use armwire_host_tests::reference::Piece;
 
 use crate::{Result, Unstructured};
 
-/// A response, and what its bytes depend on besides.
+/// A response, its request, and the expectation for its decoding.
 #[derive(Clone, Copy)]
 pub struct AnyResponse<'a, P: Messages> {
     /// The response.
@@ -22,36 +22,42 @@ pub struct AnyResponse<'a, P: Messages> {
     pub expect: P::Expect,
 }
 
-/// A protocol, and how arbitrary messages of it are made.
+/// A protocol with arbitrary messages.
 pub trait Subject: Messages + Copy + Default + Debug {
     /// True if the host sends requests.
     const HAS_REQUESTS: bool = true;
 
-    /// The byte that fills the room between frames.
-    const FILL: Option<u8>;
+    /// The byte of the padding between frames.
+    const PADDING: Option<u8>;
 
-    /// The protocol in any of the ways in which it writes.
+    /// The protocol in any of its variants.
     fn any_protocol(_u: &mut Unstructured<'_>) -> Result<Self> {
         Ok(Self::default())
     }
 
-    /// Any request; an error of a protocol that has none.
+    /// Any request. An error if the protocol has none.
     fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Self::Request<'a>>;
 
     /// Any response.
     fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<AnyResponse<'a, Self>>;
 
-    /// Anything that a reader may know about a line.
+    /// Any expectation of a decoder.
     fn any_expect(u: &mut Unstructured<'_>) -> Result<Self::Expect>;
 
-    /// A frame on a line of which this is known, unless none can be made of what is left.
+    /// Any frame with this expectation. An error if the rest of the input is no frame.
     fn any_frame(self, u: &mut Unstructured<'_>, expect: Self::Expect) -> Result<Vec<u8>>;
 
-    /// The pieces of a line with silence behind it, by a decoder written from the documents alone.
+    /// The items of a line with silence behind it, by a decoder written from the documents alone.
     fn reference(line: &[u8], expect: Self::Expect) -> Vec<Piece>;
 
-    /// Takes the frame apart and writes it anew.
+    /// Parses the frame and encodes it again.
     fn rewrite(frame: &[u8]) -> Vec<u8>;
+}
+
+/// At most `max` bytes.
+pub(crate) fn any_bytes<'a>(u: &mut Unstructured<'a>, max: usize) -> Result<&'a [u8]> {
+    let len = u.int_in_range(0..=max)?;
+    u.bytes(len.min(u.len()))
 }
 
 /// The bytes of a request.
@@ -64,11 +70,11 @@ pub fn request_bytes<P: Messages>(protocol: P, request: &P::Request<'_>) -> Vec<
     out
 }
 
-/// The bytes of a response.
-pub fn response_bytes<P: Messages>(protocol: P, any: &AnyResponse<'_, P>) -> Vec<u8> {
+/// The bytes of a response to this request.
+pub fn response_bytes<P: Messages>(protocol: P, response: &P::Response<'_>, to: Option<P::Key>) -> Vec<u8> {
     let mut out = vec![0; ROOM];
     let n = protocol
-        .encode_response(&any.response, any.to, &mut out)
+        .encode_response(response, to, &mut out)
         .expect("there is room for the longest frame");
     out.truncate(n);
     out
@@ -77,13 +83,13 @@ pub fn response_bytes<P: Messages>(protocol: P, any: &AnyResponse<'_, P>) -> Vec
 /// Room for every frame.
 pub const ROOM: usize = 260;
 
-/// Something that holds of every protocol.
+/// A property of every protocol.
 pub trait Check {
-    /// The check for this input. Too short an input is skipped.
+    /// Checks the property for this input. An error if the input is too short.
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()>;
 }
 
-/// Checks it of the protocol that the first byte of the input names.
+/// Checks the property for the protocol that the first byte of the input selects.
 pub fn check<C: Check>(input: &[u8]) {
     let mut u = Unstructured::new(input);
     let _ = match u.arbitrary::<u8>().map(|protocol| protocol % 4) {

@@ -7,7 +7,7 @@ use crate::subject::{request_bytes, response_bytes};
 use crate::{AnyResponse, Result, Subject, Unstructured};
 
 impl Subject for XArm {
-    const FILL: Option<u8> = None;
+    const PADDING: Option<u8> = None;
 
     fn any_protocol(u: &mut Unstructured<'_>) -> Result<Self> {
         let protocol = *u.choose(&[ProtocolId::Private, ProtocolId::Supervised])?;
@@ -43,7 +43,7 @@ impl Subject for XArm {
     fn any_frame(self, u: &mut Unstructured<'_>, expect: Direction) -> Result<Vec<u8>> {
         match expect {
             Direction::Requests => Self::any_request(u).map(|request| request_bytes(self, &request)),
-            Direction::Responses => Self::any_response(u).map(|any| response_bytes(self, &any)),
+            Direction::Responses => Self::any_response(u).map(|any| response_bytes(self, &any.response, any.to)),
         }
     }
 
@@ -54,12 +54,6 @@ impl Subject for XArm {
     fn rewrite(bytes: &[u8]) -> Vec<u8> {
         let frame = Frame::parse(bytes).expect("it is a frame");
         assert_eq!(frame.body.len() + HEADER, bytes.len());
-        xarm_frame(frame)
+        reference::xarm::frame(frame.transaction, frame.protocol, frame.body)
     }
-}
-
-/// The bytes of a frame.
-pub fn xarm_frame(frame: Frame<'_>) -> Vec<u8> {
-    let numbers = [frame.transaction, frame.protocol, frame.body.len() as u16].map(u16::to_be_bytes);
-    [numbers.as_flattened(), frame.body].concat()
 }
