@@ -40,9 +40,10 @@ const NO_STD: &str = "--package armwire --package armwire-bridge";
 /// The supported systems other than Linux, and the crates for them, which need no C compiler.
 const OTHER_SYSTEMS: [&str; 2] = ["x86_64-pc-windows-gnu", "x86_64-apple-darwin"];
 const PORTABLE: &str = "--package armwire --package armwire-bridge --package armwire-sim --package armwire-cli";
-/// The package of [`ALONE`] that is for microcontrollers only.
-const LINK_TEST: &str = ALONE[0];
-/// The program for the instruction counts.
+/// The link test.
+const LINK_TEST: &str =
+    "--manifest-path=host-tests/benches/Cargo.toml --bin no-panic --features link-test,ling-legacy,bridge";
+/// The program whose instructions are counted.
 const COUNTED: &str = "--manifest-path=host-tests/benches/Cargo.toml --bin thumb --features thumb";
 /// The folders of packages of [`ALONE`] for a host, with their own cargo configuration.
 const ALONE_ON_HOST: [&str; 2] = ["host-tests/fuzz", "host-tests/benches"];

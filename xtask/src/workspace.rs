@@ -3,8 +3,7 @@
 use std::path::Path;
 
 /// Packages outside the workspace, as arguments of cargo: their dependencies are compiled for them alone.
-pub(crate) const ALONE: [&str; 4] = [
-    "--manifest-path=host-tests/no-panic/Cargo.toml",
+pub(crate) const ALONE: [&str; 3] = [
     "--manifest-path=host-tests/fuzz/Cargo.toml",
     "--manifest-path=host-tests/benches/Cargo.toml",
     "--manifest-path=web/engine/Cargo.toml",

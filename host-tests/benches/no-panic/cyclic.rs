@@ -2,7 +2,6 @@
 
 use core::hint::black_box;
 
-use armwire::ling::{JointState, MotionStatus};
 use armwire_bridge::can::command::{Command, Commands};
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};
@@ -19,17 +18,9 @@ pub(crate) fn call_all() {
         return;
     };
 
-    let sample = black_box(Sample {
-        state: JointState {
-            joints: [0; 6],
-            gripper: 0,
-            status: MotionStatus::Idle,
-        },
-        stamp: 0,
-        count: 0,
-    });
-    black_box(sample.to_frames(node));
-    black_box(Sample::from_frames(black_box(&[frame; 3])));
+    if let Some(sample) = black_box(Sample::from_frames(black_box(&[frame; 3]))) {
+        black_box(sample.to_frames(node));
+    }
     black_box(Errors::from(black_box(&Counters::default())).to_frame(node));
     black_box(Errors::from_frame(&frame));
     black_box(event_to_frame(

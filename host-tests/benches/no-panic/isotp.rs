@@ -2,9 +2,9 @@
 
 use core::hint::black_box;
 
+use armwire_bridge::Instant;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::isotp::{Config, Endpoint, Link, SeparationTime};
-use armwire_bridge::{Duration, Instant};
 
 use crate::bytes;
 
@@ -16,30 +16,16 @@ pub(crate) fn call_all() {
     black_box(black_box(Function::ArmAnswer).base());
     black_box(black_box(Function::ArmAnswer).id(node));
     black_box(Function::of(id));
-    for frame in [
-        Frame::new(id, bytes(&mut [0; 100])),
-        Frame::new_fd(id, bytes(&mut [0; 100])),
-    ]
-    .into_iter()
-    .flatten()
-    {
-        black_box(black_box(&frame).data());
-        black_box((frame.id(), frame.is_fd()));
+    black_box(Frame::new(id, bytes(&mut [0; 100])).is_ok());
+    if let Ok(frame) = black_box(Frame::new_fd(id, bytes(&mut [0; 100]))) {
+        black_box((frame.data(), frame.id(), frame.is_fd()));
     }
 
     black_box(SeparationTime::from_millis(black_box(0)).is_ok());
     black_box(SeparationTime::from_hundreds_of_micros(black_box(1)).is_ok());
     let st_min = SeparationTime::from_byte(black_box(0));
     black_box((st_min.to_byte(), st_min.duration()));
-    let config = Config {
-        block_size: black_box(0),
-        st_min,
-        n_as: Duration::from_micros(black_box(0)),
-        n_bs: Duration::from_micros(black_box(0)),
-        n_cr: Duration::from_micros(black_box(0)),
-        max_waits: black_box(0),
-        ..Config::new(black_box(Link::Classic), id)
-    };
+    let config = black_box(Config::new(Link::Classic, id));
     call::<300, 300>(config);
     // The longest and the shortest.
     call::<4095, 1>(config);

@@ -8,7 +8,7 @@ use armwire::xarm::{
     XArm,
 };
 
-use crate::{bytes, client, decoder, device, exchange};
+use crate::{bytes, protocol};
 
 pub(crate) fn call_all() {
     let arm = black_box(XArm::PRIVATE);
@@ -16,10 +16,7 @@ pub(crate) fn call_all() {
         state: State(0),
         reply: Reply::SystemControl(0),
     };
-    decoder::call_all::<XArm, MAX_FRAME>(&arm, black_box(Direction::Responses));
-    exchange::call_all(&arm);
-    client::call_all::<XArm, MAX_FRAME>(arm, Request::Reboot, response, Direction::Responses);
-    device::call_all::<XArm, MAX_FRAME>(arm, response);
+    protocol::call_all::<XArm, MAX_FRAME>(arm, Some(Request::Reboot), response, Direction::Responses);
 
     let mut body = [0; 300];
     let body = bytes(&mut body);

@@ -6,18 +6,13 @@ use armwire::ling::{
     Frame, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response, SelfCheck,
     SerialNumber, Speed, Stroke, TemperatureLimit, checksum,
 };
-
 use armwire::raw::Raw;
 
-use crate::{bytes, client, decoder, device, exchange};
+use crate::{bytes, protocol};
 
 pub(crate) fn call_all() {
-    decoder::call_all::<Ling, MAX_FRAME>(&Ling, ());
-    exchange::call_all(&Ling);
-    client::call_all::<Ling, MAX_FRAME>(Ling, Request::SelfCheck, Response::SelfCheck(SelfCheck(0)), ());
-    device::call_all::<Ling, MAX_FRAME>(Ling, Response::Stroke(Stroke::Mm50));
-    decoder::call_all::<Raw, MAX_FRAME>(&Raw, ());
-    exchange::call_all(&Raw);
+    protocol::call_all::<Ling, MAX_FRAME>(Ling, Some(Request::SelfCheck), Response::Stroke(Stroke::Mm50), ());
+    protocol::call_dialect::<Raw, MAX_FRAME>(&Raw, ());
 
     let mut data = [0; 300];
     let data = bytes(&mut data);

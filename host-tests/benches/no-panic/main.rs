@@ -1,14 +1,12 @@
 //! Links only if `armwire` and `armwire-bridge` have no path to a panic, and allocate nothing.
 //!
-//! Everything public of the two crates is called from here, with values and in states that the compiler knows nothing
-//! about. The panic handler names a symbol that does not exist: as long as the optimiser leaves one way to get there,
-//! the linker refuses, and names it.
+//! It calls everything public of the two crates, with values and in states that are unknown to the compiler. The panic
+//! handler calls a symbol that does not exist: if the optimiser leaves a path to it, the linker reports the symbol.
+//! There is no allocator: the compiler refuses a program with the `alloc` crate.
 //!
-//! There is no allocator either: the compiler refuses a program with the `alloc` crate in it.
-//!
-//! Three things are not part of it, because the panics they have are not ours: formatting, for which `core` has some left;
-//! the async driver, for every `async fn` panics when it is polled after its end; and the store, which is async, too, and
-//! stands on a crate with assertions.
+//! Three parts are excluded because their panics are not in the two crates: formatting, which panics in `core`; the async
+//! driver, since every `async fn` panics if it is polled after its end; and the store, which is async and uses a crate
+//! with assertions.
 #![no_std]
 #![no_main]
 
@@ -19,20 +17,17 @@ extern crate alloc;
 mod alpha1;
 #[cfg(feature = "bridge")]
 mod bridge;
-mod client;
 #[cfg(feature = "bridge")]
 mod control;
 #[cfg(feature = "bridge")]
 mod cyclic;
-mod decoder;
-mod device;
-mod exchange;
 #[cfg(feature = "bridge")]
 mod isotp;
 #[cfg(feature = "ling-legacy")]
 mod legacy;
 #[cfg(feature = "ling")]
 mod ling;
+mod protocol;
 #[cfg(feature = "xarm")]
 mod xarm;
 
@@ -79,7 +74,7 @@ extern "C" fn _start() {
     black_box(alloc::boxed::Box::new(black_box(0)));
 }
 
-/// Bytes that may be anything, and any number of them up to `room.len()`.
+/// Any bytes, at most `room.len()`.
 fn bytes(room: &mut [u8]) -> &mut [u8] {
     let n = black_box(room.len()).min(room.len());
     black_box(&mut room[..n])

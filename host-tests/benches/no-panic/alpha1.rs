@@ -5,10 +5,10 @@ use core::time::Duration;
 
 use armwire::alpha1::{
     Action, Address, Alpha1, Angle, Expect, Frame, Interval, MAX_FRAME, MoveTime, Offset, Outcome, Request, Response,
-    ServoAnswer, ServoId, ServoStates, Text, checksum, hid,
+    ServoId, ServoStates, Text, checksum, hid,
 };
 
-use crate::{bytes, client, decoder, device, exchange};
+use crate::{bytes, protocol};
 
 pub(crate) fn call_all() {
     let mut text = [0; 300];
@@ -18,13 +18,8 @@ pub(crate) fn call_all() {
         time: MoveTime::new(0),
         interval: Interval::new(0),
     };
-    for expect in [Expect::Requests, Expect::Responses(Some(ServoAnswer::Angles))] {
-        decoder::call_all::<Alpha1, MAX_FRAME>(&Alpha1, black_box(expect));
-        let response = Response::Playing(Outcome::Success);
-        client::call_all::<Alpha1, MAX_FRAME>(Alpha1, Request::Act(action), response, expect);
-    }
-    exchange::call_all(&Alpha1);
-    device::call_all::<Alpha1, MAX_FRAME>(Alpha1, Response::Acted(Outcome::Failure));
+    let response = Response::Playing(Outcome::Success);
+    protocol::call_all::<Alpha1, MAX_FRAME>(Alpha1, Some(Request::Act(action)), response, Expect::Requests);
     black_box(hid::reports(text).map(black_box).count());
     black_box(Frame::parse(text));
     black_box(checksum(text));
