@@ -21,6 +21,8 @@ const TORQUE_OFF_BOUND: u64 = 150_000;
 const MOTION_WAIT: u64 = 150_000;
 /// Tolerance of instants that the documents do not distinguish: a frame on the line at 1 Mbaud.
 const INSTANT: u64 = 1_000;
+/// The hosts, in the order of their streams.
+const HOSTS: [Initiator; 3] = [Initiator::Usb, Initiator::Can, Initiator::Command];
 /// Consecutive motions that form a stream.
 const STREAM: u32 = 3;
 
@@ -165,15 +167,6 @@ pub(super) struct Oracle {
     control_replies: u32,
 }
 
-const fn index(initiator: Initiator) -> Option<usize> {
-    match initiator {
-        Initiator::Usb => Some(0),
-        Initiator::Can => Some(1),
-        Initiator::Command => Some(2),
-        Initiator::Poll | Initiator::Adapter => None,
-    }
-}
-
 /// An answer that the arm has yet to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct PendingAnswer {
@@ -231,16 +224,19 @@ impl Oracle {
         }
     }
 
+    /// The stream of a host. `None` for the adapter itself.
+    fn stream(&mut self, initiator: Initiator) -> Option<&mut Stream> {
+        let at = HOSTS.iter().position(|host| *host == initiator)?;
+        Some(&mut self.streams[at])
+    }
+
     fn after(&self) -> u64 {
         u64::from(self.config.host_timeout.after_ms) * 1_000
     }
 
     /// Checks that nothing due is missing at `now`.
     pub(super) fn check(&mut self, now: u64) {
-        for initiator in [Initiator::Usb, Initiator::Can, Initiator::Command] {
-            let Some(stream) = index(initiator).map(|at| self.streams[at]) else {
-                continue;
-            };
+        for (initiator, stream) in HOSTS.into_iter().zip(self.streams) {
             let waits = if initiator == Initiator::Can { MOTION_WAIT } else { 0 };
             let due = stream.last_sign + self.after().max(waits);
             assert!(
@@ -499,24 +495,21 @@ impl Oracle {
                     });
                     self.last.insert((initiator as u8, key), tag.number);
                 }
-                let of_usb = self
-                    .pending_answers
-                    .iter()
-                    .filter(|pending| pending.tag.initiator == Initiator::Usb);
-                let in_flight = of_usb.filter(|pending| now < pending.due).count();
+                let of_usb = |pending: &&PendingAnswer| pending.tag.initiator == Initiator::Usb && now < pending.due;
+                let in_flight = self.pending_answers.iter().filter(of_usb).count();
                 self.most_in_flight = self.most_in_flight.max(in_flight);
             }
             // At another rate the arm receives no valid request, and there is no host timeout under `hold-line`.
             Effect::Motion | Effect::TorqueOn if !self.at_arms_rate || self.is_held => {}
             Effect::Motion => {
-                if let Some(at) = index(initiator) {
-                    self.streams[at].possible_run += u32::from(initiator == Initiator::Usb);
-                    self.streams[at].on_motion(received, now, after);
+                if let Some(stream) = self.stream(initiator) {
+                    stream.possible_run += u32::from(initiator == Initiator::Usb);
+                    stream.on_motion(received, now, after);
                 }
             }
             Effect::TorqueOn => {
-                if let Some(at) = index(initiator) {
-                    self.streams[at].end();
+                if let Some(stream) = self.stream(initiator) {
+                    stream.end();
                 }
             }
             Effect::Nothing => {}
@@ -739,18 +732,18 @@ impl Oracle {
 
     fn on_host_timeout(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: u64, at: u64) {
         self.host_timeouts += 1;
-        let Some(stream) = index(initiator).map(|at| self.streams[at]) else {
-            panic!("{initiator} is no host");
-        };
+        let stream = self.stream(initiator).expect("only a host has a timeout");
+        let ended = *stream;
+        stream.end();
         if !self.is_ending {
             assert!(
-                stream.possible_run >= STREAM,
+                ended.possible_run >= STREAM,
                 "{initiator} streams nothing and is silent at {at} µs"
             );
             assert!(
-                at + INSTANT >= stream.last_certain_sign + self.after(),
+                at + INSTANT >= ended.last_certain_sign + self.after(),
                 "{initiator} is not silent at {at} µs: last activity at {} µs",
-                stream.last_certain_sign
+                ended.last_certain_sign
             );
         }
         assert_eq!(
@@ -779,9 +772,6 @@ impl Oracle {
                 let waiting = self.command.take().map_or(0, |(_, command)| command.len());
                 assert_eq!(dropped, waiting, "bytes of a command that is dropped");
             }
-        }
-        if let Some(at) = index(initiator) {
-            self.streams[at].end();
         }
     }
 
