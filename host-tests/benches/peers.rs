@@ -1,6 +1,6 @@
 //! The times of decoding and encoding on this machine, beside other crates for frames of about the same size.
 //!
-//! Each measurement is named `what/who`. Everything that goes in is right, and all of it comes out, or nothing is measured.
+//! Each measurement is named `operation/crate`. The input is valid, and a measurement requires that all of it is decoded.
 
 mod others;
 
@@ -52,18 +52,18 @@ fn arm<M: Messages + Copy, const N: usize>(criterion: &mut Criterion, name: &str
 /// functions return the number of frames.
 fn measure(
     criterion: &mut Criterion,
-    who: &str,
+    name: &str,
     frame: &[u8],
     decode: impl Fn(&[u8], usize) -> usize,
     mut encode: impl FnMut(usize) -> usize,
 ) {
-    let mut measure = |what: &str, run: &mut dyn FnMut() -> usize| {
-        assert_eq!(run(), FRAMES, "{what}/{who}");
-        criterion.bench_function(&format!("{what}/{who}"), |bencher| bencher.iter(&mut *run));
+    let mut measure = |operation: &str, run: &mut dyn FnMut() -> usize| {
+        assert_eq!(run(), FRAMES, "{operation}/{name}");
+        criterion.bench_function(&format!("{operation}/{name}"), |bencher| bencher.iter(&mut *run));
     };
     let stream = frame.repeat(FRAMES);
-    for (what, chunk) in CHUNKS {
-        measure(what, &mut || decode(black_box(&stream), chunk));
+    for (operation, chunk) in CHUNKS {
+        measure(operation, &mut || decode(black_box(&stream), chunk));
     }
     measure("encode", &mut || encode(FRAMES));
 }

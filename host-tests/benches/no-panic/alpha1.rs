@@ -1,4 +1,4 @@
-//! Alpha1, and what is in its messages.
+//! Alpha1, and the values in its messages.
 
 use core::hint::black_box;
 use core::time::Duration;

@@ -1,4 +1,4 @@
-//! Ling, and what is in its messages.
+//! Ling, and the values in its messages.
 
 use core::hint::black_box;
 

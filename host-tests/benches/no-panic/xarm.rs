@@ -1,4 +1,4 @@
-//! xArm, and what is in its messages.
+//! xArm, and the values in its messages.
 
 use core::hint::black_box;
 
