@@ -195,6 +195,15 @@ impl Counters {
             .map_err(|reason| Malformed { sequence: None, reason })
     }
 
+    /// The increments since an earlier state of the counters, which wrap.
+    #[must_use]
+    pub fn since(mut self, mut earlier: Self) -> Self {
+        for (count, earlier) in self.counts().into_iter().zip(earlier.counts()) {
+            *count = count.wrapping_sub(*earlier);
+        }
+        self
+    }
+
     /// All counters, in wire order.
     const fn counts(&mut self) -> [&mut u32; Self::COUNT] {
         [
@@ -338,7 +347,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_longest_counts_fit() {
+    fn increments_survive_a_wrap() {
+        let counters = |frames, panics| Counters {
+            frames,
+            panics,
+            ..Counters::default()
+        };
+        assert_eq!(counters(2, 7).since(counters(u32::MAX, 7)), counters(3, 0));
+    }
+
+    #[test]
+    fn longest_counts_fit() {
         // Every count at its maximum takes five bytes; `from_bytes` decodes that many repetitions.
         let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
         let counters = Counters::from_bytes(most.as_flattened()).unwrap();

@@ -68,6 +68,7 @@ fn link(toolchain: Toolchain, target: &str, features: &str) -> Result<Command> {
     let build = "build --profile no-panic --quiet --bin no-panic --no-default-features --features link-test";
     let mut link = toolchain.cargo(build, target)?;
     link.args(["--features", features])
+        .env("CARGO_TARGET_DIR", target_dir()?.join("no-panic").join(target))
         .current_dir(root().join("host-tests/benches"));
     Ok(link)
 }

@@ -21,7 +21,7 @@ pub(crate) fn call_all() {
     let received = bytes(&mut received);
     black_box(parity(received));
     let mut detector = Detector::new();
-    black_box(black_box(&mut detector).hear(received));
+    black_box(black_box(&mut detector).push(received));
 
     black_box(Frame::parse(received));
 }

@@ -113,7 +113,7 @@ fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
             }
             2 => {
                 let Some(frame) = any_frame(u)? else { continue };
-                adapter.hear(&frame, now);
+                adapter.on_frame(&frame, now);
                 if adapter.bit_rate().is_some() {
                     received.push(frame);
                 }

@@ -104,14 +104,14 @@ impl Accounts {
         assert_eq!(c.arm_to_host_bytes as usize, self.arm_sent.len());
         assert_eq!(c.host_to_arm_bytes as usize, self.to_arm);
         assert_eq!(c.refused_bytes, 0, "a packet was accepted without room for it");
-        let lost = (c.dropped_bytes + c.unheard_bytes) as usize;
+        let lost = (c.dropped_bytes + c.undelivered_bytes) as usize;
         assert!(self.usb_received.len() + lost <= self.arm_sent.len());
         let can_sent: usize = self.can_queries.iter().map(Vec::len).sum();
         assert!(
             self.usb_sent.len() + can_sent + self.dropped(c) <= self.usb_accepted.len() + self.can_bytes,
             "bytes for the arm are sent twice, or counted as dropped and sent"
         );
-        assert!(c.late_answers + c.unasked_frames <= c.frames);
+        assert!(c.late_answers + c.unsolicited_frames <= c.frames);
         assert!(c.late_stamps <= c.frames);
         assert!(c.empty_packets_to_host <= c.packets_to_host);
         assert!(
@@ -170,7 +170,7 @@ impl Accounts {
         if self.reconfigured {
             return;
         }
-        let lost = (c.dropped_bytes + c.unheard_bytes) as usize;
+        let lost = (c.dropped_bytes + c.undelivered_bytes) as usize;
         let accounted = self.usb_received.len() + lost;
         assert!(accounted <= self.arm_sent.len(), "bytes of the arm are counted twice");
         // Only an answer to another is not for the host on USB.
@@ -185,7 +185,7 @@ impl Accounts {
 
 /// Number of requests that were answered in time.
 fn answered(c: &Counters) -> u32 {
-    c.frames - c.late_answers - c.unasked_frames
+    c.frames - c.late_answers - c.unsolicited_frames
 }
 
 /// True if the protocol has an answer to the request. `None` for bytes that are no message.

@@ -66,16 +66,6 @@ const NEVER: [Named; 17] = [
     ("hard faults", |c| c.hard_faults),
 ];
 
-/// The increments of all counters since `before`.
-fn increments(before: Counters, after: Counters) -> Result<Counters> {
-    let before: BTreeMap<String, u32> = serde_json::from_value(serde_json::to_value(before)?)?;
-    let mut counts: BTreeMap<String, u32> = serde_json::from_value(serde_json::to_value(after)?)?;
-    for (name, count) in &mut counts {
-        *count = count.wrapping_sub(before[name]);
-    }
-    Ok(serde_json::from_value(serde_json::to_value(counts)?)?)
-}
-
 /// Violated invariants of a run, a line each.
 #[derive(Debug, Default)]
 struct Findings(Vec<String>);
@@ -104,7 +94,7 @@ impl Rig {
         let mut findings = Findings::default();
         let after = counters(&mut self.board);
         self.traffic.count(&mut self.board);
-        let counted = increments(self.account.counters, after)?;
+        let counted = after.since(self.account.counters);
         let restart = faults.iter().find_map(|fault| fault.restart());
 
         self.check_run(restart, &after, &mut findings);
