@@ -1,7 +1,5 @@
 //! Invariants of every run, independent of the fault.
 
-use std::collections::BTreeMap;
-
 use armwire_bridge::Counters;
 use armwire_bridge::control::{Event, Initiator, MAX_FRAME};
 use armwire_virtual_board::Nanos;
