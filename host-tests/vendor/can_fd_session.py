@@ -1,49 +1,48 @@
-"""Exchanges CAN FD frames between SLCAN adapters on a virtual bus, with python-can, and checks each that arrives.
+"""Exchanges CAN FD frames between two SLCAN adapters on a virtual bus with python-can, and checks each received frame.
 
 Usage: can_fd_session.py PORT PORT
 
-Both PORTs are SLCAN adapters on one bus, and nobody else is on it.
+The PORTs are two SLCAN adapters on the same bus. The bus has no other nodes.
 """
 
 import sys
 
 import can
 
-# The arbitration phase, and the data phases that python-can knows, in bit/s.
-RATE = 1_000_000
+from checks import SILENCE, STEP_TIMEOUT, require
+
+# The bit rate of the arbitration phase, and the data rates that python-can supports, in bit/s.
+BIT_RATE = 1_000_000
 DATA_RATES = 2_000_000, 5_000_000
 LENGTHS = *range(9), 12, 16, 20, 24, 32, 48, 64
-# How long a frame may take, and how long none must come, in seconds.
-ARRIVAL, NO_ARRIVAL = 30.0, 0.3
 
 
-def main() -> None:
-    ports = sys.argv[1:3]
+def main(first_port: str, second_port: str) -> None:
     for data_rate in DATA_RATES:
-        with open_bus(ports[0], data_rate) as first, open_bus(ports[1], data_rate) as second:
+        with open_bus(first_port, data_rate) as first, open_bus(second_port, data_rate) as second:
             for message in fd_messages():
-                pass_on(message, first, second)
-                pass_on(message, second, first)
+                transfer(message, first, second)
+                transfer(message, second, first)
             for message in classic_messages():
-                pass_on(message, first, second)
-            burst(first, second)
+                transfer(message, first, second)
+            transfer_burst(first, second)
         print(f"CAN FD frames pass at {data_rate // 1_000_000} Mbit/s")
-    wrong_data_rate(*ports)
-    listener(*ports)
+    check_wrong_data_rate(first_port, second_port)
+    check_listen_only(first_port, second_port)
     print("python-can exchanges CAN FD frames")
 
 
 def open_bus(port: str, data_rate: int, **params: object) -> can.BusABC:
     timing = can.BitTimingFd.from_sample_point(
         f_clock=80_000_000,
-        nom_bitrate=RATE,
+        nom_bitrate=BIT_RATE,
         nom_sample_point=80,
         data_bitrate=data_rate,
         data_sample_point=80,
     )
     bus = can.Bus(interface="slcan", channel=port, timing=timing, sleep_after_open=0.2, **params)
-    # The reply comes when the channel is open.
-    expect("the adapter tells its version", bus.get_version(ARRIVAL) != (None, None))
+    # The reply arrives when the channel is open.
+    require("the adapter reports its version", bus.get_version(STEP_TIMEOUT) != (None, None))
     return bus
 
 
@@ -70,46 +69,48 @@ def classic_messages() -> list[can.Message]:
     ]
 
 
-def pass_on(message: can.Message, sender: can.BusABC, receiver: can.BusABC) -> None:
+def transfer(message: can.Message, sender: can.BusABC, receiver: can.BusABC) -> None:
     sender.send(message)
-    expect(f"{message} arrives unchanged", same(receiver.recv(ARRIVAL), message))
+    require(f"{message} arrives unchanged", is_same(receiver.recv(STEP_TIMEOUT), message))
 
 
-def burst(sender: can.BusABC, receiver: can.BusABC) -> None:
-    """Many frames in a row keep their order, the classic frame among them."""
+def transfer_burst(sender: can.BusABC, receiver: can.BusABC) -> None:
+    """Checks the order of many consecutive frames, with a classic frame among them."""
     messages = [message for message in fd_messages() + classic_messages() if not message.is_extended_id]
     for message in messages:
         sender.send(message)
-    arrived = [receiver.recv(ARRIVAL) for _ in messages]
-    expect("a burst arrives in order", all(map(same, arrived, messages)))
+    received = [receiver.recv(STEP_TIMEOUT) for _ in messages]
+    require("a burst arrives in order", all(map(is_same, received, messages)))
 
 
-def wrong_data_rate(first: str, second: str) -> None:
-    """Frames that switch the bit rate do not get through, and others do."""
+def check_wrong_data_rate(first_port: str, second_port: str) -> None:
+    """Frames with a bit rate switch are lost between two data rates. Frames without it arrive."""
     switching = can.Message(arbitration_id=1, is_extended_id=False, is_fd=True, bitrate_switch=True, data=bytes(64))
     steady = can.Message(arbitration_id=2, is_extended_id=False, is_fd=True, data=bytes(64))
-    with open_bus(first, DATA_RATES[0]) as sender, open_bus(second, DATA_RATES[1]) as receiver:
-        pass_on(steady, sender, receiver)
+    with open_bus(first_port, DATA_RATES[0]) as sender, open_bus(second_port, DATA_RATES[1]) as receiver:
+        transfer(steady, sender, receiver)
         sender.send(switching)
-        expect("a frame at another data rate does not arrive", receiver.recv(NO_ARRIVAL) is None)
+        require("a frame at another data rate does not arrive", receiver.recv(SILENCE) is None)
 
 
-def listener(first: str, second: str) -> None:
-    """An adapter that only listens acknowledges nothing, so that nothing is valid on this bus."""
+def check_listen_only(first_port: str, second_port: str) -> None:
+    """A listen-only adapter does not acknowledge, and without an acknowledgement no frame is valid."""
     message = can.Message(arbitration_id=1, is_extended_id=False, is_fd=True, data=bytes(12))
-    with open_bus(first, DATA_RATES[0]) as sender, open_bus(second, DATA_RATES[0], listen_only=True) as receiver:
+    with (
+        open_bus(first_port, DATA_RATES[0]) as sender,
+        open_bus(second_port, DATA_RATES[0], listen_only=True) as receiver,
+    ):
         sender.send(message)
-        expect("a frame without an acknowledge does not arrive", receiver.recv(NO_ARRIVAL) is None)
+        require("a frame without an acknowledgement does not arrive", receiver.recv(SILENCE) is None)
 
 
-def same(got: can.Message | None, message: can.Message) -> bool:
-    return got is not None and got.equals(message, timestamp_delta=None, check_channel=False, check_direction=False)
-
-
-def expect(what: str, happened: bool) -> None:
-    if not happened:
-        sys.exit(f"not so: {what}")
+def is_same(received: can.Message | None, sent: can.Message) -> bool:
+    return received is not None and received.equals(
+        sent, timestamp_delta=None, check_channel=False, check_direction=False
+    )
 
 
 if __name__ == "__main__":
-    main()
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    main(*sys.argv[1:])

@@ -1,4 +1,4 @@
-"""The serial layer of the vendor's SDK, without the rest of it, on a port without modem lines."""
+"""The serial layer of the vendor's SDK without its other modules, on a port without modem lines."""
 
 import importlib.util
 import sys
@@ -10,30 +10,30 @@ import serial
 
 
 def servo_driver(port: str) -> tuple[Any, list[str]]:
-    """A `ServoDriver` of the SDK for this port, not connected yet, and a list of what the SDK will complain of.
+    """A `ServoDriver` of the SDK for this port, not connected yet, and the list of the SDK's warnings and errors.
 
-    Its reader thread swallows exceptions, so damaged frames show up nowhere else.
+    The SDK's reader thread swallows exceptions. Damaged frames appear only in this list.
     """
-    _import_only_the_packages("alicia_d_sdk", "alicia_d_sdk.utils")
-    # A pty has no DTR and RTS, and the SDK takes no for an answer only from these two.
+    _register_packages("alicia_d_sdk", "alicia_d_sdk.utils")
+    # A pty has no DTR and RTS. The SDK handles only an error of these two methods.
     serial.Serial.setDTR = serial.Serial.setRTS = lambda self, value=True: None
 
     from alicia_d_sdk.hardware import ServoDriver
     from alicia_d_sdk.utils.logger import LogLevel, logger
 
-    complaints: list[str] = []
+    warnings: list[str] = []
 
     def record(content: str, type: str) -> None:
         if type in ("warning", "error"):
-            complaints.append(content)
+            warnings.append(content)
 
     logger.set_min_level(LogLevel.WARNING)
     logger._write_log = record
-    return ServoDriver(port=port), complaints
+    return ServoDriver(port=port), warnings
 
 
-def _import_only_the_packages(*names: str) -> None:
-    """Makes modules of a package importable without running its `__init__`, which imports kinematics and PyTorch."""
+def _register_packages(*names: str) -> None:
+    """Makes modules of a package importable without its `__init__`, which imports kinematics and PyTorch."""
     root = importlib.util.find_spec(names[0])
     if root is None or root.origin is None:
         sys.exit(f"{names[0]} is not installed")

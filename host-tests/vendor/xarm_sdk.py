@@ -1,32 +1,30 @@
-"""The vendor's SDK of the xArm on ports of our choice, and a virtual arm for it to talk to."""
+"""The vendor's SDK of the xArm on free ports, with a virtual arm."""
 
 import logging
 import re
 import signal
 import subprocess
-import sys
-from typing import Any
+from typing import Any, Self
 
 from xarm.core.config.x_config import XCONF
 from xarm.core.utils.log import logger
 from xarm.wrapper import XArmAPI
 from xarm.x3.report import ReportDataStructure
 
-# How long the virtual arm may take to start or end, in seconds.
-STEP_TIMEOUT = 10.0
+from checks import STEP_TIMEOUT, require
 
-# What the SDK has to complain of.
-complaints: list[str] = []
+# The SDK's warnings and errors.
+warnings: list[str] = []
 
 
-class _Complaints(logging.Handler):
+class _Warnings(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
-        complaints.append(record.getMessage())
+        warnings.append(record.getMessage())
 
 
-logger.handlers[:] = [_Complaints(level=logging.WARNING)]
+logger.handlers[:] = [_Warnings(level=logging.WARNING)]
 
-# The SDK knows what is in a report from the number of the port it comes from.
+# The SDK determines the format of a report from its port number.
 _create = ReportDataStructure.create
 ReportDataStructure.create = classmethod(
     lambda cls, port, **options: _create(30002 if port == XCONF.SocketConf.TCP_REPORT_RICH_PORT else port, **options)
@@ -42,28 +40,26 @@ class VirtualArm:
             ports += ["--report-listen", "127.0.0.1:0"]
         self._process = subprocess.Popen([armwire, "sim", "xarm", *ports, *args], stdout=subprocess.PIPE, text=True)
         line = self._process.stdout.readline()
-        found = re.findall(r"127\.0\.0\.1:(\d+)", line)
-        if not found:
-            sys.exit(f"FAILED: the virtual arm says {line!r}")
-        self._ports = [int(port) for port in found]
+        self._ports = [int(port) for port in re.findall(r"127\.0\.0\.1:(\d+)", line)]
+        require(f"the virtual arm prints its ports: {line!r}", bool(self._ports))
 
     def connect(self, **options: Any) -> XArmAPI:
         """A new connection of the SDK."""
         XCONF.SocketConf.TCP_CONTROL_PORT = self._ports[0]
-        # Where there are no reports there is no port either.
+        # Port 1 is closed: without reports there is no report port.
         XCONF.SocketConf.TCP_REPORT_RICH_PORT = self._ports[-1] if len(self._ports) > 1 else 1
-        # The SDK takes a socket file in /tmp that another program may have left there for the arm.
+        # Otherwise the SDK prefers a socket file in /tmp, possibly that of another program.
         return XArmAPI("127.0.0.1", forbid_uds=True, **options)
 
     def wait(self) -> str:
-        """Waits until it ends by itself, successfully, and returns the last line it says."""
+        """Waits until the program succeeds. Returns its last line."""
         out, _ = self._process.communicate(timeout=STEP_TIMEOUT)
-        if self._process.returncode != 0:
-            sys.exit(f"FAILED: the virtual arm ended with {self._process.returncode}")
+        code = self._process.returncode
+        require(f"the virtual arm ends with exit code 0, not {code}", code == 0)
         return out.strip()
 
     def stop(self) -> str:
-        """Ends it as Ctrl-C does, and returns the last line it says."""
+        """Interrupts the program like Ctrl-C. Returns its last line."""
         self._process.send_signal(signal.SIGINT)
         return self.wait()
 
@@ -71,7 +67,7 @@ class VirtualArm:
         self._process.kill()
         self._process.wait()
 
-    def __enter__(self) -> "VirtualArm":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
