@@ -1,8 +1,8 @@
-//! The repository's pages about the command, against the built program. The package has neither the pages nor these tests.
+//! The built program against the repository's pages. The published package has neither pages nor these tests.
 #![cfg(unix)]
 #![forbid(unsafe_code)]
 
-// The program's other tests use the rest of it.
+// The program's other tests use the other items.
 #[allow(dead_code)]
 #[path = "../program/common/mod.rs"]
 mod common;

@@ -1,4 +1,4 @@
-//! The commands of the README, as printed but for the places of what is served.
+//! The commands of the README, with the actual ports and addresses.
 
 use std::any::Any;
 use std::io::{BufRead, BufReader};
@@ -10,7 +10,7 @@ use crate::common::{PROGRAM, free_path, start, success};
 
 const README: &str = include_str!("../../../README.md");
 
-/// The ports that a command of the README serves, until this is dropped.
+/// The ports served by a command of the README, until dropped.
 struct Served {
     /// The path in the README, and the actual path.
     places: Vec<(String, String)>,
@@ -20,7 +20,7 @@ struct Served {
 /// A running `armwire sim`.
 struct Sim {
     child: Child,
-    /// Its last words need a reader.
+    /// A reader for the last line of the output.
     _out: BufReader<ChildStdout>,
     place: String,
 }
@@ -52,7 +52,7 @@ impl Served {
         out.read_line(&mut line).unwrap();
         let mut words = line.split([' ', ',', ';']);
         let place = words.find(|word| word.starts_with("127.0.0.1:") || **word == place);
-        let place = place.unwrap_or_else(|| panic!("{args:?} says {line}")).to_owned();
+        let place = place.unwrap_or_else(|| panic!("{args:?} prints {line}")).to_owned();
         let places = vec![(printed.to_owned(), place.clone())];
         let _out = out;
         let _running: Vec<Box<dyn Any>> = vec![Box::new(Sim { child, _out, place })];
@@ -76,18 +76,18 @@ impl Served {
         Self { places, _running }
     }
 
-    /// These arguments with the places that are meant, if there is one in them.
+    /// The arguments with the actual ports. `None` if they name no served port.
     fn placed(&self, args: &[&str]) -> Option<Vec<String>> {
-        let mut is_meant = false;
+        let mut is_served = false;
         let place = |arg: &&str| match self.places.iter().find(|(printed, _)| arg.ends_with(printed)) {
             Some((printed, place)) => {
-                is_meant = true;
+                is_served = true;
                 arg.replace(printed, place)
             }
             None => (*arg).to_owned(),
         };
         let args = args.iter().map(place).collect();
-        is_meant.then_some(args)
+        is_served.then_some(args)
     }
 }
 
@@ -120,6 +120,6 @@ fn readme_commands_work_on_what_is_served() {
     }
     assert!(
         serves >= 6 && calls >= 9,
-        "{serves} of sims and demos, {calls} commands: where are the others?"
+        "{serves} of sims and demos, {calls} commands: others are missing"
     );
 }

@@ -14,9 +14,9 @@ fn page_has_the_commands_of_an_update() {
     let folder = tools("update-page", &board.boot_loader, 0);
     fs::write(folder.join("armwire-stm32f405.dfu"), image("virtual")).unwrap();
     let output = update(&board, Path::new("armwire-stm32f405.dfu"), &folder);
-    let told = String::from_utf8(output.stdout).unwrap();
-    let commands: Vec<_> = told.lines().filter(|line| line.starts_with("dfu-util ")).collect();
-    assert_eq!(commands.len(), 2, "{told}");
+    let out = String::from_utf8(output.stdout).unwrap();
+    let commands: Vec<_> = out.lines().filter(|line| line.starts_with("dfu-util ")).collect();
+    assert_eq!(commands.len(), 2, "{out}");
     for command in commands {
         assert!(PAGE.lines().any(|line| line == format!("$ {command}")), "{command}");
     }

@@ -1,4 +1,4 @@
-//! The built program and an adapter with its control port: what a user sees of it, changes in it, and is refused.
+//! The built program with an adapter's control port: state, configuration, line, updates, and refusals.
 
 use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader};
@@ -12,7 +12,7 @@ use crate::common::board::Board;
 use crate::common::dfu::{image, tools, update};
 use crate::common::{PROGRAM, failure, finish, run, start, success, usage};
 
-/// The configuration from the factory, as it is shown.
+/// The factory configuration, as printed.
 const FACTORY: &str = "\
 arm=ling
 poll=off
@@ -33,12 +33,12 @@ fn name(board: &Board) -> &str {
 }
 
 #[test]
-fn info_tells_the_adapter_and_the_arm() {
+fn info_shows_the_adapter_and_the_arm() {
     let board = Board::start("info");
     let out = success(&["info", &board.port, "--control", &board.control]);
-    let told: Vec<_> = out.lines().take(4).collect();
+    let lines: Vec<_> = out.lines().take(4).collect();
     assert_eq!(
-        told,
+        lines,
         [
             "adapter      virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
             "configured   arm ling, poll off, silence after 500 ms",
@@ -66,7 +66,7 @@ fn monitor_uses_the_named_control_port_or_fails() {
     expect_control(&board, &["monitor", &board.port, "--count", "1"]);
 }
 
-/// The command takes the control port of the adapter, and no other. Returns what it prints.
+/// Checks that the command accepts the adapter's control port and no other port. Returns its output.
 fn expect_control(board: &Board, command: &[&str]) -> String {
     let with = |control: &str| run(&[command, &["--control", control]].concat());
     let line = failure(&with("/dev/no-such-port"));
@@ -86,7 +86,7 @@ fn expect_control(board: &Board, command: &[&str]) -> String {
 }
 
 #[test]
-fn an_xarm_has_no_control_port() {
+fn xarm_has_no_control_port() {
     let board = Board::start("xarm");
     for command in ["info", "monitor"] {
         let text = usage(&[command, "--arm", "xarm", "127.0.0.1:1", "--control", &board.control]);
@@ -95,7 +95,7 @@ fn an_xarm_has_no_control_port() {
 }
 
 #[test]
-fn a_configuration_is_shown_set_saved_and_forgotten() {
+fn configuration_is_shown_set_saved_and_reset() {
     let board = Board::start("config");
     let config = |args: &[&str]| success(&[&["config", &board.control], args].concat());
     assert_eq!(config(&[]), FACTORY);
@@ -120,17 +120,17 @@ fn a_configuration_is_shown_set_saved_and_forgotten() {
 }
 
 #[test]
-fn key_given_twice_is_refused_before_anything_is_opened() {
+fn repeated_key_is_refused_before_a_port_is_opened() {
     for settings in [["poll=5", "poll=6"], ["can.node=1", "can.node=1"]] {
         let text = usage(&[&["config", "/dev/no-such-port", "set", "arm=raw"][..], &settings].concat());
         let (key, _) = settings[0].split_once('=').unwrap();
-        let told = format!("{key} is given twice: {} and {}", settings[0], settings[1]);
-        assert!(text.contains(&told), "{text}");
+        let message = format!("{key} is given twice: {} and {}", settings[0], settings[1]);
+        assert!(text.contains(&message), "{text}");
     }
 }
 
 #[test]
-fn a_configuration_is_json_for_programs() {
+fn configuration_is_json_for_programs() {
     let board = Board::start("config-json");
     let out = success(&["config", &board.control, "show", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&out).unwrap();
@@ -143,10 +143,10 @@ fn a_configuration_is_json_for_programs() {
 }
 
 #[test]
-fn refused_configuration_is_told_and_changes_nothing() {
+fn refused_configuration_is_reported_and_changes_nothing() {
     let board = Board::start("refused");
     let set = |setting: &str| failure(&run(&["config", &board.control, "set", setting]));
-    for (setting, words) in [
+    for (setting, reason) in [
         ("poll=1001", "poll rate 1001 Hz, allowed 1 to 1000 Hz"),
         ("can.bit-rate=300000", "CAN bit rate 300000 bit/s, allowed"),
         (
@@ -155,8 +155,8 @@ fn refused_configuration_is_told_and_changes_nothing() {
         ),
     ] {
         let line = set(setting);
-        let told = format!("{}: rejected: {words}", name(&board));
-        assert!(line.starts_with(&told), "{line}");
+        let message = format!("{}: rejected: {reason}", name(&board));
+        assert!(line.starts_with(&message), "{line}");
     }
     assert_eq!(success(&["config", &board.control]), FACTORY);
     let text = usage(&["config", &board.control, "set", "pole=200"]);
@@ -206,18 +206,18 @@ fn counters_have_their_names_and_latencies_their_bars() {
 fn the_line_is_held_until_hold_is_interrupted() {
     let board = Board::start("hold");
     let mut hold = start(Command::new(PROGRAM).args(["hold", &board.control]));
-    let mut told = String::new();
+    let mut line = String::new();
     let mut out = BufReader::new(hold.stdout.take().unwrap());
-    out.read_line(&mut told).unwrap();
+    out.read_line(&mut line).unwrap();
     let name = name(&board);
     assert_eq!(
-        told,
+        line,
         format!("{name}: the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it\n")
     );
     kill_process(Pid::from_child(&hold), Signal::INT).unwrap();
-    told.clear();
-    out.read_line(&mut told).unwrap();
-    assert_eq!(told, format!("{name}: the line is released\n"));
+    line.clear();
+    out.read_line(&mut line).unwrap();
+    assert_eq!(line, format!("{name}: the line is released\n"));
     assert!(finish(hold).status.success());
     assert!(!success(&["info", &board.control]).contains("\nrate "));
 }
@@ -229,22 +229,22 @@ fn info_config_and_counters_report_a_held_line() {
     BufReader::new(hold.stdout.take().unwrap())
         .read_line(&mut String::new())
         .unwrap();
-    // It is killed: its lease goes on for a while.
+    // The lease of a killed program lasts for a while.
     hold.kill().unwrap();
     finish(hold);
-    let told = "1000000 baud, held for USB ('armwire hold'): polls and CAN are refused";
+    let state = "1000000 baud, held for USB ('armwire hold'): polls and CAN are refused";
     let out = success(&["info", &board.control]);
-    assert!(out.ends_with(&format!("\nrate         {told}\n")), "{out}");
+    assert!(out.ends_with(&format!("\nrate         {state}\n")), "{out}");
     for command in ["config", "counters"] {
         let output = run(&[command, &board.control]);
         let line = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(line, format!("armwire: {}: the line runs at {told}\n", name(&board)));
+        assert_eq!(line, format!("armwire: {}: the line runs at {state}\n", name(&board)));
     }
 }
 
 #[test]
 fn monitor_shows_the_adapters_readings_and_time() {
-    let board = Board::start("heard");
+    let board = Board::start("readings");
     success(&["config", &board.control, "set", "poll=100"]);
     let out = success(&["monitor", &board.control, "--from-adapter", "--json", "--count", "5"]);
     let rows: Vec<serde_json::Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -261,10 +261,10 @@ fn monitor_shows_the_adapters_readings_and_time() {
 }
 
 #[test]
-fn monitor_tells_that_the_adapter_does_not_poll() {
+fn monitor_reports_an_adapter_without_polls() {
     let board = Board::start("hint");
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", &board.control, "--from-adapter", "--count", "1"]));
-    // Somebody else asks, until the monitor has heard of it.
+    // Another host sends requests until the monitor has received an answer.
     while monitor.try_wait().unwrap().is_none() {
         success(&["call", "ling", &board.port, "read-joints"]);
     }
@@ -281,7 +281,7 @@ fn monitor_tells_that_the_adapter_does_not_poll() {
 }
 
 #[test]
-fn an_adapter_for_another_arm_is_not_watched() {
+fn adapter_for_another_arm_cannot_be_monitored() {
     let board = Board::start("raw");
     success(&["config", &board.control, "set", "arm=raw"]);
     let line = failure(&run(&["monitor", &board.control, "--from-adapter"]));
@@ -292,7 +292,7 @@ fn an_adapter_for_another_arm_is_not_watched() {
 }
 
 #[test]
-fn what_has_no_control_port_is_told() {
+fn missing_control_port_is_reported() {
     let board = Board::start("none");
     for args in [&["config", &board.port][..], &["counters", &board.port]] {
         let line = failure(&run(args));
@@ -313,9 +313,9 @@ fn update_runs_through_the_boot_loader() {
     let output = update(&board, &file, &folder);
     assert!(output.status.success(), "{output:?}");
     let file = file.display();
-    let told = fs::read_to_string(folder.join("log")).unwrap();
+    let log = fs::read_to_string(folder.join("log")).unwrap();
     assert_eq!(
-        told,
+        log,
         format!("-d ,0483:df11 -a 0 -D {file}\n-d ,0483:df11 -a 0 -s 0x08000000:leave\n")
     );
     let name = name(&board);
@@ -337,7 +337,7 @@ fn unfit_image_restarts_nothing() {
     let file = folder.join("new.dfu");
     let mut damaged = image("virtual");
     damaged[400] ^= 1;
-    for (image, told) in [
+    for (image, message) in [
         (&b"\x7FELF"[..], "not a DfuSe file: is it the .dfu of the firmware"),
         (&damaged, "the file is damaged: its checksum is"),
         (
@@ -351,7 +351,7 @@ fn unfit_image_restarts_nothing() {
     ] {
         fs::write(&file, image).unwrap();
         let line = failure(&update(&board, &file, &folder));
-        assert!(line.contains(told), "{line}");
+        assert!(line.contains(message), "{line}");
         assert!(!board.boot_loader.exists());
     }
     let line = failure(&run(&["update", &board.control, "/no/such.dfu"]));
@@ -376,7 +376,7 @@ fn board_in_its_boot_loader_is_not_overwritten() {
 }
 
 #[test]
-fn dfu_util_failure_is_told_with_next_steps() {
+fn dfu_util_failure_is_reported_with_next_steps() {
     let board = Board::start("fails");
     let folder = tools("fails", &board.boot_loader, 74);
     let file = folder.join("new.dfu");

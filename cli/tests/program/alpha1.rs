@@ -1,4 +1,4 @@
-//! `armwire sim alpha1` and `armwire sim alpha1-servo`: what a program on their ptys sees.
+//! `armwire sim alpha1` and `armwire sim alpha1-servo`, used through their ptys.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
@@ -25,7 +25,7 @@ fn call_args<'a>(arm: &'a Arm, args: &'a str) -> Vec<&'a str> {
 }
 
 fn open(arm: &Arm) -> File {
-    // It must not become our terminal.
+    // The pty must not become the controlling terminal.
     let flags = OFlags::NOCTTY.bits() as i32;
     let mut options = OpenOptions::new();
     options
@@ -36,7 +36,7 @@ fn open(arm: &Arm) -> File {
         .unwrap()
 }
 
-/// The next bytes that arrive; it waits for all of them.
+/// Waits for the next `N` bytes.
 fn read<const N: usize>(port: &mut File) -> [u8; N] {
     let mut bytes = [0; N];
     port.read_exact(&mut bytes).unwrap();
@@ -44,7 +44,7 @@ fn read<const N: usize>(port: &mut File) -> [u8; N] {
 }
 
 #[test]
-fn a_virtual_robot_tells_what_it_is() {
+fn virtual_robot_reports_its_versions() {
     let arm = Arm::start(
         "alpha1",
         "alpha1-info",
@@ -57,9 +57,9 @@ fn a_virtual_robot_tells_what_it_is() {
 }
 
 #[test]
-fn a_virtual_robot_does_what_it_is_asked() {
+fn virtual_robot_executes_requests() {
     let arm = Arm::start("alpha1", "alpha1-call", &[]);
-    // It is done even if the answer comes too late, and asked again there is no servo 4.
+    // The result is ignored: if the answer is late, the repeated request finds no servo 4.
     run(&call_args(&arm, "servo change-id 4 86"));
     for (args, answer) in [
         ("act --angles 10,240 --time 0 --interval 0", "act: done\n"),
@@ -100,7 +100,7 @@ fn frames_may_come_in_pieces_and_bursts() {
             .unwrap();
         assert_eq!(read(&mut port), STOPPED);
         port.write_all(&[&STOP[cut..], &firmware].concat()).unwrap();
-        // If the system paused between the pieces, the line was idle and the request in pieces is none.
+        // After a pause between the pieces, the robot discards the cut request.
         let mut answer: [u8; 4] = read(&mut port);
         if answer == STOPPED {
             answer = read(&mut port);
@@ -161,7 +161,7 @@ fn single_wire_bus_echoes_every_byte() {
 }
 
 #[test]
-fn damaged_answers_are_asked_for_again() {
+fn requests_with_damaged_answers_are_repeated() {
     let arm = Arm::start(
         "alpha1",
         "alpha1-faults",
@@ -175,7 +175,7 @@ fn damaged_answers_are_asked_for_again() {
 }
 
 #[test]
-fn they_end_cleanly_on_signals() {
+fn virtual_robots_end_cleanly_on_signals() {
     for (kind, signal) in [("alpha1", Signal::INT), ("alpha1-servo", Signal::TERM)] {
         let arm = Arm::start(kind, "alpha1-end", &[]);
         call(&arm, "servo version 1");
@@ -195,7 +195,7 @@ fn they_end_cleanly_on_signals() {
 }
 
 #[test]
-fn they_do_not_replace_a_file() {
+fn virtual_robots_do_not_replace_a_file() {
     let path = free_path("alpha1-file");
     fs::write(&path, "precious").unwrap();
     for kind in ["alpha1", "alpha1-servo"] {
@@ -225,7 +225,7 @@ fn wrong_values_are_refused_with_their_range() {
 }
 
 #[test]
-fn hid_device_that_is_not_there_is_told() {
+fn missing_hid_device_is_reported() {
     for args in [
         &["info", "--arm", "alpha1", "hid:/dev/no-such-hidraw"][..],
         &["call", "alpha1", "hid:/dev/no-such-hidraw", "stop"],

@@ -1,6 +1,6 @@
-//! `armwire call` on serial ports: each request, what goes out for it, and what a wrong one is told.
+//! `armwire call` on serial ports: each request, its bytes, and errors of wrong ones.
 
-use crate::common::{Arm, NO_ANSWER, again_while, failure, run, run_against, success, usage};
+use crate::common::{Arm, NO_ANSWER, failure, retry_while, run, run_against, success, usage};
 
 #[test]
 fn ling_requests_can_all_be_made() {
@@ -43,7 +43,7 @@ fn ling_requests_can_all_be_made() {
 }
 
 #[test]
-fn moved_arm_gets_there() {
+fn moved_arm_reaches_its_target() {
     let arm = Arm::start("ling", "move", &[]);
     let joints = ["call", "ling", &arm.port, "read-joints"];
     let target = "-45,0,90,0,0,-0.1";
@@ -63,15 +63,15 @@ fn moved_arm_gets_there() {
             && moved.contains("50.0 % at 5500 ticks/s"),
         "{moved}"
     );
-    let there = "joints: -45.00° +0.00° +90.00° +0.00° +0.00° -0.09°, gripper: 50.0 % open, ";
+    let target = "joints: -45.00° +0.00° +90.00° +0.00° +0.00° -0.09°, gripper: 50.0 % open, ";
     let mut out = success(&joints);
     for _ in 0..1000 {
-        if out.starts_with(there) {
+        if out.starts_with(target) {
             return;
         }
         out = success(&joints);
     }
-    panic!("it does not get there: {out}");
+    panic!("the arm does not arrive: {out}");
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn out_of_range_ling_values_are_never_sent() {
 fn sent_to_alpha1(args: &str, answer: &[u8], printed: &str) -> Vec<u8> {
     let args: Vec<_> = ["call", "alpha1", "PORT"].into_iter().chain(args.split(' ')).collect();
     let mut sent = Vec::new();
-    let output = again_while(NO_ANSWER, || {
+    let output = retry_while(NO_ANSWER, || {
         run_against(&args, |_, pty, bytes| {
             sent.extend_from_slice(bytes);
             pty.write(answer).unwrap();
@@ -249,7 +249,7 @@ fn each_request_of_an_alpha1_can_be_made() {
 }
 
 #[test]
-fn failed_robot_and_servo_say_so() {
+fn failures_of_robot_and_servo_are_reported() {
     for (args, answer, error) in [
         (
             &["play", "x"][..],
@@ -263,7 +263,7 @@ fn failed_robot_and_servo_say_so() {
         ),
     ] {
         let args = [&["call", "alpha1", "PORT"], args].concat();
-        let output = again_while(NO_ANSWER, || {
+        let output = retry_while(NO_ANSWER, || {
             run_against(&args, |_, pty, _| {
                 pty.write(answer).unwrap();
             })
@@ -327,12 +327,12 @@ fn info_names_no_robot_before_it_answers() {
 }
 
 #[test]
-fn alpha1_monitor_only_asks_for_servo_states() {
+fn alpha1_monitor_only_requests_servo_states() {
     let request = [0xEF, 0xFE, 0, 0, 0, 0, 0, 0, 0, 0xED];
     let args = ["monitor", "--arm", "alpha1", "PORT", "--rate", "100", "--count", "3"];
-    let output = again_while(NO_ANSWER, || {
+    let output = retry_while(NO_ANSWER, || {
         run_against(&args, |_, pty, bytes| {
-            // Perhaps more than once, if it was asked for again.
+            // The request may be repeated.
             assert!(bytes.chunks(request.len()).all(|bytes| bytes == request), "{bytes:?}");
             pty.write(&[0xEF, 0xFE, 0, 0, 0, 6, 6, 0xED]).unwrap();
         })
@@ -346,22 +346,22 @@ fn alpha1_monitor_only_asks_for_servo_states() {
 }
 
 #[test]
-fn unknown_request_comes_with_the_known_ones() {
+fn error_of_unknown_request_lists_known_ones() {
     for (arm, wrong, names) in [
         ("ling", "joints", "read-info, set-zero, set-stroke"),
         ("alpha1", "dance", "hardware-version, servo-states, stop"),
         ("xarm", "turn", "version, serials, reload-dynamics"),
     ] {
         let text = usage(&["call", arm, "/dev/null", wrong]);
-        let told = format!("error: '{wrong}' is none of these: {names}, ");
-        assert!(text.starts_with(&told), "{text}");
+        let error = format!("error: '{wrong}' is none of these: {names}, ");
+        assert!(text.starts_with(&error), "{text}");
     }
     let text = usage(&["call", "ling", "/dev/null", "read-info", "joints"]);
     assert!(text.contains("unexpected argument 'joints'"), "{text}");
 }
 
 #[test]
-fn an_answer_is_json_for_programs() {
+fn answer_is_json_for_programs() {
     let arm = Arm::start("ling", "call-json", &[]);
     let json = |args: &[&str]| {
         let args = [&["call", "--json", "ling", &arm.port], args].concat();

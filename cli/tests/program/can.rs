@@ -1,4 +1,4 @@
-//! The built program on CAN: an arm and its adapter behind an SLCAN adapter, and each error a user meets there.
+//! The built program on CAN: an arm and its adapter behind an SLCAN adapter, and errors.
 
 use std::process::Output;
 use std::sync::atomic::Ordering;
@@ -9,13 +9,13 @@ use armwire_bridge::can::Function;
 use crate::common::adapter::{BIT_RATE, CanBus, NODE};
 use crate::common::{NO_ANSWER, TIMEOUT, failure, free_path, run, run_against, success, usage};
 
-/// The adapter on a bus, as a user names it.
+/// The name of the adapter on a bus for the command.
 fn port(bus: &CanBus) -> String {
     format!("slcan:{}@{BIT_RATE}/{NODE}", bus.path)
 }
 
 #[test]
-fn info_tells_the_adapter_and_the_arm() {
+fn info_shows_the_adapter_and_the_arm() {
     let bus = CanBus::start();
     let out = success(&["info", &port(&bus)]);
     for line in [
@@ -33,7 +33,7 @@ fn info_tells_the_adapter_and_the_arm() {
 }
 
 #[test]
-fn a_node_needs_no_bit_rate() {
+fn node_needs_no_bit_rate() {
     let bus = CanBus::start_as(1_000_000, 3);
     let link = free_path("slcan-link");
     std::os::unix::fs::symlink(&bus.path, &link).unwrap();
@@ -60,7 +60,7 @@ fn call_in_many_frames_reaches_the_arm() {
     assert!(moved.contains("sent, the arm does not answer it"), "{moved}");
     let joints = success(&["call", "ling", &port(&bus), "read-joints"]);
     assert!(joints.contains("joint"), "{joints}");
-    // With its answer, all that was sent before has arrived: the frames of the move, and one for this.
+    // After the answer, all earlier frames have arrived: those of the move, and one of this request.
     let requests = |frame: &&_| Function::of(armwire_bridge::can::Frame::id(frame)).unwrap().0 == Function::ArmRequest;
     assert!(
         bus.sent.lock().unwrap().iter().filter(requests).count() > 5,
@@ -88,7 +88,7 @@ fn failure_with(text: &str, mut run: impl FnMut() -> Output) -> String {
 }
 
 #[test]
-fn wrong_bit_rate_is_told_with_adapter_status() {
+fn wrong_bit_rate_is_reported_with_adapter_status() {
     let bus = CanBus::start();
     let port = format!("slcan:{}@1000000/{NODE}", bus.path);
     let status = "the CAN adapter reports error passive, bus error";
@@ -99,7 +99,7 @@ fn wrong_bit_rate_is_told_with_adapter_status() {
 }
 
 #[test]
-fn unacknowledged_request_is_told_at_once() {
+fn unacknowledged_request_is_reported_at_once() {
     let bus = CanBus::start();
     let port = format!("slcan:{}@{BIT_RATE}/4", bus.path);
     let line = failure(&run(&[
@@ -133,27 +133,27 @@ fn missing_adapter_does_not_answer() {
 fn held_line_explains_silence_on_can() {
     let bus = CanBus::start();
     bus.is_held.store(true, Ordering::Relaxed);
-    let told = "9600 baud instead of the arm's 1000000 baud, set by the host on USB: polls and CAN are refused";
-    let runs_at = format!("the line to the arm runs at {told}");
+    let state = "9600 baud instead of the arm's 1000000 baud, set by the host on USB: polls and CAN are refused";
+    let runs_at = format!("the line to the arm runs at {state}");
     let line = failure_with(&runs_at, || run(&["call", "ling", &port(&bus), "read-joints"]));
     assert!(line.contains(&runs_at), "{line}");
     let output = run(&["info", &port(&bus)]);
     let out = String::from_utf8_lossy(&output.stdout);
     assert!(
-        out.lines().any(|line| line == format!("rate         {told}")),
+        out.lines().any(|line| line == format!("rate         {state}")),
         "{output:?}"
     );
 }
 
 #[test]
-fn an_older_adapter_does_not_know_hold() {
+fn older_adapter_does_not_support_hold() {
     let bus = CanBus::start();
     let line = failure(&run(&["hold", &port(&bus)]));
     assert!(line.contains("the adapter does not know this request"), "{line}");
 }
 
 #[test]
-fn what_is_no_slcan_adapter_is_told() {
+fn port_without_an_slcan_adapter_is_reported() {
     let line = failure(&run_against(&["info", "slcan:PORT"], |_, _, _| {}));
     assert!(
         line.contains("no answer to SLCAN: is it a CAN adapter with this protocol, and at 115200 baud?"),
@@ -162,7 +162,7 @@ fn what_is_no_slcan_adapter_is_told() {
 }
 
 #[test]
-fn an_slcan_adapter_that_refuses_is_told() {
+fn refusal_of_an_slcan_adapter_is_reported() {
     let refused = "the CAN adapter refuses 1000000 bit/s";
     let line = failure_with(refused, || {
         run_against(&["info", "slcan:PORT"], |_, pty, _| {
@@ -173,13 +173,13 @@ fn an_slcan_adapter_that_refuses_is_told() {
 }
 
 #[test]
-fn an_unknown_interface_is_told_as_one() {
+fn unknown_interface_is_reported() {
     let line = failure(&run(&["info", "can:can99"]));
     assert!(line.starts_with("can:can99: no such CAN interface"), "{line}");
 }
 
 #[test]
-fn arguments_that_do_not_go_together_are_told() {
+fn invalid_bit_rate_and_node_are_refused() {
     assert!(usage(&["info", "slcan:/dev/null@123"]).contains("'123' behind the @"));
     assert!(usage(&["info", "can:can0/16"]).contains("node id is 16, must be 0..=15"));
 }

@@ -1,4 +1,4 @@
-//! The built program on recordings: as they come, of any length, in any format, and wrong ones.
+//! The built program on recordings: live ones, of any length, in any format, and invalid ones.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -8,10 +8,10 @@ use std::thread;
 
 use crate::common::{PROGRAM, TIMEOUT, failure, finish, free_path, run, success, usage};
 
-/// Logs that python-can has written.
+/// Logs written by python-can.
 const LOGS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/logs/");
 
-/// A request to a Ling arm in each format that is text, as one record, and what comes before the first.
+/// The text formats: name, header, and a record of a request to a Ling arm.
 const RECORDS: [(&str, &str, &str); 7] = [
     ("hex", "", "AA 06 00 01 FE 9A FF\n"),
     ("candump", "", "(1.000000) can0 60F#07AA060001FE9AFF\n"),
@@ -37,7 +37,7 @@ const RECORDS: [(&str, &str, &str); 7] = [
         "1000000,0000060F,false,Rx,0,8,07,AA,06,00,01,FE,9A,FF,\n",
     ),
 ];
-/// The same as the bytes of a line.
+/// The same request in bytes.
 const RAW: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 
 /// The shortest header of a BLF file.
@@ -46,7 +46,7 @@ const BLF_HEADER: &[u8] = b"LOGG\x08\0\0\0";
 const BLF_RECORD: &[u8] = b"LOBJ\x20\0\x01\0\x30\0\0\0\x56\0\0\0\x02\0\0\0\0\0\0\0\0\x10\0\0\0\0\0\0\
     \x01\0\0\x08\x0F\x06\0\0\x07\xAA\x06\0\x01\xFE\x9A\xFF";
 
-/// The beginning of a recording and one record, in every format.
+/// All formats: name, header, and a record.
 fn formats() -> Vec<(&'static str, Vec<u8>, Vec<u8>)> {
     let text = RECORDS.map(|(format, header, record)| (format, header.into(), record.into()));
     let bytes = [
@@ -56,7 +56,7 @@ fn formats() -> Vec<(&'static str, Vec<u8>, Vec<u8>)> {
     text.into_iter().chain(bytes).collect()
 }
 
-/// A program that reads its standard input.
+/// An `armwire decode` that reads its standard input.
 fn start(args: &[&str]) -> (Child, ChildStdin) {
     let mut child = Command::new(PROGRAM)
         .arg("decode")
@@ -77,16 +77,16 @@ fn frames_appear_while_the_recording_continues() {
         stdin.write_all(&header).unwrap();
         stdin.write_all(&record).unwrap();
         let mut out = BufReader::new(child.stdout.take().unwrap());
-        let (tell, told) = mpsc::channel();
+        let (sender, receiver) = mpsc::channel();
         let reader = thread::spawn(move || {
             let mut lines = [String::new(), String::new()];
             for line in &mut lines {
                 out.read_line(line).unwrap();
             }
-            tell.send(lines).unwrap();
+            sender.send(lines).unwrap();
             out
         });
-        let lines = told.recv_timeout(TIMEOUT);
+        let lines = receiver.recv_timeout(TIMEOUT);
         drop(stdin);
         // Later output is not read.
         drop(reader.join());
@@ -97,7 +97,7 @@ fn frames_appear_while_the_recording_continues() {
     }
 }
 
-/// The most memory that a program has taken so far, in kB.
+/// Peak memory of a program so far, in kB.
 #[cfg(target_os = "linux")]
 fn peak_memory(child: &Child) -> u64 {
     let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
@@ -105,7 +105,7 @@ fn peak_memory(child: &Child) -> u64 {
     line.trim().trim_end_matches(" kB").parse().unwrap()
 }
 
-/// Feeds a program with this, some bytes after the other, and returns its peak memory in kB.
+/// Decodes a recording piece by piece. Returns the program's peak memory in kB.
 #[cfg(target_os = "linux")]
 fn memory(format: &str, header: &[u8], record: &[u8], records: usize) -> u64 {
     let (mut child, mut stdin) = start(&["--format", format]);
@@ -123,7 +123,7 @@ fn memory(format: &str, header: &[u8], record: &[u8], records: usize) -> u64 {
     memory
 }
 
-/// The length of a short recording in bytes: too long for the pipe, so that the program has begun to read it.
+/// The length of a short recording in bytes: more than the pipe's buffer, the program must have begun to read it.
 #[cfg(target_os = "linux")]
 const SHORT: usize = 300_000;
 /// Maximum additional memory for a long recording, in kB: much less than the recording.
@@ -132,7 +132,7 @@ const MORE: u64 = 1_500;
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_long_recording_takes_no_more_memory() {
+fn long_recording_needs_no_more_memory() {
     for (format, header, record) in formats() {
         let memory = |bytes| memory(format, &header, &record, bytes / record.len());
         let (short, long) = (memory(SHORT), memory(4_000_000));
@@ -142,7 +142,7 @@ fn a_long_recording_takes_no_more_memory() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_line_without_end_takes_no_more_memory() {
+fn endless_line_needs_no_more_memory() {
     let digits = "AA060001FE9AFF".repeat(10);
     let memory = |bytes| memory("hex", b"", digits.as_bytes(), bytes / digits.len());
     let (short, long) = (memory(SHORT), memory(4_000_000));
@@ -150,7 +150,7 @@ fn a_line_without_end_takes_no_more_memory() {
 }
 
 #[test]
-fn the_logs_of_another_program_are_told_apart() {
+fn format_of_python_can_logs_is_recognised() {
     for (log, pdus) in [
         ("python-can.log", 4),
         ("python-can.asc", 4),
@@ -168,7 +168,7 @@ fn the_logs_of_another_program_are_told_apart() {
 }
 
 #[test]
-fn what_came_before_an_error_is_shown() {
+fn records_before_an_error_are_shown() {
     let path = free_path("wrong.log");
     for (format, header, record) in formats() {
         let wrong = match format {
@@ -205,7 +205,7 @@ fn a_4_megabyte_line_is_refused_briefly() {
 }
 
 #[test]
-fn a_format_is_read_as_is_said() {
+fn format_option_overrides_detection() {
     let path = free_path("digits");
     fs::write(&path, "AA060001FE9AFF").unwrap();
     let path = path.to_str().unwrap();
@@ -213,19 +213,19 @@ fn a_format_is_read_as_is_said() {
     assert!(success(&["decode", path, "--format", "raw"]).ends_with("bytes: 14, frames: 0, noise bytes: 14\n"));
     let line = failure(&run(&["decode", path, "--format", "blf"]));
     assert!(line.ends_with("byte 0: this is not a BLF file"), "{line}");
-    let said = usage(&["decode", path, "--format", "pcap"]);
-    assert!(said.contains("raw, hex, candump, asc, trc, blf, csv, gvret"), "{said}");
+    let text = usage(&["decode", path, "--format", "pcap"]);
+    assert!(text.contains("raw, hex, candump, asc, trc, blf, csv, gvret"), "{text}");
     fs::remove_file(path).unwrap();
 }
 
 #[test]
-fn a_reader_that_has_seen_enough_ends_it() {
+fn closed_output_ends_the_program() {
     let (mut child, mut stdin) = start(&[]);
     let mut out = child.stdout.take().unwrap();
     stdin.write_all(&RAW).unwrap();
     out.read_exact(&mut [0; 10]).unwrap();
     drop(out);
-    // Until the program is gone.
+    // Fails when the program has ended.
     while stdin.write_all(&RAW).is_ok() {}
     assert!(finish(child).status.success());
 }
@@ -296,7 +296,7 @@ fn pcapng_has_the_times_of_a_can_log() {
 }
 
 #[test]
-fn pcapng_link_type_tells_the_arm() {
+fn pcapng_link_type_depends_on_the_arm() {
     let stop = [0xF2, 0x2F, 0xAA, 0xED];
     let (_, file) = to_pcapng(&stop, &["--arm", "alpha1"]);
     let (link_types, alpha1) = packets(&file);
@@ -333,7 +333,7 @@ fn pcapng_on_standard_output_is_alone_there() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn full_disk_is_told_with_the_path() {
+fn full_disk_is_reported_with_the_path() {
     let path = free_path("full");
     fs::write(&path, RAW).unwrap();
     let line = failure(&run(&["decode", path.to_str().unwrap(), "--pcapng", "/dev/full"]));

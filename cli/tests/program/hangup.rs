@@ -1,4 +1,4 @@
-//! A terminal that goes away, as a window that is closed.
+//! A terminal that hangs up, like a closed window.
 
 use std::fs::File;
 use std::io::Read;
@@ -28,7 +28,7 @@ fn monitor_ends_with_its_terminal() {
             .open(&path)
             .unwrap()
     };
-    // The terminal is the controlling one, as that of a window.
+    // It is the controlling terminal, like that of a window.
     let mut command = Command::new("setsid");
     let command = command
         .args(["--ctty", PROGRAM, "monitor", &arm.port])

@@ -3,7 +3,7 @@
 use crate::common::success;
 use crate::common::terminal::Terminal;
 
-/// All commands and their subcommands, by the words that are typed for them, with the help of each.
+/// Adds a command and its subcommands: their words and help.
 fn screens(command: &[String], screens: &mut Vec<(Vec<String>, String)>) {
     let words: Vec<_> = command.iter().map(String::as_str).collect();
     let help = success(&[&words[..], &["--help"]].concat());
@@ -48,7 +48,7 @@ fn help_is_one_column_on_a_narrow_terminal() {
         assert!(terminal.finish(child).status.success());
         let help = without_colours(&terminal.seen);
         let is_word = |line: &str| !line.trim().contains(' ');
-        // The usage is to be typed, and a terminal breaks it anywhere.
+        // The usage is not wrapped: the terminal breaks it anywhere.
         let is_usage = |line: &str| line.starts_with("Usage: ") || line.starts_with("       ") && line.contains('<');
         let is_option = |line: &str| line.trim_start().starts_with("--") && !line.trim().contains("  ");
         let wide = help.lines().map(str::trim_end).find(|line| {
@@ -58,7 +58,7 @@ fn help_is_one_column_on_a_narrow_terminal() {
     }
 }
 
-/// Terminal text without its escape sequences. Each of them ends with an m.
+/// Terminal text without its escape sequences, all of which end with `m`.
 fn without_colours(text: &str) -> String {
     let mut parts = text.split('\x1b');
     let first = parts.next().unwrap_or_default();

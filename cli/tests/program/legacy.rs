@@ -1,18 +1,18 @@
-//! The built program against Ling arms of the older generation: it names them and shows their joints. That it sends
-//! them nothing is tested where no time passes, in `src/legacy.rs`.
+//! The built program against Ling arms of the older generation, which it identifies and reads. The tests in
+//! `src/legacy.rs` check, in virtual time, that it sends them nothing.
 
 use std::fs;
 
 use armwire::ling::legacy::{Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS};
 use armwire::messages::Messages;
 
-use crate::common::{Arm, NO_ANSWER, again_while, failure, free_path, run, run_against, success, usage};
+use crate::common::{Arm, NO_ANSWER, failure, free_path, retry_while, run, run_against, success, usage};
 
-/// Message for an arm that transmitted.
-const STOPPED: &str = "has stopped talking";
+/// Message for an arm that has stopped transmitting.
+pub(crate) const STOPPED: &str = "has stopped talking";
 
-/// The frames of an arm of the older generation at one time.
-fn older(joint: u16) -> Vec<u8> {
+/// The frames of an arm of the older generation: joints and gripper.
+fn frames(joint: u16) -> Vec<u8> {
     let firmware = Firmware::V5;
     let servos = [joint; SERVOS];
     let joints = Response::Joints(JointState { firmware, servos });
@@ -37,7 +37,7 @@ fn older(joint: u16) -> Vec<u8> {
 fn legacy_arm_is_named() {
     let arm = Arm::start("ling", "older", &["--legacy"]);
     for args in [&["info", &arm.port][..], &["call", "ling", &arm.port, "read-joints"]] {
-        let line = failure(&again_while(NO_ANSWER, || run(args)));
+        let line = failure(&retry_while(NO_ANSWER, || run(args)));
         let message = format!("{}: this is a Ling arm of the older generation:", arm.port);
         assert!(line.starts_with(&message), "{line}");
         assert!(
@@ -53,7 +53,7 @@ fn legacy_arm_is_named() {
 fn monitor_shows_joints_of_a_legacy_arm() {
     let arm = Arm::start("ling", "older-monitor", &["--legacy"]);
     let args = ["monitor", &arm.port, "--rate", "100", "--count", "5"];
-    let output = again_while(NO_ANSWER, || again_while(STOPPED, || run(&args)));
+    let output = retry_while(NO_ANSWER, || retry_while(STOPPED, || run(&args)));
     assert!(output.status.success(), "{output:?}");
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert!(
@@ -72,9 +72,9 @@ fn monitor_shows_joints_of_a_legacy_arm() {
 
 #[test]
 fn late_legacy_arm_is_named_too() {
-    let output = again_while(NO_ANSWER, || {
+    let output = retry_while(NO_ANSWER, || {
         run_against(&["info", "PORT"], |_, pty, _| {
-            pty.write(&older(2048).repeat(2)).unwrap();
+            pty.write(&frames(2048).repeat(2)).unwrap();
         })
     });
     let line = failure(&output);
@@ -82,10 +82,10 @@ fn late_legacy_arm_is_named_too() {
 }
 
 #[test]
-fn monitor_tells_when_a_legacy_arm_falls_silent() {
-    let output = again_while(NO_ANSWER, || {
+fn monitor_reports_a_legacy_arm_that_falls_silent() {
+    let output = retry_while(NO_ANSWER, || {
         run_against(&["monitor", "PORT", "--rate", "1000"], |_, pty, _| {
-            pty.write(&older(2048).repeat(2)).unwrap();
+            pty.write(&frames(2048).repeat(2)).unwrap();
         })
     });
     let stderr = String::from_utf8(output.stderr).unwrap();
@@ -100,7 +100,7 @@ fn monitor_tells_when_a_legacy_arm_falls_silent() {
 #[test]
 fn decode_names_and_reads_a_legacy_recording() {
     let path = free_path("older-recording");
-    fs::write(&path, [&[0x08, 0xFF][..], &older(3072), &older(1024)].concat()).unwrap();
+    fs::write(&path, [&[0x08, 0xFF][..], &frames(3072), &frames(1024)].concat()).unwrap();
     let out = success(&["decode", path.to_str().unwrap()]);
     let lines: Vec<_> = out.lines().collect();
     assert!(

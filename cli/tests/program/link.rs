@@ -1,4 +1,4 @@
-//! The built program and the symbolic link to its pseudo-terminal, when an earlier one was killed.
+//! The symbolic link to a program's pseudo-terminal, after an earlier program was killed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ fn target(link: &str) -> PathBuf {
 }
 
 #[test]
-fn a_killed_arm_leaves_room_for_the_next() {
+fn link_of_a_killed_arm_is_replaced() {
     let link = free_path("killed");
     for _ in 0..7 {
         let arm = Arm::start_at("ling", &link, &[]);
@@ -28,12 +28,12 @@ fn a_killed_arm_leaves_room_for_the_next() {
 }
 
 #[test]
-fn a_killed_arms_reused_pty_does_not_block() {
+fn reused_pty_of_a_killed_arm_does_not_block() {
     let link = free_path("reused");
     let arm = Arm::start_at("ling", &link, &[]);
     let stale = target(&arm.port);
     arm.kill();
-    // A pty of another program, with the number that the stale link names, or a higher one if others were faster.
+    // One of these has the number in the stale link, unless another program has it.
     let others: Vec<_> = (0..64).map(|_| Pty::open(None).unwrap()).collect();
     assert!(others.iter().any(|pty| pty.path() == stale) || stale.exists());
     let arm = Arm::start_at("ling", &link, &[]);
@@ -41,7 +41,7 @@ fn a_killed_arms_reused_pty_does_not_block() {
 }
 
 #[test]
-fn the_link_of_a_running_arm_is_kept() {
+fn link_of_a_running_arm_is_kept() {
     let arm = Arm::start("ling", "running", &[]);
     let device = target(&arm.port);
     let line = failure(&run(&["sim", "ling", "--pty", &arm.port]));
@@ -51,7 +51,7 @@ fn the_link_of_a_running_arm_is_kept() {
 }
 
 #[test]
-fn the_link_of_another_programs_pty_is_kept() {
+fn link_to_another_programs_pty_is_kept() {
     let link = free_path("foreign");
     let foreign = Pty::open(None).unwrap();
     std::os::unix::fs::symlink(foreign.path(), &link).unwrap();
@@ -63,7 +63,7 @@ fn the_link_of_another_programs_pty_is_kept() {
 }
 
 #[test]
-fn a_file_in_the_locks_place_is_kept() {
+fn file_in_place_of_the_lock_is_kept() {
     let link = free_path("precious");
     fs::write(lock(&link), "precious").unwrap();
     let line = failure(&run(&["sim", "ling", "--pty", link.to_str().unwrap()]));
@@ -73,7 +73,7 @@ fn a_file_in_the_locks_place_is_kept() {
     fs::remove_file(lock(&link)).unwrap();
 }
 
-/// The file that the server of a link holds locked.
+/// The lock file of a link's server.
 fn lock(link: &Path) -> PathBuf {
     link.with_added_extension("lock")
 }

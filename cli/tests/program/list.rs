@@ -2,10 +2,10 @@
 
 use armwire_sim::pty::Pty;
 
-use crate::common::{Arm, NO_ANSWER, again_while, failure, run, success};
+use crate::common::{Arm, NO_ANSWER, failure, retry_while, run, success};
 
 #[test]
-fn list_tells_the_arms_on_ports() {
+fn list_shows_the_arms_on_ports() {
     let ling = Arm::start("ling", "list-ling", &["--serial", "ADFS990101000001"]);
     let alpha1 = Arm::start("alpha1", "list-alpha1", &[]);
     let silent = Pty::open(None).unwrap();
@@ -71,7 +71,7 @@ fn info_is_json_for_programs() {
 #[test]
 fn info_json_has_the_adapters_configuration() {
     let board = crate::common::board::Board::start("info-json");
-    let output = again_while(NO_ANSWER, || {
+    let output = retry_while(NO_ANSWER, || {
         run(&["info", "--json", &board.port, "--control", &board.control])
     });
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();

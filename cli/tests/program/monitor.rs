@@ -1,4 +1,4 @@
-//! `armwire monitor` as other programs read it, and on a terminal.
+//! `armwire monitor` for other programs, and on a terminal.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command};
@@ -9,7 +9,8 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
 use crate::common::terminal::Terminal;
-use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, again_while, finish, run, start, success, usage};
+use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, finish, retry_while, run, start, success, usage};
+use crate::legacy::STOPPED;
 
 /// The rows of a monitor's JSON, each a line.
 fn rows(out: &str) -> Vec<serde_json::Value> {
@@ -48,7 +49,7 @@ fn csv_names_have_units() {
 }
 
 #[test]
-fn what_an_arm_does_not_have_is_null() {
+fn missing_values_of_an_arm_are_null() {
     let arm = Arm::start("ling", "json", &["--leader"]);
     for row in rows(&success(&[
         "monitor", &arm.port, "--rate", "200", "--json", "--count", "2",
@@ -70,7 +71,7 @@ fn what_an_arm_does_not_have_is_null() {
 fn legacy_arm_has_its_own_columns() {
     let arm = Arm::start("ling", "json-older", &["--legacy"]);
     let args = ["monitor", &arm.port, "--json", "--count", "1"];
-    let output = again_while(NO_ANSWER, || again_while("has stopped talking", || run(&args)));
+    let output = retry_while(NO_ANSWER, || retry_while(STOPPED, || run(&args)));
     let row = &rows(&String::from_utf8(output.stdout).unwrap())[0];
     assert_eq!(
         (&row["joint_6_rad"], &row["potentiometer_raw"]),
@@ -79,7 +80,7 @@ fn legacy_arm_has_its_own_columns() {
 }
 
 #[test]
-fn arguments_that_do_not_go_together_are_told() {
+fn conflicting_arguments_are_refused() {
     for args in [
         &["--csv", "--json"][..],
         &["--from-adapter", "--rate", "5"],
@@ -91,11 +92,12 @@ fn arguments_that_do_not_go_together_are_told() {
 }
 
 /// The escape sequences that enter and leave the alternate screen.
-const TAKES: &str = "\x1b[?1049h";
-const GIVES_BACK: &str = "\x1b[?1049l";
+const ENTER: &str = "\x1b[?1049h";
+const LEAVE: &str = "\x1b[?1049l";
 
-/// A monitor on a terminal, once it has drawn this. An arm that the system gives no time may have been silent.
-fn watched(terminal: &mut Terminal, args: &[&str], text: &str) -> Child {
+/// A monitor on a terminal that has drawn this text. It is repeated if it ends early: on a busy system, an arm may be
+/// silent.
+fn start_until_drawn(terminal: &mut Terminal, args: &[&str], text: &str) -> Child {
     let deadline = Instant::now() + TIMEOUT;
     loop {
         let mut child = terminal.start(args);
@@ -116,15 +118,15 @@ fn screen_shows_the_arm_until_a_key() {
     let arm = Arm::start("ling", "screen", &[]);
     for key in ["q", "\x1b", "\x03"] {
         let mut terminal = Terminal::new(100, 30);
-        let child = watched(&mut terminal, &["monitor", &arm.port], "q ends");
-        for text in [TAKES, "joint 6", "locked", "°C", "readings/s", "unanswered", "q ends"] {
+        let child = start_until_drawn(&mut terminal, &["monitor", &arm.port], "q ends");
+        for text in [ENTER, "joint 6", "locked", "°C", "readings/s", "unanswered", "q ends"] {
             assert!(terminal.seen.contains(text), "{text:?} is not in {:?}", terminal.seen);
         }
-        assert!(!terminal.seen.contains(GIVES_BACK));
+        assert!(!terminal.seen.contains(LEAVE));
         terminal.pty.write(key.as_bytes()).unwrap();
         let output = terminal.finish(child);
         assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
-        assert!(terminal.seen.contains(GIVES_BACK), "{:?}", terminal.seen);
+        assert!(terminal.seen.contains(LEAVE), "{:?}", terminal.seen);
     }
 }
 
@@ -133,22 +135,22 @@ fn the_screen_shows_the_adapter_too() {
     let board = Board::start("screen");
     let mut terminal = Terminal::new(100, 40);
     let args = ["monitor", &board.port, "--control", &board.control, "--count", "20"];
-    let child = watched(&mut terminal, &args, "requests_usb");
-    // Between words a terminal's cursor moves.
+    let child = start_until_drawn(&mut terminal, &args, "requests_usb");
+    // The cursor moves between words.
     for text in ["virtual,", "1.2.3", "(1a2b3c4d5e6f)", "answer", "control_requests"] {
         assert!(terminal.seen.contains(text), "{text:?} is not in {:?}", terminal.seen);
     }
     assert!(terminal.finish(child).status.success());
-    assert!(terminal.seen.contains(GIVES_BACK), "{:?}", terminal.seen);
+    assert!(terminal.seen.contains(LEAVE), "{:?}", terminal.seen);
 }
 
 #[test]
 fn the_screen_leaves_a_summary() {
     let arm = Arm::start("ling", "summary", &[]);
     let mut terminal = Terminal::new(120, 24);
-    let child = watched(&mut terminal, &["monitor", &arm.port, "--count", "5"], GIVES_BACK);
+    let child = start_until_drawn(&mut terminal, &["monitor", &arm.port, "--count", "5"], LEAVE);
     assert!(terminal.finish(child).status.success());
-    let (_, left) = terminal.seen.rsplit_once(GIVES_BACK).unwrap();
+    let (_, left) = terminal.seen.rsplit_once(LEAVE).unwrap();
     let begin = format!("{} (Ling arm), ", arm.port);
     assert!(
         left.contains(&begin) && left.contains(" s: readings 5, unanswered "),
@@ -172,17 +174,17 @@ fn monitor_waits_for_a_lost_port() {
     };
     reading();
     drop(arm);
-    let told = stderr
+    let line = stderr
         .by_ref()
         .map(Result::unwrap)
         .find(|line| !line.contains(NO_ANSWER))
         .unwrap();
     assert!(
-        told.contains("the port is gone") && told.ends_with("Waiting for it to come back"),
-        "{told}"
+        line.contains("the port is gone") && line.ends_with("Waiting for it to come back"),
+        "{line}"
     );
     let _arm = Arm::start_at("ling", port.as_ref(), &[]);
-    // Skips the lines printed before it noticed.
+    // The first lines may be from before the loss.
     for _ in 0..100 {
         reading();
     }
@@ -194,20 +196,20 @@ fn monitor_waits_for_a_lost_port() {
 fn screen_waits_for_a_lost_port() {
     let arm = Arm::start("ling", "gone-screen", &[]);
     let mut terminal = Terminal::new(200, 24);
-    let mut child = watched(&mut terminal, &["monitor", &arm.port], "q ends");
+    let mut child = start_until_drawn(&mut terminal, &["monitor", &arm.port], "q ends");
     drop(arm);
     assert!(terminal.wait_for("Waiting", &mut child), "{:?}", terminal.seen);
     terminal.pty.write(b"q").unwrap();
     assert!(terminal.finish(child).status.success());
     assert!(
-        terminal.seen.contains(GIVES_BACK) && terminal.seen.contains("port lost 1"),
+        terminal.seen.contains(LEAVE) && terminal.seen.contains("port lost 1"),
         "{:?}",
         terminal.seen
     );
 }
 
 #[test]
-fn a_monitor_starts_on_a_noisy_line() {
+fn monitor_starts_on_a_noisy_line() {
     for seed in ["1", "2", "3", "4"] {
         let arm = Arm::start("ling", "noisy", &["--faults", "20000", "--seed", seed]);
         let output = run(&["monitor", &arm.port, "--rate", "100", "--count", "2", "--json"]);
@@ -239,5 +241,5 @@ fn silent_arm_takes_no_screen() {
     let output = terminal.finish(child);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     assert!(String::from_utf8(output.stderr).unwrap().contains(NO_ANSWER));
-    assert!(!terminal.seen.contains(TAKES), "{:?}", terminal.seen);
+    assert!(!terminal.seen.contains(ENTER), "{:?}", terminal.seen);
 }

@@ -5,7 +5,7 @@ use armwire::messages::Messages;
 use armwire_sim::pty::Pty;
 
 use crate::common::terminal::Terminal;
-use crate::common::{Arm, NO_ANSWER, again_while, failure, run, run_against, success, usage};
+use crate::common::{Arm, NO_ANSWER, failure, retry_while, run, run_against, success, usage};
 
 /// The arguments of a move of the second joint.
 fn to<'a>(port: &'a str, joints: &'a str, speed: &'a str) -> Vec<&'a str> {
@@ -58,16 +58,16 @@ fn gripper_that_holds_something_ends_the_wait() {
         "0",
         "--wait",
     ];
-    let output = again_while(NO_ANSWER, || {
+    let output = retry_while(NO_ANSWER, || {
         run_against(&args, |_, pty, request| {
             if request.ends_with(&READ_JOINTS) {
                 pty.write(&answer[..n]).unwrap();
             }
         })
     });
-    let told = String::from_utf8(output.stdout).unwrap();
+    let out = String::from_utf8(output.stdout).unwrap();
     let expected = "there, but gripper is 40.0 % off and stands still, does it hold something? joints: ";
-    assert!(output.status.success() && told.starts_with(expected), "{told}");
+    assert!(output.status.success() && out.starts_with(expected), "{out}");
 }
 
 #[test]
@@ -76,7 +76,7 @@ fn late_gripper_reports_the_distance_left() {
     let joints = ["--joints", "0,0,0,0,0,0", "--speed", "400"];
     let gripper = ["--gripper", "100", "--gripper-speed", "1", "--wait", "--timeout", "0"];
     let args = [&["move", &arm.port][..], &joints, &gripper].concat();
-    let line = failure(&again_while(NO_ANSWER, || run(&args)));
+    let line = failure(&retry_while(NO_ANSWER, || run(&args)));
     assert!(line.contains(": not there after 0 s: gripper is "), "{line}");
     assert!(line.contains(" % off (status "), "{line}");
 }
@@ -85,7 +85,7 @@ fn late_gripper_reports_the_distance_left() {
 fn late_move_reports_the_distance_left() {
     let arm = Arm::start("ling", "move-late", &[]);
     let args = [&to(&arm.port, "0,170,0,0,0,0", "1")[..], &["--wait", "--timeout", "0"]].concat();
-    let line = failure(&again_while(NO_ANSWER, || run(&args)));
+    let line = failure(&retry_while(NO_ANSWER, || run(&args)));
     assert!(line.contains(": not there after 0 s: joint 2 is 1"), "{line}");
     assert!(
         !line.contains("joint 1 ") && line.contains("° off, gripper is "),
@@ -106,7 +106,7 @@ fn torque_is_switched_and_read_back() {
 }
 
 #[test]
-fn help_says_that_the_arm_moves_and_falls() {
+fn help_warns_of_motion_and_a_falling_arm() {
     let help = |command: &str| {
         success(&[command, "--help"])
             .split_whitespace()
@@ -122,7 +122,7 @@ fn help_says_that_the_arm_moves_and_falls() {
 }
 
 #[test]
-fn nothing_is_done_where_nothing_answers() {
+fn silent_port_gets_no_command() {
     let silent = Pty::open(None).unwrap();
     let port = silent.path().to_str().unwrap();
     for args in [
@@ -140,20 +140,20 @@ fn nothing_is_done_where_nothing_answers() {
 }
 
 #[test]
-fn a_move_without_torque_is_not_sent() {
+fn move_without_torque_is_not_sent() {
     let arm = Arm::start("ling", "move-limp", &[]);
     success(&["torque", &arm.port, "off", "--yes"]);
-    let line = failure(&again_while(NO_ANSWER, || run(&to(&arm.port, "0,10,0,0,0,0", "400"))));
+    let line = failure(&retry_while(NO_ANSWER, || run(&to(&arm.port, "0,10,0,0,0,0", "400"))));
     assert!(line.contains("the torque is off, so nothing was sent"), "{line}");
     let joints = success(&["call", "ling", &arm.port, "read-joints"]);
     assert!(joints.starts_with("joints: +0.00° +0.00°"), "{joints}");
 }
 
 #[test]
-fn an_arm_that_does_not_obey_is_told() {
+fn unexecuted_command_is_reported() {
     let arm = Arm::start("ling", "overheated", &[]);
     success(&["call", "ling", &arm.port, "set-temperature-limit", "0"]);
-    let line = failure(&again_while(NO_ANSWER, || run(&["torque", &arm.port, "on"])));
+    let line = failure(&retry_while(NO_ANSWER, || run(&["torque", &arm.port, "on"])));
     assert!(
         line.ends_with("torque on was sent, but the status is overheat protection"),
         "{line}"
@@ -161,7 +161,7 @@ fn an_arm_that_does_not_obey_is_told() {
 }
 
 #[test]
-fn set_zero_shows_where_the_arm_is_then() {
+fn set_zero_shows_the_new_joint_angles() {
     let arm = Arm::start("ling", "zero", &[]);
     success(&[&to(&arm.port, "0,10,0,0,0,0", "400")[..], &["--wait"]].concat());
     let out = success(&["set-zero", &arm.port, "--yes"]);
@@ -174,7 +174,7 @@ fn set_zero_shows_where_the_arm_is_then() {
 }
 
 #[test]
-fn what_lets_the_arm_fall_wants_a_yes() {
+fn commands_that_release_the_arm_need_confirmation() {
     for args in [&["torque", "/dev/null", "off"][..], &["set-zero", "/dev/null"]] {
         let text = usage(args);
         assert!(text.contains("hold it.") && text.contains("--yes"), "{text}");
@@ -192,8 +192,8 @@ fn speed_0_is_refused() {
 }
 
 #[test]
-fn a_terminal_is_asked_before_the_arm_falls() {
-    let arm = Arm::start("ling", "asked", &[]);
+fn terminal_prompts_before_the_arm_falls() {
+    let arm = Arm::start("ling", "prompt", &[]);
     let args = ["torque", &arm.port, "off"];
     let mut terminal = Terminal::new(80, 24);
     let child = terminal.start(&args);

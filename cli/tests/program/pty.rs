@@ -1,4 +1,4 @@
-//! The built program against virtual arms on pseudo-terminals: what a user sees, and each error a user meets.
+//! The built program against virtual arms on pseudo-terminals: output and errors.
 
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{BufRead, BufReader, ErrorKind, Write};
@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::common::{
-    Arm, NO_ANSWER, PROGRAM, again_while, failure, finish, free_path, run, run_against, start, success, usage,
+    Arm, NO_ANSWER, PROGRAM, failure, finish, free_path, retry_while, run, run_against, start, success, usage,
 };
 use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire::messages::Messages;
@@ -18,9 +18,9 @@ use armwire_sim::pty::Pty;
 use rustix::fs::OFlags;
 use rustix::process::{Pid, Signal, geteuid, kill_process};
 
-/// Runs `armwire info` on a pty where `answer` is written for every request.
-fn info_on_a_port_that_says(answer: &[u8]) -> Output {
-    again_while(NO_ANSWER, || {
+/// Runs `armwire info` on a pty that answers each request with `answer`.
+fn info_on_a_port_that_sends(answer: &[u8]) -> Output {
+    retry_while(NO_ANSWER, || {
         run_against(&["info", "PORT"], |_, pty, _| {
             assert_eq!(pty.write(answer).unwrap(), answer.len())
         })
@@ -78,14 +78,14 @@ fn temperatures_decide_the_number_of_servos() {
 }
 
 #[test]
-fn info_asks_again_after_damage_and_reports_it() {
+fn info_repeats_damaged_requests_and_reports_the_damage() {
     let arm = Arm::start("ling", "damaged", &["--faults", "corrupt=5000", "--seed", "3"]);
-    // The number of requests, and so the damaged bytes, depends on the system.
+    // The number of requests, and with it the damage, depends on the system.
     assert!((0..50).any(|_| success(&["info", &arm.port]).contains("bytes were no part of a frame")));
 }
 
 #[test]
-fn monitor_prints_as_many_readings_as_asked_for() {
+fn monitor_prints_the_requested_number_of_readings() {
     let arm = Arm::start("ling", "monitor", &[]);
     let out = success(&["monitor", &arm.port, "--rate", "200", "--count", "5"]);
     assert_eq!(out.lines().count(), 5);
@@ -98,14 +98,14 @@ fn monitor_prints_as_many_readings_as_asked_for() {
 #[test]
 fn monitor_goes_on_after_an_odd_reading() {
     let mut readings = [joints(4100, 2051), joints(2048, 1000)].into_iter().cycle();
-    let output = again_while(NO_ANSWER, || {
+    let output = retry_while(NO_ANSWER, || {
         run_against(&["monitor", "PORT", "--rate", "100", "--count", "6"], |_, pty, _| {
             pty.write(&readings.next().unwrap()).unwrap();
         })
     });
     let out = String::from_utf8(output.stdout).unwrap();
     assert_eq!(out.lines().count(), 6);
-    // Which of them a reading is depends on whether it had to be asked for again.
+    // Repeated requests shift the order of the readings.
     let is_odd = |line: &str| line.contains("+180.35° (out of range), gripper: 205.1 % (out of range)");
     let mut lines = out.lines().skip_while(|line| !is_odd(line));
     assert!(
@@ -116,38 +116,38 @@ fn monitor_goes_on_after_an_odd_reading() {
 
 #[test]
 fn ctrl_c_ends_monitor_of_a_silent_arm() {
-    let output = again_while(NO_ANSWER, || {
+    let output = retry_while(NO_ANSWER, || {
         run_against(&["monitor", "PORT"], |monitor, _, _| {
-            // It may have given up already.
+            // The monitor may have ended already.
             let _ = kill_process(Pid::from_child(monitor), Signal::INT);
         })
     });
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
 }
 
-/// Writes until the port takes no more, and returns how many bytes it took.
+/// Fills the port's buffer. Returns the number of bytes written.
 fn fill(port: &mut File) -> usize {
-    let mut taken = 0;
+    let mut written = 0;
     loop {
         match port.write(&[0]) {
-            Ok(n) => taken += n,
+            Ok(n) => written += n,
             Err(error) => {
                 assert_eq!(error.kind(), ErrorKind::WouldBlock);
-                return taken;
+                return written;
             }
         }
     }
 }
 
 #[test]
-fn a_port_that_takes_no_bytes_is_stuck() {
+fn full_port_is_reported_as_stuck() {
     let pty = Pty::open(None).unwrap();
     let mut client = OpenOptions::new()
         .write(true)
         .custom_flags(OFlags::NONBLOCK.bits() as i32)
         .open(pty.path())
         .unwrap();
-    // The kernel moves bytes on later, which makes room again: it is full when it takes nothing after a pause.
+    // The kernel moves bytes later, which frees space: the buffer is full if it is still full after a pause.
     while fill(&mut client) > 0 {
         thread::sleep(Duration::from_millis(50));
     }
@@ -157,7 +157,7 @@ fn a_port_that_takes_no_bytes_is_stuck() {
     }
 }
 
-/// Starts a monitor, and does something to it once it has shown its first reading.
+/// Starts a monitor, and calls `act` after its first reading.
 fn with_monitor(port: &str, act: impl FnOnce(&Child)) -> Output {
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", port]));
     BufReader::new(monitor.stdout.as_mut().unwrap())
@@ -170,7 +170,7 @@ fn with_monitor(port: &str, act: impl FnOnce(&Child)) -> Output {
 #[test]
 fn monitor_ends_cleanly_on_ctrl_c() {
     let arm = Arm::start("ling", "watched", &[]);
-    let output = again_while(NO_ANSWER, || {
+    let output = retry_while(NO_ANSWER, || {
         with_monitor(&arm.port, |monitor| {
             kill_process(Pid::from_child(monitor), Signal::INT).unwrap();
         })
@@ -185,7 +185,7 @@ fn virtual_arm_ends_cleanly_on_signals() {
         success(&["info", &arm.port]);
         let port = arm.port.clone();
         let last = arm.stop(signal);
-        // Some more than 6 if it had to be asked again.
+        // The number of requests varies: some may be repeated.
         assert!(
             last.contains(" answered, 0 refused), 0 unknown frames, 0 noise bytes."),
             "{last}"
@@ -195,7 +195,7 @@ fn virtual_arm_ends_cleanly_on_signals() {
 }
 
 #[test]
-fn a_virtual_arm_does_not_replace_a_file() {
+fn virtual_arm_does_not_replace_a_file() {
     let path = free_path("file");
     fs::write(&path, "precious").unwrap();
     let line = failure(&run(&["sim", "ling", "--pty", path.to_str().unwrap()]));
@@ -205,13 +205,13 @@ fn a_virtual_arm_does_not_replace_a_file() {
 }
 
 #[test]
-fn a_port_that_is_not_there_is_missing() {
+fn missing_port_is_reported() {
     let line = failure(&run(&["info", "/dev/no-such-port"]));
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
 }
 
 #[test]
-fn a_wrong_kind_of_place_is_hinted() {
+fn wrong_kind_of_port_has_a_hint() {
     for host in ["192.0.2.1", "arm.local:502"] {
         let line = failure(&run(&["info", host]));
         assert!(
@@ -226,14 +226,14 @@ fn a_wrong_kind_of_place_is_hinted() {
 }
 
 #[test]
-fn a_wrong_arm_is_hinted() {
+fn wrong_arm_has_a_hint() {
     let arm = Arm::start("ling", "wrong-arm", &[]);
     let line = failure(&run(&["info", "--arm", "alpha1", &arm.port]));
     assert!(line.contains("not a Ling arm ('ling' instead of 'alpha1')"), "{line}");
 }
 
 #[test]
-fn a_file_is_not_a_serial_port() {
+fn file_is_not_a_serial_port() {
     assert_eq!(failure(&run(&["info", "/dev/null"])), "/dev/null: not a serial port");
 }
 
@@ -241,7 +241,7 @@ fn a_file_is_not_a_serial_port() {
 fn port_of_another_program_is_busy() {
     let arm = Arm::start("ling", "busy", &[]);
     let mut info = None;
-    let output = again_while(NO_ANSWER, || {
+    let output = retry_while(NO_ANSWER, || {
         with_monitor(&arm.port, |monitor| {
             info = Some(run(&["info", &arm.port]));
             kill_process(Pid::from_child(monitor), Signal::INT).unwrap();
@@ -260,9 +260,9 @@ fn missing_permission_names_the_group() {
     let mut group = "the group ".to_owned();
     let copy = free_path("copy");
     if geteuid().is_root() {
-        // Root may open anything, so somebody else must try.
+        // Root may open any port: the program runs as another user.
         fs::set_permissions(pty.path(), Permissions::from_mode(0o600)).unwrap();
-        // A group that is not root's. Each line is `name:password:id:members`.
+        // A group other than root's. Each line is `name:password:id:members`.
         let groups = fs::read_to_string("/etc/group").unwrap();
         let other = groups.lines().find(|line| !line.contains(":0:")).unwrap();
         let fields: Vec<_> = other.split(':').collect();
@@ -284,7 +284,7 @@ fn missing_permission_names_the_group() {
 }
 
 #[test]
-fn a_port_where_nobody_answers_is_silent() {
+fn silent_port_is_reported_with_hints() {
     let pty = Pty::open(None).unwrap();
     let line = failure(&run(&["info", pty.path().to_str().unwrap()]));
     assert!(
@@ -305,13 +305,13 @@ fn damaged_answers_are_reported_as_damaged() {
         "corrupt",
         &["--faults", "corrupt=100000", "--faults-on", "answers"],
     );
-    let line = failure(&again_while(NO_ANSWER, || run(&["info", &arm.port])));
+    let line = failure(&retry_while(NO_ANSWER, || run(&["info", &arm.port])));
     assert!(line.contains("the answers arrive damaged"), "{line}");
 }
 
 #[test]
-fn bytes_that_are_no_frames_are_shown() {
-    let line = failure(&info_on_a_port_that_says(&[0x55, 0x0D, 0x0A, 0xAA]));
+fn bytes_outside_of_frames_are_shown() {
+    let line = failure(&info_on_a_port_that_sends(&[0x55, 0x0D, 0x0A, 0xAA]));
     assert!(
         line.contains("no frame of a Ling arm") && line.contains("first bytes: 55 0D 0A AA 55"),
         "{line}"
@@ -330,7 +330,7 @@ fn unknown_frame_is_named() {
     }
     .encode(&mut out)
     .unwrap();
-    let line = failure(&info_on_a_port_that_says(&out[..n]));
+    let line = failure(&info_on_a_port_that_sends(&out[..n]));
     assert!(
         line.contains("the arm answers with command EE function 00: unknown"),
         "{line}"
@@ -338,8 +338,8 @@ fn unknown_frame_is_named() {
 }
 
 #[test]
-fn echoed_requests_are_no_answers() {
-    let line = failure(&info_on_a_port_that_says(&[0xAA, 0x01, 0x00, 0x01, 0xFE, 0x23, 0xFF]));
+fn echoed_requests_are_not_answers() {
+    let line = failure(&info_on_a_port_that_sends(&[0xAA, 0x01, 0x00, 0x01, 0xFE, 0x23, 0xFF]));
     assert!(line.contains("only our own requests come back"), "{line}");
 }
 
@@ -377,7 +377,7 @@ fn decode_reads_bytes_and_hexadecimal_text() {
     assert_eq!(finish(child).stdout, of_bytes.as_bytes());
 }
 
-/// Runs a program whose standard error goes to nobody.
+/// Runs a program with a standard error without a reader.
 fn run_unread(args: &[&str]) -> Output {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);

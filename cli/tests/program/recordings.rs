@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
-use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, run, start, success};
+use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, retry_while, run, start, success};
 use crate::sim_xarm;
 
 /// A recording that is deleted at the end.
@@ -25,21 +25,17 @@ impl Recording {
         self.0.to_str().unwrap()
     }
 
-    /// Records what a monitor with these arguments sees, again while an arm that the system gives no time is silent.
+    /// Records with a monitor with these arguments. Repeats it while the arm is silent, as on a busy system.
     fn record(&self, args: &[&str]) -> Output {
-        let deadline = Instant::now() + TIMEOUT;
-        loop {
+        let output = retry_while(NO_ANSWER, || {
             let _ = fs::remove_file(&self.0);
-            let output = run(&[&["monitor", "--mcap", self.path()], args].concat());
-            let is_busy = String::from_utf8_lossy(&output.stderr).contains(NO_ANSWER);
-            if !is_busy || Instant::now() > deadline {
-                assert!(output.status.success(), "{output:?}");
-                return output;
-            }
-        }
+            run(&[&["monitor", "--mcap", self.path()], args].concat())
+        });
+        assert!(output.status.success(), "{output:?}");
+        output
     }
 
-    /// The entries of the recording, and the sum.
+    /// The entries of the recording, and the last line of the output.
     fn decoded(&self) -> (Vec<(String, String)>, String) {
         let out = success(&["decode", self.path()]);
         let mut lines: Vec<_> = out.lines().map(str::to_owned).collect();
@@ -48,7 +44,7 @@ impl Recording {
         (entries, sum)
     }
 
-    /// Waits until some of it is in the file.
+    /// Waits until the file has content.
     fn wait(&self, monitor: &mut Child) {
         let deadline = Instant::now() + TIMEOUT;
         while fs::metadata(&self.0).map_or(0, |file| file.len()) == 0 {
@@ -77,14 +73,14 @@ fn monitor_records_both_directions() {
     let output = recording.record(&[&arm.port, "--rate", "200", "--count", "3", "--json"]);
     assert_eq!(output.stdout.iter().filter(|&&byte| byte == b'\n').count(), 3);
     let (entries, sum) = recording.decoded();
-    let told: Vec<_> = entries.iter().map(|(_, text)| text.trim()).collect();
+    let texts: Vec<_> = entries.iter().map(|(_, text)| text.trim()).collect();
     assert_eq!(
-        told[..2],
+        texts[..2],
         ["to the arm: read gripper stroke", "from the arm: stroke: 50 mm"]
     );
     let joints = "from the arm: joints: +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°, gripper: 0.0 % open, status: locked";
-    assert_eq!(told[2..4], ["to the arm: read joints", joints]);
-    assert_eq!(told.iter().filter(|text| **text == joints).count(), 3);
+    assert_eq!(texts[2..4], ["to the arm: read joints", joints]);
+    assert_eq!(texts.iter().filter(|text| **text == joints).count(), 3);
     assert_eq!(sum, format!("frames: {}, noise bytes: 0", entries.len()));
     assert!(times(&entries).is_sorted(), "{entries:?}");
 }
@@ -123,7 +119,7 @@ fn every_arm_can_be_recorded() {
         let recording = Recording::new();
         recording.record(&[args, &["--count", "2"]].concat());
         let (entries, _) = recording.decoded();
-        let found = entries.iter().filter(|(_, told)| told.contains(text)).count();
+        let found = entries.iter().filter(|(_, meaning)| meaning.contains(text)).count();
         assert!(found >= 2, "{entries:?}");
     }
 }
@@ -149,7 +145,7 @@ fn recording_of_an_adapter_has_its_stamps() {
         entries.iter().all(|(line, _)| line.contains("  from arm  ")),
         "{entries:?}"
     );
-    // A message that came faster than those before moves the clocks' difference, to earlier times only.
+    // A message with a shorter delay than before corrects the offset of the clocks, only towards earlier times.
     let times = times(&entries);
     let joints = entries
         .iter()
@@ -178,7 +174,7 @@ fn interrupted_recording_is_complete() {
 }
 
 #[test]
-fn recording_is_complete_when_nobody_reads_the_output() {
+fn recording_is_complete_without_a_reader_of_the_output() {
     let arm = Arm::start("ling", "unread", &[]);
     let recording = Recording::new();
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port, "--mcap", recording.path()]));
@@ -209,7 +205,7 @@ fn recording_of_a_killed_monitor_is_read() {
 }
 
 #[test]
-fn recording_continues_behind_a_lost_port() {
+fn recording_continues_after_a_lost_port() {
     let arm = Arm::start("ling", "lost", &[]);
     let port = arm.port.clone();
     let recording = Recording::new();
@@ -249,7 +245,7 @@ fn recording_is_not_replaced() {
 }
 
 #[test]
-fn port_that_is_not_there_leaves_no_file() {
+fn missing_port_leaves_no_file() {
     let recording = Recording::new();
     failure(&run(&["monitor", "/dev/no-such-port", "--mcap", recording.path()]));
     assert!(!recording.0.exists());

@@ -1,23 +1,23 @@
-//! `armwire selftest` where there is no adapter. The checks themselves run on a virtual board, in `host-tests`.
+//! `armwire selftest` without an adapter. The tests in `host-tests` run its checks on a virtual board.
 
 use crate::common::board::Board;
 use crate::common::{failure, run};
 
 #[test]
-fn port_that_is_not_there_is_told() {
+fn missing_port_is_reported() {
     let line = failure(&run(&["selftest", "/dev/nothing", "--yes"]));
     assert!(line.starts_with("/dev/nothing: no such port"), "{line}");
 }
 
 #[test]
-fn port_of_no_adapter_is_refused() {
+fn port_without_an_adapter_is_refused() {
     let board = Board::start("selftest");
     let line = failure(&run(&["selftest", &board.port, "--yes"]));
     assert!(line.contains("this is not the port of an armwire adapter"), "{line}");
 }
 
 #[test]
-fn checks_are_listed_where_one_is_unknown() {
+fn error_of_unknown_check_lists_known_ones() {
     let output = run(&["selftest", "/dev/nothing", "--only", "echo,gap"]);
     let text = String::from_utf8(output.stderr).unwrap();
     assert!(!output.status.success());

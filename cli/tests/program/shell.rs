@@ -8,7 +8,7 @@ use crate::common::{PROGRAM, free_path, success};
 #[test]
 fn each_shell_has_completions() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
-        // A script is longer than a pipe.
+        // A script is larger than the buffer of a pipe.
         let path = free_path(shell);
         let mut command = Command::new(PROGRAM);
         let command = command

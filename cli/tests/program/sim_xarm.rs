@@ -1,4 +1,4 @@
-//! `armwire sim xarm`: what it says, who may reach it, and how it ends.
+//! `armwire sim xarm`: output, access and end.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -10,7 +10,7 @@ use crate::common::{PROGRAM, TIMEOUT, failure, finish, run, start, success, usag
 
 /// A running `armwire sim xarm` on free ports.
 pub(crate) struct Arm {
-    /// There until it is waited for.
+    /// `None` after [`finish`](Self::finish).
     child: Option<Child>,
     /// Its first output.
     line: String,
@@ -25,7 +25,7 @@ impl Arm {
     fn run(command: &mut Command) -> Self {
         let mut child = start(command);
         let mut line = String::new();
-        // With room for no more than a byte, what follows the line stays where it is.
+        // A buffer of one byte leaves the output after the line to other readers.
         let mut out = BufReader::with_capacity(1, child.stdout.as_mut().unwrap());
         out.read_line(&mut line).unwrap();
         let child = Some(child);
@@ -38,19 +38,19 @@ impl Arm {
         words.filter(|word| word.starts_with("127.0.0.1:")).collect()
     }
 
-    /// The first line on stderr that has these words.
-    fn wait_for(&mut self, words: &str) -> String {
+    /// The next line on stderr that contains this text.
+    fn wait_for(&mut self, text: &str) -> String {
         let mut out = BufReader::with_capacity(1, self.child.as_mut().unwrap().stderr.as_mut().unwrap());
         loop {
             let mut line = String::new();
-            assert_ne!(out.read_line(&mut line).unwrap(), 0, "it ended without '{words}'");
-            if line.contains(words) {
+            assert_ne!(out.read_line(&mut line).unwrap(), 0, "it ended without '{text}'");
+            if line.contains(text) {
                 return line;
             }
         }
     }
 
-    /// Waits until it has ended well, and returns what it printed and what it said of its clients.
+    /// Waits until it succeeds. Returns its output and its messages about clients.
     fn finish(mut self) -> (String, String) {
         let output = finish(self.child.take().unwrap());
         assert!(output.status.success(), "{output:?}");
@@ -138,7 +138,7 @@ fn virtual_xarm_starts_with_given_error_and_warning() {
 }
 
 #[test]
-fn it_ends_when_a_client_shuts_it_down() {
+fn virtual_xarm_ends_on_a_clients_shutdown() {
     let arm = Arm::start(&["--no-report"]);
     let mut client = connect(arm.addresses()[0]);
     client.write_all(&[0, 1, 0, 2, 0, 2, 10, 1]).unwrap();
@@ -151,7 +151,7 @@ fn it_ends_when_a_client_shuts_it_down() {
 }
 
 #[test]
-fn others_reach_it_only_if_that_is_said() {
+fn remote_access_needs_an_option() {
     for open in [
         ["--listen", "0.0.0.0:0"],
         ["--listen", "[::]:0"],
@@ -166,8 +166,8 @@ fn others_reach_it_only_if_that_is_said() {
             },
             &open,
         ];
-        let said = usage(&args.concat());
-        assert!(said.contains("--allow-remote") && said.contains(open[1]), "{said}");
+        let text = usage(&args.concat());
+        assert!(text.contains("--allow-remote") && text.contains(open[1]), "{text}");
     }
     let arm = Arm::start(&["--report-listen", "0.0.0.0:0", "--allow-remote"]);
     assert!(arm.line.contains("its reports at 0.0.0.0:"), "{}", arm.line);
@@ -176,9 +176,9 @@ fn others_reach_it_only_if_that_is_said() {
 }
 
 #[test]
-fn a_port_that_is_taken_is_told() {
-    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = taken.local_addr().unwrap().to_string();
+fn occupied_port_is_reported() {
+    let occupied = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = occupied.local_addr().unwrap().to_string();
     let output = run(&["sim", "xarm", "--listen", &address, "--no-report"]);
     let expected = format!(
         "cannot serve a virtual arm: {address}: in use by another program: close that one, or choose another port"
@@ -187,18 +187,18 @@ fn a_port_that_is_taken_is_told() {
 }
 
 #[test]
-fn an_arm_that_there_is_not_is_told() {
+fn impossible_arms_and_addresses_are_refused() {
     for (wrong, why) in [
         (["--axes", "4"], "there are 5, 6 and 7"),
         (["--serial", "a serial"], "character of a serial number is 32"),
         (["--error", "256"], "256"),
     ] {
-        let said = usage(&[&["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"][..], &wrong].concat());
-        assert!(said.contains(why), "{said}");
+        let text = usage(&[&["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"][..], &wrong].concat());
+        assert!(text.contains(why), "{text}");
     }
     for address in ["localhost:15020", "127.0.0.1", "15020"] {
-        let said = usage(&["sim", "xarm", "--listen", address]);
-        assert!(said.contains("such as 127.0.0.1:15020"), "{said}");
+        let text = usage(&["sim", "xarm", "--listen", address]);
+        assert!(text.contains("such as 127.0.0.1:15020"), "{text}");
     }
 }
 
@@ -213,7 +213,7 @@ fn assert_answers(mut client: &TcpStream) {
 }
 
 #[test]
-fn silent_clients_do_not_lock_others_out() {
+fn silent_clients_do_not_block_others() {
     let arm = Arm::start(&["--report-listen", "127.0.0.1:0"]);
     let [control, report] = arm.addresses()[..] else {
         panic!("{}", arm.line)
@@ -228,7 +228,7 @@ fn silent_clients_do_not_lock_others_out() {
 
 #[test]
 fn virtual_xarm_survives_running_out_of_files() {
-    // Fewer files than clients.
+    // The limit of open files is below the number of clients.
     let limited = [
         "-c",
         r#"ulimit -n 24; exec "$@""#,

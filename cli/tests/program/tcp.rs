@@ -1,4 +1,4 @@
-//! The built program and an arm whose serial port a server has on TCP.
+//! The built program with an arm behind a TCP server of its serial port.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -11,20 +11,20 @@ use armwire_sim::serial::SerialDevice;
 
 use crate::common::{failure, run, success, usage};
 
-/// Serves an arm to one program after another, and returns its port as a user names it.
+/// Serves an arm to one program after another. Returns the name of its port for the command.
 fn serve() -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = format!("tcp:{}", listener.local_addr().unwrap());
     thread::spawn(move || {
         for stream in listener.incoming() {
-            carry(stream.unwrap(), LingArm::new(Config::follower()));
+            forward(stream.unwrap(), LingArm::new(Config::follower()));
         }
     });
     port
 }
 
-/// Carries bytes until the program has gone.
-fn carry(mut stream: TcpStream, mut arm: LingArm) {
+/// Forwards bytes until the program disconnects.
+fn forward(mut stream: TcpStream, mut arm: LingArm) {
     let start = Instant::now();
     stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
     let mut bytes = [0; 256];
@@ -58,15 +58,15 @@ fn arm_behind_a_server_works_as_on_port() {
 }
 
 #[test]
-fn missing_server_and_missing_arm_are_told() {
-    // A port that was free a moment ago.
+fn missing_server_and_missing_arm_are_reported() {
+    // The listener is closed: the port is free.
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let line = failure(&run(&["info", &format!("tcp:{free}")]));
     assert!(line.starts_with(&format!("{free}: nothing listens there")), "{line}");
 
-    // It accepts, and says nothing.
-    let mute = TcpListener::bind("127.0.0.1:0").unwrap();
-    let port = format!("tcp:{}", mute.local_addr().unwrap());
+    // The server accepts connections and sends nothing.
+    let silent = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = format!("tcp:{}", silent.local_addr().unwrap());
     let line = failure(&run(&["call", "ling", &port, "read-joints"]));
     assert!(
         line.contains("is the arm powered, and is its serial port the one that is served there?"),

@@ -1,5 +1,5 @@
-//! The built program and adapters of another version of the control port, and an adapter and a host of an older one. The
-//! messages of the other version are written out in bytes.
+//! The built program with adapters of other versions of the control port, and the adapter with a host of an older one.
+//! Messages of other versions are literal bytes.
 
 use std::fs::OpenOptions;
 use std::io::{Read, Write};
@@ -8,9 +8,9 @@ use std::sync::mpsc;
 use std::thread;
 
 use crate::common::board::Board;
-use crate::common::{TIMEOUT, again_while, failure, run_against};
+use crate::common::{TIMEOUT, failure, retry_while, run_against};
 
-/// The numbers of requests: the byte behind the sequence number.
+/// The numbers of requests: the byte after the sequence number.
 const IDENTIFY: u8 = 0;
 const GET_CONFIG: u8 = 2;
 const GET_COUNTERS: u8 = 6;
@@ -25,13 +25,13 @@ const RELEASE_LINE: u8 = 14;
 const CONFIG: [u8; 15] = [4, 0, 0, 0, 0xC0, 0x84, 0x3D, 0, 0, 0, 100, 0, 0xF4, 0x03, 0];
 const LINE: [u8; 13] = [9, 0xC0, 0x84, 0x3D, 0, 0, 0xC0, 0x84, 0x3D, 0, 0, 0, 0];
 
-/// The identity of an adapter that speaks this version.
+/// The identity of an adapter with this version.
 fn identity(version: u8) -> Vec<u8> {
     let names = b"\x051.2.3\x0C1a2b3c4d5e6f\x07virtual\x0C0123456789AB";
     [&[2, version], &names[..], &[0]].concat()
 }
 
-/// So many counts, all of them 1.
+/// Counters, all of them 1.
 fn counters(counts: usize) -> Vec<u8> {
     [vec![6], vec![1; counts]].concat()
 }
@@ -51,7 +51,7 @@ fn replies(version: u8, counts: usize, added: &'static [u8]) -> impl Fn(u8) -> V
     }
 }
 
-/// A message as it goes over USB. It is shorter than 254 bytes.
+/// The COBS encoding of a message of less than 254 bytes, with its zero at the end.
 fn to_stream(message: &[u8]) -> Vec<u8> {
     let blocks = message.split(|byte| *byte == 0);
     let mut stream: Vec<u8> = blocks
@@ -61,7 +61,7 @@ fn to_stream(message: &[u8]) -> Vec<u8> {
     stream
 }
 
-/// The message that ended with a zero on the way over USB, which is not among these bytes.
+/// The message of a COBS encoding without its zero.
 fn from_stream(stream: &[u8]) -> Vec<u8> {
     let mut message = Vec::new();
     let mut rest = stream;
@@ -74,14 +74,14 @@ fn from_stream(stream: &[u8]) -> Vec<u8> {
     message
 }
 
-/// Runs the program against an adapter that replies so to the request of a number.
+/// Runs the program against an adapter. `reply` has the adapter's reply to a request number.
 fn run_with(args: &[&str], reply: impl Fn(u8) -> Vec<u8>) -> Output {
-    again_while("the adapter does not answer in", || {
-        let mut heard = Vec::new();
+    retry_while("the adapter does not answer in", || {
+        let mut received = Vec::new();
         run_against(args, |_, pty, bytes| {
-            heard.extend(bytes);
-            while let Some(end) = heard.iter().position(|byte| *byte == 0) {
-                let request: Vec<u8> = heard.drain(..=end).collect();
+            received.extend(bytes);
+            while let Some(end) = received.iter().position(|byte| *byte == 0) {
+                let request: Vec<u8> = received.drain(..=end).collect();
                 if let [sequence, number, ..] = from_stream(&request[..end])[..] {
                     let message = [vec![0, sequence], reply(number)].concat();
                     pty.write(&to_stream(&message)).unwrap();
@@ -91,13 +91,13 @@ fn run_with(args: &[&str], reply: impl Fn(u8) -> Vec<u8>) -> Output {
     })
 }
 
-/// The output without an error.
+/// The output of a program that succeeds without a warning.
 fn printed(output: Output) -> String {
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// The value in the line that begins with this name.
+/// The value in the line of this name.
 fn value<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     Some(line.trim())
@@ -112,7 +112,7 @@ fn counters_of_version_3_lack_the_last() {
 }
 
 #[test]
-fn unknown_counters_of_version_5_are_passed_over() {
+fn unknown_counters_of_version_5_are_skipped() {
     let text = printed(run_with(&["counters", "control:PORT"], replies(5, 58, &[])));
     assert_eq!(value(&text, "untracked_requests "), Some("1"), "{text}");
     assert_eq!(
@@ -122,8 +122,8 @@ fn unknown_counters_of_version_5_are_passed_over() {
 }
 
 #[test]
-fn an_adapter_of_any_version_is_described() {
-    let told = [
+fn adapter_of_any_version_is_described() {
+    let expected = [
         "adapter      virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
         "configured   arm ling, poll off, silence after 500 ms",
         "can          node 0, 1000000 bit/s, telemetry off, commands off",
@@ -132,12 +132,12 @@ fn an_adapter_of_any_version_is_described() {
         // Version 5 has more at the end of each message.
         let added: &[u8] = if version == 5 { &[1, 2, 3] } else { &[] };
         let text = printed(run_with(&["info", "control:PORT"], replies(version, 57, added)));
-        assert_eq!(text.lines().collect::<Vec<_>>(), told, "version {version}");
+        assert_eq!(text.lines().collect::<Vec<_>>(), expected, "version {version}");
     }
 }
 
 #[test]
-fn an_adapter_of_version_5_says_its_version() {
+fn error_names_version_5_of_an_adapter() {
     let output = run_with(&["hold", "control:PORT"], replies(5, 58, &[]));
     let line = failure(&output);
     assert!(
@@ -149,7 +149,7 @@ fn an_adapter_of_version_5_says_its_version() {
 }
 
 #[test]
-fn unknown_reply_of_version_5_is_told() {
+fn unknown_reply_of_version_5_is_reported() {
     let output = run_with(&["counters", "control:PORT"], |request| match request {
         GET_LATENCIES => vec![10, 1],
         _ => replies(5, 58, &[])(request),
@@ -163,7 +163,7 @@ fn unknown_reply_of_version_5_is_told() {
 }
 
 #[test]
-fn a_host_of_version_3_is_served() {
+fn host_of_version_3_is_served() {
     let board = Board::start("version-3");
     let path = board.control.strip_prefix("control:").unwrap();
     let mut port = OpenOptions::new().read(true).write(true).open(path).unwrap();
@@ -171,7 +171,7 @@ fn a_host_of_version_3_is_served() {
     let (sender, receiver) = mpsc::channel();
     thread::spawn(move || {
         let mut byte = [0];
-        // It ends with the adapter, or with the last who listens.
+        // Ends with the adapter or with the receiver.
         while reader.read_exact(&mut byte).is_ok() && sender.send(byte[0]).is_ok() {}
     });
     let mut call = |request: &[u8]| {
@@ -192,7 +192,7 @@ fn a_host_of_version_3_is_served() {
     assert_eq!(call(&[7, HOLD_LINE]), done);
     assert_eq!(call(&[7, GET_LINE]), reply(&held));
     assert_eq!(call(&[7, RELEASE_LINE]), done);
-    // It knows 56 counts, of which that of control requests is the 46th, and passes over the last.
+    // The host knows 56 counters and skips the last. The 46th counts control requests.
     let counters = call(&[7, GET_COUNTERS]);
     assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 57));
     assert_eq!(counters[3 + 45], 9);

@@ -1,4 +1,4 @@
-//! xArm from the command line: each request, each thing that can go wrong on TCP, and recordings.
+//! xArm from the command line: each request, errors on TCP, and recordings.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -6,15 +6,15 @@ use std::process::{Command, Output};
 use std::thread;
 
 use armwire::xarm::{
-    MAX_FRAME, MAX_PARAMS, Raw, Register, Reply, Request as Ask, Response, RotationRadius, SerialsText, State,
-    TorqueSource, VersionText, XArm,
+    MAX_FRAME, MAX_PARAMS, Raw, Register, Reply, Request, Response, RotationRadius, SerialsText, State, TorqueSource,
+    VersionText, XArm,
 };
 use armwire::{Device, DeviceEvent};
 
 use crate::common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
 use crate::sim_xarm;
 
-/// Runs a program with a port for its argument HOST, where `serve` gets the connection.
+/// Runs a program with an address for its argument HOST, and calls `serve` with its connection.
 fn run_against(args: &[&str], serve: impl FnOnce(TcpStream) + Send) -> Output {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let host = listener.local_addr().unwrap().to_string();
@@ -23,14 +23,14 @@ fn run_against(args: &[&str], serve: impl FnOnce(TcpStream) + Send) -> Output {
     thread::scope(|scope| {
         scope.spawn(move || serve(listener.accept().unwrap().0));
         let output = finish(child);
-        // A program that never connected must not keep us waiting.
+        // Without a connection of the program, this one ends the wait.
         let _ = TcpStream::connect(&host);
         output
     })
 }
 
-/// Answers each request that comes, until the connection ends.
-fn answer(mut stream: TcpStream, mut answer: impl FnMut(Ask<'_>) -> Option<(State, Reply<'static>)>) {
+/// Answers each request until the connection ends.
+fn answer(mut stream: TcpStream, mut answer: impl FnMut(Request<'_>) -> Option<(State, Reply<'static>)>) {
     let mut device = Device::<XArm, MAX_FRAME>::new(XArm::PRIVATE);
     let mut out = [0; MAX_FRAME];
     while let Ok(n @ 1..) = stream.read(device.space()) {
@@ -52,33 +52,33 @@ fn answer(mut stream: TcpStream, mut answer: impl FnMut(Ask<'_>) -> Option<(Stat
 }
 
 /// Bytes that an answer may borrow.
-fn kept(bytes: impl Into<Vec<u8>>) -> &'static [u8] {
+fn leaked(bytes: impl Into<Vec<u8>>) -> &'static [u8] {
     bytes.into().leak()
 }
 
-/// An arm with all six registers and one more.
-fn arm(ask: Ask<'_>) -> Option<(State, Reply<'static>)> {
-    let reply = match ask {
-        Ask::ReadVersion => {
+/// An arm with the six registers of the document and register 42.
+fn arm(request: Request<'_>) -> Option<(State, Reply<'static>)> {
+    let reply = match request {
+        Request::ReadVersion => {
             let text = VersionText::encode("6,9,XI1300,AC1300,v1.12.10").unwrap();
-            Reply::Version(VersionText(kept(text)))
+            Reply::Version(VersionText(leaked(text)))
         }
-        Ask::ReadSerials => {
+        Request::ReadSerials => {
             let text = SerialsText::encode("XI130004A1B2", "AC130004A1B2").unwrap();
-            Reply::Serials(SerialsText(kept(text)))
+            Reply::Serials(SerialsText(leaked(text)))
         }
-        Ask::ReloadDynamics => Reply::Empty(Register::ReloadDynamics),
-        Ask::ReadTorqueSource => Reply::TorqueSource(TorqueSource::Current),
-        Ask::ReadRotationRadius(joint) => {
+        Request::ReloadDynamics => Reply::Empty(Register::ReloadDynamics),
+        Request::ReadTorqueSource => Reply::TorqueSource(TorqueSource::Current),
+        Request::ReadRotationRadius(joint) => {
             Reply::RotationRadius(RotationRadius::from_metres(f32::from(joint.number()) / 8.0).unwrap())
         }
-        Ask::Shutdown | Ask::Reboot => Reply::Empty(Register::SystemControl),
-        Ask::Raw(raw) if raw.register() == 42 => {
+        Request::Shutdown | Request::Reboot => Reply::Empty(Register::SystemControl),
+        Request::Raw(raw) if raw.register() == 42 => {
             let radians = [0.0, 0.5, -1.0, 3.0, 0.0, -0.25, 0.0_f32];
             let params: Vec<u8> = radians.into_iter().flat_map(f32::to_le_bytes).collect();
-            Reply::Raw(Raw::new(42, kept(params)).unwrap())
+            Reply::Raw(Raw::new(42, leaked(params)).unwrap())
         }
-        Ask::Raw(raw) => return Some((State::INVALID, Reply::empty(raw.register()))),
+        Request::Raw(raw) => return Some((State::INVALID, Reply::empty(raw.register()))),
         other => panic!("{other:?}"),
     };
     Some((State::NOT_READY | State::WARNING, reply))
@@ -118,7 +118,7 @@ fn each_request_of_an_xarm_can_be_made() {
 }
 
 #[test]
-fn requests_go_out_as_they_were_asked_for() {
+fn requests_are_sent_as_given() {
     for (args, bytes) in [
         (&["version"][..], &[0, 1, 0, 2, 0, 1, 1][..]),
         (&["--supervised", "version"], &[0, 1, 0, 3, 0, 1, 1]),
@@ -188,12 +188,12 @@ fn info_shows_the_arm_and_its_state() {
 #[test]
 fn info_goes_on_after_refusals_and_odd_versions() {
     let output = run_against(&["info", "--arm", "xarm", "HOST"], |stream| {
-        answer(stream, |ask| match ask {
-            Ask::ReadVersion => {
+        answer(stream, |request| match request {
+            Request::ReadVersion => {
                 // The document gives no length.
                 Some((State::OK, Reply::Version(VersionText(b"v1.0.2"))))
             }
-            ask => Some((State::INVALID, Reply::empty(ask.register().unwrap()))),
+            request => Some((State::INVALID, Reply::empty(request.register().unwrap()))),
         });
     });
     let out = stdout(output);
@@ -217,9 +217,9 @@ fn monitor_shows_the_joints_the_arm_has() {
 #[test]
 fn monitor_shows_unknown_answers_as_bytes() {
     let output = run_against(&["monitor", "--arm", "xarm", "HOST", "--count", "1"], |stream| {
-        answer(stream, |ask| match ask {
-            Ask::Raw(_) => Some((State::OK, Reply::Raw(Raw::new(42, &[1, 2, 3]).unwrap()))),
-            ask => Some((State::INVALID, Reply::empty(ask.register().unwrap()))),
+        answer(stream, |request| match request {
+            Request::Raw(_) => Some((State::OK, Reply::Raw(Raw::new(42, &[1, 2, 3]).unwrap()))),
+            request => Some((State::INVALID, Reply::empty(request.register().unwrap()))),
         });
     });
     let out = stdout(output);
@@ -228,12 +228,12 @@ fn monitor_shows_unknown_answers_as_bytes() {
 
 #[test]
 fn text_of_an_arm_is_escaped() {
-    let hostile = |ask: Ask<'_>| match ask {
-        Ask::ReadVersion => {
+    let hostile = |request: Request<'_>| match request {
+        Request::ReadVersion => {
             let text = VersionText(b"6,9,\x1b[2J,AC1300,v1.12.10");
             Some((State::OK, Reply::Version(text)))
         }
-        ask => arm(ask),
+        request => arm(request),
     };
     for args in [
         &["call", "xarm", "HOST", "version"][..],
@@ -249,7 +249,7 @@ fn text_of_an_arm_is_escaped() {
 }
 
 #[test]
-fn an_arm_that_refuses_says_so() {
+fn refusal_of_an_arm_is_reported() {
     let line = failure(&with_arm(&["call", "xarm", "HOST", "raw", "19", "01"]));
     assert!(
         line.ends_with(": the arm refused register 19, or failed at it (state invalid)"),
@@ -258,7 +258,7 @@ fn an_arm_that_refuses_says_so() {
 }
 
 #[test]
-fn an_answer_to_another_request_is_none() {
+fn answer_to_another_request_is_ignored() {
     let output = run_against(&["call", "xarm", "HOST", "version"], |mut stream| {
         stream.write_all(&[0, 9, 0, 2, 0, 2, 4, 0]).unwrap();
         answer(stream, |_| None);
@@ -271,7 +271,7 @@ fn an_answer_to_another_request_is_none() {
 }
 
 #[test]
-fn an_arm_that_does_not_answer_is_silent() {
+fn missing_answer_is_reported() {
     let line = failure(&run_against(&["call", "xarm", "HOST", "version"], |stream| {
         answer(stream, |_| None);
     }));
@@ -295,7 +295,7 @@ fn foreign_stream_is_broken_at_its_offset() {
 }
 
 #[test]
-fn short_frame_is_passed_over() {
+fn short_frame_is_skipped() {
     let line = failure(&run_against(&["call", "xarm", "HOST", "version"], |mut stream| {
         stream.write_all(&[0, 1, 0, 2, 0, 0]).unwrap();
         answer(stream, |_| None);
@@ -307,13 +307,13 @@ fn short_frame_is_passed_over() {
 }
 
 #[test]
-fn a_connection_that_is_closed_is_told() {
+fn closed_connection_is_reported() {
     for args in [
         &["info", "--arm", "xarm", "HOST"][..],
         &["call", "xarm", "HOST", "version"],
     ] {
         let line = failure(&run_against(args, |mut stream| {
-            // All of the request, or closing would be a reset.
+            // Unread bytes would turn the close into a reset.
             stream.read_exact(&mut [0; 7]).unwrap();
         }));
         assert!(line.contains("the connection was closed from there"), "{line}");
@@ -321,7 +321,7 @@ fn a_connection_that_is_closed_is_told() {
 }
 
 #[test]
-fn a_host_where_nothing_listens_refuses() {
+fn refused_connection_is_reported() {
     let address = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let line = failure(&run(&["info", "--arm", "xarm", &address.to_string()]));
     assert!(
@@ -331,13 +331,13 @@ fn a_host_where_nothing_listens_refuses() {
 }
 
 #[test]
-fn a_name_that_does_not_resolve_is_told() {
+fn unknown_host_name_is_reported() {
     let line = failure(&run(&["call", "xarm", "no-such-host.invalid", "version"]));
     assert!(line.starts_with("no-such-host.invalid:502: no such host ("), "{line}");
 }
 
 #[test]
-fn a_virtual_xarm_is_one_to_all_commands() {
+fn all_commands_work_with_a_virtual_xarm() {
     let sim = sim_xarm::Arm::start(&["--no-report"]);
     let host = sim.addresses()[0];
     let info = success(&["info", "--arm", "xarm", host]);
@@ -355,7 +355,7 @@ fn a_virtual_xarm_is_one_to_all_commands() {
 }
 
 #[test]
-fn the_protocol_id_is_the_one_asked_for() {
+fn option_selects_the_protocol_id() {
     for (option, id) in [(&[][..], 2), (&["--supervised"], 3)] {
         let args = [&["call", "xarm", "HOST"][..], option, &["version"]].concat();
         let mut request = [0; 7];
@@ -365,13 +365,13 @@ fn the_protocol_id_is_the_one_asked_for() {
 }
 
 #[test]
-fn decode_tells_a_stream_by_its_direction() {
+fn decode_reads_each_direction_of_a_stream() {
     let path = free_path("stream");
     let decode = |bytes: &[u8], args: &[&str]| {
         std::fs::write(&path, bytes).unwrap();
         run(&[&["decode", "--arm", "xarm", path.to_str().unwrap()], args].concat())
     };
-    // All of it is ASCII, but no text.
+    // All bytes are ASCII, but not text.
     let requests = [0, 1, 0, 2, 0, 1, 1, 0, 2, 0, 2, 0, 2, 10, 1];
     assert_eq!(
         stdout(decode(&requests, &["--from", "host"])),
@@ -405,7 +405,7 @@ bytes: 26, frames: 3, noise bytes: 0\n"
 #[test]
 fn decode_stops_where_a_stream_breaks() {
     let path = free_path("broken");
-    // An answer, and behind it what has no protocol id of an xArm.
+    // An answer, then bytes without a protocol id of an xArm.
     let bytes = [0, 1, 0, 2, 0, 2, 10, 0, 0, 1, 3, 1, 0, 2, 0, 2, 4, 0];
     std::fs::write(&path, bytes).unwrap();
     let output = run(&["decode", "--arm", "xarm", path.to_str().unwrap()]);

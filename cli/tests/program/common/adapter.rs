@@ -19,12 +19,12 @@ use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
 use armwire_sim::slcan::{Adapter as Slcan, Status};
 
-/// The bit rate of the bus, unless a test wants another.
+/// The default bit rate of the bus.
 pub(crate) const BIT_RATE: u32 = 500_000;
-/// The adapter on it, unless a test wants another.
+/// The default node id of the adapter.
 pub(crate) const NODE: u8 = 3;
 
-/// A bus that is served until this is dropped.
+/// A CAN bus, served until dropped.
 pub(crate) struct CanBus {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -32,7 +32,7 @@ pub(crate) struct CanBus {
     pub(crate) path: String,
     /// Every frame that a program sent.
     pub(crate) sent: Arc<Mutex<Vec<Frame>>>,
-    /// True if a host on USB holds the line at 9600 baud. Before, the adapter does not know the request.
+    /// True if a host on USB holds the line at 9600 baud. Otherwise the adapter does not support the request.
     pub(crate) is_held: Arc<AtomicBool>,
 }
 
@@ -41,7 +41,7 @@ impl CanBus {
         Self::start_as(BIT_RATE, NODE)
     }
 
-    /// With this bit rate, and the adapter as this node.
+    /// Starts a bus with this bit rate, and the adapter as this node.
     pub(crate) fn start_as(bit_rate: u32, node: u8) -> Self {
         let node = Node::new(node).unwrap();
         let pty = Pty::open(None).unwrap();
@@ -64,7 +64,7 @@ impl CanBus {
 impl Drop for CanBus {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        // A test that fails anyway is not to fail twice.
+        // A failing test must not panic twice.
         let _ = self.thread.take().unwrap().join();
     }
 }

@@ -1,5 +1,5 @@
-//! An adapter with a Ling arm, on two ptys: its serial port and its control port. It is the adapter's own state machine,
-//! in real time; what is missing is a UART, so that bytes to the arm and back take no time.
+//! An adapter with a Ling arm, on two ptys: its serial port and its control port. The adapter's own state machine runs in
+//! real time, without a UART: bytes between it and the arm take no time.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -15,15 +15,15 @@ use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
 
-/// An adapter that is served until this is dropped.
+/// An adapter, served until dropped.
 pub(crate) struct Board {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     /// The serial port's pty.
     pub(crate) port: String,
-    /// The control port, as a user names it.
+    /// The name of the control port for the command.
     pub(crate) control: String,
-    /// A file that is there while the chip is in its boot loader.
+    /// A file that exists while the chip is in its boot loader.
     pub(crate) boot_loader: PathBuf,
 }
 
@@ -50,7 +50,7 @@ impl Board {
 impl Drop for Board {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        // A test that fails anyway is not to fail twice.
+        // A failing test must not panic twice.
         let _ = self.thread.take().unwrap().join();
         let _ = fs::remove_file(&self.boot_loader);
     }
@@ -90,19 +90,19 @@ impl Served {
         let start = Instant::now();
         while !stop.load(Ordering::Relaxed) {
             let now = time::Instant::from_micros(start.elapsed().as_micros() as u64);
-            self.hear(now).unwrap();
+            self.receive(now).unwrap();
             if self.bridge.timeout().is_some_and(|at| at <= now) {
                 self.bridge.tick(now);
             }
             self.exchange(now);
             self.act(now);
-            self.say(now).unwrap();
+            self.transmit(now).unwrap();
             self.control.wait(Some(Duration::from_micros(500))).unwrap();
         }
     }
 
-    /// Bytes of the host, as far as they fit.
-    fn hear(&mut self, now: time::Instant) -> io::Result<()> {
+    /// Receives bytes of the host, if there is room for them.
+    fn receive(&mut self, now: time::Instant) -> io::Result<()> {
         let mut packet = [0; PACKET];
         if self.bridge.update(now).usb_room {
             match self.port.read(&mut packet)? {
@@ -123,7 +123,7 @@ impl Served {
         Ok(())
     }
 
-    /// Bytes to the arm and from it.
+    /// Exchanges bytes between the adapter and the arm.
     fn exchange(&mut self, now: time::Instant) {
         let mut bytes = [0; 256];
         while let Some(transmit) = self.bridge.uart_transmit(&mut bytes, now) {
@@ -147,15 +147,15 @@ impl Served {
 
     fn act(&mut self, now: time::Instant) {
         match self.bridge.action(now) {
-            // The configuration is not kept: this board never restarts.
+            // The configuration need not be stored: this board never restarts.
             Some(Action::Save(_) | Action::Reset) => self.bridge.saved(Ok(()), now),
             Some(Action::RestartIntoBootLoader) => fs::write(&self.boot_loader, "").unwrap(),
             Some(Action::Restart | Action::RestartCan(_)) | None => {}
         }
     }
 
-    /// Bytes for the host.
-    fn say(&mut self, now: time::Instant) -> io::Result<()> {
+    /// Transmits bytes to the host.
+    fn transmit(&mut self, now: time::Instant) -> io::Result<()> {
         let mut packet = [0; PACKET];
         while let Some(n) = self.bridge.usb_transmit(&mut packet) {
             self.port.write(&packet[..n])?;

@@ -1,4 +1,4 @@
-//! Updates of an adapter: a firmware to write, and a `dfu-util` that writes nothing.
+//! Updates of an adapter: a firmware image, and a `dfu-util` that writes nothing.
 
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
@@ -31,7 +31,7 @@ pub(crate) fn image(board: &str) -> Vec<u8> {
     file
 }
 
-/// A folder with a `dfu-util` that sees a boot loader while that file is there, and writes down what it is told to do.
+/// A folder with a `dfu-util` that finds a boot loader while the file `boot_loader` exists, and logs its arguments.
 pub(crate) fn tools(name: &str, boot_loader: &Path, exit: i32) -> PathBuf {
     let folder = free_path(name);
     let _ = fs::remove_dir_all(&folder);
@@ -51,7 +51,7 @@ pub(crate) fn tools(name: &str, boot_loader: &Path, exit: i32) -> PathBuf {
     folder
 }
 
-/// Updates the board with this image in that folder, with the programs of that folder and `rm`.
+/// Updates the board with this image, with the `dfu-util` of the folder.
 pub(crate) fn update(board: &Board, image: &Path, folder: &Path) -> Output {
     let path = format!("{}:/bin:/usr/bin", folder.display());
     finish(start(

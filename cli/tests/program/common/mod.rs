@@ -1,4 +1,4 @@
-//! Running the program, virtual arms, and others to talk to.
+//! The program as a child process, and its virtual counterparts.
 
 pub(crate) mod adapter;
 pub(crate) mod board;
@@ -17,10 +17,10 @@ use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_armwire");
-/// No program here runs for so long unless it hangs.
+/// Timeout of a program that hangs.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Waits for a program to end, and kills it if it does not.
+/// Waits for the end of a program. Kills it on timeout.
 pub(crate) fn finish(mut child: Child) -> Output {
     let deadline = Instant::now() + TIMEOUT;
     while child.try_wait().unwrap().is_none() {
@@ -48,7 +48,7 @@ pub(crate) fn run(args: &[&str]) -> Output {
 /// Message for an arm that does not answer.
 pub(crate) const NO_ANSWER: &str = "no answer in";
 
-/// Messages of a busy system, on which an arm or adapter does not answer in time, or answers an earlier request.
+/// Messages on a busy system, if an arm or adapter does not answer in time, or answers an earlier request.
 const BUSY: [&str; 4] = [
     NO_ANSWER,
     "the adapter does not answer in",
@@ -56,32 +56,32 @@ const BUSY: [&str; 4] = [
     "frames arrive, but not the answer",
 ];
 
-/// Runs it again while it complains in these words: an arm that the system gives no time is silent.
-pub(crate) fn again_while(complaint: &str, run: impl FnMut() -> Output) -> Output {
-    again_while_any(&[complaint], run)
+/// Repeats a program while it prints this error: on a busy system, an arm may be silent.
+pub(crate) fn retry_while(error: &str, run: impl FnMut() -> Output) -> Output {
+    retry_while_any(&[error], run)
 }
 
-/// Runs it again while it complains in some of these words.
-fn again_while_any(complaints: &[&str], mut run: impl FnMut() -> Output) -> Output {
+/// Repeats a program while it prints one of these errors.
+fn retry_while_any(errors: &[&str], mut run: impl FnMut() -> Output) -> Output {
     let deadline = Instant::now() + TIMEOUT;
     loop {
         let output = run();
         let stderr = String::from_utf8_lossy(&output.stderr);
-        let complains = complaints.iter().any(|complaint| stderr.contains(complaint));
-        if !complains || Instant::now() > deadline {
+        let has_error = errors.iter().any(|error| stderr.contains(error));
+        if !has_error || Instant::now() > deadline {
             return output;
         }
     }
 }
 
-/// The output of a program that succeeds without a warning. On a [busy](BUSY) system it is repeated.
+/// The output of a program that succeeds without a warning. The program is repeated on a [busy](BUSY) system.
 pub(crate) fn success(args: &[&str]) -> String {
-    let output = again_while_any(&BUSY, || run(args));
+    let output = retry_while_any(&BUSY, || run(args));
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// The one line that a program which fails prints, without its name.
+/// The only line of a failing program's error output, without the program's name.
 pub(crate) fn failure(output: &Output) -> String {
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     let stderr = String::from_utf8(output.stderr.clone()).unwrap();
@@ -96,7 +96,7 @@ pub(crate) fn usage(args: &[&str]) -> String {
     String::from_utf8(output.stderr).unwrap()
 }
 
-/// A path of one test's own where nothing is.
+/// An unused path for one test.
 pub(crate) fn free_path(name: &str) -> PathBuf {
     static CALLS: AtomicUsize = AtomicUsize::new(0);
     let (process, call) = (std::process::id(), CALLS.fetch_add(1, Ordering::Relaxed));
@@ -117,7 +117,7 @@ impl Arm {
         Self::start_at(kind, &free_path(name), args)
     }
 
-    /// Starts it at a path.
+    /// Starts it with a link at this path.
     pub(crate) fn start_at(kind: &str, link: &Path, args: &[&str]) -> Self {
         let port = link.to_str().unwrap().to_owned();
         let mut child = start(Command::new(PROGRAM).args(["sim", kind, "--pty", &port]).args(args));
@@ -132,11 +132,11 @@ impl Arm {
     pub(crate) fn kill(mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
-        // Its link stays, as that of a killed program does.
+        // The link of a killed program stays.
         self.port.clear();
     }
 
-    /// Asks it to end, and returns the last it has to say.
+    /// Ends it with a signal. Returns the rest of its output.
     pub(crate) fn stop(mut self, signal: Signal) -> String {
         kill_process(Pid::from_child(&self.child), signal).unwrap();
         let deadline = Instant::now() + TIMEOUT;
@@ -156,7 +156,7 @@ impl Arm {
 
 impl Drop for Arm {
     fn drop(&mut self) {
-        // After stop there is nothing left to kill.
+        // Both fail if the program has ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
         if self.port.is_empty() {
@@ -167,8 +167,8 @@ impl Drop for Arm {
     }
 }
 
-/// Starts a program with a pty for PORT in its arguments, and lets `arm` act on the pty whenever something was written
-/// there, until the program ends.
+/// Runs a program with a pty for PORT in its arguments, and calls `arm` with all bytes that the program writes to the
+/// pty.
 pub(crate) fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8])) -> Output {
     let pty = Pty::open(None).unwrap();
     let port = pty.path().to_str().unwrap();
@@ -176,7 +176,7 @@ pub(crate) fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8]
     let mut child = start(Command::new(PROGRAM).args(args));
     let deadline = Instant::now() + TIMEOUT;
     loop {
-        // Its last output can still be read after its end.
+        // The last output is still readable after the end.
         let ended = child.try_wait().unwrap().is_some() || Instant::now() > deadline;
         let mut request = [0; 64];
         if !ended {

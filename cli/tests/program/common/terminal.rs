@@ -12,7 +12,7 @@ use super::{PROGRAM, TIMEOUT, finish};
 /// A terminal that a program runs on.
 pub(crate) struct Terminal {
     pub(crate) pty: Pty,
-    /// All that the program has written.
+    /// The program's output so far.
     pub(crate) seen: String,
 }
 
@@ -44,7 +44,7 @@ impl Terminal {
         command.stderr(Stdio::piped()).spawn().unwrap()
     }
 
-    /// Reads until the program has written this, or has ended. Returns whether it has written it.
+    /// Reads until the program has written this text. Returns false if it ends without it, or on timeout.
     pub(crate) fn wait_for(&mut self, text: &str, child: &mut Child) -> bool {
         let deadline = Instant::now() + TIMEOUT;
         loop {
@@ -71,7 +71,7 @@ impl Terminal {
     }
 
     pub(crate) fn finish(&mut self, mut child: Child) -> Output {
-        // The terminal's buffer must not be what the program waits for.
+        // Otherwise a full buffer of the terminal would block the program.
         self.wait_for("no such text", &mut child);
         finish(child)
     }
