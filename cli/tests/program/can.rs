@@ -9,6 +9,9 @@ use armwire_bridge::can::Function;
 use crate::common::adapter::{BIT_RATE, CanBus, NODE};
 use crate::common::{NO_ANSWER, TIMEOUT, failure, free_path, run, run_against, success, usage};
 
+/// A request that needs several CAN frames.
+const MOVE: [&str; 7] = ["move", "--joints", "0,0,0,0,0,0", "--speed", "20", "--gripper", "0"];
+
 /// The name of the adapter on a bus for the command.
 fn port(bus: &CanBus) -> String {
     format!("slcan:{}@{BIT_RATE}/{NODE}", bus.path)
@@ -45,18 +48,7 @@ fn node_needs_no_bit_rate() {
 #[test]
 fn call_in_many_frames_reaches_the_arm() {
     let bus = CanBus::start();
-    let moved = success(&[
-        "call",
-        "ling",
-        &port(&bus),
-        "move",
-        "--joints",
-        "0,0,0,0,0,0",
-        "--speed",
-        "20",
-        "--gripper",
-        "0",
-    ]);
+    let moved = success(&[&["call", "ling", &port(&bus)], &MOVE[..]].concat());
     assert!(moved.contains("sent, the arm does not answer it"), "{moved}");
     let joints = success(&["call", "ling", &port(&bus), "read-joints"]);
     assert!(joints.contains("joint"), "{joints}");
@@ -102,18 +94,7 @@ fn wrong_bit_rate_is_reported_with_adapter_status() {
 fn unacknowledged_request_is_reported_at_once() {
     let bus = CanBus::start();
     let port = format!("slcan:{}@{BIT_RATE}/4", bus.path);
-    let line = failure(&run(&[
-        "call",
-        "ling",
-        &port,
-        "move",
-        "--joints",
-        "0,0,0,0,0,0",
-        "--speed",
-        "20",
-        "--gripper",
-        "0",
-    ]));
+    let line = failure(&run(&[&["call", "ling", &port], &MOVE[..]].concat()));
     assert!(line.contains("no flow control in 1000000 µs"), "{line}");
     assert!(line.contains("is the adapter on this bus as node 4"), "{line}");
 }

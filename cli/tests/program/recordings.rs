@@ -25,7 +25,7 @@ impl Recording {
         self.0.to_str().unwrap()
     }
 
-    /// Records with a monitor with these arguments. Repeats it while the arm is silent, as on a busy system.
+    /// Runs a monitor that records, with these arguments. Repeats it while the arm is silent, as on a busy system.
     fn record(&self, args: &[&str]) -> Output {
         let output = retry_while(NO_ANSWER, || {
             let _ = fs::remove_file(&self.0);
@@ -33,6 +33,15 @@ impl Recording {
         });
         assert!(output.status.success(), "{output:?}");
         output
+    }
+
+    /// Starts a monitor that records, with these arguments.
+    fn start(&self, args: &[&str]) -> Child {
+        start(
+            Command::new(PROGRAM)
+                .args(["monitor", "--mcap", self.path()])
+                .args(args),
+        )
     }
 
     /// The entries of the recording, and the last line of the output.
@@ -165,7 +174,7 @@ fn recording_of_an_adapter_has_its_stamps() {
 fn interrupted_recording_is_complete() {
     let arm = Arm::start("ling", "interrupted", &[]);
     let recording = Recording::new();
-    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port, "--mcap", recording.path()]));
+    let mut monitor = recording.start(&[&arm.port]);
     recording.wait(&mut monitor);
     kill_process(Pid::from_child(&monitor), Signal::INT).unwrap();
     assert!(finish(monitor).status.success());
@@ -177,7 +186,7 @@ fn interrupted_recording_is_complete() {
 fn recording_is_complete_without_a_reader_of_the_output() {
     let arm = Arm::start("ling", "unread", &[]);
     let recording = Recording::new();
-    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port, "--mcap", recording.path()]));
+    let mut monitor = recording.start(&[&arm.port]);
     let mut line = String::new();
     BufReader::new(monitor.stdout.take().unwrap())
         .read_line(&mut line)
@@ -192,7 +201,7 @@ fn recording_is_complete_without_a_reader_of_the_output() {
 fn recording_of_a_killed_monitor_is_read() {
     let arm = Arm::start("ling", "killed", &[]);
     let recording = Recording::new();
-    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port, "--mcap", recording.path()]));
+    let mut monitor = recording.start(&[&arm.port]);
     recording.wait(&mut monitor);
     monitor.kill().unwrap();
     finish(monitor);
@@ -209,17 +218,7 @@ fn recording_continues_after_a_lost_port() {
     let arm = Arm::start("ling", "lost", &[]);
     let port = arm.port.clone();
     let recording = Recording::new();
-    let args = [
-        "monitor",
-        &port,
-        "--mcap",
-        recording.path(),
-        "--count",
-        "40",
-        "--rate",
-        "20",
-    ];
-    let mut monitor = start(Command::new(PROGRAM).args(args));
+    let mut monitor = recording.start(&[&port, "--count", "40", "--rate", "20"]);
     recording.wait(&mut monitor);
     drop(arm);
     let _arm = Arm::start_at("ling", Path::new(&port), &[]);
