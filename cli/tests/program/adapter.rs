@@ -203,7 +203,7 @@ fn counters_have_their_names_and_latencies_their_bars() {
 }
 
 #[test]
-fn the_line_is_held_until_hold_is_interrupted() {
+fn line_is_held_until_hold_is_interrupted() {
     let board = Board::start("hold");
     let mut hold = start(Command::new(PROGRAM).args(["hold", &board.control]));
     let mut line = String::new();

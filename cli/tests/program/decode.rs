@@ -194,7 +194,7 @@ fn records_before_an_error_are_shown() {
 }
 
 #[test]
-fn a_4_megabyte_line_is_refused_briefly() {
+fn error_of_a_4_megabyte_line_is_short() {
     let path = free_path("long.log");
     for line in ["(1.0) can0 60F#", "what", "AA G"] {
         fs::write(&path, [line, &"A".repeat(4 << 20)].concat()).unwrap();

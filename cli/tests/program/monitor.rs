@@ -131,7 +131,7 @@ fn screen_shows_the_arm_until_a_key() {
 }
 
 #[test]
-fn the_screen_shows_the_adapter_too() {
+fn screen_shows_the_adapter_too() {
     let board = Board::start("screen");
     let mut terminal = Terminal::new(100, 40);
     let args = ["monitor", &board.port, "--control", &board.control, "--count", "20"];
@@ -145,7 +145,7 @@ fn the_screen_shows_the_adapter_too() {
 }
 
 #[test]
-fn the_screen_leaves_a_summary() {
+fn screen_leaves_a_summary() {
     let arm = Arm::start("ling", "summary", &[]);
     let mut terminal = Terminal::new(120, 24);
     let child = start_until_drawn(&mut terminal, &["monitor", &arm.port, "--count", "5"], LEAVE);
