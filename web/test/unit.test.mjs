@@ -75,7 +75,7 @@ test('a held axis moves and a released one stops', async () => {
 
 test('an invalid argument is an error', async () => {
   const bench = new Bench(await engine());
-  assert.throws(() => bench.engine.hold(0, AXES, 1), /there is no axis 7/);
+  assert.throws(() => bench.engine.hold(0, AXES, 1), /axis 7 does not exist/);
   assert.throws(() => bench.engine.setSpeed(100), /out of range/);
   assert.throws(() => bench.engine.setSpeed(Number.NaN), /out of range/);
 });
