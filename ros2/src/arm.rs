@@ -86,7 +86,7 @@ impl Host<'_> {
         }
     }
 
-    /// The next trajectory, or the refusal of a message that is none.
+    /// The next trajectory, or the refusal of an undecodable message.
     fn trajectory(&self) -> Option<Result<JointTrajectory, Refusal>> {
         match self.endpoints.trajectories.take() {
             Ok(received) => received.map(|(trajectory, _)| Ok(trajectory)),

@@ -75,9 +75,9 @@ class JointTrajectory_(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTra
     points: sequence[Point_]
 
 
-# A message of the same name with other fields, as a faulty program may send it.
+# A message with the same name and other fields, as from a faulty program.
 @dataclass
-class NoTrajectory_(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTrajectory_"):
+class OtherMessage_(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTrajectory_"):
     number: uint32
 
 
@@ -320,13 +320,13 @@ def one_arm(participant):
     assert peer.is_at(goal) and int(peer.value("trajectories_refused")) == len(refused)
     passed(f"{len(refused)} bad trajectories are refused, each with its reason, and the arm stays")
 
-    topic = Topic(participant, "rt/left/joint_trajectory", NoTrajectory_, qos=QOS)
+    topic = Topic(participant, "rt/left/joint_trajectory", OtherMessage_, qos=QOS)
     faulty = DataWriter(participant, topic, qos=QOS)
     until(faulty.get_matched_subscriptions, 10, "the node reads a faulty writer")
-    faulty.write(NoTrajectory_(0xFFFFFFFF))
+    faulty.write(OtherMessage_(0xFFFFFFFF))
     until(lambda: peer.value("last_refusal") == "the message is not a JointTrajectory", 5, "refused: another message")
     assert int(peer.value("trajectories_refused")) == len(refused) + 1
-    passed("a message that is no trajectory is refused, and counted")
+    passed("an undecodable message is refused and counted")
 
     accepted = int(peer.value("trajectories_accepted"))
     for _ in range(5):
