@@ -283,7 +283,7 @@ def one_arm(participant):
     matched(participant, [peer])
     answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
     assert answer.success, answer
-    passed(f"torque on is read back: {answer.message}")
+    passed(f"torque on: {answer.message}")
 
     # Other load delays this script, too: one measurement of six must be good.
     for _ in range(6):
