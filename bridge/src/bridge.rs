@@ -178,7 +178,7 @@ impl Bridge {
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
-    /// bridge.uart_received(b"what is this", Instant::from_micros(100));
+    /// bridge.uart_received(b"stray bytes?", Instant::from_micros(100));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
     /// bridge.uart_event(UartEvent::Idle, Instant::from_micros(110));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));

@@ -296,7 +296,7 @@ impl ArmwireFault {
             Some(ArmwireFaultCode::None) => out.text("no error"),
             Some(ArmwireFaultCode::Stray) => out.text("no frame starts here"),
             Some(ArmwireFaultCode::Length) => {
-                out.text("length field says ").number(got);
+                out.text("length field is ").number(got);
                 self.write_limits(out)
             }
             Some(ArmwireFaultCode::FrameByte) => {

@@ -26,7 +26,7 @@ pub(crate) struct Configure {
 /// The action. Each prints the configuration in force afterwards.
 #[derive(Clone, Subcommand)]
 enum Action {
-    /// Print the configuration in force, as `set` takes it (default).
+    /// Print the configuration in force, as `set` accepts it (default).
     Show,
     /// Change settings. Unless saved, they last until the next start of the adapter.
     #[command(after_help = help())]
@@ -119,7 +119,7 @@ static KEYS: [Key; 11] = [
     },
     Key {
         name: "silence.torque-off",
-        help: "whether the torque goes off then, so that the arm may fall",
+        help: "switch the torque off at the host timeout: the arm may fall",
         values: "on or off",
         field: |config| Field::Switch(&mut config.host_timeout.torque_off),
     },
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_shown_can_be_set_again() {
+    fn shown_configuration_can_be_set_again() {
         for shown in [
             UNUSUAL,
             Config {

@@ -21,7 +21,7 @@ pub enum Error {
     /// The arguments do not go together.
     #[error("{0}")]
     Usage(String),
-    /// Something fails at a port, a host or a file, for a reason that only its user has to know.
+    /// Something fails at a port, a host or a file, with a reason for the user only.
     #[error("{name}: {reason}")]
     At { name: String, reason: String },
     /// The arm or the adapter refuses the request.
@@ -39,8 +39,8 @@ pub enum Error {
     /// The port or the connection is gone that was open: it may come back.
     #[error("{name}: {reason}")]
     Lost { name: String, reason: String },
-    /// The port takes no bytes.
-    #[error("{name}: the port takes no bytes: is the adapter stuck?")]
+    /// The port accepts no bytes.
+    #[error("{name}: the port accepts no bytes: is the adapter stuck?")]
     Stuck { name: String },
     /// The arm is of the older generation, which is sent nothing.
     #[error("{name}: this is {legacy} 'armwire monitor' shows its joints.")]

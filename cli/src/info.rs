@@ -63,7 +63,7 @@ impl Report {
             // There may be no adapter, or an arm that answers without it.
             Err(Error::NoControl { .. }) => {}
             Err(error @ Error::Usb { .. }) => {
-                self.add(Fact::words("adapter", format_args!("not told: {error}")))?;
+                self.add(Fact::words("adapter", format_args!("unknown: {error}")))?;
             }
             Err(error) => return Err(error),
         }

@@ -200,7 +200,7 @@ fn with_names(error: clap::Error, args: &[OsString]) -> clap::Error {
     if names.is_empty() {
         return error;
     }
-    let text = format!("'{wrong}' is none of these: {}", names.join(", "));
+    let text = format!("'{wrong}' is unknown, expected one of: {}", names.join(", "));
     command.error(ErrorKind::InvalidSubcommand, text)
 }
 

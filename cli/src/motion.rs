@@ -40,7 +40,7 @@ pub(crate) struct MoveArm {
     /// stands still for 1 s: it may hold something.
     #[arg(long)]
     wait: bool,
-    /// Longest wait. The arm goes on moving after it.
+    /// Maximum wait. The arm continues to move after it.
     #[arg(long, value_name = "SECONDS", requires = "wait", default_value = "30", value_parser = seconds)]
     timeout: Duration,
 }

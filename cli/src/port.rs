@@ -83,7 +83,7 @@ impl FromStr for Port {
                         let (rate, node) = split_node(bus)?;
                         let bit_rate = rate.parse().ok().and_then(BitRate::new).ok_or_else(|| {
                             let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
-                            format!("'{rate}' behind the @ of '{text}' is none of the bit rates of SLCAN: {rates}")
+                            format!("'{text}': bit rate '{rate}' is not an SLCAN bit rate: {rates}")
                         })?;
                         (port, bit_rate, node)
                     }
@@ -347,7 +347,7 @@ mod tests {
             ("slcan:COM3/16", "node id is 16, must be 0..=15"),
             (
                 "slcan:COM3@/3",
-                "'' behind the @ of 'slcan:COM3@/3' is none of the bit rates of SLCAN: 10000, 20000, 50000, 100000, \
+                "'slcan:COM3@/3': bit rate '' is not an SLCAN bit rate: 10000, 20000, 50000, 100000, \
                  125000, 250000, 500000, 800000, 1000000",
             ),
         ] {

@@ -68,23 +68,23 @@ impl Received {
     /// The probable cause of a missing answer, in words; `hints` are the line's.
     pub(crate) fn cause(&self, arm: &str, hints: &str) -> String {
         let (millis, count, checksums) = (self.millis, self.count, self.checksums);
-        let times = match self.sends {
-            1 => "once".to_owned(),
-            sends => format!("{sends} times"),
+        let attempts = match self.sends {
+            1 => "1 attempt".to_owned(),
+            sends => format!("{sends} attempts"),
         };
         match (self.missing(), &self.unknown) {
-            (Missing::Silent, _) => format!("no answer in {millis} ms, asked {times}: {hints}"),
+            (Missing::Silent, _) => format!("no answer in {millis} ms, {attempts}: {hints}"),
             (Missing::Unknown, Some(error)) => {
                 format!("the arm answers with {error}: does its firmware refuse the request, or not know it?")
             }
             (Missing::Late, _) => {
-                format!("the answer came too late, asked {times} in {millis} ms: is the arm or the line overloaded?")
+                format!("the answer came too late, {attempts} in {millis} ms: is the arm or the line overloaded?")
             }
             (Missing::Damaged, _) => format!(
                 "the answers arrive damaged ({count} bytes, wrong checksums: {checksums}): check cable, ground and power"
             ),
             (Missing::Elsewhere, _) => {
-                format!("frames arrive, but not the answer, asked for {times}: does another program talk to the arm?")
+                format!("frames arrive, but not the answer, {attempts}: does another program talk to the arm?")
             }
             (Missing::Unknown, None) | (Missing::Foreign, _) => self.foreign(arm, hints),
         }
@@ -120,9 +120,9 @@ mod tests {
     }
 
     #[test]
-    fn one_request_is_told_as_once() {
-        let asked = |sends| line(Received { sends, ..received(&[]) });
-        assert!(asked(1).contains("asked once:") && asked(3).contains("asked 3 times:"));
+    fn attempts_are_counted_in_words() {
+        let cause = |sends| line(Received { sends, ..received(&[]) });
+        assert!(cause(1).contains(" 1 attempt:") && cause(3).contains(" 3 attempts:"));
     }
 
     #[test]

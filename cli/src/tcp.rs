@@ -167,7 +167,7 @@ impl Tcp {
     fn lost(&self, error: io::Error) -> Error {
         let reason = match error.kind() {
             ErrorKind::WouldBlock | ErrorKind::TimedOut => {
-                "the connection takes no bytes: is the arm still there?".to_owned()
+                "the connection accepts no bytes: is the arm still there?".to_owned()
             }
             _ => format!("the connection is gone ({error}): was the arm switched off?"),
         };
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_host_and_port_is_told() {
+    fn invalid_host_and_port_is_reported() {
         for text in ["", ":502", "arm:", "arm:x", "arm:65536", "arm:0", "[]:1"] {
             assert!(text.parse::<Host>().is_err(), "{text}");
         }

@@ -1,4 +1,4 @@
-//! Tests that cross crates, and what they share.
+//! Tests that cross crates, and their common code.
 #![forbid(unsafe_code)]
 
 pub mod adapter;

@@ -37,7 +37,7 @@ pub enum Reason {
     #[error("no frame starts here")]
     Stray,
     /// A frame seemed to start here, but its length is outside the limits of the protocol or the decoder.
-    #[error("length field says {got}, must be {min}..={max}")]
+    #[error("length field is {got}, must be {min}..={max}")]
     Length {
         /// The minimum length.
         min: u16,

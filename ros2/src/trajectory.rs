@@ -29,8 +29,8 @@ pub(crate) struct Joint {
 /// The reason why a trajectory is refused. No part of it was executed.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Refusal {
-    /// The torque went off during the motion.
-    #[error("the torque went off and ended the motion")]
+    /// The torque was switched off during the motion.
+    #[error("the torque was switched off during the motion")]
     TorqueLost,
     #[error("the message is not a JointTrajectory")]
     Undecodable,

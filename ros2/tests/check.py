@@ -436,7 +436,7 @@ def behind_adapter(participant, board):
     until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
     bus = f"slcan:{os.path.join(board, 'bus')}"
     subprocess.run([armwire, "call", "ling", bus, "set-torque", "off"], check=True, stdout=subprocess.DEVNULL)
-    until(lambda: peer.value("last_refusal").startswith("the torque went off"), 5, "the motion ends")
+    until(lambda: peer.value("last_refusal").startswith("the torque was switched off"), 5, "the motion ends")
     stopped = peer.positions()
     answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
     assert answer.success, answer

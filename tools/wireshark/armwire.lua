@@ -144,7 +144,7 @@ local function stray()
 end
 
 local function wrong_length(got, min, max)
-  return { kind = "length", text = string.format("length field says %d, must be %d..=%d", got, min, max) }
+  return { kind = "length", text = string.format("length field is %d, must be %d..=%d", got, min, max) }
 end
 
 local function wrong_byte(at, got, expected)
@@ -413,7 +413,7 @@ local function information(data, tree)
   tree:add(ling_fields.serial, data:range(0, 16), serial)
   tree:add(ling_fields.hardware, data:range(16, 4), hardware)
   tree:add(ling_fields.firmware, data:range(20, 4), firmware)
-  kind = kind or "Ling, of a kind that the serial number does not tell"
+  kind = kind or "Ling, of unknown kind"
   return string.format("arm: %s, %s, hardware: %s, firmware: %s", kind, fact("serial", serial), hardware, firmware)
 end
 
@@ -717,7 +717,7 @@ local function xarm_reply(register, state, params, tree)
   local known = REGISTERS[register]
   if not known then return raw(register, params, tree, ": ") end
   if params.len > 0 then return known.answer(params, tree) end
-  if bit(state, INVALID) then return string.format("%s: not told (state %s)", known.empty, state_text(state)) end
+  if bit(state, INVALID) then return string.format("%s: not reported (state %s)", known.empty, state_text(state)) end
   return known.empty .. ": " .. known.none
 end
 
@@ -1127,7 +1127,7 @@ local function firmware_version(data, tree)
   local outcome, text = data:byte(0), data:part(1, 10):text()
   if not OUTCOMES[outcome] then return nil end
   tree:add(alpha1_fields.outcome, data:range(0, 1), outcome)
-  if outcome == FAILURE then return "firmware: not told, the robot failed to", true end
+  if outcome == FAILURE then return "firmware: not reported, the robot failed", true end
   tree:add(alpha1_fields.text, data:range(1, 10), text)
   local is_older = data:range(1, 10):raw() < OLDEST_FIRMWARE
   return "firmware: " .. text .. (is_older and ", before " .. OLDEST_FIRMWARE .. ", the first for this protocol" or "")

@@ -149,7 +149,7 @@ mod tests {
         assert_eq!(
             (part & !old, part & new),
             (0, new & old),
-            "it only clears, and only what is to be clear"
+            "programming only clears the requested bits"
         );
         assert!(part != old && part != new);
         let words: Vec<u64> = (0..16).map(|nth| erased_in_part(0, draw(3, "test", nth))).collect();

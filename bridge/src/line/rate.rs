@@ -299,7 +299,7 @@ impl LineRate {
 
     // ---- Time ----
 
-    /// The time of the next [`tick`](Self::tick). Without `may`, the host's rate has to wait.
+    /// The time of the next [`tick`](Self::tick). Without `may`, the host's rate is deferred.
     pub(crate) fn timeout(&self, may: bool) -> Option<Instant> {
         let deadline = self.deadline.filter(|_| may || !self.dtr);
         Earliest::of(deadline).or(self.hold.map(|(_, until)| until)).get()

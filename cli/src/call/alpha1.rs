@@ -58,7 +58,7 @@ pub(crate) struct Act {
     /// Time that they take, in seconds, 0 to 5.1.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
     time: MoveTime,
-    /// Time until the robot takes the next frame, in seconds, 0 to 1310.7.
+    /// Time until the robot accepts the next frame, in seconds, 0 to 1310.7.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = interval)]
     interval: Interval,
 }

@@ -125,7 +125,7 @@ impl Bus for SocketBus {
     }
 
     fn hint(&self) -> String {
-        "does the interface have the bit rate of the bus ('ip -details link' tells)".to_owned()
+        "does the interface have the bit rate of the bus ('ip -details link' shows it)".to_owned()
     }
 }
 

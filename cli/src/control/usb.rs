@@ -170,7 +170,7 @@ pub(crate) fn not_opened(name: String, error: &nusb::Error) -> Error {
             )
         }
         nusb::ErrorKind::Busy => "the control port is in use by another program: close that one first".to_owned(),
-        nusb::ErrorKind::Disconnected => "the adapter is gone: was it unplugged?".to_owned(),
+        nusb::ErrorKind::Disconnected => "the adapter was disconnected: was it unplugged?".to_owned(),
         _ => format!("the control port cannot be opened: {error}"),
     };
     Error::Usb { name, reason }

@@ -101,7 +101,7 @@ fn done(what: &str, outcome: Outcome) -> Fact {
 fn firmware(version: &FirmwareVersion) -> Fact {
     let (text, oldest) = (version.text.escape_ascii(), OLDEST_FIRMWARE.escape_ascii());
     match version.outcome {
-        Outcome::Failure => Fact::words("firmware", "not told, the robot failed to"),
+        Outcome::Failure => Fact::words("firmware", "not reported, the robot failed"),
         Outcome::Success if version.text < OLDEST_FIRMWARE => Fact::words(
             "firmware",
             format_args!("{text}, before {oldest}, the first for this protocol"),

@@ -60,7 +60,7 @@ impl Arm for Ling {
                 let arm = match info.serial.kind() {
                     Some(Kind::Leader) => "Ling leader",
                     Some(Kind::Follower) => "Ling follower",
-                    None => "Ling, of a kind that the serial number does not tell",
+                    None => "Ling, of unknown kind",
                 };
                 return vec![
                     Fact::words("arm", arm),

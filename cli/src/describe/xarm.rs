@@ -105,7 +105,7 @@ fn reply(reply: &Reply<'_>, state: State) -> Vec<Fact> {
                 Register::SystemControl => "system control",
             };
             match register {
-                _ if state.contains(State::INVALID) => Fact::words(name, format_args!("not told (state {state})")),
+                _ if state.contains(State::INVALID) => Fact::words(name, format_args!("not reported (state {state})")),
                 Register::ReloadDynamics | Register::SystemControl => Fact::words(name, "done"),
                 _ => Fact::words(name, "no value"),
             }
@@ -177,12 +177,12 @@ pub(crate) fn positions(state: State, params: &[u8], axes: usize) -> Vec<Fact> {
             let radians = f32::from_le_bytes(positions[joint]);
             (number(radians.into()), format!("{:+.2}°", radians.to_degrees()))
         }
-        None => (Value::Null, "not told".to_owned()),
+        None => (Value::Null, "not reported".to_owned()),
     });
     let mut joints = Fact::each(("joints", "joint"), "rad", "", joints);
     if known.is_none() {
         joints.text = match params {
-            [] => format!("register {POSITIONS} not told"),
+            [] => format!("register {POSITIONS} not reported"),
             params => format!("register {POSITIONS} {}", hex::show(params)),
         };
     }

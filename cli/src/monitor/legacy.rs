@@ -46,7 +46,7 @@ impl Source for Listener {
                     return Ok(News::Reading(facts, None));
                 }
                 if left.is_zero() {
-                    let reason = "the arm has stopped talking: is it still powered?";
+                    let reason = "the arm stopped sending: is it still powered?";
                     return Err(Error::at(self.link.name(), reason));
                 }
                 continue;

@@ -17,7 +17,7 @@ pub(super) const JOINT_STATES: &str = "/joint_states";
 /// The size of a chunk that is full, in bytes. A reader keeps a chunk in memory.
 const CHUNK: u64 = 64 * 1024;
 
-/// An MCAP file that is being written. It is never sought, so that a file which is cut has whole chunks before the cut.
+/// An MCAP file that is being written. The writer never seeks: a truncated file has complete chunks before the cut.
 pub(crate) struct Writer<W: Write> {
     mcap: mcap::Writer<NoSeek<BufWriter<W>>>,
     joints: Joints,

@@ -48,7 +48,7 @@ pub enum UsbError {
     #[error("the adapter did not answer in time")]
     TimedOut,
     /// The device is not on the bus.
-    #[error("the adapter is gone")]
+    #[error("the adapter was disconnected")]
     Gone,
     /// The host does not support the operation.
     #[error("{0}")]

@@ -63,7 +63,7 @@ impl FromStr for Ids {
             let (first, last) = part.split_once('-').unwrap_or((part, part));
             let (first, last) = (id(first)?, id(last)?);
             if first > last {
-                return Err(format!("'{part}' goes backwards"));
+                return Err(format!("'{part}' is a descending range"));
             }
             ids.extend((first.get()..=last.get()).filter_map(|id| ServoId::new(id).ok()));
         }

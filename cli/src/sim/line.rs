@@ -59,7 +59,11 @@ fn fault_rates(text: &str) -> Result<Rates, String> {
             "duplicate" => &mut rates.duplicate,
             "delay" => &mut rates.delay,
             "noise" => &mut rates.noise,
-            _ => return Err(format!("'{kind}' is none of drop, corrupt, duplicate, delay, noise")),
+            _ => {
+                return Err(format!(
+                    "unknown fault '{kind}': expected drop, corrupt, duplicate, delay or noise"
+                ));
+            }
         };
         *field = ppm(rate)?;
     }

@@ -27,7 +27,7 @@ pub(crate) struct XArmSim {
     /// Send no reports.
     #[arg(long, conflicts_with = "report_listen")]
     no_report: bool,
-    /// Allow addresses that other machines can reach. The protocol has no password: whoever reaches the arm moves it,
+    /// Allow addresses that other machines can reach. The protocol has no password: any program that reaches the arm can move it,
     /// reboots it and shuts it down.
     #[arg(long)]
     allow_remote: bool,
@@ -71,8 +71,8 @@ impl XArmSim {
         for address in [Some(self.listen), report].into_iter().flatten() {
             if !self.allow_remote && !is_loopback(address.ip()) {
                 return Err(Error::Usage(format!(
-                    "others could reach {address}, and whoever reaches the arm moves it: use 127.0.0.1, \
-                     or say --allow-remote"
+                    "other machines could reach {address} and move the arm: use 127.0.0.1, \
+                     or add --allow-remote"
                 )));
             }
         }

@@ -34,7 +34,7 @@ pub(super) enum Unfit {
     #[error("not a DfuSe file: is it the .dfu of the firmware, and not the .bin or .elf?")]
     NoDfuSe,
     /// The file is too short or too long.
-    #[error("the file is cut off, or damaged: its lengths do not agree")]
+    #[error("the file is truncated or damaged: its lengths are inconsistent")]
     Length,
     /// The checksum is wrong.
     #[error("the file is damaged: its checksum is {got:#010x}, expected {expected:#010x}")]
@@ -47,13 +47,13 @@ pub(super) enum Unfit {
     )]
     Device { vendor: u16, product: u16 },
     /// The file does not have exactly one target with data.
-    #[error("the file is not for one flash: there is one target in those of the adapter")]
+    #[error("the file must have exactly one target with data")]
     Targets,
     /// Something in it is to be written elsewhere than to flash.
-    #[error("the file has something for {0:#010x}, which is not flash")]
+    #[error("the file writes to {0:#010x}, which is not in flash")]
     Address(u32),
     /// The bytes at the start of flash are no program.
-    #[error("the file has no program for {FLASH:#010x}, where the chip starts")]
+    #[error("the file has no valid program at the start address {FLASH:#010x}")]
     NoProgram,
 }
 
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_for_something_else_is_told() {
+    fn file_for_another_device_is_refused() {
         let program = start();
         let device = Unfit::Device {
             vendor: 0x1209,

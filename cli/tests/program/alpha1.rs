@@ -216,7 +216,7 @@ fn wrong_values_are_refused_with_their_range() {
         ),
         (&["alpha1-servo", "--ids", "0"], "servo id is 0, must be 1..=240"),
         (&["alpha1-servo", "--ids", "1-241"], "servo id is 241, must be 1..=240"),
-        (&["alpha1-servo", "--ids", "5-3"], "'5-3' goes backwards"),
+        (&["alpha1-servo", "--ids", "5-3"], "'5-3' is a descending range"),
     ] {
         let args = [&["sim"], args].concat();
         let printed = usage(&args);

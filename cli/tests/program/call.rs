@@ -353,7 +353,7 @@ fn error_of_unknown_request_lists_known_ones() {
         ("xarm", "turn", "version, serials, reload-dynamics"),
     ] {
         let text = usage(&["call", arm, "/dev/null", wrong]);
-        let error = format!("error: '{wrong}' is none of these: {names}, ");
+        let error = format!("error: '{wrong}' is unknown, expected one of: {names}, ");
         assert!(text.starts_with(&error), "{text}");
     }
     let text = usage(&["call", "ling", "/dev/null", "read-info", "joints"]);

@@ -161,6 +161,6 @@ fn unknown_interface_is_reported() {
 
 #[test]
 fn invalid_bit_rate_and_node_are_refused() {
-    assert!(usage(&["info", "slcan:/dev/null@123"]).contains("'123' behind the @"));
+    assert!(usage(&["info", "slcan:/dev/null@123"]).contains("bit rate '123' is not an SLCAN bit rate"));
     assert!(usage(&["info", "can:can0/16"]).contains("node id is 16, must be 0..=15"));
 }

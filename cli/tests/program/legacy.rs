@@ -9,7 +9,7 @@ use armwire::messages::Messages;
 use crate::common::{Arm, NO_ANSWER, failure, free_path, retry_while, run, run_against, success, usage};
 
 /// Message for an arm that has stopped transmitting.
-pub(crate) const STOPPED: &str = "has stopped talking";
+pub(crate) const STOPPED: &str = "stopped sending";
 
 /// The frames of an arm of the older generation: joints and gripper.
 fn frames(joint: u16) -> Vec<u8> {

@@ -172,7 +172,7 @@ fn remote_access_needs_an_option() {
     let arm = Arm::start(&["--report-listen", "0.0.0.0:0", "--allow-remote"]);
     assert!(arm.line.contains("its reports at 0.0.0.0:"), "{}", arm.line);
     arm.interrupt();
-    assert!(success(&["sim", "xarm", "--help"]).contains("whoever reaches the arm moves it"));
+    assert!(success(&["sim", "xarm", "--help"]).contains("any program that reaches the arm can move it"));
 }
 
 #[test]

@@ -254,7 +254,7 @@ def firmware_version(data):
     """Return the version of the firmware."""
     outcome, version = data.bytes[0], data.bytes[1:]
     if outcome == FAILURE:
-        return "firmware: not told, the robot failed to"
+        return "firmware: not reported, the robot failed"
     if outcome != SUCCESS:
         return None
     oldest = ", before {}, the first for this protocol".format(escaped(OLDEST_FIRMWARE))

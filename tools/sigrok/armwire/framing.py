@@ -91,7 +91,7 @@ def verify(window, total, start, checksum, tail):
 
 def wrong_length(got, least, most):
     """Return the verdict on a length outside of its limits."""
-    return Noise("length field says {}, must be {}..={}".format(got, least, most))
+    return Noise("length field is {}, must be {}..={}".format(got, least, most))
 
 
 def wrong_byte(at, got, expected):

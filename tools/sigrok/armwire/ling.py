@@ -120,7 +120,7 @@ def information(data):
     data.note(0, 16, fact("serial", serial))
     data.note(16, 4, "hardware: " + hardware)
     data.note(20, 4, "firmware: " + firmware)
-    kind = KINDS.get(data.bytes[:3], "Ling, of a kind that the serial number does not tell")
+    kind = KINDS.get(data.bytes[:3], "Ling, of unknown kind")
     return "arm: {}, {}, hardware: {}, firmware: {}".format(kind, fact("serial", serial), hardware, firmware)
 
 

@@ -125,7 +125,7 @@ fn a_missing_frame_costs_and_reports_its_pdu() {
 }
 
 #[test]
-fn what_else_is_on_a_bus_is_counted() {
+fn other_bus_frames_are_counted() {
     let log = [
         "(1.000000) can0 20F#0008000800080000",
         "(1.000001) can0 7DF#02010C",
@@ -361,7 +361,7 @@ fn trc_is_read_in_every_version() {
             ";$FILEVERSION=3.0",
             1,
             ";$FILEVERSION=3.0",
-            "the version is none of 1.0 to 1.3, 2.0 and 2.1",
+            "unsupported version: expected 1.0 to 1.3, 2.0 or 2.1",
         ),
         (";$COLUMNS=N,Oh", 1, ";$COLUMNS=N,Oh", "a column is not one letter"),
         (

@@ -47,7 +47,7 @@ impl Trc {
                 "1.2" => Version::V1_2,
                 "1.3" => Version::V1_3,
                 "2.0" | "2.1" => Version::V2,
-                _ => return Err("the version is none of 1.0 to 1.3, 2.0 and 2.1".to_owned()),
+                _ => return Err("unsupported version: expected 1.0 to 1.3, 2.0 or 2.1".to_owned()),
             };
         }
         if let Some(columns) = comment.strip_prefix("$COLUMNS=") {
