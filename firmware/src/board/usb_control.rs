@@ -11,7 +11,7 @@ use core::task::Poll;
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_usb::driver::{self, EndpointError};
 
-use super::usb::{HalControlPipe, is_over, poll_request, withdraw_answer};
+use super::usb::{HalControlPipe, data_in, is_over, poll_request, withdraw_answer};
 
 /// A SETUP packet arrived since the last request was taken.
 pub(super) static SETUP_ARRIVED: AtomicBool = AtomicBool::new(false);
@@ -19,10 +19,15 @@ pub(super) static SETUP_ARRIVED: AtomicBool = AtomicBool::new(false);
 /// The task that waits for the end of a stage.
 static WAITING: AtomicWaker = AtomicWaker::new();
 
+/// Wakes the task that waits for a stage. The interrupt handler calls this.
+pub(super) fn wake_stage() {
+    WAITING.wake();
+}
+
 /// Wakes the task that waits for a stage, if the host has ended the request. The interrupt handler calls this.
 pub(super) fn wake_if_over() {
     if is_over() {
-        WAITING.wake();
+        wake_stage();
     }
 }
 
@@ -74,7 +79,7 @@ impl driver::ControlPipe for ControlPipe {
     }
 
     async fn data_in(&mut self, data: &[u8], first: bool, last: bool) -> Result<(), EndpointError> {
-        let stage = unless_over(self.0.data_in(data, first, last)).await;
+        let stage = unless_over(data_in(&mut self.0, data, first, last)).await;
         stage.unwrap_or(Err(EndpointError::Disabled))
     }
 

@@ -113,6 +113,22 @@ fn adapter_of_exact_cycles_passes() {
     passes(true, Timing::Worst);
 }
 
+/// A slow core, whose answers are armed long after their requests.
+#[test]
+fn answer_follows_cancel_at_any_moment() {
+    let config = Config {
+        exact_cycles: true,
+        ..Config::new(path(), Jumper::default())
+    };
+    let mut board = VirtualBoard::start(config).unwrap();
+    let plan = Plan {
+        cancels: 3_000,
+        ..only(&["cancels"])
+    };
+    let checks = checks_of(&mut BoardUsb::new(&mut board), &plan);
+    assert!(!result(&checks, "cancels").has_failed(), "{checks:?}");
+}
+
 /// A busy computer, whose host controller polls once in a frame.
 #[test]
 fn adapter_on_a_slow_host_passes() {

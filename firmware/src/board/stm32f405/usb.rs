@@ -3,7 +3,7 @@
 //!
 //! The HAL's driver does not reset data toggles.
 
-use core::future::Future as _;
+use core::future::Future;
 use core::pin::pin;
 use core::sync::atomic::Ordering;
 use core::task::{Context, Poll};
@@ -13,7 +13,8 @@ use embassy_stm32::pac::USB_OTG_FS;
 use embassy_stm32::pac::otg::vals::Pktstsd;
 use embassy_stm32::{peripherals, usb};
 use embassy_usb::driver::{
-    self, ControlPipe as _, Direction, EndpointAddress, EndpointAllocError, EndpointType, Event, Unsupported,
+    self, ControlPipe as _, Direction, EndpointAddress, EndpointAllocError, EndpointError, EndpointType, Event,
+    Unsupported,
 };
 
 use super::super::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over};
@@ -57,6 +58,16 @@ fn is_setup_waiting() -> bool {
 pub(in crate::board) fn is_over() -> bool {
     let events = USB_OTG_FS.gintsts().read();
     has_setup_arrived() || events.usbrst() || events.enumdne() || events.usbsusp()
+}
+
+/// Arms a packet of an answer.
+pub(in crate::board) fn data_in(
+    pipe: &mut HalControlPipe,
+    data: &[u8],
+    first: bool,
+    last: bool,
+) -> impl Future<Output = Result<(), EndpointError>> {
+    pipe.data_in(data, first, last)
 }
 
 /// Withdraws the answer in endpoint 0 after the host began another request, which has set the endpoint's NAK (RM0090

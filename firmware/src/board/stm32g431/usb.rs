@@ -6,7 +6,7 @@
 //! Bits of USB_EPnR toggle if a one is written, or are cleared by a zero (RM0440 45.6.2). The controller changes them,
 //! too: a write must be correct for any change since the read.
 
-use core::future::Future as _;
+use core::future::{Future as _, poll_fn};
 use core::pin::pin;
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use core::task::{Context, Poll};
@@ -22,7 +22,7 @@ use embassy_usb::driver::{
     EndpointType, Event, Unsupported,
 };
 
-use super::super::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over};
+use super::super::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over, wake_stage};
 
 /// The HAL's driver and its parts.
 type Hal = usb::Driver<'static, peripherals::USB>;
@@ -63,6 +63,9 @@ impl Handler<USB_LP> for EventHandler {
             }
             if endpoint.ctr_tx() {
                 ARMED.fetch_and(!(1 << index), Ordering::Relaxed);
+                if index == 0 {
+                    wake_stage();
+                }
             }
         }
         wake_if_over();
@@ -142,6 +145,44 @@ pub(in crate::board) fn withdraw_answer() {
             }
         }
     }
+}
+
+/// Arms a packet of an answer once the host has fetched the one before.
+///
+/// The HAL's stage arms a packet even if the next request arrived while the packet was copied, which takes longer than the
+/// host needs for its next token: the host would fetch it as the answer to that request.
+pub(in crate::board) async fn data_in(
+    _: &mut HalControlPipe,
+    data: &[u8],
+    first: bool,
+    last: bool,
+) -> Result<(), EndpointError> {
+    let address = EndpointAddress::from_parts(0, Direction::In);
+    poll_fn(|_| match status(address) {
+        Stat::NAK => Poll::Ready(()),
+        _ => Poll::Pending,
+    })
+    .await;
+    let start = usize::from(USBRAM.mem(0).read()) / 2;
+    for (place, bytes) in (start..).zip(data.chunks(2)) {
+        let mut word = [0; 2];
+        word[..bytes.len()].copy_from_slice(bytes);
+        USBRAM.mem(place).write_value(u16::from_le_bytes(word));
+    }
+    USBRAM.mem(1).write_value(data.len() as u16);
+    if is_over() {
+        return Err(EndpointError::Disabled);
+    }
+    // A SETUP packet leaves OUT at NAK. It is at STALL until the last packet, which a status stage follows.
+    let before = if first { Stat::NAK } else { Stat::STALL };
+    let after = if last { Stat::VALID } else { Stat::STALL };
+    let register = USB.epr(0);
+    let mut change = unchanged(register.read());
+    change.set_stat_rx(Stat::from_bits(before.to_bits() ^ after.to_bits()));
+    change.set_stat_tx(Stat::from_bits(Stat::NAK.to_bits() ^ Stat::VALID.to_bits()));
+    change.set_ep_kind(last);
+    register.write_value(change);
+    Ok(())
 }
 
 /// Withdraws the packet in an IN endpoint. Returns true if it was still unfetched.
