@@ -107,7 +107,7 @@ impl Options {
             let wrong = |error| format!("--arm {text:?}: {error}");
             let port = port.parse().map_err(wrong)?;
             let control = controls.remove(name).map(Port::of_control).transpose().map_err(wrong)?;
-            if let Some(other) = arms.iter().find(|arm| arm.port == port && arm.control == control) {
+            if let Some(other) = arms.iter().find(|arm| arm.port == port) {
                 return Err(format!("--arm {text:?}: {} has the same port", other.name));
             }
             arms.push(Arm {
@@ -264,6 +264,10 @@ mod tests {
                 "a control character",
             ),
             (&["--arm=a=ling:x", "--arm=b=ling:x"], "a has the same port"),
+            (
+                &["--arm=a=ling:x", "--arm=b=ling:x", "--control=b=y"],
+                "a has the same port",
+            ),
             (&["--arm=a=ling:x", "--limit=a/joint9=0:1"], "no joint \"joint9\""),
             (&["--arm=a=ling:x", "--limit=a/joint1=1:0"], "the lower end first"),
             (&["--arm=a=ling:x", "--limit=a/joint1=0:NaN"], "the lower end first"),

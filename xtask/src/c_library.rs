@@ -123,7 +123,7 @@ fn find_tools() -> Result<()> {
         let is_installed = apt::install(&["libnewlib-arm-none-eabi"])?;
         ensure!(
             is_installed,
-            "newlib is missing; run `sudo apt-get install libnewlib-arm-none-eabi`"
+            "newlib is missing; run `sudo apt-get install --no-install-recommends libnewlib-arm-none-eabi`"
         );
     }
     let version = output(Command::new("cbindgen").arg("--version"));

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde_json::{Value, from_str, from_value};
 
@@ -48,7 +48,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let programs = target_dir()?.join("coverage").join(host.trim()).join("release");
     let tools = [llvm("llvm-profdata")?, llvm("llvm-cov")?];
     let mut all = Regions::new();
-    for regions in for_each(targets()?, |target| reached(&programs, &target, &tools))? {
+    for regions in for_each(targets()?, |target| reached(&programs, &target, &tools).context(target))? {
         for (region, ran) in regions {
             *all.entry(region).or_default() |= ran;
         }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use crate::cargo::{target_dir, tool};
@@ -68,9 +68,9 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     }
     process::run(&mut cargo_fuzz("build", "fuzz")?)?;
     if options.minimise {
-        return for_each(targets, |target| minimise(target)).map(drop);
+        return for_each(targets, |target| minimise(target).context(target.clone())).map(drop);
     }
-    let passed = for_each(targets, |target| fuzz(target, options))?;
+    let passed = for_each(targets, |target| fuzz(target, options).context(target.clone()))?;
     let failures = passed.iter().filter(|passed| !**passed).count();
     ensure!(
         failures == 0,

@@ -53,13 +53,22 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     let wheel = build_wheel(&tools, &dir)?;
     check_wheel(&tools, &wheel)?;
     check_sdist(&tools, &dir)?;
-    let clean = environment_with(dir.join("clean"), &TEST_PACKAGES)?;
-    clean.install(REINSTALL.iter().map(OsStr::new).chain([wheel.as_ref()]))?;
-    test(&clean, &dir, options)?;
-    clean.install(SDK)?;
+    let with_wheel = |name: &str| -> Result<Environment> {
+        let environment = environment_with(dir.join(name), &TEST_PACKAGES)?;
+        environment.install(REINSTALL.iter().map(OsStr::new).chain([wheel.as_ref()]))?;
+        Ok(environment)
+    };
+    test(&with_wheel("clean")?, &dir, options)?;
+    let beside_sdk = with_wheel("beside-sdk")?;
+    beside_sdk.install(SDK)?;
     let compare = python_dir().join("benchmarks/beside_sdk.py");
-    let (armwire, scripts) = (clean.path("armwire"), root().join("host-tests/vendor"));
-    run(clean.python().arg(compare).arg(armwire).arg(scripts).current_dir(&dir))
+    let (armwire, scripts) = (beside_sdk.path("armwire"), root().join("host-tests/vendor"));
+    run(beside_sdk
+        .python()
+        .arg(compare)
+        .arg(armwire)
+        .arg(scripts)
+        .current_dir(&dir))
 }
 
 /// Installs LeRobot, runs the plugin's tests with it, and teleoperates and records with its programs.

@@ -26,8 +26,8 @@ impl Environment {
         let environment = Self { folder };
         if !environment.has_pip() {
             let python = python.as_ref();
-            // In Debian `venv` is a package of its own.
-            if output(Command::new(python).args(["-c", "import ensurepip, venv"])).is_err() {
+            // In Debian the `venv` of `python3` is a package of its own.
+            if python == "python3" && output(Command::new(python).args(["-c", "import ensurepip, venv"])).is_err() {
                 apt::install(&["python3-venv"])?;
             }
             run(Command::new(python)
