@@ -185,7 +185,7 @@ struct Setting {
     value: String,
 }
 
-/// Changes a configuration as `text` says, such as `poll=200`: the settings of `armwire config PORT set`.
+/// Applies a setting, such as `poll=200`, as in `armwire config PORT set`.
 ///
 /// # Errors
 ///

@@ -110,7 +110,7 @@ fn calls(model: &Model, now: Instant) -> Part {
     let wanted = model.rate.map_or(String::new(), |rate| format!(" of {rate}"));
     let calls = match model.requests {
         0 => format!("received {}", model.answered),
-        requests => format!("asked {requests}, answered {}", model.answered),
+        requests => format!("requested {requests}, answered {}", model.answered),
     };
     let rate = format!("{achieved:.1}{wanted} readings/s, {calls}");
     let mut lines = vec![named("rate", rate)];
@@ -288,7 +288,7 @@ mod tests {
                 "│joint 4  ?",
                 "│status   locked",
                 "│servos   31 30 45 °C, the hottest 45 °C",
-                "│rate     20.0 of 20 readings/s, asked 20, answered 20",
+                "│rate     20.0 of 20 readings/s, requested 20, answered 20",
                 "│latency  least 1.25 ms, median 1.25 ms, worst 1.25 ms",
                 "│errors   0 unanswered, 1 wrong checksums, 7 noise bytes",
                 "│adapter  stm32f405, firmware 0.1.0",

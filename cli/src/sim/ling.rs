@@ -34,7 +34,7 @@ pub(crate) struct LingSim {
     /// Give every byte back at once, as a half-duplex adapter does.
     #[arg(long)]
     echo: bool,
-    /// An arm of the older generation instead: it talks forty times a second, and obeys nothing.
+    /// An arm of the older generation instead: it sends forty times per second, and accepts no requests.
     #[arg(long, conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo"])]
     legacy: bool,
 }

@@ -122,7 +122,7 @@ impl Line {
     /// A recording of every frame, whole and damaged in several ways.
     pub(super) fn damage(&self, frames: &[Vec<u8>]) -> Vec<u8> {
         let mut recording = Vec::new();
-        // The first frames are damaged behind their headers, by which frames of the older generation are told.
+        // The first frames are damaged behind their headers, which identify the older generation.
         for (nth, frame) in (4..).zip(frames) {
             recording.extend(frame);
             for damaged in self.damaged(frame, nth) {
