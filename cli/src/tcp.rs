@@ -31,14 +31,14 @@ pub struct Host {
 impl FromStr for Host {
     type Err = String;
 
-    /// Such as `192.168.1.10`, `arm.local:502`, `::1` or `[::1]:502`.
+    /// A host, for example `192.168.1.10`, `arm.local:502`, `::1` or `[::1]:502`.
     fn from_str(text: &str) -> Result<Self, String> {
         Self::parse(text, Some(PORT))
     }
 }
 
 impl Host {
-    /// Such as `192.168.1.10:4000` or `[::1]:4000`; without its port only if there is a usual one.
+    /// An address, for example `192.168.1.10:4000` or `[::1]:4000`. The port may be omitted if there is a default.
     pub(crate) fn parse(text: &str, usual_port: Option<u16>) -> Result<Self, String> {
         let (host, port) = match text.rsplit_once(':') {
             Some((host, port)) if !host.contains(':') || host.ends_with(']') => (host, port.parse().ok()),
