@@ -35,14 +35,12 @@ pub(crate) fn install(packages: &[&str]) -> Result<bool> {
     if !is_root || output(Command::new("apt-get").arg("--version")).is_err() {
         return Ok(false);
     }
-    for words in ["update", "install --yes --no-install-recommends"] {
+    for (words, packages) in [("update", &[][..]), ("install --yes --no-install-recommends", packages)] {
         let mut apt = Command::new("apt-get");
-        apt.args(words.split(' ')).env("DEBIAN_FRONTEND", "noninteractive");
+        apt.args(words.split(' ')).args(packages);
+        apt.env("DEBIAN_FRONTEND", "noninteractive");
         // `cargo run` set it to the compiler's libraries.
         apt.env_remove("LD_LIBRARY_PATH");
-        if words != "update" {
-            apt.args(packages);
-        }
         run(&mut apt)?;
     }
     Ok(true)

@@ -25,8 +25,6 @@ const MANYLINUX: &str = "manylinux_2_17";
 const TEST_PACKAGES: [&str; 3] = ["matplotlib", "numpy", "pytest"];
 /// The vendor's SDK, and the one of its dependencies that is needed. The others include all of PyTorch.
 const SDK: [&str; 3] = ["--no-deps", "alicia_d_sdk==6.1.0", "pyserial==3.5"];
-/// Options of pip that install a package again, whatever its version.
-const REINSTALL: [&str; 2] = ["--no-deps", "--force-reinstall"];
 /// LeRobot, and the Python that it needs.
 const LEROBOT: &str = "lerobot[dataset]==0.6.1";
 const LEROBOT_PYTHON: &str = "python3.12";
@@ -55,7 +53,7 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     check_sdist(&tools, &dir)?;
     let with_wheel = |name: &str| -> Result<Environment> {
         let environment = environment_with(dir.join(name), &TEST_PACKAGES)?;
-        environment.install(REINSTALL.iter().map(OsStr::new).chain([wheel.as_ref()]))?;
+        reinstall(&environment, &[&wheel])?;
         Ok(environment)
     };
     test(&with_wheel("clean")?, &dir, options)?;
@@ -93,13 +91,7 @@ pub(crate) fn run_lerobot() -> Result<()> {
         .arg("-r")
         .arg(python_dir().join("lerobot_plugin/."))
         .arg(&plugin))?;
-    let sources = [python_dir(), plugin];
-    environment.install(
-        REINSTALL
-            .iter()
-            .map(OsStr::new)
-            .chain(sources.iter().map(AsRef::as_ref)),
-    )?;
+    reinstall(&environment, &[&python_dir(), &plugin])?;
     run(pytest(&environment, &dir).arg("tests/test_lerobot.py"))?;
     let mut record = environment.python();
     record
@@ -139,6 +131,12 @@ fn environment_with(folder: PathBuf, packages: &[&str]) -> Result<Environment> {
     );
     environment.install(wanted)?;
     Ok(environment)
+}
+
+/// Installs these packages without their dependencies, also if the same version is installed.
+fn reinstall(environment: &Environment, packages: &[&PathBuf]) -> Result<()> {
+    let options = ["--no-deps", "--force-reinstall"].map(OsStr::new);
+    environment.install(options.into_iter().chain(packages.iter().map(|path| path.as_os_str())))
 }
 
 fn requirements() -> PathBuf {
