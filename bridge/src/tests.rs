@@ -113,7 +113,7 @@ fn stray_bytes_are_sent_when_line_is_idle() {
 }
 
 #[test]
-fn a_full_packet_waits_for_nothing() {
+fn full_packet_waits_for_nothing() {
     let mut bridge = open();
     bridge.uart_received(&[7; PACKET - 1], NOW);
     assert_eq!(packet(&mut bridge), None);
@@ -156,7 +156,7 @@ fn full_packet_at_end_is_followed_by_empty() {
 }
 
 #[test]
-fn a_short_packet_ends_a_transfer_by_itself() {
+fn short_packet_ends_a_transfer_by_itself() {
     let mut bridge = open();
     bridge.uart_received(&[7; PACKET + 1], NOW);
     bridge.uart_event(UartEvent::Idle, NOW);
@@ -360,7 +360,7 @@ fn unsendable_packet_is_counted() {
 }
 
 #[test]
-fn a_host_that_never_raises_dtr_gets_everything() {
+fn host_that_never_raises_dtr_gets_everything() {
     let mut bridge = Bridge::default();
     bridge.usb_event(UsbEvent::Configured(true), NOW);
     bridge.usb_event(UsbEvent::Dtr(false), NOW);
@@ -596,7 +596,7 @@ proptest! {
     }
 
     #[test]
-    fn a_frame_never_waits_for_the_idle_line(
+    fn frame_never_waits_for_the_idle_line(
         before in prop::collection::vec(any::<u8>().prop_filter("no header", |&b| b != 0xAA), 0..200),
         data in prop::collection::vec(any::<u8>(), 0..60),
         cut in 1..70_usize,

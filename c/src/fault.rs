@@ -523,7 +523,7 @@ mod tests {
     }
 
     #[test]
-    fn rejected_values_have_the_text_of_the_rust_crate() {
+    fn rejected_values_have_the_rust_crates_texts() {
         for got in [i32::MIN, -1, 0, 9, 10, 4096, i32::MAX] {
             let error = OutOfRange::new("joint position", "ticks", got, 0, 4095);
             assert_eq!(text(&Refused::only(error).fault()), error.to_string());

@@ -201,7 +201,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_adapter_tells_whether_it_has_can_fd() {
+    fn adapter_tells_whether_it_has_can_fd() {
         let mut identity = Identity::default();
         identity.board.push_str("stm32g431").unwrap();
         identity.firmware.push_str("0.1.0").unwrap();

@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_word_without_end_is_not_kept() {
+    fn word_without_end_is_not_kept() {
         let mut parser = Parser::new();
         let mut bytes = Vec::new();
         for _ in 0..1000 {

@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn gripper_stands_still_while_its_reading_is_the_same() {
+    fn gripper_stands_still_while_its_reading_stays() {
         let mut gripper = Standstill::default();
         let lasts = |(millis, opening): (u64, u16)| gripper.lasts(Duration::from_millis(millis), opening).as_millis();
         let readings = [(10, 0), (500, 0), (600, 1), (1600, 1), (1601, 0), (1602, 0)];

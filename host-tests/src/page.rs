@@ -13,7 +13,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_table_replaces_the_one_between_its_marks() {
+    fn table_replaces_the_one_between_its_marks() {
         let page = "before\n<!-- t: begin -->\nold\n<!-- t: end -->\nafter\n";
         let expected = "before\n<!-- t: begin -->\n\nnew\n<!-- t: end -->\nafter\n";
         assert_eq!(filled(page, "t", "new").as_deref(), Some(expected));

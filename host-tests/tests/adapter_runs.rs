@@ -64,7 +64,7 @@ fn every_promise_holds_in_random_runs() {
 }
 
 #[test]
-fn a_run_is_the_same_each_time() {
+fn run_is_the_same_each_time() {
     for number in 0..20 {
         let [first, second] = [0; 2].map(|_| adapter::run(Random::new(SEED, number)));
         assert_eq!(first, second);

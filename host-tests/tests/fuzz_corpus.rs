@@ -41,7 +41,7 @@ fn inputs() -> Vec<(String, Vec<u8>)> {
 }
 
 #[test]
-fn the_corpus_has_every_frame_of_the_documents() {
+fn corpus_has_every_frame_of_the_documents() {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus/decode");
     let inputs = inputs();
     assert!(inputs.len() > 100, "{} frames", inputs.len());

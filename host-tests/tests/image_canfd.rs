@@ -92,7 +92,7 @@ fn wrong_fd_data_rate_errors_until_corrected() {
 }
 
 #[test]
-fn a_classic_node_destroys_fd_frames() {
+fn classic_node_destroys_fd_frames() {
     on_fd_bus(2_000_000, 2_000_000, |board| {
         board.can().join(9, NodeConfig::classic(RATE));
         let mut program = CanProgram::new(Link::Fd);

@@ -229,7 +229,7 @@ impl Listener {
     }
 }
 
-/// The bridge alone, with a clock of its own: the image would take hours, see `a_day_of_polls_on_the_image`.
+/// The bridge alone, with a clock of its own: the image would take hours, see `day_of_polls_on_the_image`.
 #[test]
 fn hours_of_polls_keep_counters_and_stamps_exact() {
     /// Longer than it takes microseconds to turn over in 32 bits.
@@ -398,7 +398,7 @@ fn stamps_stay_exact_across_timer_wraparound() {
 /// Polls on the image for `ARMWIRE_HOURS` hours, 24 by default.
 #[test]
 #[ignore = "takes hours: ARMWIRE_HOURS=24 cargo test --features image --test image_endurance -- --ignored --nocapture"]
-fn a_day_of_polls_on_the_image() {
+fn day_of_polls_on_the_image() {
     const HOUR: u64 = 3_600_000;
     const STEP: Nanos = Nanos::from_millis(1_000);
     let hours = env::var("ARMWIRE_HOURS").map_or(24.0, |hours| hours.parse::<f64>().unwrap());

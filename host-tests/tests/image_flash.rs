@@ -31,7 +31,7 @@ fn save(board: &mut VirtualBoard<LingArm>, control: &mut Control, after_ms: u16)
 }
 
 #[test]
-fn an_erase_takes_the_time_of_whole_words() {
+fn erase_takes_the_time_of_whole_words() {
     for (timing, takes) in [Timing::Typical, Timing::Worst].into_iter().zip(facts(chip()).erase) {
         on_board_with(with_full_flash(timing), |board| {
             plug_in(board, MEGABAUD);

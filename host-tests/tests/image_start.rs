@@ -165,7 +165,7 @@ fn late_crystal_is_awaited() {
 }
 
 #[test]
-fn the_prefetch_is_off_on_revision_a() {
+fn prefetch_is_off_on_revision_a() {
     if chip() != Chip::Stm32f405 {
         return;
     }
@@ -190,7 +190,7 @@ fn the_prefetch_is_off_on_revision_a() {
 }
 
 #[test]
-fn the_watchdog_watches_before_the_clocks_run() {
+fn watchdog_watches_before_the_clocks_run() {
     let mut board = VirtualBoard::start(config(Crystal::dead())).unwrap();
     board.run_for(millis(10)).unwrap();
     board.hold_core();

@@ -28,7 +28,7 @@ fn serial_number(unique_id: [u8; 12]) -> String {
 }
 
 #[test]
-fn the_serial_number_is_the_chips_unique_id() {
+fn serial_number_is_the_chips_unique_id() {
     assert_eq!(
         serial_number(*b"\x20\x00\x41\x00\x0B51P\x35V03"),
         "200041000B35315035563033"

@@ -216,7 +216,7 @@ fn answer_to_repeat_counts_and_original_is_late() {
 }
 
 #[test]
-fn a_late_answer_never_satisfies_the_next_request() {
+fn late_answer_never_satisfies_the_next_request() {
     let mut host = Lings::new(ONCE);
     host.send(Request::ReadJoints);
     assert_eq!(host.time_out(), 1);
@@ -297,7 +297,7 @@ fn cancelled_request_is_completed_before_the_next() {
 }
 
 #[test]
-fn the_answer_to_a_cancelled_request_is_late() {
+fn answer_to_a_cancelled_request_is_late() {
     let mut host = Lings::new(Config::DEFAULT);
     host.send(Request::ReadJoints);
     host.client.cancel();

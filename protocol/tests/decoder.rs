@@ -221,7 +221,7 @@ proptest! {
     }
 
     #[test]
-    fn a_ling_frame_survives_noise_before_it(
+    fn ling_frame_survives_noise_before_it(
         noise in vec(prop_oneof![3 => any::<u8>(), 1 => Just(0xAA)], 0..200),
         frame in prop::sample::select(ling_vectors()),
     ) {
@@ -450,7 +450,7 @@ fn hid_reports_unpack_to_the_frames_packed() {
 }
 
 #[test]
-fn the_longest_ling_frame_fits_a_tight_decoder() {
+fn longest_ling_frame_fits_a_tight_decoder() {
     let data = [0x55; ling::MAX_DATA];
     let frame = ling::Frame {
         command: 0x06,

@@ -251,7 +251,7 @@ fn number_is_stamped_into_numbered_requests_only() {
 }
 
 #[test]
-fn an_xarm_answer_repeats_transaction_protocol_and_register() {
+fn xarm_answer_repeats_transaction_protocol_and_register() {
     let arm = XArm::PRIVATE;
     let key = arm.request(&hex("00 01 00 02 00 01 04")).unwrap().key;
     assert!(arm.is_response_to(key, &hex("00 01 00 02 00 02 04 10")));

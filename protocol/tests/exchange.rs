@@ -97,7 +97,7 @@ fn request_waits_for_same_key_of_another_initiator() {
 }
 
 #[test]
-fn a_request_waits_for_sends_with_another_expectation() {
+fn request_waits_for_sends_with_another_expectation() {
     let mut line = plain();
     line.send(1, Usb, 0);
     assert!(!line.can_send(11, Usb), "even its own");
@@ -297,7 +297,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(1_000))]
 
     #[test]
-    fn the_exchange_follows_its_rules(steps in vec(step(), 0..120)) {
+    fn exchange_follows_its_rules(steps in vec(step(), 0..120)) {
         exchange_oracle::check(steps);
     }
 }

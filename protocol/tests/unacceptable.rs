@@ -209,7 +209,7 @@ fn unacceptable_alpha1_answer_ends_the_request() {
 }
 
 #[test]
-fn a_frame_that_answers_something_else_ends_nothing() {
+fn frame_that_answers_something_else_ends_nothing() {
     use ling::Request::*;
     ends_nothing::<Ling, LING>(ReadJoints, &ling(4, 0x0E, &[3]));
     ends_nothing::<Ling, LING>(ReadJoints, &ling(6, 1, &[30; 7]));
@@ -280,7 +280,7 @@ fn late_unacceptable_answer_spares_the_next_request() {
 }
 
 #[test]
-fn an_acceptable_answer_is_still_an_answer() {
+fn acceptable_answer_is_still_an_answer() {
     let mut host = Host::<Ling, LING>::new();
     host.send(ling::Request::SelfCheck);
     assert_eq!(
@@ -293,7 +293,7 @@ fn an_acceptable_answer_is_still_an_answer() {
 }
 
 #[test]
-fn a_version_of_any_length_is_an_answer() {
+fn version_of_any_length_is_an_answer() {
     for len in [1, 30, 40, 41, 252] {
         let mut host = Host::<XArm, XARM>::new();
         host.send(xarm::Request::ReadVersion);

@@ -124,7 +124,7 @@ proptest! {
     }
 
     #[test]
-    fn a_response_repeats_the_numbers_of_its_request(
+    fn response_repeats_the_numbers_of_its_request(
         transaction in any::<u16>(),
         protocol in 2..=3_u16,
         response in response(),

@@ -66,7 +66,7 @@ def test_every_position_survives_conversion_to_angles() -> None:
         ([0] * 6, {"gripper_ticks_s": 70000}, "gripper speed in ticks/s is 70000"),
     ],
 )
-def test_invalid_value_is_an_error_and_nothing_is_sent(
+def test_invalid_value_is_refused_and_not_sent(
     arm: armwire.Ling, virtual: sim.VirtualLing, joints: list[float], kwargs: dict[str, object], text: str
 ) -> None:
     arguments: dict[str, object] = {"gripper_permille": 0, "speed_deg_s": 100} | kwargs

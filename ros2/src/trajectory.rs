@@ -527,7 +527,7 @@ mod tests {
     }
 
     #[test]
-    fn first_point_at_time_0_is_near_the_arm() {
+    fn first_point_at_time_0_is_near_arm() {
         assert!(checked(&trajectory(&[point(0.0, &[0.04, 0.0])])).is_ok());
         let far = trajectory(&[point(0.0, &[0.0, 0.06])]);
         assert_eq!(

@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_that_does_not_read_blocks_nobody() {
+    fn client_that_does_not_read_blocks_nobody() {
         let pty = Pty::open(None).unwrap();
         let _client = client(&pty);
         let written: usize = (0..1_000).map(|_| pty.write(&[0; 1024]).unwrap()).sum();
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_to_anything_else_is_not_replaced() {
+    fn link_to_anything_else_is_not_replaced() {
         let link = free_path("else");
         for target in ["/dev/null", "/tmp"] {
             symlink(target, &link).unwrap();

@@ -623,7 +623,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_wrong_rate_garbles_both_ways() {
+    fn wrong_rate_garbles_both_ways() {
         let mut line = line(&[0xAA; 20]);
         line.set_arm_baud(115_200);
         let first = line.board_receives(Nanos(0)).unwrap();
@@ -682,7 +682,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_parity_fault_needs_a_parity_bit() {
+    fn parity_fault_needs_a_parity_bit() {
         for (parity, faulty) in [(Parity::None, false), (Parity::Odd, true)] {
             let mut line = line(&[1]);
             let format = Format {
@@ -728,7 +728,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_seed_repeats_its_faults() {
+    fn seed_repeats_its_faults() {
         let run = |seed| {
             let mut line = line(&[0; 1000]);
             line.seed = seed;

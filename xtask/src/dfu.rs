@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_dfuse_file_passes_dfu_suffix() {
+    fn dfuse_file_passes_dfu_suffix() {
         let segments = [
             Segment {
                 address: 0x0800_0000,

@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn an_oversized_image_is_refused() {
+    fn oversized_image_is_refused() {
         let image = |flash, ram| Image {
             path: "image.elf".into(),
             flash,

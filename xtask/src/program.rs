@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bin_has_its_gaps_erased() {
+    fn bin_has_its_gaps_erased() {
         let program = Program {
             segments: vec![segment(0x800_0000, &[1, 2]), segment(0x800_0005, &[3])],
             ram: 0,
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_for_another_board_is_refused() {
+    fn program_for_another_board_is_refused() {
         let program = |address, words: [u32; 3]| Program {
             segments: vec![segment(address, &words.map(u32::to_le_bytes).concat())],
             ram: 0,

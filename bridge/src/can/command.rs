@@ -432,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_that_was_stopped_must_start() {
+    fn stream_that_was_stopped_must_start() {
         let mut bus = Bus::running(4);
         bus.commands.stop();
         assert_eq!(bus.send(command(5)), Some(Err(Refusal::Stale)));
@@ -506,7 +506,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_command_survives_the_bus(
+        fn command_survives_the_bus(
             joints in any::<[u16; JOINTS]>(),
             (sequence, speed, gripper) in any::<(u8, u8, u8)>(),
         ) {
@@ -556,7 +556,7 @@ mod tests {
         }
 
         #[test]
-        fn a_sender_that_repeats_itself_moves_nothing(
+        fn sender_that_repeats_itself_moves_nothing(
             last in any::<u8>(),
             frames in prop::collection::vec(any::<bool>(), 1..4),
             sequence in any::<u8>(),

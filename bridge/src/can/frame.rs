@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_prints_as_identifier_kind_and_bytes() {
+    fn frame_prints_as_identifier_kind_and_bytes() {
         assert_eq!(format!("{:?}", Frame::new(ID, &[1, 0xAB]).unwrap()), "0x123 [01, AB]");
         assert_eq!(format!("{:?}", Frame::new_fd(ID, &[]).unwrap()), "0x123 FD []");
         let error = Frame::new(ID, &[0; 9]).unwrap_err();

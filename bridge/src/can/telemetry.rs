@@ -351,7 +351,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_sample_survives_the_bus_bit_for_bit(sample in sample(), node in node()) {
+        fn sample_survives_the_bus_bit_for_bit(sample in sample(), node in node()) {
             let frames = sample.to_frames(node);
             prop_assert!(frames.iter().all(|frame| !frame.is_fd() && frame.data().len() == 8));
             prop_assert_eq!(Sample::from_frames(&frames), Some(sample));
@@ -377,7 +377,7 @@ mod tests {
         }
 
         #[test]
-        fn an_event_survives_the_bus(event in event(), at in any::<u64>(), node in node()) {
+        fn event_survives_the_bus(event in event(), at in any::<u64>(), node in node()) {
             let frame = event_to_frame(&event, Stamp(at), node).unwrap();
             prop_assert_eq!(event_from_frame(&frame), Some((at as u32, event)));
         }

@@ -214,7 +214,7 @@ fn encoded_cobs<T: Message>(message: &T) -> Vec<u8> {
 }
 
 #[test]
-fn the_longest_frame_fits_in_an_event() {
+fn longest_frame_fits_in_an_event() {
     let event = FromAdapter::Event {
         at: Stamp(u64::MAX),
         event: Event::Frame {
@@ -324,7 +324,7 @@ proptest! {
     }
 
     #[test]
-    fn a_message_cut_short_ends_early(message in from_host(), cut in any::<prop::sample::Index>()) {
+    fn message_cut_short_ends_early(message in from_host(), cut in any::<prop::sample::Index>()) {
         let bytes = encoded(&message);
         let cut = &bytes[..cut.index(bytes.len())];
         let malformed = Malformed { sequence: cut.first().copied(), reason: Reason::EndsEarly };
@@ -397,7 +397,7 @@ fn reader_accepts_nothing_until_message_is_taken() {
 }
 
 #[test]
-fn a_cleared_reader_has_forgotten_half_a_message() {
+fn cleared_reader_has_forgotten_half_a_message() {
     let message = FromHost {
         sequence: 1,
         request: Request::Identify,
@@ -513,7 +513,7 @@ fn unknown_request_keeps_its_sequence_number() {
 }
 
 #[test]
-fn the_longest_messages_fit() {
+fn longest_messages_fit() {
     let full = "\u{7F}".repeat(24);
     let most = |n: usize| full[..n].try_into().unwrap();
     let most_identity = Identity {

@@ -229,7 +229,7 @@ fn consecutive_frames_keep_the_separation_time() {
 }
 
 #[test]
-fn the_separation_begins_when_the_frame_has_left() {
+fn separation_begins_when_the_frame_has_left() {
     let mut sender = waiting(27);
     sender.transmitted(after(100));
     assert_eq!(sender.timeout(), Some(after(100) + SECOND));
@@ -320,7 +320,7 @@ fn assert_transmit_timeout(mut sender: Full, handed: usize, deadline: Instant) {
 }
 
 #[test]
-fn a_frame_that_never_leaves_ends_the_pdu() {
+fn frame_that_never_leaves_ends_the_pdu() {
     // The first frame.
     assert_transmit_timeout(waiting(40), 6, T0 + SECOND);
 
@@ -398,7 +398,7 @@ fn receiver_wait_requests_are_limited() {
 }
 
 #[test]
-fn a_receiver_without_room_ends_the_sending() {
+fn receiver_without_room_ends_the_sending() {
     let mut sender = waiting(20);
     events(
         [Event::Failed(Error::Overflow { len: 20 })],
@@ -450,7 +450,7 @@ fn unsendable_pdu_is_refused_without_effect() {
 // ---- Receiving ----
 
 #[test]
-fn a_single_frame_may_be_padded_or_not() {
+fn single_frame_may_be_padded_or_not() {
     for frame in [
         &[0x02, 5, 6][..],
         &[0x02, 5, 6, 0, 0],
@@ -650,7 +650,7 @@ fn timeouts_are_those_of_the_configuration() {
 }
 
 #[test]
-fn a_wrong_sequence_number_ends_the_receiving() {
+fn wrong_sequence_number_ends_the_receiving() {
     for number in (0..16).filter(|&number| number != 1) {
         let mut receiver = receiving();
         events(
@@ -779,7 +779,7 @@ fn oversized_first_frame_ends_pdu_and_is_refused() {
 }
 
 #[test]
-fn a_consecutive_frame_before_flow_control_is_ignored() {
+fn consecutive_frame_before_flow_control_is_ignored() {
     let unexpected = Event::Ignored(Ignored::UnexpectedConsecutive { got: 1 });
     let consecutive = [0x21, 6, 7, 8, 9, 10, 11, 12];
     let mut receiver = endpoint(Link::Classic);

@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn an_urgent_poll_passes_nobody_over_twice() {
+    fn urgent_poll_passes_nobody_over_twice() {
         let mut arbiter = Arbiter::new();
         let both = [(Initiator::Usb, 50, false), (Initiator::Poll, 90, true)];
         assert_eq!(arbiter.next(&contenders(&both)), Some(Initiator::Poll));

@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_timeout_of_zero_is_never() {
+    fn timeout_of_zero_is_never() {
         let mut dead_man = dead_man(0);
         for n in 0..3 {
             dead_man.motion(Initiator::Can, at(n));

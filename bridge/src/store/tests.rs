@@ -688,7 +688,7 @@ fn invalid_configuration_is_neither_saved_nor_loaded() {
 }
 
 #[test]
-fn the_longest_record_fits() {
+fn longest_record_fits() {
     let longest = longest();
     let mut flash = Tiny::new(2);
     save(&mut flash, &longest).unwrap();
@@ -718,7 +718,7 @@ fn range_other_than_two_pages_is_refused() {
 }
 
 #[test]
-fn a_flash_that_does_not_write_is_reported() {
+fn flash_that_does_not_write_is_reported() {
     let mut flash = filled::<4, 0x4000>(1);
     flash.power = Some((0, Damage::None));
     let error = save(&mut flash, &config(2)).unwrap_err();

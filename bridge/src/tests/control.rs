@@ -313,7 +313,7 @@ fn telemetry_begins_with_the_bus_it_is_for() {
 }
 
 #[test]
-fn a_subscription_on_can_ends_with_the_bus() {
+fn subscription_on_can_ends_with_the_bus() {
     let mut rig = quiet();
     let all = Subscription {
         frames: true,

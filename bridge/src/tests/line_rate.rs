@@ -116,7 +116,7 @@ fn polls(rig: &Rig) -> usize {
 }
 
 #[test]
-fn a_rate_takes_effect_with_the_first_byte() {
+fn rate_takes_effect_with_the_first_byte() {
     // With DTR, without it, and where a port was closed.
     for dtrs in [&[true][..], &[], &[true, false]] {
         let mut rig = Rig::new(Config::default());
@@ -608,7 +608,7 @@ fn under_hold_line_any_rate_is_the_hosts() {
 }
 
 #[test]
-fn a_dropped_change_of_rate_holds_no_line() {
+fn dropped_change_of_rate_holds_no_line() {
     for torque_off in [false, true] {
         let mut rig = Rig::new(Config {
             poll: Poll::Hertz(10),

@@ -132,7 +132,7 @@ fn request_behind_abandoned_reply_is_served() {
 }
 
 #[test]
-fn a_subscriber_gets_the_frames_of_its_subscription() {
+fn subscriber_gets_the_frames_of_its_subscription() {
     let mut bridge = adapter(Config::default());
     let done = |sequence| FromAdapter::Reply {
         sequence,

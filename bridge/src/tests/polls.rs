@@ -112,7 +112,7 @@ fn slots_during_arm_turnaround_are_missed_and_counted() {
 }
 
 #[test]
-fn the_fastest_poll_follows_the_answer_at_once() {
+fn fastest_poll_follows_the_answer_at_once() {
     let mut rig = polling(Poll::Fastest);
     rig.run(1_000_000);
     let polls = polls(&rig);

@@ -175,7 +175,7 @@ fn unsent_bytes_of_silent_host_are_dropped() {
 }
 
 #[test]
-fn a_stream_from_can_is_watched_too() {
+fn stream_from_can_is_watched_too() {
     let mut rig = Rig::new(silence(200, false));
     rig.subscribe();
     for _ in 0..5 {
@@ -314,7 +314,7 @@ fn host_ends_stream_and_keeps_torque() {
 }
 
 #[test]
-fn the_torque_goes_off_before_a_restart() {
+fn torque_goes_off_before_a_restart() {
     for (request, action) in [
         (Request::Restart, Action::Restart),
         (Request::RestartIntoBootLoader, Action::RestartIntoBootLoader),
@@ -496,7 +496,7 @@ fn commands_end_with_configuration_before_bus_change() {
 }
 
 #[test]
-fn a_silent_stream_of_commands_must_start_anew() {
+fn silent_stream_of_commands_must_start_anew() {
     let mut rig = Rig::new(silence(50, true));
     rig.subscribe();
     for sequence in 0..5 {
@@ -688,7 +688,7 @@ fn nothing_precedes_torque_off_after_complete_frame() {
 }
 
 #[test]
-fn a_stream_on_can_lives_by_motion_only() {
+fn stream_on_can_lives_by_motion_only() {
     let others: [fn(&mut Rig); 3] = [
         |rig| {
             let flow = Frame::new(Function::ArmRequest.id(Node::default()), &[0x30, 0, 0]).unwrap();

@@ -649,7 +649,7 @@ fn both_late_answers_of_a_kind_are_late() {
 }
 
 #[test]
-fn a_late_answer_goes_to_no_other_host() {
+fn late_answer_goes_to_no_other_host() {
     // The host on USB repeats its request before the first answer, and another initiator sends the same: at 61 ms, or
     // when the first answer is in.
     for can_at in [61_000, 95_000] {

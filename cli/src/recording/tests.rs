@@ -119,7 +119,7 @@ proptest! {
 }
 
 #[test]
-fn captured_frame_has_the_time_of_its_last_byte() {
+fn captured_frame_has_time_of_its_last_byte() {
     let (first, last) = READ_JOINTS.split_at(3);
     let frames = captured::<Ling>(&[
         (Speaker::Host, first),
@@ -157,7 +157,7 @@ fn padding_of_hid_reports_is_left_out() {
 }
 
 #[test]
-fn gripper_is_a_joint_once_its_stroke_is_known() {
+fn gripper_is_a_joint_once_stroke_is_known() {
     let mut joints = Joints::default();
     let names = |read: &[(String, f64)]| read.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
     let read = joints.read(&ling_joints(3072, 500)).unwrap();

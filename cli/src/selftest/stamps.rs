@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn stamps_that_jump_against_the_hosts_clock_are_reported() {
+    fn stamps_that_jump_against_hosts_clock_are_reported() {
         for jump in [-400.0, 400.0] {
             let mut series = Series::default();
             series.add(&round(0.0, &[5_100.0], 300.0)).unwrap();

@@ -120,7 +120,7 @@ fn configuration_is_shown_set_saved_and_reset() {
 }
 
 #[test]
-fn repeated_key_is_refused_before_a_port_is_opened() {
+fn repeated_key_is_refused_before_port_opens() {
     for settings in [["poll=5", "poll=6"], ["can.node=1", "can.node=1"]] {
         let text = usage(&[&["config", "/dev/no-such-port", "set", "arm=raw"][..], &settings].concat());
         let (key, _) = settings[0].split_once('=').unwrap();

@@ -28,7 +28,7 @@ fn link_of_a_killed_arm_is_replaced() {
 }
 
 #[test]
-fn reused_pty_of_a_killed_arm_does_not_block() {
+fn reused_pty_of_killed_arm_does_not_block() {
     let link = free_path("reused");
     let arm = Arm::start_at("ling", &link, &[]);
     let stale = target(&arm.port);

@@ -25,7 +25,7 @@ fn awaited_move_ends_at_its_target() {
 }
 
 #[test]
-fn awaited_move_ends_with_the_gripper_at_its_target() {
+fn awaited_move_ends_with_gripper_at_target() {
     let arm = Arm::start("ling", "move-gripper", &[]);
     let joints = ["--joints", "0,0,0,0,0,0", "--speed", "400"];
     let gripper = ["--gripper", "80", "--gripper-speed", "1000", "--wait"];

@@ -183,7 +183,7 @@ fn interrupted_recording_is_complete() {
 }
 
 #[test]
-fn recording_is_complete_without_a_reader_of_the_output() {
+fn recording_is_complete_without_reader_of_output() {
     let arm = Arm::start("ling", "unread", &[]);
     let recording = Recording::new();
     let mut monitor = recording.start(&[&arm.port]);

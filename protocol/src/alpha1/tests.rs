@@ -397,7 +397,7 @@ fn documented_requests_have_responses_except_broadcasts() {
 }
 
 #[test]
-fn a_request_waits_for_its_longest_response() {
+fn request_waits_for_its_longest_response() {
     for (row, request, _) in requests() {
         let responses = responses().into_iter().map(|(_, bytes, _, _)| bytes);
         let longest = responses
@@ -895,7 +895,7 @@ fn only_reads_that_move_nothing_are_repeated() {
 }
 
 #[test]
-fn a_servo_answers_within_400_microseconds() {
+fn servo_answers_within_400_microseconds() {
     let request = Request::Servo(moving(Address::One(id(1))));
     let config = Config {
         baud: NonZeroU32::new(115_200).unwrap(),

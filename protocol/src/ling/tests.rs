@@ -276,7 +276,7 @@ fn no_request_can_be_mistaken_for_a_response() {
 }
 
 #[test]
-fn the_longest_frame_has_64_bytes_of_data() {
+fn longest_frame_has_64_bytes_of_data() {
     assert_eq!(MAX_FRAME, 70);
     let frame = Frame {
         command: 6,

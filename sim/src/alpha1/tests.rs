@@ -272,7 +272,7 @@ fn debug_action_without_duration_arrives_at_once() {
 }
 
 #[test]
-fn a_new_move_starts_where_the_servo_is() {
+fn new_move_starts_where_the_servo_is() {
     let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     send(&mut robot, &mut now, &bytes(&act(190, 1_000, 0)));
     let mut now = time::Instant::from_micros(now.as_micros() + 500_000 - 33 * 87); // the end of the second frame
@@ -357,7 +357,7 @@ fn stop_halts_action_and_servos_hold() {
 }
 
 #[test]
-fn the_last_command_wins() {
+fn last_command_wins() {
     let mut host = host(robot());
     host.call(Request::Play(name("dance"))).unwrap();
     assert_eq!(host.call(Request::Play(name("sleep"))), played(Outcome::Failure));

@@ -238,7 +238,7 @@ fn hard_work_overheats_arm_at_factory_limit() {
 }
 
 #[test]
-fn the_self_check_names_the_faulty_servos() {
+fn self_check_names_the_faulty_servos() {
     let mut host = host(Config::follower());
     for id in [0, 3, 10, 11] {
         host.device_mut().set_faulty(id, true);

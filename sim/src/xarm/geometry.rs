@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn the_base_joint_turns_everything() {
+    fn base_joint_turns_everything() {
         for model in MODELS {
             let flange = model.place(&[FRAC_PI_2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]).flange;
             let [x, _, z] = model.place(&[0.0; 7]).flange.position;
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn the_flange_turns_on_the_last_joints_axis() {
+    fn flange_turns_on_the_last_joints_axis() {
         for model in MODELS {
             let placed = model.place(&[0.3; 7]);
             assert!(placed.radius(model.joints() - 1).unwrap() < 1e-9);

@@ -118,7 +118,7 @@ fn documented_registers_answer_as_in_examples() {
 }
 
 #[test]
-fn a_heartbeat_is_not_answered() {
+fn heartbeat_is_not_answered() {
     assert_eq!(arm().answer(Instant::ZERO, &Request::Heartbeat), None);
 }
 
@@ -468,7 +468,7 @@ fn report_matches_the_registers() {
 }
 
 #[test]
-fn the_versions_agree_with_the_model() {
+fn versions_agree_with_the_model() {
     for model in MODELS {
         let config = Config::new(model);
         let version = VersionText(&config.version).version().unwrap();

@@ -127,7 +127,7 @@ fn unfed_watchdog_restarts_the_chip() {
 }
 
 #[test]
-fn an_access_to_nothing_fails_the_check() {
+fn access_to_nothing_fails_the_check() {
     // UART7 belongs to the F427.
     let mut board = board(&[ldr(0, 1), load(1, 0), HANG, NOP], &[0x4000_7800]);
     // The bus fault has no handler, nor has the resulting fault.
@@ -448,7 +448,7 @@ fn power_cut_leaves_half_word_and_dead_board() {
 }
 
 #[test]
-fn a_power_cut_leaves_a_sector_half_erased() {
+fn power_cut_leaves_a_sector_half_erased() {
     // Sector 1, 32 bits at a time: SER, SNB, PSIZE, STRT (3.6.3).
     let erase = [
         (0x4002_3C04, 0x4567_0123),

@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_error_flag_of_another_receiver_counts_one() {
+    fn error_flag_of_another_receiver_counts_one() {
         let mut counters = Confinement::default();
         counters.receive_fault(Fault {
             error: BusError::Stuff,
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_acknowledge_never_ends_in_bus_off() {
+    fn missing_acknowledge_never_ends_in_bus_off() {
         let mut counters = Confinement::default();
         for _ in 0..1_000 {
             counters.transmit_error(BusError::Acknowledge);

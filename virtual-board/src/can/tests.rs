@@ -197,7 +197,7 @@ fn wrong_data_rate_shows_only_in_switching_frames() {
 }
 
 #[test]
-fn a_wrong_nominal_rate_shows_in_every_frame() {
+fn wrong_nominal_rate_shows_in_every_frame() {
     for frame in [classic(0x123, &[1]), slow_fd(0x123, &[2]), fd(0x123, &[3])] {
         let mut bench = Bench::of(&[FD(), NodeConfig::fd(RATE / 2, DATA_RATE)]);
         bench.send(0, frame);
@@ -256,7 +256,7 @@ fn classic_frame_wins_over_fd_frame_of_identifier() {
 }
 
 #[test]
-fn a_silent_node_receives_and_leaves_no_trace() {
+fn silent_node_receives_and_leaves_no_trace() {
     let mut bench = Bench::of(&[FD(), FD().silent(), NodeConfig::classic(RATE).silent()]);
     assert!(!bench.bus.can_send(1, &classic(1, &[])));
     bench.send(0, fd(0x123, &[1]));
@@ -388,7 +388,7 @@ const HALF: u64 = 500_000;
 const FIFTH: u64 = 200_000;
 
 #[test]
-fn a_controller_and_nodes_exchange_fd_frames() {
+fn controller_and_nodes_exchange_fd_frames() {
     let mut bench = Bench::with(Device::new(HALF, &[]), &[FD(), FD()]);
     bench.controller.queue.push_back(fd(0x200, &[2; 64]));
     bench.send(0, fd(0x100, &[1; 48]));
@@ -402,7 +402,7 @@ fn a_controller_and_nodes_exchange_fd_frames() {
 }
 
 #[test]
-fn a_controller_alone_acknowledges_a_node() {
+fn controller_alone_acknowledges_a_node() {
     let mut bench = Bench::with(Device::new(HALF, &[]), &[FD()]);
     bench.send(0, fd(0x100, &[1; 48]));
     bench.run_frames(1);

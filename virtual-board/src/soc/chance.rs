@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_and_a_purpose_repeat_their_choices() {
+    fn seed_and_a_purpose_repeat_their_choices() {
         let spans = |seed, purpose| {
             let mut chance = Chance::new(seed, purpose);
             [(); 8].map(|()| chance.span(0..=1_000_000))

@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_without_a_rate_stands_still() {
+    fn clock_without_a_rate_stands_still() {
         let mut clock = Clock::new(0, Nanos(0), 3);
         assert_eq!((clock.tick(Nanos(5 * SECOND)), clock.instant(4)), (3, None));
         clock.set_hz(10, Nanos(SECOND));

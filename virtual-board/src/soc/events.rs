@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_earliest_comes_first_and_then_the_lowest() {
+    fn earliest_comes_first_and_then_the_lowest() {
         let mut events = Events::<4>::default();
         events.set(3, Some(Nanos(10)));
         events.set(1, Some(Nanos(20)));

@@ -96,7 +96,7 @@ mod tests {
     use crate::soc::peripheral::forbidden;
 
     #[test]
-    fn a_violation_that_repeats_is_kept_once() {
+    fn violation_that_repeats_is_kept_once() {
         let mut recorder = Recorder::default();
         for _ in 0..2 {
             recorder.register("RCC", Refused::NoRegister, 0x4002_1010, 0x0800_0100, false);

@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_coding_is_seven_little_endian_bytes() {
+    fn line_coding_is_seven_little_endian_bytes() {
         let coding = LineCoding::new(1_000_000);
         assert_eq!(coding.encode(), [0x40, 0x42, 0x0F, 0, 0, 0, 8]);
         assert_eq!(LineCoding::decode(&coding.encode()), Some(coding));

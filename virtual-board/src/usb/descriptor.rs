@@ -281,7 +281,7 @@ mod tests {
     ];
 
     #[test]
-    fn a_configuration_parses_into_interfaces_and_endpoints() {
+    fn configuration_parses_into_interfaces_and_endpoints() {
         let configuration = Configuration::parse(&CDC).unwrap();
         assert_eq!(configuration.value, 1);
         assert_eq!(configuration.milliamps, 100);
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn a_configuration_cut_anywhere_is_refused_without_panic() {
+    fn configuration_cut_anywhere_is_refused_without_panic() {
         for length in 0..CDC.len() {
             assert!(Configuration::parse(&CDC[..length]).is_err(), "{length} bytes");
         }

@@ -159,7 +159,7 @@ mod tests {
     ];
 
     #[test]
-    fn a_request_is_described_by_its_verb_and_values() {
+    fn request_is_described_by_verb_and_values() {
         assert_eq!(request(&armwire::ling::TORQUE_OFF), "torque off");
         let target = [
             0xAA, 0x06, 0x03, 0x1C, 0x00, 0x08, 0xE8, 0x03, 0x00, 0x0C, 0xE8, 0x03, 0x00, 0x08, 0xE8, 0x03, 0x00, 0x08,
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_serial_number_is_escaped() {
+    fn serial_number_is_escaped() {
         let mut frame = [0; 30];
         frame[..4].copy_from_slice(&[0xAA, 0x01, 0x00, 0x18]);
         frame[4..9].copy_from_slice(b"A\x1b<b>");
@@ -198,13 +198,13 @@ mod tests {
     }
 
     #[test]
-    fn a_request_from_the_arm_is_an_echo() {
+    fn request_from_the_arm_is_an_echo() {
         let text = "echo: read joints".to_owned();
         assert_eq!(response(&armwire::ling::READ_JOINTS), Err(text));
     }
 
     #[test]
-    fn a_frame_of_a_wrong_length_is_described_by_its_error() {
+    fn frame_of_wrong_length_is_described_by_error() {
         let text = "command 06 function 00: 3 data bytes, expected 15".to_owned();
         assert_eq!(
             response(&[0xAA, 0x06, 0x00, 0x03, 0x00, 0x00, 0x00, 0x5F, 0xFF]),
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_self_check_names_the_faulty_servos() {
+    fn self_check_names_the_faulty_servos() {
         let leader = "servos not normal: 7 8 9 10 (a leader has none of 7 to 10)";
         assert_eq!(self_check(SelfCheck(0x003F)), leader);
         assert_eq!(self_check(SelfCheck(0x03FF)), "all servos normal");

@@ -211,14 +211,14 @@ mod tests {
     }
 
     #[test]
-    fn a_target_is_one_lookahead_from_the_reading() {
+    fn target_is_one_lookahead_from_the_reading() {
         let target = jog(1, Direction::Down).target(millis(0), &CENTRED).unwrap();
         assert_eq!(ticks(target), [2048, 1948, 2048, 2048, 2048, 2048]);
         assert_eq!(target.gripper.0.per_mille(), 500);
     }
 
     #[test]
-    fn the_setpoint_moves_at_the_speed_of_the_joints() {
+    fn setpoint_moves_at_speed_of_joints() {
         let mut jog = jog(0, Direction::Up);
         let mut reading = CENTRED;
         for step in 0..=10 {
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn a_released_arm_stops_at_the_setpoint() {
+    fn released_arm_stops_at_the_setpoint() {
         let mut jog = jog(0, Direction::Up);
         jog.target(millis(0), &CENTRED).unwrap();
         assert!(jog.release(millis(20)));
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn setpoint_waits_for_an_arm_that_does_not_follow() {
+    fn setpoint_waits_for_arm_that_lags() {
         let mut jog = jog(0, Direction::Up);
         let last = (0..100)
             .map(|step| jog.target(millis(40 * step), &CENTRED).unwrap())

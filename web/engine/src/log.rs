@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_frame_is_noise_with_its_reason() {
+    fn damaged_frame_is_noise_with_its_reason() {
         let mut log = Log::default();
         let mut damaged = STROKE;
         damaged[5] = 0x01;
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_log_keeps_the_newest_records() {
+    fn full_log_keeps_the_newest_records() {
         let mut log = Log::default();
         for micros in 0..=MAX_RECORDS as u64 {
             log.sent(Instant::from_micros(micros), &READ_JOINTS);

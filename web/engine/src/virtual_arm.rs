@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_answer_is_ready_after_line_time_and_turnaround() {
+    fn answer_is_ready_after_line_time_and_turnaround() {
         let mut arm = VirtualArm::new(1);
         let mut out = [0; 64];
         arm.receive(Instant::ZERO, &READ_JOINTS);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_loses_every_byte_is_silent_and_counts() {
+    fn line_that_loses_every_byte_counts_them() {
         let mut arm = VirtualArm::new(1);
         let drop = 1_000_000;
         arm.set_faults(Rates { drop, ..Rates::NONE });

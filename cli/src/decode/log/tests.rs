@@ -104,7 +104,7 @@ fn multi_frame_pdus_are_reassembled() {
 }
 
 #[test]
-fn a_pdu_has_its_last_frames_time() {
+fn pdu_has_its_last_frames_time() {
     let lines = decoded(exchange(Link::Classic).join("\n").as_bytes(), None, ArmKind::Ling);
     assert!(
         lines[0].starts_with("1609459200.000000  can0  node 15  AA 06 00 01 FE 9A FF\n"),
@@ -114,7 +114,7 @@ fn a_pdu_has_its_last_frames_time() {
 }
 
 #[test]
-fn a_missing_frame_costs_and_reports_its_pdu() {
+fn missing_frame_costs_and_reports_its_pdu() {
     let mut log = exchange(Link::Classic);
     let second = log.iter().position(|line| line.contains(" 61F#21")).unwrap();
     log.remove(second);
@@ -138,7 +138,7 @@ fn other_bus_frames_are_counted() {
 }
 
 #[test]
-fn a_pdu_without_an_arm_frame_is_reported() {
+fn pdu_without_an_arm_frame_is_reported() {
     let output = meanings(&exchange(Link::Fd), ArmKind::Alpha1);
     assert!(output[0].starts_with("no frame of an Alpha1: "), "{output:?}");
     let surplus = ["(1.000000) can0 60F##10008AA060001FE9AFF00CCCC".to_owned()];
@@ -149,7 +149,7 @@ fn a_pdu_without_an_arm_frame_is_reported() {
 }
 
 #[test]
-fn a_bad_candump_line_names_its_reason() {
+fn bad_candump_line_names_its_reason() {
     for (line, reason) in [
         ("(1.000000) can0", "no identifier"),
         ("(1.000000) can0 603", "no length in brackets"),
@@ -255,7 +255,7 @@ fn buses_of_one_log_are_kept_apart() {
 }
 
 #[test]
-fn a_gap_across_a_month_is_short() {
+fn gap_across_a_month_is_short() {
     let log = "(2024-02-28 23:59:59.900000)  can0  61F   [8]  10 08 2A 00 00 00 00 00\n\
                (2024-02-29 00:00:00.100000)  can0  61F   [8]  21 00 00 00 00 00 00 00\n\
                (2024-02-29 23:59:59.900000)  can0  61F   [8]  10 08 2A 00 00 00 00 00\n\
@@ -570,7 +570,7 @@ fn blf_errors_name_their_offset() {
 }
 
 #[test]
-fn an_endless_line_is_refused_at_its_start() {
+fn endless_line_is_refused_at_its_start() {
     let long = "x".repeat(100_000);
     for (beginning, format) in [("(1.0) can0 603#", Format::Candump), ("1.0 1 60F Rx d 8 ", Format::Asc)] {
         let error = error_of(&format!("\n{beginning}{long}"), format);
@@ -588,7 +588,7 @@ fn an_endless_line_is_refused_at_its_start() {
 }
 
 #[test]
-fn a_recording_in_no_known_format_is_refused() {
+fn recording_in_no_known_format_is_refused() {
     for (text, line) in [("\n what is this?\n", 2), ("timestamp;id\n", 1)] {
         let (_, error) = printed(text.as_bytes(), None, ArmKind::Ling, None);
         assert_eq!(

@@ -407,7 +407,7 @@ fn reboot_is_answered_then_ends_all_connections() {
 }
 
 #[test]
-fn a_shutdown_is_answered_and_ends_the_serving() {
+fn shutdown_is_answered_and_ends_the_serving() {
     let mut control = None;
     let served = serving(|server| {
         control = Some(server.control);
@@ -427,7 +427,7 @@ fn a_shutdown_is_answered_and_ends_the_serving() {
 }
 
 #[test]
-fn a_port_that_is_taken_is_named() {
+fn port_that_is_taken_is_named() {
     let taken = Server::bind(ANY, None).unwrap();
     assert_eq!(taken.report_address(), None);
     let address = taken.control_address();

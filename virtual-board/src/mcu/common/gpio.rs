@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pin_reads_its_output_or_its_pull() {
+    fn pin_reads_its_output_or_its_pull() {
         let mut port = port();
         port.write(ODR, 0xFFFF, NOW).unwrap();
         assert_eq!(
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_port_without_brr_has_no_register_there() {
+    fn port_without_brr_has_no_register_there() {
         let mut port = Gpio::new(port().at_reset, false);
         assert_eq!(port.read(BRR, NOW), Err(Refused::NoRegister));
         assert_eq!(port.write(0x2C, 0, NOW), Err(Refused::NoRegister));

@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_other_than_access_locks_the_registers() {
+    fn key_other_than_access_locks_the_registers() {
         let mut iwdg = Iwdg::new(true);
         assert!(iwdg.write(PR, 3, Nanos(0)).is_err());
         iwdg.write(KR, ACCESS, Nanos(0)).unwrap();
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_value_takes_its_time_to_arrive() {
+    fn new_value_takes_its_time_to_arrive() {
         let mut iwdg = Iwdg::new(true);
         iwdg.write(KR, ACCESS, Nanos(0)).unwrap();
         iwdg.write(PR, 3, Nanos(0)).unwrap();

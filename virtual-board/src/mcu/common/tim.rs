@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn a_compare_match_sets_its_flag_and_interrupts() {
+    fn compare_match_sets_its_flag_and_interrupts() {
         let mut tim = microseconds();
         tim.write(CCR2, 50, at(10)).unwrap();
         tim.write(DIER, compare_flag(1), at(10)).unwrap();
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_of_the_counter_is_an_update() {
+    fn turn_of_the_counter_is_an_update() {
         let mut tim = microseconds();
         tim.write(CNT, u32::MAX - 9, at(0)).unwrap();
         tim.write(SR, 0, at(0)).unwrap();
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn an_update_by_software_is_silent_with_urs() {
+    fn update_by_software_is_silent_with_urs() {
         let mut tim = microseconds();
         assert_eq!(tim.read(SR, at(0)), Ok(0));
         tim.write(CR1, cr1::CEN, at(5)).unwrap();

@@ -461,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_that_went_away_gets_nothing() {
+    fn request_that_went_away_gets_nothing() {
         let mut dma = dma(4, 0);
         dma.follow_requests(RECEIVE, Nanos(0));
         let due = dma.due().unwrap();

@@ -395,7 +395,7 @@ fn reenabled_stream_restarts_or_resumes() {
 }
 
 #[test]
-fn a_stream_that_is_stopped_moves_nothing() {
+fn stream_that_is_stopped_moves_nothing() {
     for reenabled in [Reenabled::Restarts, Reenabled::Resumes] {
         let mut bench = Bench::new(reenabled);
         bench.write(STREAM_CR, RECEIVE);
@@ -423,7 +423,7 @@ fn reconfigured_stream_restarts_even_if_resumable() {
 }
 
 #[test]
-fn the_dma_does_not_reach_core_coupled_memory() {
+fn dma_does_not_reach_core_coupled_memory() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(STREAM_CR, RECEIVE);
     bench.write(STREAM_M0AR, CCM);
@@ -434,7 +434,7 @@ fn the_dma_does_not_reach_core_coupled_memory() {
 }
 
 #[test]
-fn an_arm_outlives_a_reset_of_the_part() {
+fn arm_outlives_a_reset_of_the_part() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.arm_sends(&[1]);
     lock(&bench.line)

@@ -89,7 +89,7 @@ mod tests {
     const NOW: Nanos = Nanos(0);
 
     #[test]
-    fn a_start_of_frame_synchronizes_while_enabled() {
+    fn start_of_frame_synchronizes_while_enabled() {
         let mut crs = Crs::default();
         crs.start_of_frame();
         assert_eq!(crs.read(ISR, NOW), Ok(0));
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn the_source_cannot_change_while_enabled() {
+    fn source_cannot_change_while_enabled() {
         let mut crs = Crs::default();
         crs.write(CR, CR_AT_RESET | CEN, NOW).unwrap();
         assert!(crs.write(CFGR, 0, NOW).is_err());

@@ -409,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn a_circular_channel_begins_again() {
+    fn circular_channel_begins_again() {
         let mut dma = dma(2, ccr::CIRC);
         let addresses: Vec<Step> = (0..3).map(|_| transfer(&mut dma, Nanos(0))[1].1).collect();
         let expected = [0x2000_0000, 0x2000_0001, 0x2000_0000].map(|address| Step::WriteMemory(address, 0x42));
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_that_went_away_gets_nothing() {
+    fn request_that_went_away_gets_nothing() {
         let mut dma = dma(4, 0);
         dma.follow_requests(RECEIVE, Nanos(0));
         let due = dma.due().unwrap();

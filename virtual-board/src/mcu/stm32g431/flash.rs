@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_key_locks_until_the_next_reset() {
+    fn wrong_key_locks_until_the_next_reset() {
         let mut bench = Bench::new();
         assert!(bench.write(KEYR, KEY_2).is_err());
         assert!(bench.write(KEYR, KEY_1).is_err());

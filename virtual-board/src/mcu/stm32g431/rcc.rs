@@ -626,7 +626,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pll_out_of_its_range_is_refused() {
+    fn pll_out_of_its_range_is_refused() {
         let mut rcc = rcc();
         rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
         let now = wait(&mut rcc, Nanos(0));

@@ -63,7 +63,7 @@ fn debug_read(chip: &mut Mcu<Stm32g431>, address: u32) -> Option<u32> {
 }
 
 #[test]
-fn the_debugger_reads_the_system_memory() {
+fn debugger_reads_the_system_memory() {
     let mut chip = chip();
     assert_eq!(debug_read(&mut chip, 0x1FFF_7590), Some(0x0403_0201));
     assert_eq!(debug_read(&mut chip, 0x1FFF_7000), None);

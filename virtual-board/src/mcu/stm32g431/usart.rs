@@ -578,7 +578,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disabled_usart_discards_everything() {
+    fn disabled_usart_discards_everything() {
         let mut bench = Bench::new();
         bench.write(CR1, ON).unwrap();
         bench.arm_sends(&[1]);

@@ -213,7 +213,7 @@ fn open() -> (Wire, Port) {
 }
 
 #[test]
-fn a_device_is_enumerated() {
+fn device_is_enumerated() {
     let device = enumerate(&mut Wire::running()).unwrap();
     assert_eq!((device.device.vendor, device.device.product), (0x1209, 1));
     assert_eq!(device.serial.as_deref(), Some("test"));
@@ -236,7 +236,7 @@ fn stalling_or_silent_device_is_an_error() {
 }
 
 #[test]
-fn a_control_write_carries_its_data() {
+fn control_write_carries_its_data() {
     let (mut wire, port) = open();
     let coding = port.set_line_coding(LineCoding::new(115_200));
     assert_eq!(wire.control(9, 64, coding), Ok(Vec::new()));
@@ -321,7 +321,7 @@ fn injected_naks_delay_and_lose_nothing() {
 }
 
 #[test]
-fn a_repeated_packet_counts_once() {
+fn repeated_packet_counts_once() {
     let (mut wire, port) = open();
     wire.host.write(port.output.number, b"once");
     wire.advance(Nanos::from_millis(1));
@@ -343,7 +343,7 @@ fn unplugging_ends_all_transfers_and_closes_endpoints() {
 }
 
 #[test]
-fn a_quiet_bus_suspends_the_device_once() {
+fn quiet_bus_suspends_the_device_once() {
     let mut wire = Wire::running();
     let before = wire.device.suspended;
     wire.host.suspend();

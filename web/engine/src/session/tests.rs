@@ -92,7 +92,7 @@ impl Bench {
 }
 
 #[test]
-fn an_arm_is_identified_and_read_fifty_times_a_second() {
+fn arm_is_identified_and_read_at_50_hz() {
     let mut bench = Bench::new();
     bench.run(99);
     assert_eq!((bench.session.state(), bench.sent.len()), (State::Listening, 0));
@@ -109,7 +109,7 @@ fn an_arm_is_identified_and_read_fifty_times_a_second() {
 }
 
 #[test]
-fn requests_continue_on_a_silent_line_and_it_is_reported() {
+fn requests_continue_on_silent_line_which_is_reported() {
     let mut bench = Bench::new();
     bench.connected = false;
     bench.run(3_000);
@@ -139,7 +139,7 @@ fn nothing_is_sent_to_the_older_generation() {
 }
 
 #[test]
-fn a_held_axis_moves_and_a_released_one_stops() {
+fn held_axis_moves_and_released_one_stops() {
     let mut bench = Bench::ready();
     let start = bench.now;
     bench.hold(0, Direction::Up);
@@ -155,7 +155,7 @@ fn a_held_axis_moves_and_a_released_one_stops() {
 }
 
 #[test]
-fn a_stop_is_one_target_and_torque_on() {
+fn stop_is_one_target_and_torque_on() {
     let mut bench = Bench::ready();
     bench.hold(2, Direction::Down);
     bench.run(205);
@@ -168,7 +168,7 @@ fn a_stop_is_one_target_and_torque_on() {
 }
 
 #[test]
-fn an_arm_whose_host_disappears_stops_within_one_lookahead() {
+fn arm_stops_within_one_lookahead_of_lost_host() {
     let mut bench = Bench::ready();
     bench.hold(0, Direction::Up);
     bench.run(500);
@@ -230,7 +230,7 @@ fn disabling_motion_stops_the_arm() {
 }
 
 #[test]
-fn a_stop_does_not_wait_for_a_lost_answer() {
+fn stop_does_not_wait_for_lost_answer() {
     let mut bench = Bench::ready();
     bench.hold(0, Direction::Up);
     bench.run(100);
@@ -256,7 +256,7 @@ fn targets_continue_while_answers_are_missing() {
 }
 
 #[test]
-fn arm_moves_on_a_noisy_line_and_noise_is_counted() {
+fn arm_moves_on_noisy_line_with_counted_noise() {
     let mut bench = Bench::ready();
     bench.arm.set_faults(Rates::each(1_000));
     bench.hold(0, Direction::Up);
@@ -275,7 +275,7 @@ fn arm_moves_on_a_noisy_line_and_noise_is_counted() {
 }
 
 #[test]
-fn a_buffer_shorter_than_a_frame_is_an_error() {
+fn buffer_shorter_than_a_frame_is_an_error() {
     let mut session = Session::new(Instant::ZERO);
     let error = session.transmit(Instant::from_millis(200), &mut [0; 6]).unwrap_err();
     assert_eq!(error.to_string(), "frame is 7 bytes, must be 0..=6");

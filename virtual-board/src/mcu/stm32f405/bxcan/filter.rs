@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wide_mask_compares_the_bits_it_has() {
+    fn wide_mask_compares_the_bits_it_has() {
         let mask = 0x7F0 << identifier::STID_AT | identifier::IDE | identifier::RTR;
         let filters = filters(&[
             (FS1R, 1),
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wide_list_has_two_identifiers() {
+    fn wide_list_has_two_identifiers() {
         let filters = filters(&[
             (FS1R, 1),
             (FM1R, 1),
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bank_in_use_is_write_protected() {
+    fn bank_in_use_is_write_protected() {
         let mut filters = filters(&[(FS1R, 1), (FA1R, 1)]);
         filters.write(BANKS, 5);
         filters.write(FS1R, 0);

@@ -179,7 +179,7 @@ fn memory_reaches_arm_in_order_before_wire_ends() {
 }
 
 #[test]
-fn a_stream_listens_to_its_channel_alone() {
+fn stream_listens_to_its_channel_alone() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(STREAM_CR, RECEIVE);
     let other = RECEIVE & !(7 << 25) | 3 << 25;

@@ -81,7 +81,7 @@ fn erase_sets_only_its_sector_after_its_time() {
 }
 
 #[test]
-fn a_mass_erase_sets_everything() {
+fn mass_erase_sets_everything() {
     let mut bench = unlocked();
     bench.fill(0);
     bench.write(CR, MER | X32 | STRT);
@@ -152,7 +152,7 @@ fn misfit_store_is_flagged_without_effect() {
 }
 
 #[test]
-fn a_protected_sector_is_neither_erased_nor_programmed() {
+fn protected_sector_is_neither_erased_nor_programmed() {
     let mut bench = unlocked();
     bench.fill(0x0F);
     bench.write(OPTKEYR, 0x0819_2A3B);
@@ -172,7 +172,7 @@ fn a_protected_sector_is_neither_erased_nor_programmed() {
 }
 
 #[test]
-fn a_reset_leaves_an_operation_half_done() {
+fn reset_leaves_an_operation_half_done() {
     let mut bench = unlocked();
     bench.fill(0);
     bench.write(CR, SER | 1 << SNB_AT | X32 | STRT);
@@ -206,7 +206,7 @@ fn wrong_key_locks_control_register_until_reset() {
 }
 
 #[test]
-fn a_locked_interface_neither_erases_nor_programs() {
+fn locked_interface_neither_erases_nor_programs() {
     let mut bench = unlocked();
     bench.fill(0);
     bench.write(CR, LOCK);
@@ -304,7 +304,7 @@ fn operation_below_supply_is_reported_and_fails() {
 }
 
 #[test]
-fn the_voltage_detector_follows_the_supply() {
+fn voltage_detector_follows_the_supply() {
     const PWR_CR: u32 = 0x4000_7000;
     const PWR_CSR: u32 = 0x4000_7004;
     const PVDO: u32 = 1 << 2;

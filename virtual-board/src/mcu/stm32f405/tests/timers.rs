@@ -100,7 +100,7 @@ fn zero_clears_its_flag_one_sets_none() {
 }
 
 #[test]
-fn a_prescaler_waits_for_an_update() {
+fn prescaler_waits_for_an_update() {
     let mut bench = timer();
     bench.write(PSC, 159);
     bench.run_until(Nanos(100_000));
@@ -112,7 +112,7 @@ fn a_prescaler_waits_for_an_update() {
 }
 
 #[test]
-fn a_counter_that_is_switched_off_stands() {
+fn counter_that_is_switched_off_stands() {
     let mut bench = timer();
     bench.run_until(Nanos(100_000));
     bench.write(CR1, 0);
@@ -153,7 +153,7 @@ impl Bench {
 }
 
 #[test]
-fn the_watchdogs_registers_open_with_their_key_alone() {
+fn watchdogs_registers_open_with_their_key_alone() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(KR, 0xCCCC);
     bench.configure(3, 99);

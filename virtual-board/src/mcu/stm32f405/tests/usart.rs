@@ -183,7 +183,7 @@ fn written_zero_clears_tc_but_not_txe() {
 }
 
 #[test]
-fn the_transmit_interrupts_follow_their_flags() {
+fn transmit_interrupts_follow_their_flags() {
     for (enable, at) in [(TXEIE, 60_000), (TCIE, 70_000)] {
         let mut bench = port(0);
         bench.read(USART_SR);

@@ -142,7 +142,7 @@ fn transmit_fifo_keeps_order_and_counts_free_buffers() {
 }
 
 #[test]
-fn a_transmit_queue_sends_the_lowest_identifier_first() {
+fn transmit_queue_sends_the_lowest_identifier_first() {
     let mut controller = open();
     controller.write(TXBC, TFQM).unwrap();
     controller.write(CCCR, 0).unwrap();
@@ -300,7 +300,7 @@ fn reconfiguration_drops_pending_frames() {
 }
 
 #[test]
-fn a_cancelled_frame_does_not_go() {
+fn cancelled_frame_does_not_go() {
     let mut controller = on_the_bus(0);
     request(&mut controller, 0, ID, 0);
     request(&mut controller, 1, ID, 0);

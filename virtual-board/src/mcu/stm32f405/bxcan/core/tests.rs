@@ -154,7 +154,7 @@ fn bit_timing_is_written_in_initialization_mode_only() {
 }
 
 #[test]
-fn a_frame_takes_its_bits_with_stuff_bits() {
+fn frame_takes_its_bits_with_stuff_bits() {
     // From the start of frame to the end of the end of frame, as computed by another program.
     for (frame, bits) in [
         (frame(0x123, b"joints"), 92),
@@ -218,7 +218,7 @@ fn mailboxes_are_ordered_by_identifier_or_request() {
 }
 
 #[test]
-fn the_lowest_identifier_wins_the_bus() {
+fn lowest_identifier_wins_the_bus() {
     let mut bench = Bench::new();
     bench.node_sends(0, 0x100, &[0]);
     bench.node_sends(1, 0x300, &[1]);
@@ -299,7 +299,7 @@ fn one_shot_frame_is_not_repeated() {
 }
 
 #[test]
-fn a_destroyed_frame_counts_eight_and_goes_again() {
+fn destroyed_frame_counts_eight_and_goes_again() {
     let mut bench = Bench::new();
     bench.bus.destroy(2);
     bench.request(0, 1, 0);
@@ -335,7 +335,7 @@ fn abort_empties_waiting_mailbox_but_spares_current_frame() {
 }
 
 #[test]
-fn a_mailbox_in_use_is_write_protected() {
+fn mailbox_in_use_is_write_protected() {
     let mut bench = Bench::new();
     bench.request(0, 1, 7);
     bench.write(MAILBOXES + DATA_LOW, 9);
@@ -472,7 +472,7 @@ fn busy_bus_frames_count_towards_the_128() {
 }
 
 #[test]
-fn the_error_interrupts_come_at_their_thresholds() {
+fn error_interrupts_come_at_their_thresholds() {
     for (enable, attempts) in [(ier::LECIE, 1), (ier::EWGIE, 12), (ier::EPVIE, 16)] {
         let mut bench = Bench::new();
         bench.write(IER, enable | ier::ERRIE);

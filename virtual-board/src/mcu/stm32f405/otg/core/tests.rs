@@ -182,7 +182,7 @@ fn out_packet_beyond_receive_fifo_is_refused() {
 }
 
 #[test]
-fn a_repeated_out_packet_is_acknowledged_and_dropped() {
+fn repeated_out_packet_is_acknowledged_and_dropped() {
     let mut core = with_bulk();
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 2 << eptsiz::PKTCNT_AT | 128);
     assert_eq!(core.output(0, 1, false, &[7; 64]), Handshake::Ack);
@@ -235,14 +235,14 @@ fn in_packets_alternate_their_data_pid() {
 }
 
 #[test]
-fn an_empty_packet_needs_no_fifo() {
+fn empty_packet_needs_no_fifo() {
     let mut core = with_bulk();
     send(&mut core, &[]);
     assert!(matches!(core.input(0, 1), Reply::Data { bytes, .. } if bytes.is_empty()));
 }
 
 #[test]
-fn a_flushed_packet_does_not_go() {
+fn flushed_packet_does_not_go() {
     let mut core = with_bulk();
     send(&mut core, b"gone");
     core.write(GRSTCTL, grstctl::TXFFLSH | 1 << grstctl::TXFNUM_AT);
@@ -342,7 +342,7 @@ fn frames_are_numbered_and_flagged() {
 }
 
 #[test]
-fn a_global_nak_holds_every_endpoint() {
+fn global_nak_holds_every_endpoint() {
     let mut core = with_bulk();
     send(&mut core, b"x");
     core.write(DCTL, device::SGINAK | device::SGONAK);
@@ -364,7 +364,7 @@ fn a_global_nak_holds_every_endpoint() {
 }
 
 #[test]
-fn a_soft_reset_puts_the_registers_back() {
+fn soft_reset_puts_the_registers_back() {
     let mut core = with_bulk();
     core.write(GRSTCTL, grstctl::CSRST);
     assert_eq!(core.read(GRSTCTL), grstctl::AHBIDL);
@@ -395,7 +395,7 @@ fn transmit_fifo_accepts_no_more_than_its_size() {
 }
 
 #[test]
-fn a_fifo_that_shares_its_ram_is_noticed() {
+fn fifo_that_shares_its_ram_is_noticed() {
     for (fifo, allocation) in [
         (DIEPTXF1, 16 << 16 | 63),
         (DIEPTXF1, 16 << 16 | 79),

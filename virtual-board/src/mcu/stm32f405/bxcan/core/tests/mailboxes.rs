@@ -109,7 +109,7 @@ fn abort_after_lost_arbitration_drops_the_frame() {
 }
 
 #[test]
-fn an_abort_of_an_empty_mailbox_does_nothing() {
+fn abort_of_an_empty_mailbox_does_nothing() {
     let mut bench = Bench::new();
     bench.write(TSR, tsr::ABRQ);
     assert_eq!(bench.core.read(TSR), 0x1C00_0000);

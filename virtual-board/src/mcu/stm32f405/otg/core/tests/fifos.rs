@@ -148,7 +148,7 @@ fn transmit_fifo_interrupts_half_or_fully_empty_unmasked() {
 }
 
 #[test]
-fn a_flush_names_one_transmit_fifo_or_all() {
+fn flush_names_one_transmit_fifo_or_all() {
     for (number, left) in [(0, [16, 15]), (1, [15, 16]), (grstctl::ALL, [16, 16])] {
         let mut core = with_bulk();
         core.write(FIFO, 0);
