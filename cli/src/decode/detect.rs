@@ -1,7 +1,7 @@
 //! Detection of a recording's format from its first bytes.
 
 use super::format::Format;
-use super::input::{BYTE_ORDER_MARK, Input};
+use super::input::{BYTE_ORDER_MARK, Head};
 use super::log::candump::Candump;
 use super::log::{Record, TextLog, blf, csv, gvret};
 use crate::error::Error;
@@ -19,17 +19,17 @@ const BEGINNINGS: [(&str, Format); 6] = [
 const MCAP: &[u8] = b"\x89MCAP0\r\n";
 
 /// Detects the format. Reads as much as needed.
-pub(super) fn detect(input: &mut Input<'_>) -> Result<Format, Error> {
+pub(super) fn detect(head: &mut Head<'_>) -> Result<Format, Error> {
     let mut is_all = false;
     loop {
-        match judge(input.head(), is_all) {
+        match judge(head.bytes(), is_all) {
             Some(format) => return Ok(format),
             None if is_all => {
-                let (number, line, _) = first_line(input.head());
+                let (number, line, _) = first_line(head.bytes());
                 let line = String::from_utf8_lossy(line);
-                return Err(input.refused_line(number, &line, "no format that can be decoded, see --format"));
+                return Err(head.refused_line(number, &line, "no format that can be decoded, see --format"));
             }
-            None => is_all = !input.read_head()?,
+            None => is_all = !head.read_more()?,
         }
     }
 }

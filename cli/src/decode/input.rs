@@ -14,6 +14,62 @@ const CAPACITY: usize = 64 * 1024;
 /// Maximum length of a line, in bytes: more than four times the longest line of every format.
 const MAX_LINE: usize = 4 * 1024;
 
+/// The first bytes of a recording, as far as they were needed to detect its format.
+pub(super) struct Head<'a> {
+    name: String,
+    bytes: Vec<u8>,
+    rest: Source<'a>,
+}
+
+impl<'a> Head<'a> {
+    pub(super) fn new(name: String, source: Box<dyn Read + 'a>, out: &'a dyn Output) -> Self {
+        Self {
+            name,
+            bytes: Vec::new(),
+            rest: Source { source, out },
+        }
+    }
+
+    pub(super) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Reads more bytes. Returns false at the end of the recording, and if the head has its maximum size.
+    pub(super) fn read_more(&mut self) -> Result<bool, Error> {
+        let len = self.bytes.len();
+        self.bytes.resize(CAPACITY, 0);
+        let read = self.rest.read(&mut self.bytes[len..]);
+        self.bytes.truncate(len + read.as_ref().unwrap_or(&0));
+        read.map(|n| n > 0).map_err(|error| Error::at(&self.name, error))
+    }
+
+    /// The whole recording.
+    pub(super) fn into_input(self) -> Input<'a> {
+        Input {
+            name: self.name,
+            reader: BufReader::with_capacity(CAPACITY, Cursor::new(self.bytes).chain(self.rest)),
+            offset: 0,
+            lines: 0,
+            line: Vec::new(),
+            is_cut: false,
+        }
+    }
+
+    /// The whole recording, without a byte order mark.
+    pub(super) fn into_text(mut self) -> Result<Input<'a>, Error> {
+        while BYTE_ORDER_MARK.starts_with(&self.bytes) && self.bytes != BYTE_ORDER_MARK && self.read_more()? {}
+        if self.bytes.starts_with(BYTE_ORDER_MARK) {
+            self.bytes.drain(..BYTE_ORDER_MARK.len());
+        }
+        Ok(self.into_input())
+    }
+
+    /// The error of a line that cannot be decoded.
+    pub(super) fn refused_line(&self, number: u64, text: &str, reason: &str) -> Error {
+        refused_line(&self.name, number, text, reason)
+    }
+}
+
 /// A recording that is being read.
 pub(super) struct Input<'a> {
     name: String,
@@ -37,46 +93,7 @@ pub(super) struct Line<'a> {
     pub(super) is_whole: bool,
 }
 
-impl<'a> Input<'a> {
-    pub(super) fn new(name: String, source: Box<dyn Read + 'a>, out: &'a dyn Output) -> Self {
-        let recording = Cursor::new(Vec::new()).chain(Source { source, out });
-        Self {
-            name,
-            reader: BufReader::with_capacity(CAPACITY, recording),
-            offset: 0,
-            lines: 0,
-            line: Vec::new(),
-            is_cut: false,
-        }
-    }
-
-    /// The first bytes of the recording, as far as [`read_head`](Self::read_head) has read them.
-    pub(super) fn head(&self) -> &[u8] {
-        self.reader.get_ref().get_ref().0.get_ref()
-    }
-
-    /// Reads more of the head, before anything is consumed. Returns false at the end of the recording, and if the head
-    /// has its maximum size.
-    pub(super) fn read_head(&mut self) -> Result<bool, Error> {
-        let (head, source) = self.reader.get_mut().get_mut();
-        let head = head.get_mut();
-        let len = head.len();
-        head.resize(CAPACITY, 0);
-        let read = source.read(&mut head[len..]);
-        head.truncate(len + read.as_ref().unwrap_or(&0));
-        read.map(|n| n > 0).map_err(|error| self.failed(error))
-    }
-
-    /// Skips a byte order mark, before anything is consumed.
-    pub(super) fn skip_byte_order_mark(&mut self) -> Result<(), Error> {
-        while BYTE_ORDER_MARK.starts_with(self.head()) && self.head() != BYTE_ORDER_MARK && self.read_head()? {}
-        if self.head().starts_with(BYTE_ORDER_MARK) {
-            let (head, _) = self.reader.get_mut().get_mut();
-            head.set_position(BYTE_ORDER_MARK.len() as u64);
-        }
-        Ok(())
-    }
-
+impl Input<'_> {
     /// Number of bytes consumed, other than in lines.
     pub(super) fn offset(&self) -> u64 {
         self.offset
@@ -117,10 +134,7 @@ impl<'a> Input<'a> {
 
     /// The error of a line that cannot be decoded.
     pub(super) fn refused_line(&self, number: u64, text: &str, reason: &str) -> Error {
-        Error::at(
-            &self.name,
-            format_args!("line {number}: '{}': {reason}", cut(text.trim())),
-        )
+        refused_line(&self.name, number, text, reason)
     }
 
     /// The error of bytes that cannot be decoded.
@@ -131,6 +145,10 @@ impl<'a> Input<'a> {
     pub(super) fn name(&self) -> &str {
         &self.name
     }
+}
+
+fn refused_line(name: &str, number: u64, text: &str, reason: &str) -> Error {
+    Error::at(name, format_args!("line {number}: '{}': {reason}", cut(text.trim())))
 }
 
 impl Read for Input<'_> {
@@ -152,7 +170,7 @@ impl BufRead for Input<'_> {
     }
 }
 
-/// A source of a recording. The output is flushed before each wait for input.
+/// The source of a recording. The output is flushed before each wait for input.
 struct Source<'a> {
     source: Box<dyn Read + 'a>,
     out: &'a dyn Output,

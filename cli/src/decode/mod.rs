@@ -30,7 +30,7 @@ use crate::error::Error;
 use crate::hex;
 use bus::Buses;
 use format::Format;
-use input::Input;
+use input::{Head, Input};
 use output::{Console, Entries, Output};
 #[cfg(feature = "recordings")]
 use pcapng::Packets;
@@ -73,7 +73,7 @@ impl Decode {
             }
         };
         let out = self.output()?;
-        let decoded = decode_input(Input::new(name, source, &*out), &*out, self.format, self.arm, self.from);
+        let decoded = decode_recording(Head::new(name, source, &*out), &*out, self.format, self.arm, self.from);
         // Items before an error are shown before it. A failed output ends the input early.
         out.finish().map_err(Error::Output)?;
         decoded
@@ -97,27 +97,32 @@ impl Decode {
 /// The error message for an input that cannot be decoded.
 pub fn decode(input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Vec<String>, String> {
     let out = Entries::default();
-    let input = Input::new("input".to_owned(), Box::new(input), &out);
-    match decode_input(input, &out, None, arm, from) {
+    let head = Head::new("input".to_owned(), Box::new(input), &out);
+    match decode_recording(head, &out, None, arm, from) {
         Ok(()) | Err(Error::Undecodable { .. }) => Ok(out.into_lines()),
         Err(error) => Err(error.to_string()),
     }
 }
 
-fn decode_input(
-    mut input: Input<'_>,
+fn decode_recording(
+    mut head: Head<'_>,
     out: &dyn Output,
     format: Option<Format>,
     arm: ArmKind,
     from: Option<Speaker>,
 ) -> Result<(), Error> {
-    match format.map_or_else(|| detect::detect(&mut input), Ok)? {
-        format @ (Format::Raw | Format::Hex) => decode_line(input, out, format, arm, from),
+    let format = format.map_or_else(|| detect::detect(&mut head), Ok)?;
+    let mut input = match format {
+        Format::Raw | Format::Blf | Format::Mcap => head.into_input(),
+        _ => head.into_text()?,
+    };
+    match format {
+        Format::Raw | Format::Hex => decode_line(input, out, format, arm, from),
         #[cfg(feature = "recordings")]
         Format::Mcap => mcap::decode(&mut input, out),
         #[cfg(not(feature = "recordings"))]
         Format::Mcap => Err(Error::at(input.name(), "this build of armwire reads no MCAP files")),
-        format => {
+        _ => {
             let mut buses = Buses::new(match arm {
                 ArmKind::Ling => Protocol::Ling,
                 ArmKind::Alpha1 => Protocol::Alpha1,
@@ -144,9 +149,6 @@ fn decode_line(
         ArmKind::Alpha1 => Box::new(Frames::<Alpha1>::new(from.or(Some(Speaker::Arm)))),
     };
     let mut hex = (format == Format::Hex).then(hex::Parser::new);
-    if hex.is_some() {
-        input.skip_byte_order_mark()?;
-    }
     let name = input.name().to_owned();
     let mut bytes = Vec::new();
     while recording.broken().is_none() {

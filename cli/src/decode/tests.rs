@@ -30,8 +30,8 @@ pub(super) fn printed(
 ) -> (Vec<String>, Option<String>) {
     let read = |piece| {
         let out = Entries::default();
-        let input = Input::new("log".to_owned(), Box::new(Pieces(recording, piece)), &out);
-        let decoded = decode_input(input, &out, format, arm, from);
+        let head = Head::new("log".to_owned(), Box::new(Pieces(recording, piece)), &out);
+        let decoded = decode_recording(head, &out, format, arm, from);
         (out.into_lines(), decoded.err().map(|problem| problem.to_string()))
     };
     let whole = read(usize::MAX);
@@ -206,8 +206,8 @@ fn memory_does_not_grow_with_a_recording() {
         let recording = stream.repeat(TOTAL / stream.len());
         let measured = allocation_counter::measure(|| {
             let source = Box::new(Pieces(&recording, usize::MAX));
-            let input = Input::new("log".to_owned(), source, &Nowhere);
-            decode_input(input, &Nowhere, Some(Format::Raw), arm, Some(from)).unwrap();
+            let head = Head::new("log".to_owned(), source, &Nowhere);
+            decode_recording(head, &Nowhere, Some(Format::Raw), arm, Some(from)).unwrap();
         });
         let memory = measured.bytes_max;
         assert!(

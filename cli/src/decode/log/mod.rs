@@ -44,7 +44,6 @@ pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -
 
 /// Passes each record of a log with one record per line to `take`.
 fn read_lines(input: &mut Input<'_>, log: &mut dyn TextLog, take: &mut Take<'_>) -> Result<(), Error> {
-    input.skip_byte_order_mark()?;
     while let Some(line) = input.line()? {
         if line.text.trim().is_empty() {
             continue;

@@ -112,6 +112,7 @@ mod tests {
     use super::*;
     use crate::args::ArmKind;
     use crate::decode::format::Format;
+    use crate::decode::input::Head;
     use crate::decode::tests::printed;
     use crate::describe::Protocol;
     use crate::recording::tests::{any_frame, file};
@@ -198,7 +199,8 @@ mod tests {
                 damaged[at] = value;
                 let out = crate::decode::tests::Nowhere;
                 let measured = allocation_counter::measure(|| {
-                    let _ = decode(&mut Input::new("log".to_owned(), Box::new(&damaged[..]), &out), &out);
+                    let head = Head::new("log".to_owned(), Box::new(&damaged[..]), &out);
+                    let _ = decode(&mut head.into_input(), &out);
                 });
                 assert!(
                     measured.bytes_max < MAX_MEMORY,
@@ -248,7 +250,8 @@ mod tests {
         let measured = allocation_counter::measure(|| {
             let source = Box::new(&recording[..]);
             let out = crate::decode::tests::Nowhere;
-            decode(&mut Input::new("log".to_owned(), source, &out), &out).unwrap();
+            let head = Head::new("log".to_owned(), source, &out);
+            decode(&mut head.into_input(), &out).unwrap();
         });
         assert!(measured.bytes_max < MAX_MEMORY, "{} bytes", measured.bytes_max);
     }

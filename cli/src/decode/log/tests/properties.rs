@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use proptest::sample::select;
 
 use crate::decode::format::Format;
-use crate::decode::input::Input;
+use crate::decode::input::Head;
 use crate::decode::log::{MAX_EXTENDED, Record, csv, gvret, read};
 use crate::decode::output::Entries;
 use crate::decode::tests::Pieces;
@@ -165,7 +165,8 @@ fn traffic() -> impl Strategy<Value = Vec<Sent>> {
 /// Reads a log in pieces of this size.
 fn read_back(log: &[u8], format: Format, piece: usize) -> Result<Vec<ReadBack>, String> {
     let out = Entries::default();
-    let mut input = Input::new("log".to_owned(), Box::new(Pieces(log, piece)), &out);
+    let head = Head::new("log".to_owned(), Box::new(Pieces(log, piece)), &out);
+    let mut input = head.into_text().unwrap();
     let mut read_back = Vec::new();
     let read = read(&mut input, format, &mut |record| {
         if let Record::Frame(logged) = record {
@@ -545,7 +546,8 @@ const BEGINNINGS: &[&[u8]] = &[
 fn memory_of(log: &[u8], format: Format) -> u64 {
     let measured = allocation_counter::measure(|| {
         let out = Entries::default();
-        let mut input = Input::new("log".to_owned(), Box::new(Pieces(log, usize::MAX)), &out);
+        let head = Head::new("log".to_owned(), Box::new(Pieces(log, usize::MAX)), &out);
+        let mut input = head.into_text().unwrap();
         let _ = read(&mut input, format, &mut |_| Ok(()));
     });
     measured.bytes_max
