@@ -1,6 +1,7 @@
 //! The recording of a monitor, if the user wants one.
 
 use std::fs::File;
+use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
@@ -26,9 +27,17 @@ pub(super) struct Recorder {
     path: Option<PathBuf>,
     sender: Sender<Frame>,
     frames: Receiver<Frame>,
-    /// `None` before the first frame can arrive, and after an error.
-    writer: Option<Writer<File>>,
+    file: Recording,
     flushed: Instant,
+}
+
+/// The file of a recording.
+enum Recording {
+    /// Not created before the first frame can arrive.
+    Pending,
+    Open(Box<Writer<File>>),
+    /// Writing failed.
+    Failed,
 }
 
 impl Recorder {
@@ -38,7 +47,7 @@ impl Recorder {
             path: path.map(Path::to_owned),
             sender,
             frames,
-            writer: None,
+            file: Recording::Pending,
             flushed: Instant::now(),
         }
     }
@@ -81,17 +90,18 @@ impl Recorder {
     /// Creates the file, unless it was created before.
     pub(super) fn create(&mut self) -> Result<(), Error> {
         if let Some(path) = &self.path
-            && self.writer.is_none()
+            && matches!(self.file, Recording::Pending)
         {
             let writer = Writer::new(new_file::create(path)?);
-            self.writer = Some(writer.map_err(|error| self.failed(error))?);
+            let writer = writer.map_err(|error| self.failed(error))?;
+            self.file = Recording::Open(Box::new(writer));
         }
         Ok(())
     }
 
     /// Writes the frames so far.
     pub(super) fn write(&mut self) -> Result<(), Error> {
-        let Some(writer) = &mut self.writer else {
+        let Recording::Open(writer) = &mut self.file else {
             return Ok(());
         };
         let mut written = self.frames.try_iter().try_for_each(|frame| writer.frame(&frame));
@@ -100,7 +110,7 @@ impl Recorder {
             self.flushed = Instant::now();
         }
         written.map_err(|error| {
-            self.writer = None;
+            self.file = Recording::Failed;
             self.failed(error)
         })
     }
@@ -108,8 +118,10 @@ impl Recorder {
     /// Writes the last frames and the index.
     pub(super) fn finish(mut self) -> Result<(), Error> {
         self.write()?;
-        let finished = self.writer.take().map_or(Ok(()), Writer::finish);
-        finished.map_err(|error| self.failed(error))
+        match mem::replace(&mut self.file, Recording::Failed) {
+            Recording::Open(writer) => writer.finish().map_err(|error| self.failed(error)),
+            Recording::Pending | Recording::Failed => Ok(()),
+        }
     }
 
     fn failed(&self, error: mcap::McapError) -> Error {
