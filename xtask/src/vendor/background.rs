@@ -78,6 +78,12 @@ impl Background {
 
 impl Drop for Background {
     fn drop(&mut self) {
+        // The error of a script that used it would hide this.
+        if let Ok(Some(status)) = self.child.try_wait()
+            && !status.success()
+        {
+            println!("`{}` failed: {status}", self.name);
+        }
         // Both fail if the process has ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
