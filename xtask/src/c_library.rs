@@ -130,7 +130,7 @@ fn find_tools() -> Result<()> {
     if version.is_ok_and(|version| version.trim() == format!("cbindgen {CBINDGEN}")) {
         return Ok(());
     }
-    let mut install = cargo(&format!("install --locked cbindgen@{CBINDGEN}"));
+    let mut install = cargo(&format!("install --locked --debug cbindgen@{CBINDGEN}"));
     println!("cbindgen {CBINDGEN} is missing");
     run(&mut install)
 }

@@ -58,7 +58,8 @@ pub(crate) fn tool(words: &str) -> Result<Command> {
             .into_iter()
             .find(|(tool, _)| *tool == name)
             .with_context(|| format!("cargo-{name} has no version in TOOLS"))?;
-        let mut install = cargo(&format!("install --locked cargo-{name}@{version}"));
+        // Optimising the build of cargo-deny takes minutes, and saves seconds.
+        let mut install = cargo(&format!("install --locked --debug cargo-{name}@{version}"));
         println!("cargo-{name} is missing; its installation takes some minutes");
         run(&mut install)?;
     }

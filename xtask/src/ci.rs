@@ -13,15 +13,16 @@ use crate::steps::Steps;
 use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
 use crate::{
-    apt, c_library, campaign, deny, integrity, packages, parallel, performance, python, readme, recordings, ros2,
-    semver, vendor, web,
+    apt, c_library, campaign, integrity, packages, parallel, performance, python, readme, recordings, ros2, semver,
+    vendor, web,
 };
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
 /// Commands that mostly build, in directories of their own. One at a time they would leave a core idle for half of the time.
 /// With a fixed seed the fuzz targets begin with the same inputs each time.
-const BUILDS: [&str; 5] = [
+const BUILDS: [&str; 6] = [
+    "deny",
     "examples",
     "fuzz --seconds 5 --seed 1",
     "features",
@@ -63,7 +64,6 @@ pub(crate) fn run() -> Result<()> {
     })?;
     // On a fresh clone this is the waiting time of a new user, without the download.
     ci.step("demo", || process::run(&mut cargo("demo")))?;
-    ci.step("licences, versions and sources of dependencies", deny::run)?;
     ci.step("formatting", || {
         process::run(&mut cargo("fmt --all --check"))?;
         each(&ALONE, |alone| {
@@ -99,7 +99,7 @@ pub(crate) fn run() -> Result<()> {
     ci.step("clippy for microcontrollers", clippy_microcontrollers)?;
     ci.step("page in a browser", || web::run_all(&Default::default()))?;
     ci.step("C library", || c_library::run_all(&Default::default()))?;
-    ci.step("examples, fuzz targets, features, no path to a panic", || {
+    ci.step("licences, examples, fuzzing, features, coverage, link tests", || {
         let mut commands = BUILDS.into_iter().map(xtask).collect::<Result<Vec<_>>>()?;
         commands.extend(ALONE_ON_HOST.map(|alone| {
             let mut clippy = cargo("clippy --all-targets -- -D warnings");
