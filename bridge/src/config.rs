@@ -6,6 +6,8 @@ use armwire::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::can::Node;
+#[cfg(fuzzing)]
+use crate::fuzzing::{mostly, optional, up_to_excess};
 
 /// The highest poll rate, in hertz.
 pub const MAX_POLL_HZ: u16 = 1_000;
@@ -37,6 +39,7 @@ const FRAME_BITS: u32 = 135;
 /// assert_eq!(config.check(), Err(ConfigError::PollRate { max: 1_000, got: 1_001 }));
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
     /// The device on the UART.
@@ -51,6 +54,7 @@ pub struct Config {
 
 /// The device on the UART: it determines baud rate, framing and wiring.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ArmKind {
     /// Ling / Alicia-D: 1 Mbaud.
@@ -68,34 +72,40 @@ pub enum ArmKind {
 ///
 /// A servo bus is not polled: a servo switches its motor off when its angle is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Poll {
     /// Never.
     #[default]
     Off,
     /// Polls per second, 1 to [`MAX_POLL_HZ`], each at its slot by the adapter's own clock.
-    Hertz(u16),
+    Hertz(#[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| up_to_excess(u, MAX_POLL_HZ)))] u16),
     /// Continuous polling: the next poll goes out when the answer is in and no host waits.
     Fastest,
 }
 
 /// The CAN bus, and the adapter's behaviour on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Can {
     /// The adapter's node id on the bus.
     pub node: Node,
     /// Bits per second, one of [`CAN_BIT_RATES`].
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| mostly(u, CAN_BIT_RATES)))]
     pub bit_rate: u32,
     /// Bits per second of the data phase, one of [`CAN_DATA_BIT_RATES`]: CAN FD. `None` is classic CAN.
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| optional(u, |u| mostly(u, CAN_DATA_BIT_RATES))))]
     pub data_bit_rate: Option<u32>,
     /// The rate of cyclic state frames, in hertz: 0 for off, at most 1000 and within [`CAN_TELEMETRY_SHARE`] of the
     /// bus. An unchanged state is not sent again.
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| up_to_excess(u, MAX_POLL_HZ)))]
     pub telemetry_hz: u16,
     /// Enables cyclic command frames, which move the arm.
     pub commands: bool,
     /// Three limits in milliseconds, 1 to 10 000: the time for a command to be complete, its maximum wait for a turn,
     /// and the time after the last command at which the stream ends.
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| up_to_excess(u, MAX_COMMAND_TIMEOUT_MS)))]
     pub command_timeout_ms: u16,
     /// Sends the arm's unsolicited frames by ISO-TP, too.
     pub unsolicited: bool,
@@ -103,6 +113,7 @@ pub struct Can {
 
 /// The timeout of a host that streams motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HostTimeout {
     /// The timeout, in milliseconds, 0 for never.
@@ -113,6 +124,7 @@ pub struct HostTimeout {
 
 /// The reason for a refused configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ConfigError {

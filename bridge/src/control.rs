@@ -19,6 +19,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::{ArmKind, Config, ConfigError};
 use crate::counters::Counters;
+#[cfg(fuzzing)]
+use crate::fuzzing::{frame, optional, text};
 use crate::line_coding::LineCoding;
 use armwire::time::Duration;
 
@@ -40,6 +42,7 @@ pub type FrameBytes = Vec<u8, MAX_FRAME>;
 
 /// A message from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct FromHost {
     /// Chosen by the host and repeated in the reply.
     pub sequence: u8,
@@ -49,6 +52,7 @@ pub struct FromHost {
 
 /// A host's requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum Request {
     /// Identifies the adapter. Answered by [`Reply::Identity`].
     Identify,
@@ -100,6 +104,7 @@ pub const HOLD_LEASE_MS: u16 = 10_000;
 /// suspended host, which must get events again after it resumes. Events that do not fit are dropped and counted. A
 /// program should therefore begin with a subscription, possibly to nothing, and skip the events before its reply.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Subscription {
     /// Every frame of the arm: [`Event::Frame`].
     pub frames: bool,
@@ -109,6 +114,7 @@ pub struct Subscription {
 
 /// A message from the adapter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[allow(clippy::large_enum_variant, reason = "one at a time, and no heap to put it on")]
 pub enum FromAdapter {
     /// The answer to a request.
@@ -167,10 +173,12 @@ impl Message for FromAdapter {
 
 /// An instant on the adapter's clock, in microseconds since it started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Stamp(pub u64);
 
 /// The adapter's answers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[allow(clippy::large_enum_variant, reason = "one at a time, and no heap to put it on")]
 #[non_exhaustive]
 pub enum Reply {
@@ -201,6 +209,7 @@ pub enum Reply {
 
 /// The line to the arm, and its holder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct LineState {
     /// The UART's line coding.
     pub coding: LineCoding,
@@ -215,6 +224,7 @@ pub struct LineState {
 
 /// The exclusive user of the line to the arm. Polls and CAN are [refused](Refusal::LineHeld) meanwhile.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum LineHolder {
     /// No holder: all initiators take turns.
@@ -228,6 +238,7 @@ pub enum LineHolder {
 
 /// The reason for a failed request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Failure {
     /// The configuration could not be written to flash.
@@ -250,16 +261,21 @@ pub enum Failure {
 
 /// An adapter's identity.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Identity {
     /// The [`VERSION`] of this schema.
     pub version: u16,
     /// The firmware's version, for example `0.1.0`.
+    #[cfg_attr(fuzzing, arbitrary(with = text))]
     pub firmware: String<16, u8>,
     /// The commit it was built from, for example `1a2b3c4d5e6f`, followed by `+` for a modified tree; empty if unknown.
+    #[cfg_attr(fuzzing, arbitrary(with = text))]
     pub commit: String<16, u8>,
     /// The board, for example `stm32f405`.
+    #[cfg_attr(fuzzing, arbitrary(with = text))]
     pub board: String<16, u8>,
     /// The chip's unique id: the serial number, in hexadecimal.
+    #[cfg_attr(fuzzing, arbitrary(with = text))]
     pub serial: String<24, u8>,
     /// True if the board supports CAN FD.
     pub can_fd: bool,
@@ -267,16 +283,19 @@ pub struct Identity {
 
 /// The arm's identity.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct ArmIdentity {
     /// The configured kind of arm.
     pub kind: ArmKind,
     /// The arm's answer to its identification request, as on the wire. `None` without an answer, or if the arm has no
     /// such request.
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| optional(u, frame)))]
     pub answer: Option<FrameBytes>,
 }
 
 /// An event for subscribers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Event {
     /// The arm sent a frame.
@@ -284,6 +303,7 @@ pub enum Event {
         /// The initiator that it answers; `None` if unsolicited.
         initiator: Option<Initiator>,
         /// The frame.
+        #[cfg_attr(fuzzing, arbitrary(with = frame))]
         bytes: FrameBytes,
     },
     /// A host that streamed motion has gone silent, or another kind of arm was configured. The host's unsent bytes were
@@ -312,6 +332,7 @@ pub enum Event {
 
 /// An initiator of requests to the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Initiator {
     /// The host on USB.
@@ -333,6 +354,7 @@ impl Initiator {
 
 /// The reason for a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Refusal {
@@ -368,6 +390,7 @@ impl Refusal {
 
 /// Latency histograms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Latencies {
     /// From the last byte of a request to the last byte of its answer.
     pub answer: Histogram,
@@ -379,6 +402,7 @@ pub struct Latencies {
 
 /// A histogram of durations by powers of two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Histogram {
     /// Number of durations under 2, 4, 8, … 32 768 µs that are in no bucket before. The last bucket has all longer
     /// ones.

@@ -17,6 +17,7 @@ use crate::control_codec::{Malformed, NoRoom, read, read_older, write};
 /// assert_eq!(Counters::from_bytes(bytes), Ok(counters));
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Counters {

@@ -88,6 +88,10 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+// Needed by the derived implementations of `Arbitrary`.
+#[cfg(fuzzing)]
+extern crate std;
+
 mod action;
 pub mod arm;
 mod bridge;
@@ -98,6 +102,8 @@ mod control_codec;
 mod counters;
 mod earliest;
 mod events;
+#[cfg(fuzzing)]
+mod fuzzing;
 mod hosts;
 pub mod isotp;
 mod line;

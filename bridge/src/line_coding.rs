@@ -25,6 +25,7 @@ const DATA_BITS: u8 = 8;
 /// assert_eq!(coding.to_cdc(), [0x00, 0xC2, 0x01, 0x00, 0, 0, 8]);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineCoding {
     /// Bits per second, [`MIN_BAUD`] to [`MAX_BAUD`].
@@ -54,6 +55,7 @@ pub struct UartConfig {
 
 /// The parity bit after the data bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Parity {
     /// No parity bit.
@@ -66,6 +68,7 @@ pub enum Parity {
 
 /// Stop bits after each byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StopBits {
     /// One stop bit.

@@ -51,6 +51,7 @@ const MAX_STEPS: u8 = 250;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Command {
     /// Sequence number: one more than in the previous command, modulo 256; 0 starts a stream.
     pub sequence: u8,

@@ -14,9 +14,12 @@ use super::Id;
 /// assert_eq!(Node::new(16).unwrap_err().to_string(), "node id is 16, must be 0..=15");
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[serde(try_from = "u8", into = "u8")]
-pub struct Node(u8);
+pub struct Node(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(0..=Self::MAX.0)))] u8,
+);
 
 impl Node {
     /// The highest node.

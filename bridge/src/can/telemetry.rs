@@ -41,6 +41,7 @@ use crate::control::{Event, Initiator, Refusal, Stamp};
 #[cfg(feature = "ling")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Sample {
     /// The state that the arm reported.
     pub state: JointState,
@@ -121,6 +122,7 @@ impl Sample {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Errors {
     /// Bytes from the arm that were in no frame.
     pub noise_bytes: u16,

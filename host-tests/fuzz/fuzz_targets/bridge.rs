@@ -5,8 +5,7 @@
 use armwire_bridge::UsbEvent;
 use armwire_bridge::control::MAX_FRAME;
 use armwire_fuzz::adapter::{World, any_arm_bytes, any_arm_request, any_move_request};
-use armwire_fuzz::config::{any_good_config, any_request};
-use armwire_fuzz::{Result, Unstructured};
+use armwire_fuzz::{Result, Unstructured, any_good_config};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
@@ -57,7 +56,7 @@ fn step(world: &mut World, u: &mut Unstructured<'_>) -> Result<()> {
             }
             (0..packets % 32).for_each(|_| world.usb_reads());
         }
-        11 => world.control(any_request(u)?),
+        11 => world.control(u.arbitrary()?),
         // The arm, and the UART.
         12 => world.arm_sends(u.arbitrary()?),
         13 => world.arm_sends(&any_arm_bytes(u, world.arm_kind())?),
@@ -76,7 +75,7 @@ fn step(world: &mut World, u: &mut Unstructured<'_>) -> Result<()> {
             }
         }
         21 => (0..4).for_each(|_| world.command(1, 2048, 25, 100)),
-        22 => world.can_control(any_request(u)?),
+        22 => world.can_control(u.arbitrary()?),
         23 => world.command(u.arbitrary()?, u.arbitrary()?, u.arbitrary()?, u.arbitrary()?),
         24 => world.can_frame(u.arbitrary()?, u.arbitrary()?),
         25 => (0..u.arbitrary::<u8>()? % 64).for_each(|_| _ = world.use_bus()),

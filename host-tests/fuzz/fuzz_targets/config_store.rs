@@ -9,8 +9,7 @@ use core::task::{Context, Poll, Waker};
 use armwire_bridge::Instant;
 use armwire_bridge::config::Config;
 use armwire_bridge::store::{Error, Saved, Store};
-use armwire_fuzz::config::{any_config, any_good_config};
-use armwire_fuzz::{Result, Unstructured};
+use armwire_fuzz::{Result, Unstructured, any_good_config};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use libfuzzer_sys::fuzz_target;
 
@@ -120,7 +119,7 @@ fn load(flash: &mut Flash) -> Saved {
 fn any_change(u: &mut Unstructured<'_>, saves: bool) -> Result<Option<Config>> {
     Ok(match saves {
         false => None,
-        true if u.arbitrary()? => Some(any_config(u)?),
+        true if u.arbitrary()? => Some(u.arbitrary()?),
         true => Some(any_good_config(u)?),
     })
 }

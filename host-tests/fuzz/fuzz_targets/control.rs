@@ -11,7 +11,6 @@ use armwire_bridge::control::{
 };
 use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UartEvent, UsbEvent};
 use armwire_bridge::{Duration, Instant};
-use armwire_fuzz::config::any_request;
 use armwire_fuzz::{Result, Unstructured};
 use armwire_host_tests::adapter::ControlPort;
 use libfuzzer_sys::fuzz_target;
@@ -54,10 +53,9 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     while !u.is_empty() {
         match u.int_in_range(0..=4)? {
             0 => {
-                let sequence = u.arbitrary()?;
-                let request = any_request(u)?;
+                let message: FromHost = u.arbitrary()?;
                 let mut bytes = [0; MAX_COBS];
-                let len = encode_cobs(&FromHost { sequence, request }, &mut bytes).expect("there is room");
+                let len = encode_cobs(&message, &mut bytes).expect("there is room");
                 host.send(&bytes[..len]);
             }
             // Any bytes with a terminator.

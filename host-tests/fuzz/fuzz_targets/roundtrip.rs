@@ -18,6 +18,7 @@ use armwire::{BufferTooShort, OutOfRange};
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};
+use armwire_bridge::config::Config;
 use armwire_bridge::control::{
     Event, FromAdapter, FromHost, Histogram, MAX_COBS, MAX_MESSAGE, Message, Reader, Reply, Stamp, decode, encode,
     encode_cobs,
@@ -25,7 +26,6 @@ use armwire_bridge::control::{
 use armwire_bridge::isotp::SeparationTime;
 use armwire_bridge::time;
 use armwire_bridge::{Counters, LineCoding, Refused};
-use armwire_fuzz::config::{any_config, any_event, any_reply, any_request};
 use armwire_fuzz::line::{LineDecoder, Span};
 use armwire_fuzz::{Check, Result, Subject, Unstructured, request_bytes, response_bytes};
 use armwire_host_tests::reference;
@@ -103,32 +103,21 @@ fn check_short_buffer(len: usize, encode: impl Fn(&mut [u8]) -> core::result::Re
 }
 
 fn control_messages(u: &mut Unstructured<'_>) -> Result<()> {
-    let sequence = u.arbitrary()?;
-    match u.int_in_range(0..=2)? {
-        0 => {
-            let request = any_request(u)?;
-            control_message(&FromHost { sequence, request }, false);
-        }
-        1 => {
-            let reply = any_reply(u)?;
-            // Without their last count, if that is a byte, these are the counters of version 3.
-            let is_older = matches!(&reply, Reply::Counters(counters) if counters.untracked_requests < 0x80);
-            control_message(&FromAdapter::Reply { sequence, reply }, is_older);
-        }
-        _ => {
-            let at = Stamp(u.arbitrary()?);
-            let event = any_event(u)?;
-            control_message(&FromAdapter::Event { at, event }, false);
-        }
-    }
-    let config = any_config(u)?;
+    control_message(&u.arbitrary::<FromHost>()?, false);
+    let message = u.arbitrary()?;
+    // Without their last count, if that is a byte, these are the counters of version 3.
+    let is_older = match &message {
+        FromAdapter::Reply {
+            reply: Reply::Counters(counters),
+            ..
+        } => counters.untracked_requests < 0x80,
+        _ => false,
+    };
+    control_message(&message, is_older);
+    let config: Config = u.arbitrary()?;
     match config.check() {
         Ok(()) => assert!(config.can.telemetry_hz <= config.can.max_telemetry_hz()),
-        Err(error) => {
-            assert!(!error.to_string().is_empty());
-            let reply = Reply::BadConfig(error);
-            control_message(&FromAdapter::Reply { sequence, reply }, false);
-        }
+        Err(error) => assert!(!error.to_string().is_empty()),
     }
     Ok(())
 }
@@ -156,31 +145,14 @@ fn control_message<T: Message + PartialEq + Debug>(message: &T, is_older: bool) 
 }
 
 fn cyclic_frames(u: &mut Unstructured<'_>) -> Result<()> {
-    let node = Node::new(u.int_in_range(0..=15)?).expect("in range");
-    let sample = Sample {
-        state: u.arbitrary()?,
-        stamp: u.arbitrary()?,
-        count: u.arbitrary()?,
-    };
+    let (node, sample, errors): (Node, Sample, Errors) = u.arbitrary()?;
     assert_eq!(Sample::from_frames(&sample.to_frames(node)), Some(sample));
-    let errors = Errors {
-        noise_bytes: u.arbitrary()?,
-        uart: u.arbitrary()?,
-        can: u.arbitrary()?,
-        unanswered: u.arbitrary()?,
-        refused: u.arbitrary()?,
-    };
     assert_eq!(Errors::from_frame(&errors.to_frame(node)), Some(errors));
-    let (event, at) = (any_event(u)?, Stamp(u.arbitrary()?));
+    let (event, at): (Event, Stamp) = u.arbitrary()?;
     if let Some(frame) = event_to_frame(&event, at, node) {
         assert_eq!(event_from_frame(&frame), Some((at.0 as u32, event)));
     }
-    let command = Command {
-        sequence: u.arbitrary()?,
-        joints: u.arbitrary()?,
-        speed: u.arbitrary()?,
-        gripper: u.arbitrary()?,
-    };
+    let command: Command = u.arbitrary()?;
     let in_range = (1..=250).contains(&command.speed)
         && command.gripper <= 250
         && command.joints.iter().all(|&ticks| ticks <= Position::MAX.ticks());
@@ -378,7 +350,7 @@ fn read<P: Subject>(bytes: &[u8], expect: P::Expect) {
 
 /// Values of the adapter, and their texts.
 fn adapter_values(u: &mut Unstructured<'_>) -> Result<()> {
-    let (event, byte) = (any_event(u)?, u.arbitrary::<u8>()?);
+    let (event, byte): (Event, u8) = u.arbitrary()?;
     if let Event::Refused { initiator, reason } = event {
         assert!(!format!("{initiator}{reason}").is_empty());
     }

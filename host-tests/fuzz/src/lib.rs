@@ -6,7 +6,7 @@
 mod accounts;
 pub mod adapter;
 mod alpha1;
-pub mod config;
+mod config;
 mod legacy;
 pub mod line;
 mod ling;
@@ -14,4 +14,5 @@ mod subject;
 mod xarm;
 
 pub use arbitrary::{Arbitrary, Result, Unstructured};
+pub use config::any_good_config;
 pub use subject::{AnyResponse, Check, ROOM, Subject, check, request_bytes, response_bytes};

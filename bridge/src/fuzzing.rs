@@ -1,0 +1,41 @@
+//! Arbitrary parts of configurations and messages, for the fuzz targets.
+
+use arbitrary::{Arbitrary, Result, Unstructured};
+use heapless::String;
+
+use crate::control::{FrameBytes, MAX_FRAME};
+
+/// Mostly one of these values.
+pub(crate) fn mostly<'a, T: Arbitrary<'a> + Copy, const N: usize>(
+    u: &mut Unstructured<'a>,
+    values: [T; N],
+) -> Result<T> {
+    match u.ratio(1, 8)? {
+        true => u.arbitrary(),
+        false => u.choose(&values).copied(),
+    }
+}
+
+/// A number up to one more than this maximum.
+pub(crate) fn up_to_excess(u: &mut Unstructured<'_>, max: u16) -> Result<u16> {
+    u.int_in_range(0..=max + 1)
+}
+
+/// A text, empty if the bytes at hand are too many.
+pub(crate) fn text<const N: usize>(u: &mut Unstructured<'_>) -> Result<String<N, u8>> {
+    Ok(u.arbitrary::<&str>()?.try_into().unwrap_or_default())
+}
+
+/// Bytes of a frame.
+pub(crate) fn frame(u: &mut Unstructured<'_>) -> Result<FrameBytes> {
+    let len = u.int_in_range(0..=MAX_FRAME)?.min(u.len());
+    Ok(FrameBytes::from_slice(u.bytes(len)?).unwrap_or_default())
+}
+
+/// A value half of the time.
+pub(crate) fn optional<'a, T>(
+    u: &mut Unstructured<'a>,
+    value: impl FnOnce(&mut Unstructured<'a>) -> Result<T>,
+) -> Result<Option<T>> {
+    u.arbitrary::<bool>()?.then(|| value(u)).transpose()
+}
