@@ -10,11 +10,11 @@
 //!
 //! # The serial port on USB
 //!
-//! * **Bytes pass unchanged and in order in both directions.** As long as the host on USB is the only initiator, they
-//!   pass at once, inside and outside of frames. Decoders only observe them.
+//! * **Bytes pass unchanged and in order in both directions.** Decoders only observe them.
 //! * **Arm to host**: bytes leave in a USB packet when a frame ends, when the line goes idle or when they fill a
 //!   packet, whichever is first. A zero-length packet ends a transfer that a full packet would leave open.
-//! * **Host to arm**: a packet is accepted only if it fits. USB flow control then holds the host back.
+//! * **Host to arm**: while the host on USB is the only initiator, its bytes go to the arm at once. A packet is accepted
+//!   only if it fits; USB flow control then holds the host back.
 //! * **A host that does not read** loses bytes and never delays the arm: the queue towards it is bounded, and bytes
 //!   that do not fit are dropped and counted.
 //! * **The line's rate** is the arm's. Another [line coding](Bridge::set_line_coding) of the host takes effect with its

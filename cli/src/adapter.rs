@@ -1,4 +1,4 @@
-//! An adapter on the command line: where it is, and what of it is shown in the same way everywhere.
+//! An adapter on the command line: its port, identity and counters.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -20,8 +20,8 @@ use crate::serial::not_opened;
 /// The port of an adapter.
 #[derive(Args, Debug, PartialEq, Eq)]
 pub(crate) struct AdapterPort {
-    /// The adapter's serial port, such as /dev/ttyACM0 or COM3; or can:IFACE/NODE, on a CAN bus of Linux; or
-    /// slcan:PORT@BITRATE/NODE, on the bus of an SLCAN adapter; or control:PORT, the control port itself.
+    /// Port of the adapter: a serial port (/dev/ttyACM0, COM3), can:IFACE/NODE (SocketCAN), slcan:PORT@BITRATE/NODE (SLCAN
+    /// adapter), or control:PATH (control port of a virtual board).
     port: Port,
 }
 

@@ -13,18 +13,16 @@ use crate::tcp::Host;
 /// The port and the kind of an arm.
 #[derive(Args)]
 pub(crate) struct Place {
-    /// The serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or slcan:PORT@BITRATE/NODE, an
-    /// adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux; or hid:, an alpha1 that is a HID
-    /// device (hid:VID:PID or hid:NAME where there are several). For xarm the host, such as 192.168.1.10 or
-    /// 192.168.1.10:502.
+    /// Port of the arm: a serial port (/dev/ttyACM0, COM3), tcp:HOST:PORT (serial port server), can:IFACE/NODE (SocketCAN),
+    /// slcan:PORT@BITRATE/NODE (SLCAN adapter), or hid: (Alpha1; hid:VID:PID or hid:NAME selects one of several). For
+    /// xarm: HOST or HOST:PORT.
     pub(crate) port: String,
     /// Kind of arm.
     #[arg(long, value_enum, default_value_t)]
     pub(crate) arm: ArmKind,
     #[command(flatten)]
     pub(crate) baud: Baud,
-    /// The adapter's control port, where it cannot be found from the arm's port, as that of a virtual board:
-    /// control:PORT, or PORT alone.
+    /// Control port of the adapter, if it is not found by the arm's port: control:PATH or PATH. A virtual board needs it.
     #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
     pub(crate) control: Option<Port>,
 }
@@ -46,7 +44,7 @@ impl Place {
 
     /// The host that an xArm is on.
     pub(crate) fn host(&self) -> Result<Host, Error> {
-        let refused = |option| Err(Error::Usage(format!("an xarm is on a host, which has no {option}")));
+        let refused = |option| Err(Error::Usage(format!("{option} does not apply to an xarm")));
         let is_port = !matches!(self.port.parse(), Ok(Port::Serial(_))) || Path::new(&self.port).exists();
         match (self.baud.baud, &self.control) {
             (None, None) if is_port => Err(Error::Usage(format!(
@@ -63,8 +61,8 @@ impl Place {
 /// The port of an arm.
 #[derive(Args)]
 pub(crate) struct ArmPort {
-    /// The arm's serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or
-    /// slcan:PORT@BITRATE/NODE, an adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux.
+    /// Port of the arm: a serial port (/dev/ttyACM0, COM3), tcp:HOST:PORT (serial port server), can:IFACE/NODE
+    /// (SocketCAN), or slcan:PORT@BITRATE/NODE (SLCAN adapter).
     port: Port,
     #[command(flatten)]
     baud: Baud,

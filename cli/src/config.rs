@@ -112,13 +112,13 @@ static KEYS: [Key; 11] = [
         field: |config| Field::Switch(&mut config.can.unsolicited),
     },
     Key {
-        name: "silence.after-ms",
+        name: "host-timeout.after-ms",
         help: "pause after which a host that streamed motion counts as silent",
         values: "a time in milliseconds, 0 for never, up to 65535",
         field: |config| Field::Short(&mut config.host_timeout.after_ms),
     },
     Key {
-        name: "silence.torque-off",
+        name: "host-timeout.torque-off",
         help: "switch the torque off at the host timeout: the arm may fall",
         values: "on or off",
         field: |config| Field::Switch(&mut config.host_timeout.torque_off),
@@ -196,7 +196,7 @@ pub fn set(config: &mut Config, text: &str) -> Result<(), String> {
 }
 
 fn setting(text: &str) -> Result<Setting, String> {
-    let (name, value) = text.split_once('=').ok_or("it has no =, as poll=200 has")?;
+    let (name, value) = text.split_once('=').ok_or("expected KEY=VALUE, for example poll=200")?;
     let key = KEYS.iter().find(|key| key.name == name).ok_or_else(|| {
         let names: Vec<_> = KEYS.iter().map(|key| key.name).collect();
         format!("there is no setting '{name}'; there are: {}", names.join(", "))
@@ -372,7 +372,7 @@ mod tests {
                 "speed=3",
                 "there is no setting 'speed'; there are: arm, poll, can.node, can.bit-rate",
             ),
-            ("poll", "it has no =, as poll=200 has"),
+            ("poll", "expected KEY=VALUE, for example poll=200"),
             (
                 "poll=often",
                 "'often' is not off, fastest, or a rate in hertz, 1 to 1000",
@@ -380,7 +380,7 @@ mod tests {
             ("arm=xarm", "'xarm' is not ling, alpha1, alpha1-servo or raw"),
             ("can.node=16", "'16' is not a node id, 0 to 15"),
             ("can.commands=yes", "'yes' is not on or off"),
-            ("silence.after-ms=65536", "'65536' is not a time in milliseconds"),
+            ("host-timeout.after-ms=65536", "'65536' is not a time in milliseconds"),
             ("can.data-bit-rate=", "'' is not off, or a number"),
         ] {
             let error = setting(text).err().unwrap();

@@ -15,7 +15,7 @@ pub(crate) struct Confirm {
 }
 
 impl Confirm {
-    /// Prompts on a terminal to go on in view of `danger`, a sentence.
+    /// Prompts on a terminal for confirmation of `danger`, a sentence.
     ///
     /// # Errors
     ///
@@ -26,11 +26,11 @@ impl Confirm {
         }
         if !stdin().is_terminal() {
             return Err(Error::Usage(format!(
-                "{danger} There is no terminal to confirm it on: use --yes"
+                "{danger} Confirmation needs a terminal: use --yes"
             )));
         }
         let mut answer = String::new();
-        let prompted = write!(stderr(), "{danger} Go on? [y/N] ").and_then(|()| stdin().read_line(&mut answer));
+        let prompted = write!(stderr(), "{danger} Continue? [y/N] ").and_then(|()| stdin().read_line(&mut answer));
         prompted.map_err(Error::Output)?;
         match answer.trim() {
             "y" | "Y" | "yes" => Ok(()),

@@ -33,8 +33,8 @@ pub enum Error {
     /// The program that waits wants no answer any more, for this reason of its own.
     #[error("{0}")]
     Interrupted(Box<dyn error::Error + Send + Sync>),
-    /// The user does not want it.
-    #[error("not done")]
+    /// The user declined.
+    #[error("cancelled")]
     Declined,
     /// The port or the connection is gone that was open: it may come back.
     #[error("{name}: {reason}")]
@@ -54,18 +54,15 @@ pub enum Error {
         bytes: usize,
     },
     /// There is no adapter with a control port there.
-    #[error(
-        "{name}: this is not the port of an armwire adapter, which has a control port beside it (of a virtual board: \
-         control:PATH)"
-    )]
+    #[error("{name}: no control port of an armwire adapter found (a virtual board's is control:PATH)")]
     NoControl { name: String },
     /// The control port is there, but cannot be used.
     #[error("{name}: {reason}")]
     Usb { name: String, reason: String },
     /// The adapter does not know a request.
     #[error(
-        "{name}: the adapter does not know this request: it speaks version {version} of the control port, this program \
-         version {VERSION}"
+        "{name}: the adapter does not support this request: its control protocol is version {version}, this program's is \
+         {VERSION}"
     )]
     Unsupported { name: String, version: u16 },
     /// The stream of a line without losses broke.

@@ -76,7 +76,7 @@ impl Report {
         };
         let text = match noise_bytes {
             0 => "clean".to_owned(),
-            noise_bytes => format!("{noise_bytes} bytes were no part of a frame"),
+            noise_bytes => format!("{noise_bytes} stray bytes"),
         };
         self.add(Fact::new("line", "noise_bytes", noise_bytes, text))
     }

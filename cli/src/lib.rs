@@ -99,9 +99,9 @@ enum Command {
     Info(info::Info),
     /// List the ports of this computer, and the adapters and arms on them.
     List(list::List),
-    /// Watch an arm's joints, temperatures and status; of an alpha1, which servos run.
+    /// Show an arm's joints, temperatures and status live. For an Alpha1: the running servos.
     ///
-    /// A full screen on a terminal, a line for each reading otherwise; see --csv and --json.
+    /// On a terminal the output is a full screen, otherwise a line per reading. See also --csv and --json.
     Monitor(monitor::Monitor),
     /// Move the joints and the gripper of a Ling arm. The arm moves at once: keep clear of it.
     #[command(
@@ -110,7 +110,7 @@ enum Command {
     Move(motion::MoveArm),
     /// Switch a Ling arm's torque on or off. With torque off the arm falls: hold it.
     Torque(motion::SetTorque),
-    /// Make a Ling arm's pose its zero position. Its torque goes off and the arm falls: hold it.
+    /// Set a Ling arm's current pose as its zero position. The torque goes off and the arm falls: hold it.
     SetZero(motion::SetZero),
     /// Send one request and print the answer.
     Call(call::Call),
@@ -128,7 +128,7 @@ enum Command {
     Selftest(selftest::command::Selftest),
     /// Update an adapter's firmware, over USB with dfu-util.
     Update(update::Update),
-    /// Print the completions of a shell, for its start file.
+    /// Print a shell completion script.
     #[cfg(feature = "shell")]
     Completions {
         /// Shell.

@@ -18,10 +18,9 @@ use crate::{available, config, hid, legacy};
 /// The arguments of `armwire list`.
 #[derive(Args)]
 pub(crate) struct List {
-    /// Further ports to list and to ask for their arm, such as that of a virtual arm.
+    /// Additional ports to query, such as a virtual arm's.
     ports: Vec<String>,
-    /// Ask every serial port and HID device for its arm. Devices that are no arm get requests too. Without this option only
-    /// adapters do.
+    /// Query every serial port and HID device, including devices that are not arms. By default only adapters are queried.
     #[arg(long)]
     ask: bool,
     /// Print a JSON array with an object for each port.
@@ -108,7 +107,7 @@ fn arm(connection: &Connection) -> Result<Vec<Fact>, Error> {
         known => return known,
     }
     match alpha1(connection) {
-        Err(Error::NoAnswer { .. }) => Ok(vec![Fact::words("arm", "none answers")]),
+        Err(Error::NoAnswer { .. }) => Ok(vec![Fact::words("arm", "no answer")]),
         known => known,
     }
 }

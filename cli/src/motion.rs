@@ -36,8 +36,8 @@ pub(crate) struct MoveArm {
     arm: ArmPort,
     #[command(flatten)]
     target: Target,
-    /// Wait until the joints are within 3 ticks (0.26°) of where they go and the gripper is within 0.5 % of its stroke, or
-    /// stands still for 1 s: it may hold something.
+    /// Wait until the joints are within 3 ticks (0.26°) of their targets, and the gripper is within 0.5 % of its stroke or
+    /// has stopped for 1 s, for example at an object.
     #[arg(long)]
     wait: bool,
     /// Maximum wait. The arm continues to move after it.
@@ -88,16 +88,16 @@ impl MoveArm {
         };
         let (state, is_there) = read_until(&mut link, self.timeout, is_there)?;
         match (is_there, far_gripper(&target, &state)) {
-            (true, None) => print_line(format_args!("there: {}", show(state))),
+            (true, None) => print_line(format_args!("target reached: {}", show(state))),
             (true, Some(off)) => print_line(format_args!(
-                "there, but {off} and stands still, does it hold something? {}",
+                "joints reached; {off} and has stopped: is it holding something? {}",
                 show(state)
             )),
             (false, gripper) => {
                 let mut off = far_joints(&target, &state);
                 off.extend(gripper);
                 let (seconds, off, status) = (self.timeout.as_secs_f32(), off.join(", "), state.status);
-                let reason = format!("not there after {seconds} s: {off} (status {status})");
+                let reason = format!("target not reached after {seconds} s: {off} (status {status})");
                 Err(Error::at(link.name(), reason))
             }
         }
@@ -134,7 +134,7 @@ impl SetTorque {
 impl SetZero {
     pub(crate) fn run(&self) -> Result<(), Error> {
         self.confirm
-            .prompt("The arm takes its pose for zero, switches its torque off and falls: hold it.")?;
+            .prompt("The current pose becomes zero. The torque goes off and the arm falls: hold it.")?;
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetZero, drop)?;
         let is_zero = |_, state: &JointState| state.joints.iter().all(|ticks| ticks.abs_diff(ZERO) <= JOINT_TOLERANCE);
@@ -144,7 +144,7 @@ impl SetZero {
             true => print_line(format_args!("zero set: {text}")),
             false => Err(Error::at(
                 link.name(),
-                format_args!("the zero was sent, but the arm is at {text}"),
+                format_args!("set-zero was sent, but the arm reports {text}"),
             )),
         }
     }

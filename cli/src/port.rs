@@ -107,7 +107,7 @@ impl FromStr for Port {
 /// The name of the port in `text`. An empty name is an error.
 fn non_empty(name: &str, text: &str) -> Result<String, String> {
     match name {
-        "" => Err(format!("'{text}' names no port")),
+        "" => Err(format!("'{text}': the port's name is missing")),
         name => Ok(name.to_owned()),
     }
 }
@@ -117,9 +117,12 @@ fn split_node(text: &str) -> Result<(&str, Node), String> {
     let Some((front, node)) = text.rsplit_once('/') else {
         return Ok((text, Node::default()));
     };
-    let number: u8 = node
-        .parse()
-        .map_err(|_| format!("'{node}' behind the last slash is not a node, 0 to {}", Node::MAX.get()))?;
+    let number: u8 = node.parse().map_err(|_| {
+        format!(
+            "'{node}' after the last slash is not a node id, 0 to {}",
+            Node::MAX.get()
+        )
+    })?;
     Ok((front, Node::new(number).map_err(|error| error.to_string())?))
 }
 
@@ -175,7 +178,9 @@ impl Port {
     /// The port cannot be opened.
     pub fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Error> {
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
-            return Err(Error::Usage(format!("{self} is no serial port, which has a --baud")));
+            return Err(Error::Usage(format!(
+                "--baud applies to serial ports only, not to {self}"
+            )));
         }
         let bus = match self {
             Self::Serial(_) | Self::Tcp(_) | Self::Hid(_) | Self::Control(_) => None,

@@ -128,7 +128,8 @@ impl Line for Tcp {
             .map_err(|error| self.lost(error))?;
         match self.stream.read(buf) {
             Ok(0) => {
-                let reason = "the connection was closed from there: was the arm switched off, or does it take no more?";
+                let reason =
+                    "the arm closed the connection: is it switched off, or does it accept no more connections?";
                 Err(Error::lost(&self.name, reason))
             }
             Ok(n) => Ok(n),
@@ -151,13 +152,13 @@ impl Line for Tcp {
     fn hints(&mut self, reception: Reception, names: Names) -> String {
         let Names { arm, other } = names;
         match (reception, self.is_serial) {
-            (Reception::Silence, false) => format!("is it {arm} that listens there, and on its control port?"),
-            (Reception::Garbage, false) => "is it this arm, and its control port?".to_owned(),
-            (Reception::Silence, true) => format!(
-                "is the arm powered, and is its serial port the one that is served there? Is it {arm}, and not {other}?"
-            ),
+            (Reception::Silence, false) => format!("is {arm} listening at this address and port?"),
+            (Reception::Garbage, false) => "is this an xArm's control port?".to_owned(),
+            (Reception::Silence, true) => {
+                format!("is the arm powered, and is it on the server's serial port? Is it {arm}, not {other}?")
+            }
             (Reception::Garbage, true) => {
-                format!("has the serial port there the arm's baud rate, and is it {arm}, and not {other}?")
+                format!("does the server's serial port use the arm's baud rate, and is it {arm}, not {other}?")
             }
         }
     }
@@ -184,7 +185,7 @@ fn not_connected(name: &str, error: &io::Error) -> Error {
         ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable => format!(
             "cannot be reached ({error}): is it the arm's address, is the arm on, and is this computer in its network?"
         ),
-        _ => format!("cannot be connected to: {error}"),
+        _ => format!("connection failed: {error}"),
     };
     Error::at(name, reason)
 }

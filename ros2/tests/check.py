@@ -397,7 +397,7 @@ def behind_adapter(participant, board):
     port, control = (os.path.join(board, name) for name in ("arm", "control"))
     control = f"control:{control}"
     armwire = os.path.join(PROGRAMS, "armwire")
-    settings = ["poll=200", "silence.after-ms=300", "silence.torque-off=on"]
+    settings = ["poll=200", "host-timeout.after-ms=300", "host-timeout.torque-off=on"]
     subprocess.run([armwire, "config", control, "set", *settings], check=True, stdout=subprocess.DEVNULL)
     options = ["--arm", f"adapted=ling:{port}", "--control", f"adapted={control}", "--rmw", "cyclonedds"]
     node = start("armwire-ros2", *options)

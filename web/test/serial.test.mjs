@@ -123,7 +123,7 @@ serialTest('an adapter is identified, moved and stopped', async (page) => {
 });
 
 serialTest('a tab closed in motion leaves whole frames and an arm at rest', async (page) => {
-  armwire('config', control, 'set', 'silence.torque-off=on');
+  armwire('config', control, 'set', 'host-timeout.torque-off=on');
   await moveOn(page);
   await page.close();
   const before = await until('rest', async () => {
@@ -135,7 +135,7 @@ serialTest('a tab closed in motion leaves whole frames and an arm at rest', asyn
 });
 
 serialTest('a browser killed in motion is a silent host, and the torque goes off', async (page, process) => {
-  armwire('config', control, 'set', 'silence.torque-off=on');
+  armwire('config', control, 'set', 'host-timeout.torque-off=on');
   await moveOn(page);
   await process.kill();
   await until('silence', () => counters().host_silences, (silences) => silences === 1);

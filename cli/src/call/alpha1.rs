@@ -14,7 +14,7 @@ use super::values::{made, one_of, seconds};
 pub(crate) enum Command {
     /// Read the robot's hardware version.
     HardwareVersion,
-    /// Read which servos run.
+    /// Read the states of the servos: running or powered off.
     ServoStates,
     /// Stop the action that is played.
     Stop,
@@ -31,15 +31,15 @@ pub(crate) enum Command {
         #[arg(value_parser = one_of([("connect", OffsetTool::Connect), ("disconnect", OffsetTool::Disconnect)]))]
         tool: OffsetTool,
     },
-    /// Set the robot's type of USB device.
+    /// Set the robot's USB device type.
     UsbType {
-        /// Disk, which no longer speaks this protocol; serial port (vcp); or HID device.
+        /// USB device type: disk (this protocol is then unavailable), vcp (serial port) or hid.
         #[arg(value_parser = one_of([("disk", UsbType::Disk), ("vcp", UsbType::SerialPort), ("hid", UsbType::Hid)]))]
         kind: UsbType,
     },
     /// Play an action.
     Play {
-        /// Its name, 254 bytes at most.
+        /// Name of the action, at most 254 bytes.
         #[arg(value_parser = text)]
         name: Name,
     },
@@ -51,11 +51,10 @@ pub(crate) enum Command {
 /// One frame of an action.
 #[derive(Args)]
 pub(crate) struct Act {
-    /// Goals of servos 1 to 20, in degrees from 0 to 240, such as 90,90,-,45: the third, and those after the fourth, are
-    /// left as they are.
+    /// Targets of servos 1 to 20 in degrees, 0 to 240, such as 90,90,-,45. '-' and omitted servos keep their positions.
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = angles)]
     angles: Angles,
-    /// Time that they take, in seconds, 0 to 5.1.
+    /// Duration of the motion, in seconds, 0 to 5.1.
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
     time: MoveTime,
     /// Time until the robot accepts the next frame, in seconds, 0 to 1310.7.
@@ -102,34 +101,34 @@ pub(crate) enum Servo {
     Move {
         #[command(flatten)]
         to: To,
-        /// Goal in degrees, 0 to 240.
+        /// Target in degrees, 0 to 240.
         #[arg(value_name = "DEGREES", allow_negative_numbers = true, value_parser = angle)]
         angle: Angle,
-        /// Time that it takes, in seconds, 0 to 5.1.
+        /// Duration of the motion, in seconds, 0 to 5.1.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
         time: MoveTime,
         /// Completion time, also called lock time, in seconds, 0 to 1310.7.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = completion_time)]
         lock: Interval,
     },
-    /// Switch the motor off. What it holds up falls.
+    /// Switch the motor off. A load that it holds falls.
     Release(To),
-    /// Switch the light.
+    /// Set the LED.
     Led {
         #[command(flatten)]
         to: To,
-        /// As on the wire, 0 to 255: whether 0 or 1 is on, the sources disagree.
+        /// Raw value, 0 to 255. The sources disagree whether 0 or 1 is on.
         #[arg(allow_negative_numbers = true)]
         value: u8,
     },
-    /// Read target and actual angle. The servo switches its motor off to answer: what it holds up falls.
+    /// Read the target and actual angle. The read switches the motor off: a load that it holds falls.
     ReadAngles(One),
     /// Give a servo another id.
     ChangeId {
-        /// The id it has, 1 to 240.
+        /// Current id, 1 to 240.
         #[arg(allow_negative_numbers = true, value_parser = id)]
         from: ServoId,
-        /// The id it gets, 1 to 240.
+        /// New id, 1 to 240.
         #[arg(allow_negative_numbers = true, value_parser = id)]
         to: ServoId,
     },

@@ -36,9 +36,9 @@ pub(crate) enum Command {
     ReadJoints,
     /// Read the servos' temperatures.
     ReadTemperatures,
-    /// Set the temperature at which the arm protects itself.
+    /// Set the temperature limit of the overheat protection.
     SetTemperatureLimit {
-        /// In °C, 0 to 255 but for 254; 85 from the factory.
+        /// Limit in °C, 0 to 255 except 254; factory setting 85.
         #[arg(value_name = "CELSIUS", allow_negative_numbers = true, value_parser = limit)]
         limit: TemperatureLimit,
     },
@@ -57,7 +57,7 @@ pub(crate) enum Command {
 /// Target positions and speeds.
 #[derive(Args)]
 pub(crate) struct Target {
-    /// Goals of joints 1 to 6, in degrees, such as 0,10,-20,0,0,45.
+    /// Target angles of joints 1 to 6 in degrees, such as 0,10,-20,0,0,45.
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = positions)]
     joints: [Position; JOINTS],
     /// Speed in degrees per second: one number for all joints, or six.

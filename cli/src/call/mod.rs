@@ -35,9 +35,7 @@ enum ToArm {
     /// Send a request to a UFACTORY xArm.
     Xarm(xarm::OnHost),
     /// Send a request to a UBTECH Alpha1, or to its servos.
-    #[command(
-        after_help = "A robot that is a HID device: hid: for PORT, or hid:VID:PID or hid:NAME where there are several."
-    )]
+    #[command(after_help = "For a HID device, PORT is hid:. If there are several: hid:VID:PID or hid:NAME.")]
     Alpha1(OnPort<alpha1::Command>),
 }
 

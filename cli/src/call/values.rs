@@ -38,7 +38,7 @@ pub(crate) fn made<T: FromStr, V, E: Display>(
 /// A time in seconds.
 pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     let seconds = parse(text, "a number")?;
-    Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is no time that can be waited"))
+    Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is not a valid time in seconds"))
 }
 
 /// A value in another unit than the protocol's. Errors are in the unit of the command line.

@@ -15,7 +15,7 @@ pub(crate) struct OnHost {
     /// The control box, such as 192.168.1.10 or 192.168.1.10:502.
     #[arg(value_name = "HOST[:PORT]")]
     host: Host,
-    /// Speak with protocol id 3, as the vendor's package does to firmware 1.8.6 and later, instead of 2.
+    /// Use protocol id 3 instead of 2. The vendor's package uses 3 with reports and firmware 1.8.6 or later.
     #[arg(long)]
     supervised: bool,
     #[command(subcommand)]
@@ -39,18 +39,18 @@ enum Command {
         #[arg(allow_negative_numbers = true, value_parser = joint)]
         joint: Joint,
     },
-    /// Shut the arm's control box down. It comes back when it is switched on by hand.
+    /// Shut the control box down. It must be switched on by hand afterwards.
     Shutdown,
     /// Restart the arm's control box.
     Reboot,
     /// Send a heartbeat.
     Heartbeat,
-    /// Make a request of any other register, whatever it does: 42 reads joint positions, 23 moves the arm.
+    /// Send a request for any register, unchecked. Register 42 reads joint positions, 23 moves the arm.
     Raw {
         /// The register, 0 to 255.
         #[arg(allow_negative_numbers = true)]
         register: u8,
-        /// Its parameters, as hexadecimal text such as 'DB 0F 49 40'.
+        /// Parameters, in hexadecimal, such as 'DB 0F 49 40'.
         #[arg(value_name = "HEX", value_parser = bytes)]
         params: Vec<Hex>,
     },

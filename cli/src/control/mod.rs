@@ -188,8 +188,8 @@ impl ControlLink {
 /// The reason for a failed request.
 fn describe(failure: Failure) -> String {
     match failure {
-        Failure::Flash => "the adapter's flash does not take the configuration".to_owned(),
-        Failure::Busy => "the adapter is busy with another such request: try again".to_owned(),
+        Failure::Flash => "not saved: the write to the adapter's flash failed".to_owned(),
+        Failure::Busy => "the adapter is busy with an earlier request: try again".to_owned(),
         Failure::StreamArmed => "refused while a host streams motion: stop it and try again".to_owned(),
         Failure::LineHeld => {
             "the host on USB holds the line to the arm: close the program on the adapter's serial port, \
@@ -197,7 +197,7 @@ fn describe(failure: Failure) -> String {
                 .to_owned()
         }
         Failure::TooManySaves { wait_s } => {
-            format!("not saved: so many saves would wear the flash out; the next may come in {wait_s} s")
+            format!("not saved: the budget of saves, which limits flash wear, is used up; next save in {wait_s} s")
         }
         Failure::SupplyLow => "not saved: the adapter's 3.3 V supply is below 2.9 V, too low to write flash".to_owned(),
         other => format!("refused: {other:?}"),

@@ -50,12 +50,12 @@ pub(crate) struct Decode {
     /// Kind of arm. MCAP recordings contain it.
     #[arg(long, value_enum, default_value_t)]
     arm: ArmKind,
-    /// Sender of the bytes. MCAP recordings and frames of ling contain it; frames of xarm and alpha1 are the arm's by
-    /// default. Answers of a servo are shown as bytes: their meaning depends on the request.
+    /// Sender of the bytes. MCAP recordings and Ling frames identify it; frames of xarm and alpha1 are taken as the arm's.
+    /// A servo's answers are shown as bytes: their meaning depends on the request.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
-    /// Write the frames, and the bytes between them, to this pcapng file for Wireshark, or to standard output for -.
-    /// Only the sum is printed. An existing file is not replaced.
+    /// Write frames and stray bytes to this pcapng file for Wireshark; - is standard output. Only the summary is printed.
+    /// An existing file is not replaced.
     #[cfg(feature = "recordings")]
     #[arg(long, value_name = "OUT")]
     pcapng: Option<PathBuf>,

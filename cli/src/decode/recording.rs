@@ -186,9 +186,9 @@ impl<P: Arm> Recording for Frames<P> {
             padding,
             ..
         } = self;
-        let filling = match padding {
+        let padding = match padding {
             0 => String::new(),
-            padding => format!(", filling: {padding}"),
+            padding => format!(", padding bytes: {padding}"),
         };
         let rest = if self.broken.is_some() {
             ", the rest not read"
@@ -196,7 +196,7 @@ impl<P: Arm> Recording for Frames<P> {
             ""
         };
         out.remark(format_args!(
-            "bytes: {}, frames: {frames}, noise bytes: {noise_bytes}{filling}{rest}",
+            "bytes: {}, frames: {frames}, noise bytes: {noise_bytes}{padding}{rest}",
             self.offset
         ));
     }

@@ -94,7 +94,7 @@ fn sender_decides_the_meaning_of_frames() {
     assert_eq!(of_arm[0], "       0  F2 2F AA ED\n          from the arm: stop: done");
     assert_eq!(
         of_arm.last().unwrap(),
-        "bytes: 14, frames: 1, noise bytes: 3, filling: 7"
+        "bytes: 14, frames: 1, noise bytes: 3, padding bytes: 7"
     );
     let of_host = lines(Speaker::Host);
     assert!(of_host.contains(&"       4  F2 2F 00 00 00 00 00 00 00 ED\n          to the arm: stop".to_owned()));
@@ -120,7 +120,7 @@ fn hid_report_padding_is_no_noise() {
     let lines = of_line(&[report; 2].concat(), ArmKind::Alpha1, Some(Speaker::Arm));
     assert!(lines[0].ends_with("from the arm: play: failed"));
     assert!(lines[1].starts_with("      64  F3 3F EE ED\n"));
-    assert_eq!(lines[2], "bytes: 128, frames: 2, noise bytes: 0, filling: 120");
+    assert_eq!(lines[2], "bytes: 128, frames: 2, noise bytes: 0, padding bytes: 120");
 }
 
 #[test]

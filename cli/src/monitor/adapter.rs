@@ -36,7 +36,7 @@ pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<
         ArmKind::Ling => Subscribed::<Ling>::open,
         ArmKind::Alpha1 => Subscribed::<Alpha1>::open,
         arm => {
-            let reason = format!("the adapter is set for '{arm}', which gives no readings");
+            let reason = format!("the adapter is configured for arm '{arm}', which has no readings");
             return Err(Error::at(control.name(), reason));
         }
     };
@@ -46,7 +46,9 @@ pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<
     };
     control.call(control::Request::Subscribe(all))?;
     let hint = (config.poll == Poll::Off).then(|| {
-        "the adapter does not poll, so this shows what others ask for ('armwire config … set poll=200')".to_owned()
+        "the adapter does not poll: only answers to other hosts are shown ('armwire config PORT set poll=200' starts \
+         polling)"
+            .to_owned()
     });
     Ok(source(control, hint, recorder))
 }
@@ -116,12 +118,12 @@ fn describe(event: &Event) -> String {
             dropped,
             torque_off,
         } => {
-            let torque = if *torque_off { ", the torque is off" } else { "" };
-            format!("the host on {initiator} fell silent in a motion: {dropped} bytes dropped{torque}")
+            let torque = if *torque_off { ", torque switched off" } else { "" };
+            format!("host timeout on {initiator}: {dropped} bytes dropped{torque}")
         }
         Event::Refused { initiator, reason } => format!("a request of {initiator} was refused: {reason}"),
-        Event::BusOff { off: true } => "the adapter has left the CAN bus, for there are too many errors".to_owned(),
-        Event::BusOff { off: false } => "the adapter is back on the CAN bus".to_owned(),
+        Event::BusOff { off: true } => "CAN bus-off: too many errors".to_owned(),
+        Event::BusOff { off: false } => "recovered from CAN bus-off".to_owned(),
         other => format!("{other:?}"),
     }
 }

@@ -116,7 +116,7 @@ fn calls(model: &Model, now: Instant) -> Part {
     let mut lines = vec![named("rate", rate)];
     if let Some(times) = model.call_times() {
         let [least, median, worst] = [times.min, times.median, times.worst].map(millis);
-        let text = format!("least {least}, median {median}, worst {worst}");
+        let text = format!("minimum {least}, median {median}, maximum {worst}");
         lines.push(named("latency", text));
     }
     if model.rate.is_some() {
@@ -146,7 +146,7 @@ fn adapter(adapter: &Adapter, width: usize) -> Part {
             for (what, _, histogram) in histograms(latencies) {
                 if let [Some(half), Some(most), Some(all)] = [50, 99, 100].map(|percent| percentile(histogram, percent))
                 {
-                    let text = format!("half {half}, 99 % {most}, all {all}");
+                    let text = format!("median {half}, 99 % {most}, max {all}");
                     lines.push(named(what, text));
                 }
             }

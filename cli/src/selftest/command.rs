@@ -16,8 +16,8 @@ use crate::output::{print_json, print_line};
 use crate::serial::not_opened;
 
 /// The warning that the user confirms before anything is sent.
-const DANGER: &str = "The arm must be off the adapter, and a jumper must join PA2 and PA3. The adapter starts again, and its \
-                      flash is written.";
+const DANGER: &str = "Disconnect the arm, and join PA2 and PA3 with a jumper. The self-test restarts the adapter and writes \
+                      its flash.";
 
 /// The arguments of `armwire selftest`.
 #[derive(Args)]

@@ -28,7 +28,7 @@ pub(super) fn in_full_flow(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     let counted = bench.counters()?.usb_resets.wrapping_sub(before);
     let reason = format_args!("{} resets, {counted} seen by the adapter", plan.resets);
     ensure(counted >= plan.resets, reason)?;
-    let text = format!("{} in full flow, every byte right afterwards", plan.resets);
+    let text = format!("{} under full traffic, no byte lost or changed afterwards", plan.resets);
     Ok(Passed::new(text, [("resets", json!(plan.resets))]))
 }
 

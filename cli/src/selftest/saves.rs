@@ -31,7 +31,7 @@ pub(super) fn under_load(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     })?;
     result?;
     let text = format!(
-        "{} under load, none cost a byte, the last was there after a restart",
+        "{} under load, no byte lost, the last one survived a restart",
         plan.saves
     );
     Ok(Passed::new(text, [("saves", json!(plan.saves))]))

@@ -63,7 +63,7 @@ pub(super) fn plausible(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     let late = after.late_stamps.wrapping_sub(before.late_stamps);
     series.check_gaps(late)?;
     let Series { count, closest, .. } = series;
-    let text = format!("{count} in order and where this computer's clock has them, {late} late");
+    let text = format!("{count} in order and consistent with this computer's clock, {late} late");
     let figures = [
         ("stamps", json!(count)),
         ("late", json!(late)),

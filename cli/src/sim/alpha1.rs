@@ -29,7 +29,7 @@ pub(crate) struct Alpha1Sim {
     /// Longest pause inside a request, in milliseconds. After it the incomplete request is dropped.
     #[arg(long, value_name = "N", default_value_t = 100)]
     idle_ms: u32,
-    /// Fill each answer up with zeros to USB HID reports of 64 bytes. Requests may be filled up in any case.
+    /// Pad each answer with zeros to HID reports of 64 bytes. Padded requests are always accepted.
     #[arg(long)]
     hid: bool,
 }
@@ -45,7 +45,7 @@ pub(crate) struct Alpha1ServoSim {
     /// Time from the end of a request to the start of its answer, in microseconds.
     #[arg(long, value_name = "N", default_value_t = 200)]
     turnaround_us: u64,
-    /// Give every byte back at once, as a single wire does.
+    /// Echo every received byte immediately, as a single-wire bus does.
     #[arg(long)]
     echo: bool,
 }

@@ -21,11 +21,11 @@ pub(super) struct LineArgs {
     /// a name.
     #[arg(long, value_name = "PATH")]
     pty: Option<PathBuf>,
-    /// Faults on the line, in bytes per million: one number for every kind, or such as 'drop=100,corrupt=5000'; kinds
-    /// are drop, corrupt, duplicate, delay, noise.
+    /// Faults on the line, per million bytes: one number for all kinds, or a list such as 'drop=100,corrupt=5000' of drop,
+    /// corrupt, duplicate, delay and noise.
     #[arg(long, value_name = "FAULTS", default_value = "0", value_parser = fault_rates)]
     faults: Rates,
-    /// Direction of the bytes that meet faults.
+    /// Direction in which faults are injected.
     #[arg(long, value_enum, default_value_t = FaultsOn::Both)]
     faults_on: FaultsOn,
     /// Seed of the faults: the same seed gives the same faults.
@@ -52,7 +52,7 @@ fn fault_rates(text: &str) -> Result<Rates, String> {
     for part in text.split(',') {
         let (kind, rate) = part
             .split_once('=')
-            .ok_or(format!("'{part}' is not such as drop=100"))?;
+            .ok_or(format!("'{part}': expected KIND=NUMBER, for example drop=100"))?;
         let field = match kind {
             "drop" => &mut rates.drop,
             "corrupt" => &mut rates.corrupt,

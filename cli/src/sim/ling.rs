@@ -31,7 +31,7 @@ pub(crate) struct LingSim {
     /// Time from the end of a request to the start of its answer, in microseconds.
     #[arg(long, value_name = "N", default_value_t = 200)]
     turnaround_us: u64,
-    /// Give every byte back at once, as a half-duplex adapter does.
+    /// Echo every received byte immediately, as a half-duplex adapter does.
     #[arg(long)]
     echo: bool,
     /// An arm of the older generation instead: it sends forty times per second, and accepts no requests.

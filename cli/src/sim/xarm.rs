@@ -27,14 +27,15 @@ pub(crate) struct XArmSim {
     /// Send no reports.
     #[arg(long, conflicts_with = "report_listen")]
     no_report: bool,
-    /// Allow addresses that other machines can reach. The protocol has no password: any program that reaches the arm can move it,
-    /// reboots it and shuts it down.
+    /// Allow addresses that other machines can reach. The protocol has no password: any program that reaches the arm can
+    /// move, reboot and shut it down.
     #[arg(long)]
     allow_remote: bool,
     /// Number of joints: 5, 6 or 7.
     #[arg(long, value_name = "N", default_value = "6", value_parser = parse_model)]
     axes: Model,
-    /// Serial number of the arm, such as XI120204201B02. The vendor's SDK needs the four digits.
+    /// Serial number of the arm, such as XI120204201B02. The vendor's SDK requires
+    /// digits as characters 3 to 6.
     #[arg(long, value_name = "TEXT")]
     serial: Option<String>,
     /// Serial number of its control box.
@@ -58,7 +59,7 @@ fn parse_model(text: &str) -> Result<Model, String> {
         "5" => Ok(Model::XArm5),
         "6" => Ok(Model::XArm6),
         "7" => Ok(Model::XArm7),
-        _ => Err("there are 5, 6 and 7".to_owned()),
+        _ => Err("expected 5, 6 or 7".to_owned()),
     }
 }
 

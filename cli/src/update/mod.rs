@@ -41,7 +41,7 @@ impl Update {
         // Before anything is restarted: without dfu-util the arm would be left without its adapter.
         if is_listed().map_err(unusable)? {
             let what = format!(
-                "a board is in its boot loader already: unplug it; or, if it is the one to update, run {by_hand}"
+                "a board is already in the boot loader: unplug it. If it is the board to update, run {by_hand}"
             );
             return Err(Error::at(DFU_UTIL, what));
         }
@@ -79,9 +79,9 @@ impl Update {
         if repeat(|| is_listed().ok().filter(|&is| is)).is_none() {
             let (vendor, product) = dfuse::BOOT_LOADER;
             let what = format!(
-                "no boot loader ({vendor:04x}:{product:04x}) shows up in 'dfu-util --list': is the adapter's USB on this \
-                 computer, and are you allowed to use it (docs/update.md)? Run {by_hand}; or plug the adapter in again, it \
-                 still has its old firmware"
+                "no boot loader ({vendor:04x}:{product:04x}) in 'dfu-util --list': is the adapter's USB connected to this \
+                 computer, and does your user have permission? Run {by_hand}, or unplug and replug the adapter: it still \
+                 has its old firmware"
             );
             return Err(Error::at(name, what));
         }
@@ -90,7 +90,7 @@ impl Update {
             .status()
             .map_err(|error| Error::at(DFU_UTIL, format!("cannot be run: {error}")))?;
         if !status.success() {
-            let what = format!("failed ({status}); the boot loader cannot be overwritten, so try again: run {by_hand}");
+            let what = format!("failed ({status}): try again, the boot loader cannot be overwritten. Run {by_hand}");
             return Err(Error::at(DFU_UTIL, what));
         }
         print_line(shown(&leave))?;
@@ -101,8 +101,8 @@ impl Update {
             Some(identity) => print_line(format!("{name}: {}", describe(&identity))),
             None => {
                 let what = format!(
-                    "the image is written, but the adapter is not back: unplug it and plug it in again; if that does not \
-                     help, do so with BOOT0 high and run {by_hand}"
+                    "image written, but the adapter did not return: unplug and replug it. If that fails, replug with BOOT0 \
+                     high and run {by_hand}"
                 );
                 Err(Error::at(name, what))
             }

@@ -23,8 +23,8 @@ can.telemetry-hz=0
 can.commands=off
 can.command-timeout-ms=100
 can.unsolicited=off
-silence.after-ms=500
-silence.torque-off=off
+host-timeout.after-ms=500
+host-timeout.torque-off=off
 ";
 
 /// The name of the control port in messages.

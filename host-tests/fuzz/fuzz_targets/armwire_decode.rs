@@ -51,7 +51,7 @@ fn check(lines: &[String]) {
         return;
     }
     let [bytes, frames, noise] = ["bytes: ", "frames: ", "noise bytes: "].map(|what| count(sum, what));
-    let [filling, unread] = ["filling: ", "not read: "].map(|what| count(sum, what));
+    let [padding, unread] = ["padding bytes: ", "not read: "].map(|what| count(sum, what));
     let entries = lines.iter().filter_map(|line| entry(line));
     // Every byte is in a frame, in noise or in padding. A damaged frame is shown whole, and its bytes may be shown
     // again.
@@ -62,7 +62,7 @@ fn check(lines: &[String]) {
         shown += usize::from(!is_noise) * len;
     }
     assert_eq!(good, frames);
-    assert_eq!(shown + noise + filling + unread, bytes);
+    assert_eq!(shown + noise + padding + unread, bytes);
 }
 
 /// The number behind `what`, 0 if absent.

@@ -16,9 +16,8 @@ const REQUIRED_FRAMES: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[error(
-    "a Ling arm of the older generation: firmware from before late 2025, without a function byte in frames. armwire \
-     reads its joints and sends nothing to it. All other functions need a firmware update from the vendor. (It runs at \
-     {} or {} baud.)",
+    "a Ling arm of the older generation, with firmware from before late 2025 and {} or {} baud. armwire reads its joints \
+     and sends nothing to it. All other functions need a firmware update from the vendor.",
     BAUD_RATES[0],
     BAUD_RATES[1]
 )]
