@@ -11,11 +11,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use armwire_bridge::can::{Frame, Function, Id, Node};
-use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_FRAME, MAX_MESSAGE, Reply, Request};
+use armwire_bridge::control::{self, FromHost, MAX_FRAME, MAX_MESSAGE};
 use armwire_bridge::isotp::{self, Endpoint, Event};
 use armwire_sim::slcan::BitRate;
 
-use crate::control::{Received, Transport};
+use crate::adapter;
+use crate::control::{ControlLink, Received, Transport};
 use crate::error::Error;
 use crate::line_holder;
 use crate::link::{Line, Names, Reception};
@@ -26,8 +27,6 @@ use bus::Bus;
 /// The longest PDU: a message of the control port. Frames of an arm are shorter.
 const MAX_PDU: usize = MAX_MESSAGE;
 const _: () = assert!(MAX_FRAME <= MAX_PDU);
-/// Timeout of the request for the holder of the arm's line.
-const HOLDER_TIMEOUT: Duration = Duration::from_millis(1_000);
 
 /// Opens an interface of Linux, `name` to the user, for one node.
 #[cfg(target_os = "linux")]
@@ -54,7 +53,15 @@ pub(crate) struct SharedBus(Arc<Mutex<Switch>>);
 
 struct Switch {
     bus: Box<dyn Bus>,
-    inboxes: BTreeMap<Id, VecDeque<Frame>>,
+    inboxes: BTreeMap<Id, Inbox>,
+}
+
+/// The received frames of an identifier.
+#[derive(Default)]
+struct Inbox {
+    frames: VecDeque<Frame>,
+    /// Number of channels that receive them.
+    channels: usize,
 }
 
 impl SharedBus {
@@ -78,7 +85,7 @@ impl SharedBus {
         let Switch { bus, inboxes } = &mut *self.lock();
         let until = Instant::now() + wait;
         loop {
-            if let Some(frame) = inboxes.get_mut(&id).and_then(VecDeque::pop_front) {
+            if let Some(frame) = inboxes.get_mut(&id).and_then(|inbox| inbox.frames.pop_front()) {
                 return Ok(Some(frame));
             }
             // Frames that arrived before the deadline are read after it, too.
@@ -86,7 +93,7 @@ impl SharedBus {
             match bus.receive(left)? {
                 Some(frame) => {
                     if let Some(inbox) = inboxes.get_mut(&frame.id()) {
-                        inbox.push_back(frame);
+                        inbox.frames.push_back(frame);
                     }
                 }
                 None if left.is_zero() => return Ok(None),
@@ -124,7 +131,7 @@ impl CanLine {
     /// A line that sends requests to `node` as frames of function `tx`, and receives answers as those of `rx`.
     pub(crate) fn new(name: String, bus: &SharedBus, node: Node, tx: Function, rx: Function) -> Self {
         let rx = rx.id(node);
-        bus.lock().inboxes.entry(rx).or_default();
+        bus.lock().inboxes.entry(rx).or_default().channels += 1;
         // Every adapter accepts classic frames. Adapters without CAN FD accept no others.
         let config = isotp::Config::new(isotp::Link::Classic, tx.id(node));
         Self {
@@ -141,8 +148,17 @@ impl CanLine {
 
     /// Sends a PDU, and returns after its last frame.
     fn send_pdu(&mut self, pdu: &[u8]) -> Result<(), Error> {
-        // Every PDU is sent to its end, and none is empty or too long.
-        let _ = self.endpoint.send(pdu);
+        self.endpoint.send(pdu).map_err(|error| Error::at(&self.name, error))?;
+        let sent = self.send_frames();
+        if sent.is_err() {
+            // The rest must not go out with a later PDU.
+            self.endpoint.abort();
+        }
+        sent
+    }
+
+    /// Sends the frames of a PDU to the last.
+    fn send_frames(&mut self) -> Result<(), Error> {
         self.transmit()?;
         while self.endpoint.is_sending() {
             self.step(Duration::from_secs(1))?;
@@ -205,21 +221,19 @@ impl CanLine {
     /// The holder of the line to the arm, read from the adapter. `None` without a holder or without a reply.
     fn holder(&self) -> Option<String> {
         let (tx, rx) = (Function::ControlRequest, Function::ControlAnswer);
-        let mut control = Self::new(self.name.clone(), &self.bus, self.node, tx, rx);
-        let sequence = std::process::id() as u8;
-        let request = Request::GetLine;
-        control.send(&FromHost { sequence, request }).ok()?;
-        let until = Instant::now() + HOLDER_TIMEOUT;
-        while let Some(message) = control.receive(until.saturating_duration_since(Instant::now())).ok()? {
-            match message {
-                Ok(FromAdapter::Reply {
-                    sequence: of,
-                    reply: Reply::Line(line),
-                }) if of == sequence => return line_holder::describe(&line),
-                _ => {}
-            }
+        let control = Self::new(self.name.clone(), &self.bus, self.node, tx, rx);
+        let line = adapter::line(&mut ControlLink::new(Box::new(control))).ok()??;
+        line_holder::describe(&line)
+    }
+}
+
+impl Drop for CanLine {
+    fn drop(&mut self) {
+        let inboxes = &mut self.bus.lock().inboxes;
+        if let Some(inbox) = inboxes.get_mut(&self.rx) {
+            inbox.channels -= 1;
         }
-        None
+        inboxes.retain(|_, inbox| inbox.channels > 0);
     }
 }
 
@@ -269,5 +283,75 @@ impl Line for CanLine {
             },
             Reception::Garbage => "is the adapter configured for this arm?".to_owned(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bus whose first frame cannot be sent.
+    struct Faulty {
+        tries: usize,
+        sent: Arc<Mutex<Vec<Frame>>>,
+        received: VecDeque<Frame>,
+    }
+
+    impl Bus for Faulty {
+        fn send(&mut self, frame: &Frame) -> Result<(), Error> {
+            self.tries += 1;
+            if self.tries == 1 {
+                return Err(Error::at("fake", "no"));
+            }
+            self.sent.lock().unwrap().push(*frame);
+            Ok(())
+        }
+
+        fn receive(&mut self, _: Duration) -> Result<Option<Frame>, Error> {
+            Ok(self.received.pop_front())
+        }
+
+        fn error_state(&mut self) -> Option<String> {
+            None
+        }
+
+        fn hint(&self) -> String {
+            String::new()
+        }
+    }
+
+    #[test]
+    fn unsent_request_does_not_replace_the_next() {
+        let sent = Arc::default();
+        let bus = SharedBus::new(Faulty {
+            tries: 0,
+            sent: Arc::clone(&sent),
+            received: VecDeque::new(),
+        });
+        let (tx, rx) = (Function::ArmRequest, Function::ArmAnswer);
+        let mut line = CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx);
+        line.write(&[0; 10]).unwrap_err();
+        line.write(&[3, 4, 5]).unwrap();
+        let sent = sent.lock().unwrap();
+        assert_eq!(sent.len(), 1);
+        assert_eq!(sent[0].data()[..4], [3, 3, 4, 5]);
+    }
+
+    #[test]
+    fn frames_of_a_dropped_channel_are_not_kept() {
+        let id = Function::ControlAnswer.id(Node::default());
+        let frame = Frame::new(id, &[0; 8]).unwrap();
+        let bus = SharedBus::new(Faulty {
+            tries: 1,
+            sent: Arc::default(),
+            received: [frame; 3].into(),
+        });
+        let line = |tx, rx| CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx);
+        let mut arm = line(Function::ArmRequest, Function::ArmAnswer);
+        drop(line(Function::ControlRequest, Function::ControlAnswer));
+        assert_eq!(arm.read(&mut [0; 8], Duration::ZERO).unwrap(), 0);
+        let mut control = line(Function::ControlRequest, Function::ControlAnswer);
+        assert!(control.receive(Duration::ZERO).unwrap().is_none());
+        assert_eq!(bus.lock().inboxes[&id].frames.len(), 0);
     }
 }

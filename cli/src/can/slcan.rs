@@ -111,6 +111,8 @@ impl SlcanBus {
         while status.is_none() && Instant::now() < until {
             match self.next_reply(until.saturating_duration_since(Instant::now()))? {
                 Some(Ok(Reply::Status(received))) => status = Some(received),
+                // The adapter does not know the query.
+                Some(Ok(Reply::Refused)) => break,
                 Some(other) => others.push_back(other),
                 None => {}
             }
@@ -173,5 +175,52 @@ impl Drop for SlcanBus {
         }
         // An open channel would fill the port without a reader.
         let _ = self.send_command(Command::Close);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use armwire_sim::pty::Pty;
+
+    use super::*;
+
+    /// Replies of an adapter that does not know the status query, until it is told to stop.
+    fn serve(pty: &Pty, is_stopped: &AtomicBool) {
+        let mut line = Vec::new();
+        while !is_stopped.load(Ordering::Relaxed) {
+            pty.wait(Some(Duration::from_millis(10))).unwrap();
+            let mut bytes = [0; 64];
+            let n = pty.read(&mut bytes).unwrap();
+            for &byte in &bytes[..n] {
+                line.push(byte);
+                if byte == b'\r' {
+                    let reply: &[u8] = match line[0] {
+                        b'V' => b"V1013\r",
+                        b'F' => b"\x07",
+                        _ => b"\r",
+                    };
+                    pty.write(reply).unwrap();
+                    line.clear();
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn refused_status_query_refuses_no_frame() {
+        let (pty, is_stopped) = (Pty::open(None).unwrap(), AtomicBool::new(false));
+        thread::scope(|scope| {
+            scope.spawn(|| serve(&pty, &is_stopped));
+            let serial = Serial::open(pty.path().to_str().unwrap(), 115_200).unwrap();
+            let mut bus = SlcanBus::open(serial, BitRate::new(1_000_000).unwrap()).unwrap();
+            assert_eq!(bus.error_state(), None);
+            let received = bus
+                .receive(Duration::from_millis(10))
+                .map_err(|error| error.to_string());
+            assert_eq!(received, Ok(None));
+            is_stopped.store(true, Ordering::Relaxed);
+        });
     }
 }

@@ -1,9 +1,11 @@
 //! A CAN interface of Linux (SocketCAN).
 
 use std::io::{self, ErrorKind};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire_bridge::can::{Frame, Function, Id, Node};
+use rustix::io::Errno;
 use socketcan::{CanAnyFrame, CanDataFrame, CanFdSocket, EmbeddedFrame, Socket, SocketOptions, StandardId};
 
 use super::bus::Bus;
@@ -13,6 +15,11 @@ use crate::link::is_nothing_yet;
 
 /// Timeout of a write to the interface.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
+/// Time between tries of a write to a full queue: a few frames at 1 Mbit/s.
+const QUEUE_PERIOD: Duration = Duration::from_millis(1);
+/// The hint for a bus without an acknowledge.
+const BUS_STUCK: &str =
+    "the bus takes no frames: is there another node on it, at the same bit rate, and are both ends terminated?";
 /// Minimum timeout of a socket: zero would mean no timeout.
 const MIN_TIMEOUT: Duration = Duration::from_micros(1);
 
@@ -59,18 +66,21 @@ impl SocketBus {
     }
 }
 
+/// Returns true if an interface has no room for another frame.
+fn is_queue_full(error: &io::Error) -> bool {
+    error.raw_os_error() == Some(Errno::NOBUFS.raw_os_error())
+}
+
 /// The error of an interface that cannot be used, under its name on the command line.
 fn unusable(name: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
+        _ if is_queue_full(error) => BUS_STUCK.to_owned(),
         ErrorKind::NetworkDown => {
             let interface = name.strip_prefix("can:").unwrap_or(name);
             let interface = interface.split('/').next().unwrap_or(interface);
             format!("the interface is down: 'sudo ip link set {interface} up type can bitrate 1000000' starts it")
         }
-        // The kernel's queue stayed full.
-        ErrorKind::StorageFull | ErrorKind::WouldBlock | ErrorKind::TimedOut => "the bus takes no frames: is there \
-             another node on it, at the same bit rate, and are both ends terminated?"
-            .to_owned(),
+        ErrorKind::WouldBlock | ErrorKind::TimedOut => BUS_STUCK.to_owned(),
         _ => format!("the CAN interface fails: {error}"),
     };
     Error::at(name, reason)
@@ -91,9 +101,15 @@ impl Bus for SocketBus {
     fn send(&mut self, frame: &Frame) -> Result<(), Error> {
         let id = StandardId::new(frame.id().get()).expect("11 bits");
         let frame = CanDataFrame::new(id, frame.data()).expect("a classic frame");
-        self.socket
-            .write_frame(&frame)
-            .map_err(|error| unusable(&self.name, &error))
+        let until = Instant::now() + WRITE_TIMEOUT;
+        loop {
+            match self.socket.write_frame(&frame) {
+                Ok(()) => return Ok(()),
+                // The interface's queue is full. The socket does not wait for it.
+                Err(error) if is_queue_full(&error) && Instant::now() < until => thread::sleep(QUEUE_PERIOD),
+                Err(error) => return Err(unusable(&self.name, &error)),
+            }
+        }
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Error> {

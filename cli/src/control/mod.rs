@@ -3,6 +3,7 @@
 pub(crate) mod usb;
 
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::{Duration, Instant};
 
 use armwire_bridge::control::{
@@ -58,6 +59,15 @@ struct Stream {
     is_in_step: bool,
 }
 
+/// The sequence number before the first request of a link. A reply to an earlier program, or to an earlier link of this one,
+/// must not be taken for its own.
+fn first_sequence() -> u8 {
+    static LINKS: AtomicU8 = AtomicU8::new(0);
+    /// Far from the earlier links' numbers, and odd: it returns after 256 links only.
+    const STEP: u8 = 101;
+    (std::process::id() as u8).wrapping_add(LINKS.fetch_add(STEP, Ordering::Relaxed))
+}
+
 impl ControlLink {
     /// On USB, or on a port of its own.
     pub(crate) fn on_line(line: Box<dyn Line>) -> Self {
@@ -72,8 +82,7 @@ impl ControlLink {
     pub(crate) fn new(transport: Box<dyn Transport>) -> Self {
         Self {
             transport,
-            // A reply to an earlier program must not be taken for ours.
-            sequence: std::process::id() as u8,
+            sequence: first_sequence(),
             is_subscribed: false,
             events: VecDeque::new(),
             dropped: 0,
