@@ -31,7 +31,7 @@ impl Confirm {
         }
         let mut answer = String::new();
         let prompted = write!(stderr(), "{danger} Continue? [y/N] ").and_then(|()| stdin().read_line(&mut answer));
-        prompted.map_err(Error::Output)?;
+        prompted.map_err(|error| Error::at("confirmation", error))?;
         match answer.trim() {
             "y" | "Y" | "yes" => Ok(()),
             _ => Err(Error::Declined),

@@ -201,8 +201,11 @@ impl<'u> Bench<'u> {
             reply => return Err(unexpected(&ControlRequest::HoldLine, &reply)),
         }
         let result = self.open_port().and_then(|()| act(self));
-        self.order(ControlRequest::ReleaseLine)?;
-        result
+        let released = self.order(ControlRequest::ReleaseLine);
+        // The first error is the cause of the second.
+        let value = result?;
+        released?;
+        Ok(value)
     }
 
     fn open_port(&mut self) -> Result<(), Trouble> {

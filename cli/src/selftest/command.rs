@@ -40,7 +40,7 @@ impl Selftest {
             only: self.only.clone(),
             ..Plan::default()
         };
-        let checks = self.check(&plan, stop)?;
+        let (checks, mut printed) = self.check(&plan, stop)?;
         let failed = checks.iter().filter(|check| check.has_failed()).count();
         let (result, error) = match failed {
             0 if stop.load(Ordering::Relaxed) => ("stopped", Some("stopped before the last check".to_owned())),
@@ -49,16 +49,18 @@ impl Selftest {
         };
         if self.json {
             let list: Vec<_> = checks.iter().map(Check::json).collect();
-            print_json(&json!({ "port": self.port, "result": result, "checks": Value::from(list) }))?;
+            printed = print_json(&json!({ "port": self.port, "result": result, "checks": Value::from(list) }));
         } else {
             let passed = checks.iter().filter(|check| check.result.is_ok()).count();
             let untried = checks.len() - passed - failed;
-            print_line(format_args!("{passed} passed, {failed} failed, {untried} not tried"))?;
+            printed = printed
+                .and_then(|()| print_line(format_args!("{passed} passed, {failed} failed, {untried} not tried")));
         }
-        error.map_or(Ok(()), |reason| Err(Error::at(&self.port, reason)))
+        error.map_or(printed, |reason| Err(Error::at(&self.port, reason)))
     }
 
-    fn check(&self, plan: &Plan, stop: &AtomicBool) -> Result<Vec<Check>, Error> {
+    /// The checks, and the result of printing each as it ended.
+    fn check(&self, plan: &Plan, stop: &AtomicBool) -> Result<(Vec<Check>, Result<(), Error>), Error> {
         if !Path::new(&self.port).exists() {
             return Err(not_opened(&self.port, &ErrorKind::NotFound.into()));
         }
@@ -72,6 +74,6 @@ impl Selftest {
                 printed = print_line(check.line());
             }
         });
-        printed.map(|()| checks)
+        Ok((checks, printed))
     }
 }

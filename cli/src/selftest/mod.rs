@@ -120,7 +120,10 @@ pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, report: &
     let before = bench.config();
     let found = bench.with_line_held(jumper::find);
     // Reason to skip the remaining checks.
-    let mut obstacle = found.is_err().then_some("there is no jumper");
+    let mut obstacle = match &before {
+        Err(_) => Some("the configuration could not be read, to be restored"),
+        Ok(_) => found.is_err().then_some("there is no jumper"),
+    };
     keep("jumper", found);
     for (name, check) in CHECKS {
         if !plan.only.is_empty() && !plan.only.iter().any(|only| only == name) {

@@ -2,6 +2,7 @@
 
 mod dfuse;
 
+use std::fmt::Display;
 use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -56,13 +57,13 @@ impl Update {
             );
             return Err(Error::at(&name, what));
         }
-        print_line(format!("{name}: {}", describe(&identity)))?;
+        progress(format!("{name}: {}", describe(&identity)));
         control.call(Request::RestartIntoBootLoader)?;
         drop(control);
-        print_line(format!(
+        progress(format!(
             "{name}: restarts into its boot loader, to take {} bytes",
             image.len
-        ))?;
+        ));
 
         self.write(&name, write, leave, &by_hand)
     }
@@ -85,7 +86,7 @@ impl Update {
             );
             return Err(Error::at(name, what));
         }
-        print_line(shown(&write))?;
+        progress(shown(&write));
         let status = write
             .status()
             .map_err(|error| Error::at(DFU_UTIL, format!("cannot be run: {error}")))?;
@@ -93,7 +94,7 @@ impl Update {
             let what = format!("failed ({status}): try again, the boot loader cannot be overwritten. Run {by_hand}");
             return Err(Error::at(DFU_UTIL, what));
         }
-        print_line(shown(&leave))?;
+        progress(shown(&leave));
         // The chip is gone before it has answered, which some versions take for an error.
         let _ = leave.status();
         let back = || self.adapter.open().and_then(|mut control| identify(&mut control)).ok();
@@ -108,6 +109,11 @@ impl Update {
             }
         }
     }
+}
+
+/// Prints a line. The update goes on if the reader of the output is gone.
+fn progress(line: impl Display) {
+    let _ = print_line(line);
 }
 
 /// Repeats a search until it succeeds, [`TRIES`] times with pauses.

@@ -1,7 +1,7 @@
 //! The built program with an adapter's control port: state, configuration, line, updates, and refusals.
 
 use std::fs::{self, Permissions};
-use std::io::{BufRead, BufReader};
+use std::io::{self, BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
 use std::process::Command;
 
@@ -9,7 +9,7 @@ use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
-use crate::common::dfu::{image, tools, update};
+use crate::common::dfu::{image, tools, update, update_command};
 use crate::common::{PROGRAM, failure, finish, run, start, success, usage};
 
 /// The factory configuration, as printed.
@@ -327,6 +327,21 @@ fn update_runs_through_the_boot_loader() {
              dfu-util -d ,0483:df11 -a 0 -D {file}\ndfu-util -d ,0483:df11 -a 0 -s 0x08000000:leave\n{adapter}\n"
         )
     );
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn update_is_finished_without_a_reader() {
+    let board = Board::start("unread");
+    let folder = tools("unread", &board.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let (reader, writer) = io::pipe().unwrap();
+    drop(reader);
+    let mut update = update_command(&board, &file, &folder);
+    assert!(update.stdout(writer).status().unwrap().success());
+    let log = fs::read_to_string(folder.join("log")).unwrap();
+    assert_eq!(log.lines().count(), 2, "{log}");
     fs::remove_dir_all(folder).unwrap();
 }
 

@@ -53,12 +53,13 @@ pub(crate) fn tools(name: &str, boot_loader: &Path, exit: i32) -> PathBuf {
 
 /// Updates the board with this image, with the `dfu-util` of the folder.
 pub(crate) fn update(board: &Board, image: &Path, folder: &Path) -> Output {
-    let path = format!("{}:/bin:/usr/bin", folder.display());
-    finish(start(
-        Command::new(PROGRAM)
-            .args(["update", &board.control])
-            .arg(image)
-            .current_dir(folder)
-            .env("PATH", path),
-    ))
+    finish(start(&mut update_command(board, image, folder)))
+}
+
+/// The command of [`update`].
+pub(crate) fn update_command(board: &Board, image: &Path, folder: &Path) -> Command {
+    let mut update = Command::new(PROGRAM);
+    update.args(["update", &board.control]).arg(image).current_dir(folder);
+    update.env("PATH", format!("{}:/bin:/usr/bin", folder.display()));
+    update
 }
