@@ -88,11 +88,13 @@ fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
 fn on_adapter(connection: &Connection) -> Result<Vec<Fact>, Error> {
     let mut control: ControlLink = connection.control()?;
     let mut facts = vec![identity(&mut control)?];
-    facts.extend(match config::get(&mut control)?.arm {
-        ArmKind::Ling => ling(connection)?,
-        ArmKind::Alpha1 => alpha1(connection)?,
-        ArmKind::Alpha1Servo | ArmKind::Raw => Vec::new(),
+    let arm = config::get(&mut control).and_then(|config| match config.arm {
+        ArmKind::Ling => ling(connection),
+        ArmKind::Alpha1 => alpha1(connection),
+        ArmKind::Alpha1Servo | ArmKind::Raw => Ok(Vec::new()),
     });
+    // Without its arm, the adapter is still there.
+    facts.extend(arm.unwrap_or_else(|error| vec![Fact::words("error", error)]));
     Ok(facts)
 }
 

@@ -138,7 +138,12 @@ fn self_check(check: SelfCheck, kind: Option<Kind>) -> Fact {
     if kind.is_none() && faulty.ends_with(&[7, 8, 9, 10]) {
         text += " (a leader has none of 7 to 10)";
     }
-    let normal = (1..=servos as u8).map(|id| (Value::from(!faulty.contains(&id)), String::new()));
+    let is_normal = |id| match faulty.contains(&id) {
+        // A leader may lack this servo.
+        true if kind.is_none() && usize::from(id) > Kind::Leader.servos() => Value::Null,
+        is_faulty => Value::from(!is_faulty),
+    };
+    let normal = (1..=servos as u8).map(|id| (is_normal(id), String::new()));
     let fact = Fact::each(("self-check", "servo"), "is_normal", "", normal);
     Fact { text, ..fact }
 }

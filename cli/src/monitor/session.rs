@@ -90,10 +90,7 @@ impl<'a> Session<'a> {
                 Err(_) if self.is_stopped() => break,
                 step => step?,
             };
-            if step == Step::Reading {
-                self.has_received = true;
-                self.is_waiting = false;
-            }
+            self.is_waiting &= step != Step::Reading;
             self.model.line_errors = before + source.line_errors();
             if self.output.is_none() && (self.has_received || rate.is_none()) {
                 self.output = Some(self.form.open()?);
@@ -187,6 +184,7 @@ impl<'a> Session<'a> {
         let now = self.clock.now();
         match news {
             Ok(News::Reading(facts, stamp)) => {
+                self.has_received = true;
                 self.model.read(Latest {
                     facts,
                     at: now,

@@ -4,7 +4,7 @@ use armwire::xarm::{Raw, Reply, Request, Response, XArm};
 
 use super::reading::{News, Source};
 use crate::describe::Arm;
-use crate::describe::xarm::{JOINTS, POSITIONS, positions};
+use crate::describe::xarm::{POSITIONS, positions};
 use crate::error::Error;
 use crate::link::{LineErrors, Link};
 
@@ -20,7 +20,7 @@ impl PolledXArm {
         Self { link, axes: None }
     }
 
-    /// Reads the number of joints. Without an answer it is the maximum.
+    /// Reads the number of joints.
     fn read_axes(&mut self) -> Result<usize, Error> {
         let axes = self.link.call(&Request::ReadVersion, |response| match response {
             Response::Reply {
@@ -29,7 +29,9 @@ impl PolledXArm {
             } => text.version().ok().map(|version| version.axes.into()),
             _ => None,
         })?;
-        Ok(axes.flatten().unwrap_or(JOINTS))
+        axes.flatten().ok_or_else(|| {
+            Error::unacceptable(self.link.name(), "the arm's version does not name its number of joints")
+        })
     }
 }
 

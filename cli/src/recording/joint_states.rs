@@ -68,7 +68,8 @@ impl Joints {
             Reply::Raw(raw) if raw.register() == POSITIONS && !state.contains(State::INVALID) => {
                 let (positions, rest) = raw.params().as_chunks();
                 let is_whole = rest.is_empty() && positions.len() == JOINTS;
-                let axes = self.axes.unwrap_or(JOINTS).min(JOINTS);
+                // Without the version the number of joints is unknown.
+                let axes = self.axes?.min(JOINTS);
                 is_whole.then(|| numbered(positions[..axes].iter().map(|&bytes| f32::from_le_bytes(bytes))))
             }
             _ => None,

@@ -187,7 +187,8 @@ fn xarm_has_as_many_joints_as_axes() {
     positions.extend([0.5_f32; 7].map(f32::to_le_bytes).as_flattened());
     let positions = frame(Protocol::Xarm, Speaker::Arm, &positions);
     let mut joints = Joints::default();
-    assert_eq!(joints.read(&positions).unwrap().len(), 7);
+    // Their number is not known yet.
+    assert_eq!(joints.read(&positions), None);
     let version = b"6,6,XI1304,AC1300,v1.12.10";
     let mut reply = vec![0, 1, 0, 2, 0, 2 + version.len() as u8, 1, 0];
     reply.extend(version);

@@ -375,3 +375,12 @@ fn answer_is_json_for_programs() {
     assert_eq!(json(&["self-check"])["servo_10_is_normal"], true);
     assert_eq!(json(&["set-torque", "on"])["sent"], "torque on");
 }
+
+#[test]
+fn servos_that_a_leader_lacks_are_not_faulty() {
+    let arm = Arm::start("ling", "call-leader", &["--leader"]);
+    let out = success(&["call", "--json", "ling", &arm.port, "self-check"]);
+    let check = serde_json::from_str::<serde_json::Value>(&out).unwrap();
+    assert_eq!(check["servo_6_is_normal"], true);
+    assert!(check["servo_7_is_normal"].is_null(), "{check}");
+}
