@@ -345,10 +345,10 @@ mod tests {
         for (typed, error) in [
             ("tcp:arm.local", "'arm.local' has no port, such as arm.local:4000"),
             ("can:can0/16", "node id is 16, must be 0..=15"),
-            ("can:can0/x", "'x' behind the last slash is not a node, 0 to 15"),
-            ("can:", "'can:' names no port"),
-            ("can:/3", "'can:/3' names no port"),
-            ("slcan:@500000", "'slcan:@500000' names no port"),
+            ("can:can0/x", "'x' after the last slash is not a node id, 0 to 15"),
+            ("can:", "'can:': the port's name is missing"),
+            ("can:/3", "'can:/3': the port's name is missing"),
+            ("slcan:@500000", "'slcan:@500000': the port's name is missing"),
             ("slcan:COM3/16", "node id is 16, must be 0..=15"),
             (
                 "slcan:COM3@/3",

@@ -129,5 +129,5 @@ def test_telemetry_has_one_iteration_at_a_time(board: Path) -> None:
 
 
 def test_serial_port_without_control_port_is_an_error(board: Path) -> None:
-    with pytest.raises(errors.PortError, match="not the port of an armwire adapter"):
+    with pytest.raises(errors.PortError, match="no control port of an armwire adapter found"):
         armwire.Adapter(str(board / "arm"))

@@ -57,7 +57,7 @@ def test_port_in_use_is_a_port_error(virtual: sim.VirtualLing, arm: armwire.Ling
 
 
 def test_wrong_port_text_is_a_value_error() -> None:
-    with pytest.raises(ValueError, match="names no port"):
+    with pytest.raises(ValueError, match="the port's name is missing"):
         armwire.Ling("can:")
 
 

@@ -289,10 +289,10 @@ mod tests {
                 "│status   locked",
                 "│servos   31 30 45 °C, the hottest 45 °C",
                 "│rate     20.0 of 20 readings/s, requested 20, answered 20",
-                "│latency  least 1.25 ms, median 1.25 ms, worst 1.25 ms",
+                "│latency  minimum 1.25 ms, median 1.25 ms, maximum 1.25 ms",
                 "│errors   0 unanswered, 1 wrong checksums, 7 noise bytes",
                 "│adapter  stm32f405, firmware 0.1.0",
-                "│answer   half < 512 µs, 99 % < 512 µs, all < 512 µs",
+                "│answer   median < 512 µs, 99 % < 512 µs, max < 512 µs",
                 "│frames 1234       framing_errors 2",
                 " no answer in 350 ms",
             ],
@@ -306,7 +306,7 @@ mod tests {
         let screen = screen(&model(), 40, 24);
         assert_shown(
             &screen,
-            &["joint 1  0.95 rad", "status   locked", "latency  least 1.25 ms"],
+            &["joint 1  0.95 rad", "status   locked", "latency  minimum 1.25 ms"],
         );
         assert!(
             screen.iter().all(|line| !line.contains(LEVELS)),

@@ -73,7 +73,7 @@ fn expect_control(board: &Board, command: &[&str]) -> String {
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
     let line = failure(&with("tcp:127.0.0.1:1"));
     assert!(
-        line.contains("not the port of an armwire adapter") && line.ends_with("(of a virtual board: control:PATH)"),
+        line.ends_with("no control port of an armwire adapter found (a virtual board's is control:PATH)"),
         "{line}"
     );
     let silent = Pty::open(None).unwrap();
@@ -90,7 +90,7 @@ fn xarm_has_no_control_port() {
     let board = Board::start("xarm");
     for command in ["info", "monitor"] {
         let text = usage(&[command, "--arm", "xarm", "127.0.0.1:1", "--control", &board.control]);
-        assert!(text.contains("an xarm is on a host, which has no --control"), "{text}");
+        assert!(text.contains("--control does not apply to an xarm"), "{text}");
     }
 }
 
@@ -286,7 +286,7 @@ fn adapter_for_another_arm_cannot_be_monitored() {
     success(&["config", &board.control, "set", "arm=raw"]);
     let line = failure(&run(&["monitor", &board.control, "--from-adapter"]));
     assert!(
-        line.ends_with("the adapter is set for 'raw', which gives no readings"),
+        line.ends_with("the adapter is configured for arm 'raw', which has no readings"),
         "{line}"
     );
 }
@@ -296,7 +296,7 @@ fn missing_control_port_is_reported() {
     let board = Board::start("none");
     for args in [&["config", &board.port][..], &["counters", &board.port]] {
         let line = failure(&run(args));
-        assert!(line.contains("not the port of an armwire adapter"), "{line}");
+        assert!(line.contains("no control port of an armwire adapter found"), "{line}");
     }
     let line = failure(&run(&["config", "/dev/no-such-port"]));
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
@@ -383,7 +383,7 @@ fn board_in_its_boot_loader_is_not_overwritten() {
     fs::write(&board.boot_loader, "").unwrap();
     let line = failure(&update(&board, &file, &folder));
     assert!(
-        line.starts_with("dfu-util: a board is in its boot loader already: unplug it; or"),
+        line.starts_with("dfu-util: a board is already in the boot loader: unplug it. If"),
         "{line}"
     );
     assert!(!folder.join("log").exists());
@@ -398,7 +398,7 @@ fn dfu_util_failure_is_reported_with_next_steps() {
     fs::write(&file, image("virtual")).unwrap();
     let line = failure(&update(&board, &file, &folder));
     assert!(
-        line.starts_with("dfu-util: failed (exit status: 74); the boot loader cannot be overwritten"),
+        line.starts_with("dfu-util: failed (exit status: 74): try again, the boot loader cannot be overwritten"),
         "{line}"
     );
     assert!(line.contains("-s 0x08000000:leave'"), "{line}");

@@ -254,5 +254,8 @@ fn only_an_alpha1_is_a_hid_device() {
     }
     assert!(usage(&["info", "--arm", "xarm", "hid:"]).contains("and not on hid:"));
     let text = usage(&["info", "--arm", "alpha1", "hid:", "--baud", "9600"]);
-    assert!(text.contains("hid: is no serial port"), "{text}");
+    assert!(
+        text.contains("--baud applies to serial ports only, not to hid:"),
+        "{text}"
+    );
 }

@@ -282,7 +282,7 @@ fn out_of_range_alpha1_values_are_never_sent() {
         (&act(&angles, "1", "1"), "there are at most 20 servos, not 21"),
         (&act("90", "5.2", "1"), "move time is 5.2 s, must be 0..=5.1"),
         (&act("90", "1", "1311"), "interval is 1311 s, must be 0..=1310.7"),
-        (&act("90", "-1", "1"), "'-1' is no time"),
+        (&act("90", "-1", "1"), "'-1' is not a valid time in seconds"),
         (&["play", &name], "text length is 255 bytes, must be 0..=254"),
         (&["servo", "version", "0"], "servo id is 0, must be 1..=240"),
         (&["servo", "change-id", "1", "241"], "servo id is 241, must be 1..=240"),

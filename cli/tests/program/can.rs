@@ -130,7 +130,7 @@ fn held_line_explains_silence_on_can() {
 fn older_adapter_does_not_support_hold() {
     let bus = CanBus::start();
     let line = failure(&run(&["hold", &port(&bus)]));
-    assert!(line.contains("the adapter does not know this request"), "{line}");
+    assert!(line.contains("the adapter does not support this request"), "{line}");
 }
 
 #[test]

@@ -24,7 +24,7 @@ fn list_shows_the_arms_on_ports() {
             ling.port
         ),
         format!("{}  arm: Alpha1, hardware: Alpha1_V2.0", alpha1.port),
-        format!("{silent}  arm: none answers"),
+        format!("{silent}  arm: no answer"),
     ] {
         assert!(out.lines().any(|printed| printed == line), "{line} is not in\n{out}");
     }

@@ -16,7 +16,7 @@ fn to<'a>(port: &'a str, joints: &'a str, speed: &'a str) -> Vec<&'a str> {
 fn awaited_move_ends_at_its_target() {
     let arm = Arm::start("ling", "move-wait", &[]);
     let out = success(&[&to(&arm.port, "0,10,0,0,0,-20", "400")[..], &["--wait"]].concat());
-    assert!(out.starts_with("there: joints: "), "{out}");
+    assert!(out.starts_with("target reached: joints: "), "{out}");
     let out = success(&to(&arm.port, "0,0,0,0,0,0", "400"));
     assert!(
         out.starts_with("sent: move +0.00° at 400.0°/s ") && out.contains("\nnow: joints: "),
@@ -32,7 +32,10 @@ fn awaited_move_ends_with_gripper_at_target() {
     let out = success(&[&["move", &arm.port][..], &joints, &gripper].concat());
     let (_, opening) = out.split_once("gripper: ").unwrap();
     let percent: f32 = opening.split(' ').next().unwrap().parse().unwrap();
-    assert!(out.starts_with("there: ") && (79.5..=80.5).contains(&percent), "{out}");
+    assert!(
+        out.starts_with("target reached: ") && (79.5..=80.5).contains(&percent),
+        "{out}"
+    );
 }
 
 #[test]
@@ -66,7 +69,7 @@ fn gripper_that_holds_something_ends_the_wait() {
         })
     });
     let out = String::from_utf8(output.stdout).unwrap();
-    let expected = "there, but gripper is 40.0 % off and stands still, does it hold something? joints: ";
+    let expected = "joints reached; gripper is 40.0 % off and has stopped: is it holding something? joints: ";
     assert!(output.status.success() && out.starts_with(expected), "{out}");
 }
 
@@ -77,7 +80,7 @@ fn late_gripper_reports_the_distance_left() {
     let gripper = ["--gripper", "100", "--gripper-speed", "1", "--wait", "--timeout", "0"];
     let args = [&["move", &arm.port][..], &joints, &gripper].concat();
     let line = failure(&retry_while(NO_ANSWER, || run(&args)));
-    assert!(line.contains(": not there after 0 s: gripper is "), "{line}");
+    assert!(line.contains(": target not reached after 0 s: gripper is "), "{line}");
     assert!(line.contains(" % off (status "), "{line}");
 }
 
@@ -86,7 +89,7 @@ fn late_move_reports_the_distance_left() {
     let arm = Arm::start("ling", "move-late", &[]);
     let args = [&to(&arm.port, "0,170,0,0,0,0", "1")[..], &["--wait", "--timeout", "0"]].concat();
     let line = failure(&retry_while(NO_ANSWER, || run(&args)));
-    assert!(line.contains(": not there after 0 s: joint 2 is 1"), "{line}");
+    assert!(line.contains(": target not reached after 0 s: joint 2 is 1"), "{line}");
     assert!(
         !line.contains("joint 1 ") && line.contains("° off, gripper is "),
         "{line}"
@@ -202,7 +205,7 @@ fn terminal_prompts_before_the_arm_falls() {
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert!(
-        stderr.contains("the arm falls: hold it. Go on? [y/N] ") && stderr.contains("not done"),
+        stderr.contains("the arm falls: hold it. Continue? [y/N] ") && stderr.contains("cancelled"),
         "{stderr}"
     );
     let child = terminal.start(&args);

@@ -172,7 +172,7 @@ fn remote_access_needs_an_option() {
     let arm = Arm::start(&["--report-listen", "0.0.0.0:0", "--allow-remote"]);
     assert!(arm.line.contains("its reports at 0.0.0.0:"), "{}", arm.line);
     arm.interrupt();
-    assert!(success(&["sim", "xarm", "--help"]).contains("any program that reaches the arm can move it"));
+    assert!(success(&["sim", "xarm", "--help"]).contains("any program that reaches the arm can move, reboot and shut"));
 }
 
 #[test]
@@ -189,7 +189,7 @@ fn occupied_port_is_reported() {
 #[test]
 fn impossible_arms_and_addresses_are_refused() {
     for (wrong, why) in [
-        (["--axes", "4"], "there are 5, 6 and 7"),
+        (["--axes", "4"], "expected 5, 6 or 7"),
         (["--serial", "a serial"], "character of a serial number is 32"),
         (["--error", "256"], "256"),
     ] {

@@ -69,7 +69,7 @@ fn missing_server_and_missing_arm_are_reported() {
     let port = format!("tcp:{}", silent.local_addr().unwrap());
     let line = failure(&run(&["call", "ling", &port, "read-joints"]));
     assert!(
-        line.contains("is the arm powered, and is its serial port the one that is served there?"),
+        line.contains("is the arm powered, and is it on the server's serial port? Is it a Ling arm, not an Alpha1"),
         "{line}"
     );
 }
@@ -77,5 +77,8 @@ fn missing_server_and_missing_arm_are_reported() {
 #[test]
 fn server_has_a_port_and_no_baud() {
     assert!(usage(&["info", "tcp:localhost"]).contains("'localhost' has no port, such as localhost:4000"));
-    assert!(usage(&["info", "tcp:localhost:1", "--baud", "9600"]).contains("is no serial port, which has a --baud"));
+    assert!(
+        usage(&["info", "tcp:localhost:1", "--baud", "9600"])
+            .contains("--baud applies to serial ports only, not to tcp:localhost:1")
+    );
 }

@@ -142,7 +142,7 @@ fn error_names_version_5_of_an_adapter() {
     let line = failure(&output);
     assert!(
         line.ends_with(
-            "the adapter does not know this request: it speaks version 5 of the control port, this program version 4"
+            "the adapter does not support this request: its control protocol is version 5, this program's is 4"
         ),
         "{line}"
     );

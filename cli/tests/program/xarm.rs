@@ -165,7 +165,7 @@ fn impossible_xarm_requests_are_never_sent() {
     }
     assert!(usage(&["call", "xarm", "arm:0", "version"]).contains("there is no port 0"));
     assert!(usage(&["info", "--arm", "xarm", "arm:x"]).contains("is not a port"));
-    assert!(usage(&["info", "--arm", "xarm", "arm", "--baud", "9600"]).contains("no --baud"));
+    assert!(usage(&["info", "--arm", "xarm", "arm", "--baud", "9600"]).contains("--baud does not apply to an xarm"));
 }
 
 #[test]
@@ -274,7 +274,7 @@ fn missing_answer_is_reported() {
     }));
     assert!(line.contains("no answer in") && line.contains("1 attempt"), "{line}");
     assert!(
-        line.ends_with("is it an xArm that listens there, and on its control port?"),
+        line.ends_with("is an xArm listening at this address and port?"),
         "{line}"
     );
 }
@@ -313,7 +313,7 @@ fn closed_connection_is_reported() {
             // Unread bytes would turn the close into a reset.
             stream.read_exact(&mut [0; 7]).unwrap();
         }));
-        assert!(line.contains("the connection was closed from there"), "{line}");
+        assert!(line.contains("the arm closed the connection"), "{line}");
     }
 }
 

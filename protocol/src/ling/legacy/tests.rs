@@ -247,7 +247,6 @@ fn message_names_cause_support_and_remedy() {
     for part in [
         "older generation",
         "late 2025",
-        "function byte",
         "reads its joints and sends nothing to it",
         "need a firmware update from the vendor",
         "1000000 or 921600 baud",
