@@ -32,6 +32,8 @@ pub struct World {
     arm: Endpoint<100, 100>,
     control: Endpoint<300, 100>,
     command: u8,
+    /// The last two cyclic frames with joints.
+    joints: [Option<Frame>; 2],
     /// The last request received by the arm.
     last: Vec<u8>,
     accounts: Accounts,
@@ -83,6 +85,7 @@ impl World {
             arm: Endpoint::new(end(Function::ArmRequest)),
             control: Endpoint::new(end(Function::ControlRequest)),
             command: u8::MAX,
+            joints: [None; 2],
             last: Vec::new(),
             accounts: Accounts::new(&config),
         }
@@ -385,15 +388,27 @@ impl World {
                     self.control.release();
                 }
             }
-            Function::JointsA | Function::JointsB | Function::State => {
-                assert!(Sample::from_frames(&[*frame; 3]).is_none());
-            }
+            Function::JointsA | Function::JointsB => self.joints = [self.joints[1], Some(*frame)],
+            Function::State => self.on_sample(frame),
             Function::Errors => assert!(Errors::from_frame(frame).is_some()),
             Function::Event => assert!(event_from_frame(frame).is_some()),
             Function::CommandA | Function::CommandB | Function::ArmRequest | Function::ControlRequest => {
                 panic!("{frame:?} is for an adapter")
             }
         }
+    }
+
+    /// The last frame of a sample: it has the state in a frame of the arm, and its stamp is no later than now.
+    fn on_sample(&self, state: &Frame) {
+        let [Some(a), Some(b)] = self.joints else { return };
+        let Some(sample) = Sample::from_frames(&[a, b, *state]) else {
+            assert!(self.accounts.can_disturbed || self.accounts.reconfigured, "{state:?}");
+            return;
+        };
+        assert!((self.now.as_micros() as u32).wrapping_sub(sample.stamp) < 1 << 31);
+        let frame = response_bytes(Ling, &ling::Response::Joints(sample.state), None);
+        let mut sent = self.accounts.arm_sent.windows(frame.len());
+        assert!(sent.any(|bytes| bytes == frame), "{sample:?} was not sent");
     }
 
     /// The controller leaves the bus, or comes back.

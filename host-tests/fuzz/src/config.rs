@@ -7,10 +7,10 @@ use crate::{Result, Unstructured};
 /// Any valid configuration.
 pub fn any_good_config(u: &mut Unstructured<'_>) -> Result<Config> {
     let mut config: Config = u.arbitrary()?;
-    if !CAN_BIT_RATES.contains(&config.can.bit_rate) {
-        config.can.bit_rate = 1_000_000;
+    config.can.bit_rate = *u.choose(&CAN_BIT_RATES)?;
+    if config.can.data_bit_rate.is_some() {
+        config.can.data_bit_rate = Some(*u.choose(&CAN_DATA_BIT_RATES)?);
     }
-    config.can.data_bit_rate = config.can.data_bit_rate.map(|_| CAN_DATA_BIT_RATES[1]);
     config.can.telemetry_hz %= config.can.max_telemetry_hz() + 1;
     config.can.command_timeout_ms = config.can.command_timeout_ms.clamp(1, 10_000);
     config.can.commands &= config.arm == ArmKind::Ling;
