@@ -188,7 +188,7 @@ impl<P: Arm> Link<P> {
                         }
                         Event::Broken { offset, reason } => {
                             let reason = format_args!(
-                                "what arrives there is no message of {} (byte {offset}: {reason}): is it this arm, and its \
+                                "the received bytes are no message of {} (byte {offset}: {reason}): is it this arm, and its \
                                  control port?",
                                 P::NAME
                             );

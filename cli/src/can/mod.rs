@@ -277,10 +277,14 @@ impl Line for CanLine {
 
     fn hints(&mut self, reception: Reception, _: Names) -> String {
         match reception {
-            Reception::Silence => match self.holder() {
-                Some(holder) => format!("the line to the arm runs at {holder}"),
-                None => self.bus.hints("is the arm powered, ", self.node),
-            },
+            Reception::Silence => {
+                // First: reading the state of a CAN adapter clears it.
+                let hints = self.bus.hints("is the arm powered, ", self.node);
+                match self.holder() {
+                    Some(holder) => format!("the line to the arm runs at {holder}"),
+                    None => hints,
+                }
+            }
             Reception::Garbage => "is the adapter configured for this arm?".to_owned(),
         }
     }

@@ -166,13 +166,13 @@ fn version(text: &VersionText<'_>) -> Vec<Fact> {
     }
 }
 
-/// The joints of an arm with so many axes, and its state, from the register of [positions](POSITIONS).
-pub(crate) fn positions(state: State, params: &[u8], axes: usize) -> Vec<Fact> {
+/// The joints of an arm with so many axes, if known, and its state, from the register of [positions](POSITIONS).
+pub(crate) fn positions(state: State, params: &[u8], axes: Option<usize>) -> Vec<Fact> {
     let known = match params.as_chunks() {
-        (positions, []) if positions.len() == JOINTS => Some(positions),
+        (positions, []) if positions.len() == JOINTS && axes.is_some() => Some(positions),
         _ => None,
     };
-    let joints = (0..axes.min(JOINTS)).map(|joint| match known {
+    let joints = (0..axes.unwrap_or(JOINTS).min(JOINTS)).map(|joint| match known {
         Some(positions) => {
             let radians = f32::from_le_bytes(positions[joint]);
             (number(radians.into()), format!("{:+.2}°", radians.to_degrees()))

@@ -11,8 +11,8 @@ use crate::link::{LineErrors, Link};
 /// A polled arm.
 pub(super) struct PolledXArm {
     link: Link<XArm>,
-    /// Number of joints; `None` before it was read.
-    axes: Option<usize>,
+    /// Number of joints, once the arm's version was read.
+    axes: Option<Option<usize>>,
 }
 
 impl PolledXArm {
@@ -20,8 +20,8 @@ impl PolledXArm {
         Self { link, axes: None }
     }
 
-    /// Reads the number of joints.
-    fn read_axes(&mut self) -> Result<usize, Error> {
+    /// Reads the number of joints. `None` if the arm's version does not name it.
+    fn read_axes(&mut self) -> Result<Option<usize>, Error> {
         let axes = self.link.call(&Request::ReadVersion, |response| match response {
             Response::Reply {
                 reply: Reply::Version(text),
@@ -29,9 +29,7 @@ impl PolledXArm {
             } => text.version().ok().map(|version| version.axes.into()),
             _ => None,
         })?;
-        axes.flatten().ok_or_else(|| {
-            Error::unacceptable(self.link.name(), "the arm's version does not name its number of joints")
-        })
+        Ok(axes.flatten())
     }
 }
 

@@ -63,7 +63,7 @@ pub(super) fn find(bench: &mut Bench<'_>) -> Result<Passed, Trouble> {
     Ok(Passed::new("PA2 and PA3 are joined, and no arm answers".to_owned(), []))
 }
 
-/// Returns true if the jumper is still in place.
+/// Checks that the jumper is still in place.
 pub(super) fn is_there(bench: &mut Bench<'_>) -> Result<(), Trouble> {
     bench.set_line(LineCoding::LING)?;
     bench.echo(&payload(1, 64))?;

@@ -61,6 +61,6 @@ pub(super) fn suspend(bench: &mut Bench<'_>, _: &Plan) -> Checked {
     ensure(counted > 0, "the adapter did not see that the bus was suspended")?;
     bench.open()?;
     bench.echo(&payload(3, AFTER))?;
-    let text = format!("{} ms, every byte right afterwards", SUSPEND_TIME.as_millis());
+    let text = format!("{} ms, no byte lost or changed afterwards", SUSPEND_TIME.as_millis());
     Ok(Passed::new(text, []))
 }

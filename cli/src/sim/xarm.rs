@@ -1,6 +1,6 @@
 //! `armwire sim xarm`: a virtual xArm on TCP ports.
 
-use std::io::{self, ErrorKind, Write, stderr};
+use std::io::{self, ErrorKind};
 use std::net::{IpAddr, SocketAddr};
 use std::sync::atomic::AtomicBool;
 
@@ -10,7 +10,7 @@ use clap::Args;
 
 use super::line::not_served;
 use crate::error::Error;
-use crate::output::print_line;
+use crate::output::{print_error, print_line};
 
 /// The report port of an arm.
 const REPORT_PORT: u16 = 30002;
@@ -94,10 +94,7 @@ impl XArmSim {
             server.control_address()
         ))?;
 
-        let mut notice = |notice| {
-            // The output may be closed.
-            let _ = writeln!(stderr(), "{notice}");
-        };
+        let mut notice = |notice| print_error(&notice);
         let served = server.serve(&mut arm, stop, &mut notice).map_err(not_served)?;
         print_line(format_args!(
             "{} connections, {} broken; {} requests, {} unknown frames; {} reports, {} not read in time.",

@@ -38,7 +38,7 @@ fn legacy_arm_is_named() {
     let arm = Arm::start("ling", "older", &["--legacy"]);
     for args in [&["info", &arm.port][..], &["call", "ling", &arm.port, "read-joints"]] {
         let line = failure(&retry_while(NO_ANSWER, || run(args)));
-        let message = format!("{}: this is a Ling arm of the older generation, ", arm.port);
+        let message = format!("{}: this is a Ling arm of the older generation (", arm.port);
         assert!(line.starts_with(&message), "{line}");
         assert!(
             line.contains("sends nothing to it. All other functions need a firmware update from the vendor"),

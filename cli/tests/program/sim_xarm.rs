@@ -116,7 +116,7 @@ fn virtual_xarm_reports_its_address_and_traffic() {
         "{rest}"
     );
     let broken = format!(
-        "{}: connection closed, not an xArm frame after 7 bytes: byte 3 is 0x09, expected 0x00 or 0x01 or 0x02 or 0x03",
+        "armwire: {}: connection closed, not an xArm frame after 7 bytes: byte 3 is 0x09, expected 0x00 or 0x01 or 0x02 or 0x03",
         client.local_addr().unwrap()
     );
     assert!(

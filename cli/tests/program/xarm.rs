@@ -286,7 +286,7 @@ fn foreign_stream_is_broken_at_its_offset() {
         answer(stream, |_| None);
     }));
     assert!(
-        line.contains("what arrives there is no message of an xArm (byte 0: byte 2 is 0x48, expected 0x00)"),
+        line.contains("the received bytes are no message of an xArm (byte 0: byte 2 is 0x48, expected 0x00)"),
         "{line}"
     );
 }
@@ -429,5 +429,20 @@ fn decode_shows_what_was_encoded() {
     assert!(
         printed.contains("rotation radius: 0.076 m, state: not ready to move (transaction 48879, protocol id 2)"),
         "{printed}"
+    );
+}
+
+#[test]
+fn joints_of_unknown_number_are_shown_as_bytes() {
+    let output = run_against(&["monitor", "--arm", "xarm", "HOST", "--count", "1"], |stream| {
+        answer(stream, |request| match request {
+            Request::ReadVersion => Some((State::INVALID, Reply::empty(request.register().unwrap()))),
+            request => arm(request),
+        });
+    });
+    let out = stdout(output);
+    assert!(
+        out.contains(" s  joints: register 42 00 00 00 00 00 00 00 3F "),
+        "{out}"
     );
 }

@@ -16,8 +16,8 @@ const REQUIRED_FRAMES: u8 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[error(
-    "a Ling arm of the older generation, with firmware from before late 2025 and {} or {} baud. armwire reads its joints \
-     and sends nothing to it. All other functions need a firmware update from the vendor.",
+    "a Ling arm of the older generation (firmware from before late 2025, {} or {} baud). armwire reads its joints and \
+     sends nothing to it. All other functions need a firmware update from the vendor.",
     BAUD_RATES[0],
     BAUD_RATES[1]
 )]
