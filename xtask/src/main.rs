@@ -130,7 +130,7 @@ impl Command {
             Self::Features => features::each(),
             Self::Examples => examples::check(),
             Self::Web(options) => web::run_all(&options),
-            Self::Packages => packages::check(),
+            Self::Packages => packages::check(packages::Tests::Run),
             Self::Ros2 => ros2::check(),
             Self::Recordings => recordings::run_all(),
             Self::Readme => readme::check(),

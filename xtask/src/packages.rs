@@ -24,18 +24,26 @@ const FILES: [&str; 3] = ["README.md", "LICENSE-MIT", "LICENSE-APACHE"];
 /// The page with a program for a PC.
 const PC: &str = "docs/pc.md";
 
-/// Packages the crates, tests them from their `.crate` files, builds and runs the examples of their READMEs with these
-/// files only, and moves a virtual arm with the program in [`PC`].
+/// What happens to the tests of the packages.
+#[derive(Clone, Copy)]
+pub(crate) enum Tests {
+    Run,
+    /// They are the workspace's tests, which ran already.
+    Compile,
+}
+
+/// Packages the crates, builds their tests from their `.crate` files, builds and runs the examples of their READMEs with
+/// these files only, and moves a virtual arm with the program in [`PC`].
 ///
 /// # Errors
 ///
 /// The first package with a missing file, a failing build, test or example.
-pub(crate) fn check() -> Result<()> {
+pub(crate) fn check(tests: Tests) -> Result<()> {
     let folder = target_dir()?.join("packages");
     let crates = folder.join("crates");
     empty_folder(&crates)?;
     unpack(&crates)?;
-    test(&crates)?;
+    test(&crates, tests)?;
     LIBRARIES
         .into_iter()
         .try_for_each(|library| run_readme(library, &folder))?;
@@ -57,8 +65,8 @@ fn unpack(crates: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Runs the tests of the unpacked crates, which depend on one another and on no other file of the repository.
-fn test(crates: &Path) -> Result<()> {
+/// Runs or compiles the tests of the unpacked crates, which depend on one another and on no other file of the repository.
+fn test(crates: &Path, tests: Tests) -> Result<()> {
     let members = PACKAGES.map(versioned);
     let workspace = format!(
         "[workspace]\nresolver = \"3\"\nmembers = {members:?}\n{}\n{}",
@@ -67,7 +75,11 @@ fn test(crates: &Path) -> Result<()> {
     );
     fs::write(crates.join("Cargo.toml"), workspace)?;
     fs::copy(root().join("Cargo.lock"), crates.join("Cargo.lock"))?;
-    run(&mut in_folder("test --quiet --features armwire/async", crates)?)
+    let words = match tests {
+        Tests::Run => "test --quiet --features armwire/async",
+        Tests::Compile => "check --quiet --all-targets --features armwire/async",
+    };
+    run(&mut in_folder(words, crates)?)
 }
 
 /// Builds the example of a README in a new package, and runs it if it is a program.

@@ -7,7 +7,7 @@ use crate::board::Board;
 use crate::cargo::cargo;
 use crate::process;
 use crate::steps::Steps;
-use crate::{campaign, dist, features, fuzz, image, mutants};
+use crate::{campaign, dist, features, fuzz, image, mutants, packages};
 
 #[derive(Args)]
 pub(crate) struct Options {
@@ -24,7 +24,7 @@ enum Part {
     Adapter,
     /// Clippy and tests with every set of features
     Features,
-    /// A release, built twice in two folders and compared byte for byte
+    /// The crates' tests from their packages, and a release, built twice in two folders and compared byte for byte
     Release,
     /// Each fuzz target for 30 minutes, with a new seed
     Fuzz,
@@ -63,7 +63,10 @@ impl Part {
             Self::Streams => process::run(cargo(test).arg("reference").env("ARMWIRE_STREAMS", "300000")),
             Self::Adapter => process::run(cargo(test).arg("adapter_runs").env("ARMWIRE_RUNS", "1000000")),
             Self::Features => features::every_set(),
-            Self::Release => dist::run_all(&dist::Options::CHECK),
+            Self::Release => {
+                packages::check(packages::Tests::Run)?;
+                dist::run_all(&dist::Options::CHECK)
+            }
             Self::Fuzz => fuzz::run(&fuzz::Options::new(1800, 0)),
             Self::Campaign => campaign::run(&campaign::Options::runs(10_000)),
             Self::Endurance => endurance(),

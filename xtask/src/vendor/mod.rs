@@ -9,6 +9,8 @@ pub(crate) mod python;
 pub(crate) mod sdk;
 pub(crate) mod served;
 
+use std::slice;
+
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 
@@ -20,10 +22,14 @@ pub(crate) struct Options {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Check {
-    /// The parser of Ling's SDK and ours on damaged streams
-    Differential,
+    /// CAN software on the bus of a virtual board
+    Can,
     /// CAN FD frames between two programs on a virtual bus
     CanFd,
+    /// The SDKs of Ling and xArm
+    Sdk,
+    /// The parser of Ling's SDK and ours on damaged streams
+    Differential,
 }
 
 /// Runs every check, or the selected one.
@@ -32,16 +38,26 @@ enum Check {
 ///
 /// If a check fails or exceeds its timeout.
 pub(crate) fn run(options: &Options) -> Result<()> {
-    match options.check {
-        None => {
-            can::check_dbc()?;
-            can::drive()?;
-            can::exchange_fd()?;
-            sdk::drive_xarm()?;
-            sdk::drive_ling()?;
-            differential::compare()
+    let checks = match &options.check {
+        None => Check::value_variants(),
+        Some(check) => slice::from_ref(check),
+    };
+    checks.iter().try_for_each(|check| check.run())
+}
+
+impl Check {
+    fn run(self) -> Result<()> {
+        match self {
+            Self::Can => {
+                can::check_dbc()?;
+                can::drive()
+            }
+            Self::CanFd => can::exchange_fd(),
+            Self::Sdk => {
+                sdk::drive_xarm()?;
+                sdk::drive_ling()
+            }
+            Self::Differential => differential::compare(),
         }
-        Some(Check::Differential) => differential::compare(),
-        Some(Check::CanFd) => can::exchange_fd(),
     }
 }
