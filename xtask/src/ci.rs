@@ -16,8 +16,8 @@ use crate::{apt, c_library, campaign, integrity, packages, parallel, performance
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
-/// Commands that mostly build, in directories of their own. One at a time they would leave a core idle for half of the time.
-/// With a fixed seed the fuzz targets begin with the same inputs each time.
+/// Commands that mostly build, in directories of their own. One at a time they would leave a core idle for half of the
+/// time. With a fixed seed the fuzz targets begin with the same inputs each time.
 const BUILDS: [&str; 6] = [
     "deny",
     "examples",

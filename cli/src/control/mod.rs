@@ -59,8 +59,8 @@ struct Stream {
     is_in_step: bool,
 }
 
-/// The sequence number before the first request of a link. A reply to an earlier program, or to an earlier link of this one,
-/// must not be taken for its own.
+/// The sequence number before the first request of a link. A reply to an earlier program, or to an earlier link of this
+/// one, must not be taken for its own.
 fn first_sequence() -> u8 {
     static LINKS: AtomicU8 = AtomicU8::new(0);
     /// Far from the earlier links' numbers, and odd: it returns after 256 links only.
