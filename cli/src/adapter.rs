@@ -110,7 +110,11 @@ pub fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> 
 }
 
 /// An adapter's latency histograms.
-pub(crate) fn latencies(control: &mut ControlLink) -> Result<Latencies, Error> {
+///
+/// # Errors
+///
+/// Errors of the control port.
+pub fn latencies(control: &mut ControlLink) -> Result<Latencies, Error> {
     match control.call(Request::GetLatencies)? {
         Reply::Latencies(latencies) => Ok(latencies),
         reply => Err(unexpected(control, &reply)),
@@ -159,7 +163,7 @@ pub(crate) fn histograms(latencies: &Latencies) -> [(&'static str, &'static str,
 /// The error for a reply of the wrong type.
 pub(crate) fn unexpected(control: &ControlLink, reply: &Reply) -> Error {
     let reason = format!("the adapter sent a reply of the wrong type: {reply:?}");
-    Error::at(control.name(), reason)
+    Error::unacceptable(control.name(), reason)
 }
 
 /// Number of durations in a histogram.

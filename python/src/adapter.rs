@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use armwire_bridge::config::Config;
-use armwire_bridge::control::{Event, Histogram, Identity, Latencies, Reply, Request, Stamp, Subscription};
+use armwire_bridge::control::{Event, Histogram, Identity, Latencies, Request, Stamp, Subscription};
 use armwire_cli::host::{self, ControlLink, Error, Port};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -91,11 +91,7 @@ impl AdapterPort {
 
     /// Bucket counts in JSON. The buckets end at 2, 4, 8, … µs.
     fn read_latencies(&self, py: Python<'_>) -> PyResult<String> {
-        let latencies = self.0.with(py, |control| match control.call(Request::GetLatencies)? {
-            Reply::Latencies(latencies) => Ok(latencies),
-            reply => Err(wrong_reply(control, &reply)),
-        })?;
-        let Latencies { answer, turn, poll } = latencies;
+        let Latencies { answer, turn, poll } = self.0.with(py, host::latencies)?;
         let counts = |histogram: Histogram| histogram.counts.to_vec();
         Ok(json!({ "answer": counts(answer), "turn": counts(turn), "poll": counts(poll) }).to_string())
     }
@@ -162,13 +158,5 @@ fn event_json(event: &Event) -> Value {
         }
         Event::BusOff { off } => json!({ "event": "bus_off", "off": off }),
         other => json!({ "event": "other", "debug": format!("{other:?}") }),
-    }
-}
-
-/// The error for a reply of the wrong type.
-fn wrong_reply(control: &ControlLink, reply: &Reply) -> Error {
-    Error::Unacceptable {
-        name: control.name().to_owned(),
-        reason: format!("the adapter sent a reply of the wrong type: {reply:?}"),
     }
 }
