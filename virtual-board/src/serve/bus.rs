@@ -8,7 +8,7 @@ use std::time::Instant;
 use armwire_sim::pty::{self, Pty};
 
 use super::can::CanPort;
-use super::{MAX_SLEEP, stop_at};
+use super::{MAX_SLEEP, print_line, stop_at};
 use crate::board::Can;
 use crate::can::absent::Absent;
 use crate::can::bus::Bus;
@@ -30,7 +30,7 @@ pub fn serve_bus(links: &[PathBuf]) -> Result<(), Error> {
     let bus = Mutex::new(Bus::default());
     let can = Can { bus: &bus };
     let (start, mut at) = (Instant::now(), Nanos(0));
-    println!("serving a CAN bus; Ctrl-C ends it");
+    print_line("serving a CAN bus; Ctrl-C ends it");
     while !stop.load(Ordering::Relaxed) {
         let now = Nanos(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX));
         for port in &mut ports {

@@ -14,6 +14,8 @@ mod bus;
 mod bytes;
 mod can;
 
+use std::fmt::Display;
+use std::io::{Write, stdout};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -74,7 +76,7 @@ pub fn serve<A: Arm>(mut board: VirtualBoard<A>, places: Places<'_>) -> Result<(
     let mut ports = Ports::open(places)?;
     ports.reopen(&mut board)?;
     let gdb = board.gdb().map_or(String::new(), |gdb| format!(", gdb {gdb}"));
-    println!("serving on {}{gdb}; Ctrl-C ends it", ports.names());
+    print_line(format_args!("serving on {}{gdb}; Ctrl-C ends it", ports.names()));
     match run(&mut board, &mut ports, &stop) {
         Err(_) if stop.load(Ordering::Relaxed) => Ok(()),
         result => result,
@@ -175,12 +177,17 @@ impl Ports {
     }
 }
 
+/// Prints a line. Serving goes on if the reader of the output is gone.
+fn print_line(line: impl Display) {
+    let _ = writeln!(stdout(), "{line}");
+}
+
 /// Passes bytes and advances time until stopped.
 fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool) -> Result<(), Error> {
     let (mut wall, mut virtual_time) = (Instant::now(), board.now());
     while !stop.load(Ordering::Relaxed) {
         if board.is_in_boot_loader() {
-            println!("the firmware is in its boot loader, which the virtual board does not have");
+            print_line("the firmware is in its boot loader, which the virtual board does not have");
             return Ok(());
         }
         match ports.reopen(board) {

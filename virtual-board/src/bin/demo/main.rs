@@ -6,6 +6,8 @@ mod host;
 mod options;
 mod tour;
 
+use std::error::Error;
+use std::io::{self, ErrorKind};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -30,6 +32,8 @@ struct Args {
 fn main() -> ExitCode {
     match run(Args::parse()) {
         Ok(()) => ExitCode::SUCCESS,
+        // The reader of the output is gone, as with `| head`: this is no error.
+        Err(error) if is_broken_pipe(&*error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("demo: {error}");
             ExitCode::FAILURE
@@ -37,7 +41,13 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(Args { image, options }: Args) -> Result<(), Box<dyn std::error::Error>> {
+fn is_broken_pipe(error: &(dyn Error + 'static)) -> bool {
+    error
+        .downcast_ref::<io::Error>()
+        .is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
+}
+
+fn run(Args { image, options }: Args) -> Result<(), Box<dyn Error>> {
     let arm = LingArm::new(ArmConfig::follower());
     let board = VirtualBoard::start(Config {
         gdb: options.gdb,

@@ -1,6 +1,7 @@
 //! A tour of an arm's functions, with its results.
 
 use std::error::Error;
+use std::io::{self, Write, stdout};
 
 use armwire::ling::{
     GripperSpeed, JointState, Kind, Move, Opening, PerServo, Position, Request, Response, Speed, Torque,
@@ -35,25 +36,29 @@ pub(crate) fn run(board: VirtualBoard<LingArm>) -> Result<(), Box<dyn Error>> {
     account(&mut host)
 }
 
-fn print_row(label: &str, took: Nanos, text: impl std::fmt::Display) {
-    println!("{label:<12} {:>9.2} us  {text}", took.0 as f64 / 1_000.0);
+fn print_row(label: &str, took: Nanos, text: impl std::fmt::Display) -> io::Result<()> {
+    writeln!(stdout(), "{label:<12} {:>9.2} us  {text}", took.0 as f64 / 1_000.0)
 }
 
 fn plug_in(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let chip = host.board.chip();
-    println!("A Ling follower arm on the UART of a virtual {chip}, which runs the shipped firmware image.");
+    writeln!(
+        stdout(),
+        "A Ling follower arm on the UART of a virtual {chip}, which runs the shipped firmware image."
+    )?;
     host.open()?;
     let at = host.board.now();
     let usb = host.board.usb();
     let device = usb.device().ok_or("the adapter is gone")?;
-    println!(
+    writeln!(
+        stdout(),
         "usb          {:04x}:{:04x} {}, serial number {}; open at 1 Mbaud {:.1} ms after power-on",
         device.device.vendor,
         device.device.product,
         device.product.as_deref().unwrap_or("without a name"),
         device.serial.as_deref().unwrap_or("none"),
         at.0 as f64 / 1e6
-    );
+    )?;
     Ok(())
 }
 
@@ -70,7 +75,7 @@ fn identify(host: &mut Host) -> Result<Kind, Box<dyn Error>> {
             "{} ({kind:?}), hardware {}, firmware {}",
             info.serial, info.hardware, info.firmware
         ),
-    );
+    )?;
     Ok(kind)
 }
 
@@ -83,7 +88,7 @@ fn read_joints(host: &mut Host) -> Result<(JointState, Nanos), Box<dyn Error>> {
 
 fn show_joints(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let (state, took) = read_joints(host)?;
-    print_row("joints", took, pose(&state)?);
+    print_row("joints", took, pose(&state)?)?;
     Ok(())
 }
 
@@ -107,7 +112,7 @@ fn gripper_type(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let Some(Response::Stroke(stroke)) = answer else {
         return Err(unexpected(answer));
     };
-    print_row("gripper", took, format_args!("{} mm stroke", stroke.millimetres()));
+    print_row("gripper", took, format_args!("{} mm stroke", stroke.millimetres()))?;
     Ok(())
 }
 
@@ -122,15 +127,15 @@ fn travel(host: &mut Host) -> Result<(), Box<dyn Error>> {
         gripper: (Opening::OPEN, GripperSpeed(700)),
     };
     let (_, took) = host.call(Request::SetTorque(Torque::On))?;
-    print_row("torque on", took, "delivered, no answer expected");
+    print_row("torque on", took, "delivered, no answer expected")?;
     let (_, took) = host.call(Request::Move(target))?;
-    print_row("move", took, "delivered, no answer expected");
+    print_row("move", took, "delivered, no answer expected")?;
 
     let start = host.board.now();
     loop {
         let (state, took) = read_joints(host)?;
         let seconds = host.board.now().since(start).0 as f64 / 1e9;
-        print_row("", took, format_args!("{seconds:4.1} s {}", pose(&state)?));
+        print_row("", took, format_args!("{seconds:4.1} s {}", pose(&state)?))?;
         let joints = target.joints.map(|(position, _)| position.ticks());
         if state.joints == joints && state.gripper == target.gripper.0.per_mille() {
             return Ok(());
@@ -147,12 +152,12 @@ fn temperatures(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let Some(Response::Temperatures(celsius)) = answer else {
         return Err(unexpected(answer));
     };
-    print_row("temperature", took, format_args!("{} deg C", list(&celsius)));
+    print_row("temperature", took, format_args!("{} deg C", list(&celsius)))?;
     let (answer, took) = host.call(Request::ReadVelocities)?;
     let Some(Response::Velocities(ticks)) = answer else {
         return Err(unexpected(answer));
     };
-    print_row("velocity", took, format_args!("{} ticks/s", list(&ticks)));
+    print_row("velocity", took, format_args!("{} ticks/s", list(&ticks)))?;
     Ok(())
 }
 
@@ -169,13 +174,13 @@ fn self_check(host: &mut Host, kind: Kind) -> Result<(), Box<dyn Error>> {
     if !check.all_normal(kind) {
         return Err(format!("faulty servos: {:?}", check.faulty(kind).collect::<Vec<_>>()).into());
     }
-    print_row("self-check", took, format_args!("all {} servos normal", kind.servos()));
+    print_row("self-check", took, format_args!("all {} servos normal", kind.servos()))?;
     Ok(())
 }
 
 fn torque_off(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let (_, took) = host.call(Request::SetTorque(Torque::Off))?;
-    print_row("torque off", took, "delivered, no answer expected");
+    print_row("torque off", took, "delivered, no answer expected")?;
     Ok(())
 }
 
@@ -186,8 +191,8 @@ fn measure(host: &mut Host) -> Result<(), Box<dyn Error>> {
         host.board.run_for(Duration::from_micros(u64::from(nth % 7)))?;
         read_joints(host)?;
     }
-    println!();
-    println!("{}", host.figures);
+    writeln!(stdout())?;
+    writeln!(stdout(), "{}", host.figures)?;
     Ok(())
 }
 
@@ -200,18 +205,23 @@ fn account(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let counters = counters.lines().filter_map(|line| line.trim().strip_suffix(','));
     let seen: Vec<_> = counters.filter(|count| !count.ends_with(": 0")).collect();
     let arm = host.board.with_arm(|arm| arm.counters());
-    println!();
-    println!("the adapter counted {}", seen.join(", "));
-    println!(
+    writeln!(stdout())?;
+    writeln!(stdout(), "the adapter counted {}", seen.join(", "))?;
+    writeln!(
+        stdout(),
         "the arm received {} bytes, {} requests; {} unknown, {} bytes of noise",
-        arm.bytes, arm.requests, arm.unknown, arm.noise_bytes
-    );
+        arm.bytes,
+        arm.requests,
+        arm.unknown,
+        arm.noise_bytes
+    )?;
     host.board.check()?;
-    println!(
+    writeln!(
+        stdout(),
         "the firmware used modelled features only; {:.3} s of virtual time, trace {:016x}",
         host.board.now().0 as f64 / 1e9,
         host.board.trace_hash()
-    );
+    )?;
     Ok(())
 }
 
