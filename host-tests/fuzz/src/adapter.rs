@@ -407,7 +407,8 @@ impl World {
         };
         assert!((self.now.as_micros() as u32).wrapping_sub(sample.stamp) < 1 << 31);
         let frame = response_bytes(Ling, &ling::Response::Joints(sample.state), None);
-        let mut sent = self.accounts.arm_sent.windows(frame.len());
+        // It is one of the last frames.
+        let mut sent = self.accounts.arm_sent.windows(frame.len()).rev();
         assert!(sent.any(|bytes| bytes == frame), "{sample:?} was not sent");
     }
 
