@@ -92,7 +92,8 @@ def main(command: str, folder: str) -> None:
     print(f"  alicia_d_sdk 6.1.0  {speed[0]:6.0f} reads/s  {cpu[0]:5.0f} µs of CPU per read")
     print(f"  armwire             {speed[1]:6.0f} reads/s  {cpu[1]:5.0f} µs of CPU per read")
     faster, part = speed[1] / speed[0], cpu[1] / cpu[0]
-    print(f"  {faster:.1f} times the reads (at least {MIN_SPEED:g}), 1/{1 / part:.1f} of the CPU (at most 1/{1 / MAX_CPU:g})")
+    print(f"  {faster:.1f} times the reads, at least {MIN_SPEED:g}")
+    print(f"  1/{1 / part:.1f} of the CPU, at most 1/{1 / MAX_CPU:g}")
     if faster < MIN_SPEED or part > MAX_CPU:
         sys.exit("FAILED: a limit is missed")
 
