@@ -92,10 +92,10 @@ pub struct Can {
     /// The adapter's node id on the bus.
     pub node: Node,
     /// Bits per second, one of [`CAN_BIT_RATES`].
-    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| mostly(u, CAN_BIT_RATES)))]
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| mostly(u, &CAN_BIT_RATES)))]
     pub bit_rate: u32,
     /// Bits per second of the data phase, one of [`CAN_DATA_BIT_RATES`]: CAN FD. `None` is classic CAN.
-    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| optional(u, |u| mostly(u, CAN_DATA_BIT_RATES))))]
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| optional(u, |u| mostly(u, &CAN_DATA_BIT_RATES))))]
     pub data_bit_rate: Option<u32>,
     /// The rate of cyclic state frames, in hertz: 0 for off, at most 1000 and within [`CAN_TELEMETRY_SHARE`] of the
     /// bus. An unchanged state is not sent again.

@@ -1,18 +1,15 @@
 //! Arbitrary parts of configurations and messages, for the fuzz targets.
 
-use arbitrary::{Arbitrary, Result, Unstructured};
+use arbitrary::{Result, Unstructured};
 use heapless::String;
 
 use crate::control::{FrameBytes, MAX_FRAME};
 
 /// Mostly one of these values.
-pub(crate) fn mostly<'a, T: Arbitrary<'a> + Copy, const N: usize>(
-    u: &mut Unstructured<'a>,
-    values: [T; N],
-) -> Result<T> {
+pub(crate) fn mostly(u: &mut Unstructured<'_>, values: &[u32]) -> Result<u32> {
     match u.ratio(1, 8)? {
         true => u.arbitrary(),
-        false => u.choose(&values).copied(),
+        false => u.choose(values).copied(),
     }
 }
 

@@ -24,7 +24,7 @@ const FILES: [&str; 3] = ["README.md", "LICENSE-MIT", "LICENSE-APACHE"];
 /// The page with a program for a PC.
 const PC: &str = "docs/pc.md";
 
-/// What happens to the tests of the packages.
+/// The use of the tests in the packages.
 #[derive(Clone, Copy)]
 pub(crate) enum Tests {
     Run,

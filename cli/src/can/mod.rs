@@ -278,7 +278,7 @@ impl Line for CanLine {
     fn hints(&mut self, reception: Reception, _: Names) -> String {
         match reception {
             Reception::Silence => {
-                // First: reading the state of a CAN adapter clears it.
+                // The request for the holder reads the state of a CAN adapter, too, which clears it.
                 let hints = self.bus.hints("is the arm powered, ", self.node);
                 match self.holder() {
                     Some(holder) => format!("the line to the arm runs at {holder}"),

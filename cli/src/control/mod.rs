@@ -63,7 +63,7 @@ struct Stream {
 /// one, must not be taken for its own.
 fn first_sequence() -> u8 {
     static LINKS: AtomicU8 = AtomicU8::new(0);
-    /// Far from the earlier links' numbers, and odd: it returns after 256 links only.
+    /// Distance between the first numbers of two links. It is odd: 256 links have different ones.
     const STEP: u8 = 101;
     (std::process::id() as u8).wrapping_add(LINKS.fetch_add(STEP, Ordering::Relaxed))
 }

@@ -90,7 +90,9 @@ impl<'a> Session<'a> {
                 Err(_) if self.is_stopped() => break,
                 step => step?,
             };
-            self.is_waiting &= step != Step::Reading;
+            if step == Step::Reading {
+                self.is_waiting = false;
+            }
             self.model.line_errors = before + source.line_errors();
             if self.output.is_none() && (self.has_received || rate.is_none()) {
                 self.output = Some(self.form.open()?);
