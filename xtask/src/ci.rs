@@ -165,7 +165,8 @@ fn firmware_image(board: Board) -> Result<Image> {
 
 /// The tests of this image on the virtual board.
 fn image_tests(image: &Image) -> Command {
-    let mut test = cargo("test --package armwire-host-tests --features image --lib --bins --test image_*");
+    let mut test =
+        cargo("test --package armwire-host-tests --features image --lib --bins --test image --test image_endurance");
     // Prints their measurements.
     test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path);
     test

@@ -78,7 +78,7 @@ impl Part {
 fn endurance() -> Result<()> {
     for board in Board::ALL {
         let image = image::build(image::Options::of(board))?.path;
-        for test in ["image_busy -- --nocapture", "image_endurance -- --nocapture --ignored"] {
+        for test in ["image busy -- --nocapture", "image_endurance -- --nocapture --ignored"] {
             let mut test = cargo(&format!(
                 "test --package armwire-host-tests --features image --test {test}"
             ));

@@ -53,8 +53,8 @@ fn saturate(baud: u32, count: usize) {
 }
 
 #[test]
-fn million_bytes_pass_each_way_at_megabaud() {
-    saturate(MEGABAUD, 1_000_000);
+fn bytes_pass_each_way_at_megabaud() {
+    saturate(MEGABAUD, 100_000);
 }
 
 #[test]

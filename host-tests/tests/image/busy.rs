@@ -72,19 +72,14 @@ fn busy(frames: u32, turnaround: Duration, hertz: u16) {
     });
 }
 
-/// 200 000 answers of the arm, or `ARMWIRE_FRAMES`. The parts run in parallel, each on its own board.
+/// 40 000 answers of the arm, or `ARMWIRE_FRAMES`. The parts run in parallel, each on its own board.
 #[test]
 fn every_frame_of_a_busy_arm_passes() {
-    let frames = env::var("ARMWIRE_FRAMES").map_or(200_000, |frames| frames.parse().expect("a number"));
+    let frames = env::var("ARMWIRE_FRAMES").map_or(40_000, |frames| frames.parse().expect("a number"));
     let answers = frames / PARTS.len() as u32;
     thread::scope(|scope| {
         for (turnaround, hertz) in PARTS {
             scope.spawn(move || busy(answers, turnaround, hertz));
         }
     });
-}
-
-#[test]
-fn each_host_receives_exactly_its_answers() {
-    busy(20_000, Duration::from_micros(100), 200);
 }

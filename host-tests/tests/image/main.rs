@@ -1,0 +1,22 @@
+//! The firmware image on the virtual board.
+
+mod arms;
+mod boot;
+mod busy;
+mod bytes;
+mod campaign;
+mod can;
+mod canfd;
+mod control;
+mod flash;
+mod latency;
+mod line;
+mod ling;
+mod poll;
+mod rate;
+mod recovery;
+mod selftest;
+mod start;
+mod trace;
+mod usb;
+mod usb_faults;
