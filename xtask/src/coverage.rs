@@ -12,8 +12,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde_json::{Value, from_str, from_value};
 
-use crate::cargo::target_dir;
-use crate::fuzz::{cargo_fuzz, committed, targets};
+use crate::fuzz;
 use crate::parallel::for_each;
 use crate::process::{self, output};
 use crate::workspace::root;
@@ -40,15 +39,13 @@ type Regions = BTreeMap<(String, [u64; 4]), bool>;
 ///
 /// If the coverage of a crate is too low.
 pub(crate) fn run(options: &Options) -> Result<()> {
-    let mut build = cargo_fuzz("build", "coverage")?;
-    build.env("RUSTFLAGS", "-Cinstrument-coverage");
-    // Each input runs once: optimisation would cost more than it saves.
-    process::run(build.env("CARGO_PROFILE_RELEASE_OPT_LEVEL", "0"))?;
-    let host = output(Command::new("rustc").args(["--print", "host-tuple"]))?;
-    let programs = target_dir()?.join("coverage").join(host.trim()).join("release");
+    fuzz::build()?;
+    let programs = fuzz::programs()?;
     let tools = [llvm("llvm-profdata")?, llvm("llvm-cov")?];
     let mut all = Regions::new();
-    for regions in for_each(targets()?, |target| reached(&programs, &target, &tools).context(target))? {
+    for regions in for_each(fuzz::targets()?, |target| {
+        reached(&programs, &target, &tools).context(target)
+    })? {
         for (region, ran) in regions {
             *all.entry(region).or_default() |= ran;
         }
@@ -62,7 +59,11 @@ fn reached(programs: &Path, target: &str, [profdata, cov]: &[PathBuf; 2]) -> Res
     let (raw, profile) = (program.with_extension("profraw"), program.with_extension("profdata"));
     // Each committed input once, and no others.
     let mut all = Command::new(&program);
-    output(all.arg("-runs=0").arg(committed(target)).env("LLVM_PROFILE_FILE", &raw))?;
+    output(
+        all.arg("-runs=0")
+            .arg(fuzz::committed(target))
+            .env("LLVM_PROFILE_FILE", &raw),
+    )?;
     let mut merge = Command::new(profdata);
     output(merge.args(["merge", "-sparse", "-o"]).args([&profile, &raw]))?;
     let mut export = Command::new(cov);

@@ -15,6 +15,9 @@ use crate::workspace::root;
 /// Timeout of one input, in seconds: far more than any input needs on a busy machine.
 const TIMEOUT: u32 = 60;
 
+/// The targets' folder in the target directory: their flags would make cargo build the rest anew.
+const FOLDER: &str = "fuzz";
+
 /// Prefix of inputs with frames of the documents, written by `host-tests/tests/fuzz_corpus.rs`.
 const DOCUMENT: &str = "document-";
 
@@ -66,7 +69,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
             all.join(", ")
         );
     }
-    process::run(&mut cargo_fuzz("build", "fuzz")?)?;
+    build()?;
     if options.minimise {
         return for_each(targets, |target| minimise(target).context(target.clone())).map(drop);
     }
@@ -82,7 +85,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
 
 /// Runs a target. Prints libFuzzer's last status, or its failure. Returns true if the target passed.
 fn fuzz(target: &str, options: &Options) -> Result<bool> {
-    let mut fuzz = cargo_fuzz("run", "fuzz")?;
+    let mut fuzz = cargo_fuzz("run")?;
     fuzz.arg(target).arg(found(target)?).arg(committed(target)).arg("--");
     fuzz.arg(format!("-max_total_time={}", options.seconds));
     fuzz.args([format!("-seed={}", options.seed), format!("-timeout={TIMEOUT}")]);
@@ -106,7 +109,7 @@ fn minimise(target: &str) -> Result<()> {
     let _ = fs::remove_dir_all(&fresh);
     fs::create_dir_all(&fresh)?;
     // The smallest set of inputs with the same edge coverage, regardless of hit counts.
-    let mut merge = cargo_fuzz("run", "fuzz")?;
+    let mut merge = cargo_fuzz("run")?;
     merge.arg(target).args([&fresh, &found, &committed]);
     output(merge.args(["--", "-set_cover_merge=1", "-use_counters=0", "-max_len=4096"]))?;
     // The frames of the documents stay.
@@ -124,12 +127,25 @@ fn minimise(target: &str) -> Result<()> {
     Ok(())
 }
 
-/// `cargo fuzz <subcommand>`, which builds into this folder of the target directory. It uses no sanitizer: stable compilers
-/// have none, and the fuzzed crates have no `unsafe`.
-pub(crate) fn cargo_fuzz(subcommand: &str, folder: &str) -> Result<Command> {
+/// Builds all targets.
+pub(crate) fn build() -> Result<()> {
+    process::run(&mut cargo_fuzz("build")?)
+}
+
+/// `cargo fuzz <subcommand>`. It uses no sanitizer: stable compilers have none, and the fuzzed crates have no `unsafe`.
+/// Every build measures coverage, so that `cargo xtask coverage` needs none of its own; the targets are as fast with it.
+fn cargo_fuzz(subcommand: &str) -> Result<Command> {
     let mut fuzz = tool(&format!("fuzz {subcommand} --sanitizer none --target-dir"))?;
-    fuzz.arg(target_dir()?.join(folder)).current_dir(project());
+    fuzz.arg(target_dir()?.join(FOLDER)).current_dir(project());
+    fuzz.env("RUSTFLAGS", "-Cinstrument-coverage")
+        .env("LLVM_PROFILE_FILE", "/dev/null");
     Ok(fuzz)
+}
+
+/// The folder of the built targets.
+pub(crate) fn programs() -> Result<PathBuf> {
+    let host = output(Command::new("rustc").args(["--print", "host-tuple"]))?;
+    Ok(target_dir()?.join(FOLDER).join(host.trim()).join("release"))
 }
 
 /// The names of all targets.
@@ -149,7 +165,7 @@ fn project() -> PathBuf {
 
 /// Folder of new inputs of a target, which reached new code.
 fn found(target: &str) -> Result<PathBuf> {
-    let found = target_dir()?.join("fuzz/corpus").join(target);
+    let found = target_dir()?.join(FOLDER).join("corpus").join(target);
     fs::create_dir_all(&found)?;
     Ok(found)
 }
