@@ -14,19 +14,15 @@ use crate::workspace::root;
 /// Cortex-M0, and Cortex-M4.
 const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
 
-/// Every set of protocols. The bridge uses two of them.
-const FEATURES: [&str; 11] = [
+/// Each protocol alone and all together, without and with the adapter, which always has two of them.
+const FEATURES: [&str; 7] = [
     "ling",
     "ling-legacy",
     "xarm",
     "alpha1",
-    "ling-legacy,xarm",
-    "ling,alpha1",
-    "xarm,alpha1",
     "ling-legacy,xarm,alpha1",
     "bridge",
-    "bridge,xarm",
-    "bridge,ling-legacy",
+    "bridge,ling-legacy,xarm",
 ];
 
 /// Features whose program must not link, with the message of linker or compiler.
@@ -35,7 +31,7 @@ const REFUSALS: [(&str, &str); 2] = [
     ("prove-alloc", "no global memory allocator found"),
 ];
 
-/// Links the test with every set of features, and then with an added panic and an added allocation, which must fail.
+/// Links the test with these sets of features, and then with an added panic and an added allocation, which must fail.
 ///
 /// # Errors
 ///
