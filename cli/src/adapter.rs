@@ -1,7 +1,6 @@
 //! An adapter on the command line: its port, identity and counters.
 
 use std::io::ErrorKind;
-use std::path::Path;
 
 use armwire_bridge::config::Can;
 use armwire_bridge::control::{Histogram, Identity, Latencies, LineState, Reply, Request};
@@ -9,6 +8,7 @@ use armwire_sim::slcan::BitRate;
 use clap::Args;
 use serde_json::{Map, Value, json};
 
+use crate::available::has_serial_port;
 use crate::control::ControlLink;
 use crate::describe::Fact;
 use crate::error::Error;
@@ -48,7 +48,7 @@ impl AdapterPort {
         let opened = self.port.connect(None)?.control();
         match (opened, &self.port) {
             // The error is the missing port, and not its missing control port.
-            (Err(Error::NoControl { .. }), Port::Serial(port)) if cfg!(unix) && !Path::new(port).exists() => {
+            (Err(Error::NoControl { .. }), Port::Serial(port)) if !has_serial_port(port) => {
                 Err(not_opened(port, &ErrorKind::NotFound.into()))
             }
             (opened, _) => opened,

@@ -1,6 +1,7 @@
 //! The ports of this computer, by the names that a user types for them.
 
 use std::fs;
+use std::path::Path;
 
 use serial2::SerialPort;
 
@@ -17,6 +18,16 @@ pub(crate) fn ports() -> Vec<String> {
 pub(crate) fn serial_ports() -> Vec<String> {
     let ports = SerialPort::available_ports().unwrap_or_default();
     ports.iter().map(|port| port.to_string_lossy().into_owned()).collect()
+}
+
+/// Returns true if this computer has this serial port. Windows ignores case, and a prefix.
+pub(crate) fn has_serial_port(port: &str) -> bool {
+    if cfg!(windows) {
+        let port = port.trim_start_matches(r"\\.\");
+        return serial_ports().iter().any(|known| known.eq_ignore_ascii_case(port));
+    }
+    // Not only known names: a link is a port, too.
+    Path::new(port).exists()
 }
 
 /// The interfaces that Linux has for CAN. Other systems have none.

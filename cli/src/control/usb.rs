@@ -8,6 +8,7 @@ use nusb::io::{EndpointRead, EndpointWrite};
 use nusb::transfer::{Bulk, Direction, In, Out};
 use nusb::{DeviceInfo, Endpoint, Interface, MaybeFuture};
 
+use crate::available::has_serial_port;
 use crate::error::Error;
 use crate::link::{Line, Names, Reception, is_nothing_yet};
 
@@ -46,9 +47,9 @@ impl UsbLine {
 /// The adapter that has this serial port.
 pub(crate) fn find(port: &str) -> Result<DeviceInfo, Error> {
     let name = port.to_owned();
-    // Other systems do not name the USB device of a port.
+    // Other systems than Linux do not name the USB device of a port.
     let serial = serial_number_of(port);
-    if cfg!(target_os = "linux") && serial.is_none() {
+    if !has_serial_port(port) || cfg!(target_os = "linux") && serial.is_none() {
         return Err(Error::NoControl { name });
     }
     let mut adapters = adapters().map_err(|error| not_opened(port.to_owned(), &error))?;

@@ -176,7 +176,10 @@ impl<'a> Session<'a> {
         let step = self.take(source.read(), source.is_polled().then_some(begun))?;
         if step == Step::Reading && self.form.shows_celsius() && self.celsius.is_due(self.clock.now()) {
             let news = source.read_celsius();
-            self.take(news, None)?;
+            if self.take(news, None)? == Step::TimedOut {
+                // Old ones would look like new ones.
+                self.model.celsius.clear();
+            }
         }
         Ok(step)
     }
@@ -274,7 +277,17 @@ mod tests {
     use std::time::Instant;
 
     use super::*;
+    use crate::link::LineErrors;
     use crate::received::Missing;
+
+    fn no_answer(bytes: usize) -> Error {
+        Error::NoAnswer {
+            name: "PORT".to_owned(),
+            cause: "no answer".to_owned(),
+            missing: Missing::Silent,
+            bytes,
+        }
+    }
 
     /// A session after [`SILENCE_TIMEOUT`], on a line with these numbers of bytes instead of answers.
     fn without_answers(bytes: &[usize]) -> Result<(), Error> {
@@ -282,15 +295,45 @@ mod tests {
         let mut session = Session::new("PORT", Form::Json, None, &stop);
         let before = Instant::now().checked_sub(2 * Duration::from_micros(SILENCE_TIMEOUT.as_micros()));
         session.clock = Stopwatch(before.unwrap());
-        bytes.iter().try_for_each(|&bytes| {
-            let error = Error::NoAnswer {
-                name: "PORT".to_owned(),
-                cause: "no answer".to_owned(),
-                missing: Missing::Silent,
-                bytes,
-            };
-            session.take(Err(error), None).map(drop)
-        })
+        bytes
+            .iter()
+            .try_for_each(|&bytes| session.take(Err(no_answer(bytes)), None).map(drop))
+    }
+
+    /// An arm whose servos report a temperature once.
+    struct Warm(Option<u8>);
+
+    impl Source for Warm {
+        fn arm(&self) -> &'static str {
+            "an arm"
+        }
+
+        fn read(&mut self) -> Result<News, Error> {
+            Ok(News::Reading(Vec::new(), None))
+        }
+
+        fn read_celsius(&mut self) -> Result<News, Error> {
+            self.0
+                .take()
+                .map_or(Err(no_answer(0)), |celsius| Ok(News::Celsius(vec![celsius])))
+        }
+
+        fn line_errors(&self) -> LineErrors {
+            LineErrors::default()
+        }
+    }
+
+    #[test]
+    fn temperatures_end_with_an_unanswered_request() {
+        let stop = AtomicBool::new(false);
+        let mut session = Session::new("PORT", Form::Json, None, &stop);
+        let mut arm = Warm(Some(31));
+        for expected in [&[31][..], &[]] {
+            session.celsius = Timer::new(CELSIUS_PERIOD);
+            session.step(&mut arm, false).unwrap();
+            assert_eq!(session.model.celsius, expected);
+        }
+        assert_eq!(session.model.timed_out, 1);
     }
 
     #[test]
