@@ -8,8 +8,8 @@ const TESTS: [&str; 5] = [
     "bridge/src/tests/line_rate.rs",
     "bridge/src/tests/safety.rs",
     "bridge/src/tests/share.rs",
-    "host-tests/tests/image_rate.rs",
-    "host-tests/tests/image_recovery.rs",
+    "host-tests/tests/image/rate.rs",
+    "host-tests/tests/image/recovery.rs",
 ];
 
 #[test]
