@@ -3,7 +3,8 @@
 #[path = "../../virtual-board/src/bin/demo/options.rs"]
 mod options;
 
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::thread;
 
 use anyhow::Result;
 use clap::Args;
@@ -23,11 +24,15 @@ pub(crate) struct Options {
     demo: DemoOptions,
 }
 
-/// Builds the image and the virtual board and hands over to the demo.
+/// Builds the image and the virtual board at the same time, for two targets, and hands over to the demo.
 pub(crate) fn run(Options { board, demo }: Options) -> Result<()> {
-    let image = image::build(image::Options::of(board))?;
+    let image = thread::scope(|scope| {
+        // An error of this build shows in `cargo run`.
+        scope.spawn(|| command("build").arg("--quiet").stderr(Stdio::null()).status());
+        image::build(image::Options::of(board))
+    })?;
     println!("{image}");
-    println!("building the virtual board, a minute or two the first time");
+    println!("building the virtual board");
     let mut run = command("run");
     run.arg("--").arg("--image").arg(image.path);
     let DemoOptions {
