@@ -51,9 +51,6 @@ const LINK_TEST: &str =
     "--manifest-path=host-tests/benches/Cargo.toml --bin no-panic --features link-test,ling-legacy,bridge";
 /// The program whose instructions are counted.
 const COUNTED: &str = "--manifest-path=host-tests/benches/Cargo.toml --bin thumb --features thumb";
-/// The folders of packages of [`ALONE`] for a host, with their own cargo configuration.
-const ALONE_ON_HOST: [&str; 2] = ["host-tests/fuzz", "host-tests/benches"];
-
 /// Runs all checks.
 ///
 /// # Errors
@@ -110,11 +107,9 @@ pub(crate) fn run() -> Result<()> {
     })?;
     ci.step("licences, examples, images, features, coverage, link tests", || {
         let mut commands = BUILDS.into_iter().map(xtask).collect::<Result<Vec<_>>>()?;
-        commands.extend(ALONE_ON_HOST.map(|alone| {
-            let mut clippy = cargo("clippy --all-targets -- -D warnings");
-            clippy.current_dir(root().join(alone));
-            clippy
-        }));
+        let mut clippy = cargo("clippy --all-targets -- -D warnings");
+        clippy.current_dir(root().join("host-tests/benches"));
+        commands.extend([clippy, fuzz::clippy()?]);
         parallel::run_all(commands)
     })?;
     // They are the targets that measured the coverage. With a fixed seed they begin with the same inputs each time.

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::cargo::{target_dir, tool};
+use crate::cargo::{cargo, target_dir, tool};
 use crate::parallel::for_each;
 use crate::process::{self, output};
 use crate::workspace::root;
@@ -130,6 +130,14 @@ fn minimise(target: &str) -> Result<()> {
 /// Builds all targets.
 pub(crate) fn build() -> Result<()> {
     process::run(&mut cargo_fuzz("build")?)
+}
+
+/// Clippy on all targets. It uses the macros and build scripts of [`build`].
+pub(crate) fn clippy() -> Result<Command> {
+    let mut clippy = cargo("clippy --all-targets --release --target host-tuple --target-dir");
+    clippy.arg(target_dir()?.join(FOLDER)).args(["--", "-D", "warnings"]);
+    clippy.current_dir(project());
+    Ok(clippy)
 }
 
 /// `cargo fuzz <subcommand>`. It uses no sanitizer: stable compilers have none, and the fuzzed crates have no `unsafe`.
