@@ -12,7 +12,7 @@ use crate::process;
 use crate::steps::Steps;
 use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
-use crate::{apt, c_library, campaign, fuzz, integrity, packages, parallel, performance, readme, ros2, semver};
+use crate::{apt, c_library, campaign, fuzz, integrity, packages, parallel, performance, readme, semver};
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
@@ -29,8 +29,9 @@ const BUILDS: [&str; 8] = [
     "no-panic",
 ];
 /// Commands that mostly wait for programs in real time. The first takes as long as the others together.
-const PROGRAMS: [&str; 5] = [
+const PROGRAMS: [&str; 6] = [
     "python",
+    "ros2",
     "vendor can",
     "recordings",
     "vendor sdk",
@@ -128,10 +129,10 @@ pub(crate) fn run() -> Result<()> {
             .into_iter()
             .try_for_each(|image| campaign::run_on(&image.path, &campaign::Options::runs(CAMPAIGN_RUNS)))
     })?;
-    ci.step("package for Python, CAN software, recordings, vendors' SDKs", || {
-        parallel::run_all(PROGRAMS.into_iter().map(xtask).collect::<Result<_>>()?)
-    })?;
-    ci.step("ROS 2 node and a DDS of another make", ros2::check)?;
+    ci.step(
+        "package for Python, ROS 2, CAN software, recordings, vendors' SDKs",
+        || parallel::run_all(PROGRAMS.into_iter().map(xtask).collect::<Result<_>>()?),
+    )?;
     ci.finish();
     Ok(())
 }

@@ -2,12 +2,14 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Duration;
 
 use anyhow::Result;
 
 use super::background::Background;
 use crate::board::Board;
+use crate::cargo::target_dir;
 use crate::demo;
 use crate::image;
 use crate::process::run;
@@ -51,8 +53,9 @@ impl ServedBoard {
             // The old link of a killed board may point to another program's terminal.
             let _ = fs::remove_file(link);
         }
-        let mut serve = demo::command("run");
-        serve.args(["--quiet", "--", "--image"]).arg(image.path);
+        // `cargo run` would wait for other builds, which run beside it.
+        let mut serve = Command::new(target_dir()?.join("debug/demo"));
+        serve.arg("--image").arg(image.path);
         serve.arg("--serve").arg(&serial).arg("--slcan").arg(&can);
         serve.arg("--control").arg(&control);
         let mut process = Background::start(&mut serve)?;
