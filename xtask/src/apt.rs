@@ -5,6 +5,7 @@ use std::process::Command;
 
 use anyhow::{Result, ensure};
 
+use crate::installation::alone;
 use crate::process::{output, run};
 
 /// Installs the packages of these programs that are not on the path. Each program is followed by its package.
@@ -35,14 +36,17 @@ pub(crate) fn install(packages: &[&str]) -> Result<bool> {
     if !is_root || output(Command::new("apt-get").arg("--version")).is_err() {
         return Ok(false);
     }
-    for (words, packages) in [("update", &[][..]), ("install --yes --no-install-recommends", packages)] {
+    let apt = |words: &str, packages: &[&str]| {
         let mut apt = Command::new("apt-get");
         apt.args(words.split(' ')).args(packages);
         apt.env("DEBIAN_FRONTEND", "noninteractive");
         // `cargo run` set it to the compiler's libraries.
-        apt.env_remove("LD_LIBRARY_PATH");
-        run(&mut apt)?;
-    }
+        run(apt.env_remove("LD_LIBRARY_PATH"))
+    };
+    alone(|| {
+        apt("update", &[])?;
+        apt("install --yes --no-install-recommends", packages)
+    })?;
     Ok(true)
 }
 

@@ -7,10 +7,9 @@ use anyhow::Result;
 
 use crate::board::Board;
 use crate::cargo::cargo;
-use crate::image::{self, Image, Options, TARGET};
+use crate::image::{self, Image, Options};
 use crate::process;
 use crate::steps::Steps;
-use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
 use crate::{apt, c_library, campaign, fuzz, integrity, packages, parallel, performance, readme, semver};
 
@@ -21,11 +20,11 @@ const HOST: &str = "--workspace --exclude armwire-firmware";
 const BUILDS: [&str; 8] = [
     "deny",
     "examples",
+    "targets",
     "fw --board stm32g431",
     "coverage",
-    "fw --defmt",
     "features",
-    "fw --board stm32g431 --defmt",
+    "fw --defmt",
     "no-panic",
 ];
 /// Commands that mostly wait for programs in real time. The first takes as long as the others together.
@@ -41,17 +40,7 @@ const PROGRAMS: [&str; 6] = [
 const CAMPAIGN_RUNS: u32 = 300;
 /// Random runs of the adapter.
 const ADAPTER_RUNS: &str = "20000";
-/// Targets of the crates without `std`.
-const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
-const NO_STD: &str = "--package armwire --package armwire-bridge";
-/// The supported systems other than Linux, and the crates for them, which need no C compiler.
-const OTHER_SYSTEMS: [&str; 2] = ["x86_64-pc-windows-gnu", "x86_64-apple-darwin"];
-const PORTABLE: &str = "--package armwire --package armwire-bridge --package armwire-sim --package armwire-cli";
-/// The link test.
-const LINK_TEST: &str =
-    "--manifest-path=host-tests/benches/Cargo.toml --bin no-panic --features link-test,ling-legacy,bridge";
-/// The program whose instructions are counted.
-const COUNTED: &str = "--manifest-path=host-tests/benches/Cargo.toml --bin thumb --features thumb";
+
 /// Runs all checks.
 ///
 /// # Errors
@@ -81,7 +70,6 @@ pub(crate) fn run() -> Result<()> {
             "clippy {HOST} --all-targets --all-features -- -D warnings"
         )))
     })?;
-    ci.step("clippy for Windows and macOS", clippy_other_systems)?;
     ci.step("documentation", || {
         let doc =
             |select: &str| process::run(cargo(&format!("doc {select} --no-deps")).env("RUSTDOCFLAGS", "-D warnings"));
@@ -102,17 +90,19 @@ pub(crate) fn run() -> Result<()> {
         packages::check(packages::Tests::Compile)
     })?;
     ci.step("public API", semver::run)?;
-    ci.step("clippy for microcontrollers", clippy_microcontrollers)?;
     ci.step("page in a browser, C library", || {
         parallel::run_all(vec![xtask("web")?, xtask("c")?])
     })?;
-    ci.step("licences, examples, images, features, coverage, link tests", || {
-        let mut commands = BUILDS.into_iter().map(xtask).collect::<Result<Vec<_>>>()?;
-        let mut clippy = cargo("clippy --all-targets -- -D warnings");
-        clippy.current_dir(root().join("host-tests/benches"));
-        commands.extend([clippy, fuzz::clippy()?]);
-        parallel::run_all(commands)
-    })?;
+    ci.step(
+        "licences, examples, other targets, images, coverage, features, link tests",
+        || {
+            let mut commands = BUILDS.into_iter().map(xtask).collect::<Result<Vec<_>>>()?;
+            let mut clippy = cargo("clippy --all-targets -- -D warnings");
+            clippy.current_dir(root().join("host-tests/benches"));
+            commands.extend([clippy, fuzz::clippy()?]);
+            parallel::run_all(commands)
+        },
+    )?;
     // They are the targets that measured the coverage. With a fixed seed they begin with the same inputs each time.
     ci.step("fuzzing", || fuzz::run(&fuzz::Options::new(5, 1)))?;
     let g431 = ci.step("firmware image for the STM32G431", || firmware_image(Board::Stm32g431))?;
@@ -166,44 +156,6 @@ fn image_tests(image: &Image) -> Command {
     // Prints their measurements.
     test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path);
     test
-}
-
-/// Clippy for microcontrollers: the crates without `std`, without features and with all, the firmware, and the programs for
-/// its core.
-fn clippy_microcontrollers() -> Result<()> {
-    let lint = |select: &str, target| {
-        let toolchain = Toolchain::find(&[target])?;
-        if toolchain == Toolchain::Debian {
-            println!("checked without clippy, which Debian's compiler lacks; `rustup target add {target}` helps");
-            return process::run(&mut toolchain.cargo(&format!("check {select}"), target)?);
-        }
-        let mut clippy = toolchain.cargo(&format!("clippy {select}"), target)?;
-        process::run(clippy.args(["--", "-D", "warnings"]))
-    };
-    for target in NO_STD_TARGETS {
-        lint(NO_STD, target)?;
-        lint(&format!("{NO_STD} --all-features"), target)?;
-    }
-    for board in Board::ALL {
-        let features = Options::all(board).features();
-        let select = format!("--package armwire-firmware --no-default-features --features={features}");
-        lint(&select, TARGET)?;
-    }
-    lint(LINK_TEST, TARGET)?;
-    lint(COUNTED, TARGET)
-}
-
-/// Clippy, and therefore the type check, for the other systems. Nothing is linked or run.
-fn clippy_other_systems() -> Result<()> {
-    if !toolchain::is_usable(&OTHER_SYSTEMS) {
-        println!("skipped: `rustup target add {}` helps", OTHER_SYSTEMS.join(" "));
-        return Ok(());
-    }
-    each(&OTHER_SYSTEMS, |target| {
-        process::run(&mut cargo(&format!(
-            "clippy {PORTABLE} --lib --bins --target {target} -- -D warnings"
-        )))
-    })
 }
 
 /// A command of this program.

@@ -13,6 +13,7 @@ use clap::Args;
 use serde_json::{Value, from_str, from_value};
 
 use crate::fuzz;
+use crate::installation::alone;
 use crate::parallel::for_each;
 use crate::process::{self, output};
 use crate::workspace::root;
@@ -133,7 +134,7 @@ fn llvm(name: &str) -> Result<PathBuf> {
     let path = Path::new(libraries.trim()).with_file_name("bin").join(name);
     if !fs::exists(&path)? {
         println!("{name} is missing");
-        process::run(Command::new("rustup").args(["component", "add", "llvm-tools"]))?;
+        alone(|| process::run(Command::new("rustup").args(["component", "add", "llvm-tools"])))?;
     }
     Ok(path)
 }

@@ -17,6 +17,7 @@ mod files;
 mod flash;
 mod fuzz;
 mod image;
+mod installation;
 mod integrity;
 mod mutants;
 mod no_panic;
@@ -32,6 +33,7 @@ mod ros2;
 mod semver;
 mod soak;
 mod steps;
+mod targets;
 mod toolchain;
 mod vendor;
 mod venv;
@@ -78,6 +80,8 @@ enum Command {
     Deny,
     /// Check each feature alone, and the oldest compilers
     Features,
+    /// Lint for microcontrollers, Windows and macOS
+    Targets,
     /// Build the examples, and run the RP2040's on an emulated chip
     Examples,
     /// Build the page in web/, and test it in headless Chromium
@@ -128,6 +132,7 @@ impl Command {
             Self::Integrity(options) => integrity::run(&options),
             Self::Deny => deny::run(),
             Self::Features => features::each(),
+            Self::Targets => targets::check(),
             Self::Examples => examples::check(),
             Self::Web(options) => web::run_all(&options),
             Self::Packages => packages::check(packages::Tests::Run),

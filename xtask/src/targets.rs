@@ -1,0 +1,69 @@
+//! `cargo xtask targets`: clippy, and therefore the type check, for other targets than this host. Nothing is linked or run.
+
+use anyhow::Result;
+
+use crate::board::Board;
+use crate::cargo::cargo;
+use crate::image::{Options, TARGET};
+use crate::process;
+use crate::toolchain::{self, Toolchain};
+
+/// Targets of the crates without `std`.
+const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
+const NO_STD: &str = "--package armwire --package armwire-bridge";
+/// The supported systems other than Linux, and the crates for them, which need no C compiler.
+const OTHER_SYSTEMS: [&str; 2] = ["x86_64-pc-windows-gnu", "x86_64-apple-darwin"];
+const PORTABLE: &str = "--package armwire --package armwire-bridge --package armwire-sim --package armwire-cli";
+/// The link test.
+const LINK_TEST: &str =
+    "--manifest-path=host-tests/benches/Cargo.toml --bin no-panic --features link-test,ling-legacy,bridge";
+/// The program whose instructions are counted.
+const COUNTED: &str = "--manifest-path=host-tests/benches/Cargo.toml --bin thumb --features thumb";
+
+/// Clippy for microcontrollers, Windows and macOS.
+///
+/// # Errors
+///
+/// The first target that fails, or a missing compiler that cannot be installed.
+pub(crate) fn check() -> Result<()> {
+    microcontrollers()?;
+    other_systems()
+}
+
+/// Clippy for microcontrollers: the crates without `std`, without features and with all, the firmware, and the programs for
+/// its core.
+fn microcontrollers() -> Result<()> {
+    let lint = |select: &str, target| {
+        let toolchain = Toolchain::find(&[target])?;
+        if toolchain == Toolchain::Debian {
+            println!("checked without clippy, which Debian's compiler lacks; `rustup target add {target}` helps");
+            return process::run(&mut toolchain.cargo(&format!("check {select}"), target)?);
+        }
+        let mut clippy = toolchain.cargo(&format!("clippy {select}"), target)?;
+        process::run(clippy.args(["--", "-D", "warnings"]))
+    };
+    for target in NO_STD_TARGETS {
+        lint(NO_STD, target)?;
+        lint(&format!("{NO_STD} --all-features"), target)?;
+    }
+    for board in Board::ALL {
+        let features = Options::all(board).features();
+        let select = format!("--package armwire-firmware --no-default-features --features={features}");
+        lint(&select, TARGET)?;
+    }
+    lint(LINK_TEST, TARGET)?;
+    lint(COUNTED, TARGET)
+}
+
+/// Clippy for the other systems.
+fn other_systems() -> Result<()> {
+    if !toolchain::is_usable(&OTHER_SYSTEMS) {
+        println!("skipped: `rustup target add {}` helps", OTHER_SYSTEMS.join(" "));
+        return Ok(());
+    }
+    OTHER_SYSTEMS.into_iter().try_for_each(|target| {
+        process::run(&mut cargo(&format!(
+            "clippy {PORTABLE} --lib --bins --target {target} -- -D warnings"
+        )))
+    })
+}
