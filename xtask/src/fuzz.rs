@@ -141,7 +141,7 @@ pub(crate) fn clippy() -> Result<Command> {
 }
 
 /// `cargo fuzz <subcommand>`. It uses no sanitizer: stable compilers have none, and the fuzzed crates have no `unsafe`.
-/// Every build measures coverage, so that `cargo xtask coverage` needs none of its own; the targets are as fast with it.
+/// Every build measures coverage, so that `cargo xtask coverage` needs none of its own. The targets are nearly as fast.
 fn cargo_fuzz(subcommand: &str) -> Result<Command> {
     let mut fuzz = tool(&format!("fuzz {subcommand} --sanitizer none --target-dir"))?;
     fuzz.arg(target_dir()?.join(FOLDER)).current_dir(project());
