@@ -43,13 +43,10 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     fuzz::build()?;
     let programs = fuzz::programs()?;
     let tools = [llvm("llvm-profdata")?, llvm("llvm-cov")?];
+    let measure = |target: String| reached(&programs, &target, &tools).context(target);
     let mut all = Regions::new();
-    for regions in for_each(fuzz::targets()?, |target| {
-        reached(&programs, &target, &tools).context(target)
-    })? {
-        for (region, ran) in regions {
-            *all.entry(region).or_default() |= ran;
-        }
+    for (region, ran) in for_each(fuzz::targets()?, measure)?.into_iter().flatten() {
+        *all.entry(region).or_default() |= ran;
     }
     report(&all, options.list)
 }
