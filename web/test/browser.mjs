@@ -7,12 +7,17 @@ export const ARGUMENTS = ['--no-sandbox', '--use-angle=swiftshader', '--enable-u
 
 export const EXECUTABLE = process.env.CHROMIUM ?? '/usr/bin/chromium';
 
+// The time at which a clock is stopped, in milliseconds: after any time of the empty page before.
+const PAUSED_AT = 3_600_000;
+
 export const launch = () => chromium.launch({ executablePath: EXECUTABLE, args: ARGUMENTS });
 
 // Opens the page in a context of its own. `problems` collects errors of the page and requests to other hosts.
-export async function open(browser, address, options = {}) {
+// With `stopClock`, time passes on the page only by `page.clock`.
+export async function open(browser, address, { stopClock = false, ...options } = {}) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
   const page = await context.newPage();
+  if (stopClock) await page.clock.pauseAt(PAUSED_AT);
   const problems = [];
   page.on('console', (message) => ['error', 'warning'].includes(message.type()) && problems.push(message.text()));
   page.on('pageerror', (error) => problems.push(String(error)));
@@ -21,18 +26,19 @@ export async function open(browser, address, options = {}) {
   });
   page.on('response', (response) => response.status() >= 400 && problems.push(`${response.status()}: ${response.url()}`));
   await page.goto(address);
+  // The page shows its counters when it starts.
+  await page.locator('#counters div').first().waitFor();
   return { context, page, problems };
 }
 
-// Waits until `is` accepts the result of `read`, and returns it.
-export async function until(what, read, is) {
-  const end = Date.now() + 20_000;
+// Reads until `is` accepts the result, and returns it. `wait` lets a number of milliseconds pass.
+export async function poll(wait, what, read, is) {
   let value;
-  do {
+  for (let waited = 0; waited < 20_000; waited += 50) {
     value = await read();
     if (is(value)) return value;
-    await new Promise((done) => setTimeout(done, 50));
-  } while (Date.now() < end);
+    await wait(50);
+  }
   return assert.fail(`${what}: still ${JSON.stringify(value)} after 20 s`);
 }
 
@@ -50,4 +56,5 @@ export async function counter(page, label) {
   return Number((await row.locator('dd').innerText()).replaceAll(',', ''));
 }
 
-export const ready = (page) => until('connection', () => page.getAttribute('#connection', 'data-state'), (state) => state === 'answering');
+// The state of the connection; `answering` once the arm has answered.
+export const state = (page) => page.getAttribute('#connection', 'data-state');

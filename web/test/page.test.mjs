@@ -3,13 +3,13 @@ import assert from 'node:assert/strict';
 import fs from 'node:fs';
 import path from 'node:path';
 import { after, before, test } from 'node:test';
-import { counter, launch, open, position, ready, text, until } from './browser.mjs';
+import { counter, launch, open, poll, position, state, text } from './browser.mjs';
 import { serve } from './server.mjs';
 
 const folder = process.env.ARMWIRE_PAGE;
 const screenshots = process.env.ARMWIRE_SCREENSHOTS;
 const SIZES = [[1280, 800], [768, 1024], [390, 844]];
-// Time for a stop to take effect while the browser draws by software, in milliseconds.
+// Time in which a stop takes effect and the page shows it, in milliseconds.
 const REST = 400;
 
 let browser;
@@ -25,10 +25,19 @@ after(async () => {
   await server?.close();
 });
 
+// Lets time pass on the page. Its clock stands otherwise, so that no result depends on the speed of this machine.
+const wait = (page, milliseconds) => page.clock.runFor(milliseconds);
+
+const rest = (page) => wait(page, REST);
+
+const until = (page, what, read, is) => poll((milliseconds) => wait(page, milliseconds), what, read, is);
+
+const ready = (page) => until(page, 'state', () => state(page), (value) => value === 'answering');
+
 // A test that fails for any error of the page.
 function pageTest(name, act, options = {}) {
   test(name, async () => {
-    const { context, page, problems } = await open(browser, server.address, options);
+    const { context, page, problems } = await open(browser, server.address, { stopClock: true, ...options });
     await ready(page);
     await act(page, context);
     assert.deepEqual(problems, []);
@@ -36,22 +45,20 @@ function pageTest(name, act, options = {}) {
   });
 }
 
-const rest = () => new Promise((done) => setTimeout(done, REST));
-
 // Asserts that the arm has stopped.
 async function assertStill(page, axis) {
-  await rest();
+  await rest(page);
   const at = await position(page, axis);
-  await rest();
+  await rest(page);
   assert.equal(await position(page, axis), at, 'the arm still moves');
 }
 
-const moves = (page, axis, from) => until('motion', () => position(page, axis), (value) => Math.abs(value - from) > 3);
+const moves = (page, axis, from) => until(page, 'motion', () => position(page, axis), (value) => Math.abs(value - from) > 3);
 
 pageTest('the virtual arm is connected at the start', async (page) => {
   assert.match(await text(page, '#connection-text'), /^Virtual arm · ADFS251205123456 · v6\.10$/);
-  assert.equal(await text(page, '#status'), 'locked');
-  await until('servos', () => text(page, '#servos'), (value) => value === 'all normal');
+  await until(page, 'servos', () => text(page, '#servos'), (value) => value === 'all normal');
+  await until(page, 'status', () => text(page, '#status'), (value) => value === 'locked');
   assert.equal(await position(page, 0), 0);
 });
 
@@ -67,7 +74,7 @@ pageTest('a key moves the arm while it is down', async (page) => {
 
 pageTest('the other row of keys moves the other way', async (page) => {
   await page.keyboard.down('KeyS');
-  await until('motion', () => position(page, 1), (value) => value < -3);
+  await until(page, 'motion', () => position(page, 1), (value) => value < -3);
   await page.keyboard.up('KeyS');
   await assertStill(page, 1);
 });
@@ -119,38 +126,38 @@ for (const [what, stop] of Object.entries(STOPS)) {
 pageTest('nothing moves while motion is off', async (page) => {
   await page.locator('#enable').uncheck();
   await page.keyboard.down('KeyE');
-  await rest();
+  await rest(page);
   assert.equal(await position(page, 2), 0);
   assert.equal(await text(page, '#block'), 'Motion is off. Enable it to move the arm.');
 });
 
 pageTest('torque goes off only after a long press', async (page) => {
   await page.locator('#torque-off').click();
-  await rest();
+  await rest(page);
   assert.equal(await text(page, '#status'), 'locked');
   await page.locator('#torque-off').hover();
   await page.mouse.down();
-  await until('status', () => text(page, '#status'), (value) => value === 'idle');
+  await until(page, 'status', () => text(page, '#status'), (value) => value === 'idle');
   await page.mouse.up();
   await page.keyboard.down('KeyE');
-  await rest();
+  await rest(page);
   assert.equal(await text(page, '#block'), 'Torque is off: the arm does not move.');
   await page.keyboard.up('KeyE');
   await page.locator('#torque-on').click();
-  await until('status', () => text(page, '#status'), (value) => value === 'locked');
+  await until(page, 'status', () => text(page, '#status'), (value) => value === 'locked');
 });
 
 pageTest('a noisy cable causes errors, and a good one none', async (page) => {
   await page.locator('[name=cable][value=noisy]').check({ force: true });
-  await until('bad checksums', () => counter(page, 'bad checksums'), (value) => value > 0);
-  await until('rows', () => page.locator('#frame-rows tr.error').count(), (value) => value > 0);
+  await until(page, 'bad checksums', () => counter(page, 'bad checksums'), (value) => value > 0);
+  await until(page, 'rows', () => page.locator('#frame-rows tr.error').count(), (value) => value > 0);
   assert.match(await text(page, '#frame-rows tr.error .meaning >> nth=0'), /checksum|frame|end mark|length|idle|answer/);
   assert.equal(await page.locator('#counters .bad').filter({ hasText: 'bad checksums' }).count(), 1);
   assert.ok(Number(await text(page, '#fault-corrupt-count')) > 0);
   await page.locator('[name=cable][value=good]').check({ force: true });
-  await rest();
+  await rest(page);
   const bad = await counter(page, 'bad checksums');
-  await rest();
+  await rest(page);
   assert.equal(await counter(page, 'bad checksums'), bad);
 });
 
@@ -161,28 +168,28 @@ pageTest('a slider sets a rate and deselects the cable', async (page) => {
   assert.equal(await text(page, '[for=fault-drop] >> nth=1'), '10 %');
   assert.equal(await slider.getAttribute('aria-valuetext'), '10 % of the bytes');
   assert.equal(await page.locator('[name=cable]:checked').count(), 0);
-  await until('unanswered', () => counter(page, 'unanswered requests'), (value) => value > 0);
+  await until(page, 'unanswered', () => counter(page, 'unanswered requests'), (value) => value > 0);
 });
 
 pageTest('an unplugged arm is silent and answers after reconnection', async (page) => {
   await page.locator('[name=cable][value=unplugged]').check({ force: true });
-  await until('state', () => page.getAttribute('#connection', 'data-state'), (state) => state === 'silent');
-  await until('text', () => text(page, '#connection-text'), (value) => value === 'Virtual arm · no answer');
+  await until(page, 'state', () => state(page), (value) => value === 'silent');
+  await until(page, 'text', () => text(page, '#connection-text'), (value) => value === 'Virtual arm · no answer');
   assert.equal(await text(page, '#block'), 'No fresh reading: the arm does not move.');
   await page.locator('[name=cable][value=good]').check({ force: true });
   await ready(page);
 });
 
 pageTest('frames have a meaning, by message and in order', async (page) => {
-  await until('rows', () => page.locator('#frame-rows').innerText(), (rows) => rows.includes('self-check'));
-  const rows = await page.locator('#frame-rows').innerText();
-  for (const meaning of ['read joints', 'joints 0.0° 0.0°', 'gripper stroke 50 mm', 'AA 06 00 01 FE 9A FF']) assert.ok(rows.includes(meaning), meaning);
+  for (const meaning of ['self-check', 'read joints', 'joints 0.0° 0.0°', 'gripper stroke 50 mm', 'AA 06 00 01 FE 9A FF']) {
+    await until(page, `row with ${meaning}`, () => text(page, '#frame-rows'), (rows) => rows.includes(meaning));
+  }
   await page.locator('[name=rows][value=order]').check({ force: true });
-  await until('rows', () => page.locator('#frame-rows tr').count(), (count) => count > 40);
+  await until(page, 'rows', () => page.locator('#frame-rows tr').count(), (count) => count > 40);
   assert.match(await text(page, '#frame-rows .when >> nth=0'), /^\d+\.\d{3}$/);
   await page.locator('#pause').click();
   const paused = await page.locator('#frame-rows').innerText();
-  await rest();
+  await rest(page);
   assert.equal(await page.locator('#frame-rows').innerText(), paused);
 });
 
@@ -194,7 +201,7 @@ pageTest('a URDF replaces the drawing, and its names are escaped', async (page) 
     <link name="a"><visual><geometry><mesh filename="package://a.stl"/></geometry></visual></link>
     <link name="b"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
     <joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 0.2"/><axis xyz="0 1 0"/></joint></robot>`));
-  await until('notice', () => text(page, '#notice-text'), (value) => value !== '');
+  await until(page, 'notice', () => text(page, '#notice-text'), (value) => value !== '');
   assert.equal(await text(page, '#notice-text'), 'robot.urdf: 1 of its 1 joints follow the arm. 1 meshes are not loaded: cylinders between the joints replace them.');
   assert.equal(await text(page, '#model-name'), '<img src=x onerror=alert(1)>');
   assert.equal(await page.locator('img').count(), 0);
@@ -215,7 +222,7 @@ pageTest('an invalid URDF is an error with a reason', async (page) => {
   const before = await text(page, '#model-name');
   for (const [body, error] of Object.entries(BAD)) {
     await page.locator('#urdf').setInputFiles(urdf(body));
-    await until(`notice for ${body}`, () => page.locator('#notice-text').textContent(), (value) => value === error);
+    await until(page, `notice for ${body}`, () => page.locator('#notice-text').textContent(), (value) => value === error);
     await page.locator('#notice-close').click();
   }
   assert.equal(await text(page, '#model-name'), before);
@@ -259,30 +266,30 @@ async function drop(page, { name, mimeType, buffer }) {
 }
 
 pageTest('a dropped URDF changes the shape of the arm', async (page) => {
-  await rest();
+  await rest(page);
   const before = await drawing(page);
   assert.ok(await difference(page, [before, await drawing(page)]) < 0.001, 'the drawing changes by itself');
   await drop(page, urdf(`<robot name="dropped">
     <link name="a"><visual><geometry><box size="0.3 0.3 0.1"/></geometry></visual></link>
     <link name="b"><visual><geometry><box size="0.1 0.1 0.4"/></geometry></visual></link>
     <joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 0.2"/><axis xyz="0 1 0"/></joint></robot>`));
-  await until('notice', () => text(page, '#notice-text'), (value) => value !== '');
+  await until(page, 'notice', () => text(page, '#notice-text'), (value) => value !== '');
   assert.equal(await text(page, '#notice-text'), 'robot.urdf: 1 of its 1 joints follow the arm.');
   assert.equal(await text(page, '#model-name'), 'dropped');
   await page.locator('#notice-close').click();
-  await rest();
+  await rest(page);
   assert.ok(await difference(page, [before, await drawing(page)]) > 0.02, 'the drawing has not changed');
 });
 
 pageTest('an invalid dropped URDF does not change the arm', async (page) => {
   const name = await text(page, '#model-name');
-  await rest();
+  await rest(page);
   const before = await drawing(page);
   await drop(page, urdf('<robot name="broken"><link name="a"/><link name="b"/></robot>'));
   const error = 'the robot has 2 links without a parent, must be 1';
-  await until('notice', () => page.locator('#notice-text').textContent(), (value) => value === error);
+  await until(page, 'notice', () => page.locator('#notice-text').textContent(), (value) => value === error);
   await page.locator('#notice-close').click();
-  await rest();
+  await rest(page);
   assert.equal(await text(page, '#model-name'), name);
   assert.ok(await difference(page, [before, await drawing(page)]) < 0.001, 'the drawing has changed');
 });
@@ -306,7 +313,7 @@ pageTest('keys of the page do nothing while the help is open', async (page) => {
   await page.keyboard.press('?');
   assert.ok(await page.locator('#help-dialog').isVisible());
   await page.keyboard.down('KeyQ');
-  await rest();
+  await rest(page);
   assert.equal(await position(page, 0), 0);
   await page.keyboard.up('KeyQ');
   await page.keyboard.press('Escape');
@@ -321,7 +328,7 @@ for (const [width, height] of SIZES) {
       await page.keyboard.down('KeyU');
       await moves(page, 1, 0);
       await page.locator('[name=cable][value=noisy]').check({ force: true });
-      await until('errors', () => counter(page, 'bytes outside of frames'), (value) => value > 0);
+      await until(page, 'errors', () => counter(page, 'bytes outside of frames'), (value) => value > 0);
       const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
       assert.equal(wide, 0, 'the page is wider than the window');
       const shot = await page.locator('#view').screenshot();

@@ -10,8 +10,9 @@ import os from 'node:os';
 import path from 'node:path';
 import readline from 'node:readline';
 import { after, before, test } from 'node:test';
+import { setTimeout } from 'node:timers/promises';
 import { chromium } from 'playwright-core';
-import { ARGUMENTS, EXECUTABLE, counter, open, position, ready, text, until } from './browser.mjs';
+import { ARGUMENTS, EXECUTABLE, counter, open, poll, position, state, text } from './browser.mjs';
 import { serve } from './server.mjs';
 
 const { ARMWIRE_PAGE, ARMWIRE_DEMO, ARMWIRE_IMAGE, ARMWIRE_COMMAND } = process.env;
@@ -67,6 +68,11 @@ after(async () => {
   fs.rmSync(folder, { recursive: true, force: true });
 });
 
+// The adapter runs in real time.
+const until = (what, read, is) => poll(setTimeout, what, read, is);
+
+const ready = (page) => until('state', () => state(page), (value) => value === 'answering');
+
 // A test with its own board and browser, connected, with motion enabled.
 function serialTest(name, act) {
   test(name, async () => {
@@ -113,8 +119,9 @@ serialTest('an adapter is identified, moved and stopped', async (page) => {
   await moveOn(page);
   await page.keyboard.up('KeyQ');
   await until('stop', async () => {
-    const [from, to] = [await position(page, 0), await new Promise((done) => setTimeout(() => done(position(page, 0)), 400))];
-    return to - from;
+    const from = await position(page, 0);
+    await setTimeout(400);
+    return await position(page, 0) - from;
   }, (moved) => moved === 0);
   assert.equal(await counter(page, 'bytes outside of frames'), 0);
   await page.locator('#virtual').click();
