@@ -117,7 +117,7 @@ fn test_engine() -> Result<()> {
 fn test_page(page: &Path) -> Result<()> {
     apt::require(&[("chromium", "chromium")])?;
     run(Command::new("node")
-        .args(["--test", "unit.test.mjs", "page.test.mjs"])
+        .args(["--test", "--test-reporter=spec", "unit.test.mjs", "page.test.mjs"])
         .current_dir(folder("test"))
         .env("ARMWIRE_PAGE", page)
         .env("ARMWIRE_SCREENSHOTS", target_dir()?.join("web-screenshots")))
@@ -133,7 +133,7 @@ fn test_serial(page: &Path) -> Result<()> {
         .context("no mount namespace: WebSerial cannot be tested")?;
     run(Command::new("unshare")
         .args(UNSHARE)
-        .args(["node", "--test", "serial.test.mjs"])
+        .args(["node", "--test", "--test-reporter=spec", "serial.test.mjs"])
         .current_dir(folder("test"))
         .env("ARMWIRE_PAGE", page)
         .env("ARMWIRE_IMAGE", image.path)
