@@ -7,8 +7,11 @@ export const ARGUMENTS = ['--no-sandbox', '--use-angle=swiftshader', '--enable-u
 
 export const EXECUTABLE = process.env.CHROMIUM ?? '/usr/bin/chromium';
 
-// The time at which a clock is stopped, in milliseconds: after any time of the empty page before.
-const PAUSED_AT = 3_600_000;
+// Time of a stopped clock, in milliseconds. It is later than the time of the empty page, whose clock runs.
+const STOPPED_AT = 3_600_000;
+// Period of reading in `poll`, and its timeout, in milliseconds.
+const POLL_PERIOD = 50;
+const POLL_TIMEOUT = 20_000;
 
 export const launch = () => chromium.launch({ executablePath: EXECUTABLE, args: ARGUMENTS });
 
@@ -17,7 +20,7 @@ export const launch = () => chromium.launch({ executablePath: EXECUTABLE, args: 
 export async function open(browser, address, { stopClock = false, ...options } = {}) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
   const page = await context.newPage();
-  if (stopClock) await page.clock.pauseAt(PAUSED_AT);
+  if (stopClock) await page.clock.pauseAt(STOPPED_AT);
   const problems = [];
   page.on('console', (message) => ['error', 'warning'].includes(message.type()) && problems.push(message.text()));
   page.on('pageerror', (error) => problems.push(String(error)));
@@ -34,12 +37,12 @@ export async function open(browser, address, { stopClock = false, ...options } =
 // Reads until `is` accepts the result, and returns it. `wait` lets a number of milliseconds pass.
 export async function poll(wait, what, read, is) {
   let value;
-  for (let waited = 0; waited < 20_000; waited += 50) {
+  for (let waited = 0; waited < POLL_TIMEOUT; waited += POLL_PERIOD) {
     value = await read();
     if (is(value)) return value;
-    await wait(50);
+    await wait(POLL_PERIOD);
   }
-  return assert.fail(`${what}: still ${JSON.stringify(value)} after 20 s`);
+  return assert.fail(`${what}: still ${JSON.stringify(value)} after ${POLL_TIMEOUT / 1000} s`);
 }
 
 export const text = (page, selector) => page.locator(selector).innerText();
@@ -58,3 +61,5 @@ export async function counter(page, label) {
 
 // The state of the connection; `answering` once the arm has answered.
 export const state = (page) => page.getAttribute('#connection', 'data-state');
+
+export const ready = (wait, page) => poll(wait, 'state', () => state(page), (value) => value === 'answering');

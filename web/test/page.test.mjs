@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import fs from 'node:fs';
 import path from 'node:path';
 import { after, before, test } from 'node:test';
-import { counter, launch, open, poll, position, state, text } from './browser.mjs';
+import { counter, launch, open, poll, position, ready, state, text } from './browser.mjs';
 import { serve } from './server.mjs';
 
 const folder = process.env.ARMWIRE_PAGE;
@@ -26,19 +26,17 @@ after(async () => {
 });
 
 // Lets time pass on the page. Its clock stands otherwise, so that no result depends on the speed of this machine.
-const wait = (page, milliseconds) => page.clock.runFor(milliseconds);
+const waitOn = (page) => (milliseconds) => page.clock.runFor(milliseconds);
 
-const rest = (page) => wait(page, REST);
+const rest = (page) => waitOn(page)(REST);
 
-const until = (page, what, read, is) => poll((milliseconds) => wait(page, milliseconds), what, read, is);
-
-const ready = (page) => until(page, 'state', () => state(page), (value) => value === 'answering');
+const until = (page, what, read, is) => poll(waitOn(page), what, read, is);
 
 // A test that fails for any error of the page.
 function pageTest(name, act, options = {}) {
   test(name, async () => {
     const { context, page, problems } = await open(browser, server.address, { stopClock: true, ...options });
-    await ready(page);
+    await ready(waitOn(page), page);
     await act(page, context);
     assert.deepEqual(problems, []);
     await context.close();
@@ -177,7 +175,7 @@ pageTest('an unplugged arm is silent and answers after reconnection', async (pag
   await until(page, 'text', () => text(page, '#connection-text'), (value) => value === 'Virtual arm · no answer');
   assert.equal(await text(page, '#block'), 'No fresh reading: the arm does not move.');
   await page.locator('[name=cable][value=good]').check({ force: true });
-  await ready(page);
+  await ready(waitOn(page), page);
 });
 
 pageTest('frames have a meaning, by message and in order', async (page) => {

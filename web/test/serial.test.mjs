@@ -12,7 +12,7 @@ import readline from 'node:readline';
 import { after, before, test } from 'node:test';
 import { setTimeout } from 'node:timers/promises';
 import { chromium } from 'playwright-core';
-import { ARGUMENTS, EXECUTABLE, counter, open, poll, position, state, text } from './browser.mjs';
+import { ARGUMENTS, EXECUTABLE, counter, open, poll, position, ready, text } from './browser.mjs';
 import { serve } from './server.mjs';
 
 const { ARMWIRE_PAGE, ARMWIRE_DEMO, ARMWIRE_IMAGE, ARMWIRE_COMMAND } = process.env;
@@ -71,8 +71,6 @@ after(async () => {
 // The adapter runs in real time.
 const until = (what, read, is) => poll(setTimeout, what, read, is);
 
-const ready = (page) => until('state', () => state(page), (value) => value === 'answering');
-
 // A test with its own board and browser, connected, with motion enabled.
 function serialTest(name, act) {
   test(name, async () => {
@@ -81,10 +79,10 @@ function serialTest(name, act) {
     const browser = await chromium.connect(process.wsEndpoint());
     try {
       const { page, problems } = await open(browser, server.address);
-      await ready(page);
+      await ready(setTimeout, page);
       await page.locator('#reconnect').click();
       await until('port', () => page.evaluate(() => document.body.dataset.port), (port) => port === 'serial');
-      await ready(page);
+      await ready(setTimeout, page);
       await act(page, process);
       assert.deepEqual(problems, []);
     } finally {
