@@ -3,6 +3,7 @@
 #[path = "../../virtual-board/src/bin/demo/options.rs"]
 mod options;
 
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::thread;
 
@@ -11,9 +12,9 @@ use clap::Args;
 
 use self::options::DemoOptions;
 use crate::board::Board;
-use crate::cargo::cargo;
+use crate::cargo::{cargo, target_dir};
 use crate::image;
-use crate::process::replace_ourselves;
+use crate::process::{self, replace_ourselves};
 
 #[derive(Args)]
 pub(crate) struct Options {
@@ -52,7 +53,13 @@ pub(crate) fn run(Options { board, demo }: Options) -> Result<()> {
     replace_ourselves(&mut run)
 }
 
+/// Builds the demo, and returns the program. It starts at once; `cargo run` would wait for other builds.
+pub(crate) fn build() -> Result<PathBuf> {
+    process::run(&mut command("build"))?;
+    Ok(target_dir()?.join("debug/demo"))
+}
+
 /// `cargo build` or `cargo run` for the demo.
-pub(crate) fn command(subcommand: &str) -> Command {
+fn command(subcommand: &str) -> Command {
     cargo(&format!("{subcommand} --package armwire-virtual-board --bin demo"))
 }

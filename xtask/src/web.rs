@@ -127,8 +127,7 @@ fn test_page(page: &Path) -> Result<()> {
 fn test_serial(page: &Path) -> Result<()> {
     let image = image::build(image::Options::of(Board::default()))?;
     run(&mut cargo("build --quiet --package armwire-cli"))?;
-    run(&mut demo::command("build --quiet"))?;
-    let debug = target_dir()?.join("debug");
+    let demo = demo::build()?;
     output(Command::new("unshare").args(UNSHARE).arg("true"))
         .context("no mount namespace: WebSerial cannot be tested")?;
     run(Command::new("unshare")
@@ -137,8 +136,8 @@ fn test_serial(page: &Path) -> Result<()> {
         .current_dir(folder("test"))
         .env("ARMWIRE_PAGE", page)
         .env("ARMWIRE_IMAGE", image.path)
-        .env("ARMWIRE_DEMO", debug.join("demo"))
-        .env("ARMWIRE_COMMAND", debug.join("armwire")))
+        .env("ARMWIRE_DEMO", demo)
+        .env("ARMWIRE_COMMAND", target_dir()?.join("debug/armwire")))
 }
 
 fn folder(name: &str) -> PathBuf {

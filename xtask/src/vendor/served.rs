@@ -9,10 +9,8 @@ use anyhow::Result;
 
 use super::background::Background;
 use crate::board::Board;
-use crate::cargo::target_dir;
 use crate::demo;
 use crate::image;
-use crate::process::run;
 
 /// Timeout until the board's ports exist.
 pub(crate) const BOOT: Duration = Duration::from_secs(30);
@@ -46,15 +44,14 @@ impl ServedBoard {
     pub(crate) fn start_board(dir: &Path, board: Board) -> Result<Self> {
         let image = image::build(image::Options::of(board))?;
         println!("building the virtual board, about 3 minutes the first time");
-        run(&mut demo::command("build"))?;
+        let demo = demo::build()?;
 
         let (serial, can, control) = (dir.join("arm"), dir.join("bus"), dir.join("control"));
         for link in [&serial, &can, &control] {
             // The old link of a killed board may point to another program's terminal.
             let _ = fs::remove_file(link);
         }
-        // `cargo run` would wait for other builds, which run beside it.
-        let mut serve = Command::new(target_dir()?.join("debug/demo"));
+        let mut serve = Command::new(demo);
         serve.arg("--image").arg(image.path);
         serve.arg("--serve").arg(&serial).arg("--slcan").arg(&can);
         serve.arg("--control").arg(&control);
