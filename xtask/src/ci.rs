@@ -16,7 +16,7 @@ use crate::{apt, c_library, campaign, fuzz, integrity, packages, parallel, perfo
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
 /// Commands that mostly build, in directories of their own. One at a time they would leave a core idle for half of the
-/// time: an image is linked by one.
+/// time: only one core links an image.
 const BUILDS: [&str; 8] = [
     "deny",
     "examples",
@@ -90,12 +90,12 @@ pub(crate) fn run() -> Result<()> {
     })?;
     ci.step("public API", semver::run)?;
     ci.step("page in a browser, C library", || {
-        parallel::run_all(vec![xtask("web")?, xtask("c")?])
+        parallel::run_all(xtasks(&["web", "c"])?)
     })?;
     ci.step(
         "licences, examples, images, other targets, coverage, link tests",
         || {
-            let mut commands = BUILDS.into_iter().map(xtask).collect::<Result<Vec<_>>>()?;
+            let mut commands = xtasks(&BUILDS)?;
             let mut clippy = cargo("clippy --all-targets -- -D warnings");
             clippy.current_dir(root().join("host-tests/benches"));
             commands.extend([clippy, fuzz::clippy()?]);
@@ -119,9 +119,9 @@ pub(crate) fn run() -> Result<()> {
             .try_for_each(|image| campaign::run_on(&image.path, &campaign::Options::runs(CAMPAIGN_RUNS)))
     })?;
     ci.step("package for Python, CAN software, recordings, vendors' SDKs", || {
-        let mut commands = PROGRAMS.into_iter().map(xtask).collect::<Result<Vec<_>>>()?;
-        // The next step would build it alone.
-        commands.insert(1, cargo("test --package armwire-ros2"));
+        // Otherwise the next step would build the node with one core idle.
+        let mut commands = vec![cargo("test --package armwire-ros2 --no-run")];
+        commands.extend(xtasks(&PROGRAMS)?);
         parallel::run_all(commands)
     })?;
     // It measures how late readings are.
@@ -161,11 +161,15 @@ fn image_tests(image: &Image) -> Command {
     test
 }
 
-/// A command of this program.
-fn xtask(words: &str) -> Result<Command> {
-    let mut xtask = Command::new(env::current_exe()?);
-    xtask.args(words.split(' '));
-    Ok(xtask)
+/// Commands of this program.
+fn xtasks(commands: &[&str]) -> Result<Vec<Command>> {
+    let program = env::current_exe()?;
+    let xtask = |words: &&str| {
+        let mut xtask = Command::new(&program);
+        xtask.args(words.split(' '));
+        xtask
+    };
+    Ok(commands.iter().map(xtask).collect())
 }
 
 /// Does the same for each of these packages.
