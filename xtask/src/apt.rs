@@ -5,7 +5,7 @@ use std::process::Command;
 
 use anyhow::{Result, ensure};
 
-use crate::installation::alone;
+use crate::installation::with_lock;
 use crate::process::{output, run};
 
 /// Installs the packages of these programs that are not on the path. Each program is followed by its package.
@@ -43,7 +43,7 @@ pub(crate) fn install(packages: &[&str]) -> Result<bool> {
         // `cargo run` set it to the compiler's libraries.
         run(apt.env_remove("LD_LIBRARY_PATH"))
     };
-    alone(|| {
+    with_lock(|| {
         apt("update", &[])?;
         apt("install --yes --no-install-recommends", packages)
     })?;

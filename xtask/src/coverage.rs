@@ -13,7 +13,7 @@ use clap::Args;
 use serde_json::{Value, from_str, from_value};
 
 use crate::fuzz;
-use crate::installation::alone;
+use crate::installation::with_lock;
 use crate::parallel::for_each;
 use crate::process::{self, output};
 use crate::workspace::root;
@@ -131,7 +131,7 @@ fn llvm(name: &str) -> Result<PathBuf> {
     let path = Path::new(libraries.trim()).with_file_name("bin").join(name);
     if !fs::exists(&path)? {
         println!("{name} is missing");
-        alone(|| process::run(Command::new("rustup").args(["component", "add", "llvm-tools"])))?;
+        with_lock(|| process::run(Command::new("rustup").args(["component", "add", "llvm-tools"])))?;
     }
     Ok(path)
 }

@@ -11,7 +11,7 @@ use crate::cargo::target_dir;
 /// # Errors
 ///
 /// If there is no target directory to lock a file in, or the installation fails.
-pub(crate) fn alone<T>(install: impl FnOnce() -> Result<T>) -> Result<T> {
+pub(crate) fn with_lock<T>(install: impl FnOnce() -> Result<T>) -> Result<T> {
     let lock = File::create(target_dir()?.join("installation.lock"))?;
     lock.lock()?;
     install()

@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail};
 
 use crate::apt;
 use crate::cargo::{cargo, cargo_at, target_dir};
-use crate::installation::alone;
+use crate::installation::with_lock;
 use crate::process::output;
 
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
@@ -124,7 +124,7 @@ fn is_installed(target: &str) -> bool {
 /// Returns true if rustup is installed and has added the targets.
 fn add_with_rustup(targets: &[&str]) -> bool {
     println!("rustup adds {}", targets.join(", "));
-    let added = alone(|| output(Command::new("rustup").args(["target", "add"]).args(targets)));
+    let added = with_lock(|| output(Command::new("rustup").args(["target", "add"]).args(targets)));
     if let Err(error) = &added {
         println!("rustup failed: {error:#}");
     }
