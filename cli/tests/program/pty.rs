@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::common::{
-    Arm, NO_ANSWER, PROGRAM, failure, finish, free_path, retry_while, run, run_against, start, success, usage,
+    Arm, NO_ANSWER, PROGRAM, failure, finish, free_path, install, retry_while, run, run_against, start, success, usage,
 };
 use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire::messages::Messages;
@@ -268,8 +268,7 @@ fn missing_permission_names_the_group() {
         let fields: Vec<_> = other.split(':').collect();
         chown(pty.path(), None, Some(fields[2].parse().unwrap())).unwrap();
         group = format!("the group '{}'", fields[0]);
-        fs::copy(PROGRAM, &copy).unwrap();
-        fs::set_permissions(&copy, Permissions::from_mode(0o755)).unwrap();
+        install(Path::new(PROGRAM), &copy);
         command = Command::new(&copy);
         command.uid(65_534).current_dir("/");
     } else {

@@ -1,14 +1,13 @@
 //! Updates of an adapter: a firmware image, and a `dfu-util` that writes nothing.
 
-use std::fs::{self, Permissions};
-use std::os::unix::fs::PermissionsExt;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use crc::{CRC_32_JAMCRC, Crc};
 
 use super::board::Board;
-use super::{PROGRAM, finish, free_path, start};
+use super::{PROGRAM, finish, free_path, install, start};
 
 /// A firmware for a board of this name, as a DfuSe file.
 pub(crate) fn image(board: &str) -> Vec<u8> {
@@ -46,8 +45,9 @@ pub(crate) fn tools(name: &str, boot_loader: &Path, exit: i32) -> PathBuf {
          esac\n",
         log = log.display()
     );
-    fs::write(folder.join("dfu-util"), script).unwrap();
-    fs::set_permissions(folder.join("dfu-util"), Permissions::from_mode(0o755)).unwrap();
+    let source = folder.join("script");
+    fs::write(&source, script).unwrap();
+    install(&source, &folder.join("dfu-util"));
     folder
 }
 

@@ -45,6 +45,14 @@ pub(crate) fn run(args: &[&str]) -> Output {
     finish(start(Command::new(PROGRAM).args(args)))
 }
 
+/// Copies a program to where it is started. `install` writes the copy: a process that another test starts would inherit
+/// this one's open file, and a file open for writing cannot be executed.
+pub(crate) fn install(program: &Path, to: &Path) {
+    let mut install = Command::new("install");
+    let status = install.args(["-m", "755"]).arg(program).arg(to).status().unwrap();
+    assert!(status.success(), "{install:?}: {status}");
+}
+
 /// Message for an arm that does not answer.
 pub(crate) const NO_ANSWER: &str = "no answer in";
 
