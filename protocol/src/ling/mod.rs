@@ -19,6 +19,7 @@ mod frame;
 #[cfg(feature = "ling-legacy")]
 pub mod legacy;
 mod message;
+pub mod stop;
 #[cfg(test)]
 mod tests;
 mod value;
@@ -30,6 +31,7 @@ pub use frame::{
     Frame, MAX_DATA, MAX_FRAME, OVERHEAD, READ_INFO, READ_JOINTS, SELF_CHECK, TAIL, TORQUE_OFF, TORQUE_ON, checksum,
 };
 pub use message::{GripperSpeed, Info, JointState, Move, Request, Response, Torque};
+pub use stop::Stop;
 pub use value::{
     JOINTS, Kind, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TICKS_PER_TURN,
     TemperatureLimit, Version,

@@ -329,6 +329,25 @@ pub enum MotionStatus {
     Other(u8),
 }
 
+impl MotionStatus {
+    /// True if the torque is on and the arm holds its position, false if it is off. `None` if the status does not show
+    /// it: an overheating arm may hold, and the document does not say what a syncing arm does.
+    ///
+    /// ```
+    /// use armwire::ling::MotionStatus;
+    ///
+    /// assert_eq!(MotionStatus::Locked.is_holding(), Some(true));
+    /// assert_eq!(MotionStatus::Overheating.is_holding(), None);
+    /// ```
+    pub const fn is_holding(self) -> Option<bool> {
+        match self {
+            Self::Locked | Self::SyncLocked => Some(true),
+            Self::Idle | Self::OverheatProtection => Some(false),
+            Self::Syncing | Self::Overheating | Self::Other(_) => None,
+        }
+    }
+}
+
 impl From<u8> for MotionStatus {
     fn from(code: u8) -> Self {
         match code {
