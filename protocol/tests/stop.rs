@@ -1,7 +1,7 @@
 //! Stopping a Ling arm.
 
 use armwire::ling::stop::{Grip, Output, StopError, Stopped};
-use armwire::ling::{JointState, MotionStatus, Move, Opening, Request, Stop, Torque};
+use armwire::ling::{GripperSpeed, JointState, MotionStatus, Move, Opening, Position, Request, Speed, Stop, Torque};
 use armwire::time::{Duration, Instant};
 
 /// An arm with one moving joint, in virtual time.
@@ -117,6 +117,33 @@ fn lost_move_is_sent_again() {
     assert!(matches!(arm.stop(None), Ok(Stopped::AtRest { .. })));
     assert_eq!(arm.moves.len(), 2);
     assert!(arm.moves[1].joints[2].0 > arm.moves[0].joints[2].0);
+}
+
+#[test]
+fn returning_joint_does_not_leave_the_pose() {
+    let mut arm = Arm::moving(0.0);
+    arm.lost = usize::MAX;
+    let pose = Move {
+        joints: [(Position::CENTRE, Speed::MAX); 6],
+        gripper: (Opening::CLOSED, GripperSpeed(1000)),
+    };
+    // 48 ticks to the pose, in 240 ms.
+    (arm.position, arm.speed) = (2_000.0, 200.0);
+    let mut stop = Stop::at(pose);
+    assert_eq!(stop.poll(arm.now), Output::Request(Request::Move(pose)));
+    let mut requests = Vec::new();
+    while !matches!(requests.last(), Some(Request::SetTorque(_))) {
+        match stop.poll(arm.now) {
+            Output::Request(Request::ReadJoints) => stop.on_joints(arm.now, &arm.state()),
+            Output::Request(request) => requests.push(request),
+            Output::Wait(until) => arm.pass(until.since(arm.now)),
+            Output::Done(result) => panic!("{result:?}"),
+        }
+        if arm.position >= 2048.0 {
+            arm.speed = 0.0;
+        }
+    }
+    assert_eq!(requests, [Request::SetTorque(Torque::On)]);
 }
 
 #[test]

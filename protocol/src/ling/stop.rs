@@ -20,8 +20,8 @@ const GRIPPER_SPEED: GripperSpeed = GripperSpeed(1000);
 /// Stops a moving arm and keeps its torque on: a state machine without I/O.
 ///
 /// The arm has no request for this. A move to the pose of a reading ends the motion in progress. It is sent once, and
-/// again only if a joint leaves that pose by more than [`Move::JOINT_TOLERANCE`], for example because the move was lost.
-/// The arm is at rest when no joint changes by 2 ticks for 100 ms. Then torque-on follows: it changes nothing at the
+/// again only if a joint leaves that pose by more than [`Move::JOINT_TOLERANCE`], for example because the move was lost;
+/// a joint that returns to the pose does not leave it. The arm is at rest when no joint changes by 2 ticks for 100 ms. Then torque-on follows: it changes nothing at the
 /// arm, and an adapter takes it as the end of the host's stream of motion. Nothing is sent to an arm without torque.
 ///
 /// A move contains the gripper. Its goal is the last one that the caller has sent. If that is unknown, it is the
@@ -57,6 +57,8 @@ pub struct Stop {
     start: Option<Instant>,
     /// The pose of the last move.
     pose: Option<[Position; JOINTS]>,
+    /// The distances from that pose in the last reading, in ticks.
+    away: Option<[u16; JOINTS]>,
     /// The first of the readings that differ by less than [`MOTION`], and its time.
     rest: Option<(Instant, [Position; JOINTS])>,
     /// The joint that moved last, from 1.
@@ -140,9 +142,20 @@ impl Stop {
             gripper,
             start: None,
             pose: None,
+            away: None,
             rest: None,
             moving: None,
             step: Step::Read(Instant::ZERO),
+        }
+    }
+
+    /// A stop at a pose that the caller has computed, such as the present point of its trajectory. The move there is the
+    /// first request: it waits for no reading. The caller knows that the torque is on.
+    pub fn at(target: Move) -> Self {
+        Self {
+            pose: Some(target.joints.map(|(position, _)| position)),
+            step: Step::Hold(target),
+            ..Self::new(Some(target.gripper.0))
         }
     }
 
@@ -193,10 +206,14 @@ impl Stop {
             Ok(joints) => joints,
             Err(error) => return Some(Step::End(Err(StopError::Position(error)))),
         };
-        let has_left = |pose| first_apart(&pose, &joints, Move::JOINT_TOLERANCE + 1);
-        if self.pose.is_none_or(|pose| has_left(pose).is_some()) {
-            self.moving = self.pose.map_or(Some(1), has_left);
+        let left = match self.pose {
+            Some(pose) => self.left(distances(&pose, &joints)),
+            None => Some(1),
+        };
+        if left.is_some() {
+            self.moving = left;
             self.pose = Some(joints);
+            self.away = None;
             self.rest = None;
             return Some(Step::Hold(self.hold(joints, state)));
         }
@@ -204,7 +221,8 @@ impl Stop {
             self.rest = Some((now, joints));
             return None;
         };
-        if let Some(joint) = first_apart(&first, &joints, MOTION) {
+        let moving = numbered(distances(&first, &joints)).find(|(_, distance)| *distance >= MOTION);
+        if let Some((joint, _)) = moving {
             self.moving = Some(joint);
             self.rest = Some((now, joints));
             return None;
@@ -223,6 +241,14 @@ impl Stop {
         })
     }
 
+    /// Takes the distances of the joints from the pose. Returns the first joint that is leaving it.
+    fn left(&mut self, away: [u16; JOINTS]) -> Option<u8> {
+        let before = self.away.replace(away)?;
+        let mut joints = numbered(away).zip(before);
+        let left = joints.find(|((_, now), before)| *now > Move::JOINT_TOLERANCE && now > before);
+        left.map(|((joint, _), _)| joint)
+    }
+
     /// A move to this pose.
     fn hold(&self, joints: [Position; JOINTS], state: &JointState) -> Move {
         let speed = Speed::new(SPEED).unwrap_or(Speed::MAX);
@@ -235,9 +261,16 @@ impl Stop {
     }
 }
 
-/// The first joint, from 1, whose positions differ by at least `ticks`.
-fn first_apart(a: &[Position; JOINTS], b: &[Position; JOINTS], ticks: u16) -> Option<u8> {
-    let mut pairs = (1..).zip(a.iter().zip(b));
-    let apart = pairs.find(|(_, (a, b))| a.ticks().abs_diff(b.ticks()) >= ticks);
-    apart.map(|(joint, _)| joint)
+/// The distances of the joints, in ticks.
+fn distances(a: &[Position; JOINTS], b: &[Position; JOINTS]) -> [u16; JOINTS] {
+    let mut distances = [0; JOINTS];
+    for (distance, (a, b)) in distances.iter_mut().zip(a.iter().zip(b)) {
+        *distance = a.ticks().abs_diff(b.ticks());
+    }
+    distances
+}
+
+/// The values with the numbers of their joints, from 1.
+fn numbered(values: [u16; JOINTS]) -> impl Iterator<Item = (u8, u16)> {
+    (1..).zip(values)
 }
