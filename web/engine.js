@@ -4,9 +4,10 @@ export const JOINTS = 6;
 export const GRIPPER = 6;
 export const AXES = 7;
 
-// The numbers of `State`, `Block` and `Event` in web/engine/src.
+// The numbers of `State`, `Block`, `StopState` and `Event` in web/engine/src.
 export const STATES = ['listening', 'silent', 'answering', 'older generation'];
 export const BLOCKS = [null, 'disabled', 'no reading', 'torque off', 'out of range'];
+export const STOPS = [null, 'stopping', 'stopped', 'grip may loosen', 'without torque', 'failed'];
 export const EVENTS = [null, 'sent', 'received', 'unknown', 'noise', 'unanswered'];
 
 export class Engine {
@@ -41,6 +42,7 @@ export class Engine {
     if (!this.#wasm.session_hold(this.#engine, now, axis, direction)) throw new RangeError(`axis ${axis} does not exist`);
   }
   release(now) { this.#wasm.session_release(this.#engine, now); }
+  stop(now) { this.#wasm.session_stop(this.#engine, now); }
   enableMotion(now, enabled) { this.#wasm.session_enable_motion(this.#engine, now, enabled); }
   // Radians per second.
   setSpeed(speed) {
@@ -49,6 +51,7 @@ export class Engine {
   setTorque(now, on) { this.#wasm.session_set_torque(this.#engine, now, on); }
 
   state() { return STATES[this.#wasm.session_state(this.#engine)]; }
+  stopState() { return STOPS[this.#wasm.session_stop_state(this.#engine)]; }
   block(now) { return BLOCKS[this.#wasm.session_block(this.#engine, now)]; }
 
   // The arm's last readings. Missing numbers are NaN, missing texts are empty.

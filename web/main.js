@@ -30,6 +30,13 @@ const BLOCK_TEXTS = {
   'torque off': 'Torque is off: the arm does not move.',
   'out of range': 'A position is out of range: the arm does not move.',
 };
+const STOP_TEXTS = {
+  stopping: 'The arm is being stopped.',
+  stopped: 'Stopped. Hold a key or button to move.',
+  'grip may loosen': 'Stopped. The gripper holds its reading: a grip may have loosened.',
+  'without torque': 'Torque is off: nothing was sent.',
+  failed: 'The arm may still move. Switch its supply off.',
+};
 const STATE_TEXTS = {
   listening: 'listening',
   silent: 'no answer',
@@ -239,6 +246,14 @@ class Page {
     element('speed').addEventListener('input', (event) => {
       element('speed-text').textContent = `${event.target.value}°/s`;
       this.#engine.setSpeed(event.target.value / DEGREES);
+    });
+    const stop = () => {
+      this.#holds.releaseAll();
+      this.#act((at) => this.#engine.stop(at));
+    };
+    element('stop').addEventListener('click', stop);
+    addEventListener('keydown', (event) => {
+      if (event.key === 'Escape' && !document.querySelector('dialog[open]')) stop();
     });
     element('torque-on').addEventListener('click', () => this.#act((at) => this.#engine.setTorque(at, true)));
     const button = element('torque-off');
@@ -502,8 +517,11 @@ class Page {
     const block = this.#link.port ? this.#engine.block(at) : 'no reading';
     const isHeld = this.#axes.some((_, axis) => this.#holds.direction(axis) !== 0);
     const output = element('block');
-    output.classList.toggle('warn', block !== null && isHeld);
-    set(output, block ? BLOCK_TEXTS[block] : 'Hold a key or button to move. Release it to stop.');
+    const stop = this.#engine.stopState();
+    const hasFailed = stop === 'failed';
+    output.classList.toggle('warn', hasFailed || (block !== null && isHeld));
+    const text = block && !hasFailed ? BLOCK_TEXTS[block] : STOP_TEXTS[stop];
+    set(output, text ?? 'Hold a key or button to move. Release it to stop.');
   }
 
   #showFacts(time) {

@@ -121,6 +121,17 @@ for (const [what, stop] of Object.entries(STOPS)) {
   });
 }
 
+pageTest('the stop button keeps the torque and says how the arm stopped', async (page) => {
+  await page.locator('#stop').click();
+  await until(page, 'stop', () => text(page, '#block'), (value) => value.startsWith('Stopped. The gripper holds its reading'));
+  assert.equal(await text(page, '#status'), 'locked');
+  await page.keyboard.down('KeyW');
+  await moves(page, 1, 0);
+  await page.keyboard.press('Escape');
+  await assertStill(page, 1);
+  await until(page, 'stop', () => text(page, '#block'), (value) => value === 'Stopped. Hold a key or button to move.');
+});
+
 pageTest('nothing moves while motion is off', async (page) => {
   await page.locator('#enable').uncheck();
   await page.keyboard.down('KeyE');

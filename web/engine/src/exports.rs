@@ -120,7 +120,19 @@ pub extern "C" fn session_hold(engine: &mut Engine, now: f64, axis: usize, direc
     engine.session.hold(instant(now), axis, direction).is_ok()
 }
 
-/// Releases all axes and stops the arm.
+/// Stops the arm, whatever moves it. It keeps its torque.
+#[unsafe(no_mangle)]
+pub extern "C" fn session_stop(engine: &mut Engine, now: f64) {
+    engine.session.stop(instant(now));
+}
+
+/// The number of the [`StopState`](crate::session::StopState).
+#[unsafe(no_mangle)]
+pub extern "C" fn session_stop_state(engine: &Engine) -> u8 {
+    engine.session.stop_state() as u8
+}
+
+/// Releases all axes and ends their motion.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_release(engine: &mut Engine, now: f64) {
     engine.session.release(instant(now));

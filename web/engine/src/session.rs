@@ -5,8 +5,9 @@
 use std::num::NonZeroU32;
 
 use armwire::ling::legacy::Detector;
+use armwire::ling::stop::{self, Grip, StopError, Stopped};
 use armwire::ling::{
-    Info, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, SelfCheck, Speed, Stroke, Torque,
+    Info, JointState, Ling, MAX_FRAME, Opening, PerServo, Request, Response, SelfCheck, Speed, Stop, Stroke, Torque,
 };
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
@@ -90,15 +91,43 @@ pub struct Arm {
     pub check: Option<SelfCheck>,
 }
 
-/// A request of the user, sent before all others.
+/// State of the last stop. Its numbers are part of the interface to the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Urgent {
-    /// Stop at the current position.
-    Stop,
-    /// Torque-on after a stop: it ends the stream of motions in an adapter (docs/safety.md).
-    EndStream,
-    /// Torque on or off, as requested by the user.
-    Torque(Torque),
+#[repr(u8)]
+pub enum StopState {
+    /// No stop since the session or the last motion began.
+    None = 0,
+    /// The arm is being stopped.
+    Stopping = 1,
+    /// The arm is at rest.
+    Stopped = 2,
+    /// The arm is at rest. The gripper's goal was unknown: a grip may have loosened.
+    GripMayLoosen = 3,
+    /// The arm has no torque. Nothing was sent.
+    WithoutTorque = 4,
+    /// The arm may still move.
+    Failed = 5,
+}
+
+impl From<Result<Stopped, StopError>> for StopState {
+    fn from(result: Result<Stopped, StopError>) -> Self {
+        match result {
+            Ok(Stopped::AtRest { grip: Grip::Goal, .. }) => Self::Stopped,
+            Ok(Stopped::AtRest {
+                grip: Grip::Reading, ..
+            }) => Self::GripMayLoosen,
+            Ok(Stopped::WithoutTorque(_)) => Self::WithoutTorque,
+            Err(_) => Self::Failed,
+        }
+    }
+}
+
+/// A stop in progress.
+#[derive(Debug)]
+struct Stopping {
+    stop: Stop,
+    /// Time of its next request. `None` while that is in flight.
+    due: Option<Instant>,
 }
 
 /// The session.
@@ -114,7 +143,12 @@ pub struct Session {
     state: State,
     motion_enabled: bool,
     listen_until: Instant,
-    urgent: Option<Urgent>,
+    /// Torque on or off, as requested by the user. It is sent before all other requests.
+    torque: Option<Torque>,
+    stopping: Option<Stopping>,
+    stop_state: StopState,
+    /// The gripper's goal in the last target.
+    gripper: Option<Opening>,
     /// Due time of each of [`READS`]; `None` once a constant value is known.
     reads: [Option<Instant>; READS.len()],
     /// Due time of the next target.
@@ -139,7 +173,10 @@ impl Session {
             state: State::Listening,
             motion_enabled: false,
             listen_until: now + LISTEN,
-            urgent: None,
+            torque: None,
+            stopping: None,
+            stop_state: StopState::None,
+            gripper: None,
             reads: [Some(now); READS.len()],
             next_target: now,
             in_flight: None,
@@ -240,18 +277,33 @@ impl Session {
     pub fn hold(&mut self, now: Instant, axis: usize, direction: Direction) -> Result<(), OutOfRange<usize>> {
         if self.jog.hold(now, axis, direction)? {
             self.next_target = now;
-            if !self.jog.is_held() {
-                self.stop();
+            match self.jog.is_held() {
+                true => self.end_stop(StopState::None),
+                false => self.stop_jog(now),
             }
         }
         Ok(())
     }
 
-    /// Releases all axes and stops the arm.
+    /// Releases all axes and ends their motion.
     pub fn release(&mut self, now: Instant) {
         if self.jog.release(now) {
-            self.stop();
+            self.stop_jog(now);
         }
+    }
+
+    /// Stops the arm, whatever moves it. It keeps its torque.
+    pub fn stop(&mut self, now: Instant) {
+        self.jog.release(now);
+        match self.jog.is_moving() {
+            true => self.stop_jog(now),
+            false => self.begin_stop(now, Stop::new(self.gripper)),
+        }
+    }
+
+    /// Returns the state of the last stop.
+    pub fn stop_state(&self) -> StopState {
+        self.stop_state
     }
 
     /// Sets the speed of held joints.
@@ -263,7 +315,8 @@ impl Session {
     pub fn set_torque(&mut self, now: Instant, torque: Torque) {
         self.jog.release(now);
         self.jog.reset();
-        self.urgent = Some(Urgent::Torque(torque));
+        self.end_stop(StopState::None);
+        self.torque = Some(torque);
     }
 
     /// Returns the state.
@@ -279,7 +332,7 @@ impl Session {
         let Some(reading) = self.fresh(now) else {
             return Some(Block::NoReading);
         };
-        if !has_torque(reading.status) {
+        if reading.status.is_holding() == Some(false) {
             return Some(Block::TorqueOff);
         }
         let in_range = reading.positions().is_ok() && reading.opening().is_ok();
@@ -310,11 +363,25 @@ impl Session {
         self.log.take()
     }
 
-    /// Requests a stop of the current motion, if there is one.
-    fn stop(&mut self) {
-        if self.jog.is_moving() {
-            self.urgent = Some(Urgent::Stop);
+    /// Ends the motion of released axes, if there is one, at its setpoint.
+    fn stop_jog(&mut self, now: Instant) {
+        if !self.jog.is_moving() {
+            return;
         }
+        let reading = self.arm.joints.map(|(_, reading)| reading);
+        let target = reading.and_then(|reading| self.jog.stop(now, &reading));
+        self.jog.reset();
+        self.begin_stop(now, target.map_or_else(|| Stop::new(self.gripper), Stop::at));
+    }
+
+    fn begin_stop(&mut self, now: Instant, stop: Stop) {
+        self.stopping = Some(Stopping { stop, due: Some(now) });
+        self.stop_state = StopState::Stopping;
+    }
+
+    fn end_stop(&mut self, state: StopState) {
+        self.stopping = None;
+        self.stop_state = state;
     }
 
     /// Returns the last reading, if it is fresh.
@@ -334,11 +401,15 @@ impl Session {
     /// Returns the time at which the read in flight is abandoned for another request.
     fn interruption(&self) -> Option<Instant> {
         let (_, sent) = self.in_flight?;
-        match self.urgent {
-            Some(_) => Some(sent + MAX_STOP_DELAY),
-            None if self.jog.is_held() => Some(self.next_target.max(sent + MAX_TARGET_DELAY)),
-            None => None,
+        if self.torque.is_some() {
+            return Some(sent + MAX_STOP_DELAY);
         }
+        if let Some(stopping) = &self.stopping {
+            return stopping.due.map(|due| due.max(sent + MAX_STOP_DELAY));
+        }
+        self.jog
+            .is_held()
+            .then(|| self.next_target.max(sent + MAX_TARGET_DELAY))
     }
 
     /// Submits the most urgent request that is due.
@@ -353,25 +424,25 @@ impl Session {
     }
 
     fn next_request(&mut self, now: Instant) -> Option<Request> {
-        match self.urgent.take() {
-            Some(Urgent::Torque(torque)) => return Some(Request::SetTorque(torque)),
-            Some(Urgent::Stop) => {
-                self.urgent = Some(Urgent::EndStream);
-                let reading = self.arm.joints.map(|(_, reading)| reading);
-                if let Some(target) = reading.and_then(|reading| self.jog.stop(now, &reading)) {
-                    return Some(Request::Move(target));
-                }
+        if let Some(torque) = self.torque.take() {
+            return Some(Request::SetTorque(torque));
+        }
+        if let Some(stopping) = &mut self.stopping {
+            stopping.due = None;
+            match stopping.stop.poll(now) {
+                stop::Output::Request(request) => return Some(request),
+                stop::Output::Wait(until) => stopping.due = Some(until),
+                stop::Output::Done(result) => self.end_stop(result.into()),
             }
-            Some(Urgent::EndStream) if self.arm.joints.is_some_and(|(_, reading)| has_torque(reading.status)) => {
-                return Some(Request::SetTorque(Torque::On));
-            }
-            Some(Urgent::EndStream) | None => {}
         }
         if self.jog.is_held() && self.next_target <= now {
             self.next_target = now + jog::PERIOD;
             let reading = self.fresh(now).copied().filter(|_| self.block(now).is_none());
             match reading.and_then(|reading| self.jog.target(now, &reading).ok()) {
-                Some(target) => return Some(Request::Move(target)),
+                Some(target) => {
+                    self.gripper = Some(target.gripper.0);
+                    return Some(Request::Move(target));
+                }
                 None => self.jog.reset(),
             }
         }
@@ -385,7 +456,8 @@ impl Session {
     /// Returns the due time of the next request without an event.
     fn next_due(&self) -> Option<Instant> {
         let target = self.jog.is_held().then_some(self.next_target);
-        self.reads.into_iter().chain([target]).flatten().min()
+        let stop = self.stopping.as_ref().and_then(|stopping| stopping.due);
+        self.reads.into_iter().chain([target, stop]).flatten().min()
     }
 
     /// Takes one event of the client, if there is one.
@@ -399,6 +471,11 @@ impl Session {
                 counters.answers += 1;
                 self.answered(now);
                 self.store(now, &response);
+                // A late reading is too old for a stop.
+                if let (Response::Joints(state), Some(stopping)) = (response, &mut self.stopping) {
+                    stopping.stop.on_joints(now, &state);
+                    stopping.due = Some(now);
+                }
             }
             Event::Unacceptable(_) => {
                 counters.unknown += 1;
@@ -463,14 +540,6 @@ impl Session {
     fn update_state(&mut self, now: Instant) {
         let answers = self.last_answer.is_some_and(|at| now.since(at) <= SILENT);
         self.state = if answers { State::Answering } else { State::Silent };
-    }
-}
-
-/// Returns true if an arm with this status holds its position. False for an unknown status.
-fn has_torque(status: MotionStatus) -> bool {
-    match status {
-        MotionStatus::Locked | MotionStatus::SyncLocked | MotionStatus::Overheating => true,
-        MotionStatus::Idle | MotionStatus::Syncing | MotionStatus::OverheatProtection | MotionStatus::Other(_) => false,
     }
 }
 

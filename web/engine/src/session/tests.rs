@@ -1,4 +1,4 @@
-use armwire::ling::{Frame, JOINTS};
+use armwire::ling::{Frame, GripperSpeed, JOINTS, Move, Position};
 use armwire_sim::faults::Rates;
 
 use super::*;
@@ -165,6 +165,61 @@ fn stop_is_one_target_and_torque_on() {
     assert_eq!(bench.moves(released), 1);
     assert_eq!(bench.count(released, 0x05, 0x00), 1);
     assert!(bench.arm.arm().is_holding());
+}
+
+#[test]
+fn stop_ends_a_motion_that_no_axis_holds() {
+    let mut bench = Bench::ready();
+    let target = Move {
+        joints: [(Position::MAX, Speed::new(1_000).unwrap()); JOINTS],
+        gripper: (Opening::OPEN, GripperSpeed(100)),
+    };
+    let mut frame = [0; MAX_FRAME];
+    let len = Ling.encode_request(&Request::Move(target), &mut frame).unwrap();
+    bench.arm.receive(bench.now, &frame[..len]);
+    bench.run(500);
+    assert!(bench.arm.arm().is_moving());
+    let begin = bench.now;
+    bench.session.stop(begin);
+    assert_eq!(bench.session.stop_state(), StopState::Stopping);
+    bench.run(300);
+    assert!(!bench.arm.arm().is_moving() && bench.arm.arm().is_holding());
+    assert_eq!(bench.session.stop_state(), StopState::GripMayLoosen);
+    assert_eq!((bench.moves(begin), bench.count(begin, 0x05, 0x00)), (1, 1));
+}
+
+#[test]
+fn stop_keeps_the_last_goal_of_the_gripper() {
+    let mut bench = Bench::ready();
+    bench.hold(JOINTS, Direction::Up);
+    bench.run(300);
+    bench.release();
+    bench.run(500);
+    assert_eq!(bench.session.stop_state(), StopState::Stopped);
+    bench.session.stop(bench.now);
+    bench.run(300);
+    assert_eq!(bench.session.stop_state(), StopState::Stopped);
+}
+
+#[test]
+fn stop_of_an_arm_without_torque_sends_nothing() {
+    let mut bench = Bench::ready();
+    bench.session.set_torque(bench.now, Torque::Off);
+    bench.run(200);
+    let begin = bench.now;
+    bench.session.stop(begin);
+    bench.run(300);
+    assert_eq!(bench.session.stop_state(), StopState::WithoutTorque);
+    assert_eq!((bench.moves(begin), bench.count(begin, 0x05, 0x00)), (0, 0));
+}
+
+#[test]
+fn stop_of_a_silent_arm_fails() {
+    let mut bench = Bench::ready();
+    bench.connected = false;
+    bench.session.stop(bench.now);
+    bench.run(2_300);
+    assert_eq!(bench.session.stop_state(), StopState::Failed);
 }
 
 #[test]
