@@ -47,6 +47,9 @@ pub const READ_SERVO_STATES: [u8; 10] = [header::SERVO_STATES, 0xFE, 0, 0, 0, 0,
 /// The request for the firmware's version (row F5).
 pub const READ_FIRMWARE_VERSION: [u8; 10] = [header::FIRMWARE_VERSION, 0x5F, 1, 0, 0, 0, 0, 0, 1, TAIL];
 
+/// The request that stops the running action (row F2).
+pub const STOP: [u8; 10] = [header::STOP, 0x2F, 0, 0, 0, 0, 0, 0, 0, TAIL];
+
 /// The values of the status in an answer.
 const STATUS: &[u8] = &[Outcome::Success as u8, Outcome::Failure as u8];
 

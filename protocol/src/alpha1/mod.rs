@@ -36,7 +36,7 @@ pub use dialect::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
 pub use frame::{
-    Expect, Frame, MAX_FRAME, MAX_TEXT, READ_FIRMWARE_VERSION, READ_SERVO_STATES, ServoAnswer, TAIL, checksum,
+    Expect, Frame, MAX_FRAME, MAX_TEXT, READ_FIRMWARE_VERSION, READ_SERVO_STATES, STOP, ServoAnswer, TAIL, checksum,
 };
 pub use message::{Action, FirmwareVersion, Request, Response, ServoRequest, ServoResponse};
 pub use value::{
