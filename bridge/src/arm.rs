@@ -16,6 +16,10 @@ pub const MAX_FRAME: usize = 70;
 #[cfg(feature = "ling")]
 const _: () = assert!(MAX_FRAME == armwire::ling::MAX_FRAME);
 
+/// The length of a move of a Ling arm, in bytes: a target and a speed for each joint and the gripper.
+#[cfg(feature = "ling")]
+const MOVE: usize = ling::OVERHEAD + 4 * (ling::JOINTS + 1);
+
 /// The expectation on a line of any kind: only Alpha1's frames need one.
 #[cfg(feature = "alpha1")]
 pub type Expect = alpha1::Expect;
@@ -48,6 +52,8 @@ pub(crate) enum OwnRequest {
     /// Reads the arm's kind and version.
     Identify,
     TorqueOff,
+    /// Stops the running action.
+    Stop,
 }
 
 impl ArmKind {
@@ -84,6 +90,8 @@ impl ArmKind {
             (Self::Alpha1, OwnRequest::Poll) => Some(&alpha1::READ_SERVO_STATES),
             #[cfg(feature = "alpha1")]
             (Self::Alpha1, OwnRequest::Identify) => Some(&alpha1::READ_FIRMWARE_VERSION),
+            #[cfg(feature = "alpha1")]
+            (Self::Alpha1, OwnRequest::Stop) => Some(&alpha1::STOP),
             _ => None,
         }
     }
@@ -94,6 +102,16 @@ impl ArmKind {
             #[cfg(feature = "ling")]
             (Self::Ling, frame) => frame == ling::TORQUE_ON,
             _ => false,
+        }
+    }
+
+    /// The gripper's goal in a motion request, in thousandths of the stroke. `None` if it has none.
+    pub(crate) fn gripper_goal(self, motion: &[u8]) -> Option<u16> {
+        match (self, motion) {
+            // The last axis of a move: its target and its speed, before the checksum and the terminator.
+            #[cfg(feature = "ling")]
+            (Self::Ling, &[.., low, high, _, _, _, _]) if motion.len() == MOVE => Some(u16::from_le_bytes([low, high])),
+            _ => None,
         }
     }
 

@@ -29,7 +29,7 @@ use crate::control_codec::COBS;
 pub use crate::control_codec::{MAX_MESSAGE, Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
 /// The version of this schema.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 
 /// The longest event in postcard format, in bytes: a frame of [`MAX_FRAME`] bytes, its stamp and its initiator.
 pub const MAX_EVENT: usize = 96;
@@ -85,14 +85,27 @@ pub enum Request {
     GetLine,
     /// Holds the line exclusively for the host on USB for [`HOLD_LEASE_MS`]: no polls, no CAN, no torque-off. Answered
     /// by [`Reply::Done`]; by [`Failure::StreamArmed`] while a host streams motion; and by [`Failure::Busy`] while a
-    /// host on the other control port holds the line. Each repetition renews the lease. Since version 3.
+    /// host on the other control port holds the line, or while the adapter stops the arm. Each repetition renews the
+    /// lease. Since version 3.
     ///
     /// A USB device cannot detect that a program closes the control port. The hold therefore ends with
     /// [`ReleaseLine`](Self::ReleaseLine), with the lease, or when the port's host is gone.
     HoldLine,
     /// Ends a [`HoldLine`](Self::HoldLine) of the same port. Answered by [`Reply::Done`]. Since version 3.
     ReleaseLine,
+    /// Stops the arm, whoever moves it: motion that waits is dropped, all streams of motion end with the torque on, the
+    /// arm is held in its present pose, and further motion is [refused](Refusal::Stopped) for [`STOP_MS`]. Each
+    /// repetition renews that time. Since version 5.
+    ///
+    /// Answered by [`Reply::Done`] once the hold goes to the arm, or if the arm has no torque: nothing is sent to it then,
+    /// nor while torque-off waits. Answered by [`Failure::LineHeld`] during [`HoldLine`](Self::HoldLine) and by
+    /// [`Failure::NotStoppable`], without any effect; by [`Failure::ArmSilent`] and [`Failure::PoseOutOfRange`], with
+    /// motion refused; and by [`Failure::Busy`] if an earlier stop of this port is not answered yet, which it renews.
+    Stop,
 }
+
+/// The time without motion after a [`Request::Stop`], in milliseconds.
+pub const STOP_MS: u16 = 2_000;
 
 /// The lease of [`Request::HoldLine`], in milliseconds. Renew it at least every third of that.
 pub const HOLD_LEASE_MS: u16 = 10_000;
@@ -257,6 +270,12 @@ pub enum Failure {
     LineHeld,
     /// The supply voltage is too low to erase or program the flash. The saved configuration stays. Since version 3.
     SupplyLow,
+    /// The arm did not answer in the time of a [`Request::Stop`]: it may still move. Since version 5.
+    ArmSilent,
+    /// The arm reports a pose that no move can express: it is not held, and may still move. Since version 5.
+    PoseOutOfRange,
+    /// The adapter cannot stop this kind of arm. Since version 5.
+    NotStoppable(ArmKind),
 }
 
 /// An adapter's identity.
@@ -343,7 +362,7 @@ pub enum Initiator {
     Poll,
     /// Cyclic command frames on CAN.
     Command,
-    /// The adapter itself, for a request on the control port or the torque-off of a silent host.
+    /// The adapter itself, for a request on the control port, a stop or the torque-off of a silent host.
     Adapter,
 }
 
@@ -371,13 +390,15 @@ pub enum Refusal {
     /// The host on USB [holds the line](LineHolder). Only the first refused poll is reported. Since version 3.
     LineHeld,
     /// Bytes of the host on USB for a rate that is not in effect: while a host on CAN streams motion, and after
-    /// torque-off until the host sets the rate again. Only the first are reported. Since version 3.
+    /// torque-off or a stop until the host sets the rate again. Only the first are reported. Since version 3.
     OtherRate,
+    /// Motion in the time of a [`Request::Stop`]. Of the host on USB only the first is reported. Since version 5.
+    Stopped,
 }
 
 impl Refusal {
     /// All refusals.
-    pub(crate) const ALL: [Self; 7] = [
+    pub(crate) const ALL: [Self; 8] = [
         Self::QueueFull,
         Self::NotAFrame,
         Self::Incomplete,
@@ -385,6 +406,7 @@ impl Refusal {
         Self::OutOfRange,
         Self::LineHeld,
         Self::OtherRate,
+        Self::Stopped,
     ];
 }
 
@@ -463,6 +485,7 @@ impl fmt::Display for Refusal {
             Self::OutOfRange => "value out of range",
             Self::LineHeld => "the host on USB holds the line",
             Self::OtherRate => "rate not in effect",
+            Self::Stopped => "the arm was stopped",
         })
     }
 }

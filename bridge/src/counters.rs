@@ -141,7 +141,7 @@ pub struct Counters {
     pub refused_line_held: u32,
     /// Times the host on USB began to send bytes for a rate that was not in effect.
     pub refused_other_rate: u32,
-    /// Bytes refused for that reason, and bytes that waited for another rate when torque-off took the line.
+    /// Bytes refused for that reason, and bytes that waited for another rate when torque-off or a stop took the line.
     pub refused_rate_bytes: u32,
     /// Hard faults of the firmware since power-on.
     pub hard_faults: u32,
@@ -150,14 +150,17 @@ pub struct Counters {
     pub late_stamps: u32,
     /// Requests of the host on USB that exceeded the number of tracked requests. Their answers count as unsolicited.
     pub untracked_requests: u32,
+    /// Motions refused because the arm was stopped, waiting ones included, and requests of the host on USB that a stop
+    /// cut.
+    pub refused_stopped: u32,
 }
 
 impl Counters {
     /// Number of counters.
-    pub const COUNT: usize = 57;
+    pub const COUNT: usize = 58;
 
-    /// Numbers of counters at the end that versions 3 and 2 of the control port lack.
-    pub(crate) const SINCE_OLDER: &'static [usize] = &[1, 6];
+    /// Numbers of counters at the end that versions 4, 3 and 2 of the control port lack.
+    pub(crate) const SINCE_OLDER: &'static [usize] = &[1, 2, 7];
 
     /// Maximum size on the control port, in bytes.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -265,6 +268,7 @@ impl Counters {
             &mut self.hard_faults,
             &mut self.late_stamps,
             &mut self.untracked_requests,
+            &mut self.refused_stopped,
         ]
     }
 
@@ -362,7 +366,7 @@ mod tests {
         // Every count at its maximum takes five bytes; `from_bytes` decodes that many repetitions.
         let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
         let counters = Counters::from_bytes(most.as_flattened()).unwrap();
-        assert_eq!(counters.untracked_requests, u32::MAX);
+        assert_eq!(counters.refused_stopped, u32::MAX);
         let mut buf = [0; Counters::MAX_LEN];
         assert_eq!(counters.to_bytes(&mut buf).unwrap(), most.as_flattened());
         assert!(counters.to_bytes(&mut [0; Counters::MAX_LEN - 1]).is_err());

@@ -10,6 +10,7 @@ mod polls;
 mod rig;
 mod safety;
 mod share;
+mod stop;
 
 use std::vec::Vec;
 

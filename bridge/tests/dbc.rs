@@ -204,6 +204,7 @@ fn events_and_initiators_have_their_names() {
         Refusal::OutOfRange,
         Refusal::LineHeld,
         Refusal::OtherRate,
+        Refusal::Stopped,
     ];
     let mut cases = Vec::new();
     for initiator in initiators {

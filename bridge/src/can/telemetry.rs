@@ -132,7 +132,7 @@ pub struct Errors {
     pub can: u16,
     /// Requests that the arm should have answered but did not.
     pub unanswered: u8,
-    /// Requests and commands from CAN that were refused.
+    /// Requests and commands from CAN that were refused, and all motion refused because the arm was stopped.
     pub refused: u8,
 }
 
@@ -157,6 +157,7 @@ impl From<&Counters> for Errors {
                 counters.commands_stale,
                 counters.commands_out_of_range,
                 counters.refused_line_held,
+                counters.refused_stopped,
             ]) as u8,
         }
     }
@@ -272,6 +273,7 @@ const fn refusal_code(reason: Refusal) -> u8 {
         Refusal::OutOfRange => 5,
         Refusal::LineHeld => 6,
         Refusal::OtherRate => 7,
+        Refusal::Stopped => 8,
     }
 }
 

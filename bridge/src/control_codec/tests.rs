@@ -82,6 +82,7 @@ fn from_host() -> impl Strategy<Value = FromHost> {
         Just(Request::GetLine),
         Just(Request::HoldLine),
         Just(Request::ReleaseLine),
+        Just(Request::Stop),
     ];
     (any::<u8>(), request).prop_map(|(sequence, request)| FromHost { sequence, request })
 }
@@ -172,6 +173,9 @@ fn failure() -> impl Strategy<Value = Failure> {
         Just(Failure::StreamArmed),
         Just(Failure::LineHeld),
         Just(Failure::SupplyLow),
+        Just(Failure::ArmSilent),
+        Just(Failure::PoseOutOfRange),
+        arm().prop_map(Failure::NotStoppable),
         any::<u16>().prop_map(|wait_s| Failure::TooManySaves { wait_s }),
     ]
 }
@@ -471,13 +475,14 @@ fn counters_that_are_cut_are_malformed() {
         reply: Reply::Counters(Counters {
             refused_line_held: 300,
             hard_faults: 300,
+            untracked_requests: 300,
             ..Counters::default()
         }),
     };
     let mut bytes = [0; MAX_MESSAGE];
     let len = encode(&message, &mut bytes).unwrap();
-    // Version 3 lacks the last counter.
-    let older = [3 + OLDER_COUNTS.len(), len - 1];
+    // Version 4 lacks the last counter; the one before it has two bytes here, and version 3 lacks it, too.
+    let older = [3 + OLDER_COUNTS.len(), len - 1, len - 3];
     for cut in (3..len).filter(|cut| !older.contains(cut)) {
         let error = decode::<FromAdapter>(&bytes[..cut]).expect_err("a cut message");
         assert_eq!(error.reason, Reason::EndsEarly, "{cut} of {len} bytes");
@@ -486,7 +491,7 @@ fn counters_that_are_cut_are_malformed() {
 }
 
 #[test]
-fn version_2_requests_equal_those_of_version_3() {
+fn requests_keep_their_numbers() {
     let end_stream = FromHost {
         sequence: 7,
         request: Request::EndStream,
@@ -497,6 +502,7 @@ fn version_2_requests_equal_those_of_version_3() {
         (12, Request::GetLine),
         (13, Request::HoldLine),
         (14, Request::ReleaseLine),
+        (15, Request::Stop),
     ] {
         assert_eq!(decode(&[7, number]), Ok(FromHost { sequence: 7, request }));
     }
@@ -508,8 +514,8 @@ fn unknown_request_keeps_its_sequence_number() {
         sequence: Some(200),
         reason: Reason::Unknown,
     };
-    assert_eq!(decode::<FromHost>(&[200, 15]), Err(malformed));
-    assert_eq!(decode::<FromHost>(&[200, 15, 1, 2, 3]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 16]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 16, 1, 2, 3]), Err(malformed));
 }
 
 #[test]

@@ -118,6 +118,8 @@ pub(super) struct ControlServer {
     pub(super) arm: Option<Pending<Result<Option<FrameBytes>, Failure>>>,
     /// A request to write or erase the configuration in flash.
     pub(super) flash: Option<Pending<Result<(), Failure>>>,
+    /// Requests to stop the arm, one of each port.
+    stops: [Option<Pending<Result<(), Failure>>>; 2],
 }
 
 impl ControlServer {
@@ -133,6 +135,7 @@ impl ControlServer {
             frames: EventQueue::new(),
             arm: None,
             flash: None,
+            stops: [None, None],
         }
     }
 
@@ -143,6 +146,9 @@ impl ControlServer {
         *self.subscription(port) = Subscription::default();
         Pending::forget(&mut self.arm, port);
         Pending::forget(&mut self.flash, port);
+        for stop in &mut self.stops {
+            Pending::forget(stop, port);
+        }
         if port == ControlPort::Usb {
             self.usb.clear();
         }
@@ -152,7 +158,7 @@ impl ControlServer {
     pub(super) fn is_can_reply_pending(&self) -> bool {
         let arm = self.arm.as_ref().and_then(|pending| pending.port);
         let flash = self.flash.as_ref().and_then(|pending| pending.port);
-        [arm, flash].contains(&Some(ControlPort::Can))
+        [arm, flash].contains(&Some(ControlPort::Can)) || self.stop_pending(ControlPort::Can)
     }
 
     // ---- Requests and replies ----
@@ -217,6 +223,27 @@ impl ControlServer {
         Pending::end(&mut self.flash, result);
     }
 
+    /// Returns true if a host on this port waits for the reply to its stop.
+    fn stop_pending(&self, port: ControlPort) -> bool {
+        self.stops.iter().flatten().any(|pending| pending.port == Some(port))
+    }
+
+    /// A host on this port waits for a stop of the arm. Returns false if another does already.
+    pub(super) fn add_stop(&mut self, port: ControlPort, sequence: u8) -> bool {
+        if self.stop_pending(port) {
+            return false;
+        }
+        let free = self.stops.iter_mut().find(|stop| stop.is_none());
+        free.map(|stop| *stop = Pending::new(port, sequence)).is_some()
+    }
+
+    /// The arm was stopped, or could not be.
+    pub(super) fn stopped(&mut self, result: Result<(), Failure>) {
+        for stop in &mut self.stops {
+            Pending::end(stop, result);
+        }
+    }
+
     /// The delayed reply for this port's host, if it is known.
     pub(super) fn finished(&mut self, port: ControlPort, config: &Config) -> Option<(u8, Reply)> {
         if let Some((sequence, answer)) = Pending::take(&mut self.arm, port) {
@@ -228,7 +255,9 @@ impl ControlServer {
             };
             return Some((sequence, answer.map_or_else(Reply::Failed, identity)));
         }
-        let (sequence, result) = Pending::take(&mut self.flash, port)?;
+        let [a, b] = &mut self.stops;
+        let mut results = [&mut self.flash, a, b].into_iter();
+        let (sequence, result) = results.find_map(|pending| Pending::take(pending, port))?;
         Some((sequence, result.map_or_else(Reply::Failed, |()| Reply::Done)))
     }
 

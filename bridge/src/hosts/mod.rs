@@ -76,11 +76,23 @@ impl Hosts {
     /// Takes the line's deliveries, and submits as many requests of CAN as the line has room for.
     pub(crate) fn update(&mut self, line: &mut Line, now: Instant) {
         self.take_deliveries(line);
-        if let Some(answer) = line.identified() {
-            self.control.arm_identified(answer);
+        if self.take_results(line) {
             self.serve(line, now);
         }
         self.submit(line, now);
+    }
+
+    /// Takes the results of requests to the line. Returns true if there was one.
+    fn take_results(&mut self, line: &mut Line) -> bool {
+        let (identified, stopped) = (line.identified(), line.stopped());
+        let any = identified.is_some() || stopped.is_some();
+        if let Some(answer) = identified {
+            self.control.arm_identified(answer);
+        }
+        if let Some(result) = stopped {
+            self.control.stopped(result);
+        }
+        any
     }
 
     /// Takes the line's deliveries.
@@ -307,9 +319,7 @@ impl Hosts {
     fn serve(&mut self, line: &mut Line, now: Instant) {
         loop {
             // A failed identification is complete at once.
-            if let Some(answer) = line.identified() {
-                self.control.arm_identified(answer);
-            }
+            self.take_results(line);
             // The request of one host may complete another's.
             if !(self.serve_port(ControlPort::Usb, line, now) | self.serve_port(ControlPort::Can, line, now)) {
                 return;
@@ -390,7 +400,10 @@ impl Hosts {
                 }
                 Err(error) => Reply::BadConfig(error),
             },
-            Request::SaveConfig | Request::ResetConfig if self.control.flash.is_some() || self.save.is_some() => {
+            // The core stalls during the write.
+            Request::SaveConfig | Request::ResetConfig
+                if self.control.flash.is_some() || self.save.is_some() || line.is_stopping() =>
+            {
                 Reply::Failed(Failure::Busy)
             }
             Request::SaveConfig | Request::ResetConfig if line.is_armed() => Reply::Failed(Failure::StreamArmed),
@@ -433,6 +446,16 @@ impl Hosts {
                 line.release_line(port, now);
                 Reply::Done
             }
+            Request::Stop => match line.stop(now) {
+                Ok(()) => {
+                    self.can.stop_commands();
+                    if self.control.add_stop(port, sequence) {
+                        return None;
+                    }
+                    Reply::Failed(Failure::Busy)
+                }
+                Err(failure) => Reply::Failed(failure),
+            },
         };
         Some((sequence, reply))
     }

@@ -156,11 +156,15 @@ impl Line {
                 };
                 count(dropped, 1);
             }
-            if initiator == Some(Initiator::Adapter) {
+            let is_reading = self.stop.is_running() && self.stop.on_frame(initiator, item.bytes, at);
+            if initiator == Some(Initiator::Adapter) && self.is_identifying {
                 self.identified = Some(Ok(FrameBytes::from_slice(item.bytes).ok()));
             }
             if let Some(initiator) = initiator.filter(|_| self.holder().is_none()) {
                 self.exchange_ended(initiator, at);
+            }
+            if is_reading {
+                self.step_stop(at);
             }
         }
         frames
@@ -210,7 +214,9 @@ impl Line {
                 count(&mut self.counters.missed_polls, missed);
             }
             Initiator::Adapter => {
-                self.identified.get_or_insert(Ok(None));
+                if core::mem::take(&mut self.is_identifying) {
+                    self.identified.get_or_insert(Ok(None));
+                }
             }
             Initiator::Usb | Initiator::Can | Initiator::Command => {}
         }

@@ -149,6 +149,21 @@ impl FromHost {
         Some((self.decoder.item(span), behind))
     }
 
+    /// The first bytes of a request that went out in part.
+    pub(crate) fn begun(&self) -> &[u8] {
+        self.decoder.window()
+    }
+
+    /// Takes bytes from the front of the queue that are not to go out, and returns their number.
+    pub(crate) fn take(&mut self, out: &mut [u8]) -> usize {
+        self.bytes.pop(out)
+    }
+
+    /// Queues bytes that were [taken](Self::take), or room for which was kept.
+    pub(crate) fn admit(&mut self, bytes: &[u8]) {
+        self.bytes.push(bytes);
+    }
+
     /// Ends the host's turn. The rest of an incomplete request is no longer expected.
     pub(crate) fn cut(&mut self) {
         self.is_cut |= self.decoder.pending() > 0;

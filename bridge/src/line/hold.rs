@@ -12,7 +12,7 @@ use super::rate::ControlPort;
 impl Line {
     /// Returns true if the host on USB may have a rate other than the arm's.
     pub(super) fn may_change_rate(&self) -> bool {
-        !self.dead_man.is_can_streaming() && self.requests.torque_off.is_none()
+        !self.dead_man.is_can_streaming() && self.requests.torque_off.is_none() && !self.stop.is_running()
     }
 
     /// Puts the rate of the host on USB into effect with its next byte. Returns true if it did.
@@ -35,7 +35,7 @@ impl Line {
         }
     }
 
-    /// Torque-off goes out at the arm's rate: bytes of the host on USB at another rate are cut off.
+    /// Torque-off and a stop need the arm's rate: bytes of the host on USB at another rate are cut off.
     pub(super) fn take_line_back(&mut self, now: Instant) {
         if self.rate.revoke() {
             let dropped = self.drop_host_bytes();
@@ -51,7 +51,7 @@ impl Line {
         if self.requests.torque_off.is_some() || self.dead_man.is_any_streaming() {
             return Err(Failure::StreamArmed);
         }
-        if !self.rate.hold(port, now) {
+        if self.stop.is_running() || !self.rate.hold(port, now) {
             return Err(Failure::Busy);
         }
         self.follow_holder(now);
@@ -117,8 +117,9 @@ impl Line {
         frames
     }
 
-    /// Returns true if the UART must stop transmitting: torque-off waits, and the arm cannot read bytes at this rate.
+    /// Returns true if the UART must stop transmitting: torque-off or a stop waits, and the arm cannot read bytes at this
+    /// rate.
     pub(crate) fn is_cut_due(&self) -> bool {
-        self.requests.torque_off.is_some() && !self.rate.is_arms()
+        (self.requests.torque_off.is_some() || self.stop.is_running()) && !self.rate.is_arms()
     }
 }

@@ -9,12 +9,14 @@ mod arbiter;
 mod dead_man;
 mod from_arm;
 mod from_host;
+mod gate;
 mod hold;
 mod poll;
 mod queues;
 mod rate;
 mod requests;
 mod serial_port;
+mod stop;
 mod streams;
 mod to_arm;
 mod to_host;
@@ -37,6 +39,7 @@ use from_host::FromHost;
 use poll::Poll;
 use rate::LineRate;
 use requests::Requests;
+use stop::Stop;
 use to_arm::Burst;
 use to_host::ToHost;
 
@@ -73,6 +76,9 @@ pub(crate) struct Line {
     dead_man: DeadMan,
     /// The last burst handed to the UART, until it is accounted for.
     burst: Option<Burst>,
+    stop: Stop,
+    /// The adapter's request in flight is an identification.
+    is_identifying: bool,
     /// The result of the last identification.
     identified: Option<Result<Option<FrameBytes>, Failure>>,
     command_timeout: Duration,
@@ -103,6 +109,8 @@ impl Line {
             rate: LineRate::new(config.arm),
             dead_man: DeadMan::new(config.host_timeout, config.arm.own(OwnRequest::TorqueOff).is_some()),
             burst: None,
+            stop: Stop::new(),
+            is_identifying: false,
             identified: None,
             command_timeout: Duration::from_millis(config.can.command_timeout_ms.into()),
             is_held: false,
@@ -173,6 +181,7 @@ impl Line {
             self.identify(now);
         }
         self.refuse_can_requests(Refusal::NotAFrame, now);
+        self.restart_stop(now);
         self.from_host.touch(now);
         self.rate.set_arm(kind, self.from_host.len());
         self.follow_holder(now);
@@ -184,6 +193,7 @@ impl Line {
             .or(self.exchange.timeout())
             .or(self.turn_timeout())
             .or(self.command_timeout())
+            .or(self.stop.timeout())
             .or(self.rate.timeout(self.may_change_rate()))
             .or(self.silence_timeout(Initiator::Usb))
             .or(self.silence_timeout(Initiator::Can))
@@ -196,6 +206,7 @@ impl Line {
     pub(crate) fn tick(&mut self, last_request: usize, now: Instant) -> Silenced {
         let mut silenced = Silenced::default();
         self.tick_requests(now);
+        self.tick_stop(now);
         if self.rate.timeout(self.may_change_rate()).is_some_and(|at| at <= now) {
             self.tick_rate(now);
         }

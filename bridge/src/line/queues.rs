@@ -29,6 +29,9 @@ impl Line {
         if self.is_held {
             return Err(NotTaken::Refused(Refusal::LineHeld));
         }
+        if self.stop.refuses_motion() && request.is_motion() {
+            return Err(NotTaken::Refused(Refusal::Stopped));
+        }
         if request.is_motion() {
             self.dead_man.motion(Initiator::Can, arrived);
         }
@@ -41,6 +44,9 @@ impl Line {
     pub(crate) fn command(&mut self, bytes: &[u8], now: Instant) {
         if self.is_held {
             return self.refuse(Initiator::Command, Refusal::LineHeld, now);
+        }
+        if self.stop.refuses_motion() {
+            return self.refuse(Initiator::Command, Refusal::Stopped, now);
         }
         let waiting = self.requests.command.take();
         self.requests.command = Request::new(self.kind, bytes, now);
@@ -97,6 +103,7 @@ impl Line {
             Refusal::OutOfRange => &mut c.commands_out_of_range,
             Refusal::LineHeld => &mut c.refused_line_held,
             Refusal::OtherRate => &mut c.refused_other_rate,
+            Refusal::Stopped => &mut c.refused_stopped,
         };
         *counter = counter.wrapping_add(1);
     }

@@ -44,6 +44,10 @@ pub(crate) struct Requests {
     pub(crate) command: Option<Request>,
     /// Start of the wait of torque-off.
     pub(crate) torque_off: Option<Instant>,
+    /// The request of a stop that holds the arm.
+    pub(crate) hold: Option<Request>,
+    /// Start of the wait of a reading for a stop.
+    pub(crate) reading: Option<Instant>,
     /// Start of the wait of an identification.
     pub(crate) identify: Option<Instant>,
 }
@@ -51,7 +55,7 @@ pub(crate) struct Requests {
 impl Requests {
     /// Returns true if no request is pending, which is the usual case.
     pub(crate) fn is_empty(&self) -> bool {
-        self.can.is_empty() && self.command.is_none() && self.torque_off.is_none() && self.identify.is_none()
+        self.can.is_empty() && self.command.is_none() && self.of_adapter().is_none()
     }
 
     /// The next request of hosts on CAN, or the command.
@@ -61,6 +65,18 @@ impl Requests {
             Initiator::Command => self.command.as_ref(),
             Initiator::Usb | Initiator::Poll | Initiator::Adapter => None,
         }
+    }
+
+    /// The start of the wait of the adapter's next request.
+    pub(crate) fn of_adapter(&self) -> Option<Instant> {
+        let hold = self.hold.as_ref().map(|request| request.since);
+        self.torque_off.or(hold).or(self.reading).or(self.identify)
+    }
+
+    /// Returns true if torque-off or a hold waits, which wait for no answer.
+    pub(crate) fn is_urgent(&self) -> bool {
+        let waits_for_none = |request: &Request| request.info.is_none_or(|info| info.response.is_none());
+        self.torque_off.is_some() || self.hold.as_ref().is_some_and(waits_for_none)
     }
 
     /// The number of bytes in requests of hosts on CAN.

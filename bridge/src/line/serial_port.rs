@@ -46,7 +46,7 @@ impl Line {
     /// Returns true if the next packet of the host may be accepted. While a line coding waits to take effect it may
     /// not: its bytes are for the new one.
     pub(crate) fn has_packet_room(&self) -> bool {
-        !self.rate.changes() && self.from_host.room() >= PACKET
+        !self.rate.changes() && self.from_host.room() >= PACKET.saturating_add(self.stop.gated())
     }
 
     /// Handles a packet of the host. Returns true if the next one fits.
@@ -58,8 +58,13 @@ impl Line {
             if !self.is_held {
                 self.dead_man.keep_alive(Initiator::Usb, now);
             }
-            let refused = self.from_host.push(packet, now);
-            count(&mut self.counters.refused_bytes, refused);
+            if self.stop.refuses_motion() {
+                self.from_host.touch(now);
+                self.pass_gate(packet, now);
+            } else {
+                let refused = self.from_host.push(packet, now);
+                count(&mut self.counters.refused_bytes, refused);
+            }
         }
         self.has_packet_room()
     }

@@ -49,6 +49,11 @@ pub(super) enum BurstKind {
     Request,
     TorqueOn,
     TorqueOff,
+    /// A stop holds the arm.
+    Hold,
+    /// A stop reads the joints.
+    Reading,
+    Identification,
     /// Zeros that end a frame that the arm may have received in part.
     Zeros,
 }
@@ -94,6 +99,9 @@ impl Line {
             let (bytes, info) = self.waiting_request(initiator)?;
             out.get_mut(..bytes.len())?.copy_from_slice(bytes);
             (burst.len, burst.info) = (bytes.len(), info);
+            if info.is_some_and(|info| info.effect == Effect::Motion) {
+                self.stop.on_motion(self.kind, out.get(..burst.len).unwrap_or_default());
+            }
             (burst.since, burst.kind) = self.take_request(initiator);
             if initiator == Initiator::Poll {
                 burst.start = self.poll.slot().filter(|slot| *slot > now);
@@ -115,7 +123,11 @@ impl Line {
             }
             Initiator::Poll => OwnRequest::Poll,
             _ if self.requests.torque_off.is_some() => OwnRequest::TorqueOff,
-            _ => OwnRequest::Identify,
+            _ => match &self.requests.hold {
+                Some(hold) => return Some((&hold.bytes, hold.info)),
+                None if self.requests.reading.is_some() => OwnRequest::Poll,
+                None => OwnRequest::Identify,
+            },
         };
         let bytes = self.kind.own(own)?;
         Some((bytes, self.kind.request(bytes)))
@@ -134,10 +146,17 @@ impl Line {
                 let since = requests.command.take().map(|request| request.since);
                 (since, BurstKind::Request)
             }
-            Initiator::Adapter => match requests.torque_off.take() {
-                Some(since) => (Some(since), BurstKind::TorqueOff),
-                None => (requests.identify.take(), BurstKind::Request),
-            },
+            Initiator::Adapter => {
+                if let Some(since) = requests.torque_off.take() {
+                    (Some(since), BurstKind::TorqueOff)
+                } else if let Some(hold) = requests.hold.take() {
+                    (Some(hold.since), BurstKind::Hold)
+                } else if let Some(since) = requests.reading.take() {
+                    (Some(since), BurstKind::Reading)
+                } else {
+                    (requests.identify.take(), BurstKind::Identification)
+                }
+            }
         }
     }
 
@@ -180,6 +199,12 @@ impl Line {
         self.arbiter.taken(burst.initiator, is_urgent, start);
         let end = start + on_wire(self.rate.byte_nanos(), burst.len);
         self.track(burst.initiator, burst.info, end);
+        match burst.kind {
+            BurstKind::Hold => self.held(now),
+            BurstKind::Reading => self.stop.has_read = true,
+            BurstKind::Identification => self.is_identifying = true,
+            BurstKind::Request | BurstKind::TorqueOn | BurstKind::TorqueOff | BurstKind::Zeros => {}
+        }
     }
 
     /// Accounts for bytes of the host on USB.
@@ -207,7 +232,11 @@ impl Line {
                     continue;
                 }
                 let info = self.kind.request(item.bytes);
+                let is_motion = info.is_some_and(|info| info.effect == Effect::Motion);
                 let is_torque_on = self.kind.is_torque_on(item.bytes);
+                if is_motion {
+                    self.stop.on_motion(self.kind, item.bytes);
+                }
                 self.from_host.is_cut = !is_at_arms_rate;
                 count(&mut self.counters.requests_usb, 1);
                 self.latencies.turn.add(self.from_host.waited());
@@ -215,7 +244,7 @@ impl Line {
                 self.track(Initiator::Usb, info, end - behind);
                 // The arm cannot read bytes at another rate, and `hold-line` disables torque-off.
                 if is_at_arms_rate && !self.rate.is_on_hold() {
-                    if info.is_some_and(|info| info.effect == Effect::Motion) {
+                    if is_motion {
                         self.dead_man.motion(Initiator::Usb, now);
                     } else if is_torque_on {
                         self.dead_man.end(Initiator::Usb);

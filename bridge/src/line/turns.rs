@@ -10,8 +10,7 @@ use super::arbiter::Contender;
 impl Line {
     /// The initiator that may send now, if there is one.
     pub(super) fn next(&self, now: Instant) -> Option<Initiator> {
-        if self.requests.torque_off.is_some() && !self.from_host.is_in_sequence() {
-            // Torque-off waits for no answer.
+        if self.requests.is_urgent() && !self.from_host.is_in_sequence() {
             return Some(Initiator::Adapter);
         }
         if self.is_anothers() {
@@ -24,8 +23,16 @@ impl Line {
         if self.holder().is_some() {
             return None;
         }
+        if self.is_stop_first() {
+            return self.may_go(Initiator::Adapter).then_some(Initiator::Adapter);
+        }
         self.arbiter
             .next(&Initiator::ALL.map(|initiator| self.contender(initiator, now)))
+    }
+
+    /// Returns true if a request of a stop goes before all others: its hold, and its first reading.
+    fn is_stop_first(&self) -> bool {
+        self.requests.hold.is_some() || self.requests.reading.is_some() && !self.stop.has_read
     }
 
     /// Returns true if no initiator but the host on USB is ready, which is the usual case.
@@ -39,7 +46,7 @@ impl Line {
         let may_go = match initiator {
             Initiator::Usb => self.rate.change(self.from_host.len()).is_none() && self.may_host_go(now),
             Initiator::Command => true,
-            Initiator::Adapter if self.requests.torque_off.is_some() => true,
+            Initiator::Adapter if self.requests.is_urgent() => true,
             Initiator::Can | Initiator::Poll | Initiator::Adapter => self.may_go(initiator),
         };
         may_go.then_some(Contender {
@@ -55,7 +62,7 @@ impl Line {
             Initiator::Can => self.requests.can.front().map(|request| request.since),
             Initiator::Command => self.requests.command.as_ref().map(|request| request.since),
             Initiator::Poll => self.poll.due_since(now),
-            Initiator::Adapter => self.requests.torque_off.or(self.requests.identify),
+            Initiator::Adapter => self.requests.of_adapter(),
         }
     }
 
@@ -87,7 +94,7 @@ impl Line {
 
     /// The time at which the host on USB, which has paused, loses its turn to others that wait.
     pub(super) fn turn_timeout(&self) -> Option<Instant> {
-        if !self.from_host.is_in_sequence() || self.holder().is_some() && self.requests.torque_off.is_none() {
+        if !self.from_host.is_in_sequence() || self.holder().is_some() && !self.requests.is_urgent() {
             return None;
         }
         let [_, others @ ..] = Initiator::ALL;

@@ -104,20 +104,21 @@ fn value<'a>(text: &'a str, name: &str) -> Option<&'a str> {
 }
 
 #[test]
-fn counters_of_version_3_lack_the_last() {
+fn counters_of_version_3_lack_the_last_two() {
     let text = printed(run_with(&["counters", "control:PORT"], replies(3, 56, &[])));
     assert_eq!(value(&text, "arm_to_host_bytes "), Some("1"), "{text}");
     assert_eq!(value(&text, "late_stamps "), Some("1"), "{text}");
     assert_eq!(value(&text, "untracked_requests "), Some("0"), "{text}");
+    assert_eq!(value(&text, "refused_stopped "), Some("0"), "{text}");
 }
 
 #[test]
-fn unknown_counters_of_version_5_are_skipped() {
-    let text = printed(run_with(&["counters", "control:PORT"], replies(5, 58, &[])));
-    assert_eq!(value(&text, "untracked_requests "), Some("1"), "{text}");
+fn unknown_counters_of_version_6_are_skipped() {
+    let text = printed(run_with(&["counters", "control:PORT"], replies(6, 59, &[])));
+    assert_eq!(value(&text, "refused_stopped "), Some("1"), "{text}");
     assert_eq!(
         text,
-        printed(run_with(&["counters", "control:PORT"], replies(4, 57, &[])))
+        printed(run_with(&["counters", "control:PORT"], replies(5, 58, &[])))
     );
 }
 
@@ -128,31 +129,31 @@ fn adapter_of_any_version_is_described() {
         "configured   arm ling, poll off, silence after 500 ms",
         "can          node 0, 1000000 bit/s, telemetry off, commands off",
     ];
-    for version in 3..=5 {
-        // Version 5 has more at the end of each message.
-        let added: &[u8] = if version == 5 { &[1, 2, 3] } else { &[] };
-        let text = printed(run_with(&["info", "control:PORT"], replies(version, 57, added)));
+    for version in 3..=6 {
+        // Version 6 has more at the end of each message.
+        let added: &[u8] = if version == 6 { &[1, 2, 3] } else { &[] };
+        let text = printed(run_with(&["info", "control:PORT"], replies(version, 58, added)));
         assert_eq!(text.lines().collect::<Vec<_>>(), expected, "version {version}");
     }
 }
 
 #[test]
-fn error_names_version_5_of_an_adapter() {
-    let output = run_with(&["hold", "control:PORT"], replies(5, 58, &[]));
+fn error_names_version_6_of_an_adapter() {
+    let output = run_with(&["hold", "control:PORT"], replies(6, 59, &[]));
     let line = failure(&output);
     assert!(
         line.ends_with(
-            "the adapter does not support this request: its control protocol is version 5, this program's is 4"
+            "the adapter does not support this request: its control protocol is version 6, this program's is 5"
         ),
         "{line}"
     );
 }
 
 #[test]
-fn unknown_reply_of_version_5_is_reported() {
+fn unknown_reply_of_version_6_is_reported() {
     let output = run_with(&["counters", "control:PORT"], |request| match request {
         GET_LATENCIES => vec![10, 1],
-        _ => replies(5, 58, &[])(request),
+        _ => replies(6, 59, &[])(request),
     });
     let line = failure(&output);
     assert!(
@@ -184,7 +185,7 @@ fn host_of_version_3_is_served() {
     let done = reply(&[0]);
     let held = [&LINE[..11], &[2, 0]].concat();
 
-    assert_eq!(call(&[7, IDENTIFY]), reply(&identity(4)));
+    assert_eq!(call(&[7, IDENTIFY]), reply(&identity(5)));
     assert_eq!(call(&[7, GET_CONFIG]), reply(&CONFIG));
     assert_eq!(call(&[7, SUBSCRIBE, 0, 1]), done);
     assert_eq!(call(&[7, END_STREAM]), done);
@@ -192,10 +193,10 @@ fn host_of_version_3_is_served() {
     assert_eq!(call(&[7, HOLD_LINE]), done);
     assert_eq!(call(&[7, GET_LINE]), reply(&held));
     assert_eq!(call(&[7, RELEASE_LINE]), done);
-    // The host knows 56 counters and skips the last. The 46th counts control requests.
+    // The host knows 56 counters and skips the others. The 46th counts control requests.
     let counters = call(&[7, GET_COUNTERS]);
-    assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 57));
+    assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 58));
     assert_eq!(counters[3 + 45], 9);
     // A request of a later version.
-    assert_eq!(call(&[7, 15, 1]), reply(&[1, 4]));
+    assert_eq!(call(&[7, 16, 1]), reply(&[1, 5]));
 }

@@ -1,0 +1,694 @@
+//! A stop of the arm by the control port, whoever moves it.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::vec;
+use std::vec::Vec;
+
+use armwire::ling::{self, GripperSpeed, JOINTS, Ling, Move, Opening, Position, Speed};
+use armwire::messages::Messages;
+use armwire::{alpha1, ling::READ_JOINTS};
+
+use super::rig::{Rig, at, ling, motion};
+use crate::can::Node;
+use crate::can::command::Command;
+use crate::can::telemetry::event_from_frame;
+use crate::config::{ArmKind, Can, Config, HostTimeout, Poll};
+use crate::control::{Event, Failure, FromAdapter, Initiator, LineHolder, MAX_FRAME, Refusal, Reply, Request, STOP_MS};
+use crate::{Bridge, Instant, UsbEvent};
+
+/// The time without motion, in µs.
+const REFUSAL: u64 = STOP_MS as u64 * 1_000;
+
+/// The status of an arm with torque, and of one without.
+const LOCKED: u8 = 1;
+const IDLE: u8 = 0;
+
+/// A pose in the arm's reading: six joints and the gripper.
+type Pose = [u16; JOINTS + 1];
+
+const POSE: Pose = [2000, 2001, 2002, 2003, 2004, 2005, 310];
+
+/// The answer to a reading of the joints.
+fn reading(pose: Pose, status: u8) -> Vec<u8> {
+    let data = pose.iter().flat_map(|value| value.to_le_bytes()).chain([status]);
+    ling(0x06, 0, &data.collect::<Vec<_>>())
+}
+
+/// A move with this goal of the gripper.
+fn motion_with_gripper(opening: u16) -> Vec<u8> {
+    let target = Move {
+        joints: [(Position::CENTRE, Speed::new(1_000).unwrap()); JOINTS],
+        gripper: (Opening::new(opening).unwrap(), GripperSpeed(1_000)),
+    };
+    frame(ling::Request::Move(target))
+}
+
+fn frame(request: ling::Request) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let len = Ling.encode_request(&request, &mut out).unwrap();
+    out[..len].to_vec()
+}
+
+/// The move that holds this pose, with this goal of the gripper.
+fn hold(pose: Pose, opening: u16) -> Vec<u8> {
+    let [joints @ .., _] = pose;
+    let target = Move {
+        joints: joints.map(|ticks| (Position::new(ticks).unwrap(), Speed::new(500).unwrap())),
+        gripper: (Opening::new(opening).unwrap(), GripperSpeed(1_000)),
+    };
+    frame(ling::Request::Move(target))
+}
+
+/// A Ling arm whose readings are these in turn, the last of them again and again. It answers nothing else.
+fn arm(mut readings: Vec<(Pose, u8)>) -> impl FnMut(&[u8]) -> Option<(u64, Vec<u8>)> {
+    move |request| {
+        if request != READ_JOINTS {
+            return None;
+        }
+        let (pose, status) = match readings.len() {
+            1 => readings[0],
+            _ => readings.remove(0),
+        };
+        Some((200, reading(pose, status)))
+    }
+}
+
+/// A host timeout of 500 ms that switches the torque off, and commands from CAN.
+fn config() -> Config {
+    Config {
+        host_timeout: HostTimeout {
+            after_ms: 500,
+            torque_off: true,
+        },
+        can: Can {
+            commands: true,
+            ..Can::default()
+        },
+        ..Config::default()
+    }
+}
+
+fn rig(config: Config) -> Rig {
+    let mut rig = Rig::new(config);
+    rig.responder = Box::new(arm(vec![(POSE, LOCKED)]));
+    rig.subscribe();
+    rig.sent.clear();
+    rig
+}
+
+/// The bursts to the arm without the readings of the stop, which are 20 ms apart.
+fn sent(rig: &Rig) -> Vec<Vec<u8>> {
+    let bursts = rig.sent.iter().map(|(_, bytes)| bytes.clone());
+    bursts.filter(|bytes| *bytes != READ_JOINTS).collect()
+}
+
+fn stopped(initiator: Initiator) -> Event {
+    Event::Refused {
+        initiator,
+        reason: Refusal::Stopped,
+    }
+}
+
+/// The refusals because of a stop.
+fn refusals(rig: &Rig) -> Vec<Event> {
+    let events = rig.events.iter().map(|(_, event)| event.clone());
+    let is_stopped = |event: &Event| {
+        matches!(
+            event,
+            Event::Refused {
+                reason: Refusal::Stopped,
+                ..
+            }
+        )
+    };
+    events.filter(is_stopped).collect()
+}
+
+fn command(rig: &mut Rig, sequence: u8) {
+    let command = Command {
+        sequence,
+        joints: [2048; 6],
+        speed: 50,
+        gripper: 100,
+    };
+    for frame in command.to_frames(Node::default()) {
+        rig.can_frame(&frame);
+    }
+}
+
+#[test]
+fn stop_holds_pose_and_last_gripper_goal() {
+    // The goal of any host's move counts; without one, the reading, as far as it is an opening.
+    for (goal_by, gripper, expected) in [
+        (Some(Initiator::Usb), 310, 250),
+        (Some(Initiator::Can), 310, 250),
+        (Some(Initiator::Command), 310, 400),
+        (None, 310, 310),
+        (None, 2051, 1000),
+    ] {
+        let mut rig = rig(config());
+        let [joints @ .., _] = POSE;
+        let [a, b, c, d, e, f] = joints;
+        let pose = [a, b, c, d, e, f, gripper];
+        rig.responder = Box::new(arm(vec![(pose, LOCKED)]));
+        match goal_by {
+            Some(Initiator::Usb) => rig.usb_out.extend(motion_with_gripper(250)),
+            Some(Initiator::Can) => rig.can_out.push_back(motion_with_gripper(250)),
+            Some(_) => [0, 1].into_iter().for_each(|sequence| command(&mut rig, sequence)),
+            None => {}
+        }
+        rig.run(10_000);
+        rig.sent.clear();
+        let begin = rig.now;
+        let sequence = rig.request(Request::Stop);
+        rig.run(5_000);
+        assert_eq!(sent(&rig), [hold(pose, expected)]);
+        assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
+        // A reading of 7 bytes, its answer of 21 after 200 µs.
+        assert_eq!(rig.sent[1].0 - begin, (7 + 21) * 10 + 200);
+        rig.run(3_000_000);
+        assert_eq!(sent(&rig).len(), 1, "the pose is sent once");
+    }
+}
+
+#[test]
+fn hold_is_sent_again_if_the_arm_leaves() {
+    let pose = |joint| {
+        let mut pose = POSE;
+        pose[1] = joint;
+        pose
+    };
+    let mut rig = rig(config());
+    let readings = [2000, 2001, 2003, 2004].map(|joint| (pose(joint), LOCKED));
+    rig.responder = Box::new(arm(readings.to_vec()));
+    rig.request(Request::Stop);
+    rig.run(1_000_000);
+    assert_eq!(sent(&rig), [hold(pose(2000), 310), hold(pose(2004), 310)]);
+}
+
+/// Hosts that wait for the line, which a self-check of another has for 500 ms: bytes and a half request on USB, a full
+/// queue on CAN and one more PDU, a command.
+fn rig_with_waiting_motion() -> Rig {
+    let mut rig = rig(config());
+    // A frame in transmission: its rest comes later.
+    rig.usb_out.extend(&motion()[..20]);
+    rig.run(1_000);
+    rig.can_out.push_back(ling::SELF_CHECK.to_vec());
+    rig.run(15_000);
+    assert_eq!(rig.sent.last().unwrap().1, ling::SELF_CHECK);
+    let read = ling(0x06, 2, &[0xFE]);
+    rig.usb_out.extend([motion(), read.clone(), motion()].concat());
+    rig.can_out.extend([motion(), read, motion()]);
+    for sequence in 0..2 {
+        command(&mut rig, sequence);
+    }
+    rig.run(20_000);
+    assert_eq!(rig.bridge.line.waiting(), (2, 2 * motion().len() + 7));
+    rig.sent.clear();
+    rig
+}
+
+#[test]
+fn stop_drops_the_waiting_motion_of_all_hosts() {
+    let mut rig = rig_with_waiting_motion();
+    rig.request(Request::Stop);
+    rig.run(1_000_000);
+    let read = ling(0x06, 2, &[0xFE]);
+    // The reads remain.
+    assert_eq!(sent(&rig), [&hold(POSE, 310), &read, &read].map(Clone::clone));
+    let events = refusals(&rig);
+    assert_eq!(
+        events,
+        [Initiator::Command, Initiator::Can, Initiator::Usb, Initiator::Can].map(stopped)
+    );
+    assert_eq!(rig.bridge.counters().refused_stopped, 5);
+}
+
+#[test]
+fn hold_is_out_within_its_bound() {
+    // An unanswered request of another host is on the line, and the reading is answered at the last moment.
+    let slow = |rig: &mut Rig| {
+        let mut arm = arm(vec![(POSE, LOCKED)]);
+        rig.responder = Box::new(move |request| arm(request).map(|(_, answer)| (49_900, answer)));
+    };
+    let behind = |request: Vec<u8>| {
+        let mut rig = rig(config());
+        rig.responder = Box::new(|_| None);
+        // The middle of an upload.
+        rig.usb_out.extend([0x55; 100]);
+        rig.can_out.push_back(request);
+        rig.run(10_000);
+        rig.can_out.extend([motion(), motion(), motion()]);
+        rig.run(2_000);
+        rig
+    };
+    for (mut rig, bound) in [
+        (rig_with_waiting_motion(), 555_000),
+        (behind(ling::SELF_CHECK.to_vec()), 555_000),
+        (behind(READ_JOINTS.to_vec()), 155_000),
+        (behind(ling(0x06, 2, &[0xFE])), 155_000),
+    ] {
+        slow(&mut rig);
+        let begin = rig.now;
+        rig.sent.clear();
+        rig.request(Request::Stop);
+        rig.run(1_000_000);
+        let hold = hold(POSE, 310);
+        let (start, _) = rig.sent.iter().find(|(_, bytes)| *bytes == hold).unwrap();
+        let took = start + 10 * hold.len() as u64 - begin;
+        assert!((50_000..bound).contains(&took), "{took} µs");
+    }
+}
+
+#[test]
+fn stop_cuts_a_partial_move_by_zeros() {
+    for begun in 1..motion().len() {
+        let mut rig = rig(config());
+        rig.usb_out.extend(&motion()[..begun]);
+        rig.run(1_000);
+        rig.sent.clear();
+        rig.request(Request::Stop);
+        rig.run(3_000);
+        // Its rest, and a request behind it.
+        rig.usb_out.extend(&motion()[begun..]);
+        rig.usb_out.extend(ling(0x06, 2, &[0xFE]));
+        rig.run(3_000);
+        let expected = [vec![0; MAX_FRAME], hold(POSE, 310), ling(0x06, 2, &[0xFE])];
+        assert_eq!(sent(&rig), expected, "{begun} bytes");
+        assert_eq!(refusals(&rig), [stopped(Initiator::Usb)]);
+        assert_eq!(rig.bridge.counters().refused_stopped, 1);
+    }
+}
+
+#[test]
+fn cut_read_is_refused_and_counted() {
+    let mut rig = rig(config());
+    let read = ling(0x06, 2, &[0xFE]);
+    rig.usb_out.extend(&read[..3]);
+    rig.run(1_000);
+    rig.request(Request::Stop);
+    rig.run(3_000);
+    rig.usb_out.extend(&read[3..]);
+    rig.run(REFUSAL);
+    assert_eq!(rig.sent.last().unwrap().1, READ_JOINTS);
+    assert_eq!(rig.bridge.counters().refused_stopped, 1);
+}
+
+#[test]
+fn stop_cuts_an_upload_by_its_reading() {
+    let mut rig = rig(config());
+    let upload = vec![0x55; 100];
+    rig.usb_out.extend(&upload);
+    rig.run(500);
+    rig.request(Request::Stop);
+    rig.run(20_000);
+    let bytes: Vec<u8> = rig.line().into_iter().filter(|byte| *byte == 0x55).collect();
+    assert_eq!(bytes, upload);
+    // One burst is on the line at most: the rest of the upload goes out behind the hold.
+    let bursts: Vec<_> = rig.sent.iter().take(3).map(|(_, bytes)| bytes.clone()).collect();
+    assert_eq!(bursts, [upload[..70].to_vec(), READ_JOINTS.to_vec(), hold(POSE, 310)]);
+}
+
+#[test]
+fn motion_is_refused_for_two_seconds() {
+    let mut rig = rig(config());
+    let begin = rig.now;
+    rig.request(Request::Stop);
+    rig.run(1_000);
+    command(&mut rig, 0);
+    for sequence in 1..21 {
+        // In pieces of any size.
+        let mut head = motion();
+        let tail = head.split_off(usize::from(sequence));
+        rig.usb_out.extend(head);
+        rig.can_out.push_back(motion());
+        command(&mut rig, sequence);
+        rig.run(5_000);
+        rig.usb_out.extend(tail);
+        rig.run(5_000);
+    }
+    assert_eq!(sent(&rig), [hold(POSE, 310)]);
+    assert_eq!(rig.bridge.counters().refused_stopped, 3 * 20);
+    let events = refusals(&rig);
+    let of = |initiator| events.iter().filter(|event| **event == stopped(initiator)).count();
+    assert_eq!(
+        (of(Initiator::Usb), of(Initiator::Can), of(Initiator::Command)),
+        (1, 20, 20)
+    );
+    let on_bus = rig.frames.iter().filter_map(|(_, frame)| event_from_frame(frame));
+    assert_eq!(on_bus.map(|(_, event)| event).collect::<Vec<_>>(), events);
+    // Not a microsecond longer.
+    rig.run(begin + REFUSAL - 1 - rig.now);
+    rig.usb_out.extend(motion());
+    rig.run(0);
+    assert_eq!(sent(&rig).len(), 1);
+    rig.run(1);
+    rig.usb_out.extend(motion());
+    rig.can_out.push_back(motion());
+    rig.run(5_000);
+    assert_eq!(sent(&rig), [hold(POSE, 310), motion(), motion()]);
+}
+
+#[test]
+fn other_requests_pass_after_a_stop() {
+    let mut rig = rig(config());
+    rig.request(Request::Stop);
+    rig.run(5_000);
+    let read = ling(0x06, 2, &[0xFE]);
+    for request in [read, ling::TORQUE_OFF.to_vec(), ling::TORQUE_ON.to_vec()] {
+        for is_usb in [true, false] {
+            match is_usb {
+                true => rig.usb_out.extend(&request),
+                false => rig.can_out.push_back(request.clone()),
+            }
+            rig.run(150_000);
+            assert_eq!(sent(&rig).last(), Some(&request));
+        }
+    }
+    assert_eq!(rig.bridge.counters().refused_stopped, 0);
+}
+
+#[test]
+fn half_request_passes_after_the_stop() {
+    let mut rig = rig(config());
+    rig.request(Request::Stop);
+    rig.run(5_000);
+    let half = &ling(0x06, 2, &[0xFE])[..4];
+    rig.usb_out.extend(half);
+    rig.run(REFUSAL - 6_000);
+    assert_eq!(sent(&rig), [hold(POSE, 310)]);
+    rig.run(2_000);
+    assert_eq!(sent(&rig), [&hold(POSE, 310)[..], half]);
+}
+
+#[test]
+fn stop_ends_streams_and_keeps_the_torque() {
+    let mut rig = rig(config());
+    command(&mut rig, 0);
+    for sequence in 1..6 {
+        rig.usb_out.extend(motion());
+        rig.can_out.push_back(motion());
+        command(&mut rig, sequence);
+        rig.run(20_000);
+    }
+    assert!(rig.bridge.update(Instant::ZERO).is_armed);
+    rig.request(Request::Stop);
+    rig.run(5_000);
+    assert!(!rig.bridge.update(Instant::ZERO).is_armed);
+    rig.run(3_000_000);
+    assert_eq!(rig.bridge.counters().host_silences, 0);
+    assert_eq!(sent(&rig).last(), Some(&hold(POSE, 0)));
+}
+
+#[test]
+fn torque_off_that_waits_wins() {
+    let mut rig = rig(config());
+    for _ in 0..3 {
+        rig.can_out.push_back(motion());
+        rig.run(1_000);
+    }
+    // The host on USB pauses in a request: torque-off of the silent host waits 10 ms.
+    rig.run(498_000);
+    rig.usb_out.extend(&motion()[..20]);
+    rig.run(3_000);
+    rig.sent.clear();
+    let sequence = rig.request(Request::Stop);
+    assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
+    rig.run(REFUSAL - 10_000);
+    rig.usb_out.extend(motion());
+    rig.run(5_000);
+    assert_eq!(sent(&rig), [vec![0; MAX_FRAME], ling::TORQUE_OFF.to_vec()]);
+    assert_eq!(rig.bridge.counters().refused_stopped, 1);
+}
+
+#[test]
+fn nothing_is_sent_to_an_arm_without_torque() {
+    for status in [IDLE, 0xE2] {
+        let mut rig = rig(config());
+        rig.responder = Box::new(arm(vec![(POSE, status)]));
+        let sequence = rig.request(Request::Stop);
+        rig.run(5_000);
+        rig.usb_out.extend(motion());
+        rig.run(1_000_000);
+        assert_eq!(rig.line(), READ_JOINTS);
+        assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
+        assert_eq!(rig.bridge.counters().refused_stopped, 1);
+    }
+}
+
+#[test]
+fn silent_arm_is_reported_after_two_seconds() {
+    let mut rig = rig(config());
+    rig.responder = Box::new(|_| None);
+    let sequence = rig.request(Request::Stop);
+    // Only its first reading goes before the requests of others.
+    rig.can_out.push_back(ling::TORQUE_OFF.to_vec());
+    rig.run(60_000);
+    assert_eq!(sent(&rig), [ling::TORQUE_OFF]);
+    rig.usb_out.extend(motion());
+    rig.run(REFUSAL - 60_001);
+    assert!(rig.replies.iter().all(|(of, _)| *of != sequence));
+    rig.run(1);
+    let reply = Reply::Failed(Failure::ArmSilent);
+    assert_eq!(rig.replies.last(), Some(&(sequence, reply)));
+    assert_eq!(sent(&rig), [ling::TORQUE_OFF]);
+    // A reading every 102 ms: its timeout, and the time for which its answer may be late.
+    let readings = rig.sent.iter().filter(|(_, bytes)| *bytes == READ_JOINTS).count();
+    assert_eq!(readings, 20);
+}
+
+#[test]
+fn late_reading_holds_the_arm() {
+    let mut rig = rig(config());
+    let answers = Rc::new(RefCell::new(false));
+    let (mut arm, is_answering) = (arm(vec![(POSE, LOCKED)]), answers.clone());
+    rig.responder = Box::new(move |request| arm(request).filter(|_| *is_answering.borrow()));
+    let sequence = rig.request(Request::Stop);
+    rig.run(1_000_000);
+    *answers.borrow_mut() = true;
+    rig.run(150_000);
+    assert_eq!(sent(&rig), [hold(POSE, 310)]);
+    assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
+}
+
+#[test]
+fn pose_out_of_range_is_not_held() {
+    let mut rig = rig(config());
+    rig.responder = Box::new(arm(vec![([4096, 0, 0, 0, 0, 0, 0], LOCKED)]));
+    let sequence = rig.request(Request::Stop);
+    rig.run(5_000);
+    let reply = Reply::Failed(Failure::PoseOutOfRange);
+    assert_eq!(rig.replies.last(), Some(&(sequence, reply)));
+    rig.usb_out.extend(motion());
+    rig.run(5_000);
+    assert_eq!(rig.line(), READ_JOINTS);
+}
+
+#[test]
+fn reading_of_another_initiator_counts() {
+    let mut rig = rig(Config {
+        poll: Poll::Hertz(100),
+        ..config()
+    });
+    rig.run(50_000);
+    // The poll's answer is on the line.
+    while rig.sent.last().unwrap().0 + 100 != rig.now {
+        rig.run(1);
+    }
+    rig.sent.clear();
+    rig.request(Request::Stop);
+    rig.run(400);
+    assert_eq!(rig.line(), hold(POSE, 310));
+}
+
+#[test]
+fn identification_and_stop_do_not_mix() {
+    let mut rig = rig(config());
+    rig.responder = Box::new(|_| None);
+    let identify = rig.request(Request::IdentifyArm);
+    let stop = rig.request(Request::Stop);
+    rig.run(3_000_000);
+    let reply = |of| {
+        let mut replies = rig.replies.iter().filter(|(sequence, _)| *sequence == of);
+        replies.next_back().map(|(_, reply)| reply.clone())
+    };
+    assert!(matches!(reply(identify), Some(Reply::Arm(arm)) if arm.answer.is_none()));
+    assert_eq!(reply(stop), Some(Reply::Failed(Failure::ArmSilent)));
+}
+
+#[test]
+fn stop_is_refused_during_hold_line() {
+    let mut rig = rig(config());
+    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    assert_eq!(rig.call(Request::Stop), Reply::Failed(Failure::LineHeld));
+    rig.usb_out.extend(motion());
+    rig.run(5_000);
+    assert_eq!(rig.line(), motion());
+}
+
+#[test]
+fn hold_line_waits_for_a_stop() {
+    let mut rig = rig(config());
+    rig.request(Request::Stop);
+    rig.run(5_000);
+    assert_eq!(rig.call(Request::HoldLine), Reply::Failed(Failure::Busy));
+    // The arm is at rest.
+    rig.run(200_000);
+    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+}
+
+#[test]
+fn flash_is_not_written_during_a_stop() {
+    let mut rig = rig(config());
+    rig.request(Request::Stop);
+    for request in [Request::SaveConfig, Request::ResetConfig] {
+        assert_eq!(rig.call(request), Reply::Failed(Failure::Busy));
+    }
+    rig.run(200_000);
+    rig.request(Request::SaveConfig);
+    assert_eq!(rig.actions.len(), 1);
+}
+
+#[test]
+fn stop_takes_line_from_another_rate() {
+    let mut rig = rig(config());
+    rig.bridge.usb_event(UsbEvent::Dtr(true), at(rig.now));
+    let coding = crate::LineCoding {
+        baud: 9_600,
+        ..crate::LineCoding::LING
+    };
+    rig.bridge.set_line_coding(coding.to_cdc(), at(rig.now)).unwrap();
+    rig.usb_out.extend([0x55; 300]);
+    rig.run(20_000);
+    assert_eq!(rig.bauds.last(), Some(&9_600));
+    let begin = rig.now;
+    rig.request(Request::Stop);
+    rig.run(10_000);
+    assert_eq!(rig.bauds[1..], [1_000_000; 3]);
+    let (held, bytes) = rig.sent.last().unwrap();
+    assert_eq!((bytes, held - begin < 5_000), (&hold(POSE, 310), true));
+    let Reply::Line(line) = rig.call(Request::GetLine) else {
+        panic!("no state of the line");
+    };
+    assert_eq!(line.holder, LineHolder::Nobody);
+}
+
+#[test]
+fn repeated_stop_renews_the_refusal() {
+    let mut rig = rig(config());
+    rig.request(Request::Stop);
+    rig.run(REFUSAL - 1_000);
+    let sequence = rig.request(Request::Stop);
+    rig.run(REFUSAL - 1_000);
+    assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
+    // The arm was at rest: it is held anew.
+    assert_eq!(sent(&rig).len(), 2);
+    for refused in [true, false] {
+        rig.can_out.push_back(motion());
+        rig.run(5_000);
+        assert_eq!(sent(&rig).last() != Some(&motion()), refused);
+    }
+}
+
+#[test]
+fn every_port_gets_the_reply_to_its_stop() {
+    let mut rig = rig(config());
+    rig.can_out.push_back(ling::SELF_CHECK.to_vec());
+    rig.run(5_000);
+    let usb = rig.request(Request::Stop);
+    rig.request_on_can(9, Request::Stop);
+    rig.run(5_000);
+    let busy = rig.request(Request::Stop);
+    assert_eq!(rig.replies.last(), Some(&(busy, Reply::Failed(Failure::Busy))));
+    assert_eq!(rig.can_control, []);
+    rig.run(600_000);
+    assert_eq!(rig.replies.last(), Some(&(usb, Reply::Done)));
+    let (sequence, reply) = (9, Reply::Done);
+    assert_eq!(rig.can_control, [FromAdapter::Reply { sequence, reply }]);
+    assert_eq!(sent(&rig).len(), 2, "one self-check, one hold");
+    // A stop of an arm that is held is answered at once.
+    rig.request_on_can(10, Request::Stop);
+    rig.run(5_000);
+    assert_eq!(rig.can_control.len(), 2);
+}
+
+#[test]
+fn restart_forgets_a_stop() {
+    let mut rig = rig(config());
+    rig.request(Request::Stop);
+    rig.run(5_000);
+    rig.bridge = Bridge::default();
+    rig.bridge.usb_event(UsbEvent::Configured(true), at(rig.now));
+    rig.usb_out.extend(motion());
+    rig.run(5_000);
+    assert_eq!(rig.sent.last().unwrap().1, motion());
+}
+
+#[test]
+fn kind_without_a_stop_is_named() {
+    for arm in [ArmKind::Raw, ArmKind::Alpha1Servo] {
+        let mut rig = Rig::new(Config {
+            arm,
+            ..Config::default()
+        });
+        assert_eq!(rig.call(Request::Stop), Reply::Failed(Failure::NotStoppable(arm)));
+        rig.usb_out.extend(motion());
+        rig.run(100_000);
+        assert_eq!(rig.line(), motion());
+    }
+}
+
+#[test]
+fn other_kind_ends_a_stop() {
+    for (arm, reply) in [
+        (ArmKind::Raw, Reply::Failed(Failure::NotStoppable(ArmKind::Raw))),
+        (ArmKind::Alpha1, Reply::Done),
+    ] {
+        let mut rig = rig(config());
+        rig.responder = Box::new(|_| None);
+        let stop = rig.request(Request::Stop);
+        rig.run(5_000);
+        let config = Config {
+            arm,
+            ..Config::default()
+        };
+        let set = rig.request(Request::SetConfig(config));
+        rig.run(1_000_000);
+        assert_eq!(
+            rig.replies[rig.replies.len() - 2..],
+            [(set, Reply::Done), (stop, reply)]
+        );
+        rig.sent.clear();
+        rig.usb_out.extend(motion());
+        rig.run(100_000);
+        assert_eq!(rig.line(), motion());
+    }
+}
+
+#[test]
+fn alpha1_gets_its_stop_request() {
+    let mut rig = Rig::new(Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    });
+    rig.responder = Box::new(|request: &[u8]| (request == alpha1::STOP).then(|| (200, vec![0xF2, 0x2F, 0xAA, 0xED])));
+    rig.subscribe();
+    let sequence = rig.request(Request::Stop);
+    let play = vec![0xF3, 0x3F, 6, b'd', b'a', b'n', b'c', b'e', 0x01, 0xED];
+    rig.run(10_000);
+    assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
+    rig.usb_out.extend(&play);
+    rig.run(10_000);
+    assert_eq!(rig.line(), [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED]);
+    assert_eq!(rig.bridge.counters().refused_stopped, 1);
+    // Its answer goes to nobody.
+    assert_eq!((rig.usb.len(), rig.bridge.counters().unsolicited_frames), (0, 0));
+    rig.run(REFUSAL);
+    rig.usb_out.extend(&play);
+    rig.run(10_000);
+    assert_eq!(rig.line(), [&alpha1::STOP[..], &play].concat());
+}
