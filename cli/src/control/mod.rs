@@ -135,6 +135,15 @@ impl ControlLink {
         }
     }
 
+    /// Stops the arm, whoever moves it: see [`Request::Stop`].
+    ///
+    /// # Errors
+    ///
+    /// As [`call`](Self::call).
+    pub fn stop(&mut self) -> Result<(), Error> {
+        self.call(Request::Stop).map(drop)
+    }
+
     /// The next event of the adapter, after a wait of at most this long. Events need a
     /// [subscription](Request::Subscribe). At most 4096 events wait. A new subscription begins without any.
     ///
@@ -209,6 +218,18 @@ fn describe(failure: Failure) -> String {
             format!("not saved: the budget of saves, which limits flash wear, is used up; next save in {wait_s} s")
         }
         Failure::SupplyLow => "not saved: the adapter's 3.3 V supply is below 2.9 V, too low to write flash".to_owned(),
+        Failure::ArmSilent => {
+            "not stopped: the arm does not answer. It may still move: switch its supply off. Motion is refused for 2 s"
+                .to_owned()
+        }
+        Failure::PoseOutOfRange => {
+            "not stopped: the arm reports a pose that cannot be held. It may still move: switch its \
+                                    supply off. Motion is refused for 2 s"
+                .to_owned()
+        }
+        Failure::NotStoppable(kind) => {
+            format!("not stopped: the adapter cannot stop an arm of kind '{kind}'. Only its supply's switch stops it")
+        }
         other => format!("refused: {other:?}"),
     }
 }
@@ -264,6 +285,7 @@ impl Transport for Stream {
 
 #[cfg(test)]
 mod tests {
+    use armwire_bridge::config::ArmKind;
     use armwire_bridge::control::encode_cobs;
 
     use super::*;
@@ -272,6 +294,7 @@ mod tests {
     /// An adapter that sends this many events before each reply, stamped 0 and up.
     struct EventSource {
         events: u64,
+        reply: Reply,
         out: VecDeque<u8>,
     }
 
@@ -304,7 +327,7 @@ mod tests {
                 let event = Event::BusOff { off: true };
                 self.send(&FromAdapter::Event { at: Stamp(at), event });
             }
-            let (sequence, reply) = (request.sequence, Reply::Done);
+            let (sequence, reply) = (request.sequence, self.reply.clone());
             self.send(&FromAdapter::Reply { sequence, reply });
             Ok(bytes.len())
         }
@@ -315,8 +338,30 @@ mod tests {
     }
 
     fn link(events: u64) -> ControlLink {
+        link_with(events, Reply::Done)
+    }
+
+    fn link_with(events: u64, reply: Reply) -> ControlLink {
         let out = VecDeque::new();
-        ControlLink::on_line(Box::new(EventSource { events, out }))
+        ControlLink::on_line(Box::new(EventSource { events, reply, out }))
+    }
+
+    #[test]
+    fn failed_stop_says_what_stops_the_arm() {
+        let stop = |failure| link_with(0, Reply::Failed(failure)).stop().unwrap_err().to_string();
+        for failure in [
+            Failure::ArmSilent,
+            Failure::PoseOutOfRange,
+            Failure::NotStoppable(ArmKind::Raw),
+        ] {
+            let text = stop(failure);
+            assert!(
+                text.starts_with("fake: not stopped: ") && text.contains("supply"),
+                "{text}"
+            );
+        }
+        assert!(stop(Failure::NotStoppable(ArmKind::Raw)).contains("'raw'"));
+        assert!(link(0).stop().is_ok());
     }
 
     #[test]
