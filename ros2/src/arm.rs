@@ -299,7 +299,7 @@ impl<'a, 'b> Session<'a, 'b> {
             diagnostics.dropped += 1;
         }
         self.latest = reading;
-        if self.latest.is_holding() == Some(false) && self.motion.take().is_some() {
+        if self.latest.status.is_holding() == Some(false) && self.motion.take().is_some() {
             // A later torque-on must not resume it.
             self.host.refuse(&Refusal::TorqueLost);
         }
@@ -327,7 +327,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 .pending
                 .iter()
                 .any(|pending| pending.effect != Effect::Torque(true));
-            if is_ending || self.latest.is_holding() == Some(false) {
+            if is_ending || self.latest.status.is_holding() == Some(false) {
                 self.host.refuse(&Refusal::TorqueOff);
                 continue;
             }

@@ -71,12 +71,14 @@ impl Diagnostics {
         match &self.last_refusal {
             Some((at, reason)) if now.duration_since(*at) < RECENT => (WARN, format!("trajectory refused: {reason}")),
             _ => match self.status {
-                Some(status @ (MotionStatus::Overheating | MotionStatus::OverheatProtection)) => {
-                    (WARN, status.to_string())
-                }
-                Some(MotionStatus::Idle) => (OK, "torque off".to_owned()),
-                _ if self.is_moving => (OK, "moving".to_owned()),
-                _ => (OK, "holding".to_owned()),
+                None => (WARN, "no reading".to_owned()),
+                Some(MotionStatus::OverheatProtection) => (WARN, MotionStatus::OverheatProtection.to_string()),
+                Some(status) => match status.is_holding() {
+                    None => (WARN, status.to_string()),
+                    Some(false) => (OK, "torque off".to_owned()),
+                    Some(true) if self.is_moving => (OK, "moving".to_owned()),
+                    Some(true) => (OK, "holding".to_owned()),
+                },
             },
         }
     }
@@ -133,7 +135,10 @@ mod tests {
 
     #[test]
     fn refusal_is_a_warning_for_five_seconds() {
-        let mut diagnostics = Diagnostics::default();
+        let mut diagnostics = Diagnostics {
+            status: Some(MotionStatus::Locked),
+            ..Default::default()
+        };
         let now = Instant::now();
         diagnostics.refuse(now, "joint \"x\" is unknown".to_owned());
         let level = |seconds| diagnostics.level(now + Duration::from_secs(seconds)).0;
@@ -162,6 +167,22 @@ mod tests {
         assert_eq!(level(MotionStatus::OverheatProtection).0, WARN);
         assert_eq!(level(MotionStatus::Idle), (OK, "torque off".to_owned()));
         assert_eq!(level(MotionStatus::Locked), (OK, "holding".to_owned()));
+    }
+
+    #[test]
+    fn holding_needs_a_reading_that_shows_it() {
+        let level = |status| {
+            let diagnostics = Diagnostics {
+                status,
+                ..Default::default()
+            };
+            diagnostics.level(Instant::now())
+        };
+        assert_eq!(level(None), (WARN, "no reading".to_owned()));
+        assert_eq!(
+            level(Some(MotionStatus::Other(0x42))),
+            (WARN, "unknown status 0x42".to_owned())
+        );
     }
 
     #[test]

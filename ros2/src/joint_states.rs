@@ -1,9 +1,10 @@
 //! Conversion between a Ling arm's ticks and per mille and radians and metres.
 
+use std::f64::consts::TAU;
 use std::time::Duration;
 
 use armwire::OutOfRange;
-use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Speed, Stroke};
+use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Speed, Stroke, TICKS_PER_TURN};
 
 use crate::messages::{Header, JointState, Time};
 use crate::trajectory::{Joint, Setpoint};
@@ -68,18 +69,9 @@ impl Reading {
         Duration::from_nanos(passed) > 2 * period
     }
 
-    /// True if the arm holds its position; `None` if its status does not show it.
-    pub(crate) fn is_holding(&self) -> Option<bool> {
-        match self.status {
-            MotionStatus::Locked | MotionStatus::SyncLocked => Some(true),
-            MotionStatus::Idle | MotionStatus::OverheatProtection => Some(false),
-            MotionStatus::Syncing | MotionStatus::Overheating | MotionStatus::Other(_) => None,
-        }
-    }
-
-    /// Returns true if all joints are within 3 ticks of zero.
+    /// Returns true if all joints are at zero, within the tolerance of a move.
     pub(crate) fn is_at_zero(&self) -> bool {
-        let near = f64::from(Position::MAX.radians()) * 3.0 / 2047.0;
+        let near = f64::from(Move::JOINT_TOLERANCE) * TAU / f64::from(TICKS_PER_TURN);
         self.positions[..JOINTS].iter().all(|position| position.abs() <= near)
     }
 

@@ -29,7 +29,7 @@ impl Effect {
 
     fn is_shown(self, reading: &Reading) -> bool {
         match self {
-            Self::Torque(on) => reading.is_holding() == Some(on),
+            Self::Torque(on) => reading.status.is_holding() == Some(on),
             Self::Zero => reading.is_at_zero(),
         }
     }
