@@ -47,6 +47,11 @@
 #define ARMWIRE_LING_MAX_SERVOS 10
 
 /**
+ * Size of a stop, in words of 64 bits.
+ */
+#define ARMWIRE_LING_STOP_WORDS 24
+
+/**
  * The version of this header: 0xMMmmpp. Every `init` function takes it.
  */
 #define ARMWIRE_VERSION 256
@@ -111,6 +116,35 @@ enum ArmwireStatus
 typedef enum ArmwireStatus ArmwireStatus;
 #else
 typedef uint32_t ArmwireStatus;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * Whether an arm holds its position.
+ */
+enum ArmwireLingHolding
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * The status does not show it.
+   */
+  ARMWIRE_LING_HOLDING_UNKNOWN = 0,
+  /**
+   * The torque is off.
+   */
+  ARMWIRE_LING_HOLDING_NO,
+  /**
+   * The torque is on.
+   */
+  ARMWIRE_LING_HOLDING_YES,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum ArmwireLingHolding ArmwireLingHolding;
+#else
+typedef uint32_t ArmwireLingHolding;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
@@ -409,6 +443,59 @@ enum ArmwireLingResponseKind
 typedef enum ArmwireLingResponseKind ArmwireLingResponseKind;
 #else
 typedef uint32_t ArmwireLingResponseKind;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * The kind of an `ArmwireLingStopStep`. The members that it sets are named in parentheses.
+ */
+enum ArmwireLingStopStepKind
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * Poll again at this time. (`until_us`)
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_WAIT = 0,
+  /**
+   * Read the joints, and pass the answer to `armwire_ling_stop_on_joints`.
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_READ_JOINTS,
+  /**
+   * Make this move. (`target`)
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_MOVE,
+  /**
+   * Switch the torque on. It is on already: for an adapter this ends the host's stream of motion.
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_TORQUE_ON,
+  /**
+   * The end: the arm is at rest. (`grip_may_loosen`)
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_AT_REST,
+  /**
+   * The end: the arm has no torque. Nothing was sent to it.
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_WITHOUT_TORQUE,
+  /**
+   * The end: no reading came within 2 s. The arm may still move.
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_NO_READING,
+  /**
+   * The end: a joint still moves after 2 s. (`joint`)
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_MOVING,
+  /**
+   * The end: a joint's position is not one of 0 to 4095. The arm may still move.
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_UNHOLDABLE,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum ArmwireLingStopStepKind ArmwireLingStopStepKind;
+#else
+typedef uint32_t ArmwireLingStopStepKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
@@ -1108,6 +1195,39 @@ typedef struct ArmwireLingRequest {
 } ArmwireLingRequest;
 
 /**
+ * A stop of a moving arm, whose torque stays on. The caller owns its memory. The content is private.
+ */
+typedef struct ArmwireLingStop {
+  uint64_t opaque[ARMWIRE_LING_STOP_WORDS];
+} ArmwireLingStop;
+
+/**
+ * The next action of a stop. Members that its kind does not set are 0.
+ */
+typedef struct ArmwireLingStopStep {
+  /**
+   * The kind: an `ArmwireLingStopStepKind`.
+   */
+  uint32_t kind;
+  /**
+   * The time of the next poll.
+   */
+  uint64_t until_us;
+  /**
+   * The move.
+   */
+  struct ArmwireLingMove target;
+  /**
+   * 1 if the gripper's goal was its reading: a grip may have loosened.
+   */
+  uint8_t grip_may_loosen;
+  /**
+   * The joint that moves, from 1.
+   */
+  uint8_t joint;
+} ArmwireLingStopStep;
+
+/**
  * A client of an xArm: one request at a time. The caller owns its memory. The content is private.
  */
 typedef struct ArmwireXarmClient {
@@ -1666,6 +1786,44 @@ ArmwireStatus armwire_ling_device_idle(struct ArmwireLingDevice *device);
  * The last rejected value or length, with its range.
  */
 ArmwireStatus armwire_ling_device_fault(struct ArmwireLingDevice *device, struct ArmwireFault *fault);
+
+/**
+ * Initializes a stop. `version` is ARMWIRE_VERSION. `opening_per_mille` is the last goal of the gripper, 0 to 1000, or
+ * NULL if it is unknown: the goal is the reading then, and a grip may loosen.
+ *
+ * ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE for another opening.
+ */
+ArmwireStatus armwire_ling_stop_init(struct ArmwireLingStop *stop,
+                                     uint32_t version,
+                                     const uint16_t *opening_per_mille);
+
+/**
+ * The next action. `now_us` is the time of a monotonic clock. Call it until its kind is one of the ends.
+ */
+ArmwireStatus armwire_ling_stop_poll(struct ArmwireLingStop *stop,
+                                     uint64_t now_us,
+                                     struct ArmwireLingStopStep *step);
+
+/**
+ * Takes a reading of the joints. After a failed read poll again: it is repeated.
+ *
+ * ARMWIRE_STATUS_UNKNOWN_KIND for another response.
+ */
+ArmwireStatus armwire_ling_stop_on_joints(struct ArmwireLingStop *stop,
+                                          uint64_t now_us,
+                                          const struct ArmwireLingResponse *joints);
+
+/**
+ * Whether an arm with this `motion_status` holds its position.
+ */
+ArmwireLingHolding armwire_ling_holding(uint8_t motion_status);
+
+/**
+ * 1 if the joints in a response of kind JOINTS are within 3 ticks of the target's; 0 otherwise. The gripper does not
+ * count, because it may hold an object.
+ */
+uint8_t armwire_ling_joints_reached(const struct ArmwireLingMove *target,
+                                    const struct ArmwireLingResponse *joints);
 
 /**
  * The text of an `ArmwireStatus`, in English. Never NULL.

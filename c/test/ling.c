@@ -62,6 +62,52 @@ static void every_request_is_answered_or_sent(void)
     CHECK(others.noise + others.late + others.unsolicited + others.echo + others.unknown == 0);
 }
 
+/* Stops the arm, and returns the last step. */
+static ArmwireLingStopStep stop_arm(const uint16_t *opening_per_mille, unsigned *moves, unsigned *torques)
+{
+    ArmwireLingStop stop;
+    ArmwireLingStopStep step;
+    CHECK_OK(armwire_ling_stop_init(&stop, ARMWIRE_VERSION, opening_per_mille));
+    for (*moves = *torques = 0;;) {
+        CHECK_OK(armwire_ling_stop_poll(&stop, now_us(), &step));
+        switch (step.kind) {
+        case ARMWIRE_LING_STOP_STEP_KIND_WAIT: break;
+        case ARMWIRE_LING_STOP_STEP_KIND_READ_JOINTS: {
+            ArmwireLingResponse joints = answer(armwire_ling_client_read_joints, ARMWIRE_LING_RESPONSE_KIND_JOINTS);
+            CHECK_OK(armwire_ling_stop_on_joints(&stop, now_us(), &joints));
+            break;
+        }
+        case ARMWIRE_LING_STOP_STEP_KIND_MOVE:
+            sent(armwire_ling_client_move(&arm, &step.target));
+            ++*moves;
+            break;
+        case ARMWIRE_LING_STOP_STEP_KIND_TORQUE_ON:
+            sent(armwire_ling_client_set_torque(&arm, 1));
+            ++*torques;
+            break;
+        default: return step;
+        }
+    }
+}
+
+static void moving_arm_stops_and_keeps_its_torque(void)
+{
+    const ArmwireLingMove target = {{4000, 2048, 2048, 2048, 2048, 2048}, {200, 200, 200, 200, 200, 200}, 600, 1000};
+    unsigned moves, torques;
+    sent(armwire_ling_client_set_torque(&arm, 1));
+    sent(armwire_ling_client_move(&arm, &target));
+    CHECK(stop_arm(&target.opening_per_mille, &moves, &torques).kind == ARMWIRE_LING_STOP_STEP_KIND_AT_REST);
+    CHECK(moves >= 1 && torques == 1);
+    ArmwireLingResponse joints = answer(armwire_ling_client_read_joints, ARMWIRE_LING_RESPONSE_KIND_JOINTS);
+    CHECK(joints.position_ticks[0] < 3900 && !armwire_ling_joints_reached(&target, &joints));
+    CHECK(armwire_ling_holding(joints.motion_status) == ARMWIRE_LING_HOLDING_YES);
+
+    CHECK(stop_arm(NULL, &moves, &torques).grip_may_loosen == 1 && moves == 1 && torques == 1);
+    sent(armwire_ling_client_set_torque(&arm, 0));
+    CHECK(stop_arm(NULL, &moves, &torques).kind == ARMWIRE_LING_STOP_STEP_KIND_WITHOUT_TORQUE);
+    CHECK(moves == 0 && torques == 0);
+}
+
 static Read *const reads[] = {armwire_ling_client_read_info,       armwire_ling_client_read_stroke,
                               armwire_ling_client_read_joints,     armwire_ling_client_read_temperatures,
                               armwire_ling_client_read_velocities, armwire_ling_client_self_check};
@@ -125,6 +171,7 @@ int main(int argc, char **argv)
     CHECK_OK(armwire_ling_client_init(&arm, ARMWIRE_VERSION, &config));
     port = port_open(argv[1], good);
     every_request_is_answered_or_sent();
+    moving_arm_stops_and_keeps_its_torque();
     frames_may_be_written_in_parts();
     port_close(&port);
 

@@ -2,10 +2,11 @@
  * out of range, short buffers, calls in any order. Usage: misuse CALLS [SEED] */
 #include "harness.h"
 
-enum Kind { LING_CLIENT, LING_DEVICE, ALPHA1_CLIENT, ALPHA1_DEVICE, XARM_CLIENT, XARM_DEVICE, KINDS };
+enum Kind { LING_CLIENT, LING_DEVICE, LING_STOP, ALPHA1_CLIENT, ALPHA1_DEVICE, XARM_CLIENT, XARM_DEVICE, KINDS };
 
-static const size_t sizes[KINDS] = {sizeof(ArmwireLingClient),   sizeof(ArmwireLingDevice), sizeof(ArmwireAlpha1Client),
-                                    sizeof(ArmwireAlpha1Device), sizeof(ArmwireXarmClient), sizeof(ArmwireXarmDevice)};
+static const size_t sizes[KINDS] = {sizeof(ArmwireLingClient),   sizeof(ArmwireLingDevice),   sizeof(ArmwireLingStop),
+                                    sizeof(ArmwireAlpha1Client), sizeof(ArmwireAlpha1Device), sizeof(ArmwireXarmClient),
+                                    sizeof(ArmwireXarmDevice)};
 
 /* Memory on the heap, so that the address sanitizer detects an access beyond it. Each fits every kind, to test wrong types. */
 #define MEMORIES 12
@@ -244,6 +245,29 @@ static ArmwireStatus ling_device_call(ArmwireLingDevice *device)
     return status;
 }
 
+static ArmwireStatus ling_stop_call(ArmwireLingStop *stop)
+{
+    ArmwireLingStopStep next;
+    ArmwireLingResponse joints;
+    uint16_t opening = any16() % 1100;
+    ArmwireStatus status;
+    switch (random_below(&rng, 8)) {
+    case 0: return armwire_ling_stop_init(stop, one_in(20) ? any32() : ARMWIRE_VERSION, or_null(&opening));
+    case 1:
+    case 2:
+        any_bytes(&joints, sizeof joints);
+        joints.kind = one_in(10) ? any32() : ARMWIRE_LING_RESPONSE_KIND_JOINTS;
+        joints.motion_status = one_in(2) ? 1 : any8();
+        return armwire_ling_stop_on_joints(stop, clock_us, or_null(&joints));
+    default:
+        status = armwire_ling_stop_poll(stop, clock_us, or_null(&next));
+        if (status == ARMWIRE_STATUS_OK) {
+            CHECK(next.kind <= ARMWIRE_LING_STOP_STEP_KIND_UNHOLDABLE);
+        }
+        return status;
+    }
+}
+
 static ArmwireStatus alpha1_client_call(ArmwireAlpha1Client *client)
 {
     ArmwireAlpha1Action action;
@@ -360,6 +384,7 @@ static ArmwireStatus call(enum Kind kind, void *memory)
     switch (kind) {
     case LING_CLIENT: return ling_client_call(memory);
     case LING_DEVICE: return ling_device_call(memory);
+    case LING_STOP: return ling_stop_call(memory);
     case ALPHA1_CLIENT: return alpha1_client_call(memory);
     case ALPHA1_DEVICE: return alpha1_device_call(memory);
     case XARM_CLIENT: return xarm_client_call(memory);
@@ -370,7 +395,9 @@ static ArmwireStatus call(enum Kind kind, void *memory)
 /* Returns the kind in memory, by calls without side effects. */
 static enum Kind look_into(void *memory)
 {
+    static const ArmwireLingResponse none;
     ArmwireFault fault;
+    if (armwire_ling_stop_on_joints(memory, 0, &none) == ARMWIRE_STATUS_UNKNOWN_KIND) return LING_STOP;
     if (armwire_ling_client_fault(memory, &fault) == ARMWIRE_STATUS_OK) return LING_CLIENT;
     if (armwire_ling_device_fault(memory, &fault) == ARMWIRE_STATUS_OK) return LING_DEVICE;
     if (armwire_alpha1_client_fault(memory, &fault) == ARMWIRE_STATUS_OK) return ALPHA1_CLIENT;

@@ -1,16 +1,27 @@
-/* Reads and moves a Ling arm on a POSIX serial port. Usage: serial /dev/ttyUSB0 */
+/* Reads a Ling arm on a POSIX serial port and moves it slowly to zero. Ctrl-C stops it. Usage: serial /dev/ttyUSB0 */
 #define _DEFAULT_SOURCE
 #include <armwire.h>
 #include <fcntl.h>
 #include <poll.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <termios.h>
 #include <time.h>
 #include <unistd.h>
 
+/* 20 degrees per second. */
+#define SPEED 228
+
 static int port;
 static ArmwireLingClient arm;
+static volatile sig_atomic_t interrupted;
+
+static void interrupt(int signal)
+{
+    (void)signal;
+    interrupted = 1;
+}
 
 static uint64_t now_us(void)
 {
@@ -75,6 +86,37 @@ static ArmwireLingResponse call(ArmwireStatus status)
     exit(1);
 }
 
+/* Waits, at most until a signal. */
+static void pause_us(long us)
+{
+    const struct timespec time = {us / 1000000, us % 1000000 * 1000};
+    nanosleep(&time, NULL);
+}
+
+/* Stops the arm, whose gripper keeps this goal. Returns the exit status. */
+static int stop(const uint16_t *opening_per_mille)
+{
+    ArmwireLingStop stop;
+    ArmwireLingStopStep step;
+    armwire_ling_stop_init(&stop, ARMWIRE_VERSION, opening_per_mille);
+    for (;;) {
+        armwire_ling_stop_poll(&stop, now_us(), &step);
+        switch (step.kind) {
+        case ARMWIRE_LING_STOP_STEP_KIND_WAIT: pause_us((long)(step.until_us - now_us())); break;
+        case ARMWIRE_LING_STOP_STEP_KIND_MOVE: call(armwire_ling_client_move(&arm, &step.target)); break;
+        case ARMWIRE_LING_STOP_STEP_KIND_TORQUE_ON: call(armwire_ling_client_set_torque(&arm, 1)); break;
+        case ARMWIRE_LING_STOP_STEP_KIND_READ_JOINTS: {
+            ArmwireLingResponse joints = call(armwire_ling_client_read_joints(&arm));
+            armwire_ling_stop_on_joints(&stop, now_us(), &joints);
+            break;
+        }
+        case ARMWIRE_LING_STOP_STEP_KIND_AT_REST: fprintf(stderr, "stopped\n"); return 130;
+        case ARMWIRE_LING_STOP_STEP_KIND_WITHOUT_TORQUE: fprintf(stderr, "the torque is off\n"); return 1;
+        default: fprintf(stderr, "the arm may still move: switch its supply off\n"); return 1;
+        }
+    }
+}
+
 int main(int argc, char **argv)
 {
     struct termios settings;
@@ -99,11 +141,31 @@ int main(int argc, char **argv)
     armwire_printable(info.serial_number, sizeof info.serial_number, serial, sizeof serial);
     printf("arm %s, firmware %u.%02u\n", serial, (unsigned)info.firmware_version / 100, (unsigned)info.firmware_version % 100);
 
-    ArmwireLingMove home = {{2048, 2048, 2048, 2048, 2048, 2048}, {1000, 1000, 1000, 1000, 1000, 1000}, 500, 1000};
-    call(armwire_ling_client_set_torque(&arm, 1));
-    call(armwire_ling_client_move(&arm, &home));
     ArmwireLingResponse joints = call(armwire_ling_client_read_joints(&arm));
-    printf("joints");
+    if (armwire_ling_holding(joints.motion_status) == ARMWIRE_LING_HOLDING_NO) {
+        fprintf(stderr, "the torque is off: nothing was sent\n");
+        return 1;
+    }
+    /* The gripper keeps its opening. */
+    const ArmwireLingMove home = {{2048, 2048, 2048, 2048, 2048, 2048},
+                                  {SPEED, SPEED, SPEED, SPEED, SPEED, SPEED},
+                                  joints.opening_per_mille,
+                                  1000};
+    printf("In 3 s every joint moves to zero, at 20 degrees per second. Keep clear. Ctrl-C stops the arm.\n");
+    signal(SIGINT, interrupt);
+    pause_us(3000000);
+    if (interrupted) {
+        return 1;
+    }
+    call(armwire_ling_client_move(&arm, &home));
+    do {
+        pause_us(20000);
+        joints = call(armwire_ling_client_read_joints(&arm));
+    } while (!interrupted && !armwire_ling_joints_reached(&home, &joints));
+    if (interrupted) {
+        return stop(&home.opening_per_mille);
+    }
+    printf("reached");
     for (int joint = 0; joint < ARMWIRE_LING_JOINTS; joint++) {
         printf(" %u", joints.position_ticks[joint]);
     }

@@ -33,14 +33,14 @@ pub struct ArmwireLingMove {
 }
 
 impl ArmwireLingMove {
-    const NONE: Self = Self {
+    pub(super) const NONE: Self = Self {
         position_ticks: [0; ARMWIRE_LING_JOINTS],
         speed_ticks_per_s: [0; ARMWIRE_LING_JOINTS],
         opening_per_mille: 0,
         gripper_speed_ticks_per_s: 0,
     };
 
-    fn of(target: &Move) -> Self {
+    pub(super) fn of(target: &Move) -> Self {
         let (opening, speed) = target.gripper;
         Self {
             position_ticks: target.joints.map(|(position, _)| position.ticks()),

@@ -3,3 +3,4 @@
 pub mod client;
 pub mod device;
 pub mod message;
+pub mod stop;

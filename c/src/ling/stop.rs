@@ -1,0 +1,197 @@
+//! Stopping an arm, and the meaning of its readings.
+
+use armwire::ling::stop::{Grip, Output, StopError, Stopped};
+use armwire::ling::{MotionStatus, Opening, Request, Response, Stop};
+use armwire::time::Instant;
+
+use super::message::{ArmwireLingMove, ArmwireLingResponse};
+use crate::memory::{self, Memory};
+use crate::status::ArmwireStatus;
+use crate::version::ARMWIRE_VERSION;
+
+/// Size of a stop, in words of 64 bits.
+pub const ARMWIRE_LING_STOP_WORDS: usize = 24;
+
+/// A stop of a moving arm, whose torque stays on. The caller owns its memory. The content is private.
+#[repr(C)]
+pub struct ArmwireLingStop {
+    opaque: [u64; ARMWIRE_LING_STOP_WORDS],
+}
+
+// SAFETY: an array of `u64` in a `repr(C)` structure.
+unsafe impl Memory for ArmwireLingStop {
+    type Value = Stop;
+    const TAG: u32 = memory::tag(7);
+}
+
+/// The kind of an `ArmwireLingStopStep`. The members that it sets are named in parentheses.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireLingStopStepKind {
+    /// Poll again at this time. (`until_us`)
+    Wait = 0,
+    /// Read the joints, and pass the answer to `armwire_ling_stop_on_joints`.
+    ReadJoints,
+    /// Make this move. (`target`)
+    Move,
+    /// Switch the torque on. It is on already: for an adapter this ends the host's stream of motion.
+    TorqueOn,
+    /// The end: the arm is at rest. (`grip_may_loosen`)
+    AtRest,
+    /// The end: the arm has no torque. Nothing was sent to it.
+    WithoutTorque,
+    /// The end: no reading came within 2 s. The arm may still move.
+    NoReading,
+    /// The end: a joint still moves after 2 s. (`joint`)
+    Moving,
+    /// The end: a joint's position is not one of 0 to 4095. The arm may still move.
+    Unholdable,
+}
+
+/// The next action of a stop. Members that its kind does not set are 0.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireLingStopStep {
+    /// The kind: an `ArmwireLingStopStepKind`.
+    pub kind: u32,
+    /// The time of the next poll.
+    pub until_us: u64,
+    /// The move.
+    pub target: ArmwireLingMove,
+    /// 1 if the gripper's goal was its reading: a grip may have loosened.
+    pub grip_may_loosen: u8,
+    /// The joint that moves, from 1.
+    pub joint: u8,
+}
+
+impl ArmwireLingStopStep {
+    const NONE: Self = Self {
+        kind: ArmwireLingStopStepKind::Wait as u32,
+        until_us: 0,
+        target: ArmwireLingMove::NONE,
+        grip_may_loosen: 0,
+        joint: 0,
+    };
+
+    fn of(output: Output) -> Self {
+        let mut step = Self::NONE;
+        let kind = match output {
+            Output::Wait(until) => {
+                step.until_us = until.as_micros();
+                ArmwireLingStopStepKind::Wait
+            }
+            Output::Request(Request::Move(target)) => {
+                step.target = ArmwireLingMove::of(&target);
+                ArmwireLingStopStepKind::Move
+            }
+            Output::Request(Request::SetTorque(_)) => ArmwireLingStopStepKind::TorqueOn,
+            Output::Request(_) => ArmwireLingStopStepKind::ReadJoints,
+            Output::Done(Ok(Stopped::AtRest { grip, .. })) => {
+                step.grip_may_loosen = (grip == Grip::Reading).into();
+                ArmwireLingStopStepKind::AtRest
+            }
+            Output::Done(Ok(Stopped::WithoutTorque(_))) => ArmwireLingStopStepKind::WithoutTorque,
+            Output::Done(Err(StopError::NoReading)) => ArmwireLingStopStepKind::NoReading,
+            Output::Done(Err(StopError::Moving { joint })) => {
+                step.joint = joint;
+                ArmwireLingStopStepKind::Moving
+            }
+            Output::Done(Err(_)) => ArmwireLingStopStepKind::Unholdable,
+        };
+        step.kind = kind as u32;
+        step
+    }
+}
+
+/// Whether an arm holds its position.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireLingHolding {
+    /// The status does not show it.
+    Unknown = 0,
+    /// The torque is off.
+    No,
+    /// The torque is on.
+    Yes,
+}
+
+/// Initializes a stop. `version` is ARMWIRE_VERSION. `opening_per_mille` is the last goal of the gripper, 0 to 1000, or
+/// NULL if it is unknown: the goal is the reading then, and a grip may loosen.
+///
+/// ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE for another opening.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_stop_init(
+    stop: Option<&mut ArmwireLingStop>,
+    version: u32,
+    opening_per_mille: Option<&u16>,
+) -> ArmwireStatus {
+    if version != ARMWIRE_VERSION {
+        return ArmwireStatus::Version;
+    }
+    match opening_per_mille.copied().map(Opening::new).transpose() {
+        Ok(gripper) => memory::init(stop, Stop::new(gripper)).into(),
+        Err(_) => ArmwireStatus::OutOfRange,
+    }
+}
+
+/// The next action. `now_us` is the time of a monotonic clock. Call it until its kind is one of the ends.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_stop_poll(
+    stop: Option<&mut ArmwireLingStop>,
+    now_us: u64,
+    step: Option<&mut ArmwireLingStopStep>,
+) -> ArmwireStatus {
+    memory::open(stop)
+        .and_then(|stop| {
+            let step = step.ok_or(ArmwireStatus::Null)?;
+            *step = ArmwireLingStopStep::of(stop.poll(Instant::from_micros(now_us)));
+            Ok(())
+        })
+        .into()
+}
+
+/// Takes a reading of the joints. After a failed read poll again: it is repeated.
+///
+/// ARMWIRE_STATUS_UNKNOWN_KIND for another response.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_stop_on_joints(
+    stop: Option<&mut ArmwireLingStop>,
+    now_us: u64,
+    joints: Option<&ArmwireLingResponse>,
+) -> ArmwireStatus {
+    memory::open(stop)
+        .and_then(|stop| match joints.map(ArmwireLingResponse::get) {
+            None => Err(ArmwireStatus::Null),
+            Some(Ok(Response::Joints(state))) => {
+                stop.on_joints(Instant::from_micros(now_us), &state);
+                Ok(())
+            }
+            Some(_) => Err(ArmwireStatus::UnknownKind),
+        })
+        .into()
+}
+
+/// Whether an arm with this `motion_status` holds its position.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_holding(motion_status: u8) -> ArmwireLingHolding {
+    match MotionStatus::from(motion_status).is_holding() {
+        None => ArmwireLingHolding::Unknown,
+        Some(false) => ArmwireLingHolding::No,
+        Some(true) => ArmwireLingHolding::Yes,
+    }
+}
+
+/// 1 if the joints in a response of kind JOINTS are within 3 ticks of the target's; 0 otherwise. The gripper does not
+/// count, because it may hold an object.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_joints_reached(
+    target: Option<&ArmwireLingMove>,
+    joints: Option<&ArmwireLingResponse>,
+) -> u8 {
+    let (Some(Ok(target)), Some(Ok(Response::Joints(state)))) =
+        (target.map(ArmwireLingMove::get), joints.map(ArmwireLingResponse::get))
+    else {
+        return 0;
+    };
+    target.are_joints_reached_by(&state).into()
+}
