@@ -149,6 +149,45 @@ mod ling {
     }
 }
 
+mod stop {
+    use armwire::ling::stop::{Grip, Stopped};
+    use armwire::ling::{Arm, GripperSpeed, JOINTS, Move, Opening, Position, Speed};
+    use armwire_sim::ling::{Config as ArmConfig, LingArm};
+
+    use super::{Clock as VirtualClock, Config, Instant, Port, driver, run, world};
+
+    #[test]
+    fn moving_arm_stops_and_holds() {
+        let target = Move {
+            joints: [(Position::MAX, Speed::new(1_000).unwrap()); JOINTS],
+            gripper: (Opening::new(500).unwrap(), GripperSpeed(1_000)),
+        };
+        let world = world(LingArm::new(ArmConfig::follower()));
+        let clock = VirtualClock(&world);
+        let mut arm = Arm::open(Port(&world), &clock, Config::default());
+        let stopped = run(&world, async {
+            arm.move_to(target).await.unwrap();
+            driver::Clock::wait_until(&clock, Instant::from_millis(1_000)).await;
+            arm.stop(Some(target.gripper.0)).await.unwrap()
+        });
+        let Ok(Stopped::AtRest {
+            state,
+            grip: Grip::Goal,
+        }) = stopped
+        else {
+            panic!("{stopped:?}");
+        };
+        let world = world.borrow();
+        assert!(world.device.is_holding() && !world.device.is_moving());
+        assert_eq!((world.device.joints(), world.device.gripper()), (state.joints, 500));
+        // 1000 ticks in the first second.
+        assert!(
+            state.joints.iter().all(|ticks| (3_040..3_060).contains(ticks)),
+            "{state:?}"
+        );
+    }
+}
+
 mod alpha1_robot {
     use armwire::alpha1::{Angle, Interval, MoveTime};
     use armwire_sim::alpha1::{Alpha1Robot, RobotConfig, SERVOS};

@@ -258,6 +258,18 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         self.call(request, |_| ()).await.map(drop)
     }
 
+    /// The current time.
+    #[cfg(feature = "ling")]
+    pub(crate) fn now(&self) -> Instant {
+        self.clock.now()
+    }
+
+    /// Resolves at `instant`.
+    #[cfg(feature = "ling")]
+    pub(crate) async fn wait_until(&self, instant: Instant) {
+        self.clock.wait_until(instant).await;
+    }
+
     /// The counts of received frames and bytes other than answers, since the driver was created.
     pub const fn counters(&self) -> Counters {
         self.counters

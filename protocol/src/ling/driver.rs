@@ -2,8 +2,10 @@
 
 use embedded_io_async::{Read, Write};
 
+use super::stop::{Output, StopError, Stopped};
 use super::{
-    Info, JointState, Ling, MAX_FRAME, Move, PerServo, Request, Response, SelfCheck, Stroke, TemperatureLimit, Torque,
+    Info, JointState, Ling, MAX_FRAME, Move, Opening, PerServo, Request, Response, SelfCheck, Stop, Stroke,
+    TemperatureLimit, Torque,
 };
 use crate::Config;
 use crate::driver::{CallError, Clock, Driver};
@@ -103,6 +105,31 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// Switches the torque. The arm does not confirm it.
     pub async fn set_torque(&mut self, torque: Torque) -> Result<(), CallError<Port::Error>> {
         self.send(&Request::SetTorque(torque)).await
+    }
+
+    /// Stops the arm and keeps its torque on, by a [`Stop`]: `gripper` is the last goal of the gripper, if it is known. A
+    /// lost answer does not end it.
+    ///
+    /// # Errors
+    ///
+    /// [`CallError`] if the port fails; in the inner result [`StopError`] if the arm may still move.
+    pub async fn stop(
+        &mut self,
+        gripper: Option<Opening>,
+    ) -> Result<Result<Stopped, StopError>, CallError<Port::Error>> {
+        let mut stop = Stop::new(gripper);
+        loop {
+            match stop.poll(self.now()) {
+                Output::Request(Request::ReadJoints) => match self.read_joints().await {
+                    Ok(state) => stop.on_joints(self.now(), &state),
+                    Err(CallError::TimedOut { .. }) => {}
+                    Err(error) => return Err(error),
+                },
+                Output::Request(request) => self.send(&request).await?,
+                Output::Wait(until) => self.wait_until(until).await,
+                Output::Done(result) => return Ok(result),
+            }
+        }
     }
 
     /// Makes the present pose the zero position, and switches the torque off. The arm does not confirm it.
