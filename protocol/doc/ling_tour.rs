@@ -20,9 +20,7 @@ async fn tour<P: Read + Write>(
 
     let deadline = clock.now() + Duration::from_millis(10_000);
     while clock.now() < deadline {
-        let joints = arm.read_joints().await?.joints;
-        let goals = target.joints.map(|(position, _speed)| position.ticks());
-        let near = joints.iter().zip(goals).all(|(joint, goal)| joint.abs_diff(goal) <= 3);
+        let near = target.are_joints_reached_by(&arm.read_joints().await?);
         // One velocity per servo: a joint may have two servos.
         let still = arm.read_velocities().await?.as_slice().iter().all(|&speed| speed == 0);
         if near && still {

@@ -116,17 +116,15 @@ async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
     move_to(arm, goal).await
 }
 
-/// Moves, and logs positions until the joints are within 3 ticks (0.3°) and the gripper within 1 % of the goal. The limit
-/// is 10 s, because a gripper that holds something does not close.
+/// Moves, and logs positions until the goal is reached. The limit is 10 s, because a gripper that holds something does
+/// not close.
 async fn move_to(arm: &mut LingArm, goal: Move) -> Result<(), Error> {
     arm.move_to(goal).await?;
     info!("moving");
     for _ in 0..500 {
         let state = arm.read_joints().await?;
         show(&state);
-        let mut joints = state.joints.into_iter().zip(goal.joints);
-        let gripper = goal.gripper.0.per_mille();
-        if joints.all(|(ticks, (goal, _))| ticks.abs_diff(goal.ticks()) <= 3) && state.gripper.abs_diff(gripper) <= 10 {
+        if goal.is_reached_by(&state) {
             info!("arrived");
             return Ok(());
         }
