@@ -44,6 +44,7 @@ mod serial;
 #[cfg(unix)]
 mod sim;
 pub mod stamps;
+mod stop;
 mod stopwatch;
 mod tcp;
 mod update;
@@ -75,6 +76,7 @@ pub mod host {
     pub use crate::link::{Interrupt, Line, LineErrors, Link, Names, Reception};
     pub use crate::port::{Connection, Port};
     pub use crate::received::Missing;
+    pub use crate::stop::stop;
     pub use crate::tcp::Host;
 }
 

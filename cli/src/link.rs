@@ -141,6 +141,14 @@ impl<P: Arm> Link<P> {
         self.interrupt = Some(interrupt);
     }
 
+    /// Runs calls without the interrupt.
+    pub(crate) fn uninterrupted<T>(&mut self, run: impl FnOnce(&mut Self) -> T) -> T {
+        let interrupt = self.interrupt.take();
+        let result = run(self);
+        self.interrupt = interrupt;
+        result
+    }
+
     /// Makes one call. Returns the answer as converted by `take`, or `None` if the request has none.
     ///
     /// # Errors

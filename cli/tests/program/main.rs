@@ -24,6 +24,7 @@ mod selftest;
 #[cfg(feature = "shell")]
 mod shell;
 mod sim_xarm;
+mod stop;
 mod tcp;
 mod versions;
 mod xarm;
