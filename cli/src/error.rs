@@ -39,6 +39,9 @@ pub enum Error {
     /// The port or the connection is gone that was open: it may come back.
     #[error("{name}: {reason}")]
     Lost { name: String, reason: String },
+    /// Another program has the port. `holder` describes it.
+    #[error("{name}: in use by {holder}: close that one first")]
+    InUse { name: String, holder: String },
     /// The port accepts no bytes.
     #[error("{name}: the port accepts no bytes: is the adapter stuck?")]
     Stuck { name: String },

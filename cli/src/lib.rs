@@ -34,6 +34,7 @@ mod motion;
 mod new_file;
 mod output;
 mod port;
+mod port_holder;
 mod printable;
 mod received;
 #[cfg(feature = "recordings")]

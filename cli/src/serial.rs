@@ -21,6 +21,7 @@ use serial2::{KeepSettings, SerialPort};
 use crate::available;
 use crate::error::Error;
 use crate::link::{Line, Names, Reception, is_nothing_yet};
+use crate::port_holder;
 
 /// Timeout of a write. The longest request takes less than 40 ms at 9600 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
@@ -145,7 +146,14 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         // Another program has locked the port, or keeps all others from opening it.
         ErrorKind::WouldBlock | ErrorKind::ResourceBusy if cfg!(unix) => {
-            format!("in use by another program: close that one first ('fuser -v {port}' names it)")
+            let holder = match port_holder::find(port) {
+                Some(program) => format!("another program, {program}"),
+                None => format!("another program ('fuser -v {port}' names it)"),
+            };
+            return Error::InUse {
+                name: port.to_owned(),
+                holder,
+            };
         }
         ErrorKind::NotFound if is_host(port) => {
             "no such port: is it a host, an xarm's (--arm xarm) or a server's of a serial port (tcp:HOST:PORT)?"
@@ -167,7 +175,10 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
         },
         // The error of Windows for a port that is already open.
         #[cfg(not(unix))]
-        ErrorKind::PermissionDenied => "in use by another program: close that one first".to_owned(),
+        ErrorKind::PermissionDenied => {
+            let (name, holder) = (port.to_owned(), "another program".to_owned());
+            return Error::InUse { name, holder };
+        }
         #[cfg(unix)]
         _ if Errno::from_io_error(error) == Some(Errno::NOTTY) => "not a serial port".to_owned(),
         _ => format!("cannot be opened: {error}"),

@@ -243,13 +243,14 @@ fn port_of_another_program_is_busy() {
     let mut info = None;
     let output = retry_while(NO_ANSWER, || {
         with_monitor(&arm.port, |monitor| {
-            info = Some(run(&["info", &arm.port]));
+            info = Some((run(&["info", &arm.port]), monitor.id()));
             kill_process(Pid::from_child(monitor), Signal::INT).unwrap();
         })
     });
     assert!(output.status.success(), "{output:?}");
-    let line = failure(&info.unwrap());
-    assert!(line.contains("in use by another program"), "{line}");
+    let (info, monitor) = info.unwrap();
+    let holder = format!("in use by another program, armwire (process {monitor}): close that one first");
+    assert!(failure(&info).ends_with(&holder), "{info:?}");
     success(&["info", &arm.port]);
 }
 
