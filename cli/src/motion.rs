@@ -3,7 +3,7 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::ling::{JointState, Ling, MotionStatus, Move, Position, Request, Response, TICKS_PER_TURN, Torque};
+use armwire::ling::{JointState, Ling, Move, Position, Request, Response, TICKS_PER_TURN, Torque};
 use clap::Args;
 
 use crate::args::ArmPort;
@@ -16,10 +16,6 @@ use crate::legacy;
 use crate::link::Link;
 use crate::output::print_line;
 
-/// Maximum distance of a joint from its target: 3 ticks, 0.26°.
-const JOINT_TOLERANCE: u16 = 3;
-/// Tolerance of the gripper: 5 thousandths of its stroke, 0.5 %.
-const GRIPPER_TOLERANCE: u16 = 5;
 /// A gripper whose reading is the same for this long stands still: it may hold something.
 const STANDSTILL_TIME: Duration = Duration::from_millis(1_000);
 /// Zero, in ticks.
@@ -70,7 +66,7 @@ impl MoveArm {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut link = legacy::open(&self.arm.connect()?)?;
         let target = self.target.to_move();
-        if is_holding(read(&mut link)?.status) == Some(false) {
+        if read(&mut link)?.status.is_holding() == Some(false) {
             let reason = "the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on ('armwire call \
                           ling PORT move' sends it all the same)";
             return Err(Error::at(link.name(), reason));
@@ -84,7 +80,7 @@ impl MoveArm {
         let mut gripper = Standstill::default();
         let is_there = |now, state: &JointState| {
             let stands_still = gripper.lasts(now, state.gripper) >= STANDSTILL_TIME;
-            far_joints(&target, state).is_empty() && (stands_still || far_gripper(&target, state).is_none())
+            target.are_joints_reached_by(state) && (stands_still || target.is_gripper_reached_by(state))
         };
         let (state, is_there) = read_until(&mut link, self.timeout, is_there)?;
         match (is_there, far_gripper(&target, &state)) {
@@ -115,10 +111,10 @@ impl SetTorque {
         }
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetTorque(self.torque), drop)?;
-        let is_so = |_, state: &JointState| is_holding(state.status) == Some(wanted);
+        let is_so = |_, state: &JointState| state.status.is_holding() == Some(wanted);
         let (JointState { status, .. }, is_so) = read_until(&mut link, READ_BACK_TIMEOUT, is_so)?;
         let request = Ling::show_request(&Request::SetTorque(self.torque));
-        match is_holding(status) {
+        match status.is_holding() {
             _ if is_so => print_line(format_args!("{done} (status {status})")),
             None => print_line(format_args!(
                 "{request}: sent; status {status} does not show its effect"
@@ -137,7 +133,10 @@ impl SetZero {
             .prompt("The current pose becomes zero. The torque goes off and the arm falls: hold it.")?;
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetZero, drop)?;
-        let is_zero = |_, state: &JointState| state.joints.iter().all(|ticks| ticks.abs_diff(ZERO) <= JOINT_TOLERANCE);
+        let is_zero = |_, state: &JointState| {
+            let mut joints = state.joints.iter();
+            joints.all(|ticks| ticks.abs_diff(ZERO) <= Move::JOINT_TOLERANCE)
+        };
         let (state, is_zero) = read_until(&mut link, READ_BACK_TIMEOUT, is_zero)?;
         let text = show(state);
         match is_zero {
@@ -147,15 +146,6 @@ impl SetZero {
                 format_args!("set-zero was sent, but the arm reports {text}"),
             )),
         }
-    }
-}
-
-/// True if the arm holds its position. `None` if its status is unknown.
-const fn is_holding(status: MotionStatus) -> Option<bool> {
-    match status {
-        MotionStatus::Locked | MotionStatus::SyncLocked => Some(true),
-        MotionStatus::Idle | MotionStatus::OverheatProtection => Some(false),
-        MotionStatus::Syncing | MotionStatus::Overheating | MotionStatus::Other(_) => None,
     }
 }
 
@@ -209,7 +199,7 @@ impl Standstill {
 fn far_gripper(target: &Move, state: &JointState) -> Option<String> {
     let (goal, _speed) = target.gripper;
     let off = goal.per_mille().abs_diff(state.gripper);
-    (off > GRIPPER_TOLERANCE).then(|| format!("gripper is {:.1} % off", f32::from(off) / 10.0))
+    (!target.is_gripper_reached_by(state)).then(|| format!("gripper is {:.1} % off", f32::from(off) / 10.0))
 }
 
 /// The joints away from their targets, and their distances.
@@ -218,14 +208,14 @@ fn far_joints(target: &Move, state: &JointState) -> Vec<String> {
     let off = joints.filter_map(|(n, ((goal, _speed), ticks))| {
         let off = goal.ticks().abs_diff(ticks);
         let degrees = f32::from(off) * 360.0 / f32::from(TICKS_PER_TURN);
-        (off > JOINT_TOLERANCE).then(|| format!("joint {n} is {degrees:.2}° off"))
+        (off > Move::JOINT_TOLERANCE).then(|| format!("joint {n} is {degrees:.2}° off"))
     });
     off.collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use armwire::ling::{GripperSpeed, Opening, Speed};
+    use armwire::ling::{GripperSpeed, MotionStatus, Opening, Speed};
 
     use super::*;
 
