@@ -107,9 +107,6 @@ enum Command {
     /// On a terminal the output is a full screen, otherwise a line per reading. See also --csv and --json.
     Monitor(monitor::Monitor),
     /// Move the joints and the gripper of a Ling arm. The arm moves at once: keep clear of it.
-    #[command(
-        override_usage = "armwire move [OPTIONS] --joints <DEGREES> --speed <DEGREES/S>\n       --gripper <PERCENT> <PORT>"
-    )]
     Move(motion::MoveArm),
     /// Switch a Ling arm's torque on or off. With torque off the arm falls: hold it.
     Torque(motion::SetTorque),

@@ -7,7 +7,7 @@ use armwire::ling::{JointState, Ling, Move, Position, Request, Response, TICKS_P
 use clap::Args;
 
 use crate::args::ArmPort;
-use crate::call::ling::{TORQUES, Target};
+use crate::call::ling::{TORQUES, Target, read_joints};
 use crate::call::values::{one_of, seconds};
 use crate::confirm::Confirm;
 use crate::describe::Arm as _;
@@ -65,17 +65,17 @@ pub(crate) struct SetZero {
 impl MoveArm {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut link = legacy::open(&self.arm.connect()?)?;
-        let target = self.target.to_move();
-        if read(&mut link)?.status.is_holding() == Some(false) {
+        if read_joints(&mut link)?.status.is_holding() == Some(false) {
             let reason = "the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on ('armwire call \
                           ling PORT move' sends it all the same)";
             return Err(Error::at(link.name(), reason));
         }
+        let target = self.target.to_move(&mut link)?;
         let request = Request::Move(target);
         link.call(&request, drop)?;
         if !self.wait {
             print_line(format_args!("sent: {}", Ling::show_request(&request)))?;
-            return print_line(format_args!("now: {}", show(read(&mut link)?)));
+            return print_line(format_args!("now: {}", show(read_joints(&mut link)?)));
         }
         let mut gripper = Standstill::default();
         let is_there = |now, state: &JointState| {
@@ -153,13 +153,6 @@ fn show(state: JointState) -> String {
     Ling::show_response(&Response::Joints(state))
 }
 
-fn read(link: &mut Link<Ling>) -> Result<JointState, Error> {
-    match link.call(&Request::ReadJoints, |response| response)? {
-        Some(Response::Joints(state)) => Ok(state),
-        _ => unreachable!("a read is answered by what it reads"),
-    }
-}
-
 /// Reads until `is_so` returns true, at most for the timeout. `is_so` takes the time since the start and the reading.
 /// Returns the last reading, and its result.
 fn read_until(
@@ -169,7 +162,7 @@ fn read_until(
 ) -> Result<(JointState, bool), Error> {
     let start = Instant::now();
     loop {
-        let state = read(link)?;
+        let state = read_joints(link)?;
         let is_so = is_so(start.elapsed(), &state);
         if is_so || start.elapsed() >= timeout {
             return Ok((state, is_so));

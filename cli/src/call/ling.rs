@@ -2,10 +2,16 @@
 
 use std::f32::consts::PI;
 
-use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque};
+use armwire::ling::{
+    GripperSpeed, JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Speed, Stroke,
+    TemperatureLimit, Torque,
+};
 use clap::{Args, Subcommand};
 
 use super::values::{made, one_of, scaled};
+use crate::error::Error;
+use crate::link::Link;
+use crate::output::print_error;
 
 /// The strokes of the grippers that exist, in millimetres.
 pub(crate) const STROKES: [(&str, Stroke); 3] = [("50", Stroke::Mm50), ("75", Stroke::Mm75), ("100", Stroke::Mm100)];
@@ -46,8 +52,7 @@ pub(crate) enum Command {
     ReadVelocities,
     /// Move the joints and the gripper.
     #[command(
-        override_usage = "armwire call ling <PORT> move [OPTIONS] --joints <DEGREES>\n       --speed <DEGREES/S> --gripper \
-                          <PERCENT>"
+        override_usage = "armwire call ling <PORT> move [OPTIONS] --joints <DEGREES>\n       --speed <DEGREES/S>"
     )]
     Move(Target),
     /// Check every servo.
@@ -63,17 +68,19 @@ pub(crate) struct Target {
     /// Speed in degrees per second: one number for all joints, or six.
     #[arg(long, value_name = "DEGREES/S", allow_hyphen_values = true, value_parser = speeds)]
     speed: [Speed; JOINTS],
-    /// Opening of the gripper, in percent of its stroke.
+    /// Opening of the gripper, in percent of its stroke. Without it the goal is the gripper's reading, and a grip may
+    /// loosen.
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = opening)]
-    gripper: Opening,
+    gripper: Option<Opening>,
     /// Speed of the gripper, in ticks per second.
     #[arg(long, value_name = "TICKS/S", default_value_t = 1000, value_parser = clap::value_parser!(u16).range(1..))]
     gripper_speed: u16,
 }
 
 impl Command {
-    pub(super) fn request(&self) -> Request {
-        match self {
+    /// The request. A move without a goal of the gripper needs a reading.
+    pub(super) fn request(&self, link: &mut Link<Ling>) -> Result<Request, Error> {
+        Ok(match self {
             Self::ReadInfo => Request::ReadInfo,
             Self::SetZero => Request::SetZero,
             Self::SetStroke { stroke } => Request::SetStroke(*stroke),
@@ -83,19 +90,44 @@ impl Command {
             Self::ReadTemperatures => Request::ReadTemperatures,
             Self::SetTemperatureLimit { limit } => Request::SetTemperatureLimit(*limit),
             Self::ReadVelocities => Request::ReadVelocities,
-            Self::Move(target) => Request::Move(target.to_move()),
+            Self::Move(target) => Request::Move(target.to_move(link)?),
             Self::SelfCheck => Request::SelfCheck,
-        }
+        })
     }
 }
 
 impl Target {
-    pub(crate) fn to_move(&self) -> Move {
-        Move {
+    /// The move. Without a goal of the gripper, that is its reading, with a warning.
+    pub(crate) fn to_move(&self, link: &mut Link<Ling>) -> Result<Move, Error> {
+        let gripper = match self.gripper {
+            Some(goal) => goal,
+            None => gripper_reading(link)?,
+        };
+        Ok(Move {
             joints: std::array::from_fn(|joint| (self.joints[joint], self.speed[joint])),
-            gripper: (self.gripper, GripperSpeed(self.gripper_speed)),
-        }
+            gripper: (gripper, GripperSpeed(self.gripper_speed)),
+        })
     }
+}
+
+/// Reads the joints.
+pub(crate) fn read_joints(link: &mut Link<Ling>) -> Result<JointState, Error> {
+    match link.call(&Request::ReadJoints, |response| response)? {
+        Some(Response::Joints(state)) => Ok(state),
+        _ => unreachable!("a read is answered by what it reads"),
+    }
+}
+
+/// The gripper's reading as its goal.
+fn gripper_reading(link: &mut Link<Ling>) -> Result<Opening, Error> {
+    let reading = read_joints(link)?.opening();
+    let goal = reading.map_err(|error| Error::at(link.name(), format_args!("{error}: --gripper sets the goal")))?;
+    let percent = f32::from(goal.per_mille()) / 10.0;
+    print_error(&format_args!(
+        "{}: the gripper's goal is its reading, {percent:.1} %: a grip may loosen (--gripper sets the goal)",
+        link.name()
+    ));
+    Ok(goal)
 }
 
 /// A value for each joint, with commas between.
@@ -125,7 +157,7 @@ fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
     }
 }
 
-fn opening(text: &str) -> Result<Opening, String> {
+pub(crate) fn opening(text: &str) -> Result<Opening, String> {
     scaled(text, "%", 0.01, Opening::from_fraction)
 }
 

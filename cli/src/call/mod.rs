@@ -6,7 +6,6 @@ pub(crate) mod values;
 mod xarm;
 
 use armwire::alpha1::Alpha1;
-use armwire::ling::Ling;
 use clap::{Args, Subcommand};
 use serde_json::json;
 
@@ -53,7 +52,9 @@ impl Call {
         let json = self.json;
         match &self.arm {
             ToArm::Ling(OnPort { arm, command }) => {
-                call::<Ling>(legacy::open(&arm.connect()?)?, &command.request(), json)
+                let mut link = legacy::open(&arm.connect()?)?;
+                let request = command.request(&mut link)?;
+                call(link, &request, json)
             }
             ToArm::Alpha1(OnPort { arm, command }) => call::<Alpha1>(arm.connect()?.arm()?, &command.request(), json),
             ToArm::Xarm(xarm) => {

@@ -153,6 +153,25 @@ fn move_without_torque_is_not_sent() {
 }
 
 #[test]
+fn move_without_gripper_goal_keeps_the_reading() {
+    let arm = Arm::start("ling", "move-reading", &[]);
+    let joints = ["--joints", "0,0,0,0,0,5", "--speed", "100"];
+    let opened = [&["move", &arm.port][..], &joints, &["--gripper", "30", "--wait"]].concat();
+    success(&opened);
+    for command in [&["move", &arm.port, "--wait"][..], &["call", "ling", &arm.port, "move"]] {
+        let output = retry_while(NO_ANSWER, || run(&[command, &joints].concat()));
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{error}");
+        assert!(
+            error.contains("the gripper's goal is its reading, 30.0 %: a grip may loosen"),
+            "{error}"
+        );
+        let reading = success(&["call", "ling", &arm.port, "read-joints"]);
+        assert!(reading.contains("gripper: 30.0 % open"), "{reading}");
+    }
+}
+
+#[test]
 fn unexecuted_command_is_reported() {
     let arm = Arm::start("ling", "overheated", &[]);
     success(&["call", "ling", &arm.port, "set-temperature-limit", "0"]);
