@@ -56,8 +56,8 @@ pub enum Error {
         missing: Missing,
         bytes: usize,
     },
-    /// The arm was not stopped. Only its supply's switch stops it now.
-    #[error("{name}: not stopped: {cause}; switch the arm's supply off if it moves")]
+    /// The arm was not stopped. It may still move.
+    #[error("{name}: not stopped: {cause}")]
     NotStopped { name: String, cause: String },
     /// There is no adapter with a control port there.
     #[error("{name}: no control port of an armwire adapter found (a virtual board's is control:PATH)")]

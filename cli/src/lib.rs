@@ -42,6 +42,7 @@ mod recording;
 #[cfg(feature = "selftest")]
 pub mod selftest;
 mod serial;
+mod signals;
 #[cfg(unix)]
 mod sim;
 pub mod stamps;
@@ -54,7 +55,6 @@ use std::ffi::OsString;
 #[cfg(feature = "shell")]
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -207,10 +207,10 @@ fn with_names(error: clap::Error, args: &[OsString]) -> clap::Error {
 fn run(command: &Command) -> Result<(), Error> {
     match command {
         #[cfg(unix)]
-        Command::Sim(sim) => sim.run(stop_on_ctrl_c()?),
+        Command::Sim(sim) => sim.run(signals::catch()?),
         Command::Info(info) => info.run(),
         Command::List(list) => list.run(),
-        Command::Monitor(monitor) => monitor.run(stop_on_ctrl_c()?),
+        Command::Monitor(monitor) => monitor.run(signals::catch()?),
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
         Command::Torque(torque) => torque.run(),
@@ -218,9 +218,9 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Decode(decode) => decode.run(),
         Command::Config(config) => config.run(),
         Command::Counters(counters) => counters.run(),
-        Command::Hold(hold) => hold.run(stop_on_ctrl_c()?),
+        Command::Hold(hold) => hold.run(signals::catch()?),
         #[cfg(all(feature = "selftest", target_os = "linux"))]
-        Command::Selftest(selftest) => selftest.run(stop_on_ctrl_c()?),
+        Command::Selftest(selftest) => selftest.run(signals::catch()?),
         Command::Update(update) => update.run(),
         #[cfg(feature = "shell")]
         Command::Completions { shell } => {
@@ -232,11 +232,4 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Man { folder } => clap_mangen::generate_to(Cli::command(), folder)
             .map_err(|error| Error::at(&folder.display().to_string(), error)),
     }
-}
-
-/// A flag that Ctrl-C, or a request to terminate, sets.
-fn stop_on_ctrl_c() -> Result<&'static AtomicBool, Error> {
-    static STOP: AtomicBool = AtomicBool::new(false);
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).map_err(Error::Signals)?;
-    Ok(&STOP)
 }

@@ -15,6 +15,8 @@ use crate::error::Error;
 use crate::legacy;
 use crate::link::Link;
 use crate::output::print_line;
+use crate::signals;
+use crate::stop::stoppable::Stoppable;
 
 /// A gripper whose reading is the same for this long stands still: it may hold something.
 const STANDSTILL_TIME: Duration = Duration::from_millis(1_000);
@@ -64,33 +66,38 @@ pub(crate) struct SetZero {
 
 impl MoveArm {
     pub(crate) fn run(&self) -> Result<(), Error> {
-        let mut link = legacy::open(&self.arm.connect()?)?;
-        if read_joints(&mut link)?.status.is_holding() == Some(false) {
+        let mut arm = Stoppable::open(&self.arm)?;
+        let link = arm.link();
+        if read_joints(link)?.status.is_holding() == Some(false) {
             let reason = "the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on ('armwire call \
                           ling PORT move' sends it all the same)";
             return Err(Error::at(link.name(), reason));
         }
-        let target = self.target.to_move(&mut link)?;
-        let request = Request::Move(target);
+        let target = self.target.to_move(link)?;
+        arm.run(&target, |link| self.send(link, &target))
+    }
+
+    fn send(&self, link: &mut Link<Ling>, target: &Move) -> Result<(), Error> {
+        let request = Request::Move(*target);
         link.call(&request, drop)?;
         if !self.wait {
             print_line(format_args!("sent: {}", Ling::show_request(&request)))?;
-            return print_line(format_args!("now: {}", show(read_joints(&mut link)?)));
+            return print_line(format_args!("now: {}", show(read_joints(link)?)));
         }
         let mut gripper = Standstill::default();
         let is_there = |now, state: &JointState| {
             let stands_still = gripper.lasts(now, state.gripper) >= STANDSTILL_TIME;
             target.are_joints_reached_by(state) && (stands_still || target.is_gripper_reached_by(state))
         };
-        let (state, is_there) = read_until(&mut link, self.timeout, is_there)?;
-        match (is_there, far_gripper(&target, &state)) {
+        let (state, is_there) = read_until(link, self.timeout, is_there)?;
+        match (is_there, far_gripper(target, &state)) {
             (true, None) => print_line(format_args!("target reached: {}", show(state))),
             (true, Some(off)) => print_line(format_args!(
                 "joints reached; {off} and has stopped: is it holding something? {}",
                 show(state)
             )),
             (false, gripper) => {
-                let mut off = far_joints(&target, &state);
+                let mut off = far_joints(target, &state);
                 off.extend(gripper);
                 let (seconds, off, status) = (self.timeout.as_secs_f32(), off.join(", "), state.status);
                 let reason = format!("target not reached after {seconds} s: {off} (status {status})");
@@ -162,6 +169,7 @@ fn read_until(
 ) -> Result<(JointState, bool), Error> {
     let start = Instant::now();
     loop {
+        signals::check().map_err(Error::Interrupted)?;
         let state = read_joints(link)?;
         let is_so = is_so(start.elapsed(), &state);
         if is_so || start.elapsed() >= timeout {

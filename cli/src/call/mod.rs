@@ -6,15 +6,16 @@ pub(crate) mod values;
 mod xarm;
 
 use armwire::alpha1::Alpha1;
+use armwire::ling::Request;
 use clap::{Args, Subcommand};
 use serde_json::json;
 
 use crate::args::ArmPort;
 use crate::describe::{Arm, line, object};
 use crate::error::Error;
-use crate::legacy;
 use crate::link::Link;
 use crate::output::{print_json, print_line};
+use crate::stop::stoppable::Stoppable;
 
 /// The arguments of `armwire call`.
 #[derive(Args)]
@@ -52,23 +53,27 @@ impl Call {
         let json = self.json;
         match &self.arm {
             ToArm::Ling(OnPort { arm, command }) => {
-                let mut link = legacy::open(&arm.connect()?)?;
-                let request = command.request(&mut link)?;
-                call(link, &request, json)
+                let mut arm = Stoppable::open(arm)?;
+                match command.request(arm.link())? {
+                    request @ Request::Move(target) => arm.run(&target, |link| call(link, &request, json)),
+                    request => call(arm.link(), &request, json),
+                }
             }
-            ToArm::Alpha1(OnPort { arm, command }) => call::<Alpha1>(arm.connect()?.arm()?, &command.request(), json),
+            ToArm::Alpha1(OnPort { arm, command }) => {
+                call::<Alpha1>(&mut arm.connect()?.arm()?, &command.request(), json)
+            }
             ToArm::Xarm(xarm) => {
                 // Before there is a connection, for the request may be none.
                 let params = xarm.params();
                 let request = xarm.request(&params).map_err(Error::Usage)?;
-                call(xarm.connect()?, &request, json)
+                call(&mut xarm.connect()?, &request, json)
             }
         }
     }
 }
 
 /// Sends the request and prints the answer.
-fn call<P: Arm>(mut link: Link<P>, request: &P::Request<'_>, json: bool) -> Result<(), Error> {
+fn call<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>, json: bool) -> Result<(), Error> {
     let answer = link.call(request, |response| match P::refusal(&response) {
         None => Ok(P::facts(&response)),
         Some(what) => Err(what),

@@ -1,10 +1,13 @@
 //! Stopping a Ling arm from this computer.
 
+pub(crate) mod stoppable;
+
 use std::thread;
 
 use armwire::ling::stop::{Output, StopError, Stopped};
 use armwire::ling::{Ling, Opening, Response, Stop};
 
+use crate::describe::Arm;
 use crate::error::Error;
 use crate::link::Link;
 use crate::stopwatch::Stopwatch;
@@ -41,8 +44,18 @@ fn drive(link: &mut Link<Ling>, mut stop: Stop) -> Result<Stopped, Error> {
                     (StopError::NoReading, Some(cause)) => cause,
                     (error, _) => error.to_string(),
                 };
+                let cause = format!("{cause}; switch the arm's supply off if it moves");
                 return Err(Error::NotStopped { name, cause });
             }
         }
     }
+}
+
+/// The end of a stop, in words.
+fn show(stopped: &Stopped) -> String {
+    let (what, state) = match *stopped {
+        Stopped::AtRest { state, .. } => ("stopped", state),
+        Stopped::WithoutTorque(state) => ("the torque is off, so nothing was sent", state),
+    };
+    format!("{what}: {}", Ling::show_response(&Response::Joints(state)))
 }

@@ -23,6 +23,7 @@ mod recordings;
 mod selftest;
 #[cfg(feature = "shell")]
 mod shell;
+mod signals;
 mod sim_xarm;
 mod stop;
 mod tcp;
