@@ -108,6 +108,8 @@ enum Command {
     Monitor(monitor::Monitor),
     /// Move the joints and the gripper of a Ling arm. The arm moves at once: keep clear of it.
     Move(motion::MoveArm),
+    /// Stop an arm. The torque stays on. Not an emergency stop: keep a switch in the arm's supply.
+    Stop(stop::command::StopArm),
     /// Switch a Ling arm's torque on or off. With torque off the arm falls: hold it.
     Torque(motion::SetTorque),
     /// Set a Ling arm's current pose as its zero position. The torque goes off and the arm falls: hold it.
@@ -213,6 +215,7 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Monitor(monitor) => monitor.run(signals::catch()?),
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
+        Command::Stop(stop) => stop.run(),
         Command::Torque(torque) => torque.run(),
         Command::SetZero(zero) => zero.run(),
         Command::Decode(decode) => decode.run(),

@@ -38,7 +38,7 @@ pub(crate) struct MoveArm {
     /// has stopped for 1 s, for example at an object.
     #[arg(long)]
     wait: bool,
-    /// Maximum wait. The arm continues to move after it.
+    /// Maximum wait. The arm continues to move after it: 'armwire stop' stops it.
     #[arg(long, value_name = "SECONDS", requires = "wait", default_value = "30", value_parser = seconds)]
     timeout: Duration,
 }
@@ -100,7 +100,9 @@ impl MoveArm {
                 let mut off = far_joints(target, &state);
                 off.extend(gripper);
                 let (seconds, off, status) = (self.timeout.as_secs_f32(), off.join(", "), state.status);
-                let reason = format!("target not reached after {seconds} s: {off} (status {status})");
+                let reason = format!(
+                    "target not reached after {seconds} s: {off} (status {status}); 'armwire stop PORT' stops the arm"
+                );
                 Err(Error::at(link.name(), reason))
             }
         }

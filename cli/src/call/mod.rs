@@ -73,7 +73,7 @@ impl Call {
 }
 
 /// Sends the request and prints the answer.
-fn call<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>, json: bool) -> Result<(), Error> {
+pub(crate) fn call<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>, json: bool) -> Result<(), Error> {
     let answer = link.call(request, |response| match P::refusal(&response) {
         None => Ok(P::facts(&response)),
         Some(what) => Err(what),

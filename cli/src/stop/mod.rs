@@ -1,5 +1,6 @@
 //! Stopping a Ling arm from this computer.
 
+pub(crate) mod command;
 pub(crate) mod stoppable;
 
 use std::thread;

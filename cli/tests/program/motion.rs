@@ -94,6 +94,7 @@ fn late_move_reports_the_distance_left() {
         !line.contains("joint 1 ") && line.contains("° off, gripper is "),
         "{line}"
     );
+    assert!(line.ends_with("'armwire stop PORT' stops the arm"), "{line}");
 }
 
 #[test]

@@ -158,7 +158,7 @@ fn full_port_is_reported_as_stuck() {
 }
 
 /// Starts a monitor, and calls `act` after its first reading.
-fn with_monitor(port: &str, act: impl FnOnce(&Child)) -> Output {
+pub(crate) fn with_monitor(port: &str, act: impl FnOnce(&Child)) -> Output {
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", port]));
     BufReader::new(monitor.stdout.as_mut().unwrap())
         .read_line(&mut String::new())

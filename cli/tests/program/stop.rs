@@ -1,11 +1,14 @@
-//! Stopping an arm: the library's call.
+//! Stopping an arm: `armwire stop`, and the library's call.
 
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{GripperSpeed, JointState, Ling, Move, Opening, Position, Request, Response, Speed};
 use armwire_cli::host::{Error, Link, Port, open_ling, stop};
 use armwire_sim::pty::Pty;
+use rustix::process::{Pid, Signal, kill_process};
 
-use crate::common::Arm;
+use crate::common::board::Board;
+use crate::common::{Arm, NO_ANSWER, failure, retry_while, run, run_against, success};
+use crate::pty::with_monitor;
 
 fn open(port: &str) -> Link<Ling> {
     let port: Port = port.parse().unwrap();
@@ -59,4 +62,138 @@ fn interrupt_does_not_end_a_stop() {
     );
     let later = link.call(&Request::ReadJoints, drop);
     assert!(matches!(later, Err(Error::Interrupted(_))), "{later:?}");
+}
+
+/// Starts a move that takes half a minute.
+fn start_move(port: &str) {
+    let target = [
+        "--joints",
+        "170,170,170,170,170,170",
+        "--speed",
+        "6",
+        "--gripper",
+        "100",
+    ];
+    success(&[&["move", port][..], &target].concat());
+}
+
+/// The joints, as `read-joints` prints them.
+fn joints(port: &str) -> String {
+    success(&["call", "ling", port, "read-joints"])
+}
+
+/// The first joint's angle in a printed reading.
+fn first_joint(reading: &str) -> f32 {
+    let (_, angles) = reading.split_once("joints: ").unwrap();
+    angles.split('°').next().unwrap().parse().unwrap()
+}
+
+#[test]
+fn stop_holds_the_pose_and_warns_of_the_grip() {
+    let arm = Arm::start("ling", "stop", &[]);
+    start_move(&arm.port);
+    let output = retry_while(NO_ANSWER, || run(&["stop", &arm.port]));
+    let (out, error) = [output.stdout, output.stderr]
+        .map(|text| String::from_utf8(text).unwrap())
+        .into();
+    assert!(output.status.success(), "{error}");
+    assert_eq!(out, format!("stopped: {}", joints(&arm.port)));
+    assert!(
+        (0.1..160.0).contains(&first_joint(&out)) && out.ends_with("status: locked\n"),
+        "{out}"
+    );
+    assert!(
+        error.contains("a grip may have loosened (--gripper sets the goal)"),
+        "{error}"
+    );
+}
+
+#[test]
+fn stop_sends_the_given_gripper_goal() {
+    let arm = Arm::start("ling", "stop-gripper", &[]);
+    let out = success(&["stop", &arm.port, "--gripper", "2"]);
+    assert!(
+        out.starts_with("stopped: ") && out.contains("gripper: 2.0 % open"),
+        "{out}"
+    );
+}
+
+#[test]
+fn arm_without_torque_is_sent_nothing() {
+    let arm = Arm::start("ling", "stop-limp", &[]);
+    success(&["torque", &arm.port, "off", "--yes"]);
+    let out = success(&["stop", &arm.port]);
+    assert_eq!(
+        out,
+        format!("the torque is off, so nothing was sent: {}", joints(&arm.port))
+    );
+    assert!(out.ends_with("status: idle\n"), "{out}");
+    let counts = arm.stop(Signal::INT);
+    assert!(counts.contains(" answered, 0 refused)"), "{counts}");
+}
+
+#[test]
+fn program_that_has_the_port_is_named() {
+    let arm = Arm::start("ling", "stop-busy", &[]);
+    let mut stop = None;
+    retry_while(NO_ANSWER, || {
+        with_monitor(&arm.port, |monitor| {
+            stop = Some((run(&["stop", &arm.port]), monitor.id()));
+            kill_process(Pid::from_child(monitor), Signal::INT).unwrap();
+        })
+    });
+    let (output, monitor) = stop.unwrap();
+    let expected = format!(
+        "{}: not stopped: the port is in use by another program, armwire (process {monitor}): only Ctrl-C there, or the \
+         switch of the arm's supply, stops the arm",
+        arm.port
+    );
+    assert_eq!(failure(&output), expected);
+}
+
+#[test]
+fn silent_arm_counts_as_not_stopped() {
+    let silent = Pty::open(None).unwrap();
+    let line = failure(&run(&["stop", silent.path().to_str().unwrap()]));
+    assert!(line.contains("not stopped: no answer in"), "{line}");
+    assert!(line.ends_with("; switch the arm's supply off if it moves"), "{line}");
+}
+
+#[test]
+fn robot_is_stopped_by_its_own_request() {
+    const STOP: [u8; 10] = [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
+    let mut sent = Vec::<u8>::new();
+    let output = retry_while(NO_ANSWER, || {
+        sent.clear();
+        run_against(&["stop", "--arm", "alpha1", "PORT"], |_, pty, bytes| {
+            sent.extend(bytes);
+            pty.write(&[0xF2, 0x2F, 0xAA, 0xED]).unwrap();
+        })
+    });
+    assert_eq!(output.stdout, b"stop: done\n");
+    assert_eq!(sent, STOP);
+}
+
+#[test]
+fn xarm_has_no_stop_request() {
+    let line = failure(&run(&["stop", "--arm", "xarm", "192.0.2.1"]));
+    assert_eq!(
+        line,
+        "192.0.2.1: armwire has no request that stops an xarm: press its emergency stop"
+    );
+}
+
+#[test]
+fn stop_ends_the_stream_at_an_adapter() {
+    let board = Board::start("stop-stream");
+    let timeout = ["host-timeout.after-ms=20000", "host-timeout.torque-off=on"];
+    success(&[&["config", &board.control, "set"][..], &timeout].concat());
+    for _ in 0..3 {
+        start_move(&board.port);
+    }
+    let save = || run(&["config", &board.control, "save"]);
+    assert!(failure(&save()).contains("refused while a host streams motion"));
+    let out = success(&["stop", &board.port, "--gripper", "0"]);
+    assert!(out.ends_with("status: locked\n"), "{out}");
+    assert!(save().status.success());
 }

@@ -1,0 +1,72 @@
+//! `armwire stop`: stops an arm.
+
+use armwire::alpha1::{self, Alpha1};
+use armwire::ling::stop::{Grip, Stopped};
+use armwire::ling::{Ling, Opening};
+use clap::Args;
+
+use super::{show, stop};
+use crate::args::{ArmKind, Place};
+use crate::call::call;
+use crate::call::ling::opening;
+use crate::error::Error;
+use crate::legacy;
+use crate::link::Link;
+use crate::output::{print_error, print_line};
+use crate::port::Connection;
+
+/// The arguments of `armwire stop`.
+#[derive(Args)]
+pub(crate) struct StopArm {
+    #[command(flatten)]
+    place: Place,
+    /// Opening of the gripper that was sent last, in percent of its stroke. Without it the gripper stays at its reading,
+    /// and a grip may loosen.
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = opening)]
+    gripper: Option<Opening>,
+}
+
+impl StopArm {
+    pub(crate) fn run(&self) -> Result<(), Error> {
+        if matches!(self.place.arm, ArmKind::Xarm) {
+            let reason = "armwire has no request that stops an xarm: press its emergency stop";
+            return Err(Error::refused(&self.place.port, reason));
+        }
+        let connection = self.place.connect()?;
+        self.on_line(&connection).map_err(|error| match error {
+            Error::InUse { name, holder } => {
+                let cause = format!(
+                    "the port is in use by {holder}: only Ctrl-C there, or the switch of the arm's supply, stops the arm"
+                );
+                Error::NotStopped { name, cause }
+            }
+            error => error,
+        })
+    }
+
+    /// Stops the arm by requests on its line.
+    fn on_line(&self, connection: &Connection) -> Result<(), Error> {
+        match self.place.arm {
+            ArmKind::Alpha1 if self.gripper.is_some() => {
+                Err(Error::Usage("--gripper does not apply to an alpha1".to_owned()))
+            }
+            ArmKind::Alpha1 => call::<Alpha1>(&mut connection.arm()?, &alpha1::Request::Stop, false),
+            ArmKind::Ling | ArmKind::Xarm => self.ling(&mut legacy::open(connection)?),
+        }
+    }
+
+    fn ling(&self, link: &mut Link<Ling>) -> Result<(), Error> {
+        let stopped = stop(link, self.gripper)?;
+        print_line(show(&stopped))?;
+        if let Stopped::AtRest {
+            grip: Grip::Reading, ..
+        } = stopped
+        {
+            print_error(&format_args!(
+                "{}: the gripper's goal is now its reading: a grip may have loosened (--gripper sets the goal)",
+                link.name()
+            ));
+        }
+        Ok(())
+    }
+}
