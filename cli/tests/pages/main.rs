@@ -8,5 +8,6 @@
 mod common;
 
 mod can;
+mod pc;
 mod readme;
 mod update;
