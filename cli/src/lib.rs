@@ -77,7 +77,7 @@ pub mod host {
     pub use crate::link::{Interrupt, Line, LineErrors, Link, Names, Reception};
     pub use crate::port::{Connection, Port};
     pub use crate::received::Missing;
-    pub use crate::stop::stop;
+    pub use crate::stop::{stop, stop_interruptibly};
     pub use crate::tcp::Host;
 }
 

@@ -141,6 +141,14 @@ impl<P: Arm> Link<P> {
         self.interrupt = Some(interrupt);
     }
 
+    /// Runs the interrupt's check.
+    pub(crate) fn check_interrupt(&self) -> Result<(), Error> {
+        match self.interrupt {
+            Some(interrupt) => interrupt().map_err(Error::Interrupted),
+            None => Ok(()),
+        }
+    }
+
     /// Runs calls without the interrupt.
     pub(crate) fn uninterrupted<T>(&mut self, run: impl FnOnce(&mut Self) -> T) -> T {
         let interrupt = self.interrupt.take();

@@ -25,6 +25,16 @@ pub fn stop(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, 
     link.uninterrupted(|link| drive(link, Stop::new(gripper)))
 }
 
+/// As [`stop`], but the link's interrupt ends it, as [`Error::Interrupted`]: the caller has taken the one that the stop
+/// is for.
+///
+/// # Errors
+///
+/// As [`stop`], and [`Error::Interrupted`].
+pub fn stop_interruptibly(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, Error> {
+    drive(link, Stop::new(gripper))
+}
+
 /// Makes the requests of `stop` until its end.
 fn drive(link: &mut Link<Ling>, mut stop: Stop) -> Result<Stopped, Error> {
     let clock = Stopwatch::start();
@@ -37,7 +47,10 @@ fn drive(link: &mut Link<Ling>, mut stop: Stop) -> Result<Stopped, Error> {
                 Err(Error::NoAnswer { cause, .. }) => missing = Some(cause),
                 Err(error) => return Err(error),
             },
-            Output::Wait(until) => thread::sleep(clock.until(until)),
+            Output::Wait(until) => {
+                link.check_interrupt()?;
+                thread::sleep(clock.until(until));
+            }
             Output::Done(Ok(stopped)) => return Ok(stopped),
             Output::Done(Err(error)) => {
                 let name = link.name().to_owned();

@@ -2,7 +2,7 @@
 
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{GripperSpeed, JointState, Ling, Move, Opening, Position, Request, Response, Speed};
-use armwire_cli::host::{Error, Link, Port, open_ling, stop};
+use armwire_cli::host::{Error, Link, Port, open_ling, stop, stop_interruptibly};
 use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -62,6 +62,18 @@ fn interrupt_does_not_end_a_stop() {
     );
     let later = link.call(&Request::ReadJoints, drop);
     assert!(matches!(later, Err(Error::Interrupted(_))), "{later:?}");
+}
+
+#[test]
+fn interrupt_ends_an_interruptible_stop() {
+    let arm = Arm::start("ling", "stop-interruptibly", &[]);
+    let mut link = open(&arm.port);
+    link.set_interrupt(|| Err("again".into()));
+    let error = stop_interruptibly(&mut link, None).unwrap_err();
+    assert!(
+        matches!(&error, Error::Interrupted(reason) if reason.to_string() == "again"),
+        "{error}"
+    );
 }
 
 /// Starts a move that takes half a minute.
