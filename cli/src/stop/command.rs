@@ -3,6 +3,7 @@
 use armwire::alpha1::{self, Alpha1};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{Ling, Opening};
+use armwire_bridge::control::STOP_MS;
 use clap::Args;
 
 use super::{show, stop};
@@ -32,8 +33,7 @@ impl StopArm {
             let reason = "armwire has no request that stops an xarm: press its emergency stop";
             return Err(Error::refused(&self.place.port, reason));
         }
-        let connection = self.place.connect()?;
-        self.on_line(&connection).map_err(|error| match error {
+        self.stop().map_err(|error| match error {
             Error::InUse { name, holder } => {
                 let cause = format!(
                     "the port is in use by {holder}: only Ctrl-C there, or the switch of the arm's supply, stops the arm"
@@ -42,6 +42,39 @@ impl StopArm {
             }
             error => error,
         })
+    }
+
+    fn stop(&self) -> Result<(), Error> {
+        let connection = self.place.connect()?;
+        match self.by_adapter(&connection)? {
+            true => Ok(()),
+            false => self.on_line(&connection),
+        }
+    }
+
+    /// Stops the arm by the adapter's own request, whatever else runs. Returns false without an adapter that can.
+    fn by_adapter(&self, connection: &Connection) -> Result<bool, Error> {
+        let stopped = self.place.control(connection).and_then(|mut control| control.stop());
+        match stopped {
+            Ok(()) => {}
+            Err(Error::NoControl { .. }) if self.place.control.is_none() => return Ok(false),
+            // The adapter has decided, or there is no other way.
+            Err(error @ Error::Refused { .. }) => return Err(error),
+            Err(error) if connection.is_control() => return Err(error),
+            Err(error) => {
+                print_error(&format_args!("{error}; the arm is stopped over its port instead"));
+                return Ok(false);
+            }
+        }
+        if self.gripper.is_some() {
+            let reason = "the adapter sends the last goal of the gripper on the line, and not --gripper";
+            print_error(&format_args!("{}: {reason}", self.place.port));
+        }
+        print_line(format_args!(
+            "stopped by the adapter, which refuses the motion of every host for {} s",
+            STOP_MS / 1_000
+        ))?;
+        Ok(true)
     }
 
     /// Stops the arm by requests on its line.

@@ -6,6 +6,7 @@ use armwire_cli::host::{Error, Link, Port, open_ling, stop, stop_interruptibly};
 use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::common::adapter::{BIT_RATE, CanBus, NODE};
 use crate::common::board::Board;
 use crate::common::{Arm, NO_ANSWER, failure, retry_while, run, run_against, success};
 use crate::pty::with_monitor;
@@ -208,4 +209,58 @@ fn stop_ends_the_stream_at_an_adapter() {
     let out = success(&["stop", &board.port, "--gripper", "0"]);
     assert!(out.ends_with("status: locked\n"), "{out}");
     assert!(save().status.success());
+}
+
+#[test]
+fn adapter_stops_the_arm_while_its_port_is_in_use() {
+    let board = Board::start("stop-adapter");
+    start_move(&board.port);
+    let mut stop = None;
+    retry_while(NO_ANSWER, || {
+        with_monitor(&board.port, |monitor| {
+            stop = Some(success(&["stop", &board.port, "--control", &board.control]));
+            kill_process(Pid::from_child(monitor), Signal::INT).unwrap();
+        })
+    });
+    let expected = "stopped by the adapter, which refuses the motion of every host for 2 s\n";
+    assert_eq!(stop.unwrap(), expected);
+    let pose = joints(&board.port);
+    assert!(
+        (0.1..160.0).contains(&first_joint(&pose)) && pose.ends_with("status: locked\n"),
+        "{pose}"
+    );
+    assert_eq!(first_joint(&joints(&board.port)), first_joint(&pose), "it still moves");
+}
+
+#[test]
+fn control_port_alone_is_enough() {
+    let board = Board::start("stop-control");
+    assert!(success(&["stop", &board.control]).starts_with("stopped by the adapter"));
+}
+
+#[test]
+fn older_adapter_is_named_and_its_port_used() {
+    let bus = CanBus::start();
+    let port = format!("slcan:{}@{BIT_RATE}/{NODE}", bus.path);
+    let output = retry_while(NO_ANSWER, || run(&["stop", &port]));
+    let (out, error) = [output.stdout, output.stderr]
+        .map(|text| String::from_utf8(text).unwrap())
+        .into();
+    assert!(out.starts_with("stopped: joints: "), "{out}{error}");
+    let expected = "the adapter does not support this request: ";
+    assert!(
+        error.contains(expected) && error.contains("; the arm is stopped over its port instead"),
+        "{error}"
+    );
+}
+
+#[test]
+fn missing_control_port_leaves_the_arms_port() {
+    let arm = Arm::start("ling", "stop-named", &[]);
+    let output = run(&["stop", &arm.port, "--control", "/dev/no-such-port"]);
+    let (out, error) = [output.stdout, output.stderr]
+        .map(|text| String::from_utf8(text).unwrap())
+        .into();
+    assert!(out.starts_with("stopped: joints: "), "{out}{error}");
+    assert!(error.contains("/dev/no-such-port: no such port"), "{error}");
 }
