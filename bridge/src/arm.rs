@@ -2,7 +2,7 @@
 
 #[cfg(feature = "alpha1")]
 use armwire::alpha1::{self, Alpha1};
-use armwire::dialect::{Dialect, InfoOf, RequestInfo};
+use armwire::dialect::{Dialect, Effect, InfoOf, RequestInfo};
 use armwire::framing::{Framing, Scan};
 #[cfg(feature = "ling")]
 use armwire::ling::{self, Ling};
@@ -121,6 +121,17 @@ impl ArmKind {
             Self::Raw => (1..=MAX_FRAME).contains(&bytes.len()),
             _ => self.scan(bytes, self.requests()) == Scan::Frame(bytes.len()),
         }
+    }
+
+    /// Returns true if a PDU of `len` bytes that begins with `start` moves the arm, as far as `start` shows: it has the
+    /// header and the length of a frame, and its checksum if the frame is whole.
+    pub(crate) fn is_motion(self, start: &[u8], len: usize) -> bool {
+        let frame_len = match self.scan(start, self.requests()) {
+            Scan::Frame(len) => len,
+            Scan::Need(missing) => start.len().saturating_add(missing),
+            Scan::Noise(..) | Scan::Padding(_) | Scan::Broken(_) => return false,
+        };
+        frame_len == len && len <= MAX_FRAME && self.request(start).is_some_and(|info| info.effect == Effect::Motion)
     }
 }
 

@@ -4,6 +4,7 @@ extern crate std;
 
 mod can;
 mod control;
+mod held_back;
 mod line_rate;
 mod order;
 mod polls;

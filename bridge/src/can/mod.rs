@@ -4,7 +4,9 @@
 pub mod command;
 mod frame;
 mod ids;
+mod refused;
 pub mod telemetry;
 
 pub use frame::{FD_LENGTHS, Frame, FrameError, Id, MAX_CLASSIC, MAX_FD};
 pub use ids::{Function, Node};
+pub(crate) use refused::Refused;

@@ -3,7 +3,7 @@
 use heapless::Deque;
 
 use crate::can::telemetry::{Errors, event_to_data};
-use crate::can::{Frame, Function, MAX_CLASSIC};
+use crate::can::{Frame, Function, MAX_CLASSIC, Refused};
 use crate::config::{self, ArmKind};
 use crate::control::{Event, FrameBytes, Initiator, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
 use crate::counters::{Counters, count};
@@ -41,7 +41,7 @@ pub(crate) enum Received {
     /// A command moves the arm by this request.
     Command(FrameBytes),
     /// A request, a message or a command was refused.
-    Refused(Initiator, Refusal),
+    Refused(Initiator, Refused),
 }
 
 /// The adapter's node on the bus.
@@ -105,17 +105,29 @@ impl CanPort {
         &self.config
     }
 
-    /// Handles a frame from the bus.
-    pub(crate) fn received(&mut self, frame: &Frame, now: Instant, counters: &mut Counters) -> Option<Received> {
+    /// Handles a frame from the bus, on which hosts send requests to this `kind` of arm.
+    pub(crate) fn received(
+        &mut self,
+        frame: &Frame,
+        kind: ArmKind,
+        now: Instant,
+        counters: &mut Counters,
+    ) -> Option<Received> {
         count(&mut counters.can_frames_received, 1);
         let (function, node) = Function::of(frame.id())?;
         if node != self.config.node {
             return None;
         }
-        let full = Received::Refused(Initiator::Can, Refusal::QueueFull);
         match function {
             Function::ArmRequest => match count_events(self.arm.receive(frame.data(), now), counters) {
-                Outcome::Refused => Some(full),
+                Outcome::Refused => {
+                    let begins_motion = |(len, start)| kind.is_motion(start, len);
+                    let full = Refused {
+                        reason: Refusal::QueueFull,
+                        keeps_stream: isotp::beginning(frame.data()).is_some_and(begins_motion),
+                    };
+                    Some(Received::Refused(Initiator::Can, full))
+                }
                 Outcome::Whole => {
                     self.arm_arrived = now;
                     Some(Received::Arm)
@@ -123,16 +135,21 @@ impl CanPort {
                 Outcome::Other => None,
             },
             Function::ControlRequest => match count_events(self.control.receive(frame.data(), now), counters) {
-                Outcome::Refused => Some(full),
+                Outcome::Refused => Some(Received::Refused(Initiator::Can, Refusal::QueueFull.into())),
                 Outcome::Whole => Some(Received::Control),
                 Outcome::Other => None,
             },
             Function::CommandA | Function::CommandB if self.config.commands => match self.cyclic.receive(frame, now)? {
                 Ok(request) => Some(Received::Command(request)),
-                Err(refusal) => Some(Received::Refused(Initiator::Command, refusal)),
+                Err(refusal) => Some(Received::Refused(Initiator::Command, refusal.into())),
             },
             _ => None,
         }
+    }
+
+    /// Returns true if a request that moves this `kind` of arm waits in the connection.
+    pub(crate) fn is_motion_waiting(&self, kind: ArmKind) -> bool {
+        self.arm.received().is_some_and(|pdu| kind.is_motion(pdu, pdu.len()))
     }
 
     /// Ends the stream of commands: the next command must start one.

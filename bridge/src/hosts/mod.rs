@@ -197,12 +197,23 @@ impl Hosts {
     /// Handles a frame from the bus.
     pub(crate) fn can_received(&mut self, frame: &Frame, line: &mut Line, now: Instant) {
         let was_replying = self.can.control.is_sending();
-        match self.can.received(frame, now, &mut self.counters) {
-            Some(Received::Arm) => self.submit(line, now),
+        let kind = self.config.arm;
+        match self.can.received(frame, kind, now, &mut self.counters) {
+            Some(Received::Arm) => {
+                self.submit(line, now);
+                if self.can.is_motion_waiting(kind) {
+                    line.keep_alive(Initiator::Can, now);
+                }
+            }
             Some(Received::Control) => self.serve(line, now),
             // The frame may precede a change of the configuration.
             Some(Received::Command(request)) if self.config.can.commands => line.command(&request, now),
-            Some(Received::Refused(initiator, refusal)) => self.refuse(initiator, refusal, line, now),
+            Some(Received::Refused(initiator, refused)) => {
+                if refused.keeps_stream {
+                    line.keep_alive(initiator, now);
+                }
+                self.refuse(initiator, refused.reason, line, now);
+            }
             Some(Received::Command(_)) | None => {}
         }
         self.serve_behind_reply(was_replying, line, now);

@@ -56,6 +56,7 @@ use armwire::time::Instant;
 pub use config::{Config, Link, SeparationTime};
 pub use endpoint::{Endpoint, MAX_PDU};
 pub use event::{Error, Event, Events, Ignored, Refused, SendError};
+pub(crate) use pci::beginning;
 
 /// The instant of no timeout.
 const NEVER: Instant = Instant::from_micros(u64::MAX);

@@ -69,6 +69,15 @@ pub(super) fn parse(frame: &[u8]) -> Result<Pci<'_>, Ignored> {
     }
 }
 
+/// The length of the PDU that begins in a frame, and its first bytes. `None` for any other frame.
+pub(crate) fn beginning(frame: &[u8]) -> Option<(usize, &[u8])> {
+    match parse(frame).ok()? {
+        Pci::Single(pdu) => Some((pdu.len(), pdu)),
+        Pci::First { len, data } => Some((len as usize, data)),
+        Pci::Consecutive { .. } | Pci::FlowControl { .. } => None,
+    }
+}
+
 /// A frame longer than a classic one has a 0 in place of the length, and the length in its second byte.
 fn single(frame_len: usize, low: u8, rest: &[u8]) -> Result<Pci<'_>, Ignored> {
     let (len, data) = match rest {

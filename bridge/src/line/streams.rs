@@ -64,6 +64,12 @@ impl Line {
         self.dead_man.end(initiator);
     }
 
+    /// A host on CAN sent motion that has no room yet, or that was refused in a way that [keeps its stream
+    /// alive](crate::can::Refused::keeps_stream).
+    pub(crate) fn keep_alive(&mut self, initiator: Initiator, now: Instant) {
+        self.dead_man.keep_alive(initiator, now);
+    }
+
     /// No host could be received until now.
     pub(crate) fn keep_hosts_alive(&mut self, now: Instant) {
         self.dead_man.keep_all_alive(now);

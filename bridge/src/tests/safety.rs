@@ -212,13 +212,8 @@ fn streaming_on_can_into_a_self_check(config: Config) -> Rig {
 fn motion_waiting_on_can_gets_150_ms() {
     let mut rig = streaming_on_can_into_a_self_check(silence(100, true));
     let first = rig.now;
-    for _ in 0..40 {
-        rig.can_out.push_back(motion());
-        rig.run(10_000);
-    }
-    // The queue was full before: the rest of the host's motion is refused, and is indistinguishable from another host's
-    // requests.
-    assert!(rig.bridge.counters().refused_can_requests > 30);
+    rig.can_out.push_back(motion());
+    rig.run(1_000_000);
     let silent = silences(&rig);
     assert!(
         matches!(silent[..], [(at, _)] if (first + 150_000..first + 152_000).contains(&at)),
