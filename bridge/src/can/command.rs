@@ -5,18 +5,18 @@
 //!
 //! * both arrived within the timeout,
 //! * its stream has started: by a command with sequence number 0, which moves nothing,
-//! * its sequence number is newer than that of the last effective command: 1 to 127 more, modulo 256,
+//! * its sequence number is newer than that of the stream's last command: 1 to 127 more, modulo 256,
 //! * and every value is in range.
 //!
-//! Otherwise the whole command is refused with a reason. A stream ends if no command takes effect within the timeout. A
-//! sender that repeats one command forever therefore moves nothing: a start command does not move, and a moving command
-//! does not start a stream.
+//! Otherwise the whole command is refused with a reason. The last command of a stream is one that took effect, or that
+//! was refused only for its speed. A stream ends without such a command within the timeout. A sender that repeats one
+//! command forever therefore moves nothing: a start command does not move, and a moving command does not start a stream.
 
 use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
 use armwire::time::{Duration, Instant};
 
-use super::{Frame, Function, Node, telemetry};
+use super::{Frame, Function, Node, Refused, telemetry};
 use crate::control::Refusal;
 
 /// One step of a command's speed, in ticks per second.
@@ -102,6 +102,15 @@ impl Command {
             gripper: (Opening::new(opening)?, GripperSpeed(speed)),
         })
     }
+
+    /// Returns true if all values but the speed are in range.
+    fn is_in_range_but_for_speed(&self) -> bool {
+        let at_full_speed = Self {
+            speed: MAX_STEPS,
+            ..*self
+        };
+        at_full_speed.target().is_ok()
+    }
 }
 
 /// Assembles and checks command frames.
@@ -118,12 +127,12 @@ impl Command {
 ///     assert_eq!(commands.receive(&a, Instant::from_millis(at)), None);
 ///     commands.receive(&b, Instant::from_millis(at))
 /// };
-/// assert_eq!(send(9, 0), Some(Err(Refusal::Stale))); // there is no stream
+/// assert_eq!(send(9, 0), Some(Err(Refusal::Stale.into()))); // there is no stream
 /// assert_eq!(send(0, 10), None); // now there is
 /// assert!(send(1, 20).unwrap().is_ok());
-/// assert_eq!(send(1, 30), Some(Err(Refusal::Stale)));
+/// assert_eq!(send(1, 30), Some(Err(Refusal::Stale.into())));
 /// assert!(send(2, 40).unwrap().is_ok());
-/// assert_eq!(send(3, 140), Some(Err(Refusal::Stale))); // it has ended
+/// assert_eq!(send(3, 140), Some(Err(Refusal::Stale.into()))); // it has ended
 /// ```
 #[derive(Clone, Debug)]
 pub struct Commands {
@@ -131,10 +140,10 @@ pub struct Commands {
     timeout: Duration,
     /// The first frame of a command, until the second arrives.
     half: Option<Half>,
-    /// The last sequence number that started or moved the stream, and its time.
+    /// The sequence number of the stream's last command, and its time.
     last: Option<(u8, Instant)>,
-    /// The stream has moved: 0 is an ordinary sequence number from then on.
-    has_moved: bool,
+    /// A command followed the start: 0 is an ordinary sequence number from then on.
+    has_gone_on: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -163,7 +172,7 @@ impl Commands {
             timeout,
             half: None,
             last: None,
-            has_moved: false,
+            has_gone_on: false,
         }
     }
 
@@ -171,7 +180,7 @@ impl Commands {
     /// for the previous command; [`Refusal::Stale`] or [`Refusal::OutOfRange`] for this one; [`Refusal::NotAFrame`]
     /// unless it has 8 bytes. `None` if no action follows: the frame is a first half, starts a stream, or is no command
     /// for this node.
-    pub fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<Move, Refusal>> {
+    pub fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<Move, Refused>> {
         let (function @ (Function::CommandA | Function::CommandB), node) = Function::of(frame.id())? else {
             return None;
         };
@@ -179,7 +188,7 @@ impl Commands {
             return None;
         }
         let Some((_, words)) = telemetry::words(frame, function) else {
-            return Some(Err(Refusal::NotAFrame));
+            return Some(Err(Refusal::NotAFrame.into()));
         };
         let half = Half {
             function,
@@ -188,7 +197,7 @@ impl Commands {
         };
         let other = self.half.replace(half)?;
         if other.sequence() != half.sequence() || now >= other.deadline(self.timeout) {
-            return Some(Err(Refusal::Incomplete));
+            return Some(Err(Refusal::Incomplete.into()));
         }
         let (a, b) = match (other.function, function) {
             (Function::CommandA, Function::CommandB) => (other.words, words),
@@ -220,22 +229,26 @@ impl Commands {
     }
 
     /// Checks a complete command.
-    fn check(&mut self, command: &Command, now: Instant) -> Option<Result<Move, Refusal>> {
+    fn check(&mut self, command: &Command, now: Instant) -> Option<Result<Move, Refused>> {
         let running = self.last.filter(|&(_, at)| now < at + self.timeout);
-        let has_moved = self.has_moved && running.is_some();
+        let has_gone_on = self.has_gone_on && running.is_some();
         match running.map(|(last, _)| last) {
-            None | Some(0) if command.sequence == 0 && !has_moved => {
-                (self.last, self.has_moved) = (Some((0, now)), false);
+            None | Some(0) if command.sequence == 0 && !has_gone_on => {
+                (self.last, self.has_gone_on) = (Some((0, now)), false);
                 None
             }
             Some(last) if (1..=127).contains(&command.sequence.wrapping_sub(last)) => {
-                let Ok(target) = command.target() else {
-                    return Some(Err(Refusal::OutOfRange));
-                };
-                (self.last, self.has_moved) = (Some((command.sequence, now)), true);
-                Some(Ok(target))
+                let target = command.target();
+                let keeps_stream = target.is_ok() || command.is_in_range_but_for_speed();
+                if keeps_stream {
+                    (self.last, self.has_gone_on) = (Some((command.sequence, now)), true);
+                }
+                Some(target.map_err(|_| Refused {
+                    reason: Refusal::OutOfRange,
+                    keeps_stream,
+                }))
             }
-            _ => Some(Err(Refusal::Stale)),
+            _ => Some(Err(Refusal::Stale.into())),
         }
     }
 }
@@ -297,7 +310,8 @@ mod tests {
         }
 
         fn receive(&mut self, frame: &Frame) -> Option<Result<Move, Refusal>> {
-            self.commands.receive(frame, self.now)
+            let moved = self.commands.receive(frame, self.now)?;
+            Some(moved.map_err(|refused| refused.reason))
         }
 
         fn send(&mut self, command: Command) -> Option<Result<Move, Refusal>> {
@@ -374,15 +388,30 @@ mod tests {
                 joints: [4096, 0, 0, 0, 0, 0],
                 ..command(5)
             },
-            Command { speed: 0, ..command(5) },
             Command {
                 gripper: 251,
                 ..command(5)
             },
+            Command { speed: 0, ..command(5) },
         ] {
             assert_eq!(bus.send(bad), Some(Err(Refusal::OutOfRange)));
         }
-        assert!(bus.send(command(5)).unwrap().is_ok());
+        assert!(bus.send(command(6)).unwrap().is_ok());
+    }
+
+    #[test]
+    fn command_refused_for_its_speed_counts_on() {
+        let mut bus = Bus::running(1);
+        for sequence in 2..=255 {
+            bus.pass(90);
+            let bad = Command {
+                speed: 0,
+                ..command(sequence)
+            };
+            assert_eq!(bus.send(bad), Some(Err(Refusal::OutOfRange)));
+            assert_eq!(bus.send(command(sequence)), Some(Err(Refusal::Stale)));
+        }
+        assert!(bus.send(command(0)).unwrap().is_ok());
     }
 
     #[test]

@@ -9,4 +9,4 @@ pub mod telemetry;
 
 pub use frame::{FD_LENGTHS, Frame, FrameError, Id, MAX_CLASSIC, MAX_FD};
 pub use ids::{Function, Node};
-pub(crate) use refused::Refused;
+pub use refused::Refused;

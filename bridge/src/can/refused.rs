@@ -4,12 +4,13 @@ use crate::control::Refusal;
 
 /// A refused request or command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Refused {
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Refused {
     /// The reason.
-    pub(crate) reason: Refusal,
-    /// True if the sender is not silent: it sent motion for which there was no room. Its stream of motion stays alive, and
-    /// none begins.
-    pub(crate) keeps_stream: bool,
+    pub reason: Refusal,
+    /// True if the sender is not silent: it sent motion that had no room, or that was refused only for its speed. A
+    /// stream of motion stays alive by it, and none begins.
+    pub keeps_stream: bool,
 }
 
 /// A refusal that keeps no stream alive.

@@ -141,7 +141,7 @@ impl CanPort {
             },
             Function::CommandA | Function::CommandB if self.config.commands => match self.cyclic.receive(frame, now)? {
                 Ok(request) => Some(Received::Command(request)),
-                Err(refusal) => Some(Received::Refused(Initiator::Command, refusal.into())),
+                Err(refused) => Some(Received::Refused(Initiator::Command, refused)),
             },
             _ => None,
         }

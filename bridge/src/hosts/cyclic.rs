@@ -5,7 +5,7 @@ use armwire::messages::Messages;
 
 use crate::can::command::Commands;
 use crate::can::telemetry::Sample;
-use crate::can::{Frame, Node};
+use crate::can::{Frame, Node, Refused};
 use crate::config::{self, ArmKind};
 use crate::control::{FrameBytes, Refusal};
 use armwire::time::{Duration, Instant};
@@ -55,10 +55,10 @@ impl Cyclic {
     // ---- Commands ----
 
     /// Handles a command frame. Returns the request that moves the arm, or the reason for a refusal.
-    pub(super) fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<FrameBytes, Refusal>> {
+    pub(super) fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<FrameBytes, Refused>> {
         let target = match self.commands.receive(frame, now)? {
             Ok(target) => target,
-            Err(refusal) => return Some(Err(refusal)),
+            Err(refused) => return Some(Err(refused)),
         };
         let mut bytes = FrameBytes::new();
         let _ = bytes.resize_default(bytes.capacity());

@@ -9,8 +9,9 @@ use std::vec::Vec;
 use armwire::ling::SELF_CHECK;
 
 use super::rig::{Responder, Rig, ling, ling_responder, motion};
+use crate::can::command::Command;
 use crate::can::{Frame, Function, Node};
-use crate::config::{ArmKind, Config, HostTimeout, Poll};
+use crate::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use crate::control::{Event, Initiator};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
@@ -24,6 +25,10 @@ fn torque_off_after(after_ms: u16) -> Config {
         host_timeout: HostTimeout {
             after_ms,
             torque_off: true,
+        },
+        can: Can {
+            commands: true,
+            ..Can::default()
         },
         ..Config::default()
     }
@@ -267,6 +272,7 @@ fn header_decides_by_the_configured_arm() {
     for (pdu, keeps) in [(servo(90), true), (servo(0xFF), false), (motion(), false)] {
         let config = Config {
             arm: ArmKind::Alpha1,
+            can: Can::default(),
             ..torque_off_after(200)
         };
         let mut rig = Rig::new(config);
@@ -296,4 +302,104 @@ fn header_decides_by_the_configured_arm() {
             false => assert!(matches!(silent[..], [(at, _)] if at < last + 201_000), "{silent:?}"),
         }
     }
+}
+
+/// Sends a command.
+fn send(rig: &mut Rig, command: Command) {
+    for frame in command.to_frames(Node::default()) {
+        rig.can_frame(&frame);
+    }
+}
+
+/// A command with this sequence number.
+fn command(sequence: u8) -> Command {
+    Command {
+        sequence,
+        joints: [2048; 6],
+        speed: 50,
+        gripper: 0,
+    }
+}
+
+/// Starts a stream of commands, and continues it every 10 ms by these. Returns the time of the last of the first ten.
+fn stream_commands(rig: &mut Rig, number: u64, others: impl Fn(u8) -> Command) -> u64 {
+    for sequence in 0..10 {
+        send(rig, command(sequence));
+        rig.run(10_000);
+    }
+    let last = rig.now - 10_000;
+    for nth in 0..number {
+        send(rig, others((10 + nth) as u8));
+        rig.run(10_000);
+    }
+    last
+}
+
+#[test]
+fn command_refused_for_its_speed_keeps_stream() {
+    for speed in [0, 251, 255] {
+        let mut rig = Rig::new(torque_off_after(300));
+        rig.subscribe();
+        // More than the sequence number counts.
+        stream_commands(&mut rig, 400, |sequence| Command {
+            speed,
+            ..command(sequence)
+        });
+        assert_eq!(silences(&rig), []);
+        let c = rig.bridge.counters();
+        assert_eq!((c.commands_out_of_range, c.commands_stale), (400, 0));
+        // The next command moves the arm.
+        let before = rig.sent.len();
+        send(&mut rig, command(410_u16 as u8));
+        rig.run(10_000);
+        let last = rig.now - 10_000;
+        assert_eq!(rig.sent.len(), before + 1);
+        rig.run(SECOND);
+        assert_eq!(silences(&rig), [(last + 300_000, Initiator::Command)]);
+    }
+}
+
+#[test]
+fn command_refused_for_more_than_speed_keeps_no_stream() {
+    let refused: [fn(u8) -> Command; 4] = [
+        |sequence| Command {
+            gripper: 251,
+            ..command(sequence)
+        },
+        |sequence| Command {
+            joints: [4096; 6],
+            ..command(sequence)
+        },
+        |sequence| Command {
+            speed: 0,
+            gripper: 251,
+            ..command(sequence)
+        },
+        |_| Command { speed: 0, ..command(9) },
+    ];
+    for others in refused {
+        let mut rig = Rig::new(torque_off_after(300));
+        rig.subscribe();
+        let last = stream_commands(&mut rig, 100, others);
+        assert_eq!(silences(&rig), [(last + 300_000, Initiator::Command)]);
+    }
+}
+
+#[test]
+fn commands_refused_for_speed_begin_no_stream() {
+    let mut rig = Rig::new(torque_off_after(300));
+    rig.subscribe();
+    for sequence in 0..100 {
+        send(
+            &mut rig,
+            Command {
+                speed: 0,
+                ..command(sequence)
+            },
+        );
+        rig.run(10_000);
+    }
+    assert!(!rig.bridge.update(super::rig::at(rig.now)).is_armed);
+    rig.run(SECOND);
+    assert_eq!((silences(&rig), rig.sent.len()), (vec![], 0));
 }
