@@ -119,7 +119,8 @@ pub struct Status {
 
 impl Bridge {
     /// An adapter without a USB host, at 1 Mbaud until [`uart_transmit`](Self::uart_transmit) requests another rate. An
-    /// invalid `config` is replaced by the factory defaults.
+    /// invalid `config` is replaced by the factory defaults, and counted in
+    /// [`config_failures`](Counters::config_failures).
     ///
     /// ```
     /// use armwire_bridge::config::Config;

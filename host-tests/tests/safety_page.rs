@@ -4,7 +4,8 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 6] = [
+const TESTS: [&str; 7] = [
+    "bridge/src/tests/control.rs",
     "bridge/src/tests/held_back.rs",
     "bridge/src/tests/line_rate.rs",
     "bridge/src/tests/safety.rs",

@@ -40,12 +40,12 @@ pub(crate) struct Hosts {
 }
 
 impl Hosts {
-    /// An invalid `config` is replaced by the factory defaults.
+    /// An invalid `config` is replaced by the factory defaults, and counted as lost.
     pub(crate) fn new(identity: Identity, config: Config) -> Self {
-        let config = match check(&identity, &config) {
-            Ok(()) => config,
-            Err(_) => Config::default(),
-        };
+        let is_valid = check(&identity, &config).is_ok();
+        let config = if is_valid { config } else { Config::default() };
+        let mut counters = Counters::default();
+        count(&mut counters.config_failures, usize::from(!is_valid));
         Self {
             identity,
             config,
@@ -54,7 +54,7 @@ impl Hosts {
             control: ControlServer::new(),
             save: None,
             restart: None,
-            counters: Counters::default(),
+            counters,
         }
     }
 

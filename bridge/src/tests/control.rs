@@ -421,6 +421,19 @@ fn firmware_saves_and_erases_configuration() {
 }
 
 #[test]
+fn invalid_configuration_counts_as_lost() {
+    let mut config = Config::default();
+    config.host_timeout.torque_off = true;
+    for (data_bit_rate, lost) in [(None, 0), (Some(2_000_000), 1)] {
+        // The board has no CAN FD.
+        config.can.data_bit_rate = data_bit_rate;
+        let bridge = Bridge::new(Identity::default(), config, Start::default());
+        assert_eq!(bridge.config().host_timeout.torque_off, lost == 0);
+        assert_eq!(bridge.counters().config_failures, lost);
+    }
+}
+
+#[test]
 fn excessive_saves_get_the_waiting_time() {
     let mut rig = quiet();
     let saving = rig.request(Request::SaveConfig);
