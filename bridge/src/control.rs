@@ -408,6 +408,18 @@ impl Refusal {
         Self::OtherRate,
         Self::Stopped,
     ];
+
+    /// The initiators that are refused for this reason.
+    pub(crate) const fn initiators(self) -> &'static [Initiator] {
+        use Initiator::{Adapter, Can, Command, Poll, Usb};
+        match self {
+            Self::QueueFull | Self::NotAFrame => &[Can, Command],
+            Self::Incomplete | Self::Stale | Self::OutOfRange => &[Command],
+            Self::LineHeld => &[Can, Poll, Command, Adapter],
+            Self::OtherRate => &[Usb],
+            Self::Stopped => &[Usb, Can, Command],
+        }
+    }
 }
 
 /// Latency histograms.

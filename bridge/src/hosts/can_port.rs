@@ -3,7 +3,7 @@
 use heapless::Deque;
 
 use crate::can::telemetry::{Errors, event_to_data};
-use crate::can::{Frame, Function, MAX_CLASSIC, Refused};
+use crate::can::{Frame, Function, Refused};
 use crate::config::{self, ArmKind};
 use crate::control::{Event, FrameBytes, Initiator, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
 use crate::counters::{Counters, count};
@@ -13,6 +13,7 @@ use crate::queue::Queue;
 use armwire::time::{Duration, Instant};
 
 use super::cyclic::Cyclic;
+use super::event_frames::EventFrames;
 use super::grid;
 
 /// Maximum length of a message from a host on the control connection, in bytes. The longest, which sets the
@@ -24,9 +25,6 @@ const ANSWERS: usize = 4;
 
 /// Capacity for events on the control connection, in bytes.
 const EVENTS: usize = 192;
-
-/// Capacity for events as plain frames.
-const EVENT_FRAMES: usize = 4;
 
 /// Period of the error counts while telemetry is on.
 const ERRORS_PERIOD: Duration = Duration::from_millis(1_000);
@@ -55,7 +53,7 @@ pub(crate) struct CanPort {
     answers: Deque<FrameBytes, ANSWERS>,
     /// Control messages that wait, each preceded by its length.
     events: Queue<EVENTS>,
-    event_frames: Deque<[u8; MAX_CLASSIC], EVENT_FRAMES>,
+    event_frames: EventFrames,
     /// Time of the next error counts.
     errors_at: Option<Instant>,
     /// Number of frames in the controller, and number of those up to and including the last of each connection.
@@ -83,7 +81,7 @@ impl CanPort {
             cyclic: Cyclic::new(&config),
             answers: Deque::new(),
             events: Queue::new(),
-            event_frames: Deque::new(),
+            event_frames: EventFrames::new(),
             errors_at: first_errors(&config),
             handed: 0,
             arm_handed: 0,
@@ -179,9 +177,9 @@ impl CanPort {
         fits
     }
 
-    /// Queues an event as a plain frame, if it has one. Returns false if it does not fit.
+    /// Queues an event as a plain frame, if it has one. Returns false if an older one, which says the same, was dropped.
     pub(crate) fn event_frame(&mut self, event: &Event, at: Instant) -> bool {
-        event_to_data(event, Stamp(at.as_micros())).is_none_or(|data| self.event_frames.push_back(data).is_ok())
+        event_to_data(event, Stamp(at.as_micros())).is_none_or(|data| self.event_frames.push(data))
     }
 
     /// Starts pending transfers on free connections.
@@ -277,7 +275,7 @@ impl CanPort {
             self.errors_at = Some(grid::next(at, ERRORS_PERIOD, now));
             return Some(Errors::from(&line_counters.plus(counters)).to_frame(self.config.node));
         }
-        if let Some(data) = self.event_frames.pop_front() {
+        if let Some(data) = self.event_frames.pop() {
             return Frame::new(Function::Event.id(self.config.node), &data).ok();
         }
         self.feed();

@@ -9,6 +9,7 @@ mod cyclic;
 #[cfg(not(feature = "ling"))]
 #[path = "no_cyclic.rs"]
 mod cyclic;
+mod event_frames;
 mod grid;
 
 use crate::action::Action;

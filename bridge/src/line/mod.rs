@@ -34,7 +34,7 @@ use crate::earliest::Earliest;
 use crate::events::EventQueue;
 
 use arbiter::Arbiter;
-use dead_man::{DeadMan, STREAMERS};
+use dead_man::DeadMan;
 use from_host::FromHost;
 use poll::Poll;
 use rate::LineRate;
@@ -43,6 +43,7 @@ use stop::Stop;
 use to_arm::Burst;
 use to_host::ToHost;
 
+pub(crate) use dead_man::STREAMERS;
 pub use from_arm::RxThreshold;
 pub use from_host::TO_ARM_BUFFER;
 pub use poll::POLL_LEAD_TIME;

@@ -359,6 +359,58 @@ fn waiting_request_is_refused_when_line_is_held() {
     assert_eq!(rig.bauds, [1_000_000, 9_600]);
 }
 
+#[test]
+fn each_host_refused_by_a_hold_gets_an_event_frame() {
+    let mut rig = open(Poll::Hertz(100));
+    rig.subscribe();
+    rig.responder = std::boxed::Box::new(|_| None);
+    rig.can_out.push_back(ling::SELF_CHECK.to_vec());
+    rig.run(10 * MS);
+    for sequence in 0..2 {
+        let command = Command {
+            sequence,
+            joints: [2048; 6],
+            speed: 10,
+            gripper: 0,
+        };
+        for frame in command.to_frames(Node::default()) {
+            rig.can_frame(&frame);
+        }
+    }
+    // Two in the queue, and one in the connection.
+    for _ in 0..3 {
+        rig.can_out.push_back(READ_JOINTS.to_vec());
+    }
+    rig.run(5 * MS);
+    rig.request(Request::IdentifyArm);
+    set_rate(&mut rig, 9_600);
+    rig.usb_out.push_back(1);
+    rig.run(5 * MS);
+    let refused = |event: &Event| match event {
+        Event::Refused {
+            initiator,
+            reason: Refusal::LineHeld,
+        } => Some(*initiator),
+        _ => None,
+    };
+    let frames = rig.frames.iter().filter_map(|(_, frame)| event_from_frame(frame));
+    let on_can: Vec<_> = frames.filter_map(|(_, event)| refused(&event)).collect();
+    assert_eq!(
+        on_can,
+        [
+            Initiator::Poll,
+            Initiator::Command,
+            Initiator::Can,
+            Initiator::Can,
+            Initiator::Adapter,
+            Initiator::Can
+        ]
+    );
+    let to_subscribers: Vec<_> = rig.events.iter().filter_map(|(_, event)| refused(event)).collect();
+    assert_eq!(to_subscribers, on_can);
+    assert_eq!(rig.bridge.counters().dropped_events, 0);
+}
+
 /// A host on USB that streams motion at the arm's rate, then sets another one and sends continuously.
 fn streams_then_sends_at(baud: u32) -> Rig {
     let mut rig = open(Poll::Off);

@@ -260,7 +260,12 @@ impl Rig {
             packet = self.control_in.push(packet);
             match self.control_in.next::<FromAdapter>() {
                 Some(Ok(FromAdapter::Reply { sequence, reply })) => self.replies.push((sequence, reply)),
-                Some(Ok(FromAdapter::Event { at, event })) => self.events.push((at, event)),
+                Some(Ok(FromAdapter::Event { at, event })) => {
+                    if let Event::Refused { initiator, reason } = event {
+                        assert!(reason.initiators().contains(&initiator), "{initiator:?} {reason:?}");
+                    }
+                    self.events.push((at, event));
+                }
                 Some(Err(error)) => panic!("{error}"),
                 None => {}
             }
