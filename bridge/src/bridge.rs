@@ -164,11 +164,16 @@ impl Bridge {
     /// [`rx_threshold`](Self::rx_threshold) afterwards. Pass at most [`PACKET`] bytes at a time: frames of a larger
     /// read may be missing for subscribers.
     pub fn uart_received(&mut self, bytes: &[u8], at: Instant) -> usize {
-        // Usually all frames so far were delivered.
-        if !self.line.has_delivery_room() {
-            self.hosts.update(&mut self.line, at);
-        }
+        self.make_delivery_room(at);
         self.line.received(bytes, at)
+    }
+
+    /// Delivers frames and events if too few would fit.
+    fn make_delivery_room(&mut self, now: Instant) {
+        // Usually all so far were delivered.
+        if !self.line.has_delivery_room() {
+            self.hosts.update(&mut self.line, now);
+        }
     }
 
     /// Handles any other event of the UART. Returns the number of frames that it ended.
@@ -296,6 +301,8 @@ impl Bridge {
     /// Handles a packet of the host on the serial port. Returns true if the next one fits. Leave it in the endpoint
     /// while [`Status::usb_room`] is false: USB flow control then holds the host back.
     pub fn usb_received(&mut self, packet: &[u8], now: Instant) -> bool {
+        // The packet may take the line: the requests of all others are then refused at once.
+        self.make_delivery_room(now);
         self.line.packet_received(packet, now)
     }
 

@@ -9,10 +9,12 @@ use std::vec::Vec;
 use armwire::ling;
 
 use super::rig::{Rig, at, ling, motion, send_request, transmit};
+use crate::can::command::Command;
 use crate::can::{Frame, Function, Node};
-use crate::config::{Can, Config, HostTimeout};
+use crate::config::{Can, Config, HostTimeout, Poll};
 use crate::control::{
-    ArmIdentity, Event, FromAdapter, Identity, MAX_FRAME, MAX_MESSAGE, Reader, Reply, Request, Stamp, Subscription,
+    ArmIdentity, Event, FromAdapter, Identity, MAX_FRAME, MAX_MESSAGE, Reader, Refusal, Reply, Request, Stamp,
+    Subscription,
 };
 use crate::{Action, Bridge, CanEvent, PACKET, Start, UsbEvent};
 
@@ -236,4 +238,61 @@ fn frames_of_two_packets_are_published() {
         assert_eq!(bridge.counters().dropped_events, 0);
     }
     assert_eq!(messages(&mut bridge, 200).len(), frames);
+}
+
+#[test]
+fn undelivered_frames_leave_room_for_refusals() {
+    let mut rig = Rig::new(Config {
+        poll: Poll::Hertz(100),
+        can: Can {
+            telemetry_hz: 100,
+            commands: true,
+            ..Can::default()
+        },
+        ..Config::default()
+    });
+    let events = Subscription {
+        frames: false,
+        events: true,
+    };
+    assert_eq!(rig.call(Request::Subscribe(events)), Reply::Done);
+    rig.responder = Box::new(|_| None);
+    rig.can_out.push_back(ling::SELF_CHECK.to_vec());
+    rig.run(5_000);
+    for _ in 0..3 {
+        rig.can_out.push_back(ling(0x06, 0, &[0xFE]));
+    }
+    rig.run(5_000);
+    rig.request(Request::IdentifyArm);
+    for sequence in 0..2 {
+        let command = Command {
+            sequence,
+            joints: [2048; 6],
+            speed: 10,
+            gripper: 0,
+        };
+        for frame in command.to_frames(Node::default()) {
+            rig.can_frame(&frame);
+        }
+    }
+    let now = at(rig.now);
+    let frame = ling(0x77, 0, &[]);
+    let packet = frame.repeat(PACKET / frame.len());
+    for _ in 0..2 {
+        rig.bridge.uart_received(&packet, now);
+    }
+    rig.bridge.set_line_coding([0x80, 0x25, 0, 0, 0, 0, 8], now).unwrap();
+    rig.bridge.usb_received(&[1], now);
+    rig.run(5_000);
+    let is_refusal = |event: &Event| {
+        matches!(
+            event,
+            Event::Refused {
+                reason: Refusal::LineHeld,
+                ..
+            }
+        )
+    };
+    let refusals = rig.events.iter().filter(|(_, event)| is_refusal(event)).count();
+    assert_eq!((refusals, rig.bridge.counters().dropped_events), (6, 0));
 }
