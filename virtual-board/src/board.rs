@@ -21,6 +21,7 @@ use crate::image::Image;
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte, SharedLine};
 use crate::mcu::Setup;
 use crate::mcu::stm32f405::{IDENTITY, Reenabled};
+use crate::mcu::stm32g431::EccRegister;
 use crate::report::{Report, Violation};
 use crate::shared::{Shared, lock};
 use crate::soc::gdb::Debugger;
@@ -78,6 +79,8 @@ pub struct Config<A> {
     pub power_cut_after: Option<u32>,
     /// Behaviour of a DMA stream that is enabled again.
     pub reenabled: Reenabled,
+    /// FLASH_ECCR of an STM32G431 after an interrupted flash operation.
+    pub ecc_register: EccRegister,
     /// The virtual duration of a cycle, in percent of the clock's. More than 100 simulates a slower core with the same
     /// peripherals, to test firmware with too little time.
     pub instruction_cost: NonZeroU32,
@@ -104,6 +107,7 @@ impl<A> Config<A> {
             flash: None,
             power_cut_after: None,
             reenabled: Reenabled::default(),
+            ecc_register: EccRegister::default(),
             instruction_cost: NonZeroU32::new(100).expect("not zero"),
             exact_cycles: false,
             gdb: None,
@@ -181,6 +185,7 @@ impl<A: Arm> VirtualBoard<A> {
             unique_id: config.unique_id,
             idcode: config.idcode,
             reenabled: config.reenabled,
+            ecc_register: config.ecc_register,
             seed: config.seed,
             cycle_cost: config.instruction_cost.get(),
             exact: config.exact_cycles,

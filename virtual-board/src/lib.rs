@@ -57,5 +57,6 @@ pub use crystal::Crystal;
 pub use error::Error;
 pub use line::Arm;
 pub use mcu::stm32f405::Reenabled;
+pub use mcu::stm32g431::EccRegister;
 pub use time::Nanos;
 pub use timing::Timing;

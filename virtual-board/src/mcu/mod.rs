@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use self::common::mcu::{Mcu, Peripherals};
 use self::stm32f405::{Reenabled, Stm32f405};
-use self::stm32g431::Stm32g431;
+use self::stm32g431::{EccRegister, Stm32g431};
 use crate::chip::Chip;
 use crate::engine::Engine;
 use crate::report::Crash;
@@ -23,6 +23,7 @@ pub(crate) struct Setup {
     /// DBGMCU_IDCODE of the STM32F405.
     pub(crate) idcode: u32,
     pub(crate) reenabled: Reenabled,
+    pub(crate) ecc_register: EccRegister,
     pub(crate) seed: u64,
     /// The virtual duration of a cycle, in percent.
     pub(crate) cycle_cost: u32,
@@ -48,7 +49,7 @@ impl Setup {
                 self.machine(peripherals)
             }
             Chip::Stm32g431 => {
-                let peripherals = Stm32g431::new(self.seed, &self.edges);
+                let peripherals = Stm32g431::new(self.ecc_register, self.seed, &self.edges);
                 self.machine(peripherals)
             }
         }

@@ -11,7 +11,7 @@
 //! | An interrupted programming or erase of a double word causes an ECC error: ECCD, NMI | 5.3.2, 5.7.7 |
 //!
 //! During an operation the core stalls, as it executes from the flash. An interrupted double word always has an ECC
-//! error, and reads as its actual bits.
+//! error, and reads as its actual bits. What ECCR then reads is the board's [choice](EccRegister).
 //!
 //! Refused with their name: fast programming, option bytes, write protection, interrupts.
 
@@ -21,6 +21,7 @@ use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::Flash;
 use crate::mcu::common::flash::{Array, FlashInterface, Operation, WORD};
 use crate::shared::Shared;
+use crate::soc::chance::draw;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
 
@@ -81,8 +82,28 @@ mod cr {
 /// Fields of ECCR (5.7.7).
 mod eccr {
     pub(super) const ADDR_ECC: u32 = 0x7_FFFF;
+    pub(super) const SYSF_ECC: u32 = 1 << 22;
+    pub(super) const ECCCIE: u32 = 1 << 24;
     pub(super) const ECCC: u32 = 1 << 30;
     pub(super) const ECCD: u32 = 1 << 31;
+    pub(super) const ALL: u32 = ADDR_ECC | SYSF_ECC | ECCCIE | ECCC | ECCD;
+}
+
+/// ECCR after a read of a double word whose programming or erase was interrupted.
+///
+/// A reset or a loss of power during programming or an erase may corrupt the register (ES0431, "FLASH_ECCR corrupted upon
+/// reset or power-down occurring during flash memory program or erase operation").
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum EccRegister {
+    /// It has the address, as in the manual (5.7.7).
+    #[default]
+    Correct,
+    /// Its address is 0.
+    NoAddress,
+    /// Its address is that of another double word, drawn from the [seed](crate::Config::seed).
+    OtherAddress,
+    /// All of it is drawn from the [seed](crate::Config::seed), also the flag of the error.
+    Random,
 }
 
 /// Keys of KEYR (5.3.5).
@@ -121,17 +142,48 @@ pub(crate) struct Interface {
     keys: Keys,
     /// The first half of a double word, and its address.
     first_half: Option<(u32, u32)>,
-    /// Double words with ECC errors.
+    errors: EccErrors,
+}
+
+/// The double words with ECC errors, and how they are reported.
+#[derive(Clone, Debug)]
+struct EccErrors {
     broken: BTreeSet<usize>,
+    register: EccRegister,
+    seed: u64,
+    /// Number of reported errors.
+    reported: u64,
+}
+
+impl EccErrors {
+    /// ECCR after a read of the double word at this offset.
+    fn report(&mut self, offset: u32) -> u32 {
+        self.reported += 1;
+        let drawn = draw(self.seed, "ECCR", self.reported) as u32;
+        let double_words = eccr::ADDR_ECC & !(WORD as u32 - 1);
+        match self.register {
+            EccRegister::Correct => eccr::ECCD | offset & double_words,
+            EccRegister::NoAddress => eccr::ECCD,
+            EccRegister::OtherAddress => eccr::ECCD | drawn & double_words,
+            EccRegister::Random => drawn & eccr::ALL,
+        }
+    }
 }
 
 impl Interface {
-    pub(super) fn new(flash: Shared<Flash>) -> Self {
-        Self::with(Array::new(flash), BTreeSet::new())
+    /// The interface of a chip whose ECCR is like this after an interrupted operation.
+    pub(super) fn new(flash: Shared<Flash>, register: EccRegister, seed: u64) -> Self {
+        let errors = EccErrors {
+            broken: BTreeSet::new(),
+            register,
+            seed,
+            reported: 0,
+        };
+        Self::with(Array::new(flash), errors)
     }
 
-    /// The reset state of the interface, with these broken double words.
-    fn with(array: Array, broken: BTreeSet<usize>) -> Self {
+    /// The reset state of the interface, with these ECC errors.
+    fn with(array: Array, errors: EccErrors) -> Self {
         Self {
             array,
             acr: acr::AT_RESET,
@@ -140,12 +192,16 @@ impl Interface {
             eccr: 0,
             keys: Keys::None,
             first_half: None,
-            broken,
+            errors,
         }
     }
 
     pub(super) fn wait_states(&self) -> u32 {
         self.acr & acr::LATENCY
+    }
+
+    fn reset_registers(&mut self) {
+        *self = Self::with(self.array.clone(), self.errors.clone());
     }
 
     fn start(&mut self, operation: Operation, times: (Nanos, Nanos), now: Nanos) {
@@ -209,6 +265,15 @@ impl Interface {
         self.start(Operation::Erase(bytes.start / WORD..bytes.end / WORD), ERASE, now);
         Ok(())
     }
+
+    /// ECCC and ECCD are cleared by 1. The interrupt of corrected errors has no model.
+    fn write_eccr(&mut self, value: u32) -> Result<(), Refused> {
+        if value & eccr::ECCCIE != 0 {
+            return Err(Refused::Unimplemented("ECCR.ECCCIE"));
+        }
+        self.eccr &= !(value & (eccr::ECCC | eccr::ECCD) | eccr::ECCCIE);
+        Ok(())
+    }
 }
 
 impl FlashInterface for Interface {
@@ -222,10 +287,10 @@ impl FlashInterface for Interface {
 
     fn restart(&mut self, memory: &mut Memory) {
         if let Some(operation) = self.array.interrupt(memory) {
-            self.broken.extend(operation.words());
+            self.errors.broken.extend(operation.words());
         }
-        *self = Self::with(self.array.clone(), std::mem::take(&mut self.broken));
-        memory.set_flash_reads_on_bus(!self.broken.is_empty());
+        self.reset_registers();
+        memory.set_flash_reads_on_bus(!self.errors.broken.is_empty());
     }
 
     fn timing(&self) -> FlashTiming {
@@ -274,18 +339,18 @@ impl FlashInterface for Interface {
         self.array.complete(&operation, memory);
         if let Operation::Erase(words) = operation {
             self.cr &= !cr::STRT;
-            self.broken.retain(|word| !words.contains(word));
-            memory.set_flash_reads_on_bus(!self.broken.is_empty());
+            self.errors.broken.retain(|word| !words.contains(word));
+            memory.set_flash_reads_on_bus(!self.errors.broken.is_empty());
         }
     }
 
     fn check_read(&mut self, offset: u32) -> bool {
-        if !self.broken.contains(&(offset as usize / WORD)) {
+        if !self.errors.broken.contains(&(offset as usize / WORD)) {
             return false;
         }
         // The first error is kept.
         if self.eccr & eccr::ECCD == 0 {
-            self.eccr = eccr::ECCD | offset & !(WORD as u32 - 1) & eccr::ADDR_ECC;
+            self.eccr = self.errors.report(offset);
         }
         true
     }
@@ -312,7 +377,7 @@ impl Peripheral for Interface {
             KEYR => self.write_key(value)?,
             SR => self.sr &= !(value & sr::CLEARABLE),
             CR => self.write_cr(value, now)?,
-            ECCR => self.eccr &= !(value & (eccr::ECCC | eccr::ECCD)),
+            ECCR => self.write_eccr(value)?,
             PDKEYR => return Err(Refused::Unimplemented("PDKEYR")),
             OPTKEYR => return Err(Refused::Unimplemented("OPTKEYR")),
             OPTR => return Err(Refused::Unimplemented("OPTR")),
@@ -328,7 +393,7 @@ impl Peripheral for Interface {
 
     /// Resets the interface (RCC_AHB1RSTR.FLASHRST, 7.4.8).
     fn reset(&mut self, _: Nanos) {
-        *self = Self::with(self.array.clone(), std::mem::take(&mut self.broken));
+        self.reset_registers();
     }
 }
 
@@ -351,12 +416,16 @@ mod tests {
     impl Bench {
         /// A flash whose first page is programmed to zeros.
         fn new() -> Self {
+            Self::with(EccRegister::Correct)
+        }
+
+        fn with(register: EccRegister) -> Self {
             let mut bytes = vec![ERASED; SIZE];
             bytes[..PAGE].fill(0);
             let memory = Memory::new(0x0800_0000, bytes.clone(), 0x2000_0000, 0x8000);
             let flash = Arc::new(Mutex::new(Flash::new(bytes, None, Clock::default())));
             Self {
-                interface: Interface::new(flash.clone()),
+                interface: Interface::new(flash.clone(), register, 0),
                 flash,
                 memory,
                 now: Nanos(0),
@@ -369,9 +438,13 @@ mod tests {
 
         fn unlocked() -> Self {
             let mut bench = Self::new();
-            bench.write(KEYR, KEY_1).unwrap();
-            bench.write(KEYR, KEY_2).unwrap();
+            bench.unlock();
             bench
+        }
+
+        fn unlock(&mut self) {
+            self.write(KEYR, KEY_1).unwrap();
+            self.write(KEYR, KEY_2).unwrap();
         }
 
         fn finish(&mut self) -> Nanos {
@@ -469,6 +542,29 @@ mod tests {
         bench.write(CR, cr::PER | 1 << cr::PNB_AT | cr::STRT).unwrap();
         bench.finish();
         assert!(!bench.interface.check_read(PAGE as u32 + 4));
+    }
+
+    #[test]
+    fn interrupted_operation_corrupts_ecc_register_as_chosen() {
+        let reported = |register| {
+            let mut bench = Bench::with(register);
+            bench.unlock();
+            bench.write(CR, cr::PG).unwrap();
+            bench.store(PAGE as u32, 0).unwrap();
+            bench.store(PAGE as u32 + 4, 0).unwrap();
+            bench.interface.restart(&mut bench.memory);
+            assert!(bench.interface.check_read(PAGE as u32), "{register:?}");
+            bench.interface.read(ECCR, Nanos(0)).unwrap()
+        };
+        let exact = eccr::ECCD | PAGE as u32;
+        assert_eq!(reported(EccRegister::Correct), exact);
+        assert_eq!(reported(EccRegister::NoAddress), eccr::ECCD);
+        let other = reported(EccRegister::OtherAddress);
+        assert_eq!(other & !eccr::ADDR_ECC, eccr::ECCD);
+        assert_ne!(other, exact);
+        let random = reported(EccRegister::Random);
+        assert_eq!(random & !eccr::ALL, 0);
+        assert_ne!(random, exact);
     }
 
     #[test]

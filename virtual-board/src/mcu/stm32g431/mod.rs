@@ -16,6 +16,7 @@ mod usb;
 use self::crs::Crs;
 use self::dma::{ALL_CHANNELS, CHANNELS, Dma};
 use self::fdcan::Fdcan;
+pub use self::flash::EccRegister;
 use self::flash::Interface;
 use self::map::{Kind, interrupt};
 use self::pwr::Pwr;
@@ -80,13 +81,13 @@ pub(crate) struct Stm32g431 {
 }
 
 impl Stm32g431 {
-    /// The peripherals before the first reset.
-    pub(crate) fn new(seed: u64, edges: &Edges) -> Self {
+    /// The peripherals before the first reset, of a chip whose ECCR is like this after an interrupted flash operation.
+    pub(crate) fn new(ecc_register: EccRegister, seed: u64, edges: &Edges) -> Self {
         Self {
             clocks: Clocks::default(),
             rcc: Rcc::new(edges.oscillator.clone(), seed),
             pwr: Pwr::default(),
-            flash: Interface::new(edges.flash.clone()),
+            flash: Interface::new(edges.flash.clone(), ecc_register, seed),
             iwdg: Iwdg::new(true),
             tim2: Tim::new(),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), true)),
