@@ -1,4 +1,4 @@
-//! The firmware image and its flash: duration of an erase, and saves at a low supply voltage.
+//! The firmware image and its flash: duration of an erase, saves at a low supply voltage, and interrupted saves.
 //!
 //! Only the STM32F405 has a minimum voltage for writes: the STM32G431 erases and programs at any supply at which it runs.
 
@@ -6,7 +6,8 @@ use armwire_bridge::config::Config;
 use armwire_bridge::control::{self, Reply};
 use armwire_host_tests::image::{Control, MEGABAUD, chip, counters, facts, on_board_with, open, path, plug_in};
 use armwire_sim::ling::LingArm;
-use armwire_virtual_board::{Chip, Config as BoardConfig, Nanos, Timing, VirtualBoard};
+use armwire_virtual_board::report::{Cause, Crash};
+use armwire_virtual_board::{Chip, Config as BoardConfig, EccRegister, Error, Nanos, Timing, VirtualBoard};
 
 fn ling() -> LingArm {
     LingArm::new(armwire_sim::ling::Config::follower())
@@ -104,4 +105,133 @@ fn supply_drop_during_save_keeps_previous_configuration() {
         assert_eq!(kept.host_timeout.after_ms, 700, "{words} words");
     }
     board.check().unwrap();
+}
+
+/// A flash content with a saved timeout of a host, in milliseconds.
+struct Saved {
+    flash: Vec<u8>,
+    after_ms: u16,
+}
+
+/// The timeout whose save is interrupted, and the one that is saved afterwards.
+const NEW_MS: u16 = 800;
+const LATER_MS: u16 = 900;
+
+/// The first save, and the last one before a save that erases.
+fn before_saves() -> [Saved; 2] {
+    let mut board = VirtualBoard::start(BoardConfig::new(path(), ling())).unwrap();
+    let board = &mut board;
+    plug_in(board, MEGABAUD);
+    let mut control = Control::open(board);
+    let mut save_next = |board: &mut _, after_ms| {
+        assert_eq!(save(board, &mut control, after_ms), Reply::Done);
+        let flash = board.flash();
+        Saved { flash, after_ms }
+    };
+    let first = save_next(board, 1_000);
+    let erased = board.erases().len();
+    let mut last = save_next(board, 1_001);
+    loop {
+        let next = save_next(board, last.after_ms + 1);
+        if board.erases().len() > erased {
+            return [first, last];
+        }
+        last = next;
+    }
+}
+
+/// Cuts the power in this flash operation of a save, and starts the board again. Returns false if the save has fewer.
+fn interrupt_save(before: &Saved, ecc_register: EccRegister, operation: u32) -> bool {
+    let mut board = VirtualBoard::start(BoardConfig {
+        flash: Some(before.flash.clone()),
+        ecc_register,
+        seed: operation.into(),
+        ..BoardConfig::new(path(), ling())
+    })
+    .unwrap();
+    let board = &mut board;
+    plug_in(board, MEGABAUD);
+    let mut control = Control::open(board);
+    let mut config = Config::default();
+    config.host_timeout.after_ms = NEW_MS;
+    control.order(board, control::Request::SetConfig(config));
+    board.cut_power_after(operation);
+    control.send(board, control::Request::SaveConfig);
+    match board.run_for(Nanos::from_millis(600)) {
+        Ok(()) => return false,
+        Err(Error::PowerCut { .. }) => board.power_cycle().unwrap(),
+        Err(error) => panic!("{error}"),
+    }
+    open(board, MEGABAUD);
+    let mut control = Control::open(board);
+    let Reply::Config(kept) = control.call(board, control::Request::GetConfig) else {
+        panic!("no configuration")
+    };
+    let kept = kept.host_timeout.after_ms;
+    assert!(kept == before.after_ms || kept == NEW_MS, "{kept} ms");
+    assert_eq!(save(board, &mut control, LATER_MS), Reply::Done);
+    let counted = counters(board);
+    assert_eq!(
+        (counted.panics, counted.hard_faults, counted.watchdog_resets),
+        (0, 0, 0)
+    );
+    let report = board.report();
+    report.check().unwrap();
+    let causes: Vec<Cause> = report.restarts.iter().map(|restart| restart.cause).collect();
+    assert_eq!(causes, [Cause::Power]);
+    true
+}
+
+#[test]
+fn interrupted_save_leaves_old_or_new_configuration() {
+    let registers = match chip() {
+        Chip::Stm32f405 => &[EccRegister::Correct][..],
+        Chip::Stm32g431 => &[
+            EccRegister::Correct,
+            EccRegister::NoAddress,
+            EccRegister::OtherAddress,
+            EccRegister::Random,
+        ],
+    };
+    for (before, at_least) in before_saves().iter().zip([4, 5]) {
+        for &register in registers {
+            let operations = (0..)
+                .take_while(|&operation| interrupt_save(before, register, operation))
+                .count();
+            assert!(operations >= at_least, "{register:?}: {operations} operations");
+        }
+    }
+}
+
+#[test]
+fn ecc_error_outside_configuration_is_a_panic() {
+    if chip() != Chip::Stm32g431 {
+        return;
+    }
+    /// KEYR with its keys, and CR with PG (RM0440 5.7).
+    const UNLOCK: [(u64, u32); 3] = [(0x4002_2008, 0x4567_0123), (0x4002_2008, 0xCDEF_89AB), (0x4002_2014, 1)];
+    const FLASH: u64 = 0x0800_0000;
+    let mut board = VirtualBoard::start(BoardConfig::new(path(), ling())).unwrap();
+    let name = chip().to_string();
+    let flash = board.flash();
+    let place = flash.windows(name.len()).position(|bytes| bytes == name.as_bytes());
+    let place = FLASH + place.unwrap() as u64 / 8 * 8;
+    board.cut_power_after(0);
+    for (address, value) in UNLOCK.into_iter().chain([(place, 0), (place + 4, 0)]) {
+        board.write_word(address, value).unwrap();
+    }
+    let cut = board.run_for(Nanos::from_millis(1)).unwrap_err();
+    assert!(matches!(cut, Error::PowerCut { .. }), "{cut}");
+    board.power_cycle().unwrap();
+    let crashed = board.run_for(Nanos::from_millis(500)).unwrap_err();
+    assert!(
+        matches!(
+            crashed,
+            Error::Crashed {
+                crash: Crash::Panic,
+                ..
+            }
+        ),
+        "{crashed}"
+    );
 }
