@@ -132,6 +132,8 @@ pub(crate) trait Peripherals: Debug + Send {
     /// The enable and reset bits in RCC.
     fn gates(&self) -> &Gates;
 
+    fn gates_mut(&mut self) -> &mut Gates;
+
     fn flash(&self) -> &Self::Flash;
 
     fn flash_mut(&mut self) -> &mut Self::Flash;
@@ -335,6 +337,8 @@ impl<P: Peripherals> Mcu<P> {
             "its clock is off"
         } else if gate.is_some_and(|gate| self.peripherals.gates().is_held(gate)) {
             "it is held in reset"
+        } else if gate.is_some_and(|gate| self.peripherals.gates().is_starting(gate, access.cycle)) {
+            "its clock does not run yet, so soon after it was enabled"
         } else {
             return Ok(Some((block, offset)));
         };
@@ -547,6 +551,9 @@ impl<P: Peripherals> Bus for Mcu<P> {
             return Ok(0);
         };
         let read = self.read_register(block.kind, offset);
+        if Self::slot(block.kind) == Some(Slot::Rcc) {
+            self.peripherals.gates_mut().finish_starting();
+        }
         let value = read.unwrap_or_else(|refused| {
             self.common
                 .recorder
@@ -569,7 +576,11 @@ impl<P: Peripherals> Bus for Mcu<P> {
             let Some((block, offset)) = self.block(access)? else {
                 return Ok(());
             };
-            (block.name, self.write_register(block.kind, offset, value))
+            let written = self.write_register(block.kind, offset, value);
+            if Self::slot(block.kind) == Some(Slot::Rcc) {
+                self.peripherals.gates_mut().start(access.cycle);
+            }
+            (block.name, written)
         };
         if let Err(refused) = written {
             self.common

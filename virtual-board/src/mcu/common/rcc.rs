@@ -92,9 +92,22 @@ struct Bus {
     resets: u32,
 }
 
+/// A clock that was enabled, and does not run yet.
+#[derive(Clone, Debug)]
+struct Starting {
+    gate: Gate,
+    /// Cycles of the core between the write and the first access.
+    wait: u64,
+    /// The first cycle of the core at which an access may begin. `None` until [`Gates::start`].
+    runs_at: Option<u64>,
+}
+
 /// An enable and a reset register for each bus.
 #[derive(Clone, Debug)]
-pub(crate) struct Gates(Vec<Bus>);
+pub(crate) struct Gates {
+    buses: Vec<Bus>,
+    starting: Vec<Starting>,
+}
 
 impl Gates {
     /// Buses, each with the offsets of its enable and its reset register, and the value of the enable register after a reset.
@@ -105,32 +118,89 @@ impl Gates {
             enables,
             resets: 0,
         };
-        Self(buses.iter().map(bus).collect())
+        Self {
+            buses: buses.iter().map(bus).collect(),
+            starting: Vec::new(),
+        }
     }
 
     /// Returns true if the peripheral's clock is on.
     #[inline]
     pub(crate) fn is_enabled(&self, gate: Gate) -> bool {
-        self.0[gate.bus].enables & gate.mask != 0
+        self.buses[gate.bus].enables & gate.mask != 0
+    }
+
+    /// Returns true if the peripheral's clock does not run yet at this cycle of the core.
+    #[inline]
+    pub(crate) fn is_starting(&self, gate: Gate, cycle: u64) -> bool {
+        let waits = |starting: &Starting| {
+            let (bus, mask) = (starting.gate.bus, starting.gate.mask);
+            bus == gate.bus && mask & gate.mask != 0 && starting.runs_at.is_some_and(|at| cycle < at)
+        };
+        self.starting.iter().any(waits)
     }
 
     /// Returns true if the peripheral is held in reset.
     #[inline]
     pub(crate) fn is_held(&self, gate: Gate) -> bool {
-        self.0[gate.bus].resets & gate.mask != 0
+        self.buses[gate.bus].resets & gate.mask != 0
     }
 
     /// Returns true if any peripheral is held in reset.
     pub(crate) fn holds_any(&self) -> bool {
-        self.0.iter().any(|bus| bus.resets != 0)
+        self.buses.iter().any(|bus| bus.resets != 0)
     }
 
     /// The register at an offset of the RCC, if it is one of them.
-    pub(crate) fn register(&mut self, offset: u32) -> Option<&mut u32> {
-        self.0.iter_mut().find_map(|bus| match offset {
-            _ if offset == bus.enable_register => Some(&mut bus.enables),
-            _ if offset == bus.reset_register => Some(&mut bus.resets),
+    pub(crate) fn read(&self, offset: u32) -> Option<u32> {
+        self.buses.iter().find_map(|bus| match offset {
+            _ if offset == bus.enable_register => Some(bus.enables),
+            _ if offset == bus.reset_register => Some(bus.resets),
             _ => None,
         })
     }
+
+    /// Writes the register at an offset of the RCC, if it is one of them. Returns false otherwise. A clock starts `wait`
+    /// cycles of the core after it is enabled.
+    pub(crate) fn write(&mut self, offset: u32, value: u32, wait: u64) -> bool {
+        for (number, bus) in self.buses.iter_mut().enumerate() {
+            if offset == bus.enable_register {
+                let mask = value & !bus.enables;
+                bus.enables = value;
+                let gate = Gate { bus: number, mask };
+                let runs_at = None;
+                self.starting
+                    .extend((mask != 0).then_some(Starting { gate, wait, runs_at }));
+                return true;
+            }
+            if offset == bus.reset_register {
+                bus.resets = value;
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Starts the clocks that the core has enabled by an instruction at this cycle.
+    pub(crate) fn start(&mut self, cycle: u64) {
+        self.starting
+            .retain(|starting| starting.runs_at.is_none_or(|at| at > cycle));
+        for starting in &mut self.starting {
+            starting.runs_at.get_or_insert(cycle + 1 + starting.wait);
+        }
+    }
+
+    /// All enabled clocks run: the core has read a register of the RCC, which takes longer.
+    pub(crate) fn finish_starting(&mut self) {
+        self.starting.clear();
+    }
+}
+
+/// Cycles of the core between the enabling of a clock and the first access to the peripheral (ES0182, "Delay after an RCC
+/// peripheral clock enabling"; RM0440, "Peripheral clock enable register"), on the AHB.
+pub(crate) const AHB_START: u64 = 2;
+
+/// See [`AHB_START`]: on an APB with this prescaler in CFGR.
+pub(crate) fn apb_start(ppre: u32) -> u64 {
+    1 + apb_divider(ppre)
 }

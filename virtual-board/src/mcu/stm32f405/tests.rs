@@ -21,6 +21,7 @@ use crate::soc::machine::Chip;
 use crate::timing::{Clock, Timing};
 use crate::usb::host::Host;
 
+const RCC: u32 = 0x4002_3800;
 const RCC_AHB1ENR: u32 = 0x4002_3830;
 const RCC_APB1ENR: u32 = 0x4002_3840;
 const USART_SR: u32 = 0x4000_4400;
@@ -182,8 +183,12 @@ impl Bench {
         self.settle();
     }
 
+    /// Writes a register. A read of RCC follows a write, as in firmware that enables a clock.
     fn write(&mut self, address: u32, value: u32) {
         self.store(address, Width::Word, value);
+        if address & !0x3FF == RCC & !0x3FF {
+            self.read(RCC_AHB1ENR);
+        }
     }
 
     fn read(&mut self, address: u32) -> u32 {

@@ -169,6 +169,10 @@ impl Peripherals for Stm32g431 {
         self.rcc.gates()
     }
 
+    fn gates_mut(&mut self) -> &mut Gates {
+        self.rcc.gates_mut()
+    }
+
     #[inline]
     fn flash(&self) -> &Interface {
         &self.flash

@@ -5,7 +5,7 @@
 //! enables, clock security, the clock output and the RTC's clock have no model.
 
 use crate::crystal::Oscillator;
-use crate::mcu::common::rcc::{Gate, Gates, Source, ahb_divider, apb_divider};
+use crate::mcu::common::rcc::{AHB_START, Gate, Gates, Source, ahb_divider, apb_divider, apb_start};
 use crate::shared::{Shared, lock};
 use crate::soc::chance::Chance;
 use crate::soc::machine::Cause;
@@ -260,6 +260,19 @@ impl Rcc {
         &self.gates
     }
 
+    pub(super) fn gates_mut(&mut self) -> &mut Gates {
+        &mut self.gates
+    }
+
+    /// Cycles until a clock runs that is enabled in this register.
+    fn start_cycles(&self, offset: u32) -> u64 {
+        match offset {
+            APB1ENR1 | APB1ENR2 => apb_start(field(self.cfgr, cfgr::PPRE1_AT, 0b111)),
+            APB2ENR => apb_start(field(self.cfgr, cfgr::PPRE2_AT, 0b111)),
+            _ => AHB_START,
+        }
+    }
+
     /// The watchdog keeps the low-speed oscillator on (7.2.5).
     pub(super) fn keep_lsi_on(&mut self, now: Nanos) {
         let chance = &mut self.chance;
@@ -429,8 +442,8 @@ impl Rcc {
 
 impl Peripheral for Rcc {
     fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
-        if let Some(register) = self.gates.register(offset) {
-            return Ok(*register);
+        if let Some(value) = self.gates.read(offset) {
+            return Ok(value);
         }
         match offset {
             CR => {
@@ -453,8 +466,7 @@ impl Peripheral for Rcc {
     }
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
-        if let Some(register) = self.gates.register(offset) {
-            *register = value;
+        if self.gates.write(offset, value, self.start_cycles(offset)) {
             return Ok(());
         }
         match offset {

@@ -51,9 +51,13 @@ fn access(address: u32, purpose: Purpose) -> Access {
     }
 }
 
+/// Writes a register. A read of RCC follows a write, as in firmware that enables a clock.
 fn write(chip: &mut Mcu<Stm32g431>, address: u32, value: u32) {
     let mut none = Memory::new(0, Vec::new(), 0, 0);
     Bus::write(chip, access(address, Purpose::Data), value, &mut none).unwrap();
+    if address & !0x3FF == AHB2ENR & !0x3FF {
+        Bus::read(chip, access(AHB2ENR, Purpose::Data), &mut none).unwrap();
+    }
 }
 
 /// A word as read by the debugger.
@@ -68,6 +72,25 @@ fn debugger_reads_the_system_memory() {
     assert_eq!(debug_read(&mut chip, 0x1FFF_7590), Some(0x0403_0201));
     assert_eq!(debug_read(&mut chip, 0x1FFF_7000), None);
     assert!(chip.common.recorder.violations().is_empty());
+}
+
+#[test]
+fn clock_runs_two_cycles_after_its_enable() {
+    for (cycles, reads_back, refused) in [(1, false, 1), (2, false, 1), (3, false, 0), (1, true, 0)] {
+        let mut chip = chip();
+        let mut none = Memory::new(0, Vec::new(), 0, 0);
+        let mut at = access(AHB2ENR, Purpose::Data);
+        Bus::write(&mut chip, at, 1, &mut none).unwrap();
+        if reads_back {
+            at.cycle += 1;
+            Bus::read(&mut chip, at, &mut none).unwrap();
+        }
+        at.cycle += cycles;
+        at.address = BSRR;
+        Bus::write(&mut chip, at, HIGH, &mut none).unwrap();
+        let violations = chip.common.recorder.violations();
+        assert_eq!(violations.len(), refused, "{cycles} cycles: {violations:?}");
+    }
 }
 
 #[test]

@@ -2,7 +2,6 @@
 
 use super::*;
 
-const RCC: u32 = 0x4002_3800;
 const CR: u32 = RCC;
 const PLLCFGR: u32 = RCC + 0x04;
 const CFGR: u32 = RCC + 0x08;
@@ -95,6 +94,42 @@ fn peripheral_held_in_reset_restarts() {
     bench.write(APB1RSTR, 0);
     assert_eq!((bench.read(USART_CR1), bench.read(USART_BRR)), (0, 0));
     assert_eq!(bench.read(USART_SR), 0xC0, "TXE and TC");
+}
+
+/// Returns true if a peripheral refuses a read that begins this number of cycles after the write that enables its clock.
+fn is_refused_after(
+    bench: &mut Bench,
+    (enable, mask, address): (u32, u32, u32),
+    cycles: u64,
+    reads_back: bool,
+) -> bool {
+    let before = bench.part.recorder().violations().len();
+    let mut access = bench.access(enable, Width::Word);
+    bench.part.write(access, mask, &mut bench.memory).unwrap();
+    if reads_back {
+        access.cycle += 1;
+        bench.part.read(access, &mut bench.memory).unwrap();
+    }
+    access.address = address;
+    access.cycle += cycles;
+    bench.part.read(access, &mut bench.memory).unwrap();
+    bench.part.recorder().violations().len() > before
+}
+
+#[test]
+fn clock_runs_some_cycles_after_its_enable() {
+    // GPIOA, TIM5 and TIM11, and the cycles between: two on the AHB, 1 and the prescaler on an APB.
+    for (place, wait) in [
+        ((RCC_AHB1ENR, 1, MODER), 2),
+        ((RCC_APB1ENR, 1 << 3, 0x4000_0C00), 1 + 4),
+        ((APB2ENR, 1 << 18, TIM11), 1 + 2),
+    ] {
+        for cycles in 1..10 {
+            let refused = is_refused_after(&mut tree(PLL), place, cycles, false);
+            assert_eq!(refused, cycles <= wait, "{cycles} cycles, {place:x?}");
+        }
+        assert!(!is_refused_after(&mut tree(PLL), place, 1, true), "{place:x?}");
+    }
 }
 
 #[test]
