@@ -35,6 +35,7 @@ mod usb_control;
 use embassy_stm32::dma::Channel;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::mode::Blocking;
+use embassy_stm32::pac::common::{RW, Reg};
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::usart::UartRx;
 use embassy_stm32::wdg::IndependentWatchdog;
@@ -74,6 +75,15 @@ pub(crate) struct Board {
 
 /// The independent watchdog.
 pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
+
+/// Enables clocks of peripherals in a register of RCC. Returns when they run.
+///
+/// An access within two cycles of the bus after the write may be lost (ES0182, "Delay after an RCC peripheral clock
+/// enabling"; RM0440, "Peripheral clock enable register"): the pin to the arm would be driven low. The read takes longer.
+fn enable_clocks<T: Copy>(register: Reg<T, RW>, enable: impl FnOnce(&mut T)) {
+    register.modify(enable);
+    register.read();
+}
 
 /// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
 pub(crate) fn serial_number() -> &'static str {

@@ -7,8 +7,8 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::timer::vals::CcmrInputCcs;
 use embassy_stm32::rcc::{PllMul, PllPreDiv};
 
-use super::super::Watchdog;
 use super::super::oscillator::{self, HSI_MEGAHERTZ, micros};
+use super::super::{Watchdog, enable_clocks};
 
 /// A crystal, and the PLL settings for 336 MHz (RM0090 7.3.2).
 pub(super) struct Crystal {
@@ -60,7 +60,7 @@ const CAPTURE_US: u32 = 1_000;
 ///
 /// The core must run from HSI, and the LED's port must have its clock.
 pub(super) fn start(watchdog: &mut Watchdog) -> &'static Crystal {
-    pac::RCC.apb1enr().modify(|w| w.set_tim5en(true));
+    enable_clocks(pac::RCC.apb1enr(), |w| w.set_tim5en(true));
     start_capturing();
     let crystal = oscillator::start(watchdog, measure);
     stop_capturing();
@@ -70,10 +70,7 @@ pub(super) fn start(watchdog: &mut Watchdog) -> &'static Crystal {
 /// Starts the edge capture of TIM11.
 fn start_capturing() {
     let rcc = pac::RCC;
-    rcc.apb2enr().modify(|w| w.set_tim11en(true));
-    // A clock is available two cycles after it was enabled (ES0182, "Delay after an RCC peripheral clock enabling").
-    rcc.apb2enr().read();
-
+    enable_clocks(rcc.apb2enr(), |w| w.set_tim11en(true));
     rcc.cfgr().modify(|w| w.set_rtcpre(DIVIDER));
     let capture = pac::TIM11;
     capture.or().write_value(HSE_RTC);

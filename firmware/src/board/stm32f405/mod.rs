@@ -22,7 +22,7 @@ use static_cell::StaticCell;
 
 use super::can::Can;
 use super::time::{self, TimerHandler};
-use super::{Board, Watchdog, usart};
+use super::{Board, Watchdog, enable_clocks, usart};
 use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
@@ -93,7 +93,7 @@ const USB_ENDPOINTS: usize = 4;
 
 /// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
 pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
-    pac::RCC.ahb1enr().modify(|w| {
+    enable_clocks(pac::RCC.ahb1enr(), |w| {
         w.set_gpioaen(true);
         w.set_gpioben(true);
     });

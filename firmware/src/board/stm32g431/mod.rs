@@ -20,7 +20,7 @@ use embassy_stm32::{bind_interrupts, usb as hal_usb};
 
 use super::can::Can;
 use super::time::{self, TimerHandler};
-use super::{Board, Watchdog, usart};
+use super::{Board, Watchdog, enable_clocks, usart};
 use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
@@ -80,7 +80,7 @@ pub(crate) const TX_REQUEST: Request = 27;
 
 /// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
 pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
-    pac::RCC.ahb2enr().modify(|w| w.set_gpioaen(true));
+    enable_clocks(pac::RCC.ahb2enr(), |w| w.set_gpioaen(true));
     usart::hold_tx_high();
     let mut p = embassy_stm32::init(embassy_stm32::Config::default());
     clock::start(&mut p.RCC, watchdog);
