@@ -43,6 +43,11 @@ impl AdapterPort {
         Self { port }
     }
 
+    /// The name of a virtual board's port. A real adapter has no control port with a path of its own.
+    pub(crate) fn virtual_board(&self) -> Option<String> {
+        matches!(self.port, Port::Control(_)).then(|| self.port.to_string())
+    }
+
     /// Opens the adapter's control port.
     pub(crate) fn open(&self) -> Result<ControlLink, Error> {
         let opened = self.port.connect(None)?.control();

@@ -1,4 +1,4 @@
-//! DfuSe files, ST's form of a firmware image for USB DFU: what is in one, checked before anything is done with it.
+//! Parser for DfuSe files, ST's form of a firmware image for USB DFU. Validates a file before dfu-util runs.
 //!
 //! The format is that of ST's UM0391: a prefix, one target with elements, each with its address, and the suffix of the
 //! USB DFU specification 1.1 (appendix B) with a CRC-32 of all that is before it.
@@ -15,8 +15,14 @@ const DFUSE_VERSION: u16 = 0x011A;
 const FLASH: u32 = 0x0800_0000;
 /// Room for the largest flash of these chips.
 const FLASH_END: u32 = 0x0820_0000;
-/// The addresses of their RAM, of which the first word of the vector table points to the end.
+/// RAM. The initial stack pointer must lie in it.
 const RAM: std::ops::RangeInclusive<u32> = 0x1000_0000..=0x2010_0000;
+/// Length of the prefix, in bytes.
+pub(super) const PREFIX: usize = 11;
+/// Length of the suffix, in bytes.
+const SUFFIX: usize = 16;
+/// Maximum length of a file without its suffix: the largest flash, and headers.
+const MAX_BODY: u32 = FLASH_END - FLASH + 4096;
 
 /// An image that can be written.
 #[derive(Debug, PartialEq, Eq)]
@@ -33,6 +39,9 @@ pub(super) enum Unfit {
     /// The signature is missing.
     #[error("not a DfuSe file: is it the .dfu of the firmware, and not the .bin or .elf?")]
     NoDfuSe,
+    /// The image is larger than any flash.
+    #[error("the image has {0} bytes, more than the {MAX_BODY} of the largest")]
+    TooLarge(u32),
     /// The file is too short or too long.
     #[error("the file is truncated or damaged: its lengths are inconsistent")]
     Length,
@@ -57,11 +66,25 @@ pub(super) enum Unfit {
     NoProgram,
 }
 
+/// Returns the length of the file that begins with `head`, in bytes. The head has at least [`PREFIX`] bytes.
+pub(super) fn file_len(head: &[u8]) -> Result<usize, Unfit> {
+    if !head.starts_with(b"DfuSe\x01") {
+        return Err(Unfit::NoDfuSe);
+    }
+    match u32_at(head, 6)? {
+        body @ ..=MAX_BODY => Ok(body as usize + SUFFIX),
+        body => Err(Unfit::TooLarge(body)),
+    }
+}
+
 /// Takes a file apart.
 pub(super) fn parse(file: &[u8]) -> Result<Image, Unfit> {
-    let (body, suffix) = file.split_last_chunk::<16>().ok_or(Unfit::NoDfuSe)?;
-    let (checked, crc) = file.split_last_chunk::<4>().ok_or(Unfit::NoDfuSe)?;
-    if !body.starts_with(b"DfuSe\x01") || suffix[8..12] != *b"UFD\x10" || u16_at(suffix, 6)? != DFUSE_VERSION {
+    if file.len() != file_len(file)? {
+        return Err(Unfit::Length);
+    }
+    let (body, suffix) = file.split_last_chunk::<SUFFIX>().ok_or(Unfit::Length)?;
+    let (checked, crc) = file.split_last_chunk::<4>().ok_or(Unfit::Length)?;
+    if suffix[8..12] != *b"UFD\x10" || u16_at(suffix, 6)? != DFUSE_VERSION {
         return Err(Unfit::NoDfuSe);
     }
     let expected = Crc::<u32>::new(&CRC_32_JAMCRC).checksum(checked);
@@ -73,10 +96,7 @@ pub(super) fn parse(file: &[u8]) -> Result<Image, Unfit> {
     if (vendor, product) != BOOT_LOADER {
         return Err(Unfit::Device { vendor, product });
     }
-    let (prefix, target) = body.split_first_chunk::<11>().ok_or(Unfit::Length)?;
-    if u32_at(prefix, 6)? as usize != body.len() {
-        return Err(Unfit::Length);
-    }
+    let (prefix, target) = body.split_first_chunk::<PREFIX>().ok_or(Unfit::Length)?;
     let (header, elements) = target.split_first_chunk::<274>().ok_or(Unfit::Length)?;
     // Alternate setting 0 of the boot loader is the flash.
     if prefix[10] != 1 || !header.starts_with(b"Target\x00") {

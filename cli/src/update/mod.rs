@@ -3,8 +3,8 @@
 mod dfuse;
 
 use std::fmt::Display;
-use std::fs;
-use std::io::{self, ErrorKind};
+use std::fs::File;
+use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread;
@@ -36,6 +36,10 @@ pub(crate) struct Update {
 
 impl Update {
     pub(crate) fn run(&self) -> Result<(), Error> {
+        if let Some(name) = self.adapter.virtual_board() {
+            let what = "a virtual board has no boot loader: start it again, with the new image";
+            return Err(Error::at(&name, what));
+        }
         let image = self.image()?;
         let [write, leave] = commands(&self.image);
         let by_hand = format!("'{}' and then '{}'", shown(&write), shown(&leave));
@@ -68,11 +72,19 @@ impl Update {
         self.write(&name, write, leave, &by_hand)
     }
 
-    /// The image to write.
+    /// The image to write. A file with another head is not read further.
     fn image(&self) -> Result<Image, Error> {
         let name = self.image.display().to_string();
-        let file = fs::read(&self.image).map_err(|error| Error::at(&name, error))?;
-        dfuse::parse(&file).map_err(|unfit| Error::at(&name, unfit))
+        let failed = |error| Error::at(&name, error);
+        let unfit = |unfit| Error::at(&name, unfit);
+        let file = File::open(&self.image).map_err(failed)?;
+        let mut bytes = Vec::new();
+        let read = |count: usize, bytes: &mut Vec<u8>| (&file).take(count as u64).read_to_end(bytes);
+        read(dfuse::PREFIX, &mut bytes).map_err(failed)?;
+        let len = dfuse::file_len(&bytes).map_err(unfit)?;
+        // One byte more shows a longer file.
+        read(len + 1 - bytes.len(), &mut bytes).map_err(failed)?;
+        dfuse::parse(&bytes).map_err(unfit)
     }
 
     /// Writes the image, starts the adapter and prints its identity.

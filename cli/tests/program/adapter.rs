@@ -1,15 +1,12 @@
-//! The built program with an adapter's control port: state, configuration, line, updates, and refusals.
+//! The built program with an adapter's control port: state, configuration, line, and refusals.
 
-use std::fs::{self, Permissions};
-use std::io::{self, BufRead, BufReader};
-use std::os::unix::fs::PermissionsExt;
+use std::io::{BufRead, BufReader};
 use std::process::Command;
 
 use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
-use crate::common::dfu::{image, tools, update, update_command};
 use crate::common::{PROGRAM, failure, finish, run, start, success, usage};
 
 /// The factory configuration, as printed.
@@ -302,132 +299,4 @@ fn missing_control_port_is_reported() {
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
     let text = usage(&["info", &board.port, "--control", "tcp:localhost"]);
     assert!(text.contains("'localhost' has no port"), "{text}");
-}
-
-#[test]
-fn update_runs_through_the_boot_loader() {
-    let board = Board::start("update");
-    let folder = tools("update", &board.boot_loader, 0);
-    let file = folder.join("new.dfu");
-    fs::write(&file, image("virtual")).unwrap();
-    let output = update(&board, &file, &folder);
-    assert!(output.status.success(), "{output:?}");
-    let file = file.display();
-    let log = fs::read_to_string(folder.join("log")).unwrap();
-    assert_eq!(
-        log,
-        format!("-d ,0483:df11 -a 0 -D {file}\n-d ,0483:df11 -a 0 -s 0x08000000:leave\n")
-    );
-    let name = name(&board);
-    let adapter = format!("{name}: virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)");
-    assert_eq!(
-        String::from_utf8(output.stdout).unwrap(),
-        format!(
-            "{adapter}\n{name}: restarts into its boot loader, to take 256 bytes\n\
-             dfu-util -d ,0483:df11 -a 0 -D {file}\ndfu-util -d ,0483:df11 -a 0 -s 0x08000000:leave\n{adapter}\n"
-        )
-    );
-    fs::remove_dir_all(folder).unwrap();
-}
-
-#[test]
-fn update_is_finished_without_a_reader() {
-    let board = Board::start("unread");
-    let folder = tools("unread", &board.boot_loader, 0);
-    let file = folder.join("new.dfu");
-    fs::write(&file, image("virtual")).unwrap();
-    let (reader, writer) = io::pipe().unwrap();
-    drop(reader);
-    let mut update = update_command(&board, &file, &folder);
-    assert!(update.stdout(writer).status().unwrap().success());
-    let log = fs::read_to_string(folder.join("log")).unwrap();
-    assert_eq!(log.lines().count(), 2, "{log}");
-    fs::remove_dir_all(folder).unwrap();
-}
-
-#[test]
-fn unfit_image_restarts_nothing() {
-    let board = Board::start("bad-image");
-    let folder = tools("bad-image", &board.boot_loader, 0);
-    let file = folder.join("new.dfu");
-    let mut damaged = image("virtual");
-    damaged[400] ^= 1;
-    for (image, message) in [
-        (&b"\x7FELF"[..], "not a DfuSe file: is it the .dfu of the firmware"),
-        (&damaged, "the file is damaged: its checksum is"),
-        (
-            &image("stm32g431"),
-            "the image is for the board stm32g431, the adapter is a virtual",
-        ),
-        (
-            &image("\x1B[2J"),
-            r"the image is for the board \u{1b}[2J, the adapter is a virtual",
-        ),
-    ] {
-        fs::write(&file, image).unwrap();
-        let line = failure(&update(&board, &file, &folder));
-        assert!(line.contains(message), "{line}");
-        assert!(!board.boot_loader.exists());
-    }
-    let line = failure(&run(&["update", &board.control, "/no/such.dfu"]));
-    assert!(line.starts_with("/no/such.dfu: "), "{line}");
-    fs::remove_dir_all(folder).unwrap();
-}
-
-#[test]
-fn board_in_its_boot_loader_is_not_overwritten() {
-    let board = Board::start("already");
-    let folder = tools("already", &board.boot_loader, 0);
-    let file = folder.join("new.dfu");
-    fs::write(&file, image("virtual")).unwrap();
-    fs::write(&board.boot_loader, "").unwrap();
-    let line = failure(&update(&board, &file, &folder));
-    assert!(
-        line.starts_with("dfu-util: a board is already in the boot loader: unplug it. If"),
-        "{line}"
-    );
-    assert!(!folder.join("log").exists());
-    fs::remove_dir_all(folder).unwrap();
-}
-
-#[test]
-fn dfu_util_failure_is_reported_with_next_steps() {
-    let board = Board::start("fails");
-    let folder = tools("fails", &board.boot_loader, 74);
-    let file = folder.join("new.dfu");
-    fs::write(&file, image("virtual")).unwrap();
-    let line = failure(&update(&board, &file, &folder));
-    assert!(
-        line.starts_with("dfu-util: failed (exit status: 74): try again, the boot loader cannot be overwritten"),
-        "{line}"
-    );
-    assert!(line.contains("-s 0x08000000:leave'"), "{line}");
-    fs::remove_dir_all(folder).unwrap();
-}
-
-#[test]
-fn missing_dfu_util_restarts_nothing() {
-    let board = Board::start("without");
-    let folder = tools("without", &board.boot_loader, 0);
-    let file = folder.join("new.dfu");
-    fs::write(&file, image("virtual")).unwrap();
-    let update = || {
-        let mut command = Command::new(PROGRAM);
-        command.args(["update", &board.control]).arg(&file).env("PATH", &folder);
-        let output = finish(start(&mut command));
-        assert_eq!(output.stdout, b"");
-        assert!(!board.boot_loader.exists());
-        failure(&output)
-    };
-    fs::set_permissions(folder.join("dfu-util"), Permissions::from_mode(0o644)).unwrap();
-    let line = update();
-    assert!(line.starts_with("dfu-util: cannot be run: "), "{line}");
-    fs::remove_file(folder.join("dfu-util")).unwrap();
-    let line = update();
-    assert!(
-        line.starts_with("dfu-util: not installed: 'sudo apt install dfu-util' or the like installs it"),
-        "{line}"
-    );
-    assert!(line.ends_with("; nothing was restarted"), "{line}");
-    fs::remove_dir_all(folder).unwrap();
 }

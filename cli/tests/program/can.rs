@@ -12,15 +12,10 @@ use crate::common::{NO_ANSWER, TIMEOUT, failure, free_path, run, run_against, su
 /// A request that needs several CAN frames.
 const MOVE: [&str; 7] = ["move", "--joints", "0,0,0,0,0,0", "--speed", "20", "--gripper", "0"];
 
-/// The name of the adapter on a bus for the command.
-fn port(bus: &CanBus) -> String {
-    format!("slcan:{}@{BIT_RATE}/{NODE}", bus.path)
-}
-
 #[test]
 fn info_shows_the_adapter_and_the_arm() {
     let bus = CanBus::start();
-    let out = success(&["info", &port(&bus)]);
+    let out = success(&["info", &bus.port()]);
     for line in [
         "adapter      virtual, serial number 0123456789AB, firmware 1.2.3",
         "configured   arm ling, poll off, silence after 500 ms",
@@ -32,7 +27,7 @@ fn info_shows_the_adapter_and_the_arm() {
     ] {
         assert!(out.lines().any(|printed| printed == line), "{line} is not in\n{out}");
     }
-    assert_eq!(success(&["info", &port(&bus)]), out, "a bus may be opened again");
+    assert_eq!(success(&["info", &bus.port()]), out, "a bus may be opened again");
 }
 
 #[test]
@@ -48,9 +43,9 @@ fn node_needs_no_bit_rate() {
 #[test]
 fn call_in_many_frames_reaches_the_arm() {
     let bus = CanBus::start();
-    let moved = success(&[&["call", "ling", &port(&bus)], &MOVE[..]].concat());
+    let moved = success(&[&["call", "ling", &bus.port()], &MOVE[..]].concat());
     assert!(moved.contains("sent, the arm does not answer it"), "{moved}");
-    let joints = success(&["call", "ling", &port(&bus), "read-joints"]);
+    let joints = success(&["call", "ling", &bus.port(), "read-joints"]);
     assert!(joints.contains("joint"), "{joints}");
     // After the answer, all earlier frames have arrived: those of the move, and one of this request.
     let requests = |frame: &&_| Function::of(armwire_bridge::can::Frame::id(frame)).unwrap().0 == Function::ArmRequest;
@@ -63,7 +58,7 @@ fn call_in_many_frames_reaches_the_arm() {
 #[test]
 fn monitor_reads_over_can() {
     let bus = CanBus::start();
-    let out = success(&["monitor", &port(&bus), "--rate", "100", "--count", "3"]);
+    let out = success(&["monitor", &bus.port(), "--rate", "100", "--count", "3"]);
     assert_eq!(out.lines().count(), 3, "{out}");
 }
 
@@ -116,9 +111,9 @@ fn held_line_explains_silence_on_can() {
     bus.is_held.store(true, Ordering::Relaxed);
     let state = "9600 baud instead of the arm's 1000000 baud, set by the host on USB: polls and CAN are refused";
     let runs_at = format!("the line to the arm runs at {state}");
-    let line = failure_with(&runs_at, || run(&["call", "ling", &port(&bus), "read-joints"]));
+    let line = failure_with(&runs_at, || run(&["call", "ling", &bus.port(), "read-joints"]));
     assert!(line.contains(&runs_at), "{line}");
-    let output = run(&["info", &port(&bus)]);
+    let output = run(&["info", &bus.port()]);
     let out = String::from_utf8_lossy(&output.stdout);
     assert!(
         out.lines().any(|line| line == format!("rate         {state}")),
@@ -129,7 +124,7 @@ fn held_line_explains_silence_on_can() {
 #[test]
 fn older_adapter_does_not_support_hold() {
     let bus = CanBus::start();
-    let line = failure(&run(&["hold", &port(&bus)]));
+    let line = failure(&run(&["hold", &bus.port()]));
     assert!(line.contains("the adapter does not support this request"), "{line}");
 }
 

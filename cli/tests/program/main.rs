@@ -27,5 +27,6 @@ mod signals;
 mod sim_xarm;
 mod stop;
 mod tcp;
+mod update;
 mod versions;
 mod xarm;

@@ -1,5 +1,7 @@
 //! An adapter on a CAN bus with a Ling arm, behind an SLCAN adapter on a pty.
 
+use std::fs;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
@@ -34,11 +36,18 @@ pub(crate) struct CanBus {
     pub(crate) sent: Arc<Mutex<Vec<Frame>>>,
     /// True if a host on USB holds the line at 9600 baud. Otherwise the adapter does not support the request.
     pub(crate) is_held: Arc<AtomicBool>,
+    /// A file that exists while the adapter is in its boot loader, where it answers nothing.
+    pub(crate) boot_loader: PathBuf,
 }
 
 impl CanBus {
     pub(crate) fn start() -> Self {
         Self::start_as(BIT_RATE, NODE)
+    }
+
+    /// The name of the adapter for the command.
+    pub(crate) fn port(&self) -> String {
+        format!("slcan:{}@{BIT_RATE}/{NODE}", self.path)
     }
 
     /// Starts a bus with this bit rate, and the adapter as this node.
@@ -48,15 +57,16 @@ impl CanBus {
         let path = pty.path().to_str().unwrap().to_owned();
         let (stop, sent, is_held) = (Arc::default(), Arc::default(), Arc::default());
         let (stopped, log, held) = (Arc::clone(&stop), Arc::clone(&sent), Arc::clone(&is_held));
-        let thread = Some(thread::spawn(move || {
-            serve(&pty, bit_rate, Adapter::new(node, held), &stopped, &log);
-        }));
+        let boot_loader = super::free_path("boot-loader");
+        let adapter = Adapter::new(node, held, boot_loader.clone());
+        let thread = Some(thread::spawn(move || serve(&pty, bit_rate, adapter, &stopped, &log)));
         Self {
             stop,
             thread,
             path,
             sent,
             is_held,
+            boot_loader,
         }
     }
 }
@@ -66,6 +76,7 @@ impl Drop for CanBus {
         self.stop.store(true, Ordering::Relaxed);
         // A failing test must not panic twice.
         let _ = self.thread.take().unwrap().join();
+        let _ = fs::remove_file(&self.boot_loader);
     }
 }
 
@@ -85,6 +96,7 @@ fn serve(pty: &Pty, bit_rate: u32, mut adapter: Adapter, stop: &AtomicBool, log:
             let Some(frame) = sent else { continue };
             log.lock().unwrap().push(frame);
             match slcan.bit_rate() {
+                Some(rate) if rate == bit_rate && adapter.boot_loader.exists() => {}
                 Some(rate) if rate == bit_rate => adapter.receive(&frame, now),
                 _ => slcan.report(Status::BUS_ERROR.and(Status::ERROR_PASSIVE)),
             }
@@ -106,10 +118,11 @@ struct Adapter {
     control: Endpoint<MAX_MESSAGE, MAX_MESSAGE>,
     config: AdapterConfig,
     is_held: Arc<AtomicBool>,
+    boot_loader: PathBuf,
 }
 
 impl Adapter {
-    fn new(node: Node, is_held: Arc<AtomicBool>) -> Self {
+    fn new(node: Node, is_held: Arc<AtomicBool>, boot_loader: PathBuf) -> Self {
         let mut config = AdapterConfig::default();
         config.can.node = node;
         Self {
@@ -119,6 +132,7 @@ impl Adapter {
             control: Endpoint::new(Config::new(Link::Classic, Function::ControlAnswer.id(node))),
             config,
             is_held,
+            boot_loader,
         }
     }
 
@@ -193,6 +207,10 @@ impl Adapter {
                 holder: LineHolder::OtherRate,
                 ..LineState::default()
             }),
+            Request::RestartIntoBootLoader => {
+                fs::write(&self.boot_loader, "").unwrap();
+                Reply::Done
+            }
             _ => Reply::Unsupported {
                 version: control::VERSION,
             },

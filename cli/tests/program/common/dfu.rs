@@ -6,7 +6,6 @@ use std::process::{Command, Output};
 
 use crc::{CRC_32_JAMCRC, Crc};
 
-use super::board::Board;
 use super::{PROGRAM, finish, free_path, install, start};
 
 /// A firmware for a board of this name, as a DfuSe file.
@@ -51,15 +50,15 @@ pub(crate) fn tools(name: &str, boot_loader: &Path, exit: i32) -> PathBuf {
     folder
 }
 
-/// Updates the board with this image, with the `dfu-util` of the folder.
-pub(crate) fn update(board: &Board, image: &Path, folder: &Path) -> Output {
-    finish(start(&mut update_command(board, image, folder)))
+/// Updates the adapter on the port with this image, with the `dfu-util` of the folder.
+pub(crate) fn update(port: &str, image: &Path, folder: &Path) -> Output {
+    finish(start(&mut update_command(port, image, folder)))
 }
 
 /// The command of [`update`].
-pub(crate) fn update_command(board: &Board, image: &Path, folder: &Path) -> Command {
+pub(crate) fn update_command(port: &str, image: &Path, folder: &Path) -> Command {
     let mut update = Command::new(PROGRAM);
-    update.args(["update", &board.control]).arg(image).current_dir(folder);
+    update.args(["update", port]).arg(image).current_dir(folder);
     update.env("PATH", format!("{}:/bin:/usr/bin", folder.display()));
     update
 }

@@ -1,0 +1,185 @@
+//! The built program updating an adapter's firmware, with a `dfu-util` that writes nothing.
+
+use std::fs::{self, File, Permissions};
+use std::io;
+use std::os::unix::fs::PermissionsExt;
+use std::process::Command;
+
+use crate::common::adapter::CanBus;
+use crate::common::board::Board;
+use crate::common::dfu::{image, tools, update, update_command};
+use crate::common::{PROGRAM, failure, finish, free_path, run, start};
+
+/// The adapter in the output.
+const ADAPTER: &str = "virtual, serial number 0123456789AB, firmware 1.2.3";
+
+#[test]
+fn update_runs_through_the_boot_loader() {
+    let bus = CanBus::start();
+    let folder = tools("update", &bus.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let output = update(&bus.port(), &file, &folder);
+    assert!(output.status.success(), "{output:?}");
+    let file = file.display();
+    let log = fs::read_to_string(folder.join("log")).unwrap();
+    assert_eq!(
+        log,
+        format!("-d ,0483:df11 -a 0 -D {file}\n-d ,0483:df11 -a 0 -s 0x08000000:leave\n")
+    );
+    let name = bus.port();
+    assert_eq!(
+        String::from_utf8(output.stdout).unwrap(),
+        format!(
+            "{name}: {ADAPTER}\n{name}: restarts into its boot loader, to take 256 bytes\n\
+             dfu-util -d ,0483:df11 -a 0 -D {file}\ndfu-util -d ,0483:df11 -a 0 -s 0x08000000:leave\n{name}: {ADAPTER}\n"
+        )
+    );
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn update_is_finished_without_a_reader() {
+    let bus = CanBus::start();
+    let folder = tools("unread", &bus.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let (reader, writer) = io::pipe().unwrap();
+    drop(reader);
+    let mut update = update_command(&bus.port(), &file, &folder);
+    assert!(update.stdout(writer).status().unwrap().success());
+    let log = fs::read_to_string(folder.join("log")).unwrap();
+    assert_eq!(log.lines().count(), 2, "{log}");
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn unfit_image_restarts_nothing() {
+    let bus = CanBus::start();
+    let folder = tools("bad-image", &bus.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    let mut damaged = image("virtual");
+    damaged[400] ^= 1;
+    for (image, message) in [
+        (&b"\x7FELF"[..], "not a DfuSe file: is it the .dfu of the firmware"),
+        (&damaged, "the file is damaged: its checksum is"),
+        (
+            &image("stm32g431"),
+            "the image is for the board stm32g431, the adapter is a virtual",
+        ),
+        (
+            &image("\x1B[2J"),
+            r"the image is for the board \u{1b}[2J, the adapter is a virtual",
+        ),
+    ] {
+        fs::write(&file, image).unwrap();
+        let line = failure(&update(&bus.port(), &file, &folder));
+        assert!(line.contains(message), "{line}");
+        assert!(!bus.boot_loader.exists());
+    }
+    let line = failure(&run(&["update", &bus.port(), "/no/such.dfu"]));
+    assert!(line.starts_with("/no/such.dfu: "), "{line}");
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn huge_file_is_refused_by_its_head() {
+    // More than any memory holds.
+    const SIZE: u64 = 1 << 40;
+    let path = free_path("huge");
+    for (len, message) in [
+        (0, "not a DfuSe file"),
+        (
+            u32::MAX,
+            "the image has 4294967295 bytes, more than the 2101248 of the largest",
+        ),
+        (1000, "the file is truncated or damaged: its lengths are inconsistent"),
+    ] {
+        let mut head = image("virtual");
+        head[6..10].copy_from_slice(&len.to_le_bytes());
+        if len == 0 {
+            head[0] = 0;
+        }
+        fs::write(&path, head).unwrap();
+        File::options().write(true).open(&path).unwrap().set_len(SIZE).unwrap();
+        let line = failure(&run(&["update", "/dev/no-such-port", path.to_str().unwrap()]));
+        assert!(line.contains(message), "{line}");
+    }
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn virtual_board_is_not_restarted() {
+    let board = Board::start("virtual-board");
+    let folder = tools("virtual-board", &board.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let line = failure(&update(&board.control, &file, &folder));
+    assert_eq!(
+        line,
+        format!(
+            "{}: a virtual board has no boot loader: start it again, with the new image",
+            board.control
+        )
+    );
+    assert!(!board.boot_loader.exists());
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn board_in_its_boot_loader_is_not_overwritten() {
+    let bus = CanBus::start();
+    let folder = tools("already", &bus.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    fs::write(&bus.boot_loader, "").unwrap();
+    let line = failure(&update(&bus.port(), &file, &folder));
+    assert!(
+        line.starts_with("dfu-util: a board is already in the boot loader: unplug it. If"),
+        "{line}"
+    );
+    assert!(!folder.join("log").exists());
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn dfu_util_failure_is_reported_with_next_steps() {
+    let bus = CanBus::start();
+    let folder = tools("fails", &bus.boot_loader, 74);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let line = failure(&update(&bus.port(), &file, &folder));
+    assert!(
+        line.starts_with("dfu-util: failed (exit status: 74): try again, the boot loader cannot be overwritten"),
+        "{line}"
+    );
+    assert!(line.contains("-s 0x08000000:leave'"), "{line}");
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn missing_dfu_util_restarts_nothing() {
+    let bus = CanBus::start();
+    let folder = tools("without", &bus.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let update = || {
+        let mut command = Command::new(PROGRAM);
+        command.args(["update", &bus.port()]).arg(&file).env("PATH", &folder);
+        let output = finish(start(&mut command));
+        assert_eq!(output.stdout, b"");
+        assert!(!bus.boot_loader.exists());
+        failure(&output)
+    };
+    fs::set_permissions(folder.join("dfu-util"), Permissions::from_mode(0o644)).unwrap();
+    let line = update();
+    assert!(line.starts_with("dfu-util: cannot be run: "), "{line}");
+    fs::remove_file(folder.join("dfu-util")).unwrap();
+    let line = update();
+    assert!(
+        line.starts_with("dfu-util: not installed: 'sudo apt install dfu-util' or the like installs it"),
+        "{line}"
+    );
+    assert!(line.ends_with("; nothing was restarted"), "{line}");
+    fs::remove_dir_all(folder).unwrap();
+}
