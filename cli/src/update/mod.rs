@@ -1,12 +1,13 @@
 //! `armwire update`: another firmware for an adapter, over USB and the boot loader that ST put into the chip.
 
+mod dfu_util;
 mod dfuse;
+mod signals;
 
 use std::fmt::Display;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
@@ -16,10 +17,10 @@ use clap::Args;
 use crate::adapter::{AdapterPort, describe, identify};
 use crate::error::Error;
 use crate::output::print_line;
+use dfu_util::{Commands, DFU_UTIL, is_listed};
 use dfuse::Image;
+use signals::Signals;
 
-/// The program that talks to the boot loader.
-const DFU_UTIL: &str = "dfu-util";
 /// Number of searches for the boot loader or the adapter, and the time between them.
 const TRIES: usize = 20;
 const RETRY_PERIOD: Duration = Duration::from_millis(500);
@@ -41,8 +42,9 @@ impl Update {
             return Err(Error::at(&name, what));
         }
         let image = self.image()?;
-        let [write, leave] = commands(&self.image);
-        let by_hand = format!("'{}' and then '{}'", shown(&write), shown(&leave));
+        let signals = Signals::catch()?;
+        let mut dfu_util = Commands::new(&self.image);
+        let by_hand = dfu_util.by_hand();
         // Before anything is restarted: without dfu-util the arm would be left without its adapter.
         if is_listed().map_err(unusable)? {
             let what = format!(
@@ -62,14 +64,15 @@ impl Update {
             return Err(Error::at(&name, what));
         }
         progress(format!("{name}: {}", describe(&identity)));
+        signals.commit(&name)?;
         control.call(Request::RestartIntoBootLoader)?;
         drop(control);
         progress(format!(
-            "{name}: restarts into its boot loader, to take {} bytes",
+            "{name}: restarts into its boot loader, to take {} bytes; if interrupted, run {by_hand}",
             image.len
         ));
 
-        self.write(&name, write, leave, &by_hand)
+        self.write(&name, &mut dfu_util, &by_hand)
     }
 
     /// The image to write. A file with another head is not read further.
@@ -88,7 +91,7 @@ impl Update {
     }
 
     /// Writes the image, starts the adapter and prints its identity.
-    fn write(&self, name: &str, mut write: Command, mut leave: Command, by_hand: &str) -> Result<(), Error> {
+    fn write(&self, name: &str, dfu_util: &mut Commands, by_hand: &str) -> Result<(), Error> {
         if repeat(|| is_listed().ok().filter(|&is| is)).is_none() {
             let (vendor, product) = dfuse::BOOT_LOADER;
             let what = format!(
@@ -98,17 +101,14 @@ impl Update {
             );
             return Err(Error::at(name, what));
         }
-        progress(shown(&write));
-        let status = write
-            .status()
-            .map_err(|error| Error::at(DFU_UTIL, format!("cannot be run: {error}")))?;
+        let again = format!("try again, the boot loader cannot be overwritten. Run {by_hand}");
+        let status = dfu_util
+            .write(progress)
+            .map_err(|error| Error::at(DFU_UTIL, format!("{error}: {again}")))?;
         if !status.success() {
-            let what = format!("failed ({status}): try again, the boot loader cannot be overwritten. Run {by_hand}");
-            return Err(Error::at(DFU_UTIL, what));
+            return Err(Error::at(DFU_UTIL, format!("failed ({status}): {again}")));
         }
-        progress(shown(&leave));
-        // The chip is gone before it has answered, which some versions take for an error.
-        let _ = leave.status();
+        dfu_util.leave(progress);
         let back = || self.adapter.open().and_then(|mut control| identify(&mut control)).ok();
         match repeat(back) {
             Some(identity) => print_line(format!("{name}: {}", describe(&identity))),
@@ -140,41 +140,6 @@ fn repeat<T>(mut look: impl FnMut() -> Option<T>) -> Option<T> {
     look()
 }
 
-/// Returns true if a boot loader is on USB.
-fn is_listed() -> io::Result<bool> {
-    let output = Command::new(DFU_UTIL).arg("--list").output()?;
-    let (vendor, product) = dfuse::BOOT_LOADER;
-    let found = format!("Found DFU: [{vendor:04x}:{product:04x}]");
-    Ok(String::from_utf8_lossy(&output.stdout).contains(&found))
-}
-
-/// The commands that write the image to flash, alternate setting 0 of the boot loader, and start it. Only sectors with
-/// data in the image are erased. dfu-util 0.11 does not do both in one call: see docs/update.md.
-fn commands(image: &Path) -> [Command; 2] {
-    let (vendor, product) = dfuse::BOOT_LOADER;
-    let flash = || {
-        let mut command = Command::new(DFU_UTIL);
-        command.args(["-d", &format!(",{vendor:04x}:{product:04x}"), "-a", "0"]);
-        command
-    };
-    let (mut write, mut leave) = (flash(), flash());
-    write.arg("-D").arg(image);
-    leave.args(["-s", "0x08000000:leave"]);
-    [write, leave]
-}
-
-/// A command as one would type it.
-fn shown(command: &Command) -> String {
-    let mut text = command.get_program().to_string_lossy().into_owned();
-    for arg in command.get_args().map(|arg| arg.to_string_lossy()) {
-        match arg.contains(char::is_whitespace) {
-            true => text += &format!(" \"{arg}\""),
-            false => text += &format!(" {arg}"),
-        }
-    }
-    text
-}
-
 /// The error of a dfu-util that cannot be used.
 fn unusable(error: io::Error) -> Error {
     let what = match error.kind() {
@@ -184,14 +149,4 @@ fn unusable(error: io::Error) -> Error {
         _ => format!("cannot be run: {error}"),
     };
     Error::at(DFU_UTIL, format_args!("{what}; nothing was restarted"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn name_with_a_space_is_shown_in_quotes() {
-        assert!(shown(&commands(Path::new("my image.dfu"))[0]).ends_with(" -D \"my image.dfu\""));
-    }
 }

@@ -1,13 +1,16 @@
 //! The built program updating an adapter's firmware, with a `dfu-util` that writes nothing.
 
 use std::fs::{self, File, Permissions};
-use std::io;
+use std::io::{self, BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
-use std::process::Command;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, ChildStderr, Command};
+
+use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 
 use crate::common::adapter::CanBus;
 use crate::common::board::Board;
-use crate::common::dfu::{image, tools, update, update_command};
+use crate::common::dfu::{HeldDfuUtil, LEAVE, LIST, image, tools, update, update_command};
 use crate::common::{PROGRAM, failure, finish, free_path, run, start};
 
 /// The adapter in the output.
@@ -28,11 +31,16 @@ fn update_runs_through_the_boot_loader() {
         format!("-d ,0483:df11 -a 0 -D {file}\n-d ,0483:df11 -a 0 -s 0x08000000:leave\n")
     );
     let name = bus.port();
+    let (write, leave) = (
+        format!("dfu-util -d ,0483:df11 -a 0 -D {file}"),
+        "dfu-util -d ,0483:df11 -a 0 -s 0x08000000:leave",
+    );
     assert_eq!(
         String::from_utf8(output.stdout).unwrap(),
         format!(
-            "{name}: {ADAPTER}\n{name}: restarts into its boot loader, to take 256 bytes\n\
-             dfu-util -d ,0483:df11 -a 0 -D {file}\ndfu-util -d ,0483:df11 -a 0 -s 0x08000000:leave\n{name}: {ADAPTER}\n"
+            "{name}: {ADAPTER}\n\
+             {name}: restarts into its boot loader, to take 256 bytes; if interrupted, run '{write}' and then '{leave}'\n\
+             {write}\nDownload 100%\n{leave}\n{name}: {ADAPTER}\n"
         )
     );
     fs::remove_dir_all(folder).unwrap();
@@ -182,4 +190,132 @@ fn missing_dfu_util_restarts_nothing() {
     );
     assert!(line.ends_with("; nothing was restarted"), "{line}");
     fs::remove_dir_all(folder).unwrap();
+}
+
+/// An update of an adapter, with a process group of its own like that of a shell's job.
+struct Job {
+    bus: CanBus,
+    dfu_util: HeldDfuUtil,
+    child: Child,
+    errors: BufReader<ChildStderr>,
+}
+
+impl Job {
+    /// Starts an update, whose `dfu-util` ends a write with this status.
+    fn start(name: &str, exit: i32) -> Self {
+        let bus = CanBus::start();
+        let dfu_util = HeldDfuUtil::new(name, &bus.boot_loader, exit);
+        let file = dfu_util.folder.join("new.dfu");
+        fs::write(&file, image("virtual")).unwrap();
+        let mut command = update_command(&bus.port(), &file, &dfu_util.folder);
+        let mut child = start(command.process_group(0));
+        let errors = BufReader::new(child.stderr.take().unwrap());
+        Self {
+            bus,
+            dfu_util,
+            child,
+            errors,
+        }
+    }
+
+    /// Sends a signal as a terminal does: to the whole job.
+    fn signal(&self, signal: Signal) {
+        kill_process_group(Pid::from_child(&self.child), signal).unwrap();
+    }
+
+    /// The next line on standard error.
+    fn error(&mut self) -> String {
+        let mut line = String::new();
+        self.errors.read_line(&mut line).unwrap();
+        line
+    }
+
+    /// Waits for the end. Returns true for a success, and the rest of standard error.
+    fn finish(mut self) -> (bool, String) {
+        let mut rest = String::new();
+        self.errors.read_to_string(&mut rest).unwrap();
+        (finish(self.child).status.success(), rest)
+    }
+}
+
+const SIGNALS: [Signal; 3] = [Signal::INT, Signal::TERM, Signal::HUP];
+
+#[test]
+fn signal_before_the_restart_ends_the_update() {
+    for signal in SIGNALS {
+        let mut job = Job::start("early-signal", 0);
+        assert_eq!(job.dfu_util.call(), LIST);
+        job.signal(signal);
+        assert_eq!(job.error(), "armwire: interrupted: nothing is restarted\n");
+        job.dfu_util.release();
+        let boot_loader = job.bus.boot_loader.clone();
+        assert_eq!(job.finish(), (false, "armwire: cancelled\n".to_owned()));
+        assert!(!boot_loader.exists());
+    }
+}
+
+#[test]
+fn signal_after_the_restart_ends_no_update() {
+    for signal in SIGNALS {
+        for phase in 1..4 {
+            let mut job = Job::start("signal", 0);
+            let port = job.bus.port();
+            for call in 0..4 {
+                let args = job.dfu_util.call();
+                match call {
+                    0 | 1 => assert_eq!(args, LIST),
+                    2 => assert!(args.ends_with("new.dfu"), "{args}"),
+                    _ => assert_eq!(args, LEAVE),
+                }
+                if call == phase {
+                    job.signal(signal);
+                    let line = job.error();
+                    assert_eq!(
+                        line,
+                        format!(
+                            "armwire: {port}: the update goes on: without it the adapter stays in its boot loader\n"
+                        )
+                    );
+                }
+                job.dfu_util.release();
+            }
+            assert_eq!(job.finish(), (true, String::new()));
+        }
+    }
+}
+
+#[test]
+fn failed_write_is_reported_despite_a_signal() {
+    let mut job = Job::start("signal-fails", 74);
+    for _ in 0..2 {
+        assert_eq!(job.dfu_util.call(), LIST);
+        job.dfu_util.release();
+    }
+    job.dfu_util.call();
+    job.signal(Signal::HUP);
+    assert!(job.error().contains("the update goes on"));
+    job.dfu_util.release();
+    let (success, errors) = job.finish();
+    assert!(!success);
+    assert!(
+        errors.contains("failed (exit status: 74)") && errors.contains(LEAVE),
+        "{errors}"
+    );
+}
+
+#[test]
+fn killed_update_ends_dfu_util() {
+    let mut job = Job::start("killed", 0);
+    for _ in 0..2 {
+        assert_eq!(job.dfu_util.call(), LIST);
+        job.dfu_util.release();
+    }
+    job.dfu_util.call();
+    let mut out = BufReader::new(job.child.stdout.take().unwrap());
+    let restarts = out.by_ref().lines().nth(1).unwrap().unwrap();
+    assert!(restarts.contains("; if interrupted, run 'dfu-util "), "{restarts}");
+    kill_process(Pid::from_child(&job.child), Signal::KILL).unwrap();
+    job.child.wait().unwrap();
+    job.dfu_util.release();
+    assert_eq!(job.dfu_util.call(), "SIGPIPE");
 }

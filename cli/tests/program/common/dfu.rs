@@ -4,9 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use armwire_sim::pty::Pty;
 use crc::{CRC_32_JAMCRC, Crc};
 
-use super::{PROGRAM, finish, free_path, install, start};
+use super::{PROGRAM, TIMEOUT, finish, free_path, install, start};
 
 /// A firmware for a board of this name, as a DfuSe file.
 pub(crate) fn image(board: &str) -> Vec<u8> {
@@ -29,18 +30,28 @@ pub(crate) fn image(board: &str) -> Vec<u8> {
     file
 }
 
+/// The arguments of `dfu-util` that list boot loaders, and that start the firmware.
+pub(crate) const LIST: &str = "--list";
+pub(crate) const LEAVE: &str = "-d ,0483:df11 -a 0 -s 0x08000000:leave";
+
 /// A folder with a `dfu-util` that finds a boot loader while the file `boot_loader` exists, and logs its arguments.
 pub(crate) fn tools(name: &str, boot_loader: &Path, exit: i32) -> PathBuf {
+    tools_with(name, "", boot_loader, exit)
+}
+
+/// The same, with commands in front.
+fn tools_with(name: &str, commands: &str, boot_loader: &Path, exit: i32) -> PathBuf {
     let folder = free_path(name);
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir(&folder).unwrap();
     let (boot_loader, log) = (boot_loader.display(), folder.join("log"));
     let script = format!(
         "#!/bin/sh\n\
+         {commands}\
          case \"$*\" in\n\
          --list) [ ! -e {boot_loader} ] || echo 'Found DFU: [0483:df11] ver=2200' ;;\n\
          *:leave) echo \"$*\" >> {log}; rm {boot_loader}; exit 74 ;;\n\
-         *) echo \"$*\" >> {log}; exit {exit} ;;\n\
+         *) echo 'Download 100%'; echo \"$*\" >> {log}; exit {exit} ;;\n\
          esac\n",
         log = log.display()
     );
@@ -48,6 +59,49 @@ pub(crate) fn tools(name: &str, boot_loader: &Path, exit: i32) -> PathBuf {
     fs::write(&source, script).unwrap();
     install(&source, &folder.join("dfu-util"));
     folder
+}
+
+/// A `dfu-util` like that of [`tools`], each call of which waits until the test releases it.
+pub(crate) struct HeldDfuUtil {
+    /// Carries the arguments to the test, and a line to the script. It hangs up with this value, which ends the script.
+    pty: Pty,
+    pub(crate) folder: PathBuf,
+}
+
+impl HeldDfuUtil {
+    pub(crate) fn new(name: &str, boot_loader: &Path, exit: i32) -> Self {
+        let pty = Pty::open(None).unwrap();
+        let commands = format!(
+            "exec 3<>{}\ntrap 'echo SIGPIPE >&3; exit 1' PIPE\necho \"$*\" >&3\nread -r line <&3 || exit 1\n",
+            pty.path().display()
+        );
+        let folder = tools_with(name, &commands, boot_loader, exit);
+        Self { pty, folder }
+    }
+
+    /// Waits for a call. Returns its arguments.
+    pub(crate) fn call(&self) -> String {
+        let mut line = Vec::new();
+        while line.last() != Some(&b'\n') {
+            assert!(self.pty.wait(Some(TIMEOUT)).unwrap(), "no call of dfu-util");
+            let mut byte = [0];
+            let n = self.pty.read(&mut byte).unwrap();
+            line.extend(&byte[..n]);
+        }
+        line.pop();
+        String::from_utf8(line).unwrap()
+    }
+
+    /// Lets the call go on.
+    pub(crate) fn release(&self) {
+        assert_eq!(self.pty.write(b"\n").unwrap(), 1);
+    }
+}
+
+impl Drop for HeldDfuUtil {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.folder);
+    }
 }
 
 /// Updates the adapter on the port with this image, with the `dfu-util` of the folder.
