@@ -148,7 +148,7 @@ fn drawings() -> Result<()> {
 fn firmware_image(board: Board) -> Result<Image> {
     let image = image::build(Options::of(board))?;
     println!("{image}");
-    image.check_size()?;
+    image.check_ram()?;
     Ok(image)
 }
 

@@ -102,6 +102,7 @@ mod tests {
                 address: 0x0800_0000,
                 bytes: words.iter().flat_map(|word| word.to_le_bytes()).collect(),
             }],
+            flash_end: None,
             ram: 0,
         }
     }

@@ -5,7 +5,7 @@ use std::fmt;
 use std::fs;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use crate::board::Board;
@@ -18,10 +18,10 @@ use crate::toolchain::Toolchain;
 /// The image's target, the same for all boards.
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// Maximum flash usage of the shipped image, in bytes. The goal is 48 KiB.
-const MAX_FLASH: u64 = 96 * 1024;
+/// Flash that every image leaves for the next versions, in bytes.
+const MIN_FLASH_LEFT: u64 = 4 * 1024;
 
-/// Maximum RAM usage without the stack, in bytes.
+/// Maximum RAM usage of the shipped image without the stack, in bytes.
 const MAX_RAM: u64 = 14 * 1024;
 
 #[derive(Args, Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,20 +68,29 @@ pub(crate) struct Image {
     pub(crate) path: PathBuf,
     /// Flash usage in bytes.
     flash: u64,
+    /// Unused flash in bytes.
+    flash_left: u64,
     /// RAM usage without the stack, in bytes.
     ram: u64,
 }
 
 impl Image {
-    /// Checks the size limits of a release image.
+    /// Checks that the image leaves enough flash.
+    fn check_flash(&self) -> Result<()> {
+        ensure!(
+            self.flash_left >= MIN_FLASH_LEFT,
+            "{self}; {MIN_FLASH_LEFT} must be left"
+        );
+        Ok(())
+    }
+
+    /// Checks the RAM usage of a release image.
     ///
     /// # Errors
     ///
-    /// The size, if it exceeds a limit.
-    pub(crate) fn check_size(&self) -> Result<()> {
-        if self.flash > MAX_FLASH || self.ram > MAX_RAM {
-            bail!("{self}; the limits are {MAX_FLASH} and {MAX_RAM}");
-        }
+    /// The size, if it exceeds the limit.
+    pub(crate) fn check_ram(&self) -> Result<()> {
+        ensure!(self.ram <= MAX_RAM, "{self}; the limit is {MAX_RAM} bytes of RAM");
         Ok(())
     }
 }
@@ -90,9 +99,10 @@ impl fmt::Display for Image {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} (and .bin, .dfu): {} bytes of flash, {} bytes of RAM and the stack",
+            "{} (and .bin, .dfu): {} bytes of flash, {} left, {} bytes of RAM and the stack",
             self.path.display(),
             self.flash,
+            self.flash_left,
             self.ram
         )
     }
@@ -110,11 +120,12 @@ pub(crate) fn for_virtual_board() -> Result<PathBuf> {
     }
 }
 
-/// Builds the image, checks its vector table, and copies it to the target directory under its own name.
+/// Builds the image, checks its vector table and what it leaves of the flash, and copies it to the target directory under
+/// its own name.
 ///
 /// # Errors
 ///
-/// If the build fails, or the vector table is that of another board.
+/// If the build fails, the vector table is that of another board, or the image is too large.
 pub(crate) fn build(options: Options) -> Result<Image> {
     let toolchain = Toolchain::find(&[TARGET])?;
     let board = options.board.name();
@@ -139,11 +150,14 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     write("elf", &elf)?;
     write("bin", &program.bin())?;
     write("dfu", &dfu::file(board, &program.segments))?;
-    Ok(Image {
+    let image = Image {
         path,
         flash: program.flash(),
+        flash_left: program.flash_left()?,
         ram: program.ram,
-    })
+    };
+    image.check_flash()?;
+    Ok(image)
 }
 
 #[cfg(test)]
@@ -162,13 +176,15 @@ mod tests {
 
     #[test]
     fn oversized_image_is_refused() {
-        let image = |flash, ram| Image {
+        let image = |flash_left, ram| Image {
             path: "image.elf".into(),
-            flash,
+            flash: 0,
+            flash_left,
             ram,
         };
-        assert!(image(MAX_FLASH, MAX_RAM).check_size().is_ok());
-        assert!(image(MAX_FLASH + 1, 0).check_size().is_err());
-        assert!(image(0, MAX_RAM + 1).check_size().is_err());
+        assert!(image(MIN_FLASH_LEFT, 0).check_flash().is_ok());
+        assert!(image(MIN_FLASH_LEFT - 1, 0).check_flash().is_err());
+        assert!(image(0, MAX_RAM).check_ram().is_ok());
+        assert!(image(0, MAX_RAM + 1).check_ram().is_err());
     }
 }

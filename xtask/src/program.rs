@@ -2,14 +2,17 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use object::Endianness;
-use object::elf::{FileHeader32, PT_LOAD};
-use object::read::elf::{FileHeader, ProgramHeader};
+use object::elf::{FileHeader32, PT_LOAD, SHT_SYMTAB};
+use object::read::elf::{FileHeader, ProgramHeader, Sym};
 
 /// Start of RAM on every Cortex-M.
 const RAM: u32 = 0x2000_0000;
 
 /// Address of the vector table on every board: the start of flash.
 const VECTORS: u32 = 0x0800_0000;
+
+/// The symbol at the end of the program's part of the flash, in the memory files of the boards.
+const FLASH_END: &[u8] = b"_flash_end";
 
 /// Length of a gap in flash that remains a gap, in bytes. A shorter one is alignment between parts of a program, possibly
 /// within a sector, and is filled. All sectors are longer.
@@ -23,6 +26,8 @@ const ERASED: u8 = 0xFF;
 pub(crate) struct Program {
     /// The flash content by address, with gaps in between that may have other content.
     pub(crate) segments: Vec<Segment>,
+    /// The end of the flash that the program may have, if its memory file tells.
+    pub(crate) flash_end: Option<u32>,
     /// RAM usage without the stack, in bytes.
     pub(crate) ram: u64,
 }
@@ -67,7 +72,15 @@ impl Program {
         segments.sort_by_key(|segment| segment.address);
         let segments = joined(segments)?;
         ensure!(!segments.is_empty(), "nothing in the ELF file goes to flash");
-        Ok(Self { segments, ram })
+        let sections = elf.sections(endian, file)?;
+        let symbols = sections.symbols(endian, file, SHT_SYMTAB)?;
+        let is_end = |symbol: &&_| Sym::name(*symbol, endian, symbols.strings()) == Ok(FLASH_END);
+        let flash_end = symbols.iter().find(is_end).map(|symbol| symbol.st_value(endian));
+        Ok(Self {
+            segments,
+            flash_end,
+            ram,
+        })
     }
 
     /// Checks that the chip starts this program: its flash begins with a vector table with the stack at `stack_top` and a
@@ -102,6 +115,18 @@ impl Program {
     /// Flash usage in bytes, without the gaps.
     pub(crate) fn flash(&self) -> u64 {
         self.segments.iter().map(|segment| segment.bytes.len() as u64).sum()
+    }
+
+    /// The flash behind the program that is left for it, in bytes.
+    ///
+    /// # Errors
+    ///
+    /// If the program's memory file does not tell the end of its flash, or the program exceeds it.
+    pub(crate) fn flash_left(&self) -> Result<u64> {
+        let end = self.segments.last().map_or(VECTORS, Segment::end);
+        let flash_end = self.flash_end.context("the program has no symbol _flash_end")?;
+        let left = flash_end.checked_sub(end).context("the program exceeds its flash")?;
+        Ok(left.into())
     }
 
     /// The flash from the start of the first segment to the end of the last one, with erased gaps.
@@ -179,6 +204,7 @@ mod tests {
     fn bin_has_its_gaps_erased() {
         let program = Program {
             segments: vec![segment(0x800_0000, &[1, 2]), segment(0x800_0005, &[3])],
+            flash_end: None,
             ram: 0,
         };
         assert_eq!(program.bin(), [1, 2, 0xFF, 0xFF, 0xFF, 3]);
@@ -186,9 +212,27 @@ mod tests {
     }
 
     #[test]
+    fn flash_left_begins_behind_the_last_segment() {
+        let left = |flash_end| {
+            let segments = vec![segment(0x800_0000, &[1, 2]), segment(0x800_C000, &[3])];
+            Program {
+                segments,
+                flash_end,
+                ram: 0,
+            }
+            .flash_left()
+        };
+        assert_eq!(left(Some(0x800_C005)).unwrap(), 4);
+        assert_eq!(left(Some(0x800_C001)).unwrap(), 0);
+        assert!(left(Some(0x800_C000)).is_err());
+        assert!(left(None).is_err());
+    }
+
+    #[test]
     fn program_for_another_board_is_refused() {
         let program = |address, words: [u32; 3]| Program {
             segments: vec![segment(address, &words.map(u32::to_le_bytes).concat())],
+            flash_end: None,
             ram: 0,
         };
         let good = [0x2000_5800, VECTORS + 9, 0];

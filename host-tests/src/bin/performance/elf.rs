@@ -4,6 +4,9 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use object::Endianness;
+use object::elf::{FileHeader32, PT_LOAD};
+use object::read::elf::{FileHeader, ProgramHeader};
 use object::{Object, ObjectSegment, ObjectSymbol};
 
 use crate::Result;
@@ -20,6 +23,8 @@ pub(crate) struct Elf {
     /// initial values of variables.
     pub(crate) flash: Vec<u8>,
     pub(crate) flash_bytes: usize,
+    /// The end of the program in flash, behind the initial values of variables.
+    flash_end: u32,
     /// The bytes of RAM for variables. The stack has the rest.
     pub(crate) ram_bytes: u32,
     /// The addresses of functions by their mangled names.
@@ -41,6 +46,13 @@ impl Elf {
                 flash.extend(data);
             }
         }
+        let header = FileHeader32::<Endianness>::parse(&*bytes)?;
+        let endian = header.endian()?;
+        let loaded = header.program_headers(endian, &*bytes)?.iter();
+        let ends = loaded
+            .filter(|segment| segment.p_type(endian) == PT_LOAD && segment.p_filesz(endian) > 0)
+            .map(|segment| segment.p_paddr(endian) + segment.p_filesz(endian));
+        let flash_end = ends.max().unwrap_or(FLASH);
         let symbols = file.symbols().filter_map(|symbol| {
             let name = symbol.name().ok()?.to_owned();
             symbol.is_definition().then_some((name, symbol.address() as u32 & !1))
@@ -49,9 +61,15 @@ impl Elf {
         Ok(Self {
             flash,
             flash_bytes,
+            flash_end,
             ram_bytes,
             symbols,
         })
+    }
+
+    /// The bytes of flash behind an image that are left for it. Its memory file defines the symbol.
+    pub(crate) fn flash_left(&self) -> Option<u32> {
+        self.symbols.get("_flash_end")?.checked_sub(self.flash_end)
     }
 
     /// The ends of the stack. The first word of the vector table is its top.

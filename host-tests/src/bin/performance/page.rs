@@ -72,6 +72,10 @@ pub(crate) fn tables(boards: &[Measured], protocols: &[Protocol]) -> Tables {
 
     let images = vec![
         row("flash", &|measured| format!("{} B", measured.board.image.flash_bytes)),
+        row("flash left", &|measured| {
+            let left = measured.board.image.flash_left();
+            left.map_or("-".to_owned(), |left| format!("{left} B"))
+        }),
         row("RAM for variables", &|measured| {
             format!("{} B", measured.board.image.ram_bytes)
         }),
