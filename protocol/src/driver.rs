@@ -143,8 +143,11 @@ impl Counters {
 /// this can happen.
 ///
 /// **Dropping a call** before it is complete is allowed if the port's writes may be dropped too. An unstarted request
-/// is then never sent. A partly written one is completed by the next call, before its own: the arm is never left with
-/// half a frame. A later answer to it satisfies no request (see [`Client`]).
+/// is then never sent. A partly written one is completed and flushed by the next call, before its own: the arm is never
+/// left with half a frame. A later answer to it satisfies no request (see [`Client`]). A call that is dropped while a
+/// repeat is partly written is an exception: a late answer to it can be taken for the answer to a newer request.
+///
+/// **Timeouts** begin when the port has accepted the last byte. A flush does not extend them.
 ///
 /// Each protocol has an `Arm` with a method for each request, built on these calls.
 ///
@@ -172,6 +175,8 @@ pub struct Driver<M: Messages, Port, C, const N: usize> {
     clock: C,
     client: Client<M, N>,
     counters: Counters,
+    /// A frame was written, and no flush has completed since.
+    needs_flush: bool,
 }
 
 impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, C, N> {
@@ -188,6 +193,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
                 unsolicited: 0,
                 echoes: 0,
             },
+            needs_flush: false,
         }
     }
 
@@ -219,8 +225,9 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         loop {
             let until = match self.client.poll(self.clock.now()) {
                 Output::Transmit(bytes) if drained || reads >= max_reads => {
-                    let n = write(&mut self.port, bytes).await?;
-                    self.transmitted(n)?;
+                    let len = bytes.len();
+                    let n = self.port.write(bytes).await.map_err(CallError::Io)?;
+                    self.accepted(n, len).await?;
                     continue;
                 }
                 // Buffered bytes are read first: see `READS_BEFORE_SEND`.
@@ -285,25 +292,46 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         (self.port, self.clock)
     }
 
-    /// Transmits the rest of a request whose call was dropped.
+    /// Transmits and flushes the rest of a request whose call was dropped.
     async fn finish(&mut self) -> Result<(), CallError<Port::Error>> {
         while !self.client.is_idle() {
             match self.client.poll(self.clock.now()) {
                 Output::Transmit(bytes) => {
-                    let n = write(&mut self.port, bytes).await?;
-                    self.transmitted(n)?;
+                    let len = bytes.len();
+                    let n = self.port.write(bytes).await.map_err(CallError::Io)?;
+                    self.accepted(n, len).await?;
                 }
                 Output::Event(Event::Broken { offset, reason }) => return Err(CallError::Broken { offset, reason }),
                 Output::Event(other) => self.counters.count(&other),
                 Output::Timeout(_) => break,
             }
         }
-        Ok(())
+        self.flush().await
     }
 
-    fn transmitted(&mut self, n: usize) -> Result<(), CallError<Port::Error>> {
+    /// The port accepted `n` of `len` bytes. Flushes after the last of a frame.
+    ///
+    /// The bytes count before the flush, because the call may be dropped in it.
+    async fn accepted(&mut self, n: usize, len: usize) -> Result<(), CallError<Port::Error>> {
+        if n == 0 {
+            return Err(CallError::Closed);
+        }
         let now = self.clock.now();
-        self.client.transmitted(now, n).map_err(CallError::Port)
+        self.client.transmitted(now, n).map_err(CallError::Port)?;
+        if n < len {
+            return Ok(());
+        }
+        self.needs_flush = true;
+        self.flush().await
+    }
+
+    /// Flushes the port, if a frame was written since the last complete flush.
+    async fn flush(&mut self) -> Result<(), CallError<Port::Error>> {
+        if self.needs_flush {
+            self.port.flush().await.map_err(CallError::Io)?;
+            self.needs_flush = false;
+        }
+        Ok(())
     }
 
     /// Reads once. Returns true if bytes arrived before this time.
@@ -319,18 +347,6 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
             }
         }
     }
-}
-
-/// Writes bytes, and flushes after the last. Returns the number of bytes that the port accepted.
-async fn write<Port: Write>(port: &mut Port, bytes: &[u8]) -> Result<usize, CallError<Port::Error>> {
-    let n = port.write(bytes).await.map_err(CallError::Io)?;
-    if n == 0 {
-        return Err(CallError::Closed);
-    }
-    if n == bytes.len() {
-        port.flush().await.map_err(CallError::Io)?;
-    }
-    Ok(n)
 }
 
 impl<M: Messages, Port, C, const N: usize> fmt::Debug for Driver<M, Port, C, N> {

@@ -13,6 +13,8 @@ use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire::{Cause, Config, Device, DeviceEvent, MessageId, ParseError};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+use proptest::collection::vec;
+use proptest::prelude::*;
 
 /// An instant, in microseconds.
 fn at(micros: u64) -> Instant {
@@ -38,13 +40,21 @@ struct World {
     instead: Option<Vec<u8>>,
     /// The turnaround of the arm.
     turnaround: Duration,
-    joint: u16,
     /// A byte that the port returns while the arm is silent, every 10 µs, and the end of this flood.
     flood: Option<(u8, Instant)>,
     /// The number of reads that returned bytes before each write.
     reads_before_write: Vec<usize>,
     reads: usize,
     flooded: u32,
+    /// The time from a write to the end of its flush, for each byte.
+    byte_time: Duration,
+    flushed_at: Instant,
+    /// The next writes: their delay, and the number of bytes that the port accepts.
+    writes: VecDeque<(Duration, usize)>,
+    /// The number of writes, and the number of those that a complete flush followed.
+    written: (usize, usize),
+    /// The number of bytes that the arm received.
+    received: usize,
 }
 
 const INFO: Info = Info {
@@ -70,11 +80,15 @@ fn world() -> Shared {
         after: Vec::new(),
         instead: None,
         turnaround: Duration::from_micros(100),
-        joint: 2000,
         flood: None,
         reads_before_write: Vec::new(),
         reads: 0,
         flooded: 0,
+        byte_time: Duration::ZERO,
+        flushed_at: Instant::ZERO,
+        writes: VecDeque::new(),
+        written: (0, 0),
+        received: 0,
     })
 }
 
@@ -84,6 +98,7 @@ impl World {
     }
 
     fn receive(&mut self, bytes: &[u8]) {
+        self.received += bytes.len();
         assert!(self.arm.receive(bytes).is_empty());
         while let Some(event) = self.arm.poll() {
             let DeviceEvent::Request { request, .. } = event else {
@@ -92,9 +107,10 @@ impl World {
             self.requests.push(request);
             let response = match request {
                 Request::ReadJoints => {
-                    self.joint += 1;
+                    // The first answer is 2001: each one names its request.
+                    let number = 2000 + self.requests.len() as u16;
                     Response::Joints(JointState {
-                        joints: [self.joint; 6],
+                        joints: [number; 6],
                         gripper: 0,
                         status: MotionStatus::Idle,
                     })
@@ -161,13 +177,20 @@ impl Read for Port<'_> {
 
 impl Write for Port<'_> {
     async fn write(&mut self, buf: &[u8]) -> Result<usize, Infallible> {
+        let planned = self.0.borrow_mut().writes.pop_front();
+        let (delay, most) = planned.unwrap_or((Duration::ZERO, usize::MAX));
+        let begun = self.0.borrow().now;
+        VirtualClock(self.0).wait_until(begun + delay).await;
         poll_fn(|_| {
             let mut world = self.0.borrow_mut();
-            let n = buf.len().min(world.room);
+            let n = buf.len().min(world.room).min(most);
             if n == 0 {
                 return Poll::Pending;
             }
             world.room -= n;
+            world.written.0 += 1;
+            let wire = Duration::from_micros(world.byte_time.as_micros() * n as u64);
+            world.flushed_at = world.flushed_at.max(world.now) + wire;
             let reads = std::mem::take(&mut world.reads);
             world.reads_before_write.push(reads);
             world.receive(&buf[..n]);
@@ -177,6 +200,10 @@ impl Write for Port<'_> {
     }
 
     async fn flush(&mut self) -> Result<(), Infallible> {
+        let flushed_at = self.0.borrow().flushed_at;
+        VirtualClock(self.0).wait_until(flushed_at).await;
+        let mut world = self.0.borrow_mut();
+        world.written.1 = world.written.0;
         Ok(())
     }
 }
@@ -347,6 +374,128 @@ fn answer_to_dropped_call_satisfies_no_other() {
     let mut expected = Counters::default();
     expected.late = 1;
     assert_eq!(arm.counters(), expected);
+}
+
+/// A port that accepts these numbers of bytes, and a flush that takes 10 µs a byte.
+fn slow_flush(accepted: &[usize]) -> Shared {
+    let world = world();
+    world.borrow_mut().byte_time = Duration::from_micros(10);
+    world.borrow_mut().turnaround = Duration::from_micros(500);
+    world.borrow_mut().writes = accepted.iter().map(|&n| (Duration::ZERO, n)).collect();
+    world
+}
+
+#[test]
+fn call_dropped_in_flush_leaves_no_stale_answer() {
+    let world = slow_flush(&[]);
+    let mut arm = arm(&world);
+    assert!(run_for(&world, Duration::from_micros(50), arm.read_joints()).is_none());
+    for expected in 2002..2006 {
+        assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [expected; 6]);
+    }
+    assert_eq!(world.borrow().requests, [Request::ReadJoints; 5]);
+}
+
+#[test]
+fn call_dropped_in_flush_sends_no_byte_twice() {
+    let world = slow_flush(&[3, 4]);
+    let mut arm = arm(&world);
+    assert!(run_for(&world, Duration::from_micros(50), arm.read_joints()).is_none());
+    assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2002; 6]);
+    assert_eq!(world.borrow().requests, [Request::ReadJoints; 2]);
+}
+
+#[test]
+fn next_call_completes_the_flush_first() {
+    let world = slow_flush(&[]);
+    let mut arm = arm(&world);
+    assert!(run_for(&world, Duration::from_micros(50), arm.set_torque(Torque::Off)).is_none());
+    assert_eq!(world.borrow().written, (1, 0));
+    // The port accepts nothing more: the call gets no further than the flush.
+    world.borrow_mut().room = 0;
+    assert!(run_for(&world, Duration::from_micros(50), arm.read_stroke()).is_none());
+    assert_eq!(world.borrow().written, (1, 1));
+    world.borrow_mut().room = usize::MAX;
+    assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
+    assert_eq!(
+        world.borrow().requests,
+        [Request::SetTorque(Torque::Off), Request::ReadStroke]
+    );
+}
+
+/// A call of a random run.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    /// The call is a read of the joints, and otherwise a request without an answer.
+    reads: bool,
+    /// The call is dropped after this number of microseconds.
+    limit: Option<u64>,
+    /// The time until the next call, in microseconds.
+    pause: u64,
+    /// The turnaround of the arm, in microseconds.
+    turnaround: u64,
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    let limit = prop_oneof![2 => Just(None), 3 => (0..150_u64).prop_map(Some), 1 => (0..3_000_u64).prop_map(Some)];
+    let pause = prop_oneof![Just(0), 0..500_u64, 0..200_000_u64];
+    (any::<bool>(), limit, pause, 50..2_000_u64).prop_map(|(reads, limit, pause, turnaround)| Step {
+        reads,
+        limit,
+        pause,
+        turnaround,
+    })
+}
+
+/// The length of every request of a random run.
+const REQUEST: usize = READ_JOINTS.len();
+
+proptest! {
+    /// The line has no faults: every answer arrives in time. The port waits in reads, writes and flushes, and calls are
+    /// dropped at all of these points.
+    #[test]
+    fn dropped_calls_leave_no_stale_answer_or_byte(
+        steps in vec(step(), 1..40),
+        writes in vec((0..100_u64, 1..=REQUEST), 0..80),
+        chunk in 1..30_usize,
+        byte_time in 0..20_u64,
+    ) {
+        let world = world();
+        world.borrow_mut().chunk = chunk;
+        world.borrow_mut().byte_time = Duration::from_micros(byte_time);
+        world.borrow_mut().writes = writes.iter().map(|&(delay, n)| (Duration::from_micros(delay), n)).collect();
+        let mut arm = arm(&world);
+        let mut settings = Vec::new();
+        for (step, celsius) in steps.into_iter().zip(0..) {
+            world.borrow_mut().turnaround = Duration::from_micros(step.turnaround);
+            let limit = step.limit.map_or(Duration::from_millis(60_000), Duration::from_micros);
+            // A frame that an earlier call has begun belongs to it.
+            let earlier = world.borrow().received.div_ceil(REQUEST);
+            let ended = if step.reads {
+                let call = run_for(&world, limit, arm.read_joints());
+                if let Some(result) = &call {
+                    let [number, ..] = result.as_ref().unwrap().joints;
+                    prop_assert!(usize::from(number) > 2000 + earlier, "answer {number} after {earlier} requests");
+                }
+                call.is_some()
+            } else {
+                let setting = TemperatureLimit::new(celsius).unwrap();
+                settings.push(Request::SetTemperatureLimit(setting));
+                run_for(&world, limit, arm.set_temperature_limit(setting)).is_some()
+            };
+            prop_assert!(ended || step.limit.is_some());
+            rest(&world, Duration::from_micros(step.pause));
+        }
+        // A last call completes what the one before it has begun.
+        prop_assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
+        let world = world.borrow();
+        prop_assert_eq!(world.received, world.requests.len() * REQUEST, "every byte belongs to a whole request");
+        let sent = world.requests.iter().filter(|request| matches!(request, Request::SetTemperatureLimit(_)));
+        let mut planned = settings.iter();
+        for setting in sent {
+            prop_assert!(planned.any(|planned| planned == setting), "sent twice or never asked for: {setting:?}");
+        }
+    }
 }
 
 #[test]
