@@ -165,7 +165,8 @@ enum ArmwireEventKind
    */
   ARMWIRE_EVENT_KIND_TRANSMIT,
   /**
-   * Client: the answer to the request in flight. The request is complete. (the response)
+   * Client: the answer to the request in flight. The request is complete. (the response; `bytes` and `len` are the data
+   * after its documented fields, which a newer Ling arm may send)
    */
   ARMWIRE_EVENT_KIND_ANSWER,
   /**
@@ -180,6 +181,10 @@ enum ArmwireEventKind
    * Client: the answer to the request in flight has an invalid value or length. The request is complete. (`fault`)
    */
   ARMWIRE_EVENT_KIND_UNACCEPTABLE,
+  /**
+   * Client: the arm answered the request in flight with an error frame. The request is complete. (`bytes`, `len`)
+   */
+  ARMWIRE_EVENT_KIND_ERROR_FRAME,
   /**
    * Client: an answer to a request that timed out, was cancelled, or was answered before. (the response)
    */

@@ -182,6 +182,7 @@ where
         response,
         event.set_client(state.client.poll(Instant::from_micros(now_us))),
     );
+    event.set_extra(state.client.messages().extra(state.client.frame()));
     Ok(())
 }
 

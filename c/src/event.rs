@@ -13,7 +13,8 @@ pub enum ArmwireEventKind {
     Wait = 0,
     /// Client: transmit these bytes. Report the number that the line accepted with `transmitted`. (`bytes`, `len`)
     Transmit,
-    /// Client: the answer to the request in flight. The request is complete. (the response)
+    /// Client: the answer to the request in flight. The request is complete. (the response; `bytes` and `len` are the data
+    /// after its documented fields, which a newer Ling arm may send)
     Answer,
     /// Client: the request in flight was transmitted. It has no answer and is complete.
     Sent,
@@ -21,6 +22,8 @@ pub enum ArmwireEventKind {
     TimedOut,
     /// Client: the answer to the request in flight has an invalid value or length. The request is complete. (`fault`)
     Unacceptable,
+    /// Client: the arm answered the request in flight with an error frame. The request is complete. (`bytes`, `len`)
+    ErrorFrame,
     /// Client: an answer to a request that timed out, was cancelled, or was answered before. (the response)
     Late,
     /// Client: a response without a request. (the response)
@@ -118,6 +121,10 @@ impl ArmwireEvent {
                     self.fault.set_message(error);
                     (ArmwireEventKind::Unacceptable, None)
                 }
+                Event::ErrorFrame { frame } => {
+                    self.set_bytes(frame);
+                    (ArmwireEventKind::ErrorFrame, None)
+                }
                 Event::Unknown { frame, error } => (self.set_unknown(frame, error), None),
                 Event::Noise { offset, bytes, reason } => (self.set_noise(offset, bytes, reason), None),
                 Event::Broken { offset, reason } => (self.set_broken(offset, reason), None),
@@ -125,6 +132,13 @@ impl ArmwireEvent {
         };
         self.kind = kind as u32;
         response
+    }
+
+    /// Sets the data of an answer after its documented fields.
+    pub(crate) const fn set_extra(&mut self, extra: &[u8]) {
+        if self.kind == ArmwireEventKind::Answer as u32 && !extra.is_empty() {
+            self.set_bytes(extra);
+        }
     }
 
     /// Sets all members from the event of a device, and returns its request and the key of the response.

@@ -242,7 +242,7 @@ impl ArmwireFault {
         };
         (self.message, self.message_id, self.message_function) = (message as u8, id, function);
         let code = match error.cause {
-            Cause::Unknown => ArmwireFaultCode::Unknown,
+            Cause::Unknown | Cause::ErrorFrame => ArmwireFaultCode::Unknown,
             Cause::Unexpected => ArmwireFaultCode::Unexpected,
             Cause::Bluetooth => ArmwireFaultCode::Bluetooth,
             Cause::BootLoader => ArmwireFaultCode::BootLoader,

@@ -561,6 +561,45 @@ static void a_header_of_another_version_is_refused(void)
     CHECK(armwire_xarm_device_init(&device, ARMWIRE_VERSION - 1) == ARMWIRE_STATUS_VERSION);
 }
 
+/* The event that ends a read of the gripper's stroke, by this answer. */
+static ArmwireEvent ling_answered_by(const uint8_t *answer, size_t len, ArmwireLingResponse *response)
+{
+    ArmwireEvent event;
+    size_t taken;
+    CHECK_OK(armwire_ling_client_read_stroke(&ling_client));
+    CHECK_OK(armwire_ling_client_poll(&ling_client, clock_us, &event, response));
+    CHECK(event.kind == ARMWIRE_EVENT_KIND_TRANSMIT);
+    CHECK_OK(armwire_ling_client_transmitted(&ling_client, clock_us, event.len));
+    CHECK_OK(armwire_ling_client_receive(&ling_client, clock_us, answer, len, &taken));
+    CHECK(taken == len);
+    CHECK_OK(armwire_ling_client_poll(&ling_client, clock_us, &event, response));
+    return event;
+}
+
+static void bytes_after_documented_fields_are_in_the_event(void)
+{
+    static const uint8_t longer[] = {0xAA, 0x04, 0x0E, 0x03, 0x02, 0x07, 0x08, 0xA1, 0xFF};
+    static const uint8_t documented[] = {0xAA, 0x04, 0x0E, 0x01, 0x01, 0x96, 0xFF};
+    ArmwireLingResponse response;
+    ArmwireEvent event = ling_answered_by(longer, sizeof longer, &response);
+    CHECK(event.kind == ARMWIRE_EVENT_KIND_ANSWER && response.stroke_mm == 100);
+    CHECK(event.len == 2 && event.bytes[0] == 7 && event.bytes[1] == 8);
+    event = ling_answered_by(documented, sizeof documented, &response);
+    CHECK(event.kind == ARMWIRE_EVENT_KIND_ANSWER && response.stroke_mm == 75);
+    CHECK(event.len == 0 && event.bytes == NULL);
+}
+
+static void error_frame_ends_the_request_with_its_bytes(void)
+{
+    static const uint8_t error[] = {0xAA, 0xEE, 0x00, 0x02, 0x01, 0x03, 0x36, 0xFF};
+    ArmwireLingResponse response;
+    ArmwireEvent event = ling_answered_by(error, sizeof error, &response);
+    CHECK(event.kind == ARMWIRE_EVENT_KIND_ERROR_FRAME && response.kind == ARMWIRE_LING_RESPONSE_KIND_NONE);
+    CHECK(event.len == sizeof error && memcmp(event.bytes, error, sizeof error) == 0);
+    CHECK_OK(armwire_ling_client_poll(&ling_client, clock_us, &event, &response));
+    CHECK(event.kind == ARMWIRE_EVENT_KIND_WAIT && event.until_us == UINT64_MAX);
+}
+
 int main(int argc, char **argv)
 {
     CHECK(argc == 2);
@@ -572,6 +611,8 @@ int main(int argc, char **argv)
     CHECK_OK(armwire_ling_client_init(&ling_client, ARMWIRE_VERSION, NULL));
     CHECK_OK(armwire_alpha1_client_init(&alpha1_client, ARMWIRE_VERSION, NULL));
     CHECK_OK(armwire_xarm_client_init(&xarm_client, ARMWIRE_VERSION, NULL));
+    bytes_after_documented_fields_are_in_the_event();
+    error_frame_ends_the_request_with_its_bytes();
     for (unsigned long round = 0; round < rounds; round++) {
         ling_round();
         alpha1_round();

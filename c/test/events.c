@@ -13,6 +13,7 @@ bool ends_request(const ArmwireEvent *event, Others *others)
     case ARMWIRE_EVENT_KIND_SENT:
     case ARMWIRE_EVENT_KIND_TIMED_OUT:
     case ARMWIRE_EVENT_KIND_UNACCEPTABLE:
+    case ARMWIRE_EVENT_KIND_ERROR_FRAME:
     case ARMWIRE_EVENT_KIND_BROKEN:
         return true;
     case ARMWIRE_EVENT_KIND_NOISE:

@@ -4,6 +4,7 @@ use std::error;
 use std::fmt::Display;
 use std::io;
 
+use armwire::ErrorFrame;
 use armwire::framing::Reason;
 use armwire::ling::legacy::OlderGeneration;
 use armwire_bridge::control::VERSION;
@@ -30,6 +31,9 @@ pub enum Error {
     /// The received bytes are no message of this arm, or an unacceptable one.
     #[error("{name}: {reason}")]
     Unacceptable { name: String, reason: String },
+    /// The arm answered with an error frame.
+    #[error("{name}: the arm answered with an error frame, which no document explains: {frame}")]
+    ErrorFrame { name: String, frame: ErrorFrame },
     /// The program that waits wants no answer any more, for this reason of its own.
     #[error("{0}")]
     Interrupted(Box<dyn error::Error + Send + Sync>),

@@ -6,7 +6,7 @@ use std::ops::Add;
 use std::time::{Duration, Instant};
 
 use armwire::framing::Reason;
-use armwire::{Client, Config, Event, Output, time, xarm};
+use armwire::{Client, Config, ErrorFrame, Event, Output, time, xarm};
 
 use crate::describe::Arm;
 use crate::error::Error;
@@ -196,6 +196,12 @@ impl<P: Arm> Link<P> {
                             let reason = format_args!("the arm's answer cannot be accepted: {error}");
                             return Err(Error::unacceptable(self.line.name(), reason));
                         }
+                        Event::ErrorFrame { frame } => {
+                            return Err(Error::ErrorFrame {
+                                name: self.line.name().to_owned(),
+                                frame: ErrorFrame::new(frame),
+                            });
+                        }
                         Event::TimedOut { sends } => {
                             received.sends = sends;
                             received.millis = now.since(begun).as_micros() / 1_000;
@@ -298,6 +304,12 @@ impl<P: Arm> Link<P> {
         self.client
             .transmitted(self.clock.now(), n)
             .expect("the line wrote no more than there was");
+    }
+
+    /// The frame that ended the last call: an answer, which may have more bytes than its response contains. Empty if the
+    /// call ended without one.
+    pub fn frame(&self) -> &[u8] {
+        self.client.frame()
     }
 
     /// Errors on the line so far.
@@ -454,6 +466,30 @@ mod tests {
             error.to_string(),
             "fake: the arm's answer cannot be accepted: command 04 function 0E: gripper stroke type is 3, must be 0..=2 \
              (data byte 0)"
+        );
+        assert_eq!(arm.lock().unwrap().requests, 1);
+    }
+
+    /// An arm's error frame.
+    fn error_frame(_: u16) -> Vec<u8> {
+        let mut out = [0; MAX_FRAME];
+        let frame = Frame {
+            command: 0xEE,
+            function: 0x00,
+            data: &[0x01, 0x03],
+        };
+        let n = frame.encode(&mut out).unwrap();
+        out[..n].to_vec()
+    }
+
+    #[test]
+    fn error_frame_ends_the_call_with_its_bytes() {
+        let arm = Answering::new(error_frame);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let error = link.call(&Request::ReadJoints, drop).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "fake: the arm answered with an error frame, which no document explains: AA EE 00 02 01 03 36 FF"
         );
         assert_eq!(arm.lock().unwrap().requests, 1);
     }

@@ -67,6 +67,7 @@ static ArmwireLingResponse call(ArmwireStatus status)
         case ARMWIRE_EVENT_KIND_ANSWER:
         case ARMWIRE_EVENT_KIND_SENT: return response;
         case ARMWIRE_EVENT_KIND_TIMED_OUT: fprintf(stderr, "no answer\n"); exit(1);
+        case ARMWIRE_EVENT_KIND_ERROR_FRAME: fprintf(stderr, "the arm sent an error frame\n"); exit(1);
         case ARMWIRE_EVENT_KIND_NOISE:
         case ARMWIRE_EVENT_KIND_UNKNOWN:
         case ARMWIRE_EVENT_KIND_UNACCEPTABLE:

@@ -11,7 +11,7 @@ use crate::exchange::{Exchange, FirstByte, Handover, Match};
 use crate::framing::Reason;
 use crate::messages::Messages;
 use crate::time::{Duration, Instant};
-use crate::{BufferTooShort, OutOfRange, ParseError};
+use crate::{BufferTooShort, Cause, OutOfRange, ParseError};
 
 /// Sends that may be unresolved: the one in flight, and stale ones.
 const SENDS: usize = 4;
@@ -107,6 +107,13 @@ pub enum Event<'a, R> {
     /// The answer to the request in flight has an invalid value or length. The request is complete and is not repeated,
     /// because the arm would send the same answer.
     Unacceptable(ParseError),
+    /// The arm answered the request in flight with an error frame. The request is complete and is not repeated.
+    ///
+    /// An error frame does not name its request: it counts as the answer to the oldest request without one.
+    ErrorFrame {
+        /// The frame.
+        frame: &'a [u8],
+    },
     /// The request in flight was transmitted. It has no answer and is complete.
     Sent,
     /// The request in flight got no answer in time.
@@ -356,6 +363,8 @@ pub struct Client<M: Messages, const N: usize> {
     last_rx: Instant,
     /// The number of the last request.
     number: u16,
+    /// The length of the last event's frame, while the decoder has its bytes; 0 for none.
+    frame_len: usize,
 }
 
 impl<M: Messages, const N: usize> Client<M, N> {
@@ -375,6 +384,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
             },
             last_rx: Instant::ZERO,
             number: 0,
+            frame_len: 0,
         }
     }
 
@@ -456,6 +466,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
     /// Free space for a read or DMA. Report the number of bytes with [`received`](Self::received). Never empty once
     /// [`poll`](Self::poll) has returned anything but an event.
     pub fn space(&mut self) -> &mut [u8] {
+        self.frame_len = 0;
         self.decoder.space()
     }
 
@@ -478,12 +489,21 @@ impl<M: Messages, const N: usize> Client<M, N> {
         if !bytes.is_empty() {
             self.last_rx = now;
         }
+        self.frame_len = 0;
         self.decoder.push(bytes)
     }
 
     /// The UART reported an idle line. Never call this for a gap between USB packets or TCP segments.
     pub const fn idle(&mut self) {
         self.decoder.idle();
+    }
+
+    /// The frame of the last event, if it has one. Empty after any other output of [`poll`](Self::poll), and from the next
+    /// [`space`](Self::space) or [`receive`](Self::receive) on.
+    ///
+    /// It has all bytes of an answer, including those that the response does not contain.
+    pub fn frame(&self) -> &[u8] {
+        self.decoder.taken(self.frame_len)
     }
 
     /// The line accepted the first `n` bytes of [`Output::Transmit`].
@@ -508,6 +528,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
     /// Returns the next action. Call it again after an event, after bytes were received or transmitted, and at the
     /// returned time.
     pub fn poll(&mut self, now: Instant) -> Output<'_, M::Response<'_>> {
+        self.frame_len = 0;
         let out = &mut self.outgoing;
         if out.call.as_ref().is_some_and(|call| call.state == State::Sent) {
             out.call = None;
@@ -568,6 +589,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
             }
             Kind::Frame | Kind::Padding => {}
         }
+        self.frame_len = bytes.len();
         let first = FirstByte { offset, at: None };
         let matched = self.outgoing.exchange.on_frame(&self.messages, bytes, first, now);
         if let Match::Answer { .. } = matched {
@@ -575,6 +597,13 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
         match (matched, self.messages.parse_response(bytes, expect)) {
             (Match::Answer { .. }, Ok(response)) => Event::Answer(response),
+            (
+                Match::Answer { .. },
+                Err(ParseError {
+                    cause: Cause::ErrorFrame,
+                    ..
+                }),
+            ) => Event::ErrorFrame { frame: bytes },
             (Match::Answer { .. }, Err(error)) => Event::Unacceptable(error),
             (Match::Late(()), Ok(response)) => Event::Late(response),
             (Match::Unsolicited, Ok(response)) => Event::Unsolicited(response),

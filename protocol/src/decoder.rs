@@ -277,6 +277,12 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
+    /// The last `len` bytes that [`advance`](Self::advance) removed from the window.
+    pub(crate) fn taken(&self, len: usize) -> &[u8] {
+        let start = self.head.saturating_sub(len);
+        self.buf.get(start..self.head).unwrap_or_default()
+    }
+
     /// [`advance`](Self::advance) and [`item`](Self::item) in one.
     pub fn next<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Item<'_>> {
         let span = self.advance(framing, expect)?;

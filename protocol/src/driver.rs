@@ -11,7 +11,7 @@ use thiserror::Error;
 use crate::framing::Reason;
 use crate::messages::Messages;
 use crate::time::Instant;
-use crate::{Client, Config, Event, OutOfRange, Output, ParseError, SubmitError};
+use crate::{Client, Config, ErrorFrame, Event, OutOfRange, Output, ParseError, SubmitError};
 
 /// A monotonic clock with a timer: the only part of a runtime that the driver needs.
 ///
@@ -85,6 +85,9 @@ pub enum CallError<E> {
     /// The arm's answer has an invalid value or length.
     #[error("the arm's answer cannot be accepted: {0}")]
     Unacceptable(#[source] ParseError),
+    /// The arm answered with an error frame.
+    #[error("the arm sent an error frame: {0}")]
+    ErrorFrame(ErrorFrame),
     /// The arm did not answer.
     #[error(fmt = timed_out)]
     TimedOut {
@@ -126,9 +129,12 @@ impl Counters {
             Event::Late(_) => (&mut self.late, 1),
             Event::Unsolicited(_) => (&mut self.unsolicited, 1),
             Event::Echo => (&mut self.echoes, 1),
-            Event::Answer(_) | Event::Unacceptable(_) | Event::Sent | Event::TimedOut { .. } | Event::Broken { .. } => {
-                return;
-            }
+            Event::Answer(_)
+            | Event::Unacceptable(_)
+            | Event::ErrorFrame { .. }
+            | Event::Sent
+            | Event::TimedOut { .. }
+            | Event::Broken { .. } => return,
         };
         *count = count.wrapping_add(n);
     }
@@ -206,8 +212,8 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
     ///
     /// # Errors
     ///
-    /// [`CallError`] if the port fails, the connection is broken, or the arm does not answer or sends an unacceptable
-    /// answer.
+    /// [`CallError`] if the port fails, the connection is broken, or the arm does not answer, or with an error frame or an
+    /// unacceptable answer.
     pub async fn call<T>(
         &mut self,
         request: &M::Request<'_>,
@@ -236,6 +242,9 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
                 Output::Event(Event::Answer(response)) => return Ok(Some(take(response))),
                 Output::Event(Event::Sent) => return Ok(None),
                 Output::Event(Event::Unacceptable(error)) => return Err(CallError::Unacceptable(error)),
+                Output::Event(Event::ErrorFrame { frame }) => {
+                    return Err(CallError::ErrorFrame(ErrorFrame::new(frame)));
+                }
                 Output::Event(Event::TimedOut { sends }) => return Err(CallError::TimedOut { sends }),
                 Output::Event(Event::Broken { offset, reason }) => return Err(CallError::Broken { offset, reason }),
                 Output::Event(other) => {
@@ -280,6 +289,12 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
     /// The counts of received frames and bytes other than answers, since the driver was created.
     pub const fn counters(&self) -> Counters {
         self.counters
+    }
+
+    /// The frame that ended the last call: an answer, which may have more bytes than its response contains, or an error
+    /// frame. Empty if the call ended without one.
+    pub fn frame(&self) -> &[u8] {
+        self.client.frame()
     }
 
     /// The protocol, for changes that apply to later requests.

@@ -181,6 +181,9 @@ pub enum Cause {
     /// A frame of the robot's Bluetooth protocol.
     #[error("a frame of the robot's Bluetooth protocol")]
     Bluetooth,
+    /// The arm's error frame, which names no request and no documented reason.
+    #[error("the arm's error frame")]
+    ErrorFrame,
     /// A command that starts the boot loader of a servo, which this crate does not offer.
     #[error("it would start a servo's boot loader, which is not offered")]
     BootLoader,
@@ -210,6 +213,62 @@ pub enum Cause {
         /// The value and its range.
         error: OutOfRange<i32>,
     },
+}
+
+/// An arm's error frame: its bytes as sent, at most the first 16.
+///
+/// ```
+/// use armwire::ErrorFrame;
+///
+/// let error = ErrorFrame::new(&[0xAA, 0xEE, 0x00, 0x00, 0xF7, 0xFF]);
+/// assert_eq!(error.to_string(), "AA EE 00 00 F7 FF");
+/// ```
+#[derive(Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ErrorFrame {
+    bytes: [u8; Self::MAX],
+    /// The length of the frame, which may exceed that of `bytes`.
+    len: usize,
+}
+
+impl ErrorFrame {
+    /// The maximum number of bytes that are kept.
+    pub const MAX: usize = 16;
+
+    /// The error frame with these bytes.
+    pub fn new(frame: &[u8]) -> Self {
+        let mut bytes = [0; Self::MAX];
+        for (to, byte) in bytes.iter_mut().zip(frame) {
+            *to = *byte;
+        }
+        Self {
+            bytes,
+            len: frame.len(),
+        }
+    }
+
+    /// The first bytes of the frame.
+    pub fn bytes(&self) -> &[u8] {
+        self.bytes.get(..self.len).unwrap_or(&self.bytes)
+    }
+}
+
+impl fmt::Display for ErrorFrame {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, byte) in self.bytes().iter().enumerate() {
+            write!(f, "{}{byte:02X}", if i == 0 { "" } else { " " })?;
+        }
+        match self.len.saturating_sub(Self::MAX) {
+            0 => Ok(()),
+            more => write!(f, " and {more} more"),
+        }
+    }
+}
+
+impl fmt::Debug for ErrorFrame {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "ErrorFrame({self})")
+    }
 }
 
 #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]

@@ -61,4 +61,4 @@ pub mod xarm;
 
 pub use client::{Client, Config, Event, Output, SubmitError};
 pub use device::{Device, DeviceEvent};
-pub use error::{BufferTooShort, Cause, EncodeError, MessageId, OutOfRange, ParseError};
+pub use error::{BufferTooShort, Cause, EncodeError, ErrorFrame, MessageId, OutOfRange, ParseError};

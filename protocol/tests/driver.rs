@@ -11,7 +11,7 @@ use armwire::driver::{CallError, Clock, Counters, READS_BEFORE_SEND};
 use armwire::ling::*;
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
-use armwire::{Cause, Config, Device, DeviceEvent, MessageId, ParseError};
+use armwire::{Cause, Config, Device, DeviceEvent, ErrorFrame, MessageId, ParseError};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -320,7 +320,7 @@ fn unacceptable_answer_is_an_error_with_reason() {
     let frame = Frame {
         command: 0x06,
         function: 0x01,
-        data: &[30; 7],
+        data: &[30; 5],
     };
     let n = frame.encode(&mut out).unwrap();
     world.borrow_mut().instead = Some(out[..n].to_vec());
@@ -328,7 +328,7 @@ fn unacceptable_answer_is_an_error_with_reason() {
     let error = run(&world, arm.read_temperatures()).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "the arm's answer cannot be accepted: command 06 function 01: 7 data bytes, expected 6 or 10"
+        "the arm's answer cannot be accepted: command 06 function 01: 5 data bytes, expected 6 or 10"
     );
     assert_eq!(world.borrow().requests, [Request::ReadTemperatures]);
     assert_eq!(world.borrow().now, at(100));
@@ -336,6 +336,42 @@ fn unacceptable_answer_is_an_error_with_reason() {
 
     world.borrow_mut().instead = None;
     assert_eq!(run(&world, arm.read_temperatures()), Ok(TEMPERATURES));
+}
+
+#[test]
+fn bytes_after_documented_fields_stay_in_the_frame() {
+    let world = world();
+    let mut out = [0; MAX_FRAME];
+    let frame = Frame {
+        command: 0x06,
+        function: 0x01,
+        data: &[30, 31, 32, 33, 34, 35, 0x77, 0x78],
+    };
+    let n = frame.encode(&mut out).unwrap();
+    world.borrow_mut().instead = Some(out[..n].to_vec());
+    let mut arm = arm(&world);
+    assert_eq!(run(&world, arm.read_temperatures()), Ok(TEMPERATURES));
+    assert_eq!(Ling.extra(arm.frame()), [0x77, 0x78]);
+}
+
+#[test]
+fn error_frame_is_an_error_with_its_bytes() {
+    let world = world();
+    let error = [0xAA, 0xEE, 0x00, 0x02, 0x01, 0x03];
+    let check = checksum(&error[1..]);
+    let frame = [&error[..], &[check, TAIL]].concat();
+    world.borrow_mut().instead = Some(frame.clone());
+    let mut arm = arm(&world);
+    let error = run(&world, arm.read_joints()).unwrap_err();
+    assert_eq!(error, CallError::ErrorFrame(ErrorFrame::new(&frame)));
+    assert_eq!(
+        error.to_string(),
+        format!("the arm sent an error frame: AA EE 00 02 01 03 {check:02X} FF")
+    );
+    assert_eq!(arm.frame(), frame);
+    assert_eq!(world.borrow().requests, [Request::ReadJoints]);
+    assert_eq!(world.borrow().now, at(100));
+    assert_eq!(arm.counters(), Counters::default());
 }
 
 #[test]

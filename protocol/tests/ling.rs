@@ -160,6 +160,68 @@ fn undocumented_length_is_named() {
     );
 }
 
+/// A frame with these bytes after its data.
+fn longer(frame: &[u8], extra: &[u8]) -> Vec<u8> {
+    let frame = Frame::parse(frame).unwrap();
+    let data = [frame.data, extra].concat();
+    let mut out = [0; MAX_FRAME];
+    let n = Frame { data: &data, ..frame }.encode(&mut out).unwrap();
+    out[..n].to_vec()
+}
+
+proptest! {
+    #[test]
+    fn longer_answer_has_documented_fields_and_extra(
+        response in response(),
+        extra in proptest::collection::vec(any::<u8>(), 0..40),
+    ) {
+        let documented = common::response_bytes::<Ling>(&response);
+        // More readings of servos may complete a follower's.
+        let servos = match response {
+            Response::Temperatures(PerServo::Leader(_)) => 4,
+            Response::Velocities(PerServo::Leader(_)) => 8,
+            _ => usize::MAX,
+        };
+        let extra = &extra[..extra.len().min(servos - 1)];
+        let frame = longer(&documented, extra);
+        prop_assert_eq!(Ling.parse_response(&frame, ()), Ok(response));
+        prop_assert_eq!(Ling.extra(&frame), extra);
+        prop_assert_eq!(Ling.extra(&documented), &[] as &[u8]);
+    }
+
+    #[test]
+    fn request_has_no_extra_and_one_length(request in request(), extra in proptest::collection::vec(any::<u8>(), 1..5)) {
+        let documented = common::request_bytes::<Ling>(&request);
+        prop_assert_eq!(Ling.extra(&documented), &[] as &[u8]);
+        prop_assert!(Ling.parse_request(&longer(&documented, &extra)).is_err());
+    }
+}
+
+#[test]
+fn readings_beyond_ten_servos_are_extra() {
+    let mut out = [0; MAX_FRAME];
+    for (function, of_ten) in [(1, 10), (2, 20)] {
+        let data: Vec<u8> = (0..64).collect();
+        let frame = Frame {
+            command: 6,
+            function,
+            data: &data,
+        };
+        let n = frame.encode(&mut out).unwrap();
+        assert_is_followers(&Ling.parse_response(&out[..n], ()).unwrap());
+        assert_eq!(Ling.extra(&out[..n]), &data[of_ten..]);
+    }
+}
+
+fn assert_is_followers(response: &Response) {
+    let kind = match response {
+        Response::Temperatures(celsius) => celsius.kind(),
+        Response::Velocities(ticks) => ticks.kind(),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(kind, Kind::Follower);
+}
+
 /// The data of a joint answer with this status.
 fn joint_data(status: u8) -> [u8; 15] {
     [1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 1, 0xF4, 0x01, status]

@@ -44,6 +44,7 @@ impl<M: Messages + Default, const N: usize> Host<M, N> {
         while let Output::Event(event) = self.client.poll(self.now) {
             events.push(match event {
                 Event::Unacceptable(error) => format!("unacceptable, {error}"),
+                Event::ErrorFrame { frame } => format!("error frame {frame:02X?}"),
                 Event::Unknown { .. } => "unknown".to_owned(),
                 other => format!("{other:?}"),
             });
@@ -121,18 +122,18 @@ fn unacceptable_ling_answer_ends_the_request() {
         ),
         (
             ReadTemperatures,
-            ling(6, 1, &[30; 7]),
-            "command 06 function 01: 7 data bytes, expected 6 or 10",
+            ling(6, 1, &[30; 5]),
+            "command 06 function 01: 5 data bytes, expected 6 or 10",
         ),
         (
             ReadVelocities,
-            ling(6, 2, &[0; 14]),
-            "command 06 function 02: 14 data bytes, expected 12 or 20",
+            ling(6, 2, &[0; 11]),
+            "command 06 function 02: 11 data bytes, expected 12 or 20",
         ),
         (
             SelfCheck,
-            ling(0xFE, 0, &[0; 3]),
-            "command FE function 00: 3 data bytes, expected 2",
+            ling(0xFE, 0, &[0]),
+            "command FE function 00: 1 data bytes, expected 2",
         ),
     ] {
         ends::<Ling, LING>(request, &answer, reason);
@@ -212,8 +213,7 @@ fn unacceptable_alpha1_answer_ends_the_request() {
 fn frame_that_answers_something_else_ends_nothing() {
     use ling::Request::*;
     ends_nothing::<Ling, LING>(ReadJoints, &ling(4, 0x0E, &[3]));
-    ends_nothing::<Ling, LING>(ReadJoints, &ling(6, 1, &[30; 7]));
-    ends_nothing::<Ling, LING>(ReadJoints, &ling(0xEE, 0, &[1]));
+    ends_nothing::<Ling, LING>(ReadJoints, &ling(6, 1, &[30; 5]));
 
     let torque = xarm::Request::ReadTorqueSource;
     ends_nothing::<XArm, XARM>(torque, &xarm(8, &[5, 0, 2]));
@@ -238,6 +238,45 @@ fn frame_that_answers_something_else_ends_nothing() {
     });
     let bluetooth = [0xFB, 0xBF, 6, 1, 0, 7, 0xED];
     ends_nothing::<Alpha1, ALPHA1>(act, &bluetooth);
+}
+
+#[test]
+fn error_frame_ends_the_request_unrepeated() {
+    use ling::Request::*;
+    for request in [ReadInfo, ReadJoints, SelfCheck] {
+        for frame in [ling(0xEE, 0, &[]), ling(0xEE, 1, &[2]), ling(0xEE, 0, &[0xFE; 64])] {
+            let mut host = Host::<Ling, LING>::new();
+            host.send(request);
+            assert_eq!(
+                host.receive(&frame),
+                [format!("error frame {frame:02X?}")],
+                "{request:?}"
+            );
+            assert!(host.client.is_idle());
+            host.send(request);
+        }
+    }
+}
+
+#[test]
+fn error_frame_without_pending_request_ends_nothing() {
+    let error = ling(0xEE, 0, &[1]);
+    let mut host = Host::<Ling, LING>::new();
+    assert_eq!(host.receive(&error), ["unknown"]);
+    // It came before the request.
+    host.client.submit(&ling::Request::ReadStroke).unwrap();
+    assert_eq!(host.receive(&error), ["unknown"]);
+    assert_eq!(host.transmit(), 7);
+    assert_eq!(host.receive(&ling(4, 0x0E, &[1])), ["Answer(Stroke(Mm75))"]);
+    // A move has no answer.
+    host.send(ling::Request::SetTorque(ling::Torque::On));
+    assert_eq!(host.receive(&error), ["Sent", "unknown"]);
+    // It answers the oldest request, which was cancelled.
+    host.send(ling::Request::ReadStroke);
+    host.client.cancel();
+    host.send(ling::Request::ReadJoints);
+    assert_eq!(host.receive(&error), ["unknown"]);
+    assert!(!host.client.is_idle());
 }
 
 #[test]

@@ -12,6 +12,7 @@ mod exceptions {
     pyo3::import_exception!(armwire.errors, AbsentError);
     pyo3::import_exception!(armwire.errors, ClosedError);
     pyo3::import_exception!(armwire.errors, DamagedError);
+    pyo3::import_exception!(armwire.errors, ErrorFrameError);
     pyo3::import_exception!(armwire.errors, LateError);
     pyo3::import_exception!(armwire.errors, OlderArmError);
     pyo3::import_exception!(armwire.errors, PortError);
@@ -22,8 +23,8 @@ mod exceptions {
 }
 
 use exceptions::{
-    AbsentError, ClosedError, DamagedError, LateError, OlderArmError, PortError, PortLostError, RefusedError,
-    UnacceptableError, WrongArmError,
+    AbsentError, ClosedError, DamagedError, ErrorFrameError, LateError, OlderArmError, PortError, PortLostError,
+    RefusedError, UnacceptableError, WrongArmError,
 };
 
 /// The exception for an error.
@@ -45,6 +46,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
         Error::Legacy { .. } => OlderArmError::new_err(text),
         Error::Lost { .. } | Error::Stuck { .. } => PortLostError::new_err(text),
         Error::Refused { .. } | Error::Unsupported { .. } => RefusedError::new_err(text),
+        Error::ErrorFrame { .. } => ErrorFrameError::new_err(text),
         Error::Unacceptable { .. } => UnacceptableError::new_err(text),
         _ => PortError::new_err(text),
     }

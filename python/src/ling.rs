@@ -16,6 +16,8 @@ use crate::session::{Session, call, interruptible, send};
 
 /// Joint ticks, gripper in thousandths, motion status.
 type Joints = ([u16; JOINTS], u16, u8);
+/// Bytes of an answer after its documented fields.
+type Extra = Vec<u8>;
 
 /// A Ling arm on a port.
 #[pyclass(frozen, module = "armwire._armwire")]
@@ -34,9 +36,9 @@ impl LingPort {
         self.0.close(py)
     }
 
-    /// Serial number, kind (`leader`, `follower` or `None`), hardware version and firmware version.
-    fn read_info(&self, py: Python<'_>) -> PyResult<(String, Option<&'static str>, u32, u32)> {
-        let info = self.call(py, Request::ReadInfo, |response| match response {
+    /// Serial number, kind (`leader`, `follower` or `None`), hardware version, firmware version, and extra bytes.
+    fn read_info(&self, py: Python<'_>) -> PyResult<(String, Option<&'static str>, u32, u32, Extra)> {
+        let (info, extra) = self.call_with_extra(py, Request::ReadInfo, |response| match response {
             Response::Info(info) => Some(info),
             _ => None,
         })?;
@@ -44,11 +46,11 @@ impl LingPort {
             Kind::Leader => "leader",
             Kind::Follower => "follower",
         });
-        Ok((info.serial.to_string(), kind, info.hardware.0, info.firmware.0))
+        Ok((info.serial.to_string(), kind, info.hardware.0, info.firmware.0, extra))
     }
 
-    fn read_joints(&self, py: Python<'_>) -> PyResult<Joints> {
-        self.call(py, Request::ReadJoints, joints)
+    fn read_joints(&self, py: Python<'_>) -> PyResult<(Joints, Extra)> {
+        self.call_with_extra(py, Request::ReadJoints, joints)
     }
 
     /// The joints alone, in the format of [`ling_angles`].
@@ -153,6 +155,18 @@ impl LingPort {
         self.0.with(py, |link| call(link, &request, take))
     }
 
+    fn call_with_extra<T: Send>(
+        &self,
+        py: Python<'_>,
+        request: Request,
+        take: impl FnOnce(Response) -> Option<T> + Send,
+    ) -> PyResult<(T, Extra)> {
+        self.0.with(py, |link| {
+            let answer = call(link, &request, take)?;
+            Ok((answer, Ling.extra(link.frame()).to_vec()))
+        })
+    }
+
     fn send(&self, py: Python<'_>, request: Request) -> PyResult<()> {
         self.0.with(py, |link| -> Result<(), Error> { send(link, &request) })
     }
@@ -185,8 +199,9 @@ pub(crate) fn ling_angles(
     Ok(PyByteArray::new(py, &bytes))
 }
 
-/// The joints in a frame; `None` for any other frame.
+/// The joints in a frame, and its extra bytes; `None` for any other frame.
 #[pyfunction]
-pub(crate) fn ling_joints(frame: &[u8]) -> Option<Joints> {
-    joints(Ling.parse_response(frame, ()).ok()?)
+pub(crate) fn ling_joints(frame: &[u8]) -> Option<(Joints, Extra)> {
+    let joints = joints(Ling.parse_response(frame, ()).ok()?)?;
+    Some((joints, Ling.extra(frame).to_vec()))
 }

@@ -100,7 +100,22 @@ def test_echo_alone_is_the_wrong_arm() -> None:
 
 
 def test_unknown_answer_is_refused() -> None:
-    with peer(frame("EE000100")) as port, pytest.raises(errors.RefusedError, match="command EE"):
+    with peer(frame("77000100")) as port, pytest.raises(errors.RefusedError, match="command 77"):
+        read(port)
+
+
+def test_bytes_after_documented_fields_are_kept() -> None:
+    counts = "000800080008000800080008F40101"
+    with peer(frame(f"060011{counts}7778")) as port, armwire.Ling(port) as arm:
+        state = arm.read_joints()
+    assert (state.gripper, state.extra) == (500, b"\x77\x78")
+    with peer(frame("01001A" + b"ADFS251205123456".hex() + "6E000000" + "62020000" + "7778")) as port:
+        with armwire.Ling(port) as arm:
+            assert arm.read_info().extra == b"\x77\x78"
+
+
+def test_error_frame_is_an_error_with_its_bytes() -> None:
+    with peer(frame("EE00020103")) as port, pytest.raises(errors.ErrorFrameError, match="AA EE 00 02 01 03"):
         read(port)
 
 

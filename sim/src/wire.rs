@@ -254,6 +254,7 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
                     continue;
                 }
                 Event::Unacceptable(error) => panic!("the answer cannot be accepted: {error}"),
+                Event::ErrorFrame { frame } => panic!("the answer is the error frame {frame:02X?}"),
                 Event::Late(response) => LineEvent::Late(encode(response)),
                 Event::Unsolicited(response) => LineEvent::Unsolicited(encode(response)),
                 Event::Echo => LineEvent::Echo,

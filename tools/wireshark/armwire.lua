@@ -272,6 +272,7 @@ local ling_fields = {
   gripper = ProtoField.uint16("ling.gripper", "Gripper opening (thousandths)"),
   gripper_speed = ProtoField.uint16("ling.gripper.speed", "Gripper speed (ticks/s)"),
   status = ProtoField.uint8("ling.status", "Motion status", base.HEX, STATUS),
+  extra = ProtoField.bytes("ling.extra", "Bytes after the documented fields"),
   serial = ProtoField.string("ling.serial", "Serial number"),
   hardware = ProtoField.string("ling.hardware", "Hardware version"),
   firmware = ProtoField.string("ling.firmware", "Firmware version"),
@@ -493,6 +494,13 @@ local LING = {
   [UNKNOWN] = {},
 }
 
+-- The length of the documented fields in an answer of `len` bytes. Arms may send more.
+local function documented_length(key, len)
+  if key == 0x0601 then return len < FOLLOWER and LEADER or FOLLOWER end
+  if key == 0x0602 then return 2 * (len < 2 * FOLLOWER and LEADER or FOLLOWER) end
+  return ({ [0x0100] = 24, [0x040E] = 1, [0x0600] = 2 * JOINTS + 3, [0xFE00] = 2 })[key] or len
+end
+
 -- The older generation: AA, command, length, data, parity, FF. It only sends. Nine servos move six joints.
 local OLDER_JOINTS = { 1, 3, 5, 7, 8, 9 }
 
@@ -548,8 +556,15 @@ local function ling_message(view, direction, tree)
   tree:add(ling_fields.func, view:range(2, 1), view:byte(2))
   tree:add(ling_fields.length, view:range(3, 1), view:byte(3))
   tree:add(ling_fields.checksum, view:range(view.len - 2, 1), view:byte(view.len - 2))
-  local message = LING[direction][view:be16(1)]
-  return message and message(view:part(4, view.len - 6), tree)
+  -- The arm's error frame. The sources contradict each other on its content.
+  if direction == ARM and view:byte(1) == 0xEE then return "error frame " .. view:hex() end
+  local message, data = LING[direction][view:be16(1)], view:part(4, view.len - 6)
+  if not message then return nil end
+  local len = direction == ARM and math.min(documented_length(view:be16(1), data.len), data.len) or data.len
+  local text, rest = message(data:part(0, len), tree), data.len - len
+  if not text or rest == 0 then return text end
+  tree:add(ling_fields.extra, data:range(len, rest))
+  return text .. ", extra: " .. data:part(len, rest):hex()
 end
 
 local ling = protocol("ling", "Ling / Alicia-D robot arm", ling_fields, {

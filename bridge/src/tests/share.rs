@@ -135,6 +135,26 @@ fn unsolicited_frame_reaches_usb_and_subscribers_during_exchange() {
 }
 
 #[test]
+fn error_frame_goes_to_the_initiator_waiting() {
+    let mut rig = Rig::new(Config::default());
+    let error = ling(0xEE, 0, &[1, 3]);
+    rig.arm_sends(&error);
+    rig.run(10_000);
+    assert_eq!(rig.usb, error, "nobody waits");
+    let answer = error.clone();
+    rig.responder = Box::new(move |_| Some((200, answer.clone())));
+    rig.can_out.push_back(info());
+    rig.run(10_000);
+    rig.usb_out.extend(JOINTS);
+    rig.run(10_000);
+    assert_eq!(rig.can, [&error[..]]);
+    assert_eq!(rig.usb, [&error[..], &error].concat());
+    let c = rig.bridge.counters();
+    assert_eq!((c.requests_can, c.requests_usb), (1, 1));
+    assert_eq!((c.unanswered_requests, c.unsolicited_frames, c.late_answers), (0, 1, 0));
+}
+
+#[test]
 fn unsolicited_frame_reaches_can_if_configured() {
     for unsolicited in [false, true] {
         let mut rig = Rig::new(Config {

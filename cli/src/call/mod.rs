@@ -78,6 +78,8 @@ pub(crate) fn call<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>, json: b
         None => Ok(P::facts(&response)),
         Some(what) => Err(what),
     })?;
+    let extra = P::extra_fact(link.frame());
+    let answer = answer.map(|facts| facts.map(|facts| facts.into_iter().chain(extra).collect::<Vec<_>>()));
     match answer {
         None if json => print_json(&json!({ "sent": P::show_request(request) })),
         None => print_line(format_args!(

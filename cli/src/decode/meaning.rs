@@ -1,5 +1,6 @@
 //! The meaning of a frame.
 
+use armwire::Cause;
 use armwire::alpha1::Alpha1;
 use armwire::framing::Scan;
 use armwire::ling::Ling;
@@ -7,7 +8,8 @@ use armwire::ling::legacy::Legacy;
 use armwire::xarm::XArm;
 
 use crate::args::Speaker;
-use crate::describe::{Arm, Protocol};
+use crate::describe::{Arm, Protocol, line};
+use crate::hex;
 
 /// The expectation of a decoder for this sender.
 pub(super) fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
@@ -28,8 +30,15 @@ pub(super) fn meaning<P: Arm>(
     let request = arm.parse_request(frame);
     let request = request.map(|request| format!("to the arm: {}{envelope}", P::show_request(&request)));
     let response = arm.parse_response(frame, expect);
-    let response = response.map(|response| format!("from the arm: {}{envelope}", P::show_response(&response)));
+    let response = response.map(|response| {
+        let facts: Vec<_> = P::facts(&response).into_iter().chain(P::extra_fact(frame)).collect();
+        format!("from the arm: {}{envelope}", line(&facts))
+    });
     match (from, request, response) {
+        (None | Some(Speaker::Arm), Err(_), Err(error)) if matches!(error.cause, Cause::ErrorFrame) => (
+            Some(Speaker::Arm),
+            format!("from the arm: error frame {}", hex::show(frame)),
+        ),
         (None | Some(Speaker::Host), Ok(text), _) => (Some(Speaker::Host), text),
         (None | Some(Speaker::Arm), _, Ok(text)) => (Some(Speaker::Arm), text),
         (Some(Speaker::Host), Err(error), _) | (Some(Speaker::Arm), _, Err(error)) => {

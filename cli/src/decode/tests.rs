@@ -114,6 +114,27 @@ fn answer_of_a_servo_is_not_guessed() {
 }
 
 #[test]
+fn bytes_after_documented_fields_are_shown() {
+    let frame = [0xAA, 0x04, 0x0E, 0x03, 0x02, 0x07, 0x08, 0xA1, 0xFF];
+    let lines = lines(&frame);
+    assert_eq!(
+        lines[0],
+        "       0  AA 04 0E 03 02 07 08 A1 FF\n          from the arm: stroke: 100 mm, extra: 07 08"
+    );
+}
+
+#[test]
+fn error_frame_is_shown_with_its_bytes() {
+    let frame = [0xAA, 0xEE, 0x00, 0x02, 0x01, 0x03, 0x36, 0xFF];
+    for from in [None, Some(Speaker::Arm)] {
+        assert_eq!(
+            of_line(&frame, ArmKind::Ling, from)[0],
+            "       0  AA EE 00 02 01 03 36 FF\n          from the arm: error frame AA EE 00 02 01 03 36 FF"
+        );
+    }
+}
+
+#[test]
 fn hid_report_padding_is_no_noise() {
     let mut report = [0; 64];
     report[..4].copy_from_slice(&[0xF3, 0x3F, 0xEE, 0xED]);

@@ -4,6 +4,7 @@ use armwire::Config;
 use armwire::messages::Messages;
 
 use super::fact::{Fact, line};
+use crate::hex;
 
 /// The protocol of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +58,13 @@ pub trait Arm: Messages + Default {
     /// A response in words.
     fn show_response(response: &Self::Response<'_>) -> String {
         line(&Self::facts(response))
+    }
+
+    /// The bytes of a response's frame after its documented fields, if it has any.
+    fn extra_fact(frame: &[u8]) -> Option<Fact> {
+        let arm = Self::default();
+        let extra = arm.extra(frame);
+        (!extra.is_empty()).then(|| Fact::words("extra", hex::show(extra)))
     }
 
     /// The reason of a response that reports a failed request.

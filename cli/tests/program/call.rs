@@ -318,6 +318,39 @@ fn out_of_range_alpha1_values_are_never_sent() {
 }
 
 #[test]
+fn longer_ling_answer_is_shown_with_its_rest() {
+    let answer = [0xAA, 0x04, 0x0E, 0x03, 0x02, 0x07, 0x08, 0xA1, 0xFF];
+    for (json, printed) in [
+        (&[][..], "stroke: 100 mm, extra: 07 08\n"),
+        (&["--json"], "{\n  \"stroke_mm\": 100,\n  \"extra\": \"07 08\"\n}\n"),
+    ] {
+        let args = [&["call", "ling", "PORT", "read-stroke"], json].concat();
+        let output = retry_while(NO_ANSWER, || {
+            run_against(&args, |_, pty, _| {
+                pty.write(&answer).unwrap();
+            })
+        });
+        assert_eq!(String::from_utf8_lossy(&output.stdout), printed, "{output:?}");
+    }
+}
+
+#[test]
+fn ling_error_frame_fails_the_call_at_once() {
+    let answer = [0xAA, 0xEE, 0x00, 0x02, 0x01, 0x03, 0x36, 0xFF];
+    let mut requests = Vec::new();
+    let output = run_against(&["call", "ling", "PORT", "read-joints"], |_, pty, bytes| {
+        requests.extend_from_slice(bytes);
+        pty.write(&answer).unwrap();
+    });
+    let line = failure(&output);
+    assert!(
+        line.ends_with("the arm answered with an error frame, which no document explains: AA EE 00 02 01 03 36 FF"),
+        "{line}"
+    );
+    assert_eq!(requests, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
+}
+
+#[test]
 fn info_names_no_robot_before_it_answers() {
     let output = run_against(&["info", "--arm", "alpha1", "PORT"], |_, _, _| {});
     assert!(

@@ -88,7 +88,8 @@ static ArmwireEvent call(ArmwireLingResponse *response)
         case ARMWIRE_EVENT_KIND_ANSWER:
         case ARMWIRE_EVENT_KIND_SENT:
         case ARMWIRE_EVENT_KIND_TIMED_OUT:
-        case ARMWIRE_EVENT_KIND_UNACCEPTABLE: return event;
+        case ARMWIRE_EVENT_KIND_UNACCEPTABLE:
+        case ARMWIRE_EVENT_KIND_ERROR_FRAME: return event;
         default: break; /* No answer yet, or noise. */
         }
     }

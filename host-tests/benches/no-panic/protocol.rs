@@ -34,7 +34,7 @@ pub(crate) fn call_all<M: Messages + Copy, const N: usize>(
     black_box(messages.parse_request(out).is_ok());
     let key = black_box(messages.request(out)).map(|info| info.key);
     black_box(messages.encode_response(&response, key, out).is_ok());
-    black_box(messages.parse_response(out, expect).is_ok());
+    black_box((messages.parse_response(out, expect).is_ok(), messages.extra(out)));
     if let Some(key) = key {
         black_box(messages.is_response_to(key, out));
     }
@@ -126,7 +126,7 @@ fn client<M: Messages, const N: usize>(messages: M, request: Option<M::Request<'
         };
         black_box(client.transmitted(now(), black_box(taken)).is_ok());
     }
-    black_box((client.is_idle(), client.expects_answer()));
+    black_box((client.is_idle(), client.expects_answer(), client.frame()));
     black_box(client.messages_mut());
     black_box(client.messages());
     black_box(&mut *client).cancel();

@@ -237,6 +237,11 @@ impl<P: Subject> Model<P> {
                 assert!(self.protocol.is_response_to(pending.info.key, &bytes));
                 assert!(pending.sends > 0, "answered before it was sent");
             }
+            Event::ErrorFrame { frame } => {
+                let pending = self.pending.take().expect("no request is in flight");
+                assert!(self.protocol.is_response_to(pending.info.key, frame));
+                assert!(pending.sends > 0, "answered before it was sent");
+            }
             Event::Unacceptable(error) => {
                 let pending = self.pending.take().expect("no request is in flight");
                 assert!(pending.info.response.is_some(), "it is not answered");

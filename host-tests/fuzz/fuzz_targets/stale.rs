@@ -162,7 +162,9 @@ fn on_bytes(client: &mut Client<Ling, MAX_FRAME>, now: Instant, bytes: &[u8], fl
                     let (request, tag) = flight.take().expect("no request is in flight");
                     assert_eq!(Some(response), answer(&request, tag), "an answer to an earlier request");
                 }
-                Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_) => *flight = None,
+                Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_) | Event::ErrorFrame { .. } => {
+                    *flight = None;
+                }
                 _ => {}
             }
         }

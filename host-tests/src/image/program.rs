@@ -74,7 +74,7 @@ impl<P: Messages + Default, const N: usize> ProgramOf<P, N> {
                     board.run_for(EXECUTION_TIME).unwrap();
                     return None;
                 }
-                Output::Event(event @ (Event::Unacceptable(_) | Event::TimedOut { .. })) => {
+                Output::Event(event @ (Event::Unacceptable(_) | Event::ErrorFrame { .. } | Event::TimedOut { .. })) => {
                     panic!("{event:?} instead of an answer to {request:?} at {}", board.now());
                 }
                 Output::Event(other) => assert!(

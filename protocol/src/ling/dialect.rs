@@ -1,6 +1,6 @@
 //! The exchanges of a Ling arm (document section 2).
 
-use super::frame::NO_VALUE;
+use super::frame::{ERROR, NO_VALUE};
 use super::{Ling, MAX_FRAME};
 use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
@@ -52,6 +52,7 @@ impl Dialect for Ling {
         })
     }
 
+    /// An error frame is a response to every request, because it names none.
     fn is_response_to(&self, key: Key, frame: &[u8]) -> bool {
         let &[_, command, function, len, data, ..] = frame else {
             return false;
@@ -62,6 +63,6 @@ impl Dialect for Ling {
             (_, _, 1) => data == NO_VALUE,
             _ => false,
         };
-        (Key { command, function }) == key && !request
+        command == ERROR || (Key { command, function }) == key && !request
     }
 }

@@ -50,6 +50,9 @@ pub const TORQUE_ON: [u8; 7] = [HEADER, 0x05, 0x00, 0x01, 0x01, 0xF9, TAIL];
 
 pub(super) const HEADER: u8 = 0xAA;
 
+/// The command of the arm's error frame. The document has none: the vendor's software does.
+pub(super) const ERROR: u8 = 0xEE;
+
 /// The data byte of requests without a value.
 pub(super) const NO_VALUE: u8 = 0xFE;
 

@@ -1,6 +1,6 @@
 //! The messages of the Ling document, section 2, and their encoding.
 
-use super::frame::NO_VALUE;
+use super::frame::{ERROR, NO_VALUE};
 use super::value::{
     JOINTS, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit,
     Version,
@@ -321,7 +321,38 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
     }
 }
 
+/// Divides the data of a response after its documented fields (sections 2.1 to 2.6). Arms may send more: the vendor's
+/// software accepts any number of bytes and servos.
+fn split_extra(frame: Frame<'_>) -> (Frame<'_>, &[u8]) {
+    let len = frame.data.len();
+    let documented = match (frame.command, frame.function) {
+        (command::INFO, 0) => 24,
+        (command::STROKE, function::READ_STROKE) => 1,
+        (command::JOINTS, function::STATE) => 15,
+        // A number of servos between those of a leader and a follower: a leader's, and extra bytes.
+        (command::JOINTS, function::TEMPERATURE) => {
+            if len < 10 {
+                6
+            } else {
+                10
+            }
+        }
+        (command::JOINTS, function::VELOCITY) => {
+            if len < 20 {
+                12
+            } else {
+                20
+            }
+        }
+        (command::SELF_CHECK, 0) => 2,
+        _ => len,
+    };
+    let (data, extra) = frame.data.split_at_checked(documented).unwrap_or((frame.data, &[]));
+    (Frame { data, ..frame }, extra)
+}
+
 fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
+    let (frame, _) = split_extra(frame);
     match (frame.command, frame.function) {
         (command::INFO, 0) => {
             let data: &[u8; 24] = sized(frame.data, &[24])?;
@@ -364,6 +395,8 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
         (command::SELF_CHECK, 0) => {
             sized(frame.data, &[2]).map(|mask| Response::SelfCheck(SelfCheck(u16::from_le_bytes(*mask))))
         }
+        // The sources contradict each other on the place of the code: the bytes are not interpreted.
+        (ERROR, _) => Err(Cause::ErrorFrame),
         _ => Err(Cause::Unknown),
     }
 }
@@ -441,6 +474,18 @@ impl Messages for Ling {
 
     fn parse_response(&self, frame: &[u8], (): ()) -> Result<Response, ParseError> {
         parse(frame, parse_response)
+    }
+
+    /// ```
+    /// use armwire::ling::{Ling, Response, Stroke};
+    /// use armwire::messages::Messages;
+    ///
+    /// let frame = [0xAA, 0x04, 0x0E, 0x03, 0x02, 0x07, 0x08, 0xA1, 0xFF];
+    /// assert_eq!(Ling.parse_response(&frame, ()), Ok(Response::Stroke(Stroke::Mm100)));
+    /// assert_eq!(Ling.extra(&frame), [0x07, 0x08]);
+    /// ```
+    fn extra<'a>(&self, frame: &'a [u8]) -> &'a [u8] {
+        Frame::parse(frame).map_or(&[], |frame| split_extra(frame).1)
     }
 }
 

@@ -228,12 +228,12 @@ fn reply_with_wrong_length_names_valid_lengths() {
     let frame = Frame {
         command: 0x06,
         function: 0x01,
-        data: &[35; 7],
+        data: &[35; 5],
     };
     let error = Ling.parse_response(&bytes_of(frame), ()).unwrap_err();
     assert_eq!(
         std::format!("{error}"),
-        "command 06 function 01: 7 data bytes, expected 6 or 10"
+        "command 06 function 01: 5 data bytes, expected 6 or 10"
     );
 }
 

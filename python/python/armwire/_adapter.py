@@ -55,8 +55,8 @@ class Telemetry:
     @property
     def joints(self) -> JointState | None:
         """The joint reading in a Ling arm's frame; `None` for other frames and for events."""
-        counts = _armwire.ling_joints(self.frame)
-        return None if counts is None else joint_state(counts)
+        answer = _armwire.ling_joints(self.frame)
+        return None if answer is None else joint_state(*answer)
 
 
 @dataclass(frozen=True)

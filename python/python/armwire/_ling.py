@@ -47,6 +47,8 @@ class LingInfo:
     """The hardware version, for example `v1.10`."""
     firmware: str
     """The firmware version, for example `v6.10`, which the vendor's software writes as 6.1.0."""
+    extra: bytes = b""
+    """Bytes that the arm sent after the documented ones."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,8 @@ class JointState:
     """Gripper opening in thousandths. The range is 0 to 1000."""
     status: MotionStatus | int
     """The motion status."""
+    extra: bytes = b""
+    """Bytes that the arm sent after the documented ones."""
 
     @property
     def joints_deg(self) -> Floats:
@@ -100,10 +104,10 @@ class LineErrors:
     """Frames with a wrong checksum."""
 
 
-def joint_state(counts: tuple[tuple[int, ...], int, int]) -> JointState:
+def joint_state(counts: tuple[tuple[int, ...], int, int], extra: bytes = b"") -> JointState:
     """The state in these counts."""
     ticks, gripper, status = counts
-    return JointState(tuple(ticks), gripper, _STATUSES.get(status, status))
+    return JointState(tuple(ticks), gripper, _STATUSES.get(status, status), extra)
 
 
 class Ling(Open):
@@ -130,12 +134,12 @@ class Ling(Open):
 
     def read_info(self) -> LingInfo:
         """Read serial number and versions."""
-        serial, kind, hardware, firmware = self._port.read_info()
-        return LingInfo(serial, kind, _version(hardware), _version(firmware))
+        serial, kind, hardware, firmware, extra = self._port.read_info()
+        return LingInfo(serial, kind, _version(hardware), _version(firmware), extra)
 
     def read_joints(self) -> JointState:
         """Read joints, gripper and motion status at once, as raw counts with conversions."""
-        return joint_state(self._port.read_joints())
+        return joint_state(*self._port.read_joints())
 
     def read_joints_deg(self) -> Floats:
         """Read the angles of joints 1 to 6 in degrees."""

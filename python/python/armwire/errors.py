@@ -9,6 +9,7 @@ Exception              Cause
 `PortLostError`        The open port was lost: unplugged, switched off.
 `AbsentError`          No bytes arrived: no arm, no power, wrong baud rate.
 `DamagedError`         Answers had wrong checksums or were truncated: cable, ground, power.
+`ErrorFrameError`      The arm answered with an error frame. No document explains it; the text has its bytes.
 `LateError`            The answer arrived after the timeout. It is discarded and never matched to a later request.
 `WrongArmError`        Bytes arrived, but no answer of this protocol: another arm, or another program on the line.
 `RefusedError`         The arm or adapter refused the request or does not support it.
@@ -25,6 +26,7 @@ __all__ = [
     "ArmwireError",
     "ClosedError",
     "DamagedError",
+    "ErrorFrameError",
     "LateError",
     "NoAnswerError",
     "OlderArmError",
@@ -74,6 +76,10 @@ class RefusedError(ArmwireError):
 
 class UnacceptableError(ArmwireError):
     """The answer has a value outside the protocol's range."""
+
+
+class ErrorFrameError(ArmwireError):
+    """The arm answered with an error frame."""
 
 
 class OlderArmError(ArmwireError):

@@ -9,6 +9,8 @@ RX, TX = 0, 1
 HEADER, TAIL = 0xAA, 0xFF
 MAX_DATA = 64
 NO_VALUE = b"\xfe"
+# The command of the arm's error frame. The sources contradict each other on its content.
+ERROR = 0xEE
 # The self-check request as printed in the document: length 0, and one data byte.
 SELF_CHECK = b"\xaa\xfe\x00\x00\xfe"
 
@@ -200,6 +202,15 @@ MESSAGES = {
 }
 
 
+def documented_length(key, length):
+    """Return the length of the documented fields in an answer of this length. Arms may send more."""
+    if key == (0x06, 0x01):
+        return LEADER if length < FOLLOWER else FOLLOWER
+    if key == (0x06, 0x02):
+        return 2 * (LEADER if length < 2 * FOLLOWER else FOLLOWER)
+    return {(0x01, 0x00): 24, (0x04, 0x0E): 1, (0x06, 0x00): 15, (0xFE, 0x00): 2}.get(key, length)
+
+
 # The older generation, which only sends. Nine servos move six joints.
 
 
@@ -249,8 +260,17 @@ class Ling:
         key = (frame[1], frame[2])
         older = OLDER.get(key)
         for sender, meaning in ((RX, older),) if older else ((TX, MESSAGES[TX].get(key)), (RX, MESSAGES[RX].get(key))):
-            data = Data(frame, 3 if older else 4, len(frame) - 2)
+            start, end = 3 if older else 4, len(frame) - 2
+            is_answer = sender == RX and not older
+            fields_end = min(start + documented_length(key, end - start), end) if is_answer else end
+            data = Data(frame, start, fields_end)
             text = meaning(data) if meaning else None
+            if text and fields_end < end:
+                extra = "extra: " + hexadecimal(frame[fields_end:end])
+                data.note(fields_end - start, end - fields_end, extra)
+                text += ", " + extra
             if text:
                 return Message(sender, text, data.fields)
+        if frame[1] == ERROR:
+            return Message(RX, "error frame " + hexadecimal(frame), [])
         return Message(side, "no message: " + hexadecimal(frame), [])

@@ -54,11 +54,21 @@ fn request_text(request: Request) -> String {
 /// The parse error as text, if the frame is not a response. An echoed request is one example.
 pub fn response(frame: &[u8]) -> Result<String, String> {
     Ling.parse_response(frame, ())
-        .map(response_text)
+        .map(|response| response_text(response) + &extra(Ling.extra(frame)))
         .map_err(|error| match Ling.parse_request(frame) {
             Ok(request) => "echo: ".to_owned() + &request_text(request),
             Err(_) => error.to_string(),
         })
+}
+
+/// Formats bytes after the documented fields of a response.
+fn extra(bytes: &[u8]) -> String {
+    let mut text = String::new();
+    for (nth, byte) in bytes.iter().enumerate() {
+        let label = if nth == 0 { ", extra bytes" } else { "" };
+        write(&mut text, format_args!("{label} {byte:02X}"));
+    }
+    text
 }
 
 fn response_text(response: Response) -> String {

@@ -477,7 +477,7 @@ impl Session {
                     stopping.due = Some(now);
                 }
             }
-            Event::Unacceptable(_) => {
+            Event::Unacceptable(_) | Event::ErrorFrame { .. } => {
                 counters.unknown += 1;
                 self.answered(now);
             }

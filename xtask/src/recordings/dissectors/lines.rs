@@ -88,6 +88,9 @@ impl Line {
     pub(super) fn variants(&self, frame: &[u8]) -> Vec<Vec<u8>> {
         let (data, check) = self.data(frame);
         let mut variants = Vec::new();
+        if (self.arm, self.from) == ("ling", "arm") && !self.is_older() {
+            variants.push(longer_ling_frame(frame));
+        }
         for at in data.clone() {
             let is_end = at == data.start || at + 1 == data.end;
             for (nth, value) in VALUES.iter().enumerate() {
@@ -180,6 +183,13 @@ fn parity(bytes: &[u8]) -> u8 {
 /// A frame with the data byte of most requests.
 fn ling_frame(command: u8, function: u8) -> Vec<u8> {
     let body = [command, function, 1, 0xFE];
+    [&[0xAA][..], &body, &[crc(&body), 0xFF]].concat()
+}
+
+/// A frame with two more data bytes.
+fn longer_ling_frame(frame: &[u8]) -> Vec<u8> {
+    let data = &frame[4..frame.len() - 2];
+    let body = [&frame[1..3], &[data.len() as u8 + 2], data, &[0x77, 0x78]].concat();
     [&[0xAA][..], &body, &[crc(&body), 0xFF]].concat()
 }
 
