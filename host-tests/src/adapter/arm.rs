@@ -36,6 +36,8 @@ const OFF: u8 = 0;
 /// The maximum time from the last byte of a request to the last byte of its answer, in µs. Later answers are dropped,
 /// as the adapter cannot distinguish them from the answers to newer requests.
 const LATEST: u64 = 100_000;
+/// The additional time of a self-check.
+const CHECKING: u64 = 450_000;
 
 /// The adapter's time limit for an answer, in µs. A later answer is late.
 const PROMPT: u64 = 50_000;
@@ -111,8 +113,8 @@ pub(super) struct Behavior {
     pub(super) slowest: u64,
     /// Percentage of lost answers.
     pub(super) lost: u64,
-    /// True if the arm answers self-checks.
-    pub(super) checks_itself: bool,
+    /// The maximum delay of the answer to a self-check, in µs. `None` without an answer.
+    pub(super) self_check: Option<u64>,
 }
 
 /// Bytes sent together by the arm.
@@ -232,9 +234,10 @@ impl Arm {
 
     /// Answers a request whose last byte arrived at `requested`.
     fn answer(&mut self, key: Key, tag: Tag, requested: u64, latest: u64, random: &mut Random) {
-        let slowest = match key {
-            SELF_CHECK if !self.behavior.checks_itself => return,
-            _ => self.behavior.slowest,
+        let (slowest, latest, prompt) = match (key, self.behavior.self_check) {
+            (SELF_CHECK, None) => return,
+            (SELF_CHECK, Some(slowest)) => (slowest, latest + CHECKING, PROMPT + CHECKING),
+            _ => (self.behavior.slowest, latest, PROMPT),
         };
         if random.percent(self.behavior.lost) {
             return;
@@ -247,7 +250,7 @@ impl Arm {
             return;
         }
         self.tx_queue.push_back(Transmission { end, bytes });
-        self.has_answered_late |= end > requested + PROMPT;
+        self.has_answered_late |= end > requested + prompt;
     }
 
     /// Queues bytes at the first free place on the line.

@@ -59,9 +59,10 @@ struct Stream {
     sent: u64,
     /// Motions since the stream last ended, including uncertain ones.
     possible_run: u32,
-    /// The last possible sign of life, and the last certain one.
+    /// The last possible sign of life, the last certain one, and the last motion that was accepted.
     last_sign: u64,
     last_certain_sign: u64,
+    last_accepted: u64,
 }
 
 impl Stream {
@@ -78,6 +79,22 @@ impl Stream {
         (self.received, self.sent) = (received, sent);
         self.last_sign = self.last_sign.max(sent);
         self.last_certain_sign = self.last_certain_sign.max(received);
+    }
+
+    /// The host is certainly alive at `now`.
+    fn on_sign(&mut self, now: u64) {
+        (self.last_sign, self.last_certain_sign) = (now, now);
+    }
+
+    /// A motion was accepted at `now`.
+    fn on_accepted(&mut self, now: u64) {
+        self.on_sign(now);
+        self.last_accepted = now;
+    }
+
+    /// Returns true if a stream has lived for longer than the host timeout without an accepted motion.
+    fn outlives(&self, timeout: u64, now: u64) -> bool {
+        self.run >= STREAM && now > self.last_accepted + timeout + INSTANT
     }
 
     fn end(&mut self) {
@@ -150,6 +167,8 @@ pub(super) struct Oracle {
     pub(super) open_self_check: bool,
     pub(super) half_frame: bool,
     pub(super) torque_offs: u32,
+    pub(super) stream_without_room: bool,
+    pub(super) stream_without_speed: bool,
     usb_last_sent: u64,
 
     line_bytes: u64,
@@ -285,7 +304,7 @@ impl Oracle {
         self.is_other_rate_pending |= !self.wants_arms_rate;
         // Bytes at another rate are no sign of life, and there is no host timeout under `hold-line`.
         if self.wants_arms_rate && !self.is_held {
-            (self.streams[0].last_sign, self.streams[0].last_certain_sign) = (now, now);
+            self.streams[0].on_sign(now);
         }
     }
 
@@ -351,16 +370,32 @@ impl Oracle {
 
     pub(super) fn on_can_accepted(&mut self, now: u64, pdu: Vec<u8>) {
         if matches!(effect_of(&pdu), Effect::Motion) {
-            self.streams[1].last_sign = now;
+            self.streams[1].on_accepted(now);
             self.streams[1].possible_run += 1;
         }
         self.can.push_back((now, pdu));
     }
 
+    /// A PDU of a host on CAN was refused at `at` because there was no room.
+    pub(super) fn on_can_without_room(&mut self, at: u64, pdu: &[u8]) {
+        if matches!(effect_of(pdu), Effect::Motion) {
+            self.streams[1].on_sign(at);
+            let is_supervised = self.after() > 0;
+            self.stream_without_room |= is_supervised && self.streams[1].outlives(self.after().max(MOTION_WAIT), at);
+        }
+    }
+
     pub(super) fn on_command_accepted(&mut self, now: u64, request: Vec<u8>) {
-        (self.streams[2].last_sign, self.streams[2].last_certain_sign) = (now, now);
+        self.streams[2].on_accepted(now);
         self.streams[2].possible_run += 1;
         self.command = Some((now, request));
+    }
+
+    /// A command was refused only for its speed.
+    pub(super) fn on_command_without_speed(&mut self, now: u64) {
+        self.streams[2].on_sign(now);
+        let is_supervised = self.after() > 0;
+        self.stream_without_speed |= is_supervised && self.streams[2].outlives(self.after(), now);
     }
 
     /// Polls are switched off.

@@ -11,6 +11,10 @@ use crate::random::Random;
 
 const MILLISECOND: u64 = 1_000;
 
+/// The speed of a command, and one that is out of range.
+const SPEED: u8 = 10;
+const NO_SPEED: u8 = 0;
+
 /// Period of the unsolicited frames, in µs.
 const UNSOLICITED_PERIOD: u64 = 40 * MILLISECOND;
 
@@ -31,7 +35,8 @@ enum Step {
     CanRequests(Key),
     CanSends(Vec<u8>),
     CanFrame(&'static [u8]),
-    Command,
+    /// A cyclic command with this speed, in range or not.
+    Command(u8),
     /// The arm.
     Unsolicited,
     /// Another host configures another arm, if a stream is armed.
@@ -54,7 +59,7 @@ impl Step {
         match self {
             Self::UsbRequests(_) | Self::UsbWrites(_) | Self::UsbBegins(_) | Self::UsbGoesOn => Some(Host::Usb),
             Self::CanRequests(_) | Self::CanSends(_) => Some(Host::Can),
-            Self::Command => Some(Host::Commander),
+            Self::Command(_) => Some(Host::Commander),
             _ => None,
         }
     }
@@ -76,14 +81,23 @@ pub(super) struct Plan {
 impl Plan {
     pub(super) fn new(mut random: Random, is_traced: bool) -> Self {
         let r = &mut random;
-        let config = config(r);
+        // A host that streams motion to the end, although much of it is refused.
+        let live = match r.between(0, 99) {
+            0..15 => Some(Host::Can),
+            15..27 => Some(Host::Commander),
+            _ => None,
+        };
+        let config = config(r, live);
         let saves = r.percent(20);
         let slowest = r.one_of(&[300, 300, 2_000, 45_000, 100_000, 100_000]);
         let behavior = Behavior {
             // Bytes that arrive during a flash write are received later.
             slowest: if saves { slowest.min(70_000) } else { slowest },
             lost: r.one_of(&[0, 0, 0, 2, 20, 100]),
-            checks_itself: r.percent(20),
+            self_check: match live {
+                Some(Host::Can) => r.one_of(&[None, Some(450_000)]),
+                _ => r.percent(20).then_some(slowest.min(70_000)),
+            },
         };
         let after = u64::from(config.host_timeout.after_ms).max(50) * MILLISECOND;
         let end = r.between(600, 2_000) * MILLISECOND;
@@ -91,8 +105,13 @@ impl Plan {
         let mut is_whole = true;
 
         streams(r, &config, after, end, &mut steps);
+        match live {
+            Some(Host::Can) => held_back(r, after, end, &mut steps),
+            Some(Host::Commander) => without_speed(r, &config, after, end, &mut steps),
+            _ => {}
+        }
         requests(r, end, &mut steps);
-        if r.percent(25) {
+        if r.percent(32) {
             for _ in 0..r.between(1, 3) {
                 let at = r.between(0, end);
                 let key = r.one_of(&QUERIES);
@@ -165,7 +184,7 @@ impl Plan {
             steps.extend(interval(r, end, 300, Step::Dtr(true), Step::Dtr(false)));
         }
         for host in [Host::Usb, Host::Can, Host::Commander] {
-            if r.percent(40) {
+            if r.percent(40) && live != Some(host) {
                 let stops = r.between(0, end);
                 let back = if r.percent(30) {
                     stops + r.between(50, 1_500) * MILLISECOND
@@ -268,26 +287,29 @@ impl Plan {
             }
             Step::CanSends(pdu) => rig.can_sends(pdu),
             Step::CanFrame(data) => rig.can_frame(data),
-            Step::Command => rig.command(512),
+            Step::Command(speed) => rig.command(512, speed),
             Step::Unsolicited => rig.arm_sends_unsolicited(),
             Step::Watchdog => rig.watchdog_resets(),
         }
     }
 }
 
-fn config(r: &mut Random) -> Config {
+fn config(r: &mut Random, live: Option<Host>) -> Config {
     Config {
         poll: match r.between(0, 9) {
             0..=4 => Poll::Off,
             _ => Poll::Hertz(r.between(5, 100) as u16),
         },
         can: Can {
-            commands: r.percent(50),
+            commands: r.percent(50) || live == Some(Host::Commander),
             command_timeout_ms: r.between(20, 200) as u16,
             ..Can::default()
         },
         host_timeout: HostTimeout {
-            after_ms: r.one_of(&[0, 100, 200, 300, 500]),
+            after_ms: match live {
+                Some(_) => r.one_of(&[100, 200, 300, 500]),
+                None => r.one_of(&[0, 100, 200, 300, 500]),
+            },
             torque_off: r.percent(80),
         },
         ..Config::default()
@@ -300,7 +322,7 @@ fn streams(r: &mut Random, config: &Config, after: u64, end: u64, steps: &mut Ve
     let streams = [
         (60, Step::UsbWrites(move_to(2_048)), Some(Step::UsbWrites(hold.clone()))),
         (40, Step::CanSends(move_to(1_024)), Some(Step::CanSends(hold))),
-        (if config.can.commands { 60 } else { 0 }, Step::Command, None),
+        (if config.can.commands { 60 } else { 0 }, Step::Command(SPEED), None),
     ];
     for (percent, motion, hold) in streams {
         if !r.percent(percent) {
@@ -315,6 +337,31 @@ fn streams(r: &mut Random, config: &Config, after: u64, end: u64, steps: &mut Ve
             steps.push((at, hold));
         }
     }
+}
+
+/// A motion stream on CAN, at up to 1 kHz, beside self-checks of the host on USB.
+fn held_back(r: &mut Random, after: u64, end: u64, steps: &mut Vec<(u64, Step)>) {
+    steps.retain(|(_, step)| !matches!(step, Step::CanSends(_)));
+    let period = r.one_of(&[1, 5, 20, 20, 50, 50, 90]) * MILLISECOND;
+    let begin = r.between(0, end / 4);
+    steps.extend(every(begin, period.min(after * 9 / 10), end).map(|at| (at, Step::CanSends(move_to(1_024)))));
+    let first = begin + r.between(period, 300 * MILLISECOND);
+    let checks = every(first, r.between(400, 1_000) * MILLISECOND, end);
+    steps.extend(checks.map(|at| (at, Step::UsbRequests(SELF_CHECK))));
+}
+
+/// A stream of commands, of which many have no speed.
+fn without_speed(r: &mut Random, config: &Config, after: u64, end: u64, steps: &mut Vec<(u64, Step)>) {
+    steps.retain(|(_, step)| !matches!(step, Step::Command(_)));
+    let timeout = u64::from(config.can.command_timeout_ms) * MILLISECOND;
+    let period = r.between(10 * MILLISECOND, after.min(timeout) * 9 / 10);
+    let begin = r.between(0, end / 4);
+    let slow = begin + r.between(0, end / 2);
+    let slow = slow..slow + r.between(after, 3 * after);
+    steps.extend(every(begin, period, end).map(|at| {
+        let speed = if slow.contains(&at) { NO_SPEED } else { SPEED };
+        (at, Step::Command(speed))
+    }));
 }
 
 /// Periodic requests of the hosts.

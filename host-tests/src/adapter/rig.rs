@@ -8,7 +8,7 @@ use armwire_bridge::Instant;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::{ArmKind, Config};
-use armwire_bridge::control::{Failure, FromAdapter, Identity, Reply, Request, Subscription};
+use armwire_bridge::control::{Event, Failure, FromAdapter, Identity, Refusal, Reply, Request, Subscription};
 use armwire_bridge::isotp::{self, Endpoint, Link};
 use armwire_bridge::{Action, Bridge, CanEvent, LineCoding, PACKET, Start, Status, Transmit, UartEvent, UsbEvent};
 
@@ -410,7 +410,19 @@ impl Rig {
             }
             FromAdapter::Event { at, event } => {
                 self.trace(|| format!("event: {event:?}"));
-                self.is_refused |= self.oracle.on_event(self.now, at.0, &event);
+                let is_refused = self.oracle.on_event(self.now, at.0, &event);
+                self.is_refused |= is_refused;
+                if let (
+                    Event::Refused {
+                        reason: Refusal::QueueFull,
+                        ..
+                    },
+                    Some(pdu),
+                ) = (event, &self.can_pdu)
+                    && is_refused
+                {
+                    self.oracle.on_can_without_room(at.0, pdu);
+                }
             }
         }
     }
@@ -432,8 +444,8 @@ impl Rig {
         self.poll_control();
     }
 
-    /// The controller on CAN sends a cyclic command.
-    pub(super) fn command(&mut self, joint: u16) {
+    /// The controller on CAN sends a cyclic command with this speed, in range or not.
+    pub(super) fn command(&mut self, joint: u16, speed: u8) {
         let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
         // A stream restarts after a pause.
         self.command = match self.last_command {
@@ -445,10 +457,9 @@ impl Rig {
         let command = Command {
             sequence: self.command,
             joints: [joint; 6],
-            speed: 10,
+            speed,
             gripper: 0,
         };
-        let request = motion(&command.target().expect("it is in range"));
         let refused = |bridge: &Bridge| {
             let counters = bridge.counters();
             (counters.commands_stale, counters.refused_line_held)
@@ -459,11 +470,11 @@ impl Rig {
         }
         let is_taken = refused(&self.bridge) == before;
         // The first command of a stream moves nothing. A number 0 in a running stream starts no new one.
-        if is_taken && !starts {
-            self.oracle.on_command_accepted(self.now, request);
-        }
-        if !is_taken {
-            self.last_command = None;
+        match command.target() {
+            _ if !is_taken => self.last_command = None,
+            _ if starts => {}
+            Ok(target) => self.oracle.on_command_accepted(self.now, motion(&target)),
+            Err(_) => self.oracle.on_command_without_speed(self.now),
         }
         self.poll_control();
     }
@@ -605,6 +616,14 @@ impl Rig {
             ("answer 50 to 100 ms after its request", self.arm.has_answered_late),
             ("host timeout in a stream", self.oracle.host_timeouts > 0),
             ("torque-off", self.oracle.torque_offs > 0),
+            (
+                "stream that lives by motion without room",
+                self.oracle.stream_without_room,
+            ),
+            (
+                "stream that lives by commands without a speed",
+                self.oracle.stream_without_speed,
+            ),
         ]
     }
 
