@@ -24,6 +24,14 @@ pub(crate) const fn forbidden(register: &'static str, reason: &'static str) -> R
     Refused::Forbidden { register, reason }
 }
 
+/// Refuses a write that sets a bit besides those of the register.
+pub(crate) const fn check_reserved(register: &'static str, value: u32, bits: u32) -> Result<(), Refused> {
+    match value & !bits {
+        0 => Ok(()),
+        _ => Err(forbidden(register, "a reserved bit is set")),
+    }
+}
+
 /// A peripheral with 32-bit registers.
 ///
 /// Calls are made at their instant, in order: events due before an access have been executed.

@@ -1,5 +1,6 @@
 //! Common parts of reset and clock control: oscillators, prescalers, and the enable and reset bits of each peripheral.
 
+use crate::soc::peripheral::{Refused, check_reserved};
 use crate::time::Nanos;
 
 /// An oscillator or the PLL.
@@ -82,12 +83,22 @@ impl Gate {
     }
 }
 
-/// The enable and the reset register of a bus.
+/// The enable and the reset register of a bus: their offsets, their bits and the enables after a reset.
+#[derive(Debug)]
+pub(crate) struct Layout {
+    /// The names of the two.
+    pub(crate) names: [&'static str; 2],
+    pub(crate) enable: u32,
+    pub(crate) enable_bits: u32,
+    pub(crate) reset: u32,
+    pub(crate) reset_bits: u32,
+    pub(crate) at_reset: u32,
+}
+
+/// The enables and resets of a bus.
 #[derive(Clone, Debug)]
 struct Bus {
-    /// The offsets of the registers.
-    enable_register: u32,
-    reset_register: u32,
+    layout: &'static Layout,
     enables: u32,
     resets: u32,
 }
@@ -110,12 +121,11 @@ pub(crate) struct Gates {
 }
 
 impl Gates {
-    /// Buses, each with the offsets of its enable and its reset register, and the value of the enable register after a reset.
-    pub(crate) fn new(buses: &[(u32, u32, u32)]) -> Self {
-        let bus = |&(enable_register, reset_register, enables): &_| Bus {
-            enable_register,
-            reset_register,
-            enables,
+    /// The reset state.
+    pub(crate) fn new(buses: &'static [Layout]) -> Self {
+        let bus = |layout: &'static Layout| Bus {
+            layout,
+            enables: layout.at_reset,
             resets: 0,
         };
         Self {
@@ -151,34 +161,34 @@ impl Gates {
         self.buses.iter().any(|bus| bus.resets != 0)
     }
 
-    /// The register at an offset of the RCC, if it is one of them.
+    /// Reads the register at an offset of the RCC, if it is one of them.
     pub(crate) fn read(&self, offset: u32) -> Option<u32> {
         self.buses.iter().find_map(|bus| match offset {
-            _ if offset == bus.enable_register => Some(bus.enables),
-            _ if offset == bus.reset_register => Some(bus.resets),
+            _ if offset == bus.layout.enable => Some(bus.enables),
+            _ if offset == bus.layout.reset => Some(bus.resets),
             _ => None,
         })
     }
 
-    /// Writes the register at an offset of the RCC, if it is one of them. Returns false otherwise. A clock starts `wait`
-    /// cycles of the core after it is enabled.
-    pub(crate) fn write(&mut self, offset: u32, value: u32, wait: u64) -> bool {
-        for (number, bus) in self.buses.iter_mut().enumerate() {
-            if offset == bus.enable_register {
-                let mask = value & !bus.enables;
-                bus.enables = value;
-                let gate = Gate { bus: number, mask };
-                let runs_at = None;
-                self.starting
-                    .extend((mask != 0).then_some(Starting { gate, wait, runs_at }));
-                return true;
-            }
-            if offset == bus.reset_register {
-                bus.resets = value;
-                return true;
-            }
+    /// Writes the register at an offset of the RCC, if it is one of them. A clock starts `wait` cycles of the core after
+    /// it is enabled.
+    pub(crate) fn write(&mut self, offset: u32, value: u32, wait: u64) -> Option<Result<(), Refused>> {
+        let number = (self.buses.iter()).position(|bus| offset == bus.layout.enable || offset == bus.layout.reset)?;
+        let bus = self.buses.get_mut(number)?;
+        let [enable, reset] = bus.layout.names;
+        if offset == bus.layout.reset {
+            return Some(check_reserved(reset, value, bus.layout.reset_bits).map(|()| bus.resets = value));
         }
-        false
+        let checked = check_reserved(enable, value, bus.layout.enable_bits);
+        if checked.is_ok() {
+            let mask = value & !bus.enables;
+            bus.enables = value;
+            let gate = Gate { bus: number, mask };
+            let runs_at = None;
+            self.starting
+                .extend((mask != 0).then_some(Starting { gate, wait, runs_at }));
+        }
+        Some(checked)
     }
 
     /// Starts the clocks that the core has enabled by an instruction at this cycle.

@@ -9,11 +9,11 @@
 use std::ops::RangeInclusive;
 
 use crate::crystal::{Divided, Oscillator};
-use crate::mcu::common::rcc::{AHB_START, Gate, Gates, Source, ahb_divider, apb_divider, apb_start};
+use crate::mcu::common::rcc::{AHB_START, Gate, Gates, Layout, Source, ahb_divider, apb_divider, apb_start};
 use crate::shared::{Shared, lock};
 use crate::soc::chance::Chance;
 use crate::soc::machine::Cause;
-use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::soc::peripheral::{Peripheral, Refused, check_reserved, field, forbidden};
 use crate::time::Nanos;
 
 const CR: u32 = 0x00;
@@ -65,6 +65,8 @@ mod pllcfgr {
     pub(super) const Q_AT: u32 = 24;
     pub(super) const Q: u32 = 0xF;
     pub(super) const AT_RESET: u32 = 0x2400_3010;
+    /// Bit 29 is reserved, and set after a reset. Software may keep or clear it, as that of the manufacturer does.
+    pub(super) const BITS: u32 = M | N << N_AT | P << P_AT | SRC_HSE | Q << Q_AT | 1 << 29;
 }
 
 /// Fields of CFGR (7.3.3).
@@ -126,13 +128,48 @@ const AHB1: usize = 0;
 const AHB2: usize = 1;
 const APB1: usize = 3;
 const APB2: usize = 4;
-const BUSES: [(u32, u32, u32); 5] = [
+static BUSES: [Layout; 5] = [
     // The core-coupled memory is enabled (7.3.10).
-    (AHB1ENR, AHB1RSTR, 1 << 20),
-    (AHB2ENR, AHB2RSTR, 0),
-    (AHB3ENR, AHB3RSTR, 0),
-    (APB1ENR, APB1RSTR, 0),
-    (APB2ENR, APB2RSTR, 0),
+    Layout {
+        names: ["AHB1ENR", "AHB1RSTR"],
+        enable: AHB1ENR,
+        enable_bits: 0x7E74_11FF,
+        reset: AHB1RSTR,
+        reset_bits: 0x2260_11FF,
+        at_reset: 1 << 20,
+    },
+    Layout {
+        names: ["AHB2ENR", "AHB2RSTR"],
+        enable: AHB2ENR,
+        enable_bits: 0xF1,
+        reset: AHB2RSTR,
+        reset_bits: 0xF1,
+        at_reset: 0,
+    },
+    Layout {
+        names: ["AHB3ENR", "AHB3RSTR"],
+        enable: AHB3ENR,
+        enable_bits: 1,
+        reset: AHB3RSTR,
+        reset_bits: 1,
+        at_reset: 0,
+    },
+    Layout {
+        names: ["APB1ENR", "APB1RSTR"],
+        enable: APB1ENR,
+        enable_bits: 0x36FE_C9FF,
+        reset: APB1RSTR,
+        reset_bits: 0x36FE_C9FF,
+        at_reset: 0,
+    },
+    Layout {
+        names: ["APB2ENR", "APB2RSTR"],
+        enable: APB2ENR,
+        enable_bits: 0x0007_5F33,
+        reset: APB2RSTR,
+        reset_bits: 0x0007_5933,
+        at_reset: 0,
+    },
 ];
 
 pub(super) mod gates {
@@ -441,15 +478,18 @@ impl Peripheral for Rcc {
     }
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
-        if self.gates.write(offset, value, self.start_cycles(offset)) {
-            return Ok(());
+        if let Some(written) = self.gates.write(offset, value, self.start_cycles(offset)) {
+            return written;
         }
         match offset {
             CR => self.write_cr(value, now)?,
             PLLCFGR if self.pll.on => {
                 return Err(forbidden("PLLCFGR", "7.3.2: written while the PLL is on"));
             }
-            PLLCFGR => self.pllcfgr = value,
+            PLLCFGR => {
+                check_reserved("PLLCFGR", value, pllcfgr::BITS)?;
+                self.pllcfgr = value;
+            }
             CFGR if value & !(cfgr::MODELLED | cfgr::SWS) != 0 => return Err(Refused::Unimplemented("CFGR")),
             CFGR => self.cfgr = value & cfgr::MODELLED,
             BDCR if value & !bdcr::MODELLED != 0 => return Err(Refused::Unimplemented("BDCR")),

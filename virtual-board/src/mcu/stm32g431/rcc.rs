@@ -5,11 +5,11 @@
 //! enables, clock security, the clock output and the RTC's clock have no model.
 
 use crate::crystal::Oscillator;
-use crate::mcu::common::rcc::{AHB_START, Gate, Gates, Source, ahb_divider, apb_divider, apb_start};
+use crate::mcu::common::rcc::{AHB_START, Gate, Gates, Layout, Source, ahb_divider, apb_divider, apb_start};
 use crate::shared::{Shared, lock};
 use crate::soc::chance::Chance;
 use crate::soc::machine::Cause;
-use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::soc::peripheral::{Peripheral, Refused, check_reserved, field, forbidden};
 use crate::time::Nanos;
 
 const CR: u32 = 0x00;
@@ -83,6 +83,9 @@ mod pllcfgr {
     /// The enables of the outputs, which may be written while the PLL runs.
     pub(super) const ENABLES: u32 = 1 << 16 | QEN | REN;
     pub(super) const AT_RESET: u32 = 0x10 << N_AT;
+    /// P is bit 17, PDIV is bits 27 to 31.
+    pub(super) const BITS: u32 =
+        SRC | M << M_AT | N << N_AT | ENABLES | 1 << 17 | DIVIDER << Q_AT | DIVIDER << R_AT | 0x1F << 27;
 }
 
 /// Fields of CCIPR (7.4.26), each of two bits.
@@ -137,15 +140,57 @@ const AHB1: usize = 0;
 const AHB2: usize = 1;
 const APB1_1: usize = 3;
 const APB2: usize = 5;
-const BUSES: [(u32, u32, u32); 6] = [
+static BUSES: [Layout; 6] = [
     // The flash interface is enabled.
-    (AHB1ENR, AHB1RSTR, 1 << 8),
-    (AHB2ENR, AHB2RSTR, 0),
-    (AHB3ENR, AHB3RSTR, 0),
+    Layout {
+        names: ["AHB1ENR", "AHB1RSTR"],
+        enable: AHB1ENR,
+        enable_bits: 0x111F,
+        reset: AHB1RSTR,
+        reset_bits: 0x111F,
+        at_reset: 1 << 8,
+    },
+    Layout {
+        names: ["AHB2ENR", "AHB2RSTR"],
+        enable: AHB2ENR,
+        enable_bits: 0x050F_607F,
+        reset: AHB2RSTR,
+        reset_bits: 0x050F_607F,
+        at_reset: 0,
+    },
+    Layout {
+        names: ["AHB3ENR", "AHB3RSTR"],
+        enable: AHB3ENR,
+        enable_bits: 0x101,
+        reset: AHB3RSTR,
+        reset_bits: 0x101,
+        at_reset: 0,
+    },
     // The RTC's bus interface is enabled.
-    (APB1ENR1, APB1RSTR1, 1 << 10),
-    (APB1ENR2, APB1RSTR2, 0),
-    (APB2ENR, APB2RSTR, 0),
+    Layout {
+        names: ["APB1ENR1", "APB1RSTR1"],
+        enable: APB1ENR1,
+        enable_bits: 0xD2FE_CD3F,
+        reset: APB1RSTR1,
+        reset_bits: 0xD2FE_C13F,
+        at_reset: 1 << 10,
+    },
+    Layout {
+        names: ["APB1ENR2", "APB1RSTR2"],
+        enable: APB1ENR2,
+        enable_bits: 0x103,
+        reset: APB1RSTR2,
+        reset_bits: 0x103,
+        at_reset: 0,
+    },
+    Layout {
+        names: ["APB2ENR", "APB2RSTR"],
+        enable: APB2ENR,
+        enable_bits: 0x0437_F801,
+        reset: APB2RSTR,
+        reset_bits: 0x0437_F801,
+        at_reset: 0,
+    },
 ];
 
 pub(super) mod gates {
@@ -426,6 +471,7 @@ impl Rcc {
         if self.pll.on && (value ^ self.pllcfgr) & !pllcfgr::ENABLES != 0 {
             return Err(forbidden("PLLCFGR", "7.4.4: written while the PLL is on"));
         }
+        check_reserved("PLLCFGR", value, pllcfgr::BITS)?;
         self.pllcfgr = value;
         Ok(())
     }
@@ -466,8 +512,8 @@ impl Peripheral for Rcc {
     }
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
-        if self.gates.write(offset, value, self.start_cycles(offset)) {
-            return Ok(());
+        if let Some(written) = self.gates.write(offset, value, self.start_cycles(offset)) {
+            return written;
         }
         match offset {
             CR => self.write_cr(value, now)?,
@@ -667,5 +713,32 @@ mod tests {
         assert!(
             rcc.gates.is_enabled(gates::USART2) && rcc.gates.is_held(gates::USB) && !rcc.gates.is_held(gates::USART2)
         );
+    }
+
+    #[test]
+    fn reserved_bits_cannot_be_set() {
+        for (register, bit) in [
+            (AHB1ENR, 5),
+            (AHB1RSTR, 9),
+            (AHB2ENR, 7),
+            (AHB2RSTR, 25),
+            (AHB3ENR, 1),
+            (AHB3RSTR, 9),
+            (APB1ENR1, 9),
+            (APB1RSTR1, 11),
+            (APB1ENR2, 2),
+            (APB1RSTR2, 7),
+            (APB2ENR, 1),
+            (APB2RSTR, 27),
+            (PLLCFGR, 2),
+        ] {
+            let mut rcc = rcc();
+            let before = rcc.read(register, Nanos(0)).unwrap();
+            assert!(
+                rcc.write(register, before | 1 << bit, Nanos(0)).is_err(),
+                "{register:#x}"
+            );
+            assert_eq!(rcc.read(register, Nanos(0)), Ok(before), "{register:#x}");
+        }
     }
 }

@@ -290,11 +290,12 @@ impl Core {
         if let Some((direction, endpoint, register)) = endpoint_register(offset) {
             let (input, output) = (&self.input[endpoint], &self.output[endpoint]);
             return match (direction, register) {
-                (Direction::In, CTL) => input.control,
+                // Endpoint 0 does not show its DPID.
+                (Direction::In, CTL) => input.control & bits(offset),
                 (Direction::In, INT) => self.in_interrupts(endpoint),
                 (Direction::In, TSIZ) => input.size,
                 (Direction::In, TXFSTS) => (input.depth().saturating_sub(input.fifo.len())) as u32,
-                (Direction::Out, CTL) => output.control,
+                (Direction::Out, CTL) => output.control & bits(offset),
                 (Direction::Out, INT) => output.interrupts,
                 (Direction::Out, TSIZ) => output.size,
                 _ => 0,

@@ -4,8 +4,9 @@ mod core;
 mod registers;
 
 use self::core::Core;
+use self::registers::eptsiz;
 use crate::shared::{Shared, lock};
-use crate::soc::peripheral::{Peripheral, Refused, forbidden};
+use crate::soc::peripheral::{Peripheral, Refused, check_reserved, forbidden};
 use crate::time::Nanos;
 use crate::timing::Clock;
 use crate::usb::host::Host;
@@ -83,11 +84,18 @@ impl Peripheral for Otg {
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
         let name = registers::name(offset).ok_or(Refused::NoRegister)?;
+        let counts = registers::is_reserved_count(offset, value);
+        let value = if counts { value & !eptsiz::MCNT } else { value };
+        check_reserved(name, value, registers::bits(offset))?;
         self.come_to(now);
         self.core.write(offset, value);
         let misuse = self.core.take_misuse();
         self.settle(now);
-        misuse.map_or(Ok(()), |reason| Err(forbidden(name, reason)))
+        match misuse {
+            Some(reason) => Err(forbidden(name, reason)),
+            None if counts => Err(Refused::Unimplemented("DIEPTSIZ0.MCNT")),
+            None => Ok(()),
+        }
     }
 
     fn advance(&mut self, now: Nanos) {

@@ -104,6 +104,48 @@ pub(super) const fn name(offset: u32) -> Option<&'static str> {
     })
 }
 
+/// The bits of a register that may be written as 1 in device mode (34.16.2, 34.16.4, 34.16.5). Endpoint 0 has fewer.
+/// GINTSTS takes all: drivers, also the manufacturer's, clear its flags by a write of all ones.
+pub(super) const fn bits(offset: u32) -> u32 {
+    match offset {
+        GOTGCTL => 0x000F_0F03,
+        GOTGINT => 0x000E_0304,
+        GAHBCFG => 0x181,
+        GUSBCFG => 0xE000_3F47,
+        GRSTCTL => 0x8000_07F7,
+        GINTMSK => 0xF73E_FCFE,
+        GRXFSIZ | DIEPEMPMSK => 0xFFFF,
+        GCCFG => 0x003D_0000,
+        DCFG => 0x1FF7,
+        DCTL => 0xFFF,
+        DIEPMSK => 0x7B,
+        DOEPMSK => 0x1B,
+        PCGCCTL => 0x13,
+        DIEP..DIEP_END => match ((offset - DIEP) % ENDPOINT_SPAN, offset < DIEP + ENDPOINT_SPAN) {
+            (CTL, true) => 0xCFEE_8003,
+            (CTL, false) => 0xFFEF_87FF,
+            (INT, _) => 0xDB,
+            (TSIZ, true) => 0x0018_007F,
+            (TSIZ, false) => 0x7FFF_FFFF,
+            _ => 0,
+        },
+        DOEP..DOEP_END => match ((offset - DOEP) % ENDPOINT_SPAN, offset < DOEP + ENDPOINT_SPAN) {
+            (CTL, true) => 0xCC3E_8003,
+            (CTL, false) => 0xFC3F_87FF,
+            (INT, _) => 0x5B,
+            (TSIZ, true) => 0x6008_007F,
+            (TSIZ, false) => 0x7FFF_FFFF,
+            _ => 0,
+        },
+        _ => u32::MAX,
+    }
+}
+
+/// Returns true for a write that sets MCNT of endpoint 0, which has none. Drivers for this core do so.
+pub(super) const fn is_reserved_count(offset: u32, value: u32) -> bool {
+    offset == DIEP + TSIZ && value & eptsiz::MCNT != 0
+}
+
 /// Returns true if a read of the register pops the receive FIFO.
 pub(super) const fn pops(offset: u32) -> bool {
     offset == GRXSTSP || offset >= FIFO
@@ -241,6 +283,8 @@ pub(super) mod eptsiz {
     pub(in super::super) const XFRSIZ: u32 = 0x7_FFFF;
     pub(in super::super) const PKTCNT_AT: u32 = 19;
     pub(in super::super) const PKTCNT: u32 = 0x3FF << PKTCNT_AT;
+    /// DIEPTSIZx: number of packets in a frame. It has no effect.
+    pub(in super::super) const MCNT: u32 = 3 << 29;
     /// DOEPTSIZ0: number of further SETUP packets that the firmware has room for.
     pub(in super::super) const STUPCNT_AT: u32 = 29;
     pub(in super::super) const STUPCNT: u32 = 3 << STUPCNT_AT;

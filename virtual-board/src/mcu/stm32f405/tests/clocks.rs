@@ -6,7 +6,11 @@ const CR: u32 = RCC;
 const PLLCFGR: u32 = RCC + 0x04;
 const CFGR: u32 = RCC + 0x08;
 const APB1RSTR: u32 = RCC + 0x20;
+const AHB1RSTR: u32 = RCC + 0x10;
+const AHB2RSTR: u32 = RCC + 0x14;
+const AHB3RSTR: u32 = RCC + 0x18;
 const AHB2ENR: u32 = RCC + 0x34;
+const AHB3ENR: u32 = RCC + 0x38;
 const APB2RSTR: u32 = RCC + 0x24;
 const APB2ENR: u32 = RCC + 0x44;
 const CSR: u32 = RCC + 0x74;
@@ -342,4 +346,72 @@ fn floating_arm_pin_is_reported() {
         }
         assert_eq!(bench.drain_violations(), reported, "{steps:x?}");
     }
+}
+
+/// Expects that each of these registers refuses this reserved bit, and keeps its content.
+fn expect_refused(bits: &[(u32, u32)]) {
+    for &(register, bit) in bits {
+        let mut bench = Bench::new(Reenabled::Restarts);
+        bench.write(AHB2ENR, 1 << 7);
+        let before = bench.read(register);
+        bench.drain_violations();
+        bench.write(register, before | 1 << bit);
+        assert_eq!(bench.drain_violations(), 1, "{register:#x}");
+        assert_eq!(bench.read(register), before, "{register:#x}");
+    }
+}
+
+#[test]
+fn reserved_bits_of_rcc_cannot_be_set() {
+    expect_refused(&[
+        (RCC_AHB1ENR, 9),
+        (AHB1RSTR, 20),
+        (AHB2ENR, 8),
+        (AHB2RSTR, 1),
+        (AHB3ENR, 1),
+        (AHB3RSTR, 1),
+        (RCC_APB1ENR, 24),
+        (APB1RSTR, 31),
+        (APB2ENR, 13),
+        (APB2RSTR, 9),
+        (PLLCFGR, 15),
+        (PLLCFGR, 28),
+    ]);
+}
+
+#[test]
+fn reserved_bits_of_otg_cannot_be_set() {
+    const OTG: u32 = 0x5000_0000;
+    expect_refused(
+        &[
+            (0x000, 2),
+            (0x004, 0),
+            (0x008, 1),
+            (0x00C, 7),
+            (0x010, 3),
+            (0x018, 0),
+            (0x024, 16),
+            (0x038, 17),
+            (0x800, 3),
+            (0x804, 12),
+            (0x810, 2),
+            (0x814, 2),
+            (0x834, 16),
+            // DIEPCTL, DIEPINT, DIEPTSIZ, DOEPCTL, DOEPINT and DOEPTSIZ of endpoint 0, which has fewer, and of 1.
+            (0x900, 16),
+            (0x908, 2),
+            (0x910, 7),
+            (0x920, 20),
+            (0x928, 2),
+            (0x930, 31),
+            (0xB00, 28),
+            (0xB08, 2),
+            (0xB10, 20),
+            (0xB20, 22),
+            (0xB28, 2),
+            (0xB30, 31),
+            (0xE00, 2),
+        ]
+        .map(|(offset, bit)| (OTG + offset, bit)),
+    );
 }

@@ -25,7 +25,7 @@ use crate::can::confinement::Confinement;
 use crate::can::wait::Wait;
 use crate::can::{self, Capability, Controller as _, ErrorState, Fault};
 use crate::line::SECOND;
-use crate::soc::peripheral::{Refused, field, forbidden, merge};
+use crate::soc::peripheral::{Refused, check_reserved, field, forbidden, merge};
 use crate::time::Nanos;
 
 /// Number of times 11 recessive bits to join the bus, and to recover from bus-off (44.4.13).
@@ -214,6 +214,9 @@ impl Controller {
     }
 
     pub(super) fn write(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
+        if let Some((register, bits)) = bits(offset) {
+            check_reserved(register, value, bits)?;
+        }
         match offset {
             CCCR => return self.write_control(value),
             DBTP | NBTP | TDCR | RXGFC | XIDAM | TXBC | CKDIV if !self.is_open() => {
@@ -222,11 +225,11 @@ impl Controller {
                     "44.3.2: a protected register written without CCE and INIT",
                 ));
             }
-            DBTP => self.dbtp = value & dbtp::WRITABLE,
+            DBTP => self.dbtp = value,
             NBTP => self.nbtp = value,
-            TDCR => self.tdcr = value & TDCR_WRITABLE,
+            TDCR => self.tdcr = value,
             IR => self.ir &= !value,
-            IE => self.ie = value & ir::ALL,
+            IE => self.ie = value,
             ILS => self.ils = value,
             ILE => self.ile = value,
             RXGFC if field(value, rxgfc::LSE_AT, rxgfc::LSE) != 0 => {
@@ -236,12 +239,12 @@ impl Controller {
             XIDAM => self.xidam = value,
             RXF0A => self.acknowledge(0, value),
             RXF1A => self.acknowledge(1, value),
-            TXBC => self.txbc = value & TFQM,
+            TXBC => self.txbc = value,
             TXBAR => return self.request(value),
             TXBCR => self.cancel(value),
             TXBTIE => self.txbtie = value,
             TXBCIE => self.txbcie = value,
-            CKDIV => self.divider = value & PDIV,
+            CKDIV => self.divider = value,
             CREL | ENDN | ECR | PSR | RXF0S | RXF1S | TXFQS | TXBRP | TXBTO | TXBCF | TXEFS => {}
             TEST | RWD | TSCC | TSCV | TOCC | TOCV | HPMS | TXEFA => {
                 return Err(Refused::Unimplemented("TEST, RWD, TSCx, TOCx, HPMS, TXEFA"));

@@ -38,6 +38,32 @@ pub(super) const TXEFS: u32 = 0x0E4;
 pub(super) const TXEFA: u32 = 0x0E8;
 pub(super) const CKDIV: u32 = 0x100;
 
+/// The name of a register with reserved bits, and the bits that may be written as 1 (44.4). CCCR has its own rules.
+pub(super) const fn bits(offset: u32) -> Option<(&'static str, u32)> {
+    /// The number of a receive buffer, or a bit for each transmit buffer.
+    const BUFFERS: u32 = 0b111;
+    Some(match offset {
+        DBTP => ("DBTP", dbtp::WRITABLE),
+        NBTP => ("NBTP", 0xFFFF_FF7F),
+        TDCR => ("TDCR", TDCR_WRITABLE),
+        IR => ("IR", ir::ALL),
+        IE => ("IE", ir::ALL),
+        ILS => ("ILS", ir::ALL_GROUPS),
+        ILE => ("ILE", EINT0 | EINT1),
+        RXGFC => ("RXGFC", 0x0F1F_033F),
+        XIDAM => ("XIDAM", 0x1FFF_FFFF),
+        RXF0A => ("RXF0A", BUFFERS),
+        RXF1A => ("RXF1A", BUFFERS),
+        TXBC => ("TXBC", TFQM),
+        TXBAR => ("TXBAR", BUFFERS),
+        TXBCR => ("TXBCR", BUFFERS),
+        TXBTIE => ("TXBTIE", BUFFERS),
+        TXBCIE => ("TXBCIE", BUFFERS),
+        CKDIV => ("CKDIV", PDIV),
+        _ => return None,
+    })
+}
+
 /// Values of CREL and ENDN (44.4.1, 44.4.2).
 pub(super) const RELEASE: u32 = 0x3214_1218;
 pub(super) const ENDIANNESS: u32 = 0x8765_4321;
@@ -129,8 +155,13 @@ pub(super) mod ir {
     pub(in super::super) const PED: u32 = 1 << 22;
     pub(in super::super) const ALL: u32 = (1 << 24) - 1;
     /// The flags of each group of ILS (44.4.17).
+    pub(in super::super) const ALL_GROUPS: u32 = 0x7F;
     pub(in super::super) const GROUPS: [u32; 7] = [0x7, 0x38, 0x1C0, 0x1E00, 0xE000, 0x3_0000, 0xFC_0000];
 }
+
+/// Bits of ILE (44.4.18): the interrupt lines.
+pub(super) const EINT0: u32 = 1;
+pub(super) const EINT1: u32 = 1 << 1;
 
 /// Fields of RXGFC (44.4.19).
 pub(super) mod rxgfc {

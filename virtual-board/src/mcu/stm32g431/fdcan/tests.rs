@@ -317,3 +317,31 @@ fn without_retransmission_a_frame_has_one_attempt() {
     controller.end(false, Nanos(0));
     assert!(controller.offer().is_none());
 }
+
+#[test]
+fn reserved_bits_cannot_be_set() {
+    for (register, bit) in [
+        (DBTP, 13),
+        (NBTP, 7),
+        (TDCR, 7),
+        (IR, 24),
+        (IE, 24),
+        (ILS, 7),
+        (ILE, 2),
+        (RXGFC, 6),
+        (XIDAM, 29),
+        (RXF0A, 3),
+        (RXF1A, 3),
+        (TXBC, 0),
+        (TXBAR, 3),
+        (TXBCR, 3),
+        (TXBTIE, 3),
+        (TXBCIE, 3),
+        (CKDIV, 4),
+    ] {
+        let mut controller = open();
+        let before = controller.read(register);
+        assert!(controller.write(register, 1 << bit).is_err(), "{register:#x}");
+        assert_eq!(controller.read(register), before, "{register:#x}");
+    }
+}
