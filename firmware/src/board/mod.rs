@@ -13,7 +13,7 @@
 //! | `cancel_unfetched_packet()` | withdraws the packet in one endpoint, while the host polls it |
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of its receive DMA |
 //! | `RX_REQUEST`, `TX_REQUEST` | the numbers of the UART's requests at that DMA |
-//! | `TIMER`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits, for the clock |
+//! | `TIMER`, `TIMER_HZ`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits with its input clock, for the clock |
 //! | `LED` | the pin of the status LED |
 //! | `UART`, `TX_PIN` | the UART's registers, and its TX pin with the alternate function |
 //! | `uart` | the chip-specific part of these registers, behind [`usart`] |

@@ -18,7 +18,7 @@ use embassy_stm32::rcc;
 use embassy_time_driver::{Driver, TICK_HZ};
 use embassy_time_queue_utils::Queue;
 
-use super::{TIMER, TimerInterrupt, TimerPeripheral, usart};
+use super::{TIMER, TIMER_HZ, TimerInterrupt, TimerPeripheral, usart};
 
 /// Number of counter bits below the half-turn.
 const HALF_TURN: u32 = 31;
@@ -45,9 +45,7 @@ embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock {
 /// Starts the clock at 0.
 pub(super) fn start() {
     rcc::enable_and_reset::<TimerPeripheral>();
-    TIMER
-        .psc()
-        .write_value((u64::from(rcc::frequency::<TimerPeripheral>().0) / TICK_HZ - 1) as u16);
+    TIMER.psc().write_value((TIMER_HZ / TICK_HZ - 1) as u16);
     TIMER.arr().write_value(u32::MAX);
     TIMER.ccr(MIDDLE).write_value(1 << HALF_TURN);
     // The prescaler takes effect at the next update, which is made here and does not count as a turn of the counter.

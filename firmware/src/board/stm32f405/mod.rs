@@ -60,6 +60,8 @@ const LESS_URGENT: [Interrupt; 5] = [
 
 /// The clock: a 32-bit timer, its peripheral and its interrupt.
 pub(super) const TIMER: pac::timer::TimGp32 = pac::TIM5;
+/// Its input clock: twice that of APB1.
+pub(super) const TIMER_HZ: u64 = 84_000_000;
 /// See [`TIMER`].
 pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM5;
 /// See [`TIMER`].

@@ -5,8 +5,10 @@
 //! from HSI48, which the clock recovery system trims to the host's start-of-frame packets. CAN needs the crystal (CiA
 //! 601-3).
 
+use cortex_m::asm::delay;
 use embassy_stm32::Peri;
 use embassy_stm32::pac;
+use embassy_stm32::pac::flash::vals::Latency;
 use embassy_stm32::peripherals::RCC;
 use embassy_stm32::rcc::{
     self, AHBPrescaler, APBPrescaler, Config, Hse, HseMode, Hsi48Config, Pll, PllMul, PllPreDiv, PllQDiv, PllRDiv,
@@ -19,6 +21,9 @@ use super::super::{Watchdog, enable_clocks, oscillator};
 /// R1MODE of PWR_CR5: boost mode is on while it is clear (RM0440 6.4.22).
 const R1MODE: u32 = 1 << 8;
 
+/// Cycles of the core at half of its final clock: 2 µs, at least 1 µs (RM0440 6.1.5, 7.2.7).
+const HALF_SPEED_CYCLES: u32 = 160;
+
 /// Starts the clocks of a chip that runs on its internal oscillator. Returns when the crystal runs. Its frequency is
 /// not measured.
 ///
@@ -29,10 +34,22 @@ pub(crate) fn start(rcc: &mut Peri<'static, RCC>, watchdog: &mut Watchdog) {
     oscillator::start(watchdog, || Some(()));
     pac::PWR.cr5().modify(|w| w.0 &= !R1MODE);
     rcc::reinit(config(), rcc);
+    leave_half_speed();
     accelerate_flash();
 }
 
-/// The configuration of the clocks.
+/// Doubles the clocks of the core and the buses. A switch from 16 MHz to more than 80 MHz requires a step at half of the
+/// new clock (RM0440 6.1.5, 7.2.7).
+fn leave_half_speed() {
+    let access = pac::FLASH.acr();
+    access.modify(|w| w.set_latency(Latency::WS4));
+    while access.read().latency() != Latency::WS4 {}
+    delay(HALF_SPEED_CYCLES);
+    pac::RCC.cfgr().modify(|w| w.set_hpre(AHBPrescaler::DIV1));
+}
+
+/// The configuration of the clocks until [`leave_half_speed`]. The HAL, which makes only one step, then knows half of
+/// the buses' clocks. USART2 therefore has the system clock, and the timer of the firmware's clock its own constant.
 fn config() -> Config {
     let mut rcc = Config::default();
     rcc.hse = Some(Hse {
@@ -50,11 +67,12 @@ fn config() -> Config {
     rcc.sys = Sysclk::PLL1_R;
     // Above 150 MHz (RM0440 6.1.5). The HAL only sets the wait states of boost mode.
     rcc.boost = true;
-    rcc.ahb_pre = AHBPrescaler::DIV1;
+    rcc.ahb_pre = AHBPrescaler::DIV2;
     rcc.apb1_pre = APBPrescaler::DIV1;
     rcc.apb2_pre = APBPrescaler::DIV1;
     rcc.hsi48 = Some(Hsi48Config { sync_from_usb: true });
     rcc.mux.clk48sel = mux::Clk48sel::HSI48;
+    rcc.mux.usart2sel = mux::Uartsel::SYS;
     rcc.mux.fdcansel = mux::Fdcansel::PLL1_Q;
     rcc
 }

@@ -50,6 +50,8 @@ const LESS_URGENT: [Interrupt; 3] = [Interrupt::USB_LP, Interrupt::TIM2, Interru
 
 /// The clock: a 32-bit timer, its peripheral and its interrupt.
 pub(super) const TIMER: pac::timer::TimGp32 = pac::TIM2;
+/// Its input clock: that of APB1.
+pub(super) const TIMER_HZ: u64 = 160_000_000;
 /// See [`TIMER`].
 pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM2;
 /// See [`TIMER`].
