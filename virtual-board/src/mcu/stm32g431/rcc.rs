@@ -135,6 +135,10 @@ const PLL_INPUT: std::ops::RangeInclusive<u64> = 2_660_000..=16_000_000;
 const VCO: std::ops::RangeInclusive<u64> = 96_000_000..=344_000_000;
 const MOST: u64 = 170_000_000;
 
+/// The maximum HCLK right after the switch to the PLL, and the time until it may be more (7.2.7).
+const MOST_AT_SWITCH: u64 = 80_000_000;
+const TRANSITION: Nanos = Nanos(1_000);
+
 /// Buses with an enable and a reset register each (7.4.8 to 7.4.19), by their order in [`BUSES`].
 const AHB1: usize = 0;
 const AHB2: usize = 1;
@@ -249,6 +253,8 @@ pub(super) struct Rcc {
     cfgr: u32,
     /// The source of SYSCLK: SWS.
     selected: u32,
+    /// The time of the last switch of SYSCLK.
+    switched: Nanos,
     pllcfgr: u32,
     ccipr: u32,
     bdcr: u32,
@@ -276,6 +282,7 @@ impl Rcc {
             bypass: false,
             cfgr: cfgr::HSI16,
             selected: cfgr::HSI16,
+            switched: Nanos(0),
             pllcfgr: pllcfgr::AT_RESET,
             ccipr: 0,
             bdcr: 0,
@@ -410,8 +417,9 @@ impl Rcc {
             cfgr::PLL => self.pll.is_ready(now) && self.pllcfgr & pllcfgr::REN != 0,
             _ => false,
         };
-        if wanted {
+        if wanted && self.selected != self.cfgr & cfgr::SW {
             self.selected = self.cfgr & cfgr::SW;
+            self.switched = now;
         }
     }
 
@@ -481,6 +489,12 @@ impl Rcc {
         let clocks = self.clocks(now);
         if clocks.system > MOST || self.pll_output(pllcfgr::QEN, pllcfgr::Q_AT, now) > MOST {
             return Some(forbidden("PLLCFGR", "7.2.4: an output of the PLL above 170 MHz"));
+        }
+        if self.selected == cfgr::PLL && clocks.ahb > MOST_AT_SWITCH && now < self.switched + TRANSITION {
+            return Some(forbidden(
+                "CFGR",
+                "7.2.7: HCLK above 80 MHz within 1 µs after the switch to the PLL",
+            ));
         }
         None
     }
@@ -594,13 +608,18 @@ mod tests {
     }
 
     fn with_pll() -> (Rcc, Nanos) {
+        with_pll_divided(0)
+    }
+
+    /// The PLL as system clock, with these prescalers.
+    fn with_pll_divided(prescalers: u32) -> (Rcc, Nanos) {
         let mut rcc = rcc();
         rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
         let now = wait(&mut rcc, Nanos(0));
         rcc.write(PLLCFGR, PLLCFGR_160, now).unwrap();
         rcc.write(CR, cr::HSION | cr::HSEON | cr::PLLON, now).unwrap();
         let now = wait(&mut rcc, now);
-        rcc.write(CFGR, cfgr::PLL, now).unwrap();
+        rcc.write(CFGR, cfgr::PLL | prescalers, now).unwrap();
         (rcc, now)
     }
 
@@ -713,6 +732,21 @@ mod tests {
         assert!(
             rcc.gates.is_enabled(gates::USART2) && rcc.gates.is_held(gates::USB) && !rcc.gates.is_held(gates::USART2)
         );
+    }
+
+    #[test]
+    fn fast_clock_needs_a_microsecond_at_half() {
+        let (rcc, now) = with_pll();
+        assert!(rcc.fault(now).is_some(), "160 MHz at once");
+        let half = |after| {
+            let (mut rcc, now) = with_pll_divided(0b1000 << cfgr::HPRE_AT);
+            assert_eq!((rcc.clocks(now).ahb, rcc.fault(now)), (80_000_000, None));
+            let now = now + after;
+            rcc.write(CFGR, cfgr::PLL, now).unwrap();
+            (rcc.clocks(now).ahb, rcc.fault(now).is_some())
+        };
+        assert_eq!(half(Nanos(999)), (160_000_000, true));
+        assert_eq!(half(Nanos(1_000)), (160_000_000, false));
     }
 
     #[test]
