@@ -160,6 +160,8 @@ impl Stop {
 
     /// Takes a frame of the arm. Returns true if it is a reading. Before the hold any reading of the joints counts, and
     /// after it those of the stop only: they have its period.
+    // Not inlined: it is larger than the rest of its caller.
+    #[inline(never)]
     pub(super) fn on_frame(&mut self, initiator: Option<Initiator>, frame: &[u8], at: Instant) -> bool {
         match &mut self.steps {
             Some(steps) if !self.has_held || initiator == Some(Initiator::Adapter) => steps.on_frame(frame, at),
@@ -217,14 +219,12 @@ impl Line {
             self.dead_man.end(initiator);
         }
         self.refuse_command(Refusal::Stopped, now);
-        for _ in 0..self.requests.can.len() {
-            match self.requests.can.pop_front() {
-                Some(request) if !request.is_motion() => {
-                    // It was in the queue.
-                    let _ = self.requests.can.push_back(request);
-                }
-                Some(_) => self.refuse(Initiator::Can, Refusal::Stopped, now),
-                None => {}
+        for request in core::mem::take(&mut self.requests.can) {
+            if request.is_motion() {
+                self.refuse(Initiator::Can, Refusal::Stopped, now);
+            } else {
+                // It was in the queue.
+                let _ = self.requests.can.push_back(request);
             }
         }
         self.stop.gate = Gate::new(self.from_host.begun());
