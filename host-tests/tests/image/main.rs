@@ -17,6 +17,7 @@ mod rate;
 mod recovery;
 mod selftest;
 mod start;
+mod stop;
 mod trace;
 mod usb;
 mod usb_faults;
