@@ -35,6 +35,31 @@ impl Request {
     }
 }
 
+/// A request of a stop.
+pub(crate) enum StopRequest {
+    /// Reads the joints. It has waited since then.
+    Reading(Instant),
+    /// Holds the arm.
+    Hold(Request),
+}
+
+impl StopRequest {
+    const fn since(&self) -> Instant {
+        match self {
+            Self::Reading(since) => *since,
+            Self::Hold(request) => request.since,
+        }
+    }
+
+    /// Returns true if it waits for no answer.
+    fn is_urgent(&self) -> bool {
+        match self {
+            Self::Reading(_) => false,
+            Self::Hold(request) => request.info.is_none_or(|info| info.response.is_none()),
+        }
+    }
+}
+
 /// The pending requests.
 #[derive(Default)]
 pub(crate) struct Requests {
@@ -44,10 +69,8 @@ pub(crate) struct Requests {
     pub(crate) command: Option<Request>,
     /// Start of the wait of torque-off.
     pub(crate) torque_off: Option<Instant>,
-    /// The request of a stop that holds the arm.
-    pub(crate) hold: Option<Request>,
-    /// Start of the wait of a reading for a stop.
-    pub(crate) reading: Option<Instant>,
+    /// The request of a stop.
+    pub(crate) stop: Option<StopRequest>,
     /// Start of the wait of an identification.
     pub(crate) identify: Option<Instant>,
 }
@@ -69,14 +92,13 @@ impl Requests {
 
     /// The start of the wait of the adapter's next request.
     pub(crate) fn of_adapter(&self) -> Option<Instant> {
-        let hold = self.hold.as_ref().map(|request| request.since);
-        self.torque_off.or(hold).or(self.reading).or(self.identify)
+        let stop = self.stop.as_ref().map(StopRequest::since);
+        self.torque_off.or(stop).or(self.identify)
     }
 
     /// Returns true if torque-off or a hold waits, which wait for no answer.
     pub(crate) fn is_urgent(&self) -> bool {
-        let waits_for_none = |request: &Request| request.info.is_none_or(|info| info.response.is_none());
-        self.torque_off.is_some() || self.hold.as_ref().is_some_and(waits_for_none)
+        self.torque_off.is_some() || self.stop.as_ref().is_some_and(StopRequest::is_urgent)
     }
 
     /// The number of bytes in requests of hosts on CAN.

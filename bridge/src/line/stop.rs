@@ -13,12 +13,11 @@ use crate::arm::OwnRequest;
 use crate::config::ArmKind;
 use crate::control::{Event, Failure, Initiator, Refusal, STOP_MS};
 use crate::counters::count;
-use crate::earliest::Earliest;
 
 use super::Line;
 use super::dead_man::STREAMERS;
 use super::gate::Gate;
-use super::requests::Request;
+use super::requests::{Request, StopRequest};
 use super::to_host::PACKET;
 
 /// The time without motion.
@@ -26,7 +25,7 @@ const REFUSAL: Duration = Duration::from_millis(STOP_MS as u64);
 
 /// The state of a stop.
 pub(super) struct Stop {
-    /// The end of the refusal of motion. `None` without a stop.
+    /// The end of the refusal of motion, and of the steps. `None` without a stop.
     until: Option<Instant>,
     /// The steps that are left, and the time of the next one.
     steps: Option<Steps>,
@@ -150,7 +149,8 @@ impl Stop {
 
     /// The time of the next [`tick_stop`](Line::tick_stop).
     pub(super) fn timeout(&self) -> Option<Instant> {
-        Earliest::of(self.due).or(self.until).get()
+        let until = self.until?;
+        Some(self.due.map_or(until, |due| due.min(until)))
     }
 
     /// Motion goes to the arm by this frame.
@@ -265,10 +265,10 @@ impl Line {
             match steps.next(self.kind, now) {
                 #[cfg(feature = "ling")]
                 Step::Read => {
-                    self.requests.reading.get_or_insert(now);
+                    self.requests.stop.get_or_insert(StopRequest::Reading(now));
                 }
                 Step::Hold(request) => {
-                    (self.requests.reading, self.requests.hold) = (None, request);
+                    self.requests.stop = request.map(StopRequest::Hold);
                     // The next step follows the hold.
                     self.stop.due = None;
                     return;
@@ -293,7 +293,7 @@ impl Line {
 
     /// Drops the stop's requests that wait, and ends it.
     fn end_steps(&mut self, result: Result<(), Failure>) {
-        (self.requests.reading, self.requests.hold) = (None, None);
+        self.requests.stop = None;
         self.stop.end(result);
     }
 

@@ -11,6 +11,7 @@ use crate::counters::count;
 use crate::line_coding::UartConfig;
 
 use super::Line;
+use super::requests::StopRequest;
 
 /// The adapter's own share of an answer's time: two bytes in the transmitter, and the latency of the receiver.
 const MARGIN: Duration = Duration::from_millis(1);
@@ -123,9 +124,9 @@ impl Line {
             }
             Initiator::Poll => OwnRequest::Poll,
             _ if self.requests.torque_off.is_some() => OwnRequest::TorqueOff,
-            _ => match &self.requests.hold {
-                Some(hold) => return Some((&hold.bytes, hold.info)),
-                None if self.requests.reading.is_some() => OwnRequest::Poll,
+            _ => match &self.requests.stop {
+                Some(StopRequest::Hold(hold)) => return Some((&hold.bytes, hold.info)),
+                Some(StopRequest::Reading(_)) => OwnRequest::Poll,
                 None => OwnRequest::Identify,
             },
         };
@@ -146,17 +147,14 @@ impl Line {
                 let since = requests.command.take().map(|request| request.since);
                 (since, BurstKind::Request)
             }
-            Initiator::Adapter => {
-                if let Some(since) = requests.torque_off.take() {
-                    (Some(since), BurstKind::TorqueOff)
-                } else if let Some(hold) = requests.hold.take() {
-                    (Some(hold.since), BurstKind::Hold)
-                } else if let Some(since) = requests.reading.take() {
-                    (Some(since), BurstKind::Reading)
-                } else {
-                    (requests.identify.take(), BurstKind::Identification)
-                }
-            }
+            Initiator::Adapter => match requests.torque_off.take() {
+                Some(since) => (Some(since), BurstKind::TorqueOff),
+                None => match requests.stop.take() {
+                    Some(StopRequest::Hold(hold)) => (Some(hold.since), BurstKind::Hold),
+                    Some(StopRequest::Reading(since)) => (Some(since), BurstKind::Reading),
+                    None => (requests.identify.take(), BurstKind::Identification),
+                },
+            },
         }
     }
 

@@ -6,6 +6,7 @@ use crate::control::Initiator;
 
 use super::Line;
 use super::arbiter::Contender;
+use super::requests::StopRequest;
 
 impl Line {
     /// The initiator that may send now, if there is one.
@@ -32,7 +33,11 @@ impl Line {
 
     /// Returns true if a request of a stop goes before all others: its hold, and its first reading.
     fn is_stop_first(&self) -> bool {
-        self.requests.hold.is_some() || self.requests.reading.is_some() && !self.stop.has_read
+        match self.requests.stop {
+            Some(StopRequest::Hold(_)) => true,
+            Some(StopRequest::Reading(_)) => !self.stop.has_read,
+            None => false,
+        }
     }
 
     /// Returns true if no initiator but the host on USB is ready, which is the usual case.
