@@ -9,19 +9,19 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::common::{NO_ANSWER, failure, retry_while, run_against};
 
 /// A virtual arm whose time passes by 20 ms with each burst from a program.
-struct Stepped {
+pub(crate) struct Stepped {
     arm: LingArm,
     now: Instant,
 }
 
 impl Stepped {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let (arm, now) = (LingArm::new(Config::follower()), Instant::ZERO);
         Self { arm, now }
     }
 
     /// Takes bytes of the program, and answers them on the pty.
-    fn answer(&mut self, pty: &Pty, bytes: &[u8]) {
+    pub(crate) fn answer(&mut self, pty: &Pty, bytes: &[u8]) {
         for &byte in bytes {
             self.arm.receive(self.now, byte);
         }

@@ -10,6 +10,7 @@ use crate::common::adapter::{BIT_RATE, CanBus, NODE};
 use crate::common::board::Board;
 use crate::common::{Arm, NO_ANSWER, failure, retry_while, run, run_against, success};
 use crate::pty::with_monitor;
+use crate::signals::Stepped;
 
 fn open(port: &str) -> Link<Ling> {
     let port: Port = port.parse().unwrap();
@@ -170,6 +171,21 @@ fn silent_arm_counts_as_not_stopped() {
     let line = failure(&run(&["stop", silent.path().to_str().unwrap()]));
     assert!(line.contains("not stopped: no answer in"), "{line}");
     assert!(line.ends_with("; switch the arm's supply off if it moves"), "{line}");
+}
+
+#[test]
+fn reading_without_answer_is_repeated() {
+    /// More than the attempts of one reading.
+    const LOST: usize = 4;
+    let (mut arm, mut bursts) = (Stepped::new(), 0);
+    let output = run_against(&["stop", "PORT", "--gripper", "0"], |_, pty, bytes| {
+        bursts += 1;
+        if bursts > LOST {
+            arm.answer(pty, bytes);
+        }
+    });
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert!(out.starts_with("stopped: joints: ") && bursts > LOST, "{out}");
 }
 
 #[test]
