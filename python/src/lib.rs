@@ -22,7 +22,7 @@ mod _armwire {
     #[pymodule_export]
     use super::command::run;
     #[pymodule_export]
-    use super::ling::{LingPort, ling_angles, ling_joints};
+    use super::ling::{LingPort, ling_angles, ling_has_arrived, ling_is_holding, ling_joints};
     #[cfg(unix)]
     #[pymodule_export]
     use super::sim::{VirtualAlpha1, VirtualAlpha1Servos, VirtualLing, VirtualOlderLing, VirtualXArm};

@@ -3,8 +3,8 @@
 use std::num::NonZeroU32;
 
 use armwire::ling::{
-    GripperSpeed, JOINTS, JointState, Kind, Ling, Move, Opening, Position, Request, Response, Speed, Stroke,
-    TemperatureLimit, Torque,
+    GripperSpeed, JOINTS, JointState, Kind, Ling, MotionStatus, Move, Opening, Position, Request, Response, Speed,
+    Stroke, TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
 use armwire_cli::host::{Error, Link, Port, open_ling};
@@ -204,4 +204,27 @@ pub(crate) fn ling_angles(
 pub(crate) fn ling_joints(frame: &[u8]) -> Option<(Joints, Extra)> {
     let joints = joints(Ling.parse_response(frame, ()).ok()?)?;
     Some((joints, Ling.extra(frame).to_vec()))
+}
+
+/// The torque that this motion status shows; `None` if it shows none.
+#[pyfunction]
+pub(crate) fn ling_is_holding(status: u8) -> Option<bool> {
+    MotionStatus::from(status).is_holding()
+}
+
+/// True if all joints have arrived at these targets, within the tolerance.
+#[pyfunction]
+pub(crate) fn ling_has_arrived(targets: [u16; JOINTS], ticks: [u16; JOINTS]) -> PyResult<bool> {
+    let mut target = Move {
+        joints: [(Position::CENTRE, Speed::MAX); JOINTS],
+        gripper: (Opening::CLOSED, GripperSpeed(0)),
+    };
+    for ((position, _speed), ticks) in target.joints.iter_mut().zip(targets) {
+        *position = Position::new(ticks).map_err(value_error)?;
+    }
+    Ok(target.are_joints_reached_by(&JointState {
+        joints: ticks,
+        gripper: 0,
+        status: MotionStatus::Locked,
+    }))
 }

@@ -54,6 +54,36 @@ def test_cancelled_call_leaves_the_arm_usable() -> None:
     asyncio.run(run())
 
 
+def test_calls_take_their_turn_during_a_wait() -> None:
+    async def run() -> None:
+        with sim.ling() as virtual:
+            async with await aio.Ling.open(virtual.port) as arm:
+                await arm.move_deg([90] * 6, gripper_permille=0, speed_deg_s=5)
+                wait = asyncio.create_task(arm.wait_until_at_deg([90] * 6, timeout_s=10))
+                await asyncio.sleep(0)
+                await arm.read_stroke_mm()
+                assert not wait.done()
+                wait.cancel()
+                with pytest.raises(asyncio.CancelledError):
+                    await wait
+                # The end of the wait is not the end of the motion.
+                assert (await arm.read_velocities_deg_s()).max() > 0
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("timeout_s", [float("nan"), float("inf"), -0.1])
+def test_wait_refuses_an_unusable_timeout(timeout_s: float) -> None:
+    async def run() -> None:
+        with sim.ling() as virtual:
+            async with await aio.Ling.open(virtual.port) as arm:
+                with pytest.raises(ValueError, match="must be 0 or more, and finite"):
+                    await arm.wait_until_at_deg([0] * 6, timeout_s=timeout_s)
+                assert virtual.requests() == 0
+
+    asyncio.run(run())
+
+
 def test_port_that_does_not_open_raises() -> None:
     with pytest.raises(errors.PortError):
         asyncio.run(aio.Ling.open("/dev/no-such-port"))
@@ -73,6 +103,11 @@ def methods(blocking: type) -> list[str]:
     return [name for name, _ in inspect.getmembers(blocking, inspect.isfunction) if not name.startswith("_")]
 
 
+def parameters(method: Callable[..., Any]) -> list[tuple[str, Any, Any]]:
+    # Annotations are texts in one of the modules.
+    return [(each.name, each.kind, each.default) for each in inspect.signature(method).parameters.values()]
+
+
 @pytest.mark.parametrize("name", aio.__all__)
 def test_every_method_has_its_awaited_variant(name: str) -> None:
     blocking, variant = getattr(armwire, name), getattr(aio, name)
@@ -84,7 +119,7 @@ def test_every_method_has_its_awaited_variant(name: str) -> None:
             assert inspect.iscoroutinefunction(theirs), method
         # A variant may wrap another method with the same parameters.
         assert theirs.__name__ == method
-        assert inspect.signature(ours).parameters == inspect.signature(theirs).parameters, method
+        assert parameters(ours) == parameters(theirs), method
 
 
 # The arguments of every method, ordered so that no call changes the result of a later one.
@@ -102,6 +137,7 @@ LING: dict[str, tuple[Any, ...]] = {
     "self_check_mask": (),
     "line_errors": (),
     "wait_until_at_deg": ([0] * 6,),
+    "wait_until_at_rad": ([0] * 6,),
     "move_deg": ([0] * 6,),
     "move_rad": ([0] * 6,),
     "set_stroke_mm": (50,),

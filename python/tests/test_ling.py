@@ -39,7 +39,7 @@ def test_move_reaches_angles_in_degrees_and_radians(arm: armwire.Ling, virtual: 
     np.testing.assert_allclose(arm.read_joints_deg(), TARGET, atol=HALF_TICK)
     np.testing.assert_allclose(arm.read_joints_rad(), np.radians(TARGET), atol=np.radians(HALF_TICK))
     arm.move_rad(np.radians([0, 90, -90, 0, 0, 0]), gripper_permille=1000, speed_rad_s=[7] * 6)
-    arm.wait_until_at_deg([0, 90, -90, 0, 0, 0], timeout_s=5)
+    arm.wait_until_at_rad(np.radians([0, 90, -90, 0, 0, 0]), timeout_s=5)
 
 
 def test_every_position_survives_conversion_to_angles() -> None:
@@ -146,6 +146,31 @@ def test_low_temperature_limit_shows_as_overheating(arm: armwire.Ling) -> None:
 def test_target_not_reached_names_the_joint(arm: armwire.Ling) -> None:
     with pytest.raises(TimeoutError, match=r"after 0.1 s joint 2 is 20.04° off"):
         arm.wait_until_at_deg([0, -20, 0, 0, 0, 0], timeout_s=0.1)
+
+
+@pytest.mark.parametrize("timeout_s", [float("nan"), float("inf"), -0.1])
+def test_wait_refuses_an_unusable_timeout(arm: armwire.Ling, virtual: sim.VirtualLing, timeout_s: float) -> None:
+    with pytest.raises(ValueError, match="must be 0 or more, and finite"):
+        arm.wait_until_at_deg([0] * 6, timeout_s=timeout_s)
+    assert virtual.requests() == 0
+
+
+def test_arm_is_at_a_target_within_three_ticks(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+    arm.set_torque(False)
+    for ticks in (2045, 2051):
+        virtual.push_joints_deg([(ticks - 2048) * 45 / 512] * 6)
+        assert arm.wait_until_at_deg([0] * 6, timeout_s=0).ticks == (ticks,) * 6
+    virtual.push_joints_deg([0, 0, 0, 0, 0, 4 * 45 / 512])
+    with pytest.raises(TimeoutError, match=r"joint 6 is 0.35° off"):
+        arm.wait_until_at_deg([0] * 6, timeout_s=0)
+
+
+@pytest.mark.parametrize(
+    ("status", "is_holding"),
+    [(0x00, False), (0x01, True), (0x10, None), (0x11, True), (0xE1, None), (0xE2, False), (0x42, None)],
+)
+def test_status_shows_the_torque(status: int, is_holding: bool | None) -> None:
+    assert armwire.JointState((2048,) * 6, 0, status).is_holding is is_holding
 
 
 def test_counts_out_of_range_are_kept() -> None:

@@ -10,12 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _armwire
 from ._open import Open
-from ._units import DEG_PER_TICK, RAD_PER_TICK, Floats, count, floats, position_ticks, speed_ticks
+from ._units import DEG_PER_TICK, RAD_PER_TICK, Floats, count, floats, position_ticks, speed_ticks, timeout
 from .errors import RefusedError, UnacceptableError
 
 MAX_GRIPPER = 1000
-# Tolerance of a joint's target: 3 ticks, 0.26°.
-NEAR_TICKS = 3
 # Timeout of switching the torque.
 TORQUE_TIMEOUT_S = 0.5
 # Polling interval of waits.
@@ -87,11 +85,7 @@ class JointState:
     @property
     def is_holding(self) -> bool | None:
         """True if the torque is on; `None` if the status does not show it."""
-        if self.status in (MotionStatus.LOCKED, MotionStatus.SYNC_LOCKED):
-            return True
-        if self.status in (MotionStatus.IDLE, MotionStatus.OVERHEAT_PROTECTION):
-            return False
-        return None
+        return _armwire.ling_is_holding(self.status)
 
 
 @dataclass(frozen=True)
@@ -108,6 +102,32 @@ def joint_state(counts: tuple[tuple[int, ...], int, int], extra: bytes = b"") ->
     """The state in these counts."""
     ticks, gripper, status = counts
     return JointState(tuple(ticks), gripper, _STATUSES.get(status, status), extra)
+
+
+class Wait:
+    """A wait for joints to arrive, without the readings."""
+
+    def __init__(self, port: str, targets: list[int], timeout_s: float) -> None:
+        self._port = port
+        self._targets = targets
+        self._timeout_s = timeout(timeout_s)
+        self._until = time.monotonic() + timeout_s
+
+    def has_arrived(self, state: JointState) -> bool:
+        """Return true if every joint has arrived.
+
+        Raises:
+            TimeoutError: A joint has not, and the time is over.
+        """
+        if _armwire.ling_has_arrived(self._targets, state.ticks):
+            return True
+        if time.monotonic() >= self._until:
+            off = [abs(target - ticks) for target, ticks in zip(self._targets, state.ticks, strict=True)]
+            worst = max(range(len(off)), key=off.__getitem__)
+            raise TimeoutError(
+                f"{self._port}: after {self._timeout_s:g} s joint {worst + 1} is {off[worst] * DEG_PER_TICK:.2f}° off"
+            )
+        return False
 
 
 class Ling(Open):
@@ -217,25 +237,22 @@ class Ling(Open):
     def wait_until_at_deg(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> JointState:
         """Read until every joint is within 3 ticks (0.26°) of these angles.
 
+        Args:
+            joints: Angles of joints 1 to 6 in degrees, -180 to 179.912.
+            timeout_s: The time-out in seconds, 0 or more; 0 is one reading.
+
         Returns:
             The state at that time.
 
         Raises:
+            ValueError: An angle or the time-out is out of range; nothing is read.
             TimeoutError: A joint did not arrive in time; the message names it. The arm may still move.
         """
-        goals = position_ticks(joints, DEG_PER_TICK, "degrees")
-        until = time.monotonic() + timeout_s
-        while True:
-            state = self.read_joints()
-            off = [abs(goal - tick) for goal, tick in zip(goals, state.ticks, strict=True)]
-            if max(off) <= NEAR_TICKS:
-                return state
-            if time.monotonic() >= until:
-                worst = max(range(len(off)), key=off.__getitem__)
-                raise TimeoutError(
-                    f"{self.port}: after {timeout_s:g} s joint {worst + 1} is {off[worst] * DEG_PER_TICK:.2f}° off"
-                )
-            time.sleep(PERIOD_S)
+        return self._wait(Wait(self.port, position_ticks(joints, DEG_PER_TICK, "degrees"), timeout_s))
+
+    def wait_until_at_rad(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> JointState:
+        """Read until every joint is within 3 ticks (0.0046 rad) of these angles. See `wait_until_at_deg`."""
+        return self._wait(Wait(self.port, position_ticks(joints, RAD_PER_TICK, "rad"), timeout_s))
 
     def set_torque(self, on: bool) -> None:
         """Switch the torque and verify the status. With torque off the arm falls: hold it.
@@ -269,6 +286,11 @@ class Ling(Open):
     def line_errors(self) -> LineErrors:
         """Return the line errors so far."""
         return LineErrors(*self._port.line_errors())
+
+    def _wait(self, wait: Wait) -> JointState:
+        while not wait.has_arrived(state := self.read_joints()):
+            time.sleep(PERIOD_S)
+        return state
 
     def _move(self, ticks: list[int], speeds: list[int], gripper: int, gripper_speed: int) -> None:
         gripper = count("gripper in thousandths", gripper, MAX_GRIPPER)

@@ -3,6 +3,7 @@
 A joint has 4096 ticks per turn, with zero at 2048. A tick is 45/512 degrees, exact in floating point.
 """
 
+import math
 import operator
 
 import numpy as np
@@ -63,6 +64,17 @@ def _ticks(
             first, last = (low - zero) * unit_per_tick, (high - zero) * unit_per_tick
             raise ValueError(f"{what} of joint {joint} is {value:g} {unit}, must be {first:.6g} to {last:.6g}")
     return [int(tick) for tick in np.rint(ticks)]
+
+
+def timeout(seconds: float) -> float:
+    """A time-out in seconds.
+
+    Raises:
+        ValueError: It is negative, infinite or not a number.
+    """
+    if not 0 <= seconds < math.inf:
+        raise ValueError(f"the time-out is {seconds} s, must be 0 or more, and finite")
+    return seconds
 
 
 def count(what: str, value: int, maximum: int) -> int:

@@ -17,12 +17,14 @@ from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from . import _adapter, _alpha1, _ling, _xarm
 from ._open import Open
+from ._units import DEG_PER_TICK, RAD_PER_TICK, position_ticks
 from .errors import ClosedError
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Coroutine
     from types import TracebackType
 
+    from numpy.typing import ArrayLike
     from typing_extensions import Self
 
 __all__ = ["Adapter", "Alpha1", "Ling", "XArm"]
@@ -112,12 +114,27 @@ class Ling(_Async[_ling.Ling]):
     self_check_mask = _call(_ling.Ling.self_check_mask)
     move_deg = _call(_ling.Ling.move_deg)
     move_rad = _call(_ling.Ling.move_rad)
-    wait_until_at_deg = _call(_ling.Ling.wait_until_at_deg)
     set_torque = _call(_ling.Ling.set_torque)
     set_zero = _call(_ling.Ling.set_zero)
     set_stroke_mm = _call(_ling.Ling.set_stroke_mm)
     set_temperature_limit_celsius = _call(_ling.Ling.set_temperature_limit_celsius)
     line_errors = _call(_ling.Ling.line_errors)
+
+    async def wait_until_at_deg(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> _ling.JointState:
+        """Wait as `armwire.Ling.wait_until_at_deg`, and take turns with other calls.
+
+        A cancelled wait ends at once. The arm moves on.
+        """
+        return await self._wait(_ling.Wait(self.port, position_ticks(joints, DEG_PER_TICK, "degrees"), timeout_s))
+
+    async def wait_until_at_rad(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> _ling.JointState:
+        """Wait for angles in radians. See `wait_until_at_deg`."""
+        return await self._wait(_ling.Wait(self.port, position_ticks(joints, RAD_PER_TICK, "rad"), timeout_s))
+
+    async def _wait(self, wait: _ling.Wait) -> _ling.JointState:
+        while not wait.has_arrived(state := await self.read_joints()):
+            await asyncio.sleep(_ling.PERIOD_S)
+        return state
 
 
 class XArm(_Async[_xarm.XArm]):
