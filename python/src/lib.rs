@@ -7,6 +7,7 @@ mod alpha1;
 mod command;
 mod error;
 mod ling;
+mod mover;
 mod session;
 #[cfg(unix)]
 mod sim;

@@ -2,16 +2,18 @@
 
 use std::num::NonZeroU32;
 
+use armwire::ling::stop::Grip;
 use armwire::ling::{
     GripperSpeed, JOINTS, JointState, Kind, Ling, MotionStatus, Move, Opening, Position, Request, Response, Speed,
     Stroke, TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
-use armwire_cli::host::{Error, Link, Port, open_ling};
+use armwire_cli::host::{Error, Port, open_ling};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
 use crate::error::{unacceptable, value_error};
+use crate::mover::Mover;
 use crate::session::{Session, call, interruptible, send};
 
 /// Joint ticks, gripper in thousandths, motion status.
@@ -21,14 +23,14 @@ type Extra = Vec<u8>;
 
 /// A Ling arm on a port.
 #[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct LingPort(Session<Link<Ling>>);
+pub(crate) struct LingPort(Session<Mover>);
 
 #[pymethods]
 impl LingPort {
     #[new]
     fn new(py: Python<'_>, port: &str, baud: Option<NonZeroU32>) -> PyResult<Self> {
         let port: Port = port.parse().map_err(value_error)?;
-        let open = || Ok(interruptible(open_ling(&port.connect(baud)?)?));
+        let open = || Ok(Mover::new(interruptible(open_ling(&port.connect(baud)?)?)));
         Session::open(py, open).map(Self)
     }
 
@@ -50,12 +52,17 @@ impl LingPort {
     }
 
     fn read_joints(&self, py: Python<'_>) -> PyResult<(Joints, Extra)> {
-        self.call_with_extra(py, Request::ReadJoints, joints)
+        self.read(py, Mover::read_joints)
+    }
+
+    /// The joints. Refused if the torque went off after a move.
+    fn read_motion(&self, py: Python<'_>) -> PyResult<(Joints, Extra)> {
+        self.read(py, Mover::read_motion)
     }
 
     /// The joints alone, in the format of [`ling_angles`].
     fn read_angles<'py>(&self, py: Python<'py>, unit_per_tick: f64) -> PyResult<Bound<'py, PyByteArray>> {
-        let (ticks, ..) = self.call(py, Request::ReadJoints, joints)?;
+        let ((ticks, ..), _) = self.read_joints(py)?;
         ling_angles(py, ticks, unit_per_tick)
     }
 
@@ -91,15 +98,16 @@ impl LingPort {
         })
     }
 
-    /// Positions in ticks, speeds in ticks per second, gripper in thousandths, its speed in ticks per second.
+    /// Positions in ticks, speeds in ticks per second, gripper in thousandths, its speed in ticks per second. True if the
+    /// gripper's goal is its reading.
     fn move_to(
         &self,
         py: Python<'_>,
         positions: [u16; JOINTS],
         speeds: [u16; JOINTS],
-        gripper: u16,
+        gripper: Option<u16>,
         gripper_speed: u16,
-    ) -> PyResult<()> {
+    ) -> PyResult<bool> {
         let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
         for (joint, (position, speed)) in joints.iter_mut().zip(positions.into_iter().zip(speeds)) {
             *joint = (
@@ -107,17 +115,19 @@ impl LingPort {
                 Speed::new(speed).map_err(value_error)?,
             );
         }
-        let opening = Opening::new(gripper).map_err(value_error)?;
-        let gripper = (opening, GripperSpeed(gripper_speed));
-        self.send(py, Request::Move(Move { joints, gripper }))
+        let gripper = gripper.map(Opening::new).transpose().map_err(value_error)?;
+        let speed = GripperSpeed(gripper_speed);
+        let grip = self.0.with(py, |mover| mover.move_to(joints, gripper, speed))?;
+        Ok(grip == Grip::Reading)
     }
 
     fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<()> {
-        self.send(py, Request::SetTorque(if on { Torque::On } else { Torque::Off }))
+        let torque = if on { Torque::On } else { Torque::Off };
+        self.0.with(py, |mover| mover.set_torque(torque))
     }
 
     fn set_zero(&self, py: Python<'_>) -> PyResult<()> {
-        self.send(py, Request::SetZero)
+        self.0.with(py, Mover::set_zero)
     }
 
     /// In millimetres.
@@ -140,7 +150,7 @@ impl LingPort {
 
     /// Bytes outside frames, and frames with a wrong checksum, since the port was opened.
     fn line_errors(&self, py: Python<'_>) -> PyResult<(usize, usize)> {
-        let errors = self.0.with(py, |link| Ok(link.line_errors()))?;
+        let errors = self.0.with(py, |mover| Ok(mover.link().line_errors()))?;
         Ok((errors.noise_bytes, errors.checksums))
     }
 }
@@ -152,7 +162,7 @@ impl LingPort {
         request: Request,
         take: impl FnOnce(Response) -> Option<T> + Send,
     ) -> PyResult<T> {
-        self.0.with(py, |link| call(link, &request, take))
+        self.0.with(py, |mover| call(mover.link(), &request, take))
     }
 
     fn call_with_extra<T: Send>(
@@ -161,26 +171,35 @@ impl LingPort {
         request: Request,
         take: impl FnOnce(Response) -> Option<T> + Send,
     ) -> PyResult<(T, Extra)> {
-        self.0.with(py, |link| {
-            let answer = call(link, &request, take)?;
-            Ok((answer, Ling.extra(link.frame()).to_vec()))
+        self.0.with(py, |mover| {
+            let answer = call(mover.link(), &request, take)?;
+            Ok((answer, extra(mover)))
+        })
+    }
+
+    fn read(
+        &self,
+        py: Python<'_>,
+        read: impl FnOnce(&mut Mover) -> Result<JointState, Error> + Send,
+    ) -> PyResult<(Joints, Extra)> {
+        self.0.with(py, |mover| {
+            let state = read(mover)?;
+            Ok((joints(state), extra(mover)))
         })
     }
 
     fn send(&self, py: Python<'_>, request: Request) -> PyResult<()> {
-        self.0.with(py, |link| -> Result<(), Error> { send(link, &request) })
+        self.0.with(py, |mover| send(mover.link(), &request))
     }
 }
 
-fn joints(response: Response) -> Option<Joints> {
-    match response {
-        Response::Joints(JointState {
-            joints,
-            gripper,
-            status,
-        }) => Some((joints, gripper, status.into())),
-        _ => None,
-    }
+/// The extra bytes of the last answer.
+fn extra(mover: &mut Mover) -> Extra {
+    Ling.extra(mover.link().frame()).to_vec()
+}
+
+fn joints(state: JointState) -> Joints {
+    (state.joints, state.gripper, state.status.into())
 }
 
 /// Joint angles, 0 at the zero position: six 64-bit numbers in native byte order, for a NumPy array without a copy.
@@ -202,8 +221,10 @@ pub(crate) fn ling_angles(
 /// The joints in a frame, and its extra bytes; `None` for any other frame.
 #[pyfunction]
 pub(crate) fn ling_joints(frame: &[u8]) -> Option<(Joints, Extra)> {
-    let joints = joints(Ling.parse_response(frame, ()).ok()?)?;
-    Some((joints, Ling.extra(frame).to_vec()))
+    match Ling.parse_response(frame, ()).ok()? {
+        Response::Joints(state) => Some((joints(state), Ling.extra(frame).to_vec())),
+        _ => None,
+    }
 }
 
 /// The torque that this motion status shows; `None` if it shows none.

@@ -4,6 +4,8 @@ import socket
 import threading
 import time
 import tty
+import warnings
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,6 +16,13 @@ from armwire import MotionStatus, sim
 TARGET = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
 # Half a tick in degrees: the largest rounding error of a position.
 HALF_TICK = 45 / 1024
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 10
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 def go(arm: armwire.Ling, joints: object, gripper: int = 500) -> armwire.JointState:
@@ -105,6 +114,75 @@ def test_torque_off_releases_the_arm(arm: armwire.Ling, virtual: sim.VirtualLing
     np.testing.assert_allclose(arm.read_joints_deg(), TARGET, atol=HALF_TICK)
     arm.set_torque(True)
     assert arm.read_joints().status is MotionStatus.LOCKED
+
+
+def test_motion_without_torque_is_refused_at_once(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+    arm.set_torque(False)
+    before = virtual.requests()
+    with pytest.raises(armwire.errors.RefusedError, match=r"torque is off \(status idle\), so nothing was sent"):
+        arm.move_deg(TARGET, gripper_permille=500, speed_deg_s=90)
+    with pytest.raises(armwire.errors.RefusedError, match="nothing was sent"):
+        arm.move_rad([0] * 6, gripper_permille=500, speed_rad_s=1)
+    # A reading each.
+    assert virtual.requests() == before + 2
+    arm.set_torque(True)
+    go(arm, TARGET)
+
+
+def test_stream_of_moves_costs_no_readings(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+    for angle in range(10):
+        arm.move_deg([angle] * 6, gripper_permille=0, speed_deg_s=90)
+    arm.read_joints()
+    # The reading before the first move, the moves, and the last reading.
+    assert virtual.requests() == 12
+
+
+def test_wait_ends_when_the_torque_goes_off(arm: armwire.Ling) -> None:
+    arm.move_deg([90] * 6, gripper_permille=0, speed_deg_s=5)
+    # The limit is below the temperature: the arm switches its torque off.
+    arm.set_temperature_limit_celsius(10)
+    with pytest.raises(armwire.errors.RefusedError, match="status overheat protection"):
+        arm.wait_until_at_deg([90] * 6)
+    with pytest.raises(armwire.errors.RefusedError, match="nothing was sent"):
+        arm.move_deg([0] * 6, gripper_permille=0, speed_deg_s=90)
+
+
+def test_wait_for_an_arm_moved_by_hand_returns() -> None:
+    with sim.ling(leader=True) as virtual, armwire.Ling(virtual.port) as leader:
+        timer = threading.Timer(0.1, virtual.push_joints_deg, (TARGET,))
+        timer.start()
+        assert leader.wait_until_at_deg(TARGET).is_holding is False
+        timer.join()
+
+
+def test_omitted_gripper_gets_its_last_goal(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+    arm.move_deg([0] * 6, gripper_permille=1000, speed_deg_s=90, gripper_ticks_s=200)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        arm.move_deg([1] * 6, speed_deg_s=90, gripper_ticks_s=5500)
+    wait_until(lambda: virtual.joints().gripper == 1000)
+
+
+def test_omitted_gripper_without_a_goal_warns(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+    arm.set_torque(False)
+    virtual.push_gripper_permille(300)
+    arm.set_torque(True)
+    with pytest.warns(UserWarning, match="a grip may loosen") as warned:
+        arm.move_deg(TARGET, speed_deg_s=400)
+    assert warned[0].filename == __file__
+    arm.wait_until_at_deg(TARGET)
+    assert virtual.joints().gripper == 300
+
+
+def test_gripper_without_torque_forgets_its_goal(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+    go(arm, [0] * 6, gripper=1000)
+    arm.set_torque(False)
+    virtual.push_gripper_permille(300)
+    arm.set_torque(True)
+    with pytest.warns(UserWarning, match="a grip may loosen"):
+        arm.move_deg(TARGET, speed_deg_s=400)
+    arm.wait_until_at_deg(TARGET)
+    assert virtual.joints().gripper == 300
 
 
 def test_leader_is_moved_by_hand() -> None:

@@ -1,6 +1,7 @@
 """A Ling arm (Alicia-D): follower or leader."""
 
 import time
+import warnings
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
@@ -207,27 +208,41 @@ class Ling(Open):
         return self._port.self_check()
 
     def move_deg(
-        self, joints: ArrayLike, *, gripper_permille: int, speed_deg_s: ArrayLike, gripper_ticks_s: int = 1000
+        self,
+        joints: ArrayLike,
+        *,
+        speed_deg_s: ArrayLike,
+        gripper_permille: int | None = None,
+        gripper_ticks_s: int = 1000,
     ) -> None:
         """Start a move to these angles. The arm moves at once: keep clear of it.
 
-        The arm sends no confirmation. It does not move while its torque is off.
+        The arm sends no confirmation. Its torque is read before this object's first move, and before a move after a
+        reading that showed it off. A stream of moves costs no readings.
 
         Args:
             joints: Angles of joints 1 to 6 in degrees, -180 to 179.912.
-            gripper_permille: The gripper, 0 closed to 1000 open. It moves in the same request.
             speed_deg_s: Degrees per second, up to 439.453: one number for all joints, or six.
+            gripper_permille: The gripper, 0 closed to 1000 open. It moves in the same request. If omitted, it is the
+                last goal that this object has sent since the torque was off. Without one it is the reading, with a
+                warning: a grip may loosen.
             gripper_ticks_s: The gripper's speed in ticks per second; the vendor's software sends 5500.
 
         Raises:
             ValueError: A value is out of range; nothing is sent.
+            RefusedError: The torque is off; the move is not sent.
         """
         ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
         speeds = speed_ticks(speed_deg_s, DEG_PER_TICK, "degrees/s")
         self._move(ticks, speeds, gripper_permille, gripper_ticks_s)
 
     def move_rad(
-        self, joints: ArrayLike, *, gripper_permille: int, speed_rad_s: ArrayLike, gripper_ticks_s: int = 1000
+        self,
+        joints: ArrayLike,
+        *,
+        speed_rad_s: ArrayLike,
+        gripper_permille: int | None = None,
+        gripper_ticks_s: int = 1000,
     ) -> None:
         """Start a move to these angles in radians, -3.14159 to 3.14006, at up to 7.66990 rad/s. See `move_deg`."""
         ticks = position_ticks(joints, RAD_PER_TICK, "rad")
@@ -246,6 +261,7 @@ class Ling(Open):
 
         Raises:
             ValueError: An angle or the time-out is out of range; nothing is read.
+            RefusedError: The torque went off after a move of this object.
             TimeoutError: A joint did not arrive in time; the message names it. The arm may still move.
         """
         return self._wait(Wait(self.port, position_ticks(joints, DEG_PER_TICK, "degrees"), timeout_s))
@@ -288,13 +304,29 @@ class Ling(Open):
         return LineErrors(*self._port.line_errors())
 
     def _wait(self, wait: Wait) -> JointState:
-        while not wait.has_arrived(state := self.read_joints()):
+        while not wait.has_arrived(state := self._read_motion()):
             time.sleep(PERIOD_S)
         return state
 
-    def _move(self, ticks: list[int], speeds: list[int], gripper: int, gripper_speed: int) -> None:
-        gripper = count("gripper in thousandths", gripper, MAX_GRIPPER)
-        self._port.move_to(ticks, speeds, gripper, count("gripper speed in ticks/s", gripper_speed, 0xFFFF))
+    def _read_motion(self) -> JointState:
+        """Read the joints. Raises `RefusedError` if the torque went off after a move."""
+        return joint_state(*self._port.read_motion())
+
+    def _move(self, ticks: list[int], speeds: list[int], gripper: int | None, gripper_speed: int) -> None:
+        gripper = _gripper(gripper)
+        gripper_speed = count("gripper speed in ticks/s", gripper_speed, 0xFFFF)
+        if self._port.move_to(ticks, speeds, gripper, gripper_speed):
+            _warn_of_grip(self.port, stacklevel=4)
+
+
+def _warn_of_grip(port: str, *, stacklevel: int) -> None:
+    """Warn at the line that called the object's method."""
+    text = "the gripper's goal is its reading, because its last goal is unknown: a grip may loosen"
+    warnings.warn(f"{port}: {text} (gripper_permille states a goal)", stacklevel=stacklevel)
+
+
+def _gripper(permille: int | None) -> int | None:
+    return None if permille is None else count("gripper in thousandths", permille, MAX_GRIPPER)
 
 
 def _version(number: int) -> str:

@@ -132,7 +132,7 @@ class Ling(_Async[_ling.Ling]):
         return await self._wait(_ling.Wait(self.port, position_ticks(joints, RAD_PER_TICK, "rad"), timeout_s))
 
     async def _wait(self, wait: _ling.Wait) -> _ling.JointState:
-        while not wait.has_arrived(state := await self.read_joints()):
+        while not wait.has_arrived(state := await self._run(self._blocking._read_motion)):
             await asyncio.sleep(_ling.PERIOD_S)
         return state
 

@@ -11,7 +11,8 @@ Call of the SDK                         Here
 `is_connected`
 `get_robot_state(info_type, timeout)`   Same values. `timeout` is ignored: a read takes at most half a second.
                                         `gripper_type` is always read from the arm and may be 75 mm.
-`set_robot_state(…)`                    Same. A value out of range is a `ValueError`; the SDK clamps it.
+`set_robot_state(…)`                    Same. A value out of range is a `ValueError`; the SDK clamps it. A motion of an
+                                        arm without torque is a `RefusedError`.
 `set_home(…)`                           Same.
 `torque_control("on" | "off")`          Same, and verified.
 `zero_calibration()`                    Same, with its two questions.
