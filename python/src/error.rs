@@ -14,6 +14,7 @@ mod exceptions {
     pyo3::import_exception!(armwire.errors, DamagedError);
     pyo3::import_exception!(armwire.errors, ErrorFrameError);
     pyo3::import_exception!(armwire.errors, LateError);
+    pyo3::import_exception!(armwire.errors, NotStoppedError);
     pyo3::import_exception!(armwire.errors, OlderArmError);
     pyo3::import_exception!(armwire.errors, PortError);
     pyo3::import_exception!(armwire.errors, PortLostError);
@@ -23,8 +24,8 @@ mod exceptions {
 }
 
 use exceptions::{
-    AbsentError, ClosedError, DamagedError, ErrorFrameError, LateError, OlderArmError, PortError, PortLostError,
-    RefusedError, UnacceptableError, WrongArmError,
+    AbsentError, ClosedError, DamagedError, ErrorFrameError, LateError, NotStoppedError, OlderArmError, PortError,
+    PortLostError, RefusedError, UnacceptableError, WrongArmError,
 };
 
 /// The exception for an error.
@@ -43,6 +44,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
             Missing::Elsewhere | Missing::Foreign => WrongArmError::new_err(text),
             _ => AbsentError::new_err(text),
         },
+        Error::NotStopped { .. } => NotStoppedError::new_err(text),
         Error::Legacy { .. } => OlderArmError::new_err(text),
         Error::Lost { .. } | Error::Stuck { .. } => PortLostError::new_err(text),
         Error::Refused { .. } | Error::Unsupported { .. } => RefusedError::new_err(text),

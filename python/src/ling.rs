@@ -2,7 +2,7 @@
 
 use std::num::NonZeroU32;
 
-use armwire::ling::stop::Grip;
+use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
     GripperSpeed, JOINTS, JointState, Kind, Ling, MotionStatus, Move, Opening, Position, Request, Response, Speed,
     Stroke, TemperatureLimit, Torque,
@@ -115,10 +115,27 @@ impl LingPort {
                 Speed::new(speed).map_err(value_error)?,
             );
         }
-        let gripper = gripper.map(Opening::new).transpose().map_err(value_error)?;
+        let gripper = opening(gripper)?;
         let speed = GripperSpeed(gripper_speed);
         let grip = self.0.with(py, |mover| mover.move_to(joints, gripper, speed))?;
         Ok(grip == Grip::Reading)
+    }
+
+    /// True if a move was sent since the torque was last off.
+    fn has_moved(&self, py: Python<'_>) -> PyResult<bool> {
+        self.0.with(py, |mover| Ok(mover.has_moved()))
+    }
+
+    /// The last reading, its extra bytes, and true if the gripper's goal is its reading.
+    fn stop(&self, py: Python<'_>, gripper: Option<u16>) -> PyResult<(Joints, Extra, bool)> {
+        let gripper = opening(gripper)?;
+        self.0.with(py, |mover| {
+            let (state, is_reading) = match mover.stop(gripper)? {
+                Stopped::AtRest { state, grip } => (state, grip == Grip::Reading),
+                Stopped::WithoutTorque(state) => (state, false),
+            };
+            Ok((joints(state), extra(mover), is_reading))
+        })
     }
 
     fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<()> {
@@ -196,6 +213,11 @@ impl LingPort {
 /// The extra bytes of the last answer.
 fn extra(mover: &mut Mover) -> Extra {
     Ling.extra(mover.link().frame()).to_vec()
+}
+
+/// The gripper's goal in thousandths.
+fn opening(gripper: Option<u16>) -> PyResult<Option<Opening>> {
+    gripper.map(Opening::new).transpose().map_err(value_error)
 }
 
 fn joints(state: JointState) -> Joints {

@@ -1,10 +1,10 @@
 //! A Ling arm that is moved: what its next motion depends on.
 
-use armwire::ling::stop::Grip;
+use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
     GripperSpeed, JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Speed, Torque,
 };
-use armwire_cli::host::{Error, Link};
+use armwire_cli::host::{Error, Link, stop_interruptibly};
 
 use crate::session::{call, send};
 
@@ -51,7 +51,7 @@ impl Mover {
     ///
     /// [`Error::Refused`] if the torque went off after a move. An arm that was not moved may be moved by hand.
     pub(crate) fn read_motion(&mut self) -> Result<JointState, Error> {
-        let has_moved = self.gripper.is_some();
+        let has_moved = self.has_moved();
         let state = self.read_joints()?;
         match has_moved && !self.may_move {
             true => Err(self.without_torque(&state, "the arm is not moved")),
@@ -85,6 +85,27 @@ impl Mover {
         send(&mut self.link, &Request::Move(Move { joints, gripper }))?;
         self.gripper = Some(opening);
         Ok(grip)
+    }
+
+    /// True if a move was sent since the torque was last off.
+    pub(crate) fn has_moved(&self) -> bool {
+        self.gripper.is_some()
+    }
+
+    /// Stops the arm and keeps its torque on. An omitted gripper gets its last goal, else its reading.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotStopped`] if the arm may still move, and errors of the line.
+    pub(crate) fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
+        self.may_move = false;
+        self.gripper = gripper.or(self.gripper);
+        let stopped = stop_interruptibly(&mut self.link, self.gripper)?;
+        match stopped {
+            Stopped::AtRest { .. } => self.may_move = true,
+            Stopped::WithoutTorque(_) => self.gripper = None,
+        }
+        Ok(stopped)
     }
 
     pub(crate) fn set_torque(&mut self, torque: Torque) -> Result<(), Error> {

@@ -143,6 +143,7 @@ LING: dict[str, tuple[Any, ...]] = {
     "set_stroke_mm": (50,),
     "set_temperature_limit_celsius": (60,),
     "set_torque": (True,),
+    "stop": (),
     "set_zero": (),
 }
 KEYWORDS: dict[str, dict[str, Any]] = {

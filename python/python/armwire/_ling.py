@@ -1,7 +1,10 @@
 """A Ling arm (Alicia-D): follower or leader."""
 
+import sys
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
@@ -12,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _armwire
 from ._open import Open
 from ._units import DEG_PER_TICK, RAD_PER_TICK, Floats, count, floats, position_ticks, speed_ticks, timeout
-from .errors import RefusedError, UnacceptableError
+from .errors import ArmwireError, RefusedError, UnacceptableError
 
 MAX_GRIPPER = 1000
 # Timeout of switching the torque.
@@ -249,8 +252,37 @@ class Ling(Open):
         speeds = speed_ticks(speed_rad_s, RAD_PER_TICK, "rad/s")
         self._move(ticks, speeds, gripper_permille, gripper_ticks_s)
 
+    def stop(self, *, gripper_permille: int | None = None) -> JointState:
+        """Stop the arm where it is and keep its torque on. It takes 0.1 s at rest, and 2.5 s at most.
+
+        The arm has no request for this: it gets its own pose as the target of a move, which ends the motion in
+        progress. At rest, torque-on follows: an adapter then ends the stream of this host. An arm without torque is
+        sent nothing. **This is not an emergency stop**: keep a switch in the arm's supply. A later move, of another
+        thread or program, moves the arm again.
+
+        Args:
+            gripper_permille: The gripper's goal, 0 closed to 1000 open. If omitted, it is the last goal that this
+                object has sent since the torque was off: a grip stays firm. Without one it is the reading, with a
+                warning: a grip may loosen.
+
+        Returns:
+            The last reading, of an arm at rest. If its `is_holding` is false, the torque is off: the arm is not held.
+
+        Raises:
+            ValueError: The gripper's goal is out of range; nothing is sent.
+            NotStoppedError: The arm does not come to rest within 2 s, or does not answer: it may still move.
+            PortLostError: The port was lost: the arm may still move.
+        """
+        counts, extra, is_reading = self._port.stop(_gripper(gripper_permille))
+        if is_reading:
+            _warn_of_grip(self.port, stacklevel=3)
+        return joint_state(counts, extra)
+
     def wait_until_at_deg(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> JointState:
         """Read until every joint is within 3 ticks (0.26°) of these angles.
+
+        Ctrl-C stops the arm if this object has moved it, says so on standard error, and raises `KeyboardInterrupt`. A
+        second Ctrl-C ends the stop.
 
         Args:
             joints: Angles of joints 1 to 6 in degrees, -180 to 179.912.
@@ -304,9 +336,27 @@ class Ling(Open):
         return LineErrors(*self._port.line_errors())
 
     def _wait(self, wait: Wait) -> JointState:
-        while not wait.has_arrived(state := self._read_motion()):
-            time.sleep(PERIOD_S)
+        with self._stopped_by_ctrl_c():
+            while not wait.has_arrived(state := self._read_motion()):
+                time.sleep(PERIOD_S)
         return state
+
+    @contextmanager
+    def _stopped_by_ctrl_c(self) -> Iterator[None]:
+        """Make Ctrl-C stop the motion that this object has begun."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            if self._port.has_moved():
+                print(self._stop_in_words(), file=sys.stderr)
+            raise
+
+    def _stop_in_words(self) -> str:
+        try:
+            state = self.stop()
+        except ArmwireError as error:
+            return str(error)
+        return f"{self.port}: {'the arm is without torque' if state.is_holding is False else 'Ctrl-C stopped the arm'}"
 
     def _read_motion(self) -> JointState:
         """Read the joints. Raises `RefusedError` if the torque went off after a move."""

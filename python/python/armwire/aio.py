@@ -114,6 +114,7 @@ class Ling(_Async[_ling.Ling]):
     self_check_mask = _call(_ling.Ling.self_check_mask)
     move_deg = _call(_ling.Ling.move_deg)
     move_rad = _call(_ling.Ling.move_rad)
+    stop = _call(_ling.Ling.stop)
     set_torque = _call(_ling.Ling.set_torque)
     set_zero = _call(_ling.Ling.set_zero)
     set_stroke_mm = _call(_ling.Ling.set_stroke_mm)
@@ -123,7 +124,7 @@ class Ling(_Async[_ling.Ling]):
     async def wait_until_at_deg(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> _ling.JointState:
         """Wait as `armwire.Ling.wait_until_at_deg`, and take turns with other calls.
 
-        A cancelled wait ends at once. The arm moves on.
+        A cancelled wait ends at once, and the arm moves on: `stop` ends its motion.
         """
         return await self._wait(_ling.Wait(self.port, position_ticks(joints, DEG_PER_TICK, "degrees"), timeout_s))
 

@@ -13,6 +13,7 @@ Exception              Cause
 `LateError`            The answer arrived after the timeout. It is discarded and never matched to a later request.
 `WrongArmError`        Bytes arrived, but no answer of this protocol: another arm, or another program on the line.
 `RefusedError`         The arm or adapter refused the request or does not support it.
+`NotStoppedError`      The arm may still move after `stop`: only the switch of its supply stops it.
 `UnacceptableError`    The answer is well-formed, with a value outside the protocol's range.
 `OlderArmError`        A Ling arm from before late 2025, with a different protocol. Nothing was sent to it.
 `ClosedError`          The object is closed.
@@ -29,6 +30,7 @@ __all__ = [
     "ErrorFrameError",
     "LateError",
     "NoAnswerError",
+    "NotStoppedError",
     "OlderArmError",
     "PortError",
     "PortLostError",
@@ -72,6 +74,10 @@ class WrongArmError(NoAnswerError):
 
 class RefusedError(ArmwireError):
     """The arm or adapter refused the request."""
+
+
+class NotStoppedError(ArmwireError):
+    """The arm may still move after a stop. Only the switch of its supply stops it."""
 
 
 class UnacceptableError(ArmwireError):
