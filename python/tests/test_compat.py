@@ -62,6 +62,9 @@ def test_refused_move_changes_no_target(robot: SynriaRobotAPI, virtual: sim.Virt
     with pytest.raises(ValueError, match="joint_format is 'degrees'"):
         robot.set_robot_state([1.0] * 6, joint_format="degrees")
     assert virtual.requests() == before
+    with pytest.raises(ValueError, match="the time-out is nan s"):
+        robot.set_robot_state([0.0] * 6, timeout=math.nan)
+    assert virtual.requests() == before
     with pytest.raises(ValueError, match="angle of joint 1"):
         robot.set_robot_state([400.0] * 6, joint_format="deg")
     assert robot.set_robot_state(gripper_value=800)

@@ -13,6 +13,7 @@ from scripted import MOVE, READ_JOINTS, TORQUE_ON, ScriptedArm
 
 import armwire
 from armwire import MotionStatus, aio, errors, sim
+from armwire.compat.alicia_d import create_robot
 
 FAR = [170.0] * 6
 SLOW = 30.0
@@ -152,6 +153,23 @@ def test_ctrl_c_in_a_wait_stops_the_arm(
     thread.join()
     assert capsys.readouterr().err == f"{virtual.port}: Ctrl-C stopped the arm\n"
     assert_rests(arm, virtual, virtual.joints())
+
+
+def test_ctrl_c_in_a_script_for_the_sdk_stops_the_arm(
+    virtual: sim.VirtualLing, ctrl_c: Callable[[], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def press() -> None:
+        wait_until(lambda: virtual.joints().ticks[0] > 2060)
+        ctrl_c()
+
+    robot = create_robot(virtual.port)
+    thread = threading.Thread(target=press)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        robot.set_robot_state(FAR, 0, joint_format="deg", speed_deg_s=SLOW)
+    thread.join()
+    assert capsys.readouterr().err == f"{virtual.port}: Ctrl-C stopped the arm\n"
+    assert_rests(robot.arm, virtual, virtual.joints())
 
 
 def test_second_ctrl_c_ends_the_stop(ctrl_c: Callable[[], None], capsys: pytest.CaptureFixture[str]) -> None:

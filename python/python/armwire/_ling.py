@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _armwire
 from ._open import Open
-from ._units import DEG_PER_TICK, RAD_PER_TICK, Floats, count, floats, position_ticks, speed_ticks, timeout
+from ._units import DEG_PER_TICK, RAD_PER_TICK, Floats, count, floats, position_ticks, seconds, speed_ticks
 from .errors import ArmwireError, RefusedError, UnacceptableError
 
 MAX_GRIPPER = 1000
@@ -114,7 +114,7 @@ class Wait:
     def __init__(self, port: str, targets: list[int], timeout_s: float) -> None:
         self._port = port
         self._targets = targets
-        self._timeout_s = timeout(timeout_s)
+        self._timeout_s = seconds(timeout_s)
         self._until = time.monotonic() + timeout_s
 
     def has_arrived(self, state: JointState) -> bool:

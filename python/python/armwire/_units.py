@@ -66,15 +66,15 @@ def _ticks(
     return [int(tick) for tick in np.rint(ticks)]
 
 
-def timeout(seconds: float) -> float:
+def seconds(timeout: float) -> float:
     """A time-out in seconds.
 
     Raises:
         ValueError: It is negative, infinite or not a number.
     """
-    if not 0 <= seconds < math.inf:
-        raise ValueError(f"the time-out is {seconds} s, must be 0 or more, and finite")
-    return seconds
+    if not 0 <= timeout < math.inf:
+        raise ValueError(f"the time-out is {timeout} s, must be 0 or more, and finite")
+    return timeout
 
 
 def count(what: str, value: int, maximum: int) -> int:

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from .. import _ling
-from .._units import JOINTS
+from .._units import JOINTS, seconds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -145,12 +145,15 @@ class SynriaRobotAPI:
     ) -> bool:
         """Move joints and gripper. An omitted target keeps its last value; after a change of the torque, its position.
 
+        Ctrl-C stops the arm.
+
         Returns:
             True if all targets are reached, within `tolerance` in radians and 5 thousandths; true without waiting.
 
         Raises:
             ValueError: `joint_format` is neither `rad` nor `deg`, or a value is out of range; nothing is sent.
         """
+        timeout_s = seconds(timeout)
         if joint_format not in ("rad", "deg"):
             raise ValueError(f"joint_format is {joint_format!r}, must be 'rad' or 'deg'")
         joints, gripper = self._target_rad, self._target_gripper
@@ -164,22 +167,26 @@ class SynriaRobotAPI:
             joints = state.angles if joints is None else joints
             gripper = int(state.gripper) if gripper is None else gripper
         speed_ticks_s = 5500 if gripper_speed_deg_s is None else round(gripper_speed_deg_s * _TICKS_PER_DEG)
-        self.arm.move_rad(
-            joints, gripper_permille=gripper, speed_rad_s=np.radians(speed_deg_s), gripper_ticks_s=speed_ticks_s
-        )
-        self._target_rad, self._target_gripper = joints, gripper
-        if not wait_for_completion:
-            return True
-        until = time.monotonic() + timeout
-        while True:
-            state = self._joint_gripper()
-            joints_arrived = target_joints is None or bool(np.allclose(state.angles, joints, rtol=0, atol=tolerance))
-            gripper_arrived = gripper_value is None or abs(state.gripper - gripper) <= _NEAR_GRIPPER
-            if joints_arrived and gripper_arrived:
+        # Ctrl-C stops the arm as soon as it may move.
+        with self.arm._stopped_by_ctrl_c():
+            self.arm.move_rad(
+                joints, gripper_permille=gripper, speed_rad_s=np.radians(speed_deg_s), gripper_ticks_s=speed_ticks_s
+            )
+            self._target_rad, self._target_gripper = joints, gripper
+            if not wait_for_completion:
                 return True
-            if time.monotonic() >= until:
-                return False
-            time.sleep(_ling.PERIOD_S)
+            until = time.monotonic() + timeout_s
+            while True:
+                state = self._joint_gripper()
+                joints_arrived = target_joints is None or bool(
+                    np.allclose(state.angles, joints, rtol=0, atol=tolerance)
+                )
+                gripper_arrived = gripper_value is None or abs(state.gripper - gripper) <= _NEAR_GRIPPER
+                if joints_arrived and gripper_arrived:
+                    return True
+                if time.monotonic() >= until:
+                    return False
+                time.sleep(_ling.PERIOD_S)
 
     def set_home(self, speed_deg_s: ArrayLike = 10, gripper_speed_deg_s: float | None = 483.4) -> None:
         """Move to zero with the gripper open and wait."""
