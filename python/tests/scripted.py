@@ -10,9 +10,9 @@ from collections.abc import Callable
 from types import TracebackType
 from zlib import crc32
 
-READ_JOINTS, MOVE, TORQUE_ON = "read-joints", "move", "torque-on"
+READ_INFO, READ_JOINTS, MOVE, TORQUE_ON = "read-info", "read-joints", "move", "torque-on"
 # Command and function of a request.
-NAMES = {b"\x06\x00": READ_JOINTS, b"\x06\x03": MOVE, b"\x05\x00": TORQUE_ON}
+NAMES = {b"\x01\x00": READ_INFO, b"\x06\x00": READ_JOINTS, b"\x06\x03": MOVE, b"\x05\x00": TORQUE_ON}
 LOCKED = 0x01
 
 
@@ -58,12 +58,14 @@ class ScriptedArm:
         name = NAMES[head]
         reading = self.requests.count(READ_JOINTS)
         self.requests.append(name)
-        if name == READ_JOINTS:
-            self._answer(self._joint1(reading))
+        if name == READ_INFO:
+            self._answer(head, b"ADFS251205123456" + (110).to_bytes(4, "little") + (610).to_bytes(4, "little"))
+        elif name == READ_JOINTS:
+            counts = [self._joint1(reading), *[2048] * 5, 500]
+            self._answer(head, b"".join(count.to_bytes(2, "little") for count in counts) + bytes([LOCKED]))
         elif name == MOVE:
             self._on_move()
 
-    def _answer(self, joint1: int) -> None:
-        counts = [joint1, *[2048] * 5, 500]
-        body = b"\x06\x00\x0f" + b"".join(count.to_bytes(2, "little") for count in counts) + bytes([LOCKED])
+    def _answer(self, head: bytes, data: bytes) -> None:
+        body = head + bytes([len(data)]) + data
         os.write(self._ours, b"\xaa" + body + bytes([crc32(body) & 0xFF, 0xFF]))

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from scripted import MOVE, READ_JOINTS, TORQUE_ON, ScriptedArm
 
+import armwire
 from armwire import MotionStatus, sim
 
 HERE = Path(__file__).parent
@@ -151,6 +153,26 @@ def test_failed_stop_is_retried(virtual: sim.VirtualLing, tmp_path: Path) -> Non
     robot.disconnect()
 
 
+def test_stop_waits_for_rest_and_ends_the_stream(tmp_path: Path) -> None:
+    # It goes on at 2 ticks per reading: less than a step of a stop by distance.
+    with ScriptedArm(lambda reading: 2048 + 2 * min(reading, 30)) as scripted:
+        robot = follower(scripted.port, tmp_path, action_timeout_s=0)
+        robot.connect()
+        robot.send_action(POSE)
+        robot.disconnect()
+    assert scripted.requests.count(READ_JOINTS) > 30
+    # The action, and the pose of the stop once for each 4 ticks at most.
+    assert scripted.requests.count(MOVE) <= 1 + 60 // 4
+    assert scripted.requests[-1] == TORQUE_ON
+
+
+def test_action_without_torque_is_an_error(robot: Any, virtual: sim.VirtualLing) -> None:
+    robot._arm.set_torque(False)
+    with pytest.raises(errors.DeviceNotConnectedError, match="the torque is off"):
+        robot.send_action(POSE)
+    assert virtual.joints().status is MotionStatus.IDLE
+
+
 @pytest.mark.parametrize("torque_off", [False, True])
 def test_disconnect_stops_and_switches_torque_as_configured(
     virtual: sim.VirtualLing, tmp_path: Path, torque_off: bool
@@ -169,6 +191,29 @@ def test_disconnect_stops_and_switches_torque_as_configured(
     assert virtual.joints().ticks == stopped
     assert virtual.joints().joints_deg[0] < 60
     assert virtual.joints().status == (MotionStatus.IDLE if torque_off else MotionStatus.LOCKED)
+
+
+def test_disconnect_ends_the_stream_of_an_adapter(board: Path, tmp_path: Path) -> None:
+    seen = []
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter:
+        adapter.set_config({"poll": 100, "host-timeout.after-ms": 1000, "host-timeout.torque-off": True})
+        robot = follower(str(board / "arm"), tmp_path, action_timeout_s=0)
+        robot.connect()
+        for _ in range(3):
+            robot.send_action(POSE)
+        # The answer comes after the actions. The stream is armed: flash is not written.
+        robot.get_observation()
+        with pytest.raises(armwire.errors.RefusedError, match="stream"):
+            adapter.save_config()
+        robot.disconnect()
+        for telemetry in adapter.telemetry(events=True):
+            seen.append(telemetry)
+            # Twice the host's timeout, by the adapter's clock.
+            if telemetry.stamp_us > seen[0].stamp_us + 2_000_000:
+                break
+        adapter.reset_config()
+    assert [each.event for each in seen if each.event] == []
+    assert all(each.joints is not None and each.joints.is_holding for each in seen)
 
 
 def test_unplugged_arm_is_a_clear_error(virtual: sim.VirtualLing, tmp_path: Path) -> None:

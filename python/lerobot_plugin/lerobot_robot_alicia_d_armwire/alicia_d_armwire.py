@@ -4,7 +4,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -23,10 +23,6 @@ logger = logging.getLogger(__name__)
 # Ranges of joints and gripper. Actions out of range are clamped, and the sent values are returned.
 MIN_DEG, MAX_DEG = -180.0, 179.912
 MAX_GRIPPER = 1000.0
-# A stop is sent until the joints rest between two readings: interval and timeout in seconds, and distance in degrees.
-STOP_PERIOD_S = 0.02
-STOP_TIMEOUT_S = 1.0
-AT_REST_DEG = 0.27
 # Pause before a failed stop is retried, in seconds.
 RETRY_S = 0.5
 
@@ -45,8 +41,8 @@ class AliciaDArmwire(Robot):
         self._watchdog: _Watchdog | None = None
         # One motion at a time, an action or a stop.
         self._motion = threading.Condition()
-        # The gripper's last goal. `None` before the first action: there is no motion to stop.
-        self._gripper: float | None = None
+        # False before the first action: there is no motion to stop.
+        self._has_moved = False
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
@@ -124,24 +120,32 @@ class AliciaDArmwire(Robot):
 
         Raises:
             ValueError: A joint or the gripper is missing or not a number; nothing is sent.
-            DeviceNotConnectedError: The pose cannot be sent; the text has the reason.
+            DeviceNotConnectedError: The pose cannot be sent, or the torque is off; the text has the reason.
         """
         arm = self._connected()
         goal = _checked(action)
         with self._motion:
             try:
                 goal = self._limited(arm, goal)
-                self._gripper = goal[GRIPPER]
-                self._move(arm, [goal[name] for name in JOINTS], goal[GRIPPER])
+                self._has_moved = True
+                arm.move_deg(
+                    [goal[name] for name in JOINTS],
+                    gripper_permille=round(goal[GRIPPER]),
+                    speed_deg_s=self.config.speed_deg_s,
+                    gripper_ticks_s=self.config.gripper_ticks_s,
+                )
             except armwire.ArmwireError as error:
                 raise DeviceNotConnectedError(str(error)) from error
             finally:
-                if self._gripper is not None:
+                if self._has_moved:
                     self._feed()
         return {f"{name}.pos": value for name, value in goal.items()}
 
     def disconnect(self) -> None:
-        """Stop and close the arm, and close the cameras. The arm holds its pose if the torque stays on."""
+        """Stop and close the arm, and close the cameras. The arm holds its pose if the torque stays on.
+
+        At rest the stop ends the stream of actions at an adapter, which then keeps the torque on.
+        """
         arm = self._connected()
         try:
             if self._watchdog is not None:
@@ -171,7 +175,7 @@ class AliciaDArmwire(Robot):
         if self._arm is not None:
             self._arm.close()
             self._arm = None
-        self._gripper = None
+        self._has_moved = False
         for camera in self.cameras.values():
             if camera.is_connected:
                 camera.disconnect()
@@ -193,34 +197,15 @@ class AliciaDArmwire(Robot):
         pairs = {name: (goal[name], present[f"{name}.pos"]) for name in limits}
         return {**goal, **ensure_safe_goal_position(pairs, limits)}
 
-    def _move(self, arm: armwire.Ling, joints: Sequence[float], gripper: float) -> None:
-        arm.move_deg(
-            joints,
-            gripper_permille=round(gripper),
-            speed_deg_s=self.config.speed_deg_s,
-            gripper_ticks_s=self.config.gripper_ticks_s,
-        )
-
     def _stop(self) -> None:
-        """Stop the joints at their position and verify that they rest. The gripper keeps its goal, to keep its grip.
+        """Stop the motion of the actions. The gripper keeps its goal, to keep its grip.
 
         Raises:
             ArmwireError: The arm does not answer, or still moves.
         """
         with self._motion:
-            if (arm := self._arm) is None or self._gripper is None:
-                return
-            until = time.monotonic() + STOP_TIMEOUT_S
-            before: list[float] | None = None
-            while True:
-                here = arm.read_joints().joints_deg.tolist()
-                if before is not None and max(abs(a - b) for a, b in zip(here, before, strict=True)) <= AT_REST_DEG:
-                    return
-                if time.monotonic() >= until:
-                    raise armwire.errors.RefusedError(f"{arm.port}: still moving {STOP_TIMEOUT_S:g} s after the stop")
-                self._move(arm, here, self._gripper)
-                before = here
-                time.sleep(STOP_PERIOD_S)
+            if self._arm is not None and self._has_moved:
+                self._arm.stop()
 
 
 class _Watchdog:
