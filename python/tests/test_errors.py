@@ -109,9 +109,9 @@ def test_bytes_after_documented_fields_are_kept() -> None:
     with peer(frame(f"060011{counts}7778")) as port, armwire.Ling(port) as arm:
         state = arm.read_joints()
     assert (state.gripper, state.extra) == (500, b"\x77\x78")
-    with peer(frame("01001A" + b"ADFS251205123456".hex() + "6E000000" + "62020000" + "7778")) as port:
-        with armwire.Ling(port) as arm:
-            assert arm.read_info().extra == b"\x77\x78"
+    info = frame("01001A" + b"ADFS251205123456".hex() + "6E000000" + "62020000" + "7778")
+    with peer(info) as port, armwire.Ling(port) as arm:
+        assert arm.read_info().extra == b"\x77\x78"
 
 
 def test_error_frame_is_an_error_with_its_bytes() -> None:
