@@ -165,8 +165,8 @@ enum ArmwireEventKind
    */
   ARMWIRE_EVENT_KIND_TRANSMIT,
   /**
-   * Client: the answer to the request in flight. The request is complete. (the response; `bytes` and `len` are the data
-   * after its documented fields, which a newer Ling arm may send)
+   * Client: the answer to the request in flight. The request is complete. (the response; `bytes` and `len` are the
+   * data after its documented fields, which a newer Ling arm may send)
    */
   ARMWIRE_EVENT_KIND_ANSWER,
   /**

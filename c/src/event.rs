@@ -13,8 +13,8 @@ pub enum ArmwireEventKind {
     Wait = 0,
     /// Client: transmit these bytes. Report the number that the line accepted with `transmitted`. (`bytes`, `len`)
     Transmit,
-    /// Client: the answer to the request in flight. The request is complete. (the response; `bytes` and `len` are the data
-    /// after its documented fields, which a newer Ling arm may send)
+    /// Client: the answer to the request in flight. The request is complete. (the response; `bytes` and `len` are the
+    /// data after its documented fields, which a newer Ling arm may send)
     Answer,
     /// Client: the request in flight was transmitted. It has no answer and is complete.
     Sent,

@@ -306,8 +306,8 @@ impl<P: Arm> Link<P> {
             .expect("the line wrote no more than there was");
     }
 
-    /// The frame that ended the last call: an answer, which may have more bytes than its response contains. Empty if the
-    /// call ended without one.
+    /// The frame that ended the last call: an answer, which may have more bytes than its response contains. Empty if
+    /// the call ended without one.
     pub fn frame(&self) -> &[u8] {
         self.client.frame()
     }

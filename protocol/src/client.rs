@@ -498,8 +498,8 @@ impl<M: Messages, const N: usize> Client<M, N> {
         self.decoder.idle();
     }
 
-    /// The frame of the last event, if it has one. Empty after any other output of [`poll`](Self::poll), and from the next
-    /// [`space`](Self::space) or [`receive`](Self::receive) on.
+    /// The frame of the last event, if it has one. Empty after any other output of [`poll`](Self::poll), and from the
+    /// next [`space`](Self::space) or [`receive`](Self::receive) on.
     ///
     /// It has all bytes of an answer, including those that the response does not contain.
     pub fn frame(&self) -> &[u8] {

@@ -212,8 +212,8 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
     ///
     /// # Errors
     ///
-    /// [`CallError`] if the port fails, the connection is broken, or the arm does not answer, or with an error frame or an
-    /// unacceptable answer.
+    /// [`CallError`] if the port fails, the connection is broken, or the arm does not answer, or with an error frame or
+    /// an unacceptable answer.
     pub async fn call<T>(
         &mut self,
         request: &M::Request<'_>,

@@ -50,8 +50,8 @@ pub trait Messages: Dialect {
     /// [`ParseError`] if it is not a response of this protocol, with the cause and its offset.
     fn parse_response<'a>(&self, frame: &'a [u8], expect: Self::Expect) -> Result<Self::Response<'a>, ParseError>;
 
-    /// The data of a response after its documented fields, which [`parse_response`](Self::parse_response) accepts and does
-    /// not interpret. Empty on a protocol whose responses have no more than those.
+    /// The data of a response after its documented fields, which [`parse_response`](Self::parse_response) accepts and
+    /// does not interpret. Empty on a protocol whose responses have no more than those.
     fn extra<'a>(&self, _frame: &'a [u8]) -> &'a [u8] {
         &[]
     }

@@ -190,7 +190,10 @@ proptest! {
     }
 
     #[test]
-    fn request_has_no_extra_and_one_length(request in request(), extra in proptest::collection::vec(any::<u8>(), 1..5)) {
+    fn request_has_no_extra_and_one_length(
+        request in request(),
+        extra in proptest::collection::vec(any::<u8>(), 1..5),
+    ) {
         let documented = common::request_bytes::<Ling>(&request);
         prop_assert_eq!(Ling.extra(&documented), &[] as &[u8]);
         prop_assert!(Ling.parse_request(&longer(&documented, &extra)).is_err());
