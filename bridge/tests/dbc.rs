@@ -158,7 +158,7 @@ proptest! {
 
     #[test]
     fn commands_match_the_file(
-        joints in joints(), sequence in any::<u8>(), speed in 1..=250_u8, gripper in 0..=250_u8,
+        joints in joints(), sequence in any::<u8>(), speed in 3..=250_u8, gripper in 0..=250_u8,
     ) {
         let command = Command { sequence, joints, speed, gripper };
         let target = command.target().unwrap();

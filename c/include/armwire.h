@@ -1152,7 +1152,7 @@ typedef struct ArmwireLingMove {
    */
   uint16_t position_ticks[ARMWIRE_LING_JOINTS];
   /**
-   * Speeds of joints 1 to 6, 0 to 5000.
+   * Speeds of joints 1 to 6. A client accepts 50 to 5000: an arm may take less for 0. A device receives 0 to 5000.
    */
   uint16_t speed_ticks_per_s[ARMWIRE_LING_JOINTS];
   /**

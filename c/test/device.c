@@ -208,7 +208,7 @@ static void ling_round(void)
     ArmwireLingMove target;
     for (size_t i = 0; i < ARMWIRE_LING_JOINTS; i++) {
         target.position_ticks[i] = (uint16_t)random_below(&rng, 4096);
-        target.speed_ticks_per_s[i] = (uint16_t)random_below(&rng, 5001);
+        target.speed_ticks_per_s[i] = (uint16_t)(50 + random_below(&rng, 4951));
     }
     target.opening_per_mille = (uint16_t)random_below(&rng, 1001);
     target.gripper_speed_ticks_per_s = any16();

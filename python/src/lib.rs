@@ -24,6 +24,9 @@ mod _armwire {
     use super::command::run;
     #[pymodule_export]
     use super::ling::{LingPort, ling_angles, ling_has_arrived, ling_is_holding, ling_joints};
+    /// The slowest speed of a move of a Ling arm, in ticks per second.
+    #[pymodule_export]
+    const SLOWEST_TICKS_S: u16 = armwire::ling::Speed::SLOWEST.ticks_per_second();
     #[cfg(unix)]
     #[pymodule_export]
     use super::sim::{VirtualAlpha1, VirtualAlpha1Servos, VirtualLing, VirtualOlderLing, VirtualXArm};

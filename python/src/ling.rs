@@ -112,7 +112,7 @@ impl LingPort {
         for (joint, (position, speed)) in joints.iter_mut().zip(positions.into_iter().zip(speeds)) {
             *joint = (
                 Position::new(position).map_err(value_error)?,
-                Speed::new(speed).map_err(value_error)?,
+                Speed::stated(speed).map_err(value_error)?,
             );
         }
         let gripper = opening(gripper)?;

@@ -109,13 +109,8 @@ def test_bytes_after_documented_fields_are_kept() -> None:
     with peer(frame(f"060011{counts}7778")) as port, armwire.Ling(port) as arm:
         state = arm.read_joints()
     assert (state.gripper, state.extra) == (500, b"\x77\x78")
-<<<<<<< ours
-    info = frame("01001A" + b"ADFS251205123456".hex() + "6E000000" + "62020000" + "7778")
-    with peer(info) as port, armwire.Ling(port) as arm:
-=======
     info = b"ADFS251205123456".hex() + "6E00000062020000"
     with peer(frame(f"01001A{info}7778")) as port, armwire.Ling(port) as arm:
->>>>>>> theirs
         assert arm.read_info().extra == b"\x77\x78"
 
 

@@ -246,7 +246,7 @@ def test_unusable_arm_is_a_clear_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        {"speed_deg_s": 0},
+        {"speed_deg_s": 4},
         {"speed_deg_s": 500},
         {"action_timeout_s": -1},
         {"gripper_ticks_s": 99999},

@@ -14,8 +14,6 @@ pub(crate) const DEFAULT_NAMES: [&str; JOINTS + 1] =
     ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "gripper"];
 /// The gripper's speed, as always sent by the vendor's package.
 const GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
-/// The minimum speed of a joint, in ticks/s, as in the vendor's package. The meaning of 0 is not documented.
-const MIN_SPEED: u16 = 50;
 
 /// Joints with these names and the ranges of the protocol. The arm reports the gripper's range.
 pub(crate) fn joints(names: &[String]) -> Vec<Joint> {
@@ -96,12 +94,11 @@ impl Reading {
 ///
 /// A setpoint outside the protocol's range. A checked trajectory has none.
 pub(crate) fn to_move(setpoint: &Setpoint, stroke: Stroke) -> Result<Move, OutOfRange<f32>> {
-    let slowest = Speed::new(MIN_SPEED).unwrap_or(Speed::MAX);
-    let mut joints = [(Position::CENTRE, slowest); JOINTS];
+    let mut joints = [(Position::CENTRE, Speed::SLOWEST); JOINTS];
     for (nth, joint) in joints.iter_mut().enumerate() {
         let position = Position::from_radians(setpoint.positions[nth] as f32)?;
         let speed = Speed::from_radians_per_second(setpoint.speeds[nth] as f32)?;
-        *joint = (position, speed.max(slowest));
+        *joint = (position, speed.max(Speed::SLOWEST));
     }
     let opening = Opening::from_millimetres((setpoint.positions[JOINTS] * 1_000.0) as f32, stroke)?;
     Ok(Move {
@@ -154,10 +151,7 @@ mod tests {
                 speeds: vec![0.0; JOINTS + 1],
             };
             let request = to_move(&setpoint, Stroke::Mm100).unwrap();
-            assert_eq!(
-                request.joints[0],
-                (Position::new(ticks).unwrap(), Speed::new(50).unwrap())
-            );
+            assert_eq!(request.joints[0], (Position::new(ticks).unwrap(), Speed::SLOWEST));
             assert_eq!(request.gripper.0, Opening::OPEN);
         }
     }

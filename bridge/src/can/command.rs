@@ -28,6 +28,9 @@ pub const GRIPPER_STEP: u8 = 4;
 /// The maximum speed and opening, in steps: 5000 ticks/s, and open.
 const MAX_STEPS: u8 = 250;
 
+/// The minimum speed, in steps: 60 ticks/s, the first step from [`Speed::SLOWEST`] on.
+const MIN_SPEED_STEPS: u8 = Speed::SLOWEST.ticks_per_second().div_ceil(SPEED_STEP as u16) as u8;
+
 /// A command as encoded in its frames. Its values may be out of the arm's range.
 ///
 /// | Frame | Word 0 | Word 1 | Word 2 | Word 3 |
@@ -47,7 +50,7 @@ const MAX_STEPS: u8 = 250;
 /// assert_eq!(a.data(), [0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 1, 25]);
 ///
 /// let error = Command { speed: 0, ..command }.target().unwrap_err();
-/// assert_eq!(error.to_string(), "command speed is 0 times 20 ticks/s, must be 1..=250");
+/// assert_eq!(error.to_string(), "command speed is 0 times 20 ticks/s, must be 3..=250");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -57,7 +60,7 @@ pub struct Command {
     pub sequence: u8,
     /// Target positions of joints 1 to 6, in ticks: 0 to 4095, 2048 is 0 rad.
     pub joints: [u16; JOINTS],
-    /// Speed of the joints and the gripper, in steps of [`SPEED_STEP`]: 1 to 250.
+    /// Speed of the joints and the gripper, in steps of [`SPEED_STEP`]: 3 to 250.
     pub speed: u8,
     /// Opening of the gripper, in steps of [`GRIPPER_STEP`]: 0, closed, to 250, open.
     pub gripper: u8,
@@ -79,7 +82,8 @@ impl Command {
     ///
     /// # Errors
     ///
-    /// The first value that is out of range. A speed of 0 is out of range: its effect on an arm is unknown.
+    /// The first value that is out of range. A speed under 3 steps is out of range: an arm may take it for 0, whose
+    /// effect is unknown.
     pub fn target(&self) -> Result<Move, OutOfRange> {
         let steps = |what, unit, got, min| match got {
             _ if (min..=MAX_STEPS).contains(&got) => Ok(u16::from(got)),
@@ -91,7 +95,7 @@ impl Command {
                 max: MAX_STEPS.into(),
             }),
         };
-        let speed = steps("command speed", "times 20 ticks/s", self.speed, 1)? * u16::from(SPEED_STEP);
+        let speed = steps("command speed", "times 20 ticks/s", self.speed, MIN_SPEED_STEPS)? * u16::from(SPEED_STEP);
         let opening = steps("command gripper", "times 4 ‰", self.gripper, 0)? * u16::from(GRIPPER_STEP);
         let mut joints = [(Position::CENTRE, Speed::new(speed)?); JOINTS];
         for ((position, _), ticks) in joints.iter_mut().zip(self.joints) {
@@ -347,7 +351,7 @@ mod tests {
             }
             .target();
             match steps {
-                1..=250 => assert_eq!(target.unwrap().joints[5].1.ticks_per_second(), u16::from(steps) * 20),
+                3..=250 => assert_eq!(target.unwrap().joints[5].1.ticks_per_second(), u16::from(steps) * 20),
                 _ => assert_eq!(target.unwrap_err().got, steps.into()),
             }
             let target = Command {

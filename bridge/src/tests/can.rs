@@ -216,7 +216,7 @@ fn queued_transfers_at_bus_change_are_counted() {
     let command = Command {
         sequence: 0,
         joints: [0; 6],
-        speed: 1,
+        speed: 3,
         gripper: 0,
     };
     let [half, _] = command.to_frames(can.node);
@@ -356,7 +356,7 @@ fn reapplied_configuration_keeps_a_partial_command() {
         let command = Command {
             sequence,
             joints: [2048; 6],
-            speed: 1,
+            speed: 3,
             gripper: 0,
         };
         command.to_frames(can.node)

@@ -24,7 +24,7 @@ const _: () = assert!(ARMWIRE_LING_JOINTS == JOINTS);
 pub struct ArmwireLingMove {
     /// Targets of joints 1 to 6, 0 to 4095.
     pub position_ticks: [u16; ARMWIRE_LING_JOINTS],
-    /// Speeds of joints 1 to 6, 0 to 5000.
+    /// Speeds of joints 1 to 6. A client accepts 50 to 5000: an arm may take less for 0. A device receives 0 to 5000.
     pub speed_ticks_per_s: [u16; ARMWIRE_LING_JOINTS],
     /// Target of the gripper, 0 (closed) to 1000 (open).
     pub opening_per_mille: u16,
@@ -55,7 +55,10 @@ impl ArmwireLingMove {
         let values = self.position_ticks.into_iter().zip(self.speed_ticks_per_s);
         for (index, (joint, (position, speed))) in joints.iter_mut().zip(values).enumerate() {
             let at = Refused::at(index);
-            *joint = (Position::new(position).map_err(&at)?, Speed::new(speed).map_err(&at)?);
+            *joint = (
+                Position::new(position).map_err(&at)?,
+                Speed::stated(speed).map_err(&at)?,
+            );
         }
         let opening = Opening::new(self.opening_per_mille).map_err(Refused::only)?;
         Ok(Move {

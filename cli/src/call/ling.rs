@@ -65,7 +65,7 @@ pub(crate) struct Target {
     /// Target angles of joints 1 to 6 in degrees, such as 0,10,-20,0,0,45.
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = positions)]
     joints: [Position; JOINTS],
-    /// Speed in degrees per second: one number for all joints, or six.
+    /// Speed in degrees per second, at least 4.4: one number for all joints, or six.
     #[arg(long, value_name = "DEGREES/S", allow_hyphen_values = true, value_parser = speeds)]
     speed: [Speed; JOINTS],
     /// Opening of the gripper, in percent of its stroke. Without it the goal is the gripper's reading, and a grip may
@@ -143,14 +143,8 @@ fn positions(text: &str) -> Result<[Position; JOINTS], String> {
     each(text, |text| scaled(text, "degrees", PI / 180.0, Position::from_radians))
 }
 
-/// Speeds other than 0, also when rounded: no document specifies 0.
 fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
-    let one = |text: &str| match scaled(text, "degrees/s", PI / 180.0, Speed::from_radians_per_second)? {
-        speed if speed.ticks_per_second() == 0 => {
-            Err("joint speed rounds to 0, which no document explains: it must be 0.05 degrees/s or more".to_owned())
-        }
-        speed => Ok(speed),
-    };
+    let one = |text: &str| scaled(text, "degrees/s", PI / 180.0, Speed::stated_radians_per_second);
     match text.contains(',') {
         true => each(text, one),
         false => one(text).map(|speed| [speed; JOINTS]),
@@ -174,7 +168,7 @@ mod tests {
         let ticks = positions("0,90,-90,-180,0.1,179.9").unwrap().map(Position::ticks);
         assert_eq!(ticks, [2048, 3072, 1024, 0, 2049, 4095]);
         assert_eq!(speeds("20").unwrap().map(Speed::ticks_per_second), [228; 6]);
-        assert_eq!(speeds("1,1,2,3,4,5").unwrap()[5].ticks_per_second(), 57);
+        assert_eq!(speeds("9,9,9,9,9,5").unwrap()[5].ticks_per_second(), 57);
         assert_eq!(opening("50").unwrap().per_mille(), 500);
     }
 
@@ -187,8 +181,16 @@ mod tests {
         assert!(
             speeds("-1")
                 .unwrap_err()
-                .starts_with("joint speed is -1 degrees/s, must be 0..=")
+                .starts_with("joint speed is -1 degrees/s, must be 4.39")
         );
+        for slow in ["0", "4", "9,9,9,9,9,4"] {
+            let error = speeds(slow).unwrap_err();
+            let text = "joint speed (an arm may take less than 50 ticks/s for 0) is ";
+            assert!(
+                error.starts_with(text) && error.contains("degrees/s, must be 4.39"),
+                "{error}"
+            );
+        }
         assert!(opening("101").unwrap_err().ends_with("is 101 %, must be 0..=100"));
         assert_eq!(
             limit("254").unwrap_err(),

@@ -83,7 +83,11 @@ fn out_of_range_ling_values_are_never_sent() {
         ),
         (
             &["move", "--joints", "0,0,0,0,0,0", "--speed", "500", "--gripper", "50"],
-            "joint speed is 500 degrees/s, must be 0..=439.45",
+            "joint speed is 500 degrees/s, must be 4.39",
+        ),
+        (
+            &["move", "--joints", "0,0,0,0,0,0", "--speed", "4", "--gripper", "50"],
+            "joint speed (an arm may take less than 50 ticks/s for 0) is 4 degrees/s, must be 4.39",
         ),
         (
             &["move", "--joints", "0,0,0,0,0,0", "--speed", "20", "--gripper", "-1"],

@@ -153,7 +153,7 @@ fn cyclic_frames(u: &mut Unstructured<'_>) -> Result<()> {
         assert_eq!(event_from_frame(&frame), Some((at.0 as u32, event)));
     }
     let command: Command = u.arbitrary()?;
-    let in_range = (1..=250).contains(&command.speed)
+    let in_range = (3..=250).contains(&command.speed)
         && command.gripper <= 250
         && command.joints.iter().all(|&ticks| ticks <= Position::MAX.ticks());
     assert_eq!(command.target().is_ok(), in_range);

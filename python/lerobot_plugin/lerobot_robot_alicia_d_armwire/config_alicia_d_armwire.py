@@ -36,8 +36,8 @@ class AliciaDArmwireConfig(RobotConfig):
     def __post_init__(self) -> None:
         """Reject values that would move the arm unexpectedly."""
         super().__post_init__()
-        if not 0 < self.speed_deg_s <= 439:
-            raise ValueError(f"speed_deg_s is {self.speed_deg_s}, must be over 0 and up to 439")
+        if not 4.4 <= self.speed_deg_s <= 439:
+            raise ValueError(f"speed_deg_s is {self.speed_deg_s}, must be 4.4 to 439")
         if not (self.action_timeout_s >= 0 and math.isfinite(self.action_timeout_s)):
             raise ValueError(f"action_timeout_s is {self.action_timeout_s}, must be 0 or more")
         if self.gripper_ticks_s not in range(1, 0x10000):

@@ -225,7 +225,8 @@ class Ling(Open):
 
         Args:
             joints: Angles of joints 1 to 6 in degrees, -180 to 179.912.
-            speed_deg_s: Degrees per second, up to 439.453: one number for all joints, or six.
+            speed_deg_s: Degrees per second, 4.395 to 439.453: one number for all joints, or six. An arm may take a
+                lower speed for 0. The vendor's software rounds to steps of 4.395; this sends the nearest tick.
             gripper_permille: The gripper, 0 closed to 1000 open. It moves in the same request. If omitted, it is the
                 last goal that this object has sent since the torque was off. Without one it is the reading, with a
                 warning: a grip may loosen.
@@ -247,7 +248,7 @@ class Ling(Open):
         gripper_permille: int | None = None,
         gripper_ticks_s: int = 1000,
     ) -> None:
-        """Start a move to these angles in radians, -3.14159 to 3.14006, at up to 7.66990 rad/s. See `move_deg`."""
+        """Start a move to these angles in radians, -3.14159 to 3.14006, at 0.0767 to 7.66990 rad/s. See `move_deg`."""
         ticks = position_ticks(joints, RAD_PER_TICK, "rad")
         speeds = speed_ticks(speed_rad_s, RAD_PER_TICK, "rad/s")
         self._move(ticks, speeds, gripper_permille, gripper_ticks_s)

@@ -9,6 +9,8 @@ import operator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._armwire import SLOWEST_TICKS_S
+
 Floats = NDArray[np.float64]
 
 JOINTS = 6
@@ -41,11 +43,12 @@ def speed_ticks(speed: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
     """Six speeds in ticks per second, each nearest to its speed, or to one speed for all joints.
 
     Raises:
-        ValueError: A speed is out of range or rounds to zero, which is undocumented.
+        ValueError: A speed is out of range. An arm may take less than 50 ticks/s (4.4°/s) for 0.
     """
     given = np.asarray(speed, dtype=np.float64)
     values = np.full(JOINTS, given) if given.ndim == 0 else _six(given, "joint speeds")
-    return _ticks("speed", values, values / unit_per_tick, 1, MAX_TICKS_PER_S, 0, unit_per_tick, unit)
+    ticks, low, why = values / unit_per_tick, SLOWEST_TICKS_S, " (an arm may take less for 0)"
+    return _ticks("speed", values, ticks, low, MAX_TICKS_PER_S, 0, unit_per_tick, unit, why)
 
 
 def _six(values: ArrayLike, what: str) -> Floats:
@@ -56,13 +59,21 @@ def _six(values: ArrayLike, what: str) -> Floats:
 
 
 def _ticks(
-    what: str, values: Floats, ticks: Floats, low: int, high: int, zero: int, unit_per_tick: float, unit: str
+    what: str,
+    values: Floats,
+    ticks: Floats,
+    low: int,
+    high: int,
+    zero: int,
+    unit_per_tick: float,
+    unit: str,
+    why: str = "",
 ) -> list[int]:
     for joint, (value, tick) in enumerate(zip(values.tolist(), ticks.tolist(), strict=True), start=1):
         # NaN fails every comparison and counts as out of range.
         if not low - SLACK <= tick <= high + SLACK:
             first, last = (low - zero) * unit_per_tick, (high - zero) * unit_per_tick
-            raise ValueError(f"{what} of joint {joint} is {value:g} {unit}, must be {first:.6g} to {last:.6g}")
+            raise ValueError(f"{what} of joint {joint} is {value:g} {unit}, must be {first:.6g} to {last:.6g}{why}")
     return [int(tick) for tick in np.rint(ticks)]
 
 
