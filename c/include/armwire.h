@@ -22,7 +22,7 @@
 #define ARMWIRE_ALPHA1_SERVOS 20
 
 /**
- * An angle in an action that leaves the servo unchanged.
+ * No angle: its effect in an action is not documented, and a load that the servo holds may fall.
  */
 #define ARMWIRE_ALPHA1_NO_ANGLE 255
 

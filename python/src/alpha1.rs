@@ -55,7 +55,7 @@ impl Alpha1Port {
         })
     }
 
-    /// Moves the servos to angles in degrees; `None` keeps a servo's position. Times are in seconds.
+    /// Moves the servos to angles in degrees; `None` may release a servo. Times are in seconds.
     fn act(&self, py: Python<'_>, angles: [Option<u8>; SERVOS], time_s: f64, interval_s: f64) -> PyResult<()> {
         let mut action = Action {
             angles: [None; SERVOS],

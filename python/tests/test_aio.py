@@ -170,7 +170,7 @@ ALPHA1: dict[str, tuple[Any, ...]] = {
     "read_hardware_version": (),
     "read_firmware_version": (),
     "read_running_servos": (),
-    "act": ({1: 90},),
+    "act": (dict.fromkeys(range(1, 17), 90),),
     "play": ("wave",),
     "stop": (),
     "set_offset_tool": (True,),

@@ -6,6 +6,9 @@ import pytest
 import armwire
 from armwire import errors, sim
 
+# An angle for each servo.
+ANGLES = dict.fromkeys(range(1, 17), 90)
+
 
 @pytest.fixture
 def robot() -> Iterator[armwire.Alpha1]:
@@ -25,7 +28,7 @@ def test_versions_are_read(robot: armwire.Alpha1) -> None:
 
 
 def test_action_moves_servos(robot: armwire.Alpha1) -> None:
-    robot.act({1: 100, 16: 80}, time_s=0.1, interval_s=0.2)
+    robot.act(dict.fromkeys(range(2, 17), 80), release=[1], time_s=0.1, interval_s=0.2)
     assert robot.read_running_servos() == tuple(range(1, 17))
 
 
@@ -64,10 +67,13 @@ def test_servo_settings_are_read_back(servos: armwire.Alpha1) -> None:
 @pytest.mark.parametrize(
     ("call", "text"),
     [
-        (lambda robot: robot.act({21: 0}, time_s=0, interval_s=0), "servo is 21, must be 1 to 20"),
-        (lambda robot: robot.act({1: 241}, time_s=0, interval_s=0), "is 241, must be 0 to 240"),
-        (lambda robot: robot.act({1: 0}, time_s=6, interval_s=0), r"move time is 6 s, must be 0..=5.1"),
-        (lambda robot: robot.act({1: 0}, time_s=0, interval_s=-1), "duration -1 s is out of range"),
+        (lambda robot: robot.act(ANGLES | {21: 0}, time_s=0, interval_s=0), "servo is 21, must be 1 to 20"),
+        (lambda robot: robot.act(ANGLES, release=[21], time_s=0, interval_s=0), "servo is 21, must be 1 to 20"),
+        (lambda robot: robot.act(ANGLES | {1: 241}, time_s=0, interval_s=0), "is 241, must be 0 to 240"),
+        (lambda robot: robot.act(ANGLES, time_s=6, interval_s=0), r"move time is 6 s, must be 0..=5.1"),
+        (lambda robot: robot.act(ANGLES, time_s=0, interval_s=-1), "duration -1 s is out of range"),
+        (lambda robot: robot.act({1: 90}, time_s=0, interval_s=0), "servo 2 has neither an angle nor a release"),
+        (lambda robot: robot.act(ANGLES, release=[3], time_s=0, interval_s=0), "servo 3 has an angle and a release"),
         (lambda robot: robot.play("x" * 255), "text length is 255 bytes"),
         (lambda robot: robot.set_usb_type("tape"), "USB type is 'tape', must be disk, serial or hid"),
         (lambda robot: robot.move_servo(241, 0, time_s=0, lock_s=0), "servo id is 241"),

@@ -18,7 +18,7 @@ pub const ARMWIRE_ALPHA1_SERVOS: usize = 20;
 
 const _: () = assert!(ARMWIRE_ALPHA1_SERVOS == SERVOS);
 
-/// An angle in an action that leaves the servo unchanged.
+/// No angle: its effect in an action is not documented, and a load that the servo holds may fall.
 pub const ARMWIRE_ALPHA1_NO_ANGLE: u8 = 255;
 
 /// The unit of all times on the wire.

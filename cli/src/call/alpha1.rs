@@ -51,7 +51,8 @@ pub(crate) enum Command {
 /// One frame of an action.
 #[derive(Args)]
 pub(crate) struct Act {
-    /// Targets of servos 1 to 20 in degrees, 0 to 240, such as 90,90,-,45. '-' and omitted servos keep their positions.
+    /// Targets of servos 1 to 16, or 1 to 20, in degrees, 0 to 240, with commas between. 'release' instead of a target
+    /// may switch a motor off: a load that it holds falls. An Alpha1 has no servos 17 to 20.
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = angles)]
     angles: Angles,
     /// Duration of the motion, in seconds, 0 to 5.1.
@@ -62,7 +63,10 @@ pub(crate) struct Act {
     interval: Interval,
 }
 
-/// A target for each servo, or none.
+/// The number of servos of an Alpha1.
+const INSTALLED: usize = 16;
+
+/// A target for each servo, or none for a release.
 type Angles = [Option<Angle>; SERVOS];
 
 /// The name of an action, which is a [`Text`].
@@ -189,13 +193,17 @@ fn angle(text: &str) -> Result<Angle, String> {
 fn angles(text: &str) -> Result<Angles, String> {
     let mut angles = [None; SERVOS];
     let texts: Vec<_> = text.split(',').collect();
-    if texts.len() > SERVOS {
-        return Err(format!("there are at most {SERVOS} servos, not {}", texts.len()));
+    if ![INSTALLED, SERVOS].contains(&texts.len()) {
+        return Err(format!(
+            "an action has {INSTALLED} or {SERVOS} targets, not {}: no document says what a servo without one does",
+            texts.len()
+        ));
     }
     for (target, text) in angles.iter_mut().zip(texts) {
-        if text.trim() != "-" {
-            *target = Some(angle(text)?);
-        }
+        *target = match text.trim() {
+            "release" => None,
+            text => Some(angle(text).map_err(|error| format!("{error} ('release' has no target)"))?),
+        };
     }
     Ok(angles)
 }

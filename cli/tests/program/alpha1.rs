@@ -62,7 +62,10 @@ fn virtual_robot_executes_requests() {
     // The result is ignored: if the answer is late, the repeated request finds no servo 4.
     run(&call_args(&arm, "servo change-id 4 86"));
     for (args, answer) in [
-        ("act --angles 10,240 --time 0 --interval 0", "act: done\n"),
+        (
+            "act --angles 10,240,90,90,90,90,90,90,90,90,90,90,90,90,90,90 --time 0 --interval 0",
+            "act: done\n",
+        ),
         ("servo read-angles 2", "servo 2: released, at 240°, sent to 240°\n"),
         (
             "servo-states",
@@ -80,13 +83,16 @@ fn virtual_robot_executes_requests() {
     ] {
         assert_eq!(call(&arm, args), answer, "{args}");
     }
-    let refused = |args| failure(&run(&call_args(&arm, args))).contains("reported failure");
+    let refused = |args: &str| failure(&run(&call_args(&arm, args))).contains("reported failure");
     assert!(refused("play sleep"));
-    assert_eq!(call(&arm, "act --angles 1 --time 0 --interval 1000"), "act: done\n");
-    assert!(
-        refused("act --angles 2 --time 0 --interval 0"),
-        "the interval is not over"
-    );
+    let act = |angle: &str, interval| {
+        format!(
+            "act --angles {} --time 0 --interval {interval}",
+            vec![angle; 16].join(",")
+        )
+    };
+    assert_eq!(call(&arm, &act("1", 1000)), "act: done\n");
+    assert!(refused(&act("2", 0)), "the interval is not over");
     assert!(failure(&run(&call_args(&arm, "servo version 4"))).contains("no answer"));
 }
 

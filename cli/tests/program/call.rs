@@ -160,10 +160,10 @@ fn each_request_of_an_alpha1_can_be_made() {
             "firmware: 2015121519",
         ),
         (
-            "act --angles 90,-,0,240 --time 0.5 --interval 6",
+            "act --angles 90,release,0,240,0,0,0,0,0,0,0,0,0,0,0,0 --time 0.5 --interval 6",
             &[
-                0xFB, 0xBF, 1, 0, 0, 0, 0, 0, 90, 0xFF, 0, 240, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF,
-                0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 25, 1, 44, 0x80, 0xED,
+                0xFB, 0xBF, 1, 0, 0, 0, 0, 0, 90, 0xFF, 0, 240, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xFF, 0xFF, 0xFF,
+                0xFF, 25, 1, 44, 0x8C, 0xED,
             ],
             &[0xFB, 0xBF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED],
             "act: done",
@@ -279,14 +279,24 @@ fn failures_of_robot_and_servo_are_reported() {
 
 #[test]
 fn out_of_range_alpha1_values_are_never_sent() {
-    let (name, angles) = ("x".repeat(255), ["90"; 21].join(","));
+    let name = "x".repeat(255);
+    let [few, many, all] = [15, 21, 20].map(|n| vec!["90"; n].join(","));
+    let [high, omitted] = ["241", "-"].map(|first| [first, &few].join(","));
     let act = |angles, time, interval| ["act", "--angles", angles, "--time", time, "--interval", interval];
     for (args, error) in [
-        (&act("241", "1", "1")[..], "servo angle is 241 degrees, must be 0..=240"),
-        (&act(&angles, "1", "1"), "there are at most 20 servos, not 21"),
-        (&act("90", "5.2", "1"), "move time is 5.2 s, must be 0..=5.1"),
-        (&act("90", "1", "1311"), "interval is 1311 s, must be 0..=1310.7"),
-        (&act("90", "-1", "1"), "'-1' is not a valid time in seconds"),
+        (&act(&high, "1", "1")[..], "servo angle is 241 degrees, must be 0..=240"),
+        (
+            &act(&few, "1", "1"),
+            "an action has 16 or 20 targets, not 15: no document says what",
+        ),
+        (&act(&many, "1", "1"), "an action has 16 or 20 targets, not 21"),
+        (
+            &act(&omitted, "1", "1"),
+            "'-' is not a whole number of degrees from 0 to 240 ('release' has no target)",
+        ),
+        (&act(&all, "5.2", "1"), "move time is 5.2 s, must be 0..=5.1"),
+        (&act(&all, "1", "1311"), "interval is 1311 s, must be 0..=1310.7"),
+        (&act(&all, "-1", "1"), "'-1' is not a valid time in seconds"),
         (&["play", &name], "text length is 255 bytes, must be 0..=254"),
         (&["servo", "version", "0"], "servo id is 0, must be 1..=240"),
         (&["servo", "change-id", "1", "241"], "servo id is 241, must be 1..=240"),

@@ -59,9 +59,10 @@ pub enum Request<'a> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Action {
-    /// Targets of servos 1 to 20. `None` leaves a servo unchanged: it is FF on the wire, which is not in the document
-    /// but is sent by the public programs for this robot. The document does not specify the value for servos that a
-    /// robot does not have.
+    /// Targets of servos 1 to 20. `None` is FF on the wire, which is not in the document: public programs for this
+    /// robot send it as "no change", but on the servos' own bus it [releases](ServoRequest::Release) the motor. State a
+    /// target for each servo that must hold a load. The document does not specify the value for servos that a robot
+    /// does not have.
     pub angles: [Option<Angle>; SERVOS],
     /// Duration of the servos' move.
     pub time: MoveTime,

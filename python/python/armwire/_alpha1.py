@@ -1,14 +1,14 @@
 """A UBTECH Alpha1, and its servos."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Literal
 
 from . import _armwire
 from ._open import Open
 from ._units import count
 
-# Maximum number of servos in an action. An Alpha1 has 16.
-SERVOS = 20
+# Maximum number of servos in an action, and the number of an Alpha1.
+SERVOS, INSTALLED = 20, 16
 
 
 class Alpha1(Open):
@@ -42,18 +42,30 @@ class Alpha1(Open):
         """Read the numbers of the running servos, from 1. The other servos can be turned by hand."""
         return tuple(self._port.read_running_servos())
 
-    def act(self, angles_deg: Mapping[int, int], *, time_s: float, interval_s: float) -> None:
+    def act(
+        self, angles_deg: Mapping[int, int], *, release: Collection[int] = (), time_s: float, interval_s: float
+    ) -> None:
         """Move servos together.
 
         Args:
-            angles_deg: Whole degrees, 0 to 240, by servo, 1 to 20. Other servos keep their position.
+            angles_deg: Whole degrees, 0 to 240, by servo, 1 to 20.
+            release: Servos without an angle. Their motors may be switched off: a load that they hold falls. Each of
+                servos 1 to 16 has an angle or is released; an Alpha1 has no servos 17 to 20.
             time_s: Duration of the motion, up to 5.1 s, in steps of 20 ms.
             interval_s: Time from its end until the robot accepts the next frame, up to 1310.7 s.
+
+        Raises:
+            ValueError: A value is out of range, or a servo has neither an angle nor a release, or both.
         """
-        angles: list[int | None] = [None] * SERVOS
-        for servo, degrees in angles_deg.items():
+        for servo in (*angles_deg, *release):
             if not 1 <= servo <= SERVOS:
                 raise ValueError(f"servo is {servo}, must be 1 to {SERVOS}")
+        for servo in (*release, *range(1, INSTALLED + 1)):
+            if (servo in angles_deg) is (servo in release):
+                both = "an angle and" if servo in release else "neither an angle nor"
+                raise ValueError(f"servo {servo} has {both} a release")
+        angles: list[int | None] = [None] * SERVOS
+        for servo, degrees in angles_deg.items():
             angles[servo - 1] = count("servo angle in degrees", degrees, 240)
         self._port.act(angles, time_s, interval_s)
 
