@@ -223,6 +223,7 @@ pub enum Reply {
 /// The line to the arm, and its holder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineState {
     /// The UART's line coding.
     pub coding: LineCoding,
@@ -238,6 +239,7 @@ pub struct LineState {
 /// The exclusive user of the line to the arm. Polls and CAN are [refused](Refusal::LineHeld) meanwhile.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum LineHolder {
     /// No holder: all initiators take turns.
@@ -252,6 +254,7 @@ pub enum LineHolder {
 /// The reason for a failed request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Failure {
     /// The configuration could not be written to flash.

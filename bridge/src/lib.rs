@@ -111,6 +111,8 @@ mod hosts;
 pub mod isotp;
 mod line;
 mod line_coding;
+#[cfg(feature = "defmt")]
+mod log;
 mod queue;
 pub mod store;
 

@@ -42,6 +42,14 @@ fn failure(error: Error<FlashError>) -> Failure {
     }
 }
 
+/// Logs that the configuration was `done`, or the failure.
+fn log(done: &str, result: Result<(), Failure>) {
+    match result {
+        Ok(()) => info!("configuration {=str}", done),
+        Err(failure) => warning!("configuration not {=str}: {}", done, failure),
+    }
+}
+
 /// Executes the bridge's actions.
 #[embassy_executor::task]
 pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>) {
@@ -54,18 +62,22 @@ pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>
         match action {
             Action::Save(config) => {
                 let result = block_on(store.save(&config, now())).map_err(failure);
+                log("saved", result);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }
             Action::Reset => {
                 let result = block_on(store.reset(now())).map_err(failure);
+                log("erased", result);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }
             Action::RestartCan(config) => adapter.can_restart.signal(config),
             Action::Restart => {
+                info!("a host requested a restart");
                 Timer::after_millis(RESTART_DELAY_MS).await;
                 restart::restart();
             }
             Action::RestartIntoBootLoader => {
+                info!("a host requested the boot loader");
                 Timer::after_millis(RESTART_DELAY_MS).await;
                 restart::restart_into_boot_loader();
             }

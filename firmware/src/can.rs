@@ -2,6 +2,7 @@
 
 use core::future::pending;
 
+use armwire_bridge::config;
 use armwire_bridge::{CanErrors, CanEvent};
 use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
@@ -21,7 +22,7 @@ const RECOVERY_TIME: Duration = Duration::from_millis(20);
 /// Serves the bus.
 #[embassy_executor::task]
 pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
-    can.start(&adapter.take(|bridge| bridge.config().can));
+    start(&mut can, &adapter.take(|bridge| bridge.config().can));
     // The last time in bus-off, or with an error after it.
     let mut bus_off_at: Option<Instant> = None;
     loop {
@@ -73,9 +74,15 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
                 }
             };
             let _ = with_timeout(DRAIN_TIMEOUT, drained).await;
-            can.start(&config);
+            start(&mut can, &config);
         }
     }
+}
+
+/// Starts the controller with this configuration.
+fn start(can: &mut Can, config: &config::Can) {
+    info!("CAN: {}", config);
+    can.start(config);
 }
 
 // These two functions keep frames out of the task's state, where they would be copied byte by byte.

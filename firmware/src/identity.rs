@@ -25,4 +25,14 @@ pub(crate) fn identity() -> Identity {
     identity
 }
 
+/// Logs the version and the board.
+pub(crate) fn log() {
+    info!(
+        "armwire {=str}, commit {=str}, board {=str}",
+        VERSION,
+        COMMIT,
+        board::NAME
+    );
+}
+
 const _: () = assert!(VERSION.len() <= 16 && COMMIT.len() <= 16 && board::NAME.len() <= 16);

@@ -12,6 +12,9 @@
 #![no_std]
 #![no_main]
 
+// Before the others, which use its macros.
+mod fmt;
+
 mod action;
 mod adapter;
 mod board;
@@ -48,8 +51,14 @@ async fn main(spawner: Spawner) {
     let mut watchdog = watchdog::start();
     let board = board::init(&mut watchdog);
     let restarts = restart::started(board.reset_by_watchdog);
+    identity::log();
+    restarts.log();
     let mut store = action::store(board.flash);
     let (config, is_lost) = action::load(&mut store);
+    match is_lost {
+        true => warning!("the saved configuration is unreadable: factory settings"),
+        false => info!("configuration: {}", config),
+    }
     let adapter = adapter(
         config,
         Start {

@@ -4,6 +4,11 @@
 //! `rust_begin_unwind`, or build with feature `defmt`.
 
 use core::panic::PanicInfo;
+#[cfg(feature = "defmt")]
+use core::sync::atomic::{AtomicBool, Ordering};
+
+#[cfg(feature = "defmt")]
+use cortex_m::peripheral::SCB;
 
 use crate::restart;
 
@@ -11,8 +16,18 @@ use crate::restart;
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
-    #[cfg(feature = "defmt")]
-    defmt::error!("{}", defmt::Display2Format(info));
     restart::panicked();
+    #[cfg(feature = "defmt")]
+    log(info);
     restart::restart()
+}
+
+/// Logs the panic, unless the log itself panicked.
+#[cfg(feature = "defmt")]
+fn log(info: &PanicInfo<'_>) {
+    static IS_LOGGING: AtomicBool = AtomicBool::new(false);
+    if IS_LOGGING.swap(true, Ordering::Relaxed) {
+        SCB::sys_reset();
+    }
+    defmt::error!("{}", defmt::Display2Format(info));
 }

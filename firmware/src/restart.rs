@@ -7,6 +7,8 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
 
+use crate::fmt;
+
 /// The counts below are valid.
 const MARK: u32 = 0x71C4_E80B;
 
@@ -37,6 +39,23 @@ pub(crate) struct Restarts {
     pub(crate) hard_faults: u32,
     /// True if a stream of motion was armed.
     pub(crate) while_armed: bool,
+}
+
+impl Restarts {
+    /// Logs the restarts, if there were any.
+    pub(crate) fn log(&self) {
+        if self.panics > 0 || self.watchdog > 0 || self.hard_faults > 0 {
+            warning!(
+                "since power-on: {=u32} panics, {=u32} resets by the watchdog, {=u32} hard faults",
+                self.panics,
+                self.watchdog,
+                self.hard_faults
+            );
+        }
+        if self.while_armed {
+            warning!("the last run ended during an armed stream: torque-off goes out");
+        }
+    }
 }
 
 /// Records a start and its cause.
@@ -72,13 +91,14 @@ pub(crate) fn faulted() {
 
 /// Restarts the chip.
 pub(crate) fn restart() -> ! {
+    fmt::flush();
     SCB::sys_reset()
 }
 
 /// Starts the chip's boot loader after a reset, because it expects the chip's reset state.
 pub(crate) fn restart_into_boot_loader() -> ! {
     NEXT.store(BOOT_LOADER, Ordering::Relaxed);
-    SCB::sys_reset()
+    restart()
 }
 
 /// Returns true if this start must enter the boot loader. The next one will not.

@@ -478,6 +478,7 @@ pub(crate) async fn transmit(
             Some(Transmit::Configure(wanted)) => {
                 change(&mut uart, config, wanted).await;
                 config = wanted;
+                info!("line: {}", wanted);
                 adapter.with(|bridge| bridge.uart_event(UartEvent::Configured(wanted), now()));
                 RESTART.store(true, Ordering::Relaxed);
                 wake();

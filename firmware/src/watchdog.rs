@@ -35,8 +35,11 @@ pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog) {
     // Offset from the LED's period: both at once would delay the end of a frame for longer.
     Timer::after_millis(ROUND_MS / 4).await;
     loop {
-        if end_round() && !adapter.take(|bridge| bridge.is_stuck(now())) {
+        let progresses = end_round();
+        if progresses && !adapter.take(|bridge| bridge.is_stuck(now())) {
             watchdog.pet();
+        } else {
+            warning!("the watchdog is not fed: tasks make progress: {=bool}", progresses);
         }
         // The bridge requires regular reads of the UART.
         uart::wake();

@@ -126,6 +126,8 @@ impl Hosts {
 
     /// Publishes an event: as a CAN frame, and to subscribers.
     fn publish_event(&mut self, event: &Event, at: Instant) {
+        #[cfg(feature = "defmt")]
+        crate::log::event(event);
         if !self.can.event_frame(event, at) {
             count(&mut self.counters.dropped_events, 1);
         }

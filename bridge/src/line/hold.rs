@@ -71,6 +71,8 @@ impl Line {
         if core::mem::replace(&mut self.is_held, held) == held {
             return;
         }
+        #[cfg(feature = "defmt")]
+        crate::log::holder(self.state().holder);
         let missed = self.poll.pause(held, now);
         count(&mut self.counters.missed_polls, missed);
         if !held {

@@ -33,6 +33,7 @@ pub(super) fn start<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>)
         if let Some(crystal) = attempt(watchdog, &measure) {
             break crystal;
         }
+        warning!("the crystal does not run, or has an unsupported frequency");
     };
     set_led(false);
     crystal

@@ -169,6 +169,7 @@ impl Handler for Requests {
     }
 
     fn configured(&mut self, configured: bool) {
+        info!("USB: configured by a host: {=bool}", configured);
         self.cancel_unfetched_packet();
         self.adapter
             .with(|bridge| bridge.usb_event(UsbEvent::Configured(configured), now()));
@@ -176,6 +177,7 @@ impl Handler for Requests {
     }
 
     fn suspended(&mut self, suspended: bool) {
+        info!("USB: suspended: {=bool}", suspended);
         if suspended {
             self.adapter.with(|bridge| bridge.usb_event(UsbEvent::Suspended, now()));
         }
@@ -195,6 +197,7 @@ impl Handler for Requests {
             }
             SET_CONTROL_LINE_STATE => {
                 let dtr = request.value & 1 != 0;
+                info!("USB: port open: {=bool}", dtr);
                 if self.adapter.with(|bridge| bridge.usb_event(UsbEvent::Dtr(dtr), now())) {
                     self.cancel_unfetched_packet();
                     self.adapter.wake(Work::PortSession);

@@ -107,6 +107,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
         interrupt.set_priority(Priority::P1);
     }
     time::start();
+    info!("clock: 168 MHz, from a crystal of {=u32} MHz", crystal.megahertz);
 
     let mut line = UartConfig::default();
     line.baudrate = 1_000_000;

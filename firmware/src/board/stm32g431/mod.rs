@@ -90,6 +90,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
         interrupt.set_priority(Priority::P1);
     }
     time::start();
+    info!("clock: 160 MHz, from a crystal of 8 MHz");
 
     let mut line = UartConfig::default();
     line.baudrate = 1_000_000;
