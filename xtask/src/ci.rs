@@ -24,7 +24,7 @@ const BUILDS: [&str; 8] = [
     "fw --board stm32g431",
     "coverage",
     "features",
-    "fw --defmt",
+    "fw --defmt --board stm32g431",
     "no-panic",
 ];
 /// Commands that mostly wait for programs in real time. The first takes as long as the others together.
@@ -109,6 +109,12 @@ pub(crate) fn run() -> Result<()> {
     ci.step("virtual board, and both firmware images on it", || {
         let board = cargo("test --package armwire-virtual-board");
         parallel::run_all(vec![image_tests(&f405), image_tests(&g431), board])
+    })?;
+    ci.step("log of a firmware image", || {
+        // The STM32G431 has less room for it.
+        let image = image::build(Options::all(Board::Stm32g431))?;
+        let mut test = cargo("test --package armwire-host-tests --features image --test image_log");
+        process::run(test.env("ARMWIRE_LOG_IMAGE", &image.path))
     })?;
     ci.step("performance of both images, and instructions of the protocols", || {
         performance::run(&Default::default())
