@@ -6,6 +6,7 @@ mod usb;
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::num::NonZeroU32;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
@@ -348,6 +349,11 @@ impl<A: Arm> VirtualBoard<A> {
     /// runs the board then fails with [`Error::PowerCut`].
     pub fn cut_power_after(&mut self, operations: u32) {
         lock(&self.flash).cut_after(Some(operations));
+    }
+
+    /// Makes each read of these bytes of the flash, counted from its start, a bus error, until one of them changes.
+    pub fn break_flash(&mut self, offsets: Range<usize>) {
+        self.engine.break_flash(offsets);
     }
 
     /// Start and end of each sector erase.

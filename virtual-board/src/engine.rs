@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
+use std::ops::Range;
 
 use crate::error::Error;
 use crate::report::{Crash, Report};
@@ -62,6 +63,9 @@ pub(crate) trait Engine: Debug + Send {
 
     /// Stops the core until the next reset, or releases it.
     fn hold(&mut self, held: bool);
+
+    /// Makes reads of these offsets of the flash bus errors, until one of the bytes changes.
+    fn break_flash(&mut self, offsets: Range<usize>);
 
     /// The firmware's RTT log since the last call.
     fn log(&mut self) -> Vec<u8>;

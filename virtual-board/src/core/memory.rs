@@ -143,6 +143,10 @@ pub struct Memory {
     pub(super) ram: Region,
     /// True if the core's reads of flash go to the bus.
     pub(super) flash_reads_on_bus: bool,
+    /// True if the chip requires that.
+    chip_checks_reads: bool,
+    /// Offsets of the flash whose reads are bus errors.
+    unreadable: Range<usize>,
 }
 
 impl Memory {
@@ -152,6 +156,8 @@ impl Memory {
             flash: Region::new(flash_base, flash),
             ram: Region::new(ram_base, vec![0; ram_size]),
             flash_reads_on_bus: false,
+            chip_checks_reads: false,
+            unreadable: 0..0,
         }
     }
 
@@ -168,7 +174,18 @@ impl Memory {
     /// Redirects the core's reads of flash to [`Bus::read`](super::Bus::read), while flash errors must be detected. An
     /// instruction is fetched through the bus once; after that it is executed as decoded.
     pub fn set_flash_reads_on_bus(&mut self, on: bool) {
-        self.flash_reads_on_bus = on;
+        self.chip_checks_reads = on;
+        self.choose_path();
+    }
+
+    /// Makes reads of these offsets of the flash bus errors, until one of the bytes changes.
+    pub fn break_flash(&mut self, offsets: Range<usize>) {
+        self.unreadable = offsets;
+        self.choose_path();
+    }
+
+    fn choose_path(&mut self) {
+        self.flash_reads_on_bus = self.chip_checks_reads || !self.unreadable.is_empty();
         self.flash.note_change_of_all();
     }
 
@@ -176,13 +193,18 @@ impl Memory {
     pub fn program(&mut self, offset: usize, bytes: &[u8]) -> Option<()> {
         let range = offset..offset.checked_add(bytes.len())?;
         self.flash.bytes.get_mut(range.clone())?.copy_from_slice(bytes);
-        self.flash.note_change(range);
+        self.flash.note_change(range.clone());
+        if range.start < self.unreadable.end && range.end > self.unreadable.start {
+            self.break_flash(0..0);
+        }
         Some(())
     }
 
     /// Reads from flash or RAM, as a DMA controller does. `None` unless the whole transfer is inside.
     pub fn read(&self, address: u32, width: Width) -> Option<u32> {
+        let is_broken = !self.unreadable.is_empty() && self.unreadable.contains(&self.flash.offset(address));
         self.read_ram(address, width).or_else(|| match width {
+            _ if is_broken => None,
             Width::Byte => self.flash.read::<1>(address),
             Width::Half => self.flash.read::<2>(address),
             Width::Word => self.flash.read::<4>(address),
@@ -248,5 +270,29 @@ impl Memory {
     /// Takes the offsets of changed decoded bytes in flash and RAM.
     pub(super) fn take_changed(&mut self) -> [Range<usize>; 2] {
         [self.flash.take_changed(), self.ram.take_changed()]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn broken_flash_is_unreadable_until_it_changes() {
+        let mut memory = Memory::new(0x800, vec![0; 64], 0x2000, 16);
+        memory.break_flash(8..16);
+        let readable = |memory: &Memory| [0x804, 0x808, 0x80C, 0x810].map(|at| memory.read(at, Width::Word).is_some());
+        assert_eq!(
+            (readable(&memory), memory.flash_reads_on_bus),
+            ([true, false, false, true], true)
+        );
+        memory.program(0, &[0xFF; 8]).unwrap();
+        assert_eq!(readable(&memory), [true, false, false, true]);
+        memory.program(12, &[0xFF; 4]).unwrap();
+        assert_eq!((readable(&memory), memory.flash_reads_on_bus), ([true; 4], false));
+        memory.set_flash_reads_on_bus(true);
+        memory.break_flash(8..16);
+        memory.break_flash(0..0);
+        assert!(memory.flash_reads_on_bus);
     }
 }

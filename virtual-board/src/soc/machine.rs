@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -423,6 +424,10 @@ impl<C: Chip> Engine for Machine<C> {
 
     fn hold(&mut self, held: bool) {
         self.held = held;
+    }
+
+    fn break_flash(&mut self, offsets: Range<usize>) {
+        self.core.memory_mut().break_flash(offsets);
     }
 
     fn log(&mut self) -> Vec<u8> {
