@@ -29,6 +29,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 use heapless::Vec;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
+use serde::{Deserialize, Serialize};
 
 use crate::config::{Config, ConfigError};
 use crate::control::Failure;
@@ -116,7 +117,8 @@ pub struct Store<F> {
 }
 
 /// The saved content.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum Saved {
     /// A valid configuration.
     Config(Config),
@@ -213,6 +215,16 @@ impl<F: NorFlash> Store<F> {
     /// [`Error`] has the reason.
     pub async fn reset(&mut self, uptime: Instant) -> Result<(), Error<F::Error>> {
         self.append(&[], uptime).await
+    }
+
+    /// Erases all pages without reading them: for a store whose content crashes a read. The budget begins anew.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Flash`] if the flash cannot be erased.
+    pub async fn erase(&mut self) -> Result<(), Error<F::Error>> {
+        let Range { start, end } = self.range;
+        self.flash.erase(start, end).await.map_err(Error::Flash)
     }
 
     /// Appends a record after the newest, or on the next page if that page is full or corrupted.

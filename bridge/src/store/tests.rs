@@ -35,6 +35,8 @@ struct Nor<const WRITE: usize, const ERASE: usize> {
     power: Option<(usize, Damage)>,
     /// The flash reports success without writing or erasing.
     worn: bool,
+    /// Pages whose reads crash until their erase.
+    crashing: Vec<usize>,
     /// The completed steps.
     steps: Vec<Step>,
     /// Number of erases of each page.
@@ -135,6 +137,7 @@ impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
             bytes: vec![0xFF; pages * ERASE],
             power: None,
             worn: false,
+            crashing: Vec::new(),
             steps: Vec::new(),
             erased: vec![0; pages],
         }
@@ -177,6 +180,7 @@ impl<const WRITE: usize, const ERASE: usize> ReadNorFlash for Nor<WRITE, ERASE> 
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Fault> {
+        assert!(!self.crashing.contains(&(offset as usize / ERASE)), "a crash");
         bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
         Ok(())
     }
@@ -200,6 +204,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for Nor<WRITE, ERASE> {
                 is_erase: true,
             })?;
             self.erased[page] += 1;
+            self.crashing.retain(|crashing| *crashing != page);
         }
         Ok(())
     }
@@ -736,4 +741,15 @@ fn flash_that_ignores_writes_is_reported() {
         assert_eq!(error, Error::VerifyFailed);
         assert_eq!(format!("{error}"), "flash verification failed");
     }
+}
+
+#[test]
+fn store_that_crashes_is_erased_unread() {
+    let mut flash = filled::<8, 0x800>(5);
+    flash.crashing = vec![0, 1];
+    let range = flash.range();
+    now(Store::new(&mut flash, range).unwrap().erase()).unwrap();
+    assert_eq!(load(&mut flash), Saved::Nothing);
+    save(&mut flash, &config(8)).unwrap();
+    assert_eq!(load(&mut flash), Saved::Config(config(8)));
 }
