@@ -10,6 +10,13 @@ pub enum Action {
     Save(Config),
     /// Erase the configuration in flash, then call [`Bridge::saved`](crate::Bridge::saved).
     Reset,
+    /// [`Erase`](Self::Erase), then write this configuration to flash, then call
+    /// [`Bridge::saved`](crate::Bridge::saved).
+    Replace(Config),
+    /// Erase all flash of the configuration without reading it, then call [`Bridge::saved`](crate::Bridge::saved).
+    Erase,
+    /// Read the configuration in flash, then call [`Bridge::loaded`](crate::Bridge::loaded).
+    Load,
     /// Restart the firmware. Wait 100 ms first: the reply must reach the host.
     Restart,
     /// Restart into the chip's boot loader, after the same 100 ms.

@@ -4,13 +4,15 @@ use core::fmt;
 
 use crate::action::Action;
 use crate::can::Frame;
-use crate::config::Config;
+use crate::config::{self, Config};
 use crate::control::{Failure, Identity};
 use crate::counters::{CanErrors, Counters, UartErrors, count};
 use crate::earliest::Earliest;
 use crate::hosts::Hosts;
 use crate::line::{Line, PACKET, RxThreshold, Transmit};
 use crate::line_coding::{LineCoding, Refused, UartConfig};
+use crate::start::Recovery;
+use crate::store::Saved;
 use armwire::time::Instant;
 
 /// The adapter between hosts on USB and CAN and an arm's UART.
@@ -37,6 +39,10 @@ pub struct Start {
     pub was_armed: bool,
     /// The saved configuration could not be read.
     pub config_lost: bool,
+    /// Starts in recovery since power-on.
+    pub recovery_starts: u32,
+    /// The adapter starts in recovery: `config` is not the one in flash, and the CAN controller stays off.
+    pub recovery: Option<Recovery>,
 }
 
 /// An event of the UART.
@@ -111,6 +117,8 @@ pub struct Status {
     /// the torque off, or torque-off is in progress. Keep this flag over a restart and pass it on as
     /// [`Start::was_armed`].
     pub is_armed: bool,
+    /// The adapter is in [recovery](crate::start).
+    pub is_in_recovery: bool,
     /// A host has configured the USB device.
     pub is_attached: bool,
     /// Bytes that passed in both directions, modulo 2³².
@@ -141,11 +149,12 @@ impl Bridge {
     /// assert_eq!(buf[..7], [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF]);
     /// ```
     pub fn new(identity: Identity, config: Config, start: Start) -> Self {
-        let mut hosts = Hosts::new(identity, config);
+        let mut hosts = Hosts::new(identity, config, start.recovery);
         let counters = hosts.counters_mut();
         counters.panics = start.panics;
         counters.watchdog_resets = start.watchdog_resets;
         counters.hard_faults = start.hard_faults;
+        counters.recovery_starts = start.recovery_starts;
         count(&mut counters.config_failures, start.config_lost.into());
         let mut line = Line::new(hosts.config());
         hosts.watch(&mut line);
@@ -428,6 +437,7 @@ impl Bridge {
             control_room: self.hosts.has_packet_room(),
             can: self.hosts.is_can_due(now),
             is_armed: self.line.is_armed(),
+            is_in_recovery: self.hosts.recovery().is_some(),
             is_attached: self.line.to_host().is_attached(),
             passed_bytes: self.line.passed_bytes(),
         }
@@ -449,7 +459,12 @@ impl Bridge {
         self.hosts.action(&mut self.line, now)
     }
 
-    /// The result of [`Action::Save`] or [`Action::Reset`].
+    /// The result of [`Action::Load`].
+    pub fn loaded(&mut self, result: Result<Saved, Failure>, now: Instant) {
+        self.hosts.loaded(result, &mut self.line, now);
+    }
+
+    /// The result of [`Action::Save`], [`Action::Reset`], [`Action::Replace`] or [`Action::Erase`].
     pub fn saved(&mut self, result: Result<(), Failure>, now: Instant) {
         self.hosts.saved(result, &mut self.line, now);
     }
@@ -475,6 +490,12 @@ impl Bridge {
     /// The configuration in force.
     pub const fn config(&self) -> Config {
         *self.hosts.config()
+    }
+
+    /// The configuration of the CAN controller. `None` in [recovery](crate::start): the controller stays off, and
+    /// neither sends nor acknowledges, until [`Action::RestartCan`].
+    pub fn can_config(&self) -> Option<config::Can> {
+        self.hosts.recovery().is_none().then_some(self.config().can)
     }
 
     /// All counts since the start.

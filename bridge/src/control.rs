@@ -22,6 +22,7 @@ use crate::counters::Counters;
 #[cfg(fuzzing)]
 use crate::fuzzing::{frame, optional, text};
 use crate::line_coding::LineCoding;
+use crate::store::Saved;
 use armwire::time::Duration;
 
 pub use crate::arm::MAX_FRAME;
@@ -102,6 +103,11 @@ pub enum Request {
     /// [`Failure::NotStoppable`], without any effect; by [`Failure::ArmSilent`] and [`Failure::PoseOutOfRange`], with
     /// motion refused; and by [`Failure::Busy`] if an earlier stop of this port is not answered yet, which it renews.
     Stop,
+    /// Reads whether the adapter is in [recovery](crate::start). Answered by [`Reply::Recovery`]. Since version 5.
+    GetRecovery,
+    /// Reads the configuration in flash, which a [`SaveConfig`](Self::SaveConfig) overwrites. Answered by
+    /// [`Reply::Saved`], or as [`Request::SaveConfig`] if it fails. Since version 5.
+    GetSaved,
 }
 
 /// The time without motion after a [`Request::Stop`], in milliseconds.
@@ -218,6 +224,11 @@ pub enum Reply {
     Failed(Failure),
     /// The line to the arm. Since version 3.
     Line(LineState),
+    /// True in [recovery](crate::start): after crashed starts the adapter runs with factory settings, its CAN
+    /// controller is off, and the configuration in flash is untouched. A successful save ends it. Since version 5.
+    Recovery(bool),
+    /// The configuration in flash. Since version 5.
+    Saved(Saved),
 }
 
 /// The line to the arm, and its holder.
@@ -349,6 +360,12 @@ pub enum Event {
     BusOff {
         /// True for bus-off.
         off: bool,
+    },
+    /// The adapter is in [recovery](crate::start), reported after each subscription to events, or has left it by a save.
+    /// Since version 5.
+    Recovery {
+        /// True in recovery.
+        active: bool,
     },
 }
 

@@ -153,14 +153,16 @@ pub struct Counters {
     /// Motions refused because the arm was stopped, waiting ones included, and requests of the host on USB that a stop
     /// cut.
     pub refused_stopped: u32,
+    /// Starts in [recovery](crate::start) since power-on.
+    pub recovery_starts: u32,
 }
 
 impl Counters {
     /// Number of counters.
-    pub const COUNT: usize = 58;
+    pub const COUNT: usize = 59;
 
     /// Numbers of counters at the end that versions 4, 3 and 2 of the control port lack.
-    pub(crate) const SINCE_OLDER: &'static [usize] = &[1, 2, 7];
+    pub(crate) const SINCE_OLDER: &'static [usize] = &[2, 3, 8];
 
     /// Maximum size on the control port, in bytes.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -269,6 +271,7 @@ impl Counters {
             &mut self.late_stamps,
             &mut self.untracked_requests,
             &mut self.refused_stopped,
+            &mut self.recovery_starts,
         ]
     }
 
@@ -366,7 +369,7 @@ mod tests {
         // Every count at its maximum takes five bytes; `from_bytes` decodes that many repetitions.
         let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
         let counters = Counters::from_bytes(most.as_flattened()).unwrap();
-        assert_eq!(counters.refused_stopped, u32::MAX);
+        assert_eq!(counters.recovery_starts, u32::MAX);
         let mut buf = [0; Counters::MAX_LEN];
         assert_eq!(counters.to_bytes(&mut buf).unwrap(), most.as_flattened());
         assert!(counters.to_bytes(&mut [0; Counters::MAX_LEN - 1]).is_err());

@@ -114,6 +114,7 @@ mod line_coding;
 #[cfg(feature = "defmt")]
 mod log;
 mod queue;
+pub mod start;
 pub mod store;
 
 #[cfg(test)]

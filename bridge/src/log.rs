@@ -21,6 +21,9 @@ pub(crate) fn event(event: &Event) {
         Event::Refused { initiator, reason } => defmt::debug!("a request of {} refused: {}", initiator, reason),
         Event::BusOff { off: true } => defmt::warn!("CAN: bus-off"),
         Event::BusOff { off: false } => defmt::info!("CAN: recovered from bus-off"),
+        // The start logs it.
+        Event::Recovery { active: true } => {}
+        Event::Recovery { active: false } => defmt::info!("recovery ended"),
     }
 }
 

@@ -8,6 +8,7 @@ mod held_back;
 mod line_rate;
 mod order;
 mod polls;
+mod recovery;
 mod rig;
 mod safety;
 mod share;

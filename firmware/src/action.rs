@@ -2,7 +2,8 @@
 //!
 //! The F405 cannot fetch code from its flash during an erase or a write. The core stalls for 250 ms, and 500 ms at
 //! worst, while a sector of 16 kB is erased, which happens once in some hundred saves. USB and CAN do not respond
-//! meanwhile, and bytes from the arm are lost and counted as an overrun of the ring. The watchdog's timeout is longer.
+//! meanwhile, and bytes from the arm are lost and counted as an overrun of the ring. A store that crashed its load is
+//! replaced by the erase of both sectors. The watchdog's timeout is longer.
 
 use armwire_bridge::Action;
 use armwire_bridge::config::Config;
@@ -27,11 +28,31 @@ pub(crate) fn store(flash: ConfigFlash) -> Store<ConfigFlash> {
 
 /// The saved configuration, or the factory defaults without a readable one; and true if it was unreadable.
 pub(crate) fn load(store: &mut Store<ConfigFlash>) -> (Config, bool) {
-    match block_on(store.load()) {
+    match read(store) {
         Ok(Saved::Config(config)) => (config, false),
         Ok(Saved::Nothing) => (Config::default(), false),
         Ok(Saved::Unreadable) | Err(_) => (Config::default(), true),
     }
+}
+
+// Not inlined: second copies take 4 kB.
+
+/// Reads the configuration in flash.
+#[inline(never)]
+fn read(store: &mut Store<ConfigFlash>) -> Result<Saved, Failure> {
+    block_on(store.load()).map_err(failure)
+}
+
+/// Writes a configuration to flash.
+#[inline(never)]
+fn save(store: &mut Store<ConfigFlash>, config: &Config) -> Result<(), Failure> {
+    block_on(store.save(config, now())).map_err(failure)
+}
+
+/// Erases the flash of the configuration without reading it.
+#[inline(never)]
+fn erase(store: &mut Store<ConfigFlash>) -> Result<(), Failure> {
+    block_on(store.erase()).map_err(failure)
 }
 
 /// The failure that is reported to the host.
@@ -61,7 +82,7 @@ pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>
         adapter.wake(Work::Dispatch);
         match action {
             Action::Save(config) => {
-                let result = block_on(store.save(&config, now())).map_err(failure);
+                let result = save(&mut store, &config);
                 log("saved", result);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }
@@ -69,6 +90,20 @@ pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>
                 let result = block_on(store.reset(now())).map_err(failure);
                 log("erased", result);
                 adapter.with(|bridge| bridge.saved(result, now()));
+            }
+            Action::Replace(config) => {
+                let result = erase(&mut store).and_then(|()| save(&mut store, &config));
+                log("saved", result);
+                adapter.with(|bridge| bridge.saved(result, now()));
+            }
+            Action::Erase => {
+                let result = erase(&mut store);
+                log("erased", result);
+                adapter.with(|bridge| bridge.saved(result, now()));
+            }
+            Action::Load => {
+                let result = read(&mut store);
+                adapter.with(|bridge| bridge.loaded(result, now()));
             }
             Action::RestartCan(config) => adapter.can_restart.signal(config),
             Action::Restart => {

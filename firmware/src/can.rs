@@ -22,7 +22,9 @@ const RECOVERY_TIME: Duration = Duration::from_millis(20);
 /// Serves the bus.
 #[embassy_executor::task]
 pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
-    start(&mut can, &adapter.take(|bridge| bridge.config().can));
+    if let Some(config) = adapter.take(|bridge| bridge.can_config()) {
+        start(&mut can, &config);
+    }
     // The last time in bus-off, or with an error after it.
     let mut bus_off_at: Option<Instant> = None;
     loop {

@@ -5,6 +5,7 @@
 //! | short flash each second | running, no host |
 //! | on | a host has found the adapter |
 //! | flickering | bytes are passing |
+//! | two short flashes each second | factory settings after crashed starts |
 //!
 //! Before the tasks run, the board may show that its crystal does not start.
 
@@ -25,6 +26,7 @@ pub(crate) async fn show(adapter: &'static Adapter, mut led: Output<'static>) {
         adapter.wake(Work::Dispatch);
         let status = adapter.status.get();
         let on = match (status.is_attached, status.passed_bytes != passed) {
+            _ if status.is_in_recovery => matches!(step, 0 | 4),
             (_, true) => step % 2 == 0,
             (true, false) => true,
             (false, false) => step == 0,

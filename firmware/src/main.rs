@@ -31,8 +31,8 @@ mod uart;
 mod usb;
 mod watchdog;
 
-use armwire_bridge::Start;
 use armwire_bridge::config::Config;
+use armwire_bridge::{Instant, Start};
 use embassy_executor::Spawner;
 use static_cell::StaticCell;
 
@@ -48,27 +48,27 @@ async fn main(spawner: Spawner) {
     if restart::is_into_boot_loader() {
         board::enter_boot_loader();
     }
+    let mut starts = restart::begin(board::take_reset());
     let mut watchdog = watchdog::start();
     let board = board::init(&mut watchdog);
-    let restarts = restart::started(board.reset_by_watchdog);
     identity::log();
-    restarts.log();
     let mut store = action::store(board.flash);
-    let (config, is_lost) = action::load(&mut store);
+    let (config, is_lost) = match starts.recovery() {
+        Some(_) => (starts.config(), false),
+        None => action::load(&mut store),
+    };
+    starts.running(Instant::ZERO, &config);
+    restart::keep(&starts);
+    let start = starts.start(restart::was_armed(), is_lost);
+    restart::log(&start);
+    if starts.recovery().is_some() {
+        warning!("recovery: factory settings after three crashed starts, and CAN is off");
+    }
     match is_lost {
         true => warning!("the saved configuration is unreadable: factory settings"),
         false => info!("configuration: {}", config),
     }
-    let adapter = adapter(
-        config,
-        Start {
-            panics: restarts.panics,
-            watchdog_resets: restarts.watchdog,
-            hard_faults: restarts.hard_faults,
-            was_armed: restarts.while_armed,
-            config_lost: is_lost,
-        },
-    );
+    let adapter = adapter(config, start);
     let usb = usb::new(board.usb, adapter);
 
     Priority::FromArm.start(spawner, uart::receive(adapter, board.rx_dma));
@@ -85,7 +85,7 @@ async fn main(spawner: Spawner) {
     Priority::Background.start(spawner, action::run(adapter, store));
     Priority::Time.start(spawner, time::tick(adapter));
     Priority::Background.start(spawner, led::show(adapter, board.led));
-    Priority::Background.start(spawner, watchdog::feed(adapter, watchdog));
+    Priority::Background.start(spawner, watchdog::feed(adapter, watchdog, starts));
     Priority::UsbDevice.start(spawner, usb::run(usb.device));
 }
 

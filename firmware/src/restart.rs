@@ -1,16 +1,15 @@
-//! Restarts, and the state that survives them: fault counts and the next start.
+//! Restarts, and the state that survives them: the record of starts and the next start.
 //!
-//! This state is in memory that the start-up code does not clear, behind a mark that distinguishes it from power-on
-//! contents.
+//! This state is in memory that the start-up code does not clear.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use armwire_bridge::Start;
+use armwire_bridge::start::{Cause, StartLog};
 use cortex_m::peripheral::SCB;
 
+use crate::board::ChipReset;
 use crate::fmt;
-
-/// The counts below are valid.
-const MARK: u32 = 0x71C4_E80B;
 
 /// The boot loader must start instead of the firmware.
 const BOOT_LOADER: u32 = 0x5C6B_07E1;
@@ -18,59 +17,52 @@ const BOOT_LOADER: u32 = 0x5C6B_07E1;
 /// A stream of motion is armed.
 const ARMED_MARK: u32 = 0x5EA1_D0FF;
 
+/// The run ended in a panic, or in a hard fault.
+const PANICKED: u32 = 0x71C4_E80B;
+const FAULTED: u32 = 0x0FA1_17ED;
+
 #[unsafe(link_section = ".uninit.restart")]
 static ARMED: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.restart")]
-static MARKED: AtomicU32 = AtomicU32::new(0);
-#[unsafe(link_section = ".uninit.restart")]
-static PANICS: AtomicU32 = AtomicU32::new(0);
-#[unsafe(link_section = ".uninit.restart")]
-static WATCHDOG_RESETS: AtomicU32 = AtomicU32::new(0);
-#[unsafe(link_section = ".uninit.restart")]
-static HARD_FAULTS: AtomicU32 = AtomicU32::new(0);
+static ENDED: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.restart")]
 static NEXT: AtomicU32 = AtomicU32::new(0);
+#[unsafe(link_section = ".uninit.restart")]
+static STARTS: [AtomicU32; StartLog::WORDS] = [const { AtomicU32::new(0) }; StartLog::WORDS];
 
-/// Panics, watchdog resets and hard faults since power-on, and the state at the last stop.
-#[derive(Clone, Copy)]
-pub(crate) struct Restarts {
-    pub(crate) panics: u32,
-    pub(crate) watchdog: u32,
-    pub(crate) hard_faults: u32,
-    /// True if a stream of motion was armed.
-    pub(crate) while_armed: bool,
+/// Begins a start after this reset. Call this once.
+pub(crate) fn begin(reset: ChipReset) -> StartLog {
+    let cause = match (reset, ENDED.swap(0, Ordering::Relaxed)) {
+        (ChipReset::PowerOn, _) => Cause::PowerOn,
+        (_, PANICKED) => Cause::Panic,
+        (_, FAULTED) => Cause::HardFault,
+        (ChipReset::Watchdog, _) => Cause::Watchdog,
+        (ChipReset::Other, _) => Cause::Other,
+    };
+    let starts = StartLog::begin(STARTS.each_ref().map(|word| word.load(Ordering::Relaxed)), cause);
+    keep(&starts);
+    starts
 }
 
-impl Restarts {
-    /// Logs the restarts, if there were any.
-    pub(crate) fn log(&self) {
-        if self.panics > 0 || self.watchdog > 0 || self.hard_faults > 0 {
-            warning!(
-                "since power-on: {=u32} panics, {=u32} resets by the watchdog, {=u32} hard faults",
-                self.panics,
-                self.watchdog,
-                self.hard_faults
-            );
-        }
-        if self.while_armed {
-            warning!("the last run ended during an armed stream: torque-off goes out");
-        }
+/// Stores the record of starts.
+pub(crate) fn keep(starts: &StartLog) {
+    for (kept, word) in STARTS.iter().zip(starts.to_words()) {
+        kept.store(word, Ordering::Relaxed);
     }
 }
 
-/// Records a start and its cause.
-pub(crate) fn started(by_watchdog: bool) -> Restarts {
-    if MARKED.swap(MARK, Ordering::Relaxed) != MARK {
-        PANICS.store(0, Ordering::Relaxed);
-        WATCHDOG_RESETS.store(0, Ordering::Relaxed);
-        HARD_FAULTS.store(0, Ordering::Relaxed);
+/// Logs how earlier runs ended, if they crashed.
+pub(crate) fn log(start: &Start) {
+    if start.panics > 0 || start.watchdog_resets > 0 || start.hard_faults > 0 {
+        warning!(
+            "since power-on: {=u32} panics, {=u32} resets by the watchdog, {=u32} hard faults",
+            start.panics,
+            start.watchdog_resets,
+            start.hard_faults
+        );
     }
-    WATCHDOG_RESETS.fetch_add(by_watchdog.into(), Ordering::Relaxed);
-    Restarts {
-        panics: PANICS.load(Ordering::Relaxed),
-        watchdog: WATCHDOG_RESETS.load(Ordering::Relaxed),
-        hard_faults: HARD_FAULTS.load(Ordering::Relaxed),
-        while_armed: ARMED.swap(0, Ordering::Relaxed) == ARMED_MARK,
+    if start.was_armed {
+        warning!("the last run ended during an armed stream: torque-off goes out");
     }
 }
 
@@ -79,14 +71,19 @@ pub(crate) fn armed(is: bool) {
     ARMED.store(if is { ARMED_MARK } else { 0 }, Ordering::Relaxed);
 }
 
+/// Returns true if a stream of motion was armed at the last stop.
+pub(crate) fn was_armed() -> bool {
+    ARMED.swap(0, Ordering::Relaxed) == ARMED_MARK
+}
+
 /// Records a panic for the next start.
 pub(crate) fn panicked() {
-    PANICS.fetch_add(1, Ordering::Relaxed);
+    ENDED.store(PANICKED, Ordering::Relaxed);
 }
 
 /// Records a hard fault for the next start.
 pub(crate) fn faulted() {
-    HARD_FAULTS.fetch_add(1, Ordering::Relaxed);
+    ENDED.store(FAULTED, Ordering::Relaxed);
 }
 
 /// Restarts the chip.

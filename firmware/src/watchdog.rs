@@ -3,6 +3,7 @@
 //! The watchdog is fed while no task is overdue. A separate task feeds it, which a task that never yields would block.
 //! It is fed only while the bridge reports that bytes move: a task might rest despite pending work.
 
+use armwire_bridge::start::StartLog;
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Timer;
@@ -10,10 +11,10 @@ use embassy_time::Timer;
 use crate::adapter::{Adapter, now};
 use crate::board::Watchdog;
 use crate::progress::end_round;
-use crate::uart;
+use crate::{restart, uart};
 
-/// The timeout, by the watchdog's own clock, which may be off by half. The erase of a flash sector stalls the core for
-/// 500 ms at worst.
+/// The timeout, by the watchdog's own clock, which may be off by half. The erase of both flash sectors of the
+/// configuration stalls the core for 1 s at worst.
 const TIMEOUT_US: u32 = 2_000_000;
 
 /// Period of the checks.
@@ -28,9 +29,9 @@ pub(crate) fn start() -> Watchdog {
     watchdog
 }
 
-/// Feeds the watchdog while all tasks make progress.
+/// Feeds the watchdog while all tasks make progress, and keeps the record of starts.
 #[embassy_executor::task]
-pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog) {
+pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog, mut starts: StartLog) {
     watchdog.pet();
     // Offset from the LED's period: both at once would delay the end of a frame for longer.
     Timer::after_millis(ROUND_MS / 4).await;
@@ -40,6 +41,10 @@ pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog) {
             watchdog.pet();
         } else {
             warning!("the watchdog is not fed: tasks make progress: {=bool}", progresses);
+        }
+        let config = adapter.take(|bridge| bridge.config());
+        if starts.running(now(), &config) {
+            restart::keep(&starts);
         }
         // The bridge requires regular reads of the UART.
         uart::wake();

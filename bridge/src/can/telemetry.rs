@@ -207,7 +207,8 @@ pub fn event_to_frame(event: &Event, at: Stamp, node: Node) -> Option<Frame> {
 /// The data of an EVENT frame.
 pub(crate) fn event_to_data(event: &Event, at: Stamp) -> Option<[u8; MAX_CLASSIC]> {
     let (kind, initiator, dropped) = match *event {
-        Event::Frame { .. } => return None,
+        // In recovery the CAN controller is off.
+        Event::Frame { .. } | Event::Recovery { .. } => return None,
         Event::Refused { initiator, reason } => (refusal_code(reason), initiator_code(initiator), 0),
         Event::HostSilent {
             initiator,

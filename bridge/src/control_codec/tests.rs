@@ -15,6 +15,7 @@ use crate::control::{
     ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, Histogram, Identity, Initiator, Latencies,
     LineHolder, LineState, MAX_COBS, MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
 };
+use crate::store::Saved;
 use crate::{Counters, LineCoding, Parity, StopBits};
 
 fn arm() -> impl Strategy<Value = ArmKind> {
@@ -83,6 +84,8 @@ fn from_host() -> impl Strategy<Value = FromHost> {
         Just(Request::HoldLine),
         Just(Request::ReleaseLine),
         Just(Request::Stop),
+        Just(Request::GetRecovery),
+        Just(Request::GetSaved),
     ];
     (any::<u8>(), request).prop_map(|(sequence, request)| FromHost { sequence, request })
 }
@@ -143,6 +146,16 @@ fn reply() -> impl Strategy<Value = Reply> {
         latencies.prop_map(Reply::Latencies),
         failure().prop_map(Reply::Failed),
         line_state().prop_map(Reply::Line),
+        any::<bool>().prop_map(Reply::Recovery),
+        saved().prop_map(Reply::Saved),
+    ]
+}
+
+fn saved() -> impl Strategy<Value = Saved> {
+    prop_oneof![
+        config().prop_map(Saved::Config),
+        Just(Saved::Nothing),
+        Just(Saved::Unreadable)
     ]
 }
 
@@ -195,6 +208,7 @@ fn event() -> impl Strategy<Value = Event> {
         }),
         (initiator(), refusal).prop_map(|(initiator, reason)| Event::Refused { initiator, reason }),
         any::<bool>().prop_map(|off| Event::BusOff { off }),
+        any::<bool>().prop_map(|active| Event::Recovery { active }),
     ]
 }
 
@@ -481,8 +495,8 @@ fn counters_that_are_cut_are_malformed() {
     };
     let mut bytes = [0; MAX_MESSAGE];
     let len = encode(&message, &mut bytes).unwrap();
-    // Version 4 lacks the last counter; the one before it has two bytes here, and version 3 lacks it, too.
-    let older = [3 + OLDER_COUNTS.len(), len - 1, len - 3];
+    // Version 4 lacks the last two counters; the one before them has two bytes here, and version 3 lacks it, too.
+    let older = [3 + OLDER_COUNTS.len(), len - 2, len - 4];
     for cut in (3..len).filter(|cut| !older.contains(cut)) {
         let error = decode::<FromAdapter>(&bytes[..cut]).expect_err("a cut message");
         assert_eq!(error.reason, Reason::EndsEarly, "{cut} of {len} bytes");
@@ -509,13 +523,29 @@ fn requests_keep_their_numbers() {
 }
 
 #[test]
+fn version_5_messages_follow_those_of_version_4() {
+    for (number, request) in [(15, Request::Stop), (16, Request::GetRecovery), (17, Request::GetSaved)] {
+        assert_eq!(decode(&[7, number]), Ok(FromHost { sequence: 7, request }));
+    }
+    for (bytes, reply) in [
+        (&[0, 7, 10, 1][..], Reply::Recovery(true)),
+        (&[0, 7, 11, 1], Reply::Saved(Saved::Nothing)),
+        (&[0, 7, 11, 2], Reply::Saved(Saved::Unreadable)),
+    ] {
+        assert_eq!(decode(bytes), Ok(FromAdapter::Reply { sequence: 7, reply }));
+    }
+    let event = Event::Recovery { active: true };
+    assert_eq!(decode(&[1, 9, 4, 1]), Ok(FromAdapter::Event { at: Stamp(9), event }));
+}
+
+#[test]
 fn unknown_request_keeps_its_sequence_number() {
     let malformed = Malformed {
         sequence: Some(200),
         reason: Reason::Unknown,
     };
-    assert_eq!(decode::<FromHost>(&[200, 16]), Err(malformed));
-    assert_eq!(decode::<FromHost>(&[200, 16, 1, 2, 3]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 18]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 18, 1, 2, 3]), Err(malformed));
 }
 
 #[test]

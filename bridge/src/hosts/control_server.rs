@@ -10,6 +10,7 @@ use crate::counters::{Counters, count};
 use crate::events::{EventQueue, Queued};
 use crate::line::{ControlPort, PACKET};
 use crate::queue::Queue;
+use crate::store::Saved;
 use armwire::time::Instant;
 
 use super::can_port::{CanPort, MAX_REQUEST};
@@ -116,8 +117,8 @@ pub(super) struct ControlServer {
     frames: EventQueue,
     /// A request to identify the arm, and its answer, `None` for none.
     pub(super) arm: Option<Pending<Result<Option<FrameBytes>, Failure>>>,
-    /// A request to write or erase the configuration in flash.
-    pub(super) flash: Option<Pending<Result<(), Failure>>>,
+    /// A request to read, write or erase the configuration in flash, and what was read.
+    pub(super) flash: Option<Pending<Result<Option<Saved>, Failure>>>,
     /// Requests to stop the arm, one of each port.
     stops: [Option<Pending<Result<(), Failure>>>; 2],
 }
@@ -218,8 +219,8 @@ impl ControlServer {
         Pending::end(&mut self.arm, answer);
     }
 
-    /// The configuration was written or erased.
-    pub(super) fn saved(&mut self, result: Result<(), Failure>) {
+    /// The configuration was written or erased, or read.
+    pub(super) fn flash_done(&mut self, result: Result<Option<Saved>, Failure>) {
         Pending::end(&mut self.flash, result);
     }
 
@@ -255,10 +256,12 @@ impl ControlServer {
             };
             return Some((sequence, answer.map_or_else(Reply::Failed, identity)));
         }
-        let [a, b] = &mut self.stops;
-        let mut results = [&mut self.flash, a, b].into_iter();
-        let (sequence, result) = results.find_map(|pending| Pending::take(pending, port))?;
-        Some((sequence, result.map_or_else(Reply::Failed, |()| Reply::Done)))
+        if let Some((sequence, result)) = self.stops.iter_mut().find_map(|stop| Pending::take(stop, port)) {
+            return Some((sequence, result.map_or_else(Reply::Failed, |()| Reply::Done)));
+        }
+        let (sequence, result) = Pending::take(&mut self.flash, port)?;
+        let done = |saved: Option<Saved>| saved.map_or(Reply::Done, Reply::Saved);
+        Some((sequence, result.map_or_else(Reply::Failed, done)))
     }
 
     // ---- Subscribers ----

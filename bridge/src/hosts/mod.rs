@@ -21,6 +21,8 @@ use crate::control::{
 use crate::counters::{CanErrors, Counters, count};
 use crate::events::Queued;
 use crate::line::{ControlPort, Line, NotTaken, PACKET, Silenced};
+use crate::start::Recovery;
+use crate::store::Saved;
 use armwire::time::Instant;
 
 use can_port::{CanPort, Received};
@@ -30,19 +32,23 @@ use control_server::{ControlServer, Pending};
 pub(crate) struct Hosts {
     identity: Identity,
     config: Config,
+    /// `Some` in recovery: the CAN controller is off.
+    recovery: Option<Recovery>,
+    /// A host has subscribed to events and does not know of the recovery yet.
+    announces_recovery: bool,
     can: CanPort,
     /// The port whose host changed the configuration of the bus, until the controller is reinitialised.
     can_change: Option<ControlPort>,
     control: ControlServer,
     /// Actions that firmware has not taken yet.
-    save: Option<Action>,
+    flash: Option<Action>,
     restart: Option<Action>,
     counters: Counters,
 }
 
 impl Hosts {
     /// An invalid `config` is replaced by the factory defaults, and counted as lost.
-    pub(crate) fn new(identity: Identity, config: Config) -> Self {
+    pub(crate) fn new(identity: Identity, config: Config, recovery: Option<Recovery>) -> Self {
         let is_valid = check(&identity, &config).is_ok();
         let config = if is_valid { config } else { Config::default() };
         let mut counters = Counters::default();
@@ -50,10 +56,12 @@ impl Hosts {
         Self {
             identity,
             config,
+            recovery,
+            announces_recovery: false,
             can: CanPort::new(config.can),
             can_change: None,
             control: ControlServer::new(),
-            save: None,
+            flash: None,
             restart: None,
             counters,
         }
@@ -61,6 +69,10 @@ impl Hosts {
 
     pub(crate) const fn config(&self) -> &Config {
         &self.config
+    }
+
+    pub(crate) const fn recovery(&self) -> Option<Recovery> {
+        self.recovery
     }
 
     pub(crate) const fn counters_mut(&mut self) -> &mut Counters {
@@ -114,7 +126,7 @@ impl Hosts {
     fn deliver_frame(&mut self, bytes: &[u8], initiator: Option<Initiator>, at: Instant) {
         let on_can = match initiator {
             Some(initiator) => initiator == Initiator::Can,
-            None => self.config.can.unsolicited,
+            None => self.config.can.unsolicited && self.recovery.is_none(),
         };
         if on_can && !self.can.answer(bytes) {
             count(&mut self.counters.dropped_can_answers, 1);
@@ -128,7 +140,7 @@ impl Hosts {
     fn publish_event(&mut self, event: &Event, at: Instant) {
         #[cfg(feature = "defmt")]
         crate::log::event(event);
-        if !self.can.event_frame(event, at) {
+        if self.recovery.is_none() && !self.can.event_frame(event, at) {
             count(&mut self.counters.dropped_events, 1);
         }
         self.control.publish_event(at, event, &mut self.can, &mut self.counters);
@@ -223,11 +235,14 @@ impl Hosts {
     }
 
     pub(crate) fn is_can_due(&self, now: Instant) -> bool {
-        self.can.is_due(now) || self.control.is_can_due()
+        self.recovery.is_none() && (self.can.is_due(now) || self.control.is_can_due())
     }
 
     /// The next frame for the bus, the most urgent first.
     pub(crate) fn can_transmit(&mut self, line: &mut Line, now: Instant) -> Option<Frame> {
+        if self.recovery.is_some() {
+            return None;
+        }
         self.take_deliveries(line);
         if self.control.is_can_due() {
             self.control.publish_all(&mut self.can, &mut self.counters);
@@ -300,7 +315,8 @@ impl Hosts {
         let is_replied = |port: &mut ControlPort| {
             *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.is_can_reply_pending()
         };
-        if line.holder() != Some(Initiator::Can) && self.can_change.take_if(is_replied).is_some() {
+        let may_change = self.recovery.is_none() && line.holder() != Some(Initiator::Can);
+        if may_change && self.can_change.take_if(is_replied).is_some() {
             self.control.publish_all(&mut self.can, &mut self.counters);
             self.can.close(&mut self.counters);
             self.can = CanPort::new(self.config.can);
@@ -311,7 +327,7 @@ impl Hosts {
         }
         // Torque-off goes out before a restart.
         let may_restart = !line.is_torque_off_waiting();
-        self.save.take().or_else(|| self.restart.take_if(|_| may_restart))
+        self.flash.take().or_else(|| self.restart.take_if(|_| may_restart))
     }
 
     /// Handles the result of a write or an erase of the configuration in flash.
@@ -321,9 +337,24 @@ impl Hosts {
             Err(_) => &mut self.counters.config_failures,
         };
         count(counter, 1);
-        // No host could be received during the write.
+        if result.is_ok() && self.recovery.take().is_some() {
+            // The controller starts.
+            self.can_change = Some(ControlPort::Usb);
+            self.take_deliveries(line);
+            self.publish_event(&Event::Recovery { active: false }, now);
+        }
+        self.flash_done(result.map(|()| None), line, now);
+    }
+
+    /// Handles the configuration in flash.
+    pub(crate) fn loaded(&mut self, result: Result<Saved, Failure>, line: &mut Line, now: Instant) {
+        self.flash_done(result.map(Some), line, now);
+    }
+
+    fn flash_done(&mut self, result: Result<Option<Saved>, Failure>, line: &mut Line, now: Instant) {
+        // No host could be received meanwhile.
         line.keep_hosts_alive(now);
-        self.control.saved(result);
+        self.control.flash_done(result);
         self.serve(line, now);
     }
 
@@ -370,6 +401,10 @@ impl Hosts {
             if let Some((sequence, reply)) = reply {
                 self.control.reply(port, sequence, reply, &mut self.can);
             }
+            // A host skips the events before the reply to its subscription.
+            if core::mem::take(&mut self.announces_recovery) {
+                self.publish_event(&Event::Recovery { active: true }, now);
+            }
         }
         any
     }
@@ -414,28 +449,35 @@ impl Hosts {
                 }
                 Err(error) => Reply::BadConfig(error),
             },
-            // The core stalls during the write.
-            Request::SaveConfig | Request::ResetConfig
-                if self.control.flash.is_some() || self.save.is_some() || line.is_stopping() =>
+            Request::GetSaved if self.has_crashed_in_load() => Reply::Saved(Saved::Unreadable),
+            // The core stalls meanwhile.
+            Request::SaveConfig | Request::ResetConfig | Request::GetSaved
+                if self.control.flash.is_some() || self.flash.is_some() || line.is_stopping() =>
             {
                 Reply::Failed(Failure::Busy)
             }
-            Request::SaveConfig | Request::ResetConfig if line.is_armed() => Reply::Failed(Failure::StreamArmed),
-            Request::SaveConfig => {
-                self.control.flash = Pending::new(port, sequence);
-                self.save = Some(Action::Save(self.config));
-                return None;
+            Request::SaveConfig | Request::ResetConfig | Request::GetSaved if line.is_armed() => {
+                Reply::Failed(Failure::StreamArmed)
             }
-            Request::ResetConfig => {
+            Request::SaveConfig | Request::ResetConfig | Request::GetSaved => {
                 self.control.flash = Pending::new(port, sequence);
-                self.save = Some(Action::Reset);
-                self.configure(Config::default(), port, line, now);
+                self.flash = Some(match (request, self.has_crashed_in_load()) {
+                    (Request::GetSaved, _) => Action::Load,
+                    (Request::SaveConfig, false) => Action::Save(self.config),
+                    (Request::SaveConfig, true) => Action::Replace(self.config),
+                    (_, false) => Action::Reset,
+                    (_, true) => Action::Erase,
+                });
+                if request == Request::ResetConfig {
+                    self.configure(Config::default(), port, line, now);
+                }
                 return None;
             }
             Request::GetCounters => Reply::Counters(self.all_counters(line)),
             Request::GetLatencies => Reply::Latencies(*line.latencies()),
             Request::Subscribe(subscription) => {
                 self.control.subscribe(port, subscription);
+                self.announces_recovery = self.recovery.is_some() && subscription.events;
                 self.watch(line);
                 Reply::Done
             }
@@ -452,6 +494,7 @@ impl Hosts {
                 Reply::Done
             }
             Request::GetLine => Reply::Line(line.state()),
+            Request::GetRecovery => Reply::Recovery(self.recovery.is_some()),
             Request::HoldLine => match line.hold_line(port, now) {
                 Ok(()) => Reply::Done,
                 Err(failure) => Reply::Failed(failure),
@@ -472,6 +515,11 @@ impl Hosts {
             },
         };
         Some((sequence, reply))
+    }
+
+    /// Returns true if the configuration in flash must not be read.
+    fn has_crashed_in_load(&self) -> bool {
+        self.recovery.is_some_and(|recovery| recovery.crashed_in_load)
     }
 
     /// Restarts the adapter. If a stream is armed, torque-off goes out first.

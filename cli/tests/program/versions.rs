@@ -20,6 +20,7 @@ const END_STREAM: u8 = 11;
 const GET_LINE: u8 = 12;
 const HOLD_LINE: u8 = 13;
 const RELEASE_LINE: u8 = 14;
+const GET_RECOVERY: u8 = 16;
 
 /// Replies without their head: kind and sequence number.
 const CONFIG: [u8; 15] = [4, 0, 0, 0, 0xC0, 0x84, 0x3D, 0, 0, 0, 100, 0, 0xF4, 0x03, 0];
@@ -45,6 +46,7 @@ fn replies(version: u8, counts: usize, added: &'static [u8]) -> impl Fn(u8) -> V
             GET_COUNTERS => return counters(counts),
             GET_LATENCIES => [vec![7], vec![0; 3 * 16]].concat(),
             GET_LINE => LINE.to_vec(),
+            GET_RECOVERY if version >= 5 => vec![10, 0],
             _ => vec![1, version],
         };
         [&reply, added].concat()
@@ -113,12 +115,20 @@ fn counters_of_version_3_lack_the_last_two() {
 }
 
 #[test]
+fn counters_of_version_4_lack_the_last_two() {
+    let text = printed(run_with(&["counters", "control:PORT"], replies(4, 57, &[])));
+    assert_eq!(value(&text, "untracked_requests "), Some("1"), "{text}");
+    assert_eq!(value(&text, "refused_stopped "), Some("0"), "{text}");
+    assert_eq!(value(&text, "recovery_starts "), Some("0"), "{text}");
+}
+
+#[test]
 fn unknown_counters_of_version_6_are_skipped() {
-    let text = printed(run_with(&["counters", "control:PORT"], replies(6, 59, &[])));
-    assert_eq!(value(&text, "refused_stopped "), Some("1"), "{text}");
+    let text = printed(run_with(&["counters", "control:PORT"], replies(6, 60, &[])));
+    assert_eq!(value(&text, "recovery_starts "), Some("1"), "{text}");
     assert_eq!(
         text,
-        printed(run_with(&["counters", "control:PORT"], replies(5, 58, &[])))
+        printed(run_with(&["counters", "control:PORT"], replies(5, 59, &[])))
     );
 }
 
@@ -132,14 +142,14 @@ fn adapter_of_any_version_is_described() {
     for version in 3..=6 {
         // Version 6 has more at the end of each message.
         let added: &[u8] = if version == 6 { &[1, 2, 3] } else { &[] };
-        let text = printed(run_with(&["info", "control:PORT"], replies(version, 58, added)));
+        let text = printed(run_with(&["info", "control:PORT"], replies(version, 59, added)));
         assert_eq!(text.lines().collect::<Vec<_>>(), expected, "version {version}");
     }
 }
 
 #[test]
 fn error_names_version_6_of_an_adapter() {
-    let output = run_with(&["hold", "control:PORT"], replies(6, 59, &[]));
+    let output = run_with(&["hold", "control:PORT"], replies(6, 60, &[]));
     let line = failure(&output);
     assert!(
         line.ends_with(
@@ -152,8 +162,8 @@ fn error_names_version_6_of_an_adapter() {
 #[test]
 fn unknown_reply_of_version_6_is_reported() {
     let output = run_with(&["counters", "control:PORT"], |request| match request {
-        GET_LATENCIES => vec![10, 1],
-        _ => replies(6, 59, &[])(request),
+        GET_LATENCIES => vec![12, 1],
+        _ => replies(6, 60, &[])(request),
     });
     let line = failure(&output);
     assert!(
@@ -193,10 +203,10 @@ fn host_of_version_3_is_served() {
     assert_eq!(call(&[7, HOLD_LINE]), done);
     assert_eq!(call(&[7, GET_LINE]), reply(&held));
     assert_eq!(call(&[7, RELEASE_LINE]), done);
-    // The host knows 56 counters and skips the others. The 46th counts control requests.
+    // The host knows 56 counters and skips the last three. The 46th counts control requests.
     let counters = call(&[7, GET_COUNTERS]);
-    assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 58));
+    assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 59));
     assert_eq!(counters[3 + 45], 9);
     // A request of a later version.
-    assert_eq!(call(&[7, 16, 1]), reply(&[1, 5]));
+    assert_eq!(call(&[7, 18, 1]), reply(&[1, 5]));
 }

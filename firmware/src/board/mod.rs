@@ -6,6 +6,7 @@
 //! | Item | Meaning |
 //! |---|---|
 //! | `NAME`, `CAN_FD` | the board's name, and true for CAN FD |
+//! | `take_reset()` | reads the cause of the last reset, once |
 //! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a [`Board`] of them |
 //! | `UsbDriver` | the driver of the USB peripheral |
 //! | `usb` | the registers of endpoint 0, behind [`usb_control`] |
@@ -69,8 +70,17 @@ pub(crate) struct Board {
     pub(crate) can: Can,
     /// The flash with the configuration.
     pub(crate) flash: ConfigFlash,
-    /// True after a watchdog reset.
-    pub(crate) reset_by_watchdog: bool,
+}
+
+/// The cause of a reset, by the chip's flags.
+#[derive(Clone, Copy)]
+pub(crate) enum ChipReset {
+    /// The supply was switched on, or was too low.
+    PowerOn,
+    /// The watchdog.
+    Watchdog,
+    /// The firmware, the reset pin or a debugger.
+    Other,
 }
 
 /// The independent watchdog.

@@ -5,12 +5,19 @@ use core::hint::black_box;
 use armwire_bridge::can::{Frame, Id};
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Identity;
+use armwire_bridge::start::{Cause, StartLog};
+use armwire_bridge::store::Saved;
 use armwire_bridge::{Bridge, CanEvent, Counters, Instant, LineCoding, PACKET, Start, UartEvent, UsbEvent};
 
 use crate::bytes;
 
 pub(crate) fn call_all() {
     let now = black_box(Instant::ZERO);
+
+    let mut starts = StartLog::begin(black_box([0; StartLog::WORDS]), black_box(Cause::Panic));
+    black_box(starts.running(now, black_box(&Config::default())));
+    black_box(starts.to_words());
+    black_box((starts.config(), starts.recovery(), starts.start(true, true)));
 
     let mut bridge = Bridge::new(
         black_box(Identity::default()),
@@ -49,6 +56,8 @@ pub(crate) fn call_all() {
     black_box(&mut *bridge).tick(now);
     black_box(black_box(&mut *bridge).action(now));
     black_box(&mut *bridge).saved(black_box(Ok(())), now);
+    black_box(&mut *bridge).loaded(black_box(Ok(Saved::Nothing)), now);
+    black_box(black_box(&*bridge).can_config());
     black_box(black_box(&*bridge).config());
 
     let counters = black_box(black_box(&*bridge).counters());

@@ -9,6 +9,7 @@ use armwire_bridge::control::{
     Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reason, Reply, Request,
     decode, encode, encode_cobs,
 };
+use armwire_bridge::store::Saved;
 use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UartEvent, UsbEvent};
 use armwire_bridge::{Duration, Instant};
 use armwire_fuzz::{Result, Unstructured};
@@ -100,8 +101,14 @@ impl Host {
 
     /// Executes the firmware's next action: a save or reset succeeds if `done`.
     fn act(&mut self, done: bool) {
-        if let Some(Action::Save(_) | Action::Reset) = self.bridge.action(self.now) {
-            self.bridge.saved(done.then_some(()).ok_or(Failure::Flash), self.now);
+        match self.bridge.action(self.now) {
+            Some(Action::Save(_) | Action::Reset) => {
+                self.bridge.saved(done.then_some(()).ok_or(Failure::Flash), self.now);
+            }
+            Some(Action::Load) => self
+                .bridge
+                .loaded(done.then_some(Saved::Nothing).ok_or(Failure::Flash), self.now),
+            _ => {}
         }
     }
 
@@ -173,6 +180,8 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -
         Request::GetLine => matches!(reply, Reply::Line(_)),
         Request::HoldLine => matches!(reply, Reply::Done | Reply::Failed(Failure::StreamArmed | Failure::Busy)),
         Request::ReleaseLine => *reply == Reply::Done,
+        Request::GetRecovery => *reply == Reply::Recovery(false),
+        Request::GetSaved => matches!(reply, Reply::Saved(Saved::Nothing) | Reply::Failed(_)),
     }
 }
 

@@ -105,12 +105,12 @@ fn check_short_buffer(len: usize, encode: impl Fn(&mut [u8]) -> core::result::Re
 fn control_messages(u: &mut Unstructured<'_>) -> Result<()> {
     control_message(&u.arbitrary::<FromHost>()?, false);
     let message = u.arbitrary()?;
-    // Without their last count, if that is a byte, these are the counters of version 3.
+    // Without their last count, if that is a byte, these are the counters of version 4.
     let is_older = match &message {
         FromAdapter::Reply {
             reply: Reply::Counters(counters),
             ..
-        } => counters.untracked_requests < 0x80,
+        } => counters.recovery_starts < 0x80,
         _ => false,
     };
     control_message(&message, is_older);

@@ -9,6 +9,7 @@ use armwire_bridge::can::{Frame, Function, Id};
 use armwire_bridge::config::{ArmKind, Config, Poll};
 use armwire_bridge::control::{Failure, FromAdapter, Identity, MAX_FRAME, MAX_MESSAGE, Request, decode, encode};
 use armwire_bridge::isotp::{self, Endpoint, Link};
+use armwire_bridge::store::Saved;
 use armwire_bridge::{
     Action, Bridge, CanErrors, CanEvent, PACKET, Start, Status, Transmit, UartErrors, UartEvent, UsbEvent,
 };
@@ -439,7 +440,10 @@ impl World {
     pub fn act(&mut self, done: bool) -> bool {
         let action = self.bridge.action(self.now);
         match action {
-            Some(Action::Save(_) | Action::Reset) => {
+            Some(Action::Load) => self
+                .bridge
+                .loaded(done.then_some(Saved::Nothing).ok_or(Failure::Flash), self.now),
+            Some(Action::Save(_) | Action::Replace(_) | Action::Reset | Action::Erase) => {
                 if let Some(Action::Save(config)) = action {
                     assert_eq!(config.check(), Ok(()));
                 }

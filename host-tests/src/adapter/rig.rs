@@ -555,6 +555,7 @@ impl Rig {
                 self.is_over = true;
             }
             Action::RestartCan(_) => panic!("unexpected change of the CAN bus"),
+            Action::Load | Action::Replace(_) | Action::Erase => panic!("no host asks for it, outside of recovery"),
         }
     }
 

@@ -8,12 +8,34 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-use armwire_bridge::config::Config;
+use armwire_bridge::can::Node;
+use armwire_bridge::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::Identity;
+use armwire_bridge::start::Recovery;
+use armwire_bridge::store::Saved;
 use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UartEvent, UsbEvent, time};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
+
+/// The configuration in flash, which is never loaded.
+const SAVED: Saved = Saved::Config(Config {
+    arm: ArmKind::Ling,
+    poll: Poll::Hertz(50),
+    can: Can {
+        node: Node::MAX,
+        bit_rate: 500_000,
+        data_bit_rate: None,
+        telemetry_hz: 0,
+        commands: false,
+        command_timeout_ms: 100,
+        unsolicited: false,
+    },
+    host_timeout: HostTimeout {
+        after_ms: 300,
+        torque_off: true,
+    },
+});
 
 /// An adapter, served until dropped.
 pub(crate) struct Board {
@@ -29,6 +51,11 @@ pub(crate) struct Board {
 
 impl Board {
     pub(crate) fn start(name: &str) -> Self {
+        Self::start_as(name, None)
+    }
+
+    /// Starts an adapter in recovery.
+    pub(crate) fn start_as(name: &str, recovery: Option<Recovery>) -> Self {
         let ports = [(); 2].map(|()| Pty::open(None).unwrap());
         let [port, control] = ports.each_ref().map(|pty| pty.path().to_str().unwrap().to_owned());
         let control = format!("control:{control}");
@@ -36,7 +63,9 @@ impl Board {
         let stopped = Arc::clone(&stop);
         let boot_loader = super::free_path(&format!("{name}-boot-loader"));
         let marker = boot_loader.clone();
-        let thread = Some(thread::spawn(move || Served::new(ports, marker).serve(&stopped)));
+        let thread = Some(thread::spawn(move || {
+            Served::new(ports, marker, recovery).serve(&stopped)
+        }));
         Self {
             stop,
             thread,
@@ -65,7 +94,7 @@ struct Served {
 }
 
 impl Served {
-    fn new([port, control]: [Pty; 2], boot_loader: PathBuf) -> Self {
+    fn new([port, control]: [Pty; 2], boot_loader: PathBuf, recovery: Option<Recovery>) -> Self {
         let identity = Identity {
             version: armwire_bridge::control::VERSION,
             firmware: "1.2.3".try_into().unwrap(),
@@ -74,7 +103,11 @@ impl Served {
             serial: "0123456789AB".try_into().unwrap(),
             can_fd: false,
         };
-        let mut bridge = Bridge::new(identity, Config::default(), Start::default());
+        let start = Start {
+            recovery,
+            ..Start::default()
+        };
+        let mut bridge = Bridge::new(identity, Config::default(), start);
         bridge.usb_event(UsbEvent::Configured(true), time::Instant::ZERO);
         bridge.usb_event(UsbEvent::Dtr(true), time::Instant::ZERO);
         Self {
@@ -148,7 +181,10 @@ impl Served {
     fn act(&mut self, now: time::Instant) {
         match self.bridge.action(now) {
             // The configuration need not be stored: this board never restarts.
-            Some(Action::Save(_) | Action::Reset) => self.bridge.saved(Ok(()), now),
+            Some(Action::Save(_) | Action::Replace(_) | Action::Reset | Action::Erase) => {
+                self.bridge.saved(Ok(()), now);
+            }
+            Some(Action::Load) => self.bridge.loaded(Ok(SAVED), now),
             Some(Action::RestartIntoBootLoader) => fs::write(&self.boot_loader, "").unwrap(),
             Some(Action::Restart | Action::RestartCan(_)) | None => {}
         }

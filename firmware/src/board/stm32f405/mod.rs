@@ -22,7 +22,7 @@ use static_cell::StaticCell;
 
 use super::can::Can;
 use super::time::{self, TimerHandler};
-use super::{Board, Watchdog, enable_clocks, usart};
+use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
 use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
@@ -139,15 +139,20 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
         )),
         can: Can::new(Controller::new(p.CAN1, p.PB8, p.PB9)),
         flash: flash::new(p.FLASH),
-        reset_by_watchdog: reset_by_watchdog(),
     }
 }
 
-/// Reads the reset cause, and clears it for the next reset (RM0090 7.3.21).
-fn reset_by_watchdog() -> bool {
+/// Reads the cause of the last reset, and clears it for the next (RM0090 7.3.21).
+pub(crate) fn take_reset() -> ChipReset {
     let cause = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
-    cause.wdgrstf()
+    if cause.porrstf() || cause.borrstf() {
+        ChipReset::PowerOn
+    } else if cause.wdgrstf() {
+        ChipReset::Watchdog
+    } else {
+        ChipReset::Other
+    }
 }
 
 /// Withdraws the packets in endpoints that the host will not fetch.

@@ -20,7 +20,7 @@ use embassy_stm32::{bind_interrupts, usb as hal_usb};
 
 use super::can::Can;
 use super::time::{self, TimerHandler};
-use super::{Board, Watchdog, enable_clocks, usart};
+use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
 use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
@@ -110,13 +110,18 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
         usb: UsbDriver(hal_usb::Driver::new(p.USB, Irqs, p.PA12, p.PA11)),
         can: Can::new(Controller::new(p.FDCAN1, p.PB8, p.PB9)),
         flash: flash::new(p.FLASH),
-        reset_by_watchdog: reset_by_watchdog(),
     }
 }
 
-/// Reads the reset cause, and clears it for the next reset (RM0440 7.4, RCC_CSR).
-fn reset_by_watchdog() -> bool {
+/// Reads the cause of the last reset, and clears it for the next (RM0440 7.4, RCC_CSR).
+pub(crate) fn take_reset() -> ChipReset {
     let cause = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
-    cause.iwdgrstf()
+    if cause.borrstf() {
+        ChipReset::PowerOn
+    } else if cause.iwdgrstf() {
+        ChipReset::Watchdog
+    } else {
+        ChipReset::Other
+    }
 }
