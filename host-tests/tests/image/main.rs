@@ -8,6 +8,7 @@ mod campaign;
 mod can;
 mod canfd;
 mod control;
+mod crash_loop;
 mod flash;
 mod latency;
 mod line;
