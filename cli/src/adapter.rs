@@ -4,6 +4,7 @@ use std::io::ErrorKind;
 
 use armwire_bridge::config::Can;
 use armwire_bridge::control::{Histogram, Identity, Latencies, LineState, Reply, Request};
+use armwire_bridge::store::Saved;
 use armwire_sim::slcan::BitRate;
 use clap::Args;
 use serde_json::{Map, Value, json};
@@ -14,7 +15,7 @@ use crate::describe::Fact;
 use crate::error::Error;
 use crate::line_holder;
 use crate::output::print_error;
-use crate::port::Port;
+use crate::port::{Connection, Port};
 use crate::serial::not_opened;
 
 /// The port of an adapter.
@@ -142,6 +143,49 @@ pub(crate) fn report_holder(control: &mut ControlLink) -> Result<(), Error> {
         print_error(&format_args!("{}: the line runs at {holder}", control.name()));
     }
     Ok(())
+}
+
+/// The state of an adapter in recovery, in words.
+pub const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused and \
+                            unchanged until 'armwire config' saves others";
+
+/// Returns true if the adapter is in recovery. An adapter of an older version never is.
+///
+/// # Errors
+///
+/// Errors of the control port.
+pub fn is_in_recovery(control: &mut ControlLink) -> Result<bool, Error> {
+    match control.call(Request::GetRecovery) {
+        Ok(Reply::Recovery(active)) => Ok(active),
+        Ok(reply) => Err(unexpected(control, &reply)),
+        Err(Error::Unsupported { .. }) => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+/// Warns on standard error of an adapter in recovery.
+pub(crate) fn report_recovery(control: &mut ControlLink) -> Result<(), Error> {
+    if is_in_recovery(control)? {
+        print_error(&format_args!("{}: the adapter has {RECOVERY}", control.name()));
+    }
+    Ok(())
+}
+
+/// The warning for a program that moves the arm on this port, if it has an adapter in recovery. `None` if that cannot be
+/// known: the port has no adapter, another program has its control port, or it is on CAN, where an adapter in recovery is
+/// silent.
+pub fn recovery_warning(connection: &Connection) -> Option<String> {
+    let mut control = connection.usb_control()?;
+    let is_in_recovery = is_in_recovery(&mut control).ok()?;
+    is_in_recovery.then(|| format!("{}: the adapter has {RECOVERY}", control.name()))
+}
+
+/// The configuration in an adapter's flash.
+pub(crate) fn saved(control: &mut ControlLink) -> Result<Saved, Error> {
+    match control.call(Request::GetSaved)? {
+        Reply::Saved(saved) => Ok(saved),
+        reply => Err(unexpected(control, &reply)),
+    }
 }
 
 /// The measured quantities by name.

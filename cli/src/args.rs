@@ -5,8 +5,10 @@ use std::path::Path;
 
 use clap::{Args, ValueEnum};
 
+use crate::adapter;
 use crate::control::ControlLink;
 use crate::error::Error;
+use crate::output::print_error;
 use crate::port::{Connection, Port};
 use crate::tcp::Host;
 
@@ -66,11 +68,24 @@ pub(crate) struct ArmPort {
     port: Port,
     #[command(flatten)]
     baud: Baud,
+    /// Control port of the adapter, if it is not found by the arm's port: control:PATH or PATH. A virtual board needs it.
+    #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
+    control: Option<Port>,
 }
 
 impl ArmPort {
+    /// Opens the port. Warns of an adapter in recovery.
     pub(crate) fn connect(&self) -> Result<Connection, Error> {
-        self.port.connect(self.baud.baud)
+        let connection = self.port.connect(self.baud.baud)?;
+        match &self.control {
+            Some(port) => adapter::report_recovery(&mut port.connect(None)?.control()?)?,
+            None => {
+                if let Some(warning) = adapter::recovery_warning(&connection) {
+                    print_error(&warning);
+                }
+            }
+        }
+        Ok(connection)
     }
 }
 

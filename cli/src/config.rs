@@ -3,13 +3,14 @@
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
 use armwire_bridge::control::{Reply, Request};
+use armwire_bridge::store::Saved;
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use crate::adapter::{self, AdapterPort};
 use crate::control::ControlLink;
 use crate::error::Error;
-use crate::output::{print, print_json};
+use crate::output::{print, print_error, print_json};
 
 /// The arguments of `armwire config`.
 #[derive(Args)]
@@ -242,18 +243,22 @@ impl Configure {
                 control.call(Request::SetConfig(config))?;
                 control = self.follow(control, &config)?;
                 if *save {
+                    report_overwritten(&mut control)?;
                     control.call(Request::SaveConfig)?;
                 }
             }
             Action::Save => {
+                report_overwritten(&mut control)?;
                 control.call(Request::SaveConfig)?;
             }
             Action::Reset => {
+                report_overwritten(&mut control)?;
                 control.call(Request::ResetConfig)?;
                 control = self.follow(control, &Config::default())?;
             }
         }
         adapter::report_holder(&mut control)?;
+        adapter::report_recovery(&mut control)?;
         let config = get(&mut control)?;
         if self.json {
             return print_json(&object(&config));
@@ -271,6 +276,22 @@ impl Configure {
         drop(control);
         moved.open()
     }
+}
+
+/// Names on standard error what a save overwrites, if the adapter is in recovery: its owner has not seen it.
+fn report_overwritten(control: &mut ControlLink) -> Result<(), Error> {
+    if adapter::is_in_recovery(control)? {
+        let saved = match adapter::saved(control)? {
+            Saved::Config(config) => format!(
+                "saved settings are overwritten: {}",
+                show(&config).trim().replace('\n', " ")
+            ),
+            Saved::Nothing => "no settings were saved".to_owned(),
+            Saved::Unreadable => "saved settings that are unreadable are overwritten".to_owned(),
+        };
+        print_error(&format_args!("{}: {saved}", control.name()));
+    }
+    Ok(())
 }
 
 /// The configuration in force.

@@ -4,7 +4,7 @@ use armwire::alpha1::Alpha1;
 use armwire_bridge::config::{Can, Poll};
 use clap::Args;
 
-use crate::adapter::{identity, line};
+use crate::adapter::{RECOVERY, identity, is_in_recovery, line};
 use crate::args::{ArmKind, Place};
 use crate::control::ControlLink;
 use crate::describe::{Arm, Fact, object};
@@ -100,6 +100,9 @@ impl Report {
     /// The adapter between this computer and the arm, and its configuration.
     fn adapter(&mut self, control: &mut ControlLink) -> Result<(), Error> {
         self.add(identity(control)?)?;
+        if is_in_recovery(control)? {
+            self.add(Fact::words("recovery", RECOVERY))?;
+        }
         let config = config::get(control)?;
         let poll = match config.poll {
             Poll::Off => "off".to_owned(),

@@ -67,7 +67,7 @@ pub use decode::decode;
 
 /// Ports, blocking calls and errors with remedies, for other programs.
 pub mod host {
-    pub use crate::adapter::{counters, identify, latencies};
+    pub use crate::adapter::{RECOVERY, counters, identify, is_in_recovery, latencies, recovery_warning};
     pub use crate::config::{get as config, object as config_object, set as change_config};
     pub use crate::control::ControlLink;
     pub use crate::describe::{Arm, Fact, Protocol};

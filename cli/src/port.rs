@@ -291,6 +291,14 @@ impl Connection {
         }
     }
 
+    /// Opens the control port of the adapter whose serial port this is. `None` if there is none, or if it is not free.
+    pub(crate) fn usb_control(&self) -> Option<ControlLink> {
+        match &self.port {
+            Port::Serial(_) => self.control().ok(),
+            _ => None,
+        }
+    }
+
     fn on_can(&self, node: Node, tx: Function, rx: Function) -> CanLine {
         let bus = self.bus.as_ref().expect("a port on CAN has a bus");
         CanLine::new(self.port.to_string(), bus, node, tx, rx)

@@ -12,6 +12,7 @@ use armwire_bridge::control::{self, Event, Subscription};
 use super::polled::{Readable, news};
 use super::reading::{News, OnFrame, Source};
 use super::recorder::Recorder;
+use crate::adapter::RECOVERY;
 use crate::config;
 use crate::control::ControlLink;
 use crate::error::Error;
@@ -124,6 +125,8 @@ fn describe(event: &Event) -> String {
         Event::Refused { initiator, reason } => format!("a request of {initiator} was refused: {reason}"),
         Event::BusOff { off: true } => "CAN bus-off: too many errors".to_owned(),
         Event::BusOff { off: false } => "recovered from CAN bus-off".to_owned(),
+        Event::Recovery { active: true } => format!("the adapter has {RECOVERY}"),
+        Event::Recovery { active: false } => "the adapter has saved settings again".to_owned(),
         other => format!("{other:?}"),
     }
 }

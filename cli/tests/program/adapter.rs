@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::process::Command;
 
+use armwire_bridge::start::Recovery;
 use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -299,4 +300,76 @@ fn missing_control_port_is_reported() {
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
     let text = usage(&["info", &board.port, "--control", "tcp:localhost"]);
     assert!(text.contains("'localhost' has no port"), "{text}");
+}
+/// The state of an adapter in recovery.
+const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused and \
+                        unchanged until 'armwire config' saves others";
+
+/// An adapter in recovery.
+fn recovering(name: &str, crashed_in_load: bool) -> Board {
+    Board::start_as(name, Some(Recovery { crashed_in_load }))
+}
+
+/// The lines on standard error of a program that succeeds.
+fn warnings(args: &[&str]) -> Vec<String> {
+    let output = run(args);
+    assert!(output.status.success(), "{output:?}");
+    let text = String::from_utf8(output.stderr).unwrap();
+    text.lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn info_shows_an_adapter_in_recovery() {
+    let board = recovering("info-recovery", false);
+    let out = success(&["info", &board.control]);
+    assert_eq!(out.lines().nth(1), Some(&*format!("recovery     {RECOVERY}")), "{out}");
+    let json = success(&["info", "--json", &board.control]);
+    assert!(json.contains(&format!("\"recovery\": \"{RECOVERY}\"")), "{json}");
+    let usual = Board::start("info-usual");
+    let out = success(&["info", &usual.control]);
+    assert!(!out.contains("recovery"), "{out}");
+}
+
+#[test]
+fn commands_that_move_warn_of_recovery_once() {
+    let board = recovering("move-recovery", false);
+    let warning = format!("armwire: {}: the adapter has {RECOVERY}", name(&board));
+    let target = ["--joints", "0,0,0,0,0,0", "--speed", "400", "--gripper", "50"];
+    let port = [&board.port, "--control", &board.control];
+    for command in [
+        [&["move"], &port[..], &target].concat(),
+        [&["torque"], &port[..], &["on"]].concat(),
+        [&["call", "ling"], &port[..], &["move"], &target].concat(),
+    ] {
+        assert_eq!(warnings(&command), [&*warning], "{command:?}");
+    }
+    let usual = Board::start("move-usual");
+    let port = [&usual.port, "--control", &usual.control];
+    assert_eq!(warnings(&[&["move"], &port[..], &target].concat()), [""; 0]);
+}
+
+#[test]
+fn save_names_what_it_overwrites_and_ends_recovery() {
+    let overwritten = "saved settings are overwritten: arm=ling poll=50 can.node=15 can.bit-rate=500000 \
+                       can.data-bit-rate=off can.telemetry-hz=0 can.commands=off can.command-timeout-ms=100 \
+                       can.unsolicited=off host-timeout.after-ms=300 host-timeout.torque-off=on";
+    let unreadable = "saved settings that are unreadable are overwritten";
+    for (crashed_in_load, overwritten) in [(false, overwritten), (true, unreadable)] {
+        for action in [&["save"][..], &["set", "poll=7", "--save"], &["reset"]] {
+            let board = recovering("config-recovery", crashed_in_load);
+            let config = [&["config", &board.control], action].concat();
+            assert_eq!(warnings(&config), [format!("armwire: {}: {overwritten}", name(&board))]);
+            assert_eq!(warnings(&config), [""; 0]);
+            assert!(!success(&["info", &board.control]).contains("recovery"));
+        }
+    }
+}
+
+#[test]
+fn setting_without_save_does_not_end_recovery() {
+    let board = recovering("set-recovery", false);
+    let warning = format!("armwire: {}: the adapter has {RECOVERY}", name(&board));
+    for action in [&["show"][..], &["set", "poll=7"]] {
+        assert_eq!(warnings(&[&["config", &board.control], action].concat()), [&*warning]);
+    }
 }
