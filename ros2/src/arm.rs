@@ -272,7 +272,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 Ok(true)
             }
             event => {
-                let event = format!("{event:?}");
+                let event = describe(&event);
                 log(&self.host.arm.name, &format!("adapter event: {event}"));
                 self.host.diagnostics.adapter_event = Some(event);
                 Ok(false)
@@ -408,6 +408,14 @@ fn read_joints(link: &mut Link<Ling>) -> Result<ling::JointState, Failure> {
     }
 }
 
+/// An event of the adapter in words.
+fn describe(event: &Event) -> String {
+    match event {
+        Event::Recovery { active: true } => format!("it has {}", host::RECOVERY),
+        event => format!("{event:?}"),
+    }
+}
+
 /// The rate at which the adapter polls a Ling arm.
 fn adapter_rate(adapter: &mut ControlLink) -> Result<u32, Failure> {
     let config = host::config(adapter)?;
@@ -421,5 +429,20 @@ fn adapter_rate(adapter: &mut ControlLink) -> Result<u32, Failure> {
         (arm, _) => Err(Failure::Arm(format!(
             "the adapter is configured for '{arm}', not for ling"
         ))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recovery_of_adapter_is_logged_in_words() {
+        let text = describe(&Event::Recovery { active: true });
+        assert!(
+            text.starts_with("it has factory settings after crashed starts: CAN is off"),
+            "{text}"
+        );
+        assert_eq!(describe(&Event::BusOff { off: true }), "BusOff { off: true }");
     }
 }
