@@ -53,6 +53,10 @@ impl AdapterPort {
         Ok((board, serial, firmware, commit, can_fd))
     }
 
+    fn is_in_recovery(&self, py: Python<'_>) -> PyResult<bool> {
+        self.0.with(py, host::is_in_recovery)
+    }
+
     /// In JSON.
     fn read_config(&self, py: Python<'_>) -> PyResult<String> {
         let config = self.0.with(py, host::config)?;
@@ -157,6 +161,7 @@ fn event_json(event: &Event) -> Value {
             json!({ "event": "refused", "initiator": initiator.to_string(), "reason": reason.to_string() })
         }
         Event::BusOff { off } => json!({ "event": "bus_off", "off": off }),
+        Event::Recovery { active } => json!({ "event": "recovery", "active": active }),
         other => json!({ "event": "other", "debug": format!("{other:?}") }),
     }
 }

@@ -7,12 +7,12 @@ use armwire::alpha1::{
     Action, Address, Alpha1, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, Response, SERVOS, ServoId,
     ServoRequest, ServoResponse, Text, UsbType,
 };
-use armwire_cli::host::{Link, Port};
+use armwire_cli::host::{Link, Port, recovery_warning};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::error::value_error;
-use crate::session::{Session, call, interruptible, send};
+use crate::session::{Session, call, interruptible, send, warn};
 
 /// An Alpha1 or its servos on a port. Servo 0 addresses all of them.
 #[pyclass(frozen, module = "armwire._armwire")]
@@ -23,8 +23,15 @@ impl Alpha1Port {
     #[new]
     fn new(py: Python<'_>, port: &str, baud: Option<NonZeroU32>) -> PyResult<Self> {
         let port: Port = port.parse().map_err(value_error)?;
-        let open = || Ok(interruptible(port.connect(baud)?.alpha1()?));
-        Session::open(py, open).map(Self)
+        let mut warning = None;
+        let open = || {
+            let connection = port.connect(baud)?;
+            warning = recovery_warning(&connection);
+            Ok(interruptible(connection.alpha1()?))
+        };
+        let session = Session::open(py, open)?;
+        warn(py, warning)?;
+        Ok(Self(session))
     }
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {

@@ -8,13 +8,13 @@ use armwire::ling::{
     Stroke, TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
-use armwire_cli::host::{Error, Port, open_ling};
+use armwire_cli::host::{Error, Port, open_ling, recovery_warning};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
 use crate::error::{unacceptable, value_error};
 use crate::mover::Mover;
-use crate::session::{Session, call, interruptible, send};
+use crate::session::{Session, call, interruptible, send, warn};
 
 /// Joint ticks, gripper in thousandths, motion status.
 type Joints = ([u16; JOINTS], u16, u8);
@@ -30,8 +30,15 @@ impl LingPort {
     #[new]
     fn new(py: Python<'_>, port: &str, baud: Option<NonZeroU32>) -> PyResult<Self> {
         let port: Port = port.parse().map_err(value_error)?;
-        let open = || Ok(Mover::new(interruptible(open_ling(&port.connect(baud)?)?)));
-        Session::open(py, open).map(Self)
+        let mut warning = None;
+        let open = || {
+            let connection = port.connect(baud)?;
+            warning = recovery_warning(&connection);
+            Ok(Mover::new(interruptible(open_ling(&connection)?)))
+        };
+        let session = Session::open(py, open)?;
+        warn(py, warning)?;
+        Ok(Self(session))
     }
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {

@@ -1,10 +1,12 @@
 //! An open port for any Python thread. Calls wait without the interpreter's lock, and Ctrl-C ends them.
 
 use std::error::Error as StdError;
+use std::ffi::CString;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
 use armwire_cli::host::{Arm, Error, Link, Missing};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
 use crate::error::{closed, exception, reentered};
@@ -69,6 +71,14 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 pub(crate) fn interruptible<P: Arm>(mut link: Link<P>) -> Link<P> {
     link.set_interrupt(check_signals);
     link
+}
+
+/// Warns the caller of a class in Python, if there is a reason.
+pub(crate) fn warn(py: Python<'_>, reason: Option<String>) -> PyResult<()> {
+    match reason.map(CString::new) {
+        Some(Ok(reason)) => PyErr::warn(py, &py.get_type::<PyUserWarning>(), &reason, 2),
+        _ => Ok(()),
+    }
 }
 
 /// The exception of a pending signal, such as `KeyboardInterrupt`.

@@ -41,6 +41,7 @@ def test_adapter_is_identified(board: Path) -> None:
         counters = adapter.read_counters()
         assert all(isinstance(count, int) for count in counters.values())
         assert set(adapter.read_latencies()) == {"answer", "turn", "poll"}
+        assert not adapter.is_in_recovery()
         adapter.end_stream()
 
 

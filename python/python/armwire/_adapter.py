@@ -127,6 +127,13 @@ class Adapter(Open):
         """Read the adapter's identity."""
         return AdapterIdentity(*self._port.identify())
 
+    def is_in_recovery(self) -> bool:
+        """Return True if the adapter has factory settings after crashed starts.
+
+        CAN is off then, and the saved settings are unused and unchanged until a save.
+        """
+        return self._port.is_in_recovery()
+
     def read_config(self) -> dict[str, object]:
         """Read the configuration in force, by the keys of `armwire config`."""
         return cast("dict[str, object]", json.loads(self._port.read_config()))

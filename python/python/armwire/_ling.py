@@ -140,7 +140,8 @@ class Ling(Open):
     Calls wait for the answer. Reads are retried twice and time out after 0.4 s. Other threads run during a call and may
     use the same object: calls are serialised. Ctrl-C ends a call.
 
-    Calls raise the exceptions of `armwire.errors`.
+    Calls raise the exceptions of `armwire.errors`. A `UserWarning` reports an adapter on USB that has factory settings
+    after crashed starts, unless another program has its control port.
 
     Args:
         port: A serial port such as `/dev/ttyACM0` or `COM3`; `tcp:HOST:PORT`; `can:IFACE/NODE`;
