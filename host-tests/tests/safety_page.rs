@@ -4,13 +4,16 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 8] = [
+const TESTS: [&str; 11] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/held_back.rs",
     "bridge/src/tests/line_rate.rs",
     "bridge/src/tests/order.rs",
+    "bridge/src/tests/recovery.rs",
+    "bridge/src/tests/stop.rs",
     "bridge/src/tests/safety.rs",
     "bridge/src/tests/share.rs",
+    "host-tests/tests/image/crash_loop.rs",
     "host-tests/tests/image/rate.rs",
     "host-tests/tests/image/recovery.rs",
 ];
