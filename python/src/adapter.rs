@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde_json::{Value, json};
 
-use crate::error::value_error;
+use crate::error::{not_stopped, value_error};
 use crate::session::{Session, check_signals};
 
 /// Maximum duration of one read between checks for signals.
@@ -98,6 +98,15 @@ impl AdapterPort {
         let Latencies { answer, turn, poll } = self.0.with(py, host::latencies)?;
         let counts = |histogram: Histogram| histogram.counts.to_vec();
         Ok(json!({ "answer": counts(answer), "turn": counts(turn), "poll": counts(poll) }).to_string())
+    }
+
+    /// Stops the arm. The adapter that refuses, or does not know the request, does not.
+    fn stop(&self, py: Python<'_>) -> PyResult<()> {
+        let stopped = self.0.with(py, |control| match control.stop() {
+            Err(error @ (Error::Refused { .. } | Error::Unsupported { .. })) => Ok(Err(error)),
+            stopped => stopped.map(Ok),
+        })?;
+        stopped.map_err(not_stopped)
     }
 
     fn end_stream(&self, py: Python<'_>) -> PyResult<()> {

@@ -54,6 +54,11 @@ pub(crate) fn exception(error: Error) -> PyErr {
     }
 }
 
+/// The exception for a stop that failed for this reason.
+pub(crate) fn not_stopped(error: impl Display) -> PyErr {
+    NotStoppedError::new_err(error.to_string())
+}
+
 /// The exception for an invalid argument.
 pub(crate) fn value_error(error: impl Display) -> PyErr {
     PyValueError::new_err(error.to_string())

@@ -60,6 +60,31 @@ def test_adapter_is_configured_and_refuses(board: Path) -> None:
         assert adapter.read_config()["poll"] == "off"
 
 
+def test_adapter_stops_an_arm_that_a_program_moves(board: Path) -> None:
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter, armwire.Ling(str(board / "arm")) as arm:
+        arm.set_torque(True)
+        begun = arm.read_joints()
+        arm.move_deg([170] * 6, gripper_permille=0, speed_deg_s=10)
+        with pytest.raises(TimeoutError):
+            arm.wait_until_at_deg([170] * 6, timeout_s=0.3)
+        adapter.stop()
+        refused = adapter.read_counters()["refused_stopped"]
+        arm.move_deg([-170] * 6, gripper_permille=0, speed_deg_s=10)
+        # The arm rests where it was stopped: the move did not reach it.
+        stopped = arm.stop()
+        assert stopped.is_holding is True
+        assert begun.ticks[0] < stopped.ticks[0] < 3900
+        assert adapter.read_counters()["refused_stopped"] > refused
+
+
+def test_adapter_without_a_stop_for_its_arm_says_so(board: Path) -> None:
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter:
+        adapter.set_config({"arm": "raw"})
+        with pytest.raises(errors.NotStoppedError, match="cannot stop an arm of kind 'raw'"):
+            adapter.stop()
+        adapter.reset_config()
+
+
 def test_telemetry_has_the_adapters_stamps(board: Path) -> None:
     with armwire.Adapter(f"control:{board / 'control'}") as adapter:
         adapter.set_config({"poll": 100})

@@ -179,6 +179,18 @@ class Adapter(Open):
         latencies = cast("dict[str, list[int]]", json.loads(self._port.read_latencies()))
         return {name: np.array(counts, dtype=np.int64) for name, counts in latencies.items()}
 
+    def stop(self) -> None:
+        """Stop the arm where it is and keep its torque on, whatever program, host or poll uses it.
+
+        Waiting motion of every host is dropped, and further motion is refused for 2 s: the counter `refused_stopped`
+        counts it. The gripper keeps the last goal that was sent to it. The call returns when the hold goes to the arm.
+        An arm without torque is sent nothing. **This is not an emergency stop**: keep a switch in the arm's supply.
+
+        Raises:
+            NotStoppedError: The arm does not answer, or it cannot be stopped by this adapter; the text has the reason.
+        """
+        self._port.stop()
+
     def end_stream(self) -> None:
         """End the motion stream of this port's host without switching the torque off."""
         self._port.end_stream()

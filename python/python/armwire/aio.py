@@ -200,6 +200,7 @@ class Adapter(_Async[_adapter.Adapter]):
     reset_config = _call(_adapter.Adapter.reset_config)
     read_counters = _call(_adapter.Adapter.read_counters)
     read_latencies = _call(_adapter.Adapter.read_latencies)
+    stop = _call(_adapter.Adapter.stop)
     end_stream = _call(_adapter.Adapter.end_stream)
     restart = _call(_adapter.Adapter.restart)
     record_joints = _call(_adapter.Adapter.record_joints)
