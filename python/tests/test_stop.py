@@ -211,6 +211,22 @@ def test_ctrl_c_stops_no_arm_that_was_not_moved(
     assert capsys.readouterr().err == ""
 
 
+def test_ctrl_c_is_kept_when_the_port_is_closed(ctrl_c: Callable[[], None]) -> None:
+    def joint1(reading: int) -> int:
+        # During the wait. The port is closed after this reading.
+        if reading == 3:
+            closing.start()
+            ctrl_c()
+        return 2048
+
+    with ScriptedArm(joint1) as scripted, armwire.Ling(scripted.port) as arm:
+        closing = threading.Thread(target=arm.close)
+        arm.move_deg(FAR, gripper_permille=0, speed_deg_s=SLOW)
+        with pytest.raises(KeyboardInterrupt):
+            arm.wait_until_at_deg(FAR)
+        closing.join()
+
+
 def test_failed_stop_after_ctrl_c_is_reported(ctrl_c: Callable[[], None], capsys: pytest.CaptureFixture[str]) -> None:
     def joint1(reading: int) -> int:
         # During the wait.

@@ -349,12 +349,14 @@ class Ling(Open):
         try:
             yield
         except KeyboardInterrupt:
-            if self._port.has_moved():
-                print(self._stop_in_words(), file=sys.stderr)
+            if (text := self._stop_in_words()) is not None:
+                print(text, file=sys.stderr)
             raise
 
-    def _stop_in_words(self) -> str:
+    def _stop_in_words(self) -> str | None:
         try:
+            if not self._port.has_moved():
+                return None
             state = self.stop()
         except ArmwireError as error:
             return str(error)
