@@ -194,6 +194,7 @@ class Adapter(_Async[_adapter.Adapter]):
         return cls(*await _open(lambda: _adapter.Adapter(port)))
 
     identify = _call(_adapter.Adapter.identify)
+    is_in_recovery = _call(_adapter.Adapter.is_in_recovery)
     read_config = _call(_adapter.Adapter.read_config)
     set_config = _call(_adapter.Adapter.set_config)
     save_config = _call(_adapter.Adapter.save_config)
