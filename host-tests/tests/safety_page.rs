@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 11] = [
+const TESTS: [&str; 12] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/held_back.rs",
     "bridge/src/tests/line_rate.rs",
@@ -14,6 +14,7 @@ const TESTS: [&str; 11] = [
     "bridge/src/tests/safety.rs",
     "bridge/src/tests/share.rs",
     "host-tests/tests/image/crash_loop.rs",
+    "host-tests/tests/image/flash.rs",
     "host-tests/tests/image/rate.rs",
     "host-tests/tests/image/recovery.rs",
 ];
