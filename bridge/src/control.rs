@@ -224,9 +224,12 @@ pub enum Reply {
     Failed(Failure),
     /// The line to the arm. Since version 3.
     Line(LineState),
-    /// True in [recovery](crate::start): after crashed starts the adapter runs with factory settings, its CAN
+    /// Whether the adapter is in [recovery](crate::start): after crashed starts it runs with factory settings, its CAN
     /// controller is off, and the configuration in flash is untouched. A successful save ends it. Since version 5.
-    Recovery(bool),
+    Recovery {
+        /// True in recovery.
+        active: bool,
+    },
     /// The configuration in flash. Since version 5.
     Saved(Saved),
 }

@@ -156,7 +156,7 @@ pub const RECOVERY: &str = "factory settings after crashed starts: CAN is off, a
 /// Errors of the control port.
 pub fn is_in_recovery(control: &mut ControlLink) -> Result<bool, Error> {
     match control.call(Request::GetRecovery) {
-        Ok(Reply::Recovery(active)) => Ok(active),
+        Ok(Reply::Recovery { active }) => Ok(active),
         Ok(reply) => Err(unexpected(control, &reply)),
         Err(Error::Unsupported { .. }) => Ok(false),
         Err(error) => Err(error),

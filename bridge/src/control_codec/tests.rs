@@ -146,7 +146,7 @@ fn reply() -> impl Strategy<Value = Reply> {
         latencies.prop_map(Reply::Latencies),
         failure().prop_map(Reply::Failed),
         line_state().prop_map(Reply::Line),
-        any::<bool>().prop_map(Reply::Recovery),
+        any::<bool>().prop_map(|active| Reply::Recovery { active }),
         saved().prop_map(Reply::Saved),
     ]
 }
@@ -528,7 +528,7 @@ fn version_5_messages_follow_those_of_version_4() {
         assert_eq!(decode(&[7, number]), Ok(FromHost { sequence: 7, request }));
     }
     for (bytes, reply) in [
-        (&[0, 7, 10, 1][..], Reply::Recovery(true)),
+        (&[0, 7, 10, 1][..], Reply::Recovery { active: true }),
         (&[0, 7, 11, 1], Reply::Saved(Saved::Nothing)),
         (&[0, 7, 11, 2], Reply::Saved(Saved::Unreadable)),
     ] {

@@ -494,7 +494,9 @@ impl Hosts {
                 Reply::Done
             }
             Request::GetLine => Reply::Line(line.state()),
-            Request::GetRecovery => Reply::Recovery(self.recovery.is_some()),
+            Request::GetRecovery => Reply::Recovery {
+                active: self.recovery.is_some(),
+            },
             Request::HoldLine => match line.hold_line(port, now) {
                 Ok(()) => Reply::Done,
                 Err(failure) => Reply::Failed(failure),

@@ -42,7 +42,7 @@ fn on_can() -> Config {
 #[test]
 fn recovery_is_reported_and_counted() {
     for (mut rig, active) in [(Rig::new(Config::default()), false), (recovering(false), true)] {
-        assert_eq!(rig.call(Request::GetRecovery), Reply::Recovery(active));
+        assert_eq!(rig.call(Request::GetRecovery), Reply::Recovery { active });
         assert_eq!(rig.bridge.update(at(0)).is_in_recovery, active);
         assert_eq!(rig.bridge.counters().recovery_starts, active.into());
     }
@@ -99,7 +99,7 @@ fn can_is_silent_until_configuration_is_saved() {
     assert_eq!(rig.replies.last().map(|(_, reply)| reply), Some(&Reply::Done));
     assert_eq!(rig.actions.last(), Some(&Action::RestartCan(on_can().can)));
     assert_eq!(rig.bridge.can_config(), Some(on_can().can));
-    assert_eq!(rig.call(Request::GetRecovery), Reply::Recovery(false));
+    assert_eq!(rig.call(Request::GetRecovery), Reply::Recovery { active: false });
     assert!(rig.frames.len() > 100);
 }
 
@@ -109,7 +109,7 @@ fn failed_save_does_not_end_recovery() {
     rig.request(Request::SaveConfig);
     rig.bridge.saved(Err(Failure::Flash), at(rig.now));
     rig.run(1_000);
-    assert_eq!(rig.call(Request::GetRecovery), Reply::Recovery(true));
+    assert_eq!(rig.call(Request::GetRecovery), Reply::Recovery { active: true });
     assert_eq!(rig.actions, [Action::Replace(Config::default())]);
 }
 

@@ -90,7 +90,10 @@ impl End {
 fn expect_recovery(board: &mut Board, config: &Config) -> Control {
     plug_in(board, MEGABAUD);
     let mut control = Control::open(board);
-    assert_eq!(control.call(board, Request::GetRecovery), Reply::Recovery(true));
+    assert_eq!(
+        control.call(board, Request::GetRecovery),
+        Reply::Recovery { active: true }
+    );
     assert_eq!(control.call(board, Request::GetConfig), Reply::Config(*config));
     assert!(!acknowledges(board));
     control
@@ -99,7 +102,10 @@ fn expect_recovery(board: &mut Board, config: &Config) -> Control {
 fn expect_normal(board: &mut Board, config: &Config) -> Control {
     plug_in(board, MEGABAUD);
     let mut control = Control::open(board);
-    assert_eq!(control.call(board, Request::GetRecovery), Reply::Recovery(false));
+    assert_eq!(
+        control.call(board, Request::GetRecovery),
+        Reply::Recovery { active: false }
+    );
     assert_eq!(control.call(board, Request::GetConfig), Reply::Config(*config));
     assert!(acknowledges(board));
     control
@@ -228,7 +234,10 @@ fn store_that_crashes_the_load_is_not_touched() {
     };
     control.order(board, Request::SetConfig(config));
     control.order(board, Request::SaveConfig);
-    assert_eq!(control.call(board, Request::GetRecovery), Reply::Recovery(false));
+    assert_eq!(
+        control.call(board, Request::GetRecovery),
+        Reply::Recovery { active: false }
+    );
     assert_eq!(
         control.call(board, Request::GetSaved),
         Reply::Saved(Saved::Config(config))
