@@ -180,6 +180,7 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -
         Request::GetLine => matches!(reply, Reply::Line(_)),
         Request::HoldLine => matches!(reply, Reply::Done | Reply::Failed(Failure::StreamArmed | Failure::Busy)),
         Request::ReleaseLine => *reply == Reply::Done,
+        Request::Stop => matches!(reply, Reply::Done | Reply::Failed(_)),
         Request::GetRecovery => *reply == Reply::Recovery { active: false },
         Request::GetSaved => matches!(reply, Reply::Saved(Saved::Nothing) | Reply::Failed(_)),
     }
