@@ -131,8 +131,8 @@ pub struct Counters {
     pub dropped_events: u32,
     /// Times a configuration was saved in flash, or the saved one was erased.
     pub config_saves: u32,
-    /// Failed saves, plus one if the saved configuration could not be read at the start, or is invalid on this board: the
-    /// adapter then has the factory defaults.
+    /// Failed saves, plus one if the saved configuration could not be read at the start, or is invalid on this board:
+    /// the adapter then has the factory defaults.
     pub config_failures: u32,
     /// CAN frames that had not left the CAN controller 10 ms after a reconfiguration of the bus was due.
     pub dropped_can_frames: u32,

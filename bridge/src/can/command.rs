@@ -10,7 +10,8 @@
 //!
 //! Otherwise the whole command is refused with a reason. The last command of a stream is one that took effect, or that
 //! was refused only for its speed. A stream ends without such a command within the timeout. A sender that repeats one
-//! command forever therefore moves nothing: a start command does not move, and a moving command does not start a stream.
+//! command forever therefore moves nothing: a start command does not move, and a moving command does not start a
+//! stream.
 
 use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};

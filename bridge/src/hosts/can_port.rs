@@ -177,7 +177,7 @@ impl CanPort {
         fits
     }
 
-    /// Queues an event as a plain frame, if it has one. Returns false if an older one, which says the same, was dropped.
+    /// Queues an event as a plain frame, if it has one. Returns false if an older one was dropped for it.
     pub(crate) fn event_frame(&mut self, event: &Event, at: Instant) -> bool {
         event_to_data(event, Stamp(at.as_micros())).is_none_or(|data| self.event_frames.push(data))
     }

@@ -22,7 +22,7 @@ const fn refusals() -> usize {
 /// The data of a frame. Its first two bytes are the event's kind and initiator.
 type Data = [u8; MAX_CLASSIC];
 
-/// A FIFO with room for an event of each kind and initiator, in which none replaces the last of another.
+/// A FIFO that keeps the last event of each kind and initiator.
 pub(super) struct EventFrames {
     frames: Deque<Data, KINDS>,
 }
@@ -40,8 +40,8 @@ impl EventFrames {
         self.frames.len()
     }
 
-    /// Appends a frame. Without room, the oldest frame is dropped whose kind and initiator a newer one has. Returns false
-    /// if a frame was dropped.
+    /// Appends a frame. Without room, the oldest frame is dropped that a newer one repeats, with the same kind and
+    /// initiator. Returns false if a frame was dropped.
     pub(super) fn push(&mut self, data: Data) -> bool {
         let is_full = self.frames.is_full();
         if is_full {
