@@ -10,6 +10,7 @@ mod canfd;
 mod control;
 mod crash_loop;
 mod flash;
+mod held_back;
 mod latency;
 mod line;
 mod ling;
