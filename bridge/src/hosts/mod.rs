@@ -217,7 +217,7 @@ impl Hosts {
             Some(Received::Arm) => {
                 self.submit(line, now);
                 if self.can.is_motion_waiting(kind) {
-                    line.keep_alive(Initiator::Can, now);
+                    line.motion_waits(now);
                 }
             }
             Some(Received::Control) => self.serve(line, now),

@@ -22,6 +22,8 @@ struct Stream {
     moved: Instant,
     /// Time of the last byte or request of the host, of any kind.
     last_active: Instant,
+    /// The host is not silent before: its motion had no room.
+    not_before: Instant,
 }
 
 impl Stream {
@@ -91,6 +93,13 @@ impl DeadMan {
         }
     }
 
+    /// A motion of the host waits for room. It gets the same time as one that waits for its turn.
+    pub(crate) fn motion_waits(&mut self, initiator: Initiator, now: Instant) {
+        if let Some(stream) = self.stream_mut(initiator) {
+            (stream.last_active, stream.not_before) = (now, now + MOTION_WAIT);
+        }
+    }
+
     /// No host could be received until now.
     pub(crate) fn keep_all_alive(&mut self, now: Instant) {
         for stream in [&mut self.usb, &mut self.can, &mut self.command] {
@@ -139,7 +148,8 @@ impl DeadMan {
     /// `since` then extends it: a host on CAN cannot send more while the queue is full.
     pub(crate) fn timeout(&self, initiator: Initiator, since: Option<Instant>) -> Option<Instant> {
         let stream = self.stream(initiator)?;
-        let timeout = (stream.is_armed() && self.after > Duration::ZERO).then(|| stream.last_active + self.after)?;
+        let is_supervised = stream.is_armed() && self.after > Duration::ZERO;
+        let timeout = is_supervised.then(|| stream.not_before.max(stream.last_active + self.after))?;
         Some(since.map_or(timeout, |since| timeout.max(since + MOTION_WAIT)))
     }
 }

@@ -64,8 +64,12 @@ impl Line {
         self.dead_man.end(initiator);
     }
 
-    /// A host on CAN sent motion that has no room yet, or that was refused in a way that [keeps its stream
-    /// alive](crate::can::Refused::keeps_stream).
+    /// A motion of a host on CAN waits for room in the queue.
+    pub(crate) fn motion_waits(&mut self, now: Instant) {
+        self.dead_man.motion_waits(Initiator::Can, now);
+    }
+
+    /// Motion of a host on CAN was refused in a way that [keeps its stream alive](crate::can::Refused::keeps_stream).
     pub(crate) fn keep_alive(&mut self, initiator: Initiator, now: Instant) {
         self.dead_man.keep_alive(initiator, now);
     }

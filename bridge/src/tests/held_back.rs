@@ -185,6 +185,20 @@ fn motion_waiting_in_the_connection_keeps_stream() {
     assert_silent(&rig, last, 300);
 }
 
+#[test]
+fn motion_waiting_in_the_connection_gets_150_ms() {
+    let mut rig = streaming(torque_off_after(100), arm(None, false));
+    check(&mut rig);
+    for _ in 0..2 {
+        rig.can_out.push_back(READ_JOINTS.to_vec());
+    }
+    rig.run(2_000);
+    let last = stream(&mut rig, 10_000, 1);
+    assert_eq!(rig.bridge.line.waiting(), (2, 0));
+    rig.run(SECOND);
+    assert_silent(&rig, last + 50_000, 100);
+}
+
 /// Sends `pdu` on CAN every 10 ms, beside a self-check and a full queue. Returns the time of the last motion.
 fn refuse_behind_stream(rig: &mut Rig, pdu: &[u8]) -> u64 {
     check(rig);
