@@ -38,6 +38,9 @@ const IDLE: Duration = Duration::from_secs(300);
 const ACCEPT_PAUSE: Duration = Duration::from_millis(500);
 /// Backlog of unread report bytes, per client, above which further reports are dropped.
 const MAX_REPORTS: usize = 8 * REPORT;
+/// Time from the answer to a reboot or shutdown to the end of all connections. The vendor's C++ SDK takes the answer
+/// only from a connection that is still open.
+const CUT_DELAY: Duration = Duration::from_millis(500);
 /// Maximum bytes of one read, for fairness between clients.
 const READ: usize = 4 * 1024;
 
@@ -99,9 +102,9 @@ pub enum Notice {
     Broken(SocketAddr, u64, Reason),
     /// A connection failed.
     Lost(SocketAddr, io::Error),
-    /// A client rebooted the arm: all connections are closed, and new ones are accepted.
+    /// A client rebooted the arm: all connections close half a second later, and new ones are accepted.
     Rebooted(SocketAddr),
-    /// A client shut the arm down: all connections are closed, and serving ends.
+    /// A client shut the arm down: all connections close half a second later, and serving ends.
     ShutDown(SocketAddr),
 }
 
@@ -212,7 +215,7 @@ impl Server {
                 service.report();
             }
             let until_report = next_report.saturating_duration_since(Instant::now());
-            if service.serve_clients() == Some(Cut::Shutdown) {
+            if service.serve_clients(now) == Some(Cut::Shutdown) {
                 break;
             }
             // Connected clients were read first: a client with a pending request is not displaced.
@@ -225,7 +228,7 @@ impl Server {
         }
         // Remaining clients get their pending responses.
         while service.closing() {
-            service.serve_clients();
+            service.serve_clients(Instant::now());
             service.wait(&[], POLL_PERIOD)?;
         }
         Ok(service.served)
@@ -268,7 +271,7 @@ impl Service<'_> {
             }
         };
         self.accept_again = None;
-        if !self.has_place(port) {
+        if !self.has_place(port, now) {
             (self.notice)(Notice::TooMany(peer));
             return;
         }
@@ -284,7 +287,7 @@ impl Service<'_> {
 
     /// Returns true if a port has a place for a new client. On a full port, displaces the oldest client without a
     /// request.
-    fn has_place(&mut self, port: Port) -> bool {
+    fn has_place(&mut self, port: Port, now: Instant) -> bool {
         let there = self.clients.iter_mut();
         let mut there: Vec<_> = there
             .filter(|client| client.port() == port && client.closes_at.is_none())
@@ -297,7 +300,7 @@ impl Service<'_> {
         let Some(silent) = there.iter_mut().find(|client| !has_requested(client)) else {
             return false;
         };
-        silent.dismiss();
+        silent.dismiss(now);
         (self.notice)(Notice::Displaced(silent.peer));
         true
     }
@@ -306,7 +309,7 @@ impl Service<'_> {
     fn dismiss_idle(&mut self, now: Instant) {
         for client in &mut self.clients {
             if client.closes_at.is_none() && client.idle(now) >= IDLE {
-                client.dismiss();
+                client.dismiss(now);
                 (self.notice)(Notice::Idle(client.peer));
             }
         }
@@ -327,41 +330,48 @@ impl Service<'_> {
     }
 
     /// Reads from and responds to every client once. Stops at a reboot or shutdown.
-    fn serve_clients(&mut self) -> Option<Cut> {
+    fn serve_clients(&mut self, now: Instant) -> Option<Cut> {
         let mut clients = mem::take(&mut self.clients);
         let mut cut = None;
         clients.retain_mut(|client| {
             if cut.is_some() {
                 return true;
             }
-            let outcome = self.read_requests(client);
+            let outcome = self.read_requests(client, now);
             cut = outcome.as_ref().ok().and_then(|&cut| Some((client.peer, cut?)));
-            self.keep(client, outcome.map(drop))
+            self.keep(client, outcome.map(drop), now)
         });
         if let Some((peer, cut)) = cut {
             (self.notice)(match cut {
                 Cut::Reboot => Notice::Rebooted(peer),
                 Cut::Shutdown => Notice::ShutDown(peer),
             });
-            clients.iter_mut().for_each(Client::dismiss);
+            clients
+                .iter_mut()
+                .for_each(|client| client.dismiss_after(CUT_DELAY, now));
         }
         clients.retain_mut(|client| {
-            let flushed = client.flush();
-            self.keep(client, flushed)
+            let flushed = client.flush(now);
+            self.keep(client, flushed, now)
         });
         self.clients = clients;
         cut.map(|(_, cut)| cut)
     }
 
-    /// Reads a client's requests and queues the responses, up to a reboot or shutdown.
-    fn read_requests(&mut self, client: &mut Client) -> io::Result<Option<Cut>> {
+    /// Reads a client's requests and queues the responses, up to a reboot or shutdown. A closing client has no more
+    /// requests.
+    fn read_requests(&mut self, client: &mut Client, now: Instant) -> io::Result<Option<Cut>> {
         let mut bytes = [0; READ];
+        let is_closing = client.closes_at.is_some();
         let mut rest = client.read(&mut bytes)?;
-        if client.ended && client.closes_at.is_none() {
-            (self.notice)(Notice::Gone(client.peer));
-            client.dismiss();
+        if is_closing {
+            return Ok(None);
         }
-        let now = self.now();
+        if client.ended {
+            (self.notice)(Notice::Gone(client.peer));
+            client.dismiss(now);
+        }
+        let at = self.now();
         loop {
             let Client {
                 device,
@@ -381,8 +391,8 @@ impl Service<'_> {
             match event {
                 DeviceEvent::Request { request, key } => {
                     self.served.requests += 1;
-                    client.last_active = Some(Instant::now());
-                    if let Some(answer) = self.arm.answer(now, &request) {
+                    client.last_active = Some(now);
+                    if let Some(answer) = self.arm.answer(at, &request) {
                         queue_response(out, &answer, key);
                     }
                     if let Some(cut) = Cut::by(&request) {
@@ -391,7 +401,7 @@ impl Service<'_> {
                 }
                 DeviceEvent::Unknown { error, key, .. } => {
                     self.served.unknown += 1;
-                    if let Some(refusal) = self.arm.refuse(now, &error) {
+                    if let Some(refusal) = self.arm.refuse(at, &error) {
                         queue_response(out, &refusal, key);
                     }
                 }
@@ -409,7 +419,7 @@ impl Service<'_> {
                 DeviceEvent::Broken { offset, reason } => {
                     self.served.broken += 1;
                     (self.notice)(Notice::Broken(*peer, offset, reason));
-                    client.dismiss();
+                    client.dismiss(now);
                     return Ok(None);
                 }
             }
@@ -417,9 +427,9 @@ impl Service<'_> {
     }
 
     /// Returns true if a client stays. Reports a lost connection.
-    fn keep(&mut self, client: &Client, outcome: io::Result<()>) -> bool {
+    fn keep(&mut self, client: &Client, outcome: io::Result<()>, now: Instant) -> bool {
         match outcome {
-            Ok(()) => !client.is_done(),
+            Ok(()) => !client.is_done(now),
             Err(error) => {
                 if client.closes_at.is_none() {
                     (self.notice)(Notice::Lost(client.peer, error));

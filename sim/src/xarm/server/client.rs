@@ -37,6 +37,8 @@ pub(super) struct Client {
     /// Deadline of a closing connection. It closes earlier once all bytes are sent and the client has closed its side.
     /// Closing it with unread bytes would reset it and lose the bytes in flight to the client.
     pub(super) closes_at: Option<Instant>,
+    /// Time before which a closing connection stays open.
+    open_until: Instant,
 }
 
 impl Client {
@@ -51,6 +53,7 @@ impl Client {
             since: now,
             ended: false,
             closes_at: None,
+            open_until: now,
         }
     }
 
@@ -88,12 +91,20 @@ impl Client {
     }
 
     /// Closes the connection once its pending bytes are sent.
-    pub(super) fn dismiss(&mut self) {
-        self.closes_at.get_or_insert(Instant::now() + LINGER);
+    pub(super) fn dismiss(&mut self, now: Instant) {
+        self.dismiss_after(Duration::ZERO, now);
+    }
+
+    /// Closes the connection after a delay, once its pending bytes are sent. Its requests are ignored at once.
+    pub(super) fn dismiss_after(&mut self, delay: Duration, now: Instant) {
+        if self.closes_at.is_none() {
+            self.open_until = now + delay;
+            self.closes_at = Some(self.open_until + LINGER);
+        }
     }
 
     /// Sends as many bytes as the connection accepts.
-    pub(super) fn flush(&mut self) -> io::Result<()> {
+    pub(super) fn flush(&mut self, now: Instant) -> io::Result<()> {
         while !self.out.is_empty() {
             match self.stream.write(self.out.as_slices().0) {
                 Ok(n) => drop(self.out.drain(..n)),
@@ -102,17 +113,17 @@ impl Client {
             }
         }
         if self.device.is_none() {
-            self.last_active = Some(Instant::now());
+            self.last_active = Some(now);
         }
-        if self.closes_at.is_some() && !self.ended {
+        if self.closes_at.is_some() && self.open_until <= now && !self.ended {
             self.stream.shutdown(Shutdown::Write)?;
         }
         Ok(())
     }
 
-    pub(super) fn is_done(&self) -> bool {
+    pub(super) fn is_done(&self, now: Instant) -> bool {
         let Some(closes_at) = self.closes_at else { return false };
-        (self.ended && self.out.is_empty()) || closes_at <= Instant::now()
+        (self.ended && self.out.is_empty()) || closes_at <= now
     }
 
     /// The events to poll for.

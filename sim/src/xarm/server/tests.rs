@@ -269,10 +269,10 @@ fn oldest_client_without_request_gives_its_place() {
         let clients: Vec<_> = (0..MAX_CLIENTS).map(|_| places.connect(Port::Control, now)).collect();
         write(&clients[0], &STATE);
         places.service.wait(&[], TIMEOUT).unwrap();
-        places.service.serve_clients();
+        places.service.serve_clients(Instant::now());
         let further = places.connect(Port::Control, now);
         assert_eq!(places.closing(), [1]);
-        places.service.serve_clients();
+        places.service.serve_clients(Instant::now());
         assert_eq!(read_to_end(&clients[1]), []);
         drop(further);
     });
@@ -286,7 +286,7 @@ fn oldest_client_of_reports_gives_its_place() {
         let now = Instant::now();
         let clients: Vec<_> = (0..MAX_CLIENTS).map(|_| places.connect(Port::Report, now)).collect();
         places.service.report();
-        places.service.serve_clients();
+        places.service.serve_clients(Instant::now());
         let further = places.connect(Port::Report, now);
         assert_eq!(places.closing(), [0]);
         drop((clients, further));
@@ -323,16 +323,16 @@ fn client_that_reads_no_reports_is_idle() {
         let reader = places.connect(Port::Report, now);
         let active = |places: &Places<'_>| places.service.clients[0].last_active;
         places.service.report();
-        places.service.serve_clients();
+        places.service.serve_clients(Instant::now());
         let last_active = active(places);
         assert!(last_active.is_some());
         // More than the socket buffers hold.
         while places.service.served.lost == 0 {
             places.service.report();
-            places.service.serve_clients();
+            places.service.serve_clients(Instant::now());
         }
         let stuck = active(places);
-        places.service.serve_clients();
+        places.service.serve_clients(Instant::now());
         assert_eq!(active(places), stuck);
         drop(reader);
     });
@@ -382,7 +382,7 @@ fn reports_that_nobody_reads_are_left_out_whole() {
         service.report();
     }
     assert_eq!((service.served.reports, service.served.lost), (8, 12));
-    service.clients[0].flush().unwrap();
+    service.clients[0].flush(Instant::now()).unwrap();
     drop(service);
     assert_eq!(read_to_end(&reader).len(), 8 * REPORT);
 }
@@ -404,6 +404,42 @@ fn reboot_is_answered_then_ends_all_connections() {
         write(&again, &STATE);
         assert_eq!(read(&again), STATE_ANSWER);
     });
+}
+
+/// Returns true while the server has not closed its side.
+fn is_open(stream: &TcpStream) -> bool {
+    stream.set_nonblocking(true).unwrap();
+    let peeked = stream.peek(&mut [0]);
+    stream.set_nonblocking(false).unwrap();
+    peeked.is_err_and(|error| error.kind() == ErrorKind::WouldBlock)
+}
+
+#[test]
+fn connections_close_half_a_second_behind_the_answer() {
+    for request in [REBOOT, SHUTDOWN] {
+        with_places(|places| {
+            let now = Instant::now();
+            let after = |millis| now + Duration::from_millis(millis);
+            let clients = [Port::Control, Port::Control, Port::Report].map(|port| places.connect(port, now));
+            write(&clients[0], &request);
+            places.service.wait(&[], TIMEOUT).unwrap();
+            assert!(places.service.serve_clients(now).is_some());
+            assert_eq!(read(&clients[0]), CONTROL_ANSWER);
+            // A new connection does not wait for the others.
+            let new = places.connect(Port::Control, after(100));
+            write(&new, &STATE);
+            places.service.wait(&[], TIMEOUT).unwrap();
+            places.service.serve_clients(after(100));
+            assert_eq!(read(&new), STATE_ANSWER);
+            places.service.serve_clients(after(499));
+            assert!(clients.iter().all(is_open));
+            places.service.serve_clients(after(500));
+            assert!(clients.iter().all(|client| read_to_end(client).is_empty()));
+            assert!(is_open(&new));
+            places.service.serve_clients(after(2_000));
+            assert_eq!(places.service.clients.len(), 1);
+        });
+    }
 }
 
 #[test]
