@@ -179,8 +179,13 @@ const FETCH_TRIES: usize = 16;
 const COUNT_CYCLES: u32 = 24;
 
 /// Waits briefly until the DMA has fetched and counted the UART's byte. Returns true if it has.
+// Inline: it is executed for each byte.
+#[inline(always)]
 fn wait_for_dma() -> bool {
     let is_fetched = (0..FETCH_TRIES).any(|_| !usart::is_byte_waiting());
+    if is_fetched {
+        usart::keep_parity_error();
+    }
     cortex_m::asm::delay(COUNT_CYCLES);
     is_fetched
 }

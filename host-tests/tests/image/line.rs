@@ -9,9 +9,12 @@ use armwire_host_tests::image::{
     MEGABAUD, RawArm, as_received, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
     read_all, same_bytes,
 };
-use armwire_virtual_board::line::{Fault, FaultRates, LineByte, Outcome};
+use armwire_virtual_board::line::{Fault, FaultRates, LineByte, Outcome, Parity};
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::{Config, Nanos, Reenabled, VirtualBoard};
+
+/// Longer than a line coding takes to come into effect.
+const RATE_SETTLES: Nanos = Nanos::from_millis(110);
 
 /// Runs `test` with a DMA that restarts and with one that resumes.
 fn with_either_dma(test: impl Fn(&mut VirtualBoard<RawArm>)) {
@@ -180,6 +183,46 @@ fn errors_in_many_bytes_are_counted_individually() {
             assert_eq!(counted, expected);
         }
     });
+}
+
+#[test]
+fn parity_errors_are_counted_individually() {
+    const BYTES: usize = 10_000;
+    let even = LineCoding {
+        parity: 2,
+        ..LineCoding::new(MEGABAUD)
+    };
+    // Each third byte has the error, and some that follow it.
+    let faulty: Vec<u64> = (0..BYTES as u64).filter(|nth| nth % 3 == 0 || nth % 10 == 1).collect();
+    for exact_cycles in [false, true] {
+        let config = Config {
+            exact_cycles,
+            ..Config::new(path(), RawArm::default())
+        };
+        on_board_with(config, |board| {
+            plug_in(board, MEGABAUD);
+            board.usb().set_line_coding(even).unwrap();
+            board.run_for(RATE_SETTLES).unwrap();
+            let format = board.uart().format();
+            assert_eq!(format.parity, Parity::Even);
+            board.uart().set_arm_format(format);
+            // The instants of the two sides' bytes pass each other in steps of 33 ns.
+            board.uart().set_arm_baud(1_003_000);
+            let up = noise(1, BYTES);
+            for down in [noise(2, BYTES), Vec::new()] {
+                let before = counters(board).parity_errors;
+                for &nth in &faulty {
+                    board.uart().plan_fault(nth, Fault::Parity);
+                }
+                board.with_arm(|arm| arm.send(&up));
+                board.usb().write(&down).unwrap();
+                same_bytes("the host", &read_all(board), &up);
+                same_bytes("the arm", &board.with_arm(RawArm::take_received), &down);
+                let counted = counters(board).parity_errors - before;
+                assert_eq!(counted as usize, faulty.len(), "{} bytes to the arm", down.len());
+            }
+        });
+    }
 }
 
 #[test]

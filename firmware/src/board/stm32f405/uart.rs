@@ -1,6 +1,6 @@
 //! The chip-specific registers of the arm's UART (RM0090 section 30.6) and of its receive DMA stream.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use embassy_stm32::interrupt::typelevel::Interrupt;
 use embassy_stm32::pac;
@@ -15,6 +15,8 @@ const FLAGS: u32 = 0b1_1111;
 static SHOWN: AtomicU32 = AtomicU32::new(0);
 /// The flags from reads of SR that the interrupt handler has not processed.
 static PENDING: AtomicU32 = AtomicU32::new(0);
+/// Bytes have a parity bit.
+static HAS_PARITY: AtomicBool = AtomicBool::new(false);
 
 /// Reads SR for other bits than its flags. The DMA's read of DR then clears a flag that this read returned (RM0090
 /// 30.6.1): the flags are passed on to the interrupt handler, which is triggered.
@@ -74,13 +76,31 @@ fn clear_flags(sr: Sr) {
 pub(crate) fn clear_errors() {
     critical_section::with(|_| {
         let sr = UART.sr().read();
-        clear_flags(sr);
+        if !sr.rxne() {
+            UART.dr().read();
+        }
         keep_flags(sr);
     });
 }
 
+/// Keeps the parity error of the next byte. Call this in the interrupt handler, right after [`is_byte_waiting`] has
+/// returned false.
+///
+/// After a read of SR, the DMA's next read or write of DR may clear a parity error that came in between, before the
+/// handler sees it (ES0182, "Parity Error (PE) flag can be cleared by writing to the data register"). A read of DR comes
+/// before the next byte.
+pub(crate) fn keep_parity_error() {
+    if HAS_PARITY.load(Ordering::Relaxed) {
+        UART.dr().read();
+    }
+}
+
 /// Configures the disabled UART for one byte at a time. This UART has no FIFOs.
-pub(crate) fn configure_byte_mode() {}
+pub(crate) fn configure_byte_mode() {
+    HAS_PARITY.store(UART.cr1().read().pce(), Ordering::Relaxed);
+    // Tasks have read SR: see `keep_parity_error`.
+    clear_errors();
+}
 
 /// Returns true if a byte waits for the DMA.
 pub(crate) fn is_byte_waiting() -> bool {
