@@ -38,6 +38,7 @@ impl Request {
 /// A request of a stop.
 pub(crate) enum StopRequest {
     /// Reads the joints. It has waited since then.
+    #[cfg_attr(not(feature = "ling"), expect(dead_code, reason = "only a Ling arm is read"))]
     Reading(Instant),
     /// Holds the arm.
     Hold(Request),
@@ -78,7 +79,11 @@ pub(crate) struct Requests {
 impl Requests {
     /// Returns true if no request is pending, which is the usual case.
     pub(crate) fn is_empty(&self) -> bool {
-        self.can.is_empty() && self.command.is_none() && self.of_adapter().is_none()
+        self.can.is_empty()
+            && self.command.is_none()
+            && self.torque_off.is_none()
+            && self.stop.is_none()
+            && self.identify.is_none()
     }
 
     /// The next request of hosts on CAN, or the command.

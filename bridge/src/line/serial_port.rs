@@ -46,7 +46,7 @@ impl Line {
     /// Returns true if the next packet of the host may be accepted. While a line coding waits to take effect it may
     /// not: its bytes are for the new one.
     pub(crate) fn has_packet_room(&self) -> bool {
-        !self.rate.changes() && self.from_host.room() >= PACKET.saturating_add(self.stop.gated())
+        !self.rate.changes() && self.from_host.room() >= self.stop.packet_room
     }
 
     /// Handles a packet of the host. Returns true if the next one fits.

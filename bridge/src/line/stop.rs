@@ -36,6 +36,8 @@ pub(super) struct Stop {
     has_held: bool,
     result: Option<Result<(), Failure>>,
     gate: Gate,
+    /// Free space that a packet of the host on USB needs: its bytes, and those that wait at the gate.
+    pub(super) packet_room: usize,
     /// A refusal of the host on USB was reported.
     is_reported: bool,
     /// The gripper's last goal on the line, in thousandths of the stroke.
@@ -127,6 +129,7 @@ impl Stop {
             has_held: false,
             result: None,
             gate: Gate::new(&[]),
+            packet_room: PACKET,
             is_reported: false,
             goal: None,
         }
@@ -140,11 +143,6 @@ impl Stop {
     /// Returns true while steps are left.
     pub(super) const fn is_running(&self) -> bool {
         self.steps.is_some()
-    }
-
-    /// Number of bytes of the host on USB that wait for the rest of their request.
-    pub(super) const fn gated(&self) -> usize {
-        self.gate.len()
     }
 
     /// The time of the next [`tick_stop`](Line::tick_stop).
@@ -228,6 +226,7 @@ impl Line {
             }
         }
         self.stop.gate = Gate::new(self.from_host.begun());
+        self.stop.packet_room = PACKET.saturating_add(self.stop.gate.len());
         self.stop.is_reported = false;
         self.from_host.end_turn();
         let mut queued = self.from_host.len();
@@ -245,6 +244,7 @@ impl Line {
     #[cold]
     pub(super) fn pass_gate(&mut self, bytes: &[u8], now: Instant) {
         let refused = self.stop.gate.pass(self.kind, bytes, &mut self.from_host);
+        self.stop.packet_room = PACKET.saturating_add(self.stop.gate.len());
         self.refuse_usb_motion(refused, now);
     }
 
@@ -312,6 +312,7 @@ impl Line {
         self.end_steps(Err(Failure::ArmSilent));
         self.stop.until = None;
         let refused = self.stop.gate.open(&mut self.from_host);
+        self.stop.packet_room = PACKET;
         self.refuse_usb_motion(refused, now);
     }
 
