@@ -54,6 +54,14 @@ impl Gate {
         refused
     }
 
+    /// Drops the bytes that wait, and returns their number.
+    pub(super) fn clear(&mut self) -> usize {
+        let sent = self.cut.saturating_sub(self.decoder.offset()) as usize;
+        let waiting = self.decoder.pending().saturating_sub(sent);
+        self.decoder.clear();
+        waiting
+    }
+
     /// Opens the gate: an incomplete request passes. Returns the number of refused requests: one that went out in part
     /// ends here.
     pub(super) fn open(&mut self, to: &mut FromHost) -> usize {

@@ -38,7 +38,7 @@ impl Line {
     /// Torque-off and a stop need the arm's rate: bytes of the host on USB at another rate are cut off.
     pub(super) fn take_line_back(&mut self, now: Instant) {
         if self.rate.revoke() {
-            let dropped = self.drop_host_bytes();
+            let dropped = self.drop_host_bytes().saturating_add(self.stop.drop_gated());
             count(&mut self.counters.refused_rate_bytes, dropped);
             self.from_host.forget_turn();
             self.from_host.is_cut = true;

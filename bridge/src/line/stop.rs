@@ -167,6 +167,12 @@ impl Stop {
         }
     }
 
+    /// Drops the bytes of the host on USB that wait for the rest of their request, and returns their number.
+    pub(super) fn drop_gated(&mut self) -> usize {
+        self.packet_room = PACKET;
+        self.gate.clear()
+    }
+
     /// Ends the steps. Only the first result is reported.
     fn end(&mut self, result: Result<(), Failure>) {
         if self.steps.take().is_some() && !self.has_held {
@@ -183,6 +189,9 @@ impl Line {
             return Err(Failure::LineHeld);
         }
         let steps = Steps::new(self.kind, self.stop.goal).ok_or(Failure::NotStoppable(self.kind))?;
+        // Bytes that were handed over are on their way.
+        self.transmitted(now);
+        self.take_line_back(now);
         if self.stop.until.replace(now + REFUSAL).is_none() {
             self.drop_motion(now);
         }
@@ -210,9 +219,6 @@ impl Line {
 
     /// Ends all streams of motion, and drops the motion that waits.
     fn drop_motion(&mut self, now: Instant) {
-        // Bytes that were handed over are on their way.
-        self.transmitted(now);
-        self.take_line_back(now);
         for initiator in STREAMERS {
             self.dead_man.end(initiator);
         }

@@ -578,6 +578,36 @@ fn stop_takes_line_from_another_rate() {
 }
 
 #[test]
+fn repeated_stop_takes_the_line_too() {
+    let mut rig = rig(config());
+    rig.request(Request::Stop);
+    rig.run(500_000);
+    rig.bridge.usb_event(UsbEvent::Dtr(true), at(rig.now));
+    let coding = crate::LineCoding {
+        baud: 9_600,
+        ..crate::LineCoding::LING
+    };
+    rig.bridge.set_line_coding(coding.to_cdc(), at(rig.now)).unwrap();
+    // The last three bytes may begin a request.
+    rig.usb_out.extend([&[0x55; 300][..], &motion()[..3]].concat());
+    rig.run(20_000);
+    let sent: usize = rig
+        .sent
+        .iter()
+        .filter(|(_, bytes)| bytes[0] == 0x55)
+        .map(|(_, bytes)| bytes.len())
+        .sum();
+    assert_eq!(rig.bauds.last(), Some(&9_600));
+    rig.request(Request::Stop);
+    rig.run(20_000);
+    assert_eq!(
+        (rig.bauds.last(), rig.sent.last().unwrap().1.clone()),
+        (Some(&1_000_000), hold(POSE, 310))
+    );
+    assert_eq!(rig.bridge.counters().refused_rate_bytes as usize, 303 - sent);
+}
+
+#[test]
 fn repeated_stop_renews_the_refusal() {
     let mut rig = rig(config());
     rig.request(Request::Stop);
