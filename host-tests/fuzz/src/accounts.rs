@@ -58,7 +58,7 @@ impl Accounts {
 
     pub(crate) fn on_control_request(&mut self, request: Request) {
         self.reconfigured |= matches!(request, Request::SetConfig(_) | Request::ResetConfig);
-        self.others |= request == Request::IdentifyArm;
+        self.others |= matches!(request, Request::IdentifyArm | Request::Stop);
     }
 
     /// Bytes of this initiator were sent to the arm.
@@ -114,10 +114,15 @@ impl Accounts {
         assert!(c.late_answers + c.unsolicited_frames <= c.frames);
         assert!(c.late_stamps <= c.frames);
         assert!(c.empty_packets_to_host <= c.packets_to_host);
-        assert!(
-            self.dropped(c) > 0 || self.usb_accepted.starts_with(&self.usb_sent),
-            "bytes for the arm are altered"
-        );
+        if self.dropped(c) == 0 {
+            let mut accepted = self.usb_accepted.iter();
+            // Requests that a stop refuses are missing.
+            let is_unaltered = match c.refused_stopped {
+                0 => self.usb_accepted.starts_with(&self.usb_sent),
+                _ => self.usb_sent.iter().all(|sent| accepted.any(|byte| byte == sent)),
+            };
+            assert!(is_unaltered, "bytes for the arm are altered");
+        }
         assert!(
             lost > 0 || self.others || self.reconfigured || self.arm_sent.starts_with(&self.usb_received),
             "bytes of the arm are altered"
@@ -147,8 +152,9 @@ impl Accounts {
             if c.silenced_bytes == 0 && !self.usb_gone && !self.commanded {
                 let ended = c.requests_can + c.refused_can_requests + c.refused_can_frames + c.control_requests;
                 let sent = self.can_requested.len() + self.can_control_requests + self.control_requests;
-                // Some requests refused during a hold may be polls.
-                assert!((ended as usize..=(ended + c.refused_line_held) as usize).contains(&sent));
+                // Some requests refused during a hold may be polls, and some refused by a stop those of the host on USB.
+                let refused = c.refused_line_held + c.refused_stopped;
+                assert!((ended as usize..=(ended + refused) as usize).contains(&sent));
             }
         }
         if self.usb_accepted.is_empty()

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use armwire::decoder::{Decoder, Kind};
-use armwire::ling::{Frame, Ling, MAX_FRAME};
+use armwire::ling::{Frame, JOINTS, Ling, MAX_FRAME, MotionStatus};
 use armwire_bridge::control::Initiator;
 
 use super::byte_times;
@@ -72,9 +72,12 @@ impl Tag {
 
     /// The key and the tag of a frame. `None` without a tag.
     pub(super) fn of(bytes: &[u8]) -> Option<(Key, Self)> {
-        let &[0xAA, command, function, 5, initiator, a, b, c, d, _, 0xFF] = bytes else {
+        let &[0xAA, command, function, len, .., initiator, a, b, c, d, _, 0xFF] = bytes else {
             return None;
         };
+        if ![5, READING + 5].contains(&usize::from(len)) {
+            return None;
+        }
         let tag = Self::from_data(&[initiator, a, b, c, d])?;
         Some(((command, function), tag))
     }
@@ -106,6 +109,27 @@ pub(super) fn frame((command, function): Key, data: &[u8]) -> Vec<u8> {
     out[..len].to_vec()
 }
 
+/// The joints and the gripper in each reading of the adapter.
+pub(super) const TICKS: u16 = 2_048;
+pub(super) const GRIPPER: u16 = 310;
+
+/// The length of a reading, which its tag follows.
+const READING: usize = 2 * (JOINTS + 1) + 1;
+
+/// The answer to a reading of the joints by the adapter.
+fn reading(tag: Tag, is_holding: bool) -> Vec<u8> {
+    let status = if is_holding {
+        MotionStatus::Locked
+    } else {
+        MotionStatus::Idle
+    };
+    let values = [TICKS; JOINTS].into_iter().chain([GRIPPER]);
+    let mut data: Vec<u8> = values.flat_map(u16::to_le_bytes).chain([status.into()]).collect();
+    let [a, b, c, d] = tag.number.to_le_bytes();
+    data.extend([tag.initiator as u8, a, b, c, d]);
+    frame((0x06, 0x00), &data)
+}
+
 /// The arm's answering behaviour.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Behavior {
@@ -134,6 +158,8 @@ pub(super) struct Arm {
     /// The time at which an incomplete frame is discarded.
     partial_frame_timeout: Option<u64>,
     tx_queue: VecDeque<Transmission>,
+    /// The torque is on.
+    is_holding: bool,
     /// Number of joint requests and identity requests of the adapter.
     polls: u32,
     identified: u32,
@@ -150,6 +176,7 @@ impl Arm {
             without_timeout: Decoder::new(),
             partial_frame_timeout: None,
             tx_queue: VecDeque::new(),
+            is_holding: true,
             polls: 0,
             identified: 0,
             has_answered_late: false,
@@ -172,8 +199,11 @@ impl Arm {
             rest = self.without_timeout.push(rest);
             while let Some(item) = self.without_timeout.next(&Ling, ()) {
                 let frame = Frame::parse(item.bytes).filter(|_| item.kind == Kind::Frame);
-                is_torque_off |=
-                    frame.is_some_and(|frame| (frame.command, frame.function) == TORQUE && frame.data == [OFF]);
+                let Some(frame) = frame.filter(|frame| (frame.command, frame.function) == TORQUE) else {
+                    continue;
+                };
+                self.is_holding = frame.data != [OFF];
+                is_torque_off |= !self.is_holding;
             }
         }
         is_torque_off
@@ -242,7 +272,10 @@ impl Arm {
         if random.percent(self.behavior.lost) {
             return;
         }
-        let bytes = tag.frame(key);
+        let bytes = match tag.initiator {
+            Initiator::Poll => reading(tag, self.is_holding),
+            _ => tag.frame(key),
+        };
         let begin = self.tx_queue.back().map_or(0, |last| last.end);
         let begin = begin.max(requested + random.between(0, slowest));
         let end = begin + byte_times(bytes.len());

@@ -8,12 +8,13 @@ use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
 
 use armwire::decoder::{Decoder, Kind};
-use armwire::ling::{Ling, MAX_FRAME};
+use armwire::ling::{JOINTS, Ling, MAX_FRAME, Request};
+use armwire::messages::Messages;
 use armwire_bridge::Counters;
 use armwire_bridge::config::{Config, Poll};
-use armwire_bridge::control::{Event, Initiator, Refusal};
+use armwire_bridge::control::{Event, Failure, Initiator, Refusal, Reply, STOP_MS};
 
-use super::arm::{Key, SELF_CHECK, Tag};
+use super::arm::{GRIPPER, Key, SELF_CHECK, TICKS, Tag};
 
 /// Time limit from the host timeout to torque-off on the line, in µs.
 const TORQUE_OFF_BOUND: u64 = 150_000;
@@ -44,6 +45,9 @@ const SLACK: u64 = 10_000;
 const RATE_BOUND: u64 = 250_000;
 /// Maximum duration of the bytes of the host on USB at 2400 baud.
 const SLOWEST: u64 = 3_000_000;
+
+/// Time without motion after a stop.
+const REFUSAL: u64 = STOP_MS as u64 * 1_000;
 
 /// The adapter's own requests.
 const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
@@ -171,6 +175,22 @@ pub(super) struct Oracle {
     pub(super) stream_without_speed: bool,
     usb_last_sent: u64,
 
+    /// The end of the refusal of motion after a stop, and the start of the first stop in it.
+    stopped_until: Option<u64>,
+    stopped_since: u64,
+    /// A stop that is about to be requested is the first, and a stop was done.
+    is_stop_new: bool,
+    is_stop_done: bool,
+    /// Bytes of the host on USB that wait for the rest of their request, and the number of those that were sent.
+    gate: Vec<u8>,
+    gate_sent: usize,
+    /// Requests refused because of a stop, holds since the first stop in force, and all holds.
+    refused_stopped: u32,
+    holds_since: u32,
+    pub(super) holds: u32,
+    /// The gripper's goal in the last motion on the line.
+    goal: Option<u16>,
+
     line_bytes: u64,
     arm_bytes: u64,
     pub(super) usb_bytes: u64,
@@ -221,6 +241,22 @@ const fn is_own(initiator: Initiator) -> bool {
     matches!(initiator, Initiator::Poll | Initiator::Adapter)
 }
 
+/// The tag's initiator of the arm's answers to this initiator: a stop reads the joints by the request of a poll.
+fn asker(initiator: Initiator, key: Key) -> Initiator {
+    match (initiator, key) {
+        (Initiator::Adapter, (0x06, 0x00)) => Initiator::Poll,
+        _ => initiator,
+    }
+}
+
+/// The gripper's goal in a move.
+fn gripper_of(frame: &[u8]) -> Option<u16> {
+    match Ling.parse_request(frame) {
+        Ok(Request::Move(target)) => Some(target.gripper.0.per_mille()),
+        _ => None,
+    }
+}
+
 /// Time limit of the arm for the answer to a request with this key.
 fn turnaround(key: Key) -> u64 {
     match key == SELF_CHECK {
@@ -255,6 +291,10 @@ impl Oracle {
 
     /// Checks that nothing due is missing at `now`.
     pub(super) fn check(&mut self, now: u64) {
+        assert!(
+            !std::mem::take(&mut self.is_stop_done) || self.holds_since + self.torque_offs + self.torque_offs_due > 0,
+            "a stop is done at {now} µs without a hold"
+        );
         for (initiator, stream) in HOSTS.into_iter().zip(self.streams) {
             let waits = if initiator == Initiator::Can { MOTION_WAIT } else { 0 };
             let due = stream.last_sign + self.after().max(waits);
@@ -299,7 +339,10 @@ impl Oracle {
     // ---- Inputs ----
 
     pub(super) fn on_usb_accepted(&mut self, now: u64, packet: &[u8]) {
-        self.usb.extend(packet);
+        match self.stopped_until {
+            Some(_) => self.pass_gate(packet),
+            None => self.usb.extend(packet),
+        }
         (self.rate_ends, self.is_rate_ending) = (None, false);
         self.is_other_rate_pending |= !self.wants_arms_rate;
         // Bytes at another rate are no sign of life, and there is no host timeout under `hold-line`.
@@ -317,15 +360,18 @@ impl Oracle {
             "bytes at the arm's rate are refused at {now} µs"
         );
         assert!(
-            streams || self.is_revoked,
+            streams || self.is_revoked || self.stopped_until.is_some(),
             "no stream on CAN keeps another rate away at {now} µs"
         );
     }
 
     /// Torque-off revoked the rate of the host on USB, and `counted` of its bytes were dropped.
     pub(super) fn on_usb_dropped(&mut self, counted: usize) {
-        assert_eq!(counted, self.usb.len(), "bytes that waited at another rate");
+        let waiting = self.usb.len() + self.gate.len() - self.gate_sent;
+        assert_eq!(counted, waiting, "bytes that waited at another rate");
         self.usb.clear();
+        self.gate.clear();
+        self.gate_sent = 0;
         self.is_other_rate_pending = false;
         self.usb_requests = Decoder::new();
     }
@@ -353,12 +399,110 @@ impl Oracle {
     }
 
     /// `hold-line` is refused.
-    pub(super) fn on_hold_line_refused(&self) {
+    pub(super) fn on_hold_line_refused(&self, is_stopping: bool) {
         let streams = self.streams.iter().any(|stream| stream.possible_run >= STREAM);
         assert!(
-            streams || self.torque_offs_due > 0,
-            "hold-line is refused without a motion stream"
+            streams || self.torque_offs_due > 0 || is_stopping && self.stopped_until.is_some(),
+            "hold-line is refused without a motion stream or a stop"
         );
+    }
+
+    // ---- Stops ----
+
+    /// A stop is about to be requested.
+    pub(super) fn on_stop_request(&mut self, now: u64) {
+        if self.is_held {
+            return;
+        }
+        if self.stopped_until.is_none() {
+            (self.stopped_since, self.holds_since) = (now, 0);
+        }
+        self.is_stop_new = self.stopped_until.is_none();
+        self.stopped_until = Some(now + REFUSAL);
+    }
+
+    /// A stop was requested. Bytes for another rate were dropped before.
+    pub(super) fn on_stop(&mut self) {
+        self.is_revoked |= !self.wants_arms_rate && self.stopped_until.is_some();
+        if !std::mem::take(&mut self.is_stop_new) {
+            return;
+        }
+        self.streams.iter_mut().for_each(Stream::end);
+        // A request that was sent in part is cut.
+        self.gate = self.usb_requests.window().to_vec();
+        self.gate_sent = self.gate.len();
+        self.half_frame |= self.gate_sent > 0;
+        self.usb_requests = Decoder::new();
+        self.is_usb_raw = false;
+        let queued: Vec<u8> = self.usb.drain(..).collect();
+        self.pass_gate(&queued);
+    }
+
+    /// Passes whole requests that are no motion, and bytes outside of requests.
+    fn pass_gate(&mut self, bytes: &[u8]) {
+        let mut decoder = Decoder::<MAX_FRAME>::new();
+        self.gate.extend(bytes);
+        let gated = std::mem::take(&mut self.gate);
+        let mut rest = &gated[..];
+        while !rest.is_empty() {
+            rest = decoder.push(rest);
+            while let Some(item) = decoder.next(&Ling, ()) {
+                let sent = self.gate_sent.min(item.bytes.len());
+                self.gate_sent -= sent;
+                let is_frame = item.kind == Kind::Frame;
+                if is_frame && (sent > 0 || matches!(effect_of(item.bytes), Effect::Motion)) {
+                    self.refused_stopped += 1;
+                } else {
+                    self.usb.extend(&item.bytes[sent..]);
+                }
+            }
+        }
+        self.gate = decoder.window().to_vec();
+    }
+
+    /// Handles the end of the refusal of motion.
+    pub(super) fn end_stop(&mut self, now: u64) {
+        if self.stopped_until.take_if(|until| *until <= now).is_none() {
+            return;
+        }
+        match std::mem::take(&mut self.gate_sent) {
+            0 => self.usb.extend(self.gate.drain(..)),
+            _ => {
+                self.refused_stopped += 1;
+                self.gate.clear();
+            }
+        }
+    }
+
+    /// The adapter replied to a stop.
+    pub(super) fn on_stop_reply(&mut self, now: u64, reply: &Reply) {
+        match reply {
+            // The hold that it reports is recorded behind it.
+            Reply::Done => self.is_stop_done = true,
+            Reply::Failed(Failure::LineHeld) => assert!(self.is_held, "the line is held at {now} µs"),
+            Reply::Failed(Failure::ArmSilent) => assert!(
+                self.holds_since == 0 && now + INSTANT >= self.stopped_since + REFUSAL,
+                "a stop fails at {now} µs"
+            ),
+            reply => assert_eq!(*reply, Reply::Failed(Failure::Busy)),
+        }
+    }
+
+    /// The adapter holds the arm.
+    fn on_hold(&mut self, hold: &[u8], now: u64) {
+        assert!(self.stopped_until.is_some(), "a hold at {now} µs without a stop");
+        let Ok(Request::Move(hold)) = Ling.parse_request(hold) else {
+            panic!("a hold is no move: {hold:02X?}");
+        };
+        let joints = hold.joints.map(|(position, _)| position.ticks());
+        let gripper = hold.gripper.0.per_mille();
+        assert_eq!(
+            (joints, gripper),
+            ([TICKS; JOINTS], self.goal.unwrap_or(GRIPPER)),
+            "the pose of a hold"
+        );
+        self.holds_since += 1;
+        self.holds += 1;
     }
 
     /// The host on USB has bytes to send, and the adapter has no room.
@@ -494,11 +638,16 @@ impl Oracle {
                 self.torque_offs_due = 0;
                 self.torque_offs += 1;
             }
+            Initiator::Adapter if bytes == READ_JOINTS => {
+                assert!(self.stopped_until.is_some(), "a reading at {now} µs without a stop");
+                self.on_request(initiator, bytes, now, now, end);
+            }
+            Initiator::Adapter if matches!(effect_of(bytes), Effect::Motion) => self.on_hold(bytes, now),
             Initiator::Adapter => {
                 assert!(bytes.iter().all(|byte| *byte == 0), "the adapter sends {bytes:02X?}");
                 self.half_frame |= self.usb_requests.pending() > 0;
                 assert!(
-                    self.half_frame || self.was_other_rate || self.host_timeouts > 0,
+                    self.half_frame || self.was_other_rate || self.host_timeouts > 0 || self.stopped_until.is_some(),
                     "zeros without an incomplete request of the host on USB"
                 );
                 (self.was_other_rate, self.is_usb_raw) = (false, false);
@@ -509,6 +658,13 @@ impl Oracle {
 
     fn on_request(&mut self, initiator: Initiator, frame: &[u8], received: u64, now: u64, end: u64) {
         let after = self.after();
+        if matches!(effect_of(frame), Effect::Motion) {
+            assert_eq!(
+                self.stopped_until, None,
+                "motion of {initiator} at {now} µs after a stop"
+            );
+            self.goal = gripper_of(frame).or(self.goal);
+        }
         match effect_of(frame) {
             Effect::Answer(key, tag) => {
                 if initiator != Initiator::Usb {
@@ -519,7 +675,10 @@ impl Oracle {
                 self.slowest_answer = self.slowest_answer.max(self.answer_time);
                 self.answers_until = self.answers_until.max(end + self.turnaround() + self.answer_time);
                 // The adapter's own requests have no number.
-                let own = Tag { initiator, number: 0 };
+                let own = Tag {
+                    initiator: asker(initiator, key),
+                    number: 0,
+                };
                 let tag = tag.or_else(|| is_own(initiator).then_some(own));
                 if let Some(tag) = tag {
                     self.pending_answers.push(PendingAnswer {
@@ -711,6 +870,30 @@ impl Oracle {
                     _ => {}
                 }
             }
+            Event::Refused {
+                initiator,
+                reason: Refusal::Stopped,
+            } => {
+                // A cut request ends with the stop.
+                assert!(
+                    self.stopped_until.is_some() || *initiator == Initiator::Usb,
+                    "{initiator} is refused at {now} µs without a stop"
+                );
+                match initiator {
+                    Initiator::Can => {
+                        self.refused_stopped += 1;
+                        // Waiting motion is refused first.
+                        let is_motion = |(_, pdu): &(u64, Vec<u8>)| matches!(effect_of(pdu), Effect::Motion);
+                        let waiting = self.can.iter().position(is_motion);
+                        return waiting.and_then(|nth| self.can.remove(nth)).is_none();
+                    }
+                    Initiator::Command => {
+                        self.refused_stopped += 1;
+                        self.command = None;
+                    }
+                    _ => {}
+                }
+            }
             Event::Frame { initiator, bytes } => self.on_frame(*initiator, bytes),
             Event::HostSilent {
                 initiator,
@@ -738,8 +921,9 @@ impl Oracle {
     fn on_frame(&mut self, initiator: Option<Initiator>, bytes: &[u8]) {
         self.frames += 1;
         if let Some(tag) = self.timely_answer.take() {
+            let key = (bytes[1], bytes[2]);
             assert_eq!(
-                initiator,
+                initiator.map(|initiator| asker(initiator, key)),
                 Some(tag.initiator),
                 "an answer in time counts as late or unsolicited: {bytes:02X?}"
             );
@@ -754,7 +938,11 @@ impl Oracle {
         let Some((key, tag)) = Tag::of(bytes) else {
             panic!("{initiator} did not request {bytes:02X?}");
         };
-        assert_eq!(tag.initiator, initiator, "an answer goes to another: {bytes:02X?}");
+        assert_eq!(
+            tag.initiator,
+            asker(initiator, key),
+            "an answer goes to another: {bytes:02X?}"
+        );
         if initiator == Initiator::Can {
             let last = self.last.get(&(initiator as u8, key)).copied();
             assert_eq!(
@@ -836,6 +1024,7 @@ impl Oracle {
         assert_eq!(u64::from(c.arm_to_host_bytes), self.arm_bytes, "bytes of the arm");
         assert_eq!(c.refused_bytes, 0, "bytes that were taken without room");
         assert_eq!(c.host_silences, self.host_timeouts, "host timeouts");
+        assert_eq!(c.refused_stopped, self.refused_stopped, "requests refused by a stop");
         assert_eq!(
             self.control_replies, self.control_requests,
             "requests on the control port"

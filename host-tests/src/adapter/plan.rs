@@ -177,6 +177,11 @@ impl Plan {
                 steps.push((r.between(0, end), Step::Control(request)));
             }
         }
+        if r.percent(15) {
+            for _ in 0..r.between(1, 3) {
+                steps.push((r.between(0, end), Step::Control(Request::Stop)));
+            }
+        }
         if r.percent(8) {
             steps.extend(interval(r, end, 300, Step::Reads(false), Step::Reads(true)));
         }

@@ -55,6 +55,8 @@ pub(super) struct Rig {
     /// The sequence number of the last request on the control port, and the reply to it.
     sequence: u8,
     reply: Option<Reply>,
+    /// The sequence numbers of stops without a reply.
+    stops: Vec<u8>,
 
     /// Duration of a save to flash, in µs.
     save_duration: u64,
@@ -98,6 +100,7 @@ impl Rig {
             counted_as_refused: 0,
             sequence: 0,
             reply: None,
+            stops: Vec::new(),
             save_duration,
             other_rate: false,
             held_line: false,
@@ -222,6 +225,7 @@ impl Rig {
             );
             any = true;
         }
+        self.oracle.end_stop(self.now);
         self.poll_control();
         if !self.status().usb_room {
             self.oracle.on_usb_blocked(self.now);
@@ -345,11 +349,15 @@ impl Rig {
             Request::EndStream => self.oracle.on_end_stream(),
             // Requests of other hosts are refused before the reply.
             Request::HoldLine => self.oracle.may_be_held = true,
+            Request::Stop => self.oracle.on_stop_request(self.now),
             _ => {}
         }
         self.reply = None;
         let now = self.time();
         self.sequence = self.port.send(&mut self.bridge, request, now);
+        if request == Request::Stop {
+            self.stops.push(self.sequence);
+        }
         self.poll_control();
         self.oracle.may_be_held = false;
         match (request, self.reply.take()) {
@@ -358,9 +366,14 @@ impl Rig {
                 self.oracle.on_hold_line(true);
             }
             (Request::HoldLine, reply) => {
-                assert_eq!(reply, Some(Reply::Failed(Failure::StreamArmed)));
-                self.oracle.on_hold_line_refused();
+                let is_stopping = reply == Some(Reply::Failed(Failure::Busy));
+                assert!(
+                    is_stopping || reply == Some(Reply::Failed(Failure::StreamArmed)),
+                    "{reply:?}"
+                );
+                self.oracle.on_hold_line_refused(is_stopping);
             }
+            (Request::Stop, _) => self.oracle.on_stop(),
             (Request::ReleaseLine, _) => self.oracle.on_hold_line(false),
             (Request::SetConfig(config), reply) if config.arm != ArmKind::Ling => {
                 assert_eq!(reply, Some(Reply::Failed(Failure::StreamArmed)));
@@ -404,6 +417,10 @@ impl Rig {
             FromAdapter::Reply { sequence, reply } => {
                 let identified = matches!(reply, Reply::Arm(_) | Reply::Failed(Failure::LineHeld));
                 self.oracle.on_control_reply(identified);
+                if let Some(nth) = self.stops.iter().position(|stop| *stop == sequence) {
+                    self.stops.remove(nth);
+                    self.oracle.on_stop_reply(self.now, &reply);
+                }
                 if sequence == self.sequence {
                     self.reply = Some(reply);
                 }
@@ -462,7 +479,8 @@ impl Rig {
         };
         let refused = |bridge: &Bridge| {
             let counters = bridge.counters();
-            (counters.commands_stale, counters.refused_line_held)
+            let refused = [counters.refused_line_held, counters.refused_stopped];
+            (counters.commands_stale, refused)
         };
         let before = refused(&self.bridge);
         for frame in command.to_frames(Node::default()) {
@@ -625,6 +643,7 @@ impl Rig {
                 "stream that lives by commands without a speed",
                 self.oracle.stream_without_speed,
             ),
+            ("stop", self.oracle.holds > 0),
         ]
     }
 
