@@ -709,17 +709,21 @@ proptest! {
         garbage in prop::collection::vec(any::<u8>(), 0..300),
     ) {
         let mut rig = quiet();
+        // Firmware's results of actions that it may not have been given.
+        let act = |rig: &mut Rig| {
+            rig.run(100_000);
+            rig.bridge.saved(Ok(()), at(rig.now));
+            rig.bridge.loaded(Ok(crate::store::Saved::Nothing), at(rig.now));
+        };
         for packet in garbage.chunks(64) {
             while !rig.bridge.update(Instant::ZERO).control_room {
-                rig.run(100_000);
-                // Firmware's result of an action that it was not given.
-                rig.bridge.saved(Ok(()), at(rig.now));
+                act(&mut rig);
             }
             rig.bridge.control_received(packet, at(rig.now));
         }
-        rig.run(100_000);
-        rig.bridge.saved(Ok(()), at(rig.now));
+        act(&mut rig);
         rig.bridge.control_received(&[0], at(rig.now));
+        act(&mut rig);
         rig.run(100_000);
         let c = rig.bridge.counters();
         prop_assert!(c.control_requests >= c.control_unsupported);
