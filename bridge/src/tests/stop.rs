@@ -699,6 +699,29 @@ fn other_kind_ends_a_stop() {
     }
 }
 
+/// A request for a stored action of an Alpha1.
+fn play() -> Vec<u8> {
+    vec![0xF3, 0x3F, 6, b'd', b'a', b'n', b'c', b'e', 0x01, 0xED]
+}
+
+#[test]
+fn alpha1_is_stopped_behind_an_unanswered_action() {
+    let mut rig = Rig::new(Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    });
+    rig.responder = Box::new(|_| None);
+    rig.usb_out.extend(play());
+    rig.run(10_000);
+    rig.sent.clear();
+    let begin = rig.now;
+    rig.request(Request::Stop);
+    rig.run(3_000_000);
+    let (at, bytes) = rig.sent.last().unwrap();
+    assert_eq!((&bytes[..], rig.sent.len()), (&alpha1::STOP[..], 1));
+    assert!((900_000..1_200_000).contains(&(at - begin)), "{}", at - begin);
+}
+
 #[test]
 fn alpha1_gets_its_stop_request() {
     let mut rig = Rig::new(Config {
@@ -708,7 +731,7 @@ fn alpha1_gets_its_stop_request() {
     rig.responder = Box::new(|request: &[u8]| (request == alpha1::STOP).then(|| (200, vec![0xF2, 0x2F, 0xAA, 0xED])));
     rig.subscribe();
     let sequence = rig.request(Request::Stop);
-    let play = vec![0xF3, 0x3F, 6, b'd', b'a', b'n', b'c', b'e', 0x01, 0xED];
+    let play = play();
     rig.run(10_000);
     assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
     rig.usb_out.extend(&play);
