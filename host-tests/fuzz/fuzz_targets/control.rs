@@ -183,7 +183,6 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -
         Request::Stop => matches!(reply, Reply::Done | Reply::Failed(_)),
         Request::GetRecovery => *reply == Reply::Recovery { active: false },
         Request::GetSaved => matches!(reply, Reply::Saved(Saved::Nothing) | Reply::Failed(_)),
-        Request::Stop => matches!(reply, Reply::Done | Reply::Failed(_)),
     }
 }
 
