@@ -597,14 +597,10 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
         match (matched, self.messages.parse_response(bytes, expect)) {
             (Match::Answer { .. }, Ok(response)) => Event::Answer(response),
-            (
-                Match::Answer { .. },
-                Err(ParseError {
-                    cause: Cause::ErrorFrame,
-                    ..
-                }),
-            ) => Event::ErrorFrame { frame: bytes },
-            (Match::Answer { .. }, Err(error)) => Event::Unacceptable(error),
+            (Match::Answer { .. }, Err(error)) => match error.cause {
+                Cause::ErrorFrame => Event::ErrorFrame { frame: bytes },
+                _ => Event::Unacceptable(error),
+            },
             (Match::Late(()), Ok(response)) => Event::Late(response),
             (Match::Unsolicited, Ok(response)) => Event::Unsolicited(response),
             (Match::Unsolicited, Err(_)) if !M::LOSSLESS && self.messages.parse_request(bytes).is_ok() => Event::Echo,

@@ -479,8 +479,8 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         let Some(flight) = self.flight.take() else {
             return false;
         };
-        // The UART ends the byte by its own clock; this time differs only by rounding.
-        let on_time = now.0.abs_diff(flight.ends.0) <= 2;
+        // The UART ends the byte by its own clock, which samples a bit 16 times.
+        let on_time = now.0.abs_diff(flight.ends.0) <= self.board_bit / 16_000;
         let (at, outcome) = if on_time {
             (now, flight.outcome)
         } else {
@@ -746,6 +746,16 @@ pub(crate) mod tests {
             .filter(|&&outcome| outcome == Outcome::Faulty(Fault::Framing))
             .count();
         assert!((25..100).contains(&faulty), "{faulty} of 1000 at 5 %");
+    }
+
+    #[test]
+    fn byte_ends_by_the_sampling_clock_of_the_uart() {
+        for (late, outcome) in [(62, Outcome::Arrived), (63, Outcome::Lost)] {
+            let mut line = line(&[1]);
+            line.board_receives(Nanos(0));
+            line.board_receives(Nanos(10_000 + late));
+            assert_eq!(outcomes(&line), [outcome], "{late} ns");
+        }
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub(crate) const CASES: [&str; 4] = [
 /// and client. The limits are 5 % to 10 % above the measurements.
 pub(crate) const PROTOCOLS: [(&str, [u64; 4], usize); 3] = [
     ("Ling", [310, 3500, 136, 1150], 10_300),
-    ("xArm", [165, 3450, 75, 960], 8_800),
+    ("xArm", [165, 3450, 75, 1060], 8_800),
     ("Alpha1", [268, 3430, 44, 1110], 12_800),
 ];
 
