@@ -310,8 +310,10 @@ impl Bridge {
     /// Handles a packet of the host on the serial port. Returns true if the next one fits. Leave it in the endpoint
     /// while [`Status::usb_room`] is false: USB flow control then holds the host back.
     pub fn usb_received(&mut self, packet: &[u8], now: Instant) -> bool {
-        // The packet may take the line: the requests of all others are then refused at once.
-        self.make_delivery_room(now);
+        if self.line.may_be_taken() {
+            // The requests of all others are then refused at once.
+            self.make_delivery_room(now);
+        }
         self.line.packet_received(packet, now)
     }
 

@@ -49,6 +49,11 @@ impl Line {
         !self.rate.changes() && self.from_host.room() >= self.stop.packet_room
     }
 
+    /// Returns true if the host's next packet may take the line from the others.
+    pub(crate) fn may_be_taken(&self) -> bool {
+        self.rate.is_unmet()
+    }
+
     /// Handles a packet of the host. Returns true if the next one fits.
     pub(crate) fn packet_received(&mut self, packet: &[u8], now: Instant) -> bool {
         count(&mut self.counters.packets_from_host, 1);

@@ -7,7 +7,7 @@ use std::path::Path;
 use object::Endianness;
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader};
-use object::{Object, ObjectSegment, ObjectSymbol};
+use object::{Object, ObjectSegment, ObjectSymbol, SymbolSection};
 
 use crate::Result;
 
@@ -55,7 +55,8 @@ impl Elf {
         let flash_end = ends.max().unwrap_or(FLASH);
         let symbols = file.symbols().filter_map(|symbol| {
             let name = symbol.name().ok()?.to_owned();
-            symbol.is_definition().then_some((name, symbol.address() as u32 & !1))
+            let is_defined = symbol.is_definition() || symbol.section() == SymbolSection::Absolute;
+            is_defined.then_some((name, symbol.address() as u32 & !1))
         });
         let symbols = symbols.collect();
         Ok(Self {
