@@ -223,6 +223,46 @@ fn silent_arm_is_an_error_after_the_limit() {
 }
 
 #[test]
+fn single_reading_out_of_range_is_repeated() {
+    let mut stop = Stop::new(None);
+    let mut arm = Arm::moving(0.0);
+    let mut wrong = arm.state();
+    wrong.joints[0] = 4096;
+    let mut readings = [wrong].into_iter();
+    loop {
+        match stop.poll(arm.now) {
+            Output::Request(Request::ReadJoints) => {
+                stop.on_joints(arm.now, &readings.next().unwrap_or(arm.state()));
+            }
+            Output::Request(_) => {}
+            Output::Wait(until) => arm.pass(until.since(arm.now)),
+            Output::Done(result) => {
+                assert!(matches!(result, Ok(Stopped::AtRest { .. })), "{result:?}");
+                break;
+            }
+        }
+    }
+}
+
+#[test]
+fn arm_that_falls_silent_gave_no_reading() {
+    let mut stop = Stop::new(None);
+    let mut arm = Arm::moving(0.0);
+    stop.poll(arm.now);
+    stop.on_joints(arm.now, &arm.state());
+    loop {
+        match stop.poll(arm.now) {
+            Output::Request(_) => {}
+            Output::Wait(until) => arm.pass(until.since(arm.now)),
+            Output::Done(result) => {
+                assert_eq!(result, Err(StopError::NoReading));
+                break;
+            }
+        }
+    }
+}
+
+#[test]
 fn pose_beyond_a_turn_cannot_be_held() {
     let mut arm = Arm::moving(0.0);
     arm.position = 5_000.0;

@@ -62,7 +62,7 @@ impl StopArm {
             Err(error @ Error::Refused { .. }) => return Err(error),
             Err(error) if connection.is_control() => return Err(error),
             Err(error) => {
-                print_error(&format_args!("{error}; the arm is stopped over its port instead"));
+                print_error(&format_args!("{error}; trying the arm's port"));
                 return Ok(false);
             }
         }
@@ -71,7 +71,7 @@ impl StopArm {
             print_error(&format_args!("{}: {reason}", self.place.port));
         }
         print_line(format_args!(
-            "stopped by the adapter, which refuses the motion of every host for {} s",
+            "the adapter holds the arm unless its torque is off, and refuses the motion of every host for {} s",
             STOP_MS / 1_000
         ))?;
         Ok(true)

@@ -20,7 +20,7 @@ use crate::stopwatch::Stopwatch;
 ///
 /// # Errors
 ///
-/// [`Error::NotStopped`] if the arm may still move, and errors of the line. A read without an answer is repeated.
+/// [`Error::NotStopped`] if the arm may still move, and errors of the line. A read without a sound answer is repeated.
 pub fn stop(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, Error> {
     link.uninterrupted(|link| drive(link, Stop::new(gripper)))
 }
@@ -45,6 +45,10 @@ fn drive(link: &mut Link<Ling>, mut stop: Stop) -> Result<Stopped, Error> {
                 Ok(Some(Response::Joints(state))) => stop.on_joints(clock.now(), &state),
                 Ok(_) => {}
                 Err(Error::NoAnswer { cause, .. }) => missing = Some(cause),
+                // The next reading may be sound: without a stop the arm moves on.
+                Err(error @ (Error::ErrorFrame { .. } | Error::Unacceptable { .. })) => {
+                    missing = Some(error.to_string())
+                }
                 Err(error) => return Err(error),
             },
             Output::Wait(until) => {

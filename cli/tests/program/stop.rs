@@ -189,6 +189,20 @@ fn reading_without_answer_is_repeated() {
 }
 
 #[test]
+fn reading_answered_by_an_error_frame_is_repeated() {
+    let (mut arm, mut bursts) = (Stepped::new(), 0);
+    let output = run_against(&["stop", "PORT", "--gripper", "0"], |_, pty, bytes| {
+        bursts += 1;
+        match bursts {
+            1 => drop(pty.write(&[0xAA, 0xEE, 0x00, 0x00, 0xF7, 0xFF]).unwrap()),
+            _ => arm.answer(pty, bytes),
+        }
+    });
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert!(out.starts_with("stopped: joints: "), "{out}");
+}
+
+#[test]
 fn robot_is_stopped_by_its_own_request() {
     const STOP: [u8; 10] = [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
     let mut sent = Vec::<u8>::new();
@@ -238,7 +252,7 @@ fn adapter_stops_the_arm_while_its_port_is_in_use() {
             kill_process(Pid::from_child(monitor), Signal::INT).unwrap();
         })
     });
-    let expected = "stopped by the adapter, which refuses the motion of every host for 2 s\n";
+    let expected = "the adapter holds the arm unless its torque is off, and refuses the motion of every host for 2 s\n";
     assert_eq!(stop.unwrap(), expected);
     let pose = joints(&board.port);
     assert!(
@@ -251,7 +265,7 @@ fn adapter_stops_the_arm_while_its_port_is_in_use() {
 #[test]
 fn control_port_alone_is_enough() {
     let board = Board::start("stop-control");
-    assert!(success(&["stop", &board.control]).starts_with("stopped by the adapter"));
+    assert!(success(&["stop", &board.control]).starts_with("the adapter holds the arm"));
 }
 
 #[test]
@@ -265,7 +279,7 @@ fn older_adapter_is_named_and_its_port_used() {
     assert!(out.starts_with("stopped: joints: "), "{out}{error}");
     let expected = "the adapter does not support this request: ";
     assert!(
-        error.contains(expected) && error.contains("; the arm is stopped over its port instead"),
+        error.contains(expected) && error.contains("; trying the arm's port"),
         "{error}"
     );
 }

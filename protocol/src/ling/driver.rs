@@ -108,7 +108,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     }
 
     /// Stops the arm and keeps its torque on, by a [`Stop`]: `gripper` is the last goal of the gripper, if it is known. A
-    /// lost answer does not end it.
+    /// lost or unsound answer does not end it.
     ///
     /// # Errors
     ///
@@ -122,7 +122,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
             match stop.poll(self.now()) {
                 Output::Request(Request::ReadJoints) => match self.read_joints().await {
                     Ok(state) => stop.on_joints(self.now(), &state),
-                    Err(CallError::TimedOut { .. }) => {}
+                    Err(CallError::TimedOut { .. } | CallError::ErrorFrame(_) | CallError::Unacceptable(_)) => {}
                     Err(error) => return Err(error),
                 },
                 Output::Request(request) => self.send(&request).await?,

@@ -21,8 +21,9 @@ const GRIPPER_SPEED: GripperSpeed = GripperSpeed(1000);
 ///
 /// The arm has no request for this. A move to the pose of a reading ends the motion in progress. It is sent once, and
 /// again only if a joint leaves that pose by more than [`Move::JOINT_TOLERANCE`], for example because the move was lost;
-/// a joint that returns to the pose does not leave it. The arm is at rest when no joint changes by 2 ticks for 100 ms. Then torque-on follows: it changes nothing at the
-/// arm, and an adapter takes it as the end of the host's stream of motion. Nothing is sent to an arm without torque.
+/// a joint that returns to the pose does not leave it. The arm is at rest when no joint changes by 2 ticks for 100 ms.
+/// Then torque-on follows: it changes nothing at the arm, and an adapter takes it as the end of the host's stream of
+/// motion. Nothing is sent to an arm without torque.
 ///
 /// A move contains the gripper. Its goal is the last one that the caller has sent. If that is unknown, it is the
 /// reading, and a grip may loosen: at an object the goal is behind the reading, which makes the force.
@@ -63,6 +64,8 @@ pub struct Stop {
     rest: Option<(Instant, [Position; JOINTS])>,
     /// The joint that moved last, from 1.
     moving: Option<u8>,
+    /// The last reading had a position out of range.
+    out_of_range: bool,
     step: Step,
 }
 
@@ -145,6 +148,7 @@ impl Stop {
             away: None,
             rest: None,
             moving: None,
+            out_of_range: false,
             step: Step::Read(Instant::ZERO),
         }
     }
@@ -204,13 +208,15 @@ impl Stop {
         }
         let joints = match state.positions() {
             Ok(joints) => joints,
-            Err(error) => return Some(Step::End(Err(StopError::Position(error)))),
+            Err(error) => {
+                // One reading may be wrong.
+                let is_repeated = core::mem::replace(&mut self.out_of_range, true);
+                return is_repeated.then_some(Step::End(Err(StopError::Position(error))));
+            }
         };
-        let left = match self.pose {
-            Some(pose) => self.left(distances(&pose, &joints)),
-            None => Some(1),
-        };
-        if left.is_some() {
+        self.out_of_range = false;
+        let left = self.pose.and_then(|pose| self.left(distances(&pose, &joints)));
+        if left.is_some() || self.pose.is_none() {
             self.moving = left;
             self.pose = Some(joints);
             self.away = None;
