@@ -71,9 +71,10 @@ pub(crate) fn armed(is: bool) {
     ARMED.store(if is { ARMED_MARK } else { 0 }, Ordering::Relaxed);
 }
 
-/// Returns true if a stream of motion was armed at the last stop.
+/// Returns true if a stream of motion was armed at the last stop. The mark stays until torque-off is out: this start may
+/// crash, too.
 pub(crate) fn was_armed() -> bool {
-    ARMED.swap(0, Ordering::Relaxed) == ARMED_MARK
+    ARMED.load(Ordering::Relaxed) == ARMED_MARK
 }
 
 /// Records a panic for the next start.

@@ -325,9 +325,10 @@ impl Hosts {
             self.watch(line);
             return Some(Action::RestartCan(self.config.can));
         }
-        // Torque-off goes out before a restart.
-        let may_restart = !line.is_torque_off_waiting();
-        self.flash.take().or_else(|| self.restart.take_if(|_| may_restart))
+        // Torque-off and the hold of a stop go out before a restart, and before the core stalls.
+        let is_free = !line.is_torque_off_waiting() && !line.is_stopping();
+        let flash = self.flash.take_if(|_| is_free);
+        flash.or_else(|| self.restart.take_if(|_| is_free))
     }
 
     /// Handles the result of a write or an erase of the configuration in flash.

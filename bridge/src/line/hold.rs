@@ -51,7 +51,8 @@ impl Line {
         if self.requests.torque_off.is_some() || self.dead_man.is_any_streaming() {
             return Err(Failure::StreamArmed);
         }
-        if self.stop.is_running() || !self.rate.hold(port, now) {
+        // The gate would withhold or drop bytes of an upload.
+        if self.stop.refuses_motion() || !self.rate.hold(port, now) {
             return Err(Failure::Busy);
         }
         self.follow_holder(now);

@@ -18,7 +18,7 @@ use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use crate::control::{Event, Failure, FromAdapter, Initiator, LineHolder, MAX_FRAME, Refusal, Reply, Request, STOP_MS};
-use crate::{Bridge, Instant, UsbEvent};
+use crate::{Action, Instant, UsbEvent};
 
 /// The time without motion, in µs.
 const REFUSAL: u64 = STOP_MS as u64 * 1_000;
@@ -480,12 +480,13 @@ fn pose_out_of_range_is_not_held() {
     let mut rig = rig(config());
     rig.responder = Box::new(arm(vec![([4096, 0, 0, 0, 0, 0, 0], LOCKED)]));
     let sequence = rig.request(Request::Stop);
-    rig.run(5_000);
+    // Another reading confirms it.
+    rig.run(25_000);
     let reply = Reply::Failed(Failure::PoseOutOfRange);
     assert_eq!(rig.replies.last(), Some(&(sequence, reply)));
     rig.usb_out.extend(motion());
     rig.run(5_000);
-    assert_eq!(rig.line(), READ_JOINTS);
+    assert_eq!(rig.line(), READ_JOINTS.repeat(2));
 }
 
 #[test]
@@ -536,9 +537,20 @@ fn hold_line_waits_for_a_stop() {
     rig.request(Request::Stop);
     rig.run(5_000);
     assert_eq!(rig.call(Request::HoldLine), Reply::Failed(Failure::Busy));
-    // The arm is at rest.
+    rig.run(1_900_000);
+    assert_eq!(rig.call(Request::HoldLine), Reply::Failed(Failure::Busy));
     rig.run(200_000);
     assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+}
+
+#[test]
+fn restart_waits_for_the_hold() {
+    let mut rig = rig(config());
+    rig.request(Request::Stop);
+    assert_eq!(rig.call(Request::Restart), Reply::Done);
+    assert!(!rig.actions.contains(&Action::Restart));
+    rig.run(300_000);
+    assert!(rig.actions.contains(&Action::Restart));
 }
 
 #[test]
@@ -644,18 +656,6 @@ fn every_port_gets_the_reply_to_its_stop() {
     rig.request_on_can(10, Request::Stop);
     rig.run(5_000);
     assert_eq!(rig.can_control.len(), 2);
-}
-
-#[test]
-fn restart_forgets_a_stop() {
-    let mut rig = rig(config());
-    rig.request(Request::Stop);
-    rig.run(5_000);
-    rig.bridge = Bridge::default();
-    rig.bridge.usb_event(UsbEvent::Configured(true), at(rig.now));
-    rig.usb_out.extend(motion());
-    rig.run(5_000);
-    assert_eq!(rig.sent.last().unwrap().1, motion());
 }
 
 #[test]
