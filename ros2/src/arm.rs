@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use armwire::ling::{self, JOINTS, Ling, Request, Response, Stroke};
 use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
-use armwire_bridge::control::{self, Event, Subscription};
+use armwire_bridge::control::{self, Event, Initiator, Subscription};
 use armwire_cli::host::{self, ControlLink, Error, Link, open_ling};
 use armwire_cli::stamps::{self, Clock};
 use ros2_client::{ReadError, RmwRequestId};
@@ -272,6 +272,17 @@ impl<'a, 'b> Session<'a, 'b> {
                 Ok(true)
             }
             event => {
+                let is_stop = matches!(
+                    event,
+                    Event::Refused {
+                        initiator: Initiator::Usb,
+                        reason: control::Refusal::Stopped
+                    }
+                );
+                // Later the setpoint would be far ahead of the arm.
+                if is_stop && self.motion.take().is_some() {
+                    self.host.refuse(&Refusal::Stopped);
+                }
                 let event = describe(&event);
                 log(&self.host.arm.name, &format!("adapter event: {event}"));
                 self.host.diagnostics.adapter_event = Some(event);

@@ -32,6 +32,9 @@ pub(crate) enum Refusal {
     /// The torque was switched off during the motion.
     #[error("the torque was switched off during the motion")]
     TorqueLost,
+    /// The adapter was told to stop the arm.
+    #[error("the adapter stopped the arm")]
+    Stopped,
     #[error("the message is not a JointTrajectory")]
     Undecodable,
     /// The first [`MAX_NAME`] characters of the name.
