@@ -1824,8 +1824,8 @@ ArmwireStatus armwire_ling_stop_on_joints(struct ArmwireLingStop *stop,
 ArmwireLingHolding armwire_ling_holding(uint8_t motion_status);
 
 /**
- * 1 if the joints in a response of kind JOINTS are within 3 ticks of the target's; 0 otherwise. The gripper does not
- * count, because it may hold an object.
+ * 1 if the joints in a response of kind JOINTS are within 3 ticks of the target's; 0 otherwise. Speeds and the gripper do
+ * not count: a gripper may hold an object.
  */
 uint8_t armwire_ling_joints_reached(const struct ArmwireLingMove *target,
                                     const struct ArmwireLingResponse *joints);

@@ -101,6 +101,9 @@ static void moving_arm_stops_and_keeps_its_torque(void)
     ArmwireLingResponse joints = answer(armwire_ling_client_read_joints, ARMWIRE_LING_RESPONSE_KIND_JOINTS);
     CHECK(joints.position_ticks[0] < 3900 && !armwire_ling_joints_reached(&target, &joints));
     CHECK(armwire_ling_holding(joints.motion_status) == ARMWIRE_LING_HOLDING_YES);
+    ArmwireLingMove here = {.opening_per_mille = 0};
+    memcpy(here.position_ticks, joints.position_ticks, sizeof here.position_ticks);
+    CHECK(armwire_ling_joints_reached(&here, &joints));
 
     CHECK(stop_arm(NULL, &moves, &torques).grip_may_loosen == 1 && moves == 1 && torques == 1);
     sent(armwire_ling_client_set_torque(&arm, 0));

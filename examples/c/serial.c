@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <termios.h>
@@ -49,14 +50,15 @@ static void wait(uint64_t until_us)
     armwire_ling_client_received(&arm, now_us(), (size_t)got);
 }
 
-/* Completes an accepted request and returns its answer, of kind NONE for a request without an answer. */
-static ArmwireLingResponse call(ArmwireStatus status)
+/* Completes an accepted request. Returns false, after the reason, if it fails. The response is of kind NONE for a request
+ * without an answer. */
+static bool try_call(ArmwireStatus status, ArmwireLingResponse *response)
 {
     ArmwireEvent event;
-    ArmwireLingResponse response;
+    ArmwireFault fault;
     char text[128];
     while (status == ARMWIRE_STATUS_OK) {
-        armwire_ling_client_poll(&arm, now_us(), &event, &response);
+        armwire_ling_client_poll(&arm, now_us(), &event, response);
         switch (event.kind) {
         case ARMWIRE_EVENT_KIND_TRANSMIT: {
             ssize_t sent = write(port, event.bytes, event.len);
@@ -65,26 +67,35 @@ static ArmwireLingResponse call(ArmwireStatus status)
         }
         case ARMWIRE_EVENT_KIND_WAIT: wait(event.until_us); break;
         case ARMWIRE_EVENT_KIND_ANSWER:
-        case ARMWIRE_EVENT_KIND_SENT: return response;
-        case ARMWIRE_EVENT_KIND_TIMED_OUT: fprintf(stderr, "no answer\n"); exit(1);
-        case ARMWIRE_EVENT_KIND_ERROR_FRAME: fprintf(stderr, "the arm sent an error frame\n"); exit(1);
+        case ARMWIRE_EVENT_KIND_SENT: return true;
+        case ARMWIRE_EVENT_KIND_TIMED_OUT: fprintf(stderr, "no answer\n"); return false;
+        case ARMWIRE_EVENT_KIND_ERROR_FRAME: fprintf(stderr, "the arm answered with an error frame\n"); return false;
         case ARMWIRE_EVENT_KIND_NOISE:
         case ARMWIRE_EVENT_KIND_UNKNOWN:
         case ARMWIRE_EVENT_KIND_UNACCEPTABLE:
             armwire_fault_text(&event.fault, text, sizeof text);
             fprintf(stderr, "on the line: %s\n", text);
             if (event.kind == ARMWIRE_EVENT_KIND_UNACCEPTABLE) {
-                exit(1);
+                return false;
             }
             break;
         default: break; /* A late answer, or an echo. */
         }
     }
-    ArmwireFault fault;
     armwire_ling_client_fault(&arm, &fault);
     armwire_fault_text(&fault, text, sizeof text);
     fprintf(stderr, "%s: %s\n", armwire_status_text(status), text);
-    exit(1);
+    return false;
+}
+
+/* Completes an accepted request and returns its answer. Ends the program if it fails. */
+static ArmwireLingResponse call(ArmwireStatus status)
+{
+    ArmwireLingResponse response;
+    if (!try_call(status, &response)) {
+        exit(1);
+    }
+    return response;
 }
 
 /* Waits, at most until a signal. */
@@ -99,18 +110,20 @@ static int stop(const uint16_t *opening_per_mille)
 {
     ArmwireLingStop stop;
     ArmwireLingStopStep step;
+    ArmwireLingResponse joints;
     armwire_ling_stop_init(&stop, ARMWIRE_VERSION, opening_per_mille);
     for (;;) {
         armwire_ling_stop_poll(&stop, now_us(), &step);
         switch (step.kind) {
         case ARMWIRE_LING_STOP_STEP_KIND_WAIT: pause_us((long)(step.until_us - now_us())); break;
-        case ARMWIRE_LING_STOP_STEP_KIND_MOVE: call(armwire_ling_client_move(&arm, &step.target)); break;
-        case ARMWIRE_LING_STOP_STEP_KIND_TORQUE_ON: call(armwire_ling_client_set_torque(&arm, 1)); break;
-        case ARMWIRE_LING_STOP_STEP_KIND_READ_JOINTS: {
-            ArmwireLingResponse joints = call(armwire_ling_client_read_joints(&arm));
-            armwire_ling_stop_on_joints(&stop, now_us(), &joints);
+        case ARMWIRE_LING_STOP_STEP_KIND_MOVE: try_call(armwire_ling_client_move(&arm, &step.target), &joints); break;
+        case ARMWIRE_LING_STOP_STEP_KIND_TORQUE_ON: try_call(armwire_ling_client_set_torque(&arm, 1), &joints); break;
+        case ARMWIRE_LING_STOP_STEP_KIND_READ_JOINTS:
+            /* A failed read is repeated. */
+            if (try_call(armwire_ling_client_read_joints(&arm), &joints)) {
+                armwire_ling_stop_on_joints(&stop, now_us(), &joints);
+            }
             break;
-        }
         case ARMWIRE_LING_STOP_STEP_KIND_AT_REST: fprintf(stderr, "stopped\n"); return 130;
         case ARMWIRE_LING_STOP_STEP_KIND_WITHOUT_TORQUE: fprintf(stderr, "the torque is off\n"); return 1;
         default: fprintf(stderr, "the arm may still move: switch its supply off\n"); return 1;
@@ -154,6 +167,8 @@ int main(int argc, char **argv)
                                   1000};
     printf("In 3 s every joint moves to zero, at 20 degrees per second. Keep clear. Ctrl-C stops the arm.\n");
     signal(SIGINT, interrupt);
+    signal(SIGTERM, interrupt);
+    signal(SIGHUP, interrupt);
     pause_us(3000000);
     if (interrupted) {
         return 1;
@@ -161,7 +176,9 @@ int main(int argc, char **argv)
     call(armwire_ling_client_move(&arm, &home));
     do {
         pause_us(20000);
-        joints = call(armwire_ling_client_read_joints(&arm));
+        if (!try_call(armwire_ling_client_read_joints(&arm), &joints)) {
+            return stop(&home.opening_per_mille);
+        }
     } while (!interrupted && !armwire_ling_joints_reached(&home, &joints));
     if (interrupted) {
         return stop(&home.opening_per_mille);

@@ -1,7 +1,7 @@
 //! Stopping an arm, and the meaning of its readings.
 
 use armwire::ling::stop::{Grip, Output, StopError, Stopped};
-use armwire::ling::{MotionStatus, Opening, Request, Response, Stop};
+use armwire::ling::{MotionStatus, Move, Opening, Request, Response, Stop};
 use armwire::time::Instant;
 
 use super::message::{ArmwireLingMove, ArmwireLingResponse};
@@ -181,17 +181,18 @@ pub extern "C" fn armwire_ling_holding(motion_status: u8) -> ArmwireLingHolding 
     }
 }
 
-/// 1 if the joints in a response of kind JOINTS are within 3 ticks of the target's; 0 otherwise. The gripper does not
-/// count, because it may hold an object.
+/// 1 if the joints in a response of kind JOINTS are within 3 ticks of the target's; 0 otherwise. Speeds and the gripper do
+/// not count: a gripper may hold an object.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_joints_reached(
     target: Option<&ArmwireLingMove>,
     joints: Option<&ArmwireLingResponse>,
 ) -> u8 {
-    let (Some(Ok(target)), Some(Ok(Response::Joints(state)))) =
-        (target.map(ArmwireLingMove::get), joints.map(ArmwireLingResponse::get))
-    else {
+    let (Some(target), Some(Ok(Response::Joints(state)))) = (target, joints.map(ArmwireLingResponse::get)) else {
         return 0;
     };
-    target.are_joints_reached_by(&state).into()
+    let mut joints = target.position_ticks.iter().zip(state.joints);
+    joints
+        .all(|(target, ticks)| target.abs_diff(ticks) <= Move::JOINT_TOLERANCE)
+        .into()
 }
