@@ -253,7 +253,7 @@ class Page {
     };
     element('stop').addEventListener('click', stop);
     addEventListener('keydown', (event) => {
-      if (event.key === 'Escape' && !document.querySelector('dialog[open]')) stop();
+      if (event.key === 'Escape' && !event.repeat && !document.querySelector('dialog[open]')) stop();
     });
     element('torque-on').addEventListener('click', () => this.#act((at) => this.#engine.setTorque(at, true)));
     const button = element('torque-off');

@@ -147,7 +147,7 @@ pub struct Session {
     torque: Option<Torque>,
     stopping: Option<Stopping>,
     stop_state: StopState,
-    /// The gripper's goal in the last target.
+    /// The gripper's goal in the last target. `None` after the torque was off: the gripper then holds nothing.
     gripper: Option<Opening>,
     /// Due time of each of [`READS`]; `None` once a constant value is known.
     reads: [Option<Instant>; READS.len()],
@@ -316,6 +316,9 @@ impl Session {
         self.jog.release(now);
         self.jog.reset();
         self.end_stop(StopState::None);
+        if torque == Torque::Off {
+            self.gripper = None;
+        }
         self.torque = Some(torque);
     }
 
@@ -520,7 +523,12 @@ impl Session {
                 arm.stroke = Some(stroke);
                 self.end_read(Request::ReadStroke);
             }
-            Response::Joints(state) => arm.joints = Some((now, state)),
+            Response::Joints(state) => {
+                arm.joints = Some((now, state));
+                if state.status.is_holding() == Some(false) {
+                    self.gripper = None;
+                }
+            }
             Response::Temperatures(celsius) => arm.temperatures = Some(celsius),
             Response::SelfCheck(check) => arm.check = Some(check),
             // Velocities are not requested.

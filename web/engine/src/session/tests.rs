@@ -202,6 +202,21 @@ fn stop_keeps_the_last_goal_of_the_gripper() {
 }
 
 #[test]
+fn gripper_without_torque_forgets_its_goal() {
+    let mut bench = Bench::ready();
+    bench.hold(JOINTS, Direction::Up);
+    bench.run(300);
+    bench.release();
+    for torque in [Torque::Off, Torque::On] {
+        bench.session.set_torque(bench.now, torque);
+        bench.run(300);
+    }
+    bench.session.stop(bench.now);
+    bench.run(300);
+    assert_eq!(bench.session.stop_state(), StopState::GripMayLoosen);
+}
+
+#[test]
 fn stop_of_an_arm_without_torque_sends_nothing() {
     let mut bench = Bench::ready();
     bench.session.set_torque(bench.now, Torque::Off);
