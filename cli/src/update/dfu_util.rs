@@ -10,9 +10,12 @@ use std::os::unix::process::CommandExt;
 #[cfg(windows)]
 use std::os::windows::process::CommandExt;
 use std::path::Path;
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
+
+#[cfg(unix)]
+use rustix::process::{Pid, Signal, kill_process_group};
 
 use super::dfuse::BOOT_LOADER;
 
@@ -96,13 +99,25 @@ fn run(command: &mut Command, limit: Duration, output: &mut (impl Write + Send))
                 None => thread::sleep(POLL_PERIOD),
             }
         }
-        child.kill()?;
+        kill(&mut child)?;
         child.wait()?;
         Err(io::Error::new(
             ErrorKind::TimedOut,
             format!("killed, because it did not end in {} s", limit.as_secs()),
         ))
     })
+}
+
+/// Kills the child and those that it has started: each has the pipe.
+#[cfg(unix)]
+fn kill(child: &mut Child) -> io::Result<()> {
+    Ok(kill_process_group(Pid::from_child(child), Signal::KILL)?)
+}
+
+/// Kills the child.
+#[cfg(not(unix))]
+fn kill(child: &mut Child) -> io::Result<()> {
+    child.kill()
 }
 
 /// Keeps Ctrl-C from the child.
