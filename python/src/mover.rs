@@ -99,10 +99,10 @@ impl Mover {
     /// [`Error::NotStopped`] if the arm may still move, and errors of the line.
     pub(crate) fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
         self.may_move = false;
-        self.gripper = gripper.or(self.gripper);
-        let stopped = stop_interruptibly(&mut self.link, self.gripper)?;
+        let goal = gripper.or(self.gripper);
+        let stopped = stop_interruptibly(&mut self.link, goal)?;
         match stopped {
-            Stopped::AtRest { .. } => self.may_move = true,
+            Stopped::AtRest { .. } => (self.gripper, self.may_move) = (goal, true),
             Stopped::WithoutTorque(_) => self.gripper = None,
         }
         Ok(stopped)
