@@ -66,7 +66,7 @@ pub const fn facts(chip: Chip) -> Facts {
         Chip::Stm32g431 => Facts {
             can_fd: true,
             core_hz: 160_000_000,
-            latency: 26_000,
+            latency: 27_500,
             config_flash: 0x1F000..0x20000,
             flooded: NonZeroU32::new(3).unwrap(),
             erase: [Nanos(22_020_000), Nanos(24_470_000)],
