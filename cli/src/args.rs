@@ -68,7 +68,8 @@ pub(crate) struct ArmPort {
     port: Port,
     #[command(flatten)]
     baud: Baud,
-    /// Control port of the adapter, if it is not found by the arm's port: control:PATH or PATH. A virtual board needs it.
+    /// Control port of the adapter, which is asked whether it is in recovery. The default is that of the arm's port; a
+    /// virtual board needs control:PATH.
     #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
     control: Option<Port>,
 }

@@ -319,7 +319,7 @@ fn bytes_outside_of_frames_are_shown() {
 #[test]
 fn unknown_frame_is_named() {
     let mut out = [0; MAX_FRAME];
-    let (command, function, data) = (0xEE, 0x00, &[0x01][..]);
+    let (command, function, data) = (0x77, 0x00, &[0x01][..]);
     let n = Frame {
         command,
         function,
@@ -329,7 +329,7 @@ fn unknown_frame_is_named() {
     .unwrap();
     let line = failure(&info_on_a_port_that_sends(&out[..n]));
     assert!(
-        line.contains("the arm answers with command EE function 00: unknown"),
+        line.contains("the arm answers with command 77 function 00: unknown"),
         "{line}"
     );
 }
