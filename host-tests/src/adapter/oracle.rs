@@ -429,9 +429,13 @@ impl Oracle {
         }
         self.streams.iter_mut().for_each(Stream::end);
         // A request that was sent in part is cut.
-        self.gate = self.usb_requests.window().to_vec();
+        self.half_frame |= self.usb_requests.pending() > 0;
+        // At another rate the host loses the line, and none of its bytes is a request.
+        self.gate = match self.wants_arms_rate {
+            true => self.usb_requests.window().to_vec(),
+            false => Vec::new(),
+        };
         self.gate_sent = self.gate.len();
-        self.half_frame |= self.gate_sent > 0;
         self.usb_requests = Decoder::new();
         self.is_usb_raw = false;
         let queued: Vec<u8> = self.usb.drain(..).collect();
