@@ -367,15 +367,7 @@ fn each_host_refused_by_a_hold_gets_an_event_frame() {
     rig.can_out.push_back(ling::SELF_CHECK.to_vec());
     rig.run(10 * MS);
     for sequence in 0..2 {
-        let command = Command {
-            sequence,
-            joints: [2048; 6],
-            speed: 10,
-            gripper: 0,
-        };
-        for frame in command.to_frames(Node::default()) {
-            rig.can_frame(&frame);
-        }
+        command(&mut rig, sequence);
     }
     // Two in the queue, and one in the connection.
     for _ in 0..3 {

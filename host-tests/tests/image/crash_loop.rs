@@ -9,6 +9,8 @@ use armwire_host_tests::image::{BIT_RATE, Control, MEGABAUD, RawArm, chip, count
 use armwire_virtual_board::can::{NodeConfig, Sender};
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, Timing, VirtualBoard};
 
+use super::start::break_led_task;
+
 type Board = VirtualBoard<RawArm>;
 
 /// The only other node on the bus.
@@ -63,15 +65,8 @@ impl End {
                     board.write_word(clock, 1).unwrap();
                 }
             }
-            // The function of the LED's task becomes an unmapped address.
             Self::HardFault => {
-                let task = board.symbol("led4show4POOL").unwrap();
-                let flash_end = 0x0800_0000 + chip().flash_size() as u32;
-                let is_code = |word: u32| (0x0800_0000..flash_end).contains(&word) && word % 2 == 1;
-                let function = (task..task + 64)
-                    .step_by(4)
-                    .find(|&at| is_code(board.read_word(at).unwrap()));
-                board.write_word(function.unwrap(), 0x7000_0001).unwrap();
+                break_led_task(board);
                 board.run_for(millis(200)).unwrap_err();
             }
             Self::Watchdog => {
@@ -148,7 +143,7 @@ fn unusual() -> Config {
     config
 }
 
-/// What recovery keeps of it.
+/// The part of it that recovery keeps.
 fn kept() -> Config {
     let Config { arm, host_timeout, .. } = unusual();
     Config {

@@ -3,6 +3,7 @@
 //! Only the image for the STM32F405 measures its crystal, and only that chip has a revision whose prefetch does not work.
 
 use armwire_host_tests::image::{MEGABAUD, RawArm, chip, counters, exchange, facts, on_board_with, path, plug_in};
+use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::report::{Cause, Crash};
 use armwire_virtual_board::{Chip, Config, Crystal, Error, Nanos, VirtualBoard};
 
@@ -205,12 +206,8 @@ fn watchdog_watches_before_the_clocks_run() {
     assert_eq!(counters(&mut board).watchdog_resets, 1);
 }
 
-#[test]
-fn hard_fault_is_counted_and_adapter_restarts() {
-    let mut board = VirtualBoard::start(config(Crystal::new(8_000_000))).unwrap();
-    let board = &mut board;
-    expect_served(board);
-    // The function of the LED's task becomes an unmapped address.
+/// Makes the function of the LED's task an unmapped address: its next run is a hard fault.
+pub(super) fn break_led_task<A: Arm>(board: &mut VirtualBoard<A>) {
     let task = board.symbol("led4show4POOL").unwrap();
     let flash_end = 0x0800_0000 + chip().flash_size() as u32;
     let is_code = |word: u32| (0x0800_0000..flash_end).contains(&word) && word % 2 == 1;
@@ -218,6 +215,14 @@ fn hard_fault_is_counted_and_adapter_restarts() {
         .step_by(4)
         .find(|&at| is_code(board.read_word(at).unwrap()));
     board.write_word(function.unwrap(), 0x7000_0001).unwrap();
+}
+
+#[test]
+fn hard_fault_is_counted_and_adapter_restarts() {
+    let mut board = VirtualBoard::start(config(Crystal::new(8_000_000))).unwrap();
+    let board = &mut board;
+    expect_served(board);
+    break_led_task(board);
     let crashed = board.run_for(millis(200)).unwrap_err();
     assert!(
         matches!(
