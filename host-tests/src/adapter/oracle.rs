@@ -175,9 +175,10 @@ pub(super) struct Oracle {
     pub(super) stream_without_speed: bool,
     usb_last_sent: u64,
 
-    /// The end of the refusal of motion after a stop, and the start of the first stop in it.
+    /// The end of the refusal of motion after a stop.
     stopped_until: Option<u64>,
-    stopped_since: u64,
+    /// The time of the first stop without a reply, and the number of holds before it.
+    unanswered_stop: (u64, u32),
     /// A stop that is about to be requested is the first, and a stop was done.
     is_stop_new: bool,
     is_stop_done: bool,
@@ -409,13 +410,16 @@ impl Oracle {
 
     // ---- Stops ----
 
-    /// A stop is about to be requested.
-    pub(super) fn on_stop_request(&mut self, now: u64) {
+    /// A stop is about to be requested. With `joins`, an earlier one has no reply yet.
+    pub(super) fn on_stop_request(&mut self, now: u64, joins: bool) {
         if self.is_held {
             return;
         }
         if self.stopped_until.is_none() {
-            (self.stopped_since, self.holds_since) = (now, 0);
+            self.holds_since = 0;
+        }
+        if !joins {
+            self.unanswered_stop = (now, self.holds);
         }
         self.is_stop_new = self.stopped_until.is_none();
         self.stopped_until = Some(now + REFUSAL);
@@ -430,8 +434,8 @@ impl Oracle {
         self.streams.iter_mut().for_each(Stream::end);
         // A request that was sent in part is cut.
         self.half_frame |= self.usb_requests.pending() > 0;
-        // At another rate the host loses the line, and none of its bytes is a request.
-        self.gate = match self.wants_arms_rate {
+        // At another rate, in effect or pending, the host loses the line, and none of its bytes is a request.
+        self.gate = match self.at_arms_rate && !self.is_other_rate_pending {
             true => self.usb_requests.window().to_vec(),
             false => Vec::new(),
         };
@@ -484,10 +488,13 @@ impl Oracle {
             // The hold that it reports is recorded behind it.
             Reply::Done => self.is_stop_done = true,
             Reply::Failed(Failure::LineHeld) => assert!(self.is_held, "the line is held at {now} µs"),
-            Reply::Failed(Failure::ArmSilent) => assert!(
-                self.holds_since == 0 && now + INSTANT >= self.stopped_since + REFUSAL,
-                "a stop fails at {now} µs"
-            ),
+            Reply::Failed(Failure::ArmSilent) => {
+                let (since, holds) = self.unanswered_stop;
+                assert!(
+                    self.holds == holds && now + INSTANT >= since + REFUSAL,
+                    "a stop fails at {now} µs"
+                );
+            }
             reply => assert_eq!(*reply, Reply::Failed(Failure::Busy)),
         }
     }

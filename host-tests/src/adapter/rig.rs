@@ -349,7 +349,7 @@ impl Rig {
             Request::EndStream => self.oracle.on_end_stream(),
             // Requests of other hosts are refused before the reply.
             Request::HoldLine => self.oracle.may_be_held = true,
-            Request::Stop => self.oracle.on_stop_request(self.now),
+            Request::Stop => self.oracle.on_stop_request(self.now, !self.stops.is_empty()),
             _ => {}
         }
         self.reply = None;
