@@ -1,22 +1,20 @@
-//! An adapter on the command line: its port, identity and counters.
+//! An adapter on the command line: its port, and the holder of its line.
 
 use std::io::ErrorKind;
 
 use armwire_bridge::config::Can;
-use armwire_bridge::control::{Histogram, Identity, Latencies, LineState, Reply, Request};
-use armwire_bridge::store::Saved;
 use armwire_sim::slcan::BitRate;
 use clap::Args;
-use serde_json::{Map, Value, json};
 
 use crate::available::has_serial_port;
 use crate::control::ControlLink;
-use crate::describe::Fact;
 use crate::error::Error;
 use crate::line_holder;
 use crate::output::print_error;
-use crate::port::{Connection, Port};
+use crate::port::Port;
 use crate::serial::not_opened;
+
+pub(crate) use armwire_host::adapter::*;
 
 /// The port of an adapter.
 #[derive(Args, Debug, PartialEq, Eq)]
@@ -54,86 +52,11 @@ impl AdapterPort {
         let opened = self.port.connect(None)?.control();
         match (opened, &self.port) {
             // The error is the missing port, and not its missing control port.
-            (Err(Error::NoControl { .. }), Port::Serial(port)) if !has_serial_port(port) => {
-                Err(not_opened(port, &ErrorKind::NotFound.into()))
+            (Err(armwire_host::Error::NoControl { .. }), Port::Serial(port)) if !has_serial_port(port) => {
+                Err(not_opened(port, &ErrorKind::NotFound.into()).into())
             }
-            (opened, _) => opened,
+            (opened, _) => Ok(opened?),
         }
-    }
-}
-
-/// Reads an adapter's identity.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn identify(control: &mut ControlLink) -> Result<Identity, Error> {
-    match control.call(Request::Identify)? {
-        Reply::Identity(identity) => Ok(identity),
-        reply => Err(unexpected(control, &reply)),
-    }
-}
-
-/// An adapter's identity, as text and as JSON.
-pub(crate) fn identity(control: &mut ControlLink) -> Result<Fact, Error> {
-    let identity = identify(control)?;
-    let values = [
-        ("adapter_board", json!(identity.board)),
-        ("adapter_serial", json!(identity.serial)),
-        ("adapter_firmware", json!(identity.firmware)),
-        ("adapter_commit", json!(identity.commit)),
-        ("adapter_can_fd", json!(identity.can_fd)),
-    ];
-    Ok(Fact::of("adapter", describe(&identity), values))
-}
-
-/// An adapter's identity as text.
-pub(crate) fn describe(identity: &Identity) -> String {
-    let commit = match identity.commit.as_str() {
-        "" => String::new(),
-        commit => format!(" ({commit})"),
-    };
-    let can_fd = if identity.can_fd { ", CAN FD" } else { "" };
-    format!(
-        "{}, serial number {}, firmware {}{commit}{can_fd}",
-        identity.board, identity.serial, identity.firmware
-    )
-}
-
-/// Reads all counters of an adapter by their names, in the order of their declaration.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> {
-    match control.call(Request::GetCounters)? {
-        Reply::Counters(counters) => match serde_json::to_value(counters) {
-            Ok(Value::Object(counters)) => Ok(counters),
-            _ => unreachable!("a structure of numbers is a map"),
-        },
-        reply => Err(unexpected(control, &reply)),
-    }
-}
-
-/// An adapter's latency histograms.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn latencies(control: &mut ControlLink) -> Result<Latencies, Error> {
-    match control.call(Request::GetLatencies)? {
-        Reply::Latencies(latencies) => Ok(latencies),
-        reply => Err(unexpected(control, &reply)),
-    }
-}
-
-/// The line between an adapter and its arm. `None` from an adapter that is older than the question.
-pub(crate) fn line(control: &mut ControlLink) -> Result<Option<LineState>, Error> {
-    match control.call(Request::GetLine) {
-        Ok(Reply::Line(line)) => Ok(Some(line)),
-        Ok(reply) => Err(unexpected(control, &reply)),
-        Err(Error::Unsupported { .. }) => Ok(None),
-        Err(error) => Err(error),
     }
 }
 
@@ -145,24 +68,6 @@ pub(crate) fn report_holder(control: &mut ControlLink) -> Result<(), Error> {
     Ok(())
 }
 
-/// The state of an adapter in recovery, in words.
-pub const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused and \
-                            unchanged until 'armwire config' saves others";
-
-/// Returns true if the adapter is in recovery. An adapter of an older version never is.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn is_in_recovery(control: &mut ControlLink) -> Result<bool, Error> {
-    match control.call(Request::GetRecovery) {
-        Ok(Reply::Recovery { active }) => Ok(active),
-        Ok(reply) => Err(unexpected(control, &reply)),
-        Err(Error::Unsupported { .. }) => Ok(false),
-        Err(error) => Err(error),
-    }
-}
-
 /// Warns on standard error of an adapter in recovery.
 pub(crate) fn report_recovery(control: &mut ControlLink) -> Result<(), Error> {
     if is_in_recovery(control)? {
@@ -171,100 +76,11 @@ pub(crate) fn report_recovery(control: &mut ControlLink) -> Result<(), Error> {
     Ok(())
 }
 
-/// The warning for a program that moves the arm on this port, if it has an adapter in recovery. `None` if that cannot be
-/// known: the port has no adapter, another program has its control port, or it is on CAN, where an adapter in recovery is
-/// silent.
-pub fn recovery_warning(connection: &Connection) -> Option<String> {
-    let mut control = connection.usb_control()?;
-    let is_in_recovery = is_in_recovery(&mut control).ok()?;
-    is_in_recovery.then(|| format!("{}: the adapter has {RECOVERY}", control.name()))
-}
-
-/// The configuration in an adapter's flash.
-pub(crate) fn saved(control: &mut ControlLink) -> Result<Saved, Error> {
-    match control.call(Request::GetSaved)? {
-        Reply::Saved(saved) => Ok(saved),
-        reply => Err(unexpected(control, &reply)),
-    }
-}
-
-/// The measured quantities by name.
-pub(crate) fn histograms(latencies: &Latencies) -> [(&'static str, &'static str, &Histogram); 3] {
-    [
-        (
-            "answer",
-            "from a request's last byte to its answer's last byte",
-            &latencies.answer,
-        ),
-        (
-            "turn",
-            "from a request's arrival at the adapter to its first byte on the line",
-            &latencies.turn,
-        ),
-        (
-            "poll",
-            "from a poll's slot to its first byte on the line",
-            &latencies.poll,
-        ),
-    ]
-}
-
-/// The error for a reply of the wrong type.
-pub(crate) fn unexpected(control: &ControlLink, reply: &Reply) -> Error {
-    let reason = format!("the adapter sent a reply of the wrong type: {reply:?}");
-    Error::unacceptable(control.name(), reason)
-}
-
-/// Number of durations in a histogram.
-pub(crate) fn total(histogram: &Histogram) -> u64 {
-    histogram.counts.iter().map(|&count| u64::from(count)).sum()
-}
-
-/// A percentile in words; `None` without measurements.
-pub(crate) fn percentile(histogram: &Histogram, percent: u64) -> Option<String> {
-    let least = (total(histogram) * percent).div_ceil(100).max(1);
-    let mut sum = 0;
-    let bucket = histogram.counts.iter().position(|&count| {
-        sum += u64::from(count);
-        sum >= least
-    })?;
-    Some(limit(bucket))
-}
-
-/// A bucket in words, such as `< 512 µs`.
-pub(crate) fn limit(bucket: usize) -> String {
-    match Histogram::limit(bucket) {
-        Some(limit) => format!("< {} µs", limit.as_micros()),
-        None => format!("≥ {} µs", Histogram::limit(bucket - 1).unwrap_or_default().as_micros()),
-    }
-}
-
-/// A histogram as the upper limits of its buckets, in microseconds, with their counts. The last has no limit.
-pub(crate) fn histogram_json(histogram: &Histogram) -> Value {
-    let buckets = histogram.counts.iter().enumerate();
-    let buckets = buckets
-        .map(|(i, count)| json!({ "below_us": Histogram::limit(i).map(|limit| limit.as_micros()), "count": count }));
-    Value::Array(buckets.collect())
-}
-
 #[cfg(test)]
 mod tests {
     use armwire_bridge::can::Node;
 
     use super::*;
-
-    #[test]
-    fn adapter_tells_whether_it_has_can_fd() {
-        let mut identity = Identity::default();
-        identity.board.push_str("stm32g431").unwrap();
-        identity.firmware.push_str("0.1.0").unwrap();
-        identity.commit.push_str("1a2b3c4d5e6f").unwrap();
-        identity.can_fd = true;
-        assert_eq!(
-            describe(&identity),
-            "stm32g431, serial number , firmware 0.1.0 (1a2b3c4d5e6f), CAN FD"
-        );
-    }
 
     #[test]
     fn configuration_moves_an_adapter_on_can() {

@@ -33,14 +33,14 @@ impl Place {
     /// The port of any other arm.
     pub(crate) fn connect(&self) -> Result<Connection, Error> {
         let port: Port = self.port.parse().map_err(Error::Usage)?;
-        port.connect(self.baud.baud)
+        Ok(port.connect(self.baud.baud)?)
     }
 
     /// The control port of the adapter there.
     pub(crate) fn control(&self, connection: &Connection) -> Result<ControlLink, Error> {
         match &self.control {
-            Some(port) => port.connect(None)?.control(),
-            None => connection.control(),
+            Some(port) => Ok(port.connect(None)?.control()?),
+            None => Ok(connection.control()?),
         }
     }
 

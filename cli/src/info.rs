@@ -1,6 +1,5 @@
 //! `armwire info`: what arm is on a port, and how it is, and of what adapter the port is.
 
-use armwire::alpha1::Alpha1;
 use armwire_bridge::config::{Can, Poll};
 use clap::Args;
 
@@ -11,7 +10,7 @@ use crate::describe::{Arm, Fact, object};
 use crate::error::Error;
 use crate::link::{LineErrors, Link};
 use crate::output::{print_json, print_line};
-use crate::{config, legacy, line_holder};
+use crate::{legacy, line_holder};
 
 /// The arguments of `armwire info`.
 #[derive(Args)]
@@ -61,8 +60,8 @@ impl Report {
             // A control port on the command line must work.
             Err(error) if place.control.is_some() => return Err(error),
             // There may be no adapter, or an arm that answers without it.
-            Err(Error::NoControl { .. }) => {}
-            Err(error @ Error::Usb { .. }) => {
+            Err(Error::Host(armwire_host::Error::NoControl { .. })) => {}
+            Err(error @ Error::Host(armwire_host::Error::Usb { .. })) => {
                 self.add(Fact::words("adapter", format_args!("unknown: {error}")))?;
             }
             Err(error) => return Err(error),
@@ -71,7 +70,7 @@ impl Report {
             return Ok(());
         }
         let LineErrors { noise_bytes, .. } = match place.arm {
-            ArmKind::Alpha1 => self.arm(connection.arm::<Alpha1>()?)?,
+            ArmKind::Alpha1 => self.arm(connection.alpha1()?)?,
             ArmKind::Ling | ArmKind::Xarm => self.arm(legacy::open(&connection)?)?,
         };
         let text = match noise_bytes {
@@ -103,7 +102,7 @@ impl Report {
         if is_in_recovery(control)? {
             self.add(Fact::words("recovery", RECOVERY))?;
         }
-        let config = config::get(control)?;
+        let config = armwire_host::config::get(control)?;
         let poll = match config.poll {
             Poll::Off => "off".to_owned(),
             Poll::Fastest => "fastest".to_owned(),
@@ -115,7 +114,12 @@ impl Report {
             millis => format!("after {millis} ms"),
         };
         let text = format!("arm {}, poll {poll}, silence {silence}", config.arm);
-        self.add(Fact::new("configured", "config", config::object(&config), text))?;
+        self.add(Fact::new(
+            "configured",
+            "config",
+            armwire_host::config::object(&config),
+            text,
+        ))?;
         self.add(Fact::of("can", can(&config.can), []))?;
         match line(control)?.as_ref().and_then(line_holder::describe) {
             Some(holder) => self.add(Fact::words("rate", holder)),

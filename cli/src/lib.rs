@@ -5,50 +5,28 @@
 
 mod adapter;
 mod args;
-mod available;
 mod call;
-mod can;
 mod config;
 mod confirm;
-mod control;
 mod counters;
 mod decode;
-mod describe;
 mod error;
-mod hex;
-#[cfg(feature = "hid")]
-mod hid;
-#[cfg(not(feature = "hid"))]
-#[path = "no_hid.rs"]
-mod hid;
-mod hid_selector;
 mod hold;
 mod info;
-mod legacy;
-mod line_holder;
-mod link;
 mod list;
 mod monitor;
 mod motion;
 #[cfg(feature = "recordings")]
 mod new_file;
 mod output;
-mod port;
-mod port_holder;
-mod printable;
-mod received;
 #[cfg(feature = "recordings")]
 mod recording;
 #[cfg(feature = "selftest")]
 pub mod selftest;
-mod serial;
 mod signals;
 #[cfg(unix)]
 mod sim;
-pub mod stamps;
 mod stop;
-mod stopwatch;
-mod tcp;
 mod update;
 
 use std::ffi::OsString;
@@ -65,21 +43,9 @@ use terminal_size::Width;
 pub use args::{ArmKind, Speaker};
 pub use decode::decode;
 
-/// Ports, blocking calls and errors with remedies, for other programs.
-pub mod host {
-    pub use crate::adapter::{RECOVERY, counters, identify, is_in_recovery, latencies, recovery_warning};
-    pub use crate::config::{get as config, object as config_object, set as change_config};
-    pub use crate::control::ControlLink;
-    pub use crate::describe::{Arm, Fact, Protocol};
-    pub use crate::error::Error;
-    pub use crate::hid_selector::Selector;
-    pub use crate::legacy::open as open_ling;
-    pub use crate::link::{Interrupt, Line, LineErrors, Link, Names, Reception};
-    pub use crate::port::{Connection, Port};
-    pub use crate::received::Missing;
-    pub use crate::stop::{stop, stop_interruptibly};
-    pub use crate::tcp::Host;
-}
+pub(crate) use armwire_host::{
+    available, control, describe, hex, hid, legacy, line_holder, link, port, printable, serial, stamps, stopwatch, tcp,
+};
 
 use error::Error;
 use output::print_error;
@@ -163,7 +129,9 @@ pub fn run_from(args: &[OsString]) -> bool {
         Ok(()) => true,
         // The reader of the output is gone, as with `| head`: this is no error.
         Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => true,
-        Err(Error::Usage(text)) => command().error(ErrorKind::ValueValidation, text).exit(),
+        Err(Error::Usage(text) | Error::Host(armwire_host::Error::Port(text))) => {
+            command().error(ErrorKind::ValueValidation, text).exit()
+        }
         Err(error) => {
             print_error(&error);
             false

@@ -1,6 +1,6 @@
 //! `armwire list`: the ports of this computer, and the adapters and arms on them.
 
-use armwire::alpha1::{self, Alpha1};
+use armwire::alpha1;
 use armwire::ling;
 use armwire_bridge::config::ArmKind;
 use clap::Args;
@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::link::Link;
 use crate::output::{print_json, print_line};
 use crate::port::{Connection, Port};
-use crate::{available, config, hid, legacy};
+use crate::{available, hid, legacy};
 
 /// The arguments of `armwire list`.
 #[derive(Args)]
@@ -73,7 +73,7 @@ fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
     let described = match name
         .parse::<Port>()
         .map_err(Error::Usage)
-        .and_then(|port| port.connect(None))
+        .and_then(|port| Ok(port.connect(None)?))
     {
         Ok(connection) if is_adapter => on_adapter(&connection),
         Ok(connection) if is_asked => arm(&connection),
@@ -88,11 +88,13 @@ fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
 fn on_adapter(connection: &Connection) -> Result<Vec<Fact>, Error> {
     let mut control: ControlLink = connection.control()?;
     let mut facts = vec![identity(&mut control)?];
-    let arm = config::get(&mut control).and_then(|config| match config.arm {
-        ArmKind::Ling => ling(connection),
-        ArmKind::Alpha1 => alpha1(connection),
-        ArmKind::Alpha1Servo | ArmKind::Raw => Ok(Vec::new()),
-    });
+    let arm = armwire_host::config::get(&mut control)
+        .map_err(Error::from)
+        .and_then(|config| match config.arm {
+            ArmKind::Ling => ling(connection),
+            ArmKind::Alpha1 => alpha1(connection),
+            ArmKind::Alpha1Servo | ArmKind::Raw => Ok(Vec::new()),
+        });
     // Without its arm, the adapter is still there.
     facts.extend(arm.unwrap_or_else(|error| vec![Fact::words("error", error)]));
     Ok(facts)
@@ -104,12 +106,14 @@ fn arm(connection: &Connection) -> Result<Vec<Fact>, Error> {
         return alpha1(connection);
     }
     match ling(connection) {
-        Err(Error::NoAnswer { .. }) => {}
-        Err(Error::Legacy { .. }) => return Ok(vec![Fact::words("arm", "Ling of the older generation")]),
+        Err(Error::Host(armwire_host::Error::NoAnswer { .. })) => {}
+        Err(Error::Host(armwire_host::Error::Legacy { .. })) => {
+            return Ok(vec![Fact::words("arm", "Ling of the older generation")]);
+        }
         known => return known,
     }
     match alpha1(connection) {
-        Err(Error::NoAnswer { .. }) => Ok(vec![Fact::words("arm", "no answer")]),
+        Err(Error::Host(armwire_host::Error::NoAnswer { .. })) => Ok(vec![Fact::words("arm", "no answer")]),
         known => known,
     }
 }
@@ -119,7 +123,7 @@ fn ling(connection: &Connection) -> Result<Vec<Fact>, Error> {
 }
 
 fn alpha1(connection: &Connection) -> Result<Vec<Fact>, Error> {
-    answer(connection.arm::<Alpha1>()?, &alpha1::Request::ReadHardwareVersion)
+    answer(connection.alpha1()?, &alpha1::Request::ReadHardwareVersion)
 }
 
 fn answer<P: Arm>(mut link: Link<P>, request: &P::Request<'_>) -> Result<Vec<Fact>, Error> {

@@ -171,7 +171,7 @@ fn read_until(
 ) -> Result<(JointState, bool), Error> {
     let start = Instant::now();
     loop {
-        signals::check().map_err(Error::Interrupted)?;
+        signals::check().map_err(armwire_host::Error::Interrupted)?;
         let state = read_joints(link)?;
         let is_so = is_so(start.elapsed(), &state);
         if is_so || start.elapsed() >= timeout {

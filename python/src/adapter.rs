@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{Event, Histogram, Identity, Latencies, Request, Stamp, Subscription};
-use armwire_cli::host::{self, ControlLink, Error, Port};
+use armwire_host::{self as host, ControlLink, Error, Port};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde_json::{Value, json};
@@ -73,7 +73,7 @@ impl AdapterPort {
         self.0.with(py, |control| {
             let mut config = host::config(control)?;
             for setting in &settings {
-                host::change_config(&mut config, setting).map_err(Error::Usage)?;
+                host::change_config(&mut config, setting).map_err(Error::Port)?;
             }
             control.call(Request::SetConfig(config)).map(drop)
         })

@@ -7,7 +7,7 @@ use armwire::alpha1::{
     Action, Address, Alpha1, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, Response, SERVOS, ServoId,
     ServoRequest, ServoResponse, Text, UsbType,
 };
-use armwire_cli::host::{Link, Port, recovery_warning};
+use armwire_host::{Link, Port, recovery_warning};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 

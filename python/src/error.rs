@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use armwire_cli::host::{Error, Missing};
+use armwire_host::{Error, Missing};
 use pyo3::PyErr;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 
@@ -36,7 +36,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
             Ok(exception) => *exception,
             Err(reason) => PyValueError::new_err(reason.to_string()),
         },
-        Error::Usage(_) => PyValueError::new_err(text),
+        Error::Port(_) => PyValueError::new_err(text),
         Error::NoAnswer { missing, .. } => match missing {
             Missing::Damaged => DamagedError::new_err(text),
             Missing::Late => LateError::new_err(text),

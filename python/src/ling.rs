@@ -8,7 +8,7 @@ use armwire::ling::{
     Stroke, TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
-use armwire_cli::host::{Error, Port, open_ling, recovery_warning};
+use armwire_host::{Error, Port, open_ling, recovery_warning};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 

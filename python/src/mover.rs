@@ -4,7 +4,7 @@ use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
     GripperSpeed, JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Speed, Torque,
 };
-use armwire_cli::host::{Error, Link, stop_interruptibly};
+use armwire_host::{Error, Link, stop_interruptibly};
 
 use crate::session::{call, send};
 

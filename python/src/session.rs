@@ -5,7 +5,7 @@ use std::ffi::CString;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
-use armwire_cli::host::{Arm, Error, Link, Missing};
+use armwire_host::{Arm, Error, Link, Missing};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 

@@ -3,7 +3,7 @@
 use armwire::xarm::{
     Joint, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, TorqueSource, VersionText, XArm,
 };
-use armwire_cli::host::{Host, Link};
+use armwire_host::{Host, Link};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 

@@ -9,8 +9,8 @@ use armwire::ling::{self, JOINTS, Ling, Request, Response, Stroke};
 use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Subscription};
-use armwire_cli::host::{self, ControlLink, Error, Link, open_ling};
-use armwire_cli::stamps::{self, Clock};
+use armwire_host::stamps::{self, Clock};
+use armwire_host::{self as host, ControlLink, Error, Link, open_ling};
 use ros2_client::{ReadError, RmwRequestId};
 
 use crate::diagnostics::Diagnostics;

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use armwire::ling::MotionStatus;
-use armwire_cli::stamps;
+use armwire_host::stamps;
 
 use crate::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Time};
 

@@ -10,7 +10,7 @@
 //!                        │ │ ◄── trajectory   ◄── JointTrajectory on NAME/joint_trajectory
 //!                        │ │ ◄─► services     ◄─► SetBool on NAME/torque, Trigger on NAME/set_zero
 //!                        │ └───► diagnostics  ──► DiagnosticArray on /diagnostics
-//!                        └── armwire_cli::stamps: the adapter's clock in system time
+//!                        └── armwire_host::stamps: the adapter's clock in system time
 //! ```
 //!
 //! The path of a `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),

@@ -1,6 +1,6 @@
 //! The ROS 2 messages of the node, with fields in the order of their `.msg` and `.srv` files.
 
-use armwire_cli::stamps::ros_time;
+use armwire_host::stamps::ros_time;
 use ros2_client::Message;
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::net::Ipv4Addr;
 
 use armwire::ling::JOINTS;
-use armwire_cli::host::Port;
+use armwire_host::Port;
 use clap::{Parser, ValueEnum};
 
 use crate::joint_states;

@@ -60,7 +60,7 @@ impl Call {
                 }
             }
             ToArm::Alpha1(OnPort { arm, command }) => {
-                call::<Alpha1>(&mut arm.connect()?.arm()?, &command.request(), json)
+                call::<Alpha1>(&mut arm.connect()?.alpha1()?, &command.request(), json)
             }
             ToArm::Xarm(xarm) => {
                 // Before there is a connection, for the request may be none.

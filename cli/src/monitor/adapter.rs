@@ -13,7 +13,6 @@ use super::polled::{Readable, news};
 use super::reading::{News, OnFrame, Source};
 use super::recorder::Recorder;
 use crate::adapter::RECOVERY;
-use crate::config;
 use crate::control::ControlLink;
 use crate::error::Error;
 use crate::link::LineErrors;
@@ -32,7 +31,7 @@ struct Subscribed<P> {
 
 /// Subscribes to all events of the adapter.
 pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<dyn Source>, Error> {
-    let config = config::get(&mut control)?;
+    let config = armwire_host::config::get(&mut control)?;
     let source = match config.arm {
         ArmKind::Ling => Subscribed::<Ling>::open,
         ArmKind::Alpha1 => Subscribed::<Alpha1>::open,

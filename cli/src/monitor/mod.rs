@@ -17,26 +17,19 @@ mod recorder;
 mod recorder;
 mod session;
 mod table;
-#[cfg(feature = "recordings")]
-mod tap;
 mod view;
 mod xarm;
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use armwire::alpha1::Alpha1;
-use armwire::ling::Ling;
-use armwire::ling::legacy::Legacy;
-use armwire::xarm::XArm;
+use armwire_host::open_ling;
 use clap::Args;
 
 use crate::adapter::identify;
 use crate::args::{ArmKind, Place};
-use crate::describe::Arm;
 use crate::error::Error;
-use crate::legacy as generation;
-use crate::tcp::Tcp;
+use crate::link::Link;
 
 use output::Form;
 use polled::Polled;
@@ -84,7 +77,7 @@ impl Monitor {
                 session.watch(&mut watched, self.rate, &mut recorder)
             });
             match watched {
-                Err(Error::Legacy { name, legacy }) if !is_legacy => {
+                Err(Error::Host(armwire_host::Error::Legacy { name, legacy })) if !is_legacy => {
                     session.notify(format!("{name}: this is {legacy}"))?;
                     is_legacy = true;
                 }
@@ -111,25 +104,15 @@ impl Monitor {
             return Ok(Watched { source, adapter: None });
         }
         if matches!(self.place.arm, ArmKind::Xarm) {
-            let line = Box::new(Tcp::connect(&self.place.host()?, false)?);
-            let link = recorder.link(line, XArm::CONFIG);
+            let link = recorder.tapped(Link::connect(&self.place.host()?)?);
             let source = Box::new(xarm::PolledXArm::new(link));
             return Ok(Watched { source, adapter: None });
         }
         let connection = self.place.connect()?;
         let source: Box<dyn Source> = match self.place.arm {
-            ArmKind::Alpha1 => {
-                let (line, config) = connection.line::<Alpha1>()?;
-                Box::new(Polled::<Alpha1>(recorder.link(line, config)))
-            }
-            _ if is_legacy => {
-                let (line, config) = connection.line::<Legacy>()?;
-                Box::new(legacy::Listener::new(recorder.link(line, config)))
-            }
-            _ => {
-                let (line, config) = generation::line(&connection)?;
-                Box::new(Polled::<Ling>(recorder.link(line, config)))
-            }
+            ArmKind::Alpha1 => Box::new(Polled(recorder.tapped(connection.alpha1()?))),
+            _ if is_legacy => Box::new(legacy::Listener::new(recorder.tapped(connection.legacy()?))),
+            _ => Box::new(Polled(recorder.tapped(open_ling(&connection)?))),
         };
         let adapter = match self.place.control(&connection) {
             // A control port that the user names must have an adapter that answers.
@@ -139,7 +122,7 @@ impl Monitor {
                 Some(Ok(control))
             }
             _ if form != Form::Screen => None,
-            Err(Error::NoControl { .. }) => None,
+            Err(Error::Host(armwire_host::Error::NoControl { .. })) => None,
             control => Some(control),
         };
         Ok(Watched { source, adapter })

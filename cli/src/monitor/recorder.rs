@@ -6,14 +6,11 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use armwire::Config;
-
 use super::reading::OnFrame;
-use super::tap::Tap;
 use crate::args::Speaker;
 use crate::describe::{Arm, Protocol};
 use crate::error::Error;
-use crate::link::{Line, Link};
+use crate::link::Link;
 use crate::new_file;
 use crate::recording::{Capture, Frame, Writer};
 use crate::stamps::{Clock, now};
@@ -57,17 +54,16 @@ impl Recorder {
         self.path.is_some()
     }
 
-    /// A link over this line, with a tap on it.
-    pub(super) fn link<P>(&self, line: Box<dyn Line>, config: Config) -> Link<P>
+    /// The link, whose bytes are recorded from now on.
+    pub(super) fn tapped<P>(&self, mut link: Link<P>) -> Link<P>
     where
         P: Arm + Send + 'static,
         P::Expect: Send,
     {
-        let line = match self.is_on() {
-            true => Box::new(Tap::<P>::new(line, Capture::new(self.sender.clone()))),
-            false => line,
-        };
-        Link::new(line, config)
+        if self.is_on() {
+            link.set_tap(Capture::<P>::new(self.sender.clone()));
+        }
+        link
     }
 
     /// A recipient of frames that an adapter stamped.

@@ -116,7 +116,7 @@ impl<'a> Session<'a> {
     pub(super) fn may_come_back(&self, error: &Error) -> bool {
         match error {
             Error::Recording { .. } => false,
-            Error::Lost { .. } => self.is_waiting || self.model.answered > 0,
+            Error::Host(armwire_host::Error::Lost { .. }) => self.is_waiting || self.model.answered > 0,
             _ => self.is_waiting,
         }
     }
@@ -208,7 +208,7 @@ impl<'a> Session<'a> {
             }
             Ok(News::Nothing) => Ok(Step::Nothing),
             // The line may be noisy, or the arm may be off for a while.
-            Err(Error::NoAnswer { name, cause, bytes, .. })
+            Err(Error::Host(armwire_host::Error::NoAnswer { name, cause, bytes, .. }))
                 if bytes > 0 || self.has_received || now < time::Instant::ZERO + SILENCE_TIMEOUT =>
             {
                 self.has_received |= bytes > 0;
@@ -278,15 +278,16 @@ mod tests {
 
     use super::*;
     use crate::link::LineErrors;
-    use crate::received::Missing;
+    use armwire_host::Missing;
 
     fn no_answer(bytes: usize) -> Error {
-        Error::NoAnswer {
+        armwire_host::Error::NoAnswer {
             name: "PORT".to_owned(),
             cause: "no answer".to_owned(),
             missing: Missing::Silent,
             bytes,
         }
+        .into()
     }
 
     /// A session after [`SILENCE_TIMEOUT`], on a line with these numbers of bytes instead of answers.

@@ -5,6 +5,8 @@ use std::sync::mpsc::Sender;
 
 use armwire::decoder::{Decoder, Kind};
 use armwire::xarm::MAX_FRAME;
+use armwire_host::Tap;
+use armwire_host::stamps::now;
 
 use super::frame::Frame;
 use crate::args::Speaker;
@@ -30,6 +32,20 @@ impl<P: Arm> Capture<P> {
             Speaker::Host => self.to_arm.push(bytes, now),
             Speaker::Arm => self.from_arm.push(bytes, now),
         }
+    }
+}
+
+impl<P> Tap for Capture<P>
+where
+    P: Arm + Send,
+    P::Expect: Send,
+{
+    fn sent(&mut self, bytes: &[u8]) {
+        self.push(Speaker::Host, bytes, now());
+    }
+
+    fn received(&mut self, bytes: &[u8]) {
+        self.push(Speaker::Arm, bytes, now());
     }
 }
 

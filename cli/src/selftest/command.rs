@@ -62,7 +62,7 @@ impl Selftest {
     /// The checks, and the result of printing each as it ended.
     fn check(&self, plan: &Plan, stop: &AtomicBool) -> Result<(Vec<Check>, Result<(), Error>), Error> {
         if !Path::new(&self.port).exists() {
-            return Err(not_opened(&self.port, &ErrorKind::NotFound.into()));
+            return Err(not_opened(&self.port, &ErrorKind::NotFound.into()).into());
         }
         let info = usb::find(&self.port)?;
         self.confirm.prompt(DANGER)?;

@@ -6,7 +6,7 @@ use armwire::ling::{Ling, Opening};
 use armwire_bridge::control::STOP_MS;
 use clap::Args;
 
-use super::{show, stop};
+use super::show;
 use crate::args::{ArmKind, Place};
 use crate::call::call;
 use crate::call::ling::opening;
@@ -15,6 +15,7 @@ use crate::legacy;
 use crate::link::Link;
 use crate::output::{print_error, print_line};
 use crate::port::Connection;
+use armwire_host::{Error as Host, stop};
 
 /// The arguments of `armwire stop`.
 #[derive(Args)]
@@ -34,11 +35,11 @@ impl StopArm {
             return Err(Error::refused(&self.place.port, reason));
         }
         self.stop().map_err(|error| match error {
-            Error::InUse { name, holder } => {
+            Error::Host(Host::InUse { name, holder }) => {
                 let cause = format!(
                     "the port is in use by {holder}: only Ctrl-C there, or the switch of the arm's supply, stops the arm"
                 );
-                Error::NotStopped { name, cause }
+                Host::NotStopped { name, cause }.into()
             }
             error => error,
         })
@@ -54,12 +55,15 @@ impl StopArm {
 
     /// Stops the arm by the adapter's own request, whatever else runs. Returns false without an adapter that can.
     fn by_adapter(&self, connection: &Connection) -> Result<bool, Error> {
-        let stopped = self.place.control(connection).and_then(|mut control| control.stop());
+        let stopped = self
+            .place
+            .control(connection)
+            .and_then(|mut control| Ok(control.stop()?));
         match stopped {
             Ok(()) => {}
-            Err(Error::NoControl { .. }) if self.place.control.is_none() => return Ok(false),
+            Err(Error::Host(Host::NoControl { .. })) if self.place.control.is_none() => return Ok(false),
             // The adapter has decided, or there is no other way.
-            Err(error @ Error::Refused { .. }) => return Err(error),
+            Err(error @ Error::Host(Host::Refused { .. })) => return Err(error),
             Err(error) if connection.is_control() => return Err(error),
             Err(error) => {
                 print_error(&format_args!("{error}; trying the arm's port"));
@@ -83,7 +87,7 @@ impl StopArm {
             ArmKind::Alpha1 if self.gripper.is_some() => {
                 Err(Error::Usage("--gripper does not apply to an alpha1".to_owned()))
             }
-            ArmKind::Alpha1 => call::<Alpha1>(&mut connection.arm()?, &alpha1::Request::Stop, false),
+            ArmKind::Alpha1 => call::<Alpha1>(&mut connection.alpha1()?, &alpha1::Request::Stop, false),
             ArmKind::Ling | ArmKind::Xarm => self.ling(&mut legacy::open(connection)?),
         }
     }

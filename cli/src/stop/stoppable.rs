@@ -2,7 +2,9 @@
 
 use armwire::ling::{Ling, Move};
 
-use super::{show, stop};
+use armwire_host::{Error as Host, stop};
+
+use super::show;
 use crate::args::ArmPort;
 use crate::error::Error;
 use crate::legacy;
@@ -18,7 +20,7 @@ impl Stoppable {
         signals::catch_first()?;
         let mut link = legacy::open(&arm.connect()?)?;
         link.set_interrupt(signals::check);
-        signals::check().map_err(Error::Interrupted)?;
+        signals::check().map_err(Host::Interrupted)?;
         Ok(Self(link))
     }
 
@@ -32,13 +34,13 @@ impl Stoppable {
         target: &Move,
         motion: impl FnOnce(&mut Link<Ling>) -> Result<T, Error>,
     ) -> Result<T, Error> {
-        signals::check().map_err(Error::Interrupted)?;
+        signals::check().map_err(Host::Interrupted)?;
         let result = motion(&mut self.0);
         if signals::check().is_ok() {
             return result;
         }
         let (gripper, _speed) = target.gripper;
         let stopped = stop(&mut self.0, Some(gripper))?;
-        Err(Error::Interrupted(show(&stopped).into()))
+        Err(Host::Interrupted(show(&stopped).into()).into())
     }
 }

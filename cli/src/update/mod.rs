@@ -109,7 +109,12 @@ impl Update {
             return Err(Error::at(DFU_UTIL, format!("failed ({status}): {again}")));
         }
         dfu_util.leave(progress);
-        let back = || self.adapter.open().and_then(|mut control| identify(&mut control)).ok();
+        let back = || {
+            self.adapter
+                .open()
+                .and_then(|mut control| Ok(identify(&mut control)?))
+                .ok()
+        };
         match repeat(back) {
             Some(identity) => print_line(format!("{name}: {}", describe(&identity))),
             None => {

@@ -2,7 +2,7 @@
 
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{GripperSpeed, JointState, Ling, Move, Opening, Position, Request, Response, Speed};
-use armwire_cli::host::{Error, Link, Port, open_ling, stop, stop_interruptibly};
+use armwire_host::{Error, Link, Port, open_ling, stop, stop_interruptibly};
 use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 

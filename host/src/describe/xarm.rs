@@ -10,9 +10,9 @@ use crate::hex;
 
 /// The register of joint positions, which the document does not have. It is read as the vendor's package does: seven
 /// little-endian floating-point numbers in radians, of which an arm with fewer axes uses the first.
-pub(crate) const POSITIONS: u8 = 42;
+pub const POSITIONS: u8 = 42;
 /// Number of joint positions in a message, for every model.
-pub(crate) const JOINTS: usize = 7;
+pub const JOINTS: usize = 7;
 
 impl Arm for XArm {
     const PROTOCOL: Protocol = Protocol::Xarm;
@@ -167,7 +167,7 @@ fn version(text: &VersionText<'_>) -> Vec<Fact> {
 }
 
 /// The joints of an arm with so many axes, if known, and its state, from the register of [positions](POSITIONS).
-pub(crate) fn positions(state: State, params: &[u8], axes: Option<usize>) -> Vec<Fact> {
+pub fn positions(state: State, params: &[u8], axes: Option<usize>) -> Vec<Fact> {
     let known = match params.as_chunks() {
         (positions, []) if positions.len() == JOINTS && axes.is_some() => Some(positions),
         _ => None,

@@ -5,7 +5,7 @@ use crate::hid_selector::Selector;
 use crate::link::Line;
 
 /// No names.
-pub(crate) const fn alpha1_names() -> Vec<String> {
+pub const fn alpha1_names() -> Vec<String> {
     Vec::new()
 }
 
@@ -14,7 +14,7 @@ pub(crate) const fn alpha1_names() -> Vec<String> {
 /// # Errors
 ///
 /// Always, with the programs that do open it.
-pub(crate) fn open(selector: &Selector) -> Result<Box<dyn Line>, Error> {
+pub fn open(selector: &Selector) -> Result<Box<dyn Line>, Error> {
     Err(Error::at(
         &format!("hid:{selector}"),
         "HID devices are not supported by this build: use the `armwire` command of `cargo install --path cli`, or connect \

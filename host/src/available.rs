@@ -9,19 +9,19 @@ use serial2::SerialPort;
 const CAN_TYPE: &str = "280";
 
 /// Serial ports, and CAN interfaces.
-pub(crate) fn ports() -> Vec<String> {
+pub fn ports() -> Vec<String> {
     let interfaces = can_interfaces().into_iter().map(|name| format!("can:{name}"));
     serial_ports().into_iter().chain(interfaces).collect()
 }
 
 /// Serial ports, as paths.
-pub(crate) fn serial_ports() -> Vec<String> {
+pub fn serial_ports() -> Vec<String> {
     let ports = SerialPort::available_ports().unwrap_or_default();
     ports.iter().map(|port| port.to_string_lossy().into_owned()).collect()
 }
 
 /// Returns true if this computer has this serial port. Windows ignores case, and a prefix.
-pub(crate) fn has_serial_port(port: &str) -> bool {
+pub fn has_serial_port(port: &str) -> bool {
     if cfg!(windows) {
         let port = port.trim_start_matches(r"\\.\");
         return serial_ports().iter().any(|known| known.eq_ignore_ascii_case(port));
@@ -31,7 +31,7 @@ pub(crate) fn has_serial_port(port: &str) -> bool {
 }
 
 /// The interfaces that Linux has for CAN. Other systems have none.
-pub(crate) fn can_interfaces() -> Vec<String> {
+pub fn can_interfaces() -> Vec<String> {
     let Ok(entries) = fs::read_dir("/sys/class/net") else {
         return Vec::new();
     };

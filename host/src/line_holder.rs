@@ -4,7 +4,7 @@ use armwire_bridge::control::{LineHolder, LineState};
 use armwire_bridge::{LineCoding, Parity, StopBits};
 
 /// The holder of the line, and its rate. `None` if all hosts take turns at the arm's rate.
-pub(crate) fn describe(line: &LineState) -> Option<String> {
+pub fn describe(line: &LineState) -> Option<String> {
     let (coding, arm) = (rate(line.coding), rate(line.arm));
     let refused = "polls and CAN are refused";
     Some(match (line.holder, line.waiting) {

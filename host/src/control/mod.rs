@@ -1,6 +1,6 @@
 //! An adapter's control port: requests and events, over USB, CAN or a port of its own.
 
-pub(crate) mod usb;
+pub mod usb;
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -33,10 +33,10 @@ pub struct ControlLink {
 }
 
 /// A message of the adapter.
-pub(crate) type Received = Result<FromAdapter, Malformed>;
+pub type Received = Result<FromAdapter, Malformed>;
 
 /// A transport of messages.
-pub(crate) trait Transport: Send {
+pub trait Transport: Send {
     /// The name on the command line.
     fn name(&self) -> &str;
 
@@ -70,7 +70,7 @@ fn first_sequence() -> u8 {
 
 impl ControlLink {
     /// On USB, or on a port of its own.
-    pub(crate) fn on_line(line: Box<dyn Line>) -> Self {
+    pub fn on_line(line: Box<dyn Line>) -> Self {
         Self::new(Box::new(Stream {
             line,
             reader: Reader::new(),
@@ -79,7 +79,7 @@ impl ControlLink {
         }))
     }
 
-    pub(crate) fn new(transport: Box<dyn Transport>) -> Self {
+    pub fn new(transport: Box<dyn Transport>) -> Self {
         Self {
             transport,
             sequence: first_sequence(),

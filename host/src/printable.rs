@@ -4,7 +4,7 @@
 const MAX_SHOWN: usize = 120;
 
 /// The text in one line, with escapes in place of characters that a terminal would act on.
-pub(crate) fn escaped(text: &str) -> String {
+pub fn escaped(text: &str) -> String {
     let mut line = String::with_capacity(text.len());
     for character in text.chars() {
         match character {
@@ -16,7 +16,7 @@ pub(crate) fn escaped(text: &str) -> String {
 }
 
 /// JSON, with escapes of its own in place of characters that a terminal would act on. All of them are in its strings.
-pub(crate) fn escaped_json(json: &str) -> String {
+pub fn escaped_json(json: &str) -> String {
     let mut text = String::with_capacity(json.len());
     for character in json.chars() {
         if character == '\n' || !character.escape_debug().to_string().starts_with("\\u") {
@@ -31,7 +31,7 @@ pub(crate) fn escaped_json(json: &str) -> String {
 }
 
 /// The text, cut after [`MAX_SHOWN`] characters.
-pub(crate) fn cut(text: &str) -> String {
+pub fn cut(text: &str) -> String {
     match text.char_indices().nth(MAX_SHOWN) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text.to_owned(),

@@ -12,6 +12,7 @@ use crate::describe::Arm;
 use crate::error::Error;
 use crate::received::Received;
 use crate::stopwatch::Stopwatch;
+use crate::tap::{Tap, Tapped};
 
 /// Buffer size: the longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;
@@ -70,7 +71,7 @@ pub enum Reception {
 pub type Interrupt = fn() -> Result<(), Box<dyn error::Error + Send + Sync>>;
 
 /// Returns true if a read or write failed only because it would block.
-pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
+pub fn is_nothing_yet(error: &io::Error) -> bool {
     matches!(
         error.kind(),
         ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
@@ -106,7 +107,7 @@ impl LineErrors {
 
 /// An open line with a client on it.
 pub struct Link<P: Arm> {
-    line: Box<dyn Line>,
+    line: Tapped,
     client: Client<P, BUFFER>,
     /// Bytes read but not yet passed to the client.
     unread: Vec<u8>,
@@ -120,7 +121,7 @@ impl<P: Arm> Link<P> {
     /// A client on this line with the timing in `config`.
     pub fn new(line: Box<dyn Line>, config: Config) -> Self {
         Self {
-            line,
+            line: Tapped::new(line),
             client: Client::new(P::default(), config),
             unread: Vec::new(),
             clock: Stopwatch::start(),
@@ -139,6 +140,11 @@ impl<P: Arm> Link<P> {
     /// [`Error::Interrupted`].
     pub fn set_interrupt(&mut self, interrupt: Interrupt) {
         self.interrupt = Some(interrupt);
+    }
+
+    /// Gives `tap` all bytes from now on, in both directions.
+    pub fn set_tap(&mut self, tap: impl Tap + 'static) {
+        self.line.tap = Some(Box::new(tap));
     }
 
     /// Runs the interrupt's check.
@@ -234,7 +240,7 @@ impl<P: Arm> Link<P> {
 
     /// The arm's unsolicited responses, converted by `take`, after a wait of at most this long for the first byte. `None`
     /// if no byte came.
-    pub(crate) fn unsolicited<T>(
+    pub fn unsolicited<T>(
         &mut self,
         wait: Duration,
         mut take: impl FnMut(P::Response<'_>) -> T,

@@ -33,7 +33,7 @@ impl Arm for Legacy {
 }
 
 /// Raw counts: their scale depends on the gripper. Null before the first one is received.
-pub(crate) fn gripper(state: Option<&GripperState>) -> Vec<Fact> {
+pub fn gripper(state: Option<&GripperState>) -> Vec<Fact> {
     let raw = |name: &str, value: fn(&GripperState) -> u16| {
         let (key, value) = (format!("{}_raw", name.replace(' ', "_")), state.map(value));
         let text = value.map_or("-".to_owned(), |value| value.to_string());

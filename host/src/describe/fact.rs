@@ -10,40 +10,40 @@ use crate::printable::escaped;
 #[derive(Clone, Debug)]
 pub struct Fact {
     /// The name in text, for example `joints`.
-    pub(crate) name: String,
+    pub name: String,
     /// In words that a terminal may show, such as `+45.00° -10.00°`.
-    pub(crate) text: String,
+    pub text: String,
     /// The values: one, or one for each joint.
-    pub(crate) items: Vec<Item>,
+    pub items: Vec<Item>,
 }
 
 /// One value of a fact.
 #[derive(Clone, Debug)]
-pub(crate) struct Item {
+pub struct Item {
     /// The name in JSON, with its unit, for example `joint_1_rad`.
-    pub(crate) key: String,
+    pub key: String,
     /// Null without a measured value.
-    pub(crate) value: Value,
+    pub value: Value,
     /// The name in text, for example `joint 1`.
-    pub(crate) name: String,
+    pub name: String,
     /// In words.
-    pub(crate) text: String,
+    pub text: String,
 }
 
 impl Fact {
     /// A value with a unit of its own in its key.
-    pub(crate) fn new(name: &str, key: &str, value: impl Into<Value>, text: impl Display) -> Self {
+    pub fn new(name: &str, key: &str, value: impl Into<Value>, text: impl Display) -> Self {
         Self::of(name, text, [(key, value.into())])
     }
 
     /// Words, whose key is the name.
-    pub(crate) fn words(name: &str, text: impl Display) -> Self {
+    pub fn words(name: &str, text: impl Display) -> Self {
         let text = text.to_string();
         Self::new(name, &name.replace([' ', '-'], "_"), text.as_str(), &text)
     }
 
     /// A fact of several values with one text.
-    pub(crate) fn of<'a>(name: &str, text: impl Display, values: impl IntoIterator<Item = (&'a str, Value)>) -> Self {
+    pub fn of<'a>(name: &str, text: impl Display, values: impl IntoIterator<Item = (&'a str, Value)>) -> Self {
         let (name, text) = (name.to_owned(), escaped(&text.to_string()));
         let items = values.into_iter().map(|(key, value)| Item {
             key: key.to_owned(),
@@ -57,7 +57,7 @@ impl Fact {
 
     /// The values of joints or servos from number 1, each with its words: `one` is such as `joint`, and `unit` is that of
     /// the values, while `shown` is that of the words.
-    pub(crate) fn each(
+    pub fn each(
         (name, one): (&str, &str),
         unit: &str,
         shown: &str,
@@ -80,12 +80,12 @@ impl Fact {
 }
 
 /// A number for programs. Six decimals are below the resolution of every arm. NaN is null.
-pub(crate) fn number(value: f64) -> Value {
+pub fn number(value: f64) -> Value {
     json!((value * 1e6).round() / 1e6)
 }
 
 /// Facts on one line.
-pub(crate) fn line(facts: &[Fact]) -> String {
+pub fn line(facts: &[Fact]) -> String {
     let facts: Vec<_> = facts
         .iter()
         .map(|Fact { name, text, .. }| match text.as_str() {
@@ -97,7 +97,7 @@ pub(crate) fn line(facts: &[Fact]) -> String {
 }
 
 /// Facts as a JSON object.
-pub(crate) fn object(facts: &[Fact]) -> Map<String, Value> {
+pub fn object(facts: &[Fact]) -> Map<String, Value> {
     let items = facts.iter().flat_map(|fact| &fact.items);
     items.map(|item| (item.key.clone(), item.value.clone())).collect()
 }

@@ -5,7 +5,7 @@ use std::fmt;
 /// Vendor and product id of an Alpha1, as public programs use them. STMicroelectronics uses the same ids in its HID
 /// examples: other devices may have them, too.
 #[cfg(feature = "hid")]
-pub(crate) const ALPHA1: (u16, u16) = (0x0483, 0x5750);
+pub const ALPHA1: (u16, u16) = (0x0483, 0x5750);
 
 /// A choice of a HID device: the text after `hid:` on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -19,7 +19,7 @@ pub enum Selector {
 }
 
 impl Selector {
-    pub(crate) fn parse(text: &str) -> Self {
+    pub fn parse(text: &str) -> Self {
         let is_id = |text: &str| text.len() == 4 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
         let id = |text: &str| is_id(text).then(|| u16::from_str_radix(text, 16).ok()).flatten();
         let ids = text
@@ -34,7 +34,7 @@ impl Selector {
 
     /// Returns true for a device with this name and these ids.
     #[cfg(feature = "hid")]
-    pub(crate) fn selects(&self, device: &str, ids: (u16, u16)) -> bool {
+    pub fn selects(&self, device: &str, ids: (u16, u16)) -> bool {
         match self {
             Self::Alpha1 => ids == ALPHA1,
             Self::Ids(vendor, product) => ids == (*vendor, *product),

@@ -24,7 +24,7 @@ struct Named {
 }
 
 /// The names of all devices with the ids of an Alpha1. Empty if the system cannot list HID devices.
-pub(crate) fn alpha1_names() -> Vec<String> {
+pub fn alpha1_names() -> Vec<String> {
     let devices = device::list().unwrap_or_default().into_iter();
     let robots = devices
         .map(|(named, _)| named)
@@ -37,7 +37,7 @@ pub(crate) fn alpha1_names() -> Vec<String> {
 /// # Errors
 ///
 /// No device or several devices match, or the system refuses to open the device.
-pub(crate) fn open(selector: &Selector) -> Result<Box<dyn Line>, Error> {
+pub fn open(selector: &Selector) -> Result<Box<dyn Line>, Error> {
     let name = format!("hid:{selector}");
     let mut devices = device::list().map_err(|error| Error::at(&name, error))?;
     let named: Vec<_> = devices.iter().map(|(named, _)| named.clone()).collect();

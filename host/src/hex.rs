@@ -6,13 +6,13 @@ use crate::printable::cut;
 const MAX_WORD: usize = 512;
 
 /// Bytes as `AA 06 00`.
-pub(crate) fn show(bytes: &[u8]) -> String {
+pub fn show(bytes: &[u8]) -> String {
     let bytes: Vec<_> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
     bytes.join(" ")
 }
 
 /// The bytes of a text.
-pub(crate) fn parse(text: &str) -> Result<Vec<u8>, WrongWord> {
+pub fn parse(text: &str) -> Result<Vec<u8>, WrongWord> {
     let (mut parser, mut bytes) = (Parser::new(), Vec::new());
     parser.push(text.as_bytes(), &mut bytes)?;
     parser.finish()?;
@@ -22,15 +22,15 @@ pub(crate) fn parse(text: &str) -> Result<Vec<u8>, WrongWord> {
 /// A word that is not hexadecimal, cut after [`MAX_WORD`] bytes and for messages.
 #[derive(Debug, thiserror::Error)]
 #[error("line {line}: '{word}' is not a byte or bytes in hexadecimal")]
-pub(crate) struct WrongWord {
+pub struct WrongWord {
     /// The line, counted from 1.
-    pub(crate) line: usize,
-    pub(crate) word: String,
+    pub line: usize,
+    pub word: String,
 }
 
 /// A parser of text in pieces of any size: words of pairs of digits, with or without 0x before them, separated by white
 /// space, commas and colons.
-pub(crate) struct Parser {
+pub struct Parser {
     line: usize,
     word: Vec<u8>,
     /// Length of the word so far, in bytes.
@@ -42,7 +42,7 @@ pub(crate) struct Parser {
 }
 
 impl Parser {
-    pub(crate) fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             line: 1,
             word: Vec::new(),
@@ -53,7 +53,7 @@ impl Parser {
     }
 
     /// Reads the next piece of text and appends its bytes.
-    pub(crate) fn push(&mut self, text: &[u8], bytes: &mut Vec<u8>) -> Result<(), WrongWord> {
+    pub fn push(&mut self, text: &[u8], bytes: &mut Vec<u8>) -> Result<(), WrongWord> {
         for &byte in text {
             match byte {
                 b' ' | b'\t' | b',' | b':' | b'\r' | b'\n' => {
@@ -87,7 +87,7 @@ impl Parser {
     }
 
     /// Ends the word.
-    pub(crate) fn finish(&mut self) -> Result<(), WrongWord> {
+    pub fn finish(&mut self) -> Result<(), WrongWord> {
         if self.is_wrong || self.high.is_some() {
             return Err(self.wrong_word());
         }

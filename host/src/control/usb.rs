@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::link::{Line, Names, Reception, is_nothing_yet};
 
 /// USB ids of the adapter. They are the pid.codes test ids, so the interface is checked, too.
-pub(crate) const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
+pub const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
 /// The class, subclass and protocol of its control interface: none that is standard.
 const CLASS: (u8, u8, u8) = (0xFF, 0, 0);
 /// The longest packet, in bytes.
@@ -22,7 +22,7 @@ const PACKET: usize = 64;
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// The open interface.
-pub(crate) struct UsbLine {
+pub struct UsbLine {
     name: String,
     reader: EndpointRead<Bulk>,
     writer: EndpointWrite<Bulk>,
@@ -30,7 +30,7 @@ pub(crate) struct UsbLine {
 
 impl UsbLine {
     /// Opens the control interface of the adapter that has this serial port.
-    pub(crate) fn open(port: &str) -> Result<Self, Error> {
+    pub fn open(port: &str) -> Result<Self, Error> {
         let name = port.to_owned();
         let device = find(port)?;
         match claim(&device).and_then(|interface| endpoints(&interface)) {
@@ -45,7 +45,7 @@ impl UsbLine {
 }
 
 /// The adapter that has this serial port.
-pub(crate) fn find(port: &str) -> Result<DeviceInfo, Error> {
+pub fn find(port: &str) -> Result<DeviceInfo, Error> {
     let name = port.to_owned();
     // Other systems than Linux do not name the USB device of a port.
     let serial = serial_number_of(port);
@@ -69,7 +69,7 @@ pub(crate) fn find(port: &str) -> Result<DeviceInfo, Error> {
 }
 
 /// The serial numbers of all adapters; none where USB cannot be searched.
-pub(crate) fn serial_numbers() -> Vec<String> {
+pub fn serial_numbers() -> Vec<String> {
     let adapters = adapters().unwrap_or_default().into_iter();
     adapters
         .filter_map(|adapter| adapter.serial_number().map(str::to_owned))
@@ -91,7 +91,7 @@ fn control_interface(device: &DeviceInfo) -> Option<u8> {
 }
 
 /// The serial number of the USB device with this serial port. `None` except on Linux.
-pub(crate) fn serial_number_of(port: &str) -> Option<String> {
+pub fn serial_number_of(port: &str) -> Option<String> {
     // The port may be a link, for example under /dev/serial/by-id.
     let device = std::fs::canonicalize(port).ok()?;
     let name = device.file_name()?.to_str()?;
@@ -112,10 +112,10 @@ fn endpoints(interface: &Interface) -> Result<(EndpointRead<Bulk>, EndpointWrite
 }
 
 /// A bulk endpoint in each direction.
-pub(crate) type BulkEndpoints = (Endpoint<Bulk, In>, Endpoint<Bulk, Out>);
+pub type BulkEndpoints = (Endpoint<Bulk, In>, Endpoint<Bulk, Out>);
 
 /// The bulk endpoints of an interface.
-pub(crate) fn bulk_endpoints(interface: &Interface) -> Result<BulkEndpoints, nusb::Error> {
+pub fn bulk_endpoints(interface: &Interface) -> Result<BulkEndpoints, nusb::Error> {
     // A missing endpoint gets address 0, which the library refuses.
     let address = |direction| {
         let descriptor = interface.descriptor();
@@ -160,7 +160,7 @@ impl Line for UsbLine {
 }
 
 /// The error of a control port that cannot be used.
-pub(crate) fn not_opened(name: String, error: &nusb::Error) -> Error {
+pub fn not_opened(name: String, error: &nusb::Error) -> Error {
     let reason = match error.kind() {
         nusb::ErrorKind::PermissionDenied if cfg!(target_os = "linux") => {
             let (vendor, product) = VENDOR_AND_PRODUCT;

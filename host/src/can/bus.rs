@@ -7,7 +7,7 @@ use armwire_bridge::can::Frame;
 use crate::error::Error;
 
 /// An interface of this computer to a CAN bus.
-pub(crate) trait Bus: Send {
+pub(super) trait Bus: Send {
     /// Queues a frame for transmission.
     fn send(&mut self, frame: &Frame) -> Result<(), Error>;
 

@@ -22,32 +22,32 @@ pub enum Missing {
 
 /// The bytes received instead of an answer.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Received {
+pub struct Received {
     /// Number of requests sent.
-    pub(crate) sends: u8,
+    pub sends: u8,
     /// In how many milliseconds.
-    pub(crate) millis: u64,
+    pub millis: u64,
     /// The bytes that arrived, as far as they are kept.
-    pub(crate) bytes: Vec<u8>,
+    pub bytes: Vec<u8>,
     /// Number of bytes received.
-    pub(crate) count: usize,
+    pub count: usize,
     /// Good frames from an arm, though not the answer.
-    pub(crate) frames: usize,
+    pub frames: usize,
     /// Answers that came after their time.
-    pub(crate) late: usize,
+    pub late: usize,
     /// The first good frame that is no message of the protocol.
-    pub(crate) unknown: Option<String>,
+    pub unknown: Option<String>,
     /// Requests of our own that came back.
-    pub(crate) echoes: usize,
+    pub echoes: usize,
     /// Frames with a wrong checksum.
-    pub(crate) checksums: usize,
+    pub checksums: usize,
     /// True if an answer begins somewhere in the bytes.
-    pub(crate) begun: bool,
+    pub begun: bool,
 }
 
 impl Received {
     /// The probable cause of a missing answer.
-    pub(crate) fn missing(&self) -> Missing {
+    pub fn missing(&self) -> Missing {
         let is_damaged = self.checksums > 0;
         if self.count == 0 && self.late == 0 {
             Missing::Silent
@@ -66,7 +66,7 @@ impl Received {
     }
 
     /// The probable cause of a missing answer, in words; `hints` are the line's.
-    pub(crate) fn cause(&self, arm: &str, hints: &str) -> String {
+    pub fn cause(&self, arm: &str, hints: &str) -> String {
         let (millis, count, checksums) = (self.millis, self.count, self.checksums);
         let attempts = match self.sends {
             1 => "1 attempt".to_owned(),

@@ -5,20 +5,20 @@ use std::time::{Duration, Instant};
 use armwire::time;
 
 /// A clock that is zero at an instant.
-pub(crate) struct Stopwatch(pub(crate) Instant);
+pub struct Stopwatch(pub Instant);
 
 impl Stopwatch {
-    pub(crate) fn start() -> Self {
+    pub fn start() -> Self {
         Self(Instant::now())
     }
 
     /// Time since the start.
-    pub(crate) fn now(&self) -> time::Instant {
+    pub fn now(&self) -> time::Instant {
         time::Instant::from_micros(self.0.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 
     /// Time from now to `instant`; zero if it has passed.
-    pub(crate) fn until(&self, instant: time::Instant) -> Duration {
+    pub fn until(&self, instant: time::Instant) -> Duration {
         Duration::from_micros(instant.since(self.now()).as_micros())
     }
 }

@@ -3,10 +3,10 @@
 mod alpha1;
 mod arm;
 mod fact;
-pub(crate) mod legacy;
+pub mod legacy;
 mod ling;
-pub(crate) mod xarm;
+pub mod xarm;
 
 pub use arm::{Arm, Protocol};
 pub use fact::Fact;
-pub(crate) use fact::{line, number, object};
+pub use fact::{line, number, object};

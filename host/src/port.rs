@@ -6,6 +6,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use armwire::alpha1::Alpha1;
+use armwire::ling::legacy::Legacy;
 use armwire::{Config, time};
 use armwire_bridge::can::{Function, Node};
 use armwire_sim::slcan::{BIT_RATES, BitRate};
@@ -178,7 +179,7 @@ impl Port {
     /// The port cannot be opened.
     pub fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Error> {
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
-            return Err(Error::Usage(format!(
+            return Err(Error::Port(format!(
                 "--baud applies to serial ports only, not to {self}"
             )));
         }
@@ -205,20 +206,20 @@ pub struct Connection {
 
 impl Connection {
     /// Returns true for a control port without an arm.
-    pub(crate) fn is_control(&self) -> bool {
+    pub fn is_control(&self) -> bool {
         matches!(self.port, Port::Control(_))
     }
 
     /// Returns true for a HID device. Only an Alpha1 is one.
-    pub(crate) fn is_hid(&self) -> bool {
+    pub fn is_hid(&self) -> bool {
         matches!(self.port, Port::Hid(_))
     }
 
-    /// Opens the line of an Alpha1. [`open_ling`](crate::host::open_ling) opens a Ling arm: it detects the older
+    /// Opens the line of an Alpha1. [`open_ling`](crate::open_ling) opens a Ling arm: it detects the older
     /// generation before anything is sent.
     ///
     /// ```compile_fail,E0624
-    /// # fn ling(connection: &armwire_cli::host::Connection) {
+    /// # fn ling(connection: &armwire_host::Connection) {
     /// connection.arm::<armwire::ling::Ling>();
     /// # }
     /// ```
@@ -230,7 +231,16 @@ impl Connection {
         self.arm()
     }
 
-    /// Opens the line of an arm, other than a [Ling arm](crate::legacy::open).
+    /// Opens the line of an arm of the older generation, to which nothing can be sent.
+    ///
+    /// # Errors
+    ///
+    /// The line cannot be opened.
+    pub fn legacy(&self) -> Result<Link<Legacy>, Error> {
+        self.arm()
+    }
+
+    /// Opens the line of an arm, other than a [Ling arm](crate::open_ling).
     pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
         let (line, config) = self.line::<P>()?;
         Ok(Link::new(line, config))
@@ -257,7 +267,7 @@ impl Connection {
                     "{} is a HID device, and only an alpha1 is one (--arm alpha1)",
                     self.port
                 );
-                return Err(Error::Usage(text));
+                return Err(Error::Port(text));
             }
             Port::Hid(selector) => (hid::open(selector)?, usual),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
@@ -267,7 +277,7 @@ impl Connection {
             }
             Port::Control(_) => {
                 let text = format!("{} is a control port: there is no arm on it", self.port);
-                return Err(Error::Usage(text));
+                return Err(Error::Port(text));
             }
         })
     }

@@ -2,7 +2,6 @@
 
 use std::time::{Duration, Instant};
 
-use armwire::Config;
 use armwire::ling::Ling;
 use armwire::ling::legacy::Detector;
 
@@ -28,15 +27,9 @@ struct Listened {
 ///
 /// [`Error::Legacy`], now and from every later call, when the arm is one of the older generation.
 pub fn open(connection: &Connection) -> Result<Link<Ling>, Error> {
-    let (line, config) = line(connection)?;
-    Ok(Link::new(line, config))
-}
-
-/// The line that [`open`] opens, and its timing.
-pub(crate) fn line(connection: &Connection) -> Result<(Box<dyn Line>, Config), Error> {
     let (line, config) = connection.line::<Ling>()?;
     let line = Listened::new(line, Instant::now())?;
-    Ok((Box::new(line), config))
+    Ok(Link::new(Box::new(line), config))
 }
 
 impl Listened {
