@@ -1,4 +1,4 @@
-//! Moves a Ling arm from an ESP32-C3, and logs its joint positions.
+//! Stops a Ling arm from an ESP32-C3, and logs its joint positions.
 //!
 //! | ESP32-C3 | connect to |
 //! |---|---|
@@ -11,7 +11,7 @@
 
 use armwire::Config;
 use armwire::driver::{CallError, Clock};
-use armwire::ling::{Arm, GripperSpeed, JointState, Move, Opening, Position, Speed, Torque};
+use armwire::ling::Arm;
 use armwire::time::Instant;
 use embassy_executor::Spawner;
 use embassy_time::Timer;
@@ -27,9 +27,6 @@ type Error = CallError<IoError>;
 
 esp_bootloader_esp_idf::esp_app_desc!();
 
-/// Rotation of the wrist, in ticks: 30°.
-const TURN: u16 = 341;
-
 #[esp_rtos::main]
 async fn main(_spawner: Spawner) {
     let p = esp_hal::init(esp_hal::Config::default().with_cpu_clock(CpuClock::max()));
@@ -42,98 +39,23 @@ async fn main(_spawner: Spawner) {
     let port = port.with_tx(p.GPIO4).with_rx(p.GPIO5).into_async();
 
     let mut arm = Arm::open(port, EmbassyClock, Config::DEFAULT);
-    connect(&mut arm).await;
-    if let Err(error) = turn_wrist_and_grip(&mut arm).await {
-        println!("arm lost: {error}");
-    }
     loop {
-        let error = follow(&mut arm).await;
-        println!("arm lost: {error}");
-        // A reconnected arm is followed but not moved: someone may be handling it.
-        connect(&mut arm).await;
-    }
-}
-
-/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three attempts.
-async fn connect(arm: &mut LingArm) {
-    println!("waiting for an arm");
-    loop {
-        if let Ok(info) = arm.read_info().await {
-            println!("arm {}, firmware {}", info.serial, info.firmware);
-            return;
+        if let Err(error) = stop_and_read(&mut arm).await {
+            println!("no arm: {error}");
         }
         Timer::after_millis(100).await;
     }
 }
 
-/// Turns the wrist by 30° with the gripper half open, then closes the gripper.
-async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
-    let state = arm.read_joints().await?;
-    show(&state);
-    let Ok(mut joints) = state.positions() else {
-        println!("a joint is out of range: not moved");
-        return Ok(());
-    };
-    // The rotation is towards the centre, so that the goal is in range.
-    let wrist = match joints[5] > Position::CENTRE {
-        true => joints[5].ticks() - TURN,
-        false => joints[5].ticks() + TURN,
-    };
-    joints[5] = Position::new(wrist).unwrap();
-    // 26° per second.
-    let speed = Speed::new(300).unwrap();
-    let mut goal = Move {
-        joints: joints.map(|position| (position, speed)),
-        gripper: (Opening::new(500).unwrap(), GripperSpeed(1000)),
-    };
-    arm.set_torque(Torque::On).await?;
-    move_to(arm, goal).await?;
-    goal.gripper.0 = Opening::CLOSED;
-    move_to(arm, goal).await
-}
-
-/// Moves, and logs positions until the goal is reached. The limit is 10 s, because a gripper that holds something does
-/// not close.
-async fn move_to(arm: &mut LingArm, goal: Move) -> Result<(), Error> {
-    arm.move_to(goal).await?;
-    println!("moving");
-    for _ in 0..500 {
-        let state = arm.read_joints().await?;
-        show(&state);
-        if goal.is_reached_by(&state) {
-            println!("arrived");
-            return Ok(());
-        }
-        Timer::after_millis(20).await;
-    }
-    println!("not arrived after 10 s");
-    Ok(())
-}
-
-/// Logs each change of the joints until a call fails.
-async fn follow(arm: &mut LingArm) -> Error {
-    let mut last = None;
+/// Stops the arm, and logs its joints in ticks, 4096 per turn, until a call fails.
+async fn stop_and_read(arm: &mut LingArm) -> Result<(), Error> {
+    // The last goal of the gripper is unknown.
+    println!("{:?}", arm.stop(None).await?);
     loop {
-        match arm.read_joints().await {
-            Ok(state) if last == Some(state) => {}
-            Ok(state) => {
-                show(&state);
-                last = Some(state);
-            }
-            Err(error) => return error,
-        }
+        let state = arm.read_joints().await?;
+        println!("joints {:?} gripper {} {}", state.joints, state.gripper, state.status);
         Timer::after_millis(20).await;
     }
-}
-
-/// Logs the joints in ticks, 4096 per turn, and the gripper in thousandths of its stroke.
-fn show(state: &JointState) {
-    let JointState {
-        joints,
-        gripper,
-        status,
-    } = state;
-    println!("joints {joints:?} gripper {gripper} {status}");
 }
 
 /// Clock of the driver, from embassy's time.

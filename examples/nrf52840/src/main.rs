@@ -1,4 +1,4 @@
-//! Moves a Ling arm from an nRF52840, and logs its joint positions.
+//! Stops a Ling arm from an nRF52840, and logs its joint positions.
 //!
 //! | nRF52840 | connect to |
 //! |---|---|
@@ -11,9 +11,9 @@
 
 use armwire::Config;
 use armwire::driver::{CallError, Clock};
-use armwire::ling::{Arm, GripperSpeed, JointState, Move, Opening, Position, Speed, Torque};
+use armwire::ling::Arm;
 use armwire::time::Instant;
-use defmt::{Display2Format, info};
+use defmt::info;
 use embassy_executor::Spawner;
 use embassy_nrf::buffered_uarte::{self, BufferedUarte};
 use embassy_nrf::config::HfclkSource;
@@ -25,9 +25,6 @@ use {defmt_rtt as _, panic_probe as _};
 
 type LingArm = Arm<BufferedUarte<'static>, EmbassyClock>;
 type Error = CallError<buffered_uarte::Error>;
-
-/// Rotation of the wrist, in ticks: 30°.
-const TURN: u16 = 341;
 
 bind_interrupts!(struct Irqs {
     UARTE0 => buffered_uarte::InterruptHandler<peripherals::UARTE0>;
@@ -62,102 +59,23 @@ async fn main(_spawner: Spawner) {
     P0.pin_cnf(8).modify(|pin| pin.set_pull(Pull::Pullup));
 
     let mut arm = Arm::open(port, EmbassyClock, Config::DEFAULT);
-    connect(&mut arm).await;
-    if let Err(error) = turn_wrist_and_grip(&mut arm).await {
-        info!("arm lost: {}", error);
-    }
     loop {
-        let error = follow(&mut arm).await;
-        info!("arm lost: {}", error);
-        // A reconnected arm is followed but not moved: someone may be handling it.
-        connect(&mut arm).await;
-    }
-}
-
-/// Sends requests until an arm answers. Without an arm, each call ends with `TimedOut`, after three attempts.
-async fn connect(arm: &mut LingArm) {
-    info!("waiting for an arm");
-    loop {
-        if let Ok(info) = arm.read_info().await {
-            info!(
-                "arm {}, firmware {}",
-                Display2Format(&info.serial),
-                Display2Format(&info.firmware)
-            );
-            return;
+        if let Err(error) = stop_and_read(&mut arm).await {
+            info!("no arm: {}", error);
         }
         Timer::after_millis(100).await;
     }
 }
 
-/// Turns the wrist by 30° with the gripper half open, then closes the gripper.
-async fn turn_wrist_and_grip(arm: &mut LingArm) -> Result<(), Error> {
-    let state = arm.read_joints().await?;
-    show(&state);
-    let Ok(mut joints) = state.positions() else {
-        info!("a joint is out of range: not moved");
-        return Ok(());
-    };
-    // The rotation is towards the centre, so that the goal is in range.
-    let wrist = match joints[5] > Position::CENTRE {
-        true => joints[5].ticks() - TURN,
-        false => joints[5].ticks() + TURN,
-    };
-    joints[5] = Position::new(wrist).unwrap();
-    // 26° per second.
-    let speed = Speed::new(300).unwrap();
-    let mut goal = Move {
-        joints: joints.map(|position| (position, speed)),
-        gripper: (Opening::new(500).unwrap(), GripperSpeed(1000)),
-    };
-    arm.set_torque(Torque::On).await?;
-    move_to(arm, goal).await?;
-    goal.gripper.0 = Opening::CLOSED;
-    move_to(arm, goal).await
-}
-
-/// Moves, and logs positions until the goal is reached. The limit is 10 s, because a gripper that holds something does
-/// not close.
-async fn move_to(arm: &mut LingArm, goal: Move) -> Result<(), Error> {
-    arm.move_to(goal).await?;
-    info!("moving");
-    for _ in 0..500 {
-        let state = arm.read_joints().await?;
-        show(&state);
-        if goal.is_reached_by(&state) {
-            info!("arrived");
-            return Ok(());
-        }
-        Timer::after_millis(20).await;
-    }
-    info!("not arrived after 10 s");
-    Ok(())
-}
-
-/// Logs each change of the joints until a call fails.
-async fn follow(arm: &mut LingArm) -> Error {
-    let mut last = None;
+/// Stops the arm, and logs its joints in ticks, 4096 per turn, until a call fails.
+async fn stop_and_read(arm: &mut LingArm) -> Result<(), Error> {
+    // The last goal of the gripper is unknown.
+    info!("{}", arm.stop(None).await?);
     loop {
-        match arm.read_joints().await {
-            Ok(state) if last == Some(state) => {}
-            Ok(state) => {
-                show(&state);
-                last = Some(state);
-            }
-            Err(error) => return error,
-        }
+        let state = arm.read_joints().await?;
+        info!("joints {} gripper {} {}", state.joints, state.gripper, state.status);
         Timer::after_millis(20).await;
     }
-}
-
-/// Logs the joints in ticks, 4096 per turn, and the gripper in thousandths of its stroke.
-fn show(state: &JointState) {
-    let JointState {
-        joints,
-        gripper,
-        status,
-    } = state;
-    info!("joints {} gripper {} {}", joints, gripper, status);
 }
 
 /// Clock of the driver, from embassy's time.
