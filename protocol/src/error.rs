@@ -4,6 +4,8 @@ use core::fmt;
 
 use thiserror::Error;
 
+use crate::hex::Hex;
+
 /// A buffer that is too short for the data to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -255,9 +257,7 @@ impl ErrorFrame {
 
 impl fmt::Display for ErrorFrame {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, byte) in self.bytes().iter().enumerate() {
-            write!(f, "{}{byte:02X}", if i == 0 { "" } else { " " })?;
-        }
+        Hex(self.bytes()).fmt(f)?;
         match self.len.saturating_sub(Self::MAX) {
             0 => Ok(()),
             more => write!(f, " and {more} more"),

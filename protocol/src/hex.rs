@@ -1,11 +1,25 @@
-//! Frames written in hex, for the unit tests.
+//! Bytes in hexadecimal, as text.
 
+#[cfg(test)]
 extern crate std;
 
-use std::vec::Vec;
+use core::fmt;
 
-/// The bytes of `text`, in hex.
-pub(crate) fn hex(text: &str) -> Vec<u8> {
+/// Bytes as `AA 06 00`.
+pub(crate) struct Hex<'a>(pub(crate) &'a [u8]);
+
+impl fmt::Display for Hex<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, byte) in self.0.iter().enumerate() {
+            write!(f, "{}{byte:02X}", if i == 0 { "" } else { " " })?;
+        }
+        Ok(())
+    }
+}
+
+/// The bytes of a text in hexadecimal.
+#[cfg(all(test, any(feature = "ling", feature = "xarm", feature = "alpha1")))]
+pub(crate) fn hex(text: &str) -> std::vec::Vec<u8> {
     text.split_whitespace()
         .map(|byte| u8::from_str_radix(byte, 16).unwrap())
         .collect()

@@ -49,7 +49,6 @@ pub mod exchange;
 pub mod framing;
 #[cfg(fuzzing)]
 mod fuzzing;
-#[cfg(all(test, any(feature = "ling", feature = "xarm", feature = "alpha1")))]
 mod hex;
 #[cfg(feature = "ling")]
 pub mod ling;

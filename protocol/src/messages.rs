@@ -1,6 +1,6 @@
 //! Typed requests and responses, in both directions.
 
-use core::fmt::Debug;
+use core::fmt::{Debug, Display};
 
 use crate::dialect::Dialect;
 use crate::{BufferTooShort, ParseError};
@@ -10,11 +10,11 @@ use crate::{BufferTooShort, ParseError};
 /// [`Client`](crate::Client) and [`Device`](crate::Device) use the same definitions and are tested against each other.
 /// A message borrows its texts and parameters from its frame. [`Ling`](crate::ling::Ling) is an example.
 pub trait Messages: Dialect {
-    /// A message of the host.
-    type Request<'a>: Copy + PartialEq + Debug;
+    /// A message of the host. Its text contains every value with its unit, and text from outside escaped.
+    type Request<'a>: Copy + PartialEq + Debug + Display;
 
-    /// A message of the arm.
-    type Response<'a>: Copy + PartialEq + Debug;
+    /// A message of the arm. Its text contains every value with its unit, and text from outside escaped.
+    type Response<'a>: Copy + PartialEq + Debug + Display;
 
     /// Writes a request at the front of `out` and returns its length in bytes.
     ///

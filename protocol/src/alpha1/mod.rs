@@ -30,6 +30,7 @@ pub mod hid;
 mod message;
 #[cfg(test)]
 mod tests;
+mod text;
 mod value;
 
 pub use dialect::Key;

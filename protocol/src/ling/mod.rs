@@ -22,6 +22,7 @@ mod message;
 pub mod stop;
 #[cfg(test)]
 mod tests;
+pub mod text;
 mod value;
 
 pub use dialect::Key;

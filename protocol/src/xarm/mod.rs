@@ -19,6 +19,7 @@ mod frame;
 mod message;
 #[cfg(test)]
 mod tests;
+mod text;
 mod value;
 
 pub use dialect::Key;

@@ -36,6 +36,7 @@ mod frame;
 mod message;
 #[cfg(test)]
 mod tests;
+mod text;
 
 pub use detector::{Detector, OlderGeneration};
 pub use frame::{Frame, MAX_DATA, MAX_FRAME, OVERHEAD, parity};
