@@ -5,162 +5,183 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use crate::control_codec::{Malformed, NoRoom, read, read_older, write};
 
-/// Counters since the adapter's start, and of its resets since power-on. Each wraps at 2³².
-///
-/// ```
-/// use armwire_bridge::Counters;
-///
-/// let mut counters = Counters::default();
-/// counters.panics = 2;
-/// let mut buf = [0; Counters::MAX_LEN];
-/// let bytes = counters.to_bytes(&mut buf).unwrap();
-/// assert_eq!(Counters::from_bytes(bytes), Ok(counters));
-/// ```
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub struct Counters {
-    /// Bytes the UART received from the arm.
-    pub arm_to_host_bytes: u32,
-    /// Bytes handed to the UART for the arm.
-    pub host_to_arm_bytes: u32,
-    /// USB packets handed over for the host, zero-length ones included.
-    pub packets_to_host: u32,
-    /// Zero-length packets among them.
-    pub empty_packets_to_host: u32,
-    /// USB packets taken from the host.
-    pub packets_from_host: u32,
-    /// Frames the arm sent.
-    pub frames: u32,
-    /// Bytes from the arm outside of frames. They were passed on like all others.
-    pub noise_bytes: u32,
-    /// Bytes from the arm dropped because the host did not read and the queue was full.
-    pub dropped_bytes: u32,
-    /// Bytes from the arm dropped because they arrived while the port was closed, or before it was opened. The packet
-    /// in the USB peripheral at a disconnection is not counted: its delivery is unknown.
-    pub undelivered_bytes: u32,
-    /// Bytes from the host dropped because its packet did not fit. The count stays 0 if firmware checks
-    /// [`Status::usb_room`](crate::Status::usb_room).
-    pub refused_bytes: u32,
-    /// Framing errors the UART reported.
-    pub framing_errors: u32,
-    /// Parity errors the UART reported.
-    pub parity_errors: u32,
-    /// Noise the UART reported.
-    pub noise_errors: u32,
-    /// Overruns the UART reported: a byte arrived before the last one was read.
-    pub overrun_errors: u32,
-    /// Times the receive ring was overwritten, or nearly, before it was read. Its content is dropped. The number of
-    /// lost bytes is unknown.
-    pub ring_overruns: u32,
-    /// USB bus resets.
-    pub usb_resets: u32,
-    /// Times the USB bus was suspended.
-    pub usb_suspends: u32,
-    /// Line codings that took effect.
-    pub line_codings: u32,
-    /// Line codings that the UART does not support.
-    pub refused_line_codings: u32,
-    /// Panics of the firmware since power-on.
-    pub panics: u32,
-    /// Resets by the watchdog since power-on.
-    pub watchdog_resets: u32,
-    /// Requests of the host on USB that went to the arm. Bytes outside of requests are not counted here.
-    pub requests_usb: u32,
-    /// Requests of hosts on CAN that went to the arm.
-    pub requests_can: u32,
-    /// The adapter's own polls that went to the arm.
-    pub requests_poll: u32,
-    /// Cyclic commands on CAN that went to the arm.
-    pub requests_command: u32,
-    /// Requests of the adapter itself that went to the arm, see [`Initiator::Adapter`](crate::control::Initiator), and
-    /// zeros sent before a request to end a frame.
-    pub requests_adapter: u32,
-    /// Requests of all these initiators whose answer did not arrive in time.
-    pub unanswered_requests: u32,
-    /// Answers that arrived later than that. No initiator receives them as its answer.
-    pub late_answers: u32,
-    /// Unsolicited frames of the arm.
-    pub unsolicited_frames: u32,
-    /// Polls that went out after their slot, because another exchange had to end first or because the previous answer
-    /// was missing.
-    pub late_polls: u32,
-    /// Slots without a poll, because the previous poll had not ended.
-    pub missed_polls: u32,
-    /// Requests and control messages from CAN refused because the queue was full, because they were too long, or
-    /// because the bus was reconfigured; and commands from CAN that a newer one replaced.
-    pub refused_can_requests: u32,
-    /// PDUs from CAN refused because they are no frame of this arm, command frames of a length other than 8 bytes, and
-    /// requests that waited when the kind of arm changed.
-    pub refused_can_frames: u32,
-    /// Frames of the arm for a host on CAN dropped because the queue was full, or because they waited when the bus was
-    /// reconfigured.
-    pub dropped_can_answers: u32,
-    /// ISO-TP transfers that failed, in either direction: see [`isotp::Error`](crate::isotp::Error). Transfers in
-    /// progress at bus-off or at a reconfiguration are included.
-    pub isotp_failures: u32,
-    /// CAN frames received from the bus.
-    pub can_frames_received: u32,
-    /// CAN frames handed to the CAN controller. All but [`dropped_can_frames`](Self::dropped_can_frames) of them go
-    /// out.
-    pub can_frames_sent: u32,
-    /// Receive overruns of the CAN controller: frames were lost because they were not read in time.
-    pub can_receive_overruns: u32,
-    /// Errors that the CAN controller saw on the bus.
-    pub can_bus_errors: u32,
-    /// Times the CAN controller went bus-off because of too many errors. It recovers by itself, and counts as recovered
-    /// after 20 ms without an error.
-    pub can_bus_offs: u32,
-    /// Commands whose other half did not arrive in time, or before a reconfiguration.
-    pub commands_incomplete: u32,
-    /// Commands whose sequence number was not newer.
-    pub commands_stale: u32,
-    /// Commands with a value out of the arm's range.
-    pub commands_out_of_range: u32,
-    /// Times a host that streamed motion went silent, or lost its arm because another kind was configured.
-    pub host_silences: u32,
-    /// Unsent bytes dropped because their host went silent.
-    pub silenced_bytes: u32,
-    /// Messages from hosts on the control port.
-    pub control_requests: u32,
-    /// Messages on the control port that this adapter does not know.
-    pub control_unsupported: u32,
-    /// Events dropped before they reached a subscriber or went out as plain CAN frames, because the queue was full or
-    /// the bus was reconfigured. On a bus without other nodes, such frames never go out.
-    pub dropped_events: u32,
-    /// Times a configuration was saved in flash, or the saved one was erased.
-    pub config_saves: u32,
-    /// Failed saves, plus one if the saved configuration could not be read at the start, or is invalid on this board:
-    /// the adapter then has the factory defaults.
-    pub config_failures: u32,
-    /// CAN frames that had not left the CAN controller 10 ms after a reconfiguration of the bus was due.
-    pub dropped_can_frames: u32,
-    /// Requests and commands from CAN and requests of the adapter refused because the host on USB held the line, and
-    /// times a hold began while polling was on.
-    pub refused_line_held: u32,
-    /// Times the host on USB began to send bytes for a rate that was not in effect.
-    pub refused_other_rate: u32,
-    /// Bytes refused for that reason, and bytes that waited for another rate when torque-off or a stop took the line.
-    pub refused_rate_bytes: u32,
-    /// Hard faults of the firmware since power-on.
-    pub hard_faults: u32,
-    /// Frames whose last byte was missed by the interrupt handler. Their stamp is later: the time of the idle line, or
-    /// of the read of the ring.
-    pub late_stamps: u32,
-    /// Requests of the host on USB that exceeded the number of tracked requests. Their answers count as unsolicited.
-    pub untracked_requests: u32,
-    /// Motions refused because the arm was stopped, waiting ones included, and requests of the host on USB that a stop
-    /// cut.
-    pub refused_stopped: u32,
-    /// Starts in [recovery](crate::start) since power-on.
-    pub recovery_starts: u32,
+/// Declares the counters and their list, so that each name is written once.
+macro_rules! counters {
+    ($(#[$meta:meta])* pub struct Counters { $($(#[$doc:meta])* pub $name:ident: u32,)* }) => {
+        $(#[$meta])*
+        pub struct Counters {
+            $($(#[$doc])* pub $name: u32,)*
+        }
+
+        impl Counters {
+            /// Number of counters.
+            pub const COUNT: usize = [$(stringify!($name)),*].len();
+
+            /// All counters, in wire order.
+            const fn counts(&mut self) -> [&mut u32; Self::COUNT] {
+                [$(&mut self.$name),*]
+            }
+        }
+    };
+}
+
+counters! {
+    /// Counters since the adapter's start, and of its resets since power-on. Each wraps at 2³².
+    ///
+    /// ```
+    /// use armwire_bridge::Counters;
+    ///
+    /// let mut counters = Counters::default();
+    /// counters.panics = 2;
+    /// let mut buf = [0; Counters::MAX_LEN];
+    /// let bytes = counters.to_bytes(&mut buf).unwrap();
+    /// assert_eq!(Counters::from_bytes(bytes), Ok(counters));
+    /// ```
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+    #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+    #[non_exhaustive]
+    pub struct Counters {
+        /// Bytes the UART received from the arm.
+        pub arm_to_host_bytes: u32,
+        /// Bytes handed to the UART for the arm.
+        pub host_to_arm_bytes: u32,
+        /// USB packets handed over for the host, zero-length ones included.
+        pub packets_to_host: u32,
+        /// Zero-length packets among them.
+        pub empty_packets_to_host: u32,
+        /// USB packets taken from the host.
+        pub packets_from_host: u32,
+        /// Frames the arm sent.
+        pub frames: u32,
+        /// Bytes from the arm outside of frames. They were passed on like all others.
+        pub noise_bytes: u32,
+        /// Bytes from the arm dropped because the host did not read and the queue was full.
+        pub dropped_bytes: u32,
+        /// Bytes from the arm dropped because they arrived while the port was closed, or before it was opened. The
+        /// packet in the USB peripheral at a disconnection is not counted: its delivery is unknown.
+        pub undelivered_bytes: u32,
+        /// Bytes from the host dropped because its packet did not fit. The count stays 0 if firmware checks
+        /// [`Status::usb_room`](crate::Status::usb_room).
+        pub refused_bytes: u32,
+        /// Framing errors the UART reported.
+        pub framing_errors: u32,
+        /// Parity errors the UART reported.
+        pub parity_errors: u32,
+        /// Noise the UART reported.
+        pub noise_errors: u32,
+        /// Overruns the UART reported: a byte arrived before the last one was read.
+        pub overrun_errors: u32,
+        /// Times the receive ring was overwritten, or nearly, before it was read. Its content is dropped. The number of
+        /// lost bytes is unknown.
+        pub ring_overruns: u32,
+        /// USB bus resets.
+        pub usb_resets: u32,
+        /// Times the USB bus was suspended.
+        pub usb_suspends: u32,
+        /// Line codings that took effect.
+        pub line_codings: u32,
+        /// Line codings that the UART does not support.
+        pub refused_line_codings: u32,
+        /// Panics of the firmware since power-on.
+        pub panics: u32,
+        /// Resets by the watchdog since power-on.
+        pub watchdog_resets: u32,
+        /// Requests of the host on USB that went to the arm. Bytes outside of requests are not counted here.
+        pub requests_usb: u32,
+        /// Requests of hosts on CAN that went to the arm.
+        pub requests_can: u32,
+        /// The adapter's own polls that went to the arm.
+        pub requests_poll: u32,
+        /// Cyclic commands on CAN that went to the arm.
+        pub requests_command: u32,
+        /// Requests of the adapter itself that went to the arm, see [`Initiator::Adapter`](crate::control::Initiator),
+        /// and zeros sent before a request to end a frame.
+        pub requests_adapter: u32,
+        /// Requests of all these initiators whose answer did not arrive in time.
+        pub unanswered_requests: u32,
+        /// Answers that arrived later than that. No initiator receives them as its answer.
+        pub late_answers: u32,
+        /// Unsolicited frames of the arm.
+        pub unsolicited_frames: u32,
+        /// Polls that went out after their slot, because another exchange had to end first or because the previous
+        /// answer was missing.
+        pub late_polls: u32,
+        /// Slots without a poll, because the previous poll had not ended.
+        pub missed_polls: u32,
+        /// Requests and control messages from CAN refused because the queue was full, because they were too long, or
+        /// because the bus was reconfigured; and commands from CAN that a newer one replaced.
+        pub refused_can_requests: u32,
+        /// PDUs from CAN refused because they are no frame of this arm, command frames of a length other than 8 bytes,
+        /// and requests that waited when the kind of arm changed.
+        pub refused_can_frames: u32,
+        /// Frames of the arm for a host on CAN dropped because the queue was full, or because they waited when the bus
+        /// was reconfigured.
+        pub dropped_can_answers: u32,
+        /// ISO-TP transfers that failed, in either direction: see [`isotp::Error`](crate::isotp::Error). Transfers in
+        /// progress at bus-off or at a reconfiguration are included.
+        pub isotp_failures: u32,
+        /// CAN frames received from the bus.
+        pub can_frames_received: u32,
+        /// CAN frames handed to the CAN controller. All but [`dropped_can_frames`](Self::dropped_can_frames) of them go
+        /// out.
+        pub can_frames_sent: u32,
+        /// Receive overruns of the CAN controller: frames were lost because they were not read in time.
+        pub can_receive_overruns: u32,
+        /// Errors that the CAN controller saw on the bus.
+        pub can_bus_errors: u32,
+        /// Times the CAN controller went bus-off because of too many errors. It recovers by itself, and counts as
+        /// recovered after 20 ms without an error.
+        pub can_bus_offs: u32,
+        /// Commands whose other half did not arrive in time, or before a reconfiguration.
+        pub commands_incomplete: u32,
+        /// Commands whose sequence number was not newer.
+        pub commands_stale: u32,
+        /// Commands with a value out of the arm's range.
+        pub commands_out_of_range: u32,
+        /// Times a host that streamed motion went silent, or lost its arm because another kind was configured.
+        pub host_silences: u32,
+        /// Unsent bytes dropped because their host went silent.
+        pub silenced_bytes: u32,
+        /// Messages from hosts on the control port.
+        pub control_requests: u32,
+        /// Messages on the control port that this adapter does not know.
+        pub control_unsupported: u32,
+        /// Events dropped before they reached a subscriber or went out as plain CAN frames, because the queue was full
+        /// or the bus was reconfigured. On a bus without other nodes, such frames never go out.
+        pub dropped_events: u32,
+        /// Times a configuration was saved in flash, or the saved one was erased.
+        pub config_saves: u32,
+        /// Failed saves, plus one if the saved configuration could not be read at the start, or is invalid on this
+        /// board: the adapter then has the factory defaults.
+        pub config_failures: u32,
+        /// CAN frames that had not left the CAN controller 10 ms after a reconfiguration of the bus was due.
+        pub dropped_can_frames: u32,
+        /// Requests and commands from CAN and requests of the adapter refused because the host on USB held the line,
+        /// and times a hold began while polling was on.
+        pub refused_line_held: u32,
+        /// Times the host on USB began to send bytes for a rate that was not in effect.
+        pub refused_other_rate: u32,
+        /// Bytes refused for that reason, and bytes that waited for another rate when torque-off or a stop took the
+        /// line.
+        pub refused_rate_bytes: u32,
+        /// Hard faults of the firmware since power-on.
+        pub hard_faults: u32,
+        /// Frames whose last byte was missed by the interrupt handler. Their stamp is later: the time of the idle line,
+        /// or of the read of the ring.
+        pub late_stamps: u32,
+        /// Requests of the host on USB that exceeded the number of tracked requests. Their answers count as
+        /// unsolicited.
+        pub untracked_requests: u32,
+        /// Motions refused because the arm was stopped, waiting ones included, and requests of the host on USB that a
+        /// stop cut.
+        pub refused_stopped: u32,
+        /// Starts in [recovery](crate::start) since power-on.
+        pub recovery_starts: u32,
+    }
 }
 
 impl Counters {
-    /// Number of counters.
-    pub const COUNT: usize = 59;
-
     /// Numbers of counters at the end that versions 4, 3 and 2 of the control port lack.
     pub(crate) const SINCE_OLDER: &'static [usize] = &[2, 3, 8];
 
@@ -208,71 +229,6 @@ impl Counters {
             *count = count.wrapping_sub(*earlier);
         }
         self
-    }
-
-    /// All counters, in wire order.
-    const fn counts(&mut self) -> [&mut u32; Self::COUNT] {
-        [
-            &mut self.arm_to_host_bytes,
-            &mut self.host_to_arm_bytes,
-            &mut self.packets_to_host,
-            &mut self.empty_packets_to_host,
-            &mut self.packets_from_host,
-            &mut self.frames,
-            &mut self.noise_bytes,
-            &mut self.dropped_bytes,
-            &mut self.undelivered_bytes,
-            &mut self.refused_bytes,
-            &mut self.framing_errors,
-            &mut self.parity_errors,
-            &mut self.noise_errors,
-            &mut self.overrun_errors,
-            &mut self.ring_overruns,
-            &mut self.usb_resets,
-            &mut self.usb_suspends,
-            &mut self.line_codings,
-            &mut self.refused_line_codings,
-            &mut self.panics,
-            &mut self.watchdog_resets,
-            &mut self.requests_usb,
-            &mut self.requests_can,
-            &mut self.requests_poll,
-            &mut self.requests_command,
-            &mut self.requests_adapter,
-            &mut self.unanswered_requests,
-            &mut self.late_answers,
-            &mut self.unsolicited_frames,
-            &mut self.late_polls,
-            &mut self.missed_polls,
-            &mut self.refused_can_requests,
-            &mut self.refused_can_frames,
-            &mut self.dropped_can_answers,
-            &mut self.isotp_failures,
-            &mut self.can_frames_received,
-            &mut self.can_frames_sent,
-            &mut self.can_receive_overruns,
-            &mut self.can_bus_errors,
-            &mut self.can_bus_offs,
-            &mut self.commands_incomplete,
-            &mut self.commands_stale,
-            &mut self.commands_out_of_range,
-            &mut self.host_silences,
-            &mut self.silenced_bytes,
-            &mut self.control_requests,
-            &mut self.control_unsupported,
-            &mut self.dropped_events,
-            &mut self.config_saves,
-            &mut self.config_failures,
-            &mut self.dropped_can_frames,
-            &mut self.refused_line_held,
-            &mut self.refused_other_rate,
-            &mut self.refused_rate_bytes,
-            &mut self.hard_faults,
-            &mut self.late_stamps,
-            &mut self.untracked_requests,
-            &mut self.refused_stopped,
-            &mut self.recovery_starts,
-        ]
     }
 
     /// The sums of these counters and those of the adapter's other side.
