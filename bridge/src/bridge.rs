@@ -10,7 +10,7 @@ use crate::counters::{CanErrors, Counters, UartErrors, count};
 use crate::earliest::Earliest;
 use crate::hosts::Hosts;
 use crate::line::{Line, PACKET, RxThreshold, Transmit};
-use crate::line_coding::{LineCoding, Refused, UartConfig};
+use crate::line_coding::{LineCoding, UartConfig, UnsupportedCoding};
 use crate::start::Recovery;
 use crate::store::Saved;
 use armwire::time::Instant;
@@ -330,15 +330,15 @@ impl Bridge {
     ///
     /// # Errors
     ///
-    /// [`Refused`] if the UART does not support it. The refusal is counted, and the line coding stays unchanged.
+    /// [`UnsupportedCoding`], which is counted. The line coding stays unchanged.
     ///
     /// ```
     /// use armwire_bridge::time::Instant;
-    /// use armwire_bridge::{Bridge, Refused, Transmit, UartEvent};
+    /// use armwire_bridge::{Bridge, UnsupportedCoding, Transmit, UartEvent};
     ///
     /// let mut bridge = Bridge::default();
     /// let refused = bridge.set_line_coding([0x00, 0xC2, 0x01, 0x00, 1, 0, 8], Instant::ZERO);
-    /// assert_eq!(refused, Err(Refused::StopBits(1)));
+    /// assert_eq!(refused, Err(UnsupportedCoding::StopBits(1)));
     /// assert_eq!(bridge.line_coding().baud, 1_000_000);
     ///
     /// bridge.set_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 0, 8], Instant::ZERO).unwrap();
@@ -349,7 +349,7 @@ impl Bridge {
     /// bridge.uart_event(UartEvent::Configured(uart), Instant::ZERO);
     /// assert_eq!((uart.coding.baud, bridge.line_coding().baud), (115_200, 115_200));
     /// ```
-    pub fn set_line_coding(&mut self, bytes: [u8; 7], now: Instant) -> Result<(), Refused> {
+    pub fn set_line_coding(&mut self, bytes: [u8; 7], now: Instant) -> Result<(), UnsupportedCoding> {
         self.line.set_line_coding(bytes, now)
     }
 

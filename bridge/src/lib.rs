@@ -126,4 +126,4 @@ pub use armwire::time::{Duration, Instant};
 pub use bridge::{Bridge, CanEvent, Start, Status, UartEvent, UsbEvent};
 pub use counters::{CanErrors, Counters, UartErrors};
 pub use line::{PACKET, POLL_LEAD_TIME, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, Transmit};
-pub use line_coding::{LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits, UartConfig};
+pub use line_coding::{LineCoding, MAX_BAUD, MIN_BAUD, Parity, StopBits, UartConfig, UnsupportedCoding};

@@ -80,14 +80,14 @@ pub enum StopBits {
 /// The reason for a refused line coding. The previous one stays in effect.
 ///
 /// ```
-/// use armwire_bridge::{LineCoding, Refused};
+/// use armwire_bridge::{LineCoding, UnsupportedCoding};
 ///
-/// assert_eq!(LineCoding::from_cdc([0xC0, 0xC6, 0x2D, 0x00, 0, 0, 8]), Err(Refused::Baud(3_000_000)));
+/// assert_eq!(LineCoding::from_cdc([0xC0, 0xC6, 0x2D, 0x00, 0, 0, 8]), Err(UnsupportedCoding::Baud(3_000_000)));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Refused {
+pub enum UnsupportedCoding {
     /// A baud rate outside [`MIN_BAUD`] to [`MAX_BAUD`].
     Baud(u32),
     /// Data bits other than 8.
@@ -110,26 +110,26 @@ impl LineCoding {
     ///
     /// # Errors
     ///
-    /// [`Refused`] names the first field that the UART does not support.
-    pub fn from_cdc(bytes: [u8; 7]) -> Result<Self, Refused> {
+    /// [`UnsupportedCoding`] names the first field that the UART does not support.
+    pub fn from_cdc(bytes: [u8; 7]) -> Result<Self, UnsupportedCoding> {
         let [b0, b1, b2, b3, stop_bits, parity, data_bits] = bytes;
         let baud = u32::from_le_bytes([b0, b1, b2, b3]);
         if !(MIN_BAUD..=MAX_BAUD).contains(&baud) {
-            return Err(Refused::Baud(baud));
+            return Err(UnsupportedCoding::Baud(baud));
         }
         let stop_bits = match stop_bits {
             0 => StopBits::One,
             2 => StopBits::Two,
-            other => return Err(Refused::StopBits(other)),
+            other => return Err(UnsupportedCoding::StopBits(other)),
         };
         let parity = match parity {
             0 => Parity::None,
             1 => Parity::Odd,
             2 => Parity::Even,
-            other => return Err(Refused::Parity(other)),
+            other => return Err(UnsupportedCoding::Parity(other)),
         };
         if data_bits != DATA_BITS {
-            return Err(Refused::DataBits(data_bits));
+            return Err(UnsupportedCoding::DataBits(data_bits));
         }
         Ok(Self {
             baud,
@@ -191,7 +191,7 @@ impl Default for LineCoding {
     }
 }
 
-impl fmt::Display for Refused {
+impl fmt::Display for UnsupportedCoding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Baud(got) => write!(f, "{got} baud, the UART supports {MIN_BAUD} to {MAX_BAUD}"),
@@ -202,7 +202,7 @@ impl fmt::Display for Refused {
     }
 }
 
-impl core::error::Error for Refused {}
+impl core::error::Error for UnsupportedCoding {}
 
 #[cfg(test)]
 mod tests {
@@ -212,7 +212,7 @@ mod tests {
 
     use super::*;
 
-    fn coding(baud: u32, stop_bits: u8, parity: u8, data_bits: u8) -> Result<LineCoding, Refused> {
+    fn coding(baud: u32, stop_bits: u8, parity: u8, data_bits: u8) -> Result<LineCoding, UnsupportedCoding> {
         let [b0, b1, b2, b3] = baud.to_le_bytes();
         LineCoding::from_cdc([b0, b1, b2, b3, stop_bits, parity, data_bits])
     }
@@ -248,13 +248,19 @@ mod tests {
 
     #[test]
     fn unsupported_coding_is_refused_with_reason() {
-        assert_eq!(coding(0, 0, 0, 8), Err(Refused::Baud(0)));
-        assert_eq!(coding(MIN_BAUD - 1, 0, 0, 8), Err(Refused::Baud(MIN_BAUD - 1)));
-        assert_eq!(coding(MAX_BAUD + 1, 0, 0, 8), Err(Refused::Baud(MAX_BAUD + 1)));
-        assert_eq!(coding(9_600, 1, 0, 8), Err(Refused::StopBits(1)));
-        assert_eq!(coding(9_600, 0, 3, 8), Err(Refused::Parity(3)));
-        assert_eq!(coding(9_600, 0, 2, 7), Err(Refused::DataBits(7)));
-        assert_eq!(coding(9_600, 0, 0, 9), Err(Refused::DataBits(9)));
+        assert_eq!(coding(0, 0, 0, 8), Err(UnsupportedCoding::Baud(0)));
+        assert_eq!(
+            coding(MIN_BAUD - 1, 0, 0, 8),
+            Err(UnsupportedCoding::Baud(MIN_BAUD - 1))
+        );
+        assert_eq!(
+            coding(MAX_BAUD + 1, 0, 0, 8),
+            Err(UnsupportedCoding::Baud(MAX_BAUD + 1))
+        );
+        assert_eq!(coding(9_600, 1, 0, 8), Err(UnsupportedCoding::StopBits(1)));
+        assert_eq!(coding(9_600, 0, 3, 8), Err(UnsupportedCoding::Parity(3)));
+        assert_eq!(coding(9_600, 0, 2, 7), Err(UnsupportedCoding::DataBits(7)));
+        assert_eq!(coding(9_600, 0, 0, 9), Err(UnsupportedCoding::DataBits(9)));
         assert_eq!(
             coding(3_000_000, 0, 0, 8).unwrap_err().to_string(),
             "3000000 baud, the UART supports 1200 to 2000000"

@@ -17,8 +17,8 @@ mod stop;
 use std::vec::Vec;
 
 use crate::{
-    Bridge, Duration, Instant, LineCoding, PACKET, Refused, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, UartConfig,
-    UartErrors, UartEvent, UsbEvent,
+    Bridge, Duration, Instant, LineCoding, PACKET, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, UartConfig, UartErrors,
+    UartEvent, UnsupportedCoding, UsbEvent,
 };
 use armwire::ling::{Frame, MAX_FRAME};
 use proptest::prelude::*;
@@ -312,7 +312,7 @@ fn unsupported_coding_is_counted_without_effect() {
     let mut bridge = open();
     bridge.set_line_coding(BAUD_115200, NOW).unwrap();
     let refused = bridge.set_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 3, 8], NOW);
-    assert_eq!(refused, Err(Refused::Parity(3)));
+    assert_eq!(refused, Err(UnsupportedCoding::Parity(3)));
     assert_eq!(bridge.line_coding().baud, 115_200);
     assert_eq!(bridge.counters().refused_line_codings, 1);
 }

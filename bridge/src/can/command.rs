@@ -17,7 +17,7 @@ use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
 use armwire::time::{Duration, Instant};
 
-use super::{Frame, Function, Node, Refused, telemetry};
+use super::{Frame, Function, Node, RefusedRequest, telemetry};
 use crate::control::Refusal;
 
 /// One step of a command's speed, in ticks per second.
@@ -185,7 +185,7 @@ impl Commands {
     /// for the previous command; [`Refusal::Stale`] or [`Refusal::OutOfRange`] for this one; [`Refusal::NotAFrame`]
     /// unless it has 8 bytes. `None` if no action follows: the frame is a first half, starts a stream, or is no command
     /// for this node.
-    pub fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<Move, Refused>> {
+    pub fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<Move, RefusedRequest>> {
         let (function @ (Function::CommandA | Function::CommandB), node) = Function::of(frame.id())? else {
             return None;
         };
@@ -234,7 +234,7 @@ impl Commands {
     }
 
     /// Checks a complete command.
-    fn check(&mut self, command: &Command, now: Instant) -> Option<Result<Move, Refused>> {
+    fn check(&mut self, command: &Command, now: Instant) -> Option<Result<Move, RefusedRequest>> {
         let running = self.last.filter(|&(_, at)| now < at + self.timeout);
         let has_gone_on = self.has_gone_on && running.is_some();
         match running.map(|(last, _)| last) {
@@ -248,7 +248,7 @@ impl Commands {
                 if keeps_stream {
                     (self.last, self.has_gone_on) = (Some((command.sequence, now)), true);
                 }
-                Some(target.map_err(|_| Refused {
+                Some(target.map_err(|_| RefusedRequest {
                     reason: Refusal::OutOfRange,
                     keeps_stream,
                 }))

@@ -4,9 +4,9 @@
 pub mod command;
 mod frame;
 mod ids;
-mod refused;
+mod refused_request;
 pub mod telemetry;
 
 pub use frame::{FD_LENGTHS, Frame, FrameError, Id, MAX_CLASSIC, MAX_FD};
 pub use ids::{Function, Node};
-pub use refused::Refused;
+pub use refused_request::RefusedRequest;

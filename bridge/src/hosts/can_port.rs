@@ -3,7 +3,7 @@
 use heapless::Deque;
 
 use crate::can::telemetry::{Errors, event_to_data};
-use crate::can::{Frame, Function, Refused};
+use crate::can::{Frame, Function, RefusedRequest};
 use crate::config::{self, ArmKind};
 use crate::control::{Event, FrameBytes, Initiator, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
 use crate::counters::{Counters, count};
@@ -39,7 +39,7 @@ pub(crate) enum Received {
     /// A command moves the arm by this request.
     Command(FrameBytes),
     /// A request, a message or a command was refused.
-    Refused(Initiator, Refused),
+    Refused(Initiator, RefusedRequest),
 }
 
 /// The adapter's node on the bus.
@@ -120,7 +120,7 @@ impl CanPort {
             Function::ArmRequest => match count_events(self.arm.receive(frame.data(), now), counters) {
                 Outcome::Refused => {
                     let begins_motion = |(len, start)| kind.is_motion(start, len);
-                    let full = Refused {
+                    let full = RefusedRequest {
                         reason: Refusal::QueueFull,
                         keeps_stream: isotp::beginning(frame.data()).is_some_and(begins_motion),
                     };

@@ -5,7 +5,7 @@ use armwire::messages::Messages;
 
 use crate::can::command::Commands;
 use crate::can::telemetry::Sample;
-use crate::can::{Frame, Node, Refused};
+use crate::can::{Frame, Node, RefusedRequest};
 use crate::config::{self, ArmKind};
 use crate::control::{FrameBytes, Refusal};
 use armwire::time::{Duration, Instant};
@@ -55,7 +55,7 @@ impl Cyclic {
     // ---- Commands ----
 
     /// Handles a command frame. Returns the request that moves the arm, or the reason for a refusal.
-    pub(super) fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<FrameBytes, Refused>> {
+    pub(super) fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<FrameBytes, RefusedRequest>> {
         let target = match self.commands.receive(frame, now)? {
             Ok(target) => target,
             Err(refused) => return Some(Err(refused)),

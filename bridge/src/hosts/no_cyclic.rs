@@ -1,6 +1,6 @@
 //! A stub without cyclic frames: they belong to the Ling arm, whose protocol is not compiled in.
 
-use crate::can::{Frame, Refused};
+use crate::can::{Frame, RefusedRequest};
 use crate::config::{self, ArmKind};
 use crate::control::{FrameBytes, Refusal};
 use armwire::time::Instant;
@@ -15,7 +15,7 @@ impl Cyclic {
 
     pub(super) const fn adopt(&mut self, _: &config::Can) {}
 
-    pub(super) const fn receive(&mut self, _: &Frame, _: Instant) -> Option<Result<FrameBytes, Refused>> {
+    pub(super) const fn receive(&mut self, _: &Frame, _: Instant) -> Option<Result<FrameBytes, RefusedRequest>> {
         None
     }
 

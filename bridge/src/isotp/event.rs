@@ -11,7 +11,7 @@ pub enum Event {
     /// A PDU is complete: [`received`](super::Endpoint::received) returns it.
     Received,
     /// A PDU was refused. Its sender is notified if the PDU needs more than one frame.
-    Refused(Refused),
+    Refused(RefusedPdu),
     /// A transfer was aborted.
     Failed(Error),
     /// A frame was ignored, as the standard requires.
@@ -145,14 +145,14 @@ impl core::error::Error for Error {}
 /// The reason for a refused PDU.
 ///
 /// ```
-/// use armwire_bridge::isotp::Refused;
+/// use armwire_bridge::isotp::RefusedPdu;
 ///
-/// assert_eq!(Refused::TooLong { max: 300, got: 4_095 }.to_string(), "a PDU of 4095 bytes, at most 300 fit");
+/// assert_eq!(RefusedPdu::TooLong { max: 300, got: 4_095 }.to_string(), "a PDU of 4095 bytes, at most 300 fit");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Refused {
+pub enum RefusedPdu {
     /// The previous PDU has not been released.
     Occupied {
         /// Its length in bytes.
@@ -167,7 +167,7 @@ pub enum Refused {
     },
 }
 
-impl fmt::Display for Refused {
+impl fmt::Display for RefusedPdu {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Occupied { got } => write!(f, "a PDU of {got} bytes, but the previous one was not released"),
@@ -176,7 +176,7 @@ impl fmt::Display for Refused {
     }
 }
 
-impl core::error::Error for Refused {}
+impl core::error::Error for RefusedPdu {}
 
 /// The reason why a frame was ignored.
 ///

@@ -55,7 +55,7 @@ use armwire::time::Instant;
 
 pub use config::{Config, Link, SeparationTime};
 pub use endpoint::{Endpoint, MAX_PDU};
-pub use event::{Error, Event, Events, Ignored, Refused, SendError};
+pub use event::{Error, Event, Events, Ignored, RefusedPdu, SendError};
 pub(crate) use pci::beginning;
 
 /// The instant of no timeout.

@@ -3,7 +3,7 @@
 use armwire::time::Instant;
 
 use super::pci::{CONTINUE, FLOW_CONTROL, OVERFLOW};
-use super::{Config, Error, Event, Events, Ignored, Link, NEVER, Refused, block};
+use super::{Config, Error, Event, Events, Ignored, Link, NEVER, RefusedPdu, block};
 use crate::can::{Frame, MAX_FD};
 
 /// The state of a transfer. The endpoint owns the bytes: this code is then compiled once for all lengths.
@@ -219,11 +219,11 @@ impl Receiver {
         }))
     }
 
-    fn room(&self, buffer: &[u8], got: u32) -> Result<(), Refused> {
+    fn room(&self, buffer: &[u8], got: u32) -> Result<(), RefusedPdu> {
         let max = buffer.len();
         match self.state {
-            State::Whole => Err(Refused::Occupied { got }),
-            _ if got as usize > max => Err(Refused::TooLong { max, got }),
+            State::Whole => Err(RefusedPdu::Occupied { got }),
+            _ if got as usize > max => Err(RefusedPdu::TooLong { max, got }),
             _ => Ok(()),
         }
     }

@@ -8,7 +8,7 @@ use std::vec::Vec;
 use crate::time::{Duration, Instant};
 use proptest::prelude::*;
 
-use super::{Config, Endpoint, Error, Event, Events, Ignored, Link, MAX_PDU, Refused, SendError, SeparationTime};
+use super::{Config, Endpoint, Error, Event, Events, Ignored, Link, MAX_PDU, RefusedPdu, SendError, SeparationTime};
 use crate::can::{FD_LENGTHS, Frame, Id};
 
 type Full = Endpoint<MAX_PDU, MAX_PDU>;
@@ -679,7 +679,7 @@ fn pdu_beyond_the_buffer_is_refused_with_overflow() {
         ([0x10, 0x00, 0xFF, 0xFF, 0xFF, 0xFF, 0, 1], u32::MAX),
     ] {
         events(
-            [Event::Refused(Refused::TooLong { max: 100, got: len })],
+            [Event::Refused(RefusedPdu::TooLong { max: 100, got: len })],
             receiver.receive(&first, T0),
         );
         assert_eq!(receiver.timeout(), None);
@@ -690,7 +690,7 @@ fn pdu_beyond_the_buffer_is_refused_with_overflow() {
 
     let mut small = Endpoint::<2, 1>::new(config(Link::Classic));
     events(
-        [Event::Refused(Refused::TooLong { max: 2, got: 3 })],
+        [Event::Refused(RefusedPdu::TooLong { max: 2, got: 3 })],
         small.receive(&[3, 1, 2, 3], T0),
     );
     assert_eq!(small.transmit(T0), None);
@@ -701,7 +701,7 @@ fn pending_overflow_is_dropped_after_sender_continued() {
     let mut receiver = Endpoint::<20, 1>::new(config(Link::Classic));
     for next in [&[0x01, 9][..], &[0x10, 20, 0, 1, 2, 3, 4, 5]] {
         events(
-            [Event::Refused(Refused::TooLong { max: 20, got: 21 })],
+            [Event::Refused(RefusedPdu::TooLong { max: 20, got: 21 })],
             receiver.receive(&[0x10, 21, 0, 1, 2, 3, 4, 5], T0),
         );
         receiver.receive(next, T0).for_each(drop);
@@ -716,12 +716,12 @@ fn further_pdus_are_refused_until_one_is_taken() {
     let mut receiver = endpoint(Link::Classic);
     events([Event::Received], receiver.receive(&[0x01, 9], T0));
     events(
-        [Event::Refused(Refused::Occupied { got: 2 })],
+        [Event::Refused(RefusedPdu::Occupied { got: 2 })],
         receiver.receive(&[0x02, 1, 2], T0),
     );
     assert_eq!(receiver.transmit(T0), None);
     events(
-        [Event::Refused(Refused::Occupied { got: 20 })],
+        [Event::Refused(RefusedPdu::Occupied { got: 20 })],
         receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0),
     );
     assert_eq!(next(&mut receiver, T0)[0], 0x32);
@@ -769,7 +769,7 @@ fn oversized_first_frame_ends_pdu_and_is_refused() {
     events(
         [
             Event::Failed(Error::Interrupted { expected: 20, got: 6 }),
-            Event::Refused(Refused::TooLong { max: 20, got: 21 }),
+            Event::Refused(RefusedPdu::TooLong { max: 20, got: 21 }),
         ],
         receiver.receive(&[0x10, 21, 0, 1, 2, 3, 4, 5], T0),
     );

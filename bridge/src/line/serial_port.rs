@@ -4,7 +4,7 @@ use armwire::time::Instant;
 
 use crate::control::Initiator;
 use crate::counters::count;
-use crate::line_coding::{LineCoding, Refused};
+use crate::line_coding::{LineCoding, UnsupportedCoding};
 
 use super::Line;
 use super::rate::ControlPort;
@@ -80,7 +80,7 @@ impl Line {
     }
 
     /// The host on USB set a line coding.
-    pub(crate) fn set_line_coding(&mut self, bytes: [u8; 7], now: Instant) -> Result<(), Refused> {
+    pub(crate) fn set_line_coding(&mut self, bytes: [u8; 7], now: Instant) -> Result<(), UnsupportedCoding> {
         let coding = LineCoding::from_cdc(bytes).inspect_err(|_| count(&mut self.counters.refused_line_codings, 1))?;
         self.from_host.touch(now);
         self.rate.request(coding, self.from_host.len(), now);

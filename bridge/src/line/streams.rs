@@ -69,7 +69,8 @@ impl Line {
         self.dead_man.motion_waits(Initiator::Can, now);
     }
 
-    /// Motion of a host on CAN was refused in a way that [keeps its stream alive](crate::can::Refused::keeps_stream).
+    /// Motion of a host on CAN was refused in a way that
+    /// [keeps its stream alive](crate::can::RefusedRequest::keeps_stream).
     pub(crate) fn keep_alive(&mut self, initiator: Initiator, now: Instant) {
         self.dead_man.keep_alive(initiator, now);
     }

@@ -24,7 +24,7 @@ use armwire_bridge::control::{
 };
 use armwire_bridge::isotp::SeparationTime;
 use armwire_bridge::time;
-use armwire_bridge::{Counters, LineCoding, Refused};
+use armwire_bridge::{Counters, LineCoding, UnsupportedCoding};
 use armwire_fuzz::line::{LineDecoder, Span};
 use armwire_fuzz::{Check, Result, Subject, Unstructured, request_bytes, response_bytes};
 use armwire_host_tests::reference;
@@ -203,10 +203,10 @@ fn values(u: &mut Unstructured<'_>) -> Result<()> {
         Ok(coding) => assert_eq!(coding.to_cdc(), cdc),
         Err(refused) => {
             let name = match refused {
-                Refused::Baud(_) => "baud",
-                Refused::DataBits(_) => "data bits",
-                Refused::Parity(_) => "parity",
-                Refused::StopBits(_) => "stop bits",
+                UnsupportedCoding::Baud(_) => "baud",
+                UnsupportedCoding::DataBits(_) => "data bits",
+                UnsupportedCoding::Parity(_) => "parity",
+                UnsupportedCoding::StopBits(_) => "stop bits",
                 other => panic!("a new reason has no word here: {other}"),
             };
             assert!(refused.to_string().contains(name));

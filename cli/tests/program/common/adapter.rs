@@ -14,7 +14,7 @@ use armwire_bridge::config::Config as AdapterConfig;
 use armwire_bridge::control::{
     self, FromAdapter, FromHost, Identity, LineHolder, LineState, MAX_MESSAGE, Reply, Request,
 };
-use armwire_bridge::isotp::{Config, Endpoint, Event, Link, Refused};
+use armwire_bridge::isotp::{Config, Endpoint, Event, Link, RefusedPdu};
 use armwire_bridge::{LineCoding, time};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
@@ -149,7 +149,7 @@ impl Adapter {
         // This bus loses no frame, but on a busy system a host repeats its request early.
         for event in events {
             assert!(
-                matches!(event, Event::Received | Event::Refused(Refused::Occupied { .. })),
+                matches!(event, Event::Received | Event::Refused(RefusedPdu::Occupied { .. })),
                 "{event:?}"
             );
         }

@@ -5,7 +5,7 @@ use crate::control::Refusal;
 /// A refused request or command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Refused {
+pub struct RefusedRequest {
     /// The reason.
     pub reason: Refusal,
     /// True if the sender is not silent: it sent motion that had no room, or that was refused only for its speed. A
@@ -14,7 +14,7 @@ pub struct Refused {
 }
 
 /// A refusal that keeps no stream alive.
-impl From<Refusal> for Refused {
+impl From<Refusal> for RefusedRequest {
     fn from(reason: Refusal) -> Self {
         Self {
             reason,
