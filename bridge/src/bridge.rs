@@ -143,8 +143,10 @@ impl Bridge {
     /// // Zeros end a partial frame in the arm. Torque-off follows them.
     /// let mut buf = [0; 256];
     /// let burst = |len| Some(Transmit::Burst { len, start: None });
-    /// assert_eq!(bridge.uart_transmit(&mut buf, Instant::ZERO), burst(70));
-    /// bridge.uart_transmitted(Instant::ZERO);
+    /// for zeros in [70, 70, 70, 51] {
+    ///     assert_eq!(bridge.uart_transmit(&mut buf, Instant::ZERO), burst(zeros));
+    ///     bridge.uart_transmitted(Instant::ZERO);
+    /// }
     /// assert_eq!(bridge.uart_transmit(&mut buf, Instant::ZERO), burst(7));
     /// assert_eq!(buf[..7], [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF]);
     /// ```

@@ -96,7 +96,7 @@ counters! {
         /// Cyclic commands on CAN that went to the arm.
         pub requests_command: u32,
         /// Requests of the adapter itself that went to the arm, see [`Initiator::Adapter`](crate::control::Initiator),
-        /// and zeros sent before a request to end a frame.
+        /// and bursts of zeros before a request to end a frame: four of at most 70 bytes, 261 bytes together.
         pub requests_adapter: u32,
         /// Requests of all these initiators whose answer did not arrive in time.
         pub unanswered_requests: u32,
@@ -178,12 +178,14 @@ counters! {
         pub refused_stopped: u32,
         /// Starts in [recovery](crate::start) since power-on.
         pub recovery_starts: u32,
+        /// Voids of the host on USB: 261 zeros, by which its client ended an incomplete request.
+        pub voids_usb: u32,
     }
 }
 
 impl Counters {
     /// Numbers of counters at the end that versions 4, 3 and 2 of the control port lack.
-    pub(crate) const SINCE_OLDER: &'static [usize] = &[2, 3, 8];
+    pub(crate) const SINCE_OLDER: &'static [usize] = &[3, 4, 9];
 
     /// Maximum size on the control port, in bytes.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -325,7 +327,7 @@ mod tests {
         // Every count at its maximum takes five bytes; `from_bytes` decodes that many repetitions.
         let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
         let counters = Counters::from_bytes(most.as_flattened()).unwrap();
-        assert_eq!(counters.recovery_starts, u32::MAX);
+        assert_eq!(counters.voids_usb, u32::MAX);
         let mut buf = [0; Counters::MAX_LEN];
         assert_eq!(counters.to_bytes(&mut buf).unwrap(), most.as_flattened());
         assert!(counters.to_bytes(&mut [0; Counters::MAX_LEN - 1]).is_err());

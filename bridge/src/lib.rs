@@ -37,8 +37,9 @@
 //! * **Eight requests** in flight are tracked. A host on USB that is alone on the line may send more, which are
 //!   [counted](Counters::untracked_requests); other initiators then wait until the last of them can no longer be
 //!   answered. A host that shares the line is held back.
-//! * **An incomplete request on USB** keeps the line for 10 ms after its last byte. Zeros then end it before another
-//!   initiator's request. Zeros also end bytes that the arm received at another rate.
+//! * **An incomplete request on USB** keeps the line for 10 ms after its last byte. A *void* then ends it before another
+//!   initiator's request: 261 zeros, as many bytes as the longest frame for whose rest an arm may wait. A void also ends
+//!   bytes that the arm received at another rate. A void that the host itself sends ends its turn at once.
 //! * **Bytes outside of requests**, for example a firmware update by the vendor's tool, keep the line until it has been
 //!   quiet in both directions for 5 ms. If other initiators wait, that ends after 100 ms, at any byte. If two
 //!   initiators send such bytes, their bytes interleave in pieces; a piece from CAN is a whole PDU.

@@ -90,6 +90,11 @@ pub trait Framing {
     /// that cannot begin a frame break the stream ([`Scan::Broken`]).
     const LOSSLESS: bool = false;
 
+    /// The length of a *void*: zeros after which a receiver has discarded a partly transmitted frame, whatever its
+    /// bytes are. That is the longest frame that a receiver may wait for, since zero is no terminator: the length field
+    /// of every protocol on a serial line has one byte, and counts all but at most six bytes.
+    const LONGEST: usize = u8::MAX as usize + 6;
+
     /// The expectation of the next frame, for protocols whose frames do not contain their length; otherwise `()`.
     type Expect: Copy + Eq + Debug;
 

@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// The longest message in postcard format, in bytes.
-pub const MAX_MESSAGE: usize = 298;
+pub const MAX_MESSAGE: usize = 303;
 
 /// Maximum overhead of COBS and the zero terminator, for a message of any kind.
 pub(crate) const COBS: usize = 4;

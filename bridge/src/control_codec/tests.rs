@@ -495,8 +495,8 @@ fn counters_that_are_cut_are_malformed() {
     };
     let mut bytes = [0; MAX_MESSAGE];
     let len = encode(&message, &mut bytes).unwrap();
-    // Version 4 lacks the last two counters; the one before them has two bytes here, and version 3 lacks it, too.
-    let older = [3 + OLDER_COUNTS.len(), len - 2, len - 4];
+    // Version 4 lacks the last three counters; the one before them has two bytes here, and version 3 lacks it, too.
+    let older = [3 + OLDER_COUNTS.len(), len - 3, len - 5];
     for cut in (3..len).filter(|cut| !older.contains(cut)) {
         let error = decode::<FromAdapter>(&bytes[..cut]).expect_err("a cut message");
         assert_eq!(error.reason, Reason::EndsEarly, "{cut} of {len} bytes");

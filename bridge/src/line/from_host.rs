@@ -25,6 +25,9 @@ const QUIET_TIME: Duration = Duration::from_millis(5);
 /// Maximum time that others wait for a host that sends bytes outside of requests.
 const RAW_TURN: Duration = Duration::from_millis(100);
 
+/// The length of a void in bytes: zeros that end every incomplete request in the arm's receiver.
+pub(crate) const VOID: usize = <ArmKind as Framing>::LONGEST;
+
 /// Bytes from the host on USB.
 pub(crate) struct FromHost {
     bytes: Queue<TO_ARM_BUFFER>,
@@ -32,8 +35,11 @@ pub(crate) struct FromHost {
     decoder: Decoder<MAX_FRAME>,
     /// The last bytes that went out belong to no request.
     is_raw: bool,
-    /// The arm may wait for the rest of a frame: the last request was truncated, or went out at another rate.
-    pub(crate) is_cut: bool,
+    /// The number of zeros that are due before the next request of another: up to [`VOID`] if the arm may wait for the
+    /// rest of a frame, because the last request was truncated or went out at another rate.
+    void_due: usize,
+    /// The number of zeros at the end of the bytes that went out, at most [`VOID`].
+    zeros: usize,
     /// Start of the host's turn.
     began: Instant,
     /// The last time that bytes went out or were queued on an empty buffer.
@@ -51,7 +57,8 @@ impl FromHost {
             bytes: Queue::new(),
             decoder: Decoder::new(),
             is_raw: false,
-            is_cut: false,
+            void_due: 0,
+            zeros: 0,
             began: Instant::ZERO,
             moved: Instant::ZERO,
             oldest: Instant::ZERO,
@@ -136,9 +143,48 @@ impl FromHost {
         let space = self.decoder.space();
         let len = len.min(space.len());
         let len = self.bytes.pop(space.get_mut(..len).unwrap_or_default());
+        let sent = space.get(..len).unwrap_or_default();
+        let zeros = sent.iter().rev().take_while(|byte| **byte == 0).count();
+        let before = if zeros == len { self.zeros } else { 0 };
+        self.zeros = before.saturating_add(zeros).min(VOID);
         // The decoder has room for them.
         let _ = self.decoder.commit(len);
         len
+    }
+
+    /// Ends the turn of a host that has sent a void. Returns true if it has, once.
+    pub(crate) fn end_void(&mut self) -> bool {
+        let is_void = self.zeros == VOID && self.is_in_sequence();
+        if is_void {
+            self.forget_turn();
+            self.void_due = 0;
+        }
+        is_void
+    }
+
+    /// Returns true if the arm may wait for the rest of a frame.
+    pub(crate) const fn is_cut(&self) -> bool {
+        self.void_due > 0
+    }
+
+    /// Returns true while zeros are due that must follow others directly.
+    pub(crate) const fn is_voiding(&self) -> bool {
+        self.void_due > 0 && self.void_due < VOID
+    }
+
+    /// The number of zeros that are due before the next request of another.
+    pub(crate) const fn void_due(&self) -> usize {
+        self.void_due
+    }
+
+    /// The arm may wait for the rest of a frame, or no longer does.
+    pub(crate) const fn set_cut(&mut self, is_cut: bool) {
+        self.void_due = if is_cut { VOID } else { 0 };
+    }
+
+    /// This many of the zeros that are due went out.
+    pub(crate) const fn voided(&mut self, zeros: usize) {
+        self.void_due = self.void_due.saturating_sub(zeros);
     }
 
     /// The next item of the sent bytes, and the number of bytes after it.
@@ -166,7 +212,9 @@ impl FromHost {
 
     /// Ends the host's turn. The rest of an incomplete request is no longer expected.
     pub(crate) fn cut(&mut self) {
-        self.is_cut |= self.decoder.pending() > 0;
+        if self.decoder.pending() > 0 {
+            self.set_cut(true);
+        }
         self.decoder.clear();
     }
 

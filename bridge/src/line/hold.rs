@@ -41,7 +41,7 @@ impl Line {
             let dropped = self.drop_host_bytes().saturating_add(self.stop.drop_gated());
             count(&mut self.counters.refused_rate_bytes, dropped);
             self.from_host.forget_turn();
-            self.from_host.is_cut = true;
+            self.from_host.set_cut(true);
             self.follow_holder(now);
         }
     }

@@ -42,7 +42,7 @@ impl Line {
     pub(crate) fn restarted_while_armed(&mut self) {
         if self.kind.own(OwnRequest::TorqueOff).is_some() {
             self.requests.torque_off = Some(Instant::ZERO);
-            self.from_host.is_cut = true;
+            self.from_host.set_cut(true);
         }
     }
 

@@ -91,11 +91,12 @@ impl Line {
                 .peek(self.kind, one, out.get_mut(..len).unwrap_or_default());
         } else if out.len() < MAX_FRAME {
             return None;
-        } else if self.from_host.is_cut {
+        } else if self.from_host.is_cut() {
             // No frame ends with zeros. Without them, an arm that waits for the rest of a frame would take the next
             // request for it.
-            out.get_mut(..MAX_FRAME)?.fill(0);
-            (burst.len, burst.kind) = (MAX_FRAME, BurstKind::Zeros);
+            let len = self.from_host.void_due().min(MAX_FRAME);
+            out.get_mut(..len)?.fill(0);
+            (burst.len, burst.kind) = (len, BurstKind::Zeros);
         } else {
             let (bytes, info) = self.waiting_request(initiator)?;
             out.get_mut(..bytes.len())?.copy_from_slice(bytes);
@@ -167,8 +168,8 @@ impl Line {
         let start = burst.start.unwrap_or(now);
         self.last_tx = start;
         if burst.kind == BurstKind::Zeros {
+            self.from_host.voided(burst.len);
             count(&mut self.counters.requests_adapter, 1);
-            self.from_host.is_cut = false;
             return self.arbiter.sent_raw(Initiator::Adapter);
         }
         let c = &mut self.counters;
@@ -215,7 +216,9 @@ impl Line {
         self.rate.sent(len);
         // The arm may receive bytes at another rate as the beginning of a frame.
         let is_at_arms_rate = self.rate.is_arms();
-        self.from_host.is_cut |= !is_at_arms_rate;
+        if !is_at_arms_rate {
+            self.from_host.set_cut(true);
+        }
         let byte_nanos = self.rate.byte_nanos();
         let end = now + on_wire(byte_nanos, len);
         let mut rest = len;
@@ -235,7 +238,7 @@ impl Line {
                 if is_motion {
                     self.stop.on_motion(self.kind, item.bytes);
                 }
-                self.from_host.is_cut = !is_at_arms_rate;
+                self.from_host.set_cut(!is_at_arms_rate);
                 count(&mut self.counters.requests_usb, 1);
                 self.latencies.turn.add(self.from_host.waited());
                 let behind = on_wire(byte_nanos, rest.saturating_add(behind));
@@ -248,6 +251,9 @@ impl Line {
                         self.dead_man.end(Initiator::Usb);
                     }
                 }
+            }
+            if is_at_arms_rate && self.from_host.end_void() {
+                count(&mut self.counters.voids_usb, 1);
             }
         }
     }

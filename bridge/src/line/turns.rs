@@ -14,6 +14,10 @@ impl Line {
         if self.requests.is_urgent() && !self.from_host.is_in_sequence() {
             return Some(Initiator::Adapter);
         }
+        // The arm may take whatever follows a part of the zeros for the rest of a frame.
+        if self.from_host.is_voiding() && self.rate.is_arms() {
+            return Some(Initiator::Adapter);
+        }
         if self.is_anothers() {
             return None;
         }

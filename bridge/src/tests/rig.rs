@@ -474,6 +474,11 @@ pub(super) fn ling_responder() -> impl FnMut(&[u8]) -> Option<(u64, Vec<u8>)> {
     }
 }
 
+/// The bursts of a void of the adapter.
+pub(super) fn void() -> Vec<Vec<u8>> {
+    vec![0; Ling::LONGEST].chunks(MAX_FRAME).map(<[u8]>::to_vec).collect()
+}
+
 /// A Ling frame.
 pub(super) fn ling(command: u8, function: u8, data: &[u8]) -> Vec<u8> {
     let mut out = [0; 70];

@@ -670,7 +670,7 @@ fn torque_goes_off_despite_partial_host_frame() {
         }
         assert_eq!(requests.len(), 4, "after {cut} bytes: {requests:?}");
         assert_eq!(requests[3], ling::Request::SetTorque(ling::Torque::Off));
-        assert_eq!(rig.bridge.counters().requests_adapter, 2);
+        assert_eq!(rig.bridge.counters().requests_adapter, 5);
     }
 }
 

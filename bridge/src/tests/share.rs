@@ -7,10 +7,12 @@ use std::vec;
 use std::vec::Vec;
 
 use armwire::alpha1::{self, Alpha1};
+use armwire::framing::Framing;
+use armwire::ling::Ling;
 use armwire::messages::Messages;
 use proptest::prelude::*;
 
-use super::rig::{Rig, at, ling, ling_responder};
+use super::rig::{Rig, at, ling, ling_responder, void};
 use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, Poll};
 use crate::control::{Event, Initiator, Refusal, Reply, Request};
@@ -389,8 +391,58 @@ fn partial_frame_keeps_line_for_10_ms() {
     rig.can_out.push_back(info());
     rig.run(20_000);
     // An arm that waits for the rest would read the next bytes as that rest: zeros end it.
-    assert_eq!(rig.sent[1..], [(10_000, vec![0; 70]), (10_700, info())]);
+    let sent = rig.sent[1..].iter().map(|(_, bytes)| bytes.clone());
+    assert!(sent.eq([void(), vec![info()]].concat()));
+    assert_eq!((rig.sent[1].0, rig.sent[5].0), (10_000, 12_610));
     assert_eq!(rig.can.len(), 1);
+}
+
+#[test]
+fn zeros_of_the_adapter_follow_each_other() {
+    // A request and a poll become ready among the zeros.
+    let mut rig = Rig::new(Config::default());
+    rig.usb_out.extend(&JOINTS[..3]);
+    rig.run(100);
+    rig.can_out.push_back(info());
+    rig.run(10_500);
+    rig.usb_out.extend(JOINTS);
+    rig.can_out.push_back(info());
+    rig.run(20_000);
+    let sent = rig.sent[1..5].iter().map(|(_, bytes)| bytes.clone());
+    assert!(sent.eq(void()));
+    assert_eq!(rig.bridge.counters().requests_adapter, 4);
+    assert_eq!(rig.sent.len(), 5 + 3);
+}
+
+#[test]
+fn void_of_usb_host_ends_its_turn() {
+    for begun in [&JOINTS[..2], &[0xAA, 0x06, 0x03, 0x40, 0xAA], b"raw"] {
+        for (zeros, waits) in [(Ling::LONGEST - 1, true), (Ling::LONGEST, false)] {
+            let mut rig = Rig::new(Config::default());
+            rig.usb_out.extend(begun);
+            rig.run(100);
+            rig.can_out.push_back(info());
+            rig.usb_out.extend(vec![0; zeros]);
+            rig.run(50_000);
+            let of_usb = rig
+                .initiators
+                .iter()
+                .filter(|initiator| **initiator == Initiator::Usb)
+                .count();
+            let sent = begun.len() + zeros;
+            let line = rig.sent[..of_usb].iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
+            assert_eq!(line, sent, "the void keeps its turn");
+            // The request follows directly, without zeros of the adapter.
+            assert_eq!(rig.sent.len(), of_usb + 1);
+            let (at, request) = &rig.sent[of_usb];
+            assert_eq!(
+                (request, *at > sent as u64 * 10 + 2_000),
+                (&info(), waits),
+                "{begun:?} {zeros}"
+            );
+            assert_eq!(rig.bridge.counters().voids_usb, u32::from(!waits));
+        }
+    }
 }
 
 #[test]
@@ -832,7 +884,7 @@ proptest! {
         let of_usb: Vec<u8> = of_usb.flat_map(|(_, (_, bytes))| bytes.clone()).collect();
         prop_assert_eq!(of_usb, from_usb);
         for (initiator, (_, bytes)) in bursts() {
-            let ends_half_a_frame = *initiator == Initiator::Adapter && bytes[..] == [0; 70];
+            let ends_half_a_frame = *initiator == Initiator::Adapter && bytes.iter().all(|byte| *byte == 0);
             prop_assert!(*initiator == Initiator::Usb || ends_half_a_frame || kinds(bytes).len() == 1);
         }
         prop_assert_eq!(rig.initiators.iter().filter(|initiator| **initiator == Initiator::Can).count() as u32, c.requests_can);

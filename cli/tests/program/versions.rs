@@ -106,7 +106,7 @@ fn value<'a>(text: &'a str, name: &str) -> Option<&'a str> {
 }
 
 #[test]
-fn counters_of_version_3_lack_the_last_two() {
+fn counters_of_version_3_lack_the_last_four() {
     let text = printed(run_with(&["counters", "control:PORT"], replies(3, 56, &[])));
     assert_eq!(value(&text, "arm_to_host_bytes "), Some("1"), "{text}");
     assert_eq!(value(&text, "late_stamps "), Some("1"), "{text}");
@@ -115,7 +115,7 @@ fn counters_of_version_3_lack_the_last_two() {
 }
 
 #[test]
-fn counters_of_version_4_lack_the_last_two() {
+fn counters_of_version_4_lack_the_last_three() {
     let text = printed(run_with(&["counters", "control:PORT"], replies(4, 57, &[])));
     assert_eq!(value(&text, "untracked_requests "), Some("1"), "{text}");
     assert_eq!(value(&text, "refused_stopped "), Some("0"), "{text}");
@@ -124,11 +124,11 @@ fn counters_of_version_4_lack_the_last_two() {
 
 #[test]
 fn unknown_counters_of_version_6_are_skipped() {
-    let text = printed(run_with(&["counters", "control:PORT"], replies(6, 60, &[])));
+    let text = printed(run_with(&["counters", "control:PORT"], replies(6, 61, &[])));
     assert_eq!(value(&text, "recovery_starts "), Some("1"), "{text}");
     assert_eq!(
         text,
-        printed(run_with(&["counters", "control:PORT"], replies(5, 59, &[])))
+        printed(run_with(&["counters", "control:PORT"], replies(5, 60, &[])))
     );
 }
 
@@ -142,14 +142,14 @@ fn adapter_of_any_version_is_described() {
     for version in 3..=6 {
         // Version 6 has more at the end of each message.
         let added: &[u8] = if version == 6 { &[1, 2, 3] } else { &[] };
-        let text = printed(run_with(&["info", "control:PORT"], replies(version, 59, added)));
+        let text = printed(run_with(&["info", "control:PORT"], replies(version, 60, added)));
         assert_eq!(text.lines().collect::<Vec<_>>(), expected, "version {version}");
     }
 }
 
 #[test]
 fn error_names_version_6_of_an_adapter() {
-    let output = run_with(&["hold", "control:PORT"], replies(6, 60, &[]));
+    let output = run_with(&["hold", "control:PORT"], replies(6, 61, &[]));
     let line = failure(&output);
     assert!(
         line.ends_with(
@@ -163,7 +163,7 @@ fn error_names_version_6_of_an_adapter() {
 fn unknown_reply_of_version_6_is_reported() {
     let output = run_with(&["counters", "control:PORT"], |request| match request {
         GET_LATENCIES => vec![12, 1],
-        _ => replies(6, 60, &[])(request),
+        _ => replies(6, 61, &[])(request),
     });
     let line = failure(&output);
     assert!(
@@ -203,9 +203,9 @@ fn host_of_version_3_is_served() {
     assert_eq!(call(&[7, HOLD_LINE]), done);
     assert_eq!(call(&[7, GET_LINE]), reply(&held));
     assert_eq!(call(&[7, RELEASE_LINE]), done);
-    // The host knows 56 counters and skips the last three. The 46th counts control requests.
+    // The host knows 56 counters and skips the last four. The 46th counts control requests.
     let counters = call(&[7, GET_COUNTERS]);
-    assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 59));
+    assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 60));
     assert_eq!(counters[3 + 45], 9);
     // A request of a later version.
     assert_eq!(call(&[7, 18, 1]), reply(&[1, 5]));
