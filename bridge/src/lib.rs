@@ -115,6 +115,7 @@ mod line_coding;
 #[cfg(feature = "defmt")]
 mod log;
 mod queue;
+pub mod slcan;
 pub mod start;
 pub mod store;
 

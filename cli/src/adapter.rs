@@ -3,7 +3,7 @@
 use std::io::ErrorKind;
 
 use armwire_bridge::config::Can;
-use armwire_sim::slcan::BitRate;
+use armwire_bridge::slcan::BitRate;
 use clap::Args;
 
 use crate::available::has_serial_port;

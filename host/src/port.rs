@@ -9,7 +9,7 @@ use armwire::alpha1::Alpha1;
 use armwire::ling::legacy::Legacy;
 use armwire::{Config, time};
 use armwire_bridge::can::{Function, Node};
-use armwire_sim::slcan::{BIT_RATES, BitRate};
+use armwire_bridge::slcan::{BIT_RATES, BitRate};
 
 use crate::can::{self, CanLine, SharedBus};
 use crate::control::ControlLink;

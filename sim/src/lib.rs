@@ -9,7 +9,7 @@
 //! | [`faults`] | a line that drops, corrupts, duplicates, delays and inserts bytes |
 //! | [`wire`] | a host and a device on a line in virtual time |
 //! | [`can`] | a frame on a CAN bus, and its duration |
-//! | [`slcan`] | a CAN adapter on a serial port, both ends of its protocol |
+//! | [`slcan`] | a CAN adapter on a serial port |
 //! | `pty`, `serve` | a device on a pseudo-terminal in real time (Unix) |
 #![forbid(unsafe_code)]
 

@@ -2,10 +2,11 @@
 //! each line once, sends frames only while its channel is open, and reports received frames.
 #![no_main]
 
+use armwire_bridge::slcan::{Command, Commands, Malformed, Replies, Reply, Status};
 use armwire_bridge::{Duration, Instant};
 use armwire_fuzz::{Result, Unstructured};
 use armwire_sim::can::{Frame, Id};
-use armwire_sim::slcan::{Adapter, Command, Commands, Malformed, Replies, Reply, Status};
+use armwire_sim::slcan::Adapter;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
@@ -90,7 +91,7 @@ fn any_frame(u: &mut Unstructured<'_>) -> Result<Option<Frame>> {
     // An FD frame may switch the bit rate.
     Ok(match u.arbitrary()? {
         Some(bit_rate_switch) => Frame::fd_frame(id, data, bit_rate_switch),
-        None => (data.len() <= 8).then(|| Frame::data_frame(id, data)),
+        None => Frame::data_frame(id, data),
     })
 }
 

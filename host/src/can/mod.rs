@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{self, FromHost, MAX_FRAME, MAX_MESSAGE};
 use armwire_bridge::isotp::{self, Endpoint, Event};
-use armwire_sim::slcan::BitRate;
+use armwire_bridge::slcan::BitRate;
 
 use crate::adapter;
 use crate::control::{ControlLink, Received, Transport};

@@ -5,7 +5,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire_bridge::can::Frame;
-use armwire_sim::slcan::{BitRate, Command, Malformed, Replies, Reply, Status};
+use armwire_bridge::slcan::{BitRate, Command, Malformed, Replies, Reply, Status};
 
 use super::bus::Bus;
 use crate::error::Error;

@@ -64,99 +64,117 @@ impl BitTimes {
     }
 }
 
-impl Frame {
+/// The bits of a frame on the wire, and their duration.
+pub trait OnTheWire {
     /// Compares two frames in arbitration. [`Ordering::Less`] wins the bus; [`Ordering::Equal`] means equal arbitration
     /// bits. A classic frame wins against an FD frame with the same identifier: its FDF bit is dominant.
-    pub fn arbitrates(&self, other: &Self) -> Ordering {
-        self.arbitration().cmp(&other.arbitration())
-    }
+    fn arbitrates(&self, other: &Self) -> Ordering;
 
     /// Returns the number of bits from the start of frame to the end of the CRC sequence and its fixed stuff bits.
-    pub fn bits_before_crc_delimiter(&self) -> u32 {
-        if self.fd.is_none() {
-            return stuffed(self.checked().into_iter().chain(crc_15(&self.checked())), true);
-        }
-        let crc = STUFF_COUNT_BITS + if self.payload().len() <= MAX_CRC_17 { 17 } else { 21 };
-        // Five equal bits before the first fixed stuff bit get no further stuff bit.
-        stuffed(self.checked(), false) + 1 + crc + crc / 4
-    }
+    fn bits_before_crc_delimiter(&self) -> u32;
 
     /// Returns the number of bits from the start of frame to the acknowledge slot, inclusive.
-    pub fn bits_through_acknowledge(&self) -> u32 {
-        self.bits_before_crc_delimiter() + 2
-    }
+    fn bits_through_acknowledge(&self) -> u32;
 
     /// Returns the number of bits from the start of frame to the last but one of the end of frame: the receiver accepts
     /// it then.
-    pub fn bits_until_valid(&self) -> u32 {
-        self.bits_on_the_wire() - 1
-    }
+    fn bits_until_valid(&self) -> u32;
 
     /// Returns the number of bits from the start of frame to the last of the end of frame: transmission is complete
     /// then.
-    pub fn bits_on_the_wire(&self) -> u32 {
+    fn bits_on_the_wire(&self) -> u32;
+
+    /// Returns the duration of the first `bits` bits, in picoseconds.
+    fn picoseconds(&self, bits: u32, times: BitTimes) -> u64;
+}
+
+impl OnTheWire for Frame {
+    fn arbitrates(&self, other: &Self) -> Ordering {
+        arbitration(self).cmp(&arbitration(other))
+    }
+
+    fn bits_before_crc_delimiter(&self) -> u32 {
+        if self.fd.is_none() {
+            return stuffed(checked(self).into_iter().chain(crc_15(&checked(self))), true);
+        }
+        let crc = STUFF_COUNT_BITS + if self.payload().len() <= MAX_CRC_17 { 17 } else { 21 };
+        // Five equal bits before the first fixed stuff bit get no further stuff bit.
+        stuffed(checked(self), false) + 1 + crc + crc / 4
+    }
+
+    fn bits_through_acknowledge(&self) -> u32 {
+        self.bits_before_crc_delimiter() + 2
+    }
+
+    fn bits_until_valid(&self) -> u32 {
+        self.bits_on_the_wire() - 1
+    }
+
+    fn bits_on_the_wire(&self) -> u32 {
         self.bits_before_crc_delimiter() + DELIMITERS_AND_SLOT + END_OF_FRAME_BITS
     }
 
-    /// Returns the duration of the first `bits` bits, in picoseconds.
-    pub fn picoseconds(&self, bits: u32, times: BitTimes) -> u64 {
-        let (start, end) = self.data_phase();
+    fn picoseconds(&self, bits: u32, times: BitTimes) -> u64 {
+        let (start, end) = data_phase(self);
         let fast = bits.clamp(start, end) - start;
         u64::from(bits - fast) * times.nominal + u64::from(fast) * times.data
     }
+}
 
-    /// Returns the first bit of the data phase, and the first after it. Equal without a data phase.
-    fn data_phase(&self) -> (u32, u32) {
-        if !self.switches_bit_rate() {
-            return (0, 0);
-        }
-        (stuffed(self.through_brs(), false), self.bits_before_crc_delimiter() + 1)
+/// Returns the first bit of the data phase, and the first after it. Equal without a data phase.
+fn data_phase(frame: &Frame) -> (u32, u32) {
+    if !frame.switches_bit_rate() {
+        return (0, 0);
     }
+    (
+        stuffed(through_brs(frame), false),
+        frame.bits_before_crc_delimiter() + 1,
+    )
+}
 
-    /// Returns the arbitration field, with the bit that distinguishes FD frames from classic ones.
-    fn arbitration(&self) -> Vec<bool> {
-        let mut bits = Vec::with_capacity(33);
-        match self.id {
-            Id::Standard(id) => {
-                push(&mut bits, id.into(), 11);
-                // RTR or RRS, IDE.
-                bits.extend([self.remote, false]);
-            }
-            Id::Extended(id) => {
-                push(&mut bits, id >> 18, 11);
-                // SRR, IDE.
-                bits.extend([true, true]);
-                push(&mut bits, id & 0x3_FFFF, 18);
-                bits.push(self.remote);
-            }
+/// Returns the arbitration field, with the bit that distinguishes FD frames from classic ones.
+fn arbitration(frame: &Frame) -> Vec<bool> {
+    let mut bits = Vec::with_capacity(33);
+    match frame.id {
+        Id::Standard(id) => {
+            push(&mut bits, id.into(), 11);
+            // RTR or RRS, IDE.
+            bits.extend([frame.remote, false]);
         }
-        bits.push(self.fd.is_some());
-        bits
+        Id::Extended(id) => {
+            push(&mut bits, id >> 18, 11);
+            // SRR, IDE.
+            bits.extend([true, true]);
+            push(&mut bits, id & 0x3_FFFF, 18);
+            bits.push(frame.remote);
+        }
     }
+    bits.push(frame.fd.is_some());
+    bits
+}
 
-    /// Returns the bits from the start of frame to BRS, or to the bit before the DLC of a classic frame.
-    fn through_brs(&self) -> Vec<bool> {
-        let mut bits = vec![false];
-        bits.extend(self.arbitration());
-        match (self.fd, self.id) {
-            (Some(flags), _) => bits.extend([false, flags.bit_rate_switch]),
-            // r0 follows r1.
-            (None, Id::Extended(_)) => bits.push(false),
-            (None, Id::Standard(_)) => {}
-        }
-        bits
+/// Returns the bits from the start of frame to BRS, or to the bit before the DLC of a classic frame.
+fn through_brs(frame: &Frame) -> Vec<bool> {
+    let mut bits = vec![false];
+    bits.extend(arbitration(frame));
+    match (frame.fd, frame.id) {
+        (Some(flags), _) => bits.extend([false, flags.bit_rate_switch]),
+        // r0 follows r1.
+        (None, Id::Extended(_)) => bits.push(false),
+        (None, Id::Standard(_)) => {}
     }
+    bits
+}
 
-    /// Returns the bits from the start of frame to the end of the data.
-    fn checked(&self) -> Vec<bool> {
-        let mut bits = self.through_brs();
-        bits.extend(self.fd.map(|flags| flags.error_passive));
-        push(&mut bits, self.dlc.into(), 4);
-        for byte in self.payload() {
-            push(&mut bits, u32::from(*byte), 8);
-        }
-        bits
+/// Returns the bits from the start of frame to the end of the data.
+fn checked(frame: &Frame) -> Vec<bool> {
+    let mut bits = through_brs(frame);
+    bits.extend(frame.fd.map(|flags| flags.error_passive));
+    push(&mut bits, frame.dlc.into(), 4);
+    for byte in frame.payload() {
+        push(&mut bits, u32::from(*byte), 8);
     }
+    bits
 }
 
 /// Appends the low `width` bits of `value`, the highest first.

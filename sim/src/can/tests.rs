@@ -104,10 +104,10 @@ fn frame_phases_use_nominal_data_nominal_bit_times() {
 #[test]
 fn classic_frames_have_their_bits_with_stuff_bits() {
     for (frame, bits) in [
-        (Frame::data_frame(ID, b"joints"), 92),
-        (Frame::data_frame(Id::Standard(0), &[0; 8]), 124),
-        (Frame::data_frame(Id::Standard(0x7FF), &[]), 47),
-        (Frame::data_frame(Id::Extended(0x1456_7890), &[1, 2]), 84),
+        (Frame::data_frame(ID, b"joints").unwrap(), 92),
+        (Frame::data_frame(Id::Standard(0), &[0; 8]).unwrap(), 124),
+        (Frame::data_frame(Id::Standard(0x7FF), &[]).unwrap(), 47),
+        (Frame::data_frame(Id::Extended(0x1456_7890), &[1, 2]).unwrap(), 84),
         (Frame::remote_frame(Id::Standard(0x555), 4), 44),
     ] {
         assert_eq!(frame.bits_on_the_wire(), bits, "{frame:?}");
@@ -118,7 +118,7 @@ fn classic_frames_have_their_bits_with_stuff_bits() {
 #[test]
 fn classic_frame_wins_over_fd_frame_of_identifier() {
     for id in [ID, Id::Extended(0x123)] {
-        let (classic, fd) = (Frame::data_frame(id, &[]), fast(id, &[]));
+        let (classic, fd) = (Frame::data_frame(id, &[]).unwrap(), fast(id, &[]));
         assert_eq!(classic.arbitrates(&fd), Ordering::Less);
         assert_eq!(fd.arbitrates(&classic), Ordering::Greater);
         assert_eq!(
@@ -131,7 +131,7 @@ fn classic_frame_wins_over_fd_frame_of_identifier() {
     let base = Frame::remote_frame(ID, 0);
     assert_eq!(base.arbitrates(&fast(Id::Extended(0x123 << 18), &[])), Ordering::Less);
     assert_eq!(
-        fast(Id::Standard(0x122), &[]).arbitrates(&Frame::data_frame(ID, &[])),
+        fast(Id::Standard(0x122), &[]).arbitrates(&Frame::data_frame(ID, &[]).unwrap()),
         Ordering::Less
     );
 }
@@ -145,7 +145,7 @@ fn adapter_frames_are_only_those_it_supports() {
         assert_eq!(Frame::from(frame).to_adapter(), Some(frame));
     }
     assert!(Frame::from(fd).switches_bit_rate());
-    assert_eq!(Frame::data_frame(Id::Extended(0x123), &[]).to_adapter(), None);
+    assert_eq!(Frame::data_frame(Id::Extended(0x123), &[]).unwrap().to_adapter(), None);
     assert_eq!(Frame::remote_frame(ID, 0).to_adapter(), None);
     let long = Frame::classic(ID, false, 15, &[9; 64]);
     assert_eq!(long.payload(), [9; 8], "a DLC above eight is eight bytes");

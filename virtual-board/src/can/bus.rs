@@ -18,7 +18,9 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use armwire_sim::can::{BitTimes, ERROR_DELIMITER_BITS, ERROR_FLAG_BITS, Frame, INTERMISSION_BITS, SUSPEND_BITS};
+use armwire_sim::can::{
+    BitTimes, ERROR_DELIMITER_BITS, ERROR_FLAG_BITS, Frame, INTERMISSION_BITS, OnTheWire, SUSPEND_BITS,
+};
 
 use super::node::{Node, NodeConfig, Reception, reception, times};
 use super::wait::Wait;

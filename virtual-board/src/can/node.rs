@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use armwire_sim::can::{BitTimes, Frame};
+use armwire_sim::can::{BitTimes, Frame, OnTheWire};
 
 use super::confinement::Confinement;
 use super::wait::Wait;

@@ -20,7 +20,7 @@ const BIT: Nanos = Nanos(1_000);
 const LONG: Nanos = Nanos(1_000_000);
 
 fn classic(id: u16, data: &[u8]) -> Frame {
-    Frame::data_frame(Id::Standard(id), data)
+    Frame::data_frame(Id::Standard(id), data).unwrap()
 }
 
 fn fd(id: u16, data: &[u8]) -> Frame {

@@ -1,7 +1,8 @@
 //! An SLCAN adapter on the CAN bus, as a separate FD node.
 
+use armwire_bridge::slcan::Status;
 use armwire_sim::pty::Pty;
-use armwire_sim::slcan::{Adapter, Status};
+use armwire_sim::slcan::Adapter;
 
 use super::BACKLOG;
 use crate::board::Can;

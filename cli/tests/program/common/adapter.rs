@@ -15,11 +15,12 @@ use armwire_bridge::control::{
     self, FromAdapter, FromHost, Identity, LineHolder, LineState, MAX_MESSAGE, Reply, Request,
 };
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link, RefusedPdu};
+use armwire_bridge::slcan::Status;
 use armwire_bridge::{LineCoding, time};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
-use armwire_sim::slcan::{Adapter as Slcan, Status};
+use armwire_sim::slcan::Adapter as Slcan;
 
 /// The default bit rate of the bus.
 pub(crate) const BIT_RATE: u32 = 500_000;

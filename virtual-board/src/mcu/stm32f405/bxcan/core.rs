@@ -18,7 +18,7 @@
 
 use std::collections::VecDeque;
 
-use armwire_sim::can::{Frame, INTERMISSION_BITS, Id};
+use armwire_sim::can::{Frame, INTERMISSION_BITS, Id, OnTheWire};
 
 use super::filter::Filters;
 use super::registers::*;

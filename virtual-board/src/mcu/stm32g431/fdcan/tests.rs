@@ -176,7 +176,7 @@ fn groups_choose_the_interrupt_line() {
     controller.write(IE, ir::RFN).unwrap();
     controller.write(ILS, 1).unwrap();
     controller.write(ILE, 0b11).unwrap();
-    controller.receive(&Frame::data_frame(Id::Standard(1), &[]));
+    controller.receive(&Frame::data_frame(Id::Standard(1), &[]).unwrap());
     assert_eq!(controller.interrupts(), [false, true]);
 }
 
@@ -184,7 +184,7 @@ fn groups_choose_the_interrupt_line() {
 fn full_fifo_loses_next_frame_and_flags_it() {
     let mut controller = on_the_bus(0);
     for id in 1..=4 {
-        controller.receive(&Frame::data_frame(Id::Standard(id), &[id as u8]));
+        controller.receive(&Frame::data_frame(Id::Standard(id), &[id as u8]).unwrap());
     }
     assert_eq!(controller.read(IR), Ok(ir::RFN | ir::RFF | ir::RFL));
     assert_eq!(controller.read(RXF0S), Ok(3 | rxfs::FF | rxfs::RFL));
@@ -224,7 +224,7 @@ fn filters_choose_the_fifo_or_reject() {
     controller.write(CCCR, 0).unwrap();
     join(&mut controller);
     let mut levels = |id| {
-        controller.receive(&Frame::data_frame(id, &[]));
+        controller.receive(&Frame::data_frame(id, &[]).unwrap());
         [RXF0S, RXF1S].map(|register| controller.read(register).unwrap() & 0xF)
     };
     assert_eq!(levels(Id::Standard(0x108)), [0, 1]);

@@ -112,7 +112,7 @@ impl Bench {
 }
 
 fn frame(id: u16, data: &[u8]) -> Frame {
-    Frame::data_frame(Id::Standard(id), data)
+    Frame::data_frame(Id::Standard(id), data).unwrap()
 }
 
 /// Longer than any frame.
@@ -160,7 +160,7 @@ fn frame_takes_its_bits_with_stuff_bits() {
         (frame(0x123, b"joints"), 92),
         (frame(0, &[0; 8]), 124),
         (frame(0x7FF, &[]), 47),
-        (Frame::data_frame(Id::Extended(0x1456_7890), &[1, 2]), 84),
+        (Frame::data_frame(Id::Extended(0x1456_7890), &[1, 2]).unwrap(), 84),
         (Frame::remote_frame(Id::Standard(0x555), 4), 44),
     ] {
         let mut bench = Bench::new();

@@ -113,7 +113,7 @@ fn received_frame_has_filter_index_length_and_kind() {
     ]);
     for (sent, index, registers) in [
         (
-            Frame::data_frame(Id::Extended(0x1456_7890), &[1, 2, 3]),
+            Frame::data_frame(Id::Extended(0x1456_7890), &[1, 2, 3]).unwrap(),
             0,
             (0x1456_7890 << identifier::EXID_AT | identifier::IDE, 3),
         ),

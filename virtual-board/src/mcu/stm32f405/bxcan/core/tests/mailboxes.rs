@@ -59,7 +59,9 @@ fn data_before_remote_and_standard_before_extended_identifier() {
 fn extended_identifier_loses_to_equal_standard_identifier() {
     let mut bench = Bench::new();
     bench.node_sends(1, 0, &[]);
-    bench.bus.send(0, Frame::data_frame(Id::Extended(0x100 << 18), &[]));
+    bench
+        .bus
+        .send(0, Frame::data_frame(Id::Extended(0x100 << 18), &[]).unwrap());
     bench.request(0, 0x100, 0);
     bench.run(4 * LONG);
     let senders: Vec<Sender> = bench.ids().iter().map(|&(sender, ..)| sender).collect();

@@ -1,6 +1,7 @@
 //! Lines: collected byte by byte, parsed field by field.
 
 use armwire::OutOfRange;
+use heapless::Vec;
 
 use super::{Cause, Malformed};
 
@@ -11,21 +12,20 @@ const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64 + 4;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Line {
     /// Its characters, up to the longest valid line.
-    kept: Vec<u8>,
+    kept: Vec<u8, MAX_LINE>,
     len: usize,
 }
 
 impl Line {
     pub(super) fn push(&mut self, byte: u8) {
-        if self.kept.len() < MAX_LINE {
-            self.kept.push(byte);
-        }
+        // What does not fit is counted.
+        let _ = self.kept.push(byte);
         self.len += 1;
     }
 
     /// Parses the whole line, and begins the next.
     pub(super) fn take<T>(&mut self, parse: impl Fn(&mut Field<'_>) -> Result<T, Cause>) -> Result<T, Malformed> {
-        let Self { kept, len } = std::mem::take(self);
+        let Self { kept, len } = core::mem::take(self);
         let mut field = Field { line: &kept, at: 0 };
         let malformed = |cause| Malformed {
             command: kept.first().copied().unwrap_or(0),
@@ -100,7 +100,7 @@ impl Field<'_> {
 
     /// Takes any characters.
     pub(super) fn characters<const N: usize>(&mut self) -> Result<[u8; N], Cause> {
-        let Some(characters) = self.line[self.at..].first_chunk() else {
+        let Some(characters) = self.line.get(self.at..).and_then(<[u8]>::first_chunk) else {
             return Err(Cause::Length {
                 expected: self.at + N,
                 got: self.line.len(),

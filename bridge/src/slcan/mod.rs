@@ -1,8 +1,7 @@
 //! SLCAN: a CAN adapter on a serial port, with a protocol of ASCII lines (LAWICEL's manuals of CAN232 and CANUSB).
 //!
 //! A program sends [`Command`]s and the adapter sends [`Reply`]s. Both end with a carriage return; a refusal is a BELL.
-//! Each side parses the other's bytes in pieces of any size. An [`Adapter`] is the adapter's side, without a CAN
-//! controller and without I/O.
+//! Each side parses the other's bytes in pieces of any size. The adapter's side is `armwire_bridge::slcan::Adapter`.
 //!
 //! FD frames are those of the CANable 2 firmware, which python-can also supports. `Y` sets the data bit rate.
 //!
@@ -16,11 +15,10 @@
 //! No line carries the ESI flag of an FD frame, or a classic DLC above 8.
 //!
 //! ```
-//! use armwire::time::Instant;
-//! use armwire_sim::can::{Frame, Id};
-//! use armwire_sim::slcan::{Adapter, BitRate, Command, Replies, Reply};
+//! use armwire_bridge::can::bus::{Frame, Id};
+//! use armwire_bridge::slcan::{BitRate, Command, Replies, Reply};
 //!
-//! let frame = Frame::data_frame(Id::Standard(0x600), &[1, 2, 3]);
+//! let frame = Frame::data_frame(Id::Standard(0x600), &[1, 2, 3]).unwrap();
 //! let mut program = Vec::new();
 //! for command in [
 //!     Command::BitRate(BitRate::new(1_000_000).unwrap()),
@@ -31,37 +29,23 @@
 //! }
 //! assert_eq!(program, b"S8\rO\rt6003010203\r");
 //!
-//! let (mut adapter, mut bus) = (Adapter::new(), Vec::new());
-//! for byte in program {
-//!     adapter.receive(byte, |frame| {
-//!         bus.push(frame);
-//!         true
-//!     });
-//! }
-//! assert_eq!(bus, [frame]);
-//! adapter.on_frame(&frame, Instant::ZERO);
-//!
 //! let mut replies = Replies::default();
-//! let received: Vec<_> = adapter.output().drain(..).filter_map(|byte| replies.push(byte)).collect();
-//! let from_bus = Reply::Frame { frame, millis: None };
-//! let sent = Reply::Sent { is_extended: false };
-//! assert_eq!(received, [Ok(Reply::Done), Ok(Reply::Done), Ok(sent), Ok(from_bus)]);
+//! let received: Vec<_> = b"\r\rz\r".iter().filter_map(|&byte| replies.push(byte)).collect();
+//! assert_eq!(received, [Ok(Reply::Done), Ok(Reply::Done), Ok(Reply::Sent { is_extended: false })]);
 //! ```
 //!
 //! The crate slcan 0.1.3 does not fit: it has the program's side only, owns its port, and ignores malformed lines.
 
-mod adapter;
 mod line;
 #[cfg(test)]
 mod tests;
 
-use std::fmt;
+use core::{error, fmt};
 
 use armwire::OutOfRange;
-use armwire_bridge::can::{FD_LENGTHS, MAX_CLASSIC, MAX_FD};
 
-use crate::can::{FdFlags, Frame, Id};
-pub use adapter::Adapter;
+use crate::can::bus::{FdFlags, Frame, Id, fd_length};
+use crate::can::{FD_LENGTHS, MAX_CLASSIC, MAX_FD};
 use line::{Field, Line};
 
 /// The selectable bit rates, in bits per second. The index is the digit of the `S` command.
@@ -77,7 +61,7 @@ const CR: u8 = b'\r';
 /// Refusal, sent by an adapter in place of a line.
 const BELL: u8 = 0x07;
 /// Period of the time stamps, in milliseconds.
-const MINUTE: u16 = 60_000;
+pub const MINUTE: u16 = 60_000;
 
 /// One of [`BIT_RATES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,7 +79,7 @@ impl BitRate {
 
     /// Returns the rate in bits per second.
     pub fn bits_per_second(self) -> u32 {
-        BIT_RATES[usize::from(self.0)]
+        BIT_RATES.get(usize::from(self.0)).copied().unwrap_or_default()
     }
 }
 
@@ -223,11 +207,13 @@ impl Status {
 /// Names of the set bits, or `in order`.
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let wrong = Self::NAMES.iter().filter(|(bit, _)| self.0 & bit.0 != 0);
-        let names: Vec<_> = wrong.map(|&(_, name)| name).collect();
-        match names.as_slice() {
-            [] => f.pad("in order"),
-            names => f.pad(&names.join(", ")),
+        let mut set = Self::NAMES.iter().filter(|(bit, _)| self.0 & bit.0 != 0);
+        match set.next() {
+            None => f.write_str("in order"),
+            Some((_, first)) => {
+                f.write_str(first)?;
+                set.try_for_each(|(_, name)| write!(f, ", {name}"))
+            }
         }
     }
 }
@@ -283,12 +269,12 @@ impl fmt::Display for Malformed {
     }
 }
 
-impl std::error::Error for Malformed {}
+impl error::Error for Malformed {}
 
 /// Parser of a program's commands.
 ///
 /// ```
-/// use armwire_sim::slcan::{Command, Commands};
+/// use armwire_bridge::slcan::{Command, Commands};
 ///
 /// let mut commands = Commands::default();
 /// let mut read = b"t80011\rV\r".iter().filter_map(|&byte| commands.push(byte));
@@ -334,7 +320,7 @@ impl Commands {
 /// Parser of an adapter's replies.
 ///
 /// ```
-/// use armwire_sim::slcan::{Replies, Reply};
+/// use armwire_bridge::slcan::{Replies, Reply};
 ///
 /// let mut replies = Replies::default();
 /// let read: Vec<_> = b"V1013\r\x07".iter().filter_map(|&byte| replies.push(byte)).collect();
@@ -391,7 +377,7 @@ fn frame(kind: u8, field: &mut Field<'_>) -> Result<Frame, Cause> {
             id => return Err(Cause::Identifier(id)),
         }
     } else {
-        let id = armwire_bridge::can::Id::new(field.number(3)? as u16);
+        let id = crate::can::Id::new(field.number(3)? as u16);
         Id::Standard(id.map_err(Cause::OutOfRange)?.get())
     };
     let flags = match kind.to_ascii_lowercase() {
@@ -411,9 +397,8 @@ fn frame(kind: u8, field: &mut Field<'_>) -> Result<Frame, Cause> {
     if let b'r' | b'R' = kind {
         return Ok(Frame::remote_frame(id, dlc));
     }
-    let len = usize::from(FD_LENGTHS[usize::from(dlc)]);
     let mut data = [0; MAX_FD];
-    for byte in &mut data[..len] {
+    for byte in data.iter_mut().take(fd_length(dlc)) {
         *byte = field.byte()?;
     }
     Ok(match flags {
@@ -442,62 +427,81 @@ fn millis(field: &mut Field<'_>) -> Result<u16, Cause> {
 
 impl Command {
     /// Appends the encoded line.
-    pub fn encode(&self, out: &mut Vec<u8>) {
+    pub fn encode(&self, out: &mut impl Extend<u8>) {
         match self {
             Self::Nothing => {}
             Self::BitRate(BitRate(digit)) => out.extend([b'S', b'0' + digit]),
             Self::DataBitRate(DataBitRate(digit)) => out.extend([b'Y', b'0' + digit]),
-            Self::Open => out.push(b'O'),
-            Self::Listen => out.push(b'L'),
-            Self::Close => out.push(b'C'),
+            Self::Open => out.extend([b'O']),
+            Self::Listen => out.extend([b'L']),
+            Self::Close => out.extend([b'C']),
             Self::Transmit(frame) => encode_frame(frame, out),
-            Self::Status => out.push(b'F'),
-            Self::Version => out.push(b'V'),
-            Self::SerialNumber => out.push(b'N'),
+            Self::Status => out.extend([b'F']),
+            Self::Version => out.extend([b'V']),
+            Self::SerialNumber => out.extend([b'N']),
             Self::TimeStamps(on) => out.extend([b'Z', b'0' + u8::from(*on)]),
         }
-        out.push(CR);
+        out.extend([CR]);
     }
 }
 
 impl Reply {
     /// Appends the encoded line.
-    pub fn encode(&self, out: &mut Vec<u8>) {
+    pub fn encode(&self, out: &mut impl Extend<u8>) {
         match self {
             Self::Done => {}
             Self::Refused => {
-                out.push(BELL);
+                out.extend([BELL]);
                 return;
             }
-            Self::Sent { is_extended } => out.push(if *is_extended { b'Z' } else { b'z' }),
+            Self::Sent { is_extended } => out.extend([if *is_extended { b'Z' } else { b'z' }]),
             Self::Frame { frame, millis } => {
                 encode_frame(frame, out);
                 if let Some(millis) = millis {
-                    out.extend(format!("{millis:04X}").bytes());
+                    out.extend(hex((*millis).into(), 4));
                 }
             }
-            Self::Status(status) => out.extend(format!("F{:02X}", status.0).bytes()),
-            Self::Version { hardware, software } => out.extend(format!("V{hardware:02X}{software:02X}").bytes()),
+            Self::Status(status) => {
+                out.extend([b'F']);
+                out.extend(hex(status.0.into(), 2));
+            }
+            Self::Version { hardware, software } => {
+                out.extend([b'V']);
+                out.extend(
+                    [hardware, software]
+                        .into_iter()
+                        .flat_map(|&version| hex(version.into(), 2)),
+                );
+            }
             Self::SerialNumber(characters) => {
-                out.push(b'N');
-                out.extend(characters);
+                out.extend([b'N']);
+                out.extend(characters.iter().copied());
             }
         }
-        out.push(CR);
+        out.extend([CR]);
     }
 }
 
-fn encode_frame(frame: &Frame, out: &mut Vec<u8>) {
+fn encode_frame(frame: &Frame, out: &mut impl Extend<u8>) {
     let (kind, dlc) = match frame.fd {
-        Some(flags) => (if flags.bit_rate_switch { 'b' } else { 'd' }, frame.dlc),
-        None => (if frame.remote { 'r' } else { 't' }, frame.dlc.min(MAX_CLASSIC as u8)),
+        Some(flags) => (if flags.bit_rate_switch { b'b' } else { b'd' }, frame.dlc),
+        None => (if frame.remote { b'r' } else { b't' }, frame.dlc.min(MAX_CLASSIC as u8)),
     };
-    let line = match frame.id {
-        Id::Standard(id) => format!("{kind}{id:03X}{dlc:X}"),
-        Id::Extended(id) => format!("{}{id:08X}{dlc:X}", kind.to_ascii_uppercase()),
+    let (kind, id) = match frame.id {
+        Id::Standard(id) => (kind, hex(id.into(), 3)),
+        Id::Extended(id) => (kind.to_ascii_uppercase(), hex(id, 8)),
     };
-    out.extend(line.bytes());
-    for byte in frame.payload() {
-        out.extend(format!("{byte:02X}").bytes());
-    }
+    out.extend([kind]);
+    out.extend(id.chain(hex(dlc.into(), 1)));
+    out.extend(frame.payload().iter().flat_map(|&byte| hex(byte.into(), 2)));
+}
+
+/// The low hexadecimal digits of `value`, the highest first.
+fn hex(value: u32, digits: u32) -> impl Iterator<Item = u8> {
+    (0..digits)
+        .rev()
+        .map(move |digit| match (value >> (4 * digit) & 0xF) as u8 {
+            digit @ ..10 => b'0' + digit,
+            letter => b'A' + letter - 10,
+        })
 }

@@ -1,8 +1,11 @@
-//! The adapter's side.
+//! An SLCAN adapter: the adapter's side of [`armwire_bridge::slcan`], without a CAN controller and without I/O.
+
+#[cfg(test)]
+mod tests;
 
 use armwire::time::Instant;
+use armwire_bridge::slcan::{BitRate, Command, Commands, DataBitRate, MINUTE, Reply, Status};
 
-use super::{BitRate, Command, Commands, DataBitRate, MINUTE, Reply, Status};
 use crate::can::{Frame, Id};
 
 /// Maximum output for a program that does not read. Further frames are lost, which sets a bit of the [`Status`].
