@@ -3,14 +3,13 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::ling::{JointState, Ling, Move, Position, Request, Response, TICKS_PER_TURN, Torque};
+use armwire::ling::{JointState, Ling, Move, Position, Request, TICKS_PER_TURN, Torque};
 use clap::Args;
 
 use crate::args::ArmPort;
 use crate::call::ling::{TORQUES, Target, read_joints};
 use crate::call::values::{one_of, seconds};
 use crate::confirm::Confirm;
-use crate::describe::Arm as _;
 use crate::error::Error;
 use crate::legacy;
 use crate::link::Link;
@@ -81,8 +80,8 @@ impl MoveArm {
         let request = Request::Move(*target);
         link.call(&request, drop)?;
         if !self.wait {
-            print_line(format_args!("sent: {}", Ling::show_request(&request)))?;
-            return print_line(format_args!("now: {}", show(read_joints(link)?)));
+            print_line(format_args!("sent: {request}"))?;
+            return print_line(format_args!("now: {}", read_joints(link)?));
         }
         let mut gripper = Standstill::default();
         let is_there = |now, state: &JointState| {
@@ -91,10 +90,9 @@ impl MoveArm {
         };
         let (state, is_there) = read_until(link, self.timeout, is_there)?;
         match (is_there, far_gripper(target, &state)) {
-            (true, None) => print_line(format_args!("target reached: {}", show(state))),
+            (true, None) => print_line(format_args!("target reached: {state}")),
             (true, Some(off)) => print_line(format_args!(
-                "joints reached; {off} and has stopped: is it holding something? {}",
-                show(state)
+                "joints reached; {off} and has stopped: is it holding something? {state}"
             )),
             (false, gripper) => {
                 let mut off = far_joints(target, &state);
@@ -119,10 +117,10 @@ impl SetTorque {
             self.confirm.prompt("With torque off the arm falls: hold it.")?;
         }
         let mut link = legacy::open(&self.arm.connect()?)?;
-        link.call(&Request::SetTorque(self.torque), drop)?;
+        let request = Request::SetTorque(self.torque);
+        link.call(&request, drop)?;
         let is_so = |_, state: &JointState| state.status.is_holding() == Some(wanted);
         let (JointState { status, .. }, is_so) = read_until(&mut link, READ_BACK_TIMEOUT, is_so)?;
-        let request = Ling::show_request(&Request::SetTorque(self.torque));
         match status.is_holding() {
             _ if is_so => print_line(format_args!("{done} (status {status})")),
             None => print_line(format_args!(
@@ -147,19 +145,14 @@ impl SetZero {
             joints.all(|ticks| ticks.abs_diff(ZERO) <= Move::JOINT_TOLERANCE)
         };
         let (state, is_zero) = read_until(&mut link, READ_BACK_TIMEOUT, is_zero)?;
-        let text = show(state);
         match is_zero {
-            true => print_line(format_args!("zero set: {text}")),
+            true => print_line(format_args!("zero set: {state}")),
             false => Err(Error::at(
                 link.name(),
-                format_args!("set-zero was sent, but the arm reports {text}"),
+                format_args!("set-zero was sent, but the arm reports {state}"),
             )),
         }
     }
-}
-
-fn show(state: JointState) -> String {
-    Ling::show_response(&Response::Joints(state))
 }
 
 /// Reads until `is_so` returns true, at most for the timeout. `is_so` takes the time since the start and the reading.

@@ -122,9 +122,8 @@ pub(crate) fn read_joints(link: &mut Link<Ling>) -> Result<JointState, Error> {
 fn gripper_reading(link: &mut Link<Ling>) -> Result<Opening, Error> {
     let reading = read_joints(link)?.opening();
     let goal = reading.map_err(|error| Error::at(link.name(), format_args!("{error}: --gripper sets the goal")))?;
-    let percent = f32::from(goal.per_mille()) / 10.0;
     print_error(&format_args!(
-        "{}: the gripper's goal is its reading, {percent:.1} %: a grip may loosen (--gripper sets the goal)",
+        "{}: the gripper's goal is its reading, {goal}: a grip may loosen (--gripper sets the goal)",
         link.name()
     ));
     Ok(goal)

@@ -11,7 +11,7 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 
 use crate::args::ArmPort;
-use crate::describe::{Arm, line, object};
+use crate::describe::{Arm, object};
 use crate::error::Error;
 use crate::link::Link;
 use crate::output::{print_json, print_line};
@@ -75,19 +75,19 @@ impl Call {
 /// Sends the request and prints the answer.
 pub(crate) fn call<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>, json: bool) -> Result<(), Error> {
     let answer = link.call(request, |response| match P::refusal(&response) {
-        None => Ok(P::facts(&response)),
+        None => Ok((response.to_string(), P::facts(&response))),
         Some(what) => Err(what),
     })?;
     let extra = P::extra_fact(link.frame());
-    let answer = answer.map(|facts| facts.map(|facts| facts.into_iter().chain(extra).collect::<Vec<_>>()));
-    match answer {
-        None if json => print_json(&json!({ "sent": P::show_request(request) })),
-        None => print_line(format_args!(
-            "{}: sent, the arm does not answer it",
-            P::show_request(request)
-        )),
-        Some(Ok(facts)) if json => print_json(&object(&facts).into()),
-        Some(Ok(facts)) => print_line(line(&facts)),
-        Some(Err(what)) => Err(Error::refused(link.name(), what)),
+    match (answer, extra) {
+        (None, _) if json => print_json(&json!({ "sent": request.to_string() })),
+        (None, _) => print_line(format_args!("{request}: sent, the arm does not answer it")),
+        (Some(Ok((_, mut facts))), extra) if json => {
+            facts.extend(extra);
+            print_json(&object(&facts).into())
+        }
+        (Some(Ok((text, _))), Some(extra)) => print_line(format_args!("{text}, {extra}")),
+        (Some(Ok((text, _))), None) => print_line(text),
+        (Some(Err(what)), _) => Err(Error::refused(link.name(), what)),
     }
 }

@@ -8,7 +8,7 @@ use armwire::ling::legacy::Legacy;
 use armwire::xarm::XArm;
 
 use crate::args::Speaker;
-use crate::describe::{Arm, Protocol, line};
+use crate::describe::{Arm, Protocol};
 use crate::hex;
 
 /// The expectation of a decoder for this sender.
@@ -28,11 +28,11 @@ pub(super) fn meaning<P: Arm>(
 ) -> (Option<Speaker>, String) {
     let envelope = P::envelope(frame);
     let request = arm.parse_request(frame);
-    let request = request.map(|request| format!("to the arm: {}{envelope}", P::show_request(&request)));
+    let request = request.map(|request| format!("to the arm: {request}{envelope}"));
     let response = arm.parse_response(frame, expect);
     let response = response.map(|response| {
-        let facts: Vec<_> = P::facts(&response).into_iter().chain(P::extra_fact(frame)).collect();
-        format!("from the arm: {}{envelope}", line(&facts))
+        let extra = P::extra_fact(frame).map_or(String::new(), |extra| format!(", {extra}"));
+        format!("from the arm: {response}{extra}{envelope}")
     });
     match (from, request, response) {
         (None | Some(Speaker::Arm), Err(_), Err(error)) if matches!(error.cause, Cause::ErrorFrame) => (

@@ -6,7 +6,6 @@ pub(crate) mod stoppable;
 use armwire::ling::stop::Stopped;
 use armwire::ling::{Ling, Response};
 
-use crate::describe::Arm;
 
 /// The end of a stop, in words.
 fn show(stopped: &Stopped) -> String {
@@ -14,5 +13,5 @@ fn show(stopped: &Stopped) -> String {
         Stopped::AtRest { state, .. } => ("stopped", state),
         Stopped::WithoutTorque(state) => ("the torque is off, so nothing was sent", state),
     };
-    format!("{what}: {}", Ling::show_response(&Response::Joints(state)))
+    format!("{what}: {state}")
 }

@@ -3,7 +3,7 @@
 use armwire::Config;
 use armwire::messages::Messages;
 
-use super::fact::{Fact, line};
+use super::fact::Fact;
 use crate::hex;
 
 /// The protocol of a line.
@@ -44,20 +44,12 @@ pub trait Arm: Messages + Default {
         Vec::new()
     }
 
-    /// A request in words.
-    fn show_request(request: &Self::Request<'_>) -> String;
-
-    /// The facts in a response.
+    /// The facts in a response, in the words of its text.
     fn facts(response: &Self::Response<'_>) -> Vec<Fact>;
 
     /// The facts in a response, after others whose facts are known.
     fn facts_after(_known: &[Fact], response: &Self::Response<'_>) -> Vec<Fact> {
         Self::facts(response)
-    }
-
-    /// A response in words.
-    fn show_response(response: &Self::Response<'_>) -> String {
-        line(&Self::facts(response))
     }
 
     /// The bytes of a response's frame after its documented fields, if it has any.

@@ -1,6 +1,6 @@
 //! The contents of a message: one description for people and for programs.
 
-use std::fmt::Display;
+use std::fmt::{self, Display, Formatter};
 
 use serde_json::{Map, Value, json};
 
@@ -79,20 +79,24 @@ impl Fact {
     }
 }
 
+/// The name and the words, as in the text of a message.
+impl Display for Fact {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match (self.name.as_str(), self.text.as_str()) {
+            (name, "") => f.write_str(name),
+            (name, text) => write!(f, "{name}: {text}"),
+        }
+    }
+}
+
 /// A number for programs. Six decimals are below the resolution of every arm. NaN is null.
 pub fn number(value: f64) -> Value {
     json!((value * 1e6).round() / 1e6)
 }
 
-/// Facts on one line.
+/// Facts on one line, as in the text of a message.
 pub fn line(facts: &[Fact]) -> String {
-    let facts: Vec<_> = facts
-        .iter()
-        .map(|Fact { name, text, .. }| match text.as_str() {
-            "" => name.clone(),
-            text => format!("{name}: {text}"),
-        })
-        .collect();
+    let facts: Vec<_> = facts.iter().map(Fact::to_string).collect();
     facts.join(", ")
 }
 

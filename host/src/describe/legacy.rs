@@ -2,7 +2,7 @@
 
 use armwire::Config;
 use armwire::ling::Ling;
-use armwire::ling::legacy::{GripperState, Legacy, Request, Response};
+use armwire::ling::legacy::{GripperState, Legacy, Response};
 
 use super::arm::{Arm, Protocol};
 use super::fact::Fact;
@@ -18,10 +18,6 @@ impl Arm for Legacy {
     const CONFIG: Config = Config::DEFAULT;
 
     const HEADER: usize = 3;
-
-    fn show_request(request: &Request) -> String {
-        match *request {}
-    }
 
     fn facts(response: &Response) -> Vec<Fact> {
         match response {

@@ -10,3 +10,131 @@ pub mod xarm;
 pub use arm::{Arm, Protocol};
 pub use fact::Fact;
 pub use fact::{line, number, object};
+
+#[cfg(test)]
+mod tests {
+    use armwire::alpha1::{self, Alpha1, FirmwareVersion, Outcome, ServoId, ServoResponse, ServoStates, Text};
+    use armwire::ling::legacy::{self, Firmware, GripperState, Legacy};
+    use armwire::ling::{
+        self, Info, JointState, Ling, MotionStatus, PerServo, SelfCheck, SerialNumber, Stroke, Version,
+    };
+    use armwire::xarm::{
+        self, ModbusFunction, Raw, Register, Reply, RotationRadius, SerialsText, State, TorqueSource, VersionText, XArm,
+    };
+
+    use super::*;
+
+    /// Checks that the facts of these responses have the words of their texts.
+    fn check<P: Arm>(responses: impl IntoIterator<Item = P::Response<'static>>) {
+        for response in responses {
+            assert_eq!(line(&P::facts(&response)), response.to_string());
+        }
+    }
+
+    #[test]
+    fn facts_of_a_ling_have_its_words() {
+        let info = |serial: &[u8; 16]| Info {
+            serial: SerialNumber(*serial),
+            hardware: Version(610),
+            firmware: Version(603),
+        };
+        let joints = |ticks, gripper| JointState {
+            joints: [ticks; 6],
+            gripper,
+            status: MotionStatus::Locked,
+        };
+        check::<Ling>([
+            ling::Response::Info(info(b"ADFS251205123456")),
+            ling::Response::Info(info(b"X\x1b[2J\0\0\0\0\0\0\0\0\0\0\0")),
+            ling::Response::Stroke(Stroke::Mm75),
+            ling::Response::Joints(joints(2112, 500)),
+            ling::Response::Joints(joints(4096, 1001)),
+            ling::Response::Temperatures(PerServo::Leader([35, 36, 37, 38, 39, 255])),
+            ling::Response::Velocities(PerServo::Follower([1, 2, 3, 4, 5, 6, 7, 8, 5000, 65535])),
+            ling::Response::SelfCheck(SelfCheck(0x03FF)),
+            ling::Response::SelfCheck(SelfCheck(0x003E)),
+        ]);
+        let firmware = Firmware::V5;
+        check::<Legacy>([
+            legacy::Response::Joints(legacy::JointState {
+                firmware,
+                servos: [1000; legacy::SERVOS],
+            }),
+            legacy::Response::Gripper(GripperState {
+                firmware,
+                id: 1,
+                servo: 2051,
+                potentiometer: 2300,
+                sync_button: 0,
+                attitude_button: 1,
+            }),
+        ]);
+    }
+
+    #[test]
+    fn facts_of_an_xarm_have_its_words() {
+        let replies = [
+            Reply::Empty(Register::Version),
+            Reply::Empty(Register::ReloadDynamics),
+            Reply::Version(VersionText(b"6,9,XI1202,AC1302,v1.12.10")),
+            Reply::Version(VersionText(b"v1\x1b")),
+            Reply::Serials(SerialsText(b"XI1\0AC1\n")),
+            Reply::TorqueSource(TorqueSource::Current),
+            Reply::RotationRadius(RotationRadius { millimetres: 76.0 }),
+            Reply::RotationRadius(RotationRadius { millimetres: f32::NAN }),
+            Reply::SystemControl(1),
+            Reply::Raw(Raw::new(19, &[1, 2]).unwrap()),
+        ];
+        for state in [State::OK, State::WARNING, State::INVALID] {
+            check::<XArm>(replies.map(|reply| xarm::Response::Reply { state, reply }));
+        }
+        let function = ModbusFunction::new(3).unwrap();
+        check::<XArm>([
+            xarm::Response::Heartbeat,
+            xarm::Response::ModbusRefused { unit: 1, function },
+        ]);
+    }
+
+    #[test]
+    fn facts_of_an_alpha1_have_its_words() {
+        let servo = ServoId::new(3).unwrap();
+        for outcome in [Outcome::Success, Outcome::Failure] {
+            check::<Alpha1>([
+                alpha1::Response::HardwareVersion(Text::new(b"Alpha1\x07").unwrap()),
+                alpha1::Response::ServoStates(ServoStates::from_bits(0x8005)),
+                alpha1::Response::ServoStates(ServoStates::from_bits(0)),
+                alpha1::Response::Stopped(outcome),
+                alpha1::Response::FirmwareVersion(FirmwareVersion {
+                    outcome,
+                    text: *b"2015010100",
+                }),
+                alpha1::Response::Acted(outcome),
+                alpha1::Response::OffsetTool(outcome),
+                alpha1::Response::UsbType(outcome),
+                alpha1::Response::Playing(outcome),
+            ]);
+            let answers = [
+                ServoResponse::Acknowledged(servo),
+                ServoResponse::Angles {
+                    servo,
+                    outcome,
+                    target: 91,
+                    actual: 90,
+                },
+                ServoResponse::IdChanged { servo, outcome, was: 7 },
+                ServoResponse::OffsetSet { servo, outcome },
+                ServoResponse::Offset {
+                    servo,
+                    outcome,
+                    thirds: -10,
+                },
+                ServoResponse::Version {
+                    servo,
+                    outcome,
+                    version: [0, 1, 2, 0xFF],
+                },
+            ];
+            check::<Alpha1>(answers.map(alpha1::Response::Servo));
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! The xArm.
 
 use armwire::Config;
-use armwire::xarm::{Frame, Raw, Register, Reply, Request, Response, State, TorqueSource, VersionText, XArm};
+use armwire::xarm::{Frame, Register, Reply, Request, Response, State, VersionText, XArm};
 use serde_json::{Value, json};
 
 use super::arm::{Arm, Protocol};
@@ -28,21 +28,6 @@ impl Arm for XArm {
 
     fn info() -> Vec<Request<'static>> {
         vec![Request::ReadVersion, Request::ReadSerials, Request::ReadTorqueSource]
-    }
-
-    fn show_request(request: &Request<'_>) -> String {
-        match request {
-            Request::Heartbeat => "heartbeat".to_owned(),
-            Request::ReadVersion => "read version".to_owned(),
-            Request::ReadSerials => "read serial numbers".to_owned(),
-            Request::ReloadDynamics => "reload dynamics".to_owned(),
-            Request::ReadTorqueSource => "read torque source".to_owned(),
-            Request::ReadRotationRadius(joint) => format!("read rotation radius of joint {}", joint.number()),
-            Request::Shutdown => "shut down".to_owned(),
-            Request::Reboot => "reboot".to_owned(),
-            Request::Raw(raw) => format!("register {}, {}", raw.register(), values(raw)),
-            other => format!("{other:?}"),
-        }
     }
 
     /// The facts in a reply, and the state. A refusal without more information has no state.
@@ -96,14 +81,7 @@ impl Arm for XArm {
 fn reply(reply: &Reply<'_>, state: State) -> Vec<Fact> {
     vec![match reply {
         Reply::Empty(register) => {
-            let name = match register {
-                Register::Version => "version",
-                Register::Serials => "serial",
-                Register::ReloadDynamics => "reload dynamics",
-                Register::TorqueSource => "torque",
-                Register::RotationRadius => "rotation radius",
-                Register::SystemControl => "system control",
-            };
+            let name = &register.to_string();
             match register {
                 _ if state.contains(State::INVALID) => Fact::words(name, format_args!("not reported (state {state})")),
                 Register::ReloadDynamics | Register::SystemControl => Fact::words(name, "done"),
@@ -118,28 +96,15 @@ fn reply(reply: &Reply<'_>, state: State) -> Vec<Fact> {
             ];
             Fact::of("serial", serials, values)
         }
-        Reply::TorqueSource(TorqueSource::Torque) => Fact::words("torque", "the joints' torque, computed"),
-        Reply::TorqueSource(TorqueSource::Current) => Fact::words("torque", "the servos' current, measured"),
-        Reply::RotationRadius(radius) => match radius.metres() {
-            Ok(metres) => Fact::new(
-                "rotation radius",
-                "rotation_radius_m",
-                number(metres.into()),
-                format_args!("{metres} m"),
-            ),
-            Err(error) => Fact::new("rotation radius", "rotation_radius_m", Value::Null, error),
-        },
+        Reply::TorqueSource(source) => Fact::words("torque", source),
+        Reply::RotationRadius(radius) => {
+            let value = radius.metres().map_or(Value::Null, |metres| number(metres.into()));
+            Fact::new("rotation radius", "rotation_radius_m", value, radius)
+        }
         Reply::SystemControl(value) => Fact::words("system control", format_args!("value {value}")),
-        Reply::Raw(raw) => Fact::words(&format!("register {}", raw.register()), values(raw)),
+        Reply::Raw(raw) => Fact::words(&format!("register {}", raw.register()), raw.values()),
         other => Fact::words("message", format_args!("{other:?}")),
     }]
-}
-
-fn values(raw: &Raw<'_>) -> String {
-    match raw.params() {
-        [] => "no value".to_owned(),
-        params => hex::show(params),
-    }
 }
 
 /// A version in words, or unchanged if it cannot be parsed.

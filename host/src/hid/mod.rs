@@ -235,9 +235,7 @@ mod tests {
     fn robot_answers_in_reports() {
         let line = HidLine::new("hid:".to_owned(), ALPHA1, VirtualDevice::new());
         let mut link = Link::<Alpha1>::new(Box::new(line), Alpha1::CONFIG);
-        let version = link.call(&Request::ReadHardwareVersion, |response| {
-            Alpha1::show_response(&response)
-        });
+        let version = link.call(&Request::ReadHardwareVersion, |response| response.to_string());
         assert_eq!(version.unwrap().unwrap(), "arm: Alpha1, hardware: Alpha1_V2.0");
         let stopped = link.call(&Request::Stop, |response| {
             response == Response::Stopped(Outcome::Success)

@@ -141,7 +141,7 @@ mod tests {
         log.sent(Instant::ZERO, &READ_JOINTS);
         log.received(Instant::ZERO, &STROKE[..3]);
         log.received(Instant::ZERO, &STROKE[3..]);
-        let meanings = ["read joints", "gripper stroke 50 mm"].map(str::to_owned);
+        let meanings = ["read joints", "stroke: 50 mm"].map(str::to_owned);
         let [sent, received] = meanings;
         assert_eq!(
             taken(&mut log),
