@@ -2,6 +2,8 @@
 
 use core::fmt::{Debug, Display};
 
+use thiserror::Error;
+
 use crate::dialect::Dialect;
 use crate::{BufferTooShort, ParseError};
 
@@ -55,4 +57,16 @@ pub trait Messages: Dialect {
     fn extra<'a>(&self, _frame: &'a [u8]) -> &'a [u8] {
         &[]
     }
+}
+
+/// The error of a response that is converted into the value of another one. `R` is the protocol's response.
+///
+/// The exchange matches answers to requests by their bytes: a caller gets this error if it asks for a value that its
+/// request does not read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[error("another answer: {got}")]
+pub struct OtherAnswer<R> {
+    /// The response.
+    pub got: R,
 }

@@ -59,29 +59,22 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         &mut self,
         take: impl FnOnce(Text<'_>) -> T,
     ) -> Result<T, CallError<Port::Error>> {
-        self.read(&Request::ReadHardwareVersion, |response| match response {
-            Response::HardwareVersion(version) => Some(take(version)),
-            _ => None,
+        self.read(&Request::ReadHardwareVersion, |response| {
+            response.try_into().ok().map(take)
         })
         .await
     }
 
     /// Reads the robot's firmware version.
     pub async fn read_firmware_version(&mut self) -> Result<FirmwareVersion, CallError<Port::Error>> {
-        self.read(&Request::ReadFirmwareVersion, |response| match response {
-            Response::FirmwareVersion(version) => Some(version),
-            _ => None,
-        })
-        .await
+        self.read(&Request::ReadFirmwareVersion, |response| response.try_into().ok())
+            .await
     }
 
     /// Reads the servo states: running or powered off.
     pub async fn read_servo_states(&mut self) -> Result<ServoStates, CallError<Port::Error>> {
-        self.read(&Request::ReadServoStates, |response| match response {
-            Response::ServoStates(states) => Some(states),
-            _ => None,
-        })
-        .await
+        self.read(&Request::ReadServoStates, |response| response.try_into().ok())
+            .await
     }
 
     /// Moves all servos.
@@ -190,17 +183,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     }
 }
 
-/// The outcome in a response without further data.
-const fn outcome(response: Response<'_>) -> Option<Outcome> {
-    match response {
-        Response::Stopped(outcome)
-        | Response::Acted(outcome)
-        | Response::OffsetTool(outcome)
-        | Response::UsbType(outcome)
-        | Response::Playing(outcome)
-        | Response::Servo(ServoResponse::IdChanged { outcome, .. } | ServoResponse::OffsetSet { outcome, .. }) => {
-            Some(outcome)
-        }
-        _ => None,
-    }
+/// The result in a response without further data.
+fn outcome(response: Response<'_>) -> Option<Outcome> {
+    response.try_into().ok()
 }

@@ -22,6 +22,7 @@
 //! # Ok::<(), armwire::OutOfRange<f32>>(())
 //! ```
 
+mod answer;
 mod dialect;
 #[cfg(feature = "async")]
 mod driver;

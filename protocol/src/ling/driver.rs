@@ -45,56 +45,32 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Reads the arm's kind, serial number and versions.
     pub async fn read_info(&mut self) -> Result<Info, CallError<Port::Error>> {
-        self.read(&Request::ReadInfo, |response| match response {
-            Response::Info(info) => Some(info),
-            _ => None,
-        })
-        .await
+        self.read(&Request::ReadInfo, value).await
     }
 
     /// Reads the joint positions, the gripper and the motion status.
     pub async fn read_joints(&mut self) -> Result<JointState, CallError<Port::Error>> {
-        self.read(&Request::ReadJoints, |response| match response {
-            Response::Joints(state) => Some(state),
-            _ => None,
-        })
-        .await
+        self.read(&Request::ReadJoints, value).await
     }
 
     /// Reads the temperature of every servo, in °C.
     pub async fn read_temperatures(&mut self) -> Result<PerServo<u8>, CallError<Port::Error>> {
-        self.read(&Request::ReadTemperatures, |response| match response {
-            Response::Temperatures(celsius) => Some(celsius),
-            _ => None,
-        })
-        .await
+        self.read(&Request::ReadTemperatures, value).await
     }
 
     /// Reads the velocity of every servo, in ticks per second.
     pub async fn read_velocities(&mut self) -> Result<PerServo<u16>, CallError<Port::Error>> {
-        self.read(&Request::ReadVelocities, |response| match response {
-            Response::Velocities(ticks) => Some(ticks),
-            _ => None,
-        })
-        .await
+        self.read(&Request::ReadVelocities, value).await
     }
 
     /// Reads the configured gripper type.
     pub async fn read_stroke(&mut self) -> Result<Stroke, CallError<Port::Error>> {
-        self.read(&Request::ReadStroke, |response| match response {
-            Response::Stroke(stroke) => Some(stroke),
-            _ => None,
-        })
-        .await
+        self.read(&Request::ReadStroke, value).await
     }
 
     /// Runs a self-check of every servo.
     pub async fn self_check(&mut self) -> Result<SelfCheck, CallError<Port::Error>> {
-        self.read(&Request::SelfCheck, |response| match response {
-            Response::SelfCheck(check) => Some(check),
-            _ => None,
-        })
-        .await
+        self.read(&Request::SelfCheck, value).await
     }
 
     /// Moves the joints and the gripper. The arm does not confirm it: read the joints to follow the motion.
@@ -146,4 +122,9 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     pub async fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), CallError<Port::Error>> {
         self.send(&Request::SetTemperatureLimit(limit)).await
     }
+}
+
+/// The value of an answer.
+fn value<T: TryFrom<Response>>(response: Response) -> Option<T> {
+    response.try_into().ok()
 }

@@ -12,6 +12,7 @@
 //! # Ok::<(), armwire::BufferTooShort>(())
 //! ```
 
+mod answer;
 mod dialect;
 #[cfg(feature = "async")]
 mod driver;

@@ -6,8 +6,8 @@ use embedded_io_async::{Read, Write};
 use thiserror::Error;
 
 use super::{
-    Joint, MAX_FRAME, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TorqueSource,
-    VersionText, XArm,
+    Answer, Joint, MAX_FRAME, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, State,
+    TorqueSource, VersionText, XArm,
 };
 use crate::Config;
 use crate::driver::{CallError, Clock, Counters, Driver};
@@ -41,16 +41,6 @@ pub struct Arm<Port, C> {
     driver: Driver<XArm, Port, C, MAX_FRAME>,
 }
 
-/// An answer of the arm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Answer<T> {
-    /// The requested value.
-    pub value: T,
-    /// The state of the arm.
-    pub state: State,
-}
-
 /// The error of a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -82,11 +72,8 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         &mut self,
         take: impl FnOnce(VersionText<'_>) -> T,
     ) -> Result<Answer<T>, ArmError<Port::Error>> {
-        let take = |reply: Reply<'_>| match reply {
-            Reply::Version(text) => Some(take(text)),
-            _ => None,
-        };
-        self.call(Request::ReadVersion, take).await
+        self.call(Request::ReadVersion, |reply| reply.try_into().ok().map(take))
+            .await
     }
 
     /// Reads the serial numbers of the arm and of its control box, and returns the result of `take`.
@@ -94,20 +81,14 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         &mut self,
         take: impl FnOnce(SerialsText<'_>) -> T,
     ) -> Result<Answer<T>, ArmError<Port::Error>> {
-        let take = |reply: Reply<'_>| match reply {
-            Reply::Serials(text) => Some(take(text)),
-            _ => None,
-        };
-        self.call(Request::ReadSerials, take).await
+        self.call(Request::ReadSerials, |reply| reply.try_into().ok().map(take))
+            .await
     }
 
     /// Reads the quantity that the arm reports as the torque of its joints.
     pub async fn read_torque_source(&mut self) -> Result<Answer<TorqueSource>, ArmError<Port::Error>> {
-        let take = |reply: Reply<'_>| match reply {
-            Reply::TorqueSource(source) => Some(source),
-            _ => None,
-        };
-        self.call(Request::ReadTorqueSource, take).await
+        self.call(Request::ReadTorqueSource, |reply| reply.try_into().ok())
+            .await
     }
 
     /// Reads the radius of rotation of a joint relative to the tool.
@@ -115,26 +96,23 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         &mut self,
         joint: Joint,
     ) -> Result<Answer<RotationRadius>, ArmError<Port::Error>> {
-        let take = |reply: Reply<'_>| match reply {
-            Reply::RotationRadius(radius) => Some(radius),
-            _ => None,
-        };
-        self.call(Request::ReadRotationRadius(joint), take).await
+        self.call(Request::ReadRotationRadius(joint), |reply| reply.try_into().ok())
+            .await
     }
 
     /// Reloads the friction parameters.
     pub async fn reload_dynamics(&mut self) -> Result<Answer<()>, ArmError<Port::Error>> {
-        self.call(Request::ReloadDynamics, done).await
+        self.call(Request::ReloadDynamics, |reply| reply.try_into().ok()).await
     }
 
     /// Shuts the arm's operating system down.
     pub async fn shut_down(&mut self) -> Result<Answer<()>, ArmError<Port::Error>> {
-        self.call(Request::Shutdown, done).await
+        self.call(Request::Shutdown, |reply| reply.try_into().ok()).await
     }
 
     /// Restarts the arm's operating system.
     pub async fn reboot(&mut self) -> Result<Answer<()>, ArmError<Port::Error>> {
-        self.call(Request::Reboot, done).await
+        self.call(Request::Reboot, |reply| reply.try_into().ok()).await
     }
 
     /// Calls any other register, waits 10 s for the answer, and returns the result of `take`. See [`Request::Raw`] for
@@ -144,11 +122,8 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         request: Raw<'_>,
         take: impl FnOnce(Raw<'_>) -> T,
     ) -> Result<Answer<T>, ArmError<Port::Error>> {
-        let take = |reply: Reply<'_>| match reply {
-            Reply::Raw(raw) => Some(take(raw)),
-            _ => None,
-        };
-        self.call(Request::Raw(request), take).await
+        self.call(Request::Raw(request), |reply| reply.try_into().ok().map(take))
+            .await
     }
 
     /// Sends a heartbeat. The arm does not answer.
@@ -188,9 +163,4 @@ impl<Port, C> fmt::Debug for Arm<Port, C> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Arm").field("driver", &self.driver).finish()
     }
-}
-
-/// An answer without further data.
-fn done(reply: Reply<'_>) -> Option<()> {
-    matches!(reply, Reply::Empty(_) | Reply::SystemControl(_)).then_some(())
 }

@@ -12,6 +12,7 @@
 //! # Ok::<(), armwire::OutOfRange>(())
 //! ```
 
+mod answer;
 mod dialect;
 #[cfg(feature = "async")]
 mod driver;
@@ -22,9 +23,10 @@ mod tests;
 mod text;
 mod value;
 
+pub use answer::Answer;
 pub use dialect::Key;
 #[cfg(feature = "async")]
-pub use driver::{Answer, Arm, ArmError};
+pub use driver::{Arm, ArmError};
 pub use frame::{Direction, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME, MAX_PARAMS};
 pub use message::{Reply, Request, Response};
 pub use value::{
