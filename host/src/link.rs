@@ -6,6 +6,7 @@ use std::ops::Add;
 use std::time::{Duration, Instant};
 
 use armwire::framing::Reason;
+use armwire::messages::OtherAnswer;
 use armwire::{Client, Config, ErrorFrame, Event, Output, time, xarm};
 
 use crate::describe::Arm;
@@ -238,6 +239,22 @@ impl<P: Arm> Link<P> {
         }
     }
 
+    /// Makes one call, and returns the value of its answer.
+    ///
+    /// # Errors
+    ///
+    /// [`Error`] as for [`call`](Self::call), and [`Error::Unacceptable`] if the request has another answer or none.
+    pub fn read<T>(&mut self, request: &P::Request<'_>) -> Result<T, Error>
+    where
+        T: for<'a> TryFrom<P::Response<'a>>,
+    {
+        let value = self.call(request, |response| {
+            T::try_from(response).map_err(|_| OtherAnswer { got: response }.to_string())
+        })?;
+        let value = value.unwrap_or_else(|| Err(format!("'{request}' has no answer")));
+        value.map_err(|reason| Error::unacceptable(self.line.name(), reason))
+    }
+
     /// The arm's unsolicited responses, converted by `take`, after a wait of at most this long for the first byte. `None`
     /// if no byte came.
     pub fn unsolicited<T>(
@@ -392,7 +409,7 @@ mod tests {
 
     use armwire::ling::{
         Frame, GripperSpeed, JointState, Ling, MAX_FRAME, MotionStatus, Move, Opening, Position, Request, Response,
-        Speed, Torque,
+        Speed, Stroke, Torque,
     };
     use armwire::messages::Messages;
 
@@ -498,6 +515,22 @@ mod tests {
             "fake: the arm answered with an error frame, which no document explains: AA EE 00 02 01 03 36 FF"
         );
         assert_eq!(arm.lock().unwrap().requests, 1);
+    }
+
+    #[test]
+    fn another_answer_ends_the_read_with_its_text() {
+        let arm = Answering::new(joints);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let state: JointState = link.read(&Request::ReadJoints).unwrap();
+        assert_eq!(state.joints, [1; 6]);
+        let error = link.read::<Stroke>(&Request::ReadJoints).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "fake: another answer: joints: -179.82° -179.82° -179.82° -179.82° -179.82° -179.82°, gripper: 0.0 % open, \
+             status: idle"
+        );
+        let error = link.read::<JointState>(&Request::SetTorque(Torque::Off)).unwrap_err();
+        assert_eq!(error.to_string(), "fake: 'torque off' has no answer");
     }
 
     /// A line on which noise does not end.

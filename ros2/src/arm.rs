@@ -176,9 +176,7 @@ impl<'a, 'b> Session<'a, 'b> {
             },
         };
         let mut link = open_ling(&connection)?;
-        let Some(Response::Stroke(stroke)) = link.call(&Request::ReadStroke, |response| response)? else {
-            return Err(Failure::Arm("the arm does not report its gripper's stroke".to_owned()));
-        };
+        let stroke: Stroke = link.read(&Request::ReadStroke)?;
         let mut joints = host.arm.joints.clone();
         joints[JOINTS].max = f64::from(stroke.millimetres()) / 1_000.0;
         let mut period = Duration::from_secs(1) / host.arm.rate;
@@ -190,7 +188,7 @@ impl<'a, 'b> Session<'a, 'b> {
             };
             adapter.call(control::Request::Subscribe(all))?;
         }
-        let state = read_joints(&mut link)?;
+        let state = link.read(&Request::ReadJoints)?;
         let latest = Reading::new(stamps::now(), &state, stroke).map_err(|error| Failure::Arm(error.to_string()))?;
         host.diagnostics.failure = None;
         host.diagnostics.stamps = if adapter.is_some() { "adapter" } else { "host" };
@@ -241,7 +239,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 }
             } else {
                 thread::sleep(due.saturating_duration_since(Instant::now()));
-                let state = read_joints(&mut self.link)?;
+                let state = self.link.read(&Request::ReadJoints)?;
                 self.publish(stamps::now(), &state);
                 due = (due + self.period).max(Instant::now());
             }
@@ -408,14 +406,6 @@ impl<'a, 'b> Session<'a, 'b> {
             adapter.call(control::Request::EndStream)?;
         }
         Ok(())
-    }
-}
-
-/// Reads the joints by a request of this node.
-fn read_joints(link: &mut Link<Ling>) -> Result<ling::JointState, Failure> {
-    match link.call(&Request::ReadJoints, |response| response)? {
-        Some(Response::Joints(state)) => Ok(state),
-        _ => Err(Failure::Arm("the arm answered another request".to_owned())),
     }
 }
 

@@ -3,8 +3,7 @@
 use std::f32::consts::PI;
 
 use armwire::ling::{
-    GripperSpeed, JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Speed, Stroke,
-    TemperatureLimit, Torque,
+    GripperSpeed, JOINTS, JointState, Ling, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque,
 };
 use clap::{Args, Subcommand};
 
@@ -112,10 +111,7 @@ impl Target {
 
 /// Reads the joints.
 pub(crate) fn read_joints(link: &mut Link<Ling>) -> Result<JointState, Error> {
-    match link.call(&Request::ReadJoints, |response| response)? {
-        Some(Response::Joints(state)) => Ok(state),
-        _ => unreachable!("a read is answered by what it reads"),
-    }
+    link.read(&Request::ReadJoints)
 }
 
 /// The gripper's reading as its goal.
