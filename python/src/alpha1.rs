@@ -4,8 +4,8 @@ use std::num::NonZeroU32;
 use std::time::Duration;
 
 use armwire::alpha1::{
-    Action, Address, Alpha1, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, Response, SERVOS, ServoId,
-    ServoRequest, ServoResponse, Text, UsbType,
+    Action, Address, Alpha1, Angle, FirmwareVersion, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, Request,
+    Response, SERVOS, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
 };
 use armwire_host::{Link, Port, recovery_warning};
 use pyo3::prelude::*;
@@ -39,27 +39,25 @@ impl Alpha1Port {
     }
 
     fn read_hardware_version<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let version = self.call(py, Request::ReadHardwareVersion, |response| match response {
-            Response::HardwareVersion(version) => Some(version.as_bytes().to_vec()),
-            _ => None,
+        let version = self.call(py, Request::ReadHardwareVersion, |response| {
+            Text::try_from(response).ok().map(|version| version.as_bytes().to_vec())
         })?;
         Ok(PyBytes::new(py, &version))
     }
 
     fn read_firmware_version<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let version = self.call(py, Request::ReadFirmwareVersion, |response| match response {
-            Response::FirmwareVersion(version) => Some(version.text),
-            _ => None,
+        let version = self.call(py, Request::ReadFirmwareVersion, |response| {
+            FirmwareVersion::try_from(response).ok()
         })?;
-        Ok(PyBytes::new(py, &version))
+        Ok(PyBytes::new(py, &version.text))
     }
 
     /// The numbers of the running servos.
     fn read_running_servos(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
-        self.call(py, Request::ReadServoStates, |response| match response {
-            Response::ServoStates(states) => Some(states.running().map(u16::from).collect()),
-            _ => None,
-        })
+        let states = self.call(py, Request::ReadServoStates, |response| {
+            ServoStates::try_from(response).ok()
+        })?;
+        Ok(states.running().map(u16::from).collect())
     }
 
     /// Moves the servos to angles in degrees; `None` may release a servo. Times are in seconds.
@@ -143,17 +141,13 @@ impl Alpha1Port {
             from: id(servo)?,
             to: id(to)?,
         };
-        self.call_servo(py, request, |response| {
-            matches!(response, ServoResponse::IdChanged { .. }).then_some(())
-        })
+        self.call(py, Request::Servo(request), done)
     }
 
     /// In thirds of a degree.
     fn set_servo_offset(&self, py: Python<'_>, servo: u8, thirds: i16) -> PyResult<()> {
         let offset = Offset::new(thirds).map_err(value_error)?;
-        self.call_servo(py, ServoRequest::SetOffset(id(servo)?, offset), |response| {
-            matches!(response, ServoResponse::OffsetSet { .. }).then_some(())
-        })
+        self.call(py, Request::Servo(ServoRequest::SetOffset(id(servo)?, offset)), done)
     }
 
     /// In thirds of a degree.
@@ -190,9 +184,8 @@ impl Alpha1Port {
         request: ServoRequest,
         take: impl FnOnce(ServoResponse) -> Option<T> + Send,
     ) -> PyResult<T> {
-        self.call(py, Request::Servo(request), |response| match response {
-            Response::Servo(response) => take(response),
-            _ => None,
+        self.call(py, Request::Servo(request), |response| {
+            response.try_into().ok().and_then(take)
         })
     }
 
@@ -204,15 +197,7 @@ impl Alpha1Port {
 
 /// A response without data. `call` has checked its outcome.
 fn done(response: Response<'_>) -> Option<()> {
-    let is_done = matches!(
-        response,
-        Response::Stopped(_)
-            | Response::Acted(_)
-            | Response::OffsetTool(_)
-            | Response::UsbType(_)
-            | Response::Playing(_)
-    );
-    is_done.then_some(())
+    Outcome::try_from(response).ok().map(|_| ())
 }
 
 pub(crate) fn id(servo: u8) -> PyResult<ServoId> {

@@ -4,8 +4,8 @@ use std::num::NonZeroU32;
 
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
-    GripperSpeed, JOINTS, JointState, Kind, Ling, MotionStatus, Move, Opening, Position, Request, Response, Speed,
-    Stroke, TemperatureLimit, Torque,
+    GripperSpeed, Info, JOINTS, JointState, Kind, Ling, MotionStatus, Move, Opening, PerServo, Position, Request,
+    Response, SelfCheck, Speed, Stroke, TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
 use armwire_host::{Error, Port, open_ling, recovery_warning};
@@ -47,9 +47,9 @@ impl LingPort {
 
     /// Serial number, kind (`leader`, `follower` or `None`), hardware version, firmware version, and extra bytes.
     fn read_info(&self, py: Python<'_>) -> PyResult<(String, Option<&'static str>, u32, u32, Extra)> {
-        let (info, extra) = self.call_with_extra(py, Request::ReadInfo, |response| match response {
-            Response::Info(info) => Some(info),
-            _ => None,
+        let (info, extra): (Info, _) = self.0.with(py, |mover| {
+            let info = call(mover.link(), &Request::ReadInfo, |response| response.try_into().ok())?;
+            Ok((info, extra(mover)))
         })?;
         let kind = info.serial.kind().map(|kind| match kind {
             Kind::Leader => "leader",
@@ -75,34 +75,26 @@ impl LingPort {
 
     /// The temperature of each servo, in °C.
     fn read_temperatures(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
-        self.call(py, Request::ReadTemperatures, |response| match response {
-            Response::Temperatures(celsius) => Some(celsius.as_slice().iter().map(|&celsius| celsius.into()).collect()),
-            _ => None,
-        })
+        let celsius: PerServo<u8> = self.call(py, Request::ReadTemperatures)?;
+        Ok(celsius.as_slice().iter().map(|&celsius| celsius.into()).collect())
     }
 
     /// Speed of each servo, in ticks per second.
     fn read_velocities(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
-        self.call(py, Request::ReadVelocities, |response| match response {
-            Response::Velocities(ticks) => Some(ticks.as_slice().to_vec()),
-            _ => None,
-        })
+        let ticks: PerServo<u16> = self.call(py, Request::ReadVelocities)?;
+        Ok(ticks.as_slice().to_vec())
     }
 
     /// In millimetres.
     fn read_stroke(&self, py: Python<'_>) -> PyResult<u8> {
-        self.call(py, Request::ReadStroke, |response| match response {
-            Response::Stroke(stroke) => Some(stroke.millimetres()),
-            _ => None,
-        })
+        let stroke: Stroke = self.call(py, Request::ReadStroke)?;
+        Ok(stroke.millimetres())
     }
 
     /// Self-check result. Bit 0 is servo 1; a 1 is normal.
     fn self_check(&self, py: Python<'_>) -> PyResult<u16> {
-        self.call(py, Request::SelfCheck, |response| match response {
-            Response::SelfCheck(check) => Some(check.0),
-            _ => None,
-        })
+        let check: SelfCheck = self.call(py, Request::SelfCheck)?;
+        Ok(check.0)
     }
 
     /// Positions in ticks, speeds in ticks per second, gripper in thousandths, its speed in ticks per second. True if the
@@ -180,24 +172,9 @@ impl LingPort {
 }
 
 impl LingPort {
-    fn call<T: Send>(
-        &self,
-        py: Python<'_>,
-        request: Request,
-        take: impl FnOnce(Response) -> Option<T> + Send,
-    ) -> PyResult<T> {
-        self.0.with(py, |mover| call(mover.link(), &request, take))
-    }
-
-    fn call_with_extra<T: Send>(
-        &self,
-        py: Python<'_>,
-        request: Request,
-        take: impl FnOnce(Response) -> Option<T> + Send,
-    ) -> PyResult<(T, Extra)> {
+    fn call<T: TryFrom<Response> + Send>(&self, py: Python<'_>, request: Request) -> PyResult<T> {
         self.0.with(py, |mover| {
-            let answer = call(mover.link(), &request, take)?;
-            Ok((answer, extra(mover)))
+            call(mover.link(), &request, |response| response.try_into().ok())
         })
     }
 
@@ -250,10 +227,8 @@ pub(crate) fn ling_angles(
 /// The joints in a frame, and its extra bytes; `None` for any other frame.
 #[pyfunction]
 pub(crate) fn ling_joints(frame: &[u8]) -> Option<(Joints, Extra)> {
-    match Ling.parse_response(frame, ()).ok()? {
-        Response::Joints(state) => Some((joints(state), Ling.extra(frame).to_vec())),
-        _ => None,
-    }
+    let state = Ling.parse_response(frame, ()).ok()?.try_into().ok()?;
+    Some((joints(state), Ling.extra(frame).to_vec()))
 }
 
 /// The torque that this motion status shows; `None` if it shows none.

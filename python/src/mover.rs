@@ -1,9 +1,7 @@
 //! A Ling arm that is moved: what its next motion depends on.
 
 use armwire::ling::stop::{Grip, Stopped};
-use armwire::ling::{
-    GripperSpeed, JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Speed, Torque,
-};
+use armwire::ling::{GripperSpeed, JOINTS, JointState, Ling, Move, Opening, Position, Request, Speed, Torque};
 use armwire_host::{Error, Link, stop_interruptibly};
 
 use crate::session::{call, send};
@@ -34,9 +32,8 @@ impl Mover {
     }
 
     pub(crate) fn read_joints(&mut self) -> Result<JointState, Error> {
-        let state = call(&mut self.link, &Request::ReadJoints, |response| match response {
-            Response::Joints(state) => Some(state),
-            _ => None,
+        let state: JointState = call(&mut self.link, &Request::ReadJoints, |response| {
+            response.try_into().ok()
         })?;
         self.may_move = state.status.is_holding() != Some(false);
         if !self.may_move {

@@ -98,16 +98,20 @@ pub(crate) fn call<P: Arm, T>(
     take: impl FnOnce(P::Response<'_>) -> Option<T>,
 ) -> Result<T, Error> {
     let answer = link.call(request, |response| match P::refusal(&response) {
-        None => Ok(take(response)),
+        None => Ok(take(response).ok_or_else(|| response.to_string())),
         Some(what) => Err(what),
     });
     let name = || link.name().to_owned();
     match answer {
-        Ok(Some(Ok(Some(value)))) => Ok(value),
+        Ok(Some(Ok(Ok(value)))) => Ok(value),
         Ok(Some(Err(reason))) => Err(Error::Refused { name: name(), reason }),
-        Ok(Some(Ok(None)) | None) => Err(Error::Unacceptable {
+        Ok(Some(Ok(Err(other)))) => Err(Error::Unacceptable {
             name: name(),
-            reason: "the arm answered another request".to_owned(),
+            reason: format!("the arm answered another request: {other}"),
+        }),
+        Ok(None) => Err(Error::Unacceptable {
+            name: name(),
+            reason: format!("'{request}' has no answer"),
         }),
         Err(Error::NoAnswer {
             name,

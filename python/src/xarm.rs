@@ -43,21 +43,19 @@ impl XArmPort {
     /// The version text with unprintable characters escaped, and its axes, type, arm, control box and firmware; `None`
     /// for another format.
     fn read_version(&self, py: Python<'_>) -> PyResult<Answer<(String, Option<Version>)>> {
-        self.call(py, Request::ReadVersion, |reply| match reply {
-            Reply::Version(text) => Some((text.to_string(), version(text))),
-            _ => None,
+        self.call(py, Request::ReadVersion, |reply| {
+            let text = VersionText::try_from(reply).ok()?;
+            Some((text.to_string(), version(text)))
         })
     }
 
     fn read_serials(&self, py: Python<'_>) -> PyResult<Answer<Serials>> {
-        self.call(py, Request::ReadSerials, |reply| match reply {
-            Reply::Serials(text) => Some(serials(text)),
-            _ => None,
-        })
+        self.call(py, Request::ReadSerials, |reply| reply.try_into().ok().map(serials))
     }
 
     fn reload_dynamics(&self, py: Python<'_>) -> PyResult<u8> {
-        Ok(self.call(py, Request::ReloadDynamics, done)?.0)
+        self.call(py, Request::ReloadDynamics, |reply| <()>::try_from(reply).ok())
+            .map(|(state, ())| state)
     }
 
     /// Reported quantity: `torque` or `current`.
@@ -72,18 +70,20 @@ impl XArmPort {
     /// Rotation radius in millimetres, as sent by the arm.
     fn read_rotation_radius(&self, py: Python<'_>, joint: u8) -> PyResult<Answer<f32>> {
         let joint = Joint::new(joint).map_err(value_error)?;
-        self.call(py, Request::ReadRotationRadius(joint), |reply| match reply {
-            Reply::RotationRadius(RotationRadius { millimetres }) => Some(millimetres),
-            _ => None,
+        self.call(py, Request::ReadRotationRadius(joint), |reply| {
+            let radius = RotationRadius::try_from(reply).ok()?;
+            Some(radius.millimetres)
         })
     }
 
     fn shut_down(&self, py: Python<'_>) -> PyResult<u8> {
-        Ok(self.call(py, Request::Shutdown, done)?.0)
+        self.call(py, Request::Shutdown, |reply| <()>::try_from(reply).ok())
+            .map(|(state, ())| state)
     }
 
     fn reboot(&self, py: Python<'_>) -> PyResult<u8> {
-        Ok(self.call(py, Request::Reboot, done)?.0)
+        self.call(py, Request::Reboot, |reply| <()>::try_from(reply).ok())
+            .map(|(state, ())| state)
     }
 
     fn heartbeat(&self, py: Python<'_>) -> PyResult<()> {
@@ -93,9 +93,8 @@ impl XArmPort {
     /// Calls any other register with these parameters.
     fn raw<'py>(&self, py: Python<'py>, register: u8, params: &[u8]) -> PyResult<Answer<Bound<'py, PyBytes>>> {
         let raw = Raw::new(register, params).map_err(value_error)?;
-        let (state, params) = self.call(py, Request::Raw(raw), |reply| match reply {
-            Reply::Raw(raw) => Some(raw.params().to_vec()),
-            _ => None,
+        let (state, params) = self.call(py, Request::Raw(raw), |reply| {
+            Raw::try_from(reply).ok().map(|raw| raw.params().to_vec())
         })?;
         Ok((state, PyBytes::new(py, &params)))
     }
@@ -124,9 +123,4 @@ fn version(text: VersionText<'_>) -> Option<Version> {
 
 fn serials(text: SerialsText<'_>) -> Serials {
     (text.arm().map(str::to_owned), text.control_box().map(str::to_owned))
-}
-
-/// The response of a register without data.
-fn done(reply: Reply<'_>) -> Option<()> {
-    matches!(reply, Reply::Empty(_) | Reply::SystemControl(_)).then_some(())
 }
