@@ -1016,8 +1016,8 @@ typedef struct ArmwireAlpha1Action {
 } ArmwireAlpha1Action;
 
 /**
- * The side of the robot, or of its servos, on a line: requests in, responses out. It implements the protocol, not the
- * robot. The caller owns its memory. The content is private.
+ * The side of the robot, or of its servos, on a line: requests in, responses out. It implements the protocol, not
+ * the robot. The caller owns its memory. The content is private.
  */
 typedef struct ArmwireAlpha1Device {
   uint64_t opaque[ARMWIRE_ALPHA1_DEVICE_WORDS];
@@ -1166,8 +1166,8 @@ typedef struct ArmwireLingMove {
 } ArmwireLingMove;
 
 /**
- * The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. The caller owns its
- * memory. The content is private.
+ * The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. The caller owns
+ * its memory. The content is private.
  */
 typedef struct ArmwireLingDevice {
   uint64_t opaque[ARMWIRE_LING_DEVICE_WORDS];
@@ -1286,8 +1286,8 @@ typedef struct ArmwireXarmResponse {
 } ArmwireXarmResponse;
 
 /**
- * The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. The caller owns its
- * memory. The content is private.
+ * The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. The caller owns
+ * its memory. The content is private.
  */
 typedef struct ArmwireXarmDevice {
   uint64_t opaque[ARMWIRE_XARM_DEVICE_WORDS];
@@ -1342,8 +1342,8 @@ ArmwireStatus armwire_alpha1_client_init(struct ArmwireAlpha1Client *client,
                                          const struct ArmwireConfig *config);
 
 /**
- * The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and at
- * `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
+ * The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and
+ * at `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
  */
 ArmwireStatus armwire_alpha1_client_poll(struct ArmwireAlpha1Client *client,
                                          uint64_t now_us,
@@ -1360,12 +1360,10 @@ ArmwireStatus armwire_alpha1_client_transmitted(struct ArmwireAlpha1Client *clie
                                                 size_t len);
 
 /**
- * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
- * WAIT event.
+ * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never
+ * empty after a WAIT event.
  */
-ArmwireStatus armwire_alpha1_client_space(struct ArmwireAlpha1Client *client,
-                                          uint8_t **space,
-                                          size_t *len);
+ArmwireStatus armwire_alpha1_client_space(struct ArmwireAlpha1Client *client, uint8_t **space, size_t *len);
 
 /**
  * The first `len` bytes of `space` arrived.
@@ -1375,8 +1373,8 @@ ArmwireStatus armwire_alpha1_client_space(struct ArmwireAlpha1Client *client,
 ArmwireStatus armwire_alpha1_client_received(struct ArmwireAlpha1Client *client, uint64_t now_us, size_t len);
 
 /**
- * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
- * rest.
+ * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
+ * pass in the rest.
  *
  * # Safety
  *
@@ -1394,7 +1392,8 @@ ArmwireStatus armwire_alpha1_client_receive(struct ArmwireAlpha1Client *client,
 ArmwireStatus armwire_alpha1_client_idle(struct ArmwireAlpha1Client *client);
 
 /**
- * Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be transmitted.
+ * Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
+ * transmitted.
  */
 ArmwireStatus armwire_alpha1_client_cancel(struct ArmwireAlpha1Client *client);
 
@@ -1432,10 +1431,10 @@ ArmwireStatus armwire_alpha1_client_act(struct ArmwireAlpha1Client *client,
                                         const struct ArmwireAlpha1Action *action);
 
 /**
- * Connects (1) or disconnects (0) the servo offset tool (row F4). Bluetooth is not available while it is connected.
+ * Connects (1) or disconnects (0) the servo offset tool (row F4). Bluetooth is not available while it is
+ * connected.
  */
-ArmwireStatus armwire_alpha1_client_set_offset_tool(struct ArmwireAlpha1Client *client,
-                                                    uint8_t connected);
+ArmwireStatus armwire_alpha1_client_set_offset_tool(struct ArmwireAlpha1Client *client, uint8_t connected);
 
 /**
  * Sets the robot's USB device type, an `ArmwireAlpha1UsbType` (row F9). A disk no longer supports this protocol.
@@ -1453,8 +1452,8 @@ ArmwireStatus armwire_alpha1_client_set_usb_type(struct ArmwireAlpha1Client *cli
 ArmwireStatus armwire_alpha1_client_play(struct ArmwireAlpha1Client *client, const uint8_t *name, size_t len);
 
 /**
- * Moves a servo (1 to 240), or all servos (0), without an answer. `angle_degrees` is 0 to 240, `time_ms` is 0 to 5100,
- * and `lock_ms`, the completion time, is 0 to 1310700. Both times are rounded to the nearest 20 ms.
+ * Moves a servo (1 to 240), or all servos (0), without an answer. `angle_degrees` is 0 to 240, `time_ms` is 0 to
+ * 5100, and `lock_ms`, the completion time, is 0 to 1310700. Both times are rounded to the nearest 20 ms.
  */
 ArmwireStatus armwire_alpha1_client_servo_move(struct ArmwireAlpha1Client *client,
                                                uint8_t servo_id,
@@ -1463,14 +1462,15 @@ ArmwireStatus armwire_alpha1_client_servo_move(struct ArmwireAlpha1Client *clien
                                                uint32_t lock_ms);
 
 /**
- * Switches the motor of a servo (1 to 240) off, or of all servos (0), without an answer. A load that they hold falls.
+ * Switches the motor of a servo (1 to 240) off, or of all servos (0), without an answer. A load that they hold
+ * falls.
  */
 ArmwireStatus armwire_alpha1_client_servo_release(struct ArmwireAlpha1Client *client,
                                                   uint8_t servo_id);
 
 /**
- * Switches the LED of a servo (1 to 240), or of all servos (0), without an answer. The sources contradict each other:
- * in the servos' manual 0 is off and 1 blinks, in public programs 0 is on and 1 is off.
+ * Switches the LED of a servo (1 to 240), or of all servos (0), without an answer. The sources contradict each
+ * other: in the servos' manual 0 is off and 1 blinks, in public programs 0 is on and 1 is off.
  */
 ArmwireStatus armwire_alpha1_client_servo_set_led(struct ArmwireAlpha1Client *client,
                                                   uint8_t servo_id,
@@ -1537,12 +1537,10 @@ ArmwireStatus armwire_alpha1_device_respond(struct ArmwireAlpha1Device *device,
                                             size_t *len);
 
 /**
- * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
- * WAIT event.
+ * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never
+ * empty after a WAIT event.
  */
-ArmwireStatus armwire_alpha1_device_space(struct ArmwireAlpha1Device *device,
-                                          uint8_t **space,
-                                          size_t *len);
+ArmwireStatus armwire_alpha1_device_space(struct ArmwireAlpha1Device *device, uint8_t **space, size_t *len);
 
 /**
  * The first `len` bytes of `space` arrived.
@@ -1552,8 +1550,8 @@ ArmwireStatus armwire_alpha1_device_space(struct ArmwireAlpha1Device *device,
 ArmwireStatus armwire_alpha1_device_received(struct ArmwireAlpha1Device *device, size_t len);
 
 /**
- * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
- * rest.
+ * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
+ * pass in the rest.
  *
  * # Safety
  *
@@ -1605,8 +1603,8 @@ ArmwireStatus armwire_ling_client_init(struct ArmwireLingClient *client,
                                        const struct ArmwireConfig *config);
 
 /**
- * The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and at
- * `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
+ * The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and
+ * at `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
  */
 ArmwireStatus armwire_ling_client_poll(struct ArmwireLingClient *client,
                                        uint64_t now_us,
@@ -1621,12 +1619,10 @@ ArmwireStatus armwire_ling_client_poll(struct ArmwireLingClient *client,
 ArmwireStatus armwire_ling_client_transmitted(struct ArmwireLingClient *client, uint64_t now_us, size_t len);
 
 /**
- * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
- * WAIT event.
+ * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never
+ * empty after a WAIT event.
  */
-ArmwireStatus armwire_ling_client_space(struct ArmwireLingClient *client,
-                                        uint8_t **space,
-                                        size_t *len);
+ArmwireStatus armwire_ling_client_space(struct ArmwireLingClient *client, uint8_t **space, size_t *len);
 
 /**
  * The first `len` bytes of `space` arrived.
@@ -1636,8 +1632,8 @@ ArmwireStatus armwire_ling_client_space(struct ArmwireLingClient *client,
 ArmwireStatus armwire_ling_client_received(struct ArmwireLingClient *client, uint64_t now_us, size_t len);
 
 /**
- * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
- * rest.
+ * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
+ * pass in the rest.
  *
  * # Safety
  *
@@ -1655,7 +1651,8 @@ ArmwireStatus armwire_ling_client_receive(struct ArmwireLingClient *client,
 ArmwireStatus armwire_ling_client_idle(struct ArmwireLingClient *client);
 
 /**
- * Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be transmitted.
+ * Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
+ * transmitted.
  */
 ArmwireStatus armwire_ling_client_cancel(struct ArmwireLingClient *client);
 
@@ -1755,12 +1752,10 @@ ArmwireStatus armwire_ling_device_respond(struct ArmwireLingDevice *device,
                                           size_t *len);
 
 /**
- * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
- * WAIT event.
+ * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never
+ * empty after a WAIT event.
  */
-ArmwireStatus armwire_ling_device_space(struct ArmwireLingDevice *device,
-                                        uint8_t **space,
-                                        size_t *len);
+ArmwireStatus armwire_ling_device_space(struct ArmwireLingDevice *device, uint8_t **space, size_t *len);
 
 /**
  * The first `len` bytes of `space` arrived.
@@ -1770,8 +1765,8 @@ ArmwireStatus armwire_ling_device_space(struct ArmwireLingDevice *device,
 ArmwireStatus armwire_ling_device_received(struct ArmwireLingDevice *device, size_t len);
 
 /**
- * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
- * rest.
+ * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
+ * pass in the rest.
  *
  * # Safety
  *
@@ -1864,8 +1859,8 @@ ArmwireStatus armwire_xarm_client_init(struct ArmwireXarmClient *client,
                                        const struct ArmwireConfig *config);
 
 /**
- * The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and at
- * `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
+ * The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and
+ * at `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
  */
 ArmwireStatus armwire_xarm_client_poll(struct ArmwireXarmClient *client,
                                        uint64_t now_us,
@@ -1880,12 +1875,10 @@ ArmwireStatus armwire_xarm_client_poll(struct ArmwireXarmClient *client,
 ArmwireStatus armwire_xarm_client_transmitted(struct ArmwireXarmClient *client, uint64_t now_us, size_t len);
 
 /**
- * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
- * WAIT event.
+ * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never
+ * empty after a WAIT event.
  */
-ArmwireStatus armwire_xarm_client_space(struct ArmwireXarmClient *client,
-                                        uint8_t **space,
-                                        size_t *len);
+ArmwireStatus armwire_xarm_client_space(struct ArmwireXarmClient *client, uint8_t **space, size_t *len);
 
 /**
  * The first `len` bytes of `space` arrived.
@@ -1895,8 +1888,8 @@ ArmwireStatus armwire_xarm_client_space(struct ArmwireXarmClient *client,
 ArmwireStatus armwire_xarm_client_received(struct ArmwireXarmClient *client, uint64_t now_us, size_t len);
 
 /**
- * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
- * rest.
+ * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
+ * pass in the rest.
  *
  * # Safety
  *
@@ -1914,7 +1907,8 @@ ArmwireStatus armwire_xarm_client_receive(struct ArmwireXarmClient *client,
 ArmwireStatus armwire_xarm_client_idle(struct ArmwireXarmClient *client);
 
 /**
- * Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be transmitted.
+ * Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
+ * transmitted.
  */
 ArmwireStatus armwire_xarm_client_cancel(struct ArmwireXarmClient *client);
 
@@ -1998,8 +1992,8 @@ ArmwireStatus armwire_xarm_device_poll(struct ArmwireXarmDevice *device,
                                        struct ArmwireXarmRequest *request);
 
 /**
- * Writes a response to `out` and its length to `len`. `to` is the request, or NULL for an unsolicited response. 260
- * bytes hold every response.
+ * Writes a response to `out` and its length to `len`. `to` is the request, or NULL for an unsolicited response.
+ * 260 bytes hold every response.
  *
  * ARMWIRE_STATUS_OUT_OF_RANGE for an invalid value, ARMWIRE_STATUS_UNKNOWN_KIND for an unknown kind,
  * ARMWIRE_STATUS_BUFFER_TOO_SHORT if the response is longer than `size`. `len` is its length then, too.
@@ -2016,12 +2010,10 @@ ArmwireStatus armwire_xarm_device_respond(struct ArmwireXarmDevice *device,
                                           size_t *len);
 
 /**
- * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never empty after a
- * WAIT event.
+ * Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never
+ * empty after a WAIT event.
  */
-ArmwireStatus armwire_xarm_device_space(struct ArmwireXarmDevice *device,
-                                        uint8_t **space,
-                                        size_t *len);
+ArmwireStatus armwire_xarm_device_space(struct ArmwireXarmDevice *device, uint8_t **space, size_t *len);
 
 /**
  * The first `len` bytes of `space` arrived.
@@ -2031,8 +2023,8 @@ ArmwireStatus armwire_xarm_device_space(struct ArmwireXarmDevice *device,
 ArmwireStatus armwire_xarm_device_received(struct ArmwireXarmDevice *device, size_t len);
 
 /**
- * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then pass in the
- * rest.
+ * Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
+ * pass in the rest.
  *
  * # Safety
  *

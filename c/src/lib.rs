@@ -5,7 +5,8 @@
 //! | [`status`], [`fault`] | errors, their details and texts |
 //! | [`event`], [`config`] | structures common to all protocols |
 //! | `memory` | the boundary: pointers from C become references, or an error |
-//! | `client`, `device` | the functions common to all clients and to all devices |
+//! | `client`, `device` | the behaviour common to all clients and to all devices |
+//! | `functions` | the functions of C that all protocols have |
 //! | `ling`, `alpha1`, `xarm` | the functions and messages of a protocol |
 //!
 //! `armwire.h` is generated from this crate. Functions take `Option<&mut T>` where C passes `T *`: NULL is an error,
@@ -22,6 +23,7 @@ pub mod config;
 mod device;
 pub mod event;
 pub mod fault;
+mod functions;
 #[cfg(feature = "ling")]
 pub mod ling;
 mod memory;

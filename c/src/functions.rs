@@ -1,0 +1,243 @@
+//! The functions of C that all protocols have, and those of requests. They differ by protocol in names and types only.
+//!
+//! Where a macro is called, each name stands in full, so that a search finds it, and the caller imports what the bodies
+//! name.
+
+/// A client in memory of C, and the functions common to all clients. The body lists their names.
+macro_rules! client {
+    (
+        $(#[$client_doc:meta])*
+        $client:ident: $state:ty, $words:ident = $len:literal, tag $tag:literal, response $response:ty;
+        $(#[$init_doc:meta])*
+        $init:ident($config:expr, $messages:expr);
+        $poll:ident;
+        $transmitted:ident;
+        $space:ident;
+        $received:ident;
+        $receive:ident;
+        $idle:ident;
+        $cancel:ident;
+        $fault:ident;
+    ) => {
+        /// Size of a client, in words of 64 bits.
+        pub const $words: usize = $len;
+
+        $(#[$client_doc])*
+        #[repr(C)]
+        pub struct $client {
+            opaque: [u64; $words],
+        }
+
+        // SAFETY: an array of `u64` in a `repr(C)` structure.
+        unsafe impl memory::Memory for $client {
+            type Value = $state;
+            const TAG: u32 = memory::tag($tag);
+        }
+
+        $(#[$init_doc])*
+        ///
+        /// ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $init(
+            client: Option<&mut $client>,
+            version: u32,
+            config: Option<&ArmwireConfig>,
+        ) -> ArmwireStatus {
+            client::init(client, version, config, $config, $messages).into()
+        }
+
+        /// The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and
+        /// at `until_us` of a WAIT event. `now_us` is the time of a monotonic clock.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $poll(
+            client: Option<&mut $client>,
+            now_us: u64,
+            event: Option<&mut ArmwireEvent>,
+            response: Option<&mut $response>,
+        ) -> ArmwireStatus {
+            client::poll(client, now_us, event, response, <$response>::set).into()
+        }
+
+        /// The line accepted the first `len` bytes of a TRANSMIT event.
+        ///
+        /// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the remaining bytes. Nothing counts as transmitted then.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $transmitted(client: Option<&mut $client>, now_us: u64, len: usize) -> ArmwireStatus {
+            client::transmitted(client, now_us, len)
+        }
+
+        /// Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never
+        /// empty after a WAIT event.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $space(
+            client: Option<&mut $client>,
+            space: Option<&mut *mut u8>,
+            len: Option<&mut usize>,
+        ) -> ArmwireStatus {
+            client::space(client, space, len).into()
+        }
+
+        /// The first `len` bytes of `space` arrived.
+        ///
+        /// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the free space. Nothing is accepted then.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $received(client: Option<&mut $client>, now_us: u64, len: usize) -> ArmwireStatus {
+            client::received(client, now_us, len)
+        }
+
+        /// Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
+        /// pass in the rest.
+        ///
+        /// # Safety
+        ///
+        /// `bytes` is NULL, or has `len` bytes.
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn $receive(
+            client: Option<&mut $client>,
+            now_us: u64,
+            bytes: *const u8,
+            len: usize,
+            taken: Option<&mut usize>,
+        ) -> ArmwireStatus {
+            // SAFETY: guaranteed by the caller.
+            let bytes = unsafe { memory::bytes(bytes, len) };
+            client::receive(client, now_us, bytes, taken).into()
+        }
+
+        /// The UART reported an idle line. Never call it for a gap between USB packets.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $idle(client: Option<&mut $client>) -> ArmwireStatus {
+            client::idle(client)
+        }
+
+        /// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
+        /// transmitted.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $cancel(client: Option<&mut $client>) -> ArmwireStatus {
+            client::cancel(client)
+        }
+
+        /// The last rejected value or length, with its range.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $fault(client: Option<&mut $client>, fault: Option<&mut ArmwireFault>) -> ArmwireStatus {
+            client::fault(client, fault)
+        }
+    };
+}
+
+/// Functions that submit a request. Each stands with its parameters, and the request made of them or the error of a
+/// value.
+macro_rules! requests {
+    ($client:ident; $($(#[$doc:meta])* $name:ident($($value:ident: $type:ty),*) => $request:expr;)*) => {
+        $(
+            $(#[$doc])*
+            #[unsafe(no_mangle)]
+            pub extern "C" fn $name(client: Option<&mut $client>, $($value: $type),*) -> ArmwireStatus {
+                client::submit(client, $request)
+            }
+        )*
+    };
+}
+
+/// A device in memory of C, and the functions common to all devices. The body lists their names, and has the function
+/// that writes a response.
+macro_rules! device {
+    (
+        $(#[$device_doc:meta])*
+        $device:ident: $state:ty, $words:ident = $len:literal, tag $tag:literal, request $request:ty;
+        $init:ident($messages:expr);
+        $poll:ident($set:expr);
+        $respond:item
+        $space:ident;
+        $received:ident;
+        $receive:ident;
+        $idle:ident;
+        $fault:ident;
+    ) => {
+        /// Size of a device, in words of 64 bits.
+        pub const $words: usize = $len;
+
+        $(#[$device_doc])*
+        #[repr(C)]
+        pub struct $device {
+            opaque: [u64; $words],
+        }
+
+        // SAFETY: an array of `u64` in a `repr(C)` structure.
+        unsafe impl memory::Memory for $device {
+            type Value = $state;
+            const TAG: u32 = memory::tag($tag);
+        }
+
+        /// Initializes a device. `version` is ARMWIRE_VERSION.
+        ///
+        /// ARMWIRE_STATUS_VERSION if header and library differ.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $init(device: Option<&mut $device>, version: u32) -> ArmwireStatus {
+            device::init(device, version, $messages).into()
+        }
+
+        /// The next event. Call it again after every event except WAIT, and after bytes were received.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $poll(
+            device: Option<&mut $device>,
+            event: Option<&mut ArmwireEvent>,
+            request: Option<&mut $request>,
+        ) -> ArmwireStatus {
+            device::poll(device, event, request, $set).into()
+        }
+
+        $respond
+
+        /// Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never
+        /// empty after a WAIT event.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $space(
+            device: Option<&mut $device>,
+            space: Option<&mut *mut u8>,
+            len: Option<&mut usize>,
+        ) -> ArmwireStatus {
+            device::space(device, space, len).into()
+        }
+
+        /// The first `len` bytes of `space` arrived.
+        ///
+        /// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the free space. Nothing is accepted then.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $received(device: Option<&mut $device>, len: usize) -> ArmwireStatus {
+            device::received(device, len)
+        }
+
+        /// Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
+        /// pass in the rest.
+        ///
+        /// # Safety
+        ///
+        /// `bytes` is NULL, or has `len` bytes.
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn $receive(
+            device: Option<&mut $device>,
+            bytes: *const u8,
+            len: usize,
+            taken: Option<&mut usize>,
+        ) -> ArmwireStatus {
+            // SAFETY: guaranteed by the caller.
+            let bytes = unsafe { memory::bytes(bytes, len) };
+            device::receive(device, bytes, taken).into()
+        }
+
+        /// The UART reported an idle line. Never call it for a gap between USB packets.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $idle(device: Option<&mut $device>) -> ArmwireStatus {
+            device::idle(device)
+        }
+
+        /// The last rejected value or length, with its range.
+        #[unsafe(no_mangle)]
+        pub extern "C" fn $fault(device: Option<&mut $device>, fault: Option<&mut ArmwireFault>) -> ArmwireStatus {
+            device::fault(device, fault)
+        }
+    };
+}
+
+pub(crate) use {client, device, requests};
