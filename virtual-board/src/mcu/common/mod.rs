@@ -11,3 +11,4 @@ pub(crate) mod shifter;
 pub(crate) mod syscfg;
 pub(crate) mod system_memory;
 pub(crate) mod tim;
+pub(crate) mod usart;

@@ -14,9 +14,10 @@
 //! A read of DR by the DMA ends the sequence like one of the core. Refused with their name: 7 and 9 data bits, half
 //! stop bits, breaks, and all modes except asynchronous.
 
-use crate::line::{AnyLine, Arrival, Format, Parity, SECOND};
+use crate::line::{AnyLine, Arrival, SECOND};
 use crate::mcu::common::shifter::{Settings, Shifter, Uart};
-use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::mcu::common::usart::{self, flag};
+use crate::soc::peripheral::{Peripheral, Refused, forbidden};
 use crate::time::Nanos;
 
 const SR: u32 = 0x00;
@@ -27,57 +28,28 @@ const CR2: u32 = 0x10;
 const CR3: u32 = 0x14;
 const GTPR: u32 = 0x18;
 
-/// Flags of SR (30.6.1).
-mod sr {
-    pub(super) const PE: u32 = 1;
-    pub(super) const FE: u32 = 1 << 1;
-    pub(super) const NF: u32 = 1 << 2;
-    pub(super) const ORE: u32 = 1 << 3;
-    pub(super) const IDLE: u32 = 1 << 4;
-    pub(super) const RXNE: u32 = 1 << 5;
-    pub(super) const TC: u32 = 1 << 6;
-    pub(super) const TXE: u32 = 1 << 7;
-    /// Cleared by a read of SR that returns them, followed by a read of DR.
-    pub(super) const CLEARED_IF_SEEN: u32 = FE | NF | ORE;
-    /// Cleared by any read of SR, followed by a read of DR.
-    pub(super) const CLEARED_BY_READING: u32 = PE | IDLE;
-    /// Cleared by any read of SR, followed by a write of DR.
-    pub(super) const CLEARED_BY_WRITING: u32 = PE | TC;
+/// Flags of SR (30.6.1), by the event that clears them.
+mod clearing {
+    use super::flag::{FE, IDLE, NE, ORE, PE, TC};
+
+    /// A read of SR that returns them, followed by a read of DR.
+    pub(super) const IF_SEEN: u32 = FE | NE | ORE;
+    /// Any read of SR, followed by a read of DR.
+    pub(super) const BY_READING: u32 = PE | IDLE;
+    /// Any read of SR, followed by a write of DR.
+    pub(super) const BY_WRITING: u32 = PE | TC;
 }
 
 /// Bits of CR1 (30.6.4).
 mod cr1 {
-    pub(super) const RE: u32 = 1 << 2;
-    pub(super) const TE: u32 = 1 << 3;
-    pub(super) const IDLEIE: u32 = 1 << 4;
-    pub(super) const RXNEIE: u32 = 1 << 5;
-    pub(super) const TCIE: u32 = 1 << 6;
-    pub(super) const TXEIE: u32 = 1 << 7;
-    pub(super) const PEIE: u32 = 1 << 8;
-    pub(super) const PS: u32 = 1 << 9;
-    pub(super) const PCE: u32 = 1 << 10;
-    pub(super) const M: u32 = 1 << 12;
+    pub(super) use super::usart::cr1::*;
     pub(super) const UE: u32 = 1 << 13;
-    pub(super) const OVER8: u32 = 1 << 15;
-    pub(super) const MODELLED: u32 = RE | TE | IDLEIE | RXNEIE | TCIE | TXEIE | PEIE | PS | PCE | M | UE | OVER8;
-}
-
-/// STOP of CR2 (30.6.5).
-mod cr2 {
-    pub(super) const STOP_AT: u32 = 12;
-    pub(super) const STOP: u32 = 0b11;
-    pub(super) const ONE: u32 = 0b00;
-    pub(super) const TWO: u32 = 0b10;
-    pub(super) const MODELLED: u32 = STOP << STOP_AT;
+    pub(super) const MODELLED: u32 = RE | TE | INTERRUPTS | PS | PCE | M | UE | OVER8;
 }
 
 /// Bits of CR3 (30.6.6).
 mod cr3 {
-    pub(super) const EIE: u32 = 1;
-    pub(super) const HDSEL: u32 = 1 << 3;
-    pub(super) const DMAR: u32 = 1 << 6;
-    pub(super) const DMAT: u32 = 1 << 7;
-    pub(super) const ONEBIT: u32 = 1 << 11;
+    pub(super) use super::usart::cr3::*;
     pub(super) const MODELLED: u32 = EIE | HDSEL | DMAR | DMAT | ONEBIT;
 }
 
@@ -114,7 +86,7 @@ impl Usart {
             cr3: 0,
             brr: 0,
             gtpr: 0,
-            flags: sr::TC,
+            flags: flag::TC,
             seen: None,
             received: None,
             last: 0,
@@ -140,13 +112,8 @@ impl Usart {
     #[inline]
     pub(super) fn interrupts(&self) -> bool {
         let status = self.status();
-        let enabled = |enable: u32, flags: u32| self.cr1 & enable != 0 && status & flags != 0;
-        enabled(cr1::TXEIE, sr::TXE)
-            || enabled(cr1::TCIE, sr::TC)
-            || enabled(cr1::RXNEIE, sr::RXNE | sr::ORE)
-            || enabled(cr1::IDLEIE, sr::IDLE)
-            || enabled(cr1::PEIE, sr::PE)
-            || self.cr3 & (cr3::EIE | cr3::DMAR) == cr3::EIE | cr3::DMAR && status & (sr::FE | sr::NF | sr::ORE) != 0
+        let reports_errors = self.cr3 & (cr3::EIE | cr3::DMAR) == cr3::EIE | cr3::DMAR;
+        usart::interrupts(self.cr1, status) || reports_errors && status & flag::ERRORS != 0
     }
 
     /// Returns true if UE and this bit of CR1 are set.
@@ -157,19 +124,7 @@ impl Usart {
     #[inline]
     fn status(&self) -> u32 {
         let when = |set, bit| if set { bit } else { 0 };
-        self.flags | when(self.received.is_some(), sr::RXNE) | when(self.transmit.is_none(), sr::TXE)
-    }
-
-    fn format(&self) -> Format {
-        let parity = match (self.cr1 & cr1::PCE, self.cr1 & cr1::PS) {
-            (0, _) => Parity::None,
-            (_, 0) => Parity::Even,
-            _ => Parity::Odd,
-        };
-        Format {
-            parity,
-            two_stop_bits: field(self.cr2, cr2::STOP_AT, cr2::STOP) == cr2::TWO,
-        }
+        self.flags | when(self.received.is_some(), flag::RXNE) | when(self.transmit.is_none(), flag::TXE)
     }
 
     /// The bit time in picoseconds, 0 without a divider (30.3.4).
@@ -186,7 +141,7 @@ impl Usart {
     fn settle(&mut self, now: Nanos) {
         let settings = Settings {
             bit: self.bit(),
-            format: self.format(),
+            format: usart::format(self.cr1, self.cr2),
             half_duplex: self.cr3 & cr3::HDSEL != 0,
             transmits: self.is_on(cr1::TE),
             receives: self.is_on(cr1::RE),
@@ -197,12 +152,12 @@ impl Usart {
     /// Handles a received byte. One that arrives while RXNE is set is lost, including its errors (30.3.3).
     fn receive(&mut self, arrival: Arrival) {
         if self.received.is_some() {
-            self.flags |= sr::ORE;
+            self.flags |= flag::ORE;
             return;
         }
         let flag = |set, bit| if set { bit } else { 0 };
         let noise = arrival.noise && self.cr3 & cr3::ONEBIT == 0;
-        self.flags |= flag(arrival.parity, sr::PE) | flag(arrival.framing, sr::FE) | flag(noise, sr::NF);
+        self.flags |= flag(arrival.parity, flag::PE) | flag(arrival.framing, flag::FE) | flag(noise, flag::NE);
         self.received = Some(arrival.value);
         self.last = arrival.value;
         self.received_since_idle = true;
@@ -210,14 +165,14 @@ impl Usart {
 
     fn read_data(&mut self) -> u32 {
         if let Some(seen) = self.seen.take() {
-            self.flags &= !(sr::CLEARED_BY_READING | sr::CLEARED_IF_SEEN & seen);
+            self.flags &= !(clearing::BY_READING | clearing::IF_SEEN & seen);
         }
         self.received.take().unwrap_or(self.last).into()
     }
 
     fn write_data(&mut self, value: u32) {
         if self.seen.take().is_some() {
-            self.flags &= !sr::CLEARED_BY_WRITING;
+            self.flags &= !clearing::BY_WRITING;
         }
         self.transmit = Some(value as u8);
     }
@@ -225,19 +180,14 @@ impl Usart {
     /// A 0 clears TC and RXNE, a 1 has no effect. Hardware controls the other flags.
     fn write_status(&mut self, value: u32) {
         self.seen = None;
-        self.flags &= value | !sr::TC;
-        if value & sr::RXNE == 0 {
+        self.flags &= value | !flag::TC;
+        if value & flag::RXNE == 0 {
             self.received = None;
         }
     }
 
     fn write_cr1(&mut self, value: u32) -> Result<(), Refused> {
-        if value & !cr1::MODELLED != 0 {
-            return Err(Refused::Unimplemented("CR1"));
-        }
-        if (value & cr1::PCE != 0) != (value & cr1::M != 0) {
-            return Err(Refused::Unimplemented("CR1.M: 7 or 9 data bits"));
-        }
+        usart::check_cr1(value, cr1::MODELLED)?;
         let was_enabled = self.is_on(cr1::TE);
         self.cr1 = value;
         if was_enabled && value & (cr1::UE | cr1::TE) == cr1::UE && self.shifter.cut() {
@@ -253,10 +203,7 @@ impl Usart {
             BRR => self.brr = value & 0xFFFF,
             CR1 => self.write_cr1(value)?,
             CR2 => {
-                let stop = field(value, cr2::STOP_AT, cr2::STOP);
-                if value & !cr2::MODELLED != 0 || !matches!(stop, cr2::ONE | cr2::TWO) {
-                    return Err(Refused::Unimplemented("CR2"));
-                }
+                usart::check_cr2(value)?;
                 self.cr2 = value;
             }
             CR3 if value & !cr3::MODELLED != 0 => return Err(Refused::Unimplemented("CR3")),
@@ -320,10 +267,10 @@ impl Peripheral for Usart {
     fn advance(&mut self, now: Nanos) {
         let progress = self.shifter.advance(now, &mut self.transmit);
         if progress.complete {
-            self.flags |= sr::TC;
+            self.flags |= flag::TC;
         }
         if progress.idle {
-            self.flags |= sr::IDLE;
+            self.flags |= flag::IDLE;
             self.received_since_idle = false;
         }
         if let Some(arrival) = progress.arrived {

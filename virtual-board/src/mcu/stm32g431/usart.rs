@@ -15,9 +15,10 @@
 //! FIFO mode may be on while no byte is written or read. Refused with their name: bytes in FIFO mode, 7 data bits, half
 //! stop bits, and all modes except asynchronous.
 
-use crate::line::{AnyLine, Arrival, Format, Parity, SECOND};
+use crate::line::{AnyLine, Arrival, SECOND};
 use crate::mcu::common::shifter::{Settings, Shifter, Uart};
-use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::mcu::common::usart;
+use crate::soc::peripheral::{Peripheral, Refused, forbidden};
 use crate::time::Nanos;
 
 const CR1: u32 = 0x00;
@@ -35,41 +36,17 @@ const PRESC: u32 = 0x2C;
 
 /// Bits of CR1 (37.8.2, FIFO mode disabled).
 mod cr1 {
+    pub(super) use super::usart::cr1::*;
     pub(super) const UE: u32 = 1;
-    pub(super) const RE: u32 = 1 << 2;
-    pub(super) const TE: u32 = 1 << 3;
-    pub(super) const IDLEIE: u32 = 1 << 4;
-    pub(super) const RXNEIE: u32 = 1 << 5;
-    pub(super) const TCIE: u32 = 1 << 6;
-    pub(super) const TXEIE: u32 = 1 << 7;
-    pub(super) const PEIE: u32 = 1 << 8;
-    pub(super) const PS: u32 = 1 << 9;
-    pub(super) const PCE: u32 = 1 << 10;
-    pub(super) const M0: u32 = 1 << 12;
-    pub(super) const OVER8: u32 = 1 << 15;
     pub(super) const FIFOEN: u32 = 1 << 29;
-    pub(super) const INTERRUPTS: u32 = IDLEIE | RXNEIE | TCIE | TXEIE | PEIE;
     /// Bits that are writable only while UE is clear.
-    pub(super) const HELD: u32 = PS | PCE | M0 | OVER8 | FIFOEN;
+    pub(super) const HELD: u32 = PS | PCE | M | OVER8 | FIFOEN;
     pub(super) const MODELLED: u32 = UE | RE | TE | INTERRUPTS | HELD;
-}
-
-/// STOP of CR2 (37.8.3).
-mod cr2 {
-    pub(super) const STOP_AT: u32 = 12;
-    pub(super) const STOP: u32 = 0b11;
-    pub(super) const ONE: u32 = 0b00;
-    pub(super) const TWO: u32 = 0b10;
-    pub(super) const MODELLED: u32 = STOP << STOP_AT;
 }
 
 /// Bits of CR3 (37.8.4).
 mod cr3 {
-    pub(super) const EIE: u32 = 1;
-    pub(super) const HDSEL: u32 = 1 << 3;
-    pub(super) const DMAR: u32 = 1 << 6;
-    pub(super) const DMAT: u32 = 1 << 7;
-    pub(super) const ONEBIT: u32 = 1 << 11;
+    pub(super) use super::usart::cr3::*;
     pub(super) const OVRDIS: u32 = 1 << 12;
     pub(super) const DDRE: u32 = 1 << 13;
     /// Bits that are writable only while UE is clear.
@@ -85,14 +62,7 @@ mod rqr {
 
 /// Bits of ISR (37.8.10, FIFO mode disabled), and those of ICR that clear them (37.8.11).
 mod isr {
-    pub(super) const PE: u32 = 1;
-    pub(super) const FE: u32 = 1 << 1;
-    pub(super) const NE: u32 = 1 << 2;
-    pub(super) const ORE: u32 = 1 << 3;
-    pub(super) const IDLE: u32 = 1 << 4;
-    pub(super) const RXNE: u32 = 1 << 5;
-    pub(super) const TC: u32 = 1 << 6;
-    pub(super) const TXE: u32 = 1 << 7;
+    pub(super) use super::usart::flag::*;
     pub(super) const BUSY: u32 = 1 << 16;
     pub(super) const TEACK: u32 = 1 << 21;
     pub(super) const REACK: u32 = 1 << 22;
@@ -160,13 +130,7 @@ impl Usart {
     /// The level of the interrupt line (37.6).
     pub(super) fn interrupts(&self) -> bool {
         let status = self.status();
-        let enabled = |enable: u32, flags: u32| self.cr1 & enable != 0 && status & flags != 0;
-        enabled(cr1::TXEIE, isr::TXE)
-            || enabled(cr1::TCIE, isr::TC)
-            || enabled(cr1::RXNEIE, isr::RXNE | isr::ORE)
-            || enabled(cr1::IDLEIE, isr::IDLE)
-            || enabled(cr1::PEIE, isr::PE)
-            || self.cr3 & cr3::EIE != 0 && status & (isr::FE | isr::NE | isr::ORE) != 0
+        usart::interrupts(self.cr1, status) || self.cr3 & cr3::EIE != 0 && status & isr::ERRORS != 0
     }
 
     /// Returns true if UE and this bit of CR1 are set.
@@ -182,18 +146,6 @@ impl Usart {
             | when(self.shifter.is_receiving(), isr::BUSY)
             | when(self.is_on(cr1::TE), isr::TEACK)
             | when(self.is_on(cr1::RE), isr::REACK)
-    }
-
-    fn format(&self) -> Format {
-        let parity = match (self.cr1 & cr1::PCE, self.cr1 & cr1::PS) {
-            (0, _) => Parity::None,
-            (_, 0) => Parity::Even,
-            _ => Parity::Odd,
-        };
-        Format {
-            parity,
-            two_stop_bits: field(self.cr2, cr2::STOP_AT, cr2::STOP) == cr2::TWO,
-        }
     }
 
     /// The bit time in picoseconds, 0 without a divider (37.5.8).
@@ -213,7 +165,7 @@ impl Usart {
     fn settle(&mut self, now: Nanos) {
         let settings = Settings {
             bit: self.bit(),
-            format: self.format(),
+            format: usart::format(self.cr1, self.cr2),
             half_duplex: self.cr3 & cr3::HDSEL != 0,
             transmits: self.is_on(cr1::TE),
             receives: self.is_on(cr1::RE),
@@ -239,12 +191,7 @@ impl Usart {
     }
 
     fn write_cr1(&mut self, value: u32) -> Result<(), Refused> {
-        if value & !cr1::MODELLED != 0 {
-            return Err(Refused::Unimplemented("CR1"));
-        }
-        if value & (cr1::PCE | cr1::M0) == cr1::PCE || value & (cr1::PCE | cr1::M0) == cr1::M0 {
-            return Err(Refused::Unimplemented("CR1.M: 7 or 9 data bits"));
-        }
+        usart::check_cr1(value, cr1::MODELLED)?;
         let changed = value ^ self.cr1;
         if value & self.cr1 & cr1::UE != 0 && changed & cr1::HELD != 0 {
             return Err(forbidden(
@@ -276,10 +223,7 @@ impl Usart {
     }
 
     fn write_cr2(&mut self, value: u32) -> Result<(), Refused> {
-        let stop = field(value, cr2::STOP_AT, cr2::STOP);
-        if value & !cr2::MODELLED != 0 || !matches!(stop, cr2::ONE | cr2::TWO) {
-            return Err(Refused::Unimplemented("CR2"));
-        }
+        usart::check_cr2(value)?;
         if value != self.cr2 {
             self.while_disabled("CR2")?;
         }
@@ -536,7 +480,7 @@ mod tests {
     #[test]
     fn parity_makes_a_byte_of_eleven_bits() {
         let mut bench = Bench::new();
-        bench.write(CR1, ON | cr1::PCE | cr1::M0).unwrap();
+        bench.write(CR1, ON | cr1::PCE | cr1::M).unwrap();
         bench.write(TDR, 0x01).unwrap();
         bench.run(100);
         let line = bench.line.lock().unwrap();
@@ -571,9 +515,9 @@ mod tests {
         let mut bench = Bench::new();
         bench.write(CR1, ON).unwrap();
         assert!(bench.write(BRR, 80).is_err());
-        assert!(bench.write(CR1, ON | cr1::PCE | cr1::M0).is_err());
+        assert!(bench.write(CR1, ON | cr1::PCE | cr1::M).is_err());
         assert!(bench.write(CR3, cr3::DDRE).is_err());
-        assert!(bench.write(CR2, cr2::TWO << cr2::STOP_AT).is_err());
+        assert!(bench.write(CR2, usart::cr2::TWO << usart::cr2::STOP_AT).is_err());
         bench.write(CR3, cr3::DMAR | cr3::DMAT).unwrap();
     }
 
