@@ -11,6 +11,60 @@ use crate::time::Nanos;
 /// Bytes of a word in [`Flash`].
 pub(crate) const WORD: usize = 8;
 
+/// Bits of ACR at the same place in both chips.
+pub(crate) mod acr {
+    pub(crate) const PRFTEN: u32 = 1 << 8;
+    pub(crate) const ICEN: u32 = 1 << 9;
+    pub(crate) const DCEN: u32 = 1 << 10;
+    pub(crate) const ICRST: u32 = 1 << 11;
+    pub(crate) const DCRST: u32 = 1 << 12;
+}
+
+/// Bytes of a line, and lines of the instruction and of the data cache.
+pub(crate) struct Caches {
+    pub(crate) line: u32,
+    pub(crate) code: usize,
+    pub(crate) data: usize,
+}
+
+impl Caches {
+    /// The timing by this value of ACR, with its number of wait states.
+    pub(crate) fn timing(&self, acr: u32, wait_states: u32) -> FlashTiming {
+        let lines = |enable, count, otherwise| if acr & enable != 0 { count } else { otherwise };
+        FlashTiming {
+            wait_states,
+            line_bytes: self.line,
+            code_lines: lines(acr::ICEN, self.code, 1),
+            data_lines: lines(acr::DCEN, self.data, 0),
+            prefetch: acr & acr::PRFTEN != 0,
+        }
+    }
+}
+
+/// The keys of KEYR.
+pub(crate) const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+
+/// The progress of an unlock sequence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Keys {
+    None,
+    First,
+    Unlocked,
+    /// A wrong key was written: the register stays locked until the next reset.
+    Wrong,
+}
+
+impl Keys {
+    pub(crate) fn take(self, key: u32, keys: [u32; 2]) -> Self {
+        match self {
+            Self::Unlocked => Self::Unlocked,
+            Self::None if key == keys[0] => Self::First,
+            Self::First if key == keys[1] => Self::Unlocked,
+            _ => Self::Wrong,
+        }
+    }
+}
+
 /// An operation on words of the flash.
 #[derive(Clone, Debug)]
 pub(crate) enum Operation {

@@ -31,9 +31,15 @@ const PULL_UP: u32 = 0b01;
 /// The port-specific reset values.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AtReset {
-    pub(crate) moder: u32,
-    pub(crate) ospeedr: u32,
-    pub(crate) pupdr: u32,
+    moder: u32,
+    ospeedr: u32,
+    pupdr: u32,
+}
+
+impl AtReset {
+    pub(crate) const fn new(moder: u32, ospeedr: u32, pupdr: u32) -> Self {
+        Self { moder, ospeedr, pupdr }
+    }
 }
 
 /// A port.
@@ -133,12 +139,7 @@ mod tests {
     const NOW: Nanos = Nanos(0);
 
     fn port() -> Gpio {
-        let at_reset = AtReset {
-            moder: 0xABFF_FFFF,
-            ospeedr: 0x0C00_0000,
-            pupdr: 0x6400_0000,
-        };
-        Gpio::new(at_reset, true)
+        Gpio::new(AtReset::new(0xABFF_FFFF, 0x0C00_0000, 0x6400_0000), true)
     }
 
     #[test]

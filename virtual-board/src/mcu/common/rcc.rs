@@ -1,5 +1,6 @@
 //! Common parts of reset and clock control: oscillators, prescalers, and the enable and reset bits of each peripheral.
 
+use crate::soc::machine::Cause;
 use crate::soc::peripheral::{Refused, check_reserved};
 use crate::time::Nanos;
 
@@ -51,6 +52,45 @@ impl Source {
     }
 }
 
+/// Bits of CR at the same place in both chips.
+pub(crate) mod cr {
+    pub(crate) const HSEON: u32 = 1 << 16;
+    pub(crate) const HSERDY: u32 = 1 << 17;
+    pub(crate) const HSEBYP: u32 = 1 << 18;
+    pub(crate) const PLLON: u32 = 1 << 24;
+    pub(crate) const PLLRDY: u32 = 1 << 25;
+}
+
+/// Bits of CSR at the same place in both chips.
+pub(crate) mod csr {
+    pub(crate) const LSION: u32 = 1;
+    pub(crate) const LSIRDY: u32 = 1 << 1;
+    pub(crate) const PINRSTF: u32 = 1 << 26;
+    pub(crate) const SFTRSTF: u32 = 1 << 28;
+    pub(crate) const IWDGRSTF: u32 = 1 << 29;
+}
+
+/// The reset flags of CSR after a reset by this cause: those at power-on, or one more.
+pub(crate) fn reset_flags(cause: Cause, flags: u32, at_power_on: u32) -> u32 {
+    match cause {
+        Cause::Power => at_power_on,
+        Cause::Software => flags | csr::SFTRSTF | csr::PINRSTF,
+        Cause::Watchdog => flags | csr::IWDGRSTF | csr::PINRSTF,
+    }
+}
+
+/// Writes BDCR. RTCSEL, RTCEN and BDRST are stored: they have no effect without the RTC.
+pub(crate) fn write_bdcr(bdcr: &mut u32, value: u32) -> Result<(), Refused> {
+    const RTCSEL: u32 = 0b11 << 8;
+    const RTCEN: u32 = 1 << 15;
+    const BDRST: u32 = 1 << 16;
+    if value & !(RTCSEL | RTCEN | BDRST) != 0 {
+        return Err(Refused::Unimplemented("BDCR"));
+    }
+    *bdcr = if value & BDRST != 0 { BDRST } else { value };
+    Ok(())
+}
+
 /// The divider of the AHB prescaler, HPRE of CFGR.
 pub(crate) fn ahb_divider(hpre: u32) -> u64 {
     match hpre {
@@ -83,15 +123,29 @@ impl Gate {
     }
 }
 
-/// The enable and the reset register of a bus: their offsets, their bits and the enables after a reset.
+/// A register of enables or resets, and its bits.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Register {
+    name: &'static str,
+    offset: u32,
+    bits: u32,
+}
+
+impl Register {
+    pub(crate) const fn new(name: &'static str, offset: u32, bits: u32) -> Self {
+        Self { name, offset, bits }
+    }
+
+    fn check(&self, value: u32) -> Result<(), Refused> {
+        check_reserved(self.name, value, self.bits)
+    }
+}
+
+/// The enable and the reset register of a bus, and the enables after a reset.
 #[derive(Debug)]
 pub(crate) struct Layout {
-    /// The names of the two.
-    pub(crate) names: [&'static str; 2],
-    pub(crate) enable: u32,
-    pub(crate) enable_bits: u32,
-    pub(crate) reset: u32,
-    pub(crate) reset_bits: u32,
+    pub(crate) enable: Register,
+    pub(crate) reset: Register,
     pub(crate) at_reset: u32,
 }
 
@@ -164,8 +218,8 @@ impl Gates {
     /// Reads the register at an offset of the RCC, if it is one of them.
     pub(crate) fn read(&self, offset: u32) -> Option<u32> {
         self.buses.iter().find_map(|bus| match offset {
-            _ if offset == bus.layout.enable => Some(bus.enables),
-            _ if offset == bus.layout.reset => Some(bus.resets),
+            _ if offset == bus.layout.enable.offset => Some(bus.enables),
+            _ if offset == bus.layout.reset.offset => Some(bus.resets),
             _ => None,
         })
     }
@@ -173,13 +227,14 @@ impl Gates {
     /// Writes the register at an offset of the RCC, if it is one of them. A clock starts `wait` cycles of the core after
     /// it is enabled.
     pub(crate) fn write(&mut self, offset: u32, value: u32, wait: u64) -> Option<Result<(), Refused>> {
-        let number = (self.buses.iter()).position(|bus| offset == bus.layout.enable || offset == bus.layout.reset)?;
+        let has = |bus: &Bus| offset == bus.layout.enable.offset || offset == bus.layout.reset.offset;
+        let number = self.buses.iter().position(has)?;
         let bus = self.buses.get_mut(number)?;
-        let [enable, reset] = bus.layout.names;
-        if offset == bus.layout.reset {
-            return Some(check_reserved(reset, value, bus.layout.reset_bits).map(|()| bus.resets = value));
+        let Layout { enable, reset, .. } = bus.layout;
+        if offset == reset.offset {
+            return Some(reset.check(value).map(|()| bus.resets = value));
         }
-        let checked = check_reserved(enable, value, bus.layout.enable_bits);
+        let checked = enable.check(value);
         if checked.is_ok() {
             let mask = value & !bus.enables;
             bus.enables = value;

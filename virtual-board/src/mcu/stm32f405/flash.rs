@@ -21,7 +21,7 @@
 
 use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::{Flash, SIZE};
-use crate::mcu::common::flash::{Array, FlashInterface, Operation, WORD};
+use crate::mcu::common::flash::{Array, Caches, FlashInterface, KEYS, Keys, Operation, WORD};
 use crate::shared::Shared;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
@@ -35,12 +35,8 @@ const OPTCR: u32 = 0x14;
 
 /// Bits of ACR (3.9.1).
 mod acr {
+    pub(super) use crate::mcu::common::flash::acr::*;
     pub(super) const LATENCY: u32 = 0b111;
-    pub(super) const PRFTEN: u32 = 1 << 8;
-    pub(super) const ICEN: u32 = 1 << 9;
-    pub(super) const DCEN: u32 = 1 << 10;
-    pub(super) const ICRST: u32 = 1 << 11;
-    pub(super) const DCRST: u32 = 1 << 12;
     pub(super) const MODELLED: u32 = LATENCY | PRFTEN | ICEN | DCEN | ICRST | DCRST;
 }
 
@@ -78,8 +74,7 @@ mod optcr {
     pub(super) const DELIVERED: u32 = 0x0FFF_AAED;
 }
 
-/// Keys of KEYR (3.6.1) and of OPTKEYR (3.7.2).
-const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+/// Keys of OPTKEYR (3.7.2).
 const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
 
 /// Duration of the programming of a word of any width: typical and maximum (DS8626, 5.3.12).
@@ -116,31 +111,12 @@ const SECTOR_COUNT: usize = SECTORS.len() - 1;
 /// The maximum HCLK in hertz per wait state, with a supply of 2.7 V or more (3.5.1, table 10).
 const PER_WAIT_STATE: u64 = 30_000_000;
 
-/// Bytes per flash line, and lines of the caches (3.5.2).
-const LINE: u32 = 16;
-const CODE_LINES: usize = 64;
-const DATA_LINES: usize = 8;
-
-/// The progress of an unlock sequence.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Keys {
-    None,
-    First,
-    Unlocked,
-    /// A wrong key was written: the register stays locked until the next reset.
-    Wrong,
-}
-
-impl Keys {
-    fn take(self, key: u32, keys: [u32; 2]) -> Self {
-        match self {
-            Self::Unlocked => Self::Unlocked,
-            Self::None if key == keys[0] => Self::First,
-            Self::First if key == keys[1] => Self::Unlocked,
-            _ => Self::Wrong,
-        }
-    }
-}
+/// The caches (3.5.2).
+const CACHES: Caches = Caches {
+    line: 16,
+    code: 64,
+    data: 8,
+};
 
 /// The interface.
 #[derive(Debug)]
@@ -355,14 +331,7 @@ impl FlashInterface for Interface {
     }
 
     fn timing(&self) -> FlashTiming {
-        let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
-        FlashTiming {
-            wait_states: self.acr & acr::LATENCY,
-            line_bytes: LINE,
-            code_lines: lines(acr::ICEN, CODE_LINES, 1),
-            data_lines: lines(acr::DCEN, DATA_LINES, 0),
-            prefetch: self.acr & acr::PRFTEN != 0,
-        }
+        CACHES.timing(self.acr, self.acr & acr::LATENCY)
     }
 
     fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {

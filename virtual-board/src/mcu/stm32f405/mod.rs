@@ -50,21 +50,9 @@ const PORTS: usize = 9;
 /// Reset values of GPIO registers (8.4.1, 8.4.3, 8.4.4). PA13 to PA15, PB3 and PB4 belong to the debugger.
 const fn gpio_at_reset(port: usize) -> AtReset {
     match port {
-        0 => AtReset {
-            moder: 0xA800_0000,
-            ospeedr: 0,
-            pupdr: 0x6400_0000,
-        },
-        1 => AtReset {
-            moder: 0x0000_0280,
-            ospeedr: 0x0000_00C0,
-            pupdr: 0x0000_0100,
-        },
-        _ => AtReset {
-            moder: 0,
-            ospeedr: 0,
-            pupdr: 0,
-        },
+        0 => AtReset::new(0xA800_0000, 0, 0x6400_0000),
+        1 => AtReset::new(0x0000_0280, 0x0000_00C0, 0x0000_0100),
+        _ => AtReset::new(0, 0, 0),
     }
 }
 

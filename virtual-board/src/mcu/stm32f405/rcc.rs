@@ -9,7 +9,9 @@
 use std::ops::RangeInclusive;
 
 use crate::crystal::{Divided, Oscillator};
-use crate::mcu::common::rcc::{AHB_START, Gate, Gates, Layout, Source, ahb_divider, apb_divider, apb_start};
+use crate::mcu::common::rcc::{
+    self, AHB_START, Gate, Gates, Layout, Register, Source, ahb_divider, apb_divider, apb_start,
+};
 use crate::shared::{Shared, lock};
 use crate::soc::chance::Chance;
 use crate::soc::machine::Cause;
@@ -41,15 +43,11 @@ const DCKCFGR: u32 = 0x8C;
 
 /// Bits of CR (7.3.1).
 mod cr {
+    pub(super) use super::rcc::cr::*;
     pub(super) const HSION: u32 = 1;
     pub(super) const HSIRDY: u32 = 1 << 1;
     /// The reset value of HSITRIM. HSICAL, a factory value, reads 0.
     pub(super) const HSITRIM: u32 = 0x10 << 3;
-    pub(super) const HSEON: u32 = 1 << 16;
-    pub(super) const HSERDY: u32 = 1 << 17;
-    pub(super) const HSEBYP: u32 = 1 << 18;
-    pub(super) const PLLON: u32 = 1 << 24;
-    pub(super) const PLLRDY: u32 = 1 << 25;
     /// The bits with a model, or with their reset value.
     pub(super) const MODELLED: u32 = HSION | HSIRDY | HSITRIM | HSEON | HSERDY | HSEBYP | PLLON | PLLRDY;
 }
@@ -88,23 +86,11 @@ mod cfgr {
 
 /// Bits of CSR (7.3.21).
 mod csr {
-    pub(super) const LSION: u32 = 1;
-    pub(super) const LSIRDY: u32 = 1 << 1;
+    pub(super) use super::rcc::csr::*;
     pub(super) const RMVF: u32 = 1 << 24;
     pub(super) const BORRSTF: u32 = 1 << 25;
-    pub(super) const PINRSTF: u32 = 1 << 26;
     pub(super) const PORRSTF: u32 = 1 << 27;
-    pub(super) const SFTRSTF: u32 = 1 << 28;
-    pub(super) const IWDGRSTF: u32 = 1 << 29;
     pub(super) const AT_POWER_ON: u32 = BORRSTF | PINRSTF | PORRSTF;
-}
-
-/// Bits of BDCR (7.3.20) that are stored: they have no effect without the RTC.
-mod bdcr {
-    pub(super) const RTCSEL: u32 = 0b11 << 8;
-    pub(super) const RTCEN: u32 = 1 << 15;
-    pub(super) const BDRST: u32 = 1 << 16;
-    pub(super) const MODELLED: u32 = RTCSEL | RTCEN | BDRST;
 }
 
 /// Start-up times in nanoseconds: DS8626, tables "HSI oscillator characteristics", "LSI oscillator characteristics", "Main
@@ -131,43 +117,28 @@ const APB2: usize = 4;
 static BUSES: [Layout; 5] = [
     // The core-coupled memory is enabled (7.3.10).
     Layout {
-        names: ["AHB1ENR", "AHB1RSTR"],
-        enable: AHB1ENR,
-        enable_bits: 0x7E74_11FF,
-        reset: AHB1RSTR,
-        reset_bits: 0x2260_11FF,
+        enable: Register::new("AHB1ENR", AHB1ENR, 0x7E74_11FF),
+        reset: Register::new("AHB1RSTR", AHB1RSTR, 0x2260_11FF),
         at_reset: 1 << 20,
     },
     Layout {
-        names: ["AHB2ENR", "AHB2RSTR"],
-        enable: AHB2ENR,
-        enable_bits: 0xF1,
-        reset: AHB2RSTR,
-        reset_bits: 0xF1,
+        enable: Register::new("AHB2ENR", AHB2ENR, 0xF1),
+        reset: Register::new("AHB2RSTR", AHB2RSTR, 0xF1),
         at_reset: 0,
     },
     Layout {
-        names: ["AHB3ENR", "AHB3RSTR"],
-        enable: AHB3ENR,
-        enable_bits: 1,
-        reset: AHB3RSTR,
-        reset_bits: 1,
+        enable: Register::new("AHB3ENR", AHB3ENR, 1),
+        reset: Register::new("AHB3RSTR", AHB3RSTR, 1),
         at_reset: 0,
     },
     Layout {
-        names: ["APB1ENR", "APB1RSTR"],
-        enable: APB1ENR,
-        enable_bits: 0x36FE_C9FF,
-        reset: APB1RSTR,
-        reset_bits: 0x36FE_C9FF,
+        enable: Register::new("APB1ENR", APB1ENR, 0x36FE_C9FF),
+        reset: Register::new("APB1RSTR", APB1RSTR, 0x36FE_C9FF),
         at_reset: 0,
     },
     Layout {
-        names: ["APB2ENR", "APB2RSTR"],
-        enable: APB2ENR,
-        enable_bits: 0x0007_5F33,
-        reset: APB2RSTR,
-        reset_bits: 0x0007_5933,
+        enable: Register::new("APB2ENR", APB2ENR, 0x0007_5F33),
+        reset: Register::new("APB2RSTR", APB2RSTR, 0x0007_5933),
         at_reset: 0,
     },
 ];
@@ -264,14 +235,9 @@ impl Rcc {
 
     /// A reset by this cause. Flags of earlier resets stay (7.3.21).
     pub(super) fn reset(&mut self, cause: Cause) {
-        let flags = match cause {
-            Cause::Power => csr::AT_POWER_ON,
-            Cause::Software => self.flags | csr::SFTRSTF | csr::PINRSTF,
-            Cause::Watchdog => self.flags | csr::IWDGRSTF | csr::PINRSTF,
-        };
         *self = Self {
             chance: self.chance.clone(),
-            flags,
+            flags: rcc::reset_flags(cause, self.flags, csr::AT_POWER_ON),
             bdcr: if cause == Cause::Power { 0 } else { self.bdcr },
             settled: self.settled,
             ..Self::new(self.oscillator.clone(), 0)
@@ -492,9 +458,7 @@ impl Peripheral for Rcc {
             }
             CFGR if value & !(cfgr::MODELLED | cfgr::SWS) != 0 => return Err(Refused::Unimplemented("CFGR")),
             CFGR => self.cfgr = value & cfgr::MODELLED,
-            BDCR if value & !bdcr::MODELLED != 0 => return Err(Refused::Unimplemented("BDCR")),
-            BDCR if value & bdcr::BDRST != 0 => self.bdcr = bdcr::BDRST,
-            BDCR => self.bdcr = value,
+            BDCR => rcc::write_bdcr(&mut self.bdcr, value)?,
             CSR => {
                 if value & csr::RMVF != 0 {
                     self.flags = 0;

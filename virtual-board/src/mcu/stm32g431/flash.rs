@@ -19,7 +19,7 @@ use std::collections::BTreeSet;
 
 use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::Flash;
-use crate::mcu::common::flash::{Array, FlashInterface, Operation, WORD};
+use crate::mcu::common::flash::{Array, Caches, FlashInterface, KEYS, Keys, Operation, WORD};
 use crate::shared::Shared;
 use crate::soc::chance::draw;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
@@ -40,12 +40,8 @@ const OPTR: u32 = 0x20;
 
 /// Bits of ACR (5.7.1).
 mod acr {
+    pub(super) use crate::mcu::common::flash::acr::*;
     pub(super) const LATENCY: u32 = 0xF;
-    pub(super) const PRFTEN: u32 = 1 << 8;
-    pub(super) const ICEN: u32 = 1 << 9;
-    pub(super) const DCEN: u32 = 1 << 10;
-    pub(super) const ICRST: u32 = 1 << 11;
-    pub(super) const DCRST: u32 = 1 << 12;
     pub(super) const DBG_SWEN: u32 = 1 << 18;
     pub(super) const MODELLED: u32 = LATENCY | PRFTEN | ICEN | DCEN | ICRST | DCRST | DBG_SWEN;
     pub(super) const AT_RESET: u32 = ICEN | DCEN | DBG_SWEN;
@@ -106,10 +102,6 @@ pub enum EccRegister {
     Random,
 }
 
-/// Keys of KEYR (5.3.5).
-const KEY_1: u32 = 0x4567_0123;
-const KEY_2: u32 = 0xCDEF_89AB;
-
 /// The option bytes at delivery (5.7.8).
 const OPTIONS: u32 = 0xFFEF_F8AA;
 
@@ -117,19 +109,12 @@ const OPTIONS: u32 = 0xFFEF_F8AA;
 const PROGRAM: (Nanos, Nanos) = (Nanos(81_700), Nanos(83_350));
 const ERASE: (Nanos, Nanos) = (Nanos(22_020_000), Nanos(24_470_000));
 
-/// Bytes per flash line, and lines of the instruction and of the data cache (5.3.4: 1 KiB and 256 bytes).
-const LINE: u32 = 8;
-const CODE_LINES: usize = 128;
-const DATA_LINES: usize = 32;
-
-/// The progress of the unlock sequence.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Keys {
-    None,
-    First,
-    /// A wrong key was written: CR stays locked until the next reset.
-    Wrong,
-}
+/// The caches (5.3.4: 1 KiB and 256 bytes).
+const CACHES: Caches = Caches {
+    line: 8,
+    code: 128,
+    data: 32,
+};
 
 /// The interface.
 #[derive(Debug)]
@@ -219,16 +204,14 @@ impl Interface {
     }
 
     fn write_key(&mut self, value: u32) -> Result<(), Refused> {
-        match (self.keys, value) {
-            (Keys::None, KEY_1) => self.keys = Keys::First,
-            (Keys::First, KEY_2) => {
+        self.keys = self.keys.take(value, KEYS);
+        match self.keys {
+            Keys::Wrong => return Err(forbidden("KEYR", "5.3.5: a wrong key")),
+            Keys::Unlocked => {
                 self.keys = Keys::None;
                 self.cr &= !cr::LOCK;
             }
-            _ => {
-                self.keys = Keys::Wrong;
-                return Err(forbidden("KEYR", "5.3.5: a wrong key"));
-            }
+            Keys::None | Keys::First => {}
         }
         Ok(())
     }
@@ -294,14 +277,7 @@ impl FlashInterface for Interface {
     }
 
     fn timing(&self) -> FlashTiming {
-        let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
-        FlashTiming {
-            wait_states: self.wait_states(),
-            line_bytes: LINE,
-            code_lines: lines(acr::ICEN, CODE_LINES, 1),
-            data_lines: lines(acr::DCEN, DATA_LINES, 0),
-            prefetch: self.acr & acr::PRFTEN != 0,
-        }
+        CACHES.timing(self.acr, self.wait_states())
     }
 
     fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
@@ -443,8 +419,9 @@ mod tests {
         }
 
         fn unlock(&mut self) {
-            self.write(KEYR, KEY_1).unwrap();
-            self.write(KEYR, KEY_2).unwrap();
+            for key in KEYS {
+                self.write(KEYR, key).unwrap();
+            }
         }
 
         fn finish(&mut self) -> Nanos {
@@ -517,12 +494,12 @@ mod tests {
     #[test]
     fn wrong_key_locks_until_the_next_reset() {
         let mut bench = Bench::new();
-        assert!(bench.write(KEYR, KEY_2).is_err());
-        assert!(bench.write(KEYR, KEY_1).is_err());
+        assert!(bench.write(KEYR, KEYS[1]).is_err());
+        assert!(bench.write(KEYR, KEYS[0]).is_err());
         assert!(bench.write(CR, cr::PG).is_err());
         bench.interface.reset(Nanos(0));
-        bench.write(KEYR, KEY_1).unwrap();
-        bench.write(KEYR, KEY_2).unwrap();
+        bench.write(KEYR, KEYS[0]).unwrap();
+        bench.write(KEYR, KEYS[1]).unwrap();
         bench.write(CR, cr::PG).unwrap();
     }
 
@@ -537,8 +514,8 @@ mod tests {
         assert!(!bench.interface.check_read(PAGE as u32 + 8));
         assert_eq!(bench.interface.read(ECCR, Nanos(0)), Ok(eccr::ECCD | PAGE as u32));
         bench.write(ECCR, eccr::ECCD).unwrap();
-        bench.write(KEYR, KEY_1).unwrap();
-        bench.write(KEYR, KEY_2).unwrap();
+        bench.write(KEYR, KEYS[0]).unwrap();
+        bench.write(KEYR, KEYS[1]).unwrap();
         bench.write(CR, cr::PER | 1 << cr::PNB_AT | cr::STRT).unwrap();
         bench.finish();
         assert!(!bench.interface.check_read(PAGE as u32 + 4));

@@ -42,21 +42,9 @@ use crate::time::Nanos;
 /// Registers of GPIO ports after a reset (9.4.1, 9.4.3, 9.4.4). PA13 to PA15, PB3 and PB4 are the debugger's.
 const fn gpio_at_reset(port: usize) -> AtReset {
     match port {
-        0 => AtReset {
-            moder: 0xABFF_FFFF,
-            ospeedr: 0x0C00_0000,
-            pupdr: 0x6400_0000,
-        },
-        1 => AtReset {
-            moder: 0xFFFF_FEBF,
-            ospeedr: 0x0000_00C0,
-            pupdr: 0x0000_0100,
-        },
-        _ => AtReset {
-            moder: 0xFFFF_FFFF,
-            ospeedr: 0,
-            pupdr: 0,
-        },
+        0 => AtReset::new(0xABFF_FFFF, 0x0C00_0000, 0x6400_0000),
+        1 => AtReset::new(0xFFFF_FEBF, 0x0000_00C0, 0x0000_0100),
+        _ => AtReset::new(0xFFFF_FFFF, 0, 0),
     }
 }
 

@@ -4,8 +4,12 @@
 //! prescalers, the clock multiplexers of the peripherals in use, clock enables, resets and reset flags. Low-power clock
 //! enables, clock security, the clock output and the RTC's clock have no model.
 
+use std::ops::RangeInclusive;
+
 use crate::crystal::Oscillator;
-use crate::mcu::common::rcc::{AHB_START, Gate, Gates, Layout, Source, ahb_divider, apb_divider, apb_start};
+use crate::mcu::common::rcc::{
+    self, AHB_START, Gate, Gates, Layout, Register, Source, ahb_divider, apb_divider, apb_start,
+};
 use crate::shared::{Shared, lock};
 use crate::soc::chance::Chance;
 use crate::soc::machine::Cause;
@@ -38,13 +42,9 @@ const CRRCR: u32 = 0x98;
 
 /// Bits of CR (7.4.1).
 mod cr {
+    pub(super) use super::rcc::cr::*;
     pub(super) const HSION: u32 = 1 << 8;
     pub(super) const HSIRDY: u32 = 1 << 10;
-    pub(super) const HSEON: u32 = 1 << 16;
-    pub(super) const HSERDY: u32 = 1 << 17;
-    pub(super) const HSEBYP: u32 = 1 << 18;
-    pub(super) const PLLON: u32 = 1 << 24;
-    pub(super) const PLLRDY: u32 = 1 << 25;
     /// The modelled bits that software writes.
     pub(super) const MODELLED: u32 = HSION | HSEON | HSEBYP | PLLON;
     pub(super) const READY: u32 = HSIRDY | HSERDY | PLLRDY;
@@ -98,21 +98,10 @@ mod ccipr {
 
 /// Bits of CSR (7.4.28).
 mod csr {
-    pub(super) const LSION: u32 = 1;
-    pub(super) const LSIRDY: u32 = 1 << 1;
+    pub(super) use super::rcc::csr::*;
     pub(super) const RMVF: u32 = 1 << 23;
-    pub(super) const PINRSTF: u32 = 1 << 26;
     pub(super) const BORRSTF: u32 = 1 << 27;
-    pub(super) const SFTRSTF: u32 = 1 << 28;
-    pub(super) const IWDGRSTF: u32 = 1 << 29;
-}
-
-/// Bits of BDCR (7.4.27) that are stored: they have no effect without the RTC.
-mod bdcr {
-    pub(super) const RTCSEL: u32 = 0b11 << 8;
-    pub(super) const RTCEN: u32 = 1 << 15;
-    pub(super) const BDRST: u32 = 1 << 16;
-    pub(super) const MODELLED: u32 = RTCSEL | RTCEN | BDRST;
+    pub(super) const AT_POWER_ON: u32 = BORRSTF | PINRSTF;
 }
 
 /// Bits of CRRCR (7.4.29).
@@ -125,14 +114,14 @@ mod crrcr {
 const HSI48_HZ: u64 = 48_000_000;
 
 /// Start-up times in nanoseconds: DS12589, tables "HSI16", "HSI48", "LSI" and "PLL characteristics".
-const HSI16_START: std::ops::RangeInclusive<u64> = 800..=1_200;
-const HSI48_START: std::ops::RangeInclusive<u64> = 2_500..=6_000;
-const LSI_START: std::ops::RangeInclusive<u64> = 80_000..=130_000;
-const PLL_LOCK: std::ops::RangeInclusive<u64> = 15_000..=40_000;
+const HSI16_START: RangeInclusive<u64> = 800..=1_200;
+const HSI48_START: RangeInclusive<u64> = 2_500..=6_000;
+const LSI_START: RangeInclusive<u64> = 80_000..=130_000;
+const PLL_LOCK: RangeInclusive<u64> = 15_000..=40_000;
 
 /// Limits of the PLL and of the system clock in hertz (DS12589, table "PLL characteristics").
-const PLL_INPUT: std::ops::RangeInclusive<u64> = 2_660_000..=16_000_000;
-const VCO: std::ops::RangeInclusive<u64> = 96_000_000..=344_000_000;
+const PLL_INPUT: RangeInclusive<u64> = 2_660_000..=16_000_000;
+const VCO: RangeInclusive<u64> = 96_000_000..=344_000_000;
 const MOST: u64 = 170_000_000;
 
 /// The maximum HCLK right after the switch to the PLL, and the time until it may be more (7.2.7).
@@ -147,52 +136,34 @@ const APB2: usize = 5;
 static BUSES: [Layout; 6] = [
     // The flash interface is enabled.
     Layout {
-        names: ["AHB1ENR", "AHB1RSTR"],
-        enable: AHB1ENR,
-        enable_bits: 0x111F,
-        reset: AHB1RSTR,
-        reset_bits: 0x111F,
+        enable: Register::new("AHB1ENR", AHB1ENR, 0x111F),
+        reset: Register::new("AHB1RSTR", AHB1RSTR, 0x111F),
         at_reset: 1 << 8,
     },
     Layout {
-        names: ["AHB2ENR", "AHB2RSTR"],
-        enable: AHB2ENR,
-        enable_bits: 0x050F_607F,
-        reset: AHB2RSTR,
-        reset_bits: 0x050F_607F,
+        enable: Register::new("AHB2ENR", AHB2ENR, 0x050F_607F),
+        reset: Register::new("AHB2RSTR", AHB2RSTR, 0x050F_607F),
         at_reset: 0,
     },
     Layout {
-        names: ["AHB3ENR", "AHB3RSTR"],
-        enable: AHB3ENR,
-        enable_bits: 0x101,
-        reset: AHB3RSTR,
-        reset_bits: 0x101,
+        enable: Register::new("AHB3ENR", AHB3ENR, 0x101),
+        reset: Register::new("AHB3RSTR", AHB3RSTR, 0x101),
         at_reset: 0,
     },
     // The RTC's bus interface is enabled.
     Layout {
-        names: ["APB1ENR1", "APB1RSTR1"],
-        enable: APB1ENR1,
-        enable_bits: 0xD2FE_CD3F,
-        reset: APB1RSTR1,
-        reset_bits: 0xD2FE_C13F,
+        enable: Register::new("APB1ENR1", APB1ENR1, 0xD2FE_CD3F),
+        reset: Register::new("APB1RSTR1", APB1RSTR1, 0xD2FE_C13F),
         at_reset: 1 << 10,
     },
     Layout {
-        names: ["APB1ENR2", "APB1RSTR2"],
-        enable: APB1ENR2,
-        enable_bits: 0x103,
-        reset: APB1RSTR2,
-        reset_bits: 0x103,
+        enable: Register::new("APB1ENR2", APB1ENR2, 0x103),
+        reset: Register::new("APB1RSTR2", APB1RSTR2, 0x103),
         at_reset: 0,
     },
     Layout {
-        names: ["APB2ENR", "APB2RSTR"],
-        enable: APB2ENR,
-        enable_bits: 0x0437_F801,
-        reset: APB2RSTR,
-        reset_bits: 0x0437_F801,
+        enable: Register::new("APB2ENR", APB2ENR, 0x0437_F801),
+        reset: Register::new("APB2RSTR", APB2RSTR, 0x0437_F801),
         at_reset: 0,
     },
 ];
@@ -287,21 +258,16 @@ impl Rcc {
             ccipr: 0,
             bdcr: 0,
             gates: Gates::new(&BUSES),
-            flags: csr::BORRSTF | csr::PINRSTF,
+            flags: csr::AT_POWER_ON,
             settled: Nanos(0),
         }
     }
 
     /// A reset by this cause. Flags of earlier resets stay (7.4.28).
     pub(super) fn reset(&mut self, cause: Cause) {
-        let flags = match cause {
-            Cause::Power => csr::BORRSTF | csr::PINRSTF,
-            Cause::Software => self.flags | csr::SFTRSTF | csr::PINRSTF,
-            Cause::Watchdog => self.flags | csr::IWDGRSTF | csr::PINRSTF,
-        };
         *self = Self {
             chance: self.chance.clone(),
-            flags,
+            flags: rcc::reset_flags(cause, self.flags, csr::AT_POWER_ON),
             bdcr: if cause == Cause::Power { 0 } else { self.bdcr },
             settled: self.settled,
             ..Self::new(self.oscillator.clone(), 0)
@@ -557,9 +523,7 @@ impl Peripheral for Rcc {
                 self.hsi48
                     .set(value & crrcr::HSI48ON != 0, || Some(chance.span(HSI48_START)), now);
             }
-            BDCR if value & !bdcr::MODELLED != 0 => return Err(Refused::Unimplemented("BDCR")),
-            BDCR if value & bdcr::BDRST != 0 => self.bdcr = bdcr::BDRST,
-            BDCR => self.bdcr = value,
+            BDCR => rcc::write_bdcr(&mut self.bdcr, value)?,
             ICSCR => return Err(Refused::Unimplemented("ICSCR")),
             CIER | CIFR | CICR => return Err(Refused::Unimplemented("CIER/CIFR/CICR")),
             0x68..=0x9C => return Err(Refused::Unimplemented("SMENR")),
