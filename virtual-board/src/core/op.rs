@@ -169,6 +169,8 @@ pub(super) enum Hint {
 }
 
 /// An instruction. `d` is the destination, `n` and `m` are operands, `t` is the transferred register, as in the manual.
+// A line for each, as in the tables of the manual.
+#[rustfmt::skip]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Op {
     // Not executed.
@@ -177,541 +179,136 @@ pub(super) enum Op {
     /// UNPREDICTABLE by the manual.
     Unpredictable,
     /// A coprocessor instruction by its halfwords, among them those of the FPU.
-    Coprocessor {
-        first: u16,
-        second: u16,
-    },
+    Coprocessor { first: u16, second: u16 },
 
     // Data processing, the most frequent forms.
-    MovImm {
-        d: Reg,
-        imm: u32,
-    },
-    MovImmS {
-        d: Reg,
-        imm: u32,
-        carry: Carry,
-    },
-    MovTop {
-        d: Reg,
-        imm: u16,
-    },
-    MovReg {
-        d: Reg,
-        m: Reg,
-    },
-    MovRegS {
-        d: Reg,
-        m: Reg,
-    },
+    MovImm { d: Reg, imm: u32 },
+    MovImmS { d: Reg, imm: u32, carry: Carry },
+    MovTop { d: Reg, imm: u16 },
+    MovReg { d: Reg, m: Reg },
+    MovRegS { d: Reg, m: Reg },
     /// ADD, and SUB as an addition of the complement.
-    AddImm {
-        d: Reg,
-        n: Reg,
-        imm: u32,
-    },
-    AddImmS {
-        d: Reg,
-        n: Reg,
-        imm: u32,
-    },
-    SubImmS {
-        d: Reg,
-        n: Reg,
-        imm: u32,
-    },
-    CmpImm {
-        n: Reg,
-        imm: u32,
-    },
-    AddReg {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    AddRegS {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    SubReg {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    SubRegS {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    CmpReg {
-        n: Reg,
-        m: Reg,
-    },
-    ShiftImmS {
-        d: Reg,
-        m: Reg,
-        shift: Shift,
-    },
+    AddImm { d: Reg, n: Reg, imm: u32 },
+    AddImmS { d: Reg, n: Reg, imm: u32 },
+    SubImmS { d: Reg, n: Reg, imm: u32 },
+    CmpImm { n: Reg, imm: u32 },
+    AddReg { d: Reg, n: Reg, m: Reg },
+    AddRegS { d: Reg, n: Reg, m: Reg },
+    SubReg { d: Reg, n: Reg, m: Reg },
+    SubRegS { d: Reg, n: Reg, m: Reg },
+    CmpReg { n: Reg, m: Reg },
+    ShiftImmS { d: Reg, m: Reg, shift: Shift },
 
     // Data processing, all other forms.
-    AluImm {
-        alu: Alu,
-        s: bool,
-        d: Reg,
-        n: Reg,
-        imm: u32,
-        carry: Carry,
-    },
-    AluReg {
-        alu: Alu,
-        s: bool,
-        d: Reg,
-        n: Reg,
-        m: Reg,
-        shift: Shift,
-    },
+    AluImm { alu: Alu, s: bool, d: Reg, n: Reg, imm: u32, carry: Carry },
+    AluReg { alu: Alu, s: bool, d: Reg, n: Reg, m: Reg, shift: Shift },
     /// TST, TEQ, CMN: only the flags of the operation.
-    TestImm {
-        alu: Alu,
-        n: Reg,
-        imm: u32,
-        carry: Carry,
-    },
-    TestReg {
-        alu: Alu,
-        n: Reg,
-        m: Reg,
-        shift: Shift,
-    },
-    MovShift {
-        s: bool,
-        d: Reg,
-        m: Reg,
-        shift: Shift,
-    },
-    Mvn {
-        s: bool,
-        d: Reg,
-        m: Reg,
-        shift: Shift,
-    },
-    ShiftReg {
-        kind: ShiftKind,
-        s: bool,
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
+    TestImm { alu: Alu, n: Reg, imm: u32, carry: Carry },
+    TestReg { alu: Alu, n: Reg, m: Reg, shift: Shift },
+    MovShift { s: bool, d: Reg, m: Reg, shift: Shift },
+    Mvn { s: bool, d: Reg, m: Reg, shift: Shift },
+    ShiftReg { kind: ShiftKind, s: bool, d: Reg, n: Reg, m: Reg },
 
     // Bits, extensions, saturation.
-    Uxtb {
-        d: Reg,
-        m: Reg,
-    },
-    Uxth {
-        d: Reg,
-        m: Reg,
-    },
-    Extend {
-        kind: Extend,
-        d: Reg,
-        m: Reg,
-        rotation: u8,
-    },
-    ExtendAdd {
-        kind: Extend,
-        d: Reg,
-        n: Reg,
-        m: Reg,
-        rotation: u8,
-    },
+    Uxtb { d: Reg, m: Reg },
+    Uxth { d: Reg, m: Reg },
+    Extend { kind: Extend, d: Reg, m: Reg, rotation: u8 },
+    ExtendAdd { kind: Extend, d: Reg, n: Reg, m: Reg, rotation: u8 },
     /// Bits from `lsb`; `shift` is 32 minus the number of bits.
-    Ubfx {
-        d: Reg,
-        n: Reg,
-        lsb: u8,
-        shift: u8,
-    },
-    Sbfx {
-        d: Reg,
-        n: Reg,
-        lsb: u8,
-        shift: u8,
-    },
-    Bfi {
-        d: Reg,
-        n: Reg,
-        lsb: u8,
-        mask: u32,
-    },
-    Bfc {
-        d: Reg,
-        mask: u32,
-    },
-    Clz {
-        d: Reg,
-        m: Reg,
-    },
-    Rev {
-        d: Reg,
-        m: Reg,
-    },
-    Rev16 {
-        d: Reg,
-        m: Reg,
-    },
-    Revsh {
-        d: Reg,
-        m: Reg,
-    },
-    Rbit {
-        d: Reg,
-        m: Reg,
-    },
-    Pkh {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-        shift: Shift,
-        top: bool,
-    },
+    Ubfx { d: Reg, n: Reg, lsb: u8, shift: u8 },
+    Sbfx { d: Reg, n: Reg, lsb: u8, shift: u8 },
+    Bfi { d: Reg, n: Reg, lsb: u8, mask: u32 },
+    Bfc { d: Reg, mask: u32 },
+    Clz { d: Reg, m: Reg },
+    Rev { d: Reg, m: Reg },
+    Rev16 { d: Reg, m: Reg },
+    Revsh { d: Reg, m: Reg },
+    Rbit { d: Reg, m: Reg },
+    Pkh { d: Reg, n: Reg, m: Reg, shift: Shift, top: bool },
     /// To a signed integer of this number of bits.
-    Ssat {
-        d: Reg,
-        n: Reg,
-        shift: Shift,
-        bits: u8,
-    },
+    Ssat { d: Reg, n: Reg, shift: Shift, bits: u8 },
     /// To an unsigned integer of this number of bits.
-    Usat {
-        d: Reg,
-        n: Reg,
-        shift: Shift,
-        bits: u8,
-    },
-    Ssat16 {
-        d: Reg,
-        n: Reg,
-        bits: u8,
-    },
-    Usat16 {
-        d: Reg,
-        n: Reg,
-        bits: u8,
-    },
+    Usat { d: Reg, n: Reg, shift: Shift, bits: u8 },
+    Ssat16 { d: Reg, n: Reg, bits: u8 },
+    Usat16 { d: Reg, n: Reg, bits: u8 },
     /// QADD, QSUB, QDADD, QDSUB: with `m` and `n` of the manual.
-    SaturatingAdd {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-        double: bool,
-        subtract: bool,
-    },
-    Parallel {
-        how: Parallel,
-        lanes: Lanes,
-        unsigned: bool,
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    Sel {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    Usad8 {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    Usada8 {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-        a: Reg,
-    },
+    SaturatingAdd { d: Reg, n: Reg, m: Reg, double: bool, subtract: bool },
+    Parallel { how: Parallel, lanes: Lanes, unsigned: bool, d: Reg, n: Reg, m: Reg },
+    Sel { d: Reg, n: Reg, m: Reg },
+    Usad8 { d: Reg, n: Reg, m: Reg },
+    Usada8 { d: Reg, n: Reg, m: Reg, a: Reg },
 
     // Multiplication and division.
-    Mul {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    MulS {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    Mla {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-        a: Reg,
-    },
-    Mls {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-        a: Reg,
-    },
+    Mul { d: Reg, n: Reg, m: Reg },
+    MulS { d: Reg, n: Reg, m: Reg },
+    Mla { d: Reg, n: Reg, m: Reg, a: Reg },
+    Mls { d: Reg, n: Reg, m: Reg, a: Reg },
     /// With an accumulator, or without one.
-    MulSigned {
-        kind: Signed,
-        d: Reg,
-        n: Reg,
-        m: Reg,
-        a: Option<Reg>,
-    },
-    MulLong {
-        kind: Long,
-        low: Reg,
-        high: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    Sdiv {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
-    Udiv {
-        d: Reg,
-        n: Reg,
-        m: Reg,
-    },
+    MulSigned { kind: Signed, d: Reg, n: Reg, m: Reg, a: Option<Reg> },
+    MulLong { kind: Long, low: Reg, high: Reg, n: Reg, m: Reg },
+    Sdiv { d: Reg, n: Reg, m: Reg },
+    Udiv { d: Reg, n: Reg, m: Reg },
 
     // Loads and stores, the most frequent forms.
-    Ldr {
-        t: Reg,
-        n: Reg,
-        offset: u32,
-    },
-    Ldrh {
-        t: Reg,
-        n: Reg,
-        offset: u32,
-    },
-    Ldrb {
-        t: Reg,
-        n: Reg,
-        offset: u32,
-    },
-    Str {
-        t: Reg,
-        n: Reg,
-        offset: u32,
-    },
-    Strh {
-        t: Reg,
-        n: Reg,
-        offset: u32,
-    },
-    Strb {
-        t: Reg,
-        n: Reg,
-        offset: u32,
-    },
-    LdrReg {
-        t: Reg,
-        n: Reg,
-        m: Reg,
-        shift: u8,
-    },
-    LdrbReg {
-        t: Reg,
-        n: Reg,
-        m: Reg,
-        shift: u8,
-    },
-    StrReg {
-        t: Reg,
-        n: Reg,
-        m: Reg,
-        shift: u8,
-    },
-    StrbReg {
-        t: Reg,
-        n: Reg,
-        m: Reg,
-        shift: u8,
-    },
-    LdrLiteral {
-        t: Reg,
-        address: u32,
-    },
+    Ldr { t: Reg, n: Reg, offset: u32 },
+    Ldrh { t: Reg, n: Reg, offset: u32 },
+    Ldrb { t: Reg, n: Reg, offset: u32 },
+    Str { t: Reg, n: Reg, offset: u32 },
+    Strh { t: Reg, n: Reg, offset: u32 },
+    Strb { t: Reg, n: Reg, offset: u32 },
+    LdrReg { t: Reg, n: Reg, m: Reg, shift: u8 },
+    LdrbReg { t: Reg, n: Reg, m: Reg, shift: u8 },
+    StrReg { t: Reg, n: Reg, m: Reg, shift: u8 },
+    StrbReg { t: Reg, n: Reg, m: Reg, shift: u8 },
+    LdrLiteral { t: Reg, address: u32 },
 
     // Loads and stores, all other forms.
-    Load {
-        kind: LoadKind,
-        index: Index,
-        t: Reg,
-        n: Reg,
-        offset: i16,
-    },
-    LoadReg {
-        kind: LoadKind,
-        t: Reg,
-        n: Reg,
-        m: Reg,
-        shift: u8,
-    },
-    LoadLiteral {
-        kind: LoadKind,
-        t: Reg,
-        address: u32,
-    },
+    Load { kind: LoadKind, index: Index, t: Reg, n: Reg, offset: i16 },
+    LoadReg { kind: LoadKind, t: Reg, n: Reg, m: Reg, shift: u8 },
+    LoadLiteral { kind: LoadKind, t: Reg, address: u32 },
     /// Loads of the program counter.
-    LoadPc {
-        index: Index,
-        n: Reg,
-        offset: i16,
-    },
-    LoadPcReg {
-        n: Reg,
-        m: Reg,
-        shift: u8,
-    },
-    LoadPcLiteral {
-        address: u32,
-    },
-    Store {
-        kind: LoadKind,
-        index: Index,
-        t: Reg,
-        n: Reg,
-        offset: i16,
-    },
-    StoreReg {
-        kind: LoadKind,
-        t: Reg,
-        n: Reg,
-        m: Reg,
-        shift: u8,
-    },
+    LoadPc { index: Index, n: Reg, offset: i16 },
+    LoadPcReg { n: Reg, m: Reg, shift: u8 },
+    LoadPcLiteral { address: u32 },
+    Store { kind: LoadKind, index: Index, t: Reg, n: Reg, offset: i16 },
+    StoreReg { kind: LoadKind, t: Reg, n: Reg, m: Reg, shift: u8 },
     /// LDRT, STRT and similar ones: unprivileged accesses.
-    LoadUser {
-        kind: LoadKind,
-        t: Reg,
-        n: Reg,
-        offset: u8,
-    },
-    StoreUser {
-        kind: LoadKind,
-        t: Reg,
-        n: Reg,
-        offset: u8,
-    },
-    Ldrd {
-        index: Index,
-        t: Reg,
-        t2: Reg,
-        n: Reg,
-        offset: i16,
-    },
-    LdrdLiteral {
-        t: Reg,
-        t2: Reg,
-        address: u32,
-    },
-    Strd {
-        index: Index,
-        t: Reg,
-        t2: Reg,
-        n: Reg,
-        offset: i16,
-    },
+    LoadUser { kind: LoadKind, t: Reg, n: Reg, offset: u8 },
+    StoreUser { kind: LoadKind, t: Reg, n: Reg, offset: u8 },
+    Ldrd { index: Index, t: Reg, t2: Reg, n: Reg, offset: i16 },
+    LdrdLiteral { t: Reg, t2: Reg, address: u32 },
+    Strd { index: Index, t: Reg, t2: Reg, n: Reg, offset: i16 },
     /// LDMIA and POP, or LDMDB.
-    LoadMultiple {
-        n: Reg,
-        registers: u16,
-        decrement: bool,
-        write_back: bool,
-    },
+    LoadMultiple { n: Reg, registers: u16, decrement: bool, write_back: bool },
     /// STMIA, or STMDB and PUSH.
-    StoreMultiple {
-        n: Reg,
-        registers: u16,
-        decrement: bool,
-        write_back: bool,
-    },
-    Ldrex {
-        kind: LoadKind,
-        t: Reg,
-        n: Reg,
-        offset: u16,
-    },
-    Strex {
-        kind: LoadKind,
-        d: Reg,
-        t: Reg,
-        n: Reg,
-        offset: u16,
-    },
+    StoreMultiple { n: Reg, registers: u16, decrement: bool, write_back: bool },
+    Ldrex { kind: LoadKind, t: Reg, n: Reg, offset: u16 },
+    Strex { kind: LoadKind, d: Reg, t: Reg, n: Reg, offset: u16 },
     Clrex,
 
     // Branches.
-    Branch {
-        target: u32,
-    },
-    BranchIf {
-        condition: Condition,
-        target: u32,
-    },
-    CompareBranch {
-        nonzero: bool,
-        n: Reg,
-        target: u32,
-    },
-    BranchLink {
-        target: u32,
-    },
-    BranchLinkReg {
-        m: Reg,
-    },
+    Branch { target: u32 },
+    BranchIf { condition: Condition, target: u32 },
+    CompareBranch { nonzero: bool, n: Reg, target: u32 },
+    BranchLink { target: u32 },
+    BranchLinkReg { m: Reg },
     /// BX, with interworking and exception return.
-    BranchReg {
-        m: Reg,
-    },
+    BranchReg { m: Reg },
     /// MOV PC: without interworking.
-    MovPc {
-        m: Reg,
-    },
+    MovPc { m: Reg },
     /// ADD PC.
-    AddPc {
-        m: Reg,
-        pc: u32,
-    },
+    AddPc { m: Reg, pc: u32 },
     /// TBB or TBH. The offsets count from `pc`; without `n` the table is there, too.
-    TableBranch {
-        half: bool,
-        n: Option<Reg>,
-        m: Reg,
-        pc: u32,
-    },
+    TableBranch { half: bool, n: Option<Reg>, m: Reg, pc: u32 },
 
     // System.
-    It {
-        state: u8,
-    },
+    It { state: u8 },
     Hint(Hint),
     Svc,
     Bkpt,
-    Cps {
-        disable: bool,
-        primask: bool,
-        faultmask: bool,
-    },
-    Mrs {
-        d: Reg,
-        register: u8,
-    },
-    Msr {
-        n: Reg,
-        register: u8,
-        mask: u8,
-    },
+    Cps { disable: bool, primask: bool, faultmask: bool },
+    Mrs { d: Reg, register: u8 },
+    Msr { n: Reg, register: u8, mask: u8 },
 }
 
 impl Op {
