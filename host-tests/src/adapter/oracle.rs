@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
 
 use armwire::decoder::{Decoder, Kind};
+use armwire::framing::Framing;
 use armwire::ling::{JOINTS, Ling, MAX_FRAME, Request};
 use armwire::messages::Messages;
 use armwire_bridge::Counters;
@@ -170,6 +171,8 @@ pub(super) struct Oracle {
     /// Conditions met, for [`Conditions`](super::Conditions).
     pub(super) open_self_check: bool,
     pub(super) half_frame: bool,
+    /// The number of zeros that must follow those on the line.
+    zeros_due: usize,
     pub(super) torque_offs: u32,
     pub(super) stream_without_room: bool,
     pub(super) stream_without_speed: bool,
@@ -607,6 +610,10 @@ impl Oracle {
             is_alone || !self.is_held,
             "{initiator} sends {bytes:02X?} under hold-line"
         );
+        assert!(
+            self.zeros_due == 0 || initiator == Initiator::Adapter && bytes[0] == 0,
+            "{initiator} sends {bytes:02X?} among the zeros at {now} µs"
+        );
         self.last_activity = self.last_activity.max(end);
         if initiator != Initiator::Usb && bytes[0] != 0 {
             self.last_other_turn = Some(start);
@@ -656,6 +663,11 @@ impl Oracle {
             Initiator::Adapter if matches!(effect_of(bytes), Effect::Motion) => self.on_hold(bytes, now),
             Initiator::Adapter => {
                 assert!(bytes.iter().all(|byte| *byte == 0), "the adapter sends {bytes:02X?}");
+                if self.zeros_due > 0 {
+                    self.zeros_due -= bytes.len();
+                    return;
+                }
+                self.zeros_due = Ling::LONGEST - bytes.len();
                 self.half_frame |= self.usb_requests.pending() > 0;
                 assert!(
                     self.half_frame || self.was_other_rate || self.host_timeouts > 0 || self.stopped_until.is_some(),
@@ -843,6 +855,7 @@ impl Oracle {
             "another rate while a host on CAN streams motion"
         );
         (self.last_activity, self.at_arms_rate) = (now, at_arms_rate);
+        self.zeros_due = 0;
         // Bytes before and after the change form no frame.
         self.half_frame |= self.usb_requests.pending() > 0;
         self.usb_requests = Decoder::new();

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use armwire::framing::Framing;
 use armwire::ling::{self, Ling, MAX_FRAME};
 use armwire::messages::Messages;
 use armwire_bridge::Instant;
@@ -598,7 +599,7 @@ impl Rig {
             line.extend(&out[..len]);
         }
         let expected = if is_armed {
-            [&[0; MAX_FRAME][..], &super::oracle::TORQUE_OFF].concat()
+            [&[0; Ling::LONGEST][..], &super::oracle::TORQUE_OFF].concat()
         } else {
             vec![]
         };
