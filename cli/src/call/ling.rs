@@ -111,7 +111,7 @@ impl Target {
 
 /// Reads the joints.
 pub(crate) fn read_joints(link: &mut Link<Ling>) -> Result<JointState, Error> {
-    link.read(&Request::ReadJoints)
+    Ok(link.read(&Request::ReadJoints)?)
 }
 
 /// The gripper's reading as its goal.

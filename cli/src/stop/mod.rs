@@ -4,8 +4,6 @@ pub(crate) mod command;
 pub(crate) mod stoppable;
 
 use armwire::ling::stop::Stopped;
-use armwire::ling::{Ling, Response};
-
 
 /// The end of a stop, in words.
 fn show(stopped: &Stopped) -> String {
