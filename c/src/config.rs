@@ -19,6 +19,9 @@ pub struct ArmwireConfig {
     /// Time after the timeout of an answer during which it may still arrive. After a missing answer, the next request
     /// with the same answer is delayed by this time, unless the protocol numbers its answers.
     pub stale_window_us: u32,
+    /// Maximum number of bytes that are received before a request, on a port that never runs out of them. The size of
+    /// the port's receive buffer suffices. 0 counts as 1.
+    pub backlog_bytes: u32,
     /// Number of repeats of an unanswered read request.
     pub repeats: u8,
 }
@@ -30,6 +33,7 @@ impl ArmwireConfig {
             baud: config.baud.get(),
             latency_us: micros(config.latency),
             stale_window_us: micros(config.stale_window),
+            backlog_bytes: config.backlog,
             repeats: config.repeats,
         }
     }
@@ -41,12 +45,14 @@ impl ArmwireConfig {
             latency: Duration::from_micros(self.latency_us.into()),
             repeats: self.repeats,
             stale_window: Duration::from_micros(self.stale_window_us.into()),
+            backlog: self.backlog_bytes,
         })
     }
 }
 
-/// The timing of an arm at 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late. For a UART of
-/// this microcontroller set `latency_us` to the maximum time between two calls of `poll`.
+/// The timing of an arm at 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late, 64 KiB in the
+/// port's receive buffer. For a UART of this microcontroller set `latency_us` to the maximum time between two calls of
+/// `poll`, and `backlog_bytes` to the size of its receive buffer.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_config_serial(config: Option<&mut ArmwireConfig>) -> ArmwireStatus {
     memory::put(config, ArmwireConfig::of(Config::DEFAULT)).into()

@@ -36,8 +36,12 @@ pub enum ArmwireEventKind {
     Unknown,
     /// Bytes that are not part of a frame. (`offset`, `bytes`, `len`, `fault`)
     Noise,
-    /// A lossless stream broke here: no later byte can be decoded. Close the connection. (`offset`, `fault`)
+    /// A lossless stream broke here: no later byte can be decoded, or a request ended while it was partly transmitted.
+    /// Close the connection. (`offset`, `fault`)
     Broken,
+    /// Client: read the bytes that the port has, without waiting. Report their number with `received`, 0 if there are
+    /// none.
+    Receive,
 }
 
 /// An event of a client or a device. Members that its kind does not set are 0.
@@ -99,6 +103,7 @@ impl ArmwireEvent {
     pub(crate) fn set_client<R>(&mut self, output: Output<'_, R>) -> Option<R> {
         *self = Self::NONE;
         let (kind, response) = match output {
+            Output::Receive => (ArmwireEventKind::Receive, None),
             Output::Transmit(bytes) => {
                 self.set_bytes(bytes);
                 (ArmwireEventKind::Transmit, None)

@@ -27,6 +27,8 @@ pub enum ArmwireFaultCode {
     Tail,
     /// Noise: the line went idle before the end of a frame. (`got` is the number of missing bytes)
     Truncated,
+    /// A request ended while it was partly transmitted, on TCP.
+    Abandoned,
     /// The message is not documented.
     Unknown,
     /// A servo's answer without a pending request.
@@ -49,7 +51,7 @@ pub enum ArmwireFaultCode {
 }
 
 /// All codes: C may pass any number.
-const CODES: [ArmwireFaultCode; 16] = [
+const CODES: [ArmwireFaultCode; 17] = [
     ArmwireFaultCode::None,
     ArmwireFaultCode::Stray,
     ArmwireFaultCode::Length,
@@ -57,6 +59,7 @@ const CODES: [ArmwireFaultCode; 16] = [
     ArmwireFaultCode::Checksum,
     ArmwireFaultCode::Tail,
     ArmwireFaultCode::Truncated,
+    ArmwireFaultCode::Abandoned,
     ArmwireFaultCode::Unknown,
     ArmwireFaultCode::Unexpected,
     ArmwireFaultCode::Bluetooth,
@@ -226,6 +229,7 @@ impl ArmwireFault {
                 self.got = number(missing);
                 ArmwireFaultCode::Truncated
             }
+            Reason::Abandoned => ArmwireFaultCode::Abandoned,
             _ => ArmwireFaultCode::Other,
         };
         self.code = code as u8;
@@ -318,6 +322,7 @@ impl ArmwireFault {
                 .text(", expected 0x")
                 .hex_lower(min),
             Some(ArmwireFaultCode::Truncated) => out.text("line went idle with ").number(got).text(" bytes missing"),
+            Some(ArmwireFaultCode::Abandoned) => out.text("a request ended while it was partly transmitted"),
             Some(ArmwireFaultCode::Unknown) => out.text("unknown"),
             Some(ArmwireFaultCode::Unexpected) => out.text("an answer of a servo, but none is expected"),
             Some(ArmwireFaultCode::Bluetooth) => out.text("a frame of the robot's Bluetooth protocol"),
@@ -470,6 +475,7 @@ mod tests {
             },
             Reason::Tail { expected: 0xFF, got: 0 },
             Reason::Truncated { missing: 10 },
+            Reason::Abandoned,
         ];
         for reason in reasons {
             let mut fault = ArmwireFault::NONE;

@@ -1,7 +1,7 @@
 //! The version, which `init` compares between header and library.
 
 /// The version of this header: 0xMMmmpp. Every `init` function takes it.
-pub const ARMWIRE_VERSION: u32 = 0x00_01_00;
+pub const ARMWIRE_VERSION: u32 = 0x00_02_00;
 
 // The constant is written out for the header, and must be the package's version.
 const _: () = assert!(ARMWIRE_VERSION == of_package());

@@ -28,15 +28,24 @@ static size_t line(const uint8_t *from, size_t len, uint8_t *to)
 /* Defines NAME_exchange: carries the request in flight to the device and its response back, in chunks. The device answers by
  * NAME_answer, which returns the length of the response in `out`, 0 for none. */
 #define DEFINE_EXCHANGE(name, Name)                                                                                   \
-    /* The request in flight has ended: the rest of its last repeat is discarded. */                                  \
+    /* The request in flight has ended. A void of its last repeat makes the device discard that. */                   \
     static ArmwireEvent name##_end(ArmwireEvent end)                                                                  \
     {                                                                                                                 \
-        ArmwireEvent event = end;                                                                                     \
+        ArmwireEvent event = end, received;                                                                           \
         Armwire##Name##Response response;                                                                             \
+        Armwire##Name##Request request;                                                                               \
         while (faults > 0 && event.kind != ARMWIRE_EVENT_KIND_WAIT) {                                                 \
             CHECK_OK(armwire_##name##_client_poll(&name##_client, clock_us, &event, &response));                      \
-            CHECK_OK(armwire_##name##_client_transmitted(&name##_client, clock_us,                                    \
-                                                         event.kind == ARMWIRE_EVENT_KIND_TRANSMIT ? event.len : 0)); \
+            size_t len = event.kind == ARMWIRE_EVENT_KIND_TRANSMIT ? event.len : 0, taken;                            \
+            for (size_t at = 0; at < len; at += taken) {                                                              \
+                CHECK(event.bytes[at] == 0);                                                                          \
+                CHECK_OK(armwire_##name##_device_receive(&name##_device, event.bytes + at, len - at, &taken));        \
+                do {                                                                                                  \
+                    CHECK_OK(armwire_##name##_device_poll(&name##_device, &received, &request));                      \
+                    CHECK(received.kind != ARMWIRE_EVENT_KIND_REQUEST);                                               \
+                } while (received.kind != ARMWIRE_EVENT_KIND_WAIT);                                                   \
+            }                                                                                                         \
+            CHECK_OK(armwire_##name##_client_transmitted(&name##_client, clock_us, len));                             \
         }                                                                                                             \
         return end;                                                                                                   \
     }                                                                                                                 \
@@ -53,6 +62,10 @@ static size_t line(const uint8_t *from, size_t len, uint8_t *to)
                 clock_us = event.until_us;                                                                            \
                 /* An arm discards an incomplete request after this silence. */                                       \
                 CHECK_OK(armwire_##name##_device_idle(&name##_device));                                               \
+                continue;                                                                                             \
+            }                                                                                                         \
+            if (event.kind == ARMWIRE_EVENT_KIND_RECEIVE) {                                                           \
+                CHECK_OK(armwire_##name##_client_received(&name##_client, clock_us, 0));                              \
                 continue;                                                                                             \
             }                                                                                                         \
             if (event.kind != ARMWIRE_EVENT_KIND_TRANSMIT) {                                                          \

@@ -78,7 +78,7 @@ bool ends_request(const ArmwireEvent *event, Others *others);
             if (event.kind == ARMWIRE_EVENT_KIND_TRANSMIT) {                                                          \
                 size_t sent = port_write(port, event.bytes, event.len);                                               \
                 CHECK_OK(armwire_##name##_client_transmitted(client, now_us(), sent));                                \
-            } else if (event.kind == ARMWIRE_EVENT_KIND_WAIT) {                                                       \
+            } else if (event.kind == ARMWIRE_EVENT_KIND_WAIT || event.kind == ARMWIRE_EVENT_KIND_RECEIVE) {           \
                 uint8_t *room;                                                                                        \
                 size_t len;                                                                                           \
                 CHECK(event.until_us != UINT64_MAX);                                                                  \

@@ -100,7 +100,7 @@ static uint8_t *exact(const uint8_t *bytes, size_t len)
 #define DEFINE_MECHANICS(name, Name)                                                                                  \
     static ArmwireStatus name##_client_mechanics(Armwire##Name##Client *client, uint32_t which)                       \
     {                                                                                                                 \
-        ArmwireConfig config = {any32(), any32(), any32(), any8()};                                                   \
+        ArmwireConfig config = {any32(), any32(), any32(), any32(), any8()};                                          \
         ArmwireEvent event;                                                                                           \
         Armwire##Name##Response response;                                                                             \
         ArmwireFault fault;                                                                                           \
@@ -138,7 +138,7 @@ static uint8_t *exact(const uint8_t *bytes, size_t len)
         default:                                                                                                      \
             status = armwire_##name##_client_poll(client, clock_us, or_null(&event), or_null(&response));             \
             if (status == ARMWIRE_STATUS_OK) {                                                                        \
-                CHECK(event.kind <= ARMWIRE_EVENT_KIND_BROKEN && event.kind != ARMWIRE_EVENT_KIND_REQUEST);           \
+                CHECK(event.kind <= ARMWIRE_EVENT_KIND_RECEIVE && event.kind != ARMWIRE_EVENT_KIND_REQUEST);          \
                 look_at(&event);                                                                                      \
                 if (event.kind == ARMWIRE_EVENT_KIND_TRANSMIT && one_in(2)) {                                         \
                     CHECK_OK(armwire_##name##_client_transmitted(client, clock_us, event.len));                       \

@@ -31,7 +31,7 @@ static uint64_t now_us(void)
     return (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;
 }
 
-/* Waits for bytes until this time, and passes them to the client. */
+/* Waits for bytes until this time, and passes them to the client: none if the port is empty. */
 static void wait(uint64_t until_us)
 {
     uint64_t now = now_us();
@@ -39,6 +39,7 @@ static void wait(uint64_t until_us)
     uint8_t *space;
     size_t len;
     if (poll(&events, 1, until_us > now ? (int)((until_us - now) / 1000u + 1u) : 0) <= 0) {
+        armwire_ling_client_received(&arm, now_us(), 0);
         return;
     }
     armwire_ling_client_space(&arm, &space, &len);
@@ -65,6 +66,7 @@ static bool try_call(ArmwireStatus status, ArmwireLingResponse *response)
             status = armwire_ling_client_transmitted(&arm, now_us(), sent > 0 ? (size_t)sent : 0);
             break;
         }
+        case ARMWIRE_EVENT_KIND_RECEIVE: wait(0); break;
         case ARMWIRE_EVENT_KIND_WAIT: wait(event.until_us); break;
         case ARMWIRE_EVENT_KIND_ANSWER:
         case ARMWIRE_EVENT_KIND_SENT: return true;

@@ -19,8 +19,6 @@ use crate::tap::{Tap, Tapped};
 const BUFFER: usize = xarm::MAX_FRAME;
 /// Number of received bytes kept for hints after a missing answer.
 const MAX_KEPT: usize = 256;
-/// More bytes than a port's receive buffer: a reader of this many bytes has passed the backlog.
-const MAX_BACKLOG: usize = 65_536;
 
 /// Maximum wait for a line between two calls of a program's interrupt.
 const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
@@ -175,25 +173,23 @@ impl<P: Arm> Link<P> {
         take: impl FnOnce(P::Response<'_>) -> T,
     ) -> Result<Option<T>, Error> {
         self.client.cancel();
-        self.abort()?;
         self.client
             .submit(request)
             .expect("the client is idle, and has room for any request");
         let begun = self.clock.now();
         let errors = self.errors;
         let mut received = Received::default();
-        // Bytes that have arrived are read before the request is sent: an old answer must not be taken for the new one.
-        // Torque-off does not wait for an arm that never stops sending.
-        let mut drained = !self.client.expects_answer();
         loop {
             let now = self.clock.now();
             let until = match self.client.poll(now) {
-                Output::Transmit(bytes) if drained || received.count > MAX_BACKLOG => {
+                Output::Receive => time::Instant::ZERO,
+                Output::Transmit(bytes) => {
                     let n = self.line.write(bytes)?;
-                    self.transmitted(n);
+                    self.client
+                        .transmitted(self.clock.now(), n)
+                        .expect("the line wrote no more than there was");
                     continue;
                 }
-                Output::Transmit(_) => time::Instant::ZERO,
                 Output::Timeout(until) => until.unwrap_or_default(),
                 Output::Event(event) => {
                     match event {
@@ -215,6 +211,13 @@ impl<P: Arm> Link<P> {
                             received.checksums = self.errors.checksums - errors.checksums;
                             return Err(self.no_answer(request, received));
                         }
+                        Event::Broken {
+                            reason: Reason::Abandoned,
+                            ..
+                        } => {
+                            let reason = "the connection ended in the middle of a request: open it again";
+                            return Err(Error::lost(self.line.name(), reason));
+                        }
                         Event::Broken { offset, reason } => {
                             let reason = format_args!(
                                 "the received bytes are no message of {} (byte {offset}: {reason}): is it this arm, and its \
@@ -234,8 +237,7 @@ impl<P: Arm> Link<P> {
                     continue;
                 }
             };
-            let n = self.receive(self.clock.until(until), Some(&mut received))?;
-            drained = n == 0;
+            self.receive(self.clock.until(until), Some(&mut received))?;
         }
     }
 
@@ -300,33 +302,6 @@ impl<P: Arm> Link<P> {
                 event => take(event),
             }
         }
-    }
-
-    /// Ends a request that a failed call left half sent. The arm must not act on it now: zeros take the place of its
-    /// remaining bytes, and no valid frame ends with a zero.
-    fn abort(&mut self) -> Result<(), Error> {
-        while !self.client.is_idle() {
-            match self.client.poll(self.clock.now()) {
-                Output::Transmit(_) if P::LOSSLESS => {
-                    let reason = "the connection ended in the middle of a request: open it again";
-                    return Err(Error::lost(self.line.name(), reason));
-                }
-                Output::Transmit(bytes) => {
-                    let n = self.line.write(&[0; BUFFER][..bytes.len()])?;
-                    self.transmitted(n);
-                }
-                Output::Event(Event::Noise { bytes, reason, .. }) => self.errors.count(bytes, reason),
-                Output::Event(_) => {}
-                Output::Timeout(_) => break,
-            }
-        }
-        Ok(())
-    }
-
-    fn transmitted(&mut self, n: usize) {
-        self.client
-            .transmitted(self.clock.now(), n)
-            .expect("the line wrote no more than there was");
     }
 
     /// The frame that ended the last call: an answer, which may have more bytes than its response contains. Empty if
@@ -407,11 +382,13 @@ mod tests {
     use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
 
+    use armwire::framing::Framing;
     use armwire::ling::{
         Frame, GripperSpeed, JointState, Ling, MAX_FRAME, MotionStatus, Move, Opening, Position, Request, Response,
         Speed, Stroke, Torque,
     };
     use armwire::messages::Messages;
+    use armwire::xarm::XArm;
 
     use super::*;
 
@@ -600,12 +577,28 @@ mod tests {
         assert!(matches!(link.call(&motion, drop), Err(Error::At { .. })));
         assert!(matches!(link.call(&Request::SetTorque(Torque::Off), drop), Ok(None)));
         let mut out = [0; MAX_FRAME];
-        let n = Ling.encode_request(&motion, &mut out).unwrap();
+        Ling.encode_request(&motion, &mut out).unwrap();
         let mut expected = out[..5].to_vec();
-        expected.resize(n, 0);
+        expected.resize(5 + Ling::LONGEST, 0);
         let n = Ling.encode_request(&Request::SetTorque(Torque::Off), &mut out).unwrap();
         expected.extend(&out[..n]);
         assert_eq!(line.lock().unwrap().written, expected);
+    }
+
+    #[test]
+    fn half_sent_request_ends_a_tcp_connection() {
+        let line = Arc::new(Mutex::new(Failing::default()));
+        let mut link = Link::<XArm>::new(Box::new(Arc::clone(&line)), XArm::CONFIG);
+        assert!(matches!(
+            link.call(&xarm::Request::ReadVersion, |_| ()),
+            Err(Error::At { .. })
+        ));
+        for _ in 0..2 {
+            let error = link.call(&xarm::Request::ReadVersion, |_| ()).unwrap_err();
+            let text = "fake: the connection ended in the middle of a request: open it again";
+            assert_eq!(error.to_string(), text);
+        }
+        assert_eq!(line.lock().unwrap().written.len(), 5);
     }
 
     #[test]

@@ -16,6 +16,9 @@ use crate::{BufferTooShort, Cause, OutOfRange, ParseError};
 /// Sends that may be unresolved: the one in flight, and stale ones.
 const SENDS: usize = 4;
 
+/// A part of a void.
+static ZEROS: [u8; 32] = [0; 32];
+
 /// The timing of a [`Client`].
 ///
 /// ```
@@ -38,8 +41,13 @@ pub struct Config {
     pub repeats: u8,
     /// Time after the timeout of an answer during which it may still arrive. After a missing answer, the next request
     /// with the same key is delayed by this time, unless the protocol numbers its answers. An answer after this time
-    /// can be assigned to the wrong request.
+    /// can be assigned to the wrong request. The time counts from the acceptance of the request: a port that accepts
+    /// bytes and transmits them later than this can cause such an answer.
     pub stale_window: Duration,
+    /// Maximum number of bytes that are [received](Output::Receive) before a request, on a port that never runs out of
+    /// them. The size of the port's receive buffer suffices. 0 counts as 1. A port that buffers more can deliver an
+    /// old answer as a new one. Only one read precedes a request without an answer, or with a numbered one.
+    pub backlog: u32,
 }
 
 impl Default for Config {
@@ -49,12 +57,13 @@ impl Default for Config {
 }
 
 impl Config {
-    /// 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late.
+    /// 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late, a receive buffer of 64 KiB.
     pub const DEFAULT: Self = Self {
         baud: NonZeroU32::new(1_000_000).unwrap(),
         latency: Duration::from_millis(10),
         repeats: 2,
         stale_window: Duration::from_millis(100),
+        backlog: 65_536,
     };
 
     /// A TCP connection in a local network: 100 ms of latency, answers up to a second late. No repeats, because TCP
@@ -64,6 +73,7 @@ impl Config {
         latency: Duration::from_millis(100),
         repeats: 0,
         stale_window: Duration::from_millis(1_000),
+        ..Self::DEFAULT
     };
 
     /// The transmission time of `len` bytes, ten bits per byte.
@@ -90,7 +100,12 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Output<'a, R> {
-    /// Transmit these bytes. Report the number that the line accepted with [`transmitted`](Client::transmitted).
+    /// Read the bytes that the port has, without waiting. Report their number with [`received`](Client::received), or
+    /// pass them to [`receive`](Client::receive); 0 or none if the port is empty. They are older than the request that
+    /// is transmitted next.
+    Receive,
+    /// Transmit these bytes: a request, or a void. Report the number that the port accepted with
+    /// [`transmitted`](Client::transmitted), before it is flushed.
     Transmit(&'a [u8]),
     /// An event.
     Event(Event<'a, R>),
@@ -143,8 +158,8 @@ pub enum Event<'a, R> {
         /// The reason.
         reason: Reason,
     },
-    /// A lossless stream broke here: no later byte can be decoded. The request in flight and all later ones fail. Close
-    /// the connection.
+    /// A lossless stream broke here: no later byte can be decoded, or a request was [abandoned](Reason::Abandoned). The
+    /// request in flight and all later ones fail. Close the connection.
     Broken {
         /// The offset of the break, in bytes since the client was created.
         offset: u64,
@@ -158,7 +173,7 @@ pub enum Event<'a, R> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum SubmitError {
-    /// Another request is in flight, or a cancelled request is still being transmitted.
+    /// Another request is in flight.
     #[error("a request is already in flight")]
     Busy,
     /// The client's buffer is shorter than the request.
@@ -179,8 +194,10 @@ struct Call {
 enum State {
     /// Not sent yet, or waiting for a repeat.
     Ready,
-    /// Its bytes are being transmitted.
-    Writing,
+    /// The port is read, until it is empty or this number of bytes has arrived.
+    Reading(u32),
+    /// Its bytes are being transmitted: the next one is at this index.
+    Writing(usize),
     /// Transmitted; an answer is expected.
     Waiting,
     /// Transmitted; no answer is expected.
@@ -196,52 +213,92 @@ struct Outgoing<M: Messages, const N: usize> {
     tx: [u8; N],
     /// The frame: `tx[..len]`.
     len: usize,
-    /// The number of transmitted bytes while the frame is being transmitted. A started frame is completed even if its
-    /// call has ended.
-    at: Option<usize>,
+    /// The number of zeros left of a void, which precedes any other byte.
+    void: usize,
 }
 
 impl<M: Messages, const N: usize> Outgoing<M, N> {
-    /// Ends the request in flight. Answers to its transmissions are stale from now on.
+    /// Ends the request in flight. Answers to its transmissions are stale from now on. A partly transmitted frame is
+    /// voided: the arm must not execute a request that has ended.
     fn end(&mut self) {
-        self.call = None;
+        let call = self.call.take();
         self.exchange.give_up(());
-        if self.at == Some(0) {
-            self.at = None;
+        if let Some(State::Writing(1..)) = call.map(|call| call.state) {
+            self.void = M::LONGEST;
         }
     }
 
     /// Stops transmission, even inside a frame: the arm must not execute a request that has failed.
     fn stop(&mut self) -> bool {
-        self.at = None;
+        self.void = 0;
         self.call.take().is_some()
     }
 
     /// Starts transmission, if the request in flight may be sent now.
-    fn start(&mut self) {
+    fn start(&mut self, config: &Config) {
         let Some(call) = self.call.as_mut().filter(|call| call.state == State::Ready) else {
             return;
         };
-        // A repeat belongs to the same call and never waits.
-        let may = match &self.info {
-            Some(info) if call.sends == 0 => self.exchange.can_send(info, ()),
-            _ => true,
-        };
-        if may && self.at.is_none() {
-            call.state = State::Writing;
-            self.at = Some(0);
+        // A repeat belongs to the same call. It never waits, and an answer in the port is an answer to the call.
+        if call.sends > 0 {
+            call.state = State::Writing(0);
+            return;
         }
+        if self.info.is_none_or(|info| self.exchange.can_send(&info, ())) {
+            let has_answer = self.info.is_some_and(|info| info.response.is_some());
+            call.state = State::Reading(match has_answer && !M::HAS_TRANSACTION_ID {
+                true => config.backlog,
+                // No old answer can be taken for the new one. One read limits the number of bytes in the port.
+                false => 0,
+            });
+        }
+    }
+
+    /// `n` bytes were received, or none.
+    fn received(&mut self, n: usize) {
+        if let Some(call) = &mut self.call
+            && let State::Reading(left) = call.state
+        {
+            let n = u32::try_from(n).unwrap_or(u32::MAX);
+            call.state = match left.saturating_sub(n) {
+                left @ 1.. if n > 0 => State::Reading(left),
+                _ => State::Writing(0),
+            };
+        }
+    }
+
+    /// The next bytes to transmit.
+    fn pending(&self) -> &[u8] {
+        match (self.void, &self.call) {
+            (0, Some(call)) => match call.state {
+                State::Writing(at) => self.tx.get(at..self.len).unwrap_or_default(),
+                _ => &[],
+            },
+            (0, None) => &[],
+            (void, _) => ZEROS.get(..void).unwrap_or(&ZEROS),
+        }
+    }
+
+    /// The port accepted `n` of the pending bytes. Returns true if they complete a frame.
+    fn transmitted(&mut self, n: usize) -> bool {
+        if self.void > 0 {
+            self.void = self.void.saturating_sub(n);
+            return false;
+        }
+        let Some(call) = &mut self.call else { return false };
+        let State::Writing(at) = &mut call.state else {
+            return false;
+        };
+        *at = at.saturating_add(n);
+        *at >= self.len
     }
 
     /// The frame was transmitted completely.
     fn sent(&mut self, config: &Config, handed: u64, now: Instant) {
-        self.at = None;
-        let call = self.call.as_mut().filter(|call| call.state == State::Writing);
+        let Some(call) = &mut self.call else { return };
         let response = self.info.and_then(|info| info.response);
         let (Some(info), Some(response)) = (self.info, response) else {
-            if let Some(call) = call {
-                call.state = State::Sent;
-            }
+            call.state = State::Sent;
             return;
         };
         let handover = Handover {
@@ -250,14 +307,8 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
             due: now + config.timeout(self.len, response),
         };
         self.exchange.repeat(info, (), handover);
-        match call {
-            Some(call) => {
-                call.sends = call.sends.saturating_add(1);
-                call.state = State::Waiting;
-            }
-            // The call has ended during transmission. Its answer is possible from now on.
-            None => self.exchange.give_up(()),
-        }
+        call.sends = call.sends.saturating_add(1);
+        call.state = State::Waiting;
     }
 
     /// The timeout of the answer to the request in flight.
@@ -290,8 +341,32 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// A late answer never satisfies the next request. While an answer to an earlier request is possible (the request timed
 /// out, was repeated, or was cancelled), the next request with the same key waits until the answer arrives or
 /// [`Config::stale_window`] ends. Requests without an answer, such as torque off, never wait. No request waits on a
-/// protocol with numbered answers, whose requests the client numbers. Pass in received bytes before each transmission:
-/// the client cannot know the age of bytes in a port's buffer.
+/// protocol with numbered answers, whose requests the client numbers.
+///
+/// # A call
+///
+/// ```text
+/// submit --> ready --> reading --> writing --> waiting --> Answer, Unacceptable, ErrorFrame, TimedOut
+///                                  |    ^         |
+///                                  |    +---------+  no answer, and repeats are left
+///                                  +--> Sent, if the request has no answer
+/// ```
+///
+/// | State | Output | Ends |
+/// |---|---|---|
+/// | ready | [`Timeout`](Output::Timeout) | when no answer to an earlier request is possible: mostly at once |
+/// | reading | [`Receive`](Output::Receive) | when the port is empty, or after [`Config::backlog`] bytes |
+/// | writing | [`Transmit`](Output::Transmit) | when the port has accepted the last byte |
+/// | waiting | [`Timeout`](Output::Timeout) | by an answer, or by its timeout |
+///
+/// [`cancel`](Self::cancel) ends a call in each state. Bytes that a port has before a request is transmitted belong to
+/// earlier requests, and the client cannot know their age: hence *reading*.
+///
+/// A request that ended in *writing*, by `cancel` or by an answer before the end of its repeat, is never executed: if
+/// the port has accepted some of its bytes, the client transmits a *void* before anything else. These
+/// [`LONGEST`](crate::framing::Framing::LONGEST) zeros make the arm discard the partial frame. A
+/// [lossless](crate::framing::Framing::LOSSLESS) line breaks instead, with [`Reason::Abandoned`]. The rule does not
+/// cover an arm that executes a request before its last byte.
 ///
 /// ```
 /// use armwire::ling::{JointState, Ling, MotionStatus, Request, Response};
@@ -301,6 +376,8 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// let mut client = Client::<Ling, 70>::new(Ling, Config::default());
 /// client.submit(&Request::ReadJoints).unwrap();
 /// let now = Instant::ZERO;
+/// assert_eq!(client.poll(now), Output::Receive);
+/// client.received(now, 0).unwrap(); // the port is empty
 /// let Output::Transmit(bytes) = client.poll(now) else { panic!("nothing to transmit") };
 /// assert_eq!(bytes, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
 /// let n = bytes.len(); // number of bytes that the port accepted
@@ -333,12 +410,14 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 ///
 /// /// Makes a request and returns the answer, if there is one.
 /// fn call(client: &mut Client<Ling, 70>, port: &mut impl Port, request: &Request) -> Option<Response> {
-///     // Bytes received so far belong to earlier requests.
-///     let n = port.read(client.space(), port.now());
-///     client.received(port.now(), n).ok()?;
+///     client.cancel(); // a call that has failed
 ///     client.submit(request).ok()?;
 ///     loop {
 ///         match client.poll(port.now()) {
+///             Output::Receive => {
+///                 let n = port.read(client.space(), port.now());
+///                 client.received(port.now(), n).ok()?;
+///             }
 ///             Output::Transmit(bytes) => {
 ///                 let n = port.write(bytes);
 ///                 client.transmitted(port.now(), n).ok()?;
@@ -380,7 +459,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
                 info: None,
                 tx: [0; N],
                 len: 0,
-                at: None,
+                void: 0,
             },
             last_rx: Instant::ZERO,
             number: 0,
@@ -425,8 +504,8 @@ impl<M: Messages, const N: usize> Client<M, N> {
 
     /// Cancels the request in flight, if there is one.
     ///
-    /// An unstarted request is never sent. Otherwise its remaining bytes must still be transmitted, because the arm
-    /// must not be left with half a frame, and its answer becomes [`Event::Late`].
+    /// An unstarted request is never sent, a partly transmitted one is never executed (see [`Client`]), and the answer
+    /// to a transmitted one becomes [`Event::Late`]. Another request may be submitted at once.
     ///
     /// ```
     /// # use armwire::ling::{Ling, Request};
@@ -443,9 +522,9 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
     }
 
-    /// Returns true if a request may be submitted: none is in flight, and no cancelled request is being transmitted.
+    /// Returns true if a request may be submitted: none is in flight.
     pub const fn is_idle(&self) -> bool {
-        self.outgoing.call.is_none() && self.outgoing.at.is_none()
+        self.outgoing.call.is_none()
     }
 
     /// Returns true if an answer to the request in flight is expected.
@@ -470,27 +549,35 @@ impl<M: Messages, const N: usize> Client<M, N> {
         self.decoder.space()
     }
 
-    /// The first `n` bytes of [`space`](Self::space) arrived.
+    /// The first `n` bytes of [`space`](Self::space) arrived. 0 after [`Output::Receive`]: the port is empty.
     ///
     /// # Errors
     ///
     /// [`OutOfRange`] if `n` exceeds the free space. Nothing is accepted then.
     pub fn received(&mut self, now: Instant, n: usize) -> Result<(), OutOfRange<usize>> {
-        if n > 0 {
-            self.last_rx = now;
-        }
-        self.decoder.commit(n)
+        self.decoder.commit(n)?;
+        self.on_received(now, n);
+        Ok(())
     }
 
     /// Copies in as many of the received bytes as fit and returns the rest: poll until there is no event, then pass in
-    /// the rest.
+    /// the rest. No bytes after [`Output::Receive`]: the port is empty.
     #[must_use = "the bytes that did not fit are returned"]
     pub fn receive<'b>(&mut self, now: Instant, bytes: &'b [u8]) -> &'b [u8] {
-        if !bytes.is_empty() {
+        self.frame_len = 0;
+        let rest = self.decoder.push(bytes);
+        let n = bytes.len().saturating_sub(rest.len());
+        if n > 0 || bytes.is_empty() {
+            self.on_received(now, n);
+        }
+        rest
+    }
+
+    fn on_received(&mut self, now: Instant, n: usize) {
+        if n > 0 {
             self.last_rx = now;
         }
-        self.frame_len = 0;
-        self.decoder.push(bytes)
+        self.outgoing.received(n);
     }
 
     /// The UART reported an idle line. Never call this for a gap between USB packets or TCP segments.
@@ -506,20 +593,19 @@ impl<M: Messages, const N: usize> Client<M, N> {
         self.decoder.taken(self.frame_len)
     }
 
-    /// The line accepted the first `n` bytes of [`Output::Transmit`].
+    /// The port accepted the first `n` bytes of [`Output::Transmit`]. Call it before a flush, which may fail or be
+    /// dropped: accepted bytes count.
     ///
     /// # Errors
     ///
     /// [`OutOfRange`] if `n` exceeds the remaining bytes. Nothing counts as transmitted then.
     pub fn transmitted(&mut self, now: Instant, n: usize) -> Result<(), OutOfRange<usize>> {
         let out = &mut self.outgoing;
-        let left = out.at.map_or(0, |at| out.len.saturating_sub(at));
+        let left = out.pending().len();
         if n > left {
             return Err(OutOfRange::new("transmitted", "bytes", n, 0, left));
         }
-        if n < left {
-            out.at = out.at.map(|at| at.saturating_add(n));
-        } else if left > 0 {
+        if out.transmitted(n) {
             out.sent(&self.config, self.decoder.received(), now);
         }
         Ok(())
@@ -545,6 +631,10 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
         // After decoding, because bytes may have arrived long before they were passed in.
         self.outgoing.exchange.expire(now);
+        if M::LOSSLESS && self.outgoing.void > 0 {
+            // Every byte arrives: nothing makes the arm discard a part of a frame.
+            self.decoder.break_off(Reason::Abandoned);
+        }
         if let Some((offset, reason)) = self.decoder.broken() {
             return match self.outgoing.stop() {
                 true => Output::Event(Event::Broken { offset, reason }),
@@ -560,11 +650,14 @@ impl<M: Messages, const N: usize> Client<M, N> {
             }
         }
         let out = &mut self.outgoing;
-        out.start();
-        match (out.at, &out.call) {
-            (Some(at), _) => Output::Transmit(out.tx.get(at..out.len).unwrap_or_default()),
-            (None, Some(_)) => Output::Timeout(out.exchange.timeout()),
-            (None, None) => Output::Timeout(None),
+        if out.void == 0 {
+            out.start(&self.config);
+        }
+        match (out.void, out.call.as_ref().map(|call| call.state)) {
+            (1.., _) | (0, Some(State::Writing(_))) => Output::Transmit(out.pending()),
+            (0, Some(State::Reading(_))) => Output::Receive,
+            (0, Some(_)) => Output::Timeout(out.exchange.timeout()),
+            (0, None) => Output::Timeout(None),
         }
     }
 

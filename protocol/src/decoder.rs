@@ -268,6 +268,13 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
+    /// Breaks a lossless stream from this side.
+    pub(crate) fn break_off(&mut self, reason: Reason) {
+        if self.broken.is_none() {
+            self.broken = Some((self.offset(), reason));
+        }
+    }
+
     /// The item at a span.
     pub fn item(&self, span: Span) -> Item<'_> {
         Item {

@@ -50,12 +50,6 @@ impl<C: Clock> Clock for &C {
     }
 }
 
-/// Maximum number of reads before [`Driver::call`] sends a request, on a port that never runs out of bytes.
-///
-/// Buffered bytes are read first, so that an old answer is not taken for the new one. A port that buffers more than
-/// these reads return may deliver an old answer as a new one.
-pub const READS_BEFORE_SEND: usize = 256;
-
 /// The error of a call: `E` is the error of the port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -144,16 +138,16 @@ impl Counters {
 ///
 /// `N` is the size of its buffers in bytes; 260 bytes hold every message.
 ///
-/// **The port** must buffer bytes between reads, and a dropped read must lose nothing: every timeout drops one. A UART
-/// with a receive buffer meets both. A port that accepts no bytes blocks the call: add a timeout around the call where
-/// this can happen.
+/// **The port** must buffer bytes between reads, return them when a read is first polled, and lose nothing in a dropped
+/// read: every timeout drops one. A UART with a receive buffer does. A port that accepts no bytes blocks the call: add
+/// a timeout around the call where this can happen.
 ///
 /// **Dropping a call** before it is complete is allowed if the port's writes may be dropped too. An unstarted request
-/// is then never sent. A partly written one is completed and flushed by the next call, before its own: the arm is never
-/// left with half a frame. A later answer to it satisfies no request (see [`Client`]). A call that is dropped while a
-/// repeat is partly written is an exception: a late answer to it can be taken for the answer to a newer request.
+/// is then never sent, and a partly written one is never executed: the next call makes the arm discard it, as
+/// [`Client`] describes. A written one is flushed by the next call, and a later answer to it satisfies no request.
 ///
-/// **Timeouts** begin when the port has accepted the last byte. A flush does not extend them.
+/// **Timeouts** begin when the port has accepted the last byte. A flush does not extend them: an answer can be taken
+/// for the answer to a newer request if its own request left the port after [`Config::stale_window`].
 ///
 /// Each protocol has an `Arm` with a method for each request, built on these calls.
 ///
@@ -206,9 +200,8 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
     /// Sends a request, waits for its answer, and returns the result of `take`. `None` for a request without an answer,
     /// once it is written.
     ///
-    /// Bytes that have arrived are read before the request is sent, with at most [`READS_BEFORE_SEND`] reads, or at
-    /// most one before a request without an answer. An endless stream of bytes delays neither the answer nor the
-    /// timeout.
+    /// Bytes that have arrived are read before the request is sent: at most [`Config::backlog`] of them, or one read
+    /// before a request without an answer. An endless stream of bytes delays neither the answer nor the timeout.
     ///
     /// # Errors
     ///
@@ -221,24 +214,17 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
     ) -> Result<Option<T>, CallError<Port::Error>> {
         // A request in flight belongs to a call that was dropped or has failed.
         self.client.cancel();
-        self.finish().await?;
+        self.flush().await?;
         self.client.submit(request).map_err(CallError::Submit)?;
-        let max_reads = match self.client.expects_answer() {
-            true => READS_BEFORE_SEND,
-            false => 1,
-        };
-        let (mut reads, mut drained) = (0, false);
         loop {
-            let until = match self.client.poll(self.clock.now()) {
-                Output::Transmit(bytes) if drained || reads >= max_reads => {
+            match self.client.poll(self.clock.now()) {
+                Output::Receive => self.receive(Instant::ZERO).await?,
+                Output::Timeout(until) => self.receive(until.unwrap_or_default()).await?,
+                Output::Transmit(bytes) => {
                     let len = bytes.len();
                     let n = self.port.write(bytes).await.map_err(CallError::Io)?;
                     self.accepted(n, len).await?;
-                    continue;
                 }
-                // Buffered bytes are read first: see `READS_BEFORE_SEND`.
-                Output::Transmit(_) => Instant::ZERO,
-                Output::Timeout(until) => until.unwrap_or_default(),
                 Output::Event(Event::Answer(response)) => return Ok(Some(take(response))),
                 Output::Event(Event::Sent) => return Ok(None),
                 Output::Event(Event::Unacceptable(error)) => return Err(CallError::Unacceptable(error)),
@@ -247,13 +233,8 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
                 }
                 Output::Event(Event::TimedOut { sends }) => return Err(CallError::TimedOut { sends }),
                 Output::Event(Event::Broken { offset, reason }) => return Err(CallError::Broken { offset, reason }),
-                Output::Event(other) => {
-                    self.counters.count(&other);
-                    continue;
-                }
-            };
-            drained = !self.read_once(until).await?;
-            reads = reads.saturating_add(1);
+                Output::Event(other) => self.counters.count(&other),
+            }
         }
     }
 
@@ -307,24 +288,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         (self.port, self.clock)
     }
 
-    /// Transmits and flushes the rest of a request whose call was dropped.
-    async fn finish(&mut self) -> Result<(), CallError<Port::Error>> {
-        while !self.client.is_idle() {
-            match self.client.poll(self.clock.now()) {
-                Output::Transmit(bytes) => {
-                    let len = bytes.len();
-                    let n = self.port.write(bytes).await.map_err(CallError::Io)?;
-                    self.accepted(n, len).await?;
-                }
-                Output::Event(Event::Broken { offset, reason }) => return Err(CallError::Broken { offset, reason }),
-                Output::Event(other) => self.counters.count(&other),
-                Output::Timeout(_) => break,
-            }
-        }
-        self.flush().await
-    }
-
-    /// The port accepted `n` of `len` bytes. Flushes after the last of a frame.
+    /// The port accepted `n` of `len` bytes. Flushes after the last of them.
     ///
     /// The bytes count before the flush, because the call may be dropped in it.
     async fn accepted(&mut self, n: usize, len: usize) -> Result<(), CallError<Port::Error>> {
@@ -349,18 +313,17 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         Ok(())
     }
 
-    /// Reads once. Returns true if bytes arrived before this time.
-    async fn read_once(&mut self, until: Instant) -> Result<bool, CallError<Port::Error>> {
-        match first(self.port.read(self.client.space()), self.clock.wait_until(until)).await {
-            None => Ok(false),
-            Some(Err(error)) => Err(CallError::Io(error)),
-            Some(Ok(0)) => Err(CallError::Closed),
-            Some(Ok(n)) => {
-                let now = self.clock.now();
-                self.client.received(now, n).map_err(CallError::Port)?;
-                Ok(true)
-            }
-        }
+    /// Reads once, until this time.
+    async fn receive(&mut self, until: Instant) -> Result<(), CallError<Port::Error>> {
+        let read = first(self.port.read(self.client.space()), self.clock.wait_until(until)).await;
+        let n = match read {
+            None => 0,
+            Some(Err(error)) => return Err(CallError::Io(error)),
+            Some(Ok(0)) => return Err(CallError::Closed),
+            Some(Ok(n)) => n,
+        };
+        let now = self.clock.now();
+        self.client.received(now, n).map_err(CallError::Port)
     }
 }
 

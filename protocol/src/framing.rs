@@ -78,6 +78,9 @@ pub enum Reason {
         /// The number of missing bytes.
         missing: usize,
     },
+    /// A request ended while it was partly transmitted. Only on a [`LOSSLESS`](Framing::LOSSLESS) line.
+    #[error("a request ended while it was partly transmitted")]
+    Abandoned,
 }
 
 /// The boundaries of frames on one kind of line.

@@ -273,6 +273,8 @@ fn late_byte_is_never_attributed_to_another_servo() {
             let mut client = Client::<Alpha1, MAX_FRAME>::new(Alpha1, Config::DEFAULT);
             let to = Address::One(ServoId::new(addressed).unwrap());
             client.submit(&Request::Servo(ServoRequest::Release(to))).unwrap();
+            assert_eq!(client.poll(Instant::ZERO), Output::Receive);
+            client.received(Instant::ZERO, 0).unwrap();
             assert!(matches!(client.poll(Instant::ZERO), Output::Transmit(_)));
             client.transmitted(Instant::ZERO, 10).unwrap();
             assert!(client.receive(Instant::ZERO, &[other.wrapping_add(0xAA)]).is_empty());

@@ -2,11 +2,16 @@
 
 use std::fmt::Debug;
 
-use armwire::ling::{JointState, Ling, MotionStatus, Request, Response, Stroke, Torque};
+use armwire::alpha1::{self, Alpha1, Text};
+use armwire::framing::{Framing, Reason};
+use armwire::ling::{
+    self, GripperSpeed, JointState, Ling, MotionStatus, Move, Opening, Position, Request, Response, Speed, Stroke,
+    Torque,
+};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire::xarm::{self, XArm};
-use armwire::{Client, Config, Event, Output, SubmitError};
+use armwire::{Client, Config, Device, DeviceEvent, Event, Output, SubmitError};
 
 const JOINTS: Response = Response::Joints(JointState {
     joints: [2048; 6],
@@ -62,15 +67,40 @@ impl<M: Messages + Default> Host<M> {
         }
     }
 
+    /// The next output, with an empty port.
+    fn poll(&mut self) -> Output<'_, M::Response<'_>> {
+        if matches!(self.client.poll(self.now), Output::Receive) {
+            self.client.received(self.now, 0).unwrap();
+        }
+        self.client.poll(self.now)
+    }
+
+    /// Transmits all pending bytes and returns them.
+    fn transmit_bytes(&mut self) -> Vec<u8> {
+        let mut sent = Vec::new();
+        loop {
+            match self.client.poll(self.now) {
+                Output::Receive => self.client.received(self.now, 0).unwrap(),
+                Output::Transmit(bytes) => {
+                    sent.extend(bytes);
+                    let n = bytes.len();
+                    self.client.transmitted(self.now, n).unwrap();
+                }
+                Output::Event(_) | Output::Timeout(_) => return sent,
+            }
+        }
+    }
+
     /// Transmits all pending bytes and returns their number.
     fn transmit(&mut self) -> usize {
-        let mut sent = 0;
-        while let Output::Transmit(bytes) = self.client.poll(self.now) {
-            let n = bytes.len();
-            self.client.transmitted(self.now, n).unwrap();
-            sent += n;
-        }
-        sent
+        self.transmit_bytes().len()
+    }
+
+    /// Submits a request and transmits its first bytes.
+    fn send_part(&mut self, request: M::Request<'_>, part: usize) {
+        self.client.submit(&request).unwrap();
+        assert!(matches!(self.poll(), Output::Transmit(_)));
+        self.client.transmitted(self.now, part).unwrap();
     }
 
     /// Submits a request and transmits it.
@@ -123,7 +153,7 @@ fn call_transmits_its_bytes_in_any_pieces() {
     let mut host = Lings::new(Config::DEFAULT);
     host.client.submit(&Request::ReadJoints).unwrap();
     let mut sent = Vec::new();
-    while let Output::Transmit(bytes) = host.client.poll(host.now) {
+    while let Output::Transmit(bytes) = host.poll() {
         sent.push(bytes[0]);
         host.client.transmitted(host.now, 1).unwrap();
     }
@@ -138,7 +168,7 @@ fn excess_transmitted_count_is_an_error() {
     let mut host = Lings::new(Config::DEFAULT);
     host.client.submit(&Request::ReadJoints).unwrap();
     assert!(host.client.transmitted(host.now, 1).is_err(), "nothing to transmit");
-    assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
+    assert!(matches!(host.poll(), Output::Transmit(_)));
     let error = host.client.transmitted(host.now, 8).unwrap_err();
     assert_eq!((error.got, error.max), (8, 7));
     assert_eq!(host.transmit(), 7);
@@ -165,7 +195,7 @@ fn request_without_answer_is_done_once_sent() {
     let mut host = Lings::new(Config::DEFAULT);
     host.client.submit(&Request::SetTorque(Torque::Off)).unwrap();
     assert!(!host.client.expects_answer());
-    assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
+    assert!(matches!(host.poll(), Output::Transmit(_)));
     host.client.transmitted(host.now, 7).unwrap();
     assert_eq!(host.events(), ["Sent"]);
     assert!(host.client.is_idle());
@@ -272,28 +302,274 @@ fn torque_off_is_never_held_back() {
 fn unstarted_request_is_never_sent_after_cancel() {
     let mut host = Lings::new(Config::DEFAULT);
     host.client.submit(&Request::ReadJoints).unwrap();
-    assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
+    assert!(matches!(host.poll(), Output::Transmit(_)));
     host.client.cancel();
     assert_eq!((host.transmit(), host.client.is_idle()), (0, true));
     host.send(Request::ReadJoints);
     assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
 }
 
+/// The bytes of a request.
+fn request_bytes<M: Messages + Default>(request: M::Request<'_>) -> Vec<u8> {
+    let mut out = [0; 260];
+    let n = M::default().encode_request(&request, &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+/// A motion with this value in all fields, as far as it is in their ranges.
+fn motion(value: u16) -> Request {
+    Request::Move(Move {
+        joints: [(Position::new(value).unwrap(), Speed::new(value.max(1)).unwrap()); ling::JOINTS],
+        gripper: (Opening::new(value % 1_001).unwrap(), GripperSpeed(value)),
+    })
+}
+
+/// The requests that an arm executes, which searches every byte for a frame.
+fn executed<M: Messages + Default>(line: &[u8]) -> Vec<String> {
+    let (mut arm, mut requests) = (Device::<M, 300>::new(M::default()), Vec::new());
+    // A false header holds back what follows, if all bytes arrive at once.
+    for byte in line {
+        assert!(arm.receive(&[*byte]).is_empty());
+        while let Some(event) = arm.poll() {
+            if let DeviceEvent::Request { request, .. } = event {
+                requests.push(format!("{request:?}"));
+            }
+        }
+    }
+    requests
+}
+
+/// Cancels a request after each number of bytes and submits the next.
+fn assert_voided<M: Messages + Default>(request: M::Request<'_>, next: M::Request<'_>) {
+    let (whole, next_bytes) = (request_bytes::<M>(request), request_bytes::<M>(next));
+    for part in 1..whole.len() {
+        let mut host = Host::<M>::new(Config::DEFAULT);
+        host.send_part(request, part);
+        host.client.cancel();
+        host.client.submit(&next).expect("at once");
+        let sent = host.transmit_bytes();
+        assert_eq!(
+            sent,
+            [&vec![0; M::LONGEST][..], &next_bytes].concat(),
+            "after {part} bytes"
+        );
+        let line = [&whole[..part], &sent].concat();
+        assert_eq!(executed::<M>(&line), [format!("{next:?}")], "{line:02x?}");
+    }
+}
+
 #[test]
-fn cancelled_request_is_completed_before_the_next() {
+fn partly_transmitted_request_is_never_executed() {
+    for value in (0..4_096).step_by(7).chain([0x0AA, 0xAA0, 0xAAA]) {
+        assert_voided::<Ling>(motion(value), Request::SetTorque(Torque::Off));
+    }
+    assert_voided::<Ling>(Request::SetTorque(Torque::Off), Request::ReadJoints);
+    assert_voided::<Ling>(Request::SelfCheck, Request::SelfCheck);
+    let text = Text::new(b"\xFB\xBF\xC8\xF3\x3F\xFF").unwrap();
+    assert_voided::<Alpha1>(alpha1::Request::Play(text), alpha1::Request::Stop);
+}
+
+#[test]
+fn partly_transmitted_request_is_never_answered() {
     let mut host = Lings::new(Config::DEFAULT);
-    host.client.submit(&Request::ReadJoints).unwrap();
-    assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
-    host.client.transmitted(host.now, 3).unwrap();
+    host.send_part(Request::ReadJoints, 6);
     host.client.cancel();
-    assert_eq!(host.client.submit(&Request::ReadInfo), Err(SubmitError::Busy));
-    assert_eq!(host.transmit(), 4);
+    host.send(Request::ReadJoints);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()], "to the second");
+    assert_eq!(host.receive(&bytes(JOINTS)), [describe(Event::Unsolicited(JOINTS))]);
+}
+
+#[test]
+fn void_is_completed_before_any_other_byte() {
+    let mut host = Lings::new(Config::DEFAULT);
+    host.send_part(motion(2_048), 5);
+    host.client.cancel();
+    let mut zeros = 0;
+    while zeros < Ling::LONGEST {
+        // Calls that end in the meantime do not change it.
+        host.client.submit(&Request::SetTorque(Torque::On)).unwrap();
+        host.client.received(host.now, 0).unwrap();
+        let Output::Transmit(bytes) = host.client.poll(host.now) else {
+            panic!("{zeros} zeros")
+        };
+        assert!(bytes.iter().all(|byte| *byte == 0));
+        host.client.transmitted(host.now, 1).unwrap();
+        zeros += 1;
+        host.client.cancel();
+    }
+    assert_eq!(host.timeout(), None);
+    host.client.submit(&Request::SetTorque(Torque::Off)).unwrap();
+    assert_eq!(host.client.poll(host.now), Output::Receive);
     assert_eq!(
-        host.receive(&bytes(JOINTS)),
-        [late()],
-        "its answer is possible from now on"
+        host.transmit_bytes(),
+        request_bytes::<Ling>(Request::SetTorque(Torque::Off))
     );
-    host.send(Request::ReadInfo);
+}
+
+#[test]
+fn repeat_is_voided_by_an_answer() {
+    let mut host = Lings::new(Config::DEFAULT);
+    host.send(Request::ReadJoints);
+    host.now = host.timeout().unwrap();
+    assert!(
+        matches!(host.client.poll(host.now), Output::Transmit(_)),
+        "without a read"
+    );
+    host.client.transmitted(host.now, 3).unwrap();
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+    assert_eq!(host.transmit_bytes(), [0; Ling::LONGEST]);
+    host.send(Request::ReadJoints);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+}
+
+#[test]
+fn partly_transmitted_request_breaks_lossless_line() {
+    let request = xarm::Request::ReloadDynamics;
+    for part in 1..request_bytes::<XArm>(request).len() {
+        let mut host = Arms::new(Config::TCP);
+        host.send_part(request, part);
+        host.client.cancel();
+        for _ in 0..3 {
+            host.client.submit(&request).unwrap();
+            let Output::Event(Event::Broken { offset: 0, reason }) = host.client.poll(host.now) else {
+                panic!("not broken after {part} bytes")
+            };
+            assert_eq!(reason, Reason::Abandoned);
+            assert_eq!(reason.to_string(), "a request ended while it was partly transmitted");
+            assert_eq!((host.transmit(), host.client.is_idle()), (0, true));
+        }
+        assert_eq!(host.receive(&reloaded(1)), [""; 0], "nothing is read");
+    }
+}
+
+#[test]
+fn port_is_read_before_each_request() {
+    let mut host = Lings::new(ONCE);
+    for _ in 0..3 {
+        host.client.submit(&Request::ReadJoints).unwrap();
+        for old in [&bytes(JOINTS)[..10], &bytes(JOINTS)[10..], &[0x11]] {
+            assert_eq!(host.client.poll(host.now), Output::Receive);
+            assert!(host.client.transmitted(host.now, 1).is_err(), "nothing to transmit yet");
+            assert!(!host.receive(old).contains(&answer()));
+        }
+        assert_eq!(host.transmit(), 7);
+        assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+    }
+}
+
+#[test]
+fn endless_bytes_delay_a_request_by_the_backlog() {
+    for (backlog, reads) in [(0, 1), (1, 1), (21, 1), (22, 2), (65_536, 3_121)] {
+        let mut host = Lings::new(Config { backlog, ..ONCE });
+        host.client.submit(&Request::ReadJoints).unwrap();
+        for _ in 0..reads {
+            assert_eq!(host.client.poll(host.now), Output::Receive);
+            assert_eq!(host.receive(&bytes(JOINTS)), [describe(Event::Unsolicited(JOINTS))]);
+        }
+        assert!(
+            matches!(host.client.poll(host.now), Output::Transmit(_)),
+            "backlog {backlog}"
+        );
+    }
+}
+
+#[test]
+fn one_read_precedes_requests_without_confusable_answer() {
+    let mut host = Lings::new(ONCE);
+    host.client.submit(&Request::SetTorque(Torque::Off)).unwrap();
+    assert_eq!(host.client.poll(host.now), Output::Receive);
+    assert_eq!(host.receive(&[0x11]), ["Noise(1)"]);
+    assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
+
+    let mut host = Arms::new(Config::TCP);
+    host.client.submit(&xarm::Request::ReloadDynamics).unwrap();
+    assert_eq!(host.client.poll(host.now), Output::Receive);
+    assert_eq!(host.receive(&[0, 1]), [""; 0]);
+    assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
+}
+
+#[test]
+fn early_report_of_empty_port_does_not_count() {
+    let mut host = Lings::new(ONCE);
+    host.client.received(host.now, 0).unwrap();
+    host.client.submit(&Request::ReadJoints).unwrap();
+    assert!(host.client.receive(host.now, &[]).is_empty());
+    assert_eq!(host.client.poll(host.now), Output::Receive);
+}
+
+#[test]
+fn bytes_that_do_not_fit_are_no_empty_port() {
+    let mut host = Lings::new(ONCE);
+    host.client.submit(&Request::ReadJoints).unwrap();
+    assert_eq!(host.client.poll(host.now), Output::Receive);
+    let flood = [0xAA; 300];
+    let rest = host.client.receive(host.now, &flood);
+    assert_eq!(rest.len(), 40, "the buffer is full");
+    assert_eq!(host.client.receive(host.now, rest), rest);
+    host.events();
+    assert_eq!(host.client.poll(host.now), Output::Receive);
+}
+
+/// A port with a receive buffer, and an arm whose answers are given.
+struct Port<'a> {
+    now: Instant,
+    unread: Vec<u8>,
+    /// The answer to each request.
+    answer: &'a dyn Fn(usize) -> Option<Response>,
+    requests: usize,
+}
+
+/// A program that knows nothing but the outputs of the client.
+fn call(client: &mut Client<Ling, 260>, port: &mut Port<'_>, request: Request) -> Option<Response> {
+    client.submit(&request).unwrap();
+    loop {
+        match client.poll(port.now) {
+            Output::Receive => {
+                let n = port.unread.len();
+                client.space()[..n].copy_from_slice(&port.unread);
+                port.unread.clear();
+                client.received(port.now, n).unwrap();
+            }
+            Output::Transmit(frame) => {
+                let n = frame.len();
+                port.requests += 1;
+                port.unread
+                    .extend((port.answer)(port.requests).into_iter().flat_map(bytes));
+                client.transmitted(port.now, n).unwrap();
+            }
+            Output::Timeout(until) if port.unread.is_empty() => port.now = until.unwrap(),
+            Output::Timeout(_) => {
+                assert!(client.receive(port.now, &port.unread).is_empty());
+                port.unread.clear();
+            }
+            Output::Event(Event::Answer(response)) => return Some(response),
+            Output::Event(Event::TimedOut { .. }) => return None,
+            Output::Event(_) => {}
+        }
+    }
+}
+
+#[test]
+fn answer_in_the_port_is_never_new() {
+    let pose = |ticks| {
+        Response::Joints(JointState {
+            joints: [ticks; 6],
+            gripper: 500,
+            status: MotionStatus::Idle,
+        })
+    };
+    let mut client = Client::new(Ling, ONCE);
+    let mut port = Port {
+        now: Instant::ZERO,
+        unread: Vec::new(),
+        answer: &|request| (request > 1).then_some(pose(222)),
+        requests: 0,
+    };
+    assert_eq!(call(&mut client, &mut port, Request::ReadJoints), None);
+    port.now += micros(50_000);
+    port.unread = bytes(pose(111));
+    port.now += micros(500_000);
+    assert_eq!(call(&mut client, &mut port, Request::ReadJoints), Some(pose(222)));
 }
 
 #[test]
@@ -408,7 +684,7 @@ fn request_numbers_start_at_one_and_wrap() {
     let mut host = Arms::new(Config::TCP);
     for number in (1..=u16::MAX).chain(1..3) {
         host.client.submit(&xarm::Request::ReloadDynamics).unwrap();
-        let Output::Transmit(bytes) = host.client.poll(host.now) else {
+        let Output::Transmit(bytes) = host.poll() else {
             panic!("held back")
         };
         assert_eq!(bytes[..2], number.to_be_bytes());
@@ -461,7 +737,7 @@ fn nothing_is_sent_after_the_connection_broke() {
     for sent in 0..7 {
         let mut host = Arms::new(Config::TCP);
         host.client.submit(&xarm::Request::ReloadDynamics).unwrap();
-        assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
+        assert!(matches!(host.poll(), Output::Transmit(_)));
         host.client.transmitted(host.now, sent).unwrap();
         assert_eq!(host.receive(&[0, 1, 0, 9]), ["Broken(0)"]);
         assert_eq!(host.transmit(), 0, "after {sent} bytes");
@@ -500,6 +776,7 @@ fn every_request_completes() {
         host.client.submit(&request).unwrap();
         for _ in 0..100 {
             match host.client.poll(host.now) {
+                Output::Receive => host.client.received(host.now, 0).unwrap(),
                 Output::Transmit(_) => host.client.transmitted(host.now, 1).unwrap(),
                 Output::Event(event) => assert!(matches!(event, Event::Sent | Event::TimedOut { sends: 3 })),
                 Output::Timeout(Some(until)) => host.now = until,

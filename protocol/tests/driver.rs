@@ -7,7 +7,9 @@ use std::future::{Future, poll_fn};
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
-use armwire::driver::{CallError, Clock, Counters, READS_BEFORE_SEND};
+use armwire::dialect::Dialect;
+use armwire::driver::{CallError, Clock, Counters};
+use armwire::framing::{Framing, Scan};
 use armwire::ling::*;
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
@@ -15,6 +17,7 @@ use armwire::{Cause, Config, Device, DeviceEvent, ErrorFrame, MessageId, ParseEr
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use proptest::collection::vec;
 use proptest::prelude::*;
+use proptest::test_runner::TestCaseResult;
 
 /// An instant, in microseconds.
 fn at(micros: u64) -> Instant {
@@ -53,8 +56,27 @@ struct World {
     writes: VecDeque<(Duration, usize)>,
     /// The number of writes, and the number of those that a complete flush followed.
     written: (usize, usize),
-    /// The number of bytes that the arm received.
-    received: usize,
+    /// The bytes that the port accepted.
+    line: Vec<u8>,
+    /// The only request that the arm may receive, if this is checked.
+    current: Option<Request>,
+    /// The fates of the next answers. The others arrive after the turnaround.
+    fates: VecDeque<Fate>,
+}
+
+/// The fate of an answer.
+#[derive(Clone, Debug)]
+enum Fate {
+    /// It arrives after this time.
+    Late(Duration),
+    /// It arrives in two parts, the second after this time.
+    InTwo(Duration, usize),
+    /// One bit of it is flipped.
+    Damaged(Duration, usize),
+    /// These bytes precede it.
+    AfterNoise(Duration, Vec<u8>),
+    /// It does not arrive.
+    Lost,
 }
 
 const INFO: Info = Info {
@@ -63,7 +85,6 @@ const INFO: Info = Info {
     firmware: Version(703),
 };
 const TEMPERATURES: PerServo<u8> = PerServo::Leader([30, 31, 32, 33, 34, 35]);
-const VELOCITIES: PerServo<u16> = PerServo::Leader([0, 1, 2, 3, 4, 5]);
 const CHECK: SelfCheck = SelfCheck(0b11_1011);
 
 type Shared = RefCell<World>;
@@ -88,7 +109,9 @@ fn world() -> Shared {
         flushed_at: Instant::ZERO,
         writes: VecDeque::new(),
         written: (0, 0),
-        received: 0,
+        line: Vec::new(),
+        current: None,
+        fates: VecDeque::new(),
     })
 }
 
@@ -98,27 +121,31 @@ impl World {
     }
 
     fn receive(&mut self, bytes: &[u8]) {
-        self.received += bytes.len();
+        self.line.extend(bytes);
         assert!(self.arm.receive(bytes).is_empty());
         while let Some(event) = self.arm.poll() {
-            let DeviceEvent::Request { request, .. } = event else {
-                panic!("the arm received {event:?}");
+            let request = match event {
+                DeviceEvent::Request { request, .. } => request,
+                // A void and what precedes it.
+                DeviceEvent::Noise { .. } => continue,
+                event => panic!("the arm received {event:?}"),
             };
+            if let Some(current) = self.current {
+                assert_eq!(request, current, "its call has ended");
+            }
             self.requests.push(request);
+            // The first answer is 2001: each one names its request.
+            let number = 2000 + self.requests.len() as u16;
             let response = match request {
-                Request::ReadJoints => {
-                    // The first answer is 2001: each one names its request.
-                    let number = 2000 + self.requests.len() as u16;
-                    Response::Joints(JointState {
-                        joints: [number; 6],
-                        gripper: 0,
-                        status: MotionStatus::Idle,
-                    })
-                }
+                Request::ReadJoints => Response::Joints(JointState {
+                    joints: [number; 6],
+                    gripper: 0,
+                    status: MotionStatus::Idle,
+                }),
                 Request::ReadStroke => Response::Stroke(Stroke::Mm75),
                 Request::ReadInfo => Response::Info(INFO),
                 Request::ReadTemperatures => Response::Temperatures(TEMPERATURES),
-                Request::ReadVelocities => Response::Velocities(VELOCITIES),
+                Request::ReadVelocities => Response::Velocities(PerServo::Leader([number; 6])),
                 Request::SelfCheck => Response::SelfCheck(CHECK),
                 _ => continue,
             };
@@ -126,8 +153,28 @@ impl World {
             let n = Ling.encode_response(&response, None, &mut out).unwrap();
             let answer = self.instead.as_deref().unwrap_or(&out[..n]);
             let reply = [answer, &self.after].concat();
-            self.replies.push_back((self.now + self.turnaround, reply));
+            self.answer(reply);
         }
+    }
+
+    /// The arm sends an answer.
+    fn answer(&mut self, mut bytes: Vec<u8>) {
+        let after = |span| self.now + span;
+        let replies = match self.fates.pop_front() {
+            None => vec![(after(self.turnaround), bytes)],
+            Some(Fate::Late(delay)) => vec![(after(delay), bytes)],
+            Some(Fate::InTwo(delay, first)) => {
+                let second = bytes.split_off(first);
+                vec![(after(Duration::ZERO), bytes), (after(delay), second)]
+            }
+            Some(Fate::Damaged(delay, bit)) => {
+                bytes[bit / 8] ^= 1 << (bit % 8);
+                vec![(after(delay), bytes)]
+            }
+            Some(Fate::AfterNoise(delay, noise)) => vec![(after(delay), [noise, bytes].concat())],
+            Some(Fate::Lost) => Vec::new(),
+        };
+        self.replies.extend(replies);
     }
 }
 
@@ -228,8 +275,16 @@ impl Clock for VirtualClock<'_> {
     }
 }
 
+/// The size of the port's receive buffer, in bytes.
+const BACKLOG: u32 = 256;
+
+const CONFIG: Config = Config {
+    backlog: BACKLOG,
+    ..Config::DEFAULT
+};
+
 fn arm(world: &Shared) -> Arm<Port<'_>, VirtualClock<'_>> {
-    Arm::open(Port(world), VirtualClock(world), Config::DEFAULT)
+    Arm::open(Port(world), VirtualClock(world), CONFIG)
 }
 
 /// Runs a future for at most `limit` of virtual time; `None` if it is dropped then.
@@ -271,7 +326,7 @@ fn each_read_returns_its_answer() {
     run(&world, async {
         assert_eq!(arm.read_info().await, Ok(INFO));
         assert_eq!(arm.read_temperatures().await, Ok(TEMPERATURES));
-        assert_eq!(arm.read_velocities().await, Ok(VELOCITIES));
+        assert_eq!(arm.read_velocities().await, Ok(PerServo::Leader([2003; 6])));
         assert_eq!(arm.read_stroke().await, Ok(Stroke::Mm75));
         assert_eq!(arm.self_check().await, Ok(CHECK));
     });
@@ -386,17 +441,40 @@ fn call_dropped_before_first_byte_is_never_sent() {
 }
 
 #[test]
-fn call_dropped_in_midframe_leaves_no_partial_frame() {
+fn call_dropped_in_midframe_is_never_executed() {
+    let target = Move {
+        joints: [(Position::CENTRE, Speed::MAX); JOINTS],
+        gripper: (Opening::new(0).unwrap(), GripperSpeed(1000)),
+    };
+    for room in 1..34 {
+        let world = world();
+        let mut arm = arm(&world);
+        world.borrow_mut().room = room;
+        assert!(run_for(&world, Duration::from_micros(50), arm.move_to(target)).is_none());
+        rest(&world, Duration::from_millis(60_000));
+        world.borrow_mut().room = usize::MAX;
+        run(&world, arm.set_torque(Torque::Off)).unwrap();
+        assert_eq!(
+            world.borrow().requests,
+            [Request::SetTorque(Torque::Off)],
+            "{room} bytes"
+        );
+        assert_eq!(world.borrow().line.len(), room + Ling::LONGEST + 7);
+    }
+}
+
+#[test]
+fn dropped_void_is_completed_by_next_call() {
     let world = world();
     let mut arm = arm(&world);
-    world.borrow_mut().room = 3;
-    assert!(run_for(&world, Duration::from_micros(50), arm.set_torque(Torque::Off)).is_none());
+    for room in [3, 100, 40] {
+        world.borrow_mut().room = room;
+        assert!(run_for(&world, Duration::from_micros(50), arm.set_torque(Torque::On)).is_none());
+    }
     world.borrow_mut().room = usize::MAX;
     assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
-    assert_eq!(
-        world.borrow().requests,
-        [Request::SetTorque(Torque::Off), Request::ReadStroke]
-    );
+    assert_eq!(world.borrow().requests, [Request::ReadStroke]);
+    assert_eq!(world.borrow().line.len(), 3 + Ling::LONGEST + 7);
 }
 
 #[test]
@@ -462,75 +540,182 @@ fn next_call_completes_the_flush_first() {
 /// A call of a random run.
 #[derive(Clone, Copy, Debug)]
 struct Step {
-    /// The call is a read of the joints, and otherwise a request without an answer.
-    reads: bool,
+    call: Call,
     /// The call is dropped after this number of microseconds.
     limit: Option<u64>,
     /// The time until the next call, in microseconds.
     pause: u64,
-    /// The turnaround of the arm, in microseconds.
-    turnaround: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Call {
+    ReadJoints,
+    ReadVelocities,
+    /// A request without an answer.
+    Set,
 }
 
 fn step() -> impl Strategy<Value = Step> {
-    let limit = prop_oneof![2 => Just(None), 3 => (0..150_u64).prop_map(Some), 1 => (0..3_000_u64).prop_map(Some)];
+    let call = prop_oneof![2 => Just(Call::ReadJoints), 1 => Just(Call::ReadVelocities), 1 => Just(Call::Set)];
+    let limit = prop_oneof![
+        3 => Just(None),
+        3 => (0..150_u64).prop_map(Some),
+        1 => (0..3_000_u64).prop_map(Some),
+        1 => (0..300_000_u64).prop_map(Some),
+    ];
     let pause = prop_oneof![Just(0), 0..500_u64, 0..200_000_u64];
-    (any::<bool>(), limit, pause, 50..2_000_u64).prop_map(|(reads, limit, pause, turnaround)| Step {
-        reads,
-        limit,
-        pause,
-        turnaround,
-    })
+    (call, limit, pause).prop_map(|(call, limit, pause)| Step { call, limit, pause })
 }
 
-/// The length of every request of a random run.
-const REQUEST: usize = READ_JOINTS.len();
+/// The maximum time to an answer, from the acceptance of its request.
+fn longest() -> Duration {
+    let info = Ling.request(&READ_JOINTS).unwrap();
+    info.response.unwrap().turnaround + CONFIG.latency + CONFIG.stale_window
+}
+
+/// A fate within the limits of the client.
+fn fate() -> impl Strategy<Value = Fate> {
+    let delay = || {
+        let most = longest().as_micros();
+        prop_oneof![3 => 50..2_000_u64, 1 => 50..most].prop_map(Duration::from_micros)
+    };
+    let noise = prop_oneof![
+        Just(vec![0x11]),
+        Just(vec![0xAA, 0x06, 0x00, 0x28]),
+        vec(any::<u8>(), 1..4)
+    ];
+    prop_oneof![
+        4 => delay().prop_map(Fate::Late),
+        1 => (delay(), 1..14_usize).prop_map(|(delay, first)| Fate::InTwo(delay, first)),
+        1 => (delay(), 0..8 * 14_usize).prop_map(|(delay, bit)| Fate::Damaged(delay, bit)),
+        1 => (delay(), noise).prop_map(|(delay, noise)| Fate::AfterNoise(delay, noise)),
+        1 => Just(Fate::Lost),
+    ]
+}
+
+/// Returns true if the bytes are requests of 7 bytes, and parts of requests that a void follows.
+fn is_requests_and_voids(mut line: &[u8]) -> bool {
+    let void = [0; Ling::LONGEST];
+    while !line.is_empty() {
+        let whole = line.get(..READ_JOINTS.len());
+        let is_void = |rest: &[u8]| rest.starts_with(&void) && rest.get(void.len()).is_none_or(|next| *next == 0xAA);
+        let voided = || (1..READ_JOINTS.len()).find(|&part| line.get(part..).is_some_and(is_void));
+        let n = match whole.filter(|bytes| Ling.scan(bytes, ()) == Scan::Frame(bytes.len())) {
+            Some(request) => request.len(),
+            None => match voided() {
+                Some(part) if line[0] == 0xAA => part + void.len(),
+                _ => return false,
+            },
+        };
+        line = &line[n..];
+    }
+    true
+}
+
+/// Makes these calls. The port waits in reads, writes and flushes, and calls are dropped at all of these points.
+fn check_calls(world: &Shared, steps: Vec<Step>, is_faultless: bool) -> TestCaseResult {
+    let mut arm = arm(world);
+    let minute = Duration::from_millis(60_000);
+    let (mut celsius, mut settings) = (0..250, Vec::new());
+    for step in steps {
+        let limit = step.limit.map_or(minute, Duration::from_micros);
+        let earlier = world.borrow().requests.len();
+        let new = |answer: Result<u16, CallError<Infallible>>| match answer {
+            Ok(number) => {
+                prop_assert!(
+                    usize::from(number) > 2000 + earlier,
+                    "answer {number} after {earlier} requests"
+                );
+                Ok(())
+            }
+            Err(error) => {
+                prop_assert!(!is_faultless && matches!(error, CallError::TimedOut { .. }), "{error}");
+                Ok(())
+            }
+        };
+        let ended = match step.call {
+            Call::ReadJoints => {
+                world.borrow_mut().current = Some(Request::ReadJoints);
+                let answer = run_for(world, limit, arm.read_joints());
+                answer.map(|answer| new(answer.map(|state| state.joints[0])))
+            }
+            Call::ReadVelocities => {
+                world.borrow_mut().current = Some(Request::ReadVelocities);
+                let answer = run_for(world, limit, arm.read_velocities());
+                answer.map(|answer| new(answer.map(|velocities| velocities.as_slice()[0])))
+            }
+            Call::Set => {
+                let setting = TemperatureLimit::new(celsius.next().unwrap()).unwrap();
+                world.borrow_mut().current = Some(Request::SetTemperatureLimit(setting));
+                let sent = run_for(world, limit, arm.set_temperature_limit(setting));
+                settings.extend(sent.is_some().then_some(setting));
+                sent.map(|sent| {
+                    prop_assert_eq!(sent, Ok(()));
+                    Ok(())
+                })
+            }
+        };
+        match ended {
+            Some(result) => result?,
+            None => prop_assert!(step.limit.is_some(), "it does not end"),
+        }
+        rest(world, Duration::from_micros(step.pause));
+    }
+    // A last call completes a void.
+    world.borrow_mut().current = Some(Request::ReadStroke);
+    world.borrow_mut().fates.clear();
+    prop_assert_eq!(run(world, arm.read_stroke()), Ok(Stroke::Mm75));
+    let world = world.borrow();
+    prop_assert!(is_requests_and_voids(&world.line), "{:02X?}", world.line);
+    let sent = world.requests.iter().filter_map(|request| match request {
+        Request::SetTemperatureLimit(setting) => Some(*setting),
+        _ => None,
+    });
+    let sent: Vec<_> = sent.collect();
+    prop_assert!(
+        sent.is_sorted_by(|a, b| a.celsius() < b.celsius()),
+        "sent twice: {sent:?}"
+    );
+    prop_assert!(settings.iter().all(|setting| sent.contains(setting)), "not sent");
+    Ok(())
+}
+
+/// A world with a port that accepts at most these numbers of bytes, after these times.
+fn port(writes: &[(u64, usize)], chunk: usize, byte_time: u64, turnaround: u64) -> Shared {
+    let world = world();
+    world.borrow_mut().chunk = chunk;
+    world.borrow_mut().byte_time = Duration::from_micros(byte_time);
+    world.borrow_mut().turnaround = Duration::from_micros(turnaround);
+    world.borrow_mut().writes = writes
+        .iter()
+        .map(|&(delay, n)| (Duration::from_micros(delay), n))
+        .collect();
+    world
+}
 
 proptest! {
-    /// The line has no faults: every answer arrives in time. The port waits in reads, writes and flushes, and calls are
-    /// dropped at all of these points.
     #[test]
     fn dropped_calls_leave_no_stale_answer_or_byte(
         steps in vec(step(), 1..40),
-        writes in vec((0..100_u64, 1..=REQUEST), 0..80),
+        writes in vec((0..100_u64, 1..=7_usize), 0..80),
         chunk in 1..30_usize,
         byte_time in 0..20_u64,
+        turnaround in 50..2_000_u64,
     ) {
-        let world = world();
-        world.borrow_mut().chunk = chunk;
-        world.borrow_mut().byte_time = Duration::from_micros(byte_time);
-        world.borrow_mut().writes = writes.iter().map(|&(delay, n)| (Duration::from_micros(delay), n)).collect();
-        let mut arm = arm(&world);
-        let mut settings = Vec::new();
-        for (step, celsius) in steps.into_iter().zip(0..) {
-            world.borrow_mut().turnaround = Duration::from_micros(step.turnaround);
-            let limit = step.limit.map_or(Duration::from_millis(60_000), Duration::from_micros);
-            // A frame that an earlier call has begun belongs to it.
-            let earlier = world.borrow().received.div_ceil(REQUEST);
-            let ended = if step.reads {
-                let call = run_for(&world, limit, arm.read_joints());
-                if let Some(result) = &call {
-                    let [number, ..] = result.as_ref().unwrap().joints;
-                    prop_assert!(usize::from(number) > 2000 + earlier, "answer {number} after {earlier} requests");
-                }
-                call.is_some()
-            } else {
-                let setting = TemperatureLimit::new(celsius).unwrap();
-                settings.push(Request::SetTemperatureLimit(setting));
-                run_for(&world, limit, arm.set_temperature_limit(setting)).is_some()
-            };
-            prop_assert!(ended || step.limit.is_some());
-            rest(&world, Duration::from_micros(step.pause));
-        }
-        // A last call completes what the one before it has begun.
-        prop_assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
-        let world = world.borrow();
-        prop_assert_eq!(world.received, world.requests.len() * REQUEST, "every byte belongs to a whole request");
-        let sent = world.requests.iter().filter(|request| matches!(request, Request::SetTemperatureLimit(_)));
-        let mut planned = settings.iter();
-        for setting in sent {
-            prop_assert!(planned.any(|planned| planned == setting), "sent twice or never asked for: {setting:?}");
-        }
+        check_calls(&port(&writes, chunk, byte_time, turnaround), steps, true)?;
+    }
+
+    #[test]
+    fn faults_and_drops_leave_no_stale_answer(
+        steps in vec(step(), 1..40),
+        writes in vec((0..100_u64, 1..=40_usize), 0..80),
+        chunk in 1..30_usize,
+        byte_time in 0..20_u64,
+        fates in vec(fate(), 0..60),
+    ) {
+        let world = port(&writes, chunk, byte_time, 100);
+        world.borrow_mut().fates = fates.into();
+        check_calls(&world, steps, false)?;
     }
 }
 
@@ -591,7 +776,7 @@ fn constantly_readable_port_delays_no_answer() {
         world.borrow_mut().reads = 0;
         assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [expected; 6]);
     }
-    assert_eq!(world.borrow().reads_before_write, [READS_BEFORE_SEND; 9]);
+    assert_eq!(world.borrow().reads_before_write, [BACKLOG as usize; 9]);
     assert!(world.borrow().now < at(100_000));
     assert_eq!(arm.counters().noise_bytes, world.borrow().flooded, "no byte is lost");
 }

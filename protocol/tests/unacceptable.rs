@@ -23,6 +23,9 @@ impl<M: Messages + Default, const N: usize> Host<M, N> {
 
     /// Transmits all pending bytes, and returns their number.
     fn transmit(&mut self) -> usize {
+        if matches!(self.client.poll(self.now), Output::Receive) {
+            self.client.received(self.now, 0).unwrap();
+        }
         let Output::Transmit(bytes) = self.client.poll(self.now) else {
             return 0;
         };
@@ -291,6 +294,8 @@ fn echo_is_not_an_unacceptable_answer() {
 fn unacceptable_answer_spares_requests_without_answer() {
     let mut host = Host::<Ling, LING>::new();
     host.client.submit(&ling::Request::SetStroke(Stroke::Mm100)).unwrap();
+    assert_eq!(host.client.poll(host.now), Output::Receive);
+    host.client.received(host.now, 0).unwrap();
     assert!(matches!(host.client.poll(host.now), Output::Transmit(_)));
     host.client.transmitted(host.now, 3).unwrap();
     assert_eq!(host.receive(&ling(4, 2, &[3])), ["unknown"]);

@@ -225,6 +225,12 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
         loop {
             let event = match self.client.poll(now) {
                 Output::Timeout(until) => return (outcome, until),
+                Output::Receive => {
+                    self.client
+                        .received(now, 0)
+                        .expect("each byte was passed in when it arrived");
+                    continue;
+                }
                 Output::Transmit(_) if self.to_device.is_some() => return (outcome, None),
                 Output::Transmit(bytes) => {
                     self.to_device = bytes.first().map(|byte| (self.now + self.byte_time, *byte));

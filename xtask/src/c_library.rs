@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use object::Endianness;
 use object::read::elf::ElfFile32;
@@ -155,9 +155,11 @@ fn check_header(write: bool) -> Result<()> {
     Ok(())
 }
 
-/// Checks that the packages have the version of the workspace.
+/// Checks that the packages have the version of the library.
 fn check_versions() -> Result<()> {
-    let version = env!("CARGO_PKG_VERSION");
+    let manifest = fs::read_to_string(root().join("c/Cargo.toml"))?;
+    let version = manifest.lines().find_map(|line| line.strip_prefix("version = "));
+    let version = version.context("c/Cargo.toml has no version")?.trim_matches('"');
     let lines = [
         (
             "c/CMakeLists.txt",

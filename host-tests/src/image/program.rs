@@ -56,6 +56,7 @@ impl<P: Messages + Default, const N: usize> ProgramOf<P, N> {
             let left = self.client.receive(now, &bytes).len();
             bytes.drain(..bytes.len() - left);
             match self.client.poll(now) {
+                Output::Receive => bytes.extend(board.usb().read()),
                 Output::Transmit(out) => {
                     let n = out.len();
                     board.usb().write(out).unwrap();

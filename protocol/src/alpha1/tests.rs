@@ -323,6 +323,9 @@ fn sent(request: Request<'_>, config: Config) -> Client<Alpha1, MAX_FRAME> {
 }
 
 fn transmit(client: &mut Client<Alpha1, MAX_FRAME>, now: Instant) -> usize {
+    if matches!(client.poll(now), Output::Receive) {
+        client.received(now, 0).unwrap();
+    }
     let Output::Transmit(bytes) = client.poll(now) else {
         return 0;
     };
@@ -719,6 +722,8 @@ fn late_byte_is_recognised_during_unanswered_request() {
     };
     assert_eq!(events(&mut client, due), ["TimedOut { sends: 1 }"]);
     client.submit(&release(Address::All)).unwrap();
+    assert_eq!(client.poll(due), Output::Receive);
+    client.received(due, 0).unwrap();
     assert!(matches!(client.poll(due), Output::Transmit(_)));
     client.transmitted(due, 1).unwrap();
     assert!(client.receive(due, &[0xAB]).is_empty());

@@ -172,6 +172,8 @@ fn receive(request: Option<Request<'_>>, bytes: &[u8], chunk: usize) -> Vec<Stri
     let now = Instant::ZERO;
     if let Some(request) = request {
         client.submit(&request).unwrap();
+        assert_eq!(client.poll(now), Output::Receive);
+        client.received(now, 0).unwrap();
         let Output::Transmit(bytes) = client.poll(now) else {
             panic!("nothing to transmit")
         };

@@ -204,6 +204,7 @@ fn settle<P: Subject>(client: &mut Client<P, ROOM>, now: Instant) -> Option<Inst
         match client.poll(now) {
             Output::Timeout(until) => return until,
             Output::Event(_) => {}
+            Output::Receive => client.received(now, 0).unwrap(),
             Output::Transmit(bytes) => {
                 let n = bytes.len();
                 client.transmitted(now, n).unwrap();

@@ -24,6 +24,7 @@ const CONFIG: Config = Config {
     latency: Duration::from_millis(50),
     repeats: 0,
     stale_window: Duration::from_millis(100),
+    ..Config::DEFAULT
 };
 /// Listening time before the first transmission: an arm of the older generation transmits unsolicited, and accepts no
 /// bytes.
@@ -225,6 +226,10 @@ impl Session {
         if self.client.is_idle() {
             self.submit_next(now);
         }
+        if matches!(self.client.poll(now), Output::Receive) {
+            // The page passes bytes in as soon as it has them.
+            self.client.received(now, 0)?;
+        }
         match self.client.poll(now) {
             Output::Transmit(frame) => {
                 let (len, max) = (frame.len(), out.len());
@@ -250,7 +255,7 @@ impl Session {
                 self.timeout = [until, own].into_iter().flatten().min();
             }
             // All events were taken, and `submit` causes none.
-            Output::Event(_) => {}
+            Output::Event(_) | Output::Receive => {}
         }
         self.update_state(now);
         Ok(0)

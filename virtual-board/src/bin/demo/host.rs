@@ -55,6 +55,7 @@ impl Host {
             let left = self.client.receive(self.board.now().instant(), &bytes).len();
             bytes.drain(..bytes.len() - left);
             match self.client.poll(self.board.now().instant()) {
+                Output::Receive => bytes.extend(self.board.usb().read()),
                 Output::Transmit(out) => {
                     let n = out.len();
                     self.board.usb().write(out)?;
