@@ -3,7 +3,11 @@
 use core::ffi::c_char;
 use core::{ptr, slice};
 
+#[cfg(feature = "alpha1")]
+use armwire::alpha1;
 use armwire::framing::Reason;
+#[cfg(feature = "xarm")]
+use armwire::xarm;
 use armwire::{Cause, MessageId, OutOfRange, ParseError};
 
 use crate::memory;
@@ -240,16 +244,21 @@ impl ArmwireFault {
         let (message, id, function) = match error.message {
             MessageId::Command(command) => (ArmwireMessageKind::Command, command, 0),
             MessageId::Function { command, function } => (ArmwireMessageKind::Function, command, function),
-            MessageId::Register(register) => (ArmwireMessageKind::Register, register, 0),
-            MessageId::Modbus { unit, function } => (ArmwireMessageKind::Modbus, unit, function),
+            #[cfg(feature = "xarm")]
+            MessageId::XArm(xarm::MessageId::Register(register)) => (ArmwireMessageKind::Register, register, 0),
+            #[cfg(feature = "xarm")]
+            MessageId::XArm(xarm::MessageId::Modbus { unit, function }) => (ArmwireMessageKind::Modbus, unit, function),
             _ => (ArmwireMessageKind::None, 0, 0),
         };
         (self.message, self.message_id, self.message_function) = (message as u8, id, function);
         let code = match error.cause {
             Cause::Unknown | Cause::ErrorFrame => ArmwireFaultCode::Unknown,
-            Cause::Unexpected => ArmwireFaultCode::Unexpected,
-            Cause::Bluetooth => ArmwireFaultCode::Bluetooth,
-            Cause::BootLoader => ArmwireFaultCode::BootLoader,
+            #[cfg(feature = "alpha1")]
+            Cause::Alpha1(alpha1::Cause::Unexpected) => ArmwireFaultCode::Unexpected,
+            #[cfg(feature = "alpha1")]
+            Cause::Alpha1(alpha1::Cause::Bluetooth) => ArmwireFaultCode::Bluetooth,
+            #[cfg(feature = "alpha1")]
+            Cause::Alpha1(alpha1::Cause::BootLoader) => ArmwireFaultCode::BootLoader,
             Cause::Length { expected, got } => {
                 self.got = number(got);
                 (self.expected_lengths, self.expected_len) = (expected.as_ptr(), expected.len());
@@ -273,9 +282,9 @@ impl ArmwireFault {
     pub(crate) fn parse_error(&self) -> Option<ParseError> {
         let kind = |kind: ArmwireMessageKind| self.message == kind as u8;
         let message = if kind(ArmwireMessageKind::Register) {
-            MessageId::Register(self.message_id)
+            xarm::MessageId::Register(self.message_id)
         } else if kind(ArmwireMessageKind::Modbus) {
-            MessageId::Modbus {
+            xarm::MessageId::Modbus {
                 unit: self.message_id,
                 function: self.message_function,
             }
@@ -283,7 +292,10 @@ impl ArmwireFault {
             return None;
         };
         let cause = Cause::Unknown;
-        Some(ParseError { message, cause })
+        Some(ParseError {
+            message: MessageId::XArm(message),
+            cause,
+        })
     }
 
     /// Writes the text of the Rust crate.
@@ -492,14 +504,19 @@ mod tests {
                 command: 6,
                 function: 0x0E,
             },
-            MessageId::Register(10),
-            MessageId::Modbus { unit: 1, function: 127 },
+            #[cfg(feature = "xarm")]
+            MessageId::XArm(xarm::MessageId::Register(10)),
+            #[cfg(feature = "xarm")]
+            MessageId::XArm(xarm::MessageId::Modbus { unit: 1, function: 127 }),
         ];
         let causes = vec![
             Cause::Unknown,
-            Cause::Unexpected,
-            Cause::Bluetooth,
-            Cause::BootLoader,
+            #[cfg(feature = "alpha1")]
+            Cause::Alpha1(alpha1::Cause::Unexpected),
+            #[cfg(feature = "alpha1")]
+            Cause::Alpha1(alpha1::Cause::Bluetooth),
+            #[cfg(feature = "alpha1")]
+            Cause::Alpha1(alpha1::Cause::BootLoader),
             Cause::Length {
                 expected: &[6, 10],
                 got: 3,

@@ -141,7 +141,8 @@ pub struct ParseError {
     pub cause: Cause,
 }
 
-/// The name of a message.
+/// The name of a message. The names and causes that only one protocol has are those of its module, and are not part of a
+/// build without it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -157,15 +158,9 @@ pub enum MessageId {
         /// The function.
         function: u8,
     },
-    /// A register.
-    Register(u8),
-    /// Standard Modbus.
-    Modbus {
-        /// The unit.
-        unit: u8,
-        /// The function, without the exception bit.
-        function: u8,
-    },
+    /// A message of an xArm.
+    #[cfg(feature = "xarm")]
+    XArm(crate::xarm::MessageId),
 }
 
 /// The cause of a [`ParseError`]. Offsets are in bytes from the start of the message's data.
@@ -177,18 +172,9 @@ pub enum Cause {
     /// The document has no such message in this direction.
     #[error("unknown")]
     Unknown,
-    /// A servo's answer without a pending request, or bytes with its format.
-    #[error("an answer of a servo, but none is expected")]
-    Unexpected,
-    /// A frame of the robot's Bluetooth protocol.
-    #[error("a frame of the robot's Bluetooth protocol")]
-    Bluetooth,
     /// The arm's error frame, which names no request and no documented reason.
     #[error("the arm's error frame")]
     ErrorFrame,
-    /// A command that starts the boot loader of a servo, which this crate does not offer.
-    #[error("it would start a servo's boot loader, which is not offered")]
-    BootLoader,
     /// The data has the wrong length.
     #[error("{got} data bytes, expected {}", either(expected, fmt::Display::fmt))]
     Length {
@@ -215,6 +201,10 @@ pub enum Cause {
         /// The value and its range.
         error: OutOfRange<i32>,
     },
+    /// A cause that only the Alpha1's protocol has.
+    #[cfg(feature = "alpha1")]
+    #[error(transparent)]
+    Alpha1(#[from] crate::alpha1::Cause),
 }
 
 /// An arm's error frame: its bytes as sent, at most the first 16.
@@ -311,8 +301,8 @@ impl fmt::Display for MessageId {
             Self::None => f.write_str("no frame"),
             Self::Command(command) => write!(f, "command {command:02X}"),
             Self::Function { command, function } => write!(f, "command {command:02X} function {function:02X}"),
-            Self::Register(register) => write!(f, "register {register}"),
-            Self::Modbus { unit, function } => write!(f, "standard Modbus, unit {unit}, function {function}"),
+            #[cfg(feature = "xarm")]
+            Self::XArm(message) => message.fmt(f),
         }
     }
 }
@@ -356,5 +346,27 @@ impl<T, F: Fn(&T, &mut fmt::Formatter<'_>) -> fmt::Result> fmt::Display for Eith
             (self.write)(choice, f)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(all(test, feature = "ling", not(any(feature = "xarm", feature = "alpha1"))))]
+mod tests {
+    use super::*;
+
+    /// It compiles only if these are all variants.
+    #[test]
+    fn build_with_ling_names_no_other_protocol() {
+        let error = ParseError::of(MessageId::Function {
+            command: 6,
+            function: 0,
+        })(Cause::Unknown);
+        assert!(match error.message {
+            MessageId::Function { .. } => true,
+            MessageId::None | MessageId::Command(_) => false,
+        });
+        assert!(match error.cause {
+            Cause::Unknown => true,
+            Cause::ErrorFrame | Cause::Length { .. } | Cause::Byte { .. } | Cause::Value { .. } => false,
+        });
     }
 }

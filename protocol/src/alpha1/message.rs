@@ -9,7 +9,7 @@ use super::{Alpha1, Expect, Frame, Key, ServoAnswer};
 use crate::error::{Cause, MessageId, ParseError, constant, sized};
 use crate::framing::write;
 use crate::messages::Messages;
-use crate::{BufferTooShort, OutOfRange};
+use crate::{BufferTooShort, OutOfRange, alpha1};
 
 /// The expectation for writing responses, which does not depend on a servo's answer.
 const RESPONSES: Expect = Expect::Responses(None);
@@ -348,7 +348,7 @@ impl ServoRequest {
                 constant(2, rest, &[0; 4])?;
                 servo(0, *id).map(Self::ReadVersion)
             }
-            version_command::BOOT_LOADER => Err(Cause::BootLoader),
+            version_command::BOOT_LOADER => Err(alpha1::Cause::BootLoader.into()),
             got => Err(Cause::byte(1, &[version_command::READ], got)),
         }
     }
@@ -373,7 +373,9 @@ impl ServoResponse {
                 outcome,
                 thirds: i16::from_be_bytes([c, d]),
             }),
-            Some(ServoAnswer::Acknowledgement(_) | ServoAnswer::Version) | None => Err(Cause::Unexpected),
+            Some(ServoAnswer::Acknowledgement(_) | ServoAnswer::Version) | None => {
+                Err(alpha1::Cause::Unexpected.into())
+            }
         }
     }
 
@@ -428,7 +430,7 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request<'_>, Cause> {
         header::FIRMWARE_VERSION => {
             constant(0, sized(data, &[6])?, &[1, 0, 0, 0, 0, 0]).map(|()| Request::ReadFirmwareVersion)
         }
-        header::ACT if data.first() != Some(&ACT) => Err(Cause::Bluetooth),
+        header::ACT if data.first() != Some(&ACT) => Err(alpha1::Cause::Bluetooth.into()),
         header::ACT => Action::from_data(sized(data, &[Action::LEN])?).map(Request::Act),
         header::OFFSET_TOOL => {
             let [one, state, rest @ ..] = sized::<6>(data, &[6])?;
@@ -467,7 +469,7 @@ fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Resu
             let outcome = outcome(0, status)?;
             Ok(Response::FirmwareVersion(FirmwareVersion { outcome, text }))
         }
-        header::ACT if data.first() != Some(&ACT) => Err(Cause::Bluetooth),
+        header::ACT if data.first() != Some(&ACT) => Err(alpha1::Cause::Bluetooth.into()),
         header::ACT => {
             let [_, status, rest @ ..] = sized::<6>(data, &[6])?;
             constant(2, rest, &[0; 4])?;
@@ -538,7 +540,9 @@ impl Messages for Alpha1 {
             Some(Frame::Message { command, data }) => {
                 parse_request(command, data).map_err(ParseError::of(MessageId::Command(command)))
             }
-            Some(Frame::Byte(command)) => Err(ParseError::of(MessageId::Command(command))(Cause::Unexpected)),
+            Some(Frame::Byte(command)) => Err(ParseError::of(MessageId::Command(command))(
+                alpha1::Cause::Unexpected.into(),
+            )),
             None => Err(ParseError::NO_FRAME),
         }
     }
@@ -555,7 +559,9 @@ impl Messages for Alpha1 {
             (Some(Frame::Byte(byte)), Some(ServoAnswer::Acknowledgement(servo))) if byte == acknowledgement(servo) => {
                 Ok(Response::Servo(ServoResponse::Acknowledged(servo)))
             }
-            (Some(Frame::Byte(command)), _) => Err(ParseError::of(MessageId::Command(command))(Cause::Unexpected)),
+            (Some(Frame::Byte(command)), _) => Err(ParseError::of(MessageId::Command(command))(
+                alpha1::Cause::Unexpected.into(),
+            )),
             (None, _) => Err(ParseError::NO_FRAME),
         }
     }

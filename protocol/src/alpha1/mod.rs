@@ -23,6 +23,7 @@
 //! ```
 
 mod answer;
+mod cause;
 mod dialect;
 #[cfg(feature = "async")]
 mod driver;
@@ -34,6 +35,7 @@ mod tests;
 mod text;
 mod value;
 
+pub use cause::Cause;
 pub use dialect::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;

@@ -14,7 +14,7 @@ use crate::framing::{Framing, Reason, Scan};
 use crate::hex::hex;
 use crate::messages::Messages;
 use crate::time::Instant;
-use crate::{Cause, Client, Config, Device, DeviceEvent, Event, Output, time};
+use crate::{Client, Config, Device, DeviceEvent, Event, Output, time};
 
 fn id(id: u8) -> ServoId {
     ServoId::new(id).unwrap()
@@ -443,7 +443,7 @@ fn byte_answers_only_the_requested_servo() {
         (0xAB, None),
     ] {
         let error = Alpha1.parse_response(&[byte], Expect::Responses(answer)).unwrap_err();
-        assert_eq!(error.cause, Cause::Unexpected);
+        assert_eq!(error.cause, Cause::Unexpected.into());
     }
 }
 

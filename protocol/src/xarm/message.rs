@@ -4,8 +4,8 @@ use super::frame::{HEARTBEAT_ID, MODBUS_ID, put};
 use super::value::{
     Joint, ModbusFunction, Raw, Register, RotationRadius, SerialsText, State, TorqueSource, VersionText,
 };
-use super::{Direction, Frame, HEARTBEAT, Key, XArm};
-use crate::error::{Cause, MessageId, ParseError};
+use super::{Direction, Frame, HEARTBEAT, Key, MessageId, XArm};
+use crate::error::{self, Cause, ParseError};
 use crate::framing::write;
 use crate::messages::Messages;
 use crate::{BufferTooShort, OutOfRange};
@@ -115,11 +115,11 @@ impl Response<'_> {
     /// ```
     pub const fn refusal(error: &ParseError) -> Option<Self> {
         match error.message {
-            MessageId::Modbus { unit, function } => Some(Self::ModbusRefused {
+            error::MessageId::XArm(MessageId::Modbus { unit, function }) => Some(Self::ModbusRefused {
                 unit,
                 function: ModbusFunction::of_byte(function),
             }),
-            MessageId::Register(register) => Some(Self::Reply {
+            error::MessageId::XArm(MessageId::Register(register)) => Some(Self::Reply {
                 state: State::INVALID,
                 reply: Reply::empty(register),
             }),
@@ -210,11 +210,16 @@ impl<'a> Start<'a> {
     }
 }
 
+/// Adds the register to a cause.
+fn named(register: u8) -> impl Fn(Cause) -> ParseError {
+    ParseError::of(error::MessageId::XArm(MessageId::Register(register)))
+}
+
 /// The error of a request or a response in standard Modbus.
 const fn modbus(unit: u8, function: u8) -> ParseError {
     let function = ModbusFunction::of_byte(function).number();
     ParseError {
-        message: MessageId::Modbus { unit, function },
+        message: error::MessageId::XArm(MessageId::Modbus { unit, function }),
         cause: Cause::Unknown,
     }
 }
@@ -276,9 +281,7 @@ impl Messages for XArm {
         match Start::of(frame)? {
             Start::Heartbeat => Ok(Request::Heartbeat),
             Start::Modbus { unit, function, .. } => Err(modbus(unit, function)),
-            Start::Call(register, params) => {
-                parse_request(register, params).map_err(ParseError::of(MessageId::Register(register)))
-            }
+            Start::Call(register, params) => parse_request(register, params).map_err(named(register)),
         }
     }
 
@@ -294,9 +297,7 @@ impl Messages for XArm {
                 function: ModbusFunction::of_byte(function),
             }),
             Start::Modbus { unit, function, .. } => Err(modbus(unit, function)),
-            Start::Call(register, rest) => {
-                parse_response(register, rest).map_err(ParseError::of(MessageId::Register(register)))
-            }
+            Start::Call(register, rest) => parse_response(register, rest).map_err(named(register)),
         }
     }
 }

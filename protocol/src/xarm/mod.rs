@@ -18,6 +18,7 @@ mod dialect;
 mod driver;
 mod frame;
 mod message;
+mod message_id;
 #[cfg(test)]
 mod tests;
 mod text;
@@ -29,6 +30,7 @@ pub use dialect::Key;
 pub use driver::{Arm, ArmError};
 pub use frame::{Direction, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME, MAX_PARAMS};
 pub use message::{Reply, Request, Response};
+pub use message_id::MessageId;
 pub use value::{
     Joint, MAX_JOINTS, ModbusFunction, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText, State, TEXT,
     TorqueSource, Version, VersionError, VersionText,
