@@ -16,6 +16,7 @@ macro_rules! client {
         $received:ident;
         $receive:ident;
         $idle:ident;
+        $(#[$cancel_doc:meta])*
         $cancel:ident;
         $fault:ident;
     ) => {
@@ -110,8 +111,7 @@ macro_rules! client {
             client::idle(client)
         }
 
-        /// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
-        /// transmitted.
+        $(#[$cancel_doc])*
         #[unsafe(no_mangle)]
         pub extern "C" fn $cancel(client: Option<&mut $client>) -> ArmwireStatus {
             client::cancel(client)

@@ -39,6 +39,8 @@ client! {
     armwire_alpha1_client_received;
     armwire_alpha1_client_receive;
     armwire_alpha1_client_idle;
+    /// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
+    /// transmitted.
     armwire_alpha1_client_cancel;
     armwire_alpha1_client_fault;
 }

@@ -23,6 +23,8 @@ client! {
     armwire_ling_client_received;
     armwire_ling_client_receive;
     armwire_ling_client_idle;
+    /// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
+    /// transmitted.
     armwire_ling_client_cancel;
     armwire_ling_client_fault;
 }
