@@ -54,7 +54,7 @@
 /**
  * The version of this header: 0xMMmmpp. Every `init` function takes it.
  */
-#define ARMWIRE_VERSION 256
+#define ARMWIRE_VERSION 512
 
 /**
  * Size of a client, in words of 64 bits.
@@ -210,9 +210,15 @@ enum ArmwireEventKind
    */
   ARMWIRE_EVENT_KIND_NOISE,
   /**
-   * A lossless stream broke here: no later byte can be decoded. Close the connection. (`offset`, `fault`)
+   * A lossless stream broke here: no later byte can be decoded, or a request ended while it was partly transmitted.
+   * Close the connection. (`offset`, `fault`)
    */
   ARMWIRE_EVENT_KIND_BROKEN,
+  /**
+   * Client: read the bytes that the port has, without waiting. Report their number with `received`, 0 if there are
+   * none.
+   */
+  ARMWIRE_EVENT_KIND_RECEIVE,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -258,6 +264,10 @@ enum ArmwireFaultCode
    * Noise: the line went idle before the end of a frame. (`got` is the number of missing bytes)
    */
   ARMWIRE_FAULT_CODE_TRUNCATED,
+  /**
+   * A request ended while it was partly transmitted, on TCP.
+   */
+  ARMWIRE_FAULT_CODE_ABANDONED,
   /**
    * The message is not documented.
    */
@@ -836,6 +846,11 @@ typedef struct ArmwireConfig {
    */
   uint32_t stale_window_us;
   /**
+   * Maximum number of bytes that are received before a request, on a port that never runs out of them. The size of
+   * the port's receive buffer suffices. 0 counts as 1.
+   */
+  uint32_t backlog_bytes;
+  /**
    * Number of repeats of an unanswered read request.
    */
   uint8_t repeats;
@@ -1392,8 +1407,8 @@ ArmwireStatus armwire_alpha1_client_receive(struct ArmwireAlpha1Client *client,
 ArmwireStatus armwire_alpha1_client_idle(struct ArmwireAlpha1Client *client);
 
 /**
- * Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
- * transmitted.
+ * Cancels the request in flight, if there is one. A partly transmitted request is never executed: zeros, which are
+ * transmitted next, make the arm discard it.
  */
 ArmwireStatus armwire_alpha1_client_cancel(struct ArmwireAlpha1Client *client);
 
@@ -1573,8 +1588,9 @@ ArmwireStatus armwire_alpha1_device_idle(struct ArmwireAlpha1Device *device);
 ArmwireStatus armwire_alpha1_device_fault(struct ArmwireAlpha1Device *device, struct ArmwireFault *fault);
 
 /**
- * The timing of an arm at 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late. For a UART of
- * this microcontroller set `latency_us` to the maximum time between two calls of `poll`.
+ * The timing of an arm at 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late, 64 KiB in the
+ * port's receive buffer. For a UART of this microcontroller set `latency_us` to the maximum time between two calls of
+ * `poll`, and `backlog_bytes` to the size of its receive buffer.
  */
 ArmwireStatus armwire_config_serial(struct ArmwireConfig *config);
 
@@ -1651,8 +1667,8 @@ ArmwireStatus armwire_ling_client_receive(struct ArmwireLingClient *client,
 ArmwireStatus armwire_ling_client_idle(struct ArmwireLingClient *client);
 
 /**
- * Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
- * transmitted.
+ * Cancels the request in flight, if there is one. A partly transmitted request is never executed: zeros, which are
+ * transmitted next, make the arm discard it.
  */
 ArmwireStatus armwire_ling_client_cancel(struct ArmwireLingClient *client);
 
@@ -1907,8 +1923,8 @@ ArmwireStatus armwire_xarm_client_receive(struct ArmwireXarmClient *client,
 ArmwireStatus armwire_xarm_client_idle(struct ArmwireXarmClient *client);
 
 /**
- * Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
- * transmitted.
+ * Cancels the request in flight, if there is one. A partly transmitted request is never executed: the next request
+ * ends with the event BROKEN.
  */
 ArmwireStatus armwire_xarm_client_cancel(struct ArmwireXarmClient *client);
 

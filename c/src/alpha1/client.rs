@@ -39,8 +39,8 @@ client! {
     armwire_alpha1_client_received;
     armwire_alpha1_client_receive;
     armwire_alpha1_client_idle;
-    /// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
-    /// transmitted.
+    /// Cancels the request in flight, if there is one. A partly transmitted request is never executed: zeros, which are
+    /// transmitted next, make the arm discard it.
     armwire_alpha1_client_cancel;
     armwire_alpha1_client_fault;
 }

@@ -23,8 +23,8 @@ client! {
     armwire_ling_client_received;
     armwire_ling_client_receive;
     armwire_ling_client_idle;
-    /// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
-    /// transmitted.
+    /// Cancels the request in flight, if there is one. A partly transmitted request is never executed: zeros, which are
+    /// transmitted next, make the arm discard it.
     armwire_ling_client_cancel;
     armwire_ling_client_fault;
 }

@@ -23,8 +23,8 @@ client! {
     armwire_xarm_client_received;
     armwire_xarm_client_receive;
     armwire_xarm_client_idle;
-    /// Cancels the request in flight, if there is one. The rest of a partly transmitted request must still be
-    /// transmitted.
+    /// Cancels the request in flight, if there is one. A partly transmitted request is never executed: the next request
+    /// ends with the event BROKEN.
     armwire_xarm_client_cancel;
     armwire_xarm_client_fault;
 }
