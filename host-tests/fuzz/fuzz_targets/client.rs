@@ -1,10 +1,11 @@
-//! Any bytes at any time: each request ends once, with a fitting event. Only the request's bytes are sent. Time alone
-//! ends every wait.
+//! Any bytes at any time: each request ends once, with a fitting event. The port is read before each request. Only the
+//! request's bytes are sent, and zeros after a part of one that has ended. Time alone ends every wait.
 #![no_main]
 
 use std::num::NonZeroU32;
 
 use armwire::dialect::{Effect, InfoOf};
+use armwire::framing::Reason;
 use armwire::time::{Duration, Instant};
 use armwire::{Client, Config, Event, Output, SubmitError};
 use armwire_fuzz::{Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
@@ -22,10 +23,11 @@ impl Check for Requests {
             latency: Duration::from_micros(u.int_in_range(0..=20_000)?),
             repeats: u.int_in_range(0..=6)?,
             stale_window: Duration::from_micros(u.int_in_range(0..=100_000)?),
+            backlog: u.int_in_range(0..=300)?,
         };
         let mut world = World::<P, N>::new(protocol, config);
         while !u.is_empty() {
-            match u.int_in_range(0..=9)? {
+            match u.int_in_range(0..=10)? {
                 0 => world.submit(&P::any_request(u)?),
                 1 => world.cancel(),
                 2 => world.transmit(u.arbitrary::<u8>()?.into()),
@@ -38,11 +40,11 @@ impl Check for Requests {
                 // An echo.
                 6 => world.on_bytes(&request_bytes(protocol, &P::any_request(u)?)),
                 7 => world.idle(),
-                8 => world.wait(world.now + Duration::from_micros(u64::from(u.arbitrary::<u16>()?) * 16)),
+                8 => world.read(&[]),
+                9 => world.wait(world.now + Duration::from_micros(u64::from(u.arbitrary::<u16>()?) * 16)),
                 _ => world.wait_until_due(),
             }
-            let over = world.model.pending.is_none() && world.model.rest.is_empty();
-            assert_eq!(world.client.is_idle(), over);
+            assert_eq!(world.client.is_idle(), world.model.pending.is_none());
         }
         world.end();
         Ok(())
@@ -56,6 +58,20 @@ struct Pending<P: Subject> {
     /// Number of complete transmissions, and the time of the last.
     sends: u8,
     sent: Instant,
+    /// Number of sent bytes of the current transmission.
+    part: usize,
+    /// The reads before the first transmission.
+    reads: Reads,
+}
+
+/// The reads of the port before a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Reads {
+    /// Not asked for.
+    None,
+    /// Asked for, until this number of bytes has arrived.
+    Asked(usize),
+    Done,
 }
 
 struct World<P: Subject, const N: usize> {
@@ -71,8 +87,10 @@ struct Model<P: Subject> {
     protocol: P,
     config: Config,
     pending: Option<Pending<P>>,
-    /// The unsent rest of a partly sent request.
-    rest: Vec<u8>,
+    /// The unsent zeros after a part of a request that has ended.
+    void: usize,
+    /// A request has ended in the middle, on a lossless line.
+    abandoned: bool,
     broken: bool,
     /// The longest time that an arm may take for one of the requests so far.
     turnaround: Duration,
@@ -88,7 +106,8 @@ impl<P: Subject, const N: usize> World<P, N> {
                 protocol,
                 config,
                 pending: None,
-                rest: Vec::new(),
+                void: 0,
+                abandoned: false,
                 broken: false,
                 turnaround: Duration::ZERO,
             },
@@ -98,7 +117,7 @@ impl<P: Subject, const N: usize> World<P, N> {
     fn submit(&mut self, request: &P::Request<'_>) {
         let submitted = self.client.submit(request);
         let model = &mut self.model;
-        if model.pending.is_some() || !model.rest.is_empty() {
+        if model.pending.is_some() {
             assert_eq!(submitted, Err(SubmitError::Busy));
             assert!(!SubmitError::Busy.to_string().is_empty() && !format!("{:?}", self.client).is_empty());
             return;
@@ -115,17 +134,25 @@ impl<P: Subject, const N: usize> World<P, N> {
             info,
             sends: 0,
             sent: Instant::ZERO,
+            part: 0,
+            reads: Reads::None,
         });
         assert_eq!(self.client.expects_answer(), info.response.is_some());
     }
 
     fn cancel(&mut self) {
         self.client.cancel();
-        self.model.pending = None;
+        self.model.end();
     }
 
     fn transmit(&mut self, n: usize) {
         self.take_events();
+        if matches!(self.client.poll(self.now), Output::Receive) {
+            assert!(
+                self.client.transmitted(self.now, 1).is_err(),
+                "sent before the port was read"
+            );
+        }
         let Output::Transmit(bytes) = self.client.poll(self.now) else {
             return;
         };
@@ -143,9 +170,17 @@ impl<P: Subject, const N: usize> World<P, N> {
         while !rest.is_empty() {
             let later = self.client.receive(self.now, rest);
             assert!(later.len() < rest.len(), "it is not taken");
+            self.model.on_read(rest.len() - later.len());
             rest = later;
             self.take_events();
         }
+    }
+
+    /// The port has these bytes, or none.
+    fn read(&mut self, bytes: &[u8]) {
+        assert!(self.client.receive(self.now, bytes).is_empty());
+        self.model.on_read(bytes.len());
+        self.take_events();
     }
 
     fn idle(&mut self) {
@@ -159,6 +194,10 @@ impl<P: Subject, const N: usize> World<P, N> {
                 Output::Event(event) => {
                     assert!(!format!("{event:?}").is_empty());
                     self.model.on_event(event, self.now);
+                }
+                Output::Receive => {
+                    self.model.on_receive();
+                    return;
                 }
                 Output::Transmit(bytes) => {
                     assert!(!bytes.is_empty(), "a transmission without bytes");
@@ -189,6 +228,10 @@ impl<P: Subject, const N: usize> World<P, N> {
         let end = self.now + self.model.longest(N);
         // Each send is transmitted, times out, and may get a little more time. Waits for noise end as well.
         for _ in 0..6 * (u32::from(self.model.config.repeats) + 2) {
+            while self.model.void > 0 && !P::LOSSLESS {
+                self.transmit(N);
+            }
+            self.read(&[]);
             self.transmit(N);
             self.wait_until_due();
         }
@@ -208,52 +251,93 @@ impl<P: Subject, const N: usize> World<P, N> {
 }
 
 impl<P: Subject> Model<P> {
-    /// The line takes `n` of these bytes. A partly sent request is completed, also a repeat whose answer arrived meanwhile.
+    /// The line takes `n` of these bytes: of a void, or of a request.
     fn transmitted(&mut self, bytes: &[u8], n: usize, now: Instant) {
-        assert!(!self.broken, "something is sent on a broken line");
-        if self.rest.is_empty() {
-            let pending = self.pending.as_ref().expect("something is sent without a request");
-            assert_eq!(bytes, pending.bytes);
-        } else {
-            assert_eq!(bytes, self.rest);
-        }
-        if n == 0 {
+        assert!(!self.broken && !self.abandoned, "something is sent on a broken line");
+        if self.void > 0 {
+            assert!(
+                bytes.len() <= self.void && bytes.iter().all(|byte| *byte == 0),
+                "no void"
+            );
+            self.void -= n;
             return;
         }
-        self.rest = bytes[n..].to_vec();
-        if self.rest.is_empty()
-            && let Some(pending) = &mut self.pending
-        {
+        let pending = self.pending.as_mut().expect("something is sent without a request");
+        assert_eq!(pending.reads, Reads::Done, "the port was not read");
+        assert_eq!(bytes, &pending.bytes[pending.part..]);
+        pending.part += n;
+        if pending.part == pending.bytes.len() {
+            pending.part = 0;
             pending.sends += 1;
             pending.sent = now;
         }
     }
 
+    /// The client asks for the bytes that the port has.
+    fn on_receive(&mut self) {
+        assert_eq!(self.void, 0, "a void comes first");
+        let pending = self.pending.as_mut().expect("a read without a request");
+        assert_eq!((pending.sends, pending.part), (0, 0), "a read before a repeat");
+        if pending.reads == Reads::None {
+            let bound = match pending.info.response {
+                Some(_) if !P::HAS_TRANSACTION_ID => self.config.backlog as usize,
+                _ => 1,
+            };
+            pending.reads = Reads::Asked(bound);
+        }
+        assert!(matches!(pending.reads, Reads::Asked(_)), "a read too many");
+    }
+
+    /// The port had `n` bytes.
+    fn on_read(&mut self, n: usize) {
+        if let Some(pending) = &mut self.pending
+            && let Reads::Asked(bound) = pending.reads
+        {
+            pending.reads = match bound.saturating_sub(n) {
+                0 => Reads::Done,
+                _ if n == 0 => Reads::Done,
+                left => Reads::Asked(left),
+            };
+        }
+    }
+
+    /// The request in flight ends. If a part of it is sent, that is voided.
+    fn end(&mut self) -> Option<Pending<P>> {
+        let pending = self.pending.take()?;
+        if pending.part > 0 {
+            match P::LOSSLESS {
+                true => self.abandoned = true,
+                false => self.void = P::LONGEST,
+            }
+        }
+        Some(pending)
+    }
+
     fn on_event(&mut self, event: Event<'_, P::Response<'_>>, now: Instant) {
         match event {
             Event::Answer(response) => {
-                let pending = self.pending.take().expect("no request is in flight");
+                let pending = self.end().expect("no request is in flight");
                 let bytes = response_bytes(self.protocol, &response, Some(pending.info.key));
                 assert!(self.protocol.is_response_to(pending.info.key, &bytes));
                 assert!(pending.sends > 0, "answered before it was sent");
             }
             Event::ErrorFrame { frame } => {
-                let pending = self.pending.take().expect("no request is in flight");
+                let pending = self.end().expect("no request is in flight");
                 assert!(self.protocol.is_response_to(pending.info.key, frame));
                 assert!(pending.sends > 0, "answered before it was sent");
             }
             Event::Unacceptable(error) => {
-                let pending = self.pending.take().expect("no request is in flight");
+                let pending = self.end().expect("no request is in flight");
                 assert!(pending.info.response.is_some(), "it is not answered");
                 assert!(pending.sends > 0, "answered before it was sent");
                 assert!(!error.to_string().is_empty());
             }
             Event::Sent => {
-                let pending = self.pending.take().expect("no request is in flight");
+                let pending = self.end().expect("no request is in flight");
                 assert_eq!((pending.info.response, pending.sends), (None, 1));
             }
             Event::TimedOut { sends } => {
-                let pending = self.pending.take().expect("no request is in flight");
+                let pending = self.end().expect("no request is in flight");
                 let response = pending.info.response.expect("it is not answered");
                 assert_eq!(sends, pending.sends);
                 let most = if pending.info.effect == Effect::Read {
@@ -271,10 +355,10 @@ impl<P: Subject> Model<P> {
                     "too soon"
                 );
             }
-            Event::Broken { .. } => {
+            Event::Broken { reason, .. } => {
                 assert!(P::LOSSLESS);
+                assert!(reason != Reason::Abandoned || self.abandoned);
                 (self.pending, self.broken) = (None, true);
-                self.rest.clear();
             }
             Event::Noise { bytes, .. } => assert!(!bytes.is_empty()),
             // No request ends.

@@ -1,15 +1,16 @@
 //! An answer of a client is the arm's answer to this request, and not to an earlier one, even if answers are late within
-//! the configured limits, lost or damaged.
+//! the configured limits, unread, lost or damaged. The arm executes no request after its end.
 #![no_main]
 
 use core::num::NonZeroU32;
 
 use armwire::dialect::Dialect;
+use armwire::framing::Framing;
 use armwire::ling::{
     Info, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, SerialNumber, Torque, Version,
 };
 use armwire::time::{Duration, Instant};
-use armwire::{Client, Config, Event, Output};
+use armwire::{Client, Config, Device, DeviceEvent, Event, Output};
 use armwire_fuzz::{Arbitrary, Result, Unstructured, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
@@ -65,112 +66,181 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         latency: Duration::from_micros(u.int_in_range(0..=20_000)?),
         repeats: u.int_in_range(0..=3)?,
         stale_window: Duration::from_micros(u.int_in_range(0..=100_000)?),
+        ..Config::DEFAULT
     };
-    let mut client = Client::<Ling, MAX_FRAME>::new(Ling, config);
-    let mut now = Instant::ZERO;
-    // The request in flight and the partly sent one, each with its tag. A partly sent request is completed.
-    let mut flight: Option<(Request, u8)> = None;
-    let mut going = None;
+    let mut world = World::new(config);
     let mut tags = 0..u8::MAX;
-    let mut chunks: Vec<Chunk> = Vec::new();
     while !u.is_empty() {
-        match u.int_in_range(0..=4)? {
+        match u.int_in_range(0..=5)? {
             0 => {
                 let request = *u.choose(&REQUESTS)?;
                 let Some(tag) = tags.next() else { return Ok(()) };
-                if client.submit(&request).is_ok() {
-                    flight = Some((request, tag));
-                }
+                world.submit(request, tag);
             }
-            1 => {
-                client.cancel();
-                flight = None;
-            }
-            2 => now += Duration::from_micros(u64::from(u.arbitrary::<u16>()?) * 4),
-            3 => {
-                if let Output::Timeout(Some(until)) = client.poll(now) {
-                    now = until;
-                }
-            }
+            1 => world.cancel(),
+            2 => world.wait(world.now + Duration::from_micros(u64::from(u.arbitrary::<u16>()?) * 4)),
+            3 => world.wait_until_due(),
+            4 => world.read(u.arbitrary::<u8>()?.into()),
             _ => {
                 let (n, fate): (u8, Fate) = u.arbitrary()?;
-                let Output::Transmit(bytes) = client.poll(now) else {
-                    continue;
-                };
-                let whole = usize::from(n) >= bytes.len();
-                let len = bytes.len().min(n.into());
-                client.transmitted(now, len).expect("it was given");
-                going = going.or(flight.filter(|_| len > 0));
-                if whole
-                    && let Some((request, tag)) = going.take()
-                    && let Some(response) = answer(&request, tag)
-                {
-                    let bytes = response_bytes(Ling, &response, None);
-                    chunks.extend(arm_answer(&config, &request, bytes, now, fate));
-                    chunks.sort_by_key(|(at, _)| *at);
-                }
+                world.transmit(n.into(), fate);
             }
         }
-        // Bytes received before now are passed on before a transmission.
-        while chunks.first().is_some_and(|(at, _)| *at <= now) {
-            let (_, bytes) = chunks.remove(0);
-            on_bytes(&mut client, now, &bytes, &mut flight);
-        }
-        on_bytes(&mut client, now, &[], &mut flight);
     }
-    is_answered(&mut client, now);
+    world.is_answered();
     Ok(())
 }
 
-/// After any earlier exchange has ended, the next request is answered.
-fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Instant) {
-    // The partly sent request is completed, and not answered.
-    client.cancel();
-    let mut flight = None;
-    while let Output::Transmit(bytes) = client.poll(now) {
-        let len = bytes.len();
-        client.transmitted(now, len).expect("it was given");
-    }
-    client.idle();
-    on_bytes(client, now, &[], &mut flight);
-
-    let (request, tag) = (Request::ReadJoints, u8::MAX);
-    client.submit(&request).expect("nothing is in flight");
-    flight = Some((request, tag));
-    // A missing answer may delay it.
-    let len = loop {
-        match client.poll(now) {
-            Output::Transmit(bytes) => break bytes.len(),
-            Output::Timeout(until) => now = until.expect("it is delayed for ever"),
-            Output::Event(event) => panic!("{event:?} before it is sent"),
-        }
-    };
-    client.transmitted(now, len).expect("it was given");
-    let response = answer(&request, tag).expect("it has an answer");
-    on_bytes(client, now, &response_bytes(Ling, &response, None), &mut flight);
-    assert_eq!(flight, None, "the answer is not taken");
+/// A host, its port, and an arm.
+struct World {
+    config: Config,
+    client: Client<Ling, MAX_FRAME>,
+    now: Instant,
+    /// The request in flight, its tag, and the number of sent bytes of its current transmission.
+    flight: Option<(Request, u8, usize)>,
+    /// The zeros still due after a part of a request that has ended.
+    void: usize,
+    arm: Device<Ling, MAX_FRAME>,
+    /// Bytes of the arm that have not arrived.
+    chunks: Vec<Chunk>,
+    /// Bytes that have arrived and were not read.
+    port: Vec<u8>,
 }
 
-/// Receives bytes, and handles all events.
-fn on_bytes(client: &mut Client<Ling, MAX_FRAME>, now: Instant, bytes: &[u8], flight: &mut Option<(Request, u8)>) {
-    let mut rest = bytes;
-    loop {
-        rest = client.receive(now, rest);
-        while let Output::Event(event) = client.poll(now) {
+impl World {
+    fn new(config: Config) -> Self {
+        Self {
+            config,
+            client: Client::new(Ling, config),
+            now: Instant::ZERO,
+            flight: None,
+            void: 0,
+            arm: Device::new(Ling),
+            chunks: Vec::new(),
+            port: Vec::new(),
+        }
+    }
+
+    fn submit(&mut self, request: Request, tag: u8) {
+        let submitted = self.client.submit(&request);
+        assert_eq!(submitted.is_ok(), self.flight.is_none());
+        if submitted.is_ok() {
+            self.flight = Some((request, tag, 0));
+        }
+        self.take_events();
+    }
+
+    fn cancel(&mut self) {
+        self.client.cancel();
+        self.end();
+    }
+
+    /// The request in flight has ended.
+    fn end(&mut self) -> Option<(Request, u8)> {
+        let (request, tag, part) = self.flight.take()?;
+        if part > 0 {
+            self.void = Ling::LONGEST;
+        }
+        Some((request, tag))
+    }
+
+    fn wait(&mut self, until: Instant) {
+        self.now = self.now.max(until);
+        while self.chunks.first().is_some_and(|(at, _)| *at <= self.now) {
+            self.port.extend(self.chunks.remove(0).1);
+        }
+        self.take_events();
+    }
+
+    fn wait_until_due(&mut self) {
+        if let Output::Timeout(Some(until)) = self.client.poll(self.now) {
+            self.wait(until);
+        }
+    }
+
+    /// Reads at most `n` bytes, at least one if there is one. Only an empty port is reported as empty.
+    fn read(&mut self, n: usize) {
+        let n = n.clamp(1, MAX_FRAME).min(self.port.len());
+        let rest = self.client.receive(self.now, &self.port[..n]).len();
+        self.port.drain(..n - rest);
+        self.take_events();
+    }
+
+    /// Reads the port if the client asks for that. Otherwise the port accepts `n` bytes, and the arm answers.
+    fn transmit(&mut self, n: usize, fate: Fate) {
+        let bytes = match self.client.poll(self.now) {
+            Output::Receive => return self.read(n),
+            Output::Transmit(bytes) => bytes,
+            Output::Event(_) | Output::Timeout(_) => return,
+        };
+        let n = n.min(bytes.len());
+        let mut sent = &bytes.to_vec()[..n];
+        self.client.transmitted(self.now, n).expect("it was given");
+        if self.void > 0 {
+            assert!(sent.iter().all(|byte| *byte == 0), "no void: {sent:02X?}");
+            self.void = self.void.checked_sub(n).expect("the void is too long");
+        } else {
+            let (request, _, part) = self.flight.as_mut().expect("no request is in flight");
+            let frame = request_bytes(Ling, request);
+            assert_eq!(sent, &frame[*part..][..n]);
+            *part = (*part + n) % frame.len();
+        }
+        let mut fate = Some(fate);
+        while !sent.is_empty() {
+            sent = self.arm.receive(sent);
+            while let Some(event) = self.arm.poll() {
+                let DeviceEvent::Request { request, .. } = event else {
+                    continue;
+                };
+                let (current, tag, _) = self.flight.expect("a request is executed after its end");
+                assert_eq!(request, current, "a request is executed after its end");
+                if let (Some(response), Some(fate)) = (answer(&request, tag), fate.take()) {
+                    let bytes = response_bytes(Ling, &response, None);
+                    self.chunks
+                        .extend(arm_answer(&self.config, &request, bytes, self.now, fate));
+                    self.chunks.sort_by_key(|(at, _)| *at);
+                }
+            }
+        }
+        self.wait(self.now);
+    }
+
+    fn take_events(&mut self) {
+        while let Output::Event(event) = self.client.poll(self.now) {
             match event {
                 Event::Answer(response) => {
-                    let (request, tag) = flight.take().expect("no request is in flight");
+                    let (request, tag) = self.end().expect("no request is in flight");
                     assert_eq!(Some(response), answer(&request, tag), "an answer to an earlier request");
                 }
                 Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_) | Event::ErrorFrame { .. } => {
-                    *flight = None;
+                    self.end().expect("no request is in flight");
                 }
                 _ => {}
             }
         }
-        if rest.is_empty() {
-            return;
+    }
+
+    /// After any earlier exchange has ended, the next request is answered.
+    fn is_answered(mut self) {
+        self.cancel();
+        // Nothing of the past arrives any more.
+        self.chunks.clear();
+        self.client.idle();
+        self.take_events();
+        self.submit(Request::ReadJoints, u8::MAX);
+        // Zeros, and missing answers, may delay it.
+        for _ in 0..10_000 {
+            match self.client.poll(self.now) {
+                Output::Receive | Output::Transmit(_) => self.transmit(usize::MAX, Fate::After(0)),
+                Output::Timeout(until) if self.port.is_empty() => self.wait(until.expect("it is delayed for ever")),
+                Output::Timeout(_) => self.read(usize::MAX),
+                Output::Event(event) => panic!("{event:?} was not taken"),
+            }
+            if self.flight.is_none() {
+                return;
+            }
         }
+        panic!("it does not end");
     }
 }
 
