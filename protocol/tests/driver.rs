@@ -622,10 +622,11 @@ fn check_calls(world: &Shared, steps: Vec<Step>, is_faultless: bool) -> TestCase
         let earlier = world.borrow().requests.len();
         let new = |answer: Result<u16, CallError<Infallible>>| match answer {
             Ok(number) => {
-                prop_assert!(
-                    usize::from(number) > 2000 + earlier,
-                    "answer {number} after {earlier} requests"
-                );
+                // A false header and the bytes after it are a frame by chance, whose number no answer has.
+                let sent = 2001..=2000 + world.borrow().requests.len();
+                let number = usize::from(number);
+                let is_new = number > 2000 + earlier || !is_faultless && !sent.contains(&number);
+                prop_assert!(is_new, "answer {number} after {earlier} requests");
                 Ok(())
             }
             Err(error) => {
