@@ -12,6 +12,7 @@ use crate::error::Error;
 use crate::line_holder;
 use crate::output::print_error;
 use crate::port::Port;
+use crate::remedies::words;
 use crate::serial::not_opened;
 
 pub(crate) use armwire_host::adapter::*;
@@ -63,10 +64,18 @@ impl AdapterPort {
 /// Reports the holder of the line on standard error, if there is one.
 pub(crate) fn report_holder(control: &mut ControlLink) -> Result<(), Error> {
     if let Some(holder) = line(control)?.as_ref().and_then(line_holder::describe) {
-        print_error(&format_args!("{}: the line runs at {holder}", control.name()));
+        print_error(&format_args!(
+            "{}: the line runs at {}",
+            control.name(),
+            holder.with(words)
+        ));
     }
     Ok(())
 }
+
+/// The state of an adapter in recovery, in words.
+pub(crate) const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused \
+                                   and unchanged until 'armwire config' saves others";
 
 /// Warns on standard error of an adapter in recovery.
 pub(crate) fn report_recovery(control: &mut ControlLink) -> Result<(), Error> {

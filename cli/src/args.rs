@@ -81,8 +81,8 @@ impl ArmPort {
         match &self.control {
             Some(port) => adapter::report_recovery(&mut port.connect(None)?.control()?)?,
             None => {
-                if let Some(warning) = adapter::recovery_warning(&connection) {
-                    print_error(&warning);
+                if let Some(name) = connection.adapter_in_recovery() {
+                    print_error(&format_args!("{name}: the adapter has {}", adapter::RECOVERY));
                 }
             }
         }

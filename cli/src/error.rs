@@ -4,13 +4,15 @@ use std::fmt::Display;
 use std::io;
 
 use armwire::framing::Reason;
-use armwire_host::Error as Host;
+use armwire_host::{Connection, Error as Host};
+
+use crate::remedies;
 
 /// The reason for a failed command.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Error {
     /// An arm, an adapter or a port fails.
-    #[error(transparent)]
+    #[error("{}", remedies::text(.0))]
     Host(#[from] Host),
     /// The arguments do not go together.
     #[error("{0}")]
@@ -27,6 +29,7 @@ pub(crate) enum Error {
     #[error("cannot write the output: {0}")]
     Output(io::Error),
     /// A recording could not be written.
+    #[cfg(feature = "recordings")]
     #[error("{path}: {reason}")]
     Recording { path: String, reason: String },
     /// Ctrl-C could not be caught.
@@ -35,6 +38,19 @@ pub(crate) enum Error {
 }
 
 impl Error {
+    /// Returns true for an error in the arguments.
+    pub(crate) fn is_usage(&self) -> bool {
+        matches!(self, Self::Usage(_) | Self::Host(Host::Port(_) | Host::Baud { .. }))
+    }
+
+    /// The error with what only the adapter knows of it: see [`Connection::explain`].
+    pub(crate) fn explained(self, connection: &Connection) -> Self {
+        match self {
+            Self::Host(error) => connection.explain(error).into(),
+            error => error,
+        }
+    }
+
     /// An error at `name`.
     pub(crate) fn at(name: &str, reason: impl Display) -> Self {
         Host::at(name, reason).into()

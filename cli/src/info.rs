@@ -10,6 +10,7 @@ use crate::describe::{Arm, Fact, object};
 use crate::error::Error;
 use crate::link::{LineErrors, Link};
 use crate::output::{print_json, print_line};
+use crate::remedies::words;
 use crate::{legacy, line_holder};
 
 /// The arguments of `armwire info`.
@@ -69,10 +70,11 @@ impl Report {
         if connection.is_control() {
             return Ok(());
         }
-        let LineErrors { noise_bytes, .. } = match place.arm {
-            ArmKind::Alpha1 => self.arm(connection.alpha1()?)?,
-            ArmKind::Ling | ArmKind::Xarm => self.arm(legacy::open(&connection)?)?,
+        let errors = match place.arm {
+            ArmKind::Alpha1 => self.arm(connection.alpha1()?),
+            ArmKind::Ling | ArmKind::Xarm => self.arm(legacy::open(&connection)?),
         };
+        let LineErrors { noise_bytes, .. } = errors.map_err(|error| error.explained(&connection))?;
         let text = match noise_bytes {
             0 => "clean".to_owned(),
             noise_bytes => format!("{noise_bytes} stray bytes"),
@@ -122,7 +124,7 @@ impl Report {
         ))?;
         self.add(Fact::of("can", can(&config.can), []))?;
         match line(control)?.as_ref().and_then(line_holder::describe) {
-            Some(holder) => self.add(Fact::words("rate", holder)),
+            Some(holder) => self.add(Fact::words("rate", holder.with(words))),
             None => Ok(()),
         }
     }

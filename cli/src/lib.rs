@@ -11,6 +11,7 @@ mod confirm;
 mod counters;
 mod decode;
 mod error;
+mod hex;
 mod hold;
 mod info;
 mod list;
@@ -19,8 +20,10 @@ mod motion;
 #[cfg(feature = "recordings")]
 mod new_file;
 mod output;
+mod printable;
 #[cfg(feature = "recordings")]
 mod recording;
+mod remedies;
 #[cfg(feature = "selftest")]
 pub mod selftest;
 mod signals;
@@ -44,7 +47,7 @@ pub use args::{ArmKind, Speaker};
 pub use decode::decode;
 
 pub(crate) use armwire_host::{
-    available, control, describe, hex, hid, legacy, line_holder, link, port, printable, serial, stamps, stopwatch, tcp,
+    available, control, describe, hid, legacy, line_holder, link, port, serial, stopwatch, tcp,
 };
 
 use error::Error;
@@ -129,9 +132,7 @@ pub fn run_from(args: &[OsString]) -> bool {
         Ok(()) => true,
         // The reader of the output is gone, as with `| head`: this is no error.
         Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => true,
-        Err(Error::Usage(text) | Error::Host(armwire_host::Error::Port(text))) => {
-            command().error(ErrorKind::ValueValidation, text).exit()
-        }
+        Err(error) if error.is_usage() => command().error(ErrorKind::ValueValidation, error).exit(),
         Err(error) => {
             print_error(&error);
             false

@@ -66,6 +66,10 @@ pub(crate) struct SetZero {
 impl MoveArm {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut arm = Stoppable::open(&self.arm)?;
+        self.run_on(&mut arm).map_err(|error| arm.explain(error))
+    }
+
+    fn run_on(&self, arm: &mut Stoppable) -> Result<(), Error> {
         let link = arm.link();
         if read_joints(link)?.status.is_holding() == Some(false) {
             let reason = "the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on ('armwire call \
@@ -116,11 +120,12 @@ impl SetTorque {
         if !wanted {
             self.confirm.prompt("With torque off the arm falls: hold it.")?;
         }
-        let mut link = legacy::open(&self.arm.connect()?)?;
+        let connection = self.arm.connect()?;
+        let mut link = legacy::open(&connection)?;
         let request = Request::SetTorque(self.torque);
-        link.call(&request, drop)?;
         let is_so = |_, state: &JointState| state.status.is_holding() == Some(wanted);
-        let (JointState { status, .. }, is_so) = read_until(&mut link, READ_BACK_TIMEOUT, is_so)?;
+        let (JointState { status, .. }, is_so) =
+            send_and_read(&mut link, &request, is_so).map_err(|error| error.explained(&connection))?;
         match status.is_holding() {
             _ if is_so => print_line(format_args!("{done} (status {status})")),
             None => print_line(format_args!(
@@ -138,13 +143,14 @@ impl SetZero {
     pub(crate) fn run(&self) -> Result<(), Error> {
         self.confirm
             .prompt("The current pose becomes zero. The torque goes off and the arm falls: hold it.")?;
-        let mut link = legacy::open(&self.arm.connect()?)?;
-        link.call(&Request::SetZero, drop)?;
+        let connection = self.arm.connect()?;
+        let mut link = legacy::open(&connection)?;
         let is_zero = |_, state: &JointState| {
             let mut joints = state.joints.iter();
             joints.all(|ticks| ticks.abs_diff(ZERO) <= Move::JOINT_TOLERANCE)
         };
-        let (state, is_zero) = read_until(&mut link, READ_BACK_TIMEOUT, is_zero)?;
+        let (state, is_zero) =
+            send_and_read(&mut link, &Request::SetZero, is_zero).map_err(|error| error.explained(&connection))?;
         match is_zero {
             true => print_line(format_args!("zero set: {state}")),
             false => Err(Error::at(
@@ -153,6 +159,16 @@ impl SetZero {
             )),
         }
     }
+}
+
+/// Sends a request without an answer, and reads until `is_so` returns true, at most for [`READ_BACK_TIMEOUT`].
+fn send_and_read(
+    link: &mut Link<Ling>,
+    request: &Request,
+    is_so: impl FnMut(Duration, &JointState) -> bool,
+) -> Result<(JointState, bool), Error> {
+    link.call(request, drop)?;
+    read_until(link, READ_BACK_TIMEOUT, is_so)
 }
 
 /// Reads until `is_so` returns true, at most for the timeout. `is_so` takes the time since the start and the reading.

@@ -7,7 +7,6 @@ use serde_json::{Map, Value, json};
 use crate::control::ControlLink;
 use crate::describe::Fact;
 use crate::error::Error;
-use crate::port::Connection;
 
 /// Reads an adapter's identity.
 ///
@@ -86,7 +85,7 @@ pub fn line(control: &mut ControlLink) -> Result<Option<LineState>, Error> {
 
 /// The state of an adapter in recovery, in words.
 pub const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused and \
-                            unchanged until 'armwire config' saves others";
+                            unchanged until others are saved";
 
 /// Returns true if the adapter is in recovery. An adapter of an older version never is.
 ///
@@ -100,15 +99,6 @@ pub fn is_in_recovery(control: &mut ControlLink) -> Result<bool, Error> {
         Err(Error::Unsupported { .. }) => Ok(false),
         Err(error) => Err(error),
     }
-}
-
-/// The warning for a program that moves the arm on this port, if it has an adapter in recovery. `None` if that cannot be
-/// known: the port has no adapter, another program has its control port, or it is on CAN, where an adapter in recovery is
-/// silent.
-pub fn recovery_warning(connection: &Connection) -> Option<String> {
-    let mut control = connection.usb_control()?;
-    let is_in_recovery = is_in_recovery(&mut control).ok()?;
-    is_in_recovery.then(|| format!("{}: the adapter has {RECOVERY}", control.name()))
 }
 
 /// The configuration in an adapter's flash.

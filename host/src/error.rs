@@ -1,7 +1,7 @@
-//! Errors of commands, each one line with a remedy.
+//! Errors of ports, arms and adapters.
 
 use std::error;
-use std::fmt::Display;
+use std::fmt::{self, Display};
 use std::io;
 
 use armwire::ErrorFrame;
@@ -9,97 +9,137 @@ use armwire::ling::legacy::OlderGeneration;
 use armwire_bridge::control::VERSION;
 
 use crate::received::Missing;
+use crate::text::{Remedy, Text};
 
-/// The reason for a failed command.
-#[derive(Debug, thiserror::Error)]
+/// The reason for a failed call, in one line: [`Display`] is for people, the variant is for programs.
+///
+/// The text has no words of a certain program. A program with words of its own, such as the name of an option, puts them
+/// in with [`with`](Self::with).
+#[derive(Debug)]
 #[allow(
     missing_docs,
     reason = "`name` is what the user calls the port, `reason` is in words"
 )]
 #[non_exhaustive]
 pub enum Error {
-    /// A port does not have what was asked of it.
-    #[error("{0}")]
-    Port(String),
-    /// Something fails at a port, a host or a file, with a reason for the user only.
-    #[error("{name}: {reason}")]
-    At { name: String, reason: String },
+    /// A port that does not exist in this form, or that does not have what was asked of it.
+    Port(Text),
+    /// A baud rate was set for a port that is no serial port.
+    Baud { name: String },
+    /// Something fails at a port or a host, with a reason for the user only.
+    At { name: String, reason: Text },
     /// The arm or the adapter refuses the request.
-    #[error("{name}: {reason}")]
-    Refused { name: String, reason: String },
+    Refused { name: String, reason: Text },
     /// The received bytes are no message of this arm, or an unacceptable one.
-    #[error("{name}: {reason}")]
     Unacceptable { name: String, reason: String },
     /// The arm answered with an error frame.
-    #[error("{name}: the arm answered with an error frame, which no document explains: {frame}")]
     ErrorFrame { name: String, frame: ErrorFrame },
-    /// The program that waits wants no answer any more, for this reason of its own.
-    #[error("{0}")]
+    /// The program's [interrupt](crate::Interrupt) returned this error.
     Interrupted(Box<dyn error::Error + Send + Sync>),
     /// The port or the connection is gone that was open: it may come back.
-    #[error("{name}: {reason}")]
     Lost { name: String, reason: String },
     /// Another program has the port. `holder` describes it.
-    #[error("{name}: in use by {holder}: close that one first")]
     InUse { name: String, holder: String },
     /// The port accepts no bytes.
-    #[error("{name}: the port accepts no bytes: is the adapter stuck?")]
     Stuck { name: String },
     /// The arm is of the older generation, which is sent nothing.
-    #[error("{name}: this is {legacy} 'armwire monitor' shows its joints.")]
     Legacy { name: String, legacy: OlderGeneration },
-    /// The arm did not answer, though perhaps bytes came.
-    #[error("{name}: {cause}")]
+    /// The arm or the adapter did not answer, though perhaps bytes came. `hint` is a question that may find the fault.
     NoAnswer {
         name: String,
         cause: String,
+        hint: Text,
         missing: Missing,
         bytes: usize,
     },
     /// The arm was not stopped. It may still move.
-    #[error("{name}: not stopped: {cause}")]
-    NotStopped { name: String, cause: String },
+    NotStopped { name: String, cause: Text },
     /// There is no adapter with a control port there.
-    #[error("{name}: no control port of an armwire adapter found (a virtual board's is control:PATH)")]
     NoControl { name: String },
     /// The control port is there, but cannot be used.
-    #[error("{name}: {reason}")]
     Usb { name: String, reason: String },
-    /// The adapter does not know a request.
-    #[error(
-        "{name}: the adapter does not support this request: its control protocol is version {version}, this program's is \
-         {VERSION}"
-    )]
+    /// The adapter does not know a request. `version` is that of its control protocol.
     Unsupported { name: String, version: u16 },
 }
 
 impl Error {
+    /// The text, with `words` at the place of each remedy: see [`Text::with`].
+    pub fn with(&self, words: impl Fn(Remedy) -> String) -> String {
+        self.text().with(words)
+    }
+
+    /// The first remedy, if there is one.
+    pub fn remedy(&self) -> Option<Remedy> {
+        self.text().remedies().next()
+    }
+
     /// An error at `name`.
     pub fn at(name: &str, reason: impl Display) -> Self {
-        let (name, reason) = (name.to_owned(), reason.to_string());
+        let (name, reason) = (name.to_owned(), reason.to_string().into());
         Self::At { name, reason }
     }
 
     /// An arm or an adapter at `name` that refuses a request.
     pub fn refused(name: &str, reason: impl Display) -> Self {
-        let (name, reason) = (name.to_owned(), reason.to_string());
+        let (name, reason) = (name.to_owned(), reason.to_string().into());
         Self::Refused { name, reason }
     }
 
     /// Unacceptable bytes from `name`.
-    pub fn unacceptable(name: &str, reason: impl Display) -> Self {
+    pub(crate) fn unacceptable(name: &str, reason: impl Display) -> Self {
         let (name, reason) = (name.to_owned(), reason.to_string());
         Self::Unacceptable { name, reason }
     }
 
     /// A lost connection to `name`.
-    pub fn lost(name: &str, reason: impl Display) -> Self {
+    pub(crate) fn lost(name: &str, reason: impl Display) -> Self {
         let (name, reason) = (name.to_owned(), reason.to_string());
         Self::Lost { name, reason }
     }
 
     /// A port that was unplugged.
-    pub fn unplugged(name: &str, error: &io::Error) -> Self {
+    pub(crate) fn unplugged(name: &str, error: &io::Error) -> Self {
         Self::lost(name, format_args!("the port is gone ({error}): was it unplugged?"))
     }
+
+    fn text(&self) -> Text {
+        let at = |name: &str, reason: &str| Text::from(format!("{name}: {reason}"));
+        match self {
+            Self::Port(reason) => reason.clone(),
+            Self::Baud { name } => at(name, "a baud rate applies to serial ports only"),
+            Self::At { name, reason } | Self::Refused { name, reason } => at(name, "").append(reason),
+            Self::Unacceptable { name, reason } | Self::Lost { name, reason } | Self::Usb { name, reason } => {
+                at(name, reason)
+            }
+            Self::ErrorFrame { name, frame } => {
+                let what = format!("the arm answered with an error frame, which no document explains: {frame}");
+                at(name, &what)
+            }
+            Self::Interrupted(reason) => reason.to_string().into(),
+            Self::InUse { name, holder } => at(name, &format!("in use by {holder}: close that one first")),
+            Self::Stuck { name } => at(name, "the port accepts no bytes: is the adapter stuck?"),
+            Self::Legacy { name, legacy } => at(name, &format!("this is {legacy}")).remedy(Remedy::Listen),
+            Self::NoAnswer { name, cause, hint, .. } => at(name, &format!("{cause}: ")).append(hint),
+            Self::NotStopped { name, cause } => at(name, "not stopped: ").append(cause),
+            Self::NoControl { name } => {
+                let what = "no control port of an armwire adapter found (a virtual board's is control:PATH)";
+                at(name, what)
+            }
+            Self::Unsupported { name, version } => {
+                let what = format!(
+                    "the adapter does not support this request: its control protocol is version {version}, this \
+                     program's is {VERSION}"
+                );
+                at(name, &what)
+            }
+        }
+    }
 }
+
+impl Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.text().fmt(f)
+    }
+}
+
+impl error::Error for Error {}

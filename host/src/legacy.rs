@@ -8,6 +8,7 @@ use armwire::ling::legacy::Detector;
 use crate::error::Error;
 use crate::link::{Line, Link, Names, Reception};
 use crate::port::Connection;
+use crate::text::Text;
 
 /// Listening time before the first byte is sent. An older arm transmits two frames forty times a second. Three frames
 /// detect it, in 50 ms. A current arm is silent without a request.
@@ -74,8 +75,8 @@ impl Line for Listened {
         self.line.write(bytes)
     }
 
-    fn hints(&mut self, reception: Reception, arm: Names) -> String {
-        self.line.hints(reception, arm)
+    fn hint(&self, reception: Reception, arm: Names) -> Text {
+        self.line.hint(reception, arm)
     }
 }
 
@@ -120,7 +121,7 @@ mod tests {
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Reception, _: Names) -> String {
+        fn hint(&self, _: Reception, _: Names) -> Text {
             unreachable!("it transmits")
         }
     }

@@ -9,7 +9,6 @@ pub mod config;
 pub mod control;
 pub mod describe;
 pub mod error;
-pub mod hex;
 #[cfg(feature = "hid")]
 pub mod hid;
 #[cfg(not(feature = "hid"))]
@@ -20,9 +19,7 @@ pub mod legacy;
 pub mod line_holder;
 pub mod link;
 pub mod port;
-#[cfg(target_os = "linux")]
 mod port_holder;
-pub mod printable;
 pub mod received;
 pub mod serial;
 pub mod stamps;
@@ -30,8 +27,9 @@ pub mod stop;
 pub mod stopwatch;
 mod tap;
 pub mod tcp;
+pub mod text;
 
-pub use adapter::{RECOVERY, counters, identify, is_in_recovery, latencies, recovery_warning};
+pub use adapter::{RECOVERY, counters, identify, is_in_recovery, latencies};
 pub use config::{get as config, object as config_object, set as change_config};
 pub use control::ControlLink;
 pub use describe::{Arm, Fact, Protocol};
@@ -44,3 +42,4 @@ pub use received::Missing;
 pub use stop::{stop, stop_interruptibly};
 pub use tap::Tap;
 pub use tcp::Host;
+pub use text::{Remedy, Text};

@@ -3,25 +3,29 @@
 use armwire_bridge::control::{LineHolder, LineState};
 use armwire_bridge::{LineCoding, Parity, StopBits};
 
+use crate::text::{Remedy, Text};
+
 /// The holder of the line, and its rate. `None` if all hosts take turns at the arm's rate.
-pub fn describe(line: &LineState) -> Option<String> {
+pub fn describe(line: &LineState) -> Option<Text> {
     let (coding, arm) = (rate(line.coding), rate(line.arm));
     let refused = "polls and CAN are refused";
-    Some(match (line.holder, line.waiting) {
+    let held = |how: String| Text::from(how).remedy(Remedy::EndHold).and(": ").and(refused);
+    let text = match (line.holder, line.waiting) {
         (LineHolder::OtherRate, _) => {
             format!("{coding} instead of the arm's {arm}, set by the host on USB: {refused}")
         }
         (LineHolder::HoldLine, _) if line.coding != line.arm => {
-            format!("{coding} instead of the arm's {arm}, held for USB ('armwire hold'): {refused}")
+            return Some(held(format!("{coding} instead of the arm's {arm}, held for USB")));
         }
-        (LineHolder::HoldLine, _) => format!("{coding}, held for USB ('armwire hold'): {refused}"),
+        (LineHolder::HoldLine, _) => return Some(held(format!("{coding}, held for USB"))),
         (LineHolder::Nobody, Some(waiting)) if waiting != line.arm => format!(
             "{coding}; {} set by the host on USB is not in effect, and its bytes are refused",
             rate(waiting)
         ),
         (LineHolder::Nobody, _) => return None,
         (other, _) => format!("{coding}, held by {other:?}: {refused}"),
-    })
+    };
+    Some(text.into())
 }
 
 /// A line coding in words.
@@ -69,13 +73,13 @@ mod tests {
             ),
             (
                 state(arms, LineHolder::HoldLine, None),
-                Some("1000000 baud, held for USB ('armwire hold'): polls and CAN are refused"),
+                Some("1000000 baud, held for USB (the hold): polls and CAN are refused"),
             ),
             (
                 state(slow, LineHolder::HoldLine, None),
                 Some(
-                    "9600 baud, even parity, 2 stop bits instead of the arm's 1000000 baud, held for USB ('armwire \
-                     hold'): polls and CAN are refused",
+                    "9600 baud, even parity, 2 stop bits instead of the arm's 1000000 baud, held for USB (the \
+                     hold): polls and CAN are refused",
                 ),
             ),
             (
@@ -86,7 +90,8 @@ mod tests {
                 ),
             ),
         ] {
-            assert_eq!(describe(&state).as_deref(), expected);
+            let text = describe(&state).map(|text| text.with(|_| " (the hold)".to_owned()));
+            assert_eq!(text.as_deref(), expected);
         }
     }
 }

@@ -9,11 +9,12 @@ use armwire::framing::Reason;
 use armwire::messages::OtherAnswer;
 use armwire::{Client, Config, ErrorFrame, Event, Output, time, xarm};
 
-use crate::describe::Arm;
+use crate::describe::{Arm, Protocol};
 use crate::error::Error;
 use crate::received::Received;
 use crate::stopwatch::Stopwatch;
 use crate::tap::{Tap, Tapped};
+use crate::text::{Remedy, Text};
 
 /// Buffer size: the longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;
@@ -44,8 +45,8 @@ pub trait Line: Send {
         Ok(())
     }
 
-    /// Hints for a line without an answer.
-    fn hints(&mut self, reception: Reception, arm: Names) -> String;
+    /// A hint for a line without an answer. It is known without I/O.
+    fn hint(&self, reception: Reception, arm: Names) -> Text;
 }
 
 /// Names of the expected arm and of the other arm that may be on the line.
@@ -53,8 +54,16 @@ pub trait Line: Send {
 pub struct Names {
     /// The arm's name, with its article.
     pub arm: &'static str,
-    /// The other arm that may be on such a line, and what a user types for it.
-    pub other: &'static str,
+    /// The other arm that may be on such a line, with its article.
+    pub other: (&'static str, Protocol),
+}
+
+impl Names {
+    /// The other arm, with the remedy.
+    pub(crate) fn other(&self) -> Text {
+        let (name, protocol) = self.other;
+        Text::from(name).remedy(Remedy::TryAs(protocol))
+    }
 }
 
 /// The bytes received instead of an answer.
@@ -357,10 +366,11 @@ impl<P: Arm> Link<P> {
             arm: P::NAME,
             other: P::OTHER,
         };
-        let hints = self.line.hints(reception, names);
+        let (cause, hint) = received.cause(P::NAME, self.line.hint(reception, names));
         Error::NoAnswer {
             name: self.line.name().to_owned(),
-            cause: received.cause(P::NAME, &hints),
+            cause,
+            hint,
             missing: received.missing(),
             bytes: received.count,
         }
@@ -440,7 +450,7 @@ mod tests {
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Reception, _: Names) -> String {
+        fn hint(&self, _: Reception, _: Names) -> Text {
             unreachable!("it answers")
         }
     }
@@ -527,8 +537,8 @@ mod tests {
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Reception, _: Names) -> String {
-            String::new()
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
         }
     }
 
@@ -560,8 +570,8 @@ mod tests {
             Ok(n)
         }
 
-        fn hints(&mut self, _: Reception, _: Names) -> String {
-            String::new()
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
         }
     }
 

@@ -11,16 +11,20 @@ use armwire::{Config, time};
 use armwire_bridge::can::{Function, Node};
 use armwire_bridge::slcan::{BIT_RATES, BitRate};
 
+use crate::adapter;
 use crate::can::{self, CanLine, SharedBus};
 use crate::control::ControlLink;
 use crate::control::usb::UsbLine;
-use crate::describe::Arm;
+use crate::describe::{Arm, Protocol};
 use crate::error::Error;
 use crate::hid;
 use crate::hid_selector::Selector;
+use crate::line_holder;
 use crate::link::{Line, Link};
+use crate::received::Missing;
 use crate::serial::Serial;
 use crate::tcp::{Host, Tcp};
+use crate::text::{Remedy, Text};
 
 /// Maximum delay that a server adds to an answer, and the stale window behind it.
 const TCP: Config = Config::TCP;
@@ -179,9 +183,7 @@ impl Port {
     /// The port cannot be opened.
     pub fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Error> {
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
-            return Err(Error::Port(format!(
-                "--baud applies to serial ports only, not to {self}"
-            )));
+            return Err(Error::Baud { name: self.to_string() });
         }
         let bus = match self {
             Self::Serial(_) | Self::Tcp(_) | Self::Hid(_) | Self::Control(_) => None,
@@ -196,7 +198,8 @@ impl Port {
     }
 }
 
-/// An open port.
+/// An open port. A clone shares it.
+#[derive(Clone)]
 pub struct Connection {
     port: Port,
     baud: Option<NonZeroU32>,
@@ -263,11 +266,8 @@ impl Connection {
                 (Box::new(Tcp::connect(host, true)?), config)
             }
             Port::Hid(_) if !P::ON_HID => {
-                let text = format!(
-                    "{} is a HID device, and only an alpha1 is one (--arm alpha1)",
-                    self.port
-                );
-                return Err(Error::Port(text));
+                let text = Text::from(format!("{} is a HID device, and only an alpha1 is one", self.port));
+                return Err(Error::Port(text.remedy(Remedy::OpenAs(Protocol::Alpha1))));
             }
             Port::Hid(selector) => (hid::open(selector)?, usual),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
@@ -277,7 +277,7 @@ impl Connection {
             }
             Port::Control(_) => {
                 let text = format!("{} is a control port: there is no arm on it", self.port);
-                return Err(Error::Port(text));
+                return Err(Error::Port(text.into()));
             }
         })
     }
@@ -301,12 +301,40 @@ impl Connection {
         }
     }
 
-    /// Opens the control port of the adapter whose serial port this is. `None` if there is none, or if it is not free.
-    pub(crate) fn usb_control(&self) -> Option<ControlLink> {
-        match &self.port {
-            Port::Serial(_) => self.control().ok(),
-            _ => None,
+    /// The name of the adapter on this port, if it is in [recovery](crate::RECOVERY). `None` if that cannot be known: the
+    /// port has no adapter, another program has its control port, or it is on CAN, where an adapter in recovery is silent.
+    pub fn adapter_in_recovery(&self) -> Option<String> {
+        let Port::Serial(_) = &self.port else {
+            return None;
+        };
+        let mut control = self.control().ok()?;
+        let is_in_recovery = adapter::is_in_recovery(&mut control).ok()?;
+        is_in_recovery.then(|| control.name().to_owned())
+    }
+
+    /// Adds to the error of a missing answer on CAN what the adapters know: who holds the line to the arm, or which errors
+    /// the bus has. It asks them, which takes up to 3 s. Other errors are unchanged.
+    #[must_use]
+    pub fn explain(&self, mut error: Error) -> Error {
+        if let (Some(bus), Error::NoAnswer { hint, missing, .. }) = (&self.bus, &mut error)
+            && let Missing::Silent | Missing::Adapter = missing
+        {
+            // The request for the holder reads the state, too, which clears it.
+            let state = bus.error_state();
+            let holder = (*missing == Missing::Silent).then(|| self.holder()).flatten();
+            match (holder, state) {
+                (Some(holder), _) => *hint = Text::from("the line to the arm runs at ").append(&holder),
+                (None, Some(state)) => *hint = Text::from(state + ": ").append(hint),
+                (None, None) => {}
+            }
         }
+        error
+    }
+
+    /// The holder of the line to the arm, read from the adapter. `None` without a holder or without a reply.
+    fn holder(&self) -> Option<Text> {
+        let line = adapter::line(&mut self.control().ok()?).ok()??;
+        line_holder::describe(&line)
     }
 
     fn on_can(&self, node: Node, tx: Function, rx: Function) -> CanLine {

@@ -1,13 +1,16 @@
 //! The bytes received instead of an answer, and their probable cause.
 
-use crate::hex;
+use crate::describe::hex;
+use crate::text::Text;
 
 /// The probable cause of a missing answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Missing {
-    /// No bytes were received.
+    /// No bytes were received from the arm.
     Silent,
+    /// The adapter does not answer on its control port.
+    Adapter,
     /// Answers arrive damaged.
     Damaged,
     /// An answer arrived, but after its time.
@@ -65,41 +68,46 @@ impl Received {
         }
     }
 
-    /// The probable cause of a missing answer, in words; `hints` are the line's.
-    pub fn cause(&self, arm: &str, hints: &str) -> String {
+    /// The probable cause of a missing answer, in words, and a hint; `hint` is the line's.
+    pub fn cause(&self, arm: &str, hint: Text) -> (String, Text) {
         let (millis, count, checksums) = (self.millis, self.count, self.checksums);
         let attempts = match self.sends {
             1 => "1 attempt".to_owned(),
             sends => format!("{sends} attempts"),
         };
         match (self.missing(), &self.unknown) {
-            (Missing::Silent, _) => format!("no answer in {millis} ms, {attempts}: {hints}"),
-            (Missing::Unknown, Some(error)) => {
-                format!("the arm answers with {error}: does its firmware refuse the request, or not know it?")
-            }
-            (Missing::Late, _) => {
-                format!("the answer came too late, {attempts} in {millis} ms: is the arm or the line overloaded?")
-            }
-            (Missing::Damaged, _) => format!(
-                "the answers arrive damaged ({count} bytes, wrong checksums: {checksums}): check cable, ground and power"
+            (Missing::Unknown, Some(error)) => (
+                format!("the arm answers with {error}"),
+                "does its firmware refuse the request, or not know it?".into(),
             ),
-            (Missing::Elsewhere, _) => {
-                format!("frames arrive, but not the answer, {attempts}: does another program talk to the arm?")
-            }
-            (Missing::Unknown, None) | (Missing::Foreign, _) => self.foreign(arm, hints),
+            (Missing::Late, _) => (
+                format!("the answer came too late, {attempts} in {millis} ms"),
+                "is the arm or the line overloaded?".into(),
+            ),
+            (Missing::Damaged, _) => (
+                format!("the answers arrive damaged ({count} bytes, wrong checksums: {checksums})"),
+                "check cable, ground and power".into(),
+            ),
+            (Missing::Elsewhere, _) => (
+                format!("frames arrive, but not the answer, {attempts}"),
+                "does another program talk to the arm?".into(),
+            ),
+            (Missing::Unknown, None) | (Missing::Foreign, _) => self.foreign(arm, hint),
+            _ => (format!("no answer in {millis} ms, {attempts}"), hint),
         }
     }
 
     /// Bytes without a frame of this arm, in words.
-    fn foreign(&self, arm: &str, hints: &str) -> String {
-        let first = hex::show(&self.bytes[..self.bytes.len().min(16)]);
-        if self.echoes > 0 {
-            return format!(
-                "only our own requests come back: is the arm powered, and are RX and TX not joined? (first bytes: {first})"
-            );
-        }
-        let count = self.count;
-        format!("{count} bytes arrive, but no frame of {arm}: {hints} (first bytes: {first})")
+    fn foreign(&self, arm: &str, hint: Text) -> (String, Text) {
+        let first = hex(&self.bytes[..self.bytes.len().min(16)]);
+        let (cause, hint) = match self.echoes {
+            0 => (format!("{} bytes arrive, but no frame of {arm}", self.count), hint),
+            _ => (
+                "only our own requests come back".to_owned(),
+                "is the arm powered, and are RX and TX not joined?".into(),
+            ),
+        };
+        (cause, hint.and(&format!(" (first bytes: {first})")))
     }
 }
 
@@ -116,7 +124,8 @@ mod tests {
     }
 
     fn line(received: Received) -> String {
-        received.cause("a Ling arm", "is it on?")
+        let (cause, hint) = received.cause("a Ling arm", "is it on?".into());
+        format!("{cause}: {hint}")
     }
 
     #[test]

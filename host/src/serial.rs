@@ -19,9 +19,11 @@ use serial2::Settings;
 use serial2::{KeepSettings, SerialPort};
 
 use crate::available;
+use crate::describe::Protocol;
 use crate::error::Error;
 use crate::link::{Line, Names, Reception, is_nothing_yet};
 use crate::port_holder;
+use crate::text::{Remedy, Text};
 
 /// Timeout of a write. The longest request takes less than 40 ms at 9600 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
@@ -73,15 +75,18 @@ impl Line for Serial {
         }
     }
 
-    fn hints(&mut self, reception: Reception, names: Names) -> String {
-        let (baud, Names { arm, other }) = (self.baud, names);
-        match reception {
-            Reception::Silence => format!(
-                "is the arm powered, is it on this port, and does it talk at {baud} baud? Is it {arm}, and not {other} nor \
-                 an SLCAN adapter (slcan:PORT)?"
+    fn hint(&self, reception: Reception, names: Names) -> Text {
+        let (baud, arm) = (self.baud, names.arm);
+        let (before, after) = match reception {
+            Reception::Silence => (
+                format!(
+                    "is the arm powered, is it on this port, and does it talk at {baud} baud? Is it {arm}, and not "
+                ),
+                " nor an SLCAN adapter (slcan:PORT)?",
             ),
-            Reception::Garbage => format!("is {baud} the baud rate, and is it {arm}, and not {other}?"),
-        }
+            Reception::Garbage => (format!("is {baud} the baud rate, and is it {arm}, and not "), "?"),
+        };
+        Text::from(before).append(&names.other()).and(after)
     }
 }
 
@@ -156,8 +161,12 @@ pub fn not_opened(port: &str, error: &io::Error) -> Error {
             };
         }
         ErrorKind::NotFound if is_host(port) => {
-            "no such port: is it a host, an xarm's (--arm xarm) or a server's of a serial port (tcp:HOST:PORT)?"
-                .to_owned()
+            return Error::At {
+                name: port.to_owned(),
+                reason: Text::from("no such port: is it a host, an xarm's")
+                    .remedy(Remedy::OpenAs(Protocol::Xarm))
+                    .and(" or a server's of a serial port (tcp:HOST:PORT)?"),
+            };
         }
         ErrorKind::NotFound => match available::ports().as_slice() {
             [] => "no such port, nor any other: is the adapter plugged in?".to_owned(),

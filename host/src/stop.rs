@@ -8,6 +8,7 @@ use armwire::ling::{Ling, Opening, Response, Stop};
 use crate::error::Error;
 use crate::link::Link;
 use crate::stopwatch::Stopwatch;
+use crate::text::Text;
 
 /// Stops a Ling arm and keeps its torque on, as [`Stop`] describes. Takes 2 s at most, and the timeout of one read.
 ///
@@ -40,10 +41,12 @@ fn drive(link: &mut Link<Ling>, mut stop: Stop) -> Result<Stopped, Error> {
             Output::Request(request) => match link.call(&request, |response| response) {
                 Ok(Some(Response::Joints(state))) => stop.on_joints(clock.now(), &state),
                 Ok(_) => {}
-                Err(Error::NoAnswer { cause, .. }) => missing = Some(cause),
+                Err(Error::NoAnswer { cause, hint, .. }) => {
+                    missing = Some(Text::from(format!("{cause}: ")).append(&hint));
+                }
                 // The next reading may be sound: without a stop the arm moves on.
                 Err(error @ (Error::ErrorFrame { .. } | Error::Unacceptable { .. })) => {
-                    missing = Some(error.to_string())
+                    missing = Some(error.to_string().into());
                 }
                 Err(error) => return Err(error),
             },
@@ -56,9 +59,9 @@ fn drive(link: &mut Link<Ling>, mut stop: Stop) -> Result<Stopped, Error> {
                 let name = link.name().to_owned();
                 let cause = match (error, missing) {
                     (StopError::NoReading, Some(cause)) => cause,
-                    (error, _) => error.to_string(),
+                    (error, _) => error.to_string().into(),
                 };
-                let cause = format!("{cause}; switch the arm's supply off if it moves");
+                let cause = cause.and("; switch the arm's supply off if it moves");
                 return Err(Error::NotStopped { name, cause });
             }
         }

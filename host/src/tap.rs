@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use crate::error::Error;
 use crate::link::{Line, Names, Reception};
+use crate::text::Text;
 
 /// A recipient of the bytes on a line.
 pub trait Tap: Send {
@@ -48,7 +49,7 @@ impl Line for Tapped {
         Ok(n)
     }
 
-    fn hints(&mut self, reception: Reception, arm: Names) -> String {
-        self.line.hints(reception, arm)
+    fn hint(&self, reception: Reception, arm: Names) -> Text {
+        self.line.hint(reception, arm)
     }
 }

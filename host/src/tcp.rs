@@ -11,6 +11,7 @@ use armwire::xarm::XArm;
 use crate::describe::Arm;
 use crate::error::Error;
 use crate::link::{Line, Link, Names, Reception, is_nothing_yet};
+use crate::text::Text;
 
 /// TCP port of an xArm's requests.
 const PORT: u16 = 502;
@@ -149,18 +150,17 @@ impl Line for Tcp {
         }
     }
 
-    fn hints(&mut self, reception: Reception, names: Names) -> String {
-        let Names { arm, other } = names;
-        match (reception, self.is_serial) {
-            (Reception::Silence, false) => format!("is {arm} listening at this address and port?"),
-            (Reception::Garbage, false) => "is this an xArm's control port?".to_owned(),
-            (Reception::Silence, true) => {
-                format!("is the arm powered, and is it on the server's serial port? Is it {arm}, not {other}?")
-            }
-            (Reception::Garbage, true) => {
-                format!("does the server's serial port use the arm's baud rate, and is it {arm}, not {other}?")
-            }
-        }
+    fn hint(&self, reception: Reception, names: Names) -> Text {
+        let arm = names.arm;
+        let begin = match (reception, self.is_serial) {
+            (Reception::Silence, false) => return format!("is {arm} listening at this address and port?").into(),
+            (Reception::Garbage, false) => return "is this an xArm's control port?".into(),
+            (Reception::Silence, true) => "is the arm powered, and is it on the server's serial port? Is it",
+            (Reception::Garbage, true) => "does the server's serial port use the arm's baud rate, and is it",
+        };
+        Text::from(format!("{begin} {arm}, not "))
+            .append(&names.other())
+            .and("?")
     }
 }
 

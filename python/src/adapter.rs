@@ -73,7 +73,7 @@ impl AdapterPort {
         self.0.with(py, |control| {
             let mut config = host::config(control)?;
             for setting in &settings {
-                host::change_config(&mut config, setting).map_err(Error::Port)?;
+                host::change_config(&mut config, setting).map_err(|error| Error::Port(error.into()))?;
             }
             control.call(Request::SetConfig(config)).map(drop)
         })

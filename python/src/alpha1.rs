@@ -7,12 +7,12 @@ use armwire::alpha1::{
     Action, Address, Alpha1, Angle, FirmwareVersion, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, Request,
     Response, SERVOS, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
 };
-use armwire_host::{Link, Port, recovery_warning};
+use armwire_host::{Link, Port};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::error::value_error;
-use crate::session::{Session, call, interruptible, send, warn};
+use crate::session::{Session, call, interruptible, recovery_warning, send, warn};
 
 /// An Alpha1 or its servos on a port. Servo 0 addresses all of them.
 #[pyclass(frozen, module = "armwire._armwire")]

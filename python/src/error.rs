@@ -36,7 +36,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
             Ok(exception) => *exception,
             Err(reason) => PyValueError::new_err(reason.to_string()),
         },
-        Error::Port(_) => PyValueError::new_err(text),
+        Error::Port(_) | Error::Baud { .. } => PyValueError::new_err(text),
         Error::NoAnswer { missing, .. } => match missing {
             Missing::Damaged => DamagedError::new_err(text),
             Missing::Late => LateError::new_err(text),

@@ -8,13 +8,13 @@ use armwire::ling::{
     Response, SelfCheck, Speed, Stroke, TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
-use armwire_host::{Error, Port, open_ling, recovery_warning};
+use armwire_host::{Error, Port, open_ling};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
 use crate::error::{unacceptable, value_error};
 use crate::mover::Mover;
-use crate::session::{Session, call, interruptible, send, warn};
+use crate::session::{Session, call, interruptible, recovery_warning, send, warn};
 
 /// Joint ticks, gripper in thousandths, motion status.
 type Joints = ([u16; JOINTS], u16, u8);

@@ -130,8 +130,8 @@ impl Mover {
     }
 
     fn without_torque(&self, state: &JointState, effect: &str) -> Error {
-        let (name, status) = (self.link.name().to_owned(), state.status);
+        let status = state.status;
         let reason = format!("the torque is off (status {status}), so {effect}: set_torque(True) switches it on");
-        Error::Refused { name, reason }
+        Error::refused(self.link.name(), reason)
     }
 }

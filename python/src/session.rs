@@ -5,7 +5,7 @@ use std::ffi::CString;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
-use armwire_host::{Arm, Error, Link, Missing};
+use armwire_host::{Arm, Connection, Error, Link, Missing, RECOVERY};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
@@ -73,6 +73,12 @@ pub(crate) fn interruptible<P: Arm>(mut link: Link<P>) -> Link<P> {
     link
 }
 
+/// The warning for a program that moves the arm on this port, if it has an adapter in recovery.
+pub(crate) fn recovery_warning(connection: &Connection) -> Option<String> {
+    let name = connection.adapter_in_recovery()?;
+    Some(format!("{name}: the adapter has {RECOVERY}"))
+}
+
 /// Warns the caller of a class in Python, if there is a reason.
 pub(crate) fn warn(py: Python<'_>, reason: Option<String>) -> PyResult<()> {
     match reason.map(CString::new) {
@@ -104,7 +110,7 @@ pub(crate) fn call<P: Arm, T>(
     let name = || link.name().to_owned();
     match answer {
         Ok(Some(Ok(Ok(value)))) => Ok(value),
-        Ok(Some(Err(reason))) => Err(Error::Refused { name: name(), reason }),
+        Ok(Some(Err(reason))) => Err(Error::refused(&name(), reason)),
         Ok(Some(Ok(Err(other)))) => Err(Error::Unacceptable {
             name: name(),
             reason: format!("the arm answered another request: {other}"),
@@ -121,7 +127,8 @@ pub(crate) fn call<P: Arm, T>(
         }) if link.comes_late()? => Err(Error::NoAnswer {
             name,
             missing: Missing::Late,
-            cause: "the answer came too late: is the arm or the line overloaded?".to_owned(),
+            cause: "the answer came too late".to_owned(),
+            hint: "is the arm or the line overloaded?".into(),
             bytes,
         }),
         Err(error) => Err(error),

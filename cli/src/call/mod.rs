@@ -54,13 +54,16 @@ impl Call {
         match &self.arm {
             ToArm::Ling(OnPort { arm, command }) => {
                 let mut arm = Stoppable::open(arm)?;
-                match command.request(arm.link())? {
-                    request @ Request::Move(target) => arm.run(&target, |link| call(link, &request, json)),
-                    request => call(arm.link(), &request, json),
-                }
+                let called = command.request(arm.link()).and_then(|request| match request {
+                    Request::Move(target) => arm.run(&target, |link| call(link, &request, json)),
+                    _ => call(arm.link(), &request, json),
+                });
+                called.map_err(|error| arm.explain(error))
             }
             ToArm::Alpha1(OnPort { arm, command }) => {
-                call::<Alpha1>(&mut arm.connect()?.alpha1()?, &command.request(), json)
+                let connection = arm.connect()?;
+                let called = call::<Alpha1>(&mut connection.alpha1()?, &command.request(), json);
+                called.map_err(|error| error.explained(&connection))
             }
             ToArm::Xarm(xarm) => {
                 // Before there is a connection, for the request may be none.

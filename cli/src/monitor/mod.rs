@@ -74,7 +74,11 @@ impl Monitor {
         let end = loop {
             let watched = self.open(form, is_legacy, &recorder).and_then(|mut watched| {
                 recorder.create()?;
-                session.watch(&mut watched, self.rate, &mut recorder)
+                let shown = session.watch(&mut watched, self.rate, &mut recorder);
+                match &watched.connection {
+                    Some(connection) => shown.map_err(|error| error.explained(connection)),
+                    None => shown,
+                }
             });
             match watched {
                 Err(Error::Host(armwire_host::Error::Legacy { name, legacy })) if !is_legacy => {
@@ -101,12 +105,20 @@ impl Monitor {
         if self.from_adapter {
             let control = self.place.control(&self.place.connect()?)?;
             let source = adapter::open(control, recorder)?;
-            return Ok(Watched { source, adapter: None });
+            return Ok(Watched {
+                source,
+                adapter: None,
+                connection: None,
+            });
         }
         if matches!(self.place.arm, ArmKind::Xarm) {
             let link = recorder.tapped(Link::connect(&self.place.host()?)?);
             let source = Box::new(xarm::PolledXArm::new(link));
-            return Ok(Watched { source, adapter: None });
+            return Ok(Watched {
+                source,
+                adapter: None,
+                connection: None,
+            });
         }
         let connection = self.place.connect()?;
         let source: Box<dyn Source> = match self.place.arm {
@@ -125,6 +137,10 @@ impl Monitor {
             Err(Error::Host(armwire_host::Error::NoControl { .. })) => None,
             control => Some(control),
         };
-        Ok(Watched { source, adapter })
+        Ok(Watched {
+            source,
+            adapter,
+            connection: Some(connection),
+        })
     }
 }

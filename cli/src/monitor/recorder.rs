@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::link::Link;
 use crate::new_file;
 use crate::recording::{Capture, Frame, Writer};
-use crate::stamps::{Clock, now};
+use armwire_host::stamps::{Clock, now};
 
 /// Maximum time for which frames are only in memory: a program that is killed loses as much.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);

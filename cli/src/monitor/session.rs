@@ -14,6 +14,8 @@ use crate::adapter::{counters, describe, identify, latencies};
 use crate::control::ControlLink;
 use crate::error::Error;
 use crate::output::{print_error, print_line};
+use crate::port::Connection;
+use crate::remedies::words;
 use crate::stopwatch::Stopwatch;
 
 /// Periods of requests for temperatures, for the gripper's stroke during a recording, and for the adapter's counters.
@@ -30,6 +32,8 @@ pub(super) struct Watched {
     pub(super) source: Box<dyn Source>,
     /// The adapter, unless it is the source, or the error of its port: a monitor works without it.
     pub(super) adapter: Option<Result<ControlLink, Error>>,
+    /// The arm's connection, which explains errors. `None` if the source is not on one.
+    pub(super) connection: Option<Connection>,
 }
 
 /// A session of a monitor.
@@ -115,6 +119,7 @@ impl<'a> Session<'a> {
     /// reading.
     pub(super) fn may_come_back(&self, error: &Error) -> bool {
         match error {
+            #[cfg(feature = "recordings")]
             Error::Recording { .. } => false,
             Error::Host(armwire_host::Error::Lost { .. }) => self.is_waiting || self.model.answered > 0,
             _ => self.is_waiting,
@@ -208,11 +213,16 @@ impl<'a> Session<'a> {
             }
             Ok(News::Nothing) => Ok(Step::Nothing),
             // The line may be noisy, or the arm may be off for a while.
-            Err(Error::Host(armwire_host::Error::NoAnswer { name, cause, bytes, .. }))
-                if bytes > 0 || self.has_received || now < time::Instant::ZERO + SILENCE_TIMEOUT =>
-            {
+            Err(Error::Host(armwire_host::Error::NoAnswer {
+                name,
+                cause,
+                hint,
+                bytes,
+                ..
+            })) if bytes > 0 || self.has_received || now < time::Instant::ZERO + SILENCE_TIMEOUT => {
                 self.has_received |= bytes > 0;
-                self.model.time_out(now, format!("{name}: {cause}"));
+                self.model
+                    .time_out(now, format!("{name}: {cause}: {}", hint.with(words)));
                 Ok(Step::TimedOut)
             }
             Err(error) => Err(error),
@@ -284,6 +294,7 @@ mod tests {
         armwire_host::Error::NoAnswer {
             name: "PORT".to_owned(),
             cause: "no answer".to_owned(),
+            hint: "is it on?".into(),
             missing: Missing::Silent,
             bytes,
         }

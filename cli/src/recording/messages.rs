@@ -7,7 +7,7 @@ use super::frame::Frame;
 use crate::args::Speaker;
 use crate::describe::Protocol;
 use crate::printable::cut;
-use crate::stamps::ros_time;
+use armwire_host::stamps::ros_time;
 
 /// Type and definition of [`JointState`].
 pub(super) const JOINT_STATE: (&str, &str) = ("sensor_msgs/msg/JointState", include_str!("joint_state.ros2msg"));

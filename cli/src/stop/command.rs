@@ -39,7 +39,11 @@ impl StopArm {
                 let cause = format!(
                     "the port is in use by {holder}: only Ctrl-C there, or the switch of the arm's supply, stops the arm"
                 );
-                Host::NotStopped { name, cause }.into()
+                Host::NotStopped {
+                    name,
+                    cause: cause.into(),
+                }
+                .into()
             }
             error => error,
         })
@@ -49,7 +53,7 @@ impl StopArm {
         let connection = self.place.connect()?;
         match self.by_adapter(&connection)? {
             true => Ok(()),
-            false => self.on_line(&connection),
+            false => self.on_line(&connection).map_err(|error| error.explained(&connection)),
         }
     }
 

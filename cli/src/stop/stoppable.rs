@@ -9,23 +9,33 @@ use crate::args::ArmPort;
 use crate::error::Error;
 use crate::legacy;
 use crate::link::Link;
+use crate::port::Connection;
 use crate::signals;
 
 /// A link whose calls end on Ctrl-C, and on a request to terminate.
-pub(crate) struct Stoppable(Link<Ling>);
+pub(crate) struct Stoppable {
+    connection: Connection,
+    link: Link<Ling>,
+}
 
 impl Stoppable {
     /// Opens the line of an arm.
     pub(crate) fn open(arm: &ArmPort) -> Result<Self, Error> {
         signals::catch_first()?;
-        let mut link = legacy::open(&arm.connect()?)?;
+        let connection = arm.connect()?;
+        let mut link = legacy::open(&connection)?;
         link.set_interrupt(signals::check);
         signals::check().map_err(Host::Interrupted)?;
-        Ok(Self(link))
+        Ok(Self { connection, link })
+    }
+
+    /// What is known of an error only from the adapter is added to it.
+    pub(crate) fn explain(&self, error: Error) -> Error {
+        error.explained(&self.connection)
     }
 
     pub(crate) fn link(&mut self) -> &mut Link<Ling> {
-        &mut self.0
+        &mut self.link
     }
 
     /// Runs `motion`, which sends this move. After a signal the arm is stopped, and [`Error::Interrupted`] reports it.
@@ -35,12 +45,12 @@ impl Stoppable {
         motion: impl FnOnce(&mut Link<Ling>) -> Result<T, Error>,
     ) -> Result<T, Error> {
         signals::check().map_err(Host::Interrupted)?;
-        let result = motion(&mut self.0);
+        let result = motion(&mut self.link);
         if signals::check().is_ok() {
             return result;
         }
         let (gripper, _speed) = target.gripper;
-        let stopped = stop(&mut self.0, Some(gripper))?;
+        let stopped = stop(&mut self.link, Some(gripper))?;
         Err(Host::Interrupted(show(&stopped).into()).into())
     }
 }

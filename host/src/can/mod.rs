@@ -15,13 +15,12 @@ use armwire_bridge::control::{self, FromHost, MAX_FRAME, MAX_MESSAGE};
 use armwire_bridge::isotp::{self, Endpoint, Event};
 use armwire_bridge::slcan::BitRate;
 
-use crate::adapter;
-use crate::control::{ControlLink, Received, Transport};
+use crate::control::{Received, Transport};
 use crate::error::Error;
-use crate::line_holder;
 use crate::link::{Line, Names, Reception};
 use crate::serial::Serial;
 use crate::stopwatch::Stopwatch;
+use crate::text::Text;
 use bus::Bus;
 
 /// The longest PDU: a message of the control port. Frames of an arm are shorter.
@@ -37,9 +36,8 @@ pub fn open_interface(name: String, interface: &str, node: Node) -> Result<Share
 /// Reports that CAN interfaces need Linux.
 #[cfg(not(target_os = "linux"))]
 pub fn open_interface(name: String, _: &str, _: Node) -> Result<SharedBus, Error> {
-    Err(Error::Port(format!(
-        "{name}: only Linux has such CAN interfaces, use slcan: here"
-    )))
+    let reason = format!("{name}: only Linux has such CAN interfaces, use slcan: here");
+    Err(Error::Port(reason.into()))
 }
 
 /// Opens the CAN adapter on a serial port.
@@ -102,13 +100,16 @@ impl SharedBus {
         }
     }
 
-    /// Hints for an adapter that does not reply, after `first`.
-    fn hints(&self, first: &str, node: Node) -> String {
-        let bus = &mut self.lock().bus;
-        let state = bus.error_state();
-        let state = state.map_or_else(String::new, |state| format!("the CAN adapter reports {state}: "));
-        let (node, hint) = (node.get(), bus.hint());
-        format!("{state}{first}is the adapter on this bus as node {node}, {hint}, and are both its ends terminated?")
+    /// The state of the CAN adapter in words, if it reports errors. It is read from the adapter.
+    pub(crate) fn error_state(&self) -> Option<String> {
+        let state = self.lock().bus.error_state()?;
+        Some(format!("the CAN adapter reports {state}"))
+    }
+
+    /// A hint for an adapter that does not reply, after `first`.
+    fn hint(&self, first: &str, node: Node) -> String {
+        let (node, hint) = (node.get(), self.lock().bus.hint());
+        format!("{first}is the adapter on this bus as node {node}, {hint}, and are both its ends terminated?")
     }
 }
 
@@ -194,8 +195,9 @@ impl CanLine {
             match event {
                 Event::Received | Event::Ignored(_) => {}
                 Event::Failed(error) => {
-                    let hints = self.bus.hints("", self.node);
-                    return Err(Error::at(&self.name, format_args!("{error}: {hints}")));
+                    let state = self.bus.error_state().map(|state| state + ": ").unwrap_or_default();
+                    let hint = self.bus.hint("", self.node);
+                    return Err(Error::at(&self.name, format_args!("{error}: {state}{hint}")));
                 }
                 Event::Refused(error) => {
                     let reason = format_args!("{error}: does another program talk to the adapter?");
@@ -216,14 +218,6 @@ impl CanLine {
             self.endpoint.transmitted(self.clock.now());
         }
         Ok(())
-    }
-
-    /// The holder of the line to the arm, read from the adapter. `None` without a holder or without a reply.
-    fn holder(&self) -> Option<String> {
-        let (tx, rx) = (Function::ControlRequest, Function::ControlAnswer);
-        let control = Self::new(self.name.clone(), &self.bus, self.node, tx, rx);
-        let line = adapter::line(&mut ControlLink::new(Box::new(control))).ok()??;
-        line_holder::describe(&line)
     }
 }
 
@@ -253,8 +247,8 @@ impl Transport for CanLine {
         Ok(self.receive_pdu(wait)?.map(|pdu| control::decode(&pdu)))
     }
 
-    fn hints(&self) -> String {
-        self.bus.hints("", self.node)
+    fn hint(&self) -> String {
+        self.bus.hint("", self.node)
     }
 }
 
@@ -275,17 +269,10 @@ impl Line for CanLine {
         Ok(bytes.len())
     }
 
-    fn hints(&mut self, reception: Reception, _: Names) -> String {
+    fn hint(&self, reception: Reception, _: Names) -> Text {
         match reception {
-            Reception::Silence => {
-                // The request for the holder reads the state of a CAN adapter, too, which clears it.
-                let hints = self.bus.hints("is the arm powered, ", self.node);
-                match self.holder() {
-                    Some(holder) => format!("the line to the arm runs at {holder}"),
-                    None => hints,
-                }
-            }
-            Reception::Garbage => "is the adapter configured for this arm?".to_owned(),
+            Reception::Silence => self.bus.hint("is the arm powered, ", self.node).into(),
+            Reception::Garbage => "is the adapter configured for this arm?".into(),
         }
     }
 }
@@ -293,6 +280,7 @@ impl Line for CanLine {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::describe::Protocol;
 
     /// A bus whose first frame cannot be sent.
     struct Faulty {
@@ -316,7 +304,7 @@ mod tests {
         }
 
         fn error_state(&mut self) -> Option<String> {
-            None
+            unreachable!("nobody asks for it")
         }
 
         fn hint(&self) -> String {
@@ -339,6 +327,26 @@ mod tests {
         let sent = sent.lock().unwrap();
         assert_eq!(sent.len(), 1);
         assert_eq!(sent[0].data()[..4], [3, 3, 4, 5]);
+    }
+
+    #[test]
+    fn hint_asks_no_adapter() {
+        let bus = SharedBus::new(Faulty {
+            tries: 0,
+            sent: Arc::default(),
+            received: VecDeque::new(),
+        });
+        let (tx, rx) = (Function::ArmRequest, Function::ArmAnswer);
+        let line = CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx);
+        let names = Names {
+            arm: "a Ling arm",
+            other: ("an Alpha1", Protocol::Alpha1),
+        };
+        let hint = Line::hint(&line, Reception::Silence, names);
+        assert!(
+            hint.starts_with("is the arm powered, is the adapter on this bus as node 0, "),
+            "{hint}"
+        );
     }
 
     #[test]

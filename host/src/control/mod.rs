@@ -14,6 +14,7 @@ use armwire_bridge::control::{
 use crate::error::Error;
 use crate::link::Line;
 use crate::received::Missing;
+use crate::text::{Remedy, Text};
 
 /// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
@@ -45,8 +46,8 @@ pub trait Transport: Send {
     /// The next message within this time. `None` on timeout.
     fn receive(&mut self, wait: Duration) -> Result<Option<Received>, Error>;
 
-    /// Hints for an adapter that does not reply.
-    fn hints(&self) -> String;
+    /// A hint for an adapter that does not reply.
+    fn hint(&self) -> String;
 }
 
 /// A stream of messages in COBS, each ended by a zero.
@@ -122,11 +123,11 @@ impl ControlLink {
                 Some(Ok(FromAdapter::Event { at, event })) => self.keep(at, event),
                 Some(Err(error)) => return Err(self.malformed(error)),
                 None if left.is_zero() => {
-                    let (millis, hints) = (REPLY_TIMEOUT.as_millis(), self.transport.hints());
                     return Err(Error::NoAnswer {
                         name: self.name().to_owned(),
-                        cause: format!("the adapter does not answer in {millis} ms: {hints}"),
-                        missing: Missing::Silent,
+                        cause: format!("the adapter does not answer in {} ms", REPLY_TIMEOUT.as_millis()),
+                        hint: self.transport.hint().into(),
+                        missing: Missing::Adapter,
                         bytes: 0,
                     });
                 }
@@ -191,7 +192,10 @@ impl ControlLink {
                 version,
             }),
             Reply::BadConfig(error) => Err(Error::refused(self.name(), format_args!("rejected: {error}"))),
-            Reply::Failed(failure) => Err(Error::refused(self.name(), describe(failure))),
+            Reply::Failed(failure) => Err(Error::Refused {
+                name: self.name().to_owned(),
+                reason: describe(failure),
+            }),
             reply => Ok(reply),
         }
     }
@@ -204,15 +208,15 @@ impl ControlLink {
 }
 
 /// The reason for a failed request.
-fn describe(failure: Failure) -> String {
-    match failure {
+fn describe(failure: Failure) -> Text {
+    let reason = match failure {
         Failure::Flash => "not saved: the write to the adapter's flash failed".to_owned(),
         Failure::Busy => "the adapter is busy with an earlier request: try again".to_owned(),
         Failure::StreamArmed => "refused while a host streams motion: stop it and try again".to_owned(),
         Failure::LineHeld => {
-            "the host on USB holds the line to the arm: close the program on the adapter's serial port, \
-                              or end 'armwire hold'"
-                .to_owned()
+            let reason = "the host on USB holds the line to the arm: close the program on the adapter's serial port, or end \
+                          its hold";
+            return Text::from(reason).remedy(Remedy::EndHold);
         }
         Failure::TooManySaves { wait_s } => {
             format!("not saved: the budget of saves, which limits flash wear, is used up; next save in {wait_s} s")
@@ -231,7 +235,8 @@ fn describe(failure: Failure) -> String {
             format!("not stopped: the adapter cannot stop an arm of kind '{kind}'. Only its supply's switch stops it")
         }
         other => format!("refused: {other:?}"),
-    }
+    };
+    reason.into()
 }
 
 impl Drop for ControlLink {
@@ -278,7 +283,7 @@ impl Transport for Stream {
         }
     }
 
-    fn hints(&self) -> String {
+    fn hint(&self) -> String {
         "is it the control port of an armwire adapter?".to_owned()
     }
 }
@@ -332,8 +337,8 @@ mod tests {
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Reception, _: Names) -> String {
-            String::new()
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
         }
     }
 

@@ -11,6 +11,7 @@ use nusb::{DeviceInfo, Endpoint, Interface, MaybeFuture};
 use crate::available::has_serial_port;
 use crate::error::Error;
 use crate::link::{Line, Names, Reception, is_nothing_yet};
+use crate::text::Text;
 
 /// USB ids of the adapter. They are the pid.codes test ids, so the interface is checked, too.
 pub const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
@@ -154,8 +155,8 @@ impl Line for UsbLine {
         }
     }
 
-    fn hints(&mut self, _: Reception, _: Names) -> String {
-        "is its firmware stuck?".to_owned()
+    fn hint(&self, _: Reception, _: Names) -> Text {
+        "is its firmware stuck?".into()
     }
 }
 

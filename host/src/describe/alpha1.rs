@@ -8,14 +8,14 @@ use serde_json::json;
 
 use super::arm::{Arm, Protocol};
 use super::fact::{Fact, number};
-use crate::hex;
+use super::printable::hex;
 
 impl Arm for Alpha1 {
     const PROTOCOL: Protocol = Protocol::Alpha1;
 
     const NAME: &'static str = "an Alpha1";
 
-    const OTHER: &'static str = "a Ling arm ('ling' instead of 'alpha1')";
+    const OTHER: (&'static str, Protocol) = ("a Ling arm", Protocol::Ling);
 
     const CONFIG: Config = Config {
         baud: NonZeroU32::new(115_200).unwrap(),
@@ -101,7 +101,7 @@ fn servo_response(response: &ServoResponse) -> Fact {
         ServoResponse::Offset { thirds, .. } => {
             values.push(("offset_degrees", number(f64::from(*thirds) / 3.0)));
         }
-        ServoResponse::Version { version, .. } => values.push(("version", json!(hex::show(version)))),
+        ServoResponse::Version { version, .. } => values.push(("version", json!(hex(version)))),
         _ => {}
     }
     Fact::of(&servo.to_string(), response.values(), values)

@@ -4,7 +4,7 @@ use armwire::Config;
 use armwire::messages::Messages;
 
 use super::fact::Fact;
-use crate::hex;
+use super::printable::hex;
 
 /// The protocol of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,8 +27,8 @@ pub trait Arm: Messages + Default {
     /// The arm's name, with its article.
     const NAME: &'static str;
 
-    /// The other arm that may be on such a line, with its article and what a user types for it.
-    const OTHER: &'static str;
+    /// The other arm that may be on such a line, with its article.
+    const OTHER: (&'static str, Protocol);
 
     /// Default timing of the line.
     const CONFIG: Config;
@@ -56,7 +56,7 @@ pub trait Arm: Messages + Default {
     fn extra_fact(frame: &[u8]) -> Option<Fact> {
         let arm = Self::default();
         let extra = arm.extra(frame);
-        (!extra.is_empty()).then(|| Fact::words("extra", hex::show(extra)))
+        (!extra.is_empty()).then(|| Fact::words("extra", hex(extra)))
     }
 
     /// The reason of a response that reports a failed request.

@@ -4,7 +4,7 @@ use std::fmt::{self, Display, Formatter};
 
 use serde_json::{Map, Value, json};
 
-use crate::printable::escaped;
+use super::printable::escaped;
 
 /// One fact in a message, for example the joint positions.
 #[derive(Clone, Debug)]

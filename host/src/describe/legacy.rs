@@ -13,7 +13,7 @@ impl Arm for Legacy {
 
     const NAME: &'static str = "a Ling arm of the older generation";
 
-    const OTHER: &'static str = Ling::OTHER;
+    const OTHER: (&'static str, Protocol) = Ling::OTHER;
 
     const CONFIG: Config = Config::DEFAULT;
 

@@ -14,7 +14,7 @@ impl Arm for Ling {
 
     const NAME: &'static str = "a Ling arm";
 
-    const OTHER: &'static str = "an Alpha1 ('alpha1' instead of 'ling')";
+    const OTHER: (&'static str, Protocol) = ("an Alpha1", Protocol::Alpha1);
 
     const CONFIG: Config = Config {
         // The system may be busy, and only a person waits for the answer.

@@ -5,11 +5,13 @@ mod arm;
 mod fact;
 pub mod legacy;
 mod ling;
+mod printable;
 pub mod xarm;
 
 pub use arm::{Arm, Protocol};
 pub use fact::Fact;
 pub use fact::{line, number, object};
+pub use printable::{escaped, hex};
 
 #[cfg(test)]
 mod tests {

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::arm::{Arm, Protocol};
 use super::fact::{Fact, number};
-use crate::hex;
+use super::printable::hex;
 
 /// The register of joint positions, which the document does not have. It is read as the vendor's package does: seven
 /// little-endian floating-point numbers in radians, of which an arm with fewer axes uses the first.
@@ -19,7 +19,7 @@ impl Arm for XArm {
 
     const NAME: &'static str = "an xArm";
 
-    const OTHER: &'static str = "an arm on a serial port ('ling' or 'alpha1' and tcp:HOST:PORT)";
+    const OTHER: (&'static str, Protocol) = ("an arm on a serial port", Protocol::Ling);
 
     const CONFIG: Config = Config::TCP;
 
@@ -148,7 +148,7 @@ pub fn positions(state: State, params: &[u8], axes: Option<usize>) -> Vec<Fact> 
     if known.is_none() {
         joints.text = match params {
             [] => format!("register {POSITIONS} not reported"),
-            params => format!("register {POSITIONS} {}", hex::show(params)),
+            params => format!("register {POSITIONS} {}", hex(params)),
         };
     }
     vec![joints, Fact::words("state", state)]

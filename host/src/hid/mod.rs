@@ -11,6 +11,7 @@ use armwire::alpha1::hid::{self, REPORT};
 use crate::error::Error;
 use crate::hid_selector::{ALPHA1, Selector};
 use crate::link::{Line, Names, Reception};
+use crate::text::Text;
 
 use device::Device;
 
@@ -171,7 +172,7 @@ impl<R: Reports> Line for HidLine<R> {
         Ok(bytes.len())
     }
 
-    fn hints(&mut self, reception: Reception, names: Names) -> String {
+    fn hint(&self, reception: Reception, names: Names) -> Text {
         match reception {
             Reception::Silence => format!(
                 "is the robot on, is it {}, and is the port free of other programs?",
@@ -179,6 +180,7 @@ impl<R: Reports> Line for HidLine<R> {
             ),
             Reception::Garbage => format!("is it {}, and not another HID device?", names.arm),
         }
+        .into()
     }
 }
 

@@ -1,22 +1,12 @@
 //! Text from outside, as a terminal may show it: a file name, a line of a log, an adapter's identity.
 
+pub(crate) use armwire_host::describe::escaped;
+
 /// The longest text from a file that is shown, in characters.
 const MAX_SHOWN: usize = 120;
 
-/// The text in one line, with escapes in place of characters that a terminal would act on.
-pub fn escaped(text: &str) -> String {
-    let mut line = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '\'' | '"' | '\\' => line.push(character),
-            _ => line.extend(character.escape_debug()),
-        }
-    }
-    line
-}
-
 /// JSON, with escapes of its own in place of characters that a terminal would act on. All of them are in its strings.
-pub fn escaped_json(json: &str) -> String {
+pub(crate) fn escaped_json(json: &str) -> String {
     let mut text = String::with_capacity(json.len());
     for character in json.chars() {
         if character == '\n' || !character.escape_debug().to_string().starts_with("\\u") {
@@ -31,7 +21,7 @@ pub fn escaped_json(json: &str) -> String {
 }
 
 /// The text, cut after [`MAX_SHOWN`] characters.
-pub fn cut(text: &str) -> String {
+pub(crate) fn cut(text: &str) -> String {
     match text.char_indices().nth(MAX_SHOWN) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text.to_owned(),
@@ -43,22 +33,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn control_characters_are_escaped() {
-        assert_eq!(escaped("a\x1B[2Jb\r\n\u{202E}\0"), r"a\u{1b}[2Jb\r\n\u{202e}\0");
-    }
-
-    #[test]
     fn json_stays_json_when_escaped() {
         let value = serde_json::json!({ "text": "a\u{9B}2J\u{7F}b\u{202E}\u{E0001}\r\n\"µ\\" });
         let text = escaped_json(&value.to_string());
         assert_eq!(text, r#"{"text":"a\u009b2J\u007fb\u202e\udb40\udc01\r\n\"µ\\"}"#);
         assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), value);
-    }
-
-    #[test]
-    fn printable_text_stays() {
-        let text = r#"/dev/ttyÄ0: 'a' "b" \c 20 °C, 30 µs"#;
-        assert_eq!(escaped(text), text);
     }
 
     #[test]

@@ -1,18 +1,14 @@
 //! Bytes as hexadecimal text, and back.
 
+pub(crate) use armwire_host::describe::hex as show;
+
 use crate::printable::cut;
 
 /// Maximum length of a word that is kept for error messages, in bytes. Messages show no more.
 const MAX_WORD: usize = 512;
 
-/// Bytes as `AA 06 00`.
-pub fn show(bytes: &[u8]) -> String {
-    let bytes: Vec<_> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
-    bytes.join(" ")
-}
-
 /// The bytes of a text.
-pub fn parse(text: &str) -> Result<Vec<u8>, WrongWord> {
+pub(crate) fn parse(text: &str) -> Result<Vec<u8>, WrongWord> {
     let (mut parser, mut bytes) = (Parser::new(), Vec::new());
     parser.push(text.as_bytes(), &mut bytes)?;
     parser.finish()?;
@@ -22,15 +18,15 @@ pub fn parse(text: &str) -> Result<Vec<u8>, WrongWord> {
 /// A word that is not hexadecimal, cut after [`MAX_WORD`] bytes and for messages.
 #[derive(Debug, thiserror::Error)]
 #[error("line {line}: '{word}' is not a byte or bytes in hexadecimal")]
-pub struct WrongWord {
+pub(crate) struct WrongWord {
     /// The line, counted from 1.
-    pub line: usize,
-    pub word: String,
+    pub(crate) line: usize,
+    pub(crate) word: String,
 }
 
 /// A parser of text in pieces of any size: words of pairs of digits, with or without 0x before them, separated by white
 /// space, commas and colons.
-pub struct Parser {
+pub(crate) struct Parser {
     line: usize,
     word: Vec<u8>,
     /// Length of the word so far, in bytes.
@@ -42,7 +38,7 @@ pub struct Parser {
 }
 
 impl Parser {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             line: 1,
             word: Vec::new(),
@@ -53,7 +49,7 @@ impl Parser {
     }
 
     /// Reads the next piece of text and appends its bytes.
-    pub fn push(&mut self, text: &[u8], bytes: &mut Vec<u8>) -> Result<(), WrongWord> {
+    pub(crate) fn push(&mut self, text: &[u8], bytes: &mut Vec<u8>) -> Result<(), WrongWord> {
         for &byte in text {
             match byte {
                 b' ' | b'\t' | b',' | b':' | b'\r' | b'\n' => {
@@ -87,7 +83,7 @@ impl Parser {
     }
 
     /// Ends the word.
-    pub fn finish(&mut self) -> Result<(), WrongWord> {
+    pub(crate) fn finish(&mut self) -> Result<(), WrongWord> {
         if self.is_wrong || self.high.is_some() {
             return Err(self.wrong_word());
         }

@@ -1,0 +1,112 @@
+//! Text with places for remedies.
+
+use std::fmt;
+use std::ops::Deref;
+
+use crate::describe::Protocol;
+
+/// Something that helps, which each program offers in its own way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Remedy {
+    /// The port is one of this arm, and was opened for another.
+    OpenAs(Protocol),
+    /// The arm may be this one.
+    TryAs(Protocol),
+    /// The arm may be [listened](crate::Connection::legacy) to.
+    Listen,
+    /// A program holds the adapter's line, and may end that.
+    EndHold,
+}
+
+/// Text for a user, with a place for the words of a program at each remedy. It dereferences to the text without them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Text {
+    text: String,
+    /// Each remedy, and its place in bytes. The places grow.
+    remedies: Vec<(usize, Remedy)>,
+}
+
+impl Text {
+    /// The text with `words` at the place of each remedy. Words for people begin with a space, or with a comma.
+    pub fn with(&self, words: impl Fn(Remedy) -> String) -> String {
+        let mut text = self.text.clone();
+        for &(place, remedy) in self.remedies.iter().rev() {
+            text.insert_str(place, &words(remedy));
+        }
+        text
+    }
+
+    /// The remedies, in their order.
+    pub fn remedies(&self) -> impl Iterator<Item = Remedy> {
+        self.remedies.iter().map(|&(_, remedy)| remedy)
+    }
+
+    /// Appends text.
+    pub(crate) fn and(mut self, more: &str) -> Self {
+        self.text += more;
+        self
+    }
+
+    /// Appends a place for a remedy.
+    pub(crate) fn remedy(mut self, remedy: Remedy) -> Self {
+        self.remedies.push((self.text.len(), remedy));
+        self
+    }
+
+    /// Appends text with its remedies.
+    pub(crate) fn append(mut self, more: &Self) -> Self {
+        let place = self.text.len();
+        self.remedies
+            .extend(more.remedies.iter().map(|&(at, remedy)| (place + at, remedy)));
+        self.text += &more.text;
+        self
+    }
+}
+
+impl From<String> for Text {
+    fn from(text: String) -> Self {
+        let remedies = Vec::new();
+        Self { text, remedies }
+    }
+}
+
+impl From<&str> for Text {
+    fn from(text: &str) -> Self {
+        text.to_owned().into()
+    }
+}
+
+impl Deref for Text {
+    type Target = str;
+
+    fn deref(&self) -> &str {
+        &self.text
+    }
+}
+
+impl fmt::Display for Text {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_of_a_program_stand_at_their_places() {
+        let other = Text::from("an Alpha1").remedy(Remedy::TryAs(Protocol::Alpha1));
+        let text = Text::from("is it ").append(&other).and("?").remedy(Remedy::EndHold);
+        assert_eq!(text.to_string(), "is it an Alpha1?");
+        assert_eq!(
+            text.with(|remedy| format!(" [{remedy:?}]")),
+            "is it an Alpha1 [TryAs(Alpha1)]? [EndHold]"
+        );
+        assert_eq!(
+            text.remedies().collect::<Vec<_>>(),
+            [Remedy::TryAs(Protocol::Alpha1), Remedy::EndHold]
+        );
+    }
+}
