@@ -284,6 +284,33 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
+    /// All bytes that the verdict on an item of noise needed: the whole of a damaged frame, of which the item is only the
+    /// first byte. The other bytes follow in items of their own, because a frame may begin among them. `framing` and
+    /// `expect` are those of [`advance`](Self::advance).
+    ///
+    /// ```
+    /// use armwire::decoder::{Decoder, Kind};
+    /// use armwire::framing::Reason;
+    /// use armwire::ling::Ling;
+    ///
+    /// let damaged = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF];
+    /// let mut decoder = Decoder::<70>::new();
+    /// assert!(decoder.push(&damaged).is_empty());
+    /// let noise = decoder.advance(&Ling, ()).unwrap();
+    /// assert_eq!(noise.kind, Kind::Noise(Reason::Checksum { expected: 0x9A, got: 0x9B }));
+    /// assert_eq!(decoder.item(noise).bytes, [0xAA]);
+    /// assert_eq!(decoder.candidate(noise, &Ling, ()), damaged);
+    /// ```
+    pub fn candidate<F: Framing>(&self, span: Span, framing: &F, expect: F::Expect) -> &[u8] {
+        let bytes = self.buf.get(span.start..self.tail).unwrap_or_default();
+        let is_undecided = |len: &usize| {
+            let front = bytes.get(..*len).unwrap_or_default();
+            matches!(framing.scan(front, expect), Scan::Need(_))
+        };
+        let undecided = (1..bytes.len()).take_while(is_undecided).count();
+        bytes.get(..undecided.saturating_add(1)).unwrap_or_default()
+    }
+
     /// The last `len` bytes that [`advance`](Self::advance) removed from the window.
     pub(crate) fn taken(&self, len: usize) -> &[u8] {
         let start = self.head.saturating_sub(len);
@@ -354,6 +381,12 @@ impl<const N: usize> Decoder<N> {
     /// The offset of the window's first byte, in bytes since the decoder was created.
     pub const fn offset(&self) -> u64 {
         self.received.wrapping_sub(self.pending() as u64)
+    }
+
+    /// The number of bytes of the last item that are still to arrive: it is a frame that is longer than allowed, and is
+    /// skipped in several items.
+    pub const fn skipping(&self) -> usize {
+        self.skip
     }
 
     /// Bytes passed in since the decoder was created.

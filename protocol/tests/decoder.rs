@@ -461,3 +461,46 @@ fn longest_ling_frame_fits_a_tight_decoder() {
     assert_eq!(frame.encode(&mut out), Ok(TIGHT));
     assert_eq!(frames(&decode::<_, TIGHT>(&Ling, (), &[&out])), [out]);
 }
+
+#[test]
+fn damaged_frame_is_whole_with_the_frame_in_it() {
+    let good = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+    let damaged = [&[0xAA, 0x06, 0x00, 0x05][..], &good].concat();
+    for cut in 0..damaged.len() {
+        let mut decoder = Decoder::<70>::new();
+        let (first, rest) = damaged.split_at(cut);
+        assert!(decoder.push(first).is_empty());
+        assert_eq!(decoder.advance(&Ling, ()), None, "{cut}");
+        assert!(decoder.push(rest).is_empty());
+        assert!(decoder.push(&[0x11; 3]).is_empty());
+        let noise = decoder.advance(&Ling, ()).unwrap();
+        assert!(matches!(noise.kind, Kind::Noise(Reason::Checksum { .. })));
+        assert_eq!(decoder.candidate(noise, &Ling, ()), damaged);
+        let stray = decoder.next(&Ling, ()).unwrap();
+        assert_eq!((stray.offset, stray.bytes), (1, &damaged[1..4]));
+        assert_eq!(decoder.next(&Ling, ()).unwrap().bytes, good);
+    }
+}
+
+#[test]
+fn break_is_whole_up_to_its_byte() {
+    let mut decoder = Decoder::<260>::new();
+    assert!(decoder.push(&[0, 1, 0, 9, 7, 7]).is_empty());
+    let broken = decoder.advance(&XArm::PRIVATE, Direction::Responses).unwrap();
+    let candidate = decoder.candidate(broken, &XArm::PRIVATE, Direction::Responses);
+    assert_eq!(candidate, [0, 1, 0, 9]);
+}
+
+#[test]
+fn skipped_frame_states_the_bytes_to_come() {
+    let mut decoder = Decoder::<260>::new();
+    let frame = [&[0, 1, 0, 2, 1, 0][..], &[7; 256]].concat();
+    for byte in &frame[..100] {
+        assert!(decoder.push(&[*byte]).is_empty());
+        while decoder.advance(&XArm::PRIVATE, Direction::Responses).is_some() {}
+    }
+    assert_eq!(decoder.skipping(), 162);
+    assert!(decoder.push(&frame[100..]).is_empty());
+    assert!(decoder.advance(&XArm::PRIVATE, Direction::Responses).is_some());
+    assert_eq!(decoder.skipping(), 0);
+}
