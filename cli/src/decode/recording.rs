@@ -1,16 +1,19 @@
 //! The frames of a recording of bytes, and the bytes between them.
 
-use armwire::decoder::{Decoder, Kind};
-use armwire::framing::{Reason, Scan};
+use armwire::decoder::{Decoder, Kind, Span};
+use armwire::framing::Reason;
 use armwire::ling::legacy::{Detector, Legacy};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire::messages::Messages;
+use armwire::xarm;
 
 use super::meaning::{expected, meaning};
 use super::output::{Item, OnLine, Output};
 use crate::args::Speaker;
 use crate::describe::Arm;
 
+/// Buffer size: the longest frame of every protocol fits.
+const BUFFER: usize = xarm::MAX_FRAME;
 /// The longest run of stray bytes in one entry.
 const MAX_STRAY: usize = 1024;
 /// Maximum number of bytes before the generation of a Ling arm is known. After that it is the current one.
@@ -33,16 +36,23 @@ pub(super) struct Frames<P: Arm> {
     arm: P,
     from: Option<Speaker>,
     expect: P::Expect,
-    /// The bytes that are not decoded yet.
-    window: Vec<u8>,
-    /// Offset of the window in the recording.
-    offset: u64,
+    decoder: Decoder<BUFFER>,
+    /// Noise that may go on.
+    run: Option<Run>,
     frames: u64,
     noise_bytes: u64,
     padding: u64,
-    /// The end of the last damaged frame: its bytes are not shown again as noise.
+    /// The end of the last damaged frame: its bytes are not shown again as stray ones.
     damaged: u64,
-    broken: Option<(u64, Reason)>,
+    /// The end of what was decoded, as an offset in the recording.
+    end: u64,
+}
+
+/// Adjacent bytes that are noise for one reason.
+struct Run {
+    offset: u64,
+    reason: Reason,
+    bytes: Vec<u8>,
 }
 
 impl<P: Arm> Frames<P> {
@@ -53,94 +63,115 @@ impl<P: Arm> Frames<P> {
             arm,
             from,
             expect,
-            window: Vec::new(),
-            offset: 0,
+            decoder: Decoder::new(),
+            run: None,
             frames: 0,
             noise_bytes: 0,
             padding: 0,
             damaged: 0,
-            broken: None,
+            end: 0,
         }
     }
 
-    /// Decodes as much of the window as possible.
-    fn scan(&mut self, is_end: bool, out: &dyn Output) {
-        let window = std::mem::take(&mut self.window);
-        let mut rest = &window[..];
-        while !rest.is_empty() && self.broken.is_none() {
-            let taken = self.scan_front(rest, is_end, out);
-            if taken == 0 {
-                break;
-            }
-            rest = &rest[taken..];
-            self.offset += taken as u64;
+    /// Takes the items that are complete.
+    fn take_items(&mut self, out: &dyn Output) {
+        while self.decoder.broken().is_none()
+            && let Some(span) = self.decoder.advance(&self.arm, self.expect)
+        {
+            self.take(span, out);
         }
-        let decoded = window.len() - rest.len();
-        self.window = window;
-        self.window.drain(..decoded);
     }
 
-    /// Decodes the front of `rest`. Returns the number of decoded bytes; 0 if more bytes are needed.
-    fn scan_front(&mut self, rest: &[u8], is_end: bool, out: &dyn Output) -> usize {
-        let verdict = match is_end {
-            // The end of the recording counts as an idle line.
-            true => self.arm.scan_idle(rest, self.expect),
-            false => self.arm.scan(rest, self.expect),
-        };
-        // The bytes that are shown, the number of bytes that are skipped, and the text.
-        let (shown, len, text) = match verdict {
-            Scan::Frame(len) => {
-                let (from, text) = meaning(&self.arm, &rest[..len], self.expect, self.from);
+    fn take(&mut self, span: Span, out: &dyn Output) {
+        let len = span.len() as u64;
+        self.end = span.offset + len;
+        match span.kind {
+            Kind::Frame => {
+                self.end_run("", out);
                 self.frames += 1;
-                self.item(self.offset, &rest[..len], from, &text, out);
-                return len;
+                let frame = self.decoder.item(span).bytes;
+                let (from, text) = meaning(&self.arm, frame, self.expect, self.from);
+                self.show(span.offset, frame, from, &text, out);
             }
-            Scan::Padding(len) => {
-                self.padding += len as u64;
-                return len;
+            Kind::Padding => {
+                self.end_run("", out);
+                self.padding += len;
             }
-            Scan::Need(_) if !is_end => return 0,
-            Scan::Need(_) => (
-                0..rest.len(),
-                rest.len(),
-                "the recording ends within a frame".to_owned(),
-            ),
-            Scan::Noise(_, Reason::Stray) => {
-                let len = self.stray(rest);
-                // The run may continue.
-                if len == rest.len() && len < MAX_STRAY && !is_end {
-                    return 0;
-                }
-                let start = self.damaged.saturating_sub(self.offset).min(len as u64) as usize;
-                (start..len, len, format!("noise: {}", Reason::Stray))
+            // All of it is shown, but it counts by its bytes: the others may contain a frame.
+            Kind::Noise(reason @ Reason::Checksum { .. }) => {
+                self.end_run("", out);
+                self.noise_bytes += len;
+                self.damaged = self.damaged.max(span.offset + self.show_candidate(span, reason, out));
             }
-            Scan::Noise(len, _) if len > rest.len() && !is_end => return 0,
-            Scan::Noise(len, reason) if len > rest.len() => {
-                let text = format!("noise: {reason}; the recording ends within it");
-                (0..rest.len(), rest.len(), text)
+            Kind::Noise(reason) => {
+                self.noise_bytes += len;
+                self.extend_run(span, reason, out);
             }
-            // All of it is shown, but only its first byte is skipped: the others may contain a frame.
-            Scan::Noise(len, reason @ Reason::Checksum { .. }) => {
-                let end = self.decided(rest);
-                self.damaged = self.damaged.max(self.offset + end as u64);
-                (0..end, len, format!("noise: {reason}"))
+            Kind::Broken(reason) => {
+                self.end_run("", out);
+                let len = self.show_candidate(span, reason, out);
+                self.noise_bytes += len;
+                self.end = span.offset + len;
             }
-            Scan::Noise(len, reason) => (0..len, len, format!("noise: {reason}")),
-            Scan::Broken(reason) => {
-                let len = self.decided(rest);
-                self.broken = Some((self.offset, reason));
-                (0..len, len, format!("noise: {reason}"))
-            }
-        };
-        if !shown.is_empty() {
-            let at = self.offset + shown.start as u64;
-            self.item(at, &rest[shown], self.from, &text, out);
         }
-        self.noise_bytes += len as u64;
-        len
     }
 
-    fn item(&self, offset: u64, bytes: &[u8], from: Option<Speaker>, text: &str, out: &dyn Output) {
+    /// Adds noise to the run, which ends with it unless more may follow. An item is shorter than [`MAX_STRAY`].
+    fn extend_run(&mut self, span: Span, reason: Reason, out: &dyn Output) {
+        if self.run.as_ref().is_some_and(|run| run.reason != reason) {
+            self.end_run("", out);
+        }
+        let run = self.run.get_or_insert_with(|| Run {
+            offset: span.offset,
+            reason,
+            bytes: Vec::new(),
+        });
+        run.bytes.extend(self.decoder.item(span).bytes);
+        match reason {
+            Reason::Stray if run.bytes.len() >= MAX_STRAY => {
+                let next = Run {
+                    offset: run.offset + MAX_STRAY as u64,
+                    reason,
+                    bytes: run.bytes.split_off(MAX_STRAY),
+                };
+                self.end_run("", out);
+                self.run = Some(next);
+            }
+            Reason::Stray => {}
+            _ if self.decoder.skipping() > 0 => {}
+            _ => self.end_run("", out),
+        }
+    }
+
+    /// Shows the run.
+    fn end_run(&mut self, remark: &str, out: &dyn Output) {
+        let Some(Run { offset, reason, bytes }) = self.run.take() else {
+            return;
+        };
+        let shown = match reason {
+            Reason::Stray => self.damaged.saturating_sub(offset).min(bytes.len() as u64),
+            _ => 0,
+        };
+        let bytes = &bytes[shown as usize..];
+        if !bytes.is_empty() {
+            self.show(
+                offset + shown,
+                bytes,
+                self.from,
+                &format!("noise: {reason}{remark}"),
+                out,
+            );
+        }
+    }
+
+    /// Shows all bytes that the verdict on a piece of noise needed. Returns their number.
+    fn show_candidate(&self, span: Span, reason: Reason, out: &dyn Output) -> u64 {
+        let bytes = self.decoder.candidate(span, &self.arm, self.expect);
+        self.show(span.offset, bytes, self.from, &format!("noise: {reason}"), out);
+        bytes.len() as u64
+    }
+
+    fn show(&self, offset: u64, bytes: &[u8], from: Option<Speaker>, text: &str, out: &dyn Output) {
         let on_line = Some(OnLine {
             protocol: P::PROTOCOL,
             from,
@@ -153,56 +184,51 @@ impl<P: Arm> Frames<P> {
             on_line,
         });
     }
-
-    /// Number of stray bytes at the front, at most [`MAX_STRAY`].
-    fn stray(&self, bytes: &[u8]) -> usize {
-        let mut len = 0;
-        while len < bytes.len().min(MAX_STRAY)
-            && let Scan::Noise(n, Reason::Stray) = self.arm.scan(&bytes[len..], self.expect)
-        {
-            len += n;
-        }
-        len.min(MAX_STRAY)
-    }
-
-    /// Number of bytes that the verdict about the front needed: all bytes of a damaged frame.
-    fn decided(&self, bytes: &[u8]) -> usize {
-        let undecided = |&len: &usize| matches!(self.arm.scan(&bytes[..len], self.expect), Scan::Need(_));
-        (1..bytes.len()).take_while(undecided).count() + 1
-    }
 }
 
 impl<P: Arm> Recording for Frames<P> {
-    fn push(&mut self, bytes: &[u8], out: &dyn Output) {
-        self.window.extend_from_slice(bytes);
-        self.scan(false, out);
+    fn push(&mut self, mut bytes: &[u8], out: &dyn Output) {
+        while !bytes.is_empty() && self.decoder.broken().is_none() {
+            bytes = self.decoder.push(bytes);
+            self.take_items(out);
+        }
     }
 
     fn finish(&mut self, out: &dyn Output) {
-        self.scan(true, out);
+        // The end of the recording counts as an idle line.
+        let skips = self.decoder.skipping() > 0;
+        self.decoder.idle();
+        self.take_items(out);
+        self.end_run(if skips { "; the recording ends within it" } else { "" }, out);
+        let rest = self.decoder.window();
+        if !rest.is_empty() {
+            let text = "the recording ends within a frame";
+            self.show(self.decoder.offset(), rest, self.from, text, out);
+            self.noise_bytes += rest.len() as u64;
+            self.end += rest.len() as u64;
+        }
         let Self {
             frames,
             noise_bytes,
             padding,
+            end,
             ..
         } = self;
         let padding = match padding {
             0 => String::new(),
             padding => format!(", padding bytes: {padding}"),
         };
-        let rest = if self.broken.is_some() {
-            ", the rest not read"
-        } else {
-            ""
+        let rest = match self.decoder.broken() {
+            Some(_) => ", the rest not read",
+            None => "",
         };
         out.remark(format_args!(
-            "bytes: {}, frames: {frames}, noise bytes: {noise_bytes}{padding}{rest}",
-            self.offset
+            "bytes: {end}, frames: {frames}, noise bytes: {noise_bytes}{padding}{rest}"
         ));
     }
 
     fn broken(&self) -> Option<(u64, Reason)> {
-        self.broken
+        self.decoder.broken()
     }
 }
 

@@ -156,6 +156,47 @@ fn endless_stray_bytes_are_shown_in_parts() {
 }
 
 #[test]
+fn stray_bytes_are_joined_whatever_they_might_begin() {
+    let lines = of_line(&[0x11, 0xFB, 0x22, 0x00], ArmKind::Alpha1, Some(Speaker::Arm));
+    assert_eq!(lines[0], "       0  11 FB 22\n          noise: no frame starts here");
+    assert_eq!(lines[1], "bytes: 4, frames: 0, noise bytes: 3, padding bytes: 1");
+}
+
+#[test]
+fn overlong_frame_is_shown_as_a_whole() {
+    let frame = [&[0, 1, 0, 2, 1, 0][..], &[7; 256]].concat();
+    let heartbeat = [0, 0, 0, 1, 0, 2, 0, 0];
+    let of_arm = |bytes: &[u8]| of_line(bytes, ArmKind::Xarm, Some(Speaker::Arm));
+    let lines = of_arm(&[&frame[..], &frame, &heartbeat].concat());
+    for (line, offset) in lines.iter().zip(["       0 ", "     262 "]) {
+        assert!(line.starts_with(offset) && line.matches(" 07").count() == 256, "{line}");
+        assert!(line.ends_with("noise: length field is 256, must be 2..=254"), "{line}");
+    }
+    assert_eq!(lines[3], "bytes: 532, frames: 1, noise bytes: 524");
+    let lines = of_arm(&frame[..100]);
+    assert!(lines[0].ends_with("noise: length field is 256, must be 2..=254; the recording ends within it"));
+    assert_eq!(lines[1], "bytes: 100, frames: 0, noise bytes: 100");
+}
+
+#[test]
+fn broken_stream_is_shown_up_to_its_break() {
+    let (lines, error) = printed(
+        &[0, 1, 0, 9, 7, 7],
+        Some(Format::Raw),
+        ArmKind::Xarm,
+        Some(Speaker::Arm),
+    );
+    assert_eq!(
+        lines,
+        [
+            "       0  00 01 00 09\n          noise: byte 3 is 0x09, expected 0x00 or 0x01 or 0x02 or 0x03",
+            "bytes: 4, frames: 0, noise bytes: 4, the rest not read"
+        ]
+    );
+    assert!(error.unwrap().starts_with("log: "));
+}
+
+#[test]
 fn legacy_arm_is_recognised_after_noise() {
     let state = JointState {
         firmware: Firmware::V6_0,
