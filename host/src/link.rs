@@ -133,7 +133,7 @@ impl<P: Arm> Link<P> {
             client: Client::new(P::default(), config),
             unread: Vec::new(),
             clock: Stopwatch::start(),
-            stale_window: Duration::from_micros(config.stale_window.as_micros()),
+            stale_window: config.stale_window.into(),
             interrupt: None,
             errors: LineErrors::default(),
         }

@@ -19,6 +19,6 @@ impl Stopwatch {
 
     /// Time from now to `instant`; zero if it has passed.
     pub fn until(&self, instant: time::Instant) -> Duration {
-        Duration::from_micros(instant.since(self.now()).as_micros())
+        instant.since(self.now()).into()
     }
 }

@@ -1,6 +1,9 @@
 //! Time in the state machines: microseconds on the caller's monotonic clock.
 
 use core::ops::{Add, AddAssign, Sub};
+use core::time;
+
+use crate::OutOfRange;
 
 /// A point in time on the caller's monotonic clock, in microseconds since an origin that the caller chooses.
 ///
@@ -75,7 +78,9 @@ impl AddAssign<Duration> for Instant {
 /// ```
 /// use armwire::time::Duration;
 ///
-/// assert_eq!(Duration::from_millis(2) + Duration::from_micros(50), Duration::from_micros(2_050));
+/// let duration = Duration::from_millis(2) + Duration::from_micros(50);
+/// assert_eq!(duration, Duration::from_micros(2_050));
+/// assert_eq!(core::time::Duration::from(duration), core::time::Duration::from_micros(2_050));
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -106,5 +111,62 @@ impl Add for Duration {
 
     fn add(self, other: Self) -> Self {
         Self(self.0.saturating_add(other.0))
+    }
+}
+
+impl From<Duration> for time::Duration {
+    fn from(duration: Duration) -> Self {
+        Self::from_micros(duration.0)
+    }
+}
+
+/// A part of a microsecond counts as a whole one: a timeout is never shorter than stated.
+///
+/// ```
+/// use armwire::time::Duration;
+///
+/// let duration = core::time::Duration::from_nanos(1_001);
+/// assert_eq!(Duration::try_from(duration)?, Duration::from_micros(2));
+/// let error = Duration::try_from(core::time::Duration::MAX).unwrap_err();
+/// assert_eq!(error.to_string(), "duration is 18446744073709551615 s, must be 0..=18446744073709");
+/// # Ok::<(), armwire::OutOfRange<u64>>(())
+/// ```
+///
+/// # Errors
+///
+/// [`OutOfRange`], in seconds, if the microseconds exceed 64 bits.
+impl TryFrom<time::Duration> for Duration {
+    type Error = OutOfRange<u64>;
+
+    fn try_from(duration: time::Duration) -> Result<Self, OutOfRange<u64>> {
+        const SECOND: u64 = 1_000_000;
+        let part = u64::from(duration.subsec_nanos().div_ceil(1_000));
+        let micros = duration.as_secs().checked_mul(SECOND);
+        match micros.and_then(|micros| micros.checked_add(part)) {
+            Some(micros) => Ok(Self(micros)),
+            None => Err(OutOfRange::new(
+                "duration",
+                "s",
+                duration.as_secs(),
+                0,
+                u64::MAX / SECOND,
+            )),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn longest_durations_convert_or_are_refused() {
+        let longest = Duration(u64::MAX);
+        let exact = time::Duration::from(longest);
+        assert_eq!(Duration::try_from(exact), Ok(longest));
+        let tick = time::Duration::from_nanos(1);
+        assert_eq!(Duration::try_from(exact - tick), Ok(longest));
+        assert!(Duration::try_from(exact + tick).is_err());
+        assert_eq!(Duration::try_from(time::Duration::ZERO), Ok(Duration::ZERO));
     }
 }

@@ -54,9 +54,7 @@ pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io
             served.lost += (output.len() - sent) as u64;
         }
 
-        let timeout = device
-            .poll_timeout()
-            .map(|due| Duration::from_micros(due.since(now()).as_micros()));
+        let timeout = device.poll_timeout().map(|due| Duration::from(due.since(now())));
         pty.wait(Some(timeout.unwrap_or(POLL_PERIOD).min(POLL_PERIOD)))?;
     }
     Ok(served)

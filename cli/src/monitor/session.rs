@@ -305,7 +305,7 @@ mod tests {
     fn without_answers(bytes: &[usize]) -> Result<(), Error> {
         let stop = AtomicBool::new(false);
         let mut session = Session::new("PORT", Form::Json, None, &stop);
-        let before = Instant::now().checked_sub(2 * Duration::from_micros(SILENCE_TIMEOUT.as_micros()));
+        let before = Instant::now().checked_sub(2 * Duration::from(SILENCE_TIMEOUT));
         session.clock = Stopwatch(before.unwrap());
         bytes
             .iter()

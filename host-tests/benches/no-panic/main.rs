@@ -66,6 +66,8 @@ extern "C" fn _start() {
     }
     black_box(black_box(Instant::ZERO) + black_box(Duration::from_millis(black_box(0))));
     black_box(black_box(Instant::from_millis(black_box(0))) - black_box(Duration::ZERO));
+    let duration = core::time::Duration::from(black_box(Duration::ZERO));
+    black_box(Duration::try_from(black_box(duration)).is_ok());
     black_box(black_box(Instant::ZERO).since(black_box(Instant::ZERO)) + black_box(Duration::ZERO));
     if cfg!(feature = "prove-panic") {
         black_box([1, 2, 3][black_box(3)]);

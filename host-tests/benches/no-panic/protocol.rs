@@ -66,12 +66,13 @@ fn decoder<D: Dialect, const N: usize>(framing: &D, expect: D::Expect) {
     black_box(black_box(&mut *decoder).next(framing, expect).is_some());
     if let Some(span) = black_box(&mut *decoder).advance(framing, expect) {
         black_box(black_box(&*decoder).item(black_box(span)));
+        black_box(black_box(&*decoder).candidate(black_box(span), framing, expect));
         black_box((span.len(), span.is_empty()));
     }
     black_box(&mut *decoder).idle();
     black_box(black_box(&*decoder).need(framing, expect));
     let decoder = black_box(&*decoder);
-    black_box((decoder.pending(), decoder.offset(), decoder.received()));
+    black_box((decoder.pending(), decoder.offset(), decoder.received(), decoder.skipping()));
     black_box((decoder.window(), decoder.broken()));
 }
 

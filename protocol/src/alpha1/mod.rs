@@ -48,6 +48,21 @@ pub use value::{
     ServoStates, Text, UsbType,
 };
 
+use crate::Client;
+
+/// A [`Client`] with buffers for every message of this protocol. With short names and versions, or for a bus of servos, a
+/// smaller one is enough.
+///
+/// ```
+/// use armwire::Config;
+/// use armwire::alpha1::{Alpha1, Alpha1Client, Request};
+///
+/// let mut client = Alpha1Client::new(Alpha1, Config::default());
+/// client.submit(&Request::Stop)?;
+/// # Ok::<(), armwire::SubmitError>(())
+/// ```
+pub type Alpha1Client = Client<Alpha1, MAX_FRAME>;
+
 /// The protocol of the Alpha1 and of its servos.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

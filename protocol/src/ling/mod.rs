@@ -39,6 +39,20 @@ pub use value::{
     TemperatureLimit, Version,
 };
 
+use crate::Client;
+
+/// A [`Client`] with buffers for every message of this protocol.
+///
+/// ```
+/// use armwire::Config;
+/// use armwire::ling::{Ling, LingClient, Request};
+///
+/// let mut client = LingClient::new(Ling, Config::default());
+/// client.submit(&Request::ReadJoints)?;
+/// # Ok::<(), armwire::SubmitError>(())
+/// ```
+pub type LingClient = Client<Ling, MAX_FRAME>;
+
 /// The Ling protocol.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

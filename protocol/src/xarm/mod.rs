@@ -36,6 +36,20 @@ pub use value::{
     TorqueSource, Version, VersionError, VersionText,
 };
 
+use crate::Client;
+
+/// A [`Client`] with buffers for every message of this protocol.
+///
+/// ```
+/// use armwire::Config;
+/// use armwire::xarm::{Request, XArm, XArmClient};
+///
+/// let mut client = XArmClient::new(XArm::PRIVATE, Config::TCP);
+/// client.submit(&Request::ReadVersion)?;
+/// # Ok::<(), armwire::SubmitError>(())
+/// ```
+pub type XArmClient = Client<XArm, MAX_FRAME>;
+
 /// The xArm protocol, with the protocol id of its requests. Responses are accepted with any id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
