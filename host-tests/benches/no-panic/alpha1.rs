@@ -4,8 +4,8 @@ use core::hint::black_box;
 use core::time::Duration;
 
 use armwire::alpha1::{
-    Action, Address, Alpha1, Angle, Expect, Frame, Interval, MAX_FRAME, MoveTime, Offset, Outcome, Request, Response,
-    ServoId, ServoStates, Text, checksum, hid,
+    Action, Address, Alpha1, Angle, Expect, FirmwareVersion, Frame, Interval, MAX_FRAME, MoveTime, Offset, Outcome,
+    Request, Response, ServoId, ServoResponse, ServoStates, Text, checksum, hid,
 };
 
 use crate::{bytes, protocol};
@@ -18,7 +18,16 @@ pub(crate) fn call_all() {
         time: MoveTime::new(0),
         interval: Interval::new(0),
     };
-    let response = Response::Playing(Outcome::Success);
+    let response = black_box(Response::Playing(Outcome::Success));
+    black_box((
+        Text::try_from(response).is_ok(),
+        ServoStates::try_from(response).is_ok(),
+    ));
+    black_box((
+        FirmwareVersion::try_from(response).is_ok(),
+        Outcome::try_from(response).is_ok(),
+    ));
+    black_box(ServoResponse::try_from(response).is_ok_and(|response| response.outcome().1.is_success()));
     protocol::call_all::<Alpha1, MAX_FRAME>(Alpha1, Some(Request::Act(action)), response, Expect::Requests);
     black_box(hid::reports(text).map(black_box).count());
     black_box(Frame::parse(text));

@@ -3,8 +3,8 @@
 use core::hint::black_box;
 
 use armwire::ling::{
-    Frame, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response, SelfCheck,
-    SerialNumber, Speed, Stroke, TemperatureLimit, checksum,
+    Frame, Info, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response,
+    SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit, checksum,
 };
 use armwire::raw::Raw;
 
@@ -48,6 +48,17 @@ pub(crate) fn call_all() {
     });
     black_box(state.positions().is_ok());
     black_box(state.opening().is_ok());
+
+    let response = black_box(Response::Stroke(stroke));
+    black_box((Info::try_from(response).is_ok(), Stroke::try_from(response).is_ok()));
+    black_box((
+        JointState::try_from(response).is_ok(),
+        SelfCheck::try_from(response).is_ok(),
+    ));
+    black_box((
+        PerServo::<u8>::try_from(response).is_ok(),
+        PerServo::<u16>::try_from(response).is_ok(),
+    ));
 
     let serial = black_box(SerialNumber([0; 16]));
     black_box(serial.as_str());

@@ -72,7 +72,12 @@ fn decoder<D: Dialect, const N: usize>(framing: &D, expect: D::Expect) {
     black_box(&mut *decoder).idle();
     black_box(black_box(&*decoder).need(framing, expect));
     let decoder = black_box(&*decoder);
-    black_box((decoder.pending(), decoder.offset(), decoder.received(), decoder.skipping()));
+    black_box((
+        decoder.pending(),
+        decoder.offset(),
+        decoder.received(),
+        decoder.skipping(),
+    ));
     black_box((decoder.window(), decoder.broken()));
 }
 

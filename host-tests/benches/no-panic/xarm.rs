@@ -4,8 +4,8 @@ use core::hint::black_box;
 
 use armwire::messages::Messages;
 use armwire::xarm::{
-    Direction, Frame, Joint, MAX_FRAME, Raw, Reply, Request, Response, RotationRadius, SerialsText, State, VersionText,
-    XArm,
+    Answer, Direction, Frame, Joint, MAX_FRAME, Raw, Reply, Request, Response, RotationRadius, SerialsText, State,
+    TorqueSource, VersionText, XArm,
 };
 
 use crate::{bytes, protocol};
@@ -25,6 +25,19 @@ pub(crate) fn call_all() {
     black_box(black_box(Request::Reboot).eq(&black_box(Request::Reboot)));
     black_box(black_box(Request::Reboot).register());
     black_box(black_box(Reply::empty(black_box(0))).register());
+    let response = black_box(response);
+    black_box((
+        Answer::<VersionText<'_>>::try_from(response).is_ok(),
+        Answer::<SerialsText<'_>>::try_from(response).is_ok(),
+    ));
+    black_box((
+        Answer::<RotationRadius>::try_from(response).is_ok(),
+        Answer::<TorqueSource>::try_from(response).is_ok(),
+    ));
+    black_box((
+        Answer::<Raw<'_>>::try_from(response).is_ok(),
+        Answer::<()>::try_from(response).is_ok(),
+    ));
     if let Err(error) = arm.parse_request(body) {
         black_box(Response::refusal(&error));
     }
