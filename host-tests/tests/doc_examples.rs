@@ -133,7 +133,7 @@ mod ling {
             };
             let world = world(LingArm::new(ArmConfig::follower()));
             let clock = VirtualClock(&world);
-            let mut arm = Arm::open(Port(&world), &clock, Config::default());
+            let mut arm = Arm::new(Port(&world), &clock, Config::default());
             let (info, arrived) = run(&world, tour(&mut arm, &clock, target)).unwrap();
             assert!(arrived);
             assert_eq!(info.serial, ArmConfig::follower().serial);
@@ -164,7 +164,7 @@ mod stop {
         };
         let world = world(LingArm::new(ArmConfig::follower()));
         let clock = VirtualClock(&world);
-        let mut arm = Arm::open(Port(&world), &clock, Config::default());
+        let mut arm = Arm::new(Port(&world), &clock, Config::default());
         let stopped = run(&world, async {
             arm.move_to(target).await.unwrap();
             driver::Clock::wait_until(&clock, Instant::from_millis(1_000)).await;
@@ -207,7 +207,7 @@ mod alpha1_robot {
         };
         let world = world(Alpha1Robot::new(RobotConfig::default()));
         let clock = VirtualClock(&world);
-        let mut arm = Arm::open(Port(&world), &clock, Config::default());
+        let mut arm = Arm::new(Port(&world), &clock, Config::default());
         let name = Text::new(b"dance").unwrap();
         assert_eq!(run(&world, robot(&mut arm, &clock, action, name)), Ok(true));
         assert_eq!(world.borrow().device.usb(), UsbType::SerialPort);
@@ -226,7 +226,7 @@ mod alpha1_servo {
         let mut bus = ServoBus::new(BusConfig::default());
         bus.servos_mut()[0].set_faulty(faulty);
         let world = world(bus);
-        let mut arm = Arm::open(Port(&world), VirtualClock(&world), Config::default());
+        let mut arm = Arm::new(Port(&world), VirtualClock(&world), Config::default());
         let [one, free] = [1, 17].map(|id| ServoId::new(id).unwrap());
         let done = run(&world, servo(&mut arm, one, Angle::new(90).unwrap(), free)).unwrap();
         let world = world.borrow();
@@ -308,7 +308,7 @@ mod xarm {
         let mut arm = VirtualXArm::new(ArmConfig::new(Model::XArm6));
         arm.set_error(error);
         let world = world(Connection::new(arm));
-        let arm = Arm::open(Port(&world), VirtualClock(&world), Config::TCP);
+        let arm = Arm::new(Port(&world), VirtualClock(&world), Config::TCP);
         let (_, radius, is_rebooted) = run(&world, tour(arm, Joint::new(2).unwrap())).unwrap();
         assert!(radius.metres().unwrap() > 0.0);
         let world = world.borrow();

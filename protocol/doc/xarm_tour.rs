@@ -1,5 +1,5 @@
-use armwire::driver::Clock;
-use armwire::xarm::{Arm, ArmError, Joint, ProtocolId, Raw, RotationRadius, TorqueSource};
+use armwire::driver::{CallError, Clock};
+use armwire::xarm::{Arm, Joint, ProtocolId, Raw, RotationRadius, TorqueSource};
 use embedded_io_async::{Read, Write};
 
 const READ_ERRORS: u8 = 15; // a register without a type of its own
@@ -9,7 +9,7 @@ const READ_ERRORS: u8 = 15; // a register without a type of its own
 async fn tour<P: Read + Write>(
     mut arm: Arm<P, impl Clock>,
     joint: Joint,
-) -> Result<(P, RotationRadius, bool), ArmError<P::Error>> {
+) -> Result<(P, RotationRadius, bool), CallError<P::Error>> {
     arm.set_protocol(ProtocolId::Supervised);
     arm.heartbeat().await?;
     let is_known = arm.read_serials(|serials| serials.arm().is_some()).await?.value;

@@ -82,6 +82,10 @@ pub enum CallError<E> {
     /// The arm answered with an error frame.
     #[error("the arm sent an error frame: {0}")]
     ErrorFrame(ErrorFrame),
+    /// The xArm answered with an invalid state, or without the requested value.
+    #[cfg(feature = "xarm")]
+    #[error("the arm refused, its state: {0}")]
+    Refused(crate::xarm::State),
     /// The arm did not answer.
     #[error(fmt = timed_out)]
     TimedOut {

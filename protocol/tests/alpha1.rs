@@ -311,7 +311,7 @@ impl Robot {
     }
 
     fn arm(&self) -> Arm<&Self, &Self> {
-        Arm::open(self, self, Config::DEFAULT)
+        Arm::new(self, self, Config::DEFAULT)
     }
 
     /// Runs a call in virtual time.

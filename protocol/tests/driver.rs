@@ -284,7 +284,7 @@ const CONFIG: Config = Config {
 };
 
 fn arm(world: &Shared) -> Arm<Port<'_>, VirtualClock<'_>> {
-    Arm::open(Port(world), VirtualClock(world), CONFIG)
+    Arm::new(Port(world), VirtualClock(world), CONFIG)
 }
 
 /// Runs a future for at most `limit` of virtual time; `None` if it is dropped then.
@@ -832,7 +832,7 @@ fn closed_or_failed_port_is_a_named_error() {
 
     let world = world();
     let call = |port| {
-        let mut arm = Arm::open(port, VirtualClock(&world), Config::DEFAULT);
+        let mut arm = Arm::new(port, VirtualClock(&world), Config::DEFAULT);
         run(&world, arm.read_joints()).unwrap_err()
     };
     assert_eq!(call(Broken(Ok(0))), CallError::Closed);

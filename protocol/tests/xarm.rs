@@ -292,7 +292,7 @@ fn run<F: Future>(world: &Shared, future: F) -> F::Output {
 }
 
 fn arm(world: &Shared) -> Arm<Port<'_>, VirtualClock<'_>> {
-    Arm::open(Port(world), VirtualClock(world), Config::TCP)
+    Arm::new(Port(world), VirtualClock(world), Config::TCP)
 }
 
 const VERSION: Reply<'static> = Reply::Version(VersionText(b"6,6,XI1202,AC1302,v1.12.10"));
@@ -373,9 +373,9 @@ fn refused_or_empty_answer_is_error_with_state() {
     let mut arm = arm(&world);
     run(&world, async {
         for state in [invalid, invalid, State::ERROR] {
-            assert_eq!(arm.read_version(|_| ()).await, Err(ArmError::Refused(state)));
+            assert_eq!(arm.read_version(|_| ()).await, Err(CallError::Refused(state)));
         }
-        let refused = ArmError::Refused(State::INVALID);
+        let refused = CallError::Refused(State::INVALID);
         assert_eq!(arm.shut_down().await, Err(refused));
         assert_eq!(arm.raw(Raw::new(77, &[]).unwrap(), |_| ()).await, Err(refused));
         assert_eq!(refused.to_string(), "the arm refused, its state: invalid");
@@ -386,7 +386,7 @@ fn refused_or_empty_answer_is_error_with_state() {
 fn silent_arm_timeouts_match_the_vendor_package() {
     let world = world([]);
     let mut arm = arm(&world);
-    let silence = Err(ArmError::Call(CallError::TimedOut { sends: 1 }));
+    let silence = Err(CallError::TimedOut { sends: 1 });
     assert_eq!(run(&world, arm.read_version(|_| ())), silence);
     let waited = world.borrow().now.as_micros();
     assert!((2_000_000..2_200_000).contains(&waited), "{waited}");
@@ -403,7 +403,7 @@ fn broken_connection_ends_calls_with_its_position() {
         expected: &[0, 1, 2, 3],
         got: 9,
     };
-    let broken = ArmError::Call(CallError::Broken { offset: 0, reason });
+    let broken = CallError::Broken { offset: 0, reason };
     for _ in 0..3 {
         assert_eq!(run(&world, arm.read_version(|_| ())), Err(broken));
     }
@@ -420,8 +420,5 @@ fn answer_that_arrives_with_the_break_counts() {
     let mut arm = arm(&world);
     assert!(run(&world, arm.reload_dynamics()).is_ok());
     let error = run(&world, arm.reload_dynamics()).unwrap_err();
-    assert!(
-        matches!(error, ArmError::Call(CallError::Broken { offset: 8, .. })),
-        "{error}"
-    );
+    assert!(matches!(error, CallError::Broken { offset: 8, .. }), "{error}");
 }

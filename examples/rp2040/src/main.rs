@@ -48,7 +48,7 @@ async fn main(_spawner: Spawner) {
     // The pull-up keeps GP5 idle while no arm is connected. Without it the input floats and receives noise.
     PADS_BANK0.gpio(5).modify(|pad| pad.set_pue(true));
 
-    let mut arm = Arm::open(port, EmbassyClock, Config::DEFAULT);
+    let mut arm = Arm::new(port, EmbassyClock, Config::DEFAULT);
     connect(&mut arm, &mut log).await;
     if let Err(error) = turn_wrist_and_grip(&mut arm, &mut log).await {
         log.line(format_args!("arm lost: {error}"));

@@ -1,5 +1,7 @@
 //! Typed calls to an Alpha1 and its servos.
 
+use core::fmt;
+
 use embedded_io_async::{Read, Write};
 
 use super::{
@@ -7,7 +9,7 @@ use super::{
     Request, Response, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
 };
 use crate::Config;
-use crate::driver::{CallError, Clock, Driver};
+use crate::driver::{CallError, Clock, Counters, Driver};
 
 /// An Alpha1, or a bus of its servos, at the other end of a port.
 ///
@@ -29,7 +31,7 @@ use crate::driver::{CallError, Clock, Driver};
 /// const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
 ///
 /// async fn play<P: Read + Write>(port: P, clock: impl Clock, name: Text<'_>) -> Result<Outcome, CallError<P::Error>> {
-///     let mut arm = Arm::open(port, clock, Config { baud: BAUD, ..Config::DEFAULT });
+///     let mut arm = Arm::new(port, clock, Config { baud: BAUD, ..Config::DEFAULT });
 ///     let _ = arm.stop().await?;
 ///     arm.play(name).await
 /// }
@@ -46,12 +48,16 @@ use crate::driver::{CallError, Clock, Driver};
 /// ```
 #[doc = include_str!("../../doc/alpha1_servo.rs")]
 /// ```
-pub type Arm<Port, C> = Driver<Alpha1, Port, C, MAX_FRAME>;
+pub struct Arm<Port, C> {
+    driver: Driver<Alpha1, Port, C, MAX_FRAME>,
+}
 
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// The robot, or the bus of servos, at the other end of `port`.
-    pub const fn open(port: Port, clock: C, config: Config) -> Self {
-        Self::new(Alpha1, port, clock, config)
+    pub const fn new(port: Port, clock: C, config: Config) -> Self {
+        Self {
+            driver: Driver::new(Alpha1, port, clock, config),
+        }
     }
 
     /// Reads the robot's hardware version, up to 254 bytes, and returns the result of `take`.
@@ -59,47 +65,50 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         &mut self,
         take: impl FnOnce(Text<'_>) -> T,
     ) -> Result<T, CallError<Port::Error>> {
-        self.read(&Request::ReadHardwareVersion, |response| {
-            response.try_into().ok().map(take)
-        })
-        .await
+        self.driver
+            .read(&Request::ReadHardwareVersion, |response| {
+                response.try_into().ok().map(take)
+            })
+            .await
     }
 
     /// Reads the robot's firmware version.
     pub async fn read_firmware_version(&mut self) -> Result<FirmwareVersion, CallError<Port::Error>> {
-        self.read(&Request::ReadFirmwareVersion, |response| response.try_into().ok())
+        self.driver
+            .read(&Request::ReadFirmwareVersion, |response| response.try_into().ok())
             .await
     }
 
     /// Reads the servo states: running or powered off.
     pub async fn read_servo_states(&mut self) -> Result<ServoStates, CallError<Port::Error>> {
-        self.read(&Request::ReadServoStates, |response| response.try_into().ok())
+        self.driver
+            .read(&Request::ReadServoStates, |response| response.try_into().ok())
             .await
     }
 
     /// Moves all servos.
     pub async fn act(&mut self, action: Action) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::Act(action), outcome).await
+        self.driver.read(&Request::Act(action), outcome).await
     }
 
     /// Plays the action of this name.
     pub async fn play(&mut self, name: Text<'_>) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::Play(name), outcome).await
+        self.driver.read(&Request::Play(name), outcome).await
     }
 
     /// Stops the current action.
     pub async fn stop(&mut self) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::Stop, outcome).await
+        self.driver.read(&Request::Stop, outcome).await
     }
 
     /// Connects or disconnects the servo offset tool.
     pub async fn set_offset_tool(&mut self, tool: OffsetTool) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::SetOffsetTool(tool), outcome).await
+        self.driver.read(&Request::SetOffsetTool(tool), outcome).await
     }
 
     /// Sets the robot's USB device type. The port may close.
     pub async fn set_usb_type(&mut self, usb: UsbType) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::SetUsbType(usb), outcome).await
+        self.driver.read(&Request::SetUsbType(usb), outcome).await
     }
 
     /// Moves a servo, or all of them to the same angle.
@@ -110,41 +119,46 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         time: MoveTime,
         lock: Interval,
     ) -> Result<(), CallError<Port::Error>> {
-        self.send(&Request::Servo(ServoRequest::Move { to, angle, time, lock }))
+        self.driver
+            .send(&Request::Servo(ServoRequest::Move { to, angle, time, lock }))
             .await
     }
 
     /// Switches the motor of a servo, or of all, off: **a load that it holds falls.**
     pub async fn release_servo(&mut self, to: Address) -> Result<(), CallError<Port::Error>> {
-        self.send(&Request::Servo(ServoRequest::Release(to))).await
+        self.driver.send(&Request::Servo(ServoRequest::Release(to))).await
     }
 
     /// Switches the LED of a servo, or of all.
     pub async fn set_servo_led(&mut self, to: Address, led: Led) -> Result<(), CallError<Port::Error>> {
-        self.send(&Request::Servo(ServoRequest::SetLed { to, led })).await
+        self.driver
+            .send(&Request::Servo(ServoRequest::SetLed { to, led }))
+            .await
     }
 
     /// Reads the target and the actual angle of a servo, in degrees. **The servo switches its motor off to answer: a
     /// load that it holds falls.**
     pub async fn read_servo_angles(&mut self, servo: ServoId) -> Result<(Outcome, u16, u16), CallError<Port::Error>> {
-        self.read(
-            &Request::Servo(ServoRequest::ReadAngles(servo)),
-            |response| match response {
-                Response::Servo(ServoResponse::Angles {
-                    outcome,
-                    target,
-                    actual,
-                    ..
-                }) => Some((outcome, target, actual)),
-                _ => None,
-            },
-        )
-        .await
+        self.driver
+            .read(
+                &Request::Servo(ServoRequest::ReadAngles(servo)),
+                |response| match response {
+                    Response::Servo(ServoResponse::Angles {
+                        outcome,
+                        target,
+                        actual,
+                        ..
+                    }) => Some((outcome, target, actual)),
+                    _ => None,
+                },
+            )
+            .await
     }
 
     /// Changes a servo's id.
     pub async fn change_servo_id(&mut self, from: ServoId, to: ServoId) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::Servo(ServoRequest::ChangeId { from, to }), outcome)
+        self.driver
+            .read(&Request::Servo(ServoRequest::ChangeId { from, to }), outcome)
             .await
     }
 
@@ -154,32 +168,57 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         servo: ServoId,
         offset: Offset,
     ) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::Servo(ServoRequest::SetOffset(servo, offset)), outcome)
+        self.driver
+            .read(&Request::Servo(ServoRequest::SetOffset(servo, offset)), outcome)
             .await
     }
 
     /// Reads a servo's zero offset, in thirds of a degree.
     pub async fn read_servo_offset(&mut self, servo: ServoId) -> Result<(Outcome, i16), CallError<Port::Error>> {
-        self.read(
-            &Request::Servo(ServoRequest::ReadOffset(servo)),
-            |response| match response {
-                Response::Servo(ServoResponse::Offset { outcome, thirds, .. }) => Some((outcome, thirds)),
-                _ => None,
-            },
-        )
-        .await
+        self.driver
+            .read(
+                &Request::Servo(ServoRequest::ReadOffset(servo)),
+                |response| match response {
+                    Response::Servo(ServoResponse::Offset { outcome, thirds, .. }) => Some((outcome, thirds)),
+                    _ => None,
+                },
+            )
+            .await
     }
 
     /// Reads the version of a servo's firmware.
     pub async fn read_servo_version(&mut self, servo: ServoId) -> Result<(Outcome, [u8; 4]), CallError<Port::Error>> {
-        self.read(
-            &Request::Servo(ServoRequest::ReadVersion(servo)),
-            |response| match response {
-                Response::Servo(ServoResponse::Version { outcome, version, .. }) => Some((outcome, version)),
-                _ => None,
-            },
-        )
-        .await
+        self.driver
+            .read(
+                &Request::Servo(ServoRequest::ReadVersion(servo)),
+                |response| match response {
+                    Response::Servo(ServoResponse::Version { outcome, version, .. }) => Some((outcome, version)),
+                    _ => None,
+                },
+            )
+            .await
+    }
+
+    /// The counts of received frames and bytes other than answers, since the arm was created.
+    pub const fn counters(&self) -> Counters {
+        self.driver.counters()
+    }
+
+    /// The frame that ended the last call: an answer, which may have more bytes than its response contains, or an error
+    /// frame. Empty if the call ended without one.
+    pub fn frame(&self) -> &[u8] {
+        self.driver.frame()
+    }
+
+    /// The port and the clock.
+    pub fn into_parts(self) -> (Port, C) {
+        self.driver.into_parts()
+    }
+}
+
+impl<Port, C> fmt::Debug for Arm<Port, C> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Arm").field("driver", &self.driver).finish()
     }
 }
 

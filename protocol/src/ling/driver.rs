@@ -1,5 +1,7 @@
 //! Typed calls to a Ling arm.
 
+use core::fmt;
+
 use embedded_io_async::{Read, Write};
 
 use super::stop::{Output, StopError, Stopped};
@@ -8,7 +10,7 @@ use super::{
     TemperatureLimit, Torque,
 };
 use crate::Config;
-use crate::driver::{CallError, Clock, Driver};
+use crate::driver::{CallError, Clock, Counters, Driver};
 
 /// A Ling arm at the other end of a port.
 ///
@@ -23,7 +25,7 @@ use crate::driver::{CallError, Clock, Driver};
 /// use armwire::ling::Arm;
 ///
 /// async fn is_sound<P: Read + Write>(port: P, clock: impl Clock) -> Result<bool, CallError<P::Error>> {
-///     let mut arm = Arm::open(port, clock, Config::default());
+///     let mut arm = Arm::new(port, clock, Config::default());
 ///     let celsius = arm.read_temperatures().await?;
 ///     let check = arm.self_check().await?;
 ///     Ok(check.all_normal(celsius.kind()) && celsius.as_slice().iter().all(|&celsius| celsius < 60))
@@ -35,52 +37,56 @@ use crate::driver::{CallError, Clock, Driver};
 /// ```
 #[doc = include_str!("../../doc/ling_tour.rs")]
 /// ```
-pub type Arm<Port, C> = Driver<Ling, Port, C, MAX_FRAME>;
+pub struct Arm<Port, C> {
+    driver: Driver<Ling, Port, C, MAX_FRAME>,
+}
 
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// The arm at the other end of `port`.
-    pub const fn open(port: Port, clock: C, config: Config) -> Self {
-        Self::new(Ling, port, clock, config)
+    pub const fn new(port: Port, clock: C, config: Config) -> Self {
+        Self {
+            driver: Driver::new(Ling, port, clock, config),
+        }
     }
 
     /// Reads the arm's kind, serial number and versions.
     pub async fn read_info(&mut self) -> Result<Info, CallError<Port::Error>> {
-        self.read(&Request::ReadInfo, value).await
+        self.driver.read(&Request::ReadInfo, value).await
     }
 
     /// Reads the joint positions, the gripper and the motion status.
     pub async fn read_joints(&mut self) -> Result<JointState, CallError<Port::Error>> {
-        self.read(&Request::ReadJoints, value).await
+        self.driver.read(&Request::ReadJoints, value).await
     }
 
     /// Reads the temperature of every servo, in °C.
     pub async fn read_temperatures(&mut self) -> Result<PerServo<u8>, CallError<Port::Error>> {
-        self.read(&Request::ReadTemperatures, value).await
+        self.driver.read(&Request::ReadTemperatures, value).await
     }
 
     /// Reads the velocity of every servo, in ticks per second.
     pub async fn read_velocities(&mut self) -> Result<PerServo<u16>, CallError<Port::Error>> {
-        self.read(&Request::ReadVelocities, value).await
+        self.driver.read(&Request::ReadVelocities, value).await
     }
 
     /// Reads the configured gripper type.
     pub async fn read_stroke(&mut self) -> Result<Stroke, CallError<Port::Error>> {
-        self.read(&Request::ReadStroke, value).await
+        self.driver.read(&Request::ReadStroke, value).await
     }
 
     /// Runs a self-check of every servo.
     pub async fn self_check(&mut self) -> Result<SelfCheck, CallError<Port::Error>> {
-        self.read(&Request::SelfCheck, value).await
+        self.driver.read(&Request::SelfCheck, value).await
     }
 
     /// Moves the joints and the gripper. The arm does not confirm it: read the joints to follow the motion.
     pub async fn move_to(&mut self, target: Move) -> Result<(), CallError<Port::Error>> {
-        self.send(&Request::Move(target)).await
+        self.driver.send(&Request::Move(target)).await
     }
 
     /// Switches the torque. The arm does not confirm it.
     pub async fn set_torque(&mut self, torque: Torque) -> Result<(), CallError<Port::Error>> {
-        self.send(&Request::SetTorque(torque)).await
+        self.driver.send(&Request::SetTorque(torque)).await
     }
 
     /// Stops the arm and keeps its torque on, by a [`Stop`]: `gripper` is the last goal of the gripper, if it is known. A
@@ -95,14 +101,14 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     ) -> Result<Result<Stopped, StopError>, CallError<Port::Error>> {
         let mut stop = Stop::new(gripper);
         loop {
-            match stop.poll(self.now()) {
+            match stop.poll(self.driver.now()) {
                 Output::Request(Request::ReadJoints) => match self.read_joints().await {
-                    Ok(state) => stop.on_joints(self.now(), &state),
+                    Ok(state) => stop.on_joints(self.driver.now(), &state),
                     Err(CallError::TimedOut { .. } | CallError::ErrorFrame(_) | CallError::Unacceptable(_)) => {}
                     Err(error) => return Err(error),
                 },
-                Output::Request(request) => self.send(&request).await?,
-                Output::Wait(until) => self.wait_until(until).await,
+                Output::Request(request) => self.driver.send(&request).await?,
+                Output::Wait(until) => self.driver.wait_until(until).await,
                 Output::Done(result) => return Ok(result),
             }
         }
@@ -110,17 +116,39 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Makes the present pose the zero position, and switches the torque off. The arm does not confirm it.
     pub async fn set_zero(&mut self) -> Result<(), CallError<Port::Error>> {
-        self.send(&Request::SetZero).await
+        self.driver.send(&Request::SetZero).await
     }
 
     /// Sets the gripper type. The arm does not confirm it: verify with [`read_stroke`](Self::read_stroke).
     pub async fn set_stroke(&mut self, stroke: Stroke) -> Result<(), CallError<Port::Error>> {
-        self.send(&Request::SetStroke(stroke)).await
+        self.driver.send(&Request::SetStroke(stroke)).await
     }
 
     /// Sets the temperature limit of the arm's overheat protection. The arm does not confirm it.
     pub async fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), CallError<Port::Error>> {
-        self.send(&Request::SetTemperatureLimit(limit)).await
+        self.driver.send(&Request::SetTemperatureLimit(limit)).await
+    }
+
+    /// The counts of received frames and bytes other than answers, since the arm was created.
+    pub const fn counters(&self) -> Counters {
+        self.driver.counters()
+    }
+
+    /// The frame that ended the last call: an answer, which may have more bytes than its response contains, or an error
+    /// frame. Empty if the call ended without one.
+    pub fn frame(&self) -> &[u8] {
+        self.driver.frame()
+    }
+
+    /// The port and the clock.
+    pub fn into_parts(self) -> (Port, C) {
+        self.driver.into_parts()
+    }
+}
+
+impl<Port, C> fmt::Debug for Arm<Port, C> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Arm").field("driver", &self.driver).finish()
     }
 }
 

@@ -27,7 +27,7 @@ mod value;
 pub use answer::Answer;
 pub use dialect::Key;
 #[cfg(feature = "async")]
-pub use driver::{Arm, ArmError};
+pub use driver::Arm;
 pub use frame::{Direction, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME, MAX_PARAMS};
 pub use message::{Reply, Request, Response};
 pub use message_id::MessageId;
