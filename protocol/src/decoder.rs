@@ -1,4 +1,7 @@
 //! Bytes in chunks of any size in, items out: frames, noise and padding, without a missing byte.
+//!
+//! This layer is for firmware, monitors and implementations of other arms. It is less stable than the
+//! [client](crate::Client): see [Stability](crate#stability).
 
 use core::cell::Cell;
 

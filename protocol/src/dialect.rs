@@ -1,4 +1,7 @@
 //! A frame's properties for the exchange, from its bytes alone.
+//!
+//! This layer is for firmware, monitors and implementations of other arms. It is less stable than the
+//! [client](crate::Client): see [Stability](crate#stability).
 
 use core::fmt::Debug;
 

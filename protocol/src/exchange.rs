@@ -1,5 +1,8 @@
 //! The matching of answers to requests.
 //!
+//! This layer is for firmware, monitors and implementations of other arms. It is less stable than the
+//! [client](crate::Client): see [Stability](crate#stability).
+//!
 //! A *send* is a request that was handed to the line and expects an answer. It is *pending* until its initiator stops
 //! waiting, then *stale*. The rules:
 //!

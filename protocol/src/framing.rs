@@ -1,4 +1,7 @@
 //! The boundaries of frames.
+//!
+//! This layer is for firmware, monitors and implementations of other arms. It is less stable than the
+//! [client](crate::Client): see [Stability](crate#stability).
 
 use core::fmt::Debug;
 

@@ -23,6 +23,15 @@
 //! * `async`: the driver.
 //! * `defmt`: `defmt::Format` for every value, message, event and error.
 //!
+//! # Stability
+//!
+//! Programs use [`Client`] or the driver, [`Device`], [`messages`], [`time`] and the modules of the protocols. Their
+//! interface changes seldom, and each change is in the changelog with the way to adapt to it.
+//!
+//! [`framing`], [`decoder`], [`dialect`], [`exchange`] and [`raw`] are the layers below. The adapter's firmware, monitors
+//! and other arms need them; programs do not. **They are less stable:** they change with the engine, in any version that
+//! may break compatibility, without a way around. The `Frame` of a protocol belongs to them.
+//!
 //! # Panics
 //!
 //! None for any input. A link test on Cortex-M0 and Cortex-M4 proves, for every set of protocols, that decoder, client,

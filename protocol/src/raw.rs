@@ -1,4 +1,7 @@
 //! A line without known framing.
+//!
+//! This layer is for firmware, monitors and implementations of other arms. It is less stable than the
+//! [client](crate::Client): see [Stability](crate#stability).
 
 use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo};
 use crate::framing::{Framing, Reason, Scan};
