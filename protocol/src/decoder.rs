@@ -287,9 +287,9 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
-    /// All bytes that the verdict on an item of noise needed: the whole of a damaged frame, of which the item is only the
-    /// first byte. The other bytes follow in items of their own, because a frame may begin among them. `framing` and
-    /// `expect` are those of [`advance`](Self::advance).
+    /// All bytes that the verdict on an item of noise needed: the whole of a damaged frame, of which the item is only
+    /// the first byte. The other bytes follow in items of their own, because a frame may begin among them. `framing`
+    /// and `expect` are those of [`advance`](Self::advance).
     ///
     /// ```
     /// use armwire::decoder::{Decoder, Kind};

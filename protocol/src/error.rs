@@ -141,7 +141,7 @@ pub struct ParseError {
     pub cause: Cause,
 }
 
-/// The name of a message. The names and causes that only one protocol has are those of its module, and are not part of a
+/// The name of a message. Names and causes that only one protocol has are types of its module, and are not part of a
 /// build without it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

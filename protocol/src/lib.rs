@@ -25,12 +25,12 @@
 //!
 //! # Stability
 //!
-//! Programs use [`Client`] or the driver, [`Device`], [`messages`], [`time`] and the modules of the protocols. Their
-//! interface changes seldom, and each change is in the changelog with the way to adapt to it.
+//! Programs use [`Client`] or the driver, [`Device`], [`messages`], [`time`] and the modules of the protocols. Changes of
+//! these are kept small.
 //!
-//! [`framing`], [`decoder`], [`dialect`], [`exchange`] and [`raw`] are the layers below. The adapter's firmware, monitors
-//! and other arms need them; programs do not. **They are less stable:** they change with the engine, in any version that
-//! may break compatibility, without a way around. The `Frame` of a protocol belongs to them.
+//! [`framing`], [`decoder`], [`dialect`], [`exchange`], [`raw`] and the `Frame` of each protocol are the layers below.
+//! The adapter's firmware, monitors and implementations of other arms need them; programs do not. **They are less
+//! stable:** a release that may break compatibility may change them in any way.
 //!
 //! # Panics
 //!

@@ -81,7 +81,8 @@ fn ling_answers_have_names_and_values_with_units() {
         (Response::Stroke(Stroke::Mm75), "stroke: 75 mm"),
         (
             joints([2048, 2047, 2049, 0, 4095, 4096], 500, MotionStatus::Locked),
-            "joints: +0.00° -0.09° +0.09° -180.00° +179.91° +180.00° (out of range), gripper: 50.0 % open, status: locked",
+            "joints: +0.00° -0.09° +0.09° -180.00° +179.91° +180.00° (out of range), gripper: 50.0 % open, \
+             status: locked",
         ),
         (
             joints([2048; 6], 2051, MotionStatus::Other(2)),

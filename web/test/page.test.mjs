@@ -190,7 +190,8 @@ pageTest('an unplugged arm is silent and answers after reconnection', async (pag
 });
 
 pageTest('frames have a meaning, by message and in order', async (page) => {
-  for (const meaning of ['self-check', 'read joints', 'joints: +0.00° +0.00°', 'stroke: 50 mm', 'AA 06 00 01 FE 9A FF']) {
+  const frame = 'AA 06 00 01 FE 9A FF';
+  for (const meaning of ['self-check', 'read joints', 'joints: +0.00° +0.00°', 'stroke: 50 mm', frame]) {
     await until(page, `row with ${meaning}`, () => text(page, '#frame-rows'), (rows) => rows.includes(meaning));
   }
   await page.locator('[name=rows][value=order]').check({ force: true });

@@ -50,8 +50,8 @@ pub use value::{
 
 use crate::Client;
 
-/// A [`Client`] with buffers for every message of this protocol. With short names and versions, or for a bus of servos, a
-/// smaller one is enough.
+/// A [`Client`] with buffers for every message of this protocol. A smaller one is enough for short names and versions,
+/// and for a bus of servos.
 ///
 /// ```
 /// use armwire::Config;

@@ -1,8 +1,8 @@
 //! Messages and their values as text, in degrees, percent and °C.
 //!
-//! A message is a list of its values: `joints: +0.00° …, gripper: 50.0 % open, status: locked`. The types of this module
-//! are single readings in the same form, for programs that show them one by one. Numbers are formatted as integers, without
-//! the large code that formats floating-point numbers.
+//! A message is a list of its values: `joints: +0.00° …, gripper: 50.0 % open, status: locked`. The types of this
+//! module are single readings in the same form, for programs that show them one by one. Numbers are formatted as
+//! integers, without the large code that formats floating-point numbers.
 
 use core::fmt::{self, Display, Formatter};
 

@@ -13,8 +13,8 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 
 /// An xArm at the other end of a TCP connection.
 ///
-/// Every call fails with [`CallError`], also if the arm refuses it. Every answer contains the arm's state: a warning or an
-/// error of the arm does not invalidate the answer. See [`Driver`] for dropping a call.
+/// Every call fails with [`CallError`], also if the arm refuses it. Every answer contains the arm's state: a warning or
+/// an error of the arm does not invalidate the answer. See [`Driver`] for dropping a call.
 ///
 /// ```
 /// # use armwire::driver::Clock;
