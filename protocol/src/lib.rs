@@ -64,6 +64,10 @@ pub mod ling;
 pub mod messages;
 pub mod raw;
 pub mod time;
+#[cfg(all(test, any(feature = "ling", feature = "xarm", feature = "alpha1")))]
+#[path = "../tests/vectors/mod.rs"]
+#[allow(dead_code, unreachable_pub, reason = "other programs use all of it")]
+mod vectors;
 #[cfg(feature = "xarm")]
 pub mod xarm;
 

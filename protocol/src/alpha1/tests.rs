@@ -14,6 +14,7 @@ use crate::framing::{Framing, Reason, Scan};
 use crate::hex::hex;
 use crate::messages::Messages;
 use crate::time::Instant;
+use crate::vectors;
 use crate::{Client, Config, Device, DeviceEvent, Event, Output, time};
 
 fn id(id: u8) -> ServoId {
@@ -53,178 +54,83 @@ fn acting() -> Request<'static> {
 /// servos' frames are published examples, except for those marked *computed*.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request<'static>)> {
     let servo = Request::Servo;
-    let sixteen = "5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A";
-    Vec::from([
+    let meanings = [
+        ("F1 hardware version", Request::ReadHardwareVersion),
+        ("EF servo states", Request::ReadServoStates),
+        ("F2 stop", Request::Stop),
+        ("F5 firmware version", Request::ReadFirmwareVersion),
+        ("FB act", acting()),
+        ("F4 connect", Request::SetOffsetTool(OffsetTool::Connect)),
+        ("F4 disconnect", Request::SetOffsetTool(OffsetTool::Disconnect)),
+        ("F9 disk", Request::SetUsbType(UsbType::Disk)),
+        ("F9 serial port", Request::SetUsbType(UsbType::SerialPort)),
+        ("F9 HID", Request::SetUsbType(UsbType::Hid)),
+        ("F3 play", Request::Play(name("dance"))),
+        ("F3 play nothing", Request::Play(name(""))),
+        ("FA 01 move", servo(moving(Address::One(id(1))))),
+        ("FA 01 move all", servo(moving(Address::All))), // computed
+        ("FA 01 release", servo(ServoRequest::Release(Address::One(id(1))))), // computed
         (
-            "F1 hardware version",
-            hex("F1 1F 00 00 00 00 00 00 00 ED"),
-            Request::ReadHardwareVersion,
-        ),
-        (
-            "EF servo states",
-            hex("EF FE 00 00 00 00 00 00 00 ED"),
-            Request::ReadServoStates,
-        ),
-        ("F2 stop", hex("F2 2F 00 00 00 00 00 00 00 ED"), Request::Stop),
-        (
-            "F5 firmware version",
-            hex("F5 5F 01 00 00 00 00 00 01 ED"),
-            Request::ReadFirmwareVersion,
-        ),
-        (
-            "FB act",
-            hex(&std::format!(
-                "FB BF 01 00 00 00 00 00 {sixteen} FF FF FF FF 19 00 1E D4 ED"
-            )),
-            acting(),
-        ),
-        (
-            "F4 connect",
-            hex("F4 4F 01 01 00 00 00 00 02 ED"),
-            Request::SetOffsetTool(OffsetTool::Connect),
-        ),
-        (
-            "F4 disconnect",
-            hex("F4 4F 01 00 00 00 00 00 01 ED"),
-            Request::SetOffsetTool(OffsetTool::Disconnect),
-        ),
-        (
-            "F9 disk",
-            hex("F9 9F 01 00 00 00 00 00 01 ED"),
-            Request::SetUsbType(UsbType::Disk),
-        ),
-        (
-            "F9 serial port",
-            hex("F9 9F 02 00 00 00 00 00 02 ED"),
-            Request::SetUsbType(UsbType::SerialPort),
-        ),
-        (
-            "F9 HID",
-            hex("F9 9F 03 00 00 00 00 00 03 ED"),
-            Request::SetUsbType(UsbType::Hid),
-        ),
-        (
-            "F3 play",
-            hex("F3 3F 06 64 61 6E 63 65 01 ED"),
-            Request::Play(name("dance")),
-        ),
-        ("F3 play nothing", hex("F3 3F 01 01 ED"), Request::Play(name(""))),
-        (
-            "FA 01 move",
-            hex("FA AF 01 01 5A 32 00 32 C0 ED"),
-            servo(moving(Address::One(id(1)))),
-        ),
-        (
-            "FA 01 move all, computed",
-            hex("FA AF 00 01 5A 32 00 32 BF ED"),
-            servo(moving(Address::All)),
-        ),
-        (
-            "FA 01 release, computed",
-            hex("FA AF 01 01 FF 00 00 00 01 ED"),
-            servo(ServoRequest::Release(Address::One(id(1)))),
-        ),
-        (
-            "FA 04 LED 1, computed",
-            hex("FA AF 01 04 01 00 00 00 06 ED"),
+            "FA 04 LED 1",
             servo(ServoRequest::SetLed {
                 to: Address::One(id(1)),
                 led: Led(1),
             }),
-        ),
+        ), // computed
         (
-            "FA 04 LED 0, computed",
-            hex("FA AF 01 04 00 00 00 00 05 ED"),
+            "FA 04 LED 0",
             servo(ServoRequest::SetLed {
                 to: Address::One(id(1)),
                 led: Led(0),
             }),
-        ),
-        (
-            "FA 02 read angles",
-            hex("FA AF 01 02 00 00 00 00 03 ED"),
-            servo(ServoRequest::ReadAngles(id(1))),
-        ),
+        ), // computed
+        ("FA 02 read angles", servo(ServoRequest::ReadAngles(id(1)))),
         (
             "FA CD change id",
-            hex("FA AF 01 CD 00 02 00 00 D0 ED"),
             servo(ServoRequest::ChangeId { from: id(1), to: id(2) }),
         ),
-        (
-            "FA D2 set offset, computed",
-            hex("FA AF 01 D2 00 00 FF A6 78 ED"),
-            servo(ServoRequest::SetOffset(id(1), Offset::MIN)),
-        ),
-        (
-            "FA D4 read offset, computed",
-            hex("FA AF 01 D4 00 00 00 00 D5 ED"),
-            servo(ServoRequest::ReadOffset(id(1))),
-        ),
-        (
-            "FC 01 version",
-            hex("FC CF 01 01 00 00 00 00 02 ED"),
-            servo(ServoRequest::ReadVersion(id(1))),
-        ),
-    ])
+        ("FA D2 set offset", servo(ServoRequest::SetOffset(id(1), Offset::MIN))), // computed
+        ("FA D4 read offset", servo(ServoRequest::ReadOffset(id(1)))),            // computed
+        ("FC 01 version", servo(ServoRequest::ReadVersion(id(1)))),
+    ];
+    vectors::with_meanings(vectors::alpha1_requests(), meanings)
 }
 
 /// Row or command, frame, expectation, meaning.
 fn responses() -> Vec<(&'static str, Vec<u8>, Option<ServoAnswer>, Response<'static>)> {
     let (yes, no) = (Outcome::Success, Outcome::Failure);
-    let robot = |row, bytes, response| (row, hex(bytes), None, response);
-    let servo = |row, bytes, answer, response| (row, hex(bytes), Some(answer), Response::Servo(response));
     let (one, two) = (id(1), id(2));
     let firmware = |outcome, text: &[u8; 10]| Response::FirmwareVersion(FirmwareVersion { outcome, text: *text });
     const LONG: &str = "vvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvvv";
-    let long = std::format!("F1 1F 3C {}6E ED", "76 ".repeat(59));
-    Vec::from([
-        robot(
-            "F1 hardware version",
-            "F1 1F 0C 41 6C 70 68 61 31 5F 56 32 2E 30 68 ED",
-            Response::HardwareVersion(name("Alpha1_V2.0")),
-        ),
-        robot("F1 empty", "F1 1F 01 01 ED", Response::HardwareVersion(name(""))),
-        robot("F1 as long as a report", &long, Response::HardwareVersion(name(LONG))),
-        robot(
+    let robot = [
+        ("F1 hardware version", Response::HardwareVersion(name("Alpha1_V2.0"))),
+        ("F1 empty", Response::HardwareVersion(name(""))),
+        ("F1 longest", Response::HardwareVersion(name(LONG))),
+        (
             "EF servos 1, 3 and 16",
-            "EF FE 00 00 80 05 85 ED",
             Response::ServoStates(ServoStates::from_bits(0x8005)),
         ),
-        robot(
+        (
             "EF data and CHECK like a terminator",
-            "EF FE 00 00 00 ED ED ED",
             Response::ServoStates(ServoStates([0, 0, 0, 0xED])),
         ),
-        robot("F2 stopped", "F2 2F AA ED", Response::Stopped(yes)),
-        robot("F2 not stopped", "F2 2F EE ED", Response::Stopped(no)),
-        robot(
-            "F5 firmware version",
-            "F5 5F AA 32 30 31 35 31 32 31 35 31 39 A5 ED",
-            firmware(yes, &OLDEST_FIRMWARE),
-        ),
-        robot(
-            "F5 failure",
-            "F5 5F EE 00 00 00 00 00 00 00 00 00 00 EE ED",
-            firmware(no, &[0; 10]),
-        ),
-        robot("FB acted", "FB BF 01 AA 00 00 00 00 AB ED", Response::Acted(yes)),
-        robot("FB failure", "FB BF 01 EE 00 00 00 00 EF ED", Response::Acted(no)),
-        robot("F4 done", "F4 4F AA ED", Response::OffsetTool(yes)),
-        robot("F4 failure", "F4 4F EE ED", Response::OffsetTool(no)),
-        robot("F9 done", "F9 9F AA ED", Response::UsbType(yes)),
-        robot("F9 failure", "F9 9F EE ED", Response::UsbType(no)),
-        robot("F3 playing", "F3 3F AA ED", Response::Playing(yes)),
-        robot("F3 failure", "F3 3F EE ED", Response::Playing(no)),
-        servo(
-            "FA 01 moved",
-            "AB",
-            ServoAnswer::Acknowledgement(one),
-            ServoResponse::Acknowledged(one),
-        ),
-        servo(
+        ("F2 stopped", Response::Stopped(yes)),
+        ("F2 not stopped", Response::Stopped(no)),
+        ("F5 firmware version", firmware(yes, &OLDEST_FIRMWARE)),
+        ("F5 failure", firmware(no, &[0; 10])),
+        ("FB acted", Response::Acted(yes)),
+        ("FB failure", Response::Acted(no)),
+        ("F4 done", Response::OffsetTool(yes)),
+        ("F4 failure", Response::OffsetTool(no)),
+        ("F9 done", Response::UsbType(yes)),
+        ("F9 failure", Response::UsbType(no)),
+        ("F3 playing", Response::Playing(yes)),
+        ("F3 failure", Response::Playing(no)),
+    ];
+    let servos = [
+        ("FA 01 moved", ServoResponse::Acknowledged(one)),
+        (
             "FA 02 angles",
-            "FA AF 01 AA 00 5A 00 5A 5F ED",
-            ServoAnswer::Angles,
             ServoResponse::Angles {
                 servo: one,
                 outcome: yes,
@@ -232,55 +138,62 @@ fn responses() -> Vec<(&'static str, Vec<u8>, Option<ServoAnswer>, Response<'sta
                 actual: 90,
             },
         ),
-        servo(
+        (
             "FA CD id changed",
-            "FA AF 02 AA 00 01 00 00 AD ED",
-            ServoAnswer::IdChanged,
             ServoResponse::IdChanged {
                 servo: two,
                 outcome: yes,
                 was: 1,
             },
         ),
-        servo(
-            "FA D2 offset set, computed",
-            "FA AF 01 AA 00 00 00 00 AB ED",
-            ServoAnswer::OffsetSet,
+        (
+            "FA D2 offset set",
             ServoResponse::OffsetSet {
                 servo: one,
                 outcome: yes,
             },
-        ),
-        servo(
-            "FA D2 failure, computed",
-            "FA AF 01 EE 00 00 00 00 EF ED",
-            ServoAnswer::OffsetSet,
+        ), // computed
+        (
+            "FA D2 failure",
             ServoResponse::OffsetSet {
                 servo: one,
                 outcome: no,
             },
-        ),
-        servo(
-            "FA D4 offset, computed",
-            "FA AF 01 AA 00 00 FF A6 50 ED",
-            ServoAnswer::Offset,
+        ), // computed
+        (
+            "FA D4 offset",
             ServoResponse::Offset {
                 servo: one,
                 outcome: yes,
                 thirds: -90,
             },
-        ),
-        servo(
+        ), // computed
+        (
             "FC 01 version",
-            "FC CF 01 AA 41 16 51 01 54 ED",
-            ServoAnswer::Version,
             ServoResponse::Version {
                 servo: one,
                 outcome: yes,
                 version: [0x41, 0x16, 0x51, 0x01],
             },
         ),
-    ])
+    ];
+    let robot = vectors::with_meanings(vectors::alpha1_answers(), robot);
+    let robot = robot
+        .into_iter()
+        .map(|(row, bytes, response)| (row, bytes, None, response));
+    let servos = vectors::with_meanings(vectors::alpha1_servo_answers(), servos);
+    let answers = [
+        ServoAnswer::Acknowledgement(one),
+        ServoAnswer::Angles,
+        ServoAnswer::IdChanged,
+        ServoAnswer::OffsetSet,
+        ServoAnswer::OffsetSet,
+        ServoAnswer::Offset,
+        ServoAnswer::Version,
+    ];
+    let servos = servos.into_iter().zip(answers);
+    let servos = servos.map(|((row, bytes, response), answer)| (row, bytes, Some(answer), Response::Servo(response)));
+    robot.chain(servos).collect()
 }
 
 /// These bytes, which must be one frame.

@@ -10,6 +10,7 @@ use crate::framing::{Framing, Reason, Scan};
 use crate::hex::hex;
 use crate::messages::Messages;
 use crate::time::Instant;
+use crate::vectors;
 use crate::{Cause, Client, Config, Device, DeviceEvent, Event, Output};
 
 fn moving(gripper: u16) -> Request {
@@ -19,122 +20,60 @@ fn moving(gripper: u16) -> Request {
     })
 }
 
-/// Section, frame, meaning, in the order of the document. Rows marked *corrected* are printed with the checksum of
-/// another frame, rows marked *computed* are not printed.
+/// Name, frame, meaning, in the order of the document. A row ends with its section. Frames marked *corrected* are
+/// printed with the checksum of another frame, those marked *computed* are not printed.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request)> {
-    let home = "00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03";
     let limit = TemperatureLimit::new(100).unwrap();
-    Vec::from([
-        ("2.1 information", hex("AA 01 00 01 FE 23 FF"), Request::ReadInfo),
-        ("2.2 zero", hex("AA 03 00 01 FE A8 FF"), Request::SetZero),
-        (
-            "2.3 set 100 mm",
-            hex("AA 04 02 01 FE 7F FF"),
-            Request::SetStroke(Stroke::Mm100),
-        ),
-        (
-            "2.3 set 50 mm, computed",
-            hex("AA 04 00 01 FE 11 FF"),
-            Request::SetStroke(Stroke::Mm50),
-        ),
-        (
-            "2.3 set 75 mm, computed",
-            hex("AA 04 01 01 FE 26 FF"),
-            Request::SetStroke(Stroke::Mm75),
-        ),
-        ("2.3 query, corrected", hex("AA 04 0E 01 FE 1B FF"), Request::ReadStroke),
-        (
-            "2.4 torque off",
-            hex("AA 05 00 01 00 6F FF"),
-            Request::SetTorque(Torque::Off),
-        ),
-        (
-            "2.4 torque on, computed",
-            hex("AA 05 00 01 01 F9 FF"),
-            Request::SetTorque(Torque::On),
-        ),
-        ("2.5 position", hex("AA 06 00 01 FE 9A FF"), Request::ReadJoints),
-        (
-            "2.5 temperature",
-            hex("AA 06 01 01 FE AD FF"),
-            Request::ReadTemperatures,
-        ),
-        (
-            "2.5 threshold",
-            hex("AA 06 01 01 64 F7 FF"),
-            Request::SetTemperatureLimit(limit),
-        ),
-        ("2.5 velocity", hex("AA 06 02 01 FE F4 FF"), Request::ReadVelocities),
-        (
-            "2.5 control",
-            hex(&std::format!("AA 06 03 1C {home} F4 01 E8 03 6A FF")),
-            moving(500),
-        ),
-        (
-            "2.5 control, computed",
-            hex(&std::format!("AA 06 03 1C {home} E8 03 E8 03 23 FF")),
-            moving(1000),
-        ),
-        ("2.6 self-check", hex("AA FE 00 00 FE 93 FF"), Request::SelfCheck),
-    ])
+    let meanings = [
+        ("read information", Request::ReadInfo),                        // 2.1
+        ("set zero", Request::SetZero),                                 // 2.2
+        ("set stroke 100 mm", Request::SetStroke(Stroke::Mm100)),       // 2.3
+        ("set stroke 50 mm", Request::SetStroke(Stroke::Mm50)),         // 2.3, computed
+        ("set stroke 75 mm", Request::SetStroke(Stroke::Mm75)),         // 2.3, computed
+        ("read stroke", Request::ReadStroke),                           // 2.3, corrected
+        ("torque off", Request::SetTorque(Torque::Off)),                // 2.4
+        ("torque on", Request::SetTorque(Torque::On)),                  // 2.4, computed
+        ("read joints", Request::ReadJoints),                           // 2.5
+        ("read temperatures", Request::ReadTemperatures),               // 2.5
+        ("set temperature limit", Request::SetTemperatureLimit(limit)), // 2.5
+        ("read velocities", Request::ReadVelocities),                   // 2.5
+        ("move, gripper half open", moving(500)),                       // 2.5
+        ("move, gripper open", moving(1000)),                           // 2.5, computed
+        ("self-check", Request::SelfCheck),                             // 2.6
+    ];
+    vectors::with_meanings(vectors::ling_requests(), meanings)
 }
 
 fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
-    Vec::from([
+    let meanings = [
         (
-            "2.1 information",
-            hex("AA 01 00 18 41 44 4C 53 32 35 31 32 30 35 31 32 33 34 35 36 6E 00 00 00 62 02 00 00 92 FF"),
+            "information",
             Response::Info(Info {
                 serial: SerialNumber(*b"ADLS251205123456"),
                 hardware: Version(110),
                 firmware: Version(610),
             }),
-        ),
+        ), // 2.1
+        ("stroke 75 mm", Response::Stroke(Stroke::Mm75)), // 2.3, corrected
+        ("stroke 50 mm", Response::Stroke(Stroke::Mm50)), // 2.3, computed
+        ("stroke 100 mm", Response::Stroke(Stroke::Mm100)), // 2.3, computed
         (
-            "2.3 stroke 75 mm, corrected",
-            hex("AA 04 0E 01 01 96 FF"),
-            Response::Stroke(Stroke::Mm75),
-        ),
-        (
-            "2.3 stroke 50 mm, computed",
-            hex("AA 04 0E 01 00 00 FF"),
-            Response::Stroke(Stroke::Mm50),
-        ),
-        (
-            "2.3 stroke 100 mm, computed",
-            hex("AA 04 0E 01 02 2C FF"),
-            Response::Stroke(Stroke::Mm100),
-        ),
-        (
-            "2.5 position",
-            hex("AA 06 00 0F 02 08 FB 07 FB 07 02 08 FA 07 01 08 03 08 00 A9 FF"),
+            "joints",
             Response::Joints(JointState {
                 joints: [2050, 2043, 2043, 2050, 2042, 2049],
                 gripper: 2051,
                 status: MotionStatus::Idle,
             }),
-        ),
+        ), // 2.5
         (
-            "2.5 temperature",
-            hex("AA 06 01 0A 23 24 23 26 23 26 23 25 24 24 4B FF"),
+            "temperatures",
             Response::Temperatures(PerServo::Follower([35, 36, 35, 38, 35, 38, 35, 37, 36, 36])),
-        ),
-        (
-            "2.5 velocity",
-            hex("AA 06 02 14 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 E9 FF"),
-            Response::Velocities(PerServo::Follower([0; 10])),
-        ),
-        (
-            "2.6 self-check",
-            hex("AA FE 00 02 FF 03 87 FF"),
-            Response::SelfCheck(SelfCheck(0x3FF)),
-        ),
-        (
-            "2.6 leader, computed",
-            hex("AA FE 00 02 3F 00 73 FF"),
-            Response::SelfCheck(SelfCheck(0x3F)),
-        ),
-    ])
+        ), // 2.5
+        ("velocities", Response::Velocities(PerServo::Follower([0; 10]))), // 2.5
+        ("self-check, follower", Response::SelfCheck(SelfCheck(0x3FF))), // 2.6
+        ("self-check, leader", Response::SelfCheck(SelfCheck(0x3F))), // 2.6, computed
+    ];
+    vectors::with_meanings(vectors::ling_answers(), meanings)
 }
 
 /// These bytes, which must be one frame.
@@ -152,21 +91,21 @@ fn bytes_of(frame: Frame<'_>) -> Vec<u8> {
 
 #[test]
 fn documented_requests_round_trip() {
-    for (section, bytes, request) in requests() {
+    for (name, bytes, request) in requests() {
         let mut out = [0; MAX_FRAME];
         let n = Ling.encode_request(&request, &mut out).unwrap();
-        assert_eq!(out[..n], bytes, "{section}");
-        assert_eq!(Ling.parse_request(frame_of(&bytes)), Ok(request), "{section}");
+        assert_eq!(out[..n], bytes, "{name}");
+        assert_eq!(Ling.parse_request(frame_of(&bytes)), Ok(request), "{name}");
     }
 }
 
 #[test]
 fn documented_responses_round_trip() {
-    for (section, bytes, response) in responses() {
+    for (name, bytes, response) in responses() {
         let mut out = [0; MAX_FRAME];
         let n = Ling.encode_response(&response, None, &mut out).unwrap();
-        assert_eq!(out[..n], bytes, "{section}");
-        assert_eq!(Ling.parse_response(frame_of(&bytes), ()), Ok(response), "{section}");
+        assert_eq!(out[..n], bytes, "{name}");
+        assert_eq!(Ling.parse_response(frame_of(&bytes), ()), Ok(response), "{name}");
     }
 }
 
@@ -267,11 +206,11 @@ fn gripper_accepts_speeds_beyond_those_of_joints() {
 
 #[test]
 fn no_request_can_be_mistaken_for_a_response() {
-    for (section, bytes, _) in requests() {
-        assert!(Ling.parse_response(frame_of(&bytes), ()).is_err(), "{section}");
+    for (name, bytes, _) in requests() {
+        assert!(Ling.parse_response(frame_of(&bytes), ()).is_err(), "{name}");
         let mut client = Client::<Ling, MAX_FRAME>::new(Ling, Config::DEFAULT);
         assert!(client.receive(Instant::ZERO, &bytes).is_empty());
-        assert_eq!(client.poll(Instant::ZERO), Output::Event(Event::Echo), "{section}");
+        assert_eq!(client.poll(Instant::ZERO), Output::Event(Event::Echo), "{name}");
     }
 }
 

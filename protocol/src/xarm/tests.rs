@@ -11,6 +11,7 @@ use crate::framing::{Framing, Reason, Scan};
 use crate::hex::hex;
 use crate::messages::Messages;
 use crate::time::{Duration, Instant};
+use crate::vectors;
 use crate::{Client, Config, Device, DeviceEvent, Event, Output};
 
 /// The key of a request to register 0 in this frame: its numbers.
@@ -27,41 +28,26 @@ fn reply(state: State, reply: Reply<'static>) -> Response<'static> {
     Response::Reply { state, reply }
 }
 
-/// Register, frame, meaning, in the order of the page. Frames marked *computed* are not on the page.
+/// Name, frame, meaning, in the order of the page. Frames marked *computed* are not on the page.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request<'static>)> {
     let joint = Joint::new(6).unwrap();
-    Vec::from([
-        ("1", hex("00 01 00 02 00 01 01"), Request::ReadVersion),
-        ("2", hex("00 01 00 02 00 01 02"), Request::ReadSerials),
-        ("4", hex("00 01 00 02 00 01 04"), Request::ReloadDynamics),
-        ("5", hex("00 01 00 02 00 01 05"), Request::ReadTorqueSource),
-        ("6", hex("00 01 00 02 00 02 06 06"), Request::ReadRotationRadius(joint)),
-        ("10 shut down", hex("00 01 00 02 00 02 0A 01"), Request::Shutdown),
-        ("10 reboot, computed", hex("00 01 00 02 00 02 0A 02"), Request::Reboot),
-        (
-            "1 in protocol 3, computed",
-            hex("00 01 00 03 00 01 01"),
-            Request::ReadVersion,
-        ),
-        (
-            "19, computed",
-            hex("00 01 00 02 00 02 13 01"),
-            Request::Raw(Raw::new(19, &[1]).unwrap()),
-        ),
-        (
-            "heartbeat, computed",
-            hex("00 00 00 01 00 02 00 00"),
-            Request::Heartbeat,
-        ),
-    ])
+    let meanings = [
+        ("register 1", Request::ReadVersion),
+        ("register 2", Request::ReadSerials),
+        ("register 4", Request::ReloadDynamics),
+        ("register 5", Request::ReadTorqueSource),
+        ("register 6", Request::ReadRotationRadius(joint)),
+        ("register 10, shut down", Request::Shutdown),
+        ("register 10, reboot", Request::Reboot),                   // computed
+        ("register 1, protocol 3", Request::ReadVersion),           // computed
+        ("register 19", Request::Raw(Raw::new(19, &[1]).unwrap())), // computed
+        ("heartbeat", Request::Heartbeat),                          // computed
+    ];
+    vectors::with_meanings(vectors::xarm_requests(), meanings)
 }
 
 /// The same for responses. Register 10 is as on the vendor's published page; its printed form has a test of its own.
 fn responses() -> Vec<(&'static str, Vec<u8>, Response<'static>)> {
-    let version = "36 2C 36 2C 58 49 31 32 30 32 2C 41 43 31 33 30 32 2C 76 31 2E 31 32 2E 31 30 \
-                   00 00 00 00 00 00 00 00 00 00 00 00 00 00";
-    let serials = "58 49 31 32 30 32 30 34 32 30 31 42 30 32 00 41 43 31 33 30 32 30 32 42 30 32 4C 30 32 0A \
-                   00 00 00 00 00 00 00 00 00 00";
     let version_text = VersionText(b"6,6,XI1202,AC1302,v1.12.10\0\0\0\0\0\0\0\0\0\0\0\0\0\0");
     let serials_text = SerialsText(b"XI120204201B02\0AC130202B02L02\n\0\0\0\0\0\0\0\0\0\0");
     assert_eq!(
@@ -73,82 +59,49 @@ fn responses() -> Vec<(&'static str, Vec<u8>, Response<'static>)> {
         serials_text.0
     );
     let empty = Reply::Empty;
-    Vec::from([
+    let meanings = [
+        ("register 1", reply(State::OK, Reply::Version(version_text))),
+        ("register 2", reply(State::OK, Reply::Serials(serials_text))),
+        ("register 4", reply(State::NOT_READY, empty(Register::ReloadDynamics))),
         (
-            "1",
-            hex(&std::format!("00 01 00 02 00 2A 01 00 {version}")),
-            reply(State::OK, Reply::Version(version_text)),
-        ),
-        (
-            "2",
-            hex(&std::format!("00 01 00 02 00 2A 02 00 {serials}")),
-            reply(State::OK, Reply::Serials(serials_text)),
-        ),
-        (
-            "4",
-            hex("00 01 00 02 00 02 04 10"),
-            reply(State::NOT_READY, empty(Register::ReloadDynamics)),
-        ),
-        (
-            "5",
-            hex("00 01 00 02 00 03 05 00 00"),
+            "register 5, torque",
             reply(State::OK, Reply::TorqueSource(TorqueSource::Torque)),
         ),
         (
-            "5 current, computed",
-            hex("00 01 00 02 00 03 05 00 01"),
+            "register 5, current",
             reply(State::OK, Reply::TorqueSource(TorqueSource::Current)),
-        ),
+        ), // computed
         (
-            "6",
-            hex("00 01 00 02 00 06 06 10 00 00 00 00"),
+            "register 6, 0 mm",
             reply(
                 State::NOT_READY,
                 Reply::RotationRadius(RotationRadius { millimetres: 0.0 }),
             ),
         ),
         (
-            "6 at 76 mm, computed",
-            hex("00 01 00 02 00 06 06 00 00 00 98 42"),
+            "register 6, 76 mm",
             reply(State::OK, Reply::RotationRadius(RotationRadius { millimetres: 76.0 })),
-        ),
+        ), // computed
+        ("register 10", reply(State::OK, empty(Register::SystemControl))), // corrected
+        ("register 10, length 4", reply(State::OK, Reply::SystemControl(1))), // computed
+        ("register 1 refused", reply(State::INVALID, empty(Register::Version))), // computed
         (
-            "10, corrected",
-            hex("00 01 00 02 00 02 0A 00"),
-            reply(State::OK, empty(Register::SystemControl)),
-        ),
-        (
-            "10 with the length of its table, computed",
-            hex("00 01 00 02 00 04 0A 00 00 01"),
-            reply(State::OK, Reply::SystemControl(1)),
-        ),
-        (
-            "1 refused in protocol 3, computed",
-            hex("00 01 00 03 00 02 01 08"),
-            reply(State::INVALID, empty(Register::Version)),
-        ),
-        (
-            "13, computed",
-            hex("00 01 00 02 00 03 0D 70 02"),
+            "register 13",
             reply(
                 State::NOT_READY | State::WARNING | State::ERROR,
                 Reply::Raw(Raw::new(13, &[2]).unwrap()),
             ),
-        ),
+        ), // computed
+        ("heartbeat", Response::Heartbeat),                                // computed
         (
-            "heartbeat, computed",
-            hex("00 00 00 01 00 02 00 00"),
-            Response::Heartbeat,
-        ),
-        (
-            "Modbus function 3 refused, computed",
-            hex("00 07 00 00 00 03 01 83 01"),
+            "Modbus function 3 refused",
             Response::ModbusRefused {
                 unit: 1,
                 function: ModbusFunction::new(3).unwrap(),
             },
-        ),
-    ])
+        ), // computed
+    ];
+    vectors::with_meanings(vectors::xarm_answers(), meanings)
 }
 
 /// These bytes, which must be one frame.
@@ -192,7 +145,7 @@ fn receive(request: Option<Request<'_>>, bytes: &[u8], chunk: usize) -> Vec<Stri
 
 #[test]
 fn documented_requests_round_trip() {
-    for (register, bytes, request) in requests() {
+    for (name, bytes, request) in requests() {
         let arm = XArm {
             protocol: if bytes[3] == 3 {
                 ProtocolId::Supervised
@@ -203,30 +156,30 @@ fn documented_requests_round_trip() {
         let mut out = [0; MAX_FRAME];
         let n = arm.encode_request(&request, &mut out).unwrap();
         arm.stamp(&mut out[..n], 1);
-        assert_eq!(out[..n], bytes, "register {register}");
+        assert_eq!(out[..n], bytes, "{name}");
         let frame = frame_of(&bytes, Direction::Requests);
-        assert_eq!(arm.parse_request(frame), Ok(request), "register {register}");
+        assert_eq!(arm.parse_request(frame), Ok(request), "{name}");
     }
 }
 
 #[test]
 fn documented_responses_round_trip() {
-    for (register, bytes, response) in responses() {
+    for (name, bytes, response) in responses() {
         let mut out = [0; MAX_FRAME];
         let n = XArm::PRIVATE
             .encode_response(&response, numbers(&bytes), &mut out)
             .unwrap();
-        assert_eq!(out[..n], bytes, "register {register}");
+        assert_eq!(out[..n], bytes, "{name}");
         let frame = frame_of(&bytes, Direction::Responses);
         let parsed = XArm::PRIVATE.parse_response(frame, Direction::Responses);
-        assert_eq!(parsed, Ok(response), "register {register}");
+        assert_eq!(parsed, Ok(response), "{name}");
     }
 }
 
 #[test]
 fn documented_frames_are_received_once_in_any_chunks() {
     for chunk in 1..=48 {
-        for (register, bytes, request) in requests() {
+        for (name, bytes, request) in requests() {
             let mut device = Device::<XArm, MAX_FRAME>::new(XArm::PRIVATE);
             let mut received = 0;
             for bytes in bytes.chunks(chunk) {
@@ -235,19 +188,15 @@ fn documented_frames_are_received_once_in_any_chunks() {
                     let DeviceEvent::Request { request: one, .. } = event else {
                         panic!("{event:?}")
                     };
-                    assert_eq!(one, request, "register {register} by {chunk}");
+                    assert_eq!(one, request, "{name} by {chunk}");
                     received += 1;
                 }
             }
-            assert_eq!(received, 1, "register {register} by {chunk}");
+            assert_eq!(received, 1, "{name} by {chunk}");
         }
-        for (register, bytes, response) in responses() {
+        for (name, bytes, response) in responses() {
             let events = receive(None, &bytes, chunk);
-            assert_eq!(
-                events,
-                [describe(Event::Unsolicited(response))],
-                "register {register} by {chunk}"
-            );
+            assert_eq!(events, [describe(Event::Unsolicited(response))], "{name} by {chunk}");
         }
     }
 }
@@ -277,15 +226,11 @@ fn documented_reply_answers_only_its_own_request() {
 fn frame_with_table_length_breaks_at_excess_text() {
     // Registers 1 and 2: the table has 2 where the frame has 42.
     for printed in [0, 1] {
-        let (register, mut bytes, _) = responses().swap_remove(printed);
+        let (name, mut bytes, _) = responses().swap_remove(printed);
         assert_eq!(bytes[4..6], [0x00, 0x2A]);
         bytes[5] = 0x02;
         let empty = describe(Event::Unsolicited(reply(State::OK, Reply::empty(bytes[6]))));
-        assert_eq!(
-            receive(None, &bytes, 1),
-            [empty, "Broken(8)".into()],
-            "register {register}"
-        );
+        assert_eq!(receive(None, &bytes, 1), [empty, "Broken(8)".into()], "{name}");
     }
 }
 
@@ -476,23 +421,19 @@ fn radius_of_any_bits_is_kept_unchanged() {
 
 #[test]
 fn answer_timeouts_match_the_vendor_package() {
-    for (register, bytes, request) in requests() {
+    for (name, bytes, request) in requests() {
         let turnaround = match request {
             Request::Heartbeat => None,
             Request::Raw(_) => Some(Duration::from_millis(10_000)),
             _ => Some(Duration::from_millis(2_000)),
         };
         let info = XArm::PRIVATE.request(&bytes).unwrap();
-        assert_eq!(
-            info.response.map(|response| response.turnaround),
-            turnaround,
-            "register {register}"
-        );
+        assert_eq!(info.response.map(|response| response.turnaround), turnaround, "{name}");
         let reading = matches!(
             request,
             Request::ReadVersion | Request::ReadSerials | Request::ReadTorqueSource | Request::ReadRotationRadius(_)
         );
-        assert_eq!(info.effect == Effect::Read, reading, "register {register}");
+        assert_eq!(info.effect == Effect::Read, reading, "{name}");
     }
 }
 

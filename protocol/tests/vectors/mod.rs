@@ -1,5 +1,9 @@
 //! The frames of the documents, as bytes. Their meaning is in `protocol/src/*/tests.rs`.
 
+extern crate std;
+
+use std::vec::Vec;
+
 /// A frame and the request that it answers.
 #[derive(Clone, Debug)]
 pub struct Vector {
@@ -15,6 +19,23 @@ pub struct Vector {
 pub fn hex(text: &str) -> Vec<u8> {
     let bytes = text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16));
     bytes.collect::<Result<_, _>>().expect("hex")
+}
+
+/// The name, the bytes and the meaning of each frame. The meanings have the names and the order of the frames.
+///
+/// # Panics
+///
+/// If they have not.
+pub fn with_meanings<T, const N: usize>(
+    vectors: Vec<Vector>,
+    meanings: [(&'static str, T); N],
+) -> Vec<(&'static str, Vec<u8>, T)> {
+    assert_eq!(vectors.len(), N);
+    let rows = vectors.into_iter().zip(meanings).map(|(vector, (name, meaning))| {
+        assert_eq!(vector.name, name);
+        (name, vector.bytes, meaning)
+    });
+    rows.collect()
 }
 
 /// Frames without a request.
@@ -226,7 +247,7 @@ pub fn alpha1_answers() -> Vec<Vector> {
     let act = "FB BF 01 00 00 00 00 00 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A FF FF FF FF 19 00 1E D4 ED";
     let (connect, usb) = ("F4 4F 01 01 00 00 00 00 02 ED", "F9 9F 01 00 00 00 00 00 01 ED");
     let play = "F3 3F 06 64 61 6E 63 65 01 ED";
-    let longest = format!("F1 1F 3C {}6E ED", "76 ".repeat(59));
+    let longest = std::format!("F1 1F 3C {}6E ED", "76 ".repeat(59));
     answers(&[
         (
             "F1 hardware version",

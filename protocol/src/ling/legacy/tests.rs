@@ -12,9 +12,10 @@ use crate::hex::hex;
 use crate::ling::Ling;
 use crate::messages::Messages;
 use crate::time::Instant;
+use crate::vectors;
 use crate::{Cause, Client, Config, Device, DeviceEvent, Event, Output};
 
-/// Source, frame, meaning. Two were published by users, in the issues of the vendor's package (numbers 12 and 11); the
+/// Name, frame, meaning. Two were published by users, in the issues of the vendor's package (numbers 12 and 11); the
 /// others are computed.
 fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
     let gripper = GripperState {
@@ -29,52 +30,42 @@ fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
         firmware: Firmware::V6_0,
         servos: [1961, 1961, 3302, 793, 1645, 2450, 1839, 1261, 2177],
     };
-    Vec::from([
+    let meanings = [
+        ("joints, issue 12", Response::Joints(joints)),
         (
-            "issue 12",
-            hex("AA 14 12 A9 07 A9 07 E6 0C 19 03 6D 06 92 09 2F 07 ED 04 81 08 00 FF"),
-            Response::Joints(joints),
-        ),
-        (
-            "issue 11",
-            hex("AA 14 12 18 0C 13 0C B0 0C 4E 03 8F 06 6A 09 92 07 58 05 49 06 01 FF"),
+            "joints, issue 11",
             Response::Joints(JointState {
                 servos: [3096, 3091, 3248, 846, 1679, 2410, 1938, 1368, 1609],
                 ..joints
             }),
         ),
         (
-            "joints of firmware 5, computed",
-            hex("AA 04 12 A9 07 A9 07 E6 0C 19 03 6D 06 92 09 2F 07 ED 04 81 08 00 FF"),
+            "joints, firmware 5",
             Response::Joints(JointState {
                 firmware: Firmware::V5,
                 ..joints
             }),
-        ),
+        ), // computed
+        ("gripper", Response::Gripper(gripper)), // computed
         (
-            "gripper, computed",
-            hex("AA 12 07 01 03 08 FF 08 00 01 00 FF"),
-            Response::Gripper(gripper),
-        ),
-        (
-            "gripper of firmware 5, computed",
-            hex("AA 02 07 01 03 08 FF 08 00 01 00 FF"),
+            "gripper, firmware 5",
             Response::Gripper(GripperState {
                 firmware: Firmware::V5,
                 ..gripper
             }),
-        ),
-    ])
+        ), // computed
+    ];
+    vectors::with_meanings(vectors::legacy(), meanings)
 }
 
 #[test]
 fn every_frame_holds_in_both_directions() {
-    for (source, bytes, response) in responses() {
+    for (name, bytes, response) in responses() {
         let mut out = [0; MAX_FRAME];
         let n = Legacy.encode_response(&response, None, &mut out).unwrap();
-        assert_eq!(out[..n], bytes, "{source}");
-        assert_eq!(Legacy.scan(&bytes, ()), Scan::Frame(n), "{source}");
-        assert_eq!(Legacy.parse_response(&bytes, ()), Ok(response), "{source}");
+        assert_eq!(out[..n], bytes, "{name}");
+        assert_eq!(Legacy.scan(&bytes, ()), Scan::Frame(n), "{name}");
+        assert_eq!(Legacy.parse_response(&bytes, ()), Ok(response), "{name}");
     }
 }
 
@@ -170,14 +161,10 @@ fn device_reports_every_frame_as_unknown() {
 #[test]
 fn client_reads_and_never_has_bytes_to_send() {
     let mut client = Client::<Legacy, MAX_FRAME>::new(Legacy, Config::DEFAULT);
-    for (i, (source, bytes, response)) in responses().into_iter().enumerate() {
+    for (i, (name, bytes, response)) in responses().into_iter().enumerate() {
         let now = Instant::from_micros(25_000 * i as u64);
         assert!(client.receive(now, &bytes).is_empty());
-        assert_eq!(
-            client.poll(now),
-            Output::Event(Event::Unsolicited(response)),
-            "{source}"
-        );
+        assert_eq!(client.poll(now), Output::Event(Event::Unsolicited(response)), "{name}");
         assert_eq!(client.poll(now), Output::Timeout(None));
     }
 }
