@@ -257,3 +257,54 @@ pub(crate) struct Requests {
     pub(crate) receive: bool,
     pub(crate) transmit: bool,
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) const RECEIVE: Requests = Requests {
+        receive: true,
+        transmit: false,
+    };
+    const NONE: Requests = Requests {
+        receive: false,
+        transmit: false,
+    };
+
+    /// Raises the request for one transfer, and returns the steps with their instants.
+    pub(crate) fn transfer(dma: &mut impl Dma, now: Nanos) -> Vec<(Nanos, Step)> {
+        dma.follow_requests(RECEIVE, now);
+        let mut steps = Vec::new();
+        while let Some(due) = dma.due() {
+            let (stream, step) = dma.step(RECEIVE, due).unwrap();
+            if matches!(step, Step::ReadPeripheral(_) | Step::ReadMemory(_)) {
+                dma.fetched(stream, 0x42, due);
+            }
+            steps.push((due, step));
+        }
+        steps
+    }
+
+    /// Checks a transfer from the register at this address to the start of memory.
+    pub(crate) fn check_steps(dma: &mut impl Dma, register: u32) {
+        let (instants, kinds): (Vec<u64>, Vec<Step>) =
+            (transfer(dma, Nanos(1_000)).into_iter().map(|(at, step)| (at.0, step))).unzip();
+        assert_eq!(
+            kinds,
+            [
+                Step::ReadPeripheral(register),
+                Step::WriteMemory(0x2000_0000, 0x42),
+                Step::Count
+            ]
+        );
+        assert!(1_000 < instants[0] && instants[0] < instants[1] && instants[1] < instants[2]);
+    }
+
+    /// Checks that a request that goes away before the first step gets nothing.
+    pub(crate) fn check_withdrawal(dma: &mut impl Dma, stream: usize) {
+        dma.follow_requests(RECEIVE, Nanos(0));
+        let due = dma.due().unwrap();
+        assert_eq!(dma.step(NONE, due), Some((stream, Step::Nothing)));
+        assert_eq!(dma.due(), None);
+    }
+}

@@ -388,15 +388,8 @@ fn place(first: usize, offset: u32) -> (usize, u32) {
 mod tests {
     use super::*;
     use crate::mcu::common::dma::Dma as _;
+    use crate::mcu::common::dma::tests::{RECEIVE, check_steps, check_withdrawal};
 
-    const RECEIVE: Requests = Requests {
-        receive: true,
-        transmit: false,
-    };
-    const NONE: Requests = Requests {
-        receive: false,
-        transmit: false,
-    };
     const STREAM_5: u32 = FIRST + 5 * EACH;
     const CHANNEL_4: u32 = 4 << cr::CHSEL_AT;
 
@@ -411,35 +404,10 @@ mod tests {
         dma
     }
 
-    /// Raises the request for one transfer, and returns the steps with their instants.
-    fn transfer(dma: &mut Dma, now: Nanos) -> Vec<(Nanos, Step)> {
-        dma.follow_requests(RECEIVE, now);
-        let mut steps = Vec::new();
-        while let Some(due) = dma.due() {
-            let (stream, step) = dma.step(RECEIVE, due).unwrap();
-            if matches!(step, Step::ReadPeripheral(_) | Step::ReadMemory(_)) {
-                dma.fetched(stream, 0x42, due);
-            }
-            steps.push((due, step));
-        }
-        steps
-    }
-
     #[test]
     fn read_write_and_count_are_steps_apart() {
         let mut dma = dma(4, 0);
-        let steps = transfer(&mut dma, Nanos(1_000));
-        let kinds: Vec<Step> = steps.iter().map(|&(_, step)| step).collect();
-        assert_eq!(
-            kinds,
-            [
-                Step::ReadPeripheral(0x4000_4404),
-                Step::WriteMemory(0x2000_0000, 0x42),
-                Step::Count
-            ]
-        );
-        let instants: Vec<u64> = steps.iter().map(|(at, _)| at.0).collect();
-        assert!(1_000 < instants[0] && instants[0] < instants[1] && instants[1] < instants[2]);
+        check_steps(&mut dma, 0x4000_4404);
         assert_eq!(dma.read(STREAM_5 + NDTR, Nanos(0)), Ok(3));
     }
 
@@ -463,9 +431,7 @@ mod tests {
     #[test]
     fn request_that_went_away_gets_nothing() {
         let mut dma = dma(4, 0);
-        dma.follow_requests(RECEIVE, Nanos(0));
-        let due = dma.due().unwrap();
-        assert_eq!(dma.step(NONE, due), Some((5, Step::Nothing)));
-        assert_eq!((dma.due(), dma.read(STREAM_5 + NDTR, Nanos(0))), (None, Ok(4)));
+        check_withdrawal(&mut dma, 5);
+        assert_eq!(dma.read(STREAM_5 + NDTR, Nanos(0)), Ok(4));
     }
 }

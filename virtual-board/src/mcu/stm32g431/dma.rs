@@ -336,15 +336,8 @@ fn cleared(value: u32) -> u32 {
 mod tests {
     use super::*;
     use crate::mcu::common::dma::Dma as _;
+    use crate::mcu::common::dma::tests::{RECEIVE, check_steps, check_withdrawal, transfer};
 
-    const RECEIVE: Requests = Requests {
-        receive: true,
-        transmit: false,
-    };
-    const NONE: Requests = Requests {
-        receive: false,
-        transmit: false,
-    };
     const CHANNEL_1: u32 = FIRST;
 
     /// A controller with channel 1 configured for `count` bytes and a request.
@@ -359,35 +352,10 @@ mod tests {
         dma
     }
 
-    /// Raises the request for one transfer, and returns the steps with their instants.
-    fn transfer(dma: &mut Dma, now: Nanos) -> Vec<(Nanos, Step)> {
-        dma.follow_requests(RECEIVE, now);
-        let mut steps = Vec::new();
-        while let Some(due) = dma.due() {
-            let (channel, step) = dma.step(RECEIVE, due).unwrap();
-            if matches!(step, Step::ReadPeripheral(_) | Step::ReadMemory(_)) {
-                dma.fetched(channel, 0x42, due);
-            }
-            steps.push((due, step));
-        }
-        steps
-    }
-
     #[test]
     fn read_write_and_count_are_steps_apart() {
         let mut dma = dma(4, 0);
-        let steps = transfer(&mut dma, Nanos(1_000));
-        let kinds: Vec<Step> = steps.iter().map(|&(_, step)| step).collect();
-        assert_eq!(
-            kinds,
-            [
-                Step::ReadPeripheral(0x4000_4424),
-                Step::WriteMemory(0x2000_0000, 0x42),
-                Step::Count
-            ]
-        );
-        let instants: Vec<u64> = steps.iter().map(|(at, _)| at.0).collect();
-        assert!(1_000 < instants[0] && instants[0] < instants[1] && instants[1] < instants[2]);
+        check_steps(&mut dma, 0x4000_4424);
         assert_eq!(dma.read(CHANNEL_1 + CNDTR, Nanos(0)), Ok(3));
     }
 
@@ -419,10 +387,8 @@ mod tests {
     #[test]
     fn request_that_went_away_gets_nothing() {
         let mut dma = dma(4, 0);
-        dma.follow_requests(RECEIVE, Nanos(0));
-        let due = dma.due().unwrap();
-        assert_eq!(dma.step(NONE, due), Some((0, Step::Nothing)));
-        assert_eq!((dma.due(), dma.read(CHANNEL_1 + CNDTR, Nanos(0))), (None, Ok(4)));
+        check_withdrawal(&mut dma, 0);
+        assert_eq!(dma.read(CHANNEL_1 + CNDTR, Nanos(0)), Ok(4));
     }
 
     #[test]
