@@ -5,7 +5,6 @@ use heapless::String;
 
 use crate::control::{FrameBytes, MAX_FRAME};
 
-/// Mostly one of these values.
 pub(crate) fn mostly(u: &mut Unstructured<'_>, values: &[u32]) -> Result<u32> {
     match u.ratio(1, 8)? {
         true => u.arbitrary(),
@@ -23,7 +22,6 @@ pub(crate) fn text<const N: usize>(u: &mut Unstructured<'_>) -> Result<String<N,
     Ok(u.arbitrary::<&str>()?.try_into().unwrap_or_default())
 }
 
-/// Bytes of a frame.
 pub(crate) fn frame(u: &mut Unstructured<'_>) -> Result<FrameBytes> {
     let len = u.int_in_range(0..=MAX_FRAME)?.min(u.len());
     Ok(FrameBytes::from_slice(u.bytes(len)?).unwrap_or_default())

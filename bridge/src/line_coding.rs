@@ -176,7 +176,6 @@ impl LineCoding {
         hundreds.unwrap_or(0).saturating_mul(10)
     }
 
-    /// The number of bits of these bytes on the line.
     fn bits(self, bytes: usize) -> u32 {
         let parity = u32::from(self.parity != Parity::None);
         let stop = 1 + u32::from(self.stop_bits == StopBits::Two);

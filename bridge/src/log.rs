@@ -27,7 +27,6 @@ pub(crate) fn event(event: &Event) {
     }
 }
 
-/// Logs the new holder of the line.
 pub(crate) fn holder(holder: LineHolder) {
     defmt::info!("holder of the line: {}", holder);
 }

@@ -91,7 +91,6 @@ impl Adapter {
         self.works[work as usize].signal(());
     }
 
-    /// Waits for this work.
     pub(crate) async fn wait(&self, work: Work) {
         self.works[work as usize].wait().await;
     }

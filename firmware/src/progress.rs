@@ -24,7 +24,6 @@ pub(crate) enum Task {
     Action,
 }
 
-/// Number of tasks.
 const TASKS: usize = Task::Action as usize + 1;
 
 /// Number of the current round.
@@ -39,7 +38,6 @@ pub(crate) fn rest(task: Task) -> Resting {
     Resting(task)
 }
 
-/// A task at rest.
 #[must_use]
 pub(crate) struct Resting(Task);
 

@@ -83,7 +83,6 @@ impl Diagnostics {
         }
     }
 
-    /// The message.
     pub(crate) fn to_message(&self, arm: &str, now: Instant) -> DiagnosticArray {
         let (level, message) = self.level(now);
         let last = self.last_refusal.as_ref().map_or("", |(_, reason)| reason);

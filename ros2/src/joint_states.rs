@@ -73,7 +73,6 @@ impl Reading {
         self.positions[..JOINTS].iter().all(|position| position.abs() <= near)
     }
 
-    /// The message.
     pub(crate) fn to_message(&self, joints: &[Joint]) -> JointState {
         JointState {
             header: Header {

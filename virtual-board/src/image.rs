@@ -14,7 +14,6 @@ use crate::report::{Crash, crash_of};
 /// The section of an image with its vector table, as cortex-m-rt names it.
 const VECTOR_TABLE: &str = ".vector_table";
 
-/// An image.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Image {
     segments: Vec<(u64, Vec<u8>)>,
@@ -62,7 +61,6 @@ impl Image {
         })
     }
 
-    /// Plain bytes at an address.
     #[cfg(test)]
     pub(crate) fn plain(address: u64, bytes: Vec<u8>) -> Self {
         Self {

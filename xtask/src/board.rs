@@ -2,7 +2,6 @@
 
 use clap::ValueEnum;
 
-/// A board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Board {
     /// STM32F405RG, with CAN

@@ -57,7 +57,6 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
 
 /// A release for the architecture and system of this machine.
 struct Release {
-    /// The commit.
     commit: String,
     /// The time of the commit, in seconds since 1970.
     time: String,

@@ -65,7 +65,6 @@ pub(crate) fn run_program(runner: &Runner) -> Result<()> {
     attach(board, &runner.elf)
 }
 
-/// The board of this program.
 fn board_of(program: &Program) -> Result<Board> {
     let starts = |board: &Board| program.check_vectors(board.stack_top()).is_ok();
     let board = Board::ALL.into_iter().find(starts);

@@ -33,7 +33,6 @@ pub(crate) struct Options {
 }
 
 impl Options {
-    /// All mutants.
     pub(crate) const ALL: Self = Self { options: Vec::new() };
 }
 

@@ -21,7 +21,6 @@ const SMALL_GAP: u32 = 1024;
 /// Value of an erased byte of flash.
 const ERASED: u8 = 0xFF;
 
-/// A program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Program {
     /// The flash content by address, with gaps in between that may have other content.
@@ -37,7 +36,6 @@ pub(crate) struct Program {
 pub(crate) struct Segment {
     /// Address of the first byte.
     pub(crate) address: u32,
-    /// The bytes.
     pub(crate) bytes: Vec<u8>,
 }
 

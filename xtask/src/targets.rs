@@ -14,7 +14,6 @@ const NO_STD: &str = "--package armwire --package armwire-bridge";
 /// The supported systems other than Linux, and the crates for them, which need no C compiler.
 const OTHER_SYSTEMS: [&str; 2] = ["x86_64-pc-windows-gnu", "x86_64-apple-darwin"];
 const PORTABLE: &str = "--package armwire --package armwire-bridge --package armwire-sim --package armwire-cli";
-/// The link test.
 const LINK_TEST: &str =
     "--manifest-path=host-tests/benches/Cargo.toml --bin no-panic --features link-test,ling-legacy,bridge";
 /// The program whose instructions are counted.

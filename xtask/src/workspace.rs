@@ -9,7 +9,6 @@ pub(crate) const ALONE: [&str; 3] = [
     "--manifest-path=web/engine/Cargo.toml",
 ];
 
-/// The root of the workspace.
 pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .parent()

@@ -12,7 +12,6 @@ use armwire::time::{Duration, Instant};
 
 use super::grid;
 
-/// Number of frames of a sample.
 const SAMPLE_FRAMES: usize = 3;
 
 /// Telemetry and commands of one node.

@@ -410,7 +410,6 @@ impl Hosts {
         any
     }
 
-    /// Publishes all deliveries of the line.
     fn publish_deliveries(&mut self, line: &mut Line) {
         self.take_deliveries(line);
         self.control.publish_all(&mut self.can, &mut self.counters);

@@ -248,7 +248,6 @@ impl FromHost {
     }
 }
 
-/// The range of the first request in these bytes.
 fn first_request(kind: ArmKind, bytes: &[u8]) -> Option<Range<usize>> {
     let mut start: usize = 0;
     loop {

@@ -55,7 +55,6 @@ impl Poll {
         matches!(self.rate, config::Poll::Hertz(_))
     }
 
-    /// Returns true if polling is off.
     pub(crate) const fn is_off(&self) -> bool {
         matches!(self.rate, config::Poll::Off)
     }

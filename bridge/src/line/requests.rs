@@ -35,7 +35,6 @@ impl Request {
     }
 }
 
-/// A request of a stop.
 pub(crate) enum StopRequest {
     /// Reads the joints. It has waited since then.
     #[cfg_attr(not(feature = "ling"), expect(dead_code, reason = "only a Ling arm is read"))]
@@ -70,7 +69,6 @@ pub(crate) struct Requests {
     pub(crate) command: Option<Request>,
     /// Start of the wait of torque-off.
     pub(crate) torque_off: Option<Instant>,
-    /// The request of a stop.
     pub(crate) stop: Option<StopRequest>,
     /// Start of the wait of an identification.
     pub(crate) identify: Option<Instant>,

@@ -135,7 +135,6 @@ impl Stop {
         }
     }
 
-    /// Returns true if motion is refused.
     pub(super) const fn refuses_motion(&self) -> bool {
         self.until.is_some()
     }

@@ -294,7 +294,6 @@ impl<F: NorFlash> Store<F> {
         Ok((newest, written))
     }
 
-    /// The last record of a page.
     async fn last(&mut self, page: u32) -> Result<Option<Record>, Error<F::Error>> {
         let mut queue = self.queue(page);
         let mut entries = queue.iter().await.map_err(error)?;

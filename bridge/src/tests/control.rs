@@ -20,7 +20,6 @@ fn quiet() -> Rig {
     Rig::new(Config::default())
 }
 
-/// The reply to a request on CAN.
 fn call_on_can(rig: &mut Rig, sequence: u8, request: Request) -> Reply {
     rig.request_on_can(sequence, request);
     rig.run(20_000);

@@ -318,14 +318,12 @@ fn header_decides_by_the_configured_arm() {
     }
 }
 
-/// Sends a command.
 fn send(rig: &mut Rig, command: Command) {
     for frame in command.to_frames(Node::default()) {
         rig.can_frame(&frame);
     }
 }
 
-/// A command with this sequence number.
 fn command(sequence: u8) -> Command {
     Command {
         sequence,

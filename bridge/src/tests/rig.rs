@@ -115,7 +115,6 @@ impl Rig {
         self.uart.coding.micros(1)
     }
 
-    /// Runs for `micros`.
     pub(super) fn run(&mut self, micros: u64) {
         let end = self.now + micros;
         self.pump();

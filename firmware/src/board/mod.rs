@@ -83,7 +83,6 @@ pub(crate) enum ChipReset {
     Other,
 }
 
-/// The independent watchdog.
 pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
 
 /// Enables clocks of peripherals in a register of RCC. Returns when they run.

@@ -13,7 +13,6 @@ use crate::progress::{Task, rest};
 type ToHost = <UsbDriver as Driver<'static>>::EndpointIn;
 type FromHost = <UsbDriver as Driver<'static>>::EndpointOut;
 
-/// The endpoints of a pipe.
 pub(crate) struct Endpoints {
     pub(crate) to_host: ToHost,
     pub(crate) from_host: FromHost,

@@ -38,7 +38,6 @@ pub trait Subject: Messages + Copy + Default + Debug {
     /// Any request. An error if the protocol has none.
     fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Self::Request<'a>>;
 
-    /// Any response.
     fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<AnyResponse<'a, Self>>;
 
     /// Any expectation of a decoder.

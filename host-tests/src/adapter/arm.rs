@@ -48,7 +48,6 @@ const PARTIAL_FRAME_TIMEOUT: u64 = 20_000;
 /// The identity of a request, in the data of the request and of its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Tag {
-    /// The initiator.
     pub(super) initiator: Initiator,
     /// Number of earlier requests of this initiator.
     pub(super) number: u32,
@@ -149,7 +148,6 @@ struct Transmission {
     bytes: Vec<u8>,
 }
 
-/// The arm.
 pub(super) struct Arm {
     behavior: Behavior,
     decoder: Decoder<MAX_FRAME>,

@@ -402,7 +402,6 @@ impl Oracle {
         self.is_held = holds;
     }
 
-    /// `hold-line` is refused.
     pub(super) fn on_hold_line_refused(&self, is_stopping: bool) {
         let streams = self.streams.iter().any(|stream| stream.possible_run >= STREAM);
         assert!(
@@ -816,7 +815,6 @@ impl Oracle {
         self.torque_off_due = None;
     }
 
-    /// The arm sent bytes.
     pub(super) fn on_arm_sent(&mut self, now: u64, bytes: &[u8]) {
         self.arm_bytes += bytes.len() as u64;
         let Some((key, mut tag)) = Tag::of(bytes) else { return };
@@ -1030,7 +1028,6 @@ impl Oracle {
             && self.pending_answers.is_empty()
     }
 
-    /// The adapter restarts now.
     pub(super) fn check_restart(&self, now: u64) {
         assert!(!self.is_armed(), "it restarts at {now} µs and forgets a stream");
         assert_eq!(self.torque_off_due, None, "it restarts at {now} µs with torque-off due");

@@ -131,7 +131,6 @@ impl Rig {
         self.bridge.update(self.time())
     }
 
-    /// Runs until `end`.
     pub(super) fn run_until(&mut self, end: u64) {
         if self.is_over {
             return;

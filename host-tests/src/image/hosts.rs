@@ -51,7 +51,6 @@ impl RequestTracker {
         self.open.is_empty()
     }
 
-    /// The next request.
     fn next_request(&mut self, now: Nanos) -> Vec<u8> {
         let (initiator, number) = (self.initiator, self.issued);
         self.issued += 1;

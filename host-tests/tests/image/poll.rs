@@ -35,7 +35,6 @@ struct Exchange {
     end: Nanos,
 }
 
-/// The exchanges on the line.
 fn exchanges(line: &[LineByte]) -> Vec<Exchange> {
     let mut exchanges: Vec<Exchange> = Vec::new();
     let mut direction = Direction::ToBoard;

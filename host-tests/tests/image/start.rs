@@ -33,7 +33,6 @@ fn config(crystal: Crystal) -> Config<RawArm> {
     }
 }
 
-/// True if the image measures its crystal.
 fn measures_crystal() -> bool {
     chip() == Chip::Stm32f405
 }

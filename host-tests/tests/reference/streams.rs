@@ -11,7 +11,6 @@ pub(crate) struct Dialect {
     pub(crate) marks: &'static [u8],
 }
 
-/// A number below `end`.
 pub(crate) fn below(random: &mut Rand32, end: usize) -> usize {
     random.rand_range(0..end as u32) as usize
 }
@@ -82,7 +81,6 @@ impl Dialect {
         }
     }
 
-    /// A number of these bytes.
     fn bytes(&self, random: &mut Rand32, len: usize) -> Vec<u8> {
         (0..len).map(|_| self.mark(random)).collect()
     }

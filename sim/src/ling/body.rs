@@ -49,7 +49,6 @@ enum Heat {
     Protecting,
 }
 
-/// One servo.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Servo {
     axis: usize,

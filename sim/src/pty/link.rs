@@ -122,7 +122,6 @@ impl Drop for Lock {
     }
 }
 
-/// Returns true if this file is the one at the path.
 fn is_at(file: &File, path: &Path) -> bool {
     let id = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
     let (here, there) = (file.metadata().map(id), fs::symlink_metadata(path).map(id));

@@ -23,7 +23,6 @@ impl Profile {
         }
     }
 
-    /// Returns the duration.
     pub(super) fn duration(&self) -> Duration {
         if self.peak > 0.0 {
             Duration::from_micros((self.seconds() * 1e6).ceil() as u64)

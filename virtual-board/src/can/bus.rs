@@ -76,7 +76,6 @@ enum Phase {
     Close(Nanos, Outcome),
 }
 
-/// An error in a frame.
 #[derive(Clone, Copy, Debug)]
 struct FrameError {
     /// The error as seen by the sender.

@@ -132,7 +132,6 @@ pub(crate) trait Controller {
     /// Returns true if it drives the bus: it acknowledges, and destroys invalid frames while it is error active.
     fn drives(&self) -> bool;
 
-    /// Its error state.
     fn state(&self) -> ErrorState;
 
     /// The frame that it would send now. An FD frame only with FD capability.

@@ -59,7 +59,6 @@ impl NodeConfig {
         }
     }
 
-    /// Returns true if it can send the frame.
     pub(crate) fn sends(&self, frame: &Frame) -> bool {
         !self.is_silent && (frame.fd.is_none() || matches!(self.capability, Capability::Fd { .. }))
     }

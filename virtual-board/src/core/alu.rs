@@ -61,7 +61,6 @@ impl Flags {
         self.z = result;
     }
 
-    /// Returns true if a condition holds.
     #[inline(always)]
     pub(super) fn holds(self, condition: u8) -> bool {
         CONDITIONS[usize::from(condition & 15)] >> self.nzcv() & 1 != 0

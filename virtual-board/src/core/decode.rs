@@ -1094,7 +1094,6 @@ fn expand_immediate(imm: u32) -> Option<(u32, Carry)> {
     Some((value, Carry::Keep))
 }
 
-/// Bits from `lsb` to `msb`.
 fn bit_mask(lsb: u32, msb: u32) -> u32 {
     u32::MAX << lsb & u32::MAX >> (31 - msb)
 }

@@ -16,7 +16,6 @@ pub(super) mod exception {
     pub(in super::super) const INTERRUPT_0: u16 = 16;
 }
 
-/// A fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fault {
     /// The instruction is UNDEFINED.

@@ -36,7 +36,6 @@ impl Width {
     }
 }
 
-/// A memory.
 #[derive(Clone, Debug)]
 pub(super) struct Region {
     base: u32,

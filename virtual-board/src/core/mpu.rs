@@ -73,7 +73,6 @@ impl Region {
     }
 }
 
-/// The MPU.
 #[derive(Clone, Debug)]
 pub(super) struct Mpu {
     regions: Vec<Region>,

@@ -31,7 +31,6 @@ const TARGET: &str = r#"<?xml version="1.0"?><!DOCTYPE target SYSTEM "gdb-target
 <reg name="r12" bitsize="32"/><reg name="sp" bitsize="32" type="data_ptr"/><reg name="lr" bitsize="32"/>
 <reg name="pc" bitsize="32" type="code_ptr"/><reg name="xpsr" bitsize="32"/></feature></target>"#;
 
-/// The target of gdb.
 pub(crate) trait Target {
     fn register(&self, nth: usize) -> u32;
     fn set_register(&mut self, nth: usize, value: u32);

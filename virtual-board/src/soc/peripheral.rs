@@ -12,7 +12,6 @@ pub(crate) enum Refused {
     Unimplemented(&'static str),
     /// The manual forbids it.
     Forbidden {
-        /// The register.
         register: &'static str,
         /// The forbidden state, and the section of the manual.
         reason: &'static str,

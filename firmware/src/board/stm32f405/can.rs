@@ -42,7 +42,6 @@ const INITIALIZATION_TRIES: usize = 16;
 /// Recovery from bus-off was started.
 static RETURNING: AtomicBool = AtomicBool::new(false);
 
-/// The controller.
 pub(crate) struct Controller {
     _pins: [Flex<'static>; 2],
 }

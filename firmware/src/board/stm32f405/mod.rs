@@ -33,7 +33,6 @@ pub(crate) use usb::UsbDriver;
 /// The board's name.
 pub(crate) const NAME: &str = "stm32f405";
 
-/// True for CAN FD.
 pub(crate) const CAN_FD: bool = false;
 
 bind_interrupts!(struct Irqs {

@@ -108,7 +108,6 @@ fn is_active(endpoint: EndpointAddress) -> bool {
     }
 }
 
-/// The driver.
 pub(crate) struct UsbDriver(pub(super) Hal);
 
 impl driver::Driver<'static> for UsbDriver {
@@ -143,7 +142,6 @@ impl driver::Driver<'static> for UsbDriver {
     }
 }
 
-/// The bus.
 pub(crate) struct Bus(HalBus);
 
 impl driver::Bus for Bus {

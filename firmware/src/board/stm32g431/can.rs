@@ -53,7 +53,6 @@ impl Waiting {
     }
 }
 
-/// The controller.
 pub(crate) struct Controller {
     _pins: [Flex<'static>; 2],
 }
@@ -136,7 +135,6 @@ impl Controller {
         CAN.txbar().write(|w| w.set_ar(buffer, true));
     }
 
-    /// Returns true in bus-off.
     pub(crate) fn is_bus_off(&self) -> bool {
         CAN.psr().read().bo()
     }
@@ -194,7 +192,6 @@ const _: () = {
     }
 };
 
-/// Sets the bit rate of the data phase.
 fn set_data_phase(bit_rate: u32) {
     let timing = data(bit_rate);
     let compensate = bit_rate > DELAY_MATTERS;

@@ -31,7 +31,6 @@ pub(crate) use usb::{UsbDriver, cancel_unfetched_packet, cancel_unfetched_packet
 /// The board's name.
 pub(crate) const NAME: &str = "stm32g431";
 
-/// True for CAN FD.
 pub(crate) const CAN_FD: bool = true;
 
 bind_interrupts!(struct Irqs {

@@ -216,7 +216,6 @@ pub(crate) fn cancel_unfetched_packets() {
     ARMED.store(0, Ordering::Relaxed);
 }
 
-/// The driver.
 pub(crate) struct UsbDriver(pub(super) Hal);
 
 impl driver::Driver<'static> for UsbDriver {
@@ -333,7 +332,6 @@ fn fetch(endpoint: usize, packet: &mut [u8]) -> Result<usize, EndpointError> {
     Ok(len)
 }
 
-/// The bus.
 pub(crate) struct Bus(HalBus);
 
 impl driver::Bus for Bus {

@@ -23,7 +23,6 @@ pub fn table(outcomes: &[Outcome]) -> String {
     text + &format!("\n{recovered} of {all} runs recovered; {two} of them with a second fault.\n")
 }
 
-/// The row of the runs with this fault.
 fn row(fault: Fault, runs: &[&Outcome]) -> String {
     let count = |moment| runs.iter().filter(|run| run.case.moment == moment).count();
     let counts: String = Moment::VARIANTS

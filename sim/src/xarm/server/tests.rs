@@ -41,7 +41,6 @@ impl Running {
         stream
     }
 
-    /// Waits for a notice and returns it.
     fn wait_for(&self, what: &str, is: impl Fn(&Notice) -> bool) -> Notice {
         loop {
             match self.notices.recv_timeout(TIMEOUT) {

@@ -15,7 +15,6 @@ const CR_MODELLED: u32 = 0b111;
 pub(crate) struct Layout {
     /// The offset of the last register.
     pub(crate) last: u32,
-    /// The names.
     pub(crate) names: &'static str,
 }
 

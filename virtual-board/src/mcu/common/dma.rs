@@ -99,7 +99,6 @@ impl Step {
     }
 }
 
-/// The steps of each stream.
 #[derive(Debug)]
 pub(crate) struct Steps<const STREAMS: usize> {
     phases: [Phase; STREAMS],

@@ -300,7 +300,6 @@ impl<P: Peripherals> Mcu<P> {
         core::Core::new(config, Memory::new(P::MAP.flash, flash, P::MAP.ram, P::MAP.ram_size))
     }
 
-    /// The offset of an address in the flash.
     #[inline]
     fn flash_offset(address: u32) -> Option<u32> {
         let offset = address.wrapping_sub(P::MAP.flash);

@@ -141,7 +141,6 @@ impl Stream {
 #[derive(Debug)]
 pub(super) struct Dma {
     streams: [Stream; ALL_STREAMS],
-    /// The flags of each stream.
     flags: [u32; ALL_STREAMS],
     reenabled: Reenabled,
     steps: Steps<ALL_STREAMS>,
@@ -278,7 +277,6 @@ impl Dma {
     }
 }
 
-/// Returns true if a request is high.
 fn is_high(requests: Requests, request: Request) -> bool {
     match request {
         USART2_RX => requests.receive,

@@ -118,7 +118,6 @@ const CACHES: Caches = Caches {
     data: 8,
 };
 
-/// The interface.
 #[derive(Debug)]
 pub(crate) struct Interface {
     array: Array,

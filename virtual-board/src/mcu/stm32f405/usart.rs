@@ -53,7 +53,6 @@ mod cr3 {
     pub(super) const MODELLED: u32 = EIE | HDSEL | DMAR | DMAT | ONEBIT;
 }
 
-/// The USART.
 #[derive(Debug)]
 pub(super) struct Usart {
     shifter: Shifter,

@@ -224,7 +224,6 @@ impl Dma {
     }
 }
 
-/// Returns true if a request is high.
 fn is_high(requests: Requests, request: u32) -> bool {
     match request & REQUEST_ID {
         USART2_RX => requests.receive,

@@ -116,7 +116,6 @@ const CACHES: Caches = Caches {
     data: 32,
 };
 
-/// The interface.
 #[derive(Debug)]
 pub(crate) struct Interface {
     array: Array,

@@ -91,7 +91,6 @@ impl Stm32g431 {
     }
 }
 
-/// The interrupt of a DMA channel.
 fn dma_interrupt(channel: usize) -> u16 {
     match channel {
         0..CHANNELS => interrupt::DMA1_CHANNEL1 + channel as u16,

@@ -74,7 +74,6 @@ mod isr {
 /// Dividers of PRESC (37.8.14).
 const PRESCALERS: [u64; 12] = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256];
 
-/// The USART.
 #[derive(Debug)]
 pub(super) struct Usart {
     shifter: Shifter,

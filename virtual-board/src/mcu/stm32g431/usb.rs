@@ -247,7 +247,6 @@ impl Device {
         true
     }
 
-    /// The IN packet of an endpoint.
     fn packet(&self, endpoint: usize) -> Vec<u8> {
         let buffer = self.halfword(self.descriptor(endpoint, ADDR_TX));
         let count = self.halfword(self.descriptor(endpoint, COUNT_TX)) & COUNT;

@@ -70,7 +70,6 @@ impl Step {
     }
 }
 
-/// One IN endpoint.
 #[derive(Debug, Default)]
 struct InEndpoint {
     control: u32,
@@ -85,7 +84,6 @@ struct InEndpoint {
     sends: bool,
 }
 
-/// One OUT endpoint.
 #[derive(Debug, Default)]
 struct OutEndpoint {
     control: u32,

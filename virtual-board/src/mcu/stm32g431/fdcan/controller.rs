@@ -47,7 +47,6 @@ struct Pending {
     requested: Nanos,
 }
 
-/// The controller.
 #[derive(Debug)]
 pub(super) struct Controller {
     now: Nanos,

@@ -57,7 +57,6 @@ impl Bench {
         self.bus.poll(self.core.now, &mut self.core);
     }
 
-    /// Runs for `bits` bits.
     fn run(&mut self, bits: u64) {
         self.run_for(Nanos(bits * BIT));
     }
