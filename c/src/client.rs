@@ -1,13 +1,13 @@
-//! The functions common to the clients of all protocols.
+//! The behaviour common to the clients of all protocols.
 
 use armwire::messages::Messages;
 use armwire::time::Instant;
-use armwire::{Client, Config, SubmitError};
+use armwire::{Client, Config, OutOfRange, SubmitError};
 
 use crate::config::ArmwireConfig;
 use crate::event::ArmwireEvent;
 use crate::fault::{ArmwireFault, Refused};
-use crate::memory::{self, Memory};
+use crate::memory;
 use crate::status::ArmwireStatus;
 use crate::version::ARMWIRE_VERSION;
 
@@ -18,6 +18,25 @@ pub(crate) struct State<M: Messages, const N: usize> {
 }
 
 impl<M: Messages, const N: usize> State<M, N> {
+    pub(crate) fn new(
+        version: u32,
+        config: Option<&ArmwireConfig>,
+        default: Config,
+        messages: M,
+    ) -> Result<Self, ArmwireStatus> {
+        if version != ARMWIRE_VERSION {
+            return Err(ArmwireStatus::Version);
+        }
+        let config = match config {
+            Some(config) => config.get().map_err(|_| ArmwireStatus::OutOfRange)?,
+            None => default,
+        };
+        Ok(Self {
+            client: Client::new(messages, config),
+            refused: Refused::NONE,
+        })
+    }
+
     /// Stores the error of a value.
     const fn refuse(&mut self, refused: Refused) -> ArmwireStatus {
         self.refused = refused;
@@ -25,175 +44,74 @@ impl<M: Messages, const N: usize> State<M, N> {
     }
 
     /// Submits a request, or stores its error.
-    fn submit(&mut self, request: Result<M::Request<'_>, Refused>) -> Result<(), ArmwireStatus> {
+    pub(crate) fn submit(&mut self, request: Result<M::Request<'_>, Refused>) -> Result<(), ArmwireStatus> {
         let request = request.map_err(|refused| self.refuse(refused))?;
         self.client.submit(&request).map_err(|error| match error {
             SubmitError::TooLong(_) => ArmwireStatus::BufferTooShort,
             _ => ArmwireStatus::Busy,
         })
     }
-}
 
-/// Initializes a client.
-pub(crate) fn init<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    version: u32,
-    config: Option<&ArmwireConfig>,
-    default: Config,
-    messages: M,
-) -> Result<(), ArmwireStatus>
-where
-    S: Memory<Value = State<M, N>>,
-{
-    if version != ARMWIRE_VERSION {
-        return Err(ArmwireStatus::Version);
+    /// Changes the properties of later requests, or stores the error of the value.
+    #[cfg(feature = "xarm")]
+    pub(crate) fn change<T>(
+        &mut self,
+        value: Result<T, Refused>,
+        change: impl Fn(&mut M, T),
+    ) -> Result<(), ArmwireStatus> {
+        let value = value.map_err(|refused| self.refuse(refused))?;
+        change(self.client.messages_mut(), value);
+        Ok(())
     }
-    let config = match config {
-        Some(config) => config.get().map_err(|_| ArmwireStatus::OutOfRange)?,
-        None => default,
-    };
-    let state = State {
-        client: Client::new(messages, config),
-        refused: Refused::NONE,
-    };
-    memory::init(memory, state)
-}
 
-/// Submits a request, or stores its error.
-pub(crate) fn submit<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    request: Result<M::Request<'_>, Refused>,
-) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory).and_then(|state| state.submit(request)).into()
-}
+    pub(crate) fn cancel(&mut self) {
+        self.client.cancel();
+    }
 
-/// Changes the properties of later requests, or stores the error of the value.
-#[cfg(feature = "xarm")]
-pub(crate) fn change<S, M: Messages, const N: usize, T>(
-    memory: Option<&mut S>,
-    value: Result<T, Refused>,
-    change: impl Fn(&mut M, T),
-) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory)
-        .and_then(|state| {
-            let value = value.map_err(|refused| state.refuse(refused))?;
-            change(state.client.messages_mut(), value);
-            Ok(())
-        })
-        .into()
-}
+    pub(crate) fn idle(&mut self) {
+        self.client.idle();
+    }
 
-pub(crate) fn cancel<S, M: Messages, const N: usize>(memory: Option<&mut S>) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory).map(|state| state.client.cancel()).into()
-}
+    pub(crate) fn space(&mut self, space: Option<&mut *mut u8>, len: Option<&mut usize>) -> Result<(), ArmwireStatus> {
+        memory::put_space(self.client.space(), space, len)
+    }
 
-pub(crate) fn idle<S, M: Messages, const N: usize>(memory: Option<&mut S>) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory).map(|state| state.client.idle()).into()
-}
+    fn accept(&mut self, accepted: Result<(), OutOfRange<usize>>) -> Result<(), ArmwireStatus> {
+        accepted.map_err(|error| self.refuse(Refused::length(error)))
+    }
 
-pub(crate) fn space<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    space: Option<&mut *mut u8>,
-    len: Option<&mut usize>,
-) -> Result<(), ArmwireStatus>
-where
-    S: Memory<Value = State<M, N>>,
-{
-    let room = memory::open(memory)?.client.space();
-    let (Some(space), Some(len)) = (space, len) else {
-        return Err(ArmwireStatus::Null);
-    };
-    (*space, *len) = (room.as_mut_ptr(), room.len());
-    Ok(())
-}
+    pub(crate) fn received(&mut self, now_us: u64, len: usize) -> Result<(), ArmwireStatus> {
+        let accepted = self.client.received(Instant::from_micros(now_us), len);
+        self.accept(accepted)
+    }
 
-pub(crate) fn received<S, M: Messages, const N: usize>(memory: Option<&mut S>, now_us: u64, len: usize) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory)
-        .and_then(|state| {
-            let result = state.client.received(Instant::from_micros(now_us), len);
-            result.map_err(|error| state.refuse(Refused::length(error)))
-        })
-        .into()
-}
+    pub(crate) fn transmitted(&mut self, now_us: u64, len: usize) -> Result<(), ArmwireStatus> {
+        let accepted = self.client.transmitted(Instant::from_micros(now_us), len);
+        self.accept(accepted)
+    }
 
-pub(crate) fn receive<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    now_us: u64,
-    bytes: Result<&[u8], ArmwireStatus>,
-    taken: Option<&mut usize>,
-) -> Result<(), ArmwireStatus>
-where
-    S: Memory<Value = State<M, N>>,
-{
-    let (bytes, taken) = (bytes?, taken.ok_or(ArmwireStatus::Null)?);
-    let state = memory::open(memory)?;
-    let rest = state.client.receive(Instant::from_micros(now_us), bytes);
-    *taken = bytes.len().saturating_sub(rest.len());
-    Ok(())
-}
+    /// The number of bytes that it takes.
+    pub(crate) fn receive(&mut self, now_us: u64, bytes: &[u8]) -> usize {
+        let rest = self.client.receive(Instant::from_micros(now_us), bytes);
+        bytes.len().saturating_sub(rest.len())
+    }
 
-pub(crate) fn transmitted<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    now_us: u64,
-    len: usize,
-) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory)
-        .and_then(|state| {
-            let result = state.client.transmitted(Instant::from_micros(now_us), len);
-            result.map_err(|error| state.refuse(Refused::length(error)))
-        })
-        .into()
-}
+    /// The next action, and its response, which `set` converts.
+    pub(crate) fn poll<R>(
+        &mut self,
+        now_us: u64,
+        event: &mut ArmwireEvent,
+        response: &mut R,
+        set: impl Fn(&mut R, Option<M::Response<'_>>),
+    ) {
+        set(
+            response,
+            event.set_client(self.client.poll(Instant::from_micros(now_us))),
+        );
+        event.set_extra(self.client.messages().extra(self.client.frame()));
+    }
 
-/// The next action, and its response, which `set` converts.
-pub(crate) fn poll<S, M: Messages, const N: usize, R>(
-    memory: Option<&mut S>,
-    now_us: u64,
-    event: Option<&mut ArmwireEvent>,
-    response: Option<&mut R>,
-    set: impl Fn(&mut R, Option<M::Response<'_>>),
-) -> Result<(), ArmwireStatus>
-where
-    S: Memory<Value = State<M, N>>,
-{
-    let (Some(event), Some(response)) = (event, response) else {
-        return Err(ArmwireStatus::Null);
-    };
-    let state = memory::open(memory)?;
-    set(
-        response,
-        event.set_client(state.client.poll(Instant::from_micros(now_us))),
-    );
-    event.set_extra(state.client.messages().extra(state.client.frame()));
-    Ok(())
-}
-
-pub(crate) fn fault<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    fault: Option<&mut ArmwireFault>,
-) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory)
-        .and_then(|state| memory::put(fault, state.refused.fault()))
-        .into()
+    pub(crate) fn fault(&self, fault: Option<&mut ArmwireFault>) -> Result<(), ArmwireStatus> {
+        memory::put(fault, self.refused.fault())
+    }
 }

@@ -1,11 +1,11 @@
-//! The functions common to the devices of all protocols.
+//! The behaviour common to the devices of all protocols.
 
 use armwire::Device;
 use armwire::messages::Messages;
 
 use crate::event::ArmwireEvent;
 use crate::fault::{ArmwireFault, Refused};
-use crate::memory::{self, Memory};
+use crate::memory;
 use crate::status::ArmwireStatus;
 use crate::version::ARMWIRE_VERSION;
 
@@ -29,95 +29,74 @@ impl From<Refused> for Refusal {
     }
 }
 
-/// Initializes a device.
-pub(crate) fn init<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    version: u32,
-    messages: M,
-) -> Result<(), ArmwireStatus>
-where
-    S: Memory<Value = State<M, N>>,
-{
-    if version != ARMWIRE_VERSION {
-        return Err(ArmwireStatus::Version);
-    }
-    let state = State {
-        device: Device::new(messages),
-        refused: Refused::NONE,
-    };
-    memory::init(memory, state)
-}
-
-pub(crate) fn idle<S, M: Messages, const N: usize>(memory: Option<&mut S>) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory).map(|state| state.device.idle()).into()
-}
-
-pub(crate) fn space<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    space: Option<&mut *mut u8>,
-    len: Option<&mut usize>,
-) -> Result<(), ArmwireStatus>
-where
-    S: Memory<Value = State<M, N>>,
-{
-    let room = memory::open(memory)?.device.space();
-    let (Some(space), Some(len)) = (space, len) else {
-        return Err(ArmwireStatus::Null);
-    };
-    (*space, *len) = (room.as_mut_ptr(), room.len());
-    Ok(())
-}
-
-pub(crate) fn received<S, M: Messages, const N: usize>(memory: Option<&mut S>, len: usize) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory)
-        .and_then(|state| {
-            state.device.received(len).map_err(|error| {
-                state.refused = Refused::length(error);
-                ArmwireStatus::OutOfRange
-            })
+impl<M: Messages, const N: usize> State<M, N> {
+    pub(crate) fn new(version: u32, messages: M) -> Result<Self, ArmwireStatus> {
+        if version != ARMWIRE_VERSION {
+            return Err(ArmwireStatus::Version);
+        }
+        Ok(Self {
+            device: Device::new(messages),
+            refused: Refused::NONE,
         })
-        .into()
+    }
+
+    pub(crate) fn idle(&mut self) {
+        self.device.idle();
+    }
+
+    pub(crate) fn space(&mut self, space: Option<&mut *mut u8>, len: Option<&mut usize>) -> Result<(), ArmwireStatus> {
+        memory::put_space(self.device.space(), space, len)
+    }
+
+    pub(crate) fn received(&mut self, len: usize) -> Result<(), ArmwireStatus> {
+        self.device.received(len).map_err(|error| {
+            self.refused = Refused::length(error);
+            ArmwireStatus::OutOfRange
+        })
+    }
+
+    /// The number of bytes that it takes.
+    pub(crate) fn receive(&mut self, bytes: &[u8]) -> usize {
+        bytes.len().saturating_sub(self.device.receive(bytes).len())
+    }
+
+    /// The next event, and its request and key, which `set` converts.
+    pub(crate) fn poll<R>(
+        &mut self,
+        event: &mut ArmwireEvent,
+        request: &mut R,
+        set: impl Fn(&mut R, Option<M::Request<'_>>, Option<M::Key>),
+    ) {
+        let (message, key) = event.set_device(self.device.poll());
+        set(request, message, key);
+    }
+
+    /// Writes a response, or stores its error. Returns its length, for a buffer that is too short the required one.
+    pub(crate) fn respond(
+        &mut self,
+        response: Result<M::Response<'_>, Refusal>,
+        to: Option<M::Key>,
+        out: &mut [u8],
+    ) -> (usize, Result<(), ArmwireStatus>) {
+        match response {
+            Ok(response) => match self.device.respond(&response, to, out) {
+                Ok(written) => (written, Ok(())),
+                Err(error) => (error.needed, Err(ArmwireStatus::BufferTooShort)),
+            },
+            Err(Refusal::Value(refused)) => {
+                self.refused = refused;
+                (0, Err(ArmwireStatus::OutOfRange))
+            }
+            Err(Refusal::Status(status)) => (0, Err(status)),
+        }
+    }
+
+    pub(crate) fn fault(&self, fault: Option<&mut ArmwireFault>) -> Result<(), ArmwireStatus> {
+        memory::put(fault, self.refused.fault())
+    }
 }
 
-pub(crate) fn receive<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    bytes: Result<&[u8], ArmwireStatus>,
-    taken: Option<&mut usize>,
-) -> Result<(), ArmwireStatus>
-where
-    S: Memory<Value = State<M, N>>,
-{
-    let (bytes, taken) = (bytes?, taken.ok_or(ArmwireStatus::Null)?);
-    let rest = memory::open(memory)?.device.receive(bytes);
-    *taken = bytes.len().saturating_sub(rest.len());
-    Ok(())
-}
-
-/// The next event, and its request and key, which `set` converts.
-pub(crate) fn poll<S, M: Messages, const N: usize, R>(
-    memory: Option<&mut S>,
-    event: Option<&mut ArmwireEvent>,
-    request: Option<&mut R>,
-    set: impl Fn(&mut R, Option<M::Request<'_>>, Option<M::Key>),
-) -> Result<(), ArmwireStatus>
-where
-    S: Memory<Value = State<M, N>>,
-{
-    let (Some(event), Some(request)) = (event, request) else {
-        return Err(ArmwireStatus::Null);
-    };
-    let (message, key) = event.set_device(memory::open(memory)?.device.poll());
-    set(request, message, key);
-    Ok(())
-}
-
-/// Writes a response and its length, or stores its error. For a buffer that is too short, it is the required length.
+/// Writes a response and its length.
 pub(crate) fn respond<S, M: Messages, const N: usize>(
     memory: Option<&mut S>,
     response: Result<M::Response<'_>, Refusal>,
@@ -126,33 +105,10 @@ pub(crate) fn respond<S, M: Messages, const N: usize>(
     len: Option<&mut usize>,
 ) -> Result<(), ArmwireStatus>
 where
-    S: Memory<Value = State<M, N>>,
+    S: memory::Memory<Value = State<M, N>>,
 {
     let (out, len) = (out?, len.ok_or(ArmwireStatus::Null)?);
-    let state = memory::open(memory)?;
-    let (written, result) = match response {
-        Ok(response) => match state.device.respond(&response, to, out) {
-            Ok(written) => (written, Ok(())),
-            Err(error) => (error.needed, Err(ArmwireStatus::BufferTooShort)),
-        },
-        Err(Refusal::Value(refused)) => {
-            state.refused = refused;
-            (0, Err(ArmwireStatus::OutOfRange))
-        }
-        Err(Refusal::Status(status)) => (0, Err(status)),
-    };
+    let (written, result) = memory::open(memory)?.respond(response, to, out);
     *len = written;
     result
-}
-
-pub(crate) fn fault<S, M: Messages, const N: usize>(
-    memory: Option<&mut S>,
-    fault: Option<&mut ArmwireFault>,
-) -> ArmwireStatus
-where
-    S: Memory<Value = State<M, N>>,
-{
-    memory::open(memory)
-        .and_then(|state| memory::put(fault, state.refused.fault()))
-        .into()
 }

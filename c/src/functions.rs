@@ -44,7 +44,8 @@ macro_rules! client {
             version: u32,
             config: Option<&ArmwireConfig>,
         ) -> ArmwireStatus {
-            client::init(client, version, config, $config, $messages).into()
+            let state = State::new(version, config, $config, $messages);
+            state.and_then(|state| memory::init(client, state)).into()
         }
 
         /// The next action. Call it again after every event except WAIT, after bytes were received or transmitted, and
@@ -56,7 +57,11 @@ macro_rules! client {
             event: Option<&mut ArmwireEvent>,
             response: Option<&mut $response>,
         ) -> ArmwireStatus {
-            client::poll(client, now_us, event, response, <$response>::set).into()
+            let (Some(event), Some(response)) = (event, response) else {
+                return ArmwireStatus::Null;
+            };
+            let client = memory::open(client);
+            client.map(|client| client.poll(now_us, event, response, <$response>::set)).into()
         }
 
         /// The line accepted the first `len` bytes of a TRANSMIT event.
@@ -64,7 +69,7 @@ macro_rules! client {
         /// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the remaining bytes. Nothing counts as transmitted then.
         #[unsafe(no_mangle)]
         pub extern "C" fn $transmitted(client: Option<&mut $client>, now_us: u64, len: usize) -> ArmwireStatus {
-            client::transmitted(client, now_us, len)
+            memory::open(client).and_then(|client| client.transmitted(now_us, len)).into()
         }
 
         /// Free space for a read or DMA. Report the number of bytes with `received`, before any other call. Never
@@ -75,7 +80,7 @@ macro_rules! client {
             space: Option<&mut *mut u8>,
             len: Option<&mut usize>,
         ) -> ArmwireStatus {
-            client::space(client, space, len).into()
+            memory::open(client).and_then(|client| client.space(space, len)).into()
         }
 
         /// The first `len` bytes of `space` arrived.
@@ -83,7 +88,7 @@ macro_rules! client {
         /// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the free space. Nothing is accepted then.
         #[unsafe(no_mangle)]
         pub extern "C" fn $received(client: Option<&mut $client>, now_us: u64, len: usize) -> ArmwireStatus {
-            client::received(client, now_us, len)
+            memory::open(client).and_then(|client| client.received(now_us, len)).into()
         }
 
         /// Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
@@ -102,25 +107,25 @@ macro_rules! client {
         ) -> ArmwireStatus {
             // SAFETY: guaranteed by the caller.
             let bytes = unsafe { memory::bytes(bytes, len) };
-            client::receive(client, now_us, bytes, taken).into()
+            memory::take(client, bytes, taken, |client, bytes| client.receive(now_us, bytes)).into()
         }
 
         /// The UART reported an idle line. Never call it for a gap between USB packets.
         #[unsafe(no_mangle)]
         pub extern "C" fn $idle(client: Option<&mut $client>) -> ArmwireStatus {
-            client::idle(client)
+            memory::open(client).map(State::idle).into()
         }
 
         $(#[$cancel_doc])*
         #[unsafe(no_mangle)]
         pub extern "C" fn $cancel(client: Option<&mut $client>) -> ArmwireStatus {
-            client::cancel(client)
+            memory::open(client).map(State::cancel).into()
         }
 
         /// The last rejected value or length, with its range.
         #[unsafe(no_mangle)]
         pub extern "C" fn $fault(client: Option<&mut $client>, fault: Option<&mut ArmwireFault>) -> ArmwireStatus {
-            client::fault(client, fault)
+            memory::open(client).and_then(|client| client.fault(fault)).into()
         }
     };
 }
@@ -133,7 +138,7 @@ macro_rules! requests {
             $(#[$doc])*
             #[unsafe(no_mangle)]
             pub extern "C" fn $name(client: Option<&mut $client>, $($value: $type),*) -> ArmwireStatus {
-                client::submit(client, $request)
+                memory::open(client).and_then(|client| client.submit($request)).into()
             }
         )*
     };
@@ -174,7 +179,7 @@ macro_rules! device {
         /// ARMWIRE_STATUS_VERSION if header and library differ.
         #[unsafe(no_mangle)]
         pub extern "C" fn $init(device: Option<&mut $device>, version: u32) -> ArmwireStatus {
-            device::init(device, version, $messages).into()
+            State::new(version, $messages).and_then(|state| memory::init(device, state)).into()
         }
 
         /// The next event. Call it again after every event except WAIT, and after bytes were received.
@@ -184,7 +189,10 @@ macro_rules! device {
             event: Option<&mut ArmwireEvent>,
             request: Option<&mut $request>,
         ) -> ArmwireStatus {
-            device::poll(device, event, request, $set).into()
+            let (Some(event), Some(request)) = (event, request) else {
+                return ArmwireStatus::Null;
+            };
+            memory::open(device).map(|device| device.poll(event, request, $set)).into()
         }
 
         $respond
@@ -197,7 +205,7 @@ macro_rules! device {
             space: Option<&mut *mut u8>,
             len: Option<&mut usize>,
         ) -> ArmwireStatus {
-            device::space(device, space, len).into()
+            memory::open(device).and_then(|device| device.space(space, len)).into()
         }
 
         /// The first `len` bytes of `space` arrived.
@@ -205,7 +213,7 @@ macro_rules! device {
         /// ARMWIRE_STATUS_OUT_OF_RANGE if `len` exceeds the free space. Nothing is accepted then.
         #[unsafe(no_mangle)]
         pub extern "C" fn $received(device: Option<&mut $device>, len: usize) -> ArmwireStatus {
-            device::received(device, len)
+            memory::open(device).and_then(|device| device.received(len)).into()
         }
 
         /// Copies in as many of the received bytes as fit and writes their number to `taken`. Poll until WAIT, then
@@ -223,19 +231,19 @@ macro_rules! device {
         ) -> ArmwireStatus {
             // SAFETY: guaranteed by the caller.
             let bytes = unsafe { memory::bytes(bytes, len) };
-            device::receive(device, bytes, taken).into()
+            memory::take(device, bytes, taken, State::receive).into()
         }
 
         /// The UART reported an idle line. Never call it for a gap between USB packets.
         #[unsafe(no_mangle)]
         pub extern "C" fn $idle(device: Option<&mut $device>) -> ArmwireStatus {
-            device::idle(device)
+            memory::open(device).map(State::idle).into()
         }
 
         /// The last rejected value or length, with its range.
         #[unsafe(no_mangle)]
         pub extern "C" fn $fault(device: Option<&mut $device>, fault: Option<&mut ArmwireFault>) -> ArmwireStatus {
-            device::fault(device, fault)
+            memory::open(device).and_then(|device| device.fault(fault)).into()
         }
     };
 }

@@ -72,6 +72,31 @@ pub(crate) fn put<T>(to: Option<&mut T>, value: T) -> Result<(), ArmwireStatus> 
     Ok(())
 }
 
+/// Writes the place and the length of free space.
+pub(crate) fn put_space(
+    room: &mut [u8],
+    space: Option<&mut *mut u8>,
+    len: Option<&mut usize>,
+) -> Result<(), ArmwireStatus> {
+    let (Some(space), Some(len)) = (space, len) else {
+        return Err(ArmwireStatus::Null);
+    };
+    (*space, *len) = (room.as_mut_ptr(), room.len());
+    Ok(())
+}
+
+/// Hands bytes to a value, and writes the number that `receive` takes.
+pub(crate) fn take<M: Memory>(
+    memory: Option<&mut M>,
+    bytes: Result<&[u8], ArmwireStatus>,
+    taken: Option<&mut usize>,
+    receive: impl FnOnce(&mut M::Value, &[u8]) -> usize,
+) -> Result<(), ArmwireStatus> {
+    let (bytes, taken) = (bytes?, taken.ok_or(ArmwireStatus::Null)?);
+    *taken = receive(open(memory)?, bytes);
+    Ok(())
+}
+
 /// Bytes to read. NULL is valid for zero bytes.
 ///
 /// # Safety

@@ -9,7 +9,7 @@ use super::message::{
     ArmwireAlpha1Action, ArmwireAlpha1Response, address, angle, interval, move_time, offset, offset_tool, servo, text,
     usb_type,
 };
-use crate::client::{self, State};
+use crate::client::State;
 use crate::config::ArmwireConfig;
 use crate::event::ArmwireEvent;
 use crate::fault::ArmwireFault;
@@ -72,7 +72,9 @@ pub extern "C" fn armwire_alpha1_client_act(
     let Some(action) = action else {
         return ArmwireStatus::Null;
     };
-    client::submit(client, action.get().map(Request::Act))
+    memory::open(client)
+        .and_then(|client| client.submit(action.get().map(Request::Act)))
+        .into()
 }
 
 requests! {
@@ -99,7 +101,9 @@ pub unsafe extern "C" fn armwire_alpha1_client_play(
 ) -> ArmwireStatus {
     // SAFETY: guaranteed by the caller.
     match unsafe { memory::bytes(name, len) } {
-        Ok(name) => client::submit(client, text(name).map(Request::Play)),
+        Ok(name) => memory::open(client)
+            .and_then(|client| client.submit(text(name).map(Request::Play)))
+            .into(),
         Err(status) => status,
     }
 }

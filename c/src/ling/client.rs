@@ -4,7 +4,7 @@ use armwire::Config;
 use armwire::ling::{Ling, MAX_FRAME, Request};
 
 use super::message::{ArmwireLingMove, ArmwireLingResponse, stroke, temperature_limit, torque};
-use crate::client::{self, State};
+use crate::client::State;
 use crate::config::ArmwireConfig;
 use crate::event::ArmwireEvent;
 use crate::fault::ArmwireFault;
@@ -73,7 +73,9 @@ pub extern "C" fn armwire_ling_client_move(
     let Some(target) = target else {
         return ArmwireStatus::Null;
     };
-    client::submit(client, target.get().map(Request::Move))
+    memory::open(client)
+        .and_then(|client| client.submit(target.get().map(Request::Move)))
+        .into()
 }
 
 requests! {

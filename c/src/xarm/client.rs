@@ -4,7 +4,7 @@ use armwire::Config;
 use armwire::xarm::{Joint, MAX_FRAME, Request, XArm};
 
 use super::message::{ArmwireXarmResponse, protocol, raw};
-use crate::client::{self, State};
+use crate::client::State;
 use crate::config::ArmwireConfig;
 use crate::event::ArmwireEvent;
 use crate::fault::{ArmwireFault, Refused};
@@ -35,7 +35,9 @@ pub extern "C" fn armwire_xarm_client_set_protocol(
     client: Option<&mut ArmwireXarmClient>,
     protocol_id: u16,
 ) -> ArmwireStatus {
-    client::change(client, protocol(protocol_id), |arm, protocol| arm.protocol = protocol)
+    memory::open(client)
+        .and_then(|client| client.change(protocol(protocol_id), |arm, protocol| arm.protocol = protocol))
+        .into()
 }
 
 requests! {
@@ -84,7 +86,9 @@ pub unsafe extern "C" fn armwire_xarm_client_raw(
 ) -> ArmwireStatus {
     // SAFETY: guaranteed by the caller.
     match unsafe { memory::bytes(params, len) } {
-        Ok(params) => client::submit(client, raw(reg, params).map(Request::Raw)),
+        Ok(params) => memory::open(client)
+            .and_then(|client| client.submit(raw(reg, params).map(Request::Raw)))
+            .into(),
         Err(status) => status,
     }
 }
