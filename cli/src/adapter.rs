@@ -7,11 +7,11 @@ use armwire_bridge::slcan::BitRate;
 use clap::Args;
 
 use crate::available::has_serial_port;
-use crate::control::ControlLink;
+use crate::control::Adapter;
 use crate::error::Error;
 use crate::line_holder;
 use crate::output::print_error;
-use crate::port::Port;
+use crate::port::{Options, Port};
 use crate::remedies::words;
 use crate::serial::not_opened;
 
@@ -49,8 +49,8 @@ impl AdapterPort {
     }
 
     /// Opens the adapter's control port.
-    pub(crate) fn open(&self) -> Result<ControlLink, Error> {
-        let opened = self.port.connect(None)?.control();
+    pub(crate) fn open(&self) -> Result<Adapter, Error> {
+        let opened = self.port.open(Options::default())?.adapter();
         match (opened, &self.port) {
             // The error is the missing port, and not its missing control port.
             (Err(armwire_host::Error::NoControl { .. }), Port::Serial(port)) if !has_serial_port(port) => {
@@ -62,8 +62,8 @@ impl AdapterPort {
 }
 
 /// Reports the holder of the line on standard error, if there is one.
-pub(crate) fn report_holder(control: &mut ControlLink) -> Result<(), Error> {
-    if let Some(holder) = line(control)?.as_ref().and_then(line_holder::describe) {
+pub(crate) fn report_holder(control: &mut Adapter) -> Result<(), Error> {
+    if let Some(holder) = control.line()?.as_ref().and_then(line_holder::describe) {
         print_error(&format_args!(
             "{}: the line runs at {}",
             control.name(),
@@ -78,8 +78,8 @@ pub(crate) const RECOVERY: &str = "factory settings after crashed starts: CAN is
                                    and unchanged until 'armwire config' saves others";
 
 /// Warns on standard error of an adapter in recovery.
-pub(crate) fn report_recovery(control: &mut ControlLink) -> Result<(), Error> {
-    if is_in_recovery(control)? {
+pub(crate) fn report_recovery(control: &mut Adapter) -> Result<(), Error> {
+    if control.is_in_recovery()? {
         print_error(&format_args!("{}: the adapter has {RECOVERY}", control.name()));
     }
     Ok(())

@@ -6,10 +6,10 @@ use std::path::Path;
 use clap::{Args, ValueEnum};
 
 use crate::adapter;
-use crate::control::ControlLink;
+use crate::control::Adapter;
 use crate::error::Error;
 use crate::output::print_error;
-use crate::port::{Connection, Port};
+use crate::port::{Connection, Options, Port};
 use crate::tcp::Host;
 
 /// The port and the kind of an arm.
@@ -33,14 +33,14 @@ impl Place {
     /// The port of any other arm.
     pub(crate) fn connect(&self) -> Result<Connection, Error> {
         let port: Port = self.port.parse().map_err(Error::Usage)?;
-        Ok(port.connect(self.baud.baud)?)
+        Ok(port.open(Options::default().with_baud(self.baud.baud))?)
     }
 
     /// The control port of the adapter there.
-    pub(crate) fn control(&self, connection: &Connection) -> Result<ControlLink, Error> {
+    pub(crate) fn control(&self, connection: &Connection) -> Result<Adapter, Error> {
         match &self.control {
-            Some(port) => Ok(port.connect(None)?.control()?),
-            None => Ok(connection.control()?),
+            Some(port) => Ok(port.open(Options::default())?.adapter()?),
+            None => Ok(connection.adapter()?),
         }
     }
 
@@ -77,9 +77,9 @@ pub(crate) struct ArmPort {
 impl ArmPort {
     /// Opens the port. Warns of an adapter in recovery.
     pub(crate) fn connect(&self) -> Result<Connection, Error> {
-        let connection = self.port.connect(self.baud.baud)?;
+        let connection = self.port.open(Options::default().with_baud(self.baud.baud))?;
         match &self.control {
-            Some(port) => adapter::report_recovery(&mut port.connect(None)?.control()?)?,
+            Some(port) => adapter::report_recovery(&mut port.open(Options::default())?.adapter()?)?,
             None => {
                 if let Some(name) = connection.adapter_in_recovery() {
                     print_error(&format_args!("{name}: the adapter has {}", adapter::RECOVERY));

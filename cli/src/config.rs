@@ -1,13 +1,12 @@
 //! `armwire config`: an adapter's configuration.
 
 use armwire_bridge::config::Config;
-use armwire_bridge::control::Request;
 use armwire_bridge::store::Saved;
-use armwire_host::config::{KEYS, Setting, get, object, setting, show};
+use armwire_host::settings::{KEYS, Setting, object, setting, show};
 use clap::{Args, Subcommand};
 
 use crate::adapter::{self, AdapterPort};
-use crate::control::ControlLink;
+use crate::control::Adapter;
 use crate::error::Error;
 use crate::output::{print, print_error, print_json};
 
@@ -73,30 +72,30 @@ impl Configure {
         match self.action.as_ref().unwrap_or(&Action::Show) {
             Action::Show => {}
             Action::Set { settings, save } => {
-                let mut config = get(&mut control)?;
+                let mut config = control.config()?;
                 for Setting { key, value } in settings {
                     key.set(&mut config, value).map_err(Error::Usage)?;
                 }
-                control.call(Request::SetConfig(config))?;
+                control.set_config(config)?;
                 control = self.follow(control, &config)?;
                 if *save {
                     report_overwritten(&mut control)?;
-                    control.call(Request::SaveConfig)?;
+                    control.save_config()?;
                 }
             }
             Action::Save => {
                 report_overwritten(&mut control)?;
-                control.call(Request::SaveConfig)?;
+                control.save_config()?;
             }
             Action::Reset => {
                 report_overwritten(&mut control)?;
-                control.call(Request::ResetConfig)?;
+                control.reset_config()?;
                 control = self.follow(control, &Config::default())?;
             }
         }
         adapter::report_holder(&mut control)?;
         adapter::report_recovery(&mut control)?;
-        let config = get(&mut control)?;
+        let config = control.config()?;
         if self.json {
             return print_json(&object(&config));
         }
@@ -104,7 +103,7 @@ impl Configure {
     }
 
     /// The adapter where it is on the CAN bus now that it is so.
-    fn follow(&self, control: ControlLink, config: &Config) -> Result<ControlLink, Error> {
+    fn follow(&self, control: Adapter, config: &Config) -> Result<Adapter, Error> {
         let moved = self.adapter.moved(&config.can);
         if moved == self.adapter {
             return Ok(control);
@@ -116,9 +115,9 @@ impl Configure {
 }
 
 /// Names on standard error what a save overwrites, if the adapter is in recovery: its owner has not seen it.
-fn report_overwritten(control: &mut ControlLink) -> Result<(), Error> {
-    if adapter::is_in_recovery(control)? {
-        let saved = match adapter::saved(control)? {
+fn report_overwritten(control: &mut Adapter) -> Result<(), Error> {
+    if control.is_in_recovery()? {
+        let saved = match control.saved()? {
             Saved::Config(config) => format!(
                 "saved settings are overwritten: {}",
                 show(&config).trim().replace('\n', " ")

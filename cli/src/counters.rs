@@ -28,8 +28,8 @@ impl Counters {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut control = self.adapter.open()?;
         adapter::report_holder(&mut control)?;
-        let counters = adapter::counters(&mut control)?;
-        let latencies = adapter::latencies(&mut control)?;
+        let counters = control.counters()?;
+        let latencies = control.latencies()?;
         let latencies = histograms(&latencies);
         if self.json {
             let latencies = latencies.map(|(name, _, histogram)| (name.to_owned(), adapter::histogram_json(histogram)));

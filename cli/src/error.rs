@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::io;
 
 use armwire::framing::Reason;
-use armwire_host::{Connection, Error as Host};
+use armwire_host::Error as Host;
 
 use crate::remedies;
 
@@ -43,10 +43,10 @@ impl Error {
         matches!(self, Self::Usage(_) | Self::Host(Host::Port(_) | Host::Baud { .. }))
     }
 
-    /// The error with what only the adapter knows of it: see [`Connection::explain`].
-    pub(crate) fn explained(self, connection: &Connection) -> Self {
+    /// The error with what only the adapter knows of it, which `explain` asks.
+    pub(crate) fn explained(self, explain: impl FnOnce(Host) -> Host) -> Self {
         match self {
-            Self::Host(error) => connection.explain(error).into(),
+            Self::Host(error) => explain(error).into(),
             error => error,
         }
     }

@@ -1,17 +1,18 @@
 //! `armwire info`: what arm is on a port, and how it is, and of what adapter the port is.
 
 use armwire_bridge::config::{Can, Poll};
+use armwire_host::XArm;
 use clap::Args;
 
-use crate::adapter::{RECOVERY, identity, is_in_recovery, line};
+use crate::adapter::{RECOVERY, identity};
 use crate::args::{ArmKind, Place};
-use crate::control::ControlLink;
+use crate::control::Adapter;
 use crate::describe::{Arm, Fact, object};
 use crate::error::Error;
+use crate::line_holder;
 use crate::link::{LineErrors, Link};
 use crate::output::{print_json, print_line};
 use crate::remedies::words;
-use crate::{legacy, line_holder};
 
 /// The arguments of `armwire info`.
 #[derive(Args)]
@@ -53,7 +54,7 @@ impl Report {
     fn collect(&mut self, place: &Place) -> Result<(), Error> {
         if matches!(place.arm, ArmKind::Xarm) {
             // A byte outside frames ends the connection.
-            return self.arm(Link::connect(&place.host()?)?).map(drop);
+            return self.arm(XArm::connect(&place.host()?)?.link()).map(drop);
         }
         let connection = place.connect()?;
         match place.control(&connection) {
@@ -71,10 +72,11 @@ impl Report {
             return Ok(());
         }
         let errors = match place.arm {
-            ArmKind::Alpha1 => self.arm(connection.alpha1()?),
-            ArmKind::Ling | ArmKind::Xarm => self.arm(legacy::open(&connection)?),
+            ArmKind::Alpha1 => self.arm(connection.alpha1()?.link()),
+            ArmKind::Ling | ArmKind::Xarm => self.arm(connection.ling()?.link()),
         };
-        let LineErrors { noise_bytes, .. } = errors.map_err(|error| error.explained(&connection))?;
+        let explain = |error| connection.explain(error);
+        let LineErrors { noise_bytes, .. } = errors.map_err(|error| error.explained(explain))?;
         let text = match noise_bytes {
             0 => "clean".to_owned(),
             noise_bytes => format!("{noise_bytes} stray bytes"),
@@ -83,7 +85,7 @@ impl Report {
     }
 
     /// The facts in the arm's answers. The state comes with each answer: the last counts. Returns the line's errors.
-    fn arm<P: Arm>(&mut self, mut link: Link<P>) -> Result<LineErrors, Error> {
+    fn arm<P: Arm>(&mut self, link: &mut Link<P>) -> Result<LineErrors, Error> {
         let mut state = None;
         for request in P::info() {
             let facts = link.call(&request, |response| P::facts_after(&self.known, &response))?;
@@ -99,12 +101,12 @@ impl Report {
     }
 
     /// The adapter between this computer and the arm, and its configuration.
-    fn adapter(&mut self, control: &mut ControlLink) -> Result<(), Error> {
+    fn adapter(&mut self, control: &mut Adapter) -> Result<(), Error> {
         self.add(identity(control)?)?;
-        if is_in_recovery(control)? {
+        if control.is_in_recovery()? {
             self.add(Fact::words("recovery", RECOVERY))?;
         }
-        let config = armwire_host::config::get(control)?;
+        let config = control.config()?;
         let poll = match config.poll {
             Poll::Off => "off".to_owned(),
             Poll::Fastest => "fastest".to_owned(),
@@ -119,11 +121,11 @@ impl Report {
         self.add(Fact::new(
             "configured",
             "config",
-            armwire_host::config::object(&config),
+            armwire_host::settings::object(&config),
             text,
         ))?;
         self.add(Fact::of("can", can(&config.can), []))?;
-        match line(control)?.as_ref().and_then(line_holder::describe) {
+        match control.line()?.as_ref().and_then(line_holder::describe) {
             Some(holder) => self.add(Fact::words("rate", holder.with(words))),
             None => Ok(()),
         }

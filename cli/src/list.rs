@@ -7,13 +7,13 @@ use clap::Args;
 use serde_json::Value;
 
 use crate::adapter::identity;
-use crate::control::{ControlLink, usb};
+use crate::control::{Adapter, usb};
 use crate::describe::{Arm, Fact, line, object};
 use crate::error::Error;
 use crate::link::Link;
 use crate::output::{print_json, print_line};
-use crate::port::{Connection, Port};
-use crate::{available, hid, legacy};
+use crate::port::{Connection, Options, Port};
+use crate::{available, hid};
 
 /// The arguments of `armwire list`.
 #[derive(Args)]
@@ -73,7 +73,7 @@ fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
     let described = match name
         .parse::<Port>()
         .map_err(Error::Usage)
-        .and_then(|port| Ok(port.connect(None)?))
+        .and_then(|port| Ok(port.open(Options::default())?))
     {
         Ok(connection) if is_adapter => on_adapter(&connection),
         Ok(connection) if is_asked => arm(&connection),
@@ -86,9 +86,10 @@ fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
 
 /// The adapter, and the arm for which it is set.
 fn on_adapter(connection: &Connection) -> Result<Vec<Fact>, Error> {
-    let mut control: ControlLink = connection.control()?;
+    let mut control: Adapter = connection.adapter()?;
     let mut facts = vec![identity(&mut control)?];
-    let arm = armwire_host::config::get(&mut control)
+    let arm = control
+        .config()
         .map_err(Error::from)
         .and_then(|config| match config.arm {
             ArmKind::Ling => ling(connection),
@@ -119,14 +120,14 @@ fn arm(connection: &Connection) -> Result<Vec<Fact>, Error> {
 }
 
 fn ling(connection: &Connection) -> Result<Vec<Fact>, Error> {
-    answer(legacy::open(connection)?, &ling::Request::ReadInfo)
+    answer(connection.ling()?.link(), &ling::Request::ReadInfo)
 }
 
 fn alpha1(connection: &Connection) -> Result<Vec<Fact>, Error> {
-    answer(connection.alpha1()?, &alpha1::Request::ReadHardwareVersion)
+    answer(connection.alpha1()?.link(), &alpha1::Request::ReadHardwareVersion)
 }
 
-fn answer<P: Arm>(mut link: Link<P>, request: &P::Request<'_>) -> Result<Vec<Fact>, Error> {
+fn answer<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>) -> Result<Vec<Fact>, Error> {
     let facts = link.call(request, |response| P::facts(&response))?;
     Ok(facts.unwrap_or_default())
 }

@@ -3,22 +3,18 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::ling::{JointState, Ling, Move, Position, Request, TICKS_PER_TURN, Torque};
+use armwire::ling::{JointState, Move, Position, Request, TICKS_PER_TURN, Torque};
+use armwire_host as host;
 use clap::Args;
 
 use crate::args::ArmPort;
-use crate::call::ling::{TORQUES, Target, read_joints};
+use crate::call::ling::{TORQUES, Target};
 use crate::call::values::{one_of, seconds};
 use crate::confirm::Confirm;
 use crate::error::Error;
-use crate::legacy;
-use crate::link::Link;
 use crate::output::print_line;
-use crate::signals;
-use crate::stop::stoppable::Stoppable;
+use crate::stop::stoppable;
 
-/// A gripper whose reading is the same for this long stands still: it may hold something.
-const STANDSTILL_TIME: Duration = Duration::from_millis(1_000);
 /// Zero, in ticks.
 const ZERO: u16 = Position::CENTRE.ticks();
 /// Timeout of an action that is read back.
@@ -65,48 +61,47 @@ pub(crate) struct SetZero {
 
 impl MoveArm {
     pub(crate) fn run(&self) -> Result<(), Error> {
-        let mut arm = Stoppable::open(&self.arm)?;
-        self.run_on(&mut arm).map_err(|error| arm.explain(error))
+        let mut arm = stoppable::open(&self.arm)?;
+        let moved = self.run_on(&mut arm);
+        moved.map_err(|error| error.explained(|error| arm.explain(error)))
     }
 
-    fn run_on(&self, arm: &mut Stoppable) -> Result<(), Error> {
-        let link = arm.link();
-        if read_joints(link)?.status.is_holding() == Some(false) {
-            let reason = "the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on ('armwire call \
-                          ling PORT move' sends it all the same)";
-            return Err(Error::at(link.name(), reason));
+    fn run_on(&self, arm: &mut host::Ling) -> Result<(), Error> {
+        // Without torque nothing else is asked of the arm.
+        arm.read_torque()?;
+        let target = self.target.to_move(arm)?;
+        match self.wait {
+            true => self.move_and_wait(arm, &target),
+            false => {
+                let (gripper, _speed) = target.gripper;
+                arm.stop_if_interrupted(gripper, |arm| {
+                    arm.move_to(&target)?;
+                    let request = Request::Move(target);
+                    print_line(format_args!("sent: {request}"))?;
+                    print_line(format_args!("now: {}", arm.read_joints()?))
+                })
+            }
         }
-        let target = self.target.to_move(link)?;
-        arm.run(&target, |link| self.send(link, &target))
     }
 
-    fn send(&self, link: &mut Link<Ling>, target: &Move) -> Result<(), Error> {
-        let request = Request::Move(*target);
-        link.call(&request, drop)?;
-        if !self.wait {
-            print_line(format_args!("sent: {request}"))?;
-            return print_line(format_args!("now: {}", read_joints(link)?));
-        }
-        let mut gripper = Standstill::default();
-        let is_there = |now, state: &JointState| {
-            let stands_still = gripper.lasts(now, state.gripper) >= STANDSTILL_TIME;
-            target.are_joints_reached_by(state) && (stands_still || target.is_gripper_reached_by(state))
-        };
-        let (state, is_there) = read_until(link, self.timeout, is_there)?;
-        match (is_there, far_gripper(target, &state)) {
-            (true, None) => print_line(format_args!("target reached: {state}")),
-            (true, Some(off)) => print_line(format_args!(
-                "joints reached; {off} and has stopped: is it holding something? {state}"
-            )),
-            (false, gripper) => {
+    fn move_and_wait(&self, arm: &mut host::Ling, target: &Move) -> Result<(), Error> {
+        match arm.move_and_wait(target, self.timeout) {
+            Ok(state) => match far_gripper(target, &state) {
+                None => print_line(format_args!("target reached: {state}")),
+                Some(off) => print_line(format_args!(
+                    "joints reached; {off} and has stopped: is it holding something? {state}"
+                )),
+            },
+            Err(host::Error::NotReached { name, state, limit }) => {
                 let mut off = far_joints(target, &state);
-                off.extend(gripper);
-                let (seconds, off, status) = (self.timeout.as_secs_f32(), off.join(", "), state.status);
+                off.extend(far_gripper(target, &state));
+                let (seconds, off, status) = (limit.as_secs_f32(), off.join(", "), state.status);
                 let reason = format!(
                     "target not reached after {seconds} s: {off} (status {status}); 'armwire stop PORT' stops the arm"
                 );
-                Err(Error::at(link.name(), reason))
+                Err(Error::at(&name, reason))
             }
+            Err(error) => Err(error.into()),
         }
     }
 }
@@ -120,19 +115,17 @@ impl SetTorque {
         if !wanted {
             self.confirm.prompt("With torque off the arm falls: hold it.")?;
         }
-        let connection = self.arm.connect()?;
-        let mut link = legacy::open(&connection)?;
+        let mut arm = self.arm.connect()?.ling()?;
         let request = Request::SetTorque(self.torque);
-        let is_so = |_, state: &JointState| state.status.is_holding() == Some(wanted);
-        let (JointState { status, .. }, is_so) =
-            send_and_read(&mut link, &request, is_so).map_err(|error| error.explained(&connection))?;
+        let is_so = |state: &JointState| state.status.is_holding() == Some(wanted);
+        let (JointState { status, .. }, is_so) = send_and_read(&mut arm, |arm| arm.set_torque(self.torque), is_so)?;
         match status.is_holding() {
             _ if is_so => print_line(format_args!("{done} (status {status})")),
             None => print_line(format_args!(
                 "{request}: sent; status {status} does not show its effect"
             )),
             Some(_) => Err(Error::at(
-                link.name(),
+                arm.name(),
                 format_args!("{request} was sent, but the status is {status}"),
             )),
         }
@@ -143,68 +136,42 @@ impl SetZero {
     pub(crate) fn run(&self) -> Result<(), Error> {
         self.confirm
             .prompt("The current pose becomes zero. The torque goes off and the arm falls: hold it.")?;
-        let connection = self.arm.connect()?;
-        let mut link = legacy::open(&connection)?;
-        let is_zero = |_, state: &JointState| {
+        let mut arm = self.arm.connect()?.ling()?;
+        let is_zero = |state: &JointState| {
             let mut joints = state.joints.iter();
             joints.all(|ticks| ticks.abs_diff(ZERO) <= Move::JOINT_TOLERANCE)
         };
-        let (state, is_zero) =
-            send_and_read(&mut link, &Request::SetZero, is_zero).map_err(|error| error.explained(&connection))?;
+        let (state, is_zero) = send_and_read(&mut arm, host::Ling::set_zero, is_zero)?;
         match is_zero {
             true => print_line(format_args!("zero set: {state}")),
             false => Err(Error::at(
-                link.name(),
+                arm.name(),
                 format_args!("set-zero was sent, but the arm reports {state}"),
             )),
         }
     }
 }
 
-/// Sends a request without an answer, and reads until `is_so` returns true, at most for [`READ_BACK_TIMEOUT`].
+/// Sends a request without an answer, and reads until `is_so` returns true, at most for [`READ_BACK_TIMEOUT`]. Returns the
+/// last reading, and its result.
 fn send_and_read(
-    link: &mut Link<Ling>,
-    request: &Request,
-    is_so: impl FnMut(Duration, &JointState) -> bool,
+    arm: &mut host::Ling,
+    send: impl FnOnce(&mut host::Ling) -> Result<(), host::Error>,
+    is_so: impl Fn(&JointState) -> bool,
 ) -> Result<(JointState, bool), Error> {
-    link.call(request, drop)?;
-    read_until(link, READ_BACK_TIMEOUT, is_so)
-}
-
-/// Reads until `is_so` returns true, at most for the timeout. `is_so` takes the time since the start and the reading.
-/// Returns the last reading, and its result.
-fn read_until(
-    link: &mut Link<Ling>,
-    timeout: Duration,
-    mut is_so: impl FnMut(Duration, &JointState) -> bool,
-) -> Result<(JointState, bool), Error> {
-    let start = Instant::now();
-    loop {
-        signals::check().map_err(armwire_host::Error::Interrupted)?;
-        let state = read_joints(link)?;
-        let is_so = is_so(start.elapsed(), &state);
-        if is_so || start.elapsed() >= timeout {
-            return Ok((state, is_so));
-        }
-        thread::sleep(POLL_PERIOD);
-    }
-}
-
-/// A gripper's reading, and the time since which it is the same.
-#[derive(Default)]
-struct Standstill(Option<(u16, Duration)>);
-
-impl Standstill {
-    /// Takes a reading, and returns how long it has been the same.
-    fn lasts(&mut self, now: Duration, opening: u16) -> Duration {
-        match self.0 {
-            Some((before, since)) if before == opening => now - since,
-            _ => {
-                self.0 = Some((opening, now));
-                Duration::ZERO
+    let read = |arm: &mut host::Ling| {
+        send(arm)?;
+        let start = Instant::now();
+        loop {
+            let state = arm.read_joints()?;
+            let is_so = is_so(&state);
+            if is_so || start.elapsed() >= READ_BACK_TIMEOUT {
+                return Ok((state, is_so));
             }
+            thread::sleep(POLL_PERIOD);
         }
-    }
+    };
+    read(arm).map_err(|error| arm.explain(error).into())
 }
 
 /// The gripper's distance from its target, if that exceeds the tolerance.
@@ -268,13 +235,5 @@ mod tests {
             };
             assert_eq!(far_gripper(&target, &state).as_deref(), off, "{gripper}");
         }
-    }
-
-    #[test]
-    fn gripper_stands_still_while_its_reading_stays() {
-        let mut gripper = Standstill::default();
-        let lasts = |(millis, opening): (u64, u16)| gripper.lasts(Duration::from_millis(millis), opening).as_millis();
-        let readings = [(10, 0), (500, 0), (600, 1), (1600, 1), (1601, 0), (1602, 0)];
-        assert_eq!(readings.map(lasts), [0, 490, 0, 1000, 0, 1]);
     }
 }

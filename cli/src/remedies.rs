@@ -2,9 +2,16 @@
 
 use armwire_host::{Error, Protocol, Remedy};
 
+use crate::stop::show;
+
 /// The text of an error.
 pub(crate) fn text(error: &Error) -> String {
     match error {
+        Error::Stopped { stopped, .. } => show(stopped),
+        Error::TorqueOff { name, .. } => format!(
+            "{name}: the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on ('armwire call ling \
+             PORT move' sends it all the same)"
+        ),
         Error::Baud { name } => format!("--baud applies to serial ports only, not to {name}"),
         error => error.with(words),
     }

@@ -1,28 +1,148 @@
-//! An adapter on the command line: its port, identity and counters.
+//! Requests to an adapter, and its identity and latencies in words.
 
-use armwire_bridge::control::{Histogram, Identity, Latencies, LineState, Reply, Request};
+use armwire_bridge::config::Config;
+use armwire_bridge::control::{Histogram, Identity, Latencies, LineState, Reply, Request, Subscription};
 use armwire_bridge::store::Saved;
 use serde_json::{Map, Value, json};
 
-use crate::control::ControlLink;
+use crate::control::Adapter;
 use crate::describe::Fact;
 use crate::error::Error;
 
-/// Reads an adapter's identity.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn identify(control: &mut ControlLink) -> Result<Identity, Error> {
-    match control.call(Request::Identify)? {
-        Reply::Identity(identity) => Ok(identity),
-        reply => Err(unexpected(control, &reply)),
+impl Adapter {
+    /// Reads an adapter's identity.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the control port.
+    pub fn identify(&mut self) -> Result<Identity, Error> {
+        match self.call(Request::Identify)? {
+            Reply::Identity(identity) => Ok(identity),
+            reply => Err(self.unexpected(&reply)),
+        }
+    }
+
+    /// Reads all counters of an adapter by their names, in the order of their declaration.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the control port.
+    pub fn counters(&mut self) -> Result<Map<String, Value>, Error> {
+        match self.call(Request::GetCounters)? {
+            Reply::Counters(counters) => match serde_json::to_value(counters) {
+                Ok(Value::Object(counters)) => Ok(counters),
+                _ => unreachable!("a structure of numbers is a map"),
+            },
+            reply => Err(self.unexpected(&reply)),
+        }
+    }
+
+    /// An adapter's latency histograms.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the control port.
+    pub fn latencies(&mut self) -> Result<Latencies, Error> {
+        match self.call(Request::GetLatencies)? {
+            Reply::Latencies(latencies) => Ok(latencies),
+            reply => Err(self.unexpected(&reply)),
+        }
+    }
+
+    /// The line between an adapter and its arm. `None` from an adapter that is older than the question.
+    pub fn line(&mut self) -> Result<Option<LineState>, Error> {
+        match self.call(Request::GetLine) {
+            Ok(Reply::Line(line)) => Ok(Some(line)),
+            Ok(reply) => Err(self.unexpected(&reply)),
+            Err(Error::Unsupported { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Returns true if the adapter is in recovery. An adapter of an older version never is.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the control port.
+    pub fn is_in_recovery(&mut self) -> Result<bool, Error> {
+        match self.call(Request::GetRecovery) {
+            Ok(Reply::Recovery { active }) => Ok(active),
+            Ok(reply) => Err(self.unexpected(&reply)),
+            Err(Error::Unsupported { .. }) => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The configuration in an adapter's flash.
+    pub fn saved(&mut self) -> Result<Saved, Error> {
+        match self.call(Request::GetSaved)? {
+            Reply::Saved(saved) => Ok(saved),
+            reply => Err(self.unexpected(&reply)),
+        }
+    }
+
+    /// The configuration in force.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the control port.
+    pub fn config(&mut self) -> Result<Config, Error> {
+        match self.call(Request::GetConfig)? {
+            Reply::Config(config) => Ok(config),
+            reply => Err(self.unexpected(&reply)),
+        }
+    }
+
+    /// Sets the configuration. It lasts until the next start of the adapter, unless it is [saved](Self::save_config).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Refused`] for a configuration that the adapter rejects, and errors of the control port.
+    pub fn set_config(&mut self, config: Config) -> Result<(), Error> {
+        self.call(Request::SetConfig(config)).map(drop)
+    }
+
+    /// Saves the configuration in force for later starts.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Refused`] if it is not saved, and errors of the control port.
+    pub fn save_config(&mut self) -> Result<(), Error> {
+        self.call(Request::SaveConfig).map(drop)
+    }
+
+    /// Erases the saved configuration, and restores the factory settings.
+    ///
+    /// # Errors
+    ///
+    /// As of [`save_config`](Self::save_config).
+    pub fn reset_config(&mut self) -> Result<(), Error> {
+        self.call(Request::ResetConfig).map(drop)
+    }
+
+    /// Subscribes to the arm's frames and to the adapter's events, which [`next_event`](Self::next_event) returns.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the control port.
+    pub fn subscribe(&mut self, to: Subscription) -> Result<(), Error> {
+        self.call(Request::Subscribe(to)).map(drop)
+    }
+
+    /// The error for a reply of the wrong type.
+    fn unexpected(&self, reply: &Reply) -> Error {
+        let reason = format!("the adapter sent a reply of the wrong type: {reply:?}");
+        Error::unacceptable(self.name(), reason)
     }
 }
 
 /// An adapter's identity, as text and as JSON.
-pub fn identity(control: &mut ControlLink) -> Result<Fact, Error> {
-    let identity = identify(control)?;
+///
+/// # Errors
+///
+/// Errors of the control port.
+pub fn identity(adapter: &mut Adapter) -> Result<Fact, Error> {
+    let identity = adapter.identify()?;
     let values = [
         ("adapter_board", json!(identity.board)),
         ("adapter_serial", json!(identity.serial)),
@@ -46,68 +166,9 @@ pub fn describe(identity: &Identity) -> String {
     )
 }
 
-/// Reads all counters of an adapter by their names, in the order of their declaration.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> {
-    match control.call(Request::GetCounters)? {
-        Reply::Counters(counters) => match serde_json::to_value(counters) {
-            Ok(Value::Object(counters)) => Ok(counters),
-            _ => unreachable!("a structure of numbers is a map"),
-        },
-        reply => Err(unexpected(control, &reply)),
-    }
-}
-
-/// An adapter's latency histograms.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn latencies(control: &mut ControlLink) -> Result<Latencies, Error> {
-    match control.call(Request::GetLatencies)? {
-        Reply::Latencies(latencies) => Ok(latencies),
-        reply => Err(unexpected(control, &reply)),
-    }
-}
-
-/// The line between an adapter and its arm. `None` from an adapter that is older than the question.
-pub fn line(control: &mut ControlLink) -> Result<Option<LineState>, Error> {
-    match control.call(Request::GetLine) {
-        Ok(Reply::Line(line)) => Ok(Some(line)),
-        Ok(reply) => Err(unexpected(control, &reply)),
-        Err(Error::Unsupported { .. }) => Ok(None),
-        Err(error) => Err(error),
-    }
-}
-
 /// The state of an adapter in recovery, in words.
 pub const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused and \
                             unchanged until others are saved";
-
-/// Returns true if the adapter is in recovery. An adapter of an older version never is.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn is_in_recovery(control: &mut ControlLink) -> Result<bool, Error> {
-    match control.call(Request::GetRecovery) {
-        Ok(Reply::Recovery { active }) => Ok(active),
-        Ok(reply) => Err(unexpected(control, &reply)),
-        Err(Error::Unsupported { .. }) => Ok(false),
-        Err(error) => Err(error),
-    }
-}
-
-/// The configuration in an adapter's flash.
-pub fn saved(control: &mut ControlLink) -> Result<Saved, Error> {
-    match control.call(Request::GetSaved)? {
-        Reply::Saved(saved) => Ok(saved),
-        reply => Err(unexpected(control, &reply)),
-    }
-}
 
 /// The measured quantities by name.
 pub fn histograms(latencies: &Latencies) -> [(&'static str, &'static str, &Histogram); 3] {
@@ -128,12 +189,6 @@ pub fn histograms(latencies: &Latencies) -> [(&'static str, &'static str, &Histo
             &latencies.poll,
         ),
     ]
-}
-
-/// The error for a reply of the wrong type.
-pub fn unexpected(control: &ControlLink, reply: &Reply) -> Error {
-    let reason = format!("the adapter sent a reply of the wrong type: {reply:?}");
-    Error::unacceptable(control.name(), reason)
 }
 
 /// Number of durations in a histogram.

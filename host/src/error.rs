@@ -3,9 +3,12 @@
 use std::error;
 use std::fmt::{self, Display};
 use std::io;
+use std::time::Duration;
 
 use armwire::ErrorFrame;
 use armwire::ling::legacy::OlderGeneration;
+use armwire::ling::stop::Stopped;
+use armwire::ling::{JointState, MotionStatus};
 use armwire_bridge::control::VERSION;
 
 use crate::received::Missing;
@@ -51,6 +54,24 @@ pub enum Error {
         hint: Text,
         missing: Missing,
         bytes: usize,
+    },
+    /// The torque is off, as in this status. `effect` is what that means, in words.
+    TorqueOff {
+        name: String,
+        status: MotionStatus,
+        effect: &'static str,
+    },
+    /// The arm did not reach its target within the limit. It may move on.
+    NotReached {
+        name: String,
+        state: JointState,
+        limit: Duration,
+    },
+    /// The program's [interrupt](crate::Interrupt) returned this error, and the arm was stopped.
+    Stopped {
+        name: String,
+        stopped: Stopped,
+        reason: Box<dyn error::Error + Send + Sync>,
     },
     /// The arm was not stopped. It may still move.
     NotStopped { name: String, cause: Text },
@@ -120,6 +141,15 @@ impl Error {
             Self::Stuck { name } => at(name, "the port accepts no bytes: is the adapter stuck?"),
             Self::Legacy { name, legacy } => at(name, &format!("this is {legacy}")).remedy(Remedy::Listen),
             Self::NoAnswer { name, cause, hint, .. } => at(name, &format!("{cause}: ")).append(hint),
+            Self::TorqueOff { name, status, effect } => {
+                at(name, &format!("the torque is off (status {status}), so {effect}")).remedy(Remedy::TorqueOn)
+            }
+            Self::NotReached { name, state, limit } => {
+                let (seconds, status) = (limit.as_secs_f32(), state.status);
+                let what = format!("target not reached after {seconds} s (status {status})");
+                at(name, &what).remedy(Remedy::Stop)
+            }
+            Self::Stopped { name, reason, .. } => at(name, &format!("stopped: {reason}")),
             Self::NotStopped { name, cause } => at(name, "not stopped: ").append(cause),
             Self::NoControl { name } => {
                 let what = "no control port of an armwire adapter found (a virtual board's is control:PATH)";

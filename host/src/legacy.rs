@@ -27,7 +27,7 @@ struct Listened {
 /// # Errors
 ///
 /// [`Error::Legacy`], now and from every later call, when the arm is one of the older generation.
-pub fn open(connection: &Connection) -> Result<Link<Ling>, Error> {
+pub(crate) fn open(connection: &Connection) -> Result<Link<Ling>, Error> {
     let (line, config) = connection.line::<Ling>()?;
     let line = Listened::new(line, Instant::now())?;
     Ok(Link::new(Box::new(line), config))

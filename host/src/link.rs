@@ -11,7 +11,7 @@ use armwire::{Client, Config, ErrorFrame, Event, Output, time, xarm};
 
 use crate::describe::{Arm, Protocol};
 use crate::error::Error;
-use crate::received::Received;
+use crate::received::{Missing, Received};
 use crate::stopwatch::Stopwatch;
 use crate::tap::{Tap, Tapped};
 use crate::text::{Remedy, Text};
@@ -250,20 +250,64 @@ impl<P: Arm> Link<P> {
         }
     }
 
-    /// Makes one call, and returns the value of its answer.
+    /// Sends a request whose response has no data, or that has no response.
     ///
     /// # Errors
     ///
-    /// [`Error`] as for [`call`](Self::call), and [`Error::Unacceptable`] if the request has another answer or none.
+    /// As of [`call`](Self::call).
+    pub fn send(&mut self, request: &P::Request<'_>) -> Result<(), Error> {
+        self.call(request, |_| ()).map(drop)
+    }
+
+    /// Makes one call, and returns the value of its answer. A silent arm has the stale window to answer late.
+    ///
+    /// # Errors
+    ///
+    /// As of [`call`](Self::call); [`Error::Unacceptable`] if the request has another answer or none, and
+    /// [`Error::Refused`] if the arm reports a failure.
     pub fn read<T>(&mut self, request: &P::Request<'_>) -> Result<T, Error>
     where
         T: for<'a> TryFrom<P::Response<'a>>,
     {
-        let value = self.call(request, |response| {
-            T::try_from(response).map_err(|_| OtherAnswer { got: response }.to_string())
-        })?;
-        let value = value.unwrap_or_else(|| Err(format!("'{request}' has no answer")));
-        value.map_err(|reason| Error::unacceptable(self.line.name(), reason))
+        self.read_with(request, |response| T::try_from(response).ok())
+    }
+
+    /// Makes one call, and returns what `take` finds in the answer. Otherwise as [`read`](Self::read).
+    ///
+    /// # Errors
+    ///
+    /// As of [`read`](Self::read).
+    pub fn read_with<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        take: impl FnOnce(P::Response<'_>) -> Option<T>,
+    ) -> Result<T, Error> {
+        let answer = self.call(request, |response| match P::refusal(&response) {
+            None => Ok(take(response).ok_or_else(|| OtherAnswer { got: response }.to_string())),
+            Some(what) => Err(what),
+        });
+        match answer {
+            Ok(Some(Ok(Ok(value)))) => Ok(value),
+            Ok(Some(Err(reason))) => Err(Error::refused(self.name(), reason)),
+            Ok(Some(Ok(Err(other)))) => Err(Error::unacceptable(self.name(), other)),
+            Ok(None) => Err(Error::unacceptable(
+                self.name(),
+                format_args!("'{request}' has no answer"),
+            )),
+            Err(Error::NoAnswer {
+                name,
+                missing: Missing::Silent,
+                bytes,
+                ..
+            }) if self.comes_late()? => Err(Error::NoAnswer {
+                name,
+                missing: Missing::Late,
+                cause: "the answer came too late".to_owned(),
+                hint: "is the arm or the line overloaded?".into(),
+                bytes,
+            }),
+            Err(error) => Err(error),
+        }
     }
 
     /// The arm's unsolicited responses, converted by `take`, after a wait of at most this long for the first byte. `None`

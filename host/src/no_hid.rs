@@ -28,7 +28,7 @@ mod tests {
 
     #[test]
     fn hid_port_is_refused_with_the_way_out() {
-        let connection = "hid:".parse::<Port>().unwrap().connect(None).unwrap();
+        let connection = "hid:".parse::<Port>().unwrap().open(Options::default()).unwrap();
         let error = connection.alpha1().map(drop).unwrap_err().to_string();
         assert!(
             error.starts_with("hid:: HID devices are not supported by this build: use the `armwire` command"),

@@ -5,21 +5,22 @@ use std::num::NonZeroU32;
 use std::path::Path;
 use std::str::FromStr;
 
-use armwire::alpha1::Alpha1;
 use armwire::ling::legacy::Legacy;
 use armwire::{Config, time};
 use armwire_bridge::can::{Function, Node};
 use armwire_bridge::slcan::{BIT_RATES, BitRate};
 
-use crate::adapter;
+use crate::alpha1::Alpha1;
 use crate::can::{self, CanLine, SharedBus};
-use crate::control::ControlLink;
+use crate::control::Adapter;
 use crate::control::usb::UsbLine;
 use crate::describe::{Arm, Protocol};
 use crate::error::Error;
 use crate::hid;
 use crate::hid_selector::Selector;
+use crate::legacy;
 use crate::line_holder;
+use crate::ling::Ling;
 use crate::link::{Line, Link};
 use crate::received::Missing;
 use crate::serial::Serial;
@@ -38,7 +39,33 @@ const SLCAN_BAUD: u32 = 115_200;
 /// Baud rate of a control port of its own, which ignores it.
 const CONTROL_BAUD: u32 = 115_200;
 
-/// A port on the command line.
+/// Opens a port by its text, such as `/dev/ttyUSB0`: see [`Port`].
+///
+/// # Errors
+///
+/// The text is no port, or the port cannot be opened.
+pub fn open(port: &str) -> Result<Connection, Error> {
+    let port: Port = port.parse().map_err(|reason: String| Error::Port(reason.into()))?;
+    port.open(Options::default())
+}
+
+/// How to open a port.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Options {
+    /// Baud rate of this computer's serial port. The default is the arm's.
+    pub baud: Option<NonZeroU32>,
+}
+
+impl Options {
+    /// The options with this baud rate.
+    #[must_use]
+    pub const fn with_baud(self, baud: Option<NonZeroU32>) -> Self {
+        Self { baud }
+    }
+}
+
+/// A port: its text, such as `can:can0/3`, [parsed](FromStr).
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Port {
@@ -175,13 +202,13 @@ impl Port {
         })
     }
 
-    /// Opens the port. A serial port is opened later, with its arm. `baud` is the baud rate of this computer's serial
-    /// port.
+    /// Opens the port. A serial port is opened later, with its arm.
     ///
     /// # Errors
     ///
-    /// The port cannot be opened.
-    pub fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Error> {
+    /// The port cannot be opened. [`Error::Baud`] if it has no baud rate to set.
+    pub fn open(&self, options: Options) -> Result<Connection, Error> {
+        let Options { baud } = options;
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
             return Err(Error::Baud { name: self.to_string() });
         }
@@ -218,8 +245,8 @@ impl Connection {
         matches!(self.port, Port::Hid(_))
     }
 
-    /// Opens the line of an Alpha1. [`open_ling`](crate::open_ling) opens a Ling arm: it detects the older
-    /// generation before anything is sent.
+    /// Opens the line of a Ling arm and listens for 0.1 s, because an arm of the older generation must be sent nothing.
+    /// Unsolicited bytes received meanwhile are discarded. No other call opens the line of a Ling arm:
     ///
     /// ```compile_fail,E0624
     /// # fn ling(connection: &armwire_host::Connection) {
@@ -229,12 +256,23 @@ impl Connection {
     ///
     /// # Errors
     ///
-    /// The line cannot be opened.
-    pub fn alpha1(&self) -> Result<Link<Alpha1>, Error> {
-        self.arm()
+    /// The line cannot be opened. [`Error::Legacy`], now and from every later call, when the arm is one of the older
+    /// generation.
+    pub fn ling(&self) -> Result<Ling, Error> {
+        Ok(Ling::new(legacy::open(self)?, self.clone()))
     }
 
-    /// Opens the line of an arm of the older generation, to which nothing can be sent.
+    /// Opens the line of an Alpha1.
+    ///
+    /// # Errors
+    ///
+    /// The line cannot be opened.
+    pub fn alpha1(&self) -> Result<Alpha1, Error> {
+        Ok(Alpha1::new(self.arm()?, self.clone()))
+    }
+
+    /// Opens the line of a Ling arm of the older generation. It is only read:
+    /// [`unsolicited`](Link::unsolicited) returns what it sends, and nothing can be sent to it.
     ///
     /// # Errors
     ///
@@ -243,7 +281,7 @@ impl Connection {
         self.arm()
     }
 
-    /// Opens the line of an arm, other than a [Ling arm](crate::open_ling).
+    /// Opens the line of an arm, other than a [Ling arm](Self::ling).
     pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
         let (line, config) = self.line::<P>()?;
         Ok(Link::new(line, config))
@@ -287,13 +325,13 @@ impl Connection {
     /// # Errors
     ///
     /// The port has no control port, or it cannot be opened.
-    pub fn control(&self) -> Result<ControlLink, Error> {
+    pub fn adapter(&self) -> Result<Adapter, Error> {
         match &self.port {
-            Port::Serial(port) => Ok(ControlLink::on_line(Box::new(UsbLine::open(port)?))),
-            Port::Control(port) => Ok(ControlLink::on_line(Box::new(Serial::open(port, CONTROL_BAUD)?))),
+            Port::Serial(port) => Ok(Adapter::on_line(Box::new(UsbLine::open(port)?))),
+            Port::Control(port) => Ok(Adapter::on_line(Box::new(Serial::open(port, CONTROL_BAUD)?))),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
                 let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer);
-                Ok(ControlLink::new(Box::new(line)))
+                Ok(Adapter::new(Box::new(line)))
             }
             Port::Tcp(_) | Port::Hid(_) => Err(Error::NoControl {
                 name: self.port.to_string(),
@@ -307,8 +345,8 @@ impl Connection {
         let Port::Serial(_) = &self.port else {
             return None;
         };
-        let mut control = self.control().ok()?;
-        let is_in_recovery = adapter::is_in_recovery(&mut control).ok()?;
+        let mut control = self.adapter().ok()?;
+        let is_in_recovery = control.is_in_recovery().ok()?;
         is_in_recovery.then(|| control.name().to_owned())
     }
 
@@ -333,7 +371,7 @@ impl Connection {
 
     /// The holder of the line to the arm, read from the adapter. `None` without a holder or without a reply.
     fn holder(&self) -> Option<Text> {
-        let line = adapter::line(&mut self.control().ok()?).ok()??;
+        let line = self.adapter().ok()?.line().ok()??;
         line_holder::describe(&line)
     }
 

@@ -18,7 +18,7 @@ use crate::text::Text;
 /// # Errors
 ///
 /// [`Error::NotStopped`] if the arm may still move, and errors of the line. A read without a sound answer is repeated.
-pub fn stop(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, Error> {
+pub(crate) fn stop(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, Error> {
     link.uninterrupted(|link| drive(link, Stop::new(gripper)))
 }
 
@@ -28,7 +28,7 @@ pub fn stop(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, 
 /// # Errors
 ///
 /// As [`stop`], and [`Error::Interrupted`].
-pub fn stop_interruptibly(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, Error> {
+pub(crate) fn stop_interruptibly(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, Error> {
     drive(link, Stop::new(gripper))
 }
 

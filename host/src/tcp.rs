@@ -6,11 +6,8 @@ use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::str::FromStr;
 use std::time::Duration;
 
-use armwire::xarm::XArm;
-
-use crate::describe::Arm;
 use crate::error::Error;
-use crate::link::{Line, Link, Names, Reception, is_nothing_yet};
+use crate::link::{Line, Names, Reception, is_nothing_yet};
 use crate::text::Text;
 
 /// TCP port of an xArm's requests.
@@ -73,17 +70,6 @@ pub struct Tcp {
     name: String,
     stream: TcpStream,
     is_serial: bool,
-}
-
-impl Link<XArm> {
-    /// Connects to an xArm.
-    ///
-    /// # Errors
-    ///
-    /// The host cannot be connected to.
-    pub fn connect(host: &Host) -> Result<Self, Error> {
-        Ok(Self::new(Box::new(Tcp::connect(host, false)?), XArm::CONFIG))
-    }
 }
 
 impl Tcp {

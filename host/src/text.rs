@@ -15,6 +15,10 @@ pub enum Remedy {
     TryAs(Protocol),
     /// The arm may be [listened](crate::Connection::legacy) to.
     Listen,
+    /// Torque-on lets the arm move.
+    TorqueOn,
+    /// The arm may be stopped.
+    Stop,
     /// A program holds the adapter's line, and may end that.
     EndHold,
 }

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{Event, Histogram, Identity, Latencies, Request, Stamp, Subscription};
-use armwire_host::{self as host, ControlLink, Error, Port};
+use armwire_host::{Adapter, Error, Options, Port, settings};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde_json::{Value, json};
@@ -20,14 +20,14 @@ type Received<'py> = (u64, Option<String>, Option<Bound<'py, PyBytes>>, Option<S
 
 /// The control port of an adapter.
 #[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct AdapterPort(Session<ControlLink>);
+pub(crate) struct AdapterPort(Session<Adapter>);
 
 #[pymethods]
 impl AdapterPort {
     #[new]
     fn new(py: Python<'_>, port: &str) -> PyResult<Self> {
         let port: Port = port.parse().map_err(value_error)?;
-        Session::open(py, || port.connect(None)?.control()).map(Self)
+        Session::open(py, || port.open(Options::default())?.adapter()).map(Self)
     }
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {
@@ -43,7 +43,7 @@ impl AdapterPort {
             commit,
             can_fd,
             ..
-        } = self.0.with(py, host::identify)?;
+        } = self.0.with(py, Adapter::identify)?;
         let [board, serial, firmware, commit] = [
             board.to_string(),
             serial.to_string(),
@@ -54,13 +54,13 @@ impl AdapterPort {
     }
 
     fn is_in_recovery(&self, py: Python<'_>) -> PyResult<bool> {
-        self.0.with(py, host::is_in_recovery)
+        self.0.with(py, Adapter::is_in_recovery)
     }
 
     /// In JSON.
     fn read_config(&self, py: Python<'_>) -> PyResult<String> {
-        let config = self.0.with(py, host::config)?;
-        Ok(host::config_object(&config).to_string())
+        let config = self.0.with(py, Adapter::config)?;
+        Ok(settings::object(&config).to_string())
     }
 
     /// Settings such as `poll=200`.
@@ -68,34 +68,34 @@ impl AdapterPort {
     fn change_config(&self, py: Python<'_>, settings: Vec<String>) -> PyResult<()> {
         // Reject invalid settings before the first request to the adapter.
         for setting in &settings {
-            host::change_config(&mut Config::default(), setting).map_err(value_error)?;
+            settings::set(&mut Config::default(), setting).map_err(value_error)?;
         }
         self.0.with(py, |control| {
-            let mut config = host::config(control)?;
+            let mut config = control.config()?;
             for setting in &settings {
-                host::change_config(&mut config, setting).map_err(|error| Error::Port(error.into()))?;
+                settings::set(&mut config, setting).map_err(|error| Error::Port(error.into()))?;
             }
-            control.call(Request::SetConfig(config)).map(drop)
+            control.set_config(config)
         })
     }
 
     fn save_config(&self, py: Python<'_>) -> PyResult<()> {
-        self.call(py, Request::SaveConfig)
+        self.0.with(py, Adapter::save_config)
     }
 
     fn reset_config(&self, py: Python<'_>) -> PyResult<()> {
-        self.call(py, Request::ResetConfig)
+        self.0.with(py, Adapter::reset_config)
     }
 
     /// In JSON.
     fn read_counters(&self, py: Python<'_>) -> PyResult<String> {
-        let counters = self.0.with(py, host::counters)?;
+        let counters = self.0.with(py, Adapter::counters)?;
         Ok(Value::Object(counters).to_string())
     }
 
     /// Bucket counts in JSON. The buckets end at 2, 4, 8, … µs.
     fn read_latencies(&self, py: Python<'_>) -> PyResult<String> {
-        let Latencies { answer, turn, poll } = self.0.with(py, host::latencies)?;
+        let Latencies { answer, turn, poll } = self.0.with(py, Adapter::latencies)?;
         let counts = |histogram: Histogram| histogram.counts.to_vec();
         Ok(json!({ "answer": counts(answer), "turn": counts(turn), "poll": counts(poll) }).to_string())
     }
@@ -119,7 +119,8 @@ impl AdapterPort {
 
     /// Subscribes to the arm's frames and to the adapter's events, or unsubscribes.
     fn subscribe(&self, py: Python<'_>, frames: bool, events: bool) -> PyResult<()> {
-        self.call(py, Request::Subscribe(Subscription { frames, events }))
+        self.0
+            .with(py, |control| control.subscribe(Subscription { frames, events }))
     }
 
     /// The next frame or event within this time: stamp in microseconds, initiator, and the frame bytes or the event in
@@ -143,7 +144,7 @@ impl AdapterPort {
     }
 }
 
-fn receive(control: &mut ControlLink, timeout: Duration) -> Result<Option<(Stamp, Event)>, Error> {
+fn receive(control: &mut Adapter, timeout: Duration) -> Result<Option<(Stamp, Event)>, Error> {
     let until = Instant::now() + timeout;
     loop {
         let left = until.saturating_duration_since(Instant::now());

@@ -4,19 +4,18 @@ use std::num::NonZeroU32;
 use std::time::Duration;
 
 use armwire::alpha1::{
-    Action, Address, Alpha1, Angle, FirmwareVersion, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, Request,
-    Response, SERVOS, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
+    Action, Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, SERVOS, ServoId, Text, UsbType,
 };
-use armwire_host::{Link, Port};
+use armwire_host::{Alpha1, Options, Port};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::error::value_error;
-use crate::session::{Session, call, interruptible, recovery_warning, send, warn};
+use crate::session::{Session, check_signals, recovery_warning, warn};
 
 /// An Alpha1 or its servos on a port. Servo 0 addresses all of them.
 #[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct Alpha1Port(Session<Link<Alpha1>>);
+pub(crate) struct Alpha1Port(Session<Alpha1>);
 
 #[pymethods]
 impl Alpha1Port {
@@ -25,9 +24,11 @@ impl Alpha1Port {
         let port: Port = port.parse().map_err(value_error)?;
         let mut warning = None;
         let open = || {
-            let connection = port.connect(baud)?;
+            let connection = port.open(Options::default().with_baud(baud))?;
             warning = recovery_warning(&connection);
-            Ok(interruptible(connection.alpha1()?))
+            let mut robot = connection.alpha1()?;
+            robot.set_interrupt(check_signals);
+            Ok(robot)
         };
         let session = Session::open(py, open)?;
         warn(py, warning)?;
@@ -39,24 +40,18 @@ impl Alpha1Port {
     }
 
     fn read_hardware_version<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let version = self.call(py, Request::ReadHardwareVersion, |response| {
-            Text::try_from(response).ok().map(|version| version.as_bytes().to_vec())
-        })?;
+        let version = self.0.with(py, Alpha1::read_hardware_version)?;
         Ok(PyBytes::new(py, &version))
     }
 
     fn read_firmware_version<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let version = self.call(py, Request::ReadFirmwareVersion, |response| {
-            FirmwareVersion::try_from(response).ok()
-        })?;
+        let version = self.0.with(py, Alpha1::read_firmware_version)?;
         Ok(PyBytes::new(py, &version.text))
     }
 
     /// The numbers of the running servos.
     fn read_running_servos(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
-        let states = self.call(py, Request::ReadServoStates, |response| {
-            ServoStates::try_from(response).ok()
-        })?;
+        let states = self.0.with(py, Alpha1::read_servo_states)?;
         Ok(states.running().map(u16::from).collect())
     }
 
@@ -70,16 +65,16 @@ impl Alpha1Port {
         for (angle, degrees) in action.angles.iter_mut().zip(angles) {
             *angle = degrees.map(Angle::new).transpose().map_err(value_error)?;
         }
-        self.call(py, Request::Act(action), done)
+        self.0.with(py, |robot| robot.act(action))
     }
 
     fn play(&self, py: Python<'_>, name: &[u8]) -> PyResult<()> {
         let name = Text::new(name).map_err(value_error)?;
-        self.call(py, Request::Play(name), done)
+        self.0.with(py, |robot| robot.play(name))
     }
 
     fn stop(&self, py: Python<'_>) -> PyResult<()> {
-        self.call(py, Request::Stop, done)
+        self.0.with(py, Alpha1::stop)
     }
 
     fn set_offset_tool(&self, py: Python<'_>, connected: bool) -> PyResult<()> {
@@ -88,7 +83,7 @@ impl Alpha1Port {
         } else {
             OffsetTool::Disconnect
         };
-        self.call(py, Request::SetOffsetTool(tool), done)
+        self.0.with(py, |robot| robot.set_offset_tool(tool))
     }
 
     /// Sets the USB device type: `disk`, `serial` or `hid`.
@@ -103,101 +98,54 @@ impl Alpha1Port {
                 )));
             }
         };
-        self.call(py, Request::SetUsbType(usb), done)
+        self.0.with(py, |robot| robot.set_usb_type(usb))
     }
 
     fn move_servo(&self, py: Python<'_>, servo: u8, degrees: u8, time_s: f64, lock_s: f64) -> PyResult<()> {
-        let request = ServoRequest::Move {
-            to: address(servo)?,
-            angle: Angle::new(degrees).map_err(value_error)?,
-            time: move_time(time_s)?,
-            lock: interval(lock_s)?,
-        };
-        self.send_servo(py, request)
+        let (to, angle) = (address(servo)?, Angle::new(degrees).map_err(value_error)?);
+        let (time, lock) = (move_time(time_s)?, interval(lock_s)?);
+        self.0.with(py, |robot| robot.move_servo(to, angle, time, lock))
     }
 
     fn release_servo(&self, py: Python<'_>, servo: u8) -> PyResult<()> {
-        self.send_servo(py, ServoRequest::Release(address(servo)?))
+        let to = address(servo)?;
+        self.0.with(py, |robot| robot.release_servo(to))
     }
 
     fn set_servo_led(&self, py: Python<'_>, servo: u8, led: u8) -> PyResult<()> {
-        let request = ServoRequest::SetLed {
-            to: address(servo)?,
-            led: Led(led),
-        };
-        self.send_servo(py, request)
+        let to = address(servo)?;
+        self.0.with(py, |robot| robot.set_servo_led(to, Led(led)))
     }
 
     /// Target and actual angle, in degrees.
     fn read_servo_angles(&self, py: Python<'_>, servo: u8) -> PyResult<(u16, u16)> {
-        self.call_servo(py, ServoRequest::ReadAngles(id(servo)?), |response| match response {
-            ServoResponse::Angles { target, actual, .. } => Some((target, actual)),
-            _ => None,
-        })
+        let servo = id(servo)?;
+        self.0.with(py, |robot| robot.read_servo_angles(servo))
     }
 
     fn change_servo_id(&self, py: Python<'_>, servo: u8, to: u8) -> PyResult<()> {
-        let request = ServoRequest::ChangeId {
-            from: id(servo)?,
-            to: id(to)?,
-        };
-        self.call(py, Request::Servo(request), done)
+        let (from, to) = (id(servo)?, id(to)?);
+        self.0.with(py, |robot| robot.change_servo_id(from, to))
     }
 
     /// In thirds of a degree.
     fn set_servo_offset(&self, py: Python<'_>, servo: u8, thirds: i16) -> PyResult<()> {
         let offset = Offset::new(thirds).map_err(value_error)?;
-        self.call(py, Request::Servo(ServoRequest::SetOffset(id(servo)?, offset)), done)
+        let servo = id(servo)?;
+        self.0.with(py, |robot| robot.set_servo_offset(servo, offset))
     }
 
     /// In thirds of a degree.
     fn read_servo_offset(&self, py: Python<'_>, servo: u8) -> PyResult<i16> {
-        self.call_servo(py, ServoRequest::ReadOffset(id(servo)?), |response| match response {
-            ServoResponse::Offset { thirds, .. } => Some(thirds),
-            _ => None,
-        })
+        let servo = id(servo)?;
+        self.0.with(py, |robot| robot.read_servo_offset(servo))
     }
 
     fn read_servo_version<'py>(&self, py: Python<'py>, servo: u8) -> PyResult<Bound<'py, PyBytes>> {
-        let request = ServoRequest::ReadVersion(id(servo)?);
-        let version = self.call_servo(py, request, |response| match response {
-            ServoResponse::Version { version, .. } => Some(version),
-            _ => None,
-        })?;
+        let servo = id(servo)?;
+        let version = self.0.with(py, |robot| robot.read_servo_version(servo))?;
         Ok(PyBytes::new(py, &version))
     }
-}
-
-impl Alpha1Port {
-    fn call<T: Send>(
-        &self,
-        py: Python<'_>,
-        request: Request<'_>,
-        take: impl FnOnce(Response<'_>) -> Option<T> + Send,
-    ) -> PyResult<T> {
-        self.0.with(py, |link| call(link, &request, take))
-    }
-
-    fn call_servo<T: Send>(
-        &self,
-        py: Python<'_>,
-        request: ServoRequest,
-        take: impl FnOnce(ServoResponse) -> Option<T> + Send,
-    ) -> PyResult<T> {
-        self.call(py, Request::Servo(request), |response| {
-            response.try_into().ok().and_then(take)
-        })
-    }
-
-    /// Sends a request that a single servo acknowledges. Servo 0 has no acknowledgement.
-    fn send_servo(&self, py: Python<'_>, request: ServoRequest) -> PyResult<()> {
-        self.0.with(py, |link| send(link, &Request::Servo(request)))
-    }
-}
-
-/// A response without data. `call` has checked its outcome.
-fn done(response: Response<'_>) -> Option<()> {
-    Outcome::try_from(response).ok().map(|_| ())
 }
 
 pub(crate) fn id(servo: u8) -> PyResult<ServoId> {

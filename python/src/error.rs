@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use armwire_host::{Error, Missing};
+use armwire_host::{Error, Missing, Remedy};
 use pyo3::PyErr;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 
@@ -30,7 +30,7 @@ use exceptions::{
 
 /// The exception for an error.
 pub(crate) fn exception(error: Error) -> PyErr {
-    let text = error.to_string();
+    let text = error.with(words);
     match error {
         Error::Interrupted(reason) => match reason.downcast::<PyErr>() {
             Ok(exception) => *exception,
@@ -47,10 +47,18 @@ pub(crate) fn exception(error: Error) -> PyErr {
         Error::NotStopped { .. } => NotStoppedError::new_err(text),
         Error::Legacy { .. } => OlderArmError::new_err(text),
         Error::Lost { .. } | Error::Stuck { .. } => PortLostError::new_err(text),
-        Error::Refused { .. } | Error::Unsupported { .. } => RefusedError::new_err(text),
+        Error::Refused { .. } | Error::TorqueOff { .. } | Error::Unsupported { .. } => RefusedError::new_err(text),
         Error::ErrorFrame { .. } => ErrorFrameError::new_err(text),
         Error::Unacceptable { .. } => UnacceptableError::new_err(text),
         _ => PortError::new_err(text),
+    }
+}
+
+/// The words of this package for a remedy.
+fn words(remedy: Remedy) -> String {
+    match remedy {
+        Remedy::TorqueOn => ": set_torque(True) switches it on".to_owned(),
+        _ => String::new(),
     }
 }
 

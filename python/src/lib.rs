@@ -7,7 +7,6 @@ mod alpha1;
 mod command;
 mod error;
 mod ling;
-mod mover;
 mod session;
 #[cfg(unix)]
 mod sim;

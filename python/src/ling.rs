@@ -4,17 +4,16 @@ use std::num::NonZeroU32;
 
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
-    GripperSpeed, Info, JOINTS, JointState, Kind, Ling, MotionStatus, Move, Opening, PerServo, Position, Request,
-    Response, SelfCheck, Speed, Stroke, TemperatureLimit, Torque,
+    self, GripperSpeed, JOINTS, JointState, Kind, MotionStatus, Move, Opening, Position, Speed, Stroke,
+    TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
-use armwire_host::{Error, Port, open_ling};
+use armwire_host::{Error, Ling, Options, Port};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
 use crate::error::{unacceptable, value_error};
-use crate::mover::Mover;
-use crate::session::{Session, call, interruptible, recovery_warning, send, warn};
+use crate::session::{Session, check_signals, recovery_warning, warn};
 
 /// Joint ticks, gripper in thousandths, motion status.
 type Joints = ([u16; JOINTS], u16, u8);
@@ -23,7 +22,7 @@ type Extra = Vec<u8>;
 
 /// A Ling arm on a port.
 #[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct LingPort(Session<Mover>);
+pub(crate) struct LingPort(Session<Ling>);
 
 #[pymethods]
 impl LingPort {
@@ -32,9 +31,11 @@ impl LingPort {
         let port: Port = port.parse().map_err(value_error)?;
         let mut warning = None;
         let open = || {
-            let connection = port.connect(baud)?;
+            let connection = port.open(Options::default().with_baud(baud))?;
             warning = recovery_warning(&connection);
-            Ok(Mover::new(interruptible(open_ling(&connection)?)))
+            let mut arm = connection.ling()?;
+            arm.set_interrupt(check_signals);
+            Ok(arm)
         };
         let session = Session::open(py, open)?;
         warn(py, warning)?;
@@ -47,10 +48,7 @@ impl LingPort {
 
     /// Serial number, kind (`leader`, `follower` or `None`), hardware version, firmware version, and extra bytes.
     fn read_info(&self, py: Python<'_>) -> PyResult<(String, Option<&'static str>, u32, u32, Extra)> {
-        let (info, extra): (Info, _) = self.0.with(py, |mover| {
-            let info = call(mover.link(), &Request::ReadInfo, |response| response.try_into().ok())?;
-            Ok((info, extra(mover)))
-        })?;
+        let (info, extra) = self.0.with(py, |arm| Ok((arm.read_info()?, extra(arm))))?;
         let kind = info.serial.kind().map(|kind| match kind {
             Kind::Leader => "leader",
             Kind::Follower => "follower",
@@ -59,12 +57,12 @@ impl LingPort {
     }
 
     fn read_joints(&self, py: Python<'_>) -> PyResult<(Joints, Extra)> {
-        self.read(py, Mover::read_joints)
+        self.read(py, Ling::read_joints)
     }
 
     /// The joints. Refused if the torque went off after a move.
     fn read_motion(&self, py: Python<'_>) -> PyResult<(Joints, Extra)> {
-        self.read(py, Mover::read_motion)
+        self.read(py, Ling::read_motion)
     }
 
     /// The joints alone, in the format of [`ling_angles`].
@@ -75,26 +73,23 @@ impl LingPort {
 
     /// The temperature of each servo, in °C.
     fn read_temperatures(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
-        let celsius: PerServo<u8> = self.call(py, Request::ReadTemperatures)?;
+        let celsius = self.0.with(py, Ling::read_temperatures)?;
         Ok(celsius.as_slice().iter().map(|&celsius| celsius.into()).collect())
     }
 
     /// Speed of each servo, in ticks per second.
     fn read_velocities(&self, py: Python<'_>) -> PyResult<Vec<u16>> {
-        let ticks: PerServo<u16> = self.call(py, Request::ReadVelocities)?;
-        Ok(ticks.as_slice().to_vec())
+        Ok(self.0.with(py, Ling::read_velocities)?.as_slice().to_vec())
     }
 
     /// In millimetres.
     fn read_stroke(&self, py: Python<'_>) -> PyResult<u8> {
-        let stroke: Stroke = self.call(py, Request::ReadStroke)?;
-        Ok(stroke.millimetres())
+        Ok(self.0.with(py, Ling::read_stroke)?.millimetres())
     }
 
     /// Self-check result. Bit 0 is servo 1; a 1 is normal.
     fn self_check(&self, py: Python<'_>) -> PyResult<u16> {
-        let check: SelfCheck = self.call(py, Request::SelfCheck)?;
-        Ok(check.0)
+        Ok(self.0.with(py, Ling::self_check)?.0)
     }
 
     /// Positions in ticks, speeds in ticks per second, gripper in thousandths, its speed in ticks per second. True if the
@@ -116,34 +111,34 @@ impl LingPort {
         }
         let gripper = opening(gripper)?;
         let speed = GripperSpeed(gripper_speed);
-        let grip = self.0.with(py, |mover| mover.move_to(joints, gripper, speed))?;
+        let grip = self.0.with(py, |arm| arm.move_joints(joints, gripper, speed))?;
         Ok(grip == Grip::Reading)
     }
 
     /// True if a move was sent since the torque was last off.
     fn has_moved(&self, py: Python<'_>) -> PyResult<bool> {
-        self.0.with(py, |mover| Ok(mover.has_moved()))
+        self.0.with(py, |arm| Ok(arm.has_moved()))
     }
 
     /// The last reading, its extra bytes, and true if the gripper's goal is its reading.
     fn stop(&self, py: Python<'_>, gripper: Option<u16>) -> PyResult<(Joints, Extra, bool)> {
         let gripper = opening(gripper)?;
-        self.0.with(py, |mover| {
-            let (state, is_reading) = match mover.stop(gripper)? {
+        self.0.with(py, |arm| {
+            let (state, is_reading) = match arm.stop_interruptibly(gripper)? {
                 Stopped::AtRest { state, grip } => (state, grip == Grip::Reading),
                 Stopped::WithoutTorque(state) => (state, false),
             };
-            Ok((joints(state), extra(mover), is_reading))
+            Ok((joints(state), extra(arm), is_reading))
         })
     }
 
     fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<()> {
         let torque = if on { Torque::On } else { Torque::Off };
-        self.0.with(py, |mover| mover.set_torque(torque))
+        self.0.with(py, |arm| arm.set_torque(torque))
     }
 
     fn set_zero(&self, py: Python<'_>) -> PyResult<()> {
-        self.0.with(py, Mover::set_zero)
+        self.0.with(py, Ling::set_zero)
     }
 
     /// In millimetres.
@@ -155,48 +150,39 @@ impl LingPort {
                 "gripper stroke is {millimetres} mm, must be 50, 75 or 100"
             ))
         };
-        self.send(py, Request::SetStroke(stroke.ok_or_else(wrong)?))
+        let stroke = stroke.ok_or_else(wrong)?;
+        self.0.with(py, |arm| arm.set_stroke(stroke))
     }
 
     /// In °C.
     fn set_temperature_limit(&self, py: Python<'_>, celsius: u8) -> PyResult<()> {
         let limit = TemperatureLimit::new(celsius).map_err(value_error)?;
-        self.send(py, Request::SetTemperatureLimit(limit))
+        self.0.with(py, |arm| arm.set_temperature_limit(limit))
     }
 
     /// Bytes outside frames, and frames with a wrong checksum, since the port was opened.
     fn line_errors(&self, py: Python<'_>) -> PyResult<(usize, usize)> {
-        let errors = self.0.with(py, |mover| Ok(mover.link().line_errors()))?;
+        let errors = self.0.with(py, |arm| Ok(arm.line_errors()))?;
         Ok((errors.noise_bytes, errors.checksums))
     }
 }
 
 impl LingPort {
-    fn call<T: TryFrom<Response> + Send>(&self, py: Python<'_>, request: Request) -> PyResult<T> {
-        self.0.with(py, |mover| {
-            call(mover.link(), &request, |response| response.try_into().ok())
-        })
-    }
-
     fn read(
         &self,
         py: Python<'_>,
-        read: impl FnOnce(&mut Mover) -> Result<JointState, Error> + Send,
+        read: impl FnOnce(&mut Ling) -> Result<JointState, Error> + Send,
     ) -> PyResult<(Joints, Extra)> {
-        self.0.with(py, |mover| {
-            let state = read(mover)?;
-            Ok((joints(state), extra(mover)))
+        self.0.with(py, |arm| {
+            let state = read(arm)?;
+            Ok((joints(state), extra(arm)))
         })
-    }
-
-    fn send(&self, py: Python<'_>, request: Request) -> PyResult<()> {
-        self.0.with(py, |mover| send(mover.link(), &request))
     }
 }
 
 /// The extra bytes of the last answer.
-fn extra(mover: &mut Mover) -> Extra {
-    Ling.extra(mover.link().frame()).to_vec()
+fn extra(arm: &mut Ling) -> Extra {
+    ling::Ling.extra(arm.link().frame()).to_vec()
 }
 
 /// The gripper's goal in thousandths.
@@ -227,8 +213,8 @@ pub(crate) fn ling_angles(
 /// The joints in a frame, and its extra bytes; `None` for any other frame.
 #[pyfunction]
 pub(crate) fn ling_joints(frame: &[u8]) -> Option<(Joints, Extra)> {
-    let state = Ling.parse_response(frame, ()).ok()?.try_into().ok()?;
-    Some((joints(state), Ling.extra(frame).to_vec()))
+    let state = ling::Ling.parse_response(frame, ()).ok()?.try_into().ok()?;
+    Some((joints(state), ling::Ling.extra(frame).to_vec()))
 }
 
 /// The torque that this motion status shows; `None` if it shows none.

@@ -5,7 +5,7 @@ use std::ffi::CString;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
-use armwire_host::{Arm, Connection, Error, Link, Missing, RECOVERY};
+use armwire_host::{Adapter, Alpha1, Connection, Error, Ling, RECOVERY, XArm};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
@@ -18,7 +18,31 @@ pub(crate) struct Session<T> {
     caller: Mutex<Option<ThreadId>>,
 }
 
-impl<T: Send> Session<T> {
+/// A port that knows more of its errors.
+pub(crate) trait Explain {
+    /// The error with what only the adapter knows of it.
+    fn explain(&self, error: Error) -> Error {
+        error
+    }
+}
+
+impl Explain for Ling {
+    fn explain(&self, error: Error) -> Error {
+        self.explain(error)
+    }
+}
+
+impl Explain for Alpha1 {
+    fn explain(&self, error: Error) -> Error {
+        self.explain(error)
+    }
+}
+
+impl Explain for XArm {}
+
+impl Explain for Adapter {}
+
+impl<T: Explain + Send> Session<T> {
     /// Opens a port with `open`.
     pub(crate) fn open(py: Python<'_>, open: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<Self> {
         let opened = py.detach(open).map_err(exception)?;
@@ -41,7 +65,7 @@ impl<T: Send> Session<T> {
         let acted = py.detach(|| {
             let mut open = lock(&self.open);
             *lock(&self.caller) = Some(thread::current().id());
-            let acted = open.as_mut().map(act);
+            let acted = open.as_mut().map(|open| act(open).map_err(|error| open.explain(error)));
             *lock(&self.caller) = None;
             acted
         });
@@ -67,12 +91,6 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A link whose calls end with Ctrl-C.
-pub(crate) fn interruptible<P: Arm>(mut link: Link<P>) -> Link<P> {
-    link.set_interrupt(check_signals);
-    link
-}
-
 /// The warning for a program that moves the arm on this port, if it has an adapter in recovery.
 pub(crate) fn recovery_warning(connection: &Connection) -> Option<String> {
     let name = connection.adapter_in_recovery()?;
@@ -90,47 +108,4 @@ pub(crate) fn warn(py: Python<'_>, reason: Option<String>) -> PyResult<()> {
 /// The exception of a pending signal, such as `KeyboardInterrupt`.
 pub(crate) fn check_signals() -> Result<(), Box<dyn StdError + Send + Sync>> {
     Python::attach(|py| py.check_signals()).map_err(Into::into)
-}
-
-/// Sends a request whose response has no data.
-pub(crate) fn send<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>) -> Result<(), Error> {
-    link.call(request, |_| ()).map(drop)
-}
-
-/// Sends a request and converts its response with `take`.
-pub(crate) fn call<P: Arm, T>(
-    link: &mut Link<P>,
-    request: &P::Request<'_>,
-    take: impl FnOnce(P::Response<'_>) -> Option<T>,
-) -> Result<T, Error> {
-    let answer = link.call(request, |response| match P::refusal(&response) {
-        None => Ok(take(response).ok_or_else(|| response.to_string())),
-        Some(what) => Err(what),
-    });
-    let name = || link.name().to_owned();
-    match answer {
-        Ok(Some(Ok(Ok(value)))) => Ok(value),
-        Ok(Some(Err(reason))) => Err(Error::refused(&name(), reason)),
-        Ok(Some(Ok(Err(other)))) => Err(Error::Unacceptable {
-            name: name(),
-            reason: format!("the arm answered another request: {other}"),
-        }),
-        Ok(None) => Err(Error::Unacceptable {
-            name: name(),
-            reason: format!("'{request}' has no answer"),
-        }),
-        Err(Error::NoAnswer {
-            name,
-            missing: Missing::Silent,
-            bytes,
-            ..
-        }) if link.comes_late()? => Err(Error::NoAnswer {
-            name,
-            missing: Missing::Late,
-            cause: "the answer came too late".to_owned(),
-            hint: "is the arm or the line overloaded?".into(),
-            bytes,
-        }),
-        Err(error) => Err(error),
-    }
 }

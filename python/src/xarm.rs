@@ -1,14 +1,12 @@
 //! An xArm on a host.
 
-use armwire::xarm::{
-    Joint, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, TorqueSource, VersionText, XArm,
-};
-use armwire_host::{Host, Link};
+use armwire::xarm::{self, Joint, ProtocolId, Raw, SerialsText, TorqueSource, VersionText};
+use armwire_host::{Host, XArm};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::error::value_error;
-use crate::session::{Session, call, interruptible, send};
+use crate::session::{Session, check_signals};
 
 /// The arm's state and a value.
 type Answer<T> = (u8, T);
@@ -19,7 +17,7 @@ type Serials = (Option<String>, Option<String>);
 
 /// An xArm on a host. Each answer has the arm's state, as a byte.
 #[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct XArmPort(Session<Link<XArm>>);
+pub(crate) struct XArmPort(Session<XArm>);
 
 #[pymethods]
 impl XArmPort {
@@ -27,11 +25,12 @@ impl XArmPort {
     fn new(py: Python<'_>, host: &str, supervised: bool) -> PyResult<Self> {
         let host: Host = host.parse().map_err(value_error)?;
         let open = || {
-            let mut link = interruptible(Link::connect(&host)?);
+            let mut arm = XArm::connect(&host)?;
+            arm.set_interrupt(check_signals);
             if supervised {
-                link.messages_mut().protocol = ProtocolId::Supervised;
+                arm.set_protocol(ProtocolId::Supervised);
             }
-            Ok(link)
+            Ok(arm)
         };
         Session::open(py, open).map(Self)
     }
@@ -43,76 +42,58 @@ impl XArmPort {
     /// The version text with unprintable characters escaped, and its axes, type, arm, control box and firmware; `None`
     /// for another format.
     fn read_version(&self, py: Python<'_>) -> PyResult<Answer<(String, Option<Version>)>> {
-        self.call(py, Request::ReadVersion, |reply| {
-            let text = VersionText::try_from(reply).ok()?;
-            Some((text.to_string(), version(text)))
-        })
+        let read = |arm: &mut XArm| arm.read_version(|text| (text.to_string(), version(text)));
+        Ok(answer(self.0.with(py, read)?))
     }
 
     fn read_serials(&self, py: Python<'_>) -> PyResult<Answer<Serials>> {
-        self.call(py, Request::ReadSerials, |reply| reply.try_into().ok().map(serials))
+        Ok(answer(self.0.with(py, |arm| arm.read_serials(serials))?))
     }
 
     fn reload_dynamics(&self, py: Python<'_>) -> PyResult<u8> {
-        self.call(py, Request::ReloadDynamics, |reply| <()>::try_from(reply).ok())
-            .map(|(state, ())| state)
+        Ok(self.0.with(py, XArm::reload_dynamics)?.state.0)
     }
 
     /// Reported quantity: `torque` or `current`.
     fn read_torque_source(&self, py: Python<'_>) -> PyResult<Answer<&'static str>> {
-        self.call(py, Request::ReadTorqueSource, |reply| match reply {
-            Reply::TorqueSource(TorqueSource::Torque) => Some("torque"),
-            Reply::TorqueSource(TorqueSource::Current) => Some("current"),
-            _ => None,
-        })
+        let (state, source) = answer(self.0.with(py, XArm::read_torque_source)?);
+        let quantity = match source {
+            TorqueSource::Torque => "torque",
+            TorqueSource::Current => "current",
+        };
+        Ok((state, quantity))
     }
 
     /// Rotation radius in millimetres, as sent by the arm.
     fn read_rotation_radius(&self, py: Python<'_>, joint: u8) -> PyResult<Answer<f32>> {
         let joint = Joint::new(joint).map_err(value_error)?;
-        self.call(py, Request::ReadRotationRadius(joint), |reply| {
-            let radius = RotationRadius::try_from(reply).ok()?;
-            Some(radius.millimetres)
-        })
+        let (state, radius) = answer(self.0.with(py, |arm| arm.read_rotation_radius(joint))?);
+        Ok((state, radius.millimetres))
     }
 
     fn shut_down(&self, py: Python<'_>) -> PyResult<u8> {
-        self.call(py, Request::Shutdown, |reply| <()>::try_from(reply).ok())
-            .map(|(state, ())| state)
+        Ok(self.0.with(py, XArm::shut_down)?.state.0)
     }
 
     fn reboot(&self, py: Python<'_>) -> PyResult<u8> {
-        self.call(py, Request::Reboot, |reply| <()>::try_from(reply).ok())
-            .map(|(state, ())| state)
+        Ok(self.0.with(py, XArm::reboot)?.state.0)
     }
 
     fn heartbeat(&self, py: Python<'_>) -> PyResult<()> {
-        self.0.with(py, |link| send(link, &Request::Heartbeat))
+        self.0.with(py, XArm::heartbeat)
     }
 
     /// Calls any other register with these parameters.
     fn raw<'py>(&self, py: Python<'py>, register: u8, params: &[u8]) -> PyResult<Answer<Bound<'py, PyBytes>>> {
         let raw = Raw::new(register, params).map_err(value_error)?;
-        let (state, params) = self.call(py, Request::Raw(raw), |reply| {
-            Raw::try_from(reply).ok().map(|raw| raw.params().to_vec())
-        })?;
+        let (state, params) = answer(self.0.with(py, |arm| arm.raw(raw))?);
         Ok((state, PyBytes::new(py, &params)))
     }
 }
 
-impl XArmPort {
-    fn call<T: Send>(
-        &self,
-        py: Python<'_>,
-        request: Request<'_>,
-        take: impl FnOnce(Reply<'_>) -> Option<T> + Send,
-    ) -> PyResult<Answer<T>> {
-        let take = |response: Response<'_>| match response {
-            Response::Reply { state, reply } => Some((state.0, take(reply)?)),
-            _ => None,
-        };
-        self.0.with(py, |link| call(link, &request, take))
-    }
+/// The state and the value of an answer.
+fn answer<T>(xarm::Answer { value, state }: xarm::Answer<T>) -> Answer<T> {
+    (state.0, value)
 }
 
 fn version(text: VersionText<'_>) -> Option<Version> {

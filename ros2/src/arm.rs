@@ -10,7 +10,7 @@ use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Subscription};
 use armwire_host::stamps::{self, Clock};
-use armwire_host::{self as host, ControlLink, Error, Link, open_ling};
+use armwire_host::{Adapter, Error, Link, Options, RECOVERY};
 use ros2_client::{ReadError, RmwRequestId};
 
 use crate::diagnostics::Diagnostics;
@@ -150,7 +150,7 @@ struct Session<'a, 'b> {
     host: &'b mut Host<'a>,
     link: Link<Ling>,
     /// `None` without an adapter.
-    adapter: Option<ControlLink>,
+    adapter: Option<Adapter>,
     stroke: Stroke,
     joints: Vec<Joint>,
     clock: Clock,
@@ -166,16 +166,16 @@ struct Session<'a, 'b> {
 impl<'a, 'b> Session<'a, 'b> {
     /// Opens the arm's port, and subscribes to the adapter's frames and events.
     fn open(host: &'b mut Host<'a>) -> Result<Self, Failure> {
-        let connection = host.arm.port.connect(None)?;
+        let connection = host.arm.port.open(Options::default())?;
         let mut adapter = match &host.arm.control {
-            Some(port) => Some(port.connect(None)?.control()?),
-            None => match connection.control() {
+            Some(port) => Some(port.open(Options::default())?.adapter()?),
+            None => match connection.adapter() {
                 Ok(control) => Some(control),
                 Err(Error::NoControl { .. }) => None,
                 Err(error) => return Err(error.into()),
             },
         };
-        let mut link = open_ling(&connection)?;
+        let mut link = connection.ling()?.into_link();
         let stroke: Stroke = link.read(&Request::ReadStroke)?;
         let mut joints = host.arm.joints.clone();
         joints[JOINTS].max = f64::from(stroke.millimetres()) / 1_000.0;
@@ -186,7 +186,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 frames: true,
                 events: true,
             };
-            adapter.call(control::Request::Subscribe(all))?;
+            adapter.subscribe(all)?;
         }
         let state = link.read(&Request::ReadJoints)?;
         let latest = Reading::new(stamps::now(), &state, stroke).map_err(|error| Failure::Arm(error.to_string()))?;
@@ -412,14 +412,14 @@ impl<'a, 'b> Session<'a, 'b> {
 /// An event of the adapter in words.
 fn describe(event: &Event) -> String {
     match event {
-        Event::Recovery { active: true } => format!("it has {}", host::RECOVERY),
+        Event::Recovery { active: true } => format!("it has {}", RECOVERY),
         event => format!("{event:?}"),
     }
 }
 
 /// The rate at which the adapter polls a Ling arm.
-fn adapter_rate(adapter: &mut ControlLink) -> Result<u32, Failure> {
-    let config = host::config(adapter)?;
+fn adapter_rate(adapter: &mut Adapter) -> Result<u32, Failure> {
+    let config = adapter.config()?;
     match (config.arm, config.poll) {
         (ArmKind::Ling, Poll::Off) => {
             let reason = "the adapter does not poll the arm: enable it by 'armwire config PORT set poll=200 --save'";

@@ -14,7 +14,7 @@
 //! ```
 //!
 //! The path of a `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),
-//! `ControlLink::next_event` receives the event, `stamps::Clock` maps the stamp to system time, `joint_states::Reading`
+//! `Adapter::next_event` receives the event, `stamps::Clock` maps the stamp to system time, `joint_states::Reading`
 //! converts ticks to radians, and `Session::publish` passes it to DDS. Without an adapter the node reads the joints, and the
 //! stamp is the host's time of the answer.
 

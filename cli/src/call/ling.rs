@@ -2,14 +2,12 @@
 
 use std::f32::consts::PI;
 
-use armwire::ling::{
-    GripperSpeed, JOINTS, JointState, Ling, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque,
-};
+use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque};
+use armwire_host::Ling;
 use clap::{Args, Subcommand};
 
 use super::values::{made, one_of, scaled};
 use crate::error::Error;
-use crate::link::Link;
 use crate::output::print_error;
 
 /// The strokes of the grippers that exist, in millimetres.
@@ -78,7 +76,7 @@ pub(crate) struct Target {
 
 impl Command {
     /// The request. A move without a goal of the gripper needs a reading.
-    pub(super) fn request(&self, link: &mut Link<Ling>) -> Result<Request, Error> {
+    pub(super) fn request(&self, arm: &mut Ling) -> Result<Request, Error> {
         Ok(match self {
             Self::ReadInfo => Request::ReadInfo,
             Self::SetZero => Request::SetZero,
@@ -89,7 +87,7 @@ impl Command {
             Self::ReadTemperatures => Request::ReadTemperatures,
             Self::SetTemperatureLimit { limit } => Request::SetTemperatureLimit(*limit),
             Self::ReadVelocities => Request::ReadVelocities,
-            Self::Move(target) => Request::Move(target.to_move(link)?),
+            Self::Move(target) => Request::Move(target.to_move(arm)?),
             Self::SelfCheck => Request::SelfCheck,
         })
     }
@@ -97,10 +95,10 @@ impl Command {
 
 impl Target {
     /// The move. Without a goal of the gripper, that is its reading, with a warning.
-    pub(crate) fn to_move(&self, link: &mut Link<Ling>) -> Result<Move, Error> {
+    pub(crate) fn to_move(&self, arm: &mut Ling) -> Result<Move, Error> {
         let gripper = match self.gripper {
             Some(goal) => goal,
-            None => gripper_reading(link)?,
+            None => gripper_reading(arm)?,
         };
         Ok(Move {
             joints: std::array::from_fn(|joint| (self.joints[joint], self.speed[joint])),
@@ -109,18 +107,13 @@ impl Target {
     }
 }
 
-/// Reads the joints.
-pub(crate) fn read_joints(link: &mut Link<Ling>) -> Result<JointState, Error> {
-    Ok(link.read(&Request::ReadJoints)?)
-}
-
 /// The gripper's reading as its goal.
-fn gripper_reading(link: &mut Link<Ling>) -> Result<Opening, Error> {
-    let reading = read_joints(link)?.opening();
-    let goal = reading.map_err(|error| Error::at(link.name(), format_args!("{error}: --gripper sets the goal")))?;
+fn gripper_reading(arm: &mut Ling) -> Result<Opening, Error> {
+    let reading = arm.read_joints()?.opening();
+    let goal = reading.map_err(|error| Error::at(arm.name(), format_args!("{error}: --gripper sets the goal")))?;
     print_error(&format_args!(
         "{}: the gripper's goal is its reading, {goal}: a grip may loosen (--gripper sets the goal)",
-        link.name()
+        arm.name()
     ));
     Ok(goal)
 }

@@ -5,7 +5,6 @@ pub(crate) mod ling;
 pub(crate) mod values;
 mod xarm;
 
-use armwire::alpha1::Alpha1;
 use armwire::ling::Request;
 use clap::{Args, Subcommand};
 use serde_json::json;
@@ -15,7 +14,7 @@ use crate::describe::{Arm, object};
 use crate::error::Error;
 use crate::link::Link;
 use crate::output::{print_json, print_line};
-use crate::stop::stoppable::Stoppable;
+use crate::stop::stoppable;
 
 /// The arguments of `armwire call`.
 #[derive(Args)]
@@ -53,23 +52,26 @@ impl Call {
         let json = self.json;
         match &self.arm {
             ToArm::Ling(OnPort { arm, command }) => {
-                let mut arm = Stoppable::open(arm)?;
-                let called = command.request(arm.link()).and_then(|request| match request {
-                    Request::Move(target) => arm.run(&target, |link| call(link, &request, json)),
+                let mut arm = stoppable::open(arm)?;
+                let called = command.request(&mut arm).and_then(|request| match request {
+                    Request::Move(target) => {
+                        let (gripper, _speed) = target.gripper;
+                        arm.stop_if_interrupted(gripper, |arm| call(arm.link(), &request, json))
+                    }
                     _ => call(arm.link(), &request, json),
                 });
-                called.map_err(|error| arm.explain(error))
+                called.map_err(|error| error.explained(|error| arm.explain(error)))
             }
             ToArm::Alpha1(OnPort { arm, command }) => {
-                let connection = arm.connect()?;
-                let called = call::<Alpha1>(&mut connection.alpha1()?, &command.request(), json);
-                called.map_err(|error| error.explained(&connection))
+                let mut robot = arm.connect()?.alpha1()?;
+                let called = call(robot.link(), &command.request(), json);
+                called.map_err(|error| error.explained(|error| robot.explain(error)))
             }
             ToArm::Xarm(xarm) => {
                 // Before there is a connection, for the request may be none.
                 let params = xarm.params();
                 let request = xarm.request(&params).map_err(Error::Usage)?;
-                call(&mut xarm.connect()?, &request, json)
+                call(xarm.connect()?.link(), &request, json)
             }
         }
     }

@@ -1,12 +1,12 @@
 //! The requests of an xArm.
 
-use armwire::xarm::{Joint, ProtocolId, Raw, Request, XArm};
+use armwire::xarm::{Joint, ProtocolId, Raw, Request};
+use armwire_host::XArm;
 use clap::{Args, Subcommand};
 
 use super::values::made;
 use crate::error::Error;
 use crate::hex;
-use crate::link::Link;
 use crate::tcp::Host;
 
 /// A request and its host.
@@ -61,12 +61,12 @@ type Hex = Box<[u8]>;
 
 impl OnHost {
     /// Connects to the arm, to speak with the protocol id of the options.
-    pub(super) fn connect(&self) -> Result<Link<XArm>, Error> {
-        let mut link = Link::connect(&self.host)?;
+    pub(super) fn connect(&self) -> Result<XArm, Error> {
+        let mut arm = XArm::connect(&self.host)?;
         if self.supervised {
-            link.messages_mut().protocol = ProtocolId::Supervised;
+            arm.set_protocol(ProtocolId::Supervised);
         }
-        Ok(link)
+        Ok(arm)
     }
 
     /// The parameters of a register without a type of its own.

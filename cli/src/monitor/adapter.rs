@@ -13,7 +13,7 @@ use super::polled::{Readable, news};
 use super::reading::{News, OnFrame, Source};
 use super::recorder::Recorder;
 use crate::adapter::RECOVERY;
-use crate::control::ControlLink;
+use crate::control::Adapter;
 use crate::error::Error;
 use crate::link::LineErrors;
 
@@ -22,7 +22,7 @@ const EVENT_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// A subscription to the adapter of an arm with this protocol.
 struct Subscribed<P> {
-    control: ControlLink,
+    control: Adapter,
     /// A first notice for the user.
     hint: Option<String>,
     on_frame: Option<OnFrame>,
@@ -30,8 +30,8 @@ struct Subscribed<P> {
 }
 
 /// Subscribes to all events of the adapter.
-pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<dyn Source>, Error> {
-    let config = armwire_host::config::get(&mut control)?;
+pub(super) fn open(mut control: Adapter, recorder: &Recorder) -> Result<Box<dyn Source>, Error> {
+    let config = control.config()?;
     let source = match config.arm {
         ArmKind::Ling => Subscribed::<Ling>::open,
         ArmKind::Alpha1 => Subscribed::<Alpha1>::open,
@@ -54,7 +54,7 @@ pub(super) fn open(mut control: ControlLink, recorder: &Recorder) -> Result<Box<
 }
 
 impl<P: Readable + 'static> Subscribed<P> {
-    fn open(control: ControlLink, hint: Option<String>, recorder: &Recorder) -> Box<dyn Source> {
+    fn open(control: Adapter, hint: Option<String>, recorder: &Recorder) -> Box<dyn Source> {
         Box::new(Self {
             control,
             hint,
@@ -105,7 +105,7 @@ impl<P: Readable> Source for Subscribed<P> {
         LineErrors::default()
     }
 
-    fn adapter(&mut self) -> Option<&mut ControlLink> {
+    fn adapter(&mut self) -> Option<&mut Adapter> {
         Some(&mut self.control)
     }
 }

@@ -23,13 +23,11 @@ mod xarm;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use armwire_host::open_ling;
+use armwire_host::XArm;
 use clap::Args;
 
-use crate::adapter::identify;
 use crate::args::{ArmKind, Place};
 use crate::error::Error;
-use crate::link::Link;
 
 use output::Form;
 use polled::Polled;
@@ -76,7 +74,7 @@ impl Monitor {
                 recorder.create()?;
                 let shown = session.watch(&mut watched, self.rate, &mut recorder);
                 match &watched.connection {
-                    Some(connection) => shown.map_err(|error| error.explained(connection)),
+                    Some(connection) => shown.map_err(|error| error.explained(|error| connection.explain(error))),
                     None => shown,
                 }
             });
@@ -112,7 +110,7 @@ impl Monitor {
             });
         }
         if matches!(self.place.arm, ArmKind::Xarm) {
-            let link = recorder.tapped(Link::connect(&self.place.host()?)?);
+            let link = recorder.tapped(XArm::connect(&self.place.host()?)?.into_link());
             let source = Box::new(xarm::PolledXArm::new(link));
             return Ok(Watched {
                 source,
@@ -122,15 +120,15 @@ impl Monitor {
         }
         let connection = self.place.connect()?;
         let source: Box<dyn Source> = match self.place.arm {
-            ArmKind::Alpha1 => Box::new(Polled(recorder.tapped(connection.alpha1()?))),
+            ArmKind::Alpha1 => Box::new(Polled(recorder.tapped(connection.alpha1()?.into_link()))),
             _ if is_legacy => Box::new(legacy::Listener::new(recorder.tapped(connection.legacy()?))),
-            _ => Box::new(Polled(recorder.tapped(open_ling(&connection)?))),
+            _ => Box::new(Polled(recorder.tapped(connection.ling()?.into_link()))),
         };
         let adapter = match self.place.control(&connection) {
             // A control port that the user names must have an adapter that answers.
             control if self.place.control.is_some() => {
                 let mut control = control?;
-                identify(&mut control)?;
+                control.identify()?;
                 Some(Ok(control))
             }
             _ if form != Form::Screen => None,

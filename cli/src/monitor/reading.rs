@@ -2,7 +2,7 @@
 
 use armwire_bridge::control::Stamp;
 
-use crate::control::ControlLink;
+use crate::control::Adapter;
 use crate::describe::Fact;
 use crate::error::Error;
 use crate::link::LineErrors;
@@ -60,7 +60,7 @@ pub(super) trait Source {
     fn line_errors(&self) -> LineErrors;
 
     /// The adapter, if it is the source.
-    fn adapter(&mut self) -> Option<&mut ControlLink> {
+    fn adapter(&mut self) -> Option<&mut Adapter> {
         None
     }
 }

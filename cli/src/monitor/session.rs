@@ -10,8 +10,7 @@ use super::model::{Adapter, Latest, Model};
 use super::output::{Form, Output, Step};
 use super::reading::{News, Source};
 use super::recorder::Recorder;
-use crate::adapter::{counters, describe, identify, latencies};
-use crate::control::ControlLink;
+use crate::adapter::describe;
 use crate::error::Error;
 use crate::output::{print_error, print_line};
 use crate::port::Connection;
@@ -31,7 +30,7 @@ const RETRY_PERIOD: Duration = Duration::from_millis(500);
 pub(super) struct Watched {
     pub(super) source: Box<dyn Source>,
     /// The adapter, unless it is the source, or the error of its port: a monitor works without it.
-    pub(super) adapter: Option<Result<ControlLink, Error>>,
+    pub(super) adapter: Option<Result<armwire_host::Adapter, Error>>,
     /// The arm's connection, which explains errors. `None` if the source is not on one.
     pub(super) connection: Option<Connection>,
 }
@@ -235,13 +234,13 @@ impl<'a> Session<'a> {
 }
 
 /// Reads the adapter's counters. After an error it is not polled again.
-fn poll_adapter(control: &mut ControlLink, model: &mut Model) {
+fn poll_adapter(control: &mut armwire_host::Adapter, model: &mut Model) {
     let name = match &model.adapter {
         Some(Adapter { counts: Err(_), .. }) => return,
         Some(adapter) => Ok(adapter.name.clone()),
-        None => identify(control).map(|identity| describe(&identity)),
+        None => control.identify().map(|identity| describe(&identity)),
     };
-    let counts = name.and_then(|name| Ok((name, counters(control)?, latencies(control)?)));
+    let counts = name.and_then(|name| Ok((name, control.counters()?, control.latencies()?)));
     model.adapter = Some(match counts {
         Ok((name, counters, latencies)) => Adapter {
             name,

@@ -7,7 +7,7 @@ use serde_json::json;
 use super::bench::{Bench, at, losses, payload, quiet, unexpected};
 use super::report::{Passed, Trouble, ensure};
 use super::{Checked, Plan, planned};
-use armwire_host::config::object;
+use armwire_host::settings::object;
 
 /// Bytes echoed during each save.
 const BYTES: usize = 2_000;

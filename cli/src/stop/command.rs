@@ -1,8 +1,8 @@
 //! `armwire stop`: stops an arm.
 
-use armwire::alpha1::{self, Alpha1};
+use armwire::alpha1;
+use armwire::ling::Opening;
 use armwire::ling::stop::{Grip, Stopped};
-use armwire::ling::{Ling, Opening};
 use armwire_bridge::control::STOP_MS;
 use clap::Args;
 
@@ -11,11 +11,9 @@ use crate::args::{ArmKind, Place};
 use crate::call::call;
 use crate::call::ling::opening;
 use crate::error::Error;
-use crate::legacy;
-use crate::link::Link;
 use crate::output::{print_error, print_line};
 use crate::port::Connection;
-use armwire_host::{Error as Host, stop};
+use armwire_host::{Error as Host, Ling};
 
 /// The arguments of `armwire stop`.
 #[derive(Args)]
@@ -53,7 +51,9 @@ impl StopArm {
         let connection = self.place.connect()?;
         match self.by_adapter(&connection)? {
             true => Ok(()),
-            false => self.on_line(&connection).map_err(|error| error.explained(&connection)),
+            false => self
+                .on_line(&connection)
+                .map_err(|error| error.explained(|error| connection.explain(error))),
         }
     }
 
@@ -91,13 +91,13 @@ impl StopArm {
             ArmKind::Alpha1 if self.gripper.is_some() => {
                 Err(Error::Usage("--gripper does not apply to an alpha1".to_owned()))
             }
-            ArmKind::Alpha1 => call::<Alpha1>(&mut connection.alpha1()?, &alpha1::Request::Stop, false),
-            ArmKind::Ling | ArmKind::Xarm => self.ling(&mut legacy::open(connection)?),
+            ArmKind::Alpha1 => call(connection.alpha1()?.link(), &alpha1::Request::Stop, false),
+            ArmKind::Ling | ArmKind::Xarm => self.ling(&mut connection.ling()?),
         }
     }
 
-    fn ling(&self, link: &mut Link<Ling>) -> Result<(), Error> {
-        let stopped = stop(link, self.gripper)?;
+    fn ling(&self, arm: &mut Ling) -> Result<(), Error> {
+        let stopped = arm.stop(self.gripper)?;
         print_line(show(&stopped))?;
         if let Stopped::AtRest {
             grip: Grip::Reading, ..
@@ -105,7 +105,7 @@ impl StopArm {
         {
             print_error(&format_args!(
                 "{}: the gripper's goal is now its reading: a grip may have loosened (--gripper sets the goal)",
-                link.name()
+                arm.name()
             ));
         }
         Ok(())

@@ -6,7 +6,7 @@ pub(crate) mod stoppable;
 use armwire::ling::stop::Stopped;
 
 /// The end of a stop, in words.
-fn show(stopped: &Stopped) -> String {
+pub(crate) fn show(stopped: &Stopped) -> String {
     let (what, state) = match *stopped {
         Stopped::AtRest { state, .. } => ("stopped", state),
         Stopped::WithoutTorque(state) => ("the torque is off, so nothing was sent", state),

@@ -14,7 +14,7 @@ use std::time::Duration;
 use armwire_bridge::control::Request;
 use clap::Args;
 
-use crate::adapter::{AdapterPort, describe, identify};
+use crate::adapter::{AdapterPort, describe};
 use crate::error::Error;
 use crate::output::print_line;
 use dfu_util::{Commands, DFU_UTIL, is_listed};
@@ -55,7 +55,7 @@ impl Update {
 
         let mut control = self.adapter.open()?;
         let name = control.name().to_owned();
-        let identity = identify(&mut control)?;
+        let identity = control.identify()?;
         if image.board != identity.board.as_str() {
             let what = format!(
                 "the image is for the board {}, the adapter is a {}",
@@ -109,12 +109,7 @@ impl Update {
             return Err(Error::at(DFU_UTIL, format!("failed ({status}): {again}")));
         }
         dfu_util.leave(progress);
-        let back = || {
-            self.adapter
-                .open()
-                .and_then(|mut control| Ok(identify(&mut control)?))
-                .ok()
-        };
+        let back = || self.adapter.open().and_then(|mut control| Ok(control.identify()?)).ok();
         match repeat(back) {
             Some(identity) => print_line(format!("{name}: {}", describe(&identity))),
             None => {

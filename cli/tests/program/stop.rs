@@ -1,8 +1,8 @@
 //! Stopping an arm: `armwire stop`, and the library's call.
 
 use armwire::ling::stop::{Grip, Stopped};
-use armwire::ling::{GripperSpeed, JointState, Ling, Move, Opening, Position, Request, Response, Speed};
-use armwire_host::{Error, Link, Port, open_ling, stop, stop_interruptibly};
+use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Speed};
+use armwire_host::{Error, Ling};
 use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -12,15 +12,14 @@ use crate::common::{Arm, NO_ANSWER, failure, retry_while, run, run_against, succ
 use crate::pty::with_monitor;
 use crate::signals::Stepped;
 
-fn open(port: &str) -> Link<Ling> {
-    let port: Port = port.parse().unwrap();
-    open_ling(&port.connect(None).unwrap()).unwrap()
+fn open(port: &str) -> Ling {
+    armwire_host::open(port).unwrap().ling().unwrap()
 }
 
-fn read(link: &mut Link<Ling>) -> JointState {
+fn read(arm: &mut Ling) -> JointState {
     loop {
         // On a busy system an answer may be late.
-        if let Ok(Some(Response::Joints(state))) = link.call(&Request::ReadJoints, |response| response) {
+        if let Ok(state) = arm.read_joints() {
             return state;
         }
     }
@@ -36,17 +35,21 @@ fn far_target() -> Move {
 
 #[test]
 fn stopped_arm_rests_between_start_and_target() {
-    let arm = Arm::start("ling", "stop-library", &[]);
-    for (goal, grip) in [(Some(Opening::OPEN), Grip::Goal), (None, Grip::Reading)] {
-        let mut link = open(&arm.port);
-        let start = read(&mut link);
-        link.call(&Request::Move(far_target()), drop).unwrap();
-        while read(&mut link).joints == start.joints {}
-        let Stopped::AtRest { state, grip: held } = stop(&mut link, goal).unwrap() else {
+    let virtual_arm = Arm::start("ling", "stop-library", &[]);
+    for (is_known, grip) in [(true, Grip::Goal), (false, Grip::Reading)] {
+        let mut arm = open(&virtual_arm.port);
+        let start = read(&mut arm);
+        arm.move_to(&far_target()).unwrap();
+        while read(&mut arm).joints == start.joints {}
+        if !is_known {
+            drop(arm);
+            arm = open(&virtual_arm.port);
+        }
+        let Stopped::AtRest { state, grip: held } = arm.stop(None).unwrap() else {
             panic!("its torque is on");
         };
         assert_eq!(held, grip);
-        assert_eq!(read(&mut link).joints, state.joints, "it still moves");
+        assert_eq!(read(&mut arm).joints, state.joints, "it still moves");
         let between = start.joints[0] + 1..4_000;
         assert!(state.joints.iter().all(|ticks| between.contains(ticks)), "{state:?}");
     }
@@ -55,23 +58,23 @@ fn stopped_arm_rests_between_start_and_target() {
 #[test]
 fn interrupt_does_not_end_a_stop() {
     let silent = Pty::open(None).unwrap();
-    let mut link = open(silent.path().to_str().unwrap());
-    link.set_interrupt(|| Err("Ctrl-C".into()));
-    let error = stop(&mut link, None).unwrap_err();
+    let mut arm = open(silent.path().to_str().unwrap());
+    arm.set_interrupt(|| Err("Ctrl-C".into()));
+    let error = arm.stop(None).unwrap_err();
     assert!(
         matches!(&error, Error::NotStopped { cause, .. } if cause.contains("no answer in")),
         "{error}"
     );
-    let later = link.call(&Request::ReadJoints, drop);
+    let later = arm.read_joints();
     assert!(matches!(later, Err(Error::Interrupted(_))), "{later:?}");
 }
 
 #[test]
 fn interrupt_ends_an_interruptible_stop() {
-    let arm = Arm::start("ling", "stop-interruptibly", &[]);
-    let mut link = open(&arm.port);
-    link.set_interrupt(|| Err("again".into()));
-    let error = stop_interruptibly(&mut link, None).unwrap_err();
+    let virtual_arm = Arm::start("ling", "stop-interruptibly", &[]);
+    let mut arm = open(&virtual_arm.port);
+    arm.set_interrupt(|| Err("again".into()));
+    let error = arm.stop_interruptibly(None).unwrap_err();
     assert!(
         matches!(&error, Error::Interrupted(reason) if reason.to_string() == "again"),
         "{error}"

@@ -18,11 +18,11 @@ use crate::text::{Remedy, Text};
 
 /// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
-/// Maximum number of events that wait for [`next_event`](ControlLink::next_event): four seconds of polls at 1 kHz.
+/// Maximum number of events that wait for [`next_event`](Adapter::next_event): four seconds of polls at 1 kHz.
 const MAX_EVENTS: usize = 4_096;
 
 /// The control port of one adapter.
-pub struct ControlLink {
+pub struct Adapter {
     transport: Box<dyn Transport>,
     sequence: u8,
     /// True if this port is subscribed to events.
@@ -69,7 +69,7 @@ fn first_sequence() -> u8 {
     (std::process::id() as u8).wrapping_add(LINKS.fetch_add(STEP, Ordering::Relaxed))
 }
 
-impl ControlLink {
+impl Adapter {
     /// On USB, or on a port of its own.
     pub fn on_line(line: Box<dyn Line>) -> Self {
         Self::new(Box::new(Stream {
@@ -239,7 +239,7 @@ fn describe(failure: Failure) -> Text {
     reason.into()
 }
 
-impl Drop for ControlLink {
+impl Drop for Adapter {
     fn drop(&mut self) {
         if self.is_subscribed {
             // The program ends: an error has no recipient.
@@ -342,13 +342,13 @@ mod tests {
         }
     }
 
-    fn link(events: u64) -> ControlLink {
+    fn link(events: u64) -> Adapter {
         link_with(events, Reply::Done)
     }
 
-    fn link_with(events: u64, reply: Reply) -> ControlLink {
+    fn link_with(events: u64, reply: Reply) -> Adapter {
         let out = VecDeque::new();
-        ControlLink::on_line(Box::new(EventSource { events, reply, out }))
+        Adapter::on_line(Box::new(EventSource { events, reply, out }))
     }
 
     #[test]

@@ -2,12 +2,7 @@
 
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
-use armwire_bridge::control::{Reply, Request};
 use serde_json::{Value, json};
-
-use crate::adapter;
-use crate::control::ControlLink;
-use crate::error::Error;
 
 /// One setting of an adapter.
 pub struct Key {
@@ -151,7 +146,7 @@ pub struct Setting {
     pub value: String,
 }
 
-/// Applies a setting, such as `poll=200`, as in `armwire config PORT set`.
+/// Applies a setting, such as `poll=200`.
 ///
 /// # Errors
 ///
@@ -170,18 +165,6 @@ pub fn setting(text: &str) -> Result<Setting, String> {
     key.set(&mut Config::default(), value)?;
     let value = value.to_owned();
     Ok(Setting { key, value })
-}
-
-/// The configuration in force.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn get(control: &mut ControlLink) -> Result<Config, Error> {
-    match control.call(Request::GetConfig)? {
-        Reply::Config(config) => Ok(config),
-        reply => Err(adapter::unexpected(control, &reply)),
-    }
 }
 
 /// A configuration as a JSON object.

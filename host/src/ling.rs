@@ -1,0 +1,354 @@
+//! A Ling arm: its requests, and what a motion depends on.
+
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire::ling::stop::{Grip, Stopped};
+use armwire::ling::{
+    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, SelfCheck, Speed, Stroke,
+    TemperatureLimit, Torque,
+};
+
+use crate::error::Error;
+use crate::link::{Interrupt, LineErrors, Link};
+use crate::port::Connection;
+use crate::stop;
+
+/// A gripper whose reading is the same for this long stands still: it may hold something.
+const STANDSTILL_TIME: Duration = Duration::from_secs(1);
+/// Period of the readings during a motion.
+const POLL_PERIOD: Duration = Duration::from_millis(20);
+
+/// A Ling arm on a port, which [`Connection::ling`] opens.
+///
+/// Every call fails with an [`Error`]: the line fails, or no acceptable answer arrives. A read is repeated after a timeout.
+/// A call that only sends has no answer: read back what it changes.
+///
+/// ```no_run
+/// use std::time::Duration;
+///
+/// use armwire::ling::{GripperSpeed, Move, Speed};
+///
+/// let mut arm = armwire_host::open("/dev/ttyUSB0")?.ling()?;
+/// let pose = arm.read_joints()?;
+/// let speed = Speed::new(300)?;
+/// let target = Move {
+///     joints: pose.positions()?.map(|position| (position, speed)),
+///     gripper: (pose.opening()?, GripperSpeed(1000)),
+/// };
+/// arm.move_and_wait(&target, Duration::from_secs(5))?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Ling {
+    link: Link<armwire::ling::Ling>,
+    connection: Connection,
+    /// The gripper's goal in the last move that was sent. `None` before, and after the torque was off: the gripper then
+    /// holds nothing.
+    gripper: Option<Opening>,
+    /// True if the last reading did not show the torque off. False before the first one, and after the torque was
+    /// switched: the next move reads first.
+    may_move: bool,
+}
+
+impl Ling {
+    pub(crate) fn new(link: Link<armwire::ling::Ling>, connection: Connection) -> Self {
+        Self {
+            link,
+            connection,
+            gripper: None,
+            may_move: false,
+        }
+    }
+
+    /// Reads the arm's kind, serial number and versions.
+    pub fn read_info(&mut self) -> Result<Info, Error> {
+        self.link.read(&Request::ReadInfo)
+    }
+
+    /// Reads the joint positions, the gripper and the motion status.
+    pub fn read_joints(&mut self) -> Result<JointState, Error> {
+        let state: JointState = self.link.read(&Request::ReadJoints)?;
+        self.may_move = state.status.is_holding() != Some(false);
+        if !self.may_move {
+            self.gripper = None;
+        }
+        Ok(state)
+    }
+
+    /// Reads the joints of an arm that is to move.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::TorqueOff`] if the torque is off.
+    pub fn read_torque(&mut self) -> Result<JointState, Error> {
+        let state = self.read_joints()?;
+        match self.may_move {
+            true => Ok(state),
+            false => Err(self.without_torque(&state, "nothing was sent")),
+        }
+    }
+
+    /// Reads the joints of an arm in motion.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::TorqueOff`] if the torque went off after a move. An arm that was not moved may be moved by hand.
+    pub fn read_motion(&mut self) -> Result<JointState, Error> {
+        let has_moved = self.has_moved();
+        let state = self.read_joints()?;
+        match has_moved && !self.may_move {
+            true => Err(self.without_torque(&state, "the arm is not moved")),
+            false => Ok(state),
+        }
+    }
+
+    /// Reads the temperature of every servo, in °C.
+    pub fn read_temperatures(&mut self) -> Result<PerServo<u8>, Error> {
+        self.link.read(&Request::ReadTemperatures)
+    }
+
+    /// Reads the velocity of every servo, in ticks per second.
+    pub fn read_velocities(&mut self) -> Result<PerServo<u16>, Error> {
+        self.link.read(&Request::ReadVelocities)
+    }
+
+    /// Reads the configured stroke of the gripper.
+    pub fn read_stroke(&mut self) -> Result<Stroke, Error> {
+        self.link.read(&Request::ReadStroke)
+    }
+
+    /// Runs a self-check of every servo.
+    pub fn self_check(&mut self) -> Result<SelfCheck, Error> {
+        self.link.read(&Request::SelfCheck)
+    }
+
+    /// Starts a motion. The arm does not confirm it: read the joints to follow it.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::TorqueOff`], and nothing is sent. The torque is read before the first move, and before a move after a
+    /// reading that showed it off: a stream of moves costs no readings.
+    pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
+        let (gripper, _speed) = target.gripper;
+        if !self.may_move {
+            self.read_torque()?;
+        }
+        self.link.send(&Request::Move(*target))?;
+        self.gripper = Some(gripper);
+        Ok(())
+    }
+
+    /// Starts a motion, as [`move_to`](Self::move_to). An omitted gripper gets its last goal, else its reading: a grip may
+    /// loosen then. Returns which it was.
+    ///
+    /// # Errors
+    ///
+    /// As of [`move_to`](Self::move_to).
+    pub fn move_joints(
+        &mut self,
+        joints: [(Position, Speed); JOINTS],
+        gripper: Option<Opening>,
+        gripper_speed: GripperSpeed,
+    ) -> Result<Grip, Error> {
+        let (opening, grip) = match gripper.or(self.gripper) {
+            Some(goal) => (goal, Grip::Goal),
+            // As in a stop, a reading beyond the open end stands for that end.
+            None => (self.read_torque()?.opening().unwrap_or(Opening::OPEN), Grip::Reading),
+        };
+        let gripper = (opening, gripper_speed);
+        self.move_to(&Move { joints, gripper })?;
+        Ok(grip)
+    }
+
+    /// Moves the arm, and waits until the joints and the gripper have [reached](Move::is_reached_by) the target, or until
+    /// the gripper has stood still for 1 s, for example at an object. The [interrupt](Self::set_interrupt) stops the arm.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotReached`] after `limit`: the arm may move on. [`Error::Stopped`] after an interrupt.
+    /// [`Error::TorqueOff`] if the torque is off, or goes off.
+    pub fn move_and_wait(&mut self, target: &Move, limit: Duration) -> Result<JointState, Error> {
+        let (gripper, _speed) = target.gripper;
+        self.stop_if_interrupted(gripper, |arm| {
+            arm.move_to(target)?;
+            arm.wait_for(target, limit)
+        })
+    }
+
+    /// Runs `motion`, which gives the gripper this goal. If the [interrupt](Self::set_interrupt) returns an error meanwhile
+    /// or afterwards, the arm is stopped.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Stopped`] after an interrupt, or the error of the stop. Otherwise that of `motion`.
+    pub fn stop_if_interrupted<T, E: From<Error>>(
+        &mut self,
+        gripper: Opening,
+        motion: impl FnOnce(&mut Self) -> Result<T, E>,
+    ) -> Result<T, E> {
+        self.link.check_interrupt()?;
+        let result = motion(self);
+        let Err(Error::Interrupted(reason)) = self.link.check_interrupt() else {
+            return result;
+        };
+        let stopped = self.stop(Some(gripper))?;
+        let name = self.link.name().to_owned();
+        Err(Error::Stopped { name, stopped, reason }.into())
+    }
+
+    /// Stops the arm and keeps its torque on, as [`Stop`](armwire::ling::Stop) describes. Takes 2 s at most, and the timeout
+    /// of one read. An omitted gripper gets its last goal, else its reading: a grip may loosen then. The
+    /// [interrupt](Self::set_interrupt) does not end the stop: an interrupted program calls it.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotStopped`] if the arm may still move, and errors of the line. A read without a sound answer is repeated.
+    pub fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
+        self.stop_by(gripper, stop::stop)
+    }
+
+    /// As [`stop`](Self::stop), but the interrupt ends it, as [`Error::Interrupted`]: the caller has taken the one that the
+    /// stop is for.
+    ///
+    /// # Errors
+    ///
+    /// As [`stop`](Self::stop), and [`Error::Interrupted`].
+    pub fn stop_interruptibly(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
+        self.stop_by(gripper, stop::stop_interruptibly)
+    }
+
+    /// Switches the torque. With torque off the arm falls.
+    pub fn set_torque(&mut self, torque: Torque) -> Result<(), Error> {
+        self.may_move = false;
+        if torque == Torque::Off {
+            self.gripper = None;
+        }
+        self.link.send(&Request::SetTorque(torque))
+    }
+
+    /// Makes the present pose the zero position. The arm switches its torque off, and falls.
+    pub fn set_zero(&mut self) -> Result<(), Error> {
+        self.may_move = false;
+        self.gripper = None;
+        self.link.send(&Request::SetZero)
+    }
+
+    /// Sets the stroke of the gripper.
+    pub fn set_stroke(&mut self, stroke: Stroke) -> Result<(), Error> {
+        self.link.send(&Request::SetStroke(stroke))
+    }
+
+    /// Sets the temperature limit of the overheat protection.
+    pub fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), Error> {
+        self.link.send(&Request::SetTemperatureLimit(limit))
+    }
+
+    /// True if a move was sent since the torque was last off.
+    pub fn has_moved(&self) -> bool {
+        self.gripper.is_some()
+    }
+
+    /// Makes calls run this check at least every 100 ms while they wait, for Ctrl-C. Its error ends the call, as
+    /// [`Error::Interrupted`], and stops the arm if [`move_and_wait`](Self::move_and_wait) runs.
+    pub fn set_interrupt(&mut self, check: Interrupt) {
+        self.link.set_interrupt(check);
+    }
+
+    /// The port's name, as typed by the user.
+    pub fn name(&self) -> &str {
+        self.link.name()
+    }
+
+    /// Errors on the line so far.
+    pub fn line_errors(&self) -> LineErrors {
+        self.link.line_errors()
+    }
+
+    /// Adds to an error what only the adapter knows: see [`Connection::explain`].
+    #[must_use]
+    pub fn explain(&self, error: Error) -> Error {
+        self.connection.explain(error)
+    }
+
+    /// The arm's link, for any request. A move by it is not known here: [`move_to`](Self::move_to) is for moves.
+    pub fn link(&mut self) -> &mut Link<armwire::ling::Ling> {
+        &mut self.link
+    }
+
+    /// The arm's link alone.
+    pub fn into_link(self) -> Link<armwire::ling::Ling> {
+        self.link
+    }
+
+    fn stop_by(
+        &mut self,
+        gripper: Option<Opening>,
+        stop: impl FnOnce(&mut Link<armwire::ling::Ling>, Option<Opening>) -> Result<Stopped, Error>,
+    ) -> Result<Stopped, Error> {
+        self.may_move = false;
+        let goal = gripper.or(self.gripper);
+        let stopped = stop(&mut self.link, goal)?;
+        match stopped {
+            Stopped::AtRest { .. } => (self.gripper, self.may_move) = (goal, true),
+            Stopped::WithoutTorque(_) => self.gripper = None,
+        }
+        Ok(stopped)
+    }
+
+    /// Reads until the target is reached, or the gripper stands still at reached joints.
+    fn wait_for(&mut self, target: &Move, limit: Duration) -> Result<JointState, Error> {
+        let start = Instant::now();
+        let mut gripper = Standstill::default();
+        loop {
+            self.link.check_interrupt()?;
+            let state = self.read_motion()?;
+            let stands_still = gripper.lasts(start.elapsed(), state.gripper) >= STANDSTILL_TIME;
+            if target.are_joints_reached_by(&state) && (stands_still || target.is_gripper_reached_by(&state)) {
+                return Ok(state);
+            }
+            if start.elapsed() >= limit {
+                let name = self.link.name().to_owned();
+                return Err(Error::NotReached { name, state, limit });
+            }
+            thread::sleep(POLL_PERIOD);
+        }
+    }
+
+    fn without_torque(&self, state: &JointState, effect: &'static str) -> Error {
+        Error::TorqueOff {
+            name: self.link.name().to_owned(),
+            status: state.status,
+            effect,
+        }
+    }
+}
+
+/// A gripper's reading, and the time since which it is the same.
+#[derive(Default)]
+struct Standstill(Option<(u16, Duration)>);
+
+impl Standstill {
+    /// Takes a reading, and returns how long it has been the same.
+    fn lasts(&mut self, now: Duration, opening: u16) -> Duration {
+        match self.0 {
+            Some((before, since)) if before == opening => now - since,
+            _ => {
+                self.0 = Some((opening, now));
+                Duration::ZERO
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gripper_stands_still_while_its_reading_stays() {
+        let mut gripper = Standstill::default();
+        let lasts = |(millis, opening): (u64, u16)| gripper.lasts(Duration::from_millis(millis), opening).as_millis();
+        let readings = [(10, 0), (500, 0), (600, 1), (1600, 1), (1601, 0), (1602, 0)];
+        assert_eq!(readings.map(lasts), [0, 490, 0, 1000, 0, 1]);
+    }
+}
