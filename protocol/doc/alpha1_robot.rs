@@ -13,7 +13,7 @@ async fn robot<P: Read + Write>(
     let firmware = arm.read_firmware_version().await?;
     if firmware.outcome != Outcome::Success || firmware.text < OLDEST_FIRMWARE {
         let hardware = arm.read_hardware_version(|version| version.to_string()).await?;
-        println!("{hardware} has a firmware too old: {firmware:?}");
+        println!("{hardware} with firmware {firmware}");
         return Ok(false);
     }
     if arm.act(action).await? == Outcome::Failure {

@@ -50,7 +50,7 @@ impl Arm for Alpha1 {
             Response::UsbType(outcome) => done("USB type", *outcome),
             Response::Playing(outcome) => done("play", *outcome),
             Response::Servo(response) => servo_response(response),
-            other => Fact::words("message", format_args!("{other:?}")),
+            other => Fact::words("message", other),
         }]
     }
 

@@ -23,7 +23,7 @@ impl Arm for Legacy {
         match response {
             Response::Joints(state) => vec![joints(state.joints())],
             Response::Gripper(state) => gripper(Some(state)),
-            other => vec![Fact::words("message", format_args!("{other:?}"))],
+            other => vec![Fact::words("message", other)],
         }
     }
 }

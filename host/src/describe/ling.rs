@@ -62,7 +62,7 @@ impl Arm for Ling {
                 Fact::each(("velocities", "velocity"), "rad_per_s", " °/s", speeds)
             }
             Response::SelfCheck(check) => self_check(*check, None),
-            other => Fact::words("message", format_args!("{other:?}")),
+            other => Fact::words("message", other),
         }]
     }
 

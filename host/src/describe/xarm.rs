@@ -45,7 +45,7 @@ impl Arm for XArm {
                 let text = format!("no standard Modbus function {function}, unit {unit}");
                 vec![Fact::words("refused", text)]
             }
-            other => vec![Fact::words("message", format_args!("{other:?}"))],
+            other => vec![Fact::words("message", other)],
         }
     }
 
@@ -103,7 +103,7 @@ fn reply(reply: &Reply<'_>, state: State) -> Vec<Fact> {
         }
         Reply::SystemControl(value) => Fact::words("system control", format_args!("value {value}")),
         Reply::Raw(raw) => Fact::words(&format!("register {}", raw.register()), raw.values()),
-        other => Fact::words("message", format_args!("{other:?}")),
+        other => Fact::words("message", other),
     }]
 }
 
