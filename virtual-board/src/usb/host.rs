@@ -164,7 +164,7 @@ impl Control {
 }
 
 /// One direction of an open endpoint.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Pipe {
     address: u8,
     packet: usize,
@@ -358,16 +358,9 @@ impl Host {
             Pipe {
                 address,
                 packet: usize::from(endpoint.packet.max(1)),
-                toggle: false,
                 interval: interrupt.then(|| u16::from(endpoint.interval.max(1))),
-                due: false,
-                outbox: VecDeque::new(),
                 reading: true,
-                paused: false,
-                inbox: VecDeque::new(),
-                naks: 0,
-                attempts: 0,
-                failed: None,
+                ..Pipe::default()
             },
         );
     }

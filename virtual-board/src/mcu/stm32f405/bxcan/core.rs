@@ -37,10 +37,11 @@ const RECOVERY: u32 = 128;
 /// Number of frames in a FIFO.
 const FIFO_DEPTH: usize = 3;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {
     Initialization,
     Normal,
+    #[default]
     Sleep,
 }
 
@@ -112,7 +113,7 @@ struct Echo {
 }
 
 /// The controller.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Core {
     /// The instant of the present event.
     pub(super) now: Nanos,
@@ -141,29 +142,14 @@ pub(super) struct Core {
     confinement: Confinement,
 }
 
-impl Default for Core {
+impl Core {
     /// The reset state of the controller: asleep (32.4.3).
-    fn default() -> Self {
+    pub(super) fn new() -> Self {
         Self {
-            now: Nanos(0),
             clock_hz: RESET_HZ,
-            out_of_reach: false,
-            mode: Mode::Sleep,
-            wait: None,
-            busy: false,
-            free: Nanos(0),
             mcr: mcr::AFTER_RESET,
-            flags: 0,
-            ier: 0,
             btr: btr::AFTER_RESET,
-            last_error: 0,
-            mailboxes: Default::default(),
-            requests: 0,
-            sending: None,
-            echo: None,
-            fifos: Default::default(),
-            filters: Filters::default(),
-            confinement: Confinement::default(),
+            ..Self::default()
         }
     }
 }
@@ -236,7 +222,7 @@ impl Core {
                 free: self.free,
                 btr: self.btr,
                 filters: std::mem::take(&mut self.filters),
-                ..Self::default()
+                ..Self::new()
             };
             return;
         }

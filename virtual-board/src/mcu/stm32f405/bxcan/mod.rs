@@ -25,7 +25,7 @@ pub(super) struct Can {
 impl Can {
     pub(super) fn new(bus: Shared<Bus>) -> Self {
         Self {
-            core: Core::default(),
+            core: Core::new(),
             bus,
             wake: None,
             progress: false,
@@ -95,7 +95,7 @@ impl Peripheral for Can {
     /// Resets the controller, but not the bus and the clock.
     fn reset(&mut self, now: Nanos) {
         let clock_hz = self.core.clock_hz;
-        self.core = Core::default();
+        self.core = Core::new();
         self.core.clock_hz = clock_hz;
         self.settle(now);
     }

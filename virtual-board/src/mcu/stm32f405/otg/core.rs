@@ -99,7 +99,7 @@ struct Entry {
 }
 
 /// The controller.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Core {
     /// The instant of the present event.
     pub(super) now: Nanos,
@@ -141,41 +141,15 @@ pub(super) struct Core {
     steps: Vec<(Nanos, Step)>,
 }
 
-impl Default for Core {
+impl Core {
     /// The reset state of the controller.
-    fn default() -> Self {
+    pub(super) fn new() -> Self {
         let mut core = Self {
-            now: Nanos(0),
-            clocked: false,
-            vbus: false,
-            gotgint: 0,
-            gahbcfg: 0,
             gusbcfg: 0x0000_0A00,
             grstctl: grstctl::AHBIDL,
-            latched: 0,
-            gintmsk: 0,
             grxfsiz: 0x0000_0200,
-            gccfg: 0,
             dcfg: 0x0220_0000,
-            old_address: 0,
-            dctl: 0,
-            out_nak_reported: false,
-            suspended: false,
-            enumerated: false,
-            frame: 0,
-            diepmsk: 0,
-            doepmsk: 0,
-            daintmsk: 0,
-            diepempmsk: 0,
-            pcgcctl: 0,
-            input: Default::default(),
-            output: Default::default(),
-            received: VecDeque::new(),
-            popped: VecDeque::new(),
-            setup_open: false,
-            misuse: None,
-            clock: Clock::default(),
-            steps: Vec::new(),
+            ..Self::default()
         };
         core.input[0].control = epctl::USBAEP;
         core.output[0].control = epctl::USBAEP;
@@ -195,16 +169,13 @@ impl Core {
             now: self.now,
             vbus: self.vbus,
             clock: self.clock,
-            ..Self::default()
+            ..Self::new()
         }
     }
 
     /// A controller with step durations from this clock.
     pub(super) fn with_clock(clock: Clock) -> Self {
-        Self {
-            clock,
-            ..Self::default()
-        }
+        Self { clock, ..Self::new() }
     }
 
     /// The end of the next step.
@@ -275,7 +246,7 @@ impl Core {
                 // 34.16.2: all registers except some of PCGCCTL and DCFG's speed.
                 *self = Self {
                     clocked: self.clocked,
-                    dcfg: Self::default().dcfg | self.dcfg & device::DSPD,
+                    dcfg: Self::new().dcfg | self.dcfg & device::DSPD,
                     pcgcctl: self.pcgcctl,
                     ..self.restarted()
                 };

@@ -47,7 +47,7 @@ struct Pending {
     requested: Nanos,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Controller {
     now: Nanos,
     clock_hz: u64,
@@ -88,40 +88,17 @@ pub(super) struct Controller {
     received_flags: u32,
 }
 
-impl Default for Controller {
-    fn default() -> Self {
+impl Controller {
+    /// The reset state of the controller.
+    pub(super) fn new() -> Self {
         Self {
-            now: Nanos(0),
-            clock_hz: 0,
-            ram: Ram::default(),
             cccr: cccr::INIT,
             dbtp: dbtp::AT_RESET,
             nbtp: nbtp::AT_RESET,
-            tdcr: 0,
-            divider: 0,
-            ir: 0,
-            ie: 0,
-            ils: 0,
-            ile: 0,
-            rxgfc: 0,
             xidam: Id::MAX_EXTENDED,
-            txbc: 0,
-            txbtie: 0,
-            txbcie: 0,
-            transmitted: 0,
-            cancelled: 0,
-            fifos: [Fifo::default(); 2],
-            pending: VecDeque::new(),
-            put: 0,
-            sending: None,
-            cancelling: 0,
-            wait: None,
-            busy: false,
-            free: Nanos(0),
-            confinement: Confinement::default(),
             last_error: psr::UNCHANGED,
             last_data_error: psr::UNCHANGED,
-            received_flags: 0,
+            ..Self::default()
         }
     }
 }
@@ -136,7 +113,7 @@ impl Controller {
             ram: self.ram.clone(),
             busy: self.busy,
             free: self.free,
-            ..Self::default()
+            ..Self::new()
         };
     }
 

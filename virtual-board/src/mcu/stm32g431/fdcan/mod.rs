@@ -31,7 +31,7 @@ pub(super) struct Fdcan {
 impl Fdcan {
     pub(super) fn new(bus: Shared<Bus>) -> Self {
         Self {
-            controller: Controller::default(),
+            controller: Controller::new(),
             bus,
             wake: None,
             progress: false,

@@ -28,7 +28,7 @@ fn fault(error: BusError) -> Fault {
 
 /// A controller in configuration mode.
 fn open() -> Controller {
-    let mut controller = Controller::default();
+    let mut controller = Controller::new();
     controller.set_clock(80_000_000);
     controller.write(CCCR, cccr::INIT).unwrap();
     controller.write(CCCR, cccr::INIT | cccr::CCE).unwrap();

@@ -30,7 +30,7 @@ impl Bench {
         bus.attach(RATE);
         let core = Core {
             clock_hz: CLOCK,
-            ..Core::default()
+            ..Core::new()
         };
         Self { core, bus }
     }

@@ -12,7 +12,7 @@ const ACTIVE_OUT: u32 = epctl::USBAEP | epctl::SD0PID | 64;
 fn connected() -> Core {
     let mut core = Core {
         clocked: true,
-        ..Core::default()
+        ..Core::new()
     };
     core.write(GCCFG, gccfg::PWRDWN | gccfg::NOVBUSSENS);
     core.write(GAHBCFG, gahbcfg::GINTMSK);

@@ -17,7 +17,7 @@ fn run(host: &mut Host, core: &mut Core, span: Nanos) {
 fn on_a_host() -> (Host, Core) {
     let mut core = Core {
         clocked: true,
-        ..Core::default()
+        ..Core::new()
     };
     core.write(GCCFG, gccfg::PWRDWN | gccfg::NOVBUSSENS);
     core.write(GAHBCFG, gahbcfg::GINTMSK);
@@ -33,7 +33,7 @@ fn on_a_host() -> (Host, Core) {
 
 #[test]
 fn reset_values_match_the_manual() {
-    let mut core = Core::default();
+    let mut core = Core::new();
     for (register, value) in [
         (GAHBCFG, 0),
         (GUSBCFG, 0x0000_0A00),
