@@ -46,7 +46,7 @@ pub enum ArmwireEventKind {
 
 /// An event of a client or a device. Members that its kind does not set are 0.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireEvent {
     /// The kind: an `ArmwireEventKind`.
     pub kind: u32,
@@ -65,17 +65,6 @@ pub struct ArmwireEvent {
 }
 
 impl ArmwireEvent {
-    /// An event without members.
-    const NONE: Self = Self {
-        kind: ArmwireEventKind::Wait as u32,
-        sends: 0,
-        until_us: 0,
-        offset: 0,
-        bytes: core::ptr::null(),
-        len: 0,
-        fault: ArmwireFault::NONE,
-    };
-
     const fn set_bytes(&mut self, bytes: &[u8]) {
         (self.bytes, self.len) = (bytes.as_ptr(), bytes.len());
     }
@@ -101,7 +90,7 @@ impl ArmwireEvent {
 
     /// Sets all members from the output of a client, and returns its response.
     pub(crate) fn set_client<R>(&mut self, output: Output<'_, R>) -> Option<R> {
-        *self = Self::NONE;
+        *self = Self::default();
         let (kind, response) = match output {
             Output::Receive => (ArmwireEventKind::Receive, None),
             Output::Transmit(bytes) => {
@@ -148,7 +137,7 @@ impl ArmwireEvent {
 
     /// Sets all members from the event of a device, and returns its request and the key of the response.
     pub(crate) fn set_device<R, K>(&mut self, event: Option<DeviceEvent<'_, R, K>>) -> (Option<R>, Option<K>) {
-        *self = Self::NONE;
+        *self = Self::default();
         let (kind, request, key) = match event {
             None => {
                 self.until_us = u64::MAX;

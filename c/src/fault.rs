@@ -1,7 +1,7 @@
 //! Errors in bytes and values, with their offset.
 
 use core::ffi::c_char;
-use core::{ptr, slice};
+use core::slice;
 
 #[cfg(feature = "alpha1")]
 use armwire::alpha1;
@@ -93,7 +93,7 @@ pub enum ArmwireMessageKind {
 
 /// An error in bytes or a value. `armwire_fault_text` writes it as text.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireFault {
     /// The kind: an `ArmwireFaultCode`.
     pub code: u8,
@@ -163,7 +163,7 @@ impl Refused {
 
     /// The fault for C.
     pub(crate) fn fault(&self) -> ArmwireFault {
-        let mut fault = ArmwireFault::NONE;
+        let mut fault = ArmwireFault::default();
         if !self.error.what.is_empty() {
             fault.code = ArmwireFaultCode::Value as u8;
             fault.set_range(self.index, self.error);
@@ -178,25 +178,6 @@ fn number(length: usize) -> i32 {
 }
 
 impl ArmwireFault {
-    /// No error.
-    pub(crate) const NONE: Self = Self {
-        code: ArmwireFaultCode::None as u8,
-        message: ArmwireMessageKind::None as u8,
-        message_id: 0,
-        message_function: 0,
-        offset: 0,
-        got: 0,
-        min: 0,
-        max: 0,
-        expected_bytes: ptr::null(),
-        expected_lengths: ptr::null(),
-        expected_len: 0,
-        what: ptr::null(),
-        what_len: 0,
-        unit: ptr::null(),
-        unit_len: 0,
-    };
-
     const fn set_bytes(&mut self, offset: usize, got: u8, expected: &'static [u8]) {
         (self.offset, self.got) = (offset as u32, got as i32);
         (self.expected_bytes, self.expected_len) = (expected.as_ptr(), expected.len());
@@ -490,7 +471,7 @@ mod tests {
             Reason::Abandoned,
         ];
         for reason in reasons {
-            let mut fault = ArmwireFault::NONE;
+            let mut fault = ArmwireFault::default();
             fault.set_noise(reason);
             assert_eq!(text(&fault), reason.to_string());
         }
@@ -538,7 +519,7 @@ mod tests {
         for message in messages {
             for cause in &causes {
                 let error = ParseError { message, cause: *cause };
-                let mut fault = ArmwireFault::NONE;
+                let mut fault = ArmwireFault::default();
                 fault.set_message(error);
                 assert_eq!(text(&fault), error.to_string());
             }

@@ -1,7 +1,5 @@
 //! Requests and responses as flat structures.
 
-use core::ptr;
-
 use armwire::OutOfRange;
 use armwire::alpha1::{
     Action, Address, Angle, FirmwareVersion, Interval, MoveTime, Offset, OffsetTool, Outcome, Request, Response,
@@ -38,7 +36,7 @@ pub enum ArmwireAlpha1UsbType {
 
 /// One frame of an action (row FB).
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireAlpha1Action {
     /// Targets of servos 1 to 20: 0 to 240, or ARMWIRE_ALPHA1_NO_ANGLE. A device may also receive 241 to 254.
     pub angle_degrees: [u8; ARMWIRE_ALPHA1_SERVOS],
@@ -50,12 +48,6 @@ pub struct ArmwireAlpha1Action {
 }
 
 impl ArmwireAlpha1Action {
-    const NONE: Self = Self {
-        angle_degrees: [0; ARMWIRE_ALPHA1_SERVOS],
-        time_ms: 0,
-        interval_ms: 0,
-    };
-
     fn of(action: &Action) -> Self {
         Self {
             angle_degrees: action
@@ -187,7 +179,7 @@ pub enum ArmwireAlpha1RequestKind {
 
 /// A request received by a device. Members that its kind does not set are 0.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireAlpha1Request {
     /// The kind: an `ArmwireAlpha1RequestKind`.
     pub kind: u32,
@@ -220,21 +212,7 @@ pub struct ArmwireAlpha1Request {
 impl ArmwireAlpha1Request {
     /// Sets all members from a request.
     pub(super) fn set(&mut self, request: Option<Request<'_>>) {
-        *self = Self {
-            kind: 0,
-            connected: 0,
-            usb_type: 0,
-            servo_id: 0,
-            new_servo_id: 0,
-            led: 0,
-            angle_degrees: 0,
-            offset_thirds_of_degree: 0,
-            time_ms: 0,
-            lock_ms: 0,
-            action: ArmwireAlpha1Action::NONE,
-            name: ptr::null(),
-            name_len: 0,
-        };
+        *self = Self::default();
         let kind = match request {
             Some(Request::ReadHardwareVersion) => ArmwireAlpha1RequestKind::ReadHardwareVersion,
             Some(Request::ReadServoStates) => ArmwireAlpha1RequestKind::ReadServoStates,
@@ -341,7 +319,7 @@ pub enum ArmwireAlpha1ResponseKind {
 
 /// A response received by a client or sent by a device. Members that its kind does not set are 0.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireAlpha1Response {
     /// The kind: an `ArmwireAlpha1ResponseKind`.
     pub kind: u32,
@@ -380,20 +358,7 @@ fn outcome(success: u8) -> Result<Outcome, Refused> {
 impl ArmwireAlpha1Response {
     /// Sets all members from a response.
     pub(super) fn set(&mut self, response: Option<Response<'_>>) {
-        *self = Self {
-            kind: 0,
-            success: 0,
-            servo_id: 0,
-            previous_servo_id: 0,
-            firmware_version: [0; 10],
-            servo_version: [0; 4],
-            target_degrees: 0,
-            actual_degrees: 0,
-            offset_thirds_of_degree: 0,
-            running_servos: 0,
-            text: ptr::null(),
-            text_len: 0,
-        };
+        *self = Self::default();
         let kind = match response {
             Some(Response::HardwareVersion(text)) => {
                 (self.text, self.text_len) = (text.as_bytes().as_ptr(), text.as_bytes().len());

@@ -20,7 +20,7 @@ const _: () = assert!(ARMWIRE_LING_JOINTS == JOINTS);
 
 /// Targets and speeds of a move (section 2.5). A joint has 4096 ticks per turn, 2048 at the centre.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireLingMove {
     /// Targets of joints 1 to 6, 0 to 4095.
     pub position_ticks: [u16; ARMWIRE_LING_JOINTS],
@@ -33,13 +33,6 @@ pub struct ArmwireLingMove {
 }
 
 impl ArmwireLingMove {
-    pub(super) const NONE: Self = Self {
-        position_ticks: [0; ARMWIRE_LING_JOINTS],
-        speed_ticks_per_s: [0; ARMWIRE_LING_JOINTS],
-        opening_per_mille: 0,
-        gripper_speed_ticks_per_s: 0,
-    };
-
     pub(super) fn of(target: &Move) -> Self {
         let (opening, speed) = target.gripper;
         Self {
@@ -100,7 +93,7 @@ pub enum ArmwireLingRequestKind {
 
 /// A request received by a device. Members that its kind does not set are 0.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireLingRequest {
     /// The kind: an `ArmwireLingRequestKind`.
     pub kind: u32,
@@ -117,13 +110,7 @@ pub struct ArmwireLingRequest {
 impl ArmwireLingRequest {
     /// Sets all members from a request.
     pub(super) fn set(&mut self, request: Option<Request>) {
-        *self = Self {
-            kind: 0,
-            stroke_mm: 0,
-            torque_on: 0,
-            temperature_limit_celsius: 0,
-            target: ArmwireLingMove::NONE,
-        };
+        *self = Self::default();
         let kind = match request {
             Some(Request::ReadInfo) => ArmwireLingRequestKind::ReadInfo,
             Some(Request::SetZero) => ArmwireLingRequestKind::SetZero,
@@ -176,7 +163,7 @@ pub enum ArmwireLingResponseKind {
 
 /// A response received by a client or sent by a device. Members that its kind does not set are 0.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireLingResponse {
     /// The kind: an `ArmwireLingResponseKind`.
     pub kind: u32,
@@ -238,20 +225,7 @@ pub(super) fn temperature_limit(celsius: u8) -> Result<TemperatureLimit, Refused
 impl ArmwireLingResponse {
     /// Sets all members from a response.
     pub(super) fn set(&mut self, response: Option<Response>) {
-        *self = Self {
-            kind: 0,
-            serial_number: [0; 16],
-            hardware_version: 0,
-            firmware_version: 0,
-            position_ticks: [0; ARMWIRE_LING_JOINTS],
-            opening_per_mille: 0,
-            motion_status: 0,
-            stroke_mm: 0,
-            servos: 0,
-            temperature_celsius: [0; ARMWIRE_LING_MAX_SERVOS],
-            velocity_ticks_per_s: [0; ARMWIRE_LING_MAX_SERVOS],
-            normal_servos: 0,
-        };
+        *self = Self::default();
         let kind = match response {
             Some(Response::Info(info)) => {
                 self.serial_number = info.serial.0;

@@ -50,7 +50,7 @@ pub enum ArmwireLingStopStepKind {
 
 /// The next action of a stop. Members that its kind does not set are 0.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireLingStopStep {
     /// The kind: an `ArmwireLingStopStepKind`.
     pub kind: u32,
@@ -65,16 +65,8 @@ pub struct ArmwireLingStopStep {
 }
 
 impl ArmwireLingStopStep {
-    const NONE: Self = Self {
-        kind: ArmwireLingStopStepKind::Wait as u32,
-        until_us: 0,
-        target: ArmwireLingMove::NONE,
-        grip_may_loosen: 0,
-        joint: 0,
-    };
-
     fn of(output: Output) -> Self {
-        let mut step = Self::NONE;
+        let mut step = Self::default();
         let kind = match output {
             Output::Wait(until) => {
                 step.until_us = until.as_micros();

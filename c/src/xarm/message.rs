@@ -1,7 +1,5 @@
 //! Requests and responses as flat structures.
 
-use core::ptr;
-
 use armwire::OutOfRange;
 use armwire::xarm::{
     Key, ModbusFunction, ProtocolId, Raw, RawError, Register, Reply, Request, Response, RotationRadius, SerialsText,
@@ -62,7 +60,7 @@ pub enum ArmwireXarmRequestKind {
 
 /// A request received by a device. Members that its kind does not set are 0.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireXarmRequest {
     /// The kind: an `ArmwireXarmRequestKind`.
     pub kind: u32,
@@ -89,13 +87,10 @@ impl ArmwireXarmRequest {
             register: 0,
         });
         *self = Self {
-            kind: 0,
             transaction_id: key.transaction,
             protocol_id: key.protocol,
             reg: key.register,
-            joint: 0,
-            params: ptr::null(),
-            params_len: 0,
+            ..Self::default()
         };
         let kind = match request {
             Some(Request::Heartbeat) => ArmwireXarmRequestKind::Heartbeat,
@@ -157,7 +152,7 @@ pub enum ArmwireXarmResponseKind {
 
 /// A response received by a client or sent by a device. Members that its kind does not set are 0.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ArmwireXarmResponse {
     /// The kind: an `ArmwireXarmResponseKind`.
     pub kind: u32,
@@ -184,18 +179,7 @@ pub struct ArmwireXarmResponse {
 impl ArmwireXarmResponse {
     /// Sets all members from a response.
     pub(super) fn set(&mut self, response: Option<Response<'_>>) {
-        *self = Self {
-            kind: 0,
-            state: 0,
-            reg: 0,
-            torque_source: 0,
-            modbus_unit: 0,
-            modbus_function: 0,
-            system_control: 0,
-            rotation_radius_mm: 0.0,
-            data: ptr::null(),
-            data_len: 0,
-        };
+        *self = Self::default();
         let kind = match response {
             Some(Response::Heartbeat) => ArmwireXarmResponseKind::Heartbeat,
             Some(Response::Reply { state, reply }) => {
