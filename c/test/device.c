@@ -581,6 +581,9 @@ static ArmwireEvent ling_answered_by(const uint8_t *answer, size_t len, ArmwireL
     size_t taken;
     CHECK_OK(armwire_ling_client_read_stroke(&ling_client));
     CHECK_OK(armwire_ling_client_poll(&ling_client, clock_us, &event, response));
+    CHECK(event.kind == ARMWIRE_EVENT_KIND_RECEIVE);
+    CHECK_OK(armwire_ling_client_received(&ling_client, clock_us, 0));
+    CHECK_OK(armwire_ling_client_poll(&ling_client, clock_us, &event, response));
     CHECK(event.kind == ARMWIRE_EVENT_KIND_TRANSMIT);
     CHECK_OK(armwire_ling_client_transmitted(&ling_client, clock_us, event.len));
     CHECK_OK(armwire_ling_client_receive(&ling_client, clock_us, answer, len, &taken));
