@@ -239,18 +239,14 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         let Some(call) = self.call.as_mut().filter(|call| call.state == State::Ready) else {
             return;
         };
-        // A repeat belongs to the same call. It never waits, and an answer in the port is an answer to the call.
+        let info = self.info.as_ref();
         if call.sends > 0 {
+            // A repeat belongs to the same call. It never waits, and an answer in the port is an answer to the call.
             call.state = State::Writing(0);
-            return;
-        }
-        if self.info.is_none_or(|info| self.exchange.can_send(&info, ())) {
-            let has_answer = self.info.is_some_and(|info| info.response.is_some());
-            call.state = State::Reading(match has_answer && !M::HAS_TRANSACTION_ID {
-                true => config.backlog,
-                // No old answer can be taken for the new one. One read limits the number of bytes in the port.
-                false => 0,
-            });
+        } else if info.is_none_or(|info| self.exchange.can_send(info, ())) {
+            let can_be_confused = !M::HAS_TRANSACTION_ID && info.is_some_and(|info| info.response.is_some());
+            // One read suffices if no old answer can be taken for the new one. It bounds the bytes in the port.
+            call.state = State::Reading(if can_be_confused { config.backlog } else { 0 });
         }
     }
 
@@ -279,30 +275,25 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         }
     }
 
-    /// The port accepted `n` of the pending bytes. Returns true if they complete a frame.
-    fn transmitted(&mut self, n: usize) -> bool {
+    /// The port accepted `n` of the pending bytes.
+    fn transmitted(&mut self, n: usize, config: &Config, received: u64, now: Instant) {
         if self.void > 0 {
             self.void = self.void.saturating_sub(n);
-            return false;
+            return;
         }
-        let Some(call) = &mut self.call else { return false };
-        let State::Writing(at) = &mut call.state else {
-            return false;
-        };
-        *at = at.saturating_add(n);
-        *at >= self.len
-    }
-
-    /// The frame was transmitted completely.
-    fn sent(&mut self, config: &Config, handed: u64, now: Instant) {
         let Some(call) = &mut self.call else { return };
+        let State::Writing(at) = &mut call.state else { return };
+        *at = at.saturating_add(n);
+        if *at < self.len {
+            return;
+        }
         let response = self.info.and_then(|info| info.response);
         let (Some(info), Some(response)) = (self.info, response) else {
             call.state = State::Sent;
             return;
         };
         let handover = Handover {
-            offset: handed,
+            offset: received,
             at: now,
             due: now + config.timeout(self.len, response),
         };
@@ -605,9 +596,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
         if n > left {
             return Err(OutOfRange::new("transmitted", "bytes", n, 0, left));
         }
-        if out.transmitted(n) {
-            out.sent(&self.config, self.decoder.received(), now);
-        }
+        out.transmitted(n, &self.config, self.decoder.received(), now);
         Ok(())
     }
 
@@ -653,11 +642,12 @@ impl<M: Messages, const N: usize> Client<M, N> {
         if out.void == 0 {
             out.start(&self.config);
         }
-        match (out.void, out.call.as_ref().map(|call| call.state)) {
-            (1.., _) | (0, Some(State::Writing(_))) => Output::Transmit(out.pending()),
-            (0, Some(State::Reading(_))) => Output::Receive,
-            (0, Some(_)) => Output::Timeout(out.exchange.timeout()),
-            (0, None) => Output::Timeout(None),
+        let bytes = out.pending();
+        match out.call.as_ref().map(|call| call.state) {
+            _ if !bytes.is_empty() => Output::Transmit(bytes),
+            Some(State::Reading(_)) => Output::Receive,
+            Some(_) => Output::Timeout(out.exchange.timeout()),
+            None => Output::Timeout(None),
         }
     }
 
