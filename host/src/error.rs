@@ -73,6 +73,8 @@ pub enum Error {
         stopped: Stopped,
         reason: Box<dyn error::Error + Send + Sync>,
     },
+    /// The port needs a feature of this crate that the build does not have.
+    Disabled { name: String, feature: &'static str },
     /// The arm was not stopped. It may still move.
     NotStopped { name: String, cause: Text },
     /// There is no adapter with a control port there.
@@ -150,6 +152,10 @@ impl Error {
                 at(name, &what).remedy(Remedy::Stop)
             }
             Self::Stopped { name, reason, .. } => at(name, &format!("stopped: {reason}")),
+            Self::Disabled { name, feature } => at(
+                name,
+                &format!("not supported by this build, which is without the feature '{feature}'"),
+            ),
             Self::NotStopped { name, cause } => at(name, "not stopped: ").append(cause),
             Self::NoControl { name } => {
                 let what = "no control port of an armwire adapter found (a virtual board's is control:PATH)";

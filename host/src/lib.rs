@@ -9,12 +9,7 @@ pub mod can;
 pub mod control;
 pub mod describe;
 pub mod error;
-#[cfg(feature = "hid")]
 pub mod hid;
-#[cfg(not(feature = "hid"))]
-#[path = "no_hid.rs"]
-pub mod hid;
-pub mod hid_selector;
 mod legacy;
 pub mod line_holder;
 mod ling;
@@ -37,7 +32,7 @@ pub use alpha1::Alpha1;
 pub use control::Adapter;
 pub use describe::{Arm, Fact, Protocol};
 pub use error::Error;
-pub use hid_selector::Selector;
+pub use hid::Selector;
 pub use ling::Ling;
 pub use link::{Interrupt, Line, LineErrors, Link, Names, Reception};
 pub use port::{Connection, Options, Port, open};

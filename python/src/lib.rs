@@ -4,6 +4,7 @@
 
 mod adapter;
 mod alpha1;
+#[cfg(feature = "command")]
 mod command;
 mod error;
 mod ling;
@@ -19,6 +20,7 @@ mod _armwire {
     use super::adapter::AdapterPort;
     #[pymodule_export]
     use super::alpha1::Alpha1Port;
+    #[cfg(feature = "command")]
     #[pymodule_export]
     use super::command::run;
     #[pymodule_export]

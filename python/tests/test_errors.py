@@ -152,6 +152,6 @@ def test_every_exception_is_an_armwire_error() -> None:
     assert issubclass(errors.PortLostError, OSError)
 
 
-def test_hid_is_refused_with_a_reason() -> None:
-    with pytest.raises(errors.PortError, match="HID devices are not supported by this build"):
-        armwire.Alpha1("hid:")
+def test_missing_hid_device_is_an_error_with_its_reason() -> None:
+    with pytest.raises(errors.PortError, match="no such HID device"):
+        armwire.Alpha1("hid:/dev/no-such-hidraw")

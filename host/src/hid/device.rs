@@ -9,7 +9,7 @@ use async_hid::{AsyncHidRead, AsyncHidWrite, DeviceId, DeviceReaderWriter, HidBa
 use async_io::{Timer, block_on};
 use futures_lite::{StreamExt, future};
 
-use super::{Failure, Named, Reports};
+use super::line::{Failure, Named, Reports};
 
 /// Timeout of a write.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
