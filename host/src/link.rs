@@ -433,16 +433,18 @@ fn is_begun<P: Arm>(request: &P::Request<'_>, bytes: &[u8]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
     use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
 
     use armwire::framing::Framing;
     use armwire::ling::{
         Frame, GripperSpeed, JointState, Ling, MAX_FRAME, MotionStatus, Move, Opening, Position, Request, Response,
-        Speed, Stroke, Torque,
+        Speed, Stroke, TemperatureLimit, Torque,
     };
     use armwire::messages::Messages;
     use armwire::xarm::XArm;
+    use armwire::{Device, DeviceEvent};
 
     use super::*;
 
@@ -653,6 +655,110 @@ mod tests {
             assert_eq!(error.to_string(), text);
         }
         assert_eq!(line.lock().unwrap().written.len(), 5);
+    }
+
+    thread_local! {
+        /// The state of the random numbers of this test's line and interrupt.
+        static RANDOM: Cell<u64> = const { Cell::new(1) };
+    }
+
+    /// A random number below `bound`.
+    fn below(bound: usize) -> usize {
+        RANDOM.set(RANDOM.get().wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1));
+        (RANDOM.get() >> 33) as usize % bound
+    }
+
+    /// A line that fails, and accepts and returns bytes in pieces, at random. Its arm answers late.
+    struct Random {
+        arm: Device<Ling, MAX_FRAME>,
+        /// The request in flight.
+        current: Option<Request>,
+        /// The number of requests that the arm has executed, which is in its answers.
+        executed: u16,
+        /// Answers that have not arrived, and bytes that have.
+        answers: VecDeque<Vec<u8>>,
+        arrived: VecDeque<u8>,
+    }
+
+    impl Line for Arc<Mutex<Random>> {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
+            let line = &mut *self.lock().unwrap();
+            if !wait.is_zero() && below(4) == 0 {
+                line.arrived.extend(line.answers.pop_front().unwrap_or_default());
+            }
+            let n = line.arrived.len().min(1 + below(buf.len()));
+            buf.iter_mut()
+                .zip(line.arrived.drain(..n))
+                .for_each(|(to, byte)| *to = byte);
+            Ok(n)
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            if below(8) == 0 {
+                return Err(Error::at("fake", "no"));
+            }
+            let line = &mut *self.lock().unwrap();
+            let n = 1 + below(bytes.len());
+            assert!(line.arm.receive(&bytes[..n]).is_empty());
+            while let Some(event) = line.arm.poll() {
+                if let DeviceEvent::Request { request, .. } = event {
+                    assert_eq!(Some(request), line.current, "its call has ended");
+                    line.executed += 1;
+                    line.answers
+                        .extend((request == Request::ReadJoints).then(|| joints(line.executed)));
+                }
+            }
+            Ok(n)
+        }
+
+        fn hints(&mut self, _: Reception, _: Names) -> String {
+            String::new()
+        }
+    }
+
+    #[test]
+    fn calls_that_fail_anywhere_leave_nothing_behind() {
+        let line = Arc::new(Mutex::new(Random {
+            arm: Device::new(Ling),
+            current: None,
+            executed: 0,
+            answers: VecDeque::new(),
+            arrived: VecDeque::new(),
+        }));
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&line)), Ling::CONFIG);
+        link.set_interrupt(|| match below(8) {
+            0 => Err("enough".into()),
+            _ => Ok(()),
+        });
+        let (mut answered, mut failed) = (0, 0);
+        for celsius in (0..=200).cycle().take(20_000) {
+            let setting = Request::SetTemperatureLimit(TemperatureLimit::new(celsius).unwrap());
+            let request = [Request::ReadJoints, setting][below(2)];
+            let earlier = {
+                let mut line = line.lock().unwrap();
+                line.current = Some(request);
+                line.executed
+            };
+            match link.call(&request, |response| response) {
+                Ok(Some(Response::Joints(state))) => {
+                    assert!(state.joints[0] > earlier, "{} after {earlier}", state.joints[0]);
+                    answered += 1;
+                }
+                Ok(None) => assert_eq!(line.lock().unwrap().executed, earlier + 1),
+                Ok(other) => panic!("{other:?}"),
+                Err(Error::At { .. } | Error::Interrupted(_) | Error::NoAnswer { .. }) => failed += 1,
+                Err(error) => panic!("{error}"),
+            }
+            line.lock().unwrap().current = None;
+        }
+        assert!(
+            answered > 1_000 && failed > 1_000,
+            "{answered} answered, {failed} failed"
+        );
     }
 
     #[test]
