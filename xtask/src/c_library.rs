@@ -34,8 +34,8 @@ const WARNINGS: &str = "-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror";
 const SANITIZERS: &str = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all";
 /// Requests of each protocol to an arm in C.
 const EXCHANGES: &str = "20000";
-/// Calls with arbitrary arguments.
-const MISUSES: &str = "1000000";
+/// Steps of the random programs.
+const STEPS: &str = "1000000";
 
 /// The target whose sizes are printed.
 const SMALLEST: &str = "thumbv6m-none-eabi";
@@ -194,11 +194,11 @@ fn compile_header() -> Result<()> {
 /// Runs the tests in C with sanitizers in the tests and the library.
 fn test(dir: &Path, armwire: &Path) -> Result<()> {
     let library = sanitized()?;
-    for test in ["device", "misuse", "ling", "alpha1", "xarm"] {
+    for test in ["device", "endings", "misuse", "ling", "alpha1", "xarm"] {
         let mut program = Command::new(compile(dir, test, SANITIZERS, Some(&library))?);
         match test {
             "device" => drop(program.arg(EXCHANGES)),
-            "misuse" => drop(program.arg(MISUSES)),
+            "endings" | "misuse" => drop(program.arg(STEPS)),
             _ => drop(program.arg(armwire)),
         }
         println!("{test}");
