@@ -2,7 +2,7 @@
 
 mod dfu_util;
 mod dfuse;
-mod signals;
+mod interruption;
 
 use std::fmt::Display;
 use std::fs::File;
@@ -19,7 +19,7 @@ use crate::error::Error;
 use crate::output::print_line;
 use dfu_util::{Commands, DFU_UTIL, is_listed};
 use dfuse::Image;
-use signals::Signals;
+use interruption::Interruption;
 
 /// Number of searches for the boot loader or the adapter, and the time between them.
 const TRIES: usize = 20;
@@ -42,7 +42,7 @@ impl Update {
             return Err(Error::at(&name, what));
         }
         let image = self.image()?;
-        let signals = Signals::catch()?;
+        let interruption = Interruption::catch()?;
         let mut dfu_util = Commands::new(&self.image);
         let by_hand = dfu_util.by_hand();
         // Before anything is restarted: without dfu-util the arm would be left without its adapter.
@@ -64,7 +64,7 @@ impl Update {
             return Err(Error::at(&name, what));
         }
         progress(format!("{name}: {}", describe(&identity)));
-        signals.commit(&name)?;
+        interruption.commit(&name)?;
         control.call(Request::RestartIntoBootLoader)?;
         drop(control);
         progress(format!(

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use crate::error::Error;
 use crate::output::print_error;
 
-/// The handler of these signals.
-pub(super) struct Signals(Arc<Mutex<Phase>>);
+/// Whether an update may still be interrupted.
+pub(super) struct Interruption(Arc<Mutex<Phase>>);
 
 enum Phase {
     /// Nothing was restarted, and a signal ends the update.
@@ -18,7 +18,7 @@ enum Phase {
     Committed(String),
 }
 
-impl Signals {
+impl Interruption {
     /// Catches them for the rest of the process.
     pub(super) fn catch() -> Result<Self, Error> {
         let phase = Arc::new(Mutex::new(Phase::Revocable));
