@@ -715,8 +715,8 @@ mod tests {
             Ok(n)
         }
 
-        fn hints(&mut self, _: Reception, _: Names) -> String {
-            String::new()
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            String::new().into()
         }
     }
 
