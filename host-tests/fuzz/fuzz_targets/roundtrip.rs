@@ -2,7 +2,7 @@
 //! on CAN. A buffer one byte too short is refused.
 #![no_main]
 
-use core::fmt::Debug;
+use core::fmt::{Debug, Display};
 use core::time::Duration;
 
 use armwire::alpha1::{self, Alpha1, Angle, Interval, MoveTime, Offset, ServoId, ServoStates, Text, hid};
@@ -66,6 +66,7 @@ impl Check for Messages {
             let read = protocol.parse_request(&bytes).expect("it was written");
             assert_eq!(format!("{read:?}"), format!("{request:?}"));
             check_short_buffer(bytes.len(), |out| protocol.encode_request(&request, out));
+            check_text(&request);
             // A frame and the padding of its last report.
             if P::PADDING == Some(0) {
                 let reports: Vec<u8> = hid::reports(&bytes).flatten().collect();
@@ -89,9 +90,17 @@ impl Check for Messages {
                 assert!(protocol.is_response_to(key, &bytes));
             }
             check_short_buffer(bytes.len(), |out| protocol.encode_response(&any.response, any.to, out));
+            check_text(&any.response);
+            P::check_values(&any.response);
         }
         Ok(())
     }
+}
+
+/// Checks that the text of a message has no control characters, whatever its bytes are.
+fn check_text(message: &impl Display) {
+    let text = message.to_string();
+    assert!(!text.is_empty() && !text.contains(char::is_control), "{text:?}");
 }
 
 /// Checks that a buffer one byte too short for a message of this length is refused.

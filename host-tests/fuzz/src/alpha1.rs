@@ -1,10 +1,12 @@
 //! Arbitrary messages of Alpha1.
 
-use armwire::alpha1::{Alpha1, Expect, Frame, Request, Response, ServoAnswer, ServoResponse};
+use armwire::alpha1::{
+    Alpha1, Expect, FirmwareVersion, Frame, Outcome, Request, Response, ServoAnswer, ServoResponse, ServoStates, Text,
+};
 use armwire::framing::{Framing, Scan};
 use armwire_host_tests::reference::{self, Piece};
 
-use crate::subject::{request_bytes, response_bytes};
+use crate::subject::{converted, request_bytes, response_bytes};
 use crate::{AnyResponse, Result, Subject, Unstructured};
 
 fn any_answer(u: &mut Unstructured<'_>) -> Result<ServoAnswer> {
@@ -75,6 +77,17 @@ impl Subject for Alpha1 {
             to: None,
             expect: Expect::Responses(answer),
         })
+    }
+
+    fn check_values(&response: &Response<'_>) {
+        let types = converted(FirmwareVersion::try_from(response))
+            + converted(Outcome::try_from(response))
+            + converted(ServoResponse::try_from(response))
+            + converted(ServoStates::try_from(response))
+            + converted(Text::try_from(response));
+        // Some results of a servo are an outcome, too.
+        let is_servo = matches!(response, Response::Servo(_));
+        assert!((1..=1 + usize::from(is_servo)).contains(&types));
     }
 
     fn any_expect(u: &mut Unstructured<'_>) -> Result<Expect> {

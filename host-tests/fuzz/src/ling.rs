@@ -1,10 +1,13 @@
 //! Arbitrary messages of Ling.
 
-use armwire::ling::{Frame, Ling, MAX_DATA, MAX_FRAME, OVERHEAD, Request, SELF_CHECK};
+use armwire::ling::{
+    Frame, Info, JointState, Ling, MAX_DATA, MAX_FRAME, OVERHEAD, PerServo, Request, Response, SELF_CHECK, SelfCheck,
+    Stroke,
+};
 use armwire::messages::Messages;
 use armwire_host_tests::reference::{self, Piece};
 
-use crate::subject::{any_bytes, request_bytes, response_bytes};
+use crate::subject::{any_bytes, converted, request_bytes, response_bytes};
 use crate::{AnyResponse, Result, Subject, Unstructured};
 
 impl Subject for Ling {
@@ -20,6 +23,16 @@ impl Subject for Ling {
             to: None,
             expect: (),
         })
+    }
+
+    fn check_values(&response: &Response) {
+        let types = converted(Info::try_from(response))
+            + converted(JointState::try_from(response))
+            + converted(PerServo::<u8>::try_from(response))
+            + converted(PerServo::<u16>::try_from(response))
+            + converted(SelfCheck::try_from(response))
+            + converted(Stroke::try_from(response));
+        assert_eq!(types, 1);
     }
 
     fn any_expect(_u: &mut Unstructured<'_>) -> Result<()> {

@@ -40,6 +40,9 @@ pub trait Subject: Messages + Copy + Default + Debug {
 
     fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<AnyResponse<'a, Self>>;
 
+    /// Checks that the response converts to the types of its value, and to no other.
+    fn check_values(_response: &Self::Response<'_>) {}
+
     /// Any expectation of a decoder.
     fn any_expect(u: &mut Unstructured<'_>) -> Result<Self::Expect>;
 
@@ -77,6 +80,17 @@ pub fn response_bytes<P: Messages>(protocol: P, response: &P::Response<'_>, to: 
         .expect("there is room for the longest frame");
     out.truncate(n);
     out
+}
+
+/// 1 if the value was converted. An error names the response.
+pub(crate) fn converted<T, E: ToString>(value: core::result::Result<T, E>) -> usize {
+    value.map_or_else(
+        |error| {
+            assert!(error.to_string().starts_with("another answer: "));
+            0
+        },
+        |_| 1,
+    )
 }
 
 /// Room for every frame.

@@ -1,9 +1,12 @@
 //! Arbitrary messages of xArm.
 
-use armwire::xarm::{Direction, Frame, HEADER, Key, ProtocolId, Request, Response, XArm};
+use armwire::xarm::{
+    Answer, Direction, Frame, HEADER, Key, ProtocolId, Raw, Request, Response, RotationRadius, SerialsText, State,
+    TorqueSource, VersionText, XArm,
+};
 use armwire_host_tests::reference::{self, Piece};
 
-use crate::subject::{request_bytes, response_bytes};
+use crate::subject::{converted, request_bytes, response_bytes};
 use crate::{AnyResponse, Result, Subject, Unstructured};
 
 impl Subject for XArm {
@@ -34,6 +37,17 @@ impl Subject for XArm {
             }),
             expect: Direction::Responses,
         })
+    }
+
+    fn check_values(&response: &Response<'_>) {
+        let types = converted(Answer::<()>::try_from(response))
+            + converted(Answer::<Raw<'_>>::try_from(response))
+            + converted(Answer::<RotationRadius>::try_from(response))
+            + converted(Answer::<SerialsText<'_>>::try_from(response))
+            + converted(Answer::<TorqueSource>::try_from(response))
+            + converted(Answer::<VersionText<'_>>::try_from(response));
+        let has_value = matches!(response, Response::Reply { state, .. } if !state.contains(State::INVALID));
+        assert_eq!(types, usize::from(has_value));
     }
 
     fn any_expect(u: &mut Unstructured<'_>) -> Result<Direction> {
