@@ -1,21 +1,16 @@
 //! An adapter on the command line: its port, and the holder of its line.
 
-use std::io::ErrorKind;
-
 use armwire_bridge::config::Can;
 use armwire_bridge::slcan::BitRate;
+use armwire_host::available::{has_serial_port, not_found};
+use armwire_host::{Adapter, Options, Port, line_holder};
 use clap::Args;
 
-use crate::available::has_serial_port;
-use crate::control::Adapter;
 use crate::error::Error;
-use crate::line_holder;
 use crate::output::print_error;
-use crate::port::{Options, Port};
 use crate::remedies::words;
-use crate::serial::not_opened;
 
-pub(crate) use armwire_host::adapter::*;
+pub(crate) use armwire_host::adapter::{describe, histogram_json, histograms, identity, limit, percentile, total};
 
 /// The port of an adapter.
 #[derive(Args, Debug, PartialEq, Eq)]
@@ -54,7 +49,7 @@ impl AdapterPort {
         match (opened, &self.port) {
             // The error is the missing port, and not its missing control port.
             (Err(armwire_host::Error::NoControl { .. }), Port::Serial(port)) if !has_serial_port(port) => {
-                Err(not_opened(port, &ErrorKind::NotFound.into()).into())
+                Err(not_found(port).into())
             }
             (opened, _) => Ok(opened?),
         }

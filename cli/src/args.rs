@@ -3,14 +3,12 @@
 use std::num::NonZeroU32;
 use std::path::Path;
 
+use armwire_host::{Adapter, Connection, Host, Options, Port};
 use clap::{Args, ValueEnum};
 
 use crate::adapter;
-use crate::control::Adapter;
 use crate::error::Error;
 use crate::output::print_error;
-use crate::port::{Connection, Options, Port};
-use crate::tcp::Host;
 
 /// The port and the kind of an arm.
 #[derive(Args)]

@@ -2,11 +2,11 @@
 
 use armwire_bridge::config::Config;
 use armwire_bridge::store::Saved;
+use armwire_host::Adapter;
 use armwire_host::settings::{KEYS, Setting, object, setting, show};
 use clap::{Args, Subcommand};
 
 use crate::adapter::{self, AdapterPort};
-use crate::control::Adapter;
 use crate::error::Error;
 use crate::output::{print, print_error, print_json};
 

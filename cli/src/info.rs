@@ -1,16 +1,13 @@
 //! `armwire info`: what arm is on a port, and how it is, and of what adapter the port is.
 
 use armwire_bridge::config::{Can, Poll};
-use armwire_host::XArm;
+use armwire_host::describe::{Arm, Fact, object};
+use armwire_host::{Adapter, LineErrors, Link, XArm, line_holder};
 use clap::Args;
 
 use crate::adapter::{RECOVERY, identity};
 use crate::args::{ArmKind, Place};
-use crate::control::Adapter;
-use crate::describe::{Arm, Fact, object};
 use crate::error::Error;
-use crate::line_holder;
-use crate::link::{LineErrors, Link};
 use crate::output::{print_json, print_line};
 use crate::remedies::words;
 

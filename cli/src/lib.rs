@@ -46,8 +46,6 @@ use terminal_size::Width;
 pub use args::{ArmKind, Speaker};
 pub use decode::decode;
 
-pub(crate) use armwire_host::{available, control, describe, hid, line_holder, link, port, serial, stopwatch, tcp};
-
 use error::Error;
 use output::print_error;
 

@@ -3,17 +3,15 @@
 use armwire::alpha1;
 use armwire::ling;
 use armwire_bridge::config::ArmKind;
+use armwire_host::control::usb;
+use armwire_host::describe::{Arm, Fact, line, object};
+use armwire_host::{Adapter, Connection, Link, Options, Port, available, hid};
 use clap::Args;
 use serde_json::Value;
 
 use crate::adapter::identity;
-use crate::control::{Adapter, usb};
-use crate::describe::{Arm, Fact, line, object};
 use crate::error::Error;
-use crate::link::Link;
 use crate::output::{print_json, print_line};
-use crate::port::{Connection, Options, Port};
-use crate::{available, hid};
 
 /// The arguments of `armwire list`.
 #[derive(Args)]

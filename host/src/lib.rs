@@ -1,30 +1,80 @@
-//! Ports, blocking calls and errors with remedies.
+//! Robot arms and their adapters from a program on a PC: ports, blocking calls, and errors with remedies.
+//!
+//! A [port](Port) is opened as a [`Connection`], and an arm on it as a [`Ling`], an [`Alpha1`] or, on a host of its own,
+//! an [`XArm`]. The adapter between this computer and an arm is an [`Adapter`].
+//!
+//! ```
+//! use std::time::Duration;
+//!
+//! use armwire::ling::{GripperSpeed, Move, Position, Speed};
+//!
+//! # use std::sync::atomic::{AtomicBool, Ordering};
+//! # use armwire_sim::{ling::{Config, LingArm}, pty::Pty, serve::serve};
+//! # let (pty, stop) = (Pty::open(None)?, AtomicBool::new(false));
+//! # let path = pty.path().to_str().unwrap().to_owned();
+//! # let mut virtual_arm = LingArm::new(Config::follower());
+//! # std::thread::scope(|scope| -> Result<(), Box<dyn std::error::Error>> {
+//! # let serving = scope.spawn(|| serve(&mut virtual_arm, &pty, &stop));
+//! # let result = (|| -> Result<(), Box<dyn std::error::Error>> {
+//! # let port = path.as_str();
+//! // `port` is such as "/dev/ttyUSB0", "COM3", "can:can0/3" or "tcp:arm.local:4000".
+//! let mut arm = armwire_host::open(port)?.ling()?;
+//! let pose = arm.read_joints()?;
+//! let mut joints = pose.positions()?.map(|position| (position, Speed::MAX));
+//! joints[5] = (Position::from_radians(0.1)?, Speed::new(300)?);
+//! let target = Move { joints, gripper: (pose.opening()?, GripperSpeed(1000)) };
+//! let reached = arm.move_and_wait(&target, Duration::from_secs(10))?;
+//! assert!(target.is_reached_by(&reached));
+//! # Ok(())
+//! # })();
+//! # stop.store(true, Ordering::Relaxed);
+//! # serving.join().unwrap()?;
+//! # result
+//! # })
+//! # .map_err(|error| error.to_string())?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Motion
+//!
+//! A Ling arm is moved only if its last reading did not show the torque off, and keeps its last grip in a stop. An
+//! [interrupt](Ling::set_interrupt), such as a check for Ctrl-C, ends a call and stops the arm that
+//! [`move_and_wait`](Ling::move_and_wait) moves. A stop is not an emergency stop: keep a switch in the arm's supply.
+//!
+//! # Errors
+//!
+//! An [`Error`] says what was wrong, and where. Its text has no words of a certain program: a program puts its own in at
+//! each [`Remedy`]. It does no I/O: [`Connection::explain`] asks the adapter for what only that knows. Text from outside
+//! in it is not escaped: [`describe::escaped`] does that for a terminal.
+//!
+//! # Features
+//!
+//! `hid`, on by default, opens an Alpha1 that is a HID device. Without it such a port is [`Error::Disabled`].
 #![forbid(unsafe_code)]
-#![allow(missing_docs, reason = "the modules become private as the API grows")]
 
 pub mod adapter;
 mod alpha1;
 pub mod available;
-pub mod can;
+mod can;
 pub mod control;
 pub mod describe;
-pub mod error;
+mod error;
 pub mod hid;
 mod legacy;
 pub mod line_holder;
 mod ling;
-pub mod link;
-pub mod port;
+mod link;
+mod port;
 mod port_holder;
-pub mod received;
-pub mod serial;
+mod received;
+mod serial;
 pub mod settings;
 pub mod stamps;
 mod stop;
 pub mod stopwatch;
 mod tap;
-pub mod tcp;
-pub mod text;
+mod tcp;
+mod text;
 mod xarm;
 
 pub use adapter::RECOVERY;

@@ -79,7 +79,7 @@ pub enum Reception {
 pub type Interrupt = fn() -> Result<(), Box<dyn error::Error + Send + Sync>>;
 
 /// Returns true if a read or write failed only because it would block.
-pub fn is_nothing_yet(error: &io::Error) -> bool {
+pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
     matches!(
         error.kind(),
         ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted

@@ -25,32 +25,32 @@ pub enum Missing {
 
 /// The bytes received instead of an answer.
 #[derive(Clone, Debug, Default)]
-pub struct Received {
+pub(crate) struct Received {
     /// Number of requests sent.
-    pub sends: u8,
+    pub(crate) sends: u8,
     /// In how many milliseconds.
-    pub millis: u64,
+    pub(crate) millis: u64,
     /// The bytes that arrived, as far as they are kept.
-    pub bytes: Vec<u8>,
+    pub(crate) bytes: Vec<u8>,
     /// Number of bytes received.
-    pub count: usize,
+    pub(crate) count: usize,
     /// Good frames from an arm, though not the answer.
-    pub frames: usize,
+    pub(crate) frames: usize,
     /// Answers that came after their time.
-    pub late: usize,
+    pub(crate) late: usize,
     /// The first good frame that is no message of the protocol.
-    pub unknown: Option<String>,
+    pub(crate) unknown: Option<String>,
     /// Requests of our own that came back.
-    pub echoes: usize,
+    pub(crate) echoes: usize,
     /// Frames with a wrong checksum.
-    pub checksums: usize,
+    pub(crate) checksums: usize,
     /// True if an answer begins somewhere in the bytes.
-    pub begun: bool,
+    pub(crate) begun: bool,
 }
 
 impl Received {
     /// The probable cause of a missing answer.
-    pub fn missing(&self) -> Missing {
+    pub(crate) fn missing(&self) -> Missing {
         let is_damaged = self.checksums > 0;
         if self.count == 0 && self.late == 0 {
             Missing::Silent
@@ -69,7 +69,7 @@ impl Received {
     }
 
     /// The probable cause of a missing answer, in words, and a hint; `hint` is the line's.
-    pub fn cause(&self, arm: &str, hint: Text) -> (String, Text) {
+    pub(crate) fn cause(&self, arm: &str, hint: Text) -> (String, Text) {
         let (millis, count, checksums) = (self.millis, self.count, self.checksums);
         let attempts = match self.sends {
             1 => "1 attempt".to_owned(),

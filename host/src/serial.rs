@@ -29,7 +29,7 @@ use crate::text::{Remedy, Text};
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// An open port.
-pub struct Serial {
+pub(crate) struct Serial {
     name: String,
     port: SerialPort,
     baud: u32,
@@ -92,14 +92,14 @@ impl Line for Serial {
 
 impl Serial {
     /// Opens a port.
-    pub fn open(name: &str, baud: u32) -> Result<Self, Error> {
+    pub(crate) fn open(name: &str, baud: u32) -> Result<Self, Error> {
         let port = open(name, baud).map_err(|error| not_opened(name, &error))?;
         let name = name.to_owned();
         Ok(Self { name, port, baud })
     }
 
     /// The baud rate.
-    pub fn baud(&self) -> u32 {
+    pub(crate) fn baud(&self) -> u32 {
         self.baud
     }
 
@@ -147,7 +147,7 @@ fn receive_all(settings: &mut Settings) {
 }
 
 /// The error of a port that cannot be opened.
-pub fn not_opened(port: &str, error: &io::Error) -> Error {
+pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         // Another program has locked the port, or keeps all others from opening it.
         ErrorKind::WouldBlock | ErrorKind::ResourceBusy if cfg!(unix) => {

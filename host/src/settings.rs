@@ -139,10 +139,12 @@ impl Key {
     }
 }
 
-/// A setting from the command line with a valid value. The adapter checks the whole configuration.
+/// A setting with a valid value. The adapter checks the whole configuration.
 #[derive(Clone)]
 pub struct Setting {
+    /// The setting.
     pub key: &'static Key,
+    /// The value, as typed.
     pub value: String,
 }
 
@@ -156,6 +158,11 @@ pub fn set(config: &mut Config, text: &str) -> Result<(), String> {
     key.set(config, &value)
 }
 
+/// Parses a setting, such as `poll=200`.
+///
+/// # Errors
+///
+/// There is no such setting, or no such value, in words.
 pub fn setting(text: &str) -> Result<Setting, String> {
     let (name, value) = text.split_once('=').ok_or("expected KEY=VALUE, for example poll=200")?;
     let key = KEYS.iter().find(|key| key.name == name).ok_or_else(|| {

@@ -8,6 +8,7 @@ use armwire::time;
 pub struct Stopwatch(pub Instant);
 
 impl Stopwatch {
+    /// A clock that is zero now.
     pub fn start() -> Self {
         Self(Instant::now())
     }

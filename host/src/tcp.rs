@@ -37,7 +37,7 @@ impl FromStr for Host {
 
 impl Host {
     /// An address, for example `192.168.1.10:4000` or `[::1]:4000`. The port may be omitted if there is a default.
-    pub fn parse(text: &str, usual_port: Option<u16>) -> Result<Self, String> {
+    pub(crate) fn parse(text: &str, usual_port: Option<u16>) -> Result<Self, String> {
         let (host, port) = match text.rsplit_once(':') {
             Some((host, port)) if !host.contains(':') || host.ends_with(']') => (host, port.parse().ok()),
             _ if usual_port.is_none() => return Err(format!("'{text}' has no port, such as {text}:4000")),
@@ -66,7 +66,7 @@ impl fmt::Display for Host {
 }
 
 /// An open connection.
-pub struct Tcp {
+pub(crate) struct Tcp {
     name: String,
     stream: TcpStream,
     is_serial: bool,
@@ -74,7 +74,7 @@ pub struct Tcp {
 
 impl Tcp {
     /// Connects to an xArm or, if `is_serial`, to a server of an arm's serial port.
-    pub fn connect(host: &Host, is_serial: bool) -> Result<Self, Error> {
+    pub(crate) fn connect(host: &Host, is_serial: bool) -> Result<Self, Error> {
         let name = host.to_string();
         let addresses = (host.host.as_str(), host.port).to_socket_addrs();
         let addresses = addresses.map_err(|error| {

@@ -6,13 +6,13 @@ pub(crate) mod values;
 mod xarm;
 
 use armwire::ling::Request;
+use armwire_host::Link;
+use armwire_host::describe::{Arm, object};
 use clap::{Args, Subcommand};
 use serde_json::json;
 
 use crate::args::ArmPort;
-use crate::describe::{Arm, object};
 use crate::error::Error;
-use crate::link::Link;
 use crate::output::{print_json, print_line};
 use crate::stop::stoppable;
 

@@ -1,13 +1,12 @@
 //! The requests of an xArm.
 
 use armwire::xarm::{Joint, ProtocolId, Raw, Request};
-use armwire_host::XArm;
+use armwire_host::{Host, XArm};
 use clap::{Args, Subcommand};
 
 use super::values::made;
 use crate::error::Error;
 use crate::hex;
-use crate::tcp::Host;
 
 /// A request and its host.
 #[derive(Args)]

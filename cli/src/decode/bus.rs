@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message};
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
+use armwire_host::describe::Protocol;
 
 use super::log::{Logged, Record, Time};
 use super::meaning::frame_meaning;
 use super::output::{Item, OnLine, Output};
 use crate::args::Speaker;
-use crate::describe::Protocol;
 use crate::printable::{cut, escaped};
 
 /// The high half of a flow control frame's first byte.

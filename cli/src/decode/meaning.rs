@@ -6,9 +6,9 @@ use armwire::framing::Scan;
 use armwire::ling::Ling;
 use armwire::ling::legacy::Legacy;
 use armwire::xarm::XArm;
+use armwire_host::describe::{Arm, Protocol};
 
 use crate::args::Speaker;
-use crate::describe::{Arm, Protocol};
 use crate::hex;
 
 /// The expectation of a decoder for this sender.

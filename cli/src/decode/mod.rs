@@ -22,10 +22,10 @@ use std::path::PathBuf;
 
 use armwire::alpha1::Alpha1;
 use armwire::xarm::XArm;
+use armwire_host::describe::Protocol;
 use clap::Args;
 
 use crate::args::{ArmKind, Speaker};
-use crate::describe::Protocol;
 use crate::error::Error;
 use crate::hex;
 use bus::Buses;

@@ -4,8 +4,9 @@ use std::cell::RefCell;
 use std::fmt::{self, Arguments, Display};
 use std::io::{self, BufWriter, Stdout, Write};
 
+use armwire_host::describe::Protocol;
+
 use crate::args::Speaker;
-use crate::describe::Protocol;
 
 /// A frame of a recording, or bytes between frames.
 pub(super) struct Item<'a> {

@@ -8,9 +8,10 @@ use std::fmt::Arguments;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
+use armwire_host::describe::Protocol;
+
 use super::output::{Console, Item, OnLine, Output, Writer};
 use crate::args::Speaker;
-use crate::describe::Protocol;
 use crate::error::Error;
 use crate::new_file;
 use crate::output::print_error;

@@ -6,11 +6,11 @@ use armwire::ling::legacy::{Detector, Legacy};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire::messages::Messages;
 use armwire::xarm;
+use armwire_host::describe::Arm;
 
 use super::meaning::{expected, meaning};
 use super::output::{Item, OnLine, Output};
 use crate::args::Speaker;
-use crate::describe::Arm;
 
 /// Buffer size: the longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;

@@ -8,14 +8,13 @@ use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
 use armwire_bridge::config::{ArmKind, Poll};
 use armwire_bridge::control::{self, Event, Subscription};
+use armwire_host::{Adapter, LineErrors};
 
 use super::polled::{Readable, news};
 use super::reading::{News, OnFrame, Source};
 use super::recorder::Recorder;
 use crate::adapter::RECOVERY;
-use crate::control::Adapter;
 use crate::error::Error;
-use crate::link::LineErrors;
 
 /// Maximum wait for an event. Keys are read between waits.
 const EVENT_TIMEOUT: Duration = Duration::from_millis(50);

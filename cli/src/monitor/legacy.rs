@@ -3,11 +3,11 @@
 use std::time::{Duration, Instant};
 
 use armwire::ling::legacy::{GripperState, Legacy, Response};
+use armwire_host::describe::{Arm, legacy};
+use armwire_host::{LineErrors, Link};
 
 use super::reading::{News, Source};
-use crate::describe::{Arm, legacy};
 use crate::error::Error;
-use crate::link::{LineErrors, Link};
 
 /// Maximum time without joints. Such an arm sends them 40 times per second.
 const SILENCE_TIMEOUT: Duration = Duration::from_millis(500);

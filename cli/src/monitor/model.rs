@@ -4,10 +4,9 @@ use std::collections::VecDeque;
 
 use armwire_bridge::control::{Latencies, Stamp};
 use armwire_bridge::{Duration, Instant};
+use armwire_host::LineErrors;
+use armwire_host::describe::Fact;
 use serde_json::{Map, Value};
-
-use crate::describe::Fact;
-use crate::link::LineErrors;
 
 /// Window of the measured rate.
 const RATE_WINDOW: Duration = Duration::from_millis(2_000);
@@ -232,7 +231,7 @@ pub(super) fn millis(time: Duration) -> String {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::describe::number;
+    use armwire_host::describe::number;
 
     /// Joints at these angles at `millis`, after a call of `micros`.
     pub(in super::super) fn latest(millis: u64, micros: u64, joints: &[Option<f32>]) -> Latest {

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
+use armwire_host::Link;
+use armwire_host::describe::{Arm, Protocol};
+
 use super::reading::OnFrame;
-use crate::describe::{Arm, Protocol};
 use crate::error::Error;
-use crate::link::Link;
 
 /// Records nothing.
 pub(super) struct Recorder;

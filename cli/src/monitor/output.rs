@@ -5,6 +5,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire_bridge::time;
+use armwire_host::describe::line;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 #[cfg(unix)]
@@ -15,7 +16,6 @@ use serde_json::Value;
 
 use super::model::Model;
 use super::{table, view};
-use crate::describe::line;
 use crate::error::Error;
 use crate::output::{self, print, print_line};
 use crate::printable::escaped_json;

@@ -3,11 +3,11 @@
 use armwire::alpha1::{self, Alpha1};
 use armwire::ling::{self, Kind, Ling};
 use armwire::messages::Messages;
+use armwire_host::describe::Arm;
+use armwire_host::{LineErrors, Link};
 
 use super::reading::{News, Source};
-use crate::describe::Arm;
 use crate::error::Error;
-use crate::link::{LineErrors, Link};
 
 /// A protocol with a request for the state of the arm.
 pub(super) trait Readable: Arm {

@@ -1,11 +1,10 @@
 //! Readings of an arm, and their source.
 
 use armwire_bridge::control::Stamp;
+use armwire_host::describe::Fact;
+use armwire_host::{Adapter, LineErrors};
 
-use crate::control::Adapter;
-use crate::describe::Fact;
 use crate::error::Error;
-use crate::link::LineErrors;
 
 /// News from a [`Source`].
 #[derive(Clone, Debug)]

@@ -6,14 +6,15 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
+use armwire_host::Link;
+use armwire_host::describe::{Arm, Protocol};
+use armwire_host::stamps::{Clock, now};
+
 use super::reading::OnFrame;
 use crate::args::Speaker;
-use crate::describe::{Arm, Protocol};
 use crate::error::Error;
-use crate::link::Link;
 use crate::new_file;
 use crate::recording::{Capture, Frame, Writer};
-use armwire_host::stamps::{Clock, now};
 
 /// Maximum time for which frames are only in memory: a program that is killed loses as much.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);

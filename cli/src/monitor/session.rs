@@ -5,6 +5,8 @@ use std::thread;
 use std::time::Duration;
 
 use armwire_bridge::time;
+use armwire_host::Connection;
+use armwire_host::stopwatch::Stopwatch;
 
 use super::model::{Adapter, Latest, Model};
 use super::output::{Form, Output, Step};
@@ -13,9 +15,7 @@ use super::recorder::Recorder;
 use crate::adapter::describe;
 use crate::error::Error;
 use crate::output::{print_error, print_line};
-use crate::port::Connection;
 use crate::remedies::words;
-use crate::stopwatch::Stopwatch;
 
 /// Periods of requests for temperatures, for the gripper's stroke during a recording, and for the adapter's counters.
 const CELSIUS_PERIOD: time::Duration = time::Duration::from_millis(5_000);
@@ -286,7 +286,7 @@ mod tests {
     use std::time::Instant;
 
     use super::*;
-    use crate::link::LineErrors;
+    use armwire_host::LineErrors;
     use armwire_host::Missing;
 
     fn no_answer(bytes: usize) -> Error {

@@ -1,10 +1,10 @@
 //! Readings for other programs: comma-separated values, or a JSON object per line.
 
 use armwire_bridge::Instant;
+use armwire_host::describe::number;
 use serde_json::{Map, Value, json};
 
 use super::model::{Latest, Model};
-use crate::describe::number;
 
 /// The columns of a reading, with units in the names. Missing values are null.
 ///
@@ -57,8 +57,8 @@ mod tests {
     use armwire_bridge::control::Stamp;
 
     use super::*;
-    use crate::describe::Fact;
     use crate::monitor::model::tests::latest;
+    use armwire_host::describe::Fact;
 
     #[test]
     fn row_has_units_and_null_for_missing_values() {

@@ -204,8 +204,8 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
-    use crate::link::LineErrors;
     use crate::monitor::model::tests::latest;
+    use armwire_host::LineErrors;
 
     /// The lines of a screen of this size.
     fn screen(model: &Model, width: u16, height: u16) -> Vec<String> {

@@ -1,12 +1,14 @@
 //! The xArm: joint positions and state.
 
 use armwire::xarm::{Raw, Reply, Request, Response, XArm};
+use armwire_host::describe::{
+    Arm,
+    xarm::{POSITIONS, positions},
+};
+use armwire_host::{LineErrors, Link};
 
 use super::reading::{News, Source};
-use crate::describe::Arm;
-use crate::describe::xarm::{POSITIONS, positions};
 use crate::error::Error;
-use crate::link::{LineErrors, Link};
 
 /// A polled arm.
 pub(super) struct PolledXArm {

@@ -6,11 +6,11 @@ use std::sync::mpsc::Sender;
 use armwire::decoder::{Decoder, Kind};
 use armwire::xarm::MAX_FRAME;
 use armwire_host::Tap;
+use armwire_host::describe::Arm;
 use armwire_host::stamps::now;
 
 use super::frame::Frame;
 use crate::args::Speaker;
-use crate::describe::Arm;
 
 /// Both directions of a line. Frames that are incomplete at its end are sent unchanged.
 pub(crate) struct Capture<P: Arm> {

@@ -1,7 +1,8 @@
 //! The unit of a recording.
 
+use armwire_host::describe::Protocol;
+
 use crate::args::Speaker;
-use crate::describe::Protocol;
 
 /// A frame on an arm's line, or a run of bytes between frames. Times are in nanoseconds since 1970.
 #[derive(Clone, Debug, PartialEq, Eq)]

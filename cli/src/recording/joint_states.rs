@@ -4,11 +4,13 @@ use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{self, Ling, Stroke};
 use armwire::messages::Messages;
 use armwire::xarm::{self, Reply, State, XArm};
+use armwire_host::describe::{
+    Protocol,
+    xarm::{JOINTS, POSITIONS},
+};
 
 use super::frame::Frame;
 use crate::args::Speaker;
-use crate::describe::Protocol;
-use crate::describe::xarm::{JOINTS, POSITIONS};
 
 /// Facts of an arm from its frames so far.
 #[derive(Default)]

@@ -1,13 +1,13 @@
 //! The ROS 2 messages of a recording, field by field in the order of their definitions.
 
+use armwire_host::describe::Protocol;
+use armwire_host::stamps::ros_time;
 use byteorder::LittleEndian;
 use serde::{Deserialize, Serialize};
 
 use super::frame::Frame;
 use crate::args::Speaker;
-use crate::describe::Protocol;
 use crate::printable::cut;
-use armwire_host::stamps::ros_time;
 
 /// Type and definition of [`JointState`].
 pub(super) const JOINT_STATE: (&str, &str) = ("sensor_msgs/msg/JointState", include_str!("joint_state.ros2msg"));

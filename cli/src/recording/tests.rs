@@ -5,6 +5,7 @@ use std::sync::mpsc::channel;
 use armwire::ling::{self, Ling, MotionStatus, Stroke};
 use armwire::messages::Messages;
 use armwire::xarm::XArm;
+use armwire_host::describe::{Arm, Protocol};
 use mcap::MessageStream;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -15,7 +16,6 @@ use super::messages::parse_frame;
 use super::writer::FRAMES;
 use super::*;
 use crate::args::Speaker;
-use crate::describe::{Arm, Protocol};
 
 const PROTOCOLS: [Protocol; 4] = [Protocol::Ling, Protocol::LingLegacy, Protocol::Xarm, Protocol::Alpha1];
 /// A request of a host to read joints.

@@ -1,19 +1,18 @@
 //! `armwire selftest PORT` on the command line.
 
-use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use armwire_host::available::not_found;
+use armwire_host::control::usb;
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::linux::LinuxUsb;
 use super::{Check, Plan, names, run};
 use crate::confirm::Confirm;
-use crate::control::usb;
 use crate::error::Error;
 use crate::output::{print_json, print_line};
-use crate::serial::not_opened;
 
 /// The warning that the user confirms before anything is sent.
 const DANGER: &str = "Disconnect the arm, and join PA2 and PA3 with a jumper. The self-test restarts the adapter and writes \
@@ -62,7 +61,7 @@ impl Selftest {
     /// The checks, and the result of printing each as it ended.
     fn check(&self, plan: &Plan, stop: &AtomicBool) -> Result<(Vec<Check>, Result<(), Error>), Error> {
         if !Path::new(&self.port).exists() {
-            return Err(not_opened(&self.port, &ErrorKind::NotFound.into()).into());
+            return Err(not_found(&self.port).into());
         }
         let info = usb::find(&self.port)?;
         self.confirm.prompt(DANGER)?;

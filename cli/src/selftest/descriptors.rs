@@ -2,6 +2,7 @@
 
 use std::fmt::Debug;
 
+use armwire_host::control::usb::VENDOR_AND_PRODUCT;
 use nusb::descriptors::{ConfigurationDescriptor, DeviceDescriptor, InterfaceDescriptor, TransferType};
 use nusb::transfer::Direction::{self, In, Out};
 use serde_json::json;
@@ -10,7 +11,6 @@ use super::bench::Bench;
 use super::report::{Passed, Trouble, ensure};
 use super::usb::{Payload, Request};
 use super::{Checked, identify};
-use crate::control::usb::VENDOR_AND_PRODUCT;
 
 /// GET_DESCRIPTOR of the device (USB 2.0, 9.4.3) and the descriptor types (table 9-5; USB 3.2, 9.6.2).
 const GET_DESCRIPTOR: u8 = 6;

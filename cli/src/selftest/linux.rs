@@ -5,13 +5,13 @@ use std::collections::VecDeque;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use armwire_host::control::usb::bulk_endpoints;
 use nusb::transfer::{
     Buffer, Bulk, ControlIn, ControlOut, ControlType, EndpointDirection, In, Out, Recipient, TransferError,
 };
 use nusb::{Device, DeviceInfo, Endpoint, ErrorKind, Interface, MaybeFuture};
 
 use super::usb::{Direction, Payload, Pipe, Request, Usb, UsbError};
-use crate::control::usb::bulk_endpoints;
 
 /// The classes of the interfaces: the serial port's two, and the control interface.
 const COMMUNICATIONS: u8 = 0x02;

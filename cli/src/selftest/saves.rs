@@ -2,12 +2,12 @@
 
 use armwire_bridge::config::{Config, HostTimeout};
 use armwire_bridge::control::{Failure, Reply, Request};
+use armwire_host::settings::object;
 use serde_json::json;
 
 use super::bench::{Bench, at, losses, payload, quiet, unexpected};
 use super::report::{Passed, Trouble, ensure};
 use super::{Checked, Plan, planned};
-use armwire_host::settings::object;
 
 /// Bytes echoed during each save.
 const BYTES: usize = 2_000;

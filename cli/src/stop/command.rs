@@ -4,6 +4,7 @@ use armwire::alpha1;
 use armwire::ling::Opening;
 use armwire::ling::stop::{Grip, Stopped};
 use armwire_bridge::control::STOP_MS;
+use armwire_host::{Connection, Error as Host, Ling};
 use clap::Args;
 
 use super::show;
@@ -12,8 +13,6 @@ use crate::call::call;
 use crate::call::ling::opening;
 use crate::error::Error;
 use crate::output::{print_error, print_line};
-use crate::port::Connection;
-use armwire_host::{Error as Host, Ling};
 
 /// The arguments of `armwire stop`.
 #[derive(Args)]

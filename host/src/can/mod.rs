@@ -29,25 +29,25 @@ const _: () = assert!(MAX_FRAME <= MAX_PDU);
 
 /// Opens an interface of Linux, `name` to the user, for one node.
 #[cfg(target_os = "linux")]
-pub fn open_interface(name: String, interface: &str, node: Node) -> Result<SharedBus, Error> {
+pub(crate) fn open_interface(name: String, interface: &str, node: Node) -> Result<SharedBus, Error> {
     Ok(SharedBus::new(socket::SocketBus::open(name, interface, node)?))
 }
 
 /// Reports that CAN interfaces need Linux.
 #[cfg(not(target_os = "linux"))]
-pub fn open_interface(name: String, _: &str, _: Node) -> Result<SharedBus, Error> {
+pub(crate) fn open_interface(name: String, _: &str, _: Node) -> Result<SharedBus, Error> {
     let reason = format!("{name}: only Linux has such CAN interfaces, use slcan: here");
     Err(Error::Port(reason.into()))
 }
 
 /// Opens the CAN adapter on a serial port.
-pub fn open_slcan(serial: Serial, bit_rate: BitRate) -> Result<SharedBus, Error> {
+pub(crate) fn open_slcan(serial: Serial, bit_rate: BitRate) -> Result<SharedBus, Error> {
     Ok(SharedBus::new(slcan::SlcanBus::open(serial, bit_rate)?))
 }
 
 /// A bus with several channels. Frames that a channel receives for another are queued.
 #[derive(Clone)]
-pub struct SharedBus(Arc<Mutex<Switch>>);
+pub(crate) struct SharedBus(Arc<Mutex<Switch>>);
 
 struct Switch {
     bus: Box<dyn Bus>,
@@ -114,7 +114,7 @@ impl SharedBus {
 }
 
 /// Whole messages to and from an adapter.
-pub struct CanLine {
+pub(crate) struct CanLine {
     /// The name on the command line.
     name: String,
     node: Node,
@@ -130,7 +130,7 @@ pub struct CanLine {
 
 impl CanLine {
     /// A line that sends requests to `node` as frames of function `tx`, and receives answers as those of `rx`.
-    pub fn new(name: String, bus: &SharedBus, node: Node, tx: Function, rx: Function) -> Self {
+    pub(crate) fn new(name: String, bus: &SharedBus, node: Node, tx: Function, rx: Function) -> Self {
         let rx = rx.id(node);
         bus.lock().inboxes.entry(rx).or_default().channels += 1;
         // Every adapter accepts classic frames. Adapters without CAN FD accept no others.

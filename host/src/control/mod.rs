@@ -34,10 +34,10 @@ pub struct Adapter {
 }
 
 /// A message of the adapter.
-pub type Received = Result<FromAdapter, Malformed>;
+pub(crate) type Received = Result<FromAdapter, Malformed>;
 
 /// A transport of messages.
-pub trait Transport: Send {
+pub(crate) trait Transport: Send {
     /// The name on the command line.
     fn name(&self) -> &str;
 
@@ -80,7 +80,7 @@ impl Adapter {
         }))
     }
 
-    pub fn new(transport: Box<dyn Transport>) -> Self {
+    pub(crate) fn new(transport: Box<dyn Transport>) -> Self {
         Self {
             transport,
             sequence: first_sequence(),

@@ -114,8 +114,8 @@ mod tests {
     use crate::decode::format::Format;
     use crate::decode::input::Head;
     use crate::decode::tests::printed;
-    use crate::describe::Protocol;
     use crate::recording::tests::{any_frame, file};
+    use armwire_host::describe::Protocol;
 
     /// In bytes: the buffer of the input is an eighth of it.
     const MAX_MEMORY: u64 = 512 * 1024;

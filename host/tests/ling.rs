@@ -1,0 +1,109 @@
+//! A Ling arm through the library, against a virtual arm on a pseudo-terminal.
+#![cfg(unix)]
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use armwire::ling::stop::{Grip, Stopped};
+use armwire::ling::{GripperSpeed, Move, Opening, Position, Speed, Torque};
+use armwire_host::{Error, Ling, Missing, Remedy};
+use armwire_sim::ling::{Config, LingArm};
+use armwire_sim::pty::Pty;
+use armwire_sim::serve::serve;
+
+/// Runs `test` with an arm.
+fn with_arm(test: impl FnOnce(&mut Ling) + Send) {
+    let (pty, stop) = (Pty::open(None).unwrap(), AtomicBool::new(false));
+    let mut virtual_arm = LingArm::new(Config::follower());
+    thread::scope(|scope| {
+        scope.spawn(|| serve(&mut virtual_arm, &pty, &stop));
+        let path = pty.path().to_str().unwrap();
+        let tested = thread::scope(|scope| {
+            let test = || test(&mut armwire_host::open(path).unwrap().ling().unwrap());
+            scope.spawn(test).join()
+        });
+        stop.store(true, Ordering::Relaxed);
+        if let Err(panic) = tested {
+            std::panic::resume_unwind(panic);
+        }
+    });
+}
+
+/// A busy system may answer late: the call is repeated.
+fn patient<T>(mut call: impl FnMut() -> Result<T, Error>) -> Result<T, Error> {
+    loop {
+        match call() {
+            Err(Error::NoAnswer {
+                missing: Missing::Silent | Missing::Late,
+                ..
+            }) => {}
+            other => return other,
+        }
+    }
+}
+
+/// A move that takes half a minute.
+fn far_target() -> Move {
+    Move {
+        joints: [(Position::new(4_000).unwrap(), Speed::new(60).unwrap()); 6],
+        gripper: (Opening::OPEN, GripperSpeed(1_000)),
+    }
+}
+
+#[test]
+fn move_without_torque_is_refused_and_moves_nothing() {
+    with_arm(|arm| {
+        arm.set_torque(Torque::Off).unwrap();
+        let before = patient(|| arm.read_joints()).unwrap();
+        let error = patient(|| arm.move_to(&far_target())).unwrap_err();
+        assert!(matches!(error, Error::TorqueOff { .. }), "{error}");
+        assert_eq!(error.remedy(), Some(Remedy::TorqueOn));
+        arm.set_torque(Torque::On).unwrap();
+        assert_eq!(patient(|| arm.read_joints()).unwrap().joints, before.joints);
+    });
+}
+
+#[test]
+fn unreached_target_is_an_error_with_the_pose() {
+    with_arm(|arm| {
+        let error = patient(|| arm.move_and_wait(&far_target(), Duration::ZERO)).unwrap_err();
+        let Error::NotReached { state, .. } = &error else {
+            panic!("{error}");
+        };
+        assert!(state.joints[0] < 4_000);
+        assert_eq!(error.remedy(), Some(Remedy::Stop));
+    });
+}
+
+#[test]
+fn interrupt_stops_the_arm_that_moves() {
+    /// Checks until Ctrl-C, some of them during the motion.
+    static LEFT: AtomicUsize = AtomicUsize::new(0);
+    with_arm(|arm| {
+        arm.set_interrupt(|| {
+            match LEFT.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)) {
+                Ok(_) => Ok(()),
+                Err(_) => Err("Ctrl-C".into()),
+            }
+        });
+        let moved = patient(|| {
+            LEFT.store(10, Ordering::Relaxed);
+            arm.move_and_wait(&far_target(), Duration::from_secs(60))
+        });
+        let Error::Stopped { stopped, reason, .. } = moved.unwrap_err() else {
+            panic!("the motion is not interrupted");
+        };
+        assert_eq!(reason.to_string(), "Ctrl-C");
+        let Stopped::AtRest { state, grip } = stopped else {
+            panic!("its torque is on");
+        };
+        assert_eq!(grip, Grip::Goal);
+        arm.set_interrupt(|| Ok(()));
+        assert_eq!(
+            patient(|| arm.read_joints()).unwrap().joints,
+            state.joints,
+            "it still moves"
+        );
+    });
+}
