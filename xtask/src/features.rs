@@ -1,4 +1,4 @@
-//! `cargo xtask features`: the protocol and bridge crates with their features, and each published crate with its oldest
+//! `cargo xtask features`: the crates for programs with their features, and each published crate with its oldest
 //! compiler.
 
 use anyhow::Result;
@@ -7,8 +7,8 @@ use crate::cargo::tool;
 use crate::packages::PACKAGES;
 use crate::process::run;
 
-/// Clippy on the two crates with no feature, each alone, and all; the tests of `armwire` with no feature and each alone;
-/// and a build of each crate with its oldest compiler.
+/// Clippy on `armwire`, the bridge and the library for PCs with no feature, each alone, and all; the tests of `armwire` with
+/// no feature and each alone; and a build of each crate with its oldest compiler.
 ///
 /// # Errors
 ///
@@ -19,7 +19,7 @@ pub(crate) fn each() -> Result<()> {
     oldest_compilers()
 }
 
-/// Clippy on the two crates with every set of features, and the tests of `armwire` with each set of up to two.
+/// Clippy on these crates with every set of features, and the tests of `armwire` with each set of up to two.
 ///
 /// # Errors
 ///
@@ -31,7 +31,8 @@ pub(crate) fn every_set() -> Result<()> {
 
 fn clippy(sets: &str) -> Result<()> {
     run(&mut tool(&format!(
-        "hack clippy --quiet --package armwire --package armwire-bridge {sets} --skip default -- -D warnings"
+        "hack clippy --quiet --package armwire --package armwire-bridge --package armwire-host {sets} --skip default -- -D \
+         warnings"
     ))?)
 }
 

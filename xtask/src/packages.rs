@@ -14,15 +14,22 @@ use crate::readme;
 use crate::workspace::root;
 
 /// The crates to publish.
-pub(crate) const PACKAGES: [&str; 4] = ["armwire", "armwire-bridge", "armwire-sim", "armwire-cli"];
+pub(crate) const PACKAGES: [&str; 5] = [
+    "armwire",
+    "armwire-bridge",
+    "armwire-sim",
+    "armwire-host",
+    "armwire-cli",
+];
 /// The packages whose README has an example.
-const LIBRARIES: [&str; 3] = ["armwire", "armwire-bridge", "armwire-sim"];
+const LIBRARIES: [&str; 4] = ["armwire", "armwire-bridge", "armwire-sim", "armwire-host"];
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Files that each package must contain in addition to its sources.
 const FILES: [&str; 3] = ["README.md", "LICENSE-MIT", "LICENSE-APACHE"];
 
-/// The page with a program for a PC.
+/// The page with programs for a PC, and the heading between them.
 const PC: &str = "docs/pc.md";
+const SECOND: &str = "\n### Over a port of your own\n";
 
 /// The use of the tests in the packages.
 #[derive(Clone, Copy)]
@@ -33,7 +40,7 @@ pub(crate) enum Tests {
 }
 
 /// Packages the crates, builds their tests from their `.crate` files, builds and runs the examples of their READMEs with
-/// these files only, and moves a virtual arm with the program in [`PC`].
+/// these files only, and moves a virtual arm with each program in [`PC`].
 ///
 /// # Errors
 ///
@@ -47,7 +54,7 @@ pub(crate) fn check(tests: Tests) -> Result<()> {
     LIBRARIES
         .into_iter()
         .try_for_each(|library| run_readme(library, &folder))?;
-    move_virtual_arm(&folder)
+    move_virtual_arms(&folder)
 }
 
 /// Packages the crates and unpacks them into this folder.
@@ -96,12 +103,26 @@ fn run_readme(package: &str, folder: &Path) -> Result<()> {
     )?)
 }
 
-/// Builds the program in [`PC`] in a new package, and moves a virtual arm of the packaged command with it.
-fn move_virtual_arm(folder: &Path) -> Result<()> {
-    println!("{PC}: its program and a virtual arm");
+/// Moves a virtual arm with each program in [`PC`].
+fn move_virtual_arms(folder: &Path) -> Result<()> {
+    let page = fs::read_to_string(root().join(PC))?;
+    let (first, second) = page
+        .split_once(SECOND)
+        .with_context(|| format!("{PC} has no second program"))?;
+    run(&mut in_folder(
+        "build --quiet --package armwire-cli",
+        &folder.join("crates"),
+    )?)?;
+    [first, second]
+        .into_iter()
+        .try_for_each(|program| move_virtual_arm(folder, program))
+}
+
+/// Builds the program of this text in a new package, and moves a virtual arm of the packaged command with it.
+fn move_virtual_arm(folder: &Path, text: &str) -> Result<()> {
+    println!("{PC}: a program and a virtual arm");
     let (crates, user) = (folder.join("crates"), folder.join("pc-user"));
-    readme::make_package(&fs::read_to_string(root().join(PC))?, &user, &patch(&crates))?;
-    run(&mut in_folder("build --quiet --package armwire-cli", &crates)?)?;
+    readme::make_package(text, &user, &patch(&crates))?;
     run(&mut in_folder("build --quiet", &user)?)?;
     let (arm, programs) = (folder.join("arm"), target_dir()?.join("debug"));
     let mut sim = Command::new(programs.join("armwire"));

@@ -8,7 +8,7 @@ use crate::cargo::tool;
 use crate::process::{self, output};
 use crate::workspace::root;
 
-/// Compares the protocol and bridge crates with the last release: the last tag `v…` before this commit.
+/// Compares the crates for programs with the last release: the last tag `v…` before this commit.
 ///
 /// # Errors
 ///
@@ -22,6 +22,7 @@ pub(crate) fn run() -> Result<()> {
         println!("no release to compare with: there is no tag v…");
         return Ok(());
     };
-    let check = "semver-checks check-release --package armwire --package armwire-bridge --baseline-rev";
+    let check =
+        "semver-checks check-release --package armwire --package armwire-bridge --package armwire-host --baseline-rev";
     process::run(tool(check)?.arg(release))
 }
