@@ -38,7 +38,12 @@ async fn main(_spawner: Spawner) {
     let port = Uart::new(p.UART1, config).unwrap();
     let port = port.with_tx(p.GPIO4).with_rx(p.GPIO5).into_async();
 
-    let mut arm = Arm::new(port, EmbassyClock, Config::DEFAULT);
+    // The size of the receive buffer: no more bytes are read before a request.
+    let config = Config {
+        backlog: 128,
+        ..Config::DEFAULT
+    };
+    let mut arm = Arm::new(port, EmbassyClock, config);
     loop {
         if let Err(error) = stop_and_read(&mut arm).await {
             println!("no arm: {error}");

@@ -58,7 +58,12 @@ async fn main(_spawner: Spawner) {
     // The pull-up keeps P0.08 idle while no arm is connected. Without it the input floats and receives noise.
     P0.pin_cnf(8).modify(|pin| pin.set_pull(Pull::Pullup));
 
-    let mut arm = Arm::new(port, EmbassyClock, Config::DEFAULT);
+    // The size of the receive buffer: no more bytes are read before a request.
+    let config = Config {
+        backlog: 256,
+        ..Config::DEFAULT
+    };
+    let mut arm = Arm::new(port, EmbassyClock, config);
     loop {
         if let Err(error) = stop_and_read(&mut arm).await {
             info!("no arm: {}", error);

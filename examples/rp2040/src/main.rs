@@ -48,7 +48,12 @@ async fn main(_spawner: Spawner) {
     // The pull-up keeps GP5 idle while no arm is connected. Without it the input floats and receives noise.
     PADS_BANK0.gpio(5).modify(|pad| pad.set_pue(true));
 
-    let mut arm = Arm::new(port, EmbassyClock, Config::DEFAULT);
+    // The size of the receive buffer: no more bytes are read before a request.
+    let config = Config {
+        backlog: 256,
+        ..Config::DEFAULT
+    };
+    let mut arm = Arm::new(port, EmbassyClock, config);
     connect(&mut arm, &mut log).await;
     if let Err(error) = turn_wrist_and_grip(&mut arm, &mut log).await {
         log.line(format_args!("arm lost: {error}"));

@@ -52,7 +52,12 @@ async fn main(_spawner: Spawner) {
     config.rx_pull = Pull::Up;
     let port = BufferedUart::new(p.USART1, p.PA10, p.PA9, tx, rx, Irqs, config).unwrap();
 
-    let mut arm = Arm::new(port, EmbassyClock, Config::DEFAULT);
+    // The size of the receive buffer: no more bytes are read before a request.
+    let config = Config {
+        backlog: 256,
+        ..Config::DEFAULT
+    };
+    let mut arm = Arm::new(port, EmbassyClock, config);
     loop {
         if let Err(error) = stop_and_read(&mut arm).await {
             info!("no arm: {}", error);
