@@ -2,7 +2,7 @@
 
 #[cfg(feature = "alpha1")]
 use armwire::alpha1::{self, Alpha1};
-use armwire::dialect::{Dialect, Effect, InfoOf, RequestInfo};
+use armwire::correlation::{Correlation, Effect, InfoOf, RequestInfo};
 use armwire::framing::{Framing, Scan};
 #[cfg(feature = "ling")]
 use armwire::ling::{self, Ling};
@@ -201,7 +201,7 @@ impl Framing for ArmKind {
     }
 }
 
-impl Dialect for ArmKind {
+impl Correlation for ArmKind {
     type Key = Key;
 
     fn request(&self, frame: &[u8]) -> Option<Info> {

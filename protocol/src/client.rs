@@ -5,8 +5,8 @@ use core::num::NonZeroU32;
 
 use thiserror::Error;
 
+use crate::correlation::{Effect, InfoOf, ResponseTiming};
 use crate::decoder::{Decoder, Item, Kind, Span};
-use crate::dialect::{Effect, InfoOf, ResponseTiming};
 use crate::exchange::{Exchange, FirstByte, Handover, Match};
 use crate::framing::Reason;
 use crate::messages::Messages;

@@ -242,7 +242,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         }
     }
 
-    /// Sends a request and returns its answer. `take` accepts every answer that the dialect matches to the request.
+    /// Sends a request and returns its answer. `take` accepts every answer that is matched to the request.
     #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
     pub(crate) async fn read<T>(
         &mut self,

@@ -23,7 +23,7 @@
 
 use core::cell::Cell;
 
-use crate::dialect::{Dialect, InfoOf};
+use crate::correlation::{Correlation, InfoOf};
 use crate::time::{Duration, Instant};
 
 /// The handover of a request to the line.
@@ -66,7 +66,7 @@ pub enum Match<I> {
 }
 
 /// A request that was handed over and expects an answer.
-struct Sent<D: Dialect, I> {
+struct Sent<D: Correlation, I> {
     key: D::Key,
     expect: D::Expect,
     who: I,
@@ -80,7 +80,7 @@ struct Sent<D: Dialect, I> {
     stale: bool,
 }
 
-impl<D: Dialect, I: Copy + Eq> Sent<D, I> {
+impl<D: Correlation, I: Copy + Eq> Sent<D, I> {
     fn new(info: InfoOf<D>, who: I, handover: Handover) -> Self {
         Self {
             key: info.key,
@@ -108,14 +108,14 @@ struct Saturation {
 }
 
 /// The unresolved sends on one line, at most `N`. `I` identifies the initiator; use `()` for a single one.
-pub struct Exchange<D: Dialect, I, const N: usize> {
+pub struct Exchange<D: Correlation, I, const N: usize> {
     stale_window: Duration,
     /// In the order of handover, without gaps.
     sends: Slots<Sent<D, I>, N>,
     saturated: Option<Saturation>,
 }
 
-impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
+impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
     /// An exchange without sends. An answer within the stale window after its timeout is never assigned to another
     /// send.
     pub const fn new(stale_window: Duration) -> Self {
@@ -127,10 +127,10 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
     }
 
     /// The decoder's expectation: the answer to the oldest unresolved send.
-    pub fn expect(&self, dialect: &D) -> D::Expect {
+    pub fn expect(&self, correlation: &D) -> D::Expect {
         match self.sends.iter().next() {
             Some(oldest) => oldest.expect,
-            None => dialect.unsolicited(),
+            None => correlation.unsolicited(),
         }
     }
 
@@ -189,12 +189,12 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
 
     /// A frame arrived, its last byte at `now`. Returns the request that it answers. Before the call,
     /// [resolve](Self::expire) the sends that had ended when the frame arrived, not when it was read.
-    pub fn on_frame(&mut self, dialect: &D, frame: &[u8], first: FirstByte, now: Instant) -> Match<I> {
+    pub fn on_frame(&mut self, correlation: &D, frame: &[u8], first: FirstByte, now: Instant) -> Match<I> {
         let window = self.stale_window;
         let answered = self.sends.iter_mut().find(|sent| {
             sent.offset <= first.offset
                 && first.at.is_none_or(|at| sent.at <= at)
-                && dialect.is_response_to(sent.key, frame)
+                && correlation.is_response_to(sent.key, frame)
         });
         let Some(sent) = answered else {
             return Match::Unsolicited;

@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | [`framing`] | the beginning and end of a frame, given an expectation | its initiator |
 //! | [`decoder`] | bytes in chunks of any size → items in order, without a missing byte | the meaning of frames, the kind of arm |
-//! | [`dialect`] | matching frames, from their bytes alone | messages |
+//! | [`correlation`] | matching frames, from their bytes alone | messages |
 //! | [`exchange`] | the request of each answer: pending, stale, late, unsolicited | messages |
 //! | [`messages`] | typed requests and responses, in both directions | time |
 //! | [`Client`], [`Device`] | all of these for one conversation, as the host and as the arm | I/O |
@@ -28,7 +28,7 @@
 //! Programs use [`Client`] or the driver, [`Device`], [`messages`], [`time`] and the modules of the protocols. Changes of
 //! these are kept small.
 //!
-//! [`framing`], [`decoder`], [`dialect`], [`exchange`], [`raw`] and the `Frame` of each protocol are the layers below.
+//! [`framing`], [`decoder`], [`correlation`], [`exchange`], [`raw`] and the `Frame` of each protocol are the layers below.
 //! The adapter's firmware, monitors and implementations of other arms need them; programs do not. **They are less
 //! stable:** a release that may break compatibility may change them in any way.
 //!
@@ -48,9 +48,9 @@ extern crate std;
 #[cfg(feature = "alpha1")]
 pub mod alpha1;
 mod client;
+pub mod correlation;
 pub mod decoder;
 mod device;
-pub mod dialect;
 #[cfg(feature = "async")]
 pub mod driver;
 mod error;

@@ -4,14 +4,14 @@ use core::fmt::{Debug, Display};
 
 use thiserror::Error;
 
-use crate::dialect::Dialect;
+use crate::correlation::Correlation;
 use crate::{BufferTooShort, ParseError};
 
 /// The messages of one kind of arm.
 ///
 /// [`Client`](crate::Client) and [`Device`](crate::Device) use the same definitions and are tested against each other.
 /// A message borrows its texts and parameters from its frame. [`Ling`](crate::ling::Ling) is an example.
-pub trait Messages: Dialect {
+pub trait Messages: Correlation {
     /// A message of the host. Its text contains every value with its unit, and text from outside escaped.
     type Request<'a>: Copy + PartialEq + Debug + Display;
 

@@ -3,7 +3,7 @@
 //! This layer is for firmware, monitors and implementations of other arms. It is less stable than the
 //! [client](crate::Client): see [Stability](crate#stability).
 
-use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo};
+use crate::correlation::{Correlation, Effect, InfoOf, RequestInfo};
 use crate::framing::{Framing, Reason, Scan};
 
 /// A line without frames: every byte is stray, and no request is answered.
@@ -45,7 +45,7 @@ impl Framing for Raw {
     fn unsolicited(&self) {}
 }
 
-impl Dialect for Raw {
+impl Correlation for Raw {
     type Key = ();
 
     fn request(&self, frame: &[u8]) -> Option<InfoOf<Self>> {

@@ -7,7 +7,7 @@ use std::future::{Future, poll_fn};
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
-use armwire::dialect::Dialect;
+use armwire::correlation::Correlation;
 use armwire::driver::{CallError, Clock, Counters};
 use armwire::framing::{Framing, Scan};
 use armwire::ling::*;

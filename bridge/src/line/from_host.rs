@@ -2,8 +2,8 @@
 
 use core::ops::Range;
 
+use armwire::correlation::Correlation;
 use armwire::decoder::{Decoder, Item, Kind};
-use armwire::dialect::Dialect;
 use armwire::framing::{Framing, Scan};
 
 use crate::arm::Info;

@@ -1,7 +1,7 @@
 //! The gate for bytes of the host on USB while motion is refused.
 
+use armwire::correlation::{Correlation, Effect};
 use armwire::decoder::{Decoder, Kind};
-use armwire::dialect::{Dialect, Effect};
 use armwire::framing::Framing;
 
 use crate::config::ArmKind;

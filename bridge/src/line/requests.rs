@@ -1,6 +1,6 @@
 //! The pending requests of all initiators other than the host on USB.
 
-use armwire::dialect::{Dialect, Effect};
+use armwire::correlation::{Correlation, Effect};
 use heapless::Deque;
 
 use crate::arm::Info;

@@ -1,7 +1,7 @@
 //! Bytes to the arm: the next burst, and the request in it.
 
+use armwire::correlation::{Correlation, Effect};
 use armwire::decoder::Kind;
-use armwire::dialect::{Dialect, Effect};
 use armwire::exchange::Handover;
 use armwire::time::{Duration, Instant};
 

@@ -2,8 +2,8 @@
 
 use core::hint::black_box;
 
+use armwire::correlation::Correlation;
 use armwire::decoder::Decoder;
-use armwire::dialect::Dialect;
 use armwire::exchange::{Exchange, FirstByte, Handover};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
@@ -21,7 +21,7 @@ pub(crate) fn call_all<M: Messages + Copy, const N: usize>(
     let messages = black_box(messages);
     let response = black_box(response);
     let expect = black_box(expect);
-    call_dialect::<M, N>(&messages, expect);
+    call_correlation::<M, N>(&messages, expect);
     client::<M, N>(messages, black_box(request));
     device::<M, N>(messages, &response);
 
@@ -41,14 +41,14 @@ pub(crate) fn call_all<M: Messages + Copy, const N: usize>(
 }
 
 /// Calls the layers that need no messages.
-pub(crate) fn call_dialect<D: Dialect, const N: usize>(dialect: &D, expect: D::Expect) {
-    let dialect = black_box(dialect);
-    framing(dialect, expect);
-    decoder::<D, N>(dialect, expect);
-    exchange(dialect);
+pub(crate) fn call_correlation<D: Correlation, const N: usize>(correlation: &D, expect: D::Expect) {
+    let correlation = black_box(correlation);
+    framing(correlation, expect);
+    decoder::<D, N>(correlation, expect);
+    exchange(correlation);
 }
 
-fn framing<D: Dialect>(framing: &D, expect: D::Expect) {
+fn framing<D: Correlation>(framing: &D, expect: D::Expect) {
     let mut window = [0; 300];
     let window = bytes(&mut window);
     black_box(framing.scan(window, expect));
@@ -57,7 +57,7 @@ fn framing<D: Dialect>(framing: &D, expect: D::Expect) {
     black_box((framing.requests(), framing.unsolicited()));
 }
 
-fn decoder<D: Dialect, const N: usize>(framing: &D, expect: D::Expect) {
+fn decoder<D: Correlation, const N: usize>(framing: &D, expect: D::Expect) {
     let mut decoder = Decoder::<N>::new();
     let decoder = black_box(&mut decoder);
     black_box(decoder.push(bytes(&mut [0; 300])));
@@ -81,7 +81,7 @@ fn decoder<D: Dialect, const N: usize>(framing: &D, expect: D::Expect) {
     black_box((decoder.window(), decoder.broken()));
 }
 
-fn exchange<D: Dialect>(dialect: &D) {
+fn exchange<D: Correlation>(correlation: &D) {
     let now = || black_box(Instant::ZERO);
     let who = || black_box(1_u8);
     let mut frame = [0; 300];
@@ -93,20 +93,20 @@ fn exchange<D: Dialect>(dialect: &D) {
         at: now(),
         due: now(),
     });
-    if let Some(info) = dialect.request(frame) {
+    if let Some(info) = correlation.request(frame) {
         black_box(exchange.can_send(&black_box(info), who()));
         exchange.begin(black_box(info), who(), handover);
         exchange.repeat(black_box(info), who(), handover);
     }
     let exchange = black_box(exchange);
     let first = black_box(FirstByte { offset: 0, at: None });
-    black_box(exchange.on_frame(dialect, frame, first, now()));
+    black_box(exchange.on_frame(correlation, frame, first, now()));
     black_box(&mut *exchange).give_up(who());
     black_box(&mut *exchange).expire(now());
     black_box(black_box(&mut *exchange).on_timeout(now()).is_some());
     let exchange = black_box(exchange);
     black_box((exchange.timeout(), exchange.due(who()), exchange.is_idle()));
-    black_box((exchange.expect(dialect), exchange.holder(), exchange.is_saturated()));
+    black_box((exchange.expect(correlation), exchange.holder(), exchange.is_saturated()));
     black_box(exchange.clear());
 }
 

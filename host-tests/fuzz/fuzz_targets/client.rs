@@ -4,7 +4,7 @@
 
 use std::num::NonZeroU32;
 
-use armwire::dialect::{Effect, InfoOf};
+use armwire::correlation::{Effect, InfoOf};
 use armwire::framing::Reason;
 use armwire::time::{Duration, Instant};
 use armwire::{Client, Config, Event, Output, SubmitError};

@@ -2,8 +2,8 @@
 //! and pieces of the receive threshold.
 #![no_main]
 
+use armwire::correlation::Correlation;
 use armwire::decoder::{Decoder, Kind};
-use armwire::dialect::Dialect;
 use armwire::framing::{Framing, Reason};
 use armwire::ling::legacy::Detector;
 use armwire::raw::Raw;

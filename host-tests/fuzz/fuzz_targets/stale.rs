@@ -4,7 +4,7 @@
 
 use core::num::NonZeroU32;
 
-use armwire::dialect::Dialect;
+use armwire::correlation::Correlation;
 use armwire::framing::Framing;
 use armwire::ling::{
     Info, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, SerialNumber, Torque, Version,

@@ -1,6 +1,6 @@
 //! The messages of the Alpha1 document and of the servos' manual, and their encoding.
 
-use super::dialect::{NO_ANGLE, command, version_command};
+use super::correlation::{NO_ANGLE, command, version_command};
 use super::frame::{ACT, acknowledgement, header, put};
 use super::value::{
     Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, SERVOS, ServoId, ServoStates, Text, UsbType,

@@ -24,7 +24,7 @@
 
 mod answer;
 mod cause;
-mod dialect;
+mod correlation;
 #[cfg(feature = "async")]
 mod driver;
 mod frame;
@@ -36,7 +36,7 @@ mod text;
 mod value;
 
 pub use cause::Cause;
-pub use dialect::Key;
+pub use correlation::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
 pub use frame::{

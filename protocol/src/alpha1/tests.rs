@@ -8,8 +8,8 @@ use std::string::{String, ToString};
 use std::vec::Vec;
 
 use super::*;
+use crate::correlation::{Correlation, Effect};
 use crate::decoder::{Decoder, Kind};
-use crate::dialect::{Dialect, Effect};
 use crate::framing::{Framing, Reason, Scan};
 use crate::hex::hex;
 use crate::messages::Messages;

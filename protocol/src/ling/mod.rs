@@ -13,7 +13,7 @@
 //! ```
 
 mod answer;
-mod dialect;
+mod correlation;
 #[cfg(feature = "async")]
 mod driver;
 mod frame;
@@ -26,7 +26,7 @@ mod tests;
 pub mod text;
 mod value;
 
-pub use dialect::Key;
+pub use correlation::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
 pub use frame::{

@@ -100,7 +100,7 @@ impl Response<'_> {
     /// Neither is documented. The vendor's package recognises the invalid state, and waits 2 s for a missing answer.
     ///
     /// ```
-    /// use armwire::dialect::Dialect;
+    /// use armwire::correlation::Correlation;
     /// use armwire::messages::Messages;
     /// use armwire::xarm::{MAX_FRAME, Response, XArm};
     ///

@@ -13,7 +13,7 @@
 //! ```
 
 mod answer;
-mod dialect;
+mod correlation;
 #[cfg(feature = "async")]
 mod driver;
 mod frame;
@@ -25,7 +25,7 @@ mod text;
 mod value;
 
 pub use answer::Answer;
-pub use dialect::Key;
+pub use correlation::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
 pub use frame::{Direction, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME, MAX_PARAMS};

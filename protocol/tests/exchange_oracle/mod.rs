@@ -1,6 +1,6 @@
 //! A line with an exchange, and an oracle written from the exchange's rules. Shared with the fuzz target `exchange`.
 
-use armwire::dialect::{Dialect, Effect, RequestInfo, ResponseTiming};
+use armwire::correlation::{Correlation, Effect, RequestInfo, ResponseTiming};
 use armwire::exchange::{Exchange, FirstByte, Handover, Match};
 use armwire::framing::{Framing, Reason, Scan};
 use armwire::time::{Duration, Instant};
@@ -39,7 +39,7 @@ impl<const NUMBERED: bool> Framing for Bytes<NUMBERED> {
     }
 }
 
-impl<const NUMBERED: bool> Dialect for Bytes<NUMBERED> {
+impl<const NUMBERED: bool> Correlation for Bytes<NUMBERED> {
     const HAS_TRANSACTION_ID: bool = NUMBERED;
     type Key = u8;
 
@@ -80,16 +80,16 @@ pub const TURNAROUND: Duration = Duration::from_micros(100);
 pub const WINDOW: Duration = Duration::from_micros(50);
 
 /// A line with an exchange of four sends.
-pub struct Line<D: Dialect<Key = u8, Expect = u8>, I = Who> {
-    pub dialect: D,
+pub struct Line<D: Correlation<Key = u8, Expect = u8>, I = Who> {
+    pub correlation: D,
     pub exchange: Exchange<D, I, 4>,
     pub offset: u64,
 }
 
-impl<D: Dialect<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
-    pub fn new(dialect: D) -> Self {
+impl<D: Correlation<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
+    pub fn new(correlation: D) -> Self {
         Self {
-            dialect,
+            correlation,
             exchange: Exchange::new(WINDOW),
             offset: 0,
         }
@@ -125,7 +125,7 @@ impl<D: Dialect<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
             at: at.map(Instant::from_micros),
         };
         self.exchange
-            .on_frame(&self.dialect, &[key, 0], first, Instant::from_micros(now))
+            .on_frame(&self.correlation, &[key, 0], first, Instant::from_micros(now))
     }
 
     /// The initiators whose answers are missing at this time.

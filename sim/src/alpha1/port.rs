@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 
 use armwire::alpha1::{Alpha1, Expect, MAX_FRAME, Outcome, hid};
+use armwire::correlation::Correlation;
 use armwire::decoder::{Decoder, Kind as ItemKind};
-use armwire::dialect::Dialect;
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 

@@ -9,8 +9,8 @@ use armwire::alpha1::{
     Offset, OffsetTool, Outcome, Request, Response, ServoAnswer, ServoId, ServoRequest, ServoResponse, ServoStates,
     Text, UsbType,
 };
+use armwire::correlation::Correlation;
 use armwire::decoder::{Decoder, Kind};
-use armwire::dialect::Dialect;
 use armwire::messages::Messages;
 use armwire::time;
 use oorandom::Rand32;

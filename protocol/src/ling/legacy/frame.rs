@@ -13,7 +13,7 @@
 
 use super::Legacy;
 use crate::BufferTooShort;
-use crate::dialect::{Dialect, InfoOf};
+use crate::correlation::{Correlation, InfoOf};
 use crate::framing::{Framing, Scan, verify, write};
 use crate::ling::frame::{HEADER, TAIL, data_len};
 
@@ -109,7 +109,7 @@ impl Framing for Legacy {
 }
 
 /// Nothing is sent to such an arm: no frame is an answer.
-impl Dialect for Legacy {
+impl Correlation for Legacy {
     type Key = ();
 
     fn request(&self, _frame: &[u8]) -> Option<InfoOf<Self>> {

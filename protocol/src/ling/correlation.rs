@@ -2,7 +2,7 @@
 
 use super::frame::{ERROR, NO_VALUE};
 use super::{Ling, MAX_FRAME};
-use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
+use crate::correlation::{Correlation, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
 /// The longest known response on the wire: information, 24 data bytes.
@@ -21,7 +21,7 @@ pub struct Key {
     pub function: u8,
 }
 
-impl Dialect for Ling {
+impl Correlation for Ling {
     type Key = Key;
 
     fn request(&self, frame: &[u8]) -> Option<InfoOf<Self>> {

@@ -2,7 +2,7 @@
 
 use super::frame::{ACT, acknowledgement, header};
 use super::{Alpha1, Expect, MAX_FRAME, Outcome, ServoAnswer, ServoId};
-use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
+use crate::correlation::{Correlation, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
 /// Commands to a servo, in frames FA AF (servo manual).
@@ -56,7 +56,7 @@ pub enum Key {
     },
 }
 
-impl Dialect for Alpha1 {
+impl Correlation for Alpha1 {
     type Key = Key;
 
     fn request(&self, frame: &[u8]) -> Option<InfoOf<Self>> {

@@ -2,7 +2,7 @@
 
 use super::frame::{HEARTBEAT_ID, MODBUS_ID};
 use super::{Direction, Frame, MAX_FRAME, ModbusFunction, XArm};
-use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
+use crate::correlation::{Correlation, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
 /// The key of a response: the values that identify its request.
@@ -33,7 +33,7 @@ impl Key {
     }
 }
 
-impl Dialect for XArm {
+impl Correlation for XArm {
     const HAS_TRANSACTION_ID: bool = true;
     type Key = Key;
 

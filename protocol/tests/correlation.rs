@@ -6,7 +6,7 @@ mod vectors;
 use std::fmt::Debug;
 
 use armwire::alpha1::{self, Alpha1, Expect, ServoAnswer, ServoId};
-use armwire::dialect::{Dialect, Effect};
+use armwire::correlation::{Correlation, Effect};
 use armwire::framing::Scan;
 use armwire::ling::{self, Ling, legacy::Legacy};
 use armwire::raw::Raw;
@@ -15,9 +15,9 @@ use armwire::xarm::{self, Direction, XArm};
 use vectors::{Vector, hex};
 
 /// The effect of each request and the longest answer to it, in bytes.
-fn effects<D: Dialect>(dialect: &D, requests: &[Vector]) -> Vec<(&'static str, Effect, Option<u16>)> {
+fn effects<D: Correlation>(correlation: &D, requests: &[Vector]) -> Vec<(&'static str, Effect, Option<u16>)> {
     let of = |vector: &Vector| {
-        let info = dialect.request(&vector.bytes).unwrap();
+        let info = correlation.request(&vector.bytes).unwrap();
         (vector.name, info.effect, info.response.map(|response| response.longest))
     };
     requests.iter().map(of).collect()
@@ -95,17 +95,21 @@ fn xarm_requests_have_documented_effect_and_response() {
 }
 
 /// Each answer of the vectors matches its request, whose `expect` accepts it, and no request with another key.
-fn each_answer_is_to_its_request<D: Dialect + Debug>(dialect: &D, requests: Vec<Vector>, answers: Vec<Vector>) {
+fn each_answer_is_to_its_request<D: Correlation + Debug>(correlation: &D, requests: Vec<Vector>, answers: Vec<Vector>) {
     for answer in answers.iter().filter(|answer| answer.request.is_some()) {
-        let request = dialect.request(answer.request.as_ref().unwrap()).unwrap();
-        let verdict = dialect.scan_idle(&answer.bytes, request.expect);
+        let request = correlation.request(answer.request.as_ref().unwrap()).unwrap();
+        let verdict = correlation.scan_idle(&answer.bytes, request.expect);
         assert_eq!(verdict, Scan::Frame(answer.bytes.len()), "{}", answer.name);
-        assert!(dialect.is_response_to(request.key, &answer.bytes), "{}", answer.name);
+        assert!(
+            correlation.is_response_to(request.key, &answer.bytes),
+            "{}",
+            answer.name
+        );
         for other in &requests {
-            let other = dialect.request(&other.bytes).unwrap();
+            let other = correlation.request(&other.bytes).unwrap();
             if other.key != request.key && other.expect == request.expect {
                 assert!(
-                    !dialect.is_response_to(other.key, &answer.bytes),
+                    !correlation.is_response_to(other.key, &answer.bytes),
                     "{} to {other:?}",
                     answer.name
                 );
@@ -115,9 +119,9 @@ fn each_answer_is_to_its_request<D: Dialect + Debug>(dialect: &D, requests: Vec<
     // A line may echo a request.
     for request in &requests {
         for other in &requests {
-            let key = dialect.request(&other.bytes).unwrap().key;
+            let key = correlation.request(&other.bytes).unwrap().key;
             assert!(
-                D::LOSSLESS || !dialect.is_response_to(key, &request.bytes),
+                D::LOSSLESS || !correlation.is_response_to(key, &request.bytes),
                 "{}",
                 request.name
             );

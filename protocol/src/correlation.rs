@@ -46,14 +46,14 @@ pub struct RequestInfo<K, E> {
     pub effect: Effect,
 }
 
-/// A [`RequestInfo`] of this dialect.
-pub type InfoOf<D> = RequestInfo<<D as Dialect>::Key, <D as Framing>::Expect>;
+/// The [`RequestInfo`] of one kind of line.
+pub type InfoOf<D> = RequestInfo<<D as Correlation>::Key, <D as Framing>::Expect>;
 
 /// The requests and responses of one kind of line, and the matching between them.
 ///
 /// It works on the bytes of frames without decoding messages, which is cheap enough for an adapter between a host and
 /// an arm.
-pub trait Dialect: Framing {
+pub trait Correlation: Framing {
     /// True if requests have a number that their response repeats. Without a number, a missing response must arrive or
     /// expire before the next request with its key may be sent.
     const HAS_TRANSACTION_ID: bool = false;
