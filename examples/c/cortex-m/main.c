@@ -64,7 +64,7 @@ static size_t uart_write(const uint8_t *bytes, size_t len)
     return n;
 }
 
-/* Executes one step of the client without waiting. */
+/* Executes one step of the client without waiting. The read of the next step answers the event RECEIVE. */
 static ArmwireEvent step(ArmwireLingResponse *response)
 {
     ArmwireEvent event;
@@ -90,7 +90,7 @@ static ArmwireEvent call(ArmwireLingResponse *response)
         case ARMWIRE_EVENT_KIND_TIMED_OUT:
         case ARMWIRE_EVENT_KIND_UNACCEPTABLE:
         case ARMWIRE_EVENT_KIND_ERROR_FRAME: return event;
-        default: break; /* No answer yet, or noise. */
+        default: break; /* RECEIVE, no answer yet, or noise. */
         }
     }
 }

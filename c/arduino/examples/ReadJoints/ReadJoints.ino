@@ -23,6 +23,7 @@ void loop() {
   ArmwireLingResponse response;
   uint8_t *space;
   size_t room;
+  // Also without bytes: that answers the event RECEIVE of the last loop.
   armwire_ling_client_space(&arm, &space, &room);
   size_t arrived = Serial1.available();
   size_t taken = Serial1.readBytes(space, arrived < room ? arrived : room);
