@@ -176,20 +176,25 @@ impl Ling {
     }
 
     /// Runs `motion`, which gives the gripper this goal. If the [interrupt](Self::set_interrupt) returns an error meanwhile
-    /// or afterwards, the arm is stopped.
+    /// or afterwards, the arm is stopped, whatever `motion` returns.
     ///
     /// # Errors
     ///
-    /// [`Error::Stopped`] after an interrupt, or the error of the stop. Otherwise that of `motion`.
+    /// [`Error::Stopped`] after an interrupt, or the error of the stop. Its reason is the interrupt's error if the check
+    /// still returns one, else that error's text. Otherwise the error of `motion`, and [`Error::Interrupted`] before it.
     pub fn stop_if_interrupted<T, E: From<Error>>(
         &mut self,
         gripper: Opening,
         motion: impl FnOnce(&mut Self) -> Result<T, E>,
     ) -> Result<T, E> {
         self.link.check_interrupt()?;
+        self.link.take_interrupted();
         let result = motion(self);
-        let Err(Error::Interrupted(reason)) = self.link.check_interrupt() else {
-            return result;
+        let checked = self.link.check_interrupt();
+        let reason = match (checked, self.link.take_interrupted()) {
+            (Err(Error::Interrupted(reason)), _) => reason,
+            (_, Some(reason)) => reason.into(),
+            (_, None) => return result,
         };
         let stopped = self.stop(Some(gripper))?;
         let name = self.link.name().to_owned();

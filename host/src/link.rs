@@ -122,6 +122,8 @@ pub struct Link<P: Arm> {
     clock: Stopwatch,
     stale_window: Duration,
     interrupt: Option<Interrupt>,
+    /// Text of the interrupt's last error that was not taken. A check may report once, and its error may be dropped.
+    interrupted: Option<String>,
     errors: LineErrors,
 }
 
@@ -135,6 +137,7 @@ impl<P: Arm> Link<P> {
             clock: Stopwatch::start(),
             stale_window: config.stale_window.into(),
             interrupt: None,
+            interrupted: None,
             errors: LineErrors::default(),
         }
     }
@@ -156,11 +159,19 @@ impl<P: Arm> Link<P> {
     }
 
     /// Runs the interrupt's check.
-    pub(crate) fn check_interrupt(&self) -> Result<(), Error> {
-        match self.interrupt {
-            Some(interrupt) => interrupt().map_err(Error::Interrupted),
-            None => Ok(()),
-        }
+    pub(crate) fn check_interrupt(&mut self) -> Result<(), Error> {
+        let Some(interrupt) = self.interrupt else {
+            return Ok(());
+        };
+        interrupt().map_err(|reason| {
+            self.interrupted = Some(reason.to_string());
+            Error::Interrupted(reason)
+        })
+    }
+
+    /// The text of the last error that the interrupt's check returned since this was last called.
+    pub(crate) fn take_interrupted(&mut self) -> Option<String> {
+        self.interrupted.take()
     }
 
     /// Runs calls without the interrupt.
@@ -379,14 +390,11 @@ impl<P: Arm> Link<P> {
             let mut buf = [0; 256];
             let n = match self.interrupt {
                 None => self.line.read(&mut buf, wait)?,
-                Some(interrupt) => {
-                    let n = self.line.read(&mut buf, wait.min(INTERRUPT_PERIOD))?;
-                    if n == 0 && !wait.is_zero() {
-                        interrupt().map_err(Error::Interrupted)?;
-                    }
-                    n
-                }
+                Some(_) => self.line.read(&mut buf, wait.min(INTERRUPT_PERIOD))?,
             };
+            if n == 0 && !wait.is_zero() {
+                self.check_interrupt()?;
+            }
             self.unread.extend(&buf[..n]);
             if let Some(received) = received {
                 received.count += n;

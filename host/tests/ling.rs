@@ -107,3 +107,24 @@ fn interrupt_stops_the_arm_that_moves() {
         );
     });
 }
+
+#[test]
+fn interrupt_that_reports_once_stops_the_arm() {
+    /// Checks until the only report, some of them during the motion.
+    static LEFT: AtomicUsize = AtomicUsize::new(0);
+    with_arm(|arm| {
+        arm.set_interrupt(|| match LEFT.fetch_sub(1, Ordering::Relaxed) {
+            1 => Err("Ctrl-C".into()),
+            _ => Ok(()),
+        });
+        let moved = patient(|| {
+            LEFT.store(10, Ordering::Relaxed);
+            arm.move_and_wait(&far_target(), Duration::from_secs(60))
+        });
+        let error = moved.unwrap_err();
+        assert!(
+            matches!(&error, Error::Stopped { reason, .. } if reason.to_string() == "Ctrl-C"),
+            "{error}"
+        );
+    });
+}
