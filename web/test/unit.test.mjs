@@ -94,7 +94,7 @@ test('records have bytes, meaning and time', async () => {
   const [sent, received] = bench.records();
   assert.deepEqual([sent.event, hex(sent.bytes), sent.text], ['sent', 'AA 01 00 01 FE 23 FF', 'read information']);
   assert.equal(received.event, 'received');
-  assert.match(received.text, /^follower, serial ADFS251205123456,/);
+  assert.match(received.text, /^arm: Ling follower, serial: ADFS251205123456,/);
   assert.ok(received.at > sent.at && sent.at >= 100_000);
 });
 
