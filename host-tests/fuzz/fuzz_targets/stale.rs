@@ -87,7 +87,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             }
         }
     }
-    world.is_answered();
+    world.answer_next();
     Ok(())
 }
 
@@ -221,7 +221,7 @@ impl World {
     }
 
     /// After any earlier exchange has ended, the next request is answered.
-    fn is_answered(mut self) {
+    fn answer_next(mut self) {
         self.cancel();
         // Nothing of the past arrives any more.
         self.chunks.clear();
