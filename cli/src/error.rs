@@ -29,7 +29,6 @@ pub(crate) enum Error {
     #[error("cannot write the output: {0}")]
     Output(io::Error),
     /// A recording could not be written.
-    #[cfg(feature = "recordings")]
     #[error("{path}: {reason}")]
     Recording { path: String, reason: String },
     /// Ctrl-C could not be caught.

@@ -21,7 +21,6 @@ mod motion;
 mod new_file;
 mod output;
 mod printable;
-#[cfg(feature = "recordings")]
 mod recording;
 mod remedies;
 #[cfg(feature = "selftest")]

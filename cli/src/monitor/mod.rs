@@ -10,10 +10,6 @@ mod model;
 mod output;
 mod polled;
 mod reading;
-#[cfg(feature = "recordings")]
-mod recorder;
-#[cfg(not(feature = "recordings"))]
-#[path = "no_recorder.rs"]
 mod recorder;
 mod session;
 mod table;
@@ -58,8 +54,7 @@ pub(crate) struct Monitor {
     from_adapter: bool,
     /// Record to this MCAP file: joint positions as ROS 2 messages, and every frame in both directions, for 'armwire
     /// decode'. An existing file is not replaced.
-    #[cfg_attr(feature = "recordings", arg(long, value_name = "FILE"))]
-    #[cfg_attr(not(feature = "recordings"), arg(skip))]
+    #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
 }
 

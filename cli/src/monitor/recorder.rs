@@ -1,6 +1,5 @@
 //! The recording of a monitor, if the user wants one.
 
-use std::fs::File;
 use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -13,8 +12,7 @@ use armwire_host::stamps::{Clock, now};
 use super::reading::OnFrame;
 use crate::args::Speaker;
 use crate::error::Error;
-use crate::new_file;
-use crate::recording::{Capture, Frame, Writer};
+use crate::recording::{self, Capture, Frame, Sink};
 
 /// Maximum time for which frames are only in memory: a program that is killed loses as much.
 const FLUSH_PERIOD: Duration = Duration::from_secs(1);
@@ -33,7 +31,7 @@ pub(super) struct Recorder {
 enum Recording {
     /// Not created before the first frame can arrive.
     Pending,
-    Open(Box<Writer<File>>),
+    Open(Box<dyn Sink>),
     /// Writing failed.
     Failed,
 }
@@ -89,26 +87,24 @@ impl Recorder {
         if let Some(path) = &self.path
             && matches!(self.file, Recording::Pending)
         {
-            let writer = Writer::new(new_file::create(path)?);
-            let writer = writer.map_err(|error| self.failed(error))?;
-            self.file = Recording::Open(Box::new(writer));
+            self.file = Recording::Open(recording::create(path)?);
         }
         Ok(())
     }
 
     /// Writes the frames so far.
     pub(super) fn write(&mut self) -> Result<(), Error> {
-        let Recording::Open(writer) = &mut self.file else {
+        let Recording::Open(file) = &mut self.file else {
             return Ok(());
         };
-        let mut written = self.frames.try_iter().try_for_each(|frame| writer.frame(&frame));
+        let mut written = self.frames.try_iter().try_for_each(|frame| file.frame(&frame));
         if self.flushed.elapsed() >= FLUSH_PERIOD {
-            written = written.and_then(|()| writer.flush());
+            written = written.and_then(|()| file.flush());
             self.flushed = Instant::now();
         }
-        written.map_err(|error| {
+        written.map_err(|reason| {
             self.file = Recording::Failed;
-            self.failed(error)
+            self.failed(reason)
         })
     }
 
@@ -116,16 +112,12 @@ impl Recorder {
     pub(super) fn finish(mut self) -> Result<(), Error> {
         self.write()?;
         match mem::replace(&mut self.file, Recording::Failed) {
-            Recording::Open(writer) => writer.finish().map_err(|error| self.failed(error)),
+            Recording::Open(file) => file.finish().map_err(|reason| self.failed(reason)),
             Recording::Pending | Recording::Failed => Ok(()),
         }
     }
 
-    fn failed(&self, error: mcap::McapError) -> Error {
-        let reason = match error {
-            mcap::McapError::Io(error) => error.to_string(),
-            other => other.to_string(),
-        };
+    fn failed(&self, reason: String) -> Error {
         let path = self.path.as_deref().unwrap_or(Path::new("")).display().to_string();
         Error::Recording { path, reason }
     }

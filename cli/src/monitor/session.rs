@@ -118,7 +118,6 @@ impl<'a> Session<'a> {
     /// reading.
     pub(super) fn may_come_back(&self, error: &Error) -> bool {
         match error {
-            #[cfg(feature = "recordings")]
             Error::Recording { .. } => false,
             Error::Host(armwire_host::Error::Lost { .. }) => self.is_waiting || self.model.answered > 0,
             _ => self.is_waiting,

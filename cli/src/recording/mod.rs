@@ -10,12 +10,49 @@
 
 mod capture;
 mod frame;
+#[cfg(feature = "recordings")]
 mod joint_states;
+#[cfg(feature = "recordings")]
 pub(crate) mod messages;
-#[cfg(test)]
+#[cfg(all(test, feature = "recordings"))]
 pub(crate) mod tests;
+#[cfg(feature = "recordings")]
 mod writer;
+
+use std::path::Path;
 
 pub(crate) use capture::Capture;
 pub(crate) use frame::Frame;
-pub(crate) use writer::Writer;
+
+use crate::error::Error;
+
+/// A file that takes frames. Errors are in words.
+pub(crate) trait Sink {
+    /// Writes a frame, and the joint positions in it.
+    fn frame(&mut self, frame: &Frame) -> Result<(), String>;
+
+    /// Hands all to the system.
+    fn flush(&mut self) -> Result<(), String>;
+
+    /// Writes the index.
+    fn finish(self: Box<Self>) -> Result<(), String>;
+}
+
+/// Creates a file at this path, where there is none.
+#[cfg(feature = "recordings")]
+pub(crate) fn create(path: &Path) -> Result<Box<dyn Sink>, Error> {
+    let writer = writer::Writer::new(crate::new_file::create(path)?);
+    let writer = writer.map_err(|error| Error::Recording {
+        path: path.display().to_string(),
+        reason: writer::describe(error),
+    })?;
+    Ok(Box::new(writer))
+}
+
+/// Reports that this build writes no files.
+#[cfg(not(feature = "recordings"))]
+pub(crate) fn create(_: &Path) -> Result<Box<dyn Sink>, Error> {
+    Err(Error::Usage(
+        "--mcap needs a build with the feature 'recordings'".to_owned(),
+    ))
+}

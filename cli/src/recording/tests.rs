@@ -13,7 +13,7 @@ use proptest::sample::select;
 
 use super::joint_states::Joints;
 use super::messages::parse_frame;
-use super::writer::FRAMES;
+use super::writer::{FRAMES, Writer};
 use super::*;
 use crate::args::Speaker;
 
@@ -58,7 +58,7 @@ pub(crate) fn file(frames: &[Frame]) -> Vec<u8> {
     for frame in frames {
         writer.frame(frame).unwrap();
     }
-    writer.finish().unwrap();
+    Box::new(writer).finish().unwrap();
     file
 }
 

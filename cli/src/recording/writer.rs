@@ -5,8 +5,9 @@ use std::io::{BufWriter, Write};
 
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
-use mcap::{McapResult, WriteOptions};
+use mcap::{McapError, McapResult, WriteOptions};
 
+use super::Sink;
 use super::frame::Frame;
 use super::joint_states::Joints;
 use super::messages::{self, FRAME, JOINT_STATE, MESSAGE_ENCODING, SCHEMA_ENCODING};
@@ -18,7 +19,7 @@ pub(super) const JOINT_STATES: &str = "/joint_states";
 const CHUNK: u64 = 64 * 1024;
 
 /// An MCAP file that is being written. The writer never seeks: a truncated file has complete chunks before the cut.
-pub(crate) struct Writer<W: Write> {
+pub(super) struct Writer<W: Write> {
     mcap: mcap::Writer<NoSeek<BufWriter<W>>>,
     joints: Joints,
     frames: Channel,
@@ -57,7 +58,7 @@ impl Channel {
 }
 
 impl<W: Write> Writer<W> {
-    pub(crate) fn new(out: W) -> McapResult<Self> {
+    pub(super) fn new(out: W) -> McapResult<Self> {
         let options = WriteOptions::new()
             .compression(None)
             .profile("ros2")
@@ -74,8 +75,7 @@ impl<W: Write> Writer<W> {
         })
     }
 
-    /// Writes a frame, and the joint positions in it.
-    pub(crate) fn frame(&mut self, frame: &Frame) -> McapResult<()> {
+    fn write_frame(&mut self, frame: &Frame) -> McapResult<()> {
         let header = self.frames.next(frame);
         self.mcap.write_to_known_channel(&header, &messages::frame(frame))?;
         let Some(joints) = self.joints.read(frame) else {
@@ -93,14 +93,31 @@ impl<W: Write> Writer<W> {
             .write_to_known_channel(&header, &messages::joint_state(frame.stamp, &names, &positions))
     }
 
-    /// Ends the chunk and hands all to the system.
-    pub(crate) fn flush(&mut self) -> McapResult<()> {
-        self.mcap.flush()
-    }
-
-    /// Writes the index.
-    pub(crate) fn finish(mut self) -> McapResult<()> {
+    fn end(mut self) -> McapResult<()> {
         self.mcap.finish()?;
         Ok(self.mcap.into_inner().into_inner().flush()?)
+    }
+}
+
+impl<W: Write> Sink for Writer<W> {
+    fn frame(&mut self, frame: &Frame) -> Result<(), String> {
+        self.write_frame(frame).map_err(describe)
+    }
+
+    /// Ends the chunk, too.
+    fn flush(&mut self) -> Result<(), String> {
+        self.mcap.flush().map_err(describe)
+    }
+
+    fn finish(self: Box<Self>) -> Result<(), String> {
+        self.end().map_err(describe)
+    }
+}
+
+/// An error of a file, in words.
+pub(super) fn describe(error: McapError) -> String {
+    match error {
+        McapError::Io(error) => error.to_string(),
+        other => other.to_string(),
     }
 }
