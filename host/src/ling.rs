@@ -207,7 +207,8 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::NotStopped`] if the arm may still move, and errors of the line. A read without a sound answer is repeated.
+    /// [`Error::NotStopped`] if the arm may still move; [`Error::Lost`] and [`Error::Legacy`]. After any other error a request
+    /// is repeated.
     pub fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
         self.stop_by(gripper, stop::stop)
     }
