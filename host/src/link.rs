@@ -265,9 +265,12 @@ impl<P: Arm> Link<P> {
     ///
     /// # Errors
     ///
-    /// As of [`call`](Self::call).
+    /// As of [`call`](Self::call), and [`Error::Refused`] if the arm reports a failure.
     pub fn send(&mut self, request: &P::Request<'_>) -> Result<(), Error> {
-        self.call(request, |_| ()).map(drop)
+        match self.call(request, |response| P::refusal(&response))?.flatten() {
+            Some(reason) => Err(Error::refused(self.name(), reason)),
+            None => Ok(()),
+        }
     }
 
     /// Makes one call, and returns the value of its answer. A silent arm has the stale window to answer late.
@@ -445,6 +448,7 @@ mod tests {
     use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
 
+    use armwire::alpha1::{self, Alpha1, Outcome};
     use armwire::framing::Framing;
     use armwire::ling::{
         Frame, GripperSpeed, JointState, Ling, MAX_FRAME, MotionStatus, Move, Opening, Position, Request, Response,
@@ -572,6 +576,22 @@ mod tests {
         );
         let error = link.read::<JointState>(&Request::SetTorque(Torque::Off)).unwrap_err();
         assert_eq!(error.to_string(), "fake: 'torque off' has no answer");
+    }
+
+    /// An Alpha1's report of a stop that failed.
+    fn failed_stop(_: u16) -> Vec<u8> {
+        let mut out = [0; alpha1::MAX_FRAME];
+        let response = alpha1::Response::Stopped(Outcome::Failure);
+        let n = Alpha1.encode_response(&response, None, &mut out).unwrap();
+        out[..n].to_vec()
+    }
+
+    #[test]
+    fn refused_request_is_not_sent_with_success() {
+        let robot = Answering::new(failed_stop);
+        let mut link = Link::<Alpha1>::new(Box::new(robot), Alpha1::CONFIG);
+        let error = link.send(&alpha1::Request::Stop).unwrap_err();
+        assert!(matches!(error, Error::Refused { .. }), "{error:?}");
     }
 
     /// A line on which noise does not end.
