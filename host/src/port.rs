@@ -224,7 +224,7 @@ impl Port {
     }
 }
 
-/// An open port. A clone shares it.
+/// An open port. A clone shares it. On CAN it has one arm at a time, and one control port: a second is [`Error::InUse`].
 #[derive(Clone)]
 pub struct Connection {
     port: Port,
@@ -308,7 +308,7 @@ impl Connection {
             }
             Port::Hid(selector) => (hid::open(selector)?, usual),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
-                let line = self.on_can(*node, Function::ArmRequest, Function::ArmAnswer);
+                let line = self.on_can(*node, Function::ArmRequest, Function::ArmAnswer)?;
                 let latency = usual.latency + CAN_LATENCY;
                 (Box::new(line), Config { latency, ..usual })
             }
@@ -323,13 +323,13 @@ impl Connection {
     ///
     /// # Errors
     ///
-    /// The port has no control port, or it cannot be opened.
+    /// The port has no control port, or it cannot be opened. On CAN, [`Error::InUse`] while this connection has it open.
     pub fn adapter(&self) -> Result<Adapter, Error> {
         match &self.port {
             Port::Serial(port) => Ok(Adapter::on_line(Box::new(UsbLine::open(port)?))),
             Port::Control(port) => Ok(Adapter::on_line(Box::new(Serial::open(port, CONTROL_BAUD)?))),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
-                let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer);
+                let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer)?;
                 Ok(Adapter::new(Box::new(line)))
             }
             Port::Tcp(_) | Port::Hid(_) => Err(Error::NoControl {
@@ -368,13 +368,14 @@ impl Connection {
         error
     }
 
-    /// The holder of the line to the arm, read from the adapter. `None` without a holder or without a reply.
+    /// The holder of the line to the arm, read from the adapter. `None` without a holder, without a reply, or while the
+    /// program itself has the control port.
     fn holder(&self) -> Option<Text> {
         let line = self.adapter().ok()?.line().ok()??;
         line_holder::describe(&line)
     }
 
-    fn on_can(&self, node: Node, tx: Function, rx: Function) -> CanLine {
+    fn on_can(&self, node: Node, tx: Function, rx: Function) -> Result<CanLine, Error> {
         let bus = self.bus.as_ref().expect("a port on CAN has a bus");
         CanLine::new(self.port.to_string(), bus, node, tx, rx)
     }

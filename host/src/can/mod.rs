@@ -5,6 +5,7 @@ mod slcan;
 #[cfg(target_os = "linux")]
 mod socket;
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -51,15 +52,8 @@ pub(crate) struct SharedBus(Arc<Mutex<Switch>>);
 
 struct Switch {
     bus: Box<dyn Bus>,
-    inboxes: BTreeMap<Id, Inbox>,
-}
-
-/// The received frames of an identifier.
-#[derive(Default)]
-struct Inbox {
-    frames: VecDeque<Frame>,
-    /// Number of channels that receive them.
-    channels: usize,
+    /// The received frames of each channel, by its identifier.
+    inboxes: BTreeMap<Id, VecDeque<Frame>>,
 }
 
 impl SharedBus {
@@ -83,7 +77,7 @@ impl SharedBus {
         let Switch { bus, inboxes } = &mut *self.lock();
         let until = Instant::now() + wait;
         loop {
-            if let Some(frame) = inboxes.get_mut(&id).and_then(|inbox| inbox.frames.pop_front()) {
+            if let Some(frame) = inboxes.get_mut(&id).and_then(VecDeque::pop_front) {
                 return Ok(Some(frame));
             }
             // Frames that arrived before the deadline are read after it, too.
@@ -91,7 +85,7 @@ impl SharedBus {
             match bus.receive(left)? {
                 Some(frame) => {
                     if let Some(inbox) = inboxes.get_mut(&frame.id()) {
-                        inbox.frames.push_back(frame);
+                        inbox.push_back(frame);
                     }
                 }
                 None if left.is_zero() => return Ok(None),
@@ -130,12 +124,22 @@ pub(crate) struct CanLine {
 
 impl CanLine {
     /// A line that sends requests to `node` as frames of function `tx`, and receives answers as those of `rx`.
-    pub(crate) fn new(name: String, bus: &SharedBus, node: Node, tx: Function, rx: Function) -> Self {
+    ///
+    /// # Errors
+    ///
+    /// [`Error::InUse`] while the bus has such a line: each would take frames of the other.
+    pub(crate) fn new(name: String, bus: &SharedBus, node: Node, tx: Function, rx: Function) -> Result<Self, Error> {
         let rx = rx.id(node);
-        bus.lock().inboxes.entry(rx).or_default().channels += 1;
+        match bus.lock().inboxes.entry(rx) {
+            Entry::Vacant(inbox) => inbox.insert(VecDeque::new()),
+            Entry::Occupied(_) => {
+                let holder = "this program, which opened it before".to_owned();
+                return Err(Error::InUse { name, holder });
+            }
+        };
         // Every adapter accepts classic frames. Adapters without CAN FD accept no others.
         let config = isotp::Config::new(isotp::Link::Classic, tx.id(node));
-        Self {
+        Ok(Self {
             name,
             node,
             bus: bus.clone(),
@@ -144,7 +148,7 @@ impl CanLine {
             inbox: VecDeque::new(),
             rest: VecDeque::new(),
             clock: Stopwatch::start(),
-        }
+        })
     }
 
     /// Sends a PDU, and returns after its last frame.
@@ -223,11 +227,7 @@ impl CanLine {
 
 impl Drop for CanLine {
     fn drop(&mut self) {
-        let inboxes = &mut self.bus.lock().inboxes;
-        if let Some(inbox) = inboxes.get_mut(&self.rx) {
-            inbox.channels -= 1;
-        }
-        inboxes.retain(|_, inbox| inbox.channels > 0);
+        self.bus.lock().inboxes.remove(&self.rx);
     }
 }
 
@@ -321,7 +321,7 @@ mod tests {
             received: VecDeque::new(),
         });
         let (tx, rx) = (Function::ArmRequest, Function::ArmAnswer);
-        let mut line = CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx);
+        let mut line = CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx).unwrap();
         line.write(&[0; 10]).unwrap_err();
         line.write(&[3, 4, 5]).unwrap();
         let sent = sent.lock().unwrap();
@@ -337,7 +337,7 @@ mod tests {
             received: VecDeque::new(),
         });
         let (tx, rx) = (Function::ArmRequest, Function::ArmAnswer);
-        let line = CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx);
+        let line = CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx).unwrap();
         let names = Names {
             arm: "a Ling arm",
             other: ("an Alpha1", Protocol::Alpha1),
@@ -358,12 +358,28 @@ mod tests {
             sent: Arc::default(),
             received: [frame; 3].into(),
         });
-        let line = |tx, rx| CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx);
+        let line = |tx, rx| CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx).unwrap();
         let mut arm = line(Function::ArmRequest, Function::ArmAnswer);
         drop(line(Function::ControlRequest, Function::ControlAnswer));
         assert_eq!(arm.read(&mut [0; 8], Duration::ZERO).unwrap(), 0);
         let mut control = line(Function::ControlRequest, Function::ControlAnswer);
         assert!(control.receive(Duration::ZERO).unwrap().is_none());
-        assert_eq!(bus.lock().inboxes[&id].frames.len(), 0);
+        assert_eq!(bus.lock().inboxes[&id].len(), 0);
+    }
+
+    #[test]
+    fn second_line_to_a_port_is_refused() {
+        let bus = SharedBus::new(Faulty {
+            tries: 1,
+            sent: Arc::default(),
+            received: VecDeque::new(),
+        });
+        let line = |tx, rx| CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx);
+        let arm = || line(Function::ArmRequest, Function::ArmAnswer);
+        let first = arm().unwrap();
+        assert!(matches!(arm(), Err(Error::InUse { .. })));
+        assert!(line(Function::ControlRequest, Function::ControlAnswer).is_ok());
+        drop(first);
+        assert!(arm().is_ok());
     }
 }
