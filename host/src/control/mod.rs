@@ -25,7 +25,7 @@ const MAX_EVENTS: usize = 4_096;
 pub struct Adapter {
     transport: Box<dyn Transport>,
     sequence: u8,
-    /// True if this port is subscribed to events.
+    /// True if this port may be subscribed to events: from a subscription that is sent to the reply that ends it.
     is_subscribed: bool,
     /// Events that were received before a reply.
     events: VecDeque<(Stamp, Event)>,
@@ -103,6 +103,9 @@ impl Adapter {
     pub fn call(&mut self, request: Request) -> Result<Reply, Error> {
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
+        if let Request::Subscribe(to) = request {
+            self.is_subscribed |= to != Subscription::default();
+        }
         self.transport.send(&FromHost { sequence, request })?;
         let until = Instant::now() + REPLY_TIMEOUT;
         loop {
@@ -290,6 +293,8 @@ impl Transport for Stream {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::{Arc, Mutex};
+
     use armwire_bridge::config::ArmKind;
     use armwire_bridge::control::encode_cobs;
 
@@ -389,5 +394,45 @@ mod tests {
         link.call(Request::EndStream).unwrap();
         link.call(Request::Subscribe(Subscription::default())).unwrap();
         assert_eq!(link.next_event(Duration::ZERO).unwrap(), None);
+    }
+
+    /// A port that takes messages and returns none.
+    struct Deaf(Arc<Mutex<Vec<Request>>>);
+
+    impl Line for Deaf {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, _: &mut [u8], _: Duration) -> Result<usize, Error> {
+            Err(Error::lost("fake", "no"))
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            let mut reader = Reader::<MAX_MESSAGE>::new();
+            assert!(reader.push(&bytes[1..]).is_empty());
+            let FromHost { request, .. } = reader.next().unwrap().unwrap();
+            self.0.lock().unwrap().push(request);
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    #[test]
+    fn subscription_without_a_reply_is_ended() {
+        let requests = Arc::default();
+        let mut adapter = Adapter::on_line(Box::new(Deaf(Arc::clone(&requests))));
+        let (frames, events) = (true, false);
+        let subscription = Subscription { frames, events };
+        adapter.subscribe(subscription).unwrap_err();
+        drop(adapter);
+        let ended = Subscription::default();
+        assert_eq!(
+            *requests.lock().unwrap(),
+            [Request::Subscribe(subscription), Request::Subscribe(ended)]
+        );
     }
 }
