@@ -66,7 +66,7 @@ impl StopArm {
             Ok(()) => {}
             Err(Error::Host(Host::NoControl { .. })) if self.place.control.is_none() => return Ok(false),
             // The adapter has decided, or there is no other way.
-            Err(error @ Error::Host(Host::Refused { .. })) => return Err(error),
+            Err(error @ Error::Host(Host::NotStopped { .. } | Host::Refused { .. })) => return Err(error),
             Err(error) if connection.is_control() => return Err(error),
             Err(error) => {
                 print_error(&format_args!("{error}; trying the arm's port"));

@@ -143,7 +143,7 @@ impl Adapter {
     ///
     /// # Errors
     ///
-    /// As [`call`](Self::call).
+    /// [`Error::NotStopped`] if the adapter could not stop the arm. Otherwise as [`call`](Self::call).
     pub fn stop(&mut self) -> Result<(), Error> {
         self.call(Request::Stop).map(drop)
     }
@@ -195,10 +195,15 @@ impl Adapter {
                 version,
             }),
             Reply::BadConfig(error) => Err(Error::refused(self.name(), format_args!("rejected: {error}"))),
-            Reply::Failed(failure) => Err(Error::Refused {
-                name: self.name().to_owned(),
-                reason: describe(failure),
-            }),
+            Reply::Failed(failure) => {
+                let (name, reason) = (self.name().to_owned(), describe(failure));
+                Err(match failure {
+                    Failure::ArmSilent | Failure::PoseOutOfRange | Failure::NotStoppable(_) => {
+                        Error::NotStopped { name, cause: reason }
+                    }
+                    _ => Error::Refused { name, reason },
+                })
+            }
             reply => Ok(reply),
         }
     }
@@ -226,16 +231,15 @@ fn describe(failure: Failure) -> Text {
         }
         Failure::SupplyLow => "not saved: the adapter's 3.3 V supply is below 2.9 V, too low to write flash".to_owned(),
         Failure::ArmSilent => {
-            "not stopped: the arm does not answer. It may still move: switch its supply off. Motion is refused for 2 s"
+            "the arm does not answer. It may still move: switch its supply off. Motion is refused for 2 s"
                 .to_owned()
         }
         Failure::PoseOutOfRange => {
-            "not stopped: the arm reports a pose that cannot be held. It may still move: switch its \
-                                    supply off. Motion is refused for 2 s"
+            "the arm reports a pose that cannot be held. It may still move: switch its supply off. Motion is refused for 2 s"
                 .to_owned()
         }
         Failure::NotStoppable(kind) => {
-            format!("not stopped: the adapter cannot stop an arm of kind '{kind}'. Only its supply's switch stops it")
+            format!("the adapter cannot stop an arm of kind '{kind}'. Only its supply's switch stops it")
         }
         other => format!("refused: {other:?}"),
     };
@@ -358,7 +362,11 @@ mod tests {
 
     #[test]
     fn failed_stop_says_what_stops_the_arm() {
-        let stop = |failure| link_with(0, Reply::Failed(failure)).stop().unwrap_err().to_string();
+        let stop = |failure| {
+            let error = link_with(0, Reply::Failed(failure)).stop().unwrap_err();
+            assert!(matches!(error, Error::NotStopped { .. }), "{error:?}");
+            error.to_string()
+        };
         for failure in [
             Failure::ArmSilent,
             Failure::PoseOutOfRange,
