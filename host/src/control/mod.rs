@@ -27,8 +27,8 @@ pub struct Adapter {
     sequence: u8,
     /// True if this port may be subscribed to events: from a subscription that is sent to the reply that ends it.
     is_subscribed: bool,
-    /// Events that were received before a reply.
-    events: VecDeque<(Stamp, Event)>,
+    /// Events that were received before a reply, and messages that cannot be read.
+    events: VecDeque<Result<(Stamp, Event), Malformed>>,
     /// Number of events dropped since the last report.
     dropped: u64,
 }
@@ -108,6 +108,7 @@ impl Adapter {
         }
         self.transport.send(&FromHost { sequence, request })?;
         let until = Instant::now() + REPLY_TIMEOUT;
+        let mut malformed = None;
         loop {
             let left = until.saturating_duration_since(Instant::now());
             match self.transport.receive(left)? {
@@ -123,15 +124,23 @@ impl Adapter {
                 }
                 // To a request that was given up.
                 Some(Ok(FromAdapter::Reply { .. })) => {}
-                Some(Ok(FromAdapter::Event { at, event })) => self.keep(at, event),
-                Some(Err(error)) => return Err(self.malformed(error)),
+                Some(Ok(FromAdapter::Event { at, event })) => self.keep(Ok((at, event))),
+                Some(Err(error)) if error.sequence == Some(sequence) => return Err(self.malformed(error)),
+                // Perhaps an event of newer firmware.
+                Some(Err(error)) => {
+                    malformed = Some(error);
+                    self.keep(Err(error));
+                }
                 None if left.is_zero() => {
-                    return Err(Error::NoAnswer {
-                        name: self.name().to_owned(),
-                        cause: format!("the adapter does not answer in {} ms", REPLY_TIMEOUT.as_millis()),
-                        hint: self.transport.hint().into(),
-                        missing: Missing::Adapter,
-                        bytes: 0,
+                    return Err(match malformed {
+                        Some(error) => self.malformed(error),
+                        None => Error::NoAnswer {
+                            name: self.name().to_owned(),
+                            cause: format!("the adapter does not answer in {} ms", REPLY_TIMEOUT.as_millis()),
+                            hint: self.transport.hint().into(),
+                            missing: Missing::Adapter,
+                            bytes: 0,
+                        },
                     });
                 }
                 None => {}
@@ -153,8 +162,8 @@ impl Adapter {
     ///
     /// # Errors
     ///
-    /// [`Error`]: the port fails, or a message cannot be read. [`Error::At`], once, if too many events waited: the oldest
-    /// were dropped.
+    /// [`Error`]: the port fails, or a message cannot be read, such as one of newer firmware. A later call returns the next
+    /// event. [`Error::At`], once, if too many events waited: the oldest were dropped.
     pub fn next_event(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
         let until = Instant::now() + wait;
         loop {
@@ -166,7 +175,7 @@ impl Adapter {
                 }
             }
             if let Some(event) = self.events.pop_front() {
-                return Ok(Some(event));
+                return event.map(Some).map_err(|error| self.malformed(error));
             }
             let left = until.saturating_duration_since(Instant::now());
             match self.transport.receive(left)? {
@@ -180,12 +189,12 @@ impl Adapter {
     }
 
     /// Keeps an event for [`next_event`](Self::next_event). The oldest makes room.
-    fn keep(&mut self, at: Stamp, event: Event) {
+    fn keep(&mut self, event: Result<(Stamp, Event), Malformed>) {
         if self.events.len() == MAX_EVENTS {
             self.events.pop_front();
             self.dropped += 1;
         }
-        self.events.push_back((at, event));
+        self.events.push_back(event);
     }
 
     fn checked(&self, reply: Reply) -> Result<Reply, Error> {
@@ -442,5 +451,58 @@ mod tests {
             *requests.lock().unwrap(),
             [Request::Subscribe(subscription), Request::Subscribe(ended)]
         );
+    }
+
+    /// An adapter that sends these messages after a request, by its sequence number.
+    struct Scripted {
+        messages: VecDeque<fn(u8) -> Received>,
+        sequence: u8,
+    }
+
+    impl Transport for Scripted {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn send(&mut self, message: &FromHost) -> Result<(), Error> {
+            self.sequence = message.sequence;
+            Ok(())
+        }
+
+        fn receive(&mut self, _: Duration) -> Result<Option<Received>, Error> {
+            Ok(self.messages.pop_front().map(|message| message(self.sequence)))
+        }
+
+        fn hint(&self) -> String {
+            String::new()
+        }
+    }
+
+    fn scripted(messages: &[fn(u8) -> Received]) -> Adapter {
+        Adapter::new(Box::new(Scripted {
+            messages: messages.iter().copied().collect(),
+            sequence: 0,
+        }))
+    }
+
+    #[test]
+    fn unknown_event_does_not_end_a_call() {
+        let event = |_| control::decode(&[1, 0, 99]);
+        let reply = |sequence| {
+            let reply = Reply::Done;
+            Ok(FromAdapter::Reply { sequence, reply })
+        };
+        let mut adapter = scripted(&[event, reply]);
+        assert_eq!(adapter.call(Request::EndStream).unwrap(), Reply::Done);
+        let error = adapter.next_event(Duration::ZERO).unwrap_err().to_string();
+        assert!(error.contains("cannot be read"), "{error}");
+        assert_eq!(adapter.next_event(Duration::ZERO).unwrap(), None);
+    }
+
+    #[test]
+    fn unknown_reply_ends_its_call() {
+        let mut adapter = scripted(&[|sequence| control::decode(&[0, sequence, 99])]);
+        let error = adapter.call(Request::EndStream).unwrap_err().to_string();
+        assert!(error.contains("cannot be read"), "{error}");
     }
 }
