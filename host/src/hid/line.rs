@@ -162,12 +162,13 @@ impl<R: Reports> Line for HidLine<R> {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-        for report in hid::reports(bytes) {
+        // One at a time: the bytes of an accepted report count, whatever becomes of the next.
+        if let Some(report) = hid::reports(bytes).next() {
             self.reports
                 .write(&report)
                 .map_err(|failure| failure.on(&self.name, self.ids))?;
         }
-        Ok(bytes.len())
+        Ok(bytes.len().min(REPORT))
     }
 
     fn hint(&self, reception: Reception, names: Names) -> Text {
@@ -247,7 +248,9 @@ mod tests {
     #[test]
     fn long_frame_takes_several_reports() {
         let mut line = HidLine::new("hid:".to_owned(), ALPHA1, VirtualDevice::new());
-        assert_eq!(line.write(&[1; 65]).unwrap(), 65);
+        for (bytes, accepted) in [(65, REPORT), (1, 1), (0, 0)] {
+            assert_eq!(line.write(&vec![1; bytes]).unwrap(), accepted);
+        }
         assert_eq!(line.reports.written, 2);
     }
 
