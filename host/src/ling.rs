@@ -45,8 +45,8 @@ pub struct Ling {
     /// The gripper's goal in the last move that was sent. `None` before, and after the torque was off: the gripper then
     /// holds nothing.
     gripper: Option<Opening>,
-    /// True if the last reading did not show the torque off. False before the first one, and after the torque was
-    /// switched: the next move reads first.
+    /// True if the last reading did not show the torque off. False before the first one, and after the torque was or may
+    /// have been switched: the next move reads first.
     may_move: bool,
 }
 
@@ -226,17 +226,19 @@ impl Ling {
     /// Switches the torque. With torque off the arm falls.
     pub fn set_torque(&mut self, torque: Torque) -> Result<(), Error> {
         self.may_move = false;
+        self.link.send(&Request::SetTorque(torque))?;
         if torque == Torque::Off {
             self.gripper = None;
         }
-        self.link.send(&Request::SetTorque(torque))
+        Ok(())
     }
 
     /// Makes the present pose the zero position. The arm switches its torque off, and falls.
     pub fn set_zero(&mut self) -> Result<(), Error> {
         self.may_move = false;
+        self.link.send(&Request::SetZero)?;
         self.gripper = None;
-        self.link.send(&Request::SetZero)
+        Ok(())
     }
 
     /// Sets the stroke of the gripper.
@@ -276,8 +278,15 @@ impl Ling {
         self.connection.explain(error)
     }
 
-    /// The arm's link, for any request. A move by it is not known here: [`move_to`](Self::move_to) is for moves.
+    /// The frame that ended the last call: see [`Link::frame`].
+    pub fn frame(&self) -> &[u8] {
+        self.link.frame()
+    }
+
+    /// The arm's link, for any request. A move by it is not known here: [`move_to`](Self::move_to) is for moves, and the
+    /// next one reads the torque first, for a request by the link may switch it.
     pub fn link(&mut self) -> &mut Link<armwire::ling::Ling> {
+        self.may_move = false;
         &mut self.link
     }
 
@@ -349,6 +358,9 @@ impl Standstill {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::describe::Arm;
+    use crate::link::{Line, Names, Reception};
+    use crate::text::Text;
 
     #[test]
     fn gripper_stands_still_while_its_reading_stays() {
@@ -356,5 +368,41 @@ mod tests {
         let lasts = |(millis, opening): (u64, u16)| gripper.lasts(Duration::from_millis(millis), opening).as_millis();
         let readings = [(10, 0), (500, 0), (600, 1), (1600, 1), (1601, 0), (1602, 0)];
         assert_eq!(readings.map(lasts), [0, 490, 0, 1000, 0, 1]);
+    }
+
+    /// A line that fails once it has taken this number of writes.
+    struct Failing(usize);
+
+    impl Line for Failing {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, _: &mut [u8], _: Duration) -> Result<usize, Error> {
+            Ok(0)
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            self.0 = self.0.checked_sub(1).ok_or_else(|| Error::at("fake", "no"))?;
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    #[test]
+    fn grip_is_kept_until_torque_off_is_sent() {
+        for (writes, has_moved) in [(0, true), (1, false)] {
+            for switch_off in [|arm: &mut Ling| arm.set_torque(Torque::Off), Ling::set_zero] {
+                let link = Link::new(Box::new(Failing(writes)), armwire::ling::Ling::CONFIG);
+                let connection = crate::open("/dev/fake").unwrap();
+                let mut arm = Ling::new(link, connection);
+                arm.gripper = Some(Opening::OPEN);
+                assert_eq!(switch_off(&mut arm).is_err(), has_moved);
+                assert_eq!(arm.has_moved(), has_moved);
+            }
+        }
     }
 }

@@ -6,7 +6,7 @@ use std::thread;
 use std::time::Duration;
 
 use armwire::ling::stop::{Grip, Stopped};
-use armwire::ling::{GripperSpeed, Move, Opening, Position, Speed, Torque};
+use armwire::ling::{GripperSpeed, Move, Opening, Position, Request, Speed, Torque};
 use armwire_host::{Error, Ling, Missing, Remedy};
 use armwire_sim::ling::{Config, LingArm};
 use armwire_sim::pty::Pty;
@@ -61,6 +61,16 @@ fn move_without_torque_is_refused_and_moves_nothing() {
         assert_eq!(error.remedy(), Some(Remedy::TorqueOn));
         arm.set_torque(Torque::On).unwrap();
         assert_eq!(patient(|| arm.read_joints()).unwrap().joints, before.joints);
+    });
+}
+
+#[test]
+fn torque_off_by_the_link_refuses_a_move() {
+    with_arm(|arm| {
+        patient(|| arm.read_joints()).unwrap();
+        arm.link().send(&Request::SetTorque(Torque::Off)).unwrap();
+        let error = patient(|| arm.move_to(&far_target())).unwrap_err();
+        assert!(matches!(error, Error::TorqueOff { .. }), "{error}");
     });
 }
 

@@ -181,8 +181,8 @@ impl LingPort {
 }
 
 /// The extra bytes of the last answer.
-fn extra(arm: &mut Ling) -> Extra {
-    ling::Ling.extra(arm.link().frame()).to_vec()
+fn extra(arm: &Ling) -> Extra {
+    ling::Ling.extra(arm.frame()).to_vec()
 }
 
 /// The gripper's goal in thousandths.
