@@ -84,7 +84,7 @@ pub use describe::{Arm, Fact, Protocol};
 pub use error::Error;
 pub use hid::Selector;
 pub use ling::Ling;
-pub use link::{Interrupt, Line, LineErrors, Link, Names, Reception};
+pub use link::{Interrupt, LineErrors, Link};
 pub use port::{Connection, Options, Port, open};
 pub use received::Missing;
 pub use tap::Tap;

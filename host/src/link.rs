@@ -25,7 +25,7 @@ const MAX_KEPT: usize = 256;
 const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
 
 /// A transport of bytes.
-pub trait Line: Send {
+pub(crate) trait Line: Send {
     /// The name on the command line.
     fn name(&self) -> &str;
 
@@ -51,11 +51,11 @@ pub trait Line: Send {
 
 /// Names of the expected arm and of the other arm that may be on the line.
 #[derive(Clone, Copy, Debug)]
-pub struct Names {
+pub(crate) struct Names {
     /// The arm's name, with its article.
-    pub arm: &'static str,
+    pub(crate) arm: &'static str,
     /// The other arm that may be on such a line, with its article.
-    pub other: (&'static str, Protocol),
+    pub(crate) other: (&'static str, Protocol),
 }
 
 impl Names {
@@ -68,7 +68,7 @@ impl Names {
 
 /// The bytes received instead of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reception {
+pub(crate) enum Reception {
     /// Nothing.
     Silence,
     /// Bytes, but not the answer.
@@ -129,7 +129,7 @@ pub struct Link<P: Arm> {
 
 impl<P: Arm> Link<P> {
     /// A client on this line with the timing in `config`.
-    pub fn new(line: Box<dyn Line>, config: Config) -> Self {
+    pub(crate) fn new(line: Box<dyn Line>, config: Config) -> Self {
         Self {
             line: Tapped::new(line),
             client: Client::new(P::default(), config),

@@ -71,7 +71,7 @@ fn first_sequence() -> u8 {
 
 impl Adapter {
     /// On USB, or on a port of its own.
-    pub fn on_line(line: Box<dyn Line>) -> Self {
+    pub(crate) fn on_line(line: Box<dyn Line>) -> Self {
         Self::new(Box::new(Stream {
             line,
             reader: Reader::new(),

@@ -23,7 +23,7 @@ const PACKET: usize = 64;
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// The open interface.
-pub struct UsbLine {
+pub(crate) struct UsbLine {
     name: String,
     reader: EndpointRead<Bulk>,
     writer: EndpointWrite<Bulk>,
@@ -31,7 +31,7 @@ pub struct UsbLine {
 
 impl UsbLine {
     /// Opens the control interface of the adapter that has this serial port.
-    pub fn open(port: &str) -> Result<Self, Error> {
+    pub(crate) fn open(port: &str) -> Result<Self, Error> {
         let name = port.to_owned();
         let device = find(port)?;
         match claim(&device).and_then(|interface| endpoints(&interface)) {
