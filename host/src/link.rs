@@ -231,21 +231,7 @@ impl<P: Arm> Link<P> {
                             received.checksums = self.errors.checksums - errors.checksums;
                             return Err(self.no_answer(request, received));
                         }
-                        Event::Broken {
-                            reason: Reason::Abandoned,
-                            ..
-                        } => {
-                            let reason = "the connection ended in the middle of a request: open it again";
-                            return Err(Error::lost(self.line.name(), reason));
-                        }
-                        Event::Broken { offset, reason } => {
-                            let reason = format_args!(
-                                "the received bytes are no message of {} (byte {offset}: {reason}): is it this arm, and its \
-                                 control port?",
-                                P::NAME
-                            );
-                            return Err(Error::unacceptable(self.line.name(), reason));
-                        }
+                        Event::Broken { offset, reason } => return Err(self.broken(offset, reason)),
                         Event::Late(_) => received.late += 1,
                         Event::Unsolicited(_) => received.frames += 1,
                         Event::Unknown { error, .. } => {
@@ -326,6 +312,10 @@ impl<P: Arm> Link<P> {
 
     /// The arm's unsolicited responses, converted by `take`, after a wait of at most this long for the first byte. `None`
     /// if no byte came.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the line, and [`Error::Unacceptable`] if the bytes of a connection are no messages.
     pub fn unsolicited<T>(
         &mut self,
         wait: Duration,
@@ -337,7 +327,7 @@ impl<P: Arm> Link<P> {
             if let Event::Unsolicited(response) = event {
                 responses.push(take(response));
             }
-        });
+        })?;
         Ok((n > 0).then_some(responses))
     }
 
@@ -345,14 +335,14 @@ impl<P: Arm> Link<P> {
     ///
     /// # Errors
     ///
-    /// Errors of the line.
+    /// As of [`unsolicited`](Self::unsolicited).
     pub fn comes_late(&mut self) -> Result<bool, Error> {
         let until = Instant::now() + self.stale_window;
         loop {
             let left = until.saturating_duration_since(Instant::now());
             self.receive(left, None)?;
             let mut is_late = false;
-            self.take_events(|event| is_late |= matches!(event, Event::Late(_)));
+            self.take_events(|event| is_late |= matches!(event, Event::Late(_)))?;
             // The wait ends even if bytes do not.
             if is_late || left.is_zero() {
                 return Ok(is_late);
@@ -361,14 +351,33 @@ impl<P: Arm> Link<P> {
     }
 
     /// Passes the events of the received bytes to `take`, and counts noise.
-    fn take_events(&mut self, mut take: impl FnMut(Event<'_, P::Response<'_>>)) {
+    ///
+    /// # Errors
+    ///
+    /// The stream is broken.
+    fn take_events(&mut self, mut take: impl FnMut(Event<'_, P::Response<'_>>)) -> Result<(), Error> {
         let now = self.clock.now();
         while let Output::Event(event) = self.client.poll(now) {
             match event {
                 Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
+                Event::Broken { offset, reason } => return Err(self.broken(offset, reason)),
                 event => take(event),
             }
         }
+        Ok(())
+    }
+
+    /// The error of a stream that broke at this offset.
+    fn broken(&self, offset: u64, reason: Reason) -> Error {
+        if reason == Reason::Abandoned {
+            let reason = "the connection ended in the middle of a request: open it again";
+            return Error::lost(self.name(), reason);
+        }
+        let name = P::NAME;
+        let reason = format_args!(
+            "the received bytes are no message of {name} (byte {offset}: {reason}): is it this arm, and its control port?"
+        );
+        Error::unacceptable(self.name(), reason)
     }
 
     /// The frame that ended the last call: an answer, which may have more bytes than its response contains. Empty if
@@ -594,8 +603,8 @@ mod tests {
         assert!(matches!(error, Error::Refused { .. }), "{error:?}");
     }
 
-    /// A line on which noise does not end.
-    struct Noisy;
+    /// A line on which noise, of this byte, does not end.
+    struct Noisy(u8);
 
     impl Line for Noisy {
         fn name(&self) -> &str {
@@ -603,7 +612,7 @@ mod tests {
         }
 
         fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            buf.fill(0);
+            buf.fill(self.0);
             Ok(buf.len())
         }
 
@@ -791,8 +800,19 @@ mod tests {
 
     #[test]
     fn endless_noise_ends_the_wait_for_late_answers() {
-        let mut link = Link::<Ling>::new(Box::new(Noisy), Ling::CONFIG);
+        let mut link = Link::<Ling>::new(Box::new(Noisy(0)), Ling::CONFIG);
         assert!(matches!(link.comes_late(), Ok(false)));
+    }
+
+    #[test]
+    fn broken_stream_is_an_error_without_a_call() {
+        let link = || Link::<XArm>::new(Box::new(Noisy(0xFF)), XArm::CONFIG);
+        for error in [
+            link().unsolicited(Duration::ZERO, |_| ()).unwrap_err(),
+            link().comes_late().unwrap_err(),
+        ] {
+            assert!(matches!(error, Error::Unacceptable { .. }), "{error:?}");
+        }
     }
 
     #[test]
