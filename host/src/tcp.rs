@@ -16,8 +16,6 @@ const PORT: u16 = 502;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 /// Timeout of a write.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
-/// The least that can be waited for: none at all would mean forever.
-const MIN_TIMEOUT: Duration = Duration::from_millis(1);
 
 /// A host and a port on it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -110,10 +108,7 @@ impl Line for Tcp {
     }
 
     fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
-        self.stream
-            .set_read_timeout(Some(wait.max(MIN_TIMEOUT)))
-            .map_err(|error| self.lost(error))?;
-        match self.stream.read(buf) {
+        match self.read_within(buf, wait) {
             Ok(0) => {
                 let reason =
                     "the arm closed the connection: is it switched off, or does it accept no more connections?";
@@ -151,6 +146,19 @@ impl Line for Tcp {
 }
 
 impl Tcp {
+    /// Reads the available bytes, waiting at most `wait` for the first one.
+    fn read_within(&mut self, buf: &mut [u8], wait: Duration) -> io::Result<usize> {
+        // No timeout at all would mean forever, and the shortest one takes a tick of the system's clock.
+        if wait.is_zero() {
+            self.stream.set_nonblocking(true)?;
+            let read = self.stream.read(buf);
+            self.stream.set_nonblocking(false)?;
+            return read;
+        }
+        self.stream.set_read_timeout(Some(wait))?;
+        self.stream.read(buf)
+    }
+
     fn lost(&self, error: io::Error) -> Error {
         let reason = match error.kind() {
             ErrorKind::WouldBlock | ErrorKind::TimedOut => {
@@ -178,6 +186,8 @@ fn not_connected(name: &str, error: &io::Error) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use std::net::TcpListener;
+
     use super::*;
 
     #[test]
@@ -198,5 +208,23 @@ mod tests {
         for text in ["", ":502", "arm:", "arm:x", "arm:65536", "arm:0", "[]:1"] {
             assert!(text.parse::<Host>().is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn read_without_a_wait_returns_what_has_arrived() {
+        let server = TcpListener::bind("127.0.0.1:0").unwrap();
+        let host = server.local_addr().unwrap().to_string().parse().unwrap();
+        let mut line = Tcp::connect(&host, true).unwrap();
+        let (mut arm, _) = server.accept().unwrap();
+        let mut buf = [0; 8];
+        assert_eq!(line.read(&mut buf, Duration::ZERO).unwrap(), 0);
+        arm.write_all(&[1, 2, 3]).unwrap();
+        assert_eq!(line.read(&mut buf, Duration::MAX).unwrap(), 3);
+        arm.write_all(&[4]).unwrap();
+        line.stream.peek(&mut buf).unwrap();
+        assert_eq!(line.read(&mut buf, Duration::ZERO).unwrap(), 1);
+        drop(arm);
+        line.stream.peek(&mut buf).unwrap();
+        assert!(matches!(line.read(&mut buf, Duration::ZERO), Err(Error::Lost { .. })));
     }
 }
