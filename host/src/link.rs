@@ -12,7 +12,7 @@ use armwire::{Client, Config, ErrorFrame, Event, Output, time, xarm};
 use crate::describe::{Arm, Protocol};
 use crate::error::Error;
 use crate::received::{Missing, Received};
-use crate::stopwatch::Stopwatch;
+use crate::stopwatch::{Stopwatch, after};
 use crate::tap::{Tap, Tapped};
 use crate::text::{Remedy, Text};
 
@@ -337,7 +337,7 @@ impl<P: Arm> Link<P> {
     ///
     /// As of [`unsolicited`](Self::unsolicited).
     pub fn comes_late(&mut self) -> Result<bool, Error> {
-        let until = Instant::now() + self.stale_window;
+        let until = after(self.stale_window);
         loop {
             let left = until.saturating_duration_since(Instant::now());
             self.receive(left, None)?;

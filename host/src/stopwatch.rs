@@ -4,6 +4,15 @@ use std::time::{Duration, Instant};
 
 use armwire::time;
 
+/// Stands for a time that is farther than the clock counts: 30 years.
+const FAR: Duration = Duration::from_secs(30 * 365 * 24 * 60 * 60);
+
+/// The end of a wait that begins now.
+pub(crate) fn after(wait: Duration) -> Instant {
+    let now = Instant::now();
+    now.checked_add(wait).unwrap_or(now + FAR)
+}
+
 /// A clock that is zero at an instant.
 pub struct Stopwatch(pub Instant);
 

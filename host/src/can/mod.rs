@@ -20,7 +20,7 @@ use crate::control::{Received, Transport};
 use crate::error::Error;
 use crate::link::{Line, Names, Reception};
 use crate::serial::Serial;
-use crate::stopwatch::Stopwatch;
+use crate::stopwatch::{Stopwatch, after};
 use crate::text::Text;
 use bus::Bus;
 
@@ -75,7 +75,7 @@ impl SharedBus {
     /// The next frame with this identifier, within this time.
     fn receive(&self, id: Id, wait: Duration) -> Result<Option<Frame>, Error> {
         let Switch { bus, inboxes } = &mut *self.lock();
-        let until = Instant::now() + wait;
+        let until = after(wait);
         loop {
             if let Some(frame) = inboxes.get_mut(&id).and_then(VecDeque::pop_front) {
                 return Ok(Some(frame));
@@ -173,7 +173,7 @@ impl CanLine {
 
     /// The next PDU. `None` if none ended within this time.
     fn receive_pdu(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Error> {
-        let until = Instant::now() + wait;
+        let until = after(wait);
         loop {
             let left = until.saturating_duration_since(Instant::now());
             self.step(left)?;
@@ -381,5 +381,18 @@ mod tests {
         assert!(line(Function::ControlRequest, Function::ControlAnswer).is_ok());
         drop(first);
         assert!(arm().is_ok());
+    }
+
+    #[test]
+    fn message_is_waited_for_without_a_limit() {
+        let id = Function::ArmAnswer.id(Node::default());
+        let bus = SharedBus::new(Faulty {
+            tries: 1,
+            sent: Arc::default(),
+            received: [Frame::new(id, &[2, 8, 9]).unwrap()].into(),
+        });
+        let (tx, rx) = (Function::ArmRequest, Function::ArmAnswer);
+        let mut line = CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx).unwrap();
+        assert_eq!(line.read(&mut [0; 8], Duration::MAX).unwrap(), 2);
     }
 }

@@ -11,6 +11,7 @@ use super::bus::Bus;
 use crate::error::Error;
 use crate::link::Line;
 use crate::serial::Serial;
+use crate::stopwatch::after;
 
 /// Timeout of a reply. Some firmware replies to queries only.
 const REPLY_TIMEOUT: Duration = Duration::from_millis(500);
@@ -87,7 +88,7 @@ impl SlcanBus {
 
     /// The next reply, within this time.
     fn next_reply(&mut self, wait: Duration) -> Result<Option<Result<Reply, Malformed>>, Error> {
-        let until = Instant::now() + wait;
+        let until = after(wait);
         let mut buf = [0; 1024];
         loop {
             if let Some(reply) = self.received.pop_front() {
@@ -134,7 +135,7 @@ impl Bus for SlcanBus {
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Error> {
-        let until = Instant::now() + wait;
+        let until = after(wait);
         loop {
             let left = until.saturating_duration_since(Instant::now());
             match self.next_reply(left)? {

@@ -12,6 +12,7 @@ use super::bus::Bus;
 use crate::available;
 use crate::error::Error;
 use crate::link::is_nothing_yet;
+use crate::stopwatch::after;
 
 /// Timeout of a write to the interface.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
@@ -113,7 +114,7 @@ impl Bus for SocketBus {
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Error> {
-        let until = Instant::now() + wait;
+        let until = after(wait);
         loop {
             // Frames that arrived before the deadline are read after it, too.
             let frame = match self.read(until.saturating_duration_since(Instant::now())) {

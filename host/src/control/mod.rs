@@ -14,6 +14,7 @@ use armwire_bridge::control::{
 use crate::error::Error;
 use crate::link::Line;
 use crate::received::Missing;
+use crate::stopwatch::after;
 use crate::text::{Remedy, Text};
 
 /// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
@@ -165,7 +166,7 @@ impl Adapter {
     /// [`Error`]: the port fails, or a message cannot be read, such as one of newer firmware. A later call returns the next
     /// event. [`Error::At`], once, if too many events waited: the oldest were dropped.
     pub fn next_event(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
-        let until = Instant::now() + wait;
+        let until = after(wait);
         loop {
             match std::mem::take(&mut self.dropped) {
                 0 => {}
@@ -277,7 +278,7 @@ impl Transport for Stream {
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Received>, Error> {
-        let until = Instant::now() + wait;
+        let until = after(wait);
         loop {
             let unread = self.reader.push(self.rest.make_contiguous()).len();
             self.rest.drain(..self.rest.len() - unread);
@@ -483,6 +484,16 @@ mod tests {
             messages: messages.iter().copied().collect(),
             sequence: 0,
         }))
+    }
+
+    #[test]
+    fn event_is_waited_for_without_a_limit() {
+        let event = |_| {
+            let (at, event) = (Stamp(1), Event::BusOff { off: true });
+            Ok(FromAdapter::Event { at, event })
+        };
+        let (at, _) = scripted(&[event]).next_event(Duration::MAX).unwrap().unwrap();
+        assert_eq!(at, Stamp(1));
     }
 
     #[test]
