@@ -1,5 +1,7 @@
 //! An Alpha1, or its servos: their requests.
 
+use std::fmt;
+
 use armwire::alpha1::{
     Action, Address, Angle, FirmwareVersion, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, Request, Response,
     ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
@@ -163,6 +165,14 @@ impl Alpha1 {
     /// Sends a request that a single servo acknowledges. All servos together do not.
     fn send_servo(&mut self, request: ServoRequest) -> Result<(), Error> {
         self.link.send(&Request::Servo(request))
+    }
+}
+
+impl fmt::Debug for Alpha1 {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Alpha1")
+            .field("name", &self.name())
+            .finish_non_exhaustive()
     }
 }
 

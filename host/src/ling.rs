@@ -1,5 +1,6 @@
 //! A Ling arm: its requests, and what a motion depends on.
 
+use std::fmt;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -335,6 +336,16 @@ impl Ling {
             status: state.status,
             effect,
         }
+    }
+}
+
+impl fmt::Debug for Ling {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Ling")
+            .field("name", &self.name())
+            .field("gripper", &self.gripper)
+            .field("may_move", &self.may_move)
+            .finish_non_exhaustive()
     }
 }
 

@@ -1,6 +1,7 @@
 //! Blocking calls over a line, one at a time.
 
 use std::error;
+use std::fmt;
 use std::io::{self, ErrorKind};
 use std::ops::Add;
 use std::time::{Duration, Instant};
@@ -438,6 +439,16 @@ impl<P: Arm> Link<P> {
             missing: received.missing(),
             bytes: received.count,
         }
+    }
+}
+
+impl<P: Arm> fmt::Debug for Link<P> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Link")
+            .field("name", &self.name())
+            .field("protocol", &P::PROTOCOL)
+            .field("errors", &self.errors)
+            .finish_non_exhaustive()
     }
 }
 

@@ -233,6 +233,15 @@ pub struct Connection {
     bus: Option<SharedBus>,
 }
 
+impl fmt::Debug for Connection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Connection")
+            .field("port", &self.port)
+            .field("baud", &self.baud)
+            .finish_non_exhaustive()
+    }
+}
+
 impl Connection {
     /// Returns true for a control port without an arm.
     pub fn is_control(&self) -> bool {

@@ -1,5 +1,7 @@
 //! An xArm on a host: its requests.
 
+use std::fmt;
+
 use armwire::xarm::{
     Answer, Joint, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, TorqueSource, VersionText,
 };
@@ -120,5 +122,13 @@ impl XArm {
             Response::Reply { state, reply } => take(reply).map(|value| Answer { value, state }),
             _ => None,
         })
+    }
+}
+
+impl fmt::Debug for XArm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("XArm")
+            .field("name", &self.name())
+            .finish_non_exhaustive()
     }
 }

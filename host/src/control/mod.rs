@@ -3,6 +3,7 @@
 pub mod usb;
 
 use std::collections::VecDeque;
+use std::fmt;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::{Duration, Instant};
 
@@ -222,6 +223,15 @@ impl Adapter {
         let reason =
             format!("a message of the adapter cannot be read ({error}): is its firmware newer than this program?");
         Error::at(self.name(), reason)
+    }
+}
+
+impl fmt::Debug for Adapter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Adapter")
+            .field("name", &self.name())
+            .field("is_subscribed", &self.is_subscribed)
+            .finish_non_exhaustive()
     }
 }
 
