@@ -122,7 +122,7 @@ impl Alpha1 {
 
     /// Makes calls run this check at least every 100 ms while they wait, for Ctrl-C. Its error ends the call, as
     /// [`Error::Interrupted`].
-    pub fn set_interrupt(&mut self, check: Interrupt) {
+    pub fn set_interrupt(&mut self, check: impl FnMut() -> Interrupt + Send + 'static) {
         self.link.set_interrupt(check);
     }
 

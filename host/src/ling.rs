@@ -259,7 +259,7 @@ impl Ling {
 
     /// Makes calls run this check at least every 100 ms while they wait, for Ctrl-C. Its error ends the call, as
     /// [`Error::Interrupted`], and stops the arm if [`move_and_wait`](Self::move_and_wait) runs.
-    pub fn set_interrupt(&mut self, check: Interrupt) {
+    pub fn set_interrupt(&mut self, check: impl FnMut() -> Interrupt + Send + 'static) {
         self.link.set_interrupt(check);
     }
 

@@ -76,8 +76,11 @@ pub(crate) enum Reception {
     Garbage,
 }
 
-/// A check during waits. Its error ends the wait.
-pub type Interrupt = fn() -> Result<(), Box<dyn error::Error + Send + Sync>>;
+/// The result of a check during waits. Its error ends the wait.
+pub type Interrupt = Result<(), Box<dyn error::Error + Send + Sync>>;
+
+/// The check of a program.
+type Check = Box<dyn FnMut() -> Interrupt + Send>;
 
 /// Returns true if a read or write failed only because it would block.
 pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
@@ -122,7 +125,7 @@ pub struct Link<P: Arm> {
     unread: Vec<u8>,
     clock: Stopwatch,
     stale_window: Duration,
-    interrupt: Option<Interrupt>,
+    interrupt: Option<Check>,
     /// Text of the interrupt's last error that was not taken. A check may report once, and its error may be dropped.
     interrupted: Option<String>,
     errors: LineErrors,
@@ -150,8 +153,8 @@ impl<P: Arm> Link<P> {
 
     /// Makes calls run this check at least every 100 ms while they wait. Its error ends the call, as
     /// [`Error::Interrupted`].
-    pub fn set_interrupt(&mut self, interrupt: Interrupt) {
-        self.interrupt = Some(interrupt);
+    pub fn set_interrupt(&mut self, check: impl FnMut() -> Interrupt + Send + 'static) {
+        self.interrupt = Some(Box::new(check));
     }
 
     /// Gives `tap` all bytes from now on, in both directions.
@@ -161,7 +164,7 @@ impl<P: Arm> Link<P> {
 
     /// Runs the interrupt's check.
     pub(crate) fn check_interrupt(&mut self) -> Result<(), Error> {
-        let Some(interrupt) = self.interrupt else {
+        let Some(interrupt) = &mut self.interrupt else {
             return Ok(());
         };
         interrupt().map_err(|reason| {
@@ -401,7 +404,7 @@ impl<P: Arm> Link<P> {
     fn receive(&mut self, wait: Duration, received: Option<&mut Received>) -> Result<usize, Error> {
         if self.unread.is_empty() {
             let mut buf = [0; 256];
-            let n = match self.interrupt {
+            let n = match &self.interrupt {
                 None => self.line.read(&mut buf, wait)?,
                 Some(_) => self.line.read(&mut buf, wait.min(INTERRUPT_PERIOD))?,
             };

@@ -1,6 +1,7 @@
 //! A Ling arm through the library, against a virtual arm on a pseudo-terminal.
 #![cfg(unix)]
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 use std::time::Duration;
@@ -88,17 +89,18 @@ fn unreached_target_is_an_error_with_the_pose() {
 
 #[test]
 fn interrupt_stops_the_arm_that_moves() {
-    /// Checks until Ctrl-C, some of them during the motion.
-    static LEFT: AtomicUsize = AtomicUsize::new(0);
+    // Checks until Ctrl-C, some of them during the motion.
+    let left = Arc::new(AtomicUsize::new(0));
     with_arm(|arm| {
-        arm.set_interrupt(|| {
-            match LEFT.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)) {
+        let checks = Arc::clone(&left);
+        arm.set_interrupt(move || {
+            match checks.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)) {
                 Ok(_) => Ok(()),
                 Err(_) => Err("Ctrl-C".into()),
             }
         });
         let moved = patient(|| {
-            LEFT.store(10, Ordering::Relaxed);
+            left.store(10, Ordering::Relaxed);
             arm.move_and_wait(&far_target(), Duration::from_secs(60))
         });
         let Error::Stopped { stopped, reason, .. } = moved.unwrap_err() else {
@@ -120,15 +122,16 @@ fn interrupt_stops_the_arm_that_moves() {
 
 #[test]
 fn interrupt_that_reports_once_stops_the_arm() {
-    /// Checks until the only report, some of them during the motion.
-    static LEFT: AtomicUsize = AtomicUsize::new(0);
+    // Checks until the only report, some of them during the motion.
+    let left = Arc::new(AtomicUsize::new(0));
     with_arm(|arm| {
-        arm.set_interrupt(|| match LEFT.fetch_sub(1, Ordering::Relaxed) {
+        let checks = Arc::clone(&left);
+        arm.set_interrupt(move || match checks.fetch_sub(1, Ordering::Relaxed) {
             1 => Err("Ctrl-C".into()),
             _ => Ok(()),
         });
         let moved = patient(|| {
-            LEFT.store(10, Ordering::Relaxed);
+            left.store(10, Ordering::Relaxed);
             arm.move_and_wait(&far_target(), Duration::from_secs(60))
         });
         let error = moved.unwrap_err();
