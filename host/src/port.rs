@@ -99,7 +99,7 @@ impl FromStr for Port {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let Some((kind, rest)) = text.split_once(':') else {
-            return Ok(Self::Serial(text.to_owned()));
+            return Ok(Self::Serial(non_empty(text, text)?));
         };
         Ok(match kind {
             "tcp" => Self::Tcp(Host::parse(rest, None)?),
@@ -439,6 +439,7 @@ mod tests {
             ("tcp:arm.local", "'arm.local' has no port, such as arm.local:4000"),
             ("can:can0/16", "node id is 16, must be 0..=15"),
             ("can:can0/x", "'x' after the last slash is not a node id, 0 to 15"),
+            ("", "'': the port's name is missing"),
             ("can:", "'can:': the port's name is missing"),
             ("can:/3", "'can:/3': the port's name is missing"),
             ("slcan:@500000", "'slcan:@500000': the port's name is missing"),
