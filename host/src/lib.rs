@@ -1,7 +1,7 @@
 //! Robot arms and their adapters from a program on a PC: ports, blocking calls, and errors with remedies.
 //!
-//! A [port](Port) is opened as a [`Connection`], and an arm on it as a [`Ling`], an [`Alpha1`] or, on a host of its own,
-//! an [`XArm`]. The adapter between this computer and an arm is an [`Adapter`].
+//! A [port](Port) gives a [`Connection`], which opens an arm on it as a [`Ling`] or an [`Alpha1`]. An [`XArm`] has a
+//! host of its own. The adapter between this computer and an arm is an [`Adapter`].
 //!
 //! ```
 //! use std::time::Duration;

@@ -46,8 +46,8 @@ pub struct Ling {
     /// The gripper's goal in the last move that was sent. `None` before, and after the torque was off: the gripper then
     /// holds nothing.
     gripper: Option<Opening>,
-    /// True if the last reading did not show the torque off. False before the first one, and after the torque was or may
-    /// have been switched: the next move reads first.
+    /// True if the last reading did not show the torque off. False before the first one, and after the torque was or
+    /// may have been switched: the next move reads first.
     may_move: bool,
 }
 
@@ -181,8 +181,9 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::Stopped`] after an interrupt, or the error of the stop. Its reason is the interrupt's error if the check
-    /// still returns one, else that error's text. Otherwise the error of `motion`, and [`Error::Interrupted`] before it.
+    /// [`Error::Stopped`] after an interrupt, or the error of the stop. Its reason is the interrupt's error if the
+    /// check still returns one, else that error's text. Otherwise the error of `motion`, and [`Error::Interrupted`]
+    /// before it.
     pub fn stop_if_interrupted<T, E: From<Error>>(
         &mut self,
         gripper: Opening,
@@ -208,8 +209,8 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::NotStopped`] if the arm may still move; [`Error::Lost`] and [`Error::Legacy`]. After any other error a request
-    /// is repeated.
+    /// [`Error::NotStopped`] if the arm may still move; [`Error::Lost`] and [`Error::Legacy`]. After any other error a
+    /// request is repeated.
     pub fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
         self.stop_by(gripper, stop::stop)
     }
@@ -284,7 +285,7 @@ impl Ling {
         self.link.frame()
     }
 
-    /// The arm's link, for any request. A move by it is not known here: [`move_to`](Self::move_to) is for moves, and the
+    /// The arm's link, for any request. A move by it is not known here: [`move_to`](Self::move_to) is for moves. The
     /// next one reads the torque first, for a request by the link may switch it.
     pub fn link(&mut self) -> &mut Link<armwire::ling::Ling> {
         self.may_move = false;

@@ -379,7 +379,8 @@ impl<P: Arm> Link<P> {
         }
         let name = P::NAME;
         let reason = format_args!(
-            "the received bytes are no message of {name} (byte {offset}: {reason}): is it this arm, and its control port?"
+            "the received bytes are no message of {name} (byte {offset}: {reason}): is it this arm, and its control \
+             port?"
         );
         Error::unacceptable(self.name(), reason)
     }

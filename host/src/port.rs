@@ -38,11 +38,12 @@ const SLCAN_BAUD: u32 = 115_200;
 /// Baud rate of a control port of its own, which ignores it.
 const CONTROL_BAUD: u32 = 115_200;
 
-/// Opens a port by its text, such as `/dev/ttyUSB0`: see [`Port`].
+/// A connection to a port by its text, such as `/dev/ttyUSB0`: see [`Port`]. Nothing but a bus is opened yet: see
+/// [`Port::open`].
 ///
 /// # Errors
 ///
-/// The text is no port, or the port cannot be opened.
+/// The text is no port, or the CAN bus cannot be opened.
 pub fn open(port: &str) -> Result<Connection, Error> {
     let port: Port = port.parse().map_err(|reason: String| Error::Port(reason.into()))?;
     port.open(Options::default())
@@ -201,11 +202,12 @@ impl Port {
         })
     }
 
-    /// Opens the port. A serial port is opened later, with its arm.
+    /// Opens the bus of a port on CAN. Any other port is opened with its arm or its control port, and is not touched
+    /// before.
     ///
     /// # Errors
     ///
-    /// The port cannot be opened. [`Error::Baud`] if it has no baud rate to set.
+    /// The bus cannot be opened. [`Error::Baud`] if the port has no baud rate to set.
     pub fn open(&self, options: Options) -> Result<Connection, Error> {
         let Options { baud } = options;
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
@@ -224,7 +226,8 @@ impl Port {
     }
 }
 
-/// An open port. A clone shares it. On CAN it has one arm at a time, and one control port: a second is [`Error::InUse`].
+/// A port to open an arm or an adapter on. On CAN it has the open bus, which a clone shares, with one arm and one
+/// control port at a time: a second is [`Error::InUse`].
 #[derive(Clone)]
 pub struct Connection {
     port: Port,
@@ -332,7 +335,7 @@ impl Connection {
     ///
     /// # Errors
     ///
-    /// The port has no control port, or it cannot be opened. On CAN, [`Error::InUse`] while this connection has it open.
+    /// The port has no control port, or it cannot be opened. On CAN, [`Error::InUse`] while this connection has one.
     pub fn adapter(&self) -> Result<Adapter, Error> {
         match &self.port {
             Port::Serial(port) => Ok(Adapter::on_line(Box::new(UsbLine::open(port)?))),

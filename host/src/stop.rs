@@ -22,8 +22,8 @@ const RETRY_PERIOD: Duration = Duration::from_millis(20);
 ///
 /// # Errors
 ///
-/// [`Error::NotStopped`] if the arm may still move; [`Error::Lost`] and [`Error::Legacy`]. After any other error a request
-/// is repeated.
+/// [`Error::NotStopped`] if the arm may still move; [`Error::Lost`] and [`Error::Legacy`]. After any other error a
+/// request is repeated.
 pub(crate) fn stop(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, Error> {
     link.uninterrupted(|link| drive(link, Stop::new(gripper)))
 }

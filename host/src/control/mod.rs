@@ -164,8 +164,8 @@ impl Adapter {
     ///
     /// # Errors
     ///
-    /// [`Error`]: the port fails, or a message cannot be read, such as one of newer firmware. A later call returns the next
-    /// event. [`Error::At`], once, if too many events waited: the oldest were dropped.
+    /// [`Error`]: the port fails, or a message cannot be read, such as one of newer firmware. A later call returns the
+    /// next event. [`Error::At`], once, if too many events waited: the oldest were dropped.
     pub fn next_event(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
         let until = after(wait);
         loop {
@@ -251,11 +251,11 @@ fn describe(failure: Failure) -> Text {
         }
         Failure::SupplyLow => "not saved: the adapter's 3.3 V supply is below 2.9 V, too low to write flash".to_owned(),
         Failure::ArmSilent => {
-            "the arm does not answer. It may still move: switch its supply off. Motion is refused for 2 s"
-                .to_owned()
+            "the arm does not answer. It may still move: switch its supply off. Motion is refused for 2 s".to_owned()
         }
         Failure::PoseOutOfRange => {
-            "the arm reports a pose that cannot be held. It may still move: switch its supply off. Motion is refused for 2 s"
+            "the arm reports a pose that cannot be held. It may still move: switch its supply off. Motion is refused \
+             for 2 s"
                 .to_owned()
         }
         Failure::NotStoppable(kind) => {
