@@ -12,7 +12,7 @@ use crate::serial;
 /// Type of a CAN interface in Linux (`ARPHRD_CAN`).
 const CAN_TYPE: &str = "280";
 
-/// Serial ports, and CAN interfaces.
+/// Serial ports, and CAN interfaces, as the text of a [`Port`](crate::Port). Nothing is opened.
 pub fn ports() -> Vec<String> {
     let interfaces = can_interfaces().into_iter().map(|name| format!("can:{name}"));
     serial_ports().into_iter().chain(interfaces).collect()

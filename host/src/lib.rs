@@ -79,6 +79,7 @@ mod xarm;
 
 pub use adapter::RECOVERY;
 pub use alpha1::Alpha1;
+pub use available::ports;
 pub use control::Adapter;
 pub use describe::{Arm, Fact, Protocol};
 pub use error::Error;

@@ -28,6 +28,8 @@ mod legacy;
 #[cfg(feature = "ling")]
 mod ling;
 mod protocol;
+#[cfg(feature = "bridge")]
+mod slcan;
 #[cfg(feature = "xarm")]
 mod xarm;
 
@@ -63,6 +65,7 @@ extern "C" fn _start() {
         control::call_all();
         cyclic::call_all();
         isotp::call_all();
+        slcan::call_all();
     }
     black_box(black_box(Instant::ZERO) + black_box(Duration::from_millis(black_box(0))));
     black_box(black_box(Instant::from_millis(black_box(0))) - black_box(Duration::ZERO));
