@@ -2,7 +2,7 @@
 
 use armwire_bridge::config::Can;
 use armwire_bridge::slcan::BitRate;
-use armwire_host::available::{has_serial_port, not_found};
+use armwire_host::available::has_serial_port;
 use armwire_host::{Adapter, Options, Port, line_holder};
 use clap::Args;
 
@@ -49,7 +49,7 @@ impl AdapterPort {
         match (opened, &self.port) {
             // The error is the missing port, and not its missing control port.
             (Err(armwire_host::Error::NoControl { .. }), Port::Serial(port)) if !has_serial_port(port) => {
-                Err(not_found(port).into())
+                Err(Port::not_found(port).into())
             }
             (opened, _) => Ok(opened?),
         }

@@ -19,11 +19,21 @@ pub struct Alpha1 {
     connection: Connection,
 }
 
-impl Alpha1 {
-    pub(crate) fn new(link: Link<armwire::alpha1::Alpha1>, connection: Connection) -> Self {
-        Self { link, connection }
+impl Connection {
+    /// Opens the line of an Alpha1.
+    ///
+    /// # Errors
+    ///
+    /// The line cannot be opened.
+    pub fn alpha1(&self) -> Result<Alpha1, Error> {
+        Ok(Alpha1 {
+            link: self.arm()?,
+            connection: self.clone(),
+        })
     }
+}
 
+impl Alpha1 {
     /// Reads the robot's hardware version, up to 254 bytes.
     pub fn read_hardware_version(&mut self) -> Result<Vec<u8>, Error> {
         self.link.read_with(&Request::ReadHardwareVersion, |response| {

@@ -1,13 +1,9 @@
 //! The ports of this computer, by the names that a user types for them.
 
 use std::fs;
-use std::io::ErrorKind;
 use std::path::Path;
 
 use serial2::SerialPort;
-
-use crate::error::Error;
-use crate::serial;
 
 /// Type of a CAN interface in Linux (`ARPHRD_CAN`).
 const CAN_TYPE: &str = "280";
@@ -32,11 +28,6 @@ pub fn has_serial_port(port: &str) -> bool {
     }
     // Not only known names: a link is a port, too.
     Path::new(port).exists()
-}
-
-/// The error of a serial port that this computer does not have.
-pub fn not_found(port: &str) -> Error {
-    serial::not_opened(port, &ErrorKind::NotFound.into())
 }
 
 /// The interfaces that Linux has for CAN. Other systems have none.

@@ -6,7 +6,8 @@ use armwire::ling::Ling;
 use armwire::ling::legacy::Detector;
 
 use crate::error::Error;
-use crate::link::{Line, Link, Names, Reception};
+use crate::line::{Line, Names, Reception};
+use crate::link::Link;
 use crate::port::Connection;
 use crate::text::Text;
 

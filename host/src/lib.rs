@@ -61,6 +61,7 @@ pub mod describe;
 mod error;
 pub mod hid;
 mod legacy;
+mod line;
 pub mod line_holder;
 mod ling;
 mod link;

@@ -11,6 +11,7 @@ use armwire::ling::{
 };
 
 use crate::error::Error;
+use crate::legacy;
 use crate::link::{Interrupt, LineErrors, Link};
 use crate::port::Connection;
 use crate::stop;
@@ -51,16 +52,31 @@ pub struct Ling {
     may_move: bool,
 }
 
-impl Ling {
-    pub(crate) fn new(link: Link<armwire::ling::Ling>, connection: Connection) -> Self {
-        Self {
-            link,
-            connection,
+impl Connection {
+    /// Opens the line of a Ling arm and listens for 0.1 s, because an arm of the older generation must be sent nothing.
+    /// Unsolicited bytes received meanwhile are discarded. No other call opens the line of a Ling arm:
+    ///
+    /// ```compile_fail,E0624
+    /// # fn ling(connection: &armwire_host::Connection) {
+    /// connection.arm::<armwire::ling::Ling>();
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// The line cannot be opened. [`Error::Legacy`], now and from every later call, when the arm is one of the older
+    /// generation.
+    pub fn ling(&self) -> Result<Ling, Error> {
+        Ok(Ling {
+            link: legacy::open(self)?,
+            connection: self.clone(),
             gripper: None,
             may_move: false,
-        }
+        })
     }
+}
 
+impl Ling {
     /// Reads the arm's kind, serial number and versions.
     pub fn read_info(&mut self) -> Result<Info, Error> {
         self.link.read(&Request::ReadInfo)
@@ -371,7 +387,7 @@ impl Standstill {
 mod tests {
     use super::*;
     use crate::describe::Arm;
-    use crate::link::{Line, Names, Reception};
+    use crate::line::{Line, Names, Reception};
     use crate::text::Text;
 
     #[test]
@@ -408,10 +424,12 @@ mod tests {
     fn grip_is_kept_until_torque_off_is_sent() {
         for (writes, has_moved) in [(0, true), (1, false)] {
             for switch_off in [|arm: &mut Ling| arm.set_torque(Torque::Off), Ling::set_zero] {
-                let link = Link::new(Box::new(Failing(writes)), armwire::ling::Ling::CONFIG);
-                let connection = crate::open("/dev/fake").unwrap();
-                let mut arm = Ling::new(link, connection);
-                arm.gripper = Some(Opening::OPEN);
+                let mut arm = Ling {
+                    link: Link::new(Box::new(Failing(writes)), armwire::ling::Ling::CONFIG),
+                    connection: crate::open("/dev/fake").unwrap(),
+                    gripper: Some(Opening::OPEN),
+                    may_move: false,
+                };
                 assert_eq!(switch_off(&mut arm).is_err(), has_moved);
                 assert_eq!(arm.has_moved(), has_moved);
             }

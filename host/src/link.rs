@@ -2,7 +2,6 @@
 
 use std::error;
 use std::fmt;
-use std::io::{self, ErrorKind};
 use std::ops::Add;
 use std::time::{Duration, Instant};
 
@@ -10,12 +9,12 @@ use armwire::framing::Reason;
 use armwire::messages::OtherAnswer;
 use armwire::{Client, Config, ErrorFrame, Event, Output, time, xarm};
 
-use crate::describe::{Arm, Protocol};
+use crate::describe::Arm;
 use crate::error::Error;
+use crate::line::{Line, Names, Reception};
 use crate::received::{Missing, Received};
 use crate::stopwatch::{Stopwatch, after};
 use crate::tap::{Tap, Tapped};
-use crate::text::{Remedy, Text};
 
 /// Buffer size: the longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;
@@ -25,70 +24,11 @@ const MAX_KEPT: usize = 256;
 /// Maximum wait for a line between two calls of a program's interrupt.
 const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
 
-/// A transport of bytes.
-pub(crate) trait Line: Send {
-    /// The name on the command line.
-    fn name(&self) -> &str;
-
-    /// Reads the available bytes, waiting at most `wait` for the first one. Returns 0 on timeout.
-    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error>;
-
-    /// Writes some of the bytes, at least one, and returns how many. On a line that carries whole messages the bytes are
-    /// one.
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error>;
-
-    /// Writes all bytes.
-    fn write_all(&mut self, mut bytes: &[u8]) -> Result<(), Error> {
-        while !bytes.is_empty() {
-            let n = self.write(bytes)?;
-            bytes = &bytes[n..];
-        }
-        Ok(())
-    }
-
-    /// A hint for a line without an answer. It is known without I/O.
-    fn hint(&self, reception: Reception, arm: Names) -> Text;
-}
-
-/// Names of the expected arm and of the other arm that may be on the line.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Names {
-    /// The arm's name, with its article.
-    pub(crate) arm: &'static str,
-    /// The other arm that may be on such a line, with its article.
-    pub(crate) other: (&'static str, Protocol),
-}
-
-impl Names {
-    /// The other arm, with the remedy.
-    pub(crate) fn other(&self) -> Text {
-        let (name, protocol) = self.other;
-        Text::from(name).remedy(Remedy::TryAs(protocol))
-    }
-}
-
-/// The bytes received instead of an answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Reception {
-    /// Nothing.
-    Silence,
-    /// Bytes, but not the answer.
-    Garbage,
-}
-
 /// The result of a check during waits. Its error ends the wait.
 pub type Interrupt = Result<(), Box<dyn error::Error + Send + Sync>>;
 
 /// The check of a program.
 type Check = Box<dyn FnMut() -> Interrupt + Send>;
-
-/// Returns true if a read or write failed only because it would block.
-pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
-    matches!(
-        error.kind(),
-        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
-    )
-}
 
 /// Errors on a line since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -483,6 +423,7 @@ mod tests {
     use armwire::{Device, DeviceEvent};
 
     use super::*;
+    use crate::text::Text;
 
     /// An arm's answer with all joints at this position.
     fn joints(ticks: u16) -> Vec<u8> {

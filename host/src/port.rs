@@ -1,6 +1,7 @@
 //! The port of an arm or an adapter: its text on the command line, and the connection to it.
 
 use std::fmt;
+use std::io::ErrorKind;
 use std::num::NonZeroU32;
 use std::path::Path;
 use std::str::FromStr;
@@ -10,19 +11,17 @@ use armwire::{Config, time};
 use armwire_bridge::can::{Function, Node};
 use armwire_bridge::slcan::{BIT_RATES, BitRate};
 
-use crate::alpha1::Alpha1;
 use crate::can::{self, CanLine, SharedBus};
 use crate::control::Adapter;
 use crate::control::usb::UsbLine;
 use crate::describe::{Arm, Protocol};
 use crate::error::Error;
 use crate::hid::{self, Selector};
-use crate::legacy;
+use crate::line::Line;
 use crate::line_holder;
-use crate::ling::Ling;
-use crate::link::{Line, Link};
+use crate::link::Link;
 use crate::received::Missing;
-use crate::serial::Serial;
+use crate::serial::{self, Serial};
 use crate::tcp::{Host, Tcp};
 use crate::text::{Remedy, Text};
 
@@ -190,6 +189,11 @@ impl fmt::Display for Port {
 }
 
 impl Port {
+    /// The error of a serial port that this computer does not have.
+    pub fn not_found(name: &str) -> Error {
+        serial::not_opened(name, &ErrorKind::NotFound.into())
+    }
+
     /// Parses the text of a control port: a path alone is the path of a control port.
     ///
     /// # Errors
@@ -254,32 +258,6 @@ impl Connection {
     /// Returns true for a HID device. Only an Alpha1 is one.
     pub fn is_hid(&self) -> bool {
         matches!(self.port, Port::Hid(_))
-    }
-
-    /// Opens the line of a Ling arm and listens for 0.1 s, because an arm of the older generation must be sent nothing.
-    /// Unsolicited bytes received meanwhile are discarded. No other call opens the line of a Ling arm:
-    ///
-    /// ```compile_fail,E0624
-    /// # fn ling(connection: &armwire_host::Connection) {
-    /// connection.arm::<armwire::ling::Ling>();
-    /// # }
-    /// ```
-    ///
-    /// # Errors
-    ///
-    /// The line cannot be opened. [`Error::Legacy`], now and from every later call, when the arm is one of the older
-    /// generation.
-    pub fn ling(&self) -> Result<Ling, Error> {
-        Ok(Ling::new(legacy::open(self)?, self.clone()))
-    }
-
-    /// Opens the line of an Alpha1.
-    ///
-    /// # Errors
-    ///
-    /// The line cannot be opened.
-    pub fn alpha1(&self) -> Result<Alpha1, Error> {
-        Ok(Alpha1::new(self.arm()?, self.clone()))
     }
 
     /// Opens the line of a Ling arm of the older generation. It is only read:

@@ -21,7 +21,7 @@ use serial2::{KeepSettings, SerialPort};
 use crate::available;
 use crate::describe::Protocol;
 use crate::error::Error;
-use crate::link::{Line, Names, Reception, is_nothing_yet};
+use crate::line::{Line, Names, Reception, is_nothing_yet};
 use crate::port_holder;
 use crate::text::{Remedy, Text};
 

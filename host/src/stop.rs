@@ -109,7 +109,7 @@ mod tests {
 
     use super::*;
     use crate::describe::Arm;
-    use crate::link::{Line, Names, Reception};
+    use crate::line::{Line, Names, Reception};
 
     /// An arm at rest, on a line that fails before the first byte of some writes.
     struct Failing {

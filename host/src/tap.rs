@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::error::Error;
-use crate::link::{Line, Names, Reception};
+use crate::line::{Line, Names, Reception};
 use crate::text::Text;
 
 /// A recipient of the bytes on a line.

@@ -7,7 +7,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use crate::error::Error;
-use crate::link::{Line, Names, Reception, is_nothing_yet};
+use crate::line::{Line, Names, Reception, is_nothing_yet};
 use crate::text::Text;
 
 /// TCP port of an xArm's requests.

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use armwire_host::available::not_found;
+use armwire_host::Port;
 use armwire_host::control::usb;
 use clap::Args;
 use serde_json::{Value, json};
@@ -61,7 +61,7 @@ impl Selftest {
     /// The checks, and the result of printing each as it ended.
     fn check(&self, plan: &Plan, stop: &AtomicBool) -> Result<(Vec<Check>, Result<(), Error>), Error> {
         if !Path::new(&self.port).exists() {
-            return Err(not_found(&self.port).into());
+            return Err(Port::not_found(&self.port).into());
         }
         let info = usb::find(&self.port)?;
         self.confirm.prompt(DANGER)?;

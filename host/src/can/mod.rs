@@ -18,7 +18,7 @@ use armwire_bridge::slcan::BitRate;
 
 use crate::control::{Received, Transport};
 use crate::error::Error;
-use crate::link::{Line, Names, Reception};
+use crate::line::{Line, Names, Reception};
 use crate::serial::Serial;
 use crate::stopwatch::{Stopwatch, after};
 use crate::text::Text;

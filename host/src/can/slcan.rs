@@ -9,7 +9,7 @@ use armwire_bridge::slcan::{BitRate, Command, Malformed, Replies, Reply, Status}
 
 use super::bus::Bus;
 use crate::error::Error;
-use crate::link::Line;
+use crate::line::Line;
 use crate::serial::Serial;
 use crate::stopwatch::after;
 

@@ -11,7 +11,7 @@ use socketcan::{CanAnyFrame, CanDataFrame, CanFdSocket, EmbeddedFrame, Socket, S
 use super::bus::Bus;
 use crate::available;
 use crate::error::Error;
-use crate::link::is_nothing_yet;
+use crate::line::is_nothing_yet;
 use crate::stopwatch::after;
 
 /// Timeout of a write to the interface.

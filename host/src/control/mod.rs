@@ -13,7 +13,7 @@ use armwire_bridge::control::{
 };
 
 use crate::error::Error;
-use crate::link::Line;
+use crate::line::Line;
 use crate::received::Missing;
 use crate::stopwatch::after;
 use crate::text::{Remedy, Text};
@@ -323,7 +323,7 @@ mod tests {
     use armwire_bridge::control::encode_cobs;
 
     use super::*;
-    use crate::link::{Names, Reception};
+    use crate::line::{Names, Reception};
 
     /// An adapter that sends this many events before each reply, stamped 0 and up.
     struct EventSource {

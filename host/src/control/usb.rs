@@ -10,7 +10,7 @@ use nusb::{DeviceInfo, Endpoint, Interface, MaybeFuture};
 
 use crate::available::has_serial_port;
 use crate::error::Error;
-use crate::link::{Line, Names, Reception, is_nothing_yet};
+use crate::line::{Line, Names, Reception, is_nothing_yet};
 use crate::text::Text;
 
 /// USB ids of the adapter. They are the pid.codes test ids, so the interface is checked, too.

@@ -7,7 +7,7 @@ use std::time::Duration;
 use armwire::alpha1::hid::{self, REPORT};
 
 use crate::error::Error;
-use crate::link::{Line, Names, Reception};
+use crate::line::{Line, Names, Reception};
 use crate::text::Text;
 
 use super::device::{self, Device};

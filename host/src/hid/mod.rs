@@ -8,7 +8,7 @@ mod line;
 use std::fmt;
 
 use crate::error::Error;
-use crate::link::Line;
+use crate::line::Line;
 
 /// The names of all devices with the ids of an Alpha1. Empty if the system cannot list HID devices, or without the feature
 /// `hid`.
