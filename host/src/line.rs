@@ -9,7 +9,7 @@ use crate::text::{Remedy, Text};
 
 /// A transport of bytes.
 pub(crate) trait Line: Send {
-    /// The name on the command line.
+    /// The name that the user gave it.
     fn name(&self) -> &str;
 
     /// Reads the available bytes, waiting at most `wait` for the first one. Returns 0 on timeout.

@@ -1,4 +1,4 @@
-//! The port of an arm or an adapter: its text on the command line, and the connection to it.
+//! The port of an arm or an adapter: its text, and the connection to it.
 
 use std::fmt;
 use std::io::ErrorKind;
@@ -164,7 +164,7 @@ fn ends_with_node(text: &str) -> bool {
         .is_some_and(|(front, node)| is_number(node) && !Path::new(front).is_dir())
 }
 
-/// The text of the command line, completed by the defaults. Node 0 is left out.
+/// The text that is parsed, completed by the defaults. Node 0 is left out.
 impl fmt::Display for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let node = match self {

@@ -109,7 +109,7 @@ impl SharedBus {
 
 /// Whole messages to and from an adapter.
 pub(crate) struct CanLine {
-    /// The name on the command line.
+    /// The name that the user gave it.
     name: String,
     node: Node,
     bus: SharedBus,

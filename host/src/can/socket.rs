@@ -72,7 +72,7 @@ fn is_queue_full(error: &io::Error) -> bool {
     error.raw_os_error() == Some(Errno::NOBUFS.raw_os_error())
 }
 
-/// The error of an interface that cannot be used, under its name on the command line.
+/// The error of an interface that cannot be used, under the name that the user gave it.
 fn unusable(name: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         _ if is_queue_full(error) => BUS_STUCK.to_owned(),

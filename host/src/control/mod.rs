@@ -40,7 +40,7 @@ pub(crate) type Received = Result<FromAdapter, Malformed>;
 
 /// A transport of messages.
 pub(crate) trait Transport: Send {
-    /// The name on the command line.
+    /// The name that the user gave it.
     fn name(&self) -> &str;
 
     fn send(&mut self, message: &FromHost) -> Result<(), Error>;
@@ -92,7 +92,7 @@ impl Adapter {
         }
     }
 
-    /// The name on the command line.
+    /// The name that the user gave it.
     pub fn name(&self) -> &str {
         self.transport.name()
     }

@@ -1,4 +1,4 @@
-//! A protocol as the command line knows it.
+//! A protocol as a program on a PC knows it.
 
 use armwire::Config;
 use armwire::messages::Messages;
@@ -19,7 +19,7 @@ pub enum Protocol {
     Alpha1,
 }
 
-/// A protocol, and its texts on the command line.
+/// A protocol, and its texts.
 pub trait Arm: Messages + Default {
     /// The protocol as a value.
     const PROTOCOL: Protocol;
