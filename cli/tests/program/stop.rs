@@ -1,5 +1,7 @@
 //! Stopping an arm: `armwire stop`, and the library's call.
 
+use std::time::Instant;
+
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Speed};
 use armwire_host::{Error, Ling};
@@ -8,12 +10,20 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::adapter::{BIT_RATE, CanBus, NODE};
 use crate::common::board::Board;
-use crate::common::{Arm, NO_ANSWER, failure, retry_while, run, run_against, success};
+use crate::common::{Arm, NO_ANSWER, TIMEOUT, failure, retry_while, run, run_against, success};
 use crate::pty::with_monitor;
 use crate::signals::Stepped;
 
 fn open(port: &str) -> Ling {
-    armwire_host::open(port).unwrap().ling().unwrap()
+    let connection = armwire_host::open(port).unwrap();
+    let deadline = Instant::now() + TIMEOUT;
+    loop {
+        match connection.ling() {
+            // A program that another test starts shares the closed port until it runs.
+            Err(Error::InUse { .. }) if Instant::now() < deadline => {}
+            arm => return arm.unwrap(),
+        }
+    }
 }
 
 fn read(arm: &mut Ling) -> JointState {
