@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 25] = [
+const TESTS: [&str; 26] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/held_back.rs",
     "bridge/src/tests/line_rate.rs",
@@ -16,6 +16,7 @@ const TESTS: [&str; 25] = [
     "cli/tests/program/signals.rs",
     "cli/tests/program/stop.rs",
     "host/src/link.rs",
+    "host/src/stop.rs",
     "host/tests/ling.rs",
     "host-tests/tests/image/crash_loop.rs",
     "host-tests/tests/image/flash.rs",
