@@ -62,6 +62,8 @@ mod hex;
 #[cfg(feature = "ling")]
 pub mod ling;
 pub mod messages;
+#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
+mod named;
 pub mod raw;
 pub mod time;
 #[cfg(all(test, any(feature = "ling", feature = "xarm", feature = "alpha1")))]

@@ -48,6 +48,7 @@ mod tests {
         check::<Ling>([
             ling::Response::Info(info(b"ADFS251205123456")),
             ling::Response::Info(info(b"X\x1b[2J\0\0\0\0\0\0\0\0\0\0\0")),
+            ling::Response::Info(info(b"\0DLS251205123456")),
             ling::Response::Stroke(Stroke::Mm75),
             ling::Response::Joints(joints(2112, 500)),
             ling::Response::Joints(joints(4096, 1001)),
@@ -80,6 +81,7 @@ mod tests {
             Reply::Empty(Register::ReloadDynamics),
             Reply::Version(VersionText(b"6,9,XI1202,AC1302,v1.12.10")),
             Reply::Version(VersionText(b"v1\x1b")),
+            Reply::Version(VersionText(b"6,9,,,v1.12.10")),
             Reply::Serials(SerialsText(b"XI1\0AC1\n")),
             Reply::TorqueSource(TorqueSource::Current),
             Reply::RotationRadius(RotationRadius { millimetres: 76.0 }),
@@ -103,6 +105,7 @@ mod tests {
         for outcome in [Outcome::Success, Outcome::Failure] {
             check::<Alpha1>([
                 alpha1::Response::HardwareVersion(Text::new(b"Alpha1\x07").unwrap()),
+                alpha1::Response::HardwareVersion(Text::new(b"").unwrap()),
                 alpha1::Response::ServoStates(ServoStates::from_bits(0x8005)),
                 alpha1::Response::ServoStates(ServoStates::from_bits(0)),
                 alpha1::Response::Stopped(outcome),

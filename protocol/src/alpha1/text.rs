@@ -10,6 +10,7 @@ use super::{
     Request, Response, ServoId, ServoRequest, ServoResponse, ServoStates, UsbType,
 };
 use crate::hex::Hex;
+use crate::named::Named;
 
 /// Degrees; the byte of an angle that is out of range.
 impl Display for Angle {
@@ -247,7 +248,9 @@ impl Display for ServoResponse {
 impl Display for Response<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
-            Self::HardwareVersion(version) => write!(f, "arm: Alpha1, hardware: {version}"),
+            Self::HardwareVersion(version) => {
+                write!(f, "arm: Alpha1, {}", Named("hardware", version.as_bytes()))
+            }
             Self::ServoStates(states) => write!(f, "servos that run: {states}"),
             Self::Stopped(outcome) => write!(f, "stop: {outcome}"),
             Self::FirmwareVersion(version) => write!(f, "firmware: {version}"),

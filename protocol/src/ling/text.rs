@@ -10,6 +10,7 @@ use super::{
     GripperSpeed, Info, JointState, Kind, Move, Opening, Position, Request, Response, SelfCheck, Speed, Stroke,
     TemperatureLimit, Torque,
 };
+use crate::named::Named;
 
 /// A joint reading in ticks: degrees from the centre, to two decimals.
 ///
@@ -184,8 +185,8 @@ impl Display for Info {
             Some(kind) => write!(f, "arm: Ling {kind}")?,
             None => f.write_str("arm: Ling, of unknown kind")?,
         }
-        let (serial, hardware, firmware) = (self.serial, self.hardware, self.firmware);
-        write!(f, ", serial: {serial}, hardware: {hardware}, firmware: {firmware}")
+        let (serial, hardware, firmware) = (Named("serial", self.serial.text()), self.hardware, self.firmware);
+        write!(f, ", {serial}, hardware: {hardware}, firmware: {firmware}")
     }
 }
 

@@ -479,7 +479,7 @@ impl SerialNumber {
     }
 
     /// The bytes up to the first NUL.
-    fn text(&self) -> &[u8] {
+    pub(super) fn text(&self) -> &[u8] {
         self.0.split(|&byte| byte == 0).next().unwrap_or_default()
     }
 

@@ -8,6 +8,7 @@ use super::{
     Joint, Raw, Register, Reply, Request, Response, RotationRadius, State, TorqueSource, Version, VersionText,
 };
 use crate::hex::Hex;
+use crate::named::Named;
 
 /// For example `joint 6`.
 impl Display for Joint {
@@ -112,9 +113,12 @@ impl Display for Version<'_> {
             control_box,
             firmware,
         } = self;
+        let hardware = Named("hardware", arm.as_bytes());
+        let control_box = Named("control box", control_box.as_bytes());
+        let firmware = Named("firmware", firmware.as_bytes());
         write!(
             f,
-            "arm: xArm, {axes} axes, type {kind}, hardware: {arm}, control box: {control_box}, firmware: {firmware}"
+            "arm: xArm, {axes} axes, type {kind}, {hardware}, {control_box}, {firmware}"
         )
     }
 }
