@@ -8,7 +8,9 @@ mod socket;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire_bridge::can::{Frame, Function, Id, Node};
@@ -46,9 +48,18 @@ pub(crate) fn open_slcan(serial: Serial, bit_rate: BitRate) -> Result<SharedBus,
     Ok(SharedBus::new(slcan::SlcanBus::open(serial, bit_rate)?))
 }
 
+/// Maximum wait for a frame with the bus locked.
+const LOCKED: Duration = Duration::from_millis(10);
+
 /// A bus with several channels. Frames that a channel receives for another are queued.
 #[derive(Clone)]
-pub(crate) struct SharedBus(Arc<Mutex<Switch>>);
+pub(crate) struct SharedBus(Arc<Shared>);
+
+struct Shared {
+    switch: Mutex<Switch>,
+    /// The number of threads that wait for the switch.
+    waiting: AtomicUsize,
+}
 
 struct Switch {
     bus: Box<dyn Bus>,
@@ -60,12 +71,24 @@ impl SharedBus {
     fn new(bus: impl Bus + 'static) -> Self {
         let bus = Box::new(bus);
         let inboxes = BTreeMap::new();
-        Self(Arc::new(Mutex::new(Switch { bus, inboxes })))
+        let (switch, waiting) = (Mutex::new(Switch { bus, inboxes }), AtomicUsize::new(0));
+        Self(Arc::new(Shared { switch, waiting }))
     }
 
     /// The bus, for one channel at a time.
     fn lock(&self) -> MutexGuard<'_, Switch> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        let Shared { switch, waiting } = &*self.0;
+        waiting.fetch_add(1, Ordering::Relaxed);
+        let switch = switch.lock().unwrap_or_else(PoisonError::into_inner);
+        waiting.fetch_sub(1, Ordering::Relaxed);
+        switch
+    }
+
+    /// Leaves the bus to the threads that wait for it: a thread that unlocks a mutex may lock it again before them.
+    fn give_way(&self) {
+        while self.0.waiting.load(Ordering::Relaxed) > 0 {
+            thread::yield_now();
+        }
     }
 
     fn send(&self, frame: &Frame) -> Result<(), Error> {
@@ -74,15 +97,17 @@ impl SharedBus {
 
     /// The next frame with this identifier, within this time.
     fn receive(&self, id: Id, wait: Duration) -> Result<Option<Frame>, Error> {
-        let Switch { bus, inboxes } = &mut *self.lock();
         let until = after(wait);
         loop {
+            // A stop by another thread does not wait for this line's frame.
+            self.give_way();
+            let Switch { bus, inboxes } = &mut *self.lock();
             if let Some(frame) = inboxes.get_mut(&id).and_then(VecDeque::pop_front) {
                 return Ok(Some(frame));
             }
             // Frames that arrived before the deadline are read after it, too.
             let left = until.saturating_duration_since(Instant::now());
-            match bus.receive(left)? {
+            match bus.receive(left.min(LOCKED))? {
                 Some(frame) => {
                     if let Some(inbox) = inboxes.get_mut(&frame.id()) {
                         inbox.push_back(frame);
@@ -279,6 +304,8 @@ impl Line for CanLine {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+
     use super::*;
     use crate::describe::Protocol;
 
@@ -394,5 +421,52 @@ mod tests {
         let (tx, rx) = (Function::ArmRequest, Function::ArmAnswer);
         let mut line = CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx).unwrap();
         assert_eq!(line.read(&mut [0; 8], Duration::MAX).unwrap(), 2);
+    }
+
+    /// A bus that receives what was sent, as an answer of the arm.
+    struct Echo {
+        sent: VecDeque<Frame>,
+        is_read: Arc<AtomicBool>,
+    }
+
+    impl Bus for Echo {
+        fn send(&mut self, frame: &Frame) -> Result<(), Error> {
+            let id = Function::ArmAnswer.id(Node::default());
+            self.sent.push_back(Frame::new(id, frame.data()).unwrap());
+            Ok(())
+        }
+
+        fn receive(&mut self, _: Duration) -> Result<Option<Frame>, Error> {
+            self.is_read.store(true, Ordering::Relaxed);
+            Ok(self.sent.pop_front())
+        }
+
+        fn error_state(&mut self) -> Option<String> {
+            unreachable!("nobody asks for it")
+        }
+
+        fn hint(&self) -> String {
+            String::new()
+        }
+    }
+
+    #[test]
+    fn line_sends_while_another_waits() {
+        let is_read = Arc::new(AtomicBool::new(false));
+        let bus = SharedBus::new(Echo {
+            sent: VecDeque::new(),
+            is_read: Arc::clone(&is_read),
+        });
+        let line = |tx, rx| CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx).unwrap();
+        let mut arm = line(Function::ArmRequest, Function::ArmAnswer);
+        let mut control = line(Function::ControlRequest, Function::ControlAnswer);
+        thread::scope(|scope| {
+            let read = scope.spawn(|| arm.read(&mut [0; 8], Duration::MAX));
+            while !is_read.load(Ordering::Relaxed) {
+                thread::yield_now();
+            }
+            control.send_pdu(&[8, 9]).unwrap();
+            assert_eq!(read.join().unwrap().unwrap(), 2);
+        });
     }
 }
