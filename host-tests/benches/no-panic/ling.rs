@@ -12,7 +12,7 @@ use crate::{bytes, protocol};
 
 pub(crate) fn call_all() {
     protocol::call_all::<Ling, MAX_FRAME>(Ling, Some(Request::SelfCheck), Response::Stroke(Stroke::Mm50), ());
-    protocol::call_dialect::<Raw, MAX_FRAME>(&Raw, ());
+    protocol::call_correlation::<Raw, MAX_FRAME>(&Raw, ());
 
     let mut data = [0; 300];
     let data = bytes(&mut data);
