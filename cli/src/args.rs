@@ -30,7 +30,7 @@ pub(crate) struct Place {
 impl Place {
     /// The port of any other arm.
     pub(crate) fn connect(&self) -> Result<Connection, Error> {
-        let port: Port = self.port.parse().map_err(Error::Usage)?;
+        let port: Port = self.port.parse()?;
         Ok(port.open(Options::default().with_baud(self.baud.baud))?)
     }
 
@@ -51,7 +51,7 @@ impl Place {
                 "an xarm is on a host, such as 192.168.1.10, and not on {}: is it another arm (--arm ling or alpha1)?",
                 self.port
             ))),
-            (None, None) => self.port.parse().map_err(Error::Usage),
+            (None, None) => Ok(self.port.parse()?),
             (Some(_), _) => refused("--baud"),
             (None, Some(_)) => refused("--control"),
         }

@@ -68,15 +68,12 @@ impl List {
 /// The description of a serial port, or of the arm on another port.
 fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
     let mut facts = vec![Fact::words("port", name)];
-    let described = match name
-        .parse::<Port>()
-        .map_err(Error::Usage)
-        .and_then(|port| Ok(port.open(Options::default())?))
-    {
+    let opened = name.parse::<Port>().and_then(|port| port.open(Options::default()));
+    let described = match opened {
         Ok(connection) if is_adapter => on_adapter(&connection),
         Ok(connection) if is_asked => arm(&connection),
         Ok(_) => Ok(Vec::new()),
-        Err(error) => Err(error),
+        Err(error) => Err(error.into()),
     };
     facts.extend(described.unwrap_or_else(|error| vec![Fact::words("error", error)]));
     facts

@@ -78,6 +78,11 @@ mod tcp;
 mod text;
 mod xarm;
 
+/// The crate of the protocols, whose types are those of arms.
+pub use armwire;
+/// The crate of the adapter, whose types are those of its control port.
+pub use armwire_bridge as bridge;
+
 pub use adapter::RECOVERY;
 pub use alpha1::Alpha1;
 pub use available::ports;

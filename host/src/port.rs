@@ -44,7 +44,7 @@ const CONTROL_BAUD: u32 = 115_200;
 ///
 /// The text is no port, or the CAN bus cannot be opened.
 pub fn open(port: &str) -> Result<Connection, Error> {
-    let port: Port = port.parse().map_err(|reason: String| Error::Port(reason.into()))?;
+    let port: Port = port.parse()?;
     port.open(Options::default())
 }
 
@@ -94,45 +94,51 @@ pub enum Port {
     Control(String),
 }
 
+/// [`Error::Port`] if the text names no port.
 impl FromStr for Port {
-    type Err = String;
+    type Err = Error;
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let Some((kind, rest)) = text.split_once(':') else {
-            return Ok(Self::Serial(non_empty(text, text)?));
-        };
-        Ok(match kind {
-            "tcp" => Self::Tcp(Host::parse(rest, None)?),
-            "can" => {
-                let (interface, node) = split_node(rest)?;
-                let interface = non_empty(interface, text)?;
-                Self::Can { interface, node }
-            }
-            "slcan" => {
-                let (port, bit_rate, node) = match rest.rsplit_once('@') {
-                    Some((port, bus)) => {
-                        let (rate, node) = split_node(bus)?;
-                        let bit_rate = rate.parse().ok().and_then(BitRate::new).ok_or_else(|| {
-                            let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
-                            format!("'{text}': bit rate '{rate}' is not an SLCAN bit rate: {rates}")
-                        })?;
-                        (port, bit_rate, node)
-                    }
-                    None if ends_with_node(rest) => {
-                        let (port, node) = split_node(rest)?;
-                        (port, BIT_RATE, node)
-                    }
-                    None => (rest, BIT_RATE, Node::default()),
-                };
-                let port = non_empty(port, text)?;
-                Self::Slcan { port, bit_rate, node }
-            }
-            "hid" => Self::Hid(Selector::parse(rest)),
-            "control" => Self::Control(non_empty(rest, text)?),
-            // A path may contain colons, for example under /dev/serial/by-path.
-            _ => Self::Serial(text.to_owned()),
-        })
+    fn from_str(text: &str) -> Result<Self, Error> {
+        parse(text).map_err(|reason| Error::Port(reason.into()))
     }
+}
+
+/// The port of this text, or the reason why it is none.
+fn parse(text: &str) -> Result<Port, String> {
+    let Some((kind, rest)) = text.split_once(':') else {
+        return Ok(Port::Serial(non_empty(text, text)?));
+    };
+    Ok(match kind {
+        "tcp" => Port::Tcp(Host::parse(rest, None)?),
+        "can" => {
+            let (interface, node) = split_node(rest)?;
+            let interface = non_empty(interface, text)?;
+            Port::Can { interface, node }
+        }
+        "slcan" => {
+            let (port, bit_rate, node) = match rest.rsplit_once('@') {
+                Some((port, bus)) => {
+                    let (rate, node) = split_node(bus)?;
+                    let bit_rate = rate.parse().ok().and_then(BitRate::new).ok_or_else(|| {
+                        let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
+                        format!("'{text}': bit rate '{rate}' is not an SLCAN bit rate: {rates}")
+                    })?;
+                    (port, bit_rate, node)
+                }
+                None if ends_with_node(rest) => {
+                    let (port, node) = split_node(rest)?;
+                    (port, BIT_RATE, node)
+                }
+                None => (rest, BIT_RATE, Node::default()),
+            };
+            let port = non_empty(port, text)?;
+            Port::Slcan { port, bit_rate, node }
+        }
+        "hid" => Port::Hid(Selector::parse(rest)),
+        "control" => Port::Control(non_empty(rest, text)?),
+        // A path may contain colons, for example under /dev/serial/by-path.
+        _ => Port::Serial(text.to_owned()),
+    })
 }
 
 /// The name of the port in `text`. An empty name is an error.
@@ -198,8 +204,8 @@ impl Port {
     ///
     /// # Errors
     ///
-    /// The reason as text.
-    pub fn of_control(text: &str) -> Result<Self, String> {
+    /// [`Error::Port`] if the text names no port.
+    pub fn of_control(text: &str) -> Result<Self, Error> {
         Ok(match text.parse()? {
             Self::Serial(port) => Self::Control(port),
             other => other,
@@ -402,16 +408,17 @@ mod tests {
         ] {
             let port: Port = typed.parse().unwrap();
             assert_eq!(port.to_string(), printed);
-            assert_eq!(printed.parse(), Ok(port));
+            assert_eq!(printed.parse::<Port>().unwrap(), port);
         }
     }
 
     #[test]
     fn bare_path_is_a_control_port_for_control() {
-        let control = Ok(Port::Control("/tmp/control".to_owned()));
-        assert_eq!(Port::of_control("/tmp/control"), control);
-        assert_eq!(Port::of_control("control:/tmp/control"), control);
-        assert_eq!(Port::of_control("can:can0/3"), "can:can0/3".parse());
+        let of_control = |text| Port::of_control(text).unwrap();
+        let control = Port::Control("/tmp/control".to_owned());
+        assert_eq!(of_control("/tmp/control"), control);
+        assert_eq!(of_control("control:/tmp/control"), control);
+        assert_eq!(of_control("can:can0/3"), "can:can0/3".parse().unwrap());
     }
 
     #[test]
@@ -431,7 +438,7 @@ mod tests {
                  125000, 250000, 500000, 800000, 1000000",
             ),
         ] {
-            assert_eq!(typed.parse::<Port>(), Err(error.to_owned()));
+            assert_eq!(typed.parse::<Port>().unwrap_err().to_string(), error);
         }
     }
 }

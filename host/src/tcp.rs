@@ -24,12 +24,13 @@ pub struct Host {
     port: u16,
 }
 
+/// [`Error::Port`] if the text names no host.
 impl FromStr for Host {
-    type Err = String;
+    type Err = Error;
 
     /// A host, for example `192.168.1.10`, `arm.local:502`, `::1` or `[::1]:502`.
-    fn from_str(text: &str) -> Result<Self, String> {
-        Self::parse(text, Some(PORT))
+    fn from_str(text: &str) -> Result<Self, Error> {
+        Self::parse(text, Some(PORT)).map_err(|reason| Error::Port(reason.into()))
     }
 }
 

@@ -104,7 +104,7 @@ impl Options {
                 Some(names) => joint_names(names).map_err(|error| format!("--joints {name}={names:?}: {error}"))?,
                 None => joint_states::DEFAULT_NAMES.map(str::to_owned).to_vec(),
             };
-            let wrong = |error| format!("--arm {text:?}: {error}");
+            let wrong = |error: armwire_host::Error| format!("--arm {text:?}: {error}");
             let port = port.parse().map_err(wrong)?;
             let control = controls.remove(name).map(Port::of_control).transpose().map_err(wrong)?;
             if let Some(other) = arms.iter().find(|arm| arm.port == port) {
