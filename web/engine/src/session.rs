@@ -7,11 +7,11 @@ use std::num::NonZeroU32;
 use armwire::ling::legacy::Detector;
 use armwire::ling::stop::{self, Grip, StopError, Stopped};
 use armwire::ling::{
-    Info, JointState, Ling, MAX_FRAME, Opening, PerServo, Request, Response, SelfCheck, Speed, Stop, Stroke, Torque,
+    Info, JointState, Ling, LingClient, MAX_FRAME, Opening, PerServo, Request, Response, SelfCheck, Speed, Stop, Stroke, Torque,
 };
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
-use armwire::{Client, Config, Event, OutOfRange, Output};
+use armwire::{Config, Event, OutOfRange, Output};
 
 use crate::counters::{AnswerTimes, Counters};
 use crate::describe;
@@ -134,7 +134,7 @@ struct Stopping {
 /// The session.
 #[derive(Debug)]
 pub struct Session {
-    client: Client<Ling, MAX_FRAME>,
+    client: LingClient,
     detector: Detector,
     log: Log,
     jog: Jog,
@@ -164,7 +164,7 @@ impl Session {
     /// Creates a session that listens from `now` on.
     pub fn new(now: Instant) -> Self {
         Self {
-            client: Client::new(Ling, CONFIG),
+            client: LingClient::new(Ling, CONFIG),
             detector: Detector::new(),
             log: Log::default(),
             jog: Jog::default(),

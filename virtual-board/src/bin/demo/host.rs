@@ -2,9 +2,9 @@
 
 use std::error::Error;
 
-use armwire::ling::{Ling, MAX_FRAME, Request, Response};
+use armwire::ling::{Ling, LingClient, Request, Response};
 use armwire::time::Instant;
-use armwire::{Client, Config, Event, Output};
+use armwire::{Config, Event, Output};
 use armwire_bridge::Duration;
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::latency::{self, Mismatch};
@@ -24,7 +24,7 @@ const ANSWER_PAUSE: Nanos = Nanos::from_millis(1);
 pub(crate) struct Host {
     pub(crate) board: VirtualBoard<LingArm>,
     pub(crate) figures: Figures,
-    client: Client<Ling, MAX_FRAME>,
+    client: LingClient,
 }
 
 impl Host {
@@ -32,7 +32,7 @@ impl Host {
         Self {
             board,
             figures: Figures::default(),
-            client: Client::new(Ling, Config::DEFAULT),
+            client: LingClient::new(Ling, Config::DEFAULT),
         }
     }
 
