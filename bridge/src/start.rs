@@ -55,6 +55,8 @@ enum Stage {
     Loading,
     /// The configuration is in force.
     Running,
+    /// The chip is being set up.
+    Starting,
 }
 
 /// The record of starts since power-on.
@@ -110,7 +112,7 @@ impl StartLog {
         }
         log.crashed = if is_crashed { log.crashed.saturating_add(1) } else { 0 };
         log.crashed_in_load = is_crashed && (log.crashed_in_load || log.stage == Stage::Loading);
-        log.stage = Stage::Loading;
+        log.stage = Stage::Starting;
         if log.crashed >= MAX_CRASHED_STARTS {
             log.recovery_starts = log.recovery_starts.wrapping_add(1);
             log.stage = Stage::Running;
@@ -148,6 +150,13 @@ impl StartLog {
             was_armed,
             config_lost,
             recovery: self.recovery(),
+        }
+    }
+
+    /// Records that the configuration in flash is about to be read. The record must be stored. Has no effect in recovery.
+    pub fn loading(&mut self) {
+        if self.stage == Stage::Starting {
+            self.stage = Stage::Loading;
         }
     }
 
@@ -211,7 +220,7 @@ impl StartLog {
             recovery_starts,
             crashed,
             crashed_in_load: crashed_in_load != 0,
-            stage: [Stage::Loading, Stage::Running]
+            stage: [Stage::Loading, Stage::Running, Stage::Starting]
                 .into_iter()
                 .find(|other| *other as u8 == stage)
                 .unwrap_or_default(),
@@ -257,6 +266,7 @@ mod tests {
 
     /// The next start, after a run of this many milliseconds. `None` crashes in the load.
     fn next(mut log: StartLog, run_ms: Option<u64>, cause: Cause) -> StartLog {
+        log.loading();
         if let Some(run_ms) = run_ms {
             log.running(Instant::ZERO, &torque_off(ArmKind::Alpha1));
             log.running(Instant::from_millis(run_ms), &torque_off(ArmKind::Alpha1));
@@ -322,6 +332,16 @@ mod tests {
             log = next(log, Some(5), Cause::HardFault);
             assert_eq!(log.recovery(), Some(Recovery { crashed_in_load }));
         }
+    }
+
+    #[test]
+    fn crash_before_load_leaves_store_readable() {
+        let mut log = power_on();
+        for _ in 0..4 {
+            log = StartLog::begin(log.to_words(), Cause::HardFault);
+        }
+        let crashed_in_load = false;
+        assert_eq!(log.recovery(), Some(Recovery { crashed_in_load }));
     }
 
     #[test]

@@ -55,7 +55,11 @@ async fn main(spawner: Spawner) {
     let mut store = action::store(board.flash);
     let (config, is_lost) = match starts.recovery() {
         Some(_) => (starts.config(), false),
-        None => action::load(&mut store),
+        None => {
+            starts.loading();
+            restart::keep(&starts);
+            action::load(&mut store)
+        }
     };
     starts.running(Instant::ZERO, &config);
     restart::keep(&starts);

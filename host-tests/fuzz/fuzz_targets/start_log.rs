@@ -35,6 +35,7 @@ struct Model {
 /// How far a run came.
 #[derive(Clone, Copy, PartialEq)]
 enum Run {
+    Starting,
     Loading,
     Running,
     Steady,
@@ -77,11 +78,15 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     // The contents of memory after power-on are arbitrary.
     let mut log = StartLog::begin(u.arbitrary()?, Cause::PowerOn);
     while !u.is_empty() {
-        let mut run = if model.is_recovery() {
-            Run::Running
-        } else {
-            Run::Loading
+        let mut run = match (model.is_recovery(), u.arbitrary()?) {
+            (true, _) => Run::Running,
+            (false, true) => Run::Loading,
+            (false, false) => Run::Starting,
         };
+        // In recovery it has no effect.
+        if run != Run::Starting {
+            log.loading();
+        }
         for _ in 0..u.int_in_range(0..=2)? {
             let (uptime, config) = (Instant::from_millis(u.arbitrary::<u16>()?.into()), any_good_config(u)?);
             log.running(uptime, &config);
