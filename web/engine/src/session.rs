@@ -7,7 +7,8 @@ use std::num::NonZeroU32;
 use armwire::ling::legacy::Detector;
 use armwire::ling::stop::{self, Grip, StopError, Stopped};
 use armwire::ling::{
-    Info, JointState, Ling, LingClient, MAX_FRAME, Opening, PerServo, Request, Response, SelfCheck, Speed, Stop, Stroke, Torque,
+    Info, JointState, Ling, LingClient, MAX_FRAME, Opening, PerServo, Request, Response, SelfCheck, Speed, Stop,
+    Stroke, Torque,
 };
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
