@@ -19,7 +19,7 @@ use crate::toolchain::Toolchain;
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Flash that every image leaves for the next versions, in bytes.
-const MIN_FLASH_LEFT: u64 = 4 * 1024;
+const MIN_FLASH_LEFT: u64 = 2 * 1024;
 
 /// Maximum RAM usage of the shipped image without the stack, in bytes.
 const MAX_RAM: u64 = 15 * 1024;
