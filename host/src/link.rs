@@ -280,7 +280,7 @@ impl<P: Arm> Link<P> {
     /// # Errors
     ///
     /// As of [`unsolicited`](Self::unsolicited).
-    pub fn comes_late(&mut self) -> Result<bool, Error> {
+    fn comes_late(&mut self) -> Result<bool, Error> {
         let until = after(self.stale_window);
         loop {
             let left = until.saturating_duration_since(Instant::now());

@@ -18,7 +18,7 @@ pub(super) struct Line {
 
 impl Line {
     pub(super) fn push(&mut self, byte: u8) {
-        // What does not fit is counted.
+        // Bytes beyond the buffer are counted only.
         let _ = self.kept.push(byte);
         self.len += 1;
     }

@@ -22,7 +22,7 @@ const CAUSES: [Cause; 5] = [
     Cause::Other,
 ];
 
-/// What the record must know.
+/// The expected contents of the record.
 #[derive(Default)]
 struct Model {
     /// The resets by the watchdog, by panics and by hard faults, and the starts in recovery.

@@ -9,8 +9,7 @@ mod printable;
 pub mod xarm;
 
 pub use arm::{Arm, Protocol};
-pub use fact::Fact;
-pub use fact::{line, number, object};
+pub use fact::{Fact, line, number, object};
 pub use printable::{escaped, hex};
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ pub fn hex(text: &str) -> Vec<u8> {
 ///
 /// # Panics
 ///
-/// If they have not.
+/// The names or their order differ.
 pub fn with_meanings<T, const N: usize>(
     vectors: Vec<Vector>,
     meanings: [(&'static str, T); N],
