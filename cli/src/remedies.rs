@@ -8,9 +8,9 @@ use crate::stop::show;
 pub(crate) fn text(error: &Error) -> String {
     match error {
         Error::Stopped { stopped, .. } => show(stopped),
-        Error::TorqueOff { name, .. } => format!(
-            "{name}: the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on ('armwire call ling \
-             PORT move' sends it all the same)"
+        Error::TorqueOff { name, effect, .. } => format!(
+            "{name}: the torque is off, so {effect}: 'armwire torque PORT on' switches it on ('armwire call ling PORT \
+             move' sends it all the same)"
         ),
         Error::Baud { name } => format!("--baud applies to serial ports only, not to {name}"),
         error => error.with(words),
@@ -29,4 +29,24 @@ pub(crate) fn words(remedy: Remedy) -> String {
         _ => "",
     }
     .to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire::ling::MotionStatus;
+
+    use super::*;
+
+    #[test]
+    fn torque_off_states_its_effect() {
+        let error = |effect| Error::TorqueOff {
+            name: "port".to_owned(),
+            status: MotionStatus::Idle,
+            effect,
+        };
+        for effect in ["nothing was sent", "the arm is not moved"] {
+            let start = format!("port: the torque is off, so {effect}: ");
+            assert!(text(&error(effect)).starts_with(&start));
+        }
+    }
 }
