@@ -25,6 +25,9 @@ pub(crate) enum Error {
         "{name}: the stream is broken at byte {offset}: {reason}: is it one direction of one connection, from its start?"
     )]
     Undecodable { name: String, offset: u64, reason: Reason },
+    /// Parts of a recording were not understood. They are in the output.
+    #[error("{name}: not understood: {count}, see the output")]
+    NotUnderstood { name: String, count: u64 },
     /// The output went nowhere.
     #[error("cannot write the output: {0}")]
     Output(io::Error),
@@ -40,6 +43,14 @@ impl Error {
     /// Returns true for an error in the arguments.
     pub(crate) fn is_usage(&self) -> bool {
         matches!(self, Self::Usage(_) | Self::Host(Host::Port(_) | Host::Baud { .. }))
+    }
+
+    /// The exit status of a program that fails with this error.
+    pub(crate) fn status(&self) -> u8 {
+        match self {
+            Self::NotUnderstood { .. } => 3,
+            _ => 1,
+        }
     }
 
     /// The error with what only the adapter knows of it, which `explain` asks.

@@ -110,27 +110,24 @@ enum Command {
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
-    match run_from(&std::env::args_os().collect::<Vec<_>>()) {
-        true => ExitCode::SUCCESS,
-        false => ExitCode::FAILURE,
-    }
+    run_from(&std::env::args_os().collect::<Vec<_>>()).into()
 }
 
-/// Runs a command line, which begins with the program's name. Prints errors, and returns true without any. Exits if the
-/// arguments are invalid or ask for help.
-pub fn run_from(args: &[OsString]) -> bool {
+/// Runs a command line, which begins with the program's name. Prints errors, and returns the exit status: 0 without any.
+/// Exits if the arguments are invalid or ask for help.
+pub fn run_from(args: &[OsString]) -> u8 {
     let parsed = command()
         .try_get_matches_from(args)
         .and_then(|matches| Cli::from_arg_matches(&matches));
     let cli = parsed.unwrap_or_else(|error| with_names(error, args).exit());
     match run(&cli.command) {
-        Ok(()) => true,
+        Ok(()) => 0,
         // The reader of the output is gone, as with `| head`: this is no error.
-        Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => true,
+        Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => 0,
         Err(error) if error.is_usage() => command().error(ErrorKind::ValueValidation, error).exit(),
         Err(error) => {
             print_error(&error);
-            false
+            error.status()
         }
     }
 }

@@ -1,33 +1,27 @@
-//! The frames of a CAN bus: reassembly of the ISO-TP PDUs of adapters.
+//! The frames of a log of CAN buses, and their sum.
 
 use std::collections::BTreeMap;
 
-use armwire_bridge::can::{Frame, Function, Id, Node};
-use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message};
-use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
+use armwire_bridge::can::{Function, Node};
 use armwire_host::describe::Protocol;
 
-use super::log::{Logged, Record, Time};
-use super::meaning::frame_meaning;
-use super::output::{Item, OnLine, Output};
-use crate::args::Speaker;
+use super::doubts::Doubts;
+use super::log::{Place, Record, Time, Unread};
+use super::output::{Item, Output};
+use super::station::{Entry, Kind, Station};
 use crate::printable::{cut, escaped};
 
-/// The high half of a flow control frame's first byte.
-const FLOW_CONTROL: u8 = 3;
 /// Maximum number of buses in a log. Each has PDUs in reassembly.
 const MAX_BUSES: usize = 32;
-
-/// An ISO-TP endpoint that only receives.
-type Listener = Endpoint<MAX_MESSAGE, 1>;
 
 /// The buses of a log, and the counts for the sum.
 pub(super) struct Buses {
     protocol: Protocol,
     names: Vec<String>,
-    /// By the index of the bus's name, and by the identifier.
-    listeners: BTreeMap<(usize, Id), Listener>,
+    /// By the index of the bus's name, and the node.
+    stations: BTreeMap<(usize, Node), Station>,
     counts: Counts,
+    doubts: Doubts,
 }
 
 #[derive(Default)]
@@ -38,6 +32,8 @@ struct Counts {
     cyclic: u64,
     others: u64,
     events: u64,
+    /// Frames that the logging program lost.
+    dropped: u64,
 }
 
 impl Buses {
@@ -46,19 +42,27 @@ impl Buses {
         Self {
             protocol,
             names: Vec::new(),
-            listeners: BTreeMap::new(),
+            stations: BTreeMap::new(),
             counts: Counts::default(),
+            doubts: Doubts::default(),
         }
     }
 
-    /// Takes the next record of the log.
-    pub(super) fn take(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), String> {
+    /// Takes the next record of the log, or the reason why it is not understood.
+    pub(super) fn take(&mut self, place: Place<'_>, record: Result<Record<'_>, Unread>, out: &dyn Output) {
+        if let Err(reason) = record.and_then(|record| self.take_record(record, out)) {
+            self.doubts.add(place, &reason, out);
+        }
+    }
+
+    fn take_record(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), Unread> {
         match record {
             Record::Comment => {}
             Record::Other => self.counts.events += 1,
-            Record::Frame(Logged { time, bus, frame }) => {
+            Record::Dropped(frames) => self.counts.dropped = self.counts.dropped.saturating_add(frames),
+            Record::Frame(logged) => {
                 self.counts.frames += 1;
-                let ours = frame.and_then(|frame| Some((frame, Function::of(frame.id())?)));
+                let ours = logged.frame.and_then(|frame| Some((frame, Function::of(frame.id())?)));
                 let Some((frame, (function, node))) = ours else {
                     self.counts.others += 1;
                     return Ok(());
@@ -67,78 +71,54 @@ impl Buses {
                     self.counts.cyclic += 1;
                     return Ok(());
                 }
-                // Flow control belongs to the PDUs of the other direction.
-                if frame.data().first().is_some_and(|byte| byte >> 4 == FLOW_CONTROL) {
-                    return Ok(());
+                let bus = self.bus(logged.bus)?;
+                if logged.lacking > 0 {
+                    let len = frame.data().len();
+                    return Err(Unread::short(len, len - logged.lacking));
                 }
-                let bus = self.bus(bus)?;
-                self.receive(&time, bus, &frame, function, node, out);
+                let station = self.stations.entry((bus, node));
+                let station = station.or_insert_with(|| Station::new(self.protocol));
+                let place = place(&logged.time, &self.names[bus], node);
+                let (entries, not_kept) = station.receive(&frame, function, &logged.time, &place);
+                if not_kept > 0 {
+                    self.counts.lost += not_kept;
+                    out.remark(format_args!("{place}: an adapter, PDUs lost before: {not_kept}"));
+                }
+                for entry in entries {
+                    self.show(&entry, out);
+                }
             }
         }
         Ok(())
     }
 
+    fn show(&mut self, entry: &Entry, out: &dyn Output) {
+        match entry.is_pdu {
+            true => self.counts.pdus += 1,
+            false => self.counts.lost += 1,
+        }
+        out.item(&Item {
+            place: format_args!("{}", entry.place),
+            bytes: &entry.bytes,
+            text: &entry.text,
+            on_line: entry.on_line,
+        });
+    }
+
     /// The index of a bus's name.
-    fn bus(&mut self, name: &str) -> Result<usize, String> {
+    fn bus(&mut self, name: &str) -> Result<usize, Unread> {
         if let Some(bus) = self.names.iter().position(|there| there == name) {
             return Ok(bus);
         }
         if self.names.len() == MAX_BUSES {
-            return Err(format!("more than {MAX_BUSES} buses"));
+            return Err("more than 32 buses".into());
         }
         self.names.push(name.to_owned());
         Ok(self.names.len() - 1)
     }
 
-    /// Passes a frame to the endpoint that receives it, and prints the PDU that it ends.
-    fn receive(
-        &mut self,
-        time: &Time<'_>,
-        bus: usize,
-        frame: &Frame,
-        function: Function,
-        node: Node,
-        out: &dyn Output,
-    ) {
-        let link = if frame.is_fd() { Link::Fd } else { Link::Classic };
-        let new = || Listener::new(Config::new(link, frame.id()));
-        let listener = self.listeners.entry((bus, frame.id())).or_insert_with(new);
-        let late = listener.tick(time.at);
-        let events = listener.receive(frame.data(), time.at);
-        // The receiver on the bus has sent the flow control itself.
-        if listener.transmit(time.at).is_some() {
-            listener.transmitted(time.at);
-        }
-        let at = place(time, &self.names[bus], node);
-        for event in late.chain(events) {
-            let (bytes, text) = match event {
-                Event::Received => {
-                    let pdu = listener.received().unwrap_or_default();
-                    self.counts.pdus += 1;
-                    (pdu, pdu_meaning(self.protocol, function, pdu))
-                }
-                Event::Failed(error) => (frame.data(), error.to_string()),
-                Event::Refused(refused) => (frame.data(), refused.to_string()),
-                Event::Ignored(ignored) => (frame.data(), ignored.to_string()),
-            };
-            self.counts.lost += u64::from(event != Event::Received);
-            let sender = sender(function).filter(|_| event == Event::Received);
-            out.item(&Item {
-                place: format_args!("{at}"),
-                bytes,
-                text: &text,
-                on_line: sender.map(|from| OnLine {
-                    protocol: self.protocol,
-                    from: Some(from),
-                    nanos: time.at.as_micros().saturating_mul(1_000),
-                }),
-            });
-        }
-        listener.release();
-    }
-
-    /// Prints the sum.
-    pub(super) fn finish(&self, out: &dyn Output) {
+    /// Prints the sum. Returns the number of records that were not understood.
+    pub(super) fn finish(&self, out: &dyn Output) -> u64 {
         let Counts {
             frames,
             pdus,
@@ -146,14 +126,43 @@ impl Buses {
             cyclic,
             others,
             events,
+            dropped,
         } = &self.counts;
-        let events = match events {
+        let mut others = *others;
+        let mut has_adapter = false;
+        for ((bus, node), station) in &self.stations {
+            let at = station_name(&self.names[*bus], *node);
+            match station.kind {
+                Kind::Adapter(evidence) => {
+                    has_adapter = true;
+                    if *lost > 0 {
+                        out.remark(format_args!("{at}: an adapter, known by {evidence}"));
+                    }
+                }
+                Kind::Unknown { frames, .. } => {
+                    others += frames;
+                    out.remark(format_args!(
+                        "{at}: frames with identifiers of an adapter, but not its content: {frames}"
+                    ));
+                }
+            }
+        }
+        let some = |what: &str, count: u64| match count {
             0 => String::new(),
-            events => format!(", other events: {events}"),
+            count => format!(", {what}: {count}"),
+        };
+        let lost = if has_adapter {
+            format!(", lost: {lost}")
+        } else {
+            String::new()
         };
         out.remark(format_args!(
-            "CAN frames: {frames}, PDUs: {pdus}, lost: {lost}, cyclic frames: {cyclic}, frames of others: {others}{events}"
+            "CAN frames: {frames}, PDUs: {pdus}{lost}, cyclic frames: {cyclic}, frames of others: {others}{}{}{}",
+            some("other events", *events),
+            some("not logged", *dropped),
+            self.doubts.sum(),
         ));
+        self.doubts.count()
     }
 }
 
@@ -163,40 +172,20 @@ fn place(time: &Time<'_>, bus: &str, node: Node) -> String {
     if !time.stamp.is_empty() {
         place += &format!("{}{}  ", time.stamp, time.unit);
     }
-    match bus.as_bytes() {
-        [] => {}
-        digits if digits.iter().all(u8::is_ascii_digit) => place += &format!("bus {}  ", cut(bus)),
-        _ => place += &format!("{}  ", escaped(&cut(bus))),
-    }
-    place + &format!("node {}", node.get())
+    place + &station_name(bus, node)
+}
+
+/// Bus and node: `can0  node 15`.
+fn station_name(bus: &str, node: Node) -> String {
+    let bus = match bus.as_bytes() {
+        [] => String::new(),
+        digits if digits.iter().all(u8::is_ascii_digit) => format!("bus {}  ", cut(bus)),
+        _ => format!("{}  ", escaped(&cut(bus))),
+    };
+    format!("{bus}node {}", node.get())
 }
 
 fn is_isotp(function: Function) -> bool {
     use Function::{ArmAnswer, ArmRequest, ControlAnswer, ControlRequest};
     matches!(function, ArmRequest | ArmAnswer | ControlRequest | ControlAnswer)
-}
-
-/// The sender of PDUs that carry arm frames.
-fn sender(function: Function) -> Option<Speaker> {
-    match function {
-        Function::ArmRequest => Some(Speaker::Host),
-        Function::ArmAnswer => Some(Speaker::Arm),
-        _ => None,
-    }
-}
-
-/// The meaning of a PDU.
-fn pdu_meaning(protocol: Protocol, function: Function, pdu: &[u8]) -> String {
-    match (sender(function), function) {
-        (Some(from), _) => frame_meaning(protocol, pdu, from).unwrap_or_else(|reason| reason),
-        (None, Function::ControlRequest) => format!("to the adapter: {}", message::<FromHost>(pdu)),
-        (None, _) => format!("from the adapter: {}", message::<FromAdapter>(pdu)),
-    }
-}
-
-fn message<T: Message + std::fmt::Debug>(pdu: &[u8]) -> String {
-    match control::decode::<T>(pdu) {
-        Ok(message) => format!("{message:?}"),
-        Err(error) => format!("no message: {error}"),
-    }
 }

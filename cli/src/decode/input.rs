@@ -66,7 +66,10 @@ impl<'a> Head<'a> {
 
     /// The error of a line that cannot be decoded.
     pub(super) fn refused_line(&self, number: u64, text: &str, reason: &str) -> Error {
-        refused_line(&self.name, number, text, reason)
+        Error::at(
+            &self.name,
+            format_args!("line {number}: '{}': {reason}", cut(text.trim())),
+        )
     }
 }
 
@@ -91,6 +94,8 @@ pub(super) struct Line<'a> {
     /// At most [`MAX_LINE`] bytes of it.
     pub(super) text: Cow<'a, str>,
     pub(super) is_whole: bool,
+    /// The recording goes on behind it.
+    pub(super) is_ended: bool,
 }
 
 impl Input<'_> {
@@ -114,6 +119,7 @@ impl Input<'_> {
             number: self.lines,
             text: String::from_utf8_lossy(&self.line),
             is_whole: !self.is_cut,
+            is_ended: is_ended || self.is_cut,
         }))
     }
 
@@ -132,11 +138,6 @@ impl Input<'_> {
         Error::at(&self.name, error)
     }
 
-    /// The error of a line that cannot be decoded.
-    pub(super) fn refused_line(&self, number: u64, text: &str, reason: &str) -> Error {
-        refused_line(&self.name, number, text, reason)
-    }
-
     /// The error of bytes that cannot be decoded.
     pub(super) fn refused_at(&self, offset: u64, reason: &str) -> Error {
         Error::at(&self.name, format_args!("byte {offset}: {reason}"))
@@ -145,10 +146,6 @@ impl Input<'_> {
     pub(super) fn name(&self) -> &str {
         &self.name
     }
-}
-
-fn refused_line(name: &str, number: u64, text: &str, reason: &str) -> Error {
-    Error::at(name, format_args!("line {number}: '{}': {reason}", cut(text.trim())))
 }
 
 impl Read for Input<'_> {

@@ -2,6 +2,7 @@
 
 mod bus;
 mod detect;
+mod doubts;
 mod format;
 mod input;
 mod log;
@@ -12,6 +13,7 @@ mod output;
 #[cfg(feature = "recordings")]
 mod pcapng;
 mod recording;
+mod station;
 
 #[cfg(test)]
 mod tests;
@@ -28,6 +30,7 @@ use clap::Args;
 use crate::args::{ArmKind, Speaker};
 use crate::error::Error;
 use crate::hex;
+use crate::output::print_error;
 use bus::Buses;
 use format::Format;
 use input::{Head, Input};
@@ -54,6 +57,9 @@ pub(crate) struct Decode {
     /// A servo's answers are shown as bytes: their meaning depends on the request.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
+    /// Exit with status 3 if a part of the recording was not understood.
+    #[arg(long)]
+    strict: bool,
     /// Write frames and stray bytes to this pcapng file for Wireshark; - is standard output. Only the summary is printed.
     /// An existing file is not replaced.
     #[cfg(feature = "recordings")]
@@ -73,10 +79,18 @@ impl Decode {
             }
         };
         let out = self.output()?;
-        let decoded = decode_recording(Head::new(name, source, &*out), &*out, self.format, self.arm, self.from);
+        let head = Head::new(name.clone(), source, &*out);
+        let decoded = decode_recording(head, &*out, self.format, self.arm, self.from);
         // Items before an error are shown before it. A failed output ends the input early.
         out.finish().map_err(Error::Output)?;
-        decoded
+        match decoded? {
+            0 => Ok(()),
+            count if self.strict => Err(Error::NotUnderstood { name, count }),
+            count => {
+                print_error(&Error::NotUnderstood { name, count });
+                Ok(())
+            }
+        }
     }
 
     /// The file for packets, or the console.
@@ -99,27 +113,28 @@ pub fn decode(input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Vec<S
     let out = Entries::default();
     let head = Head::new("input".to_owned(), Box::new(input), &out);
     match decode_recording(head, &out, None, arm, from) {
-        Ok(()) | Err(Error::Undecodable { .. }) => Ok(out.into_lines()),
+        Ok(_) | Err(Error::Undecodable { .. }) => Ok(out.into_lines()),
         Err(error) => Err(error.to_string()),
     }
 }
 
+/// Decodes a recording. Returns the number of its parts that were not understood.
 fn decode_recording(
     mut head: Head<'_>,
     out: &dyn Output,
     format: Option<Format>,
     arm: ArmKind,
     from: Option<Speaker>,
-) -> Result<(), Error> {
+) -> Result<u64, Error> {
     let format = format.map_or_else(|| detect::detect(&mut head), Ok)?;
     let mut input = match format {
         Format::Raw | Format::Blf | Format::Mcap => head.into_input(),
         _ => head.into_text()?,
     };
     match format {
-        Format::Raw | Format::Hex => decode_line(input, out, format, arm, from),
+        Format::Raw | Format::Hex => decode_line(input, out, format, arm, from).map(|()| 0),
         #[cfg(feature = "recordings")]
-        Format::Mcap => mcap::decode(&mut input, out),
+        Format::Mcap => mcap::decode(&mut input, out).map(|()| 0),
         #[cfg(not(feature = "recordings"))]
         Format::Mcap => Err(Error::at(input.name(), "this build of armwire reads no MCAP files")),
         _ => {
@@ -128,9 +143,10 @@ fn decode_recording(
                 ArmKind::Alpha1 => Protocol::Alpha1,
                 ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
             });
-            log::read(&mut input, format, &mut |record| buses.take(record, out))?;
-            buses.finish(out);
-            Ok(())
+            // What was read before an error is summed up, too.
+            let read = log::read(&mut input, format, &mut |place, record| buses.take(place, record, out));
+            let not_understood = buses.finish(out);
+            read.map(|()| not_understood)
         }
     }
 }

@@ -30,7 +30,9 @@ fn check(lines: &[String]) {
             "frames of others: ",
         ]
         .map(|what| count(sum, what));
-        assert_eq!(lines.len() - 1, pdus + lost);
+        let shown = lines.iter().filter(|line| line.contains("\n          ")).count();
+        // A PDU is lost without an entry if nothing showed an adapter yet.
+        assert!(pdus <= shown && shown <= pdus + lost);
         // A frame may end one PDU and begin another.
         assert!(pdus + lost <= 3 * frames && cyclic + others <= frames);
         return;

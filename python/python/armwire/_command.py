@@ -10,5 +10,4 @@ def main() -> None:
     """Run the command with the program's arguments."""
     # Python's own handler only sets a flag, which this call never checks.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    done = _armwire.run(["armwire", *sys.argv[1:]])
-    sys.exit(0 if done else 1)
+    sys.exit(_armwire.run(["armwire", *sys.argv[1:]]))

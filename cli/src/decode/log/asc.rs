@@ -1,9 +1,9 @@
 //! Vector's ASCII log, ASC, of CANalyzer, CANoe and others.
 
-use armwire_bridge::can::Frame;
+use armwire_bridge::can::{FD_LENGTHS, Frame, MAX_CLASSIC};
 use armwire_bridge::{Duration, Instant};
 
-use super::{Logged, Record, SECONDS, TextLog, Time, data, frame, identifier, number, time};
+use super::{Logged, Record, SECONDS, TextLog, Time, Unread, byte, data, frame, identifier, number, time};
 
 /// First words of lines in the header and between measurements, in lower case.
 const HEADINGS: [&str; 8] = ["date", "base", "internal", "no", "begin", "end", "//", "previous"];
@@ -34,17 +34,17 @@ impl Asc {
         }
     }
 
-    fn read_heading(&mut self, line: &str) -> Result<Record<'static>, String> {
+    fn read_heading(&mut self, line: &str) -> Result<Record<'static>, Unread> {
         let line = line.to_ascii_lowercase();
         if !HEADINGS.iter().any(|heading| line.starts_with(heading)) {
-            return Err("no time".to_owned());
+            return Err("no time".into());
         }
         let mut words = line.split_whitespace();
         if words.next() == Some("base") {
             self.base = match words.next() {
                 Some("hex") => 16,
                 Some("dec") => 10,
-                _ => return Err("the base is neither hex nor dec".to_owned()),
+                _ => return Err("the base is neither hex nor dec".into()),
             };
             self.is_relative = words.any(|word| word == "relative");
         }
@@ -52,7 +52,7 @@ impl Asc {
     }
 
     /// Advances the clock of the log.
-    fn tick<'a>(&mut self, stamp: &'a str) -> Result<Time<'a>, String> {
+    fn tick<'a>(&mut self, stamp: &'a str) -> Result<Time<'a>, Unread> {
         let time = time(stamp, SECONDS)?;
         self.now = match self.is_relative {
             true => self.now + Duration::from_micros(time.at.as_micros()),
@@ -62,22 +62,37 @@ impl Asc {
     }
 
     /// `1  60F  Rx  d 8 07 AA ...`, from the kind of frame on.
-    fn classic<'a>(&self, id: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, String> {
+    fn classic<'a>(&self, id: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, Unread> {
         let (id, is_extended) = self.split_id(id)?;
         match words.next() {
             Some("d" | "D") => {}
             Some("r" | "R") => return Ok(None),
-            _ => return Err("neither data (d) nor a remote frame (r)".to_owned()),
+            _ => return Err("neither data (d) nor a remote frame (r)".into()),
         }
-        let dlc = words.next().and_then(|dlc| number(dlc, 16)).filter(|dlc| *dlc < 16);
-        let dlc = dlc.ok_or("no length of the data")?;
-        // A classic frame has at most 8 bytes, also if its length code is higher.
-        let data = data(words, dlc.min(8) as usize, self.base)?;
+        let length = words.next().ok_or_else(|| Unread::missing("length of the data"))?;
+        let words: Vec<_> = words.take_while(|word| byte(word, self.base).is_some()).collect();
+        let len = self.classic_length(length, words.len());
+        let len = len.ok_or_else(|| Unread::word(length, "no length"))?;
+        let data = data(words.into_iter(), len, self.base)?;
         frame(id, is_extended, false, &data)
     }
 
+    /// The number of bytes of a frame with this length and `there` bytes of data. A classic frame has at most 8 bytes,
+    /// also if its length code is higher. Some programs write FD frames in this form, with the length or its code.
+    fn classic_length(&self, length: &str, there: usize) -> Option<usize> {
+        let code = number(length, 16)? as usize;
+        let of_code = FD_LENGTHS.get(code).map_or(code, |&len| len.into());
+        let lengths = [Some(of_code), number(length, 10).map(|len| len as usize)];
+        match there {
+            _ if code <= MAX_CLASSIC => Some(code),
+            0..=MAX_CLASSIC => Some(MAX_CLASSIC),
+            _ if lengths.contains(&Some(there)) => Some(there),
+            _ => Some(MAX_CLASSIC),
+        }
+    }
+
     /// `Rx 60F Name 0 0 8 8 07 AA ...`, from the name on.
-    fn fd<'a>(&self, id: &str, words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, String> {
+    fn fd<'a>(&self, id: &str, words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, Unread> {
         let (id, is_extended) = self.split_id(id)?;
         let mut words = words.peekable();
         // An optional message name precedes the bit for the rate.
@@ -86,7 +101,7 @@ impl Asc {
         }
         let mut field = |what: &str, base| {
             let field = words.next().and_then(|word| number(word, base));
-            field.ok_or_else(|| format!("no {what}"))
+            field.ok_or_else(|| Unread::missing(what))
         };
         field("bit for the rate", 2)?;
         field("bit for the error state", 2)?;
@@ -99,7 +114,7 @@ impl Asc {
         frame(id, is_extended, is_fd, &data)
     }
 
-    fn split_id(&self, text: &str) -> Result<(u32, bool), String> {
+    fn split_id(&self, text: &str) -> Result<(u32, bool), Unread> {
         let short = text.strip_suffix(['x', 'X']);
         let id = identifier(short.unwrap_or(text), self.base)?;
         Ok((id, short.is_some()))
@@ -107,7 +122,7 @@ impl Asc {
 }
 
 impl TextLog for Asc {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
         let line = line.trim();
         if !line.starts_with(|character: char| character.is_ascii_digit()) {
             return self.read_heading(line);
@@ -115,7 +130,12 @@ impl TextLog for Asc {
         let mut words = line.split_whitespace();
         let time = self.tick(words.next().unwrap_or_default())?;
         let (bus, direction, id, is_fd) = match (words.next(), words.next()) {
-            (Some("CANFD"), Some(bus)) => (bus, words.next(), words.next().ok_or("no identifier")?, true),
+            (Some("CANFD"), Some(bus)) => (
+                bus,
+                words.next(),
+                words.next().ok_or_else(|| Unread::missing("identifier"))?,
+                true,
+            ),
             (Some(bus), Some(id)) if number(bus, 10).is_some() => (bus, words.next(), id, false),
             _ => return Ok(Record::Other),
         };
@@ -129,7 +149,12 @@ impl TextLog for Asc {
             (false, true) => self.fd(id, words)?,
             (false, false) => self.classic(id, words)?,
         };
-        Ok(Record::Frame(Logged { time, bus, frame }))
+        Ok(Record::Frame(Logged {
+            time,
+            bus,
+            frame,
+            lacking: 0,
+        }))
     }
 }
 

@@ -1,22 +1,24 @@
 //! Vector's binary log, BLF.
 //!
 //! After a header, the file consists of objects, most of them containers with compressed data. The joined contents of
-//! the containers are objects again. Those with CAN frames are read. Sizes in the file do not determine memory:
-//! containers are decompressed in pieces, and no more of an object is kept than the size of a CAN frame.
+//! the containers are objects again. Those with CAN frames are read. Bytes that are no object are skipped up to the next
+//! one. Sizes in the file do not determine memory: containers are decompressed in pieces, and no more of an object is
+//! kept than the size of a CAN frame.
 
-use std::io::{self, BufRead, ErrorKind, Read, Write};
+use std::io::{self, ErrorKind, Read, Write};
 
 use armwire_bridge::Instant;
+use armwire_bridge::can::Frame;
 use flate2::bufread::ZlibDecoder;
 
-use super::{Logged, Record, Take, Time, frame};
+use super::{Logged, Place, Record, Take, Time, Unread, frame};
 use crate::decode::input::Input;
 use crate::error::Error;
 
 /// First bytes of a file.
 pub(in crate::decode) const SIGNATURE: &[u8] = b"LOGG";
 /// First bytes of an object.
-const OBJECT: &[u8] = b"LOBJ";
+const OBJECT: [u8; 4] = *b"LOBJ";
 /// Size of an object's shortest header: signature, header size, header version, object size, type.
 const BASE_HEADER: usize = 16;
 /// Minimum size of a header with a time.
@@ -24,7 +26,11 @@ const TIMED_HEADER: usize = 32;
 /// Size of a container's fields before its data: compression method, and uncompressed size.
 const CONTAINER_HEADER: usize = 16;
 /// Maximum number of padding bytes between two objects, which begin at multiples of 4.
-const MAX_PADDING: usize = 7;
+const MAX_PADDING: u64 = 7;
+/// Maximum size of the file's header, which usually has 144 bytes.
+const MAX_HEADER: u32 = 4096;
+/// Maximum size of an object. Containers usually have less than 128 KiB.
+const MAX_OBJECT: u32 = 1 << 24;
 /// Maximum number of bytes kept of an object. A frame of 64 bytes with the longest header has 144.
 const MAX_KEPT: usize = 256;
 
@@ -42,117 +48,201 @@ mod object {
 
 /// Passes each record of a file to `take`.
 pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Result<(), Error> {
-    let header = read_exactly::<8>(input, "the header")?;
-    let size = u32_at(&header, 4).unwrap_or_default();
-    if !header.starts_with(SIGNATURE) {
-        return Err(input.refused_at(0, "this is not a BLF file"));
-    }
-    let rest = u64::from(size).checked_sub(header.len() as u64);
-    let rest = rest.ok_or_else(|| input.refused_at(4, "the header is shorter than its beginning"))?;
-    skip(input, rest, "the header")?;
-
     let mut objects = Objects {
         take,
+        at: 0,
+        gap: Gap::default(),
         kept: Vec::new(),
         rest: 0,
-        padding: 0,
     };
-    while let Some((at, base)) = next_object(input)? {
-        let Base { size, kind, .. } = Base::parse(&base).map_err(|reason| input.refused_at(at, &reason))?;
-        let size = u64::from(size) - BASE_HEADER as u64;
-        if kind == object::CONTAINER {
-            read_container(input, at, size, &mut objects)?;
-        } else {
-            objects.push(&base).map_err(|reason| input.refused_at(at, &reason))?;
-            copy(input, at, size, &mut objects)?;
-        }
+    let mut header = [0; 8];
+    fill(input, &mut header, &mut objects)?;
+    let size = u32_at(&header, 4).unwrap_or_default();
+    if header.starts_with(SIGNATURE) && (header.len() as u32..=MAX_HEADER).contains(&size) {
+        skip(input, u64::from(size) - header.len() as u64, &mut objects)?;
+    } else {
+        // Objects may follow.
+        objects.unread("no header of a BLF file".into());
     }
-    match objects.rest == 0 && objects.kept.is_empty() {
-        true => Ok(()),
-        false => Err(input.refused_at(input.offset(), "the log ends within an object")),
-    }
-}
-
-/// The offset and the first bytes of the next object; `None` at the end of the file.
-fn next_object(input: &mut Input<'_>) -> Result<Option<(u64, [u8; BASE_HEADER])>, Error> {
-    for _ in 0..=MAX_PADDING {
-        match input.fill_buf().map(|bytes| bytes.first().copied()) {
-            Ok(None) => return Ok(None),
-            Ok(Some(0)) => input.consume(1),
-            Ok(Some(_)) => {
-                let at = input.offset();
-                return Ok(Some((at, read_exactly(input, "an object")?)));
+    while let Some(object) = next_object(input, &mut objects)? {
+        match Base::parse(&object) {
+            Ok(Base { size, kind, .. }) => {
+                let size = u64::from(size) - BASE_HEADER as u64;
+                if kind == object::CONTAINER {
+                    read_container(input, size, &mut objects)?;
+                } else {
+                    objects.push(&object);
+                    copy(input, size, &mut objects)?;
+                }
             }
-            Err(error) => return Err(input.failed(error)),
+            Err(reason) => objects.unread(reason),
         }
     }
-    Err(input.refused_at(input.offset(), "no object starts here"))
+    if objects.rest > 0 || !objects.kept.is_empty() {
+        objects.unread(Unread::cut());
+    }
+    Ok(())
 }
 
-/// Reads the contents of the container at offset `at`, with `size` bytes after its base header.
-fn read_container(input: &mut Input<'_>, at: u64, size: u64, objects: &mut Objects<'_, '_>) -> Result<(), Error> {
-    let size = size.checked_sub(CONTAINER_HEADER as u64);
-    let size = size.ok_or_else(|| input.refused_at(at, "a container without room for its header"))?;
-    let header = read_exactly::<CONTAINER_HEADER>(input, "a container")?;
-    match u16_at(&header, 0).unwrap_or_default() {
-        0 => copy(input, at, size, objects),
+/// The first bytes of the next object; `None` at the end of the file.
+fn next_object(input: &mut Input<'_>, objects: &mut Objects<'_, '_>) -> Result<Option<[u8; BASE_HEADER]>, Error> {
+    objects.at = input.offset();
+    let mut gap = Gap::default();
+    loop {
+        let mut byte = [0];
+        if input.read(&mut byte).map_err(|error| input.failed(error))? == 0 {
+            if gap.found > 0 {
+                objects.unread(Unread::cut());
+            }
+            return Ok(None);
+        }
+        match gap.push(byte[0]) {
+            Found::Nothing => {}
+            Found::Stray => objects.unread(Unread::stray()),
+            Found::Object => break,
+        }
+    }
+    objects.at = input.offset() - OBJECT.len() as u64;
+    let mut object = [0; BASE_HEADER];
+    object[..OBJECT.len()].copy_from_slice(&OBJECT);
+    let is_whole = fill(input, &mut object[OBJECT.len()..], objects)?;
+    Ok(is_whole.then_some(object))
+}
+
+/// Reads the contents of a container with `size` bytes after its base header.
+fn read_container(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_>) -> Result<(), Error> {
+    let Some(size) = size.checked_sub(CONTAINER_HEADER as u64) else {
+        objects.unread("a container without room for its header".into());
+        return skip(input, size, objects);
+    };
+    let mut header = [0; CONTAINER_HEADER];
+    if !fill(input, &mut header, objects)? {
+        return Ok(());
+    }
+    let reason = match u16_at(&header, 0).unwrap_or_default() {
+        0 => return copy(input, size, objects),
         2 => {
             let mut data = input.take(size);
             let copied = io::copy(&mut ZlibDecoder::new(&mut data), objects);
             let rest = data.limit();
-            copied.map_err(|error| match error.kind() {
-                ErrorKind::UnexpectedEof => input.refused_at(at, "the log ends within this container"),
-                ErrorKind::InvalidInput | ErrorKind::InvalidData => {
-                    input.refused_at(at, &format!("this container cannot be decompressed: {error}"))
-                }
-                _ => not_copied(input, at, error),
-            })?;
             // Bytes after the compressed data belong to the container.
-            skip(input, rest, "a container")
+            match copied {
+                Ok(_) => return skip(input, rest, objects),
+                // The end of the file, or of the container.
+                Err(error) if error.kind() == ErrorKind::UnexpectedEof && rest > 0 => Unread::cut(),
+                Err(error) if is_of_data(&error) => {
+                    skip(input, rest, objects)?;
+                    let text = format!("this container cannot be decompressed: {error}");
+                    Unread::new("damaged container", text)
+                }
+                Err(error) => return Err(input.failed(error)),
+            }
         }
         method => {
-            let reason = format!("compression method {method}, must be 0 or 2");
-            Err(input.refused_at(at, &reason))
+            skip(input, size, objects)?;
+            let text = format!("compression method {method}, must be 0 or 2");
+            Unread::new("unknown compression", text)
+        }
+    };
+    objects.unread(reason);
+    objects.lose();
+    Ok(())
+}
+
+/// Returns true for an error of compressed data.
+fn is_of_data(error: &io::Error) -> bool {
+    use ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
+    matches!(error.kind(), InvalidData | InvalidInput | UnexpectedEof)
+}
+
+/// Reads `size` bytes of objects.
+fn copy(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_>) -> Result<(), Error> {
+    let copied = io::copy(&mut input.take(size), objects);
+    if copied.map_err(|error| input.failed(error))? < size {
+        // It ends inside the container, if not inside one of its objects.
+        objects.lose();
+        objects.unread(Unread::cut());
+    }
+    Ok(())
+}
+
+/// Skips bytes.
+fn skip(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_>) -> Result<(), Error> {
+    let skipped = io::copy(&mut input.take(size), &mut io::sink());
+    if skipped.map_err(|error| input.failed(error))? < size {
+        objects.unread(Unread::cut());
+    }
+    Ok(())
+}
+
+/// Fills `bytes`. Returns false if the file ends before.
+fn fill(input: &mut Input<'_>, bytes: &mut [u8], objects: &mut Objects<'_, '_>) -> Result<bool, Error> {
+    match input.read_exact(bytes) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
+            objects.unread(Unread::cut());
+            Ok(false)
+        }
+        Err(error) => Err(input.failed(error)),
+    }
+}
+
+/// The bytes since the last object.
+#[derive(Default)]
+struct Gap {
+    /// Number of bytes of a signature at the end.
+    found: usize,
+    len: u64,
+    /// Not only padding.
+    is_stray: bool,
+}
+
+/// What a byte of a gap shows.
+enum Found {
+    Nothing,
+    /// The gap is no padding.
+    Stray,
+    /// The byte ends a signature.
+    Object,
+}
+
+impl Gap {
+    fn push(&mut self, byte: u8) -> Found {
+        if byte == OBJECT[self.found] {
+            self.found += 1;
+            if self.found < OBJECT.len() {
+                return Found::Nothing;
+            }
+            *self = Self::default();
+            return Found::Object;
+        }
+        let was_stray = self.is_stray;
+        self.len += 1;
+        self.is_stray |= byte != 0 || self.found > 0 || self.len > MAX_PADDING;
+        self.found = usize::from(byte == OBJECT[0]);
+        match self.is_stray && !was_stray {
+            true => Found::Stray,
+            false => Found::Nothing,
         }
     }
 }
-
-/// Reads `size` bytes of objects, in an object at offset `at`.
-fn copy(input: &mut Input<'_>, at: u64, size: u64, objects: &mut Objects<'_, '_>) -> Result<(), Error> {
-    match io::copy(&mut input.take(size), objects) {
-        Ok(copied) if copied == size => Ok(()),
-        Ok(_) => Err(input.refused_at(at, "the log ends within this object")),
-        Err(error) => Err(not_copied(input, at, error)),
-    }
-}
-
-/// The error of a copy that failed to read, or whose objects were refused.
-fn not_copied(input: &Input<'_>, at: u64, error: io::Error) -> Error {
-    match error.downcast() {
-        Ok(Refused(reason)) => input.refused_at(at, &reason),
-        Err(error) => input.failed(error),
-    }
-}
-
-/// The reason for refused objects.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct Refused(String);
 
 /// Objects that arrive in pieces.
 struct Objects<'t, 'r> {
     take: &'t mut Take<'r>,
+    /// Offset of the current object, or of the container it is in.
+    at: u64,
+    /// The bytes before the current object.
+    gap: Gap,
     /// The front of the current object.
     kept: Vec<u8>,
     /// Number of its missing bytes that are not kept.
     rest: u64,
-    /// Number of bytes since the last object.
-    padding: usize,
 }
 
 impl Write for Objects<'_, '_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.push(bytes).map_err(|reason| io::Error::other(Refused(reason)))?;
+        self.push(bytes);
         Ok(bytes.len())
     }
 
@@ -163,38 +253,61 @@ impl Write for Objects<'_, '_> {
 
 impl Objects<'_, '_> {
     /// Reads the next bytes.
-    fn push(&mut self, mut bytes: &[u8]) -> Result<(), String> {
-        while !bytes.is_empty() {
+    fn push(&mut self, mut bytes: &[u8]) {
+        while let Some((&first, others)) = bytes.split_first() {
             if self.rest > 0 {
                 let n = bytes.len().min(usize::try_from(self.rest).unwrap_or(usize::MAX));
                 self.rest -= n as u64;
                 bytes = &bytes[n..];
-                continue;
+            } else if self.kept.is_empty() {
+                bytes = others;
+                match self.gap.push(first) {
+                    Found::Nothing => {}
+                    Found::Stray => self.unread(Unread::stray()),
+                    Found::Object => self.kept.extend(OBJECT),
+                }
+            } else {
+                let wanted = match self.kept.get(..BASE_HEADER).map(Base::parse) {
+                    Some(Ok(base)) => base.kept_size(),
+                    _ => BASE_HEADER,
+                };
+                let n = bytes.len().min(wanted - self.kept.len());
+                self.kept.extend_from_slice(&bytes[..n]);
+                bytes = &bytes[n..];
+                if self.kept.len() == wanted {
+                    self.take_kept();
+                }
             }
-            if self.kept.is_empty() && bytes[0] == 0 && self.padding < MAX_PADDING {
-                self.padding += 1;
-                bytes = &bytes[1..];
-                continue;
-            }
-            let mut wanted = BASE_HEADER;
-            if self.kept.len() >= BASE_HEADER {
-                wanted = Base::parse(&self.kept)?.kept_size();
-            }
-            let n = bytes.len().min(wanted - self.kept.len());
-            self.kept.extend_from_slice(&bytes[..n]);
-            bytes = &bytes[n..];
-            if self.kept.len() < BASE_HEADER {
-                continue;
-            }
-            let base = Base::parse(&self.kept)?;
-            if self.kept.len() == base.kept_size() {
-                self.padding = 0;
+        }
+    }
+
+    /// Takes the object in `kept`, which has a header, if it is complete.
+    fn take_kept(&mut self) {
+        match Base::parse(&self.kept) {
+            Ok(base) if self.kept.len() < base.kept_size() => {}
+            Ok(base) => {
                 self.rest = u64::from(base.size) - self.kept.len() as u64;
-                take_record(&self.kept, self.take)?;
+                take_record(&self.kept, Place::Byte(self.at), self.take);
+                self.kept.clear();
+            }
+            Err(reason) => {
+                self.unread(reason);
                 self.kept.clear();
             }
         }
-        Ok(())
+    }
+
+    /// Forgets the current object: the bytes after these are lost.
+    fn lose(&mut self) {
+        self.kept.clear();
+        self.rest = 0;
+        // The reason was given.
+        self.gap.is_stray = true;
+    }
+
+    /// Passes on that something at the current place is not understood.
+    fn unread(&mut self, reason: Unread) {
+        (self.take)(Place::Byte(self.at), Err(reason));
     }
 }
 
@@ -208,14 +321,18 @@ struct Base {
 }
 
 impl Base {
-    fn parse(object: &[u8]) -> Result<Self, String> {
-        if !object.starts_with(OBJECT) {
-            return Err("no object starts here".to_owned());
-        }
-        let (header, size, kind) = (u16_at(object, 4), u32_at(object, 8), u32_at(object, 12));
-        match (header, size, kind) {
-            (Some(header), Some(size), Some(kind)) if size >= BASE_HEADER as u32 => Ok(Self { header, size, kind }),
-            _ => Err("an object that is shorter than its header".to_owned()),
+    /// The header of an object, after its signature.
+    fn parse(object: &[u8]) -> Result<Self, Unread> {
+        let header = u16_at(object, 4).zip(u32_at(object, 8)).zip(u32_at(object, 12));
+        match header {
+            Some(((header, size), kind)) if (BASE_HEADER as u32..=MAX_OBJECT).contains(&size) => {
+                Ok(Self { header, size, kind })
+            }
+            Some(((_, size), _)) if size > MAX_OBJECT => Err(Unread::new(
+                "no size of an object",
+                format!("an object of {size} bytes"),
+            )),
+            _ => Err("an object that is shorter than its header".into()),
         }
     }
 
@@ -226,39 +343,45 @@ impl Base {
 }
 
 /// Passes the record of an object with this front to `take`.
-fn take_record(object: &[u8], take: &mut Take<'_>) -> Result<(), String> {
+fn take_record(object: &[u8], place: Place<'_>, take: &mut Take<'_>) {
+    let stamp;
+    let bus;
+    let record = match event(object) {
+        Ok(Some((at, text, event))) => {
+            (stamp, bus) = (text, event.bus.to_string());
+            event.frame().map(|frame| {
+                Record::Frame(Logged {
+                    time: Time::seconds(at, &stamp),
+                    bus: &bus,
+                    frame,
+                    lacking: 0,
+                })
+            })
+        }
+        Ok(None) => Ok(Record::Other),
+        Err(reason) => Err(reason),
+    };
+    take(place, record);
+}
+
+/// The frame or error frame in an object with this front, and its time, also as text. `None` for any other object.
+fn event(object: &[u8]) -> Result<Option<(Instant, String, BusEvent<'_>)>, Unread> {
     let Base { header, kind, .. } = Base::parse(object)?;
     let parse = match kind {
         object::CAN_MESSAGE | object::CAN_MESSAGE2 => classic,
         object::CAN_FD_MESSAGE => fd,
         object::CAN_FD_MESSAGE_64 => fd_64,
         object::CAN_ERROR | object::CAN_ERROR_EXT | object::CAN_FD_ERROR_64 => error,
-        object::CONTAINER => return Err("a container in a container".to_owned()),
-        _ => return take(Record::Other),
+        object::CONTAINER => return Err("a container in a container".into()),
+        _ => return Ok(None),
     };
-    let too_short = || "a CAN frame that is longer than its object".to_owned();
     let header = usize::from(header);
-    let (at, stamp) = object
-        .get(BASE_HEADER..TIMED_HEADER)
-        .and_then(time)
-        .ok_or_else(too_short)?;
+    let time = object.get(BASE_HEADER..TIMED_HEADER).and_then(time);
     let data = object.get(header..).filter(|_| header >= TIMED_HEADER);
-    let event = data.and_then(parse).ok_or_else(too_short)?;
-    if event.is_request {
-        return take(Record::Other);
-    }
-    let frame = match event.has_data {
-        true => {
-            let (id, is_extended) = (event.id & !EXTENDED, event.id & EXTENDED != 0);
-            frame(id, is_extended, event.is_fd, event.data.ok_or_else(too_short)?)?
-        }
-        false => None,
-    };
-    take(Record::Frame(Logged {
-        time: Time::seconds(at, &stamp),
-        bus: &event.bus.to_string(),
-        frame,
-    }))
+    let ((at, stamp), event) = time
+        .zip(data.and_then(parse))
+        .ok_or("a CAN frame that is longer than its object")?;
+    Ok((!event.is_request).then_some((at, stamp, event)))
 }
 
 /// The time in a header, after its first 16 bytes, and its text in seconds.
@@ -286,8 +409,22 @@ struct BusEvent<'a> {
     /// False for remote frames and error frames.
     has_data: bool,
     is_fd: bool,
-    /// `None` if the object is too short.
-    data: Option<&'a [u8]>,
+    /// The data in the object. Zeros may follow in the frame.
+    data: &'a [u8],
+    /// Length of the frame's data.
+    len: usize,
+}
+
+impl BusEvent<'_> {
+    /// The frame; `None` as in [`Logged`].
+    fn frame(&self) -> Result<Option<Frame>, Unread> {
+        if !self.has_data {
+            return Ok(None);
+        }
+        let mut data = self.data.to_vec();
+        data.resize(self.len, 0);
+        frame(self.id & !EXTENDED, self.id & EXTENDED != 0, self.is_fd, &data)
+    }
 }
 
 /// The bit of 29-bit identifiers.
@@ -297,14 +434,16 @@ const REQUEST: u8 = 2;
 
 fn classic(object: &[u8]) -> Option<BusEvent<'_>> {
     let (flags, dlc) = (*object.get(2)?, *object.get(3)?);
+    // A classic frame has at most 8 bytes, also if its length code is higher.
+    let len = usize::from(dlc.min(8));
     Some(BusEvent {
         bus: u16_at(object, 0)?,
         id: u32_at(object, 4)?,
         is_request: flags & 0x0F == REQUEST,
         has_data: flags & 0x80 == 0,
         is_fd: false,
-        // A classic frame has at most 8 bytes, also if its length code is higher.
-        data: object.get(8..8 + usize::from(dlc.min(8))),
+        data: object.get(8..8 + len)?,
+        len,
     })
 }
 
@@ -316,7 +455,8 @@ fn fd(object: &[u8]) -> Option<BusEvent<'_>> {
         is_request: flags & 0x0F == REQUEST,
         has_data: flags & 0x80 == 0,
         is_fd: fd_flags & 1 != 0,
-        data: object.get(20..20 + usize::from(len)),
+        data: up_to(object.get(20..)?, len),
+        len: len.into(),
     })
 }
 
@@ -328,8 +468,14 @@ fn fd_64(object: &[u8]) -> Option<BusEvent<'_>> {
         is_request: direction == REQUEST,
         has_data: flags & 0x10 == 0,
         is_fd: flags & 0x1000 != 0,
-        data: object.get(40..40 + usize::from(len)),
+        data: up_to(object.get(40..)?, len),
+        len: len.into(),
     })
+}
+
+/// The first `len` bytes, or as many as are there. Some programs leave out the zeros at the end of an FD frame.
+fn up_to(bytes: &[u8], len: u8) -> &[u8] {
+    &bytes[..bytes.len().min(len.into())]
 }
 
 fn error(object: &[u8]) -> Option<BusEvent<'_>> {
@@ -349,27 +495,4 @@ fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
 
 fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
     Some(u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
-}
-
-/// Reads the next bytes. If the file ends before, the error names `what`.
-fn read_exactly<const N: usize>(input: &mut Input<'_>, what: &str) -> Result<[u8; N], Error> {
-    let mut bytes = [0; N];
-    let at = input.offset();
-    match input.read_exact(&mut bytes) {
-        Ok(()) => Ok(bytes),
-        Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
-            Err(input.refused_at(at, &format!("the log ends within {what}")))
-        }
-        Err(error) => Err(input.failed(error)),
-    }
-}
-
-/// Skips bytes. If the file ends before, the error names `what`.
-fn skip(input: &mut Input<'_>, bytes: u64, what: &str) -> Result<(), Error> {
-    let at = input.offset();
-    match io::copy(&mut input.take(bytes), &mut io::sink()) {
-        Ok(skipped) if skipped == bytes => Ok(()),
-        Ok(_) => Err(input.refused_at(at, &format!("the log ends within {what}"))),
-        Err(error) => Err(input.failed(error)),
-    }
 }

@@ -3,8 +3,11 @@
 use armwire_bridge::Instant;
 use armwire_bridge::can::Frame;
 
-use super::{Logged, Record, SECONDS, TextLog, Time, data, decimal, frame, identifier, number, time, wrong};
+use super::{Logged, Record, SECONDS, TextLog, Time, Unread, byte, data, decimal, frame, identifier, number, time};
 use crate::hex;
+
+/// The beginning of a line about frames that candump lost.
+const DROPPED: &str = "DROPCOUNT: dropped ";
 
 /// A parser of both forms:
 ///
@@ -15,32 +18,53 @@ use crate::hex;
 pub(in crate::decode) struct Candump;
 
 impl TextLog for Candump {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
         // Details below an error frame.
         if line.starts_with('\t') {
             return Ok(Record::Comment);
         }
+        if let Some(dropped) = line.strip_prefix(DROPPED) {
+            let word = dropped.split_whitespace().next().unwrap_or_default();
+            let frames = word.parse().map_err(|_| Unread::word(word, "no number of frames"))?;
+            return Ok(Record::Dropped(frames));
+        }
         let (time, line) = split_time(line.trim())?;
         let mut words = line.split_whitespace();
-        let bus = words.next().ok_or("no interface")?;
-        let first = words.next().ok_or("no identifier")?;
-        let frame = match first.split_once('#') {
+        let bus = words.next().ok_or_else(|| Unread::missing("interface"))?;
+        let first = words.next().ok_or_else(|| Unread::missing("identifier"))?;
+        let content = match first.split_once('#') {
             Some((id, data)) => logged(id, data)?,
             None => printed(first, words)?,
         };
-        Ok(Record::Frame(Logged { time, bus, frame }))
+        Ok(match content {
+            Content::Frame(frame) => Record::Frame(Logged {
+                time,
+                bus,
+                frame,
+                lacking: 0,
+            }),
+            Content::Xl => Record::Other,
+        })
     }
 }
 
+/// The content of a line.
+enum Content {
+    /// `None` for a frame that adapters do not use.
+    Frame(Option<Frame>),
+    /// A CAN XL frame.
+    Xl,
+}
+
 /// The time in parentheses, if there is one, and the rest of the line.
-fn split_time(line: &str) -> Result<(Time<'_>, &str), String> {
+fn split_time(line: &str) -> Result<(Time<'_>, &str), Unread> {
     let Some(line) = line.strip_prefix('(') else {
         return Ok((Time::seconds(Instant::ZERO, ""), line));
     };
     let (stamp, line) = line.split_once(')').ok_or("no time in parentheses")?;
     let time = match stamp.split_once(' ') {
         Some((date, clock)) => {
-            let at = date_time(date, clock).ok_or_else(|| wrong(stamp, "no time"))?;
+            let at = date_time(date, clock).ok_or_else(|| Unread::word(stamp, "no time"))?;
             Time::seconds(at, stamp)
         }
         None => time(stamp, SECONDS)?,
@@ -76,55 +100,81 @@ fn date_time(date: &str, clock: &str) -> Option<Instant> {
     Some(Instant::from_micros(micros))
 }
 
-/// `123#AA06`, `123#R`, and `123##` with a digit of flags for FD.
-fn logged(id: &str, data: &str) -> Result<Option<Frame>, String> {
+/// `123#AA06`, `123#R`, `123##` with a digit of flags for FD, and `123###` with the header of CAN XL.
+fn logged(id: &str, data: &str) -> Result<Content, Unread> {
     let (id, is_extended) = split_id(id)?;
+    if data.starts_with("##") {
+        return Ok(Content::Xl);
+    }
     if let Some(fd) = data.strip_prefix('#') {
         let (flags, data) = fd.split_at_checked(1).ok_or("no flags of an FD frame")?;
         number(flags, 16).ok_or("no flags of an FD frame")?;
-        return frame(id, is_extended, true, &pairs(data)?);
+        return frame(id, is_extended, true, &pairs(data)?).map(Content::Frame);
     }
     // Newer versions append a length code above 8 to frames of 8 bytes.
     let data = data.split_once('_').map_or(data, |(data, _)| data);
     match data.starts_with('R') {
-        true => Ok(None),
-        false => frame(id, is_extended, false, &pairs(data)?),
+        true => Ok(Content::Frame(None)),
+        false => frame(id, is_extended, false, &pairs(data)?).map(Content::Frame),
     }
 }
 
-/// `123   [2]  AA 06`, and `123  [02]  AA 06` for FD. With `-x` more columns precede the identifier.
-fn printed<'a>(first: &'a str, mut words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, String> {
+/// `123   [2]  AA 06`, and `123  [02]  AA 06` for FD. With `-x` more columns precede the identifier, with `-8` a length
+/// code above 8 is in braces, and CAN XL has a length of four digits.
+fn printed<'a>(first: &'a str, mut words: impl Iterator<Item = &'a str>) -> Result<Content, Unread> {
     let id = match first {
-        "RX" | "TX" => words.nth(2).ok_or("no identifier")?,
+        "RX" | "TX" => words.nth(2).ok_or_else(|| Unread::missing("identifier"))?,
         id => id,
     };
     let (id, is_extended) = split_id(id)?;
-    let length = words.next().ok_or("no length in brackets")?;
-    let digits = length.strip_prefix('[').and_then(|length| length.strip_suffix(']'));
-    let digits = digits.ok_or("no length in brackets")?;
-    let len = number(digits, 10).ok_or_else(|| wrong(digits, "no length"))?;
+    let length = words.next().ok_or_else(|| Unread::missing("length in brackets"))?;
+    let between = |open, close| length.strip_prefix(open)?.strip_suffix(close);
+    let (len, is_fd) = match (between('[', ']'), between('{', '}')) {
+        (Some(digits), _) if digits.len() == 4 => return Ok(Content::Xl),
+        (Some(digits), _) => (number(digits, 10), digits.len() > 1),
+        (None, Some(code)) => (number(code, 16).map(|code| code.min(8)), false),
+        (None, None) => return Err(Unread::missing("length in brackets")),
+    };
+    let len = len.ok_or_else(|| Unread::word(length, "no length"))? as usize;
     let mut words = words.peekable();
     if words.peek() == Some(&"remote") {
-        return Ok(None);
+        return Ok(Content::Frame(None));
     }
-    let data = data(words, len as usize, 16)?;
-    frame(id, is_extended, digits.len() > 1, &data)
+    frame(id, is_extended, is_fd, &printed_data(words, len)?).map(Content::Frame)
+}
+
+/// Data as `AA 06`; with `-S` in the other order as 06`AA, and with `-i` in binary digits.
+fn printed_data<'a>(words: impl Iterator<Item = &'a str>, len: usize) -> Result<Vec<u8>, Unread> {
+    /// Between swapped bytes.
+    const SWAPPED: char = '`';
+    let mut words = words.peekable();
+    let swapped = words.next_if(|word| word.contains(SWAPPED));
+    let (words, is_swapped): (Vec<_>, _) = match swapped {
+        Some(word) => (word.split(SWAPPED).collect(), true),
+        None => (words.take(len).collect(), false),
+    };
+    let is_binary = words.iter().all(|word| word.len() == 8 && byte(word, 2).is_some());
+    let mut bytes = data(words.into_iter(), len, if is_binary { 2 } else { 16 })?;
+    if is_swapped {
+        bytes.reverse();
+    }
+    Ok(bytes)
 }
 
 /// The identifier: 3 digits, or 8 for 29 bits and for error frames.
-fn split_id(text: &str) -> Result<(u32, bool), String> {
+fn split_id(text: &str) -> Result<(u32, bool), Unread> {
     /// The bit for error frames.
     const ERROR: u32 = 0x2000_0000;
     let id = identifier(text, 16)?;
     match text.len() {
         3 => Ok((id, false)),
         8 => Ok((id & !ERROR, true)),
-        _ => Err(wrong(text, "no identifier of 3 or 8 digits")),
+        _ => Err(Unread::word(text, "no identifier of 3 or 8 digits")),
     }
 }
 
-fn pairs(text: &str) -> Result<Vec<u8>, String> {
+fn pairs(text: &str) -> Result<Vec<u8>, Unread> {
     // Bytes may be separated by dots.
     let text = text.replace('.', "");
-    hex::parse(&text).map_err(|error| wrong(&error.word, "not bytes in hexadecimal"))
+    hex::parse(&text).map_err(|error| Unread::word(&error.word, "not bytes in hexadecimal"))
 }

@@ -1,8 +1,8 @@
 //! The comma-separated log of GVRET and SavvyCAN.
 
-use armwire_bridge::can::MAX_FD;
+use armwire_bridge::can::{MAX_CLASSIC, MAX_FD};
 
-use super::{Logged, MICROS, Record, TextLog, data, frame, identifier, number, time, wrong};
+use super::{Logged, MICROS, Record, TextLog, Unread, data, frame, identifier, number, time};
 
 /// First columns of such a log.
 pub(in crate::decode) const HEADER: &str = "Time Stamp,ID,Extended,";
@@ -21,33 +21,47 @@ pub(in crate::decode) struct Gvret {
 }
 
 impl TextLog for Gvret {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
         let line = line.trim();
         if let Some(columns) = line.strip_prefix(HEADER) {
             self.lacks_direction = match columns {
                 columns if columns.starts_with("Dir,Bus,LEN,") => false,
                 columns if columns.starts_with("Bus,LEN,") => true,
-                _ => return Err("unknown columns".to_owned()),
+                _ => return Err("unknown columns".into()),
             };
             return Ok(Record::Comment);
         }
         let mut fields = line.split(',');
-        let mut field = |what: &str| fields.next().ok_or_else(|| format!("no {what}"));
+        let mut field = |what: &str| fields.next().ok_or_else(|| Unread::missing(what));
         let time = time(field("time")?, MICROS)?;
         let id = identifier(field("identifier")?, 16)?;
         let is_extended = match field("Extended")? {
             "true" | "1" => true,
             "false" | "0" => false,
-            text => return Err(wrong(text, "neither true nor false")),
+            text => return Err(Unread::word(text, "neither true nor false")),
         };
         if !self.lacks_direction {
             field("direction")?;
         }
         let bus = field("bus")?;
-        let len = number(field("length")?, 10).filter(|len| *len as usize <= MAX_FD);
-        let len = len.ok_or_else(|| format!("no length from 0 to {MAX_FD}"))? as usize;
+        let len = field("length")?;
+        let len = number(len, 10)
+            .map(|len| len as usize)
+            .filter(|len| *len <= MAX_FD)
+            .ok_or_else(|| Unread::word(len, "no length from 0 to 64"))?;
+        // SavvyCAN writes no more than 8 bytes of an FD frame, and reads the others as 0.
+        let fields: Vec<_> = fields.take(len).take_while(|field| !field.is_empty()).collect();
+        let there = if fields.len() == MAX_CLASSIC { MAX_CLASSIC } else { len };
+        let mut data = data(fields.into_iter(), there.min(len), 16)?;
+        let lacking = len - data.len();
+        data.resize(len, 0);
         // The log does not distinguish FD frames from others of the same length.
-        let frame = frame(id, is_extended, len > 8, &data(fields, len, 16)?)?;
-        Ok(Record::Frame(Logged { time, bus, frame }))
+        let frame = frame(id, is_extended, false, &data)?;
+        Ok(Record::Frame(Logged {
+            time,
+            bus,
+            frame,
+            lacking,
+        }))
     }
 }

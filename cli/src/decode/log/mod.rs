@@ -6,28 +6,29 @@ pub(super) mod candump;
 pub(super) mod csv;
 pub(super) mod gvret;
 pub(super) mod trc;
+mod unread;
 
 #[cfg(test)]
 mod tests;
 
 use armwire_bridge::Instant;
-use armwire_bridge::can::{Frame, Id};
+use armwire_bridge::can::{Frame, Id, MAX_CLASSIC};
 
 use super::format::Format;
 use super::input::Input;
 use crate::error::Error;
-use crate::printable::cut;
 use asc::Asc;
 use candump::Candump;
 use csv::Csv;
 use gvret::Gvret;
 use trc::Trc;
+pub(super) use unread::{Place, Unread};
 
 /// The highest 29-bit identifier.
 const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
 
-/// A consumer of records. Its error is the reason in words.
-pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), String> + 'a;
+/// A consumer of the records of a log, each with its place.
+pub(super) type Take<'a> = dyn FnMut(Place<'_>, Result<Record<'_>, Unread>) + 'a;
 
 /// Passes each record of a log to `take`. Recordings of a line have no records.
 pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -> Result<(), Error> {
@@ -45,26 +46,30 @@ pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -
 /// Passes each record of a log with one record per line to `take`.
 fn read_lines(input: &mut Input<'_>, log: &mut dyn TextLog, take: &mut Take<'_>) -> Result<(), Error> {
     while let Some(line) = input.line()? {
-        if line.text.trim().is_empty() {
+        let place = Place::Line(line.number, &line.text);
+        // A file system may fill the end of a log with them when the power fails.
+        let text = line.text.trim_matches('\0');
+        if text.len() < line.text.len() {
+            take(place, Err("NUL bytes".into()));
+        }
+        if text.trim().is_empty() {
             continue;
         }
-        let taken = match log.record(&line.text) {
+        let record = match log.record(text) {
             // The missing end may change its meaning.
-            Ok(Record::Frame(_)) | Err(_) if !line.is_whole => Err("the line is too long".to_owned()),
-            record => record.and_then(&mut *take),
+            Ok(Record::Frame(_)) | Err(_) if !line.is_whole => Err("the line is too long".into()),
+            Ok(Record::Other) | Err(_) if !line.is_ended => Err(Unread::cut()),
+            record => record,
         };
-        if let Err(reason) = taken {
-            let (number, text) = (line.number, line.text.into_owned());
-            return Err(input.refused_line(number, &text, &reason));
-        }
+        take(place, record);
     }
     Ok(())
 }
 
 /// A format with one record per line.
 pub(super) trait TextLog {
-    /// Parses a line that is not blank. The error is the reason in words.
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String>;
+    /// Parses a line that is not blank.
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread>;
 }
 
 /// One record of a log.
@@ -73,6 +78,8 @@ pub(super) enum Record<'a> {
     Frame(Logged<'a>),
     /// An event without a frame.
     Other,
+    /// Frames that the logging program lost.
+    Dropped(u64),
     /// A line that is no event of the bus, such as a comment.
     Comment,
 }
@@ -85,6 +92,8 @@ pub(super) struct Logged<'a> {
     pub(super) bus: &'a str,
     /// `None` for remote frames, error frames and 29-bit identifiers, which adapters do not use.
     pub(super) frame: Option<Frame>,
+    /// Number of bytes at the end of the frame that the log lacks. They are 0 in `frame`.
+    pub(super) lacking: usize,
 }
 
 /// The time of a frame.
@@ -105,18 +114,13 @@ impl<'a> Time<'a> {
 }
 
 /// Converts a time, a decimal number in this unit.
-fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, String> {
-    let micros = decimal(text, unit.decimals).ok_or_else(|| wrong(text, "no time"))?;
+fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, Unread> {
+    let micros = decimal(text, unit.decimals).ok_or_else(|| Unread::word(text, "no time"))?;
     Ok(Time {
         at: Instant::from_micros(micros),
         stamp: text,
         unit: unit.suffix,
     })
-}
-
-/// The error of a word.
-fn wrong(word: &str, what: &str) -> String {
-    format!("'{}' is {what}", cut(word))
 }
 
 /// The unit of a log's times.
@@ -159,36 +163,44 @@ fn number(text: &str, base: u32) -> Option<u32> {
     u32::from_str_radix(text, base).ok().filter(|_| are_digits)
 }
 
-fn identifier(text: &str, base: u32) -> Result<u32, String> {
-    number(text, base).ok_or_else(|| wrong(text, "no identifier"))
+fn identifier(text: &str, base: u32) -> Result<u32, Unread> {
+    number(text, base).ok_or_else(|| Unread::word(text, "no identifier"))
 }
 
 /// `len` bytes, each a word in this base.
-fn data<'a>(words: impl Iterator<Item = &'a str>, len: usize, base: u32) -> Result<Vec<u8>, String> {
-    let byte = |word: &str| {
-        let byte = number(word, base).and_then(|byte| u8::try_from(byte).ok());
-        byte.ok_or_else(|| wrong(word, "no byte"))
-    };
+fn data<'a>(words: impl Iterator<Item = &'a str>, len: usize, base: u32) -> Result<Vec<u8>, Unread> {
+    let byte = |word: &str| byte(word, base).ok_or_else(|| Unread::word(word, "no byte"));
     let bytes = words.take(len).map(byte).collect::<Result<Vec<_>, _>>()?;
     match bytes.len() {
-        got if got == len => Ok(bytes),
-        got => Err(format!("{len} bytes of data were announced, {got} are there")),
+        there if there == len => Ok(bytes),
+        there => Err(Unread::short(len, there)),
     }
 }
 
-/// A data frame; `None` if its identifier has 29 bits.
-fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, String> {
+/// A byte in this base.
+fn byte(word: &str, base: u32) -> Option<u8> {
+    number(word, base).and_then(|byte| u8::try_from(byte).ok())
+}
+
+/// A data frame; `None` if its identifier has 29 bits. More than 8 bytes are those of an FD frame in any case: some
+/// programs write no other sign of it.
+fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, Unread> {
     let max = if is_extended {
         MAX_EXTENDED
     } else {
         Id::MAX.get().into()
     };
     if id > max {
-        return Err(format!("identifier {id:X} is out of range (0 to {max:X})"));
+        let text = format!("identifier {id:X} is out of range (0 to {max:X})");
+        return Err(Unread::new("identifier out of range", text));
     }
     // The length is checked for both kinds of identifier.
     let standard = Id::new(id as u16).unwrap_or(Id::MAX);
-    let new = if is_fd { Frame::new_fd } else { Frame::new };
-    let frame = new(standard, data).map_err(|error| error.to_string())?;
+    let new = if is_fd || data.len() > MAX_CLASSIC {
+        Frame::new_fd
+    } else {
+        Frame::new
+    };
+    let frame = new(standard, data).map_err(|error| Unread::new("no length of a frame", error.to_string()))?;
     Ok((!is_extended).then_some(frame))
 }

@@ -85,6 +85,9 @@ fn meanings(log: &[String], arm: ArmKind) -> Vec<String> {
 const REQUEST: &str = "to the arm: read joints";
 const ANSWER: &str =
     "from the arm: joints: +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°, gripper: 50.0 % open, status: locked";
+const READ_JOINTS: [u8; 7] = [0xAA, 6, 0, 1, 0xFE, 0x9A, 0xFF];
+/// A frame that shows an adapter.
+const ADAPTER: &str = "60F#07AA060001FE9AFF";
 const CONTROL: &str = "to the adapter: FromHost { sequence: 7, request: GetConfig }";
 
 #[test]
@@ -120,7 +123,7 @@ fn missing_frame_costs_and_reports_its_pdu() {
     log.remove(second);
     let output = meanings(&log, ArmKind::Ling);
     assert_eq!(output[1], "receiving: expected consecutive frame 1, got 2");
-    assert_eq!(output[output.len() - 2], CONTROL);
+    assert_eq!(output[output.len() - 3], CONTROL);
     assert!(output.last().unwrap().contains("PDUs: 2, lost: "), "{output:?}");
 }
 
@@ -133,7 +136,7 @@ fn other_bus_frames_are_counted() {
         "(1.000003) can0 60F#R7",
     ];
     let log = log.map(str::to_owned);
-    let sum = "CAN frames: 4, PDUs: 0, lost: 0, cyclic frames: 1, frames of others: 3";
+    let sum = "CAN frames: 4, PDUs: 0, cyclic frames: 1, frames of others: 3";
     assert_eq!(meanings(&log, ArmKind::Ling), [sum]);
 }
 
@@ -141,9 +144,16 @@ fn other_bus_frames_are_counted() {
 fn pdu_without_an_arm_frame_is_reported() {
     let output = meanings(&exchange(Link::Fd), ArmKind::Alpha1);
     assert!(output[0].starts_with("no frame of an Alpha1: "), "{output:?}");
-    let surplus = ["(1.000000) can0 60F##10008AA060001FE9AFF00CCCC".to_owned()];
     assert_eq!(
-        meanings(&surplus, ArmKind::Ling)[0],
+        output.last().unwrap(),
+        "CAN frames: 3, PDUs: 3, lost: 0, cyclic frames: 0, frames of others: 0"
+    );
+    let surplus = [
+        format!("(1.000000) can0 {ADAPTER}"),
+        "(1.000000) can0 60F##10008AA060001FE9AFF00CCCC".to_owned(),
+    ];
+    assert_eq!(
+        meanings(&surplus, ArmKind::Ling)[1],
         "not one whole frame of a Ling arm"
     );
 }
@@ -159,7 +169,7 @@ fn bad_candump_line_names_its_reason() {
         ("(1.000000) can0 803#00", "identifier 803 is out of range (0 to 7FF)"),
         (
             "(1.000000) can0 603#000000000000000000",
-            "9 bytes, a classic frame has 0..=8",
+            "9 bytes, an FD frame has 0..=8, 12, 16, 20, 24, 32, 48 or 64",
         ),
         (
             "(1.000000) can0 603##1000000000000000000",
@@ -176,15 +186,19 @@ fn bad_candump_line_names_its_reason() {
 }
 
 fn error_at(number: usize, line: &str, reason: &str) -> String {
-    format!("log: line {number}: '{line}': {reason}")
+    format!("not understood: line {number}: '{line}': {reason}")
 }
 
+/// The first remark about what is not understood.
 fn error_of(log: &str, format: Format) -> String {
-    let (_, error) = printed(log.as_bytes(), Some(format), ArmKind::Ling, None);
-    error.expect("an error")
+    // The last line of a log that is cut has another reason.
+    let log = format!("{log}\n");
+    let lines = decoded(log.as_bytes(), Some(format), ArmKind::Ling);
+    let remark = lines.into_iter().find(|line| line.starts_with("not understood: "));
+    remark.expect("a remark")
 }
 
-const OTHER: &str = "CAN frames: 1, PDUs: 0, lost: 0, cyclic frames: 0, frames of others: 1";
+const OTHER: &str = "CAN frames: 1, PDUs: 0, cyclic frames: 0, frames of others: 1";
 
 /// The places of the entries of a log in this format, which all have the same request, and the sum.
 fn places(log: &str, format: Format) -> Vec<String> {
@@ -211,6 +225,12 @@ fn candump_is_read_in_all_its_forms() {
         ("  can0  60F   [8]  07 AA 06 00 01 FE 9A FF", "can0"),
         ("  can0  60F   [8]  07 AA 06 00 01 FE 9A FF   '........'", "can0"),
         ("  can0  60F  [08]  07 AA 06 00 01 FE 9A FF", "can0"),
+        ("  can0  60F   {F}  07 AA 06 00 01 FE 9A FF", "can0"),
+        ("  can0  60F   {8}  FF`9A`FE`01`00`06`AA`07", "can0"),
+        (
+            "  can0  60F   [8]  00000111 10101010 00000110 00000000 00000001 11111110 10011010 11111111",
+            "can0",
+        ),
         (
             " (2021-02-28 23:59:59.500000)  can0  60F   [8]  07 AA 06 00 01 FE 9A FF",
             "2021-02-28 23:59:59.500000  can0",
@@ -237,15 +257,74 @@ fn candump_is_read_in_all_its_forms() {
 }
 
 #[test]
+fn events_of_candump_are_no_frames() {
+    let log = "DROPCOUNT: dropped 3 CAN frames on 'can0' socket (total drops 3)\n\
+               (1.000000) can0 242###8100000000AABBCC\n\
+               \x20 can0  242   [0003] (00|81:00:00000000)  AA BB CC\n\
+               DROPCOUNT: dropped 1 CAN frame on 'can0' socket (total drops 4)\n";
+    assert_eq!(
+        decoded(log.as_bytes(), Some(Format::Candump), ArmKind::Ling),
+        ["CAN frames: 0, PDUs: 0, cyclic frames: 0, frames of others: 0, other events: 2, not logged: 4"]
+    );
+}
+
+#[test]
+fn zeros_of_a_power_loss_cost_no_record() {
+    let log = [
+        b"(1.0) can0 60F#07AA060001FE9AFF\n",
+        &[0; 70][..],
+        b"(2.0) can0 60F#07AA060001FE9AFF\n",
+        &[0; 9],
+    ];
+    let lines = decoded(&log.concat(), None, ArmKind::Ling);
+    assert!(
+        lines[1].starts_with("not understood: line 2: ") && lines[1].ends_with(": NUL bytes"),
+        "{lines:?}"
+    );
+    assert_eq!(
+        lines[3],
+        "CAN frames: 2, PDUs: 2, lost: 0, cyclic frames: 0, frames of others: 0, not understood: 2 (NUL bytes: 2)"
+    );
+}
+
+#[test]
+fn other_devices_with_the_identifiers_lose_no_pdu() {
+    // CANopen: requests of SDO and their answers, at a node without an adapter.
+    let mut log: Vec<_> = (0..50)
+        .map(|i| format!("(1.{i:03}) can0 60{:X}#2{:X}00180100000000", i % 4, i % 16))
+        .collect();
+    let none = "can0  node 0: frames with identifiers of an adapter, but not its content: 13";
+    assert_eq!(meanings(&log, ArmKind::Ling)[0], none);
+    let lines = meanings(&log, ArmKind::Ling);
+    assert_eq!(
+        lines[4],
+        "CAN frames: 50, PDUs: 0, cyclic frames: 0, frames of others: 50"
+    );
+
+    // An adapter at one of the nodes says for how much of it it stands.
+    log.push(format!("(2.0) can0 {}", ADAPTER.replace("60F", "602")));
+    log.push("(2.1) can0 602#2100000000000000".to_owned());
+    let lines = meanings(&log, ArmKind::Ling);
+    assert_eq!(lines[0], "2.0  can0  node 2: an adapter, PDUs lost before: 4");
+    assert!(
+        lines.contains(&"can0  node 2: an adapter, known by frames of a Ling arm".to_owned()),
+        "{lines:?}"
+    );
+    assert!(lines.last().unwrap().contains(", lost: "), "{lines:?}");
+}
+
+#[test]
 fn buses_of_one_log_are_kept_apart() {
     let [first, second] = ["10082A0000000000", "2100000000000000"];
-    let log =
-        format!("(1.0) can0 61F#{first}\n(1.1) can1 61F#{first}\n(1.2) can0 61F#{second}\n(1.3) can1 61F#{second}\n");
+    let log = format!(
+        "(0.0) can0 {ADAPTER}\n(0.1) can1 {ADAPTER}\n\
+         (1.0) can0 61F#{first}\n(1.1) can1 61F#{first}\n(1.2) can0 61F#{second}\n(1.3) can1 61F#{second}\n"
+    );
     let lines = decoded(log.as_bytes(), None, ArmKind::Ling);
-    assert!(lines[0].starts_with("1.2  can0  node 15  2A ") && lines[1].starts_with("1.3  can1  node 15  2A "));
+    assert!(lines[2].starts_with("1.2  can0  node 15  2A ") && lines[3].starts_with("1.3  can1  node 15  2A "));
     assert_eq!(
-        lines[2],
-        "CAN frames: 4, PDUs: 2, lost: 0, cyclic frames: 0, frames of others: 0"
+        lines[4],
+        "CAN frames: 6, PDUs: 4, lost: 0, cyclic frames: 0, frames of others: 0"
     );
     let many: Vec<_> = (0..=32).map(|bus| format!("(1.0) can{bus} 61F#07")).collect();
     assert_eq!(
@@ -256,14 +335,15 @@ fn buses_of_one_log_are_kept_apart() {
 
 #[test]
 fn gap_across_a_month_is_short() {
-    let log = "(2024-02-28 23:59:59.900000)  can0  61F   [8]  10 08 2A 00 00 00 00 00\n\
+    let log = "(2024-02-28 23:59:59.800000)  can0  60F   [8]  07 AA 06 00 01 FE 9A FF\n\
+               (2024-02-28 23:59:59.900000)  can0  61F   [8]  10 08 2A 00 00 00 00 00\n\
                (2024-02-29 00:00:00.100000)  can0  61F   [8]  21 00 00 00 00 00 00 00\n\
                (2024-02-29 23:59:59.900000)  can0  61F   [8]  10 08 2A 00 00 00 00 00\n\
                (2024-03-01 00:00:00.100000)  can0  61F   [8]  21 00 00 00 00 00 00 00\n\
                (2024-12-31 23:59:59.900000)  can0  61F   [8]  10 08 2A 00 00 00 00 00\n\
                (2025-01-01 00:00:00.100000)  can0  61F   [8]  21 00 00 00 00 00 00 00\n";
     let lines = decoded(log.as_bytes(), None, ArmKind::Ling);
-    assert!(lines.last().unwrap().contains("PDUs: 3, lost: 0,"), "{lines:?}");
+    assert!(lines.last().unwrap().contains("PDUs: 4, lost: 0,"), "{lines:?}");
 }
 
 #[test]
@@ -416,8 +496,15 @@ fn gvret_csv_is_read_with_or_without_direction() {
     ] {
         assert_eq!(places(log, Format::Gvret), ["166064000 µs  bus 0  node 15", sum]);
     }
+    // SavvyCAN writes 8 bytes of each frame.
+    let short = "1,123,false,Tx,0,12,00,01,02,03,04,05,06,07,";
+    assert_eq!(decoded(short.as_bytes(), Some(Format::Gvret), ArmKind::Ling), [OTHER]);
     for (line, reason) in [
-        ("1,60F,false,Rx,0,65", "no length from 0 to 64"),
+        (
+            "1,60F,false,Tx,0,12,00,01,02,03,04,05,06,07,",
+            "12 bytes of data were announced, 8 are there",
+        ),
+        ("1,60F,false,Rx,0,65", "'65' is no length from 0 to 64"),
         ("1,60F,maybe,Rx,0,0", "'maybe' is neither true nor false"),
         ("1,60F,false,Rx,0,2,00", "2 bytes of data were announced, 1 are there"),
     ] {
@@ -520,6 +607,40 @@ fn blf_objects_are_read_across_containers() {
 }
 
 #[test]
+fn short_fd_object_of_blf_ends_in_zeros() {
+    let data = [
+        &[3, 0, 0, 9, 0x0F, 0x06, 0, 0][..],
+        &[0; 5],
+        &[1, 12, 0, 0, 0, 0, 0],
+        &[0, 7],
+        &READ_JOINTS,
+    ]
+    .concat();
+    let lines = decoded(&[&BLF[..], &object(100, &data)].concat(), None, ArmKind::Ling);
+    assert!(
+        lines[0].starts_with("1.500000000  bus 3  node 15  AA 06 00 01 FE 9A FF\n"),
+        "{lines:?}"
+    );
+}
+
+#[test]
+fn asc_of_fd_frames_without_their_flag_is_read() {
+    let data = "00 07 AA 06 00 01 FE 9A FF 00 00 00";
+    for line in [
+        &format!("0.5 CANFD 1 Rx 60F  0 0 9 12 {data} 64 1331984 11 0 46500250 460a0250"),
+        &format!("0.5 1  60F  Rx  d 12 {data} Length = 0"),
+        &format!("0.5 1  60F  Rx  d 9 {data} Length = 0"),
+        "0.5 1  60F  Rx  d 16 07 AA 06 00 01 FE 9A FF",
+    ] {
+        let lines = decoded(line.as_bytes(), Some(Format::Asc), ArmKind::Ling);
+        assert!(
+            lines[0].starts_with("0.5  bus 1  node 15  AA 06 00 01 FE 9A FF\n"),
+            "{line}: {lines:?}"
+        );
+    }
+}
+
+#[test]
 fn blf_errors_name_their_offset() {
     let sized = |size: u32| {
         let mut object = object(86, &classic(0));
@@ -534,20 +655,20 @@ fn blf_errors_name_their_offset() {
     wrong[36..38].copy_from_slice(&[0x08, 0x08]);
     for (rest, output) in [
         (&b"LOBS0123456789ab"[..], "byte 8: no object starts here"),
-        (&[0; 9], "byte 16: no object starts here"),
-        (b"LOBJ", "byte 8: the log ends within an object"),
+        (&[0; 9], "byte 8: no object starts here"),
+        (b"LOBJ", "byte 8: the log ends inside this record"),
         (&sized(15), "byte 8: an object that is shorter than its header"),
         (&sized(40), "byte 8: a CAN frame that is longer than its object"),
-        (&sized(4_000_000_000), "byte 8: the log ends within this object"),
+        (&sized(4_000_000_000), "byte 8: an object of 4000000000 bytes"),
         (&container(31, b""), "byte 8: a container without room for its header"),
-        (&container(100, b""), "byte 8: the log ends within this object"),
+        (&container(100, b""), "byte 8: the log ends inside this record"),
         (
             &container(u32::MAX, &object(65, &[])),
-            "byte 8: the log ends within this object",
+            "byte 8: an object of 4294967295 bytes",
         ),
         (
-            &whole_container(&sized(4_000_000_000)[..20]),
-            "byte 60: the log ends within an object",
+            &whole_container(&sized(48)[..20]),
+            "byte 60: the log ends inside this record",
         ),
         (
             &whole_container(&whole_container(b"")),
@@ -557,16 +678,17 @@ fn blf_errors_name_their_offset() {
         (&zlib, "byte 8: this container cannot be decompressed: "),
         (&wrong, "byte 8: identifier 808 is out of range (0 to 7FF)"),
     ] {
-        let log = [&BLF[..], rest].concat();
-        let (_, error) = printed(&log, Some(Format::Blf), ArmKind::Ling, None);
-        let error = error.unwrap_or_default();
+        let (lines, error) = printed(&[&BLF[..], rest].concat(), Some(Format::Blf), ArmKind::Ling, None);
+        assert_eq!(error, None);
         assert!(
-            error.starts_with(&format!("log: {output}")),
-            "'{error}' is not '{output}'"
+            lines[0].starts_with(&format!("not understood: {output}")),
+            "'{}' is not '{output}'",
+            lines[0]
         );
+        assert!(lines.last().unwrap().starts_with("CAN frames: 0, "), "{lines:?}");
     }
-    let (_, error) = printed(b"LOGG\xFF\xFF\xFF\xFF", None, ArmKind::Ling, None);
-    assert_eq!(error.unwrap(), "log: byte 8: the log ends within the header");
+    let (lines, _) = printed(b"LOGG\xFF\xFF\xFF\xFF", None, ArmKind::Ling, None);
+    assert_eq!(lines[0], "not understood: byte 0: no header of a BLF file");
 }
 
 #[test]
@@ -575,13 +697,14 @@ fn endless_line_is_refused_at_its_start() {
     for (beginning, format) in [("(1.0) can0 603#", Format::Candump), ("1.0 1 60F Rx d 8 ", Format::Asc)] {
         let error = error_of(&format!("\n{beginning}{long}"), format);
         assert!(
-            error.starts_with(&format!("log: line 2: '{beginning}x")) && error.ends_with("x…': the line is too long"),
+            error.starts_with(&format!("not understood: line 2: '{beginning}x"))
+                && error.ends_with("x…': the line is too long"),
             "{error}"
         );
         assert!(error.len() < 250, "{error}");
     }
     let error = error_of(&format!("(1.0) can0 {}", "\u{1b}".repeat(4000)), Format::Candump);
-    assert!(error.chars().count() < 300, "{error}");
+    assert!(error.chars().count() < 2_000 && !error.contains('\u{1b}'), "{error}");
     // Comments have no maximum length.
     let log = format!(";##{long}\n 1) 1 060F 8 07 AA 06 00 01 FE 9A FF\n");
     assert_eq!(places(&log, Format::Trc)[0], "1 ms  node 15");
@@ -593,7 +716,10 @@ fn recording_in_no_known_format_is_refused() {
         let (_, error) = printed(text.as_bytes(), None, ArmKind::Ling, None);
         assert_eq!(
             error.unwrap(),
-            error_at(line, text.trim(), "no format that can be decoded, see --format")
+            format!(
+                "log: line {line}: '{}': no format that can be decoded, see --format",
+                text.trim()
+            )
         );
     }
 }

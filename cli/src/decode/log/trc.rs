@@ -2,7 +2,7 @@
 
 use armwire_bridge::can::{FD_LENGTHS, Frame};
 
-use super::{Logged, MILLIS, Record, TextLog, data, frame, identifier, number, time};
+use super::{Logged, MILLIS, Record, TextLog, Unread, data, frame, identifier, number, time};
 
 /// Maximum number of columns in a trace.
 const MAX_COLUMNS: usize = 16;
@@ -39,7 +39,7 @@ enum Version {
 }
 
 impl Trc {
-    fn read_comment(&mut self, comment: &str) -> Result<Record<'static>, String> {
+    fn read_comment(&mut self, comment: &str) -> Result<Record<'static>, Unread> {
         if let Some(version) = comment.strip_prefix("$FILEVERSION=") {
             self.version = match version.trim() {
                 "1.0" => Version::V1_0,
@@ -47,7 +47,7 @@ impl Trc {
                 "1.2" => Version::V1_2,
                 "1.3" => Version::V1_3,
                 "2.0" | "2.1" => Version::V2,
-                _ => return Err("unsupported version: expected 1.0 to 1.3, 2.0 or 2.1".to_owned()),
+                _ => return Err("unsupported version: expected 1.0 to 1.3, 2.0 or 2.1".into()),
             };
         }
         if let Some(columns) = comment.strip_prefix("$COLUMNS=") {
@@ -57,18 +57,18 @@ impl Trc {
             });
             self.columns = columns.collect::<Option<_>>().ok_or("a column is not one letter")?;
             if self.columns.len() > MAX_COLUMNS {
-                return Err(format!("more than {MAX_COLUMNS} columns"));
+                return Err("more than 16 columns".into());
             }
         }
         Ok(Record::Comment)
     }
 
     /// `1) 1059.9 1 Rx 060F - 8 07 AA ...`, with the fields of this version.
-    fn first_version<'a>(&self, line: &'a str) -> Result<Record<'a>, String> {
+    fn first_version<'a>(&self, line: &'a str) -> Result<Record<'a>, Unread> {
         let mut words = line.split_whitespace();
-        let mut word = |what: &str| words.next().ok_or_else(|| format!("no {what}"));
+        let mut word = |what: &str| words.next().ok_or_else(|| Unread::missing(what));
         if !word("number")?.ends_with(')') {
-            return Err("no number with a parenthesis".to_owned());
+            return Err("no number with a parenthesis".into());
         }
         let time = time(word("time")?, MILLIS)?;
         let bus = match self.version {
@@ -86,26 +86,31 @@ impl Trc {
         if matches!(self.version, Version::V1_3) {
             word("reserved column")?;
         }
-        let len = number(word("length")?, 10).ok_or("no length of the data")?;
+        let len = number(word("length")?, 10).ok_or_else(|| Unread::missing("length of the data"))?;
         let mut words = words.peekable();
         let frame = match words.peek() {
             Some(&"ERROR") => return Ok(Record::Other),
             Some(&"RTR") => None,
             _ => whole_frame(id, false, &data(words, len as usize, 16)?)?,
         };
-        Ok(Record::Frame(Logged { time, bus, frame }))
+        Ok(Record::Frame(Logged {
+            time,
+            bus,
+            frame,
+            lacking: 0,
+        }))
     }
 
     /// A line with the columns of the header.
-    fn second_version<'a>(&self, line: &'a str) -> Result<Record<'a>, String> {
+    fn second_version<'a>(&self, line: &'a str) -> Result<Record<'a>, Unread> {
         if self.columns.is_empty() {
-            return Err("no $COLUMNS before the first message".to_owned());
+            return Err("no $COLUMNS before the first message".into());
         }
         let words = || line.split_whitespace();
         let column = |letter| self.columns.iter().position(|column| *column == letter);
         let word = |letter, what: &str| {
             let word = column(letter).and_then(|column| words().nth(column));
-            word.ok_or_else(|| format!("no {what} (column {letter})"))
+            word.ok_or_else(|| Unread::missing(&format!("{what} (column {letter})")))
         };
         let is_fd = match word('T', "type")? {
             "DT" => Some(false),
@@ -124,18 +129,23 @@ impl Trc {
                         .and_then(|code| FD_LENGTHS.get(code as usize))
                         .map(|&len| if is_fd { len } else { len.min(8) }.into()),
                 };
-                let len = len.ok_or("no length of the data")?;
-                let first = column('D').ok_or("no column D, for data")?;
+                let len = len.ok_or_else(|| Unread::missing("length of the data"))?;
+                let first = column('D').ok_or_else(|| Unread::missing("column D, for data"))?;
                 whole_frame(id, is_fd, &data(words().skip(first), len as usize, 16)?)?
             }
         };
         let bus = column('B').and_then(|column| words().nth(column)).unwrap_or_default();
-        Ok(Record::Frame(Logged { time, bus, frame }))
+        Ok(Record::Frame(Logged {
+            time,
+            bus,
+            frame,
+            lacking: 0,
+        }))
     }
 }
 
 impl TextLog for Trc {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
         let line = line.trim();
         match (line.strip_prefix(';'), self.version) {
             (Some(comment), _) => self.read_comment(comment),
@@ -146,6 +156,6 @@ impl TextLog for Trc {
 }
 
 /// A frame whose identifier has more than 4 digits for 29 bits.
-fn whole_frame(id: &str, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, String> {
+fn whole_frame(id: &str, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, Unread> {
     frame(identifier(id, 16)?, id.len() > 4, is_fd, data)
 }

@@ -11,6 +11,8 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::select;
 
+use crate::ArmKind;
+use crate::decode::decode_recording;
 use crate::decode::format::Format;
 use crate::decode::input::Head;
 use crate::decode::log::{MAX_EXTENDED, Record, csv, gvret, read};
@@ -162,21 +164,29 @@ fn traffic() -> impl Strategy<Value = Vec<Sent>> {
     })
 }
 
-/// Reads a log in pieces of this size.
+/// Reads a log in pieces of this size. The error is that of the first record that is not understood.
 fn read_back(log: &[u8], format: Format, piece: usize) -> Result<Vec<ReadBack>, String> {
+    let (read_back, unread) = read_all(log, format, piece);
+    unread.into_iter().next().map_or(Ok(read_back), Err)
+}
+
+/// The frames of a log, and the reasons of what is not understood.
+fn read_all(log: &[u8], format: Format, piece: usize) -> (Vec<ReadBack>, Vec<String>) {
     let out = Entries::default();
     let head = Head::new("log".to_owned(), Box::new(Pieces(log, piece)), &out);
     let mut input = head.into_text().unwrap();
-    let mut read_back = Vec::new();
-    let read = read(&mut input, format, &mut |record| {
-        if let Record::Frame(logged) = record {
+    let (mut read_back, mut unread) = (Vec::new(), Vec::new());
+    let read = read(&mut input, format, &mut |_, record| match record {
+        Ok(Record::Frame(logged)) => {
             let (micros, bus) = (logged.time.at.as_micros(), logged.bus.to_owned());
             let frame = logged.frame;
             read_back.push(ReadBack { micros, bus, frame });
         }
-        Ok(())
+        Ok(_) => {}
+        Err(reason) => unread.push(reason.text),
     });
-    read.map(|()| read_back).map_err(|error| error.to_string())
+    read.unwrap();
+    (read_back, unread)
 }
 
 /// A log with these lines, with line ends of Unix or Windows.
@@ -481,16 +491,16 @@ proptest! {
     }
 
     #[test]
-    fn any_bytes_are_read_without_panic(bytes in vec(any::<u8>(), 0..2000), piece in 1..200_usize) {
+    fn any_bytes_end_with_a_sum(bytes in vec(any::<u8>(), 0..2000)) {
         for format in FORMATS {
-            let _ = read_back(&bytes, format, piece);
+            prop_assert!(has_sum(&bytes, format));
             // After the first bytes of such a file.
-            let _ = read_back(&[b"LOGG\x08\0\0\0LOBJ", &bytes[..]].concat(), format, piece);
+            prop_assert!(has_sum(&[b"LOGG\x08\0\0\0LOBJ", &bytes[..]].concat(), format));
         }
     }
 
     #[test]
-    fn damaged_logs_are_read_without_panic(
+    fn damaged_logs_end_with_a_sum(
         traffic in traffic(), damage in vec((any::<prop::sample::Index>(), any::<u8>()), 1..4), end: prop::sample::Index
     ) {
         for (format, mut log) in written(&traffic, false) {
@@ -502,9 +512,71 @@ proptest! {
                 log[at] = *byte;
             }
             log.truncate(end.index(log.len()) + 1);
-            let _ = read_back(&log, format, usize::MAX);
+            prop_assert!(has_sum(&log, format), "{format:?}");
         }
     }
+
+    #[test]
+    fn foreign_line_costs_only_itself(traffic in traffic(), at: prop::sample::Index) {
+        for (format, log) in written(&traffic, false) {
+            if format == Format::Blf {
+                continue;
+            }
+            let whole = read_back(&log, format, usize::MAX).unwrap();
+            let ends: Vec<_> = log.iter().enumerate().filter(|(_, byte)| **byte == b'\n').map(|(end, _)| end + 1).collect();
+            let Some(&end) = ends.get(at.index(ends.len().max(1))) else { continue };
+            let (front, back) = log.split_at(end);
+            let (frames, unread) = read_all(&[front, b"???\n", back].concat(), format, usize::MAX);
+            prop_assert_eq!(frames, whole);
+            prop_assert_eq!(unread.len(), 1, "{:?}", unread);
+        }
+    }
+
+    #[test]
+    fn foreign_bytes_of_blf_cost_no_object(
+        traffic in traffic(), bytes in vec(any::<u8>().prop_filter("a signature", |byte| *byte != b'L'), 8..100),
+        at: prop::sample::Index
+    ) {
+        let objects: Vec<_> = traffic.iter().map(|sent| blf_objects(std::slice::from_ref(sent))).collect();
+        let at = at.index(objects.len() + 1);
+        let (front, back) = objects.split_at(at);
+        let log = [b"LOGG\x08\0\0\0", &front.concat()[..], &bytes, &back.concat()].concat();
+        let expected: Vec<_> = traffic.iter().map(|sent| sent.expected(sent.bus)).collect();
+        let (frames, unread) = read_all(&log, Format::Blf, usize::MAX);
+        prop_assert_eq!(frames, expected);
+        prop_assert_eq!(unread, ["no object starts here"]);
+    }
+
+    #[test]
+    fn damaged_container_of_blf_costs_only_its_objects(traffic in traffic(), lost in 0..20_usize) {
+        prop_assume!(traffic.len() > lost);
+        let files = traffic.iter().enumerate().map(|(i, sent)| {
+            let mut container = blf(std::slice::from_ref(sent), true, usize::MAX).split_off(8);
+            if i == lost {
+                container[32..40].fill(0xFF);
+            }
+            container.resize(container.len().next_multiple_of(4), 0);
+            container
+        });
+        let log = [b"LOGG\x08\0\0\0".to_vec(), files.collect::<Vec<_>>().concat()].concat();
+        let mut expected: Vec<_> = traffic.iter().map(|sent| sent.expected(sent.bus)).collect();
+        expected.remove(lost);
+        let (frames, unread) = read_all(&log, Format::Blf, usize::MAX);
+        prop_assert_eq!(frames, expected);
+        prop_assert!(unread.len() == 1 && unread[0].starts_with("this container cannot be decompressed: "), "{unread:?}");
+    }
+}
+
+/// Returns true if decoding ends with a sum, and without an error.
+fn has_sum(log: &[u8], format: Format) -> bool {
+    let out = Entries::default();
+    let head = Head::new("log".to_owned(), Box::new(log), &out);
+    let decoded = decode_recording(head, &out, Some(format), ArmKind::Ling, None);
+    decoded.is_ok()
+        && out
+            .into_lines()
+            .last()
+            .is_some_and(|sum| sum.starts_with("CAN frames: "))
 }
 
 proptest! {
@@ -548,7 +620,7 @@ fn memory_of(log: &[u8], format: Format) -> u64 {
         let out = Entries::default();
         let head = Head::new("log".to_owned(), Box::new(Pieces(log, usize::MAX)), &out);
         let mut input = head.into_text().unwrap();
-        let _ = read(&mut input, format, &mut |_| Ok(()));
+        let _ = read(&mut input, format, &mut |_, _| {});
     });
     measured.bytes_max
 }
