@@ -4,15 +4,14 @@ use core::fmt;
 
 use crate::action::Action;
 use crate::can::Frame;
-use crate::config::{self, Config};
+use crate::config::{self, Config, Saved};
 use crate::control::{Failure, Identity};
 use crate::counters::{CanErrors, Counters, UartErrors, count};
 use crate::earliest::Earliest;
 use crate::hosts::Hosts;
 use crate::line::{Line, PACKET, RxThreshold, Transmit};
 use crate::line_coding::{LineCoding, UartConfig, UnsupportedCoding};
-use crate::start::Recovery;
-use crate::store::Saved;
+use crate::start::Start;
 use armwire::time::Instant;
 
 /// The adapter between hosts on USB and CAN and an arm's UART.
@@ -22,27 +21,6 @@ use armwire::time::Instant;
 pub struct Bridge {
     pub(crate) line: Line,
     pub(crate) hosts: Hosts,
-}
-
-/// Facts about the adapter's previous run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Start {
-    /// Panics of the firmware since power-on.
-    pub panics: u32,
-    /// Resets by the watchdog since power-on.
-    pub watchdog_resets: u32,
-    /// Hard faults of the firmware since power-on.
-    pub hard_faults: u32,
-    /// The adapter stopped while it was [armed](Status::is_armed): torque-off goes out first, even if the configuration
-    /// that enabled it was not saved.
-    pub was_armed: bool,
-    /// The saved configuration could not be read.
-    pub config_lost: bool,
-    /// Starts in recovery since power-on.
-    pub recovery_starts: u32,
-    /// The adapter starts in recovery: `config` is not the one in flash, and the CAN controller stays off.
-    pub recovery: Option<Recovery>,
 }
 
 /// An event of the UART.

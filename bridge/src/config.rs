@@ -52,6 +52,19 @@ pub struct Config {
     pub host_timeout: HostTimeout,
 }
 
+/// The configuration in flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub enum Saved {
+    /// A valid configuration.
+    Config(Config),
+    /// No configuration: none was ever saved, or it was reset.
+    Nothing,
+    /// No valid configuration of this version, for example corrupted data, or a first save interrupted by a loss of
+    /// power. The data stays in flash until later saves overwrite it.
+    Unreadable,
+}
+
 /// The device on the UART: it determines baud rate, framing and wiring.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]

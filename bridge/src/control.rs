@@ -17,12 +17,11 @@ use core::fmt;
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
-use crate::config::{ArmKind, Config, ConfigError};
+use crate::config::{ArmKind, Config, ConfigError, Saved};
 use crate::counters::Counters;
 #[cfg(fuzzing)]
-use crate::fuzzing::{frame, optional, text};
+use crate::fuzzing::{optional, text};
 use crate::line_coding::LineCoding;
-use crate::store::Saved;
 use armwire::time::Duration;
 
 pub use crate::arm::MAX_FRAME;
@@ -40,6 +39,13 @@ pub const MAX_COBS: usize = MAX_MESSAGE + COBS;
 
 /// A frame of an arm, in bytes as on the wire.
 pub type FrameBytes = Vec<u8, MAX_FRAME>;
+
+/// The bytes of any frame, for the fuzz targets.
+#[cfg(fuzzing)]
+fn frame(u: &mut arbitrary::Unstructured<'_>) -> arbitrary::Result<FrameBytes> {
+    let len = u.int_in_range(0..=MAX_FRAME)?.min(u.len());
+    Ok(FrameBytes::from_slice(u.bytes(len)?).unwrap_or_default())
+}
 
 /// A message from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

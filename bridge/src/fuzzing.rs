@@ -3,8 +3,6 @@
 use arbitrary::{Result, Unstructured};
 use heapless::String;
 
-use crate::control::{FrameBytes, MAX_FRAME};
-
 pub(crate) fn mostly(u: &mut Unstructured<'_>, values: &[u32]) -> Result<u32> {
     match u.ratio(1, 8)? {
         true => u.arbitrary(),
@@ -20,11 +18,6 @@ pub(crate) fn up_to_excess(u: &mut Unstructured<'_>, max: u16) -> Result<u16> {
 /// A text, empty if the bytes at hand are too many.
 pub(crate) fn text<const N: usize>(u: &mut Unstructured<'_>) -> Result<String<N, u8>> {
     Ok(u.arbitrary::<&str>()?.try_into().unwrap_or_default())
-}
-
-pub(crate) fn frame(u: &mut Unstructured<'_>) -> Result<FrameBytes> {
-    let len = u.int_in_range(0..=MAX_FRAME)?.min(u.len());
-    Ok(FrameBytes::from_slice(u.bytes(len)?).unwrap_or_default())
 }
 
 /// A value half of the time.

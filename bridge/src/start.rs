@@ -12,7 +12,6 @@ use armwire::time::{Duration, Instant};
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-use crate::bridge::Start;
 use crate::config::{ArmKind, Config, HostTimeout};
 
 /// Number of crashed starts in a row after which the adapter starts in recovery. After twice as many the last settings
@@ -43,6 +42,27 @@ pub enum Cause {
 pub struct Recovery {
     /// A crash interrupted the read of the configuration in flash: it must not be read again.
     pub crashed_in_load: bool,
+}
+
+/// Facts about the adapter's previous run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Start {
+    /// Panics of the firmware since power-on.
+    pub panics: u32,
+    /// Resets by the watchdog since power-on.
+    pub watchdog_resets: u32,
+    /// Hard faults of the firmware since power-on.
+    pub hard_faults: u32,
+    /// The adapter stopped while it was [armed](crate::Status::is_armed): torque-off goes out first, even if the configuration
+    /// that enabled it was not saved.
+    pub was_armed: bool,
+    /// The saved configuration could not be read.
+    pub config_lost: bool,
+    /// Starts in recovery since power-on.
+    pub recovery_starts: u32,
+    /// The adapter starts in recovery: `config` is not the one in flash, and the CAN controller stays off.
+    pub recovery: Option<Recovery>,
 }
 
 /// The progress of a run.

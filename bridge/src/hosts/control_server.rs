@@ -1,6 +1,6 @@
 //! The control port: requests and replies on USB and on CAN, and events for their subscribers.
 
-use crate::config::Config;
+use crate::config::{Config, Saved};
 use crate::control::{
     ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, Initiator, MAX_COBS, MAX_EVENT, MAX_MESSAGE,
     Malformed, Reader, Reply, Stamp, Subscription, decode, encode, encode_cobs,
@@ -10,7 +10,6 @@ use crate::counters::{Counters, count};
 use crate::events::{EventQueue, Queued};
 use crate::line::{ControlPort, PACKET};
 use crate::queue::Queue;
-use crate::store::Saved;
 use armwire::time::Instant;
 
 use super::can_port::{CanPort, MAX_REQUEST};

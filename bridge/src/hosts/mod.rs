@@ -14,7 +14,7 @@ mod grid;
 
 use crate::action::Action;
 use crate::can::Frame;
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, Saved};
 use crate::control::{
     Event, Failure, FrameBytes, FromHost, Identity, Initiator, Malformed, Refusal, Reply, Request, VERSION,
 };
@@ -22,7 +22,6 @@ use crate::counters::{CanErrors, Counters, count};
 use crate::events::Queued;
 use crate::line::{ControlPort, Line, NotTaken, PACKET, Silenced};
 use crate::start::Recovery;
-use crate::store::Saved;
 use armwire::time::Instant;
 
 use can_port::{CanPort, Received};

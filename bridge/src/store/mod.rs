@@ -29,10 +29,11 @@ use embedded_storage_async::nor_flash::NorFlash;
 use heapless::Vec;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
-use serde::{Deserialize, Serialize};
 
 use crate::config::{Config, ConfigError};
 use crate::control::Failure;
+
+pub use crate::config::Saved;
 
 /// Number of saves in a row, starting with empty flash.
 pub const SAVE_BUDGET: u16 = 1_000;
@@ -114,19 +115,6 @@ pub struct Store<F> {
     range: Range<u32>,
     /// Uptime up to which earned saves are included in a record.
     credited: Instant,
-}
-
-/// The saved content.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
-pub enum Saved {
-    /// A valid configuration.
-    Config(Config),
-    /// No configuration: none was ever saved, or it was reset.
-    Nothing,
-    /// No valid configuration of this version, for example corrupted data, or a first save interrupted by a loss of
-    /// power. The data stays in flash until later saves overwrite it.
-    Unreadable,
 }
 
 /// The reason for a failed save. The previous content stays.
