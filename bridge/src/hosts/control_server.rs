@@ -13,6 +13,7 @@ use crate::queue::Queue;
 use armwire::time::Instant;
 
 use super::can_port::{CanPort, MAX_REQUEST};
+use super::flash::Flash;
 
 /// Capacity for bytes to the host on USB.
 const OUT: usize = 448;
@@ -116,8 +117,7 @@ pub(super) struct ControlServer {
     frames: EventQueue,
     /// A request to identify the arm, and its answer, `None` for none.
     pub(super) arm: Option<Pending<Result<Option<FrameBytes>, Failure>>>,
-    /// A request to read, write or erase the configuration in flash, and what was read.
-    pub(super) flash: Option<Pending<Result<Option<Saved>, Failure>>>,
+    pub(super) flash: Flash,
     /// Requests to stop the arm, one of each port.
     stops: [Option<Pending<Result<(), Failure>>>; 2],
 }
@@ -134,7 +134,7 @@ impl ControlServer {
             can_subscription: NOTHING,
             frames: EventQueue::new(),
             arm: None,
-            flash: None,
+            flash: Flash::new(),
             stops: [None, None],
         }
     }
@@ -145,7 +145,7 @@ impl ControlServer {
     pub(super) fn forget(&mut self, port: ControlPort) {
         *self.subscription(port) = Subscription::default();
         Pending::forget(&mut self.arm, port);
-        Pending::forget(&mut self.flash, port);
+        self.flash.forget(port);
         for stop in &mut self.stops {
             Pending::forget(stop, port);
         }
@@ -157,8 +157,8 @@ impl ControlServer {
     /// Returns true if a host on CAN waits for a delayed reply.
     pub(super) fn is_can_reply_pending(&self) -> bool {
         let arm = self.arm.as_ref().and_then(|pending| pending.port);
-        let flash = self.flash.as_ref().and_then(|pending| pending.port);
-        [arm, flash].contains(&Some(ControlPort::Can)) || self.stop_pending(ControlPort::Can)
+        let port = ControlPort::Can;
+        arm == Some(port) || self.flash.is_awaited(port) || self.stop_pending(port)
     }
 
     // ---- Requests and replies ----
@@ -218,11 +218,6 @@ impl ControlServer {
         Pending::end(&mut self.arm, answer);
     }
 
-    /// The configuration was written or erased, or read.
-    pub(super) fn flash_done(&mut self, result: Result<Option<Saved>, Failure>) {
-        Pending::end(&mut self.flash, result);
-    }
-
     /// Returns true if a host on this port waits for the reply to its stop.
     fn stop_pending(&self, port: ControlPort) -> bool {
         self.stops.iter().flatten().any(|pending| pending.port == Some(port))
@@ -258,7 +253,7 @@ impl ControlServer {
         if let Some((sequence, result)) = self.stops.iter_mut().find_map(|stop| Pending::take(stop, port)) {
             return Some((sequence, result.map_or_else(Reply::Failed, |()| Reply::Done)));
         }
-        let (sequence, result) = Pending::take(&mut self.flash, port)?;
+        let (sequence, result) = self.flash.take_outcome(port)?;
         let done = |saved: Option<Saved>| saved.map_or(Reply::Done, Reply::Saved);
         Some((sequence, result.map_or_else(Reply::Failed, done)))
     }

@@ -10,6 +10,7 @@ mod cyclic;
 #[path = "no_cyclic.rs"]
 mod cyclic;
 mod event_frames;
+mod flash;
 mod grid;
 
 use crate::action::Action;
@@ -26,6 +27,7 @@ use armwire::time::Instant;
 
 use can_port::{CanPort, Received};
 use control_server::{ControlServer, Pending};
+use flash::Outcome;
 
 /// Hosts on CAN and on the control port.
 pub(crate) struct Hosts {
@@ -39,8 +41,7 @@ pub(crate) struct Hosts {
     /// The port whose host changed the configuration of the bus, until the controller is reinitialised.
     can_change: Option<ControlPort>,
     control: ControlServer,
-    /// Actions that firmware has not taken yet.
-    flash: Option<Action>,
+    /// A restart that firmware has not taken yet.
     restart: Option<Action>,
     counters: Counters,
 }
@@ -60,7 +61,6 @@ impl Hosts {
             can: CanPort::new(config.can),
             can_change: None,
             control: ControlServer::new(),
-            flash: None,
             restart: None,
             counters,
         }
@@ -326,8 +326,10 @@ impl Hosts {
         }
         // Torque-off and the hold of a stop go out before a restart, and before the core stalls.
         let is_free = !line.is_torque_off_waiting() && !line.is_stopping();
-        let flash = self.flash.take_if(|_| is_free);
-        flash.or_else(|| self.restart.take_if(|_| is_free))
+        if !is_free {
+            return None;
+        }
+        self.control.flash.take_action().or_else(|| self.restart.take())
     }
 
     /// Handles the result of a write or an erase of the configuration in flash.
@@ -351,10 +353,10 @@ impl Hosts {
         self.flash_done(result.map(Some), line, now);
     }
 
-    fn flash_done(&mut self, result: Result<Option<Saved>, Failure>, line: &mut Line, now: Instant) {
+    fn flash_done(&mut self, outcome: Outcome, line: &mut Line, now: Instant) {
         // No host could be received meanwhile.
         line.keep_hosts_alive(now);
-        self.control.flash_done(result);
+        self.control.flash.done(outcome);
         self.serve(line, now);
     }
 
@@ -451,7 +453,7 @@ impl Hosts {
             Request::GetSaved if self.has_crashed_in_load() => Reply::Saved(Saved::Unreadable),
             // The core stalls meanwhile.
             Request::SaveConfig | Request::ResetConfig | Request::GetSaved
-                if self.control.flash.is_some() || self.flash.is_some() || line.is_stopping() =>
+                if self.control.flash.is_busy() || line.is_stopping() =>
             {
                 Reply::Failed(Failure::Busy)
             }
@@ -459,14 +461,14 @@ impl Hosts {
                 Reply::Failed(Failure::StreamArmed)
             }
             Request::SaveConfig | Request::ResetConfig | Request::GetSaved => {
-                self.control.flash = Pending::new(port, sequence);
-                self.flash = Some(match (request, self.has_crashed_in_load()) {
+                let action = match (request, self.has_crashed_in_load()) {
                     (Request::GetSaved, _) => Action::Load,
                     (Request::SaveConfig, false) => Action::Save(self.config),
                     (Request::SaveConfig, true) => Action::Replace(self.config),
                     (_, false) => Action::Reset,
                     (_, true) => Action::Erase,
-                });
+                };
+                self.control.flash.request(action, port, sequence);
                 if request == Request::ResetConfig {
                     self.configure(Config::default(), port, line, now);
                 }
