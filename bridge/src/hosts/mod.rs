@@ -21,7 +21,7 @@ use crate::control::{
 };
 use crate::counters::{CanErrors, Counters, count};
 use crate::events::Queued;
-use crate::line::{ControlPort, Line, NotTaken, PACKET, Silenced};
+use crate::line::{ControlPort, EndedStream, EndedStreams, Line, NotTaken, PACKET};
 use crate::start::Recovery;
 use armwire::time::Instant;
 
@@ -283,8 +283,8 @@ impl Hosts {
 
     pub(crate) fn tick(&mut self, line: &mut Line, now: Instant) {
         self.take_deliveries(line);
-        let silenced = line.tick(self.last_request(), now);
-        self.drop_silenced(silenced);
+        let silenced = line.tick(now);
+        self.silence(silenced, line, now);
         let was_replying = self.can.control.is_sending();
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
             self.refuse(Initiator::Command, refusal, line, now);
@@ -292,19 +292,35 @@ impl Hosts {
         self.serve_behind_reply(was_replying, line, now);
     }
 
-    /// The length of the last request on CAN, if the line has had no room for it.
-    fn last_request(&self) -> usize {
-        self.can.arm.received().map_or(0, <[u8]>::len)
+    /// Drops what waits on the bus from the hosts that have gone silent, and reports them.
+    fn silence(&mut self, silenced: EndedStreams, line: &mut Line, now: Instant) {
+        for mut stream in silenced.into_iter().flatten() {
+            match stream.initiator {
+                Initiator::Can => {
+                    // The line has had no room for this request.
+                    let request = self.can.arm.received().map_or(0, <[u8]>::len);
+                    stream.dropped = stream.dropped.saturating_add(request);
+                    self.can.arm.release();
+                }
+                Initiator::Command => self.can.stop_commands(),
+                Initiator::Usb | Initiator::Poll | Initiator::Adapter => {}
+            }
+            self.stream_ended(stream, line, now);
+        }
     }
 
-    /// Drops the pending requests and commands of the hosts on CAN that have gone silent.
-    fn drop_silenced(&mut self, silenced: Silenced) {
-        if silenced.can {
-            self.can.arm.release();
-        }
-        if silenced.command {
-            self.can.stop_commands();
-        }
+    /// Reports a stream that has ended without its host.
+    fn stream_ended(&mut self, stream: EndedStream, line: &mut Line, now: Instant) {
+        count(&mut self.counters.host_silences, 1);
+        count(&mut self.counters.silenced_bytes, stream.dropped);
+        // Earlier frames and events are published first.
+        self.take_deliveries(line);
+        let event = Event::HostSilent {
+            initiator: stream.initiator,
+            dropped: stream.dropped as u16,
+            torque_off: stream.torque_off,
+        };
+        self.publish_event(&event, now);
     }
 
     /// The next action for firmware, once.
@@ -527,8 +543,8 @@ impl Hosts {
 
     /// Restarts the adapter. If a stream is armed, torque-off goes out first.
     fn restart(&mut self, action: Action, line: &mut Line, now: Instant) -> Reply {
-        let silenced = line.disarm(self.last_request(), now);
-        self.drop_silenced(silenced);
+        let silenced = line.disarm(now);
+        self.silence(silenced, line, now);
         self.restart = Some(action);
         Reply::Done
     }
@@ -545,7 +561,9 @@ impl Hosts {
         if config.arm != was.arm {
             self.can.stop_commands();
         }
-        line.configure(&was, &config, now);
+        for stream in line.configure(&was, &config, now).into_iter().flatten() {
+            self.stream_ended(stream, line, now);
+        }
         self.watch(line);
     }
 }

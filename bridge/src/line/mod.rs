@@ -49,7 +49,7 @@ pub use from_host::TO_ARM_BUFFER;
 pub use poll::POLL_LEAD_TIME;
 pub(crate) use queues::NotTaken;
 pub(crate) use rate::ControlPort;
-pub(crate) use streams::Silenced;
+pub(crate) use streams::{EndedStream, EndedStreams};
 pub use to_arm::Transmit;
 pub use to_host::{PACKET, TO_HOST_BUFFER};
 
@@ -143,27 +143,30 @@ impl Line {
         &self.to_host
     }
 
-    /// Applies a new configuration.
-    pub(crate) fn configure(&mut self, was: &Config, config: &Config, now: Instant) {
+    /// Applies a new configuration. Returns the streams that this ends.
+    pub(crate) fn configure(&mut self, was: &Config, config: &Config, now: Instant) -> EndedStreams {
         self.command_timeout = Duration::from_millis(config.can.command_timeout_ms.into());
         self.dead_man
             .configure(config.host_timeout, config.arm.own(OwnRequest::TorqueOff).is_some());
-        if config.arm != was.arm {
-            self.change_arm(config.arm, now);
+        let ended = if config.arm != was.arm {
+            self.change_arm(config.arm, now)
         } else if !config.can.commands || config.can.bus() != was.can.bus() {
             self.refuse_command(Refusal::Stale, now);
-            self.end_stream(Initiator::Command, 0, false, now);
-        }
+            [None, None, self.end_stream(Initiator::Command, 0, false)]
+        } else {
+            EndedStreams::default()
+        };
         if config.poll != was.poll || config.arm != was.arm {
             self.poll = Poll::new(config.poll);
             self.poll.pause(self.is_held, now);
             self.poll.tick(now);
         }
+        ended
     }
 
-    /// Changes the kind of arm: exchanges with the previous one end.
+    /// Changes the kind of arm: exchanges with the previous one end, and all streams.
     #[cold]
-    fn change_arm(&mut self, kind: ArmKind, now: Instant) {
+    fn change_arm(&mut self, kind: ArmKind, now: Instant) -> EndedStreams {
         let holder = self.holder();
         let missing = self.exchange.clear();
         count(&mut self.counters.unanswered_requests, missing);
@@ -175,9 +178,7 @@ impl Line {
         self.from_host.forget_turn();
         self.requests.torque_off = None;
         self.refuse_command(Refusal::NotAFrame, now);
-        for initiator in STREAMERS {
-            self.end_stream(initiator, 0, false, now);
-        }
+        let ended = STREAMERS.map(|initiator| self.end_stream(initiator, 0, false));
         if self.requests.identify.take().is_some() {
             self.identify(now);
         }
@@ -186,6 +187,7 @@ impl Line {
         self.from_host.touch(now);
         self.rate.set_arm(kind, self.from_host.len());
         self.follow_holder(now);
+        ended
     }
 
     /// The time of the next [`tick`](Self::tick) unless another event comes first. It may lie in the past.
@@ -203,30 +205,30 @@ impl Line {
     }
 
     /// Advances the time to `now`: late answers expire, polls become due, old commands are dropped, silent hosts lose
-    /// their streams. `last_request` is the length of the last request on CAN, for which the line had no room.
-    pub(crate) fn tick(&mut self, last_request: usize, now: Instant) -> Silenced {
-        let mut silenced = Silenced::default();
+    /// their streams, which are returned.
+    pub(crate) fn tick(&mut self, now: Instant) -> EndedStreams {
         self.tick_requests(now);
         self.tick_stop(now);
         if self.rate.timeout(self.may_change_rate()).is_some_and(|at| at <= now) {
             self.tick_rate(now);
         }
-        for initiator in STREAMERS {
-            if self.silence_timeout(initiator).is_none_or(|at| at > now) {
-                continue;
-            }
-            match initiator {
-                // USB does not report that the host wants to send.
-                Initiator::Usb if self.is_host_held_back() => self.dead_man.keep_alive(initiator, now),
-                _ => {
-                    self.host_silent(initiator, last_request, now);
-                    silenced.add(initiator);
-                }
-            }
-        }
+        let ended = STREAMERS.map(|initiator| self.tick_silence(initiator, now));
         // Torque-off may have begun to wait for the line.
         self.tick_turn(now);
-        silenced
+        ended
+    }
+
+    /// Ends the stream of a host that has been silent for its timeout.
+    fn tick_silence(&mut self, initiator: Initiator, now: Instant) -> Option<EndedStream> {
+        if self.silence_timeout(initiator).is_none_or(|at| at > now) {
+            return None;
+        }
+        // USB does not report that the host wants to send.
+        if initiator == Initiator::Usb && self.is_host_held_back() {
+            self.dead_man.keep_alive(initiator, now);
+            return None;
+        }
+        self.host_silent(initiator, now)
     }
 
     /// Returns true if bytes for the arm have not moved, or the UART has not been read, for a second.

@@ -3,28 +3,24 @@
 use armwire::time::Instant;
 
 use crate::arm::OwnRequest;
-use crate::control::{Event, Initiator};
-use crate::counters::count;
+use crate::control::Initiator;
 
 use super::Line;
 use super::dead_man::STREAMERS;
 use super::to_arm::BurstKind;
 
-/// Hosts on CAN that have gone silent.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Silenced {
-    /// The hosts that send requests.
-    pub(crate) can: bool,
-    /// The host that sends commands.
-    pub(crate) command: bool,
+/// A stream of motion that has ended without its host.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EndedStream {
+    pub(crate) initiator: Initiator,
+    /// Number of the host's unsent bytes that the line has dropped.
+    pub(crate) dropped: usize,
+    /// Torque-off follows.
+    pub(crate) torque_off: bool,
 }
 
-impl Silenced {
-    pub(super) const fn add(&mut self, initiator: Initiator) {
-        self.can |= matches!(initiator, Initiator::Can);
-        self.command |= matches!(initiator, Initiator::Command);
-    }
-}
+/// The streams that an event has ended.
+pub(crate) type EndedStreams = [Option<EndedStream>; STREAMERS.len()];
 
 impl Line {
     /// Returns true if a restart now must switch the torque off.
@@ -46,17 +42,12 @@ impl Line {
         }
     }
 
-    /// Prepares a restart: switches the torque off if a stream is armed. `last_request` is the length of the last
-    /// request on CAN, for which the line had no room.
-    pub(crate) fn disarm(&mut self, last_request: usize, now: Instant) -> Silenced {
-        let mut silenced = Silenced::default();
-        for initiator in STREAMERS {
-            if self.dead_man.switches_off() && self.dead_man.is_streaming(initiator) {
-                self.host_silent(initiator, last_request, now);
-                silenced.add(initiator);
-            }
-        }
-        silenced
+    /// Prepares a restart: switches the torque off if a stream is armed.
+    pub(crate) fn disarm(&mut self, now: Instant) -> EndedStreams {
+        STREAMERS.map(|initiator| {
+            let is_armed = self.dead_man.switches_off() && self.dead_man.is_streaming(initiator);
+            is_armed.then(|| self.host_silent(initiator, now)).flatten()
+        })
     }
 
     /// A host ends its stream of motion without torque-off.
@@ -94,7 +85,7 @@ impl Line {
     }
 
     /// A host that streamed motion went silent: its unsent bytes are outdated.
-    pub(super) fn host_silent(&mut self, initiator: Initiator, last_request: usize, now: Instant) {
+    pub(super) fn host_silent(&mut self, initiator: Initiator, now: Instant) -> Option<EndedStream> {
         let dropped = match initiator {
             Initiator::Usb => {
                 self.from_host.cut();
@@ -102,7 +93,7 @@ impl Line {
                 self.drop_host_bytes()
             }
             Initiator::Can => {
-                let dropped = self.requests.can_bytes().saturating_add(last_request);
+                let dropped = self.requests.can_bytes();
                 self.requests.can.clear();
                 dropped
             }
@@ -115,7 +106,7 @@ impl Line {
         }
         // A pending change of rate was dropped with the bytes.
         self.follow_holder(now);
-        self.end_stream(initiator, dropped, torque_off, now);
+        self.end_stream(initiator, dropped, torque_off)
     }
 
     /// Drops the bytes of the host on USB that were not handed to the UART, and returns their number.
@@ -124,18 +115,12 @@ impl Line {
         self.from_host.truncate(handed_over.map_or(0, |burst| burst.len))
     }
 
-    /// Ends a host's stream and reports it, if there was one.
-    pub(super) fn end_stream(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: Instant) {
-        if !self.dead_man.end(initiator) {
-            return;
-        }
-        count(&mut self.counters.host_silences, 1);
-        count(&mut self.counters.silenced_bytes, dropped);
-        let event = Event::HostSilent {
+    /// Ends a host's stream, if there is one.
+    pub(super) fn end_stream(&mut self, initiator: Initiator, dropped: usize, torque_off: bool) -> Option<EndedStream> {
+        self.dead_man.end(initiator).then_some(EndedStream {
             initiator,
-            dropped: dropped as u16,
+            dropped,
             torque_off,
-        };
-        self.deliver(&event, now);
+        })
     }
 }
