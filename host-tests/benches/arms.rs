@@ -52,7 +52,7 @@ pub const ALPHA1: Arm<armwire::alpha1::Alpha1, { armwire::alpha1::MAX_FRAME }> =
 
 impl<M: Messages + Copy, const N: usize> Arm<M, N> {
     /// A decoder without bytes.
-    pub fn decoder(&self) -> Decoder<N> {
+    pub fn decoder(&self) -> Decoder<M, N> {
         Decoder::new()
     }
 
@@ -62,13 +62,13 @@ impl<M: Messages + Copy, const N: usize> Arm<M, N> {
     }
 
     /// Puts the reply into the decoder's space, as DMA or a port does.
-    pub fn fill(&self, decoder: &mut Decoder<N>) {
+    pub fn fill(&self, decoder: &mut Decoder<M, N>) {
         decoder.space()[..self.reply.len()].copy_from_slice(self.reply);
     }
 
     /// Decodes the reply in the decoder's buffer. Returns true for a frame.
     #[inline]
-    pub fn reply(&self, decoder: &mut Decoder<N>) -> bool {
+    pub fn reply(&self, decoder: &mut Decoder<M, N>) -> bool {
         black_box(decoder.space());
         let is_there = decoder.commit(self.reply.len()).is_ok();
         let item = decoder.next(&self.messages, self.expect);
@@ -77,13 +77,13 @@ impl<M: Messages + Copy, const N: usize> Arm<M, N> {
 
     /// Decodes a stream that comes in chunks. The number of frames in it.
     #[inline]
-    pub fn stream(&self, decoder: &mut Decoder<N>, stream: &[u8], chunk: usize) -> usize {
+    pub fn stream(&self, decoder: &mut Decoder<M, N>, stream: &[u8], chunk: usize) -> usize {
         self.decode(decoder, stream, chunk, |_| true)
     }
 
     /// Decodes a stream that comes in chunks. The number of replies in it, down to typed values.
     #[inline]
-    pub fn replies(&self, decoder: &mut Decoder<N>, stream: &[u8], chunk: usize) -> usize {
+    pub fn replies(&self, decoder: &mut Decoder<M, N>, stream: &[u8], chunk: usize) -> usize {
         let is_good = |frame: &[u8]| black_box(&self.messages.parse_response(frame, self.expect)).is_ok();
         self.decode(decoder, stream, chunk, is_good)
     }
@@ -91,7 +91,7 @@ impl<M: Messages + Copy, const N: usize> Arm<M, N> {
     #[inline]
     fn decode(
         &self,
-        decoder: &mut Decoder<N>,
+        decoder: &mut Decoder<M, N>,
         stream: &[u8],
         chunk: usize,
         is_good: impl Fn(&[u8]) -> bool + Copy,
@@ -108,7 +108,7 @@ impl<M: Messages + Copy, const N: usize> Arm<M, N> {
 
     /// Takes all items out of the decoder. The number of good frames among them.
     #[inline]
-    fn frames(&self, decoder: &mut Decoder<N>, is_good: impl Fn(&[u8]) -> bool) -> usize {
+    fn frames(&self, decoder: &mut Decoder<M, N>, is_good: impl Fn(&[u8]) -> bool) -> usize {
         let mut count = 0;
         while let Some(item) = decoder.next(&self.messages, self.expect) {
             count += usize::from(item.kind == Kind::Frame && is_good(black_box(item.bytes)));

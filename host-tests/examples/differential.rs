@@ -119,7 +119,7 @@ fn arrives(frame: &[u8], damage: &Damage, line: &mut Line<Source>, random: &mut 
 
 /// The frames that the decoder delivers.
 fn ours(stream: &[u8]) -> Vec<Vec<u8>> {
-    let mut decoder = Decoder::<MAX_FRAME>::new();
+    let mut decoder = Decoder::<_, MAX_FRAME>::new();
     let (mut frames, mut rest) = (Vec::new(), stream);
     while !rest.is_empty() {
         rest = decoder.push(rest);

@@ -427,7 +427,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 pub struct Client<M: Messages, const N: usize> {
     messages: M,
     config: Config,
-    decoder: Decoder<N>,
+    decoder: Decoder<M, N>,
     outgoing: Outgoing<M, N>,
     /// Time of the last received byte.
     last_rx: Instant,

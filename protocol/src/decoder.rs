@@ -65,14 +65,15 @@ pub struct Item<'a> {
 /// second byte: a false header never costs a valid frame. A frame longer than `N` is noise with [`Reason::Length`] and
 /// is skipped whole.
 ///
-/// The decoder does not store the framing: its owner knows the kind of arm on the line and passes the framing in.
+/// Its owner knows the kind of arm on the line and passes the framing and the expectation in. The decoder remembers how
+/// many bytes the next item lacks with them: bytes before that are not scanned again.
 ///
 /// ```
 /// use armwire::decoder::{Decoder, Kind};
 /// use armwire::framing::Reason;
 /// use armwire::ling::{Frame, Ling};
 ///
-/// let mut decoder = Decoder::<70>::new();
+/// let mut decoder = Decoder::<Ling, 70>::new();
 /// let line = [0x11, 0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 /// assert!(decoder.push(&line).is_empty());
 ///
@@ -85,13 +86,13 @@ pub struct Item<'a> {
 /// assert!(decoder.next(&Ling, ()).is_none());
 /// ```
 #[derive(Debug)]
-pub struct Decoder<const N: usize> {
+pub struct Decoder<F: Framing, const N: usize> {
     buf: [u8; N],
     /// The undecided window: `buf[head..tail]`.
     head: usize,
     tail: usize,
-    /// Bytes passed in since the decoder was created.
-    received: u64,
+    /// The offset of `buf[0]`, in bytes since the decoder was created.
+    front: u64,
     /// Remaining bytes of noise that extends beyond the window, and its reason.
     skip: usize,
     skip_reason: Reason,
@@ -99,20 +100,31 @@ pub struct Decoder<const N: usize> {
     idle: bool,
     /// The offset of the first byte of a break, in bytes since the decoder was created, and its reason.
     broken: Option<(u64, Reason)>,
+    /// The verdict on the window, if it was scanned and has no item yet.
+    wait: Option<Wait<F>>,
 }
 
-impl<const N: usize> Decoder<N> {
+/// The verdict that a window has no item before it has `len` bytes. It is valid for the same framing and expectation.
+#[derive(Clone, Copy, Debug)]
+struct Wait<F: Framing> {
+    len: usize,
+    framing: F,
+    expect: F::Expect,
+}
+
+impl<F: Framing, const N: usize> Decoder<F, N> {
     /// An empty decoder.
     pub const fn new() -> Self {
         Self {
             buf: [0; N],
             head: 0,
             tail: 0,
-            received: 0,
+            front: 0,
             skip: 0,
             skip_reason: Reason::Stray,
             idle: false,
             broken: None,
+            wait: None,
         }
     }
 
@@ -125,7 +137,7 @@ impl<const N: usize> Decoder<N> {
     /// # use armwire::ling::Ling;
     /// # use std::io::Read;
     /// # let mut port = &[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF][..];
-    /// let mut decoder = Decoder::<70>::new();
+    /// let mut decoder = Decoder::<Ling, 70>::new();
     /// let n = port.read(decoder.space())?;
     /// decoder.commit(n)?;
     /// assert!(decoder.next(&Ling, ()).is_some_and(|item| item.kind == Kind::Frame));
@@ -133,7 +145,7 @@ impl<const N: usize> Decoder<N> {
     /// ```
     pub fn space(&mut self) -> &mut [u8] {
         if self.head >= self.tail {
-            (self.head, self.tail) = (0, 0);
+            self.drop_window();
         } else if self.head > 0 {
             self.move_to_front();
         }
@@ -157,7 +169,6 @@ impl<const N: usize> Decoder<N> {
     /// Accepts bytes that fit.
     const fn accept(&mut self, n: usize) {
         self.tail = self.tail.wrapping_add(n);
-        self.received = self.received.wrapping_add(n as u64);
         self.idle &= n == 0;
     }
 
@@ -166,14 +177,23 @@ impl<const N: usize> Decoder<N> {
     /// Take all items, then push the rest, until it is empty.
     #[must_use = "the bytes that did not fit are returned"]
     pub fn push<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
-        let space = self.space();
-        let n = space.len().min(bytes.len());
-        let (now, later) = bytes.split_at(n);
-        if let Some(space) = space.get_mut(..n) {
-            space.copy_from_slice(now);
+        match (self.space(), bytes) {
+            // A call of `memcpy` takes longer than a byte.
+            ([to, ..], [byte]) => {
+                *to = *byte;
+                self.accept(1);
+                &[]
+            }
+            (space, _) => {
+                let n = space.len().min(bytes.len());
+                let (now, later) = bytes.split_at(n);
+                if let Some(space) = space.get_mut(..n) {
+                    space.copy_from_slice(now);
+                }
+                self.accept(n);
+                later
+            }
         }
-        self.accept(n);
-        later
     }
 
     /// The line went idle: an incomplete frame will not be completed. Take the items afterwards.
@@ -186,7 +206,7 @@ impl<const N: usize> Decoder<N> {
     /// use armwire::framing::Reason;
     /// use armwire::ling::Ling;
     ///
-    /// let mut decoder = Decoder::<70>::new();
+    /// let mut decoder = Decoder::<Ling, 70>::new();
     /// assert!(decoder.push(&[0xAA, 0x06, 0x00, 0x0F, 0x02]).is_empty());
     /// assert!(decoder.next(&Ling, ()).is_none());
     /// decoder.idle();
@@ -200,8 +220,27 @@ impl<const N: usize> Decoder<N> {
     /// Removes the next item from the window and returns its position; `None` if a verdict needs more bytes.
     ///
     /// Loops use this method: an item returned from inside a loop would borrow the decoder for the whole loop.
-    pub fn advance<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
-        if self.idle && !F::LOSSLESS {
+    pub fn advance(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
+        let is_idle = self.idle && !F::LOSSLESS;
+        if !is_idle && self.missing(framing, expect) > 0 {
+            return None;
+        }
+        self.scan(framing, expect, is_idle)
+    }
+
+    /// The number of bytes before which a scan cannot find an item. Zero if it is unknown.
+    fn missing(&self, framing: &F, expect: F::Expect) -> usize {
+        match &self.wait {
+            Some(wait) if wait.framing == *framing && wait.expect == expect => wait.len.saturating_sub(self.pending()),
+            _ => 0,
+        }
+    }
+
+    /// Scans the window, and removes the item at its front.
+    // Not inlined: most bytes need no scan.
+    #[inline(never)]
+    fn scan(&mut self, framing: &F, expect: F::Expect, is_idle: bool) -> Option<Span> {
+        if is_idle {
             // The rest of an overlong frame will not arrive.
             self.skip = 0;
         }
@@ -215,14 +254,19 @@ impl<const N: usize> Decoder<N> {
         if self.skip > 0 {
             return Some(self.take_noise(self.skip, self.skip_reason));
         }
-        let verdict = match self.idle {
+        let verdict = match is_idle {
             true => framing.scan_idle(window, expect),
             false => framing.scan(window, expect),
         };
         match verdict {
             Scan::Need(missing) => {
-                let total = window.len().saturating_add(missing);
-                (total > N).then(|| self.take_noise(total, too_long::<N>(total)))
+                let len = window.len().saturating_add(missing);
+                if len > N {
+                    return Some(self.take_noise(len, too_long::<N>(len)));
+                }
+                let (framing, expect) = (*framing, expect);
+                self.wait = Some(Wait { len, framing, expect });
+                None
             }
             Scan::Frame(n) => Some(self.take(n, Kind::Frame)),
             Scan::Padding(n) => Some(self.take(n, Kind::Padding)),
@@ -250,6 +294,7 @@ impl<const N: usize> Decoder<N> {
         let (offset, start) = (self.offset(), self.head);
         let end = start.wrapping_add(n.max(1)).min(self.tail);
         self.head = end;
+        self.wait = None;
         Span {
             offset,
             kind,
@@ -259,7 +304,7 @@ impl<const N: usize> Decoder<N> {
     }
 
     /// The next item that is not padding. A broken stream yields only its first one.
-    pub(crate) fn advance_to_event<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
+    pub(crate) fn advance_to_event(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
         loop {
             let was_broken = self.broken.is_some();
             let span = self.advance(framing, expect)?;
@@ -275,6 +320,7 @@ impl<const N: usize> Decoder<N> {
     pub(crate) fn break_off(&mut self, reason: Reason) {
         if self.broken.is_none() {
             self.broken = Some((self.offset(), reason));
+            self.wait = None;
         }
     }
 
@@ -297,14 +343,14 @@ impl<const N: usize> Decoder<N> {
     /// use armwire::ling::Ling;
     ///
     /// let damaged = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF];
-    /// let mut decoder = Decoder::<70>::new();
+    /// let mut decoder = Decoder::<Ling, 70>::new();
     /// assert!(decoder.push(&damaged).is_empty());
     /// let noise = decoder.advance(&Ling, ()).unwrap();
     /// assert_eq!(noise.kind, Kind::Noise(Reason::Checksum { expected: 0x9A, got: 0x9B }));
     /// assert_eq!(decoder.item(noise).bytes, [0xAA]);
     /// assert_eq!(decoder.candidate(noise, &Ling, ()), damaged);
     /// ```
-    pub fn candidate<F: Framing>(&self, span: Span, framing: &F, expect: F::Expect) -> &[u8] {
+    pub fn candidate(&self, span: Span, framing: &F, expect: F::Expect) -> &[u8] {
         let bytes = self.buf.get(span.start..self.tail).unwrap_or_default();
         let is_undecided = |len: &usize| {
             let front = bytes.get(..*len).unwrap_or_default();
@@ -321,7 +367,7 @@ impl<const N: usize> Decoder<N> {
     }
 
     /// [`advance`](Self::advance) and [`item`](Self::item) in one.
-    pub fn next<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Item<'_>> {
+    pub fn next(&mut self, framing: &F, expect: F::Expect) -> Option<Item<'_>> {
         let span = self.advance(framing, expect)?;
         Some(self.item(span))
     }
@@ -333,12 +379,12 @@ impl<const N: usize> Decoder<N> {
     /// use armwire::decoder::Decoder;
     /// use armwire::ling::Ling;
     ///
-    /// let mut decoder = Decoder::<70>::new();
+    /// let mut decoder = Decoder::<Ling, 70>::new();
     /// assert_eq!(decoder.need(&Ling, ()), 6);
     /// assert!(decoder.push(&[0xAA, 0x06, 0x00, 0x0F]).is_empty());
     /// assert_eq!(decoder.need(&Ling, ()), 17); // 15 data bytes, the checksum and the terminator
     /// ```
-    pub fn need<F: Framing>(&self, framing: &F, expect: F::Expect) -> usize {
+    pub fn need(&self, framing: &F, expect: F::Expect) -> usize {
         let shortest = framing.shortest(expect).max(1);
         let window = self.window();
         if window.is_empty() {
@@ -347,10 +393,14 @@ impl<const N: usize> Decoder<N> {
         if self.skip > 0 || self.broken.is_some() {
             return 0;
         }
-        match framing.scan(window, expect) {
-            Scan::Need(n) if window.len().saturating_add(n) <= N => n.max(shortest.saturating_sub(window.len())).max(1),
-            _ => 0,
-        }
+        let missing = match self.missing(framing, expect) {
+            0 => match framing.scan(window, expect) {
+                Scan::Need(missing) if window.len().saturating_add(missing) <= N => missing,
+                _ => return 0,
+            },
+            missing => missing,
+        };
+        missing.max(shortest.saturating_sub(window.len())).max(1)
     }
 
     /// Discards the undecided bytes, at the start of another conversation.
@@ -359,7 +409,7 @@ impl<const N: usize> Decoder<N> {
     /// use armwire::decoder::Decoder;
     /// use armwire::ling::Ling;
     ///
-    /// let mut decoder = Decoder::<70>::new();
+    /// let mut decoder = Decoder::<Ling, 70>::new();
     /// assert!(decoder.push(&[0xAA, 0x06, 0x00]).is_empty());
     /// decoder.clear();
     /// assert_eq!((decoder.pending(), decoder.offset()), (0, 3));
@@ -367,8 +417,14 @@ impl<const N: usize> Decoder<N> {
     /// assert_eq!(decoder.next(&Ling, ()).unwrap().offset, 3);
     /// ```
     pub const fn clear(&mut self) {
-        (self.head, self.tail, self.skip) = (0, 0, 0);
-        (self.idle, self.broken) = (false, None);
+        self.drop_window();
+        (self.skip, self.idle, self.broken) = (0, false, None);
+    }
+
+    /// Empties the buffer.
+    const fn drop_window(&mut self) {
+        self.front = self.received();
+        (self.head, self.tail, self.wait) = (0, 0, None);
     }
 
     /// The undecided bytes.
@@ -383,7 +439,7 @@ impl<const N: usize> Decoder<N> {
 
     /// The offset of the window's first byte, in bytes since the decoder was created.
     pub const fn offset(&self) -> u64 {
-        self.received.wrapping_sub(self.pending() as u64)
+        self.front.wrapping_add(self.head as u64)
     }
 
     /// The number of bytes of the last item that are still to arrive: it is a frame that is longer than allowed, and is
@@ -394,7 +450,7 @@ impl<const N: usize> Decoder<N> {
 
     /// Bytes passed in since the decoder was created.
     pub const fn received(&self) -> u64 {
-        self.received
+        self.front.wrapping_add(self.tail as u64)
     }
 
     /// The offset of a break, in bytes since the decoder was created, and its reason. `None` for an intact stream, and
@@ -413,12 +469,13 @@ impl<const N: usize> Decoder<N> {
         for (to, from) in cells.iter().zip(window) {
             to.set(from.get());
         }
+        self.front = self.front.wrapping_add(self.head as u64);
         self.head = 0;
         self.tail = window.len();
     }
 }
 
-impl<const N: usize> Default for Decoder<N> {
+impl<F: Framing, const N: usize> Default for Decoder<F, N> {
     fn default() -> Self {
         Self::new()
     }

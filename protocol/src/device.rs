@@ -65,7 +65,7 @@ pub enum DeviceEvent<'a, R, K> {
 /// ```
 pub struct Device<M: Messages, const N: usize> {
     messages: M,
-    decoder: Decoder<N>,
+    decoder: Decoder<M, N>,
 }
 
 impl<M: Messages, const N: usize> Device<M, N> {

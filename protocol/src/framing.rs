@@ -91,7 +91,7 @@ pub enum Reason {
 /// An implementation keeps no state of the stream: it classifies the front of the bytes received so far. The
 /// [`Decoder`](crate::decoder::Decoder) keeps the bytes, the [`Exchange`](crate::exchange::Exchange) provides the
 /// expectation.
-pub trait Framing {
+pub trait Framing: Copy + Eq + Debug {
     /// True if the line delivers every byte, in order, as TCP does. On such a line silence has no meaning, and bytes
     /// that cannot begin a frame break the stream ([`Scan::Broken`]).
     const LOSSLESS: bool = false;

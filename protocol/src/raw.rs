@@ -13,7 +13,7 @@ use crate::framing::{Framing, Reason, Scan};
 /// use armwire::framing::Reason;
 /// use armwire::raw::Raw;
 ///
-/// let mut decoder = Decoder::<8>::new();
+/// let mut decoder = Decoder::<Raw, 8>::new();
 /// assert!(decoder.push(&[1, 2, 3]).is_empty());
 /// let item = decoder.next(&Raw, ()).unwrap();
 /// assert_eq!((item.kind, item.bytes), (Kind::Noise(Reason::Stray), &[1, 2, 3][..]));

@@ -3,6 +3,7 @@
 #[allow(dead_code, unreachable_pub, reason = "it is shared with other tests")]
 mod vectors;
 
+use std::cell::Cell;
 use std::fmt::Debug;
 
 use armwire::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
@@ -26,7 +27,7 @@ type Owned = (u64, Kind, Vec<u8>);
 
 /// All items of a line that arrives in chunks and then goes idle.
 fn decode<F: Framing, const N: usize>(framing: &F, expect: F::Expect, chunks: &[&[u8]]) -> Vec<Owned> {
-    let (mut decoder, mut items) = (Decoder::<N>::new(), Vec::new());
+    let (mut decoder, mut items) = (Decoder::<_, N>::new(), Vec::new());
     for chunk in chunks {
         let mut rest = *chunk;
         while !rest.is_empty() {
@@ -40,7 +41,12 @@ fn decode<F: Framing, const N: usize>(framing: &F, expect: F::Expect, chunks: &[
     items
 }
 
-fn drain<F: Framing, const N: usize>(decoder: &mut Decoder<N>, framing: &F, expect: F::Expect, items: &mut Vec<Owned>) {
+fn drain<F: Framing, const N: usize>(
+    decoder: &mut Decoder<F, N>,
+    framing: &F,
+    expect: F::Expect,
+    items: &mut Vec<Owned>,
+) {
     while let Some(item) = decoder.next(framing, expect) {
         assert!(!item.bytes.is_empty());
         items.push((item.offset, item.kind, item.bytes.to_vec()));
@@ -104,7 +110,7 @@ fn threshold_never_exceeds_the_missing_bytes<F: Framing, const N: usize>(
     expect: F::Expect,
     line: &[u8],
 ) -> TestCaseResult {
-    let mut decoder = Decoder::<N>::new();
+    let mut decoder = Decoder::<_, N>::new();
     let mut earliest = decoder.need(framing, expect);
     for (n, byte) in line.iter().enumerate() {
         prop_assert!(decoder.push(&[*byte]).is_empty());
@@ -182,7 +188,86 @@ fn any_alpha1_expect() -> impl Strategy<Value = Expect> {
     ]
 }
 
+/// Ling's frames, with the number of scans.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Counted<'a>(&'a Cell<u32>);
+
+impl Framing for Counted<'_> {
+    type Expect = ();
+
+    fn scan(&self, window: &[u8], (): ()) -> Scan {
+        self.0.set(self.0.get() + 1);
+        Ling.scan(window, ())
+    }
+
+    fn terminator(&self, (): ()) -> Option<u8> {
+        Ling.terminator(())
+    }
+
+    fn shortest(&self, (): ()) -> usize {
+        Ling.shortest(())
+    }
+
+    fn requests(&self) {}
+
+    fn unsolicited(&self) {}
+}
+
+#[test]
+fn bytes_inside_a_frame_cost_no_scan() {
+    let data = [1; 15];
+    let mut frame = [0; 21];
+    let answer = ling::Frame {
+        command: 0x06,
+        function: 0x00,
+        data: &data,
+    };
+    assert_eq!(answer.encode(&mut frame), Ok(21));
+    let scans = Cell::new(0);
+    let framing = Counted(&scans);
+    let mut decoder = Decoder::<_, TIGHT>::new();
+    for byte in &frame[..20] {
+        assert!(decoder.push(&[*byte]).is_empty());
+        assert_eq!(decoder.next(&framing, ()), None);
+        assert!(decoder.need(&framing, ()) > 0);
+    }
+    // After the first byte three more are needed. The fourth is the length.
+    assert_eq!(scans.get(), 2);
+    assert!(decoder.push(&frame[20..]).is_empty());
+    assert!(decoder.next(&framing, ()).is_some_and(|item| item.kind == Kind::Frame));
+    assert_eq!(scans.get(), 3);
+}
+
 proptest! {
+    #[test]
+    fn changed_expectation_applies_to_undecided_bytes(
+        line in line(alpha1_vectors()),
+        expects in vec(any_alpha1_expect(), 1..8),
+        calls_of_need in any::<bool>(),
+    ) {
+        let mut decoder = Decoder::<_, ROOMY>::new();
+        let mut window = Vec::new();
+        for (byte, expect) in line.iter().zip(expects.into_iter().cycle()) {
+            prop_assert!(decoder.push(&[*byte]).is_empty());
+            window.push(*byte);
+            loop {
+                // A decoder without a memory.
+                let mut fresh = Decoder::<_, ROOMY>::new();
+                prop_assert!(fresh.push(&window).is_empty());
+                if calls_of_need {
+                    prop_assert_eq!(decoder.need(&Alpha1, expect), fresh.need(&Alpha1, expect));
+                }
+                let item = fresh.next(&Alpha1, expect).map(|item| (item.kind, item.bytes.to_vec()));
+                let got = decoder.next(&Alpha1, expect).map(|item| (item.kind, item.bytes.to_vec()));
+                prop_assert_eq!(&got, &item);
+                match item {
+                    Some((_, bytes)) => drop(window.drain(..bytes.len())),
+                    None => break,
+                }
+            }
+        }
+    }
+
     #[test]
     fn every_ling_byte_comes_out_once(line in line(ling_vectors()), cuts in vec(1..40_usize, 0..30)) {
         every_property(&Ling, (), &line, &cuts)?;
@@ -278,7 +363,7 @@ fn offsets_count_every_byte_once() {
 fn idle_line_truncates_an_incomplete_frame() {
     let joints = vectors::hex("AA 06 00 01 FE 9A FF");
     let line = [&[0xAA, 0, 0, 60][..], &joints].concat();
-    let mut decoder = Decoder::<TIGHT>::new();
+    let mut decoder = Decoder::<_, TIGHT>::new();
     assert!(decoder.push(&line).is_empty());
     assert_eq!(decoder.next(&Ling, ()), None);
     decoder.idle();
@@ -290,7 +375,7 @@ fn idle_line_truncates_an_incomplete_frame() {
 
 #[test]
 fn received_bytes_end_the_idle_state() {
-    let mut decoder = Decoder::<TIGHT>::new();
+    let mut decoder = Decoder::<_, TIGHT>::new();
     decoder.idle();
     assert!(decoder.push(&[0xAA, 0x06]).is_empty());
     assert_eq!(decoder.next(&Ling, ()), None);
@@ -327,7 +412,7 @@ fn frame_too_long_for_decoder_is_skipped_whole() {
 #[test]
 fn idle_line_ends_the_skip() {
     let stop = vectors::hex("F2 2F 00 00 00 00 00 00 00 ED");
-    let mut decoder = Decoder::<TIGHT>::new();
+    let mut decoder = Decoder::<_, TIGHT>::new();
     let mut items = Vec::new();
     assert!(decoder.push(&play(100)[..30]).is_empty());
     drain(&mut decoder, &Alpha1, Expect::Requests, &mut items);
@@ -393,7 +478,7 @@ fn nothing_is_read_after_a_lossless_stream_broke() {
 #[test]
 fn idle_has_no_effect_on_a_lossless_line() {
     let reply = vectors::hex("00 01 00 02 00 02 04 10");
-    let mut decoder = Decoder::<ROOMY>::new();
+    let mut decoder = Decoder::<_, ROOMY>::new();
     assert!(decoder.push(&reply[..5]).is_empty());
     decoder.idle();
     assert_eq!(decoder.next(&XArm::PRIVATE, Direction::Responses), None);
@@ -407,7 +492,7 @@ fn idle_has_no_effect_on_a_lossless_line() {
 
 #[test]
 fn excess_commit_is_an_error_and_consumes_nothing() {
-    let mut decoder = Decoder::<8>::new();
+    let mut decoder = Decoder::<Ling, 8>::new();
     let error = decoder.commit(9).unwrap_err();
     assert_eq!((error.got, error.max), (9, 8));
     assert_eq!((decoder.pending(), decoder.received()), (0, 0));
@@ -467,7 +552,7 @@ fn damaged_frame_is_whole_with_the_frame_in_it() {
     let good = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
     let damaged = [&[0xAA, 0x06, 0x00, 0x05][..], &good].concat();
     for cut in 0..damaged.len() {
-        let mut decoder = Decoder::<70>::new();
+        let mut decoder = Decoder::<_, 70>::new();
         let (first, rest) = damaged.split_at(cut);
         assert!(decoder.push(first).is_empty());
         assert_eq!(decoder.advance(&Ling, ()), None, "{cut}");
@@ -484,7 +569,7 @@ fn damaged_frame_is_whole_with_the_frame_in_it() {
 
 #[test]
 fn break_is_whole_up_to_its_byte() {
-    let mut decoder = Decoder::<260>::new();
+    let mut decoder = Decoder::<_, 260>::new();
     assert!(decoder.push(&[0, 1, 0, 9, 7, 7]).is_empty());
     let broken = decoder.advance(&XArm::PRIVATE, Direction::Responses).unwrap();
     let candidate = decoder.candidate(broken, &XArm::PRIVATE, Direction::Responses);
@@ -493,7 +578,7 @@ fn break_is_whole_up_to_its_byte() {
 
 #[test]
 fn skipped_frame_states_the_bytes_to_come() {
-    let mut decoder = Decoder::<260>::new();
+    let mut decoder = Decoder::<_, 260>::new();
     let frame = [&[0, 1, 0, 2, 1, 0][..], &[7; 256]].concat();
     for byte in &frame[..100] {
         assert!(decoder.push(&[*byte]).is_empty());

@@ -214,7 +214,7 @@ fn noise_of_frame_marks_is_not_recognised() {
         .collect();
     let mut frames = 0;
     let mut messages = 0;
-    let mut decoder = Decoder::<MAX_FRAME>::new();
+    let mut decoder = Decoder::<_, MAX_FRAME>::new();
     let mut rest = &bytes[..];
     while !rest.is_empty() {
         rest = decoder.push(rest);

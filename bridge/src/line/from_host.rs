@@ -32,7 +32,7 @@ pub(crate) const VOID: usize = <ArmKind as Framing>::LONGEST;
 pub(crate) struct FromHost {
     bytes: Queue<TO_ARM_BUFFER>,
     /// Decodes the bytes as they go out.
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<ArmKind, MAX_FRAME>,
     /// The last bytes that went out belong to no request.
     is_raw: bool,
     /// The number of zeros that are due before the next request of another: up to [`VOID`] if the arm may wait for the

@@ -11,7 +11,7 @@ use super::from_host::FromHost;
 
 /// Passes whole requests that are no motion, and bytes outside of requests. The rest of a request is waited for.
 pub(super) struct Gate {
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<ArmKind, MAX_FRAME>,
     /// A request that began before this offset went out in part.
     cut: u64,
 }

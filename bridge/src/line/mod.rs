@@ -66,7 +66,7 @@ const STUCK_TIME: Duration = Duration::from_millis(1_000);
 pub(crate) struct Line {
     kind: ArmKind,
     /// Decodes the bytes of the arm.
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<ArmKind, MAX_FRAME>,
     exchange: Exchange<ArmKind, Initiator, MAX_PENDING>,
     to_host: ToHost,
     from_host: FromHost,

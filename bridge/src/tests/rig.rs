@@ -14,7 +14,7 @@ use armwire::messages::Messages;
 
 use crate::can::command::Command;
 use crate::can::{Frame, Function, Node};
-use crate::config::Config;
+use crate::config::{ArmKind, Config};
 use crate::control::{
     Event, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_FRAME, MAX_MESSAGE, Reader, Reply, Request, Stamp,
     Subscription, decode, encode, encode_cobs,
@@ -44,7 +44,7 @@ pub(super) struct Rig {
     /// The time at which the UART accepts more bytes.
     tx_free: u64,
     /// The arm's receiver, its start, and the bytes of its answers with their arrival times.
-    arm_decoder: Decoder<70>,
+    arm_decoder: Decoder<ArmKind, 70>,
     pub(super) responder: Responder,
     arm_output: VecDeque<(u64, u8)>,
     idle: Option<u64>,

@@ -36,7 +36,7 @@ pub(super) struct Frames<P: Arm> {
     arm: P,
     from: Option<Speaker>,
     expect: P::Expect,
-    decoder: Decoder<BUFFER>,
+    decoder: Decoder<P, BUFFER>,
     /// Noise that may go on.
     run: Option<Run>,
     frames: u64,
@@ -240,7 +240,7 @@ pub(super) struct LingFrames {
     /// The bytes before the generation is known.
     beginning: Vec<u8>,
     older: Detector,
-    current: Decoder<MAX_FRAME>,
+    current: Decoder<Ling, MAX_FRAME>,
 }
 
 impl LingFrames {

@@ -55,7 +55,7 @@ struct Side<P: Arm> {
     arm: P,
     expect: P::Expect,
     /// The longest frame of every protocol fits.
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<P, MAX_FRAME>,
     /// The end of each piece of bytes that is not decoded yet, and the time at which it came.
     pieces: VecDeque<(u64, i64)>,
     /// Adjacent bytes between frames.

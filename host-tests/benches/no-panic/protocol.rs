@@ -58,7 +58,7 @@ fn framing<D: Correlation>(framing: &D, expect: D::Expect) {
 }
 
 fn decoder<D: Correlation, const N: usize>(framing: &D, expect: D::Expect) {
-    let mut decoder = Decoder::<N>::new();
+    let mut decoder = Decoder::<_, N>::new();
     let decoder = black_box(&mut decoder);
     black_box(decoder.push(bytes(&mut [0; 300])));
     black_box(decoder.space());

@@ -62,7 +62,7 @@ impl Check for Split {
 
 /// On a raw line every byte is stray, and no request is answered.
 fn check_raw<const N: usize>(line: &[u8]) {
-    let mut decoder = Decoder::<N>::new();
+    let mut decoder = Decoder::<_, N>::new();
     let (mut rest, mut received) = (line, Vec::<u8>::new());
     loop {
         rest = decoder.push(rest);

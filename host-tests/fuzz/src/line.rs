@@ -25,7 +25,7 @@ impl Span {
 
 /// A decoder, its input and its output.
 pub struct LineDecoder<P: Subject, const N: usize> {
-    decoder: Decoder<N>,
+    decoder: Decoder<P, N>,
     protocol: P,
     expect: P::Expect,
     line: Vec<u8>,

@@ -150,9 +150,9 @@ struct Transmission {
 
 pub(super) struct Arm {
     behavior: Behavior,
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<Ling, MAX_FRAME>,
     /// A second arm on the same line, which never discards an incomplete frame: torque-off must reach it as well.
-    without_timeout: Decoder<MAX_FRAME>,
+    without_timeout: Decoder<Ling, MAX_FRAME>,
     /// The time at which an incomplete frame is discarded.
     partial_frame_timeout: Option<u64>,
     tx_queue: VecDeque<Transmission>,

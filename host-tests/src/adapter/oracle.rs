@@ -121,7 +121,7 @@ pub(super) struct Oracle {
     /// Bytes of the host on USB not yet on the line, the incomplete request on the line, and true if the last bytes on
     /// the line form no request.
     usb: VecDeque<u8>,
-    usb_requests: Decoder<MAX_FRAME>,
+    usb_requests: Decoder<Ling, MAX_FRAME>,
     is_usb_raw: bool,
     /// The line had another rate since the last zeros.
     was_other_rate: bool,
@@ -450,7 +450,7 @@ impl Oracle {
 
     /// Passes whole requests that are no motion, and bytes outside of requests.
     fn pass_gate(&mut self, bytes: &[u8]) {
-        let mut decoder = Decoder::<MAX_FRAME>::new();
+        let mut decoder = Decoder::<_, MAX_FRAME>::new();
         self.gate.extend(bytes);
         let gated = std::mem::take(&mut self.gate);
         let mut rest = &gated[..];

@@ -98,7 +98,7 @@ const WINDOW: u32 = 3;
 pub struct UsbHost {
     /// Requests and answers.
     pub tracker: RequestTracker,
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<Ling, MAX_FRAME>,
     /// The time of the last received bytes.
     last_rx: Nanos,
     /// Received bytes.

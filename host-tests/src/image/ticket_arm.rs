@@ -67,7 +67,7 @@ pub struct TicketArm {
     turnaround: Duration,
     /// True if the arm answers nothing.
     pub silent: bool,
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<Ling, MAX_FRAME>,
     /// The time at which an incomplete frame is discarded.
     idle_at: Option<Instant>,
     /// Bytes to send, each with its earliest time.

@@ -42,7 +42,7 @@ fn frame(nth: u16) -> Vec<u8> {
 
 /// The numbers of the frames in `bytes`.
 fn frames(bytes: &[u8]) -> Vec<u16> {
-    let mut decoder = Decoder::<MAX_FRAME>::new();
+    let mut decoder = Decoder::<_, MAX_FRAME>::new();
     let mut numbers = Vec::new();
     let mut rest = bytes;
     loop {

@@ -141,7 +141,7 @@ impl<M: Messages + Default> Subject<M> {
 
     /// Decodes a line: the end and outcome of each frame, and noise.
     fn decode<const N: usize>(&self, line: &[u8], mut found: impl FnMut(Result<(usize, Outcome), Reason>)) {
-        let mut decoder = Decoder::<N>::new();
+        let mut decoder = Decoder::<_, N>::new();
         let mut rest = line;
         loop {
             rest = decoder.push(rest);

@@ -56,7 +56,7 @@ impl<F: Framing> Line<F> {
 
     /// The decoder's pieces of the streams in chunks of any lengths.
     fn streamed<const N: usize>(&self, streams: &[Vec<u8>], random: &mut Rand32) -> Vec<Piece> {
-        let (mut decoder, mut pieces) = (Decoder::<N>::new(), Pieces::default());
+        let (mut decoder, mut pieces) = (Decoder::<_, N>::new(), Pieces::default());
         for stream in streams {
             let mut rest = &stream[..];
             while !rest.is_empty() {
@@ -87,7 +87,7 @@ impl<F: Framing> Line<F> {
     }
 
     /// Takes all pieces out of the decoder.
-    fn take<const N: usize>(&self, decoder: &mut Decoder<N>, pieces: &mut Pieces) {
+    fn take<const N: usize>(&self, decoder: &mut Decoder<F, N>, pieces: &mut Pieces) {
         while let Some(piece) = decoder.next(&self.framing, self.expect) {
             let start = piece.offset as usize;
             let at = start..start + piece.bytes.len();

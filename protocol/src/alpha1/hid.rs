@@ -14,7 +14,7 @@ pub const REPORT: usize = 64;
 /// use armwire::decoder::{Decoder, Kind};
 ///
 /// let stop = [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
-/// let mut decoder = Decoder::<260>::new();
+/// let mut decoder = Decoder::<Alpha1, 260>::new();
 /// for report in hid::reports(&stop) {
 ///     assert!(decoder.push(&report).is_empty());
 /// }

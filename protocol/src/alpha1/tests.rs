@@ -204,7 +204,7 @@ fn frame_of(bytes: &[u8], expect: Expect) -> &[u8] {
 
 /// The reason of the first noise in these bytes, once the line is idle.
 fn noise(bytes: &[u8], expect: Expect) -> Reason {
-    let mut decoder = Decoder::<MAX_FRAME>::new();
+    let mut decoder = Decoder::<_, MAX_FRAME>::new();
     assert!(decoder.push(bytes).is_empty());
     if decoder.pending() > 0 && matches!(Alpha1.scan(bytes, expect), Scan::Need(_)) {
         decoder.idle();
@@ -460,7 +460,7 @@ fn count_byte_of_a_text_includes_itself() {
 #[test]
 fn report_padding_is_neither_noise_nor_data() {
     for (row, bytes, answer, response) in responses() {
-        let mut decoder = Decoder::<MAX_FRAME>::new();
+        let mut decoder = Decoder::<_, MAX_FRAME>::new();
         let expect = Expect::Responses(answer);
         for _ in 0..3 {
             assert!(decoder.push(&report(&bytes)).is_empty());
@@ -884,7 +884,7 @@ fn bytes_without_a_header_are_stray_at_once() {
 fn unexpected_frame_delays_nothing() {
     // In a host's stream they begin a request. From servo 5, AF is an answer.
     let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(5))));
-    let mut decoder = Decoder::<MAX_FRAME>::new();
+    let mut decoder = Decoder::<_, MAX_FRAME>::new();
     assert!(decoder.push(&hex("F1 1F 00")).is_empty());
     assert!(decoder.next(&Alpha1, Expect::Requests).is_none());
     assert!(decoder.push(&hex("AF")).is_empty());

@@ -113,7 +113,7 @@ fn documented_responses_round_trip() {
 fn two_prints_with_wrong_checksum_are_rejected() {
     // Section 2.3 prints the checksum of "set 100 mm" in the query and in its answer.
     for (printed, expected) in [("AA 04 0E 01 FE 7F FF", 0x1B), ("AA 04 0E 01 01 7F FF", 0x96)] {
-        let mut decoder = Decoder::<MAX_FRAME>::new();
+        let mut decoder = Decoder::<_, MAX_FRAME>::new();
         assert!(decoder.push(&hex(printed)).is_empty());
         let noise = decoder.next(&Ling, ()).unwrap();
         assert_eq!(

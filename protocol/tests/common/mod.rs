@@ -67,7 +67,7 @@ pub(crate) fn steps<P: Subject>() -> impl Strategy<Value = Vec<(Vec<u8>, u64, bo
 
 /// The positions and kinds of all items of a line that goes idle, except noise.
 fn decode<P: Subject>(line: &[u8], expect: P::Expect) -> Vec<(Range<usize>, Kind)> {
-    let (mut decoder, mut rest, mut out) = (Decoder::<ROOM>::new(), line, Vec::new());
+    let (mut decoder, mut rest, mut out) = (Decoder::<_, ROOM>::new(), line, Vec::new());
     loop {
         while let Some(item) = decoder.next(&P::default(), expect) {
             let start = item.offset as usize;

@@ -6,7 +6,7 @@ use armwire::framing::{Framing, Reason, Scan};
 use armwire::time::{Duration, Instant};
 
 /// A frame is two bytes: its key, and any byte. Its expectation is the key divided by ten.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bytes<const NUMBERED: bool>;
 
 pub type Plain = Bytes<false>;

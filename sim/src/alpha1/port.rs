@@ -38,7 +38,7 @@ pub(super) struct Port {
     turnaround: Duration,
     /// Idle time of the line after which an incomplete frame is discarded.
     idle: Duration,
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<Alpha1, MAX_FRAME>,
     /// Time at which the line becomes idle, `None` after that.
     idle_at: Option<Instant>,
     echo: VecDeque<u8>,

@@ -966,7 +966,7 @@ proptest! {
         let output = read_all(&mut robot, &mut now);
         // Contents of servo frames do not matter here. Bytes outside of frames are acknowledgements.
         let expect = Expect::Responses(Some(ServoAnswer::Angles));
-        let mut decoder = Decoder::<MAX_FRAME>::new();
+        let mut decoder = Decoder::<_, MAX_FRAME>::new();
         let (mut rest, mut frames, mut frame_bytes) = (&output[..], 0, 0);
         while !rest.is_empty() {
             rest = decoder.push(rest);

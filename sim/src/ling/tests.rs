@@ -465,7 +465,7 @@ proptest! {
         let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
         send(&mut arm, &mut now, &noise);
         let output = read_all(&mut arm, &mut now);
-        let mut decoder = Decoder::<MAX_FRAME>::new();
+        let mut decoder = Decoder::<_, MAX_FRAME>::new();
         let (mut rest, mut answers) = (&output[..], 0);
         while !rest.is_empty() {
             rest = decoder.push(rest);

@@ -44,7 +44,7 @@ pub struct Record {
 /// The log.
 #[derive(Debug, Default)]
 pub struct Log {
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<Ling, MAX_FRAME>,
     records: VecDeque<Record>,
     bad_checksums: u64,
     noise_bytes: u64,

@@ -114,7 +114,7 @@ fn serve(pty: &Pty, bit_rate: u32, mut adapter: Adapter, stop: &AtomicBool, log:
 /// The CAN side of an adapter: ISO-TP to the arm and to the control port.
 struct Adapter {
     arm: LingArm,
-    answers: Decoder<MAX_FRAME>,
+    answers: Decoder<Ling, MAX_FRAME>,
     to_arm: Endpoint<MAX_FRAME, MAX_FRAME>,
     control: Endpoint<MAX_MESSAGE, MAX_MESSAGE>,
     config: AdapterConfig,

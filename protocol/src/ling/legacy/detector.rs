@@ -45,7 +45,7 @@ pub struct OlderGeneration;
 /// ```
 #[derive(Debug, Default)]
 pub struct Detector {
-    decoder: Decoder<MAX_FRAME>,
+    decoder: Decoder<Legacy, MAX_FRAME>,
     /// Number of consecutive frames, up to [`REQUIRED_FRAMES`].
     succession: u8,
 }

@@ -47,7 +47,7 @@ pub fn parity(data: &[u8]) -> u8 {
 /// use armwire::decoder::Decoder;
 /// use armwire::ling::legacy::{Frame, Legacy, MAX_FRAME};
 ///
-/// let mut decoder = Decoder::<MAX_FRAME>::new();
+/// let mut decoder = Decoder::<Legacy, MAX_FRAME>::new();
 /// assert!(decoder.push(&[0xAA, 0x0A, 0x03, 0x05, 0x04, 0x13, 0x00, 0xFF]).is_empty());
 /// let frame = decoder.next(&Legacy, ()).and_then(|item| Frame::parse(item.bytes)).unwrap();
 /// assert_eq!((frame.command, frame.data), (0x0A, &[5, 4, 19][..]));

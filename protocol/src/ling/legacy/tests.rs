@@ -134,7 +134,7 @@ fn longest_frame_fits_an_exact_buffer() {
     };
     let mut bytes = [0; MAX_FRAME];
     assert_eq!(frame.put(&mut bytes), Ok(MAX_FRAME));
-    let mut decoder = Decoder::<MAX_FRAME>::new();
+    let mut decoder = Decoder::<_, MAX_FRAME>::new();
     assert!(decoder.push(&bytes).is_empty());
     let item = decoder.next(&Legacy, ()).unwrap();
     assert_eq!((item.kind, Frame::parse(item.bytes)), (Kind::Frame, Some(frame)));
@@ -175,7 +175,7 @@ fn current_decoder_finds_no_frame_in_legacy_stream() {
         .into_iter()
         .flat_map(|(_, bytes, _)| bytes)
         .collect::<Vec<_>>();
-    let mut decoder = Decoder::<{ crate::ling::MAX_FRAME }>::new();
+    let mut decoder = Decoder::<_, { crate::ling::MAX_FRAME }>::new();
     let (mut rest, mut noise) = (&line[..], 0);
     while !rest.is_empty() || decoder.pending() > 0 {
         rest = decoder.push(rest);
