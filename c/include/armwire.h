@@ -505,6 +505,10 @@ enum ArmwireLingStopStepKind
    * The end: a joint's position is not one of 0 to 4095. The arm may still move.
    */
   ARMWIRE_LING_STOP_STEP_KIND_UNHOLDABLE,
+  /**
+   * The end: readings came within 2 s, but they do not show the arm at rest. It may still move.
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_UNCONFIRMED,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L

@@ -262,7 +262,7 @@ static ArmwireStatus ling_stop_call(ArmwireLingStop *stop)
     default:
         status = armwire_ling_stop_poll(stop, clock_us, or_null(&next));
         if (status == ARMWIRE_STATUS_OK) {
-            CHECK(next.kind <= ARMWIRE_LING_STOP_STEP_KIND_UNHOLDABLE);
+            CHECK(next.kind <= ARMWIRE_LING_STOP_STEP_KIND_UNCONFIRMED);
         }
         return status;
     }

@@ -58,6 +58,9 @@ fn drive(link: &mut Link<Ling>, mut stop: Stop) -> Result<Stopped, Error> {
             Output::Done(Err(error)) => {
                 let cause = match (error, missing) {
                     (StopError::NoReading, Some(cause)) => cause,
+                    (error @ StopError::Unconfirmed { .. }, Some(cause)) => {
+                        Text::from(format!("{error}: ")).append(&cause)
+                    }
                     (error, _) => error.to_string().into(),
                 };
                 return Err(not_stopped(link, cause));

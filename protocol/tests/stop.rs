@@ -245,7 +245,7 @@ fn single_reading_out_of_range_is_repeated() {
 }
 
 #[test]
-fn arm_that_falls_silent_gave_no_reading() {
+fn arm_that_falls_silent_is_unconfirmed() {
     let mut stop = Stop::new(None);
     let mut arm = Arm::moving(0.0);
     stop.poll(arm.now);
@@ -255,7 +255,7 @@ fn arm_that_falls_silent_gave_no_reading() {
             Output::Request(_) => {}
             Output::Wait(until) => arm.pass(until.since(arm.now)),
             Output::Done(result) => {
-                assert_eq!(result, Err(StopError::NoReading));
+                assert_eq!(result, Err(StopError::Unconfirmed { readings: 1 }));
                 break;
             }
         }

@@ -46,6 +46,8 @@ pub enum ArmwireLingStopStepKind {
     Moving,
     /// The end: a joint's position is not one of 0 to 4095. The arm may still move.
     Unholdable,
+    /// The end: readings came within 2 s, but they do not show the arm at rest. It may still move.
+    Unconfirmed,
 }
 
 /// The next action of a stop. Members that its kind does not set are 0.
@@ -84,6 +86,7 @@ impl ArmwireLingStopStep {
             }
             Output::Done(Ok(Stopped::WithoutTorque(_))) => ArmwireLingStopStepKind::WithoutTorque,
             Output::Done(Err(StopError::NoReading)) => ArmwireLingStopStepKind::NoReading,
+            Output::Done(Err(StopError::Unconfirmed { .. })) => ArmwireLingStopStepKind::Unconfirmed,
             Output::Done(Err(StopError::Moving { joint })) => {
                 step.joint = joint;
                 ArmwireLingStopStepKind::Moving

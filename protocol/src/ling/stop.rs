@@ -64,6 +64,8 @@ pub struct Stop {
     rest: Option<(Instant, [Position; JOINTS])>,
     /// The joint that moved last, from 1.
     moving: Option<u8>,
+    /// The number of readings.
+    readings: u16,
     /// The last reading had a position out of range.
     out_of_range: bool,
     step: Step,
@@ -124,6 +126,12 @@ pub enum StopError {
     /// No reading came.
     #[error("no reading of the joints within 2 s")]
     NoReading,
+    /// Readings came, but they do not show the arm at rest.
+    #[error("too few readings of the joints within 2 s to show the arm at rest: {readings}")]
+    Unconfirmed {
+        /// Their number.
+        readings: u16,
+    },
     /// The arm did not come to rest.
     #[error("joint {joint} still moves after 2 s")]
     Moving {
@@ -148,6 +156,7 @@ impl Stop {
             away: None,
             rest: None,
             moving: None,
+            readings: 0,
             out_of_range: false,
             step: Step::Read(Instant::ZERO),
         }
@@ -168,9 +177,11 @@ impl Stop {
         let limit = *self.start.get_or_insert(now) + Self::LIMIT;
         match self.step {
             Step::Read(_) if now >= limit => {
-                let error = self
-                    .moving
-                    .map_or(StopError::NoReading, |joint| StopError::Moving { joint });
+                let error = match (self.moving, self.readings) {
+                    (Some(joint), _) => StopError::Moving { joint },
+                    (None, 0) => StopError::NoReading,
+                    (None, readings) => StopError::Unconfirmed { readings },
+                };
                 self.step = Step::End(Err(error));
                 Output::Done(Err(error))
             }
@@ -193,6 +204,7 @@ impl Stop {
 
     /// Takes a reading of the joints that arrived at `now`.
     pub fn on_joints(&mut self, now: Instant, state: &JointState) {
+        self.readings = self.readings.saturating_add(1);
         if let Step::Read(_) = self.step
             && let Some(step) = self.judge(now, state)
         {
