@@ -68,7 +68,7 @@ impl MoveArm {
 
     fn run_on(&self, arm: &mut host::Ling) -> Result<(), Error> {
         // Without torque nothing else is asked of the arm.
-        arm.read_torque()?;
+        arm.require_torque()?;
         let target = self.target.to_move(arm)?;
         match self.wait {
             true => self.move_and_wait(arm, &target),

@@ -34,6 +34,7 @@ pub(crate) fn words(remedy: Remedy) -> String {
 #[cfg(test)]
 mod tests {
     use armwire::ling::MotionStatus;
+    use armwire_host::TorqueOffEffect;
 
     use super::*;
 
@@ -44,8 +45,11 @@ mod tests {
             status: MotionStatus::Idle,
             effect,
         };
-        for effect in ["nothing was sent", "the arm is not moved"] {
-            let start = format!("port: the torque is off, so {effect}: ");
+        for (effect, words) in [
+            (TorqueOffEffect::NothingSent, "nothing was sent"),
+            (TorqueOffEffect::MotionEnded, "the arm is not moved"),
+        ] {
+            let start = format!("port: the torque is off, so {words}: ");
             assert!(text(&error(effect)).starts_with(&start));
         }
     }

@@ -11,6 +11,7 @@ use armwire::ling::stop::Stopped;
 use armwire::ling::{JointState, MotionStatus};
 use armwire_bridge::control::VERSION;
 
+use crate::ling::Ling;
 use crate::received::Missing;
 use crate::text::{Remedy, Text};
 
@@ -55,12 +56,14 @@ pub enum Error {
         missing: Missing,
         bytes: usize,
     },
-    /// The torque is off, as in this status. `effect` is what that means, in words.
+    /// The torque is off, as in this status.
     TorqueOff {
         name: String,
         status: MotionStatus,
-        effect: &'static str,
+        effect: TorqueOffEffect,
     },
+    /// The arm in motion did not answer for [`Ling::SILENCE`], and was asked to stop.
+    Unanswered { name: String, silence: Box<Silence> },
     /// The arm did not reach its target within the limit. It may move on.
     NotReached {
         name: String,
@@ -83,6 +86,37 @@ pub enum Error {
     Usb { name: String, reason: String },
     /// The adapter does not know a request. `version` is that of its control protocol.
     Unsupported { name: String, version: u16 },
+}
+
+/// What is known about an arm that fell silent in motion.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Silence {
+    /// The cause of the last missing answer.
+    pub cause: Text,
+    /// The last reading, if there is one.
+    pub last: Option<JointState>,
+    /// How the arm was stopped, or why it may still move.
+    pub stopped: Result<Stopped, Text>,
+}
+
+/// The effect of a torque that is off on a motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum TorqueOffEffect {
+    /// It was off before the motion: nothing was sent.
+    NothingSent,
+    /// It went off during the motion, which it ended.
+    MotionEnded,
+}
+
+impl Display for TorqueOffEffect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NothingSent => "nothing was sent",
+            Self::MotionEnded => "the arm is not moved",
+        })
+    }
 }
 
 impl Error {
@@ -145,6 +179,19 @@ impl Error {
             Self::NoAnswer { name, cause, hint, .. } => at(name, &format!("{cause}: ")).append(hint),
             Self::TorqueOff { name, status, effect } => {
                 at(name, &format!("the torque is off (status {status}), so {effect}")).remedy(Remedy::TorqueOn)
+            }
+            Self::Unanswered { name, silence } => {
+                let seconds = Ling::SILENCE.as_secs();
+                let what = at(name, &format!("no answer for {seconds} s during a motion (")).append(&silence.cause);
+                match (&silence.stopped, silence.last) {
+                    (Ok(Stopped::AtRest { state, .. }), _) => what.and(&format!("), so the arm was stopped: {state}")),
+                    (Ok(Stopped::WithoutTorque(state)), _) => what.and(&format!("); the torque is off: {state}")),
+                    (Err(cause), None) => what.and("), and the arm is not stopped: ").append(cause),
+                    (Err(cause), Some(last)) => what
+                        .and("), and the arm is not stopped: ")
+                        .append(cause)
+                        .and(&format!("; last reading: {last}")),
+                }
             }
             Self::NotReached { name, state, limit } => {
                 let (seconds, status) = (limit.as_secs_f32(), state.status);

@@ -88,7 +88,7 @@ pub use alpha1::Alpha1;
 pub use available::ports;
 pub use control::Adapter;
 pub use describe::{Arm, Fact, Protocol};
-pub use error::Error;
+pub use error::{Error, Silence, TorqueOffEffect};
 pub use hid::Selector;
 pub use ling::Ling;
 pub use link::{Interrupt, LineErrors, Link};

@@ -10,11 +10,12 @@ use armwire::ling::{
     TemperatureLimit, Torque,
 };
 
-use crate::error::Error;
+use crate::error::{Error, Silence, TorqueOffEffect};
 use crate::legacy;
 use crate::link::{Interrupt, LineErrors, Link};
 use crate::port::Connection;
 use crate::stop;
+use crate::text::Text;
 
 /// A gripper whose reading is the same for this long stands still: it may hold something.
 const STANDSTILL_TIME: Duration = Duration::from_secs(1);
@@ -50,6 +51,8 @@ pub struct Ling {
     /// True if the last reading did not show the torque off. False before the first one, and after the torque was or
     /// may have been switched: the next move reads first.
     may_move: bool,
+    /// The last reading of the joints.
+    last: Option<JointState>,
 }
 
 impl Connection {
@@ -72,11 +75,15 @@ impl Connection {
             connection: self.clone(),
             gripper: None,
             may_move: false,
+            last: None,
         })
     }
 }
 
 impl Ling {
+    /// The time without an answer after which an arm in motion is asked to stop.
+    pub const SILENCE: Duration = Duration::from_secs(2);
+
     /// Reads the arm's kind, serial number and versions.
     pub fn read_info(&mut self) -> Result<Info, Error> {
         self.link.read(&Request::ReadInfo)
@@ -85,6 +92,7 @@ impl Ling {
     /// Reads the joint positions, the gripper and the motion status.
     pub fn read_joints(&mut self) -> Result<JointState, Error> {
         let state: JointState = self.link.read(&Request::ReadJoints)?;
+        self.last = Some(state);
         self.may_move = state.status.is_holding() != Some(false);
         if !self.may_move {
             self.gripper = None;
@@ -97,25 +105,41 @@ impl Ling {
     /// # Errors
     ///
     /// [`Error::TorqueOff`] if the torque is off.
-    pub fn read_torque(&mut self) -> Result<JointState, Error> {
+    pub fn require_torque(&mut self) -> Result<JointState, Error> {
         let state = self.read_joints()?;
         match self.may_move {
             true => Ok(state),
-            false => Err(self.without_torque(&state, "nothing was sent")),
+            false => Err(self.without_torque(&state, TorqueOffEffect::NothingSent)),
         }
     }
 
-    /// Reads the joints of an arm in motion.
+    /// Reads the joints of an arm in motion, as [`read_joints`](Self::read_joints) for an arm that was not moved: it may be
+    /// moved by hand.
+    ///
+    /// After a move, a missing or unacceptable answer costs one reading: the arm is read until it answers. After
+    /// [`SILENCE`](Self::SILENCE) it is asked to stop, as by [`stop`](Self::stop).
     ///
     /// # Errors
     ///
-    /// [`Error::TorqueOff`] if the torque went off after a move. An arm that was not moved may be moved by hand.
+    /// [`Error::TorqueOff`] if the torque went off after a move. [`Error::Unanswered`] after the silence.
     pub fn read_motion(&mut self) -> Result<JointState, Error> {
-        let has_moved = self.has_moved();
-        let state = self.read_joints()?;
-        match has_moved && !self.may_move {
-            true => Err(self.without_torque(&state, "the arm is not moved")),
-            false => Ok(state),
+        let Some(gripper) = self.gripper else {
+            return self.read_joints();
+        };
+        let begun = Instant::now();
+        loop {
+            match self.read_joints() {
+                Ok(state) if self.may_move => return Ok(state),
+                Ok(state) => return Err(self.without_torque(&state, TorqueOffEffect::MotionEnded)),
+                Err(error) => {
+                    let cause = stop::passing(error)?;
+                    if begun.elapsed() >= Self::SILENCE {
+                        return Err(self.unanswered(cause, gripper));
+                    }
+                }
+            }
+            self.link.check_interrupt()?;
+            thread::sleep(POLL_PERIOD);
         }
     }
 
@@ -148,7 +172,7 @@ impl Ling {
     pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
         let (gripper, _speed) = target.gripper;
         if !self.may_move {
-            self.read_torque()?;
+            self.require_torque()?;
         }
         self.link.send(&Request::Move(*target))?;
         self.gripper = Some(gripper);
@@ -170,7 +194,7 @@ impl Ling {
         let (opening, grip) = match gripper.or(self.gripper) {
             Some(goal) => (goal, Grip::Goal),
             // As in a stop, a reading beyond the open end stands for that end.
-            None => (self.read_torque()?.opening().unwrap_or(Opening::OPEN), Grip::Reading),
+            None => (self.require_torque()?.opening().unwrap_or(Opening::OPEN), Grip::Reading),
         };
         let gripper = (opening, gripper_speed);
         self.move_to(&Move { joints, gripper })?;
@@ -182,8 +206,9 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::NotReached`] after `limit`: the arm may move on. [`Error::Stopped`] after an interrupt.
-    /// [`Error::TorqueOff`] if the torque is off, or goes off.
+    /// [`Error::NotReached`] at the first reading after `limit`: the arm may move on. [`Error::Stopped`] after an interrupt.
+    /// [`Error::TorqueOff`] if the torque is off, or goes off. [`Error::Unanswered`] if the arm falls silent, as in
+    /// [`read_motion`](Self::read_motion): it was asked to stop.
     pub fn move_and_wait(&mut self, target: &Move, limit: Duration) -> Result<JointState, Error> {
         let (gripper, _speed) = target.gripper;
         self.stop_if_interrupted(gripper, |arm| {
@@ -347,7 +372,20 @@ impl Ling {
         }
     }
 
-    fn without_torque(&self, state: &JointState, effect: &'static str) -> Error {
+    /// Stops an arm that is silent for this cause.
+    fn unanswered(&mut self, cause: Text, gripper: Opening) -> Error {
+        let last = self.last;
+        let stopped = self.stop(Some(gripper)).map_err(|error| match error {
+            Error::NotStopped { cause, .. } => cause,
+            error => error.to_string().into(),
+        });
+        Error::Unanswered {
+            name: self.link.name().to_owned(),
+            silence: Box::new(Silence { cause, last, stopped }),
+        }
+    }
+
+    fn without_torque(&self, state: &JointState, effect: TorqueOffEffect) -> Error {
         Error::TorqueOff {
             name: self.link.name().to_owned(),
             status: state.status,
@@ -429,6 +467,7 @@ mod tests {
                     connection: crate::open("/dev/fake").unwrap(),
                     gripper: Some(Opening::OPEN),
                     may_move: false,
+                    last: None,
                 };
                 assert_eq!(switch_off(&mut arm).is_err(), has_moved);
                 assert_eq!(arm.has_moved(), has_moved);

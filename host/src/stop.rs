@@ -83,12 +83,12 @@ fn end_stream(link: &mut Link<Ling>, request: &Request, clock: &Stopwatch) -> Re
     Ok(())
 }
 
-/// The cause in an error that may pass: the next request may succeed, and without a stop the arm moves on.
+/// The cause in an error that may pass: the next request may succeed, and meanwhile the arm moves on.
 ///
 /// # Errors
 ///
-/// The error, if it ends the stop.
-fn passing(error: Error) -> Result<Text, Error> {
+/// The error, if no later request can succeed.
+pub(crate) fn passing(error: Error) -> Result<Text, Error> {
     match error {
         Error::Interrupted(_) | Error::Lost { .. } | Error::Legacy { .. } => Err(error),
         Error::NoAnswer { cause, hint, .. } => Ok(Text::from(format!("{cause}: ")).append(&hint)),

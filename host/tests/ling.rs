@@ -8,20 +8,64 @@ use std::time::Duration;
 
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{GripperSpeed, Move, Opening, Position, Request, Speed, Torque};
+use armwire::time::Instant;
 use armwire_host::{Error, Ling, Missing, Remedy};
 use armwire_sim::ling::{Config, LingArm};
 use armwire_sim::pty::Pty;
+use armwire_sim::serial::SerialDevice;
 use armwire_sim::serve::serve;
+
+/// Length of an answer with the joints, in bytes.
+const JOINTS_ANSWER: usize = 21;
+
+/// An arm that receives everything, behind a line that loses the next bytes of its answers: this many.
+struct Losing {
+    arm: LingArm,
+    lost: Arc<AtomicUsize>,
+}
+
+impl SerialDevice for Losing {
+    fn receive(&mut self, now: Instant, byte: u8) {
+        self.arm.receive(now, byte);
+    }
+
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
+        while let Some(byte) = self.arm.transmit(now) {
+            let lost = |left: usize| left.checked_sub(1);
+            if self
+                .lost
+                .fetch_update(Ordering::Relaxed, Ordering::Relaxed, lost)
+                .is_err()
+            {
+                return Some(byte);
+            }
+        }
+        None
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.arm.poll_timeout()
+    }
+}
 
 /// Runs `test` with an arm.
 fn with_arm(test: impl FnOnce(&mut Ling) + Send) {
+    with_losing_arm(|arm, _| test(arm));
+}
+
+/// Runs `test` with an arm, and the number of bytes that its answers lose.
+fn with_losing_arm(test: impl FnOnce(&mut Ling, &AtomicUsize) + Send) {
     let (pty, stop) = (Pty::open(None).unwrap(), AtomicBool::new(false));
-    let mut virtual_arm = LingArm::new(Config::follower());
+    let lost = Arc::new(AtomicUsize::new(0));
+    let mut virtual_arm = Losing {
+        arm: LingArm::new(Config::follower()),
+        lost: Arc::clone(&lost),
+    };
     thread::scope(|scope| {
         scope.spawn(|| serve(&mut virtual_arm, &pty, &stop));
         let path = pty.path().to_str().unwrap();
         let tested = thread::scope(|scope| {
-            let test = || test(&mut armwire_host::open(path).unwrap().ling().unwrap());
+            let test = || test(&mut armwire_host::open(path).unwrap().ling().unwrap(), &lost);
             scope.spawn(test).join()
         });
         stop.store(true, Ordering::Relaxed);
@@ -84,6 +128,37 @@ fn unreached_target_is_an_error_with_the_pose() {
         };
         assert!(state.joints[0] < 4_000);
         assert_eq!(error.remedy(), Some(Remedy::Stop));
+    });
+}
+
+#[test]
+fn lost_answers_do_not_end_a_wait() {
+    with_losing_arm(|arm, lost| {
+        let pose = patient(|| arm.read_joints()).unwrap();
+        let target = Move {
+            joints: [(Position::new(2_100).unwrap(), Speed::MAX); 6],
+            gripper: (pose.opening().unwrap(), GripperSpeed(1_000)),
+        };
+        // The answers to one reading and its repeats, and to half of the next.
+        lost.store(4 * JOINTS_ANSWER + JOINTS_ANSWER / 2, Ordering::Relaxed);
+        let reached = arm.move_and_wait(&target, Duration::from_secs(60)).unwrap();
+        assert!(target.is_reached_by(&reached));
+        assert_eq!(lost.load(Ordering::Relaxed), 0);
+    });
+}
+
+#[test]
+fn arm_that_falls_silent_is_asked_to_stop() {
+    with_losing_arm(|arm, lost| {
+        let pose = patient(|| arm.read_joints()).unwrap();
+        lost.store(usize::MAX, Ordering::Relaxed);
+        let error = arm.move_and_wait(&far_target(), Duration::from_secs(60)).unwrap_err();
+        let Error::Unanswered { silence, .. } = &error else {
+            panic!("{error}");
+        };
+        assert_eq!(silence.last, Some(pose));
+        assert!(silence.stopped.is_err());
+        assert!(error.to_string().contains("not stopped: no answer"), "{error}");
     });
 }
 

@@ -297,6 +297,8 @@ class Ling(Open):
             ValueError: An angle or the time-out is out of range; nothing is read.
             RefusedError: The torque went off after a move of this object.
             TimeoutError: A joint did not arrive in time; the message names it. The arm may still move.
+            AbsentError: The arm that this object has moved did not answer for 2 s. It was stopped then.
+            NotStoppedError: It did not answer the stop either: it may still move.
         """
         return self._wait(Wait(self.port, position_ticks(joints, DEG_PER_TICK, "degrees"), timeout_s))
 
