@@ -86,7 +86,7 @@ pub use armwire_bridge as bridge;
 pub use adapter::RECOVERY;
 pub use alpha1::Alpha1;
 pub use available::ports;
-pub use control::Adapter;
+pub use control::{Adapter, Hold};
 pub use describe::{Arm, Fact, Protocol};
 pub use error::{Error, Silence, TorqueOffEffect};
 pub use hid::Selector;

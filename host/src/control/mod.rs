@@ -1,5 +1,6 @@
 //! An adapter's control port: requests and events, over USB, CAN or a port of its own.
 
+mod hold;
 pub mod usb;
 
 use std::collections::VecDeque;
@@ -17,6 +18,8 @@ use crate::line::Line;
 use crate::received::Missing;
 use crate::stopwatch::after;
 use crate::text::{Remedy, Text};
+
+pub use hold::Hold;
 
 /// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
