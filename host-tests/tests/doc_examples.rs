@@ -216,31 +216,33 @@ mod alpha1_robot {
 }
 
 mod alpha1_servo {
+    use std::convert::Infallible;
+
     use armwire_sim::alpha1::{BusConfig, ServoBus};
 
     use super::{Clock as VirtualClock, Config, Port, run, world};
 
     include!("../../protocol/doc/alpha1_servo.rs");
 
-    fn example(faulty: bool) -> (bool, i16) {
+    fn example(faulty: bool) -> (Result<bool, CallError<Infallible>>, i16) {
         let mut bus = ServoBus::new(BusConfig::default());
         bus.servos_mut()[0].set_faulty(faulty);
         let world = world(bus);
         let mut arm = Arm::new(Port(&world), VirtualClock(&world), Config::default());
         let [one, free] = [1, 17].map(|id| ServoId::new(id).unwrap());
-        let done = run(&world, servo(&mut arm, one, Angle::new(90).unwrap(), free)).unwrap();
+        let done = run(&world, servo(&mut arm, one, Angle::new(90).unwrap(), free));
         let world = world.borrow();
         (done, world.device.servos()[0].offset().thirds())
     }
 
     #[test]
     fn servo_example_sets_zero_offset() {
-        assert_eq!(example(false), (true, 3));
+        assert_eq!(example(false), (Ok(true), 3));
     }
 
     #[test]
-    fn servo_example_ignores_offset_of_failing_servo() {
-        assert_eq!(example(true), (false, 0));
+    fn servo_example_ends_at_a_failing_servo() {
+        assert_eq!(example(true), (Err(CallError::Failed), 0));
     }
 }
 

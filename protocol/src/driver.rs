@@ -86,6 +86,10 @@ pub enum CallError<E> {
     #[cfg(feature = "xarm")]
     #[error("the arm refused, its state: {0}")]
     Refused(crate::xarm::State),
+    /// The Alpha1, or its servo, reported a failure. It gives no reason.
+    #[cfg(feature = "alpha1")]
+    #[error("the arm reported a failure")]
+    Failed,
     /// The arm did not answer.
     #[error(fmt = timed_out)]
     TimedOut {

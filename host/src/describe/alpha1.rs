@@ -2,7 +2,7 @@
 
 use std::num::NonZeroU32;
 
-use armwire::alpha1::{Alpha1, FirmwareVersion, Outcome, Request, Response, SERVOS, ServoResponse, ServoStates};
+use armwire::alpha1::{Alpha1, Outcome, Request, Response, SERVOS, ServoResponse, ServoStates};
 use armwire::{Config, time};
 use serde_json::json;
 
@@ -55,20 +55,11 @@ impl Arm for Alpha1 {
     }
 
     fn refusal(response: &Response<'_>) -> Option<String> {
-        let (who, outcome) = match response {
-            Response::Stopped(outcome)
-            | Response::FirmwareVersion(FirmwareVersion { outcome, .. })
-            | Response::Acted(outcome)
-            | Response::OffsetTool(outcome)
-            | Response::UsbType(outcome)
-            | Response::Playing(outcome) => ("the robot".to_owned(), *outcome),
-            Response::Servo(response) => {
-                let (servo, outcome) = response.outcome();
-                (servo.to_string(), outcome)
-            }
-            _ => return None,
+        let who = match response {
+            Response::Servo(response) => response.outcome().0.to_string(),
+            _ => "the robot".to_owned(),
         };
-        (!outcome.is_success()).then(|| format!("{who} reported failure without a reason"))
+        (response.outcome() == Some(Outcome::Failure)).then(|| format!("{who} reported failure without a reason"))
     }
 }
 

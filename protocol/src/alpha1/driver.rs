@@ -13,9 +13,9 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 
 /// An Alpha1, or a bus of its servos, at the other end of a port.
 ///
-/// Every call fails with [`CallError`]. Reads are repeated after a timeout, except for
-/// [`read_servo_angles`](Self::read_servo_angles). Requests to all servos have no answer: their call returns after the
-/// write. See [`Driver`](crate::driver::Driver) for dropping a call.
+/// Every call fails with [`CallError`], also if the robot or the servo reports a failure. Reads are repeated after a
+/// timeout, except for [`read_servo_angles`](Self::read_servo_angles). Requests to all servos have no answer: their call
+/// returns after the write. See [`Driver`](crate::driver::Driver) for dropping a call.
 ///
 /// The servo bus has 115 200 baud: set it in the [`Config`](crate::Config).
 ///
@@ -25,14 +25,14 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 /// use core::num::NonZeroU32;
 ///
 /// use armwire::Config;
-/// use armwire::alpha1::{Arm, Outcome, Text};
+/// use armwire::alpha1::{Arm, Text};
 /// use armwire::driver::CallError;
 ///
 /// const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
 ///
-/// async fn play<P: Read + Write>(port: P, clock: impl Clock, name: Text<'_>) -> Result<Outcome, CallError<P::Error>> {
+/// async fn play<P: Read + Write>(port: P, clock: impl Clock, name: Text<'_>) -> Result<(), CallError<P::Error>> {
 ///     let mut arm = Arm::new(port, clock, Config { baud: BAUD, ..Config::DEFAULT });
-///     let _ = arm.stop().await?;
+///     arm.stop().await?;
 ///     arm.play(name).await
 /// }
 /// ```
@@ -65,50 +65,47 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         &mut self,
         take: impl FnOnce(Text<'_>) -> T,
     ) -> Result<T, CallError<Port::Error>> {
-        self.driver
-            .read(&Request::ReadHardwareVersion, |response| {
-                response.try_into().ok().map(take)
-            })
-            .await
+        self.read(&Request::ReadHardwareVersion, |response| {
+            response.try_into().ok().map(take)
+        })
+        .await
     }
 
     /// Reads the robot's firmware version.
     pub async fn read_firmware_version(&mut self) -> Result<FirmwareVersion, CallError<Port::Error>> {
-        self.driver
-            .read(&Request::ReadFirmwareVersion, |response| response.try_into().ok())
+        self.read(&Request::ReadFirmwareVersion, |response| response.try_into().ok())
             .await
     }
 
     /// Reads the servo states: running or powered off.
     pub async fn read_servo_states(&mut self) -> Result<ServoStates, CallError<Port::Error>> {
-        self.driver
-            .read(&Request::ReadServoStates, |response| response.try_into().ok())
+        self.read(&Request::ReadServoStates, |response| response.try_into().ok())
             .await
     }
 
     /// Moves all servos.
-    pub async fn act(&mut self, action: Action) -> Result<Outcome, CallError<Port::Error>> {
-        self.driver.read(&Request::Act(action), outcome).await
+    pub async fn act(&mut self, action: Action) -> Result<(), CallError<Port::Error>> {
+        self.read(&Request::Act(action), done).await
     }
 
     /// Plays the action of this name.
-    pub async fn play(&mut self, name: Text<'_>) -> Result<Outcome, CallError<Port::Error>> {
-        self.driver.read(&Request::Play(name), outcome).await
+    pub async fn play(&mut self, name: Text<'_>) -> Result<(), CallError<Port::Error>> {
+        self.read(&Request::Play(name), done).await
     }
 
     /// Stops the current action.
-    pub async fn stop(&mut self) -> Result<Outcome, CallError<Port::Error>> {
-        self.driver.read(&Request::Stop, outcome).await
+    pub async fn stop(&mut self) -> Result<(), CallError<Port::Error>> {
+        self.read(&Request::Stop, done).await
     }
 
     /// Connects or disconnects the servo offset tool.
-    pub async fn set_offset_tool(&mut self, tool: OffsetTool) -> Result<Outcome, CallError<Port::Error>> {
-        self.driver.read(&Request::SetOffsetTool(tool), outcome).await
+    pub async fn set_offset_tool(&mut self, tool: OffsetTool) -> Result<(), CallError<Port::Error>> {
+        self.read(&Request::SetOffsetTool(tool), done).await
     }
 
     /// Sets the robot's USB device type. The port may close.
-    pub async fn set_usb_type(&mut self, usb: UsbType) -> Result<Outcome, CallError<Port::Error>> {
-        self.driver.read(&Request::SetUsbType(usb), outcome).await
+    pub async fn set_usb_type(&mut self, usb: UsbType) -> Result<(), CallError<Port::Error>> {
+        self.read(&Request::SetUsbType(usb), done).await
     }
 
     /// Moves a servo, or all of them to the same angle.
@@ -138,65 +135,64 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Reads the target and the actual angle of a servo, in degrees. **The servo switches its motor off to answer: a
     /// load that it holds falls.**
-    pub async fn read_servo_angles(&mut self, servo: ServoId) -> Result<(Outcome, u16, u16), CallError<Port::Error>> {
-        self.driver
-            .read(
-                &Request::Servo(ServoRequest::ReadAngles(servo)),
-                |response| match response {
-                    Response::Servo(ServoResponse::Angles {
-                        outcome,
-                        target,
-                        actual,
-                        ..
-                    }) => Some((outcome, target, actual)),
-                    _ => None,
-                },
-            )
-            .await
+    pub async fn read_servo_angles(&mut self, servo: ServoId) -> Result<(u16, u16), CallError<Port::Error>> {
+        self.read(
+            &Request::Servo(ServoRequest::ReadAngles(servo)),
+            |response| match response {
+                Response::Servo(ServoResponse::Angles { target, actual, .. }) => Some((target, actual)),
+                _ => None,
+            },
+        )
+        .await
     }
 
     /// Changes a servo's id.
-    pub async fn change_servo_id(&mut self, from: ServoId, to: ServoId) -> Result<Outcome, CallError<Port::Error>> {
-        self.driver
-            .read(&Request::Servo(ServoRequest::ChangeId { from, to }), outcome)
+    pub async fn change_servo_id(&mut self, from: ServoId, to: ServoId) -> Result<(), CallError<Port::Error>> {
+        self.read(&Request::Servo(ServoRequest::ChangeId { from, to }), done)
             .await
     }
 
     /// Sets a servo's zero offset.
-    pub async fn set_servo_offset(
-        &mut self,
-        servo: ServoId,
-        offset: Offset,
-    ) -> Result<Outcome, CallError<Port::Error>> {
-        self.driver
-            .read(&Request::Servo(ServoRequest::SetOffset(servo, offset)), outcome)
+    pub async fn set_servo_offset(&mut self, servo: ServoId, offset: Offset) -> Result<(), CallError<Port::Error>> {
+        self.read(&Request::Servo(ServoRequest::SetOffset(servo, offset)), done)
             .await
     }
 
     /// Reads a servo's zero offset, in thirds of a degree.
-    pub async fn read_servo_offset(&mut self, servo: ServoId) -> Result<(Outcome, i16), CallError<Port::Error>> {
-        self.driver
-            .read(
-                &Request::Servo(ServoRequest::ReadOffset(servo)),
-                |response| match response {
-                    Response::Servo(ServoResponse::Offset { outcome, thirds, .. }) => Some((outcome, thirds)),
-                    _ => None,
-                },
-            )
-            .await
+    pub async fn read_servo_offset(&mut self, servo: ServoId) -> Result<i16, CallError<Port::Error>> {
+        self.read(
+            &Request::Servo(ServoRequest::ReadOffset(servo)),
+            |response| match response {
+                Response::Servo(ServoResponse::Offset { thirds, .. }) => Some(thirds),
+                _ => None,
+            },
+        )
+        .await
     }
 
     /// Reads the version of a servo's firmware.
-    pub async fn read_servo_version(&mut self, servo: ServoId) -> Result<(Outcome, [u8; 4]), CallError<Port::Error>> {
-        self.driver
-            .read(
-                &Request::Servo(ServoRequest::ReadVersion(servo)),
-                |response| match response {
-                    Response::Servo(ServoResponse::Version { outcome, version, .. }) => Some((outcome, version)),
-                    _ => None,
-                },
-            )
-            .await
+    pub async fn read_servo_version(&mut self, servo: ServoId) -> Result<[u8; 4], CallError<Port::Error>> {
+        self.read(
+            &Request::Servo(ServoRequest::ReadVersion(servo)),
+            |response| match response {
+                Response::Servo(ServoResponse::Version { version, .. }) => Some(version),
+                _ => None,
+            },
+        )
+        .await
+    }
+
+    /// Sends a request and returns its answer, unless it reports a failure.
+    async fn read<T>(
+        &mut self,
+        request: &Request<'_>,
+        take: impl FnOnce(Response<'_>) -> Option<T>,
+    ) -> Result<T, CallError<Port::Error>> {
+        let answer = self.driver.read(request, |response| match response.outcome() {
+            Some(Outcome::Failure) => Some(Err(CallError::Failed)),
+            _ => take(response).map(Ok),
+        });
+        answer.await?
     }
 
     /// The counts of received frames and bytes other than answers, since the arm was created.
@@ -222,7 +218,7 @@ impl<Port, C> fmt::Debug for Arm<Port, C> {
     }
 }
 
-/// The result in a response without further data.
-fn outcome(response: Response<'_>) -> Option<Outcome> {
-    response.try_into().ok()
+/// A response without further data.
+fn done(response: Response<'_>) -> Option<()> {
+    Outcome::try_from(response).ok().map(|_| ())
 }

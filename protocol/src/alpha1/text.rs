@@ -175,6 +175,29 @@ impl Display for Request<'_> {
     }
 }
 
+impl Response<'_> {
+    /// The result of the request. `None` for a response without one, whose request has succeeded.
+    ///
+    /// ```
+    /// use armwire::alpha1::{Outcome, Response, ServoStates};
+    ///
+    /// assert_eq!(Response::Acted(Outcome::Failure).outcome(), Some(Outcome::Failure));
+    /// assert_eq!(Response::ServoStates(ServoStates::from_bits(1)).outcome(), None);
+    /// ```
+    pub const fn outcome(&self) -> Option<Outcome> {
+        match self {
+            Self::HardwareVersion(_) | Self::ServoStates(_) => None,
+            Self::Stopped(outcome)
+            | Self::FirmwareVersion(FirmwareVersion { outcome, .. })
+            | Self::Acted(outcome)
+            | Self::OffsetTool(outcome)
+            | Self::UsbType(outcome)
+            | Self::Playing(outcome) => Some(*outcome),
+            Self::Servo(response) => Some(response.outcome().1),
+        }
+    }
+}
+
 impl ServoResponse {
     /// The values of the answer as text, without the servo: `released, at 90°, sent to 91°`.
     ///
