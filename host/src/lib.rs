@@ -43,9 +43,10 @@
 //!
 //! # Errors
 //!
-//! An [`Error`] says what was wrong, and where. Its text has no words of a certain program: a program puts its own in at
-//! each [`Remedy`]. It does no I/O: [`Connection::explain`] asks the adapter for what only that knows. Text from outside
-//! in it is not escaped: [`describe::escaped`] does that for a terminal.
+//! An [`Error`] says what was wrong, and where. As in [`armwire`], its text has the cause, and `source` returns none. It
+//! has no words of a certain program: a program puts its own in at each [`Remedy`]. It does no I/O:
+//! [`Connection::explain`] asks the adapter for what only that knows. Text from outside in it is not escaped:
+//! [`describe::escaped`] does that for a terminal.
 //!
 //! # Features
 //!

@@ -57,28 +57,27 @@ impl<C: Clock> Clock for &C {
 pub enum CallError<E> {
     /// The port failed.
     #[error("the port failed: {0}")]
-    Io(#[source] E),
+    Io(E),
     /// The port accepted or returned zero bytes: it is closed.
     #[error("the port is closed")]
     Closed,
     /// The port reported more bytes than were passed to it or requested.
     #[error("the port reported an invalid count: {0}")]
-    Port(#[source] OutOfRange<usize>),
+    Port(OutOfRange<usize>),
     /// The client did not accept the request.
     #[error("{0}")]
-    Submit(#[source] SubmitError),
+    Submit(SubmitError),
     /// A lossless stream broke: no later byte can be decoded, and the connection must be closed.
     #[error("the connection is broken: byte {offset}: {reason}")]
     Broken {
         /// The offset of the break, in bytes since the driver was created.
         offset: u64,
         /// The reason.
-        #[source]
         reason: Reason,
     },
     /// The arm's answer has an invalid value or length.
     #[error("the arm's answer cannot be accepted: {0}")]
-    Unacceptable(#[source] ParseError),
+    Unacceptable(ParseError),
     /// The arm answered with an error frame.
     #[error("the arm sent an error frame: {0}")]
     ErrorFrame(ErrorFrame),

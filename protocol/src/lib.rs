@@ -23,6 +23,11 @@
 //! * `async`: the driver.
 //! * `defmt`: `defmt::Format` for every value, message, event and error.
 //!
+//! # Errors
+//!
+//! The text of an error is one line, with its cause. `source` therefore returns none: a program that prints the chain
+//! prints the cause once. The cause is a value in the error's variant.
+//!
 //! # Stability
 //!
 //! Programs use [`Client`] or the driver, [`Device`], [`messages`], [`time`] and the modules of the protocols. Changes of

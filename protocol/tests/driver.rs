@@ -9,11 +9,11 @@ use std::task::{Context, Poll, Waker};
 
 use armwire::correlation::Correlation;
 use armwire::driver::{CallError, Clock, Counters};
-use armwire::framing::{Framing, Scan};
+use armwire::framing::{Framing, Reason, Scan};
 use armwire::ling::*;
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
-use armwire::{Cause, Config, Device, DeviceEvent, ErrorFrame, MessageId, ParseError};
+use armwire::{Cause, Config, Device, DeviceEvent, ErrorFrame, MessageId, OutOfRange, ParseError, SubmitError};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -838,7 +838,24 @@ fn closed_or_failed_port_is_a_named_error() {
     assert_eq!(call(Broken(Ok(0))), CallError::Closed);
     let error = call(Broken(Err(ErrorKind::BrokenPipe)));
     assert_eq!(error, CallError::Io(ErrorKind::BrokenPipe));
-    assert!(std::error::Error::source(&error).is_some());
+}
+
+#[test]
+fn cause_is_in_the_text_alone() {
+    let count = OutOfRange::new("count", "", 9, 0, 8);
+    let reason = Reason::Abandoned;
+    let unacceptable = Ling.parse_response(&[], ()).unwrap_err();
+    let errors: [(CallError<ErrorKind>, String); 5] = [
+        (CallError::Io(ErrorKind::BrokenPipe), ErrorKind::BrokenPipe.to_string()),
+        (CallError::Port(count), count.to_string()),
+        (CallError::Submit(SubmitError::Busy), SubmitError::Busy.to_string()),
+        (CallError::Broken { offset: 7, reason }, reason.to_string()),
+        (CallError::Unacceptable(unacceptable), unacceptable.to_string()),
+    ];
+    for (error, cause) in errors {
+        assert!(error.to_string().ends_with(&cause), "{error}");
+        assert!(std::error::Error::source(&error).is_none(), "{error}");
+    }
 }
 
 #[test]
