@@ -3,17 +3,20 @@
 use super::format::Format;
 use super::input::{BYTE_ORDER_MARK, Head};
 use super::log::candump::Candump;
-use super::log::{Record, TextLog, blf, csv, gvret};
+#[cfg(feature = "recordings")]
+use super::log::pcap;
+use super::log::{Record, TextLog, blf, csv, gvret, printer};
 use crate::error::Error;
 
 /// First characters of text formats, in any case. TRC version 1.0 has a line of number signs.
-const BEGINNINGS: [(&str, Format); 6] = [
+const BEGINNINGS: [(&str, Format); 7] = [
     ("date ", Format::Asc),
     ("base ", Format::Asc),
     (";$", Format::Trc),
     (";##", Format::Trc),
     (csv::HEADER, Format::Csv),
     (gvret::HEADER, Format::Gvret),
+    (printer::BEGINNING, Format::Printer),
 ];
 /// First bytes of an MCAP file.
 const MCAP: &[u8] = b"\x89MCAP0\r\n";
@@ -43,6 +46,14 @@ fn judge(bytes: &[u8], is_all: bool) -> Option<Format> {
     }
     if bytes.starts_with(MCAP) {
         return Some(Format::Mcap);
+    }
+    #[cfg(feature = "recordings")]
+    if pcap::SIGNATURES.iter().any(|signature| bytes.starts_with(signature)) {
+        return Some(Format::Pcap);
+    }
+    #[cfg(feature = "recordings")]
+    if pcap::SIGNATURES.iter().any(|signature| may_become(signature)) {
+        return None;
     }
     if may_become(blf::SIGNATURE) || may_become(MCAP) || may_become(BYTE_ORDER_MARK) {
         return None;

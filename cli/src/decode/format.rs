@@ -21,6 +21,10 @@ pub(crate) enum Format {
     Csv,
     /// A CSV log of GVRET or SavvyCAN.
     Gvret,
+    /// What python-can prints, as in a log of the type TXT.
+    Printer,
+    /// A capture of Wireshark or tcpdump, pcap or pcapng, with CAN frames.
+    Pcap,
     /// A recording of 'armwire monitor --mcap'.
     Mcap,
 }

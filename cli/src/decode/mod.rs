@@ -43,8 +43,8 @@ use recording::{Frames, LingFrames, Recording};
 #[derive(Args)]
 pub(crate) struct Decode {
     /// Recording, or - for standard input: an MCAP file of 'armwire monitor'; the bytes of a line, raw or as
-    /// hexadecimal text; or a log of a CAN bus from candump, Vector (ASC, BLF), PEAK (TRC), python-can (CSV), or
-    /// SavvyCAN (GVRET CSV).
+    /// hexadecimal text; or a log of a CAN bus from candump, Vector (ASC, BLF), PEAK (TRC), python-can (CSV, TXT),
+    /// SavvyCAN (GVRET CSV), or Wireshark (pcap, pcapng).
     #[arg(default_value = "-")]
     file: PathBuf,
     /// Format of the recording. By default it is detected from the first bytes.
@@ -128,7 +128,7 @@ fn decode_recording(
 ) -> Result<u64, Error> {
     let format = format.map_or_else(|| detect::detect(&mut head), Ok)?;
     let mut input = match format {
-        Format::Raw | Format::Blf | Format::Mcap => head.into_input(),
+        Format::Raw | Format::Blf | Format::Mcap | Format::Pcap => head.into_input(),
         _ => head.into_text()?,
     };
     match format {

@@ -12,7 +12,7 @@ use crate::common::{PROGRAM, TIMEOUT, failure, finish, free_path, run, success, 
 const LOGS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/logs/");
 
 /// The text formats: name, header, and a record of a request to a Ling arm.
-const RECORDS: [(&str, &str, &str); 7] = [
+const RECORDS: [(&str, &str, &str); 8] = [
     ("hex", "", "AA 06 00 01 FE 9A FF\n"),
     ("candump", "", "(1.000000) can0 60F#07AA060001FE9AFF\n"),
     ("candump", "", "  can0  60F   [8]  07 AA 06 00 01 FE 9A FF\n"),
@@ -36,6 +36,11 @@ const RECORDS: [(&str, &str, &str); 7] = [
         "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n",
         "1000000,0000060F,false,Rx,0,8,07,AA,06,00,01,FE,9A,FF,\n",
     ),
+    (
+        "printer",
+        "",
+        "Timestamp:        1.000000    ID:     060f    S Rx                DL:  8    07 aa 06 00 01 fe 9a ff     Channel: can0\n",
+    ),
 ];
 /// The same request in bytes.
 const RAW: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
@@ -46,12 +51,18 @@ const BLF_HEADER: &[u8] = b"LOGG\x08\0\0\0";
 const BLF_RECORD: &[u8] = b"LOBJ\x20\0\x01\0\x30\0\0\0\x56\0\0\0\x02\0\0\0\0\0\0\0\0\x10\0\0\0\0\0\0\
     \x01\0\0\x08\x0F\x06\0\0\x07\xAA\x06\0\x01\xFE\x9A\xFF";
 
+/// The header of a pcap file with frames of SocketCAN, and a packet with the same request.
+const PCAP_HEADER: &[u8] = b"\xD4\xC3\xB2\xA1\x02\0\x04\0\0\0\0\0\0\0\0\0\0\0\x04\0\xE3\0\0\0";
+const PCAP_RECORD: &[u8] = b"\x01\0\0\0\0\0\0\0\x10\0\0\0\x10\0\0\0\
+    \0\0\x06\x0F\x08\0\0\0\x07\xAA\x06\0\x01\xFE\x9A\xFF";
+
 /// All formats: name, header, and a record.
 fn formats() -> Vec<(&'static str, Vec<u8>, Vec<u8>)> {
     let text = RECORDS.map(|(format, header, record)| (format, header.into(), record.into()));
     let bytes = [
         ("raw", Vec::new(), RAW.to_vec()),
         ("blf", BLF_HEADER.to_vec(), BLF_RECORD.to_vec()),
+        ("pcap", PCAP_HEADER.to_vec(), PCAP_RECORD.to_vec()),
     ];
     text.into_iter().chain(bytes).collect()
 }
@@ -173,7 +184,8 @@ fn foreign_record_ends_no_log() {
     let path = free_path("foreign.log");
     for (format, header, record) in formats() {
         let foreign = match format {
-            "raw" | "hex" => continue,
+            // A damaged packet has no length.
+            "raw" | "hex" | "pcap" => continue,
             "blf" => &b"LOBS0123456789ab"[..],
             _ => b"\x1B[2J\xFFgarbage\n",
         };
@@ -259,8 +271,11 @@ fn format_option_overrides_detection() {
         out.starts_with("not understood: byte 0: no header of a BLF file\n"),
         "{out}"
     );
-    let text = usage(&["decode", path, "--format", "pcap"]);
-    assert!(text.contains("raw, hex, candump, asc, trc, blf, csv, gvret"), "{text}");
+    let text = usage(&["decode", path, "--format", "mf4"]);
+    assert!(
+        text.contains("raw, hex, candump, asc, trc, blf, csv, gvret, printer, pcap"),
+        "{text}"
+    );
     fs::remove_file(path).unwrap();
 }
 

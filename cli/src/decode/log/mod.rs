@@ -5,6 +5,9 @@ pub(super) mod blf;
 pub(super) mod candump;
 pub(super) mod csv;
 pub(super) mod gvret;
+#[cfg(feature = "recordings")]
+pub(super) mod pcap;
+pub(super) mod printer;
 pub(super) mod trc;
 mod unread;
 
@@ -21,6 +24,7 @@ use asc::Asc;
 use candump::Candump;
 use csv::Csv;
 use gvret::Gvret;
+use printer::Printer;
 use trc::Trc;
 pub(super) use unread::{Place, Unread};
 
@@ -35,11 +39,16 @@ pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -
     match format {
         Format::Raw | Format::Hex | Format::Mcap => Ok(()),
         Format::Blf => blf::read(input, take),
+        #[cfg(feature = "recordings")]
+        Format::Pcap => pcap::read(input, take),
+        #[cfg(not(feature = "recordings"))]
+        Format::Pcap => Err(Error::at(input.name(), "this build of armwire reads no captures")),
         Format::Candump => read_lines(input, &mut Candump, take),
         Format::Asc => read_lines(input, &mut Asc::new(), take),
         Format::Trc => read_lines(input, &mut Trc::default(), take),
         Format::Csv => read_lines(input, &mut Csv, take),
         Format::Gvret => read_lines(input, &mut Gvret::default(), take),
+        Format::Printer => read_lines(input, &mut Printer, take),
     }
 }
 

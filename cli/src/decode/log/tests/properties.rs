@@ -21,7 +21,9 @@ use crate::decode::tests::Pieces;
 
 /// Maximum memory of reading a log, in bytes. The input's buffer and the decompressor take a third of it.
 const MAX_MEMORY: u64 = 256 * 1024;
-const FORMATS: [Format; 6] = [
+const FORMATS: [Format; 8] = [
+    Format::Printer,
+    Format::Pcap,
     Format::Candump,
     Format::Asc,
     Format::Trc,
@@ -401,6 +403,94 @@ fn blf(traffic: &[Sent], is_compressed: bool, container: usize) -> Vec<u8> {
     file
 }
 
+/// A line that python-can prints.
+fn printer_line(sent: &Sent) -> String {
+    let kind = if sent.parts().1 { 'X' } else { 'S' };
+    let is = |flag: char, is: bool| if is { flag } else { ' ' };
+    let (is_error, is_remote) = (
+        matches!(sent.body, Body::Error),
+        matches!(sent.body, Body::Remote { .. }),
+    );
+    let len = match &sent.body {
+        Body::Remote { len, .. } => usize::from(*len),
+        _ => sent.len(),
+    };
+    let (error, remote, fd) = (is('E', is_error), is('R', is_remote), is('F', sent.is_fd()));
+    format!(
+        "Timestamp: {:>15}    ID: {:>8}    {kind} Rx {error} {remote} {fd}          DL: {len:2}    {:24}    Channel: can{}",
+        sent.seconds(),
+        sent.id(4).to_lowercase(),
+        sent.data(" ").to_lowercase(),
+        sent.bus
+    )
+}
+
+/// A packet of SocketCAN.
+fn packet(sent: &Sent) -> Vec<u8> {
+    let (id, is_extended, data) = sent.parts();
+    let (flags, len) = match &sent.body {
+        Body::Remote { len, .. } => (1 << 30, *len),
+        Body::Error => (1 << 29, 0),
+        _ => (u32::from(is_extended) << 31, data.len() as u8),
+    };
+    let fd = if sent.is_fd() { 4 } else { 0 };
+    [&(id | flags).to_be_bytes()[..], &[len, fd, 0, 0], data].concat()
+}
+
+/// A pcap file.
+fn pcap(traffic: &[Sent], is_big_endian: bool, has_nanos: bool) -> Vec<u8> {
+    let word = |word: u32| {
+        if is_big_endian {
+            word.to_be_bytes()
+        } else {
+            word.to_le_bytes()
+        }
+    };
+    let magic = if has_nanos { 0xA1B2_3C4D } else { 0xA1B2_C3D4 };
+    let version = if is_big_endian { [0, 2, 0, 4] } else { [2, 0, 4, 0] };
+    let mut file = [word(magic), version, word(0), word(0), word(65_535), word(227)].concat();
+    for sent in traffic {
+        let packet = packet(sent);
+        let fraction = (sent.micros % 1_000_000) as u32 * if has_nanos { 1_000 } else { 1 };
+        let len = word(packet.len() as u32);
+        file.extend([word((sent.micros / 1_000_000) as u32), word(fraction), len, len].concat());
+        file.extend(packet);
+    }
+    file
+}
+
+/// A pcapng file with an interface for each bus.
+fn pcapng(traffic: &[Sent]) -> Vec<u8> {
+    let block = |kind: u32, body: &[u8]| {
+        let len = (12 + body.len().next_multiple_of(4)) as u32;
+        let mut block = [&kind.to_le_bytes()[..], &len.to_le_bytes(), body].concat();
+        block.resize(block.len().next_multiple_of(4), 0);
+        block.extend(len.to_le_bytes());
+        block
+    };
+    let section = [&0x1A2B_3C4D_u32.to_le_bytes()[..], &[1, 0, 0, 0], &[0xFF; 8]].concat();
+    let mut file = block(0x0A0D_0D0A, &section);
+    for bus in 0..32 {
+        let name = format!("can{bus:02}");
+        let options = [&[2, 0, 5, 0][..], name.as_bytes(), &[0; 3], &[0; 4]].concat();
+        file.extend(block(1, &[&[227, 0, 0, 0, 0, 0, 0, 0][..], &options].concat()));
+    }
+    for sent in traffic {
+        let packet = packet(sent);
+        let words = [
+            sent.bus.into(),
+            (sent.micros >> 32) as u32,
+            sent.micros as u32,
+            packet.len() as u32,
+            packet.len() as u32,
+        ];
+        let mut body = words.map(u32::to_le_bytes).concat();
+        body.extend(packet);
+        file.extend(block(6, &body));
+    }
+    file
+}
+
 /// The records as logs in all formats that can express them.
 fn written(traffic: &[Sent], is_windows: bool) -> Vec<(Format, Vec<u8>)> {
     let text = |lines: Vec<String>| text(lines, is_windows);
@@ -410,6 +500,9 @@ fn written(traffic: &[Sent], is_windows: bool) -> Vec<(Format, Vec<u8>)> {
     vec![
         (Format::Candump, text(traffic.iter().map(candump_logged).collect())),
         (Format::Candump, text(traffic.iter().map(candump_printed).collect())),
+        (Format::Printer, text(traffic.iter().map(printer_line).collect())),
+        (Format::Pcap, pcap(traffic, true, false)),
+        (Format::Pcap, pcapng(traffic)),
         (Format::Asc, text(asc(traffic, false, false))),
         (Format::Trc, text(trc_1(&classic))),
         (Format::Trc, text(trc_2(traffic))),
@@ -472,6 +565,22 @@ proptest! {
     }
 
     #[test]
+    fn text_of_python_can_reads_back(traffic in traffic(), piece in 1..200_usize, is_windows: bool) {
+        let expected: Vec<_> = traffic.iter().map(|sent| sent.expected(format!("can{}", sent.bus))).collect();
+        let log = text(traffic.iter().map(printer_line), is_windows);
+        prop_assert_eq!(read_back(&log, Format::Printer, piece), Ok(expected));
+    }
+
+    #[test]
+    fn captures_read_back(traffic in traffic(), piece in 1..200_usize, is_big_endian: bool, has_nanos: bool) {
+        let expected: Vec<_> = traffic.iter().map(|sent| sent.expected("")).collect();
+        let log = pcap(&traffic, is_big_endian, has_nanos);
+        prop_assert_eq!(read_back(&log, Format::Pcap, piece), Ok(expected));
+        let expected: Vec<_> = traffic.iter().map(|sent| sent.expected(format!("can{:02}", sent.bus))).collect();
+        prop_assert_eq!(read_back(&pcapng(&traffic), Format::Pcap, piece), Ok(expected));
+    }
+
+    #[test]
     fn csv_of_gvret_reads_back(mut traffic in traffic(), piece in 1..200_usize, is_windows: bool) {
         traffic.retain(Sent::is_data);
         let expected: Vec<_> = traffic.iter().map(|sent| sent.expected_by_length(sent.bus)).collect();
@@ -519,7 +628,7 @@ proptest! {
     #[test]
     fn foreign_line_costs_only_itself(traffic in traffic(), at: prop::sample::Index) {
         for (format, log) in written(&traffic, false) {
-            if format == Format::Blf {
+            if matches!(format, Format::Blf | Format::Pcap) {
                 continue;
             }
             let whole = read_back(&log, format, usize::MAX).unwrap();
