@@ -8,11 +8,14 @@ use anyhow::Result;
 use super::background::Background;
 use super::python::Python;
 use super::served::{BOOT, END, ServedBoard};
-use crate::cargo::cargo;
+use crate::apt;
+use crate::cargo::{cargo, target_dir};
 use crate::process::run;
 
 /// The default node id of an adapter.
 const NODE: &str = "0";
+/// Programs that write logs, and their packages.
+const LOG_TOOLS: [(&str, &str); 2] = [("log2asc", "can-utils"), ("tshark", "tshark")];
 
 /// Checks `docs/armwire.dbc` with cantools.
 ///
@@ -21,6 +24,19 @@ const NODE: &str = "0";
 /// If the file has an error.
 pub(crate) fn check_dbc() -> Result<()> {
     python()?.run("dbc.py", &[])
+}
+
+/// Compares the counts of `armwire decode` with those of python-can, can-utils and tshark, for logs that these write.
+///
+/// # Errors
+///
+/// If a count differs.
+pub(crate) fn compare_logs() -> Result<()> {
+    apt::require(&LOG_TOOLS)?;
+    run(&mut cargo("build --quiet --package armwire-cli"))?;
+    let python = python()?;
+    let armwire = target_dir()?.join("debug/armwire");
+    python.run("can_logs.py", &[&armwire, &python.dir])
 }
 
 /// Drives a virtual Ling arm behind the virtual board over CAN, with all three libraries.

@@ -50,6 +50,7 @@ impl Check {
         match self {
             Self::Can => {
                 can::check_dbc()?;
+                can::compare_logs()?;
                 can::drive()
             }
             Self::CanFd => can::exchange_fd(),
