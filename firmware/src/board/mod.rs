@@ -24,6 +24,7 @@
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
 mod can;
+mod memcpy;
 mod oscillator;
 #[cfg(feature = "board-stm32f405")]
 mod stm32f405;

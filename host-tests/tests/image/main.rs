@@ -8,6 +8,7 @@ mod campaign;
 mod can;
 mod canfd;
 mod control;
+mod copy;
 mod crash_loop;
 mod flash;
 mod held_back;
