@@ -1,7 +1,8 @@
 //! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION, and
 //! for the withdrawal of a packet. [`usb_control`](super::super::usb_control) handles hosts that abandon a request.
 //!
-//! The HAL's driver clears a halt in a loop that never ends at NAK, and does not reset data toggles.
+//! The HAL's driver clears a halt in a loop that never ends at NAK, and does not reset data toggles. It calls `memcpy` for
+//! each half-word of a packet: the bulk endpoints access the packet memory here.
 //!
 //! Bits of USB_EPnR toggle if a one is written, or are cleared by a zero (RM0440 45.6.2). The controller changes them,
 //! too: a write must be correct for any change since the read.
@@ -163,13 +164,7 @@ pub(in crate::board) async fn data_in(
         _ => Poll::Pending,
     })
     .await;
-    let start = usize::from(USBRAM.mem(0).read()) / 2;
-    for (place, bytes) in (start..).zip(data.chunks(2)) {
-        let mut word = [0; 2];
-        word[..bytes.len()].copy_from_slice(bytes);
-        USBRAM.mem(place).write_value(u16::from_le_bytes(word));
-    }
-    USBRAM.mem(1).write_value(data.len() as u16);
+    store(0, data);
     if is_over() {
         return Err(EndpointError::Disabled);
     }
@@ -267,8 +262,17 @@ impl driver::Endpoint for In {
 
 impl driver::EndpointIn for In {
     async fn write(&mut self, packet: &[u8]) -> Result<(), EndpointError> {
-        self.0.write(packet).await?;
-        let address = self.0.info().addr;
+        let &EndpointInfo {
+            addr: address,
+            max_packet_size,
+            ..
+        } = self.0.info();
+        if packet.len() > max_packet_size.into() {
+            return Err(EndpointError::BufferOverflow);
+        }
+        wait_for_nak(&mut self.0, address).await?;
+        store(address.index(), packet);
+        set_status(address, Stat::VALID);
         critical_section::with(|_| {
             // The host may have fetched it already. Or a bus reset occurred just now, and it will not be fetched.
             if status(address) != Stat::NAK {
@@ -295,11 +299,13 @@ impl driver::Endpoint for Out {
 impl driver::EndpointOut for Out {
     async fn read(&mut self, packet: &mut [u8]) -> Result<usize, EndpointError> {
         let address = self.0.info().addr;
-        let len = match self.0.read(packet).await {
+        match wait_for_nak(&mut self.0, address).await {
             // The packet was acknowledged: the host will not repeat it.
             Err(EndpointError::Disabled) if take_unread(address) => return fetch(address.index(), packet),
-            read => read?,
-        };
+            waited => waited?,
+        }
+        let len = fetch(address.index(), packet)?;
+        set_status(address, Stat::VALID);
         critical_section::with(|_| {
             // The host's next packet may have arrived.
             if status(address) == Stat::VALID {
@@ -316,18 +322,47 @@ fn take_unread(endpoint: EndpointAddress) -> bool {
     UNREAD.fetch_and(!bit, Ordering::Relaxed) & bit != 0
 }
 
-/// Reads a packet that an endpoint received before a bus reset disabled it, from the address in its descriptor (RM0440
-/// 45.6.3).
+/// Waits until the controller has no access to the endpoint's packet. An error if the endpoint is disabled.
+async fn wait_for_nak(endpoint: &mut impl driver::Endpoint, address: EndpointAddress) -> Result<(), EndpointError> {
+    poll_fn(|cx| {
+        // This registers the waker that the HAL's handler wakes after a packet and after a reset.
+        let _ = pin!(endpoint.wait_enabled()).poll(cx);
+        match status(address) {
+            Stat::NAK => Poll::Ready(Ok(())),
+            Stat::DISABLED => Poll::Ready(Err(EndpointError::Disabled)),
+            _ => Poll::Pending,
+        }
+    })
+    .await
+}
+
+/// Writes a packet for the host to an endpoint's buffer, whose address is in its descriptor (RM0440 45.6.3).
+fn store(endpoint: usize, packet: &[u8]) {
+    let descriptor = 4 * endpoint;
+    let start = usize::from(USBRAM.mem(descriptor).read()) / 2;
+    let (pairs, last) = packet.as_chunks();
+    for (place, pair) in (start..).zip(pairs) {
+        USBRAM.mem(place).write_value(u16::from_le_bytes(*pair));
+    }
+    if let [last] = last {
+        USBRAM.mem(start + pairs.len()).write_value((*last).into());
+    }
+    USBRAM.mem(descriptor + 1).write_value(packet.len() as u16);
+}
+
+/// Reads the host's packet from an endpoint's buffer (RM0440 45.6.3).
 fn fetch(endpoint: usize, packet: &mut [u8]) -> Result<usize, EndpointError> {
     const COUNT: u16 = 0x3FF;
     let descriptor = 4 * endpoint;
     let start = usize::from(USBRAM.mem(descriptor + 2).read()) / 2;
     let len = usize::from(USBRAM.mem(descriptor + 3).read() & COUNT);
     let packet = packet.get_mut(..len).ok_or(EndpointError::BufferOverflow)?;
-    for (place, bytes) in (start..).zip(packet.chunks_mut(2)) {
-        for (byte, value) in bytes.iter_mut().zip(USBRAM.mem(place).read().to_le_bytes()) {
-            *byte = value;
-        }
+    let (pairs, last) = packet.as_chunks_mut();
+    for (place, pair) in (start..).zip(&mut *pairs) {
+        *pair = USBRAM.mem(place).read().to_le_bytes();
+    }
+    if let [last] = last {
+        [*last, _] = USBRAM.mem(start + pairs.len()).read().to_le_bytes();
     }
     Ok(len)
 }
