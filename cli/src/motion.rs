@@ -99,7 +99,7 @@ impl MoveArm {
                 let reason = format!(
                     "target not reached after {seconds} s: {off} (status {status}); 'armwire stop PORT' stops the arm"
                 );
-                Err(Error::at(&name, reason))
+                Err(Error::at(name.as_str(), reason))
             }
             Err(error) => Err(error.into()),
         }

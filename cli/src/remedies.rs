@@ -41,7 +41,7 @@ mod tests {
     #[test]
     fn torque_off_states_its_effect() {
         let error = |effect| Error::TorqueOff {
-            name: "port".to_owned(),
+            name: "port".into(),
             status: MotionStatus::Idle,
             effect,
         };

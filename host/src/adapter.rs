@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use crate::control::Adapter;
 use crate::describe::Fact;
 use crate::error::Error;
+use crate::outside::Outside;
 
 impl Adapter {
     /// Reads an adapter's identity.
@@ -154,16 +155,17 @@ pub fn identity(adapter: &mut Adapter) -> Result<Fact, Error> {
 }
 
 /// An adapter's identity as text.
-pub fn describe(identity: &Identity) -> String {
+pub fn describe(identity: &Identity) -> Outside {
     let commit = match identity.commit.as_str() {
         "" => String::new(),
         commit => format!(" ({commit})"),
     };
     let can_fd = if identity.can_fd { ", CAN FD" } else { "" };
-    format!(
+    let text = format!(
         "{}, serial number {}, firmware {}{commit}{can_fd}",
         identity.board, identity.serial, identity.firmware
-    )
+    );
+    text.into()
 }
 
 /// The state of an adapter in recovery, in words.
@@ -228,15 +230,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn adapter_tells_whether_it_has_can_fd() {
+    fn identity_is_escaped_and_tells_can_fd() {
         let mut identity = Identity::default();
-        identity.board.push_str("stm32g431").unwrap();
+        identity.board.push_str("stm32g431\x1B").unwrap();
         identity.firmware.push_str("0.1.0").unwrap();
         identity.commit.push_str("1a2b3c4d5e6f").unwrap();
         identity.can_fd = true;
         assert_eq!(
-            describe(&identity),
-            "stm32g431, serial number , firmware 0.1.0 (1a2b3c4d5e6f), CAN FD"
+            describe(&identity).to_string(),
+            r"stm32g431\u{1b}, serial number , firmware 0.1.0 (1a2b3c4d5e6f), CAN FD"
         );
     }
 }

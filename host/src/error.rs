@@ -12,10 +12,12 @@ use armwire::ling::{JointState, MotionStatus};
 use armwire_bridge::control::VERSION;
 
 use crate::ling::Ling;
+use crate::outside::Outside;
 use crate::received::Missing;
 use crate::text::{Remedy, Text};
 
-/// The reason for a failed call, in one line: [`Display`] is for people, the variant is for programs.
+/// The reason for a failed call, in one line: [`Display`] is for people, the variant is for programs. Text from outside is
+/// escaped: see [`Outside`].
 ///
 /// The text has no words of a certain program. A program with words of its own, such as the name of an option, puts them
 /// in with [`with`](Self::with).
@@ -29,63 +31,63 @@ pub enum Error {
     /// A port that does not exist in this form, or that does not have what was asked of it.
     Port(Text),
     /// A baud rate was set for a port that is no serial port.
-    Baud { name: String },
+    Baud { name: Outside },
     /// Something fails at a port or a host, with a reason for the user only.
-    At { name: String, reason: Text },
+    At { name: Outside, reason: Text },
     /// The arm or the adapter refuses the request.
-    Refused { name: String, reason: Text },
+    Refused { name: Outside, reason: Text },
     /// The received bytes are no message of this arm, or an unacceptable one.
-    Unacceptable { name: String, reason: String },
+    Unacceptable { name: Outside, reason: Outside },
     /// The arm answered with an error frame.
-    ErrorFrame { name: String, frame: ErrorFrame },
+    ErrorFrame { name: Outside, frame: ErrorFrame },
     /// The program's [interrupt](crate::Interrupt) returned this error.
     Interrupted(Box<dyn error::Error + Send + Sync>),
     /// The port or the connection is gone that was open: it may come back.
-    Lost { name: String, reason: String },
+    Lost { name: Outside, reason: Outside },
     /// Another program has the port. `holder` describes it.
-    InUse { name: String, holder: String },
+    InUse { name: Outside, holder: Outside },
     /// The port accepts no bytes.
-    Stuck { name: String },
+    Stuck { name: Outside },
     /// The arm is of the older generation, which is sent nothing.
-    Legacy { name: String, legacy: OlderGeneration },
+    Legacy { name: Outside, legacy: OlderGeneration },
     /// The arm or the adapter did not answer, though perhaps bytes came. `hint` is a question that may find the fault.
     NoAnswer {
-        name: String,
-        cause: String,
+        name: Outside,
+        cause: Outside,
         hint: Text,
         missing: Missing,
         bytes: usize,
     },
     /// The torque is off, as in this status.
     TorqueOff {
-        name: String,
+        name: Outside,
         status: MotionStatus,
         effect: TorqueOffEffect,
     },
     /// The arm in motion did not answer for [`Ling::SILENCE`], and was asked to stop.
-    Unanswered { name: String, silence: Box<Silence> },
+    Unanswered { name: Outside, silence: Box<Silence> },
     /// The arm did not reach its target within the limit. It may move on.
     NotReached {
-        name: String,
+        name: Outside,
         state: JointState,
         limit: Duration,
     },
     /// The program's [interrupt](crate::Interrupt) returned this error, and the arm was stopped.
     Stopped {
-        name: String,
+        name: Outside,
         stopped: Stopped,
         reason: Box<dyn error::Error + Send + Sync>,
     },
     /// The port needs a feature of this crate that the build does not have.
-    Disabled { name: String, feature: &'static str },
+    Disabled { name: Outside, feature: &'static str },
     /// The arm was not stopped. It may still move.
-    NotStopped { name: String, cause: Text },
+    NotStopped { name: Outside, cause: Text },
     /// There is no adapter with a control port there.
-    NoControl { name: String },
+    NoControl { name: Outside },
     /// The control port is there, but cannot be used.
-    Usb { name: String, reason: String },
+    Usb { name: Outside, reason: Outside },
     /// The adapter does not know a request. `version` is that of its control protocol.
-    Unsupported { name: String, version: u16 },
+    Unsupported { name: Outside, version: u16 },
 }
 
 /// What is known about an arm that fell silent in motion.
@@ -132,25 +134,25 @@ impl Error {
 
     /// An error at `name`.
     pub fn at(name: &str, reason: impl Display) -> Self {
-        let (name, reason) = (name.to_owned(), reason.to_string().into());
+        let (name, reason) = (name.into(), reason.to_string().into());
         Self::At { name, reason }
     }
 
     /// An arm or an adapter at `name` that refuses a request.
     pub fn refused(name: &str, reason: impl Display) -> Self {
-        let (name, reason) = (name.to_owned(), reason.to_string().into());
+        let (name, reason) = (name.into(), reason.to_string().into());
         Self::Refused { name, reason }
     }
 
     /// Unacceptable bytes from `name`.
     pub(crate) fn unacceptable(name: &str, reason: impl Display) -> Self {
-        let (name, reason) = (name.to_owned(), reason.to_string());
+        let (name, reason) = (name.into(), reason.to_string().into());
         Self::Unacceptable { name, reason }
     }
 
     /// A lost connection to `name`.
     pub(crate) fn lost(name: &str, reason: impl Display) -> Self {
-        let (name, reason) = (name.to_owned(), reason.to_string());
+        let (name, reason) = (name.into(), reason.to_string().into());
         Self::Lost { name, reason }
     }
 
@@ -160,13 +162,13 @@ impl Error {
     }
 
     fn text(&self) -> Text {
-        let at = |name: &str, reason: &str| Text::from(format!("{name}: {reason}"));
+        let at = |name: &Outside, reason: &str| Text::from(format!("{name}: {reason}"));
         match self {
             Self::Port(reason) => reason.clone(),
             Self::Baud { name } => at(name, "a baud rate applies to serial ports only"),
             Self::At { name, reason } | Self::Refused { name, reason } => at(name, "").append(reason),
             Self::Unacceptable { name, reason } | Self::Lost { name, reason } | Self::Usb { name, reason } => {
-                at(name, reason)
+                at(name, reason.as_str())
             }
             Self::ErrorFrame { name, frame } => {
                 let what = format!("the arm answered with an error frame, which no document explains: {frame}");

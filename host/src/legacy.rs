@@ -66,7 +66,7 @@ impl Line for Listened {
         match self.detector.push(&buf[..n]) {
             None => Ok(n),
             Some(legacy) => Err(Error::Legacy {
-                name: self.name().to_owned(),
+                name: self.name().into(),
                 legacy,
             }),
         }

@@ -45,8 +45,7 @@
 //!
 //! An [`Error`] says what was wrong, and where. As in [`armwire`], its text has the cause, and `source` returns none. It
 //! has no words of a certain program: a program puts its own in at each [`Remedy`]. It does no I/O:
-//! [`Connection::explain`] asks the adapter for what only that knows. Text from outside in it is not escaped:
-//! [`describe::escaped`] does that for a terminal.
+//! [`Connection::explain`] asks the adapter for what only that knows. Text from outside in it is escaped: see [`Outside`].
 //!
 //! # Features
 //!
@@ -66,6 +65,7 @@ mod line;
 pub mod line_holder;
 mod ling;
 mod link;
+mod outside;
 mod port;
 mod port_holder;
 mod received;
@@ -93,6 +93,7 @@ pub use error::{Error, Silence, TorqueOffEffect};
 pub use hid::Selector;
 pub use ling::Ling;
 pub use link::{Interrupt, LineErrors, Link};
+pub use outside::Outside;
 pub use port::{Connection, Options, Port, open};
 pub use received::Missing;
 pub use tap::Tap;

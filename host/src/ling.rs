@@ -240,7 +240,7 @@ impl Ling {
             (_, None) => return result,
         };
         let stopped = self.stop(Some(gripper))?;
-        let name = self.link.name().to_owned();
+        let name = self.link.name().into();
         Err(Error::Stopped { name, stopped, reason }.into())
     }
 
@@ -365,7 +365,7 @@ impl Ling {
                 return Ok(state);
             }
             if start.elapsed() >= limit {
-                let name = self.link.name().to_owned();
+                let name = self.link.name().into();
                 return Err(Error::NotReached { name, state, limit });
             }
             thread::sleep(POLL_PERIOD);
@@ -380,14 +380,14 @@ impl Ling {
             error => error.to_string().into(),
         });
         Error::Unanswered {
-            name: self.link.name().to_owned(),
+            name: self.link.name().into(),
             silence: Box::new(Silence { cause, last, stopped }),
         }
     }
 
     fn without_torque(&self, state: &JointState, effect: TorqueOffEffect) -> Error {
         Error::TorqueOff {
-            name: self.link.name().to_owned(),
+            name: self.link.name().into(),
             status: state.status,
             effect,
         }

@@ -165,7 +165,7 @@ impl<P: Arm> Link<P> {
                         }
                         Event::ErrorFrame { frame } => {
                             return Err(Error::ErrorFrame {
-                                name: self.line.name().to_owned(),
+                                name: self.line.name().into(),
                                 frame: ErrorFrame::new(frame),
                             });
                         }
@@ -246,7 +246,7 @@ impl<P: Arm> Link<P> {
             }) if self.comes_late()? => Err(Error::NoAnswer {
                 name,
                 missing: Missing::Late,
-                cause: "the answer came too late".to_owned(),
+                cause: "the answer came too late".into(),
                 hint: "is the arm or the line overloaded?".into(),
                 bytes,
             }),
@@ -377,8 +377,8 @@ impl<P: Arm> Link<P> {
         };
         let (cause, hint) = received.cause(P::NAME, self.line.hint(reception, names));
         Error::NoAnswer {
-            name: self.line.name().to_owned(),
-            cause,
+            name: self.line.name().into(),
+            cause: cause.into(),
             hint,
             missing: received.missing(),
             bytes: received.count,

@@ -221,7 +221,9 @@ impl Port {
     pub fn open(&self, options: Options) -> Result<Connection, Error> {
         let Options { baud } = options;
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
-            return Err(Error::Baud { name: self.to_string() });
+            return Err(Error::Baud {
+                name: self.to_string().into(),
+            });
         }
         let bus = match self {
             Self::Serial(_) | Self::Tcp(_) | Self::Hid(_) | Self::Control(_) => None,
@@ -329,7 +331,7 @@ impl Connection {
                 Ok(Adapter::new(Box::new(line)))
             }
             Port::Tcp(_) | Port::Hid(_) => Err(Error::NoControl {
-                name: self.port.to_string(),
+                name: self.port.to_string().into(),
             }),
         }
     }
@@ -419,6 +421,18 @@ mod tests {
         assert_eq!(of_control("/tmp/control"), control);
         assert_eq!(of_control("control:/tmp/control"), control);
         assert_eq!(of_control("can:can0/3"), "can:can0/3".parse().unwrap());
+    }
+
+    #[test]
+    fn text_of_a_port_is_escaped_in_errors() {
+        let error = "can:can0/\x1B[2J\n".parse::<Port>().unwrap_err();
+        let text = r"'\u{1b}[2J\n' after the last slash is not a node id, 0 to 15";
+        assert_eq!(error.to_string(), text);
+        assert_eq!(error.with(|_| String::new()), text);
+        let port = crate::open("tcp:\x07:1").unwrap();
+        let error = port.adapter().unwrap_err();
+        assert!(error.to_string().starts_with(r"tcp:\u{7}:1: "), "{error}");
+        assert!(matches!(&error, Error::NoControl { name } if name.as_str() == "tcp:\x07:1"));
     }
 
     #[test]

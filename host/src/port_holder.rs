@@ -13,7 +13,7 @@ pub(crate) fn find(port: &str) -> Option<String> {
     // The server of a pty has its port open, too, but without a lock.
     let (_, id) = others.filter_map(|id| Some((has_locked(id, &device)?, id))).max()?;
     let name = fs::read_to_string(format!("/proc/{id}/comm")).ok()?;
-    Some(format!("{} (process {id})", name.trim_end().escape_debug()))
+    Some(format!("{} (process {id})", name.trim_end()))
 }
 
 /// Whether the process has locked the port. `None` if it does not have it open.

@@ -68,7 +68,7 @@ impl Line for Serial {
                 Err(error) if !is_nothing_yet(&error) => return Err(self.lost(error)),
                 Ok(_) | Err(_) => {
                     return Err(Error::Stuck {
-                        name: self.name.clone(),
+                        name: self.name.as_str().into(),
                     });
                 }
             }
@@ -156,13 +156,13 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
                 None => format!("another program ('fuser -v {port}' names it)"),
             };
             return Error::InUse {
-                name: port.to_owned(),
-                holder,
+                name: port.into(),
+                holder: holder.into(),
             };
         }
         ErrorKind::NotFound if is_host(port) => {
             return Error::At {
-                name: port.to_owned(),
+                name: port.into(),
                 reason: Text::from("no such port: is it a host, an xarm's")
                     .remedy(Remedy::OpenAs(Protocol::Xarm))
                     .and(" or a server's of a serial port (tcp:HOST:PORT)?"),

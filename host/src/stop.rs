@@ -99,7 +99,7 @@ pub(crate) fn passing(error: Error) -> Result<Text, Error> {
 
 fn not_stopped(link: &Link<Ling>, cause: Text) -> Error {
     Error::NotStopped {
-        name: link.name().to_owned(),
+        name: link.name().into(),
         cause: cause.and("; switch the arm's supply off if it moves"),
     }
 }

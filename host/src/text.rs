@@ -1,9 +1,7 @@
 //! Text with places for remedies.
 
+use crate::describe::{Protocol, escaped};
 use std::fmt;
-use std::ops::Deref;
-
-use crate::describe::Protocol;
 
 /// Something that helps, which each program offers in its own way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,7 +21,8 @@ pub enum Remedy {
     EndHold,
 }
 
-/// Text for a user, with a place for the words of a program at each remedy. It dereferences to the text without them.
+/// Text for a user, with a place for the words of a program at each remedy. It is displayed without them. Text from outside
+/// in it is escaped, as by [`Outside`](crate::Outside).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Text {
     text: String,
@@ -38,7 +37,7 @@ impl Text {
         for &(place, remedy) in self.remedies.iter().rev() {
             text.insert_str(place, &words(remedy));
         }
-        text
+        escaped(&text)
     }
 
     /// The remedies, in their order.
@@ -81,17 +80,9 @@ impl From<&str> for Text {
     }
 }
 
-impl Deref for Text {
-    type Target = str;
-
-    fn deref(&self) -> &str {
-        &self.text
-    }
-}
-
 impl fmt::Display for Text {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text)
+        f.pad(&escaped(&self.text))
     }
 }
 

@@ -237,7 +237,7 @@ fn poll_adapter(control: &mut armwire_host::Adapter, model: &mut Model) {
     let name = match &model.adapter {
         Some(Adapter { counts: Err(_), .. }) => return,
         Some(adapter) => Ok(adapter.name.clone()),
-        None => control.identify().map(|identity| describe(&identity)),
+        None => control.identify().map(|identity| describe(&identity).to_string()),
     };
     let counts = name.and_then(|name| Ok((name, control.counters()?, control.latencies()?)));
     model.adapter = Some(match counts {
@@ -290,8 +290,8 @@ mod tests {
 
     fn no_answer(bytes: usize) -> Error {
         armwire_host::Error::NoAnswer {
-            name: "PORT".to_owned(),
-            cause: "no answer".to_owned(),
+            name: "PORT".into(),
+            cause: "no answer".into(),
             hint: "is it on?".into(),
             missing: Missing::Silent,
             bytes,

@@ -167,7 +167,7 @@ fn control_port(bench: &mut Bench<'_>) -> Checked {
         ("firmware", json!(identity.firmware)),
         ("commit", json!(identity.commit)),
     ];
-    Ok(Passed::new(describe(&identity), figures))
+    Ok(Passed::new(describe(&identity).to_string(), figures))
 }
 
 fn identify(bench: &mut Bench<'_>) -> Result<Identity, Trouble> {

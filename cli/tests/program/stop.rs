@@ -72,7 +72,7 @@ fn interrupt_does_not_end_a_stop() {
     arm.set_interrupt(|| Err("Ctrl-C".into()));
     let error = arm.stop(None).unwrap_err();
     assert!(
-        matches!(&error, Error::NotStopped { cause, .. } if cause.contains("no answer in")),
+        matches!(&error, Error::NotStopped { cause, .. } if cause.to_string().contains("no answer in")),
         "{error}"
     );
     let later = arm.read_joints();

@@ -158,7 +158,7 @@ impl CanLine {
         match bus.lock().inboxes.entry(rx) {
             Entry::Vacant(inbox) => inbox.insert(VecDeque::new()),
             Entry::Occupied(_) => {
-                let holder = "this program, which opened it before".to_owned();
+                let (name, holder) = (name.into(), "this program, which opened it before".into());
                 return Err(Error::InUse { name, holder });
             }
         };
@@ -371,7 +371,8 @@ mod tests {
         };
         let hint = Line::hint(&line, Reception::Silence, names);
         assert!(
-            hint.starts_with("is the arm powered, is the adapter on this bus as node 0, "),
+            hint.to_string()
+                .starts_with("is the arm powered, is the adapter on this bus as node 0, "),
             "{hint}"
         );
     }

@@ -140,8 +140,8 @@ impl Adapter {
                     return Err(match malformed {
                         Some(error) => self.malformed(error),
                         None => Error::NoAnswer {
-                            name: self.name().to_owned(),
-                            cause: format!("the adapter does not answer in {} ms", REPLY_TIMEOUT.as_millis()),
+                            name: self.name().into(),
+                            cause: format!("the adapter does not answer in {} ms", REPLY_TIMEOUT.as_millis()).into(),
                             hint: self.transport.hint().into(),
                             missing: Missing::Adapter,
                             bytes: 0,
@@ -205,12 +205,12 @@ impl Adapter {
     fn checked(&self, reply: Reply) -> Result<Reply, Error> {
         match reply {
             Reply::Unsupported { version } => Err(Error::Unsupported {
-                name: self.name().to_owned(),
+                name: self.name().into(),
                 version,
             }),
             Reply::BadConfig(error) => Err(Error::refused(self.name(), format_args!("rejected: {error}"))),
             Reply::Failed(failure) => {
-                let (name, reason) = (self.name().to_owned(), describe(failure));
+                let (name, reason) = (self.name().into(), describe(failure));
                 Err(match failure {
                     Failure::ArmSilent | Failure::PoseOutOfRange | Failure::NotStoppable(_) => {
                         Error::NotStopped { name, cause: reason }

@@ -47,7 +47,7 @@ impl UsbLine {
 
 /// The adapter that has this serial port.
 pub fn find(port: &str) -> Result<DeviceInfo, Error> {
-    let name = port.to_owned();
+    let name = port.into();
     // Other systems than Linux do not name the USB device of a port.
     let serial = serial_number_of(port);
     if !has_serial_port(port) || cfg!(target_os = "linux") && serial.is_none() {
@@ -149,7 +149,7 @@ impl Line for UsbLine {
         match written {
             Ok(()) => Ok(bytes.len()),
             Err(error) if is_nothing_yet(&error) => Err(Error::Stuck {
-                name: self.name.clone(),
+                name: self.name.as_str().into(),
             }),
             Err(error) => Err(self.lost(error)),
         }
@@ -175,5 +175,8 @@ pub fn not_opened(name: String, error: &nusb::Error) -> Error {
         nusb::ErrorKind::Disconnected => "the adapter was disconnected: was it unplugged?".to_owned(),
         _ => format!("the control port cannot be opened: {error}"),
     };
-    Error::Usb { name, reason }
+    Error::Usb {
+        name: name.into(),
+        reason: reason.into(),
+    }
 }
