@@ -3,7 +3,7 @@
 use armwire_bridge::config::Config;
 use armwire_bridge::store::Saved;
 use armwire_host::Adapter;
-use armwire_host::settings::{KEYS, Setting, object, setting, show};
+use armwire_host::settings::{KEYS, Setting, object, show};
 use clap::{Args, Subcommand};
 
 use crate::adapter::{self, AdapterPort};
@@ -31,7 +31,7 @@ enum Action {
     #[command(after_help = help())]
     Set {
         /// Settings, such as poll=200 can.node=3.
-        #[arg(required = true, value_name = "KEY=VALUE", value_parser = setting)]
+        #[arg(required = true, value_name = "KEY=VALUE")]
         settings: Vec<Setting>,
         /// Save the whole configuration for later starts.
         #[arg(long)]
@@ -45,7 +45,7 @@ enum Action {
 
 /// Refuses settings of which two have the same key.
 fn check_distinct(settings: &[Setting]) -> Result<(), Error> {
-    for (i, Setting { key, value }) in settings.iter().enumerate() {
+    for (i, Setting { key, value, .. }) in settings.iter().enumerate() {
         if let Some(earlier) = settings[..i].iter().find(|earlier| earlier.key.name == key.name) {
             let (name, first) = (key.name, &earlier.value);
             let text = format!("{name} is given twice: {name}={first} and {name}={value}");
@@ -73,8 +73,10 @@ impl Configure {
             Action::Show => {}
             Action::Set { settings, save } => {
                 let mut config = control.config()?;
-                for Setting { key, value } in settings {
-                    key.set(&mut config, value).map_err(Error::Usage)?;
+                for setting in settings {
+                    setting
+                        .apply(&mut config)
+                        .map_err(|error| Error::Usage(error.to_string()))?;
                 }
                 control.set_config(config)?;
                 control = self.follow(control, &config)?;

@@ -1,10 +1,18 @@
 //! The settings of an adapter, by their names.
 
+use std::error;
+use std::fmt::{self, Display, Formatter};
+use std::str::FromStr;
+
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
 use serde_json::{Value, json};
 
+use crate::outside::Outside;
+
 /// One setting of an adapter.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Key {
     /// The name.
     pub name: &'static str,
@@ -17,7 +25,7 @@ pub struct Key {
 }
 
 /// All settings.
-pub static KEYS: [Key; 11] = [
+pub static KEYS: &[Key] = &[
     Key {
         name: "arm",
         help: "kind of arm on the UART",
@@ -116,8 +124,8 @@ impl Key {
     ///
     /// # Errors
     ///
-    /// The value does not exist, as far as this program can know.
-    pub fn set(&self, config: &mut Config, text: &str) -> Result<(), String> {
+    /// [`SettingError::Value`] if the value does not exist, as far as this program can know.
+    pub fn set(&self, config: &mut Config, text: &str) -> Result<(), SettingError> {
         let mut set = || {
             match ((self.field)(config), text) {
                 (Field::Arm(kind), _) => *kind = ArmKind::ALL.into_iter().find(|kind| kind.name() == text)?,
@@ -135,12 +143,17 @@ impl Key {
             }
             Some(())
         };
-        set().ok_or_else(|| format!("'{text}' is not {}", self.values))
+        set().ok_or_else(|| SettingError::Value {
+            key: self.name,
+            value: text.into(),
+            allowed: self.values,
+        })
     }
 }
 
-/// A setting with a valid value. The adapter checks the whole configuration.
-#[derive(Clone)]
+/// A setting with a value, such as `poll=200`, [parsed](FromStr). The adapter checks the whole configuration.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Setting {
     /// The setting.
     pub key: &'static Key,
@@ -148,31 +161,73 @@ pub struct Setting {
     pub value: String,
 }
 
-/// Applies a setting, such as `poll=200`.
-///
-/// # Errors
-///
-/// There is no such setting, or no such value, in words.
-pub fn set(config: &mut Config, text: &str) -> Result<(), String> {
-    let Setting { key, value } = setting(text)?;
-    key.set(config, &value)
+impl Setting {
+    /// Sets the value in `config`.
+    ///
+    /// # Errors
+    ///
+    /// [`SettingError::Value`] if the value does not exist. A parsed one does.
+    pub fn apply(&self, config: &mut Config) -> Result<(), SettingError> {
+        self.key.set(config, &self.value)
+    }
 }
 
-/// Parses a setting, such as `poll=200`.
-///
-/// # Errors
-///
-/// There is no such setting, or no such value, in words.
-pub fn setting(text: &str) -> Result<Setting, String> {
-    let (name, value) = text.split_once('=').ok_or("expected KEY=VALUE, for example poll=200")?;
-    let key = KEYS.iter().find(|key| key.name == name).ok_or_else(|| {
-        let names: Vec<_> = KEYS.iter().map(|key| key.name).collect();
-        format!("there is no setting '{name}'; there are: {}", names.join(", "))
-    })?;
-    key.set(&mut Config::default(), value)?;
-    let value = value.to_owned();
-    Ok(Setting { key, value })
+impl FromStr for Setting {
+    type Err = SettingError;
+
+    fn from_str(text: &str) -> Result<Self, SettingError> {
+        let (name, value) = text
+            .split_once('=')
+            .ok_or_else(|| SettingError::Form { text: text.into() })?;
+        let mut keys = KEYS.iter();
+        let key = keys
+            .find(|key| key.name == name)
+            .ok_or_else(|| SettingError::Name { name: name.into() })?;
+        key.set(&mut Config::default(), value)?;
+        let value = value.to_owned();
+        Ok(Self { key, value })
+    }
 }
+
+/// The reason why a text is no setting.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum SettingError {
+    /// It is not `KEY=VALUE`.
+    Form {
+        /// The text.
+        text: Outside,
+    },
+    /// There is no setting of this name: [`KEYS`] has all.
+    Name {
+        /// The name.
+        name: Outside,
+    },
+    /// The setting does not have this value.
+    Value {
+        /// The name of the setting.
+        key: &'static str,
+        /// The value.
+        value: Outside,
+        /// The allowed values, in words.
+        allowed: &'static str,
+    },
+}
+
+impl Display for SettingError {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Form { .. } => f.write_str("expected KEY=VALUE, for example poll=200"),
+            Self::Name { name } => {
+                let names: Vec<_> = KEYS.iter().map(|key| key.name).collect();
+                write!(f, "there is no setting '{name}'; there are: {}", names.join(", "))
+            }
+            Self::Value { value, allowed, .. } => write!(f, "'{value}' is not {allowed}"),
+        }
+    }
+}
+
+impl error::Error for SettingError {}
 
 /// A configuration as a JSON object.
 pub fn object(config: &Config) -> Value {
@@ -220,8 +275,8 @@ mod tests {
     };
 
     fn set(config: &mut Config, text: &str) {
-        let Setting { key, value } = setting(text).unwrap_or_else(|error| panic!("{error}"));
-        key.set(config, &value).unwrap();
+        let setting: Setting = text.parse().unwrap_or_else(|error| panic!("{error}"));
+        setting.apply(config).unwrap();
     }
 
     #[test]
@@ -272,8 +327,20 @@ mod tests {
             ("host-timeout.after-ms=65536", "'65536' is not a time in milliseconds"),
             ("can.data-bit-rate=", "'' is not off, or a number"),
         ] {
-            let error = setting(text).err().unwrap();
-            assert!(error.starts_with(expected), "{error}");
+            let error = text.parse::<Setting>().unwrap_err();
+            assert!(error.to_string().starts_with(expected), "{error}");
         }
+    }
+
+    #[test]
+    fn refused_value_is_known_to_programs() {
+        assert_eq!(
+            "can.node=\x07".parse::<Setting>().unwrap_err(),
+            SettingError::Value {
+                key: "can.node",
+                value: "\x07".into(),
+                allowed: "a node id, 0 to 15",
+            }
+        );
     }
 }

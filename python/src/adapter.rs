@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use armwire_bridge::config::Config;
 use armwire_bridge::control::{Event, Histogram, Identity, Latencies, Request, Stamp, Subscription};
-use armwire_host::{Adapter, Error, Options, Port, settings};
+use armwire_host::settings::{self, Setting};
+use armwire_host::{Adapter, Error, Options, Port};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde_json::{Value, json};
@@ -67,13 +67,17 @@ impl AdapterPort {
     #[allow(clippy::needless_pass_by_value, reason = "PyO3 passes it by value")]
     fn change_config(&self, py: Python<'_>, settings: Vec<String>) -> PyResult<()> {
         // Reject invalid settings before the first request to the adapter.
-        for setting in &settings {
-            settings::set(&mut Config::default(), setting).map_err(value_error)?;
-        }
+        let settings: Vec<Setting> = settings
+            .iter()
+            .map(|setting| setting.parse())
+            .collect::<Result<_, _>>()
+            .map_err(value_error)?;
         self.0.with(py, |control| {
             let mut config = control.config()?;
             for setting in &settings {
-                settings::set(&mut config, setting).map_err(|error| Error::Port(error.into()))?;
+                setting
+                    .apply(&mut config)
+                    .map_err(|error| Error::Port(error.to_string().into()))?;
             }
             control.set_config(config)
         })
