@@ -17,6 +17,11 @@ macro_rules! counters {
             /// Number of counters.
             pub const COUNT: usize = [$(stringify!($name)),*].len();
 
+            /// The counters with their names, in wire order.
+            pub fn iter(&self) -> impl Iterator<Item = (&'static str, u32)> {
+                [$((stringify!($name), self.$name)),*].into_iter()
+            }
+
             /// All counters, in wire order.
             const fn counts(&mut self) -> [&mut u32; Self::COUNT] {
                 [$(&mut self.$name),*]
@@ -320,6 +325,21 @@ mod tests {
             ..Counters::default()
         };
         assert_eq!(counters(2, 7).since(counters(u32::MAX, 7)), counters(3, 0));
+    }
+
+    #[test]
+    fn counters_have_their_names_in_wire_order() {
+        let mut counters = Counters::default();
+        for (n, count) in (1..).zip(counters.counts()) {
+            *count = n;
+        }
+        assert!(counters.iter().map(|(_, count)| count).eq(1..=Counters::COUNT as u32));
+        let mut names = counters.iter().map(|(name, _)| name);
+        assert_eq!(names.next(), Some("arm_to_host_bytes"));
+        assert_eq!(
+            counters.iter().find(|(name, _)| *name == "frames"),
+            Some(("frames", counters.frames))
+        );
     }
 
     #[test]

@@ -37,11 +37,8 @@ impl Counters {
             return print_json(&json!({ "counters": counters, "latencies": latencies }));
         }
         let mut text = String::new();
-        for (name, count) in counters
-            .iter()
-            .filter(|&(_, count)| !self.brief || count.as_u64() != Some(0))
-        {
-            text += &format!("{name:<24}{:>10}\n", count.to_string());
+        for (name, count) in counters.iter().filter(|&(_, count)| !self.brief || count != 0) {
+            text += &format!("{name:<24}{count:>10}\n");
         }
         for (name, what, histogram) in latencies {
             if !self.brief || adapter::total(histogram) > 0 {

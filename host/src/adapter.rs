@@ -1,9 +1,10 @@
 //! Requests to an adapter, and its identity and latencies in words.
 
+use armwire_bridge::Counters;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{Histogram, Identity, Latencies, LineState, Reply, Request, Subscription};
 use armwire_bridge::store::Saved;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::control::Adapter;
 use crate::describe::Fact;
@@ -23,17 +24,14 @@ impl Adapter {
         }
     }
 
-    /// Reads all counters of an adapter by their names, in the order of their declaration.
+    /// Reads the counters of an adapter. [`Counters::iter`] has their names.
     ///
     /// # Errors
     ///
     /// Errors of the control port.
-    pub fn counters(&mut self) -> Result<Map<String, Value>, Error> {
+    pub fn counters(&mut self) -> Result<Counters, Error> {
         match self.call(Request::GetCounters)? {
-            Reply::Counters(counters) => match serde_json::to_value(counters) {
-                Ok(Value::Object(counters)) => Ok(counters),
-                _ => unreachable!("a structure of numbers is a map"),
-            },
+            Reply::Counters(counters) => Ok(counters),
             reply => Err(self.unexpected(&reply)),
         }
     }

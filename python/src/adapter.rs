@@ -94,7 +94,7 @@ impl AdapterPort {
     /// In JSON.
     fn read_counters(&self, py: Python<'_>) -> PyResult<String> {
         let counters = self.0.with(py, Adapter::counters)?;
-        Ok(Value::Object(counters).to_string())
+        Ok(json!(counters).to_string())
     }
 
     /// Bucket counts in JSON. The buckets end at 2, 4, 8, … µs.

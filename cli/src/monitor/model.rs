@@ -3,10 +3,9 @@
 use std::collections::VecDeque;
 
 use armwire_bridge::control::{Latencies, Stamp};
-use armwire_bridge::{Duration, Instant};
+use armwire_bridge::{Counters, Duration, Instant};
 use armwire_host::LineErrors;
 use armwire_host::describe::Fact;
-use serde_json::{Map, Value};
 
 /// Window of the measured rate.
 const RATE_WINDOW: Duration = Duration::from_millis(2_000);
@@ -69,7 +68,7 @@ pub(super) struct Latest {
 #[derive(Clone, Debug)]
 pub(super) struct Adapter {
     pub(super) name: String,
-    pub(super) counts: Result<(Map<String, Value>, Latencies), String>,
+    pub(super) counts: Result<(Counters, Latencies), String>,
 }
 
 /// Durations of calls: minimum and maximum of all, and the median of the last ones.
@@ -230,8 +229,10 @@ pub(super) fn millis(time: Duration) -> String {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::*;
     use armwire_host::describe::number;
+    use serde_json::Value;
+
+    use super::*;
 
     /// Joints at these angles at `millis`, after a call of `micros`.
     pub(in super::super) fn latest(millis: u64, micros: u64, joints: &[Option<f32>]) -> Latest {

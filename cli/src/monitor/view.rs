@@ -150,7 +150,7 @@ fn adapter(adapter: &Adapter, width: usize) -> Part {
                     lines.push(named(what, text));
                 }
             }
-            let counted = counters.iter().filter(|&(_, count)| count.as_u64() != Some(0));
+            let counted = counters.iter().filter(|&(_, count)| count != 0);
             let cells: Vec<_> = counted.map(|(name, count)| format!("{name} {count}")).collect();
             let cell = cells.iter().map(|cell| cell.chars().count() + 2).max().unwrap_or(1);
             for row in cells.chunks((width / cell).max(1)) {
@@ -201,7 +201,6 @@ mod tests {
     use armwire_bridge::control::Latencies;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
-    use serde_json::Value;
 
     use super::*;
     use crate::monitor::model::tests::latest;
@@ -249,9 +248,6 @@ mod tests {
         counters.framing_errors = 2;
         let mut latencies = Latencies::default();
         latencies.answer.counts[8] = 100;
-        let Ok(Value::Object(counters)) = serde_json::to_value(counters) else {
-            panic!()
-        };
         Adapter {
             name: "stm32f405, firmware 0.1.0".to_owned(),
             counts: Ok((counters, latencies)),
