@@ -413,14 +413,14 @@ impl Bridge {
         Status {
             uart: self.line.is_transmit_due(now),
             uart_cut: self.line.is_cut_due(),
-            usb: self.line.to_host().is_due(),
+            usb: self.line.is_packet_due(),
             usb_room: self.line.has_packet_room(),
             control: self.hosts.is_packet_due(),
             control_room: self.hosts.has_packet_room(),
             can: self.hosts.is_can_due(now),
             is_armed: self.line.is_armed(),
             is_in_recovery: self.hosts.recovery().is_some(),
-            is_attached: self.line.to_host().is_attached(),
+            is_attached: self.line.is_attached(),
             passed_bytes: self.line.passed_bytes(),
         }
     }

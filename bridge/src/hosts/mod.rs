@@ -310,6 +310,7 @@ impl Hosts {
     }
 
     /// Reports a stream that has ended without its host.
+    #[cold]
     fn stream_ended(&mut self, stream: EndedStream, line: &mut Line, now: Instant) {
         count(&mut self.counters.host_silences, 1);
         count(&mut self.counters.silenced_bytes, stream.dropped);
@@ -542,6 +543,7 @@ impl Hosts {
     }
 
     /// Restarts the adapter. If a stream is armed, torque-off goes out first.
+    #[cold]
     fn restart(&mut self, action: Action, line: &mut Line, now: Instant) -> Reply {
         let silenced = line.disarm(now);
         self.silence(silenced, line, now);

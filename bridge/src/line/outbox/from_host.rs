@@ -3,7 +3,7 @@
 use core::ops::Range;
 
 use armwire::correlation::Correlation;
-use armwire::decoder::{Decoder, Item, Kind};
+use armwire::decoder::{Decoder, Kind, Span};
 use armwire::framing::{Framing, Scan};
 
 use crate::arm::Info;
@@ -133,7 +133,7 @@ impl FromHost {
         }
     }
 
-    /// Moves up to `len` of the sent bytes to the decoder, and returns their number. Take all [items](Self::next_item)
+    /// Moves up to `len` of the sent bytes to the decoder, and returns their number. Take all [items](Self::next_span)
     /// before the next call.
     pub(crate) fn sent(&mut self, len: usize, now: Instant) -> usize {
         if self.decoder.pending() == 0 {
@@ -188,11 +188,15 @@ impl FromHost {
     }
 
     /// The next item of the sent bytes, and the number of bytes after it.
-    pub(crate) fn next_item(&mut self, kind: ArmKind) -> Option<(Item<'_>, usize)> {
+    pub(crate) fn next_span(&mut self, kind: ArmKind) -> Option<(Span, usize)> {
         let span = self.decoder.advance(&kind, kind.requests())?;
         self.is_raw = span.kind != Kind::Frame;
-        let behind = self.decoder.pending();
-        Some((self.decoder.item(span), behind))
+        Some((span, self.decoder.pending()))
+    }
+
+    /// The bytes of an item.
+    pub(crate) fn bytes(&self, span: Span) -> &[u8] {
+        self.decoder.item(span).bytes
     }
 
     /// The first bytes of a request that went out in part.

@@ -3,6 +3,7 @@
 use crate::config::ArmKind;
 use crate::control::{LineHolder, LineState};
 use crate::earliest::Earliest;
+use crate::line::byte_time::ByteTime;
 use crate::line_coding::{LineCoding, UartConfig};
 use armwire::time::{Duration, Instant};
 
@@ -36,8 +37,7 @@ struct Change {
 /// The UART's configuration, its pending changes, and the holder of the line.
 pub(crate) struct LineRate {
     line: UartConfig,
-    /// Duration of a byte on the line, in nanoseconds.
-    byte_nanos: u32,
+    byte_time: ByteTime,
     /// The arm's own line.
     arm: UartConfig,
     /// The arm has a fixed rate. Without one, the host on USB sets it.
@@ -66,7 +66,7 @@ impl LineRate {
         let (line, arm) = (UartConfig::default(), kind.uart());
         Self {
             line,
-            byte_nanos: line.coding.nanos_a_byte(),
+            byte_time: ByteTime::of(line.coding),
             arm,
             has_own_rate: kind.has_own_rate(),
             step: None,
@@ -80,9 +80,9 @@ impl LineRate {
         }
     }
 
-    /// Duration of a byte on the line, in nanoseconds.
-    pub(crate) const fn byte_nanos(&self) -> u32 {
-        self.byte_nanos
+    /// Duration of a byte on the line.
+    pub(crate) const fn byte_time(&self) -> ByteTime {
+        self.byte_time
     }
 
     /// The line coding that the host on USB last set.
@@ -128,7 +128,7 @@ impl LineRate {
     pub(crate) fn changed(&mut self, line: UartConfig) {
         let _ = self.step.take_if(|step| step.to == line);
         self.line = line;
-        self.byte_nanos = line.coding.nanos_a_byte();
+        self.byte_time = ByteTime::of(line.coding);
     }
 
     /// Schedules a change after the `queued` bytes of the host on USB.

@@ -5,7 +5,7 @@ use heapless::Deque;
 
 use crate::arm::Info;
 use crate::config::ArmKind;
-use crate::control::{FrameBytes, Initiator};
+use crate::control::{Failure, FrameBytes, Initiator};
 use armwire::time::Instant;
 
 /// Capacity for pending requests from CAN.
@@ -37,7 +37,6 @@ impl Request {
 
 pub(crate) enum StopRequest {
     /// Reads the joints. It has waited since then.
-    #[cfg_attr(not(feature = "ling"), expect(dead_code, reason = "only a Ling arm is read"))]
     Reading(Instant),
     /// Holds the arm.
     Hold(Request),
@@ -60,6 +59,53 @@ impl StopRequest {
     }
 }
 
+/// An identification of the arm.
+#[derive(Default)]
+pub(crate) enum Identification {
+    #[default]
+    Idle,
+    /// It has waited since then.
+    Waiting(Instant),
+    InFlight,
+    /// The arm's answer, or `None` if it did not answer.
+    Ended(Result<Option<FrameBytes>, Failure>),
+}
+
+impl Identification {
+    /// The start of its wait.
+    const fn since(&self) -> Option<Instant> {
+        match self {
+            Self::Waiting(since) => Some(*since),
+            _ => None,
+        }
+    }
+
+    /// The request goes out. Returns the start of its wait.
+    pub(crate) fn take(&mut self) -> Option<Instant> {
+        let since = self.since()?;
+        *self = Self::InFlight;
+        Some(since)
+    }
+
+    /// The arm answered the request in flight, or did not.
+    pub(crate) fn end(&mut self, answer: Option<&[u8]>) {
+        if let Self::InFlight = self {
+            *self = Self::Ended(Ok(answer.and_then(|answer| FrameBytes::from_slice(answer).ok())));
+        }
+    }
+
+    /// The result, once.
+    pub(crate) fn take_result(&mut self) -> Option<Result<Option<FrameBytes>, Failure>> {
+        match core::mem::take(self) {
+            Self::Ended(result) => Some(result),
+            other => {
+                *self = other;
+                None
+            }
+        }
+    }
+}
+
 /// The pending requests.
 #[derive(Default)]
 pub(crate) struct Requests {
@@ -70,8 +116,7 @@ pub(crate) struct Requests {
     /// Start of the wait of torque-off.
     pub(crate) torque_off: Option<Instant>,
     pub(crate) stop: Option<StopRequest>,
-    /// Start of the wait of an identification.
-    pub(crate) identify: Option<Instant>,
+    pub(crate) identification: Identification,
 }
 
 impl Requests {
@@ -81,7 +126,7 @@ impl Requests {
             && self.command.is_none()
             && self.torque_off.is_none()
             && self.stop.is_none()
-            && self.identify.is_none()
+            && self.identification.since().is_none()
     }
 
     /// The next request of hosts on CAN, or the command.
@@ -96,7 +141,7 @@ impl Requests {
     /// The start of the wait of the adapter's next request.
     pub(crate) fn of_adapter(&self) -> Option<Instant> {
         let stop = self.stop.as_ref().map(StopRequest::since);
-        self.torque_off.or(stop).or(self.identify)
+        self.torque_off.or(stop).or(self.identification.since())
     }
 
     /// Returns true if torque-off or a hold waits, which wait for no answer.

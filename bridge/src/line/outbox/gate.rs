@@ -14,6 +14,8 @@ pub(super) struct Gate {
     decoder: Decoder<ArmKind, MAX_FRAME>,
     /// A request that began before this offset went out in part.
     cut: u64,
+    /// A refusal was reported.
+    is_reported: bool,
 }
 
 impl Gate {
@@ -23,7 +25,16 @@ impl Gate {
         // They come from a decoder of the same size.
         let _ = decoder.push(begun);
         let cut = decoder.received();
-        Self { decoder, cut }
+        Self {
+            decoder,
+            cut,
+            is_reported: false,
+        }
+    }
+
+    /// Records that a refusal is reported. Returns true for the first.
+    pub(super) const fn report(&mut self) -> bool {
+        !core::mem::replace(&mut self.is_reported, true)
     }
 
     /// Number of bytes that wait for the rest of their request.

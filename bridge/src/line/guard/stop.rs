@@ -1,0 +1,281 @@
+//! The state of a stop: its steps, and the time without motion.
+
+#[cfg(feature = "ling")]
+use armwire::ling::{
+    self, Ling, Opening, Response,
+    stop::{Output, StopError},
+};
+#[cfg(feature = "ling")]
+use armwire::messages::Messages;
+use armwire::time::{Duration, Instant};
+
+use crate::arm::OwnRequest;
+use crate::config::ArmKind;
+use crate::control::{Failure, FrameBytes, Initiator, STOP_MS};
+
+/// The time without motion.
+const REFUSAL: Duration = Duration::from_millis(STOP_MS as u64);
+
+/// The state of a stop.
+pub(crate) struct Stop {
+    /// The end of the refusal of motion, and of the steps. `None` without a stop.
+    until: Option<Instant>,
+    /// The steps that are left, and the time of the next one.
+    steps: Option<Steps>,
+    due: Option<Instant>,
+    /// A reading was requested. The first goes before all other requests.
+    has_read: bool,
+    /// A hold went out.
+    has_held: bool,
+    result: Option<Result<(), Failure>>,
+    /// The gripper's last goal on the line, in thousandths of the stroke.
+    goal: Option<u16>,
+}
+
+/// The steps that stop one kind of arm.
+pub(in crate::line) enum Steps {
+    #[cfg(feature = "ling")]
+    Ling(ling::Stop),
+    /// The arm's own request, until it was sent.
+    Own(Option<&'static [u8]>),
+}
+
+/// The next step of a kind of arm.
+enum Next {
+    /// Read the joints.
+    #[cfg(feature = "ling")]
+    Read,
+    /// Send this request.
+    Hold(FrameBytes),
+    #[cfg(feature = "ling")]
+    Wait(Instant),
+    Done(Result<(), Failure>),
+}
+
+/// The next step of a stop.
+pub(crate) enum Step {
+    /// Nothing is due, or there is no stop.
+    Wait,
+    /// Read the joints, and ask for the next step at once.
+    #[cfg_attr(not(feature = "ling"), expect(dead_code, reason = "only a Ling arm is read"))]
+    Read,
+    /// Send this request. The next step follows when it [went out](Stop::hold_sent).
+    Hold(FrameBytes),
+    /// No request of the stop goes out any more.
+    Done,
+}
+
+impl Steps {
+    /// `None` if this kind of arm cannot be stopped. `goal` is that of the gripper.
+    fn new(kind: ArmKind, goal: Option<u16>) -> Option<Self> {
+        match (kind, goal) {
+            #[cfg(feature = "ling")]
+            (ArmKind::Ling, goal) => {
+                let goal = goal.and_then(|goal| Opening::new(goal).ok());
+                Some(Self::Ling(ling::Stop::new(goal)))
+            }
+            (kind, _) => kind.own(OwnRequest::Stop).map(|request| Self::Own(Some(request))),
+        }
+    }
+
+    fn next(&mut self, now: Instant) -> Next {
+        match (self, now) {
+            #[cfg(feature = "ling")]
+            (Self::Ling(stop), now) => loop {
+                return match stop.poll(now) {
+                    Output::Request(ling::Request::ReadJoints) => Next::Read,
+                    Output::Request(request @ ling::Request::Move(_)) => {
+                        let mut out = [0; ling::MAX_FRAME];
+                        let len = Ling.encode_request(&request, &mut out).unwrap_or(0);
+                        Next::Hold(own(out.get(..len).unwrap_or_default()))
+                    }
+                    // Torque-on would end the host's stream: there is none.
+                    Output::Request(_) => continue,
+                    Output::Wait(until) => Next::Wait(until),
+                    Output::Done(Ok(_)) => Next::Done(Ok(())),
+                    Output::Done(Err(StopError::Position(_))) => Next::Done(Err(Failure::PoseOutOfRange)),
+                    Output::Done(Err(_)) => Next::Done(Err(Failure::ArmSilent)),
+                };
+            },
+            (Self::Own(request), _) => match request.take() {
+                Some(request) => Next::Hold(own(request)),
+                None => Next::Done(Ok(())),
+            },
+        }
+    }
+
+    /// Takes a frame of the arm. Returns true if it is a reading.
+    fn on_frame(&mut self, frame: &[u8], at: Instant) -> bool {
+        match (self, frame, at) {
+            #[cfg(feature = "ling")]
+            (Self::Ling(stop), frame, at) => match Ling.parse_response(frame, ()) {
+                Ok(Response::Joints(state)) => {
+                    stop.on_joints(at, &state);
+                    true
+                }
+                _ => false,
+            },
+            (Self::Own(_), ..) => false,
+        }
+    }
+}
+
+impl Stop {
+    pub(in crate::line) fn new() -> Self {
+        Self {
+            until: None,
+            steps: None,
+            due: None,
+            has_read: false,
+            has_held: false,
+            result: None,
+            goal: None,
+        }
+    }
+
+    pub(in crate::line) const fn refuses_motion(&self) -> bool {
+        self.until.is_some()
+    }
+
+    /// Returns true while steps are left.
+    pub(in crate::line) const fn is_running(&self) -> bool {
+        self.steps.is_some()
+    }
+
+    /// Returns true if a reading was requested.
+    pub(in crate::line) const fn has_read(&self) -> bool {
+        self.has_read
+    }
+
+    /// The steps that would stop this kind of arm. `None` if it cannot be stopped.
+    pub(in crate::line) fn steps(&self, kind: ArmKind) -> Option<Steps> {
+        Steps::new(kind, self.goal)
+    }
+
+    /// Refuses motion from now on, for its time. Returns true if it was not refused before.
+    pub(in crate::line) fn refuse_motion(&mut self, now: Instant) -> bool {
+        self.until.replace(now + REFUSAL).is_none()
+    }
+
+    /// Begins the steps, unless they are running. Returns true if they begin.
+    pub(in crate::line) fn begin(&mut self, steps: Steps) -> bool {
+        let begins = self.steps.is_none();
+        if begins {
+            self.steps = Some(steps);
+            (self.has_read, self.has_held) = (false, false);
+        } else if self.has_held {
+            self.result = Some(Ok(()));
+        }
+        begins
+    }
+
+    /// The arm is stopped without steps.
+    pub(in crate::line) const fn stopped(&mut self) {
+        self.result = Some(Ok(()));
+    }
+
+    /// The result, once.
+    pub(in crate::line) const fn take_result(&mut self) -> Option<Result<(), Failure>> {
+        self.result.take()
+    }
+
+    /// The next step.
+    pub(in crate::line) fn step(&mut self, now: Instant) -> Step {
+        let Some(steps) = &mut self.steps else {
+            return Step::Wait;
+        };
+        match steps.next(now) {
+            #[cfg(feature = "ling")]
+            Next::Read => Step::Read,
+            Next::Hold(request) => {
+                self.due = None;
+                Step::Hold(request)
+            }
+            #[cfg(feature = "ling")]
+            Next::Wait(until) => {
+                self.due = Some(until);
+                Step::Wait
+            }
+            Next::Done(result) => {
+                self.end(result);
+                Step::Done
+            }
+        }
+    }
+
+    /// A reading went out.
+    pub(in crate::line) const fn reading_sent(&mut self) {
+        self.has_read = true;
+    }
+
+    /// The hold went out.
+    pub(in crate::line) const fn hold_sent(&mut self) {
+        if !core::mem::replace(&mut self.has_held, true) {
+            self.result = Some(Ok(()));
+        }
+    }
+
+    /// Returns true if a step is due at `now`.
+    pub(in crate::line) fn is_step_due(&self, now: Instant) -> bool {
+        self.due.is_some_and(|at| at <= now)
+    }
+
+    /// Returns true if the refusal of motion ends at `now`.
+    pub(in crate::line) fn is_over(&self, now: Instant) -> bool {
+        self.until.is_some_and(|until| until <= now)
+    }
+
+    /// Ends the refusal of motion and the steps.
+    pub(in crate::line) fn end_refusal(&mut self) {
+        self.end(Err(Failure::ArmSilent));
+        self.until = None;
+    }
+
+    /// Ends the stop of an arm that is replaced by another kind. Returns true if it had no result so far.
+    pub(in crate::line) fn change_arm(&mut self) -> bool {
+        let restarts = self.is_running() && !self.has_held;
+        self.end_refusal();
+        self.goal = None;
+        restarts
+    }
+
+    /// The stop was repeated for another kind of arm. A failure is its result.
+    pub(in crate::line) fn repeated(&mut self, result: Result<(), Failure>) {
+        self.result = result.err().map(Err);
+    }
+
+    /// The time of the next [step](Self::step) or of the end of the refusal.
+    pub(in crate::line) fn timeout(&self) -> Option<Instant> {
+        let until = self.until?;
+        Some(self.due.map_or(until, |due| due.min(until)))
+    }
+
+    /// Motion goes to the arm by this frame.
+    pub(in crate::line) fn on_motion(&mut self, kind: ArmKind, frame: &[u8]) {
+        self.goal = kind.gripper_goal(frame).or(self.goal);
+    }
+
+    /// Takes a frame of the arm. Returns true if it is a reading. Before the hold any reading of the joints counts, and
+    /// after it those of the stop only: they have its period.
+    // Not inlined: it is larger than the rest of its caller.
+    #[inline(never)]
+    pub(in crate::line) fn on_frame(&mut self, initiator: Option<Initiator>, frame: &[u8], at: Instant) -> bool {
+        match &mut self.steps {
+            Some(steps) if !self.has_held || initiator == Some(Initiator::Adapter) => steps.on_frame(frame, at),
+            _ => false,
+        }
+    }
+
+    /// Ends the steps. Only the first result is reported.
+    fn end(&mut self, result: Result<(), Failure>) {
+        if self.steps.take().is_some() && !self.has_held {
+            self.result = Some(result);
+        }
+        self.due = None;
+    }
+}
+
+/// The bytes of a request, which is no longer than any.
+fn own(request: &[u8]) -> FrameBytes {
+    FrameBytes::from_slice(request).unwrap_or_default()
+}
