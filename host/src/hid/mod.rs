@@ -25,7 +25,7 @@ pub(crate) fn open(selector: &Selector) -> Result<Box<dyn Line>, Error> {
     return line::open(selector);
     #[cfg(not(feature = "hid"))]
     Err(Error::Disabled {
-        name: format!("hid:{selector}"),
+        name: format!("hid:{selector}").into(),
         feature: "hid",
     })
 }
