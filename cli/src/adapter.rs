@@ -2,8 +2,7 @@
 
 use armwire_bridge::config::Can;
 use armwire_bridge::slcan::BitRate;
-use armwire_host::available::has_serial_port;
-use armwire_host::{Adapter, Options, Port, line_holder};
+use armwire_host::{Adapter, Options, Port, has_serial_port, line_holder};
 use clap::Args;
 
 use crate::error::Error;

@@ -3,9 +3,8 @@
 use armwire::alpha1;
 use armwire::ling;
 use armwire_bridge::config::ArmKind;
-use armwire_host::control::usb;
 use armwire_host::describe::{Arm, Fact, line, object};
-use armwire_host::{Adapter, Connection, Link, Options, Port, available, hid};
+use armwire_host::{Adapter, Connection, Link, Options, Port, ports};
 use clap::Args;
 use serde_json::Value;
 
@@ -29,20 +28,14 @@ pub(crate) struct List {
 impl List {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut found = Vec::new();
-        let adapters = usb::serial_numbers();
-        for port in available::serial_ports() {
-            let is_adapter = usb::serial_number_of(&port).is_some_and(|serial| adapters.contains(&serial));
-            self.show(&mut found, on_port(&port, is_adapter, self.ask))?;
-        }
-        for robot in hid::alpha1_names() {
-            self.show(&mut found, on_port(&format!("hid:{robot}"), false, self.ask))?;
+        for there in ports() {
+            let is_adapter = there.adapter.is_some();
+            // On a bus, the node of an adapter is unknown.
+            let is_asked = self.ask && !matches!(there.port, Port::Can { .. });
+            self.show(&mut found, on_port(&there.port.to_string(), is_adapter, is_asked))?;
         }
         for port in &self.ports {
             self.show(&mut found, on_port(port, false, true))?;
-        }
-        for interface in available::can_interfaces() {
-            let port = Fact::words("port", format_args!("can:{interface}"));
-            self.show(&mut found, vec![port])?;
         }
         match found.as_slice() {
             found if self.json => print_json(&Value::from(found)),
@@ -68,11 +61,13 @@ impl List {
 /// The description of a serial port, or of the arm on another port.
 fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
     let mut facts = vec![Fact::words("port", name)];
+    if !is_adapter && !is_asked {
+        return facts;
+    }
     let opened = name.parse::<Port>().and_then(|port| port.open(Options::default()));
     let described = match opened {
         Ok(connection) if is_adapter => on_adapter(&connection),
-        Ok(connection) if is_asked => arm(&connection),
-        Ok(_) => Ok(Vec::new()),
+        Ok(connection) => arm(&connection),
         Err(error) => Err(error.into()),
     };
     facts.extend(described.unwrap_or_else(|error| vec![Fact::words("error", error)]));

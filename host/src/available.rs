@@ -1,21 +1,56 @@
 //! The ports of this computer, by the names that a user types for them.
 
+use std::fmt::{self, Display, Formatter};
 use std::fs;
 use std::path::Path;
 
+use armwire_bridge::can::Node;
 use serial2::SerialPort;
+
+use crate::control::usb;
+use crate::hid::{self, Selector};
+use crate::port::Port;
 
 /// Type of a CAN interface in Linux (`ARPHRD_CAN`).
 const CAN_TYPE: &str = "280";
 
-/// Serial ports, and CAN interfaces, as the text of a [`Port`](crate::Port). Nothing is opened.
-pub fn ports() -> Vec<String> {
-    let interfaces = can_interfaces().into_iter().map(|name| format!("can:{name}"));
-    serial_ports().into_iter().chain(interfaces).collect()
+/// A port of this computer. It is displayed as the text of its port.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct PortInfo {
+    /// The port.
+    pub port: Port,
+    /// The serial number of the adapter on USB whose port it is. `None` for other ports, and on other systems than Linux.
+    pub adapter: Option<String>,
+}
+
+impl Display for PortInfo {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.port.fmt(f)
+    }
+}
+
+/// Serial ports, then HID devices with the ids of an Alpha1, then CAN interfaces. Nothing is opened. What this computer
+/// cannot list is left out.
+pub fn ports() -> Vec<PortInfo> {
+    let adapters = usb::serial_numbers();
+    let serial = serial_ports().into_iter().map(|port| PortInfo {
+        adapter: usb::serial_number_of(&port).filter(|serial| adapters.contains(serial)),
+        port: Port::Serial(port),
+    });
+    let other = |port| PortInfo { port, adapter: None };
+    let robots = hid::alpha1_names()
+        .into_iter()
+        .map(|name| Port::Hid(Selector::Name(name)));
+    let interfaces = can_interfaces().into_iter().map(|interface| Port::Can {
+        interface,
+        node: Node::default(),
+    });
+    serial.chain(robots.chain(interfaces).map(other)).collect()
 }
 
 /// Serial ports, as paths.
-pub fn serial_ports() -> Vec<String> {
+pub(crate) fn serial_ports() -> Vec<String> {
     let ports = SerialPort::available_ports().unwrap_or_default();
     ports.iter().map(|port| port.to_string_lossy().into_owned()).collect()
 }
@@ -31,7 +66,7 @@ pub fn has_serial_port(port: &str) -> bool {
 }
 
 /// The interfaces that Linux has for CAN. Other systems have none.
-pub fn can_interfaces() -> Vec<String> {
+pub(crate) fn can_interfaces() -> Vec<String> {
     let Ok(entries) = fs::read_dir("/sys/class/net") else {
         return Vec::new();
     };

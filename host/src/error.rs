@@ -11,6 +11,7 @@ use armwire::ling::stop::Stopped;
 use armwire::ling::{JointState, MotionStatus};
 use armwire_bridge::control::VERSION;
 
+use crate::control::UsbFault;
 use crate::ling::Ling;
 use crate::outside::Outside;
 use crate::received::Missing;
@@ -85,7 +86,7 @@ pub enum Error {
     /// There is no adapter with a control port there.
     NoControl { name: Outside },
     /// The control port is there, but cannot be used.
-    Usb { name: Outside, reason: Outside },
+    Usb { name: Outside, fault: UsbFault },
     /// The adapter does not know a request. `version` is that of its control protocol.
     Unsupported { name: Outside, version: u16 },
 }
@@ -167,9 +168,8 @@ impl Error {
             Self::Port(reason) => reason.clone(),
             Self::Baud { name } => at(name, "a baud rate applies to serial ports only"),
             Self::At { name, reason } | Self::Refused { name, reason } => at(name, "").append(reason),
-            Self::Unacceptable { name, reason } | Self::Lost { name, reason } | Self::Usb { name, reason } => {
-                at(name, reason.as_str())
-            }
+            Self::Unacceptable { name, reason } | Self::Lost { name, reason } => at(name, reason.as_str()),
+            Self::Usb { name, fault } => at(name, &fault.to_string()),
             Self::ErrorFrame { name, frame } => {
                 let what = format!("the arm answered with an error frame, which no document explains: {frame}");
                 at(name, &what)

@@ -54,12 +54,12 @@
 
 pub mod adapter;
 mod alpha1;
-pub mod available;
+mod available;
 mod can;
 pub mod control;
 pub mod describe;
 mod error;
-pub mod hid;
+mod hid;
 mod legacy;
 mod line;
 pub mod line_holder;
@@ -86,7 +86,7 @@ pub use armwire_bridge as bridge;
 
 pub use adapter::RECOVERY;
 pub use alpha1::Alpha1;
-pub use available::ports;
+pub use available::{PortInfo, has_serial_port, ports};
 pub use control::{Adapter, Hold};
 pub use describe::{Arm, Fact, Protocol};
 pub use error::{Error, Silence, TorqueOffEffect};

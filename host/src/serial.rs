@@ -168,10 +168,16 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
                     .and(" or a server's of a serial port (tcp:HOST:PORT)?"),
             };
         }
-        ErrorKind::NotFound => match available::ports().as_slice() {
-            [] => "no such port, nor any other: is the adapter plugged in?".to_owned(),
-            names => format!("no such port; there are: {}", names.join(", ")),
-        },
+        ErrorKind::NotFound => {
+            let interfaces = available::can_interfaces()
+                .into_iter()
+                .map(|name| format!("can:{name}"));
+            let names: Vec<_> = available::serial_ports().into_iter().chain(interfaces).collect();
+            match names.as_slice() {
+                [] => "no such port, nor any other: is the adapter plugged in?".to_owned(),
+                names => format!("no such port; there are: {}", names.join(", ")),
+            }
+        }
         #[cfg(unix)]
         ErrorKind::PermissionDenied => match group(port) {
             Some(group) => format!(

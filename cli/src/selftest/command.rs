@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use armwire_host::Port;
-use armwire_host::control::usb;
+use armwire_host::control::usb_serial_number;
+use armwire_host::{Error as Host, Port};
 use clap::Args;
 use serde_json::{Value, json};
 
@@ -63,9 +63,12 @@ impl Selftest {
         if !Path::new(&self.port).exists() {
             return Err(Port::not_found(&self.port).into());
         }
-        let info = usb::find(&self.port)?;
+        let serial = usb_serial_number(&self.port)?;
         self.confirm.prompt(DANGER)?;
-        let mut adapter = LinuxUsb::open(&info).map_err(|error| usb::not_opened(self.port.clone(), &error))?;
+        let mut adapter = LinuxUsb::open(serial).map_err(|fault| Host::Usb {
+            name: self.port.as_str().into(),
+            fault,
+        })?;
         let mut printed = Ok(());
         let stopped = || stop.load(Ordering::Relaxed);
         let checks = run(&mut adapter, plan, &stopped, &mut |check| {

@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use armwire_host::control::usb::VENDOR_AND_PRODUCT;
+use armwire_host::control::VENDOR_AND_PRODUCT;
 use nusb::descriptors::{ConfigurationDescriptor, DeviceDescriptor, InterfaceDescriptor, TransferType};
 use nusb::transfer::Direction::{self, In, Out};
 use serde_json::json;

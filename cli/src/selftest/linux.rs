@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire_host::control::usb::bulk_endpoints;
+use armwire_host::control::{UsbFault, VENDOR_AND_PRODUCT};
+use nusb::descriptors::{InterfaceDescriptor, TransferType};
 use nusb::transfer::{
     Buffer, Bulk, ControlIn, ControlOut, ControlType, EndpointDirection, In, Out, Recipient, TransferError,
 };
@@ -34,8 +35,7 @@ const READ_SIZE: usize = 512;
 /// An adapter on this computer, with the driver of its serial port detached. Drop reattaches the driver.
 pub(super) struct LinuxUsb {
     start: Instant,
-    /// Vendor id, product id and serial number.
-    identity: (u16, u16, Option<String>),
+    serial: String,
     /// `None` while the adapter is disconnected.
     adapter: Option<Adapter>,
 }
@@ -59,12 +59,13 @@ struct Bulks {
 }
 
 impl LinuxUsb {
-    /// Opens the adapter and detaches its driver.
-    pub(super) fn open(info: &DeviceInfo) -> Result<Self, nusb::Error> {
+    /// Opens the adapter with this serial number and detaches its driver.
+    pub(super) fn open(serial: String) -> Result<Self, UsbFault> {
+        let info = info(&serial).map_err(fault)?.ok_or(UsbFault::Disconnected)?;
         Ok(Self {
             start: Instant::now(),
-            identity: identity(info),
-            adapter: Some(Adapter::open(info)?),
+            serial,
+            adapter: Some(Adapter::open(&info).map_err(fault)?),
         })
     }
 
@@ -84,9 +85,7 @@ impl LinuxUsb {
     fn find(&mut self) -> Result<(), UsbError> {
         let until = Instant::now() + REENUMERATION_TIMEOUT;
         loop {
-            let devices = nusb::list_devices().wait().map_err(host)?;
-            let mut same = devices.filter(|info| identity(info) == self.identity);
-            match same.next().map(|info| Adapter::open(&info)) {
+            match info(&self.serial).map_err(host)?.map(|info| Adapter::open(&info)) {
                 Some(Ok(adapter)) => {
                     self.adapter = Some(adapter);
                     return Ok(());
@@ -170,7 +169,8 @@ impl Bulks {
     }
 
     fn open_with(interface: Interface, unread: VecDeque<u8>) -> Result<Self, nusb::Error> {
-        let (input, output) = bulk_endpoints(&interface)?;
+        let input = interface.endpoint(bulk(&interface, Direction::In))?;
+        let output = interface.endpoint(bulk(&interface, Direction::Out))?;
         let mut bulks = Self {
             input,
             output,
@@ -363,9 +363,20 @@ impl Usb for LinuxUsb {
     }
 }
 
-fn identity(info: &DeviceInfo) -> (u16, u16, Option<String>) {
-    let serial = info.serial_number().map(str::to_owned);
-    (info.vendor_id(), info.product_id(), serial)
+/// The adapter with this serial number, if it is connected.
+fn info(serial: &str) -> Result<Option<DeviceInfo>, nusb::Error> {
+    let mut devices = nusb::list_devices().wait()?;
+    Ok(devices.find(|info| {
+        (info.vendor_id(), info.product_id()) == VENDOR_AND_PRODUCT && info.serial_number() == Some(serial)
+    }))
+}
+
+/// The address of an interface's bulk endpoint. A missing endpoint gets 0, which `nusb` refuses.
+fn bulk(interface: &Interface, direction: Direction) -> u8 {
+    let descriptor = interface.descriptor();
+    let mut endpoints = descriptor.iter().flat_map(InterfaceDescriptor::endpoints);
+    let endpoint = endpoints.find(|it| it.direction() == direction && it.transfer_type() == TransferType::Bulk);
+    endpoint.map_or(0, |endpoint| endpoint.address())
 }
 
 /// Makes a control transfer with a timeout.
@@ -414,6 +425,15 @@ fn transfer(error: TransferError) -> UsbError {
         TransferError::Cancelled => UsbError::TimedOut,
         TransferError::Disconnected => UsbError::Gone,
         error => UsbError::Host(error.to_string()),
+    }
+}
+
+fn fault(error: nusb::Error) -> UsbFault {
+    match error.kind() {
+        ErrorKind::PermissionDenied => UsbFault::PermissionDenied,
+        ErrorKind::Busy => UsbFault::Busy,
+        ErrorKind::Disconnected => UsbFault::Disconnected,
+        _ => UsbFault::Other(error.to_string().into()),
     }
 }
 

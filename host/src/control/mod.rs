@@ -1,7 +1,7 @@
 //! An adapter's control port: requests and events, over USB, CAN or a port of its own.
 
 mod hold;
-pub mod usb;
+pub(crate) mod usb;
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -20,6 +20,7 @@ use crate::stopwatch::after;
 use crate::text::{Remedy, Text};
 
 pub use hold::Hold;
+pub use usb::{UsbFault, VENDOR_AND_PRODUCT, usb_serial_number};
 
 /// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(3);

@@ -1,5 +1,6 @@
 //! The control port on USB: an interface of the adapter's own, beside that of its serial port.
 
+use std::fmt::{self, Display, Formatter};
 use std::io::{self, Read, Write};
 use std::time::Duration;
 
@@ -11,9 +12,10 @@ use nusb::{DeviceInfo, Endpoint, Interface, MaybeFuture};
 use crate::available::has_serial_port;
 use crate::error::Error;
 use crate::line::{Line, Names, Reception, is_nothing_yet};
+use crate::outside::Outside;
 use crate::text::Text;
 
-/// USB ids of the adapter. They are the pid.codes test ids, so the interface is checked, too.
+/// USB vendor and product id of the adapter. They are the test ids of pid.codes: other devices may have them, too.
 pub const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
 /// The class, subclass and protocol of its control interface: none that is standard.
 const CLASS: (u8, u8, u8) = (0xFF, 0, 0);
@@ -36,7 +38,7 @@ impl UsbLine {
         let device = find(port)?;
         match claim(&device).and_then(|interface| endpoints(&interface)) {
             Ok((reader, writer)) => Ok(Self { name, reader, writer }),
-            Err(error) => Err(not_opened(name, &error)),
+            Err(error) => Err(not_opened(port, &error)),
         }
     }
 
@@ -45,15 +47,25 @@ impl UsbLine {
     }
 }
 
+/// The serial number of the adapter on USB that has this serial port.
+///
+/// # Errors
+///
+/// [`Error::NoControl`] if no adapter has it, [`Error::At`] if it is not known which one, and [`Error::Usb`].
+pub fn usb_serial_number(port: &str) -> Result<String, Error> {
+    let serial = find(port)?.serial_number().map(str::to_owned);
+    serial.ok_or_else(|| Error::NoControl { name: port.into() })
+}
+
 /// The adapter that has this serial port.
-pub fn find(port: &str) -> Result<DeviceInfo, Error> {
+fn find(port: &str) -> Result<DeviceInfo, Error> {
     let name = port.into();
     // Other systems than Linux do not name the USB device of a port.
     let serial = serial_number_of(port);
     if !has_serial_port(port) || cfg!(target_os = "linux") && serial.is_none() {
         return Err(Error::NoControl { name });
     }
-    let mut adapters = adapters().map_err(|error| not_opened(port.to_owned(), &error))?;
+    let mut adapters = adapters().map_err(|error| not_opened(port, &error))?;
     adapters.retain(|adapter| serial.is_none() || adapter.serial_number() == serial.as_deref());
     match adapters.len() {
         0 | 1 => adapters.pop().ok_or(Error::NoControl { name }),
@@ -70,7 +82,7 @@ pub fn find(port: &str) -> Result<DeviceInfo, Error> {
 }
 
 /// The serial numbers of all adapters; none where USB cannot be searched.
-pub fn serial_numbers() -> Vec<String> {
+pub(crate) fn serial_numbers() -> Vec<String> {
     let adapters = adapters().unwrap_or_default().into_iter();
     adapters
         .filter_map(|adapter| adapter.serial_number().map(str::to_owned))
@@ -92,7 +104,7 @@ fn control_interface(device: &DeviceInfo) -> Option<u8> {
 }
 
 /// The serial number of the USB device with this serial port. `None` except on Linux.
-pub fn serial_number_of(port: &str) -> Option<String> {
+pub(crate) fn serial_number_of(port: &str) -> Option<String> {
     // The port may be a link, for example under /dev/serial/by-id.
     let device = std::fs::canonicalize(port).ok()?;
     let name = device.file_name()?.to_str()?;
@@ -107,27 +119,18 @@ fn claim(device: &DeviceInfo) -> Result<Interface, nusb::Error> {
 }
 
 fn endpoints(interface: &Interface) -> Result<(EndpointRead<Bulk>, EndpointWrite<Bulk>), nusb::Error> {
-    let (input, output) = bulk_endpoints(interface)?;
+    let input: Endpoint<Bulk, In> = interface.endpoint(bulk(interface, Direction::In))?;
+    let output: Endpoint<Bulk, Out> = interface.endpoint(bulk(interface, Direction::Out))?;
     let writer = output.writer(PACKET).with_write_timeout(WRITE_TIMEOUT);
     Ok((input.reader(PACKET), writer))
 }
 
-/// A bulk endpoint in each direction.
-pub type BulkEndpoints = (Endpoint<Bulk, In>, Endpoint<Bulk, Out>);
-
-/// The bulk endpoints of an interface.
-pub fn bulk_endpoints(interface: &Interface) -> Result<BulkEndpoints, nusb::Error> {
-    // A missing endpoint gets address 0, which the library refuses.
-    let address = |direction| {
-        let descriptor = interface.descriptor();
-        let mut endpoints = descriptor.iter().flat_map(InterfaceDescriptor::endpoints);
-        let endpoint = endpoints.find(|it| it.direction() == direction && it.transfer_type() == TransferType::Bulk);
-        endpoint.map_or(0, |endpoint| endpoint.address())
-    };
-    Ok((
-        interface.endpoint(address(Direction::In))?,
-        interface.endpoint(address(Direction::Out))?,
-    ))
+/// The address of an interface's bulk endpoint. A missing endpoint gets 0, which the library refuses.
+fn bulk(interface: &Interface, direction: Direction) -> u8 {
+    let descriptor = interface.descriptor();
+    let mut endpoints = descriptor.iter().flat_map(InterfaceDescriptor::endpoints);
+    let endpoint = endpoints.find(|it| it.direction() == direction && it.transfer_type() == TransferType::Bulk);
+    endpoint.map_or(0, |endpoint| endpoint.address())
 }
 
 impl Line for UsbLine {
@@ -160,23 +163,48 @@ impl Line for UsbLine {
     }
 }
 
-/// The error of a control port that cannot be used.
-pub fn not_opened(name: String, error: &nusb::Error) -> Error {
-    let reason = match error.kind() {
-        nusb::ErrorKind::PermissionDenied if cfg!(target_os = "linux") => {
-            let (vendor, product) = VENDOR_AND_PRODUCT;
-            format!(
-                "permission denied for the control port: put 'SUBSYSTEM==\"usb\", ATTR{{idVendor}}==\"{vendor:04x}\", \
-                 ATTR{{idProduct}}==\"{product:04x}\", TAG+=\"uaccess\"' in /etc/udev/rules.d/70-armwire.rules, run \
-                 'sudo udevadm control --reload', and plug the adapter in again"
-            )
+/// The reason why a control port on USB cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum UsbFault {
+    /// The system does not allow it to this user.
+    PermissionDenied,
+    /// Another program has the port.
+    Busy,
+    /// The adapter was disconnected.
+    Disconnected,
+    /// The system has this reason.
+    Other(Outside),
+}
+
+impl Display for UsbFault {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::PermissionDenied if cfg!(target_os = "linux") => {
+                let (vendor, product) = VENDOR_AND_PRODUCT;
+                write!(
+                    f,
+                    "permission denied for the control port: put 'SUBSYSTEM==\"usb\", ATTR{{idVendor}}==\"{vendor:04x}\", \
+                     ATTR{{idProduct}}==\"{product:04x}\", TAG+=\"uaccess\"' in /etc/udev/rules.d/70-armwire.rules, run \
+                     'sudo udevadm control --reload', and plug the adapter in again"
+                )
+            }
+            Self::PermissionDenied => f.write_str("permission denied for the control port"),
+            Self::Busy => f.write_str("the control port is in use by another program: close that one first"),
+            Self::Disconnected => f.write_str("the adapter was disconnected: was it unplugged?"),
+            Self::Other(reason) => write!(f, "the control port cannot be opened: {reason}"),
         }
-        nusb::ErrorKind::Busy => "the control port is in use by another program: close that one first".to_owned(),
-        nusb::ErrorKind::Disconnected => "the adapter was disconnected: was it unplugged?".to_owned(),
-        _ => format!("the control port cannot be opened: {error}"),
-    };
-    Error::Usb {
-        name: name.into(),
-        reason: reason.into(),
     }
+}
+
+/// The error of a control port that cannot be used.
+fn not_opened(port: &str, error: &nusb::Error) -> Error {
+    let fault = match error.kind() {
+        nusb::ErrorKind::PermissionDenied => UsbFault::PermissionDenied,
+        nusb::ErrorKind::Busy => UsbFault::Busy,
+        nusb::ErrorKind::Disconnected => UsbFault::Disconnected,
+        _ => UsbFault::Other(error.to_string().into()),
+    };
+    let name = port.into();
+    Error::Usb { name, fault }
 }

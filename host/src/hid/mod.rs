@@ -12,7 +12,7 @@ use crate::line::Line;
 
 /// The names of all devices with the ids of an Alpha1. Empty if the system cannot list HID devices, or without the feature
 /// `hid`.
-pub fn alpha1_names() -> Vec<String> {
+pub(crate) fn alpha1_names() -> Vec<String> {
     #[cfg(feature = "hid")]
     return line::alpha1_names();
     #[cfg(not(feature = "hid"))]
