@@ -13,7 +13,7 @@ use object::{Object, ObjectSection, ObjectSymbol};
 use crate::apt;
 use crate::cargo::{cargo, target_dir, tool};
 use crate::process::{output, run};
-use crate::toolchain::{Toolchain, rustc_property};
+use crate::toolchain::{cargo_for, rustc_property};
 use crate::workspace::root;
 
 /// The version of cbindgen: another version may generate a different header.
@@ -79,9 +79,8 @@ pub(crate) struct Options {
 ///
 /// The first check that fails.
 pub(crate) fn run_all(options: &Options) -> Result<()> {
-    let toolchain = || Toolchain::find(&TARGETS.map(|(target, _)| target));
     if let Some(folder) = &options.arduino {
-        return write_arduino(folder, toolchain()?);
+        return write_arduino(folder);
     }
     find_tools()?;
     check_header(options.write)?;
@@ -99,19 +98,14 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     let armwire = target_dir()?.join("debug/armwire");
     test(&dir, &armwire)?;
-    let toolchain = toolchain()?;
     for (target, compiler) in TARGETS {
-        check_panics(&dir, toolchain, target, compiler)?;
+        check_panics(&dir, target, compiler)?;
     }
-    print_sizes(&dir, toolchain)?;
-    test_emulated(&dir, toolchain)?;
-    emulate(&dir, toolchain, &armwire)?;
+    print_sizes(&dir)?;
+    test_emulated(&dir)?;
+    emulate(&dir, &armwire)?;
     package(&dir)?;
-    check_arduino(&dir, toolchain)?;
-    if toolchain == Toolchain::Debian {
-        println!("skipped: the Zephyr module, whose build does not support Debian's compiler");
-        return Ok(());
-    }
+    check_arduino(&dir)?;
     check_zephyr(&dir)
 }
 
@@ -238,9 +232,9 @@ pub(crate) fn library_command(features: &str) -> String {
 }
 
 /// Builds the library for a microcontroller.
-fn library(toolchain: Toolchain, target: &str, features: &str) -> Result<PathBuf> {
-    run(&mut toolchain.cargo(&library_command(features), target)?)?;
-    Ok(toolchain.target_dir()?.join(target).join("c/libarmwire_c.a"))
+fn library(target: &str, features: &str) -> Result<PathBuf> {
+    run(&mut cargo_for(target, &library_command(features))?)?;
+    Ok(target_dir()?.join(target).join("c/libarmwire_c.a"))
 }
 
 /// The functions in the header.
@@ -305,13 +299,13 @@ impl Linked {
 }
 
 /// Checks that no function can panic, and that an added panic is detected.
-fn check_panics(dir: &Path, toolchain: Toolchain, target: &str, compiler: &str) -> Result<()> {
+fn check_panics(dir: &Path, target: &str, compiler: &str) -> Result<()> {
     let functions = functions()?;
     let mut names: Vec<_> = functions.iter().map(|name| &**name).collect();
-    let good = Linked::new(dir, compiler, &library(toolchain, target, "")?, &names)?;
+    let good = Linked::new(dir, compiler, &library(target, "")?, &names)?;
     ensure!(!good.contains(PANIC)?, "{target}: the library can panic");
     names.push("armwire_prove_panic");
-    let bad = Linked::new(dir, compiler, &library(toolchain, target, "prove-panic")?, &names)?;
+    let bad = Linked::new(dir, compiler, &library(target, "prove-panic")?, &names)?;
     ensure!(bad.contains(PANIC)?, "{target}: an added panic is not detected");
     println!(
         "{target}: none of {} functions can panic; an added panic is detected",
@@ -321,9 +315,9 @@ fn check_panics(dir: &Path, toolchain: Toolchain, target: &str, compiler: &str) 
 }
 
 /// Prints the size of each protocol in a program, and checks the limit of Ling's client.
-fn print_sizes(dir: &Path, toolchain: Toolchain) -> Result<()> {
+fn print_sizes(dir: &Path) -> Result<()> {
     let (target, compiler) = TARGETS[0];
-    let (library, functions) = (library(toolchain, target, "")?, functions()?);
+    let (library, functions) = (library(target, "")?, functions()?);
     println!("bytes on a Cortex-M0+, and in addition those that a C library has, too (memcpy, division):");
     for protocol in ["ling", "alpha1", "xarm"] {
         for side in ["client", "device"] {
@@ -349,7 +343,7 @@ fn print_sizes(dir: &Path, toolchain: Toolchain) -> Result<()> {
 }
 
 /// Runs the tests without a line on a Cortex-M3 in QEMU, where structures have another layout.
-fn test_emulated(dir: &Path, toolchain: Toolchain) -> Result<()> {
+fn test_emulated(dir: &Path) -> Result<()> {
     for test in ["device", "misuse"] {
         let program = dir.join(format!("{test}.elf"));
         let mut compile = Command::new("arm-none-eabi-gcc");
@@ -359,7 +353,7 @@ fn test_emulated(dir: &Path, toolchain: Toolchain) -> Result<()> {
             .args("-Wl,--gc-sections -Wl,-z,noexecstack -Tc/test/semihosting.ld -Ic/include".split(' '))
             .arg(format!("c/test/{test}.c"))
             .args(["c/test/events.c", "c/test/semihosting.c"])
-            .arg(library(toolchain, SMALLEST, "")?)
+            .arg(library(SMALLEST, "")?)
             .arg("-o")
             .arg(&program)
             .current_dir(root());
@@ -373,14 +367,14 @@ fn test_emulated(dir: &Path, toolchain: Toolchain) -> Result<()> {
 }
 
 /// Runs the example for a Cortex-M in QEMU, with a UART to a virtual arm.
-fn emulate(dir: &Path, toolchain: Toolchain, armwire: &Path) -> Result<()> {
+fn emulate(dir: &Path, armwire: &Path) -> Result<()> {
     let program = dir.join("cortex-m.elf");
     let mut compile_example = Command::new("arm-none-eabi-gcc");
     compile_example
         .args("-std=c99 -Wall -Wextra -Wconversion -Werror -Os -mcpu=cortex-m3 -ffreestanding -nostdlib".split(' '))
         .args("-ffunction-sections -Wl,--gc-sections -Wl,-z,noexecstack -I../../../c/include -Tlink.ld".split(' '))
         .args(["main.c", "start.c"])
-        .arg(library(toolchain, SMALLEST, "")?)
+        .arg(library(SMALLEST, "")?)
         .args(["-lgcc", "-o"])
         .arg(&program)
         .current_dir(root().join("examples/c/cortex-m"));
@@ -422,7 +416,7 @@ fn package(dir: &Path) -> Result<()> {
 }
 
 /// Writes a library in the layout of Arduino and PlatformIO.
-fn write_arduino(folder: &Path, toolchain: Toolchain) -> Result<()> {
+fn write_arduino(folder: &Path) -> Result<()> {
     let (from, source) = (root().join("c/arduino"), folder.join("src"));
     let example = "examples/ReadJoints/ReadJoints.ino";
     fs::create_dir_all(&source)?;
@@ -432,7 +426,7 @@ fn write_arduino(folder: &Path, toolchain: Toolchain) -> Result<()> {
     }
     fs::copy(root().join(HEADER), source.join("armwire.h"))?;
     for (target, processors) in ARDUINO_FOLDERS {
-        let library = library(toolchain, target, "")?;
+        let library = library(target, "")?;
         for processor in processors {
             let to = source.join(processor);
             fs::create_dir_all(&to)?;
@@ -444,9 +438,9 @@ fn write_arduino(folder: &Path, toolchain: Toolchain) -> Result<()> {
 }
 
 /// Compiles and links the example in the Arduino library, with stubs of Arduino's own functions.
-fn check_arduino(dir: &Path, toolchain: Toolchain) -> Result<()> {
+fn check_arduino(dir: &Path) -> Result<()> {
     let library = dir.join("arduino");
-    write_arduino(&library, toolchain)?;
+    write_arduino(&library)?;
     let mut compile = Command::new("arm-none-eabi-g++");
     compile
         .args(

@@ -1,7 +1,6 @@
 //! Cargo, and its subcommands from crates.io.
 
 use std::env;
-use std::ffi::OsStr;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -25,12 +24,7 @@ const TOOLS: [(&str, &str); 8] = [
 
 /// The cargo that runs this program, with these words as arguments, in the root of the workspace.
 pub(crate) fn cargo(words: &str) -> Command {
-    cargo_at(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), words)
-}
-
-/// This cargo, with these words as arguments, in the root of the workspace.
-pub(crate) fn cargo_at(program: impl AsRef<OsStr>, words: &str) -> Command {
-    let mut cargo = Command::new(program);
+    let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo.args(words.split_whitespace()).current_dir(root());
     forget_our_package(&mut cargo);
     cargo

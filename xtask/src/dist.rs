@@ -14,7 +14,7 @@ use crate::cargo::{cargo, target_dir, tool};
 use crate::files::empty_folder;
 use crate::image;
 use crate::process::{output, run, run_to};
-use crate::toolchain::{Toolchain, rustc, rustc_property};
+use crate::toolchain::{cargo_for, rustc, rustc_property};
 use crate::workspace::root;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -150,12 +150,11 @@ impl Release {
         let folder = self.folder().join("c");
         copy(&root().join(HEADER), &folder.join("include/armwire.h"))?;
         let targets = TARGETS.map(|(target, _)| target);
-        let toolchain = Toolchain::find(&targets)?;
         let mut native = cargo(&library_command(""));
         native.args(["--target", &self.host]);
         run(self.reproducible(&mut native)?)?;
         for target in targets {
-            run(self.reproducible(&mut toolchain.cargo(&library_command(""), target)?)?)?;
+            run(self.reproducible(&mut cargo_for(target, &library_command(""))?)?)?;
         }
         for target in targets.into_iter().chain([&*self.host]) {
             let library = self.build_dir().join(target).join("c/libarmwire_c.a");

@@ -8,7 +8,7 @@ use anyhow::Result;
 use crate::apt;
 use crate::cargo::{cargo, target_dir};
 use crate::process::run;
-use crate::toolchain::Toolchain;
+use crate::toolchain::cargo_for;
 use crate::workspace::root;
 
 /// The examples by folder, and the target of each.
@@ -30,20 +30,16 @@ const IMAGE: &str = "thumbv6m-none-eabi/release/armwire-rp2040";
 ///
 /// The first example that fails, or a missing tool that cannot be installed.
 pub(crate) fn check() -> Result<()> {
-    let toolchain = Toolchain::find(&EXAMPLES.map(|(_, target)| target))?;
     for (example, target) in EXAMPLES {
         println!("{example} for {target}");
         let folder = folder(example);
         run(cargo("fmt --check").current_dir(&folder))?;
-        // Debian's compiler comes without clippy.
-        if toolchain == Toolchain::Installed {
-            let mut clippy = toolchain.cargo("clippy --release --locked --quiet", target)?;
-            run(clippy.args(["--", "-D", "warnings"]).current_dir(&folder))?;
-        }
-        let mut build = toolchain.cargo("build --release --locked --quiet", target)?;
+        let mut clippy = cargo_for(target, "clippy --release --locked --quiet")?;
+        run(clippy.args(["--", "-D", "warnings"]).current_dir(&folder))?;
+        let mut build = cargo_for(target, "build --release --locked --quiet")?;
         run(build.current_dir(&folder))?;
     }
-    emulate(&toolchain.target_dir()?.join(IMAGE))
+    emulate(&target_dir()?.join(IMAGE))
 }
 
 /// Runs the RP2040's image on an emulated chip, with `armwire sim` on its UART.

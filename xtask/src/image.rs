@@ -13,7 +13,7 @@ use crate::cargo::target_dir;
 use crate::dfu;
 use crate::process::run;
 use crate::program::Program;
-use crate::toolchain::Toolchain;
+use crate::toolchain::cargo_for;
 
 /// The image's target, the same for all boards.
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
@@ -127,10 +127,9 @@ pub(crate) fn for_virtual_board() -> Result<PathBuf> {
 ///
 /// If the build fails, the vector table is that of another board, or the image is too large.
 pub(crate) fn build(options: Options) -> Result<Image> {
-    let toolchain = Toolchain::find(&[TARGET])?;
     let board = options.board.name();
     println!("building the firmware image for {board}, one or two minutes the first time");
-    let mut build = toolchain.cargo("build --package armwire-firmware --profile firmware", TARGET)?;
+    let mut build = cargo_for(TARGET, "build --package armwire-firmware --profile firmware")?;
     build.args(["--no-default-features", "--features", &options.features()]);
     if options.defmt {
         // With the profile's level `s` the log does not fit into the flash of the STM32G431.
@@ -138,11 +137,7 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     }
     run(&mut build)?;
 
-    let built = toolchain
-        .target_dir()?
-        .join(TARGET)
-        .join("firmware")
-        .join("armwire-firmware");
+    let built = target_dir()?.join(TARGET).join("firmware/armwire-firmware");
     let elf = fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
     let program = Program::parse(&elf)?;
     program.check_vectors(options.board.stack_top())?;

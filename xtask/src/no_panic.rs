@@ -8,7 +8,7 @@ use crate::cargo::target_dir;
 use crate::image::TARGET;
 use crate::parallel::for_each;
 use crate::process::output;
-use crate::toolchain::Toolchain;
+use crate::toolchain::cargo_for;
 use crate::workspace::root;
 
 /// Cortex-M0, and Cortex-M4.
@@ -37,16 +37,15 @@ const REFUSALS: [(&str, &str); 2] = [
 ///
 /// If the crates can panic or allocate, or if the test does not detect an added panic or allocation.
 pub(crate) fn run() -> Result<()> {
-    let toolchain = Toolchain::find(&TARGETS)?;
-    for_each(TARGETS, |target| check(toolchain, target)).map(drop)
+    for_each(TARGETS, check).map(drop)
 }
 
-fn check(toolchain: Toolchain, target: &str) -> Result<()> {
+fn check(target: &str) -> Result<()> {
     for features in FEATURES {
-        output(&mut link(toolchain, target, features)?)?;
+        output(&mut link(target, features)?)?;
     }
     for (features, refusal) in REFUSALS {
-        match output(&mut link(toolchain, target, features)?) {
+        match output(&mut link(target, features)?) {
             Err(error) if error.to_string().contains(refusal) => {}
             Err(error) => bail!("`{features}` failed to link for another reason: {error}"),
             Ok(_) => bail!("`{features}` links, but must not"),
@@ -60,9 +59,9 @@ fn check(toolchain: Toolchain, target: &str) -> Result<()> {
 }
 
 /// The command that links the test. Each target has a target directory, which cargo would lock.
-fn link(toolchain: Toolchain, target: &str, features: &str) -> Result<Command> {
+fn link(target: &str, features: &str) -> Result<Command> {
     let build = "build --profile no-panic --quiet --bin no-panic --no-default-features --features link-test";
-    let mut link = toolchain.cargo(build, target)?;
+    let mut link = cargo_for(target, build)?;
     link.args(["--features", features])
         .env("CARGO_TARGET_DIR", target_dir()?.join("no-panic").join(target))
         .current_dir(root().join("host-tests/benches"));

@@ -9,7 +9,7 @@ use crate::board::Board;
 use crate::cargo::{cargo, target_dir};
 use crate::image::{self, TARGET};
 use crate::process;
-use crate::toolchain::Toolchain;
+use crate::toolchain::cargo_for;
 use crate::workspace::root;
 
 #[derive(Args, Default)]
@@ -53,15 +53,15 @@ pub(crate) fn run(options: &Options) -> Result<()> {
 
 /// Builds the programs, into the folder `performance` of the target directory.
 fn programs() -> Result<()> {
-    let toolchain = Toolchain::find(&[TARGET])?;
-    let folder = target_dir()?.join("performance");
+    let target = target_dir()?;
+    let folder = target.join("performance");
     fs::create_dir_all(&folder)?;
     for (name, profile, features) in PROGRAMS {
-        let mut build = toolchain.cargo("rustc --quiet --bin thumb --no-default-features", TARGET)?;
+        let mut build = cargo_for(TARGET, "rustc --quiet --bin thumb --no-default-features")?;
         build.args(["--profile", profile, &format!("--features=thumb,{features}")]);
         build.args(["--", "-Clink-arg=-Tlink.x", "-Clink-arg=--nmagic"]);
         process::run(build.current_dir(root().join("host-tests/benches")))?;
-        let built = toolchain.target_dir()?.join(TARGET).join(profile).join("thumb");
+        let built = target.join(TARGET).join(profile).join("thumb");
         fs::copy(built, folder.join(name).with_extension("elf"))?;
     }
     Ok(())

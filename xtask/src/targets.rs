@@ -6,7 +6,7 @@ use crate::board::Board;
 use crate::cargo::cargo;
 use crate::image::{Options, TARGET};
 use crate::process;
-use crate::toolchain::{self, Toolchain};
+use crate::toolchain::{cargo_for, has_target};
 
 /// Targets of the crates without `std`.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
@@ -34,12 +34,7 @@ pub(crate) fn check() -> Result<()> {
 /// its core.
 fn microcontrollers() -> Result<()> {
     let lint = |select: &str, target| {
-        let toolchain = Toolchain::find(&[target])?;
-        if toolchain == Toolchain::Debian {
-            println!("checked without clippy, which Debian's compiler lacks; `rustup target add {target}` helps");
-            return process::run(&mut toolchain.cargo(&format!("check {select}"), target)?);
-        }
-        let mut clippy = toolchain.cargo(&format!("clippy {select}"), target)?;
+        let mut clippy = cargo_for(target, &format!("clippy {select}"))?;
         process::run(clippy.args(["--", "-D", "warnings"]))
     };
     for target in NO_STD_TARGETS {
@@ -57,7 +52,7 @@ fn microcontrollers() -> Result<()> {
 
 /// Clippy for the other systems.
 fn other_systems() -> Result<()> {
-    if !toolchain::is_usable(&OTHER_SYSTEMS) {
+    if !OTHER_SYSTEMS.into_iter().all(has_target) {
         println!("skipped: `rustup target add {}` helps", OTHER_SYSTEMS.join(" "));
         return Ok(());
     }

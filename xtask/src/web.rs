@@ -12,7 +12,7 @@ use crate::cargo::{cargo, target_dir};
 use crate::files::empty_folder;
 use crate::image;
 use crate::process::{output, run};
-use crate::toolchain::Toolchain;
+use crate::toolchain::cargo_for;
 use crate::workspace::root;
 use crate::{apt, demo, examples};
 
@@ -66,8 +66,7 @@ fn build() -> Result<PathBuf> {
     run(Command::new("npm")
         .args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"])
         .current_dir(&test))?;
-    let toolchain = Toolchain::find(&[TARGET])?;
-    let mut build = toolchain.cargo("build --release --locked --quiet", TARGET)?;
+    let mut build = cargo_for(TARGET, "build --release --locked --quiet")?;
     run(build.current_dir(folder("engine")))?;
 
     let page = target_dir()?.join("web");
@@ -82,7 +81,7 @@ fn build() -> Result<PathBuf> {
         }
     }
     let module = page.join(SERVED_MODULE);
-    let built = toolchain.target_dir()?.join(TARGET).join("release").join(MODULE);
+    let built = target_dir()?.join(TARGET).join("release").join(MODULE);
     run(Command::new(test.join("node_modules/.bin/wasm-opt"))
         .arg("-Oz")
         .args(WASM_FEATURES)
