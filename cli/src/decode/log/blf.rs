@@ -4,6 +4,9 @@
 //! the containers are objects again. Those with CAN frames are read. Bytes that are no object are skipped up to the next
 //! one. Sizes in the file do not determine memory: containers are decompressed in pieces, and no more of an object is
 //! kept than the size of a CAN frame.
+//!
+//! No library reads a damaged file to its end: `blf_asc` 0.2.0 ends at the first damaged object, `ablf` 0.2.1 panics at a
+//! damaged container.
 
 use std::io::{self, ErrorKind, Read, Write};
 
