@@ -372,7 +372,9 @@ fn crystal_of_another_frequency_is_reported() {
     .unwrap();
     let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["crystal"]));
     let text = failure(&checks, "crystal");
-    assert!(text.starts_with("+250 ±"), "{text}");
+    // It is 250 ppm fast. The times of the echoes limit the accuracy to ±29 ppm.
+    let measured = text.split_once(" ±").and_then(|(ppm, _)| ppm.parse().ok());
+    assert!(measured.is_some_and(|ppm: i32| (245..=255).contains(&ppm)), "{text}");
 }
 
 #[test]
