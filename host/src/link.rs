@@ -32,6 +32,7 @@ type Check = Box<dyn FnMut() -> Interrupt + Send>;
 
 /// Errors on a line since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct LineErrors {
     /// Bytes outside frames.
     pub noise_bytes: usize,

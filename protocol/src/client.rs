@@ -113,7 +113,8 @@ pub enum Output<'a, R> {
     Timeout(Option<Instant>),
 }
 
-/// An event on the line.
+/// An event on the line. It is exhaustive: its cases account for every byte, and a match that leaves out the end of
+/// a request waits for it without end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Event<'a, R> {

@@ -7,7 +7,8 @@ use crate::framing::Reason;
 use crate::messages::Messages;
 use crate::{BufferTooShort, OutOfRange, ParseError};
 
-/// An event of a [`Device`]: `R` is the protocol's request, `K` its key.
+/// An event of a [`Device`]: `R` is the protocol's request, `K` its key. It is exhaustive: its cases
+/// account for every byte.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum DeviceEvent<'a, R, K> {

@@ -204,7 +204,6 @@ mod tests {
 
     use super::*;
     use crate::monitor::model::tests::latest;
-    use armwire_host::LineErrors;
 
     /// The lines of a screen of this size.
     fn screen(model: &Model, width: u16, height: u16) -> Vec<String> {
@@ -267,10 +266,8 @@ mod tests {
     #[test]
     fn wide_screen_shows_everything() {
         let mut model = model();
-        model.line_errors = LineErrors {
-            noise_bytes: 7,
-            checksums: 1,
-        };
+        model.line_errors.noise_bytes = 7;
+        model.line_errors.checksums = 1;
         model.adapter = Some(counted());
         model.notice = Some("no answer in 350 ms".to_owned());
         let screen = screen(&model, 100, 30);

@@ -6,7 +6,7 @@ use armwire::messages::Messages;
 use super::fact::Fact;
 use super::printable::hex;
 
-/// The protocol of a line.
+/// The protocol of a line. It is exhaustive: a program that decodes must know each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Protocol {
     /// Ling / Alicia-D.

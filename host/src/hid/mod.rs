@@ -37,6 +37,7 @@ const ALPHA1: (u16, u16) = (0x0483, 0x5750);
 
 /// A choice of a HID device: the text after `hid:` in a port.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Selector {
     /// No text: the only device with the ids of an Alpha1.
     Alpha1,

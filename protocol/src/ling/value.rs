@@ -360,6 +360,7 @@ impl TemperatureLimit {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum MotionStatus {
     /// 00: idle.
     Idle,
@@ -373,7 +374,7 @@ pub enum MotionStatus {
     Overheating,
     /// E2: stopped by the overheat protection.
     OverheatProtection,
-    /// Any other value.
+    /// Any other value. A later version may name it: compare values as `u8`.
     Other(u8),
 }
 

@@ -107,6 +107,7 @@ impl fmt::Display for ModbusFunction {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+#[non_exhaustive]
 pub enum Register {
     /// 1: versions.
     Version = 1,

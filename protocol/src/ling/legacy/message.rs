@@ -49,6 +49,7 @@ pub enum Response {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+#[non_exhaustive]
 pub enum Firmware {
     /// 5: commands 04 and 02.
     V5,
