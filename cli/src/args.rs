@@ -3,7 +3,7 @@
 use std::num::NonZeroU32;
 use std::path::Path;
 
-use armwire_host::{Adapter, Connection, Host, Options, Port};
+use armwire_host::{Adapter, Connection, Options, Port, TcpAddress};
 use clap::{Args, ValueEnum};
 
 use crate::adapter;
@@ -43,7 +43,7 @@ impl Place {
     }
 
     /// The host that an xArm is on.
-    pub(crate) fn host(&self) -> Result<Host, Error> {
+    pub(crate) fn host(&self) -> Result<TcpAddress, Error> {
         let refused = |option| Err(Error::Usage(format!("{option} does not apply to an xarm")));
         let is_port = !matches!(self.port.parse(), Ok(Port::Serial(_))) || Path::new(&self.port).exists();
         match (self.baud.baud, &self.control) {

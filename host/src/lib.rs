@@ -97,6 +97,6 @@ pub use outside::Outside;
 pub use port::{Connection, Options, Port, open};
 pub use received::Missing;
 pub use tap::Tap;
-pub use tcp::Host;
+pub use tcp::TcpAddress;
 pub use text::{Remedy, Text};
 pub use xarm::XArm;

@@ -22,7 +22,7 @@ use crate::line_holder;
 use crate::link::Link;
 use crate::received::Missing;
 use crate::serial::{self, Serial};
-use crate::tcp::{Host, Tcp};
+use crate::tcp::{Tcp, TcpAddress};
 use crate::text::{Remedy, Text};
 
 /// Maximum delay that a server adds to an answer, and the stale window behind it.
@@ -71,7 +71,7 @@ pub enum Port {
     /// A serial port of the system, such as `/dev/ttyACM0` or `COM3`, or a pty.
     Serial(String),
     /// `tcp:HOST:PORT`: a server of a serial port.
-    Tcp(Host),
+    Tcp(TcpAddress),
     /// `can:IFACE[/NODE]`: an adapter on a CAN bus of Linux.
     Can {
         /// The interface, such as `can0`.
@@ -109,7 +109,7 @@ fn parse(text: &str) -> Result<Port, String> {
         return Ok(Port::Serial(non_empty(text, text)?));
     };
     Ok(match kind {
-        "tcp" => Port::Tcp(Host::parse(rest, None)?),
+        "tcp" => Port::Tcp(TcpAddress::parse(rest, None)?),
         "can" => {
             let (interface, node) = split_node(rest)?;
             let interface = non_empty(interface, text)?;

@@ -19,13 +19,13 @@ const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// A host and a port on it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Host {
+pub struct TcpAddress {
     host: String,
     port: u16,
 }
 
 /// [`Error::Port`] if the text names no host.
-impl FromStr for Host {
+impl FromStr for TcpAddress {
     type Err = Error;
 
     /// A host, for example `192.168.1.10`, `arm.local:502`, `::1` or `[::1]:502`.
@@ -34,7 +34,7 @@ impl FromStr for Host {
     }
 }
 
-impl Host {
+impl TcpAddress {
     /// An address, for example `192.168.1.10:4000` or `[::1]:4000`. The port may be omitted if there is a default.
     pub(crate) fn parse(text: &str, usual_port: Option<u16>) -> Result<Self, String> {
         let (host, port) = match text.rsplit_once(':') {
@@ -55,7 +55,7 @@ impl Host {
     }
 }
 
-impl fmt::Display for Host {
+impl fmt::Display for TcpAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.host.contains(':') {
             true => write!(f, "[{}]:{}", self.host, self.port),
@@ -73,7 +73,7 @@ pub(crate) struct Tcp {
 
 impl Tcp {
     /// Connects to an xArm or, if `is_serial`, to a server of an arm's serial port.
-    pub(crate) fn connect(host: &Host, is_serial: bool) -> Result<Self, Error> {
+    pub(crate) fn connect(host: &TcpAddress, is_serial: bool) -> Result<Self, Error> {
         let name = host.to_string();
         let addresses = (host.host.as_str(), host.port).to_socket_addrs();
         let addresses = addresses.map_err(|error| {
@@ -200,14 +200,14 @@ mod tests {
             ("[::1]", "[::1]:502"),
             ("[fe80::2]:1502", "[fe80::2]:1502"),
         ] {
-            assert_eq!(text.parse::<Host>().unwrap().to_string(), shown);
+            assert_eq!(text.parse::<TcpAddress>().unwrap().to_string(), shown);
         }
     }
 
     #[test]
     fn invalid_host_and_port_is_reported() {
         for text in ["", ":502", "arm:", "arm:x", "arm:65536", "arm:0", "[]:1"] {
-            assert!(text.parse::<Host>().is_err(), "{text}");
+            assert!(text.parse::<TcpAddress>().is_err(), "{text}");
         }
     }
 

@@ -9,7 +9,7 @@ use armwire::xarm::{
 use crate::describe::Arm as _;
 use crate::error::Error;
 use crate::link::{Interrupt, LineErrors, Link};
-use crate::tcp::{Host, Tcp};
+use crate::tcp::{Tcp, TcpAddress};
 
 /// An xArm on a host.
 ///
@@ -25,7 +25,7 @@ impl XArm {
     /// # Errors
     ///
     /// The host cannot be connected to.
-    pub fn connect(host: &Host) -> Result<Self, Error> {
+    pub fn connect(host: &TcpAddress) -> Result<Self, Error> {
         let line = Box::new(Tcp::connect(host, false)?);
         let link = Link::new(line, armwire::xarm::XArm::CONFIG);
         Ok(Self { link })

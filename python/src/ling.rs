@@ -106,7 +106,7 @@ impl LingPort {
         for (joint, (position, speed)) in joints.iter_mut().zip(positions.into_iter().zip(speeds)) {
             *joint = (
                 Position::new(position).map_err(value_error)?,
-                Speed::stated(speed).map_err(value_error)?,
+                Speed::for_move(speed).map_err(value_error)?,
             );
         }
         let gripper = opening(gripper)?;

@@ -1,7 +1,7 @@
 //! An xArm on a host.
 
 use armwire::xarm::{self, Joint, ProtocolId, Raw, SerialsText, TorqueSource, VersionText};
-use armwire_host::{Host, XArm};
+use armwire_host::{TcpAddress, XArm};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -23,7 +23,7 @@ pub(crate) struct XArmPort(Session<XArm>);
 impl XArmPort {
     #[new]
     fn new(py: Python<'_>, host: &str, supervised: bool) -> PyResult<Self> {
-        let host: Host = host.parse().map_err(value_error)?;
+        let host: TcpAddress = host.parse().map_err(value_error)?;
         let open = || {
             let mut arm = XArm::connect(&host)?;
             arm.set_interrupt(check_signals);

@@ -50,7 +50,7 @@ impl ArmwireLingMove {
             let at = Refused::at(index);
             *joint = (
                 Position::new(position).map_err(&at)?,
-                Speed::stated(speed).map_err(&at)?,
+                Speed::for_move(speed).map_err(&at)?,
             );
         }
         let opening = Opening::new(self.opening_per_mille).map_err(Refused::only)?;

@@ -132,7 +132,7 @@ fn positions(text: &str) -> Result<[Position; JOINTS], String> {
 }
 
 fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
-    let one = |text: &str| scaled(text, "degrees/s", PI / 180.0, Speed::stated_radians_per_second);
+    let one = |text: &str| scaled(text, "degrees/s", PI / 180.0, Speed::for_move_radians_per_second);
     match text.contains(',') {
         true => each(text, one),
         false => one(text).map(|speed| [speed; JOINTS]),

@@ -1,7 +1,7 @@
 //! The requests of an xArm.
 
 use armwire::xarm::{Joint, ProtocolId, Raw, Request};
-use armwire_host::{Host, XArm};
+use armwire_host::{TcpAddress, XArm};
 use clap::{Args, Subcommand};
 
 use super::values::made;
@@ -13,7 +13,7 @@ use crate::hex;
 pub(crate) struct OnHost {
     /// The control box, such as 192.168.1.10 or 192.168.1.10:502.
     #[arg(value_name = "HOST[:PORT]")]
-    host: Host,
+    host: TcpAddress,
     /// Use protocol id 3 instead of 2. The vendor's package uses 3 with reports and firmware 1.8.6 or later.
     #[arg(long)]
     supervised: bool,

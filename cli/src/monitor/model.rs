@@ -163,7 +163,9 @@ impl Model {
 
     /// The summary of a session, on one line.
     pub(super) fn summary(&self, now: Instant) -> String {
-        let LineErrors { noise_bytes, checksums, .. } = self.line_errors;
+        let LineErrors {
+            noise_bytes, checksums, ..
+        } = self.line_errors;
         let latency = self.call_times().map_or(String::new(), |times| {
             let [least, median, worst] = [times.min, times.median, times.worst].map(millis);
             format!(", latency {least} to {worst}, median {median}")

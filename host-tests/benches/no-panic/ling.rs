@@ -32,8 +32,8 @@ pub(crate) fn call_all() {
     black_box(Position::from_radians(float).is_ok_and(|position| position.radians() == float));
     black_box(Position::new(black_box(0)).is_ok_and(|position| position.ticks() == black_box(0)));
     black_box(Speed::from_radians_per_second(float).is_ok_and(|speed| speed.radians_per_second() == float));
-    black_box(Speed::stated(black_box(0)).is_ok());
-    black_box(Speed::stated_radians_per_second(float).is_ok());
+    black_box(Speed::for_move(black_box(0)).is_ok());
+    black_box(Speed::for_move_radians_per_second(float).is_ok());
     black_box(Speed::new(black_box(0)).is_ok_and(|speed| speed.ticks_per_second() == black_box(0)));
     black_box(Opening::new(black_box(0)).is_ok_and(|opening| opening.per_mille() == black_box(0)));
     black_box(Opening::from_fraction(float).is_ok_and(|opening| opening.fraction() == float));

@@ -83,7 +83,7 @@ impl Position {
 /// The speed of a joint: `0..=5000` ticks per second (section 2.5), which is 0 to 7.67 rad/s.
 ///
 /// The vendor's software sends 50 to 5000 in steps of 50. The effect of less is not documented: an arm that rounds down
-/// to its step takes less than 50 for 0. A decoder accepts every value; [`stated`](Self::stated) is for the speeds that
+/// to its step takes less than 50 for 0. A decoder accepts every value; [`for_move`](Self::for_move) is for the speeds that
 /// a person or a program states. A value above 50 is sent as it is, without rounding to a step.
 ///
 /// ```
@@ -138,7 +138,7 @@ impl Speed {
         Ok(Self(nearest(speed * TICKS_PER_RADIAN)))
     }
 
-    /// A speed that a person or a program states for a move, in ticks per second: `50..=5000`.
+    /// The speed of a joint that is to move, in ticks per second: `50..=5000`.
     ///
     /// # Errors
     ///
@@ -147,12 +147,12 @@ impl Speed {
     /// ```
     /// use armwire::ling::Speed;
     ///
-    /// assert_eq!(Speed::stated(50), Ok(Speed::SLOWEST));
-    /// let error = Speed::stated(46).unwrap_err();
+    /// assert_eq!(Speed::for_move(50), Ok(Speed::SLOWEST));
+    /// let error = Speed::for_move(46).unwrap_err();
     /// let text = "joint speed (an arm may take less than 50 ticks/s for 0) is 46 ticks/s, must be 50..=5000";
     /// assert_eq!(error.to_string(), text);
     /// ```
-    pub const fn stated(ticks_per_second: u16) -> Result<Self, OutOfRange> {
+    pub const fn for_move(ticks_per_second: u16) -> Result<Self, OutOfRange> {
         let (slowest, max) = (Self::SLOWEST.0, Self::MAX.0);
         if slowest <= ticks_per_second && ticks_per_second <= max {
             return Ok(Self(ticks_per_second));
@@ -165,12 +165,12 @@ impl Speed {
         Err(OutOfRange::new(what, "ticks/s", ticks_per_second, slowest, max))
     }
 
-    /// The speed nearest to one that a person or a program states for a move, in radians per second.
+    /// The speed of a joint that is to move, nearest to one in radians per second.
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] as in [`stated`](Self::stated): under 0.0767 and over 7.67 rad/s.
-    pub fn stated_radians_per_second(speed: f32) -> Result<Self, OutOfRange<f32>> {
+    /// [`OutOfRange`] as in [`for_move`](Self::for_move): under 0.0767 and over 7.67 rad/s.
+    pub fn for_move_radians_per_second(speed: f32) -> Result<Self, OutOfRange<f32>> {
         let nearest = Self::from_radians_per_second(speed);
         let (slowest, max) = (Self::SLOWEST.radians_per_second(), Self::MAX.radians_per_second());
         match nearest {
@@ -616,17 +616,17 @@ mod tests {
     }
 
     #[test]
-    fn stated_speed_is_at_least_the_slowest() {
+    fn speed_for_a_move_is_at_least_the_slowest() {
         for ticks in 0..=u16::MAX {
-            let is_stated = (50..=5000).contains(&ticks);
-            assert_eq!(Speed::stated(ticks).is_ok(), is_stated, "{ticks}");
+            let is_allowed = (50..=5000).contains(&ticks);
+            assert_eq!(Speed::for_move(ticks).is_ok(), is_allowed, "{ticks}");
             if let Ok(speed) = Speed::new(ticks) {
-                let stated = Speed::stated_radians_per_second(speed.radians_per_second());
-                assert_eq!(stated.ok(), is_stated.then_some(speed));
+                let nearest = Speed::for_move_radians_per_second(speed.radians_per_second());
+                assert_eq!(nearest.ok(), is_allowed.then_some(speed));
             }
         }
         for speed in [-1.0, 0.0, 0.05, 7.7, f32::NAN, f32::INFINITY] {
-            let error = Speed::stated_radians_per_second(speed).unwrap_err();
+            let error = Speed::for_move_radians_per_second(speed).unwrap_err();
             assert!(error.min > 0.07 && error.max < 7.68, "{error}");
         }
     }

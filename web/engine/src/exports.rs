@@ -147,7 +147,7 @@ pub extern "C" fn session_enable_motion(engine: &mut Engine, now: f64, enabled: 
 /// Sets the speed of held joints in rad/s. Returns false if an arm may not move at it.
 #[unsafe(no_mangle)]
 pub extern "C" fn session_set_speed(engine: &mut Engine, speed: f32) -> bool {
-    let speed = Speed::stated_radians_per_second(speed);
+    let speed = Speed::for_move_radians_per_second(speed);
     speed.map(|speed| engine.session.set_speed(speed)).is_ok()
 }
 
