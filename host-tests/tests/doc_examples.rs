@@ -170,10 +170,10 @@ mod stop {
             driver::Clock::wait_until(&clock, Instant::from_millis(1_000)).await;
             arm.stop(Some(target.gripper.0)).await.unwrap()
         });
-        let Ok(Stopped::AtRest {
+        let Stopped::AtRest {
             state,
             grip: Grip::Goal,
-        }) = stopped
+        } = stopped
         else {
             panic!("{stopped:?}");
         };

@@ -85,6 +85,10 @@ pub enum CallError<E> {
     #[cfg(feature = "xarm")]
     #[error("the arm refused, its state: {0}")]
     Refused(crate::xarm::State),
+    /// The Ling arm may still move.
+    #[cfg(feature = "ling")]
+    #[error("the arm is not stopped: {0}")]
+    NotStopped(crate::ling::stop::StopError),
     /// The Alpha1, or its servo, reported a failure. It gives no reason.
     #[cfg(feature = "alpha1")]
     #[error("the arm reported a failure")]

@@ -841,6 +841,15 @@ fn closed_or_failed_port_is_a_named_error() {
 }
 
 #[test]
+fn failed_stop_is_an_error() {
+    let world = world();
+    world.borrow_mut().turnaround = Duration::from_millis(100_000);
+    let mut arm = arm(&world);
+    let stopped = run(&world, arm.stop(None));
+    assert_eq!(stopped, Err(CallError::NotStopped(stop::StopError::NoReading)));
+}
+
+#[test]
 fn cause_is_in_the_text_alone() {
     let count = OutOfRange::new("count", "", 9, 0, 8);
     let reason = Reason::Abandoned;

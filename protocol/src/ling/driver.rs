@@ -4,7 +4,7 @@ use core::fmt;
 
 use embedded_io_async::{Read, Write};
 
-use super::stop::{Output, StopError, Stopped};
+use super::stop::{Output, Stopped};
 use super::{
     Info, JointState, Ling, MAX_FRAME, Move, Opening, PerServo, Request, Response, SelfCheck, Stop, Stroke,
     TemperatureLimit, Torque,
@@ -94,11 +94,8 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     ///
     /// # Errors
     ///
-    /// [`CallError`] if the port fails; in the inner result [`StopError`] if the arm may still move.
-    pub async fn stop(
-        &mut self,
-        gripper: Option<Opening>,
-    ) -> Result<Result<Stopped, StopError>, CallError<Port::Error>> {
+    /// [`CallError::NotStopped`] if the arm may still move, and errors of the port.
+    pub async fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, CallError<Port::Error>> {
         let mut stop = Stop::new(gripper);
         loop {
             match stop.poll(self.driver.now()) {
@@ -109,7 +106,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
                 },
                 Output::Request(request) => self.driver.send(&request).await?,
                 Output::Wait(until) => self.driver.wait_until(until).await,
-                Output::Done(result) => return Ok(result),
+                Output::Done(result) => return result.map_err(CallError::NotStopped),
             }
         }
     }
