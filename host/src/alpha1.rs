@@ -4,7 +4,7 @@ use std::fmt;
 
 use armwire::alpha1::{
     Action, Address, Angle, FirmwareVersion, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, Request, Response,
-    ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
+    ServoAngles, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
 };
 
 use crate::error::Error;
@@ -91,13 +91,10 @@ impl Alpha1 {
         self.send_servo(ServoRequest::SetLed { to, led })
     }
 
-    /// Reads the target and the actual angle of a servo, in degrees. **The servo switches its motor off to answer: a load
+    /// Reads the target and the actual angle of a servo. **The servo switches its motor off to answer: a load
     /// that it holds falls.**
-    pub fn read_servo_angles(&mut self, servo: ServoId) -> Result<(u16, u16), Error> {
-        self.read_servo(ServoRequest::ReadAngles(servo), |response| match response {
-            ServoResponse::Angles { target, actual, .. } => Some((target, actual)),
-            _ => None,
-        })
+    pub fn read_servo_angles(&mut self, servo: ServoId) -> Result<ServoAngles, Error> {
+        self.link.read(&Request::Servo(ServoRequest::ReadAngles(servo)))
     }
 
     /// Changes a servo's id.

@@ -14,6 +14,7 @@ pub(crate) fn after(wait: Duration) -> Instant {
 }
 
 /// A clock that is zero at an instant.
+#[derive(Clone, Copy, Debug)]
 pub struct Stopwatch(pub Instant);
 
 impl Stopwatch {

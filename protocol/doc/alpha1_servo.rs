@@ -19,8 +19,8 @@ async fn servo<P: Read + Write>(
     let (second, lock) = (MoveTime::new(50), Interval::new(50));
     arm.move_servo(Address::One(servo), target, second, lock).await?;
     arm.set_servo_led(Address::All, Led(0)).await?;
-    let (_target, actual) = arm.read_servo_angles(servo).await?; // switches the motor off
-    println!("at {actual}°");
+    let angles = arm.read_servo_angles(servo).await?; // switches the motor off
+    println!("at {}°", angles.actual);
     arm.change_servo_id(servo, free).await?;
     arm.release_servo(Address::All).await?; // a load that they hold falls
     Ok(true)

@@ -477,7 +477,8 @@ fn servo_calls_return_answers_with_or_without_echo() {
             assert_eq!(robot.run(arm.set_servo_led(to, Led(1))), Ok(()));
             assert_eq!(robot.run(arm.release_servo(to)), Ok(()));
         }
-        assert_eq!(robot.run(arm.read_servo_angles(servo)), Ok((90, 89)));
+        let angles = robot.run(arm.read_servo_angles(servo)).unwrap();
+        assert_eq!((angles.target, angles.actual), (90, 89));
         assert_eq!(robot.run(arm.change_servo_id(servo, other)), Ok(()));
         assert_eq!(robot.run(arm.set_servo_offset(servo, Offset::MAX)), Ok(()));
         assert_eq!(robot.run(arm.read_servo_offset(servo)), Ok(-3));

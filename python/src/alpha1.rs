@@ -120,7 +120,8 @@ impl Alpha1Port {
     /// Target and actual angle, in degrees.
     fn read_servo_angles(&self, py: Python<'_>, servo: u8) -> PyResult<(u16, u16)> {
         let servo = id(servo)?;
-        self.0.with(py, |robot| robot.read_servo_angles(servo))
+        let angles = self.0.with(py, |robot| robot.read_servo_angles(servo))?;
+        Ok((angles.target, angles.actual))
     }
 
     fn change_servo_id(&self, py: Python<'_>, servo: u8, to: u8) -> PyResult<()> {

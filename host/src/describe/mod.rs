@@ -9,7 +9,7 @@ mod printable;
 pub mod xarm;
 
 pub use arm::{Arm, Protocol};
-pub use fact::{Fact, line, number, object};
+pub use fact::{Fact, Item, line, number, object};
 pub use printable::{escaped, hex};
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! The value of an answer, by its type.
 
-use super::{FirmwareVersion, Outcome, Response, ServoResponse, ServoStates, Text};
+use super::{FirmwareVersion, Outcome, Response, ServoAngles, ServoResponse, ServoStates, Text};
 use crate::messages::OtherAnswer;
 
 /// The hardware version.
@@ -59,6 +59,17 @@ impl<'a> TryFrom<Response<'a>> for Outcome {
             | Response::Servo(ServoResponse::IdChanged { outcome, .. } | ServoResponse::OffsetSet { outcome, .. }) => {
                 Ok(outcome)
             }
+            got => Err(OtherAnswer { got }),
+        }
+    }
+}
+
+impl<'a> TryFrom<Response<'a>> for ServoAngles {
+    type Error = OtherAnswer<Response<'a>>;
+
+    fn try_from(response: Response<'a>) -> Result<Self, Self::Error> {
+        match response {
+            Response::Servo(ServoResponse::Angles { target, actual, .. }) => Ok(Self { target, actual }),
             got => Err(OtherAnswer { got }),
         }
     }

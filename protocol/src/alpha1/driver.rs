@@ -6,7 +6,7 @@ use embedded_io_async::{Read, Write};
 
 use super::{
     Action, Address, Alpha1, Angle, FirmwareVersion, Interval, Led, MAX_FRAME, MoveTime, Offset, OffsetTool, Outcome,
-    Request, Response, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
+    Request, Response, ServoAngles, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
 };
 use crate::Config;
 use crate::driver::{CallError, Clock, Counters, Driver};
@@ -133,16 +133,12 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
             .await
     }
 
-    /// Reads the target and the actual angle of a servo, in degrees. **The servo switches its motor off to answer: a
+    /// Reads the target and the actual angle of a servo. **The servo switches its motor off to answer: a
     /// load that it holds falls.**
-    pub async fn read_servo_angles(&mut self, servo: ServoId) -> Result<(u16, u16), CallError<Port::Error>> {
-        self.read(
-            &Request::Servo(ServoRequest::ReadAngles(servo)),
-            |response| match response {
-                Response::Servo(ServoResponse::Angles { target, actual, .. }) => Some((target, actual)),
-                _ => None,
-            },
-        )
+    pub async fn read_servo_angles(&mut self, servo: ServoId) -> Result<ServoAngles, CallError<Port::Error>> {
+        self.read(&Request::Servo(ServoRequest::ReadAngles(servo)), |response| {
+            response.try_into().ok()
+        })
         .await
     }
 

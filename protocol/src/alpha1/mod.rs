@@ -44,8 +44,8 @@ pub use frame::{
 };
 pub use message::{Action, FirmwareVersion, Request, Response, ServoRequest, ServoResponse};
 pub use value::{
-    Address, Angle, Interval, Led, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS, ServoId,
-    ServoStates, Text, UsbType,
+    Address, Angle, Interval, Led, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS, ServoAngles,
+    ServoId, ServoStates, Text, UsbType,
 };
 
 use crate::Client;

@@ -410,6 +410,20 @@ impl ServoStates {
     }
 }
 
+/// The angles of a servo, in degrees.
+///
+/// ```
+/// let angles = armwire::alpha1::ServoAngles { target: 91, actual: 90 };
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ServoAngles {
+    /// The target.
+    pub target: u16,
+    /// The actual angle.
+    pub actual: u16,
+}
+
 /// The result of a request to the robot or a servo.
 ///
 /// ```
