@@ -115,6 +115,7 @@ mod line_coding;
 #[cfg(feature = "defmt")]
 mod log;
 mod queue;
+mod rx_ring;
 pub mod slcan;
 pub mod start;
 pub mod store;
@@ -129,4 +130,5 @@ pub use bridge::{Bridge, CanEvent, Status, UartEvent, UsbEvent};
 pub use counters::{CanErrors, Counters, UartErrors};
 pub use line::{PACKET, POLL_LEAD_TIME, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, Transmit};
 pub use line_coding::{LineCoding, MAX_BAUD, MIN_BAUD, Parity, StopBits, UartConfig, UnsupportedCoding};
+pub use rx_ring::{RxMark, RxRing};
 pub use start::Start;

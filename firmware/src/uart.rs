@@ -13,11 +13,11 @@
 //! it arrives, and records the time. Tasks and other interrupt handlers do not delay it: it preempts all of them.
 
 use core::cell::{Cell, RefCell};
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use armwire_bridge::control::MAX_FRAME;
 use armwire_bridge::{
-    Bridge, Duration, Instant, Parity, RxThreshold, StopBits, Transmit, UartConfig, UartErrors, UartEvent,
+    Bridge, Duration, Instant, Parity, RxRing, StopBits, Transmit, UartConfig, UartErrors, UartEvent,
 };
 use critical_section::Mutex;
 use embassy_futures::join::join;
@@ -30,7 +30,6 @@ use embassy_stm32::usart::{self as hal, UartRx};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Timer;
-use heapless::Deque;
 
 use crate::adapter::{Adapter, Work, now};
 use crate::board::usart::{self, Status};
@@ -41,28 +40,10 @@ use crate::progress::{Task, progress, rest};
 /// Size of the receive ring in bytes. Half of it may be unread: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
 
-/// An event at a position in the ring.
-#[derive(Clone, Copy)]
-struct Mark {
-    end: usize,
-    /// Arrival of the byte before it or, for an idle line, the time of detection.
-    at: Instant,
-    idle: bool,
-}
-
-/// The receive ring, written by the DMA.
-static RING: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
-/// The ring position of the next byte to read.
-static HEAD: AtomicUsize = AtomicUsize::new(0);
-/// The ring position from which the threshold counts.
-static FROM: AtomicUsize = AtomicUsize::new(0);
-/// The threshold: the interrupt handler records an event after this many bytes.
-static NEEDED: AtomicUsize = AtomicUsize::new(SIZE);
-/// The threshold with a terminator: this many bytes, if the last of them is the terminator.
-static LEAST: AtomicUsize = AtomicUsize::new(SIZE);
-static LAST: AtomicU8 = AtomicU8::new(0);
-/// Ring positions of candidate frame ends and idle events. Up to 3: the terminator may also occur inside a frame.
-static MARKS: Mutex<RefCell<Deque<Mark, 3>>> = Mutex::new(RefCell::new(Deque::new()));
+/// The bytes of the receive ring, written by the DMA.
+static BYTES: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
+/// The positions in it, and the events of the interrupt handlers.
+static RING: Mutex<RefCell<RxRing<SIZE>>> = Mutex::new(RefCell::new(RxRing::new()));
 /// Wakes the receive task after an interrupt.
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 /// Errors already counted for a byte that the DMA did not fetch in time, and the byte's future position in the ring.
@@ -88,41 +69,30 @@ impl Handler<UartInterrupt> for InterruptHandler {
         if !is_byte || !wait_for_dma() {
             return record_flags(status, place);
         }
-        let end = tail();
-        if is_reached(end) {
-            record_threshold(end, now());
+        if record_bytes(tail(), now) {
             EVENT.signal(());
         }
     }
 }
 
-/// Records the arrival of the threshold. While there is room for further events, only further candidate frame ends are
-/// checked.
-fn record_threshold(end: usize, at: Instant) {
-    let is_full = critical_section::with(|cs| {
-        let mut marks = MARKS.borrow_ref_mut(cs);
-        // Any other event, for example the idle line after it, triggers the handler again.
-        if marks.back().is_none_or(|last| last.end != end) {
-            let _ = marks.push_back(Mark { end, at, idle: false });
-        }
-        marks.is_full()
-    });
-    NEEDED.store(SIZE, Ordering::Relaxed);
-    if is_full || LEAST.load(Ordering::Relaxed) == SIZE {
-        LEAST.store(SIZE, Ordering::Relaxed);
-        usart::set_byte_interrupt(false);
-    }
+/// Calls the ring. Interrupt handlers wait meanwhile.
+fn with_ring<R>(f: impl FnOnce(&mut RxRing<SIZE>) -> R) -> R {
+    critical_section::with(|cs| f(&mut RING.borrow_ref_mut(cs)))
 }
 
-/// Records an idle line. Without room, the last recorded event was shortly before.
-fn record_idle(end: usize, at: Instant) {
-    critical_section::with(|cs| {
-        let mut marks = MARKS.borrow_ref_mut(cs);
-        if marks.is_full() {
-            marks.pop_back();
+/// Records the bytes before `end`, and their time if they reach the threshold. Returns true if they do.
+// Inline: it is executed for each byte.
+#[inline(always)]
+fn record_bytes(end: usize, at: impl FnOnce() -> Instant) -> bool {
+    let last = BYTES.get(end.wrapping_sub(1) % SIZE);
+    let last = last.map_or(0, |last| last.load(Ordering::Relaxed));
+    with_ring(|ring| {
+        let is_event = ring.arrived(end, last, at);
+        if is_event && !ring.is_waiting() {
+            usart::set_byte_interrupt(false);
         }
-        let _ = marks.push_back(Mark { end, at, idle: true });
-    });
+        is_event
+    })
 }
 
 /// Records errors, an idle line and the end of a transmission. A byte that waits will be at `place` in the ring.
@@ -138,38 +108,14 @@ fn record_flags(status: Status, place: usize) {
         record_errors(status, place, is_fetched);
     }
     let end = tail();
-    let reached = is_reached(end);
-    if reached {
-        record_threshold(end, at);
-    }
+    let is_event = record_bytes(end, || at);
     if status.idle {
-        record_idle(end, at);
+        with_ring(|ring| ring.idle(end, at));
     }
     // Errors are reported to the bridge together with the bytes.
-    if reached || status.idle {
+    if is_event || status.idle {
         EVENT.signal(());
     }
-}
-
-/// Returns true if the bytes before `end` reach the threshold.
-fn is_reached(end: usize) -> bool {
-    let n = (end + SIZE - FROM.load(Ordering::Relaxed)) % SIZE;
-    let last = RING.get(end.wrapping_sub(1) % SIZE);
-    let is_mark = || last.is_some_and(|last| last.load(Ordering::Relaxed) == LAST.load(Ordering::Relaxed));
-    n >= NEEDED.load(Ordering::Relaxed) || n >= LEAST.load(Ordering::Relaxed) && is_mark()
-}
-
-/// Sets the threshold of the interrupt handler.
-fn set_threshold(need: RxThreshold) {
-    let (last, least) = need.terminator.map_or((0, SIZE), |mark| (mark, need.min));
-    // The handler must not see a partial update.
-    critical_section::with(|_| {
-        FROM.store(HEAD.load(Ordering::Relaxed), Ordering::Relaxed);
-        LAST.store(last, Ordering::Relaxed);
-        LEAST.store(least, Ordering::Relaxed);
-        NEEDED.store(need.max, Ordering::Relaxed);
-        usart::set_byte_interrupt(true);
-    });
 }
 
 /// Polls of the interrupt handler for the DMA's fetch of a byte, which takes less time.
@@ -232,7 +178,7 @@ impl Handler<RxInterrupt> for RingHandler {
     unsafe fn on_interrupt() {
         // With two checks per turn the DMA cannot pass the head unnoticed. With fewer, as after a stall for the flash,
         // `rx_has_wrapped` detects it.
-        if unread(tail()) > SIZE / 2 - MARGIN || usart::rx_has_wrapped() {
+        if with_ring(|ring| ring.unread(tail())) > SIZE / 2 - MARGIN || usart::rx_has_wrapped() {
             RING_OVERRUN.store(true, Ordering::Relaxed);
         }
         EVENT.signal(());
@@ -245,11 +191,6 @@ const MARGIN: usize = 16;
 /// The DMA's next write position in the ring.
 fn tail() -> usize {
     (SIZE - usart::rx_remaining()) % SIZE
-}
-
-/// The number of bytes in the ring before `end`.
-fn unread(end: usize) -> usize {
-    (end + SIZE - HEAD.load(Ordering::Relaxed)) % SIZE
 }
 
 /// Triggers a read of the UART without an event, which shows that the task runs.
@@ -289,11 +230,10 @@ impl Receiver {
     ///
     /// Since [`stop`](Self::stop) the UART may hold a byte, which is lost when the next one is in, too. No call of the
     /// bridge may come in between.
-    fn start<'a>(&self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
-        HEAD.store(0, Ordering::Relaxed);
-        NEEDED.store(SIZE, Ordering::Relaxed);
-        LEAST.store(SIZE, Ordering::Relaxed);
-        let ring = core::ptr::slice_from_raw_parts_mut(RING.as_ptr().cast::<u8>().cast_mut(), SIZE);
+    fn start<'a>(&mut self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
+        // Positions of before are invalid from here on.
+        self.idle = with_ring(RxRing::restart);
+        let ring = core::ptr::slice_from_raw_parts_mut(BYTES.as_ptr().cast::<u8>().cast_mut(), SIZE);
         let mut options = TransferOptions::default();
         options.circular = true;
         options.half_transfer_ir = true;
@@ -324,10 +264,14 @@ impl Receiver {
                 }
             }
             let need = self.adapter.take(|bridge| bridge.rx_threshold());
-            set_threshold(need);
+            let is_due = with_ring(|ring| {
+                ring.set_threshold(need);
+                usart::set_byte_interrupt(true);
+                ring.has_mark() || ring.unread(tail()) >= need.min.min(need.max)
+            });
             // Bytes that arrived before the interrupt handler knew the threshold cause no signal. Results of earlier
             // bytes, and the next request, go out before they are read.
-            if has_mark() || unread(tail()) >= need.min.min(need.max) {
+            if is_due {
                 let_others_run().await;
             } else {
                 let resting = rest(Task::Receive);
@@ -345,9 +289,6 @@ impl Receiver {
         transfer.request_pause();
         while transfer.is_running() {}
         self.rest = copy(&mut self.chunk, tail());
-        // Positions in the ring are invalid from here on.
-        let marks = critical_section::with(|cs| MARKS.take(cs));
-        self.idle = marks.iter().any(|mark| mark.idle);
     }
 
     /// Passes the bytes that were kept when the stream was stopped to the bridge.
@@ -368,10 +309,7 @@ impl Receiver {
             let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // The ring contains bytes of two turns, which cannot be separated.
-                critical_section::with(|cs| {
-                    HEAD.store(tail(), Ordering::Relaxed);
-                    MARKS.borrow_ref_mut(cs).clear();
-                });
+                with_ring(|ring| ring.discard(tail()));
                 errors.get_or_insert_default().ring_overrun = 1;
             }
             // Later bytes are read the next time.
@@ -379,7 +317,7 @@ impl Receiver {
             let (mut frames, mut late, mut is_marked) = (0, 0, false);
             // A frame goes out before the bytes after it are read.
             while frames == 0
-                && let Some(mark) = take_mark(end)
+                && let Some(mark) = with_ring(|ring| ring.take_mark(end))
             {
                 is_marked = true;
                 if mark.idle {
@@ -391,7 +329,7 @@ impl Receiver {
                     frames = take(bridge, chunk, mark.end, mark.at);
                 }
             }
-            if !is_marked || frames == 0 && unread(end) > 0 {
+            if !is_marked || frames == 0 && with_ring(|ring| ring.unread(end)) > 0 {
                 late = take(bridge, chunk, end, at);
                 frames = late;
             }
@@ -409,30 +347,13 @@ impl Receiver {
     }
 }
 
-/// Returns true if an event is unread.
-fn has_mark() -> bool {
-    critical_section::with(|cs| !MARKS.borrow_ref(cs).is_empty())
-}
-
-/// The first event that is not after `end`.
-fn take_mark(end: usize) -> Option<Mark> {
-    critical_section::with(|cs| {
-        let mut marks = MARKS.borrow_ref_mut(cs);
-        let first = marks.front()?;
-        if unread(first.end) > unread(end) {
-            return None;
-        }
-        marks.pop_front()
-    })
-}
-
 /// Passes the bytes before `end`, possibly none, to the bridge. Returns the number of frames that ended.
 fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], end: usize, at: Instant) -> usize {
     let mut frames = 0;
     loop {
         let n = copy(chunk, end);
         frames += bridge.uart_received(&chunk[..n], at);
-        if unread(end) == 0 {
+        if with_ring(|ring| ring.unread(end)) == 0 {
             return frames;
         }
     }
@@ -440,13 +361,12 @@ fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], end: usize, at: Instant) -> u
 
 /// Copies bytes before `end` out of the ring, as many as fit, and returns their number.
 fn copy(chunk: &mut [u8; 64], end: usize) -> usize {
-    let n = unread(end).min(chunk.len());
-    let head = HEAD.load(Ordering::Relaxed);
-    let (sooner, later) = chunk[..n].split_at_mut(n.min(SIZE - head));
-    load(sooner, &RING[head..]);
-    load(later, &RING);
-    HEAD.store((head + n) % SIZE, Ordering::Relaxed);
-    n
+    // The bytes are copied outside of the critical section: the interrupt handler must not wait.
+    let [first, second] = with_ring(|ring| ring.take(end, chunk.len()));
+    let (sooner, later) = chunk.split_at_mut(first.len());
+    load(sooner, &BYTES[first.clone()]);
+    load(later, &BYTES[second.clone()]);
+    first.len() + second.len()
 }
 
 /// Loads as many bytes as fit.

@@ -7,7 +7,7 @@ use armwire_bridge::config::Config;
 use armwire_bridge::control::Identity;
 use armwire_bridge::start::{Cause, StartLog};
 use armwire_bridge::store::Saved;
-use armwire_bridge::{Bridge, CanEvent, Counters, Instant, LineCoding, PACKET, Start, UartEvent, UsbEvent};
+use armwire_bridge::{Bridge, CanEvent, Counters, Instant, LineCoding, PACKET, RxRing, Start, UartEvent, UsbEvent};
 
 use crate::bytes;
 
@@ -35,6 +35,7 @@ pub(crate) fn call_all() {
     black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
     black_box(&mut *bridge).uart_transmitted(now);
     black_box(black_box(black_box(&*bridge).rx_threshold()).is_met(black_box(7), black_box(0xFF)));
+    rx_ring(bridge, now);
 
     black_box(black_box(&mut *bridge).set_line_coding(black_box([0; 7]), now).is_ok());
     black_box(black_box(&*bridge).line_coding());
@@ -63,4 +64,19 @@ pub(crate) fn call_all() {
     let counters = black_box(black_box(&*bridge).counters());
     black_box(counters.to_bytes(bytes(&mut [0; 300])).is_ok());
     black_box(Counters::from_bytes(bytes(&mut [0; 300])).is_ok());
+}
+
+fn rx_ring(bridge: &Bridge, now: Instant) {
+    let mut ring = RxRing::<1024>::new();
+    let ring = black_box(&mut ring);
+    black_box(&mut *ring).set_threshold(black_box(bridge).rx_threshold());
+    black_box(black_box(&*ring).is_waiting());
+    black_box(black_box(&mut *ring).arrived(black_box(7), black_box(0xFF), || now));
+    black_box(&mut *ring).idle(black_box(7), now);
+    black_box(black_box(&*ring).has_mark());
+    black_box(black_box(&mut *ring).take_mark(black_box(7)));
+    black_box(black_box(&*ring).unread(black_box(7)));
+    black_box(black_box(&mut *ring).take(black_box(7), black_box(64)));
+    black_box(&mut *ring).discard(black_box(7));
+    black_box(black_box(&mut *ring).restart());
 }

@@ -1,0 +1,189 @@
+//! The bookkeeping of the ring into which a DMA writes the arm's bytes.
+
+use core::ops::Range;
+
+use heapless::Deque;
+
+use crate::RxThreshold;
+use crate::time::Instant;
+
+/// Maximum number of unread marks. The terminator may also occur inside a frame.
+const MARKS: usize = 3;
+
+/// The positions in a receive ring of `SIZE` bytes, a power of two, and the marks of its interrupt handler.
+///
+/// The owner has the bytes. A DMA writes them in a circle, an interrupt handler reports them with
+/// [`arrived`](Self::arrived) and [`idle`](Self::idle), and a task reads them. *End* is the DMA's position at that
+/// moment: the index in the ring of the next byte to write. At most `SIZE - 1` bytes may be unread.
+///
+/// ```
+/// use armwire_bridge::{Bridge, Instant, RxRing};
+///
+/// let mut bridge = Bridge::default();
+/// let mut ring = RxRing::<1024>::new();
+/// ring.set_threshold(bridge.rx_threshold());
+/// let bytes = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
+///
+/// // The interrupt handler records the time of the byte that may end a frame.
+/// for (end, last) in (1..).zip(bytes) {
+///     let is_event = ring.arrived(end, last, || Instant::from_micros(10 * end as u64));
+///     assert_eq!(is_event, end == 7);
+/// }
+///
+/// // The task passes the bytes before the mark to the bridge, with that time.
+/// let mark = ring.take_mark(7).unwrap();
+/// let [bytes_before, after_turn] = ring.take(mark.end, 64);
+/// assert!(after_turn.is_empty());
+/// assert_eq!(bridge.uart_received(&bytes[bytes_before], mark.at), 1);
+/// ```
+#[derive(Debug)]
+pub struct RxRing<const SIZE: usize> {
+    /// The position of the next byte to read.
+    head: usize,
+    wait: Wait,
+    marks: Deque<RxMark, MARKS>,
+}
+
+/// An event at a position in an [`RxRing`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RxMark {
+    /// The position after the last byte before the event.
+    pub end: usize,
+    /// The arrival of that byte; for an idle line, the time of its detection.
+    pub at: Instant,
+    /// The line went idle.
+    pub idle: bool,
+}
+
+/// The bytes that are an event.
+#[derive(Clone, Copy, Debug)]
+enum Wait {
+    /// None: all events that a task will use are recorded.
+    Nothing,
+    /// Those that reach the threshold, counted from a position.
+    Threshold { from: usize, threshold: RxThreshold },
+    /// Further candidates for the end of the same frame: at least `min` bytes from a position, up to a terminator.
+    Candidate { from: usize, min: usize, terminator: u8 },
+}
+
+impl<const SIZE: usize> RxRing<SIZE> {
+    const MASK: usize = {
+        assert!(SIZE.is_power_of_two());
+        SIZE - 1
+    };
+
+    /// An empty ring whose DMA is at position 0. It waits for no bytes.
+    pub const fn new() -> Self {
+        Self {
+            head: 0,
+            wait: Wait::Nothing,
+            marks: Deque::new(),
+        }
+    }
+
+    /// The DMA starts at position 0 again: unread bytes and marks are dropped. Returns true if the line was idle after
+    /// them.
+    pub fn restart(&mut self) -> bool {
+        let was_idle = self.marks.iter().any(|mark| mark.idle);
+        *self = Self::new();
+        was_idle
+    }
+
+    /// Drops all bytes before `end`, all marks and the threshold: the DMA has overwritten unread bytes.
+    pub fn discard(&mut self, end: usize) {
+        *self = Self::new();
+        self.head = end & Self::MASK;
+    }
+
+    /// Waits for this threshold from the next unread byte on.
+    pub const fn set_threshold(&mut self, threshold: RxThreshold) {
+        self.wait = Wait::Threshold {
+            from: self.head,
+            threshold,
+        };
+    }
+
+    /// Returns true if bytes may be an event: the interrupt handler must see each of them.
+    pub const fn is_waiting(&self) -> bool {
+        !matches!(self.wait, Wait::Nothing)
+    }
+
+    /// Bytes before `end` arrived, `last` being the last of them. If they reach the threshold, their mark gets the time
+    /// `now`, and the result is true.
+    pub fn arrived(&mut self, end: usize, last: u8, now: impl FnOnce() -> Instant) -> bool {
+        let (from, min, terminator) = match self.wait {
+            Wait::Threshold { from, threshold } if threshold.is_met(Self::distance(from, end), last) => {
+                (from, threshold.min, threshold.terminator)
+            }
+            Wait::Candidate { from, min, terminator } if Self::distance(from, end) >= min && last == terminator => {
+                (from, min, Some(terminator))
+            }
+            _ => return false,
+        };
+        // Any other event, for example the idle line after the byte, reports it again.
+        if self.marks.back().is_none_or(|mark| mark.end != end) {
+            self.mark(end, now(), false);
+        }
+        self.wait = match terminator {
+            Some(terminator) if !self.marks.is_full() => Wait::Candidate { from, min, terminator },
+            _ => Wait::Nothing,
+        };
+        true
+    }
+
+    /// The line went idle after the bytes before `end`. Without room, this replaces the last mark, which was shortly
+    /// before.
+    pub fn idle(&mut self, end: usize, now: Instant) {
+        if self.marks.is_full() {
+            self.marks.pop_back();
+        }
+        self.mark(end, now, true);
+    }
+
+    fn mark(&mut self, end: usize, at: Instant, idle: bool) {
+        // Without room the bytes are read without their time.
+        let _ = self.marks.push_back(RxMark { end, at, idle });
+    }
+
+    /// Returns true if a mark is unread.
+    pub fn has_mark(&self) -> bool {
+        !self.marks.is_empty()
+    }
+
+    /// Takes the first mark, unless it is after `end`.
+    pub fn take_mark(&mut self, end: usize) -> Option<RxMark> {
+        let first = self.marks.front()?;
+        match self.unread(first.end) <= self.unread(end) {
+            true => self.marks.pop_front(),
+            false => None,
+        }
+    }
+
+    /// The number of unread bytes before `end`.
+    pub const fn unread(&self, end: usize) -> usize {
+        Self::distance(self.head, end)
+    }
+
+    /// Takes the next unread bytes before `end`, at most `max`. They are at these indices of the ring, in order. Read
+    /// them before the DMA has gone round.
+    pub fn take(&mut self, end: usize, max: usize) -> [Range<usize>; 2] {
+        let start = self.head;
+        let stop = start.wrapping_add(self.unread(end).min(max));
+        self.head = stop & Self::MASK;
+        match stop.checked_sub(SIZE) {
+            Some(rest) => [start..SIZE, 0..rest],
+            None => [start..stop, 0..0],
+        }
+    }
+
+    const fn distance(from: usize, to: usize) -> usize {
+        to.wrapping_sub(from) & Self::MASK
+    }
+}
+
+impl<const SIZE: usize> Default for RxRing<SIZE> {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,225 @@
+//! The receive ring against a plain model: a vector of all bytes.
+
+use armwire_bridge::{Instant, RxRing, RxThreshold};
+use proptest::collection::vec;
+use proptest::prelude::*;
+use proptest::test_runner::TestCaseResult;
+
+const SIZE: usize = 32;
+const TERMINATOR: u8 = 0xFF;
+
+/// A step of the UART, its interrupt handler, or the task.
+#[derive(Clone, Copy, Debug)]
+enum Step {
+    /// A byte arrives. The interrupt handler runs at once, or with the next byte.
+    Byte { byte: u8, is_late: bool },
+    /// The line goes idle.
+    Idle,
+    /// The task reads, and sets this threshold.
+    Read(RxThreshold),
+    /// The receive path restarts.
+    Restart,
+    /// A turn of the ring was lost.
+    Overrun,
+}
+
+/// The ring, and all bytes that ever arrived.
+#[derive(Default)]
+struct Model {
+    ring: RxRing<SIZE>,
+    content: [u8; SIZE],
+    /// All bytes since the last restart, and the number of those that were read.
+    line: Vec<u8>,
+    read: usize,
+    now: u64,
+    /// The threshold in force: the number of bytes before it. `None` after its first event.
+    threshold: Option<(usize, RxThreshold)>,
+    /// The number of bytes after which the interrupt handler saw each event since the last read, with the time.
+    ends: Vec<(usize, u64)>,
+    /// The last idle line since the last read.
+    idle: Option<(usize, u64)>,
+}
+
+impl Model {
+    fn end(&self) -> usize {
+        self.line.len() % SIZE
+    }
+
+    fn step(&mut self, step: Step) -> TestCaseResult {
+        self.now += 10;
+        match step {
+            Step::Byte { byte, is_late } if self.line.len() - self.read < SIZE - 1 => {
+                self.content[self.end()] = byte;
+                self.line.push(byte);
+                if !is_late {
+                    self.on_byte()?;
+                }
+            }
+            Step::Byte { .. } => {}
+            Step::Idle => {
+                self.on_byte()?;
+                self.ring.idle(self.end(), Instant::from_micros(self.now));
+                self.idle = Some((self.line.len(), self.now));
+            }
+            Step::Read(threshold) => {
+                self.read_all()?;
+                self.ring.set_threshold(threshold);
+                self.threshold = Some((self.read, threshold));
+                prop_assert!(self.ring.is_waiting() && !self.ring.has_mark());
+            }
+            Step::Restart => {
+                prop_assert_eq!(self.ring.restart(), self.idle.is_some());
+                *self = Self {
+                    now: self.now,
+                    ..Self::default()
+                };
+            }
+            Step::Overrun => {
+                self.ring.discard(self.end());
+                self.read = self.line.len();
+                self.threshold = None;
+                self.ends.clear();
+                self.idle = None;
+            }
+        }
+        prop_assert_eq!(self.ring.unread(self.end()), self.line.len() - self.read);
+        Ok(())
+    }
+
+    /// The interrupt handler sees the last byte.
+    fn on_byte(&mut self) -> TestCaseResult {
+        let last = self.line.last().copied().unwrap_or(0);
+        let (was_waiting, now) = (self.ring.is_waiting(), Instant::from_micros(self.now));
+        let is_event = self.ring.arrived(self.end(), last, || now);
+        prop_assert!(was_waiting || !is_event);
+        let len = self.line.len();
+        if let Some((from, threshold)) = self.threshold {
+            prop_assert_eq!(is_event, threshold.is_met(len - from, last));
+            if is_event {
+                self.threshold = None;
+            }
+        } else if is_event {
+            // Further candidates for the end of the same frame.
+            prop_assert_eq!(last, TERMINATOR);
+        }
+        if is_event {
+            self.ends.push((len, self.now));
+        }
+        Ok(())
+    }
+
+    /// The task reads all bytes: those before each mark, and the rest.
+    fn read_all(&mut self) -> TestCaseResult {
+        let (mut idle, mut stamped) = (None, Vec::new());
+        while let Some(mark) = self.ring.take_mark(self.end()) {
+            self.read_to(mark.end)?;
+            let at = (self.read, mark.at.as_micros());
+            match mark.idle {
+                true => idle = Some(at),
+                false => stamped.push(at),
+            }
+        }
+        // No idle line is lost, and each end has the time at which the handler saw it, once.
+        prop_assert_eq!(idle, self.idle);
+        prop_assert!(stamped.windows(2).all(|pair| pair[0].0 < pair[1].0), "{:?}", stamped);
+        prop_assert!(stamped.iter().all(|stamp| self.ends.contains(stamp)), "{:?}", stamped);
+        let first = self.ends.first().filter(|_| self.idle.is_none());
+        prop_assert!(first.is_none_or(|first| stamped.contains(first)), "{:?}", stamped);
+        self.read_to(self.end())?;
+        prop_assert_eq!(self.read, self.line.len());
+        self.ends.clear();
+        self.idle = None;
+        Ok(())
+    }
+
+    /// The task reads the bytes before a position, in chunks.
+    fn read_to(&mut self, end: usize) -> TestCaseResult {
+        loop {
+            let taken = self.ring.take(end, 5);
+            let bytes: Vec<u8> = taken
+                .into_iter()
+                .flat_map(|part| &self.content[part])
+                .copied()
+                .collect();
+            if bytes.is_empty() {
+                return Ok(());
+            }
+            prop_assert_eq!(&bytes[..], &self.line[self.read..self.read + bytes.len()]);
+            self.read += bytes.len();
+        }
+    }
+}
+
+fn any_threshold() -> impl Strategy<Value = RxThreshold> {
+    (1..SIZE, 1..SIZE, any::<bool>()).prop_map(|(max, min, has_terminator)| match has_terminator {
+        true => RxThreshold {
+            max: max.max(min),
+            min: max.min(min),
+            terminator: Some(TERMINATOR),
+        },
+        false => RxThreshold {
+            max,
+            min: max,
+            terminator: None,
+        },
+    })
+}
+
+fn any_step() -> impl Strategy<Value = Step> {
+    let byte = prop_oneof![Just(TERMINATOR), any::<u8>()];
+    prop_oneof![
+        60 => (byte, prop::bool::weighted(0.2)).prop_map(|(byte, is_late)| Step::Byte { byte, is_late }),
+        4 => Just(Step::Idle),
+        10 => any_threshold().prop_map(Step::Read),
+        1 => Just(Step::Restart),
+        1 => Just(Step::Overrun),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2_000))]
+
+    #[test]
+    fn ring_agrees_with_a_plain_line(steps in vec(any_step(), 0..300)) {
+        let mut model = Model::default();
+        for step in steps {
+            model.step(step)?;
+        }
+        model.step(Step::Idle)?;
+        model.read_all()?;
+    }
+}
+
+#[test]
+fn terminator_inside_a_frame_marks_both_places() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.set_threshold(RxThreshold {
+        max: 20,
+        min: 3,
+        terminator: Some(TERMINATOR),
+    });
+    let line = [1, TERMINATOR, 2, TERMINATOR, 3, TERMINATOR];
+    for (end, byte) in (1..).zip(line) {
+        let is_event = ring.arrived(end, byte, || Instant::from_micros(end as u64));
+        assert_eq!(is_event, [4, 6].contains(&end));
+    }
+    let marks: Vec<_> = std::iter::from_fn(|| ring.take_mark(6)).map(|mark| mark.end).collect();
+    assert_eq!(marks, [4, 6]);
+}
+
+#[test]
+fn mark_after_the_end_is_kept() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.idle(7, Instant::ZERO);
+    assert_eq!(ring.take_mark(5), None);
+    assert_eq!(ring.take_mark(7).map(|mark| mark.end), Some(7));
+}
+
+#[test]
+fn bytes_around_the_turn_are_two_ranges() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.discard(30);
+    assert_eq!(ring.take(3, 4), [30..32, 0..2]);
+    assert_eq!(ring.take(3, 4), [2..3, 0..0]);
+    assert_eq!(ring.take(3, 4), [3..3, 0..0]);
+}
