@@ -1,10 +1,8 @@
 //! The arm on the UART: its framing, its exchanges and the adapter's own requests, chosen by the configured kind.
 
-#[cfg(feature = "alpha1")]
 use armwire::alpha1::{self, Alpha1};
 use armwire::correlation::{Correlation, Effect, InfoOf, RequestInfo};
 use armwire::framing::{Framing, Scan};
-#[cfg(feature = "ling")]
 use armwire::ling::{self, Ling};
 use armwire::raw::Raw;
 
@@ -13,29 +11,20 @@ use crate::line_coding::{LineCoding, UartConfig};
 
 /// The longest frame that the adapter accepts, in bytes: Ling's. Alpha1 frames with names over 65 bytes are longer.
 pub const MAX_FRAME: usize = 70;
-#[cfg(feature = "ling")]
 const _: () = assert!(MAX_FRAME == armwire::ling::MAX_FRAME);
 
 /// The length of a move of a Ling arm, in bytes: a target and a speed for each joint and the gripper.
-#[cfg(feature = "ling")]
 const MOVE: usize = ling::OVERHEAD + 4 * (ling::JOINTS + 1);
 
 /// The expectation on a line of any kind: only Alpha1's frames need one.
-#[cfg(feature = "alpha1")]
 pub type Expect = alpha1::Expect;
-/// The expectation on a line of any kind. None of the compiled-in protocols needs one.
-#[cfg(not(feature = "alpha1"))]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Expect;
 
 /// The key of a response of any kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
     /// Key of a Ling response.
-    #[cfg(feature = "ling")]
     Ling(ling::Key),
     /// Key of a response of an Alpha1 or of its servos.
-    #[cfg(feature = "alpha1")]
     Alpha1(alpha1::Key),
     /// A raw line has no responses.
     Raw,
@@ -80,17 +69,11 @@ impl ArmKind {
     /// The frame of a request. `None` if this kind of arm does not take it.
     pub(crate) const fn own(self, request: OwnRequest) -> Option<&'static [u8]> {
         match (self, request) {
-            #[cfg(feature = "ling")]
             (Self::Ling, OwnRequest::Poll) => Some(&ling::READ_JOINTS),
-            #[cfg(feature = "ling")]
             (Self::Ling, OwnRequest::Identify) => Some(&ling::READ_INFO),
-            #[cfg(feature = "ling")]
             (Self::Ling, OwnRequest::TorqueOff) => Some(&ling::TORQUE_OFF),
-            #[cfg(feature = "alpha1")]
             (Self::Alpha1, OwnRequest::Poll) => Some(&alpha1::READ_SERVO_STATES),
-            #[cfg(feature = "alpha1")]
             (Self::Alpha1, OwnRequest::Identify) => Some(&alpha1::READ_FIRMWARE_VERSION),
-            #[cfg(feature = "alpha1")]
             (Self::Alpha1, OwnRequest::Stop) => Some(&alpha1::STOP),
             _ => None,
         }
@@ -98,18 +81,13 @@ impl ArmKind {
 
     /// Returns true if `frame` switches the torque on and leaves the arm where it is.
     pub(crate) fn is_torque_on(self, frame: &[u8]) -> bool {
-        match (self, frame) {
-            #[cfg(feature = "ling")]
-            (Self::Ling, frame) => frame == ling::TORQUE_ON,
-            _ => false,
-        }
+        self == Self::Ling && frame == ling::TORQUE_ON
     }
 
     /// The gripper's goal in a motion request, in thousandths of the stroke. `None` if it has none.
     pub(crate) fn gripper_goal(self, motion: &[u8]) -> Option<u16> {
         match (self, motion) {
             // The last axis of a move: its target and its speed, before the checksum and the terminator.
-            #[cfg(feature = "ling")]
             (Self::Ling, &[.., low, high, _, _, _, _]) if motion.len() == MOVE => Some(u16::from_le_bytes([low, high])),
             _ => None,
         }
@@ -135,69 +113,48 @@ impl ArmKind {
     }
 }
 
-/// A kind whose protocol is not compiled in is a raw line.
 impl Framing for ArmKind {
     type Expect = Expect;
 
     fn scan(&self, window: &[u8], expect: Expect) -> Scan {
-        match (self, expect) {
-            #[cfg(feature = "ling")]
-            (Self::Ling, _) => Ling.scan(window, ()),
-            #[cfg(feature = "alpha1")]
-            (Self::Alpha1 | Self::Alpha1Servo, expect) => Alpha1.scan(window, expect),
-            _ => Raw.scan(window, ()),
+        match self {
+            Self::Ling => Ling.scan(window, ()),
+            Self::Alpha1 | Self::Alpha1Servo => Alpha1.scan(window, expect),
+            Self::Raw => Raw.scan(window, ()),
         }
     }
 
     fn scan_idle(&self, window: &[u8], expect: Expect) -> Scan {
-        match (self, expect) {
-            #[cfg(feature = "ling")]
-            (Self::Ling, _) => Ling.scan_idle(window, ()),
-            #[cfg(feature = "alpha1")]
-            (Self::Alpha1 | Self::Alpha1Servo, expect) => Alpha1.scan_idle(window, expect),
-            _ => Raw.scan_idle(window, ()),
+        match self {
+            Self::Ling => Ling.scan_idle(window, ()),
+            Self::Alpha1 | Self::Alpha1Servo => Alpha1.scan_idle(window, expect),
+            Self::Raw => Raw.scan_idle(window, ()),
         }
     }
 
     fn terminator(&self, expect: Expect) -> Option<u8> {
-        match (self, expect) {
-            #[cfg(feature = "ling")]
-            (Self::Ling, _) => Ling.terminator(()),
-            #[cfg(feature = "alpha1")]
-            (Self::Alpha1 | Self::Alpha1Servo, expect) => Alpha1.terminator(expect),
-            _ => Raw.terminator(()),
+        match self {
+            Self::Ling => Ling.terminator(()),
+            Self::Alpha1 | Self::Alpha1Servo => Alpha1.terminator(expect),
+            Self::Raw => Raw.terminator(()),
         }
     }
 
     fn shortest(&self, expect: Expect) -> usize {
-        match (self, expect) {
-            #[cfg(feature = "ling")]
-            (Self::Ling, _) => Ling.shortest(()),
-            #[cfg(feature = "alpha1")]
-            (Self::Alpha1 | Self::Alpha1Servo, expect) => Alpha1.shortest(expect),
+        match self {
+            Self::Ling => Ling.shortest(()),
+            Self::Alpha1 | Self::Alpha1Servo => Alpha1.shortest(expect),
             // A raw line has no frames to wait for.
-            _ => MAX_FRAME,
+            Self::Raw => MAX_FRAME,
         }
     }
 
-    #[cfg(feature = "alpha1")]
     fn requests(&self) -> Expect {
         Alpha1.requests()
     }
 
-    #[cfg(feature = "alpha1")]
     fn unsolicited(&self) -> Expect {
         Alpha1.unsolicited()
-    }
-
-    #[cfg(not(feature = "alpha1"))]
-    fn requests(&self) -> Expect {
-        Expect
-    }
-
-    #[cfg(not(feature = "alpha1"))]
-    fn unsolicited(&self) -> Expect {
-        Expect
     }
 }
 
@@ -206,23 +163,19 @@ impl Correlation for ArmKind {
 
     fn request(&self, frame: &[u8]) -> Option<Info> {
         match self {
-            #[cfg(feature = "ling")]
             Self::Ling => Ling
                 .request(frame)
                 .map(|info| with(info, Key::Ling(info.key), self.unsolicited())),
-            #[cfg(feature = "alpha1")]
             Self::Alpha1 | Self::Alpha1Servo => Alpha1
                 .request(frame)
                 .map(|info| with(info, Key::Alpha1(info.key), info.expect)),
-            _ => Raw.request(frame).map(|info| with(info, Key::Raw, self.unsolicited())),
+            Self::Raw => Raw.request(frame).map(|info| with(info, Key::Raw, self.unsolicited())),
         }
     }
 
     fn is_response_to(&self, key: Key, frame: &[u8]) -> bool {
         match key {
-            #[cfg(feature = "ling")]
             Key::Ling(key) => Ling.is_response_to(key, frame),
-            #[cfg(feature = "alpha1")]
             Key::Alpha1(key) => Alpha1.is_response_to(key, frame),
             Key::Raw => Raw.is_response_to((), frame),
         }

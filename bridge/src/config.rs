@@ -205,13 +205,9 @@ impl ArmKind {
     /// All kinds.
     pub const ALL: [Self; 4] = [Self::Ling, Self::Alpha1, Self::Alpha1Servo, Self::Raw];
 
-    /// Returns true if the adapter polls this kind. Its protocol must be compiled in.
+    /// Returns true if the adapter polls this kind.
     const fn is_polled(self) -> bool {
-        match self {
-            Self::Ling => cfg!(feature = "ling"),
-            Self::Alpha1 => cfg!(feature = "alpha1"),
-            Self::Alpha1Servo | Self::Raw => false,
-        }
+        matches!(self, Self::Ling | Self::Alpha1)
     }
 
     /// The kind's name.

@@ -81,11 +81,6 @@
 //! assert_eq!(bridge.counters().frames, 1);
 //! ```
 //!
-//! # Features
-//!
-//! `ling` and `alpha1`, both on by default, each compile in a protocol. The line of an arm whose protocol is not
-//! compiled in is raw.
-//!
 //! # Panics
 //!
 //! None for any input. A link test proves it for everything but [`store`].

@@ -1,7 +1,6 @@
 //! CAN frames and identifiers of the adapter.
 
 pub mod bus;
-#[cfg(feature = "ling")]
 pub mod command;
 mod frame;
 mod ids;

@@ -3,7 +3,6 @@
 //! All are classic frames of 8 bytes, little-endian, on an FD bus too. Each value is sent once and only if known:
 //! without a new value there is no frame.
 
-#[cfg(feature = "ling")]
 use armwire::ling::{JointState, MotionStatus};
 
 use super::{Frame, Function, Id, MAX_CLASSIC, Node};
@@ -38,7 +37,6 @@ use crate::control::{Event, Initiator, Refusal, Stamp};
 /// let [_, other, _] = Sample { stamp: 0x0001_86A1, ..sample }.to_frames(Node::new(3).unwrap());
 /// assert_eq!(Sample::from_frames(&[frames[0], other, frames[2]]), None);
 /// ```
-#[cfg(feature = "ling")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
@@ -51,7 +49,6 @@ pub struct Sample {
     pub count: u8,
 }
 
-#[cfg(feature = "ling")]
 impl Sample {
     /// JOINTS_A, JOINTS_B and STATE.
     pub fn to_frames(&self, node: Node) -> [Frame; 3] {
@@ -306,12 +303,10 @@ pub(super) fn words(frame: &Frame, function: Function) -> Option<(Node, [u16; 4]
 }
 
 /// The low and the high half of a sample's stamp.
-#[cfg(feature = "ling")]
 const fn halves(stamp: u32) -> [u16; 2] {
     [stamp as u16, (stamp >> 16) as u16]
 }
 
-#[cfg(feature = "ling")]
 fn whole(low: u16, high: u16) -> u32 {
     u32::from(high) << 16 | u32::from(low)
 }

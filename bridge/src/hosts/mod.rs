@@ -4,10 +4,6 @@
 
 mod can_port;
 mod control_server;
-#[cfg(feature = "ling")]
-mod cyclic;
-#[cfg(not(feature = "ling"))]
-#[path = "no_cyclic.rs"]
 mod cyclic;
 mod event_frames;
 mod flash;

@@ -1,11 +1,9 @@
 //! The state of a stop: its steps, and the time without motion.
 
-#[cfg(feature = "ling")]
 use armwire::ling::{
     self, Ling, Opening, Response,
     stop::{Output, StopError},
 };
-#[cfg(feature = "ling")]
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 
@@ -34,7 +32,6 @@ pub(crate) struct Stop {
 
 /// The steps that stop one kind of arm.
 pub(in crate::line) enum Steps {
-    #[cfg(feature = "ling")]
     Ling(ling::Stop),
     /// The arm's own request, until it was sent.
     Own(Option<&'static [u8]>),
@@ -43,11 +40,9 @@ pub(in crate::line) enum Steps {
 /// The next step of a kind of arm.
 enum Next {
     /// Read the joints.
-    #[cfg(feature = "ling")]
     Read,
     /// Send this request.
     Hold(FrameBytes),
-    #[cfg(feature = "ling")]
     Wait(Instant),
     Done(Result<(), Failure>),
 }
@@ -57,7 +52,6 @@ pub(crate) enum Step {
     /// Nothing is due, or there is no stop.
     Wait,
     /// Read the joints, and ask for the next step at once.
-    #[cfg_attr(not(feature = "ling"), expect(dead_code, reason = "only a Ling arm is read"))]
     Read,
     /// Send this request. The next step follows when it [went out](Stop::hold_sent).
     Hold(FrameBytes),
@@ -69,7 +63,6 @@ impl Steps {
     /// `None` if this kind of arm cannot be stopped. `goal` is that of the gripper.
     fn new(kind: ArmKind, goal: Option<u16>) -> Option<Self> {
         match (kind, goal) {
-            #[cfg(feature = "ling")]
             (ArmKind::Ling, goal) => {
                 let goal = goal.and_then(|goal| Opening::new(goal).ok());
                 Some(Self::Ling(ling::Stop::new(goal)))
@@ -80,7 +73,6 @@ impl Steps {
 
     fn next(&mut self, now: Instant) -> Next {
         match (self, now) {
-            #[cfg(feature = "ling")]
             (Self::Ling(stop), now) => loop {
                 return match stop.poll(now) {
                     Output::Request(ling::Request::ReadJoints) => Next::Read,
@@ -107,7 +99,6 @@ impl Steps {
     /// Takes a frame of the arm. Returns true if it is a reading.
     fn on_frame(&mut self, frame: &[u8], at: Instant) -> bool {
         match (self, frame, at) {
-            #[cfg(feature = "ling")]
             (Self::Ling(stop), frame, at) => match Ling.parse_response(frame, ()) {
                 Ok(Response::Joints(state)) => {
                     stop.on_joints(at, &state);
@@ -185,13 +176,11 @@ impl Stop {
             return Step::Wait;
         };
         match steps.next(now) {
-            #[cfg(feature = "ling")]
             Next::Read => Step::Read,
             Next::Hold(request) => {
                 self.due = None;
                 Step::Hold(request)
             }
-            #[cfg(feature = "ling")]
             Next::Wait(until) => {
                 self.due = Some(until);
                 Step::Wait
