@@ -128,13 +128,15 @@ proptest! {
     }
 
     #[test]
-    fn three_consecutive_frames_are_recognised_after_anything(
+    fn two_frames_are_recognised_after_anything(
         before in vec(any::<u8>(), 0..200),
-        frames in vec(response(), 3..8),
+        between in vec(any::<u8>(), 0..200),
+        frames in vec(response(), 2..8),
     ) {
         let frames: Vec<u8> = frames.iter().flat_map(bytes_of).collect();
         // Earlier bytes may seem to begin a frame: it is rejected within the longest frame.
-        let line = [&before[..], &frames[..], &frames[..], &frames[..], &[0; MAX_FRAME][..]].concat();
+        let apart = [0; MAX_FRAME];
+        let line = [&before[..], &apart, &frames, &between, &apart, &frames, &apart].concat();
         prop_assert!(bytes_to_detection(&line).is_some());
     }
 
@@ -172,17 +174,6 @@ proptest! {
             prop_assert_eq!(detector.push(&frame), None);
         }
     }
-
-    #[test]
-    fn two_legacy_frames_between_current_are_not_enough(
-        parts in vec((current(), response(), response()), 1..20),
-    ) {
-        let mut detector = Detector::new();
-        for (current, one, other) in parts {
-            let line = [current, bytes_of(&one), bytes_of(&other)].concat();
-            prop_assert_eq!(detector.push(&line), None);
-        }
-    }
 }
 
 /// Bytes that look random, the same in every run (splitmix64).
@@ -204,9 +195,10 @@ fn ten_million_random_bytes_are_not_recognised() {
     assert_eq!(Detector::new().push(&bytes), None);
 }
 
-/// The worst noise: only the first and last bytes of legacy frames.
+/// The worst noise: only the first and last bytes of legacy frames. Two messages in it are a detection, which is safe:
+/// nothing is sent.
 #[test]
-fn noise_of_frame_marks_is_not_recognised() {
+fn noise_of_frame_marks_rarely_forms_messages() {
     let marks = [0xAA, 0x14, 0x12, 0x04, 0x02, 0x07, 0x00, 0xFF];
     let bytes: Vec<u8> = random(2)
         .take(4_000_000)
@@ -226,8 +218,7 @@ fn noise_of_frame_marks_is_not_recognised() {
         }
     }
     assert!(
-        frames > 1_000 && messages > 10,
+        frames > 1_000 && messages < bytes.len() / 10_000,
         "frames in this noise: {frames}, messages among them: {messages}"
     );
-    assert_eq!(Detector::new().push(&bytes), None);
 }

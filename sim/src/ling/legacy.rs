@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn recognition_takes_two_periods_even_with_noise() {
+    fn recognition_takes_one_period_even_with_noise() {
         let mut arm = LegacyArm::new(Config::default());
         let mut detector = Detector::new();
         let mut recognised = None;
@@ -242,7 +242,7 @@ mod tests {
                 recognised.get_or_insert(micros);
             }
         }
-        assert!(recognised.unwrap() <= Instant::from_millis(51), "{recognised:?}");
+        assert!(recognised.unwrap() <= Instant::from_millis(26), "{recognised:?}");
 
         let faults = Rates {
             max_delay: Duration::from_micros(100),

@@ -6,11 +6,10 @@ use super::{BAUD_RATES, Legacy, MAX_FRAME};
 use crate::decoder::{Decoder, Kind};
 use crate::messages::Messages;
 
-/// Number of consecutive frames that make a detection.
+/// Number of frames that make a detection while the arm transmits.
 ///
-/// Random bytes form a joint or gripper frame at a given place with probability 2⁻³⁸; three consecutive ones do not
-/// occur.
-const REQUIRED_FRAMES: u8 = 3;
+/// Random bytes form a joint or gripper frame at a given place with probability 2⁻³⁸; two do not occur.
+const REQUIRED_FRAMES: u8 = 2;
 
 /// The detection of an arm of the older generation, with a text for the user of the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -25,11 +24,10 @@ pub struct OlderGeneration;
 
 /// Detects an arm of the older generation from its bytes.
 ///
-/// A detection takes three joint or gripper frames without noise in between. It depends on their order in the stream,
-/// not on time: the size of chunks has no effect. Valid frames of other kinds neither count nor break the sequence;
-/// frames of the current generation break it.
+/// A detection takes two joint or gripper frames, whatever is between them: damaged frames, frames of other kinds, noise.
+/// It depends on the bytes, not on time: the size of chunks has no effect. A detection is permanent.
 ///
-/// A detection is permanent.
+/// For a recording without a frame of the current generation, [`finish`](Self::finish) detects by one frame.
 ///
 /// ```
 /// use armwire::ling::legacy::{Detector, OlderGeneration};
@@ -40,14 +38,13 @@ pub struct OlderGeneration;
 /// ];
 /// let mut detector = Detector::new();
 /// assert_eq!(detector.push(&joints), None);
-/// assert_eq!(detector.push(&joints), None);
 /// assert_eq!(detector.push(&joints), Some(OlderGeneration));
 /// ```
 #[derive(Debug, Default)]
 pub struct Detector {
     decoder: Decoder<Legacy, MAX_FRAME>,
-    /// Number of consecutive frames, up to [`REQUIRED_FRAMES`].
-    succession: u8,
+    /// Number of frames, up to [`REQUIRED_FRAMES`].
+    frames: u8,
 }
 
 impl Detector {
@@ -55,26 +52,51 @@ impl Detector {
     pub const fn new() -> Self {
         Self {
             decoder: Decoder::new(),
-            succession: 0,
+            frames: 0,
         }
     }
 
     /// Processes the next bytes from the arm. Returns the detection, also if it was made earlier.
     pub fn push(&mut self, mut bytes: &[u8]) -> Option<OlderGeneration> {
-        while self.succession < REQUIRED_FRAMES {
-            let Some(item) = self.decoder.next(&Legacy, ()) else {
-                if bytes.is_empty() {
-                    return None;
-                }
-                bytes = self.decoder.push(bytes);
-                continue;
-            };
-            match item.kind {
-                Kind::Frame if Legacy.parse_response(item.bytes, ()).is_ok() => self.succession += 1,
-                Kind::Frame | Kind::Padding => {}
-                Kind::Noise(_) | Kind::Broken(_) => self.succession = 0,
+        loop {
+            self.count_frames();
+            if self.frames >= REQUIRED_FRAMES {
+                return Some(OlderGeneration);
+            }
+            if bytes.is_empty() {
+                return None;
+            }
+            bytes = self.decoder.push(bytes);
+        }
+    }
+
+    /// Ends a recording that has no frame of the current generation: one joint or gripper frame is enough. An incomplete
+    /// frame at the end is discarded.
+    ///
+    /// Do not use it while an arm may still transmit: [`push`](Self::push) needs two frames.
+    ///
+    /// ```
+    /// use armwire::ling::legacy::{Detector, OlderGeneration};
+    ///
+    /// let gripper = [0xAA, 0x12, 0x07, 0x01, 0x03, 0x08, 0xFF, 0x08, 0x00, 0x01, 0x00, 0xFF];
+    /// let mut detector = Detector::new();
+    /// assert_eq!(detector.push(&gripper), None);
+    /// assert_eq!(detector.finish(), Some(OlderGeneration));
+    /// ```
+    pub fn finish(&mut self) -> Option<OlderGeneration> {
+        self.decoder.idle();
+        self.count_frames();
+        (self.frames > 0).then_some(OlderGeneration)
+    }
+
+    /// Counts the frames in the decoder, up to [`REQUIRED_FRAMES`].
+    fn count_frames(&mut self) {
+        while self.frames < REQUIRED_FRAMES
+            && let Some(item) = self.decoder.next(&Legacy, ())
+        {
+            if item.kind == Kind::Frame && Legacy.parse_response(item.bytes, ()).is_ok() {
+                self.frames += 1;
             }
         }
-        Some(OlderGeneration)
     }
 }

@@ -191,10 +191,10 @@ fn current_decoder_finds_no_frame_in_legacy_stream() {
 }
 
 #[test]
-fn detector_decides_at_third_frame_for_good() {
+fn detector_decides_at_second_frame_for_good() {
     let line: Vec<u8> = responses()
         .into_iter()
-        .take(3)
+        .take(2)
         .flat_map(|(_, bytes, _)| bytes)
         .collect();
     let mut detector = Detector::new();
@@ -205,27 +205,48 @@ fn detector_decides_at_third_frame_for_good() {
 }
 
 #[test]
-fn nonconsecutive_frames_are_not_enough() {
+fn two_frames_are_enough_whatever_stands_between() {
     let (_, joints, _) = responses().remove(0);
-    for between in ["00", "AA", "AA 06 00 01 FE 9A FF", "AA 14 12"] {
+    for between in [
+        "",
+        "00",
+        "AA",
+        "AA 06 00 01 FE 9A FF",
+        "AA 14 12",
+        "AA 12 07 01 03 08",
+        "AA 12 07 01 03 08 FF 08 00 01 02 FF",
+        "AA 0A 03 05 04 13 00 FF",
+    ] {
         let mut detector = Detector::new();
-        for _ in 0..20 {
-            assert_eq!(detector.push(&[&joints[..], &joints[..]].concat()), None, "{between}");
-            assert_eq!(detector.push(&hex(between)), None, "{between}");
-        }
+        assert_eq!(detector.push(&joints), None, "{between}");
+        assert_eq!(detector.push(&hex(between)), None, "{between}");
+        // A false header before the frame may claim as many bytes as the longest frame has.
+        let line = [&joints[..], &[0; MAX_FRAME]].concat();
+        assert_eq!(detector.push(&line), Some(OlderGeneration), "{between}");
     }
 }
 
 #[test]
-fn other_legacy_frames_neither_count_nor_interrupt() {
+fn one_frame_is_enough_for_a_recording() {
     let (_, joints, _) = responses().remove(0);
+    for (before, after) in [("", ""), ("11 AA 14", "AA 12 07 01 03"), ("AA 14 3B", "")] {
+        let mut detector = Detector::new();
+        assert_eq!(detector.push(&[hex(before), joints.clone(), hex(after)].concat()), None);
+        assert_eq!(detector.finish(), Some(OlderGeneration), "{before} {after}");
+    }
+    let mut detector = Detector::new();
+    assert_eq!(detector.push(&joints[..joints.len() - 1]), None);
+    assert_eq!(detector.finish(), None);
+}
+
+#[test]
+fn other_legacy_frames_do_not_count() {
     let version = hex("AA 0A 03 05 04 13 00 FF");
     let mut detector = Detector::new();
     for _ in 0..20 {
         assert_eq!(detector.push(&version), None);
     }
-    assert_eq!(detector.push(&[&joints[..], &version[..], &joints[..]].concat()), None);
-    assert_eq!(detector.push(&joints), Some(OlderGeneration));
+    assert_eq!(detector.finish(), None);
 }
 
 #[test]
