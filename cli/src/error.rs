@@ -49,6 +49,8 @@ impl Error {
     pub(crate) fn status(&self) -> u8 {
         match self {
             Self::NotUnderstood { .. } => 3,
+            // As clap.
+            error if error.is_usage() => 2,
             _ => 1,
         }
     }

@@ -124,7 +124,6 @@ pub fn run_from(args: &[OsString]) -> u8 {
         Ok(()) => 0,
         // The reader of the output is gone, as with `| head`: this is no error.
         Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => 0,
-        Err(error) if error.is_usage() => command().error(ErrorKind::ValueValidation, error).exit(),
         Err(error) => {
             print_error(&error);
             error.status()
