@@ -31,6 +31,14 @@ pub(crate) const fn check_reserved(register: &'static str, value: u32, bits: u32
     }
 }
 
+/// Refuses a write that sets a bit without a model.
+pub(crate) const fn check_modelled(register: &'static str, value: u32, bits: u32) -> Result<(), Refused> {
+    match value & !bits {
+        0 => Ok(()),
+        _ => Err(Refused::Unimplemented(register)),
+    }
+}
+
 /// A peripheral with 32-bit registers.
 ///
 /// Calls are made at their instant, in order: events due before an access have been executed.

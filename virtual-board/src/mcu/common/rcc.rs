@@ -1,7 +1,12 @@
 //! Common parts of reset and clock control: oscillators, prescalers, and the enable and reset bits of each peripheral.
 
+use std::ops::RangeInclusive;
+
+use crate::crystal::Oscillator;
+use crate::shared::{Shared, lock};
+use crate::soc::chance::Chance;
 use crate::soc::machine::Cause;
-use crate::soc::peripheral::{Refused, check_reserved};
+use crate::soc::peripheral::{Refused, check_modelled, check_reserved};
 use crate::time::Nanos;
 
 /// An oscillator or the PLL.
@@ -70,27 +75,6 @@ pub(crate) mod csr {
     pub(crate) const IWDGRSTF: u32 = 1 << 29;
 }
 
-/// The reset flags of CSR after a reset by this cause: those at power-on, or one more.
-pub(crate) fn reset_flags(cause: Cause, flags: u32, at_power_on: u32) -> u32 {
-    match cause {
-        Cause::Power => at_power_on,
-        Cause::Software => flags | csr::SFTRSTF | csr::PINRSTF,
-        Cause::Watchdog => flags | csr::IWDGRSTF | csr::PINRSTF,
-    }
-}
-
-/// Writes BDCR. RTCSEL, RTCEN and BDRST are stored: they have no effect without the RTC.
-pub(crate) fn write_bdcr(bdcr: &mut u32, value: u32) -> Result<(), Refused> {
-    const RTCSEL: u32 = 0b11 << 8;
-    const RTCEN: u32 = 1 << 15;
-    const BDRST: u32 = 1 << 16;
-    if value & !(RTCSEL | RTCEN | BDRST) != 0 {
-        return Err(Refused::Unimplemented("BDCR"));
-    }
-    *bdcr = if value & BDRST != 0 { BDRST } else { value };
-    Ok(())
-}
-
 /// The divider of the AHB prescaler, HPRE of CFGR.
 pub(crate) fn ahb_divider(hpre: u32) -> u64 {
     match hpre {
@@ -102,11 +86,19 @@ pub(crate) fn ahb_divider(hpre: u32) -> u64 {
 }
 
 /// The divider of an APB prescaler, PPRE of CFGR.
-pub(crate) fn apb_divider(ppre: u32) -> u64 {
+fn apb_divider(ppre: u32) -> u64 {
     match ppre {
         0..=3 => 1,
         _ => 2 << (ppre - 4),
     }
+}
+
+/// The rate of an APB with this PPRE of CFGR, and that of its timers: twice that of a divided bus (RM0090, 7.2; RM0440,
+/// 7.2.16).
+pub(crate) fn apb_rates(ahb: u64, ppre: u32) -> (u64, u64) {
+    let divider = apb_divider(ppre);
+    let bus = ahb / divider;
+    (bus, if divider == 1 { bus } else { 2 * bus })
 }
 
 /// A peripheral's bit in the enable and in the reset register of its bus.
@@ -268,4 +260,146 @@ pub(crate) const AHB_START: u64 = 2;
 /// See [`AHB_START`]: on an APB with this prescaler in CFGR.
 pub(crate) fn apb_start(ppre: u32) -> u64 {
     1 + apb_divider(ppre)
+}
+
+/// The constants of a chip, and its state that the other does not have.
+pub(crate) trait Chip: Default {
+    const BUSES: &'static [Layout];
+    /// The internal oscillator as source of SYSCLK: SW of CFGR.
+    const INTERNAL: u32;
+    const PLLCFGR_AT_RESET: u32;
+    /// The reset flags of CSR at power-on, and the bit that clears them.
+    const FLAGS_AT_POWER_ON: u32;
+    const RMVF: u32;
+    /// Bits of CR.
+    const HSION: u32;
+    const HSIRDY: u32;
+    /// The start-up time of LSI, in nanoseconds.
+    const LSI_START: RangeInclusive<u64>;
+}
+
+/// Reset and clock control.
+#[derive(Debug)]
+pub(crate) struct Rcc<C> {
+    pub(crate) oscillator: Shared<Oscillator>,
+    /// The rate of HSI.
+    pub(crate) internal_hz: u64,
+    /// The rate of the crystal.
+    pub(crate) crystal_hz: u64,
+    pub(crate) chance: Chance,
+    pub(crate) hsi: Source,
+    pub(crate) hse: Source,
+    pub(crate) lsi: Source,
+    pub(crate) pll: Source,
+    pub(crate) bypass: bool,
+    pub(crate) cfgr: u32,
+    /// The source of SYSCLK: SWS.
+    pub(crate) selected: u32,
+    pub(crate) pllcfgr: u32,
+    pub(crate) bdcr: u32,
+    pub(crate) gates: Gates,
+    /// The reset flags of CSR.
+    flags: u32,
+    /// The time up to which due events have been executed.
+    pub(crate) settled: Nanos,
+    pub(crate) chip: C,
+}
+
+impl<C: Chip> Rcc<C> {
+    /// The power-on reset state, with this crystal.
+    pub(crate) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
+        let internal_hz = {
+            let mut oscillator = lock(&oscillator);
+            *oscillator = Oscillator::new(oscillator.crystal, oscillator.internal_hz);
+            oscillator.internal_hz.into()
+        };
+        Self {
+            oscillator,
+            internal_hz,
+            crystal_hz: 0,
+            chance: Chance::new(seed, "RCC"),
+            hsi: Source::READY,
+            hse: Source::default(),
+            lsi: Source::default(),
+            pll: Source::default(),
+            bypass: false,
+            cfgr: C::INTERNAL,
+            selected: C::INTERNAL,
+            pllcfgr: C::PLLCFGR_AT_RESET,
+            bdcr: 0,
+            gates: Gates::new(C::BUSES),
+            flags: C::FLAGS_AT_POWER_ON,
+            settled: Nanos(0),
+            chip: C::default(),
+        }
+    }
+
+    /// A reset by this cause. Flags of earlier resets stay.
+    pub(crate) fn reset(&mut self, cause: Cause) {
+        let flags = match cause {
+            Cause::Power => C::FLAGS_AT_POWER_ON,
+            Cause::Software => self.flags | csr::SFTRSTF | csr::PINRSTF,
+            Cause::Watchdog => self.flags | csr::IWDGRSTF | csr::PINRSTF,
+        };
+        *self = Self {
+            chance: self.chance.clone(),
+            flags,
+            bdcr: if cause == Cause::Power { 0 } else { self.bdcr },
+            settled: self.settled,
+            ..Self::new(self.oscillator.clone(), 0)
+        };
+    }
+
+    #[inline]
+    pub(crate) fn gates(&self) -> &Gates {
+        &self.gates
+    }
+
+    pub(crate) fn gates_mut(&mut self) -> &mut Gates {
+        &mut self.gates
+    }
+
+    /// The watchdog keeps the low-speed oscillator on.
+    pub(crate) fn keep_lsi_on(&mut self, now: Nanos) {
+        self.set_lsi(true, now);
+    }
+
+    fn set_lsi(&mut self, on: bool, now: Nanos) {
+        let chance = &mut self.chance;
+        self.lsi.set(on, || Some(chance.span(C::LSI_START)), now);
+    }
+
+    /// The bits of CR for HSI, HSE and the PLL.
+    pub(crate) fn read_cr(&self, now: Nanos) -> u32 {
+        let oscillators = self.hsi.flags(C::HSION, C::HSIRDY, now) | self.hse.flags(cr::HSEON, cr::HSERDY, now);
+        let bypass = if self.bypass { cr::HSEBYP } else { 0 };
+        oscillators | bypass | self.pll.flags(cr::PLLON, cr::PLLRDY, now)
+    }
+
+    pub(crate) fn read_csr(&self, now: Nanos) -> u32 {
+        self.flags | self.lsi.flags(csr::LSION, csr::LSIRDY, now)
+    }
+
+    pub(crate) fn write_csr(&mut self, value: u32, now: Nanos) {
+        if value & C::RMVF != 0 {
+            self.flags = 0;
+        }
+        self.set_lsi(value & csr::LSION != 0, now);
+    }
+
+    /// Writes BDCR. RTCSEL, RTCEN and BDRST are stored: they have no effect without the RTC.
+    pub(crate) fn write_bdcr(&mut self, value: u32) -> Result<(), Refused> {
+        const RTCSEL: u32 = 0b11 << 8;
+        const RTCEN: u32 = 1 << 15;
+        const BDRST: u32 = 1 << 16;
+        check_modelled("BDCR", value, RTCSEL | RTCEN | BDRST)?;
+        self.bdcr = if value & BDRST != 0 { BDRST } else { value };
+        Ok(())
+    }
+
+    /// The time at which HSI, HSE, LSI or the PLL becomes ready.
+    pub(crate) fn next_ready(&self) -> Option<Nanos> {
+        let sources = [self.hsi, self.hse, self.lsi, self.pll];
+        sources.iter().filter_map(|source| source.due(self.settled)).min()
+    }
 }

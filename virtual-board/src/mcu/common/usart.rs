@@ -1,7 +1,7 @@
 //! The registers that the USARTs of both chips share: control bits, flags, the frame format and interrupts.
 
 use crate::line::{Format, Parity};
-use crate::soc::peripheral::{Refused, field};
+use crate::soc::peripheral::{Refused, check_modelled, field};
 
 /// Bits of CR1.
 pub(crate) mod cr1 {
@@ -79,9 +79,7 @@ pub(crate) fn interrupts(cr1: u32, status: u32) -> bool {
 
 /// Checks a value for CR1. It has eight data bits.
 pub(crate) fn check_cr1(value: u32, modelled: u32) -> Result<(), Refused> {
-    if value & !modelled != 0 {
-        return Err(Refused::Unimplemented("CR1"));
-    }
+    check_modelled("CR1", value, modelled)?;
     if (value & cr1::PCE != 0) != (value & cr1::M != 0) {
         return Err(Refused::Unimplemented("CR1.M: 7 or 9 data bits"));
     }

@@ -12,7 +12,7 @@
 
 use crate::crystal::{Divided, Oscillator};
 use crate::shared::{Shared, lock};
-use crate::soc::peripheral::{Peripheral, Refused, forbidden};
+use crate::soc::peripheral::{Peripheral, Refused, check_modelled, forbidden};
 use crate::time::Nanos;
 
 const CR1: u32 = 0x00;
@@ -160,9 +160,7 @@ impl Capture {
     }
 
     fn write_enable(&mut self, value: u32) -> Result<(), Refused> {
-        if value & !CC1E != 0 {
-            return Err(Refused::Unimplemented("CCER: falling edges"));
-        }
+        check_modelled("CCER: falling edges", value, CC1E)?;
         self.enable = value;
         if value & CC1E != 0 && !lock(&self.oscillator).core_is_internal {
             return Err(forbidden(

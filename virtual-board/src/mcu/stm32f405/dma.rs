@@ -6,7 +6,7 @@
 //! FIFO mode, double buffers, bursts, the peripheral as flow controller.
 
 use crate::mcu::common::dma::{self as common, Count, Requests, Step, Steps, Transfer};
-use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::soc::peripheral::{Peripheral, Refused, check_modelled, field, forbidden};
 use crate::time::Nanos;
 
 /// Number of streams of a controller (10.2), and of both.
@@ -241,11 +241,8 @@ impl Dma {
     }
 
     fn write_control(&mut self, number: usize, value: u32) -> Result<(), Refused> {
-        if value & !cr::MODELLED != 0 {
-            return Err(Refused::Unimplemented(
-                "CR: wide, memory to memory, peripheral increment, bursts, double buffers or flow control",
-            ));
-        }
+        let refused = "CR: wide, memory to memory, peripheral increment, bursts, double buffers or flow control";
+        check_modelled(refused, value, cr::MODELLED)?;
         let stream = &mut self.streams[number];
         let (was_on, on) = (stream.is_on(), value & cr::EN != 0);
         let free = cr::EN | cr::INTERRUPTS | cr::DMEIE;

@@ -23,7 +23,7 @@ use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::{Flash, SIZE};
 use crate::mcu::common::flash::{Array, Caches, FlashInterface, KEYS, Keys, Operation, WORD};
 use crate::shared::Shared;
-use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::soc::peripheral::{Peripheral, Refused, check_modelled, field, forbidden};
 use crate::time::Nanos;
 
 const ACR: u32 = 0x00;
@@ -236,9 +236,7 @@ impl Interface {
                 Err(forbidden("CR", "3.6.1: written while locked"))
             };
         }
-        if value & !cr::WRITABLE != 0 {
-            return Err(Refused::Unimplemented("CR"));
-        }
+        check_modelled("CR", value, cr::WRITABLE)?;
         self.cr = value & !cr::LOCK;
         if value & cr::LOCK != 0 {
             self.keys = Keys::None;
@@ -303,9 +301,7 @@ impl Interface {
     }
 
     fn write_acr(&mut self, value: u32) -> Result<(), Refused> {
-        if value & !acr::MODELLED != 0 {
-            return Err(Refused::Unimplemented("ACR"));
-        }
+        check_modelled("ACR", value, acr::MODELLED)?;
         let resets_in_use = |reset, enable| value & reset != 0 && self.acr & enable != 0;
         if resets_in_use(acr::ICRST, acr::ICEN) || resets_in_use(acr::DCRST, acr::DCEN) {
             return Err(forbidden("ACR", "3.9.1: a cache reset while it is enabled"));

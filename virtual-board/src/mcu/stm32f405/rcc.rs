@@ -8,14 +8,10 @@
 
 use std::ops::RangeInclusive;
 
-use crate::crystal::{Divided, Oscillator};
-use crate::mcu::common::rcc::{
-    self, AHB_START, Gate, Gates, Layout, Register, Source, ahb_divider, apb_divider, apb_start,
-};
-use crate::shared::{Shared, lock};
-use crate::soc::chance::Chance;
-use crate::soc::machine::Cause;
-use crate::soc::peripheral::{Peripheral, Refused, check_reserved, field, forbidden};
+use crate::crystal::Divided;
+use crate::mcu::common::rcc::{self, AHB_START, Gate, Layout, Register, Source, ahb_divider, apb_rates, apb_start};
+use crate::shared::lock;
+use crate::soc::peripheral::{Peripheral, Refused, check_modelled, check_reserved, field, forbidden};
 use crate::time::Nanos;
 
 const CR: u32 = 0x00;
@@ -179,79 +175,24 @@ pub(super) struct Clocks {
     pub(super) usb: u64,
 }
 
-/// Reset and clock control.
-#[derive(Debug)]
-pub(super) struct Rcc {
-    oscillator: Shared<Oscillator>,
-    /// The rate of HSI.
-    internal_hz: u64,
-    /// The rate of the crystal when it was last ready.
-    crystal_hz: u64,
-    chance: Chance,
-    hsi: Source,
-    hse: Source,
-    lsi: Source,
-    pll: Source,
-    bypass: bool,
-    cfgr: u32,
-    /// The source of SYSCLK: SWS.
-    selected: u32,
-    pllcfgr: u32,
-    bdcr: u32,
-    gates: Gates,
-    /// The reset flags of CSR.
-    flags: u32,
-    /// The time up to which due events have been executed.
-    settled: Nanos,
+/// This chip has nothing of its own.
+#[derive(Debug, Default)]
+pub(crate) struct Chip;
+
+pub(super) type Rcc = rcc::Rcc<Chip>;
+
+impl rcc::Chip for Chip {
+    const BUSES: &'static [Layout] = &BUSES;
+    const INTERNAL: u32 = cfgr::HSI;
+    const PLLCFGR_AT_RESET: u32 = pllcfgr::AT_RESET;
+    const FLAGS_AT_POWER_ON: u32 = csr::AT_POWER_ON;
+    const RMVF: u32 = csr::RMVF;
+    const HSION: u32 = cr::HSION;
+    const HSIRDY: u32 = cr::HSIRDY;
+    const LSI_START: RangeInclusive<u64> = LSI_START;
 }
 
 impl Rcc {
-    /// The power-on reset state, with a crystal.
-    pub(super) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
-        let internal_hz = {
-            let mut oscillator = lock(&oscillator);
-            *oscillator = Oscillator::new(oscillator.crystal, oscillator.internal_hz);
-            oscillator.internal_hz.into()
-        };
-        Self {
-            oscillator,
-            internal_hz,
-            crystal_hz: 0,
-            chance: Chance::new(seed, "RCC"),
-            hsi: Source::READY,
-            hse: Source::default(),
-            lsi: Source::default(),
-            pll: Source::default(),
-            bypass: false,
-            cfgr: cfgr::HSI,
-            selected: cfgr::HSI,
-            pllcfgr: pllcfgr::AT_RESET,
-            bdcr: 0,
-            gates: Gates::new(&BUSES),
-            flags: csr::AT_POWER_ON,
-            settled: Nanos(0),
-        }
-    }
-
-    /// A reset by this cause. Flags of earlier resets stay (7.3.21).
-    pub(super) fn reset(&mut self, cause: Cause) {
-        *self = Self {
-            chance: self.chance.clone(),
-            flags: rcc::reset_flags(cause, self.flags, csr::AT_POWER_ON),
-            bdcr: if cause == Cause::Power { 0 } else { self.bdcr },
-            settled: self.settled,
-            ..Self::new(self.oscillator.clone(), 0)
-        };
-    }
-
-    pub(super) fn gates(&self) -> &Gates {
-        &self.gates
-    }
-
-    pub(super) fn gates_mut(&mut self) -> &mut Gates {
-        &mut self.gates
-    }
-
     /// Cycles until a clock runs that is enabled in this register.
     fn start_cycles(&self, offset: u32) -> u64 {
         match offset {
@@ -263,12 +204,6 @@ impl Rcc {
 
     pub(super) fn pll_is_on(&self) -> bool {
         self.pll.on
-    }
-
-    /// The watchdog keeps the low-speed oscillator on (7.2.9).
-    pub(super) fn keep_lsi_on(&mut self, now: Nanos) {
-        let chance = &mut self.chance;
-        self.lsi.set(true, || Some(chance.span(LSI_START)), now);
     }
 
     /// Checks for a new crystal: one that did not start may start now.
@@ -310,14 +245,8 @@ impl Rcc {
             _ => vco / (2 * u64::from(field(self.pllcfgr, pllcfgr::P_AT, pllcfgr::P) + 1)),
         };
         let ahb = system / ahb_divider(field(self.cfgr, cfgr::HPRE_AT, 0xF));
-        let bus = |at| {
-            let divider = apb_divider(field(self.cfgr, at, 0b111));
-            let bus = ahb / divider;
-            // 7.2: the timers run at twice the rate of a divided bus.
-            (bus, if divider == 1 { bus } else { 2 * bus })
-        };
-        let (apb1, apb1_timers) = bus(cfgr::PPRE1_AT);
-        let (apb2, apb2_timers) = bus(cfgr::PPRE2_AT);
+        let (apb1, apb1_timers) = apb_rates(ahb, field(self.cfgr, cfgr::PPRE1_AT, 0b111));
+        let (apb2, apb2_timers) = apb_rates(ahb, field(self.cfgr, cfgr::PPRE2_AT, 0b111));
         let usb_divider = u64::from(field(self.pllcfgr, pllcfgr::Q_AT, pllcfgr::Q));
         Clocks {
             ahb,
@@ -418,28 +347,30 @@ impl Rcc {
     }
 }
 
+/// The refusal of a register without a model.
+fn refusal(offset: u32) -> Refused {
+    match offset {
+        CIR => Refused::Unimplemented("CIR"),
+        AHB1LPENR..=APB2LPENR => Refused::Unimplemented("AHBxLPENR/APBxLPENR"),
+        SSCGR => Refused::Unimplemented("SSCGR"),
+        PLLI2SCFGR => Refused::Unimplemented("PLLI2SCFGR"),
+        DCKCFGR => Refused::Unimplemented("DCKCFGR"),
+        _ => Refused::NoRegister,
+    }
+}
+
 impl Peripheral for Rcc {
     fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
         if let Some(value) = self.gates.read(offset) {
             return Ok(value);
         }
         match offset {
-            CR => {
-                let oscillators =
-                    self.hsi.flags(cr::HSION, cr::HSIRDY, now) | self.hse.flags(cr::HSEON, cr::HSERDY, now);
-                let bypass = if self.bypass { cr::HSEBYP } else { 0 };
-                Ok(cr::HSITRIM | oscillators | bypass | self.pll.flags(cr::PLLON, cr::PLLRDY, now))
-            }
+            CR => Ok(cr::HSITRIM | self.read_cr(now)),
             PLLCFGR => Ok(self.pllcfgr),
             CFGR => Ok(self.cfgr | self.selected << cfgr::SWS_AT),
             BDCR => Ok(self.bdcr),
-            CSR => Ok(self.flags | self.lsi.flags(csr::LSION, csr::LSIRDY, now)),
-            CIR => Err(Refused::Unimplemented("CIR")),
-            AHB1LPENR..=APB2LPENR => Err(Refused::Unimplemented("AHBxLPENR/APBxLPENR")),
-            SSCGR => Err(Refused::Unimplemented("SSCGR")),
-            PLLI2SCFGR => Err(Refused::Unimplemented("PLLI2SCFGR")),
-            DCKCFGR => Err(Refused::Unimplemented("DCKCFGR")),
-            _ => Err(Refused::NoRegister),
+            CSR => Ok(self.read_csr(now)),
+            _ => Err(refusal(offset)),
         }
     }
 
@@ -456,23 +387,13 @@ impl Peripheral for Rcc {
                 check_reserved("PLLCFGR", value, pllcfgr::BITS)?;
                 self.pllcfgr = value;
             }
-            CFGR if value & !(cfgr::MODELLED | cfgr::SWS) != 0 => return Err(Refused::Unimplemented("CFGR")),
-            CFGR => self.cfgr = value & cfgr::MODELLED,
-            BDCR => rcc::write_bdcr(&mut self.bdcr, value)?,
-            CSR => {
-                if value & csr::RMVF != 0 {
-                    self.flags = 0;
-                }
-                let chance = &mut self.chance;
-                self.lsi
-                    .set(value & csr::LSION != 0, || Some(chance.span(LSI_START)), now);
+            CFGR => {
+                check_modelled("CFGR", value, cfgr::MODELLED | cfgr::SWS)?;
+                self.cfgr = value & cfgr::MODELLED;
             }
-            CIR => return Err(Refused::Unimplemented("CIR")),
-            AHB1LPENR..=APB2LPENR => return Err(Refused::Unimplemented("AHBxLPENR/APBxLPENR")),
-            SSCGR => return Err(Refused::Unimplemented("SSCGR")),
-            PLLI2SCFGR => return Err(Refused::Unimplemented("PLLI2SCFGR")),
-            DCKCFGR => return Err(Refused::Unimplemented("DCKCFGR")),
-            _ => return Err(Refused::NoRegister),
+            BDCR => self.write_bdcr(value)?,
+            CSR => self.write_csr(value, now),
+            _ => return Err(refusal(offset)),
         }
         self.settle(now);
         Ok(())
@@ -483,7 +404,6 @@ impl Peripheral for Rcc {
     }
 
     fn due(&self) -> Option<Nanos> {
-        let sources = [self.hsi, self.hse, self.lsi, self.pll];
-        sources.iter().filter_map(|source| source.due(self.settled)).min()
+        self.next_ready()
     }
 }

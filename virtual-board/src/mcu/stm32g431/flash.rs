@@ -22,7 +22,7 @@ use crate::flash::Flash;
 use crate::mcu::common::flash::{Array, Caches, FlashInterface, KEYS, Keys, Operation, WORD};
 use crate::shared::Shared;
 use crate::soc::chance::draw;
-use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::soc::peripheral::{Peripheral, Refused, check_modelled, field, forbidden};
 use crate::time::Nanos;
 
 /// Size of the flash, and of a page (5.3.1).
@@ -226,9 +226,7 @@ impl Interface {
         if self.is_busy() {
             return Err(forbidden("CR", "5.7.6: written while BSY is set"));
         }
-        if value & !cr::MODELLED != 0 {
-            return Err(Refused::Unimplemented("CR"));
-        }
+        check_modelled("CR", value, cr::MODELLED)?;
         self.cr = value;
         if value & cr::STRT == 0 {
             return Ok(());

@@ -1,7 +1,7 @@
 //! Power control (RM0440, chapter 6): the voltage range and boost mode, which limit the core's clock. Low-power modes
 //! and the supply detectors have no model.
 
-use crate::soc::peripheral::{Peripheral, Refused, field, forbidden, merge};
+use crate::soc::peripheral::{Peripheral, Refused, check_modelled, field, forbidden, merge};
 use crate::time::Nanos;
 
 const CR1: u32 = 0x00;
@@ -115,18 +115,14 @@ impl Peripheral for Pwr {
     fn write(&mut self, offset: u32, value: u32, _: Nanos) -> Result<(), Refused> {
         match offset {
             CR1 => {
-                if value & !CR1_MODELLED != 0 {
-                    return Err(Refused::Unimplemented("CR1"));
-                }
+                check_modelled("CR1", value, CR1_MODELLED)?;
                 if !matches!(field(value, VOS_AT, VOS), RANGE_1 | RANGE_2) {
                     return Err(forbidden("CR1", "6.4.1: VOS is neither range 1 nor range 2"));
                 }
                 self.cr1 = value;
             }
             CR3 => {
-                if value & !CR3_MODELLED != 0 {
-                    return Err(Refused::Unimplemented("CR3"));
-                }
+                check_modelled("CR3", value, CR3_MODELLED)?;
                 self.cr3 = value;
             }
             CR5 => self.cr5 = merge(self.cr5, value, R1MODE),

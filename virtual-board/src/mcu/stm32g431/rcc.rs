@@ -6,14 +6,9 @@
 
 use std::ops::RangeInclusive;
 
-use crate::crystal::Oscillator;
-use crate::mcu::common::rcc::{
-    self, AHB_START, Gate, Gates, Layout, Register, Source, ahb_divider, apb_divider, apb_start,
-};
-use crate::shared::{Shared, lock};
-use crate::soc::chance::Chance;
-use crate::soc::machine::Cause;
-use crate::soc::peripheral::{Peripheral, Refused, check_reserved, field, forbidden};
+use crate::mcu::common::rcc::{self, AHB_START, Gate, Layout, Register, Source, ahb_divider, apb_rates, apb_start};
+use crate::shared::lock;
+use crate::soc::peripheral::{Peripheral, Refused, check_modelled, check_reserved, field, forbidden};
 use crate::time::Nanos;
 
 const CR: u32 = 0x00;
@@ -206,82 +201,29 @@ pub(super) struct Clocks {
     pub(super) usb: u64,
 }
 
-/// Reset and clock control.
-#[derive(Debug)]
-pub(super) struct Rcc {
-    oscillator: Shared<Oscillator>,
-    /// The rate of HSI16.
-    internal_hz: u64,
-    /// The rate of the crystal when it was switched on.
-    crystal_hz: u64,
-    chance: Chance,
-    hsi16: Source,
-    hse: Source,
+/// The state that only this chip has.
+#[derive(Debug, Default)]
+pub(crate) struct Chip {
     hsi48: Source,
-    lsi: Source,
-    pll: Source,
-    bypass: bool,
-    cfgr: u32,
-    /// The source of SYSCLK: SWS.
-    selected: u32,
+    ccipr: u32,
     /// The time of the last switch of SYSCLK.
     switched: Nanos,
-    pllcfgr: u32,
-    ccipr: u32,
-    bdcr: u32,
-    gates: Gates,
-    /// The reset flags of CSR.
-    flags: u32,
-    /// The time up to which due events have been executed.
-    settled: Nanos,
+}
+
+pub(super) type Rcc = rcc::Rcc<Chip>;
+
+impl rcc::Chip for Chip {
+    const BUSES: &'static [Layout] = &BUSES;
+    const INTERNAL: u32 = cfgr::HSI16;
+    const PLLCFGR_AT_RESET: u32 = pllcfgr::AT_RESET;
+    const FLAGS_AT_POWER_ON: u32 = csr::AT_POWER_ON;
+    const RMVF: u32 = csr::RMVF;
+    const HSION: u32 = cr::HSION;
+    const HSIRDY: u32 = cr::HSIRDY;
+    const LSI_START: RangeInclusive<u64> = LSI_START;
 }
 
 impl Rcc {
-    /// The power-on reset state, with this crystal.
-    pub(super) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
-        let internal_hz = lock(&oscillator).internal_hz.into();
-        Self {
-            oscillator,
-            internal_hz,
-            crystal_hz: 0,
-            chance: Chance::new(seed, "RCC"),
-            hsi16: Source::READY,
-            hse: Source::default(),
-            hsi48: Source::default(),
-            lsi: Source::default(),
-            pll: Source::default(),
-            bypass: false,
-            cfgr: cfgr::HSI16,
-            selected: cfgr::HSI16,
-            switched: Nanos(0),
-            pllcfgr: pllcfgr::AT_RESET,
-            ccipr: 0,
-            bdcr: 0,
-            gates: Gates::new(&BUSES),
-            flags: csr::AT_POWER_ON,
-            settled: Nanos(0),
-        }
-    }
-
-    /// A reset by this cause. Flags of earlier resets stay (7.4.28).
-    pub(super) fn reset(&mut self, cause: Cause) {
-        *self = Self {
-            chance: self.chance.clone(),
-            flags: rcc::reset_flags(cause, self.flags, csr::AT_POWER_ON),
-            bdcr: if cause == Cause::Power { 0 } else { self.bdcr },
-            settled: self.settled,
-            ..Self::new(self.oscillator.clone(), 0)
-        };
-    }
-
-    pub(super) fn gates(&self) -> &Gates {
-        &self.gates
-    }
-
-    pub(super) fn gates_mut(&mut self) -> &mut Gates {
-        &mut self.gates
-    }
-
     /// Cycles until a clock runs that is enabled in this register.
     fn start_cycles(&self, offset: u32) -> u64 {
         match offset {
@@ -289,12 +231,6 @@ impl Rcc {
             APB2ENR => apb_start(field(self.cfgr, cfgr::PPRE2_AT, 0b111)),
             _ => AHB_START,
         }
-    }
-
-    /// The watchdog keeps the low-speed oscillator on (7.2.5).
-    pub(super) fn keep_lsi_on(&mut self, now: Nanos) {
-        let chance = &mut self.chance;
-        self.lsi.set(true, || Some(chance.span(LSI_START)), now);
     }
 
     fn vco(&self, now: Nanos) -> u64 {
@@ -328,7 +264,7 @@ impl Rcc {
     /// The rates at `now`.
     pub(super) fn clocks(&self, now: Nanos) -> Clocks {
         let when = |source: Source, hz| if source.is_ready(now) { hz } else { 0 };
-        let hsi16 = when(self.hsi16, self.internal_hz);
+        let hsi16 = when(self.hsi, self.internal_hz);
         let hse = when(self.hse, self.crystal_hz);
         let pll_q = self.pll_output(pllcfgr::QEN, pllcfgr::Q_AT, now);
         let system = match self.selected {
@@ -337,11 +273,8 @@ impl Rcc {
             _ => self.pll_output(pllcfgr::REN, pllcfgr::R_AT, now),
         };
         let ahb = system / ahb_divider(field(self.cfgr, cfgr::HPRE_AT, 0xF));
-        let divider = apb_divider(field(self.cfgr, cfgr::PPRE1_AT, 0b111));
-        let apb1 = ahb / divider;
-        // 7.2.16: the timers run at twice the rate of a divided bus.
-        let apb1_timers = if divider == 1 { apb1 } else { 2 * apb1 };
-        let select = |at| field(self.ccipr, at, 0b11);
+        let (apb1, apb1_timers) = apb_rates(ahb, field(self.cfgr, cfgr::PPRE1_AT, 0b111));
+        let select = |at| field(self.chip.ccipr, at, 0b11);
         Clocks {
             system,
             ahb,
@@ -360,7 +293,7 @@ impl Rcc {
                 _ => 0,
             },
             usb: match select(ccipr::CLK48SEL_AT) {
-                0 => when(self.hsi48, HSI48_HZ),
+                0 => when(self.chip.hsi48, HSI48_HZ),
                 2 => pll_q,
                 _ => 0,
             },
@@ -371,28 +304,26 @@ impl Rcc {
     fn settle(&mut self, now: Nanos) {
         self.settled = now;
         let input = match self.pllcfgr & pllcfgr::SRC {
-            pllcfgr::SRC_HSI16 => self.hsi16,
+            pllcfgr::SRC_HSI16 => self.hsi,
             pllcfgr::SRC_HSE => self.hse,
             _ => Source::default(),
         };
         let chance = &mut self.chance;
         self.pll.follow(input, || chance.span(PLL_LOCK), now);
         let wanted = match self.cfgr & cfgr::SW {
-            cfgr::HSI16 => self.hsi16.is_ready(now),
+            cfgr::HSI16 => self.hsi.is_ready(now),
             cfgr::HSE => self.hse.is_ready(now),
             cfgr::PLL => self.pll.is_ready(now) && self.pllcfgr & pllcfgr::REN != 0,
             _ => false,
         };
         if wanted && self.selected != self.cfgr & cfgr::SW {
             self.selected = self.cfgr & cfgr::SW;
-            self.switched = now;
+            self.chip.switched = now;
         }
     }
 
     fn write_cr(&mut self, value: u32, now: Nanos) -> Result<(), Refused> {
-        if value & !(cr::MODELLED | cr::READY) != 0 {
-            return Err(Refused::Unimplemented("CR"));
-        }
+        check_modelled("CR", value, cr::MODELLED | cr::READY)?;
         let (hsi16, hse, pll) = (value & cr::HSION != 0, value & cr::HSEON != 0, value & cr::PLLON != 0);
         let off = |on: bool, source| !on && self.selected == source;
         if off(hsi16, cfgr::HSI16) || off(hse, cfgr::HSE) || off(pll, cfgr::PLL) {
@@ -410,7 +341,7 @@ impl Rcc {
             self.start_crystal(now);
         }
         let chance = &mut self.chance;
-        self.hsi16.set(hsi16, || Some(chance.span(HSI16_START)), now);
+        self.hsi.set(hsi16, || Some(chance.span(HSI16_START)), now);
         if pll && !self.pll.on {
             let vco = self.pll_input() * u64::from(self.multiplier());
             if !PLL_INPUT.contains(&self.pll_input()) || !VCO.contains(&vco) {
@@ -456,7 +387,7 @@ impl Rcc {
         if clocks.system > MOST || self.pll_output(pllcfgr::QEN, pllcfgr::Q_AT, now) > MOST {
             return Some(forbidden("PLLCFGR", "7.2.4: an output of the PLL above 170 MHz"));
         }
-        if self.selected == cfgr::PLL && clocks.ahb > MOST_AT_SWITCH && now < self.switched + TRANSITION {
+        if self.selected == cfgr::PLL && clocks.ahb > MOST_AT_SWITCH && now < self.chip.switched + TRANSITION {
             return Some(forbidden(
                 "CFGR",
                 "7.2.7: HCLK above 80 MHz within 1 µs after the switch to the PLL",
@@ -466,28 +397,30 @@ impl Rcc {
     }
 }
 
+/// The refusal of a register without a model.
+fn refusal(offset: u32) -> Refused {
+    match offset {
+        ICSCR => Refused::Unimplemented("ICSCR"),
+        CIER | CIFR | CICR => Refused::Unimplemented("CIER/CIFR/CICR"),
+        0x68..=0x9C => Refused::Unimplemented("SMENR"),
+        _ => Refused::NoRegister,
+    }
+}
+
 impl Peripheral for Rcc {
     fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
         if let Some(value) = self.gates.read(offset) {
             return Ok(value);
         }
         match offset {
-            CR => {
-                let oscillators =
-                    self.hsi16.flags(cr::HSION, cr::HSIRDY, now) | self.hse.flags(cr::HSEON, cr::HSERDY, now);
-                let bypass = if self.bypass { cr::HSEBYP } else { 0 };
-                Ok(oscillators | bypass | self.pll.flags(cr::PLLON, cr::PLLRDY, now))
-            }
+            CR => Ok(self.read_cr(now)),
             CFGR => Ok(self.cfgr & !cfgr::SWS | self.selected << cfgr::SWS_AT),
             PLLCFGR => Ok(self.pllcfgr),
-            CCIPR => Ok(self.ccipr),
-            CSR => Ok(self.flags | self.lsi.flags(csr::LSION, csr::LSIRDY, now)),
-            CRRCR => Ok(self.hsi48.flags(crrcr::HSI48ON, crrcr::HSI48RDY, now)),
+            CCIPR => Ok(self.chip.ccipr),
+            CSR => Ok(self.read_csr(now)),
+            CRRCR => Ok(self.chip.hsi48.flags(crrcr::HSI48ON, crrcr::HSI48RDY, now)),
             BDCR => Ok(self.bdcr),
-            ICSCR => Err(Refused::Unimplemented("ICSCR")),
-            CIER | CIFR | CICR => Err(Refused::Unimplemented("CIER/CIFR/CICR")),
-            0x68..=0x9C => Err(Refused::Unimplemented("SMENR")),
-            _ => Err(Refused::NoRegister),
+            _ => Err(refusal(offset)),
         }
     }
 
@@ -498,36 +431,23 @@ impl Peripheral for Rcc {
         match offset {
             CR => self.write_cr(value, now)?,
             CFGR => {
-                if value & !(cfgr::MODELLED | cfgr::SWS) != 0 {
-                    return Err(Refused::Unimplemented("CFGR"));
-                }
+                check_modelled("CFGR", value, cfgr::MODELLED | cfgr::SWS)?;
                 self.cfgr = value & cfgr::MODELLED;
             }
             PLLCFGR => self.write_pllcfgr(value)?,
             CCIPR => {
-                if value & !ccipr::MODELLED != 0 {
-                    return Err(Refused::Unimplemented("CCIPR"));
-                }
-                self.ccipr = value;
+                check_modelled("CCIPR", value, ccipr::MODELLED)?;
+                self.chip.ccipr = value;
             }
-            CSR => {
-                if value & csr::RMVF != 0 {
-                    self.flags = 0;
-                }
-                let chance = &mut self.chance;
-                self.lsi
-                    .set(value & csr::LSION != 0, || Some(chance.span(LSI_START)), now);
-            }
+            CSR => self.write_csr(value, now),
             CRRCR => {
                 let chance = &mut self.chance;
-                self.hsi48
+                self.chip
+                    .hsi48
                     .set(value & crrcr::HSI48ON != 0, || Some(chance.span(HSI48_START)), now);
             }
-            BDCR => rcc::write_bdcr(&mut self.bdcr, value)?,
-            ICSCR => return Err(Refused::Unimplemented("ICSCR")),
-            CIER | CIFR | CICR => return Err(Refused::Unimplemented("CIER/CIFR/CICR")),
-            0x68..=0x9C => return Err(Refused::Unimplemented("SMENR")),
-            _ => return Err(Refused::NoRegister),
+            BDCR => self.write_bdcr(value)?,
+            _ => return Err(refusal(offset)),
         }
         self.settle(now);
         Ok(())
@@ -538,8 +458,8 @@ impl Peripheral for Rcc {
     }
 
     fn due(&self) -> Option<Nanos> {
-        let sources = [self.hsi16, self.hse, self.hsi48, self.lsi, self.pll];
-        sources.iter().filter_map(|source| source.due(self.settled)).min()
+        let hsi48 = self.chip.hsi48.due(self.settled);
+        [self.next_ready(), hsi48].into_iter().flatten().min()
     }
 }
 
@@ -548,7 +468,8 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     use super::*;
-    use crate::crystal::{Crystal, INTERNAL_HZ};
+    use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
+    use crate::soc::machine::Cause;
 
     /// 8 MHz / 2 * 80 / 2 = 160 MHz, Q is 80 MHz.
     const PLLCFGR_160: u32 = 0b11 | 1 << 4 | 80 << 8 | 1 << 20 | 1 << 21 | 1 << 24;

@@ -18,7 +18,7 @@
 use crate::line::{AnyLine, Arrival, SECOND};
 use crate::mcu::common::shifter::{Settings, Shifter, Uart};
 use crate::mcu::common::usart;
-use crate::soc::peripheral::{Peripheral, Refused, forbidden};
+use crate::soc::peripheral::{Peripheral, Refused, check_modelled, forbidden};
 use crate::time::Nanos;
 
 const CR1: u32 = 0x00;
@@ -231,9 +231,7 @@ impl Usart {
     }
 
     fn write_cr3(&mut self, value: u32) -> Result<(), Refused> {
-        if value & !cr3::MODELLED != 0 {
-            return Err(Refused::Unimplemented("CR3"));
-        }
+        check_modelled("CR3", value, cr3::MODELLED)?;
         if (value ^ self.cr3) & cr3::HELD != 0 {
             self.while_disabled("CR3")?;
         }

@@ -25,7 +25,7 @@ use crate::can::confinement::Confinement;
 use crate::can::wait::Wait;
 use crate::can::{self, Capability, Controller as _, ErrorState, Fault};
 use crate::line::SECOND;
-use crate::soc::peripheral::{Refused, check_reserved, field, forbidden, merge};
+use crate::soc::peripheral::{Refused, check_modelled, check_reserved, field, forbidden, merge};
 use crate::time::Nanos;
 
 /// Number of times 11 recessive bits to join the bus, and to recover from bus-off (44.4.13).
@@ -231,9 +231,7 @@ impl Controller {
     }
 
     fn write_control(&mut self, value: u32) -> Result<(), Refused> {
-        if value & !cccr::MODELLED != 0 {
-            return Err(Refused::Unimplemented("CCCR: TEST, ASM, TXP, EFBI or NISO"));
-        }
+        check_modelled("CCCR: TEST, ASM, TXP, EFBI or NISO", value, cccr::MODELLED)?;
         let was_open = self.is_open();
         if !was_open && (value ^ self.cccr) & cccr::HELD != 0 {
             return Err(forbidden(
