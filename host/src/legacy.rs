@@ -11,13 +11,13 @@ use crate::link::Link;
 use crate::port::Connection;
 use crate::text::Text;
 
-/// Listening time before the first byte is sent. An older arm transmits two frames forty times a second. Three frames
-/// detect it, in 50 ms. A current arm is silent without a request.
+/// Listening time before the first byte is sent. An older arm transmits two frames forty times a second. Two frames
+/// detect it, in 25 ms. A current arm is silent without a request.
 const LISTEN_TIME: Duration = Duration::from_millis(100);
 /// Listening time if bytes arrive meanwhile.
 const EXTENDED_LISTEN_TIME: Duration = Duration::from_millis(500);
 
-/// A line that sends nothing after an arm of the older generation was detected: a read returns the error.
+/// A line that sends nothing after an arm of the older generation was detected: reads and writes return the error.
 struct Listened {
     line: Box<dyn Line>,
     detector: Detector,
@@ -54,6 +54,17 @@ impl Listened {
             }
         }
     }
+
+    /// Takes the next bytes from the arm. Fails once the older generation was detected.
+    fn check(&mut self, bytes: &[u8]) -> Result<(), Error> {
+        match self.detector.push(bytes) {
+            None => Ok(()),
+            Some(legacy) => Err(Error::Legacy {
+                name: self.name().into(),
+                legacy,
+            }),
+        }
+    }
 }
 
 impl Line for Listened {
@@ -63,16 +74,12 @@ impl Line for Listened {
 
     fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         let n = self.line.read(buf, wait)?;
-        match self.detector.push(&buf[..n]) {
-            None => Ok(n),
-            Some(legacy) => Err(Error::Legacy {
-                name: self.name().into(),
-                legacy,
-            }),
-        }
+        self.check(&buf[..n])?;
+        Ok(n)
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+        self.check(&[])?;
         self.line.write(bytes)
     }
 
@@ -142,6 +149,22 @@ mod tests {
             ));
             assert_eq!(sent.load(Ordering::Relaxed), 0);
         }
+    }
+
+    #[test]
+    fn write_after_a_detection_is_refused() {
+        let sent = Arc::new(AtomicUsize::new(0));
+        let line = Transmitter {
+            sent: Arc::clone(&sent),
+            silent_until: 1,
+        };
+        let mut line = Listened::new(Box::new(line), Instant::now()).unwrap();
+        assert_eq!(line.write(&[0xAA]).unwrap(), 1);
+        let mut buf = [0; 64];
+        assert!(line.read(&mut buf, Duration::ZERO).is_ok(), "one frame may be noise");
+        assert!(matches!(line.read(&mut buf, Duration::ZERO), Err(Error::Legacy { .. })));
+        assert!(matches!(line.write(&[0xAA]), Err(Error::Legacy { .. })));
+        assert_eq!(sent.load(Ordering::Relaxed), 1);
     }
 
     #[test]
