@@ -14,23 +14,43 @@ pub(crate) struct Confirm {
     yes: bool,
 }
 
+/// A question that is still to be asked.
+#[must_use]
+pub(crate) struct Question<'a> {
+    danger: &'a str,
+    is_confirmed: bool,
+}
+
 impl Confirm {
-    /// Prompts on a terminal for confirmation of `danger`, a sentence.
+    /// The question whether to do something with this danger, a sentence. The option answers it.
     ///
     /// # Errors
     ///
-    /// The answer is not yes, or there is no terminal for a prompt.
-    pub(crate) fn prompt(&self, danger: &str) -> Result<(), Error> {
-        if self.yes {
+    /// There is no terminal for a prompt.
+    pub(crate) fn question<'a>(&self, danger: &'a str) -> Result<Question<'a>, Error> {
+        let is_confirmed = self.yes;
+        match is_confirmed || stdin().is_terminal() {
+            true => Ok(Question { danger, is_confirmed }),
+            false => Err(Error::Usage(format!(
+                "{danger} Confirmation needs a terminal: use --yes"
+            ))),
+        }
+    }
+}
+
+impl Question<'_> {
+    /// Prompts for confirmation on the terminal.
+    ///
+    /// # Errors
+    ///
+    /// The answer is not yes.
+    pub(crate) fn ask(self) -> Result<(), Error> {
+        if self.is_confirmed {
             return Ok(());
         }
-        if !stdin().is_terminal() {
-            return Err(Error::Usage(format!(
-                "{danger} Confirmation needs a terminal: use --yes"
-            )));
-        }
         let mut answer = String::new();
-        let prompted = write!(stderr(), "{danger} Continue? [y/N] ").and_then(|()| stdin().read_line(&mut answer));
+        let prompted =
+            write!(stderr(), "{} Continue? [y/N] ", self.danger).and_then(|()| stdin().read_line(&mut answer));
         prompted.map_err(|error| Error::at("confirmation", error))?;
         match answer.trim() {
             "y" | "Y" | "yes" => Ok(()),

@@ -10,7 +10,7 @@ use clap::Args;
 use crate::args::ArmPort;
 use crate::call::ling::{TORQUES, Target};
 use crate::call::values::{one_of, seconds};
-use crate::confirm::Confirm;
+use crate::confirm::{Confirm, Question};
 use crate::error::Error;
 use crate::output::print_line;
 use crate::stop::stoppable;
@@ -112,10 +112,12 @@ impl SetTorque {
             Torque::On => (true, "torque on: the arm holds its position"),
             Torque::Off => (false, "torque off: the arm can be moved by hand"),
         };
-        if !wanted {
-            self.confirm.prompt("With torque off the arm falls: hold it.")?;
-        }
+        let question = match self.torque {
+            Torque::On => None,
+            Torque::Off => Some(self.confirm.question("With torque off the arm falls: hold it.")?),
+        };
         let mut arm = self.arm.connect()?.ling()?;
+        question.map_or(Ok(()), Question::ask)?;
         let request = Request::SetTorque(self.torque);
         let is_so = |state: &JointState| state.status.is_holding() == Some(wanted);
         let (JointState { status, .. }, is_so) = send_and_read(&mut arm, |arm| arm.set_torque(self.torque), is_so)?;
@@ -134,9 +136,11 @@ impl SetTorque {
 
 impl SetZero {
     pub(crate) fn run(&self) -> Result<(), Error> {
-        self.confirm
-            .prompt("The current pose becomes zero. The torque goes off and the arm falls: hold it.")?;
+        let question = self
+            .confirm
+            .question("The current pose becomes zero. The torque goes off and the arm falls: hold it.")?;
         let mut arm = self.arm.connect()?.ling()?;
+        question.ask()?;
         let is_zero = |state: &JointState| {
             let mut joints = state.joints.iter();
             joints.all(|ticks| ticks.abs_diff(ZERO) <= Move::JOINT_TOLERANCE)

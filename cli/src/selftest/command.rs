@@ -64,7 +64,7 @@ impl Selftest {
             return Err(Port::not_found(&self.port).into());
         }
         let serial = usb_serial_number(&self.port)?;
-        self.confirm.prompt(DANGER)?;
+        self.confirm.question(DANGER)?.ask()?;
         let mut adapter = LinuxUsb::open(serial).map_err(|fault| Host::Usb {
             name: self.port.as_str().into(),
             fault,

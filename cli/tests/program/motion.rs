@@ -201,6 +201,21 @@ fn commands_that_release_the_arm_need_confirmation() {
     for args in [&["torque", "/dev/null", "off"][..], &["set-zero", "/dev/null"]] {
         let text = usage(args);
         assert!(text.contains("hold it.") && text.contains("--yes"), "{text}");
+        // A refusal of the command is not one of its arguments.
+        assert!(text.starts_with("armwire: ") && text.lines().count() == 1, "{text}");
+    }
+}
+
+#[test]
+fn missing_port_asks_for_no_confirmation() {
+    let mut terminal = Terminal::new(80, 24);
+    for args in [
+        &["torque", "/dev/no-such-port", "off"][..],
+        &["set-zero", "/dev/no-such-port"],
+    ] {
+        let child = terminal.start(args);
+        let line = failure(&terminal.finish(child));
+        assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
     }
 }
 
