@@ -1,7 +1,9 @@
-//! The registers that the USARTs of both chips share: control bits, flags, the frame format and interrupts.
+//! The parts that the USARTs of both chips share: control bits, flags, the frame format, interrupts and data registers.
 
-use crate::line::{Format, Parity};
-use crate::soc::peripheral::{Refused, check_modelled, field};
+use super::shifter::{Settings, Shifter};
+use crate::line::{AnyLine, Format, Parity};
+use crate::soc::peripheral::{Peripheral, Refused, check_modelled, field};
+use crate::time::Nanos;
 
 /// Bits of CR1.
 pub(crate) mod cr1 {
@@ -54,7 +56,7 @@ pub(crate) mod flag {
 }
 
 /// The format of a byte by these values of CR1 and CR2.
-pub(crate) fn format(cr1: u32, cr2: u32) -> Format {
+fn format(cr1: u32, cr2: u32) -> Format {
     let parity = match (cr1 & cr1::PCE, cr1 & cr1::PS) {
         (0, _) => Parity::None,
         (_, 0) => Parity::Even,
@@ -93,4 +95,101 @@ pub(crate) fn check_cr2(value: u32) -> Result<(), Refused> {
         return Err(Refused::Unimplemented("CR2"));
     }
     Ok(())
+}
+
+/// The constants of a chip's USART, and its state that the other does not have.
+pub(crate) trait Chip: Default {
+    /// The enable in CR1.
+    const UE: u32;
+
+    /// The bit time in picoseconds, 0 without a divider.
+    fn bit(usart: &Usart<Self>) -> u64;
+}
+
+/// A USART.
+#[derive(Debug)]
+pub(crate) struct Usart<C> {
+    pub(crate) shifter: Shifter,
+    pub(crate) clock_hz: u64,
+    pub(crate) cr1: u32,
+    pub(crate) cr2: u32,
+    pub(crate) cr3: u32,
+    pub(crate) brr: u32,
+    pub(crate) gtpr: u32,
+    /// PE, FE, NE, ORE, IDLE and TC.
+    pub(crate) flags: u32,
+    /// The received byte, while RXNE is set, and the last one.
+    pub(crate) received: Option<u8>,
+    pub(crate) last: u8,
+    /// The byte for the transmitter, while TXE is clear.
+    pub(crate) transmit: Option<u8>,
+    pub(crate) chip: C,
+}
+
+impl<C: Chip> Usart<C> {
+    pub(crate) fn new(line: AnyLine) -> Self {
+        Self {
+            shifter: Shifter::new(line),
+            clock_hz: 0,
+            cr1: 0,
+            cr2: 0,
+            cr3: 0,
+            brr: 0,
+            gtpr: 0,
+            flags: flag::TC,
+            received: None,
+            last: 0,
+            transmit: None,
+            chip: C::default(),
+        }
+    }
+
+    pub(crate) fn set_clock(&mut self, hz: u64, now: Nanos) {
+        if hz != self.clock_hz {
+            self.clock_hz = hz;
+            self.settle(now);
+        }
+    }
+
+    /// Checks for changes of the line by the program.
+    pub(crate) fn sync(&mut self, now: Nanos)
+    where
+        Self: Peripheral,
+    {
+        self.settle(now);
+        self.advance(now);
+    }
+
+    /// Resets the USART, but not the line and the clock.
+    pub(crate) fn restart(&mut self, now: Nanos) {
+        *self = Self {
+            clock_hz: self.clock_hz,
+            ..Self::new(self.shifter.line().clone())
+        };
+        self.settle(now);
+    }
+
+    /// Returns true if UE and this bit of CR1 are set.
+    pub(crate) fn is_on(&self, bit: u32) -> bool {
+        self.cr1 & (C::UE | bit) == C::UE | bit
+    }
+
+    /// The flags, RXNE and TXE.
+    #[inline]
+    pub(crate) fn data_status(&self) -> u32 {
+        let when = |set, bit| if set { bit } else { 0 };
+        self.flags | when(self.received.is_some(), flag::RXNE) | when(self.transmit.is_none(), flag::TXE)
+    }
+
+    /// Passes changes on to the line.
+    pub(crate) fn settle(&mut self, now: Nanos) {
+        let settings = Settings {
+            bit: C::bit(self),
+            format: format(self.cr1, self.cr2),
+            half_duplex: self.cr3 & cr3::HDSEL != 0,
+            transmits: self.is_on(cr1::TE),
+            receives: self.is_on(cr1::RE),
+        };
+        self.shifter.set(settings, now);
+    }
 }

@@ -14,8 +14,8 @@
 //! A read of DR by the DMA ends the sequence like one of the core. Refused with their name: 7 and 9 data bits, half
 //! stop bits, breaks, and all modes except asynchronous.
 
-use crate::line::{AnyLine, Arrival, SECOND};
-use crate::mcu::common::shifter::{Settings, Shifter, Uart};
+use crate::line::{Arrival, SECOND};
+use crate::mcu::common::shifter::Uart;
 use crate::mcu::common::usart::{self, flag};
 use crate::soc::peripheral::{Peripheral, Refused, forbidden};
 use crate::time::Nanos;
@@ -53,99 +53,38 @@ mod cr3 {
     pub(super) const MODELLED: u32 = EIE | HDSEL | DMAR | DMAT | ONEBIT;
 }
 
-#[derive(Debug)]
-pub(super) struct Usart {
-    shifter: Shifter,
-    clock_hz: u64,
-    cr1: u32,
-    cr2: u32,
-    cr3: u32,
-    brr: u32,
-    gtpr: u32,
-    /// PE, FE, NF, ORE, IDLE and TC.
-    flags: u32,
+/// The state that only this chip has.
+#[derive(Debug, Default)]
+pub(crate) struct Chip {
     /// The value of the last read of SR, until an access to DR ends the sequence.
     seen: Option<u32>,
-    /// The received byte, while RXNE is set, and the last one.
-    received: Option<u8>,
-    last: u8,
-    /// The byte for the transmitter, while TXE is clear.
-    transmit: Option<u8>,
     /// True if a byte was received since the line was last idle.
     received_since_idle: bool,
 }
 
+pub(super) type Usart = usart::Usart<Chip>;
+
+impl usart::Chip for Chip {
+    const UE: u32 = cr1::UE;
+
+    /// See 30.3.4.
+    fn bit(usart: &Usart) -> u64 {
+        let cycles = if usart.cr1 & cr1::OVER8 != 0 {
+            usart.brr >> 4 << 3 | usart.brr & 0b111
+        } else {
+            usart.brr
+        };
+        (u64::from(cycles) * SECOND).checked_div(usart.clock_hz).unwrap_or(0)
+    }
+}
+
 impl Usart {
-    pub(super) fn new(line: AnyLine) -> Self {
-        Self {
-            shifter: Shifter::new(line),
-            clock_hz: 0,
-            cr1: 0,
-            cr2: 0,
-            cr3: 0,
-            brr: 0,
-            gtpr: 0,
-            flags: flag::TC,
-            seen: None,
-            received: None,
-            last: 0,
-            transmit: None,
-            received_since_idle: false,
-        }
-    }
-
-    pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
-        if hz != self.clock_hz {
-            self.clock_hz = hz;
-            self.settle(now);
-        }
-    }
-
-    /// Checks for changes of the line by the program.
-    pub(super) fn sync(&mut self, now: Nanos) {
-        self.settle(now);
-        self.advance(now);
-    }
-
     /// The level of the interrupt line (30.4).
     #[inline]
     pub(super) fn interrupts(&self) -> bool {
-        let status = self.status();
+        let status = self.data_status();
         let reports_errors = self.cr3 & (cr3::EIE | cr3::DMAR) == cr3::EIE | cr3::DMAR;
         usart::interrupts(self.cr1, status) || reports_errors && status & flag::ERRORS != 0
-    }
-
-    /// Returns true if UE and this bit of CR1 are set.
-    fn is_on(&self, bit: u32) -> bool {
-        self.cr1 & (cr1::UE | bit) == cr1::UE | bit
-    }
-
-    #[inline]
-    fn status(&self) -> u32 {
-        let when = |set, bit| if set { bit } else { 0 };
-        self.flags | when(self.received.is_some(), flag::RXNE) | when(self.transmit.is_none(), flag::TXE)
-    }
-
-    /// The bit time in picoseconds, 0 without a divider (30.3.4).
-    fn bit(&self) -> u64 {
-        let cycles = if self.cr1 & cr1::OVER8 != 0 {
-            self.brr >> 4 << 3 | self.brr & 0b111
-        } else {
-            self.brr
-        };
-        (u64::from(cycles) * SECOND).checked_div(self.clock_hz).unwrap_or(0)
-    }
-
-    /// Passes changes on to the line.
-    fn settle(&mut self, now: Nanos) {
-        let settings = Settings {
-            bit: self.bit(),
-            format: usart::format(self.cr1, self.cr2),
-            half_duplex: self.cr3 & cr3::HDSEL != 0,
-            transmits: self.is_on(cr1::TE),
-            receives: self.is_on(cr1::RE),
-        };
-        self.shifter.set(settings, now);
     }
 
     /// Handles a received byte. One that arrives while RXNE is set is lost, including its errors (30.3.3).
@@ -159,18 +98,18 @@ impl Usart {
         self.flags |= flag(arrival.parity, flag::PE) | flag(arrival.framing, flag::FE) | flag(noise, flag::NE);
         self.received = Some(arrival.value);
         self.last = arrival.value;
-        self.received_since_idle = true;
+        self.chip.received_since_idle = true;
     }
 
     fn read_data(&mut self) -> u32 {
-        if let Some(seen) = self.seen.take() {
+        if let Some(seen) = self.chip.seen.take() {
             self.flags &= !(clearing::BY_READING | clearing::IF_SEEN & seen);
         }
         self.received.take().unwrap_or(self.last).into()
     }
 
     fn write_data(&mut self, value: u32) {
-        if self.seen.take().is_some() {
+        if self.chip.seen.take().is_some() {
             self.flags &= !clearing::BY_WRITING;
         }
         self.transmit = Some(value as u8);
@@ -178,7 +117,7 @@ impl Usart {
 
     /// A 0 clears TC and RXNE, a 1 has no effect. Hardware controls the other flags.
     fn write_status(&mut self, value: u32) {
-        self.seen = None;
+        self.chip.seen = None;
         self.flags &= value | !flag::TC;
         if value & flag::RXNE == 0 {
             self.received = None;
@@ -235,8 +174,8 @@ impl Peripheral for Usart {
     fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
         match offset {
             SR => {
-                let status = self.status();
-                self.seen = Some(status);
+                let status = self.data_status();
+                self.chip.seen = Some(status);
                 Ok(status)
             }
             DR => {
@@ -270,11 +209,11 @@ impl Peripheral for Usart {
         }
         if progress.idle {
             self.flags |= flag::IDLE;
-            self.received_since_idle = false;
+            self.chip.received_since_idle = false;
         }
         if let Some(arrival) = progress.arrived {
             self.receive(arrival);
-            if self.received_since_idle {
+            if self.chip.received_since_idle {
                 self.shifter.expect_idle(now);
             }
         }
@@ -284,18 +223,13 @@ impl Peripheral for Usart {
         self.shifter.due()
     }
 
-    /// Resets the USART, but not the line and the clock.
     fn reset(&mut self, now: Nanos) {
-        *self = Self {
-            clock_hz: self.clock_hz,
-            ..Self::new(self.shifter.line().clone())
-        };
-        self.settle(now);
+        self.restart(now);
     }
 
     fn peek(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
         match offset {
-            SR => Ok(self.status()),
+            SR => Ok(self.data_status()),
             DR => Ok(self.received.unwrap_or(self.last).into()),
             BRR => Ok(self.brr),
             CR1 => Ok(self.cr1),

@@ -15,8 +15,8 @@
 //! FIFO mode may be on while no byte is written or read. Refused with their name: bytes in FIFO mode, 7 data bits, half
 //! stop bits, and all modes except asynchronous.
 
-use crate::line::{AnyLine, Arrival, SECOND};
-use crate::mcu::common::shifter::{Settings, Shifter, Uart};
+use crate::line::{Arrival, SECOND};
+use crate::mcu::common::shifter::Uart;
 use crate::mcu::common::usart;
 use crate::soc::peripheral::{Peripheral, Refused, check_modelled, forbidden};
 use crate::time::Nanos;
@@ -74,102 +74,45 @@ mod isr {
 /// Dividers of PRESC (37.8.14).
 const PRESCALERS: [u64; 12] = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256];
 
-#[derive(Debug)]
-pub(super) struct Usart {
-    shifter: Shifter,
-    clock_hz: u64,
-    cr1: u32,
-    cr2: u32,
-    cr3: u32,
-    brr: u32,
+/// The state that only this chip has.
+#[derive(Debug, Default)]
+pub(crate) struct Chip {
     presc: u32,
-    gtpr: u32,
     rtor: u32,
-    /// PE, FE, NE, ORE, IDLE and TC.
-    flags: u32,
-    /// The received byte, while RXNE is set, and the last one.
-    received: Option<u8>,
-    last: u8,
-    /// The byte for the transmitter, while TXE is clear.
-    transmit: Option<u8>,
+}
+
+pub(super) type Usart = usart::Usart<Chip>;
+
+impl usart::Chip for Chip {
+    const UE: u32 = cr1::UE;
+
+    /// See 37.5.8.
+    fn bit(usart: &Usart) -> u64 {
+        let divider = if usart.cr1 & cr1::OVER8 != 0 {
+            (usart.brr & 0xFFF0 | (usart.brr & 0b111) << 1) / 2
+        } else {
+            usart.brr
+        };
+        let prescaler = PRESCALERS[usart.chip.presc as usize % PRESCALERS.len()];
+        (u64::from(divider) * prescaler * SECOND)
+            .checked_div(usart.clock_hz)
+            .unwrap_or(0)
+    }
 }
 
 impl Usart {
-    pub(super) fn new(line: AnyLine) -> Self {
-        Self {
-            shifter: Shifter::new(line),
-            clock_hz: 0,
-            cr1: 0,
-            cr2: 0,
-            cr3: 0,
-            brr: 0,
-            presc: 0,
-            gtpr: 0,
-            rtor: 0,
-            flags: isr::TC,
-            received: None,
-            last: 0,
-            transmit: None,
-        }
-    }
-
-    pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
-        if hz != self.clock_hz {
-            self.clock_hz = hz;
-            self.settle(now);
-        }
-    }
-
-    /// Checks for changes of the line by the program.
-    pub(super) fn sync(&mut self, now: Nanos) {
-        self.settle(now);
-        self.advance(now);
-    }
-
     /// The level of the interrupt line (37.6).
     pub(super) fn interrupts(&self) -> bool {
         let status = self.status();
         usart::interrupts(self.cr1, status) || self.cr3 & cr3::EIE != 0 && status & isr::ERRORS != 0
     }
 
-    /// Returns true if UE and this bit of CR1 are set.
-    fn is_on(&self, bit: u32) -> bool {
-        self.cr1 & (cr1::UE | bit) == cr1::UE | bit
-    }
-
     fn status(&self) -> u32 {
         let when = |set, bit| if set { bit } else { 0 };
-        self.flags
-            | when(self.received.is_some(), isr::RXNE)
-            | when(self.transmit.is_none(), isr::TXE)
+        self.data_status()
             | when(self.shifter.is_receiving(), isr::BUSY)
             | when(self.is_on(cr1::TE), isr::TEACK)
             | when(self.is_on(cr1::RE), isr::REACK)
-    }
-
-    /// The bit time in picoseconds, 0 without a divider (37.5.8).
-    fn bit(&self) -> u64 {
-        let divider = if self.cr1 & cr1::OVER8 != 0 {
-            (self.brr & 0xFFF0 | (self.brr & 0b111) << 1) / 2
-        } else {
-            self.brr
-        };
-        let prescaler = PRESCALERS[self.presc as usize % PRESCALERS.len()];
-        (u64::from(divider) * prescaler * SECOND)
-            .checked_div(self.clock_hz)
-            .unwrap_or(0)
-    }
-
-    /// Passes changes on to the line.
-    fn settle(&mut self, now: Nanos) {
-        let settings = Settings {
-            bit: self.bit(),
-            format: usart::format(self.cr1, self.cr2),
-            half_duplex: self.cr3 & cr3::HDSEL != 0,
-            transmits: self.is_on(cr1::TE),
-            receives: self.is_on(cr1::RE),
-        };
-        self.shifter.set(settings, now);
     }
 
     /// Handles a received byte.
@@ -265,13 +208,13 @@ impl Peripheral for Usart {
             CR3 => Ok(self.cr3),
             BRR => Ok(self.brr),
             GTPR => Ok(self.gtpr),
-            RTOR => Ok(self.rtor),
+            RTOR => Ok(self.chip.rtor),
             RQR | ICR => Ok(0),
             ISR => Ok(self.status()),
             RDR if self.cr1 & cr1::FIFOEN != 0 => Err(Refused::Unimplemented("RDR in FIFO mode")),
             RDR => Ok(self.received.take().unwrap_or(self.last).into()),
             TDR => Ok(self.transmit.unwrap_or(0).into()),
-            PRESC => Ok(self.presc),
+            PRESC => Ok(self.chip.presc),
             _ => Err(Refused::NoRegister),
         }
     }
@@ -287,11 +230,11 @@ impl Peripheral for Usart {
             }
             PRESC => {
                 self.while_disabled("PRESC")?;
-                self.presc = value & 0xF;
+                self.chip.presc = value & 0xF;
             }
             // Both have no effect in asynchronous mode without a receiver timeout.
             GTPR => self.gtpr = value,
-            RTOR => self.rtor = value,
+            RTOR => self.chip.rtor = value,
             RQR => {
                 if value & rqr::RXFRQ != 0 {
                     self.received = None;
@@ -338,13 +281,8 @@ impl Peripheral for Usart {
         self.shifter.due()
     }
 
-    /// Resets the USART, but not the line and the clock.
     fn reset(&mut self, now: Nanos) {
-        *self = Self {
-            clock_hz: self.clock_hz,
-            ..Self::new(self.shifter.line().clone())
-        };
-        self.settle(now);
+        self.restart(now);
     }
 }
 
@@ -504,7 +442,7 @@ mod tests {
         // 160 MHz / 2 / 10 = 8 MBaud.
         bench.write(BRR, 0x10 | 2).unwrap();
         bench.write(PRESC, 1).unwrap();
-        assert_eq!(bench.usart.bit(), 125_000);
+        assert_eq!(<Chip as usart::Chip>::bit(&bench.usart), 125_000);
     }
 
     #[test]
