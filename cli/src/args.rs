@@ -19,7 +19,7 @@ pub(crate) struct Place {
     pub(crate) port: String,
     /// Kind of arm.
     #[arg(long, value_enum, default_value_t)]
-    pub(crate) arm: ArmKind,
+    pub(crate) arm: LiveArm,
     #[command(flatten)]
     pub(crate) baud: Baud,
     /// Control port of the adapter, if it is not found by the arm's port: control:PATH or PATH. A virtual board needs it.
@@ -97,15 +97,31 @@ pub(crate) struct Baud {
     pub(crate) baud: Option<NonZeroU32>,
 }
 
-/// The arms there are.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-pub enum ArmKind {
+/// The arms on a port.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LiveArm {
     /// Ling / Alicia-D, on a serial port.
     #[default]
     Ling,
+    /// Ling / Alicia-D of the older generation, on a serial port. Nothing is sent to it.
+    LingLegacy,
     /// UFACTORY xArm, on TCP.
     Xarm,
     /// UBTECH Alpha1, on a serial port or as a HID device.
+    Alpha1,
+}
+
+/// The arms of recordings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum ArmKind {
+    /// Ling / Alicia-D. The generation is detected.
+    #[default]
+    Ling,
+    /// Ling / Alicia-D of the older generation.
+    LingLegacy,
+    /// UFACTORY xArm.
+    Xarm,
+    /// UBTECH Alpha1.
     Alpha1,
 }
 

@@ -6,7 +6,7 @@ use armwire_host::{Adapter, LineErrors, Link, XArm, line_holder};
 use clap::Args;
 
 use crate::adapter::{RECOVERY, identity};
-use crate::args::{ArmKind, Place};
+use crate::args::{LiveArm, Place};
 use crate::error::Error;
 use crate::output::{print_json, print_line};
 use crate::remedies::words;
@@ -49,7 +49,12 @@ impl Report {
     }
 
     fn collect(&mut self, place: &Place) -> Result<(), Error> {
-        if matches!(place.arm, ArmKind::Xarm) {
+        if place.arm == LiveArm::LingLegacy {
+            let reason = "nothing is sent to an arm of the older generation, and info only asks: 'armwire monitor' shows its \
+                          joints";
+            return Err(Error::refused(&place.port, reason));
+        }
+        if matches!(place.arm, LiveArm::Xarm) {
             // A byte outside frames ends the connection.
             return self.arm(XArm::connect(&place.host()?)?.link()).map(drop);
         }
@@ -69,8 +74,8 @@ impl Report {
             return Ok(());
         }
         let errors = match place.arm {
-            ArmKind::Alpha1 => self.arm(connection.alpha1()?.link()),
-            ArmKind::Ling | ArmKind::Xarm => self.arm(connection.ling()?.link()),
+            LiveArm::Alpha1 => self.arm(connection.alpha1()?.link()),
+            LiveArm::Ling | LiveArm::LingLegacy | LiveArm::Xarm => self.arm(connection.ling()?.link()),
         };
         let explain = |error| connection.explain(error);
         let LineErrors { noise_bytes, .. } = errors.map_err(|error| error.explained(explain))?;

@@ -23,6 +23,7 @@ use std::io::{BufRead, Read, stdin};
 use std::path::PathBuf;
 
 use armwire::alpha1::Alpha1;
+use armwire::ling::legacy::Legacy;
 use armwire::xarm::XArm;
 use armwire_host::describe::Protocol;
 use clap::Args;
@@ -140,6 +141,7 @@ fn decode_recording(
         _ => {
             let mut buses = Buses::new(match arm {
                 ArmKind::Ling => Protocol::Ling,
+                ArmKind::LingLegacy => Protocol::LingLegacy,
                 ArmKind::Alpha1 => Protocol::Alpha1,
                 ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
             });
@@ -161,6 +163,7 @@ fn decode_line(
 ) -> Result<(), Error> {
     let mut recording: Box<dyn Recording> = match arm {
         ArmKind::Ling => Box::new(LingFrames::new(from)),
+        ArmKind::LingLegacy => Box::new(Frames::<Legacy>::new(from)),
         ArmKind::Xarm => Box::new(Frames::<XArm>::new(from.or(Some(Speaker::Arm)))),
         ArmKind::Alpha1 => Box::new(Frames::<Alpha1>::new(from.or(Some(Speaker::Arm)))),
     };

@@ -2,7 +2,7 @@
 
 use armwire::decoder::{Decoder, Kind, Span};
 use armwire::framing::Reason;
-use armwire::ling::legacy::{Detector, Legacy};
+use armwire::ling::legacy::{Detector, Legacy, OlderGeneration};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire::messages::Messages;
 use armwire::xarm;
@@ -16,8 +16,9 @@ use crate::args::Speaker;
 const BUFFER: usize = xarm::MAX_FRAME;
 /// The longest run of stray bytes in one entry.
 const MAX_STRAY: usize = 1024;
-/// Maximum number of bytes before the generation of a Ling arm is known. After that it is the current one.
-const MAX_BEGINNING: usize = 2048;
+/// Maximum number of bytes before the generation of a Ling arm is known. After that the detector decides by one frame, as
+/// at the end of a recording.
+const MAX_BEGINNING: usize = 16 * 1024;
 
 /// A decoder of bytes from a line.
 pub(super) trait Recording {
@@ -260,11 +261,32 @@ impl LingFrames {
         self.frames = Some(frames);
     }
 
+    fn begin_older(&mut self, older: OlderGeneration, out: &dyn Output) {
+        out.remark(format_args!("This is {older}"));
+        self.begin(Box::new(Frames::<Legacy>::new(self.from)), out);
+    }
+
+    /// Decides by the bytes so far, which have no message of the current generation, except perhaps behind an incomplete
+    /// frame.
+    fn decide(&mut self, out: &dyn Output) {
+        self.current.idle();
+        let is_current = self.has_current_message();
+        match self.older.finish().filter(|_| !is_current) {
+            Some(older) => self.begin_older(older, out),
+            None => self.begin(Box::new(Frames::<Ling>::new(self.from)), out),
+        }
+    }
+
     /// Returns true if this byte ends a message of the current generation.
     fn ends_current_message(&mut self, byte: u8) -> bool {
         let byte = [byte];
         let left = self.current.push(&byte);
         debug_assert!(left.is_empty(), "after each byte the decoder has room for the next");
+        self.has_current_message()
+    }
+
+    /// Returns true if the decoder finds a message of the current generation.
+    fn has_current_message(&mut self) -> bool {
         while let Some(item) = self.current.next(&Ling, ()) {
             let is_message = || Ling.parse_request(item.bytes).is_ok() || Ling.parse_response(item.bytes, ()).is_ok();
             if item.kind == Kind::Frame && is_message() {
@@ -284,10 +306,11 @@ impl Recording for LingFrames {
         {
             self.beginning.push(byte);
             if let Some(older) = self.older.push(&[byte]) {
-                out.remark(format_args!("This is {older}"));
-                self.begin(Box::new(Frames::<Legacy>::new(self.from)), out);
-            } else if self.ends_current_message(byte) || self.beginning.len() >= MAX_BEGINNING {
+                self.begin_older(older, out);
+            } else if self.ends_current_message(byte) {
                 self.begin(Box::new(Frames::<Ling>::new(self.from)), out);
+            } else if self.beginning.len() >= MAX_BEGINNING {
+                self.decide(out);
             }
         }
         if let Some(frames) = &mut self.frames {
@@ -297,7 +320,7 @@ impl Recording for LingFrames {
 
     fn finish(&mut self, out: &dyn Output) {
         if self.frames.is_none() {
-            self.begin(Box::new(Frames::<Ling>::new(self.from)), out);
+            self.decide(out);
         }
         if let Some(frames) = &mut self.frames {
             frames.finish(out);

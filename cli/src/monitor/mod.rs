@@ -22,7 +22,7 @@ use std::sync::atomic::AtomicBool;
 use armwire_host::XArm;
 use clap::Args;
 
-use crate::args::{ArmKind, Place};
+use crate::args::{LiveArm, Place};
 use crate::error::Error;
 
 use output::Form;
@@ -63,7 +63,7 @@ impl Monitor {
         let form = Form::new(self.csv, self.json);
         let mut session = Session::new(&self.place.port, form, self.count, stop);
         let mut recorder = Recorder::new(self.mcap.as_deref());
-        let mut is_legacy = false;
+        let mut is_legacy = self.place.arm == LiveArm::LingLegacy;
         let end = loop {
             let watched = self.open(form, is_legacy, &recorder).and_then(|mut watched| {
                 recorder.create()?;
@@ -104,7 +104,7 @@ impl Monitor {
                 connection: None,
             });
         }
-        if matches!(self.place.arm, ArmKind::Xarm) {
+        if matches!(self.place.arm, LiveArm::Xarm) {
             let link = recorder.tapped(XArm::connect(&self.place.host()?)?.into_link());
             let source = Box::new(xarm::PolledXArm::new(link));
             return Ok(Watched {
@@ -115,7 +115,7 @@ impl Monitor {
         }
         let connection = self.place.connect()?;
         let source: Box<dyn Source> = match self.place.arm {
-            ArmKind::Alpha1 => Box::new(Polled(recorder.tapped(connection.alpha1()?.into_link()))),
+            LiveArm::Alpha1 => Box::new(Polled(recorder.tapped(connection.alpha1()?.into_link()))),
             _ if is_legacy => Box::new(legacy::Listener::new(recorder.tapped(connection.legacy()?))),
             _ => Box::new(Polled(recorder.tapped(connection.ling()?.into_link()))),
         };

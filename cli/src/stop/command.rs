@@ -8,7 +8,7 @@ use armwire_host::{Connection, Error as Host, Ling};
 use clap::Args;
 
 use super::show;
-use crate::args::{ArmKind, Place};
+use crate::args::{LiveArm, Place};
 use crate::call::call;
 use crate::call::ling::opening;
 use crate::error::Error;
@@ -27,8 +27,15 @@ pub(crate) struct StopArm {
 
 impl StopArm {
     pub(crate) fn run(&self) -> Result<(), Error> {
-        if matches!(self.place.arm, ArmKind::Xarm) {
-            let reason = "armwire has no request that stops an xarm: press its emergency stop";
+        let reason = match self.place.arm {
+            LiveArm::Xarm => Some("armwire has no request that stops an xarm: press its emergency stop"),
+            LiveArm::LingLegacy => Some(
+                "nothing is sent to an arm of the older generation, which has no request that stops it: switch its supply \
+                 off, the arm falls",
+            ),
+            LiveArm::Ling | LiveArm::Alpha1 => None,
+        };
+        if let Some(reason) = reason {
             return Err(Error::refused(&self.place.port, reason));
         }
         self.stop().map_err(|error| match error {
@@ -87,11 +94,11 @@ impl StopArm {
     /// Stops the arm by requests on its line.
     fn on_line(&self, connection: &Connection) -> Result<(), Error> {
         match self.place.arm {
-            ArmKind::Alpha1 if self.gripper.is_some() => {
+            LiveArm::Alpha1 if self.gripper.is_some() => {
                 Err(Error::Usage("--gripper does not apply to an alpha1".to_owned()))
             }
-            ArmKind::Alpha1 => call(connection.alpha1()?.link(), &alpha1::Request::Stop, false),
-            ArmKind::Ling | ArmKind::Xarm => self.ling(&mut connection.ling()?),
+            LiveArm::Alpha1 => call(connection.alpha1()?.link(), &alpha1::Request::Stop, false),
+            LiveArm::Ling | LiveArm::LingLegacy | LiveArm::Xarm => self.ling(&mut connection.ling()?),
         }
     }
 

@@ -120,6 +120,71 @@ fn decode_names_and_reads_a_legacy_recording() {
     fs::remove_file(path).unwrap();
 }
 
+/// The frame of a leader arm, as pasted in a bug report.
+const PASTED: &str = "AA 14 12 A9 07 A9 07 E6 0C 19 03 6D 06 92 09 2F 07 ED 04 81 08 00 FF\n";
+
+#[test]
+fn one_pasted_legacy_frame_is_named() {
+    let path = free_path("older-pasted");
+    for (before, after) in [("", ""), ("AA 12 07 01 03 08\n", "AA 12 07 01\n")] {
+        fs::write(&path, format!("{before}{PASTED}{after}")).unwrap();
+        let out = success(&["decode", path.to_str().unwrap()]);
+        assert!(out.starts_with("This is a Ling arm of the older generation"), "{out}");
+        assert!(out.contains("from the arm: joints: -7.65° +110.21°"), "{out}");
+    }
+    let current = "AA 06 00 01 FE 9A FF\n";
+    fs::write(&path, format!("{PASTED}{current}")).unwrap();
+    let out = success(&["decode", path.to_str().unwrap()]);
+    assert!(
+        out.contains("to the arm: read joints\n") && !out.contains("older"),
+        "{out}"
+    );
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn decode_is_told_of_a_legacy_arm() {
+    let path = free_path("older-told");
+    fs::write(&path, "AA 0A 03 05 04 13 00 FF\n").unwrap();
+    let out = success(&["decode", "--arm", "ling-legacy", path.to_str().unwrap()]);
+    assert!(
+        out.ends_with("frames: 1, noise bytes: 0\n") && out.contains("command 0A: unknown"),
+        "{out}"
+    );
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn legacy_arm_by_option_is_only_read() {
+    for command in ["info", "stop"] {
+        let line = failure(&run(&[command, "--arm", "ling-legacy", "/dev/no-such-port"]));
+        assert!(
+            line.contains("nothing is sent to an arm of the older generation"),
+            "{line}"
+        );
+    }
+    let arm = Arm::start("ling", "older-option", &["--legacy"]);
+    let args = [
+        "monitor",
+        "--arm",
+        "ling-legacy",
+        &arm.port,
+        "--rate",
+        "100",
+        "--count",
+        "3",
+    ];
+    let output = retry_while(STOPPED, || run(&args));
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+    assert_eq!(
+        String::from_utf8(output.stdout)
+            .unwrap()
+            .matches("joints: +0.00°")
+            .count(),
+        3
+    );
+}
+
 #[test]
 fn virtual_legacy_arm_has_no_current_settings() {
     for setting in [&["--leader"][..], &["--stroke", "100"], &["--echo"]] {

@@ -9,8 +9,8 @@ fuzz_target!(|input: &[u8]| {
     let Some((kind, recording)) = input.split_first() else {
         return;
     };
-    let arm = [ArmKind::Ling, ArmKind::Xarm, ArmKind::Alpha1][usize::from(kind % 3)];
-    let from = [None, Some(Speaker::Host), Some(Speaker::Arm)][usize::from(kind / 3 % 3)];
+    let arm = [ArmKind::Ling, ArmKind::Xarm, ArmKind::Alpha1, ArmKind::LingLegacy][usize::from(kind % 4)];
+    let from = [None, Some(Speaker::Host), Some(Speaker::Arm)][usize::from(kind / 4 % 3)];
     match decode(recording, arm, from) {
         Ok(lines) => check(&lines),
         // The error may quote the input.
