@@ -103,7 +103,7 @@ enum Command {
     /// Write the manual pages into a folder.
     #[cfg(feature = "shell")]
     Man {
-        /// Existing folder.
+        /// Folder. It is created if it does not exist.
         folder: PathBuf,
     },
 }
@@ -192,7 +192,8 @@ fn run(command: &Command) -> Result<(), Error> {
             output::print(&String::from_utf8_lossy(&script))
         }
         #[cfg(feature = "shell")]
-        Command::Man { folder } => clap_mangen::generate_to(Cli::command(), folder)
+        Command::Man { folder } => std::fs::create_dir_all(folder)
+            .and_then(|()| clap_mangen::generate_to(Cli::command(), folder))
             .map_err(|error| Error::at(&folder.display().to_string(), error)),
     }
 }

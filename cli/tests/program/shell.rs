@@ -23,12 +23,13 @@ fn each_shell_has_completions() {
 
 #[test]
 fn each_command_has_a_manual_page() {
-    let folder = free_path("man");
-    fs::create_dir(&folder).unwrap();
+    let above = free_path("man");
+    let folder = above.join("man1");
     success(&["man", folder.to_str().unwrap()]);
     for page in ["armwire.1", "armwire-info.1", "armwire-call-ling-move.1"] {
         let text = fs::read_to_string(folder.join(page)).unwrap();
         assert!(text.contains(".SH NAME"), "{page}");
     }
-    fs::remove_dir_all(folder).unwrap();
+    success(&["man", folder.to_str().unwrap()]);
+    fs::remove_dir_all(above).unwrap();
 }
