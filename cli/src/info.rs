@@ -11,6 +11,9 @@ use crate::error::Error;
 use crate::output::{print_json, print_line};
 use crate::remedies::words;
 
+/// Width of the column of names, with a gap after the longest: `servos that run` and `rotation radius`.
+const LABELS: usize = 17;
+
 /// The arguments of `armwire info`.
 #[derive(Args)]
 pub(crate) struct Info {
@@ -42,7 +45,7 @@ impl Info {
 impl Report {
     fn add(&mut self, fact: Fact) -> Result<(), Error> {
         if !self.json {
-            print_line(format_args!("{:<13}{}", fact.name, fact.text))?;
+            print_line(format_args!("{:<LABELS$}{}", fact.name, fact.text))?;
         }
         self.known.push(fact);
         Ok(())

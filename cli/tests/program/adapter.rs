@@ -38,24 +38,27 @@ fn info_shows_the_adapter_and_the_arm() {
     assert_eq!(
         lines,
         [
-            "adapter      virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
-            "configured   arm ling, poll off, silence after 500 ms",
-            "can          node 0, 1000000 bit/s, telemetry off, commands off",
-            "arm          Ling follower",
+            "adapter          virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
+            "configured       arm ling, poll off, silence after 500 ms",
+            "can              node 0, 1000000 bit/s, telemetry off, commands off",
+            "arm              Ling follower",
         ]
     );
-    assert!(out.contains("self-check   all 10 servos normal"), "{out}");
+    assert!(out.contains("self-check       all 10 servos normal"), "{out}");
     let out = success(&["info", &board.port]);
     assert!(out.starts_with("arm "), "a pty has no adapter: {out}");
     let out = success(&["info", &board.control]);
-    assert!(out.starts_with("adapter ") && !out.contains("arm          "), "{out}");
+    assert!(
+        out.starts_with("adapter ") && !out.contains("arm              "),
+        "{out}"
+    );
 }
 
 #[test]
 fn info_uses_the_named_control_port_or_fails() {
     let board = Board::start("named");
     let out = expect_control(&board, &["info", &board.port]);
-    assert!(out.starts_with("adapter      virtual, "), "{out}");
+    assert!(out.starts_with("adapter          virtual, "), "{out}");
 }
 
 #[test]
@@ -232,7 +235,7 @@ fn info_config_and_counters_report_a_held_line() {
     finish(hold);
     let state = "1000000 baud, held for USB ('armwire hold'): polls and CAN are refused";
     let out = success(&["info", &board.control]);
-    assert!(out.ends_with(&format!("\nrate         {state}\n")), "{out}");
+    assert!(out.ends_with(&format!("\nrate             {state}\n")), "{out}");
     for command in ["config", "counters"] {
         let output = run(&[command, &board.control]);
         let line = String::from_utf8(output.stderr).unwrap();
@@ -322,7 +325,11 @@ fn warnings(args: &[&str]) -> Vec<String> {
 fn info_shows_an_adapter_in_recovery() {
     let board = recovering("info-recovery", false);
     let out = success(&["info", &board.control]);
-    assert_eq!(out.lines().nth(1), Some(&*format!("recovery     {RECOVERY}")), "{out}");
+    assert_eq!(
+        out.lines().nth(1),
+        Some(&*format!("recovery         {RECOVERY}")),
+        "{out}"
+    );
     let json = success(&["info", "--json", &board.control]);
     assert!(json.contains(&format!("\"recovery\": \"{RECOVERY}\"")), "{json}");
     let usual = Board::start("info-usual");

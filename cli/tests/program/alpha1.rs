@@ -54,6 +54,13 @@ fn virtual_robot_reports_its_versions() {
     assert_eq!(call(&arm, "firmware-version"), "firmware: 2016010100\n");
     let info = success(&["info", "--arm", "alpha1", &arm.port]);
     assert!(info.contains("Alpha1_V9") && info.contains("2016010100"), "{info}");
+    // The values begin in one column.
+    let begins_there =
+        |line: &str| line.is_char_boundary(17) && line[..17].ends_with("  ") && line.as_bytes()[17] != b' ';
+    assert!(
+        info.lines().all(begins_there) && info.contains("servos that run  1 2 3 "),
+        "{info}"
+    );
 }
 
 #[test]

@@ -17,13 +17,13 @@ fn info_shows_the_adapter_and_the_arm() {
     let bus = CanBus::start();
     let out = success(&["info", &bus.port()]);
     for line in [
-        "adapter      virtual, serial number 0123456789AB, firmware 1.2.3",
-        "configured   arm ling, poll off, silence after 500 ms",
-        "can          node 3, 1000000 bit/s, telemetry off, commands off",
-        "arm          Ling follower",
-        "status       locked",
-        "self-check   all 10 servos normal",
-        "line         clean",
+        "adapter          virtual, serial number 0123456789AB, firmware 1.2.3",
+        "configured       arm ling, poll off, silence after 500 ms",
+        "can              node 3, 1000000 bit/s, telemetry off, commands off",
+        "arm              Ling follower",
+        "status           locked",
+        "self-check       all 10 servos normal",
+        "line             clean",
     ] {
         assert!(out.lines().any(|printed| printed == line), "{line} is not in\n{out}");
     }
@@ -37,7 +37,7 @@ fn node_needs_no_bit_rate() {
     std::os::unix::fs::symlink(&bus.path, &link).unwrap();
     let out = success(&["info", &format!("slcan:{}/3", link.display())]);
     std::fs::remove_file(link).unwrap();
-    assert!(out.contains("can          node 3, 1000000 bit/s"), "{out}");
+    assert!(out.contains("can              node 3, 1000000 bit/s"), "{out}");
 }
 
 #[test]
@@ -116,7 +116,7 @@ fn held_line_explains_silence_on_can() {
     let output = run(&["info", &bus.port()]);
     let out = String::from_utf8_lossy(&output.stdout);
     assert!(
-        out.lines().any(|line| line == format!("rate         {state}")),
+        out.lines().any(|line| line == format!("rate             {state}")),
         "{output:?}"
     );
 }

@@ -44,16 +44,16 @@ fn info_shows_the_arm_and_its_state() {
     let arm = Arm::start("ling", "info", &["--stroke", "100", "--serial", "ADFS990101000001"]);
     let out = success(&["info", &arm.port]);
     for line in [
-        "arm          Ling follower",
-        "serial       ADFS990101000001",
-        "hardware     v1.10",
-        "firmware     v6.10",
-        "status       locked",
-        "joints       +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°",
-        "gripper      0.0 % open",
-        "stroke       100 mm",
-        "self-check   all 10 servos normal",
-        "line         clean",
+        "arm              Ling follower",
+        "serial           ADFS990101000001",
+        "hardware         v1.10",
+        "firmware         v6.10",
+        "status           locked",
+        "joints           +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°",
+        "gripper          0.0 % open",
+        "stroke           100 mm",
+        "self-check       all 10 servos normal",
+        "line             clean",
     ] {
         assert!(out.lines().any(|printed| printed == line), "{line} is not in\n{out}");
     }

@@ -54,7 +54,7 @@ fn arm_behind_a_server_works_as_on_port() {
     ] {
         assert!(!success(args).is_empty());
     }
-    assert!(success(&["info", &port]).contains("arm          Ling follower"));
+    assert!(success(&["info", &port]).contains("arm              Ling follower"));
 }
 
 #[test]

@@ -135,9 +135,9 @@ fn unknown_counters_of_version_6_are_skipped() {
 #[test]
 fn adapter_of_any_version_is_described() {
     let expected = [
-        "adapter      virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
-        "configured   arm ling, poll off, silence after 500 ms",
-        "can          node 0, 1000000 bit/s, telemetry off, commands off",
+        "adapter          virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
+        "configured       arm ling, poll off, silence after 500 ms",
+        "can              node 0, 1000000 bit/s, telemetry off, commands off",
     ];
     for version in 3..=6 {
         // Version 6 has more at the end of each message.

@@ -174,13 +174,13 @@ fn info_shows_the_arm_and_its_state() {
     assert_eq!(
         out.lines().collect::<Vec<_>>(),
         [
-            "arm          xArm, 6 axes, type 9",
-            "hardware     XI1300",
-            "control box  AC1300",
-            "firmware     v1.12.10",
-            "serial       XI130004A1B2, control box AC130004A1B2",
-            "torque       the servos' current, measured",
-            "state        not ready to move, warning",
+            "arm              xArm, 6 axes, type 9",
+            "hardware         XI1300",
+            "control box      AC1300",
+            "firmware         v1.12.10",
+            "serial           XI130004A1B2, control box AC130004A1B2",
+            "torque           the servos' current, measured",
+            "state            not ready to move, warning",
         ]
     );
 }
@@ -197,9 +197,12 @@ fn info_goes_on_after_refusals_and_odd_versions() {
         });
     });
     let out = stdout(output);
-    assert!(out.contains("version      v1.0.2 (the version has 1 fields"), "{out}");
-    assert!(out.contains("serial       not reported (state invalid)"), "{out}");
-    assert!(out.ends_with("state        ok\n"), "{out}");
+    assert!(
+        out.contains("version          v1.0.2 (the version has 1 fields"),
+        "{out}"
+    );
+    assert!(out.contains("serial           not reported (state invalid)"), "{out}");
+    assert!(out.ends_with("state            ok\n"), "{out}");
 }
 
 #[test]
@@ -342,7 +345,7 @@ fn all_commands_work_with_a_virtual_xarm() {
     let radius = success(&["call", "xarm", host, "--supervised", "rotation-radius", "6"]);
     let refused = failure(&run(&["call", "xarm", host, "raw", "250"]));
 
-    assert!(info.starts_with("arm          xArm, 6 axes, type 6\n"), "{info}");
+    assert!(info.starts_with("arm              xArm, 6 axes, type 6\n"), "{info}");
     assert!(
         monitored.lines().all(|line| line.matches('°').count() == 6),
         "{monitored}"
