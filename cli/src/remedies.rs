@@ -12,6 +12,10 @@ pub(crate) fn text(error: &Error) -> String {
             "{name}: the torque is off, so {effect}: 'armwire torque PORT on' switches it on ('armwire call ling PORT \
              move' sends it all the same)"
         ),
+        Error::NoControl { name } => format!(
+            "{name}: no control port of an armwire adapter found: name a virtual board's as PORT (control:PATH) or by \
+             --control"
+        ),
         Error::Baud { name } => format!("--baud applies to serial ports only, not to {name}"),
         error => error.with(words),
     }
@@ -22,8 +26,9 @@ pub(crate) fn words(remedy: Remedy) -> String {
     match remedy {
         Remedy::OpenAs(Protocol::Alpha1) => " (--arm alpha1)",
         Remedy::OpenAs(Protocol::Xarm) => " (--arm xarm)",
-        Remedy::TryAs(Protocol::Alpha1) => " ('alpha1' instead of 'ling')",
-        Remedy::TryAs(Protocol::Ling) => " ('ling' instead of 'alpha1')",
+        Remedy::TryAs(Protocol::Alpha1) => " (--arm alpha1, or 'armwire call alpha1')",
+        Remedy::TryAs(Protocol::Ling) => " (--arm ling, or 'armwire call ling')",
+        Remedy::TryBaud => " (--baud)",
         Remedy::Listen => " 'armwire monitor' shows its joints.",
         Remedy::EndHold => " ('armwire hold')",
         _ => "",

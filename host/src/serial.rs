@@ -79,14 +79,21 @@ impl Line for Serial {
         let (baud, arm) = (self.baud, names.arm);
         let (before, after) = match reception {
             Reception::Silence => (
-                format!(
-                    "is the arm powered, is it on this port, and does it talk at {baud} baud? Is it {arm}, and not "
-                ),
+                Text::from(format!(
+                    "is the arm powered, is it on this port, and does it talk at {baud} baud"
+                ))
+                .remedy(Remedy::TryBaud)
+                .and(&format!("? Is it {arm}, and not ")),
                 " nor an SLCAN adapter (slcan:PORT)?",
             ),
-            Reception::Garbage => (format!("is {baud} the baud rate, and is it {arm}, and not "), "?"),
+            Reception::Garbage => (
+                Text::from(format!("is {baud} the baud rate"))
+                    .remedy(Remedy::TryBaud)
+                    .and(&format!(", and is it {arm}, and not ")),
+                "?",
+            ),
         };
-        Text::from(before).append(&names.other()).and(after)
+        before.append(&names.other()).and(after)
     }
 }
 

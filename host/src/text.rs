@@ -11,6 +11,8 @@ pub enum Remedy {
     OpenAs(Protocol),
     /// The arm may be this one.
     TryAs(Protocol),
+    /// The port may need another baud rate.
+    TryBaud,
     /// The arm may be [listened](crate::Connection::legacy) to.
     Listen,
     /// Torque-on lets the arm move.

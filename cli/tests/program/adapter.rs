@@ -74,7 +74,9 @@ fn expect_control(board: &Board, command: &[&str]) -> String {
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
     let line = failure(&with("tcp:127.0.0.1:1"));
     assert!(
-        line.ends_with("no control port of an armwire adapter found (a virtual board's is control:PATH)"),
+        line.ends_with(
+            "no control port of an armwire adapter found: name a virtual board's as PORT (control:PATH) or by --control"
+        ),
         "{line}"
     );
     let silent = Pty::open(None).unwrap();

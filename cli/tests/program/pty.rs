@@ -229,7 +229,10 @@ fn wrong_kind_of_port_has_a_hint() {
 fn wrong_arm_has_a_hint() {
     let arm = Arm::start("ling", "wrong-arm", &[]);
     let line = failure(&run(&["info", "--arm", "alpha1", &arm.port]));
-    assert!(line.contains("not a Ling arm ('ling' instead of 'alpha1')"), "{line}");
+    assert!(
+        line.contains("not a Ling arm (--arm ling, or 'armwire call ling')"),
+        "{line}"
+    );
 }
 
 #[test]
@@ -290,7 +293,7 @@ fn silent_port_is_reported_with_hints() {
     assert!(line.contains("no answer in") && line.contains("3 attempts"), "{line}");
     assert!(line.contains("is the arm powered"), "{line}");
     assert!(
-        line.contains("not an Alpha1 ('alpha1' instead of 'ling') nor an SLCAN adapter (slcan:PORT)?"),
+        line.contains("not an Alpha1 (--arm alpha1, or 'armwire call alpha1') nor an SLCAN adapter (slcan:PORT)?"),
         "{line}"
     );
 }
