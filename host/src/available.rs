@@ -52,7 +52,13 @@ pub fn ports() -> Vec<PortInfo> {
 /// Serial ports, as paths.
 pub(crate) fn serial_ports() -> Vec<String> {
     let ports = SerialPort::available_ports().unwrap_or_default();
-    ports.iter().map(|port| port.to_string_lossy().into_owned()).collect()
+    let names = ports.iter().map(|port| port.to_string_lossy().into_owned());
+    names.filter(|name| !waits_for_carrier(name)).collect()
+}
+
+/// Returns true for a port of macOS whose open waits for a carrier. Each has a twin that does not, `/dev/cu.…`.
+fn waits_for_carrier(port: &str) -> bool {
+    port.starts_with("/dev/tty.")
 }
 
 /// Returns true if this computer has this serial port. Windows ignores case, and a prefix.
@@ -80,4 +86,17 @@ pub(crate) fn can_interfaces() -> Vec<String> {
     let mut names: Vec<_> = names.filter(is_can).collect();
     names.sort();
     names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_call_out_ports_of_macos_are_listed() {
+        assert!(waits_for_carrier("/dev/tty.usbserial-0001"));
+        for port in ["/dev/cu.usbserial-0001", "/dev/ttyUSB0", "COM3"] {
+            assert!(!waits_for_carrier(port), "{port}");
+        }
+    }
 }
