@@ -6,7 +6,7 @@ use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Request, Spee
 use armwire_host::Ling;
 use clap::{Args, Subcommand};
 
-use super::values::{made, one_of, scaled};
+use super::values::{one_of, parse, scaled};
 use crate::error::Error;
 use crate::output::print_error;
 
@@ -41,7 +41,7 @@ pub(crate) enum Command {
     ReadTemperatures,
     /// Set the temperature limit of the overheat protection.
     SetTemperatureLimit {
-        /// Limit in °C, 0 to 255 except 254; factory setting 85.
+        /// Limit in °C, 0 to 253, or 255; factory setting 85.
         #[arg(value_name = "CELSIUS", allow_negative_numbers = true, value_parser = limit)]
         limit: TemperatureLimit,
     },
@@ -144,7 +144,9 @@ pub(crate) fn opening(text: &str) -> Result<Opening, String> {
 }
 
 fn limit(text: &str) -> Result<TemperatureLimit, String> {
-    made(text, "a number from 0 to 255", TemperatureLimit::new)
+    const RANGE: &str = "a limit from 0 to 253, or 255";
+    TemperatureLimit::new(parse(text, RANGE)?)
+        .map_err(|_| format!("{text} is not a limit: the arm takes it as a read; allowed: 0 to 253, and 255"))
 }
 
 #[cfg(test)]
@@ -182,7 +184,7 @@ mod tests {
         assert!(opening("101").unwrap_err().ends_with("is 101 %, must be 0..=100"));
         assert_eq!(
             limit("254").unwrap_err(),
-            "temperature limit (254 reads the temperatures) is 254 °C, must be 0..=255"
+            "254 is not a limit: the arm takes it as a read; allowed: 0 to 253, and 255"
         );
         assert_eq!(positions("0,0").unwrap_err(), "there are 6 joints, not 2");
         assert_eq!(positions("0,x").unwrap_err(), "'x' is not a number");

@@ -99,9 +99,12 @@ fn out_of_range_ling_values_are_never_sent() {
         ),
         (
             &["set-temperature-limit", "254"],
-            "temperature limit (254 reads the temperatures) is 254 °C",
+            "254 is not a limit: the arm takes it as a read; allowed: 0 to 253, and 255",
         ),
-        (&["set-temperature-limit", "-1"], "'-1' is not a number from 0 to 255"),
+        (
+            &["set-temperature-limit", "-1"],
+            "'-1' is not a limit from 0 to 253, or 255",
+        ),
         (&["set-stroke", "60"], "[possible values: 50, 75, 100]"),
         (&["move", "--joints", "0,0,0,0,0,0"], "--speed"),
     ] {

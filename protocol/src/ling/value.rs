@@ -303,7 +303,7 @@ impl Stroke {
     }
 }
 
-/// The temperature limit of the overheat protection, `0..=255` °C except 254; 85 °C from the factory (section 2.5).
+/// The temperature limit of the overheat protection, `0..=253` or 255 °C; 85 °C from the factory (section 2.5).
 ///
 /// 254 cannot be encoded: on the wire it reads the temperatures.
 ///
@@ -312,7 +312,8 @@ impl Stroke {
 ///
 /// assert_eq!(TemperatureLimit::new(100)?.celsius(), 100);
 /// assert_eq!(TemperatureLimit::FACTORY.celsius(), 85);
-/// assert!(TemperatureLimit::new(254).is_err());
+/// let error = TemperatureLimit::new(254).unwrap_err();
+/// assert_eq!(error.to_string(), "temperature limit other than 255 is 254 °C, must be 0..=253");
 /// # Ok::<(), armwire::OutOfRange<f32>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -336,11 +337,11 @@ impl TemperatureLimit {
             return Ok(Self(celsius));
         }
         Err(OutOfRange::new(
-            "temperature limit (254 reads the temperatures)",
+            "temperature limit other than 255",
             "°C",
             celsius as u16,
             0,
-            255,
+            253,
         ))
     }
 
