@@ -216,6 +216,7 @@ fn xarm_answers_have_values_and_the_state() {
             "torque: the servos' current, measured, state: ok",
         ),
         (radius(76.0), "rotation radius: 0.076 m, state: ok"),
+        (radius(258.60006), "rotation radius: 0.2586 m, state: ok"),
         (
             radius(-1.0),
             "rotation radius: rotation radius is -0.001 m, must be 0..=100, state: ok",
