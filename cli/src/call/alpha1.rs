@@ -7,7 +7,7 @@ use armwire::alpha1::{
 };
 use clap::{Args, Subcommand};
 
-use super::values::{made, one_of, seconds};
+use super::values::{made, one_of, parse, seconds};
 
 /// One request.
 #[derive(Subcommand)]
@@ -140,8 +140,8 @@ pub(crate) enum Servo {
     SetOffset {
         #[command(flatten)]
         servo: One,
-        /// In thirds of a degree, -90 to 90.
-        #[arg(value_name = "THIRDS", allow_hyphen_values = true, value_parser = offset)]
+        /// In degrees, -30 to 30, in steps of a third.
+        #[arg(value_name = "DEGREES", allow_hyphen_values = true, value_parser = offset)]
         offset: Offset,
     },
     /// Read the servo's zero offset.
@@ -242,5 +242,19 @@ fn address(text: &str) -> Result<Address, String> {
 }
 
 fn offset(text: &str) -> Result<Offset, String> {
-    made(text, "a whole number", Offset::new)
+    /// Half of a hundredth of a degree, in thirds of a degree: a third is typed with two decimals.
+    const ROUNDING: f32 = 0.015;
+    let degrees: f32 = parse(text, "a number")?;
+    let (min, max) = (Offset::MIN.degrees(), Offset::MAX.degrees());
+    if !(min..=max).contains(&degrees) {
+        return Err(OutOfRange::new("servo offset", "degrees", degrees, min, max).to_string());
+    }
+    let thirds = degrees * 3.0;
+    if (thirds - thirds.round()).abs() > ROUNDING {
+        let [below, above] = [thirds.floor(), thirds.ceil()].map(|thirds| thirds / 3.0);
+        return Err(format!(
+            "a servo's offset has steps of a third of a degree: {below:.2} or {above:.2}, not {degrees}"
+        ));
+    }
+    Offset::new(thirds.round() as i16).map_err(|error| error.to_string())
 }

@@ -80,7 +80,7 @@ fn virtual_robot_executes_requests() {
         ),
         ("servo move 2 60 --time 0 --lock 0", "servo 2: understood\n"),
         ("servo read-angles 2", "servo 2: released, at 60°, sent to 60°\n"),
-        ("servo set-offset 3 -90", "servo 3: offset set\n"),
+        ("servo set-offset 3 -30", "servo 3: offset set\n"),
         ("servo read-offset 3", "servo 3: offset -30.00°\n"),
         ("servo led 86 1", "servo 86: understood\n"),
         ("play wave", "play: done\n"),

@@ -232,7 +232,7 @@ fn each_request_of_an_alpha1_can_be_made() {
             "servo 2: was 1",
         ),
         (
-            "servo set-offset 1 -90",
+            "servo set-offset 1 -30",
             &[0xFA, 0xAF, 1, 0xD2, 0, 0, 0xFF, 0xA6, 0x78, 0xED],
             &[0xFA, 0xAF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED],
             "servo 1: offset set",
@@ -324,9 +324,14 @@ fn out_of_range_alpha1_values_are_never_sent() {
             "completion time is 1311 s, must be 0..=1310.7",
         ),
         (
-            &["servo", "set-offset", "1", "91"],
-            "servo offset is 91 thirds of a degree, must be -90..=90",
+            &["servo", "set-offset", "1", "30.33"],
+            "servo offset is 30.33 degrees, must be -30..=30",
         ),
+        (
+            &["servo", "set-offset", "1", "-3.5"],
+            "a servo's offset has steps of a third of a degree: -3.67 or -3.33, not -3.5",
+        ),
+        (&["servo", "set-offset", "1", "nan"], "servo offset is NaN degrees"),
         (&["usb-type", "floppy"], "[possible values: disk, vcp, hid]"),
     ] {
         let text = usage(&[&["call", "alpha1", "/dev/no-such-port"], args].concat());
