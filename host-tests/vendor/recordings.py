@@ -165,7 +165,7 @@ class Recording:
             require("joint states agree with frames", close)
         require("each row has a joint state", len(rows) == len(self.positions))
         for actual, row in zip(self.positions, rows):
-            printed = [row[f"joint_{n}_rad"] for n in range(1, 7)]
+            printed = [math.radians(row[f"joint_{n}_deg"]) for n in range(1, 7)]
             close = all(abs(actual[name] - value) < 1e-6 for name, value in zip(NAMES, printed))
             require("joint states agree with rows", close)
         last = self.positions[-1]
@@ -197,7 +197,7 @@ def monitor(armwire: str, file: Path, *args: str) -> list[dict[str, float]]:
     """The rows printed by a monitor that records to this file, without rows of missing answers."""
     out = run(armwire, "monitor", "--json", "--mcap", str(file), *args)
     rows = [json.loads(line) for line in out.splitlines()]
-    return [row for row in rows if row["joint_1_rad"] is not None]
+    return [row for row in rows if row["joint_1_deg"] is not None]
 
 
 def run(*command: str) -> str:

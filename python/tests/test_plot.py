@@ -44,7 +44,7 @@ def test_other_csv_is_an_error(tmp_path: Path) -> None:
     other.write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match="no column time_s: is it from `armwire monitor --csv`"):
         plot.read_csv(other)
-    header = "time_s," + ",".join(f"joint_{joint}_rad" for joint in range(1, 7)) + ",gripper_percent,latency_us\n"
+    header = "time_s," + ",".join(f"joint_{joint}_deg" for joint in range(1, 7)) + ",gripper_percent,latency_us\n"
     other.write_text(header + "0,0,0,0,0,0,0,0,0\n0,x,0,0,0,0,0,0,0\n")
     with pytest.raises(ValueError, match="line 3: could not convert"):
         plot.read_csv(other)

@@ -258,7 +258,7 @@ fn monitor_shows_the_adapters_readings_and_time() {
         .collect();
     assert!(stamps.windows(2).all(|pair| pair[0] < pair[1]), "{stamps:?}");
     for row in &rows {
-        assert_eq!((&row["joint_6_rad"], &row["status"]), (&0.0.into(), &"locked".into()));
+        assert_eq!((&row["joint_6_deg"], &row["status"]), (&0.0.into(), &"locked".into()));
         assert_eq!(row["latency_us"], serde_json::Value::Null);
     }
 }

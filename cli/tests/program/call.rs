@@ -424,7 +424,7 @@ fn answer_is_json_for_programs() {
     };
     let joints = json(&["read-joints"]);
     assert_eq!(
-        (&joints["joint_6_rad"], &joints["gripper_percent"], &joints["status"]),
+        (&joints["joint_6_deg"], &joints["gripper_percent"], &joints["status"]),
         (&0.0.into(), &0.0.into(), &"locked".into())
     );
     assert_eq!(json(&["self-check"])["servo_10_is_normal"], true);

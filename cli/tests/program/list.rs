@@ -54,7 +54,7 @@ fn info_is_json_for_programs() {
     assert_eq!(
         (
             &json["arm"],
-            &json["joint_6_rad"],
+            &json["joint_6_deg"],
             &json["stroke_mm"],
             &json["noise_bytes"]
         ),

@@ -24,7 +24,7 @@ fn csv_names_have_units() {
     let lines: Vec<_> = out.lines().collect();
     assert_eq!(
         lines[0],
-        "time_s,adapter_time_us,latency_us,joint_1_rad,joint_2_rad,joint_3_rad,joint_4_rad,joint_5_rad,joint_6_rad,\
+        "time_s,adapter_time_us,latency_us,joint_1_deg,joint_2_deg,joint_3_deg,joint_4_deg,joint_5_deg,joint_6_deg,\
          gripper_percent,status,temperature_1_celsius,temperature_2_celsius,temperature_3_celsius,temperature_4_celsius,\
          temperature_5_celsius,temperature_6_celsius,temperature_7_celsius,temperature_8_celsius,temperature_9_celsius,\
          temperature_10_celsius"
@@ -64,7 +64,7 @@ fn missing_values_of_an_arm_are_null() {
     let args = ["monitor", "--arm", "alpha1", &robot.port, "--json", "--count", "1"];
     let row = &rows(&success(&args))[0];
     assert!(row["servo_1_runs"].is_u64() && row["servo_20_runs"].is_u64(), "{row}");
-    assert!(row["status"].is_null() && row.get("joint_1_rad").is_none(), "{row}");
+    assert!(row["status"].is_null() && row.get("joint_1_deg").is_none(), "{row}");
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn legacy_arm_has_its_own_columns() {
     let output = retry_while(NO_ANSWER, || retry_while(STOPPED, || run(&args)));
     let row = &rows(&String::from_utf8(output.stdout).unwrap())[0];
     assert_eq!(
-        (&row["joint_6_rad"], &row["potentiometer_raw"]),
+        (&row["joint_6_deg"], &row["potentiometer_raw"]),
         (&0.0.into(), &2048.into())
     );
 }
@@ -169,7 +169,7 @@ fn monitor_waits_for_a_lost_port() {
     let mut reading = || {
         out.by_ref()
             .map(Result::unwrap)
-            .find(|line| !line.contains("\"joint_1_rad\":null"))
+            .find(|line| !line.contains("\"joint_1_deg\":null"))
             .unwrap()
     };
     reading();

@@ -20,7 +20,7 @@ pub struct Fact {
 /// One value of a fact.
 #[derive(Clone, Debug)]
 pub struct Item {
-    /// The name in JSON, with its unit, for example `joint_1_rad`.
+    /// The name in JSON, with its unit, for example `joint_1_deg`.
     pub key: String,
     /// Null without a measured value.
     pub value: Value,

@@ -58,8 +58,8 @@ impl Arm for Ling {
             }
             Response::Velocities(speeds) => {
                 let speeds = speeds.as_slice().iter();
-                let speeds = speeds.map(|&ticks| (radians_per_second(ticks), Velocity(ticks).to_string()));
-                Fact::each(("velocities", "velocity"), "rad_per_s", " °/s", speeds)
+                let speeds = speeds.map(|&ticks| (number(degrees(ticks.into())), Velocity(ticks).to_string()));
+                Fact::each(("velocities", "velocity"), "deg_per_s", " °/s", speeds)
             }
             Response::SelfCheck(check) => self_check(*check, None),
             other => Fact::words("message", other),
@@ -91,13 +91,16 @@ fn joint_state(state: &JointState) -> Vec<Fact> {
     ]
 }
 
-/// Raw joint positions: radians for programs, degrees for people.
+/// Raw joint positions, in degrees.
 pub(super) fn joints(ticks: [u16; JOINTS]) -> Fact {
     let joints = ticks.map(|ticks| {
-        let value = Position::new(ticks).map_or(Value::Null, |position| number(position.radians().into()));
+        let value = Position::new(ticks).map_or(Value::Null, |position| {
+            let from_centre = f64::from(position.ticks()) - f64::from(Position::CENTRE.ticks());
+            number(degrees(from_centre))
+        });
         (value, Angle(ticks).to_string())
     });
-    Fact::each(("joints", "joint"), "rad", "", joints)
+    Fact::each(("joints", "joint"), "deg", "", joints)
 }
 
 /// The servos in a normal state, of an arm whose type may be known.
@@ -115,6 +118,7 @@ fn self_check(check: SelfCheck, kind: Option<Kind>) -> Fact {
     Fact { text, ..fact }
 }
 
-fn radians_per_second(ticks: u16) -> Value {
-    number((f64::from(ticks) * 360.0 / f64::from(TICKS_PER_TURN)).to_radians())
+/// The angle of so many ticks.
+fn degrees(ticks: f64) -> f64 {
+    ticks * 360.0 / f64::from(TICKS_PER_TURN)
 }

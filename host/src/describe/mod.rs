@@ -99,6 +99,33 @@ mod tests {
     }
 
     #[test]
+    fn angles_are_in_degrees_as_in_the_words() {
+        let state = JointState {
+            joints: [3072, 1024, 2048, 2049, 0, 4096],
+            gripper: 0,
+            status: MotionStatus::Locked,
+        };
+        let facts = object(&Ling::facts(&ling::Response::Joints(state)));
+        let joints = [
+            90.0.into(),
+            (-90.0).into(),
+            0.0.into(),
+            0.087_891.into(),
+            (-180.0).into(),
+            serde_json::Value::Null,
+        ];
+        for (n, degrees) in (1..).zip(joints) {
+            assert_eq!(facts[&format!("joint_{n}_deg")], degrees);
+        }
+        let speeds = ling::Response::Velocities(PerServo::Leader([1024; 6]));
+        let facts = object(&Ling::facts(&speeds));
+        assert_eq!(facts["velocity_6_deg_per_s"], 90.0);
+        let half = [0.5_f32; super::xarm::JOINTS].map(f32::to_le_bytes);
+        let facts = object(&super::xarm::positions(State::OK, half.as_flattened(), Some(6)));
+        assert_eq!(facts["joint_6_deg"], 28.647_89);
+    }
+
+    #[test]
     fn facts_of_an_alpha1_have_its_words() {
         let servo = ServoId::new(3).unwrap();
         for outcome in [Outcome::Success, Outcome::Failure] {

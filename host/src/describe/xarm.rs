@@ -140,11 +140,14 @@ pub fn positions(state: State, params: &[u8], axes: Option<usize>) -> Vec<Fact> 
     let joints = (0..axes.unwrap_or(JOINTS).min(JOINTS)).map(|joint| match known {
         Some(positions) => {
             let radians = f32::from_le_bytes(positions[joint]);
-            (number(radians.into()), format!("{:+.2}°", radians.to_degrees()))
+            (
+                number(f64::from(radians).to_degrees()),
+                format!("{:+.2}°", radians.to_degrees()),
+            )
         }
         None => (Value::Null, "not reported".to_owned()),
     });
-    let mut joints = Fact::each(("joints", "joint"), "rad", "", joints);
+    let mut joints = Fact::each(("joints", "joint"), "deg", "", joints);
     if known.is_none() {
         joints.text = match params {
             [] => format!("register {POSITIONS} not reported"),

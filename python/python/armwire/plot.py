@@ -113,7 +113,7 @@ def read_csv(path: str | Path) -> Readings:
     Raises:
         ValueError: The file lacks a column or has an invalid line; the message names it.
     """
-    wanted = ["time_s", *(f"joint_{joint}_rad" for joint in range(1, JOINTS + 1)), "gripper_percent"]
+    wanted = ["time_s", *(f"joint_{joint}_deg" for joint in range(1, JOINTS + 1)), "gripper_percent"]
     rows: list[list[float]] = []
     with open(path, newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)
@@ -127,7 +127,7 @@ def read_csv(path: str | Path) -> Readings:
             except (TypeError, ValueError) as error:
                 raise ValueError(f"{path}, line {reader.line_num}: {error}") from error
     values = np.array(rows, dtype=np.float64).reshape(-1, len(wanted) + 1)
-    return Readings(values[:, 0], np.degrees(values[:, 1:-2]), values[:, -2] * 10, values[:, -1])
+    return Readings(values[:, 0], values[:, 1:-2], values[:, -2] * 10, values[:, -1])
 
 
 def _label_latencies(axes: Axes, title: str) -> None:
