@@ -7,7 +7,8 @@
 #[path = "../program/common/mod.rs"]
 mod common;
 
+mod block;
 mod can;
-mod pc;
-mod readme;
+mod examples;
 mod update;
+mod world;

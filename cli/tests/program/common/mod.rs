@@ -69,6 +69,11 @@ pub(crate) fn retry_while(error: &str, run: impl FnMut() -> Output) -> Output {
     retry_while_any(&[error], run)
 }
 
+/// Repeats a program on a [busy](BUSY) system.
+pub(crate) fn retry_while_busy(run: impl FnMut() -> Output) -> Output {
+    retry_while_any(&BUSY, run)
+}
+
 /// Repeats a program while it prints one of these errors.
 fn retry_while_any(errors: &[&str], mut run: impl FnMut() -> Output) -> Output {
     let deadline = Instant::now() + TIMEOUT;
@@ -84,7 +89,7 @@ fn retry_while_any(errors: &[&str], mut run: impl FnMut() -> Output) -> Output {
 
 /// The output of a program that succeeds without a warning. The program is repeated on a [busy](BUSY) system.
 pub(crate) fn success(args: &[&str]) -> String {
-    let output = retry_while_any(&BUSY, || run(args));
+    let output = retry_while_busy(|| run(args));
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
     String::from_utf8(output.stdout).unwrap()
 }
