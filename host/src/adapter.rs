@@ -1,8 +1,8 @@
-//! Requests to an adapter, and its identity and latencies in words.
+//! Requests to an adapter, and its identity, events and latencies in words.
 
 use armwire_bridge::Counters;
 use armwire_bridge::config::Config;
-use armwire_bridge::control::{Histogram, Identity, Latencies, LineState, Reply, Request, Subscription};
+use armwire_bridge::control::{Event, Histogram, Identity, Latencies, LineState, Reply, Request, Subscription};
 use armwire_bridge::store::Saved;
 use serde_json::{Value, json};
 
@@ -170,6 +170,26 @@ pub fn describe(identity: &Identity) -> Outside {
 pub const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused and \
                             unchanged until others are saved";
 
+/// An event in words.
+pub fn describe_event(event: &Event) -> String {
+    match event {
+        Event::HostSilent {
+            initiator,
+            dropped,
+            torque_off,
+        } => {
+            let torque = if *torque_off { ", torque switched off" } else { "" };
+            format!("host timeout on {initiator}: {dropped} bytes dropped{torque}")
+        }
+        Event::Refused { initiator, reason } => format!("a request of {initiator} was refused: {reason}"),
+        Event::BusOff { off: true } => "CAN bus-off: too many errors".to_owned(),
+        Event::BusOff { off: false } => "recovered from CAN bus-off".to_owned(),
+        Event::Recovery { active: true } => format!("the adapter has {RECOVERY}"),
+        Event::Recovery { active: false } => "the adapter has saved settings again".to_owned(),
+        other => format!("{other:?}"),
+    }
+}
+
 /// The measured quantities by name.
 pub fn histograms(latencies: &Latencies) -> [(&'static str, &'static str, &Histogram); 3] {
     [
@@ -225,6 +245,8 @@ pub fn histogram_json(histogram: &Histogram) -> Value {
 
 #[cfg(test)]
 mod tests {
+    use armwire_bridge::control::Initiator;
+
     use super::*;
 
     #[test]
@@ -237,6 +259,24 @@ mod tests {
         assert_eq!(
             describe(&identity).to_string(),
             r"stm32g431\u{1b}, serial number , firmware 0.1.0 (1a2b3c4d5e6f), CAN FD"
+        );
+    }
+
+    #[test]
+    fn events_of_an_adapter_are_told_in_words() {
+        let recovery = describe_event(&Event::Recovery { active: true });
+        assert!(
+            recovery.starts_with("the adapter has factory settings after crashed starts: CAN is off"),
+            "{recovery}"
+        );
+        let silent = Event::HostSilent {
+            initiator: Initiator::Usb,
+            dropped: 5,
+            torque_off: true,
+        };
+        assert_eq!(
+            describe_event(&silent),
+            "host timeout on usb: 5 bytes dropped, torque switched off"
         );
     }
 }

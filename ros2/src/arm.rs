@@ -10,7 +10,7 @@ use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Subscription};
 use armwire_host::stamps::{self, Clock};
-use armwire_host::{Adapter, Error, Link, Options, RECOVERY};
+use armwire_host::{Adapter, Error, Link, Options, adapter};
 use ros2_client::{ReadError, RmwRequestId};
 
 use crate::diagnostics::Diagnostics;
@@ -281,7 +281,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 if is_stop && self.motion.take().is_some() {
                     self.host.refuse(&Refusal::Stopped);
                 }
-                let event = describe(&event);
+                let event = adapter::describe_event(&event);
                 log(&self.host.arm.name, &format!("adapter event: {event}"));
                 self.host.diagnostics.adapter_event = Some(event);
                 Ok(false)
@@ -409,14 +409,6 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 }
 
-/// An event of the adapter in words.
-fn describe(event: &Event) -> String {
-    match event {
-        Event::Recovery { active: true } => format!("it has {}", RECOVERY),
-        event => format!("{event:?}"),
-    }
-}
-
 /// The rate at which the adapter polls a Ling arm.
 fn adapter_rate(adapter: &mut Adapter) -> Result<u32, Failure> {
     let config = adapter.config()?;
@@ -430,20 +422,5 @@ fn adapter_rate(adapter: &mut Adapter) -> Result<u32, Failure> {
         (arm, _) => Err(Failure::Arm(format!(
             "the adapter is configured for '{arm}', not for ling"
         ))),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn recovery_of_adapter_is_logged_in_words() {
-        let text = describe(&Event::Recovery { active: true });
-        assert!(
-            text.starts_with("it has factory settings after crashed starts: CAN is off"),
-            "{text}"
-        );
-        assert_eq!(describe(&Event::BusOff { off: true }), "BusOff { off: true }");
     }
 }

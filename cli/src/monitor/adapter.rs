@@ -8,7 +8,7 @@ use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
 use armwire_bridge::config::{ArmKind, Poll};
 use armwire_bridge::control::{self, Event, Subscription};
-use armwire_host::{Adapter, LineErrors};
+use armwire_host::{Adapter, LineErrors, adapter};
 
 use super::polled::{Readable, news};
 use super::reading::{News, OnFrame, Source};
@@ -109,22 +109,10 @@ impl<P: Readable> Source for Subscribed<P> {
     }
 }
 
-/// An event in words.
+/// An event in words. Recovery has its remedy, too.
 fn describe(event: &Event) -> String {
     match event {
-        Event::HostSilent {
-            initiator,
-            dropped,
-            torque_off,
-        } => {
-            let torque = if *torque_off { ", torque switched off" } else { "" };
-            format!("host timeout on {initiator}: {dropped} bytes dropped{torque}")
-        }
-        Event::Refused { initiator, reason } => format!("a request of {initiator} was refused: {reason}"),
-        Event::BusOff { off: true } => "CAN bus-off: too many errors".to_owned(),
-        Event::BusOff { off: false } => "recovered from CAN bus-off".to_owned(),
         Event::Recovery { active: true } => format!("the adapter has {RECOVERY}"),
-        Event::Recovery { active: false } => "the adapter has saved settings again".to_owned(),
-        other => format!("{other:?}"),
+        event => adapter::describe_event(event),
     }
 }
