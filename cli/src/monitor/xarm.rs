@@ -1,6 +1,6 @@
 //! The xArm: joint positions and state.
 
-use armwire::xarm::{Raw, Reply, Request, Response, XArm};
+use armwire::xarm::{Answer, Raw, Request, VersionText, XArm};
 use armwire_host::describe::{
     Arm,
     xarm::{POSITIONS, positions},
@@ -24,12 +24,9 @@ impl PolledXArm {
 
     /// Reads the number of joints. `None` if the arm's version does not name it.
     fn read_axes(&mut self) -> Result<Option<usize>, Error> {
-        let axes = self.link.call(&Request::ReadVersion, |response| match response {
-            Response::Reply {
-                reply: Reply::Version(text),
-                ..
-            } => text.version().ok().map(|version| version.axes.into()),
-            _ => None,
+        let axes = self.link.call(&Request::ReadVersion, |response| {
+            let answer = Answer::<VersionText<'_>>::try_from(response).ok()?;
+            answer.value.version().ok().map(|version| version.axes.into())
         })?;
         Ok(axes.flatten())
     }
@@ -49,12 +46,10 @@ impl Source for PolledXArm {
             }
         };
         let request = Raw::new(POSITIONS, &[]).expect("the document does not have this register");
-        let news = self.link.call(&Request::Raw(request), |response| match response {
-            Response::Reply {
-                state,
-                reply: Reply::Raw(raw),
-            } => News::Reading(positions(state, raw.params(), axes), None),
-            _ => News::Nothing,
+        let news = self.link.call(&Request::Raw(request), |response| {
+            Answer::<Raw<'_>>::try_from(response).map_or(News::Nothing, |Answer { value, state }| {
+                News::Reading(positions(state, value.params(), axes), None)
+            })
         })?;
         Ok(news.unwrap_or(News::Nothing))
     }
