@@ -58,8 +58,15 @@ pub(crate) fn file(name: &str, segments: &[Segment]) -> Vec<u8> {
     file
 }
 
+/// The command's parser.
+#[cfg(test)]
+#[path = "../../cli/src/update/dfuse.rs"]
+mod parser;
+
 #[cfg(test)]
 mod tests {
+    use oorandom::Rand32;
+
     use super::*;
 
     #[test]
@@ -87,5 +94,31 @@ mod tests {
         expected.extend(b"\xFF\xFF\x11\xDF\x83\x04\x1A\x01UFD\x10");
         expected.extend([0x53, 0xD2, 0xA4, 0xB1]);
         assert_eq!(file, expected);
+    }
+
+    #[test]
+    fn command_reads_every_file_back() {
+        let mut random = Rand32::new(1);
+        for _ in 0..1_000 {
+            // A vector table: the initial stack pointer and the reset handler.
+            let mut first = [0x2002_0000_u32, 0x0800_0101].map(u32::to_le_bytes).concat();
+            first.resize(8 + random.rand_range(0..300) as usize, 0xA5);
+            let mut segments = vec![Segment {
+                address: 0x0800_0000,
+                bytes: first,
+            }];
+            for _ in 0..random.rand_range(0..3) {
+                segments.push(Segment {
+                    address: 0x0800_0000 + random.rand_range(0x4000..0x10_0000),
+                    bytes: vec![random.rand_u32() as u8; random.rand_range(1..300) as usize],
+                });
+            }
+            let name: String = (0..random.rand_range(0..20)).map(|_| 'b').collect();
+            let image = parser::Image {
+                len: segments.iter().map(|segment| segment.bytes.len()).sum(),
+                board: name.clone(),
+            };
+            assert_eq!(parser::parse(&file(&name, &segments)), Ok(image), "{segments:?}");
+        }
     }
 }
