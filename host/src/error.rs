@@ -97,7 +97,7 @@ pub enum Error {
 pub struct Silence {
     /// The cause of the last missing answer.
     pub cause: Text,
-    /// The last reading, if there is one.
+    /// The last reading since the move, if there is one.
     pub last: Option<JointState>,
     /// How the arm was stopped, or why it may still move.
     pub stopped: Result<Stopped, Text>,
@@ -192,7 +192,7 @@ impl Error {
                     (Err(cause), Some(last)) => what
                         .and("), and the arm is not stopped: ")
                         .append(cause)
-                        .and(&format!("; last reading: {last}")),
+                        .and(&format!("; last reading of the motion: {last}")),
                 }
             }
             Self::NotReached { name, state, limit } => {

@@ -51,7 +51,7 @@ pub struct Ling {
     /// True if the last reading did not show the torque off. False before the first one, and after the torque was or
     /// may have been switched: the next move reads first.
     may_move: bool,
-    /// The last reading of the joints.
+    /// The last reading of the joints since the last move.
     last: Option<JointState>,
 }
 
@@ -176,6 +176,7 @@ impl Ling {
         }
         self.link.send(&Request::Move(*target))?;
         self.gripper = Some(gripper);
+        self.last = None;
         Ok(())
     }
 
