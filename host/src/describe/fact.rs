@@ -8,6 +8,7 @@ use super::printable::escaped;
 
 /// One fact in a message, for example the joint positions.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Fact {
     /// The name in text, for example `joints`.
     pub name: String,
@@ -19,6 +20,7 @@ pub struct Fact {
 
 /// One value of a fact.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Item {
     /// The name in JSON, with its unit, for example `joint_1_deg`.
     pub key: String,
