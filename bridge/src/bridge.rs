@@ -11,6 +11,7 @@ use crate::earliest::Earliest;
 use crate::hosts::Hosts;
 use crate::line::{Line, PACKET, RxThreshold, Transmit};
 use crate::line_coding::{LineCoding, UartConfig, UnsupportedCoding};
+use crate::rx_ring::RxWait;
 use crate::start::Start;
 use armwire::time::Instant;
 
@@ -216,6 +217,26 @@ impl Bridge {
     /// ```
     pub fn rx_threshold(&self) -> RxThreshold {
         self.line.rx_threshold()
+    }
+
+    /// The events of the receiver for [`RxRing::set`](crate::RxRing::set).
+    ///
+    /// ```
+    /// use armwire_bridge::{Bridge, Instant, UsbEvent};
+    ///
+    /// let mut bridge = Bridge::default();
+    /// bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
+    /// // After a whole frame an idle line changes nothing. Any other bytes wait for it.
+    /// bridge.uart_received(&[0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF], Instant::from_micros(70));
+    /// assert!(!bridge.rx_wait().idle);
+    /// bridge.uart_received(b"stray bytes", Instant::from_micros(180));
+    /// assert!(bridge.rx_wait().idle);
+    /// ```
+    pub fn rx_wait(&self) -> RxWait {
+        RxWait {
+            threshold: self.line.rx_threshold(),
+            idle: self.line.waits_for_idle(),
+        }
     }
 
     /// Copies the next bytes for the arm to the front of `out`, or returns the configuration that the UART must change

@@ -125,5 +125,5 @@ pub use bridge::{Bridge, CanEvent, Status, UartEvent, UsbEvent};
 pub use counters::{CanErrors, Counters, UartErrors};
 pub use line::{PACKET, POLL_LEAD_TIME, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, Transmit};
 pub use line_coding::{LineCoding, MAX_BAUD, MIN_BAUD, Parity, StopBits, UartConfig, UnsupportedCoding};
-pub use rx_ring::{RxMark, RxRing};
+pub use rx_ring::{RxMark, RxRing, RxWait};
 pub use start::Start;

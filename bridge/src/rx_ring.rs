@@ -7,6 +7,16 @@ use heapless::Deque;
 use crate::RxThreshold;
 use crate::time::Instant;
 
+/// The events of the receiver that the bridge waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RxWait {
+    /// The next bytes.
+    pub threshold: RxThreshold,
+    /// An idle line. If false, one without new bytes before it changes nothing.
+    pub idle: bool,
+}
+
 /// Maximum number of unread marks. The terminator may also occur inside a frame.
 const MARKS: usize = 3;
 
@@ -21,7 +31,7 @@ const MARKS: usize = 3;
 ///
 /// let mut bridge = Bridge::default();
 /// let mut ring = RxRing::<1024>::new();
-/// ring.set_threshold(bridge.rx_threshold());
+/// ring.set(bridge.rx_wait());
 /// let bytes = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
 ///
 /// // The interrupt handler records the time of the byte that may end a frame.
@@ -61,8 +71,8 @@ pub struct RxMark {
 enum Wait {
     /// None: all events that a task will use are recorded.
     Nothing,
-    /// Those that reach the threshold, counted from a position.
-    Threshold { from: usize, threshold: RxThreshold },
+    /// Those of the bridge, with bytes counted from a position.
+    Bridge { from: usize, wait: RxWait },
     /// Further candidates for the end of the same frame: at least `min` bytes from a position, up to a terminator.
     Candidate { from: usize, min: usize, terminator: u8 },
 }
@@ -96,12 +106,17 @@ impl<const SIZE: usize> RxRing<SIZE> {
         self.head = end & Self::MASK;
     }
 
-    /// Waits for this threshold from the next unread byte on.
-    pub const fn set_threshold(&mut self, threshold: RxThreshold) {
-        self.wait = Wait::Threshold {
-            from: self.head,
-            threshold,
-        };
+    /// Waits for these events from the next unread byte on. Call it after the bridge has the bytes and marks before.
+    pub fn set(&mut self, wait: RxWait) {
+        // The line went idle before the bridge had its last bytes.
+        while let Some(mark) = self.marks.front()
+            && mark.idle
+            && !wait.idle
+            && self.unread(mark.end) == 0
+        {
+            self.marks.pop_front();
+        }
+        self.wait = Wait::Bridge { from: self.head, wait };
     }
 
     /// Returns true if bytes may be an event: the interrupt handler must see each of them.
@@ -113,8 +128,8 @@ impl<const SIZE: usize> RxRing<SIZE> {
     /// `now`, and the result is true.
     pub fn arrived(&mut self, end: usize, last: u8, now: impl FnOnce() -> Instant) -> bool {
         let (from, min, terminator) = match self.wait {
-            Wait::Threshold { from, threshold } if threshold.is_met(Self::distance(from, end), last) => {
-                (from, threshold.min, threshold.terminator)
+            Wait::Bridge { from, wait } if wait.threshold.is_met(Self::distance(from, end), last) => {
+                (from, wait.threshold.min, wait.threshold.terminator)
             }
             Wait::Candidate { from, min, terminator } if Self::distance(from, end) >= min && last == terminator => {
                 (from, min, Some(terminator))
@@ -132,13 +147,21 @@ impl<const SIZE: usize> RxRing<SIZE> {
         true
     }
 
-    /// The line went idle after the bytes before `end`. Without room, this replaces the last mark, which was shortly
-    /// before.
-    pub fn idle(&mut self, end: usize, now: Instant) {
-        if self.marks.is_full() {
-            self.marks.pop_back();
+    /// The line went idle after the bytes before `end`. Returns true if that is an event. Without room, its mark replaces
+    /// the last one, which was shortly before.
+    pub fn idle(&mut self, end: usize, now: Instant) -> bool {
+        let is_event = match self.wait {
+            Wait::Bridge { wait, .. } => wait.idle || self.unread(end) > 0,
+            // The task has an event. Its next wait decides about this one.
+            Wait::Candidate { .. } | Wait::Nothing => false,
+        };
+        if is_event || !matches!(self.wait, Wait::Bridge { .. }) {
+            if self.marks.is_full() {
+                self.marks.pop_back();
+            }
+            self.mark(end, now, true);
         }
-        self.mark(end, now, true);
+        is_event
     }
 
     fn mark(&mut self, end: usize, at: Instant, idle: bool) {
@@ -171,6 +194,10 @@ impl<const SIZE: usize> RxRing<SIZE> {
         let start = self.head;
         let stop = start.wrapping_add(self.unread(end).min(max));
         self.head = stop & Self::MASK;
+        if let Wait::Bridge { wait, .. } = &mut self.wait {
+            // The bridge may wait for an idle line after these bytes.
+            wait.idle |= start != stop;
+        }
         match stop.checked_sub(SIZE) {
             Some(rest) => [start..SIZE, 0..rest],
             None => [start..stop, 0..0],

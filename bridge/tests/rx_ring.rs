@@ -1,6 +1,8 @@
 //! The receive ring against a plain model: a vector of all bytes.
 
-use armwire_bridge::{Instant, RxRing, RxThreshold};
+use armwire_bridge::config::{ArmKind, Config};
+use armwire_bridge::control::Identity;
+use armwire_bridge::{Bridge, Instant, PACKET, RxRing, RxThreshold, RxWait, Start, UartEvent, UsbEvent};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
@@ -15,8 +17,10 @@ enum Step {
     Byte { byte: u8, is_late: bool },
     /// The line goes idle.
     Idle,
-    /// The task reads, and sets this threshold.
-    Read(RxThreshold),
+    /// The task reads, and waits for this.
+    Read(RxWait),
+    /// The task reads, and does not know yet what to wait for.
+    Take,
     /// The receive path restarts.
     Restart,
     /// A turn of the ring was lost.
@@ -32,8 +36,8 @@ struct Model {
     line: Vec<u8>,
     read: usize,
     now: u64,
-    /// The threshold in force: the number of bytes before it. `None` after its first event.
-    threshold: Option<(usize, RxThreshold)>,
+    /// The wait in force: the number of bytes before it. `None` after its first event.
+    wait: Option<(usize, RxWait)>,
     /// The number of bytes after which the interrupt handler saw each event since the last read, with the time.
     ends: Vec<(usize, u64)>,
     /// The last idle line since the last read.
@@ -58,14 +62,26 @@ impl Model {
             Step::Byte { .. } => {}
             Step::Idle => {
                 self.on_byte()?;
-                self.ring.idle(self.end(), Instant::from_micros(self.now));
-                self.idle = Some((self.line.len(), self.now));
+                let is_event = self.ring.idle(self.end(), Instant::from_micros(self.now));
+                // Behind the first event of a wait, the task is not notified again.
+                let is_new = self.line.len() > self.read;
+                prop_assert_eq!(is_event, self.wait.is_some_and(|(_, wait)| wait.idle || is_new));
+                if is_event || self.wait.is_none() {
+                    self.idle = Some((self.line.len(), self.now));
+                }
             }
-            Step::Read(threshold) => {
+            Step::Read(wait) => {
                 self.read_all()?;
-                self.ring.set_threshold(threshold);
-                self.threshold = Some((self.read, threshold));
+                self.ring.set(wait);
+                self.wait = Some((self.read, wait));
                 prop_assert!(self.ring.is_waiting() && !self.ring.has_mark());
+            }
+            Step::Take => {
+                let is_new = self.line.len() > self.read;
+                self.read_all()?;
+                if let Some((_, wait)) = &mut self.wait {
+                    wait.idle |= is_new;
+                }
             }
             Step::Restart => {
                 prop_assert_eq!(self.ring.restart(), self.idle.is_some());
@@ -77,7 +93,7 @@ impl Model {
             Step::Overrun => {
                 self.ring.discard(self.end());
                 self.read = self.line.len();
-                self.threshold = None;
+                self.wait = None;
                 self.ends.clear();
                 self.idle = None;
             }
@@ -93,10 +109,10 @@ impl Model {
         let is_event = self.ring.arrived(self.end(), last, || now);
         prop_assert!(was_waiting || !is_event);
         let len = self.line.len();
-        if let Some((from, threshold)) = self.threshold {
-            prop_assert_eq!(is_event, threshold.is_met(len - from, last));
+        if let Some((from, wait)) = self.wait {
+            prop_assert_eq!(is_event, wait.threshold.is_met(len - from, last));
             if is_event {
-                self.threshold = None;
+                self.wait = None;
             }
         } else if is_event {
             // Further candidates for the end of the same frame.
@@ -150,6 +166,10 @@ impl Model {
     }
 }
 
+fn any_wait() -> impl Strategy<Value = RxWait> {
+    (any_threshold(), any::<bool>()).prop_map(|(threshold, idle)| RxWait { threshold, idle })
+}
+
 fn any_threshold() -> impl Strategy<Value = RxThreshold> {
     (1..SIZE, 1..SIZE, any::<bool>()).prop_map(|(max, min, has_terminator)| match has_terminator {
         true => RxThreshold {
@@ -170,7 +190,8 @@ fn any_step() -> impl Strategy<Value = Step> {
     prop_oneof![
         60 => (byte, prop::bool::weighted(0.2)).prop_map(|(byte, is_late)| Step::Byte { byte, is_late }),
         4 => Just(Step::Idle),
-        10 => any_threshold().prop_map(Step::Read),
+        10 => any_wait().prop_map(Step::Read),
+        4 => Just(Step::Take),
         1 => Just(Step::Restart),
         1 => Just(Step::Overrun),
     ]
@@ -190,14 +211,101 @@ proptest! {
     }
 }
 
-#[test]
-fn terminator_inside_a_frame_marks_both_places() {
-    let mut ring = RxRing::<SIZE>::new();
-    ring.set_threshold(RxThreshold {
+/// The packets that are due.
+fn packets(bridge: &mut Bridge) -> Vec<Vec<u8>> {
+    let mut packet = [0; PACKET];
+    let next = || bridge.usb_transmit(&mut packet).map(|len| packet[..len].to_vec());
+    std::iter::from_fn(next).collect()
+}
+
+proptest! {
+    #[test]
+    fn unwanted_idle_line_changes_nothing(
+        chunks in vec((chunk(), any::<bool>(), any::<bool>()), 0..40),
+        kind in prop::sample::select(&[ArmKind::Ling, ArmKind::Alpha1, ArmKind::Raw][..]),
+    ) {
+        let open = || {
+            let config = Config { arm: kind, ..Config::default() };
+            let mut bridge = Bridge::new(Identity::default(), config, Start::default());
+            bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
+            bridge
+        };
+        let (mut all, mut wanted) = (open(), open());
+        for (nth, (bytes, is_idle, is_read)) in (1..).zip(chunks) {
+            let now = Instant::from_micros(1_000 * nth);
+            prop_assert_eq!(all.uart_received(&bytes, now), wanted.uart_received(&bytes, now));
+            if is_idle {
+                let frames = all.uart_event(UartEvent::Idle, now);
+                let also = match wanted.rx_wait().idle {
+                    true => wanted.uart_event(UartEvent::Idle, now),
+                    false => 0,
+                };
+                prop_assert_eq!(frames, also);
+            }
+            prop_assert_eq!(all.rx_wait(), wanted.rx_wait());
+            if is_read {
+                prop_assert_eq!(packets(&mut all), packets(&mut wanted));
+            }
+        }
+        prop_assert_eq!(packets(&mut all), packets(&mut wanted));
+        prop_assert_eq!(all.counters(), wanted.counters());
+    }
+}
+
+/// Whole frames, parts of them, and other bytes, at most a packet.
+fn chunk() -> impl Strategy<Value = Vec<u8>> {
+    let frame = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
+    prop_oneof![
+        2 => Just(frame.to_vec()),
+        1 => (1..7_usize).prop_map(move |len| frame[..len].to_vec()),
+        1 => Just(vec![0xF2, 0x2F, 0xAA, 0xED]),
+        1 => vec(any::<u8>(), 0..=PACKET),
+        1 => Just(vec![0x11; PACKET]),
+    ]
+}
+
+const WAIT: RxWait = RxWait {
+    threshold: RxThreshold {
         max: 20,
         min: 3,
         terminator: Some(TERMINATOR),
-    });
+    },
+    idle: false,
+};
+
+#[test]
+fn idle_line_behind_a_frame_is_no_event() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.set(WAIT);
+    assert!(ring.arrived(7, TERMINATOR, || Instant::ZERO));
+    // The task has not read the frame: whether the bridge waits for the idle line is unknown.
+    assert!(!ring.idle(7, Instant::ZERO));
+    assert!(ring.take_mark(7).is_some());
+    assert_eq!(ring.take(7, 64), [0..7, 0..0]);
+    ring.set(WAIT);
+    assert!(!ring.has_mark());
+    // Now it is known.
+    assert!(!ring.idle(7, Instant::ZERO) && !ring.has_mark());
+    // New bytes wait for it.
+    assert!(ring.idle(9, Instant::ZERO) && ring.has_mark());
+}
+
+#[test]
+fn idle_line_behind_a_frame_is_kept_for_the_bridge() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.set(WAIT);
+    assert!(ring.arrived(7, TERMINATOR, || Instant::ZERO));
+    assert!(!ring.idle(7, Instant::ZERO));
+    assert!(ring.take_mark(7).is_some());
+    assert_eq!(ring.take(7, 64), [0..7, 0..0]);
+    ring.set(RxWait { idle: true, ..WAIT });
+    assert!(ring.take_mark(7).is_some_and(|mark| mark.idle));
+}
+
+#[test]
+fn terminator_inside_a_frame_marks_both_places() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.set(WAIT);
     let line = [1, TERMINATOR, 2, TERMINATOR, 3, TERMINATOR];
     for (end, byte) in (1..).zip(line) {
         let is_event = ring.arrived(end, byte, || Instant::from_micros(end as u64));

@@ -109,11 +109,9 @@ fn record_flags(status: Status, place: usize) {
     }
     let end = tail();
     let is_event = record_bytes(end, || at);
-    if status.idle {
-        with_ring(|ring| ring.idle(end, at));
-    }
+    let is_idle = status.idle && with_ring(|ring| ring.idle(end, at));
     // Errors are reported to the bridge together with the bytes.
-    if is_event || status.idle {
+    if is_event || is_idle {
         EVENT.signal(());
     }
 }
@@ -263,9 +261,10 @@ impl Receiver {
                     self.adapter.wake(Work::Can);
                 }
             }
-            let need = self.adapter.take(|bridge| bridge.rx_threshold());
+            let wait = self.adapter.take(|bridge| bridge.rx_wait());
+            let need = wait.threshold;
             let is_due = with_ring(|ring| {
-                ring.set_threshold(need);
+                ring.set(wait);
                 usart::set_byte_interrupt(true);
                 ring.has_mark() || ring.unread(tail()) >= need.min.min(need.max)
             });

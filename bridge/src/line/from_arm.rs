@@ -44,6 +44,11 @@ impl Line {
         self.wire.rx_threshold(self.kind, self.guard.rate.byte_time())
     }
 
+    /// Returns true if an idle line can change anything.
+    pub(crate) fn waits_for_idle(&self) -> bool {
+        self.wire.waits_for_idle()
+    }
+
     /// Takes the frames that are complete, and returns their number.
     fn take_frames(&mut self, at: Instant) -> usize {
         let mut frames: usize = 0;

@@ -69,10 +69,10 @@ pub(crate) fn call_all() {
 fn rx_ring(bridge: &Bridge, now: Instant) {
     let mut ring = RxRing::<1024>::new();
     let ring = black_box(&mut ring);
-    black_box(&mut *ring).set_threshold(black_box(bridge).rx_threshold());
+    black_box(&mut *ring).set(black_box(bridge).rx_wait());
     black_box(black_box(&*ring).is_waiting());
     black_box(black_box(&mut *ring).arrived(black_box(7), black_box(0xFF), || now));
-    black_box(&mut *ring).idle(black_box(7), now);
+    black_box(black_box(&mut *ring).idle(black_box(7), now));
     black_box(black_box(&*ring).has_mark());
     black_box(black_box(&mut *ring).take_mark(black_box(7)));
     black_box(black_box(&*ring).unread(black_box(7)));

@@ -84,6 +84,11 @@ impl Wire {
         self.decoder.idle();
     }
 
+    /// Returns true if an idle line can change anything.
+    pub(super) fn waits_for_idle(&self) -> bool {
+        self.decoder.pending() > 0 || self.decoder.skipping() > 0 || self.to_host.waits_for_idle()
+    }
+
     /// Passes undecided bytes to the host on USB, unless they may belong to another initiator.
     pub(super) fn pass(&mut self, journal: &mut Journal) {
         if self.decoder.pending() > 0 && !self.is_anothers() {

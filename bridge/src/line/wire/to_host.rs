@@ -118,6 +118,11 @@ impl ToHost {
         }
     }
 
+    /// Returns true if bytes wait for the end of theirs, or a transfer for its next bytes.
+    pub(crate) fn waits_for_idle(&self) -> bool {
+        self.bytes.len() > self.due || self.transfer == Transfer::Open
+    }
+
     /// Number of bytes that fill up a packet, at least 1.
     pub(crate) fn to_full_packet(&self) -> usize {
         match PACKET.checked_sub(self.bytes.len()) {
