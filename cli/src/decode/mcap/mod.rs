@@ -1,63 +1,107 @@
 //! The frames in an MCAP recording.
 
+mod chunk;
+mod fields;
 mod records;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::input::Input;
 use super::meaning::frame_meaning;
 use super::output::{Item, OnLine, Output};
 use crate::args::Speaker;
 use crate::error::Error;
+use crate::printable::escaped;
 use crate::recording::Frame;
 use crate::recording::messages::{FRAME, MESSAGE_ENCODING, parse_frame};
-use records::Record;
+use records::{Part, Record, Visitor};
 
 /// Prints the frames of a recording that `armwire monitor --mcap` wrote, and the sum.
 pub(super) fn decode(input: &mut Input<'_>, out: &dyn Output) -> Result<(), Error> {
-    let mut frames = Frames::default();
-    let read = records::read(input, &mut |record| frames.take(record, out));
-    let finished = read.and_then(|is_cut| frames.finish(is_cut, out));
-    finished.map_err(|reason| input.refused_at(input.offset(), &reason))
+    let mut frames = Frames {
+        out,
+        schemas: BTreeSet::new(),
+        channels: BTreeMap::new(),
+        frames: 0,
+        noise_bytes: 0,
+        damaged_chunks: 0,
+        damaged_records: 0,
+        lost_messages: 0,
+    };
+    let read = records::read(input, &mut frames);
+    let finished = frames.finish(&read);
+    let (place, reason) = match read {
+        Err(error) => error,
+        Ok(_) => match finished {
+            Ok(()) => return Ok(()),
+            Err(reason) => (input.offset(), reason),
+        },
+    };
+    Err(input.refused_at(place, &reason))
 }
 
 /// The frames of a recording so far.
-#[derive(Default)]
-struct Frames {
-    /// The schemas and channels for frames.
+struct Frames<'a> {
+    out: &'a dyn Output,
+    /// The schemas of frames.
     schemas: BTreeSet<u16>,
-    channels: BTreeSet<u16>,
+    /// The channels, and whether they are for frames.
+    channels: BTreeMap<u16, bool>,
     frames: u64,
     noise_bytes: u64,
+    damaged_chunks: u64,
+    damaged_records: u64,
+    /// Messages whose channel was in a damaged part.
+    lost_messages: u64,
 }
 
-impl Frames {
-    fn take(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), String> {
+impl Visitor for Frames<'_> {
+    fn record(&mut self, record: Record<'_>) -> Result<(), String> {
         match record {
             Record::Schema { id, name } if name == FRAME.0 => {
                 self.schemas.insert(id);
             }
-            Record::Channel { id, schema, encoding }
-                if self.schemas.contains(&schema) && encoding == MESSAGE_ENCODING =>
-            {
-                self.channels.insert(id);
+            Record::Channel { id, schema, encoding } => {
+                let has_frames = self.schemas.contains(&schema) && encoding == MESSAGE_ENCODING;
+                self.channels.insert(id, has_frames);
             }
             Record::Message {
                 channel,
                 sequence,
                 log_time,
                 data,
-            } if self.channels.contains(&channel) => {
-                let frame = parse_frame(log_time.cast_signed(), data)
-                    .map_err(|reason| format!("message {sequence}: {reason}"))?;
-                self.show(&frame, out);
-            }
-            _ => {}
+            } => match self.channels.get(&channel) {
+                Some(true) => {
+                    let frame = parse_frame(log_time.cast_signed(), data)
+                        .map_err(|reason| format!("message {sequence}: {reason}"))?;
+                    self.show(&frame);
+                }
+                Some(false) => {}
+                None => self.lost_messages += 1,
+            },
+            Record::Schema { .. } => {}
         }
         Ok(())
     }
 
-    fn show(&mut self, frame: &Frame, out: &dyn Output) {
+    fn damage(&mut self, part: Part, place: u64, reason: &str) {
+        let name = match part {
+            Part::Chunk => {
+                self.damaged_chunks += 1;
+                "chunk"
+            }
+            Part::Record => {
+                self.damaged_records += 1;
+                "record"
+            }
+        };
+        let reason = escaped(reason);
+        self.out.remark(format_args!("byte {place}: damaged {name}: {reason}"));
+    }
+}
+
+impl Frames<'_> {
+    fn show(&mut self, frame: &Frame) {
         let Frame {
             stamp,
             protocol,
@@ -75,7 +119,7 @@ impl Frames {
             Speaker::Arm => "from arm",
         };
         let (seconds, nanos) = (stamp.div_euclid(1_000_000_000), stamp.rem_euclid(1_000_000_000));
-        out.item(&Item {
+        self.out.item(&Item {
             place: format_args!("{seconds}.{nanos:09}  {direction:8}"),
             bytes,
             text: meaning.as_ref().unwrap_or_else(|reason| reason),
@@ -88,24 +132,36 @@ impl Frames {
     }
 
     /// The sum.
-    fn finish(&self, is_cut: bool, out: &dyn Output) -> Result<(), String> {
-        if self.channels.is_empty() && !is_cut {
+    fn finish(&self, read: &Result<bool, (u64, String)>) -> Result<(), String> {
+        let is_damaged = self.damaged_chunks + self.damaged_records > 0;
+        if !self.channels.values().any(|has_frames| *has_frames) && !is_damaged && *read == Ok(false) {
             return Err(format!(
                 "no channel of {}: 'armwire monitor --mcap' records one",
                 FRAME.0
             ));
         }
-        let end = if is_cut { ", the file has no end" } else { "" };
-        let Self {
-            frames, noise_bytes, ..
-        } = self;
-        out.remark(format_args!("frames: {frames}, noise bytes: {noise_bytes}{end}"));
+        let mut sum = format!("frames: {}, noise bytes: {}", self.frames, self.noise_bytes);
+        for (count, what) in [
+            (self.damaged_chunks, "damaged chunks"),
+            (self.damaged_records, "damaged records"),
+            (self.lost_messages, "messages without their channel"),
+        ] {
+            if count > 0 {
+                sum += &format!(", {what}: {count}");
+            }
+        }
+        if *read == Ok(true) {
+            sum += ", the file has no end";
+        }
+        self.out.remark(format_args!("{sum}"));
         Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+
     use proptest::collection::vec;
     use proptest::prelude::*;
 
@@ -186,16 +242,131 @@ mod tests {
         );
     }
 
-    #[test]
-    fn every_damaged_byte_is_an_error_or_harmless() {
-        let file = file(&[frame(
+    /// The compressions of chunks.
+    const COMPRESSIONS: [&str; 3] = ["", "lz4", "zstd"];
+
+    /// Compressed bytes.
+    fn compressed(compression: &str, bytes: &[u8]) -> Vec<u8> {
+        match compression {
+            "lz4" => {
+                let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+                encoder.write_all(bytes).unwrap();
+                encoder.finish().unwrap()
+            }
+            "zstd" => ruzstd::encoding::compress_to_vec(bytes, ruzstd::encoding::CompressionLevel::Fastest),
+            _ => bytes.to_vec(),
+        }
+    }
+
+    /// The file with each chunk compressed, so many times, and without its index. With the places of the chunks.
+    fn rewritten(file: &[u8], compression: &str, times: usize) -> (Vec<u8>, Vec<usize>) {
+        let mut out = file[..8].to_vec();
+        let mut chunks = Vec::new();
+        let mut rest = &file[8..];
+        while let Some((head, behind)) = rest.split_first_chunk::<9>() {
+            let len = u64::from_le_bytes(head[1..].try_into().unwrap()) as usize;
+            let (body, next) = behind.split_at(len);
+            match head[0] {
+                0x06 => {
+                    // Times, length, CRC, an empty name, and the length of the records.
+                    let (head, records) = (&body[..28], compressed(compression, &body[40..]));
+                    for _ in 0..times {
+                        chunks.push(out.len());
+                        out.push(0x06);
+                        out.extend((40 + compression.len() as u64 + records.len() as u64).to_le_bytes());
+                        out.extend(head);
+                        out.extend((compression.len() as u32).to_le_bytes());
+                        out.extend(compression.as_bytes());
+                        out.extend((records.len() as u64).to_le_bytes());
+                        out.extend(&records);
+                    }
+                }
+                0x0F => {
+                    // The end of the data: its own record, and the end of the file.
+                    out.extend(head);
+                    out.extend(body);
+                    out.extend([0x02, 20, 0, 0, 0, 0, 0, 0, 0]);
+                    out.extend([0; 20]);
+                    out.extend(mcap::MAGIC);
+                    break;
+                }
+                _ => out.extend(rest[..9 + len].iter()),
+            }
+            rest = next;
+        }
+        (out, chunks)
+    }
+
+    /// A reading of joints.
+    fn reading() -> Frame {
+        frame(
             Protocol::Ling,
             Speaker::Arm,
             &[0xAA, 0x04, 0x0E, 0x01, 0x01, 0x96, 0xFF],
-        )]);
+        )
+    }
+
+    #[test]
+    fn chunks_compressed_by_other_programs_are_read() {
+        let [zstd, lz4] = [
+            &include_bytes!("../../../tests/logs/zstd.mcap")[..],
+            include_bytes!("../../../tests/logs/lz4.mcap"),
+        ]
+        .map(output);
+        assert_eq!(zstd.1, None);
+        assert_eq!(zstd, lz4);
+        // The count of the library for Python.
+        assert_eq!(zstd.0.len(), 84 + 1);
+        assert_eq!(zstd.0[84], "frames: 84, noise bytes: 0");
+    }
+
+    #[test]
+    fn damaged_chunk_is_left_out_with_its_place() {
+        let file = file(&vec![reading(); 3]);
+        let (lines, error) = output(&file);
+        assert_eq!((lines.len(), error), (4, None));
+        for compression in COMPRESSIONS {
+            let (mut rewritten, chunks) = rewritten(&file, compression, 3);
+            let (whole, error) = output(&rewritten);
+            assert_eq!((whole.len(), error), (9 + 1, None), "{compression}");
+            let inside = (chunks[1] + chunks[2]) / 2;
+            rewritten[inside] ^= 0x10;
+            let (lines, error) = output(&rewritten);
+            assert_eq!(error, None);
+            assert_eq!((&lines[..3], &lines[4..7]), (&whole[..3], &whole[..3]), "{compression}");
+            let damage = format!("byte {}: damaged chunk: ", chunks[1]);
+            assert!(lines[3].starts_with(&damage), "{}", lines[3]);
+            assert_eq!(lines[7], "frames: 6, noise bytes: 0, damaged chunks: 1");
+        }
+    }
+
+    #[test]
+    fn messages_of_a_lost_channel_are_counted() {
+        // The first chunk has the channels.
+        let mut file = include_bytes!("../../../tests/logs/lz4.mcap").to_vec();
+        let chunk = file.windows(3).position(|bytes| bytes == b"lz4").unwrap();
+        file[chunk + 100] ^= 1;
+        let (lines, error) = output(&file);
+        assert_eq!(error, None);
+        let sum = lines.last().unwrap();
+        assert!(
+            sum.starts_with("frames: 0, noise bytes: 0, damaged chunks: 1, messages without their channel: "),
+            "{sum}"
+        );
+    }
+
+    #[test]
+    fn every_damaged_byte_is_an_error_or_harmless() {
+        for compression in COMPRESSIONS {
+            is_refused_or_harmless(&rewritten(&file(&[reading()]), compression, 1).0);
+        }
+    }
+
+    /// Damages each byte in turn.
+    fn is_refused_or_harmless(file: &[u8]) {
         for at in 8..file.len() {
-            for value in [0, 1, 0x7F, 0x80, 0xFF, file[at] ^ 1] {
-                let mut damaged = file.clone();
+            for value in [0, 0x80, 0xFF, file[at] ^ 1] {
+                let mut damaged = file.to_vec();
                 damaged[at] = value;
                 let out = crate::decode::tests::Nowhere;
                 let measured = allocation_counter::measure(|| {
@@ -231,8 +402,11 @@ mod tests {
             let file = file(&[frame(Protocol::Ling, Speaker::Arm, &bytes)]);
             let mut damaged = file.clone();
             damaged[at.index(file.len())] ^= 0x55;
-            printed(&damaged, Some(Format::Mcap), ArmKind::Ling, None);
-            printed(&[&file[..8], &bytes].concat(), Some(Format::Mcap), ArmKind::Ling, None);
+            for recording in [damaged, [&file[..8], &bytes].concat()] {
+                let (lines, error) = printed(&recording, Some(Format::Mcap), ArmKind::Ling, None);
+                let has_sum = lines.last().is_some_and(|sum| sum.starts_with("frames: "));
+                prop_assert!(has_sum || error.is_some_and(|error| error.contains("no channel of")), "{:?}", lines);
+            }
         }
     }
 
@@ -247,12 +421,22 @@ mod tests {
             40_000
         ]);
         assert!(recording.len() > 3_000_000);
-        let measured = allocation_counter::measure(|| {
-            let source = Box::new(&recording[..]);
-            let out = crate::decode::tests::Nowhere;
-            let head = Head::new("log".to_owned(), source, &out);
-            decode(&mut head.into_input(), &out).unwrap();
-        });
-        assert!(measured.bytes_max < MAX_MEMORY, "{} bytes", measured.bytes_max);
+        for compression in COMPRESSIONS {
+            // In memory are a compressed chunk, and its window.
+            let (recording, chunks) = rewritten(&recording, compression, 1);
+            assert!(chunks.len() > 2);
+            let measured = allocation_counter::measure(|| {
+                let source = Box::new(&recording[..]);
+                let out = crate::decode::tests::Nowhere;
+                let head = Head::new("log".to_owned(), source, &out);
+                decode(&mut head.into_input(), &out).unwrap();
+            });
+            let max = if compression.is_empty() {
+                MAX_MEMORY
+            } else {
+                8 * MAX_MEMORY
+            };
+            assert!(measured.bytes_max < max, "{compression}: {} bytes", measured.bytes_max);
+        }
     }
 }

@@ -5,17 +5,16 @@
 
 use std::io::BufRead;
 
-use crc::{CRC_32_ISO_HDLC, Crc, Table};
-use mcap::McapError;
-use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{MAGIC, McapError, records::op};
 
-use crate::printable::cut;
+use super::chunk::Chunk;
+use super::fields::Fields;
 
 /// The longest record, in bytes. Other programs may have written images to the file.
 const MAX_RECORD: usize = 64 * 1024 * 1024;
-/// The CRC of a chunk.
-const CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
+/// The length of a record's code and of its length.
+const HEAD: u64 = 9;
 
 /// A record.
 pub(super) enum Record<'a> {
@@ -32,23 +31,52 @@ pub(super) enum Record<'a> {
     },
 }
 
-/// A consumer of records.
-pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), String> + 'a;
+/// A part of a file that is not read. Its place is that of the record that has it, in bytes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// A chunk, from the first record that is not read to its end.
+    Chunk,
+    /// A record.
+    Record,
+}
 
-/// Hands the records of a file, also those in its chunks, to `take`. Returns true if the file is cut: its program was
+/// A consumer of a file.
+pub(super) trait Visitor {
+    /// Takes a record. An error is the reason why it is not read.
+    fn record(&mut self, record: Record<'_>) -> Result<(), String>;
+
+    /// Takes the place of a part that is not read, and the reason.
+    fn damage(&mut self, part: Part, place: u64, reason: &str);
+}
+
+/// Hands the records of a file, also those in its chunks, to `visitor`. Returns true if the file is cut: its program was
 /// killed, or is still writing.
-pub(super) fn read(file: &mut dyn BufRead, take: &mut Take<'_>) -> Result<bool, String> {
-    split(file, LinearReaderOptions::default(), &mut |opcode, data| match opcode {
-        op::CHUNK => read_chunk(data, take),
-        _ => read_record(opcode, data, take),
-    })
+///
+/// # Errors
+///
+/// The place in bytes, and the reason, from where on nothing can be read.
+pub(super) fn read(file: &mut dyn BufRead, visitor: &mut dyn Visitor) -> Result<bool, (u64, String)> {
+    let mut place = MAGIC.len() as u64;
+    let read = split(file, LinearReaderOptions::default(), &mut |opcode, data| {
+        let at = place;
+        place += HEAD + data.0.len() as u64;
+        match opcode {
+            op::CHUNK => {
+                if let Err(reason) = read_chunk(data, at, visitor) {
+                    visitor.damage(Part::Chunk, at, &reason);
+                }
+            }
+            _ => read_record(opcode, data, at, visitor),
+        }
+    });
+    read.map_err(|reason| (place, reason))
 }
 
 /// Hands the code and the fields of each record to `take`. Returns true if the last one is cut.
 fn split(
     source: &mut dyn BufRead,
     options: LinearReaderOptions,
-    take: &mut dyn FnMut(u8, Fields<'_>) -> Result<(), String>,
+    take: &mut dyn FnMut(u8, Fields<'_>),
 ) -> Result<bool, String> {
     let options = options.with_emit_chunks(true).with_record_length_limit(MAX_RECORD);
     let mut reader = LinearReader::new_with_options(options);
@@ -63,45 +91,41 @@ fn split(
                 reader.notify_read(len);
                 source.consume(len);
             }
-            Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, Fields(data))?,
+            Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, Fields(data)),
             Some(Err(McapError::UnexpectedEof)) => return Ok(true),
             Some(Err(error)) => return Err(error.to_string()),
         }
     }
 }
 
-/// Hands the records in a chunk to `take`.
-fn read_chunk(mut chunk: Fields<'_>, take: &mut Take<'_>) -> Result<(), String> {
-    let _start_time = chunk.u64()?;
-    let _end_time = chunk.u64()?;
-    let _size = chunk.u64()?;
-    let crc = chunk.u32()?;
-    let compression = chunk.text()?;
-    if !compression.is_empty() {
-        return Err(format!(
-            "a chunk is compressed with {}, which is not read",
-            cut(compression)
-        ));
-    }
-    let len = chunk.u64()?;
-    let mut records = chunk.bytes(len)?;
-    if crc != 0 && crc != CRC.checksum(records) {
-        return Err("a chunk is damaged: its CRC is wrong".to_owned());
-    }
+/// Hands the records in the chunk at `place` to `visitor`.
+fn read_chunk(fields: Fields<'_>, place: u64, visitor: &mut dyn Visitor) -> Result<(), String> {
+    let mut records = Chunk::parse(fields)?.records()?;
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true);
     match split(&mut records, options, &mut |opcode, data| {
-        read_record(opcode, data, take)
+        read_record(opcode, data, place, visitor);
     })? {
-        true => Err("a record extends beyond its chunk".to_owned()),
+        true => Err("a record extends beyond it".to_owned()),
         false => Ok(()),
     }
 }
 
-/// Hands a record to `take` unless it does not lead to messages.
-fn read_record(opcode: u8, mut fields: Fields<'_>, take: &mut Take<'_>) -> Result<(), String> {
-    take(match opcode {
+/// Hands a record to `visitor` unless it does not lead to messages.
+fn read_record(opcode: u8, fields: Fields<'_>, place: u64, visitor: &mut dyn Visitor) {
+    let read = match parse_record(opcode, fields) {
+        Ok(Some(record)) => visitor.record(record),
+        Ok(None) => Ok(()),
+        Err(reason) => Err(reason),
+    };
+    if let Err(reason) = read {
+        visitor.damage(Part::Record, place, &reason);
+    }
+}
+
+fn parse_record(opcode: u8, mut fields: Fields<'_>) -> Result<Option<Record<'_>>, String> {
+    Ok(Some(match opcode {
         op::SCHEMA => Record::Schema {
             id: fields.u16()?,
             name: fields.text()?,
@@ -121,90 +145,74 @@ fn read_record(opcode: u8, mut fields: Fields<'_>, take: &mut Take<'_>) -> Resul
                 data: fields.0,
             }
         }
-        _ => return Ok(()),
-    })
-}
-
-/// The fields of a record that are not read yet. Numbers are little-endian.
-struct Fields<'a>(&'a [u8]);
-
-impl<'a> Fields<'a> {
-    fn u16(&mut self) -> Result<u16, String> {
-        self.array().map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Result<u32, String> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Result<u64, String> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    fn text(&mut self) -> Result<&'a str, String> {
-        let len = self.u32()?;
-        let bytes = self.bytes(len.into())?;
-        str::from_utf8(bytes).map_err(|error| format!("a record is damaged: {error}"))
-    }
-
-    fn bytes(&mut self, len: u64) -> Result<&'a [u8], String> {
-        let split = usize::try_from(len).ok().and_then(|len| self.0.split_at_checked(len));
-        let (bytes, rest) = split.ok_or_else(Self::cut)?;
-        self.0 = rest;
-        Ok(bytes)
-    }
-
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], String> {
-        let (array, rest) = self.0.split_first_chunk().ok_or_else(Self::cut)?;
-        self.0 = rest;
-        Ok(*array)
-    }
-
-    fn cut() -> String {
-        "a record is damaged: it ends within a field".to_owned()
-    }
+        _ => return Ok(None),
+    }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The reason why a file with this chunk is refused.
-    fn refused(crc: u32, compression: &str, records: &[u8]) -> String {
-        let mut chunk = vec![0; 24];
+    /// The damage in a file.
+    #[derive(Default)]
+    struct Damage(Vec<String>);
+
+    impl Visitor for Damage {
+        fn record(&mut self, _: Record<'_>) -> Result<(), String> {
+            Ok(())
+        }
+
+        fn damage(&mut self, _: Part, place: u64, reason: &str) {
+            self.0.push(format!("{place}: {reason}"));
+        }
+    }
+
+    /// The damage of a file that has this chunk, and records behind it.
+    fn damage(len: u64, crc: u32, compression: &str, records: &[u8]) -> Vec<String> {
+        let mut chunk = vec![0; 16];
+        chunk.extend(len.to_le_bytes());
         chunk.extend(crc.to_le_bytes());
         chunk.extend((compression.len() as u32).to_le_bytes());
         chunk.extend(compression.as_bytes());
         chunk.extend((records.len() as u64).to_le_bytes());
         chunk.extend(records);
-        let mut file = mcap::MAGIC.to_vec();
+        let mut file = MAGIC.to_vec();
         file.push(op::CHUNK);
         file.extend((chunk.len() as u64).to_le_bytes());
         file.extend(chunk);
-        match read(&mut &file[..], &mut |_| Ok(())) {
-            Err(reason) => reason,
-            Ok(_) => panic!("it is read"),
-        }
+        let behind = file.len();
+        file.extend([op::MESSAGE, 1, 0, 0, 0, 0, 0, 0, 0, 1]);
+        let mut damage = Damage::default();
+        assert_eq!(read(&mut &file[..], &mut damage), Ok(true), "the file has no end");
+        assert_eq!(damage.0.pop(), Some(format!("{behind}: it ends within a field")));
+        damage.0
     }
 
     #[test]
-    fn chunk_that_cannot_be_read_is_refused() {
-        assert_eq!(
-            refused(0, "zstd", &[]),
-            "a chunk is compressed with zstd, which is not read"
-        );
-        assert_eq!(refused(1, "", &[]), "a chunk is damaged: its CRC is wrong");
+    fn damaged_chunk_costs_only_itself() {
+        let message = [op::MESSAGE, 1, 0, 0, 0, 0, 0, 0, 0, 1];
         let too_long = [op::MESSAGE, 9, 0, 0, 0, 0, 0, 0, 0, 1];
-        assert_eq!(refused(0, "", &too_long), "a record extends beyond its chunk");
-        let too_short = [op::MESSAGE, 1, 0, 0, 0, 0, 0, 0, 0, 1];
-        assert_eq!(
-            refused(0, "", &too_short),
-            "a record is damaged: it ends within a field"
-        );
         let huge_text = [op::SCHEMA, 6, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0xFF, 0xFF, 0xFF, 0xFF];
-        assert_eq!(
-            refused(0, "", &huge_text),
-            "a record is damaged: it ends within a field"
-        );
+        for (len, crc, compression, records, reason) in [
+            (0, 0, "xz", &[][..], "compressed with xz, which is not read"),
+            (10, 1, "", &message, "its CRC is wrong"),
+            (9, 0, "", &message, "more bytes of records than its 9"),
+            (11, 0, "", &message, "fewer bytes of records than its 11"),
+            (
+                1 << 60,
+                0,
+                "",
+                &message,
+                "1152921504606846976 bytes of records, more than 1073741824",
+            ),
+            (10, 0, "", &too_long, "a record extends beyond it"),
+            (10, 0, "", &message, "it ends within a field"),
+            (15, 0, "", &huge_text, "it ends within a field"),
+        ] {
+            assert_eq!(damage(len, crc, compression, records), [format!("8: {reason}")]);
+        }
+        for compression in ["zstd", "lz4"] {
+            assert_eq!(damage(10, 0, compression, &message).len(), 1, "{compression}");
+        }
     }
 }
