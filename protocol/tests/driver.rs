@@ -13,7 +13,7 @@ use armwire::framing::{Framing, Reason, Scan};
 use armwire::ling::*;
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
-use armwire::{Cause, Config, Device, DeviceEvent, ErrorFrame, MessageId, OutOfRange, ParseError, SubmitError};
+use armwire::{Config, Device, DeviceEvent, ErrorFrame, OutOfRange, SubmitError};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -892,15 +892,6 @@ fn bytes_after_an_answer_stay_for_next_call() {
 #[test]
 fn call_error_names_its_failure() {
     type Error = CallError<ErrorKind>;
-    let unacceptable = ParseError {
-        message: MessageId::Function {
-            command: 4,
-            function: 14,
-        },
-        cause: Cause::Unknown,
-    };
-    let reason = std::error::Error::source(&Error::Unacceptable(unacceptable)).map(ToString::to_string);
-    assert_eq!(reason, Some(unacceptable.to_string()));
     for (error, text) in [
         (Error::Io(ErrorKind::TimedOut), "the port failed: "),
         (Error::Closed, "the port is closed"),

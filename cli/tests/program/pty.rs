@@ -410,20 +410,31 @@ fn wrong_usage_exits_with_2() {
 #[test]
 fn text_from_outside_is_escaped_and_cut() {
     let path = free_path("\x1B]0;title\x07");
-    for (input, what) in [
-        ("AA \x1B[2J", r"line 1: '\u{1b}[2J' is not a byte"),
-        (
-            "(1.000000) can0 \x1B[2J",
-            r"line 1: '(1.000000) can0 \u{1b}[2J': '\u{1b}[2J' is no identifier",
-        ),
-    ] {
-        std::fs::write(&path, input).unwrap();
-        let line = failure(&run(&["decode", path.to_str().unwrap()]));
-        assert!(line.contains(what), "{line}");
-        assert!(line.contains(r"\u{1b}]0;title\u{7}"), "{line}");
-        std::fs::write(&path, input.repeat(400_000)).unwrap();
-        let line = failure(&run(&["decode", path.to_str().unwrap()]));
-        assert!(line.len() < 1000 && !line.contains(char::is_control), "{line}");
+    std::fs::write(&path, "AA \x1B[2J").unwrap();
+    let line = failure(&run(&["decode", path.to_str().unwrap()]));
+    assert!(line.contains(r"line 1: '\u{1b}[2J' is not a byte"), "{line}");
+    assert!(line.contains(r"\u{1b}]0;title\u{7}"), "{line}");
+    std::fs::write(&path, "AA \x1B[2J".repeat(400_000)).unwrap();
+    let line = failure(&run(&["decode", path.to_str().unwrap()]));
+    assert!(line.len() < 1000 && !line.contains(char::is_control), "{line}");
+
+    // A log goes on behind such a line.
+    let record = "(1.000000) can0 \x1B[2J";
+    for log in [format!("{record}\n"), record.repeat(400_000) + "\n"] {
+        std::fs::write(&path, log).unwrap();
+        let output = run(&["decode", path.to_str().unwrap(), "--strict"]);
+        assert_eq!(output.status.code(), Some(3));
+        let out = String::from_utf8(output.stdout).unwrap();
+        assert!(
+            out.starts_with(r"not understood: line 1: '(1.000000) can0 \u{1b}[2J"),
+            "{out}"
+        );
+        assert!(
+            out.len() < 3000 && out.lines().all(|line| !line.contains(char::is_control)),
+            "{out}"
+        );
+        let warning = String::from_utf8(output.stderr).unwrap();
+        assert!(warning.contains(r"\u{1b}]0;title\u{7}"), "{warning}");
     }
     std::fs::remove_file(path).unwrap();
 }
