@@ -3,7 +3,8 @@
 //! The names of the tables follow the manual. An UNPREDICTABLE encoding with forbidden registers is refused.
 
 use super::op::{
-    Alu, Carry, Condition, Extend, Hint, Index, Lanes, LoadKind, Long, Op, Parallel, Reg, Shift, ShiftKind, Signed,
+    Alu, Carry, Condition, Extend, Hint, Index, Lanes, LoadKind, Long, Multiple, Op, Parallel, Reg, Shift, ShiftKind,
+    Signed,
 };
 
 /// No shift.
@@ -61,18 +62,11 @@ pub(super) fn decode_16(pc: u32, code: u32, in_it: bool) -> Op {
             imm: (code & 0xff) * 4,
         },
         0b101100..0b110000 => miscellaneous_16(pc, code),
-        0b110000 | 0b110001 => Op::StoreMultiple {
-            n: high,
-            registers: (code & 0xff) as u16,
-            decrement: false,
-            write_back: true,
-        },
-        0b110010 | 0b110011 => Op::LoadMultiple {
-            n: high,
-            registers: (code & 0xff) as u16,
-            decrement: false,
-            write_back: code >> high.index() & 1 == 0,
-        },
+        0b110000 | 0b110001 => multiple(Op::StoreMultiple, high, code & 0xff, false, true),
+        0b110010 | 0b110011 => {
+            let write_back = code >> high.index() & 1 == 0;
+            multiple(Op::LoadMultiple, high, code & 0xff, false, write_back)
+        }
         0b110100..0b111000 => match code >> 8 & 15 {
             0b1110 => Op::Undefined,
             0b1111 => Op::Svc,
@@ -244,8 +238,20 @@ fn miscellaneous_16(pc: u32, code: u32) -> Op {
             n: d,
             target: pc.wrapping_add((code >> 9 & 1) << 6 | (code >> 3 & 31) << 1),
         },
-        0b010000..=0b010111 => store_multiple(Reg::SP, code & 0xff | (code & 0x100) << 6, true, true),
-        0b110000..=0b110111 => load_multiple(Reg::SP, code & 0xff | (code & 0x100) << 7, false, true),
+        0b010000..=0b010111 => multiple(
+            Op::StoreMultiple,
+            Reg::SP,
+            code & 0xff | (code & 0x100) << 6,
+            true,
+            true,
+        ),
+        0b110000..=0b110111 => multiple(
+            Op::LoadMultiple,
+            Reg::SP,
+            code & 0xff | (code & 0x100) << 7,
+            false,
+            true,
+        ),
         0b011001 if code & 0xffe8 == 0xb660 => Op::Cps {
             disable: code >> 4 & 1 != 0,
             primask: code >> 1 & 1 != 0,
@@ -471,34 +477,19 @@ fn load_store_multiple(first: u32, second: u32) -> Op {
     if n == Reg::PC || second.count_ones() < 2 || second & forbidden != 0 || base_in_list || load && pc_and_lr {
         return Op::Unpredictable;
     }
-    if load {
-        load_multiple(n, second, decrement, write_back)
-    } else {
-        store_multiple(n, second, decrement, write_back)
-    }
+    let op = if load { Op::LoadMultiple } else { Op::StoreMultiple };
+    multiple(op, n, second, decrement, write_back)
 }
 
-fn load_multiple(n: Reg, registers: u32, decrement: bool, write_back: bool) -> Op {
-    if registers == 0 {
-        return Op::Unpredictable;
-    }
-    Op::LoadMultiple {
-        n,
-        registers: registers as u16,
-        decrement,
-        write_back,
-    }
-}
-
-fn store_multiple(n: Reg, registers: u32, decrement: bool, write_back: bool) -> Op {
-    if registers == 0 {
-        return Op::Unpredictable;
-    }
-    Op::StoreMultiple {
-        n,
-        registers: registers as u16,
-        decrement,
-        write_back,
+fn multiple(op: fn(Multiple) -> Op, n: Reg, registers: u32, decrement: bool, write_back: bool) -> Op {
+    match registers as u16 {
+        0 => Op::Unpredictable,
+        registers => op(Multiple {
+            n,
+            registers,
+            decrement,
+            write_back,
+        }),
     }
 }
 
@@ -545,12 +536,7 @@ fn load_store_dual(pc: u32, first: u32, second: u32) -> Op {
 
 /// The other half of A5.3.6: LDREX, STREX, TBB, TBH and similar ones.
 fn exclusive_or_table(pc: u32, first: u32, second: u32) -> Op {
-    let (n, t, t2, m) = (
-        Reg::new(first),
-        Reg::new(second >> 12),
-        Reg::new(second >> 8),
-        Reg::new(second),
-    );
+    let (n, t, t2, m) = registers(first, second);
     let (sized, load, opcode) = (first >> 7 & 1 != 0, first >> 4 & 1 != 0, second >> 4 & 15);
     if sized && opcode < 2 && load {
         if is_limited(m) || n == Reg::SP || second >> 8 != 0xf0 {
@@ -870,12 +856,7 @@ fn parallel(op1: u32, op2: u32, d: Reg, n: Reg, m: Reg) -> Op {
 
 /// A5.3.16.
 fn multiply(first: u32, second: u32) -> Op {
-    let (n, a, d, m) = (
-        Reg::new(first),
-        Reg::new(second >> 12),
-        Reg::new(second >> 8),
-        Reg::new(second),
-    );
+    let (n, a, d, m) = registers(first, second);
     let (top, swap) = (second >> 5 & 1 != 0, second >> 4 & 1 != 0);
     if is_limited(d) || is_limited(n) || is_limited(m) || a == Reg::SP || second >> 6 & 3 != 0 {
         return if second >> 6 & 3 != 0 {
@@ -927,12 +908,7 @@ fn multiply(first: u32, second: u32) -> Op {
 
 /// A5.3.17.
 fn multiply_long(first: u32, second: u32) -> Op {
-    let (n, low, high, m) = (
-        Reg::new(first),
-        Reg::new(second >> 12),
-        Reg::new(second >> 8),
-        Reg::new(second),
-    );
+    let (n, low, high, m) = registers(first, second);
     let op2 = second >> 4 & 15;
     let is_division = matches!(first >> 4 & 7, 1 | 3);
     if is_limited(n) || is_limited(m) || is_limited(high) || !is_division && (is_limited(low) || low == high) {
@@ -963,6 +939,12 @@ fn multiply_long(first: u32, second: u32) -> Op {
         _ => return Op::Undefined,
     };
     Op::MulLong { kind, low, high, n, m }
+}
+
+/// The four register fields of a 32-bit instruction: one in its first halfword, three in its second.
+fn registers(first: u32, second: u32) -> (Reg, Reg, Reg, Reg) {
+    let [a, b, c] = [12, 8, 0].map(|at| Reg::new(second >> at));
+    (Reg::new(first), a, b, c)
 }
 
 /// R13 and R15, which most 32-bit instructions do not allow.

@@ -6,7 +6,7 @@ use super::decode::floating_point_mnemonic;
 use super::dsp;
 use super::fault::{Fault, Refusal, Trap};
 use super::memory::Width;
-use super::op::{Carry, Extend, Hint, Index, LoadKind, Long, Op, Reg, Shift, Signed};
+use super::op::{Carry, Extend, Hint, Index, LoadKind, Long, Multiple, Op, Reg, Shift, Signed};
 use super::state::{Cpu, control};
 
 /// Values whose load into the PC returns from the exception, in handler mode (B1.5.8).
@@ -119,18 +119,8 @@ impl Cpu {
                 return self.branch_interworking(target);
             }
             Op::BranchReg { m } => return self.branch_returning(self.get(m)),
-            Op::LoadMultiple {
-                n,
-                registers,
-                decrement,
-                write_back,
-            } => return self.load_multiple(bus, n, registers, decrement, write_back, next),
-            Op::StoreMultiple {
-                n,
-                registers,
-                decrement,
-                write_back,
-            } => self.store_multiple(bus, n, registers, decrement, write_back)?,
+            Op::LoadMultiple(list) => return self.load_multiple(bus, list, next),
+            Op::StoreMultiple(list) => self.store_multiple(bus, list)?,
             Op::Ldrd {
                 index,
                 t,
@@ -503,31 +493,30 @@ impl Cpu {
         }
     }
 
+    /// The lowest address of several registers, and the base after them.
+    fn extent(&self, list: Multiple) -> (u32, u32) {
+        let base = self.get(list.n);
+        let bytes = 4 * list.registers.count_ones();
+        match list.decrement {
+            true => (base.wrapping_sub(bytes), base.wrapping_sub(bytes)),
+            false => (base, base.wrapping_add(bytes)),
+        }
+    }
+
     /// LDM, LDMDB, POP (A7.7.41, A7.7.42, A7.7.99).
-    fn load_multiple(
-        &mut self,
-        bus: &mut dyn Bus,
-        n: Reg,
-        registers: u16,
-        decrement: bool,
-        write_back: bool,
-        next: u32,
-    ) -> Result<u32, Trap> {
-        let base = self.get(n);
-        let bytes = 4 * registers.count_ones();
-        let start = if decrement { base.wrapping_sub(bytes) } else { base };
+    fn load_multiple(&mut self, bus: &mut dyn Bus, list: Multiple, next: u32) -> Result<u32, Trap> {
+        let (mut address, after) = self.extent(list);
         let mut loaded = self.r;
-        let mut address = start;
-        for number in bits(registers) {
+        for number in bits(list.registers) {
             loaded[number] = self.load_aligned(bus, address)?;
             address = address.wrapping_add(4);
         }
         let pc = std::mem::replace(&mut loaded[15], self.r[15]);
         self.r = loaded;
-        if write_back {
-            self.set(n, if decrement { start } else { address });
+        if list.write_back {
+            self.set(list.n, after);
         }
-        if registers >> 15 != 0 {
+        if list.registers >> 15 != 0 {
             self.branch_returning(pc)
         } else {
             Ok(next)
@@ -535,24 +524,14 @@ impl Cpu {
     }
 
     /// STM, STMDB, PUSH (A7.7.159, A7.7.160, A7.7.101).
-    fn store_multiple(
-        &mut self,
-        bus: &mut dyn Bus,
-        n: Reg,
-        registers: u16,
-        decrement: bool,
-        write_back: bool,
-    ) -> Result<(), Trap> {
-        let base = self.get(n);
-        let bytes = 4 * registers.count_ones();
-        let start = if decrement { base.wrapping_sub(bytes) } else { base };
-        let mut address = start;
-        for number in bits(registers) {
+    fn store_multiple(&mut self, bus: &mut dyn Bus, list: Multiple) -> Result<(), Trap> {
+        let (mut address, after) = self.extent(list);
+        for number in bits(list.registers) {
             self.store_aligned(bus, address, self.r[number & 15])?;
             address = address.wrapping_add(4);
         }
-        if write_back {
-            self.set(n, if decrement { start } else { address });
+        if list.write_back {
+            self.set(list.n, after);
         }
         Ok(())
     }

@@ -168,6 +168,18 @@ pub(super) enum Hint {
     Isb,
 }
 
+/// The transfer of several registers, at least one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Multiple {
+    /// The base.
+    pub(super) n: Reg,
+    /// A bit for each register.
+    pub(super) registers: u16,
+    /// Before the base, and not from it on.
+    pub(super) decrement: bool,
+    pub(super) write_back: bool,
+}
+
 /// An instruction. `d` is the destination, `n` and `m` are operands, `t` is the transferred register, as in the manual.
 // A line for each, as in the tables of the manual.
 #[rustfmt::skip]
@@ -279,9 +291,9 @@ pub(super) enum Op {
     LdrdLiteral { t: Reg, t2: Reg, address: u32 },
     Strd { index: Index, t: Reg, t2: Reg, n: Reg, offset: i16 },
     /// LDMIA and POP, or LDMDB.
-    LoadMultiple { n: Reg, registers: u16, decrement: bool, write_back: bool },
+    LoadMultiple(Multiple),
     /// STMIA, or STMDB and PUSH.
-    StoreMultiple { n: Reg, registers: u16, decrement: bool, write_back: bool },
+    StoreMultiple(Multiple),
     Ldrex { kind: LoadKind, t: Reg, n: Reg, offset: u16 },
     Strex { kind: LoadKind, d: Reg, t: Reg, n: Reg, offset: u16 },
     Clrex,
@@ -319,7 +331,7 @@ impl Op {
             Self::LoadPc { .. } | Self::LoadPcReg { .. } | Self::LoadPcLiteral { .. } | Self::TableBranch { .. } => {
                 true
             }
-            Self::LoadMultiple { registers, .. } => registers >> 15 != 0,
+            Self::LoadMultiple(Multiple { registers, .. }) => registers >> 15 != 0,
             _ => false,
         }
     }

@@ -19,7 +19,7 @@
 
 use std::collections::VecDeque;
 
-use super::op::{Hint, Index, Op, Reg};
+use super::op::{Hint, Index, Multiple, Op, Reg};
 
 /// The counting of cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -214,11 +214,11 @@ fn cortex_m4(op: Op, next: Op) -> u8 {
         Op::TableBranch { .. } => 2 + REFILL_LOAD,
         Op::LoadPc { .. } | Op::LoadPcReg { .. } | Op::LoadPcLiteral { .. } => 2 + REFILL_LOAD,
         Op::Ldrd { .. } | Op::LdrdLiteral { .. } | Op::Strd { .. } => 3,
-        Op::LoadMultiple { registers, .. } => {
+        Op::LoadMultiple(Multiple { registers, .. }) => {
             let refill = if registers >> 15 != 0 { REFILL_LOAD } else { 0 };
             1 + registers.count_ones() as u8 + refill
         }
-        Op::StoreMultiple { registers, .. } => 1 + registers.count_ones() as u8,
+        Op::StoreMultiple(Multiple { registers, .. }) => 1 + registers.count_ones() as u8,
         Op::Sdiv { .. } | Op::Udiv { .. } => 2,
         Op::Hint(Hint::Isb) => 1 + REFILL_IMMEDIATE,
         _ if loaded(op).is_some() => 2,
@@ -270,7 +270,7 @@ fn address_registers(op: Op) -> [Option<Reg>; 2] {
         Op::Load { n, .. } | Op::Store { n, .. } | Op::LoadPc { n, .. } => [Some(n), None],
         Op::LoadUser { n, .. } | Op::StoreUser { n, .. } | Op::Ldrex { n, .. } | Op::Strex { n, .. } => [Some(n), None],
         Op::Ldrd { n, .. } | Op::Strd { n, .. } => [Some(n), None],
-        Op::LoadMultiple { n, .. } | Op::StoreMultiple { n, .. } => [Some(n), None],
+        Op::LoadMultiple(Multiple { n, .. }) | Op::StoreMultiple(Multiple { n, .. }) => [Some(n), None],
         Op::LdrReg { n, m, .. } | Op::LdrbReg { n, m, .. } | Op::StrReg { n, m, .. } => [Some(n), Some(m)],
         Op::StrbReg { n, m, .. } | Op::LoadReg { n, m, .. } | Op::StoreReg { n, m, .. } => [Some(n), Some(m)],
         Op::LoadPcReg { n, m, .. } => [Some(n), Some(m)],
