@@ -1,10 +1,12 @@
 // The 3D view of the arm: the shapes of a model, its shadow on the ground, and the trail of its tip. WebGL 2.
 
-import { forward, lookAt, multiply, perspective, place, rotation, scaling, translation } from './kinematics.js';
+import { distanceToSee, forward, lookAt, multiply, perspective, place, rotation, scaling, translation } from './kinematics.js';
 
 const SEGMENTS = 40;
 const TRAIL = 400;
 const FIELD_OF_VIEW = 0.62;
+// Distance of the eye, as a multiple of the least one from which the arm is in view.
+const MARGIN = 1.05;
 const LIGHT = [0.42, -0.5, 0.76];
 const TURN = 0.008;
 const KEY_TURN = 0.12;
@@ -149,9 +151,9 @@ export class Arm3d {
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
 
-    const { eye, camera } = this.#camera(width / height);
     const links = forward(this.#model, this.#values);
     const parts = this.#parts(links);
+    const { eye, camera } = this.#camera(width / height, parts);
     this.#remember(links);
 
     gl.disable(gl.DEPTH_TEST);
@@ -162,13 +164,17 @@ export class Arm3d {
     this.#drawTrail(camera);
   }
 
-  #camera(aspect) {
+  // The view of these parts: from farther away in a pose that would leave the canvas.
+  #camera(aspect, parts) {
     const { azimuth, elevation, zoom } = this.#view;
-    // A narrow canvas has the horizontal field of view of a square one.
-    const distance = (this.#extent * 1.9 * zoom) / Math.min(1, aspect);
     const target = [this.#extent * 0.12, 0, this.#extent * 0.36];
     const [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
-    const eye = [target[0] + distance * ce * ca, target[1] + distance * ce * sa, target[2] + distance * se];
+    const direction = [ce * ca, ce * sa, se];
+    // A narrow canvas has the horizontal field of view of a square one.
+    const usual = (this.#extent * 1.9) / Math.min(1, aspect);
+    const spheres = parts.map(({ matrix, size }) => [...place(matrix), Math.hypot(...size) / 2]);
+    const distance = zoom * Math.max(usual, MARGIN * distanceToSee(spheres, target, direction, FIELD_OF_VIEW, aspect));
+    const eye = target.map((value, i) => value + distance * direction[i]);
     const near = this.#extent / 50;
     const projection = perspective(FIELD_OF_VIEW, aspect, near, distance + 10 * this.#extent);
     return { eye, camera: multiply(projection, lookAt(eye, target)) };

@@ -63,8 +63,26 @@ export function lookAt(eye, target) {
   ];
 }
 
-// Transformation of a joint at this value: radians, or metres of a prismatic joint.
+// The least distance of an eye from `target` from which spheres are in view. `direction` leads from the target to the eye
+// and has length 1; `angle` is the vertical field of view. A sphere has x, y, z and a radius.
+export function distanceToSee(spheres, target, direction, angle, aspect) {
+  const right = normalize(cross([0, 0, 1], direction));
+  const up = cross(direction, right);
+  const halves = [[up, angle / 2], [right, Math.atan(aspect * Math.tan(angle / 2))]];
+  let distance = 0;
+  for (const [x, y, z, radius] of spheres) {
+    const at = subtract([x, y, z], target);
+    for (const [side, half] of halves) {
+      const needed = dot(at, direction) + Math.abs(dot(at, side)) / Math.tan(half) + radius / Math.sin(half);
+      distance = Math.max(distance, needed);
+    }
+  }
+  return distance;
+}
+
+// Transformation of a joint at this value: radians, or metres of a prismatic joint. An axis of zeros has no motion.
 function motion(joint, value) {
+  if (Math.hypot(...joint.axis) === 0) return identity();
   switch (joint.type) {
     case 'revolute':
     case 'continuous':

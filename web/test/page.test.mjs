@@ -334,6 +334,59 @@ for (const [width, height] of SIZES) {
   for (const colorScheme of ['light', 'dark']) {
     const size = `${width}x${height}-${colorScheme}`;
     pageTest(`the page fits ${size}`, async (page) => {
+// The share of a drawing that is red, and of its edge.
+const redness = (page, drawing) => page.evaluate(async (drawing) => {
+  const bytes = Uint8Array.from(atob(drawing), (character) => character.charCodeAt(0));
+  const image = await createImageBitmap(new Blob([bytes], { type: 'image/png' }));
+  const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
+  context.drawImage(image, 0, 0);
+  const { data, width, height } = context.getImageData(0, 0, image.width, image.height);
+  let [all, edge] = [0, 0];
+  for (let i = 0; i < width * height; i++) {
+    const [red, green, blue] = data.subarray(4 * i, 4 * i + 3);
+    if (red < green + 60 || red < blue + 60) continue;
+    const [x, y] = [i % width, Math.floor(i / width)];
+    all += 1;
+    if (Math.min(x, y, width - 1 - x, height - 1 - y) < 3) edge += 1;
+  }
+  return { all: all / (width * height), edge };
+}, drawing.toString('base64'));
+
+for (const [width, height] of SIZES) {
+  pageTest(`an arm that unfolds stays in view at ${width}x${height}`, async (page) => {
+    await page.locator('#urdf').setInputFiles(urdf(`<robot name="folded">
+      <material name="red"><color rgba="1 0 0 1"/></material>
+      <link name="a"/><link name="b"><visual><origin xyz="0 0 0.25"/><geometry><box size="0.1 0.1 0.5"/></geometry><material name="red"/></visual></link>
+      <link name="c"><visual><origin xyz="0 0 -0.4"/><geometry><box size="0.1 0.1 0.8"/></geometry><material name="red"/></visual></link>
+      <joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>
+      <joint name="k" type="revolute"><parent link="b"/><child link="c"/><origin xyz="0 0 0.5"/><axis xyz="0 1 0"/></joint></robot>`));
+    await until(page, 'notice', () => text(page, '#notice-text'), (value) => value !== '');
+    await page.locator('#notice-close').click();
+    await page.locator('#speed').focus();
+    await page.keyboard.press('End');
+    await page.locator('#speed').blur();
+    for (const angle of [60, 120, 170]) {
+      await page.keyboard.down('KeyQ');
+      await until(page, 'motion', () => position(page, 0), (value) => value > angle);
+      // A held link has another colour.
+      await page.keyboard.up('KeyQ');
+      await rest(page);
+      await page.locator('#arm').scrollIntoViewIfNeeded();
+      const { all, edge } = await redness(page, await drawing(page));
+      assert.ok(all > 0.005, `${all} of the drawing is the arm`);
+      assert.equal(edge, 0, `the arm leaves the view at ${angle}°`);
+    }
+  }, { viewport: { width, height } });
+}
+
+for (const width of [320, 390]) {
+  pageTest(`the status does not cover the arm at a width of ${width}`, async (page) => {
+    const [arm, ...over] = await Promise.all(['#arm', '#facts', '#view-tools'].map((part) => page.locator(part).boundingBox()));
+    assert.ok(arm.height >= 180, `the arm has a height of ${arm.height}`);
+    for (const { y, height } of over) assert.ok(y + height <= arm.y || y >= arm.y + arm.height, `${y} to ${y + height} covers ${JSON.stringify(arm)}`);
+  }, { viewport: { width, height: 844 } });
+}
+
       await page.keyboard.down('KeyW');
       await page.keyboard.down('KeyU');
       await moves(page, 1, 0);

@@ -11,7 +11,7 @@ const { CABLES, FAULTS, percent, rateAt, rates, UNPLUGGED_RATES } = await load('
 const { Engine, AXES } = await load('engine.js');
 const { FrameLog, hex, keyOf } = await load('frames.js');
 const { Holds, KEYS } = await load('holds.js');
-const { forward, identity, lookAt, multiply, place, pose, rotation } = await load('kinematics.js');
+const { distanceToSee, forward, identity, lookAt, multiply, perspective, place, pose, rotation } = await load('kinematics.js');
 const { History, range } = await load('plots.js');
 
 const near = (a, b) => assert.ok(a.length === b.length && a.every((value, i) => Math.abs(value - b[i]) < 1e-9), `${a} is not ${b}`);
@@ -188,6 +188,29 @@ test('links follow their joints, and mimics theirs', () => {
 test('the view looks at its target', () => {
   const view = lookAt([3, 0, 0], [0, 0, 0]);
   near([view[12], view[13], view[14]], [0, 0, -3]);
+});
+
+test('each sphere is in view from the distance for all', () => {
+  const target = [0.1, 0, 0.3];
+  let seed = 1;
+  const random = () => { seed = (seed * 48271) % 2147483647; return seed / 2147483647; };
+  for (let nth = 0; nth < 200; nth++) {
+    const [aspect, azimuth, elevation] = [0.3 + 3 * random(), 7 * random(), 1.6 * random() - 0.1];
+    const spheres = Array.from({ length: 5 }, () => [random() - 0.5, random() - 0.5, random(), 0.2 * random()]);
+    const direction = [Math.cos(elevation) * Math.cos(azimuth), Math.cos(elevation) * Math.sin(azimuth), Math.sin(elevation)];
+    const distance = distanceToSee(spheres, target, direction, 0.62, aspect);
+    const eye = target.map((value, i) => value + distance * direction[i]);
+    const camera = multiply(perspective(0.62, aspect, 0.001, 100), lookAt(eye, target));
+    // Points on each sphere, in the coordinates of the view: -1 to 1 is seen.
+    for (const [x, y, z, radius] of spheres) {
+      for (let i = 0; i < 50; i++) {
+        const [turn, up] = [7 * random(), 2 * random() - 1];
+        const across = radius * Math.sqrt(1 - up * up);
+        const [a, b, , w] = multiply(camera, [x + across * Math.cos(turn), y + across * Math.sin(turn), z + radius * up, 1, ...Array(12).fill(0)]);
+        assert.ok(w > 0 && Math.max(Math.abs(a), Math.abs(b)) / w <= 1 + 1e-9, `sphere ${[x, y, z, radius]} from ${eye}`);
+      }
+    }
+  }
 });
 
 test('a range has its minimum span and stays within its limits', () => {
