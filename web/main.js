@@ -9,7 +9,7 @@ import { Arm3d } from './arm3d.js';
 import { Plot } from './plots.js';
 import { FrameTable } from './frames.js';
 import { CABLES, FAULTS, UNPLUGGED, UNPLUGGED_RATES, percent, rateAt, rates } from './cable.js';
-import { MAX_LENGTH, parseUrdf } from './urdf.js';
+import { MAX_LENGTH, MAX_VISUALS, endAtTicks, parseUrdf } from './urdf.js';
 import { ARM } from './model.js';
 
 const NAMES = ['J1', 'J2', 'J3', 'J4', 'J5', 'J6', 'Grip'];
@@ -314,8 +314,13 @@ class Page {
       const model = parseUrdf(await file.text());
       this.#setModel(model);
       const moving = Math.min(model.axes.length, AXES);
-      const meshes = model.meshes > 0 ? ` ${model.meshes} meshes are not loaded: cylinders between the joints replace them.` : '';
-      this.#notify(`${file.name}: ${moving} of its ${model.axes.length} joints follow the arm.${meshes}`);
+      const said = [`${file.name}: ${moving} of its ${model.axes.length} joints follow the arm.`];
+      if (model.meshes > 0) said.push(`${model.meshes} meshes are not loaded: cylinders between the joints replace them.`);
+      if (model.hidden > 0) said.push(`${model.hidden} of its shapes ${model.hidden === 1 ? 'is' : 'are'} not drawn: the maximum is ${MAX_VISUALS}.`);
+      if (model.loops.length > 0) said.push(`Joints that close a loop are left out: ${model.loops.join(', ')}.`);
+      const beyond = endAtTicks(model.axes.slice(0, GRIPPER));
+      if (beyond.length > 0) said.push(`The arm ends at −180.00° and 179.91°, inside the limits of ${beyond.join(', ')}.`);
+      this.#notify(said.join(' '));
     });
   }
 

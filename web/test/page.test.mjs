@@ -217,6 +217,49 @@ pageTest('a URDF replaces the drawing, and its names are escaped', async (page) 
   assert.equal(await page.locator('img').count(), 0);
 });
 
+// Files that two of the usual parsers load, and what the page says of each.
+const arm = (joint, more = '') => `<robot name="r"><link name="a"/><link name="b"/>
+  <joint name="j" type="revolute"><parent link="a"/><child link="b"/>${joint}</joint>${more}</robot>`;
+const follows = (count) => `robot.urdf: ${count} of its ${count} joints follow the arm.`;
+const GOOD = {
+  'a fixed joint with an axis of zeros': [
+    arm('<axis xyz="0 0 1"/>', '<link name="tool"/><joint name="t" type="fixed"><parent link="b"/><child link="tool"/><axis xyz="0 0 0"/></joint>'),
+    follows(1),
+  ],
+  'a floating joint with an axis that is none': [
+    arm('<axis xyz="0 0 1"/>', '<link name="c"/><joint name="f" type="floating"><parent link="b"/><child link="c"/><axis xyz=""/></joint>'),
+    follows(1),
+  ],
+  'a moving joint with an axis of zeros': [arm('<axis xyz="0 0 0"/>'), follows(1)],
+  'hyphens in a comment': [arm('<!-- ---- the base ---- -->'), follows(1)],
+  'a prefix without its namespace': [arm('', '<xacro:property name="x" value="1"/><gazebo x:y="1"/>'), follows(1)],
+  'a declaration behind blank lines': [`\n  <?xml version="1.0" encoding="gbk"?>${arm('')}`, follows(1)],
+  'limits without an end': [arm('<limit lower="-inf" upper="inf" effort="1" velocity="1"/>'), follows(1)],
+  'a colour of three numbers': [
+    '<robot name="r"><link name="a"><visual><geometry><sphere radius="0.1"/></geometry><material name="m"><color rgba="1 0 0"/></material></visual></link></robot>',
+    follows(0),
+  ],
+  'a link with two parents': [
+    arm('', '<joint name="k" type="fixed"><parent link="a"/><child link="b"/></joint>'),
+    `${follows(1)} Joints that close a loop are left out: k.`,
+  ],
+  'limits beyond the ticks': [
+    arm('<limit lower="-3.15" upper="3.14159" effort="1" velocity="1"/>'),
+    `${follows(1)} The arm ends at −180.00° and 179.91°, inside the limits of j.`,
+  ],
+  'more shapes than are drawn': [
+    `<robot name="r"><link name="a">${'<visual><geometry><sphere radius="0.1"/></geometry></visual>'.repeat(1001)}</link></robot>`,
+    `${follows(0)} 1 of its shapes is not drawn: the maximum is 1000.`,
+  ],
+};
+pageTest('a URDF that other programs load is drawn', async (page) => {
+  for (const [what, [body, notice]] of Object.entries(GOOD)) {
+    await page.locator('#urdf').setInputFiles(urdf(body));
+    await until(page, `notice for ${what}`, () => page.locator('#notice-text').textContent(), (value) => value === notice);
+    await page.locator('#notice-close').click();
+  }
+});
+
 const BAD = {
   'no <xml': 'the file is not XML',
   '<sdf/>': 'the file is not a URDF: its root is <sdf>, must be <robot>',
@@ -291,49 +334,6 @@ pageTest('a dropped URDF changes the shape of the arm', async (page) => {
   assert.ok(await difference(page, [before, await drawing(page)]) > 0.02, 'the drawing has not changed');
 });
 
-pageTest('an invalid dropped URDF does not change the arm', async (page) => {
-  const name = await text(page, '#model-name');
-  await rest(page);
-  const before = await drawing(page);
-  await drop(page, urdf('<robot name="broken"><link name="a"/><link name="b"/></robot>'));
-  const error = 'the robot has 2 links without a parent, must be 1';
-  await until(page, 'notice', () => page.locator('#notice-text').textContent(), (value) => value === error);
-  await page.locator('#notice-close').click();
-  await rest(page);
-  assert.equal(await text(page, '#model-name'), name);
-  assert.ok(await difference(page, [before, await drawing(page)]) < 0.001, 'the drawing has changed');
-});
-
-pageTest('every control has a name and can be reached by Tab', async (page) => {
-  const nameless = await page.evaluate(() => [...document.querySelectorAll('button, input')]
-    .filter((control) => !(control.getAttribute('aria-label') || control.innerText?.trim() || control.labels?.[0]?.innerText.trim()))
-    .map((control) => control.outerHTML));
-  assert.deepEqual(nameless, []);
-  const reached = new Set();
-  for (let i = 0; i < 60; i++) {
-    await page.keyboard.press('Tab');
-    reached.add(await page.evaluate(() => document.activeElement.id || document.activeElement.getAttribute('aria-label')));
-  }
-  for (const control of ['connect', 'help', 'arm', 'enable', 'J1 base, up, hold', 'Grip gripper, down, hold', 'speed', 'torque-off', 'errors-only', 'fault-drop', 'urdf']) {
-    assert.ok(reached.has(control), `${control} is not reached`);
-  }
-});
-
-pageTest('keys of the page do nothing while the help is open', async (page) => {
-  await page.keyboard.press('?');
-  assert.ok(await page.locator('#help-dialog').isVisible());
-  await page.keyboard.down('KeyQ');
-  await rest(page);
-  assert.equal(await position(page, 0), 0);
-  await page.keyboard.up('KeyQ');
-  await page.keyboard.press('Escape');
-  assert.ok(!(await page.locator('#help-dialog').isVisible()));
-});
-
-for (const [width, height] of SIZES) {
-  for (const colorScheme of ['light', 'dark']) {
-    const size = `${width}x${height}-${colorScheme}`;
-    pageTest(`the page fits ${size}`, async (page) => {
 // The share of a drawing that is red, and of its edge.
 const redness = (page, drawing) => page.evaluate(async (drawing) => {
   const bytes = Uint8Array.from(atob(drawing), (character) => character.charCodeAt(0));
@@ -387,6 +387,49 @@ for (const width of [320, 390]) {
   }, { viewport: { width, height: 844 } });
 }
 
+pageTest('an invalid dropped URDF does not change the arm', async (page) => {
+  const name = await text(page, '#model-name');
+  await rest(page);
+  const before = await drawing(page);
+  await drop(page, urdf('<robot name="broken"><link name="a"/><link name="b"/></robot>'));
+  const error = 'the robot has 2 links without a parent, must be 1';
+  await until(page, 'notice', () => page.locator('#notice-text').textContent(), (value) => value === error);
+  await page.locator('#notice-close').click();
+  await rest(page);
+  assert.equal(await text(page, '#model-name'), name);
+  assert.ok(await difference(page, [before, await drawing(page)]) < 0.001, 'the drawing has changed');
+});
+
+pageTest('every control has a name and can be reached by Tab', async (page) => {
+  const nameless = await page.evaluate(() => [...document.querySelectorAll('button, input')]
+    .filter((control) => !(control.getAttribute('aria-label') || control.innerText?.trim() || control.labels?.[0]?.innerText.trim()))
+    .map((control) => control.outerHTML));
+  assert.deepEqual(nameless, []);
+  const reached = new Set();
+  for (let i = 0; i < 60; i++) {
+    await page.keyboard.press('Tab');
+    reached.add(await page.evaluate(() => document.activeElement.id || document.activeElement.getAttribute('aria-label')));
+  }
+  for (const control of ['connect', 'help', 'arm', 'enable', 'J1 base, up, hold', 'Grip gripper, down, hold', 'speed', 'torque-off', 'errors-only', 'fault-drop', 'urdf']) {
+    assert.ok(reached.has(control), `${control} is not reached`);
+  }
+});
+
+pageTest('keys of the page do nothing while the help is open', async (page) => {
+  await page.keyboard.press('?');
+  assert.ok(await page.locator('#help-dialog').isVisible());
+  await page.keyboard.down('KeyQ');
+  await rest(page);
+  assert.equal(await position(page, 0), 0);
+  await page.keyboard.up('KeyQ');
+  await page.keyboard.press('Escape');
+  assert.ok(!(await page.locator('#help-dialog').isVisible()));
+});
+
+for (const [width, height] of SIZES) {
+  for (const colorScheme of ['light', 'dark']) {
+    const size = `${width}x${height}-${colorScheme}`;
+    pageTest(`the page fits ${size}`, async (page) => {
       await page.keyboard.down('KeyW');
       await page.keyboard.down('KeyU');
       await moves(page, 1, 0);
