@@ -73,23 +73,35 @@ impl<D: SerialDevice> SerialDevice for Shared<D> {
     }
 }
 
-/// A virtual device on a pseudo-terminal.
-struct OnPty<D> {
-    device: Shared<D>,
+/// A virtual arm on a port, of any kind.
+#[pyclass(subclass, frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualArm {
     service: Service,
     port: String,
 }
 
-impl<D: SerialDevice + Send + 'static> OnPty<D> {
-    fn start(device: D, seed: u64) -> PyResult<Self> {
+#[pymethods]
+impl VirtualArm {
+    #[getter]
+    fn port(&self) -> &str {
+        &self.port
+    }
+
+    fn close(&self, py: Python<'_>) {
+        self.service.stop(py);
+    }
+}
+
+impl<D: SerialDevice + Send + 'static> Shared<D> {
+    /// Starts a device on a pseudo-terminal.
+    fn on_pty(device: D, seed: u64) -> PyResult<(VirtualArm, Self)> {
         let pty = Pty::open(None).map_err(PyOSError::new_err)?;
         let port = pty.path().display().to_string();
         let line = Arc::new(Mutex::new(Line::new(device, Rates::NONE, Rates::NONE, seed)));
-        let mut served = Shared(Arc::clone(&line));
+        let mut served = Self(Arc::clone(&line));
         // A pty fails only when it is closed, and its thread then ends.
         let service = Service::start(move |stop| drop(serve(&mut served, &pty, stop)));
-        let device = Shared(line);
-        Ok(Self { device, service, port })
+        Ok((VirtualArm { service, port }, Self(line)))
     }
 
     /// Sets fault rates in parts per million of bytes, in both directions.
@@ -103,12 +115,12 @@ impl<D: SerialDevice + Send + 'static> OnPty<D> {
             noise,
             ..Rates::NONE
         };
-        self.device.lock().set_rates(rates, rates);
+        self.lock().set_rates(rates, rates);
     }
 
     /// Counts of injected faults, in both directions.
     fn injected(&self) -> [u64; 5] {
-        let line = self.device.lock();
+        let line = self.lock();
         let counts = |injected: Injected| {
             [
                 injected.dropped,
@@ -127,34 +139,26 @@ impl<D: SerialDevice + Send + 'static> OnPty<D> {
 type Faults = (u32, u32, u32, u32, u32);
 
 /// A virtual Ling arm.
-#[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct VirtualLing(OnPty<LingArm>);
+#[pyclass(extends = VirtualArm, frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualLing(Shared<LingArm>);
 
 #[pymethods]
 impl VirtualLing {
     #[new]
-    fn new(leader: bool, turnaround_us: u64, seed: u64) -> PyResult<Self> {
+    fn new(leader: bool, turnaround_us: u64, seed: u64) -> PyResult<PyClassInitializer<Self>> {
         let base = if leader {
             ling::Config::leader()
         } else {
             ling::Config::follower()
         };
         let turnaround = Duration::from_micros(turnaround_us);
-        OnPty::start(LingArm::new(ling::Config { turnaround, ..base }), seed).map(Self)
-    }
-
-    #[getter]
-    fn port(&self) -> &str {
-        &self.0.port
-    }
-
-    fn close(&self, py: Python<'_>) {
-        self.0.service.stop(py);
+        Shared::on_pty(LingArm::new(ling::Config { turnaround, ..base }), seed)
+            .map(|(arm, device)| PyClassInitializer::from(arm).add_subclass(Self(device)))
     }
 
     /// True state of the arm, independent of its line: joint ticks, gripper in thousandths, motion status.
     fn joints(&self) -> ([u16; JOINTS], u16, u8) {
-        let line = self.0.device.lock();
+        let line = self.0.lock();
         let arm = line.device();
         (arm.joints(), arm.gripper(), arm.status().into())
     }
@@ -162,17 +166,17 @@ impl VirtualLing {
     /// Moves joint 0 to 5 by hand to a position in ticks. Returns true if it moved.
     fn push_joint(&self, joint: usize, ticks: u16) -> PyResult<bool> {
         let position = Position::new(ticks).map_err(value_error)?;
-        Ok(self.0.device.lock().device_mut().push_joint(joint, position))
+        Ok(self.0.lock().device_mut().push_joint(joint, position))
     }
 
     /// Moves the gripper by hand to an opening in thousandths. Returns true if it moved.
     fn push_gripper(&self, per_mille: u16) -> PyResult<bool> {
         let opening = Opening::new(per_mille).map_err(value_error)?;
-        Ok(self.0.device.lock().device_mut().push_gripper(opening))
+        Ok(self.0.lock().device_mut().push_gripper(opening))
     }
 
     fn set_faulty(&self, servo: u8, faulty: bool) {
-        self.0.device.lock().device_mut().set_faulty(servo, faulty);
+        self.0.lock().device_mut().set_faulty(servo, faulty);
     }
 
     fn set_faults(&self, faults: Faults) {
@@ -185,49 +189,33 @@ impl VirtualLing {
 
     /// Number of received requests, executed or not.
     fn requests(&self) -> u64 {
-        self.0.device.lock().device().counters().requests
+        self.0.lock().device().counters().requests
     }
 }
 
 /// A virtual Ling arm of the older generation.
-#[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct VirtualOlderLing(OnPty<LegacyArm>);
+#[pyclass(extends = VirtualArm, frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualOlderLing;
 
 #[pymethods]
 impl VirtualOlderLing {
     #[new]
-    fn new() -> PyResult<Self> {
-        OnPty::start(LegacyArm::new(legacy::Config::default()), 1).map(Self)
-    }
-
-    #[getter]
-    fn port(&self) -> &str {
-        &self.0.port
-    }
-
-    fn close(&self, py: Python<'_>) {
-        self.0.service.stop(py);
+    fn new() -> PyResult<PyClassInitializer<Self>> {
+        Shared::on_pty(LegacyArm::new(legacy::Config::default()), 1)
+            .map(|(arm, _)| PyClassInitializer::from(arm).add_subclass(Self))
     }
 }
 
 /// A virtual Alpha1.
-#[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct VirtualAlpha1(OnPty<Alpha1Robot>);
+#[pyclass(extends = VirtualArm, frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualAlpha1(Shared<Alpha1Robot>);
 
 #[pymethods]
 impl VirtualAlpha1 {
     #[new]
-    fn new() -> PyResult<Self> {
-        OnPty::start(Alpha1Robot::new(RobotConfig::default()), 1).map(Self)
-    }
-
-    #[getter]
-    fn port(&self) -> &str {
-        &self.0.port
-    }
-
-    fn close(&self, py: Python<'_>) {
-        self.0.service.stop(py);
+    fn new() -> PyResult<PyClassInitializer<Self>> {
+        Shared::on_pty(Alpha1Robot::new(RobotConfig::default()), 1)
+            .map(|(arm, device)| PyClassInitializer::from(arm).add_subclass(Self(device)))
     }
 
     fn set_faults(&self, faults: Faults) {
@@ -236,32 +224,24 @@ impl VirtualAlpha1 {
 
     /// The current action.
     fn playing(&self) -> Option<&'static str> {
-        self.0.device.lock().device().playing()
+        self.0.lock().device().playing()
     }
 }
 
 /// The servos of a virtual Alpha1 on their own bus.
-#[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct VirtualAlpha1Servos(OnPty<ServoBus>);
+#[pyclass(extends = VirtualArm, frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualAlpha1Servos(Shared<ServoBus>);
 
 #[pymethods]
 impl VirtualAlpha1Servos {
     #[new]
-    fn new(ids: Vec<u8>) -> PyResult<Self> {
+    fn new(ids: Vec<u8>) -> PyResult<PyClassInitializer<Self>> {
         let config = BusConfig {
             ids: ids.into_iter().map(id).collect::<PyResult<_>>()?,
             ..BusConfig::default()
         };
-        OnPty::start(ServoBus::new(config), 1).map(Self)
-    }
-
-    #[getter]
-    fn port(&self) -> &str {
-        &self.0.port
-    }
-
-    fn close(&self, py: Python<'_>) {
-        self.0.service.stop(py);
+        Shared::on_pty(ServoBus::new(config), 1)
+            .map(|(arm, device)| PyClassInitializer::from(arm).add_subclass(Self(device)))
     }
 
     fn set_faults(&self, faults: Faults) {
@@ -270,16 +250,13 @@ impl VirtualAlpha1Servos {
 }
 
 /// A virtual xArm on a TCP port of this machine.
-#[pyclass(frozen, module = "armwire._armwire")]
-pub(crate) struct VirtualXArm {
-    service: Service,
-    address: SocketAddr,
-}
+#[pyclass(extends = VirtualArm, frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualXArm;
 
 #[pymethods]
 impl VirtualXArm {
     #[new]
-    fn new(axes: u8) -> PyResult<Self> {
+    fn new(axes: u8) -> PyResult<PyClassInitializer<Self>> {
         let model = match axes {
             5 => Model::XArm5,
             6 => Model::XArm6,
@@ -288,19 +265,10 @@ impl VirtualXArm {
         };
         let any = SocketAddr::from(([127, 0, 0, 1], 0));
         let server = Server::bind(any, None).map_err(|error| PyOSError::new_err(error.to_string()))?;
-        let address = server.control_address();
+        let port = server.control_address().to_string();
         let mut arm = XArm::new(XArmConfig::new(model));
         // `serve` fails only if the system cannot poll, and the thread then ends.
         let service = Service::start(move |stop| drop(server.serve(&mut arm, stop, &mut |_| ())));
-        Ok(Self { service, address })
-    }
-
-    #[getter]
-    fn port(&self) -> String {
-        self.address.to_string()
-    }
-
-    fn close(&self, py: Python<'_>) {
-        self.service.stop(py);
+        Ok(PyClassInitializer::from(VirtualArm { service, port }).add_subclass(Self))
     }
 }
