@@ -6,12 +6,12 @@ use std::time::Duration;
 use armwire::alpha1::{
     Action, Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, SERVOS, ServoId, Text, UsbType,
 };
-use armwire_host::{Alpha1, Options, Port};
+use armwire_host::Alpha1;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::error::value_error;
-use crate::session::{Session, check_signals, recovery_warning, warn};
+use crate::session::{Session, check_signals};
 
 /// An Alpha1 or its servos on a port. Servo 0 addresses all of them.
 #[pyclass(frozen, module = "armwire._armwire")]
@@ -21,17 +21,11 @@ pub(crate) struct Alpha1Port(Session<Alpha1>);
 impl Alpha1Port {
     #[new]
     fn new(py: Python<'_>, port: &str, baud: Option<NonZeroU32>) -> PyResult<Self> {
-        let port: Port = port.parse().map_err(value_error)?;
-        let mut warning = None;
-        let open = || {
-            let connection = port.open(Options::default().with_baud(baud))?;
-            warning = recovery_warning(&connection);
+        let session = Session::of_arm(py, port, baud, |connection| {
             let mut robot = connection.alpha1()?;
             robot.set_interrupt(check_signals);
             Ok(robot)
-        };
-        let session = Session::open(py, open)?;
-        warn(py, warning)?;
+        })?;
         Ok(Self(session))
     }
 

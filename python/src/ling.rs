@@ -8,12 +8,12 @@ use armwire::ling::{
     TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
-use armwire_host::{Error, Ling, Options, Port};
+use armwire_host::{Error, Ling};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
 use crate::error::{unacceptable, value_error};
-use crate::session::{Session, check_signals, recovery_warning, warn};
+use crate::session::{Session, check_signals};
 
 /// Joint ticks, gripper in thousandths, motion status.
 type Joints = ([u16; JOINTS], u16, u8);
@@ -28,17 +28,11 @@ pub(crate) struct LingPort(Session<Ling>);
 impl LingPort {
     #[new]
     fn new(py: Python<'_>, port: &str, baud: Option<NonZeroU32>) -> PyResult<Self> {
-        let port: Port = port.parse().map_err(value_error)?;
-        let mut warning = None;
-        let open = || {
-            let connection = port.open(Options::default().with_baud(baud))?;
-            warning = recovery_warning(&connection);
+        let session = Session::of_arm(py, port, baud, |connection| {
             let mut arm = connection.ling()?;
             arm.set_interrupt(check_signals);
             Ok(arm)
-        };
-        let session = Session::open(py, open)?;
-        warn(py, warning)?;
+        })?;
         Ok(Self(session))
     }
 

@@ -2,14 +2,15 @@
 
 use std::error::Error as StdError;
 use std::ffi::CString;
+use std::num::NonZeroU32;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
-use armwire_host::{Adapter, Alpha1, Connection, Error, Ling, RECOVERY, XArm};
+use armwire_host::{Adapter, Alpha1, Connection, Error, Ling, Options, Port, RECOVERY, XArm};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
-use crate::error::{closed, exception, reentered};
+use crate::error::{closed, exception, reentered, value_error};
 
 /// An open port with one call at a time, until it is closed.
 pub(crate) struct Session<T> {
@@ -52,6 +53,24 @@ impl<T: Explain + Send> Session<T> {
         })
     }
 
+    /// Opens the arm on a port by `arm`, and warns of an adapter in recovery.
+    pub(crate) fn of_arm(
+        py: Python<'_>,
+        port: &str,
+        baud: Option<NonZeroU32>,
+        arm: impl FnOnce(&Connection) -> Result<T, Error> + Send,
+    ) -> PyResult<Self> {
+        let port: Port = port.parse().map_err(value_error)?;
+        let mut warning = None;
+        let session = Self::open(py, || {
+            let connection = port.open(Options::default().with_baud(baud))?;
+            warning = recovery_warning(&connection);
+            arm(&connection)
+        })?;
+        warn(py, warning)?;
+        Ok(session)
+    }
+
     /// Runs `act` on the open port. Other Python threads run meanwhile.
     ///
     /// A signal handler runs inside the call that it interrupts. A call from the handler would wait for itself: it is an
@@ -92,13 +111,13 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// The warning for a program that moves the arm on this port, if it has an adapter in recovery.
-pub(crate) fn recovery_warning(connection: &Connection) -> Option<String> {
+fn recovery_warning(connection: &Connection) -> Option<String> {
     let name = connection.adapter_in_recovery()?;
     Some(format!("{name}: the adapter has {RECOVERY}"))
 }
 
 /// Warns the caller of a class in Python, if there is a reason.
-pub(crate) fn warn(py: Python<'_>, reason: Option<String>) -> PyResult<()> {
+fn warn(py: Python<'_>, reason: Option<String>) -> PyResult<()> {
     match reason.map(CString::new) {
         Some(Ok(reason)) => PyErr::warn(py, &py.get_type::<PyUserWarning>(), &reason, 2),
         _ => Ok(()),
