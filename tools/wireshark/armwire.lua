@@ -103,6 +103,12 @@ local function number(value)
   return string.format("%.7g", value)
 end
 
+-- Micrometres as metres without trailing zeros: a float has no more digits of an arm's length.
+local function micrometres(value)
+  local text = string.format("%.6f", math.floor(value + 0.5) / 1e6)
+  return (text:gsub("0+$", ""):gsub("%.$", ""))
+end
+
 -- The texts of `count` items.
 local function list(count, text)
   local texts = {}
@@ -692,7 +698,7 @@ end
 local function radius(params, tree)
   if params.len ~= 4 then return nil end
   tree:add(xarm_fields.radius, params:range(0, 4), params:float(0))
-  return "rotation radius: " .. number(params:float(0) / 1000) .. " m"
+  return "rotation radius: " .. micrometres(params:float(0) * 1000) .. " m"
 end
 
 local function control_value(params)

@@ -44,9 +44,9 @@ impl Display for TorqueSource {
 impl Display for RotationRadius {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self.metres() {
-            Ok(metres) => {
+            Ok(_) => {
                 // A float has no more digits of an arm's length.
-                let micrometres = (f64::from(metres) * 1e6 + 0.5) as u64;
+                let micrometres = (f64::from(self.millimetres) * 1e3 + 0.5) as u64;
                 write!(f, "{} m", micrometres as f64 / 1e6)
             }
             Err(error) => error.fmt(f),
