@@ -2,7 +2,7 @@
 
 use armwire::alpha1::{self, Alpha1};
 use armwire::correlation::{Correlation, Effect, InfoOf, RequestInfo};
-use armwire::framing::{Framing, Scan};
+use armwire::framing::{Framing, Length, Scan};
 use armwire::ling::{self, Ling};
 use armwire::raw::Raw;
 
@@ -137,6 +137,14 @@ impl Framing for ArmKind {
             Self::Ling => Ling.terminator(()),
             Self::Alpha1 | Self::Alpha1Servo => Alpha1.terminator(expect),
             Self::Raw => Raw.terminator(()),
+        }
+    }
+
+    fn length(&self, expect: Expect) -> Option<Length> {
+        match self {
+            Self::Ling => Ling.length(()),
+            Self::Alpha1 | Self::Alpha1Servo => Alpha1.length(expect),
+            Self::Raw => Raw.length(()),
         }
     }
 

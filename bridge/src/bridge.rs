@@ -235,6 +235,7 @@ impl Bridge {
     pub fn rx_wait(&self) -> RxWait {
         RxWait {
             threshold: self.line.rx_threshold(),
+            length: self.line.rx_length(),
             idle: self.line.waits_for_idle(),
         }
     }

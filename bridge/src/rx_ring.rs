@@ -4,6 +4,8 @@ use core::ops::Range;
 
 use heapless::Deque;
 
+use armwire::framing::Length;
+
 use crate::RxThreshold;
 use crate::time::Instant;
 
@@ -13,6 +15,8 @@ use crate::time::Instant;
 pub struct RxWait {
     /// The next bytes.
     pub threshold: RxThreshold,
+    /// The place of the length, if these bytes begin a frame.
+    pub length: Option<Length>,
     /// An idle line. If false, one without new bytes before it changes nothing.
     pub idle: bool,
 }
@@ -122,6 +126,37 @@ impl<const SIZE: usize> RxRing<SIZE> {
     /// Returns true if bytes may be an event: the interrupt handler must see each of them.
     pub const fn is_waiting(&self) -> bool {
         !matches!(self.wait, Wait::Nothing)
+    }
+
+    /// Returns true if neither the bytes before `end` nor one more can be an event: the interrupt handler need not wait
+    /// until the DMA has counted a byte. `byte` reads the ring.
+    ///
+    /// Once the length of a frame has arrived, the threshold is its end.
+    pub fn is_early(&mut self, end: usize, byte: impl Fn(usize) -> u8) -> bool {
+        let Wait::Bridge { from, wait } = &mut self.wait else {
+            return !self.is_waiting();
+        };
+        let arrived = Self::distance(*from, end);
+        if let Some(length) = wait.length.filter(|length| arrived > length.at) {
+            wait.length = None;
+            let value = byte(from.wrapping_add(length.at) & Self::MASK);
+            if byte(*from) == length.header && value <= length.max {
+                let frame = usize::from(value).saturating_add(length.overhead);
+                let max = frame.min(wait.threshold.max);
+                // With any last byte: a false frame may hide a valid one.
+                wait.threshold = RxThreshold {
+                    max,
+                    min: max,
+                    terminator: None,
+                };
+            }
+        }
+        let threshold = wait.threshold;
+        let least = match threshold.terminator {
+            Some(_) => threshold.max.min(threshold.min),
+            None => threshold.max,
+        };
+        arrived.saturating_add(1) < least
     }
 
     /// Bytes before `end` arrived, `last` being the last of them. If they reach the threshold, their mark gets the time

@@ -1,5 +1,6 @@
 //! The receive ring against a plain model: a vector of all bytes.
 
+use armwire::framing::Length;
 use armwire_bridge::config::{ArmKind, Config};
 use armwire_bridge::control::Identity;
 use armwire_bridge::{Bridge, Instant, PACKET, RxRing, RxThreshold, RxWait, Start, UartEvent, UsbEvent};
@@ -9,12 +10,20 @@ use proptest::test_runner::TestCaseResult;
 
 const SIZE: usize = 32;
 const TERMINATOR: u8 = 0xFF;
+const HEADER: u8 = 0xAA;
+const LENGTH: Length = Length {
+    header: HEADER,
+    at: 2,
+    max: 9,
+    overhead: 4,
+};
 
 /// A step of the UART, its interrupt handler, or the task.
 #[derive(Clone, Copy, Debug)]
 enum Step {
-    /// A byte arrives. The interrupt handler runs at once, or with the next byte.
-    Byte { byte: u8, is_late: bool },
+    /// A byte arrives. The interrupt handler runs at once, or with the next byte. It may run before the DMA has counted
+    /// the byte.
+    Byte { byte: u8, is_late: bool, is_counted: bool },
     /// The line goes idle.
     Idle,
     /// The task reads, and waits for this.
@@ -52,16 +61,20 @@ impl Model {
     fn step(&mut self, step: Step) -> TestCaseResult {
         self.now += 10;
         match step {
-            Step::Byte { byte, is_late } if self.line.len() - self.read < SIZE - 1 => {
+            Step::Byte {
+                byte,
+                is_late,
+                is_counted,
+            } if self.line.len() - self.read < SIZE - 1 => {
                 self.content[self.end()] = byte;
                 self.line.push(byte);
                 if !is_late {
-                    self.on_byte()?;
+                    self.on_byte(is_counted)?;
                 }
             }
             Step::Byte { .. } => {}
             Step::Idle => {
-                self.on_byte()?;
+                self.on_byte(true)?;
                 let is_event = self.ring.idle(self.end(), Instant::from_micros(self.now));
                 // Behind the first event of a wait, the task is not notified again.
                 let is_new = self.line.len() > self.read;
@@ -102,15 +115,35 @@ impl Model {
         Ok(())
     }
 
+    /// The threshold once `arrived` bytes are known to have arrived since it was set: the frame's end if its length is
+    /// among them.
+    fn threshold(from: &[u8], arrived: usize, wait: RxWait) -> RxThreshold {
+        match (wait.length, &from[..arrived]) {
+            (Some(_), &[HEADER, _, len, ..]) if len <= LENGTH.max => {
+                let len = wait.threshold.max.min(usize::from(len) + LENGTH.overhead);
+                RxThreshold {
+                    max: len,
+                    min: len,
+                    terminator: None,
+                }
+            }
+            _ => wait.threshold,
+        }
+    }
+
     /// The interrupt handler sees the last byte.
-    fn on_byte(&mut self) -> TestCaseResult {
+    fn on_byte(&mut self, is_counted: bool) -> TestCaseResult {
+        let counted = self.line.len() - usize::from(!is_counted);
+        let content = self.content;
+        let is_early = self.ring.is_early(counted % SIZE, |at| content[at % SIZE]);
         let last = self.line.last().copied().unwrap_or(0);
         let (was_waiting, now) = (self.ring.is_waiting(), Instant::from_micros(self.now));
-        let is_event = self.ring.arrived(self.end(), last, || now);
+        let is_event = !is_early && self.ring.arrived(self.end(), last, || now);
         prop_assert!(was_waiting || !is_event);
         let len = self.line.len();
         if let Some((from, wait)) = self.wait {
-            prop_assert_eq!(is_event, wait.threshold.is_met(len - from, last));
+            let threshold = Self::threshold(&self.line[from..], counted.saturating_sub(from), wait);
+            prop_assert_eq!(is_event, threshold.is_met(len - from, last));
             if is_event {
                 self.wait = None;
             }
@@ -167,7 +200,11 @@ impl Model {
 }
 
 fn any_wait() -> impl Strategy<Value = RxWait> {
-    (any_threshold(), any::<bool>()).prop_map(|(threshold, idle)| RxWait { threshold, idle })
+    (any_threshold(), any::<bool>(), any::<bool>()).prop_map(|(threshold, has_length, idle)| RxWait {
+        threshold,
+        length: has_length.then_some(LENGTH),
+        idle,
+    })
 }
 
 fn any_threshold() -> impl Strategy<Value = RxThreshold> {
@@ -186,9 +223,10 @@ fn any_threshold() -> impl Strategy<Value = RxThreshold> {
 }
 
 fn any_step() -> impl Strategy<Value = Step> {
-    let byte = prop_oneof![Just(TERMINATOR), any::<u8>()];
+    let byte = prop_oneof![Just(TERMINATOR), Just(HEADER), 0..12_u8, any::<u8>()];
     prop_oneof![
-        60 => (byte, prop::bool::weighted(0.2)).prop_map(|(byte, is_late)| Step::Byte { byte, is_late }),
+        60 => (byte, prop::bool::weighted(0.2), any::<bool>())
+            .prop_map(|(byte, is_late, is_counted)| Step::Byte { byte, is_late, is_counted }),
         4 => Just(Step::Idle),
         10 => any_wait().prop_map(Step::Read),
         4 => Just(Step::Take),
@@ -198,7 +236,7 @@ fn any_step() -> impl Strategy<Value = Step> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
     fn ring_agrees_with_a_plain_line(steps in vec(any_step(), 0..300)) {
@@ -252,6 +290,40 @@ proptest! {
     }
 }
 
+proptest! {
+    #[test]
+    fn every_frame_ends_at_an_event(
+        chunks in vec(chunk(), 0..20),
+        kind in prop::sample::select(&[ArmKind::Ling, ArmKind::Alpha1][..]),
+        is_counted in vec(any::<bool>(), 1..20),
+    ) {
+        let config = Config { arm: kind, ..Config::default() };
+        let open = || Bridge::new(Identity::default(), config, Start::default());
+        // One bridge gets each byte at once, the other the bytes of the ring, at its events.
+        let (mut eager, mut lazy) = (open(), open());
+        let mut ring = RxRing::<1024>::new();
+        ring.set(lazy.rx_wait());
+        let line = chunks.concat();
+        for (before, (byte, is_counted)) in line.iter().zip(is_counted.into_iter().cycle()).enumerate().take(1_000) {
+            let end = before + 1;
+            let now = Instant::from_micros(10 * end as u64);
+            let is_due = eager.uart_received(&[*byte], now) > 0;
+            let counted = before + usize::from(is_counted);
+            let is_event = !ring.is_early(counted, |at| line[at]) && ring.arrived(end, *byte, || now);
+            prop_assert!(is_event || !is_due, "an unreported frame at {}", end);
+            while let Some(mark) = ring.take_mark(end) {
+                prop_assert_eq!((mark.end, mark.at), (end, now));
+                let [bytes, _] = ring.take(mark.end, line.len());
+                prop_assert_eq!(lazy.uart_received(&line[bytes], mark.at) > 0, is_due);
+            }
+            if is_event {
+                ring.set(lazy.rx_wait());
+            }
+        }
+        prop_assert_eq!(eager.counters().frames, lazy.counters().frames);
+    }
+}
+
 /// Whole frames, parts of them, and other bytes, at most a packet.
 fn chunk() -> impl Strategy<Value = Vec<u8>> {
     let frame = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
@@ -270,8 +342,27 @@ const WAIT: RxWait = RxWait {
         min: 3,
         terminator: Some(TERMINATOR),
     },
+    length: None,
     idle: false,
 };
+
+#[test]
+fn length_of_a_frame_is_its_threshold() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.set(RxWait {
+        length: Some(LENGTH),
+        ..WAIT
+    });
+    // The terminator is in the frame three times before its end.
+    let frame = [HEADER, TERMINATOR, 5, TERMINATOR, 4, TERMINATOR, 6, 7, TERMINATOR];
+    let byte = |at: usize| frame[at];
+    for (counted, last) in (1..).zip(frame) {
+        let is_early = ring.is_early(counted, byte);
+        assert_eq!(is_early, counted < 2 || (3..8).contains(&counted), "{counted}");
+        let is_event = !is_early && ring.arrived(counted, last, || Instant::ZERO);
+        assert_eq!(is_event, counted == 9, "{counted}");
+    }
+}
 
 #[test]
 fn idle_line_behind_a_frame_is_no_event() {

@@ -65,7 +65,10 @@ impl Handler<UartInterrupt> for InterruptHandler {
         let place = tail();
         let status = usart::take_status();
         let is_byte = !status.is_error() && !status.idle && !usart::is_transmitted_interrupt();
-        // Usually it is a byte before the threshold.
+        // Usually it is a byte inside a frame, which the DMA may not have counted yet.
+        if is_byte && !usart::must_keep_parity_errors() && with_ring(|ring| ring.is_early(place, byte_at)) {
+            return;
+        }
         if !is_byte || !wait_for_dma() {
             return record_flags(status, place);
         }
@@ -73,6 +76,11 @@ impl Handler<UartInterrupt> for InterruptHandler {
             EVENT.signal(());
         }
     }
+}
+
+/// The byte at a position in the ring.
+fn byte_at(position: usize) -> u8 {
+    BYTES[position % SIZE].load(Ordering::Relaxed)
 }
 
 /// Calls the ring. Interrupt handlers wait meanwhile.
@@ -84,8 +92,7 @@ fn with_ring<R>(f: impl FnOnce(&mut RxRing<SIZE>) -> R) -> R {
 // Inline: it is executed for each byte.
 #[inline(always)]
 fn record_bytes(end: usize, at: impl FnOnce() -> Instant) -> bool {
-    let last = BYTES.get(end.wrapping_sub(1) % SIZE);
-    let last = last.map_or(0, |last| last.load(Ordering::Relaxed));
+    let last = byte_at(end.wrapping_sub(1));
     with_ring(|ring| {
         let is_event = ring.arrived(end, last, at);
         if is_event && !ring.is_waiting() {

@@ -86,6 +86,20 @@ pub enum Reason {
     Abandoned,
 }
 
+/// The place of a frame's length, for a receiver that counts bytes without [`Framing::scan`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Length {
+    /// The first byte of every frame.
+    pub header: u8,
+    /// The index of the length byte.
+    pub at: usize,
+    /// The maximum value of that byte.
+    pub max: u8,
+    /// The number of bytes of a frame that the value does not count.
+    pub overhead: usize,
+}
+
 /// The boundaries of frames on one kind of line.
 ///
 /// An implementation keeps no state of the stream: it classifies the front of the bytes received so far. The
@@ -119,6 +133,11 @@ pub trait Framing: Copy + Eq + Debug {
 
     /// The last byte of every frame, if it is always the same.
     fn terminator(&self, expect: Self::Expect) -> Option<u8>;
+
+    /// The place of the next frame's length. `None` if it is not one byte at a fixed place.
+    fn length(&self, _expect: Self::Expect) -> Option<Length> {
+        None
+    }
 
     /// The length of the shortest frame, in bytes.
     fn shortest(&self, expect: Self::Expect) -> usize;

@@ -306,6 +306,18 @@ proptest! {
     }
 
     #[test]
+    fn place_of_the_length_agrees_with_the_scan(start in vec(any::<u8>(), 4)) {
+        let length = Ling.length(()).unwrap();
+        let start = [&[length.header], &start[1..]].concat();
+        prop_assert_eq!(length.at + 1, start.len());
+        let got = start[length.at];
+        match Ling.scan(&start, ()) {
+            Scan::Need(missing) => prop_assert_eq!(start.len() + missing, usize::from(got) + length.overhead),
+            _ => prop_assert!(got > length.max),
+        }
+    }
+
+    #[test]
     fn ling_frame_survives_noise_before_it(
         noise in vec(prop_oneof![3 => any::<u8>(), 1 => Just(0xAA)], 0..200),
         frame in prop::sample::select(ling_vectors()),

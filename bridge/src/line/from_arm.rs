@@ -1,6 +1,7 @@
 //! Bytes from the arm, and what follows from its frames.
 
 use armwire::decoder::Span;
+use armwire::framing::Length;
 use armwire::time::Instant;
 
 use crate::control::{FrameBytes, Initiator};
@@ -42,6 +43,11 @@ impl Line {
 
     pub(crate) fn rx_threshold(&self) -> RxThreshold {
         self.wire.rx_threshold(self.kind, self.guard.rate.byte_time())
+    }
+
+    /// The place of the next frame's length, if none of its bytes was received.
+    pub(crate) fn rx_length(&self) -> Option<Length> {
+        self.wire.rx_length(self.kind)
     }
 
     /// Returns true if an idle line can change anything.

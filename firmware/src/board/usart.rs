@@ -8,8 +8,8 @@ use embassy_stm32::pac::gpio::vals::{Moder, Ot, Pupdr};
 use super::{TX_PIN, UART};
 
 pub(crate) use super::uart::{
-    clear_errors, clear_transmitted, configure_byte_mode, is_byte_waiting, is_transmitted, keep_parity_error, rx_data,
-    rx_has_wrapped, rx_remaining, take_status, tx_data,
+    clear_errors, clear_transmitted, configure_byte_mode, is_byte_waiting, is_transmitted, keep_parity_error,
+    must_keep_parity_errors, rx_data, rx_has_wrapped, rx_remaining, take_status, tx_data,
 };
 
 /// The UART's flags since the last read.

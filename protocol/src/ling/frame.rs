@@ -18,7 +18,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 
 use super::Ling;
 use crate::error::at_most;
-use crate::framing::{Framing, Reason, Scan, verify, write};
+use crate::framing::{Framing, Length, Reason, Scan, verify, write};
 use crate::{BufferTooShort, EncodeError};
 
 /// Maximum number of data bytes in a frame.
@@ -49,6 +49,9 @@ pub const TORQUE_OFF: [u8; 7] = [HEADER, 0x05, 0x00, 0x01, 0x00, 0x6F, TAIL];
 pub const TORQUE_ON: [u8; 7] = [HEADER, 0x05, 0x00, 0x01, 0x01, 0xF9, TAIL];
 
 pub(super) const HEADER: u8 = 0xAA;
+
+/// The index of the length byte.
+const LENGTH: usize = 3;
 
 /// The command of the arm's error frame. The document has none: the vendor's software does.
 pub(super) const ERROR: u8 = 0xEE;
@@ -157,7 +160,7 @@ impl Framing for Ling {
     type Expect = ();
 
     fn scan(&self, window: &[u8], (): ()) -> Scan {
-        let len = match data_len(window, 3, MAX_DATA) {
+        let len = match data_len(window, LENGTH, MAX_DATA) {
             Ok(len) => len,
             Err(verdict) => return verdict,
         };
@@ -170,6 +173,15 @@ impl Framing for Ling {
 
     fn terminator(&self, (): ()) -> Option<u8> {
         Some(TAIL)
+    }
+
+    fn length(&self, (): ()) -> Option<Length> {
+        Some(Length {
+            header: HEADER,
+            at: LENGTH,
+            max: MAX_DATA as u8,
+            overhead: OVERHEAD,
+        })
     }
 
     fn shortest(&self, (): ()) -> usize {

@@ -5,7 +5,7 @@ mod to_host;
 
 use armwire::decoder::{Decoder, Kind, Span};
 use armwire::exchange::{Exchange, FirstByte, Handover, Match};
-use armwire::framing::Framing;
+use armwire::framing::{Framing, Length};
 use armwire::time::{Duration, Instant};
 
 use crate::arm::Info;
@@ -82,6 +82,12 @@ impl Wire {
     /// The line is idle: the rest of an unfinished frame is no longer expected.
     pub(super) const fn idle(&mut self) {
         self.decoder.idle();
+    }
+
+    /// The place of the next frame's length, if none of its bytes was received.
+    pub(super) fn rx_length(&self, kind: ArmKind) -> Option<Length> {
+        let is_between = self.decoder.pending() == 0 && self.decoder.skipping() == 0;
+        is_between.then(|| kind.length(self.exchange.expect(&kind)))?
     }
 
     /// Returns true if an idle line can change anything.

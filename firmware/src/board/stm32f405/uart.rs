@@ -90,9 +90,14 @@ pub(crate) fn clear_errors() {
 /// handler sees it (ES0182, "Parity Error (PE) flag can be cleared by writing to the data register"). A read of DR comes
 /// before the next byte.
 pub(crate) fn keep_parity_error() {
-    if HAS_PARITY.load(Ordering::Relaxed) {
+    if must_keep_parity_errors() {
         UART.dr().read();
     }
+}
+
+/// Returns true if each byte needs [`keep_parity_error`].
+pub(crate) fn must_keep_parity_errors() -> bool {
+    HAS_PARITY.load(Ordering::Relaxed)
 }
 
 /// Configures the disabled UART for one byte at a time. This UART has no FIFOs.

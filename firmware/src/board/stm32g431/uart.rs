@@ -28,6 +28,11 @@ pub(crate) fn take_status() -> Status {
 /// Does nothing: [`take_status`] has cleared the errors.
 pub(crate) fn clear_errors() {}
 
+/// Returns false: see [`keep_parity_error`].
+pub(crate) const fn must_keep_parity_errors() -> bool {
+    false
+}
+
 /// Does nothing: only a write of ICR clears an error.
 pub(crate) fn keep_parity_error() {}
 
