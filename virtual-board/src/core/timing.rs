@@ -15,7 +15,7 @@
 //!
 //! Flash is read by lines. A line that is in neither cache takes the wait states. With prefetch, the fetch of the next
 //! line starts with each fetched line. The caches are fully associative and replace the oldest line; contention between
-//! fetches, loads and DMA is not counted.
+//! fetches, loads and DMA is not counted. A fetch from RAM takes no additional cycle.
 
 use std::collections::VecDeque;
 

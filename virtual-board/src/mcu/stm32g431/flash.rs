@@ -109,7 +109,7 @@ const OPTIONS: u32 = 0xFFEF_F8AA;
 const PROGRAM: (Nanos, Nanos) = (Nanos(81_700), Nanos(83_350));
 const ERASE: (Nanos, Nanos) = (Nanos(22_020_000), Nanos(24_470_000));
 
-/// The caches (5.3.4: 1 KiB and 256 bytes).
+/// The caches (5.3.4: 1 KiB and 256 bytes), by lines of the width of a read: 64 bits in a category 2 device.
 const CACHES: Caches = Caches {
     line: 8,
     code: 128,
