@@ -62,18 +62,18 @@ pub(crate) enum Step {
 impl Steps {
     /// `None` if this kind of arm cannot be stopped. `goal` is that of the gripper.
     fn new(kind: ArmKind, goal: Option<u16>) -> Option<Self> {
-        match (kind, goal) {
-            (ArmKind::Ling, goal) => {
+        match kind {
+            ArmKind::Ling => {
                 let goal = goal.and_then(|goal| Opening::new(goal).ok());
                 Some(Self::Ling(ling::Stop::new(goal)))
             }
-            (kind, _) => kind.own(OwnRequest::Stop).map(|request| Self::Own(Some(request))),
+            kind => kind.own(OwnRequest::Stop).map(|request| Self::Own(Some(request))),
         }
     }
 
     fn next(&mut self, now: Instant) -> Next {
-        match (self, now) {
-            (Self::Ling(stop), now) => loop {
+        match self {
+            Self::Ling(stop) => loop {
                 return match stop.poll(now) {
                     Output::Request(ling::Request::ReadJoints) => Next::Read,
                     Output::Request(request @ ling::Request::Move(_)) => {
@@ -89,7 +89,7 @@ impl Steps {
                     Output::Done(Err(_)) => Next::Done(Err(Failure::ArmSilent)),
                 };
             },
-            (Self::Own(request), _) => match request.take() {
+            Self::Own(request) => match request.take() {
                 Some(request) => Next::Hold(own(request)),
                 None => Next::Done(Ok(())),
             },
@@ -98,15 +98,15 @@ impl Steps {
 
     /// Takes a frame of the arm. Returns true if it is a reading.
     fn on_frame(&mut self, frame: &[u8], at: Instant) -> bool {
-        match (self, frame, at) {
-            (Self::Ling(stop), frame, at) => match Ling.parse_response(frame, ()) {
+        match self {
+            Self::Ling(stop) => match Ling.parse_response(frame, ()) {
                 Ok(Response::Joints(state)) => {
                     stop.on_joints(at, &state);
                     true
                 }
                 _ => false,
             },
-            (Self::Own(_), ..) => false,
+            Self::Own(_) => false,
         }
     }
 }
