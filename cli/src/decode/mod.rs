@@ -135,7 +135,7 @@ fn decode_recording(
     match format {
         Format::Raw | Format::Hex => decode_line(input, out, format, arm, from).map(|()| 0),
         #[cfg(feature = "recordings")]
-        Format::Mcap => mcap::decode(&mut input, out).map(|()| 0),
+        Format::Mcap => mcap::decode(&mut input, out),
         #[cfg(not(feature = "recordings"))]
         Format::Mcap => Err(Error::at(input.name(), "this build of armwire reads no MCAP files")),
         _ => {

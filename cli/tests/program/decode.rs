@@ -224,6 +224,26 @@ fn foreign_record_ends_no_log() {
     fs::remove_file(path).unwrap();
 }
 
+#[cfg(feature = "recordings")]
+#[test]
+fn damaged_mcap_chunk_shows_in_the_exit_status() {
+    let path = free_path("damaged.mcap");
+    let mut recording = fs::read(format!("{LOGS}zstd.mcap")).unwrap();
+    let path = path.to_str().unwrap();
+    fs::write(path, &recording).unwrap();
+    success(&["decode", path, "--strict"]);
+    // In the middle of a chunk's data.
+    let middle = recording.len() / 3;
+    recording[middle] ^= 0x55;
+    fs::write(path, &recording).unwrap();
+    let output = run(&["decode", path]);
+    assert_eq!(output.status.code(), Some(0));
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert!(out.contains(": damaged chunk: ") && out.contains("\nframes: "), "{out}");
+    assert_eq!(run(&["decode", path, "--strict"]).status.code(), Some(3));
+    fs::remove_file(path).unwrap();
+}
+
 #[test]
 fn log_cut_in_a_record_ends_with_its_sum() {
     let path = free_path("cut.log");

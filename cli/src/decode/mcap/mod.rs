@@ -16,8 +16,9 @@ use crate::recording::Frame;
 use crate::recording::messages::{FRAME, MESSAGE_ENCODING, parse_frame};
 use records::{Part, Record, Visitor};
 
-/// Prints the frames of a recording that `armwire monitor --mcap` wrote, and the sum.
-pub(super) fn decode(input: &mut Input<'_>, out: &dyn Output) -> Result<(), Error> {
+/// Prints the frames of a recording that `armwire monitor --mcap` wrote, and the sum. Returns the number of its parts that
+/// were not understood.
+pub(super) fn decode(input: &mut Input<'_>, out: &dyn Output) -> Result<u64, Error> {
     let mut frames = Frames {
         out,
         schemas: BTreeSet::new(),
@@ -33,7 +34,7 @@ pub(super) fn decode(input: &mut Input<'_>, out: &dyn Output) -> Result<(), Erro
     let (place, reason) = match read {
         Err(error) => error,
         Ok(_) => match finished {
-            Ok(()) => return Ok(()),
+            Ok(()) => return Ok(frames.damaged_chunks + frames.damaged_records + frames.lost_messages),
             Err(reason) => (input.offset(), reason),
         },
     };
