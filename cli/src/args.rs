@@ -123,6 +123,8 @@ pub enum ArmKind {
     Xarm,
     /// UBTECH Alpha1.
     Alpha1,
+    /// The servo bus of a UBTECH Alpha1: one wire, both directions.
+    Alpha1Servo,
 }
 
 /// The sender of bytes on an arm's line.

@@ -25,7 +25,7 @@ pub(crate) struct WrongWord {
 }
 
 /// A parser of text in pieces of any size: words of pairs of digits, with or without 0x before them, separated by white
-/// space, commas and colons.
+/// space, commas, colons and dashes.
 pub(crate) struct Parser {
     line: usize,
     word: Vec<u8>,
@@ -52,7 +52,7 @@ impl Parser {
     pub(crate) fn push(&mut self, text: &[u8], bytes: &mut Vec<u8>) -> Result<(), WrongWord> {
         for &byte in text {
             match byte {
-                b' ' | b'\t' | b',' | b':' | b'\r' | b'\n' => {
+                b' ' | b'\t' | b',' | b':' | b'-' | b'\r' | b'\n' => {
                     self.finish()?;
                     self.line += usize::from(byte == b'\n');
                 }
@@ -114,7 +114,14 @@ mod tests {
 
     #[test]
     fn hexadecimal_text_is_understood_in_its_usual_forms() {
-        for text in ["AA 06 00", "aa0600", "0xAA,0x06, 0x00", "aa:06:00", "AA\n06\r\n\n00\n"] {
+        for text in [
+            "AA 06 00",
+            "aa0600",
+            "0xAA,0x06, 0x00",
+            "aa:06:00",
+            "AA-06-00",
+            "AA\n06\r\n\n00\n",
+        ] {
             for piece in 1..=text.len() {
                 assert_eq!(parse(text, piece).unwrap(), [0xAA, 0x06, 0x00], "{text}");
             }

@@ -1097,7 +1097,15 @@ end
 
 local function remember_request(row, data, pinfo)
   if pinfo.visited then return end
-  last_request = row == 0xFA and { id = data:byte(0), command = data:byte(1) } or nil
+  last_request = row == 0xFA and { id = data:byte(0), command = data:byte(1), new_id = data:byte(3) } or nil
+end
+
+-- True for the answer to a request. A changed id is that of the answer.
+local function is_answer_to(request, data)
+  local id, outcome = data:byte(0), data:byte(1)
+  if request.command ~= 0xCD then return id == request.id end
+  if outcome == SUCCESS then return id == request.new_id and data:byte(3) == request.id end
+  return id == request.id or id == request.new_id
 end
 
 local function servo_answer(data, tree, pinfo)
@@ -1105,8 +1113,10 @@ local function servo_answer(data, tree, pinfo)
   if not is_servo(id) or not OUTCOMES[outcome] then return nil end
   tree:add(alpha1_fields.servo, data:range(0, 1), id)
   tree:add(alpha1_fields.outcome, data:range(1, 1), outcome)
-  local answer = request and (SERVO[request.command] or {}).answer
-  if not answer then return nil end
+  local answer = request and is_answer_to(request, data) and (SERVO[request.command] or {}).answer
+  if not answer then
+    return string.format("no message: an answer of servo %d, ambiguous: its request is not before it", id)
+  end
   return "servo " .. id .. ": " .. (outcome == FAILURE and "failed" or answer(data, tree)), outcome == FAILURE
 end
 

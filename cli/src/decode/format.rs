@@ -7,7 +7,7 @@ use clap::ValueEnum;
 pub(crate) enum Format {
     /// The bytes of a line as they are.
     Raw,
-    /// The bytes of a line as hexadecimal text, such as 'AA 06 00 01 FE 9A FF'.
+    /// The bytes of a line as hexadecimal digits, such as 'AA 06 00 01 FE 9A FF'.
     Hex,
     /// A log of 'candump -L', or the output of 'candump'.
     Candump,
@@ -27,4 +27,9 @@ pub(crate) enum Format {
     Pcap,
     /// A recording of 'armwire monitor --mcap'.
     Mcap,
+    /// A hex dump with offsets, of xxd, hexdump or od.
+    Dump,
+    /// The lines of a program's log: prefix, direction such as RX: or TX:, and bytes in hexadecimal, as b'...', or as a
+    /// list or an array. TX is to the arm.
+    Log,
 }

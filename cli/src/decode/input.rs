@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::io::{self, BufRead, BufReader, Chain, Cursor, ErrorKind, Read};
 
 use super::output::Output;
+use super::packed::Unpacked;
 use crate::error::Error;
 use crate::printable::cut;
 
@@ -27,6 +28,16 @@ impl<'a> Head<'a> {
             name,
             bytes: Vec::new(),
             rest: Source { source, out },
+        }
+    }
+
+    /// The recording, decompressed if it is compressed, and with UTF-8 in place of UTF-16. Nothing of it was read yet.
+    pub(super) fn unpacked(self) -> Self {
+        let Source { source, out } = self.rest;
+        let source: Box<dyn Read + 'a> = Box::new(Unpacked::new(source));
+        Self {
+            rest: Source { source, out },
+            ..self
         }
     }
 
@@ -91,7 +102,7 @@ pub(super) struct Input<'a> {
 pub(super) struct Line<'a> {
     /// Counted from 1.
     pub(super) number: u64,
-    /// At most [`MAX_LINE`] bytes of it.
+    /// The bytes of it that are kept.
     pub(super) text: Cow<'a, str>,
     pub(super) is_whole: bool,
     /// The recording goes on behind it.
@@ -106,15 +117,20 @@ impl Input<'_> {
 
     /// The next line, if there is one.
     pub(super) fn line(&mut self) -> Result<Option<Line<'_>>, Error> {
+        self.line_up_to(MAX_LINE)
+    }
+
+    /// The next line, if there is one. At most `max` bytes of it are kept.
+    pub(super) fn line_up_to(&mut self, max: usize) -> Result<Option<Line<'_>>, Error> {
         self.line.clear();
-        let read = self.read_line();
+        let read = self.read_line(max);
         let is_ended = self.line.pop_if(|byte| *byte == b'\n').is_some();
         if read.map_err(|error| self.failed(error))? == 0 {
             return Ok(None);
         }
         self.lines += 1;
-        self.is_cut = !is_ended && self.line.len() > MAX_LINE;
-        self.line.truncate(MAX_LINE);
+        self.is_cut = !is_ended && self.line.len() > max;
+        self.line.truncate(max);
         Ok(Some(Line {
             number: self.lines,
             text: String::from_utf8_lossy(&self.line),
@@ -125,17 +141,22 @@ impl Input<'_> {
 
     /// Reads a line and its end, after the rest of a line that was cut. Of a longer line it reads one byte more than is
     /// kept.
-    fn read_line(&mut self) -> io::Result<usize> {
+    fn read_line(&mut self, max: usize) -> io::Result<usize> {
         if self.is_cut {
             self.reader.skip_until(b'\n')?;
         }
-        let mut line = self.reader.by_ref().take(MAX_LINE as u64 + 1);
+        let mut line = self.reader.by_ref().take(max as u64 + 1);
         line.read_until(b'\n', &mut self.line)
     }
 
     /// The error of a failed read.
     pub(super) fn failed(&self, error: io::Error) -> Error {
         Error::at(&self.name, error)
+    }
+
+    /// The error of a line that cannot be decoded.
+    pub(super) fn refused_line(&self, number: u64, text: &str, reason: &str) -> Error {
+        refused_line(&self.name, number, text, reason)
     }
 
     /// The error of bytes that cannot be decoded.
@@ -146,6 +167,10 @@ impl Input<'_> {
     pub(super) fn name(&self) -> &str {
         &self.name
     }
+}
+
+fn refused_line(name: &str, number: u64, text: &str, reason: &str) -> Error {
+    Error::at(name, format_args!("line {number}: '{}': {reason}", cut(text.trim())))
 }
 
 impl Read for Input<'_> {

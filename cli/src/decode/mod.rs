@@ -10,10 +10,14 @@ mod log;
 mod mcap;
 mod meaning;
 mod output;
+mod packed;
 #[cfg(feature = "recordings")]
 mod pcapng;
 mod recording;
+mod servo_bus;
+mod sides;
 mod station;
+mod text;
 
 #[cfg(test)]
 mod tests;
@@ -22,9 +26,6 @@ use std::fs::File;
 use std::io::{BufRead, Read, stdin};
 use std::path::PathBuf;
 
-use armwire::alpha1::Alpha1;
-use armwire::ling::legacy::Legacy;
-use armwire::xarm::XArm;
 use armwire_host::describe::Protocol;
 use clap::Args;
 
@@ -38,14 +39,14 @@ use input::{Head, Input};
 use output::{Console, Entries, Output};
 #[cfg(feature = "recordings")]
 use pcapng::Packets;
-use recording::{Frames, LingFrames, Recording};
+use sides::Sides;
 
 /// The arguments of `armwire decode`.
 #[derive(Args)]
 pub(crate) struct Decode {
-    /// Recording, or - for standard input: an MCAP file of 'armwire monitor'; the bytes of a line, raw or as
-    /// hexadecimal text; or a log of a CAN bus from candump, Vector (ASC, BLF), PEAK (TRC), python-can (CSV, TXT),
-    /// SavvyCAN (GVRET CSV), or Wireshark (pcap, pcapng).
+    /// Recording, or - for standard input: an MCAP file of 'armwire monitor'; the bytes of a line, raw, in hexadecimal, as
+    /// a hex dump, or in a program's log; or a log of a CAN bus from candump, Vector (ASC, BLF), PEAK (TRC), python-can
+    /// (CSV, TXT), SavvyCAN (GVRET CSV), or Wireshark (pcap, pcapng). It may be compressed by gzip or zstd.
     #[arg(default_value = "-")]
     file: PathBuf,
     /// Format of the recording. By default it is detected from the first bytes.
@@ -54,8 +55,8 @@ pub(crate) struct Decode {
     /// Kind of arm. MCAP recordings contain it.
     #[arg(long, value_enum, default_value_t)]
     arm: ArmKind,
-    /// Sender of the bytes. MCAP recordings and Ling frames identify it; frames of xarm and alpha1 are taken as the arm's.
-    /// A servo's answers are shown as bytes: their meaning depends on the request.
+    /// Sender of the bytes. MCAP recordings, Ling frames and alpha1-servo identify it; frames of xarm and alpha1 are taken
+    /// as the arm's. A servo's answers are shown as bytes there: their meaning depends on the request.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
     /// Exit with status 3 if a part of the recording was not understood.
@@ -127,13 +128,18 @@ fn decode_recording(
     arm: ArmKind,
     from: Option<Speaker>,
 ) -> Result<u64, Error> {
+    if format != Some(Format::Raw) {
+        head = head.unpacked();
+    }
     let format = format.map_or_else(|| detect::detect(&mut head), Ok)?;
     let mut input = match format {
         Format::Raw | Format::Blf | Format::Mcap | Format::Pcap => head.into_input(),
         _ => head.into_text()?,
     };
     match format {
-        Format::Raw | Format::Hex => decode_line(input, out, format, arm, from).map(|()| 0),
+        Format::Raw | Format::Hex | Format::Dump | Format::Log => {
+            decode_line(input, out, format, arm, from).map(|()| 0)
+        }
         #[cfg(feature = "recordings")]
         Format::Mcap => mcap::decode(&mut input, out),
         #[cfg(not(feature = "recordings"))]
@@ -142,7 +148,7 @@ fn decode_recording(
             let mut buses = Buses::new(match arm {
                 ArmKind::Ling => Protocol::Ling,
                 ArmKind::LingLegacy => Protocol::LingLegacy,
-                ArmKind::Alpha1 => Protocol::Alpha1,
+                ArmKind::Alpha1 | ArmKind::Alpha1Servo => Protocol::Alpha1,
                 ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
             });
             // What was read before an error is summed up, too.
@@ -161,41 +167,49 @@ fn decode_line(
     arm: ArmKind,
     from: Option<Speaker>,
 ) -> Result<(), Error> {
-    let mut recording: Box<dyn Recording> = match arm {
-        ArmKind::Ling => Box::new(LingFrames::new(from)),
-        ArmKind::LingLegacy => Box::new(Frames::<Legacy>::new(from)),
-        ArmKind::Xarm => Box::new(Frames::<XArm>::new(from.or(Some(Speaker::Arm)))),
-        ArmKind::Alpha1 => Box::new(Frames::<Alpha1>::new(from.or(Some(Speaker::Arm)))),
+    let mut sides = Sides::new(arm, from)?;
+    let name = input.name().to_owned();
+    let read = match format {
+        Format::Dump => text::read_dump(&mut input, out, &mut |from, bytes| sides.push(from, bytes, out)),
+        Format::Log => text::read_log(&mut input, &mut |from, bytes| sides.push(from, bytes, out)),
+        _ => decode_bytes(input, out, format, &mut sides),
     };
+    // Items before an error are shown before it, without the sum.
+    read?;
+    out.remark(format_args!("{}", sides.finish(out)));
+    match sides.broken() {
+        None => Ok(()),
+        Some((offset, reason)) => Err(Error::Undecodable { name, offset, reason }),
+    }
+}
+
+/// Decodes bytes, raw or as hexadecimal digits.
+fn decode_bytes(mut input: Input<'_>, out: &dyn Output, format: Format, sides: &mut Sides) -> Result<(), Error> {
     let mut hex = (format == Format::Hex).then(hex::Parser::new);
     let name = input.name().to_owned();
     let mut bytes = Vec::new();
-    while recording.broken().is_none() {
+    while sides.broken().is_none() {
         let piece = input.fill_buf().map_err(|error| Error::at(&name, error))?;
         let len = piece.len();
         if len == 0 {
             break;
         }
         match &mut hex {
-            None => recording.push(piece, out),
+            None => sides.push(None, piece, out),
             Some(hex) => {
                 bytes.clear();
                 let parsed = hex.push(piece, &mut bytes);
                 // Items before an error are shown before it.
-                recording.push(&bytes, out);
+                sides.push(None, &bytes, out);
                 parsed.map_err(|error| Error::at(&name, error))?;
             }
         }
         input.consume(len);
     }
     if let Some(mut hex) = hex
-        && recording.broken().is_none()
+        && sides.broken().is_none()
     {
         hex.finish().map_err(|error| Error::at(&name, error))?;
     }
-    recording.finish(out);
-    match recording.broken() {
-        None => Ok(()),
-        Some((offset, reason)) => Err(Error::Undecodable { name, offset, reason }),
-    }
+    Ok(())
 }

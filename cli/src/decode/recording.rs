@@ -1,7 +1,9 @@
 //! The frames of a recording of bytes, and the bytes between them.
 
+use std::fmt::{self, Display};
+
 use armwire::decoder::{Decoder, Kind, Span};
-use armwire::framing::Reason;
+use armwire::framing::{Framing, Reason};
 use armwire::ling::legacy::{Detector, Legacy, OlderGeneration};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire::messages::Messages;
@@ -25,28 +27,97 @@ pub(super) trait Recording {
     /// Takes the next bytes, in pieces of any size.
     fn push(&mut self, bytes: &[u8], out: &dyn Output);
 
-    /// Ends the recording, and prints the sum.
-    fn finish(&mut self, out: &dyn Output);
+    /// Ends the recording. Returns the counts for its sum.
+    fn finish(&mut self, out: &dyn Output) -> Counts;
 
     /// Offset and reason of the break of a lossless stream, after which nothing can be decoded.
     fn broken(&self) -> Option<(u64, Reason)>;
 }
 
-/// A recording of one protocol.
-pub(super) struct Frames<P: Arm> {
-    arm: P,
-    from: Option<Speaker>,
-    expect: P::Expect,
-    decoder: Decoder<P, BUFFER>,
-    /// Noise that may go on.
-    run: Option<Run>,
+/// The counts of a recording. They print as its sum.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Counts {
+    bytes: u64,
     frames: u64,
     noise_bytes: u64,
     padding: u64,
+    /// The stream broke, and the rest was not read.
+    is_broken: bool,
+}
+
+impl Counts {
+    /// The counts of this and another direction.
+    pub(super) fn with(self, other: Self) -> Self {
+        Self {
+            bytes: self.bytes + other.bytes,
+            frames: self.frames + other.frames,
+            noise_bytes: self.noise_bytes + other.noise_bytes,
+            padding: self.padding + other.padding,
+            is_broken: self.is_broken || other.is_broken,
+        }
+    }
+}
+
+impl Display for Counts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            bytes,
+            frames,
+            noise_bytes,
+            padding,
+            is_broken,
+        } = self;
+        write!(f, "bytes: {bytes}, frames: {frames}, noise bytes: {noise_bytes}")?;
+        if *padding > 0 {
+            write!(f, ", padding bytes: {padding}")?;
+        }
+        f.write_str(if *is_broken { ", the rest not read" } else { "" })
+    }
+}
+
+/// The reading of a line: what comes next, and what a frame means.
+pub(super) trait Reading {
+    type Arm: Arm;
+
+    /// The expectation of the next frame.
+    fn expect(&self) -> <Self::Arm as Framing>::Expect;
+
+    /// The sender of the bytes between frames, if it is known.
+    fn from(&self) -> Option<Speaker>;
+
+    /// The sender of a frame, if it is known, and the frame's meaning.
+    fn meaning(&mut self, frame: &[u8]) -> (Option<Speaker>, String);
+}
+
+/// The bytes of one sender, or of one that the frames name.
+pub(super) struct OneSender<P>(Option<Speaker>, P);
+
+impl<P: Arm> Reading for OneSender<P> {
+    type Arm = P;
+
+    fn expect(&self) -> P::Expect {
+        expected(&self.1, self.0)
+    }
+
+    fn from(&self) -> Option<Speaker> {
+        self.0
+    }
+
+    fn meaning(&mut self, frame: &[u8]) -> (Option<Speaker>, String) {
+        meaning(&self.1, frame, self.expect(), self.0)
+    }
+}
+
+/// A recording of one protocol.
+pub(super) struct Frames<P: Arm, R: Reading<Arm = P> = OneSender<P>> {
+    arm: P,
+    reading: R,
+    decoder: Decoder<P, BUFFER>,
+    /// Noise that may go on.
+    run: Option<Run>,
+    counts: Counts,
     /// The end of the last damaged frame: its bytes are not shown again as stray ones.
     damaged: u64,
-    /// The end of what was decoded, as an offset in the recording.
-    end: u64,
 }
 
 /// Adjacent bytes that are noise for one reason.
@@ -58,26 +129,26 @@ struct Run {
 
 impl<P: Arm> Frames<P> {
     pub(super) fn new(from: Option<Speaker>) -> Self {
-        let arm = P::default();
-        let expect = expected(&arm, from);
+        Self::of(OneSender(from, P::default()))
+    }
+}
+
+impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
+    pub(super) fn of(reading: R) -> Self {
         Self {
-            arm,
-            from,
-            expect,
+            arm: P::default(),
+            reading,
             decoder: Decoder::new(),
             run: None,
-            frames: 0,
-            noise_bytes: 0,
-            padding: 0,
+            counts: Counts::default(),
             damaged: 0,
-            end: 0,
         }
     }
 
     /// Takes the items that are complete.
     fn take_items(&mut self, out: &dyn Output) {
         while self.decoder.broken().is_none()
-            && let Some(span) = self.decoder.advance(&self.arm, self.expect)
+            && let Some(span) = self.decoder.advance(&self.arm, self.reading.expect())
         {
             self.take(span, out);
         }
@@ -85,34 +156,34 @@ impl<P: Arm> Frames<P> {
 
     fn take(&mut self, span: Span, out: &dyn Output) {
         let len = span.len() as u64;
-        self.end = span.offset + len;
+        self.counts.bytes = span.offset + len;
         match span.kind {
             Kind::Frame => {
                 self.end_run("", out);
-                self.frames += 1;
+                self.counts.frames += 1;
                 let frame = self.decoder.item(span).bytes;
-                let (from, text) = meaning(&self.arm, frame, self.expect, self.from);
+                let (from, text) = self.reading.meaning(frame);
                 self.show(span.offset, frame, from, &text, out);
             }
             Kind::Padding => {
                 self.end_run("", out);
-                self.padding += len;
+                self.counts.padding += len;
             }
             // All of it is shown, but it counts by its bytes: the others may contain a frame.
             Kind::Noise(reason @ Reason::Checksum { .. }) => {
                 self.end_run("", out);
-                self.noise_bytes += len;
+                self.counts.noise_bytes += len;
                 self.damaged = self.damaged.max(span.offset + self.show_candidate(span, reason, out));
             }
             Kind::Noise(reason) => {
-                self.noise_bytes += len;
+                self.counts.noise_bytes += len;
                 self.extend_run(span, reason, out);
             }
             Kind::Broken(reason) => {
                 self.end_run("", out);
                 let len = self.show_candidate(span, reason, out);
-                self.noise_bytes += len;
-                self.end = span.offset + len;
+                self.counts.noise_bytes += len;
+                self.counts.bytes = span.offset + len;
             }
         }
     }
@@ -158,7 +229,7 @@ impl<P: Arm> Frames<P> {
             self.show(
                 offset + shown,
                 bytes,
-                self.from,
+                self.reading.from(),
                 &format!("noise: {reason}{remark}"),
                 out,
             );
@@ -167,8 +238,14 @@ impl<P: Arm> Frames<P> {
 
     /// Shows all bytes that the verdict on a piece of noise needed. Returns their number.
     fn show_candidate(&self, span: Span, reason: Reason, out: &dyn Output) -> u64 {
-        let bytes = self.decoder.candidate(span, &self.arm, self.expect);
-        self.show(span.offset, bytes, self.from, &format!("noise: {reason}"), out);
+        let bytes = self.decoder.candidate(span, &self.arm, self.reading.expect());
+        self.show(
+            span.offset,
+            bytes,
+            self.reading.from(),
+            &format!("noise: {reason}"),
+            out,
+        );
         bytes.len() as u64
     }
 
@@ -187,7 +264,7 @@ impl<P: Arm> Frames<P> {
     }
 }
 
-impl<P: Arm> Recording for Frames<P> {
+impl<P: Arm, R: Reading<Arm = P>> Recording for Frames<P, R> {
     fn push(&mut self, mut bytes: &[u8], out: &dyn Output) {
         while !bytes.is_empty() && self.decoder.broken().is_none() {
             bytes = self.decoder.push(bytes);
@@ -195,7 +272,7 @@ impl<P: Arm> Recording for Frames<P> {
         }
     }
 
-    fn finish(&mut self, out: &dyn Output) {
+    fn finish(&mut self, out: &dyn Output) -> Counts {
         // The end of the recording counts as an idle line.
         let skips = self.decoder.skipping() > 0;
         self.decoder.idle();
@@ -204,28 +281,12 @@ impl<P: Arm> Recording for Frames<P> {
         let rest = self.decoder.window();
         if !rest.is_empty() {
             let text = "the recording ends within a frame";
-            self.show(self.decoder.offset(), rest, self.from, text, out);
-            self.noise_bytes += rest.len() as u64;
-            self.end += rest.len() as u64;
+            self.show(self.decoder.offset(), rest, self.reading.from(), text, out);
+            self.counts.noise_bytes += rest.len() as u64;
+            self.counts.bytes += rest.len() as u64;
         }
-        let Self {
-            frames,
-            noise_bytes,
-            padding,
-            end,
-            ..
-        } = self;
-        let padding = match padding {
-            0 => String::new(),
-            padding => format!(", padding bytes: {padding}"),
-        };
-        let rest = match self.decoder.broken() {
-            Some(_) => ", the rest not read",
-            None => "",
-        };
-        out.remark(format_args!(
-            "bytes: {end}, frames: {frames}, noise bytes: {noise_bytes}{padding}{rest}"
-        ));
+        self.counts.is_broken = self.decoder.broken().is_some();
+        self.counts
     }
 
     fn broken(&self) -> Option<(u64, Reason)> {
@@ -318,13 +379,13 @@ impl Recording for LingFrames {
         }
     }
 
-    fn finish(&mut self, out: &dyn Output) {
+    fn finish(&mut self, out: &dyn Output) -> Counts {
         if self.frames.is_none() {
             self.decide(out);
         }
-        if let Some(frames) = &mut self.frames {
-            frames.finish(out);
-        }
+        self.frames
+            .as_mut()
+            .map_or(Counts::default(), |frames| frames.finish(out))
     }
 
     fn broken(&self) -> Option<(u64, Reason)> {

@@ -113,6 +113,65 @@ fn answer_of_a_servo_is_not_guessed() {
     assert_eq!(lines[1], "      10  AB\n          noise: no frame starts here");
 }
 
+/// A frame on the servo bus of an Alpha1: row and data.
+fn servo_frame(row: u8, data: [u8; 6]) -> Vec<u8> {
+    let sum = data.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
+    [&[row, row.rotate_left(4)][..], &data, &[sum, 0xED]].concat()
+}
+
+#[test]
+fn servo_bus_is_decoded_in_both_directions() {
+    let conversation = [
+        servo_frame(0xFA, [3, 1, 90, 50, 0, 50]),
+        vec![0xAD],
+        servo_frame(0xFA, [3, 2, 0, 0, 0, 0]),
+        servo_frame(0xFA, [3, 0xAA, 0, 90, 0, 88]),
+        servo_frame(0xFA, [3, 0xD4, 0, 0, 0, 0]),
+        servo_frame(0xFA, [3, 0xAA, 0, 0, 0, 6]),
+        servo_frame(0xFA, [3, 0xCD, 0, 4, 0, 0]),
+        servo_frame(0xFA, [4, 0xAA, 0, 3, 0, 0]),
+        servo_frame(0xFC, [4, 1, 0, 0, 0, 0]),
+        servo_frame(0xFC, [4, 0xAA, 1, 2, 3, 4]),
+        servo_frame(0xFA, [0, 1, 0xFF, 0, 0, 0]),
+    ];
+    let lines = of_line(&conversation.concat(), ArmKind::Alpha1Servo, None);
+    let meanings: Vec<_> = lines
+        .iter()
+        .filter_map(|line| line.split("\n          ").nth(1))
+        .collect();
+    assert_eq!(
+        meanings,
+        [
+            "to the arm: move servo 3 to 90° in 1 s, completion time 1 s",
+            "from the arm: servo 3: understood",
+            "to the arm: read angles of servo 3, and release it",
+            "from the arm: servo 3: released, at 88°, sent to 90°",
+            "to the arm: read offset of servo 3",
+            "from the arm: servo 3: offset +2.00°",
+            "to the arm: change id of servo 3 to 4",
+            "from the arm: servo 4: was 3",
+            "to the arm: read version of servo 4",
+            "from the arm: servo 4: version 01 02 03 04",
+            "to the arm: release all servos",
+        ]
+    );
+    assert_eq!(lines.last().unwrap(), "bytes: 101, frames: 11, noise bytes: 0");
+}
+
+#[test]
+fn servo_answers_without_their_request_are_ambiguous() {
+    let answer = servo_frame(0xFA, [3, 0xAA, 0, 0, 0, 6]);
+    let other = servo_frame(0xFA, [5, 0xD4, 0, 0, 0, 0]);
+    let acknowledged = servo_frame(0xFA, [3, 4, 1, 0, 0, 0]);
+    for before in [vec![], other, acknowledged] {
+        let lines = of_line(&[&before[..], &answer].concat(), ArmKind::Alpha1Servo, None);
+        let text = "no message: an answer of servo 3, ambiguous: its request is not before it";
+        assert!(lines.iter().any(|line| line.ends_with(text)), "{lines:?}");
+    }
+    let (_, error) = printed(&answer, None, ArmKind::Alpha1Servo, Some(Speaker::Arm));
+    assert!(error.unwrap().contains("one wire has both directions"));
+}
+
 #[test]
 fn bytes_after_documented_fields_are_shown() {
     let frame = [0xAA, 0x04, 0x0E, 0x03, 0x02, 0x07, 0x08, 0xA1, 0xFF];

@@ -5,12 +5,20 @@
 use armwire_cli::{ArmKind, Speaker, decode};
 use libfuzzer_sys::fuzz_target;
 
+const ARMS: [ArmKind; 5] = [
+    ArmKind::Ling,
+    ArmKind::Xarm,
+    ArmKind::Alpha1,
+    ArmKind::LingLegacy,
+    ArmKind::Alpha1Servo,
+];
+
 fuzz_target!(|input: &[u8]| {
     let Some((kind, recording)) = input.split_first() else {
         return;
     };
-    let arm = [ArmKind::Ling, ArmKind::Xarm, ArmKind::Alpha1, ArmKind::LingLegacy][usize::from(kind % 4)];
-    let from = [None, Some(Speaker::Host), Some(Speaker::Arm)][usize::from(kind / 4 % 3)];
+    let arm = ARMS[usize::from(*kind) % ARMS.len()];
+    let from = [None, Some(Speaker::Host), Some(Speaker::Arm)][usize::from(*kind) / ARMS.len() % 3];
     match decode(recording, arm, from) {
         Ok(lines) => check(&lines),
         // The error may quote the input.

@@ -22,6 +22,7 @@ SUCCESS, FAILURE = 0xAA, 0xEE
 ACT, SERVO, SERVO_VERSION = 0xFB, 0xFA, 0xFC
 SERVOS, MAX_ANGLE, MAX_SERVO = 20, 240, 240
 NO_ANGLE = 0xFF
+CHANGE_ID = 0xCD
 OLDEST_FIRMWARE = b"2015121519"
 
 # Lengths of the data by the header's first byte. The first byte of a counted text is its length, including itself. A
@@ -196,14 +197,14 @@ SERVO_REQUESTS = {
     0x01: servo_move,
     0x04: servo_led,
     0x02: servo_read_angles,
-    0xCD: servo_change_id,
+    CHANGE_ID: servo_change_id,
     0xD2: servo_set_offset,
     0xD4: servo_read_offset,
 }
 FOR_ALL = (0x01, 0x04)
 SERVO_ANSWERS = {
     0x02: servo_angles,
-    0xCD: servo_id_changed,
+    CHANGE_ID: servo_id_changed,
     0xD2: servo_offset_set,
     0xD4: servo_offset,
 }
@@ -301,7 +302,7 @@ class Alpha1:
         """Return the byte that acknowledges the last request, or None."""
         if self.request is None:
             return None
-        number, command = self.request
+        number, command, _ = self.request
         return (number + 0xAA) & 0xFF if is_servo(number) and command in FOR_ALL else None
 
     def scan(self, window, side):
@@ -319,7 +320,7 @@ class Alpha1:
     def message(self, frame, side):
         """Return the meaning of a frame."""
         if len(frame) == 1:
-            number, _ = self.request
+            number = self.request[0]
             self.request = None
             return Message(RX, "servo {}: understood".format(number), [])
         row = frame[0]
@@ -336,15 +337,29 @@ class Alpha1:
         """Return the sender and the meaning of a servo's frame. The status identifies an answer, whatever the line."""
         if data.bytes[1] in (SUCCESS, FAILURE):
             return RX, self.servo_answer(row, data)
-        self.request = (data.bytes[0], data.bytes[1]) if row == SERVO else None
+        self.request = (data.bytes[0], data.bytes[1], data.bytes[3]) if row == SERVO else None
         return TX, MESSAGES[TX][row](data)
+
+    def is_expected(self, row, data):
+        """Return true for an answer to the last request. A changed id is that of the answer."""
+        if self.request is None or row != SERVO:
+            return False
+        asked, command, changed = self.request
+        number, outcome = data.bytes[0], data.bytes[1]
+        if command != CHANGE_ID:
+            return number == asked
+        if outcome == SUCCESS:
+            return (number, data.bytes[3]) == (changed, asked)
+        return number in (asked, changed)
 
     def servo_answer(self, row, data):
         """Return the meaning of a servo's answer to the last request."""
         number, outcome = data.bytes[0], data.bytes[1]
-        answer = SERVO_ANSWERS.get(self.request[1]) if self.request else None
-        if not is_servo(number) or (row == SERVO and answer is None):
+        if not is_servo(number):
             return None
+        answer = SERVO_ANSWERS.get(self.request[1]) if self.is_expected(row, data) else None
+        if row == SERVO and answer is None:
+            return "no message: an answer of servo {}, ambiguous: its request is not before it".format(number)
         if outcome == FAILURE:
             text = "failed"
         elif row == SERVO:

@@ -56,6 +56,16 @@ enum Content {
     Xl,
 }
 
+/// Returns true if a line begins with a time and the name of an interface, such as `can0`.
+pub(in crate::decode) fn names_interface(line: &str) -> bool {
+    let Ok((_, rest)) = split_time(line) else {
+        return false;
+    };
+    let name = rest.split_whitespace().next().unwrap_or_default();
+    let kind = name.trim_end_matches(|character: char| character.is_ascii_digit());
+    kind.len() < name.len() && !kind.is_empty() && kind.bytes().all(|byte| byte.is_ascii_alphabetic())
+}
+
 /// The time in parentheses, if there is one, and the rest of the line.
 fn split_time(line: &str) -> Result<(Time<'_>, &str), Unread> {
     let Some(line) = line.strip_prefix('(') else {

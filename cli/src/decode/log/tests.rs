@@ -257,6 +257,17 @@ fn candump_is_read_in_all_its_forms() {
 }
 
 #[test]
+fn log_of_candump_may_begin_with_a_damaged_line() {
+    let log = "(1.000000) can0 61\n(1.0) can0 60F#07AA060001FE9AFF\n";
+    let lines = decoded(log.as_bytes(), None, ArmKind::Ling);
+    assert!(lines[0].starts_with("not understood: line 1: "), "{lines:?}");
+    assert!(
+        lines[1].starts_with("1.0  can0  node 15  AA 06 00 01 FE 9A FF\n"),
+        "{lines:?}"
+    );
+}
+
+#[test]
 fn events_of_candump_are_no_frames() {
     let log = "DROPCOUNT: dropped 3 CAN frames on 'can0' socket (total drops 3)\n\
                (1.000000) can0 242###8100000000AABBCC\n\

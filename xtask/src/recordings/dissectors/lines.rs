@@ -38,6 +38,9 @@ pub(super) const LINES: [Line; 7] = [
     Line::new("alpha1", "arm", &[("alpha1-response", 2), ("servo-angles", 3)]),
 ];
 
+/// The servo bus of an Alpha1, both directions.
+pub(super) const SERVO_BUS: Line = Line::new("alpha1-servo", "arm", &[]);
+
 /// The frames of the older generation.
 const OLDER: &[(&str, usize)] = &[("legacy", 1)];
 
@@ -55,6 +58,11 @@ impl Display for Line {
 impl Line {
     const fn new(arm: &'static str, from: &'static str, documents: &'static [(&'static str, usize)]) -> Self {
         Self { arm, from, documents }
+    }
+
+    /// The name of the protocol in Wireshark and sigrok.
+    pub(super) fn protocol(&self) -> &'static str {
+        self.arm.trim_end_matches("-servo")
     }
 
     pub(super) fn is_older(&self) -> bool {

@@ -9,7 +9,7 @@ mod tools;
 use anyhow::{Result, ensure};
 use oorandom::Rand32;
 
-use lines::{LINES, Line, document_frames};
+use lines::{LINES, Line, SERVO_BUS, document_frames};
 use tools::{Item, Tools};
 
 /// Number of complete frames at the end of a recording, which leave no frame pending.
@@ -30,7 +30,7 @@ pub(crate) fn check() -> Result<()> {
     for line in &LINES {
         compare(&tools, line)?;
     }
-    check_servo_answers(&tools)?;
+    check_servo_bus(&tools)?;
     check_tcp(&tools)?;
     check_random_packets(&tools)
 }
@@ -102,34 +102,29 @@ fn plain(text: &str) -> &str {
     if text.starts_with(NO_MESSAGE) { NO_MESSAGE } else { text }
 }
 
-/// Checks the answers of servos, whose meaning depends on the request before.
-fn check_servo_answers(tools: &Tools) -> Result<()> {
-    let mut events = Vec::new();
+/// Compares the texts of a recording of the servo bus: answers, whose meaning depends on the request before.
+fn check_servo_bus(tools: &Tools) -> Result<()> {
+    let mut bus = Vec::new();
     for request in document_frames("alpha1-request", 2)? {
         for answer in document_frames("servo-angles", 3)? {
             if is_servo_answer(&answer, &request) {
-                events.extend([("host", request.clone()), ("arm", answer)]);
+                bus.extend([request.clone(), answer]);
             }
         }
     }
-    let packets = events
+    // The first answer has no request before it.
+    bus.rotate_left(1);
+    let recording = bus.concat();
+    let expected = tools.decode(&SERVO_BUS, &recording)?;
+    check_equal(&SERVO_BUS, "tshark", &expected, &tools.dissect(&SERVO_BUS, &recording)?)?;
+    let named = tools.annotate(SERVO_BUS.protocol(), &[(SERVO_BUS.from, recording)])?;
+    check_equal(&SERVO_BUS, "sigrok-cli", &expected, &named)?;
+    let answers = expected
         .iter()
-        .map(|(from, bytes)| packet(from, bytes))
-        .collect::<Vec<_>>();
-    let file = tools.capture("servos", "-l 149", &packets)?;
-    for (tool, texts) in [
-        ("tshark", tools.tshark(&file, "alpha1")?),
-        ("sigrok-cli", tools.annotate("alpha1", &events)?),
-    ] {
-        ensure!(texts.len() == events.len(), "{tool} names {texts:?} of {events:02X?}");
-        for (text, (_, answer)) in texts.iter().zip(&events).skip(1).step_by(2) {
-            ensure!(text.starts_with("servo "), "{tool} names {answer:02X?} '{text}'");
-        }
-    }
-    println!(
-        "{} answers of servos have the texts for their requests",
-        events.len() / 2
-    );
+        .filter(|(_, text)| text.starts_with("from the arm: servo "));
+    let answers = answers.count();
+    ensure!(answers > 0, "no answer of a servo has a meaning");
+    println!("{answers} answers of servos have the texts for their requests");
     Ok(())
 }
 

@@ -7,7 +7,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use super::lines::Line;
+use super::lines::{Line, SERVO_BUS};
 use crate::apt;
 use crate::cargo::{cargo, target_dir};
 use crate::files::empty_folder;
@@ -63,8 +63,8 @@ impl Tools {
         fs::write(&file, recording)?;
         let mut decode = Command::new(&self.armwire);
         decode.args(["decode", "--format", "raw", "--arm", line.arm]).arg(file);
-        // Ling's frames identify their sender.
-        if line.arm != "ling" {
+        // Ling's frames identify their sender, and the servo bus has both.
+        if !["ling", SERVO_BUS.arm].contains(&line.arm) {
             decode.args(["--from", line.from]);
         }
         Ok(decode)
@@ -75,7 +75,7 @@ impl Tools {
         let file = self.dir.join("recording.pcapng");
         let _ = fs::remove_file(&file);
         output(self.decode_command(line, recording)?.arg("--pcapng").arg(&file))?;
-        self.tshark(&file, line.arm)
+        self.tshark(&file, line.protocol())
     }
 
     /// A capture file of these packets.
