@@ -311,7 +311,11 @@ fn misfit(text: &str, bases: &[u32], expected: &[u64]) -> String {
 fn order_of(words: &[&str], has_colon: bool, ascii: Option<&str>) -> Result<Order, String> {
     let longest = words.iter().map(|word| word.len()).max().unwrap_or_default();
     if !has_colon {
-        return Ok(Order::Little);
+        // od without options writes words in octal.
+        return match words.iter().find(|word| !matches!(word.len(), 2 | 4 | 8 | 16)) {
+            Some(word) => Err(format!("'{word}' is no word in hexadecimal: od needs -t x1")),
+            None => Ok(Order::Little),
+        };
     }
     let fits = |order| ascii.is_none_or(|ascii| bytes_of(words, order).is_ok_and(|bytes| is_shown(&bytes, ascii)));
     let are_bits = words
