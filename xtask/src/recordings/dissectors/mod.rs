@@ -205,11 +205,6 @@ fn check_random_packets(tools: &Tools) -> Result<()> {
     Ok(())
 }
 
-/// A packet of a recording.
-fn packet(from: &str, bytes: &[u8]) -> Vec<u8> {
-    [&[u8::from(from == "arm")], bytes].concat()
-}
-
 /// A direction byte and a damaged frame, or random bytes.
 fn random_packet(random: &mut Rand32, frames: &[Vec<u8>]) -> Vec<u8> {
     let mut below = |end: usize| random.rand_range(0..end as u32) as usize;
