@@ -199,7 +199,10 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
         #[cfg(not(unix))]
         ErrorKind::PermissionDenied => {
             let (name, holder) = (port.to_owned(), "another program".to_owned());
-            return Error::InUse { name, holder };
+            return Error::InUse {
+                name: name.into(),
+                holder: holder.into(),
+            };
         }
         #[cfg(unix)]
         _ if Errno::from_io_error(error) == Some(Errno::NOTTY) => "not a serial port".to_owned(),
