@@ -420,5 +420,9 @@ fn octal_dump_is_refused() {
     let dump = "0000000 003252 000000 177376 177632\n0000010\n";
     let (lines, error) = printed(dump.as_bytes(), None, ArmKind::Ling, None);
     assert!(lines.iter().all(|line| !line.contains("frame")), "{lines:?}");
-    assert!(error.unwrap().ends_with("'003252' is no word in hexadecimal: od needs -t x1"));
+    assert!(
+        error
+            .unwrap()
+            .ends_with("'003252' is no word in hexadecimal: od needs -t x1")
+    );
 }
