@@ -3,7 +3,7 @@
 use std::fs;
 
 use armwire_host_tests::image::path;
-use armwire_virtual_board::core::{Access, Bus, BusError, Config, Core, Memory, Register, Stop, Width};
+use armwire_virtual_board::core::{Config, Core, Memory, NoPeripherals, Register, Stop, Width};
 use object::{Object, ObjectSegment, ObjectSymbol};
 
 const FLASH: u32 = 0x0800_0000;
@@ -21,22 +21,6 @@ const CORTEX_M4: Config = Config {
     mpu_regions: 8,
     bit_band: true,
 };
-
-struct NoPeripherals;
-
-impl Bus for NoPeripherals {
-    fn read(&mut self, _: Access, _: &mut Memory) -> Result<u32, BusError> {
-        Err(BusError)
-    }
-
-    fn write(&mut self, _: Access, _: u32, _: &mut Memory) -> Result<(), BusError> {
-        Err(BusError)
-    }
-
-    fn needs_attention(&self) -> bool {
-        false
-    }
-}
 
 /// A core with the image in its flash, and the address of a function of the image.
 fn core_with(function: &str) -> (Core, u32) {

@@ -59,3 +59,21 @@ pub trait Bus {
         0
     }
 }
+
+/// A chip without peripherals, for a program that uses the core and its memory alone.
+#[derive(Clone, Copy, Debug)]
+pub struct NoPeripherals;
+
+impl Bus for NoPeripherals {
+    fn read(&mut self, _: Access, _: &mut Memory) -> Result<u32, BusError> {
+        Err(BusError)
+    }
+
+    fn write(&mut self, _: Access, _: u32, _: &mut Memory) -> Result<(), BusError> {
+        Err(BusError)
+    }
+
+    fn needs_attention(&self) -> bool {
+        false
+    }
+}

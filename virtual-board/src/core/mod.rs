@@ -64,7 +64,7 @@ mod timing;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-pub use self::bus::{Access, Bus, BusError, Purpose};
+pub use self::bus::{Access, Bus, BusError, NoPeripherals, Purpose};
 use self::code::{Code, Slot, mark};
 pub use self::fault::Refusal;
 use self::fault::Trap;

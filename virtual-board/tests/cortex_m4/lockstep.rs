@@ -1,6 +1,6 @@
 //! The core beside QEMU's Cortex-M4: replays the recording of `lockstep/record.py`.
 
-use armwire_virtual_board::core::{Access, Bus, BusError, Core, Memory, Refusal, Register, Stop, Width};
+use armwire_virtual_board::core::{Core, Memory, NoPeripherals, Refusal, Register, Stop, Width};
 
 use crate::board::{CONFIG, FLASH, RAM};
 
@@ -30,22 +30,6 @@ const EDGES: [u32; 12] = [
     0x8000_0001,
     0xffff_ffff,
 ];
-
-struct Nothing;
-
-impl Bus for Nothing {
-    fn read(&mut self, _: Access, _: &mut Memory) -> Result<u32, BusError> {
-        Err(BusError)
-    }
-
-    fn write(&mut self, _: Access, _: u32, _: &mut Memory) -> Result<(), BusError> {
-        Err(BusError)
-    }
-
-    fn needs_attention(&self) -> bool {
-        false
-    }
-}
 
 /// Takes values from the front of a trace.
 struct Reader<'a>(&'a [u8]);
@@ -132,7 +116,7 @@ fn core(flash: Vec<u8>, ram_size: usize) -> Core {
 
 /// Sets up the state that follows from a seed, with the stack pointer and the program counter.
 fn begin(core: &mut Core, seed: u32, sp: u32, pc: u32) {
-    core.reset(&mut Nothing);
+    core.reset(&mut NoPeripherals);
     let mut generator = Xorshift(seed);
     for number in 0..15 {
         let value = generator.register();
@@ -163,7 +147,7 @@ fn begin_stream(core: &mut Core, seed: u32, code: &[u16]) {
 fn run_to(core: &mut Core, end: u32) -> Option<(Stop, u32)> {
     while core.pc() != end {
         let at = core.pc();
-        let stop = core.run(&mut Nothing, core.cycle() + 1);
+        let stop = core.run(&mut NoPeripherals, core.cycle() + 1);
         let left = !(FLASH + 0x100..=end).contains(&core.pc());
         if stop != Stop::Deadline || left {
             return Some((stop, at));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use armwire_virtual_board::core::{Access, Bus, BusError, Config, Core, Memory, Register, Stop, Width};
+use armwire_virtual_board::core::{Config, Core, Memory, NoPeripherals, Register, Stop, Width};
 
 use crate::Result;
 use crate::elf::{Elf, FLASH, PAINT, RAM, used, words};
@@ -127,21 +127,4 @@ pub(crate) fn failures(protocols: &[Protocol]) -> Vec<String> {
         }
     }
     failures
-}
-
-/// The program uses only the core and its memory.
-struct NoPeripherals;
-
-impl Bus for NoPeripherals {
-    fn read(&mut self, _: Access, _: &mut Memory) -> std::result::Result<u32, BusError> {
-        Err(BusError)
-    }
-
-    fn write(&mut self, _: Access, _: u32, _: &mut Memory) -> std::result::Result<(), BusError> {
-        Err(BusError)
-    }
-
-    fn needs_attention(&self) -> bool {
-        false
-    }
 }
