@@ -1,4 +1,4 @@
-//! What the line reports: counters, latencies, and the frames and events for the hosts' side.
+//! Reports of the line: counters, latencies, and the frames and events for the hosts' side.
 
 use armwire::time::Instant;
 

@@ -21,7 +21,7 @@ pub(crate) enum Format {
     Csv,
     /// A CSV log of GVRET or SavvyCAN.
     Gvret,
-    /// What python-can prints, as in a log of the type TXT.
+    /// Text of python-can, as in its logs of the type TXT.
     Printer,
     /// A capture of Wireshark or tcpdump, pcap or pcapng, with CAN frames.
     Pcap,

@@ -1,4 +1,4 @@
-//! What may go out to the arm: the supervision of streams of motion, a stop, the line's rate and its holder.
+//! Limits of the bytes for the arm: the supervision of streams of motion, a stop, the line's rate and its holder.
 
 mod dead_man;
 mod rate;

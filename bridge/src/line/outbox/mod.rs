@@ -1,4 +1,4 @@
-//! What goes out to the arm: the bytes of the host on USB, the requests of all others, and whose turn it is.
+//! Bytes for the arm: those of the host on USB, the requests of all others, and whose turn it is.
 
 mod arbiter;
 mod burst;
@@ -38,7 +38,7 @@ pub(crate) enum NotTaken {
     Refused(Refusal),
 }
 
-/// What a turn depends on besides the requests that wait.
+/// State of the other owners on which a turn depends.
 #[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
     pub(crate) kind: ArmKind,

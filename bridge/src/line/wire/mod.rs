@@ -1,4 +1,4 @@
-//! What arrives from the arm: bytes for the host on USB, frames, and the requests that they answer.
+//! Bytes of the arm: those for the host on USB, frames, and the requests that they answer.
 
 mod rx_threshold;
 mod to_host;

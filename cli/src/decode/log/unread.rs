@@ -1,4 +1,4 @@
-//! What a reader of a log does not understand, and where.
+//! Parts of a log that its reader does not understand, and their places.
 
 use std::fmt::{self, Display};
 
