@@ -73,12 +73,13 @@ fn judge_marks(bytes: &[u8], is_all: bool) -> Option<Option<Format>> {
         return Some(Some(Format::Mcap));
     }
     #[cfg(feature = "recordings")]
-    if pcap::SIGNATURES.iter().any(|signature| bytes.starts_with(signature)) {
-        return Some(Some(Format::Pcap));
-    }
-    #[cfg(feature = "recordings")]
-    if pcap::SIGNATURES.iter().any(|signature| may_become(signature)) {
-        return Some(None);
+    for signature in pcap::SIGNATURES {
+        if bytes.starts_with(signature) {
+            return Some(Some(Format::Pcap));
+        }
+        if may_become(signature) {
+            return Some(None);
+        }
     }
     if may_become(blf::SIGNATURE) || may_become(MCAP) || may_become(BYTE_ORDER_MARK) {
         return Some(None);
@@ -151,7 +152,7 @@ fn judge_lines(text: &[u8], is_all: bool) -> Verdict {
 const OFFSET_OR_BYTES: &str = "the first word may be an offset (--format dump) or bytes (--format hex)";
 const TIME_OR_BYTES: &str = "the first word may be a time or a date (--format log) or bytes (--format hex)";
 
-/// What a line begins with.
+/// The beginning of a line.
 enum Column {
     /// An offset.
     Offset,

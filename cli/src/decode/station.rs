@@ -42,7 +42,7 @@ pub(super) struct Station {
     pub(super) kind: Kind,
 }
 
-/// What is known of a node.
+/// The kind of a node.
 pub(super) enum Kind {
     Unknown {
         /// Number of frames.
@@ -58,7 +58,7 @@ pub(super) enum Kind {
     Adapter(&'static str),
 }
 
-/// What the content of a PDU shows.
+/// The content of a PDU.
 enum Content {
     /// A frame of this protocol's arm.
     Frame(Protocol),
@@ -149,21 +149,18 @@ impl Kind {
         };
         held.push_back(entry);
         let evidence = match content {
-            Content::Frame(Protocol::Ling) => "frames of a Ling arm",
-            Content::Frame(Protocol::LingLegacy) => "frames of a Ling arm of the older generation",
-            Content::Frame(Protocol::Xarm) => "frames of an xArm",
-            Content::Frame(Protocol::Alpha1) => "frames of an Alpha1",
+            Content::Frame(Protocol::Ling) => Some("frames of a Ling arm"),
+            Content::Frame(Protocol::LingLegacy) => Some("frames of a Ling arm of the older generation"),
+            Content::Frame(Protocol::Xarm) => Some("frames of an xArm"),
+            Content::Frame(Protocol::Alpha1) => Some("frames of an Alpha1"),
             Content::Control => {
                 // A message of few bytes alone may be anything.
                 control[usize::from(function == Function::ControlAnswer)] = true;
-                match control {
-                    [true, true] => "control messages in both directions",
-                    _ => "",
-                }
+                (*control == [true, true]).then_some("control messages in both directions")
             }
-            Content::Nothing => "",
+            Content::Nothing => None,
         };
-        if !evidence.is_empty() {
+        if let Some(evidence) = evidence {
             let dropped = *dropped;
             shown.extend(held.drain(..));
             *self = Self::Adapter(evidence);
@@ -186,7 +183,7 @@ fn sender(function: Function) -> Option<Speaker> {
     }
 }
 
-/// What a PDU is, and its meaning in words.
+/// The content of a PDU, and its meaning in words.
 fn meaning(protocol: Protocol, function: Function, pdu: &[u8]) -> (Content, String) {
     let Some(from) = sender(function) else {
         return match function {

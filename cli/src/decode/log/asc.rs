@@ -149,12 +149,7 @@ impl TextLog for Asc {
             (false, true) => self.fd(id, words)?,
             (false, false) => self.classic(id, words)?,
         };
-        Ok(Record::Frame(Logged {
-            time,
-            bus,
-            frame,
-            lacking: 0,
-        }))
+        Ok(Record::Frame(Logged::whole(time, bus, frame)))
     }
 }
 

@@ -200,7 +200,7 @@ struct Gap {
     is_stray: bool,
 }
 
-/// What a byte of a gap shows.
+/// The role of a byte in a gap.
 enum Found {
     Nothing,
     /// The gap is no padding.
@@ -352,14 +352,9 @@ fn take_record(object: &[u8], place: Place<'_>, take: &mut Take<'_>) {
     let record = match event(object) {
         Ok(Some((at, text, event))) => {
             (stamp, bus) = (text, event.bus.to_string());
-            event.frame().map(|frame| {
-                Record::Frame(Logged {
-                    time: Time::seconds(at, &stamp),
-                    bus: &bus,
-                    frame,
-                    lacking: 0,
-                })
-            })
+            event
+                .frame()
+                .map(|frame| Record::Frame(Logged::whole(Time::seconds(at, &stamp), &bus, frame)))
         }
         Ok(None) => Ok(Record::Other),
         Err(reason) => Err(reason),

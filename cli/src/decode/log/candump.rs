@@ -37,12 +37,7 @@ impl TextLog for Candump {
             None => printed(first, words)?,
         };
         Ok(match content {
-            Content::Frame(frame) => Record::Frame(Logged {
-                time,
-                bus,
-                frame,
-                lacking: 0,
-            }),
+            Content::Frame(frame) => Record::Frame(Logged::whole(time, bus, frame)),
             Content::Xl => Record::Other,
         })
     }

@@ -43,12 +43,7 @@ impl TextLog for Csv {
             // The log does not distinguish FD frames from others of the same length.
             false => frame(id, is_extended, dlc > 8, &data)?,
         };
-        Ok(Record::Frame(Logged {
-            time,
-            bus: "",
-            frame,
-            lacking: 0,
-        }))
+        Ok(Record::Frame(Logged::whole(time, "", frame)))
     }
 }
 

@@ -105,6 +105,18 @@ pub(super) struct Logged<'a> {
     pub(super) lacking: usize,
 }
 
+impl<'a> Logged<'a> {
+    /// A frame with all of its data.
+    fn whole(time: Time<'a>, bus: &'a str, frame: Option<Frame>) -> Self {
+        Self {
+            time,
+            bus,
+            frame,
+            lacking: 0,
+        }
+    }
+}
+
 /// The time of a frame.
 #[derive(Debug, PartialEq)]
 pub(super) struct Time<'a> {

@@ -244,12 +244,11 @@ fn take_packet(place: Place<'_>, link: Linktype, packet: &[u8], nanos: u64, bus:
     };
     let stamp = format!("{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000);
     let record = frame.map(|frame| match frame {
-        Some(frame) => Record::Frame(Logged {
-            time: Time::seconds(Instant::from_micros(nanos / 1_000), &stamp),
+        Some(frame) => Record::Frame(Logged::whole(
+            Time::seconds(Instant::from_micros(nanos / 1_000), &stamp),
             bus,
             frame,
-            lacking: 0,
-        }),
+        )),
         None => Record::Other,
     });
     take(place, record);

@@ -37,11 +37,6 @@ impl TextLog for Printer {
             true => None,
             false => frame(identifier(id, 16)?, has("X"), has("F"), &data(words, len, 16)?)?,
         };
-        Ok(Record::Frame(Logged {
-            time,
-            bus: bus.trim(),
-            frame,
-            lacking: 0,
-        }))
+        Ok(Record::Frame(Logged::whole(time, bus.trim(), frame)))
     }
 }

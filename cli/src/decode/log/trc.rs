@@ -93,12 +93,7 @@ impl Trc {
             Some(&"RTR") => None,
             _ => whole_frame(id, false, &data(words, len as usize, 16)?)?,
         };
-        Ok(Record::Frame(Logged {
-            time,
-            bus,
-            frame,
-            lacking: 0,
-        }))
+        Ok(Record::Frame(Logged::whole(time, bus, frame)))
     }
 
     /// A line with the columns of the header.
@@ -135,12 +130,7 @@ impl Trc {
             }
         };
         let bus = column('B').and_then(|column| words().nth(column)).unwrap_or_default();
-        Ok(Record::Frame(Logged {
-            time,
-            bus,
-            frame,
-            lacking: 0,
-        }))
+        Ok(Record::Frame(Logged::whole(time, bus, frame)))
     }
 }
 
