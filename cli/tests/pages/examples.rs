@@ -30,6 +30,7 @@ const ELSEWHERE: &[&str] = &[
     "ros2",
     "lerobot-teleoperate",
     "lerobot-record",
+    "twine",
     // The shell's, and those that change the computer.
     "cd",
     "export",
