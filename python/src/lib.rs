@@ -28,6 +28,9 @@ mod _armwire {
     /// The slowest speed of a move of a Ling arm, in ticks per second.
     #[pymodule_export]
     const SLOWEST_TICKS_S: u16 = armwire::ling::Speed::SLOWEST.ticks_per_second();
+    /// The version of the package.
+    #[pymodule_export]
+    const VERSION: &str = env!("CARGO_PKG_VERSION");
     #[cfg(unix)]
     #[pymodule_export]
     use super::sim::{VirtualAlpha1, VirtualAlpha1Servos, VirtualLing, VirtualOlderLing, VirtualXArm};

@@ -7,9 +7,10 @@ Units are in the names. `armwire.aio` has the same classes for asyncio, `armwire
 exceptions, `armwire.compat` the calls of a vendor's SDK, and `armwire.plot` figures.
 """
 
-from . import errors
+from . import aio, errors
 from ._adapter import Adapter, AdapterIdentity, JointRecording, Telemetry
 from ._alpha1 import Alpha1
+from ._armwire import VERSION as __version__
 from ._ling import JointState, LineErrors, Ling, LingInfo, MotionStatus
 from ._xarm import Answer, XArm, XArmSerials, XArmState, XArmVersion
 from .errors import ArmwireError
@@ -31,5 +32,7 @@ __all__ = [
     "XArmSerials",
     "XArmState",
     "XArmVersion",
+    "__version__",
+    "aio",
     "errors",
 ]

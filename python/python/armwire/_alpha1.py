@@ -1,5 +1,7 @@
 """A UBTECH Alpha1, and its servos."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Mapping
 from typing import Literal
 

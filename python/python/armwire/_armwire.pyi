@@ -7,6 +7,7 @@ _Joints: TypeAlias = tuple[tuple[int, ...], int, int]
 _Faults: TypeAlias = tuple[int, int, int, int, int]
 
 SLOWEST_TICKS_S: int
+VERSION: str
 
 def run(args: Sequence[str]) -> int: ...
 def ling_joints(frame: bytes) -> tuple[_Joints, bytes] | None: ...

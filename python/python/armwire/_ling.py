@@ -1,5 +1,7 @@
 """A Ling arm (Alicia-D): follower or leader."""
 
+from __future__ import annotations
+
 import sys
 import time
 import warnings

@@ -1,5 +1,7 @@
 """A UFACTORY xArm."""
 
+from __future__ import annotations
+
 import struct
 from dataclasses import dataclass
 from enum import IntFlag
