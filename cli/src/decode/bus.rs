@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use armwire_bridge::can::{Function, Node};
 use armwire_host::describe::Protocol;
 
-use super::doubts::Doubts;
-use super::log::{Place, Record, Time, Unread};
+use super::doubts::{Doubt, Doubts, Place};
+use super::log::{Record, Time};
 use super::output::{Item, Output};
 use super::station::{Entry, Kind, Station};
 use crate::printable::{cut, escaped};
@@ -49,13 +49,13 @@ impl Buses {
     }
 
     /// Takes the next record of the log, or the reason why it is not understood.
-    pub(super) fn take(&mut self, place: Place<'_>, record: Result<Record<'_>, Unread>, out: &dyn Output) {
+    pub(super) fn take(&mut self, place: Place<'_>, record: Result<Record<'_>, Doubt>, out: &dyn Output) {
         if let Err(reason) = record.and_then(|record| self.take_record(record, out)) {
             self.doubts.add(place, &reason, out);
         }
     }
 
-    fn take_record(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), Unread> {
+    fn take_record(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), Doubt> {
         match record {
             Record::Comment => {}
             Record::Other => self.counts.events += 1,
@@ -74,7 +74,7 @@ impl Buses {
                 let bus = self.bus(logged.bus)?;
                 if logged.lacking > 0 {
                     let len = frame.data().len();
-                    return Err(Unread::short(len, len - logged.lacking));
+                    return Err(Doubt::short(len, len - logged.lacking));
                 }
                 let station = self.stations.entry((bus, node));
                 let station = station.or_insert_with(|| Station::new(self.protocol));
@@ -106,7 +106,7 @@ impl Buses {
     }
 
     /// The index of a bus's name.
-    fn bus(&mut self, name: &str) -> Result<usize, Unread> {
+    fn bus(&mut self, name: &str) -> Result<usize, Doubt> {
         if let Some(bus) = self.names.iter().position(|there| there == name) {
             return Ok(bus);
         }

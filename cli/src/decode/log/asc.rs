@@ -3,7 +3,7 @@
 use armwire_bridge::can::{FD_LENGTHS, Frame, MAX_CLASSIC};
 use armwire_bridge::{Duration, Instant};
 
-use super::{Logged, Record, SECONDS, TextLog, Time, Unread, byte, data, frame, identifier, number, time};
+use super::{Doubt, Logged, Record, SECONDS, TextLog, Time, byte, data, frame, identifier, number, time};
 
 /// First words of lines in the header and between measurements, in lower case.
 const HEADINGS: [&str; 8] = ["date", "base", "internal", "no", "begin", "end", "//", "previous"];
@@ -34,7 +34,7 @@ impl Asc {
         }
     }
 
-    fn read_heading(&mut self, line: &str) -> Result<Record<'static>, Unread> {
+    fn read_heading(&mut self, line: &str) -> Result<Record<'static>, Doubt> {
         let line = line.to_ascii_lowercase();
         if !HEADINGS.iter().any(|heading| line.starts_with(heading)) {
             return Err("no time".into());
@@ -52,7 +52,7 @@ impl Asc {
     }
 
     /// Advances the clock of the log.
-    fn tick<'a>(&mut self, stamp: &'a str) -> Result<Time<'a>, Unread> {
+    fn tick<'a>(&mut self, stamp: &'a str) -> Result<Time<'a>, Doubt> {
         let time = time(stamp, SECONDS)?;
         self.now = match self.is_relative {
             true => self.now + Duration::from_micros(time.at.as_micros()),
@@ -62,17 +62,17 @@ impl Asc {
     }
 
     /// `1  60F  Rx  d 8 07 AA ...`, from the kind of frame on.
-    fn classic<'a>(&self, id: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, Unread> {
+    fn classic<'a>(&self, id: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, Doubt> {
         let (id, is_extended) = self.split_id(id)?;
         match words.next() {
             Some("d" | "D") => {}
             Some("r" | "R") => return Ok(None),
             _ => return Err("neither data (d) nor a remote frame (r)".into()),
         }
-        let length = words.next().ok_or_else(|| Unread::missing("length of the data"))?;
+        let length = words.next().ok_or_else(|| Doubt::missing("length of the data"))?;
         let words: Vec<_> = words.take_while(|word| byte(word, self.base).is_some()).collect();
         let len = self.classic_length(length, words.len());
-        let len = len.ok_or_else(|| Unread::word(length, "no length"))?;
+        let len = len.ok_or_else(|| Doubt::word(length, "no length"))?;
         let data = data(words.into_iter(), len, self.base)?;
         frame(id, is_extended, false, &data)
     }
@@ -92,7 +92,7 @@ impl Asc {
     }
 
     /// `Rx 60F Name 0 0 8 8 07 AA ...`, from the name on.
-    fn fd<'a>(&self, id: &str, words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, Unread> {
+    fn fd<'a>(&self, id: &str, words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, Doubt> {
         let (id, is_extended) = self.split_id(id)?;
         let mut words = words.peekable();
         // An optional message name precedes the bit for the rate.
@@ -101,7 +101,7 @@ impl Asc {
         }
         let mut field = |what: &str, base| {
             let field = words.next().and_then(|word| number(word, base));
-            field.ok_or_else(|| Unread::missing(what))
+            field.ok_or_else(|| Doubt::missing(what))
         };
         field("bit for the rate", 2)?;
         field("bit for the error state", 2)?;
@@ -114,7 +114,7 @@ impl Asc {
         frame(id, is_extended, is_fd, &data)
     }
 
-    fn split_id(&self, text: &str) -> Result<(u32, bool), Unread> {
+    fn split_id(&self, text: &str) -> Result<(u32, bool), Doubt> {
         let short = text.strip_suffix(['x', 'X']);
         let id = identifier(short.unwrap_or(text), self.base)?;
         Ok((id, short.is_some()))
@@ -122,7 +122,7 @@ impl Asc {
 }
 
 impl TextLog for Asc {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
         let line = line.trim();
         if !line.starts_with(|character: char| character.is_ascii_digit()) {
             return self.read_heading(line);
@@ -133,7 +133,7 @@ impl TextLog for Asc {
             (Some("CANFD"), Some(bus)) => (
                 bus,
                 words.next(),
-                words.next().ok_or_else(|| Unread::missing("identifier"))?,
+                words.next().ok_or_else(|| Doubt::missing("identifier"))?,
                 true,
             ),
             (Some(bus), Some(id)) if number(bus, 10).is_some() => (bus, words.next(), id, false),

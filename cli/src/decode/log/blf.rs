@@ -14,7 +14,7 @@ use armwire_bridge::Instant;
 use armwire_bridge::can::Frame;
 use flate2::bufread::ZlibDecoder;
 
-use super::{Logged, Place, Record, Take, Time, Unread, frame};
+use super::{Doubt, Logged, Place, Record, Take, Time, frame};
 use crate::decode::input::Input;
 use crate::error::Error;
 
@@ -65,7 +65,7 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
         skip(input, u64::from(size) - header.len() as u64, &mut objects)?;
     } else {
         // Objects may follow.
-        objects.unread("no header of a BLF file".into());
+        objects.doubt("no header of a BLF file".into());
     }
     while let Some(object) = next_object(input, &mut objects)? {
         match Base::parse(&object) {
@@ -78,11 +78,11 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
                     copy(input, size, &mut objects)?;
                 }
             }
-            Err(reason) => objects.unread(reason),
+            Err(reason) => objects.doubt(reason),
         }
     }
     if objects.rest > 0 || !objects.kept.is_empty() {
-        objects.unread(Unread::cut());
+        objects.doubt(Doubt::cut());
     }
     Ok(())
 }
@@ -95,13 +95,13 @@ fn next_object(input: &mut Input<'_>, objects: &mut Objects<'_, '_>) -> Result<O
         let mut byte = [0];
         if input.read(&mut byte).map_err(|error| input.failed(error))? == 0 {
             if gap.found > 0 {
-                objects.unread(Unread::cut());
+                objects.doubt(Doubt::cut());
             }
             return Ok(None);
         }
         match gap.push(byte[0]) {
             Found::Nothing => {}
-            Found::Stray => objects.unread(Unread::stray()),
+            Found::Stray => objects.doubt(Doubt::stray()),
             Found::Object => break,
         }
     }
@@ -115,7 +115,7 @@ fn next_object(input: &mut Input<'_>, objects: &mut Objects<'_, '_>) -> Result<O
 /// Reads the contents of a container with `size` bytes after its base header.
 fn read_container(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_>) -> Result<(), Error> {
     let Some(size) = size.checked_sub(CONTAINER_HEADER as u64) else {
-        objects.unread("a container without room for its header".into());
+        objects.doubt("a container without room for its header".into());
         return skip(input, size, objects);
     };
     let mut header = [0; CONTAINER_HEADER];
@@ -132,11 +132,11 @@ fn read_container(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_
             match copied {
                 Ok(_) => return skip(input, rest, objects),
                 // The end of the file, or of the container.
-                Err(error) if error.kind() == ErrorKind::UnexpectedEof && rest > 0 => Unread::cut(),
+                Err(error) if error.kind() == ErrorKind::UnexpectedEof && rest > 0 => Doubt::cut(),
                 Err(error) if is_of_data(&error) => {
                     skip(input, rest, objects)?;
                     let text = format!("this container cannot be decompressed: {error}");
-                    Unread::new("damaged container", text)
+                    Doubt::new("damaged container", text)
                 }
                 Err(error) => return Err(input.failed(error)),
             }
@@ -144,10 +144,10 @@ fn read_container(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_
         method => {
             skip(input, size, objects)?;
             let text = format!("compression method {method}, must be 0 or 2");
-            Unread::new("unknown compression", text)
+            Doubt::new("unknown compression", text)
         }
     };
-    objects.unread(reason);
+    objects.doubt(reason);
     objects.lose();
     Ok(())
 }
@@ -164,7 +164,7 @@ fn copy(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_>) -> Resu
     if copied.map_err(|error| input.failed(error))? < size {
         // It ends inside the container, if not inside one of its objects.
         objects.lose();
-        objects.unread(Unread::cut());
+        objects.doubt(Doubt::cut());
     }
     Ok(())
 }
@@ -173,7 +173,7 @@ fn copy(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_>) -> Resu
 fn skip(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_>) -> Result<(), Error> {
     let skipped = io::copy(&mut input.take(size), &mut io::sink());
     if skipped.map_err(|error| input.failed(error))? < size {
-        objects.unread(Unread::cut());
+        objects.doubt(Doubt::cut());
     }
     Ok(())
 }
@@ -183,7 +183,7 @@ fn fill(input: &mut Input<'_>, bytes: &mut [u8], objects: &mut Objects<'_, '_>) 
     match input.read_exact(bytes) {
         Ok(()) => Ok(true),
         Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
-            objects.unread(Unread::cut());
+            objects.doubt(Doubt::cut());
             Ok(false)
         }
         Err(error) => Err(input.failed(error)),
@@ -266,7 +266,7 @@ impl Objects<'_, '_> {
                 bytes = others;
                 match self.gap.push(first) {
                     Found::Nothing => {}
-                    Found::Stray => self.unread(Unread::stray()),
+                    Found::Stray => self.doubt(Doubt::stray()),
                     Found::Object => self.kept.extend(OBJECT),
                 }
             } else {
@@ -294,7 +294,7 @@ impl Objects<'_, '_> {
                 self.kept.clear();
             }
             Err(reason) => {
-                self.unread(reason);
+                self.doubt(reason);
                 self.kept.clear();
             }
         }
@@ -309,7 +309,7 @@ impl Objects<'_, '_> {
     }
 
     /// Passes on that something at the current place is not understood.
-    fn unread(&mut self, reason: Unread) {
+    fn doubt(&mut self, reason: Doubt) {
         (self.take)(Place::Byte(self.at), Err(reason));
     }
 }
@@ -325,16 +325,15 @@ struct Base {
 
 impl Base {
     /// The header of an object, after its signature.
-    fn parse(object: &[u8]) -> Result<Self, Unread> {
+    fn parse(object: &[u8]) -> Result<Self, Doubt> {
         let header = u16_at(object, 4).zip(u32_at(object, 8)).zip(u32_at(object, 12));
         match header {
             Some(((header, size), kind)) if (BASE_HEADER as u32..=MAX_OBJECT).contains(&size) => {
                 Ok(Self { header, size, kind })
             }
-            Some(((_, size), _)) if size > MAX_OBJECT => Err(Unread::new(
-                "no size of an object",
-                format!("an object of {size} bytes"),
-            )),
+            Some(((_, size), _)) if size > MAX_OBJECT => {
+                Err(Doubt::new("no size of an object", format!("an object of {size} bytes")))
+            }
             _ => Err("an object that is shorter than its header".into()),
         }
     }
@@ -363,7 +362,7 @@ fn take_record(object: &[u8], place: Place<'_>, take: &mut Take<'_>) {
 }
 
 /// The frame or error frame in an object with this front, and its time, also as text. `None` for any other object.
-fn event(object: &[u8]) -> Result<Option<(Instant, String, BusEvent<'_>)>, Unread> {
+fn event(object: &[u8]) -> Result<Option<(Instant, String, BusEvent<'_>)>, Doubt> {
     let Base { header, kind, .. } = Base::parse(object)?;
     let parse = match kind {
         object::CAN_MESSAGE | object::CAN_MESSAGE2 => classic,
@@ -415,7 +414,7 @@ struct BusEvent<'a> {
 
 impl BusEvent<'_> {
     /// The frame; `None` as in [`Logged`].
-    fn frame(&self) -> Result<Option<Frame>, Unread> {
+    fn frame(&self) -> Result<Option<Frame>, Doubt> {
         if !self.has_data {
             return Ok(None);
         }

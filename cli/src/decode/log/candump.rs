@@ -3,7 +3,7 @@
 use armwire_bridge::Instant;
 use armwire_bridge::can::Frame;
 
-use super::{Logged, Record, SECONDS, TextLog, Time, Unread, byte, data, decimal, frame, identifier, number, time};
+use super::{Doubt, Logged, Record, SECONDS, TextLog, Time, byte, data, decimal, frame, identifier, number, time};
 use crate::hex;
 
 /// The beginning of a line about frames that candump lost.
@@ -18,20 +18,20 @@ const DROPPED: &str = "DROPCOUNT: dropped ";
 pub(in crate::decode) struct Candump;
 
 impl TextLog for Candump {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
         // Details below an error frame.
         if line.starts_with('\t') {
             return Ok(Record::Comment);
         }
         if let Some(dropped) = line.strip_prefix(DROPPED) {
             let word = dropped.split_whitespace().next().unwrap_or_default();
-            let frames = word.parse().map_err(|_| Unread::word(word, "no number of frames"))?;
+            let frames = word.parse().map_err(|_| Doubt::word(word, "no number of frames"))?;
             return Ok(Record::Dropped(frames));
         }
         let (time, line) = split_time(line.trim())?;
         let mut words = line.split_whitespace();
-        let bus = words.next().ok_or_else(|| Unread::missing("interface"))?;
-        let first = words.next().ok_or_else(|| Unread::missing("identifier"))?;
+        let bus = words.next().ok_or_else(|| Doubt::missing("interface"))?;
+        let first = words.next().ok_or_else(|| Doubt::missing("identifier"))?;
         let content = match first.split_once('#') {
             Some((id, data)) => logged(id, data)?,
             None => printed(first, words)?,
@@ -62,14 +62,14 @@ pub(in crate::decode) fn names_interface(line: &str) -> bool {
 }
 
 /// The time in parentheses, if there is one, and the rest of the line.
-fn split_time(line: &str) -> Result<(Time<'_>, &str), Unread> {
+fn split_time(line: &str) -> Result<(Time<'_>, &str), Doubt> {
     let Some(line) = line.strip_prefix('(') else {
         return Ok((Time::seconds(Instant::ZERO, ""), line));
     };
     let (stamp, line) = line.split_once(')').ok_or("no time in parentheses")?;
     let time = match stamp.split_once(' ') {
         Some((date, clock)) => {
-            let at = date_time(date, clock).ok_or_else(|| Unread::word(stamp, "no time"))?;
+            let at = date_time(date, clock).ok_or_else(|| Doubt::word(stamp, "no time"))?;
             Time::seconds(at, stamp)
         }
         None => time(stamp, SECONDS)?,
@@ -106,7 +106,7 @@ fn date_time(date: &str, clock: &str) -> Option<Instant> {
 }
 
 /// `123#AA06`, `123#R`, `123##` with a digit of flags for FD, and `123###` with the header of CAN XL.
-fn logged(id: &str, data: &str) -> Result<Content, Unread> {
+fn logged(id: &str, data: &str) -> Result<Content, Doubt> {
     let (id, is_extended) = split_id(id)?;
     if data.starts_with("##") {
         return Ok(Content::Xl);
@@ -126,21 +126,21 @@ fn logged(id: &str, data: &str) -> Result<Content, Unread> {
 
 /// `123   [2]  AA 06`, and `123  [02]  AA 06` for FD. With `-x` more columns precede the identifier, with `-8` a length
 /// code above 8 is in braces, and CAN XL has a length of four digits.
-fn printed<'a>(first: &'a str, mut words: impl Iterator<Item = &'a str>) -> Result<Content, Unread> {
+fn printed<'a>(first: &'a str, mut words: impl Iterator<Item = &'a str>) -> Result<Content, Doubt> {
     let id = match first {
-        "RX" | "TX" => words.nth(2).ok_or_else(|| Unread::missing("identifier"))?,
+        "RX" | "TX" => words.nth(2).ok_or_else(|| Doubt::missing("identifier"))?,
         id => id,
     };
     let (id, is_extended) = split_id(id)?;
-    let length = words.next().ok_or_else(|| Unread::missing("length in brackets"))?;
+    let length = words.next().ok_or_else(|| Doubt::missing("length in brackets"))?;
     let between = |open, close| length.strip_prefix(open)?.strip_suffix(close);
     let (len, is_fd) = match (between('[', ']'), between('{', '}')) {
         (Some(digits), _) if digits.len() == 4 => return Ok(Content::Xl),
         (Some(digits), _) => (number(digits, 10), digits.len() > 1),
         (None, Some(code)) => (number(code, 16).map(|code| code.min(8)), false),
-        (None, None) => return Err(Unread::missing("length in brackets")),
+        (None, None) => return Err(Doubt::missing("length in brackets")),
     };
-    let len = len.ok_or_else(|| Unread::word(length, "no length"))? as usize;
+    let len = len.ok_or_else(|| Doubt::word(length, "no length"))? as usize;
     let mut words = words.peekable();
     if words.peek() == Some(&"remote") {
         return Ok(Content::Frame(None));
@@ -149,7 +149,7 @@ fn printed<'a>(first: &'a str, mut words: impl Iterator<Item = &'a str>) -> Resu
 }
 
 /// Data as `AA 06`; with `-S` in the other order as 06`AA, and with `-i` in binary digits.
-fn printed_data<'a>(words: impl Iterator<Item = &'a str>, len: usize) -> Result<Vec<u8>, Unread> {
+fn printed_data<'a>(words: impl Iterator<Item = &'a str>, len: usize) -> Result<Vec<u8>, Doubt> {
     /// Between swapped bytes.
     const SWAPPED: char = '`';
     let mut words = words.peekable();
@@ -167,19 +167,19 @@ fn printed_data<'a>(words: impl Iterator<Item = &'a str>, len: usize) -> Result<
 }
 
 /// The identifier: 3 digits, or 8 for 29 bits and for error frames.
-fn split_id(text: &str) -> Result<(u32, bool), Unread> {
+fn split_id(text: &str) -> Result<(u32, bool), Doubt> {
     /// The bit for error frames.
     const ERROR: u32 = 0x2000_0000;
     let id = identifier(text, 16)?;
     match text.len() {
         3 => Ok((id, false)),
         8 => Ok((id & !ERROR, true)),
-        _ => Err(Unread::word(text, "no identifier of 3 or 8 digits")),
+        _ => Err(Doubt::word(text, "no identifier of 3 or 8 digits")),
     }
 }
 
-fn pairs(text: &str) -> Result<Vec<u8>, Unread> {
+fn pairs(text: &str) -> Result<Vec<u8>, Doubt> {
     // Bytes may be separated by dots.
     let text = text.replace('.', "");
-    hex::parse(&text).map_err(|error| Unread::word(&error.word, "not bytes in hexadecimal"))
+    hex::parse(&text).map_err(|error| Doubt::word(&error.word, "not bytes in hexadecimal"))
 }

@@ -4,7 +4,7 @@ use armwire_bridge::Instant;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use super::{Logged, Record, SECONDS, TextLog, Time, Unread, frame, identifier, number, time};
+use super::{Doubt, Logged, Record, SECONDS, TextLog, Time, frame, identifier, number, time};
 
 /// The first line of such a log.
 pub(in crate::decode) const HEADER: &str = "timestamp,arbitration_id,extended,remote,error,dlc,data";
@@ -18,28 +18,28 @@ pub(in crate::decode) const HEADER: &str = "timestamp,arbitration_id,extended,re
 pub(in crate::decode) struct Csv;
 
 impl TextLog for Csv {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
         let line = line.trim();
         if line == HEADER {
             return Ok(Record::Comment);
         }
         let mut fields = line.split(',');
-        let mut field = |what: &str| fields.next().ok_or_else(|| Unread::missing(what));
+        let mut field = |what: &str| fields.next().ok_or_else(|| Doubt::missing(what));
         let time = timestamp(field("timestamp")?)?;
         let id = field("arbitration_id")?;
         let id = identifier(id.strip_prefix("0x").unwrap_or(id), 16)?;
         let is_extended = flag(field("extended")?)?;
         let is_remote = flag(field("remote")?)?;
         let is_error = flag(field("error")?)?;
-        let dlc = number(field("dlc")?, 10).ok_or_else(|| Unread::missing("length of the data"))? as usize;
+        let dlc = number(field("dlc")?, 10).ok_or_else(|| Doubt::missing("length of the data"))? as usize;
         let data = STANDARD.decode(field("data")?);
-        let data = data.map_err(|error| Unread::new("no data in base64", format!("data in base64: {error}")))?;
+        let data = data.map_err(|error| Doubt::new("no data in base64", format!("data in base64: {error}")))?;
         if fields.next().is_some() {
             return Err("more than 7 fields".into());
         }
         let frame = match is_remote || is_error {
             true => None,
-            false if data.len() != dlc => return Err(Unread::short(dlc, data.len())),
+            false if data.len() != dlc => return Err(Doubt::short(dlc, data.len())),
             // The log does not distinguish FD frames from others of the same length.
             false => frame(id, is_extended, dlc > 8, &data)?,
         };
@@ -48,7 +48,7 @@ impl TextLog for Csv {
 }
 
 /// Converts a time. Python writes times below 0.1 ms with an exponent, such as 1e-05.
-fn timestamp(text: &str) -> Result<Time<'_>, Unread> {
+fn timestamp(text: &str) -> Result<Time<'_>, Doubt> {
     let small = text.contains('e').then(|| text.parse::<f64>().ok()).flatten();
     match small {
         Some(seconds) if (0.0..1.0).contains(&seconds) => {
@@ -58,10 +58,10 @@ fn timestamp(text: &str) -> Result<Time<'_>, Unread> {
     }
 }
 
-fn flag(text: &str) -> Result<bool, Unread> {
+fn flag(text: &str) -> Result<bool, Doubt> {
     match text {
         "0" => Ok(false),
         "1" => Ok(true),
-        _ => Err(Unread::word(text, "neither 0 nor 1")),
+        _ => Err(Doubt::word(text, "neither 0 nor 1")),
     }
 }

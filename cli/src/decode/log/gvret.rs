@@ -2,7 +2,7 @@
 
 use armwire_bridge::can::{MAX_CLASSIC, MAX_FD};
 
-use super::{Logged, MICROS, Record, TextLog, Unread, data, frame, identifier, number, time};
+use super::{Doubt, Logged, MICROS, Record, TextLog, data, frame, identifier, number, time};
 
 /// First columns of such a log.
 pub(in crate::decode) const HEADER: &str = "Time Stamp,ID,Extended,";
@@ -21,7 +21,7 @@ pub(in crate::decode) struct Gvret {
 }
 
 impl TextLog for Gvret {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
         let line = line.trim();
         if let Some(columns) = line.strip_prefix(HEADER) {
             self.lacks_direction = match columns {
@@ -32,13 +32,13 @@ impl TextLog for Gvret {
             return Ok(Record::Comment);
         }
         let mut fields = line.split(',');
-        let mut field = |what: &str| fields.next().ok_or_else(|| Unread::missing(what));
+        let mut field = |what: &str| fields.next().ok_or_else(|| Doubt::missing(what));
         let time = time(field("time")?, MICROS)?;
         let id = identifier(field("identifier")?, 16)?;
         let is_extended = match field("Extended")? {
             "true" | "1" => true,
             "false" | "0" => false,
-            text => return Err(Unread::word(text, "neither true nor false")),
+            text => return Err(Doubt::word(text, "neither true nor false")),
         };
         if !self.lacks_direction {
             field("direction")?;
@@ -48,7 +48,7 @@ impl TextLog for Gvret {
         let len = number(len, 10)
             .map(|len| len as usize)
             .filter(|len| *len <= MAX_FD)
-            .ok_or_else(|| Unread::word(len, "no length from 0 to 64"))?;
+            .ok_or_else(|| Doubt::word(len, "no length from 0 to 64"))?;
         // SavvyCAN writes no more than 8 bytes of an FD frame, and reads the others as 0.
         let fields: Vec<_> = fields.take(len).take_while(|field| !field.is_empty()).collect();
         let there = if fields.len() == MAX_CLASSIC { MAX_CLASSIC } else { len };

@@ -9,7 +9,6 @@ pub(super) mod gvret;
 pub(super) mod pcap;
 pub(super) mod printer;
 pub(super) mod trc;
-mod unread;
 
 #[cfg(test)]
 mod tests;
@@ -17,6 +16,7 @@ mod tests;
 use armwire_bridge::Instant;
 use armwire_bridge::can::{Frame, Id, MAX_CLASSIC};
 
+use super::doubts::{Doubt, Place};
 use super::format::Format;
 use super::input::Input;
 use crate::error::Error;
@@ -26,13 +26,12 @@ use csv::Csv;
 use gvret::Gvret;
 use printer::Printer;
 use trc::Trc;
-pub(super) use unread::{Place, Unread};
 
 /// The highest 29-bit identifier.
 const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
 
 /// A consumer of the records of a log, each with its place.
-pub(super) type Take<'a> = dyn FnMut(Place<'_>, Result<Record<'_>, Unread>) + 'a;
+pub(super) type Take<'a> = dyn FnMut(Place<'_>, Result<Record<'_>, Doubt>) + 'a;
 
 /// Passes each record of a log to `take`. Recordings of a line have no records.
 pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -> Result<(), Error> {
@@ -67,7 +66,7 @@ fn read_lines(input: &mut Input<'_>, log: &mut dyn TextLog, take: &mut Take<'_>)
         let record = match log.record(text) {
             // The missing end may change its meaning.
             Ok(Record::Frame(_)) | Err(_) if !line.is_whole => Err("the line is too long".into()),
-            Ok(Record::Other) | Err(_) if !line.is_ended => Err(Unread::cut()),
+            Ok(Record::Other) | Err(_) if !line.is_ended => Err(Doubt::cut()),
             record => record,
         };
         take(place, record);
@@ -78,7 +77,7 @@ fn read_lines(input: &mut Input<'_>, log: &mut dyn TextLog, take: &mut Take<'_>)
 /// A format with one record per line.
 pub(super) trait TextLog {
     /// Parses a line that is not blank.
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread>;
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt>;
 }
 
 /// One record of a log.
@@ -135,8 +134,8 @@ impl<'a> Time<'a> {
 }
 
 /// Converts a time, a decimal number in this unit.
-fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, Unread> {
-    let micros = decimal(text, unit.decimals).ok_or_else(|| Unread::word(text, "no time"))?;
+fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, Doubt> {
+    let micros = decimal(text, unit.decimals).ok_or_else(|| Doubt::word(text, "no time"))?;
     Ok(Time {
         at: Instant::from_micros(micros),
         stamp: text,
@@ -184,17 +183,17 @@ fn number(text: &str, base: u32) -> Option<u32> {
     u32::from_str_radix(text, base).ok().filter(|_| are_digits)
 }
 
-fn identifier(text: &str, base: u32) -> Result<u32, Unread> {
-    number(text, base).ok_or_else(|| Unread::word(text, "no identifier"))
+fn identifier(text: &str, base: u32) -> Result<u32, Doubt> {
+    number(text, base).ok_or_else(|| Doubt::word(text, "no identifier"))
 }
 
 /// `len` bytes, each a word in this base.
-fn data<'a>(words: impl Iterator<Item = &'a str>, len: usize, base: u32) -> Result<Vec<u8>, Unread> {
-    let byte = |word: &str| byte(word, base).ok_or_else(|| Unread::word(word, "no byte"));
+fn data<'a>(words: impl Iterator<Item = &'a str>, len: usize, base: u32) -> Result<Vec<u8>, Doubt> {
+    let byte = |word: &str| byte(word, base).ok_or_else(|| Doubt::word(word, "no byte"));
     let bytes = words.take(len).map(byte).collect::<Result<Vec<_>, _>>()?;
     match bytes.len() {
         there if there == len => Ok(bytes),
-        there => Err(Unread::short(len, there)),
+        there => Err(Doubt::short(len, there)),
     }
 }
 
@@ -205,7 +204,7 @@ fn byte(word: &str, base: u32) -> Option<u8> {
 
 /// A data frame; `None` if its identifier has 29 bits. More than 8 bytes are those of an FD frame in any case: some
 /// programs write no other sign of it.
-fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, Unread> {
+fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, Doubt> {
     let max = if is_extended {
         MAX_EXTENDED
     } else {
@@ -213,7 +212,7 @@ fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<
     };
     if id > max {
         let text = format!("identifier {id:X} is out of range (0 to {max:X})");
-        return Err(Unread::new("identifier out of range", text));
+        return Err(Doubt::new("identifier out of range", text));
     }
     // The length is checked for both kinds of identifier.
     let standard = Id::new(id as u16).unwrap_or(Id::MAX);
@@ -222,6 +221,6 @@ fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<
     } else {
         Frame::new
     };
-    let frame = new(standard, data).map_err(|error| Unread::new("no length of a frame", error.to_string()))?;
+    let frame = new(standard, data).map_err(|error| Doubt::new("no length of a frame", error.to_string()))?;
     Ok((!is_extended).then_some(frame))
 }

@@ -11,7 +11,7 @@ use pcap_parser::{
     parse_pcap_frame_be, parse_pcap_header,
 };
 
-use super::{Logged, Place, Record, Take, Time, Unread, frame};
+use super::{Doubt, Logged, Place, Record, Take, Time, frame};
 use crate::decode::input::Input;
 use crate::error::Error;
 
@@ -59,7 +59,7 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
             Parsed::Incomplete if rest.len() < MAX_BLOCK => {
                 if !buffer.fill()? {
                     if !buffer.rest().is_empty() {
-                        take(place, Err(Unread::cut()));
+                        take(place, Err(Doubt::cut()));
                     }
                     return Ok(());
                 }
@@ -256,7 +256,7 @@ fn take_packet(place: Place<'_>, link: Linktype, packet: &[u8], nanos: u64, bus:
 
 /// The frame in a packet of SocketCAN: `None` for CAN XL, and inside as in [`Logged`].
 #[allow(clippy::option_option, reason = "the inner one is that of `Logged`")]
-fn socketcan(packet: &[u8]) -> Result<Option<Option<armwire_bridge::can::Frame>>, Unread> {
+fn socketcan(packet: &[u8]) -> Result<Option<Option<armwire_bridge::can::Frame>>, Doubt> {
     /// Flags in the identifier.
     const EXTENDED: u32 = 1 << 31;
     const REMOTE: u32 = 1 << 30;
@@ -266,7 +266,7 @@ fn socketcan(packet: &[u8]) -> Result<Option<Option<armwire_bridge::can::Frame>>
     const XL: u8 = 0x80;
 
     let Some((&[a, b, c, d, len, flags, _, _], data)) = packet.split_first_chunk() else {
-        return Err(Unread::short(8, packet.len()));
+        return Err(Doubt::short(8, packet.len()));
     };
     if len & XL != 0 {
         return Ok(None);
@@ -277,7 +277,7 @@ fn socketcan(packet: &[u8]) -> Result<Option<Option<armwire_bridge::can::Frame>>
     }
     let len = usize::from(len);
     let Some(data) = data.get(..len) else {
-        return Err(Unread::short(len, data.len()));
+        return Err(Doubt::short(len, data.len()));
     };
     // Older captures have no flag: a packet of an FD frame has room for its maximum.
     let is_fd = flags & FD != 0 || packet.len() == 8 + MAX_FD;

@@ -1,6 +1,6 @@
 //! The text of python-can's `Printer`, also in its logs of the type TXT.
 
-use super::{Logged, Record, SECONDS, TextLog, Unread, data, frame, identifier, number, time};
+use super::{Doubt, Logged, Record, SECONDS, TextLog, data, frame, identifier, number, time};
 
 /// First characters of such a log.
 pub(in crate::decode) const BEGINNING: &str = "Timestamp: ";
@@ -16,23 +16,23 @@ pub(in crate::decode) const BEGINNING: &str = "Timestamp: ";
 pub(in crate::decode) struct Printer;
 
 impl TextLog for Printer {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
         let after = |text: &'a str, what: &'static str| {
             let found = text
                 .split_once(what)
                 .map(|(before, after)| (before, after.trim_start()));
-            found.ok_or_else(|| Unread::missing(what))
+            found.ok_or_else(|| Doubt::missing(what))
         };
         let (_, rest) = after(line, BEGINNING)?;
         let (stamp, rest) = after(rest, "ID: ")?;
         let time = time(stamp.trim(), SECONDS)?;
-        let (id, rest) = rest.split_once(' ').ok_or_else(|| Unread::missing("identifier"))?;
+        let (id, rest) = rest.split_once(' ').ok_or_else(|| Doubt::missing("identifier"))?;
         let (flags, rest) = after(rest, "DL:")?;
         let (rest, bus) = rest.split_once("Channel: ").unwrap_or((rest, ""));
         let has = |flag: &str| flags.split_whitespace().any(|word| word == flag);
         let mut words = rest.split_whitespace();
         let len = words.next().and_then(|len| number(len, 10));
-        let len = len.ok_or_else(|| Unread::missing("length of the data"))? as usize;
+        let len = len.ok_or_else(|| Doubt::missing("length of the data"))? as usize;
         let frame = match has("E") || has("R") {
             true => None,
             false => frame(identifier(id, 16)?, has("X"), has("F"), &data(words, len, 16)?)?,

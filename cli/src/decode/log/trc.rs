@@ -2,7 +2,7 @@
 
 use armwire_bridge::can::{FD_LENGTHS, Frame};
 
-use super::{Logged, MILLIS, Record, TextLog, Unread, data, frame, identifier, number, time};
+use super::{Doubt, Logged, MILLIS, Record, TextLog, data, frame, identifier, number, time};
 
 /// Maximum number of columns in a trace.
 const MAX_COLUMNS: usize = 16;
@@ -39,7 +39,7 @@ enum Version {
 }
 
 impl Trc {
-    fn read_comment(&mut self, comment: &str) -> Result<Record<'static>, Unread> {
+    fn read_comment(&mut self, comment: &str) -> Result<Record<'static>, Doubt> {
         if let Some(version) = comment.strip_prefix("$FILEVERSION=") {
             self.version = match version.trim() {
                 "1.0" => Version::V1_0,
@@ -64,9 +64,9 @@ impl Trc {
     }
 
     /// `1) 1059.9 1 Rx 060F - 8 07 AA ...`, with the fields of this version.
-    fn first_version<'a>(&self, line: &'a str) -> Result<Record<'a>, Unread> {
+    fn first_version<'a>(&self, line: &'a str) -> Result<Record<'a>, Doubt> {
         let mut words = line.split_whitespace();
-        let mut word = |what: &str| words.next().ok_or_else(|| Unread::missing(what));
+        let mut word = |what: &str| words.next().ok_or_else(|| Doubt::missing(what));
         if !word("number")?.ends_with(')') {
             return Err("no number with a parenthesis".into());
         }
@@ -86,7 +86,7 @@ impl Trc {
         if matches!(self.version, Version::V1_3) {
             word("reserved column")?;
         }
-        let len = number(word("length")?, 10).ok_or_else(|| Unread::missing("length of the data"))?;
+        let len = number(word("length")?, 10).ok_or_else(|| Doubt::missing("length of the data"))?;
         let mut words = words.peekable();
         let frame = match words.peek() {
             Some(&"ERROR") => return Ok(Record::Other),
@@ -97,7 +97,7 @@ impl Trc {
     }
 
     /// A line with the columns of the header.
-    fn second_version<'a>(&self, line: &'a str) -> Result<Record<'a>, Unread> {
+    fn second_version<'a>(&self, line: &'a str) -> Result<Record<'a>, Doubt> {
         if self.columns.is_empty() {
             return Err("no $COLUMNS before the first message".into());
         }
@@ -105,7 +105,7 @@ impl Trc {
         let column = |letter| self.columns.iter().position(|column| *column == letter);
         let word = |letter, what: &str| {
             let word = column(letter).and_then(|column| words().nth(column));
-            word.ok_or_else(|| Unread::missing(&format!("{what} (column {letter})")))
+            word.ok_or_else(|| Doubt::missing(&format!("{what} (column {letter})")))
         };
         let is_fd = match word('T', "type")? {
             "DT" => Some(false),
@@ -124,8 +124,8 @@ impl Trc {
                         .and_then(|code| FD_LENGTHS.get(code as usize))
                         .map(|&len| if is_fd { len } else { len.min(8) }.into()),
                 };
-                let len = len.ok_or_else(|| Unread::missing("length of the data"))?;
-                let first = column('D').ok_or_else(|| Unread::missing("column D, for data"))?;
+                let len = len.ok_or_else(|| Doubt::missing("length of the data"))?;
+                let first = column('D').ok_or_else(|| Doubt::missing("column D, for data"))?;
                 whole_frame(id, is_fd, &data(words().skip(first), len as usize, 16)?)?
             }
         };
@@ -135,7 +135,7 @@ impl Trc {
 }
 
 impl TextLog for Trc {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Unread> {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
         let line = line.trim();
         match (line.strip_prefix(';'), self.version) {
             (Some(comment), _) => self.read_comment(comment),
@@ -146,6 +146,6 @@ impl TextLog for Trc {
 }
 
 /// A frame whose identifier has more than 4 digits for 29 bits.
-fn whole_frame(id: &str, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, Unread> {
+fn whole_frame(id: &str, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, Doubt> {
     frame(identifier(id, 16)?, id.len() > 4, is_fd, data)
 }
