@@ -6,15 +6,15 @@ mod records;
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::doubts::{Doubt, Doubts, Place};
 use super::input::Input;
 use super::meaning::frame_meaning;
 use super::output::{Item, OnLine, Output};
 use crate::args::Speaker;
 use crate::error::Error;
-use crate::printable::escaped;
 use crate::recording::Frame;
 use crate::recording::messages::{FRAME, MESSAGE_ENCODING, parse_frame};
-use records::{Part, Record, Visitor};
+use records::{Record, Visitor, damaged_record};
 
 /// Prints the frames of a recording that `armwire monitor --mcap` wrote, and the sum. Returns the number of its parts that
 /// were not understood.
@@ -25,16 +25,14 @@ pub(super) fn decode(input: &mut Input<'_>, out: &dyn Output) -> Result<u64, Err
         channels: BTreeMap::new(),
         frames: 0,
         noise_bytes: 0,
-        damaged_chunks: 0,
-        damaged_records: 0,
-        lost_messages: 0,
+        doubts: Doubts::default(),
     };
     let read = records::read(input, &mut frames);
     let finished = frames.finish(&read);
     let (place, reason) = match read {
         Err(error) => error,
         Ok(_) => match finished {
-            Ok(()) => return Ok(frames.damaged_chunks + frames.damaged_records + frames.lost_messages),
+            Ok(()) => return Ok(frames.doubts.count()),
             Err(reason) => (input.offset(), reason),
         },
     };
@@ -50,14 +48,11 @@ struct Frames<'a> {
     channels: BTreeMap<u16, bool>,
     frames: u64,
     noise_bytes: u64,
-    damaged_chunks: u64,
-    damaged_records: u64,
-    /// Messages whose channel was in a damaged part.
-    lost_messages: u64,
+    doubts: Doubts,
 }
 
 impl Visitor for Frames<'_> {
-    fn record(&mut self, record: Record<'_>) -> Result<(), String> {
+    fn record(&mut self, record: Record<'_>) -> Result<(), Doubt> {
         match record {
             Record::Schema { id, name } if name == FRAME.0 => {
                 self.schemas.insert(id);
@@ -74,30 +69,22 @@ impl Visitor for Frames<'_> {
             } => match self.channels.get(&channel) {
                 Some(true) => {
                     let frame = parse_frame(log_time.cast_signed(), data)
-                        .map_err(|reason| format!("message {sequence}: {reason}"))?;
+                        .map_err(|reason| damaged_record(format!("message {sequence}: {reason}")))?;
                     self.show(&frame);
                 }
                 Some(false) => {}
-                None => self.lost_messages += 1,
+                None => {
+                    let text = format!("message {sequence}: channel {channel} is not before it");
+                    return Err(Doubt::new("messages without their channel", text));
+                }
             },
             Record::Schema { .. } => {}
         }
         Ok(())
     }
 
-    fn damage(&mut self, part: Part, place: u64, reason: &str) {
-        let name = match part {
-            Part::Chunk => {
-                self.damaged_chunks += 1;
-                "chunk"
-            }
-            Part::Record => {
-                self.damaged_records += 1;
-                "record"
-            }
-        };
-        let reason = escaped(reason);
-        self.out.remark(format_args!("byte {place}: damaged {name}: {reason}"));
+    fn doubt(&mut self, place: u64, reason: &Doubt) {
+        self.doubts.add(Place::Byte(place), reason, self.out);
     }
 }
 
@@ -134,23 +121,15 @@ impl Frames<'_> {
 
     /// The sum.
     fn finish(&self, read: &Result<bool, (u64, String)>) -> Result<(), String> {
-        let is_damaged = self.damaged_chunks + self.damaged_records > 0;
-        if !self.channels.values().any(|has_frames| *has_frames) && !is_damaged && *read == Ok(false) {
+        let has_channel = self.channels.values().any(|has_frames| *has_frames);
+        if !has_channel && self.doubts.count() == 0 && *read == Ok(false) {
             return Err(format!(
                 "no channel of {}: 'armwire monitor --mcap' records one",
                 FRAME.0
             ));
         }
         let mut sum = format!("frames: {}, noise bytes: {}", self.frames, self.noise_bytes);
-        for (count, what) in [
-            (self.damaged_chunks, "damaged chunks"),
-            (self.damaged_records, "damaged records"),
-            (self.lost_messages, "messages without their channel"),
-        ] {
-            if count > 0 {
-                sum += &format!(", {what}: {count}");
-            }
-        }
+        sum += &self.doubts.sum();
         if *read == Ok(true) {
             sum += ", the file has no end";
         }
@@ -335,9 +314,12 @@ mod tests {
             let (lines, error) = output(&rewritten);
             assert_eq!(error, None);
             assert_eq!((&lines[..3], &lines[4..7]), (&whole[..3], &whole[..3]), "{compression}");
-            let damage = format!("byte {}: damaged chunk: ", chunks[1]);
+            let damage = format!("not understood: byte {}: damaged chunk: ", chunks[1]);
             assert!(lines[3].starts_with(&damage), "{}", lines[3]);
-            assert_eq!(lines[7], "frames: 6, noise bytes: 0, damaged chunks: 1");
+            assert_eq!(
+                lines[7],
+                "frames: 6, noise bytes: 0, not understood: 1 (damaged chunks: 1)"
+            );
         }
     }
 
@@ -351,7 +333,8 @@ mod tests {
         assert_eq!(error, None);
         let sum = lines.last().unwrap();
         assert!(
-            sum.starts_with("frames: 0, noise bytes: 0, damaged chunks: 1, messages without their channel: "),
+            sum.starts_with("frames: 0, noise bytes: 0, not understood: ")
+                && sum.contains("(damaged chunks: 1, messages without their channel: "),
             "{sum}"
         );
     }

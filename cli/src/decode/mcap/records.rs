@@ -3,6 +3,7 @@
 //! The library splits the file into records. Their fields and chunks are read here: the library's readers reserve as
 //! many bytes as a damaged length says, and panic at a record that extends beyond its chunk (`mcap` 0.26.0).
 
+use std::fmt::Display;
 use std::io::BufRead;
 
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -10,6 +11,7 @@ use mcap::{MAGIC, McapError, records::op};
 
 use super::chunk::Chunk;
 use super::fields::Fields;
+use crate::decode::doubts::Doubt;
 
 /// The longest record, in bytes. Other programs may have written images to the file.
 const MAX_RECORD: usize = 64 * 1024 * 1024;
@@ -31,22 +33,14 @@ pub(super) enum Record<'a> {
     },
 }
 
-/// A part of a file that is not read. Its place is that of the record that has it, in bytes.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Part {
-    /// A chunk, from the first record that is not read to its end.
-    Chunk,
-    /// A record.
-    Record,
-}
-
 /// A consumer of a file.
 pub(super) trait Visitor {
     /// Takes a record. An error is the reason why it is not read.
-    fn record(&mut self, record: Record<'_>) -> Result<(), String>;
+    fn record(&mut self, record: Record<'_>) -> Result<(), Doubt>;
 
-    /// Takes the place of a part that is not read, and the reason.
-    fn damage(&mut self, part: Part, place: u64, reason: &str);
+    /// Takes the reason why a part is not read. Its place is that of the record that has it, in bytes. A chunk is not read
+    /// from the first such record to its end.
+    fn doubt(&mut self, place: u64, reason: &Doubt);
 }
 
 /// Hands the records of a file, also those in its chunks, to `visitor`. Returns true if the file is cut: its program was
@@ -63,7 +57,8 @@ pub(super) fn read(file: &mut dyn BufRead, visitor: &mut dyn Visitor) -> Result<
         match opcode {
             op::CHUNK => {
                 if let Err(reason) = read_chunk(data, at, visitor) {
-                    visitor.damage(Part::Chunk, at, &reason);
+                    let doubt = Doubt::new("damaged chunks", format!("damaged chunk: {reason}"));
+                    visitor.doubt(at, &doubt);
                 }
             }
             _ => read_record(opcode, data, at, visitor),
@@ -117,11 +112,15 @@ fn read_record(opcode: u8, fields: Fields<'_>, place: u64, visitor: &mut dyn Vis
     let read = match parse_record(opcode, fields) {
         Ok(Some(record)) => visitor.record(record),
         Ok(None) => Ok(()),
-        Err(reason) => Err(reason),
+        Err(reason) => Err(damaged_record(reason)),
     };
     if let Err(reason) = read {
-        visitor.damage(Part::Record, place, &reason);
+        visitor.doubt(place, &reason);
     }
+}
+
+pub(super) fn damaged_record(reason: impl Display) -> Doubt {
+    Doubt::new("damaged records", format!("damaged record: {reason}"))
 }
 
 fn parse_record(opcode: u8, mut fields: Fields<'_>) -> Result<Option<Record<'_>>, String> {
@@ -158,12 +157,12 @@ mod tests {
     struct Damage(Vec<String>);
 
     impl Visitor for Damage {
-        fn record(&mut self, _: Record<'_>) -> Result<(), String> {
+        fn record(&mut self, _: Record<'_>) -> Result<(), Doubt> {
             Ok(())
         }
 
-        fn damage(&mut self, _: Part, place: u64, reason: &str) {
-            self.0.push(format!("{place}: {reason}"));
+        fn doubt(&mut self, place: u64, reason: &Doubt) {
+            self.0.push(format!("{place}: {}", reason.text));
         }
     }
 
@@ -184,7 +183,10 @@ mod tests {
         file.extend([op::MESSAGE, 1, 0, 0, 0, 0, 0, 0, 0, 1]);
         let mut damage = Damage::default();
         assert_eq!(read(&mut &file[..], &mut damage), Ok(true), "the file has no end");
-        assert_eq!(damage.0.pop(), Some(format!("{behind}: it ends within a field")));
+        assert_eq!(
+            damage.0.pop(),
+            Some(format!("{behind}: damaged record: it ends within a field"))
+        );
         damage.0
     }
 
@@ -194,22 +196,22 @@ mod tests {
         let too_long = [op::MESSAGE, 9, 0, 0, 0, 0, 0, 0, 0, 1];
         let huge_text = [op::SCHEMA, 6, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0xFF, 0xFF, 0xFF, 0xFF];
         for (len, crc, compression, records, reason) in [
-            (0, 0, "xz", &[][..], "compressed with xz, which is not read"),
-            (10, 1, "", &message, "its CRC is wrong"),
-            (9, 0, "", &message, "more bytes of records than its 9"),
-            (11, 0, "", &message, "fewer bytes of records than its 11"),
+            (0, 0, "xz", &[][..], "chunk: compressed with xz, which is not read"),
+            (10, 1, "", &message, "chunk: its CRC is wrong"),
+            (9, 0, "", &message, "chunk: more bytes of records than its 9"),
+            (11, 0, "", &message, "chunk: fewer bytes of records than its 11"),
             (
                 1 << 60,
                 0,
                 "",
                 &message,
-                "1152921504606846976 bytes of records, more than 1073741824",
+                "chunk: 1152921504606846976 bytes of records, more than 1073741824",
             ),
-            (10, 0, "", &too_long, "a record extends beyond it"),
-            (10, 0, "", &message, "it ends within a field"),
-            (15, 0, "", &huge_text, "it ends within a field"),
+            (10, 0, "", &too_long, "chunk: a record extends beyond it"),
+            (10, 0, "", &message, "record: it ends within a field"),
+            (15, 0, "", &huge_text, "record: it ends within a field"),
         ] {
-            assert_eq!(damage(len, crc, compression, records), [format!("8: {reason}")]);
+            assert_eq!(damage(len, crc, compression, records), [format!("8: damaged {reason}")]);
         }
         for compression in ["zstd", "lz4"] {
             assert_eq!(damage(10, 0, compression, &message).len(), 1, "{compression}");
