@@ -330,7 +330,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// event, or wait. The client does no I/O and reads no clock: it runs in an interrupt handler, in a task, or in a test
 /// without real time. 260 bytes hold every message of every protocol; a frame that is longer than `N` is noise.
 ///
-/// A late answer never satisfies the next request. While an answer to an earlier request is possible (the request timed
+/// A late answer never satisfies the next request, except a [reading](Self::submit_reading). While an answer to an earlier request is possible (the request timed
 /// out, was repeated, or was cancelled), the next request with the same key waits until the answer arrives or
 /// [`Config::stale_window`] ends. Requests without an answer, such as torque off, never wait. No request waits on a
 /// protocol with numbered answers, whose requests the client numbers.
@@ -491,6 +491,46 @@ impl<M: Messages, const N: usize> Client<M, N> {
             sends: 0,
             repeats: self.config.repeats,
         });
+        Ok(())
+    }
+
+    /// Starts a reading, as one of many at a steady rate. It is not repeated, and waits for no answer to an earlier
+    /// request with the same key that has ended: a lost answer does not delay the next reading.
+    ///
+    /// Such an earlier answer may therefore be taken for the answer to this reading, if it arrives after its
+    /// transmission. Both have the arm's state, and one is newer. Use [`submit`](Self::submit) where the state must be
+    /// newer than the request, and for any request that is not a read.
+    ///
+    /// # Errors
+    ///
+    /// As of [`submit`](Self::submit).
+    ///
+    /// ```
+    /// # use armwire::ling::{Ling, Request};
+    /// # use armwire::time::Instant;
+    /// # use armwire::{Client, Config, Output};
+    /// # let mut client = Client::<Ling, 70>::new(Ling, Config::default());
+    /// # let now = Instant::ZERO;
+    /// client.submit_reading(&Request::ReadJoints).unwrap();
+    /// # assert_eq!(client.poll(now), Output::Receive);
+    /// # client.received(now, 0).unwrap();
+    /// # let Output::Transmit(bytes) = client.poll(now) else { panic!("nothing to transmit") };
+    /// # let n = bytes.len();
+    /// # client.transmitted(now, n).unwrap();
+    /// // Its answer is lost, and the next reading is due.
+    /// client.cancel();
+    /// client.submit_reading(&Request::ReadJoints).unwrap();
+    /// assert_eq!(client.poll(now), Output::Receive);
+    /// ```
+    pub fn submit_reading(&mut self, request: &M::Request<'_>) -> Result<(), SubmitError> {
+        self.submit(request)?;
+        let out = &mut self.outgoing;
+        if let Some(call) = &mut out.call {
+            call.repeats = 0;
+        }
+        if let Some(info) = out.info {
+            out.exchange.forget(info.key, ());
+        }
         Ok(())
     }
 

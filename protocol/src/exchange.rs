@@ -19,7 +19,8 @@
 //! * Only an answer moves a deadline: an arm answers one request after the other, and the timeouts of later requests
 //!   start then.
 //!
-//! An answer later than the stale window can be assigned to the wrong request.
+//! An answer later than the stale window, or to a send that was [forgotten](Exchange::forget), can be assigned to the
+//! wrong request.
 
 use core::cell::Cell;
 
@@ -219,6 +220,12 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         for sent in self.sends.iter_mut().filter(|sent| sent.who == who) {
             sent.stale = true;
         }
+    }
+
+    /// Forgets the stale sends of this initiator with this key: an answer to one of them can be assigned to a later send.
+    pub fn forget(&mut self, key: D::Key, who: I) {
+        self.sends
+            .remove_where(|sent| sent.stale && sent.key == key && sent.who == who);
     }
 
     /// The time of the next [`on_timeout`](Self::on_timeout), unless another event comes first.

@@ -290,6 +290,37 @@ fn missing_answer_blocks_its_kind_for_stale_window() {
 }
 
 #[test]
+fn reading_never_waits_for_a_lost_answer() {
+    let mut host = Lings::new(Config::DEFAULT);
+    for _ in 0..20 {
+        host.client.submit_reading(&Request::ReadJoints).unwrap();
+        assert_eq!(host.transmit(), 7);
+        host.client.cancel();
+    }
+    host.client.submit_reading(&Request::ReadJoints).unwrap();
+    assert_eq!(host.transmit(), 7);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+    host.client.submit_reading(&Request::ReadJoints).unwrap();
+    assert_eq!(host.transmit(), 7);
+    assert_eq!(host.time_out(), 1, "it is not repeated");
+}
+
+#[test]
+fn reading_forgets_only_answers_of_its_kind() {
+    let mut host = Lings::new(ONCE);
+    host.send(Request::ReadStroke);
+    assert_eq!(host.time_out(), 1);
+    host.client.submit_reading(&Request::ReadJoints).unwrap();
+    assert_eq!(host.transmit(), 7);
+    host.client.cancel();
+    for request in [Request::ReadStroke, Request::ReadJoints] {
+        host.client.submit(&request).unwrap();
+        assert_eq!(host.transmit(), 0, "held back");
+        host.client.cancel();
+    }
+}
+
+#[test]
 fn torque_off_is_never_held_back() {
     let mut host = Lings::new(ONCE);
     host.send(Request::ReadJoints);
