@@ -1,16 +1,40 @@
-//! System time, and the adapter's clock in it.
+//! Time of this computer, and the adapter's clock in it.
 
+#[cfg(not(unix))]
+use std::sync::OnceLock;
+#[cfg(not(unix))]
+use std::time::Instant;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use armwire_bridge::control::Stamp;
 
 /// The length of the window whose least delay counts: crystals drift by some 50 µs in a second.
 const WINDOW_NS: i64 = 2_000_000_000;
+/// Maximum time between two readings of the monotonic clock around one of the system time.
+const MAX_SPREAD_NS: i64 = 20_000;
+/// Maximum number of attempts for that.
+const ATTEMPTS: usize = 3;
 
 /// Nanoseconds of system time since 1970.
 pub fn now() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO);
     i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
+}
+
+/// Nanoseconds of the monotonic clock. On Unix it is the clock that Python's `time.monotonic_ns` has on Linux; elsewhere
+/// it counts from its first use in this program.
+pub fn monotonic() -> i64 {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+        time.tv_sec * 1_000_000_000 + time.tv_nsec
+    }
+    #[cfg(not(unix))]
+    {
+        static START: OnceLock<Instant> = OnceLock::new();
+        let elapsed = START.get_or_init(Instant::now).elapsed();
+        i64::try_from(elapsed.as_nanos()).unwrap_or(i64::MAX)
+    }
 }
 
 /// Nanoseconds since 1970 as seconds and nanoseconds of a ROS time, which ends in 2038.
@@ -19,11 +43,49 @@ pub fn ros_time(nanos: i64) -> (i32, u32) {
     (seconds, nanos.rem_euclid(1_000_000_000) as u32)
 }
 
-/// The adapter's clock in system time.
+/// An instant on both clocks of this computer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HostTime {
+    /// Nanoseconds of the [monotonic](monotonic) clock, which nobody sets.
+    pub monotonic_ns: i64,
+    /// Nanoseconds of system time since 1970, as it was set when the instant became known.
+    pub unix_ns: i64,
+}
+
+impl HostTime {
+    /// Now.
+    pub fn now() -> Self {
+        let mut attempts = 1;
+        loop {
+            let (before, unix_ns, after) = (monotonic(), now(), monotonic());
+            // This thread may have been interrupted in between.
+            if after - before <= MAX_SPREAD_NS || attempts == ATTEMPTS {
+                let monotonic_ns = before + (after - before) / 2;
+                return Self { monotonic_ns, unix_ns };
+            }
+            attempts += 1;
+        }
+    }
+
+    /// The instant at this time of the monotonic clock, with the system time as it is set at `self`.
+    #[must_use]
+    pub const fn at(self, monotonic_ns: i64) -> Self {
+        let before = self.monotonic_ns.saturating_sub(monotonic_ns);
+        Self {
+            monotonic_ns,
+            unix_ns: self.unix_ns.saturating_sub(before),
+        }
+    }
+}
+
+/// The adapter's clock in the time of this computer.
 ///
 /// A message is delayed on its way to the host, by an unknown time that is never negative. So the least difference
 /// between the host's time of receipt and the stamp is nearest to the difference of the clocks. It is taken over the
-/// last two to four seconds, so that drift and steps of the system clock are followed.
+/// last two to four seconds of the monotonic clock, so that drift is followed, and a step of the system time moves no
+/// stamp.
+///
+/// A clock is that of one subscription: an adapter that was restarted has none. Make another with the next one.
 #[derive(Debug, Default)]
 pub struct Clock {
     windows: Option<Windows>,
@@ -41,15 +103,15 @@ struct Windows {
 }
 
 impl Clock {
-    /// The system time of a stamp, in nanoseconds since 1970, of a message that the host received at `now`. Never later
-    /// than `now`.
-    pub fn system_time(&mut self, stamp: Stamp, now: i64) -> i64 {
+    /// The host's time of a stamp, in a message that the host received at this time. Never later than that.
+    pub fn host_time(&mut self, stamp: Stamp, received: HostTime) -> HostTime {
+        let now = received.monotonic_ns;
         let micros = i64::try_from(stamp.0).unwrap_or(i64::MAX);
         let at = micros.saturating_mul(1_000);
         let difference = now.saturating_sub(at);
-        // An adapter that was restarted counts from zero, and a system clock that was set back is another clock.
+        // An adapter that was restarted counts from zero.
         let windows = match self.windows.take() {
-            Some(windows) if windows.last <= stamp && windows.begun <= now => windows,
+            Some(windows) if windows.last <= stamp => windows,
             _ => Windows {
                 last: stamp,
                 begun: now,
@@ -65,7 +127,7 @@ impl Clock {
             windows.present = difference;
         }
         windows.present = windows.present.min(difference);
-        at.saturating_add(windows.present.min(windows.before))
+        received.at(at.saturating_add(windows.present.min(windows.before)))
     }
 }
 
@@ -76,11 +138,21 @@ mod tests {
     const MS: i64 = 1_000_000;
     const EPOCH: i64 = 1_700_000_000_000_000_000;
 
-    /// The system time of stamps in ms, each with the delay of its message in ms.
+    /// An instant, in milliseconds of the monotonic clock, and how far the system time is set ahead of it.
+    fn instant(ms: i64, set: i64) -> HostTime {
+        HostTime {
+            monotonic_ns: ms * MS,
+            unix_ns: EPOCH + (ms + set) * MS,
+        }
+    }
+
+    /// The times of stamps in ms, each with the delay of its message in ms.
     fn mapped(clock: &mut Clock, messages: &[(i64, i64)]) -> Vec<i64> {
         let one = |&(at, delay): &(i64, i64)| {
             let stamp = Stamp(u64::try_from(at * 1_000).unwrap());
-            clock.system_time(stamp, EPOCH + (at + delay) * MS) - EPOCH
+            let time = clock.host_time(stamp, instant(at + delay, 0));
+            assert_eq!(time.unix_ns, EPOCH + time.monotonic_ns);
+            time.monotonic_ns
         };
         messages.iter().map(one).collect()
     }
@@ -108,8 +180,32 @@ mod tests {
     #[test]
     fn restarted_adapter_gets_a_new_difference() {
         let mut clock = Clock::default();
-        clock.system_time(Stamp(9_000_000), EPOCH);
-        assert_eq!(clock.system_time(Stamp(1_000), EPOCH + 50 * MS), EPOCH + 50 * MS);
+        clock.host_time(Stamp(9_000_000), instant(0, 0));
+        assert_eq!(clock.host_time(Stamp(1_000), instant(50, 0)), instant(50, 0));
+    }
+
+    #[test]
+    fn steps_of_the_system_time_move_no_stamp() {
+        let mut clock = Clock::default();
+        for (ms, set) in [
+            (0, 0),
+            (10, 0),
+            (20, 3_600_000),
+            (30, 3_600_000),
+            (40, -500),
+            (50, -500),
+        ] {
+            let stamp = Stamp(u64::try_from(ms * 1_000).unwrap());
+            let time = clock.host_time(stamp, instant(ms + 1, set));
+            assert_eq!(time, instant(ms + 1, set));
+        }
+    }
+
+    #[test]
+    fn both_clocks_of_now_go_on() {
+        let (first, second) = (HostTime::now(), HostTime::now());
+        assert!(first.monotonic_ns <= second.monotonic_ns);
+        assert_eq!(second.at(first.monotonic_ns).monotonic_ns, first.monotonic_ns);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use armwire::ling::{self, JOINTS, Ling, Request, Response, Stroke};
 use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Subscription};
-use armwire_host::stamps::{self, Clock};
+use armwire_host::stamps::{self, Clock, HostTime};
 use armwire_host::{Adapter, Error, Link, Options, adapter};
 use ros2_client::{ReadError, RmwRequestId};
 
@@ -259,7 +259,7 @@ impl<'a, 'b> Session<'a, 'b> {
         let Some((stamp, event)) = adapter.next_event(self.period)? else {
             return Ok(false);
         };
-        let at = self.clock.system_time(stamp, stamps::now());
+        let at = self.clock.host_time(stamp, HostTime::now()).unix_ns;
         match event {
             Event::Frame { bytes, .. } => {
                 let response = Messages::parse_response(&Ling, &bytes, ());

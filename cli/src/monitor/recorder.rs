@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use armwire_host::Link;
 use armwire_host::describe::{Arm, Protocol};
-use armwire_host::stamps::{Clock, now};
+use armwire_host::stamps::{Clock, HostTime};
 
 use super::reading::OnFrame;
 use crate::args::Speaker;
@@ -69,11 +69,11 @@ impl Recorder {
     pub(super) fn on_frame(&self, protocol: Protocol) -> Option<OnFrame> {
         let (frames, mut clock) = (self.sender.clone(), Clock::default());
         let on_frame: OnFrame = Box::new(move |stamp, bytes| {
-            let log_time = now();
+            let received = HostTime::now();
             // Without a receiver nothing is recorded any more.
             let _ = frames.send(Frame {
-                log_time,
-                stamp: clock.system_time(stamp, log_time),
+                log_time: received.unix_ns,
+                stamp: clock.host_time(stamp, received).unix_ns,
                 protocol,
                 from: Speaker::Arm,
                 bytes: bytes.to_vec(),
