@@ -14,6 +14,7 @@ use armwire_bridge::control::VERSION;
 use crate::control::UsbFault;
 use crate::ling::Ling;
 use crate::outside::Outside;
+use crate::reader::NoPose;
 use crate::received::Missing;
 use crate::text::{Remedy, Text};
 
@@ -81,6 +82,10 @@ pub enum Error {
     },
     /// The port needs a feature of this crate that the build does not have.
     Disabled { name: Outside, feature: &'static str },
+    /// There is no pose of the arm that is new enough, or none for that time.
+    NoPose { name: Outside, reason: NoPose },
+    /// The arm was [taken](crate::Shared::take) out, or its reader has ended.
+    Closed { name: Outside },
     /// The arm was not stopped. It may still move.
     NotStopped { name: Outside, cause: Text },
     /// There is no adapter with a control port there.
@@ -205,6 +210,8 @@ impl Error {
                 name,
                 &format!("not supported by this build, which is without the feature '{feature}'"),
             ),
+            Self::NoPose { name, reason } => at(name, &reason.to_string()),
+            Self::Closed { name } => at(name, "the port is closed"),
             Self::NotStopped { name, cause } => at(name, "not stopped: ").append(cause),
             Self::NoControl { name } => {
                 let what = "no control port of an armwire adapter found (a virtual board's is control:PATH)";

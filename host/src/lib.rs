@@ -41,6 +41,11 @@
 //! [interrupt](Ling::set_interrupt), such as a check for Ctrl-C, ends a call and stops the arm that
 //! [`move_and_wait`](Ling::move_and_wait) moves. A stop is not an emergency stop: keep a switch in the arm's supply.
 //!
+//! # The newest pose
+//!
+//! A [`Reader`] reads the pose of an arm in a thread of its own: [`latest`](Reader::latest) never waits, and
+//! [`at`](Reader::at) has the pose at the time of an image. Commands go on through the [`Shared`] arm.
+//!
 //! # Errors
 //!
 //! An [`Error`] says what was wrong, and where. As in [`armwire`], its text has the cause, and `source` returns none. It
@@ -68,9 +73,11 @@ mod link;
 mod outside;
 mod port;
 mod port_holder;
+mod reader;
 mod received;
 mod serial;
 pub mod settings;
+mod shared;
 pub mod stamps;
 mod stop;
 pub mod stopwatch;
@@ -95,7 +102,9 @@ pub use ling::Ling;
 pub use link::{Interrupt, LineErrors, Link};
 pub use outside::Outside;
 pub use port::{Connection, Options, Port, open};
+pub use reader::{Counts, NoPose, OnPose, Pose, Rate, Readable, Reader, Reading, Stamping, XArmPose};
 pub use received::Missing;
+pub use shared::Shared;
 pub use tap::Tap;
 pub use tcp::TcpAddress;
 pub use text::{Remedy, Text};

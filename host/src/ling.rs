@@ -10,10 +10,12 @@ use armwire::ling::{
     TemperatureLimit, Torque,
 };
 
+use crate::control::Adapter;
 use crate::error::{Error, Silence, TorqueOffEffect};
 use crate::legacy;
 use crate::link::{Interrupt, LineErrors, Link};
 use crate::port::Connection;
+use crate::reader::OnPose;
 use crate::stop;
 use crate::text::Text;
 
@@ -53,6 +55,8 @@ pub struct Ling {
     may_move: bool,
     /// The last reading of the joints since the last move.
     last: Option<JointState>,
+    /// Gets each reading of the joints.
+    pub(crate) on_pose: Option<OnPose<JointState>>,
 }
 
 impl Connection {
@@ -76,6 +80,7 @@ impl Connection {
             gripper: None,
             may_move: false,
             last: None,
+            on_pose: None,
         })
     }
 }
@@ -92,12 +97,38 @@ impl Ling {
     /// Reads the joint positions, the gripper and the motion status.
     pub fn read_joints(&mut self) -> Result<JointState, Error> {
         let state: JointState = self.link.read(&Request::ReadJoints)?;
+        if let Some(on_pose) = &mut self.on_pose {
+            on_pose(state);
+        }
         self.last = Some(state);
         self.may_move = state.status.is_holding() != Some(false);
         if !self.may_move {
             self.gripper = None;
         }
         Ok(state)
+    }
+
+    /// Reads the joints once, as one of many readings. Returns false without an answer until this time.
+    ///
+    /// The answer may be one to an earlier request: it permits no move, and only forbids one if it shows the torque off.
+    pub(crate) fn read_joints_until(&mut self, until: Instant) -> Result<bool, Error> {
+        let take = |response| JointState::try_from(response).ok();
+        let Some(state) = self.link.read_until(&Request::ReadJoints, until, take)?.flatten() else {
+            return Ok(false);
+        };
+        if let Some(on_pose) = &mut self.on_pose {
+            on_pose(state);
+        }
+        self.may_move &= state.status.is_holding() != Some(false);
+        Ok(true)
+    }
+
+    /// The adapter on this arm's port. `None` without one.
+    pub(crate) fn find_adapter(&self) -> Result<Option<Adapter>, Error> {
+        match self.connection.adapter() {
+            Err(Error::NoControl { .. }) => Ok(None),
+            adapter => adapter.map(Some),
+        }
     }
 
     /// Reads the joints of an arm that is to move.
@@ -424,6 +455,9 @@ impl Standstill {
 
 #[cfg(test)]
 mod tests {
+    use armwire::ling::{Ling as Protocol, MotionStatus, Response};
+    use armwire::messages::Messages;
+
     use super::*;
     use crate::describe::Arm;
     use crate::line::{Line, Names, Reception};
@@ -459,6 +493,55 @@ mod tests {
         }
     }
 
+    /// A line whose arm answers each request with its joints, and holds its pose.
+    struct Holding(bool);
+
+    impl Line for Holding {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            let response = Response::Joints(JointState {
+                joints: [2048; JOINTS],
+                gripper: 500,
+                status: MotionStatus::Locked,
+            });
+            match std::mem::take(&mut self.0) {
+                true => Ok(Protocol.encode_response(&response, None, buf).unwrap()),
+                false => Ok(0),
+            }
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            self.0 = true;
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    #[test]
+    fn reading_at_a_rate_permits_no_move() {
+        let mut arm = Ling {
+            link: Link::new(Box::new(Holding(false)), Protocol::CONFIG),
+            connection: crate::open("/dev/fake").unwrap(),
+            gripper: None,
+            may_move: false,
+            last: None,
+            on_pose: None,
+        };
+        // It may be the answer to a request before the torque was switched.
+        assert!(arm.read_joints_until(Instant::now()).unwrap());
+        assert!(!arm.may_move);
+        arm.read_joints().unwrap();
+        assert!(arm.may_move);
+        assert!(arm.read_joints_until(Instant::now()).unwrap());
+        assert!(arm.may_move);
+    }
+
     #[test]
     fn grip_is_kept_until_torque_off_is_sent() {
         for (writes, has_moved) in [(0, true), (1, false)] {
@@ -469,6 +552,7 @@ mod tests {
                     gripper: Some(Opening::OPEN),
                     may_move: false,
                     last: None,
+                    on_pose: None,
                 };
                 assert_eq!(switch_off(&mut arm).is_err(), has_moved);
                 assert_eq!(arm.has_moved(), has_moved);

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use armwire::framing::Reason;
 use armwire::messages::OtherAnswer;
-use armwire::{Client, Config, ErrorFrame, Event, Output, time, xarm};
+use armwire::{Client, Config, ErrorFrame, Event, Output, xarm};
 
 use crate::describe::Arm;
 use crate::error::Error;
@@ -141,13 +141,53 @@ impl<P: Arm> Link<P> {
         self.client
             .submit(request)
             .expect("the client is idle, and has room for any request");
+        self.complete(request, take, None)
+    }
+
+    /// Makes one call, as one of many readings at a rate: it waits for no earlier answer, which may even be taken for its
+    /// own, and is not repeated. See [`Client::submit_reading`]. It runs without the interrupt.
+    ///
+    /// `None` if no answer arrives until this time: the call is cancelled then.
+    ///
+    /// # Errors
+    ///
+    /// As of [`call`](Self::call), except for a missing answer.
+    pub(crate) fn read_until<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        until: Instant,
+        take: impl FnOnce(P::Response<'_>) -> T,
+    ) -> Result<Option<T>, Error> {
+        self.uninterrupted(|link| {
+            link.client.cancel();
+            link.client
+                .submit_reading(request)
+                .expect("the client is idle, and has room for any request");
+            match link.complete(request, take, Some(until)) {
+                Err(Error::NoAnswer { .. }) => Ok(None),
+                result => result,
+            }
+        })
+    }
+
+    /// Completes the submitted call, or cancels it at `limit`, without an answer then.
+    fn complete<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        take: impl FnOnce(P::Response<'_>) -> T,
+        limit: Option<Instant>,
+    ) -> Result<Option<T>, Error> {
         let begun = self.clock.now();
         let errors = self.errors;
         let mut received = Received::default();
+        let mut is_over = false;
         loop {
             let now = self.clock.now();
             let until = match self.client.poll(now) {
-                Output::Receive => time::Instant::ZERO,
+                Output::Receive => {
+                    self.receive(Duration::ZERO, Some(&mut received))?;
+                    continue;
+                }
                 Output::Transmit(bytes) => {
                     let n = self.line.write(bytes)?;
                     self.client
@@ -188,7 +228,17 @@ impl<P: Arm> Link<P> {
                     continue;
                 }
             };
-            self.receive(self.clock.until(until), Some(&mut received))?;
+            let mut wait = self.clock.until(until);
+            if let Some(limit) = limit {
+                let left = limit.saturating_duration_since(Instant::now());
+                // One more read after the limit: the answer may have arrived while this thread did not run.
+                if left.is_zero() && std::mem::replace(&mut is_over, true) {
+                    self.client.cancel();
+                    return Ok(None);
+                }
+                wait = wait.min(left);
+            }
+            self.receive(wait, Some(&mut received))?;
         }
     }
 
@@ -477,6 +527,33 @@ mod tests {
         fn hint(&self, _: Reception, _: Names) -> Text {
             unreachable!("it answers")
         }
+    }
+
+    #[test]
+    fn lost_answer_does_not_delay_the_next_reading() {
+        let arm = Answering::new(|number| if number == 1 { Vec::new() } else { joints(number) });
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let mut read = || {
+            let take = |response| JointState::try_from(response).ok();
+            link.read_until(&Request::ReadJoints, Instant::now(), take).unwrap()
+        };
+        assert_eq!(read(), None);
+        assert_eq!(arm.lock().unwrap().requests, 1, "it is not repeated");
+        let state = read().flatten().unwrap();
+        assert_eq!(state.joints, [2; 6]);
+        assert_eq!(arm.lock().unwrap().requests, 2);
+    }
+
+    #[test]
+    fn reading_runs_without_the_interrupt() {
+        let mut link = Link::<Ling>::new(Box::new(Answering::new(|_| Vec::new())), Ling::CONFIG);
+        link.set_interrupt(|| Err("Ctrl-C".into()));
+        let until = Instant::now() + Duration::from_millis(2);
+        assert!(matches!(link.read_until(&Request::ReadJoints, until, drop), Ok(None)));
+        assert!(matches!(
+            link.call(&Request::ReadJoints, drop),
+            Err(Error::Interrupted(_))
+        ));
     }
 
     /// The answer with a gripper stroke that no gripper has.

@@ -201,6 +201,55 @@ mod tests {
         }
     }
 
+    /// Random numbers of up to 32 bits.
+    struct Random(u64);
+
+    impl Random {
+        fn below(&mut self, limit: i64) -> i64 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            i64::try_from(self.0 >> 33).unwrap() % limit
+        }
+    }
+
+    #[test]
+    fn stamps_are_true_within_a_millisecond() {
+        const POLLS: i64 = 200 * 600;
+        let mut random = Random(1);
+        let (mut clock, mut set, mut restarted) = (Clock::default(), 0, 0);
+        let (mut received, mut far) = (0, 0);
+        for poll in 0..POLLS {
+            // The truth, in nanoseconds of the monotonic clock. Every two minutes the adapter is restarted, with a new
+            // subscription, and every minute or so the system time is set.
+            let truth = poll * 5 * MS;
+            if poll % (200 * 120) == 0 {
+                (clock, restarted) = (Clock::default(), truth);
+            }
+            if poll % (200 * 61) == 0 {
+                set = random.below(7_200_000) - 3_600_000;
+            }
+            // The adapter's crystal is 50 ppm fast.
+            let since = truth - restarted;
+            let stamp = Stamp(u64::try_from((since + since / 20_000) / 1_000).unwrap());
+            let delay = 200_000 + random.below(400_000);
+            let delay = match random.below(100) {
+                0 => delay + random.below(50 * MS),
+                _ => delay,
+            };
+            // Messages arrive in their order.
+            received = received.max(truth + delay);
+            let receipt = HostTime {
+                monotonic_ns: received,
+                unix_ns: EPOCH + received + set * MS,
+            };
+            let time = clock.host_time(stamp, receipt);
+            assert!(time.monotonic_ns <= received);
+            let is_near = |time: i64, truth: i64| (time - truth).abs() <= MS;
+            let near = is_near(time.monotonic_ns, truth) && is_near(time.unix_ns, EPOCH + truth + set * MS);
+            far += i64::from(!near);
+        }
+        assert!(far * 1_000 <= POLLS, "{far} of {POLLS}");
+    }
+
     #[test]
     fn both_clocks_of_now_go_on() {
         let (first, second) = (HostTime::now(), HostTime::now());

@@ -1,14 +1,18 @@
 //! An xArm on a host: its requests.
 
 use std::fmt;
+use std::time::Instant;
 
 use armwire::xarm::{
-    Answer, Joint, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, TorqueSource, VersionText,
+    Answer, Joint, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TorqueSource,
+    VersionText,
 };
 
 use crate::describe::Arm as _;
+use crate::describe::xarm::{POSITIONS, positions_in};
 use crate::error::Error;
 use crate::link::{Interrupt, LineErrors, Link};
+use crate::reader::{OnPose, XArmPose};
 use crate::tcp::{Tcp, TcpAddress};
 
 /// An xArm on a host.
@@ -17,6 +21,8 @@ use crate::tcp::{Tcp, TcpAddress};
 /// stops it.
 pub struct XArm {
     link: Link<armwire::xarm::XArm>,
+    /// Gets each reading of the joints.
+    pub(crate) on_pose: Option<OnPose<XArmPose>>,
 }
 
 impl XArm {
@@ -28,7 +34,7 @@ impl XArm {
     pub fn connect(host: &TcpAddress) -> Result<Self, Error> {
         let line = Box::new(Tcp::connect(host, false)?);
         let link = Link::new(line, armwire::xarm::XArm::CONFIG);
-        Ok(Self { link })
+        Ok(Self { link, on_pose: None })
     }
 
     /// Sets the protocol id of later requests.
@@ -73,6 +79,24 @@ impl XArm {
     /// Restarts the arm's operating system.
     pub fn reboot(&mut self) -> Result<Answer<()>, Error> {
         self.link.read(&Request::Reboot)
+    }
+
+    /// Reads the joint positions once, as one of many readings. Returns false without an answer until this time.
+    pub(crate) fn read_joints_until(&mut self, until: Instant) -> Result<bool, Error> {
+        let request = Raw::new(POSITIONS, &[]).expect("the document does not have this register");
+        let pose = self.link.read_until(&Request::Raw(request), until, |response| {
+            let Answer { value, state } = Answer::<Raw<'_>>::try_from(response).ok()?;
+            let joints = positions_in(value.params())?;
+            (!state.contains(State::INVALID)).then_some(XArmPose { joints, state })
+        })?;
+        match (pose.flatten(), &mut self.on_pose) {
+            (None, _) => Ok(false),
+            (Some(_), None) => Ok(true),
+            (Some(pose), Some(on_pose)) => {
+                on_pose(pose);
+                Ok(true)
+            }
+        }
     }
 
     /// Calls any other register, waits 10 s for the answer, and returns its parameters.

@@ -131,15 +131,20 @@ fn version(text: &VersionText<'_>) -> Vec<Fact> {
     }
 }
 
+/// The positions in the parameters of the register of [positions](POSITIONS), in radians. `None` for any other number.
+pub(crate) fn positions_in(params: &[u8]) -> Option<[f32; JOINTS]> {
+    let (positions, []) = params.as_chunks() else {
+        return None;
+    };
+    Some(<[[u8; 4]; JOINTS]>::try_from(positions).ok()?.map(f32::from_le_bytes))
+}
+
 /// The joints of an arm with so many axes, if known, and its state, from the register of [positions](POSITIONS).
 pub fn positions(state: State, params: &[u8], axes: Option<usize>) -> Vec<Fact> {
-    let known = match params.as_chunks() {
-        (positions, []) if positions.len() == JOINTS && axes.is_some() => Some(positions),
-        _ => None,
-    };
+    let known = positions_in(params).filter(|_| axes.is_some());
     let joints = (0..axes.unwrap_or(JOINTS).min(JOINTS)).map(|joint| match known {
         Some(positions) => {
-            let radians = f32::from_le_bytes(positions[joint]);
+            let radians: f32 = positions[joint];
             (
                 number(f64::from(radians).to_degrees()),
                 format!("{:+.2}°", radians.to_degrees()),

@@ -1,0 +1,442 @@
+//! The newest pose of an arm, read by a thread of its own.
+//!
+//! [`pose`] has what is read, [`pace`] when, and [`history`] keeps it. [`polled`] has the readings of an adapter.
+
+mod history;
+mod pace;
+mod polled;
+mod pose;
+
+use std::fmt::{self, Display};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use armwire::OutOfRange;
+use armwire::ling::legacy::OlderGeneration;
+use armwire_bridge::config::MAX_POLL_HZ;
+
+use crate::control::Adapter;
+use crate::error::Error;
+use crate::ling::Ling;
+use crate::outside::Outside;
+use crate::shared::Shared;
+use crate::stamps::{HostTime, monotonic};
+use crate::xarm::XArm;
+use history::{History, Missing};
+use pace::Pace;
+use polled::Polled;
+
+pub use pose::{OnPose, Pose, Readable, XArmPose};
+
+/// Default limit of a pose's age, unless three periods are longer.
+const MAX_AGE: Duration = Duration::from_millis(100);
+
+/// Readings per second, 1 to 1000.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rate(u16);
+
+impl Rate {
+    /// The maximum, in hertz.
+    pub const MAX: u16 = MAX_POLL_HZ;
+
+    /// A rate in hertz.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] for 0 and over 1000.
+    pub const fn new(hertz: u16) -> Result<Self, OutOfRange> {
+        match hertz {
+            1..=Self::MAX => Ok(Self(hertz)),
+            got => Err(OutOfRange::new("rate", "Hz", got, 1, Self::MAX)),
+        }
+    }
+
+    /// In hertz.
+    pub const fn hertz(self) -> u16 {
+        self.0
+    }
+
+    /// The time between two readings.
+    pub fn period(self) -> Duration {
+        Duration::from_secs(1) / self.0.into()
+    }
+}
+
+/// A pose at its time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading<P> {
+    /// The pose.
+    pub pose: P,
+    /// The number of the reading, from 1. Of a pose between two readings, that of the earlier.
+    pub number: u64,
+    /// The time of the pose.
+    pub time: HostTime,
+    /// What the time is that of.
+    pub stamping: Stamping,
+    /// The time since then, when this was returned.
+    pub age: Duration,
+}
+
+/// What the time of a reading is that of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Stamping {
+    /// The arrival of the answer's last byte at the adapter, by its clock.
+    Adapter,
+    /// The receipt of the answer by this program: later by the delays of the line and of the system.
+    Receipt,
+}
+
+/// Counts since the reader's start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Counts {
+    /// Readings.
+    pub samples: u64,
+    /// Readings without an acceptable answer in time, or lost on the way from the adapter.
+    pub lost: u64,
+    /// Readings that were not begun: a call used the arm, an answer took longer than a period, or the system was busy.
+    pub missed: u64,
+}
+
+/// The reason why there is no pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum NoPose {
+    /// There is no reading yet.
+    NotYet,
+    /// The newest reading is too old: the arm does not answer, or a call uses it.
+    Stale {
+        /// Its age.
+        age: Duration,
+        /// The limit.
+        limit: Duration,
+    },
+    /// The time is before the oldest reading that is kept.
+    Before {
+        /// By this.
+        before: Duration,
+    },
+    /// The time is after the newest reading.
+    After {
+        /// By this.
+        ahead: Duration,
+    },
+    /// The readings around the time are too far apart.
+    Gap {
+        /// Their distance.
+        gap: Duration,
+        /// The limit.
+        limit: Duration,
+    },
+}
+
+impl Display for NoPose {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::NotYet => write!(f, "no pose was read yet"),
+            Self::Stale { age, limit } => write!(
+                f,
+                "the newest pose is {} old, and the limit is {}",
+                Millis(age),
+                Millis(limit)
+            ),
+            Self::Before { before } => write!(f, "the time is {} before the oldest pose", Millis(before)),
+            Self::After { ahead } => write!(f, "the time is {} after the newest pose", Millis(ahead)),
+            Self::Gap { gap, limit } => write!(
+                f,
+                "the poses around that time are {} apart, and the limit is {}",
+                Millis(gap),
+                Millis(limit)
+            ),
+        }
+    }
+}
+
+/// A duration in milliseconds.
+struct Millis(Duration);
+
+impl Display for Millis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.1} ms", self.0.as_secs_f64() * 1_000.0)
+    }
+}
+
+/// The reason why a reader has ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum End {
+    Lost(Outside),
+    Legacy(OlderGeneration),
+    Closed,
+}
+
+impl End {
+    /// The end by an error; `None` if a later reading may succeed.
+    fn by(error: Error) -> Option<Self> {
+        match error {
+            Error::Lost { reason, .. } => Some(Self::Lost(reason)),
+            Error::Legacy { legacy, .. } => Some(Self::Legacy(legacy)),
+            Error::Closed { .. } => Some(Self::Closed),
+            _ => None,
+        }
+    }
+}
+
+/// A thread that reads the pose of an arm at a rate. Callers get the newest pose without waiting. Its drop ends it.
+///
+/// Where the arm's port has an adapter, the adapter polls the arm by its clock, and its stamps are the times of the
+/// readings. Otherwise the thread reads, and a reading has the time of its receipt. A lost answer costs one reading: the
+/// next one begins at its time. It is [counted](Self::counts).
+///
+/// Commands go on meanwhile, through the [shared arm](Self::arm): each waits for at most one read.
+///
+/// ```no_run
+/// use armwire::ling::Torque;
+/// use armwire_host::{Error, Rate};
+///
+/// let arm = armwire_host::open("/dev/ttyUSB0")?.ling()?;
+/// let reader = arm.reader(Rate::new(200)?)?;
+/// if let Some(first) = reader.next_after(0, std::time::Duration::from_secs(1))? {
+///     println!("{} at {} ns", first.pose, first.time.unix_ns);
+/// }
+/// reader.arm().call(|arm| arm.set_torque(Torque::On))?;
+/// println!("{} µs old", reader.latest()?.age.as_micros());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Reader<A: Readable> {
+    arm: Shared<A>,
+    history: Arc<History<A::Pose>>,
+    max_age: Duration,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Ling {
+    /// Reads the arm's pose at this rate, in a thread: see [`Reader`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`Reader::start`].
+    pub fn reader(self, rate: Rate) -> Result<Reader<Self>, Error> {
+        let name = self.name().to_owned();
+        Reader::start(&Shared::new(&name, self), rate)
+    }
+}
+
+impl XArm {
+    /// Reads the arm's pose at this rate, in a thread: see [`Reader`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`Reader::start`].
+    pub fn reader(self, rate: Rate) -> Result<Reader<Self>, Error> {
+        let name = self.name().to_owned();
+        Reader::start(&Shared::new(&name, self), rate)
+    }
+}
+
+impl<A: Readable> Reader<A> {
+    /// Starts to read this arm: by the polls of the adapter on its port, or by reads if it has none or if another program
+    /// has its control port.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Closed`] if the arm was taken. [`Error::InUse`] while another reader reads it. Errors of the adapter.
+    pub fn start(arm: &Shared<A>, rate: Rate) -> Result<Self, Error> {
+        let adapter = arm.call(|arm| match arm.adapter() {
+            Err(Error::NoControl { .. } | Error::Usb { .. } | Error::InUse { .. }) => Ok(None),
+            found => found,
+        })?;
+        match adapter {
+            Some(adapter) => match Polled::start::<A>(adapter, rate)? {
+                Some(polled) => Self::of_adapter(arm, polled, rate),
+                None => Self::of_arm(arm, rate),
+            },
+            None => Self::of_arm(arm, rate),
+        }
+    }
+
+    /// Starts to read this arm by the polls of this adapter, which has a control port elsewhere.
+    ///
+    /// # Errors
+    ///
+    /// As of [`start`](Self::start), and [`Error::Refused`] if the adapter is configured for another kind of arm.
+    pub fn start_with(arm: &Shared<A>, adapter: Adapter, rate: Rate) -> Result<Self, Error> {
+        let name = adapter.name().to_owned();
+        match Polled::start::<A>(adapter, rate)? {
+            Some(polled) => Self::of_adapter(arm, polled, rate),
+            None => Err(Error::refused(
+                &name,
+                "the adapter is configured for another kind of arm",
+            )),
+        }
+    }
+
+    /// The arm, for commands.
+    pub const fn arm(&self) -> &Shared<A> {
+        &self.arm
+    }
+
+    /// The newest pose, without waiting, if it is at most 100 ms or three periods old.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NoPose`] if it is older, or if there is none yet. [`Error::Lost`], [`Error::Legacy`] and
+    /// [`Error::Closed`] after the end of the reader.
+    pub fn latest(&self) -> Result<Reading<A::Pose>, Error> {
+        self.latest_within(self.max_age)
+    }
+
+    /// The newest pose, without waiting, if it is at most this old.
+    ///
+    /// # Errors
+    ///
+    /// As of [`latest`](Self::latest).
+    pub fn latest_within(&self, max_age: Duration) -> Result<Reading<A::Pose>, Error> {
+        self.found(self.history.latest(HostTime::now(), max_age))
+    }
+
+    /// The pose at this time of the [monotonic clock](crate::stamps::monotonic), without waiting: linear between the
+    /// readings before and after it, which are at most 100 ms or three periods apart. Readings are kept for two seconds at
+    /// 1000 Hz, and longer at a lower rate.
+    ///
+    /// # Errors
+    ///
+    /// As of [`latest`](Self::latest), and [`Error::NoPose`] for a time that is not between two readings.
+    pub fn at(&self, monotonic_ns: i64) -> Result<Reading<A::Pose>, Error> {
+        self.found(self.history.at(monotonic_ns, HostTime::now(), self.max_age))
+    }
+
+    /// The next reading after this number, of those that are kept; waits for it at most this long. The first has number 1.
+    ///
+    /// # Errors
+    ///
+    /// As of [`latest`](Self::latest), except for the age.
+    pub fn next_after(&self, number: u64, wait: Duration) -> Result<Option<Reading<A::Pose>>, Error> {
+        self.found(self.history.next_after(number, wait))
+    }
+
+    /// Counts since the start.
+    pub fn counts(&self) -> Counts {
+        self.history.counts()
+    }
+
+    /// Ends the reader, and returns the arm. `None` if it was taken before.
+    pub fn into_arm(self) -> Option<A> {
+        let arm = self.arm.clone();
+        drop(self);
+        arm.take()
+    }
+
+    /// Reads by requests of its own.
+    fn of_arm(arm: &Shared<A>, rate: Rate) -> Result<Self, Error> {
+        let reader = Self::new(arm, rate);
+        let history = Arc::clone(&reader.history);
+        arm.call(|arm| {
+            if arm.on_pose().is_some() {
+                let (name, holder) = (arm.name().into(), "another reader of this program".into());
+                return Err(Error::InUse { name, holder });
+            }
+            *arm.on_pose() = Some(Box::new(move |pose| {
+                history.push(pose, HostTime::now(), Stamping::Receipt);
+            }));
+            Ok(())
+        })?;
+        let arm = arm.clone();
+        reader.spawn(move |history, stop| {
+            read(&arm, rate, history, stop);
+            let _ = arm.call(|arm| {
+                *arm.on_pose() = None;
+                Ok::<_, Error>(())
+            });
+        })
+    }
+
+    /// Reads by the polls of an adapter.
+    fn of_adapter(arm: &Shared<A>, mut polled: Polled, rate: Rate) -> Result<Self, Error> {
+        Self::new(arm, rate).spawn(move |history, stop| polled.run::<A>(history, stop))
+    }
+
+    fn new(arm: &Shared<A>, rate: Rate) -> Self {
+        Self {
+            arm: arm.clone(),
+            history: Arc::new(History::new()),
+            max_age: MAX_AGE.max(3 * rate.period()),
+            stop: Arc::default(),
+            thread: None,
+        }
+    }
+
+    fn spawn(mut self, run: impl FnOnce(&History<A::Pose>, &AtomicBool) + Send + 'static) -> Result<Self, Error> {
+        let (history, stop) = (Arc::clone(&self.history), Arc::clone(&self.stop));
+        let thread = thread::Builder::new().name("armwire reader".to_owned());
+        let spawned = thread.spawn(move || {
+            run(&history, &stop);
+            history.end(End::Closed);
+        });
+        let no_thread = |error| Error::at(self.arm.name(), format_args!("no thread for the reader: {error}"));
+        self.thread = Some(spawned.map_err(no_thread)?);
+        Ok(self)
+    }
+
+    fn found<T>(&self, found: Result<T, Missing>) -> Result<T, Error> {
+        let name = || self.arm.name().into();
+        found.map_err(|missing| match missing {
+            Missing::NoPose(reason) => Error::NoPose { name: name(), reason },
+            Missing::Ended(End::Lost(reason)) => Error::Lost { name: name(), reason },
+            Missing::Ended(End::Legacy(legacy)) => Error::Legacy { name: name(), legacy },
+            Missing::Ended(End::Closed) => Error::Closed { name: name() },
+        })
+    }
+}
+
+impl<A: Readable> Drop for Reader<A> {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            // A panic of the thread was reported by it.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl<A: Readable> fmt::Debug for Reader<A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Reader")
+            .field("arm", &self.arm)
+            .field("counts", &self.counts())
+            .finish_non_exhaustive()
+    }
+}
+
+/// Reads the arm at this rate until the stop, or until no later reading can succeed.
+fn read<A: Readable>(arm: &Shared<A>, rate: Rate, history: &History<A::Pose>, stop: &AtomicBool) {
+    let mut pace = Pace::new(rate.period(), monotonic());
+    while !stop.load(Ordering::Relaxed) {
+        let left = pace.next() - monotonic();
+        if left > 0 {
+            thread::park_timeout(Duration::from_nanos(left.unsigned_abs()));
+            continue;
+        }
+        let answered = arm.read(|arm| {
+            let now = monotonic();
+            let (until, missed) = pace.begin(now);
+            history.add_missed(missed);
+            arm.read_pose(Instant::now() + Duration::from_nanos((until - now).unsigned_abs()))
+        });
+        let is_answered = match answered {
+            Ok(is_answered) => is_answered,
+            Err(error) => match End::by(error) {
+                Some(end) => return history.end(end),
+                None => false,
+            },
+        };
+        if !is_answered {
+            history.add_lost(1);
+            pace.lost(monotonic());
+        }
+    }
+}

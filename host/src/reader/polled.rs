@@ -1,0 +1,283 @@
+//! Readings by the polls of an adapter.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use armwire_bridge::config::Poll;
+use armwire_bridge::control::{Event, Stamp, Subscription};
+
+use super::history::History;
+use super::pose::Readable;
+use super::{End, Rate, Stamping};
+use crate::control::Adapter;
+use crate::error::Error;
+use crate::stamps::{Clock, HostTime, monotonic};
+
+/// Maximum wait for an event, and the wait after a failed one.
+const EVENT_TIMEOUT: Duration = Duration::from_millis(50);
+const ERROR_PAUSE: Duration = Duration::from_millis(10);
+/// Time without readings after which the subscription is renewed, in nanoseconds: an adapter that was restarted has none.
+const SILENCE_NS: i64 = 500_000_000;
+
+/// A subscription to an adapter that polls at a rate or faster.
+pub(super) struct Polled {
+    adapter: Adapter,
+    rate: Rate,
+    /// The adapter's own setting, if it was changed.
+    changed: Option<Poll>,
+    clock: Clock,
+    gaps: Gaps,
+}
+
+impl Polled {
+    /// Makes the adapter poll, and subscribes. `None` if the adapter is configured for another kind of arm.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the control port.
+    pub(super) fn start<A: Readable>(adapter: Adapter, rate: Rate) -> Result<Option<Self>, Error> {
+        let mut polled = Self {
+            adapter,
+            rate,
+            changed: None,
+            clock: Clock::default(),
+            gaps: Gaps::new(rate),
+        };
+        Ok(polled.subscribe::<A>()?.then_some(polled))
+    }
+
+    /// Adds readings until the stop, or until no later one can succeed.
+    pub(super) fn run<A: Readable>(&mut self, history: &History<A::Pose>, stop: &AtomicBool) {
+        let mut heard = monotonic();
+        while !stop.load(Ordering::Relaxed) {
+            let result = match self.adapter.next_event(EVENT_TIMEOUT) {
+                Ok(Some((stamp, Event::Frame { bytes, .. }))) => {
+                    let received = HostTime::now();
+                    if let Some(pose) = A::pose(&bytes) {
+                        heard = received.monotonic_ns;
+                        history.add_lost(self.gaps.before(stamp));
+                        history.push(pose, self.clock.host_time(stamp, received), Stamping::Adapter);
+                    }
+                    Ok(())
+                }
+                Ok(Some(_)) => Ok(()),
+                Ok(None) if monotonic() - heard < SILENCE_NS => Ok(()),
+                Ok(None) => {
+                    heard = monotonic();
+                    self.subscribe::<A>().map(drop)
+                }
+                Err(error) => Err(error),
+            };
+            if let Err(error) = result {
+                match End::by(error) {
+                    Some(end) => return history.end(end),
+                    // Dropped events, or a message that cannot be read.
+                    None => thread::park_timeout(ERROR_PAUSE),
+                }
+            }
+        }
+    }
+
+    /// Makes the adapter poll and subscribes, also after its restart. Returns false if it has another kind of arm.
+    fn subscribe<A: Readable>(&mut self) -> Result<bool, Error> {
+        let mut config = self.adapter.config()?;
+        if A::KIND != Some(config.arm) {
+            return Ok(false);
+        }
+        let is_slower = match config.poll {
+            Poll::Off => true,
+            Poll::Hertz(hertz) => hertz < self.rate.hertz(),
+            Poll::Fastest => false,
+        };
+        if is_slower {
+            self.changed.get_or_insert(config.poll);
+            config.poll = Poll::Hertz(self.rate.hertz());
+            self.adapter.set_config(config)?;
+        }
+        let (frames, events) = (true, false);
+        self.adapter.subscribe(Subscription { frames, events })?;
+        // The adapter may have been restarted: it counts from zero then.
+        self.clock = Clock::default();
+        self.gaps = Gaps::new(self.rate);
+        Ok(true)
+    }
+
+    /// Restores the adapter's setting, unless another program has changed it.
+    fn restore(&mut self, poll: Poll) -> Result<(), Error> {
+        let mut config = self.adapter.config()?;
+        if config.poll == Poll::Hertz(self.rate.hertz()) {
+            config.poll = poll;
+            self.adapter.set_config(config)?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Polled {
+    fn drop(&mut self) {
+        if let Some(poll) = self.changed {
+            // An error has no recipient, and the setting ends with the adapter's next start.
+            let _ = self.restore(poll);
+        }
+    }
+}
+
+/// The polls that are missing between two readings.
+struct Gaps {
+    /// In microseconds.
+    period: u64,
+    last: Option<Stamp>,
+}
+
+impl Gaps {
+    const fn new(rate: Rate) -> Self {
+        Self {
+            period: 1_000_000 / rate.0 as u64,
+            last: None,
+        }
+    }
+
+    /// The number of polls between the reading before and that of this stamp. The adapter may poll faster than the rate,
+    /// and hosts may read in between.
+    fn before(&mut self, stamp: Stamp) -> u64 {
+        let last = self.last.replace(stamp);
+        let gap = last.map_or(0, |last| stamp.0.saturating_sub(last.0));
+        ((gap + self.period / 2) / self.period).saturating_sub(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+    use std::sync::{Arc, Mutex};
+
+    use armwire::ling::{JointState, Ling as Protocol, MAX_FRAME, MotionStatus, Response};
+    use armwire::messages::Messages;
+    use armwire_bridge::config::{ArmKind, Config};
+    use armwire_bridge::control::{FrameBytes, FromAdapter, FromHost, Reply, Request};
+
+    use super::super::history::Missing;
+    use super::*;
+    use crate::control::{Received, Transport};
+    use crate::ling::Ling;
+
+    /// An adapter with this configuration, which sends these messages once it is subscribed to, and is lost then.
+    struct Scripted {
+        config: Arc<Mutex<Config>>,
+        reply: Option<FromAdapter>,
+        events: VecDeque<FromAdapter>,
+    }
+
+    impl Transport for Scripted {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn send(&mut self, message: &FromHost) -> Result<(), Error> {
+            let reply = match message.request {
+                Request::GetConfig => Reply::Config(*self.config.lock().unwrap()),
+                Request::SetConfig(config) => {
+                    *self.config.lock().unwrap() = config;
+                    Reply::Done
+                }
+                _ => Reply::Done,
+            };
+            let sequence = message.sequence;
+            self.reply = Some(FromAdapter::Reply { sequence, reply });
+            Ok(())
+        }
+
+        fn receive(&mut self, _: Duration) -> Result<Option<Received>, Error> {
+            match self.reply.take().or_else(|| self.events.pop_front()) {
+                Some(message) => Ok(Some(Ok(message))),
+                None => Err(Error::lost("fake", "gone")),
+            }
+        }
+
+        fn hint(&self) -> String {
+            String::new()
+        }
+    }
+
+    fn state(ticks: u16) -> JointState {
+        JointState {
+            joints: [ticks; 6],
+            gripper: 0,
+            status: MotionStatus::Locked,
+        }
+    }
+
+    /// A frame at this time in µs.
+    fn frame(micros: u64, response: &Response) -> FromAdapter {
+        let mut out = [0; MAX_FRAME];
+        let n = Protocol.encode_response(response, None, &mut out).unwrap();
+        let bytes = FrameBytes::from_slice(&out[..n]).unwrap();
+        let event = Event::Frame { initiator: None, bytes };
+        let at = Stamp(micros);
+        FromAdapter::Event { at, event }
+    }
+
+    fn adapter(config: &Arc<Mutex<Config>>, events: impl IntoIterator<Item = FromAdapter>) -> Adapter {
+        Adapter::new(Box::new(Scripted {
+            config: Arc::clone(config),
+            reply: None,
+            events: events.into_iter().collect(),
+        }))
+    }
+
+    #[test]
+    fn readings_have_the_stamps_of_the_adapter() {
+        let config = Arc::default();
+        let events = [
+            frame(900_000, &Response::Joints(state(1))),
+            frame(902_000, &Response::Stroke(armwire::ling::Stroke::Mm50)),
+            frame(905_000, &Response::Joints(state(2))),
+            frame(915_000, &Response::Joints(state(3))),
+        ];
+        let rate = Rate::new(200).unwrap();
+        let mut polled = Polled::start::<Ling>(adapter(&config, events), rate).unwrap().unwrap();
+        assert_eq!(config.lock().unwrap().poll, Poll::Hertz(200));
+        let history = History::new();
+        polled.run::<Ling>(&history, &AtomicBool::new(false));
+        let readings = [1, 2, 3].map(|number| history.next_after(number - 1, Duration::ZERO).unwrap().unwrap());
+        assert_eq!(readings.map(|reading| reading.pose), [1, 2, 3].map(state));
+        assert!(readings.iter().all(|reading| reading.stamping == Stamping::Adapter));
+        assert_eq!((history.counts().samples, history.counts().lost), (3, 1));
+        let ended = history.next_after(3, Duration::MAX).unwrap_err();
+        assert_eq!(ended, Missing::Ended(End::Lost("gone".into())));
+        drop(polled);
+        assert_eq!(config.lock().unwrap().poll, Poll::Off, "as it was");
+    }
+
+    #[test]
+    fn faster_polls_are_left_alone() {
+        let fast = Config {
+            poll: Poll::Hertz(500),
+            ..Config::default()
+        };
+        let config = Arc::new(Mutex::new(fast));
+        let polled = Polled::start::<Ling>(adapter(&config, []), Rate::new(200).unwrap());
+        drop(polled.unwrap().unwrap());
+        assert_eq!(*config.lock().unwrap(), fast);
+    }
+
+    #[test]
+    fn adapter_of_another_arm_is_not_used() {
+        let config = Arc::new(Mutex::new(Config {
+            arm: ArmKind::Alpha1,
+            ..Config::default()
+        }));
+        let polled = Polled::start::<Ling>(adapter(&config, []), Rate::new(200).unwrap());
+        assert!(polled.unwrap().is_none());
+    }
+
+    #[test]
+    fn missing_polls_are_counted_by_the_stamps() {
+        let mut gaps = Gaps::new(Rate::new(200).unwrap());
+        let lost = |micros| gaps.before(Stamp(micros));
+        // The last is by a restarted adapter.
+        let stamps = [900_000, 905_100, 909_900, 920_000, 921_000, 950_000, 1_000];
+        assert_eq!(stamps.map(lost), [0, 0, 0, 1, 0, 5, 0]);
+    }
+}

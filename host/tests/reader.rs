@@ -1,0 +1,236 @@
+//! The newest pose through the library, against virtual arms.
+#![cfg(unix)]
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use armwire::ling::{GripperSpeed, Move, Opening, Position, Speed};
+use armwire::time::Instant;
+use armwire_host::{Error, Ling, Rate, Reader, Reading, Shared, Stamping, XArm};
+use armwire_sim::ling::{Config, LingArm};
+use armwire_sim::pty::Pty;
+use armwire_sim::serial::SerialDevice;
+use armwire_sim::serve::serve;
+use armwire_sim::xarm::{Config as XArmConfig, Model, Server, VirtualXArm};
+
+/// Length of an answer with the joints, in bytes.
+const JOINTS_ANSWER: usize = 21;
+
+/// An arm that receives everything, behind a line that loses the next bytes of its answers: this many.
+struct Losing {
+    arm: LingArm,
+    lost: Arc<AtomicUsize>,
+}
+
+impl SerialDevice for Losing {
+    fn receive(&mut self, now: Instant, byte: u8) {
+        self.arm.receive(now, byte);
+    }
+
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
+        while let Some(byte) = self.arm.transmit(now) {
+            let lost = |left: usize| left.checked_sub(1);
+            let update = self.lost.fetch_update(Ordering::Relaxed, Ordering::Relaxed, lost);
+            if update.is_err() {
+                return Some(byte);
+            }
+        }
+        None
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.arm.poll_timeout()
+    }
+}
+
+/// Runs `test` with an arm, and the number of bytes that its answers lose.
+fn with_arm(test: impl FnOnce(Ling, &AtomicUsize) + Send) {
+    let (pty, stop) = (Pty::open(None).unwrap(), AtomicBool::new(false));
+    let lost = Arc::new(AtomicUsize::new(0));
+    let mut virtual_arm = Losing {
+        arm: LingArm::new(Config::follower()),
+        lost: Arc::clone(&lost),
+    };
+    thread::scope(|scope| {
+        scope.spawn(|| serve(&mut virtual_arm, &pty, &stop));
+        let path = pty.path().to_str().unwrap();
+        let tested = thread::scope(|scope| {
+            let test = || test(armwire_host::open(path).unwrap().ling().unwrap(), &lost);
+            scope.spawn(test).join()
+        });
+        stop.store(true, Ordering::Relaxed);
+        if let Err(panic) = tested {
+            std::panic::resume_unwind(panic);
+        }
+    });
+}
+
+fn rate() -> Rate {
+    Rate::new(200).unwrap()
+}
+
+/// The next reading after this number.
+fn next<A: armwire_host::Readable>(reader: &Reader<A>, number: u64) -> Reading<A::Pose> {
+    reader.next_after(number, Duration::MAX).unwrap().unwrap()
+}
+
+#[test]
+fn readings_are_numbered_in_the_order_of_time() {
+    with_arm(|arm, _| {
+        let reader = arm.reader(rate()).unwrap();
+        let mut before = next(&reader, 0);
+        assert_eq!((before.number, before.stamping), (1, Stamping::Receipt));
+        for number in 2..20 {
+            let reading = next(&reader, before.number);
+            assert_eq!(reading.number, number);
+            assert!(before.time.monotonic_ns < reading.time.monotonic_ns);
+            before = reading;
+        }
+        let latest = reader.latest_within(Duration::MAX).unwrap();
+        assert!(latest.number >= before.number);
+        assert_eq!(latest.pose.joints, before.pose.joints);
+    });
+}
+
+#[test]
+fn commands_go_on_while_the_pose_is_read() {
+    with_arm(|arm, _| {
+        let reader = arm.reader(rate()).unwrap();
+        let from = next(&reader, 0).pose;
+        let target = Move {
+            joints: [(Position::new(2_200).unwrap(), Speed::MAX); 6],
+            gripper: (Opening::OPEN, GripperSpeed(1_000)),
+        };
+        assert!(!target.is_reached_by(&from));
+        reader.arm().call(|arm| arm.move_to(&target)).unwrap();
+        let mut reading = next(&reader, 1);
+        while !target.is_reached_by(&reading.pose) {
+            reading = next(&reader, reading.number);
+        }
+        let moving = reader
+            .arm()
+            .call(|arm| arm.move_and_wait(&target, Duration::from_secs(60)));
+        assert!(target.is_reached_by(&moving.unwrap()));
+    });
+}
+
+#[test]
+fn lost_answers_are_counted_and_end_nothing() {
+    with_arm(|arm, lost| {
+        let reader = arm.reader(rate()).unwrap();
+        next(&reader, 0);
+        lost.store(3 * JOINTS_ANSWER, Ordering::Relaxed);
+        while lost.load(Ordering::Relaxed) > 0 {
+            thread::yield_now();
+        }
+        let number = reader.counts().samples;
+        next(&reader, number + 1);
+        // A busy system may lose more.
+        assert!(reader.counts().lost >= 3, "{:?}", reader.counts());
+    });
+}
+
+#[test]
+fn pose_at_a_time_is_between_readings() {
+    with_arm(|arm, _| {
+        let reader = arm.reader(rate()).unwrap();
+        let (first, second) = (next(&reader, 0), next(&reader, 1));
+        let (from, to) = (first.time.monotonic_ns, second.time.monotonic_ns);
+        let middle = from + (to - from) / 2;
+        match reader.at(middle) {
+            Ok(reading) => {
+                assert_eq!(reading.time.monotonic_ns, middle);
+                assert_eq!(reading.pose.joints, first.pose.joints);
+            }
+            // A busy system may read late.
+            Err(error) => assert!(error.to_string().contains("apart"), "{error}"),
+        }
+        let error = reader.at(from - 1).unwrap_err();
+        assert!(error.to_string().contains("before the oldest pose"), "{error}");
+        let error = reader.at(i64::MAX).unwrap_err();
+        assert!(
+            matches!(error, Error::NoPose { .. }) && error.to_string().contains("after the newest pose"),
+            "{error}"
+        );
+    });
+}
+
+#[test]
+fn reader_gives_its_arm_back() {
+    with_arm(|arm, _| {
+        let shared = Shared::new("arm", arm);
+        let reader = Reader::start(&shared, rate()).unwrap();
+        next(&reader, 0);
+        let second = Reader::start(&shared, rate());
+        assert!(matches!(second, Err(Error::InUse { .. })));
+        let mut arm = reader.into_arm().unwrap();
+        arm.read_info().unwrap();
+        assert!(matches!(shared.call(|arm| arm.read_info()), Err(Error::Closed { .. })));
+        assert_eq!(next(&arm.reader(rate()).unwrap(), 0).number, 1);
+    });
+}
+
+#[test]
+fn taken_arm_ends_its_reader() {
+    with_arm(|arm, _| {
+        let reader = arm.reader(rate()).unwrap();
+        let number = next(&reader, 0).number;
+        reader.arm().take().unwrap();
+        let mut last = Ok(Some(number));
+        while let Ok(Some(number)) = last {
+            last = reader
+                .next_after(number, Duration::MAX)
+                .map(|next| next.map(|next| next.number));
+        }
+        assert!(matches!(last, Err(Error::Closed { .. })), "{last:?}");
+    });
+}
+
+#[test]
+fn unplugged_port_ends_the_reader_with_its_reason() {
+    let pty = Pty::open(None).unwrap();
+    let mut virtual_arm = LingArm::new(Config::follower());
+    let stop = AtomicBool::new(false);
+    let path = pty.path().to_str().unwrap().to_owned();
+    let reader = thread::scope(|scope| {
+        scope.spawn(|| serve(&mut virtual_arm, &pty, &stop));
+        let reader = armwire_host::open(&path).unwrap().ling().unwrap().reader(rate());
+        stop.store(true, Ordering::Relaxed);
+        reader.unwrap()
+    });
+    drop(pty);
+    let mut number = 0;
+    let error = loop {
+        match reader.next_after(number, Duration::MAX) {
+            Ok(next) => number = next.unwrap().number,
+            Err(error) => break error,
+        }
+    };
+    assert!(matches!(error, Error::Lost { .. }), "{error}");
+    let latest = reader.latest_within(Duration::ZERO).unwrap_err();
+    assert!(matches!(latest, Error::Lost { .. }), "{latest}");
+}
+
+#[test]
+fn pose_of_an_xarm_is_read() {
+    let server = Server::bind(SocketAddr::from(([127, 0, 0, 1], 0)), None).unwrap();
+    let host = server.control_address().to_string().parse().unwrap();
+    let mut virtual_arm = VirtualXArm::new(XArmConfig::new(Model::XArm6));
+    let joints = virtual_arm.joints();
+    let stop = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| server.serve(&mut virtual_arm, &stop, &mut |_| {}));
+        let read = || {
+            let reader = XArm::connect(&host)?.reader(rate())?;
+            reader.next_after(1, Duration::MAX)
+        };
+        let read = read();
+        stop.store(true, Ordering::Relaxed);
+        let reading = read.unwrap().unwrap();
+        assert_eq!(reading.number, 2);
+        assert_eq!(reading.pose.joints.map(f64::from), joints);
+    });
+}
