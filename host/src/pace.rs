@@ -1,0 +1,58 @@
+//! What repeats at a rate.
+
+use armwire::time::{Duration, Instant};
+
+/// The times of repetitions. Missed ones are skipped.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pace {
+    period: Duration,
+    due: Option<Instant>,
+}
+
+impl Pace {
+    /// A pace that begins with the first call of [`is_due`](Self::is_due).
+    pub(crate) fn new(period: Duration) -> Self {
+        // A period of zero would be due for ever.
+        let period = period.max(Duration::from_micros(1));
+        Self { period, due: None }
+    }
+
+    pub(crate) fn period(&self) -> Duration {
+        self.period
+    }
+
+    /// The age from which on a reading is late: this, and three periods at least.
+    pub(crate) fn late(&self, least: Duration) -> Duration {
+        least.max(Duration::from_micros(self.period.as_micros().saturating_mul(3)))
+    }
+
+    /// Returns true once for each repetition.
+    pub(crate) fn is_due(&mut self, now: Instant) -> bool {
+        let due = self.due.unwrap_or(now);
+        if now < due {
+            return false;
+        }
+        let period = self.period.as_micros();
+        let missed = now.since(due).as_micros() / period;
+        self.due = Some(due + Duration::from_micros(period * (missed + 1)));
+        true
+    }
+
+    /// The time of the next repetition.
+    pub(crate) fn next(&self) -> Instant {
+        self.due.unwrap_or(Instant::ZERO)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missed_repetitions_are_skipped() {
+        let mut pace = Pace::new(Duration::from_millis(10));
+        let due = [3, 12, 13, 47, 52, 53].map(|millis| pace.is_due(Instant::from_millis(millis)));
+        assert_eq!(due, [true, false, true, true, false, true]);
+        assert_eq!(pace.next(), Instant::from_millis(63));
+    }
+}
