@@ -64,6 +64,7 @@ mod can;
 pub mod control;
 pub mod describe;
 mod error;
+pub mod follow;
 mod goal;
 mod hid;
 mod legacy;

@@ -3,7 +3,8 @@
 use std::f64::consts::TAU;
 
 use armwire::decoder::{Decoder, Kind};
-use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, Position, Request, Response};
+use armwire::ling::stop::{Output, Stopped};
+use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, Position, Request, Response, Stop};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire_sim::faults::{Line, Rates};
@@ -73,6 +74,25 @@ impl Arm {
             }
         }
         readings
+    }
+
+    /// Stops the arm, as a host does. Returns the time of the end.
+    pub(crate) fn stop(&mut self, mut now: Instant) -> Instant {
+        let mut stop = Stop::new(None);
+        loop {
+            match stop.poll(now) {
+                Output::Request(request) => self.send(now, &request),
+                Output::Wait(_) => {}
+                Output::Done(stopped) => {
+                    assert!(matches!(stopped, Ok(Stopped::AtRest { .. })), "{stopped:?}");
+                    return now;
+                }
+            }
+            now += STEP;
+            for reading in self.readings(now) {
+                stop.on_joints(now, &reading);
+            }
+        }
     }
 }
 
