@@ -100,22 +100,19 @@ impl<P: Pose> History<P> {
 
     /// The newest reading, if it is at most this old.
     pub(super) fn latest(&self, now: HostTime, limit: Duration) -> Result<Reading<P>, Missing> {
-        let reading = self.newest(now).ok_or_else(|| self.because(NoPose::NotYet))?;
-        match reading.age > limit {
-            true => Err(self.because(NoPose::Stale {
-                age: reading.age,
-                limit,
-            })),
-            false => Ok(reading),
+        let reading = self.newest(now)?;
+        match reading.age {
+            age if age > limit => Err(Missing::NoPose(NoPose::Stale { age, limit })),
+            _ => Ok(reading),
         }
     }
 
     /// The pose at this time of the monotonic clock, between two readings at most `limit` apart.
     pub(super) fn at(&self, monotonic_ns: i64, now: HostTime, limit: Duration) -> Result<Reading<P>, Missing> {
-        let mut later = self.newest(now).ok_or_else(|| self.because(NoPose::NotYet))?;
+        let mut later = self.newest(now)?;
         if later.time.monotonic_ns < monotonic_ns {
             let ahead = nanos(monotonic_ns - later.time.monotonic_ns);
-            return Err(self.because(NoPose::After { ahead }));
+            return Err(Missing::NoPose(NoPose::After { ahead }));
         }
         loop {
             if later.time.monotonic_ns == monotonic_ns {
@@ -159,21 +156,18 @@ impl<P: Pose> History<P> {
         }
     }
 
-    /// The reason why there is no pose: the end of the readings, or else `reason`.
-    fn because(&self, reason: NoPose) -> Missing {
-        match self.end.get() {
-            Some(end) => Missing::Ended(end.clone()),
-            None => Missing::NoPose(reason),
+    /// The newest reading. After the end, which is newer, there is none.
+    fn newest(&self, now: HostTime) -> Result<Reading<P>, Missing> {
+        if let Some(end) = self.end.get() {
+            return Err(Missing::Ended(end.clone()));
         }
-    }
-
-    fn newest(&self, now: HostTime) -> Option<Reading<P>> {
         loop {
             let number = self.newest.load(Ordering::Acquire);
-            let reading = self.get(number, now);
-            // It is missing if all other slots were written since.
-            if reading.is_some() || number == 0 {
-                return reading;
+            match self.get(number, now) {
+                Some(reading) => return Ok(reading),
+                None if number == 0 => return Err(Missing::NoPose(NoPose::NotYet)),
+                // All other slots were written since.
+                None => {}
             }
         }
     }
@@ -364,8 +358,8 @@ mod tests {
         let history = history(&[(0, 1_000)]);
         history.end(End::Closed);
         let ended = Missing::Ended(End::Closed);
-        assert!(history.latest(time(10), LIMIT).is_ok(), "it is still new");
-        assert_eq!(history.latest(time(200), LIMIT).unwrap_err(), ended);
+        assert_eq!(history.latest(time(10), LIMIT).unwrap_err(), ended);
+        assert_eq!(history.at(0, time(10), LIMIT).unwrap_err(), ended);
         assert_eq!(history.next_after(0, Duration::MAX).unwrap().unwrap().number, 1);
         assert_eq!(history.next_after(1, Duration::MAX).unwrap_err(), ended);
     }

@@ -283,8 +283,8 @@ impl<A: Readable> Reader<A> {
     ///
     /// # Errors
     ///
-    /// [`Error::NoPose`] if it is older, or if there is none yet. [`Error::Lost`], [`Error::Legacy`] and
-    /// [`Error::Closed`] after the end of the reader.
+    /// [`Error::NoPose`] if it is older, or if there is none yet. [`Error::Lost`], [`Error::Legacy`] or
+    /// [`Error::Closed`] at once after the end of the reader.
     pub fn latest(&self) -> Result<Reading<A::Pose>, Error> {
         self.latest_within(self.max_age)
     }
