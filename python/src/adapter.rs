@@ -26,8 +26,9 @@ pub(crate) struct AdapterPort(Session<Adapter>);
 impl AdapterPort {
     #[new]
     fn new(py: Python<'_>, port: &str) -> PyResult<Self> {
+        let name = port;
         let port: Port = port.parse().map_err(value_error)?;
-        Session::open(py, || port.open(Options::default())?.adapter()).map(Self)
+        Session::open(py, name, || port.open(Options::default())?.adapter()).map(Self)
     }
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {

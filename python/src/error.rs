@@ -18,14 +18,15 @@ mod exceptions {
     pyo3::import_exception!(armwire.errors, OlderArmError);
     pyo3::import_exception!(armwire.errors, PortError);
     pyo3::import_exception!(armwire.errors, PortLostError);
+    pyo3::import_exception!(armwire.errors, NoPoseError);
     pyo3::import_exception!(armwire.errors, RefusedError);
     pyo3::import_exception!(armwire.errors, UnacceptableError);
     pyo3::import_exception!(armwire.errors, WrongArmError);
 }
 
 use exceptions::{
-    AbsentError, ClosedError, DamagedError, ErrorFrameError, LateError, NotStoppedError, OlderArmError, PortError,
-    PortLostError, RefusedError, UnacceptableError, WrongArmError,
+    AbsentError, ClosedError, DamagedError, ErrorFrameError, LateError, NoPoseError, NotStoppedError, OlderArmError,
+    PortError, PortLostError, RefusedError, UnacceptableError, WrongArmError,
 };
 
 /// The exception for an error.
@@ -46,6 +47,8 @@ pub(crate) fn exception(error: Error) -> PyErr {
         },
         Error::Unanswered { silence, .. } if silence.stopped.is_ok() => AbsentError::new_err(text),
         Error::NotStopped { .. } | Error::Unanswered { .. } => NotStoppedError::new_err(text),
+        Error::NoPose { .. } => NoPoseError::new_err(text),
+        Error::Closed { .. } => ClosedError::new_err(text),
         Error::Legacy { .. } => OlderArmError::new_err(text),
         Error::Lost { .. } | Error::Stuck { .. } => PortLostError::new_err(text),
         Error::Refused { .. } | Error::TorqueOff { .. } | Error::Unsupported { .. } => RefusedError::new_err(text),
@@ -78,9 +81,9 @@ pub(crate) fn unacceptable(error: impl Display) -> PyErr {
     UnacceptableError::new_err(error.to_string())
 }
 
-/// The exception for a call of a closed arm or adapter.
+/// The exception for a call of a closed reader.
 pub(crate) fn closed() -> PyErr {
-    ClosedError::new_err("the port is closed")
+    ClosedError::new_err("the reader is closed")
 }
 
 /// The exception for a call from a signal handler that interrupts a call of the same object.

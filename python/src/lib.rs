@@ -8,6 +8,7 @@ mod alpha1;
 mod command;
 mod error;
 mod ling;
+mod reader;
 mod session;
 #[cfg(unix)]
 mod sim;
@@ -25,6 +26,8 @@ mod _armwire {
     use super::command::run;
     #[pymodule_export]
     use super::ling::{LingPort, ling_angles, ling_has_arrived, ling_is_holding, ling_joints};
+    #[pymodule_export]
+    use super::reader::{LingReader, XArmReader};
     /// The slowest speed of a move of a Ling arm, in ticks per second.
     #[pymodule_export]
     const SLOWEST_TICKS_S: u16 = armwire::ling::Speed::SLOWEST.ticks_per_second();

@@ -13,10 +13,11 @@ use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
 use crate::error::{unacceptable, value_error};
+use crate::reader::LingReader;
 use crate::session::{Session, check_signals};
 
 /// Joint ticks, gripper in thousandths, motion status.
-type Joints = ([u16; JOINTS], u16, u8);
+pub(crate) type Joints = ([u16; JOINTS], u16, u8);
 /// Bytes of an answer after its documented fields.
 type Extra = Vec<u8>;
 
@@ -154,6 +155,11 @@ impl LingPort {
         self.0.with(py, |arm| arm.set_temperature_limit(limit))
     }
 
+    /// Reads the joints in a thread, at this rate in hertz.
+    fn reader(&self, py: Python<'_>, rate: u32) -> PyResult<LingReader> {
+        self.0.reader(py, rate).map(LingReader::new)
+    }
+
     /// Bytes outside frames, and frames with a wrong checksum, since the port was opened.
     fn line_errors(&self, py: Python<'_>) -> PyResult<(usize, usize)> {
         let errors = self.0.with(py, |arm| Ok(arm.line_errors()))?;
@@ -184,7 +190,7 @@ fn opening(gripper: Option<u16>) -> PyResult<Option<Opening>> {
     gripper.map(Opening::new).transpose().map_err(value_error)
 }
 
-fn joints(state: JointState) -> Joints {
+pub(crate) fn joints(state: JointState) -> Joints {
     (state.joints, state.gripper, state.status.into())
 }
 

@@ -6,15 +6,17 @@ use std::num::NonZeroU32;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 
-use armwire_host::{Adapter, Alpha1, Connection, Error, Ling, Options, Port, RECOVERY, XArm};
+use armwire_host::{
+    Adapter, Alpha1, Connection, Error, Ling, Options, Port, RECOVERY, Rate, Readable, Reader, Shared, XArm,
+};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
-use crate::error::{closed, exception, reentered, value_error};
+use crate::error::{exception, reentered, value_error};
 
 /// An open port with one call at a time, until it is closed.
 pub(crate) struct Session<T> {
-    open: Mutex<Option<T>>,
+    open: Shared<T>,
     /// The thread that is in a call.
     caller: Mutex<Option<ThreadId>>,
 }
@@ -44,11 +46,11 @@ impl Explain for XArm {}
 impl Explain for Adapter {}
 
 impl<T: Explain + Send> Session<T> {
-    /// Opens a port with `open`.
-    pub(crate) fn open(py: Python<'_>, open: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<Self> {
+    /// Opens a port, called `name` by the user, with `open`.
+    pub(crate) fn open(py: Python<'_>, name: &str, open: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<Self> {
         let opened = py.detach(open).map_err(exception)?;
         Ok(Self {
-            open: Mutex::new(Some(opened)),
+            open: Shared::new(name, opened),
             caller: Mutex::new(None),
         })
     }
@@ -56,13 +58,13 @@ impl<T: Explain + Send> Session<T> {
     /// Opens the arm on a port by `arm`, and warns of an adapter in recovery.
     pub(crate) fn of_arm(
         py: Python<'_>,
-        port: &str,
+        name: &str,
         baud: Option<NonZeroU32>,
         arm: impl FnOnce(&Connection) -> Result<T, Error> + Send,
     ) -> PyResult<Self> {
-        let port: Port = port.parse().map_err(value_error)?;
+        let port: Port = name.parse().map_err(value_error)?;
         let mut warning = None;
-        let session = Self::open(py, || {
+        let session = Self::open(py, name, || {
             let connection = port.open(Options::default().with_baud(baud))?;
             warning = recovery_warning(&connection);
             arm(&connection)
@@ -81,21 +83,31 @@ impl<T: Explain + Send> Session<T> {
         act: impl FnOnce(&mut T) -> Result<R, Error> + Send,
     ) -> PyResult<R> {
         self.check_caller()?;
-        let acted = py.detach(|| {
-            let mut open = lock(&self.open);
+        let act = |open: &mut T| {
             *lock(&self.caller) = Some(thread::current().id());
-            let acted = open.as_mut().map(|open| act(open).map_err(|error| open.explain(error)));
+            let acted = act(open).map_err(|error| open.explain(error));
             *lock(&self.caller) = None;
             acted
-        });
-        acted.ok_or_else(closed)?.map_err(exception)
+        };
+        py.detach(|| self.open.call(act)).map_err(exception)
     }
 
     /// Closes the port after the current call ends.
     pub(crate) fn close(&self, py: Python<'_>) -> PyResult<()> {
         self.check_caller()?;
-        py.detach(|| drop(lock(&self.open).take()));
+        py.detach(|| drop(self.open.take()));
         Ok(())
+    }
+
+    /// Starts to read the arm's pose, at this rate in hertz.
+    pub(crate) fn reader(&self, py: Python<'_>, rate: u32) -> PyResult<Reader<T>>
+    where
+        T: Readable,
+    {
+        self.check_caller()?;
+        let rate = u16::try_from(rate).unwrap_or(u16::MAX);
+        let rate = Rate::new(rate).map_err(value_error)?;
+        py.detach(|| Reader::start(&self.open, rate)).map_err(exception)
     }
 
     fn check_caller(&self) -> PyResult<()> {

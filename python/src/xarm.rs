@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::error::value_error;
+use crate::reader::XArmReader;
 use crate::session::{Session, check_signals};
 
 /// The arm's state and a value.
@@ -23,6 +24,7 @@ pub(crate) struct XArmPort(Session<XArm>);
 impl XArmPort {
     #[new]
     fn new(py: Python<'_>, host: &str, supervised: bool) -> PyResult<Self> {
+        let name = host;
         let host: TcpAddress = host.parse().map_err(value_error)?;
         let open = || {
             let mut arm = XArm::connect(&host)?;
@@ -32,11 +34,16 @@ impl XArmPort {
             }
             Ok(arm)
         };
-        Session::open(py, open).map(Self)
+        Session::open(py, name, open).map(Self)
     }
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         self.0.close(py)
+    }
+
+    /// Reads the joints in a thread, at this rate in hertz.
+    fn reader(&self, py: Python<'_>, rate: u32) -> PyResult<XArmReader> {
+        self.0.reader(py, rate).map(XArmReader::new)
     }
 
     /// The version text with unprintable characters escaped, and its axes, type, arm, control box and firmware; `None`

@@ -12,6 +12,7 @@ from ._adapter import Adapter, AdapterIdentity, JointRecording, Telemetry
 from ._alpha1 import Alpha1
 from ._armwire import VERSION as __version__
 from ._ling import JointState, LineErrors, Ling, LingInfo, MotionStatus
+from ._reader import Reader, ReaderCounts, Reading
 from ._xarm import Answer, XArm, XArmSerials, XArmState, XArmVersion
 from .errors import ArmwireError
 
@@ -27,6 +28,9 @@ __all__ = [
     "Ling",
     "LingInfo",
     "MotionStatus",
+    "Reader",
+    "ReaderCounts",
+    "Reading",
     "Telemetry",
     "XArm",
     "XArmSerials",

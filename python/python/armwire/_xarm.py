@@ -11,6 +11,7 @@ import numpy as np
 
 from . import _armwire
 from ._open import Open
+from ._reader import Reader
 from ._units import Floats, count
 from .errors import UnacceptableError
 
@@ -18,6 +19,7 @@ from .errors import UnacceptableError
 # read by the vendor's package.
 POSITIONS = 42
 MAX_JOINTS = 7
+MAX_RATE = 1000
 
 T = TypeVar("T")
 
@@ -82,6 +84,15 @@ class XArm(Open):
     def __init__(self, host: str, *, supervised: bool = False) -> None:
         self._port = _armwire.XArmPort(host, supervised)
         super().__init__(host, self._port)
+
+    def reader(self, rate_hz: int) -> Reader[Answer[Floats]]:
+        """Read the joints' angles in radians in a thread at this rate, 1 to 1000 per second. See `Reader`.
+
+        Raises:
+            ValueError: The rate is out of range.
+            PortError: Another reader of this object is open.
+        """
+        return Reader(self.port, self._port.reader(count("rate in Hz", rate_hz, MAX_RATE)), _angles)
 
     def read_version(self) -> Answer[XArmVersion]:
         """Read axes, type and versions."""
@@ -152,3 +163,8 @@ class XArm(Open):
 
 def _answer(state: int, value: T) -> Answer[T]:
     return Answer(value, XArmState(state))
+
+
+def _angles(pose: tuple[int, list[float]]) -> Answer[Floats]:
+    state, angles = pose
+    return _answer(state, np.array(angles, dtype=np.float64))

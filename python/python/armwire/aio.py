@@ -101,6 +101,7 @@ class Ling(_Async[_ling.Ling]):
         """Open the port; see `armwire.Ling`."""
         return cls(*await _open(lambda: _ling.Ling(port, baud=baud)))
 
+    reader = _call(_ling.Ling.reader)
     read_info = _call(_ling.Ling.read_info)
     read_joints = _call(_ling.Ling.read_joints)
     read_joints_deg = _call(_ling.Ling.read_joints_deg)
@@ -146,6 +147,7 @@ class XArm(_Async[_xarm.XArm]):
         """Connect to the host; see `armwire.XArm`."""
         return cls(*await _open(lambda: _xarm.XArm(host, supervised=supervised)))
 
+    reader = _call(_xarm.XArm.reader)
     read_version = _call(_xarm.XArm.read_version)
     read_serials = _call(_xarm.XArm.read_serials)
     read_torque_source = _call(_xarm.XArm.read_torque_source)

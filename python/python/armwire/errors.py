@@ -14,6 +14,7 @@ Exception              Cause
 `WrongArmError`        Bytes arrived, but no answer of this protocol: another arm, or another program on the line.
 `RefusedError`         The arm or adapter refused the request or does not support it.
 `NotStoppedError`      The arm may still move after `stop`: only the switch of its supply stops it.
+`NoPoseError`          A reader has no pose that is new enough, or none for that time.
 `UnacceptableError`    The answer is well-formed, with a value outside the protocol's range.
 `OlderArmError`        A Ling arm from before late 2025, with a different protocol. Nothing was sent to it.
 `ClosedError`          The object is closed.
@@ -30,6 +31,7 @@ __all__ = [
     "ErrorFrameError",
     "LateError",
     "NoAnswerError",
+    "NoPoseError",
     "NotStoppedError",
     "OlderArmError",
     "PortError",
@@ -78,6 +80,10 @@ class RefusedError(ArmwireError):
 
 class NotStoppedError(ArmwireError):
     """The arm may still move after a stop. Only the switch of its supply stops it."""
+
+
+class NoPoseError(ArmwireError):
+    """A reader has no pose that is new enough, or none for that time."""
 
 
 class UnacceptableError(ArmwireError):
