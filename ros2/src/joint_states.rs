@@ -15,6 +15,9 @@ pub(crate) const DEFAULT_NAMES: [&str; JOINTS + 1] =
 /// The gripper's speed, as always sent by the vendor's package.
 const GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
 
+/// The distance from the last point, by default, at which a joint has reached its goal, in rad.
+const GOAL_TOLERANCE: f64 = 0.05;
+
 /// Joints with these names and the ranges of the protocol. The arm reports the gripper's range.
 pub(crate) fn joints(names: &[String]) -> Vec<Joint> {
     let min = Position::new(0).unwrap_or(Position::CENTRE).radians().into();
@@ -27,6 +30,9 @@ pub(crate) fn joints(names: &[String]) -> Vec<Joint> {
             0.0
         },
         max_speed: (nth < JOINTS).then(|| Speed::MAX.radians_per_second().into()),
+        path: None,
+        // A gripper at an object does not reach its goal.
+        goal: (nth < JOINTS).then_some(GOAL_TOLERANCE),
     };
     names.iter().enumerate().map(joint).collect()
 }
@@ -61,10 +67,14 @@ impl Reading {
         })
     }
 
-    /// True if a reading between the two is missing.
-    pub(crate) fn is_late_after(&self, previous: &Self, period: Duration) -> bool {
-        let passed = u64::try_from(self.at - previous.at).unwrap_or(0);
-        Duration::from_nanos(passed) > 2 * period
+    /// True if a reading between the two is missing, or if this one was received long after its stamp, at `received` in
+    /// nanoseconds since 1970.
+    pub(crate) fn is_late_after(&self, previous: &Self, received: i64, period: Duration) -> bool {
+        let is_long = |from: i64, to: i64| {
+            let passed = u64::try_from(to - from).unwrap_or(0);
+            Duration::from_nanos(passed) > 2 * period
+        };
+        is_long(previous.at, self.at) || is_long(self.at, received)
     }
 
     /// Returns true if all joints are at zero, within the tolerance of a move.
@@ -137,8 +147,15 @@ mod tests {
     #[test]
     fn reading_is_late_after_two_periods() {
         let reading = |at| Reading::new(at, &state(0, 0), Stroke::Mm50).unwrap();
-        let is_late = |at| reading(at).is_late_after(&reading(1_000), Duration::from_nanos(500));
+        let is_late = |at| reading(at).is_late_after(&reading(1_000), at, Duration::from_nanos(500));
         assert_eq!([0, 1_500, 2_000, 2_001].map(is_late), [false, false, false, true]);
+    }
+
+    #[test]
+    fn reading_received_long_after_its_stamp_is_late() {
+        let reading = |at| Reading::new(at, &state(0, 0), Stroke::Mm50).unwrap();
+        let is_late = |received| reading(1_500).is_late_after(&reading(1_000), received, Duration::from_nanos(500));
+        assert_eq!([1_500, 2_500, 2_501].map(is_late), [false, false, true]);
     }
 
     #[test]

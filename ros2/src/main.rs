@@ -1,30 +1,37 @@
 //! `armwire-ros2`: a ROS 2 node for robot arms, over DDS, without a ROS installation.
 //!
-//! Each arm has a thread, which owns its port, topics and services.
+//! Each arm has a thread, which owns its port, topics, services and action.
 //!
 //! ```text
 //!            options ──► main ──► node: participant, topics, QoS
 //!                          │        │ Endpoints of one arm
 //!                          ▼        ▼
-//!  adapter or arm ◄───►  arm ──► joint_states ──► JointState on NAME/joint_states
-//!                        │ │ ◄── trajectory   ◄── JointTrajectory on NAME/joint_trajectory
-//!                        │ │ ◄─► services     ◄─► SetBool on NAME/torque, Trigger on NAME/set_zero
-//!                        │ └───► diagnostics  ──► DiagnosticArray on /diagnostics
+//!  adapter or arm ◄───►  arm ◄──► clients ──► JointState on NAME/joint_states
+//!                        │ │       │    ◄──── JointTrajectory on NAME/joint_trajectory
+//!                        │ │       │    ◄───► FollowJointTrajectory on NAME/follow_joint_trajectory, by goals
+//!                        │ │       │    ◄───► SetBool on NAME/torque, Trigger on NAME/set_zero, by services
+//!                        │ │       └────────► DiagnosticArray on /diagnostics
+//!                        │ └─► motion: trajectory, tolerances; without a clock and without I/O
 //!                        └── armwire_host::stamps: the adapter's clock in system time
 //! ```
 //!
 //! The path of a `JointState`: the adapter polls the arm and stamps the last byte of the answer (`control::Event::Frame`),
 //! `Adapter::next_event` receives the event, `stamps::Clock` maps the stamp to system time, `joint_states::Reading`
-//! converts ticks to radians, and `Session::publish` passes it to DDS. Without an adapter the node reads the joints, and the
+//! converts ticks to radians, and `Clients::publish` passes it to DDS. Without an adapter the node reads the joints, and the
 //! stamp is the host's time of the answer.
 
 mod arm;
+mod clients;
 mod diagnostics;
+mod goals;
 mod joint_states;
 mod messages;
+mod motion;
 mod node;
+mod numbers;
 mod options;
 mod services;
+mod tolerances;
 mod trajectory;
 
 use std::process::ExitCode;

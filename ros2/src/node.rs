@@ -1,4 +1,4 @@
-//! The DDS side: one participant, and for each arm a ROS 2 node with its topics and services.
+//! The DDS side: one participant, and for each arm a ROS 2 node with its topics, its services and its action.
 
 use std::fmt::Display;
 use std::net::{IpAddr, Ipv4Addr};
@@ -6,14 +6,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use ros2_client::qos::{History, WhenFull};
+use ros2_client::action::ActionServerQosPolicies;
+use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{
-    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile, Server, ServiceMapping,
-    ServiceTypeName, Subscription,
+    ActionServer, ActionTypeName, Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile,
+    Server, ServiceMapping, ServiceTypeName, Subscription,
 };
 use rustdds::DomainParticipantBuilder;
 
-use crate::messages::{DiagnosticArray, JointState, JointTrajectory, Outcome, SetBoolRequest, TriggerRequest};
+use crate::messages::{
+    Decoded, DiagnosticArray, FollowFeedback, FollowGoal, FollowResult, JointState, JointTrajectory, Outcome,
+    SetBoolRequest, TriggerRequest,
+};
 use crate::options::{Checked, Rmw};
 
 /// Interval between two checks of the stop flag.
@@ -27,13 +31,14 @@ pub(crate) struct Network {
 /// A node. Other nodes see it until it is dropped.
 pub(crate) struct Kept(Node);
 
-/// The topics and services of one arm.
+/// The topics, the services and the action of one arm.
 pub(crate) struct Endpoints {
     pub(crate) states: Publisher<JointState>,
     pub(crate) diagnostics: Publisher<DiagnosticArray>,
-    pub(crate) trajectories: Subscription<JointTrajectory>,
-    pub(crate) torque: Server<SetBoolRequest, Outcome>,
-    pub(crate) set_zero: Server<TriggerRequest, Outcome>,
+    pub(crate) trajectories: Subscription<Decoded<JointTrajectory>>,
+    pub(crate) follow: ActionServer<Decoded<FollowGoal>, FollowResult, FollowFeedback>,
+    pub(crate) torque: Server<Decoded<SetBoolRequest>, Outcome>,
+    pub(crate) set_zero: Server<Decoded<TriggerRequest>, Outcome>,
 }
 
 /// Reliable, for readers of both kinds. Never waits for a slow reader, for which the last samples are kept.
@@ -41,6 +46,19 @@ fn qos() -> QosProfile {
     QosProfile::publisher_default()
         .reliability_reliable(WhenFull::Fail)
         .history(History::KeepLast { depth: 10 })
+}
+
+/// The QoS of an action in ROS 2: a late client gets the last states of the goals.
+fn action_qos() -> ActionServerQosPolicies {
+    ActionServerQosPolicies {
+        goal_service: qos(),
+        result_service: qos(),
+        cancel_service: qos(),
+        feedback_publisher: qos(),
+        status_publisher: qos()
+            .durability(Durability::TransientLocal)
+            .history(History::KeepLast { depth: 1 }),
+    }
 }
 
 impl Network {
@@ -56,7 +74,7 @@ impl Network {
         Ok(Self { context })
     }
 
-    /// The node `/NAME/armwire` with its topics and services.
+    /// The node `/NAME/armwire` with its topics, its services and its action.
     pub(crate) fn endpoints(&self, arm: &str, rmw: Rmw) -> Result<(Kept, Endpoints), String> {
         let namespace = format!("/{arm}");
         let name = NodeName::new(&namespace, "armwire").map_err(of_arm(arm))?;
@@ -81,12 +99,17 @@ impl Network {
             Rmw::Cyclonedds => ServiceMapping::Cyclone,
         };
         let service = |name: &str| Name::new(&namespace, name).map_err(of_arm(arm));
+        let follow = Name::new(&namespace, "follow_joint_trajectory").map_err(of_arm(arm))?;
+        let follow_type = ActionTypeName::new("control_msgs", "FollowJointTrajectory");
         let set_bool = ServiceTypeName::new("std_srvs", "SetBool");
         let trigger = ServiceTypeName::new("std_srvs", "Trigger");
         let endpoints = Endpoints {
             states: node.create_publisher(&states, None).map_err(of_arm(arm))?,
             diagnostics: node.create_publisher(&diagnostics, None).map_err(of_arm(arm))?,
             trajectories: node.create_subscription(&trajectories, None).map_err(of_arm(arm))?,
+            follow: node
+                .create_action_server(mapping, &follow, &follow_type, action_qos())
+                .map_err(of_arm(arm))?,
             torque: node
                 .create_server(mapping, &service("torque")?, &set_bool, qos(), qos())
                 .map_err(of_arm(arm))?,

@@ -2,12 +2,14 @@
 
 use std::collections::HashMap;
 use std::net::Ipv4Addr;
+use std::time::Duration;
 
 use armwire::ling::JOINTS;
 use armwire_host::Port;
 use clap::{Parser, ValueEnum};
 
 use crate::joint_states;
+use crate::tolerances::DEFAULT_GOAL_TIME;
 use crate::trajectory::{self, Joint};
 
 /// Serve robot arms as ROS 2 nodes over DDS. Nothing leaves this computer unless an interface is named.
@@ -71,6 +73,8 @@ pub(crate) struct Arm {
     pub(crate) control: Option<Port>,
     /// The six joints and the gripper. The arm reports the gripper's range.
     pub(crate) joints: Vec<Joint>,
+    /// Time after the last point of a goal, by default, until the joints must be at it.
+    pub(crate) goal_time: Duration,
     pub(crate) rate: u32,
     pub(crate) allow_set_zero: bool,
 }
@@ -115,6 +119,7 @@ impl Options {
                 port,
                 control,
                 joints: joint_states::joints(&names),
+                goal_time: DEFAULT_GOAL_TIME,
                 rate: self.rate,
                 allow_set_zero: self.allow_set_zero,
             });

@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 use std::time::Duration;
 
 use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
+use crate::tolerances::MAX_GOAL_TIME;
 
 /// The age up to which `header.stamp` counts as now, for the latency of the network and the difference of clocks.
 const MAX_AGE: Duration = Duration::from_millis(200);
@@ -24,18 +25,24 @@ pub(crate) struct Joint {
     pub(crate) max: f64,
     /// `None` without a limit of the arm: the gripper.
     pub(crate) max_speed: Option<f64>,
+    /// Default tolerances of a goal, see [`Tolerances`](crate::tolerances::Tolerances).
+    pub(crate) path: Option<f64>,
+    pub(crate) goal: Option<f64>,
+}
+
+/// The joints of an arm when a trajectory starts.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Pose {
+    /// The positions, from which the named joints move.
+    pub(crate) positions: Vec<f64>,
+    /// The goals, which the other joints keep: that of a gripper is behind the object that it holds.
+    pub(crate) goals: Vec<f64>,
 }
 
 /// The reason why a trajectory is refused. No part of it was executed.
-#[derive(Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Refusal {
-    /// The torque was switched off during the motion.
-    #[error("the torque was switched off during the motion")]
-    TorqueLost,
-    /// The adapter was told to stop the arm.
-    #[error("the adapter stopped the arm")]
-    Stopped,
-    #[error("the message is not a JointTrajectory")]
+    #[error("the message cannot be decoded")]
     Undecodable,
     /// The first [`MAX_NAME`] characters of the name.
     #[error("joint {0:?} is unknown")]
@@ -87,24 +94,36 @@ pub(crate) enum Refusal {
     Past(Duration),
     #[error("header.stamp is {} s in the future, allowed {}", .0.as_secs(), MAX_LEAD.as_secs())]
     Future(Duration),
-    #[error("joints are named, but the trajectory has no points")]
+    #[error("the trajectory has no points")]
     NoPoint,
+    #[error("the trajectory has no joints")]
+    NoJoint,
+    #[error("the arm has no joints of several degrees of freedom")]
+    MultiDof,
+    #[error("the {field} tolerance of {joint:?} is {value}, which the arm cannot keep")]
+    Tolerance {
+        joint: String,
+        field: &'static str,
+        value: f64,
+    },
+    #[error("goal_time_tolerance is not a time from 0 to {} s", MAX_GOAL_TIME.as_secs())]
+    GoalTime,
+    #[error("a goal with this identifier was accepted before")]
+    RepeatedGoal,
     #[error("the torque is off")]
     TorqueOff,
     #[error("the arm does not answer")]
     NoArm,
 }
 
-/// A checked trajectory.
-#[derive(Debug, PartialEq)]
-pub(crate) enum Accepted {
-    /// Play this.
-    Plan(Plan),
-    /// No joints and no points: end the motion and hold.
-    Hold,
+impl Refusal {
+    /// The refusal of a joint that the arm does not have.
+    pub(crate) fn unknown(name: &str) -> Self {
+        Self::UnknownJoint(name.chars().take(MAX_NAME).collect())
+    }
 }
 
-/// Knots of a motion, in time since the acceptance of a trajectory. Joints move at constant speed between two knots.
+/// Knots of a motion, in time since the start of a trajectory. Joints move at constant speed between two knots.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Plan {
     knots: Vec<Knot>,
@@ -124,7 +143,7 @@ pub(crate) struct Setpoint {
 }
 
 impl Plan {
-    /// The setpoint at a time since acceptance: the positions, and the speeds of the current segment. After the end, the
+    /// The setpoint at a time since the start: the positions, and the speeds of the current segment. After the end, the
     /// last point.
     pub(crate) fn at(&self, elapsed: Duration) -> Setpoint {
         let next = self.knots.partition_point(|knot| knot.at < elapsed);
@@ -148,10 +167,10 @@ impl Plan {
     }
 }
 
-/// Checks a trajectory received at system time `now`, in nanoseconds, for joints at `current`.
+/// Checks a trajectory for joints at `pose` when it starts.
 ///
-/// The first `required` of `joints` must be named, in any order. Others, such as the gripper, may be omitted and then keep
-/// their position.
+/// The first `required` of `joints` must be named, in any order, or none of them. The others, such as the gripper, may be
+/// omitted. An omitted joint keeps its goal.
 ///
 /// # Errors
 ///
@@ -160,30 +179,26 @@ pub(crate) fn check(
     joints: &[Joint],
     required: usize,
     trajectory: &JointTrajectory,
-    now: i64,
-    current: &[f64],
-) -> Result<Accepted, Refusal> {
-    if trajectory.joint_names.is_empty() && trajectory.points.is_empty() {
-        return Ok(Accepted::Hold);
-    }
+    pose: &Pose,
+) -> Result<Plan, Refusal> {
     let columns = columns(joints, required, &trajectory.joint_names)?;
-    let start = start(trajectory.header.stamp, now)?;
     if trajectory.points.is_empty() {
         return Err(Refusal::NoPoint);
     }
+    let starts = columns.iter().zip(&pose.positions).zip(&pose.goals);
+    let starts = starts.map(|((column, &position), &goal)| if column.is_some() { position } else { goal });
     let mut knots = vec![Knot {
-        at: start,
-        positions: current.to_vec(),
+        at: Duration::ZERO,
+        positions: starts.collect(),
     }];
     for (nth, point) in trajectory.points.iter().enumerate() {
-        let at = time_from_start(nth, point.time_from_start)?;
         let before = &knots[knots.len() - 1];
         let knot = Knot {
-            at: start + at,
+            at: time_from_start(nth, point.time_from_start)?,
             positions: positions(joints, &columns, nth, point, &before.positions)?,
         };
         let is_first = nth == 0;
-        if is_first && at.is_zero() {
+        if is_first && knot.at.is_zero() {
             near(joints, &before.positions, &knot.positions)?;
         } else if knot.at <= before.at {
             return Err(Refusal::Order { point: nth });
@@ -192,14 +207,14 @@ pub(crate) fn check(
         }
         knots.push(knot);
     }
-    Ok(Accepted::Plan(Plan { knots }))
+    Ok(Plan { knots })
 }
 
 /// The column of each joint in a trajectory with these names; `None` for an omitted joint.
 fn columns(joints: &[Joint], required: usize, names: &[String]) -> Result<Vec<Option<usize>>, Refusal> {
     for (nth, name) in names.iter().enumerate() {
         if !joints.iter().any(|joint| joint.name == *name) {
-            return Err(Refusal::UnknownJoint(name.chars().take(MAX_NAME).collect()));
+            return Err(Refusal::unknown(name));
         }
         if names[..nth].contains(name) {
             return Err(Refusal::RepeatedJoint(name.clone()));
@@ -209,14 +224,22 @@ fn columns(joints: &[Joint], required: usize, names: &[String]) -> Result<Vec<Op
         .iter()
         .map(|joint| names.iter().position(|name| *name == joint.name))
         .collect();
-    match columns[..required].iter().position(Option::is_none) {
-        Some(missing) => Err(Refusal::MissingJoint(joints[missing].name.clone())),
-        None => Ok(columns),
+    let required = &columns[..required];
+    match required.iter().position(Option::is_none) {
+        _ if names.is_empty() => Err(Refusal::NoJoint),
+        Some(missing) if required.iter().any(Option::is_some) => {
+            Err(Refusal::MissingJoint(joints[missing].name.clone()))
+        }
+        _ => Ok(columns),
     }
 }
 
-/// The time from now to the start: zero for a stamp of 0 or just in the past.
-fn start(stamp: Time, now: i64) -> Result<Duration, Refusal> {
+/// The time from now, in nanoseconds since 1970, to the start: zero for a stamp of 0 or just in the past.
+///
+/// # Errors
+///
+/// A stamp that is no time, too old or too far in the future.
+pub(crate) fn lead(stamp: Time, now: i64) -> Result<Duration, Refusal> {
     if stamp.sec < 0 || stamp.nanosec >= 1_000_000_000 {
         return Err(Refusal::Stamp);
     }
@@ -358,6 +381,8 @@ mod tests {
             min: -3.0,
             max: 3.0,
             max_speed: Some(2.0),
+            path: None,
+            goal: None,
         };
         let gripper = Joint {
             max_speed: None,
@@ -389,46 +414,46 @@ mod tests {
         }
     }
 
-    fn checked(trajectory: &JointTrajectory) -> Result<Accepted, Refusal> {
-        check(&joints(), 2, trajectory, NOW, &[0.0, 0.0, 0.02])
+    fn checked(trajectory: &JointTrajectory) -> Result<Plan, Refusal> {
+        let pose = Pose {
+            positions: vec![0.0, 0.0, 0.02],
+            goals: vec![0.01, 0.01, 0.0],
+        };
+        check(&joints(), 2, trajectory, &pose)
     }
 
     fn plan(trajectory: &JointTrajectory) -> Plan {
-        match checked(trajectory).unwrap() {
-            Accepted::Plan(plan) => plan,
-            Accepted::Hold => panic!("no plan"),
-        }
+        checked(trajectory).unwrap()
     }
 
     fn refused(trajectory: &JointTrajectory) -> String {
         checked(trajectory).unwrap_err().to_string()
     }
 
-    fn stamped(nanos: i64) -> JointTrajectory {
-        let mut stamped = trajectory(&[point(1.0, &[1.0, 0.0])]);
-        stamped.header.stamp = Time {
+    fn led(nanos: i64) -> Result<Duration, Refusal> {
+        let stamp = Time {
             sec: (nanos / 1_000_000_000) as i32,
             nanosec: (nanos % 1_000_000_000) as u32,
         };
-        stamped
+        lead(stamp, NOW)
     }
 
     #[test]
     fn joints_move_straight_between_points() {
         let plan = plan(&trajectory(&[point(1.0, &[1.0, -1.0]), point(3.0, &[1.0, 1.0])]));
         let at = |millis| plan.at(Duration::from_millis(millis));
-        assert_eq!(at(0).positions, [0.0, 0.0, 0.02]);
+        assert_eq!(at(0).positions, [0.0, 0.0, 0.0]);
         assert_eq!(
             at(500),
             Setpoint {
-                positions: vec![0.5, -0.5, 0.02],
+                positions: vec![0.5, -0.5, 0.0],
                 speeds: vec![1.0, 1.0, 0.0]
             }
         );
         assert_eq!(
             at(2_000),
             Setpoint {
-                positions: vec![1.0, 0.0, 0.02],
+                positions: vec![1.0, 0.0, 0.0],
                 speeds: vec![0.0, 1.0, 0.0]
             }
         );
@@ -439,7 +464,7 @@ mod tests {
     fn last_point_is_held_after_the_end() {
         let plan = plan(&trajectory(&[point(1.0, &[1.0, -1.0])]));
         assert_eq!(plan.at(Duration::from_secs(1)), plan.at(Duration::from_secs(500)));
-        assert_eq!(plan.at(Duration::from_secs(2)).positions, [1.0, -1.0, 0.02]);
+        assert_eq!(plan.at(Duration::from_secs(2)).positions, [1.0, -1.0, 0.0]);
     }
 
     #[test]
@@ -450,12 +475,18 @@ mod tests {
     }
 
     #[test]
-    fn empty_trajectory_means_hold() {
-        assert_eq!(checked(&JointTrajectory::default()), Ok(Accepted::Hold));
-        assert_eq!(
-            refused(&trajectory(&[])),
-            "joints are named, but the trajectory has no points"
-        );
+    fn omitted_joints_keep_their_goals() {
+        let mut gripper = trajectory(&[point(1.0, &[0.05])]);
+        gripper.joint_names = vec!["gripper".to_owned()];
+        let plan = plan(&gripper);
+        assert_eq!(plan.at(Duration::ZERO).positions, [0.01, 0.01, 0.02]);
+        assert_eq!(plan.at(Duration::from_secs(1)).positions, [0.01, 0.01, 0.05]);
+    }
+
+    #[test]
+    fn trajectory_without_joints_or_points_is_refused() {
+        assert_eq!(refused(&trajectory(&[])), "the trajectory has no points");
+        assert_eq!(refused(&JointTrajectory::default()), "the trajectory has no joints");
     }
 
     #[test]
@@ -541,21 +572,20 @@ mod tests {
 
     #[test]
     fn stamp_is_the_start() {
-        let plan = plan(&stamped(NOW + 2_000_000_000));
-        assert_eq!(plan.at(Duration::from_secs(1)).positions, [0.0, 0.0, 0.02]);
-        assert_eq!(plan.at(Duration::from_millis(2_500)).positions, [0.5, 0.0, 0.02]);
-        assert_eq!(plan.end(), Duration::from_secs(3));
+        assert_eq!(lead(Time::default(), NOW), Ok(Duration::ZERO));
+        assert_eq!(led(NOW + 2_000_000_000), Ok(Duration::from_secs(2)));
+        assert_eq!(led(NOW - 200_000_000), Ok(Duration::ZERO));
     }
 
     #[test]
     fn stale_and_far_stamps_are_refused() {
-        assert!(checked(&stamped(NOW - 200_000_000)).is_ok());
+        let refused = |stamp| led(stamp).unwrap_err().to_string();
         assert_eq!(
-            refused(&stamped(NOW - 201_000_000)),
+            refused(NOW - 201_000_000),
             "header.stamp is 201 ms in the past, allowed 200"
         );
         assert_eq!(
-            refused(&stamped(NOW + 11_000_000_000)),
+            refused(NOW + 11_000_000_000),
             "header.stamp is 11 s in the future, allowed 10"
         );
     }

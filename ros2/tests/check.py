@@ -25,7 +25,8 @@ os.environ["CYCLONEDDS_URI"] = CYCLONE
 from cyclonedds.core import Policy, Qos  # noqa: E402
 from cyclonedds.domain import DomainParticipant  # noqa: E402
 from cyclonedds.idl import IdlStruct  # noqa: E402
-from cyclonedds.idl.types import float64, int32, int64, sequence, uint8, uint32, uint64  # noqa: E402
+from cyclonedds.idl.types import array, float64, int8, int32, int64, sequence  # noqa: E402
+from cyclonedds.idl.types import uint8, uint16, uint32, uint64  # noqa: E402
 from cyclonedds.pub import DataWriter  # noqa: E402
 from cyclonedds.sub import DataReader  # noqa: E402
 from cyclonedds.topic import Topic  # noqa: E402
@@ -82,6 +83,123 @@ class OtherMessage_(IdlStruct, typename="trajectory_msgs::msg::dds_::JointTrajec
 
 
 @dataclass
+class Vector3_(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class Quaternion_(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
+    x: float64
+    y: float64
+    z: float64
+    w: float64
+
+
+@dataclass
+class Transform_(IdlStruct, typename="geometry_msgs::msg::dds_::Transform_"):
+    translation: Vector3_
+    rotation: Quaternion_
+
+
+@dataclass
+class Twist_(IdlStruct, typename="geometry_msgs::msg::dds_::Twist_"):
+    linear: Vector3_
+    angular: Vector3_
+
+
+@dataclass
+class MultiDofPoint_(IdlStruct, typename="trajectory_msgs::msg::dds_::MultiDOFJointTrajectoryPoint_"):
+    transforms: sequence[Transform_]
+    velocities: sequence[Twist_]
+    accelerations: sequence[Twist_]
+    time_from_start: Duration_
+
+
+@dataclass
+class MultiDofTrajectory_(IdlStruct, typename="trajectory_msgs::msg::dds_::MultiDOFJointTrajectory_"):
+    header: Header_
+    joint_names: sequence[str]
+    points: sequence[MultiDofPoint_]
+
+
+@dataclass
+class JointTolerance_(IdlStruct, typename="control_msgs::msg::dds_::JointTolerance_"):
+    name: str
+    position: float64
+    velocity: float64
+    acceleration: float64
+
+
+@dataclass
+class ComponentTolerance_(IdlStruct, typename="control_msgs::msg::dds_::JointComponentTolerance_"):
+    joint_name: str
+    component: uint16
+    position: float64
+    velocity: float64
+    acceleration: float64
+
+
+@dataclass
+class Goal_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_Goal_"):
+    trajectory: JointTrajectory_
+    multi_dof_trajectory: MultiDofTrajectory_
+    path_tolerance: sequence[JointTolerance_]
+    component_path_tolerance: sequence[ComponentTolerance_]
+    goal_tolerance: sequence[JointTolerance_]
+    component_goal_tolerance: sequence[ComponentTolerance_]
+    goal_time_tolerance: Duration_
+
+
+@dataclass
+class Result_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_Result_"):
+    error_code: int32
+    error_string: str
+
+
+@dataclass
+class Feedback_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_Feedback_"):
+    header: Header_
+    joint_names: sequence[str]
+    desired: Point_
+    actual: Point_
+    error: Point_
+    multi_dof_joint_names: sequence[str]
+    multi_dof_desired: MultiDofPoint_
+    multi_dof_actual: MultiDofPoint_
+    multi_dof_error: MultiDofPoint_
+
+
+@dataclass
+class Uuid_(IdlStruct, typename="unique_identifier_msgs::msg::dds_::UUID_"):
+    uuid: array[uint8, 16]
+
+
+@dataclass
+class GoalInfo_(IdlStruct, typename="action_msgs::msg::dds_::GoalInfo_"):
+    goal_id: Uuid_
+    stamp: Time_
+
+
+@dataclass
+class GoalStatus_(IdlStruct, typename="action_msgs::msg::dds_::GoalStatus_"):
+    goal_info: GoalInfo_
+    status: int8
+
+
+@dataclass
+class GoalStatusArray_(IdlStruct, typename="action_msgs::msg::dds_::GoalStatusArray_"):
+    status_list: sequence[GoalStatus_]
+
+
+@dataclass
+class FeedbackMessage_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_FeedbackMessage_"):
+    goal_id: Uuid_
+    feedback: Feedback_
+
+
+@dataclass
 class KeyValue_(IdlStruct, typename="diagnostic_msgs::msg::dds_::KeyValue_"):
     key: str
     value: str
@@ -110,6 +228,12 @@ class SetBoolRequest_(IdlStruct, typename="std_srvs::srv::dds_::SetBool_Request_
     data: bool
 
 
+# A request that is too short.
+@dataclass
+class OtherRequest_(IdlStruct, typename="std_srvs::srv::dds_::SetBool_Request_"):
+    number: uint8
+
+
 @dataclass
 class SetBoolResponse_(IdlStruct, typename="std_srvs::srv::dds_::SetBool_Response_"):
     caller: uint64
@@ -133,6 +257,68 @@ class TriggerResponse_(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Respons
     message: str
 
 
+@dataclass
+class SendGoalRequest_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Request_"):
+    caller: uint64
+    number: int64
+    goal_id: Uuid_
+    goal: Goal_
+
+
+# A goal with other fields.
+@dataclass
+class OtherGoal_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Request_"):
+    caller: uint64
+    number: int64
+    goal_id: Uuid_
+    goal: uint32
+
+
+@dataclass
+class SendGoalResponse_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Response_"):
+    caller: uint64
+    number: int64
+    accepted: bool
+    stamp: Time_
+
+
+@dataclass
+class GetResultRequest_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_GetResult_Request_"):
+    caller: uint64
+    number: int64
+    goal_id: Uuid_
+
+
+@dataclass
+class GetResultResponse_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_GetResult_Response_"):
+    caller: uint64
+    number: int64
+    status: int8
+    result: Result_
+
+
+@dataclass
+class CancelGoalRequest_(IdlStruct, typename="action_msgs::srv::dds_::CancelGoal_Request_"):
+    caller: uint64
+    number: int64
+    goal_info: GoalInfo_
+
+
+@dataclass
+class CancelGoalResponse_(IdlStruct, typename="action_msgs::srv::dds_::CancelGoal_Response_"):
+    caller: uint64
+    number: int64
+    return_code: int8
+    goals_canceling: sequence[GoalInfo_]
+
+
+ACCEPTED, EXECUTING, SUCCEEDED, CANCELED, ABORTED = 1, 2, 4, 5, 6
+UNKNOWN_GOAL, GOAL_TERMINATED = 2, 3
+INVALID_GOAL, PATH_VIOLATED, GOAL_VIOLATED = -1, -4, -5
+# The QoS of an action's states in ROS 2.
+STATUS_QOS = Qos(
+    Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.Durability.TransientLocal, Policy.History.KeepLast(1)
+)
 QOS = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(1000))
 JOINTS = [f"joint{n}" for n in range(1, 7)]
 PROGRAMS = os.path.abspath(sys.argv[1])
@@ -205,13 +391,16 @@ class Peer:
         self.take()
         return list(self.latest.position[:6]) if self.latest else []
 
-    def send(self, points, names=None, stamp=None, seconds_each=1.0, velocities=()):
+    def trajectory(self, points, names=None, stamp=None, seconds_each=1.0, velocities=()):
         points = [
             Point_(list(point), list(velocities), [], [], Duration_(int(seconds_each * n), int(seconds_each * n % 1 * 1e9)))
             for n, point in enumerate(points, 1)
         ]
         stamp = stamp or Time_(0, 0)
-        self.trajectories.write(JointTrajectory_(Header_(stamp, ""), JOINTS if names is None else names, points))
+        return JointTrajectory_(Header_(stamp, ""), JOINTS if names is None else names, points)
+
+    def send(self, points, **options):
+        self.trajectories.write(self.trajectory(points, **options))
 
     def is_at(self, goal, near=0.01):
         positions = self.positions()
@@ -231,10 +420,13 @@ class Peer:
         until(look, 5, "diagnostics arrive")
         return found[-1]
 
-    def value(self, key):
-        return next(pair.value for pair in self.status().values if pair.key == key)
+    def values(self):
+        return {pair.key: pair.value for pair in self.status().values}
 
-    def call(self, service, request):
+    def value(self, key):
+        return self.values()[key]
+
+    def call(self, service, request, seconds=5):
         self.number += 1
         writer, reader = service
         answers = []
@@ -244,8 +436,59 @@ class Peer:
             answers.extend(answer for answer in reader.take(10) if getattr(answer, "number", None) == self.number)
             return answers
 
-        until(look, 5, "a service answers")
+        until(look, seconds, "a service answers")
         return answers[0]
+
+
+class Follow:
+    """A client of an arm's action FollowJointTrajectory, as MoveIt's simple controller manager is one."""
+
+    def __init__(self, participant, peer):
+        def service(name, request, response):
+            name = f"{peer.arm}/follow_joint_trajectory/_action/{name}"
+            requests = Topic(participant, f"rq/{name}Request", request, qos=QOS)
+            replies = Topic(participant, f"rr/{name}Reply", response, qos=QOS)
+            return DataWriter(participant, requests, qos=QOS), DataReader(participant, replies, qos=QOS)
+
+        def reader(name, kind, qos):
+            name = f"rt/{peer.arm}/follow_joint_trajectory/_action/{name}"
+            return DataReader(participant, Topic(participant, name, kind, qos=qos), qos=qos)
+
+        self.peer = peer
+        self.send_goal = service("send_goal", SendGoalRequest_, SendGoalResponse_)
+        self.get_result = service("get_result", GetResultRequest_, GetResultResponse_)
+        self.cancel_goal = service("cancel_goal", CancelGoalRequest_, CancelGoalResponse_)
+        self.feedback = reader("feedback", FeedbackMessage_, QOS)
+        self.states = reader("status", GoalStatusArray_, STATUS_QOS)
+        for writer, reply in [self.send_goal, self.get_result, self.cancel_goal]:
+            until(writer.get_matched_subscriptions, 10, "the action's service is there")
+            until(reply.get_matched_publications, 10, "the action's service answers")
+        for topic in [self.feedback, self.states]:
+            until(topic.get_matched_publications, 10, "the action's topic is there")
+
+    def goal(self, points, *, names=None, stamp=None, seconds_each=1.0, path=(), at_goal=(), goal_time=0.0, id=None):
+        """Send a goal; return its identifier, and whether it is accepted."""
+        trajectory = self.peer.trajectory(points, names=names, stamp=stamp, seconds_each=seconds_each)
+        none = MultiDofTrajectory_(Header_(Time_(0, 0), ""), [], [])
+        tolerances = [[JointTolerance_(name, value, 0.0, 0.0) for name, value in many] for many in (path, at_goal)]
+        time = Duration_(int(goal_time), int(goal_time % 1 * 1e9))
+        goal = Goal_(trajectory, none, tolerances[0], [], tolerances[1], [], time)
+        id = id or Uuid_(os.urandom(16))
+        answer = self.peer.call(self.send_goal, lambda caller, number: SendGoalRequest_(caller, number, id, goal))
+        return id, answer.accepted
+
+    def result(self, id, seconds=10):
+        return self.peer.call(self.get_result, lambda *caller: GetResultRequest_(*caller, id), seconds)
+
+    def cancel(self, id, stamp=None):
+        info = GoalInfo_(id, stamp or Time_(0, 0))
+        return self.peer.call(self.cancel_goal, lambda *caller: CancelGoalRequest_(*caller, info))
+
+    def state(self, id):
+        """The state of a goal in the last message, as a late client would have it."""
+        arrays = [array for array in self.states.read(10) if isinstance(array, GoalStatusArray_)]
+        states = arrays[-1].status_list if arrays else []
+        return next((state.status for state in states if state.goal_info.goal_id == id), None)
 
 
 def matched(participant, peers):
@@ -316,7 +559,7 @@ def one_arm(participant):
     ]
     for trajectory, reason in refused:
         peer.send(**trajectory)
-        until(lambda: peer.value("last_refusal").startswith(reason), 5, f"refused: {reason}")
+        until(lambda: peer.value("last_warning").startswith(f"trajectory refused: {reason}"), 5, f"refused: {reason}")
     assert peer.is_at(goal) and int(peer.value("trajectories_refused")) == len(refused)
     passed(f"{len(refused)} bad trajectories are refused, each with its reason, and the arm stays")
 
@@ -324,7 +567,8 @@ def one_arm(participant):
     faulty = DataWriter(participant, topic, qos=QOS)
     until(faulty.get_matched_subscriptions, 10, "the node reads a faulty writer")
     faulty.write(OtherMessage_(0xFFFFFFFF))
-    until(lambda: peer.value("last_refusal") == "the message is not a JointTrajectory", 5, "refused: another message")
+    refusal = "trajectory refused: the message cannot be decoded"
+    until(lambda: peer.value("last_warning") == refusal, 5, "refused: another message")
     assert int(peer.value("trajectories_refused")) == len(refused) + 1
     passed("an undecodable message is refused and counted")
 
@@ -368,7 +612,7 @@ os.kill(os.getpid(), signal.SIGKILL)
     answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, False))
     assert answer.success, answer
     peer.send([goal])
-    until(lambda: peer.value("last_refusal") == "the torque is off", 5, "refused without torque")
+    until(lambda: peer.value("last_warning") == "trajectory refused: the torque is off", 5, "refused without torque")
     answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
     assert answer.success, answer
     passed("torque off is read back, and trajectories are refused")
@@ -386,6 +630,171 @@ os.kill(os.getpid(), signal.SIGKILL)
     assert first == second and "locked" in first, (first, second)
     passed("the node killed in a motion: the arm stands still and holds")
     end(sim)
+
+
+def soon(seconds):
+    """A stamp in this time."""
+    at = time.time() + seconds
+    return Time_(int(at), int(at % 1 * 1e9))
+
+
+def trajectories(participant):
+    sim, port = virtual_arm("counted")
+    node = start("armwire-ros2", "--arm", f"counted=ling:{port}", "--rmw", "cyclonedds")
+    peer = Peer(participant, "counted")
+    matched(participant, [peer])
+    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
+    assert answer.success, answer
+
+    # A stamp in the future: the present motion goes on until then.
+    peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=2.0)
+    peer.send([[0.0] * 6], stamp=soon(1.5), seconds_each=2.0)
+    until(lambda: peer.positions()[0] > 0.6, 5, "the present motion goes on")
+    until(lambda: peer.is_at([0.0] * 6), 10, "the trajectory begins at its stamp")
+    assert int(peer.value("trajectories_replaced")) == 1, peer.status()
+    passed("the present motion goes on until the stamp of the next trajectory")
+
+    # Many at once, more than a reader keeps: each is counted.
+    until(lambda: int(peer.value("trajectories_finished")) == 1, 5, "the trajectory is over")
+    for _ in range(200):
+        peer.send([[0.1] * 6])
+    keys = ["accepted", "finished", "replaced", "cancelled", "aborted", "refused", "lost"]
+
+    def counts():
+        values = peer.values()
+        return {key: int(values[f"trajectories_{key}"]) for key in keys}
+
+    until(lambda: peer.is_at([0.1] * 6) and counts()["finished"] == 2, 10, "the last one is played")
+    found = counts()
+    assert found["accepted"] + found["lost"] == 202, found
+    assert found["accepted"] == found["finished"] + found["replaced"], found
+    passed(f"200 trajectories at once are all counted: {found}")
+
+    faulty = DataWriter(participant, Topic(participant, "rq/counted/torqueRequest", OtherRequest_, qos=QOS), qos=QOS)
+    until(faulty.get_matched_subscriptions, 10, "the node reads a faulty client")
+    faulty.write(OtherRequest_(0xFF))
+    until(lambda: int(peer.value("requests_undecodable")) == 1, 5, "an undecodable request is counted")
+    assert peer.value("motion_status") == "locked"
+    passed("an undecodable request of a service is counted")
+    end(node)
+    end(sim)
+
+
+def action(participant):
+    sim, port = virtual_arm("followed")
+    node = start("armwire-ros2", "--arm", f"followed=ling:{port}", "--rmw", "cyclonedds")
+    peer = Peer(participant, "followed")
+    matched(participant, [peer])
+    follow = Follow(participant, peer)
+    goal = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
+    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, False))
+    assert answer.success, answer
+    _, accepted = follow.goal([goal])
+    warning = peer.value("last_warning")
+    assert not accepted and warning == "trajectory refused: the torque is off", (accepted, warning)
+    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
+    assert answer.success, answer
+
+    id, accepted = follow.goal([goal])
+    assert accepted
+    until(lambda: follow.state(id) == EXECUTING, 2, "the goal is executing")
+    answer = follow.result(id)
+    assert (answer.status, answer.result.error_code) == (SUCCEEDED, 0), answer
+    until(lambda: peer.is_at(goal), 1, "the arm is at its goal")
+    until(lambda: follow.state(id) == SUCCEEDED, 2, "the goal has succeeded")
+    messages = [message for message in follow.feedback.take(1000) if isinstance(message, FeedbackMessage_)]
+    assert 10 <= len(messages) <= 40 and all(message.goal_id == id for message in messages), len(messages)
+    feedback = messages[-1].feedback
+    assert feedback.joint_names == [*JOINTS, "gripper"] and feedback.header.stamp.sec > 0, feedback
+    for desired, actual, error in zip(feedback.desired.positions, feedback.actual.positions, feedback.error.positions):
+        assert abs(desired - actual - error) < 1e-9 and abs(error) < 0.3, feedback
+    assert follow.result(id).status == SUCCEEDED
+    passed(f"a goal is executed, with {len(messages)} messages of feedback, its states and its result")
+
+    home = [0.0] * 6
+    id, accepted = follow.goal([home], seconds_each=4.0)
+    assert accepted
+    until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
+    answer = follow.cancel(id)
+    assert (answer.return_code, [info.goal_id for info in answer.goals_canceling]) == (0, [id]), answer
+    answer = follow.result(id)
+    assert answer.status == CANCELED, answer
+    time.sleep(0.2)
+    held = peer.positions()
+    time.sleep(0.5)
+    assert peer.is_at(held, 0.002) and not peer.is_at(home, 0.1), (held, peer.positions())
+    assert follow.state(id) == CANCELED
+    assert follow.cancel(id).return_code == GOAL_TERMINATED
+    assert follow.cancel(Uuid_(bytes(16 * [7]))).return_code == UNKNOWN_GOAL
+    assert follow.result(Uuid_(bytes(16 * [7]))).status == 0
+    passed("a cancelled goal stops the arm")
+
+    first, accepted = follow.goal([goal], seconds_each=4.0)
+    second, replaces = follow.goal([home], seconds_each=1.0)
+    assert accepted and replaces
+    answer = follow.result(first)
+    assert (answer.status, answer.result.error_code) == (ABORTED, INVALID_GOAL), answer
+    assert answer.result.error_string == "another trajectory began", answer
+    assert follow.result(second).status == SUCCEEDED
+    until(lambda: peer.is_at(home), 1, "the arm is at its goal")
+    passed("a new goal replaces the present one")
+
+    id, accepted = follow.goal([goal], stamp=soon(1.0), seconds_each=0.5)
+    until(lambda: follow.state(id) == ACCEPTED, 2, "the goal waits")
+    assert accepted and peer.is_at(home)
+    answer = follow.result(id)
+    assert answer.status == SUCCEEDED, answer
+    until(lambda: peer.is_at(goal), 1, "the arm is at its goal")
+    passed("a goal waits for its stamp")
+
+    id, accepted = follow.goal([home], path=[("joint6", 0.001)], seconds_each=1.0)
+    answer = follow.result(id)
+    assert accepted and (answer.status, answer.result.error_code) == (ABORTED, PATH_VIOLATED), answer
+    assert answer.result.error_string.startswith('"joint'), answer
+    time.sleep(0.2)
+    held = peer.positions()
+    time.sleep(0.5)
+    assert peer.is_at(held, 0.002) and not peer.is_at(home, 0.1), (held, peer.positions())
+    passed(f"a goal whose path is left is aborted, and the arm holds: {answer.result.error_string}")
+
+    id, accepted = follow.goal([home], at_goal=[("joint1", 1e-9)], goal_time=0.2)
+    answer = follow.result(id)
+    # The arm's ticks are coarser than this tolerance, except at a tick.
+    assert accepted and answer.status in (SUCCEEDED, ABORTED), answer
+    id, accepted = follow.goal([goal], at_goal=[("joint1", 1e-9)], goal_time=0.2)
+    answer = follow.result(id)
+    assert accepted and (answer.status, answer.result.error_code) == (ABORTED, GOAL_VIOLATED), answer
+    passed(f"a goal that is not reached in time is aborted: {answer.result.error_string}")
+
+    accepted_before = int(peer.value("trajectories_accepted"))
+    for options, reason in [
+        (dict(points=[goal], names=[*JOINTS[:5], "elbow"]), 'joint "elbow" is unknown'),
+        (dict(points=[], names=[]), "the trajectory has no joints"),
+        (dict(points=[goal], path=[("elbow", 0.1)]), 'joint "elbow" is unknown'),
+        (dict(points=[goal], at_goal=[("joint1", -0.5)]), 'the position tolerance of "joint1" is -0.5'),
+        (dict(points=[goal], goal_time=61.0), "goal_time_tolerance is not a time"),
+        (dict(points=[goal], id=id), "a goal with this identifier was accepted before"),
+    ]:
+        _, accepted = follow.goal(**options)
+        warning = peer.value("last_warning")
+        assert not accepted and warning.startswith(f"trajectory refused: {reason}"), (accepted, warning)
+    name = "rq/followed/follow_joint_trajectory/_action/send_goalRequest"
+    faulty = DataWriter(participant, Topic(participant, name, OtherGoal_, qos=QOS), qos=QOS)
+    until(faulty.get_matched_subscriptions, 10, "the node reads a faulty client")
+    service = faulty, follow.send_goal[1]
+    answer = peer.call(service, lambda *caller: OtherGoal_(*caller, Uuid_(bytes(16 * [3])), 0xFFFFFFFF))
+    assert not answer.accepted and int(peer.value("trajectories_accepted")) == accepted_before
+    passed("goals that cannot be executed are refused, also one that cannot be decoded")
+
+    # A lost arm.
+    id, accepted = follow.goal([home], seconds_each=4.0)
+    until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
+    end(sim, signal.SIGKILL)
+    answer = follow.result(id)
+    assert accepted and (answer.status, answer.result.error_code) == (ABORTED, INVALID_GOAL), answer
+    assert answer.result.error_string.startswith("the arm was lost: "), answer
+    passed("the goal of a lost arm is aborted")
+    end(node)
 
 
 def read_joints(port):
@@ -423,6 +832,14 @@ def behind_adapter(participant, board):
     assert all(0 <= receipt - stamp < 1 for stamp, receipt in zip(stamps, receipts))
     passed("stamps are the adapter's, and none is later than its receipt")
 
+    # A stopped node receives its readings late, with the adapter's stamps.
+    late = int(peer.value("readings_late"))
+    node.send_signal(signal.SIGSTOP)
+    time.sleep(0.3)
+    node.send_signal(signal.SIGCONT)
+    until(lambda: int(peer.value("readings_late")) >= late + 20, 5, "late readings are counted")
+    passed("readings that are received late are counted with an adapter")
+
     # The end of a motion ends its stream: the dead-man timer leaves the torque on.
     goal = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
     peer.send([goal])
@@ -436,7 +853,8 @@ def behind_adapter(participant, board):
     until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
     bus = f"slcan:{os.path.join(board, 'bus')}"
     subprocess.run([armwire, "call", "ling", bus, "set-torque", "off"], check=True, stdout=subprocess.DEVNULL)
-    until(lambda: peer.value("last_refusal").startswith("the torque was switched off"), 5, "the motion ends")
+    aborted = "trajectory aborted: the torque was switched off during the motion"
+    until(lambda: peer.value("last_warning") == aborted, 5, "the motion ends")
     stopped = peer.positions()
     answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
     assert answer.success, answer
@@ -517,6 +935,8 @@ if __name__ == "__main__":
     participant = DomainParticipant(0)
     try:
         one_arm(participant)
+        trajectories(participant)
+        action(participant)
         on_interface(participant)
         sixteen_arms(participant)
         # The last, because a polling virtual board keeps a core busy.

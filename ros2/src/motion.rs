@@ -1,0 +1,752 @@
+//! What moves an arm: the trajectory that is played, the one that waits for its time, and how each of them ends.
+//!
+//! Time and readings go in, setpoints and ends come out by [`Motion::poll`]. No clock and no I/O.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use ros2_client::action::GoalId;
+
+use crate::joint_states::Reading;
+use crate::messages::JointTrajectory;
+use crate::tolerances::Tolerances;
+use crate::trajectory::{self, Joint, Plan, Pose, Refusal, Setpoint};
+
+/// Minimum time between two setpoints.
+const MOVE_PERIOD: Duration = Duration::from_millis(10);
+/// Minimum time between two outputs of feedback.
+const FEEDBACK_PERIOD: Duration = Duration::from_millis(50);
+/// A joint or gripper that moves away from its goal by more than this, in rad or m, was moved by another host.
+const JOINT_DRIFT: f64 = 0.05;
+const GRIPPER_DRIFT: f64 = 0.002;
+
+/// The sender of a trajectory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Origin {
+    /// The topic, which has no replies.
+    Topic,
+    /// This goal of the action.
+    Goal(GoalId),
+}
+
+/// A trajectory to play.
+#[derive(Clone, Debug)]
+pub(crate) struct Order {
+    pub(crate) origin: Origin,
+    pub(crate) trajectory: JointTrajectory,
+    /// `None`: the trajectory ends at its last point, wherever the arm is.
+    pub(crate) tolerances: Option<Tolerances>,
+}
+
+/// The end of an accepted trajectory.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum End {
+    Finished,
+    /// Another trajectory began.
+    Replaced,
+    Cancelled,
+    Aborted(Abort),
+}
+
+/// The reason why an accepted trajectory was not played to its end.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub(crate) enum Abort {
+    #[error("the torque was switched off during the motion")]
+    TorqueLost,
+    #[error("the adapter stopped the arm")]
+    Stopped,
+    #[error("the arm was lost: {0}")]
+    ArmLost(String),
+    #[error("the node ended")]
+    NodeEnded,
+    /// The trajectory waited for its time. It does not fit the arm's pose then.
+    #[error("at its start: {0}")]
+    Start(Refusal),
+    #[error("{joint:?} is {distance:.4} from its setpoint, allowed {allowed:.4}")]
+    Path { joint: String, distance: f64, allowed: f64 },
+    #[error("{joint:?} is {distance:.4} from its goal after the goal time, allowed {allowed:.4}")]
+    Goal { joint: String, distance: f64, allowed: f64 },
+}
+
+/// A trajectory's progress, by a reading.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Progress {
+    pub(crate) elapsed: Duration,
+    pub(crate) desired: Vec<f64>,
+    pub(crate) actual: Vec<f64>,
+    /// System time of the reading, in nanoseconds since 1970.
+    pub(crate) at: i64,
+}
+
+/// What is to be done.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Output {
+    /// Send this to the arm.
+    Move(Setpoint),
+    Started(Origin),
+    Feedback(GoalId, Progress),
+    Ended(Origin, End),
+}
+
+/// The motion of an arm.
+#[derive(Debug)]
+pub(crate) struct Motion {
+    joints: Vec<Joint>,
+    /// The number of joints that a trajectory must name: all but the gripper.
+    required: usize,
+    reading: Reading,
+    /// The goal of each joint by the last setpoint.
+    goals: Vec<Option<Goal>>,
+    playing: Option<Playing>,
+    waiting: Option<Waiting>,
+    moved: Option<Instant>,
+    outputs: VecDeque<Output>,
+}
+
+/// The goal of a joint.
+#[derive(Debug)]
+struct Goal {
+    position: f64,
+    /// The least distance of a reading so far.
+    nearest: f64,
+}
+
+#[derive(Debug)]
+struct Playing {
+    origin: Origin,
+    plan: Plan,
+    tolerances: Option<Tolerances>,
+    began: Instant,
+    /// The last point was sent. A goal then waits for the arm.
+    is_sent: bool,
+    reported: Option<Instant>,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    order: Order,
+    starts: Instant,
+}
+
+impl Motion {
+    /// No motion of an arm with this reading.
+    pub(crate) fn new(joints: Vec<Joint>, required: usize, reading: Reading) -> Self {
+        Self {
+            goals: joints.iter().map(|_| None).collect(),
+            joints,
+            required,
+            reading,
+            playing: None,
+            waiting: None,
+            moved: None,
+            outputs: VecDeque::new(),
+        }
+    }
+
+    /// Checks a trajectory, received at `now`, which is `system` in nanoseconds since 1970. It replaces the present one
+    /// when its time comes, and one that waits at once.
+    ///
+    /// # Errors
+    ///
+    /// The reason for a refusal, which changes nothing.
+    pub(crate) fn accept(&mut self, now: Instant, system: i64, order: Order) -> Result<(), Refusal> {
+        if self.reading.status.is_holding() == Some(false) {
+            return Err(Refusal::TorqueOff);
+        }
+        let lead = trajectory::lead(order.trajectory.header.stamp, system)?;
+        let starts = now + lead;
+        let plan = self.check(&order.trajectory, starts)?;
+        if let Some(waiting) = self.waiting.take() {
+            self.end(waiting.order.origin, End::Replaced);
+        }
+        if lead.is_zero() {
+            self.begin(order.origin, plan, order.tolerances, starts);
+        } else {
+            self.waiting = Some(Waiting { order, starts });
+        }
+        Ok(())
+    }
+
+    /// Takes a reading received at `now`.
+    pub(crate) fn on_reading(&mut self, now: Instant, reading: &Reading) {
+        self.reading = reading.clone();
+        if reading.status.is_holding() == Some(false) {
+            // A later torque-on must not resume it.
+            self.abort(&Abort::TorqueLost);
+            return;
+        }
+        for ((goal, position), joint) in self.goals.iter_mut().zip(&reading.positions).zip(&self.joints) {
+            let drift = match joint.max_speed {
+                Some(_) => JOINT_DRIFT,
+                None => GRIPPER_DRIFT,
+            };
+            *goal = goal.take().and_then(|goal| goal.seen_at(*position, drift));
+        }
+        self.track(now);
+    }
+
+    /// Ends the trajectory of a goal. The arm holds its last setpoint.
+    pub(crate) fn cancel(&mut self, goal: GoalId) {
+        let origin = Origin::Goal(goal);
+        let is_played = self.playing.take_if(|playing| playing.origin == origin).is_some();
+        if is_played || self.waiting.take_if(|waiting| waiting.order.origin == origin).is_some() {
+            self.end(origin, End::Cancelled);
+        }
+    }
+
+    /// Ends all trajectories. The arm holds its last setpoint.
+    pub(crate) fn cancel_all(&mut self) {
+        self.end_all(&End::Cancelled);
+    }
+
+    /// Ends all trajectories of an arm that does not hold its last setpoint any more.
+    pub(crate) fn abort(&mut self, why: &Abort) {
+        self.goals.fill_with(|| None);
+        self.end_all(&End::Aborted(why.clone()));
+    }
+
+    /// Returns true while setpoints are sent.
+    pub(crate) fn is_sending(&self) -> bool {
+        self.playing.as_ref().is_some_and(|playing| !playing.is_sent)
+    }
+
+    /// What is to be done at `now`; `None` if nothing is left.
+    pub(crate) fn poll(&mut self, now: Instant) -> Option<Output> {
+        if self.outputs.is_empty() {
+            self.advance(now);
+        }
+        self.outputs.pop_front()
+    }
+
+    fn advance(&mut self, now: Instant) {
+        if let Some(Waiting { order, starts }) = self.waiting.take_if(|waiting| now >= waiting.starts) {
+            match self.check(&order.trajectory, starts) {
+                Ok(plan) => self.begin(order.origin, plan, order.tolerances, starts),
+                Err(refusal) => self.end(order.origin, End::Aborted(Abort::Start(refusal))),
+            }
+        }
+        let is_due = self.moved.is_none_or(|moved| now.duration_since(moved) >= MOVE_PERIOD);
+        let Some(playing) = self.playing.as_mut().filter(|playing| is_due && !playing.is_sent) else {
+            return;
+        };
+        let elapsed = now.duration_since(playing.began);
+        let setpoint = playing.plan.at(elapsed);
+        playing.is_sent = elapsed >= playing.plan.end();
+        let is_over = playing.is_sent && playing.tolerances.is_none();
+        self.moved = Some(now);
+        self.send(setpoint);
+        if is_over {
+            self.end_playing(End::Finished);
+        }
+    }
+
+    /// Compares the arm with the goal that is played.
+    fn track(&mut self, now: Instant) {
+        let Some(playing) = &mut self.playing else { return };
+        let (Origin::Goal(goal), Some(tolerances)) = (playing.origin, &playing.tolerances) else {
+            return;
+        };
+        let elapsed = now.duration_since(playing.began);
+        let desired = playing.plan.at(elapsed).positions;
+        let actual = &self.reading.positions;
+        if playing
+            .reported
+            .is_none_or(|reported| now.duration_since(reported) >= FEEDBACK_PERIOD)
+        {
+            playing.reported = Some(now);
+            let progress = Progress {
+                elapsed,
+                desired: desired.clone(),
+                actual: actual.clone(),
+                at: self.reading.at,
+            };
+            self.outputs.push_back(Output::Feedback(goal, progress));
+        }
+        let allowed = if playing.is_sent {
+            &tolerances.goal
+        } else {
+            &tolerances.path
+        };
+        let outside = outside(&self.joints, &desired, actual, allowed);
+        let late = elapsed.saturating_sub(playing.plan.end()) >= tolerances.goal_time;
+        match outside {
+            None if playing.is_sent => self.end_playing(End::Finished),
+            Some((joint, distance, allowed)) if !playing.is_sent => self.give_up(Abort::Path {
+                joint,
+                distance,
+                allowed,
+            }),
+            Some((joint, distance, allowed)) if late => self.give_up(Abort::Goal {
+                joint,
+                distance,
+                allowed,
+            }),
+            _ => {}
+        }
+    }
+
+    /// Ends a motion that the arm does not follow. The joints hold where they are, so that they do not press on.
+    fn give_up(&mut self, why: Abort) {
+        let pose = self.pose_of_reading();
+        let hold = |(nth, joint): (usize, &Joint)| match joint.max_speed {
+            Some(_) => pose.positions[nth],
+            None => pose.goals[nth],
+        };
+        let positions: Vec<f64> = self.joints.iter().enumerate().map(hold).collect();
+        let speeds = vec![0.0; positions.len()];
+        self.send(Setpoint { positions, speeds });
+        self.end_playing(End::Aborted(why));
+    }
+
+    fn check(&self, trajectory: &JointTrajectory, starts: Instant) -> Result<Plan, Refusal> {
+        let pose = match &self.playing {
+            // A motion continues from its setpoint: a reading lags behind.
+            Some(playing) if !playing.is_sent => {
+                let positions = playing.plan.at(starts.duration_since(playing.began)).positions;
+                Pose {
+                    goals: positions.clone(),
+                    positions,
+                }
+            }
+            _ => self.pose_of_reading(),
+        };
+        trajectory::check(&self.joints, self.required, trajectory, &pose)
+    }
+
+    fn pose_of_reading(&self) -> Pose {
+        let positions = self.reading.positions.clone();
+        let goals = self.goals.iter().zip(&positions);
+        let goals = goals.map(|(goal, &position)| goal.as_ref().map_or(position, |goal| goal.position));
+        Pose {
+            goals: goals.collect(),
+            positions,
+        }
+    }
+
+    fn begin(&mut self, origin: Origin, plan: Plan, tolerances: Option<Tolerances>, began: Instant) {
+        self.end_playing(End::Replaced);
+        self.playing = Some(Playing {
+            origin,
+            plan,
+            tolerances,
+            began,
+            is_sent: false,
+            reported: None,
+        });
+        self.outputs.push_back(Output::Started(origin));
+    }
+
+    fn send(&mut self, setpoint: Setpoint) {
+        self.goals = setpoint
+            .positions
+            .iter()
+            .map(|&position| Some(Goal::new(position)))
+            .collect();
+        self.outputs.push_back(Output::Move(setpoint));
+    }
+
+    fn end_playing(&mut self, end: End) {
+        if let Some(playing) = self.playing.take() {
+            self.end(playing.origin, end);
+        }
+    }
+
+    fn end_all(&mut self, end: &End) {
+        self.end_playing(end.clone());
+        if let Some(waiting) = self.waiting.take() {
+            self.end(waiting.order.origin, end.clone());
+        }
+    }
+
+    fn end(&mut self, origin: Origin, end: End) {
+        self.outputs.push_back(Output::Ended(origin, end));
+    }
+}
+
+impl Goal {
+    fn new(position: f64) -> Self {
+        Self {
+            position,
+            nearest: f64::INFINITY,
+        }
+    }
+
+    /// The goal after a reading; `None` if the joint has moved away from it.
+    fn seen_at(self, position: f64, drift: f64) -> Option<Self> {
+        let distance = (position - self.position).abs();
+        let nearest = self.nearest.min(distance);
+        (distance <= nearest + drift).then_some(Self { nearest, ..self })
+    }
+}
+
+/// The first joint outside of its tolerance, its distance, and what is allowed.
+fn outside(joints: &[Joint], desired: &[f64], actual: &[f64], allowed: &[Option<f64>]) -> Option<(String, f64, f64)> {
+    joints
+        .iter()
+        .zip(desired)
+        .zip(actual)
+        .zip(allowed)
+        .find_map(|(((joint, desired), actual), allowed)| {
+            let distance = (actual - desired).abs();
+            let allowed = allowed.filter(|allowed| distance > *allowed)?;
+            Some((joint.name.clone(), distance, allowed))
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire::ling::MotionStatus;
+
+    use super::*;
+    use crate::messages::{JointTrajectoryPoint, Time};
+
+    /// System time at the start of a test.
+    const SYSTEM: i64 = 1_700_000_000_000_000_000;
+
+    fn joints() -> Vec<Joint> {
+        let joint = |name: &str, max_speed| Joint {
+            name: name.to_owned(),
+            min: -3.0,
+            max: 3.0,
+            max_speed,
+            path: None,
+            goal: None,
+        };
+        vec![joint("a", Some(2.0)), joint("gripper", None)]
+    }
+
+    /// A motion and its arm, which is at each setpoint at once unless it is blocked.
+    struct Bench {
+        motion: Motion,
+        start: Instant,
+        /// Time since the start, in ms.
+        now: u64,
+        arm: Vec<f64>,
+        blocked: Vec<bool>,
+        status: MotionStatus,
+        /// The setpoints of `a`, with their times in ms.
+        moves: Vec<(u64, f64)>,
+        /// The others, with their times in ms.
+        outputs: Vec<(u64, Output)>,
+    }
+
+    impl Bench {
+        fn new() -> Self {
+            let reading = Reading {
+                at: SYSTEM,
+                status: MotionStatus::Locked,
+                positions: vec![0.0, 0.0],
+            };
+            Self {
+                arm: reading.positions.clone(),
+                motion: Motion::new(joints(), 1, reading),
+                start: Instant::now(),
+                now: 0,
+                blocked: vec![false, false],
+                status: MotionStatus::Locked,
+                moves: Vec::new(),
+                outputs: Vec::new(),
+            }
+        }
+
+        fn instant(&self) -> Instant {
+            self.start + Duration::from_millis(self.now)
+        }
+
+        /// Polls the motion and takes a reading each 5 ms, until a time.
+        fn run(&mut self, until: u64) {
+            while self.now < until {
+                self.now += 5;
+                self.poll();
+                let reading = Reading {
+                    at: SYSTEM + self.now as i64 * 1_000_000,
+                    status: self.status,
+                    positions: self.arm.clone(),
+                };
+                self.motion.on_reading(self.instant(), &reading);
+                self.poll();
+            }
+        }
+
+        fn poll(&mut self) {
+            while let Some(output) = self.motion.poll(self.instant()) {
+                match output {
+                    Output::Move(setpoint) => {
+                        self.moves.push((self.now, setpoint.positions[0]));
+                        for nth in 0..2 {
+                            if !self.blocked[nth] {
+                                self.arm[nth] = setpoint.positions[nth];
+                            }
+                        }
+                    }
+                    output => self.outputs.push((self.now, output)),
+                }
+            }
+        }
+
+        /// A trajectory to one point, 1 s after its start at `at` ms; 0 means now.
+        fn order(&mut self, origin: Origin, at: u64, names: &[&str], point: &[f64]) -> Result<(), Refusal> {
+            let mut trajectory = JointTrajectory {
+                joint_names: names.iter().map(|&name| name.to_owned()).collect(),
+                points: vec![JointTrajectoryPoint {
+                    positions: point.to_vec(),
+                    time_from_start: Time { sec: 1, nanosec: 0 },
+                    ..Default::default()
+                }],
+                ..Default::default()
+            };
+            if at > 0 {
+                trajectory.header.stamp = Time::from_nanos(SYSTEM + at as i64 * 1_000_000);
+            }
+            let tolerances = Tolerances {
+                path: vec![Some(0.3), None],
+                goal: vec![Some(0.05), None],
+                goal_time: Duration::from_millis(500),
+            };
+            let order = Order {
+                origin,
+                trajectory,
+                tolerances: matches!(origin, Origin::Goal(_)).then_some(tolerances),
+            };
+            self.motion
+                .accept(self.instant(), SYSTEM + self.now as i64 * 1_000_000, order)
+        }
+
+        fn to(&mut self, origin: Origin, at: u64, position: f64) {
+            self.order(origin, at, &["a"], &[position]).unwrap();
+        }
+
+        fn ends(&self) -> Vec<(u64, Origin, End)> {
+            let ends = self.outputs.iter().filter_map(|(at, output)| match output {
+                Output::Ended(origin, end) => Some((*at, *origin, end.clone())),
+                _ => None,
+            });
+            ends.collect()
+        }
+
+        /// The last setpoint of `a` until a time.
+        fn setpoint(&self, at: u64) -> f64 {
+            self.moves.iter().rfind(|(moved, _)| *moved <= at).unwrap().1
+        }
+    }
+
+    fn goal() -> Origin {
+        Origin::Goal(GoalId::new_random())
+    }
+
+    fn near(a: f64, b: f64) -> bool {
+        (a - b).abs() < 0.02
+    }
+
+    #[test]
+    fn present_motion_goes_on_until_the_stamp() {
+        let (mut bench, first, second) = (Bench::new(), goal(), goal());
+        bench.to(first, 0, 1.0);
+        bench.run(200);
+        bench.to(second, 600, -0.5);
+        bench.run(3_000);
+        assert!(near(bench.setpoint(590), 0.59), "{:?}", bench.moves);
+        assert!(near(bench.setpoint(1_100), 0.05), "{:?}", bench.moves);
+        assert_eq!(
+            bench.ends(),
+            [(600, first, End::Replaced), (1_605, second, End::Finished)]
+        );
+    }
+
+    #[test]
+    fn arm_rests_until_the_stamp() {
+        let mut bench = Bench::new();
+        bench.to(Origin::Topic, 500, 1.0);
+        bench.run(495);
+        assert_eq!(bench.moves, []);
+        bench.run(2_000);
+        assert_eq!(bench.moves[0], (500, 0.0));
+        assert!(near(bench.setpoint(1_000), 0.5), "{:?}", bench.moves);
+    }
+
+    #[test]
+    fn two_trajectories_at_once_end_once_each() {
+        let (mut bench, first, second, third) = (Bench::new(), goal(), goal(), goal());
+        bench.to(first, 0, 1.0);
+        bench.to(second, 300, 1.0);
+        bench.to(third, 0, -1.0);
+        bench.run(2_000);
+        let ends = [
+            (5, second, End::Replaced),
+            (5, first, End::Replaced),
+            (1_005, third, End::Finished),
+        ];
+        assert_eq!(bench.ends(), ends);
+    }
+
+    #[test]
+    fn cancelled_goal_sends_nothing_more() {
+        let (mut bench, Origin::Goal(id)) = (Bench::new(), goal()) else {
+            unreachable!()
+        };
+        bench.to(Origin::Goal(id), 0, 1.0);
+        bench.run(300);
+        let sent = bench.moves.len();
+        bench.motion.cancel(id);
+        bench.run(2_000);
+        assert_eq!(bench.ends(), [(305, Origin::Goal(id), End::Cancelled)]);
+        assert_eq!(bench.moves.len(), sent);
+        assert!(!bench.motion.is_sending());
+    }
+
+    #[test]
+    fn cancel_of_another_goal_changes_nothing() {
+        let mut bench = Bench::new();
+        bench.to(goal(), 0, 1.0);
+        bench.run(300);
+        bench.motion.cancel(GoalId::new_random());
+        bench.run(400);
+        assert!(bench.motion.is_sending() && bench.ends().is_empty());
+    }
+
+    #[test]
+    fn goal_succeeds_when_the_arm_is_there() {
+        let (mut bench, goal) = (Bench::new(), goal());
+        bench.to(goal, 0, 0.2);
+        bench.run(100);
+        bench.blocked[0] = true;
+        bench.run(1_200);
+        assert_eq!(bench.ends(), []);
+        bench.arm[0] = 0.16;
+        bench.run(1_300);
+        assert_eq!(bench.ends(), [(1_205, goal, End::Finished)]);
+    }
+
+    #[test]
+    fn goal_that_is_not_reached_is_aborted() {
+        let (mut bench, goal) = (Bench::new(), goal());
+        bench.blocked[0] = true;
+        bench.to(goal, 0, 0.2);
+        bench.run(3_000);
+        let abort = Abort::Goal {
+            joint: "a".to_owned(),
+            distance: 0.2,
+            allowed: 0.05,
+        };
+        assert_eq!(bench.ends(), [(1_500, goal, End::Aborted(abort))]);
+        // The joint does not press on against what blocks it.
+        assert_eq!(bench.moves.last(), Some(&(1_500, 0.0)));
+    }
+
+    #[test]
+    fn arm_that_leaves_its_path_is_stopped() {
+        let (mut bench, goal) = (Bench::new(), goal());
+        bench.order(goal, 0, &["a", "gripper"], &[1.0, 0.5]).unwrap();
+        bench.run(200);
+        let gripper = bench.arm[1];
+        bench.blocked = vec![true, true];
+        bench.run(3_000);
+        let ends = bench.ends();
+        assert!(
+            matches!(&ends[..], [(500..=520, _, End::Aborted(Abort::Path { joint, .. }))] if joint == "a"),
+            "{ends:?}"
+        );
+        let hold = bench.moves.last().unwrap();
+        assert_eq!((hold.1, bench.arm[1]), (bench.arm[0], gripper));
+    }
+
+    #[test]
+    fn torque_off_aborts_all_trajectories() {
+        let (mut bench, first, second) = (Bench::new(), goal(), goal());
+        bench.to(first, 0, 1.0);
+        bench.to(second, 700, 0.5);
+        bench.run(200);
+        bench.status = MotionStatus::Idle;
+        bench.run(205);
+        bench.status = MotionStatus::Locked;
+        bench.run(3_000);
+        let lost = End::Aborted(Abort::TorqueLost);
+        assert_eq!(bench.ends(), [(205, first, lost.clone()), (205, second, lost)]);
+        assert!(bench.moves.iter().all(|(at, _)| *at <= 205), "{:?}", bench.moves);
+    }
+
+    #[test]
+    fn trajectory_without_torque_is_refused() {
+        let mut bench = Bench::new();
+        bench.status = MotionStatus::Idle;
+        bench.run(5);
+        assert_eq!(bench.order(Origin::Topic, 0, &["a"], &[1.0]), Err(Refusal::TorqueOff));
+    }
+
+    #[test]
+    fn refused_trajectory_leaves_the_motion() {
+        let (mut bench, goal) = (Bench::new(), goal());
+        bench.to(goal, 0, 1.0);
+        bench.run(300);
+        assert!(bench.order(Origin::Topic, 0, &["a"], &[-2.9]).is_err());
+        bench.run(2_000);
+        assert_eq!(bench.ends(), [(1_005, goal, End::Finished)]);
+    }
+
+    #[test]
+    fn waiting_trajectory_must_fit_at_its_start() {
+        let (mut bench, first, second) = (Bench::new(), goal(), goal());
+        bench.to(first, 0, 1.0);
+        // From 1.0 its speed is allowed, from 0.2 not.
+        bench.to(second, 1_500, 2.9);
+        bench.run(200);
+        let Origin::Goal(id) = first else { unreachable!() };
+        bench.motion.cancel(id);
+        bench.run(3_000);
+        let ends = bench.ends();
+        assert!(
+            matches!(
+                &ends[..],
+                [(205, _, End::Cancelled), (1_500, _, End::Aborted(Abort::Start(_)))]
+            ),
+            "{ends:?}"
+        );
+        assert!(bench.moves.iter().all(|(at, _)| *at <= 200), "{:?}", bench.moves);
+    }
+
+    #[test]
+    fn omitted_gripper_keeps_its_grip() {
+        let mut bench = Bench::new();
+        // Closed around an object at 0.01.
+        bench.arm[1] = 0.01;
+        bench.blocked[1] = true;
+        bench.order(Origin::Topic, 0, &["gripper"], &[-0.02]).unwrap();
+        bench.run(1_500);
+        bench.blocked[1] = false;
+        bench.to(Origin::Topic, 0, 0.5);
+        bench.run(1_600);
+        assert_eq!(bench.arm[1], -0.02);
+    }
+
+    #[test]
+    fn gripper_moved_by_another_host_stays() {
+        let mut bench = Bench::new();
+        bench.order(Origin::Topic, 0, &["gripper"], &[-0.02]).unwrap();
+        bench.run(1_500);
+        bench.arm[1] = 0.04;
+        bench.run(1_600);
+        bench.to(Origin::Topic, 0, 0.5);
+        bench.run(1_700);
+        assert_eq!(bench.arm[1], 0.04);
+    }
+
+    #[test]
+    fn feedback_compares_the_arm_with_its_setpoint() {
+        let (mut bench, goal) = (Bench::new(), goal());
+        bench.to(goal, 0, 1.0);
+        bench.run(1_100);
+        let feedback: Vec<_> = bench
+            .outputs
+            .iter()
+            .filter_map(|(at, output)| match output {
+                Output::Feedback(_, progress) => Some((*at, progress)),
+                _ => None,
+            })
+            .collect();
+        assert!((20..=22).contains(&feedback.len()), "{feedback:?}");
+        for (at, progress) in feedback {
+            assert!(progress.elapsed <= Duration::from_millis(at), "{at}: {progress:?}");
+            assert!(near(progress.desired[0], progress.actual[0]), "{at}: {progress:?}");
+        }
+    }
+}
