@@ -177,23 +177,20 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Take all items, then push the rest, until it is empty.
     #[must_use = "the bytes that did not fit are returned"]
     pub fn push<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
-        match (self.space(), bytes) {
-            // A call of `memcpy` takes longer than a byte.
-            ([to, ..], [byte]) => {
-                *to = *byte;
-                self.accept(1);
-                &[]
-            }
-            (space, _) => {
-                let n = space.len().min(bytes.len());
-                let (now, later) = bytes.split_at(n);
-                if let Some(space) = space.get_mut(..n) {
-                    space.copy_from_slice(now);
-                }
-                self.accept(n);
-                later
-            }
+        // A byte behind the window needs no call of `memcpy`, and the window stays in its place.
+        if let ([byte], Some(to)) = (bytes, self.buf.get_mut(self.tail)) {
+            *to = *byte;
+            self.accept(1);
+            return &[];
         }
+        let space = self.space();
+        let n = space.len().min(bytes.len());
+        let (now, later) = bytes.split_at(n);
+        if let Some(space) = space.get_mut(..n) {
+            space.copy_from_slice(now);
+        }
+        self.accept(n);
+        later
     }
 
     /// The line went idle: an incomplete frame will not be completed. Take the items afterwards.
