@@ -16,7 +16,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 import armwire
 
 from .config_alicia_d_armwire import AliciaDArmwireConfig
-from .pose import CALIBRATION, FEATURES, GRIPPER, JOINTS, pose
+from .pose import CALIBRATION, FEATURES, GRIPPER, JOINTS, image, observed, pose, start_reader
 
 logger = logging.getLogger(__name__)
 
@@ -38,6 +38,7 @@ class AliciaDArmwire(Robot):
         self.config = config
         self.cameras = make_cameras_from_configs(config.cameras)
         self._arm: armwire.Ling | None = None
+        self._reader: armwire.Reader[armwire.JointState] | None = None
         self._watchdog: _Watchdog | None = None
         # One motion at a time, an action or a stop.
         self._motion = threading.Condition()
@@ -76,6 +77,7 @@ class AliciaDArmwire(Robot):
             for camera in self.cameras.values():
                 camera.connect()
             self.configure()
+            self._reader = start_reader(self._arm, self.config.reading_rate_hz)
         except armwire.ArmwireError as error:
             self._close()
             raise DeviceNotConnectedError(str(error)) from error
@@ -98,19 +100,23 @@ class AliciaDArmwire(Robot):
         self._connected().set_torque(True)
 
     def get_observation(self) -> dict[str, Any]:
-        """Read the pose and the images.
+        """Return the newest pose and images, without waiting for the arm.
+
+        The pose is that at the time of the newest image, if its camera has one, and else the newest.
 
         Raises:
-            DeviceNotConnectedError: The arm does not answer; the text has the reason.
+            DeviceNotConnectedError: The newest pose is older than `observation_max_age_s`, or the port was lost; the
+                text has the reason.
         """
-        arm = self._connected()
+        self._connected()
+        assert self._reader is not None
+        images = {name: image(camera) for name, camera in self.cameras.items()}
+        times = (time for _, time in images.values())
         try:
-            observation: dict[str, Any] = pose(arm.read_joints())
+            observation: dict[str, Any] = observed(self._reader, times, self.config.observation_max_age_s)
         except armwire.ArmwireError as error:
             raise DeviceNotConnectedError(str(error)) from error
-        for name, camera in self.cameras.items():
-            observation[name] = camera.read_latest()
-        return observation
+        return {**observation, **{name: image for name, (image, _) in images.items()}}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Start a move to a pose.
@@ -150,6 +156,7 @@ class AliciaDArmwire(Robot):
         try:
             if self._watchdog is not None:
                 self._watchdog.end()
+            self._close_reader()
             try:
                 self._stop()
             except armwire.ArmwireError as error:
@@ -172,6 +179,7 @@ class AliciaDArmwire(Robot):
         if self._watchdog is not None:
             self._watchdog.end()
             self._watchdog = None
+        self._close_reader()
         if self._arm is not None:
             self._arm.close()
             self._arm = None
@@ -179,6 +187,11 @@ class AliciaDArmwire(Robot):
         for camera in self.cameras.values():
             if camera.is_connected:
                 camera.disconnect()
+
+    def _close_reader(self) -> None:
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
 
     def _feed(self) -> None:
         """Restart the timeout of actions."""

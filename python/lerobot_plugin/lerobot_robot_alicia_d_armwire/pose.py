@@ -1,6 +1,15 @@
 """A pose for LeRobot: by name, joints in degrees, the gripper from 0 (closed) to 1000 (open)."""
 
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
 import armwire
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 JOINTS = tuple(f"joint{number}" for number in range(1, 7))
 GRIPPER = "gripper"
@@ -16,3 +25,66 @@ def pose(state: armwire.JointState) -> dict[str, float]:
     """The pose in an arm's joint state."""
     values = [*state.joints_deg.tolist(), float(state.gripper_permille)]
     return dict(zip(FEATURES, values, strict=True))
+
+
+# Timeout of the first reading.
+FIRST_S = 1.0
+# Attempts to get an image with its time, while the camera replaces it.
+ATTEMPTS = 3
+
+
+def check_reading(rate_hz: int, name: str, max_age_s: float) -> None:
+    """Check the rate of readings and the option `name`, their maximum age.
+
+    Raises:
+        ValueError: One is out of range.
+    """
+    if rate_hz not in range(1, 1001):
+        raise ValueError(f"reading_rate_hz is {rate_hz}, must be 1 to 1000")
+    if not (max_age_s > 0 and math.isfinite(max_age_s)):
+        raise ValueError(f"{name} is {max_age_s}, must be over 0")
+
+
+def start_reader(arm: armwire.Ling, rate_hz: int) -> armwire.Reader[armwire.JointState]:
+    """Start to read the pose, and wait for the first one.
+
+    Raises:
+        ArmwireError: The arm does not answer.
+    """
+    reader = arm.reader(rate_hz)
+    if reader.next_after(0, timeout_s=FIRST_S) is None:
+        reader.close()
+        raise armwire.errors.AbsentError(f"{arm.port}: no pose was read in {FIRST_S:g} s")
+    return reader
+
+
+def image(camera: Any) -> tuple[Any, int | None]:
+    """The newest image of a camera, and its time in nanoseconds of the monotonic clock, if the camera has it."""
+    for _ in range(ATTEMPTS):
+        before = getattr(camera, "latest_timestamp", None)
+        image = camera.read_latest()
+        after = getattr(camera, "latest_timestamp", None)
+        if after is None or after == before:
+            break
+    if after is None:
+        return image, None
+    # LeRobot's cameras stamp by `time.perf_counter`.
+    return image, round(after * 1e9) + time.monotonic_ns() - time.perf_counter_ns()
+
+
+def observed(
+    reader: armwire.Reader[armwire.JointState], image_times: Iterable[int | None], max_age_s: float
+) -> dict[str, float]:
+    """The pose at the time of the newest image. Without an image time, or after the newest reading, the newest pose.
+
+    Raises:
+        ArmwireError: The newest pose is too old, or the port was lost.
+    """
+    newest = reader.latest(max_age_s=max_age_s)
+    at = max((time for time in image_times if time is not None), default=None)
+    if at is None:
+        return pose(newest.pose)
+    try:
+        return pose(reader.at(at).pose)
+    except armwire.errors.NoPoseError:
+        return pose(newest.pose)

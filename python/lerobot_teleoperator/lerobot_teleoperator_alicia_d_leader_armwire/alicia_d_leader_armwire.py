@@ -8,7 +8,7 @@ from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 import armwire
-from lerobot_robot_alicia_d_armwire.pose import CALIBRATION, FEATURES, pose
+from lerobot_robot_alicia_d_armwire.pose import CALIBRATION, FEATURES, observed, start_reader
 
 from .config_alicia_d_leader_armwire import AliciaDLeaderArmwireConfig
 
@@ -25,6 +25,7 @@ class AliciaDLeaderArmwire(Teleoperator):
         super().__init__(config)
         self.config = config
         self._arm: armwire.Ling | None = None
+        self._reader: armwire.Reader[armwire.JointState] | None = None
 
     @cached_property
     def action_features(self) -> dict[str, type]:
@@ -55,6 +56,7 @@ class AliciaDLeaderArmwire(Teleoperator):
             raise DeviceNotConnectedError(str(error)) from error
         try:
             info = arm.read_info()
+            self._reader = start_reader(arm, self.config.reading_rate_hz)
         except armwire.ArmwireError as error:
             arm.close()
             raise DeviceNotConnectedError(str(error)) from error
@@ -74,14 +76,16 @@ class AliciaDLeaderArmwire(Teleoperator):
         """Do nothing: the arm needs no configuration."""
 
     def get_action(self) -> dict[str, Any]:
-        """Read the pose.
+        """Return the newest pose, without waiting for the arm.
 
         Raises:
-            DeviceNotConnectedError: The arm does not answer; the text has the reason.
+            DeviceNotConnectedError: The newest pose is older than `action_max_age_s`, or the port was lost; the text
+                has the reason.
         """
-        arm = self._connected()
+        self._connected()
+        assert self._reader is not None
         try:
-            return pose(arm.read_joints())
+            return dict(observed(self._reader, (), self.config.action_max_age_s))
         except armwire.ArmwireError as error:
             raise DeviceNotConnectedError(str(error)) from error
 
@@ -90,8 +94,11 @@ class AliciaDLeaderArmwire(Teleoperator):
 
     def disconnect(self) -> None:
         """Close the port."""
-        self._connected().close()
-        self._arm = None
+        arm = self._connected()
+        if self._reader is not None:
+            self._reader.close()
+        arm.close()
+        self._arm = self._reader = None
         logger.info("%s disconnected.", self)
 
     def _connected(self) -> armwire.Ling:
