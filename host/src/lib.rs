@@ -103,7 +103,7 @@ pub use describe::{Arm, Fact, Protocol};
 pub use error::{Error, Silence, TorqueOffEffect};
 pub use goal::{Deviation, Limits};
 pub use hid::Selector;
-pub use ling::Ling;
+pub use ling::{Ling, Stream};
 pub use link::{Interrupt, LineErrors, Link};
 pub use outside::Outside;
 pub use port::{Connection, Options, Port, open};

@@ -1,5 +1,7 @@
 //! A Ling arm: its requests, and what a motion depends on.
 
+mod stream;
+
 use std::fmt;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -18,6 +20,8 @@ use crate::port::Connection;
 use crate::reader::OnPose;
 use crate::stop;
 use crate::text::Text;
+
+pub use stream::Stream;
 
 /// A gripper whose reading is the same for this long stands still: it may hold something.
 const STANDSTILL_TIME: Duration = Duration::from_secs(1);
@@ -97,14 +101,7 @@ impl Ling {
     /// Reads the joint positions, the gripper and the motion status.
     pub fn read_joints(&mut self) -> Result<JointState, Error> {
         let state: JointState = self.link.read(&Request::ReadJoints)?;
-        if let Some(on_pose) = &mut self.on_pose {
-            on_pose(state);
-        }
-        self.last = Some(state);
-        self.may_move = state.status.is_holding() != Some(false);
-        if !self.may_move {
-            self.gripper = None;
-        }
+        self.note(&state);
         Ok(state)
     }
 
@@ -201,14 +198,10 @@ impl Ling {
     /// [`Error::TorqueOff`], and nothing is sent. The torque is read before the first move, and before a move after a
     /// reading that showed it off: a stream of moves costs no readings.
     pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
-        let (gripper, _speed) = target.gripper;
         if !self.may_move {
             self.require_torque()?;
         }
-        self.link.send(&Request::Move(*target))?;
-        self.gripper = Some(gripper);
-        self.last = None;
-        Ok(())
+        self.start(target)
     }
 
     /// Starts a motion, as [`move_to`](Self::move_to). An omitted gripper gets its last goal, else its reading: a grip may
@@ -368,6 +361,27 @@ impl Ling {
     /// The arm's link alone.
     pub fn into_link(self) -> Link<armwire::ling::Ling> {
         self.link
+    }
+
+    /// Takes a reading.
+    fn note(&mut self, state: &JointState) {
+        if let Some(on_pose) = &mut self.on_pose {
+            on_pose(*state);
+        }
+        self.last = Some(*state);
+        self.may_move = state.status.is_holding() != Some(false);
+        if !self.may_move {
+            self.gripper = None;
+        }
+    }
+
+    /// Sends a move.
+    fn start(&mut self, target: &Move) -> Result<(), Error> {
+        let (gripper, _speed) = target.gripper;
+        self.link.send(&Request::Move(*target))?;
+        self.gripper = Some(gripper);
+        self.last = None;
+        Ok(())
     }
 
     fn stop_by(

@@ -326,6 +326,48 @@ impl<P: Arm> Link<P> {
         Ok((n > 0).then_some(responses))
     }
 
+    /// Sends a request. Its answer is [unsolicited](Self::unsolicited), and no call may be made before it came: it could take
+    /// the answer for its own.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the line, and [`Error::Lost`] after a part of the request: nothing may be sent behind it.
+    pub(crate) fn post(&mut self, request: &P::Request<'_>) -> Result<(), Error> {
+        self.client.cancel();
+        self.finish_void()?;
+        let mut out = [0; BUFFER];
+        let n = P::default()
+            .encode_request(request, &mut out)
+            .expect("the buffer has room for any request");
+        let mut rest = &out[..n];
+        while !rest.is_empty() {
+            match self.line.write(rest) {
+                Ok(written) => rest = &rest[written..],
+                Err(error) if rest.len() == n => return Err(error),
+                Err(error) => return Err(Error::lost(self.name(), error)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends what makes the arm discard a request that ended within its bytes.
+    fn finish_void(&mut self) -> Result<(), Error> {
+        loop {
+            match self.client.poll(self.clock.now()) {
+                Output::Transmit(bytes) => {
+                    let n = self.line.write(bytes)?;
+                    self.client
+                        .transmitted(self.clock.now(), n)
+                        .expect("the line wrote no more than there was");
+                }
+                Output::Event(Event::Noise { bytes, reason, .. }) => self.errors.count(bytes, reason),
+                Output::Event(Event::Broken { offset, reason }) => return Err(self.broken(offset, reason)),
+                Output::Event(_) => {}
+                Output::Receive | Output::Timeout(_) => return Ok(()),
+            }
+        }
+    }
+
     /// Returns true if the answer to a call that timed out arrives within the stale window.
     ///
     /// # Errors

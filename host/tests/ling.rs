@@ -7,9 +7,9 @@ use std::thread;
 use std::time::Duration;
 
 use armwire::ling::stop::{Grip, Stopped};
-use armwire::ling::{GripperSpeed, Move, Opening, Position, Request, Speed, Torque};
+use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Request, Speed, Torque};
 use armwire::time::Instant;
-use armwire_host::{Error, Ling, Missing, Remedy, Tap};
+use armwire_host::{Error, Ling, Missing, Remedy, Stream, Tap};
 use armwire_sim::ling::{Config, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
@@ -72,6 +72,11 @@ fn with_arm(test: impl FnOnce(&mut Ling) + Send) {
 
 /// Runs `test` with an arm, and the number of bytes that its answers lose.
 fn with_losing_arm(test: impl FnOnce(&mut Ling, &Arc<AtomicUsize>) + Send) {
+    with_own_arm(|mut arm, lost| test(&mut arm, lost));
+}
+
+/// Gives `test` an arm, and the number of bytes that its answers lose.
+fn with_own_arm(test: impl FnOnce(Ling, &Arc<AtomicUsize>) + Send) {
     let (pty, stop) = (Pty::open(None).unwrap(), AtomicBool::new(false));
     let lost = Arc::new(AtomicUsize::new(0));
     let mut virtual_arm = Losing {
@@ -82,7 +87,7 @@ fn with_losing_arm(test: impl FnOnce(&mut Ling, &Arc<AtomicUsize>) + Send) {
         scope.spawn(|| serve(&mut virtual_arm, &pty, &stop));
         let path = pty.path().to_str().unwrap();
         let tested = thread::scope(|scope| {
-            let test = || test(&mut armwire_host::open(path).unwrap().ling().unwrap(), &lost);
+            let test = || test(armwire_host::open(path).unwrap().ling().unwrap(), &lost);
             scope.spawn(test).join()
         });
         stop.store(true, Ordering::Relaxed);
@@ -234,5 +239,59 @@ fn interrupt_that_reports_once_stops_the_arm() {
             matches!(&error, Error::Stopped { reason, .. } if reason.to_string() == "Ctrl-C"),
             "{error}"
         );
+    });
+}
+
+/// The next reading of a stream. A busy system may answer late.
+fn next_reading(stream: &mut Stream) -> JointState {
+    loop {
+        let readings = stream.receive(Duration::from_millis(100)).unwrap();
+        if let Some(reading) = readings.last() {
+            return *reading;
+        }
+    }
+}
+
+#[test]
+fn lost_answer_costs_a_stream_one_reading() {
+    with_own_arm(|arm, lost| {
+        let mut stream = arm.into_stream();
+        stream.request_joints().unwrap();
+        next_reading(&mut stream);
+        lost.store(JOINTS_ANSWER, Ordering::Relaxed);
+        stream.request_joints().unwrap();
+        // No timeout comes before the next request.
+        stream.request_joints().unwrap();
+        assert_eq!(next_reading(&mut stream).joints, [2_048; 6]);
+        assert_eq!(lost.load(Ordering::Relaxed), 0);
+    });
+}
+
+#[test]
+fn stream_moves_no_arm_without_torque() {
+    with_own_arm(|arm, _| {
+        let mut stream = arm.into_stream();
+        assert!(matches!(stream.move_to(&far_target()), Err(Error::At { .. })));
+        stream.request_joints().unwrap();
+        next_reading(&mut stream);
+        stream.move_to(&far_target()).unwrap();
+        let mut arm = stream.into_arm();
+        assert!(arm.has_moved());
+        arm.set_torque(Torque::Off).unwrap();
+        let mut stream = arm.into_stream();
+        stream.request_joints().unwrap();
+        next_reading(&mut stream);
+        assert!(matches!(stream.move_to(&far_target()), Err(Error::TorqueOff { .. })));
+    });
+}
+
+#[test]
+fn arm_of_a_stream_has_no_answers_of_it() {
+    with_own_arm(|arm, _| {
+        let mut stream = arm.into_stream();
+        stream.request_joints().unwrap();
+        let mut arm = stream.into_arm();
+        let late = arm.link().unsolicited(Duration::from_millis(200), |_| ()).unwrap();
+        assert_eq!(late, None);
     });
 }
