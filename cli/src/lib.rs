@@ -21,6 +21,7 @@ mod motion;
 mod new_file;
 mod output;
 mod printable;
+mod record;
 mod recording;
 mod remedies;
 #[cfg(feature = "selftest")]
@@ -70,6 +71,8 @@ enum Command {
     ///
     /// On a terminal the output is a full screen, otherwise a line per reading. See also --csv and --json.
     Monitor(monitor::Monitor),
+    /// Record an arm to an MCAP file, as 'monitor --mcap' does: moved by hand with the torque off, or by another program.
+    Record(record::Record),
     /// Move the joints and the gripper of a Ling arm. The arm moves at once: keep clear of it.
     Move(motion::MoveArm),
     /// Stop an arm. The torque stays on. Not an emergency stop: keep a switch in the arm's supply.
@@ -173,6 +176,7 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Info(info) => info.run(),
         Command::List(list) => list.run(),
         Command::Monitor(monitor) => monitor.run(signals::catch()?),
+        Command::Record(record) => record.run(signals::catch()?),
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
         Command::Stop(stop) => stop.run(),

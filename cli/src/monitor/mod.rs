@@ -16,7 +16,7 @@ mod table;
 mod view;
 mod xarm;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use armwire_host::XArm;
@@ -25,7 +25,7 @@ use clap::Args;
 use crate::args::{LiveArm, Place};
 use crate::error::Error;
 
-use output::Form;
+pub(crate) use output::Form;
 use polled::Polled;
 use reading::Source;
 use recorder::Recorder;
@@ -58,11 +58,40 @@ pub(crate) struct Monitor {
     mcap: Option<PathBuf>,
 }
 
+/// Watching an arm: what `armwire monitor` and `armwire record` do.
+pub(crate) struct Watch<'a> {
+    pub(crate) place: &'a Place,
+    /// Readings per second, unless the adapter is the source.
+    pub(crate) rate: u32,
+    /// The number of readings; `None` for no end.
+    pub(crate) count: Option<u64>,
+    /// True if the adapter's events are the source.
+    pub(crate) from_adapter: bool,
+    /// The file of the recording; `None` for none.
+    pub(crate) mcap: Option<&'a Path>,
+    pub(crate) form: Form,
+}
+
 impl Monitor {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
-        let form = Form::new(self.csv, self.json);
+        let watch = Watch {
+            place: &self.place,
+            rate: self.rate,
+            count: self.count,
+            from_adapter: self.from_adapter,
+            mcap: self.mcap.as_deref(),
+            form: Form::new(self.csv, self.json),
+        };
+        watch.run(stop)
+    }
+}
+
+impl Watch<'_> {
+    /// Watches the arm until `stop` is set, or until the user or the number of readings ends it.
+    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
+        let form = self.form;
         let mut session = Session::new(&self.place.port, form, self.count, stop);
-        let mut recorder = Recorder::new(self.mcap.as_deref());
+        let mut recorder = Recorder::new(self.mcap);
         let mut is_legacy = self.place.arm == LiveArm::LingLegacy;
         let end = loop {
             let watched = self.open(form, is_legacy, &recorder).and_then(|mut watched| {

@@ -25,7 +25,7 @@ const DRAW_PERIOD: Duration = Duration::from_millis(50);
 
 /// The form of the output.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
+pub(crate) enum Form {
     /// A full screen.
     Screen,
     /// A line of text per reading.
@@ -34,6 +34,8 @@ pub(super) enum Form {
     Csv,
     /// A JSON object per line.
     Json,
+    /// The sum, at the end.
+    Sum,
 }
 
 /// The last event of a session.
@@ -73,9 +75,22 @@ impl Form {
         }
     }
 
+    /// The form of a recording: a full screen on a capable terminal, and the sum otherwise.
+    pub(crate) fn of_recording() -> Self {
+        match Self::new(false, false) {
+            Self::Screen => Self::Screen,
+            _ => Self::Sum,
+        }
+    }
+
+    /// Returns true if the sum is printed at the end.
+    pub(super) fn has_sum(self) -> bool {
+        matches!(self, Self::Screen | Self::Sum)
+    }
+
     /// Returns true if the form shows temperatures.
     pub(super) fn shows_celsius(self) -> bool {
-        self != Self::Lines
+        !matches!(self, Self::Lines | Self::Sum)
     }
 
     pub(super) fn open(self) -> Result<Box<dyn Output>, Error> {
@@ -182,7 +197,7 @@ impl Output for Printed {
         if let (Step::TimedOut | Step::Notice, Some(notice)) = (step, &model.notice) {
             output::print_error(notice);
         }
-        let Some(latest) = &model.latest else {
+        let Some(latest) = model.latest.as_ref().filter(|_| self.form != Form::Sum) else {
             return Ok(());
         };
         let reading = match step {

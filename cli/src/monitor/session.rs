@@ -148,7 +148,7 @@ impl<'a> Session<'a> {
     /// Restores the terminal, and prints the summary in place of the screen.
     pub(super) fn close(&mut self) -> Result<(), Error> {
         match self.output.take() {
-            Some(output) if self.form == Form::Screen => {
+            Some(output) if self.form.has_sum() => {
                 drop(output);
                 print_line(self.model.summary(self.clock.now()))
             }

@@ -53,6 +53,6 @@ pub(crate) fn create(path: &Path) -> Result<Box<dyn Sink>, Error> {
 #[cfg(not(feature = "recordings"))]
 pub(crate) fn create(_: &Path) -> Result<Box<dyn Sink>, Error> {
     Err(Error::Usage(
-        "--mcap needs a build with the feature 'recordings'".to_owned(),
+        "a recording needs a build with the feature 'recordings'".to_owned(),
     ))
 }

@@ -262,3 +262,24 @@ fn full_disk_ends_the_recording() {
         "{text}"
     );
 }
+
+#[test]
+fn record_is_the_recorder_of_monitor() {
+    let arm = Arm::start("ling", "record", &[]);
+    let recording = Recording::new();
+    let output = retry_while(NO_ANSWER, || {
+        let _ = fs::remove_file(&recording.0);
+        run(&["record", &arm.port, recording.path(), "--count", "5"])
+    });
+    assert!(output.status.success(), "{output:?}");
+    let sum = String::from_utf8(output.stdout).unwrap();
+    assert!(sum.contains(": readings 5, "), "{sum}");
+    assert_eq!(sum.lines().count(), 1, "{sum}");
+    let (entries, _) = recording.decoded();
+    let readings = entries
+        .iter()
+        .filter(|(_, text)| text.contains("from the arm: joints: "));
+    assert!(readings.count() >= 5);
+    let again = run(&["record", &arm.port, recording.path()]);
+    assert!(failure(&again).ends_with("the file exists: delete it, or name another"));
+}
