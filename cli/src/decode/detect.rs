@@ -6,8 +6,9 @@ use super::log::candump::{self, Candump};
 #[cfg(feature = "recordings")]
 use super::log::pcap;
 use super::log::{Record, TextLog, blf, csv, gvret, printer};
-use super::text::{dump, logged};
+use super::text::{decimal, dump, logged, time};
 use crate::error::Error;
+use crate::hex;
 
 /// First characters of text formats, in any case. TRC version 1.0 has a line of number signs.
 const BEGINNINGS: [(&str, Format); 7] = [
@@ -21,11 +22,33 @@ const BEGINNINGS: [(&str, Format); 7] = [
 ];
 /// First bytes of an MCAP file.
 const MCAP: &[u8] = b"\x89MCAP0\r\n";
+/// First bytes of files that are not read, with the reason.
+const REFUSED: [(&[u8], &str); 10] = [
+    (
+        b"SQLite format 3\0",
+        "an SQLite database: 'python -m can.logconvert FILE OUT.log' converts that of python-can, 'ros2 bag convert' that of ROS 2",
+    ),
+    (
+        b"MDF     ",
+        "an ASAM MDF file: 'python -m can.logconvert FILE OUT.log' of python-can converts MF4",
+    ),
+    (b"#ROSBAG V2.0\n", "a bag of ROS 1: 'rosbags-convert' converts it"),
+    (b"\xFD7zXZ\0", "compressed by xz: decompress it by 'xz -d'"),
+    (b"BZh", "compressed by bzip2: decompress it by 'bzip2 -d'"),
+    (b"\x04\x22\x4D\x18", "compressed by lz4: decompress it by 'lz4 -d'"),
+    (b"PK\x03\x04", "a ZIP archive: unpack it"),
+    (b"7z\xBC\xAF\x27\x1C", "a 7z archive: unpack it"),
+    (b"{\\rtf1", "rich text: save it as plain text"),
+    (b"%PDF-", "a PDF file: copy the text"),
+];
 
 /// Detects the format. Reads as much as needed.
 pub(super) fn detect(head: &mut Head<'_>) -> Result<Format, Error> {
     let mut is_all = false;
     loop {
+        if let Some((_, reason)) = REFUSED.into_iter().find(|(mark, _)| head.bytes().starts_with(mark)) {
+            return Err(head.refused(reason));
+        }
         match judge(head.bytes(), is_all) {
             Verdict::Format(format) => return Ok(format),
             Verdict::Refused(number, line, reason) => return Err(head.refused_line(number, &line, &reason)),
@@ -81,7 +104,8 @@ fn judge_marks(bytes: &[u8], is_all: bool) -> Option<Option<Format>> {
             return Some(None);
         }
     }
-    if may_become(blf::SIGNATURE) || may_become(MCAP) || may_become(BYTE_ORDER_MARK) {
+    let may_be_refused = REFUSED.iter().any(|(mark, _)| may_become(mark));
+    if may_be_refused || may_become(blf::SIGNATURE) || may_become(MCAP) || may_become(BYTE_ORDER_MARK) {
         return Some(None);
     }
     let text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
@@ -96,28 +120,63 @@ fn judge_marks(bytes: &[u8], is_all: bool) -> Option<Option<Format>> {
         return Some(Some(Format::Candump));
     }
     // Each frame has a byte that no text has: AA for ling, ED for alpha1, 00 for xarm.
-    if !is_text(text) {
-        return Some(Some(Format::Raw));
+    match content(text, is_all) {
+        Content::Text => {}
+        Content::Raw => return Some(Some(Format::Raw)),
+        Content::Unknown => return Some(None),
     }
     match line.bytes().next() {
         _ if !is_whole_line => Some(None),
         // An empty recording has no frames in any format.
         None => Some(is_all.then_some(Format::Hex)),
         // A line of candump may be damaged.
-        Some(b'(') if line.contains('#') || candump::names_interface(&line) => Some(Some(Format::Candump)),
+        Some(b'(') if candump::names_interface(&line) => Some(Some(Format::Candump)),
         Some(_) => None,
     }
 }
 
-/// Returns true for UTF-8 without control characters, up to an incomplete character.
-fn is_text(bytes: &[u8]) -> bool {
+/// The content of a recording that begins with these bytes.
+enum Content {
+    Text,
+    Raw,
+    /// More bytes are needed.
+    Unknown,
+}
+
+/// Text is UTF-8 without control characters, up to an incomplete character, or lines in an encoding of one byte.
+fn content(bytes: &[u8], is_all: bool) -> Content {
     let text = match std::str::from_utf8(bytes) {
         Ok(text) => text,
-        Err(error) if error.error_len().is_some() => return false,
+        Err(error) if error.error_len().is_some() => return content_of_one_byte(bytes, is_all),
         Err(error) => std::str::from_utf8(&bytes[..error.valid_up_to()]).unwrap_or_default(),
     };
-    !text.contains('\0')
-        && (text.is_ascii() || !text.contains(|character: char| character.is_control() && !character.is_whitespace()))
+    let is_control = |character: char| character.is_control() && !character.is_whitespace() && character != ESCAPE;
+    match !text.contains('\0') && (text.is_ascii() || !text.contains(is_control)) {
+        true => Content::Text,
+        false => Content::Raw,
+    }
+}
+
+/// The first character of a terminal's colours.
+const ESCAPE: char = '\u{1B}';
+
+/// Text in an encoding of one byte has mostly characters of ASCII in its first line. A raw recording has control
+/// characters.
+fn content_of_one_byte(bytes: &[u8], is_all: bool) -> Content {
+    /// The beginning of a text has a character of ASCII in it.
+    const BEGINNING: usize = 4;
+    let is_ascii = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
+    let ascii = |bytes: &[u8]| bytes.iter().filter(|byte| is_ascii(byte)).count();
+    let is_control = |byte: &u8| byte.is_ascii_control() && !is_ascii(byte) && char::from(*byte) != ESCAPE;
+    let beginning = &bytes[..bytes.len().min(BEGINNING)];
+    let (_, line, is_ended) = first_line(bytes);
+    match () {
+        () if bytes.iter().any(is_control) => Content::Raw,
+        () if beginning.len() == BEGINNING && 2 * ascii(beginning) < BEGINNING => Content::Raw,
+        () if !is_ended && !is_all => Content::Unknown,
+        () if 4 * ascii(line) > 3 * line.len() => Content::Text,
+        () => Content::Raw,
+    }
 }
 
 /// The verdict on text that is no log of a CAN bus, by its first line that has bytes, and the line behind it.
@@ -125,10 +184,14 @@ fn judge_lines(text: &[u8], is_all: bool) -> Verdict {
     let text = String::from_utf8_lossy(text);
     let ended = text.split_inclusive('\n').filter(|line| is_all || line.ends_with('\n'));
     let mut lines = (1..).zip(ended).filter(|(_, line)| !line.trim().is_empty());
-    let mut is_first = true;
+    let mut log = logged::Log::default();
+    let mut first = None;
+    let mut has_small_numbers = false;
     while let Some((number, line)) = lines.next() {
         let next = lines.clone().next().map(|(_, line)| line);
-        match judge_line(line) {
+        let is_first = first.is_none();
+        first.get_or_insert((number, line));
+        match judge_line(line, &mut log) {
             Column::Offset => return Verdict::Format(Format::Dump),
             Column::OffsetOr(other) => match next {
                 Some(next) if dump::follows(line, next) => return Verdict::Format(Format::Dump),
@@ -137,20 +200,35 @@ fn judge_lines(text: &[u8], is_all: bool) -> Verdict {
                 None if !is_all => return Verdict::Unknown,
                 _ => return Verdict::Refused(number, line.to_owned(), OFFSET_OR_BYTES.to_owned()),
             },
+            Column::Ruler | Column::Nothing => {}
             Column::TimeOrBytes => return Verdict::Refused(number, line.to_owned(), TIME_OR_BYTES.to_owned()),
+            Column::Decimal => return Verdict::Format(Format::Dec),
+            Column::SmallNumbers => has_small_numbers = true,
             Column::Bytes if is_first => return Verdict::Format(Format::Hex),
             Column::Bytes | Column::Logged => return Verdict::Format(Format::Log),
-            Column::Nothing if is_first && begins_with_digits(line.trim()) => return Verdict::Format(Format::Hex),
             Column::Refused(reason) => return Verdict::Refused(number, line.to_owned(), reason),
-            Column::Nothing => {}
         }
-        is_first = false;
     }
-    Verdict::Unknown
+    match first.filter(|_| is_all) {
+        Some((number, line)) if has_small_numbers => {
+            Verdict::Refused(number, line.to_owned(), DECIMAL_OR_BYTES.to_owned())
+        }
+        Some((number, line)) if begins_with_digits(line.trim()) => match hex::parse(line) {
+            Ok(_) => Verdict::Unknown,
+            Err(error) => Verdict::Refused(number, line.to_owned(), not_bytes(&error.word)),
+        },
+        _ => Verdict::Unknown,
+    }
+}
+
+fn not_bytes(word: &str) -> String {
+    format!("'{word}' is not a byte or bytes in hexadecimal")
 }
 
 const OFFSET_OR_BYTES: &str = "the first word may be an offset (--format dump) or bytes (--format hex)";
 const TIME_OR_BYTES: &str = "the first word may be a time or a date (--format log) or bytes (--format hex)";
+
+const DECIMAL_OR_BYTES: &str = "the numbers may be decimal (--format dec) or bytes in hexadecimal (--format hex)";
 
 /// The beginning of a line.
 enum Column {
@@ -159,6 +237,12 @@ enum Column {
     /// An offset, or what a line of this format has.
     OffsetOr(Format),
     TimeOrBytes,
+    /// The numbers of the columns of a dump.
+    Ruler,
+    /// Decimal numbers, one of which has three digits.
+    Decimal,
+    /// Decimal numbers of one or two digits.
+    SmallNumbers,
     Bytes,
     /// A prefix, with bytes behind it.
     Logged,
@@ -168,39 +252,70 @@ enum Column {
     Nothing,
 }
 
-fn judge_line(line: &str) -> Column {
-    let are_bytes = line.split([' ', '\t', ',', ':', '-', '\r', '\n']).all(is_bytes);
-    if let Some(dump::Line::Data {
-        offset,
-        has_colon,
-        words,
-        ascii,
-    }) = dump::columns(line)
-        && !words.is_empty()
+fn judge_line(line: &str, log: &mut logged::Log) -> Column {
+    if is_ruler(line) {
+        return Column::Ruler;
+    }
+    if is_intel_hex(line.trim()) {
+        return Column::Refused(INTEL_HEX.to_owned());
+    }
+    let has_digits = line.contains(|character: char| character.is_ascii_hexdigit());
+    let are_bytes = has_digits && line.split([' ', '\t', ',', ':', '-', '\r', '\n']).all(is_bytes);
+    if let Some(dump::Line::Data(row)) = dump::columns(line)
+        && !row.words.is_empty()
     {
-        let widest = words.iter().map(|word| word.len()).max().unwrap_or_default();
+        let offset = row.offset;
+        let are_zeros = offset.bytes().all(|digit| digit == b'0');
         // An offset is longer than the words behind it, except for long groups.
-        match (has_colon, ascii) {
-            (true, _) | (_, Some(_)) => return Column::Offset,
-            (false, None) if offset.len() % 2 == 1 && offset.bytes().all(|digit| digit == b'0') => {
-                return Column::Offset;
-            }
-            (false, None) if are_bytes && widest < offset.len() => return Column::OffsetOr(Format::Hex),
-            (false, None) if offset.len() % 2 == 1 => return Column::OffsetOr(Format::Log),
-            (false, None) => {}
+        match (row.has_colon || row.has_column(), offset.len() % 2) {
+            (true, _) => return Column::Offset,
+            (false, 1) if are_zeros => return Column::Offset,
+            // The first offset may be short.
+            (false, _) if offset.len() < MIN_OFFSET && !are_zeros => {}
+            (false, _) if are_bytes && row.widest() < offset.len() => return Column::OffsetOr(Format::Hex),
+            (false, 1) => return Column::OffsetOr(Format::Log),
+            (false, _) => {}
         }
     }
     if are_bytes {
-        return match logged::begins_with_time_or_bytes(line) {
+        return match time::begins_with_time_or_bytes(line) {
             true => Column::TimeOrBytes,
             false => Column::Bytes,
         };
     }
-    match logged::find(line) {
-        Ok(Some(_)) => Column::Logged,
-        Ok(None) => Column::Nothing,
-        Err(reason) => Column::Refused(reason),
+    let words = || line.split([' ', '\t', ',', ';', '\r', '\n']);
+    match (decimal(line), log.find(line)) {
+        // Bytes of a list.
+        (_, Ok(Some(_))) => Column::Logged,
+        (Some(_), _) if words().any(|word| word.len() == 3) => Column::Decimal,
+        (Some(_), _) => Column::SmallNumbers,
+        (None, Ok(None)) => Column::Nothing,
+        (None, Err(doubt)) => Column::Refused(doubt.text),
     }
+}
+
+/// The shortest offset without a colon that is not 0, in digits.
+const MIN_OFFSET: usize = 6;
+
+const INTEL_HEX: &str = "a record of Intel HEX: 'objcopy -I ihex -O binary' converts it";
+
+/// Returns true for a record of Intel HEX: a colon, and bytes whose sum is 0.
+fn is_intel_hex(line: &str) -> bool {
+    const MIN_RECORD: usize = 5;
+    let bytes = line.strip_prefix(':').and_then(|digits| hex::parse(digits).ok());
+    bytes.is_some_and(|bytes| {
+        bytes.len() >= MIN_RECORD
+            && usize::from(bytes[0]) == bytes.len() - MIN_RECORD
+            && bytes.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte)) == 0
+    })
+}
+
+/// Returns true for the heading of a dump, such as `Offset(h) 00 01 02 03 04 05 06 07`.
+fn is_ruler(line: &str) -> bool {
+    let mut words = line.split_whitespace().peekable();
+    while words.next_if(|word| u8::from_str_radix(word, 16) != Ok(0)).is_some() {}
+    let numbers: Vec<_> = words.take(8).map(|word| u8::from_str_radix(word, 16).ok()).collect();
+    numbers == [0, 1, 2, 3, 4, 5, 6, 7].map(Some)
 }
 
 /// Returns true for pairs of digits, with or without 0x before them, and for nothing.

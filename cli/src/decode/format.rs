@@ -9,6 +9,8 @@ pub(crate) enum Format {
     Raw,
     /// The bytes of a line as hexadecimal digits, such as 'AA 06 00 01 FE 9A FF'.
     Hex,
+    /// The bytes of a line as decimal numbers, such as '170 6 0 1 254 154 255'.
+    Dec,
     /// A log of 'candump -L', or the output of 'candump'.
     Candump,
     /// A Vector ASC log.
@@ -29,7 +31,11 @@ pub(crate) enum Format {
     Mcap,
     /// A hex dump with offsets, of xxd, hexdump or od.
     Dump,
+    /// A hex dump whose groups are in the order of the file, as of 'xxd -g 4'.
+    DumpBe,
+    /// A hex dump whose groups are little-endian, as of 'xxd -e'.
+    DumpLe,
     /// The lines of a program's log: prefix, direction such as RX: or TX:, and bytes in hexadecimal, as b'...', or as a
-    /// list or an array. TX is to the arm.
+    /// list or an array. See --tx.
     Log,
 }

@@ -75,12 +75,14 @@ impl<'a> Head<'a> {
         Ok(self.into_input())
     }
 
+    /// The error of a recording that cannot be decoded.
+    pub(super) fn refused(&self, reason: &str) -> Error {
+        Error::at(&self.name, reason)
+    }
+
     /// The error of a line that cannot be decoded.
     pub(super) fn refused_line(&self, number: u64, text: &str, reason: &str) -> Error {
-        Error::at(
-            &self.name,
-            format_args!("line {number}: '{}': {reason}", cut(text.trim())),
-        )
+        refused_line(&self.name, number, text, reason)
     }
 }
 

@@ -31,9 +31,9 @@ use clap::Args;
 
 use crate::args::{ArmKind, Speaker};
 use crate::error::Error;
-use crate::hex;
 use crate::output::print_error;
 use bus::Buses;
+use doubts::Doubts;
 use format::Format;
 use input::{Head, Input};
 use output::{Console, Entries, Output};
@@ -59,6 +59,9 @@ pub(crate) struct Decode {
     /// as the arm's. A servo's answers are shown as bytes there: their meaning depends on the request.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
+    /// Sender of the bytes that a log calls TX, sent or written: arm if its program runs on the arm's side.
+    #[arg(long, value_enum, value_name = "WHO", default_value = "host")]
+    tx: Speaker,
     /// Exit with status 3 if a part of the recording was not understood.
     #[arg(long)]
     strict: bool,
@@ -82,7 +85,12 @@ impl Decode {
         };
         let out = self.output()?;
         let head = Head::new(name.clone(), source, &*out);
-        let decoded = decode_recording(head, &*out, self.format, self.arm, self.from);
+        let line = Line {
+            arm: self.arm,
+            from: self.from,
+            tx: self.tx,
+        };
+        let decoded = decode_recording(head, &*out, self.format, line);
         // Items before an error are shown before it. A failed output ends the input early.
         out.finish().map_err(Error::Output)?;
         match decoded? {
@@ -105,6 +113,27 @@ impl Decode {
     }
 }
 
+/// What is known of a recorded line.
+#[derive(Clone, Copy)]
+struct Line {
+    arm: ArmKind,
+    /// The sender of bytes without a direction, if it is known.
+    from: Option<Speaker>,
+    /// The sender of what a log calls TX.
+    tx: Speaker,
+}
+
+impl Line {
+    /// The sender of bytes that a text calls those of this one.
+    fn sender(&self, named: Speaker) -> Speaker {
+        match (self.tx, named) {
+            (Speaker::Host, named) => named,
+            (Speaker::Arm, Speaker::Host) => Speaker::Arm,
+            (Speaker::Arm, Speaker::Arm) => Speaker::Host,
+        }
+    }
+}
+
 /// The output of `armwire decode` for a recording: an entry for each frame and for the bytes between frames, and the
 /// sum.
 ///
@@ -114,20 +143,19 @@ impl Decode {
 pub fn decode(input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Vec<String>, String> {
     let out = Entries::default();
     let head = Head::new("input".to_owned(), Box::new(input), &out);
-    match decode_recording(head, &out, None, arm, from) {
+    let line = Line {
+        arm,
+        from,
+        tx: Speaker::Host,
+    };
+    match decode_recording(head, &out, None, line) {
         Ok(_) | Err(Error::Undecodable { .. }) => Ok(out.into_lines()),
         Err(error) => Err(error.to_string()),
     }
 }
 
 /// Decodes a recording. Returns the number of its parts that were not understood.
-fn decode_recording(
-    mut head: Head<'_>,
-    out: &dyn Output,
-    format: Option<Format>,
-    arm: ArmKind,
-    from: Option<Speaker>,
-) -> Result<u64, Error> {
+fn decode_recording(mut head: Head<'_>, out: &dyn Output, format: Option<Format>, line: Line) -> Result<u64, Error> {
     if format != Some(Format::Raw) {
         head = head.unpacked();
     }
@@ -137,15 +165,15 @@ fn decode_recording(
         _ => head.into_text()?,
     };
     match format {
-        Format::Raw | Format::Hex | Format::Dump | Format::Log => {
-            decode_line(input, out, format, arm, from).map(|()| 0)
+        Format::Raw | Format::Hex | Format::Dec | Format::Dump | Format::DumpBe | Format::DumpLe | Format::Log => {
+            decode_line(input, out, format, line)
         }
         #[cfg(feature = "recordings")]
         Format::Mcap => mcap::decode(&mut input, out),
         #[cfg(not(feature = "recordings"))]
         Format::Mcap => Err(Error::at(input.name(), "this build of armwire reads no MCAP files")),
         _ => {
-            let mut buses = Buses::new(match arm {
+            let mut buses = Buses::new(match line.arm {
                 ArmKind::Ling => Protocol::Ling,
                 ArmKind::LingLegacy => Protocol::LingLegacy,
                 ArmKind::Alpha1 | ArmKind::Alpha1Servo => Protocol::Alpha1,
@@ -159,57 +187,41 @@ fn decode_recording(
     }
 }
 
-/// Decodes the bytes of a line.
-fn decode_line(
-    mut input: Input<'_>,
-    out: &dyn Output,
-    format: Format,
-    arm: ArmKind,
-    from: Option<Speaker>,
-) -> Result<(), Error> {
-    let mut sides = Sides::new(arm, from)?;
+/// Decodes the bytes of a line. Returns the number of parts that were not understood.
+fn decode_line(mut input: Input<'_>, out: &dyn Output, format: Format, line: Line) -> Result<u64, Error> {
+    let mut sides = Sides::new(line.arm, line.from)?;
     let name = input.name().to_owned();
-    let read = match format {
-        Format::Dump => text::read_dump(&mut input, out, &mut |from, bytes| sides.push(from, bytes, out)),
-        Format::Log => text::read_log(&mut input, &mut |from, bytes| sides.push(from, bytes, out)),
-        _ => decode_bytes(input, out, format, &mut sides),
+    let (doubts, read) = match format {
+        Format::Raw => (Doubts::default(), decode_raw(&mut input, out, &mut sides)),
+        _ => text::read(&mut input, format, out, &mut |from, bytes| {
+            // A broken stream ends.
+            if sides.broken().is_none() {
+                sides.push(from.map(|from| line.sender(from)), bytes, out);
+            }
+        }),
     };
     // Items before an error are shown before it, without the sum.
     read?;
-    out.remark(format_args!("{}", sides.finish(out)));
+    out.remark(format_args!("{}{}", sides.finish(out), doubts.sum()));
     match sides.broken() {
-        None => Ok(()),
+        None => Ok(doubts.count()),
         Some((offset, reason)) => Err(Error::Undecodable { name, offset, reason }),
     }
 }
 
-/// Decodes bytes, raw or as hexadecimal digits.
-fn decode_bytes(mut input: Input<'_>, out: &dyn Output, format: Format, sides: &mut Sides) -> Result<(), Error> {
-    let mut hex = (format == Format::Hex).then(hex::Parser::new);
-    let name = input.name().to_owned();
-    let mut bytes = Vec::new();
+/// Decodes bytes as they are.
+fn decode_raw(input: &mut Input<'_>, out: &dyn Output, sides: &mut Sides) -> Result<(), Error> {
     while sides.broken().is_none() {
-        let piece = input.fill_buf().map_err(|error| Error::at(&name, error))?;
+        let piece = match input.fill_buf() {
+            Ok(piece) => piece,
+            Err(error) => return Err(input.failed(error)),
+        };
         let len = piece.len();
         if len == 0 {
             break;
         }
-        match &mut hex {
-            None => sides.push(None, piece, out),
-            Some(hex) => {
-                bytes.clear();
-                let parsed = hex.push(piece, &mut bytes);
-                // Items before an error are shown before it.
-                sides.push(None, &bytes, out);
-                parsed.map_err(|error| Error::at(&name, error))?;
-            }
-        }
+        sides.push(None, piece, out);
         input.consume(len);
-    }
-    if let Some(mut hex) = hex
-        && sides.broken().is_none()
-    {
-        hex.finish().map_err(|error| Error::at(&name, error))?;
     }
     Ok(())
 }

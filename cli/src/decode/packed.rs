@@ -13,7 +13,7 @@ const MAX_WINDOW: u64 = 32 * 1024 * 1024;
 
 /// The first bytes of a packed recording. `None` is the byte of an ASCII character. A raw recording may begin with a byte
 /// order mark by chance, but hardly with the first character, too.
-const MARKS: [(&[Option<u8>], Packing); 4] = [
+const MARKS: [(&[Option<u8>], Packing); 6] = [
     (&[Some(0x1F), Some(0x8B), Some(8)], Packing::Gzip),
     (&[Some(0x28), Some(0xB5), Some(0x2F), Some(0xFD)], Packing::Zstd),
     (
@@ -22,6 +22,15 @@ const MARKS: [(&[Option<u8>], Packing); 4] = [
     ),
     (
         &[Some(0xFE), Some(0xFF), Some(0), None],
+        Packing::Utf16(u16::from_be_bytes),
+    ),
+    // Without a byte order mark.
+    (
+        &[None, Some(0), None, Some(0), None, Some(0), None, Some(0)],
+        Packing::Utf16(u16::from_le_bytes),
+    ),
+    (
+        &[Some(0), None, Some(0), None, Some(0), None, Some(0), None],
         Packing::Utf16(u16::from_be_bytes),
     ),
 ];

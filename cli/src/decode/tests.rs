@@ -21,6 +21,12 @@ impl Read for Pieces<'_> {
     }
 }
 
+/// A line whose logs are those of the program that controls the arm.
+pub(super) fn line(arm: ArmKind, from: Option<Speaker>) -> Line {
+    let tx = Speaker::Host;
+    Line { arm, from, tx }
+}
+
 /// The entries of a recording, and the error if there is one. Both are the same for pieces of any size.
 pub(super) fn printed(
     recording: &[u8],
@@ -31,7 +37,7 @@ pub(super) fn printed(
     let read = |piece| {
         let out = Entries::default();
         let head = Head::new("log".to_owned(), Box::new(Pieces(recording, piece)), &out);
-        let decoded = decode_recording(head, &out, format, arm, from);
+        let decoded = decode_recording(head, &out, format, line(arm, from));
         (out.into_lines(), decoded.err().map(|problem| problem.to_string()))
     };
     let whole = read(usize::MAX);
@@ -328,7 +334,7 @@ fn memory_does_not_grow_with_a_recording() {
         let measured = allocation_counter::measure(|| {
             let source = Box::new(Pieces(&recording, usize::MAX));
             let head = Head::new("log".to_owned(), source, &Nowhere);
-            decode_recording(head, &Nowhere, Some(Format::Raw), arm, Some(from)).unwrap();
+            decode_recording(head, &Nowhere, Some(Format::Raw), line(arm, Some(from))).unwrap();
         });
         let memory = measured.bytes_max;
         assert!(

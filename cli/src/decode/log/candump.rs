@@ -51,14 +51,18 @@ enum Content {
     Xl,
 }
 
-/// Returns true if a line begins with a time and the name of an interface, such as `can0`.
+/// Returns true if a line begins with a time and the name of an interface, such as `can0`, or has an identifier and a
+/// number sign behind it.
 pub(in crate::decode) fn names_interface(line: &str) -> bool {
     let Ok((_, rest)) = split_time(line) else {
         return false;
     };
-    let name = rest.split_whitespace().next().unwrap_or_default();
+    let mut words = rest.split_whitespace();
+    let name = words.next().unwrap_or_default();
     let kind = name.trim_end_matches(|character: char| character.is_ascii_digit());
-    kind.len() < name.len() && !kind.is_empty() && kind.bytes().all(|byte| byte.is_ascii_alphabetic())
+    let is_name = kind.len() < name.len() && !kind.is_empty() && kind.bytes().all(|byte| byte.is_ascii_alphabetic());
+    let id = words.next().and_then(|word| word.split_once('#')).map(|(id, _)| id);
+    is_name || id.is_some_and(|id| split_id(id).is_ok())
 }
 
 /// The time in parentheses, if there is one, and the rest of the line.

@@ -36,7 +36,14 @@ pub(super) type Take<'a> = dyn FnMut(Place<'_>, Result<Record<'_>, Doubt>) + 'a;
 /// Passes each record of a log to `take`. Recordings of a line have no records.
 pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -> Result<(), Error> {
     match format {
-        Format::Raw | Format::Hex | Format::Dump | Format::Log | Format::Mcap => Ok(()),
+        Format::Raw
+        | Format::Hex
+        | Format::Dec
+        | Format::Dump
+        | Format::DumpBe
+        | Format::DumpLe
+        | Format::Log
+        | Format::Mcap => Ok(()),
         Format::Blf => blf::read(input, take),
         #[cfg(feature = "recordings")]
         Format::Pcap => pcap::read(input, take),

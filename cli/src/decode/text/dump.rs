@@ -9,15 +9,25 @@
 //! | `hexdump` | 7 digits, base 16 | 16 bits, little-endian |
 //! | `od -t x1`, `-x`, `-t x4`, `-t x8` | 7 digits, base 8 or 10, or 6 digits, base 16 | 8 to 64 bits, little-endian |
 //!
-//! `xxd` has an ASCII column behind two spaces, `hexdump -C` between bars, `od -t x1z` between angle brackets. A line `*`
-//! stands for repetitions of the line before it. `hexdump` and `od` end with the offset of the end.
+//! A column of characters may be behind the words, in `hexdump -C` between bars, in `od -t x1z` between angle brackets. A
+//! line `*` stands for repetitions of the line before it. `hexdump` and `od` end with the offset of the end. Headings are
+//! skipped. An offset of 0 begins a new dump.
+
+use super::column::{Word, before_column, words};
+use super::logged::Log;
+use crate::decode::doubts::Doubt;
+use crate::hex;
 
 /// Maximum number of bytes that a line `*` stands for.
 const MAX_REPEATED: u64 = 16 * 1024 * 1024;
-/// The shortest offset with a colon, and without one, in digits.
-const MIN_OFFSET: (usize, usize) = (4, 6);
+/// The shortest offset, in digits.
+const MIN_OFFSET: usize = 4;
 /// The longest offset, in digits.
 const MAX_OFFSET: usize = 16;
+/// Maximum number of lines before the order of bytes is known.
+const MAX_WAITING: usize = 64;
+/// Minimum length of a line that ends the wait, in bytes.
+const MAX_WAITING_LEN: usize = 1024;
 /// The bases of offsets, the more common first.
 const BASES: [u32; 3] = [16, 8, 10];
 
@@ -26,65 +36,89 @@ const BASES: [u32; 3] = [16, 8, 10];
 pub(in super::super) enum Line<'a> {
     /// `*`.
     Repeated,
-    Data {
-        offset: &'a str,
-        /// The offset has a colon.
-        has_colon: bool,
-        words: Vec<&'a str>,
-        ascii: Option<&'a str>,
-    },
+    Data(Row<'a>),
+}
+
+/// A line with an offset.
+#[derive(Debug, PartialEq)]
+pub(in super::super) struct Row<'a> {
+    pub(in super::super) offset: &'a str,
+    /// The offset has a colon or a bar.
+    pub(in super::super) has_colon: bool,
+    pub(in super::super) words: Vec<Word<'a>>,
+    /// The orders of bytes in which a column has the characters of the words; `None` without a column.
+    column: Option<Vec<Order>>,
+}
+
+impl Row<'_> {
+    pub(in super::super) fn has_column(&self) -> bool {
+        self.column.is_some()
+    }
+
+    /// The length of the longest word, in digits.
+    pub(in super::super) fn widest(&self) -> usize {
+        self.words.iter().map(|word| word.text.len()).max().unwrap_or_default()
+    }
+
+    /// Returns true if the order of bytes makes no difference.
+    fn is_same_in_any_order(&self) -> bool {
+        bytes_of(&self.words, Order::Big) == bytes_of(&self.words, Order::Little)
+    }
 }
 
 /// Splits a line into its columns. `None` if it is no line of a dump.
 pub(in super::super) fn columns(line: &str) -> Option<Line<'_>> {
-    let line = line.trim_end();
-    if line == "*" {
+    if line.trim() == "*" {
         return Some(Line::Repeated);
     }
-    let line = line.trim_start();
-    let (first, rest) = line.split_at(line.find([' ', '\t']).unwrap_or(line.len()));
-    let (offset, has_colon) = first.strip_suffix(':').map_or((first, false), |offset| (offset, true));
+    let mut all = words(line);
+    let first = all.next()?.text;
+    let (offset, has_colon) = first
+        .strip_suffix([':', '|'])
+        .map_or((first, false), |offset| (offset, true));
     let offset = offset.strip_prefix("0x").unwrap_or(offset);
-    let min = if has_colon { MIN_OFFSET.0 } else { MIN_OFFSET.1 };
-    if !(min..=MAX_OFFSET).contains(&offset.len()) || !is_hex(offset) {
+    if !(MIN_OFFSET..=MAX_OFFSET).contains(&offset.len()) || !is_hex(offset) {
         return None;
     }
-    let (data, ascii) = match has_colon {
-        true => split_spaced(rest),
-        false => split_framed(rest),
+    // A dash may be between offset and words, and in the middle of them.
+    let mut words: Vec<_> = all.filter(|word| word.text != "-").collect();
+    let count = words.iter().take_while(|word| is_hex(word.text)).count();
+    let before = |order| before_column(line, &words[..count], |word| word_bytes(word, order).ok());
+    let mut found: Vec<_> = Order::ALL
+        .into_iter()
+        .filter_map(|order| Some((before(order)?, order)))
+        .collect();
+    let column = match found.iter().map(|(count, _)| *count).max() {
+        Some(count) => {
+            words.truncate(count);
+            found.retain(|(there, _)| *there == count);
+            Some(found.into_iter().map(|(_, order)| order).collect())
+        }
+        None if words.get(count).is_some_and(|word| word.text.starts_with(['|', '>'])) => {
+            // The characters are others.
+            words.truncate(count);
+            Some(Vec::new())
+        }
+        None if count == words.len() => None,
+        None => return None,
     };
-    let words: Vec<_> = data.split_whitespace().collect();
-    let are_words = words.iter().all(|word| is_hex(word));
-    are_words.then_some(Line::Data {
+    Some(Line::Data(Row {
         offset,
         has_colon,
         words,
-        ascii,
-    })
-}
-
-/// The columns of `xxd`: two spaces are before the ASCII column.
-fn split_spaced(rest: &str) -> (&str, Option<&str>) {
-    let start = rest.len() - rest.trim_start().len();
-    match rest[start..].find("  ") {
-        Some(end) => (&rest[..start + end], Some(&rest[start + end + 2..])),
-        None => (rest, None),
-    }
-}
-
-/// The columns of `hexdump -C` and `od -t x1z`: marks are around the ASCII column.
-fn split_framed(rest: &str) -> (&str, Option<&str>) {
-    match rest.find(['|', '>']) {
-        Some(mark) => (&rest[..mark], Some(&rest[mark + 1..])),
-        None => (rest, None),
-    }
+        column,
+    }))
 }
 
 /// Returns true if the offset of `next` fits to that of `line` and the bytes between, in some base.
 pub(in super::super) fn follows(line: &str, next: &str) -> bool {
-    let mut dump = Dump::default();
-    let mut push = |line| dump.push(line, &mut |_| {});
-    matches!(push(line), Ok(None)) && matches!(push(next), Ok(None))
+    let mut dump = Dump::new(Some(Order::Big));
+    let mut fits = true;
+    for line in [line, next] {
+        let pushed = dump.push(0, line, &mut |_| {}, &mut |_, _, _| fits = false);
+        fits &= pushed.is_ok();
+    }
+    fits
 }
 
 fn is_hex(word: &str) -> bool {
@@ -93,50 +127,46 @@ fn is_hex(word: &str) -> bool {
 
 /// The order of the bytes in a word.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Order {
+pub(super) enum Order {
+    /// The order of the file.
     Big,
     Little,
+    /// Each word is a byte in bits.
     Bits,
 }
 
+impl Order {
+    const ALL: [Self; 3] = [Self::Bits, Self::Big, Self::Little];
+}
+
 /// The bytes of a line's words.
-fn bytes_of(words: &[&str], order: Order) -> Result<Vec<u8>, String> {
-    let mut bytes = Vec::new();
-    for word in words {
-        if order == Order::Bits {
-            let byte = u8::from_str_radix(word, 2).ok().filter(|_| word.len() == 8);
-            bytes.push(byte.ok_or_else(|| format!("'{word}' is not a byte in bits"))?);
-            continue;
-        }
-        if word.len() % 2 != 0 {
-            return Err(format!("'{word}' is not a byte or bytes in hexadecimal"));
-        }
-        let start = bytes.len();
-        for at in (0..word.len()).step_by(2) {
-            bytes.extend(u8::from_str_radix(&word[at..at + 2], 16));
-        }
-        if order == Order::Little {
-            bytes[start..].reverse();
-        }
+fn bytes_of(words: &[Word<'_>], order: Order) -> Result<Vec<u8>, String> {
+    let bytes: Result<Vec<_>, _> = words.iter().map(|word| word_bytes(word.text, order)).collect();
+    Ok(bytes?.concat())
+}
+
+fn word_bytes(word: &str, order: Order) -> Result<Vec<u8>, String> {
+    if order == Order::Bits {
+        let byte = u8::from_str_radix(word, 2).ok().filter(|_| word.len() == 8);
+        return Ok(vec![byte.ok_or_else(|| format!("'{word}' is not a byte in bits"))?]);
+    }
+    let mut bytes = hex::parse(word).map_err(|_| format!("'{word}' is not a byte or bytes in hexadecimal"))?;
+    if order == Order::Little {
+        bytes.reverse();
     }
     Ok(bytes)
 }
 
-/// Returns true if the characters of an ASCII column are those of the bytes.
-fn is_shown(bytes: &[u8], ascii: &str) -> bool {
-    let shows = |(byte, character): (&u8, char)| match byte {
-        b' '..=b'~' => char::from(*byte) == character,
-        _ => character == '.',
-    };
-    ascii.chars().count() >= bytes.len() && bytes.iter().zip(ascii.chars()).all(shows)
-}
+/// Takes a part that is not understood: the number of its line, its text, and the reason.
+pub(super) type TakeDoubt<'a> = dyn FnMut(u64, &str, Doubt) + 'a;
 
 /// A dump that is being read.
-#[derive(Default)]
 pub(super) struct Dump {
+    order: Option<Order>,
+    /// The lines before the order is known, with their numbers.
+    waiting: Vec<(u64, String)>,
     /// The bases of the offsets that fit so far.
     bases: Vec<u32>,
-    order: Option<Order>,
     /// The offset of the last line in each of `bases`.
     offsets: Vec<u64>,
     /// The bytes of the last line.
@@ -149,68 +179,126 @@ pub(super) struct Dump {
 }
 
 impl Dump {
-    /// Takes the next line. Returns a remark about an offset that does not fit to the bytes before it.
-    pub(super) fn push(&mut self, line: &str, take: &mut dyn FnMut(&[u8])) -> Result<Option<String>, String> {
-        if line.trim().is_empty() {
-            return Ok(None);
+    /// A dump whose words have this order of bytes; `None` if their characters tell it.
+    pub(super) fn new(order: Option<Order>) -> Self {
+        Self {
+            order,
+            waiting: Vec::new(),
+            bases: Vec::new(),
+            offsets: Vec::new(),
+            last: Vec::new(),
+            is_held: false,
+            word: 0,
+            is_repeated: false,
         }
-        let (offset, has_colon, words, ascii) = match columns(line) {
-            None => return Err("no offset and bytes of a hex dump".to_owned()),
-            Some(Line::Repeated) if self.last.is_empty() => return Err("no line is before the repetition".to_owned()),
-            Some(Line::Repeated) => {
-                self.is_repeated = true;
-                return Ok(None);
+    }
+
+    /// Takes the next line. The error is the reason why the dump cannot be read.
+    pub(super) fn push(
+        &mut self,
+        number: u64,
+        text: &str,
+        take: &mut dyn FnMut(&[u8]),
+        doubt: &mut TakeDoubt<'_>,
+    ) -> Result<(), String> {
+        let Some(line) = columns(text) else {
+            let has_begun = !self.bases.is_empty() || !self.waiting.is_empty();
+            // Headings have no bytes.
+            if has_begun && !text.trim().is_empty() && !matches!(Log::default().find(text), Ok(None)) {
+                doubt(number, text, "no offset and bytes of a hex dump".into());
             }
-            Some(Line::Data {
-                offset,
-                has_colon,
-                words,
-                ascii,
-            }) => (offset, has_colon, words, ascii),
+            return Ok(());
         };
-        let remark = self.advance(offset, has_colon, words.is_empty(), take)?;
-        let order = match self.order {
-            Some(order) => order,
-            None if words.is_empty() => return Ok(remark),
-            None => order_of(&words, has_colon, ascii)?,
-        };
-        self.order = Some(order);
-        self.last = bytes_of(&words, order)?;
-        if let Some(ascii) = ascii
-            && has_colon
-            && ascii.trim().chars().count() > self.last.len()
-        {
-            return Err(format!(
-                "the column of characters is longer than the {} bytes",
-                self.last.len()
-            ));
+        if self.order.is_none() {
+            self.waiting.push((number, text.to_owned()));
+            if let Line::Data(row) = &line {
+                self.order = order_of(row)?;
+            }
+            if self.order.is_none() && self.waiting.len() < MAX_WAITING && text.len() < MAX_WAITING_LEN {
+                return Ok(());
+            }
+            return self.decide(take, doubt);
         }
-        self.word = words.iter().map(|word| word.len() / 2).max().unwrap_or_default();
+        self.take_line(number, text, &line, take, doubt)
+    }
+
+    /// Ends the dump.
+    pub(super) fn finish(&mut self, take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) -> Result<(), String> {
+        self.decide(take, doubt)?;
+        self.pass_last(take);
+        Ok(())
+    }
+
+    /// Reads the lines that wait for the order.
+    fn decide(&mut self, take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) -> Result<(), String> {
+        let waiting = std::mem::take(&mut self.waiting);
+        let lines: Vec<_> = waiting
+            .iter()
+            .filter_map(|(number, text)| Some((number, text, columns(text)?)))
+            .collect();
+        let is_ambiguous = lines.iter().any(|(_, _, line)| match line {
+            // The groups of `xxd -e` have 4 bytes unless it is told another size.
+            Line::Data(row) => row.widest() == 8 && !row.is_same_in_any_order(),
+            Line::Repeated => false,
+        });
+        if self.order.is_none() && is_ambiguous {
+            return Err(AMBIGUOUS.to_owned());
+        }
+        self.order.get_or_insert(Order::Big);
+        for (number, text, line) in &lines {
+            self.take_line(**number, text, line, take, doubt)?;
+        }
+        Ok(())
+    }
+
+    fn take_line(
+        &mut self,
+        number: u64,
+        text: &str,
+        line: &Line<'_>,
+        take: &mut dyn FnMut(&[u8]),
+        doubt: &mut TakeDoubt<'_>,
+    ) -> Result<(), String> {
+        let row = match line {
+            Line::Repeated if self.last.is_empty() => {
+                doubt(number, text, "no line is before the repetition".into());
+                return Ok(());
+            }
+            Line::Repeated => {
+                self.is_repeated = true;
+                return Ok(());
+            }
+            Line::Data(row) => row,
+        };
+        if let Some(reason) = self.advance(row, take)? {
+            doubt(number, text, reason);
+        }
+        let order = self.order.unwrap_or(Order::Big);
+        match bytes_of(&row.words, order) {
+            Ok(bytes) => self.last = bytes,
+            Err(reason) => doubt(number, text, Doubt::new("no bytes in hexadecimal", reason)),
+        }
+        self.word = row.widest() / 2;
         self.is_held = order == Order::Little && self.word > 1;
         if !self.is_held {
             take(&self.last);
         }
-        Ok(remark)
+        Ok(())
     }
 
-    /// Ends the dump.
-    pub(super) fn finish(&mut self, take: &mut dyn FnMut(&[u8])) {
+    fn pass_last(&mut self, take: &mut dyn FnMut(&[u8])) {
         if std::mem::take(&mut self.is_held) {
             take(&self.last);
         }
     }
 
     /// Passes on what ends at this offset.
-    fn advance(
-        &mut self,
-        text: &str,
-        has_colon: bool,
-        is_end: bool,
-        take: &mut dyn FnMut(&[u8]),
-    ) -> Result<Option<String>, String> {
+    fn advance(&mut self, row: &Row<'_>, take: &mut dyn FnMut(&[u8])) -> Result<Option<Doubt>, String> {
+        let text = row.offset;
+        let is_end = row.words.is_empty();
         let value = |base| u64::from_str_radix(text, base).ok();
         if self.bases.is_empty() {
-            self.bases = bases(text.len(), has_colon)
+            self.bases = bases(text.len(), row.has_colon)
                 .into_iter()
                 .filter(|&base| value(base).is_some())
                 .collect();
@@ -240,18 +328,24 @@ impl Dump {
                 "the offset '{text}' may have base {one} or {other}: choose the option of the dump"
             ));
         }
-        let remark = match fitting.first() {
+        let is_restart = !is_end && gaps.iter().all(|(_, offset, _)| *offset == 0);
+        let doubt = match fitting.first() {
             Some(&(_, _, gap)) => {
                 self.pass_held(gap, take);
-                if self.is_repeated && gap > 0 {
-                    self.repeat(gap as u64, take)?;
+                match self.is_repeated && gap > 0 {
+                    true => self.repeat(gap as u64, take),
+                    false => None,
                 }
+            }
+            None if is_restart => {
+                self.pass_held(0, take);
                 None
             }
             None => {
                 self.pass_held(0, take);
                 let expected: Vec<_> = self.offsets.iter().map(|before| before.wrapping_add(len)).collect();
-                Some(misfit(text, &self.bases, &expected))
+                let reason = misfit(text, &self.bases, &expected);
+                Some(Doubt::new("offsets that do not fit", reason))
             }
         };
         let kept = if fitting.is_empty() { &gaps } else { &fitting };
@@ -262,7 +356,7 @@ impl Dump {
         if self.bases.is_empty() {
             return Err(format!("'{text}' is no offset in the base of the others"));
         }
-        Ok(remark)
+        Ok(doubt)
     }
 
     /// Passes on the last line, without padding at its end.
@@ -271,20 +365,19 @@ impl Dump {
             self.last
                 .truncate(self.last.len().saturating_sub(gap.unsigned_abs() as usize));
         }
-        self.finish(take);
+        self.pass_last(take);
     }
 
     /// Passes on the repetitions of the last line.
-    fn repeat(&self, len: u64, take: &mut dyn FnMut(&[u8])) -> Result<(), String> {
+    fn repeat(&self, len: u64, take: &mut dyn FnMut(&[u8])) -> Option<Doubt> {
         if len > MAX_REPEATED {
-            return Err(format!(
-                "the line '*' stands for {len} bytes, at most {MAX_REPEATED} are repeated"
-            ));
+            let text = format!("the line '*' stands for {len} bytes, at most {MAX_REPEATED} are repeated");
+            return Some(Doubt::new("repetitions that are too long", text));
         }
         for _ in 0..len / self.last.len().max(1) as u64 {
             take(&self.last);
         }
-        Ok(())
+        None
     }
 }
 
@@ -307,31 +400,25 @@ fn misfit(text: &str, bases: &[u32], expected: &[u64]) -> String {
     format!("the offset {text} does not fit to the bytes before it: {expected} is expected")
 }
 
-/// The order of the bytes in the first line.
-fn order_of(words: &[&str], has_colon: bool, ascii: Option<&str>) -> Result<Order, String> {
-    let longest = words.iter().map(|word| word.len()).max().unwrap_or_default();
-    if !has_colon {
-        // od without options writes words in octal.
-        return match words.iter().find(|word| !matches!(word.len(), 2 | 4 | 8 | 16)) {
-            Some(word) => Err(format!("'{word}' is no word in hexadecimal: od needs -t x1")),
-            None => Ok(Order::Little),
-        };
+const AMBIGUOUS: &str = "the words may be in file order (--format dump-be), as of 'xxd -g 4', or little-endian \
+                         (--format dump-le), as of 'xxd -e'";
+
+/// The order of the bytes in a line; `None` if it does not tell. The error is the reason why it cannot be read.
+fn order_of(row: &Row<'_>) -> Result<Option<Order>, String> {
+    if row.words.is_empty() {
+        return Ok(None);
     }
-    let fits = |order| ascii.is_none_or(|ascii| bytes_of(words, order).is_ok_and(|bytes| is_shown(&bytes, ascii)));
-    let are_bits = words
-        .iter()
-        .all(|word| word.len() == 8 && word.bytes().all(|bit| matches!(bit, b'0' | b'1')));
-    if are_bits && ascii.is_some_and(|ascii| ascii.trim().chars().count() <= words.len()) {
-        return Ok(Order::Bits);
+    // od without options writes words in octal.
+    let is_word = |word: &&Word<'_>| matches!(word.text.len(), 2 | 4 | 8 | 16);
+    if let Some(word) = row.words.iter().find(|word| !is_word(word)).filter(|_| !row.has_colon) {
+        return Err(format!("'{}' is no word in hexadecimal: od needs -t x1", word.text));
     }
-    let is_same = bytes_of(words, Order::Big) == bytes_of(words, Order::Little);
-    match (fits(Order::Big), fits(Order::Little)) {
-        (false, true) => Ok(Order::Little),
-        // The groups of `xxd -e` have 4 bytes unless it is told another size.
-        (true, true) if longest == 8 && !is_same => Err(
-            "the words may be in file order (xxd -g 4) or little-endian (xxd -e): make the dump without these"
-                .to_owned(),
-        ),
-        _ => Ok(Order::Big),
-    }
+    Ok(match row.column.as_deref() {
+        Some([order]) => Some(*order),
+        Some([Order::Bits, ..]) => Some(Order::Bits),
+        _ if row.widest() == 2 => Some(Order::Big),
+        _ if !row.has_colon => Some(Order::Little),
+        // The column has the same characters in either order, or others.
+        _ => None,
+    })
 }

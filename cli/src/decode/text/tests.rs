@@ -288,8 +288,12 @@ fn repeated_lines_are_repeated() {
         ("bytes: 49, frames: 0, noise bytes: 49", None)
     );
     let huge = text.replace("00000030", "ffffff00");
-    let (_, error) = printed(huge.as_bytes(), None, ArmKind::LingLegacy, None);
-    assert!(error.unwrap().contains("at most 16777216 are repeated"));
+    let (lines, error) = printed(huge.as_bytes(), None, ArmKind::LingLegacy, None);
+    assert_eq!(error, None);
+    assert!(
+        lines.iter().any(|line| line.ends_with("at most 16777216 are repeated")),
+        "{lines:?}"
+    );
 }
 
 #[test]
@@ -297,9 +301,13 @@ fn offset_that_does_not_fit_is_remarked() {
     let text = "00000000: aa06 0001 fe9a ff\n00000010: aa06 0001 fe9a ff\n";
     let (lines, error) = printed(text.as_bytes(), None, ArmKind::Ling, None);
     assert_eq!(error, None);
-    let remark = "line 2: the offset 00000010 does not fit to the bytes before it: 7 is expected";
+    let remark = "not understood: line 2: '00000010: aa06 0001 fe9a ff': the offset 00000010 does not fit to the bytes \
+                  before it: 7 is expected";
     assert!(lines.iter().any(|line| line == remark), "{lines:?}");
-    assert_eq!(lines.last().unwrap(), "bytes: 14, frames: 2, noise bytes: 0");
+    assert_eq!(
+        lines.last().unwrap(),
+        "bytes: 14, frames: 2, noise bytes: 0, not understood: 1 (offsets that do not fit: 1)"
+    );
 }
 
 #[test]
@@ -321,10 +329,22 @@ fn ambiguous_text_is_refused_with_both_readings() {
             "RX: 07 AA 06 00 01 FE 9A FF\n",
             "'07' may be a number before the bytes, or the first of them",
         ),
-        ("RX: 11 22 33\nRX: [10 20 30]\n", "may be decimal or hexadecimal"),
+        ("RX: [10 20 30]\n", "may be decimal or hexadecimal"),
+        (
+            "I (1) uart: 00000010 aa 06 00\n",
+            "'00000010' may be an offset before the bytes, or the first of them",
+        ),
+        (
+            "0 8 0 8 0 8\n1 2 3\n",
+            "the numbers may be decimal (--format dec) or bytes in hexadecimal (--format hex)",
+        ),
+        (
+            "00000000: 010006aa aaff9afe  ........\n",
+            "(--format dump-be), as of 'xxd -g 4', or little-endian (--format dump-le)",
+        ),
+        (":07000000AA060001FE9AFFB1\n", "Intel HEX"),
         ("a: AA 06 00 (b: 01 02 03)\n", "two runs of bytes"),
         ("RX: AA 06 00 0G FF\nRX: AA 06\n", "'0G' is not a byte"),
-        ("RX: AA 06\nRX: AA 06 00 0G FF\n", "'0G' is not a byte"),
     ] {
         let (_, error) = printed(text.as_bytes(), None, ArmKind::Ling, None);
         let error = error.unwrap_or_default();
@@ -368,8 +388,10 @@ fn packed_text_is_unpacked() {
     let sum = "bytes: 210, frames: 30, noise bytes: 0";
     for (name, packed) in [
         ("UTF-8", marked.clone().into_bytes()),
-        ("UTF-16, big-endian", big),
-        ("UTF-16, little-endian", little),
+        ("UTF-16, big-endian", big.clone()),
+        ("UTF-16, little-endian", little.clone()),
+        ("UTF-16 without a mark, big-endian", big[2..].to_vec()),
+        ("UTF-16 without a mark, little-endian", little[2..].to_vec()),
         ("gzip", gzip.clone()),
         ("two members of gzip", gzip.repeat(2)),
         ("zstd", zstd.clone()),
@@ -425,4 +447,250 @@ fn octal_dump_is_refused() {
             .unwrap()
             .ends_with("'003252' is no word in hexadecimal: od needs -t x1")
     );
+}
+
+/// Two frames of a Ling arm, a request and its answer, as in `forms`.
+fn two_frames() -> Vec<u8> {
+    let request = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+    let answer = [0xAA, 0x04, 0x0E, 0x01, 0x01, 0x96, 0xFF];
+    [request, answer].concat()
+}
+
+#[test]
+fn forms_of_programs_are_read() {
+    for (text, name) in [
+        (
+            "0000  aa 06 00 01 fe 9a ff aa  04 0e 01 01 96 ff        ........ ......\n",
+            "tshark -x",
+        ),
+        (
+            "00000000 aa 06 00 01 fe 9a ff aa 04 0e 01 01 96 ff       ..............\n",
+            "one space before the characters",
+        ),
+        (
+            "Offset(h) 00 01 02 03 04 05 06 07 08 09 0A 0B 0C 0D 0E 0F\n\n\
+             00000000  AA 06 00 01 FE 9A FF AA 04 0E 01 01 96 FF        ª...þšÿª....–ÿ\n",
+            "HxD",
+        ),
+        (
+            "0000 - aa 06 00 01 fe 9a ff aa-04 0e 01 01 96 ff         ..............\n",
+            "openssl",
+        ),
+        (
+            "[  123.456789] uart: 00000000: aa 06 00 01 fe 9a ff aa 04 0e 01 01 96 ff  ..............\n",
+            "print_hex_dump of the kernel",
+        ),
+        (
+            "I (1234) uart: 0x3ffb0000   aa 06 00 01 fe 9a ff aa  04 0e 01 01 96 ff        |..............|\n",
+            "ESP_LOG_BUFFER_HEXDUMP",
+        ),
+        (
+            "   Label: a.bin\r\n\r\n  Offset Bytes Ascii\r\n         00 01 02 03 04 05 06 07\r\n  ------ ----- -----\r\n\
+             0000000000000000 AA 06 00 01 FE 9A FF AA \u{FFFD}   \u{FFFD}\u{FFFD}\u{FFFD}\u{FFFD}\r\n\
+             0000000000000008 04 0E 01 01 96 FF           \u{FFFD}\u{FFFD}\r\n",
+            "Format-Hex",
+        ),
+        ("AA 6 0 1 FE 9A FF \nAA 4 E 1 1 96 FF \n", "Serial.print(b, HEX)"),
+        ("170 6 0 1 254 154 255\n170 4 14 1 1 150 255\n", "Serial.print(b)"),
+        (
+            "170\n6\n0\n1\n254\n154\n255\n170\n4\n14\n1\n1\n150\n255\n",
+            "a number in a line",
+        ),
+        ("AA\n6\n0\n1\nFE\n9A\nFF\nAA\n4\nE\n1\n1\n96\nFF\n", "a byte in a line"),
+        (
+            "[\n  170,\n  6,\n  0,\n  1,\n  254,\n  154,\n  255,\n  170,\n  4,\n  14,\n  1,\n  1,\n  150,\n  255\n]\n",
+            "JSON over lines",
+        ),
+        (
+            "// frames\nconst uint8_t frames[14] = {\n  170, 6, 0, 1, 254, 154, 255, // joints\n  170, 4, 14, 1, 1, \
+             150, 255, /* 75 mm */\n};\nint n = 14;\n",
+            "a decimal array of C",
+        ),
+        (
+            "uint8_t f[] = { // two\n  0xAA, 0x6, 0x0, 0x1, 0xFE, 0x9A, 0xFF,  // read 0x06\n  0xAA, 0x04, 0x0E, 1, 1, \
+             0x96, 0xFF };\n",
+            "an array of C with comments",
+        ),
+        (
+            "uint8_t f[2][7] = {{170, 6, 0, 1, 254, 154, 255}, {170, 4, 14, 1, 1, 150, 255}};\n",
+            "an array of arrays",
+        ),
+        (
+            "[-86, 6, 0, 1, -2, -102, -1]\n[-86, 4, 14, 1, 1, -106, -1]\n",
+            "signed bytes of Java",
+        ),
+        (
+            "layout:\n  dim: []\n  data_offset: 0\ndata:\n- 170\n- 6\n- 0\n- 1\n- 254\n- 154\n- 255\n---\ndata:\n- 170\n\
+             - 4\n- 14\n- 1\n- 1\n- 150\n- 255\n---\n",
+            "ros2 topic echo",
+        ),
+        (
+            "['0xaa', '0x6', '0x0', '0x1', '0xfe', '0x9a', '0xff']\n['aa', '04', '0e', '01', '01', '96', 'ff']\n",
+            "a list of Python",
+        ),
+        (
+            "[b'\\xaa\\x06\\x00\\x01\\xfe\\x9a\\xff', b'\\xaa\\x04\\x0e\\x01\\x01\\x96\\xff']\n",
+            "byte strings of Python",
+        ),
+        (
+            "\"\\xAA\\x06\\x00\\x01\" \"\\xFE\\x9A\\xFF\"\n\\xAA\\x04\\x0E\\x01\\x01\\x96\\xFF\n",
+            "strings of C",
+        ),
+        (
+            "write(3, \"\\252\\6\\0\\1\\376\\232\\377\", 7) = 7\nread(3, \"\\xaa\\x04\\x0e\\x01\\x01\\x96\\xff\", 64) = 7\n",
+            "strace",
+        ),
+        ("[aa][06][00][01][fe][9a][ff][aa][04][0e][01][01][96][ff]", "picocom"),
+        (
+            "<AA><06><00><01><FE><9A><FF>\n<0xAA><0x04><0x0E><0x01><0x01><0x96><0xFF>\n",
+            "angle brackets",
+        ),
+        (
+            "AAh 06h 00h 01h FEh 9Ah FFh\ndb 0AAh, 04h, 0Eh, 01h, 01h, 96h, 0FFh\n",
+            "an assembler",
+        ),
+        (
+            "$AA $06 $00 $01 $FE $9A $FF\n#AA #04 #0E #01 #01 #96 #FF\n",
+            "signs before each byte",
+        ),
+        (
+            "[14:22:00:123] 0xaa 0x06 0x00 0x01 0xfe 0x9a 0xff ␊\n[14:22:00:124] 0xaa 0x04 0x0e 0x01 0x01 0x96 0xff ␊\n",
+            "CuteCom",
+        ),
+        (
+            "Time [s],Value,Parity Error,Framing Error\n0.1,0xAA,,\n0.2,0x06,,\n0.3,0x00,,\n0.4,0x01,,\n0.5,0xFE,,\n0.6,0x9A,,\n\
+             0.7,0xFF,,\n0.8,0xAA,,\n0.9,0x04,,\n1.0,0x0E,,\n1.1,0x01,,\n1.2,0x01,,\n1.3,0x96,,\n1.4,'255' (0xFF),,\n",
+            "Saleae",
+        ),
+        (
+            "0-90 UART: RX data: AA\nuart-1: 06\nuart-1: 00\nuart-1: 01\nuart-1: FE\nuart-1: 9A\nuart-1: FF\n\
+             AA 04 0E 01 01 96 FF\n",
+            "PulseView",
+        ),
+        (
+            "\u{1b}[32mI (1) RX AA 06 00 01 FE 9A FF\u{1b}[0m\n\u{1b}[1;31mRX\u{1b}[0m AA 04 0E 01 01 96 FF\n",
+            "colours",
+        ),
+        (
+            "I (9) uart: aa 06 00 01 fe 9a ff\nI (9) uart: aa 04 0e\nI (9) uart: 03 00 22 ff\n",
+            "ESP_LOG_BUFFER_HEX",
+        ),
+        (
+            "000001: Write Request (DOWN), 12:00:00.123\n\n AA 06 00 01 FE 9A FF   ª...þšÿ\n\n000002: Read (UP)\n\n \
+             AA 04 0E 01 01 96 FF   ª....–ÿ\n",
+            "Device Monitoring Studio",
+        ),
+    ] {
+        let (lines, error) = printed(text.as_bytes(), None, ArmKind::LingLegacy, None);
+        assert_eq!(error, None, "{name}");
+        let sum = lines.last().unwrap();
+        assert!(
+            sum.starts_with("bytes: 14, ") && !sum.contains("not understood"),
+            "{name}: {lines:?}"
+        );
+        let shown: Vec<u8> = decoded(text).unwrap_or_else(|reason| panic!("{name}: {reason}"));
+        match name {
+            "ESP_LOG_BUFFER_HEX" => assert_eq!(shown[7..], [0xAA, 4, 0x0E, 3, 0, 0x22, 0xFF]),
+            "PulseView" | "strace" | "Device Monitoring Studio" => {}
+            _ => assert_eq!(shown, two_frames(), "{name}"),
+        }
+    }
+}
+
+#[test]
+fn text_in_an_encoding_of_one_byte_is_text() {
+    let text = b"# Gr\xF6\xDFe der Antwort: 7 Bytes\nTX: AA 06 00 01 FE 9A FF\n";
+    let (lines, error) = printed(text, None, ArmKind::Ling, None);
+    assert_eq!(error, None);
+    assert_eq!(lines.last().unwrap(), "bytes: 7, frames: 1, noise bytes: 0");
+}
+
+#[test]
+fn line_that_is_not_understood_costs_only_itself() {
+    for (text, sum) in [
+        (
+            "RX: AA 06 00 01\nRX: AA 06 00 0G FF\nRX: FE 9A FF\n",
+            "bytes: 7, frames: 1, noise bytes: 0, not understood: 1 (no bytes in hexadecimal: 1)",
+        ),
+        (
+            "AA 06 00 01\n2024 was long ago\nFE 9A FF\n",
+            "bytes: 7, frames: 1, noise bytes: 0, not understood: 1 (no bytes in hexadecimal: 1)",
+        ),
+        (
+            "170 6 0 1\n254 154 256\n254 154 255",
+            "bytes: 7, frames: 1, noise bytes: 0, not understood: 1 (no numbers from 0 to 255: 1)",
+        ),
+        (
+            "00000000  aa 06 00 01  |....|\nRX: AA 06 00 01 FE 9A FF\n00000004  fe 9a ff\n",
+            "bytes: 7, frames: 1, noise bytes: 0, not understood: 1 (no offset and bytes of a hex dump: 1)",
+        ),
+    ] {
+        let (lines, error) = printed(text.as_bytes(), None, ArmKind::Ling, None);
+        assert_eq!(error, None, "{text}");
+        assert_eq!(lines.last().unwrap(), sum, "{text}");
+        assert!(
+            lines.iter().any(|line| line.starts_with("not understood: line 2: '")),
+            "{lines:?}"
+        );
+    }
+}
+
+#[test]
+fn little_endian_dump_is_told_by_its_characters() {
+    let text = "00000000: 010006aa aaff9afe 010e04aa  ............\n0000000c: 22ff9601  ...\"\n";
+    let (lines, error) = printed(text.as_bytes(), None, ArmKind::Ling, None);
+    assert_eq!(error, None);
+    assert_eq!(
+        lines.last().unwrap(),
+        "bytes: 16, frames: 2, noise bytes: 2",
+        "{lines:?}"
+    );
+    let text = text.replace("22ff9601  ...\"", "00ff9601  ....");
+    let read = |format| printed(text.as_bytes(), Some(format), ArmKind::Ling, None).0;
+    use crate::decode::format::Format;
+    assert!(read(Format::DumpLe)[0].ends_with("to the arm: read joints"));
+    assert!(read(Format::DumpBe)[0].starts_with("       0  01 00 06"));
+}
+
+#[test]
+fn log_of_the_arms_side_sends_what_the_arm_sends() {
+    use crate::decode::output::Entries;
+    use crate::decode::{Head, Line, decode_recording};
+
+    let out = Entries::default();
+    let text = "RX: F2 2F 00 00 00 00 00 00 00 ED\nTX: F2 2F AA ED\n";
+    let line = Line {
+        arm: ArmKind::Alpha1,
+        from: None,
+        tx: Speaker::Arm,
+    };
+    let head = Head::new("log".to_owned(), Box::new(text.as_bytes()), &out);
+    assert!(matches!(decode_recording(head, &out, None, line), Ok(0)));
+    let lines = out.into_lines();
+    assert!(
+        lines[0].ends_with("to the arm: stop") && lines[1].ends_with("from the arm: stop: done"),
+        "{lines:?}"
+    );
+}
+
+#[test]
+fn files_of_other_programs_are_refused_by_name() {
+    for (beginning, what) in [
+        (&b"SQLite format 3\0\x10\0"[..], "an SQLite database: "),
+        (b"MDF     4.10    ", "an ASAM MDF file: "),
+        (b"#ROSBAG V2.0\nE\0", "a bag of ROS 1: "),
+        (b"\xFD7zXZ\0\0\x04", "compressed by xz: "),
+        (b"BZh91AY&SY", "compressed by bzip2: "),
+        (b"\x04\x22\x4D\x18\x64", "compressed by lz4: "),
+        (b"PK\x03\x04\x14\0", "a ZIP archive: "),
+    ] {
+        let (lines, error) = printed(beginning, None, ArmKind::Ling, None);
+        assert!(lines.is_empty());
+        assert!(
+            error
+                .as_ref()
+                .is_some_and(|error| error.starts_with(&format!("log: {what}"))),
+            "{error:?}"
+        );
+    }
 }

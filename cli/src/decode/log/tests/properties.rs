@@ -17,7 +17,7 @@ use crate::decode::format::Format;
 use crate::decode::input::Head;
 use crate::decode::log::{MAX_EXTENDED, Record, csv, gvret, read};
 use crate::decode::output::Entries;
-use crate::decode::tests::Pieces;
+use crate::decode::tests::{Pieces, line};
 
 /// Maximum memory of reading a log, in bytes. The input's buffer and the decompressor take a third of it.
 const MAX_MEMORY: u64 = 256 * 1024;
@@ -682,7 +682,7 @@ proptest! {
 fn has_sum(log: &[u8], format: Format) -> bool {
     let out = Entries::default();
     let head = Head::new("log".to_owned(), Box::new(log), &out);
-    let decoded = decode_recording(head, &out, Some(format), ArmKind::Ling, None);
+    let decoded = decode_recording(head, &out, Some(format), line(ArmKind::Ling, None));
     decoded.is_ok()
         && out
             .into_lines()

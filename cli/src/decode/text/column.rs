@@ -1,0 +1,86 @@
+//! Words of a line, and the column of their characters behind them.
+
+/// A word of a line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in super::super) struct Word<'a> {
+    pub(in super::super) text: &'a str,
+    /// The place in the line behind it.
+    pub(super) end: usize,
+}
+
+/// The words of a line, between white space.
+pub(super) fn words(line: &str) -> impl Iterator<Item = Word<'_>> {
+    let mut at = 0;
+    std::iter::from_fn(move || {
+        let rest = &line[at..];
+        let start = at + rest.len() - rest.trim_start().len();
+        let text = line[start..]
+            .split(char::is_whitespace)
+            .next()
+            .filter(|word| !word.is_empty())?;
+        at = start + text.len();
+        Some(Word { text, end: at })
+    })
+}
+
+/// Maximum number of words before a column. No program writes as many.
+const MAX_WORDS: usize = 256;
+
+/// Number of characters before a gap.
+const GAP: usize = 8;
+
+/// The number of words that a column of their characters follows, with the bytes of each word. The words may go on into
+/// the column: its characters may be digits.
+pub(super) fn before_column(
+    line: &str,
+    words: &[Word<'_>],
+    bytes_of: impl Fn(&str) -> Option<Vec<u8>>,
+) -> Option<usize> {
+    let mut bytes = Vec::new();
+    let mut ends = Vec::new();
+    for word in words.iter().take(MAX_WORDS) {
+        let Some(more) = bytes_of(word.text) else { break };
+        bytes.extend(more);
+        ends.push((word.end, bytes.len()));
+    }
+    let last = ends
+        .iter()
+        .rposition(|&(end, len)| shows(&line[end..], &bytes[..len]))?;
+    Some(last + 1)
+}
+
+/// Returns true if spaces and then the characters of these bytes follow, perhaps between marks.
+fn shows(behind: &str, bytes: &[u8]) -> bool {
+    let text = behind.trim_end();
+    let blanks = text.len() - text.trim_start_matches([' ', '\t']).len();
+    let column = &text[blanks..];
+    let framed = |open, close| column.strip_prefix(open)?.strip_suffix(close);
+    let framed = framed('|', '|').or(framed('>', '<'));
+    // The column may begin with a space.
+    blanks > 0
+        && !column.is_empty()
+        && (framed.is_some_and(|column| are_shown(bytes, column))
+            || (1..=blanks).any(|start| are_shown(bytes, &text[start..])))
+}
+
+/// Returns true if these are the characters of the bytes, perhaps with a gap in their middle.
+fn are_shown(bytes: &[u8], column: &str) -> bool {
+    let gap = column
+        .char_indices()
+        .nth(GAP)
+        .filter(|(_, character)| *character == ' ');
+    are_equal(bytes, column)
+        || gap.is_some_and(|(at, _)| are_equal(bytes, &[&column[..at], &column[at + 1..]].concat()))
+}
+
+/// Returns true if these are the characters of the bytes. A byte without a character has a mark in its place.
+fn are_equal(bytes: &[u8], column: &str) -> bool {
+    let mut characters = column.chars();
+    let are_equal = bytes.iter().all(|byte| match (characters.next(), byte) {
+        (Some(character), b' '..=b'~') => character == char::from(*byte),
+        (Some(character), _) => !character.is_ascii_alphanumeric(),
+        // Blanks at the end of a line are often lost.
+        (None, byte) => !byte.is_ascii_graphic(),
+    });
+    are_equal && characters.next().is_none()
+}

@@ -1,0 +1,104 @@
+//! Lines of hexadecimal digits.
+
+use crate::decode::doubts::{Doubt, Place};
+use crate::hex::Parser;
+
+/// Maximum number of bytes of a line that wait for its end: a line with a wrong word has no bytes.
+const MAX_KEPT: usize = 4096;
+/// Maximum length of a line's beginning that is kept for its doubt, in bytes.
+const MAX_SHOWN: usize = 256;
+
+/// Lines in pieces of any size.
+pub(super) struct HexLines {
+    parser: Parser,
+    /// The number of the line, counted from 1, and its beginning.
+    number: u64,
+    beginning: Vec<u8>,
+    /// The bytes of the line that are not passed on.
+    bytes: Vec<u8>,
+    /// The wrong word of the line.
+    wrong: Option<String>,
+}
+
+impl Default for HexLines {
+    fn default() -> Self {
+        Self {
+            parser: Parser::new(),
+            number: 1,
+            beginning: Vec::new(),
+            bytes: Vec::new(),
+            wrong: None,
+        }
+    }
+}
+
+type TakeDoubt<'a> = dyn FnMut(Place<'_>, Doubt) + 'a;
+
+impl HexLines {
+    pub(super) fn push(&mut self, piece: &[u8], take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) {
+        for part in piece.split_inclusive(|&byte| byte == b'\n') {
+            let room = MAX_SHOWN.saturating_sub(self.beginning.len());
+            self.beginning.extend(part.iter().take(room));
+            // Byte by byte: what of a wrong line is passed on does not depend on the pieces.
+            for byte in part.iter().filter(|byte| !matches!(byte, b'\r' | b'\n')) {
+                if self.wrong.is_some() {
+                    break;
+                }
+                if let Err(wrong) = self.parser.push(&[*byte], &mut self.bytes) {
+                    self.reject(wrong.word);
+                }
+                if self.bytes.len() >= MAX_KEPT {
+                    take(&self.bytes);
+                    self.bytes.clear();
+                }
+            }
+            if part.ends_with(b"\n") {
+                self.end_line(take, doubt);
+                self.number += 1;
+            }
+        }
+    }
+
+    pub(super) fn finish(&mut self, take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) {
+        self.end_line(take, doubt);
+    }
+
+    fn end_line(&mut self, take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) {
+        if self.wrong.is_none()
+            && let Err(wrong) = self.parser.finish()
+        {
+            match short_byte(&wrong.word).filter(|_| self.bytes.is_empty()) {
+                // Some programs write each byte in a line, without zeros before it.
+                Some(byte) => {
+                    self.bytes.push(byte);
+                    self.parser = Parser::new();
+                }
+                None => self.reject(wrong.word),
+            }
+        }
+        if let Some(word) = self.wrong.take() {
+            let text = String::from_utf8_lossy(&self.beginning);
+            let reason = format!("'{word}' is not a byte or bytes in hexadecimal");
+            doubt(
+                Place::Line(self.number, &text),
+                Doubt::new("no bytes in hexadecimal", reason),
+            );
+        }
+        take(&self.bytes);
+        self.bytes.clear();
+        self.beginning.clear();
+    }
+
+    /// Leaves out the line, which has this word.
+    fn reject(&mut self, word: String) {
+        self.wrong = Some(word);
+        self.bytes.clear();
+        self.parser = Parser::new();
+    }
+}
+
+/// The byte of a word with one digit.
+fn short_byte(word: &str) -> Option<u8> {
+    let is_digit = word.len() == 1 && word.bytes().all(|digit| digit.is_ascii_hexdigit());
+    u8::from_str_radix(word, 16).ok().filter(|_| is_digit)
+}

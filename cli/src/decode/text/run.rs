@@ -1,0 +1,374 @@
+//! Bytes in hexadecimal, with or without prefixes, brackets or quotes around each.
+
+use super::column::{Word, before_column};
+use super::direction::{direction, is_between, names_port};
+use super::time::is_time;
+use super::token::Token;
+use crate::args::Speaker;
+use crate::decode::doubts::Doubt;
+use crate::printable::cut;
+
+/// The fewest bytes that a word without a mark may precede: words such as "be" are hexadecimal, too.
+const MIN_RUN: usize = 3;
+/// The shortest offset before a colon, and the shortest address behind 0x, in digits.
+const MIN_OFFSET: usize = 4;
+const MIN_ADDRESS: usize = 8;
+
+/// The bytes of a line.
+#[derive(Debug, PartialEq)]
+pub(in super::super) struct Found {
+    /// The sender, if the line or the one before names it.
+    pub(in super::super) from: Option<Speaker>,
+    pub(in super::super) bytes: Vec<u8>,
+    /// Nothing is before them.
+    pub(super) is_alone: bool,
+}
+
+impl Found {
+    pub(super) fn new(from: Option<Speaker>, bytes: Vec<u8>) -> Self {
+        let is_alone = false;
+        Self { from, bytes, is_alone }
+    }
+}
+
+/// What earlier lines of a log have shown.
+#[derive(Default)]
+pub(super) struct Habits {
+    /// No count is between the prefix and the bytes.
+    has_no_count: bool,
+    /// Bytes below 16 have one digit.
+    has_short_bytes: bool,
+}
+
+/// The bytes of a word: pairs of digits, or 0x and one or two, separated by dashes or colons. `None` for other words.
+fn bytes_of(word: &str) -> Option<Vec<u8>> {
+    if let Some(digits) = word.strip_suffix(['h', 'H']) {
+        // Assemblers write a zero before a letter.
+        let digits = digits
+            .strip_prefix('0')
+            .filter(|digits| digits.len() == 2)
+            .unwrap_or(digits);
+        let is_byte = digits.len() == 2 && digits.bytes().all(|digit| digit.is_ascii_hexdigit());
+        return u8::from_str_radix(digits, 16)
+            .ok()
+            .filter(|_| is_byte)
+            .map(|byte| vec![byte]);
+    }
+    let mut bytes = Vec::new();
+    for part in word.split(['-', ':']) {
+        let prefixed = part.strip_prefix("0x").or(part.strip_prefix("0X"));
+        let digits = prefixed.unwrap_or(part);
+        let is_short = prefixed.is_some() && digits.len() == 1;
+        let is_even = !digits.is_empty() && digits.len() % 2 == 0;
+        if !(is_short || is_even) || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+            return None;
+        }
+        // Words such as 2024-01-01 are no bytes.
+        if word.len() != part.len() && digits.len() > 2 {
+            return None;
+        }
+        if is_short {
+            bytes.extend(u8::from_str_radix(digits, 16));
+        }
+        for at in (0..digits.len() & !1).step_by(2) {
+            bytes.extend(u8::from_str_radix(&digits[at..at + 2], 16));
+        }
+    }
+    Some(bytes)
+}
+
+/// The byte of a word with one digit.
+fn short_byte(word: &str) -> Option<u8> {
+    u8::from_str_radix(word, 16).ok().filter(|_| word.len() == 1)
+}
+
+/// The bytes of a word in a run.
+fn run_bytes(word: &str) -> Option<Vec<u8>> {
+    bytes_of(word).or_else(|| short_byte(word).map(|byte| vec![byte]))
+}
+
+/// Adjacent words in hexadecimal.
+#[derive(Clone)]
+struct Run<'a> {
+    at: usize,
+    end: usize,
+    words: Vec<Word<'a>>,
+}
+
+/// Returns false for a word of marks, such as a sign for a line feed.
+fn is_word(word: &Word<'_>) -> bool {
+    word.text.contains(|character: char| character.is_ascii_alphanumeric())
+}
+
+fn is_decimal(word: &str) -> bool {
+    word.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+impl Run<'_> {
+    fn bytes(&self) -> Vec<u8> {
+        self.words
+            .iter()
+            .filter_map(|word| run_bytes(word.text))
+            .flatten()
+            .collect()
+    }
+
+    fn has_short_bytes(&self) -> bool {
+        self.words.iter().any(|word| short_byte(word.text).is_some())
+    }
+
+    /// Returns true for a number that may count something, or a word such as "be".
+    fn is_weak(&self) -> bool {
+        let [word] = self.words[..] else { return false };
+        let is_word = word.text.bytes().all(|byte| byte.is_ascii_alphabetic());
+        is_decimal(word.text) || is_word || is_time(word.text)
+    }
+
+    /// Returns true if the run has another form than this word behind it. An address has a prefix, bytes behind it none.
+    fn is_before(&self, word: &str) -> bool {
+        let is_prefixed = |word: &str| word.starts_with("0x") || word.starts_with("0X");
+        let is_suffixed = |word: &str| word.ends_with(['h', 'H']);
+        let last = self.words.last().map_or("", |word| word.text);
+        is_suffixed(last) != is_suffixed(word) || is_prefixed(word) && !is_prefixed(last)
+    }
+
+    /// Returns true for an offset with a colon.
+    fn is_offset(&self, next: Option<&Token<'_>>) -> bool {
+        matches!(self.words[..], [word] if word.text.len() >= MIN_OFFSET) && next == Some(&Token::Mark(':'))
+    }
+
+    /// Returns true if the run has the form of bytes with one or two digits each.
+    fn may_have_short_bytes(&self) -> bool {
+        self.words.len() >= MIN_RUN && self.words.iter().all(|word| word.text.len() <= 2)
+    }
+
+    fn has_letters(&self) -> bool {
+        self.words.iter().any(|word| !is_decimal(word.text))
+    }
+}
+
+/// The runs of a line, with words of one digit in them.
+fn joined<'a>(tokens: &[Token<'a>]) -> Vec<Run<'a>> {
+    let mut runs: Vec<Run<'a>> = Vec::new();
+    for (at, token) in tokens.iter().enumerate() {
+        match token {
+            Token::Word(word) if run_bytes(word.text).is_some() => {
+                let last = runs
+                    .last_mut()
+                    .filter(|run| are_adjacent(tokens, run, at) && !run.is_before(word.text));
+                match last {
+                    Some(run) => {
+                        run.words.push(*word);
+                        run.end = at + 1;
+                    }
+                    None => runs.push(Run {
+                        at,
+                        end: at + 1,
+                        words: vec![*word],
+                    }),
+                }
+            }
+            Token::Comma => {
+                if let Some(run) = runs.last_mut().filter(|run| run.end == at) {
+                    run.end = at + 1;
+                }
+            }
+            _ => {}
+        }
+    }
+    runs
+}
+
+/// Returns true if the word `at` is behind a run, or if both have the same marks around them: `[AA][06]`, `'AA', '06'`.
+fn are_adjacent(tokens: &[Token<'_>], run: &Run<'_>, at: usize) -> bool {
+    use Token::{Comma, Mark};
+    let before = run.at.checked_sub(1).and_then(|before| tokens.get(before));
+    match tokens.get(run.end..at) {
+        Some([]) => true,
+        Some([Mark(mark @ ('#' | '$'))]) => before == Some(&Mark(*mark)),
+        Some([Mark(']'), Mark('[')] | [Mark('>'), Mark('<')] | [Mark(')'), Mark('(')]) => true,
+        Some([Mark(close @ ('\'' | '"')), Comma, Mark(open)]) => {
+            close == open && before == Some(&Mark(*open)) && tokens.get(at + 1) == Some(&Mark(*open))
+        }
+        _ => false,
+    }
+}
+
+/// Returns true if a mark or nothing is before the run.
+fn is_marked(tokens: &[Token<'_>], run: &Run<'_>) -> bool {
+    match run.at.checked_sub(1).and_then(|before| tokens.get(before)) {
+        None | Some(Token::Mark(_) | Token::Arrow(_)) => true,
+        Some(Token::Word(_) | Token::Comma) => false,
+    }
+}
+
+/// The runs of a line. Words of one digit are bytes only where others have letters, or had them before.
+fn runs<'a>(tokens: &[Token<'a>], habits: &Habits) -> Result<Vec<Run<'a>>, Doubt> {
+    let mut runs = Vec::new();
+    for run in joined(tokens) {
+        let is_whole = run.at == 0 && run.end == tokens.len();
+        let is_closed = !matches!(tokens.get(run.end), Some(Token::Word(_)));
+        let is_apart = is_closed && (is_marked(tokens, &run) || is_named(tokens, &run));
+        if !run.has_short_bytes()
+            || is_apart && run.may_have_short_bytes() && (run.has_letters() || habits.has_short_bytes)
+        {
+            runs.push(run);
+        } else if is_whole && run.may_have_short_bytes() {
+            let text = "the numbers may be decimal (--format dec) or bytes in hexadecimal";
+            return Err(Doubt::new("ambiguous bytes", text));
+        } else {
+            runs.extend(without_short_bytes(&run, tokens));
+        }
+    }
+    Ok(runs)
+}
+
+/// The parts of a run between its words of one digit.
+fn without_short_bytes<'a>(run: &Run<'a>, tokens: &[Token<'a>]) -> Vec<Run<'a>> {
+    let mut parts: Vec<Run<'a>> = Vec::new();
+    for at in run.at..run.end {
+        let Some(Token::Word(word)) = tokens.get(at) else {
+            if let Some(part) = parts.last_mut().filter(|part| part.end == at) {
+                part.end = at + 1;
+            }
+            continue;
+        };
+        if short_byte(word.text).is_some() {
+            continue;
+        }
+        match parts.last_mut().filter(|part| part.end == at) {
+            Some(part) => {
+                part.words.push(*word);
+                part.end = at + 1;
+            }
+            None => parts.push(Run {
+                at,
+                end: at + 1,
+                words: vec![*word],
+            }),
+        }
+    }
+    parts
+}
+
+/// Returns true if the direction or the port of the bytes is before the run.
+fn is_named(tokens: &[Token<'_>], run: &Run<'_>) -> bool {
+    let named = direction(tokens, run.at).is_some_and(|(at, _)| is_between(&tokens[at + 1..run.at]));
+    named || names_port(&tokens[..run.at])
+}
+
+/// The bytes in hexadecimal.
+pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Result<Option<Found>, Doubt> {
+    let runs = runs(tokens, habits)?;
+    let direction = direction(tokens, tokens.len())
+        .filter(|(at, _)| runs.iter().any(|run| run.at > *at))
+        .map(|(at, from)| (at + 1, from));
+    let (start, from) = direction.map_or((0, None), |(at, from)| (at, Some(from)));
+    let mut found: Option<Run<'_>> = None;
+    for mut run in runs.into_iter().filter(|run| run.at >= start) {
+        let next = tokens.get(run.end);
+        if run.is_offset(next) {
+            continue;
+        }
+        let is_apart = is_marked(tokens, &run);
+        let is_named = is_named(tokens, &run);
+        let has_column = cut_at_column(line, &mut run);
+        let is_cut = !has_column && matches!(next, Some(Token::Word(word)) if is_word(word));
+        if is_cut && run.words.len() >= MIN_RUN && (is_apart || is_named) {
+            let Some(Token::Word(word)) = next else { continue };
+            let text = format!("'{}' is not a byte or bytes in hexadecimal", cut(word.text));
+            return Err(Doubt::new("no bytes in hexadecimal", text));
+        }
+        let is_short = run.bytes().len() < MIN_RUN && !is_apart;
+        if is_cut || !is_named && (run.is_weak() || is_short) {
+            continue;
+        }
+        // The column of characters, behind the bytes.
+        if let Some(before) = &found {
+            if tokens[before.end..run.at].contains(&Token::Mark('|')) {
+                continue;
+            }
+            let text = "two runs of bytes are in the line, and either may be a part of the prefix";
+            return Err(Doubt::new("ambiguous bytes", text));
+        }
+        check_first(&mut run, is_apart || is_named, habits)?;
+        found = Some(run);
+        if has_column {
+            break;
+        }
+    }
+    let Some(run) = found else { return Ok(None) };
+    habits.has_short_bytes |= run.has_short_bytes();
+    let is_alone = run.at == 0;
+    let bytes = match run.words[..] {
+        // A time of day before the bytes.
+        [time, ref rest @ ..] if is_alone && is_time(time.text) && !rest.is_empty() => {
+            rest.iter().filter_map(|word| run_bytes(word.text)).flatten().collect()
+        }
+        _ => run.bytes(),
+    };
+    Ok(Some(Found { from, bytes, is_alone }))
+}
+
+/// Leaves out the words of a column of characters, and an offset that the column does not show. Returns true if there is
+/// a column.
+fn cut_at_column(line: &str, run: &mut Run<'_>) -> bool {
+    if let Some(count) = before_column(line, &run.words, run_bytes) {
+        run.words.truncate(count);
+        return true;
+    }
+    let Some(count) = run
+        .words
+        .get(1..)
+        .and_then(|words| before_column(line, words, run_bytes))
+    else {
+        return false;
+    };
+    run.words.truncate(1 + count);
+    run.words.remove(0);
+    true
+}
+
+/// Checks that the first word of a run is no number of the prefix. Leaves out an address.
+fn check_first(run: &mut Run<'_>, is_apart: bool, habits: &mut Habits) -> Result<(), Doubt> {
+    let [first, ref rest @ ..] = run.words[..] else {
+        return Ok(());
+    };
+    if rest.is_empty() {
+        return Ok(());
+    }
+    let ambiguous = |what: &str| {
+        let text = format!(
+            "'{}' may be {what} before the bytes, or the first of them",
+            cut(first.text)
+        );
+        Err(Doubt::new("ambiguous bytes", text))
+    };
+    let are_digits = |word: &str| {
+        word.trim_start_matches("0x")
+            .bytes()
+            .all(|digit| digit.is_ascii_hexdigit())
+    };
+    let is_longer =
+        first.text.len() > MIN_OFFSET && are_digits(first.text) && rest.iter().all(|word| word.text.len() <= 2);
+    if is_longer {
+        let digits = first.text.strip_prefix("0x").unwrap_or_default();
+        if digits.len() < MIN_ADDRESS {
+            return ambiguous("an offset");
+        }
+        run.words.remove(0);
+        return Ok(());
+    }
+    if !is_decimal(first.text) {
+        habits.has_no_count |= is_apart;
+        return Ok(());
+    }
+    let is_other = rest.iter().all(|word| word.text.len() > first.text.len())
+        || rest.iter().all(|word| word.text.len() < first.text.len());
+    let count = run.bytes().len() - 1;
+    let is_count = !habits.has_no_count && first.text.parse() == Ok(count);
+    match !is_apart && run.at > 0 || is_other || is_count {
+        true => ambiguous("a number"),
+        false => Ok(()),
+    }
+}
