@@ -53,6 +53,8 @@ const ELSEWHERE: &[&str] = &[
 const CANDUMP: &[u8] = include_bytes!("../logs/python-can.log");
 /// A request and an answer of a Ling arm.
 const LINE: &[u8] = b"\xAA\x06\x00\x01\xFE\x9A\xFF\xAA\x04\x0E\x01\x01\x96\xFF";
+/// The same by `xxd`.
+const DUMP: &[u8] = b"00000000: aa06 0001 fe9a ffaa 040e 0101 96ff       ..............\n";
 
 #[test]
 fn documented_commands_run() {
@@ -155,7 +157,11 @@ fn provide(folder: &Path, args: &[&str]) {
     if let ["decode", file, ..] = args
         && !folder.join(file).exists()
     {
-        let recording = if file.ends_with(".log") { CANDUMP } else { LINE };
+        let recording = match file.rsplit('.').next() {
+            Some("log") => CANDUMP,
+            Some("txt") => DUMP,
+            _ => LINE,
+        };
         fs::write(folder.join(file), recording).unwrap();
     }
 }
