@@ -166,18 +166,18 @@ mod tests {
     fn range_errors_are_in_the_typed_unit() {
         assert_eq!(
             positions("0,0,0,0,0,200").unwrap_err(),
-            "joint angle is 200 degrees, must be -180..=179.91211"
+            "joint angle is 200 degrees, must be -180..=179.91"
         );
         assert!(
             speeds("-1")
                 .unwrap_err()
-                .starts_with("joint speed is -1 degrees/s, must be 4.39")
+                .starts_with("joint speed is -1 degrees/s, must be 4.4")
         );
         for slow in ["0", "4", "9,9,9,9,9,4"] {
             let error = speeds(slow).unwrap_err();
             let text = "joint speed (an arm may take less than 50 ticks/s for 0) is ";
             assert!(
-                error.starts_with(text) && error.contains("degrees/s, must be 4.39"),
+                error.starts_with(text) && error.contains("degrees/s, must be 4.4"),
                 "{error}"
             );
         }

@@ -41,7 +41,8 @@ pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is not a valid time in seconds"))
 }
 
-/// A value in another unit than the protocol's. Errors are in the unit of the command line.
+/// A value in another unit than the protocol's. Errors are in the unit of the command line, with limits of two decimals
+/// inside the range.
 pub(crate) fn scaled<T>(
     text: &str,
     unit: &'static str,
@@ -50,7 +51,11 @@ pub(crate) fn scaled<T>(
 ) -> Result<T, String> {
     let typed: f32 = parse(text, "a number")?;
     make(typed * scale).map_err(|error| {
-        let (min, max) = (error.min / scale, error.max / scale);
+        /// An error of the conversion, in hundredths.
+        const TOLERANCE: f32 = 0.01;
+        // The sum is 0 where the quotient is -0.
+        let min = (error.min / scale * 100.0 - TOLERANCE).ceil() / 100.0 + 0.0;
+        let max = (error.max / scale * 100.0 + TOLERANCE).floor() / 100.0;
         let error = OutOfRange {
             unit,
             got: typed,

@@ -79,15 +79,15 @@ fn out_of_range_ling_values_are_never_sent() {
     for (args, error) in [
         (
             &["move", "--joints", "0,0,0,0,0,180", "--speed", "20", "--gripper", "50"][..],
-            "joint angle is 180 degrees, must be -180..=179.91211",
+            "joint angle is 180 degrees, must be -180..=179.91",
         ),
         (
             &["move", "--joints", "0,0,0,0,0,0", "--speed", "500", "--gripper", "50"],
-            "joint speed is 500 degrees/s, must be 4.39",
+            "joint speed is 500 degrees/s, must be 4.4",
         ),
         (
             &["move", "--joints", "0,0,0,0,0,0", "--speed", "4", "--gripper", "50"],
-            "joint speed (an arm may take less than 50 ticks/s for 0) is 4 degrees/s, must be 4.39",
+            "joint speed (an arm may take less than 50 ticks/s for 0) is 4 degrees/s, must be 4.4",
         ),
         (
             &["move", "--joints", "0,0,0,0,0,0", "--speed", "20", "--gripper", "-1"],
