@@ -33,6 +33,8 @@ const COOKED_CAN: [[u8; 2]; 2] = [[0x00, 0x0C], [0x00, 0x0D]];
 
 /// Maximum size of a block, in bytes: more than that of a packet on any network.
 const MAX_BLOCK: usize = 70_000;
+/// Size of a packet's header in a pcap file.
+const PACKET_HEADER: usize = 16;
 /// Number of bytes read at once, at most.
 const PIECE: usize = 8 * 1024;
 
@@ -45,29 +47,30 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
         offset: 0,
     };
     while buffer.rest().len() < SIGNATURES[0].len() && buffer.fill()? {}
-    let is_pcapng = buffer.rest().starts_with(SIGNATURES[4]);
-    let mut capture = Capture::default();
+    let mut capture = Capture::new(match buffer.rest().starts_with(SIGNATURES[4]) {
+        true => Kind::Pcapng,
+        false => Kind::Pcap,
+    });
     loop {
         let rest = buffer.rest();
-        let place = Place::Byte(buffer.offset);
-        let parsed = match is_pcapng {
-            true => capture.pcapng_block(rest, place, take),
-            false => capture.pcap_packet(rest, place, take),
+        let offset = buffer.offset;
+        let place = Place::Byte(offset);
+        let parsed = match capture.kind {
+            _ if !capture.may_be_block(rest) => Parsed::Damaged,
+            Kind::Pcapng => capture.pcapng_block(rest, place, take),
+            Kind::Pcap => capture.pcap_packet(rest, place, take),
         };
         match parsed {
             Parsed::Block(len) => buffer.consume(len),
-            Parsed::Incomplete if rest.len() < MAX_BLOCK => {
-                if !buffer.fill()? {
-                    if !buffer.rest().is_empty() {
-                        take(place, Err(Doubt::cut()));
-                    }
+            Parsed::Incomplete if rest.len() < MAX_BLOCK && buffer.fill()? => {}
+            Parsed::Incomplete if buffer.rest().is_empty() => return Ok(()),
+            Parsed::Incomplete | Parsed::Damaged => {
+                let goes_on = capture.skip_to_block(&mut buffer)?;
+                let is_cut = matches!(parsed, Parsed::Incomplete) && !goes_on;
+                take(place, Err(if is_cut { Doubt::cut() } else { "damaged block".into() }));
+                if !goes_on {
                     return Ok(());
                 }
-            }
-            // Without a length there is no next block.
-            Parsed::Incomplete | Parsed::Damaged => {
-                take(place, Err("damaged block, the rest is not read".into()));
-                return Ok(());
             }
         }
     }
@@ -121,15 +124,24 @@ impl Parsed {
     }
 }
 
+/// The kind of a capture.
+#[derive(Clone, Copy)]
+enum Kind {
+    Pcap,
+    Pcapng,
+}
+
 /// What was read of a capture.
-#[derive(Default)]
 struct Capture {
+    kind: Kind,
     /// The header of a pcap file.
     header: Option<PcapHeader>,
     /// The order of bytes in a pcapng file.
     is_big_endian: bool,
     /// The interfaces of the current section of a pcapng file.
     interfaces: Vec<Interface>,
+    /// The time of the last packet of a pcap file, in seconds.
+    seconds: Option<u32>,
 }
 
 /// An interface of a pcapng file.
@@ -164,6 +176,119 @@ impl Interface {
 }
 
 impl Capture {
+    fn new(kind: Kind) -> Self {
+        Self {
+            kind,
+            header: None,
+            is_big_endian: false,
+            interfaces: Vec::new(),
+            seconds: None,
+        }
+    }
+
+    /// Returns false if no block begins with these bytes.
+    fn may_be_block(&self, bytes: &[u8]) -> bool {
+        let (fraction, len) = (self.word(bytes, 4), self.word(bytes, 8));
+        match self.kind {
+            Kind::Pcap if self.header.is_some() => {
+                fraction.is_none_or(|fraction| fraction < self.max_fraction())
+                    && len.is_none_or(|len| len as usize <= MAX_BLOCK)
+            }
+            Kind::Pcap | Kind::Pcapng => true,
+        }
+    }
+
+    /// The number of units in a second of a pcap file.
+    fn max_fraction(&self) -> u32 {
+        match self.header.as_ref().is_some_and(PcapHeader::is_nanosecond_precision) {
+            true => 1_000_000_000,
+            false => 1_000_000,
+        }
+    }
+
+    /// Skips bytes up to the next block, at least one. Returns false at the end of the file.
+    fn skip_to_block(&self, buffer: &mut Buffer<'_, '_>) -> Result<bool, Error> {
+        buffer.consume(1);
+        loop {
+            let rest = buffer.rest();
+            let found = (0..rest.len()).find_map(|at| match self.begins_block(&rest[at..]) {
+                Some(false) => None,
+                begins => Some((at, begins)),
+            });
+            let (at, begins) = found.unwrap_or((rest.len(), None));
+            buffer.consume(at);
+            if begins == Some(true) {
+                return Ok(true);
+            }
+            if !buffer.fill()? {
+                // Nothing, or the beginning of a block.
+                let ends = matches!(self.kind, Kind::Pcap) && self.ends_in_packet(buffer.rest());
+                if ends || buffer.rest().is_empty() {
+                    return Ok(ends);
+                }
+                buffer.consume(1);
+            }
+        }
+    }
+
+    /// Returns true if a block begins with these bytes; `None` if more are needed.
+    fn begins_block(&self, bytes: &[u8]) -> Option<bool> {
+        match self.kind {
+            Kind::Pcapng => self.begins_pcapng_block(bytes),
+            Kind::Pcap => {
+                let Some(len) = self.packet_len(bytes)? else {
+                    return Some(false);
+                };
+                // Any bytes may be the header of a packet, but not those of the next one, too.
+                Some(self.packet_len(bytes.get(len..)?)?.is_some())
+            }
+        }
+    }
+
+    /// Returns true if a known block begins with these bytes, and its length is at its end again.
+    fn begins_pcapng_block(&self, bytes: &[u8]) -> Option<bool> {
+        const MAX_KIND: u32 = 10;
+        const SECTION: u32 = 0x0A0D_0D0A;
+        let (kind, len) = (self.word(bytes, 0)?, self.word(bytes, 4)? as usize);
+        let is_kind = (1..=MAX_KIND).contains(&kind) || kind == SECTION;
+        if !is_kind || !(12..=MAX_BLOCK).contains(&len) || len % 4 != 0 {
+            return Some(false);
+        }
+        Some(self.word(bytes, len - 4)? as usize == len)
+    }
+
+    /// The length of the packet of a pcap file that may begin with these bytes, `None` inside if none does; `None` if more
+    /// are needed.
+    fn packet_len(&self, bytes: &[u8]) -> Option<Option<usize>> {
+        /// Maximum time between two packets, in seconds.
+        const MAX_PAUSE: u32 = 24 * 60 * 60;
+        let word = |at| self.word(bytes, at);
+        let [seconds, fraction, len, whole_len] = [word(0)?, word(4)?, word(8)?, word(12)?];
+        let is_packet = self.seconds.is_none_or(|before| seconds.abs_diff(before) <= MAX_PAUSE)
+            && fraction < self.max_fraction()
+            && len as usize <= MAX_BLOCK
+            && len <= whole_len;
+        Some(is_packet.then_some(PACKET_HEADER + len as usize))
+    }
+
+    /// Returns true if these last bytes of a pcap file are one packet.
+    fn ends_in_packet(&self, bytes: &[u8]) -> bool {
+        self.packet_len(bytes).flatten() == Some(bytes.len())
+    }
+
+    /// A number in the file's order of bytes.
+    fn word(&self, bytes: &[u8], at: usize) -> Option<u32> {
+        let word = *bytes.get(at..)?.first_chunk()?;
+        let is_big_endian = match self.kind {
+            Kind::Pcapng => self.is_big_endian,
+            Kind::Pcap => self.header.as_ref().is_some_and(PcapHeader::is_bigendian),
+        };
+        Some(match is_big_endian {
+            true => u32::from_be_bytes(word),
+            false => u32::from_le_bytes(word),
+        })
+    }
+
     /// Parses a packet of a pcap file, or its header.
     fn pcap_packet(&mut self, bytes: &[u8], place: Place<'_>, take: &mut Take<'_>) -> Parsed {
         let Some(header) = &self.header else {
@@ -181,6 +306,7 @@ impl Capture {
         };
         match parse(bytes) {
             Ok((rest, packet)) => {
+                self.seconds = Some(packet.ts_sec);
                 let unit = if header.is_nanosecond_precision() { 1 } else { 1_000 };
                 let nanos = u64::from(packet.ts_sec) * 1_000_000_000 + u64::from(packet.ts_usec) * unit;
                 take_packet(place, header.network, packet.data, nanos, "", take);

@@ -642,6 +642,27 @@ proptest! {
     }
 
     #[test]
+    fn damaged_length_in_a_capture_costs_one_packet(
+        traffic in traffic().prop_filter("packets on both sides", |traffic| traffic.len() > 2),
+        at: prop::sample::Index, len in prop_oneof![Just(5_000_u32), Just(u32::MAX - 15)], is_pcapng: bool
+    ) {
+        let at = 1 + at.index(traffic.len() - 2);
+        let write = |traffic: &[Sent]| match is_pcapng {
+            true => pcapng(traffic),
+            false => pcap(traffic, false, false),
+        };
+        let mut log = write(&traffic);
+        let field = write(&traffic[..at]).len() + if is_pcapng { 4 } else { 8 };
+        log[field..field + 4].copy_from_slice(&len.to_le_bytes());
+        let bus = |sent: &Sent| if is_pcapng { format!("can{:02}", sent.bus) } else { String::new() };
+        let mut expected: Vec<_> = traffic.iter().map(|sent| sent.expected(bus(sent))).collect();
+        expected.remove(at);
+        let (frames, doubts) = read_all(&log, Format::Pcap, 1000);
+        prop_assert_eq!(frames, expected);
+        prop_assert_eq!(doubts, ["damaged block"]);
+    }
+
+    #[test]
     fn foreign_bytes_of_blf_cost_no_object(
         traffic in traffic(), bytes in vec(any::<u8>().prop_filter("a signature", |byte| *byte != b'L'), 8..100),
         at: prop::sample::Index
