@@ -24,8 +24,8 @@ export function parseUrdf(text) {
   const materials = new Map(children(robot, 'material').map((element) => [element.getAttribute('name'), element]));
   const links = new Map(children(robot, 'link').map((element) => [name(element), readLink(element, materials)]));
   if (links.size === 0) throw new Error('the robot has no links');
-  if (links.size > MAX_LINKS) throw new Error(`the robot has ${links.size} links, the maximum is ${MAX_LINKS}`);
   const joints = children(robot, 'joint').map((element) => readJoint(element, links));
+  if (links.size > MAX_LINKS) throw new Error(`the robot has ${links.size} links, the maximum is ${MAX_LINKS}`);
   const { root, ordered, loops } = order(links, joints);
   const meshes = [...links.values()].reduce((sum, link) => sum + link.meshes, 0);
   // Independent joints from the root outwards: the arm's axes in order.
@@ -44,10 +44,10 @@ export function endAtTicks(joints) {
   return beyond.map((joint) => joint.name);
 }
 
-// Parses XML as other programs do: blank lines before the declaration, hyphens in comments, and prefixes without a
-// namespace are no errors.
+// Parses XML as other programs do: blank lines before the declaration, any version in it, hyphens in comments, and
+// prefixes without a namespace are no errors.
 function parseXml(text) {
-  const body = withoutComments(text).trimStart();
+  const body = withoutComments(text).trimStart().replace(/^<\?xml\s[^>]*\?>/, '');
   const names = body.matchAll(/[<\s/]([A-Za-z_][\w.-]*):[A-Za-z_]/g);
   const prefixes = [...new Set([...names].map(([, prefix]) => prefix))];
   const unknown = prefixes.filter((prefix) => !['xml', 'xmlns'].includes(prefix) && !body.includes(`xmlns:${prefix}=`));
@@ -159,6 +159,8 @@ function readJoint(element, links) {
   if (!TYPES.includes(joint.type)) fail(`its type is ${joint.type}, must be one of ${TYPES.join(', ')}`);
   for (const end of ['parent', 'child']) {
     joint[end] = child(element, end)?.getAttribute('link');
+    // The parent of a robot's part is in another file.
+    if (end === 'parent' && joint.parent && !links.has(joint.parent)) links.set(joint.parent, { visuals: [], meshes: 0 });
     if (!links.has(joint[end])) fail(`its ${end} ${joint[end]} is not a link`);
   }
   joint.origin = readOrigin(element);

@@ -234,6 +234,11 @@ const GOOD = {
   'hyphens in a comment': [arm('<!-- ---- the base ---- -->'), follows(1)],
   'a prefix without its namespace': [arm('', '<xacro:property name="x" value="1"/><gazebo x:y="1"/>'), follows(1)],
   'a declaration behind blank lines': [`\n  <?xml version="1.0" encoding="gbk"?>${arm('')}`, follows(1)],
+  'a declaration of no version': [`<?xml version="0.0" ?>${arm('')}`, follows(1)],
+  'a joint to a link of another file': [
+    '<robot name="r"><link name="b"/><joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint></robot>',
+    follows(0),
+  ],
   'limits without an end': [arm('<limit lower="-inf" upper="inf" effort="1" velocity="1"/>'), follows(1)],
   'a colour of three numbers': [
     '<robot name="r"><link name="a"><visual><geometry><sphere radius="0.1"/></geometry><material name="m"><color rgba="1 0 0"/></material></visual></link></robot>',
