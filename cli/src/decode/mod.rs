@@ -200,9 +200,9 @@ fn decode_line(mut input: Input<'_>, out: &dyn Output, format: Format, line: Lin
             }
         }),
     };
-    // Items before an error are shown before it, without the sum.
-    read?;
+    // What was read before an error is summed up, too.
     out.remark(format_args!("{}{}", sides.finish(out), doubts.sum()));
+    read?;
     match sides.broken() {
         None => Ok(doubts.count()),
         Some((offset, reason)) => Err(Error::Undecodable { name, offset, reason }),

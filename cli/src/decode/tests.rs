@@ -1,5 +1,7 @@
 //! Recordings and logs, decoded whole and in pieces.
 
+mod files;
+
 use std::fmt;
 use std::io::{self, Write};
 
