@@ -1,4 +1,4 @@
-//! The fuzz corpus has every frame of the documents.
+//! The fuzz corpus has every frame of the documents, and a file of every format that `armwire decode` reads.
 //!
 //! `ARMWIRE_WRITE=1 cargo test --test fuzz_corpus` writes the files.
 
@@ -40,11 +40,34 @@ fn inputs() -> Vec<(String, Vec<u8>)> {
     inputs
 }
 
-#[test]
-fn corpus_has_every_frame_of_the_documents() {
-    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus/decode");
-    let inputs = inputs();
-    assert!(inputs.len() > 100, "{} frames", inputs.len());
+/// The byte before a recording in an input to `armwire_decode`: the arm.
+const FILE_OF_LING: u8 = 0;
+const FILE_OF_SERVO_BUS: u8 = 4;
+
+/// The test files of `armwire decode`.
+fn files() -> Vec<(String, Vec<u8>)> {
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("../cli/tests");
+    let mut files = Vec::new();
+    for folder in ["texts", "logs"] {
+        for entry in fs::read_dir(tests.join(folder)).unwrap() {
+            let entry = entry.unwrap();
+            let name = entry.file_name().into_string().unwrap();
+            let arm = match name.starts_with("servo-bus") {
+                true => FILE_OF_SERVO_BUS,
+                false => FILE_OF_LING,
+            };
+            files.push((
+                format!("document-file-{name}"),
+                [&[arm], &fs::read(entry.path()).unwrap()[..]].concat(),
+            ));
+        }
+    }
+    files
+}
+
+/// Compares inputs with the corpus of a target, or writes them.
+fn check(target: &str, inputs: Vec<(String, Vec<u8>)>) {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target);
     for (name, input) in inputs {
         let path = corpus.join(&name);
         if env::var_os("ARMWIRE_WRITE").is_some() {
@@ -52,4 +75,18 @@ fn corpus_has_every_frame_of_the_documents() {
         }
         assert_eq!(fs::read(&path).unwrap_or_default(), input, "{name}");
     }
+}
+
+#[test]
+fn corpus_has_every_frame_of_the_documents() {
+    let inputs = inputs();
+    assert!(inputs.len() > 100, "{} frames", inputs.len());
+    check("decode", inputs);
+}
+
+#[test]
+fn corpus_has_a_file_of_every_format() {
+    let files = files();
+    assert!(files.len() > 25, "{} files", files.len());
+    check("armwire_decode", files);
 }

@@ -18,7 +18,7 @@ const TIMEOUT: u32 = 60;
 /// The targets' folder in the target directory: their flags would make cargo build the rest anew.
 const FOLDER: &str = "fuzz";
 
-/// Prefix of inputs with frames of the documents, written by `host-tests/tests/fuzz_corpus.rs`.
+/// Prefix of inputs with frames of the documents or files of every format, written by `host-tests/tests/fuzz_corpus.rs`.
 const DOCUMENT: &str = "document-";
 
 #[derive(Args)]
