@@ -20,7 +20,7 @@ pub struct Stream {
     arm: Ling,
     /// The time of the last request, unless a reading came since.
     requested: Option<Instant>,
-    /// The last reading.
+    /// The last reading in the stream.
     state: Option<JointState>,
 }
 
@@ -71,15 +71,13 @@ impl Stream {
     ///
     /// # Errors
     ///
-    /// [`Error::TorqueOff`] if the last reading shows the torque off, [`Error::At`] before the first one, and nothing is
-    /// sent. The line fails.
+    /// [`Error::TorqueOff`] if the last reading shows the torque off, [`Error::At`] if there is none since the torque was or
+    /// may have been switched: nothing is sent. The line fails.
     pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
-        match self.state {
-            None => Err(Error::at(self.name(), "the joints were not read before the first move")),
-            Some(state) if state.status.is_holding() == Some(false) => {
-                Err(self.arm.without_torque(&state, TorqueOffEffect::MotionEnded))
-            }
-            Some(_) => self.arm.start(target),
+        match (self.arm.may_move, self.state) {
+            (true, _) => self.arm.start(target),
+            (false, Some(state)) => Err(self.arm.without_torque(&state, TorqueOffEffect::MotionEnded)),
+            (false, None) => Err(Error::at(self.name(), "the torque was not read before the first move")),
         }
     }
 

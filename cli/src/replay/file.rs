@@ -1,0 +1,344 @@
+//! The motion of an arm in a file.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use armwire::ling::{JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Stroke};
+use armwire::messages::Messages;
+use armwire::time::Instant;
+use armwire_host::Protocol;
+use armwire_host::replay::Point;
+
+use crate::args::Speaker;
+use crate::decode::mcap::records::{self, Part, Record, Visitor};
+use crate::error::Error;
+use crate::output::print_error;
+use crate::printable::cut;
+use crate::recording::messages::{FRAME, JOINT_STATE, MESSAGE_ENCODING, NamedJoints, parse_frame, parse_joint_state};
+
+/// The first bytes of a file of a LeRobot data set.
+const PARQUET: &[u8] = b"PAR1";
+
+/// What was recorded of a motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Source {
+    /// The goals that the arm was sent.
+    Goals,
+    /// The arm's readings.
+    Readings,
+    /// Joint states of any program.
+    JointStates,
+}
+
+/// A motion in a file.
+#[derive(Debug)]
+pub(super) struct Recorded {
+    pub(super) topic: String,
+    pub(super) source: Source,
+    poses: Vec<Pose>,
+}
+
+/// A pose at a time in nanoseconds since 1970.
+#[derive(Debug)]
+struct Pose {
+    at: i64,
+    joints: [Position; JOINTS],
+    gripper: Gripper,
+}
+
+/// The recorded gripper.
+#[derive(Clone, Copy, Debug)]
+enum Gripper {
+    Unknown,
+    Opening(Opening),
+    Metres(f64),
+}
+
+impl Recorded {
+    /// The number of poses.
+    pub(super) fn len(&self) -> usize {
+        self.poses.len()
+    }
+
+    /// Returns true if the gripper's stroke must be known.
+    pub(super) fn needs_stroke(&self) -> bool {
+        self.poses.iter().any(|pose| matches!(pose.gripper, Gripper::Metres(_)))
+    }
+
+    /// The points, for a gripper of this stroke.
+    pub(super) fn points(&self, stroke: Option<Stroke>) -> Result<Vec<Point>, String> {
+        let first = self.poses.first().map_or(0, |pose| pose.at);
+        let point = |pose: &Pose| {
+            Ok(Point {
+                // A time before the first is no later than it, and is left out.
+                at: Instant::from_micros(u64::try_from(pose.at.saturating_sub(first) / 1_000).unwrap_or(0)),
+                joints: pose.joints,
+                gripper: match (pose.gripper, stroke) {
+                    (Gripper::Opening(opening), _) => Some(opening),
+                    (Gripper::Metres(metres), Some(stroke)) => {
+                        let opening = Opening::from_millimetres((metres * 1_000.0) as f32, stroke);
+                        Some(opening.map_err(|error| error.to_string())?)
+                    }
+                    (Gripper::Metres(_), None) | (Gripper::Unknown, _) => None,
+                },
+            })
+        };
+        self.poses.iter().map(point).collect()
+    }
+}
+
+/// Reads the motion on `topic`, or on the only one. With `are_readings`, goals are left out.
+pub(super) fn read(path: &Path, topic: Option<&str>, are_readings: bool) -> Result<Recorded, Error> {
+    let name = path.display().to_string();
+    let failed = |error| Error::at(&name, error);
+    let refused = |reason: String| Error::at(&name, reason);
+    if path.is_dir() || is_parquet(path).map_err(failed)? {
+        let reason = "this is no MCAP file; a LeRobot data set is converted by the script in docs/teleop.md";
+        return Err(Error::at(&name, reason));
+    }
+    let mut file = BufReader::new(File::open(path).map_err(failed)?);
+    let mut magic = [0; mcap::MAGIC.len()];
+    file.read_exact(&mut magic).map_err(failed)?;
+    let mut file = magic.chain(file);
+    let mut tracks = Tracks {
+        name: &name,
+        schemas: BTreeMap::new(),
+        channels: BTreeMap::new(),
+    };
+    if let Err((place, reason)) = records::read(&mut file, &mut tracks) {
+        return Err(refused(format!("byte {place}: {reason}")));
+    }
+    let tracks = tracks.channels.into_values().collect();
+    let track = chosen(tracks, topic).map_err(refused)?;
+    track.into_recorded(are_readings).map_err(refused)
+}
+
+fn is_parquet(path: &Path) -> std::io::Result<bool> {
+    let mut head = Vec::new();
+    File::open(path)?.take(PARQUET.len() as u64).read_to_end(&mut head)?;
+    Ok(head == PARQUET)
+}
+
+/// The track on `topic`. Without it: the arm that was recorded, or the follower of two.
+fn chosen(tracks: Vec<Track>, topic: Option<&str>) -> Result<Track, String> {
+    let topics: Vec<_> = tracks.iter().map(|track| track.topic.clone()).collect();
+    let (frames, states): (Vec<_>, Vec<_>) = tracks.into_iter().partition(|track| track.kind == Kind::Frames);
+    if let Some(topic) = topic {
+        let mut all = frames.into_iter().chain(states);
+        return all.find(|track| track.topic == topic).ok_or_else(|| {
+            let topics = topics.join(", ");
+            format!("there is no topic '{topic}' of an arm; there are: {}", cut(&topics))
+        });
+    }
+    for mut tracks in [frames, states] {
+        tracks.retain(|track| !track.is_empty());
+        if tracks.len() > 1
+            && let Some(follower) = tracks.iter().position(|track| track.topic.starts_with("/follower/"))
+        {
+            return Ok(tracks.swap_remove(follower));
+        }
+        match (tracks.pop(), tracks.is_empty()) {
+            (Some(track), true) => return Ok(track),
+            (Some(_), false) => return Err(format!("several arms: --topic is one of {}", cut(&topics.join(", ")))),
+            (None, _) => {}
+        }
+    }
+    Err(format!(
+        "there is no pose of a Ling arm: neither frames of one ('armwire record' records them), nor {} with joint1 to \
+         joint{JOINTS}",
+        JOINT_STATE.0
+    ))
+}
+
+/// The type of a topic's messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Frames,
+    JointStates,
+}
+
+/// A topic.
+#[derive(Debug)]
+struct Track {
+    topic: String,
+    kind: Kind,
+    /// Each with its time in nanoseconds since 1970.
+    readings: Vec<(i64, JointState)>,
+    goals: Vec<(i64, Move)>,
+    joints: Vec<(i64, NamedJoints)>,
+    /// A protocol other than Ling's.
+    other: Option<Protocol>,
+}
+
+impl Track {
+    fn new(topic: &str, kind: Kind) -> Self {
+        Self {
+            topic: topic.to_owned(),
+            kind,
+            readings: Vec::new(),
+            goals: Vec::new(),
+            joints: Vec::new(),
+            other: None,
+        }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.readings.is_empty() && self.goals.is_empty() && self.joints.is_empty()
+    }
+
+    /// Takes a message.
+    fn push(&mut self, log_time: i64, data: &[u8]) -> Result<(), String> {
+        match self.kind {
+            Kind::Frames => self.push_frame(log_time, data),
+            Kind::JointStates => {
+                let joints = parse_joint_state(data)?;
+                let at = if joints.stamp == 0 { log_time } else { joints.stamp };
+                self.joints.push((at, joints));
+                Ok(())
+            }
+        }
+    }
+
+    fn push_frame(&mut self, log_time: i64, data: &[u8]) -> Result<(), String> {
+        let frame = parse_frame(log_time, data)?;
+        match (frame.protocol, frame.from) {
+            (Protocol::Ling, Speaker::Arm) => {
+                if let Ok(Response::Joints(state)) = Messages::parse_response(&Ling, &frame.bytes, ()) {
+                    self.readings.push((frame.stamp, state));
+                }
+            }
+            (Protocol::Ling, Speaker::Host) => {
+                if let Ok(Request::Move(target)) = Messages::parse_request(&Ling, &frame.bytes) {
+                    self.goals.push((frame.stamp, target));
+                }
+            }
+            (other, _) => self.other = Some(other),
+        }
+        Ok(())
+    }
+
+    /// The motion: its goals if there are any, else the readings.
+    fn into_recorded(self, are_readings: bool) -> Result<Recorded, String> {
+        let (source, poses) = if self.kind == Kind::JointStates {
+            let poses = self.joints.iter().map(|(at, joints)| pose(*at, joints));
+            (Source::JointStates, poses.collect::<Result<Vec<_>, _>>()?)
+        } else if self.goals.len() > 1 && !are_readings {
+            let pose = |(at, target): &(i64, Move)| Pose {
+                at: *at,
+                joints: target.joints.map(|(position, _)| position),
+                gripper: Gripper::Opening(target.gripper.0),
+            };
+            (Source::Goals, self.goals.iter().map(pose).collect())
+        } else {
+            // A reading out of range is a pose that no move can express.
+            let pose = |(at, state): &(i64, JointState)| {
+                let joints = state.positions().ok()?;
+                let gripper = state.opening().map_or(Gripper::Unknown, Gripper::Opening);
+                let at = *at;
+                Some(Pose { at, joints, gripper })
+            };
+            (Source::Readings, self.readings.iter().filter_map(pose).collect())
+        };
+        match (poses.is_empty(), self.other) {
+            (true, Some(other)) => Err(format!(
+                "{} has frames of {other:?}, and only a Ling arm replays",
+                cut(&self.topic)
+            )),
+            (true, None) => Err(format!("there is no pose on {}", cut(&self.topic))),
+            (false, _) => Ok(Recorded {
+                topic: self.topic,
+                source,
+                poses,
+            }),
+        }
+    }
+}
+
+/// The pose in joint states: `joint1` to `joint6` in rad, and perhaps `gripper`, its opening in m.
+fn pose(at: i64, named: &NamedJoints) -> Result<Pose, String> {
+    let mut joints = [None; JOINTS];
+    let mut gripper = Gripper::Unknown;
+    for (name, position) in &named.positions {
+        let number = name
+            .strip_prefix("joint")
+            .and_then(|number| number.parse::<usize>().ok());
+        match number.and_then(|number| joints.get_mut(number.checked_sub(1)?)) {
+            Some(joint) => {
+                let position = Position::from_radians(*position as f32);
+                *joint = Some(position.map_err(|error| format!("{name}: {error}"))?);
+            }
+            None if name == "gripper" => gripper = Gripper::Metres(*position),
+            None => {
+                let name = cut(name);
+                return Err(format!(
+                    "the unit of '{name}' is not known: replayed are joint1 to joint{JOINTS} in rad, and gripper in m"
+                ));
+            }
+        }
+    }
+    let mut missing = (1..).zip(&joints).filter(|(_, joint)| joint.is_none());
+    match missing.next() {
+        Some((number, _)) => Err(format!("joint{number} is missing")),
+        None => Ok(Pose {
+            at,
+            joints: joints.map(|joint| joint.unwrap_or(Position::CENTRE)),
+            gripper,
+        }),
+    }
+}
+
+/// The tracks of a file so far.
+struct Tracks<'a> {
+    name: &'a str,
+    schemas: BTreeMap<u16, Kind>,
+    channels: BTreeMap<u16, Track>,
+}
+
+impl Visitor for Tracks<'_> {
+    fn record(&mut self, record: Record<'_>) -> Result<(), String> {
+        match record {
+            Record::Schema { id, name } => {
+                let kinds = [(FRAME.0, Kind::Frames), (JOINT_STATE.0, Kind::JointStates)];
+                let kind = kinds.into_iter().find(|(known, _)| *known == name);
+                self.schemas.extend(kind.map(|(_, kind)| (id, kind)));
+            }
+            Record::Channel {
+                id,
+                schema,
+                topic,
+                encoding,
+            } => {
+                if let Some(kind) = self.schemas.get(&schema)
+                    && encoding == MESSAGE_ENCODING
+                {
+                    self.channels.entry(id).or_insert_with(|| Track::new(topic, *kind));
+                }
+            }
+            Record::Message {
+                channel,
+                sequence,
+                log_time,
+                data,
+            } => {
+                if let Some(track) = self.channels.get_mut(&channel) {
+                    let pushed = track.push(log_time.cast_signed(), data);
+                    return pushed.map_err(|reason| format!("message {sequence}: {reason}"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn damage(&mut self, part: Part, place: u64, reason: &str) {
+        let part = match part {
+            Part::Chunk => "chunk",
+            Part::Record => "record",
+        };
+        print_error(&format_args!(
+            "{}: byte {place}: damaged {part} left out: {reason}",
+            self.name
+        ));
+    }
+}

@@ -1,0 +1,335 @@
+//! `armwire replay` with virtual arms.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::{Child, Command, Output};
+use std::time::Instant;
+
+use armwire::ling::{
+    GripperSpeed, JointState, Ling, MAX_FRAME, MotionStatus, Move, Opening, Position, Request, Response, Speed,
+};
+use armwire::messages::Messages;
+use armwire::time::Duration;
+use mcap::records::MessageHeader;
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::common::board::Board;
+use crate::common::{
+    Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, retry_while, run, run_against, start, success,
+};
+use crate::signals::Stepped;
+
+/// The error of an arm that a busy system does not read in time.
+const LATE: &str = "no reading of the joints for";
+
+/// Fields in CDR, little-endian.
+struct Cdr(Vec<u8>);
+
+impl Cdr {
+    fn new() -> Self {
+        Self(vec![0, 1, 0, 0])
+    }
+
+    fn aligned(mut self, to: usize, bytes: &[u8]) -> Self {
+        while !(self.0.len() - 4).is_multiple_of(to) {
+            self.0.push(0);
+        }
+        self.0.extend(bytes);
+        self
+    }
+
+    fn u32(self, value: u32) -> Self {
+        self.aligned(4, &value.to_le_bytes())
+    }
+
+    fn text(self, text: &str) -> Self {
+        let len = text.len() as u32 + 1;
+        self.u32(len).aligned(1, text.as_bytes()).aligned(1, &[0])
+    }
+
+    fn time(self, millis: u32) -> Self {
+        self.u32(1_000 + millis / 1_000).u32(millis % 1_000 * 1_000_000)
+    }
+}
+
+/// A file in MCAP, deleted at the end.
+struct Recording(PathBuf);
+
+impl Recording {
+    /// A file of messages of one type, each with its time in milliseconds.
+    fn new(schema: &str, messages: &[(u32, Vec<u8>)]) -> Self {
+        let path = free_path("replay.mcap");
+        let mut writer = mcap::Writer::new(fs::File::create(&path).unwrap()).unwrap();
+        let schema = writer.add_schema(schema, "ros2msg", b"").unwrap();
+        let channel = writer.add_channel(schema, "/arm", "cdr", &Default::default()).unwrap();
+        for (millis, message) in messages {
+            let time = u64::from(*millis) * 1_000_000;
+            let header = MessageHeader {
+                channel_id: channel,
+                sequence: 0,
+                log_time: time,
+                publish_time: time,
+            };
+            writer.write_to_known_channel(&header, message).unwrap();
+        }
+        writer.finish().unwrap();
+        Self(path)
+    }
+
+    /// Joint states with these names, and the positions at each time in milliseconds.
+    fn joint_states(names: &[&str], positions: &[(u32, &[f64])]) -> Self {
+        let messages: Vec<_> = positions
+            .iter()
+            .map(|(millis, positions)| {
+                let mut cdr = Cdr::new().time(*millis).text("base").u32(names.len() as u32);
+                cdr = names.iter().fold(cdr, |cdr, name| cdr.text(name));
+                cdr = cdr.u32(positions.len() as u32);
+                cdr = positions
+                    .iter()
+                    .fold(cdr, |cdr, value| cdr.aligned(8, &value.to_le_bytes()));
+                (*millis, cdr.u32(0).u32(0).0)
+            })
+            .collect();
+        Self::new("sensor_msgs/msg/JointState", &messages)
+    }
+
+    /// Frames of a Ling arm from the host (0) or from the arm (1), each with its time in milliseconds.
+    fn frames(frames: &[(u32, u8, Vec<u8>)]) -> Self {
+        let messages: Vec<_> = frames
+            .iter()
+            .map(|(millis, direction, frame)| {
+                let cdr = Cdr::new().time(*millis).text("ling").aligned(1, &[*direction]);
+                (*millis, cdr.u32(frame.len() as u32).aligned(1, frame).0)
+            })
+            .collect();
+        Self::new("armwire_msgs/msg/Frame", &messages)
+    }
+
+    /// Half a second with readings at 90 % of the goals, whose gripper is at 50 % and whose goals are at 30 %.
+    fn of_a_grip() -> Self {
+        let frames = (0..=50).flat_map(|n| {
+            let goal = 2_048 + 2 * n;
+            let joints = [Position::new(goal).unwrap(); 6];
+            let request = Request::Move(Move {
+                joints: joints.map(|position| (position, Speed::MAX)),
+                gripper: (Opening::new(300).unwrap(), GripperSpeed(1_000)),
+            });
+            let response = Response::Joints(JointState {
+                joints: [goal - 10; 6],
+                gripper: 500,
+                status: MotionStatus::Locked,
+            });
+            let mut out = [[0; MAX_FRAME]; 2];
+            let sent = Ling.encode_request(&request, &mut out[0]).unwrap();
+            let received = Ling.encode_response(&response, None, &mut out[1]).unwrap();
+            let millis = u32::from(n) * 10;
+            [
+                (millis, 0, out[0][..sent].to_vec()),
+                (millis + 1, 1, out[1][..received].to_vec()),
+            ]
+        });
+        Self::frames(&frames.collect::<Vec<_>>())
+    }
+
+    fn path(&self) -> &str {
+        self.0.to_str().unwrap()
+    }
+
+    /// Replays it. Repeats that on a busy system.
+    fn replay(&self, args: &[&str]) -> Output {
+        retry_while(NO_ANSWER, || {
+            retry_while(LATE, || run(&[&["replay", self.path()], args].concat()))
+        })
+    }
+}
+
+impl Drop for Recording {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+const NAMES: [&str; 7] = ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "gripper"];
+
+#[test]
+fn joint_states_of_others_are_replayed() {
+    let arm = Arm::start("ling", "replay-states", &[]);
+    let positions: Vec<_> = (0..=10)
+        .map(|n| {
+            (
+                n * 50,
+                [2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 1.0].map(|rate| 0.005 * rate * f64::from(n)),
+            )
+        })
+        .collect();
+    let positions: Vec<_> = positions
+        .iter()
+        .map(|(millis, positions)| (*millis, &positions[..]))
+        .collect();
+    let recording = Recording::joint_states(&NAMES, &positions[..5]);
+    let output = recording.replay(&[&arm.port]);
+    assert!(output.status.success(), "{output:?}");
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        out.starts_with("0.2 s of /arm (5 joint states)\ntracking error of joints 1 to 6, in "),
+        "{out}"
+    );
+    let joints = success(&["call", "ling", &arm.port, "read-joints"]);
+    // 0.04 rad are 26 ticks, and 20 mm are 40 % of 50 mm.
+    let pose = "joints: +2.29° +2.29° +2.29° +2.29° +2.29° +2.29°, gripper: 40.0 % open, status: locked";
+    assert_eq!(joints.trim(), pose);
+}
+
+#[test]
+fn recorded_goals_are_replayed_with_their_grip() {
+    let recording = Recording::of_a_grip();
+    for (option, angle, gripper, warning) in [
+        (&[][..], "+8.79°", "30.0 %", ""),
+        (&["--readings"], "+7.91°", "50.0 %", "they carry no grip force"),
+    ] {
+        let arm = Arm::start("ling", "replay-goals", &[]);
+        let output = recording.replay(&[&[&*arm.port], option].concat());
+        assert!(output.status.success(), "{output:?}");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(
+            stderr.contains(warning) && stderr.is_empty() == warning.is_empty(),
+            "{stderr}"
+        );
+        let joints = success(&["call", "ling", &arm.port, "read-joints"]);
+        assert!(joints.contains(angle) && joints.contains(gripper), "{joints}");
+    }
+}
+
+#[test]
+fn unsuitable_recordings_are_refused_without_the_arm() {
+    let still = |names: &[&str]| Recording::joint_states(names, &[(0, &[0.0; 7][..names.len()])]);
+    let jump = Recording::joint_states(&NAMES[..6], &[(0, &[0.0; 6]), (100, &[1.0; 6])]);
+    let past_the_end = Recording::joint_states(&NAMES[..6], &[(0, &[3.2; 6])]);
+    for (recording, reason) in [
+        (
+            jump,
+            "joint 1 jumps by 57.3° within 100 ms at 0.00 s: the limit is 180°/s (--max-speed, --speed)",
+        ),
+        (
+            past_the_end,
+            "joint1: joint angle is 3.2 rad, must be -3.1415927..=3.1400588",
+        ),
+        (still(&NAMES[..5]), "joint6 is missing"),
+        (
+            still(&["joint1", "shoulder"]),
+            "the unit of 'shoulder' is not known: replayed are joint1 to joint6 in rad, and gripper in m",
+        ),
+        (
+            Recording::new("std_msgs/msg/String", &[]),
+            "there is no pose of a Ling arm: neither frames of one ('armwire record' records them), nor \
+             sensor_msgs/msg/JointState with joint1 to joint6",
+        ),
+    ] {
+        let line = failure(&run(&["replay", recording.path(), "/dev/absent"]));
+        assert_eq!(line, format!("{}: {reason}", recording.path()));
+    }
+}
+
+#[test]
+fn lerobot_data_set_is_named() {
+    let path = free_path("episode.parquet");
+    fs::write(&path, b"PAR1\0\0\0\0").unwrap();
+    for path in [&*path, &std::env::temp_dir()] {
+        let line = failure(&run(&["replay", path.to_str().unwrap(), "/dev/absent"]));
+        assert!(
+            line.ends_with("a LeRobot data set is converted by the script in docs/teleop.md"),
+            "{line}"
+        );
+    }
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn arm_without_torque_is_not_replayed_to() {
+    let arm = Arm::start("ling", "replay-torque", &[]);
+    success(&["torque", &arm.port, "off", "--yes"]);
+    let output = Recording::of_a_grip().replay(&[&arm.port]);
+    let line = failure(&output);
+    assert!(line.contains("the torque is off, so nothing was sent"), "{line}");
+}
+
+#[test]
+fn leader_is_not_replayed_to() {
+    let arm = Arm::start("ling", "replay-leader", &["--leader"]);
+    let line = failure(&Recording::of_a_grip().replay(&[&arm.port]));
+    assert!(line.ends_with("this is a leader, which nothing moves"), "{line}");
+}
+
+/// A motion of 20 s, by 170°.
+fn far() -> Recording {
+    let positions: Vec<_> = (0..=200).map(|n| (n * 100, [0.015 * f64::from(n); 6])).collect();
+    let positions: Vec<_> = positions
+        .iter()
+        .map(|(millis, positions)| (*millis, &positions[..]))
+        .collect();
+    Recording::joint_states(&NAMES[..6], &positions)
+}
+
+#[test]
+fn signal_in_a_replay_stops_the_arm() {
+    let recording = far();
+    let mut stepped = Stepped::new();
+    let output = retry_while(NO_ANSWER, || {
+        retry_while(LATE, || {
+            stepped = Stepped::new();
+            let mut is_sent = false;
+            run_against(&["replay", recording.path(), "PORT"], |program, pty, bytes| {
+                stepped.answer(pty, bytes);
+                if !is_sent && stepped.arm.joints()[0] > 2_060 {
+                    is_sent = true;
+                    kill_process(Pid::from_child(program), Signal::INT).unwrap();
+                }
+            })
+        })
+    });
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        stderr.lines().last().unwrap().starts_with("armwire: stopped: joints: "),
+        "{stderr}"
+    );
+    let arm = &mut stepped.arm;
+    arm.advance(stepped.now + Duration::from_millis(1_000));
+    assert!(arm.is_holding() && !arm.is_moving());
+    assert!((2_060..3_900).contains(&arm.joints()[0]), "{:?}", arm.joints());
+}
+
+/// A reading that the adapter polls, as JSON.
+fn polled(board: &Board) -> serde_json::Value {
+    let args = [
+        "monitor",
+        &board.port,
+        "--control",
+        &board.control,
+        "--from-adapter",
+        "--json",
+        "--count",
+        "1",
+    ];
+    // An event may be on the error output.
+    serde_json::from_slice(&run(&args).stdout).unwrap_or_default()
+}
+
+#[test]
+fn killed_replay_loses_the_torque_if_so_configured() {
+    let board = Board::start("replay-killed");
+    let settings = ["poll=50", "host-timeout.after-ms=300", "host-timeout.torque-off=on"];
+    success(&[&["config", &board.control, "set"], &settings[..]].concat());
+    let recording = far();
+    let mut child = start(Command::new(PROGRAM).args(["replay", recording.path(), &board.port]));
+    let deadline = Instant::now() + TIMEOUT;
+    let has_ended = |child: &mut Child| child.try_wait().unwrap().is_some() || Instant::now() > deadline;
+    while polled(&board)["joint_1_deg"].as_f64() < Some(5.0) {
+        assert!(!has_ended(&mut child), "{:?}", finish(child));
+    }
+    child.kill().unwrap();
+    finish(child);
+    while polled(&board)["status"] != "idle" {
+        assert!(Instant::now() < deadline, "{}", polled(&board));
+    }
+}
