@@ -84,7 +84,7 @@ impl<'a, 'b> Session<'a, 'b> {
         };
         let mut link = connection.ling()?.into_link();
         let stroke: Stroke = link.read(&Request::ReadStroke)?;
-        let mut joints = clients.arm.joints.clone();
+        let mut joints = clients.arm.joints.all.clone();
         joints[JOINTS].max = f64::from(stroke.millimetres()) / 1_000.0;
         let mut period = Duration::from_secs(1) / clients.arm.rate;
         if let Some(adapter) = &mut adapter {

@@ -160,7 +160,7 @@ impl<'a> Clients<'a> {
         }
         Ok(Order {
             origin: Origin::Goal(id),
-            tolerances: Some(Tolerances::of(&goal, joints, self.arm.goal_time)?),
+            tolerances: Some(Tolerances::of(&goal, joints, self.arm.joints.goal_time)?),
             trajectory: goal.trajectory,
         })
     }
@@ -325,7 +325,7 @@ impl<'a> Clients<'a> {
     pub(crate) fn refuse_all_for(&mut self, time: Duration, stop: &AtomicBool) {
         let until = Instant::now() + time;
         while Instant::now() < until && !stop.load(Ordering::Relaxed) {
-            while let Some(asked) = self.next(&self.arm.joints) {
+            while let Some(asked) = self.next(&self.arm.joints.all) {
                 if let Asked::Play(_, reply) = asked {
                     self.answer(&reply, Err(Refusal::NoArm));
                 }

@@ -1,16 +1,14 @@
 //! The command line.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
+use std::fs;
 use std::net::Ipv4Addr;
-use std::time::Duration;
+use std::path::{Path, PathBuf};
 
-use armwire::ling::JOINTS;
 use armwire_host::Port;
 use clap::{Parser, ValueEnum};
 
-use crate::joint_states;
-use crate::tolerances::DEFAULT_GOAL_TIME;
-use crate::trajectory::{self, Joint};
+use crate::joints_file::{self, Joints};
 
 /// Serve robot arms as ROS 2 nodes over DDS. Nothing leaves this computer unless an interface is named.
 #[derive(Parser)]
@@ -23,12 +21,10 @@ pub(crate) struct Options {
     /// The control port of an arm's adapter, if it cannot be found by the arm's port.
     #[arg(long = "control", value_name = "NAME=PORT")]
     controls: Vec<String>,
-    /// The names of an arm's joints; joint1 to joint6 and gripper by default.
-    #[arg(long = "joints", value_name = "NAME=J1,J2,J3,J4,J5,J6,GRIPPER")]
-    joints: Vec<String>,
-    /// The range of a joint in trajectories, in rad. Without it, the range of the protocol, ±π less one tick.
-    #[arg(long = "limit", value_name = "NAME/JOINT=MIN:MAX")]
-    limits: Vec<String>,
+    /// The file with the names, limits and tolerances of the joints. Without it: joint1 to joint6 and gripper, with the
+    /// limits of the protocol.
+    #[arg(long, value_name = "FILE")]
+    joints: Option<PathBuf>,
     /// Readings per second of an arm without an adapter. An adapter polls at its own rate.
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=500))]
     rate: u32,
@@ -71,10 +67,7 @@ pub(crate) struct Arm {
     pub(crate) port: Port,
     /// The adapter's control port, if it is not found from the arm's port.
     pub(crate) control: Option<Port>,
-    /// The six joints and the gripper. The arm reports the gripper's range.
-    pub(crate) joints: Vec<Joint>,
-    /// Time after the last point of a goal, by default, until the joints must be at it.
-    pub(crate) goal_time: Duration,
+    pub(crate) joints: Joints,
     pub(crate) rate: u32,
     pub(crate) allow_set_zero: bool,
 }
@@ -87,7 +80,7 @@ impl Options {
     /// The first inconsistent option, with the reason.
     pub(crate) fn checked(&self) -> Result<Checked, String> {
         let mut controls = by_name("--control", &self.controls)?;
-        let mut joints = by_name("--joints", &self.joints)?;
+        let mut joints = self.joints.as_deref().map(joints_of).transpose()?.unwrap_or_default();
         let mut arms: Vec<Arm> = Vec::new();
         for text in &self.arms {
             let (name, address) = split("--arm", text)?;
@@ -104,10 +97,6 @@ impl Options {
                     "--arm {text:?}: the port must be ling:PORT; no other arm reports joint positions"
                 ));
             };
-            let names = match joints.remove(name) {
-                Some(names) => joint_names(names).map_err(|error| format!("--joints {name}={names:?}: {error}"))?,
-                None => joint_states::DEFAULT_NAMES.map(str::to_owned).to_vec(),
-            };
             let wrong = |error: armwire_host::Error| format!("--arm {text:?}: {error}");
             let port = port.parse().map_err(wrong)?;
             let control = controls.remove(name).map(Port::of_control).transpose().map_err(wrong)?;
@@ -118,19 +107,19 @@ impl Options {
                 name: name.to_owned(),
                 port,
                 control,
-                joints: joint_states::joints(&names),
-                goal_time: DEFAULT_GOAL_TIME,
+                joints: joints.remove(name).unwrap_or_default(),
                 rate: self.rate,
                 allow_set_zero: self.allow_set_zero,
             });
         }
-        for (option, left) in [("--control", controls), ("--joints", joints)] {
-            if let Some(name) = left.keys().next() {
-                return Err(format!("{option} {name}=…: no --arm {name}=…"));
-            }
+        if let Some(name) = controls.keys().next() {
+            return Err(format!("--control {name}=…: no --arm {name}=…"));
         }
-        for text in &self.limits {
-            set_limit(&mut arms, text).map_err(|error| format!("--limit {text:?}: {error}"))?;
+        // A misspelt name must not leave an arm without its limits.
+        if let Some(name) = joints.keys().next() {
+            return Err(format!(
+                "--joints: the file has the arm {name:?}, but there is no --arm {name}=…"
+            ));
         }
         let address = interface(&self.interface)?;
         Ok(Checked {
@@ -166,37 +155,10 @@ fn is_name(name: &str) -> bool {
         && !name.contains("__")
 }
 
-fn joint_names(text: &str) -> Result<Vec<String>, String> {
-    let names: Vec<_> = text.split(',').map(str::to_owned).collect();
-    let is_repeated = |nth: usize| names[..nth].contains(&names[nth]);
-    if names.len() != JOINTS + 1 || names.iter().any(String::is_empty) {
-        return Err("must be seven names, of six joints and the gripper".to_owned());
-    }
-    if let Some(name) = names.iter().find(|name| name.contains(char::is_control)) {
-        return Err(format!("{name:?} contains a control character"));
-    }
-    match (0..names.len()).find(|&nth| is_repeated(nth)) {
-        Some(nth) => Err(format!("{:?} is given twice", names[nth])),
-        None => Ok(names),
-    }
-}
-
-fn set_limit(arms: &mut [Arm], text: &str) -> Result<(), String> {
-    let (name, range) = text.split_once('=').ok_or("= is missing")?;
-    let (arm, joint) = name.split_once('/').ok_or("/ between arm and joint is missing")?;
-    let (min, max) = range.split_once(':').ok_or(": in the range is missing")?;
-    let number = |text: &str| text.parse::<f64>().map_err(|_| format!("{text:?} is not a number"));
-    let (min, max) = trajectory::limit(number(min)?, number(max)?)?;
-    let arm = arms
-        .iter_mut()
-        .find(|one| one.name == arm)
-        .ok_or_else(|| format!("no --arm {arm}=…"))?;
-    let joint = arm.joints[..JOINTS]
-        .iter_mut()
-        .find(|one| one.name == joint)
-        .ok_or_else(|| format!("no joint {joint:?}"))?;
-    (joint.min, joint.max) = (joint.min.max(min), joint.max.min(max));
-    Ok(())
+fn joints_of(path: &Path) -> Result<BTreeMap<String, Joints>, String> {
+    let text = fs::read_to_string(path).map_err(|error| error.to_string());
+    text.and_then(|text| joints_file::parse(&text))
+        .map_err(|error| format!("--joints {path:?}: {error}"))
 }
 
 /// The IPv4 address of an interface of this computer.
@@ -232,14 +194,22 @@ mod tests {
             .checked()
     }
 
+    /// A file of joints with this text.
+    fn joints(text: &str) -> PathBuf {
+        let name = format!("armwire-ros2-{}-{}.toml", std::process::id(), text.len());
+        let path = std::env::temp_dir().join(name);
+        fs::write(&path, text).unwrap();
+        path
+    }
+
     #[test]
     fn arms_have_names_ports_joints_and_limits() {
+        let file = joints("[right.joints]\njoint2 = { name = \"b\", min = -1.5, max = 1 }");
         let checked = checked(&[
             "--arm=left=ling:/dev/ttyACM0",
             "--arm=right=ling:can:can0/3",
             "--control=left=/tmp/control",
-            "--joints=right=a,b,c,d,e,f,g",
-            "--limit=right/b=-1.5:1",
+            &format!("--joints={}", file.display()),
         ])
         .unwrap();
         assert_eq!(checked.address, Ipv4Addr::LOCALHOST);
@@ -248,34 +218,34 @@ mod tests {
         };
         assert_eq!(left.port, Port::Serial("/dev/ttyACM0".to_owned()));
         assert_eq!(left.control, Some(Port::Control("/tmp/control".to_owned())));
-        assert_eq!(left.joints[0].name, "joint1");
-        assert_eq!(
-            (right.joints[1].name.as_str(), right.joints[1].min, right.joints[1].max),
-            ("b", -1.5, 1.0)
-        );
+        assert_eq!(left.joints, Joints::default());
+        let joint = &right.joints.all[1];
+        assert_eq!((&*joint.name, joint.min, joint.max), ("b", -1.5, 1.0));
     }
 
     #[test]
     fn inconsistent_options_are_refused() {
+        let file = joints("[lefft]");
+        let other_arm = format!("--joints={}", file.display());
         for (args, error) in [
-            (&["--arm=left"][..], "= is missing"),
+            (
+                &["--arm=left=ling:x", &*other_arm][..],
+                "has the arm \"lefft\", but there is no --arm lefft",
+            ),
+            (
+                &["--arm=a=ling:x", "--joints=/nowhere/joints.toml"],
+                "--joints \"/nowhere/joints.toml\": No such file",
+            ),
+            (&["--arm=left"], "= is missing"),
             (&["--arm=a=xarm:1.2.3.4"], "no other arm reports joint positions"),
             (&["--arm=a/b=ling:x"], "must have letters"),
             (&["--arm=a=ling:x", "--arm=a=ling:y"], "twice"),
             (&["--arm=a=ling:x", "--control=b=y"], "no --arm b"),
-            (&["--arm=a=ling:x", "--joints=a=b"], "seven names"),
-            (
-                &["--arm=a=ling:x", "--joints=a=b,c,d,e,f,g,h\u{7}"],
-                "a control character",
-            ),
             (&["--arm=a=ling:x", "--arm=b=ling:x"], "a has the same port"),
             (
                 &["--arm=a=ling:x", "--arm=b=ling:x", "--control=b=y"],
                 "a has the same port",
             ),
-            (&["--arm=a=ling:x", "--limit=a/joint9=0:1"], "no joint \"joint9\""),
-            (&["--arm=a=ling:x", "--limit=a/joint1=1:0"], "the lower end first"),
-            (&["--arm=a=ling:x", "--limit=a/joint1=0:NaN"], "the lower end first"),
             (
                 &["--arm=a=ling:x", "--interface=192.0.2.1"],
                 "no interface of this computer",

@@ -1,6 +1,5 @@
 //! Trajectories: checked before the first motion, then interpolated. No clock and no I/O.
 
-use std::f64::consts::PI;
 use std::time::Duration;
 
 use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
@@ -353,20 +352,6 @@ fn speeds(joints: &[Joint], nth: usize, from: &Knot, to: &Knot) -> Result<(), Re
         }
     }
     Ok(())
-}
-
-/// The user's limit of a joint, in rad.
-///
-/// # Errors
-///
-/// An empty range, or one beyond ±π.
-pub(crate) fn limit(min: f64, max: f64) -> Result<(f64, f64), String> {
-    match -PI <= min && min < max && max <= PI {
-        true => Ok((min, max)),
-        false => Err(format!(
-            "the range {min} to {max} is not within ±π rad, the lower end first"
-        )),
-    }
 }
 
 #[cfg(test)]

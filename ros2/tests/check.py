@@ -521,7 +521,10 @@ def rate(peer, seconds, hertz):
 def one_arm(participant):
     sim, port = virtual_arm("arm")
     before = sent_packets()
-    node = start("armwire-ros2", "--arm", f"left=ling:{port}", "--rmw", "cyclonedds", "--limit", "left/joint2=-1.0:1.0")
+    joints = os.path.join(FOLDER, "joints.toml")
+    with open(joints, "w") as file:
+        file.write("[left.joints]\njoint2 = { min = -1.0, max = 1.0 }\n")
+    node = start("armwire-ros2", "--arm", f"left=ling:{port}", "--rmw", "cyclonedds", "--joints", joints)
     peer = Peer(participant, "left")
     matched(participant, [peer])
     answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
