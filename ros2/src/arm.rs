@@ -22,7 +22,9 @@ use crate::trajectory::{Joint, Refusal};
 
 /// Time between two attempts to open a port.
 const RETRY: Duration = Duration::from_secs(1);
-/// Minimum time without a reading after which an adapter's arm counts as silent. With slow polls it is three periods.
+/// Maximum wait for a reading before setpoints and requests have their turn.
+const STEP: Duration = Duration::from_millis(5);
+/// Minimum time without a reading after which an arm counts as silent. With slow readings it is three periods.
 const SILENCE: Duration = Duration::from_millis(500);
 
 /// The reason why an arm is not served until its port is reopened.
@@ -143,22 +145,20 @@ impl<'a, 'b> Session<'a, 'b> {
         let mut received = due;
         let silence = SILENCE.max(3 * self.period);
         while !stop.load(Ordering::Relaxed) {
-            if self.adapter.is_some() {
-                match self.receive()? {
-                    true => received = Instant::now(),
-                    false if received.elapsed() >= silence => {
-                        return Err(Failure::Arm(format!(
-                            "the adapter received no joints for {} ms",
-                            silence.as_millis()
-                        )));
-                    }
-                    false => {}
-                }
+            let is_received = if self.adapter.is_some() {
+                self.receive()?
             } else {
-                thread::sleep(due.saturating_duration_since(Instant::now()));
-                let state = self.link.read(&Request::ReadJoints)?;
-                self.publish(stamps::now(), &state);
-                due = (due + self.period).max(Instant::now());
+                let wait = due.saturating_duration_since(Instant::now());
+                thread::sleep(wait.min(STEP));
+                wait <= STEP && self.read(&mut due)?
+            };
+            if is_received {
+                received = Instant::now();
+            } else if received.elapsed() >= silence {
+                return Err(Failure::Arm(format!(
+                    "no joints were received for {} ms",
+                    silence.as_millis()
+                )));
             }
             self.take_trajectories();
             self.take_requests()?;
@@ -168,12 +168,25 @@ impl<'a, 'b> Session<'a, 'b> {
         self.end_stream()
     }
 
-    /// Receives one event of the adapter within a period. Returns true for a reading.
+    /// Reads the joints, and moves `due` to the next time. Returns false without an answer, which costs the reading only.
+    fn read(&mut self, due: &mut Instant) -> Result<bool, Failure> {
+        let state = match self.link.read(&Request::ReadJoints) {
+            Err(Error::NoAnswer { .. }) => None,
+            answer => Some(answer?),
+        };
+        *due = (*due + self.period).max(Instant::now());
+        if let Some(state) = &state {
+            self.publish(stamps::now(), state);
+        }
+        Ok(state.is_some())
+    }
+
+    /// Receives one event of the adapter within a step. Returns true for a reading.
     fn receive(&mut self) -> Result<bool, Failure> {
         let Some(adapter) = &mut self.adapter else {
             return Ok(false);
         };
-        let Some((stamp, event)) = adapter.next_event(self.period)? else {
+        let Some((stamp, event)) = adapter.next_event(STEP)? else {
             return Ok(false);
         };
         let at = self.clock.host_time(stamp, HostTime::now()).unix_ns;

@@ -800,6 +800,23 @@ def action(participant):
     end(node)
 
 
+def slow_readings(participant):
+    sim, port = virtual_arm("slow")
+    node = start("armwire-ros2", "--arm", f"slow=ling:{port}", "--rmw", "cyclonedds", "--rate", "2")
+    peer = Peer(participant, "slow")
+    matched(participant, [peer])
+    follow = Follow(participant, peer)
+    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
+    assert answer.success, answer
+    # A setpoint with each reading only would leave the arm 0.25 rad behind.
+    id, accepted = follow.goal([[1.0, 0, 0, 0, 0, 0]], seconds_each=2.0, path=[("joint1", 0.15)])
+    answer = follow.result(id)
+    assert accepted and answer.status == SUCCEEDED, answer
+    passed("setpoints do not wait for slow readings")
+    end(node)
+    end(sim)
+
+
 def read_joints(port):
     call = [os.path.join(PROGRAMS, "armwire"), "call", "ling", port, "read-joints"]
     return subprocess.run(call, check=True, capture_output=True, text=True).stdout
@@ -940,6 +957,7 @@ if __name__ == "__main__":
         one_arm(participant)
         trajectories(participant)
         action(participant)
+        slow_readings(participant)
         on_interface(participant)
         sixteen_arms(participant)
         # The last, because a polling virtual board keeps a core busy.
