@@ -5,6 +5,7 @@
 
 mod adapter;
 mod args;
+mod bench;
 mod call;
 mod config;
 mod confirm;
@@ -17,7 +18,6 @@ mod info;
 mod list;
 mod monitor;
 mod motion;
-#[cfg(feature = "recordings")]
 mod new_file;
 mod output;
 mod printable;
@@ -81,6 +81,11 @@ enum Command {
     Torque(motion::SetTorque),
     /// Set a Ling arm's current pose as its zero position. The torque goes off and the arm falls: hold it.
     SetZero(motion::SetZero),
+    /// Measure how long a program waits for an arm's pose, and how old the pose is.
+    ///
+    /// At each rate a program first reads and waits for the answer; then a reader reads in a thread, and the program takes
+    /// its newest pose. Prints the duration of the calls.
+    Bench(bench::Bench),
     /// Send one request and print the answer.
     Call(call::Call),
     /// Decode a recording: frames, their meaning, stray bytes.
@@ -177,6 +182,7 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::List(list) => list.run(),
         Command::Monitor(monitor) => monitor.run(signals::catch()?),
         Command::Record(record) => record.run(signals::catch()?),
+        Command::Bench(bench) => bench.run(),
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
         Command::Stop(stop) => stop.run(),

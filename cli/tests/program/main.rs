@@ -4,6 +4,7 @@
 
 mod adapter;
 mod alpha1;
+mod bench;
 mod call;
 mod can;
 mod common;

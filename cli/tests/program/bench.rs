@@ -1,0 +1,115 @@
+//! `armwire bench`: measurements of a virtual arm.
+
+use std::fs;
+
+use crate::common::{Arm, free_path, run, success, usage};
+
+/// The runs of a measurement in JSON.
+fn runs(out: &str) -> Vec<serde_json::Value> {
+    let report: serde_json::Value = serde_json::from_str(out).unwrap();
+    assert!(report["processors"].as_u64() >= Some(1), "{report}");
+    assert!(report["adapter"].is_null(), "{report}");
+    report["runs"].as_array().unwrap().clone()
+}
+
+#[test]
+fn reads_and_newest_poses_are_measured() {
+    let arm = Arm::start("ling", "bench", &[]);
+    let drawing = free_path("bench.svg");
+    let svg = drawing.to_str().unwrap();
+    let args = [
+        "bench",
+        &arm.port,
+        "--rate",
+        "50,200",
+        "--seconds",
+        "0.5",
+        "--json",
+        "--svg",
+        svg,
+    ];
+    let runs = runs(&success(&args));
+    let names: Vec<_> = runs
+        .iter()
+        .map(|run| (run["rate_hz"].clone(), run["call"].clone()))
+        .collect();
+    let expected = [(50, "read"), (50, "latest"), (200, "read"), (200, "latest")];
+    assert_eq!(names, expected.map(|(rate, call)| (rate.into(), call.into())));
+    for run in &runs {
+        let calls = run["calls"].as_u64().unwrap() + run["missed"].as_u64().unwrap();
+        assert_eq!(calls, run["rate_hz"].as_u64().unwrap() / 2, "{run}");
+        assert!(run["p50_us"].as_f64() <= run["max_us"].as_f64(), "{run}");
+        assert_eq!(run["age_p50_us"].is_null(), run["call"] == "read", "{run}");
+        assert_eq!(run["load"], false);
+    }
+    assert!(fs::read_to_string(&drawing).unwrap().starts_with("<svg "));
+    let output = run_again(&args);
+    assert!(output.contains("the file exists"), "{output}");
+    fs::remove_file(drawing).unwrap();
+}
+
+/// The errors of the program with these arguments.
+fn run_again(args: &[&str]) -> String {
+    String::from_utf8(run(args).stderr).unwrap()
+}
+
+#[test]
+fn holding_arm_keeps_its_pose() {
+    let arm = Arm::start("ling", "bench-hold", &[]);
+    success(&[
+        "move",
+        &arm.port,
+        "--joints",
+        "0,0,0,0,0,10",
+        "--speed",
+        "200",
+        "--gripper",
+        "0",
+        "--wait",
+    ]);
+    let args = [
+        "bench",
+        &arm.port,
+        "--rate",
+        "100",
+        "--seconds",
+        "0.2",
+        "--hold",
+        "--yes",
+        "--load",
+    ];
+    let table = success(&args);
+    let rows: Vec<_> = table.lines().skip(3).collect();
+    assert_eq!(rows.len(), 4, "{table}");
+    assert_eq!(rows.iter().filter(|row| row.ends_with("busy")).count(), 2, "{table}");
+    let state = success(&["call", "ling", &arm.port, "read-joints"]);
+    assert!(
+        state.contains("+0.00° +0.00° +0.00° +0.00° +0.00° +10.") && state.contains("locked"),
+        "{state}"
+    );
+}
+
+#[test]
+fn hold_asks_first() {
+    let arm = Arm::start("ling", "bench-ask", &[]);
+    let error = usage(&["bench", &arm.port, "--hold"]);
+    assert!(
+        error.contains("present pose as the goal") && error.contains("--yes"),
+        "{error}"
+    );
+}
+
+#[test]
+fn rates_and_arms_without_a_pose_are_refused() {
+    let arm = Arm::start("alpha1", "bench-alpha1", &[]);
+    let error = usage(&["bench", &arm.port, "--arm", "alpha1"]);
+    assert!(error.contains("bench measures ling and xarm"), "{error}");
+    for (rate, reason) in [
+        ("49", "must be 50 to 1000"),
+        ("1001", "1000"),
+        ("x", "not a whole number"),
+    ] {
+        let error = usage(&["bench", &arm.port, "--rate", rate]);
+        assert!(error.contains(reason), "{error}");
+    }
+}
