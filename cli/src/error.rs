@@ -31,6 +31,9 @@ pub(crate) enum Error {
     /// The output went nowhere.
     #[error("cannot write the output: {0}")]
     Output(io::Error),
+    /// A motion ended for this cause, and the arm like this.
+    #[error("{cause}; {end}")]
+    Ended { cause: Box<Error>, end: String },
     /// A recording could not be written.
     #[error("{path}: {reason}")]
     Recording { path: String, reason: String },

@@ -24,11 +24,14 @@ mod printable;
 mod record;
 mod recording;
 mod remedies;
+#[cfg(feature = "recordings")]
+mod replay;
 #[cfg(feature = "selftest")]
 pub mod selftest;
 mod signals;
 #[cfg(unix)]
 mod sim;
+mod status;
 mod stop;
 mod update;
 
@@ -73,6 +76,9 @@ enum Command {
     Monitor(monitor::Monitor),
     /// Record an arm to an MCAP file, as 'monitor --mcap' does: moved by hand with the torque off, or by another program.
     Record(record::Record),
+    /// Replay a recording on a Ling arm. The arm goes slowly to the first pose and moves at once: keep clear of it.
+    #[cfg(feature = "recordings")]
+    Replay(replay::Replay),
     /// Move the joints and the gripper of a Ling arm. The arm moves at once: keep clear of it.
     Move(motion::MoveArm),
     /// Stop an arm. The torque stays on. Not an emergency stop: keep a switch in the arm's supply.
@@ -183,6 +189,8 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Monitor(monitor) => monitor.run(signals::catch()?),
         Command::Record(record) => record.run(signals::catch()?),
         Command::Bench(bench) => bench.run(),
+        #[cfg(feature = "recordings")]
+        Command::Replay(replay) => replay.run(),
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
         Command::Stop(stop) => stop.run(),

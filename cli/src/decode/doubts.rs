@@ -42,11 +42,11 @@ const CUT: &str = "ends inside a record";
 
 /// The reason why a record of a log is not understood.
 #[derive(Debug, PartialEq)]
-pub(super) struct Doubt {
+pub(crate) struct Doubt {
     /// The kind, by which such records are counted.
     pub(super) kind: &'static str,
     /// The reason in words.
-    pub(super) text: String,
+    pub(crate) text: String,
 }
 
 impl Doubt {

@@ -2,12 +2,12 @@
 
 mod bus;
 mod detect;
-mod doubts;
+pub(crate) mod doubts;
 mod format;
 mod input;
 mod log;
 #[cfg(feature = "recordings")]
-mod mcap;
+pub(crate) mod mcap;
 mod meaning;
 mod output;
 mod packed;

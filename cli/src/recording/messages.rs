@@ -3,6 +3,7 @@
 use armwire_host::describe::Protocol;
 use armwire_host::stamps::ros_time;
 use byteorder::LittleEndian;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::frame::Frame;
@@ -10,7 +11,7 @@ use crate::args::Speaker;
 use crate::printable::cut;
 
 /// Type and definition of [`JointState`].
-pub(super) const JOINT_STATE: (&str, &str) = ("sensor_msgs/msg/JointState", include_str!("joint_state.ros2msg"));
+pub(crate) const JOINT_STATE: (&str, &str) = ("sensor_msgs/msg/JointState", include_str!("joint_state.ros2msg"));
 /// Type and definition of the message for a [`Frame`].
 pub(crate) const FRAME: (&str, &str) = ("armwire_msgs/msg/Frame", include_str!("frame.ros2msg"));
 /// The encoding of definitions.
@@ -74,6 +75,23 @@ struct FrameMessage {
     data: Vec<u8>,
 }
 
+/// The fields of `std_msgs/msg/Header` and of the front of `sensor_msgs/msg/JointState` of any program.
+#[derive(Deserialize)]
+struct AnyJointState {
+    stamp: Time,
+    _frame_id: String,
+    name: Vec<String>,
+    position: Vec<f64>,
+}
+
+/// Joints by their names. The stamp is in nanoseconds since 1970; 0 for none.
+#[derive(Debug)]
+pub(crate) struct NamedJoints {
+    pub(crate) stamp: i64,
+    /// In rad, and m for what slides, as the message's definition says.
+    pub(crate) positions: Vec<(String, f64)>,
+}
+
 /// Joint positions at a time in nanoseconds since 1970, as an encoded message.
 pub(super) fn joint_state(nanos: i64, name: &[String], position: &[f64]) -> Vec<u8> {
     encode(&JointState {
@@ -111,13 +129,7 @@ pub(super) fn frame(frame: &Frame) -> Vec<u8> {
 ///
 /// The reason, if it is no frame.
 pub(crate) fn parse_frame(log_time: i64, message: &[u8]) -> Result<Frame, String> {
-    let body = match message.split_first_chunk() {
-        // The last two bytes are options, which have no meaning.
-        Some(([0, 1, _, _], body)) => body,
-        _ => return Err("it is not in little-endian CDR".to_owned()),
-    };
-    let (message, _) =
-        cdr_encoding::from_bytes::<FrameMessage, LittleEndian>(body).map_err(|error| error.to_string())?;
+    let message: FrameMessage = decode(message)?;
     let (protocol, _) = PROTOCOLS
         .into_iter()
         .find(|(_, arm)| *arm == message.arm)
@@ -134,6 +146,35 @@ pub(crate) fn parse_frame(log_time: i64, message: &[u8]) -> Result<Frame, String
         from,
         bytes: message.data,
     })
+}
+
+/// The joints in an encoded `sensor_msgs/msg/JointState`.
+///
+/// # Errors
+///
+/// The reason, if it is none.
+pub(crate) fn parse_joint_state(message: &[u8]) -> Result<NamedJoints, String> {
+    let AnyJointState {
+        stamp, name, position, ..
+    } = decode(message)?;
+    if name.len() != position.len() {
+        return Err(format!("it has {} names and {} positions", name.len(), position.len()));
+    }
+    Ok(NamedJoints {
+        stamp: stamp.as_nanos(),
+        positions: name.into_iter().zip(position).collect(),
+    })
+}
+
+/// The front of an encoded message.
+fn decode<T: DeserializeOwned>(message: &[u8]) -> Result<T, String> {
+    let body = match message.split_first_chunk() {
+        // The last two bytes are options, which have no meaning.
+        Some(([0, 1, _, _], body)) => body,
+        _ => return Err("it is not in little-endian CDR".to_owned()),
+    };
+    let decoded = cdr_encoding::from_bytes::<T, LittleEndian>(body);
+    decoded.map(|(message, _)| message).map_err(|error| error.to_string())
 }
 
 fn encode(message: &impl Serialize) -> Vec<u8> {

@@ -12,7 +12,8 @@ use armwire_host::Protocol;
 use armwire_host::replay::Point;
 
 use crate::args::Speaker;
-use crate::decode::mcap::records::{self, Part, Record, Visitor};
+use crate::decode::doubts::Doubt;
+use crate::decode::mcap::records::{self, Record, Visitor, damaged_record};
 use crate::error::Error;
 use crate::output::print_error;
 use crate::printable::cut;
@@ -297,7 +298,7 @@ struct Tracks<'a> {
 }
 
 impl Visitor for Tracks<'_> {
-    fn record(&mut self, record: Record<'_>) -> Result<(), String> {
+    fn record(&mut self, record: Record<'_>) -> Result<(), Doubt> {
         match record {
             Record::Schema { id, name } => {
                 let kinds = [(FRAME.0, Kind::Frames), (JOINT_STATE.0, Kind::JointStates)];
@@ -324,21 +325,14 @@ impl Visitor for Tracks<'_> {
             } => {
                 if let Some(track) = self.channels.get_mut(&channel) {
                     let pushed = track.push(log_time.cast_signed(), data);
-                    return pushed.map_err(|reason| format!("message {sequence}: {reason}"));
+                    return pushed.map_err(|reason| damaged_record(format!("message {sequence}: {reason}")));
                 }
             }
         }
         Ok(())
     }
 
-    fn damage(&mut self, part: Part, place: u64, reason: &str) {
-        let part = match part {
-            Part::Chunk => "chunk",
-            Part::Record => "record",
-        };
-        print_error(&format_args!(
-            "{}: byte {place}: damaged {part} left out: {reason}",
-            self.name
-        ));
+    fn doubt(&mut self, place: u64, reason: &Doubt) {
+        print_error(&format_args!("{}: byte {place}: left out: {}", self.name, reason.text));
     }
 }

@@ -4,6 +4,9 @@ pub(crate) mod command;
 pub(crate) mod stoppable;
 
 use armwire::ling::stop::Stopped;
+use armwire_host::{Error as Host, Ling};
+
+use crate::error::Error;
 
 /// The end of a stop, in words.
 pub(crate) fn show(stopped: &Stopped) -> String {
@@ -12,4 +15,28 @@ pub(crate) fn show(stopped: &Stopped) -> String {
         Stopped::WithoutTorque(state) => ("the torque is off, so nothing was sent", state),
     };
     format!("{what}: {state}")
+}
+
+/// Stops an arm that this program moved, after this error. The error says how it was stopped, or why it may still move.
+pub(crate) fn after(arm: &mut Ling, error: Error) -> Error {
+    let end = match error {
+        Error::Host(Host::Lost { .. }) => {
+            "nothing can be sent: the arm goes to its last goal, and rests there".to_owned()
+        }
+        Error::Host(Host::Interrupted(reason)) => {
+            return match arm.stop(None) {
+                Ok(stopped) => {
+                    let name = arm.name().into();
+                    Host::Stopped { name, stopped, reason }.into()
+                }
+                Err(unstopped) => unstopped.into(),
+            };
+        }
+        _ => match arm.stop(None) {
+            Ok(stopped) => show(&stopped),
+            Err(unstopped) => unstopped.to_string(),
+        },
+    };
+    let cause = Box::new(error);
+    Error::Ended { cause, end }
 }

@@ -20,6 +20,8 @@ mod motion;
 mod pty;
 #[cfg(feature = "recordings")]
 mod recordings;
+#[cfg(feature = "recordings")]
+mod replay;
 #[cfg(all(feature = "selftest", target_os = "linux"))]
 mod selftest;
 #[cfg(feature = "shell")]

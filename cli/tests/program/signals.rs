@@ -10,8 +10,8 @@ use crate::common::{NO_ANSWER, failure, retry_while, run_against};
 
 /// A virtual arm whose time passes by 20 ms with each burst from a program.
 pub(crate) struct Stepped {
-    arm: LingArm,
-    now: Instant,
+    pub(crate) arm: LingArm,
+    pub(crate) now: Instant,
 }
 
 impl Stepped {

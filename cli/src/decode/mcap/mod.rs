@@ -2,7 +2,7 @@
 
 mod chunk;
 mod fields;
-mod records;
+pub(crate) mod records;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -57,7 +57,9 @@ impl Visitor for Frames<'_> {
             Record::Schema { id, name } if name == FRAME.0 => {
                 self.schemas.insert(id);
             }
-            Record::Channel { id, schema, encoding } => {
+            Record::Channel {
+                id, schema, encoding, ..
+            } => {
                 let has_frames = self.schemas.contains(&schema) && encoding == MESSAGE_ENCODING;
                 self.channels.insert(id, has_frames);
             }

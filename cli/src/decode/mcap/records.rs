@@ -19,11 +19,16 @@ const MAX_RECORD: usize = 64 * 1024 * 1024;
 const HEAD: u64 = 9;
 
 /// A record.
-pub(super) enum Record<'a> {
+pub(crate) enum Record<'a> {
     /// The type of messages.
     Schema { id: u16, name: &'a str },
     /// A topic, and the type of its messages.
-    Channel { id: u16, schema: u16, encoding: &'a str },
+    Channel {
+        id: u16,
+        schema: u16,
+        topic: &'a str,
+        encoding: &'a str,
+    },
     /// A message. The log time is in nanoseconds since 1970.
     Message {
         channel: u16,
@@ -34,7 +39,7 @@ pub(super) enum Record<'a> {
 }
 
 /// A consumer of a file.
-pub(super) trait Visitor {
+pub(crate) trait Visitor {
     /// Takes a record. An error is the reason why it is not read.
     fn record(&mut self, record: Record<'_>) -> Result<(), Doubt>;
 
@@ -49,7 +54,7 @@ pub(super) trait Visitor {
 /// # Errors
 ///
 /// The place in bytes, and the reason, from where on nothing can be read.
-pub(super) fn read(file: &mut dyn BufRead, visitor: &mut dyn Visitor) -> Result<bool, (u64, String)> {
+pub(crate) fn read(file: &mut dyn BufRead, visitor: &mut dyn Visitor) -> Result<bool, (u64, String)> {
     let mut place = MAGIC.len() as u64;
     let read = split(file, LinearReaderOptions::default(), &mut |opcode, data| {
         let at = place;
@@ -119,7 +124,7 @@ fn read_record(opcode: u8, fields: Fields<'_>, place: u64, visitor: &mut dyn Vis
     }
 }
 
-pub(super) fn damaged_record(reason: impl Display) -> Doubt {
+pub(crate) fn damaged_record(reason: impl Display) -> Doubt {
     Doubt::new("damaged records", format!("damaged record: {reason}"))
 }
 
@@ -130,9 +135,14 @@ fn parse_record(opcode: u8, mut fields: Fields<'_>) -> Result<Option<Record<'_>>
             name: fields.text()?,
         },
         op::CHANNEL => {
-            let (id, schema, _topic) = (fields.u16()?, fields.u16()?, fields.text()?);
+            let (id, schema, topic) = (fields.u16()?, fields.u16()?, fields.text()?);
             let encoding = fields.text()?;
-            Record::Channel { id, schema, encoding }
+            Record::Channel {
+                id,
+                schema,
+                topic,
+                encoding,
+            }
         }
         op::MESSAGE => {
             let (channel, sequence, log_time) = (fields.u16()?, fields.u32()?, fields.u64()?);
