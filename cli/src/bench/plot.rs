@@ -18,6 +18,8 @@ const BOTTOM: f64 = 44.0;
 const FROM: i32 = -7;
 const TO: i32 = 0;
 const LEAST: i32 = -5;
+/// The least width of a step.
+const LEAST_STEP: f64 = 0.5;
 
 /// An SVG drawing with a panel for each rate, and a line for each measurement: the share of calls that took longer.
 pub(super) fn svg(runs: &[Run]) -> String {
@@ -93,17 +95,19 @@ fn line(svg: &mut String, run: &Run, row: usize) {
     let dashes = if run.is_loaded { " stroke-dasharray=\"5 3\"" } else { "" };
     let calls = run.calls.ascending();
     let mut path = format!("M{LEFT:.1} {:.1}", y(1.0));
+    let mut drawn = LEFT;
     for (below, duration) in calls.iter().enumerate() {
-        // A step at each duration; steps that end at the same place are one.
+        // A step at each duration; steps at nearly the same place are one.
         let after = calls.get(below + 1);
-        if after.is_none_or(|after| (place(*after) - place(*duration)).abs() >= 0.5) {
+        if after.is_none_or(|after| place(*after) - drawn >= LEAST_STEP) {
+            drawn = place(*duration);
             let share = (calls.len() - below - 1) as f64 / calls.len() as f64;
             let _ = write!(path, "H{:.1}V{:.1}", place(*duration), y(share));
         }
     }
     let (load, x, y) = (
         if run.is_loaded { ", busy" } else { "" },
-        LEFT + 70.0 * row as f64,
+        LEFT - 18.0 + 70.0 * row as f64,
         TOP - 14.0,
     );
     let _ = writeln!(
@@ -160,6 +164,16 @@ mod tests {
         let steps =
             steps.map(|(micros, share)| format!("H{:.1}V{:.1}", place(Duration::from_micros(micros)), y(share)));
         assert!(svg.contains(&steps.concat()), "{svg}");
+    }
+
+    #[test]
+    fn close_durations_still_make_a_slope() {
+        let mut many = run(Call::Read, 50, false);
+        many.calls = Durations::new((1_000..2_000).map(Duration::from_micros).collect());
+        let mut svg = String::new();
+        line(&mut svg, &many, 0);
+        let steps = svg.matches('H').count();
+        assert!((10..200).contains(&steps), "{steps} steps");
     }
 
     #[test]
