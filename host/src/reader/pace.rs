@@ -2,12 +2,10 @@
 
 use std::time::Duration;
 
-/// Maximum wait for an answer, in nanoseconds. An arm answers within a millisecond, and a line adds some.
-const GIVE_UP_NS: i64 = 50_000_000;
+/// Maximum wait for an answer, in nanoseconds. An arm answers within a millisecond, and a line adds some: CAN most.
+const MAX_WAIT_NS: i64 = 100_000_000;
 /// Maximum number of readings that may be unanswered at once. More would fill a line that is slower than the rate.
-const MAX_UNANSWERED: usize = 3;
-/// Time after which an answer does not come any more, in nanoseconds.
-const LOST_NS: i64 = 100_000_000;
+const MAX_UNANSWERED: usize = 8;
 
 /// The times at which readings begin and are given up, in nanoseconds of the monotonic clock. They are on a grid: a late
 /// reading does not shift the next.
@@ -40,8 +38,11 @@ impl Pace {
     pub(super) fn begin(&mut self, now: i64) -> (i64, u64) {
         let missed = (now - self.next).max(0) / self.period;
         self.next += (missed + 1) * self.period;
-        let given_up = now + GIVE_UP_NS;
-        let is_full = self.unanswered.iter().all(|at| at.is_some_and(|at| now < at + LOST_NS));
+        let given_up = now + MAX_WAIT_NS;
+        let is_full = self
+            .unanswered
+            .iter()
+            .all(|at| at.is_some_and(|at| now < at + MAX_WAIT_NS));
         let until = if is_full { given_up } else { given_up.min(self.next) };
         (until, missed.unsigned_abs())
     }
@@ -72,7 +73,7 @@ mod tests {
     #[test]
     fn slow_reading_is_given_up_early() {
         let mut pace = Pace::new(Duration::from_secs(1), 0);
-        assert_eq!(pace.begin(0), (50 * MS, 0));
+        assert_eq!(pace.begin(0), (100 * MS, 0));
         assert_eq!(pace.next(), 1_000 * MS);
     }
 
@@ -87,12 +88,12 @@ mod tests {
     #[test]
     fn slow_line_is_not_filled_with_requests() {
         let mut pace = Pace::new(Duration::from_millis(1), 0);
-        for ms in 0..3 {
+        for ms in 0..8 {
             assert_eq!(pace.begin(ms * MS), ((ms + 1) * MS, 0));
             pace.lost((ms + 1) * MS);
         }
-        assert_eq!(pace.begin(3 * MS), (53 * MS, 0));
-        // The first two do not count any more.
-        assert_eq!(pace.begin(102 * MS).0, 103 * MS);
+        assert_eq!(pace.begin(8 * MS), (108 * MS, 0));
+        // The first does not count any more.
+        assert_eq!(pace.begin(101 * MS).0, 102 * MS);
     }
 }
