@@ -38,11 +38,17 @@ mod trajectory;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
+use std::time::Duration;
 
 use clap::Parser;
 
 use node::Network;
 use options::Options;
+
+/// Time between two checks of the network.
+const WATCH_PERIOD: Duration = Duration::from_millis(100);
+/// Number of failed checks in a row after which the network has ended.
+const MAX_FAILED: u32 = 3;
 
 /// Set by Ctrl-C or by SIGTERM.
 static STOP: AtomicBool = AtomicBool::new(false);
@@ -72,11 +78,29 @@ fn run(options: &options::Checked) -> Result<(), String> {
         arms.push((arm, network.endpoints(&arm.name, options.rmw)?));
     }
     thread::scope(|scope| {
-        for (arm, (node, endpoints)) in arms {
-            scope.spawn(move || arm::serve(arm, &endpoints, &STOP));
-            // Other nodes see the topics until the node is dropped.
-            scope.spawn(move || node.keep_until(&STOP));
+        for (arm, (_, endpoints)) in &arms {
+            scope.spawn(|| arm::serve(arm, endpoints, &STOP));
         }
-    });
+        let result = watch(&network, &STOP);
+        // The arms hold.
+        STOP.store(true, Ordering::Relaxed);
+        result
+    })
+}
+
+/// Waits for `stop`, or for the end of the network: an arm must not move on when nobody can stop it.
+fn watch(network: &Network, stop: &AtomicBool) -> Result<(), String> {
+    let mut failed = 0;
+    while !stop.load(Ordering::Relaxed) {
+        thread::sleep(WATCH_PERIOD);
+        // A busy network fails now and then.
+        failed = if network.is_alive() { 0 } else { failed + 1 };
+        if failed == MAX_FAILED {
+            let cause = "was the process stopped and continued, or the computer suspended?";
+            return Err(format!(
+                "the connection to the ROS network has ended: {cause} Start the node again"
+            ));
+        }
+    }
     Ok(())
 }

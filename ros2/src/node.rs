@@ -2,9 +2,6 @@
 
 use std::fmt::Display;
 use std::net::{IpAddr, Ipv4Addr};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
-use std::time::Duration;
 
 use ros2_client::action::ActionServerQosPolicies;
 use ros2_client::qos::{Durability, History, WhenFull};
@@ -20,16 +17,10 @@ use crate::messages::{
 };
 use crate::options::{Checked, Rmw};
 
-/// Interval between two checks of the stop flag.
-const STOP_PERIOD: Duration = Duration::from_millis(100);
-
 /// The participant in the DDS domain.
 pub(crate) struct Network {
     context: Context,
 }
-
-/// A node. Other nodes see it until it is dropped.
-pub(crate) struct Kept(Node);
 
 /// The topics, the services and the action of one arm.
 pub(crate) struct Endpoints {
@@ -74,8 +65,14 @@ impl Network {
         Ok(Self { context })
     }
 
-    /// The node `/NAME/armwire` with its topics, its services and its action.
-    pub(crate) fn endpoints(&self, arm: &str, rmw: Rmw) -> Result<(Kept, Endpoints), String> {
+    /// Returns false when the participant has ended: its threads do so at an interrupted system call, for example when the
+    /// process is stopped and continued, or the computer suspended. Nothing is received then.
+    pub(crate) fn is_alive(&self) -> bool {
+        self.context.domain_participant().assert_liveliness().is_ok()
+    }
+
+    /// The node `/NAME/armwire`, which other nodes see until it is dropped, with its topics, its services and its action.
+    pub(crate) fn endpoints(&self, arm: &str, rmw: Rmw) -> Result<(Node, Endpoints), String> {
         let namespace = format!("/{arm}");
         let name = NodeName::new(&namespace, "armwire").map_err(of_arm(arm))?;
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
@@ -117,21 +114,11 @@ impl Network {
                 .create_server(mapping, &service("set_zero")?, &trigger, qos(), qos())
                 .map_err(of_arm(arm))?,
         };
-        Ok((Kept(node), endpoints))
+        Ok((node, endpoints))
     }
 }
 
 /// Adds the arm to an error.
 fn of_arm<E: Display>(arm: &str) -> impl Fn(E) -> String {
     move |error| format!("arm {arm}: {error}")
-}
-
-impl Kept {
-    /// Keeps the node until `stop` is set.
-    pub(crate) fn keep_until(self, stop: &AtomicBool) {
-        while !stop.load(Ordering::Relaxed) {
-            thread::sleep(STOP_PERIOD);
-        }
-        drop(self.0);
-    }
 }
