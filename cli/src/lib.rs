@@ -33,6 +33,7 @@ mod signals;
 mod sim;
 mod status;
 mod stop;
+mod teleop;
 mod update;
 
 use std::ffi::OsString;
@@ -79,6 +80,8 @@ enum Command {
     /// Replay a recording on a Ling arm. The arm goes slowly to the first pose and moves at once: keep clear of it.
     #[cfg(feature = "recordings")]
     Replay(replay::Replay),
+    /// Let a Ling follower follow a leader that is moved by hand. The follower moves at once: keep clear of it.
+    Teleop(teleop::Teleop),
     /// Move the joints and the gripper of a Ling arm. The arm moves at once: keep clear of it.
     Move(motion::MoveArm),
     /// Stop an arm. The torque stays on. Not an emergency stop: keep a switch in the arm's supply.
@@ -191,6 +194,7 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Bench(bench) => bench.run(),
         #[cfg(feature = "recordings")]
         Command::Replay(replay) => replay.run(),
+        Command::Teleop(teleop) => teleop.run(),
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
         Command::Stop(stop) => stop.run(),

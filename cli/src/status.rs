@@ -38,7 +38,8 @@ impl Status {
         }
     }
 
-    fn clear(&mut self) {
+    /// Removes the line, for one that stays.
+    pub(crate) fn clear(&mut self) {
         if !std::mem::replace(&mut self.is_empty, true) {
             let _ = write!(stderr(), "\r\x1b[K");
         }

@@ -6,7 +6,7 @@ use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Request, Spee
 use armwire_host::Ling;
 use clap::{Args, Subcommand};
 
-use super::values::{one_of, parse, scaled};
+use super::values::{joint_speed, one_of, parse, scaled};
 use crate::error::Error;
 use crate::output::print_error;
 
@@ -132,10 +132,9 @@ fn positions(text: &str) -> Result<[Position; JOINTS], String> {
 }
 
 fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
-    let one = |text: &str| scaled(text, "degrees/s", PI / 180.0, Speed::for_move_radians_per_second);
     match text.contains(',') {
-        true => each(text, one),
-        false => one(text).map(|speed| [speed; JOINTS]),
+        true => each(text, joint_speed),
+        false => joint_speed(text).map(|speed| [speed; JOINTS]),
     }
 }
 

@@ -1,10 +1,12 @@
 //! Values of the command line, and the errors of invalid ones.
 
+use std::f32::consts::PI;
 use std::fmt::Display;
 use std::str::FromStr;
 use std::time::Duration;
 
 use armwire::OutOfRange;
+use armwire::ling::Speed;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 /// A parser of values with names.
@@ -39,6 +41,11 @@ pub(crate) fn made<T: FromStr, V, E: Display>(
 pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     let seconds = parse(text, "a number")?;
     Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is not a valid time in seconds"))
+}
+
+/// The speed of a joint that is to move, in degrees per second.
+pub(crate) fn joint_speed(text: &str) -> Result<Speed, String> {
+    scaled(text, "degrees/s", PI / 180.0, Speed::for_move_radians_per_second)
 }
 
 /// A value in another unit than the protocol's. Errors are in the unit of the command line, with limits of two decimals

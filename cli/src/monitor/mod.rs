@@ -28,7 +28,7 @@ use crate::error::Error;
 pub(crate) use output::Form;
 use polled::Polled;
 use reading::Source;
-use recorder::Recorder;
+pub(crate) use recorder::Recorder;
 use session::{Session, Watched};
 
 /// The arguments of `armwire monitor`.

@@ -9,7 +9,7 @@ use armwire_host::Tap;
 use armwire_host::describe::Arm;
 use armwire_host::stamps::now;
 
-use super::frame::Frame;
+use super::frame::{Frame, Role};
 use crate::args::Speaker;
 
 /// Both directions of a line. Frames that are incomplete at its end are sent unchanged.
@@ -19,10 +19,11 @@ pub(crate) struct Capture<P: Arm> {
 }
 
 impl<P: Arm> Capture<P> {
-    pub(crate) fn new(frames: Sender<Frame>) -> Self {
+    /// A recipient of the bytes on the line of this arm.
+    pub(crate) fn new(role: Role, frames: Sender<(Role, Frame)>) -> Self {
         Self {
-            to_arm: Side::new(Speaker::Host, frames.clone()),
-            from_arm: Side::new(Speaker::Arm, frames),
+            to_arm: Side::new(role, Speaker::Host, frames.clone()),
+            from_arm: Side::new(role, Speaker::Arm, frames),
         }
     }
 
@@ -51,6 +52,7 @@ where
 
 /// One direction of a line.
 struct Side<P: Arm> {
+    role: Role,
     from: Speaker,
     arm: P,
     expect: P::Expect,
@@ -60,7 +62,7 @@ struct Side<P: Arm> {
     pieces: VecDeque<(u64, i64)>,
     /// Adjacent bytes between frames.
     run: Vec<u8>,
-    frames: Sender<Frame>,
+    frames: Sender<(Role, Frame)>,
 }
 
 impl<P: Arm> Drop for Side<P> {
@@ -71,13 +73,14 @@ impl<P: Arm> Drop for Side<P> {
 }
 
 impl<P: Arm> Side<P> {
-    fn new(from: Speaker, frames: Sender<Frame>) -> Self {
+    fn new(role: Role, from: Speaker, frames: Sender<(Role, Frame)>) -> Self {
         let arm = P::default();
         let expect = match from {
             Speaker::Host => arm.requests(),
             Speaker::Arm => arm.unsolicited(),
         };
         Self {
+            role,
             from,
             arm,
             expect,
@@ -130,12 +133,13 @@ impl<P: Arm> Side<P> {
         }
         let at = self.pieces.front().map_or(0, |&(_, at)| at);
         // Without a receiver nothing is recorded any more.
-        let _ = self.frames.send(Frame {
+        let frame = Frame {
             log_time: at,
             stamp: at,
             protocol: P::PROTOCOL,
             from: self.from,
             bytes,
-        });
+        };
+        let _ = self.frames.send((self.role, frame));
     }
 }

@@ -4,6 +4,17 @@ use armwire_host::describe::Protocol;
 
 use crate::args::Speaker;
 
+/// The arm that frames are of. It is in the names of their topics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Role {
+    /// The only arm.
+    Only,
+    /// The arm that another follows.
+    Leader,
+    /// The arm that follows another.
+    Follower,
+}
+
 /// A frame on an arm's line, or a run of bytes between frames. Times are in nanoseconds since 1970.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Frame {

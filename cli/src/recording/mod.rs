@@ -22,14 +22,14 @@ mod writer;
 use std::path::Path;
 
 pub(crate) use capture::Capture;
-pub(crate) use frame::Frame;
+pub(crate) use frame::{Frame, Role};
 
 use crate::error::Error;
 
 /// A file that takes frames. Errors are in words.
 pub(crate) trait Sink {
-    /// Writes a frame, and the joint positions in it.
-    fn frame(&mut self, frame: &Frame) -> Result<(), String>;
+    /// Writes a frame of an arm, and the joint positions in it.
+    fn frame(&mut self, role: Role, frame: &Frame) -> Result<(), String>;
 
     /// Hands all to the system.
     fn flush(&mut self) -> Result<(), String>;
@@ -38,10 +38,10 @@ pub(crate) trait Sink {
     fn finish(self: Box<Self>) -> Result<(), String>;
 }
 
-/// Creates a file at this path, where there is none.
+/// Creates a file of these arms at this path, where there is none.
 #[cfg(feature = "recordings")]
-pub(crate) fn create(path: &Path) -> Result<Box<dyn Sink>, Error> {
-    let writer = writer::Writer::new(crate::new_file::create(path)?);
+pub(crate) fn create(path: &Path, roles: &[Role]) -> Result<Box<dyn Sink>, Error> {
+    let writer = writer::Writer::new(crate::new_file::create(path)?, roles);
     let writer = writer.map_err(|error| Error::Recording {
         path: path.display().to_string(),
         reason: writer::describe(error),
@@ -51,7 +51,7 @@ pub(crate) fn create(path: &Path) -> Result<Box<dyn Sink>, Error> {
 
 /// Reports that this build writes no files.
 #[cfg(not(feature = "recordings"))]
-pub(crate) fn create(_: &Path) -> Result<Box<dyn Sink>, Error> {
+pub(crate) fn create(_: &Path, _: &[Role]) -> Result<Box<dyn Sink>, Error> {
     Err(Error::Usage(
         "a recording needs a build with the feature 'recordings'".to_owned(),
     ))

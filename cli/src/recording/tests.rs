@@ -54,9 +54,9 @@ pub(crate) fn any_frame() -> impl Strategy<Value = Frame> {
 /// The file of these frames.
 pub(crate) fn file(frames: &[Frame]) -> Vec<u8> {
     let mut file = Vec::new();
-    let mut writer = Writer::new(&mut file).unwrap();
+    let mut writer = Writer::new(&mut file, &[Role::Only]).unwrap();
     for frame in frames {
-        writer.frame(frame).unwrap();
+        writer.frame(Role::Only, frame).unwrap();
     }
     Box::new(writer).finish().unwrap();
     file
@@ -65,12 +65,12 @@ pub(crate) fn file(frames: &[Frame]) -> Vec<u8> {
 /// The frames of a line on which these pieces are sent and received, each 10 ns after the one before.
 fn captured<P: Arm>(pieces: &[(Speaker, &[u8])]) -> Vec<Frame> {
     let (sender, frames) = channel();
-    let mut capture = Capture::<P>::new(sender);
+    let mut capture = Capture::<P>::new(Role::Only, sender);
     for (nth, (from, bytes)) in (1..).zip(pieces) {
         capture.push(*from, bytes, 10 * nth);
     }
     drop(capture);
-    frames.iter().collect()
+    frames.iter().map(|(_, frame)| frame).collect()
 }
 
 /// A response of a Ling arm as a frame.

@@ -8,12 +8,21 @@ use mcap::write::NoSeek;
 use mcap::{McapError, McapResult, WriteOptions};
 
 use super::Sink;
-use super::frame::Frame;
+use super::frame::{Frame, Role};
 use super::joint_states::Joints;
 use super::messages::{self, FRAME, JOINT_STATE, MESSAGE_ENCODING, SCHEMA_ENCODING};
 
 pub(super) const FRAMES: &str = "/frames";
 pub(super) const JOINT_STATES: &str = "/joint_states";
+
+/// The name of an arm's topic.
+fn topic(role: Role, name: &str) -> String {
+    match role {
+        Role::Only => name.to_owned(),
+        Role::Leader => format!("/leader{name}"),
+        Role::Follower => format!("/follower{name}"),
+    }
+}
 
 /// The size of a chunk that is full, in bytes. A reader keeps a chunk in memory.
 const CHUNK: u64 = 64 * 1024;
@@ -21,6 +30,11 @@ const CHUNK: u64 = 64 * 1024;
 /// An MCAP file that is being written. The writer never seeks: a truncated file has complete chunks before the cut.
 pub(super) struct Writer<W: Write> {
     mcap: mcap::Writer<NoSeek<BufWriter<W>>>,
+    arms: BTreeMap<Role, Arm>,
+}
+
+/// The channels of an arm.
+struct Arm {
     joints: Joints,
     frames: Channel,
     /// `None` before the first joint positions: some arms have none.
@@ -58,7 +72,7 @@ impl Channel {
 }
 
 impl<W: Write> Writer<W> {
-    pub(super) fn new(out: W) -> McapResult<Self> {
+    pub(super) fn new(out: W, roles: &[Role]) -> McapResult<Self> {
         let options = WriteOptions::new()
             .compression(None)
             .profile("ros2")
@@ -66,26 +80,32 @@ impl<W: Write> Writer<W> {
             .chunk_size(Some(CHUNK))
             .disable_seeking(true);
         let mut mcap = options.create(NoSeek::new(BufWriter::new(out)))?;
-        let frames = Channel::add(&mut mcap, FRAMES, FRAME)?;
-        Ok(Self {
-            mcap,
-            joints: Joints::default(),
-            frames,
-            joint_states: None,
-        })
+        let mut arms = BTreeMap::new();
+        for &role in roles {
+            let arm = Arm {
+                joints: Joints::default(),
+                frames: Channel::add(&mut mcap, &topic(role, FRAMES), FRAME)?,
+                joint_states: None,
+            };
+            arms.insert(role, arm);
+        }
+        Ok(Self { mcap, arms })
     }
 
-    fn write_frame(&mut self, frame: &Frame) -> McapResult<()> {
-        let header = self.frames.next(frame);
+    fn write_frame(&mut self, role: Role, frame: &Frame) -> McapResult<()> {
+        let arm = self.arms.get_mut(&role).expect("the file is of this arm");
+        let header = arm.frames.next(frame);
         self.mcap.write_to_known_channel(&header, &messages::frame(frame))?;
-        let Some(joints) = self.joints.read(frame) else {
+        let Some(joints) = arm.joints.read(frame) else {
             return Ok(());
         };
-        let channel = match &mut self.joint_states {
+        let channel = match &mut arm.joint_states {
             Some(channel) => channel,
-            None => self
-                .joint_states
-                .insert(Channel::add(&mut self.mcap, JOINT_STATES, JOINT_STATE)?),
+            None => {
+                let topic = topic(role, JOINT_STATES);
+                arm.joint_states
+                    .insert(Channel::add(&mut self.mcap, &topic, JOINT_STATE)?)
+            }
         };
         let (names, positions): (Vec<_>, Vec<_>) = joints.into_iter().unzip();
         let header = channel.next(frame);
@@ -100,8 +120,8 @@ impl<W: Write> Writer<W> {
 }
 
 impl<W: Write> Sink for Writer<W> {
-    fn frame(&mut self, frame: &Frame) -> Result<(), String> {
-        self.write_frame(frame).map_err(describe)
+    fn frame(&mut self, role: Role, frame: &Frame) -> Result<(), String> {
+        self.write_frame(role, frame).map_err(describe)
     }
 
     /// Ends the chunk, too.

@@ -2,7 +2,6 @@
 
 mod file;
 
-use std::f32::consts::PI;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -14,7 +13,7 @@ use armwire_host::{Error as Host, Limits, Ling, Stream};
 use clap::Args;
 
 use crate::args::ArmPort;
-use crate::call::values::{parse, scaled, seconds};
+use crate::call::values::{joint_speed, parse, seconds};
 use crate::error::Error;
 use crate::output::{print_error, print_line};
 use crate::signals;
@@ -57,11 +56,6 @@ pub(crate) struct Replay {
     /// Moves per second.
     #[arg(long, value_name = "HERTZ", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
     rate: u16,
-}
-
-/// A speed of a joint, in degrees per second.
-pub(crate) fn joint_speed(text: &str) -> Result<Speed, String> {
-    scaled(text, "degrees/s", PI / 180.0, Speed::for_move_radians_per_second)
 }
 
 fn factor(text: &str) -> Result<f64, String> {

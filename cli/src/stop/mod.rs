@@ -17,8 +17,11 @@ pub(crate) fn show(stopped: &Stopped) -> String {
     format!("{what}: {state}")
 }
 
-/// Stops an arm that this program moved, after this error. The error says how it was stopped, or why it may still move.
+/// Stops an arm after this error, if this program moved it. The error says how it was stopped, or why it may still move.
 pub(crate) fn after(arm: &mut Ling, error: Error) -> Error {
+    if !arm.has_moved() {
+        return error;
+    }
     let end = match error {
         Error::Host(Host::Lost { .. }) => {
             "nothing can be sent: the arm goes to its last goal, and rests there".to_owned()

@@ -30,6 +30,7 @@ mod signals;
 mod sim_xarm;
 mod stop;
 mod tcp;
+mod teleop;
 mod update;
 mod versions;
 mod xarm;

@@ -1,0 +1,252 @@
+//! `armwire teleop`: a leader moves a follower.
+
+mod leader;
+mod sums;
+
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use armwire::ling::{JointState, Kind, Speed, TICKS_PER_TURN};
+use armwire::time;
+use armwire_host::follow::{End, Follow, Output, Pause, Progress, Start};
+use armwire_host::stopwatch::Stopwatch;
+use armwire_host::{Error as Host, Limits, Ling, Options, Port, Stream};
+use clap::Args;
+
+use crate::args::Baud;
+use crate::call::values::{joint_speed, parse};
+use crate::error::Error;
+use crate::monitor::Recorder;
+use crate::output::print_line;
+use crate::recording::Role;
+use crate::signals;
+use crate::status::Status;
+use crate::stop;
+use leader::Leader;
+use sums::Sums;
+
+/// The longest wait for readings of one arm, before those of the other.
+const SLICE: Duration = Duration::from_millis(2);
+
+/// The arguments of `armwire teleop`.
+#[derive(Args)]
+pub(crate) struct Teleop {
+    /// Port of the leader: a serial port (/dev/ttyACM0, COM3), tcp:HOST:PORT, can:IFACE/NODE, or slcan:PORT@BITRATE/NODE.
+    leader: Port,
+    /// Port of the follower.
+    follower: Port,
+    #[command(flatten)]
+    baud: Baud,
+    /// Maximum speed of a joint of the follower, in degrees per second.
+    #[arg(long, value_name = "DEGREES/S", default_value = "90", value_parser = joint_speed)]
+    max_speed: Speed,
+    /// Maximum distance between two goals of a joint, in degrees.
+    #[arg(long, value_name = "DEGREES", default_value = "5", value_parser = step)]
+    max_step: u16,
+    /// Refuse to start when a joint of the follower is more than 5° from the leader. Without it the follower approaches
+    /// the leader, at 20°/s.
+    #[arg(long)]
+    no_approach: bool,
+    /// Moves per second.
+    #[arg(long, value_name = "HERTZ", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    rate: u16,
+    /// Record both arms to this MCAP file. An existing file is not replaced.
+    #[arg(long, value_name = "FILE")]
+    mcap: Option<PathBuf>,
+}
+
+/// A distance in degrees, as ticks.
+fn step(text: &str) -> Result<u16, String> {
+    match parse::<f32>(text, "a number")? {
+        degrees if (0.1..=45.0).contains(&degrees) => Ok((degrees / 360.0 * f32::from(TICKS_PER_TURN)) as u16),
+        degrees => Err(format!("the distance is {degrees} degrees, must be 0.1..=45")),
+    }
+}
+
+impl Teleop {
+    pub(crate) fn run(&self) -> Result<(), Error> {
+        signals::catch_first()?;
+        let mut recorder = Recorder::of_pair(self.mcap.as_deref());
+        let leader = Leader::open(&self.leader, self.baud.baud, &recorder)?;
+        let (follower, state) = self.follower(&recorder)?;
+        recorder.create()?;
+        print_line(format_args!("{} leads {}; Ctrl-C ends it", self.leader, self.follower))?;
+
+        let limits = Limits {
+            speed: self.max_speed,
+            step: self.max_step,
+        };
+        let start = match self.no_approach {
+            true => Start::Refuse,
+            false => Start::Approach,
+        };
+        let period = time::Duration::from_micros(1_000_000 / u64::from(self.rate));
+        let mut session = Session {
+            leader,
+            recorder: &mut recorder,
+            follow: Follow::new(limits, start, period),
+            clock: Stopwatch::start(),
+            sums: Sums::default(),
+            status: Status::new(),
+            shown: None,
+        };
+        session.follow.on_follower(session.clock.now(), &state);
+        let (mut follower, end) = session.run(follower);
+        let ended = match stop::after(&mut follower, end) {
+            Error::Host(Host::Interrupted(_)) => Ok(()),
+            Error::Host(Host::Stopped { stopped, .. }) => print_line(stop::show(&stopped)),
+            error => Err(error.explained(|error| follower.explain(error))),
+        };
+        let Session {
+            sums, clock, status, ..
+        } = session;
+        drop(status);
+        let summed = print_line(sums.text(clock.now()));
+        // The stop is recorded, too.
+        ended.and(summed).and(recorder.finish())
+    }
+
+    /// Opens the follower and reads it, which must have torque.
+    fn follower(&self, recorder: &Recorder) -> Result<(Ling, JointState), Error> {
+        let mut arm = open(&self.follower, self.baud.baud, Kind::Follower)?;
+        arm.set_interrupt(signals::check);
+        recorder.tap(Role::Follower, arm.link());
+        let state = prepare(&mut arm, recorder).and_then(|()| Ok(arm.require_torque()?));
+        match state {
+            Ok(state) => Ok((arm, state)),
+            Err(error) => Err(error.explained(|error| arm.explain(error))),
+        }
+    }
+}
+
+/// Opens an arm, which must be of this kind.
+fn open(port: &Port, baud: Option<NonZeroU32>, kind: Kind) -> Result<Ling, Error> {
+    let mut arm = port.open(Options::default().with_baud(baud))?.ling()?;
+    match arm.read_info() {
+        Ok(info) if info.serial.kind() == Some(kind) => Ok(arm),
+        Ok(info) => {
+            let serial = info.serial;
+            let reason = match info.serial.kind() {
+                Some(other) => format!("this is a {other} ({serial}), where a {kind} is expected: LEADER FOLLOWER"),
+                None => format!("the kind of this arm is unknown ({serial}), where a {kind} is expected"),
+            };
+            Err(Error::refused(arm.name(), reason))
+        }
+        Err(error) => Err(Error::from(error).explained(|error| arm.explain(error))),
+    }
+}
+
+/// Reads what a recording needs.
+fn prepare(arm: &mut Ling, recorder: &Recorder) -> Result<(), Error> {
+    if recorder.is_on() {
+        // The answer is for the recording: without the stroke, an opening is no length.
+        arm.read_stroke()?;
+    }
+    Ok(())
+}
+
+/// Teleoperation until its end.
+struct Session<'a> {
+    leader: Leader<'a>,
+    recorder: &'a mut Recorder,
+    follow: Follow,
+    clock: Stopwatch,
+    sums: Sums,
+    status: Status,
+    /// What was printed last.
+    shown: Option<&'static str>,
+}
+
+impl Session<'_> {
+    /// Runs until an error, which may be an interrupt. Returns the follower, too, to be stopped.
+    fn run(&mut self, follower: Ling) -> (Ling, Error) {
+        let mut follower = follower;
+        loop {
+            let mut stream = follower.into_stream();
+            let pause = self.follow(&mut stream);
+            follower = stream.into_arm();
+            let stopped = pause.and_then(|pause| {
+                let stopped = follower.stop(None)?;
+                print_line(format_args!("{pause}; {}", stop::show(&stopped)))
+            });
+            if let Err(error) = stopped {
+                return (follower, error);
+            }
+        }
+    }
+
+    /// Moves the follower until it is to be stopped.
+    fn follow(&mut self, follower: &mut Stream) -> Result<Pause, Error> {
+        loop {
+            signals::check().map_err(Host::Interrupted)?;
+            self.recorder.write()?;
+            match self.follow.poll(self.clock.now()) {
+                Ok(Output::Move(target)) => {
+                    follower.move_to(&target)?;
+                    self.sums.moved();
+                }
+                Ok(Output::Stop(pause)) => return Ok(pause),
+                Ok(Output::Wait(until)) => {
+                    self.show()?;
+                    self.read(follower, until)?;
+                }
+                Err(end @ End::TorqueOff(_)) => return Err(Error::at(follower.name(), end)),
+                Err(end) => return Err(Error::at(self.leader.name(), end)),
+            }
+        }
+    }
+
+    /// Reads both arms once, until this time.
+    fn read(&mut self, follower: &mut Stream, until: time::Instant) -> Result<(), Error> {
+        self.leader.request(&self.follow, self.recorder)?;
+        follower.request_joints()?;
+        let (mut of_leader, mut of_follower) = (0, 0);
+        loop {
+            let left = self.clock.until(until);
+            for reading in self.leader.receive(left.min(SLICE))? {
+                self.follow.on_leader(self.clock.now(), &reading);
+                of_leader += 1;
+            }
+            for reading in follower.receive(left.min(SLICE))? {
+                self.follow.on_follower(self.clock.now(), &reading);
+                self.sums.lag(self.follow.lag());
+                of_follower += 1;
+            }
+            if left.is_zero() {
+                self.sums.read(of_leader, of_follower);
+                return Ok(());
+            }
+        }
+    }
+
+    /// Prints a change of what the follower does, and shows the rest on a terminal.
+    fn show(&mut self) -> Result<(), Error> {
+        let progress = self.follow.progress();
+        let (name, text) = match progress {
+            Progress::Starting => ("starting", None),
+            Progress::Approaching(degrees) => (
+                "approaching",
+                Some(format!("approaching the leader, which is {degrees:.1}° away")),
+            ),
+            Progress::Following => ("following", Some("following".to_owned())),
+            Progress::Waiting(_, degrees) => (
+                "waiting",
+                Some(format!(
+                    "waiting until both arms are within 5° of each other, now {degrees:.1}°"
+                )),
+            ),
+        };
+        if self.shown.replace(name) != Some(name)
+            && let Some(text) = &text
+        {
+            self.status.clear();
+            print_line(text)?;
+        }
+        let sums = &mut self.sums;
+        let (now, lag) = (self.clock.now(), self.follow.lag());
+        self.status
+            .show(|| format!("{}  {}", text.unwrap_or_default(), sums.line(now, lag)));
+        Ok(())
+    }
+}

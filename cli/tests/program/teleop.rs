@@ -1,0 +1,229 @@
+//! `armwire teleop` with virtual arms.
+
+use std::cell::RefCell;
+use std::fs;
+use std::process::{Command, Output};
+use std::time::Instant;
+
+use armwire::ling::Position;
+use armwire::time;
+use armwire_sim::ling::{Config, LingArm};
+use armwire_sim::pty::Pty;
+use armwire_sim::serial::SerialDevice;
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, retry_while, run, start, success};
+
+/// A virtual arm on a pty, in real time.
+struct Served {
+    arm: LingArm,
+    pty: Pty,
+    start: Instant,
+    is_plugged: bool,
+}
+
+impl Served {
+    fn new(config: Config) -> Self {
+        Self {
+            arm: LingArm::new(config),
+            pty: Pty::open(None).unwrap(),
+            start: Instant::now(),
+            is_plugged: true,
+        }
+    }
+
+    fn port(&self) -> &str {
+        self.pty.path().to_str().unwrap()
+    }
+
+    fn serve(&mut self) {
+        let micros = self.start.elapsed().as_micros().try_into().unwrap();
+        let now = time::Instant::from_micros(micros);
+        let mut bytes = [0; 256];
+        let n = self.pty.read(&mut bytes).unwrap();
+        if self.is_plugged {
+            bytes[..n].iter().for_each(|&byte| self.arm.receive(now, byte));
+        }
+        self.arm.advance(now);
+        let answer: Vec<_> = std::iter::from_fn(|| self.arm.transmit(now)).collect();
+        if !answer.is_empty() {
+            self.pty.write(&answer).unwrap();
+        }
+    }
+
+    /// Moves all joints of an arm without torque to this position.
+    fn push(&mut self, ticks: u16) {
+        for joint in 0..6 {
+            assert!(self.arm.push_joint(joint, Position::new(ticks).unwrap()));
+        }
+    }
+}
+
+/// A leader, its follower, and the program.
+struct Pair {
+    leader: Served,
+    follower: Served,
+    deadline: Instant,
+}
+
+impl Pair {
+    fn new() -> Self {
+        Self {
+            leader: Served::new(Config::leader()),
+            follower: Served::new(Config::follower()),
+            deadline: Instant::now() + TIMEOUT,
+        }
+    }
+
+    /// Serves both arms until `is_done`. Returns false at the deadline.
+    fn serve_until(&mut self, mut is_done: impl FnMut(&mut Self) -> bool) -> bool {
+        while Instant::now() < self.deadline {
+            self.leader.serve();
+            self.follower.serve();
+            if is_done(self) {
+                return true;
+            }
+            self.follower
+                .pty
+                .wait(Some(std::time::Duration::from_micros(500)))
+                .unwrap();
+        }
+        false
+    }
+
+    /// Runs teleoperation with these options, `act` until it returns true, and ends it by Ctrl-C. Repeats that on a busy
+    /// system.
+    fn teleop(options: &[&str], mut act: impl FnMut(&mut Self) -> bool) -> (Self, Output) {
+        let last = RefCell::new(Self::new());
+        let output = retry_while(NO_ANSWER, || {
+            let mut pair = Self::new();
+            let ports = [pair.leader.port(), pair.follower.port()];
+            let mut child = start(Command::new(PROGRAM).arg("teleop").args(ports).args(options));
+            let has_ended = pair.serve_until(|pair| act(pair) || child.try_wait().unwrap().is_some());
+            assert!(has_ended, "{:?}", {
+                child.kill().unwrap();
+                finish(child)
+            });
+            // It fails if the program has ended.
+            let _ = kill_process(Pid::from_child(&child), Signal::INT);
+            pair.serve_until(|_| child.try_wait().unwrap().is_some());
+            last.replace(pair);
+            finish(child)
+        });
+        (last.into_inner(), output)
+    }
+}
+
+#[test]
+fn follower_follows_until_ctrl_c_and_rests() {
+    let recording = free_path("teleop.mcap");
+    let (mut pair, output) = Pair::teleop(&["--mcap", recording.to_str().unwrap()], |pair| {
+        let at = pair.follower.arm.joints()[0];
+        if at >= 2_300 {
+            return true;
+        }
+        // The hand is always ahead by 2°.
+        pair.leader.push(at + 23);
+        false
+    });
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+    let out = String::from_utf8(output.stdout).unwrap();
+    let lines: Vec<_> = out.lines().collect();
+    assert!(
+        lines[0].ends_with("; Ctrl-C ends it") && lines[1] == "following",
+        "{out}"
+    );
+    assert!(lines[lines.len() - 2].starts_with("stopped: joints: "), "{out}");
+    assert!(lines[lines.len() - 1].contains(" s: moves "), "{out}");
+    let follower = &mut pair.follower.arm;
+    follower.advance(time::Instant::from_micros(u64::MAX / 2));
+    assert!(
+        follower.is_holding() && (2_300..2_330).contains(&follower.joints()[0]),
+        "{:?}",
+        follower.joints()
+    );
+    // Both arms were recorded, and the follower's goals are what a replay makes of them.
+    let decoded = success(&["decode", recording.to_str().unwrap()]);
+    assert!(
+        decoded.contains("to the arm: move") && decoded.contains("status: idle"),
+        "{decoded}"
+    );
+    let arm = Arm::start("ling", "teleop-replay", &[]);
+    let replayed = retry_while("no reading of the joints for", || {
+        run(&["replay", recording.to_str().unwrap(), &arm.port])
+    });
+    let out = String::from_utf8(replayed.stdout).unwrap();
+    assert!(
+        replayed.status.success() && out.contains("of /follower/frames ("),
+        "{out}"
+    );
+    fs::remove_file(recording).unwrap();
+}
+
+#[test]
+fn lost_leader_stops_the_follower_until_it_is_near() {
+    let (mut pair, output) = Pair::teleop(&[], |pair| {
+        // The follower is asked 100 times per second, also while it waits.
+        let requests = pair.follower.arm.counters().requests;
+        let is_lost = (200..400).contains(&requests);
+        if is_lost && pair.leader.is_plugged {
+            pair.leader.push(2_400);
+        }
+        pair.leader.is_plugged = !is_lost;
+        requests >= 600
+    });
+    assert!(output.status.success(), "{output:?}");
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert!(out.contains("no pose of the leader for 0."), "{out}");
+    assert!(
+        out.contains("\nwaiting until both arms are within 5° of each other"),
+        "{out}"
+    );
+    pair.follower.arm.advance(time::Instant::from_micros(u64::MAX / 2));
+    assert_eq!(pair.follower.arm.joints(), [2_048; 6]);
+}
+
+#[test]
+fn arms_of_the_wrong_kind_are_refused() {
+    let [leader, follower] = [&["--leader"][..], &[]].map(|args| Arm::start("ling", "teleop-kinds", args));
+    let line = failure(&retry_while(NO_ANSWER, || {
+        run(&["teleop", &follower.port, &leader.port])
+    }));
+    let reason = "this is a follower (ADFS251205123456), where a leader is expected: LEADER FOLLOWER";
+    assert_eq!(line, format!("{}: {reason}", follower.port));
+}
+
+#[test]
+fn follower_without_torque_is_refused() {
+    let [leader, follower] = [&["--leader"][..], &[]].map(|args| Arm::start("ling", "teleop-torque", args));
+    success(&["torque", &follower.port, "off", "--yes"]);
+    let line = failure(&retry_while(NO_ANSWER, || {
+        run(&["teleop", &leader.port, &follower.port])
+    }));
+    assert!(line.contains("the torque is off, so nothing was sent"), "{line}");
+}
+
+#[test]
+fn distant_arms_are_refused_if_so_asked() {
+    let [leader, follower] = [&["--leader"][..], &[]].map(|args| Arm::start("ling", "teleop-far", args));
+    success(&[
+        "move",
+        &follower.port,
+        "--joints",
+        "0,0,0,0,0,20",
+        "--speed",
+        "200",
+        "--gripper",
+        "0",
+        "--wait",
+    ]);
+    let output = retry_while(NO_ANSWER, || {
+        run(&["teleop", &leader.port, &follower.port, "--no-approach"])
+    });
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        stderr.contains("joint 6 of the follower is 20° away from the leader's"),
+        "{stderr}"
+    );
+}
