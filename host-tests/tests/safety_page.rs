@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 26] = [
+const TESTS: [&str; 32] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/held_back.rs",
     "bridge/src/tests/line_rate.rs",
@@ -13,11 +13,17 @@ const TESTS: [&str; 26] = [
     "bridge/src/tests/safety.rs",
     "bridge/src/tests/share.rs",
     "bridge/src/tests/stop.rs",
+    "cli/tests/program/replay.rs",
     "cli/tests/program/signals.rs",
     "cli/tests/program/stop.rs",
+    "cli/tests/program/teleop.rs",
+    "host/src/goal.rs",
     "host/src/link.rs",
+    "host/src/replay/motion.rs",
     "host/src/stop.rs",
     "host/tests/ling.rs",
+    "host/tests/motion/follow.rs",
+    "host/tests/motion/replay.rs",
     "host-tests/tests/image/crash_loop.rs",
     "host-tests/tests/image/flash.rs",
     "host-tests/tests/image/held_back.rs",

@@ -96,7 +96,7 @@ pub(super) fn read(path: &Path, topic: Option<&str>, are_readings: bool) -> Resu
     let failed = |error| Error::at(&name, error);
     let refused = |reason: String| Error::at(&name, reason);
     if path.is_dir() || is_parquet(path).map_err(failed)? {
-        let reason = "this is no MCAP file; a LeRobot data set is converted by the script in docs/teleop.md";
+        let reason = "this is no MCAP file: the repository has tools/lerobot_to_mcap.py for a LeRobot data set";
         return Err(Error::at(&name, reason));
     }
     let mut file = BufReader::new(File::open(path).map_err(failed)?);

@@ -74,11 +74,8 @@ impl Replay {
         let prepared = self.prepare(&mut arm, &recorded);
         let (motion, state) = prepared.map_err(|error| error.explained(|error| arm.explain(error)))?;
         print_line(what(&recorded, &motion))?;
-        if recorded.source != Source::Goals {
-            print_error(&match motion.has_gripper() {
-                true => "the gripper's goals are its readings: they carry no grip force, and an object may slip",
-                false => "the gripper was not recorded, and stays where it is",
-            });
+        if let Some(lack) = lack(recorded.source, motion.has_gripper()) {
+            print_error(&lack);
         }
         let period = time::Duration::from_micros(1_000_000 / u64::from(self.rate));
         let mut replay = replay::Replay::new(motion, period, self.is_endless);
@@ -175,6 +172,20 @@ fn what(recorded: &Recorded, motion: &Motion) -> String {
     );
     let seconds = motion.length().as_micros() as f64 / 1e6;
     format!("{seconds:.1} s of {} ({count} {what})", recorded.topic)
+}
+
+/// What the recording of the gripper lacks.
+fn lack(source: Source, has_gripper: bool) -> Option<&'static str> {
+    match (source, has_gripper) {
+        (_, false) => Some("the gripper was not recorded, and stays where it is"),
+        (Source::Goals, true) => None,
+        (Source::Readings, true) => {
+            Some("the gripper's goals are its readings: they carry no grip force, and an object may slip")
+        }
+        (Source::JointStates, true) => {
+            Some("the gripper's goals are its joint states: if they were readings, they carry no grip force")
+        }
+    }
 }
 
 fn progress(progress: Progress) -> String {

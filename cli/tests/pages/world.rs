@@ -60,7 +60,7 @@ impl World {
     pub(crate) fn serve_sim(&mut self, args: &[&str]) -> String {
         let (printed, place) = match args {
             ["sim", "xarm", "--listen", printed] => (*printed, "127.0.0.1:0".to_owned()),
-            ["sim", _, "--pty", printed] => (*printed, free_path("page-arm").to_str().unwrap().to_owned()),
+            ["sim", _, .., "--pty", printed] => (*printed, free_path("page-arm").to_str().unwrap().to_owned()),
             other => panic!("no place in {other:?}"),
         };
         let mut command = Command::new(PROGRAM);
@@ -113,7 +113,7 @@ impl World {
         let args = self.placed(args);
         let is_endless = match &*args[0] {
             "monitor" => !args.iter().any(|arg| arg == "--count"),
-            command => command == "hold",
+            command => matches!(command, "hold" | "teleop"),
         };
         retry_while_busy(|| {
             let mut child = start(Command::new(PROGRAM).args(&args).current_dir(&self.folder));
@@ -159,6 +159,9 @@ impl World {
                 "config" | "counters" | "hold" => placed[1].clone_from(control),
                 _ => placed.extend(["--control".to_owned(), control.clone()]),
             }
+        }
+        if args[0] == "record" && !args.contains(&"--count") {
+            placed.extend(["--count".to_owned(), String::new()]);
         }
         if let Some(count) = placed.iter().position(|arg| arg == "--count") {
             placed[count + 1] = "3".to_owned();

@@ -237,7 +237,7 @@ fn lerobot_data_set_is_named() {
     for path in [&*path, &std::env::temp_dir()] {
         let line = failure(&run(&["replay", path.to_str().unwrap(), "/dev/absent"]));
         assert!(
-            line.ends_with("a LeRobot data set is converted by the script in docs/teleop.md"),
+            line.ends_with(": the repository has tools/lerobot_to_mcap.py for a LeRobot data set"),
             "{line}"
         );
     }
