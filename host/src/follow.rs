@@ -119,7 +119,7 @@ impl error::Error for End {}
 /// A follower that follows a leader.
 ///
 /// [`poll`](Self::poll) returns moves, a period apart, whose goals stay within the [`Limits`]. Readings of both arms go in
-/// as they come, with the times at which they were made. A leader's pose that no move can express counts as missing.
+/// as they come, with the times at which they were made. A pose that no move can express counts as missing.
 ///
 /// ```
 /// use armwire::ling::{JointState, MotionStatus};
@@ -200,7 +200,6 @@ impl Follow {
 
     /// Takes a reading of the follower that was made at `at`.
     pub fn on_follower(&mut self, at: Instant, state: &JointState) {
-        self.follower = Some(Reading { at, state: *state });
         if state.status.is_holding() == Some(false) {
             self.phase = match self.phase {
                 Phase::Ended(end) => Phase::Ended(end),
@@ -208,6 +207,10 @@ impl Follow {
             };
             return;
         }
+        if state.positions().is_err() {
+            return;
+        }
+        self.follower = Some(Reading { at, state: *state });
         self.lag = match self.phase {
             Phase::Following(_) => self.lag_of(at, &state.joints),
             _ => None,
@@ -299,7 +302,6 @@ impl Follow {
                 _ => Ok(()),
             };
         }
-        // A pose out of range comes back into it by hand.
         let Ok(goal) = Goal::of(now, &follower.state) else {
             return Ok(());
         };

@@ -291,3 +291,31 @@ fn unanswered_start_sends_nothing() {
     assert_eq!(pair.run_until(5_000), Err(End::Unread));
     assert_eq!(pair.goal, None);
 }
+
+#[test]
+fn pose_out_of_range_counts_as_missing() {
+    for is_leader in [true, false] {
+        let mut follow = Follow::new(Limits::FOLLOW, Start::Approach, PERIOD);
+        let good = JointState {
+            joints: [2_048; JOINTS],
+            gripper: 0,
+            status: MotionStatus::Locked,
+        };
+        let bad = JointState {
+            joints: [4_096; JOINTS],
+            ..good
+        };
+        let [leader, follower] = if is_leader { [bad, good] } else { [good, bad] };
+        let mut now = Instant::ZERO;
+        let end = loop {
+            follow.on_leader(now, &leader);
+            follow.on_follower(now, &follower);
+            match follow.poll(now) {
+                Ok(Output::Wait(until)) => now = until,
+                Ok(output) => panic!("{output:?}"),
+                Err(end) => break end,
+            }
+        };
+        assert_eq!(end, End::Unread);
+    }
+}
