@@ -12,13 +12,13 @@ use super::pose::Readable;
 use super::{End, Rate, Stamping};
 use crate::control::Adapter;
 use crate::error::Error;
-use crate::stamps::{Clock, HostTime, monotonic};
+use crate::stamps::{Clock, HostTime};
 
 /// Maximum wait for an event, and the wait after a failed one.
 const EVENT_TIMEOUT: Duration = Duration::from_millis(50);
 const ERROR_PAUSE: Duration = Duration::from_millis(10);
-/// Time without readings after which the subscription is renewed, in nanoseconds: an adapter that was restarted has none.
-const SILENCE_NS: i64 = 500_000_000;
+/// Number of waits without an event after which the subscription is renewed: an adapter that was restarted has none.
+const MAX_SILENT_WAITS: u32 = 10;
 
 /// A subscription to an adapter that polls at a rate or faster.
 pub(super) struct Polled {
@@ -49,22 +49,23 @@ impl Polled {
 
     /// Adds readings until the stop, or until no later one can succeed.
     pub(super) fn run<A: Readable>(&mut self, history: &History<A::Pose>, stop: &AtomicBool) {
-        let mut heard = monotonic();
+        let mut silent_waits = 0;
         while !stop.load(Ordering::Relaxed) {
-            let result = match self.adapter.next_event(EVENT_TIMEOUT) {
+            let event = self.adapter.next_event(EVENT_TIMEOUT);
+            silent_waits = if let Ok(None) = event { silent_waits + 1 } else { 0 };
+            let result = match event {
                 Ok(Some((stamp, Event::Frame { bytes, .. }))) => {
                     let received = HostTime::now();
                     if let Some(pose) = A::pose(&bytes) {
-                        heard = received.monotonic_ns;
                         history.add_lost(self.gaps.before(stamp));
                         history.push(pose, self.clock.host_time(stamp, received), Stamping::Adapter);
                     }
                     Ok(())
                 }
                 Ok(Some(_)) => Ok(()),
-                Ok(None) if monotonic() - heard < SILENCE_NS => Ok(()),
+                Ok(None) if silent_waits < MAX_SILENT_WAITS => Ok(()),
                 Ok(None) => {
-                    heard = monotonic();
+                    silent_waits = 0;
                     self.subscribe::<A>().map(drop)
                 }
                 Err(error) => Err(error),
@@ -162,11 +163,13 @@ mod tests {
     use crate::control::{Received, Transport};
     use crate::ling::Ling;
 
-    /// An adapter with this configuration, which sends these messages once it is subscribed to, and is lost then.
+    /// An adapter with this configuration. To each subscription it sends one group of these messages, then nothing. It
+    /// is lost after the last.
     struct Scripted {
         config: Arc<Mutex<Config>>,
         reply: Option<FromAdapter>,
         events: VecDeque<FromAdapter>,
+        later: VecDeque<Vec<FromAdapter>>,
     }
 
     impl Transport for Scripted {
@@ -181,6 +184,10 @@ mod tests {
                     *self.config.lock().unwrap() = config;
                     Reply::Done
                 }
+                Request::Subscribe(to) if to.frames => {
+                    self.events = self.later.pop_front().unwrap_or_default().into();
+                    Reply::Done
+                }
                 _ => Reply::Done,
             };
             let sequence = message.sequence;
@@ -191,7 +198,8 @@ mod tests {
         fn receive(&mut self, _: Duration) -> Result<Option<Received>, Error> {
             match self.reply.take().or_else(|| self.events.pop_front()) {
                 Some(message) => Ok(Some(Ok(message))),
-                None => Err(Error::lost("fake", "gone")),
+                None if self.later.is_empty() => Err(Error::lost("fake", "gone")),
+                None => Ok(None),
             }
         }
 
@@ -218,25 +226,28 @@ mod tests {
         FromAdapter::Event { at, event }
     }
 
-    fn adapter(config: &Arc<Mutex<Config>>, events: impl IntoIterator<Item = FromAdapter>) -> Adapter {
+    fn adapter(config: &Arc<Mutex<Config>>, events: impl IntoIterator<Item = Vec<FromAdapter>>) -> Adapter {
         Adapter::new(Box::new(Scripted {
             config: Arc::clone(config),
             reply: None,
-            events: events.into_iter().collect(),
+            events: VecDeque::new(),
+            later: events.into_iter().collect(),
         }))
     }
 
     #[test]
     fn readings_have_the_stamps_of_the_adapter() {
         let config = Arc::default();
-        let events = [
+        let events = vec![
             frame(900_000, &Response::Joints(state(1))),
             frame(902_000, &Response::Stroke(armwire::ling::Stroke::Mm50)),
             frame(905_000, &Response::Joints(state(2))),
             frame(915_000, &Response::Joints(state(3))),
         ];
         let rate = Rate::new(200).unwrap();
-        let mut polled = Polled::start::<Ling>(adapter(&config, events), rate).unwrap().unwrap();
+        let mut polled = Polled::start::<Ling>(adapter(&config, [events]), rate)
+            .unwrap()
+            .unwrap();
         assert_eq!(config.lock().unwrap().poll, Poll::Hertz(200));
         let history = History::new();
         polled.run::<Ling>(&history, &AtomicBool::new(false));
@@ -248,6 +259,30 @@ mod tests {
         assert_eq!(ended, Missing::Ended(End::Lost("gone".into())));
         drop(polled);
         assert_eq!(config.lock().unwrap().poll, Poll::Off, "as it was");
+    }
+
+    #[test]
+    fn restarted_adapter_is_subscribed_to_again() {
+        let config = Arc::default();
+        let before = vec![frame(900_000, &Response::Joints(state(1)))];
+        let after = vec![
+            frame(1_000, &Response::Joints(state(2))),
+            frame(6_000, &Response::Joints(state(3))),
+        ];
+        let rate = Rate::new(200).unwrap();
+        let mut polled = Polled::start::<Ling>(adapter(&config, [before, after]), rate)
+            .unwrap()
+            .unwrap();
+        // It polls by its saved setting again.
+        *config.lock().unwrap() = Config::default();
+        let history = History::new();
+        polled.run::<Ling>(&history, &AtomicBool::new(false));
+        assert_eq!(config.lock().unwrap().poll, Poll::Hertz(200));
+        assert_eq!((history.counts().samples, history.counts().lost), (3, 0));
+        let readings = [1, 2, 3].map(|number| history.next_after(number - 1, Duration::ZERO).unwrap().unwrap());
+        let times = readings.map(|reading| reading.time.monotonic_ns);
+        assert!(times.is_sorted(), "{times:?}");
+        assert_eq!(readings[2].pose, state(3));
     }
 
     #[test]
