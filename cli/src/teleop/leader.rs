@@ -1,6 +1,7 @@
 //! The leader, which may be unplugged and come back.
 
 use std::num::NonZeroU32;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire::ling::{JointState, Kind};
@@ -64,6 +65,7 @@ impl<'a> Leader<'a> {
     /// The readings that have arrived, after a wait of at most this long for the first byte.
     pub(super) fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error> {
         let Ok(stream) = &mut self.stream else {
+            thread::sleep(wait);
             return Ok(Vec::new());
         };
         let received = stream.receive(wait);

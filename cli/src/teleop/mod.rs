@@ -5,6 +5,7 @@ mod sums;
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;
+use std::thread;
 use std::time::Duration;
 
 use armwire::ling::{JointState, Kind, Speed, TICKS_PER_TURN};
@@ -203,20 +204,28 @@ impl Session<'_> {
         follower.request_joints()?;
         let (mut of_leader, mut of_follower) = (0, 0);
         loop {
+            // An arm that has answered is not waited for.
+            if of_leader == 0 {
+                for reading in self.leader.receive(self.clock.until(until).min(SLICE))? {
+                    self.follow.on_leader(self.clock.now(), &reading);
+                    of_leader += 1;
+                }
+            }
+            if of_follower == 0 {
+                for reading in follower.receive(self.clock.until(until).min(SLICE))? {
+                    self.follow.on_follower(self.clock.now(), &reading);
+                    self.sums.lag(self.follow.lag());
+                    of_follower += 1;
+                }
+            }
             let left = self.clock.until(until);
-            for reading in self.leader.receive(left.min(SLICE))? {
-                self.follow.on_leader(self.clock.now(), &reading);
-                of_leader += 1;
+            if of_leader > 0 && of_follower > 0 {
+                thread::sleep(left);
+            } else if !left.is_zero() {
+                continue;
             }
-            for reading in follower.receive(left.min(SLICE))? {
-                self.follow.on_follower(self.clock.now(), &reading);
-                self.sums.lag(self.follow.lag());
-                of_follower += 1;
-            }
-            if left.is_zero() {
-                self.sums.read(of_leader, of_follower);
-                return Ok(());
-            }
+            self.sums.read(of_leader, of_follower);
+            return Ok(());
         }
     }
 
