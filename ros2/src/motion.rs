@@ -396,6 +396,7 @@ fn outside(joints: &[Joint], desired: &[f64], actual: &[f64], allowed: &[Option<
 #[cfg(test)]
 mod tests {
     use armwire::ling::MotionStatus;
+    use proptest::prelude::*;
 
     use super::*;
     use crate::messages::{JointTrajectoryPoint, Time};
@@ -426,6 +427,8 @@ mod tests {
         status: MotionStatus,
         /// The setpoints of `a`, with their times in ms.
         moves: Vec<(u64, f64)>,
+        /// The same, with the arm's position after each.
+        followed: Vec<(u64, f64, f64)>,
         /// The others, with their times in ms.
         outputs: Vec<(u64, Output)>,
     }
@@ -445,6 +448,7 @@ mod tests {
                 blocked: vec![false, false],
                 status: MotionStatus::Locked,
                 moves: Vec::new(),
+                followed: Vec::new(),
                 outputs: Vec::new(),
             }
         }
@@ -478,6 +482,7 @@ mod tests {
                                 self.arm[nth] = setpoint.positions[nth];
                             }
                         }
+                        self.followed.push((self.now, setpoint.positions[0], self.arm[0]));
                     }
                     output => self.outputs.push((self.now, output)),
                 }
@@ -747,6 +752,87 @@ mod tests {
         for (at, progress) in feedback {
             assert!(progress.elapsed <= Duration::from_millis(at), "{at}: {progress:?}");
             assert!(near(progress.desired[0], progress.actual[0]), "{at}: {progress:?}");
+        }
+    }
+
+    /// What happens to a motion.
+    #[derive(Clone, Debug)]
+    enum Event {
+        /// A trajectory, of the topic or a goal, starts after this time in ms.
+        Order {
+            is_goal: bool,
+            after: u64,
+            position: f64,
+        },
+        /// The goal with this number, modulo their count, is cancelled.
+        Cancel(usize),
+        Hold,
+        Block(bool),
+        Torque(bool),
+    }
+
+    fn events() -> impl Strategy<Value = Vec<(u64, Event)>> {
+        let order =
+            (any::<bool>(), prop_oneof![Just(0), 1..2_000_u64], -3.1..3.1).prop_map(|(is_goal, after, position)| {
+                Event::Order {
+                    is_goal,
+                    after,
+                    position,
+                }
+            });
+        let event = prop_oneof![
+            6 => order,
+            2 => any::<usize>().prop_map(Event::Cancel),
+            1 => Just(Event::Hold),
+            1 => any::<bool>().prop_map(Event::Block),
+            1 => any::<bool>().prop_map(Event::Torque),
+        ];
+        prop::collection::vec((0..400_u64, event), 0..20)
+    }
+
+    proptest! {
+        #[test]
+        fn each_accepted_trajectory_ends_once_without_jumps(events in events()) {
+            let mut bench = Bench::new();
+            let mut accepted = Vec::new();
+            for (wait, event) in events {
+                bench.run(bench.now + wait);
+                match event {
+                    Event::Order { is_goal, after, position } => {
+                        let origin = if is_goal { goal() } else { Origin::Topic };
+                        let at = if after == 0 { 0 } else { bench.now + after };
+                        if bench.order(origin, at, &["a"], &[position]).is_ok() {
+                            accepted.push(origin);
+                        }
+                    }
+                    Event::Cancel(nth) if !accepted.is_empty() => {
+                        if let Origin::Goal(id) = accepted[nth % accepted.len()] {
+                            bench.motion.cancel(id);
+                        }
+                    }
+                    Event::Cancel(_) => {}
+                    Event::Hold => bench.motion.cancel_all(),
+                    Event::Block(is_blocked) => bench.blocked[0] = is_blocked,
+                    Event::Torque(true) => bench.status = MotionStatus::Locked,
+                    Event::Torque(false) => bench.status = MotionStatus::Idle,
+                }
+            }
+            bench.run(bench.now + 5_000);
+            let mut ended: Vec<_> = bench.ends().into_iter().map(|(_, origin, _)| origin).collect();
+            for origin in accepted {
+                let nth = ended.iter().position(|ended| *ended == origin);
+                prop_assert!(nth.is_some(), "{origin:?} did not end");
+                ended.swap_remove(nth.unwrap());
+            }
+            prop_assert_eq!(ended, []);
+            prop_assert!(!bench.motion.is_sending());
+            // A setpoint is at most as far from the one before, or from the arm, as the speed allows.
+            for pair in bench.followed.windows(2) {
+                let ((before, _, from), (at, to, _)) = (pair[0], pair[1]);
+                let allowed = 2.0 * (at - before) as f64 / 1_000.0 + 0.011;
+                let setpoint = pair[0].1;
+                prop_assert!((to - setpoint).abs() <= allowed || (to - from).abs() <= allowed, "{:?}", pair);
+            }
         }
     }
 }
