@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 32] = [
+const TESTS: [&str; 33] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/held_back.rs",
     "bridge/src/tests/line_rate.rs",
@@ -37,6 +37,7 @@ const TESTS: [&str; 32] = [
     "python/tests/test_lerobot.py",
     "python/tests/test_ling.py",
     "python/tests/test_stop.py",
+    "ros2/src/motion.rs",
 ];
 
 #[test]

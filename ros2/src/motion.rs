@@ -790,9 +790,9 @@ mod tests {
         prop::collection::vec((0..400_u64, event), 0..20)
     }
 
-    proptest! {
-        #[test]
-        fn each_accepted_trajectory_ends_once_without_jumps(events in events()) {
+    #[test]
+    fn each_accepted_trajectory_ends_once_without_jumps() {
+        proptest!(|(events in events())| {
             let mut bench = Bench::new();
             let mut accepted = Vec::new();
             for (wait, event) in events {
@@ -833,6 +833,6 @@ mod tests {
                 let setpoint = pair[0].1;
                 prop_assert!((to - setpoint).abs() <= allowed || (to - from).abs() <= allowed, "{:?}", pair);
             }
-        }
+        });
     }
 }
