@@ -271,7 +271,7 @@ def test_disconnect_ends_the_stream_of_an_adapter(board: Path, tmp_path: Path) -
         for _ in range(3):
             robot.send_action(POSE)
         # The answer comes after the actions. The stream is armed: flash is not written.
-        robot.get_observation()
+        robot._arm.read_joints()
         with pytest.raises(armwire.errors.RefusedError, match="stream"):
             adapter.save_config()
         robot.disconnect()
