@@ -78,8 +78,10 @@ impl Bench {
         if self.hold && self.place.arm != LiveArm::Ling {
             return Err(Error::Usage("--hold applies to a ling arm only".to_owned()));
         }
-        // Not after the measurement.
-        let mut drawing = self.svg.as_deref().map(new_file::create).transpose()?;
+        // A file that exists is refused before the measurement, too.
+        if let Some(path) = self.svg.as_deref().filter(|path| path.exists()) {
+            new_file::create(path)?;
+        }
         signals::catch_first()?;
         let (system, runs) = match self.place.arm {
             LiveArm::Ling => {
@@ -100,8 +102,8 @@ impl Bench {
             true => print_json(&report::json(&system, &runs))?,
             false => report::print(&system, &runs)?,
         }
-        if let Some(drawing) = &mut drawing {
-            let drawn = drawing.write_all(plot::svg(&runs).as_bytes());
+        if let Some(path) = &self.svg {
+            let drawn = new_file::create(path)?.write_all(plot::svg(&runs).as_bytes());
             drawn.map_err(Error::Output)?;
         }
         Ok(())

@@ -2,7 +2,12 @@
 
 use std::fs;
 
-use crate::common::{Arm, free_path, run, success, usage};
+use armwire::ling::{Ling, MAX_FRAME, Request, Torque};
+use armwire::messages::Messages;
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::common::{Arm, NO_ANSWER, failure, free_path, retry_while, run, run_against, success, usage};
+use crate::signals::Stepped;
 
 /// The runs of a measurement in JSON.
 fn runs(out: &str) -> Vec<serde_json::Value> {
@@ -87,6 +92,30 @@ fn holding_arm_keeps_its_pose() {
         state.contains("+0.00° +0.00° +0.00° +0.00° +0.00° +10.") && state.contains("locked"),
         "{state}"
     );
+}
+
+#[test]
+fn interrupt_ends_the_hold_by_a_stop() {
+    let mut torque_on = [0; MAX_FRAME];
+    let request = Request::SetTorque(Torque::On);
+    let n = Ling.encode_request(&request, &mut torque_on).unwrap();
+    let mut received = Vec::new();
+    let output = retry_while(NO_ANSWER, || {
+        let (mut stepped, mut bursts) = (Stepped::new(), 0);
+        received.clear();
+        let args = ["bench", "--hold", "--yes", "--rate", "50", "--seconds", "60", "PORT"];
+        run_against(&args, |program, pty, bytes| {
+            received.extend(bytes);
+            stepped.answer(pty, bytes);
+            bursts += 1;
+            if bursts == 10 {
+                kill_process(Pid::from_child(program), Signal::INT).unwrap();
+            }
+        })
+    });
+    assert_eq!(failure(&output), "interrupted");
+    // The end of a stop.
+    assert!(received.ends_with(&torque_on[..n]), "{received:02X?}");
 }
 
 #[test]
