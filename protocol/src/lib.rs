@@ -17,6 +17,7 @@
 //! The protocols are `ling` (Ling / Alicia-D), `xarm` (UFACTORY xArm) and `alpha1` (UBTECH Alpha1), each a module and a
 //! feature.
 //!
+#![cfg_attr(all(feature = "async", feature = "ling"), doc = include_str!("../doc/first_lines.md"))]
 //! # Features
 //!
 //! * `ling`, `ling-legacy`, `xarm`, `alpha1`: the protocols, all on by default. A disabled protocol is not compiled.
