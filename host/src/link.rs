@@ -623,6 +623,78 @@ mod tests {
         assert_eq!(arm.lock().unwrap().requests, 1);
     }
 
+    /// A line that accepts so many bytes, and then no write once.
+    struct Breaking {
+        left: usize,
+        is_broken: bool,
+        sent: Arc<Mutex<Vec<u8>>>,
+    }
+
+    impl Line for Breaking {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, _: &mut [u8], _: Duration) -> Result<usize, Error> {
+            Ok(0)
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            if self.left == 0 && !self.is_broken {
+                self.is_broken = true;
+                return Err(Error::at("fake", "no"));
+            }
+            let n = if self.is_broken {
+                bytes.len()
+            } else {
+                bytes.len().min(self.left)
+            };
+            self.left -= n.min(self.left);
+            self.sent.lock().unwrap().extend(&bytes[..n]);
+            Ok(n)
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    /// A link whose line breaks after so many bytes, and what is sent on it.
+    fn breaking(left: usize) -> (Link<Ling>, Arc<Mutex<Vec<u8>>>) {
+        let sent = Arc::default();
+        let line = Breaking {
+            left,
+            is_broken: false,
+            sent: Arc::clone(&sent),
+        };
+        (Link::new(Box::new(line), Ling::CONFIG), sent)
+    }
+
+    #[test]
+    fn posted_request_does_not_complete_a_move() {
+        let (mut link, sent) = breaking(10);
+        let target = Move {
+            joints: [(Position::CENTRE, Speed::MAX); 6],
+            gripper: (Opening::OPEN, GripperSpeed(1_000)),
+        };
+        assert!(link.send(&Request::Move(target)).is_err());
+        link.post(&Request::ReadJoints).unwrap();
+        let sent = sent.lock().unwrap();
+        let (void, read) = sent[10..].split_at(Ling::LONGEST);
+        assert!(void.iter().all(|byte| *byte == 0), "{void:02X?}");
+        assert_eq!(read, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
+    }
+
+    #[test]
+    fn half_posted_request_ends_the_connection() {
+        let (mut link, _) = breaking(3);
+        let error = link.post(&Request::ReadJoints).unwrap_err();
+        assert!(matches!(error, Error::Lost { .. }), "{error:?}");
+        let (mut link, _) = breaking(0);
+        let error = link.post(&Request::ReadJoints).unwrap_err();
+        assert!(matches!(error, Error::At { .. }), "{error:?}");
+    }
+
     /// An arm's error frame.
     fn error_frame(_: u16) -> Vec<u8> {
         let mut out = [0; MAX_FRAME];
