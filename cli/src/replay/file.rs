@@ -169,8 +169,6 @@ struct Track {
     readings: Vec<(i64, JointState)>,
     goals: Vec<(i64, Move)>,
     joints: Vec<(i64, NamedJoints)>,
-    /// A protocol other than Ling's.
-    other: Option<Protocol>,
 }
 
 impl Track {
@@ -181,7 +179,6 @@ impl Track {
             readings: Vec::new(),
             goals: Vec::new(),
             joints: Vec::new(),
-            other: None,
         }
     }
 
@@ -215,7 +212,8 @@ impl Track {
                     self.goals.push((frame.stamp, target));
                 }
             }
-            (other, _) => self.other = Some(other),
+            // Only Ling arms are moved.
+            _ => {}
         }
         Ok(())
     }
@@ -242,18 +240,14 @@ impl Track {
             };
             (Source::Readings, self.readings.iter().filter_map(pose).collect())
         };
-        match (poses.is_empty(), self.other) {
-            (true, Some(other)) => Err(format!(
-                "{} has frames of {other:?}, and only a Ling arm replays",
-                cut(&self.topic)
-            )),
-            (true, None) => Err(format!("there is no pose on {}", cut(&self.topic))),
-            (false, _) => Ok(Recorded {
-                topic: self.topic,
-                source,
-                poses,
-            }),
+        if poses.is_empty() {
+            return Err(format!("there is no pose of a Ling arm on {}", cut(&self.topic)));
         }
+        Ok(Recorded {
+            topic: self.topic,
+            source,
+            poses,
+        })
     }
 }
 
