@@ -322,7 +322,32 @@ impl Bridge {
     /// Moves the next packet for the serial port's host into `packet` and returns its length, 0 for a zero-length
     /// packet. `None` if none is due. Send it before the next call.
     pub fn usb_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
-        self.line.packet(packet)
+        self.usb_transmit_with(|next| match packet.get_mut(..next.len()) {
+            Some(packet) => {
+                packet.copy_from_slice(next);
+                true
+            }
+            None => false,
+        })
+    }
+
+    /// Passes the next packet for the serial port's host to `send`, an empty one as a zero-length packet. It is removed
+    /// if `send` returns true, and otherwise stays the next. Returns the length of a packet that was sent.
+    ///
+    /// ```
+    /// use armwire_bridge::{Bridge, Instant, UartEvent, UsbEvent};
+    ///
+    /// let mut bridge = Bridge::default();
+    /// bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
+    /// bridge.uart_received(b"stray", Instant::ZERO);
+    /// bridge.uart_event(UartEvent::Idle, Instant::from_micros(10));
+    /// // The endpoint is not ready.
+    /// assert_eq!(bridge.usb_transmit_with(|_| false), None);
+    /// assert_eq!(bridge.usb_transmit_with(|packet| packet == b"stray"), Some(5));
+    /// assert_eq!(bridge.usb_transmit_with(|_| true), None);
+    /// ```
+    pub fn usb_transmit_with(&mut self, send: impl FnOnce(&[u8]) -> bool) -> Option<usize> {
+        self.line.send_packet(send)
     }
 
     /// Handles SET_LINE_CODING.

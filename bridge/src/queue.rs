@@ -48,7 +48,14 @@ impl<const N: usize> Queue<N> {
 
     /// Moves bytes from the front into `out` and returns their number.
     pub(crate) fn pop(&mut self, out: &mut [u8]) -> usize {
-        self.used.pop(&self.ring, out)
+        let n = self.peek(out);
+        self.skip(n);
+        n
+    }
+
+    /// Drops `len` bytes from the front.
+    pub(crate) fn skip(&mut self, len: usize) {
+        self.used.skip(len, N);
     }
 }
 
@@ -77,16 +84,11 @@ impl Used {
         n + copy(out.get_mut(n..).unwrap_or_default(), ring)
     }
 
-    fn pop(&mut self, ring: &[u8], out: &mut [u8]) -> usize {
-        let n = self.peek(ring, out);
+    fn skip(&mut self, len: usize, size: usize) {
+        let n = len.min(self.len);
         self.len -= n;
         // An empty queue restarts at index 0: its data then needs one copy, by words.
-        self.head = if self.len == 0 {
-            0
-        } else {
-            wrap(self.head + n, ring.len())
-        };
-        n
+        self.head = if self.len == 0 { 0 } else { wrap(self.head + n, size) };
     }
 }
 

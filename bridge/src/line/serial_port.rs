@@ -8,7 +8,6 @@ use crate::line_coding::{LineCoding, UnsupportedCoding};
 
 use super::Line;
 use super::guard::{ControlPort, LineRate};
-use super::wire::PACKET;
 
 impl Line {
     /// The host enabled or disabled the adapter's configuration.
@@ -72,9 +71,9 @@ impl Line {
         self.has_packet_room()
     }
 
-    /// The next packet for the host.
-    pub(crate) fn packet(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
-        self.wire.packet(packet, &mut self.journal)
+    /// Passes the next packet for the host to `send`, and removes it if that returns true.
+    pub(crate) fn send_packet(&mut self, send: impl FnOnce(&[u8]) -> bool) -> Option<usize> {
+        self.wire.send_packet(send, &mut self.journal)
     }
 
     /// The host on USB set a line coding.

@@ -280,8 +280,8 @@ impl Wire {
         self.to_host.dtr(high, &mut journal.counters)
     }
 
-    /// The next packet for the host.
-    pub(super) fn packet(&mut self, packet: &mut [u8; PACKET], journal: &mut Journal) -> Option<usize> {
-        self.to_host.transmit(packet, &mut journal.counters)
+    /// Passes the next packet for the host to `send`, and removes it if that returns true.
+    pub(super) fn send_packet(&mut self, send: impl FnOnce(&[u8]) -> bool, journal: &mut Journal) -> Option<usize> {
+        self.to_host.transmit(send, &mut journal.counters)
     }
 }

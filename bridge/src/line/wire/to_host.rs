@@ -133,18 +133,29 @@ impl ToHost {
 
     /// Returns true if [`transmit`](Self::transmit) has a packet.
     pub(crate) fn is_due(&self) -> bool {
-        self.bytes.len() >= PACKET || self.due > 0 || self.transfer == Transfer::Unterminated
+        self.next_len().is_some()
     }
 
-    /// Moves the next packet into `packet` and returns its length, 0 for a zero-length packet. `None` if none is due.
-    pub(crate) fn transmit(&mut self, packet: &mut [u8; PACKET], counters: &mut Counters) -> Option<usize> {
-        let len = match self.due {
-            _ if self.bytes.len() >= PACKET => PACKET,
-            0 if self.transfer == Transfer::Unterminated => 0,
-            0 => return None,
-            due => due,
-        };
-        let len = self.bytes.pop(packet.get_mut(..len).unwrap_or_default());
+    /// The length of the next packet, 0 for a zero-length packet. `None` if none is due.
+    fn next_len(&self) -> Option<usize> {
+        match self.due {
+            _ if self.bytes.len() >= PACKET => Some(PACKET),
+            0 if self.transfer == Transfer::Unterminated => Some(0),
+            0 => None,
+            due => Some(due),
+        }
+    }
+
+    /// Passes the next packet to `send`, and removes it if that returns true. Returns the length of a packet that was
+    /// sent, `None` for none.
+    pub(crate) fn transmit(&mut self, send: impl FnOnce(&[u8]) -> bool, counters: &mut Counters) -> Option<usize> {
+        let mut packet = [0; PACKET];
+        let packet = packet.get_mut(..self.next_len()?)?;
+        let len = self.bytes.peek(packet);
+        if !send(packet) {
+            return None;
+        }
+        self.bytes.skip(len);
         self.transfer = match len {
             PACKET if self.due == PACKET => Transfer::Unterminated,
             PACKET => Transfer::Open,
