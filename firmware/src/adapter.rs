@@ -1,25 +1,22 @@
-//! State shared by the tasks: the bridge, and the signals for their work.
-
-use core::cell::{Cell, RefCell};
+//! State shared by the tasks and the service: the bridge, and the signals for work.
 
 use armwire_bridge::config::{self, Config};
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, Bridge, Instant, Start, Status};
-use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use armwire_bridge::{Action, Bridge, Instant, Start, Status, UartConfig, UartEvent};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 
 use crate::restart;
+use crate::service::Ceiling;
+use crate::uart::{self, Sender};
+use crate::usb::pipe::{self, SharedEndpoint};
 
-/// A signal between tasks. All of them run on one executor, so it needs no interrupt lock.
-type Notice<T = ()> = Signal<NoopRawMutex, T>;
+/// A signal to a task, from another or from the service.
+type Notice<T = ()> = Signal<CriticalSectionRawMutex, T>;
 
 /// A kind of work, for which a task waits.
 #[derive(Clone, Copy)]
 pub(crate) enum Work {
-    /// Bytes for the arm, or a change of the line.
-    Uart,
-    /// Torque-off must cut the bytes that the UART is sending.
-    UartCut,
     /// A packet for the host on the serial port.
     Port,
     /// Room for a packet from that host.
@@ -43,45 +40,100 @@ const WORKS: usize = Work::Dispatch as usize + 1;
 
 /// The bridge, and a signal for each kind of work.
 pub(crate) struct Adapter {
-    bridge: RefCell<Bridge>,
+    shared: Ceiling<Shared>,
     works: [Notice; WORKS],
     /// The next action of the bridge.
     pub(crate) action: Notice<Action>,
     /// A new configuration for the CAN controller.
     pub(crate) can_restart: Notice<config::Can>,
+}
+
+/// State of which the service has a part.
+struct Shared {
+    bridge: Bridge,
+    sender: Sender,
     /// The status at the last dispatch.
-    pub(crate) status: Cell<Status>,
-    /// Length of the last packet in the serial port's endpoint.
-    pub(crate) last_packet: Cell<usize>,
+    status: Status,
+    /// An event of the receiver has not been served.
+    is_behind: bool,
 }
 
 impl Adapter {
     /// An adapter without a USB host.
     pub(crate) fn new(identity: Identity, config: Config, start: Start) -> Self {
         Self {
-            bridge: RefCell::new(Bridge::new(identity, config, start)),
+            shared: Ceiling::new(Shared {
+                bridge: Bridge::new(identity, config, start),
+                sender: Sender::new(),
+                status: Status::default(),
+                is_behind: false,
+            }),
             works: [const { Notice::new() }; WORKS],
             action: Notice::new(),
             can_restart: Notice::new(),
-            status: Cell::new(Status::default()),
-            last_packet: Cell::new(0),
         }
     }
 
     /// Calls the bridge without waking a task.
     pub(crate) fn take<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
-        f(&mut self.bridge.borrow_mut())
+        self.shared.with(|shared| f(&mut shared.bridge))
     }
 
-    /// Calls the bridge, and wakes the task that transmits to the arm, where microseconds count. The dispatch to all
-    /// others follows.
+    /// Calls the bridge, and starts what it has for the arm, where microseconds count. The dispatch to the tasks follows.
     ///
     /// A task that is woken without work waits again.
     pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
-        let result = self.take(f);
-        self.wake(Work::Uart);
+        let result = self.shared.with(|shared| {
+            let result = f(&mut shared.bridge);
+            shared.sender.transmit(&mut shared.bridge);
+            result
+        });
         self.wake(Work::Dispatch);
         result
+    }
+
+    /// Serves the line: received bytes, then a packet for the host, then the next burst. The service calls this.
+    pub(crate) fn serve(&self, port: &SharedEndpoint) {
+        self.shared.with(|shared| {
+            let bridge = &mut shared.bridge;
+            let is_event = uart::take_event();
+            let is_frame = is_event && uart::read(bridge);
+            if is_event {
+                pipe::send(self, port, bridge);
+            }
+            let is_started = shared.sender.transmit(bridge);
+            if is_event {
+                // Tasks run before the service reads what it has missed.
+                shared.is_behind = uart::wait(bridge.rx_wait());
+            }
+            if is_frame || is_started || shared.is_behind {
+                self.wake(Work::Dispatch);
+            }
+            if is_frame && bridge.has_delivery() {
+                self.wake(Work::Can);
+            }
+        });
+    }
+
+    /// Runs the service again if it has left an event of the receiver to later.
+    pub(crate) fn catch_up(&self) {
+        if self.shared.with(|shared| core::mem::take(&mut shared.is_behind)) {
+            uart::wake();
+        }
+    }
+
+    /// The line uses this configuration.
+    pub(crate) fn line_changed(&self, uart: UartConfig) {
+        self.shared.with(|shared| {
+            shared.bridge.uart_event(UartEvent::Configured(uart), now());
+            shared.sender.changed();
+            uart::read(&mut shared.bridge);
+        });
+    }
+
+    /// The status at the last dispatch.
+    pub(crate) fn status(&self) -> Status {
+        self.shared.with(|shared| shared.status)
     }
 
     /// Wakes the task that waits for this work.
@@ -100,32 +152,37 @@ impl Adapter {
         self.works[work as usize].reset();
     }
 
-    /// Wakes all tasks that have work.
+    /// Starts what the bridge has for the arm, and wakes all tasks that have work.
     pub(crate) fn dispatch(&self) {
-        let bridge = &mut *self.bridge.borrow_mut();
-        let now = now();
-        // One at a time: the next is fetched after this one was taken.
-        if !self.action.signaled()
-            && let Some(action) = bridge.action(now)
-        {
-            self.action.signal(action);
-        }
-        let status = bridge.update(now);
-        self.status.set(status);
-        restart::armed(status.is_armed);
-        for (is_due, work) in [
-            (status.uart, Work::Uart),
-            (status.uart_cut, Work::UartCut),
-            (status.usb, Work::Port),
-            (status.usb_room, Work::PortRoom),
-            (status.can, Work::Can),
-            (status.control, Work::Control),
-            (status.control_room, Work::ControlRoom),
-        ] {
-            if is_due {
-                self.wake(work);
+        self.shared.with(|shared| {
+            let Shared { bridge, sender, .. } = shared;
+            let now = now();
+            // One at a time: the next is fetched after this one was taken.
+            if !self.action.signaled()
+                && let Some(action) = bridge.action(now)
+            {
+                self.action.signal(action);
             }
-        }
+            let status = bridge.update(now);
+            if status.uart_cut {
+                sender.cut();
+            }
+            let is_started = status.uart && sender.transmit(bridge);
+            shared.status = status;
+            restart::armed(status.is_armed);
+            for (is_due, work) in [
+                (is_started, Work::Dispatch),
+                (status.usb, Work::Port),
+                (status.usb_room, Work::PortRoom),
+                (status.can, Work::Can),
+                (status.control, Work::Control),
+                (status.control_room, Work::ControlRoom),
+            ] {
+                if is_due {
+                    self.wake(work);
+                }
+            }
+        });
     }
 }
 

@@ -24,7 +24,7 @@ pub(crate) async fn show(adapter: &'static Adapter, mut led: Output<'static>) {
     for step in (0..20_u32).cycle() {
         // Bytes outside of frames cause no dispatch.
         adapter.wake(Work::Dispatch);
-        let status = adapter.status.get();
+        let status = adapter.status();
         let on = match (status.is_attached, status.passed_bytes != passed) {
             _ if status.is_in_recovery => matches!(step, 0 | 4),
             (_, true) => step % 2 == 0,

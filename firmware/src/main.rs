@@ -4,9 +4,9 @@
 //! desktop.
 //!
 //! ```text
-//!  host ── USB ── usb::pipe::from_host ───→ ┌────────┐ ─→ uart::transmit ── UART ── arm
-//!  host ── USB ── usb::pipe::to_host   ←─── │        │
-//!                 usb::run             ──── │ bridge │ ←─ uart::receive  ── UART ── arm
+//!  host ── USB ── usb::pipe::from_host ───→ ┌────────┐ ←→ service ────── UART ── arm
+//!  host ── USB ── usb::pipe::to_host   ←─── │        │ ←→ uart::change ─ UART
+//!                 usb::run             ──── │ bridge │
 //!  hosts ─ CAN ── can::run             ←──→ └────────┘ ←→ time::tick, action::run
 //! ```
 #![no_std]
@@ -26,6 +26,7 @@ mod panic;
 mod priority;
 mod progress;
 mod restart;
+mod service;
 mod time;
 mod uart;
 mod usb;
@@ -75,8 +76,8 @@ async fn main(spawner: Spawner) {
     let adapter = adapter(config, start);
     let usb = usb::new(board.usb, adapter);
 
-    Priority::FromArm.start(spawner, uart::receive(adapter, board.rx_dma));
-    Priority::ToArm.start(spawner, uart::transmit(adapter, board.uart, board.tx_dma));
+    service::start(adapter, usb.port.to_host);
+    Priority::Line.start(spawner, uart::change(adapter, board.uart, board.rx_dma));
     for (pipe, endpoints) in [(Pipe::Port, usb.port), (Pipe::Control, usb.control)] {
         let (to_host, from_host) = match pipe {
             Pipe::Port => (Priority::ToHost, Priority::FromHost),

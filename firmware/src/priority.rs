@@ -1,7 +1,6 @@
 //! Task priorities.
 
-use embassy_executor::{Metadata, SpawnError, SpawnToken, Spawner};
-use embassy_futures::yield_now;
+use embassy_executor::{SpawnError, SpawnToken, Spawner};
 
 /// From the lowest to the highest. A task closer to a wire has a higher priority than the tasks that feed it.
 #[derive(Clone, Copy)]
@@ -13,9 +12,8 @@ pub(crate) enum Priority {
     Background,
     Can,
     FromHost,
-    /// Bytes from the arm.
-    FromArm,
-    ToArm,
+    /// Changes of the line to the arm.
+    Line,
     ToHost,
     /// USB device: rarely has work, but must first enable the peripheral that the pipes use.
     UsbDevice,
@@ -28,13 +26,4 @@ impl Priority {
         task.metadata().set_priority(self as u8);
         spawner.spawn(task);
     }
-}
-
-/// Lets all other ready tasks run, except those of the lowest priority.
-pub(crate) async fn let_others_run() {
-    let task = Metadata::for_current_task().await;
-    let priority = task.priority();
-    task.set_priority(Priority::Time as u8);
-    yield_now().await;
-    task.set_priority(priority);
 }

@@ -9,11 +9,11 @@ use core::sync::atomic::{AtomicU32, Ordering};
 /// Maximum number of rounds of the watchdog for a busy task. At 1200 baud a frame takes half a second.
 const MAX_ROUNDS: u32 = 12;
 
-/// Tasks that must make progress.
+/// Tasks that must make progress, and the service, which never rests.
 #[derive(Clone, Copy)]
 pub(crate) enum Task {
-    Receive,
-    Transmit,
+    Service,
+    Line,
     Usb,
     PortToHost,
     PortFromHost,

@@ -16,8 +16,9 @@ pub(crate) async fn tick(adapter: &'static Adapter) {
         // All calls up to now are covered by this dispatch.
         adapter.reset(Work::Dispatch);
         adapter.dispatch();
-        // Woken tasks run before the rest.
+        // Woken tasks run before the rest, and before bytes that the service has left to later.
         yield_now().await;
+        adapter.catch_up();
         let timeout = adapter.take(|bridge| Bridge::timeout(bridge));
         let resting = rest(Task::Time);
         let is_due = match timeout {
@@ -33,8 +34,6 @@ pub(crate) async fn tick(adapter: &'static Adapter) {
         drop(resting);
         if is_due {
             adapter.with(|bridge| bridge.tick(now()));
-            // A due poll must be handed over before any other work.
-            yield_now().await;
         }
     }
 }

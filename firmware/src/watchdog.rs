@@ -46,7 +46,7 @@ pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog, mut 
         if starts.running(now(), &config) {
             restart::keep(&starts);
         }
-        // The bridge requires regular reads of the UART.
+        // The bridge requires regular reads of the UART, and the service must show that it runs.
         uart::wake();
         Timer::after_millis(ROUND_MS).await;
     }

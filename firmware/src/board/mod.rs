@@ -12,8 +12,9 @@
 //! | `usb` | the registers of endpoint 0, behind [`usb_control`] |
 //! | `cancel_unfetched_packets()` | withdraws the packets in endpoints that the host will not fetch |
 //! | `cancel_unfetched_packet()` | withdraws the packet in one endpoint, while the host polls it |
-//! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of its receive DMA |
-//! | `RX_REQUEST`, `TX_REQUEST` | the numbers of the UART's requests at that DMA |
+//! | `UartInterrupt`, `RxInterrupt`, `TxInterrupt` | the interrupts of the arm's UART and of its DMA in each direction |
+//! | `ServiceInterrupt` | the interrupt of a peripheral that is not used, for the [service](crate::service) |
+//! | `RX_REQUEST` | the number of the UART's receive request at that DMA |
 //! | `TIMER`, `TIMER_HZ`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits with its input clock, for the clock |
 //! | `LED` | the pin of the status LED |
 //! | `UART`, `TX_PIN` | the UART's registers, and its TX pin with the alternate function |
@@ -63,8 +64,6 @@ pub(crate) struct Board {
     pub(crate) uart: UartRx<'static, Blocking>,
     /// The receive DMA.
     pub(crate) rx_dma: Channel<'static>,
-    /// The transmit DMA.
-    pub(crate) tx_dma: Channel<'static>,
     /// USB full speed.
     pub(crate) usb: UsbDriver,
     /// The CAN bus, not yet started.

@@ -8,8 +8,9 @@ use embassy_stm32::pac::gpio::vals::{Moder, Ot, Pupdr};
 use super::{TX_PIN, UART};
 
 pub(crate) use super::uart::{
-    clear_errors, clear_transmitted, configure_byte_mode, is_byte_waiting, is_transmitted, keep_parity_error,
-    must_keep_parity_errors, rx_data, rx_has_wrapped, rx_remaining, take_status, tx_data,
+    clear_errors, clear_sent, clear_transmitted, configure_byte_mode, is_byte_waiting, is_transmitted,
+    keep_parity_error, must_keep_parity_errors, rx_data, rx_has_wrapped, rx_remaining, start_sending, stop_sending,
+    take_status,
 };
 
 /// The UART's flags since the last read.
@@ -127,6 +128,11 @@ pub(crate) fn set_half_duplex(on: bool) {
         configure_byte_mode();
         UART.cr1().modify(|w| w.set_ue(true));
     });
+}
+
+/// Returns true if one wire is selected: see [`set_half_duplex`].
+pub(crate) fn is_half_duplex() -> bool {
+    UART.cr3().read().hdsel()
 }
 
 /// Switches the receiver on or off.

@@ -2,7 +2,10 @@
 
 pub(crate) mod pipe;
 
-use armwire_bridge::{Counters, PACKET, UsbEvent};
+use core::future::{Future as _, poll_fn};
+use core::pin::pin;
+
+use armwire_bridge::{Bridge, Counters, PACKET, UsbEvent};
 use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
 use embassy_usb::driver::Endpoint;
 use embassy_usb::msos::{
@@ -15,7 +18,8 @@ use static_cell::StaticCell;
 use crate::adapter::{Adapter, Work, now};
 use crate::board::{self, UsbDriver};
 use crate::progress::{Task, rest};
-use crate::usb::pipe::Endpoints;
+use crate::service;
+use crate::usb::pipe::{Endpoints, FromHost, SharedEndpoint, ToHost};
 
 /// The pid.codes test id for private use: a product needs an id of its own.
 const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
@@ -70,6 +74,8 @@ pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
     static MSOS_DESCRIPTORS: StaticCell<[u8; 178]> = StaticCell::new();
     static CONTROL_BUFFER: StaticCell<[u8; Counters::MAX_LEN]> = StaticCell::new();
     static REQUESTS: StaticCell<Requests> = StaticCell::new();
+    static PORT_TO_HOST: StaticCell<SharedEndpoint> = StaticCell::new();
+    static CONTROL_TO_HOST: StaticCell<SharedEndpoint> = StaticCell::new();
 
     let (vendor, product) = VENDOR_AND_PRODUCT;
     let mut config = Config::new(vendor, product);
@@ -89,13 +95,21 @@ pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
     // Windows 8.1 is the first version that reads these descriptors.
     builder.msos_descriptor(windows_version::WIN8_1, READ_MSOS_DESCRIPTORS);
     let control_name = builder.string();
-    let port = serial_port(builder.function(COMMUNICATIONS, ABSTRACT_CONTROL_MODEL, 0));
+    let (to_host, from_host) = serial_port(builder.function(COMMUNICATIONS, ABSTRACT_CONTROL_MODEL, 0));
     builder.handler(REQUESTS.init(Requests {
         adapter,
         control_name,
-        to_host: port.to_host.info().addr.index(),
+        to_host: to_host.info().addr.index(),
     }));
-    let control = control_interface(builder.function(VENDOR_SPECIFIC, 0, 0), control_name);
+    let port = Endpoints {
+        to_host: PORT_TO_HOST.init(SharedEndpoint::new(to_host)),
+        from_host,
+    };
+    let (to_host, from_host) = control_interface(builder.function(VENDOR_SPECIFIC, 0, 0), control_name);
+    let control = Endpoints {
+        to_host: CONTROL_TO_HOST.init(SharedEndpoint::new(to_host)),
+        from_host,
+    };
     Usb {
         device: builder.build(),
         port,
@@ -104,7 +118,7 @@ pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
 }
 
 /// Two interfaces: one for requests, and one for data.
-fn serial_port(mut function: FunctionBuilder<'_, 'static, UsbDriver>) -> Endpoints {
+fn serial_port(mut function: FunctionBuilder<'_, 'static, UsbDriver>) -> (ToHost, FromHost) {
     let mut interface = function.interface();
     let mut requests = interface.alt_setting(COMMUNICATIONS, ABSTRACT_CONTROL_MODEL, 0, None);
     for descriptor in [&HEADER[..], &ABSTRACT_CONTROL, &UNION] {
@@ -114,14 +128,12 @@ fn serial_port(mut function: FunctionBuilder<'_, 'static, UsbDriver>) -> Endpoin
     requests.endpoint_interrupt_in(None, 8, 255);
     let mut interface = function.interface();
     let mut data = interface.alt_setting(DATA, 0, 0, None);
-    Endpoints {
-        from_host: data.endpoint_bulk_out(None, PACKET as u16),
-        to_host: data.endpoint_bulk_in(None, PACKET as u16),
-    }
+    let from_host = data.endpoint_bulk_out(None, PACKET as u16);
+    (data.endpoint_bulk_in(None, PACKET as u16), from_host)
 }
 
 /// A vendor-specific interface. The F405 has too few endpoints for a second serial port (RM0090 34.1).
-fn control_interface(mut function: FunctionBuilder<'_, 'static, UsbDriver>, name: StringIndex) -> Endpoints {
+fn control_interface(mut function: FunctionBuilder<'_, 'static, UsbDriver>, name: StringIndex) -> (ToHost, FromHost) {
     // Windows binds its own driver, WinUSB, automatically.
     function.msos_feature(CompatibleIdFeatureDescriptor::new("WINUSB", ""));
     function.msos_feature(RegistryPropertyFeatureDescriptor::new(
@@ -130,10 +142,8 @@ fn control_interface(mut function: FunctionBuilder<'_, 'static, UsbDriver>, name
     ));
     let mut interface = function.interface();
     let mut data = interface.alt_setting(VENDOR_SPECIFIC, 0, 0, Some(name));
-    Endpoints {
-        to_host: data.endpoint_bulk_in(None, PACKET as u16),
-        from_host: data.endpoint_bulk_out(None, PACKET as u16),
-    }
+    let to_host = data.endpoint_bulk_in(None, PACKET as u16);
+    (to_host, data.endpoint_bulk_out(None, PACKET as u16))
 }
 
 /// Passes the host's requests to the bridge, and returns the UART's actual line coding.
@@ -145,11 +155,11 @@ struct Requests {
 }
 
 impl Requests {
-    /// Withdraws the packet in the serial port's endpoint, which was for another session.
-    fn cancel_unfetched_packet(&self) {
+    /// Withdraws the packet in the serial port's endpoint, which was for another session. The service must not put the
+    /// next one there before the bridge knows the event.
+    fn cancel_unfetched_packet(&self, bridge: &mut Bridge) {
         if board::cancel_unfetched_packet(self.to_host) {
-            let len = self.adapter.last_packet.get();
-            self.adapter.take(|bridge| bridge.usb_event(UsbEvent::Lost(len), now()));
+            bridge.usb_event(UsbEvent::Lost(pipe::last_packet()), now());
         }
     }
 
@@ -162,17 +172,20 @@ impl Requests {
 
 impl Handler for Requests {
     fn reset(&mut self) {
-        self.cancel_unfetched_packet();
-        board::cancel_unfetched_packets();
-        self.adapter.with(|bridge| bridge.usb_event(UsbEvent::Reset, now()));
+        self.adapter.with(|bridge| {
+            self.cancel_unfetched_packet(bridge);
+            board::cancel_unfetched_packets();
+            bridge.usb_event(UsbEvent::Reset, now());
+        });
         self.end_sessions();
     }
 
     fn configured(&mut self, configured: bool) {
         info!("USB: configured by a host: {=bool}", configured);
-        self.cancel_unfetched_packet();
-        self.adapter
-            .with(|bridge| bridge.usb_event(UsbEvent::Configured(configured), now()));
+        self.adapter.with(|bridge| {
+            self.cancel_unfetched_packet(bridge);
+            bridge.usb_event(UsbEvent::Configured(configured), now());
+        });
         self.end_sessions();
     }
 
@@ -198,8 +211,14 @@ impl Handler for Requests {
             SET_CONTROL_LINE_STATE => {
                 let dtr = request.value & 1 != 0;
                 info!("USB: port open: {=bool}", dtr);
-                if self.adapter.with(|bridge| bridge.usb_event(UsbEvent::Dtr(dtr), now())) {
-                    self.cancel_unfetched_packet();
+                let is_new = self.adapter.with(|bridge| {
+                    let is_new = bridge.usb_event(UsbEvent::Dtr(dtr), now());
+                    if is_new {
+                        self.cancel_unfetched_packet(bridge);
+                    }
+                    is_new
+                });
+                if is_new {
                     self.adapter.wake(Work::PortSession);
                 }
                 Some(OutResponse::Accepted)
@@ -244,5 +263,11 @@ fn is_for_the_adapter(request: &Request) -> bool {
 pub(crate) async fn run(mut device: UsbDevice<'static, UsbDriver>) {
     // The task always counts as idle: it waits for the host almost all the time.
     let _resting = rest(Task::Usb);
-    device.run().await
+    let mut running = pin!(device.run());
+    // It enables, disables and resets endpoints, one of which the service uses.
+    poll_fn(|cx| {
+        let _masked = service::mask();
+        running.as_mut().poll(cx)
+    })
+    .await
 }

@@ -1,20 +1,38 @@
 //! The two pipes between hosts and the bridge: the arm's serial port and the control interface. Each has a bulk
 //! endpoint in each direction.
 
+use core::sync::atomic::{AtomicUsize, Ordering};
+use core::task::Poll;
+
 use armwire_bridge::{Bridge, PACKET, UsbEvent};
+use embassy_futures::poll_once;
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::mutex::Mutex;
 use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
 
 use crate::adapter::{Adapter, Work, now};
 use crate::board::UsbDriver;
 use crate::progress::{Task, rest};
 
-type ToHost = <UsbDriver as Driver<'static>>::EndpointIn;
-type FromHost = <UsbDriver as Driver<'static>>::EndpointOut;
+pub(crate) type ToHost = <UsbDriver as Driver<'static>>::EndpointIn;
+pub(crate) type FromHost = <UsbDriver as Driver<'static>>::EndpointOut;
+
+/// An endpoint that a task locks from the choice of a packet until the packet is in the endpoint. The service uses that
+/// of the serial port in between.
+pub(crate) type SharedEndpoint = Mutex<CriticalSectionRawMutex, ToHost>;
+
+/// Length of the last packet in the serial port's endpoint.
+static LAST_PACKET: AtomicUsize = AtomicUsize::new(0);
+
+/// The length of the last packet in the serial port's endpoint.
+pub(crate) fn last_packet() -> usize {
+    LAST_PACKET.load(Ordering::Relaxed)
+}
 
 pub(crate) struct Endpoints {
-    pub(crate) to_host: ToHost,
+    pub(crate) to_host: &'static SharedEndpoint,
     pub(crate) from_host: FromHost,
 }
 
@@ -67,7 +85,7 @@ impl Pipe {
     /// A packet of `len` bytes waits for the host, or could not be sent.
     fn finish(self, adapter: &Adapter, len: usize, is_sent: bool) {
         match (self, is_sent) {
-            (Self::Port, true) => adapter.last_packet.set(len),
+            (Self::Port, true) => LAST_PACKET.store(len, Ordering::Relaxed),
             (Self::Port, false) => {
                 adapter.take(|bridge| bridge.usb_event(UsbEvent::Lost(len), now()));
             }
@@ -79,25 +97,19 @@ impl Pipe {
 
 /// Sends the bridge's packets to the host.
 #[embassy_executor::task(pool_size = 2)]
-pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint: ToHost) {
+pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, shared: &'static SharedEndpoint) {
     let (task, _) = pipe.tasks();
     let (work, _, session) = pipe.works();
     let mut packet = [0; PACKET];
     loop {
+        let mut endpoint = shared.lock().await;
         let resting = rest(task);
         endpoint.wait_enabled().await;
         drop(resting);
         loop {
             adapter.reset(session);
             let Some(n) = adapter.take(|bridge| pipe.transmit(bridge, &mut packet)) else {
-                if pipe == Pipe::Control && adapter.take(|bridge| bridge.update(now()).control) {
-                    yield_now().await;
-                    continue;
-                }
-                let resting = rest(task);
-                adapter.wait(work).await;
-                drop(resting);
-                continue;
+                break;
             };
             // A packet that waits behind another is not for the next host. Nor may it go after the other was withdrawn:
             // the end of the session comes first.
@@ -110,6 +122,31 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
                 break;
             }
         }
+        drop(endpoint);
+        if pipe == Pipe::Control && adapter.take(|bridge| bridge.update(now()).control) {
+            yield_now().await;
+            continue;
+        }
+        let resting = rest(task);
+        adapter.wait(work).await;
+        drop(resting);
+    }
+}
+
+/// Puts due packets of the serial port into its endpoint, or wakes the task, which waits for the endpoint. The service
+/// calls this.
+pub(crate) fn send(adapter: &Adapter, port: &SharedEndpoint, bridge: &mut Bridge) {
+    let write = |packet: &[u8]| {
+        let is_sent = port
+            .try_lock()
+            .is_ok_and(|mut endpoint| matches!(poll_once(endpoint.write(packet)), Poll::Ready(Ok(()))));
+        if !is_sent {
+            adapter.wake(Work::Port);
+        }
+        is_sent
+    };
+    while let Some(len) = bridge.usb_transmit_with(write) {
+        LAST_PACKET.store(len, Ordering::Relaxed);
     }
 }
 

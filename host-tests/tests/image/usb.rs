@@ -1,10 +1,12 @@
 //! Actions of a USB host: enumerate, stop reading, delay, reset, suspend, unplug.
 
-use armwire::ling::{Request, Response};
+use armwire::ling::{Ling, Request, Response, Stroke};
+use armwire::messages::Messages;
 use armwire_bridge::Duration;
+use armwire_host_tests::image::requests::encoded;
 use armwire_host_tests::image::{
-    MEGABAUD, Program, RawArm, counters, exchange, noise, on_board, on_board_with, open, path, plug_in, read_all,
-    same_bytes,
+    MEGABAUD, Program, RawArm, byte_time, counters, exchange, noise, on_board, on_board_with, open, path, plug_in,
+    read_all, same_bytes,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Direction as LineDirection;
@@ -368,6 +370,30 @@ fn bytes_are_received_or_counted_across_reopening() {
         assert_eq!(missed, (counters.undelivered_bytes + counters.dropped_bytes) as usize);
         assert!(counters.undelivered_bytes > 1_000 && received.len() > 1_000);
         exchange_some(board, 1);
+    });
+}
+
+#[test]
+fn answer_at_any_moment_of_reopening_is_accounted_for() {
+    const TIMES: u64 = 500;
+    on_board(RawArm::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let frame = encoded(|bytes| Ling.encode_response(&Response::Stroke(Stroke::Mm50), None, bytes));
+        let on_line = frame.len() as u64 * byte_time(MEGABAUD).0;
+        let mut received = 0;
+        for nth in 0..TIMES {
+            // It ends up to 62 µs after the request to the port begins, in steps of 250 ns.
+            board.with_arm(|arm| arm.send(&frame));
+            board.run_for(Nanos(on_line - nth / 2 * 250)).unwrap();
+            board.usb().set_control_lines(nth % 2 == 1, true).unwrap();
+            received += read_all(board).len();
+        }
+        let counters = counters(board);
+        assert_eq!(
+            received + counters.undelivered_bytes as usize,
+            TIMES as usize * frame.len()
+        );
+        assert!(received > 1_000 && counters.undelivered_bytes > 1_000);
     });
 }
 

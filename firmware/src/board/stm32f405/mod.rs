@@ -15,7 +15,7 @@ use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, USB_OTG_FS};
+use embassy_stm32::peripherals::{DMA1_CH5, USB_OTG_FS};
 use embassy_stm32::usart::{Config as UartConfig, UartRx};
 use embassy_stm32::{bind_interrupts, usb as hal_usb};
 use static_cell::StaticCell;
@@ -23,7 +23,8 @@ use static_cell::StaticCell;
 use super::can::Can;
 use super::time::{self, TimerHandler};
 use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
-use crate::uart::{InterruptHandler, RingHandler};
+use crate::service::ServiceHandler;
+use crate::uart::{InterruptHandler, RingHandler, SentHandler};
 
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
@@ -42,7 +43,8 @@ bind_interrupts!(struct Irqs {
     USART2 => InterruptHandler;
     // Ahead of the HAL's handler, which clears the flags.
     DMA1_STREAM5 => RingHandler, dma::InterruptHandler<DMA1_CH5>;
-    DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
+    DMA1_STREAM6 => SentHandler;
+    SPI1 => ServiceHandler;
     CAN1_TX => can::TransmitHandler;
     CAN1_RX0 => can::ReceiveHandler;
     CAN1_SCE => can::StatusHandler;
@@ -81,13 +83,22 @@ pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
 /// The interrupt of its receive DMA stream.
 pub(crate) type RxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_STREAM5;
 
+/// The interrupt of its transmit DMA stream.
+pub(crate) type TxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_STREAM6;
+
+/// The interrupt of a peripheral that is not used, for the [service](crate::service).
+pub(crate) type ServiceInterrupt = embassy_stm32::interrupt::typelevel::SPI1;
+
 /// The number of the receive stream, on DMA1.
 const RX_STREAM: usize = 5;
+
+/// The number of the transmit stream.
+const TX_STREAM: usize = 6;
 
 /// DMA1 stream 5 channel 4 is USART2_RX, stream 6 channel 4 USART2_TX (RM0090 table 42).
 pub(crate) const RX_REQUEST: Request = 4;
 /// See [`RX_REQUEST`].
-pub(crate) const TX_REQUEST: Request = 4;
+const TX_REQUEST: Request = 4;
 
 /// Number of endpoints of the USB peripheral in each direction (RM0090 34.1).
 const USB_ENDPOINTS: usize = 4;
@@ -127,7 +138,6 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
         led: Output::new(p.PB2, Level::Low, Speed::Low),
         uart,
         rx_dma: Channel::new(p.DMA1_CH5, Irqs),
-        tx_dma: Channel::new(p.DMA1_CH6, Irqs),
         usb: UsbDriver(hal_usb::Driver::new_fs(
             p.USB_OTG_FS,
             Irqs,

@@ -1,13 +1,14 @@
-//! The chip-specific registers of the arm's UART (RM0090 section 30.6) and of its receive DMA stream.
+//! The chip-specific registers of the arm's UART (RM0090 section 30.6) and of its DMA streams.
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering, fence};
 
 use embassy_stm32::interrupt::typelevel::Interrupt;
 use embassy_stm32::pac;
+use embassy_stm32::pac::dma::vals::Dir;
 use embassy_stm32::pac::usart::regs::Sr;
 
 use super::super::usart::Status;
-use super::{RX_STREAM, UART, UartInterrupt};
+use super::{RX_STREAM, TX_REQUEST, TX_STREAM, UART, UartInterrupt};
 
 /// PE, FE, NF, ORE and IDLE of SR.
 const FLAGS: u32 = 0b1_1111;
@@ -129,9 +130,42 @@ pub(crate) fn rx_has_wrapped() -> bool {
     flags.htif(RX_STREAM % 4) && flags.tcif(RX_STREAM % 4)
 }
 
-/// The DMA's target for bytes to send.
-pub(crate) fn tx_data() -> *mut u8 {
-    UART.dr().as_ptr().cast()
+/// Starts the transmit DMA, which must have stopped. `bytes` must stay unchanged until it has (RM0090 10.3.18).
+pub(crate) fn start_sending(bytes: &[u8]) {
+    clear_sent();
+    let stream = pac::DMA1.st(TX_STREAM);
+    stream.par().write_value(UART.dr().as_ptr() as u32);
+    stream.m0ar().write_value(bytes.as_ptr() as u32);
+    stream.ndtr().write(|w| w.set_ndt(bytes.len() as u16));
+    // The bytes are written before the DMA reads them.
+    fence(Ordering::Release);
+    stream.cr().write(|w| {
+        w.set_chsel(TX_REQUEST);
+        w.set_dir(Dir::MEMORY_TO_PERIPHERAL);
+        w.set_minc(true);
+        w.set_tcie(true);
+        w.set_en(true);
+    });
+}
+
+/// Stops the transmit DMA. Returns when it has no more access to the bytes.
+pub(crate) fn stop_sending() {
+    let stream = pac::DMA1.st(TX_STREAM);
+    stream.cr().write(|w| w.set_en(false));
+    while stream.cr().read().en() {}
+    clear_sent();
+}
+
+/// Clears the interrupt of the transmit DMA.
+pub(crate) fn clear_sent() {
+    pac::DMA1.ifcr(TX_STREAM / 4).write(|w| {
+        let stream = TX_STREAM % 4;
+        w.set_tcif(stream, true);
+        w.set_htif(stream, true);
+        w.set_teif(stream, true);
+        w.set_dmeif(stream, true);
+        w.set_feif(stream, true);
+    });
 }
 
 /// Makes [`is_transmitted`] refer to bytes sent from now on (RM0090 30.3.13).

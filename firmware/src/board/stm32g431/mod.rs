@@ -14,14 +14,15 @@ use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH2, USB};
+use embassy_stm32::peripherals::{DMA1_CH1, USB};
 use embassy_stm32::usart::{Config as UartConfig, UartRx};
 use embassy_stm32::{bind_interrupts, usb as hal_usb};
 
 use super::can::Can;
 use super::time::{self, TimerHandler};
 use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
-use crate::uart::{InterruptHandler, RingHandler};
+use crate::service::ServiceHandler;
+use crate::uart::{InterruptHandler, RingHandler, SentHandler};
 
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
@@ -40,7 +41,8 @@ bind_interrupts!(struct Irqs {
     USART2 => InterruptHandler;
     // Ahead of the HAL's handler, which clears the flags.
     DMA1_CHANNEL1 => RingHandler, dma::InterruptHandler<DMA1_CH1>;
-    DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
+    DMA1_CHANNEL2 => SentHandler;
+    SPI1 => ServiceHandler;
     FDCAN1_IT0 => can::InterruptHandler;
 });
 
@@ -71,13 +73,21 @@ pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
 /// The interrupt of its receive DMA channel.
 pub(crate) type RxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_CHANNEL1;
 
-/// The number of the receive channel on DMA1, from 0.
+/// The interrupt of its transmit DMA channel.
+pub(crate) type TxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_CHANNEL2;
+
+/// The interrupt of a peripheral that is not used, for the [service](crate::service).
+pub(crate) type ServiceInterrupt = embassy_stm32::interrupt::typelevel::SPI1;
+
+/// The numbers of the receive and the transmit channel on DMA1, from 0.
 const RX_CHANNEL: usize = 0;
+/// See [`RX_CHANNEL`].
+const TX_CHANNEL: usize = 1;
 
 /// The DMAMUX inputs of USART2_RX and, below, USART2_TX (RM0440 13.3.2, assignment of inputs to resources).
 pub(crate) const RX_REQUEST: Request = 26;
 /// See [`RX_REQUEST`].
-pub(crate) const TX_REQUEST: Request = 27;
+const TX_REQUEST: Request = 27;
 
 /// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
 pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
@@ -105,7 +115,6 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
         led: Output::new(p.PC6, Level::Low, Speed::Low),
         uart,
         rx_dma: Channel::new(p.DMA1_CH1, Irqs),
-        tx_dma: Channel::new(p.DMA1_CH2, Irqs),
         usb: UsbDriver(hal_usb::Driver::new(p.USB, Irqs, p.PA12, p.PA11)),
         can: Can::new(Controller::new(p.FDCAN1, p.PB8, p.PB9)),
         flash: flash::new(p.FLASH),

@@ -1,9 +1,12 @@
-//! The chip-specific registers of the arm's UART (RM0440 section 37.8) and of its receive DMA channel.
+//! The chip-specific registers of the arm's UART (RM0440 section 37.8) and of its DMA channels.
+
+use core::sync::atomic::{Ordering, fence};
 
 use embassy_stm32::pac;
+use embassy_stm32::pac::bdma::vals::Dir;
 
 use super::super::usart::Status;
-use super::{RX_CHANNEL, UART};
+use super::{RX_CHANNEL, TX_CHANNEL, TX_REQUEST, UART};
 
 /// Reads and clears the UART's flags.
 pub(crate) fn take_status() -> Status {
@@ -68,9 +71,34 @@ pub(crate) fn rx_has_wrapped() -> bool {
     flags.htif(RX_CHANNEL) && flags.tcif(RX_CHANNEL)
 }
 
-/// The DMA's target for bytes to send.
-pub(crate) fn tx_data() -> *mut u8 {
-    UART.tdr().as_ptr().cast()
+/// Starts the transmit DMA, which must have stopped. `bytes` must stay unchanged until it has (RM0440 12.4.3).
+pub(crate) fn start_sending(bytes: &[u8]) {
+    // The channel stays enabled after the last byte, and its registers are then protected.
+    stop_sending();
+    let channel = pac::DMA1.ch(TX_CHANNEL);
+    pac::DMAMUX1.ccr(TX_CHANNEL).write(|w| w.set_dmareq_id(TX_REQUEST));
+    channel.par().write_value(UART.tdr().as_ptr() as u32);
+    channel.mar().write_value(bytes.as_ptr() as u32);
+    channel.ndtr().write(|w| w.set_ndt(bytes.len() as u16));
+    // The bytes are written before the DMA reads them.
+    fence(Ordering::Release);
+    channel.cr().write(|w| {
+        w.set_dir(Dir::FROM_MEMORY);
+        w.set_minc(true);
+        w.set_tcie(true);
+        w.set_en(true);
+    });
+}
+
+/// Stops the transmit DMA.
+pub(crate) fn stop_sending() {
+    pac::DMA1.ch(TX_CHANNEL).cr().write(|w| w.set_en(false));
+    clear_sent();
+}
+
+/// Clears the interrupt of the transmit DMA.
+pub(crate) fn clear_sent() {
+    pac::DMA1.ifcr().write(|w| w.set_gif(TX_CHANNEL, true));
 }
 
 /// Makes [`is_transmitted`] refer to bytes sent from now on.

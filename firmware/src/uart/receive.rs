@@ -1,0 +1,155 @@
+//! Reads of the receive ring, and the start and stop of the DMA that fills it.
+
+use core::sync::atomic::{AtomicU8, Ordering};
+
+use armwire_bridge::{Bridge, Duration, Instant, RxRing, RxWait, UartEvent};
+use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
+
+use super::{BYTES, COUNTED, ERRORS, RING_OVERRUN, SIZE, tail, with_ring};
+use crate::adapter::now;
+use crate::board::RX_REQUEST;
+use crate::board::usart;
+
+/// Number of bytes that are passed to the bridge at once.
+const CHUNK: usize = 64;
+
+/// Passes received bytes to the bridge, up to the end of a frame. Returns true if one ended.
+pub(crate) fn read(bridge: &mut Bridge) -> bool {
+    let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
+    if RING_OVERRUN.swap(false, Ordering::Relaxed) {
+        // The ring contains bytes of two turns, which cannot be separated.
+        with_ring(|ring| ring.discard(tail()));
+        errors.get_or_insert_default().ring_overrun = 1;
+    }
+    // Later bytes are read the next time.
+    let (end, at) = critical_section::with(|_| (tail(), now()));
+    let (mut frames, mut late, mut is_marked) = (0, 0, false);
+    // A frame goes out before the bytes after it are read.
+    while frames == 0
+        && let Some(mark) = with_ring(|ring| ring.take_mark(end))
+    {
+        is_marked = true;
+        if mark.idle {
+            // The detection takes one byte time.
+            let at = mark.at - Duration::from_micros(bridge.line_coding().micros(1));
+            late = pass(bridge, mark.end, at);
+            frames = late + bridge.uart_event(UartEvent::Idle, mark.at);
+        } else {
+            frames = pass(bridge, mark.end, mark.at);
+        }
+    }
+    if !is_marked || frames == 0 && with_ring(|ring| ring.unread(end)) > 0 {
+        late = pass(bridge, end, at);
+        frames = late;
+    }
+    if late > 0 {
+        // The interrupt handler missed their last bytes.
+        errors.get_or_insert_default().late_stamps = late as u32;
+    }
+    if let Some(errors) = errors {
+        bridge.uart_event(UartEvent::Errors(errors), at);
+    }
+    frames > 0
+}
+
+/// Makes the interrupt handler wait for these events. Returns true if one has already come: bytes that arrived before
+/// the handler knew the threshold do not pend the service.
+pub(crate) fn wait(wait: RxWait) -> bool {
+    let threshold = wait.threshold;
+    with_ring(|ring| {
+        ring.set(wait);
+        usart::set_byte_interrupt(true);
+        ring.has_mark() || ring.unread(tail()) >= threshold.min.min(threshold.max)
+    })
+}
+
+/// Passes the bytes before `end`, possibly none, to the bridge. Returns the number of frames that ended.
+fn pass(bridge: &mut Bridge, end: usize, at: Instant) -> usize {
+    let mut chunk = [0; CHUNK];
+    let mut frames = 0;
+    loop {
+        let n = copy(&mut chunk, end);
+        frames += bridge.uart_received(&chunk[..n], at);
+        if with_ring(|ring| ring.unread(end)) == 0 {
+            return frames;
+        }
+    }
+}
+
+/// Copies bytes before `end` out of the ring, as many as fit, and returns their number.
+fn copy(chunk: &mut [u8; CHUNK], end: usize) -> usize {
+    // The bytes are copied outside of the critical section: the interrupt handler must not wait.
+    let [first, second] = with_ring(|ring| ring.take(end, chunk.len()));
+    let (sooner, later) = chunk.split_at_mut(first.len());
+    load(sooner, &BYTES[first.clone()]);
+    load(later, &BYTES[second.clone()]);
+    first.len() + second.len()
+}
+
+/// Loads as many bytes as fit.
+fn load(to: &mut [u8], from: &[AtomicU8]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = from.load(Ordering::Relaxed);
+    }
+}
+
+/// The receive path: its start and stop, and the bytes in between.
+pub(super) struct Receiver {
+    /// Bytes that were in the ring when the stream was stopped.
+    rest: [u8; CHUNK],
+    len: usize,
+    /// The line was idle after them.
+    idle: bool,
+}
+
+impl Receiver {
+    pub(super) const fn new() -> Self {
+        Self {
+            rest: [0; CHUNK],
+            len: 0,
+            idle: false,
+        }
+    }
+
+    /// Configures the DMA stream and connects it to the UART.
+    ///
+    /// Since [`stop`](Self::stop) the UART may hold a byte, which is lost when the next one is in, too. No call of the
+    /// bridge may come in between.
+    pub(super) fn start<'a>(&mut self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
+        // Positions of before are invalid from here on.
+        self.idle = with_ring(RxRing::restart);
+        let ring = core::ptr::slice_from_raw_parts_mut(BYTES.as_ptr().cast::<u8>().cast_mut(), SIZE);
+        let mut options = TransferOptions::default();
+        options.circular = true;
+        options.half_transfer_ir = true;
+        let transfer = critical_section::with(|cs| {
+            // The byte that the UART holds becomes the first in the ring, and its counted errors stay counted.
+            let counted = COUNTED.borrow(cs);
+            let held = counted.take().filter(|&(end, _)| end == tail());
+            counted.set(held.map(|(_, status)| (0, status)));
+            // SAFETY: the source is the UART's data register, whose stream this is; the target consists of static
+            // atomics.
+            unsafe { dma.read_raw(RX_REQUEST, usart::rx_data(), ring, options) }
+        });
+        usart::start_receiving();
+        transfer
+    }
+
+    /// Passes the bytes that were kept when the stream was stopped to the bridge.
+    pub(super) fn pass_rest(&mut self, bridge: &mut Bridge) {
+        let at = now();
+        bridge.uart_received(&self.rest[..self.len], at);
+        if self.idle {
+            bridge.uart_event(UartEvent::Idle, at);
+        }
+    }
+
+    /// Stops the stream and keeps the unread bytes. Call this right after [`read`].
+    pub(super) fn stop(&mut self, mut transfer: Transfer<'_>) {
+        // The interrupt handler leaves a byte in the data register to the DMA, which will not fetch it now.
+        usart::stop_receiving();
+        transfer.request_pause();
+        while transfer.is_running() {}
+        self.len = copy(&mut self.rest, tail());
+    }
+}

@@ -1,0 +1,113 @@
+//! Bursts to the arm.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use armwire_bridge::control::MAX_FRAME;
+use armwire_bridge::{Bridge, Instant, Transmit};
+use embassy_stm32::interrupt::typelevel::Handler;
+
+use super::change::CHANGE;
+use crate::adapter::now;
+use crate::board::usart;
+use crate::board::{TxInterrupt, transmit_at};
+use crate::service;
+
+/// A burst is going out. The interrupt handlers clear it.
+static SENDING: AtomicBool = AtomicBool::new(false);
+
+/// The transmitter.
+pub(crate) struct Sender {
+    /// The burst that the DMA reads. It is written only while none is going out.
+    burst: [u8; MAX_FRAME],
+    /// The line is being changed.
+    is_changing: bool,
+}
+
+impl Sender {
+    /// An idle transmitter.
+    pub(crate) const fn new() -> Self {
+        Self {
+            burst: [0; MAX_FRAME],
+            is_changing: false,
+        }
+    }
+
+    /// Starts the bridge's next burst or change of the line, if the UART is ready for it. Returns true if it did.
+    // One copy, not one for each call of the bridge.
+    #[inline(never)]
+    pub(crate) fn transmit(&mut self, bridge: &mut Bridge) -> bool {
+        if self.is_changing || SENDING.load(Ordering::Relaxed) {
+            return false;
+        }
+        let at = now();
+        match bridge.uart_transmit(&mut self.burst, at) {
+            Some(Transmit::Burst { len, start }) => {
+                send(&self.burst[..len], start);
+                bridge.uart_transmitted(at);
+                true
+            }
+            Some(Transmit::Configure(wanted)) => {
+                self.is_changing = true;
+                CHANGE.signal(wanted);
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// The line has been changed.
+    pub(crate) fn changed(&mut self) {
+        self.is_changing = false;
+    }
+
+    /// Stops the burst that is going out, after the byte on the line and the one behind it.
+    pub(crate) fn cut(&mut self) {
+        if SENDING.load(Ordering::Relaxed) {
+            usart::stop_sending();
+            // The burst may have waited for its start.
+            usart::set_transmit_requests(true);
+            dma_ended();
+        }
+    }
+}
+
+/// Sends `bytes`, the first of them at `start`.
+fn send(bytes: &[u8], start: Option<Instant>) {
+    SENDING.store(true, Ordering::Relaxed);
+    if usart::is_half_duplex() {
+        usart::set_receiver(false);
+    }
+    if start.is_some() {
+        usart::set_transmit_requests(false);
+    }
+    // This makes the flag refer to these bytes, not to earlier ones.
+    usart::clear_transmitted();
+    usart::start_sending(bytes);
+    if let Some(start) = start {
+        transmit_at(start);
+    }
+}
+
+/// Ends a burst when its last byte is in the data register, behind the one on the line.
+pub(crate) struct SentHandler;
+
+impl Handler<TxInterrupt> for SentHandler {
+    unsafe fn on_interrupt() {
+        usart::clear_sent();
+        dma_ended();
+    }
+}
+
+/// The DMA has written the last byte. On a single wire the UART's interrupt follows after the last bit.
+fn dma_ended() {
+    match usart::is_half_duplex() {
+        true => usart::set_transmitted_interrupt(true),
+        false => sent(),
+    }
+}
+
+/// The UART is ready for the next burst.
+pub(super) fn sent() {
+    SENDING.store(false, Ordering::Relaxed);
+    service::pend();
+}
