@@ -9,6 +9,7 @@ use crate::control::{Failure, Identity};
 use crate::counters::{CanErrors, Counters, UartErrors, count};
 use crate::earliest::Earliest;
 use crate::hosts::Hosts;
+use crate::line::deferred::Deferred;
 use crate::line::{Line, PACKET, RxThreshold, Transmit};
 use crate::line_coding::{LineCoding, UartConfig, UnsupportedCoding};
 use crate::rx_ring::RxWait;
@@ -20,7 +21,7 @@ use armwire::time::Instant;
 /// After each call, [`update`](Self::update) reports the work that is due, and [`timeout`](Self::timeout) the time of
 /// the next [`tick`](Self::tick).
 pub struct Bridge {
-    pub(crate) line: Line,
+    pub(crate) line: Deferred,
     pub(crate) hosts: Hosts,
 }
 
@@ -142,7 +143,10 @@ impl Bridge {
         if start.was_armed {
             line.restarted_while_armed();
         }
-        Self { line, hosts }
+        Self {
+            line: Deferred::new(line),
+            hosts,
+        }
     }
 
     // ---- The UART ----
@@ -150,20 +154,13 @@ impl Bridge {
     /// Handles a read of the UART: `bytes` were received, possibly none, and the last of them arrived at `at`, which is
     /// the stamp of the frame that it ends. Returns the number of frames that ended.
     ///
-    /// Without an ended frame, only [`usb_transmit`](Self::usb_transmit) can have become due. Read the next
+    /// Without an ended frame, only [`usb_transmit`](Self::usb_transmit) can have become due. With one, call it first: it
+    /// does not wait for the accounting of the frame, which the next call of any other method does. Read the next
     /// [`rx_threshold`](Self::rx_threshold) afterwards. Pass at most [`PACKET`] bytes at a time: frames of a larger
     /// read may be missing for subscribers.
     pub fn uart_received(&mut self, bytes: &[u8], at: Instant) -> usize {
-        self.make_delivery_room(at);
+        make_delivery_room(self.line.settled(), &mut self.hosts, at);
         self.line.received(bytes, at)
-    }
-
-    /// Delivers frames and events if too few would fit.
-    fn make_delivery_room(&mut self, now: Instant) {
-        // Usually all so far were delivered.
-        if !self.line.has_delivery_room() {
-            self.hosts.update(&mut self.line, now);
-        }
     }
 
     /// Handles any other event of the UART. Returns the number of frames that it ended.
@@ -181,12 +178,12 @@ impl Bridge {
     /// ```
     pub fn uart_event(&mut self, event: UartEvent, now: Instant) -> usize {
         match event {
-            UartEvent::Idle => self.line.idle(now),
+            UartEvent::Idle => self.line.settled().idle(now),
             UartEvent::Errors(errors) => {
-                self.line.errors(&errors);
+                self.line.settled().errors(&errors);
                 0
             }
-            UartEvent::Configured(uart) => self.line.uart_configured(uart, now),
+            UartEvent::Configured(uart) => self.line.settled().uart_configured(uart, now),
         }
     }
 
@@ -196,8 +193,8 @@ impl Bridge {
     /// ```
     /// assert!(!armwire_bridge::Bridge::default().has_delivery()); // no subscriber
     /// ```
-    pub const fn has_delivery(&self) -> bool {
-        self.line.has_delivery()
+    pub fn has_delivery(&mut self) -> bool {
+        self.line.settled().has_delivery()
     }
 
     /// The number of bytes to wait for on the UART: up to the end of the next frame, or a full packet.
@@ -215,8 +212,8 @@ impl Bridge {
     /// bridge.uart_received(&[0xAA, 0x06, 0x00, 0x0F], Instant::ZERO);
     /// assert_eq!(bridge.rx_threshold(), RxThreshold { max: 17, min: 17, terminator: None });
     /// ```
-    pub fn rx_threshold(&self) -> RxThreshold {
-        self.line.rx_threshold()
+    pub fn rx_threshold(&mut self) -> RxThreshold {
+        self.line.settled().rx_threshold()
     }
 
     /// The events of the receiver for [`RxRing::set`](crate::RxRing::set).
@@ -232,11 +229,12 @@ impl Bridge {
     /// bridge.uart_received(b"stray bytes", Instant::from_micros(180));
     /// assert!(bridge.rx_wait().idle);
     /// ```
-    pub fn rx_wait(&self) -> RxWait {
+    pub fn rx_wait(&mut self) -> RxWait {
+        let line = self.line.settled();
         RxWait {
-            threshold: self.line.rx_threshold(),
-            length: self.line.rx_length(),
-            idle: self.line.waits_for_idle(),
+            threshold: line.rx_threshold(),
+            length: line.rx_length(),
+            idle: line.waits_for_idle(),
         }
     }
 
@@ -263,12 +261,12 @@ impl Bridge {
     /// assert_eq!(burst, Some(Transmit::Burst { len: 7, start: Some(slot) }));
     /// ```
     pub fn uart_transmit(&mut self, out: &mut [u8], now: Instant) -> Option<Transmit> {
-        self.line.transmit(out, now)
+        self.line.settled().transmit(out, now)
     }
 
     /// The UART has been sending the bytes of the last [`uart_transmit`](Self::uart_transmit) since `now`.
     pub fn uart_transmitted(&mut self, now: Instant) {
-        self.line.transmitted(now);
+        self.line.settled().transmitted(now);
     }
 
     // ---- USB ----
@@ -293,30 +291,31 @@ impl Bridge {
     /// ```
     pub fn usb_event(&mut self, event: UsbEvent, now: Instant) -> bool {
         match event {
-            UsbEvent::Reset => self.line.usb_reset(now),
-            UsbEvent::Configured(configured) => self.line.usb_configured(configured, now),
+            UsbEvent::Reset => self.line.settled().usb_reset(now),
+            UsbEvent::Configured(configured) => self.line.settled().usb_configured(configured, now),
             UsbEvent::Suspended => {
-                self.line.usb_suspended(now);
+                self.line.settled().usb_suspended(now);
                 return false;
             }
-            UsbEvent::Dtr(high) => return self.line.dtr(high, now),
+            UsbEvent::Dtr(high) => return self.line.settled().dtr(high, now),
             UsbEvent::Lost(len) => {
-                self.line.packet_lost(len);
+                self.line.settled().packet_lost(len);
                 return false;
             }
         }
-        self.hosts.usb_gone(&mut self.line);
+        self.hosts.usb_gone(self.line.settled());
         true
     }
 
     /// Handles a packet of the host on the serial port. Returns true if the next one fits. Leave it in the endpoint
     /// while [`Status::usb_room`] is false: USB flow control then holds the host back.
     pub fn usb_received(&mut self, packet: &[u8], now: Instant) -> bool {
-        if self.line.may_be_taken() {
+        let line = self.line.settled();
+        if line.may_be_taken() {
             // The requests of all others are then refused at once.
-            self.make_delivery_room(now);
+            make_delivery_room(line, &mut self.hosts, now);
         }
-        self.line.packet_received(packet, now)
+        line.packet_received(packet, now)
     }
 
     /// Moves the next packet for the serial port's host into `packet` and returns its length, 0 for a zero-length
@@ -377,7 +376,7 @@ impl Bridge {
     /// assert_eq!((uart.coding.baud, bridge.line_coding().baud), (115_200, 115_200));
     /// ```
     pub fn set_line_coding(&mut self, bytes: [u8; 7], now: Instant) -> Result<(), UnsupportedCoding> {
-        self.line.set_line_coding(bytes, now)
+        self.line.settled().set_line_coding(bytes, now)
     }
 
     /// The last line coding that was accepted, in effect or not.
@@ -406,21 +405,21 @@ impl Bridge {
     /// assert_eq!(config, bridge.config());
     /// ```
     pub fn control_received(&mut self, packet: &[u8], now: Instant) -> bool {
-        self.hosts.packet_received(packet, &mut self.line, now)
+        self.hosts.packet_received(packet, self.line.settled(), now)
     }
 
     /// Moves the next packet of the control interface into `packet` and returns its length, 0 for a zero-length packet.
     /// `None` if none is due, or after one step towards it. More steps follow while [`Status::control`] is true; other
     /// tasks may run in between.
     pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Instant) -> Option<usize> {
-        self.hosts.packet(packet, &mut self.line, now)
+        self.hosts.packet(packet, self.line.settled(), now)
     }
 
     // ---- The CAN bus ----
 
     /// Handles a frame from the bus. Frames with the identifiers of other nodes are ignored.
     pub fn can_received(&mut self, frame: &Frame, now: Instant) {
-        self.hosts.can_received(frame, &mut self.line, now);
+        self.hosts.can_received(frame, self.line.settled(), now);
     }
 
     /// The next frame for the bus, the most urgent first. `None` if none is due.
@@ -428,7 +427,7 @@ impl Bridge {
     /// Hand it to the controller at once, and call this only when the controller has room: a frame that waits here can
     /// still be overtaken by a more urgent one. Report its transmission by [`CanEvent::Waiting`].
     pub fn can_transmit(&mut self, now: Instant) -> Option<Frame> {
-        self.hosts.can_transmit(&mut self.line, now)
+        self.hosts.can_transmit(self.line.settled(), now)
     }
 
     /// Handles an event of the CAN controller. Returns true if more work may be due than before.
@@ -446,8 +445,8 @@ impl Bridge {
         match event {
             CanEvent::Waiting(waiting) => return self.hosts.can_sent(waiting, now),
             CanEvent::Errors(errors) => self.hosts.can_errors(errors),
-            CanEvent::BusOff => self.hosts.can_bus_off(true, &mut self.line, now),
-            CanEvent::BusOn => self.hosts.can_bus_off(false, &mut self.line, now),
+            CanEvent::BusOff => self.hosts.can_bus_off(true, self.line.settled(), now),
+            CanEvent::BusOn => self.hosts.can_bus_off(false, self.line.settled(), now),
         }
         true
     }
@@ -456,46 +455,49 @@ impl Bridge {
 
     /// Moves pending work to the output buffers and returns the work due at `now` and the adapter's state.
     pub fn update(&mut self, now: Instant) -> Status {
-        self.hosts.update(&mut self.line, now);
+        let line = self.line.settled();
+        self.hosts.update(line, now);
         Status {
-            uart: self.line.is_transmit_due(now),
-            uart_cut: self.line.is_cut_due(),
-            usb: self.line.is_packet_due(),
-            usb_room: self.line.has_packet_room(),
+            uart: line.is_transmit_due(now),
+            uart_cut: line.is_cut_due(),
+            usb: line.is_packet_due(),
+            usb_room: line.has_packet_room(),
             control: self.hosts.is_packet_due(),
             control_room: self.hosts.has_packet_room(),
             can: self.hosts.is_can_due(now),
-            is_armed: self.line.is_armed(),
+            is_armed: line.is_armed(),
             is_in_recovery: self.hosts.recovery().is_some(),
-            is_attached: self.line.is_attached(),
-            passed_bytes: self.line.passed_bytes(),
+            is_attached: line.is_attached(),
+            passed_bytes: line.passed_bytes(),
         }
     }
 
     /// The time of the next [`tick`](Self::tick) unless another event comes first. It may lie in the past. `None` if no
     /// timeout is running.
-    pub fn timeout(&self) -> Option<Instant> {
-        Earliest::of(self.line.timeout()).or(self.hosts.timeout()).get()
+    pub fn timeout(&mut self) -> Option<Instant> {
+        Earliest::of(self.line.settled().timeout())
+            .or(self.hosts.timeout())
+            .get()
     }
 
     /// Advances the time to `now`: expires timeouts and makes due work available.
     pub fn tick(&mut self, now: Instant) {
-        self.hosts.tick(&mut self.line, now);
+        self.hosts.tick(self.line.settled(), now);
     }
 
     /// The next action for firmware, returned once.
     pub fn action(&mut self, now: Instant) -> Option<Action> {
-        self.hosts.action(&mut self.line, now)
+        self.hosts.action(self.line.settled(), now)
     }
 
     /// The result of [`Action::Load`].
     pub fn loaded(&mut self, result: Result<Saved, Failure>, now: Instant) {
-        self.hosts.loaded(result, &mut self.line, now);
+        self.hosts.loaded(result, self.line.settled(), now);
     }
 
     /// The result of [`Action::Save`], [`Action::Reset`], [`Action::Replace`] or [`Action::Erase`].
     pub fn saved(&mut self, result: Result<(), Failure>, now: Instant) {
-        self.hosts.saved(result, &mut self.line, now);
+        self.hosts.saved(result, self.line.settled(), now);
     }
 
     // ---- State ----
@@ -512,8 +514,8 @@ impl Bridge {
     /// assert!(!bridge.is_stuck(Instant::from_millis(900)));
     /// assert!(bridge.is_stuck(Instant::from_millis(1_100)));
     /// ```
-    pub fn is_stuck(&self, now: Instant) -> bool {
-        self.line.is_stuck(now)
+    pub fn is_stuck(&mut self, now: Instant) -> bool {
+        self.line.settled().is_stuck(now)
     }
 
     /// The configuration in force.
@@ -528,8 +530,16 @@ impl Bridge {
     }
 
     /// All counts since the start.
-    pub fn counters(&self) -> Counters {
-        self.hosts.all_counters(&self.line)
+    pub fn counters(&mut self) -> Counters {
+        self.hosts.all_counters(self.line.settled())
+    }
+}
+
+/// Delivers frames and events if too few would fit.
+fn make_delivery_room(line: &mut Line, hosts: &mut Hosts, now: Instant) {
+    // Usually all so far were delivered.
+    if !line.has_delivery_room() {
+        hosts.update(line, now);
     }
 }
 
@@ -545,7 +555,6 @@ impl fmt::Debug for Bridge {
         f.debug_struct("Bridge")
             .field("config", &self.config())
             .field("line", &self.line.state())
-            .field("counters", &self.counters())
             .finish_non_exhaustive()
     }
 }

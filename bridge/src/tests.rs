@@ -2,6 +2,7 @@
 
 extern crate std;
 
+mod act_first;
 mod can;
 mod control;
 mod held_back;
@@ -228,13 +229,13 @@ fn line_coding_changes_between_earlier_and_later_bytes() {
     bridge.usb_received(&[4, 5], NOW);
     assert!(!bridge.update(NOW).usb_room, "the next packet waits");
     assert_eq!(bridge.line_coding().baud, 115_200);
-    assert_eq!(bridge.line.uart_change(), None);
+    assert_eq!(bridge.line.settled().uart_change(), None);
 
     assert_eq!(sent(&mut bridge), [1, 2, 3]);
     assert_eq!(sent(&mut bridge), []);
-    let line = bridge.line.uart_change().unwrap();
+    let line = bridge.line.settled().uart_change().unwrap();
     bridge.uart_event(UartEvent::Configured(line), NOW);
-    assert_eq!(bridge.line.uart_change(), None);
+    assert_eq!(bridge.line.settled().uart_change(), None);
     assert_eq!(sent(&mut bridge), [4, 5]);
     assert_eq!(bridge.counters().line_codings, 1);
 }
@@ -258,7 +259,7 @@ fn bytes_between_two_codings_use_the_first() {
         for _ in 0..4 {
             let n = transmit(&mut bridge, &mut buf);
             sent.extend(buf[..n].iter().map(|&byte| (byte, baud)));
-            if let Some(line) = bridge.line.uart_change() {
+            if let Some(line) = bridge.line.settled().uart_change() {
                 baud = line.coding.baud;
                 bridge.uart_event(UartEvent::Configured(line), NOW);
             }
@@ -274,16 +275,16 @@ fn current_coding_needs_no_change_and_cancels_one() {
     let mut bridge = open();
     bridge.set_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
     bridge.tick(SETTLED);
-    assert_eq!(bridge.line.uart_change(), None);
+    assert_eq!(bridge.line.settled().uart_change(), None);
     bridge.set_line_coding(BAUD_115200, SETTLED).unwrap();
     bridge.tick(SETTLED + Duration::from_millis(100));
-    assert!(bridge.line.uart_change().is_some());
+    assert!(bridge.line.settled().uart_change().is_some());
     bridge.set_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
-    assert_eq!(bridge.line.uart_change(), None);
+    assert_eq!(bridge.line.settled().uart_change(), None);
     assert_eq!(bridge.line_coding(), LineCoding::LING);
     // A change may have been in progress.
     bridge.uart_event(UartEvent::Configured(UartConfig::default()), NOW);
-    assert_eq!(bridge.line.uart_change(), None);
+    assert_eq!(bridge.line.settled().uart_change(), None);
 }
 
 #[test]
@@ -293,16 +294,16 @@ fn coding_during_a_change_takes_effect_afterwards() {
         let mut bridge = open();
         bridge.set_line_coding(BAUD_115200, NOW).unwrap();
         bridge.tick(SETTLED);
-        let first = bridge.line.uart_change().unwrap();
+        let first = bridge.line.settled().uart_change().unwrap();
         // Firmware waits for the last bit to leave. Meanwhile:
         bridge.set_line_coding(last, SETTLED).unwrap();
         bridge.tick(SETTLED + Duration::from_millis(100));
         bridge.uart_event(UartEvent::Configured(first), NOW);
         assert_eq!(bridge.line_coding().to_cdc(), last);
-        let line = bridge.line.uart_change().unwrap();
+        let line = bridge.line.settled().uart_change().unwrap();
         assert_eq!(line.coding.to_cdc(), last);
         bridge.uart_event(UartEvent::Configured(line), NOW);
-        assert_eq!(bridge.line.uart_change(), None);
+        assert_eq!(bridge.line.settled().uart_change(), None);
         assert_eq!(bridge.line_coding().to_cdc(), last);
     }
 }

@@ -11,27 +11,51 @@ use crate::events::Queued;
 use super::Line;
 use super::wire::RxThreshold;
 
+/// A frame whose bytes were passed to the host on USB, and that is not accounted for.
+pub(super) struct OpenFrame {
+    span: Span,
+    at: Instant,
+}
+
 impl Line {
-    /// Handles bytes from the UART, the last of which arrived at `at`. Returns the number of frames that ended.
-    pub(crate) fn received(&mut self, bytes: &[u8], at: Instant) -> usize {
+    /// Handles bytes from the UART, the last of which arrived at `at`. Returns the number of frames that ended. The last
+    /// of them is returned to be [settled](Self::settle) later if nothing that was received depends on it.
+    pub(super) fn received(&mut self, bytes: &[u8], at: Instant) -> (usize, Option<OpenFrame>) {
         self.wire.read(bytes.len(), at);
         count(&mut self.journal.counters.arm_to_host_bytes, bytes.len());
         let mut frames: usize = 0;
+        let mut open = None;
         let mut rest = bytes;
         while !rest.is_empty() {
             rest = self.wire.push(rest, &mut self.journal);
-            frames = frames.saturating_add(self.take_frames(at));
+            while let Some(span) = self.wire.next_frame(self.kind, &mut self.journal) {
+                frames = frames.saturating_add(1);
+                if rest.is_empty() && self.wire.is_last_and_passed() {
+                    open = Some(OpenFrame { span, at });
+                    break;
+                }
+                self.frame_ended(span, at);
+            }
         }
         if frames > 0 {
             self.wire.release();
         }
-        frames
+        (frames, open)
+    }
+
+    /// Accounts for a frame.
+    pub(super) fn settle(&mut self, frame: OpenFrame) {
+        self.frame_ended(frame.span, frame.at);
     }
 
     /// The line was idle for one byte time: received bytes become due. Returns the number of frames that this ended.
     pub(crate) fn idle(&mut self, now: Instant) -> usize {
         self.wire.idle();
-        let frames = self.take_frames(now);
+        let mut frames: usize = 0;
+        while let Some(span) = self.wire.next_frame(self.kind, &mut self.journal) {
+            frames = frames.saturating_add(1);
+            self.frame_ended(span, now);
+        }
         self.wire.release();
         frames
     }
@@ -53,16 +77,6 @@ impl Line {
     /// Returns true if an idle line can change anything.
     pub(crate) fn waits_for_idle(&self) -> bool {
         self.wire.waits_for_idle()
-    }
-
-    /// Takes the frames that are complete, and returns their number.
-    fn take_frames(&mut self, at: Instant) -> usize {
-        let mut frames: usize = 0;
-        while let Some(span) = self.wire.next_frame(self.kind, &mut self.journal) {
-            frames = frames.saturating_add(1);
-            self.frame_ended(span, at);
-        }
-        frames
     }
 
     /// Handles a frame whose last byte arrived at `at`.

@@ -16,6 +16,7 @@
 //! `Line` tells the others. All of them write into the [`Journal`], and none decides by it.
 
 mod byte_time;
+pub(crate) mod deferred;
 mod from_arm;
 mod guard;
 mod hold;

@@ -47,7 +47,7 @@ fn simple_requests_are_answered_on_both_ports() {
         panic!()
     };
     assert_eq!(latencies.answer.counts.iter().sum::<u32>(), 1);
-    assert_eq!(latencies, *rig.bridge.line.latencies());
+    assert_eq!(latencies, *rig.bridge.line.settled().latencies());
 
     assert_eq!(
         call_on_can(&mut rig, 9, Request::Identify),
@@ -426,7 +426,7 @@ fn invalid_configuration_counts_as_lost() {
     for (data_bit_rate, lost) in [(None, 0), (Some(2_000_000), 1)] {
         // The board has no CAN FD.
         config.can.data_bit_rate = data_bit_rate;
-        let bridge = Bridge::new(Identity::default(), config, Start::default());
+        let mut bridge = Bridge::new(Identity::default(), config, Start::default());
         assert_eq!(bridge.config().host_timeout.torque_off, lost == 0);
         assert_eq!(bridge.counters().config_failures, lost);
     }

@@ -194,7 +194,7 @@ fn motion_waiting_in_the_connection_gets_150_ms() {
     }
     rig.run(2_000);
     let last = stream(&mut rig, 10_000, 1);
-    assert_eq!(rig.bridge.line.waiting(), (2, 0));
+    assert_eq!(rig.bridge.line.settled().waiting(), (2, 0));
     rig.run(SECOND);
     assert_silent(&rig, last + 50_000, 100);
 }

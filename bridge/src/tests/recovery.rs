@@ -187,7 +187,7 @@ fn recovery_has_the_rate_of_the_arm() {
         arm: ArmKind::Alpha1,
         ..Config::default()
     };
-    let bridge = after_crashes(&config);
+    let mut bridge = after_crashes(&config);
     assert_eq!((bridge.config(), bridge.line_coding().baud), (config, 115_200));
     assert_eq!(bridge.counters().watchdog_resets, MAX_CRASHED_STARTS.into());
 }

@@ -739,7 +739,7 @@ fn waiting_can_request_keeps_its_host_alive() {
     let silent = silences(&rig);
     assert!(matches!(silent[..], [(at, _)] if at <= came + 600_000), "{silent:?}");
     // No turn waits for longer than 16 ms.
-    assert_eq!(rig.bridge.line.latencies().turn.counts[15], 3);
+    assert_eq!(rig.bridge.line.settled().latencies().turn.counts[15], 3);
 }
 
 #[test]

@@ -90,7 +90,7 @@ fn frame_stamp_is_time_of_last_byte() {
     rig.run(1_000);
     // 7 bytes, 200 µs, 21 bytes.
     assert_eq!(rig.events.last().unwrap().0.0, 1_000 + 70 + 200 + 210);
-    assert_eq!(rig.bridge.line.latencies().answer.counts[8], 1);
+    assert_eq!(rig.bridge.line.settled().latencies().answer.counts[8], 1);
 }
 
 #[test]
@@ -105,7 +105,7 @@ fn usb_request_waits_from_its_first_byte() {
     let waited = rig.sent[1].0 - 200;
     assert!((300..512).contains(&waited), "{waited}");
     // The request from CAN did not wait.
-    let latencies = rig.bridge.line.latencies().turn.counts;
+    let latencies = rig.bridge.line.settled().latencies().turn.counts;
     assert_eq!((latencies[0], latencies[8], latencies.iter().sum()), (1, 1, 2));
 }
 
@@ -257,7 +257,7 @@ fn answer_may_arrive_while_host_sends_more() {
     let c = rig.bridge.counters();
     assert_eq!((c.frames, c.unsolicited_frames, c.unanswered_requests), (8, 0, 0));
     // From the request to its answer, which waits for the answers before it.
-    let latencies = rig.bridge.line.latencies().answer.counts;
+    let latencies = rig.bridge.line.settled().latencies().answer.counts;
     assert_eq!((latencies[8], latencies[9], latencies.iter().sum()), (1, 1, 8));
 }
 
@@ -309,7 +309,7 @@ fn same_request_alternates_with_polls_of_silent_arm() {
     let mut rig = polling(Poll::Hertz(100));
     rig.responder = Box::new(|_| None);
     for _ in 0..300 {
-        if rig.can_out.is_empty() && rig.bridge.line.waiting().0 == 0 {
+        if rig.can_out.is_empty() && rig.bridge.line.settled().waiting().0 == 0 {
             rig.can_out.push_back(JOINTS.to_vec());
         }
         rig.run(10_000);
@@ -330,7 +330,7 @@ fn initiators_wait_at_most_one_turn_each() {
             if rig.usb_out.len() < 100 {
                 rig.usb_out.extend(temperatures());
             }
-            if rig.can_out.is_empty() && rig.bridge.line.waiting().0 == 0 {
+            if rig.can_out.is_empty() && rig.bridge.line.settled().waiting().0 == 0 {
                 rig.can_out.push_back(velocities());
                 requests += 1;
             }
@@ -466,7 +466,7 @@ fn raw_bytes_keep_line_until_quiet_or_100ms() {
             rig.can_out.push_back(info());
         }
         rig.run(1_000);
-        if began.is_none() && rig.bridge.line.waiting().0 > 0 {
+        if began.is_none() && rig.bridge.line.settled().waiting().0 > 0 {
             began = Some(rig.now);
         }
     }
@@ -603,7 +603,7 @@ fn missing_answer_frees_line_but_blocks_its_kind() {
     // The late answer went to the host on USB as an unsolicited frame. The second request got its own.
     assert_eq!(rig.usb[4], 1);
     assert_eq!(rig.can.iter().map(|pdu| pdu[4]).collect::<Vec<_>>(), [2]);
-    assert_eq!(rig.bridge.line.holder(), None);
+    assert_eq!(rig.bridge.line.settled().holder(), None);
 }
 
 #[test]
@@ -659,7 +659,10 @@ fn line_coding_waits_for_answer_to_other_initiator() {
     rig.bridge.set_line_coding(coding, at(rig.now)).unwrap();
     rig.bridge.usb_received(&[1], at(rig.now));
     assert_eq!(
-        (rig.bridge.line.uart_change(), rig.bridge.update(at(rig.now)).uart),
+        (
+            rig.bridge.line.settled().uart_change(),
+            rig.bridge.update(at(rig.now)).uart
+        ),
         (None, false)
     );
     rig.run(10_000);
@@ -853,7 +856,7 @@ proptest! {
             }
         });
         let (mut from_usb, mut from_can) = (vec![], 0);
-        let received = |rig: &Rig| rig.bridge.counters().arm_to_host_bytes as usize;
+        let received = |rig: &mut Rig| rig.bridge.counters().arm_to_host_bytes as usize;
         for step in steps {
             match step {
                 Step::Usb(bytes) => {
@@ -894,15 +897,15 @@ proptest! {
         let on_can: usize = rig.can.iter().map(Vec::len).sum();
         let answered = c.requests_poll as usize;
         prop_assert_eq!(c.dropped_can_answers + c.dropped_bytes + c.undelivered_bytes, 0);
-        let missing = received(&rig) - rig.usb.len() - on_can;
+        let missing = received(&mut rig) - rig.usb.len() - on_can;
         prop_assert!(missing.is_multiple_of(21) && missing / 21 <= answered, "{} bytes of {} polls", missing, answered);
         if poll == Poll::Off {
             prop_assert_eq!(missing, 0);
         }
 
         // No answer is pending.
-        prop_assert_eq!(rig.bridge.line.holder(), None);
-        prop_assert_eq!(rig.bridge.line.waiting(), (0, 0));
+        prop_assert_eq!(rig.bridge.line.settled().holder(), None);
+        prop_assert_eq!(rig.bridge.line.settled().waiting(), (0, 0));
         prop_assert!(rig.usb_out.is_empty());
     }
 }

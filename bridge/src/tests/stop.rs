@@ -207,7 +207,7 @@ fn rig_with_waiting_motion() -> Rig {
         command(&mut rig, sequence);
     }
     rig.run(20_000);
-    assert_eq!(rig.bridge.line.waiting(), (2, 2 * motion().len() + 7));
+    assert_eq!(rig.bridge.line.settled().waiting(), (2, 2 * motion().len() + 7));
     rig.sent.clear();
     rig
 }

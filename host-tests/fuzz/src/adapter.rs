@@ -494,7 +494,7 @@ impl World {
     // ---- Invariants ----
 
     /// Checks the invariants that hold at any time.
-    pub fn check(&self) {
+    pub fn check(&mut self) {
         assert_eq!(self.bridge.config().check(), Ok(()));
         self.accounts.check(&self.bridge.counters());
     }

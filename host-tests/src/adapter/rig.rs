@@ -477,16 +477,16 @@ impl Rig {
             speed,
             gripper: 0,
         };
-        let refused = |bridge: &Bridge| {
+        let refused = |bridge: &mut Bridge| {
             let counters = bridge.counters();
             let refused = [counters.refused_line_held, counters.refused_stopped];
             (counters.commands_stale, refused)
         };
-        let before = refused(&self.bridge);
+        let before = refused(&mut self.bridge);
         for frame in command.to_frames(Node::default()) {
             self.bridge.can_received(&frame, self.time());
         }
-        let is_taken = refused(&self.bridge) == before;
+        let is_taken = refused(&mut self.bridge) == before;
         // The first command of a stream moves nothing. A number 0 in a running stream starts no new one.
         match command.target() {
             _ if !is_taken => self.last_command = None,

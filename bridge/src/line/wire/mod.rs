@@ -118,6 +118,12 @@ impl Wire {
         }
     }
 
+    /// Returns true if the host on USB has all bytes so far: nothing is held back for another initiator, and no byte
+    /// waits for a verdict.
+    pub(super) fn is_last_and_passed(&self) -> bool {
+        self.decoder.pending() == 0 && !self.is_anothers()
+    }
+
     /// Finds the initiator of the request that a frame answers, and passes the frame to its receivers. Its last byte
     /// arrived at `at`.
     pub(super) fn assign(
