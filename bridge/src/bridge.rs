@@ -155,9 +155,9 @@ impl Bridge {
     /// the stamp of the frame that it ends. Returns the number of frames that ended.
     ///
     /// Without an ended frame, only [`usb_transmit`](Self::usb_transmit) can have become due. With one, call it first: it
-    /// does not wait for the accounting of the frame, which the next call of any other method does. Read the next
-    /// [`rx_threshold`](Self::rx_threshold) afterwards. Pass at most [`PACKET`] bytes at a time: frames of a larger
-    /// read may be missing for subscribers.
+    /// does not wait for the accounting of the frame, with which every call begins but this one and
+    /// [`uart_ahead`](Self::uart_ahead). Read the next [`rx_threshold`](Self::rx_threshold) afterwards. Pass at most
+    /// [`PACKET`] bytes at a time: frames of a larger read may be missing for subscribers.
     pub fn uart_received(&mut self, bytes: &[u8], at: Instant) -> usize {
         make_delivery_room(self.line.settled(), &mut self.hosts, at);
         self.line.received(bytes, at)
@@ -262,6 +262,15 @@ impl Bridge {
     /// ```
     pub fn uart_transmit(&mut self, out: &mut [u8], now: Instant) -> Option<Transmit> {
         self.line.settled().transmit(out, now)
+    }
+
+    /// The poll that [`uart_transmit`](Self::uart_transmit) returns next, to be sent at once. `None` if that is unknown
+    /// before the last frame of the arm is accounted for.
+    ///
+    /// If the UART is ready, transmit it right after [`uart_received`](Self::uart_received), and call `uart_transmit` and
+    /// [`uart_transmitted`](Self::uart_transmitted) then.
+    pub fn uart_ahead(&self) -> Option<&'static [u8]> {
+        self.line.next_poll()
     }
 
     /// The UART has been sending the bytes of the last [`uart_transmit`](Self::uart_transmit) since `now`.

@@ -96,6 +96,13 @@ impl<D: Correlation, I: Copy + Eq> Sent<D, I> {
         }
     }
 
+    /// Returns true if this frame answers it.
+    fn is_answered_by(&self, correlation: &D, frame: &[u8], first: FirstByte) -> bool {
+        self.offset <= first.offset
+            && first.at.is_none_or(|at| self.at <= at)
+            && correlation.is_response_to(self.key, frame)
+    }
+
     /// Returns true if a request of `who` must wait until this send is resolved.
     fn blocks(&self, info: &InfoOf<D>, who: I) -> bool {
         self.expect != info.expect || self.key == info.key && (self.stale || self.who != who)
@@ -192,12 +199,8 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
     /// [resolve](Self::expire) the sends that had ended when the frame arrived, not when it was read.
     pub fn on_frame(&mut self, correlation: &D, frame: &[u8], first: FirstByte, now: Instant) -> Match<I> {
         let window = self.stale_window;
-        let answered = self.sends.iter_mut().find(|sent| {
-            sent.offset <= first.offset
-                && first.at.is_none_or(|at| sent.at <= at)
-                && correlation.is_response_to(sent.key, frame)
-        });
-        let Some(sent) = answered else {
+        let is_answered = |sent: &&mut Sent<D, I>| sent.is_answered_by(correlation, frame, first);
+        let Some(sent) = self.sends.iter_mut().find(is_answered) else {
             return Match::Unsolicited;
         };
         sent.times = sent.times.saturating_sub(1);
@@ -212,6 +215,19 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         match stale {
             true => Match::Late(who),
             false => Match::Answer { who, sent },
+        }
+    }
+
+    /// Returns true if this frame answers the only unresolved send, a pending one of `who`: with it, the exchange becomes
+    /// [idle](Self::is_idle).
+    pub fn is_last_answer(&self, correlation: &D, who: I, frame: &[u8], first: FirstByte) -> bool {
+        let mut sends = self.sends.iter();
+        match (sends.next(), sends.next(), &self.saturated) {
+            (Some(sent), None, None) => {
+                let is_awaited = !sent.stale && sent.who == who && sent.times == 1;
+                is_awaited && sent.is_answered_by(correlation, frame, first)
+            }
+            _ => false,
         }
     }
 

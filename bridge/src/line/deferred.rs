@@ -1,4 +1,4 @@
-//! Act first, account later: a packet for the host on USB does not wait for the accounting of its frame.
+//! Act first, account later: neither a packet for the host on USB nor the next poll waits for the accounting of a frame.
 
 use armwire::time::Instant;
 
@@ -10,9 +10,9 @@ use super::from_arm::OpenFrame;
 
 /// The line, and the frame that it has not accounted for.
 ///
-/// The last frame of a read stays open: its bytes are passed to the host on USB, and its packet may be
-/// [taken](Self::send_packet). Who waited for the frame, what is delivered and what may be sent next follows with the next
-/// access to the [line](Self::settled), which there is no other way to.
+/// The last frame of a read stays open if its packet may be [taken](Self::send_packet) first, or the next poll
+/// [started](Self::next_poll). Who waited for the frame, and what is delivered, follows with the next access to the
+/// [line](Self::settled), which there is no other way to.
 pub(crate) struct Deferred {
     line: Line,
     open: Option<OpenFrame>,
@@ -49,7 +49,16 @@ impl Deferred {
 
     /// Passes the next packet for the host on USB to `send`, and removes it if that returns true.
     pub(crate) fn send_packet(&mut self, send: impl FnOnce(&[u8]) -> bool) -> Option<usize> {
+        if self.open.as_ref().is_some_and(|frame| !frame.is_passed) {
+            self.settle();
+        }
         self.line.send_packet(send)
+    }
+
+    /// The poll that [`Line::transmit`] returns next, to be sent at once. `None` if only the accounting of the last
+    /// frame can tell.
+    pub(crate) fn next_poll(&self) -> Option<&'static [u8]> {
+        self.line.poll_after(self.open.as_ref()?)
     }
 
     // ---- State that no frame of the arm changes ----

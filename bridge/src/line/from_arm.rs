@@ -4,6 +4,7 @@ use armwire::decoder::Span;
 use armwire::framing::Length;
 use armwire::time::Instant;
 
+use crate::arm::OwnRequest;
 use crate::control::{FrameBytes, Initiator};
 use crate::counters::{UartErrors, count};
 use crate::events::Queued;
@@ -11,15 +12,18 @@ use crate::events::Queued;
 use super::Line;
 use super::wire::RxThreshold;
 
-/// A frame whose bytes were passed to the host on USB, and that is not accounted for.
+/// A frame that is not accounted for.
 pub(super) struct OpenFrame {
     span: Span,
     at: Instant,
+    /// The host on USB has its bytes.
+    pub(super) is_passed: bool,
 }
 
 impl Line {
     /// Handles bytes from the UART, the last of which arrived at `at`. Returns the number of frames that ended. The last
-    /// of them is returned to be [settled](Self::settle) later if nothing that was received depends on it.
+    /// of them is returned to be [settled](Self::settle) later if nothing that was received depends on it, and something
+    /// can be done before: its packet, or the next poll.
     pub(super) fn received(&mut self, bytes: &[u8], at: Instant) -> (usize, Option<OpenFrame>) {
         self.wire.read(bytes.len(), at);
         count(&mut self.journal.counters.arm_to_host_bytes, bytes.len());
@@ -30,8 +34,9 @@ impl Line {
             rest = self.wire.push(rest, &mut self.journal);
             while let Some(span) = self.wire.next_frame(self.kind, &mut self.journal) {
                 frames = frames.saturating_add(1);
-                if rest.is_empty() && self.wire.is_last_and_passed() {
-                    open = Some(OpenFrame { span, at });
+                let is_passed = !self.wire.is_anothers();
+                if rest.is_empty() && self.wire.is_decided() && (is_passed || self.outbox.polls_only()) {
+                    open = Some(OpenFrame { span, at, is_passed });
                     break;
                 }
                 self.frame_ended(span, at);
@@ -46,6 +51,24 @@ impl Line {
     /// Accounts for a frame.
     pub(super) fn settle(&mut self, frame: OpenFrame) {
         self.frame_ended(frame.span, frame.at);
+        if !frame.is_passed {
+            // They may be for the host on USB after all.
+            self.wire.release();
+        }
+    }
+
+    /// The poll that is due with a frame that is not accounted for: the frame answers the last poll, which is all that
+    /// the adapter does on the line.
+    pub(super) fn poll_after(&self, frame: &OpenFrame) -> Option<&'static [u8]> {
+        let OpenFrame { span, at, .. } = *frame;
+        let byte_time = self.guard.rate.byte_time();
+        let is_due = self.outbox.polls_only()
+            && !self.guard.stop.is_running()
+            && self.guard.rate.change(0).is_none()
+            && self
+                .wire
+                .is_last_answer(Initiator::Poll, span, self.kind, byte_time, at);
+        self.kind.own(OwnRequest::Poll).filter(|_| is_due)
     }
 
     /// The line was idle for one byte time: received bytes become due. Returns the number of frames that this ended.

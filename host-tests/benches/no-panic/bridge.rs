@@ -33,6 +33,7 @@ pub(crate) fn call_all() {
     black_box(black_box(&mut *bridge).uart_event(black_box(UartEvent::Idle), now));
     black_box(black_box(&mut *bridge).has_delivery());
     black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
+    black_box(black_box(&*bridge).uart_ahead());
     black_box(&mut *bridge).uart_transmitted(now);
     black_box(black_box(black_box(&mut *bridge).rx_threshold()).is_met(black_box(7), black_box(0xFF)));
     rx_ring(bridge, now);

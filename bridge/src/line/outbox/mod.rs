@@ -373,6 +373,16 @@ impl Outbox {
         }
     }
 
+    /// Returns true if each poll follows the answer to the last one, and nothing else waits or goes out.
+    pub(super) fn polls_only(&self) -> bool {
+        self.poll.follows_answers()
+            && self.from_host.len() == 0
+            && !self.from_host.is_in_sequence()
+            && !self.from_host.is_cut()
+            && self.requests.is_empty()
+            && self.burst.is_none()
+    }
+
     /// The time of the next poll.
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         self.poll.timeout()

@@ -55,6 +55,11 @@ impl Poll {
         matches!(self.rate, config::Poll::Hertz(_))
     }
 
+    /// Returns true if each poll follows the answer to the last one.
+    pub(crate) const fn follows_answers(&self) -> bool {
+        matches!(self.rate, config::Poll::Fastest) && !self.is_paused
+    }
+
     pub(crate) const fn is_off(&self) -> bool {
         matches!(self.rate, config::Poll::Off)
     }

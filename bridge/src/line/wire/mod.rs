@@ -118,10 +118,22 @@ impl Wire {
         }
     }
 
-    /// Returns true if the host on USB has all bytes so far: nothing is held back for another initiator, and no byte
-    /// waits for a verdict.
-    pub(super) fn is_last_and_passed(&self) -> bool {
-        self.decoder.pending() == 0 && !self.is_anothers()
+    /// Returns true if no byte waits for a verdict.
+    pub(super) const fn is_decided(&self) -> bool {
+        self.decoder.pending() == 0
+    }
+
+    /// Returns true if a frame answers the only request in flight, which is the initiator's.
+    pub(super) fn is_last_answer(
+        &self,
+        initiator: Initiator,
+        span: Span,
+        kind: ArmKind,
+        byte_time: ByteTime,
+        at: Instant,
+    ) -> bool {
+        let (first, frame) = (first_byte(span, byte_time, at), self.bytes(span));
+        self.exchange.is_last_answer(&kind, initiator, frame, first)
     }
 
     /// Finds the initiator of the request that a frame answers, and passes the frame to its receivers. Its last byte
@@ -136,12 +148,8 @@ impl Wire {
     ) -> Option<Initiator> {
         let item = self.decoder.item(span);
         count(&mut journal.counters.frames, 1);
-        let began = at - byte_time.times(item.bytes.len().saturating_sub(1));
-        let first = FirstByte {
-            offset: item.offset,
-            at: Some(began),
-        };
-        self.exchange.expire(began);
+        let first = first_byte(span, byte_time, at);
+        self.exchange.expire(first.at.unwrap_or(at));
         let initiator = match self.exchange.on_frame(&kind, item.bytes, first, at) {
             Match::Answer { who, sent } => {
                 journal.latencies.answer.add(at.since(sent));
@@ -289,5 +297,13 @@ impl Wire {
     /// Passes the next packet for the host to `send`, and removes it if that returns true.
     pub(super) fn send_packet(&mut self, send: impl FnOnce(&[u8]) -> bool, journal: &mut Journal) -> Option<usize> {
         self.to_host.transmit(send, &mut journal.counters)
+    }
+}
+
+/// The first byte of a frame whose last byte arrived at `at`.
+fn first_byte(frame: Span, byte_time: ByteTime, at: Instant) -> FirstByte {
+    FirstByte {
+        offset: frame.offset,
+        at: Some(at - byte_time.times(frame.len().saturating_sub(1))),
     }
 }
