@@ -124,8 +124,18 @@ impl<D: Correlation<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
             offset,
             at: at.map(Instant::from_micros),
         };
-        self.exchange
-            .on_frame(&self.correlation, &[key, 0], first, Instant::from_micros(now))
+        let frame = [key, 0];
+        let is_last = |who: &I| self.exchange.is_last_answer(&self.correlation, *who, &frame, first);
+        let last = self.exchange.holder().filter(is_last);
+        let matched = self
+            .exchange
+            .on_frame(&self.correlation, &frame, first, Instant::from_micros(now));
+        let ended = match matched {
+            Match::Answer { who, .. } if self.exchange.is_idle() => Some(who),
+            _ => None,
+        };
+        assert!(last == ended, "the last answer is known before");
+        matched
     }
 
     /// The initiators whose answers are missing at this time.
