@@ -19,6 +19,7 @@ use embassy_time_driver::{Driver, TICK_HZ};
 use embassy_time_queue_utils::Queue;
 
 use super::{TIMER, TIMER_HZ, TimerInterrupt, TimerPeripheral, usart};
+use crate::service;
 
 /// Number of counter bits below the half-turn.
 const HALF_TURN: u32 = 31;
@@ -144,6 +145,10 @@ impl Handler<TimerInterrupt> for TimerHandler {
         );
         if flags.ccif(START) && TIMER.dier().read().ccie(START) {
             start_transmitting();
+        }
+        if flags.ccif(ALARM) {
+            // Usually the timeout of the bridge, and a poll is due.
+            service::pend();
         }
         critical_section::with(|cs| CLOCK.arm(cs));
     }
