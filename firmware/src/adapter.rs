@@ -92,16 +92,18 @@ impl Adapter {
         result
     }
 
-    /// Serves the line: received bytes, then a packet for the host, then the next burst. The service calls this.
+    /// Serves the line: received bytes, then a packet for the host, then the next burst; a poll that follows an answer
+    /// comes first. The service calls this.
     pub(crate) fn serve(&self, port: &SharedEndpoint) {
         self.shared.with(|shared| {
-            let bridge = &mut shared.bridge;
+            let Shared { bridge, sender, .. } = shared;
             let is_event = uart::take_event();
             let is_frame = is_event && uart::read(bridge);
+            let is_poll = is_frame && sender.transmit_ahead(bridge);
             if is_event {
                 pipe::send(self, port, bridge);
             }
-            let is_started = shared.sender.transmit(bridge);
+            let is_started = sender.transmit(bridge) || is_poll;
             if is_event {
                 // Tasks run before the service reads what it has missed.
                 shared.is_behind = uart::wait(bridge.rx_wait());

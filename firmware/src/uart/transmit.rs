@@ -32,11 +32,28 @@ impl Sender {
         }
     }
 
+    /// Starts the poll that follows the answer just received, before the bridge accounts for the answer. Returns true if
+    /// it did.
+    pub(crate) fn transmit_ahead(&mut self, bridge: &mut Bridge) -> bool {
+        if self.is_busy() {
+            return false;
+        }
+        let Some(poll) = bridge.uart_ahead() else {
+            return false;
+        };
+        let at = now();
+        send(poll, None);
+        // It returns the bytes that are already going out.
+        bridge.uart_transmit(&mut self.burst, at);
+        bridge.uart_transmitted(at);
+        true
+    }
+
     /// Starts the bridge's next burst or change of the line, if the UART is ready for it. Returns true if it did.
     // One copy, not one for each call of the bridge.
     #[inline(never)]
     pub(crate) fn transmit(&mut self, bridge: &mut Bridge) -> bool {
-        if self.is_changing || SENDING.load(Ordering::Relaxed) {
+        if self.is_busy() {
             return false;
         }
         let at = now();
@@ -53,6 +70,10 @@ impl Sender {
             }
             None => false,
         }
+    }
+
+    fn is_busy(&self) -> bool {
+        self.is_changing || SENDING.load(Ordering::Relaxed)
     }
 
     /// The line has been changed.
