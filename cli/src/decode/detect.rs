@@ -163,8 +163,8 @@ const ESCAPE: char = '\u{1B}';
 /// Text in an encoding of one byte has mostly characters of ASCII in its first line. A raw recording has control
 /// characters.
 fn content_of_one_byte(bytes: &[u8], is_all: bool) -> Content {
-    /// The beginning of a text has a character of ASCII in it.
-    const BEGINNING: usize = 4;
+    /// The beginning of a text has some characters of ASCII in it.
+    const BEGINNING: usize = 8;
     let is_ascii = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
     let ascii = |bytes: &[u8]| bytes.iter().filter(|byte| is_ascii(byte)).count();
     let is_control = |byte: &u8| byte.is_ascii_control() && !is_ascii(byte) && char::from(*byte) != ESCAPE;
@@ -172,7 +172,7 @@ fn content_of_one_byte(bytes: &[u8], is_all: bool) -> Content {
     let (_, line, is_ended) = first_line(bytes);
     match () {
         () if bytes.iter().any(is_control) => Content::Raw,
-        () if beginning.len() == BEGINNING && 2 * ascii(beginning) < BEGINNING => Content::Raw,
+        () if beginning.len() == BEGINNING && 4 * ascii(beginning) <= BEGINNING => Content::Raw,
         () if !is_ended && !is_all => Content::Unknown,
         () if 4 * ascii(line) > 3 * line.len() => Content::Text,
         () => Content::Raw,
@@ -267,11 +267,13 @@ fn judge_line(line: &str, log: &mut logged::Log) -> Column {
         let offset = row.offset;
         let are_zeros = offset.bytes().all(|digit| digit == b'0');
         // An offset is longer than the words behind it, except for long groups.
+        let is_long = offset.len() >= MIN_OFFSET.0;
         match (row.has_colon || row.has_column(), offset.len() % 2) {
-            (true, _) => return Column::Offset,
+            (true, _) if is_long || row.has_column() => return Column::Offset,
+            (true, _) => return Column::OffsetOr(Format::Hex),
             (false, 1) if are_zeros => return Column::Offset,
             // The first offset may be short.
-            (false, _) if offset.len() < MIN_OFFSET && !are_zeros => {}
+            (false, _) if offset.len() < MIN_OFFSET.1 && !are_zeros => {}
             (false, _) if are_bytes && row.widest() < offset.len() => return Column::OffsetOr(Format::Hex),
             (false, 1) => return Column::OffsetOr(Format::Log),
             (false, _) => {}
@@ -294,8 +296,8 @@ fn judge_line(line: &str, log: &mut logged::Log) -> Column {
     }
 }
 
-/// The shortest offset without a colon that is not 0, in digits.
-const MIN_OFFSET: usize = 6;
+/// The shortest offset that is no byte, with a colon, and without one if it is not 0, in digits.
+const MIN_OFFSET: (usize, usize) = (4, 6);
 
 const INTEL_HEX: &str = "a record of Intel HEX: 'objcopy -I ihex -O binary' converts it";
 

@@ -200,8 +200,11 @@ fn decode_line(mut input: Input<'_>, out: &dyn Output, format: Format, line: Lin
             }
         }),
     };
+    let counts = sides.finish(out);
     // What was read before an error is summed up, too.
-    out.remark(format_args!("{}{}", sides.finish(out), doubts.sum()));
+    if read.is_ok() || counts.has_bytes() {
+        out.remark(format_args!("{counts}{}", doubts.sum()));
+    }
     read?;
     match sides.broken() {
         None => Ok(doubts.count()),

@@ -46,6 +46,10 @@ pub(super) struct Counts {
 }
 
 impl Counts {
+    pub(super) fn has_bytes(&self) -> bool {
+        self.bytes > 0
+    }
+
     /// The counts of this and another direction.
     pub(super) fn with(self, other: Self) -> Self {
         Self {

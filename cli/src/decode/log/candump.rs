@@ -15,6 +15,8 @@ const DROPPED: &str = "DROPCOUNT: dropped ";
 /// (1609459200.123456) can0 60F#07AA060001FE9AFF
 ///  (1609459200.123456)  can0  60F   [8]  07 AA 06 00 01 FE 9A FF
 /// ```
+///
+/// and of frames for cansend, `cansend can0 60F#07AA060001FE9AFF`.
 pub(in crate::decode) struct Candump;
 
 impl TextLog for Candump {
@@ -30,8 +32,14 @@ impl TextLog for Candump {
         }
         let (time, line) = split_time(line.trim())?;
         let mut words = line.split_whitespace();
-        let bus = words.next().ok_or_else(|| Doubt::missing("interface"))?;
-        let first = words.next().ok_or_else(|| Doubt::missing("identifier"))?;
+        let first = words.next().ok_or_else(|| Doubt::missing("interface"))?;
+        let (bus, first) = match first.split_once('#') {
+            // As cansend takes it.
+            Some(_) => ("", Some(first)),
+            None if first == "cansend" => (words.next().unwrap_or_default(), words.next()),
+            None => (first, words.next()),
+        };
+        let first = first.ok_or_else(|| Doubt::missing("identifier"))?;
         let content = match first.split_once('#') {
             Some((id, data)) => logged(id, data)?,
             None => printed(first, words)?,

@@ -220,6 +220,7 @@ fn candump_is_read_in_all_its_forms() {
     for (line, place) in [
         ("(1.5) can0 60F#07AA060001FE9AFF", "1.5  can0"),
         ("(1.500000000) can0 60F#07AA060001FE9AFF T", "1.500000000  can0"),
+        ("cansend can0 60F#07AA060001FE9AFF", "can0"),
         ("(1.500000) can0 60F#07.AA.06.00.01.FE.9A.FF", "1.500000  can0"),
         ("(1.500000) can0 60F##107AA060001FE9AFF R", "1.500000  can0"),
         ("  can0  60F   [8]  07 AA 06 00 01 FE 9A FF", "can0"),

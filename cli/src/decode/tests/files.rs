@@ -1,5 +1,6 @@
 //! The files in `tests/texts` and `tests/logs`: of every format and packing, whole and mutated.
 
+use std::io::{self, Read};
 use std::path::Path;
 use std::{env, fs};
 
@@ -7,7 +8,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::Index;
 
-use super::{line, printed};
+use super::{Nowhere, line, printed};
 use crate::ArmKind;
 use crate::decode::decode_recording;
 use crate::decode::input::Head;
@@ -49,6 +50,46 @@ fn texts_of_all_programs_have_the_same_frames() {
             _ => "bytes: 84, frames: 6, noise bytes: 0",
         };
         assert_eq!(lines.last().unwrap(), sum, "{name}");
+    }
+}
+
+/// A file again and again, in pieces.
+struct Repeated<'a> {
+    file: &'a [u8],
+    at: usize,
+    left: usize,
+}
+
+impl Read for Repeated<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        if self.at == self.file.len() && self.left > 0 {
+            (self.at, self.left) = (0, self.left - 1);
+        }
+        let n = bytes.len().min(self.file.len() - self.at);
+        bytes[..n].copy_from_slice(&self.file[self.at..self.at + n]);
+        self.at += n;
+        Ok(n)
+    }
+}
+
+#[test]
+fn memory_does_not_grow_with_a_text() {
+    /// Maximum memory, in bytes: buffers, a decompressor, and the window of a decoder.
+    const MAX_MEMORY: u64 = 768 * 1024;
+    const TOTAL: usize = 1024 * 1024;
+    for (name, file) in files("texts") {
+        let measured = allocation_counter::measure(|| {
+            let left = TOTAL / file.len();
+            let source = Repeated {
+                file: &file,
+                at: 0,
+                left,
+            };
+            let head = Head::new("log".to_owned(), Box::new(source), &Nowhere);
+            decode_recording(head, &Nowhere, None, line(arm(&name), None)).unwrap();
+        });
+        let memory = measured.bytes_max;
+        assert!(memory < MAX_MEMORY, "{name}: {memory} bytes");
     }
 }
 

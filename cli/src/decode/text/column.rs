@@ -8,6 +8,14 @@ pub(in super::super) struct Word<'a> {
     pub(super) end: usize,
 }
 
+impl Word<'_> {
+    /// The word without 0x before it.
+    pub(super) fn without_prefix(self) -> Self {
+        let text = self.text.strip_prefix("0x").unwrap_or(self.text);
+        Self { text, ..self }
+    }
+}
+
 /// The words of a line, between white space.
 pub(super) fn words(line: &str) -> impl Iterator<Item = Word<'_>> {
     let mut at = 0;

@@ -20,8 +20,8 @@ use crate::hex;
 
 /// Maximum number of bytes that a line `*` stands for.
 const MAX_REPEATED: u64 = 16 * 1024 * 1024;
-/// The shortest offset, in digits.
-const MIN_OFFSET: usize = 4;
+/// The shortest offset with a colon, and without one, in digits.
+const MIN_OFFSET: (usize, usize) = (2, 4);
 /// The longest offset, in digits.
 const MAX_OFFSET: usize = 16;
 /// Maximum number of lines before the order of bytes is known.
@@ -77,11 +77,13 @@ pub(in super::super) fn columns(line: &str) -> Option<Line<'_>> {
         .strip_suffix([':', '|'])
         .map_or((first, false), |offset| (offset, true));
     let offset = offset.strip_prefix("0x").unwrap_or(offset);
-    if !(MIN_OFFSET..=MAX_OFFSET).contains(&offset.len()) || !is_hex(offset) {
+    let min = if has_colon { MIN_OFFSET.0 } else { MIN_OFFSET.1 };
+    if !(min..=MAX_OFFSET).contains(&offset.len()) || !is_hex(offset) {
         return None;
     }
     // A dash may be between offset and words, and in the middle of them.
-    let mut words: Vec<_> = all.filter(|word| word.text != "-").collect();
+    let words = all.filter(|word| word.text != "-");
+    let mut words: Vec<_> = words.map(Word::without_prefix).collect();
     let count = words.iter().take_while(|word| is_hex(word.text)).count();
     let before = |order| before_column(line, &words[..count], |word| word_bytes(word, order).ok());
     let mut found: Vec<_> = Order::ALL

@@ -31,7 +31,7 @@ struct Open {
 impl Log {
     /// Takes the next line. Returns its bytes, if there are any. The error is the reason why they are not known.
     pub(in super::super) fn find(&mut self, line: &str) -> Result<Option<Found>, Doubt> {
-        let line = without_escapes(line);
+        let line = with_plain_dashes(without_escapes(line));
         if line.trim().is_empty() {
             return Ok(None);
         }
@@ -111,6 +111,15 @@ fn without_escapes(line: &str) -> Cow<'_, str> {
         text.push_str(end.and_then(|end| part.get(end + 1..)).unwrap_or_default());
     }
     Cow::Owned(text)
+}
+
+/// The line with a hyphen in place of each other dash, as word processors write it.
+fn with_plain_dashes(line: Cow<'_, str>) -> Cow<'_, str> {
+    const DASHES: [char; 5] = ['\u{2010}', '\u{2011}', '\u{2013}', '\u{2014}', '\u{2212}'];
+    match line.contains(DASHES) {
+        true => Cow::Owned(line.replace(DASHES, "-")),
+        false => line,
+    }
 }
 
 /// Returns true if a bracket of a list is open before a comment of C.

@@ -36,8 +36,12 @@ impl Found {
 pub(super) struct Habits {
     /// No count is between the prefix and the bytes.
     has_no_count: bool,
+    /// The token that bytes begin with.
+    start: Option<usize>,
     /// Bytes below 16 have one digit.
     has_short_bytes: bool,
+    /// Numbers are decimal.
+    has_decimals: bool,
 }
 
 /// The bytes of a word: pairs of digits, or 0x and one or two, separated by dashes or colons. `None` for other words.
@@ -95,9 +99,11 @@ struct Run<'a> {
     words: Vec<Word<'a>>,
 }
 
-/// Returns false for a word of marks, such as a sign for a line feed.
-fn is_word(word: &Word<'_>) -> bool {
-    word.text.contains(|character: char| character.is_ascii_alphanumeric())
+/// Returns true for a word that may be bytes with a mistake in it. Others, such as "and", end the bytes.
+fn may_be_bytes(word: &Word<'_>) -> bool {
+    let has_digits = word.text.contains(|character: char| character.is_ascii_digit());
+    let is_short = word.text.len() <= 2 && word.text.contains(|character: char| character.is_ascii_alphabetic());
+    has_digits || is_short
 }
 
 fn is_decimal(word: &str) -> bool {
@@ -117,11 +123,11 @@ impl Run<'_> {
         self.words.iter().any(|word| short_byte(word.text).is_some())
     }
 
-    /// Returns true for a number that may count something, or a word such as "be".
+    /// Returns true for a number that may count something, a word such as "be", or one byte.
     fn is_weak(&self) -> bool {
         let [word] = self.words[..] else { return false };
         let is_word = word.text.bytes().all(|byte| byte.is_ascii_alphabetic());
-        is_decimal(word.text) || is_word || is_time(word.text)
+        is_decimal(word.text) || is_word || word.text.len() == 2 || is_time(word.text)
     }
 
     /// Returns true if the run has another form than this word behind it. An address has a prefix, bytes behind it none.
@@ -135,6 +141,20 @@ impl Run<'_> {
     /// Returns true for an offset with a colon.
     fn is_offset(&self, next: Option<&Token<'_>>) -> bool {
         matches!(self.words[..], [word] if word.text.len() >= MIN_OFFSET) && next == Some(&Token::Mark(':'))
+    }
+
+    /// Returns true for the names of columns: D0, D1, D2.
+    fn is_heading(&self) -> bool {
+        let numbers: Vec<_> = self
+            .words
+            .iter()
+            .filter_map(|word| u8::from_str_radix(word.text, 16).ok())
+            .collect();
+        let are_names = self
+            .words
+            .iter()
+            .all(|word| word.text.starts_with(['d', 'D', 'b', 'B']));
+        numbers.len() >= MIN_RUN && are_names && numbers.windows(2).all(|pair| pair[1].checked_sub(pair[0]) == Some(1))
     }
 
     /// Returns true if the run has the form of bytes with one or two digits each.
@@ -185,6 +205,8 @@ fn are_adjacent(tokens: &[Token<'_>], run: &Run<'_>, at: usize) -> bool {
     let before = run.at.checked_sub(1).and_then(|before| tokens.get(before));
     match tokens.get(run.end..at) {
         Some([]) => true,
+        // An array of Java.
+        Some([Mark('('), Token::Word(word), Mark(')')]) => word.text == "byte",
         Some([Mark(mark @ ('#' | '$'))]) => before == Some(&Mark(*mark)),
         Some([Mark(']'), Mark('[')] | [Mark('>'), Mark('<')] | [Mark(')'), Mark('(')]) => true,
         Some([Mark(close @ ('\'' | '"')), Comma, Mark(open)]) => {
@@ -257,8 +279,39 @@ fn is_named(tokens: &[Token<'_>], run: &Run<'_>) -> bool {
     named || names_port(&tokens[..run.at])
 }
 
+/// The bytes of decimal numbers behind a direction, up to the end of the line. One of them has three digits, here or in
+/// an earlier line.
+fn decimals(tokens: &[Token<'_>], habits: &mut Habits) -> Option<Found> {
+    let mut words = Vec::new();
+    let (at, from) = direction(tokens, tokens.len())?;
+    let rest = &tokens[at + 1..];
+    let start = rest.iter().position(|token| !is_between(std::slice::from_ref(token)))?;
+    for token in &rest[start..] {
+        match token {
+            Token::Word(word) => words.push(word.text),
+            Token::Comma => {}
+            Token::Mark(_) | Token::Arrow(_) => return None,
+        }
+    }
+    let bytes: Option<Vec<u8>> = words.iter().map(|word| decimal(word)).collect();
+    let is_decimal = habits.has_decimals || words.iter().any(|word| word.len() == 3);
+    let bytes = bytes.filter(|bytes| is_decimal && !bytes.is_empty())?;
+    habits.has_decimals = true;
+    Some(Found::new(Some(from), bytes))
+}
+
+/// A decimal number without zeros before it.
+fn decimal(word: &str) -> Option<u8> {
+    word.parse()
+        .ok()
+        .filter(|_| is_decimal(word) && (word.len() == 1 || !word.starts_with('0')))
+}
+
 /// The bytes in hexadecimal.
 pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Result<Option<Found>, Doubt> {
+    if let Some(found) = decimals(tokens, habits) {
+        return Ok(Some(found));
+    }
     let runs = runs(tokens, habits)?;
     let direction = direction(tokens, tokens.len())
         .filter(|(at, _)| runs.iter().any(|run| run.at > *at))
@@ -267,13 +320,14 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
     let mut found: Option<Run<'_>> = None;
     for mut run in runs.into_iter().filter(|run| run.at >= start) {
         let next = tokens.get(run.end);
-        if run.is_offset(next) {
+        if run.is_offset(next) || run.is_heading() {
             continue;
         }
         let is_apart = is_marked(tokens, &run);
         let is_named = is_named(tokens, &run);
         let has_column = cut_at_column(line, &mut run);
-        let is_cut = !has_column && matches!(next, Some(Token::Word(word)) if is_word(word));
+        let is_cut =
+            !has_column && matches!(next, Some(Token::Word(word)) if run.words.len() < MIN_RUN || may_be_bytes(word));
         if is_cut && run.words.len() >= MIN_RUN && (is_apart || is_named) {
             let Some(Token::Word(word)) = next else { continue };
             let text = format!("'{}' is not a byte or bytes in hexadecimal", cut(word.text));
@@ -300,13 +354,7 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
     let Some(run) = found else { return Ok(None) };
     habits.has_short_bytes |= run.has_short_bytes();
     let is_alone = run.at == 0;
-    let bytes = match run.words[..] {
-        // A time of day before the bytes.
-        [time, ref rest @ ..] if is_alone && is_time(time.text) && !rest.is_empty() => {
-            rest.iter().filter_map(|word| run_bytes(word.text)).flatten().collect()
-        }
-        _ => run.bytes(),
-    };
+    let bytes = run.bytes();
     Ok(Some(Found { from, bytes, is_alone }))
 }
 
@@ -344,6 +392,10 @@ fn check_first(run: &mut Run<'_>, is_apart: bool, habits: &mut Habits) -> Result
         );
         Err(Doubt::new("ambiguous bytes", text))
     };
+    if is_time(first.text) && !rest.iter().any(|word| word.text.contains([':', '-'])) {
+        run.words.remove(0);
+        return check_first(run, true, habits);
+    }
     let are_digits = |word: &str| {
         word.trim_start_matches("0x")
             .bytes()
@@ -361,13 +413,16 @@ fn check_first(run: &mut Run<'_>, is_apart: bool, habits: &mut Habits) -> Result
     }
     if !is_decimal(first.text) {
         habits.has_no_count |= is_apart;
+        habits.start = Some(run.at);
         return Ok(());
     }
     let is_other = rest.iter().all(|word| word.text.len() > first.text.len())
         || rest.iter().all(|word| word.text.len() < first.text.len());
     let count = run.bytes().len() - 1;
-    let is_count = !habits.has_no_count && first.text.parse() == Ok(count);
-    match !is_apart && run.at > 0 || is_other || is_count {
+    let is_known = habits.start == Some(run.at);
+    let is_count = !habits.has_no_count && !is_known && first.text.parse() == Ok(count);
+    let may_be_prefix = !is_apart && run.at > 0 && !is_known;
+    match may_be_prefix || is_other || is_count {
         true => ambiguous("a number"),
         false => Ok(()),
     }

@@ -576,6 +576,43 @@ fn forms_of_programs_are_read() {
             "ESP_LOG_BUFFER_HEX",
         ),
         (
+            "0x20000000:\t0xaa\t0x06\t0x00\t0x01\t0xfe\t0x9a\t0xff\n0x20000007:\t0xaa\t0x04\t0x0e\t0x01\t0x01\t0x96\t0xff\n",
+            "x/7xb of gdb",
+        ),
+        (
+            "00: AA 06 00 01 FE 9A FF AA\n08: 04 0E 01 01 96 FF\n",
+            "offsets of two digits",
+        ),
+        (
+            "12.06.2024 14:22:00 AA 06 00 01 FE 9A FF\n12.06.2024 14:22:01 AA 04 0E 01 01 96 FF\n",
+            "date and time",
+        ),
+        (
+            "t,d0,d1,d2,d3,d4,d5,d6\n0.5,AA,06,00,01,FE,9A,FF\n1.5,AA,04,0E,01,01,96,FF\n",
+            "columns of bytes",
+        ),
+        (
+            "Received: 170 6 0 1 254 154 255\nReceived: 170, 4, 14, 1, 1, 150, 255\n",
+            "decimal numbers behind a direction",
+        ),
+        (
+            "new byte[] { (byte) 0xAA, (byte) 0x06, (byte) 0x00, (byte) 0x01, (byte) 0xFE, (byte) 0x9A, (byte) 0xFF };\n\
+             new byte[] { (byte) 0xAA, 0x04, 0x0E, 0x01, 0x01, (byte) 0x96, (byte) 0xFF };\n",
+            "arrays of Java",
+        ),
+        (
+            "I send AA 06 00 01 FE 9A FF and the arm is silent.\n“AA–04–0E–01–01–96–FF”\n",
+            "a letter",
+        ),
+        (
+            "[14:22:01.123]发→◇AA 06 00 01 FE 9A FF \n□\n[14:22:01.130]收：AA 04 0E 01 01 96 FF \n",
+            "SSCOM",
+        ),
+        (
+            "0B1F:0000  AA 06 00 01 FE 9A FF AA   ........\n0B1F:0008  04 0E 01 01 96 FF         ......\n",
+            "DEBUG",
+        ),
+        (
             "000001: Write Request (DOWN), 12:00:00.123\n\n AA 06 00 01 FE 9A FF   ª...þšÿ\n\n000002: Read (UP)\n\n \
              AA 04 0E 01 01 96 FF   ª....–ÿ\n",
             "Device Monitoring Studio",
@@ -591,7 +628,12 @@ fn forms_of_programs_are_read() {
         let shown: Vec<u8> = decoded(text).unwrap_or_else(|reason| panic!("{name}: {reason}"));
         match name {
             "ESP_LOG_BUFFER_HEX" => assert_eq!(shown[7..], [0xAA, 4, 0x0E, 3, 0, 0x22, 0xFF]),
-            "PulseView" | "strace" | "Device Monitoring Studio" => {}
+            "PulseView"
+            | "strace"
+            | "decimal numbers behind a direction"
+            | "a letter"
+            | "SSCOM"
+            | "Device Monitoring Studio" => {}
             _ => assert_eq!(shown, two_frames(), "{name}"),
         }
     }

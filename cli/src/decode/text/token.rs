@@ -33,8 +33,19 @@ pub(super) fn tokens(line: &str) -> Vec<Token<'_>> {
                 tokens.push(Token::Mark(first));
                 first.len_utf8()
             }
+            ZERO_WIDTH => first.len_utf8(),
+            '：' => {
+                tokens.push(Token::Mark(':'));
+                first.len_utf8()
+            }
+            _ if is_sign(first) => {
+                tokens.push(Token::Mark(first));
+                first.len_utf8()
+            }
             _ => {
-                let is_end = |character: char| character.is_whitespace() || ",;[](){}|\"'`#$=<>→←".contains(character);
+                let is_end = |character: char| {
+                    is_sign(character) || character.is_whitespace() || ",;[](){}|\"'`#$=<>→←".contains(character)
+                };
                 let word = &rest[..rest.find(is_end).unwrap_or(rest.len())];
                 let trimmed = word.trim_end_matches([':', '-']);
                 // A dash between a word and an angle bracket belongs to the arrow.
@@ -49,6 +60,16 @@ pub(super) fn tokens(line: &str) -> Vec<Token<'_>> {
         rest = &rest[len..];
     }
     tokens
+}
+
+/// A space without width.
+const ZERO_WIDTH: char = '\u{200B}';
+
+/// Returns true for signs and for characters that words in hexadecimal may be next to: no letters of Europe.
+fn is_sign(character: char) -> bool {
+    /// The first block of signs in Unicode.
+    const GENERAL_PUNCTUATION: char = '\u{2000}';
+    character >= GENERAL_PUNCTUATION && !character.is_whitespace()
 }
 
 /// Pushes an arrow, or the marks of its characters. Returns its length.
