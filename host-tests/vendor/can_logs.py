@@ -74,6 +74,19 @@ def main() -> None:
         assert read, f"{log}: no frame"
         check(armwire, log, len(read), requests(read))
 
+    # The refusal of a database names the command that converts it.
+    database, converted = folder / "python-can.db", folder / "converted.log"
+    database.unlink(missing_ok=True)
+    with can.Logger(database) as logger:
+        for message in written:
+            logger.on_message_received(message)
+    done = subprocess.run([armwire, "decode", database], capture_output=True, text=True)
+    assert done.returncode == 1 and "python -m can.logconvert" in done.stderr, done
+    subprocess.run([sys.executable, "-m", "can.logconvert", database, converted], check=True)
+    with can.LogReader(converted) as reader:
+        read = list(reader)
+    check(armwire, converted, len(read), requests(read))
+
     # can-utils: from candump's log to ASC, and back.
     asc, back = folder / "can-utils.asc", folder / "can-utils.log"
     with (folder / "python-can.log").open() as log, asc.open("w") as out:

@@ -123,7 +123,12 @@ struct Zstd<'a> {
     source: Detected<'a>,
     frame: FrameDecoder,
     is_begun: bool,
+    /// The error that ended the frame, returned behind what was decoded before.
+    error: Option<Error>,
 }
+
+/// An empty block that ends a frame, and a checksum.
+const LAST_BLOCK: &[u8] = &[1, 0, 0, 0, 0, 0, 0];
 
 impl<'a> Zstd<'a> {
     fn new(source: Detected<'a>) -> Self {
@@ -133,6 +138,7 @@ impl<'a> Zstd<'a> {
             source,
             frame,
             is_begun: false,
+            error: None,
         }
     }
 
@@ -144,10 +150,24 @@ impl<'a> Zstd<'a> {
                 Err(FrameDecoderError::ReadFrameHeaderError(ReadFrameHeaderError::SkipFrame { length, .. })) => {
                     io::copy(&mut self.source.by_ref().take(length.into()), &mut io::sink())?;
                 }
+                Err(FrameDecoderError::WindowSizeTooBig { requested, max }) => {
+                    let text = format!("the zstd data needs a window of {requested} bytes, the maximum is {max}");
+                    return Err(Error::new(ErrorKind::Unsupported, text));
+                }
                 Err(error) => return Err(damaged(error)),
             }
         }
         Ok(false)
+    }
+
+    /// Decodes a block. The decoder gives the last bytes of a frame once it has ended: a damaged one is ended.
+    fn decode_block(&mut self) {
+        let one = || BlockDecodingStrategy::UptoBlocks(1);
+        if let Err(error) = self.frame.decode_blocks(&mut self.source, one()) {
+            self.error = Some(damaged(error));
+            // Without its end, what is in the window is lost.
+            let _ = self.frame.decode_blocks(LAST_BLOCK, one());
+        }
     }
 
     /// Checks the checksum of a frame that has ended.
@@ -179,12 +199,13 @@ impl Read for Zstd<'_> {
             if n > 0 {
                 return Ok(n);
             }
-            if self.frame.is_finished() {
-                self.check()?;
-                self.is_begun = false;
-            } else {
-                let one = BlockDecodingStrategy::UptoBlocks(1);
-                self.frame.decode_blocks(&mut self.source, one).map_err(damaged)?;
+            match self.error.take() {
+                Some(error) => return Err(error),
+                None if self.frame.is_finished() => {
+                    self.check()?;
+                    self.is_begun = false;
+                }
+                None => self.decode_block(),
             }
         }
     }

@@ -410,6 +410,16 @@ fn packed_text_is_unpacked() {
         let (_, error) = printed(packed, None, ArmKind::Ling, None);
         assert!(error.is_some_and(|error| error.starts_with("log: ")));
     }
+    let long = text.repeat(110);
+    let zstd = ruzstd::encoding::compress_to_vec(long.as_bytes(), level);
+    let (lines, error) = printed(&zstd[..zstd.len() - 9], None, ArmKind::Ling, None);
+    assert!(error.is_some_and(|error| error.contains("the zstd data is damaged: ")));
+    let frames = lines
+        .iter()
+        .filter(|line| line.ends_with("to the arm: read joints"))
+        .count();
+    assert!(frames > 2_500, "{frames} of 3,300");
+    assert!(lines.last().unwrap().starts_with("bytes: "), "{lines:?}");
     let (lines, _) = printed(&gzip, Some(crate::decode::format::Format::Raw), ArmKind::Ling, None);
     assert_eq!(
         lines.last().unwrap(),
