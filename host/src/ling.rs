@@ -469,6 +469,8 @@ impl Standstill {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc;
+
     use armwire::ling::{Ling as Protocol, MotionStatus, Response};
     use armwire::messages::Messages;
 
@@ -537,16 +539,32 @@ mod tests {
         }
     }
 
-    #[test]
-    fn reading_at_a_rate_permits_no_move() {
-        let mut arm = Ling {
+    fn holding() -> Ling {
+        Ling {
             link: Link::new(Box::new(Holding(false)), Protocol::CONFIG),
             connection: crate::open("/dev/fake").unwrap(),
             gripper: None,
             may_move: false,
             last: None,
             on_pose: None,
-        };
+        }
+    }
+
+    #[test]
+    fn every_read_of_the_joints_is_reported() {
+        let (poses, reported) = mpsc::channel();
+        let mut arm = holding();
+        arm.on_pose = Some(Box::new(move |pose| poses.send(pose).unwrap()));
+        let state = arm.read_joints().unwrap();
+        arm.read_motion().unwrap();
+        assert!(arm.read_joints_until(Instant::now()).unwrap());
+        drop(arm);
+        assert_eq!(reported.iter().collect::<Vec<_>>(), [state; 3]);
+    }
+
+    #[test]
+    fn reading_at_a_rate_permits_no_move() {
+        let mut arm = holding();
         // It may be the answer to a request before the torque was switched.
         assert!(arm.read_joints_until(Instant::now()).unwrap());
         assert!(!arm.may_move);
