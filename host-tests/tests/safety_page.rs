@@ -30,6 +30,7 @@ const TESTS: [&str; 33] = [
     "host-tests/tests/image/rate.rs",
     "host-tests/tests/image/recovery.rs",
     "host-tests/tests/image/stop.rs",
+    "host-tests/tests/image/teleop.rs",
     "protocol/tests/client.rs",
     "protocol/tests/driver.rs",
     "python/tests/test_aio.py",

@@ -21,6 +21,7 @@ mod recovery;
 mod selftest;
 mod start;
 mod stop;
+mod teleop;
 mod trace;
 mod usb;
 mod usb_faults;
