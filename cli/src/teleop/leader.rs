@@ -11,7 +11,6 @@ use armwire_host::{Error as Host, Port, Stream};
 use super::{open, prepare};
 use crate::error::Error;
 use crate::monitor::Recorder;
-use crate::output::print_error;
 use crate::recording::Role;
 use crate::signals;
 
@@ -24,13 +23,20 @@ pub(super) struct Leader<'a> {
     baud: Option<NonZeroU32>,
     /// The time of the next attempt to open the port while it is lost.
     stream: Result<Stream, Instant>,
+    /// Why it was lost, until this is taken.
+    loss: Option<Error>,
 }
 
 impl<'a> Leader<'a> {
     /// Opens the leader.
     pub(super) fn open(port: &'a Port, baud: Option<NonZeroU32>, recorder: &Recorder) -> Result<Self, Error> {
         let stream = Ok(stream(port, baud, recorder)?);
-        Ok(Self { port, baud, stream })
+        Ok(Self {
+            port,
+            baud,
+            stream,
+            loss: None,
+        })
     }
 
     /// The port's name.
@@ -39,6 +45,11 @@ impl<'a> Leader<'a> {
             Ok(stream) => stream.name(),
             Err(_) => "the leader",
         }
+    }
+
+    /// The reason why the leader was lost, once.
+    pub(super) fn take_loss(&mut self) -> Option<Error> {
+        self.loss.take()
     }
 
     /// Requests a reading. Tries to open a lost port while the follower waits: that takes time, in which it is not moved.
@@ -77,7 +88,7 @@ impl<'a> Leader<'a> {
         match result {
             Err(error @ Host::Interrupted(_)) => Err(error.into()),
             Err(error) => {
-                print_error(&format_args!("{}", Error::from(error)));
+                self.loss = Some(error.into());
                 self.stream = Err(Instant::now());
                 Ok(T::default())
             }

@@ -19,7 +19,7 @@ use crate::args::Baud;
 use crate::call::values::{joint_speed, parse};
 use crate::error::Error;
 use crate::monitor::Recorder;
-use crate::output::print_line;
+use crate::output::{print_error, print_line};
 use crate::recording::Role;
 use crate::signals;
 use crate::status::Status;
@@ -169,6 +169,7 @@ impl Session<'_> {
             follower = stream.into_arm();
             let stopped = pause.and_then(|pause| {
                 let stopped = follower.stop(None)?;
+                self.status.clear();
                 print_line(format_args!("{pause}; {}", stop::show(&stopped)))
             });
             if let Err(error) = stopped {
@@ -231,6 +232,10 @@ impl Session<'_> {
 
     /// Prints a change of what the follower does, and shows the rest on a terminal.
     fn show(&mut self) -> Result<(), Error> {
+        if let Some(loss) = self.leader.take_loss() {
+            self.status.clear();
+            print_error(&loss);
+        }
         let progress = self.follow.progress();
         let (name, text) = match progress {
             Progress::Starting => ("starting", None),

@@ -2,6 +2,8 @@
 
 use std::cell::RefCell;
 use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::process::{Command, Output};
 use std::time::Instant;
 
@@ -12,6 +14,7 @@ use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::common::terminal::Terminal;
 use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, retry_while, run, start, success};
 
 /// A virtual arm on a pty, in real time.
@@ -226,4 +229,37 @@ fn distant_arms_are_refused_if_so_asked() {
         stderr.contains("joint 6 of the follower is 20° away from the leader's"),
         "{stderr}"
     );
+}
+
+#[test]
+fn terminal_shows_rate_lag_and_losses() {
+    let [leader, follower] = [&["--leader"][..], &[]].map(|args| Arm::start("ling", "teleop-terminal", args));
+    let mut terminal = Terminal::new(100, 10);
+    let mut child = terminal.start(&["teleop", &leader.port, &follower.port]);
+    // The status line begins at the start of its row.
+    let is_shown =
+        terminal.wait_for("\rfollowing  ", &mut child) && terminal.wait_for(" ms  lost readings: ", &mut child);
+    let _ = kill_process(Pid::from_child(&child), Signal::INT);
+    terminal.finish(child);
+    assert!(is_shown, "{}", terminal.seen);
+}
+
+#[test]
+fn unplugged_leader_is_named() {
+    let [leader, follower] = [&["--leader"][..], &[]].map(|args| Arm::start("ling", "teleop-unplugged", args));
+    let mut child = start(Command::new(PROGRAM).args(["teleop", &leader.port, &follower.port]));
+    let mut out = BufReader::new(child.stdout.take().unwrap()).lines();
+    let mut wait_for = |text: &str| out.any(|line| line.unwrap().contains(text));
+    assert!(wait_for("following"));
+    let port = leader.port.clone();
+    leader.kill();
+    assert!(wait_for("no pose of the leader for "));
+    assert!(wait_for("waiting until both arms are within 5°"));
+    let leader = Arm::start_at("ling", Path::new(&port), &["--leader"]);
+    assert!(wait_for("following"), "it comes back");
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    assert!(wait_for(" s: moves "));
+    let output = finish(child);
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(stderr.contains(&leader.port), "{stderr}");
 }
