@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::path::PathBuf;
-use std::process::{Child, Command, Output};
+use std::process::{Command, Output};
 use std::time::Instant;
 
 use armwire::ling::{
@@ -321,11 +321,16 @@ fn killed_replay_loses_the_torque_if_so_configured() {
     let settings = ["poll=50", "host-timeout.after-ms=300", "host-timeout.torque-off=on"];
     success(&[&["config", &board.control, "set"], &settings[..]].concat());
     let recording = far();
-    let mut child = start(Command::new(PROGRAM).args(["replay", recording.path(), &board.port]));
+    let begin = || start(Command::new(PROGRAM).args(["replay", recording.path(), &board.port]));
     let deadline = Instant::now() + TIMEOUT;
-    let has_ended = |child: &mut Child| child.try_wait().unwrap().is_some() || Instant::now() > deadline;
+    let mut child = begin();
     while polled(&board)["joint_1_deg"].as_f64() < Some(5.0) {
-        assert!(!has_ended(&mut child), "{:?}", finish(child));
+        if child.try_wait().unwrap().is_some() {
+            let output = finish(std::mem::replace(&mut child, begin()));
+            let stderr = String::from_utf8(output.stderr).unwrap();
+            let is_busy = stderr.contains(LATE) || stderr.contains(NO_ANSWER);
+            assert!(is_busy && Instant::now() < deadline, "{stderr}");
+        }
     }
     child.kill().unwrap();
     finish(child);
