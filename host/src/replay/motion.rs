@@ -148,6 +148,7 @@ pub struct Motion {
 struct Knot {
     at: Duration,
     ticks: Ticks,
+    /// The last goal of the gripper; `None` if it was not recorded up to here.
     gripper: Option<Opening>,
 }
 
@@ -176,10 +177,14 @@ impl Motion {
         let Some(&(start, _)) = part.first() else {
             return Err(Refusal::Empty);
         };
-        let knots = part.iter().map(|(at, point)| Knot {
-            at: scaled(span(start, *at), range.speed),
-            ticks: ticks(point.joints),
-            gripper: point.gripper,
+        let mut gripper = None;
+        let knots = part.iter().map(|(at, point)| {
+            gripper = point.gripper.or(gripper);
+            Knot {
+                at: scaled(span(start, *at), range.speed),
+                ticks: ticks(point.joints),
+                gripper,
+            }
         });
         let motion = Self {
             knots: knots.collect(),
@@ -221,8 +226,7 @@ impl Motion {
     /// The last goal of the gripper at this time.
     pub(super) fn gripper(&self, at: Duration) -> Option<Opening> {
         let next = self.knots.partition_point(|knot| knot.at <= at);
-        let before = self.knots[..next.max(1)].iter().rev();
-        before.into_iter().find_map(|knot| knot.gripper)
+        self.knots[next.saturating_sub(1)].gripper
     }
 
     /// Checks speeds and gaps. The points are those of the knots, with their times in the recording.
