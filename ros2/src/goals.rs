@@ -11,6 +11,8 @@ use crate::motion::{Abort, End};
 
 /// Time for which the result of a goal is kept, as in ROS 2 Jazzy.
 const RESULT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Maximum number of goals. The oldest that has ended makes room.
+const MAX_KNOWN: usize = 64;
 /// Maximum number of requests that wait for the result of one goal.
 const MAX_WAITING: usize = 16;
 
@@ -58,6 +60,11 @@ impl<I> Goals<I> {
     }
 
     pub(crate) fn accept(&mut self, info: GoalInfo) {
+        let is_ended = |goal: &Goal<I>| matches!(goal.state, State::Ended { .. });
+        let oldest = self.known.iter().position(is_ended);
+        if let Some(oldest) = oldest.filter(|_| self.known.len() >= MAX_KNOWN) {
+            self.known.remove(oldest);
+        }
         self.known.push(Goal {
             info,
             state: State::Active {
@@ -269,6 +276,20 @@ mod tests {
             .filter_map(|request| goals.ask(id, request))
             .map(|(request, _)| request);
         assert_eq!(answered.collect::<Vec<_>>(), [16, 17, 18, 19]);
+    }
+
+    #[test]
+    fn oldest_ended_goals_make_room() {
+        let (mut goals, [_, active, _], now) = goals();
+        for seconds in 4..200 {
+            let id = GoalId::new_random();
+            goals.accept(info(id, seconds));
+            goals.end(now, id, &End::Replaced);
+        }
+        let kept = goals.statuses().status_list;
+        assert_eq!(kept.len(), MAX_KNOWN);
+        assert!(goals.is_known(active));
+        assert_eq!(kept.last().unwrap().goal_info.stamp, Time::new(199, 0));
     }
 
     #[test]

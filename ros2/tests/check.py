@@ -312,6 +312,41 @@ class CancelGoalResponse_(IdlStruct, typename="action_msgs::srv::dds_::CancelGoa
     goals_canceling: sequence[GoalInfo_]
 
 
+# In rmw_fastrtps, requests and responses are as in their files.
+@dataclass
+class BareSetBoolRequest_(IdlStruct, typename="std_srvs::srv::dds_::SetBool_Request_"):
+    data: bool
+
+
+@dataclass
+class BareSetBoolResponse_(IdlStruct, typename="std_srvs::srv::dds_::SetBool_Response_"):
+    success: bool
+    message: str
+
+
+@dataclass
+class BareSendGoalRequest_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Request_"):
+    goal_id: Uuid_
+    goal: Goal_
+
+
+@dataclass
+class BareSendGoalResponse_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Response_"):
+    accepted: bool
+    stamp: Time_
+
+
+@dataclass
+class BareGetResultRequest_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_GetResult_Request_"):
+    goal_id: Uuid_
+
+
+@dataclass
+class BareGetResultResponse_(IdlStruct, typename="control_msgs::action::dds_::FollowJointTrajectory_GetResult_Response_"):
+    status: int8
+    result: Result_
+
+
 ACCEPTED, EXECUTING, SUCCEEDED, CANCELED, ABORTED = 1, 2, 4, 5, 6
 UNKNOWN_GOAL, GOAL_TERMINATED = 2, 3
 INVALID_GOAL, PATH_VIOLATED, GOAL_VIOLATED = -1, -4, -5
@@ -833,6 +868,44 @@ def slow_readings(participant):
     end(sim)
 
 
+def other_mapping(participant):
+    """The format of requests of rmw_fastrtps: this peer does not send the client's identity, as rmw_fastrtps does."""
+    sim, port = virtual_arm("other")
+    node = start("armwire-ros2", "--arm", f"other=ling:{port}")
+    peer = Peer(participant, "other")
+    until(peer.take, 20, "readings arrive")
+
+    def call(name, request, response, content):
+        requests = Topic(participant, f"rq/other/{name}Request", request, qos=QOS)
+        replies = Topic(participant, f"rr/other/{name}Reply", response, qos=QOS)
+        writer, reader = DataWriter(participant, requests, qos=QOS), DataReader(participant, replies, qos=QOS)
+        until(writer.get_matched_subscriptions, 10, f"{name} is there")
+        until(reader.get_matched_publications, 10, f"{name} answers")
+        writer.write(content)
+        answers = []
+
+        def look():
+            answers.extend(answer for answer in reader.take(10) if isinstance(answer, response))
+            return answers
+
+        until(look, 10, f"{name} has answered")
+        return answers[0]
+
+    answer = call("torque", BareSetBoolRequest_, BareSetBoolResponse_, BareSetBoolRequest_(True))
+    assert answer.success, answer
+    goal = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
+    none = MultiDofTrajectory_(Header_(Time_(0, 0), ""), [], [])
+    goal = Goal_(peer.trajectory([goal]), none, [], [], [], [], Duration_(0, 0))
+    id, action = Uuid_(os.urandom(16)), "follow_joint_trajectory/_action"
+    answer = call(f"{action}/send_goal", BareSendGoalRequest_, BareSendGoalResponse_, BareSendGoalRequest_(id, goal))
+    assert answer.accepted, answer
+    answer = call(f"{action}/get_result", BareGetResultRequest_, BareGetResultResponse_, BareGetResultRequest_(id))
+    assert answer.status == SUCCEEDED, answer
+    passed("services and the action have the format of rmw_fastrtps too")
+    end(node)
+    end(sim)
+
+
 def read_joints(port):
     call = [os.path.join(PROGRAMS, "armwire"), "call", "ling", port, "read-joints"]
     return subprocess.run(call, check=True, capture_output=True, text=True).stdout
@@ -966,6 +1039,7 @@ if __name__ == "__main__":
         trajectories(participant)
         action(participant)
         slow_readings(participant)
+        other_mapping(participant)
         on_interface(participant)
         sixteen_arms(participant)
         # The last, because a polling virtual board keeps a core busy.
