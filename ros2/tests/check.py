@@ -949,10 +949,34 @@ def behind_adapter(participant, board):
     assert peer.is_at(goal) and peer.value("motion_status") == "locked"
     passed("a trajectory moves the arm behind an adapter, and it holds for longer than the timer")
 
+    # The hold of an arm that has left its path ends its stream, too.
+    follow = Follow(participant, peer)
+    id, accepted = follow.goal([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0, path=[("joint1", 1e-6)])
+    answer = follow.result(id)
+    assert accepted and (answer.status, answer.result.error_code) == (ABORTED, PATH_VIOLATED), answer
+    time.sleep(1)
+    assert peer.value("motion_status") == "locked"
+    passed("an aborted goal behind an adapter leaves the torque on")
+
+    # A stop by another host.
+    bus = f"slcan:{os.path.join(board, 'bus')}"
+    id, accepted = follow.goal([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
+    begun = peer.positions()
+    until(lambda: not peer.is_at(begun, 0.1), 5, "it moves")
+    subprocess.run([armwire, "stop", bus], check=True, stdout=subprocess.DEVNULL)
+    answer = follow.result(id)
+    assert accepted and answer.result.error_string == "the adapter stopped the arm", answer
+    time.sleep(2.5)
+    held = peer.positions()
+    time.sleep(0.5)
+    assert peer.is_at(held, 0.002) and peer.value("motion_status") == "locked"
+    passed("a stop by a host on CAN aborts a goal, and the arm holds")
+    peer.send([goal])
+    until(lambda: peer.is_at(goal), 10, "the arm is at its goal")
+
     # Torque-off by another host ends a motion, and torque-on does not resume it.
     peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
     until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
-    bus = f"slcan:{os.path.join(board, 'bus')}"
     subprocess.run([armwire, "call", "ling", bus, "set-torque", "off"], check=True, stdout=subprocess.DEVNULL)
     aborted = "trajectory aborted: the torque was switched off during the motion"
     until(lambda: peer.value("last_warning") == aborted, 5, "the motion ends")
