@@ -189,6 +189,8 @@ struct Call {
     sends: u8,
     /// The number of remaining repeats.
     repeats: u8,
+    /// True for one of many readings, which waits for no earlier answer.
+    is_reading: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -244,7 +246,10 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         if call.sends > 0 {
             // A repeat belongs to the same call. It never waits, and an answer in the port is an answer to the call.
             call.state = State::Writing(0);
-        } else if info.is_none_or(|info| self.exchange.can_send(info, ())) {
+        } else if info.is_none_or(|info| match call.is_reading {
+            true => self.exchange.can_read(info, ()),
+            false => self.exchange.can_send(info, ()),
+        }) {
             let can_be_confused = !M::HAS_TRANSACTION_ID && info.is_some_and(|info| info.response.is_some());
             // One read suffices if no old answer can be taken for the new one. It bounds the bytes in the port.
             call.state = State::Reading(if can_be_confused { config.backlog } else { 0 });
@@ -298,7 +303,10 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
             at: now,
             due: now + config.timeout(self.len, response),
         };
-        self.exchange.repeat(info, (), handover);
+        match call.is_reading {
+            true => self.exchange.begin_reading(info, (), handover),
+            false => self.exchange.repeat(info, (), handover),
+        }
         call.sends = call.sends.saturating_add(1);
         call.state = State::Waiting;
     }
@@ -490,6 +498,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
             state: State::Ready,
             sends: 0,
             repeats: self.config.repeats,
+            is_reading: false,
         });
         Ok(())
     }
@@ -497,9 +506,9 @@ impl<M: Messages, const N: usize> Client<M, N> {
     /// Starts a reading, as one of many at a steady rate. It is not repeated, and waits for no answer to an earlier
     /// request with the same key that has ended: a lost answer does not delay the next reading.
     ///
-    /// Such an earlier answer may therefore be taken for the answer to this reading, if it arrives after its
-    /// transmission. Both have the arm's state, and one is newer. Use [`submit`](Self::submit) where the state must be
-    /// newer than the request, and for any request that is not a read.
+    /// Such an earlier answer is taken for the answer to this reading, if it arrives after its transmission. Both have
+    /// the arm's state, and one is newer. Use [`submit`](Self::submit) where the state must be newer than the request,
+    /// and for any request that is not a read: it waits for the answers to lost readings as to any other request.
     ///
     /// # Errors
     ///
@@ -527,9 +536,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
         let out = &mut self.outgoing;
         if let Some(call) = &mut out.call {
             call.repeats = 0;
-        }
-        if let Some(info) = out.info {
-            out.exchange.forget(info.key, ());
+            call.is_reading = true;
         }
         Ok(())
     }

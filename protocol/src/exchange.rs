@@ -19,10 +19,13 @@
 //! * Only an answer moves a deadline: an arm answers one request after the other, and the timeouts of later requests
 //!   start then.
 //!
-//! An answer later than the stale window, or to a send that was [forgotten](Exchange::forget), can be assigned to the
-//! wrong request.
+//! * A *reading* is one of many requests for a state at a steady rate. It waits for no stale send of its key by its own
+//!   initiator, and takes an answer before them: each answer has the state, and only their number is exact.
+//!
+//! An answer later than the stale window can be assigned to the wrong request.
 
 use core::cell::Cell;
+use core::mem;
 
 use crate::correlation::{Correlation, InfoOf};
 use crate::time::{Duration, Instant};
@@ -103,6 +106,11 @@ impl<D: Correlation, I: Copy + Eq> Sent<D, I> {
             && correlation.is_response_to(self.key, frame)
     }
 
+    /// Returns true for a stale send of this key by `who`.
+    fn is_stale_of(&self, key: D::Key, who: I) -> bool {
+        self.stale && self.key == key && self.who == who
+    }
+
     /// Returns true if a request of `who` must wait until this send is resolved.
     fn blocks(&self, info: &InfoOf<D>, who: I) -> bool {
         self.expect != info.expect || self.key == info.key && (self.stale || self.who != who)
@@ -118,7 +126,7 @@ struct Saturation {
 /// The unresolved sends on one line, at most `N`. `I` identifies the initiator; use `()` for a single one.
 pub struct Exchange<D: Correlation, I, const N: usize> {
     stale_window: Duration,
-    /// In the order of handover, without gaps.
+    /// In the order in which answers are assigned, without gaps: that of handover, except for readings.
     sends: Slots<Sent<D, I>, N>,
     saturated: Option<Saturation>,
 }
@@ -152,6 +160,43 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
             return has_room || self.sends.iter().any(|sent| sent.stale);
         }
         has_room && self.saturated.is_none() && !self.sends.iter().any(|sent| sent.blocks(info, who))
+    }
+
+    /// Returns true if a reading may be sent now.
+    pub fn can_read(&self, info: &InfoOf<D>, who: I) -> bool {
+        if D::HAS_TRANSACTION_ID || info.response.is_none() {
+            return self.can_send(info, who);
+        }
+        let is_own = |sent: &&Sent<D, I>| sent.is_stale_of(info.key, who);
+        // The own stale sends become one.
+        let own = self.sends.iter().filter(is_own).count();
+        let has_room = self.sends.len().saturating_sub(own.saturating_sub(1)) < N;
+        let is_blocked = self.sends.iter().any(|sent| !is_own(&sent) && sent.blocks(info, who));
+        has_room && self.saturated.is_none() && !is_blocked
+    }
+
+    /// A reading was handed over, which [may be sent](Self::can_read).
+    pub fn begin_reading(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
+        if D::HAS_TRANSACTION_ID || info.response.is_none() {
+            self.begin(info, who, handover);
+            return;
+        }
+        let mut lost: Option<Sent<D, I>> = None;
+        while let Some(stale) = self.sends.remove_first_where(|sent| sent.is_stale_of(info.key, who)) {
+            lost = Some(match lost {
+                None => stale,
+                Some(lost) => Sent {
+                    times: lost.times.saturating_add(stale.times),
+                    due: lost.due.max(stale.due),
+                    ..lost
+                },
+            });
+        }
+        if let Some(lost) = lost {
+            self.sends.push(lost);
+        }
+        // In front of the others: it takes the next answer.
+        self.sends.push_front(Sent::new(info, who, handover));
     }
 
     /// A request was handed over. Returns true if its send is tracked.
@@ -236,12 +281,6 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         for sent in self.sends.iter_mut().filter(|sent| sent.who == who) {
             sent.stale = true;
         }
-    }
-
-    /// Forgets the stale sends of this initiator with this key: an answer to one of them can be assigned to a later send.
-    pub fn forget(&mut self, key: D::Key, who: I) {
-        self.sends
-            .remove_where(|sent| sent.stale && sent.key == key && sent.who == who);
     }
 
     /// The time of the next [`on_timeout`](Self::on_timeout), unless another event comes first.
@@ -329,6 +368,19 @@ impl<T, const N: usize> Slots<T, N> {
                 true
             }
             None => false,
+        }
+    }
+
+    /// Inserts a value before the others, if it fits.
+    fn push_front(&mut self, value: T) {
+        if self.len() < N {
+            let mut carried = Some(value);
+            for slot in &mut self.0 {
+                mem::swap(slot, &mut carried);
+                if carried.is_none() {
+                    return;
+                }
+            }
         }
     }
 

@@ -293,31 +293,72 @@ fn missing_answer_blocks_its_kind_for_stale_window() {
 fn reading_never_waits_for_a_lost_answer() {
     let mut host = Lings::new(Config::DEFAULT);
     for _ in 0..20 {
-        host.client.submit_reading(&Request::ReadJoints).unwrap();
-        assert_eq!(host.transmit(), 7);
+        read(&mut host);
         host.client.cancel();
     }
-    host.client.submit_reading(&Request::ReadJoints).unwrap();
-    assert_eq!(host.transmit(), 7);
+    read(&mut host);
     assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
-    host.client.submit_reading(&Request::ReadJoints).unwrap();
-    assert_eq!(host.transmit(), 7);
+    read(&mut host);
     assert_eq!(host.time_out(), 1, "it is not repeated");
 }
 
+/// Starts a reading and transmits it.
+fn read(host: &mut Lings) {
+    host.client.submit_reading(&Request::ReadJoints).unwrap();
+    assert_eq!(host.transmit(), 7);
+}
+
 #[test]
-fn reading_forgets_only_answers_of_its_kind() {
+fn late_reading_never_satisfies_a_command() {
+    let mut host = Lings::new(ONCE);
+    read(&mut host);
+    host.client.cancel();
+    read(&mut host);
+    // The answer to the first, which the second takes. Its own is still to come.
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+    host.client.submit(&Request::ReadJoints).unwrap();
+    assert_eq!(host.transmit(), 0, "held back");
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
+    assert_eq!(host.transmit(), 7);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+}
+
+#[test]
+fn lost_reading_delays_commands_for_its_window_only() {
+    let mut host = Lings::new(ONCE);
+    for _ in 0..3 {
+        read(&mut host);
+        host.client.cancel();
+    }
+    host.client.submit(&Request::ReadJoints).unwrap();
+    let end = host.timeout().unwrap();
+    assert!(end > host.now + ONCE.stale_window);
+    host.client.cancel();
+    // Readings go on, and each has its answer.
+    while host.now < end {
+        host.now += micros(5_000);
+        read(&mut host);
+        assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+    }
+    host.send(Request::ReadJoints);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+    assert_eq!(host.receive(&bytes(JOINTS)), [describe(Event::Unsolicited(JOINTS))]);
+}
+
+#[test]
+fn reading_leaves_other_late_answers_alone() {
     let mut host = Lings::new(ONCE);
     host.send(Request::ReadStroke);
     assert_eq!(host.time_out(), 1);
-    host.client.submit_reading(&Request::ReadJoints).unwrap();
-    assert_eq!(host.transmit(), 7);
+    read(&mut host);
     host.client.cancel();
     for request in [Request::ReadStroke, Request::ReadJoints] {
         host.client.submit(&request).unwrap();
         assert_eq!(host.transmit(), 0, "held back");
         host.client.cancel();
     }
+    read(&mut host);
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
 }
 
 #[test]
