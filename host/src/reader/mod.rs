@@ -190,7 +190,8 @@ impl End {
 /// readings. Otherwise the thread reads, and a reading has the time of its receipt. A lost answer costs one reading: the
 /// next one begins at its time. It is [counted](Self::counts).
 ///
-/// Commands go on meanwhile, through the [shared arm](Self::arm): each waits for at most one read.
+/// Commands go on meanwhile, through the [shared arm](Self::arm): each waits for at most one read. A read by a command
+/// waits for the answers to lost readings, as for any lost answer: 0.2 s at most for a Ling arm on a serial port.
 ///
 /// ```no_run
 /// use armwire::ling::Torque;
