@@ -14,13 +14,18 @@ use crate::config::{Can, Config, Poll};
 use crate::control::{Identity, MAX_FRAME, Request};
 use crate::{Bridge, PACKET, Start, Transmit, UartEvent, UsbEvent};
 
+/// Status bytes of an arm with and without torque.
+const LOCKED: u8 = 1;
+const UNLOCKED: u8 = 0;
+
+/// A position that no joint has.
+const OUT_OF_RANGE: u16 = 5_000;
+
 /// A call of the adapter.
 #[derive(Clone, Debug)]
 enum Step {
-    /// The arm sends an answer, or its first bytes.
-    Receive(usize),
-    /// The arm sends a frame that nobody asked for.
-    Unsolicited,
+    /// The arm sends answers, their first bytes, or frames that nobody asked for.
+    Receive(Vec<u8>),
     Idle,
     /// The host on USB sends requests.
     Request {
@@ -37,16 +42,34 @@ enum Step {
     Wait(u64),
 }
 
-/// The answer to [`READ_JOINTS`].
-fn answer() -> Vec<u8> {
-    ling(0x06, 0, &[0; 15])
+/// The answer to [`READ_JOINTS`] of an arm with its joints at this position and this status.
+fn answer(position: u16, status: u8) -> Vec<u8> {
+    let data = [position; 7].into_iter().flat_map(u16::to_le_bytes);
+    ling(0x06, 0, &data.chain([status]).collect::<Vec<_>>())
+}
+
+/// An answer of an arm whose torque is on.
+fn at_rest() -> Vec<u8> {
+    answer(500, LOCKED)
+}
+
+/// The answers of an arm that moves, rests, has no torque, or is out of range.
+fn answers() -> impl Strategy<Value = Vec<u8>> {
+    prop_oneof![
+        4 => Just(at_rest()),
+        2 => (490..510_u16).prop_map(|position| answer(position, LOCKED)),
+        1 => Just(answer(500, UNLOCKED)),
+        2 => Just(answer(OUT_OF_RANGE, LOCKED)),
+    ]
 }
 
 fn steps() -> impl Strategy<Value = Vec<Step>> {
+    let first_bytes = (answers(), 1..at_rest().len()).prop_map(|(answer, len)| answer[..len].to_vec());
+    let frame = prop_oneof![4 => answers(), 1 => Just(ling(0x77, 1, &[0; 3])), 1 => first_bytes];
+    let frames = prop::collection::vec(frame, 1..4).prop_map(|frames| frames.concat());
     let step = prop_oneof![
-        2 => (1..answer().len()).prop_map(Step::Receive),
-        16 => Just(Step::Receive(answer().len())),
-        2 => Just(Step::Unsolicited),
+        16 => answers().prop_map(Step::Receive),
+        6 => frames.prop_map(Step::Receive),
         2 => Just(Step::Idle),
         4 => any::<bool>().prop_map(|motion| Step::Request { motion }),
         1 => Just(Step::PartOfRequest),
@@ -83,8 +106,7 @@ fn adapter(poll: Poll) -> Bridge {
 fn call(bridge: &mut Bridge, step: &Step, now: u64) -> (usize, Vec<u8>, Option<Transmit>) {
     let now = at(now);
     match step {
-        Step::Receive(len) => (bridge.uart_received(&answer()[..*len], now), vec![], None),
-        Step::Unsolicited => (bridge.uart_received(&ling(0x77, 1, &[0; 3]), now), vec![], None),
+        Step::Receive(bytes) => (bridge.uart_received(bytes, now), vec![], None),
         Step::Idle => (bridge.uart_event(UartEvent::Idle, now), vec![], None),
         Step::Request { motion: true } => (bridge.usb_received(&motion(), now).into(), vec![], None),
         Step::Request { motion: false } => (bridge.usb_received(&READ_JOINTS, now).into(), vec![], None),
@@ -145,15 +167,51 @@ fn next_poll_may_start_with_answer() {
     bridge.uart_transmitted(at(1_000));
     assert_eq!(bridge.uart_ahead(), None);
 
-    bridge.uart_received(&answer(), at(2_000));
+    bridge.uart_received(&at_rest(), at(2_000));
     assert_eq!(bridge.uart_ahead(), Some(&READ_JOINTS[..]));
     assert_eq!(bridge.uart_transmit(&mut out, at(2_001)), Some(poll));
     bridge.uart_transmitted(at(2_001));
 
     // A request of the host on USB may go first.
     bridge.usb_received(&READ_JOINTS, at(2_500));
-    bridge.uart_received(&answer(), at(3_000));
+    bridge.uart_received(&at_rest(), at(3_000));
     assert_eq!(bridge.uart_ahead(), None);
+}
+
+#[test]
+fn unsolicited_frame_during_poll_is_due_at_once() {
+    let mut bridge = adapter(Poll::Fastest);
+    bridge.tick(at(1_000));
+    bridge.uart_transmit(&mut [0; MAX_FRAME], at(1_000));
+    bridge.uart_transmitted(at(1_000));
+    let frame = ling(0x77, 1, &[0; 3]);
+    bridge.uart_received(&frame, at(2_000));
+    assert_eq!(bridge.uart_ahead(), None);
+    assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(frame.len()));
+}
+
+#[test]
+fn hold_of_stop_goes_before_next_poll() {
+    let mut bridge = adapter(Poll::Fastest);
+    let mut out = [0; MAX_FRAME];
+    let mut transmit = |bridge: &mut Bridge, now| match bridge.uart_transmit(&mut out, now) {
+        Some(Transmit::Burst { len, .. }) => {
+            bridge.uart_transmitted(now);
+            out[..len].to_vec()
+        }
+        other => panic!("{other:?}"),
+    };
+    bridge.tick(at(1_000));
+    send_request(&mut bridge, 1, Request::Stop, at(1_000));
+    // The first reading is no pose to hold. The next is a poll's.
+    assert_eq!(transmit(&mut bridge, at(1_000)), READ_JOINTS);
+    bridge.uart_received(&answer(OUT_OF_RANGE, LOCKED), at(5_000));
+    assert_eq!(transmit(&mut bridge, at(5_000)), READ_JOINTS);
+    assert_eq!(bridge.counters().requests_poll, 1);
+    bridge.uart_received(&at_rest(), at(6_000));
+    assert_eq!(bridge.uart_ahead(), None);
+    assert_eq!(transmit(&mut bridge, at(6_000))[..2], [0xAA, 0x06]);
+    assert_eq!(bridge.counters().requests_poll, 1);
 }
 
 proptest! {
