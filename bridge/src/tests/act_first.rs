@@ -179,6 +179,25 @@ fn next_poll_may_start_with_answer() {
 }
 
 #[test]
+fn all_frames_of_a_read_end_with_it() {
+    for poll in [Poll::Off, Poll::Fastest] {
+        let mut bridge = adapter(poll);
+        bridge.tick(at(1_000));
+        bridge.uart_transmit(&mut [0; MAX_FRAME], at(1_000));
+        bridge.uart_transmitted(at(1_000));
+        let unsolicited = ling(0x77, 1, &[0; 3]);
+        let frames = [&unsolicited[..], &at_rest(), &unsolicited].concat();
+        assert_eq!(bridge.uart_received(&frames, at(2_000)), 3);
+        let for_usb = match poll {
+            Poll::Fastest => 2 * unsolicited.len(),
+            _ => frames.len(),
+        };
+        assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(for_usb));
+        assert_eq!(bridge.counters().frames, 3);
+    }
+}
+
+#[test]
 fn unsolicited_frame_during_poll_is_due_at_once() {
     let mut bridge = adapter(Poll::Fastest);
     bridge.tick(at(1_000));
