@@ -26,7 +26,8 @@ const MCAP: &[u8] = b"\x89MCAP0\r\n";
 const REFUSED: [(&[u8], &str); 10] = [
     (
         b"SQLite format 3\0",
-        "an SQLite database: 'python -m can.logconvert FILE OUT.log' converts that of python-can, 'ros2 bag convert' that of ROS 2",
+        "an SQLite database: 'python -m can.logconvert FILE OUT.log' converts that of python-can, 'ros2 bag convert' that \
+         of ROS 2",
     ),
     (
         b"MDF     ",
@@ -253,6 +254,7 @@ enum Column {
 }
 
 fn judge_line(line: &str, log: &mut logged::Log) -> Column {
+    let line = &*logged::without_escapes(line);
     if is_ruler(line) {
         return Column::Ruler;
     }

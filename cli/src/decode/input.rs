@@ -27,16 +27,15 @@ impl<'a> Head<'a> {
         Self {
             name,
             bytes: Vec::new(),
-            rest: Source { source, out },
+            rest: Source::new(source, out),
         }
     }
 
     /// The recording, decompressed if it is compressed, and with UTF-8 in place of UTF-16. Nothing of it was read yet.
     pub(super) fn unpacked(self) -> Self {
-        let Source { source, out } = self.rest;
-        let source: Box<dyn Read + 'a> = Box::new(Unpacked::new(source));
+        let Source { source, out, .. } = self.rest;
         Self {
-            rest: Source { source, out },
+            rest: Source::new(Box::new(Unpacked::new(source)), out),
             ..self
         }
     }
@@ -45,13 +44,21 @@ impl<'a> Head<'a> {
         &self.bytes
     }
 
-    /// Reads more bytes. Returns false at the end of the recording, and if the head has its maximum size.
+    /// Reads more bytes. Returns false at the end of the recording, and if the head has its maximum size. An error behind
+    /// other bytes is that of a later read.
     pub(super) fn read_more(&mut self) -> Result<bool, Error> {
         let len = self.bytes.len();
         self.bytes.resize(CAPACITY, 0);
         let read = self.rest.read(&mut self.bytes[len..]);
         self.bytes.truncate(len + read.as_ref().unwrap_or(&0));
-        read.map(|n| n > 0).map_err(|error| Error::at(&self.name, error))
+        match read {
+            Ok(n) => Ok(n > 0),
+            Err(error) if self.bytes.is_empty() => Err(Error::at(&self.name, error)),
+            Err(error) => {
+                self.rest.error = Some(error);
+                Ok(false)
+            }
+        }
     }
 
     /// The whole recording.
@@ -198,10 +205,22 @@ impl BufRead for Input<'_> {
 struct Source<'a> {
     source: Box<dyn Read + 'a>,
     out: &'a dyn Output,
+    /// The error of the next read.
+    error: Option<io::Error>,
+}
+
+impl<'a> Source<'a> {
+    fn new(source: Box<dyn Read + 'a>, out: &'a dyn Output) -> Self {
+        let error = None;
+        Self { source, out, error }
+    }
 }
 
 impl Read for Source<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        if let Some(error) = self.error.take() {
+            return Err(error);
+        }
         // Without an output the recording ends here.
         if !self.out.flush() {
             return Ok(0);

@@ -60,15 +60,17 @@ pub(super) fn before_column(
 /// Returns true if spaces and then the characters of these bytes follow, perhaps between marks.
 fn shows(behind: &str, bytes: &[u8]) -> bool {
     let text = behind.trim_end();
-    let blanks = text.len() - text.trim_start_matches([' ', '\t']).len();
-    let column = &text[blanks..];
+    let column = text.trim_start();
     let framed = |open, close| column.strip_prefix(open)?.strip_suffix(close);
     let framed = framed('|', '|').or(framed('>', '<'));
+    let blanks = text
+        .char_indices()
+        .take_while(|(_, character)| character.is_whitespace());
     // The column may begin with a space.
-    blanks > 0
-        && !column.is_empty()
+    let mut starts = blanks.map(|(at, blank)| at + blank.len_utf8());
+    column.len() < text.len()
         && (framed.is_some_and(|column| are_shown(bytes, column))
-            || (1..=blanks).any(|start| are_shown(bytes, &text[start..])))
+            || starts.any(|start| are_shown(bytes, &text[start..])))
 }
 
 /// Returns true if these are the characters of the bytes, perhaps with a gap in their middle.

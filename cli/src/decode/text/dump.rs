@@ -14,7 +14,7 @@
 //! skipped. An offset of 0 begins a new dump.
 
 use super::column::{Word, before_column, words};
-use super::logged::Log;
+use super::logged::{Log, without_escapes};
 use crate::decode::doubts::Doubt;
 use crate::hex;
 
@@ -112,6 +112,12 @@ pub(in super::super) fn columns(line: &str) -> Option<Line<'_>> {
     }))
 }
 
+/// Returns true if the line begins with a number and a colon.
+fn has_offset(line: &str) -> bool {
+    let word = words(line).next().map_or("", |word| word.text);
+    word.strip_suffix(':').is_some_and(is_hex)
+}
+
 /// Returns true if the offset of `next` fits to that of `line` and the bytes between, in some base.
 pub(in super::super) fn follows(line: &str, next: &str) -> bool {
     let mut dump = Dump::new(Some(Order::Big));
@@ -203,10 +209,11 @@ impl Dump {
         take: &mut dyn FnMut(&[u8]),
         doubt: &mut TakeDoubt<'_>,
     ) -> Result<(), String> {
+        let text = &*without_escapes(text);
         let Some(line) = columns(text) else {
             let has_begun = !self.bases.is_empty() || !self.waiting.is_empty();
             // Headings have no bytes.
-            if has_begun && !text.trim().is_empty() && !matches!(Log::default().find(text), Ok(None)) {
+            if has_begun && (has_offset(text) || !matches!(Log::default().find(text), Ok(None))) {
                 doubt(number, text, "no offset and bytes of a hex dump".into());
             }
             return Ok(());
@@ -240,13 +247,18 @@ impl Dump {
             .collect();
         let is_ambiguous = lines.iter().any(|(_, _, line)| match line {
             // The groups of `xxd -e` have 4 bytes unless it is told another size.
-            Line::Data(row) => row.widest() == 8 && !row.is_same_in_any_order(),
+            Line::Data(row) => row.has_colon && row.widest() == 8 && !row.is_same_in_any_order(),
             Line::Repeated => false,
         });
         if self.order.is_none() && is_ambiguous {
             return Err(AMBIGUOUS.to_owned());
         }
-        self.order.get_or_insert(Order::Big);
+        // Programs that write no colon write words of the machine.
+        let has_colon = lines
+            .iter()
+            .any(|(_, _, line)| matches!(line, Line::Data(row) if row.has_colon));
+        self.order
+            .get_or_insert(if has_colon { Order::Big } else { Order::Little });
         for (number, text, line) in &lines {
             self.take_line(**number, text, line, take, doubt)?;
         }
@@ -419,7 +431,7 @@ fn order_of(row: &Row<'_>) -> Result<Option<Order>, String> {
         Some([order]) => Some(*order),
         Some([Order::Bits, ..]) => Some(Order::Bits),
         _ if row.widest() == 2 => Some(Order::Big),
-        _ if !row.has_colon => Some(Order::Little),
+        None if !row.has_colon => Some(Order::Little),
         // The column has the same characters in either order, or others.
         _ => None,
     })

@@ -1,6 +1,7 @@
 //! Bytes in quotes with escapes, as of Python, C, Qt or strace, and escapes without quotes.
 
 use crate::decode::doubts::Doubt;
+use crate::hex;
 
 /// The bytes of the literals in a line, and the text before them.
 pub(super) fn find(line: &str) -> Result<Option<(&str, Vec<u8>)>, Doubt> {
@@ -8,6 +9,7 @@ pub(super) fn find(line: &str) -> Result<Option<(&str, Vec<u8>)>, Doubt> {
     let (mut rest, mut between) = (0, 0);
     while let Some((start, literal)) = next(&line[rest..]) {
         let (bytes, len) = literal.bytes(&line[rest + start..])?;
+        let bytes = digits(&bytes).unwrap_or(bytes);
         let end = rest + start + len;
         match &mut found {
             None => found = Some((&line[..rest + start], bytes)),
@@ -23,6 +25,12 @@ pub(super) fn find(line: &str) -> Result<Option<(&str, Vec<u8>)>, Doubt> {
         }
     }
     Ok(found)
+}
+
+/// The bytes whose digits these are, as of `binascii.hexlify`. A frame has a byte that is no digit.
+fn digits(bytes: &[u8]) -> Option<Vec<u8>> {
+    let bytes = hex::parse(str::from_utf8(bytes).ok()?).ok()?;
+    (!bytes.is_empty()).then_some(bytes)
 }
 
 /// Returns true if nothing but a separator is between two literals.

@@ -99,7 +99,7 @@ impl Log {
 }
 
 /// The line without the colours of a terminal.
-fn without_escapes(line: &str) -> Cow<'_, str> {
+pub(in super::super) fn without_escapes(line: &str) -> Cow<'_, str> {
     const ESCAPE: &str = "\x1B[";
     if !line.contains(ESCAPE) {
         return Cow::Borrowed(line);

@@ -63,7 +63,10 @@ fn read_hex(
     loop {
         let piece = match input.fill_buf() {
             Ok(piece) => piece,
-            Err(error) => return Err(input.failed(error)),
+            Err(error) => {
+                lines.finish(take, &mut |place, doubt| doubts.add(place, &doubt, out));
+                return Err(input.failed(error));
+            }
         };
         let len = piece.len();
         if len == 0 {

@@ -339,6 +339,10 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
         }
         // The column of characters, behind the bytes.
         if let Some(before) = &found {
+            // A byte alone, such as a checksum.
+            if before.bytes().len() >= MIN_RUN && run.bytes().len() == 1 {
+                continue;
+            }
             if tokens[before.end..run.at].contains(&Token::Mark('|')) {
                 continue;
             }
