@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 33] = [
+const TESTS: [&str; 34] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/held_back.rs",
     "bridge/src/tests/line_rate.rs",
