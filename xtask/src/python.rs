@@ -165,7 +165,7 @@ fn pytest(environment: &Environment, dir: &Path) -> Command {
     pytest
 }
 
-/// Builds the wheels as they are released, into [`wheels_dir`].
+/// Builds the wheels as they are released, into the folder [`WHEELS`].
 fn build_wheels() -> Result<()> {
     let wheels = target_dir()?.join(WHEELS);
     empty_folder(&wheels)?;
