@@ -1,5 +1,6 @@
 //! Detection of a recording's format from its first bytes.
 
+use super::content::{Content, content, first_line};
 use super::format::Format;
 use super::input::{BYTE_ORDER_MARK, Head};
 use super::log::candump::{self, Candump};
@@ -136,50 +137,6 @@ fn judge_marks(bytes: &[u8], is_all: bool) -> Option<Option<Format>> {
     }
 }
 
-/// The content of a recording that begins with these bytes.
-enum Content {
-    Text,
-    Raw,
-    /// More bytes are needed.
-    Unknown,
-}
-
-/// Text is UTF-8 without control characters, up to an incomplete character, or lines in an encoding of one byte.
-fn content(bytes: &[u8], is_all: bool) -> Content {
-    let text = match std::str::from_utf8(bytes) {
-        Ok(text) => text,
-        Err(error) if error.error_len().is_some() => return content_of_one_byte(bytes, is_all),
-        Err(error) => std::str::from_utf8(&bytes[..error.valid_up_to()]).unwrap_or_default(),
-    };
-    let is_control = |character: char| character.is_control() && !character.is_whitespace() && character != ESCAPE;
-    match !text.contains('\0') && (text.is_ascii() || !text.contains(is_control)) {
-        true => Content::Text,
-        false => Content::Raw,
-    }
-}
-
-/// The first character of a terminal's colours.
-const ESCAPE: char = '\u{1B}';
-
-/// Text in an encoding of one byte has mostly characters of ASCII in its first line. A raw recording has control
-/// characters.
-fn content_of_one_byte(bytes: &[u8], is_all: bool) -> Content {
-    /// The beginning of a text has some characters of ASCII in it.
-    const BEGINNING: usize = 8;
-    let is_ascii = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
-    let ascii = |bytes: &[u8]| bytes.iter().filter(|byte| is_ascii(byte)).count();
-    let is_control = |byte: &u8| byte.is_ascii_control() && !is_ascii(byte) && char::from(*byte) != ESCAPE;
-    let beginning = &bytes[..bytes.len().min(BEGINNING)];
-    let (_, line, is_ended) = first_line(bytes);
-    match () {
-        () if bytes.iter().any(is_control) => Content::Raw,
-        () if beginning.len() == BEGINNING && 4 * ascii(beginning) <= BEGINNING => Content::Raw,
-        () if !is_ended && !is_all => Content::Unknown,
-        () if 4 * ascii(line) > 3 * line.len() => Content::Text,
-        () => Content::Raw,
-    }
-}
-
 /// The verdict on text that is no log of a CAN bus, by its first line that has bytes, and the line behind it.
 fn judge_lines(text: &[u8], is_all: bool) -> Verdict {
     let text = String::from_utf8_lossy(text);
@@ -254,7 +211,7 @@ enum Column {
 }
 
 fn judge_line(line: &str, log: &mut logged::Log) -> Column {
-    let line = &*logged::without_escapes(line);
+    let plain = logged::without_escapes(line);
     if is_ruler(line) {
         return Column::Ruler;
     }
@@ -263,7 +220,7 @@ fn judge_line(line: &str, log: &mut logged::Log) -> Column {
     }
     let has_digits = line.contains(|character: char| character.is_ascii_hexdigit());
     let are_bytes = has_digits && line.split([' ', '\t', ',', ':', '-', '\r', '\n']).all(is_bytes);
-    if let Some(dump::Line::Data(row)) = dump::columns(line)
+    if let Some(dump::Line::Data(row)) = dump::columns(&plain)
         && !row.words.is_empty()
     {
         let offset = row.offset;
@@ -342,14 +299,4 @@ fn begins_with_digits(line: &str) -> bool {
     let word = line.split([' ', '\t', ',', ':', '-']).next().unwrap_or_default();
     let digits = word.strip_prefix("0x").or(word.strip_prefix("0X")).unwrap_or(word);
     !digits.is_empty() && digits.bytes().all(|digit| digit.is_ascii_hexdigit())
-}
-
-/// The first line that is not blank, its number, and true if its end was read.
-fn first_line(text: &[u8]) -> (u64, &[u8], bool) {
-    let is_blank = |line: &[u8]| line.iter().all(u8::is_ascii_whitespace);
-    let mut lines = text.split_inclusive(|&byte| byte == b'\n').zip(1..);
-    match lines.find(|(line, _)| !is_blank(line)) {
-        Some((line, number)) => (number, line, line.ends_with(b"\n")),
-        None => (1, &[], false),
-    }
 }

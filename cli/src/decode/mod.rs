@@ -1,6 +1,7 @@
 //! `armwire decode`: the frames in a recording, their meaning, and the bytes between them.
 
 mod bus;
+mod content;
 mod detect;
 pub(crate) mod doubts;
 mod format;

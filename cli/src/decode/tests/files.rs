@@ -75,8 +75,8 @@ impl Read for Repeated<'_> {
 #[test]
 fn memory_does_not_grow_with_a_text() {
     /// Maximum memory, in bytes: buffers, a decompressor, and the window of a decoder.
-    const MAX_MEMORY: u64 = 768 * 1024;
-    const TOTAL: usize = 1024 * 1024;
+    const MAX_MEMORY: u64 = 256 * 1024;
+    const TOTAL: usize = 320 * 1024;
     for (name, file) in files("texts") {
         let measured = allocation_counter::measure(|| {
             let left = TOTAL / file.len();

@@ -1,35 +1,6 @@
-//! Words of a line, and the column of their characters behind them.
+//! The column of characters behind the words of a line.
 
-/// A word of a line.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(in super::super) struct Word<'a> {
-    pub(in super::super) text: &'a str,
-    /// The place in the line behind it.
-    pub(super) end: usize,
-}
-
-impl Word<'_> {
-    /// The word without 0x before it.
-    pub(super) fn without_prefix(self) -> Self {
-        let text = self.text.strip_prefix("0x").unwrap_or(self.text);
-        Self { text, ..self }
-    }
-}
-
-/// The words of a line, between white space.
-pub(super) fn words(line: &str) -> impl Iterator<Item = Word<'_>> {
-    let mut at = 0;
-    std::iter::from_fn(move || {
-        let rest = &line[at..];
-        let start = at + rest.len() - rest.trim_start().len();
-        let text = line[start..]
-            .split(char::is_whitespace)
-            .next()
-            .filter(|word| !word.is_empty())?;
-        at = start + text.len();
-        Some(Word { text, end: at })
-    })
-}
+use super::word::Word;
 
 /// Maximum number of words before a column. No program writes as many.
 const MAX_WORDS: usize = 256;

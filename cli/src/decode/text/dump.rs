@@ -13,8 +13,9 @@
 //! line `*` stands for repetitions of the line before it. `hexdump` and `od` end with the offset of the end. Headings are
 //! skipped. An offset of 0 begins a new dump.
 
-use super::column::{Word, before_column, words};
+use super::column::before_column;
 use super::logged::{Log, without_escapes};
+use super::word::{Word, words};
 use crate::decode::doubts::Doubt;
 use crate::hex;
 

@@ -1,5 +1,6 @@
 //! Lines of hexadecimal digits.
 
+use super::word::short_byte;
 use crate::decode::doubts::{Doubt, Place};
 use crate::hex::Parser;
 
@@ -95,10 +96,4 @@ impl HexLines {
         self.bytes.clear();
         self.parser = Parser::new();
     }
-}
-
-/// The byte of a word with one digit.
-fn short_byte(word: &str) -> Option<u8> {
-    let is_digit = word.len() == 1 && word.bytes().all(|digit| digit.is_ascii_hexdigit());
-    u8::from_str_radix(word, 16).ok().filter(|_| is_digit)
 }

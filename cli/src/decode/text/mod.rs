@@ -13,6 +13,7 @@ mod table;
 mod tests;
 pub(super) mod time;
 mod token;
+mod word;
 
 use super::doubts::{Doubt, Doubts, Place};
 use super::format::Format;
@@ -98,14 +99,10 @@ fn read_decimal(
     Ok(())
 }
 
-/// The bytes of a line of decimal numbers, between spaces, commas or semicolons. A number has no zeros before it.
+/// The bytes of a line of decimal numbers, between spaces, commas or semicolons.
 pub(super) fn decimal(line: &str) -> Option<Vec<u8>> {
     let words = line.split(|character: char| character.is_whitespace() || matches!(character, ',' | ';'));
-    let byte = |word: &str| {
-        let is_number = word.bytes().all(|digit| digit.is_ascii_digit()) && (word.len() == 1 || !word.starts_with('0'));
-        word.parse().ok().filter(|_| is_number)
-    };
-    words.filter(|word| !word.is_empty()).map(byte).collect()
+    words.filter(|word| !word.is_empty()).map(word::decimal).collect()
 }
 
 /// Reads a hex dump.

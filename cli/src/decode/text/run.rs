@@ -1,9 +1,10 @@
 //! Bytes in hexadecimal, with or without prefixes, brackets or quotes around each.
 
-use super::column::{Word, before_column};
+use super::column::before_column;
 use super::direction::{direction, is_between, names_port};
 use super::time::is_time;
 use super::token::Token;
+use super::word::{Word, decimal, is_decimal, short_byte};
 use crate::args::Speaker;
 use crate::decode::doubts::Doubt;
 use crate::printable::cut;
@@ -81,11 +82,6 @@ fn bytes_of(word: &str) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// The byte of a word with one digit.
-fn short_byte(word: &str) -> Option<u8> {
-    u8::from_str_radix(word, 16).ok().filter(|_| word.len() == 1)
-}
-
 /// The bytes of a word in a run.
 fn run_bytes(word: &str) -> Option<Vec<u8>> {
     bytes_of(word).or_else(|| short_byte(word).map(|byte| vec![byte]))
@@ -104,10 +100,6 @@ fn may_be_bytes(word: &Word<'_>) -> bool {
     let has_digits = word.text.contains(|character: char| character.is_ascii_digit());
     let is_short = word.text.len() <= 2 && word.text.contains(|character: char| character.is_ascii_alphabetic());
     has_digits || is_short
-}
-
-fn is_decimal(word: &str) -> bool {
-    word.bytes().all(|byte| byte.is_ascii_digit())
 }
 
 impl Run<'_> {
@@ -298,13 +290,6 @@ fn decimals(tokens: &[Token<'_>], habits: &mut Habits) -> Option<Found> {
     let bytes = bytes.filter(|bytes| is_decimal && !bytes.is_empty())?;
     habits.has_decimals = true;
     Some(Found::new(Some(from), bytes))
-}
-
-/// A decimal number without zeros before it.
-fn decimal(word: &str) -> Option<u8> {
-    word.parse()
-        .ok()
-        .filter(|_| is_decimal(word) && (word.len() == 1 || !word.starts_with('0')))
 }
 
 /// The bytes in hexadecimal.

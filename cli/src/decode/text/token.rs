@@ -1,6 +1,6 @@
 //! The parts of a line.
 
-use super::column::Word;
+use super::word::Word;
 use crate::args::Speaker;
 
 /// A part of a line.
