@@ -46,7 +46,7 @@ pub fn ros_time(nanos: i64) -> (i32, u32) {
 /// An instant on both clocks of this computer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HostTime {
-    /// Nanoseconds of the [monotonic](monotonic) clock, which nobody sets.
+    /// Nanoseconds of the [monotonic] clock, which nobody sets.
     pub monotonic_ns: i64,
     /// Nanoseconds of system time since 1970, as it was set when the instant became known.
     pub unix_ns: i64,
