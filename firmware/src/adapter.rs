@@ -98,7 +98,11 @@ impl Adapter {
         self.shared.with(|shared| {
             let Shared { bridge, sender, .. } = shared;
             let is_event = uart::take_event();
-            let is_frame = is_event && uart::read(bridge);
+            let is_frame = match is_event {
+                true => uart::read(bridge),
+                // The bridge requires regular reads.
+                false => bridge.uart_received(&[], now()) > 0,
+            };
             let is_poll = is_frame && sender.transmit_ahead(bridge);
             if is_event {
                 pipe::send(self, port, bridge);

@@ -11,7 +11,7 @@ use embassy_time::Timer;
 use crate::adapter::{Adapter, now};
 use crate::board::Watchdog;
 use crate::progress::end_round;
-use crate::{restart, uart};
+use crate::{restart, service};
 
 /// The timeout, by the watchdog's own clock, which may be off by half. The erase of both flash sectors of the
 /// configuration stalls the core for 1 s at worst.
@@ -46,8 +46,8 @@ pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog, mut 
         if starts.running(now(), &config) {
             restart::keep(&starts);
         }
-        // The bridge requires regular reads of the UART, and the service must show that it runs.
-        uart::wake();
+        // The service must show that it runs.
+        service::pend();
         Timer::after_millis(ROUND_MS).await;
     }
 }

@@ -53,8 +53,8 @@ pub(crate) fn wake() {
     service::pend();
 }
 
-/// Returns true if the service must read the ring. It reads for no other reason: the byte that completes a frame could
-/// arrive between the read and the next threshold, and would have no stamp.
+/// Returns true if the service must read the ring. It reads for no other reason: after a read inside a frame, each further
+/// threshold up to its end needs the service in time, or the frame has no stamp.
 pub(crate) fn take_event() -> bool {
     EVENT.swap(false, Ordering::Relaxed)
 }
@@ -188,8 +188,8 @@ impl Handler<RxInterrupt> for RingHandler {
         // `rx_has_wrapped` detects it.
         if with_ring(|ring| ring.unread(tail())) > SIZE / 2 - MARGIN || usart::rx_has_wrapped() {
             RING_OVERRUN.store(true, Ordering::Relaxed);
+            wake();
         }
-        wake();
     }
 }
 
