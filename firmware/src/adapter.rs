@@ -6,8 +6,8 @@ use armwire_bridge::{Action, Bridge, Instant, Start, Status, UartConfig, UartEve
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 
+use crate::ceiling::{Ceiling, SERVICE};
 use crate::restart;
-use crate::service::Ceiling;
 use crate::uart::{self, Sender};
 use crate::usb::pipe::{self, SharedEndpoint};
 
@@ -62,12 +62,15 @@ impl Adapter {
     /// An adapter without a USB host.
     pub(crate) fn new(identity: Identity, config: Config, start: Start) -> Self {
         Self {
-            shared: Ceiling::new(Shared {
-                bridge: Bridge::new(identity, config, start),
-                sender: Sender::new(),
-                status: Status::default(),
-                is_behind: false,
-            }),
+            shared: Ceiling::new(
+                SERVICE,
+                Shared {
+                    bridge: Bridge::new(identity, config, start),
+                    sender: Sender::new(),
+                    status: Status::default(),
+                    is_behind: false,
+                },
+            ),
             works: [const { Notice::new() }; WORKS],
             action: Notice::new(),
             can_restart: Notice::new(),
@@ -79,7 +82,8 @@ impl Adapter {
         self.shared.with(|shared| f(&mut shared.bridge))
     }
 
-    /// Calls the bridge, and starts what it has for the arm, where microseconds count. The dispatch to the tasks follows.
+    /// Calls the bridge, and starts what it has for the arm, where microseconds count. The dispatch to the tasks
+    /// follows.
     ///
     /// A task that is woken without work waits again.
     pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {

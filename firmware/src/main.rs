@@ -19,6 +19,7 @@ mod action;
 mod adapter;
 mod board;
 mod can;
+mod ceiling;
 mod fault;
 mod identity;
 mod led;

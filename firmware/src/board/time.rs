@@ -6,12 +6,10 @@
 //!
 //! It also starts the UART at a given time: see [`transmit_at`].
 
-use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Waker;
 
 use armwire_bridge::Instant;
-use critical_section::{CriticalSection, Mutex};
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 use embassy_stm32::pac::timer::vals::Urs;
 use embassy_stm32::rcc;
@@ -19,6 +17,7 @@ use embassy_time_driver::{Driver, TICK_HZ};
 use embassy_time_queue_utils::Queue;
 
 use super::{TIMER, TIMER_HZ, TimerInterrupt, TimerPeripheral, usart};
+use crate::ceiling::{Ceiling, DRIVERS};
 use crate::service;
 
 /// Number of counter bits below the half-turn.
@@ -28,19 +27,22 @@ const MIDDLE: usize = 0;
 const ALARM: usize = 1;
 const START: usize = 2;
 
-/// The half-turns of the counter, and the queue of timers.
+/// The half-turns of the counter, and the timers.
 struct Clock {
     /// Written only by the interrupt handler. It may lag by almost a half-turn: see [`now`](Self::now).
     half_turns: AtomicU32,
-    queue: Mutex<RefCell<Queue>>,
+    timers: Ceiling<Timers>,
+}
+
+struct Timers {
+    queue: Queue,
     /// The time of the next alarm.
-    alarm: Mutex<Cell<u64>>,
+    alarm: u64,
 }
 
 embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock {
     half_turns: AtomicU32::new(0),
-    queue: Mutex::new(RefCell::new(Queue::new())),
-    alarm: Mutex::new(Cell::new(u64::MAX)),
+    timers: Ceiling::new(DRIVERS, Timers { queue: Queue::new(), alarm: u64::MAX }),
 });
 
 /// Starts the clock at 0.
@@ -101,11 +103,11 @@ impl Driver for Clock {
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
-        critical_section::with(|cs| {
-            let is_new = self.queue.borrow_ref_mut(cs).schedule_wake(at, waker);
+        self.timers.with(|timers| {
+            let is_new = timers.queue.schedule_wake(at, waker);
             // A timer that is due no sooner than the alarm is handled at the alarm.
-            if is_new && at < self.alarm.borrow(cs).get() {
-                self.arm(cs);
+            if is_new && at < timers.alarm {
+                self.arm(timers);
             }
         });
     }
@@ -113,11 +115,11 @@ impl Driver for Clock {
 
 impl Clock {
     /// Wakes expired timers, and sets the alarm for the next one.
-    fn arm(&self, cs: CriticalSection<'_>) {
+    fn arm(&self, timers: &mut Timers) {
         loop {
             let now = self.now();
-            let next = self.queue.borrow_ref_mut(cs).next_expiration(now);
-            self.alarm.borrow(cs).set(next);
+            let next = timers.queue.next_expiration(now);
+            timers.alarm = next;
             // A later timer is checked again when the half-turn ends.
             let is_near = next - now < 1 << HALF_TURN;
             TIMER.ccr(ALARM).write_value(next as u32);
@@ -150,6 +152,6 @@ impl Handler<TimerInterrupt> for TimerHandler {
             // Usually the timeout of the bridge, and a poll is due.
             service::pend();
         }
-        critical_section::with(|cs| CLOCK.arm(cs));
+        CLOCK.timers.with(|timers| CLOCK.arm(timers));
     }
 }

@@ -12,8 +12,8 @@ use super::receive::Receiver;
 use super::wake;
 use crate::adapter::Adapter;
 use crate::board::usart;
+use crate::ceiling::{SERVICE, mask};
 use crate::progress::{Task, rest};
-use crate::service;
 
 /// The configuration to change to. Nothing is sent until the change is done.
 pub(super) static CHANGE: Signal<CriticalSectionRawMutex, UartConfig> = Signal::new();
@@ -24,7 +24,7 @@ pub(crate) async fn change(adapter: &'static Adapter, mut uart: UartRx<'static, 
     usart::set_transmit_requests(true);
     let mut config = UartConfig::default();
     let mut receiver = Receiver::new();
-    let mut masked = service::mask();
+    let mut masked = mask(SERVICE);
     loop {
         // From the stop of the receive path to here the UART can hold a single byte: the service waits.
         let transfer = receiver.start(&mut dma);
@@ -37,7 +37,7 @@ pub(crate) async fn change(adapter: &'static Adapter, mut uart: UartRx<'static, 
         configure(&mut uart, config, wanted).await;
         config = wanted;
         info!("line: {}", wanted);
-        masked = service::mask();
+        masked = mask(SERVICE);
         adapter.line_changed(wanted);
         receiver.stop(transfer);
     }

@@ -32,8 +32,8 @@ impl Sender {
         }
     }
 
-    /// Starts the poll that follows the answer just received, before the bridge accounts for the answer. Returns true if
-    /// it did.
+    /// Starts the poll that follows the answer just received, before the bridge accounts for the answer. Returns true
+    /// if it did.
     pub(crate) fn transmit_ahead(&mut self, bridge: &mut Bridge) -> bool {
         if self.is_busy() {
             return false;

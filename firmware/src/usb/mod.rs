@@ -17,8 +17,8 @@ use static_cell::StaticCell;
 
 use crate::adapter::{Adapter, Work, now};
 use crate::board::{self, UsbDriver};
+use crate::ceiling::{SERVICE, mask};
 use crate::progress::{Task, rest};
-use crate::service;
 use crate::usb::pipe::{Endpoints, FromHost, SharedEndpoint, ToHost};
 
 /// The pid.codes test id for private use: a product needs an id of its own.
@@ -266,7 +266,7 @@ pub(crate) async fn run(mut device: UsbDevice<'static, UsbDriver>) {
     let mut running = pin!(device.run());
     // It enables, disables and resets endpoints, one of which the service uses.
     poll_fn(|cx| {
-        let _masked = service::mask();
+        let _masked = mask(SERVICE);
         running.as_mut().poll(cx)
     })
     .await

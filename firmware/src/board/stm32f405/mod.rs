@@ -13,7 +13,7 @@ pub(super) mod usb;
 use armwire_bridge::PACKET;
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
-use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
+use embassy_stm32::interrupt::{Interrupt, InterruptExt};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH5, USB_OTG_FS};
 use embassy_stm32::usart::{Config as UartConfig, UartRx};
@@ -23,6 +23,7 @@ use static_cell::StaticCell;
 use super::can::Can;
 use super::time::{self, TimerHandler};
 use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
+use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
 use crate::uart::{InterruptHandler, RingHandler, SentHandler};
 
@@ -114,7 +115,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     let p = embassy_stm32::init(clock::config(crystal));
     clock::accelerate_flash();
     for interrupt in LESS_URGENT {
-        interrupt.set_priority(Priority::P1);
+        interrupt.set_priority(DRIVERS);
     }
     time::start();
     info!("clock: 168 MHz, from a crystal of {=u32} MHz", crystal.megahertz);

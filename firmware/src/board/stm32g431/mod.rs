@@ -12,7 +12,7 @@ pub(super) mod usb;
 
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
-use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
+use embassy_stm32::interrupt::{Interrupt, InterruptExt};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH1, USB};
 use embassy_stm32::usart::{Config as UartConfig, UartRx};
@@ -21,6 +21,7 @@ use embassy_stm32::{bind_interrupts, usb as hal_usb};
 use super::can::Can;
 use super::time::{self, TimerHandler};
 use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
+use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
 use crate::uart::{InterruptHandler, RingHandler, SentHandler};
 
@@ -96,7 +97,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     let mut p = embassy_stm32::init(embassy_stm32::Config::default());
     clock::start(&mut p.RCC, watchdog);
     for interrupt in LESS_URGENT {
-        interrupt.set_priority(Priority::P1);
+        interrupt.set_priority(DRIVERS);
     }
     time::start();
     info!("clock: 160 MHz, from a crystal of 8 MHz");
