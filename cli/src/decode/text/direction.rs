@@ -5,7 +5,7 @@ use crate::args::Speaker;
 
 /// Words before bytes that name their direction, as the program that controls the arm sees it. Those that are usual in
 /// other places count with a colon only.
-const DIRECTIONS: [(&str, Speaker, bool); 38] = [
+const DIRECTIONS: [(&str, Speaker, bool); 36] = [
     ("tx", Speaker::Host, false),
     ("txd", Speaker::Host, false),
     ("send", Speaker::Host, false),
@@ -23,7 +23,6 @@ const DIRECTIONS: [(&str, Speaker, bool); 38] = [
     ("cmd", Speaker::Host, true),
     ("command", Speaker::Host, true),
     ("host", Speaker::Host, true),
-    ("to arm", Speaker::Host, true),
     ("w", Speaker::Host, true),
     ("t", Speaker::Host, true),
     ("rx", Speaker::Arm, false),
@@ -40,7 +39,6 @@ const DIRECTIONS: [(&str, Speaker, bool); 38] = [
     ("answer", Speaker::Arm, false),
     ("in", Speaker::Arm, true),
     ("ack", Speaker::Arm, true),
-    ("from arm", Speaker::Arm, true),
     ("got", Speaker::Arm, false),
     ("r", Speaker::Arm, true),
     ("rcvd", Speaker::Arm, false),
@@ -53,28 +51,27 @@ const PORTS: [&str; 2] = ["uart", "serial"];
 
 /// The last direction before the token `end`, and its place.
 pub(super) fn direction(tokens: &[Token<'_>], end: usize) -> Option<(usize, Speaker)> {
-    let tokens = &tokens[..end.min(tokens.len())];
-    let named = |(at, token): (usize, &Token<'_>)| match token {
-        Token::Arrow(from) => Some((at, *from)),
-        Token::Word(word) => {
-            let word = word.text;
-            let has_colon = matches!(tokens.get(at + 1), Some(Token::Mark(':')));
-            let word = word.to_ascii_lowercase();
-            let found = DIRECTIONS.into_iter().find(|(name, _, needs_colon)| {
-                (word == *name
-                    || word
-                        .strip_suffix(name)
-                        .is_some_and(|front| front.ends_with(['.', '/', '_'])))
-                    && (has_colon || !needs_colon)
-            });
-            found.map(|(_, from, _)| (at, from))
-        }
+    let before = || tokens.iter().enumerate().take(end).rev();
+    let word = before().find_map(|(at, token)| match token {
+        Token::Word(word) => Some((at, named(word.text, tokens.get(at + 1) == Some(&Token::Mark(':')))?)),
         _ => None,
-    };
+    });
     // `PC -> arm RX` has two: a word says more than an arrow.
-    let all: Vec<_> = tokens.iter().enumerate().filter_map(named).collect();
-    let is_word = |(at, _): &&(usize, Speaker)| matches!(tokens[*at], Token::Word(_));
-    all.iter().rev().find(is_word).or(all.last()).copied()
+    word.or_else(|| {
+        before().find_map(|(at, token)| match token {
+            Token::Arrow(from) => Some((at, *from)),
+            _ => None,
+        })
+    })
+}
+
+/// The direction of a word, or of its last part: `arm.tx`.
+fn named(word: &str, has_colon: bool) -> Option<Speaker> {
+    let last = word.rsplit(['.', '/', '_']).next()?;
+    let mut directions = DIRECTIONS.iter();
+    let is_name =
+        |(name, _, needs_colon): &&(&str, _, _)| last.eq_ignore_ascii_case(name) && (has_colon || !needs_colon);
+    directions.find(is_name).map(|(_, from, _)| *from)
 }
 
 /// Returns true if these tokens are between a direction and its bytes.

@@ -17,11 +17,14 @@ pub(super) struct Column {
 impl Column {
     /// The column in a line with the names of columns.
     pub(super) fn of(line: &str) -> Option<Self> {
+        if line.matches(',').count() + 1 < MIN_COLUMNS {
+            return None;
+        }
         let names: Vec<_> = cells(line).map(str::to_ascii_lowercase).collect();
         let is_name = |name: &String| name.starts_with(|character: char| character.is_ascii_alphabetic());
         let is_number =
             |name: &String| name.starts_with(|character: char| character.is_ascii_digit()) && !name.contains(DECODER);
-        if names.len() < MIN_COLUMNS || !names.first().is_some_and(is_name) || names.iter().any(is_number) {
+        if !names.first().is_some_and(is_name) || names.iter().any(is_number) {
             return None;
         }
         let find = |is: &dyn Fn(&str) -> bool| names.iter().position(|name| is(name));
