@@ -28,7 +28,8 @@ const MARKS: usize = 3;
 ///
 /// The owner has the bytes. A DMA writes them in a circle, an interrupt handler reports them with
 /// [`arrived`](Self::arrived) and [`idle`](Self::idle), and a task reads them. *End* is the DMA's position at that
-/// moment: the index in the ring of the next byte to write. At most `SIZE - 1` bytes may be unread.
+/// moment: the index in the ring of the next byte to write. At most `SIZE - 1` bytes may be unread, or have arrived since
+/// [`set`](Self::set) before its first event.
 ///
 /// ```
 /// use armwire_bridge::{Bridge, Instant, RxRing};

@@ -58,6 +58,12 @@ impl Model {
         self.line.len() % SIZE
     }
 
+    /// Returns true if a byte may arrive: neither more bytes are unread, nor have more arrived since the wait began.
+    fn has_room(&self) -> bool {
+        let oldest = self.wait.map_or(self.read, |(from, _)| from.min(self.read));
+        self.line.len() - oldest < SIZE - 1
+    }
+
     fn step(&mut self, step: Step) -> TestCaseResult {
         self.now += 10;
         match step {
@@ -65,7 +71,7 @@ impl Model {
                 byte,
                 is_late,
                 is_counted,
-            } if self.line.len() - self.read < SIZE - 1 => {
+            } if self.has_room() => {
                 self.content[self.end()] = byte;
                 self.line.push(byte);
                 if !is_late {
