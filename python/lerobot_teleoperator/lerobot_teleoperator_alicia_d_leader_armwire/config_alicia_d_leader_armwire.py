@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from lerobot.teleoperators import TeleoperatorConfig
 
-from .pose import check_reading
+from lerobot_robot_alicia_d_armwire.pose import check_reading
 
 
 @TeleoperatorConfig.register_subclass("alicia_d_leader_armwire")
