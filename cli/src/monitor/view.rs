@@ -196,22 +196,35 @@ fn sparkline(values: &[Option<f64>]) -> String {
 #[cfg(test)]
 mod tests {
     use std::collections::VecDeque;
+    use std::path::Path;
+    use std::{env, fs};
 
+    use anstyle_svg::{Term, WIN10_CONSOLE};
+    use armwire::ling::{JointState, Ling, MotionStatus, Response};
+    use armwire::time::Duration;
     use armwire_bridge::Counters;
     use armwire_bridge::control::Latencies;
+    use armwire_host::describe::Arm;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
+    use ratatui::buffer::{Buffer, Cell};
 
     use super::*;
+    use crate::monitor::model::Latest;
     use crate::monitor::model::tests::latest;
 
-    /// The lines of a screen of this size.
-    fn screen(model: &Model, width: u16, height: u16) -> Vec<String> {
+    /// A screen of this size, at 1 s.
+    fn cells(model: &Model, width: u16, height: u16) -> Buffer {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal
             .draw(|frame| draw(frame, model, Instant::from_millis(1_000)))
             .unwrap();
-        let buffer = terminal.backend().buffer();
+        terminal.backend().buffer().clone()
+    }
+
+    /// The lines of a screen of this size.
+    fn screen(model: &Model, width: u16, height: u16) -> Vec<String> {
+        let buffer = cells(model, width, height);
         let cells = buffer.content().chunks(width.into());
         cells
             .map(|row| {
@@ -253,6 +266,51 @@ mod tests {
         }
     }
 
+    /// A model of a Ling arm that moves behind an adapter.
+    fn moving() -> Model {
+        let mut model = Model::new("/dev/ttyACM0");
+        model.watch("a Ling arm", 10, Some(50));
+        for n in 0..50_u16 {
+            model.requests += 1;
+            let up = 2_048 + n * 14;
+            let down = 2_048 - n * 6;
+            let there_and_back = 2_248 - (n * 16).abs_diff(400) / 2;
+            let state = JointState {
+                joints: [up, down, there_and_back, 2_048, down, up],
+                gripper: 500 + n * 6,
+                status: MotionStatus::Locked,
+            };
+            model.read(Latest {
+                facts: Ling::facts(&Response::Joints(state)),
+                at: Instant::from_millis(u64::from(n) * 20),
+                stamp: None,
+                latency: Some(Duration::from_micros(610 + u64::from(n % 7) * 20)),
+            });
+        }
+        model.celsius = vec![31, 30, 33, 35, 31, 29, 30, 30, 31, 28];
+        model.adapter = Some(counted());
+        model
+    }
+
+    /// A row as text with the styles for a terminal.
+    fn styled(row: &[Cell]) -> String {
+        let parts = row.chunk_by(|one, next| one.style() == next.style());
+        let part = |cells: &[Cell]| {
+            let text: String = cells.iter().map(Cell::symbol).collect();
+            let mut codes = String::new();
+            for (is_set, code) in [
+                (cells[0].modifier.contains(Modifier::BOLD), "\x1B[1m"),
+                (cells[0].modifier.contains(Modifier::DIM), "\x1B[2m"),
+                (cells[0].fg == Color::Red, "\x1B[31m"),
+                (cells[0].fg == Color::Cyan, "\x1B[36m"),
+            ] {
+                codes += if is_set { code } else { "" };
+            }
+            format!("{codes}{text}\x1B[0m")
+        };
+        parts.map(part).collect()
+    }
+
     fn assert_shown(screen: &[String], texts: &[&str]) {
         for text in texts {
             assert!(
@@ -292,6 +350,20 @@ mod tests {
         );
         assert!(screen.last().unwrap().ends_with("q ends"));
         assert!(screen.iter().all(|line| !line.contains("noise_errors")), "it is zero");
+    }
+
+    /// `ARMWIRE_WRITE=1 cargo test -p armwire-cli screen_in_readme` draws it.
+    #[test]
+    fn screen_in_readme_is_current() {
+        let buffer = cells(&moving(), 92, 26);
+        let rows = buffer.content().chunks(buffer.area.width.into());
+        let rows: Vec<_> = rows.map(styled).collect();
+        let drawn = Term::new().palette(WIN10_CONSOLE).render_svg(&rows.join("\n"));
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("doc/monitor.svg");
+        if env::var_os("ARMWIRE_WRITE").is_some() {
+            fs::write(&file, &drawn).unwrap();
+        }
+        assert!(fs::read_to_string(&file).unwrap() == drawn, "{} is old", file.display());
     }
 
     #[test]
