@@ -18,6 +18,8 @@ use crate::{apt, demo, examples};
 
 /// The folder of the built page, in the target directory.
 pub(crate) const PAGE: &str = "web";
+/// The picture in README, of those that the tests take.
+const PICTURE: &str = "1280x800-light.png";
 const TARGET: &str = "wasm32-unknown-unknown";
 /// The module's name in cargo and on the page.
 const MODULE: &str = "armwire_web.wasm";
@@ -43,6 +45,9 @@ pub(crate) struct Options {
     /// Only build the page, without tests
     #[arg(long)]
     build: bool,
+    /// Write the picture of the page in README
+    #[arg(long, conflicts_with = "build")]
+    write: bool,
 }
 
 /// Builds the page and tests it.
@@ -58,6 +63,9 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     }
     test_engine()?;
     test_page(&page)?;
+    if options.write {
+        fs::copy(screenshots()?.join(PICTURE), root().join("docs/page.png"))?;
+    }
     test_serial(&page)
 }
 
@@ -125,7 +133,7 @@ pub(crate) fn test_page(page: &Path) -> Result<()> {
         .args(["--test", "--test-reporter=spec", "unit.test.mjs", "page.test.mjs"])
         .current_dir(folder("test"))
         .env("ARMWIRE_PAGE", page)
-        .env("ARMWIRE_SCREENSHOTS", target_dir()?.join("web-screenshots")))
+        .env("ARMWIRE_SCREENSHOTS", screenshots()?))
 }
 
 /// Tests the page with the shipped image on the virtual board, over WebSerial.
@@ -143,6 +151,11 @@ fn test_serial(page: &Path) -> Result<()> {
         .env("ARMWIRE_IMAGE", image.path)
         .env("ARMWIRE_DEMO", demo)
         .env("ARMWIRE_COMMAND", target_dir()?.join("debug/armwire")))
+}
+
+/// The folder of the pictures that the tests of the page take.
+fn screenshots() -> Result<PathBuf> {
+    Ok(target_dir()?.join("web-screenshots"))
 }
 
 fn folder(name: &str) -> PathBuf {
