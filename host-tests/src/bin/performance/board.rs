@@ -33,13 +33,13 @@ pub(crate) struct Limits {
 }
 
 const BOARDS: [(Chip, bool, Limits); 4] = [
-    (Chip::Stm32f405, false, limits([31.0, 44.0, 61.0, 37.0], 0.1, 24.0, 5.0)),
+    (Chip::Stm32f405, false, limits([36.0, 47.0, 61.0, 45.0], 0.1, 24.0, 5.0)),
     (
         Chip::Stm32f405,
         true,
         limits([61.0, 129.0, 145.0, 115.0], 0.2, 43.0, 8.0),
     ),
-    (Chip::Stm32g431, false, limits([32.0, 49.0, 61.0, 56.0], 0.1, 24.0, 5.5)),
+    (Chip::Stm32g431, false, limits([36.0, 49.0, 62.0, 56.0], 0.1, 24.0, 5.5)),
     (
         Chip::Stm32g431,
         true,
