@@ -203,7 +203,7 @@ fn decode_line(mut input: Input<'_>, out: &dyn Output, format: Format, line: Lin
     };
     let counts = sides.finish(out);
     // What was read before an error is summed up, too.
-    if read.is_ok() || counts.has_bytes() {
+    if read.is_ok() || counts.has_bytes() || doubts.count() > 0 {
         out.remark(format_args!("{counts}{}", doubts.sum()));
     }
     read?;

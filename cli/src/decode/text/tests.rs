@@ -453,6 +453,21 @@ fn format_option_decides_the_ambiguous() {
 }
 
 #[test]
+fn sum_follows_what_was_shown_before_a_refusal() {
+    // The order of the bytes is unknown, and the second line has no offset.
+    let dump = "00000000: 010006aa aaff9afe 000f0006 00080008  ................\n\
+                Q00000010: 00080008 e8080008 ff220003 010006aa  ..........\"....\n";
+    let (lines, error) = printed(dump.as_bytes(), None, ArmKind::Ling, None);
+    assert!(lines[0].starts_with("not understood: line 2: "), "{lines:?}");
+    assert!(
+        lines[1].starts_with("bytes: 0, frames: 0, noise bytes: 0, not understood: 1"),
+        "{lines:?}"
+    );
+    assert_eq!(lines.len(), 2);
+    assert!(error.is_some());
+}
+
+#[test]
 fn octal_dump_is_refused() {
     let dump = "0000000 003252 000000 177376 177632\n0000010\n";
     let (lines, error) = printed(dump.as_bytes(), None, ArmKind::Ling, None);
