@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 34] = [
+const TESTS: [&str; 35] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/held_back.rs",
     "bridge/src/tests/line_rate.rs",
@@ -17,6 +17,14 @@ const TESTS: [&str; 34] = [
     "cli/tests/program/signals.rs",
     "cli/tests/program/stop.rs",
     "cli/tests/program/teleop.rs",
+    "host-tests/tests/image/crash_loop.rs",
+    "host-tests/tests/image/flash.rs",
+    "host-tests/tests/image/held_back.rs",
+    "host-tests/tests/image/rate.rs",
+    "host-tests/tests/image/recovery.rs",
+    "host-tests/tests/image/start.rs",
+    "host-tests/tests/image/stop.rs",
+    "host-tests/tests/image/teleop.rs",
     "host/src/goal.rs",
     "host/src/link.rs",
     "host/src/replay/motion.rs",
@@ -24,13 +32,6 @@ const TESTS: [&str; 34] = [
     "host/tests/ling.rs",
     "host/tests/motion/follow.rs",
     "host/tests/motion/replay.rs",
-    "host-tests/tests/image/crash_loop.rs",
-    "host-tests/tests/image/flash.rs",
-    "host-tests/tests/image/held_back.rs",
-    "host-tests/tests/image/rate.rs",
-    "host-tests/tests/image/recovery.rs",
-    "host-tests/tests/image/stop.rs",
-    "host-tests/tests/image/teleop.rs",
     "protocol/tests/client.rs",
     "protocol/tests/driver.rs",
     "python/tests/test_aio.py",
