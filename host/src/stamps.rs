@@ -12,6 +12,8 @@ use armwire_bridge::control::Stamp;
 const WINDOW_NS: i64 = 2_000_000_000;
 /// Maximum time between two readings of the monotonic clock around one of the system time.
 const MAX_SPREAD_NS: i64 = 20_000;
+/// Difference of two leads of the system time that is a step of it, in nanoseconds.
+const LEAST_STEP_NS: u64 = 100_000;
 /// Maximum number of attempts for that.
 const ATTEMPTS: usize = 3;
 
@@ -89,6 +91,9 @@ impl HostTime {
 #[derive(Debug, Default)]
 pub struct Clock {
     windows: Option<Windows>,
+    /// The system time minus the monotonic clock, in nanoseconds. Two clocks cannot be read at once: the least difference
+    /// counts, until one differs by a step.
+    lead: Option<i64>,
 }
 
 #[derive(Debug)]
@@ -127,7 +132,22 @@ impl Clock {
             windows.present = difference;
         }
         windows.present = windows.present.min(difference);
-        received.at(at.saturating_add(windows.present.min(windows.before)))
+        let monotonic_ns = at.saturating_add(windows.present.min(windows.before));
+        HostTime {
+            monotonic_ns,
+            unix_ns: monotonic_ns.saturating_add(self.lead(received)),
+        }
+    }
+
+    /// The system time minus the monotonic clock, as it is set at this time.
+    fn lead(&mut self, received: HostTime) -> i64 {
+        let now = received.unix_ns.saturating_sub(received.monotonic_ns);
+        let lead = match self.lead {
+            Some(lead) if now.abs_diff(lead) < LEAST_STEP_NS => lead.min(now),
+            _ => now,
+        };
+        self.lead = Some(lead);
+        lead
     }
 }
 
@@ -182,6 +202,20 @@ mod tests {
         let mut clock = Clock::default();
         clock.host_time(Stamp(9_000_000), instant(0, 0));
         assert_eq!(clock.host_time(Stamp(1_000), instant(50, 0)), instant(50, 0));
+    }
+
+    #[test]
+    fn distance_of_clock_readings_moves_no_stamp() {
+        let mut clock = Clock::default();
+        for (nth, late) in [0, 700, 20, 4_000].into_iter().enumerate() {
+            let received = instant(5 * nth as i64, 0);
+            let read = HostTime {
+                unix_ns: received.unix_ns + late,
+                ..received
+            };
+            let time = clock.host_time(Stamp(5_000 * nth as u64), read);
+            assert_eq!(time, received);
+        }
     }
 
     #[test]
