@@ -9,7 +9,6 @@ use embassy_sync::signal::Signal;
 use crate::ceiling::{Ceiling, SERVICE};
 use crate::restart;
 use crate::uart::{self, Sender};
-use crate::usb::pipe::{self, SharedEndpoint};
 
 /// A signal to a task, from another or from the service.
 type Notice<T = ()> = Signal<CriticalSectionRawMutex, T>;
@@ -96,9 +95,9 @@ impl Adapter {
         result
     }
 
-    /// Serves the line: received bytes, then a packet for the host, then the next burst; a poll that follows an answer
+    /// Serves the line: received bytes, then the next burst; a poll that follows an answer
     /// comes first. The service calls this.
-    pub(crate) fn serve(&self, port: &SharedEndpoint) {
+    pub(crate) fn serve(&self) {
         self.shared.with(|shared| {
             let Shared { bridge, sender, .. } = shared;
             let is_event = uart::take_event();
@@ -109,7 +108,7 @@ impl Adapter {
             };
             let is_poll = is_frame && sender.transmit_ahead(bridge);
             if is_event {
-                pipe::send(self, port, bridge);
+                self.wake(Work::Port);
             }
             let is_started = sender.transmit(bridge) || is_poll;
             if is_event {
