@@ -33,7 +33,7 @@ pub(crate) struct Limits {
 }
 
 const BOARDS: [(Chip, bool, Limits); 4] = [
-    (Chip::Stm32f405, false, limits([52.0, 47.0, 61.0, 45.0], 0.1, 24.0, 5.0)),
+    (Chip::Stm32f405, false, limits([52.0, 47.0, 61.0, 53.0], 0.1, 24.0, 5.0)),
     (
         Chip::Stm32f405,
         true,
@@ -43,7 +43,7 @@ const BOARDS: [(Chip, bool, Limits); 4] = [
     (
         Chip::Stm32g431,
         true,
-        limits([240.0, 165.0, 185.0, 140.0], 0.4, 46.0, 9.0),
+        limits([240.0, 165.0, 208.0, 140.0], 0.4, 46.0, 9.0),
     ),
 ];
 
