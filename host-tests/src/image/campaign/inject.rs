@@ -7,7 +7,6 @@ use armwire_bridge::control::{Reply, Request};
 use armwire_bridge::{Counters, Duration, LineCoding, PACKET};
 use armwire_virtual_board::line::{Direction, Fault as LineFault};
 use armwire_virtual_board::usb::Direction as UsbDirection;
-use armwire_virtual_board::usb::cdc;
 use armwire_virtual_board::usb::host::Request as UsbRequest;
 use armwire_virtual_board::{Error, Nanos};
 
@@ -110,11 +109,9 @@ impl Rig {
             }
             Fault::ConfigurationSetAgain => {
                 self.board.usb().set_configuration(1)?;
+                let now = self.board.now();
                 self.expect_setup()?;
                 self.disconnect_usb();
-                // A known defect: in 1 of 400 runs the first request after it has no answer, and a host repeats it.
-                let _ = self.board.usb().open(0, cdc::LineCoding::new(1_000_000));
-                let now = self.board.now();
                 self.open_usb();
                 return Ok(now);
             }
