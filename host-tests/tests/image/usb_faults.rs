@@ -116,6 +116,21 @@ fn abandoned_requests_leave_the_next_intact() {
     });
 }
 
+/// The adapter may be busy with the line from the end of a request to the data of the next one.
+#[test]
+fn write_right_after_read_is_answered_in_full_flow() {
+    on_either_board(|board| {
+        plug_in(board, MEGABAUD);
+        board.with_arm(|arm| arm.send(&noise(1, 60_000)));
+        for nth in 0..1_000 {
+            let after = format!("request {nth}");
+            expect_answer(board, &after);
+            board.usb().set_line_coding(LineCoding::new(MEGABAUD)).expect(&after);
+            board.run_for(Nanos(1_000 * (nth % 97))).unwrap();
+        }
+    });
+}
+
 #[test]
 fn bus_may_be_reset_during_a_request() {
     on_either_board(|board| {

@@ -70,9 +70,21 @@ pub(in crate::board) fn data_in(
     pipe.data_in(data, first, last)
 }
 
-/// Withdraws the answer in endpoint 0 after the host began another request, which has set the endpoint's NAK (RM0090
-/// 34.17.6, "IN endpoint disable").
+/// Ends the current request after the host began another one: withdraws its answer, and accepts no more data. A stage may
+/// have cleared the NAK that the new SETUP packet had set.
 pub(in crate::board) fn withdraw_answer() {
+    hold_data();
+    withdraw_packet();
+}
+
+/// Accepts no data in endpoint 0 before the next request is taken.
+fn hold_data() {
+    USB_OTG_FS.doepctl(0).modify(|w| w.set_snak(true));
+}
+
+/// Withdraws the packet in endpoint 0 after a SETUP packet, which has set the endpoint's NAK (RM0090 34.17.6, "IN
+/// endpoint disable").
+fn withdraw_packet() {
     let control = USB_OTG_FS.diepctl(0);
     if control.read().epena() {
         control.modify(|w| {
@@ -194,12 +206,13 @@ pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context
         return Poll::Pending;
     }
     let is_new = has_setup_arrived();
-    drop_data(pipe, cx);
     let Poll::Ready(request) = pin!(pipe.setup()).poll(cx) else {
         return Poll::Pending;
     };
+    drop_data(pipe, cx);
     if is_setup_waiting() {
         // It arrived just now, and the HAL has reset the count.
+        hold_data();
         SETUP_ARRIVED.store(true, Ordering::Relaxed);
         cx.waker().wake_by_ref();
         return Poll::Pending;
@@ -208,11 +221,12 @@ pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context
         // The end of the SETUP stage of a request that was already taken.
         return Poll::Pending;
     }
-    withdraw_answer();
+    withdraw_packet();
     Poll::Ready(request)
 }
 
-/// Drops data of an abandoned request: data of the next one is not accepted before that request is taken.
+/// Drops data of an earlier request, which the HAL would return as that of a request just taken. The controller accepts
+/// none from a SETUP packet until the request is taken. To drop data sooner would make it accept some.
 fn drop_data(pipe: &mut HalControlPipe, cx: &mut Context<'_>) {
     let mut data = [0; CONTROL_PACKET];
     let _ = pin!(pipe.data_out(&mut data, true, true)).poll(cx);
