@@ -9,6 +9,7 @@ use embassy_sync::signal::Signal;
 use crate::ceiling::{Ceiling, SERVICE};
 use crate::restart;
 use crate::uart::{self, Sender};
+use crate::usb::pipe::{self, SharedEndpoint};
 
 /// A signal to a task, from another or from the service.
 type Notice<T = ()> = Signal<CriticalSectionRawMutex, T>;
@@ -95,9 +96,9 @@ impl Adapter {
         result
     }
 
-    /// Serves the line: received bytes, then the next burst; a poll that follows an answer
+    /// Serves the line: received bytes, then a packet for the host, then the next burst; a poll that follows an answer
     /// comes first. The service calls this.
-    pub(crate) fn serve(&self) {
+    pub(crate) fn serve(&self, port: &SharedEndpoint) {
         self.shared.with(|shared| {
             let Shared { bridge, sender, .. } = shared;
             let is_event = uart::take_event();
@@ -108,7 +109,7 @@ impl Adapter {
             };
             let is_poll = is_frame && sender.transmit_ahead(bridge);
             if is_event {
-                self.wake(Work::Port);
+                pipe::send(self, port, bridge);
             }
             let is_started = sender.transmit(bridge) || is_poll;
             if is_event {

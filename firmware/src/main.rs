@@ -77,7 +77,7 @@ async fn main(spawner: Spawner) {
     let adapter = adapter(config, start);
     let usb = usb::new(board.usb, adapter);
 
-    service::start(adapter);
+    service::start(adapter, usb.port.to_host);
     Priority::Line.start(spawner, uart::change(adapter, board.uart, board.rx_dma));
     for (pipe, endpoints) in [(Pipe::Port, usb.port), (Pipe::Control, usb.control)] {
         let (to_host, from_host) = match pipe {

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | 0 | the UART and its DMA | time stamps and errors; pends the service |
 //! | 1 | USB, the timer, CAN | the HAL's handlers: wake tasks |
-//! | 2 | the service | passes received bytes to the bridge, and the next burst to the UART |
+//! | 2 | the service | passes received bytes to the bridge, a packet to USB, and the next burst to the UART |
 //! | | tasks | everything else |
 //!
 //! The service has the vector of a peripheral that no board uses, and is pended by software. It and the tasks share
@@ -19,13 +19,14 @@ use crate::adapter::Adapter;
 use crate::board::ServiceInterrupt;
 use crate::ceiling::SERVICE;
 use crate::progress::{Task, progress};
+use crate::usb::pipe::SharedEndpoint;
 
-/// The adapter.
-static SERVED: OnceLock<&'static Adapter> = OnceLock::new();
+/// The adapter, and the endpoint of the serial port's packets to the host.
+static SERVED: OnceLock<(&'static Adapter, &'static SharedEndpoint)> = OnceLock::new();
 
 /// Starts the service.
-pub(crate) fn start(adapter: &'static Adapter) {
-    if SERVED.init(adapter).is_err() {
+pub(crate) fn start(adapter: &'static Adapter, port: &'static SharedEndpoint) {
+    if SERVED.init((adapter, port)).is_err() {
         unreachable!()
     }
     ServiceInterrupt::set_priority(SERVICE);
@@ -43,8 +44,8 @@ pub(crate) struct ServiceHandler;
 impl Handler<ServiceInterrupt> for ServiceHandler {
     unsafe fn on_interrupt() {
         progress(Task::Service);
-        if let Some(adapter) = SERVED.try_get() {
-            adapter.serve();
+        if let Some((adapter, port)) = SERVED.try_get() {
+            adapter.serve(port);
         }
     }
 }

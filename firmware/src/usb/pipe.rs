@@ -2,8 +2,10 @@
 //! endpoint in each direction.
 
 use core::sync::atomic::{AtomicUsize, Ordering};
+use core::task::Poll;
 
 use armwire_bridge::{Bridge, PACKET, UsbEvent};
+use embassy_futures::poll_once;
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -128,6 +130,23 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, shared: &'sta
         let resting = rest(task);
         adapter.wait(work).await;
         drop(resting);
+    }
+}
+
+/// Puts due packets of the serial port into its endpoint, or wakes the task, which waits for the endpoint. The service
+/// calls this.
+pub(crate) fn send(adapter: &Adapter, port: &SharedEndpoint, bridge: &mut Bridge) {
+    let write = |packet: &[u8]| {
+        let is_sent = port
+            .try_lock()
+            .is_ok_and(|mut endpoint| matches!(poll_once(endpoint.write(packet)), Poll::Ready(Ok(()))));
+        if !is_sent {
+            adapter.wake(Work::Port);
+        }
+        is_sent
+    };
+    while let Some(len) = bridge.usb_transmit_with(write) {
+        LAST_PACKET.store(len, Ordering::Relaxed);
     }
 }
 

@@ -6,7 +6,7 @@ use armwire::messages::Messages;
 use armwire_bridge::Duration;
 use armwire_host_tests::image::quiet::{Added, call, forget, pause, until_armed};
 use armwire_host_tests::image::requests::encoded;
-use armwire_host_tests::image::{MEGABAUD, RawArm, Spread, counters, on_board, plug_in, read_all};
+use armwire_host_tests::image::{MEGABAUD, RawArm, Spread, chip, counters, facts, on_board, plug_in, read_all};
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
@@ -14,9 +14,9 @@ use armwire_virtual_board::{Nanos, VirtualBoard};
 /// Number of measurements.
 const TIMES: u64 = 1_000;
 
-/// Maximum time that the adapter may add to an answer with joint positions: a sixth of its own. The goal is a tenth.
+/// Maximum time that the adapter may add to an answer with joint positions.
 fn limit() -> Nanos {
-    Nanos(35_000)
+    Nanos(facts(chip()).latency)
 }
 
 /// Time to detect an idle line, at 1 Mbaud.
@@ -33,7 +33,7 @@ fn on_open_board<A: Arm>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>)) {
 }
 
 #[test]
-fn call_latency_is_within_sixth_of_answer_time() {
+fn call_latency_is_within_tenth_of_answer_time() {
     on_open_board(LingArm::new(armwire_sim::ling::Config::follower()), |board| {
         let Added { to_usb, to_uart } = call(board, TIMES);
         println!("an answer's last stop bit -> USB packet armed: {to_usb}");
