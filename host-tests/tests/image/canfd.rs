@@ -52,6 +52,8 @@ fn calls_pass_by_fd_at_every_rate() {
                     board.run_for(Nanos(50_000)).unwrap();
                 }
             }
+            // A frame is listed after its end, at which the program has it.
+            board.run_for(Nanos(10_000)).unwrap();
             let frames = board.can().frames();
             assert!(frames.iter().all(|frame| frame.outcome == Outcome::Sent));
             let answers = frames
