@@ -129,13 +129,15 @@ impl<const SIZE: usize> RxRing<SIZE> {
         !matches!(self.wait, Wait::Nothing)
     }
 
-    /// Returns true if neither the bytes before `end` nor one more can be an event: the interrupt handler need not wait
-    /// until the DMA has counted a byte. `byte` reads the ring.
+    /// The number of bytes behind `end` of which none is an event. The interrupt handler need not see them. `byte` reads
+    /// the ring.
     ///
     /// Once the length of a frame has arrived, the threshold is its end.
-    pub fn is_early(&mut self, end: usize, byte: impl Fn(usize) -> u8) -> bool {
-        let Wait::Bridge { from, wait } = &mut self.wait else {
-            return !self.is_waiting();
+    pub fn quiet(&mut self, end: usize, byte: impl Fn(usize) -> u8) -> usize {
+        let (from, wait) = match &mut self.wait {
+            Wait::Nothing => return SIZE,
+            Wait::Candidate { .. } => return 0,
+            Wait::Bridge { from, wait } => (from, wait),
         };
         let arrived = Self::distance(*from, end);
         if let Some(length) = wait.length.filter(|length| arrived > length.at) {
@@ -152,12 +154,8 @@ impl<const SIZE: usize> RxRing<SIZE> {
                 };
             }
         }
-        let threshold = wait.threshold;
-        let least = match threshold.terminator {
-            Some(_) => threshold.max.min(threshold.min),
-            None => threshold.max,
-        };
-        arrived.saturating_add(1) < least
+        let least = wait.threshold.least();
+        least.saturating_sub(arrived.saturating_add(1))
     }
 
     /// Bytes before `end` arrived, `last` being the last of them. If they reach the threshold, their mark gets the time
@@ -208,6 +206,14 @@ impl<const SIZE: usize> RxRing<SIZE> {
     /// Returns true if a mark is unread.
     pub fn has_mark(&self) -> bool {
         !self.marks.is_empty()
+    }
+
+    /// Returns true if the bytes before `end` may contain an event that the interrupt handler has not seen.
+    pub const fn is_overdue(&self, end: usize) -> bool {
+        match self.wait {
+            Wait::Bridge { from, wait } => Self::distance(from, end) >= wait.threshold.least(),
+            Wait::Candidate { .. } | Wait::Nothing => false,
+        }
     }
 
     /// Takes the first mark, unless it is after `end`.

@@ -48,7 +48,7 @@ pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
 pub(crate) use stm32f405::*;
 #[cfg(feature = "board-stm32g431")]
 pub(crate) use stm32g431::*;
-pub(crate) use time::transmit_at;
+pub(crate) use time::{take_byte_alarm, transmit_at, wake_byte_interrupt_in};
 
 #[cfg(not(any(feature = "board-stm32f405", feature = "board-stm32g431")))]
 compile_error!("no board: enable `board-stm32f405` or `board-stm32g431`");

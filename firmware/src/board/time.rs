@@ -22,10 +22,12 @@ use crate::service;
 
 /// Number of counter bits below the half-turn.
 const HALF_TURN: u32 = 31;
-/// The compare channels: the middle of a turn, the next alarm, and the start of the UART.
+/// The compare channels: the middle of a turn, the next alarm, the start of the UART, and the interrupt for each of its
+/// bytes.
 const MIDDLE: usize = 0;
 const ALARM: usize = 1;
 const START: usize = 2;
+const BYTES: usize = 3;
 
 /// The half-turns of the counter, and the timers.
 struct Clock {
@@ -57,6 +59,7 @@ pub(super) fn start() {
     TIMER.dier().write(|w| {
         w.set_uie(true);
         w.set_ccie(MIDDLE, true);
+        w.set_ccie(BYTES, true);
     });
     TIMER.cr1().modify(|w| w.set_cen(true));
     // SAFETY: the handler uses only initialised state.
@@ -68,16 +71,37 @@ pub(super) fn start() {
 /// The interrupt handler starts it: no task would be as punctual.
 pub(crate) fn transmit_at(at: Instant) {
     TIMER.ccr(START).write_value(at.as_micros() as u32);
-    TIMER.sr().write(|w| {
-        // Writing 0 clears, writing 1 has no effect.
-        w.0 = u32::MAX;
-        w.set_ccif(START, false);
-    });
+    clear(START);
     set_start_interrupt(true);
     // The counter may have passed it in between.
     if CLOCK.now() >= at.as_micros() {
         start_transmitting();
     }
+}
+
+/// Enables the UART's interrupt for each byte in some microseconds.
+///
+/// The UART's interrupt handler calls this, or another in a critical section.
+pub(crate) fn wake_byte_interrupt_in(micros: u32) {
+    TIMER.ccr(BYTES).write_value(TIMER.cnt().read().wrapping_add(micros));
+}
+
+/// Returns true if the time of [`wake_byte_interrupt_in`] has come since the last call.
+pub(crate) fn take_byte_alarm() -> bool {
+    let is_due = TIMER.sr().read().ccif(BYTES);
+    if is_due {
+        clear(BYTES);
+    }
+    is_due
+}
+
+/// Clears the flag of a compare channel.
+fn clear(channel: usize) {
+    TIMER.sr().write(|w| {
+        // Writing 0 clears, writing 1 has no effect.
+        w.0 = u32::MAX;
+        w.set_ccif(channel, false);
+    });
 }
 
 fn start_transmitting() {
@@ -152,6 +176,8 @@ impl Handler<TimerInterrupt> for TimerHandler {
             // Usually the timeout of the bridge, and a poll is due.
             service::pend();
         }
-        CLOCK.timers.with(|timers| CLOCK.arm(timers));
+        if flags.ccif(ALARM) || ended > 0 {
+            CLOCK.timers.with(|timers| CLOCK.arm(timers));
+        }
     }
 }

@@ -9,7 +9,7 @@ use embassy_sync::signal::Signal;
 use embassy_time::Timer;
 
 use super::receive::Receiver;
-use super::wake;
+use super::{byte_interrupt, wake};
 use crate::adapter::Adapter;
 use crate::board::usart;
 use crate::ceiling::{SERVICE, mask};
@@ -27,6 +27,7 @@ pub(crate) async fn change(adapter: &'static Adapter, mut uart: UartRx<'static, 
     let mut masked = mask(SERVICE);
     loop {
         // From the stop of the receive path to here the UART can hold a single byte: the service waits.
+        byte_interrupt::set_coding(config.coding);
         let transfer = receiver.start(&mut dma);
         adapter.with(|bridge| receiver.pass_rest(bridge));
         wake();

@@ -9,9 +9,11 @@
 //! # Time stamps
 //!
 //! The bridge gives the last byte of the next frame or, once known, the number of bytes before anything can be due. The
-//! interrupt handler checks each byte, or each of the last ones. It therefore sees the byte that completes the frame as
-//! it arrives, and records the time. Tasks and other interrupt handlers do not delay it: it preempts all of them.
+//! interrupt handler checks each byte up to the length of a frame, and each of the frame's last ones. It therefore sees
+//! the byte that completes the frame as it arrives, and records the time. Tasks and other interrupt handlers do not delay
+//! it: it preempts all of them.
 
+mod byte_interrupt;
 mod change;
 mod receive;
 mod transmit;
@@ -28,6 +30,7 @@ use crate::board::usart::{self, Status};
 use crate::board::{RxInterrupt, UartInterrupt};
 use crate::service;
 
+pub(crate) use byte_interrupt::SleepHandler;
 pub(crate) use change::change;
 pub(crate) use receive::{read, wait};
 pub(crate) use transmit::{Sender, SentHandler};
@@ -69,8 +72,12 @@ impl Handler<UartInterrupt> for InterruptHandler {
         let status = usart::take_status();
         let is_byte = !status.is_error() && !status.idle && !usart::is_transmitted_interrupt();
         // Usually it is a byte inside a frame, which the DMA may not have counted yet.
-        if is_byte && !usart::must_keep_parity_errors() && with_ring(|ring| ring.is_early(place, byte_at)) {
-            return;
+        if is_byte && !usart::must_keep_parity_errors() {
+            let quiet = with_ring(|ring| ring.quiet(place, byte_at));
+            if quiet > 0 {
+                byte_interrupt::sleep(quiet);
+                return;
+            }
         }
         if !is_byte || !wait_for_dma() {
             return record_flags(status, place);
@@ -99,7 +106,7 @@ fn record_bytes(end: usize, at: impl FnOnce() -> Instant) -> bool {
     with_ring(|ring| {
         let is_event = ring.arrived(end, last, at);
         if is_event && !ring.is_waiting() {
-            usart::set_byte_interrupt(false);
+            byte_interrupt::set(false);
         }
         is_event
     })

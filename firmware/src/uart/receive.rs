@@ -5,7 +5,7 @@ use core::sync::atomic::{AtomicU8, Ordering};
 use armwire_bridge::{Bridge, Duration, Instant, RxRing, RxWait, UartEvent};
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
 
-use super::{BYTES, COUNTED, ERRORS, RING_OVERRUN, SIZE, tail, with_ring};
+use super::{BYTES, COUNTED, ERRORS, RING_OVERRUN, SIZE, byte_interrupt, tail, with_ring};
 use crate::adapter::now;
 use crate::board::RX_REQUEST;
 use crate::board::usart;
@@ -55,11 +55,10 @@ pub(crate) fn read(bridge: &mut Bridge) -> bool {
 /// Makes the interrupt handler wait for these events. Returns true if one has already come: bytes that arrived before
 /// the handler knew the threshold do not pend the service.
 pub(crate) fn wait(wait: RxWait) -> bool {
-    let threshold = wait.threshold;
     with_ring(|ring| {
         ring.set(wait);
-        usart::set_byte_interrupt(true);
-        ring.has_mark() || ring.unread(tail()) >= threshold.min.min(threshold.max)
+        byte_interrupt::set(true);
+        ring.has_mark() || ring.is_overdue(tail())
     })
 }
 
@@ -147,7 +146,10 @@ impl Receiver {
     /// Stops the stream and keeps the unread bytes. Call this right after [`read`].
     pub(super) fn stop(&mut self, mut transfer: Transfer<'_>) {
         // The interrupt handler leaves a byte in the data register to the DMA, which will not fetch it now.
-        usart::stop_receiving();
+        critical_section::with(|_| {
+            byte_interrupt::set(false);
+            usart::stop_receiving();
+        });
         transfer.request_pause();
         while transfer.is_running() {}
         self.len = copy(&mut self.rest, tail());

@@ -72,7 +72,8 @@ fn rx_ring(bridge: &mut Bridge, now: Instant) {
     let ring = black_box(&mut ring);
     black_box(&mut *ring).set(black_box(bridge).rx_wait());
     black_box(black_box(&*ring).is_waiting());
-    black_box(black_box(&mut *ring).is_early(black_box(7), |at| black_box(at) as u8));
+    black_box(black_box(&mut *ring).quiet(black_box(7), |at| black_box(at) as u8));
+    black_box(black_box(&*ring).is_overdue(black_box(7)));
     black_box(black_box(&mut *ring).arrived(black_box(7), black_box(0xFF), || now));
     black_box(black_box(&mut *ring).idle(black_box(7), now));
     black_box(black_box(&*ring).has_mark());

@@ -1,7 +1,7 @@
 //! The latency of the firmware image, with one cycle per instruction. `cargo xtask performance` also measures the core's
 //! own timing.
 
-use armwire::ling::{Ling, Response, Stroke};
+use armwire::ling::{JointState, Ling, MotionStatus, Response, Stroke};
 use armwire::messages::Messages;
 use armwire_bridge::Duration;
 use armwire_host_tests::image::quiet::{Added, call, forget, pause, until_armed};
@@ -40,6 +40,33 @@ fn call_latency_is_within_tenth_of_answer_time() {
         println!("USB packet from the host -> first start bit: {to_uart}");
         assert!(to_usb.worst() <= limit(), "{to_usb}");
         assert!(to_uart.worst() <= limit(), "{to_uart}");
+    });
+}
+
+#[test]
+fn bytes_inside_frame_cost_few_instructions() {
+    on_open_board(RawArm::default(), |board| {
+        let joints = JointState {
+            joints: [2048; 6],
+            gripper: 500,
+            status: MotionStatus::Idle,
+        };
+        let frame = encoded(|bytes| Ling.encode_response(&Response::Joints(joints), None, bytes));
+        let inside = frame.len() as u64 - 1;
+        let mut least = u64::MAX;
+        for nth in 0..20 {
+            board.run_for(pause(nth)).unwrap();
+            read_all(board);
+            let before = board.instructions();
+            board.with_arm(|arm| arm.send(&frame));
+            // Up to the middle of the last byte.
+            board.run_for(Nanos(10_000 * inside + 5_000)).unwrap();
+            least = least.min(board.instructions() - before);
+            board.run_for(Duration::from_micros(500)).unwrap();
+            assert_eq!(board.usb().read(), frame);
+        }
+        println!("{least} instructions for {inside} bytes inside a frame");
+        assert!(least <= 45 * inside, "{least}");
     });
 }
 

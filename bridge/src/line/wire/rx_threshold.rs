@@ -17,4 +17,12 @@ impl RxThreshold {
     pub fn is_met(&self, bytes: usize, last: u8) -> bool {
         bytes >= self.max || bytes >= self.min && self.terminator == Some(last)
     }
+
+    /// The least number of bytes that may reach the threshold.
+    pub(crate) const fn least(&self) -> usize {
+        match self.terminator {
+            Some(_) if self.min < self.max => self.min,
+            _ => self.max,
+        }
+    }
 }

@@ -25,7 +25,7 @@ use super::time::{self, TimerHandler};
 use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
-use crate::uart::{InterruptHandler, RingHandler, SentHandler};
+use crate::uart::{InterruptHandler, RingHandler, SentHandler, SleepHandler};
 
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
@@ -40,7 +40,8 @@ pub(crate) const CAN_FD: bool = false;
 bind_interrupts!(struct Irqs {
     // Ahead of the HAL's handler, as below.
     OTG_FS => usb::SetupHandler, hal_usb::InterruptHandler<USB_OTG_FS>;
-    TIM5 => TimerHandler;
+    // Ahead of the clock's handler, which clears all flags.
+    TIM5 => SleepHandler, TimerHandler;
     USART2 => InterruptHandler;
     // Ahead of the HAL's handler, which clears the flags.
     DMA1_STREAM5 => RingHandler, dma::InterruptHandler<DMA1_CH5>;
@@ -67,7 +68,7 @@ pub(super) const TIMER_HZ: u64 = 84_000_000;
 /// See [`TIMER`].
 pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM5;
 /// See [`TIMER`].
-pub(super) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM5;
+pub(crate) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM5;
 
 /// The pin of the status LED, PB2.
 pub(super) const LED: (pac::gpio::Gpio, usize) = (pac::GPIOB, 2);

@@ -23,7 +23,7 @@ use super::time::{self, TimerHandler};
 use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
-use crate::uart::{InterruptHandler, RingHandler, SentHandler};
+use crate::uart::{InterruptHandler, RingHandler, SentHandler, SleepHandler};
 
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
@@ -38,7 +38,8 @@ pub(crate) const CAN_FD: bool = true;
 bind_interrupts!(struct Irqs {
     // Ahead of the HAL's handler, which clears the flags.
     USB_LP => usb::EventHandler, hal_usb::InterruptHandler<USB>;
-    TIM2 => TimerHandler;
+    // Ahead of the clock's handler, which clears all flags.
+    TIM2 => SleepHandler, TimerHandler;
     USART2 => InterruptHandler;
     // Ahead of the HAL's handler, which clears the flags.
     DMA1_CHANNEL1 => RingHandler, dma::InterruptHandler<DMA1_CH1>;
@@ -57,7 +58,7 @@ pub(super) const TIMER_HZ: u64 = 160_000_000;
 /// See [`TIMER`].
 pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM2;
 /// See [`TIMER`].
-pub(super) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM2;
+pub(crate) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM2;
 
 /// The pin of the status LED, PC6.
 pub(super) const LED: (pac::gpio::Gpio, usize) = (pac::GPIOC, 6);
