@@ -338,10 +338,10 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// event, or wait. The client does no I/O and reads no clock: it runs in an interrupt handler, in a task, or in a test
 /// without real time. 260 bytes hold every message of every protocol; a frame that is longer than `N` is noise.
 ///
-/// A late answer never satisfies the next request, except a [reading](Self::submit_reading). While an answer to an earlier request is possible (the request timed
-/// out, was repeated, or was cancelled), the next request with the same key waits until the answer arrives or
-/// [`Config::stale_window`] ends. Requests without an answer, such as torque off, never wait. No request waits on a
-/// protocol with numbered answers, whose requests the client numbers.
+/// A late answer never satisfies the next request, except a [reading](Self::submit_reading). While an answer to an
+/// earlier request is possible (the request timed out, was repeated, or was cancelled), the next request with the same
+/// key waits until the answer arrives or [`Config::stale_window`] ends. Requests without an answer, such as torque off,
+/// never wait. No request waits on a protocol with numbered answers, whose requests the client numbers.
 ///
 /// # A call
 ///
@@ -508,7 +508,8 @@ impl<M: Messages, const N: usize> Client<M, N> {
     ///
     /// Such an earlier answer is taken for the answer to this reading, if it arrives after its transmission. Both have
     /// the arm's state, and one is newer. Use [`submit`](Self::submit) where the state must be newer than the request,
-    /// and for any request that is not a read: it waits for the answers to lost readings as to any other request.
+    /// and for any request that is not a read. It waits for the answers to lost readings as to any other request: until
+    /// the stale window of the last reading ends, since that reading may have taken an earlier answer.
     ///
     /// # Errors
     ///

@@ -18,14 +18,13 @@
 //!   be assigned to another send.
 //! * Only an answer moves a deadline: an arm answers one request after the other, and the timeouts of later requests
 //!   start then.
-//!
 //! * A *reading* is one of many requests for a state at a steady rate. It waits for no stale send of its key by its own
-//!   initiator, and takes an answer before them: each answer has the state, and only their number is exact.
+//!   initiator, and takes an answer before them: each answer has the state, and only their number is exact. The sends
+//!   that it overtakes become one, with as many answers, which ends no earlier than the reading's own stale window.
 //!
 //! An answer later than the stale window can be assigned to the wrong request.
 
 use core::cell::Cell;
-use core::mem;
 
 use crate::correlation::{Correlation, InfoOf};
 use crate::time::{Duration, Instant};
@@ -126,7 +125,7 @@ struct Saturation {
 /// The unresolved sends on one line, at most `N`. `I` identifies the initiator; use `()` for a single one.
 pub struct Exchange<D: Correlation, I, const N: usize> {
     stale_window: Duration,
-    /// In the order in which answers are assigned, without gaps: that of handover, except for readings.
+    /// In the order in which answers are assigned, without gaps: that of handover, but for sends behind a reading.
     sends: Slots<Sent<D, I>, N>,
     saturated: Option<Saturation>,
 }
@@ -152,51 +151,50 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
 
     /// Returns true if a request may be sent now.
     pub fn can_send(&self, info: &InfoOf<D>, who: I) -> bool {
-        if info.response.is_none() {
-            return true;
-        }
-        let has_room = self.sends.len() < N;
-        if D::HAS_TRANSACTION_ID {
-            return has_room || self.sends.iter().any(|sent| sent.stale);
-        }
-        has_room && self.saturated.is_none() && !self.sends.iter().any(|sent| sent.blocks(info, who))
+        self.is_free(info, who, |_| false)
     }
 
     /// Returns true if a reading may be sent now.
     pub fn can_read(&self, info: &InfoOf<D>, who: I) -> bool {
-        if D::HAS_TRANSACTION_ID || info.response.is_none() {
-            return self.can_send(info, who);
+        self.is_free(info, who, |sent| sent.is_stale_of(info.key, who))
+    }
+
+    /// Returns true if a request may be sent now that waits for no `overtaken` send. Of these, one remains.
+    fn is_free(&self, info: &InfoOf<D>, who: I, overtaken: impl Fn(&Sent<D, I>) -> bool) -> bool {
+        if info.response.is_none() {
+            return true;
         }
-        let is_own = |sent: &&Sent<D, I>| sent.is_stale_of(info.key, who);
-        // The own stale sends become one.
-        let own = self.sends.iter().filter(is_own).count();
-        let has_room = self.sends.len().saturating_sub(own.saturating_sub(1)) < N;
-        let is_blocked = self.sends.iter().any(|sent| !is_own(&sent) && sent.blocks(info, who));
-        has_room && self.saturated.is_none() && !is_blocked
+        if D::HAS_TRANSACTION_ID {
+            return self.sends.len() < N || self.sends.iter().any(|sent| sent.stale);
+        }
+        let freed = self
+            .sends
+            .iter()
+            .filter(|sent| overtaken(sent))
+            .count()
+            .saturating_sub(1);
+        let has_room = self.sends.len().saturating_sub(freed) < N;
+        let blocks = |sent: &Sent<D, I>| !overtaken(sent) && sent.blocks(info, who);
+        has_room && self.saturated.is_none() && !self.sends.iter().any(blocks)
     }
 
     /// A reading was handed over, which [may be sent](Self::can_read).
     pub fn begin_reading(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
-        if D::HAS_TRANSACTION_ID || info.response.is_none() {
-            self.begin(info, who, handover);
-            return;
+        let is_overtaken = |sent: &Sent<D, I>| sent.is_stale_of(info.key, who);
+        let mut overtaken = self.sends.remove_first_where(is_overtaken);
+        if let Some(sent) = &mut overtaken {
+            while let Some(other) = self.sends.remove_first_where(is_overtaken) {
+                sent.times = sent.times.saturating_add(other.times);
+                sent.due = sent.due.max(other.due);
+            }
+            // If the reading takes an earlier answer, its own is still to come.
+            sent.due = sent.due.max(handover.due);
         }
-        let mut lost: Option<Sent<D, I>> = None;
-        while let Some(stale) = self.sends.remove_first_where(|sent| sent.is_stale_of(info.key, who)) {
-            lost = Some(match lost {
-                None => stale,
-                Some(lost) => Sent {
-                    times: lost.times.saturating_add(stale.times),
-                    due: lost.due.max(stale.due),
-                    ..lost
-                },
-            });
+        self.begin(info, who, handover);
+        if let Some(sent) = overtaken {
+            // Behind the reading, which takes the next answer.
+            self.sends.push(sent);
         }
-        if let Some(lost) = lost {
-            self.sends.push(lost);
-        }
-        // In front of the others: it takes the next answer.
-        self.sends.push_front(Sent::new(info, who, handover));
     }
 
     /// A request was handed over. Returns true if its send is tracked.
@@ -368,19 +366,6 @@ impl<T, const N: usize> Slots<T, N> {
                 true
             }
             None => false,
-        }
-    }
-
-    /// Inserts a value before the others, if it fits.
-    fn push_front(&mut self, value: T) {
-        if self.len() < N {
-            let mut carried = Some(value);
-            for slot in &mut self.0 {
-                mem::swap(slot, &mut carried);
-                if carried.is_none() {
-                    return;
-                }
-            }
         }
     }
 
