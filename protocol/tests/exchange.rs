@@ -258,6 +258,40 @@ fn repeats_take_no_more_room() {
 }
 
 #[test]
+fn reading_takes_the_answer_of_an_overtaken_one() {
+    let mut line = plain();
+    line.read(1, Usb, 0);
+    assert_eq!(line.missing(100), [Usb]);
+    assert!(!line.can_send(1, Usb) && line.can_read(1, Usb) && !line.can_read(1, Can));
+    line.read(1, Usb, 140);
+    assert_eq!(line.frame(1, 141), answer(Usb, 140));
+    // Its own answer is still to come.
+    assert_eq!(line.timeout(), Some(140 + 150));
+    assert!(!line.can_send(1, Usb));
+    assert_eq!(line.frame(1, 289), Match::Late(Usb));
+    assert!(line.exchange.is_idle() && line.can_send(1, Usb));
+}
+
+#[test]
+fn overtaken_readings_take_the_room_of_one() {
+    let mut line = plain();
+    for n in 0..50 {
+        assert!(line.can_read(1, Usb), "{n}");
+        line.read(1, Usb, n);
+        line.exchange.give_up(Usb);
+    }
+    line.send(2, Can, 50);
+    line.send(3, Poll, 50);
+    assert!(line.can_read(1, Usb) && !line.can_send(4, Can));
+    line.read(1, Usb, 51);
+    assert_eq!(line.frame(1, 52), answer(Usb, 51));
+    for n in 0..50 {
+        assert_eq!(line.frame(1, 52), Match::Late(Usb), "{n}");
+    }
+    assert_eq!(line.frame(1, 52), Match::Unsolicited);
+}
+
+#[test]
 fn initiator_is_due_with_its_first_answer() {
     let mut line = plain();
     line.send(1, Usb, 0);
@@ -285,6 +319,7 @@ fn step() -> impl Strategy<Value = Step> {
     let key = prop_oneof![0..3_u8, 10..12_u8];
     prop_oneof![
         4 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Send(key, who)),
+        2 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Read(key, who)),
         1 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Repeat(key, who)),
         1 => who.prop_map(Step::GiveUp),
         3 => (0..3_usize).prop_map(Step::Answer),

@@ -104,6 +104,15 @@ impl<D: Correlation<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
         self.exchange.begin(info(key), who, self.handover(at))
     }
 
+    pub fn can_read(&self, key: u8, who: I) -> bool {
+        self.exchange.can_read(&info(key), who)
+    }
+
+    /// Hands over a reading at this time.
+    pub fn read(&mut self, key: u8, who: I, at: u64) {
+        self.exchange.begin_reading(info(key), who, self.handover(at));
+    }
+
     pub fn handover(&self, at: u64) -> Handover {
         let at = Instant::from_micros(at);
         Handover {
@@ -164,6 +173,8 @@ pub fn answer(who: Who, sent: u64) -> Match<Who> {
 pub enum Step {
     /// An initiator sends a request, if allowed. USB also exceeds the tracked number while no other has sends.
     Send(u8, Who),
+    /// An initiator sends a reading, if allowed.
+    Read(u8, Who),
     /// An initiator repeats its oldest unresolved request of this key, if it has one.
     Repeat(u8, Who),
     /// An initiator gives up its pending answers.
@@ -189,6 +200,31 @@ struct Fact {
     counted: bool,
 }
 
+impl Fact {
+    fn new(key: u8, who: Who, offset: u64, now: u64, counted: bool) -> Self {
+        Self {
+            key,
+            who,
+            offset,
+            at: now,
+            due: now + 100,
+            times: 1,
+            stale: false,
+            resolved: false,
+            counted,
+        }
+    }
+
+    fn is_open(&self) -> bool {
+        self.counted && !self.resolved
+    }
+
+    /// Returns true if no request of `who` with this key waits for it.
+    fn lets_pass(&self, key: u8, who: Who) -> bool {
+        self.key / 10 == key / 10 && (self.key != key || self.who == who && !self.stale)
+    }
+}
+
 /// Compares the exchange with an oracle that keeps every send and evaluates each rule.
 pub fn check(steps: impl IntoIterator<Item = Step>) {
     let mut line = plain();
@@ -199,12 +235,12 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
             Step::Wait(micros) => now += micros,
             Step::GiveUp(who) => {
                 line.exchange.give_up(who);
-                for fact in facts.iter_mut().filter(|fact| fact.counted && !fact.resolved) {
+                for fact in facts.iter_mut().filter(|fact| fact.is_open()) {
                     fact.stale |= fact.who == who;
                 }
             }
             Step::Repeat(key, who) => {
-                let matches = |fact: &&mut Fact| fact.counted && !fact.resolved && (fact.key, fact.who) == (key, who);
+                let matches = |fact: &&mut Fact| fact.is_open() && (fact.key, fact.who) == (key, who);
                 let Some(fact) = facts.iter_mut().find(matches) else {
                     continue;
                 };
@@ -213,11 +249,9 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                 (fact.due, fact.stale) = (now + 100, false);
             }
             Step::Send(key, who) => {
-                let open: Vec<_> = facts.iter().filter(|fact| fact.counted && !fact.resolved).collect();
+                let open: Vec<_> = facts.iter().filter(|fact| fact.is_open()).collect();
                 let counted = saturated_until.is_none() && open.len() < 4;
-                let free = open
-                    .iter()
-                    .all(|fact| fact.key / 10 == key / 10 && (fact.key != key || fact.who == who && !fact.stale));
+                let free = open.iter().all(|fact| fact.lets_pass(key, who));
                 assert_eq!(line.can_send(key, who), counted && free, "{key:?} {who:?} {facts:?}");
                 let exceeds = who == Who::Usb && open.iter().all(|fact| fact.who == who);
                 if !(free && (counted || exceeds)) {
@@ -227,19 +261,30 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                     saturated_until = saturated_until.max(Some(now + 150));
                 }
                 assert_eq!(line.send(key, who, now), counted);
-                let offset = line.offset;
-                let (due, times, stale, resolved) = (now + 100, 1, false, false);
-                facts.push(Fact {
-                    key,
-                    who,
-                    offset,
-                    at: now,
-                    due,
-                    times,
-                    stale,
-                    resolved,
-                    counted,
-                });
+                facts.push(Fact::new(key, who, line.offset, now, counted));
+            }
+            Step::Read(key, who) => {
+                let is_overtaken = |fact: &Fact| fact.is_open() && fact.stale && (fact.key, fact.who) == (key, who);
+                let (overtaken, rest): (Vec<_>, Vec<_>) = facts.iter().cloned().partition(is_overtaken);
+                let open: Vec<_> = rest.iter().filter(|fact| fact.is_open()).collect();
+                let has_room = open.len() + overtaken.len().min(1) < 4;
+                let free = open.iter().all(|fact| fact.lets_pass(key, who));
+                let may = saturated_until.is_none() && has_room && free;
+                assert_eq!(line.can_read(key, who), may, "{key:?} {who:?} {facts:?}");
+                if !may {
+                    continue;
+                }
+                line.read(key, who, now);
+                facts = rest;
+                facts.push(Fact::new(key, who, line.offset, now, true));
+                // One send with all their answers. One of these may be that to the reading.
+                if let Some(first) = overtaken.first() {
+                    facts.push(Fact {
+                        times: overtaken.iter().map(|fact| fact.times).sum(),
+                        due: now + 100,
+                        ..first.clone()
+                    });
+                }
             }
             Step::Answer(_) | Step::Frame(..) => {
                 let (key, bytes, micros) = match step {
@@ -255,8 +300,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                 };
                 let (offset, began) = (line.offset.saturating_sub(bytes), now.saturating_sub(micros));
                 let of = facts.iter().position(|fact| {
-                    fact.counted
-                        && !fact.resolved
+                    fact.is_open()
                         && fact.key == key
                         && fact.offset <= offset
                         && fact.at <= began
@@ -273,7 +317,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                     facts[index].resolved = facts[index].times == 0;
                     let at = facts[index].at;
                     for fact in &mut facts {
-                        if fact.counted && !fact.resolved && !fact.stale && fact.at >= at {
+                        if fact.is_open() && !fact.stale && fact.at >= at {
                             fact.due = fact.due.max(now + 100);
                         }
                     }
@@ -283,7 +327,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
         }
         // Time passes to the next timeouts.
         let mut missing = Vec::new();
-        for fact in facts.iter_mut().filter(|fact| fact.counted && !fact.resolved) {
+        for fact in facts.iter_mut().filter(|fact| fact.is_open()) {
             if !fact.stale && fact.due <= now {
                 fact.stale = true;
                 missing.push(fact.who);
@@ -293,7 +337,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
         saturated_until = saturated_until.filter(|until| now < *until);
         assert_eq!(line.missing(now), missing);
         // No overdue send is left, and the rest is bounded.
-        let open: Vec<_> = facts.iter().filter(|fact| fact.counted && !fact.resolved).collect();
+        let open: Vec<_> = facts.iter().filter(|fact| fact.is_open()).collect();
         assert!(open.len() <= 4);
         let next = open
             .iter()
