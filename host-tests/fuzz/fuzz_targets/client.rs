@@ -1,5 +1,6 @@
 //! Any bytes at any time: each request ends once, with a fitting event. The port is read before each request. Only the
-//! request's bytes are sent, and zeros after a part of one that has ended. Time alone ends every wait.
+//! request's bytes are sent, and zeros after a part of one that has ended. Time alone ends every wait. A reading waits for
+//! none before it.
 #![no_main]
 
 use std::num::NonZeroU32;
@@ -27,8 +28,8 @@ impl Check for Requests {
         };
         let mut world = World::<P, N>::new(protocol, config);
         while !u.is_empty() {
-            match u.int_in_range(0..=10)? {
-                0 => world.submit(&P::any_request(u)?),
+            match u.int_in_range(0..=11)? {
+                kind @ (0 | 11) => world.submit(&P::any_request(u)?, kind == 11),
                 1 => world.cancel(),
                 2 => world.transmit(u.arbitrary::<u8>()?.into()),
                 3 => world.transmit(N),
@@ -55,6 +56,7 @@ impl Check for Requests {
 struct Pending<P: Subject> {
     bytes: Vec<u8>,
     info: InfoOf<P>,
+    is_reading: bool,
     /// Number of complete transmissions, and the time of the last.
     sends: u8,
     sent: Instant,
@@ -79,11 +81,11 @@ struct World<P: Subject, const N: usize> {
     now: Instant,
     /// The number of the last request.
     number: u16,
-    model: Model<P>,
+    model: Model<P, N>,
 }
 
 /// The state that follows from the events so far.
-struct Model<P: Subject> {
+struct Model<P: Subject, const N: usize> {
     protocol: P,
     config: Config,
     pending: Option<Pending<P>>,
@@ -94,6 +96,8 @@ struct Model<P: Subject> {
     broken: bool,
     /// The longest time that an arm may take for one of the requests so far.
     turnaround: Duration,
+    /// The requests that were sent and have ended, and the time from which on no answer is possible.
+    ended: Vec<(InfoOf<P>, Instant)>,
 }
 
 impl<P: Subject, const N: usize> World<P, N> {
@@ -110,12 +114,16 @@ impl<P: Subject, const N: usize> World<P, N> {
                 abandoned: false,
                 broken: false,
                 turnaround: Duration::ZERO,
+                ended: Vec::new(),
             },
         }
     }
 
-    fn submit(&mut self, request: &P::Request<'_>) {
-        let submitted = self.client.submit(request);
+    fn submit(&mut self, request: &P::Request<'_>, is_reading: bool) {
+        let submitted = match is_reading {
+            true => self.client.submit_reading(request),
+            false => self.client.submit(request),
+        };
         let model = &mut self.model;
         if model.pending.is_some() {
             assert_eq!(submitted, Err(SubmitError::Busy));
@@ -132,6 +140,7 @@ impl<P: Subject, const N: usize> World<P, N> {
         model.pending = Some(Pending {
             bytes,
             info,
+            is_reading,
             sends: 0,
             sent: Instant::ZERO,
             part: 0,
@@ -142,7 +151,7 @@ impl<P: Subject, const N: usize> World<P, N> {
 
     fn cancel(&mut self) {
         self.client.cancel();
-        self.model.end();
+        self.model.end(self.now);
     }
 
     fn transmit(&mut self, n: usize) {
@@ -205,6 +214,7 @@ impl<P: Subject, const N: usize> World<P, N> {
                 }
                 Output::Timeout(until) => {
                     assert!(until.is_none_or(|until| until > self.now), "a timeout in the past");
+                    self.model.on_wait(self.now);
                     return;
                 }
             }
@@ -225,7 +235,7 @@ impl<P: Subject, const N: usize> World<P, N> {
 
     /// No more bytes arrive: requests in flight end within the configured time.
     fn end(mut self) {
-        let end = self.now + self.model.longest(N);
+        let end = self.now + self.model.longest();
         // Each send is transmitted, times out, and may get a little more time. Waits for noise end as well.
         for _ in 0..6 * (u32::from(self.model.config.repeats) + 2) {
             while self.model.void > 0 && !P::LOSSLESS {
@@ -250,7 +260,7 @@ impl<P: Subject, const N: usize> World<P, N> {
     }
 }
 
-impl<P: Subject> Model<P> {
+impl<P: Subject, const N: usize> Model<P, N> {
     /// The line takes `n` of these bytes: of a void, or of a request.
     fn transmitted(&mut self, bytes: &[u8], n: usize, now: Instant) {
         assert!(!self.broken && !self.abandoned, "something is sent on a broken line");
@@ -288,6 +298,27 @@ impl<P: Subject> Model<P> {
         assert!(matches!(pending.reads, Reads::Asked(_)), "a read too many");
     }
 
+    /// The client waits.
+    fn on_wait(&self, now: Instant) {
+        let Some(pending) = self.pending.as_ref().filter(|pending| pending.reads == Reads::None) else {
+            return;
+        };
+        // It is held back.
+        assert!(!P::HAS_TRANSACTION_ID && pending.info.response.is_some() && !self.broken);
+        if pending.is_reading {
+            let open = self
+                .ended
+                .iter()
+                .filter(|(_, until)| now < *until)
+                .map(|(info, _)| info);
+            let others: Vec<_> = open.filter(|info| info.key != pending.info.key).collect();
+            // Requests of one other key leave room.
+            let has_room = others.iter().all(|info| info.key == others[0].key);
+            let is_alone = others.iter().all(|info| info.expect == pending.info.expect);
+            assert!(!(has_room && is_alone), "a reading is held back");
+        }
+    }
+
     /// The port had `n` bytes.
     fn on_read(&mut self, n: usize) {
         if let Some(pending) = &mut self.pending
@@ -302,8 +333,12 @@ impl<P: Subject> Model<P> {
     }
 
     /// The request in flight ends. If a part of it is sent, that is voided.
-    fn end(&mut self) -> Option<Pending<P>> {
+    fn end(&mut self, now: Instant) -> Option<Pending<P>> {
         let pending = self.pending.take()?;
+        if pending.sends > 0 && pending.info.response.is_some() {
+            let until = now + self.answer() + self.config.stale_window;
+            self.ended.push((pending.info, until));
+        }
         if pending.part > 0 {
             match P::LOSSLESS {
                 true => self.abandoned = true,
@@ -316,34 +351,33 @@ impl<P: Subject> Model<P> {
     fn on_event(&mut self, event: Event<'_, P::Response<'_>>, now: Instant) {
         match event {
             Event::Answer(response) => {
-                let pending = self.end().expect("no request is in flight");
+                let pending = self.end(now).expect("no request is in flight");
                 let bytes = response_bytes(self.protocol, &response, Some(pending.info.key));
                 assert!(self.protocol.is_response_to(pending.info.key, &bytes));
                 assert!(pending.sends > 0, "answered before it was sent");
             }
             Event::ErrorFrame { frame } => {
-                let pending = self.end().expect("no request is in flight");
+                let pending = self.end(now).expect("no request is in flight");
                 assert!(self.protocol.is_response_to(pending.info.key, frame));
                 assert!(pending.sends > 0, "answered before it was sent");
             }
             Event::Unacceptable(error) => {
-                let pending = self.end().expect("no request is in flight");
+                let pending = self.end(now).expect("no request is in flight");
                 assert!(pending.info.response.is_some(), "it is not answered");
                 assert!(pending.sends > 0, "answered before it was sent");
                 assert!(!error.to_string().is_empty());
             }
             Event::Sent => {
-                let pending = self.end().expect("no request is in flight");
+                let pending = self.end(now).expect("no request is in flight");
                 assert_eq!((pending.info.response, pending.sends), (None, 1));
             }
             Event::TimedOut { sends } => {
-                let pending = self.end().expect("no request is in flight");
+                let pending = self.end(now).expect("no request is in flight");
                 let response = pending.info.response.expect("it is not answered");
                 assert_eq!(sends, pending.sends);
-                let most = if pending.info.effect == Effect::Read {
-                    self.config.repeats
-                } else {
-                    0
+                let most = match pending.info.effect {
+                    Effect::Read if !pending.is_reading => self.config.repeats,
+                    _ => 0,
                 };
                 assert_eq!(
                     sends,
@@ -370,12 +404,16 @@ impl<P: Subject> Model<P> {
 
     /// The maximum time until all requests have ended: the answer to an earlier request is late, and then each send of
     /// this one times out, within a frame that has begun.
-    fn longest(&self, n: usize) -> Duration {
-        let frame = n as u64 * 10_000_000 / u64::from(self.config.baud.get());
-        let answer = self.turnaround.as_micros() + self.config.latency.as_micros() + 3 * frame;
+    fn longest(&self) -> Duration {
+        let repeats = u64::from(self.config.repeats) + 2;
+        Duration::from_micros(repeats * self.answer().as_micros() + 2 * self.config.stale_window.as_micros())
+    }
+
+    /// The maximum time from a request until its answer has timed out, within a frame that has begun.
+    fn answer(&self) -> Duration {
+        let frame = N as u64 * 10_000_000 / u64::from(self.config.baud.get());
         // Each of these times may be rounded up.
         let rounding = 300;
-        let repeats = u64::from(self.config.repeats) + 2;
-        Duration::from_micros(repeats * answer + 2 * self.config.stale_window.as_micros() + rounding)
+        Duration::from_micros(self.turnaround.as_micros() + self.config.latency.as_micros() + 3 * frame + rounding)
     }
 }

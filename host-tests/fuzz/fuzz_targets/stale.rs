@@ -1,5 +1,6 @@
 //! An answer of a client is the arm's answer to this request, and not to an earlier one, even if answers are late within
-//! the configured limits, unread, lost or damaged. The arm executes no request after its end.
+//! the configured limits, unread, lost or damaged. A reading may take an earlier answer that arrives after the port was
+//! read for it. Each answer counts once. The arm executes no request after its end.
 #![no_main]
 
 use core::num::NonZeroU32;
@@ -19,13 +20,15 @@ fuzz_target!(|input: &[u8]| {
     let _ = check(&mut Unstructured::new(input));
 });
 
-const REQUESTS: [Request; 5] = [
+const READINGS: [Request; 4] = [
     Request::ReadJoints,
     Request::ReadVelocities,
     Request::ReadTemperatures,
     Request::ReadInfo,
-    Request::SetTorque(Torque::Off),
 ];
+
+/// The tag of the last request but two.
+const LAST_TAG: u8 = 253;
 
 /// Bytes of the arm, with their time.
 type Chunk = (Instant, Vec<u8>);
@@ -41,16 +44,17 @@ enum Fate {
     Lost,
 }
 
-/// The answer that identifies its request.
+/// The answer that identifies its request. Halves of two answers never have a valid checksum: the tag is in one byte.
 fn answer(request: &Request, tag: u8) -> Option<Response> {
+    let ticks = [tag.into(), 0, 0, 0, 0, 0];
     Some(match request {
         Request::ReadJoints => Response::Joints(JointState {
-            joints: [tag.into(); 6],
+            joints: ticks,
             gripper: 0,
             status: MotionStatus::Idle,
         }),
-        Request::ReadVelocities => Response::Velocities(PerServo::Leader([tag.into(); 6])),
-        Request::ReadTemperatures => Response::Temperatures(PerServo::Leader([tag; 6])),
+        Request::ReadVelocities => Response::Velocities(PerServo::Leader(ticks)),
+        Request::ReadTemperatures => Response::Temperatures(PerServo::Leader([tag, 0, 0, 0, 0, 0])),
         Request::ReadInfo => Response::Info(Info {
             serial: SerialNumber([0; 16]),
             hardware: Version(tag.into()),
@@ -69,13 +73,16 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         ..Config::DEFAULT
     };
     let mut world = World::new(config);
-    let mut tags = 0..u8::MAX;
+    let mut tags = 0..=LAST_TAG;
     while !u.is_empty() {
-        match u.int_in_range(0..=5)? {
-            0 => {
-                let request = *u.choose(&REQUESTS)?;
+        match u.int_in_range(0..=6)? {
+            kind @ (0 | 6) => {
+                let request = match u.int_in_range(0..=READINGS.len())? {
+                    0 => Request::SetTorque(Torque::Off),
+                    n => READINGS[n - 1],
+                };
                 let Some(tag) = tags.next() else { return Ok(()) };
-                world.submit(request, tag);
+                world.submit(request, tag, kind == 6 && READINGS.contains(&request));
             }
             1 => world.cancel(),
             2 => world.wait(world.now + Duration::from_micros(u64::from(u.arbitrary::<u16>()?) * 4)),
@@ -91,13 +98,29 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     Ok(())
 }
 
+/// A request in flight.
+struct Flight {
+    request: Request,
+    tag: u8,
+    is_reading: bool,
+    /// The number of sent bytes of its current transmission.
+    part: usize,
+    /// The last time at which the port was read for it.
+    since: Instant,
+}
+
+/// An intact answer of the arm, which has arrived as a whole at this time.
+struct Answer {
+    response: Response,
+    arrived: Instant,
+}
+
 /// A host, its port, and an arm.
 struct World {
     config: Config,
     client: Client<Ling, MAX_FRAME>,
     now: Instant,
-    /// The request in flight, its tag, and the number of sent bytes of its current transmission.
-    flight: Option<(Request, u8, usize)>,
+    flight: Option<Flight>,
     /// The zeros still due after a part of a request that has ended.
     void: usize,
     arm: Device<Ling, MAX_FRAME>,
@@ -105,6 +128,10 @@ struct World {
     chunks: Vec<Chunk>,
     /// Bytes that have arrived and were not read.
     port: Vec<u8>,
+    /// The answers that the client has not reported.
+    answers: Vec<Answer>,
+    /// The number of requests that were answered.
+    answered: usize,
 }
 
 impl World {
@@ -118,14 +145,25 @@ impl World {
             arm: Device::new(Ling),
             chunks: Vec::new(),
             port: Vec::new(),
+            answers: Vec::new(),
+            answered: 0,
         }
     }
 
-    fn submit(&mut self, request: Request, tag: u8) {
-        let submitted = self.client.submit(&request);
+    fn submit(&mut self, request: Request, tag: u8, is_reading: bool) {
+        let submitted = match is_reading {
+            true => self.client.submit_reading(&request),
+            false => self.client.submit(&request),
+        };
         assert_eq!(submitted.is_ok(), self.flight.is_none());
         if submitted.is_ok() {
-            self.flight = Some((request, tag, 0));
+            self.flight = Some(Flight {
+                request,
+                tag,
+                is_reading,
+                part: 0,
+                since: self.now,
+            });
         }
         self.take_events();
     }
@@ -136,12 +174,12 @@ impl World {
     }
 
     /// The request in flight has ended.
-    fn end(&mut self) -> Option<(Request, u8)> {
-        let (request, tag, part) = self.flight.take()?;
-        if part > 0 {
+    fn end(&mut self) -> Option<Flight> {
+        let flight = self.flight.take()?;
+        if flight.part > 0 {
             self.void = Ling::LONGEST;
         }
-        Some((request, tag))
+        Some(flight)
     }
 
     fn wait(&mut self, until: Instant) {
@@ -169,7 +207,10 @@ impl World {
     /// Reads the port if the client asks for that. Otherwise the port accepts `n` bytes, and the arm answers.
     fn transmit(&mut self, n: usize, fate: Fate) {
         let bytes = match self.client.poll(self.now) {
-            Output::Receive => return self.read(n),
+            Output::Receive => {
+                self.flight.as_mut().expect("no request is in flight").since = self.now;
+                return self.read(n);
+            }
             Output::Transmit(bytes) => bytes,
             Output::Event(_) | Output::Timeout(_) => return,
         };
@@ -180,10 +221,10 @@ impl World {
             assert!(sent.iter().all(|byte| *byte == 0), "no void: {sent:02X?}");
             self.void = self.void.checked_sub(n).expect("the void is too long");
         } else {
-            let (request, _, part) = self.flight.as_mut().expect("no request is in flight");
-            let frame = request_bytes(Ling, request);
-            assert_eq!(sent, &frame[*part..][..n]);
-            *part = (*part + n) % frame.len();
+            let flight = self.flight.as_mut().expect("no request is in flight");
+            let frame = request_bytes(Ling, &flight.request);
+            assert_eq!(sent, &frame[flight.part..][..n]);
+            flight.part = (flight.part + n) % frame.len();
         }
         let mut fate = Some(fate);
         while !sent.is_empty() {
@@ -192,12 +233,16 @@ impl World {
                 let DeviceEvent::Request { request, .. } = event else {
                     continue;
                 };
-                let (current, tag, _) = self.flight.expect("a request is executed after its end");
-                assert_eq!(request, current, "a request is executed after its end");
-                if let (Some(response), Some(fate)) = (answer(&request, tag), fate.take()) {
+                let flight = self.flight.as_ref().expect("a request is executed after its end");
+                assert_eq!(request, flight.request, "a request is executed after its end");
+                if let (Some(response), Some(fate)) = (answer(&request, flight.tag), fate.take()) {
                     let bytes = response_bytes(Ling, &response, None);
-                    self.chunks
-                        .extend(arm_answer(&self.config, &request, bytes, self.now, fate));
+                    let is_intact = !matches!(fate, Fate::Damaged(_));
+                    let chunks = arm_answer(&self.config, &request, bytes, self.now, fate);
+                    if let Some(&(arrived, _)) = chunks.last().filter(|_| is_intact) {
+                        self.answers.push(Answer { response, arrived });
+                    }
+                    self.chunks.extend(chunks);
                     self.chunks.sort_by_key(|(at, _)| *at);
                 }
             }
@@ -209,8 +254,20 @@ impl World {
         while let Output::Event(event) = self.client.poll(self.now) {
             match event {
                 Event::Answer(response) => {
-                    let (request, tag) = self.end().expect("no request is in flight");
-                    assert_eq!(Some(response), answer(&request, tag), "an answer to an earlier request");
+                    let flight = self.end().expect("no request is in flight");
+                    self.answered += 1;
+                    let arrived = self.report(response);
+                    match flight.is_reading {
+                        true => assert!(flight.since <= arrived, "an answer from before the reading"),
+                        false => assert_eq!(
+                            Some(response),
+                            answer(&flight.request, flight.tag),
+                            "an answer to an earlier request"
+                        ),
+                    }
+                }
+                Event::Late(response) | Event::Unsolicited(response) => {
+                    self.report(response);
                 }
                 Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_) | Event::ErrorFrame { .. } => {
                     self.end().expect("no request is in flight");
@@ -220,27 +277,43 @@ impl World {
         }
     }
 
-    /// After any earlier exchange has ended, the next request is answered.
+    /// The client reports an answer. Returns its arrival: of equal ones, that of the last.
+    fn report(&mut self, response: Response) -> Instant {
+        let equal = |(_, answer): &(usize, &Answer)| answer.response == response;
+        let last = self
+            .answers
+            .iter()
+            .enumerate()
+            .filter(equal)
+            .max_by_key(|(_, answer)| answer.arrived);
+        let (index, _) = last.expect("an answer that the arm has not sent, or a second time");
+        self.answers.remove(index).arrived
+    }
+
+    /// After any earlier exchange has ended, the next reading and the next request are answered.
     fn answer_next(mut self) {
         self.cancel();
         // Nothing of the past arrives any more.
         self.chunks.clear();
         self.client.idle();
         self.take_events();
-        self.submit(Request::ReadJoints, u8::MAX);
-        // Zeros, and missing answers, may delay it.
-        for _ in 0..10_000 {
-            match self.client.poll(self.now) {
-                Output::Receive | Output::Transmit(_) => self.transmit(usize::MAX, Fate::After(0)),
-                Output::Timeout(until) if self.port.is_empty() => self.wait(until.expect("it is delayed for ever")),
-                Output::Timeout(_) => self.read(usize::MAX),
-                Output::Event(event) => panic!("{event:?} was not taken"),
+        for (tag, is_reading) in [(LAST_TAG + 1, true), (LAST_TAG + 2, false)] {
+            let answered = self.answered;
+            self.submit(Request::ReadJoints, tag, is_reading);
+            // Zeros, and missing answers, may delay it.
+            for _ in 0..10_000 {
+                if self.flight.is_none() {
+                    break;
+                }
+                match self.client.poll(self.now) {
+                    Output::Receive | Output::Transmit(_) => self.transmit(usize::MAX, Fate::After(0)),
+                    Output::Timeout(until) if self.port.is_empty() => self.wait(until.expect("it is delayed for ever")),
+                    Output::Timeout(_) => self.read(usize::MAX),
+                    Output::Event(event) => panic!("{event:?} was not taken"),
+                }
             }
-            if self.flight.is_none() {
-                return;
-            }
+            assert_eq!(self.answered, answered + 1, "it is not answered");
         }
-        panic!("it does not end");
     }
 }
 
