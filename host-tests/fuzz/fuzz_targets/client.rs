@@ -1,6 +1,6 @@
 //! Any bytes at any time: each request ends once, with a fitting event. The port is read before each request. Only the
-//! request's bytes are sent, and zeros after a part of one that has ended. Time alone ends every wait. A reading waits for
-//! none before it.
+//! request's bytes are sent, and zeros after a part of one that has ended. Time alone ends every wait. A reading does not
+//! wait for those before it.
 #![no_main]
 
 use std::num::NonZeroU32;

@@ -128,7 +128,7 @@ struct World {
     chunks: Vec<Chunk>,
     /// Bytes that have arrived and were not read.
     port: Vec<u8>,
-    /// The answers that the client has not reported.
+    /// The answers that the client has not reported, in the order of their arrival.
     answers: Vec<Answer>,
     /// The number of requests that were answered.
     answered: usize,
@@ -241,6 +241,7 @@ impl World {
                     let chunks = arm_answer(&self.config, &request, bytes, self.now, fate);
                     if let Some(&(arrived, _)) = chunks.last().filter(|_| is_intact) {
                         self.answers.push(Answer { response, arrived });
+                        self.answers.sort_by_key(|answer| answer.arrived);
                     }
                     self.chunks.extend(chunks);
                     self.chunks.sort_by_key(|(at, _)| *at);
@@ -277,17 +278,15 @@ impl World {
         }
     }
 
-    /// The client reports an answer. Returns its arrival: of equal ones, that of the last.
+    /// The client reports an answer. Returns the time of its arrival. Repeats have equal answers: it is that of the last
+    /// then, and the first counts as reported.
     fn report(&mut self, response: Response) -> Instant {
-        let equal = |(_, answer): &(usize, &Answer)| answer.response == response;
-        let last = self
-            .answers
-            .iter()
-            .enumerate()
-            .filter(equal)
-            .max_by_key(|(_, answer)| answer.arrived);
-        let (index, _) = last.expect("an answer that the arm has not sent, or a second time");
-        self.answers.remove(index).arrived
+        let equal = |answer: &&Answer| answer.response == response;
+        let last = self.answers.iter().rfind(equal).map(|answer| answer.arrived);
+        if let Some(first) = self.answers.iter().position(|answer| equal(&answer)) {
+            self.answers.remove(first);
+        }
+        last.expect("an answer that the arm has not sent, or a second time")
     }
 
     /// After any earlier exchange has ended, the next reading and the next request are answered.
