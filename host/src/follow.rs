@@ -227,7 +227,7 @@ impl Follow {
         if let Phase::Ended(end) = self.phase {
             return Err(end);
         }
-        if !self.pace.is_due(now) {
+        if self.pace.begin(now).is_none() {
             return Ok(Output::Wait(self.pace.next()));
         }
         let (Some(leader), Some(follower)) = (self.leader, self.follower) else {

@@ -2,7 +2,7 @@
 
 use armwire::time::{Duration, Instant};
 
-/// The times of repetitions. Missed ones are skipped.
+/// The times of repetitions, on a grid: a late one does not shift the next, and missed ones are skipped.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pace {
     period: Duration,
@@ -10,7 +10,7 @@ pub(crate) struct Pace {
 }
 
 impl Pace {
-    /// A pace that begins with the first call of [`is_due`](Self::is_due).
+    /// A pace whose first repetition is due at the first call of [`begin`](Self::begin).
     pub(crate) fn new(period: Duration) -> Self {
         // A period of zero would be due for ever.
         let period = period.max(Duration::from_micros(1));
@@ -26,16 +26,17 @@ impl Pace {
         least.max(Duration::from_micros(self.period.as_micros().saturating_mul(3)))
     }
 
-    /// Returns true once for each repetition.
-    pub(crate) fn is_due(&mut self, now: Instant) -> bool {
+    /// Begins a repetition that is due, once. Returns the number of those before it that were missed; `None` before its
+    /// time.
+    pub(crate) fn begin(&mut self, now: Instant) -> Option<u64> {
         let due = self.due.unwrap_or(now);
         if now < due {
-            return false;
+            return None;
         }
         let period = self.period.as_micros();
         let missed = now.since(due).as_micros() / period;
         self.due = Some(due + Duration::from_micros(period * (missed + 1)));
-        true
+        Some(missed)
     }
 
     /// The time of the next repetition.
@@ -51,8 +52,8 @@ mod tests {
     #[test]
     fn missed_repetitions_are_skipped() {
         let mut pace = Pace::new(Duration::from_millis(10));
-        let due = [3, 12, 13, 47, 52, 53].map(|millis| pace.is_due(Instant::from_millis(millis)));
-        assert_eq!(due, [true, false, true, true, false, true]);
+        let missed = [3, 12, 13, 47, 52, 53].map(|millis| pace.begin(Instant::from_millis(millis)));
+        assert_eq!(missed, [Some(0), None, Some(0), Some(2), None, Some(0)]);
         assert_eq!(pace.next(), Instant::from_millis(63));
     }
 }

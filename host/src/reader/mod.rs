@@ -1,9 +1,10 @@
 //! The newest pose of an arm, read by a thread of its own.
 //!
-//! [`pose`] has what is read, [`pace`] when, and [`history`] keeps it. [`polled`] has the readings of an adapter.
+//! [`pose`] has what is read, [`patience`] how long an answer is waited for, and [`history`] keeps it. [`polled`] has the
+//! readings of an adapter.
 
 mod history;
-mod pace;
+mod patience;
 mod polled;
 mod pose;
 
@@ -15,17 +16,20 @@ use std::time::{Duration, Instant};
 
 use armwire::OutOfRange;
 use armwire::ling::legacy::OlderGeneration;
+use armwire::time;
 use armwire_bridge::config::MAX_POLL_HZ;
 
 use crate::control::Adapter;
 use crate::error::Error;
 use crate::ling::Ling;
 use crate::outside::Outside;
+use crate::pace::Pace;
 use crate::shared::Shared;
-use crate::stamps::{HostTime, monotonic};
+use crate::stamps::HostTime;
+use crate::stopwatch::Stopwatch;
 use crate::xarm::XArm;
 use history::{History, Missing};
-use pace::Pace;
+use patience::Patience;
 use polled::Polled;
 
 pub use pose::{OnPose, Pose, Readable, XArmPose};
@@ -61,6 +65,11 @@ impl Rate {
     /// The time between two readings.
     pub fn period(self) -> Duration {
         Duration::from_secs(1) / self.0.into()
+    }
+
+    /// The time between two readings, in whole microseconds.
+    const fn micros(self) -> u64 {
+        1_000_000 / self.0 as u64
     }
 }
 
@@ -415,18 +424,22 @@ impl<A: Readable> fmt::Debug for Reader<A> {
 
 /// Reads the arm at this rate until the stop, or until no later reading can succeed.
 fn read<A: Readable>(arm: &Shared<A>, rate: Rate, history: &History<A::Pose>, stop: &AtomicBool) {
-    let mut pace = Pace::new(rate.period(), monotonic());
+    let clock = Stopwatch::start();
+    let (mut pace, mut patience) = (
+        Pace::new(time::Duration::from_micros(rate.micros())),
+        Patience::default(),
+    );
     while !stop.load(Ordering::Relaxed) {
-        let left = pace.next() - monotonic();
-        if left > 0 {
-            thread::park_timeout(Duration::from_nanos(left.unsigned_abs()));
+        let left = clock.until(pace.next());
+        if !left.is_zero() {
+            thread::park_timeout(left);
             continue;
         }
         let answered = arm.read(|arm| {
-            let now = monotonic();
-            let (until, missed) = pace.begin(now);
-            history.add_missed(missed);
-            arm.read_pose(Instant::now() + Duration::from_nanos((until - now).unsigned_abs()))
+            let now = clock.now();
+            history.add_missed(pace.begin(now).unwrap_or(0));
+            let wait = patience.end(now, pace.next()).since(now);
+            arm.read_pose(Instant::now() + wait.into())
         });
         let is_answered = match answered {
             Ok(is_answered) => is_answered,
@@ -437,7 +450,7 @@ fn read<A: Readable>(arm: &Shared<A>, rate: Rate, history: &History<A::Pose>, st
         };
         if !is_answered {
             history.add_lost(1);
-            pace.lost(monotonic());
+            patience.lost(clock.now());
         }
     }
 }

@@ -134,7 +134,7 @@ struct Gaps {
 impl Gaps {
     const fn new(rate: Rate) -> Self {
         Self {
-            period: 1_000_000 / rate.0 as u64,
+            period: rate.micros(),
             last: None,
         }
     }

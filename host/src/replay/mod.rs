@@ -191,7 +191,7 @@ impl Replay {
             self.phase = Phase::Failed(failure);
             return Err(failure);
         }
-        if !self.pace.is_due(now) {
+        if self.pace.begin(now).is_none() {
             return Ok(Output::Wait(self.pace.next()));
         }
         self.phase = self.next_phase(now);
