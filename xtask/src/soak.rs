@@ -30,7 +30,7 @@ enum Part {
     Fuzz,
     /// 10 000 runs of the fault campaign
     Campaign,
-    /// Both firmware images: ten million frames, and 24 hours of virtual time
+    /// Both firmware images: ten million frames, ten minutes of teleoperation, and 24 hours of virtual time
     Endurance,
     /// Mutants, which tests must detect
     Mutants,
@@ -78,11 +78,18 @@ impl Part {
 fn endurance() -> Result<()> {
     for board in Board::ALL {
         let image = image::build(image::Options::of(board))?.path;
-        for test in ["image busy -- --nocapture", "image_endurance -- --nocapture --ignored"] {
+        let tests = [
+            "image busy -- --nocapture",
+            "image teleop -- --nocapture",
+            "image_endurance -- --nocapture --ignored",
+        ];
+        for test in tests {
             let mut test = cargo(&format!(
                 "test --package armwire-host-tests --features image --test {test}"
             ));
-            test.env("ARMWIRE_IMAGE", &image).env("ARMWIRE_FRAMES", "10000000");
+            test.env("ARMWIRE_IMAGE", &image)
+                .env("ARMWIRE_FRAMES", "10000000")
+                .env("ARMWIRE_SECONDS", "600");
             process::run(&mut test)?;
         }
     }
