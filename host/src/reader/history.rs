@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::pose::Pose;
 use super::{Counts, End, NoPose, Reading, Stamping};
-use crate::stamps::HostTime;
+use crate::stamps::{HostTime, monotonic};
 use crate::stopwatch::after;
 
 /// Number of readings: two seconds at the highest rate.
@@ -98,8 +98,8 @@ impl<P: Pose> History<P> {
         }
     }
 
-    /// The newest reading, if it is at most this old.
-    pub(super) fn latest(&self, now: HostTime, limit: Duration) -> Result<Reading<P>, Missing> {
+    /// The newest reading, if it is at most this old at this time of the monotonic clock.
+    pub(super) fn latest(&self, now: i64, limit: Duration) -> Result<Reading<P>, Missing> {
         let reading = self.newest(now)?;
         match reading.age {
             age if age > limit => Err(Missing::NoPose(NoPose::Stale { age, limit })),
@@ -108,7 +108,7 @@ impl<P: Pose> History<P> {
     }
 
     /// The pose at this time of the monotonic clock, between two readings at most `limit` apart.
-    pub(super) fn at(&self, monotonic_ns: i64, now: HostTime, limit: Duration) -> Result<Reading<P>, Missing> {
+    pub(super) fn at(&self, monotonic_ns: i64, now: i64, limit: Duration) -> Result<Reading<P>, Missing> {
         let mut later = self.newest(now)?;
         if later.time.monotonic_ns < monotonic_ns {
             let ahead = nanos(monotonic_ns - later.time.monotonic_ns);
@@ -138,7 +138,7 @@ impl<P: Pose> History<P> {
             if newest > number {
                 // The oldest may be overwritten meanwhile.
                 let oldest = (newest + 2).saturating_sub(KEPT).max(number + 1);
-                let now = HostTime::now();
+                let now = monotonic();
                 if let Some(reading) = (oldest..=newest).find_map(|number| self.get(number, now)) {
                     return Ok(Some(reading));
                 }
@@ -157,7 +157,7 @@ impl<P: Pose> History<P> {
     }
 
     /// The newest reading. After the end, which is newer, there is none.
-    fn newest(&self, now: HostTime) -> Result<Reading<P>, Missing> {
+    fn newest(&self, now: i64) -> Result<Reading<P>, Missing> {
         if let Some(end) = self.end.get() {
             return Err(Missing::Ended(end.clone()));
         }
@@ -173,7 +173,7 @@ impl<P: Pose> History<P> {
     }
 
     /// The reading with this number, unless it is not kept any more.
-    fn get(&self, number: u64, now: HostTime) -> Option<Reading<P>> {
+    fn get(&self, number: u64, now: i64) -> Option<Reading<P>> {
         let slot = self.slot(number).try_read().ok()?;
         slot.filter(|sample| sample.number == number)
             .map(|sample| sample.reading(now))
@@ -191,13 +191,13 @@ impl<P: Pose> History<P> {
 }
 
 impl<P> Sample<P> {
-    fn reading(self, now: HostTime) -> Reading<P> {
+    fn reading(self, now: i64) -> Reading<P> {
         Reading {
             pose: self.pose,
             number: self.number,
             time: self.time,
             stamping: self.stamping,
-            age: nanos(now.monotonic_ns - self.time.monotonic_ns),
+            age: nanos(now - self.time.monotonic_ns),
         }
     }
 }
@@ -207,7 +207,7 @@ fn between<P: Pose>(
     earlier: &Reading<P>,
     later: &Reading<P>,
     monotonic_ns: i64,
-    now: HostTime,
+    now: i64,
     limit: Duration,
 ) -> Result<Reading<P>, Missing> {
     let span = later.time.monotonic_ns - earlier.time.monotonic_ns;
@@ -225,7 +225,7 @@ fn between<P: Pose>(
         number: earlier.number,
         time: later.time.at(monotonic_ns),
         stamping,
-        age: nanos(now.monotonic_ns - monotonic_ns),
+        age: nanos(now - monotonic_ns),
     })
 }
 
@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn newest_reading_has_its_time_and_age() {
-        let reading = history(&[(10, 1_000), (20, 1_100)]).latest(time(25), LIMIT).unwrap();
+        let reading = history(&[(10, 1_000), (20, 1_100)]).latest(25 * MS, LIMIT).unwrap();
         assert_eq!((reading.pose, reading.number), (pose(1_100), 2));
         assert_eq!((reading.time, reading.age), (time(20), Duration::from_millis(5)));
         assert_eq!(reading.stamping, Stamping::Adapter);
@@ -278,8 +278,8 @@ mod tests {
     #[test]
     fn stale_reading_is_an_error() {
         let history = history(&[(0, 1_000)]);
-        assert!(history.latest(time(100), LIMIT).is_ok());
-        let stale = history.latest(time(101), LIMIT).unwrap_err();
+        assert!(history.latest(100 * MS, LIMIT).is_ok());
+        let stale = history.latest(101 * MS, LIMIT).unwrap_err();
         let age = Duration::from_millis(101);
         assert_eq!(stale, Missing::NoPose(NoPose::Stale { age, limit: LIMIT }));
     }
@@ -287,14 +287,8 @@ mod tests {
     #[test]
     fn no_reading_is_an_error() {
         let history = history(&[]);
-        assert_eq!(
-            history.latest(time(0), LIMIT).unwrap_err(),
-            Missing::NoPose(NoPose::NotYet)
-        );
-        assert_eq!(
-            history.at(0, time(0), LIMIT).unwrap_err(),
-            Missing::NoPose(NoPose::NotYet)
-        );
+        assert_eq!(history.latest(0, LIMIT).unwrap_err(), Missing::NoPose(NoPose::NotYet));
+        assert_eq!(history.at(0, 0, LIMIT).unwrap_err(), Missing::NoPose(NoPose::NotYet));
         assert_eq!(
             history.next_after(0, Duration::ZERO).unwrap().map(|next| next.number),
             None
@@ -306,12 +300,12 @@ mod tests {
         let history = history(&[(10, 1_000), (20, 2_000), (40, 1_000)]);
         let at = |ms: i64| {
             history
-                .at(ms * MS, time(50), LIMIT)
+                .at(ms * MS, 50 * MS, LIMIT)
                 .map(|reading| reading.pose.joints[5])
         };
         let ticks = [10, 11, 15, 20, 30, 39, 40].map(|ms| at(ms).unwrap());
         assert_eq!(ticks, [1_000, 1_100, 1_500, 2_000, 1_500, 1_050, 1_000]);
-        let reading = history.at(15 * MS, time(50), LIMIT).unwrap();
+        let reading = history.at(15 * MS, 50 * MS, LIMIT).unwrap();
         assert_eq!((reading.time, reading.age), (time(15), Duration::from_millis(35)));
         assert_eq!(reading.pose.gripper, 375);
     }
@@ -319,7 +313,7 @@ mod tests {
     #[test]
     fn pose_outside_of_readings_is_never_guessed() {
         let history = history(&[(10, 1_000), (20, 2_000)]);
-        let at = |ms: i64| history.at(ms * MS, time(50), LIMIT).unwrap_err();
+        let at = |ms: i64| history.at(ms * MS, 50 * MS, LIMIT).unwrap_err();
         let (before, ahead) = (Duration::from_millis(1), Duration::from_millis(2));
         assert_eq!(at(9), Missing::NoPose(NoPose::Before { before }));
         assert_eq!(at(22), Missing::NoPose(NoPose::After { ahead }));
@@ -329,9 +323,9 @@ mod tests {
     fn pose_in_a_long_gap_is_an_error() {
         let history = history(&[(0, 1_000), (101, 2_000), (111, 2_000)]);
         let gap = Duration::from_millis(101);
-        let error = history.at(50 * MS, time(120), LIMIT).unwrap_err();
+        let error = history.at(50 * MS, 120 * MS, LIMIT).unwrap_err();
         assert_eq!(error, Missing::NoPose(NoPose::Gap { gap, limit: LIMIT }));
-        assert!(history.at(105 * MS, time(120), LIMIT).is_ok());
+        assert!(history.at(105 * MS, 120 * MS, LIMIT).is_ok());
     }
 
     #[test]
@@ -340,9 +334,9 @@ mod tests {
         for ms in 0..3_000 {
             history.push(pose(2_048), time(ms), Stamping::Receipt);
         }
-        assert!(history.at(2_000 * MS, time(3_000), LIMIT).is_ok());
+        assert!(history.at(2_000 * MS, 3_000 * MS, LIMIT).is_ok());
         assert!(matches!(
-            history.at(500 * MS, time(3_000), LIMIT),
+            history.at(500 * MS, 3_000 * MS, LIMIT),
             Err(Missing::NoPose(NoPose::Before { .. }))
         ));
         let first = history.next_after(0, Duration::ZERO).unwrap().unwrap();
@@ -358,8 +352,8 @@ mod tests {
         let history = history(&[(0, 1_000)]);
         history.end(End::Closed);
         let ended = Missing::Ended(End::Closed);
-        assert_eq!(history.latest(time(10), LIMIT).unwrap_err(), ended);
-        assert_eq!(history.at(0, time(10), LIMIT).unwrap_err(), ended);
+        assert_eq!(history.latest(10 * MS, LIMIT).unwrap_err(), ended);
+        assert_eq!(history.at(0, 10 * MS, LIMIT).unwrap_err(), ended);
         assert_eq!(history.next_after(0, Duration::MAX).unwrap().unwrap().number, 1);
         assert_eq!(history.next_after(1, Duration::MAX).unwrap_err(), ended);
     }

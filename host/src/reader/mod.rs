@@ -25,7 +25,7 @@ use crate::ling::Ling;
 use crate::outside::Outside;
 use crate::pace::Pace;
 use crate::shared::Shared;
-use crate::stamps::HostTime;
+use crate::stamps::{HostTime, monotonic};
 use crate::stopwatch::Stopwatch;
 use crate::xarm::XArm;
 use history::{History, Missing};
@@ -305,7 +305,7 @@ impl<A: Readable> Reader<A> {
     ///
     /// As of [`latest`](Self::latest).
     pub fn latest_within(&self, max_age: Duration) -> Result<Reading<A::Pose>, Error> {
-        self.found(self.history.latest(HostTime::now(), max_age))
+        self.found(self.history.latest(monotonic(), max_age))
     }
 
     /// The pose at this time of the [monotonic clock](crate::stamps::monotonic), without waiting: linear between the
@@ -316,7 +316,7 @@ impl<A: Readable> Reader<A> {
     ///
     /// As of [`latest`](Self::latest), and [`Error::NoPose`] for a time that is not between two readings.
     pub fn at(&self, monotonic_ns: i64) -> Result<Reading<A::Pose>, Error> {
-        self.found(self.history.at(monotonic_ns, HostTime::now(), self.max_age))
+        self.found(self.history.at(monotonic_ns, monotonic(), self.max_age))
     }
 
     /// The next reading after this number, of those that are kept; waits for it at most this long. The first has number 1.
