@@ -8,6 +8,7 @@ use clap::Args;
 use crate::args::Place;
 use crate::error::Error;
 use crate::monitor::{Form, Watch};
+use crate::status::StatusArg;
 
 /// The arguments of `armwire record`.
 #[derive(Args)]
@@ -26,6 +27,8 @@ pub(crate) struct Record {
     /// adapter's stamps. The arm's port stays free for another program.
     #[arg(long, conflicts_with_all = ["rate", "arm"])]
     from_adapter: bool,
+    #[command(flatten)]
+    status: StatusArg,
 }
 
 impl Record {
@@ -36,7 +39,7 @@ impl Record {
             count: self.count,
             from_adapter: self.from_adapter,
             mcap: Some(&self.file),
-            form: Form::of_recording(),
+            form: Form::of_recording(self.status),
         };
         watch.run(stop)
     }

@@ -9,7 +9,7 @@ mod plot;
 mod report;
 mod subject;
 
-use std::io::{IsTerminal, Write, stderr};
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -21,8 +21,9 @@ use crate::call::values::{made, seconds};
 use crate::confirm::Confirm;
 use crate::error::Error;
 use crate::new_file;
-use crate::output::{print_error, print_json};
+use crate::output::print_json;
 use crate::signals;
+use crate::status::StatusArg;
 use load::Load;
 use measure::{Call, Run};
 use report::System;
@@ -56,6 +57,8 @@ pub(crate) struct Bench {
     svg: Option<PathBuf>,
     #[command(flatten)]
     confirm: Confirm,
+    #[command(flatten)]
+    status: StatusArg,
 }
 
 /// A rate of the command line.
@@ -113,13 +116,17 @@ impl Bench {
     fn measure(&self, mut arm: impl Subject) -> Result<(System, Vec<Run>), Error> {
         let system = System::of(arm.adapter());
         let mut runs = Vec::new();
+        let calls = [Call::Read, Call::Latest];
+        let mut status = self
+            .status
+            .bar((self.loads().len() * self.rate.len() * calls.len()) as u64);
         let measured = self.loads().iter().try_for_each(|&is_loaded| {
             let _load = is_loaded.then(Load::start).transpose()?;
             self.rate.iter().try_for_each(|&rate| {
-                for call in [Call::Read, Call::Latest] {
-                    if stderr().is_terminal() {
-                        print_error(&format_args!("{} Hz, {call}{}", rate.hertz(), report::under(is_loaded)));
-                    }
+                for call in calls {
+                    // It is not drawn while calls are measured.
+                    let text = format!("{} Hz, {call}{}", rate.hertz(), report::under(is_loaded));
+                    status.begin(runs.len() as u64, text);
                     runs.push(arm.measure(call, rate, self.seconds)?.under(is_loaded));
                 }
                 Ok(())

@@ -24,7 +24,7 @@ mod text;
 mod tests;
 
 use std::fs::File;
-use std::io::{BufRead, Read, stdin};
+use std::io::{self, BufRead, IsTerminal, Read, stdin, stdout};
 use std::path::PathBuf;
 
 use armwire_host::describe::Protocol;
@@ -33,6 +33,7 @@ use clap::Args;
 use crate::args::{ArmKind, Speaker};
 use crate::error::Error;
 use crate::output::print_error;
+use crate::status::{Status, StatusArg};
 use bus::Buses;
 use doubts::Doubts;
 use format::Format;
@@ -71,6 +72,8 @@ pub(crate) struct Decode {
     #[cfg(feature = "recordings")]
     #[arg(long, value_name = "OUT")]
     pcapng: Option<PathBuf>,
+    #[command(flatten)]
+    status: StatusArg,
 }
 
 impl Decode {
@@ -80,7 +83,7 @@ impl Decode {
         } else {
             let name = self.file.display().to_string();
             match File::open(&self.file) {
-                Ok(file) => (name, Box::new(file)),
+                Ok(file) => (name, Box::new(self.with_status(file))),
                 Err(error) => return Err(Error::at(&name, error)),
             }
         };
@@ -104,6 +107,26 @@ impl Decode {
         }
     }
 
+    /// The file, whose progress is shown unless the items are on the terminal.
+    fn with_status(&self, file: File) -> Watched {
+        let len = file.metadata().map_or(0, |metadata| metadata.len());
+        let is_hidden = len == 0 || (stdout().is_terminal() && !self.writes_packets());
+        Watched {
+            file,
+            read: 0,
+            len,
+            status: (!is_hidden).then(|| self.status.bar(len)),
+        }
+    }
+
+    /// Returns true if the items go to a file.
+    fn writes_packets(&self) -> bool {
+        #[cfg(feature = "recordings")]
+        return self.pcapng.is_some();
+        #[cfg(not(feature = "recordings"))]
+        false
+    }
+
     /// The file for packets, or the console.
     fn output(&self) -> Result<Box<dyn Output>, Error> {
         #[cfg(feature = "recordings")]
@@ -111,6 +134,27 @@ impl Decode {
             return Ok(Box::new(Packets::create(path)?));
         }
         Ok(Box::new(Console::new()))
+    }
+}
+
+/// A file that shows how much of it was read.
+struct Watched {
+    file: File,
+    /// Number of bytes read, of so many.
+    read: u64,
+    len: u64,
+    status: Option<Status>,
+}
+
+impl Read for Watched {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let n = self.file.read(bytes)?;
+        self.read += n as u64;
+        let (read, len) = (self.read, self.len);
+        if let Some(status) = &mut self.status {
+            status.show_at(read, || format!("{} of {} MB", read / 1_000_000, len / 1_000_000));
+        }
+        Ok(n)
     }
 }
 

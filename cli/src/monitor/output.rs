@@ -19,6 +19,7 @@ use super::{table, view};
 use crate::error::Error;
 use crate::output::{self, print, print_line};
 use crate::printable::escaped_json;
+use crate::status::{Status, StatusArg};
 
 /// Minimum time between two drawings of the screen.
 const DRAW_PERIOD: Duration = Duration::from_millis(50);
@@ -34,8 +35,8 @@ pub(crate) enum Form {
     Csv,
     /// A JSON object per line.
     Json,
-    /// The sum, at the end.
-    Sum,
+    /// The sum, at the end, and the progress until then.
+    Sum(StatusArg),
 }
 
 /// The last event of a session.
@@ -76,26 +77,27 @@ impl Form {
     }
 
     /// The form of a recording: a full screen on a capable terminal, and the sum otherwise.
-    pub(crate) fn of_recording() -> Self {
+    pub(crate) fn of_recording(status: StatusArg) -> Self {
         match Self::new(false, false) {
             Self::Screen => Self::Screen,
-            _ => Self::Sum,
+            _ => Self::Sum(status),
         }
     }
 
     /// Returns true if the sum is printed at the end.
     pub(super) fn has_sum(self) -> bool {
-        matches!(self, Self::Screen | Self::Sum)
+        matches!(self, Self::Screen | Self::Sum(_))
     }
 
     /// Returns true if the form shows temperatures.
     pub(super) fn shows_celsius(self) -> bool {
-        !matches!(self, Self::Lines | Self::Sum)
+        !matches!(self, Self::Lines | Self::Sum(_))
     }
 
     pub(super) fn open(self) -> Result<Box<dyn Output>, Error> {
         Ok(match self {
             Self::Screen => Box::new(Screen::open()?),
+            Self::Sum(status) => Box::new(status.line()),
             form => Box::new(Printed { form, has_head: false }),
         })
     }
@@ -185,6 +187,25 @@ fn is_end(code: KeyCode, modifiers: KeyModifiers) -> bool {
     }
 }
 
+/// What the user is to see of this step.
+fn notice(model: &Model, step: Step) -> Option<&String> {
+    match step {
+        Step::TimedOut | Step::Notice => model.notice.as_ref(),
+        Step::Reading | Step::Nothing => None,
+    }
+}
+
+/// The progress. The sum is printed by the session.
+impl Output for Status {
+    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Error> {
+        if let Some(notice) = notice(model, step) {
+            self.beside(|| output::print_error(notice));
+        }
+        Status::show(self, || model.summary(now));
+        Ok(())
+    }
+}
+
 /// Lines on standard output: text, or a row of values for each reading and for each missing answer.
 struct Printed {
     form: Form,
@@ -194,10 +215,10 @@ struct Printed {
 
 impl Output for Printed {
     fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Error> {
-        if let (Step::TimedOut | Step::Notice, Some(notice)) = (step, &model.notice) {
+        if let Some(notice) = notice(model, step) {
             output::print_error(notice);
         }
-        let Some(latest) = model.latest.as_ref().filter(|_| self.form != Form::Sum) else {
+        let Some(latest) = &model.latest else {
             return Ok(());
         };
         let reading = match step {

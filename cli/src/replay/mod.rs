@@ -17,7 +17,7 @@ use crate::call::values::{joint_speed, parse, seconds};
 use crate::error::Error;
 use crate::output::{print_error, print_line};
 use crate::signals;
-use crate::status::Status;
+use crate::status::{Status, StatusArg};
 use crate::stop::{self, stoppable};
 use file::{Recorded, Source};
 
@@ -56,6 +56,8 @@ pub(crate) struct Replay {
     /// Moves per second.
     #[arg(long, value_name = "HERTZ", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
     rate: u16,
+    #[command(flatten)]
+    status: StatusArg,
 }
 
 fn factor(text: &str) -> Result<f64, String> {
@@ -78,9 +80,10 @@ impl Replay {
             print_error(&lack);
         }
         let period = time::Duration::from_micros(1_000_000 / u64::from(self.rate));
+        let length = motion.length();
         let mut replay = replay::Replay::new(motion, period, self.is_endless);
         let mut stream = arm.into_stream();
-        let played = play(&mut stream, &mut replay, &state);
+        let played = play(&mut stream, &mut replay, &state, self.status.bar(length.as_micros()));
         let mut arm = stream.into_arm();
         // Torque-on ends an adapter's stream, and the torque stays on.
         let ended = match played {
@@ -132,9 +135,8 @@ impl Replay {
 }
 
 /// Makes the moves of a replay, from an arm in this state.
-fn play(stream: &mut Stream, replay: &mut replay::Replay, state: &JointState) -> Result<(), Error> {
+fn play(stream: &mut Stream, replay: &mut replay::Replay, state: &JointState, mut status: Status) -> Result<(), Error> {
     let clock = Stopwatch::start();
-    let mut status = Status::new();
     replay.on_reading(clock.now(), state);
     loop {
         signals::check().map_err(Host::Interrupted)?;
@@ -148,7 +150,8 @@ fn play(stream: &mut Stream, replay: &mut replay::Replay, state: &JointState) ->
                 for reading in stream.receive(clock.until(until).min(MAX_WAIT))? {
                     replay.on_reading(clock.now(), &reading);
                 }
-                status.show(|| progress(replay.progress(now)));
+                let (at, text) = progress(replay.progress(now));
+                status.show_at(at.as_micros(), || text);
             }
             Output::Done => return Ok(()),
         }
@@ -188,12 +191,14 @@ fn lack(source: Source, has_gripper: bool) -> Option<&'static str> {
     }
 }
 
-fn progress(progress: Progress) -> String {
+/// The time in the motion, and what the arm does.
+fn progress(progress: Progress) -> (time::Duration, String) {
+    let start = time::Duration::ZERO;
     match progress {
-        Progress::Waiting => "waiting for the arm".to_owned(),
-        Progress::Approaching(degrees) => format!("going to the first pose: {degrees:.1}° left"),
-        Progress::Playing(at) => format!("playing: {:.1} s", at.as_micros() as f64 / 1e6),
-        Progress::Done => "done".to_owned(),
+        Progress::Waiting => (start, "waiting for the arm".to_owned()),
+        Progress::Approaching(degrees) => (start, format!("going to the first pose: {degrees:.1}° left")),
+        Progress::Playing(at) => (at, format!("playing: {:.1} s", at.as_micros() as f64 / 1e6)),
+        Progress::Done => (start, "done".to_owned()),
     }
 }
 

@@ -22,7 +22,7 @@ use crate::monitor::Recorder;
 use crate::output::{print_error, print_line};
 use crate::recording::Role;
 use crate::signals;
-use crate::status::Status;
+use crate::status::{Status, StatusArg};
 use crate::stop;
 use leader::Leader;
 use sums::Sums;
@@ -55,6 +55,8 @@ pub(crate) struct Teleop {
     /// Record both arms to this MCAP file. An existing file is not replaced.
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
+    #[command(flatten)]
+    status: StatusArg,
 }
 
 /// A distance in degrees, as ticks.
@@ -89,7 +91,7 @@ impl Teleop {
             follow: Follow::new(limits, start, period),
             clock: Stopwatch::start(),
             sums: Sums::default(),
-            status: Status::new(),
+            status: self.status.line(),
             shown: None,
         };
         session.follow.on_follower(session.clock.now(), &state);
@@ -169,8 +171,8 @@ impl Session<'_> {
             follower = stream.into_arm();
             let stopped = pause.and_then(|pause| {
                 let stopped = follower.stop(None)?;
-                self.status.clear();
-                print_line(format_args!("{pause}; {}", stop::show(&stopped)))
+                self.status
+                    .beside(|| print_line(format_args!("{pause}; {}", stop::show(&stopped))))
             });
             if let Err(error) = stopped {
                 return (follower, error);
@@ -233,8 +235,7 @@ impl Session<'_> {
     /// Prints a change of what the follower does, and shows the rest on a terminal.
     fn show(&mut self) -> Result<(), Error> {
         if let Some(loss) = self.leader.take_loss() {
-            self.status.clear();
-            print_error(&loss);
+            self.status.beside(|| print_error(&loss));
         }
         let progress = self.follow.progress();
         let (name, text) = match progress {
@@ -254,8 +255,7 @@ impl Session<'_> {
         if self.shown.replace(name) != Some(name)
             && let Some(text) = &text
         {
-            self.status.clear();
-            print_line(text)?;
+            self.status.beside(|| print_line(text))?;
         }
         let sums = &mut self.sums;
         let (now, lag) = (self.clock.now(), self.follow.lag());

@@ -17,6 +17,7 @@ use clap::Args;
 use crate::adapter::{AdapterPort, describe};
 use crate::error::Error;
 use crate::output::print_line;
+use crate::status::StatusArg;
 use dfu_util::{Commands, DFU_UTIL, is_listed};
 use dfuse::Image;
 use interruption::Interruption;
@@ -33,6 +34,8 @@ pub(crate) struct Update {
     /// The firmware, as a DfuSe file.
     #[arg(value_name = "IMAGE.dfu")]
     image: PathBuf,
+    #[command(flatten)]
+    status: StatusArg,
 }
 
 impl Update {
@@ -92,7 +95,10 @@ impl Update {
 
     /// Writes the image, starts the adapter and prints its identity.
     fn write(&self, name: &str, dfu_util: &mut Commands, by_hand: &str) -> Result<(), Error> {
-        if repeat(|| is_listed().ok().filter(|&is| is)).is_none() {
+        if self
+            .repeat("the boot loader", || is_listed().ok().filter(|&is| is))
+            .is_none()
+        {
             let (vendor, product) = dfuse::BOOT_LOADER;
             let what = format!(
                 "no boot loader ({vendor:04x}:{product:04x}) in 'dfu-util --list': is the adapter's USB connected to this \
@@ -110,7 +116,7 @@ impl Update {
         }
         dfu_util.leave(progress);
         let back = || self.adapter.open().and_then(|mut control| Ok(control.identify()?)).ok();
-        match repeat(back) {
+        match self.repeat("the adapter", back) {
             Some(identity) => print_line(format!("{name}: {}", describe(&identity))),
             None => {
                 let what = format!(
@@ -121,23 +127,25 @@ impl Update {
             }
         }
     }
+
+    /// Repeats a search for `what` until it succeeds, [`TRIES`] times with pauses.
+    fn repeat<T>(&self, what: &str, mut look: impl FnMut() -> Option<T>) -> Option<T> {
+        let mut status = self.status.bar(TRIES as u64);
+        for tried in 1..TRIES {
+            let found = look();
+            if found.is_some() {
+                return found;
+            }
+            status.show_at(tried as u64, || format!("waiting for {what}"));
+            thread::sleep(RETRY_PERIOD);
+        }
+        look()
+    }
 }
 
 /// Prints a line. The update goes on if the reader of the output is gone.
 fn progress(line: impl Display) {
     let _ = print_line(line);
-}
-
-/// Repeats a search until it succeeds, [`TRIES`] times with pauses.
-fn repeat<T>(mut look: impl FnMut() -> Option<T>) -> Option<T> {
-    for _ in 1..TRIES {
-        let found = look();
-        if found.is_some() {
-            return found;
-        }
-        thread::sleep(RETRY_PERIOD);
-    }
-    look()
 }
 
 /// The error of a dfu-util that cannot be used.

@@ -53,6 +53,15 @@ fn reads_and_newest_poses_are_measured() {
     fs::remove_file(drawing).unwrap();
 }
 
+#[test]
+fn progress_is_shown_if_so_asked() {
+    let arm = Arm::start("ling", "bench-progress", &[]);
+    let output = run(&["bench", &arm.port, "--rate", "50", "--seconds", "0.1", "--progress"]);
+    assert!(output.status.success(), "{output:?}");
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(errors, "armwire: 50 Hz, read\narmwire: 50 Hz, latest\n");
+}
+
 /// The errors of the program with these arguments.
 fn run_again(args: &[&str]) -> String {
     String::from_utf8(run(args).stderr).unwrap()

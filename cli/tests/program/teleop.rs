@@ -235,10 +235,9 @@ fn distant_arms_are_refused_if_so_asked() {
 fn terminal_shows_rate_lag_and_losses() {
     let [leader, follower] = [&["--leader"][..], &[]].map(|args| Arm::start("ling", "teleop-terminal", args));
     let mut terminal = Terminal::new(100, 10);
-    let mut child = terminal.start(&["teleop", &leader.port, &follower.port]);
-    // The status line begins at the start of its row.
+    let mut child = terminal.start_whole(&["teleop", &leader.port, &follower.port]);
     let is_shown =
-        terminal.wait_for("\rfollowing  ", &mut child) && terminal.wait_for(" ms  lost readings: ", &mut child);
+        terminal.wait_for("following  ", &mut child) && terminal.wait_for(" ms  lost readings: ", &mut child);
     let _ = kill_process(Pid::from_child(&child), Signal::INT);
     terminal.finish(child);
     assert!(is_shown, "{}", terminal.seen);

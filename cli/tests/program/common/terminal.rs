@@ -33,15 +33,28 @@ impl Terminal {
         Self { pty, seen }
     }
 
+    /// Starts the program, whose errors are not on the terminal.
     pub(crate) fn start(&self, args: &[&str]) -> Child {
-        let end = || File::options().read(true).write(true).open(self.pty.path()).unwrap();
+        self.command(args).stderr(Stdio::piped()).spawn().unwrap()
+    }
+
+    /// Starts the program, with all of its output on the terminal.
+    pub(crate) fn start_whole(&self, args: &[&str]) -> Child {
+        self.command(args).stderr(self.end()).spawn().unwrap()
+    }
+
+    fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(PROGRAM);
         command
             .args(args)
             .env("TERM", "xterm-256color")
-            .stdin(end())
-            .stdout(end());
-        command.stderr(Stdio::piped()).spawn().unwrap()
+            .stdin(self.end())
+            .stdout(self.end());
+        command
+    }
+
+    fn end(&self) -> File {
+        File::options().read(true).write(true).open(self.pty.path()).unwrap()
     }
 
     /// Reads until the program has written this text. Returns false if it ends without it, or on timeout.
