@@ -9,7 +9,14 @@ use std::{env, fs};
 const BOARDS: [&str; 2] = ["stm32f405", "stm32g431"];
 
 /// Sources of the image, besides dependencies.
-const SOURCES: [&str; 5] = [".", "../bridge", "../protocol", "../Cargo.toml", "../Cargo.lock"];
+const SOURCES: [&str; 6] = [
+    ".",
+    "../boards",
+    "../bridge",
+    "../protocol",
+    "../Cargo.toml",
+    "../Cargo.lock",
+];
 
 fn main() {
     println!("cargo:rustc-env=ARMWIRE_COMMIT={}", commit());

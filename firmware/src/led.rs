@@ -9,17 +9,17 @@
 //!
 //! Before the tasks run, the board may show that its crystal does not start.
 
-use embassy_stm32::gpio::Output;
 use embassy_time::Timer;
 
 use crate::adapter::{Adapter, Work};
+use crate::board::Led;
 
 /// One step of a pattern.
 const STEP_MS: u64 = 50;
 
 /// Shows the adapter's state.
 #[embassy_executor::task]
-pub(crate) async fn show(adapter: &'static Adapter, mut led: Output<'static>) {
+pub(crate) async fn show(adapter: &'static Adapter, mut led: Led) {
     let mut passed = 0;
     for step in (0..20_u32).cycle() {
         // Bytes outside of frames cause no dispatch.
@@ -31,7 +31,7 @@ pub(crate) async fn show(adapter: &'static Adapter, mut led: Output<'static>) {
             (true, false) => true,
             (false, false) => step == 0,
         };
-        led.set_level(on.into());
+        led.set(on);
         passed = status.passed_bytes;
         Timer::after_millis(STEP_MS).await;
     }

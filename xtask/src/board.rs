@@ -1,41 +1,69 @@
 //! The boards with firmware.
 
-use clap::ValueEnum;
+use std::sync::LazyLock;
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Board {
-    /// STM32F405RG, with CAN
-    #[default]
-    Stm32f405,
-    /// STM32G431CB, with CAN FD
-    Stm32g431,
-}
+use armwire_boards::{BOARDS, Chip};
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+
+/// A board of the list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Board(&'static armwire_boards::Board);
 
 impl Board {
-    pub(crate) const ALL: [Self; 2] = [Self::Stm32f405, Self::Stm32g431];
+    pub(crate) const STM32F405: Self = Self::named("stm32f405");
+    pub(crate) const STM32G431: Self = Self::named("stm32g431");
+
+    /// One board for each chip.
+    pub(crate) const CHIPS: [Self; 2] = [Self::STM32F405, Self::STM32G431];
+
+    const fn named(name: &str) -> Self {
+        Self(armwire_boards::Board::find(name).expect("a board of the list"))
+    }
+
+    /// All boards.
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        BOARDS.iter().map(Self)
+    }
 
     /// Name in file names and options.
     pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::Stm32f405 => "stm32f405",
-            Self::Stm32g431 => "stm32g431",
-        }
+        self.0.name
+    }
+
+    /// The feature of `armwire-firmware` for the board's chip.
+    pub(crate) fn feature(self) -> String {
+        format!("board-{}", self.0.chip.name())
     }
 
     /// End of the RAM with the stack, which grows down.
     pub(crate) const fn stack_top(self) -> u32 {
-        match self {
-            Self::Stm32f405 => 0x2000_0000 + 128 * 1024,
-            Self::Stm32g431 => 0x2000_0000 + 32 * 1024,
+        match self.0.chip {
+            Chip::Stm32f405 => 0x2000_0000 + 128 * 1024,
+            Chip::Stm32g431 => 0x2000_0000 + 32 * 1024,
         }
     }
 
     /// probe-rs's name of the microcontroller.
     pub(crate) const fn chip(self) -> &'static str {
-        match self {
-            Self::Stm32f405 => "STM32F405RGTx",
-            Self::Stm32g431 => "STM32G431CBTx",
-        }
+        self.0.probe_rs
+    }
+}
+
+impl Default for Board {
+    fn default() -> Self {
+        Self::STM32F405
+    }
+}
+
+impl ValueEnum for Board {
+    fn value_variants<'a>() -> &'a [Self] {
+        static ALL: LazyLock<Vec<Board>> = LazyLock::new(|| Board::all().collect());
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(self.0.name).help(self.0.title))
     }
 }
 
@@ -45,9 +73,8 @@ mod tests {
 
     #[test]
     fn options_name_boards_as_files_do() {
-        for board in Board::ALL {
+        for board in Board::all() {
             assert_eq!(Board::from_str(board.name(), false), Ok(board));
         }
-        assert_eq!(Board::value_variants(), Board::ALL);
     }
 }

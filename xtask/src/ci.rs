@@ -104,15 +104,15 @@ pub(crate) fn run() -> Result<()> {
     )?;
     // They are the targets that measured the coverage. With a fixed seed they begin with the same inputs each time.
     ci.step("fuzzing", || fuzz::run(&fuzz::Options::new(5, 1)))?;
-    let g431 = ci.step("firmware image for the STM32G431", || firmware_image(Board::Stm32g431))?;
-    let f405 = ci.step("firmware image for the STM32F405", || firmware_image(Board::Stm32f405))?;
+    let g431 = ci.step("firmware image for the STM32G431", || firmware_image(Board::STM32G431))?;
+    let f405 = ci.step("firmware image for the STM32F405", || firmware_image(Board::STM32F405))?;
     ci.step("virtual board, and both firmware images on it", || {
         let board = cargo("test --package armwire-virtual-board");
         parallel::run_all(vec![image_tests(&f405), image_tests(&g431), board])
     })?;
     ci.step("log of a firmware image", || {
         // The STM32G431 has less room for it.
-        let image = image::build(Options::all(Board::Stm32g431))?;
+        let image = image::build(Options::all(Board::STM32G431))?;
         let mut test = cargo("test --package armwire-host-tests --features image --test image_log");
         process::run(test.env("ARMWIRE_LOG_IMAGE", &image.path))
     })?;

@@ -47,7 +47,7 @@ impl Options {
 
     /// The features of `armwire-firmware` for this image.
     pub(crate) fn features(self) -> String {
-        format!("board-{}{}", self.board.name(), if self.defmt { ",defmt" } else { "" })
+        self.board.feature() + if self.defmt { ",defmt" } else { "" }
     }
 
     /// The image's file name.
@@ -116,7 +116,7 @@ impl fmt::Display for Image {
 pub(crate) fn for_virtual_board() -> Result<PathBuf> {
     match env::var_os("ARMWIRE_IMAGE") {
         Some(image) => Ok(image.into()),
-        None => Ok(build(Options::of(Board::Stm32f405))?.path),
+        None => Ok(build(Options::of(Board::STM32F405))?.path),
     }
 }
 
@@ -131,6 +131,7 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     println!("building the firmware image for {board}, one or two minutes the first time");
     let mut build = cargo_for(TARGET, "build --package armwire-firmware --profile firmware")?;
     build.args(["--no-default-features", "--features", &options.features()]);
+    build.env("ARMWIRE_BOARD", board);
     if options.defmt {
         // With the profile's level `s` the log does not fit into the flash of the STM32G431.
         build.env("CARGO_PROFILE_FIRMWARE_OPT_LEVEL", "z");
@@ -165,10 +166,10 @@ mod tests {
 
     #[test]
     fn options_name_features_and_files() {
-        let options = Options::of(Board::Stm32f405);
+        let options = Options::of(Board::STM32F405);
         assert_eq!(options.features(), "board-stm32f405");
         assert_eq!(options.name(), "armwire-stm32f405");
-        let options = Options::all(Board::Stm32g431);
+        let options = Options::all(Board::STM32G431);
         assert_eq!(options.features(), "board-stm32g431,defmt");
         assert_eq!(options.name(), "armwire-stm32g431-defmt");
     }

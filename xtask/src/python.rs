@@ -287,7 +287,7 @@ fn test(clean: &Environment, dir: &Path, options: &Options) -> Result<()> {
     }
     run(&mut tests)?;
     board.end()?;
-    let board = Board::Stm32g431;
+    let board = Board::STM32G431;
     let served = ServedBoard::start_board(dir, board)?;
     run(pytest(clean, dir)
         .arg("tests/test_board.py")

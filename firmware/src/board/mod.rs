@@ -1,11 +1,12 @@
 //! The board: chip, pins and clocks are known only here.
 //!
-//! A cargo feature selects it, `board-stm32f405` or `board-stm32g431`. `docs/porting.md` describes how to add one. Each
-//! provides the same items:
+//! A cargo feature selects the chip, `board-stm32f405` or `board-stm32g431`. At build time the environment variable
+//! ARMWIRE_BOARD selects one of the boards with that chip, whose differences are data: [`THIS`]. `docs/porting.md`
+//! describes how to add a chip, and `docs/boards.md` lists the boards. Each chip provides the same items:
 //!
 //! | Item | Meaning |
 //! |---|---|
-//! | `NAME`, `CAN_FD` | the board's name, and true for CAN FD |
+//! | `CHIP`, `CAN_FD` | the chip, and true for CAN FD |
 //! | `take_reset()` | reads the cause of the last reset, once |
 //! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a [`Board`] of them |
 //! | `UsbDriver` | the driver of the USB peripheral |
@@ -16,7 +17,7 @@
 //! | `ServiceInterrupt` | the interrupt of a peripheral that is not used, for the [service](crate::service) |
 //! | `RX_REQUEST` | the number of the UART's receive request at that DMA |
 //! | `TIMER`, `TIMER_HZ`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits with its input clock, for the clock |
-//! | `LED` | the pin of the status LED |
+//! | `enable_port()` | starts the clock of a port of pins |
 //! | `UART`, `TX_PIN` | the UART's registers, and its TX pin with the alternate function |
 //! | `uart` | the chip-specific part of these registers, behind [`usart`] |
 //! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a received frame in the queue there |
@@ -25,8 +26,10 @@
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
 mod can;
+mod led;
 mod memcpy;
 mod oscillator;
+mod pin;
 #[cfg(feature = "board-stm32f405")]
 mod stm32f405;
 #[cfg(feature = "board-stm32g431")]
@@ -35,8 +38,8 @@ mod time;
 pub(crate) mod usart;
 mod usb_control;
 
+use armwire_boards::Board as Data;
 use embassy_stm32::dma::Channel;
-use embassy_stm32::gpio::Output;
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::common::{RW, Reg};
 use embassy_stm32::peripherals::IWDG;
@@ -44,6 +47,7 @@ use embassy_stm32::usart::UartRx;
 use embassy_stm32::wdg::IndependentWatchdog;
 
 pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
+pub(crate) use led::Led;
 #[cfg(feature = "board-stm32f405")]
 pub(crate) use stm32f405::*;
 #[cfg(feature = "board-stm32g431")]
@@ -55,10 +59,24 @@ compile_error!("no board: enable `board-stm32f405` or `board-stm32g431`");
 #[cfg(all(feature = "board-stm32f405", feature = "board-stm32g431"))]
 compile_error!("two boards: `board-stm32g431` needs `--no-default-features`");
 
+/// This board's data.
+const THIS: &Data = match Data::find(match option_env!("ARMWIRE_BOARD") {
+    Some(name) => name,
+    None => CHIP.name(),
+}) {
+    Some(board) => board,
+    None => panic!("ARMWIRE_BOARD is no board of armwire-boards"),
+};
+
+const _: () = assert!(THIS.chip as u8 == CHIP as u8, "ARMWIRE_BOARD has another chip");
+
+/// The board's name.
+pub(crate) const NAME: &str = THIS.name;
+
 /// The peripherals that the board provides.
 pub(crate) struct Board {
     /// The status LED.
-    pub(crate) led: Output<'static>,
+    pub(crate) led: Led,
     /// The arm's UART, for its line coding. The TX pin is not given to the HAL, which would leave it floating while the
     /// UART is disabled: see [`usart`].
     pub(crate) uart: UartRx<'static, Blocking>,

@@ -5,9 +5,8 @@
 //! crystal is restarted each time.
 
 use embassy_stm32::pac;
-use embassy_stm32::pac::gpio::vals::Moder;
 
-use super::{LED, TIMER, Watchdog};
+use super::{Led, TIMER, Watchdog};
 
 /// The internal oscillator.
 pub(super) const HSI_MEGAHERTZ: u32 = 16;
@@ -24,23 +23,21 @@ const FLASHES: u32 = 3;
 
 /// Starts the crystal. Returns the result of `measure` once the crystal runs and `measure` recognises it.
 ///
-/// The core must run from HSI, and the timer and the LED's port must have their clocks.
-pub(super) fn start<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>) -> T {
-    let (port, pin) = LED;
-    port.moder().modify(|w| w.set_moder(pin, Moder::OUTPUT));
+/// The core must run from HSI, and the timer must have its clock.
+pub(super) fn start<T>(watchdog: &mut Watchdog, led: &mut Led, measure: impl Fn() -> Option<T>) -> T {
     start_timer();
     let crystal = loop {
-        if let Some(crystal) = attempt(watchdog, &measure) {
+        if let Some(crystal) = attempt(watchdog, led, &measure) {
             break crystal;
         }
         warning!("the crystal does not run, or has an unsupported frequency");
     };
-    set_led(false);
+    led.set(false);
     crystal
 }
 
 /// Starts the crystal, with a timeout.
-fn attempt<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>) -> Option<T> {
+fn attempt<T>(watchdog: &mut Watchdog, led: &mut Led, measure: impl Fn() -> Option<T>) -> Option<T> {
     let control = pac::RCC.cr();
     control.modify(|w| w.set_hseon(false));
     control.modify(|w| w.set_hseon(true));
@@ -56,7 +53,7 @@ fn attempt<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>) -> Optio
         if elapsed >= RETRY_US {
             return None;
         }
-        set_led(is_flash(elapsed));
+        led.set(is_flash(elapsed));
         cortex_m::asm::delay(POLL_CYCLES);
     }
 }
@@ -67,14 +64,6 @@ fn is_flash(elapsed: u32) -> bool {
     elapsed
         .checked_sub(FIRST_FLASH_US)
         .is_some_and(|elapsed| elapsed < FLASHES * period && elapsed % period < on)
-}
-
-fn set_led(on: bool) {
-    let (port, pin) = LED;
-    port.bsrr().write(|w| match on {
-        true => w.set_bs(pin, true),
-        false => w.set_br(pin, true),
-    });
 }
 
 /// Starts the timer at one count per microsecond. The firmware's clock resets it.

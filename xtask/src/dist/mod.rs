@@ -122,7 +122,7 @@ impl Release {
 
     /// The images, by `cargo fw`.
     fn add_images(&self) -> Result<()> {
-        for board in Board::ALL {
+        for board in Board::all() {
             self.xtask(&["fw", "--board", board.name()])?;
             for extension in ["elf", "bin", "dfu"] {
                 let file = format!("armwire-{}.{extension}", board.name());

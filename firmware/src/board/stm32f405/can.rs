@@ -1,4 +1,4 @@
-//! The registers of CAN1, a bxCAN (RM0090 section 32.9): classic CAN, on PB8 and PB9.
+//! The registers of CAN1, a bxCAN (RM0090 section 32.9): classic CAN.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -8,10 +8,11 @@ use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::typelevel::{CAN1_RX0, CAN1_SCE, CAN1_TX, Handler, Interrupt};
 use embassy_stm32::pac;
 use embassy_stm32::pac::can::vals::{Ide, Lec, Rtr};
-use embassy_stm32::peripherals::{CAN1, PB8, PB9};
+use embassy_stm32::peripherals::CAN1;
 use embassy_stm32::{Peri, rcc};
 
 use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received};
+use super::super::{THIS, pin};
 
 const CAN: pac::can::Can = pac::CAN1;
 
@@ -30,7 +31,7 @@ const _: () = {
     }
 };
 
-/// PB8 and PB9 are CAN1 as alternate function 9 (datasheet, "Alternate function mapping").
+/// The pins of CAN1 have it as alternate function 9 (datasheet, "Alternate function mapping").
 const ALTERNATE_FUNCTION: u8 = 9;
 
 /// Number of transmit mailboxes.
@@ -48,8 +49,10 @@ pub(crate) struct Controller {
 
 impl Controller {
     /// A controller that is not on the bus yet.
-    pub(super) fn new(_controller: Peri<'static, CAN1>, rx: Peri<'static, PB8>, tx: Peri<'static, PB9>) -> Self {
-        let (mut rx, mut tx) = (Flex::new(rx), Flex::new(tx));
+    pub(super) fn new(_controller: Peri<'static, CAN1>) -> Self {
+        // SAFETY: no other peripheral has these pins of the board.
+        let pins = unsafe { [pin::take(THIS.can.rx), pin::take(THIS.can.tx)] };
+        let [mut rx, mut tx] = pins.map(Flex::new);
         // Without a transceiver the bus looks idle.
         rx.set_as_af_unchecked(ALTERNATE_FUNCTION, AfType::input(Pull::Up));
         tx.set_as_af_unchecked(

@@ -8,7 +8,7 @@ use embassy_stm32::pac::timer::vals::CcmrInputCcs;
 use embassy_stm32::rcc::{PllMul, PllPreDiv};
 
 use super::super::oscillator::{self, HSI_MEGAHERTZ, micros};
-use super::super::{Watchdog, enable_clocks};
+use super::super::{Led, Watchdog, enable_clocks};
 
 /// A crystal, and the PLL settings for 336 MHz (RM0090 7.3.2).
 pub(super) struct Crystal {
@@ -58,11 +58,11 @@ const CAPTURE_US: u32 = 1_000;
 
 /// Starts the crystal and measures it. Returns when one of [`CRYSTALS`] runs.
 ///
-/// The core must run from HSI, and the LED's port must have its clock.
-pub(super) fn start(watchdog: &mut Watchdog) -> &'static Crystal {
+/// The core must run from HSI.
+pub(super) fn start(watchdog: &mut Watchdog, led: &mut Led) -> &'static Crystal {
     enable_clocks(pac::RCC.apb1enr(), |w| w.set_tim5en(true));
     start_capturing();
-    let crystal = oscillator::start(watchdog, measure);
+    let crystal = oscillator::start(watchdog, led, measure);
     stop_capturing();
     crystal
 }

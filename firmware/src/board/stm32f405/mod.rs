@@ -10,9 +10,10 @@ mod flash;
 pub(super) mod uart;
 pub(super) mod usb;
 
+use armwire_boards::{Chip, Port};
 use armwire_bridge::PACKET;
 use embassy_stm32::dma::{self, Channel, Request};
-use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH5, USB_OTG_FS};
@@ -22,7 +23,7 @@ use static_cell::StaticCell;
 
 use super::can::Can;
 use super::time::{self, TimerHandler};
-use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
+use super::{Board, ChipReset, Led, Watchdog, enable_clocks, usart};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
 use crate::uart::{InterruptHandler, RingHandler, SentHandler, SleepHandler};
@@ -32,8 +33,7 @@ pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 pub(crate) use usb::UsbDriver;
 
-/// The board's name.
-pub(crate) const NAME: &str = "stm32f405";
+pub(super) const CHIP: Chip = Chip::Stm32f405;
 
 pub(crate) const CAN_FD: bool = false;
 
@@ -70,9 +70,6 @@ pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM5;
 /// See [`TIMER`].
 pub(crate) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM5;
 
-/// The pin of the status LED, PB2.
-pub(super) const LED: (pac::gpio::Gpio, usize) = (pac::GPIOB, 2);
-
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
 
@@ -107,12 +104,10 @@ const USB_ENDPOINTS: usize = 4;
 
 /// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
 pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
-    enable_clocks(pac::RCC.ahb1enr(), |w| {
-        w.set_gpioaen(true);
-        w.set_gpioben(true);
-    });
+    enable_port(Port::A);
     usart::hold_tx_high();
-    let crystal = crystal::start(watchdog);
+    let mut led = Led::new();
+    let crystal = crystal::start(watchdog, &mut led);
     let p = embassy_stm32::init(clock::config(crystal));
     clock::accelerate_flash();
     for interrupt in LESS_URGENT {
@@ -137,7 +132,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     usb.vbus_detection = false;
 
     Board {
-        led: Output::new(p.PB2, Level::Low, Speed::Low),
+        led,
         uart,
         rx_dma: Channel::new(p.DMA1_CH5, Irqs),
         usb: UsbDriver(hal_usb::Driver::new_fs(
@@ -148,9 +143,15 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
             OUT_PACKETS.init([0; 3 * PACKET]),
             usb,
         )),
-        can: Can::new(Controller::new(p.CAN1, p.PB8, p.PB9)),
+        can: Can::new(Controller::new(p.CAN1)),
         flash: flash::new(p.FLASH),
     }
+}
+
+/// Starts the clock of a port of pins (7.3.10).
+pub(super) fn enable_port(port: Port) {
+    // GPIOAEN is bit 0, GPIOBEN bit 1, and so on.
+    enable_clocks(pac::RCC.ahb1enr(), |w| w.0 |= 1 << port as u32);
 }
 
 /// Reads the cause of the last reset, and clears it for the next (RM0090 7.3.21).

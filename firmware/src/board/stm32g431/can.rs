@@ -1,4 +1,4 @@
-//! The registers of FDCAN1 (RM0440 section 44.4) and its message RAM (44.3.3): CAN and CAN FD, on PB8 and PB9.
+//! The registers of FDCAN1 (RM0440 section 44.4) and its message RAM (44.3.3): CAN and CAN FD.
 
 use armwire_bridge::can::{FD_LENGTHS, Frame, Id, MAX_FD};
 use armwire_bridge::config;
@@ -6,10 +6,11 @@ use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::typelevel::{FDCAN1_IT0, Handler, Interrupt};
 use embassy_stm32::pac;
 use embassy_stm32::pac::can::vals::{Anfe, Anfs, Tfqm};
-use embassy_stm32::peripherals::{FDCAN1, PB8, PB9};
+use embassy_stm32::peripherals::FDCAN1;
 use embassy_stm32::{Peri, rcc};
 
 use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received};
+use super::super::{THIS, pin};
 
 const CAN: pac::can::Fdcan = pac::FDCAN1;
 const RAM: pac::fdcanram::Fdcanram = pac::FDCANRAM1;
@@ -24,7 +25,7 @@ const MAX_DATA_QUANTA: u32 = 49;
 /// Above this bit rate the sample point comes before the transmitter receives its own bit from the transceiver.
 const DELAY_MATTERS: u32 = 1_000_000;
 
-/// PB8 and PB9 are FDCAN1 as alternate function 9 (datasheet, "Alternate function").
+/// The pins of FDCAN1 have it as alternate function 9 (datasheet, "Alternate function").
 const ALTERNATE_FUNCTION: u8 = 9;
 
 /// Number of words of a received or transmitted frame: two of header, then the data (RM0440 44.3.3).
@@ -59,8 +60,10 @@ pub(crate) struct Controller {
 
 impl Controller {
     /// A controller that is not on the bus yet.
-    pub(super) fn new(_controller: Peri<'static, FDCAN1>, rx: Peri<'static, PB8>, tx: Peri<'static, PB9>) -> Self {
-        let (mut rx, mut tx) = (Flex::new(rx), Flex::new(tx));
+    pub(super) fn new(_controller: Peri<'static, FDCAN1>) -> Self {
+        // SAFETY: no other peripheral has these pins of the board.
+        let pins = unsafe { [pin::take(THIS.can.rx), pin::take(THIS.can.tx)] };
+        let [mut rx, mut tx] = pins.map(Flex::new);
         // Without a transceiver the bus looks idle.
         rx.set_as_af_unchecked(ALTERNATE_FUNCTION, AfType::input(Pull::Up));
         tx.set_as_af_unchecked(

@@ -16,7 +16,7 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::time::Hertz;
 
-use super::super::{Watchdog, enable_clocks, oscillator};
+use super::super::{Led, Watchdog, enable_clocks, oscillator};
 
 /// R1MODE of PWR_CR5: boost mode is on while it is clear (RM0440 6.4.22).
 const R1MODE: u32 = 1 << 8;
@@ -29,9 +29,9 @@ const HALF_SPEED_CYCLES: u32 = 160;
 ///
 /// The HAL's chip description, stm32-metapac 21, has R1MODE at the unused bit 0 of PWR_CR5: the HAL does not enable
 /// boost mode. Its `init` resets PWR before it starts the clocks: boost mode must be enabled between the two.
-pub(crate) fn start(rcc: &mut Peri<'static, RCC>, watchdog: &mut Watchdog) {
+pub(crate) fn start(rcc: &mut Peri<'static, RCC>, watchdog: &mut Watchdog, led: &mut Led) {
     enable_clocks(pac::RCC.apb1enr1(), |w| w.set_tim2en(true));
-    oscillator::start(watchdog, || Some(()));
+    oscillator::start(watchdog, led, || Some(()));
     pac::PWR.cr5().modify(|w| w.0 &= !R1MODE);
     rcc::reinit(config(), rcc);
     leave_half_speed();

@@ -10,8 +10,9 @@ mod flash;
 pub(super) mod uart;
 pub(super) mod usb;
 
+use armwire_boards::{Chip, Port};
 use embassy_stm32::dma::{self, Channel, Request};
-use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH1, USB};
@@ -20,7 +21,7 @@ use embassy_stm32::{bind_interrupts, usb as hal_usb};
 
 use super::can::Can;
 use super::time::{self, TimerHandler};
-use super::{Board, ChipReset, Watchdog, enable_clocks, usart};
+use super::{Board, ChipReset, Led, Watchdog, enable_clocks, usart};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
 use crate::uart::{InterruptHandler, RingHandler, SentHandler, SleepHandler};
@@ -30,8 +31,7 @@ pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 pub(crate) use usb::{UsbDriver, cancel_unfetched_packet, cancel_unfetched_packets};
 
-/// The board's name.
-pub(crate) const NAME: &str = "stm32g431";
+pub(super) const CHIP: Chip = Chip::Stm32g431;
 
 pub(crate) const CAN_FD: bool = true;
 
@@ -59,9 +59,6 @@ pub(super) const TIMER_HZ: u64 = 160_000_000;
 pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM2;
 /// See [`TIMER`].
 pub(crate) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM2;
-
-/// The pin of the status LED, PC6.
-pub(super) const LED: (pac::gpio::Gpio, usize) = (pac::GPIOC, 6);
 
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
@@ -93,10 +90,11 @@ const TX_REQUEST: Request = 27;
 
 /// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
 pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
-    enable_clocks(pac::RCC.ahb2enr(), |w| w.set_gpioaen(true));
+    enable_port(Port::A);
     usart::hold_tx_high();
+    let mut led = Led::new();
     let mut p = embassy_stm32::init(embassy_stm32::Config::default());
-    clock::start(&mut p.RCC, watchdog);
+    clock::start(&mut p.RCC, watchdog, &mut led);
     for interrupt in LESS_URGENT {
         interrupt.set_priority(DRIVERS);
     }
@@ -114,13 +112,19 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     usart::start_transmitter();
 
     Board {
-        led: Output::new(p.PC6, Level::Low, Speed::Low),
+        led,
         uart,
         rx_dma: Channel::new(p.DMA1_CH1, Irqs),
         usb: UsbDriver(hal_usb::Driver::new(p.USB, Irqs, p.PA12, p.PA11)),
-        can: Can::new(Controller::new(p.FDCAN1, p.PB8, p.PB9)),
+        can: Can::new(Controller::new(p.FDCAN1)),
         flash: flash::new(p.FLASH),
     }
+}
+
+/// Starts the clock of a port of pins (7.4.14).
+pub(super) fn enable_port(port: Port) {
+    // GPIOAEN is bit 0, GPIOBEN bit 1, and so on.
+    enable_clocks(pac::RCC.ahb2enr(), |w| w.0 |= 1 << port as u32);
 }
 
 /// Reads the cause of the last reset, and clears it for the next (RM0440 7.4, RCC_CSR).

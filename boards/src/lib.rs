@@ -1,0 +1,113 @@
+//! The boards that run the adapter: what differs between boards with the same chip.
+//!
+//! The firmware, the program that builds it, and its tests have their boards from [`BOARDS`]. `docs/boards.md` has the
+//! sources of these facts, and the wiring.
+#![no_std]
+#![forbid(unsafe_code)]
+
+mod list;
+
+pub use list::BOARDS;
+
+/// A board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Board {
+    /// The name in options, in file names and in the adapter's identity: 1 to 16 lower-case letters, digits and `-`.
+    pub name: &'static str,
+    /// The name under which it is sold.
+    pub title: &'static str,
+    /// The chip that its image is built for.
+    pub chip: Chip,
+    /// probe-rs's name of the mounted chip.
+    pub probe_rs: &'static str,
+    /// The crystal's frequency in megahertz. The firmware measures it.
+    pub crystal: u32,
+    /// The status LED.
+    pub led: Led,
+    /// The pins of the CAN controller, to and from a transceiver.
+    pub can: CanPins,
+}
+
+/// A chip with its own image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chip {
+    /// STM32F405RG. Images for it also run on an STM32F407, which has more peripherals.
+    Stm32f405,
+    /// STM32G431CB.
+    Stm32g431,
+}
+
+/// A LED at a pin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Led {
+    /// The pin.
+    pub pin: Pin,
+    /// The level that lights the LED: true for high.
+    pub on: bool,
+}
+
+/// The pins of a CAN controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CanPins {
+    /// From the transceiver.
+    pub rx: Pin,
+    /// To the transceiver.
+    pub tx: Pin,
+}
+
+/// A pin of a chip: `Pin(Port::B, 8)` is PB8.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pin(pub Port, pub u8);
+
+/// A port of 16 pins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs)]
+pub enum Port {
+    A,
+    B,
+    C,
+    D,
+}
+
+impl Chip {
+    /// The name of the chip, and of the board without further names that has it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Stm32f405 => "stm32f405",
+            Self::Stm32g431 => "stm32g431",
+        }
+    }
+}
+
+impl Board {
+    /// The board of this name.
+    pub const fn find(name: &str) -> Option<&'static Self> {
+        let mut i = 0;
+        while i < BOARDS.len() {
+            if is_equal(BOARDS[i].name.as_bytes(), name.as_bytes()) {
+                return Some(&BOARDS[i]);
+            }
+            i += 1;
+        }
+        None
+    }
+}
+
+/// `==`, which is not const.
+const fn is_equal(a: &[u8], b: &[u8]) -> bool {
+    let mut i = 0;
+    while i < a.len() && i < b.len() && a[i] == b[i] {
+        i += 1;
+    }
+    i == a.len() && i == b.len()
+}
+
+impl core::fmt::Display for Pin {
+    /// `PB8`.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "P{:?}{}", self.0, self.1)
+    }
+}
+
+#[cfg(test)]
+mod tests;
