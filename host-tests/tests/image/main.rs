@@ -1,6 +1,7 @@
 //! The firmware image on the virtual board.
 
 mod arms;
+mod boards;
 mod boot;
 mod busy;
 mod bytes;
