@@ -39,7 +39,7 @@ pub(crate) struct Oscillator {
     pub(crate) crystal: Crystal,
     /// The frequency of the internal oscillator, in hertz.
     pub(crate) internal_hz: u32,
-    /// Its divided clock for the real-time clock and TIM11 (RM0090, 7.3.3, RTCPRE). `None` while it does not run, or
+    /// Its divided clock for the timer that measures it (RM0090, 7.3.3, RTCPRE; RM0440, 31.8, OR1). `None` while it does not run, or
     /// without a divider.
     pub(crate) divided: Option<Divided>,
     /// True if the core runs from the internal oscillator.

@@ -1,5 +1,6 @@
 //! The common flow of a microcontroller, and the peripherals common to the STM32F405 and the STM32G431.
 
+pub(crate) mod capture;
 pub(crate) mod dbgmcu;
 pub(crate) mod dma;
 pub(crate) mod flash;

@@ -4,7 +4,6 @@
 //! resets is that of both chips, in [`mcu`](super::common::mcu).
 
 mod bxcan;
-mod capture;
 mod dma;
 mod flash;
 mod map;
@@ -16,7 +15,6 @@ mod tests;
 mod usart;
 
 use self::bxcan::Can;
-use self::capture::Capture;
 use self::dma::Dma;
 pub use self::dma::Reenabled;
 use self::flash::Interface;
@@ -27,6 +25,7 @@ use self::pwr::Pwr;
 use self::rcc::{BDCR, Clocks, Rcc};
 use self::usart::Usart;
 use super::common;
+use super::common::capture::{Capture, Selector};
 use super::common::dbgmcu::Dbgmcu;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
@@ -55,6 +54,13 @@ const fn gpio_at_reset(port: usize) -> AtReset {
         _ => AtReset::new(0, 0, 0),
     }
 }
+
+/// The input of TIM11: TI1_RMP of OR, the crystal's clock divided by RTCPRE (19.5.11).
+const TIM11_INPUT: &[Selector] = &[Selector {
+    offset: 0x50,
+    field: 0b11,
+    value: 0b10,
+}];
 
 /// The peripherals.
 #[derive(Debug)]
@@ -91,7 +97,7 @@ impl Stm32f405 {
             flash: Interface::new(edges.flash.clone()),
             iwdg: Iwdg::new(false),
             tim5: Tim::new(),
-            tim11: Capture::new(edges.oscillator.clone()),
+            tim11: Capture::new(edges.oscillator.clone(), TIM11_INPUT),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), false)),
             syscfg: Syscfg::new(&map::SYSCFG),
             dbgmcu: Dbgmcu::new(&map::DBGMCU, idcode),

@@ -55,6 +55,7 @@ pub(crate) enum Kind {
     /// GPIOA to GPIOG, by number from 0.
     Gpio(u8),
     Dbgmcu,
+    Tim16,
 }
 
 /// The memory map.
@@ -85,6 +86,7 @@ pub(super) const BLOCKS: &[Block<Kind>] = &[
     Block::new(Kind::Pwr, 0x4000_7000, "PWR", Some(gates::PWR)),
     Block::new(Kind::Iwdg, 0x4000_3000, "IWDG", None),
     Block::new(Kind::Crs, 0x4000_2000, "CRS", Some(gates::CRS)),
+    Block::new(Kind::Tim16, 0x4001_4400, "TIM16", Some(gates::TIM16)),
     Block::new(Kind::Syscfg, 0x4001_0000, "SYSCFG", Some(gates::SYSCFG)),
     Block::new(Kind::Exti, 0x4001_0400, "EXTI", Some(gates::SYSCFG)),
     Block::new(Kind::Dbgmcu, 0xE004_2000, "DBGMCU", None),

@@ -24,6 +24,7 @@ use self::rcc::{Clocks, Rcc};
 use self::usart::Usart;
 use self::usb::Usb;
 use super::common;
+use super::common::capture::{Capture, Selector};
 use super::common::dbgmcu::Dbgmcu;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
@@ -48,6 +49,20 @@ const fn gpio_at_reset(port: usize) -> AtReset {
     }
 }
 
+/// The input of TIM16: TI1SEL of TISEL, and HSE32EN of OR1, the crystal's clock divided by 32 (31.8).
+const TIM16_INPUT: &[Selector] = &[
+    Selector {
+        offset: 0x5C,
+        field: 0b1111,
+        value: 0b0011,
+    },
+    Selector {
+        offset: 0x68,
+        field: 1,
+        value: 1,
+    },
+];
+
 /// The peripherals.
 #[derive(Debug)]
 pub(crate) struct Stm32g431 {
@@ -57,6 +72,7 @@ pub(crate) struct Stm32g431 {
     flash: Interface,
     iwdg: Iwdg,
     tim2: Tim,
+    tim16: Capture,
     gpio: [Gpio; 7],
     syscfg: Syscfg,
     dbgmcu: Dbgmcu,
@@ -78,6 +94,7 @@ impl Stm32g431 {
             flash: Interface::new(edges.flash.clone(), ecc_register, seed),
             iwdg: Iwdg::new(true),
             tim2: Tim::new(),
+            tim16: Capture::new(edges.oscillator.clone(), TIM16_INPUT),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), true)),
             syscfg: Syscfg::new(&map::SYSCFG),
             dbgmcu: Dbgmcu::new(&map::DBGMCU, map::IDENTITY),
@@ -127,6 +144,7 @@ impl Peripherals for Stm32g431 {
             Kind::Usb => &mut self.usb,
             Kind::Tim2 => &mut self.tim2,
             Kind::Fdcan1 => &mut self.fdcan,
+            Kind::Tim16 => &mut self.tim16,
             Kind::Dma => &mut self.dma,
             Kind::Gpio(port) => &mut self.gpio[usize::from(port)],
             Kind::Rcc => &mut self.rcc,
@@ -145,8 +163,8 @@ impl Peripherals for Stm32g431 {
         match block.kind {
             // 45.5.3: 16 bits in the packet memory.
             Kind::Usb if block.offset != 0 => width == Width::Half,
-            // 30.5: half-words or words.
-            Kind::Tim2 => width != Width::Byte,
+            // 30.5, 31.8: half-words or words.
+            Kind::Tim2 | Kind::Tim16 => width != Width::Byte,
             _ => width == Width::Word,
         }
     }
@@ -203,6 +221,7 @@ impl Peripherals for Stm32g431 {
         }
         self.clocks = clocks;
         self.tim2.set_clock(clocks.apb1_timers, common.now);
+        self.tim16.set_clock(clocks.apb2_timers);
         self.usart2.set_clock(clocks.usart2, common.now);
         self.usb.set_clock(clocks.usb, common.now);
         self.fdcan.set_clock(clocks.fdcan, common.now);

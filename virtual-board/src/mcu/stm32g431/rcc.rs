@@ -1,11 +1,12 @@
 //! Reset and clock control (RM0440, chapter 7).
 //!
 //! Modelled are the oscillators HSI16, HSE, HSI48 and LSI with their start-up times, the PLL, the system clock switch, the
-//! prescalers, the clock multiplexers of the peripherals in use, clock enables, resets and reset flags. Low-power clock
-//! enables, clock security, the clock output and the RTC's clock have no model.
+//! prescalers, the clock multiplexers of the peripherals in use, the crystal's divided clock for TIM16, clock enables,
+//! resets and reset flags. Low-power clock enables, clock security, the clock output and the RTC's clock have no model.
 
 use std::ops::RangeInclusive;
 
+use crate::crystal::Divided;
 use crate::mcu::common::rcc::{self, AHB_START, Gate, Layout, Register, Source, ahb_divider, apb_rates, apb_start};
 use crate::shared::lock;
 use crate::soc::peripheral::{Peripheral, Refused, check_modelled, check_reserved, field, forbidden};
@@ -114,6 +115,9 @@ const HSI48_START: RangeInclusive<u64> = 2_500..=6_000;
 const LSI_START: RangeInclusive<u64> = 80_000..=130_000;
 const PLL_LOCK: RangeInclusive<u64> = 15_000..=40_000;
 
+/// The divider of the crystal's clock for TIM16 and TIM17 (31.8, OR1).
+const HSE_DIVIDER: u32 = 32;
+
 /// Limits of the PLL and of the system clock in hertz (DS12589, table "PLL characteristics").
 const PLL_INPUT: RangeInclusive<u64> = 2_660_000..=16_000_000;
 const VCO: RangeInclusive<u64> = 96_000_000..=344_000_000;
@@ -177,6 +181,7 @@ pub(super) mod gates {
     pub(in super::super) const FDCAN: Gate = Gate::new(APB1_1, 25);
     pub(in super::super) const PWR: Gate = Gate::new(APB1_1, 28);
     pub(in super::super) const SYSCFG: Gate = Gate::new(APB2, 0);
+    pub(in super::super) const TIM16: Gate = Gate::new(APB2, 17);
 
     /// GPIOA to GPIOG, by number from 0.
     pub(in super::super) const fn gpio(port: u32) -> Gate {
@@ -195,6 +200,8 @@ pub(super) struct Clocks {
     pub(super) apb1: u64,
     /// The input of the timers on APB1.
     pub(super) apb1_timers: u64,
+    /// The input of the timers on APB2.
+    pub(super) apb2_timers: u64,
     pub(super) usart2: u64,
     pub(super) fdcan: u64,
     /// The 48 MHz of USB.
@@ -274,12 +281,14 @@ impl Rcc {
         };
         let ahb = system / ahb_divider(field(self.cfgr, cfgr::HPRE_AT, 0xF));
         let (apb1, apb1_timers) = apb_rates(ahb, field(self.cfgr, cfgr::PPRE1_AT, 0b111));
+        let (_, apb2_timers) = apb_rates(ahb, field(self.cfgr, cfgr::PPRE2_AT, 0b111));
         let select = |at| field(self.chip.ccipr, at, 0b11);
         Clocks {
             system,
             ahb,
             apb1,
             apb1_timers,
+            apb2_timers,
             usart2: match select(ccipr::USART2SEL_AT) {
                 0 => apb1,
                 1 => system,
@@ -320,6 +329,19 @@ impl Rcc {
             self.selected = self.cfgr & cfgr::SW;
             self.chip.switched = now;
         }
+        self.follow_divided(now);
+    }
+
+    /// Updates the crystal's divided clock, which runs with it, and the source of the core clock.
+    fn follow_divided(&self, now: Nanos) {
+        let mut oscillator = lock(&self.oscillator);
+        oscillator.core_is_internal = self.selected == cfgr::HSI16;
+        let runs = self.hse.is_ready(now);
+        oscillator.divided = oscillator.divided.filter(|_| runs).or(runs.then_some(Divided {
+            since: now,
+            hertz: self.crystal_hz as u32,
+            divider: HSE_DIVIDER,
+        }));
     }
 
     fn write_cr(&mut self, value: u32, now: Nanos) -> Result<(), Refused> {

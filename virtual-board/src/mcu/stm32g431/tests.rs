@@ -10,6 +10,8 @@ use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
 use crate::flash::{ERASED, Flash};
 use crate::line::Line;
 use crate::mcu::common::mcu::Mcu;
+use crate::shared::lock;
+use crate::soc::machine::Chip as _;
 use crate::timing;
 
 /// MODER and BSRR of GPIOA, CR1 of USART2, and the clocks of the two (RM0440, table 3).
@@ -90,6 +92,86 @@ fn clock_runs_two_cycles_after_its_enable() {
         Bus::write(&mut chip, at, HIGH, &mut none).unwrap();
         let violations = chip.common.recorder.violations();
         assert_eq!(violations.len(), refused, "{cycles} cycles: {violations:?}");
+    }
+}
+
+/// TIM16, which captures the crystal's clock (RM0440, 31.8), and its clock.
+const TIM_CR1: u32 = 0x4001_4400;
+const TIM_SR: u32 = TIM_CR1 + 0x10;
+const TIM_CCMR1: u32 = TIM_CR1 + 0x18;
+const TIM_CCER: u32 = TIM_CR1 + 0x20;
+const TIM_CCR1: u32 = TIM_CR1 + 0x34;
+const TIM_TISEL: u32 = TIM_CR1 + 0x5C;
+const TIM_OR1: u32 = TIM_CR1 + 0x68;
+const APB2ENR: u32 = 0x4002_1060;
+const RCC_CR: u32 = 0x4002_1000;
+const HSEON: u32 = 1 << 16;
+const CC1IF: u32 = 1 << 1;
+
+/// A chip whose running crystal is captured, every eighth edge.
+fn capturing(hertz: u32) -> Mcu<Stm32g431> {
+    let mut chip = chip();
+    lock(&chip.common.edges.oscillator).crystal = Crystal::new(hertz);
+    let control = read(&mut chip, RCC_CR);
+    write(&mut chip, RCC_CR, control | HSEON);
+    run_for(&mut chip, Nanos::from_millis(3));
+    for (address, value) in [
+        (APB2ENR, 1 << 17),
+        (TIM_OR1, 1),
+        (TIM_TISEL, 3),
+        (TIM_CCMR1, 3 << 2 | 1),
+        (TIM_CCER, 1),
+        (TIM_CR1, 1),
+    ] {
+        write(&mut chip, address, value);
+    }
+    chip
+}
+
+fn read(chip: &mut Mcu<Stm32g431>, address: u32) -> u32 {
+    let mut none = Memory::new(0, Vec::new(), 0, 0);
+    Bus::read(chip, access(address, Purpose::Data), &mut none).unwrap()
+}
+
+fn run_for(chip: &mut Mcu<Stm32g431>, span: Nanos) {
+    let mut none = Memory::new(0, Vec::new(), 0, 0);
+    let until = chip.common.now + span;
+    while chip.next_event() <= until {
+        chip.handle_event(&mut none);
+    }
+    chip.common.now = until;
+}
+
+#[test]
+fn timer_captures_crystal_divided_by_32() {
+    for (hertz, cycles) in [
+        (8_000_000, 512..=512),
+        (12_000_000, 341..=342),
+        (16_000_000, 256..=256),
+        (25_000_000, 163..=164),
+    ] {
+        let mut chip = capturing(hertz);
+        let mut capture = || {
+            while read(&mut chip, TIM_SR) & CC1IF == 0 {
+                run_for(&mut chip, Nanos(1_000));
+            }
+            read(&mut chip, TIM_CCR1)
+        };
+        let first = capture();
+        let captured = capture().wrapping_sub(first) & 0xFFFF;
+        assert!(cycles.contains(&captured), "{hertz} Hz: {captured}");
+        assert!(chip.common.recorder.violations().is_empty());
+    }
+}
+
+#[test]
+fn capture_needs_the_divided_clock_and_the_input() {
+    for (address, value) in [(TIM_OR1, 0), (TIM_TISEL, 0), (RCC_CR, 1 << 8)] {
+        let mut chip = capturing(8_000_000);
+        write(&mut chip, address, value);
+        write(&mut chip, TIM_SR, 0);
+        run_for(&mut chip, Nanos::from_millis(1));
+        assert_eq!(read(&mut chip, TIM_SR), 0, "{address:#x}");
     }
 }
 

@@ -1,10 +1,10 @@
-//! TIM11 (RM0090, 19.5) for the measurement of the crystal (7.2.11): a 16-bit counter that is captured at edges of the
-//! crystal's divided clock.
+//! A timer of one channel for the measurement of the crystal: TIM11 of the STM32F405 (RM0090, 19.5 and 7.2.11), TIM16 of
+//! the STM32G431 (RM0440, 31.8). A 16-bit counter is captured at edges of the crystal's divided clock.
 //!
-//! | Behaviour | Section |
+//! | Behaviour | RM0090 |
 //! |---|---|
 //! | The counter counts cycles of the timer clock up to ARR, once CEN is set | 19.5.1, 19.5.9 |
-//! | TI1_RMP 10 makes the divided clock of the crystal the input; the core must run from HSI | 19.5.11, 7.2.11 |
+//! | The divided clock of the crystal is the input if the chip's [`Selector`]s have their values; the core must run from HSI | 19.5.11, 7.2.11 |
 //! | CC1S 01 and CC1E: CCR1 captures every, every second, fourth or eighth rising edge | 19.5.5, 19.5.6 |
 //! | CC1IF at a capture, CC1OF at another one before it was cleared; reading CCR1 clears CC1IF | 19.5.4 |
 //!
@@ -25,16 +25,12 @@ const CNT: u32 = 0x24;
 const PSC: u32 = 0x28;
 const ARR: u32 = 0x2C;
 const CCR1: u32 = 0x34;
-const OR: u32 = 0x50;
 
 /// CEN of CR1 (19.5.1).
 const CEN: u32 = 1;
 /// Flags of SR (19.5.4).
 const CC1IF: u32 = 1 << 1;
 const CC1OF: u32 = 1 << 9;
-/// TI1_RMP of OR, and its value for the crystal's clock (19.5.11).
-const INPUT: u32 = 0b11;
-const HSE_RTC: u32 = 0b10;
 /// CC1S of CCMR1 and its value for an input on TI1, IC1PSC (19.5.5).
 const CC1S: u32 = 0b11;
 const TI1: u32 = 0b01;
@@ -46,9 +42,23 @@ const CC1E: u32 = 1;
 const SECOND: u128 = 1_000_000_000;
 const ALL_BITS: u32 = 0xFFFF;
 
+/// A field of a register that must have a value for the crystal's clock to be the input.
+#[derive(Debug)]
+pub(crate) struct Selector {
+    /// The register's offset.
+    pub(crate) offset: u32,
+    /// The register's bits, all of them in the field.
+    pub(crate) field: u32,
+    pub(crate) value: u32,
+}
+
+/// Maximum number of selectors.
+const SELECTORS: usize = 2;
+
 /// The timer.
 #[derive(Debug)]
-pub(super) struct Capture {
+pub(crate) struct Capture {
+    selectors: &'static [Selector],
     oscillator: Shared<Oscillator>,
     clock_hz: u64,
     /// The start of the count, if it counts.
@@ -56,7 +66,8 @@ pub(super) struct Capture {
     status: u32,
     mode: u32,
     enable: u32,
-    remap: u32,
+    /// The registers of the selectors.
+    selected: [u32; SELECTORS],
     captured: u32,
     input: Option<Input>,
 }
@@ -92,22 +103,25 @@ impl Input {
 }
 
 impl Capture {
-    pub(super) fn new(oscillator: Shared<Oscillator>) -> Self {
+    /// A timer with at most two selectors of its input.
+    pub(crate) fn new(oscillator: Shared<Oscillator>, selectors: &'static [Selector]) -> Self {
+        debug_assert!(selectors.len() <= SELECTORS);
         Self {
+            selectors,
             oscillator,
             clock_hz: 0,
             counts_since: None,
             status: 0,
             mode: 0,
             enable: 0,
-            remap: 0,
+            selected: [0; SELECTORS],
             captured: 0,
             input: None,
         }
     }
 
     /// The rate of the input clock.
-    pub(super) fn set_clock(&mut self, hz: u64) {
+    pub(crate) fn set_clock(&mut self, hz: u64) {
         self.clock_hz = hz;
     }
 
@@ -120,12 +134,21 @@ impl Capture {
         cycles as u32 & ALL_BITS
     }
 
+    /// The selector of the register at `offset`, and its place.
+    fn selector(&self, offset: u32) -> Option<(usize, &'static Selector)> {
+        let mut selectors = self.selectors.iter().enumerate();
+        selectors.find(|(_, selector)| selector.offset == offset)
+    }
+
+    fn is_selected(&self) -> bool {
+        let mut selectors = self.selectors.iter().zip(self.selected);
+        selectors.all(|(selector, selected)| selected == selector.value)
+    }
+
     /// Connects the crystal's clock if the registers select it.
     fn connect(&mut self, now: Nanos) {
-        let is_on = self.counts_since.is_some()
-            && self.remap & INPUT == HSE_RTC
-            && self.mode & CC1S == TI1
-            && self.enable & CC1E != 0;
+        let is_on =
+            self.counts_since.is_some() && self.is_selected() && self.mode & CC1S == TI1 && self.enable & CC1E != 0;
         let clock = lock(&self.oscillator).divided.filter(|_| is_on);
         let prescaler = 1 << (self.mode >> IC1PSC_AT & 0b11);
         if self.input.map(|input| (input.clock, input.prescaler)) != clock.map(|clock| (clock, prescaler)) {
@@ -187,8 +210,10 @@ impl Peripheral for Capture {
                 self.status &= !CC1IF;
                 Ok(self.captured)
             }
-            OR => Ok(self.remap),
-            _ => Err(Refused::NoRegister),
+            _ => match self.selector(offset) {
+                Some((place, _)) => Ok(self.selected[place]),
+                None => Err(Refused::NoRegister),
+            },
         }
     }
 
@@ -213,9 +238,11 @@ impl Peripheral for Capture {
                 self.connect(now);
                 return written;
             }
-            OR => self.remap = value & INPUT,
             EGR | CNT | CCR1 => return Err(Refused::Unimplemented("EGR/CNT/CCR1")),
-            _ => return Err(Refused::NoRegister),
+            _ => match self.selector(offset) {
+                Some((place, selector)) => self.selected[place] = value & selector.field,
+                None => return Err(Refused::NoRegister),
+            },
         }
         self.connect(now);
         Ok(())
@@ -225,7 +252,7 @@ impl Peripheral for Capture {
     fn reset(&mut self, _: Nanos) {
         *self = Self {
             clock_hz: self.clock_hz,
-            ..Self::new(self.oscillator.clone())
+            ..Self::new(self.oscillator.clone(), self.selectors)
         };
     }
 }
