@@ -1,119 +1,82 @@
-//! The crystal, measured before the clock tree is configured: one image runs with each of [`CRYSTALS`].
+//! The crystal, measured before the clock tree is configured: one image runs with each [`Crystal`].
 //!
-//! Until then the chip runs from the internal 16 MHz oscillator (HSI), and TIM11 counts its cycles between edges of the
-//! crystal's divided clock (RM0090 7.2.11, 19.5.11).
+//! Until then the chip runs from the internal 16 MHz oscillator (HSI), and a timer of the chip counts its cycles between
+//! edges of the crystal's divided clock (RM0090 7.2.11 and 19.5.11, RM0440 31.8).
 
-use embassy_stm32::pac;
 use embassy_stm32::pac::timer::vals::CcmrInputCcs;
-use embassy_stm32::rcc::{PllMul, PllPreDiv};
 
-use super::super::oscillator::{self, HSI_MEGAHERTZ, micros};
-use super::super::{Led, Watchdog, enable_clocks};
+use super::capture::{self, DIVIDER, TIMER};
+use super::oscillator::{self, HSI_MEGAHERTZ, micros};
+use super::{Led, Watchdog};
 
-/// A crystal, and the PLL settings for 336 MHz (RM0090 7.3.2).
-pub(super) struct Crystal {
-    pub(super) megahertz: u32,
-    pub(super) divider: PllPreDiv,
-    pub(super) multiplier: PllMul,
+/// A supported crystal, by its frequency in megahertz.
+#[derive(Clone, Copy)]
+pub(super) enum Crystal {
+    Mhz8 = 8,
+    Mhz12 = 12,
+    Mhz16 = 16,
+    Mhz25 = 25,
 }
 
-/// The supported crystals.
-const CRYSTALS: [Crystal; 4] = [
-    Crystal {
-        megahertz: 8,
-        divider: PllPreDiv::DIV4,
-        multiplier: PllMul::MUL168,
-    },
-    Crystal {
-        megahertz: 12,
-        divider: PllPreDiv::DIV6,
-        multiplier: PllMul::MUL168,
-    },
-    Crystal {
-        megahertz: 16,
-        divider: PllPreDiv::DIV8,
-        multiplier: PllMul::MUL168,
-    },
-    Crystal {
-        megahertz: 25,
-        divider: PllPreDiv::DIV25,
-        multiplier: PllMul::MUL336,
-    },
-];
+const ALL: [Crystal; 4] = [Crystal::Mhz8, Crystal::Mhz12, Crystal::Mhz16, Crystal::Mhz25];
 
-/// Tolerance of a measurement, in percent: HSI is −8 % to +4.5 % off over all temperatures (DS8626, 5.3.9).
+impl Crystal {
+    /// The frequency in megahertz.
+    pub(super) const fn megahertz(self) -> u32 {
+        self as u32
+    }
+}
+
+/// Tolerance of a measurement, in percent: HSI is −8 % to +4.5 % off over all temperatures on the STM32F405 (DS8626,
+/// 5.3.9), and less on the STM32G431 (DS12589, "HSI16 oscillator characteristics").
 const TOLERANCE: u32 = 10;
 
-/// RTCPRE of RCC_CFGR, which divides the crystal's clock for TIM11.
-const DIVIDER: u8 = 30;
-/// TIM11 captures every eighth edge.
+/// The timer captures every eighth edge.
 const EDGES: u32 = 8;
-/// IC1PSC of TIM11_CCMR1 for every eighth edge.
+/// IC1PSC of CCMR1 for every eighth edge.
 const EACH_EIGHTH: u8 = 3;
-/// TI1_RMP of TIM11_OR: the divided clock is the input.
-const HSE_RTC: u32 = 0b10;
 
-/// The time between two captures is 10 to 30 µs.
+/// The time between two captures is 10 to 32 µs.
 const CAPTURE_US: u32 = 1_000;
 
-/// Starts the crystal and measures it. Returns when one of [`CRYSTALS`] runs.
+/// Starts the crystal and measures it. Returns when a supported one runs.
 ///
-/// The core must run from HSI.
-pub(super) fn start(watchdog: &mut Watchdog, led: &mut Led) -> &'static Crystal {
-    enable_clocks(pac::RCC.apb1enr(), |w| w.set_tim5en(true));
-    start_capturing();
-    let crystal = oscillator::start(watchdog, led, measure);
-    stop_capturing();
-    crystal
-}
-
-/// Starts the edge capture of TIM11.
-fn start_capturing() {
-    let rcc = pac::RCC;
-    enable_clocks(rcc.apb2enr(), |w| w.set_tim11en(true));
-    rcc.cfgr().modify(|w| w.set_rtcpre(DIVIDER));
-    let capture = pac::TIM11;
-    capture.or().write_value(HSE_RTC);
-    capture.arr().write(|w| w.set_arr(u16::MAX));
-    capture.ccmr_input(0).write(|w| {
+/// The core must run from HSI, and the timer of the firmware's clock must have its own clock.
+pub(super) fn start(watchdog: &mut Watchdog, led: &mut Led) -> Crystal {
+    capture::connect();
+    TIMER.arr().write(|w| w.set_arr(u16::MAX));
+    TIMER.ccmr_input(0).write(|w| {
         w.set_ccs(0, CcmrInputCcs::TI4);
         w.set_icpsc(0, EACH_EIGHTH);
     });
-    capture.ccer().write(|w| w.set_cce(0, true));
-    capture.cr1().write(|w| w.set_cen(true));
+    TIMER.ccer().write(|w| w.set_cce(0, true));
+    TIMER.cr1().write(|w| w.set_cen(true));
+    let crystal = oscillator::start(watchdog, led, measure);
+    capture::disconnect();
+    crystal
 }
 
-/// Returns TIM11 and the divider to their reset state.
-fn stop_capturing() {
-    let rcc = pac::RCC;
-    rcc.apb2rstr().modify(|w| w.set_tim11rst(true));
-    rcc.apb2rstr().modify(|w| w.set_tim11rst(false));
-    rcc.apb2enr().modify(|w| w.set_tim11en(false));
-    rcc.cfgr().modify(|w| w.set_rtcpre(0));
-}
-
-/// The running crystal. `None` if it is none of [`CRYSTALS`], or has stopped.
-fn measure() -> Option<&'static Crystal> {
+/// The running crystal. `None` if it is not supported, or has stopped.
+fn measure() -> Option<Crystal> {
     // Earlier captures are discarded.
-    pac::TIM11.sr().write(|_| {});
+    TIMER.sr().write(|_| {});
     let start = capture()?;
     let cycles = u32::from(capture()?.wrapping_sub(start));
-    let expected = HSI_MEGAHERTZ * EDGES * u32::from(DIVIDER);
-    CRYSTALS
-        .iter()
-        .find(|crystal| (cycles * crystal.megahertz).abs_diff(expected) * 100 < expected * TOLERANCE)
+    let expected = HSI_MEGAHERTZ * EDGES * DIVIDER;
+    ALL.into_iter()
+        .find(|crystal| (cycles * crystal.megahertz()).abs_diff(expected) * 100 < expected * TOLERANCE)
 }
 
-/// The next capture of TIM11.
+/// The timer's next capture.
 fn capture() -> Option<u16> {
     let start = micros();
-    while !pac::TIM11.sr().read().ccif(0) {
+    while !TIMER.sr().read().ccif(0) {
         if micros().wrapping_sub(start) > CAPTURE_US {
             return None;
         }
     }
     // Reading clears the flag (RM0090 19.5.4).
-    let captured = pac::TIM11.ccr(0).read().ccr();
+    let captured = TIMER.ccr(0).read().ccr();
     // After another capture in between, the time to the next one would be too short.
-    (!pac::TIM11.sr().read().ccof(0)).then_some(captured)
+    (!TIMER.sr().read().ccof(0)).then_some(captured)
 }

@@ -17,6 +17,7 @@
 //! | `ServiceInterrupt` | the interrupt of a peripheral that is not used, for the [service](crate::service) |
 //! | `RX_REQUEST` | the number of the UART's receive request at that DMA |
 //! | `TIMER`, `TIMER_HZ`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits with its input clock, for the clock |
+//! | `capture` | a timer that captures the crystal's divided clock, for [`crystal`] |
 //! | `enable_port()` | starts the clock of a port of pins |
 //! | `UART`, `TX_PIN` | the UART's registers, and its TX pin with the alternate function |
 //! | `uart` | the chip-specific part of these registers, behind [`usart`] |
@@ -26,6 +27,7 @@
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
 mod can;
+mod crystal;
 mod led;
 mod memcpy;
 mod oscillator;

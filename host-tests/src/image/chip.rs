@@ -21,8 +21,6 @@ pub struct Facts {
     pub flooded: NonZeroU32,
     /// Duration of the erase of one of them, typical and maximum.
     pub erase: [Nanos; 2],
-    /// Crystal frequencies supported by the image, in megahertz.
-    pub crystals: &'static [u32],
     /// RCC_CR.
     pub clock_control: u64,
     /// GPIOA. Its pin 2 sends to the arm.
@@ -52,7 +50,6 @@ pub const fn facts(chip: Chip) -> Facts {
             config_flash: 0x4000..0xC000,
             flooded: NonZeroU32::new(4).unwrap(),
             erase: [Nanos::from_millis(250), Nanos::from_millis(500)],
-            crystals: &[8, 12, 16, 25],
             clock_control: 0x4002_3800,
             gpioa: 0x4002_0000,
             led: (0x4002_0400, 2),
@@ -70,7 +67,6 @@ pub const fn facts(chip: Chip) -> Facts {
             config_flash: 0x1F000..0x20000,
             flooded: NonZeroU32::new(3).unwrap(),
             erase: [Nanos(22_020_000), Nanos(24_470_000)],
-            crystals: &[8],
             clock_control: 0x4002_1000,
             gpioa: 0x4800_0000,
             led: (0x4800_0800, 6),

@@ -99,15 +99,15 @@ fn image_takes_only_the_pins_of_its_board() {
             let changed = (0..modes.len()).filter(|&pin| modes[pin] != at_reset[pin]);
             taken.extend(changed.filter(|&pin| matches!(modes[pin], OUTPUT | ALTERNATE)));
         };
-        for _ in 0..1_000 {
-            board.run_for(Nanos(20_000)).unwrap();
+        for _ in 0..250 {
+            board.run_for(Nanos(80_000)).unwrap();
             look(board);
         }
         plug_in(board, MEGABAUD);
         board.can().attach(BIT_RATE);
         exchange(board, &[1, 2, 3, 4], &[5, 6, 7, 8]);
-        for _ in 0..1_000 {
-            board.run_for(millis(1)).unwrap();
+        for _ in 0..100 {
+            board.run_for(millis(10)).unwrap();
             look(board);
         }
         for pin in USB {

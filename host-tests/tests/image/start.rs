@@ -1,6 +1,6 @@
 //! The start of the firmware image: with any crystal, without one, and after a hard fault.
 //!
-//! Only the image for the STM32F405 measures its crystal, and only that chip has a revision whose prefetch does not work.
+//! Only the STM32F405 has a revision whose prefetch does not work.
 
 use armwire_host_tests::image::{MEGABAUD, RawArm, chip, counters, exchange, facts, on_board_with, path, plug_in};
 use armwire_virtual_board::line::Arm;
@@ -19,6 +19,9 @@ const OUTPUT: u32 = 0b01;
 /// The line to the arm.
 const PA2: usize = 2;
 
+/// Frequencies of supported crystals, in megahertz.
+const CRYSTALS: [u32; 4] = [8, 12, 16, 25];
+
 /// Period of the firmware's restarts of a crystal.
 const RETRY_MS: u64 = 2_000;
 
@@ -31,10 +34,6 @@ fn config(crystal: Crystal) -> Config<RawArm> {
         crystal,
         ..Config::new(path(), RawArm::default())
     }
-}
-
-fn measures_crystal() -> bool {
-    chip() == Chip::Stm32f405
 }
 
 /// The level of an output pin. `None` for an input.
@@ -87,7 +86,7 @@ fn expect_error_flashes(changes: &[u64], rounds: u64) {
 
 #[test]
 fn one_image_runs_with_each_crystal() {
-    for megahertz in facts(chip()).crystals {
+    for megahertz in CRYSTALS {
         on_board_with(config(Crystal::new(megahertz * 1_000_000)), |board| {
             board.run_for(millis(20)).unwrap();
             expect_served(board);
@@ -97,12 +96,9 @@ fn one_image_runs_with_each_crystal() {
 
 #[test]
 fn crystal_is_known_with_internal_oscillator_off() {
-    if !measures_crystal() {
-        return;
-    }
-    // −8 % and +4.5 %, over all temperatures (DS8626, 5.3.9).
+    // −8 % and +4.5 %, over all temperatures (DS8626, 5.3.9). The STM32G431's is more accurate.
     for internal_hz in [14_720_000, 16_720_000] {
-        for megahertz in [8, 12, 16, 25] {
+        for megahertz in CRYSTALS {
             let config = Config {
                 internal_hz,
                 ..config(Crystal::new(megahertz * 1_000_000))
@@ -137,9 +133,6 @@ fn dead_crystal_shows_on_led_and_is_retried() {
 
 #[test]
 fn unsupported_crystal_shows_on_led() {
-    if !measures_crystal() {
-        return;
-    }
     for hertz in [4_000_000, 6_500_000, 10_000_000, 14_000_000, 20_000_000] {
         on_board_with(config(Crystal::new(hertz)), |board| {
             let changes = expect_waiting(board, RETRY_MS);

@@ -2,23 +2,32 @@
 
 use embassy_stm32::Config;
 use embassy_stm32::pac;
-use embassy_stm32::rcc::{AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllPDiv, PllQDiv, PllSource, Sysclk, mux};
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource, Sysclk, mux,
+};
 use embassy_stm32::time::Hertz;
 
-use super::crystal::Crystal;
+use super::super::crystal::Crystal;
 
 /// The configuration of the chip with this crystal.
-pub(super) fn config(crystal: &Crystal) -> Config {
+pub(super) fn config(crystal: Crystal) -> Config {
+    // 336 MHz (RM0090 7.3.2).
+    let (prediv, mul) = match crystal {
+        Crystal::Mhz8 => (PllPreDiv::DIV4, PllMul::MUL168),
+        Crystal::Mhz12 => (PllPreDiv::DIV6, PllMul::MUL168),
+        Crystal::Mhz16 => (PllPreDiv::DIV8, PllMul::MUL168),
+        Crystal::Mhz25 => (PllPreDiv::DIV25, PllMul::MUL336),
+    };
     let mut config = Config::default();
     let rcc = &mut config.rcc;
     rcc.hse = Some(Hse {
-        freq: Hertz::mhz(crystal.megahertz),
+        freq: Hertz::mhz(crystal.megahertz()),
         mode: HseMode::Oscillator,
     });
     rcc.pll_src = PllSource::HSE;
     rcc.pll = Some(Pll {
-        prediv: crystal.divider,
-        mul: crystal.multiplier,
+        prediv,
+        mul,
         divp: Some(PllPDiv::DIV2),
         divq: Some(PllQDiv::DIV7),
         divr: None,

@@ -4,8 +4,8 @@
 
 mod boot;
 mod can;
+pub(super) mod capture;
 mod clock;
-mod crystal;
 mod flash;
 pub(super) mod uart;
 pub(super) mod usb;
@@ -22,6 +22,7 @@ use embassy_stm32::{bind_interrupts, usb as hal_usb};
 use static_cell::StaticCell;
 
 use super::can::Can;
+use super::crystal;
 use super::time::{self, TimerHandler};
 use super::{Board, ChipReset, Led, Watchdog, enable_clocks, usart};
 use crate::ceiling::DRIVERS;
@@ -107,6 +108,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     enable_port(Port::A);
     usart::hold_tx_high();
     let mut led = Led::new();
+    enable_clocks(pac::RCC.apb1enr(), |w| w.set_tim5en(true));
     let crystal = crystal::start(watchdog, &mut led);
     let p = embassy_stm32::init(clock::config(crystal));
     clock::accelerate_flash();
@@ -114,7 +116,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
         interrupt.set_priority(DRIVERS);
     }
     time::start();
-    info!("clock: 168 MHz, from a crystal of {=u32} MHz", crystal.megahertz);
+    info!("clock: 168 MHz, from a crystal of {=u32} MHz", crystal.megahertz());
 
     let mut line = UartConfig::default();
     line.baudrate = 1_000_000;

@@ -16,7 +16,8 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::time::Hertz;
 
-use super::super::{Led, Watchdog, enable_clocks, oscillator};
+use super::super::crystal::{self, Crystal};
+use super::super::{Led, Watchdog, enable_clocks};
 
 /// R1MODE of PWR_CR5: boost mode is on while it is clear (RM0440 6.4.22).
 const R1MODE: u32 = 1 << 8;
@@ -24,18 +25,18 @@ const R1MODE: u32 = 1 << 8;
 /// Cycles of the core at half of its final clock: 2 µs, at least 1 µs (RM0440 6.1.5, 7.2.7).
 const HALF_SPEED_CYCLES: u32 = 160;
 
-/// Starts the clocks of a chip that runs on its internal oscillator. Returns when the crystal runs. Its frequency is
-/// not measured.
+/// Starts the clocks of a chip that runs on its internal oscillator. Returns when the crystal runs.
 ///
 /// The HAL's chip description, stm32-metapac 21, has R1MODE at the unused bit 0 of PWR_CR5: the HAL does not enable
 /// boost mode. Its `init` resets PWR before it starts the clocks: boost mode must be enabled between the two.
-pub(crate) fn start(rcc: &mut Peri<'static, RCC>, watchdog: &mut Watchdog, led: &mut Led) {
+pub(crate) fn start(rcc: &mut Peri<'static, RCC>, watchdog: &mut Watchdog, led: &mut Led) -> Crystal {
     enable_clocks(pac::RCC.apb1enr1(), |w| w.set_tim2en(true));
-    oscillator::start(watchdog, led, || Some(()));
+    let crystal = crystal::start(watchdog, led);
     pac::PWR.cr5().modify(|w| w.0 &= !R1MODE);
-    rcc::reinit(config(), rcc);
+    rcc::reinit(config(crystal), rcc);
     leave_half_speed();
     accelerate_flash();
+    crystal
 }
 
 /// Doubles the clocks of the core and the buses. A switch from 16 MHz to more than 80 MHz requires a step at half of the
@@ -50,16 +51,23 @@ fn leave_half_speed() {
 
 /// The configuration of the clocks until [`leave_half_speed`]. The HAL, which makes only one step, then knows half of
 /// the buses' clocks. USART2 therefore has the system clock, and the timer of the firmware's clock its own constant.
-fn config() -> Config {
+fn config(crystal: Crystal) -> Config {
+    // 320 MHz (RM0440 7.4.4).
+    let (prediv, mul) = match crystal {
+        Crystal::Mhz8 => (PllPreDiv::DIV2, PllMul::MUL80),
+        Crystal::Mhz12 => (PllPreDiv::DIV3, PllMul::MUL80),
+        Crystal::Mhz16 => (PllPreDiv::DIV4, PllMul::MUL80),
+        Crystal::Mhz25 => (PllPreDiv::DIV5, PllMul::MUL64),
+    };
     let mut rcc = Config::default();
     rcc.hse = Some(Hse {
-        freq: Hertz(8_000_000),
+        freq: Hertz::mhz(crystal.megahertz()),
         mode: HseMode::Oscillator,
     });
     rcc.pll = Some(Pll {
         source: PllSource::HSE,
-        prediv: PllPreDiv::DIV2,
-        mul: PllMul::MUL80,
+        prediv,
+        mul,
         divp: None,
         divq: Some(PllQDiv::DIV4),
         divr: Some(PllRDiv::DIV2),

@@ -5,6 +5,7 @@
 
 mod boot;
 mod can;
+pub(super) mod capture;
 mod clock;
 mod flash;
 pub(super) mod uart;
@@ -94,12 +95,12 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     usart::hold_tx_high();
     let mut led = Led::new();
     let mut p = embassy_stm32::init(embassy_stm32::Config::default());
-    clock::start(&mut p.RCC, watchdog, &mut led);
+    let crystal = clock::start(&mut p.RCC, watchdog, &mut led);
     for interrupt in LESS_URGENT {
         interrupt.set_priority(DRIVERS);
     }
     time::start();
-    info!("clock: 160 MHz, from a crystal of 8 MHz");
+    info!("clock: 160 MHz, from a crystal of {=u32} MHz", crystal.megahertz());
 
     let mut line = UartConfig::default();
     line.baudrate = 1_000_000;
