@@ -1,11 +1,20 @@
 //! The list of boards. `docs/boards.md` has the source of each fact.
 
 use crate::Chip::{Stm32f405, Stm32g431};
-use crate::Port::{B, C};
+use crate::Port::{A, B, C, D};
 use crate::{Board, CanPins, Led, Pin};
 
 /// All boards.
-pub const BOARDS: &[Board] = &[STM32F405, STM32G431];
+pub const BOARDS: &[Board] = &[
+    STM32F405,
+    STM32G431,
+    WEACT_F405,
+    WEACT_G431,
+    PYBOARD,
+    OLIMEX_H405,
+    BLACK_F407VE,
+    F4_DISCOVERY,
+];
 
 /// PB8 and PB9, which most boards leave free.
 const CAN: CanPins = CanPins {
@@ -16,7 +25,7 @@ const CAN: CanPins = CanPins {
 /// A board without a name, with the pins of WeAct's.
 const STM32F405: Board = Board {
     name: "stm32f405",
-    title: "any other board with an STM32F405RG",
+    title: "another board with an STM32F405RG",
     chip: Stm32f405,
     probe_rs: "STM32F405RGTx",
     crystal: 8,
@@ -30,7 +39,7 @@ const STM32F405: Board = Board {
 /// A board without a name, with the pins of WeAct's.
 const STM32G431: Board = Board {
     name: "stm32g431",
-    title: "any other board with an STM32G431CB",
+    title: "another board with an STM32G431CB",
     chip: Stm32g431,
     probe_rs: "STM32G431CBTx",
     crystal: 8,
@@ -39,4 +48,66 @@ const STM32G431: Board = Board {
         on: true,
     },
     can: CAN,
+};
+
+const WEACT_F405: Board = Board {
+    name: "weact-f405",
+    title: "WeAct STM32F405 core board",
+    ..STM32F405
+};
+
+const WEACT_G431: Board = Board {
+    name: "weact-g431",
+    title: "WeAct STM32G431 core board",
+    probe_rs: "STM32G431CBUx",
+    ..STM32G431
+};
+
+/// Its blue LED: the others are at the pins of the debugger. PB2 is the accelerometer's interrupt.
+const PYBOARD: Board = Board {
+    name: "pyboard",
+    title: "pyboard 1.1",
+    crystal: 12,
+    led: Led {
+        pin: Pin(B, 4),
+        on: true,
+    },
+    ..STM32F405
+};
+
+const OLIMEX_H405: Board = Board {
+    name: "olimex-h405",
+    title: "Olimex STM32-H405",
+    led: Led {
+        pin: Pin(C, 12),
+        on: false,
+    },
+    ..STM32F405
+};
+
+const BLACK_F407VE: Board = Board {
+    name: "black-f407ve",
+    title: "black STM32F407VET6 board",
+    probe_rs: "STM32F407VETx",
+    led: Led {
+        pin: Pin(A, 6),
+        on: false,
+    },
+    ..STM32F405
+};
+
+/// PB9 is the I2C bus of its audio DAC.
+const F4_DISCOVERY: Board = Board {
+    name: "f4-discovery",
+    title: "STM32F4DISCOVERY",
+    probe_rs: "STM32F407VGTx",
+    led: Led {
+        pin: Pin(D, 12),
+        on: true,
+    },
+    can: CanPins {
+        rx: Pin(D, 0),
+        tx: Pin(D, 1),
+    },
+    ..STM32F405
 };

@@ -30,3 +30,87 @@ fn pin_is_named_as_in_data_sheets() {
     assert_eq!(Pin(Port::B, 8).to_string(), "PB8");
     assert_eq!(Pin(Port::A, 15).to_string(), "PA15");
 }
+
+/// Pins that boards use otherwise, on ports A to D. `docs/boards.md` has the sources.
+const USED: &[(&str, &[Pin])] = {
+    use Port::*;
+    &[
+        // The user button and the memory card.
+        (
+            "weact-f405",
+            &[
+                Pin(C, 13),
+                Pin(C, 8),
+                Pin(C, 9),
+                Pin(C, 10),
+                Pin(C, 11),
+                Pin(C, 12),
+                Pin(D, 2),
+                Pin(A, 8),
+            ],
+        ),
+        // The user button.
+        ("weact-g431", &[Pin(C, 13)]),
+        // The accelerometer, the button, the memory card and the other LEDs, two of which are the debugger's pins.
+        (
+            "pyboard",
+            &[
+                Pin(B, 2),
+                Pin(B, 5),
+                Pin(B, 3),
+                Pin(A, 8),
+                Pin(C, 8),
+                Pin(C, 9),
+                Pin(C, 10),
+                Pin(C, 11),
+                Pin(C, 12),
+                Pin(D, 2),
+                Pin(A, 13),
+                Pin(A, 14),
+                Pin(A, 15),
+            ],
+        ),
+        // The button.
+        ("olimex-h405", &[Pin(A, 0)]),
+        // The flash, the button and the other LED.
+        (
+            "black-f407ve",
+            &[Pin(B, 0), Pin(B, 3), Pin(B, 4), Pin(B, 5), Pin(A, 0), Pin(A, 7)],
+        ),
+        // The audio DAC, the accelerometer, the microphone, the button, USB's power switch and the other LEDs.
+        (
+            "f4-discovery",
+            &[
+                Pin(B, 6),
+                Pin(B, 9),
+                Pin(D, 4),
+                Pin(A, 4),
+                Pin(C, 7),
+                Pin(C, 10),
+                Pin(C, 12),
+                Pin(A, 5),
+                Pin(A, 6),
+                Pin(A, 7),
+                Pin(B, 10),
+                Pin(C, 3),
+                Pin(A, 0),
+                Pin(C, 0),
+                Pin(D, 5),
+                Pin(D, 13),
+                Pin(D, 14),
+                Pin(D, 15),
+            ],
+        ),
+    ]
+};
+
+#[test]
+fn pins_that_a_board_uses_are_left_alone() {
+    for (name, used) in USED {
+        let board = Board::find(name).unwrap();
+        let ours = [board.can.rx, board.can.tx, board.led.pin];
+        for pin in ours {
+            assert!(!used.contains(&pin), "{name}: {pin}");
+        }
+    }
+}
