@@ -230,7 +230,7 @@ pub enum Reply {
     Failed(Failure),
     /// The line to the arm. Since version 3.
     Line(LineState),
-    /// Whether the adapter is in [recovery](crate::start): after crashed starts it runs with factory settings, its CAN
+    /// The state of [recovery](crate::start). After crashed starts the adapter runs with factory settings, its CAN
     /// controller is off, and the configuration in flash is untouched. A successful save ends it. Since version 5.
     Recovery {
         /// True in recovery.

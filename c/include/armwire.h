@@ -120,7 +120,7 @@ typedef uint32_t ArmwireStatus;
 #endif // __cplusplus
 
 /**
- * Whether an arm holds its position.
+ * Holding of its position by an arm.
  */
 enum ArmwireLingHolding
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -1834,7 +1834,7 @@ ArmwireStatus armwire_ling_stop_on_joints(struct ArmwireLingStop *stop,
                                           const struct ArmwireLingResponse *joints);
 
 /**
- * Whether an arm with this `motion_status` holds its position.
+ * Holding of its position by an arm with this `motion_status`.
  */
 ArmwireLingHolding armwire_ling_holding(uint8_t motion_status);
 

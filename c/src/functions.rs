@@ -1,7 +1,6 @@
 //! The functions of C that all protocols have, and those of requests. They differ by protocol in names and types only.
 //!
-//! Where a macro is called, each name stands in full, so that a search finds it, and the caller imports what the bodies
-//! name.
+//! A call of a macro has each name in full, so that a search finds it. The caller imports the names in the bodies.
 
 /// A client in memory of C, and the functions common to all clients. The body lists their names.
 macro_rules! client {

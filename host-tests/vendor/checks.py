@@ -8,7 +8,7 @@ from collections.abc import Callable
 STEP_TIMEOUT = 60.0
 # Pause between two polls of a condition, in seconds.
 POLL_PERIOD = 0.001
-# How long nothing must arrive in a check for silence, in seconds.
+# Time without bytes that proves silence, in seconds.
 SILENCE = 0.3
 
 

@@ -96,7 +96,7 @@ pub enum Error {
     Unsupported { name: Outside, version: u16 },
 }
 
-/// What is known about an arm that fell silent in motion.
+/// Silence of an arm in motion.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Silence {
@@ -104,7 +104,7 @@ pub struct Silence {
     pub cause: Text,
     /// The last reading since the move, if there is one.
     pub last: Option<JointState>,
-    /// How the arm was stopped, or why it may still move.
+    /// The end of the stop, or the reason why the arm may still move.
     pub stopped: Result<Stopped, Text>,
 }
 

@@ -24,7 +24,7 @@ const FAR: f64 = 512.0;
 /// The time of the leader's poses that are kept, to find out how late the follower is.
 const HISTORY: Duration = Duration::from_millis(1_000);
 
-/// What happens at a first distance of more than 5°.
+/// Reaction to a first distance of more than 5°.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Start {
     /// The follower goes to the leader, at 20°/s.
@@ -45,7 +45,7 @@ pub enum Output {
     Wait(Instant),
 }
 
-/// What the follower does.
+/// State of the follower.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
     /// The first readings are missing.
@@ -273,7 +273,7 @@ impl Follow {
         Ok(Output::Move(next))
     }
 
-    /// What the follower does.
+    /// State of the follower.
     pub fn progress(&self) -> Progress {
         match self.phase {
             Phase::Starting | Phase::Ended(_) => Progress::Starting,

@@ -1,4 +1,4 @@
-//! What repeats at a rate.
+//! Repetitions at a rate.
 
 use armwire::time::{Duration, Instant};
 

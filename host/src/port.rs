@@ -48,7 +48,7 @@ pub fn open(port: &str) -> Result<Connection, Error> {
     port.open(Options::default())
 }
 
-/// How to open a port.
+/// Options for opening a port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Options {

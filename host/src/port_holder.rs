@@ -16,7 +16,7 @@ pub(crate) fn find(port: &str) -> Option<String> {
     Some(format!("{} (process {id})", name.trim_end()))
 }
 
-/// Whether the process has locked the port. `None` if it does not have it open.
+/// True if the process has locked the port. `None` if it does not have it open.
 fn has_locked(process: u32, device: &Path) -> Option<bool> {
     let folder = format!("/proc/{process}/fd");
     let files = entries(Path::new(&folder)).filter(|file| fs::read_link(file.path()).is_ok_and(|path| path == device));

@@ -43,7 +43,7 @@ pub(crate) struct Clients<'a> {
     published: Option<Instant>,
 }
 
-/// What a client asks for.
+/// A request of a client.
 pub(crate) enum Asked {
     /// To play a trajectory. The answer goes to [`Clients::answer`].
     Play(Order, Reply),
@@ -53,10 +53,10 @@ pub(crate) enum Asked {
     Cancel(Vec<GoalId>),
 }
 
-/// Where the answer to an order goes: a topic has none.
+/// The recipient of the answer to an order: a topic has none.
 pub(crate) struct Reply(Option<(RmwRequestId, GoalId)>);
 
-/// What a reader has.
+/// The next item of a reader.
 enum Received<T> {
     Message(T),
     Undecodable,

@@ -1,4 +1,4 @@
-//! The file with the joints of the arms: names, limits and tolerances. What it omits has its default.
+//! The file with the joints of the arms: names, limits and tolerances. Omitted values have defaults.
 
 use std::collections::{BTreeMap, HashSet};
 use std::f64::consts::PI;

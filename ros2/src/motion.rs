@@ -1,4 +1,4 @@
-//! What moves an arm: the trajectory that is played, the one that waits for its time, and how each of them ends.
+//! Motion of an arm: the trajectory that is played, the one that waits for its time, and the end of each.
 //!
 //! Time and readings go in, setpoints and ends come out by [`Motion::poll`]. No clock and no I/O.
 
@@ -78,7 +78,7 @@ pub(crate) struct Progress {
     pub(crate) at: i64,
 }
 
-/// What is to be done.
+/// The next action.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Output {
     /// Send this to the arm.
@@ -210,7 +210,7 @@ impl Motion {
         self.playing.as_ref().is_some_and(|playing| !playing.is_sent)
     }
 
-    /// What is to be done at `now`; `None` if nothing is left.
+    /// The next action at `now`; `None` if nothing is left.
     pub(crate) fn poll(&mut self, now: Instant) -> Option<Output> {
         if self.outputs.is_empty() {
             self.advance(now);
@@ -755,7 +755,7 @@ mod tests {
         }
     }
 
-    /// What happens to a motion.
+    /// An event of a motion.
     #[derive(Clone, Debug)]
     enum Event {
         /// A trajectory, of the topic or a goal, starts after this time in ms.

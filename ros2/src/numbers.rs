@@ -15,8 +15,8 @@ impl<W: Eq + Hash> Numbers<W> {
         Self { last: HashMap::new() }
     }
 
-    /// Takes the number of a message. Returns how many of its writer's messages are missing before it. What a writer sent
-    /// before its first received message was not for this reader.
+    /// Takes the number of a message. Returns how many of its writer's messages are missing before it. Messages that
+    /// a writer sent before its first received one were not for this reader.
     pub(crate) fn missing_before(&mut self, writer: W, number: i64) -> u64 {
         let last = self.last.insert(writer, number);
         last.map_or(0, |last| u64::try_from(number - last - 1).unwrap_or(0))

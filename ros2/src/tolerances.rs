@@ -1,4 +1,4 @@
-//! How far joints may be from their setpoints: the tolerances of a goal, or the defaults of its arm.
+//! Tolerated distances of joints from their setpoints: those of a goal, or the defaults of its arm.
 
 use std::time::Duration;
 

@@ -31,7 +31,7 @@ pub struct Served {
 ///
 /// # Errors
 ///
-/// When the pty fails.
+/// Errors of the pty.
 pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io::Result<Served> {
     let start = Instant::now();
     let now = || time::Instant::from_micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));

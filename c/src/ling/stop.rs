@@ -98,7 +98,7 @@ impl ArmwireLingStopStep {
     }
 }
 
-/// Whether an arm holds its position.
+/// Holding of its position by an arm.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireLingHolding {
@@ -166,7 +166,7 @@ pub extern "C" fn armwire_ling_stop_on_joints(
         .into()
 }
 
-/// Whether an arm with this `motion_status` holds its position.
+/// Holding of its position by an arm with this `motion_status`.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_holding(motion_status: u8) -> ArmwireLingHolding {
     match MotionStatus::from(motion_status).is_holding() {

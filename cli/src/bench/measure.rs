@@ -9,7 +9,7 @@ use armwire_host::{self as host, Counts, Rate};
 use crate::error::Error;
 use crate::signals;
 
-/// What is called.
+/// A call for the pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Call {
     /// A read, which waits for the arm.

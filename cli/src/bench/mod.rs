@@ -137,7 +137,7 @@ impl Bench {
         Ok((system, runs))
     }
 
-    /// Whether each measurement has load.
+    /// The load of the measurements of a rate: true with busy processors.
     const fn loads(&self) -> &'static [bool] {
         if self.load { &[false, true] } else { &[false] }
     }

@@ -11,7 +11,7 @@ use super::measure::{Durations, Run};
 use crate::error::Error;
 use crate::output::print_line;
 
-/// Where the measurements were made.
+/// The computer of the measurements.
 pub(super) struct System {
     /// Operating system with its version if known, and architecture.
     system: String,

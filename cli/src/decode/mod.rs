@@ -158,7 +158,7 @@ impl Read for Watched {
     }
 }
 
-/// What is known of a recorded line.
+/// Properties of a recorded line.
 #[derive(Clone, Copy)]
 struct Line {
     arm: ArmKind,
@@ -224,7 +224,7 @@ fn decode_recording(mut head: Head<'_>, out: &dyn Output, format: Option<Format>
                 ArmKind::Alpha1 | ArmKind::Alpha1Servo => Protocol::Alpha1,
                 ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
             });
-            // What was read before an error is summed up, too.
+            // Items before an error have a sum, too.
             let read = log::read(&mut input, format, &mut |place, record| buses.take(place, record, out));
             let not_understood = buses.finish(out);
             read.map(|()| not_understood)
@@ -246,7 +246,7 @@ fn decode_line(mut input: Input<'_>, out: &dyn Output, format: Format, line: Lin
         }),
     };
     let counts = sides.finish(out);
-    // What was read before an error is summed up, too.
+    // Items before an error have a sum, too.
     if read.is_ok() || counts.has_bytes() || doubts.count() > 0 {
         out.remark(format_args!("{counts}{}", doubts.sum()));
     }

@@ -248,7 +248,7 @@ impl Read for Utf16<'_> {
             return Ok(n);
         }
         let mut text = String::new();
-        // What is there is decoded at once: a program may still write the rest.
+        // Bytes are decoded as they come: a program may still write the rest.
         while text.is_empty() || self.source.buffer().len() > 1 {
             let Some(unit) = self.unit()? else { break };
             let units = self.high.take().into_iter().chain([unit]);

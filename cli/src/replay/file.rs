@@ -22,7 +22,7 @@ use crate::recording::messages::{FRAME, JOINT_STATE, MESSAGE_ENCODING, NamedJoin
 /// The first bytes of a file of a LeRobot data set.
 const PARQUET: &[u8] = b"PAR1";
 
-/// What was recorded of a motion.
+/// The kind of the poses in a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Source {
     /// The goals that the arm was sent.

@@ -163,7 +163,7 @@ fn micros(time: Duration) -> time::Duration {
     time.try_into().unwrap_or(time::Duration::from_micros(u64::MAX))
 }
 
-/// What is replayed, in words.
+/// A summary of the motion and its source.
 fn what(recorded: &Recorded, motion: &Motion) -> String {
     let (count, what) = (
         recorded.len(),
@@ -177,7 +177,7 @@ fn what(recorded: &Recorded, motion: &Motion) -> String {
     format!("{seconds:.1} s of {} ({count} {what})", recorded.topic)
 }
 
-/// What the recording of the gripper lacks.
+/// A warning about data of the gripper that were not recorded.
 fn lack(source: Source, has_gripper: bool) -> Option<&'static str> {
     match (source, has_gripper) {
         (_, false) => Some("the gripper was not recorded, and stays where it is"),

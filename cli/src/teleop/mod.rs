@@ -157,7 +157,7 @@ struct Session<'a> {
     clock: Stopwatch,
     sums: Sums,
     status: Status,
-    /// What was printed last.
+    /// The state that was printed last.
     shown: Option<&'static str>,
 }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use crate::error::Error;
 use crate::output::print_error;
 
-/// Whether an update may still be interrupted.
+/// The permission of signals to end an update.
 pub(super) struct Interruption(Arc<Mutex<Phase>>);
 
 enum Phase {

@@ -14,7 +14,7 @@ use crate::common::{PROGRAM, finish, free_path, retry_while_busy, start, success
 /// The default address of an xArm's reports, in the output of `armwire sim`.
 const REPORTS: &str = "127.0.0.1:30002";
 
-/// What runs for the commands of a page, until dropped.
+/// The arms, boards and programs behind the commands of a page. They end when this is dropped.
 pub(crate) struct World {
     /// The folder of the commands.
     folder: PathBuf,

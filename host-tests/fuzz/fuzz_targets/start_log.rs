@@ -32,7 +32,7 @@ struct Model {
     kept: Option<(ArmKind, HostTimeout)>,
 }
 
-/// How far a run came.
+/// The phase that a run has reached.
 #[derive(Clone, Copy, PartialEq)]
 enum Run {
     Starting,

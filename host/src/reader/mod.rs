@@ -82,13 +82,13 @@ pub struct Reading<P> {
     pub number: u64,
     /// The time of the pose.
     pub time: HostTime,
-    /// What the time is that of.
+    /// Event at the time of the reading.
     pub stamping: Stamping,
     /// The time since then, when this was returned.
     pub age: Duration,
 }
 
-/// What the time of a reading is that of.
+/// Event at the time of a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Stamping {
@@ -195,9 +195,9 @@ impl End {
 
 /// A thread that reads the pose of an arm at a rate. Callers get the newest pose without waiting. Its drop ends it.
 ///
-/// Where the arm's port has an adapter, the adapter polls the arm by its clock, and its stamps are the times of the
-/// readings. Otherwise the thread reads, and a reading has the time of its receipt. A lost answer costs one reading: the
-/// next one begins at its time. It is [counted](Self::counts).
+/// An adapter on the arm's port polls the arm by its clock, and its stamps are the times of the readings. Otherwise the
+/// thread reads, and a reading has the time of its receipt. A lost answer costs one reading: the next one begins at its
+/// time. It is [counted](Self::counts).
 ///
 /// Commands go on meanwhile, through the [shared arm](Self::arm): each waits for at most one read. A read by a command
 /// waits for the answers to lost readings, as for any lost answer: 0.2 s at most for a Ling arm on a serial port.

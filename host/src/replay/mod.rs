@@ -35,7 +35,7 @@ pub enum Output {
     Done,
 }
 
-/// What a replay does.
+/// State of a replay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
     /// It waits for the first reading.
@@ -214,7 +214,7 @@ impl Replay {
         Ok(Output::Move(next))
     }
 
-    /// What it does.
+    /// State of the replay.
     pub fn progress(&self, now: Instant) -> Progress {
         match (&self.arm, self.phase) {
             (None, _) => Progress::Waiting,

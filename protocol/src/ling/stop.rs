@@ -93,7 +93,7 @@ pub enum Output {
     Done(Result<Stopped, StopError>),
 }
 
-/// How an arm was stopped. It is exhaustive: its cases differ in whether the arm is held.
+/// End of a stop. It is exhaustive: its cases differ in whether the arm is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Stopped {

@@ -49,7 +49,7 @@ pub(crate) struct View<'a> {
 /// All that waits for the arm.
 pub(crate) struct Outbox {
     from_host: FromHost,
-    /// Where bytes of the host on USB wait for the rest of their request while motion is refused.
+    /// Bytes of the host on USB that wait for the rest of their request while motion is refused.
     gate: Gate,
     requests: Requests,
     command_timeout: Duration,

@@ -131,7 +131,7 @@ enum Kind {
     Pcapng,
 }
 
-/// What was read of a capture.
+/// The state of a capture's reader.
 struct Capture {
     kind: Kind,
     /// The header of a pcap file.

@@ -161,7 +161,7 @@ proptest! {
             });
             match decoded {
                 Ok(_) => prop_assert!(has_sum, "{name}: {lines:?}"),
-                // What is read before an error has its sum, too.
+                // Frames before an error have a sum, too.
                 Err(error) => {
                     prop_assert_eq!(error.to_string().lines().count(), 1, "{}: {}", name, error);
                     prop_assert!(has_sum || lines.is_empty(), "{name}: {lines:?}");

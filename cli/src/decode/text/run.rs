@@ -32,7 +32,7 @@ impl Found {
     }
 }
 
-/// What earlier lines of a log have shown.
+/// Properties of a log, found in its earlier lines.
 #[derive(Default)]
 pub(super) struct Habits {
     /// No count is between the prefix and the bytes.

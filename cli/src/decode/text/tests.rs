@@ -138,7 +138,7 @@ fn array(bytes: &[u8]) -> String {
     )
 }
 
-/// What the forms must decode to. Bytes are at least a frame's header, with a byte that no text has.
+/// Bytes that each form must decode to: at least a frame's header, with a byte that no text has.
 fn payload() -> impl Strategy<Value = Vec<u8>> {
     vec(any::<u8>(), 3..50).prop_map(|bytes| [&[0xAA, 0x06][..], &bytes].concat())
 }
