@@ -2,7 +2,7 @@
 
 Usage: newest_pose.py [SECONDS]
 
-Two virtual arms lose 1 % of their answers. In each period of 10 ms one is read with `Ling.read_joints`, and the other
+It prints a Markdown table. Two virtual arms lose 1 % of their answers. In each period of 10 ms one is read with `Ling.read_joints`, and the other
 observed with `get_observation` of the plugin for LeRobot, without cameras. LeRobot is not needed. Exits with an error
 if a limit is missed, as on a busy computer.
 """
@@ -54,8 +54,8 @@ class Calls:
         return durations[min(int(len(durations) * percent / 100), len(durations) - 1)]
 
     def __str__(self) -> str:
-        percentiles = "  ".join(f"{self.percentile(percent):8.3f}" for percent in (50, 99, 99.9, 100))
-        return f"{percentiles}  {self._failed:6}"
+        percentiles = " | ".join(f"{self.percentile(percent):.3f}" for percent in (50, 99, 99.9, 100))
+        return f"{percentiles} | {self._failed}"
 
 
 def follower(port: str, folder: str) -> Any:
@@ -93,11 +93,13 @@ def main(seconds: float) -> None:
             due += PERIOD_S * max(1, int((time.monotonic() - due) / PERIOD_S))
         counts = robot._reader.counts()
         robot.disconnect()
-    print("ms                    p50       p99     p99.9       max  failed")
-    print(f"read_joints      {reads}")
-    print(f"get_observation  {observations}")
-    print(f"latest           {latest}")
-    print(f"readings {counts.samples}, lost {counts.lost} ({counts.lost / counts.samples:.1%}), missed {counts.missed}")
+    print("| ms | p50 | p99 | p99.9 | max | without a pose |")
+    print("|---|---:|---:|---:|---:|---:|")
+    print(f"| `read_joints` | {reads} |")
+    print(f"| `get_observation` without cameras | {observations} |")
+    print(f"| `Reader.latest` | {latest} |")
+    lost = f"{counts.lost} ({counts.lost / counts.samples:.1%})"
+    print(f"\nThe reader had {counts.samples} readings, lost {lost}, and missed {counts.missed}.")
     for name, calls, limit in (
         ("get_observation", observations, MAX_OBSERVATION_MS),
         ("latest", latest, MAX_LATEST_MS),

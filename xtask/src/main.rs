@@ -19,6 +19,7 @@ mod fuzz;
 mod image;
 mod installation;
 mod integrity;
+mod latency;
 mod mutants;
 mod no_panic;
 mod packages;
@@ -72,6 +73,8 @@ enum Command {
     Campaign(campaign::Options),
     /// Measure the images and protocols, and check the limits
     Performance(performance::Options),
+    /// Measure how long a program waits for a pose of a virtual arm
+    Latency(latency::Options),
     /// Prove that protocol and bridge never panic or allocate
     NoPanic,
     /// Decode damaged frames, and compare docs/integrity.md
@@ -128,6 +131,7 @@ impl Command {
             Self::Vendor(options) => vendor::run(&options),
             Self::Campaign(options) => campaign::run(&options),
             Self::Performance(options) => performance::run(&options),
+            Self::Latency(options) => latency::measure(&options),
             Self::NoPanic => no_panic::run(),
             Self::Integrity(options) => integrity::run(&options),
             Self::Deny => deny::run(),

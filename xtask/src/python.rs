@@ -64,13 +64,8 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     let wheel = only_entry(&wheels)?;
     check_wheel(&tools, &wheel)?;
     check_sdist(&tools, &dir)?;
-    let with_wheel = |name: &str| -> Result<Environment> {
-        let environment = environment_with(dir.join(name), &TEST_PACKAGES)?;
-        reinstall(&environment, &[&wheel])?;
-        Ok(environment)
-    };
-    test(&with_wheel("clean")?, &dir, options)?;
-    let beside_sdk = with_wheel("beside-sdk")?;
+    test(&with_wheel(dir.join("clean"), &wheel)?, &dir, options)?;
+    let beside_sdk = with_wheel(dir.join("beside-sdk"), &wheel)?;
     beside_sdk.install(SDK)?;
     let compare = python_dir().join("benchmarks/beside_sdk.py");
     let (armwire, scripts) = (beside_sdk.path("armwire"), root().join("host-tests/vendor"));
@@ -140,6 +135,25 @@ fn environment_with(folder: PathBuf, packages: &[&str]) -> Result<Environment> {
     Ok(environment)
 }
 
+/// The environment in this folder, with this wheel and the packages of its tests.
+fn with_wheel(folder: PathBuf, wheel: &PathBuf) -> Result<Environment> {
+    let environment = environment_with(folder, &TEST_PACKAGES)?;
+    reinstall(&environment, &[wheel])?;
+    Ok(environment)
+}
+
+/// Builds the wheel as it is released, and returns an environment in this folder that has it.
+///
+/// # Errors
+///
+/// If the build or an installation fails.
+pub(crate) fn environment_with_wheel(folder: &Path) -> Result<Environment> {
+    let wheels = folder.join(WHEELS);
+    empty_folder(&wheels)?;
+    build_wheel(&build_tools()?, &wheels)?;
+    with_wheel(folder.join("python"), &only_entry(&wheels)?)
+}
+
 /// Installs these packages without their dependencies, also if the same version is installed.
 fn reinstall(environment: &Environment, packages: &[&PathBuf]) -> Result<()> {
     let options = ["--no-deps", "--force-reinstall"].map(OsStr::new);
@@ -165,11 +179,16 @@ fn pytest(environment: &Environment, dir: &Path) -> Command {
     pytest
 }
 
+/// The environment with the packages that build the wheels.
+fn build_tools() -> Result<Environment> {
+    environment_with(target_dir()?.join("wheel-tools"), &BUILD_PACKAGES)
+}
+
 /// Builds the wheels as they are released, into the folder [`WHEELS`].
 fn build_wheels() -> Result<()> {
     let wheels = target_dir()?.join(WHEELS);
     empty_folder(&wheels)?;
-    let tools = environment_with(target_dir()?.join("wheel-tools"), &BUILD_PACKAGES)?;
+    let tools = build_tools()?;
     build_wheel(&tools, &wheels)?;
     PLUGINS
         .into_iter()

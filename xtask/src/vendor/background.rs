@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail};
 use crate::process::{cannot_run, run, shown};
 
 /// A process that is killed when dropped.
-pub(super) struct Background {
+pub(crate) struct Background {
     child: Child,
     name: String,
 }
@@ -21,7 +21,7 @@ impl Background {
     /// # Errors
     ///
     /// If it cannot be started.
-    pub(super) fn start(command: &mut Command) -> Result<Self> {
+    pub(crate) fn start(command: &mut Command) -> Result<Self> {
         let name = shown(command);
         let child = command.spawn().with_context(|| cannot_run(command))?;
         Ok(Self { child, name })
@@ -32,7 +32,7 @@ impl Background {
     /// # Errors
     ///
     /// If it ends before, or the timeout is exceeded.
-    pub(super) fn wait_for_file(&mut self, file: &Path, timeout: Duration) -> Result<()> {
+    pub(crate) fn wait_for_file(&mut self, file: &Path, timeout: Duration) -> Result<()> {
         let status = self.wait(timeout, || file.exists())?;
         match status {
             Some(status) => bail!("`{}` ended early: {status}", self.name),
@@ -46,7 +46,7 @@ impl Background {
     /// # Errors
     ///
     /// If it fails, or the timeout is exceeded.
-    pub(super) fn succeed_within(&mut self, timeout: Duration) -> Result<()> {
+    pub(crate) fn succeed_within(&mut self, timeout: Duration) -> Result<()> {
         match self.wait(timeout, || false)? {
             Some(status) if status.success() => Ok(()),
             Some(status) => bail!("`{}` failed: {status}", self.name),
@@ -71,7 +71,7 @@ impl Background {
     /// # Errors
     ///
     /// If the process has ended.
-    pub(super) fn interrupt(&self) -> Result<()> {
+    pub(crate) fn interrupt(&self) -> Result<()> {
         run(Command::new("kill").args(["-INT", &self.child.id().to_string()]))
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! The scripts are in `host-tests/vendor`. Each check installs its packages from PyPI.
 
-mod background;
+pub(crate) mod background;
 pub(crate) mod can;
 pub(crate) mod differential;
 pub(crate) mod python;
