@@ -14,7 +14,10 @@ use crate::world::World;
 const ELSEWHERE: &[&str] = &[
     // Parsed by a test of `xtask`, and run by `cargo ci`: cargo itself, and what its steps install.
     "cargo",
+    "cc",
     "cmake",
+    // The program that `cc` made.
+    "serial",
     "arm-none-eabi-gcc",
     "qemu-system-arm",
     "rustup",

@@ -22,7 +22,8 @@ use crate::{python, web};
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Files of the repository that a release contains unchanged.
-const PAGES: &str = "README.md CHANGELOG.md SECURITY.md LICENSE-MIT LICENSE-APACHE docs tools";
+const FILES: &str =
+    "README.md CHANGELOG.md SECURITY.md LICENSE-MIT LICENSE-APACHE docs tools examples/c python/examples";
 /// The shells, and where each looks for completions below `/usr/local` or `~/.local`.
 const COMPLETIONS: [(&str, &str); 3] = [
     ("bash", "share/bash-completion/completions/armwire"),
@@ -101,7 +102,7 @@ impl Release {
         run(&mut cargo("fetch --locked"))?;
         let folder = self.folder();
         empty_folder(&folder)?;
-        self.add_pages()?;
+        self.add_files()?;
         self.add_images()?;
         self.add_command()?;
         self.add_c_library()?;
@@ -116,8 +117,8 @@ impl Release {
         check_tree("the release changed the sources")
     }
 
-    fn add_pages(&self) -> Result<()> {
-        self.extract(PAGES, &self.folder())
+    fn add_files(&self) -> Result<()> {
+        self.extract(FILES, &self.folder())
     }
 
     /// The images, by `cargo fw`.

@@ -5,21 +5,25 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 use crate::files::{empty_folder, only_entry};
 use crate::process::run;
+use crate::toolchain::rustc_property;
 use crate::venv::Environment;
 use crate::web;
 use crate::workspace::root;
 
 /// The search path of a machine without Rust.
 const PATH: &str = "/usr/bin:/bin";
-/// A program for Python that moves virtual arms.
+/// A program of the release that moves virtual arms.
 const PROGRAM: &str = "without_hardware.py";
+/// Test of the plugins for LeRobot, and the files that it needs. LeRobot takes 5 GB: its stand-in is one of them.
+const PLUGINS_TEST: &str = "test_lerobot.py";
+const ITS_FILES: [&str; 4] = [PLUGINS_TEST, "conftest.py", "scripted.py", "lerobot_stand_in"];
 
-/// Unpacks an archive into this folder, checks its files, starts the command, moves virtual arms with the wheel, and opens
-/// the page.
+/// Unpacks an archive into this folder, checks its files, starts the command, links a program in C, moves virtual arms with
+/// the wheel and with the plugins for LeRobot, and opens the page.
 ///
 /// # Errors
 ///
@@ -32,29 +36,67 @@ pub(super) fn run_all(archive: &Path, folder: &Path) -> Result<()> {
     check.args(["--check", "--quiet", "SHA256SUMS"]);
     run(check.current_dir(&release))?;
     run(Command::new(release.join("bin/armwire")).arg("--version"))?;
-    try_wheel(&release.join("python"), folder)?;
+    try_library(&release, folder)?;
+    try_wheels(&release.join("python"), folder)?;
     web::test_page(&release.join("web"))
 }
 
-fn try_wheel(wheels: &Path, folder: &Path) -> Result<()> {
-    let environment = Environment::new("python3", folder.join("env"))?;
-    environment.install([wheel(wheels)?.as_os_str(), OsStr::new("pytest")])?;
-    run(environment.tool("armwire").arg("--version").env("PATH", PATH))?;
-    // Beside the sources, Python would import them in place of the wheel.
-    fs::copy(root().join("python/examples").join(PROGRAM), folder.join(PROGRAM))?;
-    let mut pytest = environment.python();
-    pytest.args(["-m", "pytest", "-q", PROGRAM]).env("PATH", PATH);
-    run(pytest.current_dir(folder))
+/// Links the example in C with the library for this machine.
+fn try_library(release: &Path, folder: &Path) -> Result<()> {
+    let library = Path::new("c/lib").join(rustc_property("host")?).join("libarmwire_c.a");
+    let mut link = Command::new("cc");
+    link.args(["-Ic/include", "examples/c/serial.c"]).arg(library);
+    run(link.arg("-o").arg(folder.join("serial")).current_dir(release))
 }
 
-/// The wheel of the package, beside those of its plugins.
-fn wheel(wheels: &Path) -> Result<PathBuf> {
-    let files = fs::read_dir(wheels)?.map(|file| Ok(file?.path()));
-    let files = files.collect::<Result<Vec<_>>>()?;
-    let is_package = |file: &PathBuf| {
-        file.file_name()
+fn try_wheels(python: &Path, folder: &Path) -> Result<()> {
+    let (package, plugins) = wheels(python)?;
+    let environment = Environment::new("python3", folder.join("env"))?;
+    environment.install([package.as_os_str(), OsStr::new("pytest")])?;
+    run(environment.tool("armwire").arg("--version").env("PATH", PATH))?;
+    run(&mut pytest(&environment, &python.join("examples"), PROGRAM))?;
+
+    // LeRobot, on which they depend, needs a newer Python than the package.
+    let options = ["--no-deps", "--ignore-requires-python"].map(OsStr::new);
+    let plugins = plugins.iter().map(|plugin| plugin.as_os_str());
+    environment.install(options.into_iter().chain(plugins))?;
+    // Beside the sources, Python would import them in place of the wheels.
+    let (ours, tests) = (root().join("python/tests"), folder.join("tests"));
+    fs::create_dir(&tests)?;
+    for file in ITS_FILES {
+        run(Command::new("cp").arg("-r").arg(ours.join(file)).arg(&tests))?;
+    }
+    run(&mut pytest(&environment, &tests, PLUGINS_TEST))
+}
+
+/// pytest for a file in this folder, without Rust on its search path.
+fn pytest(environment: &Environment, folder: &Path, file: &str) -> Command {
+    let mut pytest = environment.python();
+    pytest
+        .args(["-m", "pytest", "-q", file])
+        .env("PATH", PATH)
+        .current_dir(folder);
+    pytest
+}
+
+/// The wheel of the package in this folder, and those of its plugins.
+fn wheels(folder: &Path) -> Result<(PathBuf, Vec<PathBuf>)> {
+    let files = fs::read_dir(folder)?.map(|file| Ok(file?.path()));
+    let mut wheels = files.collect::<Result<Vec<_>>>()?;
+    wheels.retain(|file| file.extension().is_some_and(|extension| extension == "whl"));
+    let is_package = |wheel: &PathBuf| {
+        wheel
+            .file_name()
             .is_some_and(|name| name.to_string_lossy().starts_with("armwire-"))
     };
-    let wheel = files.into_iter().find(is_package);
-    wheel.with_context(|| format!("{} has no wheel of armwire", wheels.display()))
+    let (packages, plugins) = wheels.into_iter().partition::<Vec<_>, _>(is_package);
+    let package = packages.into_iter().next();
+    let package = package.with_context(|| format!("{} has no wheel of armwire", folder.display()))?;
+    ensure!(
+        plugins.len() == 2,
+        "{} has wheels of {} plugins instead of 2",
+        folder.display(),
+        plugins.len()
+    );
+    Ok((package, plugins))
 }
