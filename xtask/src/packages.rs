@@ -122,7 +122,11 @@ fn move_virtual_arms(folder: &Path) -> Result<()> {
 fn move_virtual_arm(folder: &Path, text: &str) -> Result<()> {
     println!("{PC}: a program and a virtual arm");
     let (crates, user) = (folder.join("crates"), folder.join("pc-user"));
-    readme::make_package(text, &user, &patch(&crates))?;
+    let packaged = |name: &str| crates.join(versioned(name)).display().to_string();
+    let text = text
+        .replace("armwire/protocol", &packaged("armwire"))
+        .replace("armwire/host", &packaged("armwire-host"));
+    readme::make_package(&text, &user, &patch(&crates))?;
     run(&mut in_folder("build --quiet", &user)?)?;
     let (arm, programs) = (folder.join("arm"), target_dir()?.join("debug"));
     let mut sim = Command::new(programs.join("armwire"));
