@@ -1,6 +1,6 @@
 """Figures of joints over time and of latencies, from telemetry or from files of `armwire monitor --csv`.
 
-It needs matplotlib: `pip install armwire[plot]`. As a program::
+It needs matplotlib: `pip install matplotlib`. As a program::
 
     armwire monitor /dev/ttyACM0 --csv --count 500 > motion.csv
     python -m armwire.plot motion.csv --save motion.png
