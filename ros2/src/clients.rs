@@ -92,7 +92,7 @@ impl<'a> Clients<'a> {
         let _ = writeln!(stderr(), "armwire-ros2: {}: {text}", self.arm.name);
     }
 
-    /// The next thing that a client asks for, of an arm with these joints. What cannot be done is refused.
+    /// The next request of a client, for an arm with these joints. An impossible one is refused.
     ///
     /// Goals come before requests to cancel them: a goal that is cancelled at once does not begin.
     pub(crate) fn next(&mut self, joints: &[Joint]) -> Option<Asked> {
