@@ -4,10 +4,10 @@
 //! those wait that use its state.
 
 use core::cell::RefCell;
-use core::marker::PhantomData;
 
-use cortex_m::register::{basepri, basepri_max};
-use embassy_stm32::interrupt::Priority;
+use crate::board::hal::interrupt::Priority;
+
+pub(crate) use crate::board::mask;
 
 /// The priority of the handlers of USB, the timer and CAN. Those of the UART and its DMA have a higher one.
 pub(crate) const DRIVERS: Priority = Priority::P1;
@@ -37,31 +37,5 @@ impl<T> Ceiling<T> {
     pub(crate) fn with<R>(&self, f: impl FnOnce(&mut T) -> R) -> R {
         let _masked = mask(self.priority);
         f(&mut self.state.borrow_mut())
-    }
-}
-
-/// Handlers wait until this is dropped. It must not be held across an `await`.
-#[must_use]
-pub(crate) struct Masked {
-    before: u8,
-    /// The mask is that of the current context.
-    not_send: PhantomData<*const ()>,
-}
-
-/// Makes the handlers of this priority and below wait.
-pub(crate) fn mask(priority: Priority) -> Masked {
-    let before = basepri::read();
-    // It does not lower the mask of a caller.
-    basepri_max::write(priority.into());
-    Masked {
-        before,
-        not_send: PhantomData,
-    }
-}
-
-impl Drop for Masked {
-    fn drop(&mut self) {
-        // SAFETY: masks are dropped in the reverse order, and this one protects nothing any more.
-        unsafe { basepri::write(self.before) };
     }
 }

@@ -18,6 +18,7 @@ mod fmt;
 mod action;
 mod adapter;
 mod board;
+#[cfg(feature = "can")]
 mod can;
 mod ceiling;
 mod fault;
@@ -87,6 +88,7 @@ async fn main(spawner: Spawner) {
         to_host.start(spawner, pipe::to_host(adapter, pipe, endpoints.to_host));
         from_host.start(spawner, pipe::from_host(adapter, pipe, endpoints.from_host));
     }
+    #[cfg(feature = "can")]
     Priority::Can.start(spawner, can::run(adapter, board.can));
     Priority::Background.start(spawner, action::run(adapter, store));
     Priority::Time.start(spawner, time::tick(adapter));

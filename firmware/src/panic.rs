@@ -8,8 +8,7 @@ use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 #[cfg(feature = "defmt")]
-use cortex_m::peripheral::SCB;
-
+use crate::board;
 use crate::restart;
 
 #[cfg_attr(not(feature = "defmt"), allow(unused_variables))]
@@ -27,7 +26,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 fn log(info: &PanicInfo<'_>) {
     static IS_LOGGING: AtomicBool = AtomicBool::new(false);
     if IS_LOGGING.swap(true, Ordering::Relaxed) {
-        SCB::sys_reset();
+        board::reset();
     }
     defmt::error!("{}", defmt::Display2Format(info));
 }

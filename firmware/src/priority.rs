@@ -10,6 +10,7 @@ pub(crate) enum Priority {
     /// The dispatch of work.
     Time,
     Background,
+    #[cfg(feature = "can")]
     Can,
     FromHost,
     /// Changes of the line to the arm.

@@ -19,6 +19,7 @@ pub(crate) enum Task {
     PortFromHost,
     ControlToHost,
     ControlFromHost,
+    #[cfg(feature = "can")]
     Can,
     Time,
     Action,

@@ -6,9 +6,8 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use armwire_bridge::Start;
 use armwire_bridge::start::{Cause, StartLog};
-use cortex_m::peripheral::SCB;
 
-use crate::board::ChipReset;
+use crate::board::{self, ChipReset};
 use crate::fmt;
 
 /// The boot loader must start instead of the firmware.
@@ -90,7 +89,7 @@ pub(crate) fn faulted() {
 /// Restarts the chip.
 pub(crate) fn restart() -> ! {
     fmt::flush();
-    SCB::sys_reset()
+    board::reset()
 }
 
 /// Starts the chip's boot loader after a reset, because it expects the chip's reset state.

@@ -12,11 +12,11 @@
 //! soon as the task is done. Handlers of a higher priority share atomics and critical sections with both, and do not
 //! call the bridge.
 
-use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 use embassy_sync::once_lock::OnceLock;
 
 use crate::adapter::Adapter;
 use crate::board::ServiceInterrupt;
+use crate::board::hal::interrupt::typelevel::{Handler, Interrupt};
 use crate::ceiling::SERVICE;
 use crate::progress::{Task, progress};
 use crate::usb::pipe::SharedEndpoint;

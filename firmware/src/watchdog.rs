@@ -1,11 +1,9 @@
-//! The independent watchdog: resets the chip when a task makes no [progress](crate::progress).
+//! The watchdog: resets the chip when a task makes no [progress](crate::progress).
 //!
 //! The watchdog is fed while no task is overdue. A separate task feeds it, which a task that never yields would block.
 //! It is fed only while the bridge reports that bytes move: a task might rest despite pending work.
 
 use armwire_bridge::start::StartLog;
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Timer;
 
 use crate::adapter::{Adapter, now};
@@ -20,13 +18,10 @@ const TIMEOUT_US: u32 = 2_000_000;
 /// Period of the checks.
 const ROUND_MS: u64 = 100;
 
-/// Starts the watchdog, which runs on an oscillator of its own: a wait for a clock that never starts ends in a reset.
-/// It can only be stopped by a reset. Call this once, and not before the boot loader, which does not feed it.
+/// Starts the watchdog. It can only be stopped by a reset. Call this once, and not before the boot loader, which does not
+/// feed it.
 pub(crate) fn start() -> Watchdog {
-    // SAFETY: no other code takes it.
-    let mut watchdog = IndependentWatchdog::new(unsafe { IWDG::steal() }, TIMEOUT_US);
-    watchdog.unleash();
-    watchdog
+    Watchdog::start(TIMEOUT_US)
 }
 
 /// Feeds the watchdog while all tasks make progress, and keeps the record of starts.

@@ -19,6 +19,10 @@
 //! | `TIMER`, `TIMER_HZ`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits with its input clock, for the clock |
 //! | `capture` | a timer that captures the crystal's divided clock, for [`crystal`] |
 //! | `enable_port()` | starts the clock of a port of pins |
+//! | `hal` | the chip's HAL |
+//! | `Board`, `Watchdog`, `Led` | the peripherals of the firmware |
+//! | `mask`, `Masked` | the mask of interrupt handlers up to a priority |
+//! | `reset()`, `serial_number()` | restarts the chip; the chip's unique id |
 //! | `UART`, `TX_PIN` | the UART's registers, and its TX pin with the alternate function |
 //! | `uart` | the chip-specific part of these registers, behind [`usart`] |
 //! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a received frame in the queue there |
@@ -26,34 +30,43 @@
 //! | `FlashError`, `is_supply_low()` | the error of a failed write, and true if the supply voltage was too low |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
+#[cfg(feature = "stm32")]
 mod can;
 mod crystal;
+#[cfg(feature = "stm32")]
 mod led;
+#[cfg(feature = "stm32")]
 mod memcpy;
+#[cfg(feature = "stm32")]
 mod oscillator;
+#[cfg(feature = "stm32")]
 mod pin;
+#[cfg(feature = "stm32")]
+mod stm32;
 #[cfg(feature = "board-stm32f405")]
 mod stm32f405;
 #[cfg(feature = "board-stm32g431")]
 mod stm32g431;
+#[cfg(feature = "stm32")]
 mod time;
+#[cfg(feature = "stm32")]
 pub(crate) mod usart;
+#[cfg(feature = "stm32")]
 mod usb_control;
 
 use armwire_boards::Board as Data;
-use embassy_stm32::dma::Channel;
-use embassy_stm32::mode::Blocking;
-use embassy_stm32::pac::common::{RW, Reg};
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::usart::UartRx;
-use embassy_stm32::wdg::IndependentWatchdog;
 
+#[cfg(feature = "stm32")]
 pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
+#[cfg(feature = "stm32")]
 pub(crate) use led::Led;
+#[cfg(feature = "stm32")]
+pub(crate) use stm32::*;
 #[cfg(feature = "board-stm32f405")]
 pub(crate) use stm32f405::*;
 #[cfg(feature = "board-stm32g431")]
 pub(crate) use stm32g431::*;
+#[cfg(feature = "stm32")]
 pub(crate) use time::{take_byte_alarm, transmit_at, wake_byte_interrupt_in};
 
 #[cfg(not(any(feature = "board-stm32f405", feature = "board-stm32g431")))]
@@ -75,23 +88,6 @@ const _: () = assert!(THIS.chip as u8 == CHIP as u8, "ARMWIRE_BOARD has another 
 /// The board's name.
 pub(crate) const NAME: &str = THIS.name;
 
-/// The peripherals that the board provides.
-pub(crate) struct Board {
-    /// The status LED.
-    pub(crate) led: Led,
-    /// The arm's UART, for its line coding. The TX pin is not given to the HAL, which would leave it floating while the
-    /// UART is disabled: see [`usart`].
-    pub(crate) uart: UartRx<'static, Blocking>,
-    /// The receive DMA.
-    pub(crate) rx_dma: Channel<'static>,
-    /// USB full speed.
-    pub(crate) usb: UsbDriver,
-    /// The CAN bus, not yet started.
-    pub(crate) can: Can,
-    /// The flash with the configuration.
-    pub(crate) flash: ConfigFlash,
-}
-
 /// The cause of a reset, by the chip's flags.
 #[derive(Clone, Copy)]
 pub(crate) enum ChipReset {
@@ -101,20 +97,4 @@ pub(crate) enum ChipReset {
     Watchdog,
     /// The firmware, the reset pin or a debugger.
     Other,
-}
-
-pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
-
-/// Enables clocks of peripherals in a register of RCC. Returns when they run.
-///
-/// An access within two cycles of the bus after the write may be lost (ES0182, "Delay after an RCC peripheral clock
-/// enabling"; RM0440, "Peripheral clock enable register"): the pin to the arm would be driven low. The read takes longer.
-fn enable_clocks<T: Copy>(register: Reg<T, RW>, enable: impl FnOnce(&mut T)) {
-    register.modify(enable);
-    register.read();
-}
-
-/// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
-pub(crate) fn serial_number() -> &'static str {
-    embassy_stm32::uid::uid_hex()
 }

@@ -2,13 +2,11 @@
 
 use core::sync::atomic::{AtomicU8, Ordering};
 
-use armwire_bridge::{Bridge, Duration, Instant, RxRing, RxWait, UartEvent};
-use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
+use armwire_bridge::{Bridge, Duration, Instant, LineCoding, RxRing, RxWait, UartEvent};
 
-use super::{BYTES, COUNTED, ERRORS, RING_OVERRUN, SIZE, byte_interrupt, tail, with_ring};
+use super::chip::{self, Dma, Transfer, tail};
+use super::{BYTES, ERRORS, RING_OVERRUN, with_ring};
 use crate::adapter::now;
-use crate::board::RX_REQUEST;
-use crate::board::usart;
 
 /// Number of bytes that are passed to the bridge at once.
 const CHUNK: usize = 64;
@@ -57,7 +55,7 @@ pub(crate) fn read(bridge: &mut Bridge) -> bool {
 pub(crate) fn wait(wait: RxWait) -> bool {
     with_ring(|ring| {
         ring.set(wait);
-        byte_interrupt::set(true);
+        chip::listen();
         ring.has_mark() || ring.is_overdue(tail())
     })
 }
@@ -94,7 +92,7 @@ fn load(to: &mut [u8], from: &[AtomicU8]) {
 
 /// The receive path: its start and stop, and the bytes in between.
 pub(super) struct Receiver {
-    /// Bytes that were in the ring when the stream was stopped.
+    /// Bytes that were in the ring when the DMA was stopped.
     rest: [u8; CHUNK],
     len: usize,
     /// The line was idle after them.
@@ -110,31 +108,17 @@ impl Receiver {
         }
     }
 
-    /// Configures the DMA stream and connects it to the UART.
+    /// Starts the DMA into the ring.
     ///
     /// Since [`stop`](Self::stop) the UART may hold a byte, which is lost when the next one is in, too. No call of the
     /// bridge may come in between.
-    pub(super) fn start<'a>(&mut self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
+    pub(super) fn start<'a>(&mut self, dma: &'a mut Dma, coding: LineCoding) -> Transfer<'a> {
         // Positions of before are invalid from here on.
         self.idle = with_ring(RxRing::restart);
-        let ring = core::ptr::slice_from_raw_parts_mut(BYTES.as_ptr().cast::<u8>().cast_mut(), SIZE);
-        let mut options = TransferOptions::default();
-        options.circular = true;
-        options.half_transfer_ir = true;
-        let transfer = critical_section::with(|cs| {
-            // The byte that the UART holds becomes the first in the ring, and its counted errors stay counted.
-            let counted = COUNTED.borrow(cs);
-            let held = counted.take().filter(|&(end, _)| end == tail());
-            counted.set(held.map(|(_, status)| (0, status)));
-            // SAFETY: the source is the UART's data register, whose stream this is; the target consists of static
-            // atomics.
-            unsafe { dma.read_raw(RX_REQUEST, usart::rx_data(), ring, options) }
-        });
-        usart::start_receiving();
-        transfer
+        chip::start(dma, coding)
     }
 
-    /// Passes the bytes that were kept when the stream was stopped to the bridge.
+    /// Passes the bytes that were kept when the DMA was stopped to the bridge.
     pub(super) fn pass_rest(&mut self, bridge: &mut Bridge) {
         let at = now();
         bridge.uart_received(&self.rest[..self.len], at);
@@ -143,15 +127,9 @@ impl Receiver {
         }
     }
 
-    /// Stops the stream and keeps the unread bytes. Call this right after [`read`].
-    pub(super) fn stop(&mut self, mut transfer: Transfer<'_>) {
-        // The interrupt handler leaves a byte in the data register to the DMA, which will not fetch it now.
-        critical_section::with(|_| {
-            byte_interrupt::set(false);
-            usart::stop_receiving();
-        });
-        transfer.request_pause();
-        while transfer.is_running() {}
+    /// Stops the DMA and keeps the unread bytes. Call this right after [`read`].
+    pub(super) fn stop(&mut self, transfer: Transfer<'_>) {
+        chip::stop(transfer);
         self.len = copy(&mut self.rest, tail());
     }
 }

@@ -4,12 +4,11 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use armwire_bridge::control::MAX_FRAME;
 use armwire_bridge::{Bridge, Instant, Transmit};
-use embassy_stm32::interrupt::typelevel::Handler;
 
 use super::change::CHANGE;
 use crate::adapter::now;
-use crate::board::usart;
-use crate::board::{TxInterrupt, transmit_at};
+use crate::board::hal::interrupt::typelevel::Handler;
+use crate::board::{TxInterrupt, transmit_at, usart};
 use crate::service;
 
 /// A burst is going out. The interrupt handlers clear it.
