@@ -6,7 +6,7 @@ use std::process::Command;
 use std::{env, fs};
 
 /// The names of the boards' features and memory files.
-const BOARDS: [&str; 2] = ["stm32f405", "stm32g431"];
+const BOARDS: [&str; 3] = ["rp2040", "stm32f405", "stm32g431"];
 
 /// Sources of the image, besides dependencies.
 const SOURCES: [&str; 6] = [
@@ -34,6 +34,10 @@ fn main() {
     println!("cargo:rustc-link-search={out}");
     println!("cargo:rustc-link-arg-bins=--nmagic");
     println!("cargo:rustc-link-arg-bins=-Tlink.x");
+    if board == "rp2040" {
+        // The second stage of its boot loader.
+        println!("cargo:rustc-link-arg-bins=-Tlink-rp.x");
+    }
     // Identical functions are kept once.
     println!("cargo:rustc-link-arg-bins=--icf=all");
     if env::var_os("CARGO_FEATURE_DEFMT").is_some() {

@@ -24,8 +24,8 @@ pub struct Board {
     pub crystal: u32,
     /// The status LED.
     pub led: Led,
-    /// The pins of the CAN controller, to and from a transceiver.
-    pub can: CanPins,
+    /// The pins of the CAN controller, to and from a transceiver; `None` for a chip without one.
+    pub can: Option<CanPins>,
 }
 
 /// A chip with its own image.
@@ -35,6 +35,8 @@ pub enum Chip {
     Stm32f405,
     /// STM32G431CB.
     Stm32g431,
+    /// RP2040.
+    Rp2040,
 }
 
 /// A LED at a pin.
@@ -55,11 +57,11 @@ pub struct CanPins {
     pub tx: Pin,
 }
 
-/// A pin of a chip: `Pin(Port::B, 8)` is PB8.
+/// A pin of a chip: `Pin(Port::B, 8)` is PB8, `Pin(Port::Gp, 25)` is GP25.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pin(pub Port, pub u8);
 
-/// A port of 16 pins.
+/// A port: 16 pins of an STM32, or all pins of an RP2040.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs)]
 pub enum Port {
@@ -67,14 +69,25 @@ pub enum Port {
     B,
     C,
     D,
+    Gp,
 }
 
 impl Chip {
-    /// The name of the chip, and of the board without further names that has it.
+    /// The name of the chip.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Stm32f405 => "stm32f405",
             Self::Stm32g431 => "stm32g431",
+            Self::Rp2040 => "rp2040",
+        }
+    }
+
+    /// The name of the board for which its image is built unless another is named.
+    pub const fn board(self) -> &'static str {
+        match self {
+            Self::Stm32f405 => "stm32f405",
+            Self::Stm32g431 => "stm32g431",
+            Self::Rp2040 => "pico",
         }
     }
 }
@@ -103,9 +116,12 @@ const fn is_equal(a: &[u8], b: &[u8]) -> bool {
 }
 
 impl core::fmt::Display for Pin {
-    /// `PB8`.
+    /// `PB8`, `GP25`.
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "P{:?}{}", self.0, self.1)
+        match self.0 {
+            Port::Gp => write!(f, "GP{}", self.1),
+            port => write!(f, "P{port:?}{}", self.1),
+        }
     }
 }
 

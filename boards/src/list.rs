@@ -1,7 +1,7 @@
 //! The list of boards. `docs/boards.md` has the source of each fact.
 
-use crate::Chip::{Stm32f405, Stm32g431};
-use crate::Port::{A, B, C, D};
+use crate::Chip::{Rp2040, Stm32f405, Stm32g431};
+use crate::Port::{A, B, C, D, Gp};
 use crate::{Board, CanPins, Led, Pin};
 
 /// All boards.
@@ -14,6 +14,7 @@ pub const BOARDS: &[Board] = &[
     OLIMEX_H405,
     BLACK_F407VE,
     F4_DISCOVERY,
+    PICO,
 ];
 
 /// PB8 and PB9, which most boards leave free.
@@ -33,7 +34,7 @@ const STM32F405: Board = Board {
         pin: Pin(B, 2),
         on: true,
     },
-    can: CAN,
+    can: Some(CAN),
 };
 
 /// A board without a name, with the pins of WeAct's.
@@ -47,7 +48,7 @@ const STM32G431: Board = Board {
         pin: Pin(C, 6),
         on: true,
     },
-    can: CAN,
+    can: Some(CAN),
 };
 
 const WEACT_F405: Board = Board {
@@ -105,9 +106,22 @@ const F4_DISCOVERY: Board = Board {
         pin: Pin(D, 12),
         on: true,
     },
-    can: CanPins {
+    can: Some(CanPins {
         rx: Pin(D, 0),
         tx: Pin(D, 1),
-    },
+    }),
     ..STM32F405
+};
+
+const PICO: Board = Board {
+    name: "pico",
+    title: "Raspberry Pi Pico, without CAN",
+    chip: Rp2040,
+    probe_rs: "RP2040",
+    crystal: 12,
+    led: Led {
+        pin: Pin(Gp, 25),
+        on: true,
+    },
+    can: None,
 };

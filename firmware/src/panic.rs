@@ -4,8 +4,9 @@
 //! `rust_begin_unwind`, or build with feature `defmt`.
 
 use core::panic::PanicInfo;
+
 #[cfg(feature = "defmt")]
-use core::sync::atomic::{AtomicBool, Ordering};
+use portable_atomic::{AtomicBool, Ordering};
 
 #[cfg(feature = "defmt")]
 use crate::board;

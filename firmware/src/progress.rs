@@ -4,7 +4,7 @@
 //! of a DMA transfer, are bounded. A task that is not at rest must come to rest, or report [`progress`] from time to
 //! time.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use portable_atomic::{AtomicU32, Ordering};
 
 /// Maximum number of rounds of the watchdog for a busy task. At 1200 baud a frame takes half a second.
 const MAX_ROUNDS: u32 = 12;

@@ -2,10 +2,9 @@
 //!
 //! This state is in memory that the start-up code does not clear.
 
-use core::sync::atomic::{AtomicU32, Ordering};
-
 use armwire_bridge::Start;
 use armwire_bridge::start::{Cause, StartLog};
+use portable_atomic::{AtomicU32, Ordering};
 
 use crate::board::{self, ChipReset};
 use crate::fmt;

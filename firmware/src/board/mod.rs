@@ -32,6 +32,7 @@
 
 #[cfg(feature = "stm32")]
 mod can;
+#[cfg(feature = "stm32")]
 mod crystal;
 #[cfg(feature = "stm32")]
 mod led;
@@ -39,6 +40,8 @@ mod led;
 mod memcpy;
 #[cfg(feature = "stm32")]
 mod oscillator;
+#[cfg(feature = "board-rp2040")]
+mod rp2040;
 #[cfg(feature = "stm32")]
 mod pin;
 #[cfg(feature = "stm32")]
@@ -58,6 +61,8 @@ use armwire_boards::Board as Data;
 
 #[cfg(feature = "stm32")]
 pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
+#[cfg(feature = "board-rp2040")]
+pub(crate) use rp2040::{uart as usart, *};
 #[cfg(feature = "stm32")]
 pub(crate) use led::Led;
 #[cfg(feature = "stm32")]
@@ -69,15 +74,18 @@ pub(crate) use stm32g431::*;
 #[cfg(feature = "stm32")]
 pub(crate) use time::{take_byte_alarm, transmit_at, wake_byte_interrupt_in};
 
-#[cfg(not(any(feature = "board-stm32f405", feature = "board-stm32g431")))]
-compile_error!("no board: enable `board-stm32f405` or `board-stm32g431`");
-#[cfg(all(feature = "board-stm32f405", feature = "board-stm32g431"))]
-compile_error!("two boards: `board-stm32g431` needs `--no-default-features`");
+#[cfg(not(any(feature = "board-rp2040", feature = "board-stm32f405", feature = "board-stm32g431")))]
+compile_error!("no board: enable `board-rp2040`, `board-stm32f405` or `board-stm32g431`");
+#[cfg(any(
+    all(feature = "board-stm32f405", feature = "board-stm32g431"),
+    all(feature = "board-rp2040", feature = "stm32")
+))]
+compile_error!("two boards: all but `board-stm32f405` need `--no-default-features`");
 
 /// This board's data.
 const THIS: &Data = match Data::find(match option_env!("ARMWIRE_BOARD") {
     Some(name) => name,
-    None => CHIP.name(),
+    None => CHIP.board(),
 }) {
     Some(board) => board,
     None => panic!("ARMWIRE_BOARD is no board of armwire-boards"),

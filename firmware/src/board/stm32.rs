@@ -2,6 +2,7 @@
 
 use core::marker::PhantomData;
 
+use armwire_boards::CanPins;
 use cortex_m::peripheral::SCB;
 use cortex_m::register::{basepri, basepri_max};
 use embassy_stm32::interrupt::Priority;
@@ -9,10 +10,13 @@ use embassy_stm32::pac::common::{RW, Reg};
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 
-use super::{Can, ConfigFlash, Led, UsbDriver};
+use super::{Can, ConfigFlash, Led, THIS, UsbDriver};
 use crate::uart::{Dma, Uart};
 
 pub(crate) use embassy_stm32 as hal;
+
+/// The pins of the CAN controller.
+pub(super) const CAN_PINS: CanPins = THIS.can.expect("pins of the CAN controller");
 
 /// The peripherals that the board provides.
 pub(crate) struct Board {

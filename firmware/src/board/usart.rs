@@ -135,6 +135,11 @@ pub(crate) fn is_half_duplex() -> bool {
     UART.cr3().read().hdsel()
 }
 
+/// Returns true if a burst ends after its DMA: on a single wire, with its last bit.
+pub(crate) fn sends_after_dma() -> bool {
+    is_half_duplex()
+}
+
 /// Switches the receiver on or off.
 pub(crate) fn set_receiver(on: bool) {
     critical_section::with(|_| UART.cr1().modify(|w| w.set_re(on)));

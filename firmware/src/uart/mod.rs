@@ -5,18 +5,23 @@
 
 mod change;
 mod receive;
+#[cfg(feature = "board-rp2040")]
+mod rp2040;
 #[cfg(feature = "stm32")]
 mod stm32;
 mod transmit;
 
 use core::cell::{Cell, RefCell};
-use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use armwire_bridge::{RxRing, UartErrors};
 use critical_section::Mutex;
+use portable_atomic::{AtomicBool, AtomicU8, Ordering};
 
+use crate::board::usart;
 use crate::service;
 
+#[cfg(feature = "board-rp2040")]
+use rp2040 as chip;
 #[cfg(feature = "stm32")]
 use stm32 as chip;
 
@@ -24,14 +29,20 @@ pub(crate) use change::change;
 #[cfg(feature = "stm32")]
 pub(crate) use chip::SleepHandler;
 pub(crate) use chip::{Dma, InterruptHandler, RingHandler, Uart};
+#[cfg(feature = "board-rp2040")]
+pub(crate) use chip::{IdleHandler, burst_ended, stalled_since};
 pub(crate) use receive::{read, wait};
 pub(crate) use transmit::{Sender, SentHandler};
 
 /// Size of the receive ring in bytes. Half of it may be unread: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
 
+/// The bytes of a ring. The DMA of the RP2040 wraps at an address that is a multiple of its size.
+#[cfg_attr(feature = "board-rp2040", repr(align(1024)))]
+struct Bytes([AtomicU8; SIZE]);
+
 /// The bytes of the receive ring, written by the DMA.
-static BYTES: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
+static BYTES: Bytes = Bytes([const { AtomicU8::new(0) }; SIZE]);
 /// The positions in it, and the events of the interrupt handlers.
 static RING: Mutex<RefCell<RxRing<SIZE>>> = Mutex::new(RefCell::new(RxRing::new()));
 /// Errors that were not reported to the bridge yet.
@@ -54,7 +65,15 @@ pub(crate) fn take_event() -> bool {
 
 /// The byte at a position in the ring.
 fn byte_at(position: usize) -> u8 {
-    BYTES[position % SIZE].load(Ordering::Relaxed)
+    BYTES.0[position % SIZE].load(Ordering::Relaxed)
+}
+
+/// The last bit of a burst was sent, or as much of it as the next burst waits for.
+#[cold]
+fn transmission_complete() {
+    usart::set_receiver(true);
+    usart::set_transmitted_interrupt(false);
+    transmit::sent();
 }
 
 /// Calls the ring. Interrupt handlers wait meanwhile.

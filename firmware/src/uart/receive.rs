@@ -1,8 +1,7 @@
 //! Reads of the receive ring, and the start and stop of the DMA that fills it.
 
-use core::sync::atomic::{AtomicU8, Ordering};
-
 use armwire_bridge::{Bridge, Duration, Instant, LineCoding, RxRing, RxWait, UartEvent};
+use portable_atomic::{AtomicU8, Ordering};
 
 use super::chip::{self, Dma, Transfer, tail};
 use super::{BYTES, ERRORS, RING_OVERRUN, with_ring};
@@ -55,7 +54,7 @@ pub(crate) fn read(bridge: &mut Bridge) -> bool {
 pub(crate) fn wait(wait: RxWait) -> bool {
     with_ring(|ring| {
         ring.set(wait);
-        chip::listen();
+        chip::listen(ring);
         ring.has_mark() || ring.is_overdue(tail())
     })
 }
@@ -78,8 +77,8 @@ fn copy(chunk: &mut [u8; CHUNK], end: usize) -> usize {
     // The bytes are copied outside of the critical section: the interrupt handler must not wait.
     let [first, second] = with_ring(|ring| ring.take(end, chunk.len()));
     let (sooner, later) = chunk.split_at_mut(first.len());
-    load(sooner, &BYTES[first.clone()]);
-    load(later, &BYTES[second.clone()]);
+    load(sooner, &BYTES.0[first.clone()]);
+    load(later, &BYTES.0[second.clone()]);
     first.len() + second.len()
 }
 

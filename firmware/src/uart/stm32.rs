@@ -15,16 +15,16 @@
 mod byte_interrupt;
 
 use core::cell::Cell;
-use core::sync::atomic::Ordering;
 
-use armwire_bridge::{Instant, LineCoding, Parity, StopBits};
+use armwire_bridge::{Instant, LineCoding, Parity, RxRing, StopBits};
 use critical_section::Mutex;
 use embassy_stm32::dma::{Channel, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::usart::{self as hal, UartRx};
+use portable_atomic::Ordering;
 
-use super::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, transmit, wake, with_ring};
+use super::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, transmission_complete, wake, with_ring};
 use crate::adapter::now;
 use crate::board::usart::{self, Status};
 use crate::board::{RX_REQUEST, RxInterrupt, UartInterrupt};
@@ -44,7 +44,7 @@ static COUNTED: Mutex<Cell<Option<(usize, Status)>>> = Mutex::new(Cell::new(None
 /// Configures the DMA stream and connects it to the UART.
 pub(super) fn start(dma: &mut Dma, coding: LineCoding) -> Transfer<'_> {
     byte_interrupt::set_coding(coding);
-    let ring = core::ptr::slice_from_raw_parts_mut(BYTES.as_ptr().cast::<u8>().cast_mut(), SIZE);
+    let ring = core::ptr::slice_from_raw_parts_mut(BYTES.0.as_ptr().cast::<u8>().cast_mut(), SIZE);
     let mut options = TransferOptions::default();
     options.circular = true;
     options.half_transfer_ir = true;
@@ -92,7 +92,7 @@ pub(super) fn configure(uart: &mut Uart, coding: LineCoding) {
 }
 
 /// Makes the interrupt handler look at each byte.
-pub(super) fn listen() {
+pub(super) fn listen(_: &RxRing<SIZE>) {
     byte_interrupt::set(true);
 }
 
@@ -173,14 +173,6 @@ fn wait_for_dma() -> bool {
     }
     cortex_m::asm::delay(COUNT_CYCLES);
     is_fetched
-}
-
-/// On a single wire: the last bit was sent.
-#[cold]
-fn transmission_complete() {
-    usart::set_receiver(true);
-    usart::set_transmitted_interrupt(false);
-    transmit::sent();
 }
 
 /// Counts the errors of a byte at this future position in the ring, but only once while the byte waits for the DMA.

@@ -1,9 +1,8 @@
 //! Bursts to the arm.
 
-use core::sync::atomic::{AtomicBool, Ordering};
-
 use armwire_bridge::control::MAX_FRAME;
 use armwire_bridge::{Bridge, Instant, Transmit};
+use portable_atomic::{AtomicBool, Ordering};
 
 use super::change::CHANGE;
 use crate::adapter::now;
@@ -118,9 +117,9 @@ impl Handler<TxInterrupt> for SentHandler {
     }
 }
 
-/// The DMA has written the last byte. On a single wire the UART's interrupt follows after the last bit.
+/// The DMA has written the last byte. If the UART sends more than that byte from here on, its interrupt follows.
 fn dma_ended() {
-    match usart::is_half_duplex() {
+    match usart::sends_after_dma() {
         true => usart::set_transmitted_interrupt(true),
         false => sent(),
     }

@@ -249,7 +249,7 @@ impl Handler for Requests {
 fn is_for_the_port(request: &Request) -> bool {
     request.request_type == RequestType::Class
         && request.recipient == Recipient::Interface
-        && request.index == PORT_INTERFACE.into()
+        && request.index == u16::from(PORT_INTERFACE)
 }
 
 fn is_for_the_adapter(request: &Request) -> bool {

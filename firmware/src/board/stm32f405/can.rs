@@ -12,7 +12,8 @@ use embassy_stm32::peripherals::CAN1;
 use embassy_stm32::{Peri, rcc};
 
 use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received};
-use super::super::{THIS, pin};
+use super::super::pin;
+use super::super::stm32::CAN_PINS;
 
 const CAN: pac::can::Can = pac::CAN1;
 
@@ -51,7 +52,7 @@ impl Controller {
     /// A controller that is not on the bus yet.
     pub(super) fn new(_controller: Peri<'static, CAN1>) -> Self {
         // SAFETY: no other peripheral has these pins of the board.
-        let pins = unsafe { [pin::take(THIS.can.rx), pin::take(THIS.can.tx)] };
+        let pins = unsafe { [pin::take(CAN_PINS.rx), pin::take(CAN_PINS.tx)] };
         let [mut rx, mut tx] = pins.map(Flex::new);
         // Without a transceiver the bus looks idle.
         rx.set_as_af_unchecked(ALTERNATE_FUNCTION, AfType::input(Pull::Up));

@@ -1,10 +1,9 @@
 //! The interrupt for each byte. It is off while no byte can be an event: between the length of a frame and its last
 //! bytes a timer waits instead.
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-
 use armwire_bridge::LineCoding;
 use embassy_stm32::interrupt::typelevel::Handler;
+use portable_atomic::{AtomicBool, AtomicU32, Ordering};
 
 use super::super::{byte_at, wake, with_ring};
 use super::tail;

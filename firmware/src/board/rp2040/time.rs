@@ -1,0 +1,158 @@
+//! The clock: embassy's time driver on the chip's 64-bit timer, which counts microseconds (4.6).
+//!
+//! The HAL's driver is not used: its alarm does not run the service. Further alarms start and end a burst, and detect an
+//! idle line.
+
+use core::sync::atomic::Ordering;
+use core::task::Waker;
+
+use armwire_bridge::Instant;
+use embassy_rp::interrupt::typelevel::{Handler, Interrupt, TIMER_IRQ_0, TIMER_IRQ_1};
+use embassy_rp::pac::TIMER;
+use embassy_time_driver::Driver;
+use embassy_time_queue_utils::Queue;
+use portable_atomic::AtomicBool;
+
+use super::{IdleInterrupt, uart};
+use crate::adapter::now;
+use crate::ceiling::{Ceiling, DRIVERS};
+use crate::service;
+use crate::uart::burst_ended;
+
+/// The alarms: the next timer, the start and end of a burst, and an idle line.
+const NEXT: usize = 0;
+const BURST: usize = 1;
+const IDLE: usize = 2;
+
+/// The longest time to an alarm, which compares 32 bits.
+const LONGEST: u64 = 1 << 31;
+
+struct Clock {
+    timers: Ceiling<Timers>,
+}
+
+struct Timers {
+    queue: Queue,
+    /// The time of the next alarm.
+    alarm: u64,
+}
+
+embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock {
+    timers: Ceiling::new(DRIVERS, Timers { queue: Queue::new(), alarm: u64::MAX }),
+});
+
+/// The burst waits for its start. If false, the alarm is that of its end.
+static IS_WAITING: AtomicBool = AtomicBool::new(false);
+
+/// Starts the alarms. The timer runs.
+pub(super) fn start() {
+    TIMER.inte().write(|w| {
+        for alarm in [NEXT, BURST, IDLE] {
+            w.set_alarm(alarm, true);
+        }
+    });
+    // SAFETY: the handler uses only initialised state.
+    unsafe { TIMER_IRQ_0::enable() };
+}
+
+/// Starts the transmit DMA at `at`, or at once if that has passed.
+///
+/// The interrupt handler starts it: no task would be as punctual.
+pub(crate) fn transmit_at(at: Instant) {
+    IS_WAITING.store(true, Ordering::Relaxed);
+    set_alarm::<TIMER_IRQ_1>(BURST, at.as_micros());
+}
+
+/// Looks for the end of a burst at `at`.
+pub(super) fn set_end_alarm(at: Instant) {
+    IS_WAITING.store(false, Ordering::Relaxed);
+    set_alarm::<TIMER_IRQ_1>(BURST, at.as_micros());
+}
+
+/// Looks for an idle line at `at`.
+pub(crate) fn set_idle_alarm(at: Instant) {
+    set_alarm::<IdleInterrupt>(IDLE, at.as_micros());
+}
+
+/// Clears the interrupt of the alarm for an idle line.
+pub(crate) fn clear_idle_alarm() {
+    TIMER.intr().write(|w| w.set_alarm(IDLE, true));
+}
+
+/// Sets an alarm. Its interrupt comes at once if the time has passed.
+fn set_alarm<I: Interrupt>(alarm: usize, at: u64) {
+    TIMER.alarm(alarm).write_value(at as u32);
+    // The counter may have passed it in between.
+    if CLOCK.now() >= at {
+        I::pend();
+    }
+}
+
+impl Driver for Clock {
+    fn now(&self) -> u64 {
+        loop {
+            let high = TIMER.timerawh().read();
+            let low = TIMER.timerawl().read();
+            if TIMER.timerawh().read() == high {
+                return u64::from(high) << 32 | u64::from(low);
+            }
+        }
+    }
+
+    fn schedule_wake(&self, at: u64, waker: &Waker) {
+        self.timers.with(|timers| {
+            let is_new = timers.queue.schedule_wake(at, waker);
+            // A timer that is due no sooner than the alarm is handled at the alarm.
+            if is_new && at < timers.alarm {
+                self.arm(timers);
+            }
+        });
+    }
+}
+
+impl Clock {
+    /// Wakes expired timers, and sets the alarm for the next one.
+    fn arm(&self, timers: &mut Timers) {
+        loop {
+            let now = self.now();
+            timers.alarm = timers.queue.next_expiration(now);
+            // A later timer is checked again then.
+            let at = timers.alarm.min(now + LONGEST);
+            TIMER.alarm(NEXT).write_value(at as u32);
+            // The counter may have passed it in between.
+            if self.now() < at {
+                return;
+            }
+        }
+    }
+}
+
+/// Wakes expired timers.
+pub(crate) struct TimerHandler;
+
+impl Handler<TIMER_IRQ_0> for TimerHandler {
+    unsafe fn on_interrupt() {
+        TIMER.intr().write(|w| w.set_alarm(NEXT, true));
+        // Usually the timeout of the bridge, and a poll is due.
+        service::pend();
+        CLOCK.timers.with(|timers| CLOCK.arm(timers));
+    }
+}
+
+/// Starts a burst, or ends it when its last byte has left the FIFO.
+pub(crate) struct BurstHandler;
+
+impl Handler<TIMER_IRQ_1> for BurstHandler {
+    unsafe fn on_interrupt() {
+        TIMER.intr().write(|w| w.set_alarm(BURST, true));
+        if IS_WAITING.load(Ordering::Relaxed) {
+            IS_WAITING.store(false, Ordering::Relaxed);
+            uart::set_transmit_requests(true);
+        } else if uart::is_waiting_for_end() {
+            match uart::has_burst_ended() {
+                true => burst_ended(),
+                false => set_end_alarm(now() + uart::line_time(1)),
+            }
+        }
+    }
+}
