@@ -6,19 +6,41 @@ use armwire_boards::{BOARDS, Chip};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 
+/// The target of the boards with an STM32.
+pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
+
 /// A board of the list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Board(&'static armwire_boards::Board);
 
+/// The format of the file that a boot loader takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Update {
+    Dfu,
+    Uf2,
+}
+
+impl Update {
+    pub(crate) const fn extension(self) -> &'static str {
+        match self {
+            Self::Dfu => "dfu",
+            Self::Uf2 => "uf2",
+        }
+    }
+}
+
 impl Board {
-    pub(crate) const STM32F405: Self = Self::named("stm32f405");
-    pub(crate) const STM32G431: Self = Self::named("stm32g431");
+    pub(crate) const STM32F405: Self = Self::of(Chip::Stm32f405);
+    pub(crate) const STM32G431: Self = Self::of(Chip::Stm32g431);
+    pub(crate) const PICO: Self = Self::of(Chip::Rp2040);
 
     /// One board for each chip.
-    pub(crate) const CHIPS: [Self; 2] = [Self::STM32F405, Self::STM32G431];
+    pub(crate) const CHIPS: [Self; 3] = [Self::STM32F405, Self::STM32G431, Self::PICO];
+    /// One board for each chip of the virtual board.
+    pub(crate) const VIRTUAL: [Self; 2] = [Self::STM32F405, Self::STM32G431];
 
-    const fn named(name: &str) -> Self {
-        Self(armwire_boards::Board::find(name).expect("a board of the list"))
+    const fn of(chip: Chip) -> Self {
+        Self(armwire_boards::Board::find(chip.board()).expect("a board of the list"))
     }
 
     /// All boards.
@@ -36,11 +58,36 @@ impl Board {
         format!("board-{}", self.0.chip.name())
     }
 
+    /// The compiler's target.
+    pub(crate) const fn target(self) -> &'static str {
+        match self.0.chip {
+            Chip::Stm32f405 | Chip::Stm32g431 => TARGET,
+            Chip::Rp2040 => "thumbv6m-none-eabi",
+        }
+    }
+
+    /// The file that the chip's boot loader takes.
+    pub(crate) const fn update(self) -> Update {
+        match self.0.chip {
+            Chip::Stm32f405 | Chip::Stm32g431 => Update::Dfu,
+            Chip::Rp2040 => Update::Uf2,
+        }
+    }
+
+    /// Address of the vector table: the start of flash, behind the second stage of the RP2040's boot loader.
+    pub(crate) const fn vectors(self) -> u32 {
+        match self.0.chip {
+            Chip::Stm32f405 | Chip::Stm32g431 => 0x0800_0000,
+            Chip::Rp2040 => 0x1000_0100,
+        }
+    }
+
     /// End of the RAM with the stack, which grows down.
     pub(crate) const fn stack_top(self) -> u32 {
         match self.0.chip {
             Chip::Stm32f405 => 0x2000_0000 + 128 * 1024,
             Chip::Stm32g431 => 0x2000_0000 + 32 * 1024,
+            Chip::Rp2040 => 0x2000_0000 + 256 * 1024,
         }
     }
 

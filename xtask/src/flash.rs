@@ -66,7 +66,7 @@ pub(crate) fn run_program(runner: &Runner) -> Result<()> {
 }
 
 fn board_of(program: &Program) -> Result<Board> {
-    let starts = |board: &Board| program.check_vectors(board.stack_top()).is_ok();
+    let starts = |board: &Board| program.check_vectors(board.vectors(), board.stack_top()).is_ok();
     let board = Board::CHIPS.into_iter().find(starts);
     board.context("the program's vector table fits no board")
 }
@@ -94,11 +94,11 @@ mod tests {
     use super::*;
     use crate::program::Segment;
 
-    fn program(stack_top: u32) -> Program {
-        let words = [stack_top, 0x0800_0009, 0];
+    fn program(vectors: u32, stack_top: u32) -> Program {
+        let words = [stack_top, vectors + 9, 0];
         Program {
             segments: vec![Segment {
-                address: 0x0800_0000,
+                address: vectors,
                 bytes: words.iter().flat_map(|word| word.to_le_bytes()).collect(),
             }],
             flash_end: None,
@@ -109,8 +109,8 @@ mod tests {
     #[test]
     fn stack_identifies_the_board() {
         for board in Board::CHIPS {
-            assert_eq!(board_of(&program(board.stack_top())).unwrap(), board);
+            assert_eq!(board_of(&program(board.vectors(), board.stack_top())).unwrap(), board);
         }
-        assert!(board_of(&program(0x2000_4000)).is_err());
+        assert!(board_of(&program(0x0800_0000, 0x2000_4000)).is_err());
     }
 }

@@ -8,15 +8,13 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::board::Board;
+use crate::board::{Board, Update};
 use crate::cargo::target_dir;
 use crate::dfu;
 use crate::process::run;
 use crate::program::Program;
 use crate::toolchain::cargo_for;
-
-/// The image's target, the same for all boards.
-pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
+use crate::uf2;
 
 /// Flash that every image leaves for the next versions, in bytes.
 const MIN_FLASH_LEFT: u64 = 2 * 1024;
@@ -61,11 +59,13 @@ impl Options {
 }
 
 /// A firmware image. Beside the ELF file are two files of the same name: `.bin` is the flash from its start to the image's
-/// end, `.dfu` leaves unused sectors unchanged.
+/// end, that [for the boot loader](Board::update) leaves unused sectors unchanged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Image {
     /// The ELF file.
     pub(crate) path: PathBuf,
+    /// The extension of the file for the boot loader.
+    update: Update,
     /// Flash usage in bytes.
     flash: u64,
     /// Unused flash in bytes.
@@ -99,8 +99,9 @@ impl fmt::Display for Image {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} (and .bin, .dfu): {} bytes of flash, {} left, {} bytes of RAM and the stack",
+            "{} (and .bin, .{}): {} bytes of flash, {} left, {} bytes of RAM and the stack",
             self.path.display(),
+            self.update.extension(),
             self.flash,
             self.flash_left,
             self.ram
@@ -129,7 +130,8 @@ pub(crate) fn for_virtual_board() -> Result<PathBuf> {
 pub(crate) fn build(options: Options) -> Result<Image> {
     let board = options.board.name();
     println!("building the firmware image for {board}, one or two minutes the first time");
-    let mut build = cargo_for(TARGET, "build --package armwire-firmware --profile firmware")?;
+    let target = options.board.target();
+    let mut build = cargo_for(target, "build --package armwire-firmware --profile firmware")?;
     build.args(["--no-default-features", "--features", &options.features()]);
     build.env("ARMWIRE_BOARD", board);
     if options.defmt {
@@ -138,10 +140,10 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     }
     run(&mut build)?;
 
-    let built = target_dir()?.join(TARGET).join("firmware/armwire-firmware");
+    let built = target_dir()?.join(target).join("firmware/armwire-firmware");
     let elf = fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
     let program = Program::parse(&elf)?;
-    program.check_vectors(options.board.stack_top())?;
+    program.check_vectors(options.board.vectors(), options.board.stack_top())?;
     let path = target_dir()?.join(options.name() + ".elf");
     let write = |extension, bytes: &[u8]| {
         let path = path.with_extension(extension);
@@ -149,9 +151,17 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     };
     write("elf", &elf)?;
     write("bin", &program.bin())?;
-    write("dfu", &dfu::file(board, &program.segments))?;
+    let update = options.board.update();
+    write(
+        update.extension(),
+        &match update {
+            Update::Dfu => dfu::file(board, &program.segments),
+            Update::Uf2 => uf2::file(&program.segments),
+        },
+    )?;
     let image = Image {
         path,
+        update,
         flash: program.flash(),
         flash_left: program.flash_left()?,
         ram: program.ram,
@@ -172,12 +182,16 @@ mod tests {
         let options = Options::all(Board::STM32G431);
         assert_eq!(options.features(), "board-stm32g431,defmt");
         assert_eq!(options.name(), "armwire-stm32g431-defmt");
+        let options = Options::of(Board::PICO);
+        assert_eq!(options.features(), "board-rp2040");
+        assert_eq!(options.name(), "armwire-pico");
     }
 
     #[test]
     fn oversized_image_is_refused() {
         let image = |flash_left, ram| Image {
             path: "image.elf".into(),
+            update: Update::Dfu,
             flash: 0,
             flash_left,
             ram,

@@ -36,6 +36,7 @@ mod soak;
 mod steps;
 mod targets;
 mod toolchain;
+mod uf2;
 mod vendor;
 mod venv;
 mod web;
@@ -54,7 +55,7 @@ use clap::Parser;
 enum Command {
     /// Run the firmware image on the virtual board, with an arm
     Demo(demo::Options),
-    /// Build the firmware image as .elf, .bin and .dfu, and flash it
+    /// Build the firmware image, also for boot loaders, and flash it
     Fw(flash::FwOptions),
     /// Flash a program and print its log: the runner of `cargo run`
     #[command(hide = true)]

@@ -4,8 +4,8 @@ use std::process::Command;
 
 use anyhow::{Result, bail};
 
+use crate::board::TARGET;
 use crate::cargo::target_dir;
-use crate::image::TARGET;
 use crate::parallel::for_each;
 use crate::process::output;
 use crate::toolchain::cargo_for;

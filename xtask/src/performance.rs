@@ -5,9 +5,9 @@ use std::fs;
 use anyhow::Result;
 use clap::Args;
 
-use crate::board::Board;
+use crate::board::{Board, TARGET};
 use crate::cargo::{cargo, target_dir};
-use crate::image::{self, TARGET};
+use crate::image;
 use crate::process;
 use crate::toolchain::cargo_for;
 use crate::workspace::root;
@@ -35,7 +35,7 @@ const PROGRAMS: [(&str, &str, &str); 5] = [
 ///
 /// If something does not build, the program fails, or a limit is exceeded.
 pub(crate) fn run(options: &Options) -> Result<()> {
-    for board in Board::CHIPS {
+    for board in Board::VIRTUAL {
         image::build(image::Options::of(board))?;
     }
     programs()?;

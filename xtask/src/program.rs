@@ -8,9 +8,6 @@ use object::read::elf::{FileHeader, ProgramHeader, Sym};
 /// Start of RAM on every Cortex-M.
 const RAM: u32 = 0x2000_0000;
 
-/// Address of the vector table on every board: the start of flash.
-const VECTORS: u32 = 0x0800_0000;
-
 /// The symbol at the end of the program's part of the flash, in the memory files of the boards.
 const FLASH_END: &[u8] = b"_flash_end";
 
@@ -81,20 +78,21 @@ impl Program {
         })
     }
 
-    /// Checks that the chip starts this program: its flash begins with a vector table with the stack at `stack_top` and a
-    /// reset handler in flash.
+    /// Checks that the chip starts this program: its first segment has a vector table at `vectors`, with the stack at
+    /// `stack_top` and a reset handler in flash.
     ///
     /// # Errors
     ///
     /// The first difference, for example because the program was linked for another board.
-    pub(crate) fn check_vectors(&self, stack_top: u32) -> Result<()> {
+    pub(crate) fn check_vectors(&self, vectors: u32, stack_top: u32) -> Result<()> {
         let first = &self.segments[0];
-        let word = |nth: usize| {
-            let bytes = first.bytes.get(4 * nth..)?.first_chunk()?;
+        let word = |nth: u32| {
+            let offset = (vectors + 4 * nth).checked_sub(first.address)?;
+            let bytes = first.bytes.get(offset as usize..)?.first_chunk()?;
             Some(u32::from_le_bytes(*bytes))
         };
-        let (Some(stack), Some(reset), VECTORS) = (word(0), word(1), first.address) else {
-            bail!("no vector table at {VECTORS:#x}");
+        let (Some(stack), Some(reset)) = (word(0), word(1)) else {
+            bail!("no vector table at {vectors:#x}");
         };
         ensure!(
             stack == stack_top,
@@ -121,7 +119,7 @@ impl Program {
     ///
     /// If the program's memory file does not tell the end of its flash, or the program exceeds it.
     pub(crate) fn flash_left(&self) -> Result<u64> {
-        let end = self.segments.last().map_or(VECTORS, Segment::end);
+        let end = self.segments.last().map_or(0, Segment::end);
         let flash_end = self.flash_end.context("the program has no symbol _flash_end")?;
         let left = flash_end.checked_sub(end).context("the program exceeds its flash")?;
         Ok(left.into())
@@ -228,13 +226,14 @@ mod tests {
 
     #[test]
     fn program_for_another_board_is_refused() {
+        const VECTORS: u32 = 0x0800_0000;
         let program = |address, words: [u32; 3]| Program {
             segments: vec![segment(address, &words.map(u32::to_le_bytes).concat())],
             flash_end: None,
             ram: 0,
         };
         let good = [0x2000_5800, VECTORS + 9, 0];
-        assert!(program(VECTORS, good).check_vectors(0x2000_5800).is_ok());
+        assert!(program(VECTORS, good).check_vectors(VECTORS, 0x2000_5800).is_ok());
         for (program, stack_top, error) in [
             (
                 program(VECTORS, good),
@@ -257,7 +256,7 @@ mod tests {
                 "the reset handler is at 0x800000d,",
             ),
         ] {
-            let refused = program.check_vectors(stack_top).unwrap_err().to_string();
+            let refused = program.check_vectors(VECTORS, stack_top).unwrap_err().to_string();
             assert!(refused.starts_with(error), "{refused}");
         }
     }

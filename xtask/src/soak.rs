@@ -76,7 +76,7 @@ impl Part {
 }
 
 fn endurance() -> Result<()> {
-    for board in Board::CHIPS {
+    for board in Board::VIRTUAL {
         let image = image::build(image::Options::of(board))?.path;
         let tests = [
             "image busy -- --nocapture",

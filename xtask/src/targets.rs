@@ -2,9 +2,9 @@
 
 use anyhow::Result;
 
-use crate::board::Board;
+use crate::board::{Board, TARGET};
 use crate::cargo::cargo;
-use crate::image::{Options, TARGET};
+use crate::image::Options;
 use crate::process;
 use crate::toolchain::{cargo_for, has_target};
 
@@ -44,7 +44,7 @@ fn microcontrollers() -> Result<()> {
     for board in Board::CHIPS {
         let features = Options::all(board).features();
         let select = format!("--package armwire-firmware --no-default-features --features={features}");
-        lint(&select, TARGET)?;
+        lint(&select, board.target())?;
     }
     lint(LINK_TEST, TARGET)?;
     lint(COUNTED, TARGET)

@@ -40,10 +40,10 @@ mod led;
 mod memcpy;
 #[cfg(feature = "stm32")]
 mod oscillator;
-#[cfg(feature = "board-rp2040")]
-mod rp2040;
 #[cfg(feature = "stm32")]
 mod pin;
+#[cfg(feature = "board-rp2040")]
+mod rp2040;
 #[cfg(feature = "stm32")]
 mod stm32;
 #[cfg(feature = "board-stm32f405")]
@@ -61,10 +61,10 @@ use armwire_boards::Board as Data;
 
 #[cfg(feature = "stm32")]
 pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
-#[cfg(feature = "board-rp2040")]
-pub(crate) use rp2040::{uart as usart, *};
 #[cfg(feature = "stm32")]
 pub(crate) use led::Led;
+#[cfg(feature = "board-rp2040")]
+pub(crate) use rp2040::{uart as usart, *};
 #[cfg(feature = "stm32")]
 pub(crate) use stm32::*;
 #[cfg(feature = "board-stm32f405")]

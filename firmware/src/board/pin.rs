@@ -16,6 +16,8 @@ pub(super) const fn registers(Pin(port, number): Pin) -> (Gpio, usize) {
         Port::B => pac::GPIOB,
         Port::C => pac::GPIOC,
         Port::D => pac::GPIOD,
+        // The list has no such pin for an STM32.
+        Port::Gp => unreachable!(),
     };
     (registers, number as usize)
 }

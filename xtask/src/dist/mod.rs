@@ -10,11 +10,10 @@ use std::process::Command;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
-use crate::board::Board;
+use crate::board::{self, Board};
 use crate::c_library::{HEADER, TARGETS, library_command};
 use crate::cargo::{cargo, target_dir, tool};
 use crate::files::empty_folder;
-use crate::image;
 use crate::process::{output, run, run_to};
 use crate::toolchain::{cargo_for, rustc, rustc_property};
 use crate::workspace::root;
@@ -125,7 +124,7 @@ impl Release {
     fn add_images(&self) -> Result<()> {
         for board in Board::all() {
             self.xtask(&["fw", "--board", board.name()])?;
-            for extension in ["elf", "bin", "dfu"] {
+            for extension in ["elf", "bin", board.update().extension()] {
                 let file = format!("armwire-{}.{extension}", board.name());
                 copy(
                     &self.build_dir().join(&file),
@@ -248,7 +247,7 @@ impl Release {
     fn programs(&self) -> [(&'static str, &'static str, String); 4] {
         let target = |target: &str| format!("--target {target}");
         // The other board is a default feature.
-        let firmware = format!("{} --features board-stm32g431", target(image::TARGET));
+        let firmware = format!("{} --features board-stm32g431", target(board::TARGET));
         [
             ("armwire", "cli", target(&self.host)),
             ("firmware", "firmware", firmware),
