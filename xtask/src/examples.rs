@@ -44,16 +44,24 @@ pub(crate) fn check() -> Result<()> {
 
 /// Runs the RP2040's image on an emulated chip, with `armwire sim` on its UART.
 fn emulate(image: &Path) -> Result<()> {
-    apt::require(&NODE)?;
-    let emulator = folder(EMULATOR);
-    run(Command::new("npm")
-        .args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"])
-        .current_dir(&emulator))?;
+    install_emulator()?;
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     let armwire = target_dir()?.join("debug/armwire");
     run(Command::new("node")
         .args([Path::new("run.mjs"), &armwire, image])
-        .current_dir(&emulator))
+        .current_dir(folder(EMULATOR)))
+}
+
+/// Installs the emulator by its lock file.
+///
+/// # Errors
+///
+/// If Node.js is missing and cannot be installed, or the registry does not answer.
+pub(crate) fn install_emulator() -> Result<()> {
+    apt::require(&NODE)?;
+    run(Command::new("npm")
+        .args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"])
+        .current_dir(folder(EMULATOR)))
 }
 
 fn folder(name: &str) -> PathBuf {

@@ -25,6 +25,7 @@ mod no_panic;
 mod packages;
 mod parallel;
 mod performance;
+mod pico;
 mod process;
 mod program;
 mod python;
@@ -88,6 +89,8 @@ enum Command {
     Targets,
     /// Build the examples, and run the RP2040's on an emulated chip
     Examples,
+    /// Run the Pico's image on an emulated chip, with a virtual arm
+    Pico,
     /// Build the page in web/, and test it in headless Chromium
     Web(web::Options),
     /// Test and use the crates to publish from their .crate files
@@ -139,6 +142,7 @@ impl Command {
             Self::Features => features::each(),
             Self::Targets => targets::check(),
             Self::Examples => examples::check(),
+            Self::Pico => pico::test(),
             Self::Web(options) => web::run_all(&options),
             Self::Packages => packages::check(packages::Tests::Run),
             Self::Ros2 => ros2::check(),

@@ -3,13 +3,11 @@
 // ARMWIRE is the armwire command, ELF the example's image. The arm is identified, moved, followed, unplugged and plugged in
 // again. At the end each side must have received all bytes of the other.
 import assert from 'node:assert/strict';
-import { spawn } from 'node:child_process';
-import { once } from 'node:events';
 import fs from 'node:fs';
 import os from 'node:os';
 import path from 'node:path';
-import readline from 'node:readline';
 import { setTimeout as sleep } from 'node:timers/promises';
+import { Arm } from './arm.mjs';
 import { Chip } from './chip.mjs';
 
 const [armwire, elf] = process.argv.slice(2);
@@ -18,42 +16,6 @@ const SLICE_NANOS = 200_000;
 const PACE = 4;
 const UNPLUGGED_NANOS = 500_000_000;
 const TIMEOUT_MS = 60_000;
-
-// The virtual arm on a pty.
-class Arm {
-  static async start(link) {
-    const arm = new Arm();
-    arm.process = spawn(armwire, ['sim', 'ling', '--pty', link], { stdio: ['ignore', 'pipe', 'inherit'] });
-    arm.lines = readline.createInterface({ input: arm.process.stdout })[Symbol.asyncIterator]();
-    // The first line of output shows that the pty is ready.
-    assert.ok(!(await arm.lines.next()).done, 'the virtual arm does not start');
-    arm.port = fs.openSync(link, fs.constants.O_RDWR | fs.constants.O_NOCTTY | fs.constants.O_NONBLOCK);
-    return arm;
-  }
-
-  write(bytes) {
-    assert.equal(fs.writeSync(this.port, bytes), bytes.length, 'the pty is full');
-  }
-
-  read() {
-    const buffer = Buffer.alloc(4096);
-    try {
-      return buffer.subarray(0, fs.readSync(this.port, buffer));
-    } catch (error) {
-      if (error.code === 'EAGAIN') return buffer.subarray(0, 0);
-      throw error;
-    }
-  }
-
-  // Ends the arm, and returns its counts of received and sent bytes.
-  async end() {
-    this.process.kill('SIGINT');
-    const { value } = await this.lines.next();
-    const counts = /^(\d+) bytes in, (\d+) out, 0 not read; .* 0 unknown frames, 0 noise bytes/.exec(value);
-    assert.ok(counts, `the arm ends with: ${value}`);
-    return { received: Number(counts[1]), sent: Number(counts[2]) };
-  }
-}
 
 // Expected log lines, in this order. Joint positions may appear between `moving` and `arrived`.
 const EXPECTED = [
@@ -74,7 +36,7 @@ const UNPLUG_AFTER = 8;
 const WRIST_GOAL = 2048 + 341;
 
 const folder = fs.mkdtempSync(path.join(os.tmpdir(), 'armwire-rp2040-'));
-const arm = await Arm.start(path.join(folder, 'arm'));
+const arm = await Arm.start(armwire, path.join(folder, 'arm'));
 try {
   await play(new Chip(fs.readFileSync(elf)), arm);
 } finally {
