@@ -7,6 +7,9 @@ import { Line, Serial, enumerate, start } from './session.mjs';
 // Requests of the Ling arm: its kind and versions, and its joints.
 const READ_INFO = [0xaa, 0x01, 0x00, 0x01, 0xfe, 0x23, 0xff];
 const READ_JOINTS = [0xaa, 0x06, 0x00, 0x01, 0xfe, 0x9a, 0xff];
+// All joints to their centres, the gripper half open; and the torque off.
+const MOVE = [0xaa, 0x06, 0x03, 0x1c, ...Array(6).fill([0x00, 0x08, 0xe8, 0x03]).flat(), 0xf4, 0x01, 0xe8, 0x03, 0x6a, 0xff];
+const TORQUE_OFF = [0xaa, 0x05, 0x00, 0x01, 0x00, 0x6f, 0xff];
 const SERIAL_NUMBER = 'E6616408431A2B3C';
 
 // Kinds of replies.
@@ -94,6 +97,23 @@ test('polls start at their slots and answers are stamped', async () => {
   }
 });
 
+test('silent host ends with torque off', () => {
+  const pico = start();
+  const { control: port } = enumerate(pico);
+  // The last byte of the configuration: switch the torque off.
+  port.request(control.setConfig([...configOf(port).slice(0, -1), 1]));
+  const serial = new Serial(pico);
+  const sent = [];
+  pico.arm.onByte = (byte) => sent.push(byte);
+  for (let n = 0; n < 20; n++) {
+    serial.write(MOVE);
+    pico.runFor(20);
+  }
+  assert.equal(sent.length, serial.sent);
+  pico.runFor(1_500);
+  assert.deepEqual(sent.slice(serial.sent), TORQUE_OFF);
+});
+
 test('saved configuration survives a power cut', () => {
   const pico = start();
   const { control: port } = enumerate(pico);
@@ -137,6 +157,32 @@ test('power cut during a save keeps one of both', () => {
 });
 
 class PowerCut extends Error {}
+
+test('host abandons requests and begins others', () => {
+  const pico = start();
+  const { config, control: port } = enumerate(pico);
+  const { usb } = pico;
+  for (let n = 0; n < 10; n++) {
+    // After the SETUP packet, after a packet of the answer, and before the data of the host.
+    usb.abandon(0x80, 6, 0x200, 0, 255, n);
+    usb.abandon(0x21, 0x20, 0, 0, 7, n);
+    assert.deepEqual(usb.requestIn(0x80, 6, 0x200, 0, 255), config);
+  }
+  port.request(control.IDENTIFY);
+});
+
+test('host clears a halt and repeats the configuration', () => {
+  const pico = start();
+  const { control: port } = enumerate(pico);
+  const { usb } = pico;
+  for (let n = 0; n < 4; n++) {
+    port.request(control.IDENTIFY);
+    for (const address of [0x83, 0x02]) assert.ok(usb.clearHalt(address));
+    port.request(control.IDENTIFY);
+    port.request(control.IDENTIFY);
+    assert.ok(usb.setConfiguration());
+  }
+});
 
 test('host restarts the adapter', () => {
   const pico = start();

@@ -90,6 +90,29 @@ export class Usb {
     return this.#await(() => this.#in(0)) !== 'stalled';
   }
 
+  // Begins a request and leaves it after this many polls of its first stage.
+  abandon(type, request, value, index, length, polls) {
+    this.#setup(type, request, value, index, length);
+    for (let n = 0; n < polls; n++) {
+      this.#chip.step();
+      if ((type & 0x80) !== 0) this.#in(0);
+    }
+  }
+
+  // Clears the halt of an endpoint, whose toggle begins again.
+  clearHalt(address) {
+    const isDone = this.requestOut(0x02, 1, 0, address);
+    this.#toggles.set(address, 0);
+    return isDone;
+  }
+
+  // Sets the configuration again: all toggles begin again.
+  setConfiguration() {
+    const isDone = this.requestOut(0, 9, 1, 0);
+    for (const address of this.#toggles.keys()) this.#toggles.set(address, 0);
+    return isDone;
+  }
+
   #setup(type, request, value, index, length) {
     const packet = [type, request, value & 0xff, value >> 8, index & 0xff, index >> 8, length & 0xff, length >> 8];
     this.#toggles.set(0x80, DATA1);

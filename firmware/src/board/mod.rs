@@ -54,7 +54,6 @@ mod stm32g431;
 mod time;
 #[cfg(feature = "stm32")]
 pub(crate) mod usart;
-#[cfg(feature = "stm32")]
 mod usb_control;
 
 use armwire_boards::Board as Data;

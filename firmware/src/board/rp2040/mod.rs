@@ -8,7 +8,7 @@ mod flash;
 mod mask;
 mod time;
 pub(crate) mod uart;
-mod usb;
+pub(super) mod usb;
 
 use armwire_boards::Chip;
 use embassy_rp::bind_interrupts;
@@ -16,7 +16,7 @@ use embassy_rp::gpio::{AnyPin, Level, Output};
 use embassy_rp::interrupt::{Interrupt, InterruptExt};
 use embassy_rp::pac;
 use embassy_rp::peripherals::{USB, WATCHDOG};
-use embassy_rp::usb::InterruptHandler as UsbHandler;
+use embassy_rp::usb::{Driver, InterruptHandler as UsbHandler};
 use embassy_time::Duration;
 
 use super::{ChipReset, THIS};
@@ -38,7 +38,8 @@ pub(super) const CHIP: Chip = Chip::Rp2040;
 pub(crate) const CAN_FD: bool = false;
 
 bind_interrupts!(struct Irqs {
-    USBCTRL_IRQ => UsbHandler<USB>;
+    // Ahead of the HAL's handler, which disables the interrupts that it has seen.
+    USBCTRL_IRQ => usb::SetupHandler, UsbHandler<USB>;
     TIMER_IRQ_0 => TimerHandler;
     TIMER_IRQ_1 => BurstHandler;
     TIMER_IRQ_2 => IdleHandler;
@@ -120,7 +121,7 @@ pub(crate) fn init(_: &mut Watchdog) -> Board {
         led: Led::new(),
         uart: Uart,
         rx_dma: Dma,
-        usb: UsbDriver::new(p.USB, Irqs),
+        usb: UsbDriver(Driver::new(p.USB, Irqs)),
         flash,
     }
 }

@@ -1,12 +1,72 @@
-//! The driver of the USB peripheral, and the withdrawal of packets from its endpoints.
+//! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION.
+//! [`usb_control`](super::super::usb_control) handles hosts that abandon a request.
 
+use core::future::Future;
+use core::pin::pin;
+use core::task::{Context, Poll};
+
+use embassy_rp::interrupt::typelevel::{Handler, USBCTRL_IRQ};
+use embassy_rp::pac::usb_dpram::regs::EpBufferControl;
 use embassy_rp::pac::{USB, USB_DPRAM};
 use embassy_rp::{peripherals, usb};
+use embassy_usb::driver::{
+    self, ControlPipe as _, Direction, EndpointAddress, EndpointAllocError, EndpointError, EndpointType, Event,
+    Unsupported,
+};
 
-pub(crate) type UsbDriver = usb::Driver<'static, peripherals::USB>;
+use super::super::usb_control::{ControlPipe, wake_if_over};
+
+/// The HAL's driver and its parts.
+type Hal = usb::Driver<'static, peripherals::USB>;
+type HalBus = <Hal as driver::Driver<'static>>::Bus;
+pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
 
 /// Number of endpoints in each direction.
 const ENDPOINTS: usize = 16;
+
+/// Cycles between the content of a buffer's control and AVAILABLE, which the controller reads with another clock (4.1.2.5.1).
+const SETTLE_CYCLES: u32 = 12;
+
+/// Wakes the task that waits for a stage of a request that the host has ended. It runs ahead of the HAL's handler.
+pub(super) struct SetupHandler;
+
+impl Handler<USBCTRL_IRQ> for SetupHandler {
+    unsafe fn on_interrupt() {
+        wake_if_over();
+    }
+}
+
+/// Returns true if the host has ended the current request: by another request or a bus reset.
+pub(in crate::board) fn is_over() -> bool {
+    let status = USB.sie_status().read();
+    status.setup_rec() || status.bus_reset()
+}
+
+/// Arms a packet of an answer.
+pub(in crate::board) fn data_in(
+    pipe: &mut HalControlPipe,
+    data: &[u8],
+    first: bool,
+    last: bool,
+) -> impl Future<Output = Result<(), EndpointError>> {
+    pipe.data_in(data, first, last)
+}
+
+/// Ends the current request after the host began another one: withdraws its answer, and accepts no more data.
+pub(in crate::board) fn withdraw_answer() {
+    USB_DPRAM.ep_in_buffer_control(0).write(|_| {});
+    USB_DPRAM.ep_out_buffer_control(0).write(|_| {});
+}
+
+/// Takes the next request.
+pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context<'_>) -> Poll<[u8; 8]> {
+    let request = pin!(pipe.setup()).poll(cx);
+    if request.is_ready() {
+        // The HAL enables it only for a task that waits for a request.
+        USB.inte().modify(|w| w.set_setup_req(true));
+    }
+    request
+}
 
 /// Withdraws the packets in endpoints that the host will not fetch.
 pub(crate) fn cancel_unfetched_packets() {
@@ -15,33 +75,157 @@ pub(crate) fn cancel_unfetched_packets() {
     }
 }
 
-/// Withdraws the packet in an IN endpoint. Returns true if it was still unfetched (4.1.2.9, EP_ABORT).
-///
-/// Chips before revision B2 ignore the request (RP2040-E2). The endpoint is then read and written without it: a packet that
-/// is on the wire meanwhile counts as unfetched, and the host receives it, too.
+/// Withdraws the packet in an IN endpoint. Returns true if it was still unfetched.
 pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
-    let buffer = USB_DPRAM.ep_in_buffer_control(endpoint);
     // The service and the tasks arm endpoints.
     critical_section::with(|_| {
-        if !buffer.read().available(0) {
-            return false;
-        }
-        USB.ep_abort().modify(|w| w.set_ep_in(endpoint, true));
-        soon(|| USB.ep_abort_done().read().ep_in(endpoint));
-        let is_unfetched = buffer.read().available(0);
+        let buffer = USB_DPRAM.ep_in_buffer_control(endpoint);
+        let held = hold(EndpointAddress::from_parts(endpoint, Direction::In));
+        let is_unfetched = held.available(0);
         if is_unfetched {
-            // The next packet has the number of this one: the HAL changes it before each.
-            let number = !buffer.read().pid(0);
-            buffer.write(|w| w.set_pid(0, number));
+            // The next packet has the toggle of this one: the HAL changes it before each.
+            buffer.write(|w| w.set_pid(0, !held.pid(0)));
         }
-        USB.ep_abort_done().write(|w| w.set_ep_in(endpoint, true));
-        USB.ep_abort().modify(|w| w.set_ep_in(endpoint, false));
+        release();
         is_unfetched
     })
+}
+
+/// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10). A packet that waits there stays.
+fn reset_data_toggle(endpoint: EndpointAddress) {
+    let buffer = match endpoint.direction() {
+        Direction::In => USB_DPRAM.ep_in_buffer_control(endpoint.index()),
+        Direction::Out => USB_DPRAM.ep_out_buffer_control(endpoint.index()),
+    };
+    critical_section::with(|_| {
+        let mut held = hold(endpoint);
+        let is_armed = held.available(0);
+        // The HAL changes the toggle before it arms the endpoint.
+        held.set_pid(0, !is_armed);
+        held.set_available(0, false);
+        buffer.write_value(held);
+        if is_armed {
+            cortex_m::asm::delay(SETTLE_CYCLES);
+            held.set_available(0, true);
+            buffer.write_value(held);
+        }
+        release();
+    });
+}
+
+/// Makes an endpoint answer with NAK until [`release`] (4.1.2.9, EP_ABORT). Returns its buffer's control.
+///
+/// Chips before revision B2 ignore the request (RP2040-E2): a packet that is on the wire meanwhile may count as waiting.
+fn hold(endpoint: EndpointAddress) -> EpBufferControl {
+    let index = endpoint.index();
+    match endpoint.direction() {
+        Direction::In => {
+            USB.ep_abort().write(|w| w.set_ep_in(index, true));
+            soon(|| USB.ep_abort_done().read().ep_in(index));
+            USB_DPRAM.ep_in_buffer_control(index).read()
+        }
+        Direction::Out => {
+            USB.ep_abort().write(|w| w.set_ep_out(index, true));
+            soon(|| USB.ep_abort_done().read().ep_out(index));
+            USB_DPRAM.ep_out_buffer_control(index).read()
+        }
+    }
+}
+
+/// Ends [`hold`].
+fn release() {
+    USB.ep_abort().write(|_| {});
+    USB.ep_abort_done().write(|w| w.0 = u32::MAX);
 }
 
 /// Waits up to 50 µs for a condition.
 fn soon(has_come: impl Fn() -> bool) {
     const TRIES: usize = 1_000;
     let _ = (0..TRIES).any(|_| has_come());
+}
+
+/// Returns true if an endpoint is in use.
+fn is_active(endpoint: EndpointAddress) -> bool {
+    let control = endpoint.index() - 1;
+    match endpoint.direction() {
+        Direction::In => USB_DPRAM.ep_in_control(control).read().enable(),
+        Direction::Out => USB_DPRAM.ep_out_control(control).read().enable(),
+    }
+}
+
+pub(crate) struct UsbDriver(pub(super) Hal);
+
+impl driver::Driver<'static> for UsbDriver {
+    type EndpointOut = <Hal as driver::Driver<'static>>::EndpointOut;
+    type EndpointIn = <Hal as driver::Driver<'static>>::EndpointIn;
+    type ControlPipe = ControlPipe;
+    type Bus = Bus;
+
+    fn alloc_endpoint_out(
+        &mut self,
+        kind: EndpointType,
+        address: Option<EndpointAddress>,
+        max_packet_size: u16,
+        interval_ms: u8,
+    ) -> Result<Self::EndpointOut, EndpointAllocError> {
+        self.0.alloc_endpoint_out(kind, address, max_packet_size, interval_ms)
+    }
+
+    fn alloc_endpoint_in(
+        &mut self,
+        kind: EndpointType,
+        address: Option<EndpointAddress>,
+        max_packet_size: u16,
+        interval_ms: u8,
+    ) -> Result<Self::EndpointIn, EndpointAllocError> {
+        self.0.alloc_endpoint_in(kind, address, max_packet_size, interval_ms)
+    }
+
+    fn start(self, control_max_packet_size: u16) -> (Bus, ControlPipe) {
+        let (bus, control) = self.0.start(control_max_packet_size);
+        (Bus(bus), ControlPipe(control))
+    }
+}
+
+pub(crate) struct Bus(HalBus);
+
+impl driver::Bus for Bus {
+    async fn enable(&mut self) {
+        self.0.enable().await;
+    }
+
+    async fn disable(&mut self) {
+        self.0.disable().await;
+    }
+
+    async fn poll(&mut self) -> Event {
+        self.0.poll().await
+    }
+
+    fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {
+        if endpoint.index() == 0 {
+            return;
+        }
+        // The HAL would lose the packet that waits in an active endpoint.
+        if !enabled || !is_active(endpoint) {
+            self.0.endpoint_set_enabled(endpoint, enabled);
+        } else {
+            reset_data_toggle(endpoint);
+        }
+    }
+
+    fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
+        self.0.endpoint_set_stalled(endpoint, stalled);
+        if !stalled && endpoint.index() != 0 {
+            reset_data_toggle(endpoint);
+        }
+    }
+
+    fn endpoint_is_stalled(&mut self, endpoint: EndpointAddress) -> bool {
+        self.0.endpoint_is_stalled(endpoint)
+    }
+
+    async fn remote_wakeup(&mut self) -> Result<(), Unsupported> {
+        self.0.remote_wakeup().await
+    }
 }
