@@ -295,12 +295,15 @@ impl ControlServer {
     ) {
         let subscriptions = [&self.usb_subscription, &self.can_subscription];
         let subscribers = subscriptions.iter().filter(|subscription| subscription.frames).count();
-        if subscribers == 0 || self.frames.push_frame(at, initiator, bytes) {
+        if subscribers == 0 {
             return;
         }
-        self.publish_all(can, counters);
-        if !self.frames.push_frame(at, initiator, bytes) {
-            count(&mut counters.dropped_events, subscribers);
+        // The oldest ones make room.
+        while !self.frames.push_frame(at, initiator, bytes) {
+            if !self.publish(can, counters) {
+                count(&mut counters.dropped_events, subscribers);
+                return;
+            }
         }
     }
 

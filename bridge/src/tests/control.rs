@@ -569,6 +569,21 @@ fn subscriber_data_ends_with_short_usb_packet() {
     assert_eq!(empty, 1, "one of them fills its packet");
 }
 
+#[test]
+fn frames_wait_for_slow_subscriber_without_loss() {
+    let mut bridge = subscribed();
+    let frame = ling(0x06, 0, &[0x55; 15]);
+    for _ in 0..16 {
+        bridge.uart_received(&frame, Instant::ZERO);
+        bridge.update(Instant::ZERO);
+    }
+    let mut packet = [0; PACKET];
+    while bridge.update(Instant::ZERO).control {
+        bridge.control_transmit(&mut packet, Instant::ZERO);
+    }
+    assert_eq!(bridge.counters().dropped_events, 0);
+}
+
 fn telemetry(telemetry_hz: u16, poll: Poll) -> Rig {
     Rig::new(Config {
         poll,
