@@ -322,14 +322,13 @@ impl Hosts {
 
     /// The next action for firmware, once.
     pub(crate) fn action(&mut self, line: &mut Line, now: Instant) -> Option<Action> {
-        self.take_deliveries(line);
         // The reply goes out on the old bus configuration, and no host on CAN waits for an answer of the arm.
         let is_replied = |port: &mut ControlPort| {
             *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.is_can_reply_pending()
         };
         let may_change = self.recovery.is_none() && line.holder() != Some(Initiator::Can);
         if may_change && self.can_change.take_if(is_replied).is_some() {
-            self.control.publish_all(&mut self.can, &mut self.counters);
+            self.publish_deliveries(line);
             self.can.close(&mut self.counters);
             self.can = CanPort::new(self.config.can);
             line.release_line(ControlPort::Can, now);
