@@ -106,6 +106,9 @@ impl Outbox {
         if !self.from_host.is_in_sequence() || line.wire.holder().is_some() && !self.requests.is_urgent() {
             return None;
         }
+        if self.are_others_idle(Instant::ZERO) {
+            return None;
+        }
         let [_, others @ ..] = Initiator::ALL;
         let ready = others.map(|initiator| self.contender(line, initiator, Instant::ZERO));
         let since = ready.iter().flatten().map(|contender| contender.since).min()?;
