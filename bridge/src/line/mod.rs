@@ -139,9 +139,7 @@ impl Line {
             .or(self.outbox.command_timeout())
             .or(self.guard.stop.timeout())
             .or(self.rate_timeout())
-            .or(self.silence_timeout(Initiator::Usb))
-            .or(self.silence_timeout(Initiator::Can))
-            .or(self.silence_timeout(Initiator::Command))
+            .or(self.next_silence())
             .get()
     }
 

@@ -4,6 +4,7 @@ use armwire::time::Instant;
 
 use crate::arm::OwnRequest;
 use crate::control::Initiator;
+use crate::earliest::Earliest;
 
 use super::Line;
 use super::guard::{EndedStream, EndedStreams, STREAMERS};
@@ -58,6 +59,16 @@ impl Line {
     /// Returns true if the host on USB cannot send because the buffer to the arm is full.
     pub(super) fn is_host_held_back(&self) -> bool {
         !self.has_packet_room() && !self.guard.is_held()
+    }
+
+    /// The time at which the first of the hosts that stream motion counts as silent.
+    pub(super) fn next_silence(&self) -> Option<Instant> {
+        // Usually none streams.
+        if !self.guard.dead_man.is_any_streaming() {
+            return None;
+        }
+        let [usb, can, command] = STREAMERS.map(|initiator| self.silence_timeout(initiator));
+        Earliest::of(usb).or(can).or(command).get()
     }
 
     pub(super) fn silence_timeout(&self, initiator: Initiator) -> Option<Instant> {
