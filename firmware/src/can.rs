@@ -29,6 +29,8 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
     let mut bus_off_at: Option<Instant> = None;
     loop {
         progress(Task::Can);
+        // All frames up to now are handed over in this round.
+        adapter.reset(Work::Can);
         if adapter.take(|bridge| bridge.can_event(CanEvent::Waiting(can.waiting()), now())) {
             adapter.wake(Work::Dispatch);
         }

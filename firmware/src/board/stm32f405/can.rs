@@ -38,6 +38,9 @@ const ALTERNATE_FUNCTION: u8 = 9;
 /// Number of transmit mailboxes.
 const MAILBOXES: usize = ROOM as usize;
 
+/// TME0 to TME2 of TSR: the mailboxes that are empty.
+const EMPTY: u32 = 0b111 << 26;
+
 /// Polls of the interrupt handler for initialization mode, which takes a few cycles in bus-off.
 const INITIALIZATION_TRIES: usize = 16;
 
@@ -107,8 +110,7 @@ impl Controller {
 
     /// Number of occupied mailboxes.
     pub(crate) fn waiting(&self) -> u8 {
-        let status = CAN.tsr().read();
-        (0..MAILBOXES).map(|mailbox| u8::from(!status.tme(mailbox))).sum()
+        ROOM - (CAN.tsr().read().0 & EMPTY).count_ones() as u8
     }
 
     /// Puts a frame in an empty mailbox. The bridge has no FD frames for this board.
