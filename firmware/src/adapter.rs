@@ -162,18 +162,22 @@ impl Adapter {
         self.works[work as usize].reset();
     }
 
+    /// Passes the bridge's next action to its task.
+    pub(crate) fn act(&self) {
+        // One at a time: the next is fetched after this one was taken.
+        if !self.action.signaled()
+            && let Some(action) = self.take(|bridge| bridge.action(now()))
+        {
+            self.action.signal(action);
+            self.wake(Work::Dispatch);
+        }
+    }
+
     /// Starts what the bridge has for the arm, and wakes all tasks that have work.
     pub(crate) fn dispatch(&self) {
         self.shared.with(|shared| {
             let Shared { bridge, sender, .. } = shared;
-            let now = now();
-            // One at a time: the next is fetched after this one was taken.
-            if !self.action.signaled()
-                && let Some(action) = bridge.action(now)
-            {
-                self.action.signal(action);
-            }
-            let status = bridge.update(now);
+            let status = bridge.update(now());
             if status.uart_cut {
                 sender.cut();
             }

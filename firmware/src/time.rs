@@ -19,6 +19,7 @@ pub(crate) async fn tick(adapter: &'static Adapter) {
         // Woken tasks run before the rest, and before bytes that the service has left to later.
         yield_now().await;
         adapter.catch_up();
+        adapter.act();
         let timeout = adapter.take(Bridge::timeout);
         let resting = rest(Task::Time);
         let is_due = match timeout {
