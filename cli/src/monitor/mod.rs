@@ -35,68 +35,54 @@ use session::{Session, Watched};
 #[derive(Args)]
 pub(crate) struct Monitor {
     #[command(flatten)]
-    place: Place,
+    readings: Readings,
     /// Readings per second.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rate: u32,
-    /// Stop after this many readings.
-    #[arg(long)]
-    count: Option<u64>,
     /// Print comma-separated values. The first line has names with units. Missing values are empty.
     #[arg(long, conflicts_with = "json")]
     csv: bool,
     /// Print a JSON object per line, with units in the names. Missing values are null.
     #[arg(long)]
     json: bool,
-    /// Send nothing to the arm: show each reading that the adapter receives for its polls or for other hosts, with the
-    /// adapter's stamps. The arm's port stays free for another program.
-    #[arg(long, conflicts_with_all = ["rate", "arm"])]
-    from_adapter: bool,
     /// Record to this MCAP file: joint positions as ROS 2 messages, and every frame in both directions, for 'armwire
     /// decode'. An existing file is not replaced.
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
 }
 
-/// Watching an arm: what `armwire monitor` and `armwire record` do.
-pub(crate) struct Watch<'a> {
-    pub(crate) place: &'a Place,
-    /// Readings per second, unless the adapter is the source.
-    pub(crate) rate: u32,
-    /// The number of readings; `None` for no end.
-    pub(crate) count: Option<u64>,
-    /// True if the adapter's events are the source.
-    pub(crate) from_adapter: bool,
-    /// The file of the recording; `None` for none.
-    pub(crate) mcap: Option<&'a Path>,
-    pub(crate) form: Form,
+/// The readings that `armwire monitor` and `armwire record` take.
+#[derive(Args)]
+pub(crate) struct Readings {
+    #[command(flatten)]
+    place: Place,
+    /// Stop after this many readings. Without it: q or Ctrl-C.
+    #[arg(long)]
+    count: Option<u64>,
+    /// Send nothing to the arm: take each reading that the adapter receives for its polls or for other hosts, with the
+    /// adapter's stamps. The arm's port stays free for another program.
+    #[arg(long, conflicts_with_all = ["rate", "arm"])]
+    from_adapter: bool,
 }
 
 impl Monitor {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
-        let watch = Watch {
-            place: &self.place,
-            rate: self.rate,
-            count: self.count,
-            from_adapter: self.from_adapter,
-            mcap: self.mcap.as_deref(),
-            form: Form::new(self.csv, self.json),
-        };
-        watch.run(stop)
+        let form = Form::new(self.csv, self.json);
+        self.readings.watch(self.rate, self.mcap.as_deref(), form, stop)
     }
 }
 
-impl Watch<'_> {
-    /// Watches the arm until `stop` is set, or until the user or the number of readings ends it.
-    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
-        let form = self.form;
+impl Readings {
+    /// Watches the arm until `stop` is set, or until the user or the number of readings ends it. The rate is in readings
+    /// per second, unless the adapter is the source. The recording goes to the file `mcap`.
+    pub(crate) fn watch(&self, rate: u32, mcap: Option<&Path>, form: Form, stop: &AtomicBool) -> Result<(), Error> {
         let mut session = Session::new(&self.place.port, form, self.count, stop);
-        let mut recorder = Recorder::new(self.mcap);
+        let mut recorder = Recorder::new(mcap);
         let mut is_legacy = self.place.arm == LiveArm::LingLegacy;
         let end = loop {
             let watched = self.open(form, is_legacy, &recorder).and_then(|mut watched| {
                 recorder.create()?;
-                let shown = session.watch(&mut watched, self.rate, &mut recorder);
+                let shown = session.watch(&mut watched, rate, &mut recorder);
                 match &watched.connection {
                     Some(connection) => shown.map_err(|error| error.explained(|error| connection.explain(error))),
                     None => shown,
