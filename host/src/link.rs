@@ -305,13 +305,51 @@ impl<P: Arm> Link<P> {
         }
     }
 
-    /// The arm's unsolicited responses, converted by `take`, after a wait of at most this long for the first byte. `None`
-    /// if no byte came.
+    /// Sends a reading, as one of many at a rate, and does not wait for its answer, which is among the later
+    /// [responses](Self::responses). No call takes it for its own answer. Those that arrived before go to `take`. See
+    /// [`Client::submit_reading`].
     ///
     /// # Errors
     ///
     /// Errors of the line, and [`Error::Unacceptable`] if the bytes of a connection are no messages.
-    pub fn unsolicited<T>(
+    pub(crate) fn start_reading(
+        &mut self,
+        request: &P::Request<'_>,
+        mut take: impl FnMut(P::Response<'_>),
+    ) -> Result<(), Error> {
+        self.client.cancel();
+        self.client
+            .submit_reading(request)
+            .expect("the client is idle, and has room for any request");
+        loop {
+            match self.client.poll(self.clock.now()) {
+                Output::Receive => {
+                    self.receive(Duration::ZERO, None)?;
+                }
+                Output::Transmit(bytes) => {
+                    let n = self.line.write(bytes)?;
+                    self.client
+                        .transmitted(self.clock.now(), n)
+                        .expect("the line wrote no more than there was");
+                }
+                Output::Event(event) => match event {
+                    Event::Answer(response) | Event::Late(response) | Event::Unsolicited(response) => take(response),
+                    Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
+                    Event::Broken { offset, reason } => return Err(self.broken(offset, reason)),
+                    _ => {}
+                },
+                Output::Timeout(_) => return Ok(()),
+            }
+        }
+    }
+
+    /// The arm's responses that no call waits for, converted by `take`, after a wait of at most this long for the first
+    /// byte. `None` if no byte came.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the line, and [`Error::Unacceptable`] if the bytes of a connection are no messages.
+    pub fn responses<T>(
         &mut self,
         wait: Duration,
         mut take: impl FnMut(P::Response<'_>) -> T,
@@ -319,60 +357,18 @@ impl<P: Arm> Link<P> {
         let n = self.receive(wait, None)?;
         let mut responses = Vec::new();
         self.take_events(|event| {
-            if let Event::Unsolicited(response) = event {
+            if let Event::Answer(response) | Event::Late(response) | Event::Unsolicited(response) = event {
                 responses.push(take(response));
             }
         })?;
         Ok((n > 0).then_some(responses))
     }
 
-    /// Sends a request. Its answer is [unsolicited](Self::unsolicited), and no call may be made before it came: it could take
-    /// the answer for its own.
-    ///
-    /// # Errors
-    ///
-    /// Errors of the line, and [`Error::Lost`] after a part of the request: nothing may be sent behind it.
-    pub(crate) fn post(&mut self, request: &P::Request<'_>) -> Result<(), Error> {
-        self.client.cancel();
-        self.finish_void()?;
-        let mut out = [0; BUFFER];
-        let n = P::default()
-            .encode_request(request, &mut out)
-            .expect("the buffer has room for any request");
-        let mut rest = &out[..n];
-        while !rest.is_empty() {
-            match self.line.write(rest) {
-                Ok(written) => rest = &rest[written..],
-                Err(error) if rest.len() == n => return Err(error),
-                Err(error) => return Err(Error::lost(self.name(), error)),
-            }
-        }
-        Ok(())
-    }
-
-    /// Sends what makes the arm discard a request that ended within its bytes.
-    fn finish_void(&mut self) -> Result<(), Error> {
-        loop {
-            match self.client.poll(self.clock.now()) {
-                Output::Transmit(bytes) => {
-                    let n = self.line.write(bytes)?;
-                    self.client
-                        .transmitted(self.clock.now(), n)
-                        .expect("the line wrote no more than there was");
-                }
-                Output::Event(Event::Noise { bytes, reason, .. }) => self.errors.count(bytes, reason),
-                Output::Event(Event::Broken { offset, reason }) => return Err(self.broken(offset, reason)),
-                Output::Event(_) => {}
-                Output::Receive | Output::Timeout(_) => return Ok(()),
-            }
-        }
-    }
-
     /// Returns true if the answer to a call that timed out arrives within the stale window.
     ///
     /// # Errors
     ///
-    /// As of [`unsolicited`](Self::unsolicited).
+    /// As of [`responses`](Self::responses).
     fn comes_late(&mut self) -> Result<bool, Error> {
         let until = after(self.stale_window);
         loop {
@@ -671,14 +667,14 @@ mod tests {
     }
 
     #[test]
-    fn posted_request_does_not_complete_a_move() {
+    fn reading_does_not_complete_a_move() {
         let (mut link, sent) = breaking(10);
         let target = Move {
             joints: [(Position::CENTRE, Speed::MAX); 6],
             gripper: (Opening::OPEN, GripperSpeed(1_000)),
         };
         assert!(link.send(&Request::Move(target)).is_err());
-        link.post(&Request::ReadJoints).unwrap();
+        link.start_reading(&Request::ReadJoints, drop).unwrap();
         let sent = sent.lock().unwrap();
         let (void, read) = sent[10..].split_at(Ling::LONGEST);
         assert!(void.iter().all(|byte| *byte == 0), "{void:02X?}");
@@ -686,13 +682,37 @@ mod tests {
     }
 
     #[test]
-    fn half_posted_request_ends_the_connection() {
-        let (mut link, _) = breaking(3);
-        let error = link.post(&Request::ReadJoints).unwrap_err();
-        assert!(matches!(error, Error::Lost { .. }), "{error:?}");
-        let (mut link, _) = breaking(0);
-        let error = link.post(&Request::ReadJoints).unwrap_err();
+    fn half_sent_reading_is_void() {
+        let (mut link, sent) = breaking(3);
+        let error = link.start_reading(&Request::ReadJoints, drop).unwrap_err();
         assert!(matches!(error, Error::At { .. }), "{error:?}");
+        link.send(&Request::SetTorque(Torque::Off)).unwrap();
+        let sent = sent.lock().unwrap();
+        assert!(sent[3..3 + Ling::LONGEST].iter().all(|byte| *byte == 0), "{sent:02X?}");
+        assert_eq!(sent.len(), 3 + Ling::LONGEST + 7);
+    }
+
+    #[test]
+    fn call_takes_no_answer_of_a_reading() {
+        let arm = Answering::new(joints);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        link.start_reading(&Request::ReadJoints, drop).unwrap();
+        let state: JointState = link.read(&Request::ReadJoints).unwrap();
+        assert_eq!(state.joints, [2; 6]);
+    }
+
+    #[test]
+    fn each_reading_has_its_response() {
+        let arm = Answering::new(|number| if number == 2 { Vec::new() } else { joints(number) });
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let mut readings = Vec::new();
+        for _ in 0..4 {
+            let mut take = |response| readings.extend(JointState::try_from(response));
+            link.start_reading(&Request::ReadJoints, &mut take).unwrap();
+            link.responses(Duration::ZERO, take).unwrap();
+        }
+        let ticks: Vec<_> = readings.iter().map(|state| state.joints[0]).collect();
+        assert_eq!(ticks, [1, 3, 4]);
     }
 
     /// An arm's error frame.
@@ -956,7 +976,7 @@ mod tests {
     fn broken_stream_is_an_error_without_a_call() {
         let link = || Link::<XArm>::new(Box::new(Noisy(0xFF)), XArm::CONFIG);
         for error in [
-            link().unsolicited(Duration::ZERO, |_| ()).unwrap_err(),
+            link().responses(Duration::ZERO, |_| ()).unwrap_err(),
             link().comes_late().unwrap_err(),
         ] {
             assert!(matches!(error, Error::Unacceptable { .. }), "{error:?}");

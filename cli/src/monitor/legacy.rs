@@ -40,7 +40,7 @@ impl Source for Listener {
         loop {
             let left = until.saturating_duration_since(Instant::now());
             let wait = if joints.is_some() { Duration::ZERO } else { left };
-            let Some(responses) = self.link.unsolicited(wait, |response| response)? else {
+            let Some(responses) = self.link.responses(wait, |response| response)? else {
                 if let Some(mut facts) = joints {
                     facts.extend(legacy::gripper(self.gripper.as_ref()));
                     return Ok(News::Reading(facts, None));

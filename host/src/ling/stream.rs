@@ -1,25 +1,22 @@
 //! A Ling arm that is moved and read at a rate.
 
-use std::time::{Duration, Instant};
+use std::mem;
+use std::time::Duration;
 
-use armwire::ling::{JointState, Move, Request, Response};
+use armwire::ling::{JointState, Move, Request};
 
 use super::Ling;
 use crate::error::{Error, TorqueOffEffect};
 use crate::link::LineErrors;
 
-/// The time after a request in which its answer may come.
-const MAX_DELAY: Duration = Duration::from_millis(100);
-
 /// A Ling arm that is moved and read without waiting for answers, so that a lost one costs one reading.
 ///
-/// Readings come in the order of their requests, but name none: a reading is as old as the line delays it. A call could
-/// take one for its own answer. Hence there are none before [`into_arm`](Self::into_arm).
+/// Readings come in the order of their requests, but name none: a reading is as old as the line delays it.
 #[derive(Debug)]
 pub struct Stream {
     arm: Ling,
-    /// The time of the last request, unless a reading came since.
-    requested: Option<Instant>,
+    /// The readings that arrived before the last request, and were not received.
+    arrived: Vec<JointState>,
     /// The last reading in the stream.
     state: Option<JointState>,
 }
@@ -29,7 +26,7 @@ impl Ling {
     pub fn into_stream(self) -> Stream {
         Stream {
             arm: self,
-            requested: None,
+            arrived: Vec::new(),
             state: None,
         }
     }
@@ -40,10 +37,12 @@ impl Stream {
     ///
     /// # Errors
     ///
-    /// The line fails. [`Error::Lost`] if it fails within the request: open it again.
+    /// The line fails.
     pub fn request_joints(&mut self) -> Result<(), Error> {
-        self.arm.link.post(&Request::ReadJoints)?;
-        self.requested = Some(Instant::now());
+        let mut readings = Vec::new();
+        let take = |response| readings.extend(JointState::try_from(response));
+        self.arm.link.start_reading(&Request::ReadJoints, take)?;
+        self.note(readings);
         Ok(())
     }
 
@@ -53,18 +52,20 @@ impl Stream {
     ///
     /// The line fails. [`Error::Interrupted`] after a wait without bytes.
     pub fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error> {
-        let joints = |response: Response| match response {
-            Response::Joints(state) => Some(state),
-            _ => None,
-        };
-        let responses = self.arm.link.unsolicited(wait, joints)?.unwrap_or_default();
-        let readings: Vec<_> = responses.into_iter().flatten().collect();
-        for state in &readings {
-            self.requested = None;
-            self.state = Some(*state);
-            self.arm.note(state);
+        let wait = if self.arrived.is_empty() { wait } else { Duration::ZERO };
+        let joints = |response| JointState::try_from(response).ok();
+        let responses = self.arm.link.responses(wait, joints)?.unwrap_or_default();
+        self.note(responses.into_iter().flatten().collect());
+        Ok(mem::take(&mut self.arrived))
+    }
+
+    /// Takes readings.
+    fn note(&mut self, readings: Vec<JointState>) {
+        for state in readings {
+            self.state = Some(state);
+            self.arm.note(&state);
+            self.arrived.push(state);
         }
-        Ok(readings)
     }
 
     /// Starts a motion.
@@ -81,19 +82,8 @@ impl Stream {
         }
     }
 
-    /// The arm, to be called. Waits for a reading that was requested, for 0.1 s at most. Errors of the line show in the
-    /// next call.
-    pub fn into_arm(mut self) -> Ling {
-        while let Some(requested) = self.requested {
-            let left = MAX_DELAY.saturating_sub(requested.elapsed());
-            let received = self.arm.link.uninterrupted(|link| link.unsolicited(left, |_| ()));
-            match received {
-                // Bytes came, and with them the reading.
-                Ok(Some(responses)) if !responses.is_empty() => break,
-                Ok(_) if !left.is_zero() => {}
-                Ok(_) | Err(_) => break,
-            }
-        }
+    /// The arm, to be called. No call takes an answer to the stream for its own.
+    pub fn into_arm(self) -> Ling {
         self.arm
     }
 
