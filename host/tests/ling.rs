@@ -1,52 +1,17 @@
 //! A Ling arm through the library, against a virtual arm on a pseudo-terminal.
 #![cfg(unix)]
 
+mod virtual_arm;
+
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::thread;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Request, Speed, Torque};
-use armwire::time::Instant;
-use armwire_host::{Error, Ling, Missing, Remedy, Stream, Tap};
-use armwire_sim::ling::{Config, LingArm};
-use armwire_sim::pty::Pty;
-use armwire_sim::serial::SerialDevice;
-use armwire_sim::serve::serve;
+use armwire_host::{Error, Ling, Remedy, Stream, Tap};
 
-/// Length of an answer with the joints, in bytes.
-const JOINTS_ANSWER: usize = 21;
-
-/// An arm that receives everything, behind a line that loses the next bytes of its answers: this many.
-struct Losing {
-    arm: LingArm,
-    lost: Arc<AtomicUsize>,
-}
-
-impl SerialDevice for Losing {
-    fn receive(&mut self, now: Instant, byte: u8) {
-        self.arm.receive(now, byte);
-    }
-
-    fn transmit(&mut self, now: Instant) -> Option<u8> {
-        while let Some(byte) = self.arm.transmit(now) {
-            let lost = |left: usize| left.checked_sub(1);
-            if self
-                .lost
-                .fetch_update(Ordering::Relaxed, Ordering::Relaxed, lost)
-                .is_err()
-            {
-                return Some(byte);
-            }
-        }
-        None
-    }
-
-    fn poll_timeout(&self) -> Option<Instant> {
-        self.arm.poll_timeout()
-    }
-}
+use virtual_arm::{JOINTS_ANSWER, patient, with_own_arm};
 
 /// Makes an arm lose all answers after this number of received bytes.
 struct Break {
@@ -73,41 +38,6 @@ fn with_arm(test: impl FnOnce(&mut Ling) + Send) {
 /// Runs `test` with an arm, and the number of bytes that its answers lose.
 fn with_losing_arm(test: impl FnOnce(&mut Ling, &Arc<AtomicUsize>) + Send) {
     with_own_arm(|mut arm, lost| test(&mut arm, lost));
-}
-
-/// Gives `test` an arm, and the number of bytes that its answers lose.
-fn with_own_arm(test: impl FnOnce(Ling, &Arc<AtomicUsize>) + Send) {
-    let (pty, stop) = (Pty::open(None).unwrap(), AtomicBool::new(false));
-    let lost = Arc::new(AtomicUsize::new(0));
-    let mut virtual_arm = Losing {
-        arm: LingArm::new(Config::follower()),
-        lost: Arc::clone(&lost),
-    };
-    thread::scope(|scope| {
-        scope.spawn(|| serve(&mut virtual_arm, &pty, &stop));
-        let path = pty.path().to_str().unwrap();
-        let tested = thread::scope(|scope| {
-            let test = || test(armwire_host::open(path).unwrap().ling().unwrap(), &lost);
-            scope.spawn(test).join()
-        });
-        stop.store(true, Ordering::Relaxed);
-        if let Err(panic) = tested {
-            std::panic::resume_unwind(panic);
-        }
-    });
-}
-
-/// A busy system may answer late: the call is repeated.
-fn patient<T>(mut call: impl FnMut() -> Result<T, Error>) -> Result<T, Error> {
-    loop {
-        match call() {
-            Err(Error::NoAnswer {
-                missing: Missing::Silent | Missing::Late,
-                ..
-            }) => {}
-            other => return other,
-        }
-    }
 }
 
 /// A move that takes half a minute.
@@ -282,16 +212,5 @@ fn stream_moves_no_arm_without_torque() {
         stream.request_joints().unwrap();
         next_reading(&mut stream);
         assert!(matches!(stream.move_to(&far_target()), Err(Error::TorqueOff { .. })));
-    });
-}
-
-#[test]
-fn arm_of_a_stream_has_no_answers_of_it() {
-    with_own_arm(|arm, _| {
-        let mut stream = arm.into_stream();
-        stream.request_joints().unwrap();
-        let mut arm = stream.into_arm();
-        let late = arm.link().unsolicited(Duration::from_millis(200), |_| ()).unwrap();
-        assert_eq!(late, None);
     });
 }
