@@ -226,8 +226,9 @@ fn build_plugin(tools: &Environment, plugin: &str, folder: &Path) -> Result<()> 
 fn copied(plugin: &str, folder: &Path) -> Result<PathBuf> {
     let copy = folder.join(plugin);
     empty_folder(&copy)?;
+    // The licences are links to files outside of the folder.
     run(Command::new("cp")
-        .arg("-r")
+        .arg("-rL")
         .arg(python_dir().join(plugin).join("."))
         .arg(&copy))?;
     Ok(copy)

@@ -21,6 +21,20 @@ const PROGRAM: &str = "without_hardware.py";
 /// Test of the plugins for LeRobot, and the files that it needs. LeRobot takes 5 GB: its stand-in is one of them.
 const PLUGINS_TEST: &str = "test_lerobot.py";
 const ITS_FILES: [&str; 4] = [PLUGINS_TEST, "conftest.py", "scripted.py", "lerobot_stand_in"];
+/// The packages of the wheels.
+const PACKAGES: [&str; 3] = [
+    "armwire",
+    "lerobot_robot_alicia_d_armwire",
+    "lerobot_teleoperator_alicia_d_leader_armwire",
+];
+/// A check that these packages have both licences.
+const HAVE_LICENCES: &str = "\
+import importlib.metadata, sys
+for package in sys.argv[1:]:
+    missing = {'LICENSE-APACHE', 'LICENSE-MIT'} - {file.name for file in importlib.metadata.files(package)}
+    if missing:
+        sys.exit(f'{package} lacks {missing}')
+";
 
 /// Unpacks an archive into this folder, checks its files, starts the command, links a program in C, moves virtual arms with
 /// the wheel and with the plugins for LeRobot, and opens the page.
@@ -60,6 +74,7 @@ fn try_wheels(python: &Path, folder: &Path) -> Result<()> {
     let options = ["--no-deps", "--ignore-requires-python"].map(OsStr::new);
     let plugins = plugins.iter().map(|plugin| plugin.as_os_str());
     environment.install(options.into_iter().chain(plugins))?;
+    run(environment.python().args(["-c", HAVE_LICENCES]).args(PACKAGES))?;
     // Beside the sources, Python would import them in place of the wheels.
     let (ours, tests) = (root().join("python/tests"), folder.join("tests"));
     fs::create_dir(&tests)?;
