@@ -5,6 +5,8 @@ use std::path::Path;
 use std::process::Command;
 use std::{env, fs};
 
+use armwire_boards::{Board, Uart};
+
 /// The names of the boards' features and memory files.
 const BOARDS: [&str; 3] = ["rp2040", "stm32f405", "stm32g431"];
 
@@ -31,6 +33,13 @@ fn main() {
 
     fs::copy(&memory, Path::new(&out).join("board-memory.x")).expect("each board has a memory file");
     println!("cargo:rerun-if-changed={}", memory.display());
+    // The interrupts of the arm's UART are bound by its name.
+    println!("cargo:rustc-check-cfg=cfg(arm_at_usart3)");
+    println!("cargo:rerun-if-env-changed=ARMWIRE_BOARD");
+    let name = env::var("ARMWIRE_BOARD").unwrap_or(board.into());
+    if Board::find(&name).is_some_and(|board| board.uart == Uart::Usart3) {
+        println!("cargo:rustc-cfg=arm_at_usart3");
+    }
     println!("cargo:rustc-link-search={out}");
     println!("cargo:rustc-link-arg-bins=--nmagic");
     println!("cargo:rustc-link-arg-bins=-Tlink.x");

@@ -22,6 +22,8 @@ pub struct Board {
     pub probe_rs: &'static str,
     /// The crystal's frequency in megahertz. The firmware measures it.
     pub crystal: u32,
+    /// The UART to the arm.
+    pub uart: Uart,
     /// The status LED.
     pub led: Led,
     /// The pins of the CAN controller, to and from a transceiver; `None` for a chip without one.
@@ -37,6 +39,17 @@ pub enum Chip {
     Stm32g431,
     /// RP2040.
     Rp2040,
+}
+
+/// A UART, with its pins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Uart {
+    /// On PA2 and PA3.
+    Usart2,
+    /// On PB10 and PB11.
+    Usart3,
+    /// UART1 of an RP2040, on GP4 and GP5.
+    Uart1,
 }
 
 /// A LED at a pin.
@@ -88,6 +101,26 @@ impl Chip {
             Self::Stm32f405 => "stm32f405",
             Self::Stm32g431 => "stm32g431",
             Self::Rp2040 => "pico",
+        }
+    }
+}
+
+impl Uart {
+    /// The pin to the arm.
+    pub const fn tx(self) -> Pin {
+        match self {
+            Self::Usart2 => Pin(Port::A, 2),
+            Self::Usart3 => Pin(Port::B, 10),
+            Self::Uart1 => Pin(Port::Gp, 4),
+        }
+    }
+
+    /// The pin from the arm.
+    pub const fn rx(self) -> Pin {
+        match self {
+            Self::Usart2 => Pin(Port::A, 3),
+            Self::Usart3 => Pin(Port::B, 11),
+            Self::Uart1 => Pin(Port::Gp, 5),
         }
     }
 }

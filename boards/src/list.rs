@@ -2,7 +2,7 @@
 
 use crate::Chip::{Rp2040, Stm32f405, Stm32g431};
 use crate::Port::{A, B, C, D, Gp};
-use crate::{Board, CanPins, Led, Pin};
+use crate::{Board, CanPins, Led, Pin, Uart};
 
 /// All boards.
 pub const BOARDS: &[Board] = &[
@@ -11,6 +11,7 @@ pub const BOARDS: &[Board] = &[
     WEACT_F405,
     WEACT_G431,
     PYBOARD,
+    FEATHER_F405,
     OLIMEX_H405,
     BLACK_F407VE,
     F4_DISCOVERY,
@@ -30,6 +31,7 @@ const STM32F405: Board = Board {
     chip: Stm32f405,
     probe_rs: "STM32F405RGTx",
     crystal: 8,
+    uart: Uart::Usart2,
     led: Led {
         pin: Pin(B, 2),
         on: true,
@@ -44,6 +46,7 @@ const STM32G431: Board = Board {
     chip: Stm32g431,
     probe_rs: "STM32G431CBTx",
     crystal: 8,
+    uart: Uart::Usart2,
     led: Led {
         pin: Pin(C, 6),
         on: true,
@@ -71,6 +74,19 @@ const PYBOARD: Board = Board {
     crystal: 12,
     led: Led {
         pin: Pin(B, 4),
+        on: true,
+    },
+    ..STM32F405
+};
+
+/// PA2 is not connected, and PA3 measures the battery.
+const FEATHER_F405: Board = Board {
+    name: "feather-f405",
+    title: "Adafruit Feather STM32F405 Express",
+    crystal: 12,
+    uart: Uart::Usart3,
+    led: Led {
+        pin: Pin(C, 1),
         on: true,
     },
     ..STM32F405
@@ -123,5 +139,6 @@ const PICO: Board = Board {
         pin: Pin(Gp, 25),
         on: true,
     },
+    uart: Uart::Uart1,
     can: None,
 };

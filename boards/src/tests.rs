@@ -71,6 +71,26 @@ const USED: &[(&str, &[Pin])] = {
                 Pin(A, 15),
             ],
         ),
+        // The battery, the NeoPixel, the flash and the memory card.
+        (
+            "feather-f405",
+            &[
+                Pin(A, 2),
+                Pin(A, 3),
+                Pin(C, 0),
+                Pin(A, 15),
+                Pin(B, 3),
+                Pin(B, 4),
+                Pin(B, 5),
+                Pin(B, 12),
+                Pin(C, 8),
+                Pin(C, 9),
+                Pin(C, 10),
+                Pin(C, 11),
+                Pin(C, 12),
+                Pin(D, 2),
+            ],
+        ),
         // The button.
         ("olimex-h405", &[Pin(A, 0)]),
         // The flash, the button and the other LED.
@@ -110,7 +130,7 @@ fn pins_that_a_board_uses_are_left_alone() {
     for (name, used) in USED {
         let board = Board::find(name).unwrap();
         let can = board.can.into_iter().flat_map(|can| [can.rx, can.tx]);
-        for pin in can.chain([board.led.pin]) {
+        for pin in can.chain([board.uart.tx(), board.uart.rx(), board.led.pin]) {
             assert!(!used.contains(&pin), "{name}: {pin}");
         }
     }

@@ -20,7 +20,7 @@ const TESTS: &str = "host-tests/pico";
 ///
 /// If a build fails, a tool is missing and cannot be installed, or a test fails.
 pub(crate) fn test() -> Result<()> {
-    let image = image::build(image::Options::of(Board::Pico))?;
+    let image = image::build(image::Options::of(Board::PICO))?;
     println!("{image}");
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     install_emulator()?;

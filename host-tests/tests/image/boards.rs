@@ -78,6 +78,12 @@ fn place(Pin(port, number): Pin) -> usize {
     port as usize * PINS as usize + usize::from(number)
 }
 
+/// The pins of CAN. All chips of the virtual board have it.
+fn can_pins(board: &Board) -> [Pin; 2] {
+    let pins = board.can.unwrap();
+    [pins.rx, pins.tx]
+}
+
 fn is_high<A: Arm>(board: &mut VirtualBoard<A>, pin: Pin) -> bool {
     board.read_word(register(pin, ODR)).unwrap() >> pin.1 & 1 != 0
 }
@@ -114,7 +120,7 @@ fn image_takes_only_the_pins_of_its_board() {
             taken.remove(&place(pin));
         }
         let line = [Pin(Port::A, 2), Pin(Port::A, 3)];
-        let expected = line.into_iter().chain([this.can.rx, this.can.tx, this.led.pin]);
+        let expected = line.into_iter().chain(can_pins(this)).chain([this.led.pin]);
         assert_eq!(taken, expected.map(place).collect());
     });
 }
@@ -157,7 +163,7 @@ fn telemetry_leaves_at_the_pins_of_can() {
         let id = Function::JointsA.id(Node::default());
         let joints = board.can().read().iter().filter(|frame| frame.id() == id).count();
         assert!((99..=101).contains(&joints), "{joints} in a second");
-        for pin in [this.can.rx, this.can.tx] {
+        for pin in can_pins(this) {
             assert_eq!(modes(board)[place(pin)], ALTERNATE, "{pin}");
             let (half, nibble) = (u64::from(pin.1 / 8), 4 * (pin.1 % 8));
             let function = board.read_word(register(pin, AFRL + 4 * half)).unwrap() >> nibble & 0xF;

@@ -1,4 +1,4 @@
-//! The default board: an STM32F405RG with a crystal, USB on PA11/PA12, the arm on PA2/PA3 and CAN on PB8/PB9.
+//! An STM32F405RG, or an STM32F407, with a crystal and USB on PA11/PA12.
 //!
 //! Section numbers are those of RM0090.
 
@@ -8,15 +8,19 @@ pub(super) mod capture;
 mod clock;
 mod flash;
 pub(super) mod uart;
+#[cfg(not(arm_at_usart3))]
+mod usart2;
+#[cfg(arm_at_usart3)]
+mod usart3;
 pub(super) mod usb;
 
-use armwire_boards::{Chip, Port};
+use armwire_boards::{Chip, Port, Uart};
 use armwire_bridge::PACKET;
-use embassy_stm32::dma::{self, Channel, Request};
+use embassy_stm32::dma::{Channel, Request};
 use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt};
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{DMA1_CH5, USB_OTG_FS};
+use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::usart::{Config as UartConfig, UartRx};
 use embassy_stm32::{bind_interrupts, usb as hal_usb};
 use static_cell::StaticCell;
@@ -24,14 +28,18 @@ use static_cell::StaticCell;
 use super::can::Can;
 use super::crystal;
 use super::time::{self, TimerHandler};
-use super::{Board, ChipReset, Led, Watchdog, enable_clocks, usart};
+use super::{Board, ChipReset, Led, THIS, Watchdog, enable_clocks, pin, usart};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
-use crate::uart::{InterruptHandler, RingHandler, SentHandler, SleepHandler};
+use crate::uart::SleepHandler;
 
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
+#[cfg(not(arm_at_usart3))]
+pub(crate) use usart2::*;
+#[cfg(arm_at_usart3)]
+pub(crate) use usart3::*;
 pub(crate) use usb::UsbDriver;
 
 pub(super) const CHIP: Chip = Chip::Stm32f405;
@@ -39,14 +47,10 @@ pub(super) const CHIP: Chip = Chip::Stm32f405;
 pub(crate) const CAN_FD: bool = false;
 
 bind_interrupts!(struct Irqs {
-    // Ahead of the HAL's handler, as below.
+    // Ahead of the HAL's handler, which clears the events.
     OTG_FS => usb::SetupHandler, hal_usb::InterruptHandler<USB_OTG_FS>;
     // Ahead of the clock's handler, which clears all flags.
     TIM5 => SleepHandler, TimerHandler;
-    USART2 => InterruptHandler;
-    // Ahead of the HAL's handler, which clears the flags.
-    DMA1_STREAM5 => RingHandler, dma::InterruptHandler<DMA1_CH5>;
-    DMA1_STREAM6 => SentHandler;
     SPI1 => ServiceHandler;
     CAN1_TX => can::TransmitHandler;
     CAN1_RX0 => can::ReceiveHandler;
@@ -71,31 +75,16 @@ pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM5;
 /// See [`TIMER`].
 pub(crate) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM5;
 
-/// The registers of the arm's UART.
-pub(super) const UART: pac::usart::Usart = pac::USART2;
-
-/// The TX pin, PA2, and the number of its alternate function (DS8626, table 9).
-pub(super) const TX_PIN: (pac::gpio::Gpio, usize, u8) = (pac::GPIOA, 2, 7);
-
-/// The interrupt of the arm's UART.
-pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
-
-/// The interrupt of its receive DMA stream.
-pub(crate) type RxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_STREAM5;
-
-/// The interrupt of its transmit DMA stream.
-pub(crate) type TxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_STREAM6;
+/// The TX pin, and the number of its alternate function (DS8626, table 9).
+pub(super) const TX_PIN: (pac::gpio::Gpio, usize, u8) = {
+    let (port, pin) = pin::registers(THIS.uart.tx());
+    (port, pin, 7)
+};
 
 /// The interrupt of a peripheral that is not used, for the [service](crate::service).
 pub(crate) type ServiceInterrupt = embassy_stm32::interrupt::typelevel::SPI1;
 
-/// The number of the receive stream, on DMA1.
-const RX_STREAM: usize = 5;
-
-/// The number of the transmit stream.
-const TX_STREAM: usize = 6;
-
-/// DMA1 stream 5 channel 4 is USART2_RX, stream 6 channel 4 USART2_TX (RM0090 table 42).
+/// The channel of the streams of USART2 and USART3, in each direction (RM0090 table 42).
 pub(crate) const RX_REQUEST: Request = 4;
 /// See [`RX_REQUEST`].
 const TX_REQUEST: Request = 4;
@@ -105,7 +94,7 @@ const USB_ENDPOINTS: usize = 4;
 
 /// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
 pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
-    enable_port(Port::A);
+    enable_port(THIS.uart.tx().0);
     usart::hold_tx_high();
     let mut led = Led::new();
     enable_clocks(pac::RCC.apb1enr(), |w| w.set_tim5en(true));
@@ -122,7 +111,9 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     line.baudrate = 1_000_000;
     // Without an arm the line must look idle.
     line.rx_pull = Pull::Up;
-    let Ok(uart) = UartRx::new_blocking(p.USART2, p.PA3, line) else {
+    // SAFETY: nothing else has the UART, its RX pin and its receive stream.
+    let (uart, rx, rx_dma) = unsafe { (Peripheral::steal(), RxPin::steal(), RxDma::steal()) };
+    let Ok(uart) = UartRx::new_blocking(uart, rx, line) else {
         unreachable!()
     };
     usart::start_transmitter();
@@ -136,7 +127,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     Board {
         led,
         uart,
-        rx_dma: Channel::new(p.DMA1_CH5, Irqs),
+        rx_dma: Channel::new(rx_dma, UartIrqs),
         usb: UsbDriver(hal_usb::Driver::new_fs(
             p.USB_OTG_FS,
             Irqs,
@@ -149,6 +140,11 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
         flash: flash::new(p.FLASH),
     }
 }
+
+const _: () = assert!(
+    matches!(THIS.uart, Uart::Usart3) == cfg!(arm_at_usart3),
+    "the UART of `build.rs`"
+);
 
 /// Starts the clock of a port of pins (7.3.10).
 pub(super) fn enable_port(port: Port) {

@@ -1,5 +1,5 @@
-//! A WeAct STM32G431 core board, or any with an STM32G431CB, an 8 MHz crystal, USB on PA11/PA12, the arm on PA2/PA3 and
-//! CAN FD on PB8/PB9. It has not been tried on hardware: `docs/porting.md` lists the points to check.
+//! An STM32G431CB with a crystal, USB on PA11/PA12 and the arm on PA2/PA3. It has not been tried on hardware:
+//! `docs/porting.md` lists the points to check.
 //!
 //! Section numbers are those of RM0440.
 
