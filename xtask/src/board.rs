@@ -91,6 +91,23 @@ impl Board {
         }
     }
 
+    /// Maximum flash usage of the shipped image, in bytes.
+    pub(crate) const fn max_flash(self) -> u64 {
+        match self.0.chip {
+            // What it must leave is the limit.
+            Chip::Stm32f405 | Chip::Stm32g431 => u64::MAX,
+            Chip::Rp2040 => 128 * 1024,
+        }
+    }
+
+    /// Maximum RAM usage of the shipped image without the stack, in bytes.
+    pub(crate) const fn max_ram(self) -> u64 {
+        match self.0.chip {
+            Chip::Stm32f405 | Chip::Stm32g431 => 15 * 1024,
+            Chip::Rp2040 => 128 * 1024,
+        }
+    }
+
     /// probe-rs's name of the microcontroller.
     pub(crate) const fn chip(self) -> &'static str {
         self.0.probe_rs

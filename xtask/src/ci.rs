@@ -11,7 +11,7 @@ use crate::image::{self, Image, Options};
 use crate::process;
 use crate::steps::Steps;
 use crate::workspace::{ALONE, root};
-use crate::{apt, c_library, campaign, fuzz, integrity, packages, parallel, performance, readme, ros2, semver};
+use crate::{apt, c_library, campaign, fuzz, integrity, packages, parallel, performance, pico, readme, ros2, semver};
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
@@ -110,6 +110,7 @@ pub(crate) fn run() -> Result<()> {
         let board = cargo("test --package armwire-virtual-board");
         parallel::run_all(vec![image_tests(&f405), image_tests(&g431), board])
     })?;
+    ci.step("firmware image of the Pico on an emulated chip", pico::test)?;
     ci.step("log of a firmware image", || {
         // The STM32G431 has less room for it.
         let image = image::build(Options::all(Board::STM32G431))?;
@@ -154,7 +155,7 @@ fn drawings() -> Result<()> {
 fn firmware_image(board: Board) -> Result<Image> {
     let image = image::build(Options::of(board))?;
     println!("{image}");
-    image.check_ram()?;
+    image.check_sizes()?;
     Ok(image)
 }
 

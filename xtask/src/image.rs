@@ -19,9 +19,6 @@ use crate::uf2;
 /// Flash that every image leaves for the next versions, in bytes.
 const MIN_FLASH_LEFT: u64 = 2 * 1024;
 
-/// Maximum RAM usage of the shipped image without the stack, in bytes.
-const MAX_RAM: u64 = 15 * 1024;
-
 #[derive(Args, Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Options {
     /// Board of the image
@@ -64,8 +61,7 @@ impl Options {
 pub(crate) struct Image {
     /// The ELF file.
     pub(crate) path: PathBuf,
-    /// The extension of the file for the boot loader.
-    update: Update,
+    board: Board,
     /// Flash usage in bytes.
     flash: u64,
     /// Unused flash in bytes.
@@ -84,13 +80,15 @@ impl Image {
         Ok(())
     }
 
-    /// Checks the RAM usage of a release image.
+    /// Checks the sizes of a release image.
     ///
     /// # Errors
     ///
-    /// The size, if it exceeds the limit.
-    pub(crate) fn check_ram(&self) -> Result<()> {
-        ensure!(self.ram <= MAX_RAM, "{self}; the limit is {MAX_RAM} bytes of RAM");
+    /// The sizes, if one exceeds its limit.
+    pub(crate) fn check_sizes(&self) -> Result<()> {
+        let (flash, ram) = (self.board.max_flash(), self.board.max_ram());
+        ensure!(self.flash <= flash, "{self}; the limit is {flash} bytes of flash");
+        ensure!(self.ram <= ram, "{self}; the limit is {ram} bytes of RAM");
         Ok(())
     }
 }
@@ -101,7 +99,7 @@ impl fmt::Display for Image {
             f,
             "{} (and .bin, .{}): {} bytes of flash, {} left, {} bytes of RAM and the stack",
             self.path.display(),
-            self.update.extension(),
+            self.board.update().extension(),
             self.flash,
             self.flash_left,
             self.ram
@@ -161,7 +159,7 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     )?;
     let image = Image {
         path,
-        update,
+        board: options.board,
         flash: program.flash(),
         flash_left: program.flash_left()?,
         ram: program.ram,
@@ -189,16 +187,19 @@ mod tests {
 
     #[test]
     fn oversized_image_is_refused() {
-        let image = |flash_left, ram| Image {
+        let board = Board::PICO;
+        let image = |flash, flash_left, ram| Image {
             path: "image.elf".into(),
-            update: Update::Dfu,
-            flash: 0,
+            board,
+            flash,
             flash_left,
             ram,
         };
-        assert!(image(MIN_FLASH_LEFT, 0).check_flash().is_ok());
-        assert!(image(MIN_FLASH_LEFT - 1, 0).check_flash().is_err());
-        assert!(image(0, MAX_RAM).check_ram().is_ok());
-        assert!(image(0, MAX_RAM + 1).check_ram().is_err());
+        assert!(image(0, MIN_FLASH_LEFT, 0).check_flash().is_ok());
+        assert!(image(0, MIN_FLASH_LEFT - 1, 0).check_flash().is_err());
+        let (flash, ram) = (board.max_flash(), board.max_ram());
+        assert!(image(flash, 0, ram).check_sizes().is_ok());
+        assert!(image(flash + 1, 0, ram).check_sizes().is_err());
+        assert!(image(flash, 0, ram + 1).check_sizes().is_err());
     }
 }

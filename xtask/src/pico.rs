@@ -22,6 +22,7 @@ const TESTS: &str = "host-tests/pico";
 pub(crate) fn test() -> Result<()> {
     let image = image::build(image::Options::of(Board::PICO))?;
     println!("{image}");
+    image.check_sizes()?;
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     install_emulator()?;
     run(Command::new("node")
