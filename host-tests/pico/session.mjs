@@ -31,7 +31,10 @@ export function enumerate(pico) {
   const device = usb.requestIn(0x80, 6, 0x100, 0, 18);
   usb.requestOut(0, 5, 7, 0);
   const config = usb.requestIn(0x80, 6, 0x200, 0, 255);
-  const string = (number) => Buffer.from(usb.requestIn(0x80, 6, 0x300 | number, 0x409, 255).slice(2)).toString('utf16le');
+  const string = (number) => {
+    const descriptor = usb.requestIn(0x80, 6, 0x300 | number, 0x409, 255);
+    return Buffer.from(descriptor.slice(2)).toString('utf16le');
+  };
   usb.requestOut(0, 9, 1, 0);
   // The program opens the port.
   usb.requestOut(0x21, 0x22, 1, 0);
