@@ -12,6 +12,8 @@ pub const TO_HOST_BUFFER: usize = 2048;
 /// The queue towards the host, up to [`TO_HOST_BUFFER`] bytes.
 pub(crate) struct ToHost {
     bytes: Queue<TO_HOST_BUFFER>,
+    /// The next packet, in one piece. To clear it for each packet would take longer than the copy.
+    packet: [u8; PACKET],
     /// The watermark: the first byte of the arm that was not passed, by the decoder's offset.
     passed: u64,
     /// Number of bytes at the front that no longer wait for a full packet.
@@ -50,6 +52,7 @@ impl ToHost {
     pub(crate) const fn new() -> Self {
         Self {
             bytes: Queue::new(),
+            packet: [0; PACKET],
             passed: 0,
             due: 0,
             transfer: Transfer::Closed,
@@ -149,8 +152,8 @@ impl ToHost {
     /// Passes the next packet to `send`, and removes it if that returns true. Returns the length of a packet that was
     /// sent, `None` for none.
     pub(crate) fn transmit(&mut self, send: impl FnOnce(&[u8]) -> bool, counters: &mut Counters) -> Option<usize> {
-        let mut packet = [0; PACKET];
-        let packet = packet.get_mut(..self.next_len()?)?;
+        let len = self.next_len()?;
+        let packet = self.packet.get_mut(..len)?;
         let len = self.bytes.peek(packet);
         if !send(packet) {
             return None;
