@@ -356,6 +356,9 @@ STATUS_QOS = Qos(
 )
 QOS = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(1000))
 JOINTS = [f"joint{n}" for n in range(1, 7)]
+# A pose away from the one at the start.
+GOAL = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
+NO_MULTI_DOF = MultiDofTrajectory_(Header_(Time_(0, 0), ""), [], [])
 PROGRAMS = os.path.abspath(sys.argv[1])
 FOLDER = tempfile.mkdtemp()
 
@@ -461,6 +464,23 @@ class Peer:
     def value(self, key):
         return self.values()[key]
 
+    def set_torque(self, is_on):
+        """Return the node's message."""
+        answer = self.call(self.torque, lambda caller, number: SetBoolRequest_(caller, number, is_on))
+        assert answer.success, answer
+        return answer.message
+
+    def wait_until_away(self, pose, by=0.1):
+        """Wait until the arm is away from a pose."""
+        until(lambda: not self.is_at(pose, by), 5, "it moves")
+
+    def expect_rest(self, settling):
+        """Check that the arm rests after this time, by the readings of the node."""
+        time.sleep(settling)
+        held = self.positions()
+        time.sleep(0.5)
+        assert self.is_at(held, 0.002), (held, self.positions())
+
     def call(self, service, request, seconds=5):
         self.number += 1
         writer, reader = service
@@ -504,10 +524,9 @@ class Follow:
     def goal(self, points, *, names=None, stamp=None, seconds_each=1.0, path=(), at_goal=(), goal_time=0.0, id=None):
         """Send a goal; return its identifier, and whether it is accepted."""
         trajectory = self.peer.trajectory(points, names=names, stamp=stamp, seconds_each=seconds_each)
-        none = MultiDofTrajectory_(Header_(Time_(0, 0), ""), [], [])
         tolerances = [[JointTolerance_(name, value, 0.0, 0.0) for name, value in many] for many in (path, at_goal)]
         time = Duration_(int(goal_time), int(goal_time % 1 * 1e9))
-        goal = Goal_(trajectory, none, tolerances[0], [], tolerances[1], [], time)
+        goal = Goal_(trajectory, NO_MULTI_DOF, tolerances[0], [], tolerances[1], [], time)
         id = id or Uuid_(os.urandom(16))
         answer = self.peer.call(self.send_goal, lambda caller, number: SendGoalRequest_(caller, number, id, goal))
         return id, answer.accepted
@@ -539,16 +558,22 @@ def sent_packets():
     return int(lines["outside0"][9])
 
 
-def rate(peer, seconds, hertz):
-    """Return the rate, and the share of readings more than a period late, by their stamps and by receipt."""
+def received(peer, seconds):
+    """Return the stamps of the readings in this time, and when each was received."""
     peer.take()
     stamps, receipts = [], []
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         for state in peer.take():
             stamps.append(state.header.stamp.sec + state.header.stamp.nanosec / 1e9)
-            receipts.append(time.monotonic())
+            receipts.append(time.time())
         time.sleep(0.0005)
+    return stamps, receipts
+
+
+def rate(peer, seconds, hertz):
+    """Return the rate, and the share of readings more than a period late, by their stamps and by receipt."""
+    stamps, receipts = received(peer, seconds)
     late = [sum(b - a > 2 / hertz for a, b in zip(times, times[1:])) / len(times) for times in (stamps, receipts)]
     return len(stamps) / seconds, *late
 
@@ -562,9 +587,7 @@ def one_arm(participant):
     node = start("armwire-ros2", "--arm", f"left=ling:{port}", "--rmw", "cyclonedds", "--joints", joints)
     peer = Peer(participant, "left")
     matched(participant, [peer])
-    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
-    assert answer.success, answer
-    passed(f"torque on: {answer.message}")
+    passed(f"torque on: {peer.set_torque(True)}")
 
     # Other load delays this script, too: one measurement of six must be good.
     for _ in range(6):
@@ -578,7 +601,7 @@ def one_arm(participant):
     assert list(peer.latest.name) == [*JOINTS, "gripper"] and abs(age) < 0.5, peer.latest
     passed("200 Hz is received with at most 1 % late")
 
-    goal = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
+    goal = GOAL
     peer.send([goal])
     until(lambda: peer.is_at(goal), 5, "the arm is at its goal")
     passed("a trajectory moves the arm")
@@ -639,20 +662,16 @@ os.kill(os.getpid(), signal.SIGKILL)
     passed("a trajectory whose sender dies is played to its end and held")
 
     peer.send([goal], seconds_each=2.0)
-    until(lambda: not peer.is_at([0.0] * 6, 0.05), 5, "it moves")
+    peer.wait_until_away([0.0] * 6, by=0.05)
     peer.send([], names=[])
-    time.sleep(0.3)
-    held = peer.positions()
-    time.sleep(0.5)
-    assert peer.is_at(held, 0.002) and not peer.is_at(goal), (held, peer.positions())
+    peer.expect_rest(settling=0.3)
+    assert not peer.is_at(goal), peer.positions()
     passed("an empty trajectory ends a motion, and the arm holds")
 
-    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, False))
-    assert answer.success, answer
+    peer.set_torque(False)
     peer.send([goal])
     until(lambda: peer.value("last_warning") == "trajectory refused: the torque is off", 5, "refused without torque")
-    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
-    assert answer.success, answer
+    peer.set_torque(True)
     passed("torque off is read back, and trajectories are refused")
 
     assert sent_packets() == before, "packets left on outside0"
@@ -660,28 +679,22 @@ os.kill(os.getpid(), signal.SIGKILL)
 
     # A process that is stopped and continued, as by Ctrl-Z and fg, or by a suspended computer.
     peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=8.0)
-    begun = peer.positions()
-    until(lambda: not peer.is_at(begun, 0.1), 5, "it moves")
+    peer.wait_until_away(peer.positions())
     node.send_signal(signal.SIGSTOP)
     time.sleep(0.2)
     node.send_signal(signal.SIGCONT)
     assert node.wait(10) == 1, "the node ends with an error"
     # The arm is as far behind its last setpoint as the stop was long.
-    time.sleep(0.5)
-    first, second = read_joints(port), (time.sleep(0.5), read_joints(port))[1]
-    assert first == second and "locked" in first, (first, second)
+    expect_rest(port, settling=0.5)
     passed("a node that has lost the network ends, and the arm holds")
     node = start("armwire-ros2", "--arm", f"left=ling:{port}", "--rmw", "cyclonedds")
     matched(participant, [peer])
 
     # A killed node: the arm holds the last setpoint, with its torque on.
     peer.send([[2.0, 0, 0, 0, 0, 0]], seconds_each=8.0)
-    begun = peer.positions()
-    until(lambda: not peer.is_at(begun, 0.1), 5, "it moves")
+    peer.wait_until_away(peer.positions())
     end(node, signal.SIGKILL)
-    time.sleep(0.2)
-    first, second = read_joints(port), (time.sleep(0.5), read_joints(port))[1]
-    assert first == second and "locked" in first, (first, second)
+    expect_rest(port, settling=0.2)
     passed("the node killed in a motion: the arm stands still and holds")
     end(sim)
 
@@ -697,8 +710,7 @@ def trajectories(participant):
     node = start("armwire-ros2", "--arm", f"counted=ling:{port}", "--rmw", "cyclonedds")
     peer = Peer(participant, "counted")
     matched(participant, [peer])
-    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
-    assert answer.success, answer
+    peer.set_torque(True)
 
     # A stamp in the future: the present motion goes on until then.
     peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=2.0)
@@ -740,14 +752,12 @@ def action(participant):
     peer = Peer(participant, "followed")
     matched(participant, [peer])
     follow = Follow(participant, peer)
-    goal = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
-    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, False))
-    assert answer.success, answer
+    goal = GOAL
+    peer.set_torque(False)
     _, accepted = follow.goal([goal])
     warning = peer.value("last_warning")
     assert not accepted and warning == "trajectory refused: the torque is off", (accepted, warning)
-    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
-    assert answer.success, answer
+    peer.set_torque(True)
 
     id, accepted = follow.goal([goal])
     assert accepted
@@ -768,15 +778,13 @@ def action(participant):
     home = [0.0] * 6
     id, accepted = follow.goal([home], seconds_each=4.0)
     assert accepted
-    until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
+    peer.wait_until_away(goal)
     answer = follow.cancel(id)
     assert (answer.return_code, [info.goal_id for info in answer.goals_canceling]) == (0, [id]), answer
     answer = follow.result(id)
     assert answer.status == CANCELED, answer
-    time.sleep(0.2)
-    held = peer.positions()
-    time.sleep(0.5)
-    assert peer.is_at(held, 0.002) and not peer.is_at(home, 0.1), (held, peer.positions())
+    peer.expect_rest(settling=0.2)
+    assert not peer.is_at(home, 0.1), peer.positions()
     assert follow.state(id) == CANCELED
     assert follow.cancel(id).return_code == GOAL_TERMINATED
     assert follow.cancel(Uuid_(bytes(16 * [7]))).return_code == UNKNOWN_GOAL
@@ -805,10 +813,8 @@ def action(participant):
     answer = follow.result(id)
     assert accepted and (answer.status, answer.result.error_code) == (ABORTED, PATH_VIOLATED), answer
     assert answer.result.error_string.startswith('"joint'), answer
-    time.sleep(0.2)
-    held = peer.positions()
-    time.sleep(0.5)
-    assert peer.is_at(held, 0.002) and not peer.is_at(home, 0.1), (held, peer.positions())
+    peer.expect_rest(settling=0.2)
+    assert not peer.is_at(home, 0.1), peer.positions()
     passed(f"a goal whose path is left is aborted, and the arm holds: {answer.result.error_string}")
 
     id, accepted = follow.goal([home])
@@ -841,7 +847,7 @@ def action(participant):
 
     # A lost arm.
     id, accepted = follow.goal([home], seconds_each=4.0)
-    until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
+    peer.wait_until_away(goal)
     end(sim, signal.SIGKILL)
     answer = follow.result(id)
     assert accepted and (answer.status, answer.result.error_code) == (ABORTED, INVALID_GOAL), answer
@@ -856,8 +862,7 @@ def slow_readings(participant):
     peer = Peer(participant, "slow")
     matched(participant, [peer])
     follow = Follow(participant, peer)
-    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
-    assert answer.success, answer
+    peer.set_torque(True)
     # A setpoint with each reading only would leave the arm 0.25 rad behind.
     id, accepted = follow.goal([[1.0, 0, 0, 0, 0, 0]], seconds_each=2.0, path=[("joint1", 0.15)])
     answer = follow.result(id)
@@ -892,9 +897,7 @@ def other_mapping(participant):
 
     answer = call("torque", BareSetBoolRequest_, BareSetBoolResponse_, BareSetBoolRequest_(True))
     assert answer.success, answer
-    goal = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
-    none = MultiDofTrajectory_(Header_(Time_(0, 0), ""), [], [])
-    goal = Goal_(peer.trajectory([goal]), none, [], [], [], [], Duration_(0, 0))
+    goal = Goal_(peer.trajectory([GOAL]), NO_MULTI_DOF, [], [], [], [], Duration_(0, 0))
     id, action = Uuid_(os.urandom(16)), "follow_joint_trajectory/_action"
     answer = call(f"{action}/send_goal", BareSendGoalRequest_, BareSendGoalResponse_, BareSendGoalRequest_(id, goal))
     assert answer.accepted, answer
@@ -910,6 +913,15 @@ def read_joints(port):
     return subprocess.run(call, check=True, capture_output=True, text=True).stdout
 
 
+def expect_rest(port, settling):
+    """Check on an arm's port, without the node, that it rests after this time, with torque."""
+    time.sleep(settling)
+    first = read_joints(port)
+    time.sleep(0.5)
+    second = read_joints(port)
+    assert first == second and "locked" in first, (first, second)
+
+
 def behind_adapter(participant, board):
     port, control = (os.path.join(board, name) for name in ("arm", "control"))
     control = f"control:{control}"
@@ -921,17 +933,9 @@ def behind_adapter(participant, board):
     peer = Peer(participant, "adapted")
     matched(participant, [peer])
     assert peer.value("stamps") == "adapter"
-    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
-    assert answer.success, answer
+    peer.set_torque(True)
 
-    stamps, receipts = [], []
-    peer.take()
-    deadline = time.monotonic() + 5
-    while time.monotonic() < deadline:
-        for state in peer.take():
-            stamps.append(state.header.stamp.sec + state.header.stamp.nanosec / 1e9)
-            receipts.append(time.time())
-        time.sleep(0.0005)
+    stamps, receipts = received(peer, 5)
     # An update of the clock mapping shifts one stamp, and each lost reading one period.
     errors = sorted(abs((b - a) * 200 - round((b - a) * 200)) / 200 for a, b in zip(stamps, stamps[1:]))
     error = errors[len(errors) * 95 // 100]
@@ -941,7 +945,7 @@ def behind_adapter(participant, board):
     passed("stamps are the adapter's, and none is later than its receipt")
 
     # The end of a motion ends its stream: the dead-man timer leaves the torque on.
-    goal = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
+    goal = GOAL
     peer.send([goal])
     until(lambda: peer.is_at(goal), 10, "the arm is at its goal")
     time.sleep(1)
@@ -960,35 +964,31 @@ def behind_adapter(participant, board):
     # A stop by another host.
     bus = f"slcan:{os.path.join(board, 'bus')}"
     id, accepted = follow.goal([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
-    begun = peer.positions()
-    until(lambda: not peer.is_at(begun, 0.1), 5, "it moves")
+    peer.wait_until_away(peer.positions())
     subprocess.run([armwire, "stop", bus], check=True, stdout=subprocess.DEVNULL)
     answer = follow.result(id)
     assert accepted and answer.result.error_string == "the adapter stopped the arm", answer
-    time.sleep(2.5)
-    held = peer.positions()
-    time.sleep(0.5)
-    assert peer.is_at(held, 0.002) and peer.value("motion_status") == "locked"
+    peer.expect_rest(settling=2.5)
+    assert peer.value("motion_status") == "locked"
     passed("a stop by a host on CAN aborts a goal, and the arm holds")
     peer.send([goal])
     until(lambda: peer.is_at(goal), 10, "the arm is at its goal")
 
     # Torque-off by another host ends a motion, and torque-on does not resume it.
     peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
-    until(lambda: not peer.is_at(goal, 0.1), 5, "it moves")
+    peer.wait_until_away(goal)
     subprocess.run([armwire, "call", "ling", bus, "set-torque", "off"], check=True, stdout=subprocess.DEVNULL)
     aborted = "trajectory aborted: the torque was switched off during the motion"
     until(lambda: peer.value("last_warning") == aborted, 5, "the motion ends")
     stopped = peer.positions()
-    answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
-    assert answer.success, answer
+    peer.set_torque(True)
     time.sleep(1)
     assert peer.is_at(stopped), (stopped, peer.positions())
     passed("torque-off by a host on CAN ends a motion, and torque-on does not resume it")
 
     # A killed node is a silent host: the adapter switches the torque off.
     peer.send([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
-    until(lambda: not peer.is_at(stopped, 0.1), 5, "it moves")
+    peer.wait_until_away(stopped)
     end(node, signal.SIGKILL)
     # A request before the timeout would keep the stream alive.
     time.sleep(1)
@@ -1026,8 +1026,7 @@ def sixteen_arms(participant):
     matched(participant, peers)
     goals = [[0.05 * (n + 1)] * 6 for n in range(16)]
     for peer, goal in zip(peers, goals):
-        answer = peer.call(peer.torque, lambda caller, number: SetBoolRequest_(caller, number, True))
-        assert answer.success, answer
+        peer.set_torque(True)
         peer.send([goal])
     for peer, goal in zip(peers, goals):
         until(lambda: peer.is_at(goal), 10, f"{peer.arm} is at its goal")
