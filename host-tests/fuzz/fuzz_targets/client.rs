@@ -8,7 +8,7 @@ use std::num::NonZeroU32;
 use armwire::correlation::{Effect, InfoOf};
 use armwire::framing::Reason;
 use armwire::time::{Duration, Instant};
-use armwire::{Client, Config, Event, Output, SubmitError};
+use armwire::{Client, Config, ErrorFrame, Event, Output, SubmitError};
 use armwire_fuzz::{Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
@@ -41,7 +41,7 @@ impl Check for Requests {
                 // An echo.
                 6 => world.on_bytes(&request_bytes(protocol, &P::any_request(u)?)),
                 7 => world.idle(),
-                8 => world.read(&[]),
+                8 => world.on_empty(),
                 9 => world.wait(world.now + Duration::from_micros(u64::from(u.arbitrary::<u16>()?) * 16)),
                 _ => world.wait_until_due(),
             }
@@ -174,21 +174,36 @@ impl<P: Subject, const N: usize> World<P, N> {
         self.client.transmitted(self.now, n).expect("it was given");
     }
 
+    /// The first half of these bytes is copied in, the second is read into the client's space.
     fn on_bytes(&mut self, bytes: &[u8]) {
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let later = self.client.receive(self.now, rest);
-            assert!(later.len() < rest.len(), "it is not taken");
-            self.model.on_read(rest.len() - later.len());
-            rest = later;
+        let (mut copied, mut read) = bytes.split_at(bytes.len() / 2);
+        while !copied.is_empty() {
+            let later = self.client.receive(self.now, copied);
+            assert!(later.len() < copied.len(), "it is not taken");
+            self.model.on_read(copied.len() - later.len());
+            copied = later;
+            self.take_events();
+        }
+        while !read.is_empty() {
+            let space = self.client.space();
+            let n = space.len().min(read.len());
+            assert!(n > 0, "no space");
+            space[..n].copy_from_slice(&read[..n]);
+            self.client.received(self.now, n).expect("there is space");
+            self.model.on_read(n);
+            read = &read[n..];
             self.take_events();
         }
     }
 
-    /// The port has these bytes, or none.
-    fn read(&mut self, bytes: &[u8]) {
-        assert!(self.client.receive(self.now, bytes).is_empty());
-        self.model.on_read(bytes.len());
+    /// The port is empty.
+    fn on_empty(&mut self) {
+        assert!(
+            self.client.received(self.now, N + 1).is_err(),
+            "more bytes than there is space"
+        );
+        self.client.received(self.now, 0).expect("none fit");
+        self.model.on_read(0);
         self.take_events();
     }
 
@@ -202,7 +217,8 @@ impl<P: Subject, const N: usize> World<P, N> {
             match self.client.poll(self.now) {
                 Output::Event(event) => {
                     assert!(!format!("{event:?}").is_empty());
-                    self.model.on_event(event, self.now);
+                    let has_frame = self.model.on_event(event, self.now);
+                    assert_eq!(!self.client.frame().is_empty(), has_frame);
                 }
                 Output::Receive => {
                     self.model.on_receive();
@@ -241,7 +257,7 @@ impl<P: Subject, const N: usize> World<P, N> {
             while self.model.void > 0 && !P::LOSSLESS {
                 self.transmit(N);
             }
-            self.read(&[]);
+            self.on_empty();
             self.transmit(N);
             self.wait_until_due();
         }
@@ -348,7 +364,13 @@ impl<P: Subject, const N: usize> Model<P, N> {
         Some(pending)
     }
 
-    fn on_event(&mut self, event: Event<'_, P::Response<'_>>, now: Instant) {
+    /// Returns true if the event has a frame.
+    fn on_event(&mut self, event: Event<'_, P::Response<'_>>, now: Instant) -> bool {
+        let has_frame = match event {
+            Event::Noise { .. } | Event::Sent | Event::TimedOut { .. } | Event::Broken { .. } => false,
+            Event::Answer(_) | Event::ErrorFrame { .. } | Event::Unacceptable(_) => true,
+            Event::Late(_) | Event::Unsolicited(_) | Event::Unknown { .. } | Event::Echo => true,
+        };
         match event {
             Event::Answer(response) => {
                 let pending = self.end(now).expect("no request is in flight");
@@ -360,6 +382,8 @@ impl<P: Subject, const N: usize> Model<P, N> {
                 let pending = self.end(now).expect("no request is in flight");
                 assert!(self.protocol.is_response_to(pending.info.key, frame));
                 assert!(pending.sends > 0, "answered before it was sent");
+                let error = ErrorFrame::new(frame);
+                assert!(frame.starts_with(error.bytes()) && !error.to_string().is_empty());
             }
             Event::Unacceptable(error) => {
                 let pending = self.end(now).expect("no request is in flight");
@@ -400,6 +424,7 @@ impl<P: Subject, const N: usize> Model<P, N> {
             Event::Unknown { frame, error } => assert!(!frame.is_empty() && !error.to_string().is_empty()),
             Event::Echo => assert!(!P::LOSSLESS),
         }
+        has_frame
     }
 
     /// The maximum time until all requests have ended: the answer to an earlier request is late, and then each send of
