@@ -1,5 +1,5 @@
-// A Raspberry Pi Pico that runs the adapter's image: the emulated chip of the example with its flash, the functions of its
-// boot ROM that the image calls, and a host on USB.
+// A Raspberry Pi Pico that runs the adapter's image: the emulated chip of the example with its flash, the functions of
+// its boot ROM that the image calls, and a host on USB.
 import { Chip } from '../../examples/rp2040/emulator/chip.mjs';
 import { Usb } from './usb.mjs';
 
@@ -143,8 +143,8 @@ function quieten(rp2040) {
   rp2040.logger.error = () => {};
 }
 
-// rp2040js reads CHAN_ABORT as all ones: a program that waits for the end of an abort never leaves. An abort takes no time
-// here. It must also end the channel's wait for its peripheral.
+// rp2040js reads CHAN_ABORT as all ones: a program that waits for the end of an abort never leaves. An abort takes no
+// time here. It must also end the channel's wait for its peripheral.
 function answerAborts(rp2040) {
   const CHAN_ABORT = 0x444;
   const { dma } = rp2040;
@@ -152,8 +152,8 @@ function answerAborts(rp2040) {
   dma.readUint32 = (offset) => (offset === CHAN_ABORT ? 0 : readUint32.call(dma, offset));
 }
 
-// rp2040js has no control registers of the flash cache and reads them as all ones. A program that waits for the end of a
-// read in the background never leaves. There is none here.
+// rp2040js has no control registers of the flash cache and reads them as all ones. A program that waits for the end of
+// a read in the background never leaves. There is none here.
 function addCacheControl(rp2040) {
   rp2040.peripherals[0x14000] = { readUint32: () => 0, writeUint32Atomic: () => {} };
 }

@@ -21,8 +21,8 @@ const BLOCK: usize = 508;
 /// Value of an erased byte of flash.
 const ERASED: u8 = 0xFF;
 
-/// The file: a block for each page of the segments, which are sorted by address. The boot loader erases only the sectors of
-/// these pages.
+/// The file: a block for each page of the segments, which are sorted by address. The boot loader erases only the
+/// sectors of these pages.
 pub(crate) fn file(segments: &[Segment]) -> Vec<u8> {
     let pages = pages(segments);
     let mut file = Vec::new();

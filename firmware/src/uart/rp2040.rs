@@ -2,8 +2,8 @@
 //!
 //! # Time stamps
 //!
-//! The DMA writes a stamp beside each byte as it arrives. No interrupt is involved: a stamp is exact even if the flash is
-//! being written. The interrupt handler of a byte only looks for the bytes that the bridge waits for.
+//! The DMA writes a stamp beside each byte as it arrives. No interrupt is involved: a stamp is exact even if the flash
+//! is being written. The interrupt handler of a byte only looks for the bytes that the bridge waits for.
 //!
 //! The UART has no interrupt for an idle line while the DMA empties its FIFO. An alarm compares the last stamp with the
 //! clock.

@@ -1,7 +1,7 @@
 //! The flash of the configuration: the last two sectors, 4 kB each.
 //!
-//! The erase of a sector takes 45 ms, and 400 ms at worst (W25Q16JV, 9.6). Meanwhile the chip cannot fetch code. The DMA
-//! receives bytes from the arm, as many as the ring holds.
+//! The erase of a sector takes 45 ms, and 400 ms at worst (W25Q16JV, 9.6). Meanwhile the chip cannot fetch code. The
+//! DMA receives bytes from the arm, as many as the ring holds.
 
 use core::ops::Range;
 

@@ -1,5 +1,5 @@
-//! A Raspberry Pi Pico: an RP2040 with a crystal of 12 MHz, 2 MB of flash, USB, and the arm on GP4/GP5. It has no CAN. It has
-//! not been tried on hardware.
+//! A Raspberry Pi Pico: an RP2040 with a crystal of 12 MHz, 2 MB of flash, USB, and the arm on GP4/GP5. It has no CAN.
+//! It has not been tried on hardware.
 //!
 //! Section numbers are those of the RP2040 datasheet.
 
@@ -102,7 +102,8 @@ impl Led {
     }
 }
 
-/// Starts the clocks and takes the pins. Until then a pull-down holds the line to the arm (2.19.6.3): the chip starts so.
+/// Starts the clocks and takes the pins. Until then a pull-down holds the line to the arm (2.19.6.3): the chip starts
+/// so.
 pub(crate) fn init(_: &mut Watchdog) -> Board {
     let p = embassy_rp::init(embassy_rp::config::Config::default());
     uart::hold_tx_high();

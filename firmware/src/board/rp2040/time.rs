@@ -1,7 +1,7 @@
 //! The clock: embassy's time driver on the chip's 64-bit timer, which counts microseconds (4.6).
 //!
-//! The HAL's driver is not used: its alarm does not run the service. Further alarms start and end a burst, and detect an
-//! idle line.
+//! The HAL's driver is not used: its alarm does not run the service. Further alarms start and end a burst, and detect
+//! an idle line.
 
 use core::sync::atomic::Ordering;
 use core::task::Waker;

@@ -123,11 +123,11 @@ pub(crate) fn take_errors() -> Errors {
     }
 }
 
-/// Starts the DMA into a ring of bytes and a ring of stamps, each aligned to its size. `log2` is the number of bytes as a
-/// power of two.
+/// Starts the DMA into a ring of bytes and a ring of stamps, each aligned to its size. `log2` is the number of bytes as
+/// a power of two.
 ///
-/// A transfer of one byte starts that of its stamp, which starts the next: the chip stamps each byte as it arrives, however
-/// long an interrupt waits.
+/// A transfer of one byte starts that of its stamp, which starts the next: the chip stamps each byte as it arrives,
+/// however long an interrupt waits.
 pub(crate) fn start_receiving(bytes: u32, stamps: u32, log2: u8) {
     let (byte, stamp) = (DMA.ch(BYTES), DMA.ch(STAMPS));
     byte.read_addr().write_value(UART1.uartdr().as_ptr() as u32);
@@ -171,8 +171,8 @@ pub(crate) fn next_stamp() -> u32 {
     DMA.ch(STAMPS).write_addr().read()
 }
 
-/// Stops channels, which have no more access to memory then (2.5.5.3). Their interrupts are disabled: an abort may raise one
-/// (RP2040-E13).
+/// Stops channels, which have no more access to memory then (2.5.5.3). Their interrupts are disabled: an abort may
+/// raise one (RP2040-E13).
 fn abort(channels: &[usize]) {
     for &channel in channels {
         DMA.ch(channel).al1_ctrl().write_value(0);

@@ -24,7 +24,8 @@ pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::Con
 /// Number of endpoints in each direction.
 const ENDPOINTS: usize = 16;
 
-/// Cycles between the content of a buffer's control and AVAILABLE, which the controller reads with another clock (4.1.2.5.1).
+/// Cycles between the content of a buffer's control and AVAILABLE, which the controller reads with another clock
+/// (4.1.2.5.1).
 const SETTLE_CYCLES: u32 = 12;
 
 /// Wakes the task that waits for a stage of a request that the host has ended. It runs ahead of the HAL's handler.
@@ -115,7 +116,8 @@ fn reset_data_toggle(endpoint: EndpointAddress) {
 
 /// Makes an endpoint answer with NAK until [`release`] (4.1.2.9, EP_ABORT). Returns its buffer's control.
 ///
-/// Chips before revision B2 ignore the request (RP2040-E2): a packet that is on the wire meanwhile may count as waiting.
+/// Chips before revision B2 ignore the request (RP2040-E2): a packet that is on the wire meanwhile may count as
+/// waiting.
 fn hold(endpoint: EndpointAddress) -> EpBufferControl {
     let index = endpoint.index();
     match endpoint.direction() {
