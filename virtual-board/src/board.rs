@@ -11,6 +11,8 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
+use armwire_boards::{Board, Uart as BoardUart};
+
 use crate::can::Sender as CanSender;
 use crate::can::bus::Bus;
 use crate::chip::Chip;
@@ -21,7 +23,7 @@ use crate::flash::{self, Flash};
 use crate::image::Image;
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte, SharedLine};
 use crate::mcu::Setup;
-use crate::mcu::stm32f405::{IDENTITY, Reenabled};
+use crate::mcu::stm32f405::{ArmUart, IDENTITY, Reenabled};
 use crate::mcu::stm32g431::EccRegister;
 use crate::report::{Report, Violation};
 use crate::shared::{Shared, lock};
@@ -58,6 +60,8 @@ pub struct Config<A> {
     pub arm: A,
     /// The rate of the arm's own UART, in bits per second.
     pub arm_baud: u32,
+    /// The UART of an STM32F405 that has the arm.
+    pub arm_uart: ArmUart,
     /// The crystal.
     pub crystal: Crystal,
     /// The frequency of the chip's internal oscillator in hertz, nominally 16 MHz. That of the STM32F405 is −8 % to
@@ -99,6 +103,7 @@ impl<A> Config<A> {
             chip: None,
             arm,
             arm_baud: 1_000_000,
+            arm_uart: ArmUart::default(),
             crystal: Crystal::new(8_000_000),
             internal_hz: INTERNAL_HZ,
             idcode: IDENTITY,
@@ -112,6 +117,19 @@ impl<A> Config<A> {
             instruction_cost: NonZeroU32::new(100).expect("not zero"),
             exact_cycles: false,
             gdb: None,
+        }
+    }
+
+    /// With the crystal and the arm's UART of this board.
+    #[must_use]
+    pub fn on(self, board: &Board) -> Self {
+        Self {
+            crystal: Crystal::new(board.crystal * 1_000_000),
+            arm_uart: match board.uart {
+                BoardUart::Usart2 => ArmUart::Usart2,
+                BoardUart::Usart3 => ArmUart::Usart3,
+            },
+            ..self
         }
     }
 }
@@ -185,6 +203,7 @@ impl<A: Arm> VirtualBoard<A> {
         let setup = Setup {
             unique_id: config.unique_id,
             idcode: config.idcode,
+            arm_uart: config.arm_uart,
             reenabled: config.reenabled,
             ecc_register: config.ecc_register,
             seed: config.seed,

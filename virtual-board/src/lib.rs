@@ -56,7 +56,7 @@ pub use chip::Chip;
 pub use crystal::Crystal;
 pub use error::Error;
 pub use line::Arm;
-pub use mcu::stm32f405::Reenabled;
+pub use mcu::stm32f405::{ArmUart, Reenabled};
 pub use mcu::stm32g431::EccRegister;
 pub use time::Nanos;
 pub use timing::Timing;

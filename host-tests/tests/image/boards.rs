@@ -7,11 +7,11 @@ use armwire_bridge::can::{Function, Node};
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::{Reply, Request};
 use armwire_host_tests::image::{
-    BIT_RATE, Control, MEGABAUD, RawArm, chip, exchange, facts, on_board, on_board_with, path, plug_in,
+    BIT_RATE, Control, MEGABAUD, RawArm, chip, exchange, facts, on_board_with, path, plug_in,
 };
 use armwire_sim::ling::{self, LingArm};
 use armwire_virtual_board::line::Arm;
-use armwire_virtual_board::{Config as BoardConfig, Crystal, Nanos, VirtualBoard};
+use armwire_virtual_board::{Config as BoardConfig, Nanos, VirtualBoard};
 
 /// Distance of two ports, and their registers (RM0090 8.4, RM0440 9.4).
 const PORT: u64 = 0x400;
@@ -35,26 +35,18 @@ const fn millis(millis: u64) -> Nanos {
     Nanos::from_millis(millis)
 }
 
-/// The image's board, by the adapter's identity.
+/// The image's board, by the name of the file.
 fn this() -> &'static Board {
-    on_board(RawArm::default(), |board| {
-        plug_in(board, MEGABAUD);
-        let reply = Control::open(board).call(board, Request::Identify);
-        let Reply::Identity(identity) = reply else {
-            panic!("{reply:?}");
-        };
-        Board::find(identity.board.as_str()).expect("a board of the list")
-    })
+    let file = path();
+    let name = file.file_stem().unwrap().to_str().unwrap();
+    let name = name.strip_prefix("armwire-").expect("a file of `cargo fw`");
+    Board::find(name).expect("a board of the list")
 }
 
-/// Runs a test on the image's board with its crystal.
+/// Runs a test on the image's board.
 fn on_this<A: Arm, R>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>, &'static Board) -> R) -> R {
     let this = this();
-    let config = BoardConfig {
-        crystal: Crystal::new(this.crystal * 1_000_000),
-        ..BoardConfig::new(path(), arm)
-    };
-    on_board_with(config, |board| test(board, this))
+    on_board_with(BoardConfig::new(path(), arm).on(this), |board| test(board, this))
 }
 
 /// A register of a pin's port.
@@ -89,10 +81,15 @@ fn is_high<A: Arm>(board: &mut VirtualBoard<A>, pin: Pin) -> bool {
 }
 
 #[test]
-fn file_and_identity_have_the_same_name() {
-    let file = path();
-    let name = file.file_stem().unwrap().to_str().unwrap();
-    assert_eq!(name, format!("armwire-{}", this().name));
+fn identity_has_the_name_of_the_board() {
+    on_this(RawArm::default(), |board, this| {
+        plug_in(board, MEGABAUD);
+        let reply = Control::open(board).call(board, Request::Identify);
+        let Reply::Identity(identity) = reply else {
+            panic!("{reply:?}");
+        };
+        assert_eq!(identity.board, this.name);
+    });
 }
 
 #[test]
@@ -119,7 +116,7 @@ fn image_takes_only_the_pins_of_its_board() {
         for pin in USB {
             taken.remove(&place(pin));
         }
-        let line = [Pin(Port::A, 2), Pin(Port::A, 3)];
+        let line = [this.uart.tx(), this.uart.rx()];
         let expected = line.into_iter().chain(can_pins(this)).chain([this.led.pin]);
         assert_eq!(taken, expected.map(place).collect());
     });

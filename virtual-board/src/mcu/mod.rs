@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use self::common::mcu::{Mcu, Peripherals};
-use self::stm32f405::{Reenabled, Stm32f405};
+use self::stm32f405::{ArmUart, Reenabled, Stm32f405};
 use self::stm32g431::{EccRegister, Stm32g431};
 use crate::chip::Chip;
 use crate::engine::Engine;
@@ -22,6 +22,8 @@ pub(crate) struct Setup {
     pub(crate) unique_id: [u8; 12],
     /// DBGMCU_IDCODE of the STM32F405.
     pub(crate) idcode: u32,
+    /// The UART of the STM32F405 with the arm.
+    pub(crate) arm_uart: ArmUart,
     pub(crate) reenabled: Reenabled,
     pub(crate) ecc_register: EccRegister,
     pub(crate) seed: u64,
@@ -45,7 +47,7 @@ impl Setup {
     pub(crate) fn engine(self, chip: Chip) -> Box<dyn Engine> {
         match chip {
             Chip::Stm32f405 => {
-                let peripherals = Stm32f405::new(self.idcode, self.reenabled, self.seed, &self.edges);
+                let peripherals = Stm32f405::new(self.idcode, self.arm_uart, self.reenabled, self.seed, &self.edges);
                 self.machine(peripherals)
             }
             Chip::Stm32g431 => {

@@ -11,6 +11,7 @@ use std::io::{self, ErrorKind};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use armwire_boards::Board;
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_virtual_board::serve::{Places, serve};
 use armwire_virtual_board::{Config, VirtualBoard};
@@ -24,6 +25,10 @@ struct Args {
     /// The firmware image, an ELF file.
     #[arg(long)]
     image: PathBuf,
+
+    /// The board that the image is for, with its crystal and UART.
+    #[arg(long, value_parser = board, default_value = "stm32f405")]
+    board: &'static Board,
 
     #[command(flatten)]
     options: DemoOptions,
@@ -47,11 +52,16 @@ fn is_broken_pipe(error: &(dyn Error + 'static)) -> bool {
         .is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
 }
 
-fn run(Args { image, options }: Args) -> Result<(), Box<dyn Error>> {
+/// The board of this name.
+fn board(name: &str) -> Result<&'static Board, &'static str> {
+    Board::find(name).ok_or("no board of the list")
+}
+
+fn run(Args { image, board, options }: Args) -> Result<(), Box<dyn Error>> {
     let arm = LingArm::new(ArmConfig::follower());
     let board = VirtualBoard::start(Config {
         gdb: options.gdb,
-        ..Config::new(image, arm)
+        ..Config::new(image, arm).on(board)
     })?;
     match &options.serve {
         Some(serial) => {

@@ -6,14 +6,13 @@ use std::sync::atomic::Ordering;
 
 use super::dma::{Dma, Failure, Requests};
 use super::flash::FlashInterface;
-use super::gpio::Gpio;
 use super::iwdg::Iwdg;
 use super::rcc::{Gate, Gates};
 use super::shifter::Uart;
 use super::system_memory::{SystemMemory, starts_boot_loader};
 use crate::core::{self, Access, Bus, BusError, Core, FlashTiming, Memory, Purpose, Width};
 use crate::engine::News;
-use crate::line::LOW;
+use crate::line::{LOW, Pin};
 use crate::shared::lock;
 use crate::soc::clock::Clock;
 use crate::soc::events::Events;
@@ -27,10 +26,6 @@ use crate::trace::Trace;
 /// Number of priority bits, and of MPU regions (PM0214, 4.3 and 4.2).
 const PRIORITY_BITS: u8 = 4;
 const MPU_REGIONS: u8 = 8;
-
-/// The address of USART2, and its TX pin on port A.
-const UART: u32 = 0x4000_4400;
-const UART_TX_PIN: u32 = 2;
 
 /// A peripheral with events. Of several events at the same instant, that of the first slot is executed first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -116,7 +111,7 @@ pub(crate) trait Peripherals: Debug + Send {
     const MAP: Map;
 
     /// The blocks of registers.
-    const BLOCKS: &'static [Block<Self::Kind>];
+    fn blocks(&self) -> &'static [Block<Self::Kind>];
 
     /// The peripherals with events, by their [`Slot`].
     const EVENTS: [Self::Kind; SLOTS.len()];
@@ -141,8 +136,11 @@ pub(crate) trait Peripherals: Debug + Send {
     /// The UART to the arm.
     fn uart(&self) -> &dyn Uart;
 
-    /// The port of the UART's TX pin.
-    fn uart_port(&self) -> &Gpio;
+    /// The address of its registers.
+    fn uart_address(&self) -> u32;
+
+    /// The driver of its TX pin.
+    fn uart_pin(&self) -> Pin;
 
     /// The DMA, and the UART that it serves.
     fn dma_and_uart(&mut self) -> (&mut dyn Dma, &mut dyn Uart);
@@ -308,10 +306,9 @@ impl<P: Peripherals> Mcu<P> {
 
     /// The block that an address outside the memories is in, and the offset among the registers of its peripheral.
     #[inline]
-    fn find(address: u32) -> Option<Place<P>> {
-        let block = P::BLOCKS
-            .iter()
-            .find(|block| address.wrapping_sub(block.address) < block.size)?;
+    fn find(&self, address: u32) -> Option<Place<P>> {
+        let mut blocks = self.peripherals.blocks().iter();
+        let block = blocks.find(|block| address.wrapping_sub(block.address) < block.size)?;
         Some((block, address - block.address + block.offset))
     }
 
@@ -325,7 +322,7 @@ impl<P: Peripherals> Mcu<P> {
     /// The block at an address and the offset within its peripheral, if it takes the access.
     #[inline]
     fn block(&mut self, access: Access) -> Result<Option<Place<P>>, BusError> {
-        let Some((block, offset)) = Self::find(access.address) else {
+        let Some((block, offset)) = self.find(access.address) else {
             self.common.recorder.unmapped(access.address, access.pc);
             return Err(BusError);
         };
@@ -350,7 +347,7 @@ impl<P: Peripherals> Mcu<P> {
         if is_system_memory(access) {
             return P::MAP.system_memory.read(access, &self.unique_id).ok_or(BusError);
         }
-        let (block, offset) = Self::find(access.address).ok_or(BusError)?;
+        let (block, offset) = self.find(access.address).ok_or(BusError)?;
         let value = self.peripherals.peripheral(block.kind).peek(offset, self.common.now);
         value.map_err(|_| BusError)
     }
@@ -406,7 +403,7 @@ impl<P: Peripherals> Mcu<P> {
         if !self.peripherals.gates().holds_any() {
             return;
         }
-        for block in P::BLOCKS {
+        for block in self.peripherals.blocks() {
             if block.gate.is_some_and(|gate| self.peripherals.gates().is_held(gate)) {
                 self.peripherals.reset_block(block, self.common.now);
             }
@@ -419,7 +416,7 @@ impl<P: Peripherals> Mcu<P> {
     fn follow_pin(&mut self) -> bool {
         let mut line = lock(&self.common.edges.line);
         let was_low = line.is_pin_low();
-        line.set_pin(self.peripherals.uart_port().driver(UART_TX_PIN));
+        line.set_pin(self.peripherals.uart_pin());
         line.set_transmits(self.peripherals.uart().transmits());
         line.is_pin_low() && !was_low
     }
@@ -481,12 +478,13 @@ impl<P: Peripherals> Mcu<P> {
     fn step_dma(&mut self, memory: &mut Memory) {
         let now = self.common.now;
         let requests = self.requests();
+        let registers = self.peripherals.uart_address();
         let (dma, uart) = self.peripherals.dma_and_uart();
         let Some((stream, step)) = dma.step(requests, now) else {
             return;
         };
         let done = step.run(memory, |address, value| {
-            let offset = address.wrapping_sub(UART);
+            let offset = address.wrapping_sub(registers);
             match value {
                 None if offset == P::MAP.uart_receive => Some(uart.read(offset, now).map(|value| value as u8)),
                 Some(value) if offset == P::MAP.uart_transmit => {
@@ -500,7 +498,7 @@ impl<P: Peripherals> Mcu<P> {
             Ok(None) => {}
             Err(failure) => {
                 dma.fail(stream);
-                self.common.record_dma("USART2", failure);
+                self.common.record_dma("UART", failure);
             }
         }
         self.settle(Slot::Usart);
@@ -509,7 +507,7 @@ impl<P: Peripherals> Mcu<P> {
     /// Resets everything that a system reset resets, except the clocks.
     fn reset(&mut self, memory: &mut Memory) {
         self.peripherals.flash_mut().restart(memory);
-        for block in P::BLOCKS {
+        for block in self.peripherals.blocks() {
             self.peripherals.reset_block(block, self.common.now);
         }
         self.follow_pin();

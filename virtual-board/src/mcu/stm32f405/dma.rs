@@ -76,23 +76,22 @@ pub enum Reenabled {
 
 /// A request line: the controller, 0 or 1, the stream and the channel (10.3.3, tables 42 and 43).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Request {
+pub(super) struct Request {
     controller: usize,
     stream: usize,
     channel: u32,
 }
 
-/// DMA requests of USART2 (10.3.3, table 42).
-const USART2_RX: Request = Request {
-    controller: 0,
-    stream: 5,
-    channel: 4,
-};
-const USART2_TX: Request = Request {
-    controller: 0,
-    stream: 6,
-    channel: 4,
-};
+impl Request {
+    /// A request line of DMA1.
+    pub(super) const fn of_dma1(stream: usize, channel: u32) -> Self {
+        Self {
+            controller: 0,
+            stream,
+            channel,
+        }
+    }
+}
 
 #[derive(Clone, Copy, Debug)]
 struct Stream {
@@ -144,15 +143,19 @@ pub(super) struct Dma {
     flags: [u32; ALL_STREAMS],
     reenabled: Reenabled,
     steps: Steps<ALL_STREAMS>,
+    /// The requests of the UART's receiver and transmitter.
+    uart: [Request; 2],
 }
 
 impl Dma {
-    pub(super) fn new(reenabled: Reenabled, seed: u64) -> Self {
+    /// Both controllers, which serve a UART with these requests of its receiver and its transmitter.
+    pub(super) fn new(reenabled: Reenabled, seed: u64, uart: [Request; 2]) -> Self {
         Self {
             streams: [Stream::OFF; ALL_STREAMS],
             flags: [0; ALL_STREAMS],
             reenabled,
             steps: Steps::new(seed),
+            uart,
         }
     }
 
@@ -185,6 +188,12 @@ impl Dma {
         if can && stream.channel() == request.channel {
             self.steps.start(number, now);
         }
+    }
+
+    /// Returns true if the line of a request is high.
+    fn is_high(&self, requests: Requests, request: Request) -> bool {
+        let [receive, transmit] = self.uart;
+        request == receive && requests.receive || request == transmit && requests.transmit
     }
 
     fn count(&mut self, number: usize) {
@@ -274,14 +283,6 @@ impl Dma {
     }
 }
 
-fn is_high(requests: Requests, request: Request) -> bool {
-    match request {
-        USART2_RX => requests.receive,
-        USART2_TX => requests.transmit,
-        _ => false,
-    }
-}
-
 impl Peripheral for Dma {
     fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
         let (controller, offset) = (offset / SIZE, offset % SIZE);
@@ -336,8 +337,8 @@ impl Peripheral for Dma {
 
 impl common::Dma for Dma {
     fn follow_requests(&mut self, requests: Requests, now: Nanos) {
-        for request in [USART2_RX, USART2_TX] {
-            if is_high(requests, request) {
+        for request in self.uart {
+            if self.is_high(requests, request) {
                 self.request(request, now);
             }
         }
@@ -351,7 +352,7 @@ impl common::Dma for Dma {
             stream: number % STREAMS,
             channel: stream.channel(),
         };
-        let is_high = is_high(requests, request);
+        let is_high = self.is_high(requests, request);
         let step = self.steps.take(number, is_high, stream.transfer(), now);
         if step == Step::Count {
             self.count(number);
@@ -384,13 +385,14 @@ mod tests {
     use super::*;
     use crate::mcu::common::dma::Dma as _;
     use crate::mcu::common::dma::tests::{RECEIVE, check_steps, check_withdrawal};
+    use crate::mcu::stm32f405::ArmUart;
 
     const STREAM_5: u32 = FIRST + 5 * EACH;
     const CHANNEL_4: u32 = 4 << cr::CHSEL_AT;
 
     /// A controller with stream 5 configured for `count` bytes and a request.
     fn dma(count: u32, control: u32) -> Dma {
-        let mut dma = Dma::new(Reenabled::Restarts, 0);
+        let mut dma = Dma::new(Reenabled::Restarts, 0, ArmUart::Usart2.requests());
         dma.write(STREAM_5 + NDTR, count, Nanos(0)).unwrap();
         dma.write(STREAM_5 + PAR, 0x4000_4404, Nanos(0)).unwrap();
         dma.write(STREAM_5 + M0AR, 0x2000_0000, Nanos(0)).unwrap();

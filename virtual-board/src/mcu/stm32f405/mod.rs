@@ -3,6 +3,7 @@
 //! [`map`] has the addresses. This file names the peripherals, their interrupts and their clocks. The flow of accesses, events and
 //! resets is that of both chips, in [`mcu`](super::common::mcu).
 
+mod arm_uart;
 mod bxcan;
 mod dma;
 mod flash;
@@ -14,6 +15,7 @@ mod rcc;
 mod tests;
 mod usart;
 
+pub use self::arm_uart::ArmUart;
 use self::bxcan::Can;
 use self::dma::Dma;
 pub use self::dma::Reenabled;
@@ -75,7 +77,8 @@ pub(crate) struct Stm32f405 {
     gpio: [Gpio; PORTS],
     syscfg: Syscfg,
     dbgmcu: Dbgmcu,
-    usart2: Usart,
+    arm_uart: ArmUart,
+    uart: Usart,
     dma: Dma,
     exti: NoModel,
     otg: Otg,
@@ -83,8 +86,8 @@ pub(crate) struct Stm32f405 {
 }
 
 impl Stm32f405 {
-    /// The peripherals before the first reset, of a chip of this revision (DBGMCU_IDCODE).
-    pub(crate) fn new(idcode: u32, reenabled: Reenabled, seed: u64, edges: &Edges) -> Self {
+    /// The peripherals before the first reset, of a chip of this revision (DBGMCU_IDCODE), with the arm at this UART.
+    pub(crate) fn new(idcode: u32, arm_uart: ArmUart, reenabled: Reenabled, seed: u64, edges: &Edges) -> Self {
         lock(&edges.line).set_pin(Pin::Free);
         let (otg_clock, millivolts) = {
             let flash = lock(&edges.flash);
@@ -101,8 +104,9 @@ impl Stm32f405 {
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), false)),
             syscfg: Syscfg::new(&map::SYSCFG),
             dbgmcu: Dbgmcu::new(&map::DBGMCU, idcode),
-            usart2: Usart::new(edges.line.clone()),
-            dma: Dma::new(reenabled, seed),
+            arm_uart,
+            uart: Usart::new(edges.line.clone()),
+            dma: Dma::new(reenabled, seed, arm_uart.requests()),
             exti: NoModel,
             otg: Otg::new(edges.host.clone(), otg_clock),
             can: Can::new(edges.can.clone()),
@@ -116,14 +120,12 @@ impl Peripherals for Stm32f405 {
 
     const MAP: Map = map::MAP;
 
-    const BLOCKS: &'static [Block<Kind>] = map::BLOCKS;
-
     const EVENTS: [Kind; 8] = [
         Kind::Rcc,
         Kind::Flash,
         Kind::Iwdg,
         Kind::Tim5,
-        Kind::Usart2,
+        Kind::Uart,
         Kind::Dma,
         Kind::OtgFs,
         Kind::Can1,
@@ -132,9 +134,14 @@ impl Peripherals for Stm32f405 {
     const POWER: Kind = Kind::Pwr;
 
     #[inline]
+    fn blocks(&self) -> &'static [Block<Kind>] {
+        self.arm_uart.blocks()
+    }
+
+    #[inline]
     fn peripheral(&mut self, kind: Kind) -> &mut dyn Peripheral {
         match kind {
-            Kind::Usart2 => &mut self.usart2,
+            Kind::Uart => &mut self.uart,
             Kind::OtgFs => &mut self.otg,
             Kind::Tim5 => &mut self.tim5,
             Kind::Can1 => &mut self.can,
@@ -180,15 +187,20 @@ impl Peripherals for Stm32f405 {
     }
 
     fn uart(&self) -> &dyn Uart {
-        &self.usart2
+        &self.uart
     }
 
-    fn uart_port(&self) -> &Gpio {
-        &self.gpio[0]
+    fn uart_address(&self) -> u32 {
+        self.arm_uart.address()
+    }
+
+    fn uart_pin(&self) -> Pin {
+        let (port, pin) = self.arm_uart.tx_pin();
+        self.gpio[port].driver(pin)
     }
 
     fn dma_and_uart(&mut self) -> (&mut dyn common::dma::Dma, &mut dyn Uart) {
-        (&mut self.dma, &mut self.usart2)
+        (&mut self.dma, &mut self.uart)
     }
 
     fn iwdg(&mut self) -> &mut Iwdg {
@@ -223,7 +235,7 @@ impl Peripherals for Stm32f405 {
         self.clocks = clocks;
         self.tim5.set_clock(clocks.apb1_timers, common.now);
         self.tim11.set_clock(clocks.apb2_timers);
-        self.usart2.set_clock(clocks.apb1, common.now);
+        self.uart.set_clock(clocks.apb1, common.now);
         self.can.set_clock(clocks.apb1, common.now);
         self.otg.set_clock(clocks.usb, common.now);
         true
@@ -235,7 +247,7 @@ impl Peripherals for Stm32f405 {
             Slot::Rcc | Slot::Iwdg => {}
             Slot::Flash => lines.set(interrupt::FLASH, self.flash.interrupts()),
             Slot::Tim => lines.set(interrupt::TIM5, self.tim5.interrupts()),
-            Slot::Usart => lines.set(interrupt::USART2, self.usart2.interrupts()),
+            Slot::Usart => lines.set(self.arm_uart.interrupt(), self.uart.interrupts()),
             Slot::Dma => {
                 for (stream, line) in interrupt::DMA.into_iter().enumerate() {
                     lines.set(line, self.dma.interrupts(stream));
@@ -251,7 +263,7 @@ impl Peripherals for Stm32f405 {
     }
 
     fn sync(&mut self, now: Nanos) {
-        self.usart2.sync(now);
+        self.uart.sync(now);
         self.otg.settle(now);
         self.can.settle(now);
         self.rcc.sync(now);

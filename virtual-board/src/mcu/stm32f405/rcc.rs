@@ -147,6 +147,7 @@ pub(super) mod gates {
     pub(in super::super) const OTG_FS: Gate = Gate::new(AHB2, 7);
     pub(in super::super) const TIM5: Gate = Gate::new(APB1, 3);
     pub(in super::super) const USART2: Gate = Gate::new(APB1, 17);
+    pub(in super::super) const USART3: Gate = Gate::new(APB1, 18);
     pub(in super::super) const CAN1: Gate = Gate::new(APB1, 25);
     pub(in super::super) const PWR: Gate = Gate::new(APB1, 28);
     pub(in super::super) const SYSCFG: Gate = Gate::new(APB2, 14);

@@ -1,4 +1,4 @@
-//! USART2, the UART of the arm (RM0090, chapter 30).
+//! USART2 or USART3, the UART of the arm (RM0090, chapter 30).
 //!
 //! | Behaviour | Section |
 //! |---|---|

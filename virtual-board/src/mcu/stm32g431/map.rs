@@ -58,9 +58,12 @@ pub(crate) enum Kind {
     Tim16,
 }
 
+/// The address of USART2.
+pub(super) const USART2: u32 = 0x4000_4400;
+
 /// The memory map.
 pub(super) const BLOCKS: &[Block<Kind>] = &[
-    Block::new(Kind::Usart2, 0x4000_4400, "USART2", Some(gates::USART2)),
+    Block::new(Kind::Usart2, USART2, "USART2", Some(gates::USART2)),
     Block::new(Kind::Usb, 0x4000_5C00, "USB", Some(gates::USB)),
     Block {
         offset: usb::PACKET_MEMORY_AT,

@@ -35,6 +35,7 @@ use super::common::syscfg::Syscfg;
 use super::common::tim::Tim;
 use crate::core::Width;
 use crate::engine::News;
+use crate::line::Pin;
 use crate::soc::lines::Lines;
 use crate::soc::machine::{Cause, Edges};
 use crate::soc::peripheral::{NoModel, Peripheral};
@@ -122,8 +123,6 @@ impl Peripherals for Stm32g431 {
 
     const MAP: Map = map::MAP;
 
-    const BLOCKS: &'static [Block<Kind>] = map::BLOCKS;
-
     const EVENTS: [Kind; 8] = [
         Kind::Rcc,
         Kind::Flash,
@@ -136,6 +135,11 @@ impl Peripherals for Stm32g431 {
     ];
 
     const POWER: Kind = Kind::Pwr;
+
+    #[inline]
+    fn blocks(&self) -> &'static [Block<Kind>] {
+        map::BLOCKS
+    }
 
     #[inline]
     fn peripheral(&mut self, kind: Kind) -> &mut dyn Peripheral {
@@ -192,8 +196,13 @@ impl Peripherals for Stm32g431 {
         &self.usart2
     }
 
-    fn uart_port(&self) -> &Gpio {
-        &self.gpio[0]
+    fn uart_address(&self) -> u32 {
+        map::USART2
+    }
+
+    fn uart_pin(&self) -> Pin {
+        // PA2.
+        self.gpio[0].driver(2)
     }
 
     fn dma_and_uart(&mut self) -> (&mut dyn common::dma::Dma, &mut dyn Uart) {

@@ -31,7 +31,7 @@ fn port(interrupts: u32) -> Bench {
 impl Bench {
     /// The flags `of` in SR, without side effects.
     fn flags(&mut self, of: u32) -> u32 {
-        self.part.peripherals.usart2.peek(USART_SR & 0x3FF, self.now).unwrap() & of
+        self.part.peripherals.uart.peek(USART_SR & 0x3FF, self.now).unwrap() & of
     }
 
     /// The new level of the interrupt line since the last call, if it changed.
