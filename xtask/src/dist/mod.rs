@@ -244,13 +244,16 @@ impl Release {
     }
 
     /// The programs of a release, each with its package and with cargo's arguments for its dependencies.
-    fn programs(&self) -> [(&'static str, &'static str, String); 4] {
+    fn programs(&self) -> [(&'static str, &'static str, String); 5] {
         let target = |target: &str| format!("--target {target}");
         // The other board is a default feature.
         let firmware = format!("{} --features board-stm32g431", target(board::TARGET));
+        let (pico_target, feature) = (Board::Pico.target(), Board::Pico.feature());
+        let pico = format!("{} --no-default-features --features {feature}", target(pico_target));
         [
             ("armwire", "cli", target(&self.host)),
             ("firmware", "firmware", firmware),
+            ("firmware-pico", "firmware", pico),
             ("c", "c", target(&self.host)),
             ("python", "python", target(&self.host)),
         ]
