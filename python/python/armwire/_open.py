@@ -19,7 +19,7 @@ class Open:
 
     def __init__(self, port: str, opened: _Closable) -> None:
         self.port = port
-        """The port, as passed to the constructor."""
+        """The port, as it was opened."""
         self.__opened = opened
 
     def __enter__(self) -> Self:

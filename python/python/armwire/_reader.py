@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, Literal, Protocol, TypeVar
 
+from ._open import Open
+
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
     from typing import TypeAlias
-
-    from typing_extensions import Self
 
     At: TypeAlias = tuple[int, int, int, bool, float]
 
@@ -56,7 +55,7 @@ class _Port(Protocol[RawOut]):
     def close(self) -> None: ...
 
 
-class Reader(Generic[P]):
+class Reader(Open, Generic[P]):
     """A thread that reads the pose of an arm at a rate. `Ling.reader` and `XArm.reader` start one.
 
     An adapter on the arm's port polls the arm, and its stamps are the times of the readings. Without one the thread
@@ -67,6 +66,8 @@ class Reader(Generic[P]):
     """
 
     def __init__(self, name: str, port: _Port[Raw], pose: Callable[[Raw], P]) -> None:
+        super().__init__(name, port)
+
         def reading(found: tuple[Raw, At]) -> Reading[P]:
             raw, (number, monotonic_ns, unix_ns, is_adapters, age_s) = found
             return Reading(pose(raw), number, monotonic_ns, unix_ns, "adapter" if is_adapters else "receipt", age_s)
@@ -81,9 +82,8 @@ class Reader(Generic[P]):
             found = port.next_after(number, timeout_s)
             return None if found is None else reading(found)
 
-        self._name = name
         self._latest, self._at, self._next_after = latest, at, next_after
-        self._counts, self._close = port.counts, port.close
+        self._counts = port.counts
 
     def latest(self, *, max_age_s: float | None = None) -> Reading[P]:
         """Return the newest pose, without waiting.
@@ -117,15 +117,4 @@ class Reader(Generic[P]):
 
     def close(self) -> None:
         """End the thread. The arm stays open. Closing it again has no effect."""
-        self._close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def __repr__(self) -> str:
-        return f"Reader({self._name!r})"
+        super().close()
