@@ -2,6 +2,8 @@
 
 import importlib
 import importlib.util
+import os
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -309,6 +311,26 @@ def test_unusable_arm_is_a_clear_error(tmp_path: Path) -> None:
         follower(virtual.port, tmp_path).connect()
     with sim.older_ling() as older, pytest.raises(errors.DeviceNotConnectedError, match="older generation"):
         leader(older.port, tmp_path).connect()
+
+
+@pytest.mark.parametrize("make", [follower, leader])
+def test_interrupted_connect_closes_the_port(tmp_path: Path, make: Any) -> None:
+    def interrupted(reading: int) -> int:
+        if reading == 0:
+            signal.raise_signal(signal.SIGINT)
+        return 2048
+
+    def times_open(port: str) -> int:
+        return [os.path.realpath(file) for file in Path("/proc/self/fd").iterdir()].count(port)
+
+    with ScriptedArm(interrupted) as scripted:
+        before = times_open(scripted.port)
+        # Its traceback keeps what was left open, as in an interactive session.
+        with pytest.raises(KeyboardInterrupt) as interrupt:
+            make(scripted.port, tmp_path).connect()
+        after = times_open(scripted.port)
+        del interrupt
+    assert after == before
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 import armwire
 
 from .config_alicia_d_armwire import AliciaDArmwireConfig
-from .pose import CALIBRATION, FEATURES, GRIPPER, JOINTS, image, observed, pose, start_reader
+from .pose import CALIBRATION, FEATURES, GRIPPER, JOINTS, image, lerobot_errors, observed, pose, start_reader
 
 logger = logging.getLogger(__name__)
 
@@ -70,17 +70,15 @@ class AliciaDArmwire(Robot):
         if self._arm is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
         try:
-            self._arm = armwire.Ling(self.config.port, baud=self.config.baud)
-            info = self._arm.read_info()
-            if info.kind == "leader":
-                raise armwire.errors.WrongArmError(f"{self.config.port}: {info.serial} is a leader, not a follower")
-            for camera in self.cameras.values():
-                camera.connect()
-            self.configure()
-            self._reader = start_reader(self._arm, self.config.reading_rate_hz)
-        except armwire.ArmwireError as error:
-            self._close()
-            raise DeviceNotConnectedError(str(error)) from error
+            with lerobot_errors():
+                self._arm = armwire.Ling(self.config.port, baud=self.config.baud)
+                info = self._arm.read_info()
+                if info.kind == "leader":
+                    raise armwire.errors.WrongArmError(f"{self.config.port}: {info.serial} is a leader, not a follower")
+                for camera in self.cameras.values():
+                    camera.connect()
+                self.configure()
+                self._reader = start_reader(self._arm, self.config.reading_rate_hz)
         except BaseException:
             self._close()
             raise
@@ -112,10 +110,8 @@ class AliciaDArmwire(Robot):
         assert self._reader is not None
         images = {name: image(camera) for name, camera in self.cameras.items()}
         times = (time for _, time in images.values())
-        try:
+        with lerobot_errors():
             observation: dict[str, Any] = observed(self._reader, times, self.config.observation_max_age_s)
-        except armwire.ArmwireError as error:
-            raise DeviceNotConnectedError(str(error)) from error
         return {**observation, **{name: image for name, (image, _) in images.items()}}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
@@ -130,7 +126,7 @@ class AliciaDArmwire(Robot):
         """
         arm = self._connected()
         goal = _checked(action)
-        with self._motion:
+        with self._motion, lerobot_errors():
             try:
                 goal = self._limited(arm, goal)
                 self._has_moved = True
@@ -140,8 +136,6 @@ class AliciaDArmwire(Robot):
                     speed_deg_s=self.config.speed_deg_s,
                     gripper_ticks_s=self.config.gripper_ticks_s,
                 )
-            except armwire.ArmwireError as error:
-                raise DeviceNotConnectedError(str(error)) from error
             finally:
                 if self._has_moved:
                     self._feed()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
+
+from lerobot.utils.errors import DeviceNotConnectedError
 
 import armwire
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
 JOINTS = tuple(f"joint{number}" for number in range(1, 7))
 GRIPPER = "gripper"
@@ -25,6 +28,15 @@ def pose(state: armwire.JointState) -> dict[str, float]:
     """The pose in an arm's joint state."""
     values = [*state.joints_deg.tolist(), float(state.gripper_permille)]
     return dict(zip(FEATURES, values, strict=True))
+
+
+@contextmanager
+def lerobot_errors() -> Iterator[None]:
+    """Raise errors of an arm as LeRobot's, with their text."""
+    try:
+        yield
+    except armwire.ArmwireError as error:
+        raise DeviceNotConnectedError(str(error)) from error
 
 
 # Timeout of the first reading.

@@ -8,7 +8,7 @@ from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 import armwire
-from lerobot_robot_alicia_d_armwire.pose import CALIBRATION, FEATURES, observed, start_reader
+from lerobot_robot_alicia_d_armwire.pose import CALIBRATION, FEATURES, lerobot_errors, observed, start_reader
 
 from .config_alicia_d_leader_armwire import AliciaDLeaderArmwireConfig
 
@@ -51,16 +51,13 @@ class AliciaDLeaderArmwire(Teleoperator):
         if self._arm is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
         try:
-            arm = armwire.Ling(self.config.port, baud=self.config.baud)
-        except armwire.ArmwireError as error:
-            raise DeviceNotConnectedError(str(error)) from error
-        try:
-            info = arm.read_info()
-            self._reader = start_reader(arm, self.config.reading_rate_hz)
-        except armwire.ArmwireError as error:
-            arm.close()
-            raise DeviceNotConnectedError(str(error)) from error
-        self._arm = arm
+            with lerobot_errors():
+                self._arm = armwire.Ling(self.config.port, baud=self.config.baud)
+                info = self._arm.read_info()
+                self._reader = start_reader(self._arm, self.config.reading_rate_hz)
+        except BaseException:
+            self._close()
+            raise
         logger.info("%s connected: %s, firmware %s", self, info.serial, info.firmware)
 
     @property
@@ -84,22 +81,23 @@ class AliciaDLeaderArmwire(Teleoperator):
         """
         self._connected()
         assert self._reader is not None
-        try:
+        with lerobot_errors():
             return dict(observed(self._reader, (), self.config.action_max_age_s))
-        except armwire.ArmwireError as error:
-            raise DeviceNotConnectedError(str(error)) from error
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
         """Do nothing: the arm accepts no feedback."""
 
     def disconnect(self) -> None:
         """Close the port."""
-        arm = self._connected()
-        if self._reader is not None:
-            self._reader.close()
-        arm.close()
-        self._arm = self._reader = None
+        self._connected()
+        self._close()
         logger.info("%s disconnected.", self)
+
+    def _close(self) -> None:
+        for opened in (self._reader, self._arm):
+            if opened is not None:
+                opened.close()
+        self._arm = self._reader = None
 
     def _connected(self) -> armwire.Ling:
         if self._arm is None:
