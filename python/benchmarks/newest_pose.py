@@ -2,9 +2,9 @@
 
 Usage: newest_pose.py [SECONDS]
 
-It prints a Markdown table. Two virtual arms lose 1 % of their answers. In each period of 10 ms one is read with `Ling.read_joints`, and the other
-observed with `get_observation` of the plugin for LeRobot, without cameras. LeRobot is not needed. Exits with an error
-if a limit is missed, as on a busy computer.
+It prints a Markdown table. Two virtual arms lose 1 % of their answers. In each period of 10 ms one is read with
+`Ling.read_joints`, and the other observed with `get_observation` of the plugin for LeRobot, without cameras. LeRobot
+is not needed. Exits with an error if a limit is missed, as on a busy computer.
 """
 
 import importlib
