@@ -8,7 +8,7 @@ use embassy_sync::signal::Signal;
 
 use crate::ceiling::{Ceiling, SERVICE};
 use crate::restart;
-use crate::uart::{self, Sender};
+use crate::uart::{self, Reader, Sender};
 use crate::usb::pipe::{self, SharedEndpoint};
 
 /// A signal to a task, from another or from the service.
@@ -51,6 +51,7 @@ pub(crate) struct Adapter {
 /// State of which the service has a part.
 struct Shared {
     bridge: Bridge,
+    reader: Reader,
     sender: Sender,
     /// The status at the last dispatch.
     status: Status,
@@ -66,6 +67,7 @@ impl Adapter {
                 SERVICE,
                 Shared {
                     bridge: Bridge::new(identity, config, start),
+                    reader: Reader::new(),
                     sender: Sender::new(),
                     status: Status::default(),
                     is_behind: false,
@@ -100,10 +102,12 @@ impl Adapter {
     /// comes first. The service calls this.
     pub(crate) fn serve(&self, port: &SharedEndpoint) {
         self.shared.with(|shared| {
-            let Shared { bridge, sender, .. } = shared;
+            let Shared {
+                bridge, reader, sender, ..
+            } = shared;
             let is_event = uart::take_event();
             let is_frame = match is_event {
-                true => uart::read(bridge),
+                true => reader.read(bridge),
                 // The bridge requires regular reads.
                 false => bridge.uart_received(&[], now()) > 0,
             };
@@ -137,7 +141,7 @@ impl Adapter {
         self.shared.with(|shared| {
             shared.bridge.uart_event(UartEvent::Configured(uart), now());
             shared.sender.changed();
-            uart::read(&mut shared.bridge);
+            shared.reader.read(&mut shared.bridge);
         });
     }
 

@@ -31,7 +31,7 @@ pub(crate) use chip::SleepHandler;
 pub(crate) use chip::{Dma, InterruptHandler, RingHandler, Uart};
 #[cfg(feature = "board-rp2040")]
 pub(crate) use chip::{IdleHandler, burst_ended, stalled_since};
-pub(crate) use receive::{read, wait};
+pub(crate) use receive::{Reader, wait};
 pub(crate) use transmit::{Sender, SentHandler};
 
 /// Size of the receive ring in bytes. Half of it may be unread: 2.5 ms at 2 Mbaud.

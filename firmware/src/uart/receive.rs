@@ -1,5 +1,7 @@
 //! Reads of the receive ring, and the start and stop of the DMA that fills it.
 
+use core::ptr::copy_nonoverlapping;
+
 use armwire_bridge::{Bridge, Duration, Instant, LineCoding, RxRing, RxWait, UartEvent};
 use portable_atomic::{AtomicU8, Ordering};
 
@@ -10,43 +12,67 @@ use crate::adapter::now;
 /// Number of bytes that are passed to the bridge at once.
 const CHUNK: usize = 64;
 
-/// Passes received bytes to the bridge, up to the end of a frame. Returns true if one ended.
-pub(crate) fn read(bridge: &mut Bridge) -> bool {
-    let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
-    if RING_OVERRUN.swap(false, Ordering::Relaxed) {
-        // The ring contains bytes of two turns, which cannot be separated.
-        with_ring(|ring| ring.discard(tail()));
-        errors.get_or_insert_default().ring_overrun = 1;
+/// Reads of the receive ring.
+pub(crate) struct Reader {
+    /// The bytes that are passed to the bridge. To clear them for each read would take longer than the copy.
+    chunk: [u8; CHUNK],
+}
+
+impl Reader {
+    pub(crate) const fn new() -> Self {
+        Self { chunk: [0; CHUNK] }
     }
-    // Later bytes are read the next time.
-    let (end, at) = critical_section::with(|_| (tail(), now()));
-    let (mut frames, mut late, mut is_marked) = (0, 0, false);
-    // A frame goes out before the bytes after it are read.
-    while frames == 0
-        && let Some(mark) = with_ring(|ring| ring.take_mark(end))
-    {
-        is_marked = true;
-        if mark.idle {
-            // The detection takes one byte time.
-            let at = mark.at - Duration::from_micros(bridge.line_coding().micros(1));
-            late = pass(bridge, mark.end, at);
-            frames = late + bridge.uart_event(UartEvent::Idle, mark.at);
-        } else {
-            frames = pass(bridge, mark.end, mark.at);
+
+    /// Passes received bytes to the bridge, up to the end of a frame. Returns true if one ended.
+    pub(crate) fn read(&mut self, bridge: &mut Bridge) -> bool {
+        let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
+        if RING_OVERRUN.swap(false, Ordering::Relaxed) {
+            // The ring contains bytes of two turns, which cannot be separated.
+            with_ring(|ring| ring.discard(tail()));
+            errors.get_or_insert_default().ring_overrun = 1;
+        }
+        // Later bytes are read the next time.
+        let (end, at) = critical_section::with(|_| (tail(), now()));
+        let (mut frames, mut late, mut is_marked) = (0, 0, false);
+        // A frame goes out before the bytes after it are read.
+        while frames == 0
+            && let Some(mark) = with_ring(|ring| ring.take_mark(end))
+        {
+            is_marked = true;
+            if mark.idle {
+                // The detection takes one byte time.
+                let at = mark.at - Duration::from_micros(bridge.line_coding().micros(1));
+                late = self.pass(bridge, mark.end, at);
+                frames = late + bridge.uart_event(UartEvent::Idle, mark.at);
+            } else {
+                frames = self.pass(bridge, mark.end, mark.at);
+            }
+        }
+        if !is_marked || frames == 0 && with_ring(|ring| ring.unread(end)) > 0 {
+            late = self.pass(bridge, end, at);
+            frames = late;
+        }
+        if late > 0 {
+            // The interrupt handler missed their last bytes.
+            errors.get_or_insert_default().late_stamps = late as u32;
+        }
+        if let Some(errors) = errors {
+            bridge.uart_event(UartEvent::Errors(errors), at);
+        }
+        frames > 0
+    }
+
+    /// Passes the bytes before `end`, possibly none, to the bridge. Returns the number of frames that ended.
+    fn pass(&mut self, bridge: &mut Bridge, end: usize, at: Instant) -> usize {
+        let mut frames = 0;
+        loop {
+            let n = copy(&mut self.chunk, end);
+            frames += bridge.uart_received(&self.chunk[..n], at);
+            if with_ring(|ring| ring.unread(end)) == 0 {
+                return frames;
+            }
         }
     }
-    if !is_marked || frames == 0 && with_ring(|ring| ring.unread(end)) > 0 {
-        late = pass(bridge, end, at);
-        frames = late;
-    }
-    if late > 0 {
-        // The interrupt handler missed their last bytes.
-        errors.get_or_insert_default().late_stamps = late as u32;
-    }
-    if let Some(errors) = errors {
-        bridge.uart_event(UartEvent::Errors(errors), at);
-    }
-    frames > 0
 }
 
 /// Makes the interrupt handler wait for these events. Returns true if one has already come: bytes that arrived before
@@ -59,19 +85,6 @@ pub(crate) fn wait(wait: RxWait) -> bool {
     })
 }
 
-/// Passes the bytes before `end`, possibly none, to the bridge. Returns the number of frames that ended.
-fn pass(bridge: &mut Bridge, end: usize, at: Instant) -> usize {
-    let mut chunk = [0; CHUNK];
-    let mut frames = 0;
-    loop {
-        let n = copy(&mut chunk, end);
-        frames += bridge.uart_received(&chunk[..n], at);
-        if with_ring(|ring| ring.unread(end)) == 0 {
-            return frames;
-        }
-    }
-}
-
 /// Copies bytes before `end` out of the ring, as many as fit, and returns their number.
 fn copy(chunk: &mut [u8; CHUNK], end: usize) -> usize {
     // The bytes are copied outside of the critical section: the interrupt handler must not wait.
@@ -82,11 +95,12 @@ fn copy(chunk: &mut [u8; CHUNK], end: usize) -> usize {
     first.len() + second.len()
 }
 
-/// Loads as many bytes as fit.
+/// Copies as many bytes as fit.
 fn load(to: &mut [u8], from: &[AtomicU8]) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to = from.load(Ordering::Relaxed);
-    }
+    let len = to.len().min(from.len());
+    // SAFETY: both have this length, and do not overlap. The DMA writes these bytes of the ring again after the rest of
+    // it.
+    unsafe { copy_nonoverlapping(from.as_ptr().cast(), to.as_mut_ptr(), len) };
 }
 
 /// The receive path: its start and stop, and the bytes in between.

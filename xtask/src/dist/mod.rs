@@ -248,7 +248,7 @@ impl Release {
         let target = |target: &str| format!("--target {target}");
         // The other board is a default feature.
         let firmware = format!("{} --features board-stm32g431", target(board::TARGET));
-        let (pico_target, feature) = (Board::Pico.target(), Board::Pico.feature());
+        let (pico_target, feature) = (Board::PICO.target(), Board::PICO.feature());
         let pico = format!("{} --no-default-features --features {feature}", target(pico_target));
         [
             ("armwire", "cli", target(&self.host)),
