@@ -110,6 +110,11 @@ pub(crate) fn run() -> Result<()> {
         let board = cargo("test --package armwire-virtual-board");
         parallel::run_all(vec![image_tests(&f405), image_tests(&g431), board])
     })?;
+    ci.step("images of the boards by name", || {
+        Board::all()
+            .filter(|board| !Board::CHIPS.contains(board))
+            .try_for_each(|board| process::run(&mut board_tests(&firmware_image(board)?)))
+    })?;
     ci.step("firmware image of the Pico on an emulated chip", pico::test)?;
     ci.step("log of a firmware image", || {
         // The STM32G431 has less room for it.
@@ -165,6 +170,13 @@ fn image_tests(image: &Image) -> Command {
         cargo("test --package armwire-host-tests --features image --lib --bins --test image --test image_endurance");
     // Prints their measurements.
     test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path);
+    test
+}
+
+/// The tests of this image that differ between boards with one chip.
+fn board_tests(image: &Image) -> Command {
+    let mut test = cargo("test --package armwire-host-tests --features image --test image boards::");
+    test.env("ARMWIRE_IMAGE", &image.path);
     test
 }
 

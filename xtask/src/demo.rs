@@ -35,7 +35,7 @@ pub(crate) fn run(Options { board, demo }: Options) -> Result<()> {
     println!("{image}");
     println!("building the virtual board");
     let mut run = command("run");
-    run.arg("--").arg("--image").arg(image.path);
+    run.args(["--", "--board", board.name(), "--image"]).arg(image.path);
     let DemoOptions {
         serve,
         control,
