@@ -108,6 +108,21 @@ impl Board {
         }
     }
 
+    /// The packages that the shipped image compiles for speed instead of size. The STM32G431 has no flash left for it.
+    pub(crate) const fn fast_packages(self) -> &'static [&'static str] {
+        match self {
+            Self::Stm32f405 => &[
+                "armwire",
+                "armwire-bridge",
+                "armwire-firmware",
+                "embassy-executor",
+                "embassy-sync",
+                "embassy-usb-synopsys-otg",
+            ],
+            Self::Stm32g431 => &[],
+        }
+    }
+
     /// probe-rs's name of the microcontroller.
     pub(crate) const fn chip(self) -> &'static str {
         self.0.probe_rs

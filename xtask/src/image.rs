@@ -135,6 +135,10 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     if options.defmt {
         // With the profile's level `s` the log does not fit into the flash of the STM32G431.
         build.env("CARGO_PROFILE_FIRMWARE_OPT_LEVEL", "z");
+    } else {
+        for package in options.board.fast_packages() {
+            build.arg(format!("--config=profile.firmware.package.{package}.opt-level=3"));
+        }
     }
     run(&mut build)?;
 
