@@ -135,3 +135,22 @@ fn pins_that_a_board_uses_are_left_alone() {
         }
     }
 }
+
+#[test]
+fn page_lists_every_board() {
+    let page = include_str!("../../docs/boards.md");
+    for board in BOARDS {
+        let start = std::format!("| `{}` | {} |", board.name, board.title);
+        let row = page.lines().find(|line| line.starts_with(&start)).expect(&start);
+        let cells: std::vec::Vec<_> = row.split('|').map(str::trim).collect();
+        let &[_, _, _, _, _, crystal, led, can, _] = &*cells else {
+            panic!("{row}");
+        };
+        assert_eq!(crystal, std::format!("{} MHz", board.crystal));
+        assert_eq!(can, std::format!("{}, {}", board.can.rx, board.can.tx));
+        let level = if board.led.on { "high is on" } else { "low is on" };
+        let (pin, rest) = led.split_once([' ', ',']).unwrap();
+        assert_eq!(pin, board.led.pin.to_string(), "{row}");
+        assert!(rest.ends_with(level), "{row}");
+    }
+}

@@ -110,8 +110,8 @@ impl Board {
 
     /// The packages that the shipped image compiles for speed instead of size. The STM32G431 has no flash left for it.
     pub(crate) const fn fast_packages(self) -> &'static [&'static str] {
-        match self {
-            Self::Stm32f405 => &[
+        match self.0.chip {
+            Chip::Stm32f405 => &[
                 "armwire",
                 "armwire-bridge",
                 "armwire-firmware",
@@ -119,7 +119,7 @@ impl Board {
                 "embassy-sync",
                 "embassy-usb-synopsys-otg",
             ],
-            Self::Stm32g431 => &[],
+            Chip::Stm32g431 | Chip::Rp2040 => &[],
         }
     }
 
