@@ -1,7 +1,7 @@
 //! The crystal, measured before the clock tree is configured: one image runs with each [`Crystal`].
 //!
-//! Until then the chip runs from the internal 16 MHz oscillator (HSI), and a timer of the chip counts its cycles between
-//! edges of the crystal's divided clock (RM0090 7.2.11 and 19.5.11, RM0440 31.8).
+//! Until then the chip runs from the internal 16 MHz oscillator (HSI), and a timer counts its cycles between edges of the
+//! crystal's divided clock (RM0090 7.2.11 and 19.5.11, RM0440 31.8).
 
 use embassy_stm32::pac::timer::vals::CcmrInputCcs;
 

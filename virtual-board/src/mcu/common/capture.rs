@@ -1,10 +1,10 @@
-//! A timer of one channel for the measurement of the crystal: TIM11 of the STM32F405 (RM0090, 19.5 and 7.2.11), TIM16 of
-//! the STM32G431 (RM0440, 31.8). A 16-bit counter is captured at edges of the crystal's divided clock.
+//! A timer of one channel that measures the crystal: TIM11 of the STM32F405 (RM0090, 19.5 and 7.2.11), TIM16 of the
+//! STM32G431 (RM0440, 31.8). A 16-bit counter is captured at edges of the crystal's divided clock.
 //!
 //! | Behaviour | RM0090 |
 //! |---|---|
 //! | The counter counts cycles of the timer clock up to ARR, once CEN is set | 19.5.1, 19.5.9 |
-//! | The divided clock of the crystal is the input if the chip's [`Selector`]s have their values; the core must run from HSI | 19.5.11, 7.2.11 |
+//! | The [`Selector`]s make the divided clock of the crystal the input; the core must run from HSI | 19.5.11, 7.2.11 |
 //! | CC1S 01 and CC1E: CCR1 captures every, every second, fourth or eighth rising edge | 19.5.5, 19.5.6 |
 //! | CC1IF at a capture, CC1OF at another one before it was cleared; reading CCR1 clears CC1IF | 19.5.4 |
 //!
