@@ -131,7 +131,7 @@ const F4_DISCOVERY: Board = Board {
 
 const PICO: Board = Board {
     name: "pico",
-    title: "Raspberry Pi Pico, without CAN",
+    title: "Raspberry Pi Pico",
     chip: Rp2040,
     probe_rs: "RP2040",
     crystal: 12,
