@@ -10,16 +10,17 @@ use serde_json::Value;
 use crate::process::{output, run};
 use crate::workspace::root;
 
-/// The subcommands, with the version and the options for installing a missing one.
+/// The subcommands, with the version and the options for installing a missing one. Optimising the build of cargo-deny
+/// takes minutes, and saves seconds. cargo-about compares the texts of licences, for minutes without optimisation.
 const TOOLS: [(&str, &str); 8] = [
     ("about", "0.9.3 --features=cli"),
-    ("cyclonedx", "0.5.9"),
-    ("deny", "0.20.2"),
-    ("fuzz", "0.13.2"),
-    ("hack", "0.6.46"),
-    ("mutants", "27.1.0"),
-    ("nextest", "0.9.151"),
-    ("semver-checks", "0.51.0"),
+    ("cyclonedx", "0.5.9 --debug"),
+    ("deny", "0.20.2 --debug"),
+    ("fuzz", "0.13.2 --debug"),
+    ("hack", "0.6.46 --debug"),
+    ("mutants", "27.1.0 --debug"),
+    ("nextest", "0.9.151 --debug"),
+    ("semver-checks", "0.51.0 --debug"),
 ];
 
 /// The cargo that runs this program, with these words as arguments, in the root of the workspace.
@@ -52,8 +53,7 @@ pub(crate) fn tool(words: &str) -> Result<Command> {
             .into_iter()
             .find(|(tool, _)| *tool == name)
             .with_context(|| format!("cargo-{name} has no version in TOOLS"))?;
-        // Optimising the build of cargo-deny takes minutes, and saves seconds.
-        let mut install = cargo(&format!("install --locked --debug cargo-{name}@{version}"));
+        let mut install = cargo(&format!("install --locked cargo-{name}@{version}"));
         println!("cargo-{name} is missing; its installation takes some minutes");
         run(&mut install)?;
     }
