@@ -269,7 +269,7 @@ impl Connection {
     }
 
     /// Opens the line of a Ling arm of the older generation. It is only read:
-    /// [`unsolicited`](Link::unsolicited) returns what it sends, and nothing can be sent to it.
+    /// [`responses`](Link::responses) returns what it sends, and nothing can be sent to it.
     ///
     /// # Errors
     ///

@@ -126,7 +126,8 @@ impl<A> Config<A> {
         Self {
             crystal: Crystal::new(board.crystal * 1_000_000),
             arm_uart: match board.uart {
-                BoardUart::Usart2 => ArmUart::Usart2,
+                // An image for an RP2040 does not start here.
+                BoardUart::Usart2 | BoardUart::Uart1 => ArmUart::Usart2,
                 BoardUart::Usart3 => ArmUart::Usart3,
             },
             ..self
