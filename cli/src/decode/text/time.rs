@@ -9,7 +9,7 @@ pub(in super::super) fn begins_with_time_or_bytes(line: &str) -> bool {
 /// Returns true for `12:34:56` and `24-01-31`.
 pub(super) fn is_time(word: &str) -> bool {
     let parts = |mark| {
-        let parts: Vec<u8> = word.split(mark).filter_map(|part| part.parse().ok()).collect();
+        let parts: Vec<_> = word.split(mark).filter_map(|part| part.parse::<u8>().ok()).collect();
         let is_all = word.len() == 8 && word.split(mark).all(|part| part.len() == 2);
         is_all.then_some(parts).filter(|parts| parts.len() == 3)
     };
