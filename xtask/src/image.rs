@@ -135,6 +135,8 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     if options.defmt {
         // With the profile's level `s` the log does not fit into the flash of the STM32G431.
         build.env("CARGO_PROFILE_FIRMWARE_OPT_LEVEL", "z");
+        // The protocol crate alone is smaller with level 3, by 1.4 kB: its small functions are inlined.
+        build.arg("--config=profile.firmware.package.armwire.opt-level=3");
     } else {
         for package in options.board.fast_packages() {
             build.arg(format!("--config=profile.firmware.package.{package}.opt-level=3"));
