@@ -1,7 +1,8 @@
 """Virtual arms for all tests. `ARMWIRE_BOARD` is the folder with the ports of a running virtual board."""
 
 import os
-from collections.abc import Iterator
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,15 @@ def arm(virtual: sim.VirtualLing) -> Iterator[armwire.Ling]:
     """The follower, opened."""
     with armwire.Ling(virtual.port) as arm:
         yield arm
+
+
+@pytest.fixture
+def ctrl_c() -> Iterator[Callable[[], None]]:
+    """Ctrl-C, from another thread."""
+    # A shell's background job inherits SIGINT as ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield lambda: os.kill(os.getpid(), signal.SIGINT)
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

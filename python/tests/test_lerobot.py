@@ -3,10 +3,9 @@
 import importlib
 import importlib.util
 import os
-import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -314,10 +313,10 @@ def test_unusable_arm_is_a_clear_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("make", [follower, leader])
-def test_interrupted_connect_closes_the_port(tmp_path: Path, make: Any) -> None:
+def test_interrupted_connect_closes_the_port(tmp_path: Path, ctrl_c: Callable[[], None], make: Any) -> None:
     def interrupted(reading: int) -> int:
         if reading == 0:
-            signal.raise_signal(signal.SIGINT)
+            ctrl_c()
         return 2048
 
     def times_open(port: str) -> int:

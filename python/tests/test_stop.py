@@ -1,12 +1,10 @@
 """Stopping a Ling arm: `stop`, and Ctrl-C in a wait."""
 
 import asyncio
-import os
-import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
 from scripted import MOVE, READ_JOINTS, TORQUE_ON, ScriptedArm
@@ -126,15 +124,6 @@ def test_stop_by_asyncio_is_the_same(virtual: sim.VirtualLing) -> None:
             wait.cancel()
 
     asyncio.run(run())
-
-
-@pytest.fixture
-def ctrl_c() -> Iterator[Callable[[], None]]:
-    """Ctrl-C, from another thread."""
-    # A shell's background job inherits SIGINT as ignored.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield lambda: os.kill(os.getpid(), signal.SIGINT)
-    signal.signal(signal.SIGINT, before)
 
 
 def test_ctrl_c_in_a_wait_stops_the_arm(
