@@ -85,7 +85,7 @@ fn table(report: &Value, load: &str) -> Result<String> {
          | µs | read p50 | read p99 | read max | latest p50 | latest p99 | latest max | age p50 | age p99 | too old |\n\
          |---|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
         text("armwire"),
-        text("system"),
+        series(text("system")),
         report["processors"],
         text("processor"),
     );
@@ -111,6 +111,11 @@ fn table(report: &Value, load: &str) -> Result<String> {
         table += &format!(" | {:.0} % |\n", failed * 100.0);
     }
     Ok(table)
+}
+
+/// `linux 6.12` of `linux 6.12.3-cloud`: the rest of a kernel's release names a build of it.
+fn series(system: &str) -> String {
+    system.split('.').take(2).collect::<Vec<_>>().join(".")
 }
 
 /// A duration in microseconds, to one digit after the point below 10.
@@ -150,7 +155,7 @@ mod tests {
     }
 
     fn table_of(runs: &[Value]) -> Result<String> {
-        let system = json!({"armwire": "1.2.3", "system": "linux", "processors": 2, "processor": "P", "runs": runs});
+        let system = json!({"armwire": "1.2.3", "system": "linux 6.12.3-cloud", "processors": 2, "processor": "P", "runs": runs});
         table(&system, "0.07")
     }
 
@@ -166,7 +171,7 @@ mod tests {
         let lines: Vec<_> = table.lines().collect();
         assert_eq!(
             lines[0],
-            "armwire 1.2.3 on linux, 2 × P; the load average at the start was 0.07."
+            "armwire 1.2.3 on linux 6.12, 2 × P; the load average at the start was 0.07."
         );
         assert_eq!(
             lines[4],
