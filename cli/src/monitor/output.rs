@@ -187,7 +187,7 @@ fn is_end(code: KeyCode, modifiers: KeyModifiers) -> bool {
     }
 }
 
-/// What the user is to see of this step.
+/// The notice that this step shows to the user.
 fn notice(model: &Model, step: Step) -> Option<&String> {
     match step {
         Step::TimedOut | Step::Notice => model.notice.as_ref(),

@@ -7,7 +7,7 @@ const MAX_WAIT: Duration = Duration::from_millis(100);
 /// Maximum number of readings that may be unanswered at once. More would fill a line that is slower than the rate.
 const MAX_UNANSWERED: usize = 8;
 
-/// How long readings wait for their answers.
+/// The wait of readings for their answers.
 #[derive(Debug, Default)]
 pub(super) struct Patience {
     /// The times at which the last readings without an answer were given up.
