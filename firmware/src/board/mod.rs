@@ -1,77 +1,44 @@
 //! The board: chip, pins and clocks are known only here.
 //!
-//! A cargo feature selects the chip, `board-stm32f405` or `board-stm32g431`. At build time the environment variable
-//! ARMWIRE_BOARD selects one of the boards with that chip, whose differences are data: [`THIS`]. `docs/porting.md`
-//! describes how to add a chip, and `docs/boards.md` lists the boards. Each chip provides the same items:
+//! A cargo feature selects the chip: `board-stm32f405`, `board-stm32g431` or `board-rp2040`. At build time the
+//! environment variable ARMWIRE_BOARD selects one of the boards with that chip, whose differences are data: [`THIS`].
+//! `docs/porting.md` describes how to add a chip, and `docs/boards.md` lists the boards. Each chip provides the same
+//! items:
 //!
 //! | Item | Meaning |
 //! |---|---|
 //! | `CHIP`, `CAN_FD` | the chip, and true for CAN FD |
 //! | `take_reset()` | reads the cause of the last reset, once |
-//! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a [`Board`] of them |
+//! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a `Board` of them |
+//! | `Board`, `Watchdog`, `Led` | the peripherals of the firmware |
+//! | `Can`, `CAN_CAPACITY` | the CAN bus, if the chip has one, and the number of received frames that it holds |
 //! | `UsbDriver` | the driver of the USB peripheral |
 //! | `usb` | the registers of endpoint 0, behind [`usb_control`] |
 //! | `cancel_unfetched_packets()` | withdraws the packets in endpoints that the host will not fetch |
 //! | `cancel_unfetched_packet()` | withdraws the packet in one endpoint, while the host polls it |
+//! | `usart` | the registers of the arm's UART |
 //! | `UartInterrupt`, `RxInterrupt`, `TxInterrupt` | the interrupts of the arm's UART and of its DMA in each direction |
+//! | `transmit_at()` | starts the DMA to the arm at a time |
 //! | `ServiceInterrupt` | the interrupt of a peripheral that is not used, for the [service](crate::service) |
-//! | `RX_REQUEST` | the number of the UART's receive request at that DMA |
-//! | `TIMER`, `TIMER_HZ`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits with its input clock, for the clock |
-//! | `capture` | a timer that captures the crystal's divided clock, for [`crystal`] |
-//! | `enable_port()` | starts the clock of a port of pins |
 //! | `hal` | the chip's HAL |
-//! | `Board`, `Watchdog`, `Led` | the peripherals of the firmware |
 //! | `mask`, `Masked` | the mask of interrupt handlers up to a priority |
 //! | `reset()`, `serial_number()` | restarts the chip; the chip's unique id |
-//! | `UART`, `TX_PIN` | the UART's registers, and its TX pin with the alternate function |
-//! | `uart` | the chip-specific part of these registers, behind [`usart`] |
-//! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a received frame in the queue there |
 //! | `ConfigFlash`, `CONFIG_FLASH` | the flash of the configuration: a `NorFlash`, and a range of it |
 //! | `FlashError`, `is_supply_low()` | the error of a failed write, and true if the supply voltage was too low |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
-#[cfg(feature = "stm32")]
-mod can;
-#[cfg(feature = "stm32")]
-mod crystal;
-#[cfg(feature = "stm32")]
-mod led;
-#[cfg(feature = "stm32")]
-mod memcpy;
-#[cfg(feature = "stm32")]
-mod oscillator;
-#[cfg(feature = "stm32")]
-mod pin;
 #[cfg(feature = "board-rp2040")]
 mod rp2040;
 #[cfg(feature = "stm32")]
 mod stm32;
-#[cfg(feature = "board-stm32f405")]
-mod stm32f405;
-#[cfg(feature = "board-stm32g431")]
-mod stm32g431;
-#[cfg(feature = "stm32")]
-mod time;
-#[cfg(feature = "stm32")]
-pub(crate) mod usart;
 mod usb_control;
 
 use armwire_boards::Board as Data;
 
-#[cfg(feature = "stm32")]
-pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
-#[cfg(feature = "stm32")]
-pub(crate) use led::Led;
 #[cfg(feature = "board-rp2040")]
-pub(crate) use rp2040::{uart as usart, *};
+pub(crate) use rp2040::*;
 #[cfg(feature = "stm32")]
 pub(crate) use stm32::*;
-#[cfg(feature = "board-stm32f405")]
-pub(crate) use stm32f405::*;
-#[cfg(feature = "board-stm32g431")]
-pub(crate) use stm32g431::*;
-#[cfg(feature = "stm32")]
-pub(crate) use time::{take_byte_alarm, transmit_at, wake_byte_interrupt_in};
 
 #[cfg(not(any(feature = "board-rp2040", feature = "board-stm32f405", feature = "board-stm32g431")))]
 compile_error!("no board: enable `board-rp2040`, `board-stm32f405` or `board-stm32g431`");

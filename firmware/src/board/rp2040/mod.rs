@@ -30,6 +30,7 @@ pub(crate) use embassy_rp as hal;
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low, serial_number};
 pub(crate) use mask::mask;
 pub(crate) use time::{clear_idle_alarm, set_idle_alarm, transmit_at};
+pub(crate) use uart as usart;
 pub(crate) use usb::{UsbDriver, cancel_unfetched_packet, cancel_unfetched_packets};
 
 /// The chip.

@@ -1,4 +1,27 @@
-//! What the boards with an STM32 share.
+//! The chips of the STM32 family. Besides the items of a [board](super), each provides those for the drivers here:
+//!
+//! | Item | Meaning |
+//! |---|---|
+//! | `RX_REQUEST` | the number of the UART's receive request at its DMA |
+//! | `TIMER`, `TIMER_HZ`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits with its input clock, for the clock |
+//! | `capture` | a timer that captures the crystal's divided clock, for [`crystal`] |
+//! | `enable_port()` | starts the clock of a port of pins |
+//! | `UART`, `TX_PIN` | the UART's registers, and its TX pin with the alternate function |
+//! | `uart` | the chip-specific part of these registers, behind [`usart`] |
+//! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a received frame in the queue there |
+
+mod can;
+mod crystal;
+#[cfg(feature = "board-stm32f405")]
+mod f405;
+#[cfg(feature = "board-stm32g431")]
+mod g431;
+mod led;
+mod memcpy;
+mod oscillator;
+mod pin;
+mod time;
+pub(crate) mod usart;
 
 use core::marker::PhantomData;
 
@@ -10,20 +33,27 @@ use embassy_stm32::pac::common::{RW, Reg};
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 
-use super::{Can, ConfigFlash, Led, THIS, UsbDriver};
+use super::{ChipReset, THIS};
 use crate::uart::{Dma, Uart};
 
+pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
 pub(crate) use embassy_stm32 as hal;
+#[cfg(feature = "board-stm32f405")]
+pub(crate) use f405::*;
+#[cfg(feature = "board-stm32g431")]
+pub(crate) use g431::*;
+pub(crate) use led::Led;
+pub(crate) use time::{take_byte_alarm, transmit_at, wake_byte_interrupt_in};
 
 /// The pins of the CAN controller.
-pub(super) const CAN_PINS: CanPins = THIS.can.expect("pins of the CAN controller");
+const CAN_PINS: CanPins = THIS.can.expect("pins of the CAN controller");
 
 /// The peripherals that the board provides.
 pub(crate) struct Board {
     /// The status LED.
     pub(crate) led: Led,
     /// The arm's UART, for its line coding. The TX pin is not given to the HAL, which would leave it floating while the
-    /// UART is disabled: see [`usart`](super::usart).
+    /// UART is disabled: see [`usart`].
     pub(crate) uart: Uart,
     /// The receive DMA.
     pub(crate) rx_dma: Dma,
@@ -83,7 +113,7 @@ impl Drop for Masked {
 ///
 /// An access within two cycles of the bus after the write may be lost (ES0182, "Delay after an RCC peripheral clock
 /// enabling"; RM0440, "Peripheral clock enable register"): the pin to the arm would be driven low. The read takes longer.
-pub(super) fn enable_clocks<T: Copy>(register: Reg<T, RW>, enable: impl FnOnce(&mut T)) {
+fn enable_clocks<T: Copy>(register: Reg<T, RW>, enable: impl FnOnce(&mut T)) {
     register.modify(enable);
     register.read();
 }

@@ -1,5 +1,5 @@
 //! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION, and
-//! for the withdrawal of a packet. [`usb_control`](super::super::usb_control) handles hosts that abandon a request.
+//! for the withdrawal of a packet. [`usb_control`](crate::board::usb_control) handles hosts that abandon a request.
 //!
 //! The HAL's driver clears a halt in a loop that never ends at NAK, and does not reset data toggles. It calls `memcpy` for
 //! each half-word of a packet: the bulk endpoints access the packet memory here.
@@ -23,7 +23,7 @@ use embassy_usb::driver::{
     EndpointType, Event, Unsupported,
 };
 
-use super::super::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over, wake_stage};
+use crate::board::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over, wake_stage};
 
 /// The HAL's driver and its parts.
 type Hal = usb::Driver<'static, peripherals::USB>;

@@ -9,7 +9,7 @@ pub(super) mod capture;
 mod clock;
 mod flash;
 pub(super) mod uart;
-pub(super) mod usb;
+pub(in crate::board) mod usb;
 
 use armwire_boards::{Chip, Port};
 use embassy_stm32::dma::{self, Channel, Request};
@@ -32,7 +32,7 @@ pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 pub(crate) use usb::{UsbDriver, cancel_unfetched_packet, cancel_unfetched_packets};
 
-pub(super) const CHIP: Chip = Chip::Stm32g431;
+pub(in crate::board) const CHIP: Chip = Chip::Stm32g431;
 
 pub(crate) const CAN_FD: bool = true;
 

@@ -12,8 +12,7 @@ use embassy_stm32::peripherals::CAN1;
 use embassy_stm32::{Peri, rcc};
 
 use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received};
-use super::super::pin;
-use super::super::stm32::CAN_PINS;
+use super::super::{CAN_PINS, pin};
 
 const CAN: pac::can::Can = pac::CAN1;
 

@@ -1,5 +1,5 @@
 //! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION.
-//! [`usb_control`](super::super::usb_control) handles hosts that abandon a request.
+//! [`usb_control`](crate::board::usb_control) handles hosts that abandon a request.
 //!
 //! The HAL's driver does not reset data toggles.
 
@@ -17,8 +17,8 @@ use embassy_usb::driver::{
     Unsupported,
 };
 
-use super::super::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over};
 use super::{USB_ENDPOINTS, flush, soon};
+use crate::board::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over};
 
 /// The HAL's driver and its parts.
 type Hal = usb::Driver<'static, peripherals::USB_OTG_FS>;

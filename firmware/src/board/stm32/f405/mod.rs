@@ -12,7 +12,7 @@ pub(super) mod uart;
 mod usart2;
 #[cfg(arm_at_usart3)]
 mod usart3;
-pub(super) mod usb;
+pub(in crate::board) mod usb;
 
 use armwire_boards::{Chip, Port, Uart};
 use armwire_bridge::PACKET;
@@ -42,7 +42,7 @@ pub(crate) use usart2::*;
 pub(crate) use usart3::*;
 pub(crate) use usb::UsbDriver;
 
-pub(super) const CHIP: Chip = Chip::Stm32f405;
+pub(in crate::board) const CHIP: Chip = Chip::Stm32f405;
 
 pub(crate) const CAN_FD: bool = false;
 
