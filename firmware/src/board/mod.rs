@@ -18,6 +18,7 @@
 //! | `cancel_unfetched_packet()` | withdraws the packet in one endpoint, while the host polls it |
 //! | `usart` | the registers of the arm's UART |
 //! | `UartInterrupt`, `RxInterrupt`, `TxInterrupt` | the interrupts of the arm's UART and of its DMA in each direction |
+//! | `time` | the counter of the clock and its alarm, for the [`timers`] |
 //! | `transmit_at()` | starts the DMA to the arm at a time |
 //! | `ServiceInterrupt` | the interrupt of a peripheral that is not used, for the [service](crate::service) |
 //! | `hal` | the chip's HAL |
@@ -31,6 +32,7 @@
 mod rp2040;
 #[cfg(feature = "stm32")]
 mod stm32;
+mod timers;
 mod usb_control;
 
 use armwire_boards::Board as Data;

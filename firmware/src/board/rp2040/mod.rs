@@ -6,7 +6,7 @@
 mod boot;
 mod flash;
 mod mask;
-mod time;
+pub(super) mod time;
 pub(crate) mod uart;
 pub(super) mod usb;
 

@@ -1,21 +1,18 @@
-//! The clock: embassy's time driver on the chip's 64-bit timer, which counts microseconds (4.6).
+//! The clock: the chip's 64-bit timer, which counts microseconds (4.6), for the [timers](crate::board::timers).
 //!
 //! The HAL's driver is not used: its alarm does not run the service. Further alarms start and end a burst, and detect
 //! an idle line.
 
 use core::sync::atomic::Ordering;
-use core::task::Waker;
 
 use armwire_bridge::Instant;
 use embassy_rp::interrupt::typelevel::{Handler, Interrupt, TIMER_IRQ_0, TIMER_IRQ_1};
 use embassy_rp::pac::TIMER;
-use embassy_time_driver::Driver;
-use embassy_time_queue_utils::Queue;
 use portable_atomic::AtomicBool;
 
 use super::{IdleInterrupt, uart};
 use crate::adapter::now;
-use crate::ceiling::{Ceiling, DRIVERS};
+use crate::board::timers;
 use crate::service;
 use crate::uart::burst_ended;
 
@@ -26,20 +23,6 @@ const IDLE: usize = 2;
 
 /// The longest time to an alarm, which compares 32 bits.
 const LONGEST: u64 = 1 << 31;
-
-struct Clock {
-    timers: Ceiling<Timers>,
-}
-
-struct Timers {
-    queue: Queue,
-    /// The time of the next alarm.
-    alarm: u64,
-}
-
-embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock {
-    timers: Ceiling::new(DRIVERS, Timers { queue: Queue::new(), alarm: u64::MAX }),
-});
 
 /// The burst waits for its start. If false, the alarm is that of its end.
 static IS_WAITING: AtomicBool = AtomicBool::new(false);
@@ -83,48 +66,29 @@ pub(crate) fn clear_idle_alarm() {
 fn set_alarm<I: Interrupt>(alarm: usize, at: u64) {
     TIMER.alarm(alarm).write_value(at as u32);
     // The counter may have passed it in between.
-    if CLOCK.now() >= at {
+    if micros() >= at {
         I::pend();
     }
 }
 
-impl Driver for Clock {
-    fn now(&self) -> u64 {
-        loop {
-            let high = TIMER.timerawh().read();
-            let low = TIMER.timerawl().read();
-            if TIMER.timerawh().read() == high {
-                return u64::from(high) << 32 | u64::from(low);
-            }
+/// The time in microseconds.
+pub(in crate::board) fn micros() -> u64 {
+    loop {
+        let high = TIMER.timerawh().read();
+        let low = TIMER.timerawl().read();
+        if TIMER.timerawh().read() == high {
+            return u64::from(high) << 32 | u64::from(low);
         }
-    }
-
-    fn schedule_wake(&self, at: u64, waker: &Waker) {
-        self.timers.with(|timers| {
-            let is_new = timers.queue.schedule_wake(at, waker);
-            // A timer that is due no sooner than the alarm is handled at the alarm.
-            if is_new && at < timers.alarm {
-                self.arm(timers);
-            }
-        });
     }
 }
 
-impl Clock {
-    /// Wakes expired timers, and sets the alarm for the next one.
-    fn arm(&self, timers: &mut Timers) {
-        loop {
-            let now = self.now();
-            timers.alarm = timers.queue.next_expiration(now);
-            // A later timer is checked again then.
-            let at = timers.alarm.min(now + LONGEST);
-            TIMER.alarm(NEXT).write_value(at as u32);
-            // The counter may have passed it in between.
-            if self.now() < at {
-                return;
-            }
-        }
-    }
+/// Sets the alarm of the next timer. Returns false if its time has come.
+pub(in crate::board) fn set_next_alarm(now: u64, at: u64) -> bool {
+    // A later timer is checked again then.
+    let at = at.min(now + LONGEST);
+    TIMER.alarm(NEXT).write_value(at as u32);
+    // The counter may have passed it in between.
+    micros() < at
 }
 
 /// Wakes expired timers.
@@ -135,7 +99,7 @@ impl Handler<TIMER_IRQ_0> for TimerHandler {
         TIMER.intr().write(|w| w.set_alarm(NEXT, true));
         // Usually the timeout of the bridge, and a poll is due.
         service::pend();
-        CLOCK.timers.with(|timers| CLOCK.arm(timers));
+        timers::wake_expired();
     }
 }
 

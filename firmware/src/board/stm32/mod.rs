@@ -20,7 +20,7 @@ mod led;
 mod memcpy;
 mod oscillator;
 mod pin;
-mod time;
+pub(super) mod time;
 pub(crate) mod usart;
 
 use core::marker::PhantomData;

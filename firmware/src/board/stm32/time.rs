@@ -1,4 +1,4 @@
-//! The clock: embassy's time driver on a 32-bit timer that counts microseconds.
+//! The clock: a 32-bit timer that counts microseconds, for the [timers](crate::board::timers).
 //!
 //! The HAL's driver uses 16 bits of any timer and counts its periods by interrupts, one every 33 ms. The erase of the
 //! flash stalls the chip for longer, and that clock would lose time. This one tolerates half an hour without an
@@ -7,17 +7,15 @@
 //! It also starts the UART at a given time: see [`transmit_at`].
 
 use core::sync::atomic::{AtomicU32, Ordering};
-use core::task::Waker;
 
 use armwire_bridge::Instant;
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 use embassy_stm32::pac::timer::vals::Urs;
 use embassy_stm32::rcc;
-use embassy_time_driver::{Driver, TICK_HZ};
-use embassy_time_queue_utils::Queue;
+use embassy_time_driver::TICK_HZ;
 
 use super::{TIMER, TIMER_HZ, TimerInterrupt, TimerPeripheral, usart};
-use crate::ceiling::{Ceiling, DRIVERS};
+use crate::board::timers;
 use crate::service;
 
 /// Number of counter bits below the half-turn.
@@ -29,23 +27,8 @@ const ALARM: usize = 1;
 const START: usize = 2;
 const BYTES: usize = 3;
 
-/// The half-turns of the counter, and the timers.
-struct Clock {
-    /// Written only by the interrupt handler. It may lag by almost a half-turn: see [`now`](Self::now).
-    half_turns: AtomicU32,
-    timers: Ceiling<Timers>,
-}
-
-struct Timers {
-    queue: Queue,
-    /// The time of the next alarm.
-    alarm: u64,
-}
-
-embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock {
-    half_turns: AtomicU32::new(0),
-    timers: Ceiling::new(DRIVERS, Timers { queue: Queue::new(), alarm: u64::MAX }),
-});
+/// The half-turns of the counter. Written only by the interrupt handler. They may lag by almost one: see [`micros`].
+static HALF_TURNS: AtomicU32 = AtomicU32::new(0);
 
 /// Starts the clock at 0.
 pub(super) fn start() {
@@ -74,7 +57,7 @@ pub(crate) fn transmit_at(at: Instant) {
     clear(START);
     set_start_interrupt(true);
     // The counter may have passed it in between.
-    if CLOCK.now() >= at.as_micros() {
+    if micros() >= at.as_micros() {
         start_transmitting();
     }
 }
@@ -114,46 +97,25 @@ fn set_start_interrupt(on: bool) {
     critical_section::with(|_| TIMER.dier().modify(|w| w.set_ccie(START, on)));
 }
 
-impl Driver for Clock {
-    // One copy, not one for each call.
-    #[inline(never)]
-    fn now(&self) -> u64 {
-        // This order tolerates a half-turn that ends in between. An even number belongs to the lower half of the
-        // counter. If the counter is in the other half, the handler has not run yet, and the previous half-turn still
-        // counts.
-        let half_turns = self.half_turns.load(Ordering::Acquire);
-        let count = TIMER.cnt().read();
-        (u64::from(half_turns) << HALF_TURN) + u64::from(count ^ (half_turns & 1) << HALF_TURN)
-    }
-
-    fn schedule_wake(&self, at: u64, waker: &Waker) {
-        self.timers.with(|timers| {
-            let is_new = timers.queue.schedule_wake(at, waker);
-            // A timer that is due no sooner than the alarm is handled at the alarm.
-            if is_new && at < timers.alarm {
-                self.arm(timers);
-            }
-        });
-    }
+/// The time in microseconds.
+// One copy, not one for each call.
+#[inline(never)]
+pub(in crate::board) fn micros() -> u64 {
+    // This order tolerates a half-turn that ends in between. An even number belongs to the lower half of the counter.
+    // If the counter is in the other half, the handler has not run yet, and the previous half-turn still counts.
+    let half_turns = HALF_TURNS.load(Ordering::Acquire);
+    let count = TIMER.cnt().read();
+    (u64::from(half_turns) << HALF_TURN) + u64::from(count ^ (half_turns & 1) << HALF_TURN)
 }
 
-impl Clock {
-    /// Wakes expired timers, and sets the alarm for the next one.
-    fn arm(&self, timers: &mut Timers) {
-        loop {
-            let now = self.now();
-            let next = timers.queue.next_expiration(now);
-            timers.alarm = next;
-            // A later timer is checked again when the half-turn ends.
-            let is_near = next - now < 1 << HALF_TURN;
-            TIMER.ccr(ALARM).write_value(next as u32);
-            TIMER.dier().modify(|w| w.set_ccie(ALARM, is_near));
-            // The counter may have passed it in between.
-            if !is_near || self.now() < next {
-                return;
-            }
-        }
-    }
+/// Sets the alarm of the next timer. Returns false if its time has come.
+pub(in crate::board) fn set_next_alarm(now: u64, at: u64) -> bool {
+    // A later timer is checked again when the half-turn ends.
+    let is_near = at - now < 1 << HALF_TURN;
+    TIMER.ccr(ALARM).write_value(at as u32);
+    TIMER.dier().modify(|w| w.set_ccie(ALARM, is_near));
+    // The counter may have passed it in between.
+    !is_near || micros() < at
 }
 
 /// Counts half-turns and wakes expired timers.
@@ -165,8 +127,8 @@ impl Handler<TimerInterrupt> for TimerHandler {
         // Writing 0 clears, writing 1 has no effect.
         TIMER.sr().write(|w| w.0 = !flags.0);
         let ended = u32::from(flags.uif()) + u32::from(flags.ccif(MIDDLE));
-        CLOCK.half_turns.store(
-            CLOCK.half_turns.load(Ordering::Relaxed).wrapping_add(ended),
+        HALF_TURNS.store(
+            HALF_TURNS.load(Ordering::Relaxed).wrapping_add(ended),
             Ordering::Release,
         );
         if flags.ccif(START) && TIMER.dier().read().ccie(START) {
@@ -177,7 +139,7 @@ impl Handler<TimerInterrupt> for TimerHandler {
             service::pend();
         }
         if flags.ccif(ALARM) || ended > 0 {
-            CLOCK.timers.with(|timers| CLOCK.arm(timers));
+            timers::wake_expired();
         }
     }
 }
