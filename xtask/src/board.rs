@@ -29,6 +29,15 @@ impl Update {
     }
 }
 
+/// The optimisation of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Optimisation {
+    /// The level of most packages, if it is not the profile's.
+    pub(crate) level: Option<&'static str>,
+    /// The packages that are compiled for speed, at level 3.
+    pub(crate) fast: &'static [&'static str],
+}
+
 impl Board {
     pub(crate) const STM32F405: Self = Self::of(Chip::Stm32f405);
     pub(crate) const STM32G431: Self = Self::of(Chip::Stm32g431);
@@ -108,18 +117,28 @@ impl Board {
         }
     }
 
-    /// The packages that the shipped image compiles for speed instead of size. The STM32G431 has no flash left for it.
-    pub(crate) const fn fast_packages(self) -> &'static [&'static str] {
-        match self.0.chip {
-            Chip::Stm32f405 => &[
-                "armwire",
-                "armwire-bridge",
-                "armwire-firmware",
-                "embassy-executor",
-                "embassy-sync",
-                "embassy-usb-synopsys-otg",
-            ],
-            Chip::Stm32g431 | Chip::Rp2040 => &[],
+    /// The optimisation of the shipped image, or of that with a log.
+    pub(crate) const fn optimisation(self, log: bool) -> Optimisation {
+        match (self.0.chip, log) {
+            // At the profile's level the log does not fit into the flash of the STM32G431. The protocol crate alone is
+            // smaller at level 3: its small functions are inlined.
+            (_, true) => Optimisation {
+                level: Some("z"),
+                fast: &["armwire"],
+            },
+            (Chip::Stm32f405, false) => Optimisation {
+                level: None,
+                fast: &[
+                    "armwire",
+                    "armwire-bridge",
+                    "armwire-firmware",
+                    "embassy-executor",
+                    "embassy-sync",
+                    "embassy-usb-synopsys-otg",
+                ],
+            },
+            // The STM32G431 has no flash left for it.
+            (Chip::Stm32g431 | Chip::Rp2040, false) => Optimisation { level: None, fast: &[] },
         }
     }
 
@@ -148,7 +167,20 @@ impl ValueEnum for Board {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
+    use crate::workspace::root;
+
+    /// Cargo only warns about an unknown package.
+    #[test]
+    fn packages_compiled_for_speed_exist() {
+        let lock = fs::read_to_string(root().join("Cargo.lock")).unwrap();
+        let optimisations = Board::all().flat_map(|board| [false, true].map(|log| board.optimisation(log)));
+        for package in optimisations.flat_map(|optimisation| optimisation.fast) {
+            assert!(lock.contains(&format!("name = \"{package}\"\n")), "{package}");
+        }
+    }
 
     #[test]
     fn options_name_boards_as_files_do() {

@@ -132,15 +132,12 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     let mut build = cargo_for(target, "build --package armwire-firmware --profile firmware")?;
     build.args(["--no-default-features", "--features", &options.features()]);
     build.env("ARMWIRE_BOARD", board);
-    if options.defmt {
-        // With the profile's level `s` the log does not fit into the flash of the STM32G431.
-        build.env("CARGO_PROFILE_FIRMWARE_OPT_LEVEL", "z");
-        // The protocol crate alone is smaller with level 3, by 1.4 kB: its small functions are inlined.
-        build.arg("--config=profile.firmware.package.armwire.opt-level=3");
-    } else {
-        for package in options.board.fast_packages() {
-            build.arg(format!("--config=profile.firmware.package.{package}.opt-level=3"));
-        }
+    let optimisation = options.board.optimisation(options.defmt);
+    if let Some(level) = optimisation.level {
+        build.env("CARGO_PROFILE_FIRMWARE_OPT_LEVEL", level);
+    }
+    for package in optimisation.fast {
+        build.arg(format!("--config=profile.firmware.package.{package}.opt-level=3"));
     }
     run(&mut build)?;
 
