@@ -103,7 +103,7 @@ impl Board {
     /// Maximum flash usage of the shipped image, in bytes.
     pub(crate) const fn max_flash(self) -> u64 {
         match self.0.chip {
-            // What it must leave is the limit.
+            // The flash that an image must leave is the limit.
             Chip::Stm32f405 | Chip::Stm32g431 => u64::MAX,
             Chip::Rp2040 => 128 * 1024,
         }
