@@ -162,12 +162,42 @@ impl<P: Arm> Link<P> {
             link.client.cancel();
             link.client
                 .submit_reading(request)
-                .expect("the client is idle, and has room for any request");
-            match link.complete(request, take, Some(until)) {
-                Err(Error::NoAnswer { .. }) => Ok(None),
-                result => result,
-            }
+                .expect("the client is idle, has room for any request, and this one is a read");
+            link.complete_until(request, take, until)
         })
+    }
+
+    /// Makes one call without the interrupt. `None` if no answer arrives until this time: the call is cancelled then.
+    ///
+    /// # Errors
+    ///
+    /// As of [`call`](Self::call), except for a missing answer.
+    pub(crate) fn call_until<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        until: Instant,
+        take: impl FnOnce(P::Response<'_>) -> T,
+    ) -> Result<Option<T>, Error> {
+        self.uninterrupted(|link| {
+            link.client.cancel();
+            link.client
+                .submit(request)
+                .expect("the client is idle, and has room for any request");
+            link.complete_until(request, take, until)
+        })
+    }
+
+    /// Completes the submitted call, or cancels it at this time.
+    fn complete_until<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        take: impl FnOnce(P::Response<'_>) -> T,
+        until: Instant,
+    ) -> Result<Option<T>, Error> {
+        match self.complete(request, take, Some(until)) {
+            Err(Error::NoAnswer { .. }) => Ok(None),
+            result => result,
+        }
     }
 
     /// Completes the submitted call, or cancels it at `limit`, without an answer then.
@@ -320,7 +350,7 @@ impl<P: Arm> Link<P> {
         self.client.cancel();
         self.client
             .submit_reading(request)
-            .expect("the client is idle, and has room for any request");
+            .expect("the client is idle, has room for any request, and this one is a read");
         loop {
             match self.client.poll(self.clock.now()) {
                 Output::Receive => {

@@ -84,7 +84,8 @@ impl XArm {
     /// Reads the joint positions once, as one of many readings. Returns false without an answer until this time.
     pub(crate) fn read_joints_until(&mut self, until: Instant) -> Result<bool, Error> {
         let request = Raw::new(POSITIONS, &[]).expect("the document does not have this register");
-        let pose = self.link.read_until(&Request::Raw(request), until, |response| {
+        // The register is not documented as a read. Answers are numbered: no request waits for an earlier one.
+        let pose = self.link.call_until(&Request::Raw(request), until, |response| {
             let Answer { value, state } = Answer::<Raw<'_>>::try_from(response).ok()?;
             let joints = positions_in(value.params())?;
             (!state.contains(State::INVALID)).then_some(XArmPose { joints, state })

@@ -169,7 +169,7 @@ pub enum Event<'a, R> {
     },
 }
 
-/// The reason why [`Client::submit`] rejected a request.
+/// The reason why [`Client::submit`] or [`Client::submit_reading`] rejected a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -180,6 +180,9 @@ pub enum SubmitError {
     /// The client's buffer is shorter than the request.
     #[error(transparent)]
     TooLong(BufferTooShort),
+    /// The request was submitted as a reading, and may change the arm.
+    #[error("the request is not a read")]
+    NotARead,
 }
 
 /// The request in flight.
@@ -311,6 +314,11 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         call.state = State::Waiting;
     }
 
+    /// Returns true if the frame in `tx` changes nothing.
+    fn is_read(&self) -> bool {
+        self.info.is_some_and(|info| info.effect == Effect::Read)
+    }
+
     /// The timeout of the answer to the request in flight.
     fn due(&self) -> Option<Instant> {
         let waiting = self.call.as_ref().is_some_and(|call| call.state == State::Waiting);
@@ -319,8 +327,9 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 
     /// Handles a missing answer: schedules a repeat, or ends the call and returns its number of transmissions.
     fn give_up(&mut self) -> Option<u8> {
+        let is_read = self.is_read();
         let call = self.call.as_mut()?;
-        if call.repeats > 0 && self.info.is_some_and(|info| info.effect == Effect::Read) {
+        if call.repeats > 0 && is_read {
             call.repeats -= 1;
             call.state = State::Ready;
             return None;
@@ -482,38 +491,22 @@ impl<M: Messages, const N: usize> Client<M, N> {
     /// assert_eq!(client.submit(&Request::ReadInfo), Err(SubmitError::Busy));
     /// ```
     pub fn submit(&mut self, request: &M::Request<'_>) -> Result<(), SubmitError> {
-        if !self.is_idle() {
-            return Err(SubmitError::Busy);
-        }
-        let out = &mut self.outgoing;
-        out.len = self
-            .messages
-            .encode_request(request, &mut out.tx)
-            .map_err(SubmitError::TooLong)?;
-        let frame = out.tx.get_mut(..out.len).unwrap_or_default();
-        self.number = self.number.checked_add(1).unwrap_or(1);
-        self.messages.stamp(frame, self.number);
-        out.info = self.messages.request(frame);
-        out.call = Some(Call {
-            state: State::Ready,
-            sends: 0,
-            repeats: self.config.repeats,
-            is_reading: false,
-        });
-        Ok(())
+        self.start(request, false)
     }
 
     /// Starts a reading, as one of many at a steady rate. It is not repeated, and waits for no answer to an earlier
     /// request with the same key that has ended: a lost answer does not delay the next reading.
     ///
     /// Such an earlier answer is taken for the answer to this reading, if it arrives after its transmission. Both have
-    /// the arm's state, and one is newer. Use [`submit`](Self::submit) where the state must be newer than the request,
-    /// and for any request that is not a read. It waits for the answers to lost readings as to any other request: until
-    /// the stale window of the last reading ends, since that reading may have taken an earlier answer.
+    /// the arm's state, and one is newer. Use [`submit`](Self::submit) where the state must be newer than the request.
+    /// It waits for the answers to lost readings as to any other request: until the stale window of the last reading
+    /// ends, since that reading may have taken an earlier answer.
     ///
     /// # Errors
     ///
-    /// As of [`submit`](Self::submit).
+    /// As of [`submit`](Self::submit), and [`SubmitError::NotARead`] for a request with another
+    /// [effect](crate::correlation::Effect), or with an undocumented one: an earlier confirmation must not stand for its
+    /// own.
     ///
     /// ```
     /// # use armwire::ling::{Ling, Request};
@@ -533,12 +526,33 @@ impl<M: Messages, const N: usize> Client<M, N> {
     /// assert_eq!(client.poll(now), Output::Receive);
     /// ```
     pub fn submit_reading(&mut self, request: &M::Request<'_>) -> Result<(), SubmitError> {
-        self.submit(request)?;
-        let out = &mut self.outgoing;
-        if let Some(call) = &mut out.call {
-            call.repeats = 0;
-            call.is_reading = true;
+        self.start(request, true)
+    }
+
+    /// Starts a request, or leaves the client idle.
+    fn start(&mut self, request: &M::Request<'_>, is_reading: bool) -> Result<(), SubmitError> {
+        if !self.is_idle() {
+            return Err(SubmitError::Busy);
         }
+        let out = &mut self.outgoing;
+        out.len = self
+            .messages
+            .encode_request(request, &mut out.tx)
+            .map_err(SubmitError::TooLong)?;
+        let frame = out.tx.get_mut(..out.len).unwrap_or_default();
+        let number = self.number.checked_add(1).unwrap_or(1);
+        self.messages.stamp(frame, number);
+        out.info = self.messages.request(frame);
+        if is_reading && !out.is_read() {
+            return Err(SubmitError::NotARead);
+        }
+        self.number = number;
+        out.call = Some(Call {
+            state: State::Ready,
+            sends: 0,
+            repeats: if is_reading { 0 } else { self.config.repeats },
+            is_reading,
+        });
         Ok(())
     }
 

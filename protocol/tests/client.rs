@@ -307,6 +307,23 @@ fn reading_never_waits_for_a_lost_answer() {
     assert_eq!(host.time_out(), 1, "it is not repeated");
 }
 
+#[test]
+fn reading_that_changes_the_arm_is_refused() {
+    let mut host = Lings::new(ONCE);
+    for request in [
+        motion(2048),
+        Request::SetTorque(Torque::On),
+        Request::SetStroke(Stroke::Mm50),
+    ] {
+        let refused = host.client.submit_reading(&request).unwrap_err();
+        assert_eq!(refused.to_string(), "the request is not a read");
+        assert!(host.client.is_idle());
+        assert_eq!(host.transmit(), 0);
+    }
+    read(&mut host);
+    assert_eq!(host.client.submit_reading(&motion(2048)), Err(SubmitError::Busy));
+}
+
 /// Starts a reading and transmits it.
 fn read(host: &mut Lings) {
     host.client.submit_reading(&Request::ReadJoints).unwrap();

@@ -130,11 +130,16 @@ impl<P: Subject, const N: usize> World<P, N> {
             assert!(!SubmitError::Busy.to_string().is_empty() && !format!("{:?}", self.client).is_empty());
             return;
         }
-        assert_eq!(submitted, Ok(()));
         let mut bytes = request_bytes(model.protocol, request);
-        self.number = self.number.checked_add(1).unwrap_or(1);
-        model.protocol.stamp(&mut bytes, self.number);
+        let number = self.number.checked_add(1).unwrap_or(1);
+        model.protocol.stamp(&mut bytes, number);
         let info = model.protocol.request(&bytes).expect("it is a request");
+        if is_reading && info.effect != Effect::Read {
+            assert_eq!(submitted, Err(SubmitError::NotARead));
+            return;
+        }
+        assert_eq!(submitted, Ok(()));
+        self.number = number;
         let turnaround = info.response.map_or(Duration::ZERO, |response| response.turnaround);
         model.turnaround = model.turnaround.max(turnaround);
         model.pending = Some(Pending {
