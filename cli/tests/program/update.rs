@@ -91,6 +91,41 @@ fn unfit_image_restarts_nothing() {
 }
 
 #[test]
+fn only_the_image_of_the_named_board_is_written() {
+    // A named board, the board without a name with the same chip, and one that this command does not know.
+    for adapter in ["pyboard", "stm32f405", "unknown-1"] {
+        let bus = CanBus::start_board(adapter);
+        let folder = tools("names", &bus.boot_loader, 0);
+        let file = folder.join("new.dfu");
+        for board in [
+            "pyboard",
+            // The same chip, and no name.
+            "stm32f405",
+            "feather-f405",
+            // Another chip, and no name.
+            "stm32g431",
+            "weact-g431",
+            "pico",
+            "unknown-2",
+            "stm32f4",
+            "",
+        ] {
+            fs::write(&file, image(board)).unwrap();
+            let output = update(&bus.port(), &file, &folder);
+            if board == adapter {
+                assert!(output.status.success(), "{output:?}");
+                fs::remove_file(folder.join("log")).unwrap();
+            } else {
+                let refusal = format!("the image is for the board {board}, the adapter is a {adapter}");
+                assert_eq!(failure(&output), format!("{}: {refusal}", bus.port()));
+                assert!(!bus.boot_loader.exists() && !folder.join("log").exists());
+            }
+        }
+        fs::remove_dir_all(folder).unwrap();
+    }
+}
+
+#[test]
 fn huge_file_is_refused_by_its_head() {
     // More than any memory holds.
     const SIZE: u64 = 1 << 40;

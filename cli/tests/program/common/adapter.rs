@@ -53,13 +53,22 @@ impl CanBus {
 
     /// Starts a bus with this bit rate, and the adapter as this node.
     pub(crate) fn start_as(bit_rate: u32, node: u8) -> Self {
+        Self::start_with(bit_rate, node, "virtual")
+    }
+
+    /// Starts a bus with an adapter on the board of this name.
+    pub(crate) fn start_board(board: &str) -> Self {
+        Self::start_with(BIT_RATE, NODE, board)
+    }
+
+    fn start_with(bit_rate: u32, node: u8, board: &str) -> Self {
         let node = Node::new(node).unwrap();
         let pty = Pty::open(None).unwrap();
         let path = pty.path().to_str().unwrap().to_owned();
         let (stop, sent, is_held) = (Arc::default(), Arc::default(), Arc::default());
         let (stopped, log, held) = (Arc::clone(&stop), Arc::clone(&sent), Arc::clone(&is_held));
         let boot_loader = super::free_path("boot-loader");
-        let adapter = Adapter::new(node, held, boot_loader.clone());
+        let adapter = Adapter::new(node, board, held, boot_loader.clone());
         let thread = Some(thread::spawn(move || serve(&pty, bit_rate, adapter, &stopped, &log)));
         Self {
             stop,
@@ -118,12 +127,13 @@ struct Adapter {
     to_arm: Endpoint<MAX_FRAME, MAX_FRAME>,
     control: Endpoint<MAX_MESSAGE, MAX_MESSAGE>,
     config: AdapterConfig,
+    board: String,
     is_held: Arc<AtomicBool>,
     boot_loader: PathBuf,
 }
 
 impl Adapter {
-    fn new(node: Node, is_held: Arc<AtomicBool>, boot_loader: PathBuf) -> Self {
+    fn new(node: Node, board: &str, is_held: Arc<AtomicBool>, boot_loader: PathBuf) -> Self {
         let mut config = AdapterConfig::default();
         config.can.node = node;
         Self {
@@ -132,6 +142,7 @@ impl Adapter {
             to_arm: Endpoint::new(Config::new(Link::Classic, Function::ArmAnswer.id(node))),
             control: Endpoint::new(Config::new(Link::Classic, Function::ControlAnswer.id(node))),
             config,
+            board: board.to_owned(),
             is_held,
             boot_loader,
         }
@@ -195,7 +206,7 @@ impl Adapter {
             Request::Identify => Reply::Identity(Identity {
                 version: control::VERSION,
                 firmware: "1.2.3".try_into().unwrap(),
-                board: "virtual".try_into().unwrap(),
+                board: self.board.as_str().try_into().unwrap(),
                 serial: "0123456789AB".try_into().unwrap(),
                 ..Identity::default()
             }),
