@@ -1,5 +1,7 @@
 //! Firmware files for the boot loader in the RP2040's ROM: UF2 (<https://github.com/microsoft/uf2>).
 
+use std::collections::BTreeMap;
+
 use crate::program::Segment;
 
 /// Marks of a block: its first two words, and its last.
@@ -13,7 +15,10 @@ const HAS_FAMILY: u32 = 0x2000;
 const RP2040: u32 = 0xE48B_FF56;
 
 /// Bytes of flash in a block: a page. The ROM writes only whole and aligned ones (RP2040 datasheet 2.8.4.2).
-const PAGE: u32 = 256;
+const PAGE: usize = 256;
+
+/// Bytes of flash that are erased together.
+const SECTOR: usize = 4096;
 
 /// Bytes of a block before its end mark, with unused ones.
 const BLOCK: usize = 508;
@@ -21,13 +26,20 @@ const BLOCK: usize = 508;
 /// Value of an erased byte of flash.
 const ERASED: u8 = 0xFF;
 
-/// The file: a block for each page of the segments, which are sorted by address. The boot loader erases only the
-/// sectors of these pages.
+/// The file: blocks for each sector of the segments.
+///
+/// The sectors are whole. The ROM counts blocks to find the sectors that it erases: behind a sector with missing blocks
+/// it would erase others than it writes (RP2040-E14).
 pub(crate) fn file(segments: &[Segment]) -> Vec<u8> {
-    let pages = pages(segments);
+    let sectors = sectors(segments);
+    let pages = sectors.iter().flat_map(|(&address, sector)| {
+        let addresses = (address..).step_by(PAGE);
+        addresses.zip(sector.chunks(PAGE))
+    });
+    let count = sectors.len() * (SECTOR / PAGE);
     let mut file = Vec::new();
-    for (number, (address, page)) in (0_u32..).zip(&pages) {
-        let fields = [HAS_FAMILY, *address, PAGE, number, pages.len() as u32, RP2040];
+    for (number, (address, page)) in (0_u32..).zip(pages) {
+        let fields = [HAS_FAMILY, address, PAGE as u32, number, count as u32, RP2040];
         let mut block: Vec<u8> = START.into_iter().chain(fields).flat_map(u32::to_le_bytes).collect();
         block.extend(page);
         block.resize(BLOCK, 0);
@@ -37,30 +49,27 @@ pub(crate) fn file(segments: &[Segment]) -> Vec<u8> {
     file
 }
 
-/// The pages by address, with erased bytes around the segments.
-fn pages(segments: &[Segment]) -> Vec<(u32, Vec<u8>)> {
-    let mut pages: Vec<(u32, Vec<u8>)> = Vec::new();
+/// The sectors by address, with erased bytes around the segments.
+fn sectors(segments: &[Segment]) -> BTreeMap<u32, Vec<u8>> {
+    let mut sectors = BTreeMap::new();
     for segment in segments {
         for (address, byte) in (segment.address..).zip(&segment.bytes) {
-            let start = address - address % PAGE;
-            if pages.last().is_none_or(|(last, _)| *last != start) {
-                pages.push((start, vec![ERASED; PAGE as usize]));
-            }
-            if let Some((_, page)) = pages.last_mut() {
-                page[(address - start) as usize] = *byte;
-            }
+            let offset = address as usize % SECTOR;
+            let sector = sectors
+                .entry(address - offset as u32)
+                .or_insert_with(|| vec![ERASED; SECTOR]);
+            sector[offset] = *byte;
         }
     }
-    pages
+    sectors
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn each_page_has_one_block() {
-        let segments = [
+    fn segments() -> [Segment; 3] {
+        [
             Segment {
                 address: 0x1000_0000,
                 bytes: vec![1; 300],
@@ -70,19 +79,23 @@ mod tests {
                 bytes: vec![2; 1],
             },
             Segment {
-                address: 0x1000_1004,
+                address: 0x1000_2004,
                 bytes: vec![3; 2],
             },
-        ];
-        let file = file(&segments);
+        ]
+    }
+
+    #[test]
+    fn each_page_of_a_touched_sector_has_a_block() {
+        let file = file(&segments());
         let blocks: Vec<_> = file.chunks(512).collect();
-        assert_eq!(blocks.len(), 3);
+        assert_eq!(blocks.len(), 32);
         // The header of the specification's example, with the family in place of the file's size.
         assert_eq!(
             blocks[1][..32],
             [
                 0x55, 0x46, 0x32, 0x0A, 0x57, 0x51, 0x5D, 0x9E, 0x00, 0x20, 0, 0, 0, 1, 0, 0x10, 0, 1, 0, 0, 1, 0, 0,
-                0, 3, 0, 0, 0, 0x56, 0xFF, 0x8B, 0xE4,
+                0, 32, 0, 0, 0, 0x56, 0xFF, 0x8B, 0xE4,
             ]
         );
         assert_eq!(blocks[0][32..288], [1; 256]);
@@ -90,15 +103,46 @@ mod tests {
         second[..44].fill(1);
         second[0x80] = 2;
         assert_eq!(blocks[1][32..288], second);
-        assert_eq!(blocks[2][12..16], 0x1000_1000_u32.to_le_bytes());
         assert_eq!(
-            blocks[2][32..40],
+            blocks[16][32..40],
             [ERASED, ERASED, ERASED, ERASED, 3, 3, ERASED, ERASED]
         );
-        for block in blocks {
+        for (number, block) in blocks.iter().enumerate() {
             assert_eq!(block.len(), 512);
+            let address = if number < 16 { 0x1000_0000 } else { 0x1000_1000 } + 256 * number as u32;
+            assert_eq!(block[12..16], address.to_le_bytes());
             assert_eq!(block[288..508], [0; 220]);
             assert_eq!(block[508..], [0x30, 0x6F, 0xB1, 0x0A]);
         }
+    }
+
+    /// The ROM's boot loader: it erases a sector at the first block of each 16, by the blocks' numbers (`virtual_disk.c` of
+    /// pico-bootrom-rp2040).
+    fn write(flash: &mut [u8], file: &[u8]) {
+        let mut is_erased = vec![false; flash.len() / SECTOR];
+        for block in file.chunks(512) {
+            let word = |at: usize| u32::from_le_bytes(*block[at..].first_chunk().unwrap());
+            let (offset, number) = ((word(12) - 0x1000_0000) as usize, word(20) as usize);
+            if !std::mem::replace(&mut is_erased[number * PAGE / SECTOR], true) {
+                let sector = offset - offset % SECTOR;
+                flash[sector..sector + SECTOR].fill(ERASED);
+            }
+            for (byte, written) in flash[offset..].iter_mut().zip(&block[32..288]) {
+                *byte &= written;
+            }
+        }
+    }
+
+    #[test]
+    fn rom_writes_every_segment() {
+        let segments = segments();
+        let mut flash = [0; 4 * SECTOR];
+        write(&mut flash, &file(&segments));
+        for Segment { address, bytes } in &segments {
+            let offset = (address - 0x1000_0000) as usize;
+            assert_eq!(flash[offset..offset + bytes.len()], *bytes, "{address:#x}");
+        }
+        // A sector that is not in the file stays.
+        assert_eq!(flash[SECTOR..2 * SECTOR], [0; SECTOR]);
     }
 }
