@@ -157,7 +157,7 @@ pub(crate) fn build(options: Options) -> Result<Image> {
         update.extension(),
         &match update {
             Update::Dfu => dfu::file(board, &program.segments),
-            Update::Uf2 => uf2::file(&program.segments),
+            Update::Uf2 => uf2::file(board, &program.segments),
         },
     )?;
     let image = Image {

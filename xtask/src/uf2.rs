@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use crc::{CRC_32_ISO_HDLC, Crc};
+
 use crate::program::Segment;
 
 /// Marks of a block: its first two words, and its last.
@@ -10,9 +12,16 @@ const END: u32 = 0x0AB1_6F30;
 
 /// The block names the family of the chip.
 const HAS_FAMILY: u32 = 0x2000;
+/// The block has tags behind its bytes of flash.
+const HAS_TAGS: u32 = 0x8000;
 
 /// The family of the RP2040.
 const RP2040: u32 = 0xE48B_FF56;
+
+/// Tag with the name of the device that the file is for.
+const DEVICE: u32 = 0x0065_0D9D;
+/// Tag of this project: CRC-32 of all bytes of flash.
+const CHECKSUM: u32 = 0x005A_3C71;
 
 /// Bytes of flash in a block: a page. The ROM writes only whole and aligned ones (RP2040 datasheet 2.8.4.2).
 const PAGE: usize = 256;
@@ -26,22 +35,32 @@ const BLOCK: usize = 508;
 /// Value of an erased byte of flash.
 const ERASED: u8 = 0xFF;
 
-/// The file: blocks for each sector of the segments.
+/// The file for the board of this name: blocks for each sector of the segments.
 ///
 /// The sectors are whole. The ROM counts blocks to find the sectors that it erases: behind a sector with missing blocks
 /// it would erase others than it writes (RP2040-E14).
-pub(crate) fn file(segments: &[Segment]) -> Vec<u8> {
+pub(crate) fn file(name: &str, segments: &[Segment]) -> Vec<u8> {
     let sectors = sectors(segments);
+    let bytes: Vec<u8> = sectors.values().flatten().copied().collect();
+    let checksum = Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(&bytes);
+    let tags = [tag(DEVICE, name.as_bytes()), tag(CHECKSUM, &checksum.to_le_bytes())].concat();
+
     let pages = sectors.iter().flat_map(|(&address, sector)| {
         let addresses = (address..).step_by(PAGE);
         addresses.zip(sector.chunks(PAGE))
     });
-    let count = sectors.len() * (SECTOR / PAGE);
+    let count = bytes.len() / PAGE;
     let mut file = Vec::new();
     for (number, (address, page)) in (0_u32..).zip(pages) {
-        let fields = [HAS_FAMILY, address, PAGE as u32, number, count as u32, RP2040];
+        // The last tag is followed by an empty one: unused bytes are zeros.
+        let (flags, tags) = match number {
+            0 => (HAS_FAMILY | HAS_TAGS, &tags[..]),
+            _ => (HAS_FAMILY, &[][..]),
+        };
+        let fields = [flags, address, PAGE as u32, number, count as u32, RP2040];
         let mut block: Vec<u8> = START.into_iter().chain(fields).flat_map(u32::to_le_bytes).collect();
         block.extend(page);
+        block.extend(tags);
         block.resize(BLOCK, 0);
         block.extend(END.to_le_bytes());
         file.extend(block);
@@ -62,6 +81,15 @@ fn sectors(segments: &[Segment]) -> BTreeMap<u32, Vec<u8>> {
         }
     }
     sectors
+}
+
+/// A tag: its length without the padding, its 24-bit type and its value.
+fn tag(kind: u32, value: &[u8]) -> Vec<u8> {
+    let len = 4 + value.len();
+    let mut tag = (kind << 8 | len as u32).to_le_bytes().to_vec();
+    tag.extend(value);
+    tag.resize(len.next_multiple_of(4), 0);
+    tag
 }
 
 #[cfg(test)]
@@ -87,7 +115,7 @@ mod tests {
 
     #[test]
     fn each_page_of_a_touched_sector_has_a_block() {
-        let file = file(&segments());
+        let file = file("board", &segments());
         let blocks: Vec<_> = file.chunks(512).collect();
         assert_eq!(blocks.len(), 32);
         // The header of the specification's example, with the family in place of the file's size.
@@ -111,7 +139,9 @@ mod tests {
             assert_eq!(block.len(), 512);
             let address = if number < 16 { 0x1000_0000 } else { 0x1000_1000 } + 256 * number as u32;
             assert_eq!(block[12..16], address.to_le_bytes());
-            assert_eq!(block[288..508], [0; 220]);
+            if number > 0 {
+                assert_eq!(block[288..508], [0; 220]);
+            }
             assert_eq!(block[508..], [0x30, 0x6F, 0xB1, 0x0A]);
         }
     }
@@ -137,12 +167,22 @@ mod tests {
     fn rom_writes_every_segment() {
         let segments = segments();
         let mut flash = [0; 4 * SECTOR];
-        write(&mut flash, &file(&segments));
+        write(&mut flash, &file("board", &segments));
         for Segment { address, bytes } in &segments {
             let offset = (address - 0x1000_0000) as usize;
             assert_eq!(flash[offset..offset + bytes.len()], *bytes, "{address:#x}");
         }
         // A sector that is not in the file stays.
         assert_eq!(flash[SECTOR..2 * SECTOR], [0; SECTOR]);
+    }
+
+    #[test]
+    fn first_block_names_the_board() {
+        let file = file("board", &segments());
+        assert_eq!(file[8..12], [0x00, 0xA0, 0, 0]);
+        // Five letters and padding, the checksum, and the end.
+        assert_eq!(file[288..300], *b"\x09\x9D\x0D\x65board\0\0\0");
+        assert_eq!(file[300..304], [8, 0x71, 0x3C, 0x5A]);
+        assert_eq!(file[308..508], [0; 200]);
     }
 }
