@@ -50,9 +50,13 @@ impl StatusArg {
         self.with(|| ProgressBar::new(len), "[{bar:30}] {msg}")
     }
 
+    /// Returns true if progress is shown, as on a terminal.
+    pub(crate) fn is_shown(self) -> bool {
+        self.progress || is_on_terminal()
+    }
+
     fn with(self, bar: impl FnOnce() -> ProgressBar, template: &str) -> Status {
-        let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
-        let form = match (stderr().is_terminal() && !is_dumb, self.progress) {
+        let form = match (is_on_terminal(), self.progress) {
             (true, _) => {
                 let style = ProgressStyle::with_template(template).map(|style| style.progress_chars("=> "));
                 let bar = bar().with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -65,6 +69,12 @@ impl StatusArg {
         let due = Instant::now() + LONG;
         Status { form, due }
     }
+}
+
+/// Returns true if standard error is a terminal that can change a line.
+fn is_on_terminal() -> bool {
+    let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+    stderr().is_terminal() && !is_dumb
 }
 
 impl Status {

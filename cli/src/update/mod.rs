@@ -1,5 +1,6 @@
 //! `armwire update`: another firmware for an adapter, over USB and the boot loader that ST put into the chip.
 
+mod child;
 mod dfu_util;
 mod dfuse;
 mod interruption;
@@ -108,13 +109,15 @@ impl Update {
             return Err(Error::at(name, what));
         }
         let again = format!("try again, the boot loader cannot be overwritten. Run {by_hand}");
-        let status = dfu_util
-            .write(progress)
-            .map_err(|error| Error::at(DFU_UTIL, format!("{error}: {again}")))?;
-        if !status.success() {
-            return Err(Error::at(DFU_UTIL, format!("failed ({status}): {again}")));
+        let is_shown = self.status.is_shown();
+        let ended = dfu_util
+            .write(is_shown, progress)
+            .map_err(|error| Error::at(DFU_UTIL, format!("{error}; {again}")))?;
+        if !ended.status.success() {
+            let what = format!("failed ({}){}; {again}", ended.status, ended.last_line());
+            return Err(Error::at(DFU_UTIL, what));
         }
-        dfu_util.leave(progress);
+        dfu_util.leave(is_shown, progress);
         let back = || self.adapter.open().and_then(|mut control| Ok(control.identify()?)).ok();
         match self.repeat("the adapter", back) {
             Some(identity) => print_line(format!("{name}: {}", describe(&identity))),

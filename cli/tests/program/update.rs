@@ -11,6 +11,7 @@ use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 use crate::common::adapter::CanBus;
 use crate::common::board::Board;
 use crate::common::dfu::{HeldDfuUtil, LEAVE, LIST, image, tools, update, update_command};
+use crate::common::terminal::Terminal;
 use crate::common::{PROGRAM, failure, finish, free_path, run, start};
 
 /// The adapter in the output.
@@ -30,6 +31,7 @@ fn update_runs_through_the_boot_loader() {
         log,
         format!("-d ,0483:df11 -a 0 -D {file}\n-d ,0483:df11 -a 0 -s 0x08000000:leave\n")
     );
+    assert_eq!(output.stderr, b"");
     let name = bus.port();
     let (write, leave) = (
         format!("dfu-util -d ,0483:df11 -a 0 -D {file}"),
@@ -40,7 +42,7 @@ fn update_runs_through_the_boot_loader() {
         format!(
             "{name}: {ADAPTER}\n\
              {name}: restarts into its boot loader, to take 256 bytes; if interrupted, run '{write}' and then '{leave}'\n\
-             {write}\nDownload 100%\n{leave}\n{name}: {ADAPTER}\n"
+             {write}\n{leave}\n{name}: {ADAPTER}\n"
         )
     );
     fs::remove_dir_all(folder).unwrap();
@@ -193,10 +195,45 @@ fn dfu_util_failure_is_reported_with_next_steps() {
     fs::write(&file, image("virtual")).unwrap();
     let line = failure(&update(&bus.port(), &file, &folder));
     assert!(
-        line.starts_with("dfu-util: failed (exit status: 74): try again, the boot loader cannot be overwritten"),
+        line.starts_with(
+            "dfu-util: failed (exit status: 74): dfu-util: Lost device after RESET?; try again, the boot loader cannot be \
+             overwritten. Run 'dfu-util "
+        ),
         "{line}"
     );
     assert!(line.contains("-s 0x08000000:leave'"), "{line}");
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn progress_of_dfu_util_is_shown_on_a_terminal() {
+    let bus = CanBus::start();
+    let folder = tools("terminal", &bus.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let mut terminal = Terminal::new(80, 24);
+    let child = terminal.start_command(&mut update_command(&bus.port(), &file, &folder));
+    let output = terminal.finish(child);
+    assert!(output.status.success(), "{}", terminal.seen);
+    assert!(
+        terminal.seen.contains("Download  50%\rDownload 100%"),
+        "{}",
+        terminal.seen
+    );
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn progress_of_dfu_util_is_shown_on_demand() {
+    let bus = CanBus::start();
+    let folder = tools("progress", &bus.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let mut update = update_command(&bus.port(), &file, &folder);
+    let output = finish(start(update.arg("--progress")));
+    assert!(output.status.success(), "{output:?}");
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("Download  50%\rDownload 100%\n"), "{errors}");
     fs::remove_dir_all(folder).unwrap();
 }
 

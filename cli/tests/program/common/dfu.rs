@@ -51,7 +51,9 @@ fn tools_with(name: &str, commands: &str, boot_loader: &Path, exit: i32) -> Path
          case \"$*\" in\n\
          --list) [ ! -e {boot_loader} ] || echo 'Found DFU: [0483:df11] ver=2200' ;;\n\
          *:leave) echo \"$*\" >> {log}; rm {boot_loader}; exit 74 ;;\n\
-         *) echo 'Download 100%'; echo \"$*\" >> {log}; exit {exit} ;;\n\
+         *) echo \"$*\" >> {log}; printf 'Download  50%%\\rDownload 100%%\\n'\n\
+         [ {exit} = 0 ] || echo 'dfu-util: Lost device after RESET?' >&2\n\
+         exit {exit} ;;\n\
          esac\n",
         log = log.display()
     );

@@ -43,14 +43,22 @@ impl Terminal {
         self.command(args).stderr(self.end()).spawn().unwrap()
     }
 
+    /// Starts a command, with all of its output on the terminal.
+    pub(crate) fn start_command(&self, command: &mut Command) -> Child {
+        self.attach(command).stderr(self.end()).spawn().unwrap()
+    }
+
     fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(PROGRAM);
+        self.attach(command.args(args));
         command
-            .args(args)
+    }
+
+    fn attach<'a>(&self, command: &'a mut Command) -> &'a mut Command {
+        command
             .env("TERM", "xterm-256color")
             .stdin(self.end())
-            .stdout(self.end());
-        command
+            .stdout(self.end())
     }
 
     fn end(&self) -> File {
