@@ -29,7 +29,7 @@ use crate::control_codec::COBS;
 pub use crate::control_codec::{MAX_MESSAGE, Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
 /// The version of this schema.
-pub const VERSION: u16 = 5;
+pub const VERSION: u16 = 6;
 
 /// The longest event in postcard format, in bytes: a frame of [`MAX_FRAME`] bytes, its stamp and its initiator.
 pub const MAX_EVENT: usize = 96;
@@ -162,9 +162,9 @@ pub enum FromAdapter {
 impl Message for FromHost {
     const MAY_GROW: bool = false;
 
-    const SINCE_OLDER: &'static [usize] = &[];
+    const MAX_MISSING: usize = 0;
 
-    fn has_grown(&self) -> bool {
+    fn may_lack(&self, _: usize) -> bool {
         false
     }
 
@@ -176,16 +176,20 @@ impl Message for FromHost {
 impl Message for FromAdapter {
     const MAY_GROW: bool = true;
 
-    const SINCE_OLDER: &'static [usize] = Counters::SINCE_OLDER;
+    const MAX_MISSING: usize = Counters::MAX_MISSING;
 
-    fn has_grown(&self) -> bool {
-        matches!(
-            self,
+    fn may_lack(&self, numbers: usize) -> bool {
+        match self {
             Self::Reply {
-                reply: Reply::Counters(_),
+                reply: Reply::Counters(counters),
                 ..
-            }
-        )
+            } => counters.may_lack(numbers),
+            Self::Reply {
+                reply: Reply::Identity(identity),
+                ..
+            } => identity.version < 6 && numbers == 1,
+            _ => false,
+        }
     }
 
     fn sequence(bytes: &[u8]) -> Option<u8> {
@@ -321,6 +325,8 @@ pub struct Identity {
     pub serial: String<24, u8>,
     /// True if the board supports CAN FD.
     pub can_fd: bool,
+    /// True if the board has no CAN. False from an adapter of an older version, which does not tell. Since version 6.
+    pub no_can: bool,
 }
 
 /// The arm's identity.

@@ -189,8 +189,8 @@ counters! {
 }
 
 impl Counters {
-    /// Numbers of counters at the end that versions 4, 3 and 2 of the control port lack.
-    pub(crate) const SINCE_OLDER: &'static [usize] = &[3, 4, 9];
+    /// Maximum count of counters that an older version of the control port lacks at the end.
+    pub(crate) const MAX_MISSING: usize = 9;
 
     /// Maximum size on the control port, in bytes.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -225,8 +225,13 @@ impl Counters {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
         read(bytes)
             .map(|(counters, _)| counters)
-            .or_else(|reason| read_older(bytes, Self::SINCE_OLDER).ok_or(reason))
+            .or_else(|reason| read_older(bytes, Self::MAX_MISSING, Self::may_lack).ok_or(reason))
             .map_err(|reason| Malformed { sequence: None, reason })
+    }
+
+    /// Returns true for the counts of counters at the end that versions 4, 3 and 2 of the control port lack.
+    pub(crate) const fn may_lack(&self, counters: usize) -> bool {
+        matches!(counters, 3 | 4 | Self::MAX_MISSING)
     }
 
     /// The increments since an earlier state of the counters, which wrap.

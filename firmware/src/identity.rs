@@ -15,6 +15,7 @@ pub(crate) fn identity() -> Identity {
     let mut identity = Identity {
         version: control::VERSION,
         can_fd: board::CAN_FD,
+        no_can: !board::HAS_CAN,
         ..Identity::default()
     };
     // Strings that are too long are left out: all but the serial number are known at compile time.

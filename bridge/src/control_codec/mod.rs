@@ -29,11 +29,11 @@ pub trait Message: Serialize + DeserializeOwned {
     /// newer adapter's message. The adapter does not: it would confirm a request of which it ignored a part.
     const MAY_GROW: bool;
 
-    /// Numbers that the messages of older versions lack at their end.
-    const SINCE_OLDER: &'static [usize];
+    /// Maximum count of numbers that a message of an older version lacks at its end.
+    const MAX_MISSING: usize;
 
-    /// Returns true if older versions lack numbers at the end of this message.
-    fn has_grown(&self) -> bool;
+    /// Returns true if an older version of this message lacks this many numbers at its end. A flag is a number.
+    fn may_lack(&self, numbers: usize) -> bool;
 
     /// The sequence number of a message in postcard format, even if the rest is not readable. `None` if it has none.
     fn sequence(bytes: &[u8]) -> Option<u8>;
@@ -112,7 +112,7 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
     let reason = match read(bytes) {
         Ok((message, rest)) if rest.is_empty() || T::MAY_GROW => return Ok(message),
         Ok((_, rest)) => Reason::Surplus { bytes: rest.len() },
-        Err(reason) if T::MAY_GROW => match read_older(bytes, T::SINCE_OLDER).filter(T::has_grown) {
+        Err(reason) if T::MAY_GROW => match read_older(bytes, T::MAX_MISSING, T::may_lack) {
             Some(message) => return Ok(message),
             None => reason,
         },
@@ -124,17 +124,21 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
     })
 }
 
-/// Decodes a value of an older version. It lacks this many numbers at its end, which become 0. `None` if `bytes` do not
-/// match.
-pub(crate) fn read_older<T: DeserializeOwned>(bytes: &[u8], since_older: &[usize]) -> Option<T> {
+/// Decodes a value of an older version. It lacks up to `max_missing` numbers at its end, as many as it `may_lack`, which
+/// become 0. `None` if `bytes` do not match.
+pub(crate) fn read_older<T: DeserializeOwned>(
+    bytes: &[u8],
+    max_missing: usize,
+    may_lack: impl Fn(&T, usize) -> bool,
+) -> Option<T> {
     // With a zero appended, a truncated number would be read as a smaller one.
     bytes.last().filter(|last| **last < 0x80)?;
     let mut completed = [0; MAX_MESSAGE];
     completed.get_mut(..bytes.len())?.copy_from_slice(bytes);
-    since_older.iter().find_map(|missing| {
-        let len = bytes.len().saturating_add(*missing);
+    (1..=max_missing).find_map(|missing| {
+        let len = bytes.len().saturating_add(missing);
         match read(completed.get(..len)?) {
-            Ok((value, [])) => Some(value),
+            Ok((value, [])) => Some(value).filter(|value| may_lack(value, missing)),
             _ => None,
         }
     })

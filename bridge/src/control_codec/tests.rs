@@ -101,14 +101,15 @@ fn text<const N: usize>() -> impl Strategy<Value = heapless::String<N, u8>> {
 }
 
 fn identity() -> impl Strategy<Value = Identity> {
-    (any::<u16>(), text(), text(), text(), text(), any::<bool>()).prop_map(
-        |(version, firmware, commit, board, serial, can_fd)| Identity {
+    (any::<u16>(), text(), text(), text(), text(), any::<[bool; 2]>()).prop_map(
+        |(version, firmware, commit, board, serial, [can_fd, no_can])| Identity {
             version,
             firmware,
             commit,
             board,
             serial,
             can_fd,
+            no_can,
         },
     )
 }
@@ -538,6 +539,60 @@ fn version_5_messages_follow_those_of_version_4() {
     assert_eq!(decode(&[1, 9, 4, 1]), Ok(FromAdapter::Event { at: Stamp(9), event }));
 }
 
+/// An identity of this version, up to its serial number.
+fn identity_bytes(version: u8) -> Vec<u8> {
+    [&[0, 7, 2, version][..], b"\x051.2.3\x00\x04pico\x0212"].concat()
+}
+
+#[test]
+fn identity_of_version_5_does_not_lack_can() {
+    for can_fd in [false, true] {
+        let older = [&identity_bytes(5)[..], &[can_fd.into()]].concat();
+        let identity = Identity {
+            version: 5,
+            firmware: "1.2.3".try_into().unwrap(),
+            board: "pico".try_into().unwrap(),
+            serial: "12".try_into().unwrap(),
+            can_fd,
+            no_can: false,
+            ..Identity::default()
+        };
+        let reply = Reply::Identity(identity);
+        assert_eq!(decode(&older), Ok(FromAdapter::Reply { sequence: 7, reply }));
+    }
+}
+
+#[test]
+fn identity_of_version_6_ends_with_no_can() {
+    let whole = [&identity_bytes(6)[..], &[0, 1]].concat();
+    let Ok(FromAdapter::Reply {
+        reply: Reply::Identity(identity),
+        ..
+    }) = decode(&whole)
+    else {
+        panic!("{:?}", decode::<FromAdapter>(&whole))
+    };
+    assert!(identity.no_can && !identity.can_fd);
+    assert_eq!(
+        encoded(&FromAdapter::Reply {
+            sequence: 7,
+            reply: Reply::Identity(identity)
+        }),
+        whole
+    );
+}
+
+#[test]
+fn identity_that_is_cut_is_malformed() {
+    for (version, ends) in [(5, &[0][..]), (6, &[0, 1])] {
+        let whole = [&identity_bytes(version)[..], ends].concat();
+        for cut in 3..whole.len() {
+            let error = decode::<FromAdapter>(&whole[..cut]).expect_err("a cut message");
+            assert_eq!(error.reason, Reason::EndsEarly, "{cut} bytes of version {version}");
+        }
+    }
+}
+
 #[test]
 fn unknown_request_keeps_its_sequence_number() {
     let malformed = Malformed {
@@ -559,6 +614,7 @@ fn longest_messages_fit() {
         board: most(16),
         serial: full.as_str().try_into().unwrap(),
         can_fd: true,
+        no_can: true,
     };
     let counts = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
     let most_counters = Counters::from_bytes(counts.as_flattened()).unwrap();

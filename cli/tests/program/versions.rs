@@ -26,10 +26,11 @@ const GET_RECOVERY: u8 = 16;
 const CONFIG: [u8; 15] = [4, 0, 0, 0, 0xC0, 0x84, 0x3D, 0, 0, 0, 100, 0, 0xF4, 0x03, 0];
 const LINE: [u8; 13] = [9, 0xC0, 0x84, 0x3D, 0, 0, 0xC0, 0x84, 0x3D, 0, 0, 0, 0];
 
-/// The identity of an adapter with this version.
+/// The identity of an adapter with this version. Version 6 has two flags.
 fn identity(version: u8) -> Vec<u8> {
     let names = b"\x051.2.3\x0C1a2b3c4d5e6f\x07virtual\x0C0123456789AB";
-    [&[2, version], &names[..], &[0]].concat()
+    let flags: &[u8] = if version < 6 { &[0] } else { &[0, 0] };
+    [&[2, version], &names[..], flags].concat()
 }
 
 /// Counters, all of them 1.
@@ -123,12 +124,12 @@ fn counters_of_version_4_lack_the_last_three() {
 }
 
 #[test]
-fn unknown_counters_of_version_6_are_skipped() {
-    let text = printed(run_with(&["counters", "control:PORT"], replies(6, 61, &[])));
+fn unknown_counters_of_version_7_are_skipped() {
+    let text = printed(run_with(&["counters", "control:PORT"], replies(7, 61, &[])));
     assert_eq!(value(&text, "recovery_starts "), Some("1"), "{text}");
     assert_eq!(
         text,
-        printed(run_with(&["counters", "control:PORT"], replies(5, 60, &[])))
+        printed(run_with(&["counters", "control:PORT"], replies(6, 60, &[])))
     );
 }
 
@@ -139,31 +140,31 @@ fn adapter_of_any_version_is_described() {
         "configured       arm ling, poll off, silence after 500 ms",
         "can              node 0, 1000000 bit/s, telemetry off, commands off",
     ];
-    for version in 3..=6 {
-        // Version 6 has more at the end of each message.
-        let added: &[u8] = if version == 6 { &[1, 2, 3] } else { &[] };
+    for version in 3..=7 {
+        // Version 7 has more at the end of each message.
+        let added: &[u8] = if version == 7 { &[1, 2, 3] } else { &[] };
         let text = printed(run_with(&["info", "control:PORT"], replies(version, 60, added)));
         assert_eq!(text.lines().collect::<Vec<_>>(), expected, "version {version}");
     }
 }
 
 #[test]
-fn error_names_version_6_of_an_adapter() {
-    let output = run_with(&["hold", "control:PORT"], replies(6, 61, &[]));
+fn error_names_version_7_of_an_adapter() {
+    let output = run_with(&["hold", "control:PORT"], replies(7, 61, &[]));
     let line = failure(&output);
     assert!(
         line.ends_with(
-            "the adapter does not support this request: its control protocol is version 6, this program's is 5"
+            "the adapter does not support this request: its control protocol is version 7, this program's is 6"
         ),
         "{line}"
     );
 }
 
 #[test]
-fn unknown_reply_of_version_6_is_reported() {
+fn unknown_reply_of_version_7_is_reported() {
     let output = run_with(&["counters", "control:PORT"], |request| match request {
         GET_LATENCIES => vec![12, 1],
-        _ => replies(6, 61, &[])(request),
+        _ => replies(7, 61, &[])(request),
     });
     let line = failure(&output);
     assert!(
@@ -195,7 +196,7 @@ fn host_of_version_3_is_served() {
     let done = reply(&[0]);
     let held = [&LINE[..11], &[2, 0]].concat();
 
-    assert_eq!(call(&[7, IDENTIFY]), reply(&identity(5)));
+    assert_eq!(call(&[7, IDENTIFY]), reply(&identity(6)));
     assert_eq!(call(&[7, GET_CONFIG]), reply(&CONFIG));
     assert_eq!(call(&[7, SUBSCRIBE, 0, 1]), done);
     assert_eq!(call(&[7, END_STREAM]), done);
@@ -208,5 +209,5 @@ fn host_of_version_3_is_served() {
     assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 60));
     assert_eq!(counters[3 + 45], 9);
     // A request of a later version.
-    assert_eq!(call(&[7, 18, 1]), reply(&[1, 5]));
+    assert_eq!(call(&[7, 18, 1]), reply(&[1, 6]));
 }

@@ -61,6 +61,14 @@ const THIS: &Data = match Data::find(match option_env!("ARMWIRE_BOARD") {
 
 const _: () = assert!(THIS.chip as u8 == CHIP as u8, "ARMWIRE_BOARD has another chip");
 
+/// True if the board has CAN.
+pub(crate) const HAS_CAN: bool = THIS.can.is_some();
+
+const _: () = assert!(
+    HAS_CAN == cfg!(feature = "can"),
+    "the feature `can` is that of boards with CAN"
+);
+
 /// The board's name.
 pub(crate) const NAME: &str = THIS.name;
 

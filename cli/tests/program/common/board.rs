@@ -102,6 +102,7 @@ impl Served {
             board: "virtual".try_into().unwrap(),
             serial: "0123456789AB".try_into().unwrap(),
             can_fd: false,
+            no_can: false,
         };
         let start = Start {
             recovery,
