@@ -106,9 +106,11 @@ pub struct Status {
 }
 
 impl Bridge {
-    /// An adapter without a USB host, at 1 Mbaud until [`uart_transmit`](Self::uart_transmit) requests another rate. An
-    /// invalid `config` is replaced by the factory defaults, and counted in
-    /// [`config_failures`](Counters::config_failures).
+    /// An adapter without a USB host, at 1 Mbaud until [`uart_transmit`](Self::uart_transmit) requests another rate.
+    ///
+    /// `config` is that in flash. An invalid one is replaced by the factory defaults, and counted in
+    /// [`config_failures`](Counters::config_failures). On a board [without CAN](Identity::no_can) its settings of the bus
+    /// are left out.
     ///
     /// ```
     /// use armwire_bridge::config::Config;
@@ -532,10 +534,10 @@ impl Bridge {
         *self.hosts.config()
     }
 
-    /// The configuration of the CAN controller. `None` in [recovery](crate::start): the controller stays off, and
-    /// neither sends nor acknowledges, until [`Action::RestartCan`].
+    /// The configuration of the CAN controller. `None` on a board without one, and in [recovery](crate::start): the
+    /// controller stays off, and neither sends nor acknowledges, until [`Action::RestartCan`].
     pub fn can_config(&self) -> Option<config::Can> {
-        self.hosts.recovery().is_none().then_some(self.config().can)
+        self.hosts.is_can_on().then_some(self.config().can)
     }
 
     /// All counts since the start.

@@ -172,6 +172,8 @@ pub enum ConfigError {
     },
     /// A bit rate of the data phase for an adapter without CAN FD.
     NoCanFd,
+    /// Settings of the bus other than the factory defaults, for an adapter without CAN. Since version 6.
+    NoCan,
 }
 
 /// The longest command timeout, in milliseconds.
@@ -318,6 +320,7 @@ impl fmt::Display for ConfigError {
             Self::NotCommanded(arm) => write!(f, "cyclic commands are not supported for arm {arm}"),
             Self::CommandTimeout { max, got } => write!(f, "command timeout {got} ms, allowed 1 to {max} ms"),
             Self::NoCanFd => f.write_str("CAN FD data bit rate on an adapter with classic CAN"),
+            Self::NoCan => f.write_str("CAN settings on an adapter without CAN"),
         }
     }
 }

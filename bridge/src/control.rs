@@ -68,7 +68,8 @@ pub enum Request {
     /// Reads the configuration in force. Answered by [`Reply::Config`].
     GetConfig,
     /// Sets the configuration until the next start. Answered by [`Reply::Done`] or [`Reply::BadConfig`]; by
-    /// [`Failure::StreamArmed`] if it changes the kind of arm while a stream is [armed](crate::Status::is_armed).
+    /// [`Failure::StreamArmed`] if it changes the kind of arm while a stream is [armed](crate::Status::is_armed). An
+    /// adapter [without CAN](Identity::no_can) accepts the factory defaults of the bus only.
     SetConfig(Config),
     /// Saves the configuration to flash. Answered by [`Reply::Done`] once it is written, or [`Reply::Failed`].
     SaveConfig,

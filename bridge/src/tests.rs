@@ -7,6 +7,7 @@ mod can;
 mod control;
 mod held_back;
 mod line_rate;
+mod no_can;
 mod order;
 mod polls;
 mod recovery;

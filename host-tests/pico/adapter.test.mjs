@@ -17,6 +17,9 @@ const SERIAL_NUMBER = 'E6616408431A2B3C';
 const DONE = 0;
 const IDENTITY = 2;
 const CONFIG = 4;
+const BAD_CONFIG = 5;
+// The refusal of a configuration on an adapter without CAN.
+const NO_CAN = 8;
 
 const POLL_HZ = 200;
 const POLL_MICROS = 1e6 / POLL_HZ;
@@ -46,9 +49,24 @@ test('control port identifies a Pico', () => {
   const { control: port } = enumerate(start());
   const reader = new control.Reader(port.request(control.IDENTIFY));
   assert.equal(reader.byte(), IDENTITY);
-  assert.ok(reader.varint() >= 5);
+  assert.ok(reader.varint() >= 6);
   const [, , board, serial] = [reader.text(), reader.text(), reader.text(), reader.text()];
   assert.deepEqual([board, serial], ['pico', SERIAL_NUMBER]);
+  const [canFd, noCan] = reader.rest();
+  assert.deepEqual([canFd, noCan], [0, 1]);
+});
+
+test('settings of the CAN bus are refused by name', () => {
+  const { control: port } = enumerate(start());
+  const config = configOf(port);
+  // The third byte is the node id, behind the polls that are off; the ninth switches commands on.
+  for (const place of [2, 8]) {
+    const onCan = config.with(place, 1);
+    assert.deepEqual(port.request(control.setConfig(onCan)), [BAD_CONFIG, NO_CAN]);
+    assert.deepEqual(configOf(port), config);
+  }
+  const polled = withPolls(config, POLL_HZ);
+  assert.deepEqual(port.request(control.setConfig(polled)), [DONE]);
 });
 
 test('bytes between host and arm are balanced', async () => {

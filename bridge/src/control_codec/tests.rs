@@ -63,6 +63,8 @@ fn config_error() -> impl Strategy<Value = ConfigError> {
         pair().prop_map(|(max, got)| ConfigError::Telemetry { max, got }),
         arm().prop_map(ConfigError::NotCommanded),
         pair().prop_map(|(max, got)| ConfigError::CommandTimeout { max, got }),
+        Just(ConfigError::NoCanFd),
+        Just(ConfigError::NoCan),
     ]
 }
 

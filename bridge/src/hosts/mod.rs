@@ -11,7 +11,7 @@ mod grid;
 
 use crate::action::Action;
 use crate::can::Frame;
-use crate::config::{Config, ConfigError, Saved};
+use crate::config::{Can, Config, ConfigError, Saved};
 use crate::control::{
     Event, Failure, FrameBytes, FromHost, Identity, Initiator, Malformed, Refusal, Reply, Request, VERSION,
 };
@@ -29,7 +29,7 @@ use flash::Outcome;
 pub(crate) struct Hosts {
     identity: Identity,
     config: Config,
-    /// `Some` in recovery: the CAN controller is off.
+    /// `Some` in recovery.
     recovery: Option<Recovery>,
     /// A host has subscribed to events and does not know of the recovery yet.
     announces_recovery: bool,
@@ -43,8 +43,9 @@ pub(crate) struct Hosts {
 }
 
 impl Hosts {
-    /// An invalid `config` is replaced by the factory defaults, and counted as lost.
-    pub(crate) fn new(identity: Identity, config: Config, recovery: Option<Recovery>) -> Self {
+    /// An invalid `saved` configuration is replaced by the factory defaults, and counted as lost.
+    pub(crate) fn new(identity: Identity, saved: Config, recovery: Option<Recovery>) -> Self {
+        let config = of_board(&identity, saved);
         let is_valid = check(&identity, &config).is_ok();
         let config = if is_valid { config } else { Config::default() };
         let mut counters = Counters::default();
@@ -68,6 +69,11 @@ impl Hosts {
 
     pub(crate) const fn recovery(&self) -> Option<Recovery> {
         self.recovery
+    }
+
+    /// Returns true if the CAN controller runs: the board has one, and the adapter is not in recovery.
+    pub(crate) const fn is_can_on(&self) -> bool {
+        !self.identity.no_can && self.recovery.is_none()
     }
 
     pub(crate) const fn counters_mut(&mut self) -> &mut Counters {
@@ -121,7 +127,7 @@ impl Hosts {
     fn deliver_frame(&mut self, bytes: &[u8], initiator: Option<Initiator>, at: Instant) {
         let on_can = match initiator {
             Some(initiator) => initiator == Initiator::Can,
-            None => self.config.can.unsolicited && self.recovery.is_none(),
+            None => self.config.can.unsolicited && self.is_can_on(),
         };
         if on_can && !self.can.answer(bytes) {
             count(&mut self.counters.dropped_can_answers, 1);
@@ -135,7 +141,7 @@ impl Hosts {
     fn publish_event(&mut self, event: &Event, at: Instant) {
         #[cfg(feature = "defmt")]
         crate::log::event(event);
-        if self.recovery.is_none() && !self.can.event_frame(event, at) {
+        if self.is_can_on() && !self.can.event_frame(event, at) {
             count(&mut self.counters.dropped_events, 1);
         }
         self.control.publish_event(at, event, &mut self.can, &mut self.counters);
@@ -230,12 +236,12 @@ impl Hosts {
     }
 
     pub(crate) fn is_can_due(&self, now: Instant) -> bool {
-        self.recovery.is_none() && (self.can.is_due(now) || self.control.is_can_due())
+        self.is_can_on() && (self.can.is_due(now) || self.control.is_can_due())
     }
 
     /// The next frame for the bus, the most urgent first.
     pub(crate) fn can_transmit(&mut self, line: &mut Line, now: Instant) -> Option<Frame> {
-        if self.recovery.is_some() {
+        if !self.is_can_on() {
             return None;
         }
         self.take_deliveries(line);
@@ -326,7 +332,7 @@ impl Hosts {
         let is_replied = |port: &mut ControlPort| {
             *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.is_can_reply_pending()
         };
-        let may_change = self.recovery.is_none() && line.holder() != Some(Initiator::Can);
+        let may_change = self.is_can_on() && line.holder() != Some(Initiator::Can);
         if may_change && self.can_change.take_if(is_replied).is_some() {
             self.publish_deliveries(line);
             self.can.close(&mut self.counters);
@@ -352,8 +358,8 @@ impl Hosts {
         };
         count(counter, 1);
         if result.is_ok() && self.recovery.take().is_some() {
-            // The controller starts.
-            self.can_change = Some(ControlPort::Usb);
+            // The controller starts, if there is one.
+            self.can_change = self.is_can_on().then_some(ControlPort::Usb);
             self.take_deliveries(line);
             self.publish_event(&Event::Recovery { active: false }, now);
         }
@@ -362,7 +368,11 @@ impl Hosts {
 
     /// Handles the configuration in flash.
     pub(crate) fn loaded(&mut self, result: Result<Saved, Failure>, line: &mut Line, now: Instant) {
-        self.flash_done(result.map(Some), line, now);
+        let of_board = |saved| match saved {
+            Saved::Config(config) => Saved::Config(of_board(&self.identity, config)),
+            Saved::Nothing | Saved::Unreadable => saved,
+        };
+        self.flash_done(result.map(|saved| Some(of_board(saved))), line, now);
     }
 
     fn flash_done(&mut self, outcome: Outcome, line: &mut Line, now: Instant) {
@@ -565,8 +575,20 @@ impl Hosts {
     }
 }
 
+/// A configuration from flash, as it is on this board. Without CAN it has the factory defaults of the bus: firmware before
+/// version 6 saved other settings, which had no effect.
+fn of_board(identity: &Identity, mut saved: Config) -> Config {
+    if identity.no_can {
+        saved.can = Can::default();
+    }
+    saved
+}
+
 /// Checks the configuration against the limits and the board.
 fn check(identity: &Identity, config: &Config) -> Result<(), ConfigError> {
+    if identity.no_can && config.can != Can::default() {
+        return Err(ConfigError::NoCan);
+    }
     config.check()?;
     match config.can.data_bit_rate {
         Some(_) if !identity.can_fd => Err(ConfigError::NoCanFd),
