@@ -11,7 +11,7 @@ use crate::image::{self, Image, Options};
 use crate::process;
 use crate::steps::Steps;
 use crate::workspace::{ALONE, root};
-use crate::{apt, c_library, campaign, fuzz, integrity, packages, parallel, performance, pico, readme, ros2, semver};
+use crate::{apt, c_library, campaign, fuzz, integrity, packages, parallel, performance, readme, ros2, semver};
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
@@ -35,6 +35,8 @@ const PROGRAMS: [&str; 5] = [
     "vendor sdk",
     "vendor differential",
 ];
+/// The emulator takes a core for as long as the other takes to link images.
+const EMULATOR: [&str; 2] = ["pico --seconds 120", "boards"];
 /// Runs of the fault campaign with each image.
 const CAMPAIGN_RUNS: u32 = 300;
 /// Random runs of the adapter.
@@ -104,18 +106,16 @@ pub(crate) fn run() -> Result<()> {
     )?;
     // They are the targets that measured the coverage. With a fixed seed they begin with the same inputs each time.
     ci.step("fuzzing", || fuzz::run(&fuzz::Options::new(5, 1)))?;
-    let g431 = ci.step("firmware image for the STM32G431", || firmware_image(Board::STM32G431))?;
-    let f405 = ci.step("firmware image for the STM32F405", || firmware_image(Board::STM32F405))?;
+    let g431 = ci.step("firmware image for the STM32G431", || image::release(Board::STM32G431))?;
+    let f405 = ci.step("firmware image for the STM32F405", || image::release(Board::STM32F405))?;
     ci.step("virtual board, and both firmware images on it", || {
         let board = cargo("test --package armwire-virtual-board");
         parallel::run_all(vec![image_tests(&f405), image_tests(&g431), board])
     })?;
-    ci.step("images of the boards by name", || {
-        Board::all()
-            .filter(|board| !Board::CHIPS.contains(board))
-            .try_for_each(|board| process::run(&mut board_tests(&firmware_image(board)?)))
-    })?;
-    ci.step("firmware image of the Pico on an emulated chip", pico::test)?;
+    ci.step(
+        "firmware image of the Pico on an emulated chip, images of the boards by name",
+        || parallel::run_all(xtasks(&EMULATOR)?),
+    )?;
     ci.step("log of a firmware image", || {
         // The STM32G431 has less room for it.
         let image = image::build(Options::all(Board::STM32G431))?;
@@ -156,27 +156,12 @@ fn drawings() -> Result<()> {
     process::run(Command::new("python3").args(["-c", parse]).args(drawings))
 }
 
-/// Builds the shipped image for this board, and checks its size.
-fn firmware_image(board: Board) -> Result<Image> {
-    let image = image::build(Options::of(board))?;
-    println!("{image}");
-    image.check_sizes()?;
-    Ok(image)
-}
-
 /// The tests of this image on the virtual board.
 fn image_tests(image: &Image) -> Command {
     let mut test =
         cargo("test --package armwire-host-tests --features image --lib --bins --test image --test image_endurance");
     // Prints their measurements.
     test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path);
-    test
-}
-
-/// The tests of this image that differ between boards with one chip.
-fn board_tests(image: &Image) -> Command {
-    let mut test = cargo("test --package armwire-host-tests --features image --test image boards::");
-    test.env("ARMWIRE_IMAGE", &image.path);
     test
 }
 

@@ -80,12 +80,8 @@ impl Image {
         Ok(())
     }
 
-    /// Checks the sizes of a release image.
-    ///
-    /// # Errors
-    ///
-    /// The sizes, if one exceeds its limit.
-    pub(crate) fn check_sizes(&self) -> Result<()> {
+    /// Checks the sizes of a shipped image.
+    fn check_sizes(&self) -> Result<()> {
         let (flash, ram) = (self.board.max_flash(), self.board.max_ram());
         ensure!(self.flash <= flash, "{self}; the limit is {flash} bytes of flash");
         ensure!(self.ram <= ram, "{self}; the limit is {ram} bytes of RAM");
@@ -117,6 +113,18 @@ pub(crate) fn for_virtual_board() -> Result<PathBuf> {
         Some(image) => Ok(image.into()),
         None => Ok(build(Options::of(Board::STM32F405))?.path),
     }
+}
+
+/// Builds the shipped image for this board, prints its sizes, and checks them.
+///
+/// # Errors
+///
+/// If the build fails, or a size exceeds its limit.
+pub(crate) fn release(board: Board) -> Result<Image> {
+    let image = build(Options::of(board))?;
+    println!("{image}");
+    image.check_sizes()?;
+    Ok(image)
 }
 
 /// Builds the image, checks its vector table and what it leaves of the flash, and copies it to the target directory under

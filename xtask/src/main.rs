@@ -21,6 +21,7 @@ mod installation;
 mod integrity;
 mod latency;
 mod mutants;
+mod named_boards;
 mod no_panic;
 mod packages;
 mod parallel;
@@ -90,7 +91,9 @@ enum Command {
     /// Build the examples, and run the RP2040's on an emulated chip
     Examples,
     /// Run the Pico's image on an emulated chip, with a virtual arm
-    Pico,
+    Pico(pico::Options),
+    /// Run the images of the other boards on the virtual board
+    Boards,
     /// Build the page in web/, and test it in headless Chromium
     Web(web::Options),
     /// Test and use the crates to publish from their .crate files
@@ -142,7 +145,8 @@ impl Command {
             Self::Features => features::each(),
             Self::Targets => targets::check(),
             Self::Examples => examples::check(),
-            Self::Pico => pico::test(),
+            Self::Pico(options) => pico::test(&options),
+            Self::Boards => named_boards::test(),
             Self::Web(options) => web::run_all(&options),
             Self::Packages => packages::check(packages::Tests::Run),
             Self::Ros2 => ros2::check(),

@@ -3,6 +3,7 @@
 use std::process::Command;
 
 use anyhow::Result;
+use clap::Args;
 
 use crate::board::Board;
 use crate::cargo::{cargo, target_dir};
@@ -14,20 +15,31 @@ use crate::workspace::root;
 /// Folder of the tests.
 const TESTS: &str = "host-tests/pico";
 
+#[derive(Args)]
+pub(crate) struct Options {
+    /// Seconds of the chip's time with 200 polls each
+    #[arg(long, default_value_t = 2)]
+    seconds: u32,
+}
+
+impl Options {
+    /// An hour of polls.
+    pub(crate) const HOUR: Self = Self { seconds: 3600 };
+}
+
 /// Builds the image and the command, and runs the tests.
 ///
 /// # Errors
 ///
 /// If a build fails, a tool is missing and cannot be installed, or a test fails.
-pub(crate) fn test() -> Result<()> {
-    let image = image::build(image::Options::of(Board::PICO))?;
-    println!("{image}");
-    image.check_sizes()?;
+pub(crate) fn test(options: &Options) -> Result<()> {
+    let image = image::release(Board::PICO)?;
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     install_emulator()?;
     run(Command::new("node")
         .args(["--test", "--test-reporter=spec", TESTS])
         .env("ARMWIRE_IMAGE", &image.path)
         .env("ARMWIRE", target_dir()?.join("debug/armwire"))
+        .env("ARMWIRE_POLL_SECONDS", options.seconds.to_string())
         .current_dir(root()))
 }

@@ -7,7 +7,7 @@ use crate::board::Board;
 use crate::cargo::cargo;
 use crate::process;
 use crate::steps::Steps;
-use crate::{campaign, dist, features, fuzz, image, mutants, packages};
+use crate::{campaign, dist, features, fuzz, image, mutants, packages, pico};
 
 #[derive(Args)]
 pub(crate) struct Options {
@@ -32,6 +32,8 @@ enum Part {
     Campaign,
     /// Both firmware images: ten million frames, ten minutes of teleoperation, and 24 hours of virtual time
     Endurance,
+    /// The image of the Pico: an hour of polls, which takes as long on the emulated chip
+    Pico,
     /// Mutants, which tests must detect
     Mutants,
 }
@@ -70,6 +72,7 @@ impl Part {
             Self::Fuzz => fuzz::run(&fuzz::Options::new(1800, 0)),
             Self::Campaign => campaign::run(&campaign::Options::runs(10_000)),
             Self::Endurance => endurance(),
+            Self::Pico => pico::test(&pico::Options::HOUR),
             Self::Mutants => mutants::run(&mutants::Options::ALL),
         }
     }
