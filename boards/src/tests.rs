@@ -33,7 +33,7 @@ fn pin_is_named_as_in_data_sheets() {
 }
 
 /// Pins that boards use otherwise. `docs/boards.md` has the sources.
-const USED: [(&str, &str); 7] = [
+const USED: [(&str, &str); 8] = [
     // The user button and the memory card.
     ("weact-f405", "PC13 PC8 PC9 PC10 PC11 PC12 PD2 PA8"),
     // The user button.
@@ -54,6 +54,8 @@ const USED: [(&str, &str); 7] = [
         "f4-discovery",
         "PB6 PB9 PD4 PA4 PC7 PC10 PC12 PA5 PA6 PA7 PB10 PC3 PA0 PC0 PD5 PD13 PD14 PD15",
     ),
+    // The regulator's mode, and the measurement of USB's and the supply's voltage; the radio chip of a Pico W.
+    ("pico", "GP23 GP24 GP29"),
 ];
 
 #[test]
