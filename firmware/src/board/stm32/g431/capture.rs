@@ -9,9 +9,9 @@ pub(crate) const TIMER: Tim1chCmp = pac::TIM16;
 
 /// The fixed divider of the crystal's clock.
 pub(crate) const DIVIDER: u32 = 32;
-/// HSE32EN of OR1 starts the divided clock.
+/// HSE32EN of OR1 starts the divided clock (31.8.19).
 const HSE32EN: u32 = 1;
-/// TI1SEL of TISEL: the divided clock is the input.
+/// TI1SEL of TISEL: the divided clock is the input (table 305).
 const HSE_32: u8 = 0b0011;
 
 /// Starts the timer's clock, and connects the crystal's.
