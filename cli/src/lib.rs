@@ -109,7 +109,7 @@ enum Command {
     /// Test an adapter board with a jumper from PA2 to PA3 in place of the arm. Takes two minutes.
     #[cfg(all(feature = "selftest", target_os = "linux"))]
     Selftest(selftest::command::Selftest),
-    /// Update an adapter's firmware, over USB with dfu-util.
+    /// Update an adapter's firmware, over USB: with dfu-util, or the drive of a Raspberry Pi Pico.
     Update(update::Update),
     /// Print a shell completion script.
     #[cfg(feature = "shell")]

@@ -58,16 +58,12 @@ pub(crate) fn file(name: &str, segments: &[Segment]) -> Vec<u8> {
     file
 }
 
-/// The command's parser.
-#[cfg(test)]
-#[path = "../../cli/src/update/dfuse.rs"]
-mod parser;
-
 #[cfg(test)]
 mod tests {
     use oorandom::Rand32;
 
     use super::*;
+    use crate::image_parser::{Format, Image, parse};
 
     #[test]
     fn dfuse_file_passes_dfu_suffix() {
@@ -114,11 +110,12 @@ mod tests {
                 });
             }
             let name: String = (0..random.rand_range(0..20)).map(|_| 'b').collect();
-            let image = parser::Image {
+            let image = Image {
+                format: Format::DfuSe,
                 len: segments.iter().map(|segment| segment.bytes.len()).sum(),
                 board: name.clone(),
             };
-            assert_eq!(parser::parse(&file(&name, &segments)), Ok(image), "{segments:?}");
+            assert_eq!(parse(&file(&name, &segments)), Ok(image), "{segments:?}");
         }
     }
 }

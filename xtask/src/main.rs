@@ -17,6 +17,10 @@ mod files;
 mod flash;
 mod fuzz;
 mod image;
+// The command's parser of images.
+#[cfg(test)]
+#[path = "../../cli/src/update/image/mod.rs"]
+mod image_parser;
 mod installation;
 mod integrity;
 mod latency;

@@ -95,6 +95,7 @@ fn tag(kind: u32, value: &[u8]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image_parser::{Format, Image, parse};
 
     fn segments() -> [Segment; 3] {
         [
@@ -184,5 +185,25 @@ mod tests {
         assert_eq!(file[288..300], *b"\x09\x9D\x0D\x65board\0\0\0");
         assert_eq!(file[300..304], [8, 0x71, 0x3C, 0x5A]);
         assert_eq!(file[308..508], [0; 200]);
+    }
+
+    #[test]
+    fn command_reads_the_file_back() {
+        let mut program = vec![0; 0x1_2345];
+        program[256..264].copy_from_slice(&[0, 0, 4, 0x20, 1, 2, 0, 0x10]);
+        let far = Segment {
+            address: 0x1008_0010,
+            bytes: vec![7; 5],
+        };
+        let program = Segment {
+            address: 0x1000_0000,
+            bytes: program,
+        };
+        let image = Image {
+            format: Format::Uf2,
+            board: "pico".to_owned(),
+            len: 20 * SECTOR,
+        };
+        assert_eq!(parse(&file("pico", &[program, far])), Ok(image));
     }
 }

@@ -1,13 +1,24 @@
-//! `armwire update`: another firmware for an adapter, over USB and the boot loader that ST put into the chip.
+//! `armwire update`: another firmware for an adapter, over USB and the boot loader in its chip's ROM.
+//!
+//! ```text
+//! Update        the command: checks, the restart, the wait for the adapter
+//!  ├ image      what is in the file: DfuSe, UF2
+//!  └ BootLoader what is done with it
+//!     ├ DfuUtil ST's boot loader: dfu-util, a child
+//!     └ Drive   the RP2040's: a file on a drive, among the volumes of this computer
+//! ```
 
+mod boot_loader;
 mod child;
 mod dfu_util;
-mod dfuse;
+mod drive;
+mod image;
 mod interruption;
+mod volumes;
 
 use std::fmt::Display;
 use std::fs::File;
-use std::io::{self, ErrorKind, Read};
+use std::io::Read;
 use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
@@ -19,10 +30,15 @@ use crate::adapter::{AdapterPort, describe};
 use crate::error::Error;
 use crate::output::print_line;
 use crate::status::StatusArg;
-use dfu_util::{Commands, DFU_UTIL, is_listed};
-use dfuse::Image;
+use boot_loader::BootLoader;
+use dfu_util::DfuUtil;
+use drive::Drive;
+use image::{Format, Image};
 use interruption::Interruption;
+use volumes::Volumes;
 
+/// Number of bytes at the start of a file that are read first. They show its format and length.
+const HEAD: usize = 32;
 /// Number of searches for the boot loader or the adapter, and the time between them.
 const TRIES: usize = 20;
 const RETRY_PERIOD: Duration = Duration::from_millis(500);
@@ -32,9 +48,11 @@ const RETRY_PERIOD: Duration = Duration::from_millis(500);
 pub(crate) struct Update {
     #[command(flatten)]
     adapter: AdapterPort,
-    /// The firmware, as a DfuSe file.
-    #[arg(value_name = "IMAGE.dfu")]
+    /// The firmware: a .dfu file for an STM32, or a .uf2 file for a Raspberry Pi Pico.
     image: PathBuf,
+    /// Folder at which the drive of a Pico's boot loader (RPI-RP2) is mounted. By default all drives are searched.
+    #[arg(long, value_name = "FOLDER")]
+    drive: Option<PathBuf>,
     #[command(flatten)]
     status: StatusArg,
 }
@@ -45,17 +63,10 @@ impl Update {
             let what = "a virtual board has no boot loader: start it again, with the new image";
             return Err(Error::at(&name, what));
         }
-        let image = self.image()?;
+        let (image, bytes) = self.image()?;
+        let mut boot_loader = self.boot_loader(&image, bytes)?;
         let interruption = Interruption::catch()?;
-        let mut dfu_util = Commands::new(&self.image);
-        let by_hand = dfu_util.by_hand();
-        // Before anything is restarted: without dfu-util the arm would be left without its adapter.
-        if is_listed().map_err(unusable)? {
-            let what = format!(
-                "a board is already in the boot loader: unplug it. If it is the board to update, run {by_hand}"
-            );
-            return Err(Error::at(DFU_UTIL, what));
-        }
+        boot_loader.check()?;
 
         let mut control = self.adapter.open()?;
         let name = control.name().to_owned();
@@ -72,59 +83,57 @@ impl Update {
         control.call(Request::RestartIntoBootLoader)?;
         drop(control);
         progress(format!(
-            "{name}: restarts into its boot loader, to take {} bytes; if interrupted, run {by_hand}",
-            image.len
+            "{name}: restarts into its boot loader, to take {} bytes; if interrupted, {}",
+            image.len,
+            boot_loader.by_hand()
         ));
 
-        self.write(&name, &mut dfu_util, &by_hand)
+        self.write(&name, &mut *boot_loader)
     }
 
-    /// The image to write. A file with another head is not read further.
-    fn image(&self) -> Result<Image, Error> {
+    /// The boot loader that takes the image.
+    fn boot_loader(&self, image: &Image, bytes: Vec<u8>) -> Result<Box<dyn BootLoader>, Error> {
+        match (image.format, &self.drive) {
+            (Format::DfuSe, None) => Ok(Box::new(DfuUtil::new(&self.image))),
+            (Format::DfuSe, Some(_)) => Err(Error::Usage("--drive is for a .uf2 file only".to_owned())),
+            (Format::Uf2, drive) => {
+                let volumes = Volumes::default();
+                Ok(Box::new(Drive::new(&self.image, bytes, drive.as_deref(), volumes)))
+            }
+        }
+    }
+
+    /// The image to write, and the whole file. A file with another head is not read further.
+    fn image(&self) -> Result<(Image, Vec<u8>), Error> {
         let name = self.image.display().to_string();
         let failed = |error| Error::at(&name, error);
         let unfit = |unfit| Error::at(&name, unfit);
         let file = File::open(&self.image).map_err(failed)?;
         let mut bytes = Vec::new();
         let read = |count: usize, bytes: &mut Vec<u8>| (&file).take(count as u64).read_to_end(bytes);
-        read(dfuse::PREFIX, &mut bytes).map_err(failed)?;
-        let len = dfuse::file_len(&bytes).map_err(unfit)?;
+        read(HEAD, &mut bytes).map_err(failed)?;
+        let len = image::file_len(&bytes).map_err(unfit)?;
         // One byte more shows a longer file.
-        read(len + 1 - bytes.len(), &mut bytes).map_err(failed)?;
-        dfuse::parse(&bytes).map_err(unfit)
+        read((len + 1).saturating_sub(bytes.len()), &mut bytes).map_err(failed)?;
+        Ok((image::parse(&bytes).map_err(unfit)?, bytes))
     }
 
     /// Writes the image, starts the adapter and prints its identity.
-    fn write(&self, name: &str, dfu_util: &mut Commands, by_hand: &str) -> Result<(), Error> {
-        if self
-            .repeat("the boot loader", || is_listed().ok().filter(|&is| is))
-            .is_none()
-        {
-            let (vendor, product) = dfuse::BOOT_LOADER;
-            let what = format!(
-                "no boot loader ({vendor:04x}:{product:04x}) in 'dfu-util --list': is the adapter's USB connected to this \
-                 computer, and does your user have permission? Run {by_hand}, or unplug and replug the adapter: it still \
-                 has its old firmware"
-            );
-            return Err(Error::at(name, what));
+    fn write(&self, name: &str, boot_loader: &mut dyn BootLoader) -> Result<(), Error> {
+        let found = self.repeat("the boot loader", || boot_loader.is_there().then_some(()));
+        if found.is_none() {
+            return Err(Error::at(name, boot_loader.absence()));
         }
-        let again = format!("try again, the boot loader cannot be overwritten. Run {by_hand}");
-        let is_shown = self.status.is_shown();
-        let ended = dfu_util
-            .write(is_shown, progress)
-            .map_err(|error| Error::at(DFU_UTIL, format!("{error}; {again}")))?;
-        if !ended.status.success() {
-            let what = format!("failed ({}){}; {again}", ended.status, ended.last_line());
-            return Err(Error::at(DFU_UTIL, what));
-        }
-        dfu_util.leave(is_shown, progress);
+        boot_loader.write(self.status)?;
         let back = || self.adapter.open().and_then(|mut control| Ok(control.identify()?)).ok();
         match self.repeat("the adapter", back) {
             Some(identity) => print_line(format!("{name}: {}", describe(&identity))),
             None => {
                 let what = format!(
-                    "image written, but the adapter did not return: unplug and replug it. If that fails, replug with BOOT0 \
-                     high and run {by_hand}"
+                    "image written, but the adapter did not return: unplug and replug it. If that fails, replug with {} \
+                     and {}",
+                    boot_loader.entry(),
+                    boot_loader.by_hand()
                 );
                 Err(Error::at(name, what))
             }
@@ -151,13 +160,10 @@ fn progress(line: impl Display) {
     let _ = print_line(line);
 }
 
-/// The error of a dfu-util that cannot be used.
-fn unusable(error: io::Error) -> Error {
-    let what = match error.kind() {
-        ErrorKind::NotFound => {
-            "not installed: 'sudo apt install dfu-util' or the like installs it (docs/update.md)".to_owned()
-        }
-        _ => format!("cannot be run: {error}"),
-    };
-    Error::at(DFU_UTIL, format_args!("{what}; nothing was restarted"))
+/// An argument as one would type it.
+fn as_word(argument: &str) -> String {
+    match argument.contains(char::is_whitespace) {
+        true => format!("\"{argument}\""),
+        false => argument.to_owned(),
+    }
 }

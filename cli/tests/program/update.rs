@@ -12,6 +12,7 @@ use crate::common::adapter::CanBus;
 use crate::common::board::Board;
 use crate::common::dfu::{HeldDfuUtil, LEAVE, LIST, image, tools, update, update_command};
 use crate::common::terminal::Terminal;
+use crate::common::uf2::{self, Folders, RP2040};
 use crate::common::{PROGRAM, failure, finish, free_path, run, start};
 
 /// The adapter in the output.
@@ -71,7 +72,10 @@ fn unfit_image_restarts_nothing() {
     let mut damaged = image("virtual");
     damaged[400] ^= 1;
     for (image, message) in [
-        (&b"\x7FELF"[..], "not a DfuSe file: is it the .dfu of the firmware"),
+        (
+            &b"\x7FELF"[..],
+            "not a DfuSe or UF2 file: is it the .dfu or .uf2 of the firmware",
+        ),
         (&damaged, "the file is damaged: its checksum is"),
         (
             &image("stm32g431"),
@@ -133,7 +137,7 @@ fn huge_file_is_refused_by_its_head() {
     const SIZE: u64 = 1 << 40;
     let path = free_path("huge");
     for (len, message) in [
-        (0, "not a DfuSe file"),
+        (0, "not a DfuSe or UF2 file"),
         (
             u32::MAX,
             "the image has 4294967295 bytes, more than the 2101248 of the largest",
@@ -197,7 +201,7 @@ fn dfu_util_failure_is_reported_with_next_steps() {
     assert!(
         line.starts_with(
             "dfu-util: failed (exit status: 74): dfu-util: Lost device after RESET?; try again, the boot loader cannot be \
-             overwritten. Run 'dfu-util "
+             overwritten: run 'dfu-util "
         ),
         "{line}"
     );
@@ -390,4 +394,115 @@ fn killed_update_ends_dfu_util() {
     job.child.wait().unwrap();
     job.dfu_util.release();
     assert_eq!(job.dfu_util.call(), "SIGPIPE");
+}
+
+/// A Pico in the output.
+const PICO: &str = "pico, serial number 0123456789AB, firmware 1.2.3";
+
+#[test]
+fn image_is_copied_to_the_drive_of_a_pico() {
+    let folders = Folders::new();
+    let bus = CanBus::start_pico(&folders.drive);
+    let image = uf2::image("pico", RP2040);
+    let output = folders.update(&bus.port(), &image);
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+    assert_eq!(folders.taken(), Some(image));
+    let (name, file, drive) = (bus.port(), folders.file.display(), folders.drive.display());
+    assert_eq!(
+        String::from_utf8(output.stdout).unwrap(),
+        format!(
+            "{name}: {PICO}\n\
+             {name}: restarts into its boot loader, to take 4096 bytes; if interrupted, copy {file} to the drive RPI-RP2\n\
+             copies {file} to {drive}\n\
+             {name}: {PICO}\n"
+        )
+    );
+}
+
+#[test]
+fn unfit_image_restarts_no_pico() {
+    let folders = Folders::new();
+    let bus = CanBus::start_pico(&folders.drive);
+    let good = uf2::image("pico", RP2040);
+    let mut damaged = good.clone();
+    damaged[512 + 100] ^= 1;
+    // The tag is another.
+    let mut nameless = good.clone();
+    nameless[289] ^= 1;
+    for (image, message) in [
+        (
+            uf2::image("weact-f405", RP2040),
+            "the image is for the board weact-f405, the adapter is a pico",
+        ),
+        (
+            uf2::image("pico", 0xE48B_FF59),
+            "the file is for chips of the UF2 family 0xe48bff59, not for the RP2040, 0xe48bff56",
+        ),
+        (damaged, "the file is damaged: its checksum is"),
+        (
+            nameless,
+            "the file has no board's name and checksum: it is no image of the adapter",
+        ),
+        (
+            good[..good.len() - 1].to_vec(),
+            "the file is truncated or damaged: its length is not that of its blocks",
+        ),
+    ] {
+        let line = failure(&folders.update(&bus.port(), &image));
+        assert!(line.contains(message), "{line}");
+        assert!(!bus.boot_loader.exists() && folders.taken().is_none());
+    }
+}
+
+#[test]
+fn image_of_a_pico_is_for_no_other_adapter() {
+    let folders = Folders::new();
+    let bus = CanBus::start_board("stm32f405");
+    let line = failure(&folders.update(&bus.port(), &uf2::image("pico", RP2040)));
+    assert!(
+        line.ends_with("the image is for the board pico, the adapter is a stm32f405"),
+        "{line}"
+    );
+    assert!(!bus.boot_loader.exists());
+}
+
+#[test]
+fn pico_in_its_boot_loader_is_not_overwritten() {
+    let folders = Folders::new();
+    fs::write(folders.drive.join(uf2::INFO), uf2::DESCRIPTION).unwrap();
+    let line = failure(&folders.update("/dev/no-such-port", &uf2::image("pico", RP2040)));
+    assert!(
+        line.contains("a board is already in the boot loader: unplug it. If"),
+        "{line}"
+    );
+    assert!(!folders.drive.join("armwire.uf2").exists());
+}
+
+#[test]
+fn failed_copy_is_reported_with_next_steps() {
+    let folders = Folders::new();
+    let bus = CanBus::start_pico(&folders.drive);
+    // No file can have this name then.
+    fs::create_dir(folders.drive.join("armwire.uf2")).unwrap();
+    let line = failure(&folders.update(&bus.port(), &uf2::image("pico", RP2040)));
+    let end = format!(
+        "; try again, the boot loader cannot be overwritten: copy {} to the drive RPI-RP2",
+        folders.file.display()
+    );
+    assert!(line.starts_with(&format!("{}: ", folders.drive.display())), "{line}");
+    assert!(line.ends_with(&end), "{line}");
+}
+
+#[test]
+fn drive_is_not_for_dfuse_files() {
+    let path = free_path("not-for-a-drive");
+    fs::write(&path, image("virtual")).unwrap();
+    let output = run(&["update", "/dev/no-such-port", path.to_str().unwrap(), "--drive", "/mnt"]);
+    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    assert!(
+        String::from_utf8(output.stderr)
+            .unwrap()
+            .contains("--drive is for a .uf2 file only")
+    );
+    fs::remove_file(path).unwrap();
 }

@@ -1,7 +1,7 @@
 //! An adapter on a CAN bus with a Ling arm, behind an SLCAN adapter on a pty.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
@@ -21,6 +21,8 @@ use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
 use armwire_sim::slcan::Adapter as Slcan;
+
+use super::uf2;
 
 /// The default bit rate of the bus.
 pub(crate) const BIT_RATE: u32 = 500_000;
@@ -53,21 +55,25 @@ impl CanBus {
 
     /// Starts a bus with this bit rate, and the adapter as this node.
     pub(crate) fn start_as(bit_rate: u32, node: u8) -> Self {
-        Self::start_with(bit_rate, node, "virtual")
+        Self::start_with(bit_rate, node, "virtual", super::free_path("boot-loader"))
     }
 
     /// Starts a bus with an adapter on the board of this name.
     pub(crate) fn start_board(board: &str) -> Self {
-        Self::start_with(BIT_RATE, NODE, board)
+        Self::start_with(BIT_RATE, NODE, board, super::free_path("boot-loader"))
     }
 
-    fn start_with(bit_rate: u32, node: u8, board: &str) -> Self {
+    /// Starts a bus with an adapter on a Pico. The drive of its boot loader is this folder.
+    pub(crate) fn start_pico(drive: &Path) -> Self {
+        Self::start_with(BIT_RATE, NODE, "pico", drive.join(uf2::INFO))
+    }
+
+    fn start_with(bit_rate: u32, node: u8, board: &str, boot_loader: PathBuf) -> Self {
         let node = Node::new(node).unwrap();
         let pty = Pty::open(None).unwrap();
         let path = pty.path().to_str().unwrap().to_owned();
         let (stop, sent, is_held) = (Arc::default(), Arc::default(), Arc::default());
         let (stopped, log, held) = (Arc::clone(&stop), Arc::clone(&sent), Arc::clone(&is_held));
-        let boot_loader = super::free_path("boot-loader");
         let adapter = Adapter::new(node, board, held, boot_loader.clone());
         let thread = Some(thread::spawn(move || serve(&pty, bit_rate, adapter, &stopped, &log)));
         Self {
@@ -111,6 +117,7 @@ fn serve(pty: &Pty, bit_rate: u32, mut adapter: Adapter, stop: &AtomicBool, log:
                 _ => slcan.report(Status::BUS_ERROR.and(Status::ERROR_PASSIVE)),
             }
         }
+        uf2::take_file(&adapter.boot_loader);
         for frame in adapter.transmit(now) {
             slcan.on_frame(&frame.into(), now);
         }
@@ -220,7 +227,7 @@ impl Adapter {
                 ..LineState::default()
             }),
             Request::RestartIntoBootLoader => {
-                fs::write(&self.boot_loader, "").unwrap();
+                fs::write(&self.boot_loader, uf2::DESCRIPTION).unwrap();
                 Reply::Done
             }
             _ => Reply::Unsupported {

@@ -4,6 +4,7 @@ pub(crate) mod adapter;
 pub(crate) mod board;
 pub(crate) mod dfu;
 pub(crate) mod terminal;
+pub(crate) mod uf2;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};

@@ -7,8 +7,10 @@ use crc::{CRC_32_JAMCRC, Crc};
 use thiserror::Error;
 
 /// USB vendor and product of the boot loader in ST's chips, which the file is for.
-pub(super) const BOOT_LOADER: (u16, u16) = (0x0483, 0xDF11);
+pub(crate) const BOOT_LOADER: (u16, u16) = (0x0483, 0xDF11);
 
+/// The first bytes of a file, with the version of the format.
+pub(super) const SIGNATURE: [u8; 6] = *b"DfuSe\x01";
 /// `bcdDFU` of a DfuSe file.
 const DFUSE_VERSION: u16 = 0x011A;
 /// Start address of the chip: its flash, with the vector table in front.
@@ -18,27 +20,18 @@ const FLASH_END: u32 = 0x0820_0000;
 /// RAM. The initial stack pointer must lie in it.
 const RAM: std::ops::RangeInclusive<u32> = 0x1000_0000..=0x2010_0000;
 /// Length of the prefix, in bytes.
-pub(super) const PREFIX: usize = 11;
+const PREFIX: usize = 11;
 /// Length of the suffix, in bytes.
 const SUFFIX: usize = 16;
 /// Maximum length of a file without its suffix: the largest flash, and headers.
 const MAX_BODY: u32 = FLASH_END - FLASH + 4096;
 
-/// An image that can be written.
-#[derive(Debug, PartialEq, Eq)]
-pub(super) struct Image {
-    /// The board that it is for: the name of its target.
-    pub(super) board: String,
-    /// Number of bytes in flash.
-    pub(super) len: usize,
-}
-
 /// The reason for a file that is refused.
 #[derive(Debug, PartialEq, Eq, Error)]
-pub(super) enum Unfit {
-    /// The signature is missing.
-    #[error("not a DfuSe file: is it the .dfu of the firmware, and not the .bin or .elf?")]
-    NoDfuSe,
+pub(crate) enum Unfit {
+    /// The suffix is none of a DfuSe file.
+    #[error("the file is damaged: it does not end as a DfuSe file")]
+    Suffix,
     /// The image is larger than any flash.
     #[error("the image has {0} bytes, more than the {MAX_BODY} of the largest")]
     TooLarge(u32),
@@ -66,26 +59,23 @@ pub(super) enum Unfit {
     NoProgram,
 }
 
-/// Returns the length of the file that begins with `head`, in bytes. The head has at least [`PREFIX`] bytes.
+/// Returns the length of the file that begins with `head`, in bytes.
 pub(super) fn file_len(head: &[u8]) -> Result<usize, Unfit> {
-    if !head.starts_with(b"DfuSe\x01") {
-        return Err(Unfit::NoDfuSe);
-    }
     match u32_at(head, 6)? {
         body @ ..=MAX_BODY => Ok(body as usize + SUFFIX),
         body => Err(Unfit::TooLarge(body)),
     }
 }
 
-/// Takes a file apart.
-pub(super) fn parse(file: &[u8]) -> Result<Image, Unfit> {
+/// Takes a file apart. Returns the board's name, that of its target, and the number of bytes in flash.
+pub(super) fn parse(file: &[u8]) -> Result<(String, usize), Unfit> {
     if file.len() != file_len(file)? {
         return Err(Unfit::Length);
     }
     let (body, suffix) = file.split_last_chunk::<SUFFIX>().ok_or(Unfit::Length)?;
     let (checked, crc) = file.split_last_chunk::<4>().ok_or(Unfit::Length)?;
     if suffix[8..12] != *b"UFD\x10" || u16_at(suffix, 6)? != DFUSE_VERSION {
-        return Err(Unfit::NoDfuSe);
+        return Err(Unfit::Suffix);
     }
     let expected = Crc::<u32>::new(&CRC_32_JAMCRC).checksum(checked);
     let got = u32::from_le_bytes(*crc);
@@ -108,7 +98,7 @@ pub(super) fn parse(file: &[u8]) -> Result<Image, Unfit> {
     let name = header[11..266].split(|&byte| byte == 0).next().unwrap_or_default();
     let board = String::from_utf8_lossy(name).into_owned();
     let len = program(elements, u32_at(header, 270)?)?;
-    Ok(Image { board, len })
+    Ok((board, len))
 }
 
 /// Number of program bytes in `count` elements. An element is an address, a length and the bytes.
@@ -196,9 +186,9 @@ mod tests {
     #[test]
     fn one_or_two_pieces_are_an_image() {
         let (program, board) = (start(), "board".to_owned());
-        assert_eq!(parse(&file(&[(FLASH, &program)])).map(|image| image.len), Ok(64));
+        assert_eq!(parse(&file(&[(FLASH, &program)])), Ok((board.clone(), 64)));
         let image = parse(&file(&[(FLASH, &program), (0x0800_C000, &[1; 100])]));
-        assert_eq!(image, Ok(Image { board, len: 164 }));
+        assert_eq!(image, Ok((board, 164)));
     }
 
     #[test]
@@ -233,7 +223,6 @@ mod tests {
         );
         assert_eq!(parse(&file(&[(0x0800_4000, &program)])), Err(Unfit::NoProgram));
         assert_eq!(parse(&file(&[(FLASH, &[0xFF; 64])])), Err(Unfit::NoProgram));
-        assert_eq!(parse(b"\x7FELF, and much more than this"), Err(Unfit::NoDfuSe));
     }
 
     #[test]
