@@ -106,7 +106,7 @@ enum Command {
     /// Reserve the arm's line for USB until Ctrl-C: no polls, no CAN, no torque-off. For updates of the arm's own
     /// firmware.
     Hold(hold::Hold),
-    /// Test an adapter board with a jumper from PA2 to PA3 in place of the arm. Takes two minutes.
+    /// Test an adapter board with a jumper from TX to RX in place of the arm. Takes two minutes.
     #[cfg(all(feature = "selftest", target_os = "linux"))]
     Selftest(selftest::command::Selftest),
     /// Update an adapter's firmware, over USB: with dfu-util, or the drive of a Raspberry Pi Pico.

@@ -195,7 +195,7 @@ impl<'u> Bench<'u> {
         match self.call(ControlRequest::HoldLine)? {
             Reply::Done => {}
             Reply::Failed(Failure::StreamArmed) => {
-                let text = "a host streams motion: stop it, disconnect the arm, and join PA2 and PA3 with a jumper";
+                let text = "a host streams motion: stop it, disconnect the arm, and join TX and RX with a jumper";
                 return Err(Trouble::failed(text));
             }
             reply => return Err(unexpected(&ControlRequest::HoldLine, &reply)),
@@ -257,7 +257,7 @@ impl<'u> Bench<'u> {
             }
             ensure(
                 self.usb.now() <= until,
-                "bytes arrive continuously though none were sent: disconnect the arm and join PA2 and PA3 with a jumper",
+                "bytes arrive continuously though none were sent: disconnect the arm and join TX and RX with a jumper",
             )?;
         }
     }

@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::output::{print_json, print_line};
 
 /// The warning that the user confirms before anything is sent.
-const DANGER: &str = "Disconnect the arm, and join PA2 and PA3 with a jumper. The self-test restarts the adapter and writes \
+const DANGER: &str = "Disconnect the arm, and join TX and RX with a jumper. The self-test restarts the adapter and writes \
                       its flash.";
 
 /// The arguments of `armwire selftest`.

@@ -1,4 +1,4 @@
-//! The jumper check: bytes sent at PA2 must come back at PA3, and no others.
+//! The jumper check: bytes sent at TX must come back at RX, and no others.
 //!
 //! Only read requests are sent, each at the rate of the arm that would understand it. Nothing more is sent if anything
 //! but the same bytes comes back.
@@ -38,7 +38,7 @@ pub(super) fn find(bench: &mut Bench<'_>) -> Result<Passed, Trouble> {
         ensure(
             unsolicited.is_empty(),
             format_args!(
-                "bytes arrive at {baud} baud though none were sent ({}): disconnect the arm and join PA2 and PA3 with a jumper",
+                "bytes arrive at {baud} baud though none were sent ({}): disconnect the arm and join TX and RX with a jumper",
                 shown(&unsolicited)
             ),
         )?;
@@ -49,18 +49,18 @@ pub(super) fn find(bench: &mut Bench<'_>) -> Result<Passed, Trouble> {
         let received = listen(bench, ANSWER_TIMEOUT)?;
         ensure(
             !received.is_empty(),
-            "no bytes come back: disconnect the arm and join PA2 and PA3 with a jumper",
+            "no bytes come back: disconnect the arm and join TX and RX with a jumper",
         )?;
         ensure(
             received == request,
             format_args!(
-                "other bytes than those sent come back ({}): is it {arm}? Disconnect it and join PA2 and PA3 with a jumper",
+                "other bytes than those sent come back ({}): is it {arm}? Disconnect it and join TX and RX with a jumper",
                 shown(&received)
             ),
         )?;
     }
     is_there(bench)?;
-    Ok(Passed::new("PA2 and PA3 are joined, and no arm answers".to_owned(), []))
+    Ok(Passed::new("TX and RX are joined, and no arm answers".to_owned(), []))
 }
 
 /// Checks that the jumper is still in place.

@@ -1,7 +1,7 @@
 //! `armwire selftest`: hardware checks of an adapter board, with a jumper in place of the arm.
 //!
-//! The jumper joins PA2 and PA3: bytes for the arm come back. [`run`] makes the checks over any [`Usb`]: that of this
-//! computer, or that of a virtual board in the tests.
+//! The jumper joins the pins to and from the arm, TX and RX: bytes for the arm come back. [`run`] makes the checks over
+//! any [`Usb`]: that of this computer, or that of a virtual board in the tests.
 //!
 //! ```text
 //! Usb        a host with one adapter: transfers, halts, resets, a clock
