@@ -19,3 +19,9 @@ def test_help_has_short_types() -> None:
     # Python before 3.14 shows a type as text, with quotes.
     assert "move_deg(self, joints: ArrayLike, *, speed_deg_s: ArrayLike," in text.replace("'", "")
     assert "_typing" not in text
+
+
+def test_first_screen_of_help_names_every_method() -> None:
+    screen = pydoc.plain(pydoc.render_doc(armwire.Ling)).splitlines()[:24]
+    methods = [name for name in dir(armwire.Ling) if not name.startswith("_")]
+    assert [name for name in methods if f"`{name}`" not in "\n".join(screen)] == []

@@ -141,6 +141,22 @@ class Wait:
 class Ling(Open):
     """A Ling arm (Alicia-D) on a port.
 
+        with armwire.Ling("/dev/ttyACM0") as arm:
+            print(arm.read_joints_deg())
+
+    Read    `read_joints`: joints, gripper and status of one instant
+            `read_joints_deg`, `read_joints_rad`, `read_gripper_permille`
+            `read_velocities_deg_s`, `read_velocities_rad_s`, `read_info`
+            `read_temperatures_celsius`, `read_stroke_mm`
+            `self_check`, `self_check_mask`, `line_errors`
+    Newest  `reader`: a thread reads, and the newest pose is there at once
+    Move    `move_deg`, `move_rad`: the arm moves at once
+            `wait_until_at_deg`, `wait_until_at_rad`
+    Stop    `stop`: not an emergency stop
+    Set     `set_torque`, `set_zero`: the arm falls without torque
+            `set_stroke_mm`, `set_temperature_limit_celsius`
+    End     `close`, or the end of `with`
+
     Calls wait for the answer. Reads are retried twice and time out after 0.4 s. Other threads run during a call and may
     use the same object: calls are serialised. Ctrl-C ends a call.
 
