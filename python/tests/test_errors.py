@@ -51,6 +51,13 @@ def test_missing_port_is_a_port_error() -> None:
         armwire.Ling("/dev/no-such-port")
 
 
+@pytest.mark.parametrize("baud", [0, -1, 2**32])
+def test_baud_rate_out_of_range_is_a_value_error(baud: int) -> None:
+    for arm in (armwire.Ling, armwire.Alpha1):
+        with pytest.raises(ValueError, match=f"baud rate is {baud}, must be 1 to 4294967295"):
+            arm("/dev/no-such-port", baud=baud)
+
+
 def test_port_in_use_is_a_port_error(virtual: sim.VirtualLing, arm: armwire.Ling) -> None:
     with pytest.raises(errors.PortError, match="in use by another program"):
         armwire.Ling(virtual.port)

@@ -126,8 +126,17 @@ def test_reader_is_dropped_while_a_thread_waits_for_motion(arm: armwire.Ling) ->
 
 @pytest.mark.parametrize("rate", [0, 1001, -1])
 def test_rate_out_of_range_is_an_error(arm: armwire.Ling, rate: int) -> None:
-    with pytest.raises(ValueError, match="1000"):
+    with pytest.raises(ValueError, match=f"rate in Hz is {rate}, must be 1 to 1000"):
         arm.reader(rate)
+
+
+def test_number_and_time_out_of_range_are_errors(arm: armwire.Ling) -> None:
+    with arm.reader(100) as reader:
+        for number in (-1, 2**64):
+            with pytest.raises(ValueError, match=f"number of a reading is {number}, must be 0 to "):
+                reader.next_after(number)
+        with pytest.raises(ValueError, match="monotonic time in ns is "):
+            reader.at(2**63)
 
 
 def test_xarm_has_a_reader() -> None:

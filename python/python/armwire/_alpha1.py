@@ -7,7 +7,7 @@ from typing import Literal
 
 from . import _armwire
 from ._open import Open
-from ._units import count
+from ._units import baud_rate, count
 
 # Maximum number of servos in an action, and the number of an Alpha1.
 SERVOS, INSTALLED = 20, 16
@@ -29,7 +29,7 @@ class Alpha1(Open):
     """
 
     def __init__(self, port: str, *, baud: int | None = None) -> None:
-        self._port = _armwire.Alpha1Port(port, baud)
+        self._port = _armwire.Alpha1Port(port, baud_rate(baud))
         super().__init__(port, self._port)
 
     def read_hardware_version(self) -> bytes:

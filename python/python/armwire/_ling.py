@@ -17,11 +17,21 @@ from numpy.typing import ArrayLike, NDArray
 from . import _armwire
 from ._open import Open
 from ._reader import Reader
-from ._units import DEG_PER_TICK, RAD_PER_TICK, Floats, count, floats, position_ticks, seconds, speed_ticks
+from ._units import (
+    DEG_PER_TICK,
+    RAD_PER_TICK,
+    Floats,
+    baud_rate,
+    count,
+    floats,
+    position_ticks,
+    rate,
+    seconds,
+    speed_ticks,
+)
 from .errors import ArmwireError, RefusedError, UnacceptableError
 
 MAX_GRIPPER = 1000
-MAX_RATE = 1000
 # Timeout of switching the torque.
 TORQUE_TIMEOUT_S = 0.5
 # Polling interval of waits.
@@ -174,7 +184,7 @@ class Ling(Open):
     """
 
     def __init__(self, port: str, *, baud: int | None = None) -> None:
-        self._port = _armwire.LingPort(port, baud)
+        self._port = _armwire.LingPort(port, baud_rate(baud))
         super().__init__(port, self._port)
 
     def reader(self, rate_hz: int) -> Reader[JointState]:
@@ -184,7 +194,7 @@ class Ling(Open):
             ValueError: The rate is out of range.
             PortError: Another reader of this object is open.
         """
-        return Reader(self.port, self._port.reader(count("rate in Hz", rate_hz, MAX_RATE)), joint_state)
+        return Reader(self.port, self._port.reader(rate(rate_hz)), joint_state)
 
     def read_info(self) -> LingInfo:
         """Read serial number and versions."""

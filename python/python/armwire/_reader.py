@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, Literal, Protocol, TypeVar
 
 from ._open import Open
+from ._units import count
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -76,10 +77,10 @@ class Reader(Open, Generic[P]):
             return reading(port.latest(max_age_s))
 
         def at(monotonic_ns: int) -> Reading[P]:
-            return reading(port.at(monotonic_ns))
+            return reading(port.at(count("monotonic time in ns", monotonic_ns, 2**63 - 1, minimum=-(2**63))))
 
         def next_after(number: int, timeout_s: float) -> Reading[P] | None:
-            found = port.next_after(number, timeout_s)
+            found = port.next_after(count("number of a reading", number, 2**64 - 1), timeout_s)
             return None if found is None else reading(found)
 
         self._latest, self._at, self._next_after = latest, at, next_after

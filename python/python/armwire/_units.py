@@ -13,6 +13,9 @@ from ._armwire import SLOWEST_TICKS_S
 
 Floats = NDArray[np.float64]
 
+MAX_BAUD = 2**32 - 1
+MAX_RATE_HZ = 1000
+
 JOINTS = 6
 TICKS_PER_TURN = 4096
 ZERO = 2048
@@ -88,8 +91,8 @@ def seconds(timeout: float) -> float:
     return timeout
 
 
-def count(what: str, value: int, maximum: int) -> int:
-    """A whole number from 0 to `maximum`.
+def count(what: str, value: int, maximum: int, minimum: int = 0) -> int:
+    """A whole number from `minimum` to `maximum`.
 
     Raises:
         TypeError: The value is not an integer.
@@ -99,6 +102,26 @@ def count(what: str, value: int, maximum: int) -> int:
         number = operator.index(value)
     except TypeError:
         raise TypeError(f"{what} is {value!r}, must be an integer") from None
-    if not 0 <= number <= maximum:
-        raise ValueError(f"{what} is {number}, must be 0 to {maximum}")
+    if not minimum <= number <= maximum:
+        raise ValueError(f"{what} is {number}, must be {minimum} to {maximum}")
     return number
+
+
+def baud_rate(baud: int | None) -> int | None:
+    """A baud rate, or `None` for the default.
+
+    Raises:
+        TypeError: The value is not an integer.
+        ValueError: The number is out of range.
+    """
+    return None if baud is None else count("baud rate", baud, MAX_BAUD, minimum=1)
+
+
+def rate(hertz: int) -> int:
+    """Readings per second.
+
+    Raises:
+        TypeError: The value is not an integer.
+        ValueError: The number is out of range.
+    """
+    return count("rate in Hz", hertz, MAX_RATE_HZ, minimum=1)

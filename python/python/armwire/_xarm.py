@@ -12,14 +12,13 @@ import numpy as np
 from . import _armwire
 from ._open import Open
 from ._reader import Reader
-from ._units import Floats, count
+from ._units import Floats, count, rate
 from .errors import UnacceptableError
 
 # The register of joint positions, absent from the public document: seven little-endian numbers in radians, as
 # read by the vendor's package.
 POSITIONS = 42
 MAX_JOINTS = 7
-MAX_RATE = 1000
 
 T = TypeVar("T")
 
@@ -92,7 +91,7 @@ class XArm(Open):
             ValueError: The rate is out of range.
             PortError: Another reader of this object is open.
         """
-        return Reader(self.port, self._port.reader(count("rate in Hz", rate_hz, MAX_RATE)), _angles)
+        return Reader(self.port, self._port.reader(rate(rate_hz)), _angles)
 
     def read_version(self) -> Answer[XArmVersion]:
         """Read axes, type and versions."""
