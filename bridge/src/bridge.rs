@@ -14,7 +14,7 @@ use crate::line::{Line, PACKET, RxThreshold, Transmit};
 use crate::line_coding::{LineCoding, UartConfig, UnsupportedCoding};
 use crate::rx_ring::RxWait;
 use crate::start::Start;
-use armwire::time::Instant;
+use armwire::time::{Duration, Instant};
 
 /// The adapter between hosts on USB and CAN and an arm's UART.
 ///
@@ -152,6 +152,13 @@ impl Bridge {
     }
 
     // ---- The UART ----
+
+    /// Sets the lead time of polls at a set rate over their slots, [`POLL_LEAD_TIME`](crate::POLL_LEAD_TIME) from the
+    /// beginning: at least the time from [`timeout`](Self::timeout) to the return of
+    /// [`uart_transmit`](Self::uart_transmit), or polls are late. Nothing else is sent meanwhile.
+    pub fn set_poll_lead_time(&mut self, lead: Duration) {
+        self.line.settled().set_poll_lead_time(lead);
+    }
 
     /// Handles a read of the UART: `bytes` were received, possibly none, and the last of them arrived at `at`, which is
     /// the stamp of the frame that it ends. Returns the number of frames that ended.

@@ -101,5 +101,7 @@ async fn main(spawner: Spawner) {
 #[inline(never)]
 fn adapter(config: Config, start: Start) -> &'static Adapter {
     static ADAPTER: StaticCell<Adapter> = StaticCell::new();
-    ADAPTER.init_with(|| Adapter::new(identity::identity(), config, start))
+    let adapter = ADAPTER.init_with(|| Adapter::new(identity::identity(), config, start));
+    adapter.take(|bridge| bridge.set_poll_lead_time(board::POLL_LEAD_TIME));
+    adapter
 }

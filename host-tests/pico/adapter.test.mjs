@@ -107,7 +107,7 @@ test('polls start at their slots and answers are stamped', async () => {
     assert.ok(requests.length >= SECONDS * POLL_HZ - 10, `${requests.length} polls`);
     const intervals = requests.slice(1).map((at, n) => at - requests[n]);
     const off = intervals.reduce((most, interval) => Math.max(most, Math.abs(interval - POLL_MICROS)), 0);
-    assert.ok(off <= 10, `an interval of polls is ${off} µs off`);
+    assert.ok(off <= 2, `an interval of polls is ${off} µs off`);
     assert.ok(answers.length - frames.length <= 1, `${answers.length} answers, ${frames.length} frames`);
     const errors = frames.map(({ at }, n) => Math.abs(at - answers[n])).sort((a, b) => a - b);
     const worst = errors[Math.floor(0.999 * (errors.length - 1))];

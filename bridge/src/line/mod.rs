@@ -93,6 +93,10 @@ impl Line {
         self.wire.to_host().is_attached()
     }
 
+    pub(crate) const fn set_poll_lead_time(&mut self, lead: Duration) {
+        self.outbox.set_poll_lead_time(lead);
+    }
+
     /// Applies a new configuration. Returns the streams that this ends.
     pub(crate) fn configure(&mut self, was: &Config, config: &Config, now: Instant) -> EndedStreams {
         self.outbox.configure(config);

@@ -47,6 +47,24 @@ fn poll_is_handed_over_early_and_blocks_line() {
 }
 
 #[test]
+fn lead_time_lasts_over_changes_of_the_rate() {
+    const LEAD: Duration = Duration::from_micros(100);
+    let mut rig = polling(Poll::Hertz(200));
+    rig.bridge.set_poll_lead_time(LEAD);
+    rig.run(2_000);
+    assert_eq!(rig.bridge.timeout(), Some(at(5_000) - LEAD));
+    let config = Config {
+        poll: Poll::Hertz(100),
+        ..Config::default()
+    };
+    rig.request(Request::SetConfig(config));
+    assert_eq!(rig.bridge.timeout(), Some(at(12_000) - LEAD));
+    rig.run(20_000);
+    assert_eq!(polls(&rig), [12_000, 22_000]);
+    assert_eq!(rig.bridge.counters().late_polls, 0);
+}
+
+#[test]
 fn polls_start_at_their_slots_for_minutes() {
     for (rate, seconds) in [(7, 120), (300, 60), (1_000, 10)] {
         let mut rig = polling(Poll::Hertz(rate));

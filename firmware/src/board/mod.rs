@@ -21,6 +21,7 @@
 //! | `time` | the counter of the clock and its alarm, for the [`timers`] |
 //! | `transmit_at()` | starts the DMA to the arm at a time |
 //! | `ServiceInterrupt` | the interrupt of a peripheral that is not used, for the [service](crate::service) |
+//! | `POLL_LEAD_TIME` | the time before its slot at which a poll is handed to the UART |
 //! | `hal` | the chip's HAL |
 //! | `mask`, `Masked` | the mask of interrupt handlers up to a priority |
 //! | `reset()`, `serial_number()` | restarts the chip; the chip's unique id |

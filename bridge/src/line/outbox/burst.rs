@@ -15,8 +15,8 @@ pub enum Transmit {
     Burst {
         /// The number of bytes, at least 1.
         len: usize,
-        /// Start of the first byte, at most [`POLL_LEAD_TIME`](crate::POLL_LEAD_TIME) ahead: wait for it, and send nothing
-        /// in between. `None`: start at once.
+        /// Start of the first byte, at most the [lead time](crate::Bridge::set_poll_lead_time) of polls ahead: wait for it,
+        /// and send nothing in between. `None`: start at once.
         start: Option<Instant>,
     },
     /// Reconfigure the UART after the last bit is out, then report [`Configured`](crate::UartEvent::Configured).

@@ -68,7 +68,7 @@ impl Outbox {
             gate: Gate::new(&[]),
             requests: Requests::default(),
             command_timeout: command_timeout(config),
-            poll: Poll::new(config.poll),
+            poll: Poll::new(config.poll, POLL_LEAD_TIME),
             arbiter: Arbiter::new(),
             burst: None,
             last_sent: Instant::ZERO,
@@ -81,9 +81,13 @@ impl Outbox {
         self.command_timeout = command_timeout(config);
     }
 
+    pub(super) const fn set_poll_lead_time(&mut self, lead: Duration) {
+        self.poll.set_lead(lead);
+    }
+
     /// Restarts the poll clock.
     pub(super) fn restart_poll(&mut self, rate: config::Poll, is_held: bool, now: Instant) {
-        self.poll = Poll::new(rate);
+        self.poll = Poll::new(rate, self.poll.lead());
         self.poll.pause(is_held, now);
         self.poll.tick(now);
     }

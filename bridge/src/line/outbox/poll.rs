@@ -3,7 +3,8 @@
 use crate::config;
 use armwire::time::{Duration, Instant};
 
-/// Lead time of a poll over its slot: no other task can then make it late.
+/// Lead time of a poll over its slot, unless a board [sets](crate::Bridge::set_poll_lead_time) its own: no other task
+/// can then make it late.
 pub const POLL_LEAD_TIME: Duration = Duration::from_micros(25);
 
 /// The poll clock.
@@ -12,6 +13,8 @@ pub const POLL_LEAD_TIME: Duration = Duration::from_micros(25);
 /// rounded down to a microsecond on its own. Rounding errors do not accumulate.
 pub(crate) struct Poll {
     rate: config::Poll,
+    /// Lead time over a slot.
+    lead: Duration,
     /// The next slot. `None` until the time is known.
     slot: Option<Instant>,
     /// The rounding remainder of that slot, in units of 1/`rate` µs.
@@ -31,9 +34,10 @@ enum State {
 }
 
 impl Poll {
-    pub(crate) const fn new(rate: config::Poll) -> Self {
+    pub(crate) const fn new(rate: config::Poll, lead: Duration) -> Self {
         Self {
             rate,
+            lead,
             slot: None,
             rest: 0,
             state: State::Early,
@@ -41,7 +45,15 @@ impl Poll {
         }
     }
 
-    /// The time since which the next poll may go out, [`POLL_LEAD_TIME`] before its slot. `None` if it may not.
+    pub(crate) const fn lead(&self) -> Duration {
+        self.lead
+    }
+
+    pub(crate) const fn set_lead(&mut self, lead: Duration) {
+        self.lead = lead;
+    }
+
+    /// The time since which the next poll may go out, the lead time before its slot. `None` if it may not.
     pub(crate) fn due_since(&self, now: Instant) -> Option<Instant> {
         match self.state {
             _ if self.is_paused => None,
@@ -88,7 +100,7 @@ impl Poll {
     pub(crate) fn timeout(&self) -> Option<Instant> {
         match (self.rate, self.state) {
             (config::Poll::Off, _) | (_, State::Due(_) | State::InFlight) => None,
-            _ => Some(self.slot.map_or(Instant::ZERO, |slot| slot - POLL_LEAD_TIME)),
+            _ => Some(self.slot.map_or(Instant::ZERO, |slot| slot - self.lead)),
         }
     }
 
@@ -162,7 +174,7 @@ mod tests {
 
     /// The slots of a day, each poll answered after `answer` µs, and the number of missed slots.
     fn day(rate: u16, answer: u64) -> impl Iterator<Item = (Instant, u64)> {
-        let mut poll = Poll::new(config::Poll::Hertz(rate));
+        let mut poll = Poll::new(config::Poll::Hertz(rate), POLL_LEAD_TIME);
         poll.tick(Instant::from_micros(777));
         core::iter::from_fn(move || {
             let slot = poll.slot()?;
@@ -202,7 +214,7 @@ mod tests {
 
     #[test]
     fn fastest_poll_is_due_without_poll_in_flight() {
-        let mut poll = Poll::new(config::Poll::Fastest);
+        let mut poll = Poll::new(config::Poll::Fastest, POLL_LEAD_TIME);
         assert_eq!(poll.timeout(), Some(Instant::ZERO));
         poll.tick(Instant::from_micros(5));
         for at in [10, 11, 12] {
@@ -216,7 +228,7 @@ mod tests {
 
     #[test]
     fn nothing_is_polled_when_polling_is_off() {
-        let mut poll = Poll::new(config::Poll::Off);
+        let mut poll = Poll::new(config::Poll::Off, POLL_LEAD_TIME);
         poll.tick(Instant::from_micros(5));
         assert_eq!((poll.due_since(NOW), poll.timeout()), (None, None));
     }

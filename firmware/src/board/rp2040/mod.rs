@@ -38,6 +38,9 @@ pub(super) const CHIP: Chip = Chip::Rp2040;
 
 pub(crate) const CAN_FD: bool = false;
 
+/// From its alarm to the UART a poll takes 26 µs, and longer if a task uses the bridge at that time.
+pub(crate) const POLL_LEAD_TIME: armwire_bridge::Duration = armwire_bridge::Duration::from_micros(100);
+
 bind_interrupts!(struct Irqs {
     // Ahead of the HAL's handler, which disables the interrupts that it has seen.
     USBCTRL_IRQ => usb::SetupHandler, UsbHandler<USB>;

@@ -36,6 +36,7 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use super::{ChipReset, THIS};
 use crate::uart::{Dma, Uart};
 
+pub(crate) use armwire_bridge::POLL_LEAD_TIME;
 pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
 pub(crate) use embassy_stm32 as hal;
 #[cfg(feature = "board-stm32f405")]
