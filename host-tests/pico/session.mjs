@@ -13,7 +13,7 @@ if (!image || !armwire) throw new Error('ARMWIRE_IMAGE and ARMWIRE have to name 
 // The time that the arm takes for an answer.
 const TURNAROUND_NANOS = 100_000;
 // The longest real time that the virtual arm's process may take. The chip's time stands still meanwhile.
-const PROCESS_MILLIS = 2_000;
+const PROCESS_MILLIS = 60_000;
 
 const CDC = { serial: { in: 2, out: 1 }, control: { in: 3, out: 2 } };
 
