@@ -12,8 +12,7 @@
 //! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a `Board` of them |
 //! | `Board`, `Watchdog`, `Led` | the peripherals of the firmware |
 //! | `Can`, `CAN_CAPACITY` | the CAN bus, if the chip has one, and the number of received frames that it holds |
-//! | `UsbDriver` | the driver of the USB peripheral |
-//! | `usb` | the registers of endpoint 0, behind [`usb_control`] |
+//! | `usb` | the registers of the USB peripheral, behind [`usb_control`] and [`usb_driver`] |
 //! | `cancel_unfetched_packets()` | withdraws the packets in endpoints that the host will not fetch |
 //! | `cancel_unfetched_packet()` | withdraws the packet in one endpoint, while the host polls it |
 //! | `usart` | the registers of the arm's UART |
@@ -35,6 +34,7 @@ mod rp2040;
 mod stm32;
 mod timers;
 mod usb_control;
+mod usb_driver;
 
 use armwire_boards::Board as Data;
 
@@ -42,6 +42,7 @@ use armwire_boards::Board as Data;
 pub(crate) use rp2040::*;
 #[cfg(feature = "stm32")]
 pub(crate) use stm32::*;
+pub(crate) use usb_driver::UsbDriver;
 
 #[cfg(not(any(feature = "board-rp2040", feature = "board-stm32f405", feature = "board-stm32g431")))]
 compile_error!("no board: enable `board-rp2040`, `board-stm32f405` or `board-stm32g431`");

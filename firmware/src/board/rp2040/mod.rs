@@ -19,7 +19,7 @@ use embassy_rp::peripherals::{USB, WATCHDOG};
 use embassy_rp::usb::{Driver, InterruptHandler as UsbHandler};
 use embassy_time::Duration;
 
-use super::{ChipReset, THIS};
+use super::{ChipReset, THIS, UsbDriver};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
 use crate::uart::{Dma, IdleHandler, InterruptHandler, RingHandler, SentHandler, Uart};
@@ -31,7 +31,7 @@ pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low, ser
 pub(crate) use mask::mask;
 pub(crate) use time::{clear_idle_alarm, set_idle_alarm, transmit_at};
 pub(crate) use uart as usart;
-pub(crate) use usb::{UsbDriver, cancel_unfetched_packet, cancel_unfetched_packets};
+pub(crate) use usb::{cancel_unfetched_packet, cancel_unfetched_packets};
 
 /// The chip.
 pub(super) const CHIP: Chip = Chip::Rp2040;

@@ -1,5 +1,5 @@
-//! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION.
-//! [`usb_control`](super::super::usb_control) handles hosts that abandon a request.
+//! The registers of the USB peripheral, behind [`usb_driver`](crate::board::usb_driver) and
+//! [`usb_control`](crate::board::usb_control).
 
 use core::future::Future;
 use core::pin::pin;
@@ -9,20 +9,19 @@ use embassy_rp::interrupt::typelevel::{Handler, USBCTRL_IRQ};
 use embassy_rp::pac::usb_dpram::regs::EpBufferControl;
 use embassy_rp::pac::{USB, USB_DPRAM};
 use embassy_rp::{peripherals, usb};
-use embassy_usb::driver::{
-    self, ControlPipe as _, Direction, EndpointAddress, EndpointAllocError, EndpointError, EndpointType, Event,
-    Unsupported,
-};
+use embassy_usb::driver::{self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, Event};
 
-use super::super::usb_control::{ControlPipe, wake_if_over};
+use crate::board::usb_control::wake_if_over;
 
 /// The HAL's driver and its parts.
-type Hal = usb::Driver<'static, peripherals::USB>;
-type HalBus = <Hal as driver::Driver<'static>>::Bus;
+pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB>;
+pub(in crate::board) type HalBus = <Hal as driver::Driver<'static>>::Bus;
 pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
+pub(in crate::board) type In = <Hal as driver::Driver<'static>>::EndpointIn;
+pub(in crate::board) type Out = <Hal as driver::Driver<'static>>::EndpointOut;
 
 /// Number of endpoints in each direction.
-const ENDPOINTS: usize = 16;
+pub(in crate::board) const ENDPOINTS: usize = 16;
 
 /// Cycles between the content of a buffer's control and AVAILABLE, which the controller reads with another clock
 /// (4.1.2.5.1).
@@ -155,79 +154,36 @@ fn is_active(endpoint: EndpointAddress) -> bool {
     }
 }
 
-pub(crate) struct UsbDriver(pub(super) Hal);
+/// The endpoints are the HAL's.
+pub(in crate::board) fn endpoint_in(endpoint: In) -> In {
+    endpoint
+}
 
-impl driver::Driver<'static> for UsbDriver {
-    type EndpointOut = <Hal as driver::Driver<'static>>::EndpointOut;
-    type EndpointIn = <Hal as driver::Driver<'static>>::EndpointIn;
-    type ControlPipe = ControlPipe;
-    type Bus = Bus;
+/// See [`endpoint_in`].
+pub(in crate::board) fn endpoint_out(endpoint: Out) -> Out {
+    endpoint
+}
 
-    fn alloc_endpoint_out(
-        &mut self,
-        kind: EndpointType,
-        address: Option<EndpointAddress>,
-        max_packet_size: u16,
-        interval_ms: u8,
-    ) -> Result<Self::EndpointOut, EndpointAllocError> {
-        self.0.alloc_endpoint_out(kind, address, max_packet_size, interval_ms)
+/// No state depends on events of the bus.
+pub(in crate::board) fn on_event(_: Event) {}
+
+/// Enables or disables an endpoint. Its next packet has DATA0.
+pub(in crate::board) fn set_enabled(bus: &mut HalBus, endpoint: EndpointAddress, enabled: bool) {
+    if endpoint.index() == 0 {
+        return;
     }
-
-    fn alloc_endpoint_in(
-        &mut self,
-        kind: EndpointType,
-        address: Option<EndpointAddress>,
-        max_packet_size: u16,
-        interval_ms: u8,
-    ) -> Result<Self::EndpointIn, EndpointAllocError> {
-        self.0.alloc_endpoint_in(kind, address, max_packet_size, interval_ms)
-    }
-
-    fn start(self, control_max_packet_size: u16) -> (Bus, ControlPipe) {
-        let (bus, control) = self.0.start(control_max_packet_size);
-        (Bus(bus), ControlPipe(control))
+    // The HAL would lose the packet that waits in an active endpoint.
+    if !enabled || !is_active(endpoint) {
+        bus.endpoint_set_enabled(endpoint, enabled);
+    } else {
+        reset_data_toggle(endpoint);
     }
 }
 
-pub(crate) struct Bus(HalBus);
-
-impl driver::Bus for Bus {
-    async fn enable(&mut self) {
-        self.0.enable().await;
-    }
-
-    async fn disable(&mut self) {
-        self.0.disable().await;
-    }
-
-    async fn poll(&mut self) -> Event {
-        self.0.poll().await
-    }
-
-    fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {
-        if endpoint.index() == 0 {
-            return;
-        }
-        // The HAL would lose the packet that waits in an active endpoint.
-        if !enabled || !is_active(endpoint) {
-            self.0.endpoint_set_enabled(endpoint, enabled);
-        } else {
-            reset_data_toggle(endpoint);
-        }
-    }
-
-    fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
-        self.0.endpoint_set_stalled(endpoint, stalled);
-        if !stalled && endpoint.index() != 0 {
-            reset_data_toggle(endpoint);
-        }
-    }
-
-    fn endpoint_is_stalled(&mut self, endpoint: EndpointAddress) -> bool {
-        self.0.endpoint_is_stalled(endpoint)
-    }
-
-    async fn remote_wakeup(&mut self) -> Result<(), Unsupported> {
-        self.0.remote_wakeup().await
+/// Halts an endpoint, or clears its halt. Its next packet then has DATA0.
+pub(in crate::board) fn set_stalled(bus: &mut HalBus, endpoint: EndpointAddress, stalled: bool) {
+    bus.endpoint_set_stalled(endpoint, stalled);
+    if !stalled && endpoint.index() != 0 {
+        reset_data_toggle(endpoint);
     }
 }

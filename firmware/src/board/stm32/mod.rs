@@ -33,7 +33,7 @@ use embassy_stm32::pac::common::{RW, Reg};
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 
-use super::{ChipReset, THIS};
+use super::{ChipReset, THIS, UsbDriver};
 use crate::uart::{Dma, Uart};
 
 pub(crate) use armwire_bridge::POLL_LEAD_TIME;

@@ -28,7 +28,7 @@ use static_cell::StaticCell;
 use super::can::Can;
 use super::crystal;
 use super::time::{self, TimerHandler};
-use super::{Board, ChipReset, Led, THIS, Watchdog, enable_clocks, pin, usart};
+use super::{Board, ChipReset, Led, THIS, UsbDriver, Watchdog, enable_clocks, pin, usart};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
 use crate::uart::SleepHandler;
@@ -40,7 +40,6 @@ pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 pub(crate) use usart2::*;
 #[cfg(arm_at_usart3)]
 pub(crate) use usart3::*;
-pub(crate) use usb::UsbDriver;
 
 pub(in crate::board) const CHIP: Chip = Chip::Stm32f405;
 
@@ -88,9 +87,6 @@ pub(crate) type ServiceInterrupt = embassy_stm32::interrupt::typelevel::SPI1;
 pub(crate) const RX_REQUEST: Request = 4;
 /// See [`RX_REQUEST`].
 const TX_REQUEST: Request = 4;
-
-/// Number of endpoints of the USB peripheral in each direction (RM0090 34.1).
-const USB_ENDPOINTS: usize = 4;
 
 /// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
 pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
@@ -170,7 +166,7 @@ pub(crate) fn take_reset() -> ChipReset {
 /// A bus reset leaves these endpoints enabled, and the HAL would wait forever for their packets (RM0090 34.17.6, "IN
 /// endpoint disable").
 pub(crate) fn cancel_unfetched_packets() {
-    for endpoint in 1..USB_ENDPOINTS {
+    for endpoint in 1..usb::ENDPOINTS {
         let control = pac::USB_OTG_FS.diepctl(endpoint);
         if control.read().epena() {
             control.modify(|w| {

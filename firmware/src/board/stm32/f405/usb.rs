@@ -1,5 +1,5 @@
-//! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION.
-//! [`usb_control`](crate::board::usb_control) handles hosts that abandon a request.
+//! The registers of the USB peripheral, behind [`usb_driver`](crate::board::usb_driver) and
+//! [`usb_control`](crate::board::usb_control).
 //!
 //! The HAL's driver does not reset data toggles.
 
@@ -12,18 +12,20 @@ use embassy_stm32::interrupt::typelevel::{Handler, OTG_FS};
 use embassy_stm32::pac::USB_OTG_FS;
 use embassy_stm32::pac::otg::vals::Pktstsd;
 use embassy_stm32::{peripherals, usb};
-use embassy_usb::driver::{
-    self, ControlPipe as _, Direction, EndpointAddress, EndpointAllocError, EndpointError, EndpointType, Event,
-    Unsupported,
-};
+use embassy_usb::driver::{self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, Event};
 
-use super::{USB_ENDPOINTS, flush, soon};
-use crate::board::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over};
+use super::{flush, soon};
+use crate::board::usb_control::{SETUP_ARRIVED, wake_if_over};
 
 /// The HAL's driver and its parts.
-type Hal = usb::Driver<'static, peripherals::USB_OTG_FS>;
-type HalBus = <Hal as driver::Driver<'static>>::Bus;
+pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB_OTG_FS>;
+pub(in crate::board) type HalBus = <Hal as driver::Driver<'static>>::Bus;
 pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
+pub(in crate::board) type In = <Hal as driver::Driver<'static>>::EndpointIn;
+pub(in crate::board) type Out = <Hal as driver::Driver<'static>>::EndpointOut;
+
+/// Number of endpoints in each direction (RM0090 34.1).
+pub(in crate::board) const ENDPOINTS: usize = 4;
 
 /// Number of SETUP packets that the HAL makes room for. The controller counts down with each (RM0090 34.17.5).
 const SETUP_PACKETS: u8 = 3;
@@ -120,81 +122,34 @@ fn is_active(endpoint: EndpointAddress) -> bool {
     }
 }
 
-pub(crate) struct UsbDriver(pub(super) Hal);
-
-impl driver::Driver<'static> for UsbDriver {
-    type EndpointOut = <Hal as driver::Driver<'static>>::EndpointOut;
-    type EndpointIn = <Hal as driver::Driver<'static>>::EndpointIn;
-    type ControlPipe = ControlPipe;
-    type Bus = Bus;
-
-    fn alloc_endpoint_out(
-        &mut self,
-        kind: EndpointType,
-        address: Option<EndpointAddress>,
-        max_packet_size: u16,
-        interval_ms: u8,
-    ) -> Result<Self::EndpointOut, EndpointAllocError> {
-        self.0.alloc_endpoint_out(kind, address, max_packet_size, interval_ms)
-    }
-
-    fn alloc_endpoint_in(
-        &mut self,
-        kind: EndpointType,
-        address: Option<EndpointAddress>,
-        max_packet_size: u16,
-        interval_ms: u8,
-    ) -> Result<Self::EndpointIn, EndpointAllocError> {
-        self.0.alloc_endpoint_in(kind, address, max_packet_size, interval_ms)
-    }
-
-    fn start(self, control_max_packet_size: u16) -> (Bus, ControlPipe) {
-        let (bus, control) = self.0.start(control_max_packet_size);
-        (Bus(bus), ControlPipe(control))
-    }
+/// The endpoints are the HAL's.
+pub(in crate::board) fn endpoint_in(endpoint: In) -> In {
+    endpoint
 }
 
-pub(crate) struct Bus(HalBus);
+/// See [`endpoint_in`].
+pub(in crate::board) fn endpoint_out(endpoint: Out) -> Out {
+    endpoint
+}
 
-impl driver::Bus for Bus {
-    async fn enable(&mut self) {
-        self.0.enable().await;
+/// No state depends on events of the bus.
+pub(in crate::board) fn on_event(_: Event) {}
+
+/// Enables or disables an endpoint. Its next packet has DATA0.
+pub(in crate::board) fn set_enabled(bus: &mut HalBus, endpoint: EndpointAddress, enabled: bool) {
+    // The HAL would let an active endpoint accept a packet for which it has no room, and lose the packet that waits
+    // there.
+    if !enabled || !is_active(endpoint) {
+        bus.endpoint_set_enabled(endpoint, enabled);
     }
+    reset_data_toggle(endpoint);
+}
 
-    async fn disable(&mut self) {
-        self.0.disable().await;
-    }
-
-    async fn poll(&mut self) -> Event {
-        self.0.poll().await
-    }
-
-    fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {
-        // The HAL would let an active endpoint accept a packet for which it has no room, and lose the packet that waits
-        // there.
-        if !enabled || !is_active(endpoint) {
-            self.0.endpoint_set_enabled(endpoint, enabled);
-        }
+/// Halts an endpoint, or clears its halt. Its next packet then has DATA0.
+pub(in crate::board) fn set_stalled(bus: &mut HalBus, endpoint: EndpointAddress, stalled: bool) {
+    bus.endpoint_set_stalled(endpoint, stalled);
+    if !stalled && endpoint.index() != 0 {
         reset_data_toggle(endpoint);
-    }
-
-    fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
-        // The HAL panics for an endpoint that the controller does not have.
-        if endpoint.index() >= USB_ENDPOINTS {
-            return;
-        }
-        self.0.endpoint_set_stalled(endpoint, stalled);
-        if !stalled && endpoint.index() != 0 {
-            reset_data_toggle(endpoint);
-        }
-    }
-
-    fn endpoint_is_stalled(&mut self, endpoint: EndpointAddress) -> bool {
-        endpoint.index() < USB_ENDPOINTS && self.0.endpoint_is_stalled(endpoint)
-    }
-
-    async fn remote_wakeup(&mut self) -> Result<(), Unsupported> {
-        self.0.remote_wakeup().await
     }
 }
 

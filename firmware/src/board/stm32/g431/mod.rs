@@ -22,7 +22,7 @@ use embassy_stm32::{bind_interrupts, usb as hal_usb};
 
 use super::can::Can;
 use super::time::{self, TimerHandler};
-use super::{Board, ChipReset, Led, Watchdog, enable_clocks, usart};
+use super::{Board, ChipReset, Led, UsbDriver, Watchdog, enable_clocks, usart};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
 use crate::uart::{InterruptHandler, RingHandler, SentHandler, SleepHandler};
@@ -30,7 +30,7 @@ use crate::uart::{InterruptHandler, RingHandler, SentHandler, SleepHandler};
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
-pub(crate) use usb::{UsbDriver, cancel_unfetched_packet, cancel_unfetched_packets};
+pub(crate) use usb::{cancel_unfetched_packet, cancel_unfetched_packets};
 
 pub(in crate::board) const CHIP: Chip = Chip::Stm32g431;
 

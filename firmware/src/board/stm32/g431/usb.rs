@@ -1,5 +1,5 @@
-//! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION, and
-//! for the withdrawal of a packet. [`usb_control`](crate::board::usb_control) handles hosts that abandon a request.
+//! The registers of the USB peripheral, behind [`usb_driver`](crate::board::usb_driver) and
+//! [`usb_control`](crate::board::usb_control).
 //!
 //! The HAL's driver clears a halt in a loop that never ends at NAK, and does not reset data toggles. It calls `memcpy` for
 //! each half-word of a packet: the bulk endpoints access the packet memory here.
@@ -19,21 +19,20 @@ use embassy_stm32::pac::{USB, USBRAM};
 use embassy_stm32::{peripherals, usb};
 use embassy_time::{Duration, Instant};
 use embassy_usb::driver::{
-    self, ControlPipe as _, Direction, Endpoint as _, EndpointAddress, EndpointAllocError, EndpointError, EndpointInfo,
-    EndpointType, Event, Unsupported,
+    self, Bus as _, ControlPipe as _, Direction, Endpoint as _, EndpointAddress, EndpointError, EndpointInfo, Event,
 };
 
-use crate::board::usb_control::{ControlPipe, SETUP_ARRIVED, wake_if_over, wake_stage};
+use crate::board::usb_control::{SETUP_ARRIVED, wake_if_over, wake_stage};
 
 /// The HAL's driver and its parts.
-type Hal = usb::Driver<'static, peripherals::USB>;
-type HalBus = <Hal as driver::Driver<'static>>::Bus;
+pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB>;
+pub(in crate::board) type HalBus = <Hal as driver::Driver<'static>>::Bus;
 pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
 type HalIn = <Hal as driver::Driver<'static>>::EndpointIn;
 type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
 
 /// The endpoint registers of the controller.
-const ENDPOINTS: usize = 8;
+pub(in crate::board) const ENDPOINTS: usize = 8;
 
 /// The duration of a 64-byte packet and its handshake on the wire, with a margin.
 const PACKET_TIME: Duration = Duration::from_micros(60);
@@ -211,40 +210,14 @@ pub(crate) fn cancel_unfetched_packets() {
     ARMED.store(0, Ordering::Relaxed);
 }
 
-pub(crate) struct UsbDriver(pub(super) Hal);
+/// The endpoint with access to the packet memory here.
+pub(in crate::board) fn endpoint_in(endpoint: HalIn) -> In {
+    In(endpoint)
+}
 
-impl driver::Driver<'static> for UsbDriver {
-    type EndpointOut = Out;
-    type EndpointIn = In;
-    type ControlPipe = ControlPipe;
-    type Bus = Bus;
-
-    fn alloc_endpoint_out(
-        &mut self,
-        kind: EndpointType,
-        address: Option<EndpointAddress>,
-        max_packet_size: u16,
-        interval_ms: u8,
-    ) -> Result<Out, EndpointAllocError> {
-        let endpoint = self.0.alloc_endpoint_out(kind, address, max_packet_size, interval_ms);
-        endpoint.map(Out)
-    }
-
-    fn alloc_endpoint_in(
-        &mut self,
-        kind: EndpointType,
-        address: Option<EndpointAddress>,
-        max_packet_size: u16,
-        interval_ms: u8,
-    ) -> Result<In, EndpointAllocError> {
-        let endpoint = self.0.alloc_endpoint_in(kind, address, max_packet_size, interval_ms);
-        endpoint.map(In)
-    }
-
-    fn start(self, control_max_packet_size: u16) -> (Bus, ControlPipe) {
-        let (bus, control) = self.0.start(control_max_packet_size);
-        (Bus(bus), ControlPipe(control))
-    }
+/// See [`endpoint_in`].
+pub(in crate::board) fn endpoint_out(endpoint: HalOut) -> Out {
+    Out(endpoint)
 }
 
 /// An IN endpoint.
@@ -367,69 +340,46 @@ fn fetch(endpoint: usize, packet: &mut [u8]) -> Result<usize, EndpointError> {
     Ok(len)
 }
 
-pub(crate) struct Bus(HalBus);
-
-impl driver::Bus for Bus {
-    async fn enable(&mut self) {
-        self.0.enable().await;
-    }
-
-    async fn disable(&mut self) {
-        self.0.disable().await;
-    }
-
-    async fn poll(&mut self) -> Event {
-        let event = self.0.poll().await;
-        match event {
-            Event::Reset => {
-                // A stage in progress may have changed endpoint 0 after the reset.
-                critical_section::with(|_| withdraw_answer());
-                BUS_EVENT_PENDING.store(false, Ordering::Relaxed);
-                SETUP_ARRIVED.store(false, Ordering::Relaxed);
-            }
-            Event::Suspend => BUS_EVENT_PENDING.store(false, Ordering::Relaxed),
-            _ => {}
+/// Ends what an event of the bus ends.
+pub(in crate::board) fn on_event(event: Event) {
+    match event {
+        Event::Reset => {
+            // A stage in progress may have changed endpoint 0 after the reset.
+            critical_section::with(|_| withdraw_answer());
+            BUS_EVENT_PENDING.store(false, Ordering::Relaxed);
+            SETUP_ARRIVED.store(false, Ordering::Relaxed);
         }
-        event
+        Event::Suspend => BUS_EVENT_PENDING.store(false, Ordering::Relaxed),
+        _ => {}
     }
+}
 
-    fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {
-        // The HAL would let an active endpoint accept a packet for which it has no room, and lose the packet that waits
-        // there.
-        if !enabled || status(endpoint) == Stat::DISABLED {
-            self.0.endpoint_set_enabled(endpoint, enabled);
-            if enabled {
-                // This comes before the host's next packet: an unread packet stays.
-                set_status(endpoint, idle_status(endpoint));
-            }
+/// Enables or disables an endpoint. Its next packet has DATA0.
+pub(in crate::board) fn set_enabled(bus: &mut HalBus, endpoint: EndpointAddress, enabled: bool) {
+    // The HAL would let an active endpoint accept a packet for which it has no room, and lose the packet that waits
+    // there.
+    if !enabled || status(endpoint) == Stat::DISABLED {
+        bus.endpoint_set_enabled(endpoint, enabled);
+        if enabled {
+            // This comes before the host's next packet: an unread packet stays.
+            set_status(endpoint, idle_status(endpoint));
         }
+    }
+    reset_data_toggle(endpoint);
+}
+
+/// Halts an endpoint, or clears its halt. Its next packet then has DATA0.
+pub(in crate::board) fn set_stalled(bus: &mut HalBus, endpoint: EndpointAddress, stalled: bool) {
+    let was_stalled = status(endpoint) == Stat::STALL;
+    if stalled {
+        bus.endpoint_set_stalled(endpoint, true);
+    } else if endpoint.index() != 0 {
         reset_data_toggle(endpoint);
-    }
-
-    fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
-        // The HAL panics for an endpoint that the controller does not have.
-        if endpoint.index() >= ENDPOINTS {
-            return;
+        if was_stalled {
+            // It is already stalled: this wakes the task that waits for it.
+            bus.endpoint_set_stalled(endpoint, true);
+            set_status(endpoint, idle_status(endpoint));
         }
-        let was_stalled = status(endpoint) == Stat::STALL;
-        if stalled {
-            self.0.endpoint_set_stalled(endpoint, true);
-        } else if endpoint.index() != 0 {
-            reset_data_toggle(endpoint);
-            if was_stalled {
-                // It is already stalled: this wakes the task that waits for it.
-                self.0.endpoint_set_stalled(endpoint, true);
-                set_status(endpoint, idle_status(endpoint));
-            }
-        }
-    }
-
-    fn endpoint_is_stalled(&mut self, endpoint: EndpointAddress) -> bool {
-        endpoint.index() < ENDPOINTS && self.0.endpoint_is_stalled(endpoint)
-    }
-
-    async fn remote_wakeup(&mut self) -> Result<(), Unsupported> {
-        self.0.remote_wakeup().await
     }
 }
 

@@ -1,0 +1,82 @@
+//! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION.
+//! [`usb_control`](super::usb_control) handles hosts that abandon a request. The registers are in the chip's [`usb`].
+
+use embassy_usb::driver::{self, EndpointAddress, EndpointAllocError, EndpointType, Event, Unsupported};
+
+use super::usb::{self, ENDPOINTS, Hal, HalBus, In, Out};
+use super::usb_control::ControlPipe;
+
+/// The driver.
+pub(crate) struct UsbDriver(pub(super) Hal);
+
+impl driver::Driver<'static> for UsbDriver {
+    type EndpointOut = Out;
+    type EndpointIn = In;
+    type ControlPipe = ControlPipe;
+    type Bus = Bus;
+
+    fn alloc_endpoint_out(
+        &mut self,
+        kind: EndpointType,
+        address: Option<EndpointAddress>,
+        max_packet_size: u16,
+        interval_ms: u8,
+    ) -> Result<Out, EndpointAllocError> {
+        let endpoint = self.0.alloc_endpoint_out(kind, address, max_packet_size, interval_ms);
+        endpoint.map(usb::endpoint_out)
+    }
+
+    fn alloc_endpoint_in(
+        &mut self,
+        kind: EndpointType,
+        address: Option<EndpointAddress>,
+        max_packet_size: u16,
+        interval_ms: u8,
+    ) -> Result<In, EndpointAllocError> {
+        let endpoint = self.0.alloc_endpoint_in(kind, address, max_packet_size, interval_ms);
+        endpoint.map(usb::endpoint_in)
+    }
+
+    fn start(self, control_max_packet_size: u16) -> (Bus, ControlPipe) {
+        let (bus, control) = self.0.start(control_max_packet_size);
+        (Bus(bus), ControlPipe(control))
+    }
+}
+
+/// The bus.
+pub(crate) struct Bus(HalBus);
+
+impl driver::Bus for Bus {
+    async fn enable(&mut self) {
+        self.0.enable().await;
+    }
+
+    async fn disable(&mut self) {
+        self.0.disable().await;
+    }
+
+    async fn poll(&mut self) -> Event {
+        let event = self.0.poll().await;
+        usb::on_event(event);
+        event
+    }
+
+    fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {
+        usb::set_enabled(&mut self.0, endpoint, enabled);
+    }
+
+    fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
+        // The HALs panic for an endpoint that the controller does not have.
+        if endpoint.index() < ENDPOINTS {
+            usb::set_stalled(&mut self.0, endpoint, stalled);
+        }
+    }
+
+    fn endpoint_is_stalled(&mut self, endpoint: EndpointAddress) -> bool {
+        endpoint.index() < ENDPOINTS && self.0.endpoint_is_stalled(endpoint)
+    }
+
+    async fn remote_wakeup(&mut self) -> Result<(), Unsupported> {
+        self.0.remote_wakeup().await
+    }
+}
