@@ -15,7 +15,7 @@ use core::cell::{Cell, RefCell};
 
 use armwire_bridge::{RxRing, UartErrors};
 use critical_section::Mutex;
-use portable_atomic::{AtomicBool, AtomicU8, Ordering};
+use portable_atomic::{AtomicBool, AtomicU32, Ordering};
 
 use crate::board::usart;
 use crate::service;
@@ -37,12 +37,15 @@ pub(crate) use transmit::{Sender, SentHandler};
 /// Size of the receive ring in bytes. Half of it may be unread: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
 
-/// The bytes of a ring. The DMA of the RP2040 wraps at an address that is a multiple of its size.
+/// Number of bytes in a word of the ring.
+const WORD: usize = size_of::<u32>();
+
+/// The bytes of a ring, which are read by words. The DMA of the RP2040 wraps at an address that is a multiple of its size.
 #[cfg_attr(feature = "board-rp2040", repr(align(1024)))]
-struct Bytes([AtomicU8; SIZE]);
+struct Bytes([AtomicU32; SIZE / WORD]);
 
 /// The bytes of the receive ring, written by the DMA.
-static BYTES: Bytes = Bytes([const { AtomicU8::new(0) }; SIZE]);
+static BYTES: Bytes = Bytes([const { AtomicU32::new(0) }; SIZE / WORD]);
 /// The positions in it, and the events of the interrupt handlers.
 static RING: Mutex<RefCell<RxRing<SIZE>>> = Mutex::new(RefCell::new(RxRing::new()));
 /// Errors that were not reported to the bridge yet.
@@ -63,9 +66,15 @@ pub(crate) fn take_event() -> bool {
     EVENT.swap(false, Ordering::Relaxed)
 }
 
+/// The word with the byte at a position in the ring.
+fn word_at(position: usize) -> [u8; WORD] {
+    let word = &BYTES.0[position / WORD % BYTES.0.len()];
+    word.load(Ordering::Relaxed).to_le_bytes()
+}
+
 /// The byte at a position in the ring.
 fn byte_at(position: usize) -> u8 {
-    BYTES.0[position % SIZE].load(Ordering::Relaxed)
+    word_at(position)[position % WORD]
 }
 
 /// The last bit of a burst was sent, or as much of it as the next burst waits for.

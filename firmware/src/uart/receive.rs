@@ -1,26 +1,30 @@
 //! Reads of the receive ring, and the start and stop of the DMA that fills it.
 
-use core::ptr::copy_nonoverlapping;
+use core::ops::Range;
 
 use armwire_bridge::{Bridge, Duration, Instant, LineCoding, RxRing, RxWait, UartEvent};
-use portable_atomic::{AtomicU8, Ordering};
+use portable_atomic::Ordering;
 
 use super::chip::{self, Dma, Transfer, tail};
-use super::{BYTES, ERRORS, RING_OVERRUN, with_ring};
+use super::{ERRORS, RING_OVERRUN, WORD, with_ring, word_at};
 use crate::adapter::now;
 
-/// Number of bytes that are passed to the bridge at once.
+/// Maximum number of bytes that are passed to the bridge at once.
 const CHUNK: usize = 64;
+
+/// Words of the ring with up to [`CHUNK`] bytes from any position.
+type Words = [[u8; WORD]; CHUNK / WORD + 1];
+const CLEAR: Words = [[0; WORD]; CHUNK / WORD + 1];
 
 /// Reads of the receive ring.
 pub(crate) struct Reader {
     /// The bytes that are passed to the bridge. To clear them for each read would take longer than the copy.
-    chunk: [u8; CHUNK],
+    chunk: Words,
 }
 
 impl Reader {
     pub(crate) const fn new() -> Self {
-        Self { chunk: [0; CHUNK] }
+        Self { chunk: CLEAR }
     }
 
     /// Passes received bytes to the bridge, up to the end of a frame. Returns true if one ended.
@@ -66,8 +70,8 @@ impl Reader {
     fn pass(&mut self, bridge: &mut Bridge, end: usize, at: Instant) -> usize {
         let mut frames = 0;
         loop {
-            let n = copy(&mut self.chunk, end);
-            frames += bridge.uart_received(&self.chunk[..n], at);
+            let bytes = copy(&mut self.chunk, end);
+            frames += bridge.uart_received(&self.chunk.as_flattened()[bytes], at);
             if with_ring(|ring| ring.unread(end)) == 0 {
                 return frames;
             }
@@ -85,29 +89,25 @@ pub(crate) fn wait(wait: RxWait) -> bool {
     })
 }
 
-/// Copies bytes before `end` out of the ring, as many as fit, and returns their number.
-fn copy(chunk: &mut [u8; CHUNK], end: usize) -> usize {
+/// Copies bytes before `end` out of the ring, as many as fit, and returns their place. It copies whole words: the first
+/// and the last may contain other bytes, which do not count.
+fn copy(words: &mut Words, end: usize) -> Range<usize> {
     // The bytes are copied outside of the critical section: the interrupt handler must not wait.
-    let [first, second] = with_ring(|ring| ring.take(end, chunk.len()));
-    let (sooner, later) = chunk.split_at_mut(first.len());
-    load(sooner, &BYTES.0[first.clone()]);
-    load(later, &BYTES.0[second.clone()]);
-    first.len() + second.len()
-}
-
-/// Copies as many bytes as fit.
-fn load(to: &mut [u8], from: &[AtomicU8]) {
-    let len = to.len().min(from.len());
-    // SAFETY: both have this length, and do not overlap. The DMA writes these bytes of the ring again after the rest of
-    // it.
-    unsafe { copy_nonoverlapping(from.as_ptr().cast(), to.as_mut_ptr(), len) };
+    let [first, second] = with_ring(|ring| ring.take(end, CHUNK));
+    let len = first.len() + second.len();
+    let index = first.start % WORD;
+    for (i, word) in words.iter_mut().enumerate().take((index + len).div_ceil(WORD)) {
+        *word = word_at(first.start + i * WORD);
+    }
+    index..index + len
 }
 
 /// The receive path: its start and stop, and the bytes in between.
 pub(super) struct Receiver {
-    /// Bytes that were in the ring when the DMA was stopped.
-    rest: [u8; CHUNK],
-    len: usize,
+    /// The words with the bytes that were in the ring when the DMA was stopped.
+    words: Words,
+    /// Their place in `words`.
+    rest: Range<usize>,
     /// The line was idle after them.
     idle: bool,
 }
@@ -115,8 +115,8 @@ pub(super) struct Receiver {
 impl Receiver {
     pub(super) const fn new() -> Self {
         Self {
-            rest: [0; CHUNK],
-            len: 0,
+            words: CLEAR,
+            rest: 0..0,
             idle: false,
         }
     }
@@ -134,7 +134,7 @@ impl Receiver {
     /// Passes the bytes that were kept when the DMA was stopped to the bridge.
     pub(super) fn pass_rest(&mut self, bridge: &mut Bridge) {
         let at = now();
-        bridge.uart_received(&self.rest[..self.len], at);
+        bridge.uart_received(&self.words.as_flattened()[self.rest.clone()], at);
         if self.idle {
             bridge.uart_event(UartEvent::Idle, at);
         }
@@ -143,6 +143,6 @@ impl Receiver {
     /// Stops the DMA and keeps the unread bytes. Call this right after [`read`].
     pub(super) fn stop(&mut self, transfer: Transfer<'_>) {
         chip::stop(transfer);
-        self.len = copy(&mut self.rest, tail());
+        self.rest = copy(&mut self.words, tail());
     }
 }
