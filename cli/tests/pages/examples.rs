@@ -7,6 +7,7 @@ use std::thread;
 
 use crate::block::{Block, Example, blocks};
 use crate::common::dfu::{image, tools, update};
+use crate::common::uf2::{self, Folders};
 use crate::common::{adapter::CanBus, free_path};
 use crate::world::World;
 
@@ -171,6 +172,13 @@ fn provide(folder: &Path, args: &[&str]) {
 
 /// Updates an adapter whose boot loader writes nothing.
 fn check_update(place: &str, file: &str) {
+    if file.ends_with(".uf2") {
+        let folders = Folders::new();
+        let bus = CanBus::start_pico(&folders.drive);
+        let output = folders.update(&bus.port(), &uf2::image("pico", uf2::RP2040));
+        assert!(output.status.success(), "{place}: {output:?}");
+        return;
+    }
     let bus = CanBus::start();
     let folder = tools("update-example", &bus.boot_loader, 0);
     let file = Path::new(file);
