@@ -18,7 +18,7 @@ pub use control_port::ControlPort;
 use crate::random::Random;
 
 /// Conditions, by name, each required in at least one of twenty runs, and true for those met in this run.
-pub type Conditions = [(&'static str, bool); 14];
+pub type Conditions = [(&'static str, bool); 15];
 
 /// Executes the run with these choices.
 ///

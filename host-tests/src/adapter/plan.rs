@@ -41,6 +41,8 @@ enum Step {
     Unsolicited,
     /// Another host configures another arm, if a stream is armed.
     OtherArm,
+    /// Another host configures the bus of an adapter without CAN.
+    Bus,
     /// The adapter.
     Watchdog,
 }
@@ -63,12 +65,19 @@ impl Step {
             _ => None,
         }
     }
+
+    /// Returns true if it needs the bus.
+    fn is_on_can(&self) -> bool {
+        matches!(
+            self,
+            Self::CanRequests(_) | Self::CanSends(_) | Self::CanFrame(_) | Self::Command(_)
+        )
+    }
 }
 
 /// A run before its start.
 pub(super) struct Plan {
     rig: Rig,
-    config: Config,
     steps: Vec<(u64, Step)>,
     end: u64,
     /// The host on USB writes complete requests only.
@@ -224,11 +233,15 @@ impl Plan {
             };
             steps.push((r.between(0, end), step));
         }
+        let has_can = !r.percent(12);
+        if !has_can {
+            steps.retain(|(_, step)| !step.is_on_can());
+            steps.push((r.between(0, end), Step::Bus));
+        }
         steps.sort_by_key(|(at, _)| *at);
         let save_duration = r.between(160, 20_000);
         Self {
-            rig: Rig::new(config, behavior, save_duration, random, is_traced),
-            config,
+            rig: Rig::new(config, has_can, behavior, save_duration, random, is_traced),
             steps,
             end: rest,
             is_whole,
@@ -256,7 +269,7 @@ impl Plan {
         self.rig.run_until(self.end);
         let without_polls = Config {
             poll: Poll::Off,
-            ..self.config
+            ..self.rig.config
         };
         self.rig.control(Request::SetConfig(without_polls));
         self.rig.oracle.on_polls_off();
@@ -286,6 +299,7 @@ impl Plan {
             Step::Dtr(high) => rig.set_dtr(high),
             Step::Control(request) => rig.control(request),
             Step::OtherArm => rig.configure_other_arm(),
+            Step::Bus => rig.configure_bus(),
             Step::CanRequests(key) => {
                 let tag = Tag::next(Initiator::Can, &mut self.requests[1]);
                 rig.can_sends(tag.frame(key));

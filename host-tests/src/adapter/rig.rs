@@ -8,7 +8,7 @@ use armwire::messages::Messages;
 use armwire_bridge::Instant;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::{Frame, Function, Node};
-use armwire_bridge::config::{ArmKind, Config};
+use armwire_bridge::config::{ArmKind, Can, Config, ConfigError};
 use armwire_bridge::control::{Event, Failure, FromAdapter, Identity, Refusal, Reply, Request, Subscription};
 use armwire_bridge::isotp::{self, Endpoint, Link};
 use armwire_bridge::{Action, Bridge, CanEvent, LineCoding, PACKET, Start, Status, Transmit, UartEvent, UsbEvent};
@@ -26,12 +26,13 @@ const RX_POLL_PERIOD: u64 = 100_000;
 
 /// An adapter with its arm and hosts.
 pub(super) struct Rig {
+    identity: Identity,
     bridge: Bridge,
     pub(super) oracle: Oracle,
     pub(super) now: u64,
     random: Random,
     arm: Arm,
-    config: Config,
+    pub(super) config: Config,
     /// True if events are printed.
     is_traced: bool,
 
@@ -71,12 +72,27 @@ pub(super) struct Rig {
 }
 
 impl Rig {
-    pub(super) fn new(config: Config, behavior: Behavior, save_duration: u64, random: Random, is_traced: bool) -> Self {
-        let mut bridge = Bridge::new(Identity::default(), config, Start::default());
+    /// An adapter with this configuration in its flash. Without CAN, it leaves the settings of the bus out.
+    pub(super) fn new(
+        saved: Config,
+        has_can: bool,
+        behavior: Behavior,
+        save_duration: u64,
+        random: Random,
+        is_traced: bool,
+    ) -> Self {
+        let identity = Identity {
+            no_can: !has_can,
+            ..Identity::default()
+        };
+        let can = if has_can { saved.can } else { Can::default() };
+        let config = Config { can, ..saved };
+        let mut bridge = Bridge::new(identity.clone(), saved, Start::default());
         assert_eq!(bridge.config(), config);
         bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
         let request = Function::ArmRequest.id(config.can.node);
         let mut rig = Self {
+            identity,
             bridge,
             oracle: Oracle::new(config),
             now: 0,
@@ -378,6 +394,9 @@ impl Rig {
             (Request::SetConfig(config), reply) if config.arm != ArmKind::Ling => {
                 assert_eq!(reply, Some(Reply::Failed(Failure::StreamArmed)));
             }
+            (Request::SetConfig(config), reply) if config.can != self.config.can => {
+                assert_eq!(reply, Some(Reply::BadConfig(ConfigError::NoCan)));
+            }
             _ => {}
         }
     }
@@ -391,6 +410,15 @@ impl Rig {
             };
             self.control(Request::SetConfig(other));
         }
+    }
+
+    /// Configures the bus of an adapter without CAN.
+    pub(super) fn configure_bus(&mut self) {
+        let can = Can {
+            commands: true,
+            ..Can::default()
+        };
+        self.control(Request::SetConfig(Config { can, ..self.config }));
     }
 
     /// Number of bytes of the host on USB refused because of its rate since the last call.
@@ -502,7 +530,12 @@ impl Rig {
             return false;
         }
         let now = self.time();
-        self.status();
+        let status = self.status();
+        if self.identity.no_can {
+            let frame = self.bridge.can_transmit(now);
+            assert_eq!((status.can, frame), (false, None), "a frame without a bus");
+            return false;
+        }
         if let Some(frame) = self.bridge.can_transmit(now) {
             self.bus_free_at = self.now + CAN_FRAME;
             self.bridge.can_event(CanEvent::Waiting(0), now);
@@ -587,7 +620,7 @@ impl Rig {
             was_armed: is_armed,
             ..Start::default()
         };
-        self.bridge = Bridge::new(Identity::default(), Config::default(), start);
+        self.bridge = Bridge::new(self.identity.clone(), Config::default(), start);
         let mut line: Vec<u8> = Vec::new();
         let mut out = [0; MAX_FRAME];
         while let Some(transmit) = self.bridge.uart_transmit(&mut out, Instant::ZERO) {
@@ -644,6 +677,7 @@ impl Rig {
                 self.oracle.stream_without_speed,
             ),
             ("stop", self.oracle.holds > 0),
+            ("adapter without CAN", self.identity.no_can),
         ]
     }
 
