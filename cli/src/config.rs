@@ -72,13 +72,7 @@ impl Configure {
         match self.action.as_ref().unwrap_or(&Action::Show) {
             Action::Show => {}
             Action::Set { settings, save } => {
-                let mut config = control.config()?;
-                for setting in settings {
-                    setting
-                        .apply(&mut config)
-                        .map_err(|error| Error::Usage(error.to_string()))?;
-                }
-                control.set_config(config)?;
+                let config = control.change_config(settings)?;
                 control = self.follow(control, &config)?;
                 if *save {
                     report_overwritten(&mut control)?;
@@ -97,11 +91,11 @@ impl Configure {
         }
         adapter::report_holder(&mut control)?;
         adapter::report_recovery(&mut control)?;
-        let config = control.config()?;
+        let (identity, config) = (control.identify()?, control.config()?);
         if self.json {
-            return print_json(&object(&config));
+            return print_json(&object(&config, &identity));
         }
-        print(&show(&config))
+        print(&show(&config, &identity))
     }
 
     /// The adapter where it is on the CAN bus now that it is so.
@@ -122,7 +116,7 @@ fn report_overwritten(control: &mut Adapter) -> Result<(), Error> {
         let saved = match control.saved()? {
             Saved::Config(config) => format!(
                 "saved settings are overwritten: {}",
-                show(&config).trim().replace('\n', " ")
+                show(&config, &control.identify()?).trim().replace('\n', " ")
             ),
             Saved::Nothing => "no settings were saved".to_owned(),
             Saved::Unreadable => "saved settings that are unreadable are overwritten".to_owned(),

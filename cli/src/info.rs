@@ -5,7 +5,7 @@ use armwire_host::describe::{Arm, Fact, object};
 use armwire_host::{Adapter, LineErrors, Link, XArm, line_holder};
 use clap::Args;
 
-use crate::adapter::{RECOVERY, identity};
+use crate::adapter::{self, RECOVERY};
 use crate::args::{LiveArm, Place};
 use crate::error::Error;
 use crate::output::{print_json, print_line};
@@ -107,7 +107,8 @@ impl Report {
 
     /// The adapter between this computer and the arm, and its configuration.
     fn adapter(&mut self, control: &mut Adapter) -> Result<(), Error> {
-        self.add(identity(control)?)?;
+        let identity = control.identify()?;
+        self.add(adapter::identity(&identity))?;
         if control.is_in_recovery()? {
             self.add(Fact::words("recovery", RECOVERY))?;
         }
@@ -126,10 +127,12 @@ impl Report {
         self.add(Fact::new(
             "configured",
             "config",
-            armwire_host::settings::object(&config),
+            armwire_host::settings::object(&config, &identity),
             text,
         ))?;
-        self.add(Fact::of("can", can(&config.can), []))?;
+        if !identity.no_can {
+            self.add(Fact::of("can", can(&config.can), []))?;
+        }
         match control.line()?.as_ref().and_then(line_holder::describe) {
             Some(holder) => self.add(Fact::words("rate", holder.with(words))),
             None => Ok(()),

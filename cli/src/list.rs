@@ -77,7 +77,7 @@ fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
 /// The adapter, and the arm for which it is set.
 fn on_adapter(connection: &Connection) -> Result<Vec<Fact>, Error> {
     let mut control: Adapter = connection.adapter()?;
-    let mut facts = vec![identity(&mut control)?];
+    let mut facts = vec![identity(&control.identify()?)];
     let arm = control
         .config()
         .map_err(Error::from)

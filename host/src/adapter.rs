@@ -10,6 +10,7 @@ use crate::control::Adapter;
 use crate::describe::Fact;
 use crate::error::Error;
 use crate::outside::Outside;
+use crate::settings::Setting;
 
 impl Adapter {
     /// Reads an adapter's identity.
@@ -101,6 +102,27 @@ impl Adapter {
         self.call(Request::SetConfig(config)).map(drop)
     }
 
+    /// Changes these settings as [`set_config`](Self::set_config) does, and returns the configuration.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Refused`] for a setting that the adapter does not have, and as of [`set_config`](Self::set_config).
+    pub fn change_config(&mut self, settings: &[Setting]) -> Result<Config, Error> {
+        let identity = self.identify()?;
+        if let Some(Setting { key, .. }) = settings.iter().find(|setting| !setting.key.is_of(&identity)) {
+            let reason = format_args!("the adapter has no CAN, and no setting '{}'", key.name);
+            return Err(Error::refused(self.name(), reason));
+        }
+        let mut config = self.config()?;
+        for setting in settings {
+            setting
+                .apply(&mut config)
+                .map_err(|error| Error::Port(error.to_string().into()))?;
+        }
+        self.set_config(config)?;
+        Ok(config)
+    }
+
     /// Saves the configuration in force for later starts.
     ///
     /// # Errors
@@ -136,20 +158,15 @@ impl Adapter {
 }
 
 /// An adapter's identity, as text and as JSON.
-///
-/// # Errors
-///
-/// Errors of the control port.
-pub fn identity(adapter: &mut Adapter) -> Result<Fact, Error> {
-    let identity = adapter.identify()?;
+pub fn identity(identity: &Identity) -> Fact {
     let values = [
         ("adapter_board", json!(identity.board)),
         ("adapter_serial", json!(identity.serial)),
         ("adapter_firmware", json!(identity.firmware)),
         ("adapter_commit", json!(identity.commit)),
-        ("adapter_can_fd", json!(identity.can_fd)),
     ];
-    Ok(Fact::of("adapter", describe(&identity), values))
+    let can_fd = (!identity.no_can).then(|| ("adapter_can_fd", json!(identity.can_fd)));
+    Fact::of("adapter", describe(identity), values.into_iter().chain(can_fd))
 }
 
 /// An adapter's identity as text.

@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
+use armwire_bridge::control::Identity;
 use serde_json::{Value, json};
 
 use crate::outside::Outside;
@@ -24,7 +25,7 @@ pub struct Key {
     field: fn(&mut Config) -> Field<'_>,
 }
 
-/// All settings.
+/// All settings. An adapter without CAN has none whose name begins with `can.`.
 pub static KEYS: &[Key] = &[
     Key {
         name: "arm",
@@ -106,6 +107,11 @@ enum Field<'a> {
 }
 
 impl Key {
+    /// Returns true if the adapter with this identity has the setting.
+    pub fn is_of(&self, adapter: &Identity) -> bool {
+        !(adapter.no_can && self.name.starts_with("can."))
+    }
+
     fn get(&self, mut config: Config) -> Value {
         match (self.field)(&mut config) {
             Field::Arm(kind) => json!(kind.name()),
@@ -229,15 +235,20 @@ impl Display for SettingError {
 
 impl error::Error for SettingError {}
 
-/// A configuration as a JSON object.
-pub fn object(config: &Config) -> Value {
-    let settings = KEYS.iter().map(|key| (key.name.to_owned(), key.get(*config)));
+/// The settings of an adapter.
+fn keys(adapter: &Identity) -> impl Iterator<Item = &'static Key> {
+    KEYS.iter().filter(|key| key.is_of(adapter))
+}
+
+/// The configuration of an adapter as a JSON object.
+pub fn object(config: &Config, adapter: &Identity) -> Value {
+    let settings = keys(adapter).map(|key| (key.name.to_owned(), key.get(*config)));
     Value::Object(settings.collect())
 }
 
-/// A line for each setting, as `set` takes it.
-pub fn show(config: &Config) -> String {
-    let lines = KEYS.iter().map(|key| {
+/// A line for each setting of an adapter, as `set` takes it.
+pub fn show(config: &Config, adapter: &Identity) -> String {
+    let lines = keys(adapter).map(|key| {
         let value = match key.get(*config) {
             Value::String(text) => text,
             Value::Bool(true) => "on".to_owned(),
@@ -293,20 +304,37 @@ mod tests {
                 poll: Poll::Fastest,
                 ..UNUSUAL
             };
-            show(&shown).lines().for_each(|line| set(&mut config, line));
+            let lines = show(&shown, &Identity::default());
+            lines.lines().for_each(|line| set(&mut config, line));
             assert_eq!(config, shown);
         }
     }
 
     #[test]
     fn every_setting_has_a_line() {
-        let (usual, unusual) = (show(&Config::default()), show(&UNUSUAL));
+        let [usual, unusual] = [Config::default(), UNUSUAL].map(|config| show(&config, &Identity::default()));
         assert_eq!(usual.lines().count(), KEYS.len());
         assert!(
             usual.lines().zip(unusual.lines()).all(|(a, b)| a != b),
             "{usual}\n{unusual}"
         );
         assert!(usual.starts_with("arm=ling\npoll=off\ncan.node=0\ncan.bit-rate=1000000\ncan.data-bit-rate=off\n"));
+    }
+
+    #[test]
+    fn adapter_without_can_has_no_can_settings() {
+        let adapter = Identity {
+            no_can: true,
+            ..Identity::default()
+        };
+        let shown = "arm=ling\npoll=off\nhost-timeout.after-ms=500\nhost-timeout.torque-off=off\n";
+        assert_eq!(show(&Config::default(), &adapter), shown);
+        assert_eq!(
+            object(&Config::default(), &adapter),
+            json!({
+                "arm": "ling", "poll": "off", "host-timeout.after-ms": 500, "host-timeout.torque-off": false
+            })
+        );
     }
 
     #[test]

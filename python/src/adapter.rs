@@ -60,8 +60,10 @@ impl AdapterPort {
 
     /// In JSON.
     fn read_config(&self, py: Python<'_>) -> PyResult<String> {
-        let config = self.0.with(py, Adapter::config)?;
-        Ok(settings::object(&config).to_string())
+        let (config, identity) = self
+            .0
+            .with(py, |control| Ok((control.config()?, control.identify()?)))?;
+        Ok(settings::object(&config, &identity).to_string())
     }
 
     /// Settings such as `poll=200`.
@@ -73,15 +75,7 @@ impl AdapterPort {
             .map(|setting| setting.parse())
             .collect::<Result<_, _>>()
             .map_err(value_error)?;
-        self.0.with(py, |control| {
-            let mut config = control.config()?;
-            for setting in &settings {
-                setting
-                    .apply(&mut config)
-                    .map_err(|error| Error::Port(error.to_string().into()))?;
-            }
-            control.set_config(config)
-        })
+        self.0.with(py, |control| control.change_config(&settings).map(drop))
     }
 
     fn save_config(&self, py: Python<'_>) -> PyResult<()> {

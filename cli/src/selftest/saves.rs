@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::bench::{Bench, at, losses, payload, quiet, unexpected};
 use super::report::{Passed, Trouble, ensure};
-use super::{Checked, Plan, planned};
+use super::{Checked, Plan, identify, planned};
 
 /// Bytes echoed during each save.
 const BYTES: usize = 2_000;
@@ -19,12 +19,12 @@ pub(super) fn under_load(bench: &mut Bench<'_>, plan: &Plan) -> Checked {
     planned(plan.saves)?;
     // An adapter starts with its saved configuration.
     bench.restart()?;
-    let saved = bench.config()?;
+    let (identity, saved) = (identify(bench)?, bench.config()?);
     bench.open()?;
     let result = save_all(bench, &saved, plan);
     // A failed restore counts more than the reason for which the saves ended.
     restore(bench, &saved).map_err(|trouble| {
-        let config = object(&saved);
+        let config = object(&saved, &identity);
         Trouble::failed(format_args!(
             "the configuration of before is not in flash: {trouble}; it was {config}"
         ))

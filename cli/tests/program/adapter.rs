@@ -55,6 +55,48 @@ fn info_shows_the_adapter_and_the_arm() {
 }
 
 #[test]
+fn adapter_without_can_shows_none() {
+    let board = Board::start_without_can("no-can");
+    let out = success(&["info", &board.control]);
+    let lines: Vec<_> = out.lines().collect();
+    assert_eq!(
+        lines,
+        [
+            "adapter          virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
+            "configured       arm ling, poll off, silence after 500 ms",
+        ]
+    );
+    for command in ["info", "config"] {
+        let json = success(&[command, "--json", &board.control]);
+        assert!(
+            json.contains("host-timeout.after-ms") && !json.contains("can"),
+            "{json}"
+        );
+    }
+    let factory: String = FACTORY
+        .split_inclusive('\n')
+        .filter(|line| !line.starts_with("can."))
+        .collect();
+    assert_eq!(success(&["config", &board.control]), factory);
+}
+
+#[test]
+fn can_setting_is_refused_without_can() {
+    let board = Board::start_without_can("no-can-set");
+    for setting in ["can.node=3", "can.commands=off"] {
+        let line = failure(&run(&["config", &board.control, "set", "poll=200", setting]));
+        let (name, _) = setting.split_once('=').unwrap();
+        assert!(
+            line.ends_with(&format!(": the adapter has no CAN, and no setting '{name}'")),
+            "{line}"
+        );
+    }
+    // Nothing was set.
+    assert!(success(&["config", &board.control]).contains("poll=off"));
+    assert!(success(&["config", &board.control, "set", "poll=200"]).contains("poll=200"));
+}
+
+#[test]
 fn info_uses_the_named_control_port_or_fails() {
     let board = Board::start("named");
     let out = expect_control(&board, &["info", &board.port]);

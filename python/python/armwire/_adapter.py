@@ -135,7 +135,7 @@ class Adapter(Open):
         return self._port.is_in_recovery()
 
     def read_config(self) -> dict[str, object]:
-        """Read the configuration in force, by the keys of `armwire config`."""
+        """Read the configuration in force, by the keys of `armwire config`. Without CAN there is no key `can.…`."""
         return cast("dict[str, object]", json.loads(self._port.read_config()))
 
     def set_config(self, settings: Mapping[str, object], *, save: bool = False) -> None:
@@ -147,7 +147,7 @@ class Adapter(Open):
 
         Raises:
             ValueError: A setting or its value is invalid.
-            RefusedError: The adapter rejected the configuration.
+            RefusedError: The adapter rejected the configuration, or has no such setting: it has no CAN.
         """
         words = {True: "on", False: "off"}
         self._port.change_config(

@@ -56,6 +56,19 @@ impl Board {
 
     /// Starts an adapter in recovery.
     pub(crate) fn start_as(name: &str, recovery: Option<Recovery>) -> Self {
+        Self::serve(name, identity(), recovery)
+    }
+
+    /// Starts an adapter without CAN.
+    pub(crate) fn start_without_can(name: &str) -> Self {
+        let identity = Identity {
+            no_can: true,
+            ..identity()
+        };
+        Self::serve(name, identity, None)
+    }
+
+    fn serve(name: &str, identity: Identity, recovery: Option<Recovery>) -> Self {
         let ports = [(); 2].map(|()| Pty::open(None).unwrap());
         let [port, control] = ports.each_ref().map(|pty| pty.path().to_str().unwrap().to_owned());
         let control = format!("control:{control}");
@@ -64,7 +77,7 @@ impl Board {
         let boot_loader = super::free_path(&format!("{name}-boot-loader"));
         let marker = boot_loader.clone();
         let thread = Some(thread::spawn(move || {
-            Served::new(ports, marker, recovery).serve(&stopped)
+            Served::new(ports, marker, identity, recovery).serve(&stopped)
         }));
         Self {
             stop,
@@ -85,6 +98,19 @@ impl Drop for Board {
     }
 }
 
+/// The identity of a board with classic CAN.
+fn identity() -> Identity {
+    Identity {
+        version: armwire_bridge::control::VERSION,
+        firmware: "1.2.3".try_into().unwrap(),
+        commit: "1a2b3c4d5e6f".try_into().unwrap(),
+        board: "virtual".try_into().unwrap(),
+        serial: "0123456789AB".try_into().unwrap(),
+        can_fd: false,
+        no_can: false,
+    }
+}
+
 struct Served {
     bridge: Bridge,
     arm: LingArm,
@@ -94,16 +120,7 @@ struct Served {
 }
 
 impl Served {
-    fn new([port, control]: [Pty; 2], boot_loader: PathBuf, recovery: Option<Recovery>) -> Self {
-        let identity = Identity {
-            version: armwire_bridge::control::VERSION,
-            firmware: "1.2.3".try_into().unwrap(),
-            commit: "1a2b3c4d5e6f".try_into().unwrap(),
-            board: "virtual".try_into().unwrap(),
-            serial: "0123456789AB".try_into().unwrap(),
-            can_fd: false,
-            no_can: false,
-        };
+    fn new([port, control]: [Pty; 2], boot_loader: PathBuf, identity: Identity, recovery: Option<Recovery>) -> Self {
         let start = Start {
             recovery,
             ..Start::default()
