@@ -35,14 +35,15 @@ impl AdapterPort {
         self.0.close(py)
     }
 
-    /// Board, serial number, firmware, commit, and true with CAN FD.
-    fn identify(&self, py: Python<'_>) -> PyResult<(String, String, String, String, bool)> {
+    /// Board, serial number, firmware, commit, true with CAN FD, and true with CAN.
+    fn identify(&self, py: Python<'_>) -> PyResult<(String, String, String, String, bool, bool)> {
         let Identity {
             board,
             serial,
             firmware,
             commit,
             can_fd,
+            no_can,
             ..
         } = self.0.with(py, Adapter::identify)?;
         let [board, serial, firmware, commit] = [
@@ -51,7 +52,7 @@ impl AdapterPort {
             firmware.to_string(),
             commit.to_string(),
         ];
-        Ok((board, serial, firmware, commit, can_fd))
+        Ok((board, serial, firmware, commit, can_fd, !no_can))
     }
 
     fn is_in_recovery(&self, py: Python<'_>) -> PyResult<bool> {

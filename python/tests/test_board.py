@@ -35,7 +35,9 @@ def test_every_call_passes_the_adapter(board: Path, port: str) -> None:
 
 def test_adapter_is_identified(board: Path) -> None:
     with armwire.Adapter(f"control:{board / 'control'}") as adapter:
-        assert adapter.identify().board == os.environ.get("ARMWIRE_BOARD_NAME", "stm32f405")
+        identity = adapter.identify()
+        assert identity.board == os.environ.get("ARMWIRE_BOARD_NAME", "stm32f405")
+        assert identity.can
         config = adapter.read_config()
         assert config["arm"] == "ling"
         counters = adapter.read_counters()

@@ -37,6 +37,8 @@ class AdapterIdentity:
     """The commit of its firmware, followed by `+` if files were changed; empty if unknown."""
     can_fd: bool
     """True if its CAN controller supports CAN FD."""
+    can: bool
+    """True if it has CAN. True from older firmware, which does not tell."""
 
 
 @dataclass(frozen=True)
