@@ -91,15 +91,19 @@ def main(seconds: float) -> None:
             reads.make()
             # Periods that a read has taken are left out.
             due += PERIOD_S * max(1, int((time.monotonic() - due) / PERIOD_S))
-        counts = robot._reader.counts()
+        counts, dropped = robot._reader.counts(), observed.injected().drop
         robot.disconnect()
     print("| ms | p50 | p99 | p99.9 | max | without a pose |")
     print("|---|---:|---:|---:|---:|---:|")
     print(f"| `read_joints` | {reads} |")
     print(f"| `get_observation` without cameras | {observations} |")
     print(f"| `Reader.latest` | {latest} |")
-    lost = f"{counts.lost} ({counts.lost / counts.samples:.1%})"
-    print(f"\nThe reader had {counts.samples} readings, lost {lost}, and missed {counts.missed}.")
+    # A byte costs one reading. Without another loss on the line, the answers to the others came late.
+    late = max(0, counts.lost - dropped)
+    print(
+        f"\nThe reader had {counts.samples} readings. It gave up {counts.lost}: {counts.lost - late} after a dropped "
+        f"byte, {late} because the answer came late. It did not begin {counts.missed} in time."
+    )
     for name, calls, limit in (
         ("get_observation", observations, MAX_OBSERVATION_MS),
         ("latest", latest, MAX_LATEST_MS),
