@@ -4,7 +4,7 @@
 
 use core::fmt::Debug;
 
-use armwire_bridge::config::Config;
+use armwire_bridge::config::{Can, Config, ConfigError};
 use armwire_bridge::control::{
     Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reason, Reply, Request,
     decode, encode, encode_cobs,
@@ -25,6 +25,7 @@ fuzz_target!(|input: &[u8]| {
 const MAX_REQUEST: usize = 64;
 
 struct Host {
+    has_can: bool,
     bridge: Bridge,
     now: Instant,
     /// Unsent bytes, in packets of this number of bytes.
@@ -37,11 +38,15 @@ struct Host {
 }
 
 fn check(u: &mut Unstructured<'_>) -> Result<()> {
+    // Classic CAN, CAN FD or none.
+    let can: u8 = u.arbitrary()?;
     let identity = Identity {
-        can_fd: u.arbitrary()?,
+        can_fd: can & 1 == 1,
+        no_can: can & 3 == 2,
         ..Identity::default()
     };
     let mut host = Host {
+        has_can: !identity.no_can,
         bridge: Bridge::new(identity, Config::default(), Start::default()),
         now: Instant::ZERO,
         out: Vec::new(),
@@ -138,7 +143,7 @@ impl Host {
         answered.sort_unstable();
         assert_eq!(answered, requests);
         for (of, reply) in &self.replies {
-            let fits = |message: &_| sequence(message) == *of && answers(message, reply);
+            let fits = |message: &_| sequence(message) == *of && answers(message, reply, self.has_can);
             assert!(
                 self.requests.iter().any(fits),
                 "{reply:?} answers no request with number {of}"
@@ -159,7 +164,7 @@ fn sequence(message: &core::result::Result<FromHost, Malformed>) -> u8 {
     }
 }
 
-fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -> bool {
+fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply, has_can: bool) -> bool {
     let Ok(message) = message else {
         return matches!(reply, Reply::Unsupported { .. });
     };
@@ -167,6 +172,9 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -
         Request::Identify => matches!(reply, Reply::Identity(_)),
         Request::IdentifyArm => matches!(reply, Reply::Arm(_) | Reply::Failed(_)),
         Request::GetConfig => matches!(reply, Reply::Config(_)),
+        Request::SetConfig(config) if !has_can && config.can != Can::default() => {
+            *reply == Reply::BadConfig(ConfigError::NoCan)
+        }
         Request::SetConfig(config) => match config.check() {
             Ok(()) => matches!(reply, Reply::Done | Reply::BadConfig(_)),
             Err(error) => *reply == Reply::BadConfig(error),
