@@ -6,16 +6,18 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
+use armwire_boards::CanPins;
 use armwire_bridge::CanErrors;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::config;
 use embassy_futures::select::select;
+use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_time::Timer;
 
-use super::{Controller, Waiting};
+use super::{Controller, THIS, Waiting, pin};
 
 /// Capacity for received frames, besides the controller's own three.
 pub(crate) const CAPACITY: usize = 8;
@@ -92,6 +94,18 @@ impl Can {
     pub(crate) fn take_bus_off(&mut self) -> bool {
         LOST.swap(false, Ordering::Relaxed) || self.controller.is_bus_off()
     }
+}
+
+/// Connects the board's pins to the controller, which has this alternate function there.
+pub(super) fn take_pins(function: u8) -> [Flex<'static>; 2] {
+    const PINS: CanPins = THIS.can.expect("pins of the CAN controller");
+    // SAFETY: no other peripheral has these pins of the board.
+    let pins = unsafe { [pin::take(PINS.rx), pin::take(PINS.tx)] };
+    let [mut rx, mut tx] = pins.map(Flex::new);
+    // Without a transceiver the bus looks idle.
+    rx.set_as_af_unchecked(function, AfType::input(Pull::Up));
+    tx.set_as_af_unchecked(function, AfType::output(OutputType::PushPull, Speed::VeryHigh));
+    [rx, tx]
 }
 
 /// The identifiers of frames to the adapter. The controller rejects all others.

@@ -25,7 +25,6 @@ pub(crate) mod usart;
 
 use core::marker::PhantomData;
 
-use armwire_boards::CanPins;
 use cortex_m::peripheral::SCB;
 use cortex_m::register::{basepri, basepri_max};
 use embassy_stm32::interrupt::Priority;
@@ -45,9 +44,6 @@ pub(crate) use f405::*;
 pub(crate) use g431::*;
 pub(crate) use led::Led;
 pub(crate) use time::{take_byte_alarm, transmit_at, wake_byte_interrupt_in};
-
-/// The pins of the CAN controller.
-const CAN_PINS: CanPins = THIS.can.expect("pins of the CAN controller");
 
 /// The peripherals that the board provides.
 pub(crate) struct Board {

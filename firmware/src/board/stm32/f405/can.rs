@@ -4,15 +4,14 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use armwire_bridge::can::{Frame, Id};
 use armwire_bridge::config;
-use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
+use embassy_stm32::gpio::Flex;
 use embassy_stm32::interrupt::typelevel::{CAN1_RX0, CAN1_SCE, CAN1_TX, Handler, Interrupt};
 use embassy_stm32::pac;
 use embassy_stm32::pac::can::vals::{Ide, Lec, Rtr};
 use embassy_stm32::peripherals::CAN1;
 use embassy_stm32::{Peri, rcc};
 
-use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received};
-use super::super::{CAN_PINS, pin};
+use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received, take_pins};
 
 const CAN: pac::can::Can = pac::CAN1;
 
@@ -53,17 +52,9 @@ pub(crate) struct Controller {
 impl Controller {
     /// A controller that is not on the bus yet.
     pub(super) fn new(_controller: Peri<'static, CAN1>) -> Self {
-        // SAFETY: no other peripheral has these pins of the board.
-        let pins = unsafe { [pin::take(CAN_PINS.rx), pin::take(CAN_PINS.tx)] };
-        let [mut rx, mut tx] = pins.map(Flex::new);
-        // Without a transceiver the bus looks idle.
-        rx.set_as_af_unchecked(ALTERNATE_FUNCTION, AfType::input(Pull::Up));
-        tx.set_as_af_unchecked(
-            ALTERNATE_FUNCTION,
-            AfType::output(OutputType::PushPull, Speed::VeryHigh),
-        );
+        let pins = take_pins(ALTERNATE_FUNCTION);
         rcc::enable_and_reset::<CAN1>();
-        Self { _pins: [rx, tx] }
+        Self { _pins: pins }
     }
 
     /// Starts or restarts the controller.

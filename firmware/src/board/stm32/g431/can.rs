@@ -2,15 +2,14 @@
 
 use armwire_bridge::can::{FD_LENGTHS, Frame, Id, MAX_FD};
 use armwire_bridge::config;
-use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
+use embassy_stm32::gpio::Flex;
 use embassy_stm32::interrupt::typelevel::{FDCAN1_IT0, Handler, Interrupt};
 use embassy_stm32::pac;
 use embassy_stm32::pac::can::vals::{Anfe, Anfs, Tfqm};
 use embassy_stm32::peripherals::FDCAN1;
 use embassy_stm32::{Peri, rcc};
 
-use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received};
-use super::super::{CAN_PINS, pin};
+use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received, take_pins};
 
 const CAN: pac::can::Fdcan = pac::FDCAN1;
 const RAM: pac::fdcanram::Fdcanram = pac::FDCANRAM1;
@@ -61,17 +60,9 @@ pub(crate) struct Controller {
 impl Controller {
     /// A controller that is not on the bus yet.
     pub(super) fn new(_controller: Peri<'static, FDCAN1>) -> Self {
-        // SAFETY: no other peripheral has these pins of the board.
-        let pins = unsafe { [pin::take(CAN_PINS.rx), pin::take(CAN_PINS.tx)] };
-        let [mut rx, mut tx] = pins.map(Flex::new);
-        // Without a transceiver the bus looks idle.
-        rx.set_as_af_unchecked(ALTERNATE_FUNCTION, AfType::input(Pull::Up));
-        tx.set_as_af_unchecked(
-            ALTERNATE_FUNCTION,
-            AfType::output(OutputType::PushPull, Speed::VeryHigh),
-        );
+        let pins = take_pins(ALTERNATE_FUNCTION);
         rcc::enable_and_reset::<FDCAN1>();
-        Self { _pins: [rx, tx] }
+        Self { _pins: pins }
     }
 
     /// Starts or restarts the controller.
