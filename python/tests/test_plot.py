@@ -13,10 +13,19 @@ pytest.importorskip("matplotlib")
 from armwire import plot
 
 
-def monitored(port: str, count: int) -> str:
+def run(*arguments: str) -> str:
     program = "from armwire._command import main; main()"
-    command = [sys.executable, "-c", program, "monitor", port, "--csv", f"--count={count}"]
+    command = [sys.executable, "-c", program, *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout
+
+
+def monitored(port: str, count: int) -> str:
+    return run("monitor", port, "--csv", f"--count={count}")
+
+
+def draw(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "armwire.plot", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
 
 
 def test_csv_of_the_command_is_read_and_drawn(virtual: sim.VirtualLing, tmp_path: Path) -> None:
@@ -34,9 +43,41 @@ def test_csv_of_the_command_is_read_and_drawn(virtual: sim.VirtualLing, tmp_path
     assert readings.gripper_permille[answered].max() <= 1000
     for option, name in ((), "joints.png"), (("--latencies",), "latencies.svg"):
         figure = tmp_path / name
-        command = [sys.executable, "-m", "armwire.plot", str(tmp_path / "motion.csv"), "--save", str(figure), *option]
-        subprocess.run(command, check=True, timeout=60)
+        assert draw(str(tmp_path / "motion.csv"), "--save", str(figure), *option).returncode == 0
         assert figure.stat().st_size > 1000
+
+
+def test_recording_of_the_command_is_read_and_drawn(virtual: sim.VirtualLing, tmp_path: Path) -> None:
+    with armwire.Ling(virtual.port) as arm:
+        arm.move_deg([90, -45, 0, 0, 0, 10], gripper_permille=1000, speed_deg_s=10)
+    path, figure = tmp_path / "motion.mcap", tmp_path / "motion.png"
+    run("record", virtual.port, str(path), "--count", "50")
+    motion = plot.read_mcap(path)
+    assert motion.joints_deg.shape == (len(motion.time_s), 6)
+    assert motion.time_s[0] == 0
+    assert (np.diff(motion.time_s) > 0).all()
+    assert (np.diff(motion.joints_deg[:, 0]) >= 0).all()
+    assert motion.joints_deg[-1, 0] > motion.joints_deg[0, 0]
+    assert np.nanmax(motion.gripper_mm) <= 50
+    assert draw(str(path), "--save", str(figure)).returncode == 0
+    assert figure.stat().st_size > 1000
+    for option, text in (
+        (["--topic", "/leader/joint_states"], "no poses on /leader/joint_states"),
+        (["--latencies"], "a recording has no latencies"),
+    ):
+        drawn = draw(str(path), "--save", str(figure), *option)
+        assert drawn.returncode == 1
+        assert text in drawn.stderr
+        assert "Traceback" not in drawn.stderr
+
+
+def test_file_that_cannot_be_drawn_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "broken.mcap").write_bytes(b"\x89MCAP0\r\n broken")
+    for name in ("broken.mcap", "missing.csv"):
+        drawn = draw(str(tmp_path / name), "--save", str(tmp_path / "figure.png"))
+        assert drawn.returncode == 1
+        assert name in drawn.stderr
+        assert drawn.stderr.count("\n") == 1
 
 
 def test_other_csv_is_an_error(tmp_path: Path) -> None:

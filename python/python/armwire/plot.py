@@ -1,15 +1,16 @@
-"""Figures of joints over time and of latencies, from telemetry or from files of `armwire monitor --csv`.
+"""Figures of joints over time and of latencies, from telemetry, recordings, and files of `armwire monitor --csv`.
 
-It needs matplotlib: `pip install matplotlib`. As a program::
+It needs `pip install matplotlib`, and for recordings `pip install mcap-ros2-support`. As a program::
 
-    armwire monitor /dev/ttyACM0 --csv --count 500 > motion.csv
-    python -m armwire.plot motion.csv --save motion.png
+    armwire record /dev/ttyACM0 motion.mcap
+    python -m armwire.plot motion.mcap --save motion.png
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -26,16 +27,25 @@ if TYPE_CHECKING:
     from ._units import Floats
 
 # Colours that stay distinct for colour-blind readers and differ in lightness.
+MAGIC = b"\x89MCAP"
+NAMES = [f"joint{joint}" for joint in range(1, JOINTS + 1)]
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 
 
-def joints(time_s: ArrayLike, joints_deg: ArrayLike, gripper_permille: ArrayLike | None = None) -> Figure:
+def joints(
+    time_s: ArrayLike,
+    joints_deg: ArrayLike,
+    gripper_permille: ArrayLike | None = None,
+    *,
+    gripper_mm: ArrayLike | None = None,
+) -> Figure:
     """Draw the angles of six joints over time, with the gripper below if given.
 
     Args:
         time_s: Time of each reading.
         joints_deg: Six angles per reading.
         gripper_permille: Gripper opening of each reading.
+        gripper_mm: The same in mm, instead.
     """
     from matplotlib.figure import Figure
 
@@ -43,14 +53,16 @@ def joints(time_s: ArrayLike, joints_deg: ArrayLike, gripper_permille: ArrayLike
     if angles.shape != (times.size, JOINTS):
         raise ValueError(f"joints have shape {angles.shape}, must have ({times.size}, {JOINTS}) for {times.size} times")
     figure = Figure(figsize=(9, 5), layout="constrained")
-    if gripper_permille is None:
+    gripper, unit = (gripper_mm, "mm") if gripper_permille is None else (gripper_permille, "‰")
+    if gripper is None:
         upper = figure.subplots()
     else:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-        lower.plot(times, np.asarray(gripper_permille), color="black", linewidth=1.5)
-        lower.set_ylabel("gripper in ‰")
-        lower.set_ylim(-50, 1050)
+        lower.plot(times, np.asarray(gripper), color="black", linewidth=1.5)
+        lower.set_ylabel(f"gripper in {unit}")
         lower.grid(alpha=0.3)
+        if gripper_permille is not None:
+            lower.set_ylim(-50, 1050)
     for joint, colour in enumerate(COLOURS):
         upper.plot(times, angles[:, joint], color=colour, linewidth=1.5, label=f"joint {joint + 1}")
     upper.set_ylabel("angle in degrees")
@@ -130,6 +142,48 @@ def read_csv(path: str | Path) -> Readings:
     return Readings(values[:, 0], values[:, 1:-2], values[:, -2] * 10, values[:, -1])
 
 
+class Motion(NamedTuple):
+    """Poses of a recording."""
+
+    time_s: Floats
+    """Times since the first pose."""
+    joints_deg: Floats
+    """Joint angles, six per pose."""
+    gripper_mm: Floats
+    """Gripper openings; NaN where the stroke was not known."""
+
+
+def read_mcap(path: str | Path, *, topic: str = "/joint_states") -> Motion:
+    """Read the poses of a Ling arm in an MCAP file of `armwire record`, `monitor --mcap` or `teleop --mcap`.
+
+    Args:
+        path: The file.
+        topic: The arm; `/leader/joint_states` or `/follower/joint_states` of `teleop`.
+
+    Raises:
+        ValueError: The file is no MCAP file, is damaged, or has no such poses; the message names it.
+    """
+    from mcap_ros2.reader import read_ros2_messages
+
+    with open(path, "rb") as file:
+        try:
+            states = [message.ros_msg for message in read_ros2_messages(file, topics=topic)]
+        # Errors of a damaged file are of many kinds, such as `struct.error` and `KeyError`.
+        except Exception as error:
+            raise ValueError(f"{path}: damaged, or incomplete: {error!r}") from error
+    rows: list[list[float]] = []
+    for state in states:
+        if len(state.name) != len(state.position) or not set(NAMES) <= set(state.name):
+            raise ValueError(f"{path}: the joints are {', '.join(state.name)}, must be joint1 to joint{JOINTS}")
+        position = dict(zip(state.name, state.position, strict=True))
+        time_s = state.header.stamp.sec + state.header.stamp.nanosec / 1e9
+        rows.append([time_s, *(position[name] for name in NAMES), position.get("gripper", float("nan"))])
+    if not rows:
+        raise ValueError(f"{path}: no poses on {topic}")
+    values = np.array(rows, dtype=np.float64)
+    return Motion(values[:, 0] - values[0, 0], np.degrees(values[:, 1:-1]), values[:, -1] * 1000)
+
+
 def _label_latencies(axes: Axes, title: str) -> None:
     axes.set_xscale("log")
     axes.set_xlabel("duration in microseconds")
@@ -138,19 +192,36 @@ def _label_latencies(axes: Axes, title: str) -> None:
     axes.grid(alpha=0.3)
 
 
+def _drawn(path: Path, topic: str, *, are_latencies: bool) -> Figure:
+    """The figure of a file."""
+    with open(path, "rb") as file:
+        is_recording = file.read(len(MAGIC)) == MAGIC
+    if is_recording:
+        if are_latencies:
+            raise ValueError(f"{path}: a recording has no latencies: draw a file of `armwire monitor --csv`")
+        motion = read_mcap(path, topic=topic)
+        gripper_mm = motion.gripper_mm if np.isfinite(motion.gripper_mm).any() else None
+        return joints(motion.time_s, motion.joints_deg, gripper_mm=gripper_mm)
+    readings = read_csv(path)
+    if are_latencies:
+        return latencies(readings.latency_us[np.isfinite(readings.latency_us)], title="from request to answer")
+    return joints(readings.time_s, readings.joints_deg, readings.gripper_permille)
+
+
 def main() -> None:
-    """Draw a file of `armwire monitor --csv`."""
+    """Draw a recording, or a file of `armwire monitor --csv`."""
     arguments = argparse.ArgumentParser(prog="python -m armwire.plot", description=main.__doc__)
-    arguments.add_argument("csv", type=Path, help="a file of `armwire monitor --csv`")
+    arguments.add_argument("file", type=Path, help="an MCAP file of `armwire record`, or a file of `monitor --csv`")
     arguments.add_argument("--save", type=Path, required=True, help="the figure, such as motion.png or motion.svg")
+    arguments.add_argument("--topic", default="/joint_states", help="the arm in an MCAP file (default: %(default)s)")
     arguments.add_argument("--latencies", action="store_true", help="draw the latencies instead of the joints")
     parsed = arguments.parse_args()
-    readings = read_csv(parsed.csv)
-    if parsed.latencies:
-        figure = latencies(readings.latency_us[np.isfinite(readings.latency_us)], title="from request to answer")
-    else:
-        figure = joints(readings.time_s, readings.joints_deg, readings.gripper_permille)
-    figure.savefig(parsed.save, dpi=150)
+    try:
+        _drawn(parsed.file, parsed.topic, are_latencies=parsed.latencies).savefig(parsed.save, dpi=150)
+    except (OSError, ValueError) as error:
+        sys.exit(str(error))
+    except ImportError as error:
+        sys.exit(f"{error}: pip install matplotlib mcap-ros2-support")
 
 
 if __name__ == "__main__":
